@@ -1,0 +1,91 @@
+"""Axial noise and what goes with it: sigma_z, amplitude, confidence, the mode's range."""
+
+import math
+
+from flexx2_sim_ros.camera.philox import FAST
+from numba import njit
+import numpy as np
+
+_ZERO = np.float32(0.0)
+_ONE = np.float32(1.0)
+_HALF_PI = np.float32(math.pi / 2)
+_NAN = np.float32(np.nan)
+
+
+@njit(cache=True, fastmath=FAST)
+def model_sigma(p, cosine, coefficients, cap, out):  # type: ignore[no-untyped-def]
+    """
+    Write sigma_z of every pixel of a surface.
+
+    Parameters
+    ----------
+    p : numpy.ndarray
+        (H + 4, W + 4) float32 padded inverse depth, 0 for nothing.
+    cosine : numpy.ndarray
+        (H, W) float32 cosine of the incidence angle.
+    coefficients : numpy.ndarray
+        (5,) float32: a, b, c, d, n.
+    cap : float
+        Largest incidence angle, radians.
+    out : numpy.ndarray
+        (H, W) float32, metres; 0 where nothing is.
+
+    """
+    a, b, c, d, n = coefficients
+    for y in range(out.shape[0]):
+        for x in range(out.shape[1]):
+            inverse = p[y + 2, x + 2]
+            z = _ONE / inverse if inverse > _ZERO else _ONE
+            theta = min(math.acos(cosine[y, x]), cap)
+            slant = theta / (_HALF_PI - theta)
+            sigma = a + z * (b + z * c) + d * z ** n * slant * slant
+            out[y, x] = max(sigma, _ZERO) if inverse > _ZERO else _ZERO
+
+
+@njit(cache=True, fastmath=FAST)
+def observe(p, cosine, model, reflectivity, source, normals, range_min, range_max,  # type: ignore
+            zero_confidence, depth, sigma, amplitude, confidence):
+    """
+    Write one frame: axial noise on what each pixel sees.
+
+    Parameters
+    ----------
+    p, cosine, model
+        Padded inverse depth, cosine of incidence and sigma_z of the surface, as above.
+    reflectivity : numpy.ndarray
+        (H, W) float32 in 0..1, or (1, 1) for one value everywhere.
+    source : numpy.ndarray
+        (H * W,) int32, where each pixel's value comes from.
+    normals : numpy.ndarray
+        (H * W,) float32 standard normals.
+    range_min, range_max : float
+        Depths outside are invalid, before the noise and after it.
+    zero_confidence : float
+        sigma_z at which confidence reaches 0, metres.
+    depth, sigma, amplitude, confidence : numpy.ndarray
+        (H, W) float32 outputs; NaN, NaN, 0 and 0 where invalid.
+
+    """
+    height, width = depth.shape
+    uniform = reflectivity.size == 1
+    for y in range(height):
+        for x in range(width):
+            pixel = y * width + x
+            seen = source[pixel]
+            sy = y if seen == pixel else seen // width
+            sx = seen - sy * width
+            inverse = p[sy + 2, sx + 2]
+            z = _ONE / inverse if inverse > _ZERO else _ZERO
+            spread = model[sy, sx]
+            value = z + spread * normals[pixel]
+            if range_min <= z <= range_max and range_min <= value <= range_max:
+                rho = reflectivity[0, 0] if uniform else reflectivity[sy, sx]
+                depth[y, x] = value
+                sigma[y, x] = spread
+                amplitude[y, x] = rho * cosine[sy, sx] * inverse * inverse
+                confidence[y, x] = max(_ONE - spread / zero_confidence, _ZERO)
+            else:
+                depth[y, x] = _NAN
+                sigma[y, x] = _NAN
+                amplitude[y, x] = _ZERO
+                confidence[y, x] = _ZERO

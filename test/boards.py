@@ -1,0 +1,106 @@
+"""Clean depth images of flat boards, computed analytically: what the camera tests look at."""
+
+from dataclasses import dataclass
+import math
+
+import numpy as np
+
+K = np.array([[210.6, 0.0, 111.5], [0.0, 212.9, 85.5], [0.0, 0.0, 1.0]])
+
+
+@dataclass(frozen=True)
+class Board:
+    """
+    A board on the optical axis, turned about the vertical, and the truth about it.
+
+    Attributes
+    ----------
+    depth : numpy.ndarray
+        (H, W) float32 metres; ``background`` (NaN for none) beside the board.
+    incidence : numpy.ndarray
+        (H, W) float64 radians, NaN beside the board.
+    K : numpy.ndarray
+        (3, 3) camera matrix of the (possibly cropped) image.
+
+    """
+
+    depth: np.ndarray
+    incidence: np.ndarray
+    K: np.ndarray  # noqa: N815
+
+
+def board(distance: float, angle_deg: float, *, half_width: float = math.inf,
+          background: float = math.nan, size: tuple[int, int] = (172, 224),
+          turn: str = 'yaw') -> Board:
+    """
+    Draw a board.
+
+    Parameters
+    ----------
+    distance : float
+        Depth at the principal point, metres.
+    angle_deg : float
+        Angle between the board's normal and the optical axis.
+    half_width : float
+        Half the board's extent along the direction in which it is turned, metres.
+    background : float
+        Depth of the wall behind, metres.
+    size : tuple of int
+        Height and width of the image, cut from the middle of the full one.
+    turn : str
+        ``yaw``: about the vertical, so that left and right edges are upright; ``pitch``: about
+        the horizontal, so that upper and lower edges are level.
+
+    """
+    height, width = size
+    matrix = K.copy()
+    matrix[0, 2] -= (224 - width) / 2
+    matrix[1, 2] -= (172 - height) / 2
+    v, u = np.mgrid[:height, :width].astype(np.float64)
+    x = (u - matrix[0, 2]) / matrix[0, 0]
+    y = (v - matrix[1, 2]) / matrix[1, 1]
+    angle = math.radians(angle_deg)
+    across = x if turn == 'yaw' else y
+    facing = math.cos(angle) + across * math.sin(angle)  # normal . ray
+    depth = distance * math.cos(angle) / np.where(facing > 0, facing, np.nan)
+    incidence = np.arccos(facing / np.sqrt(1 + x ** 2 + y ** 2))
+    on_board = np.abs(depth * across / math.cos(angle)) <= half_width
+    return Board(np.where(on_board, depth, background).astype(np.float32),
+                 np.where(on_board, incidence, np.nan), matrix)
+
+
+def edge_sigma(depth: np.ndarray, columns: slice) -> float:
+    """
+    Measure sigma_x by the paper's procedure on an upright edge.
+
+    Per row the largest depth gradient along x gives the edge pixel; a line is fitted to the edge
+    pixels of a frame; sigma_x is the standard deviation of the residuals, over all frames.
+
+    Parameters
+    ----------
+    depth : numpy.ndarray
+        (T, H, W) metres.
+    columns : slice
+        The region next to the edge.
+
+    """
+    region = depth[:, :, columns].astype(np.float64)
+    edges = np.nanargmax(np.abs(np.diff(region, axis=2)), axis=2).astype(np.float64)
+    rows = np.arange(edges.shape[1], dtype=np.float64)
+    design = np.stack([np.ones_like(rows), rows], axis=1)
+    residuals = edges.T - design @ np.linalg.lstsq(design, edges.T, rcond=None)[0]
+    degrees = residuals.size - 2 * residuals.shape[1]
+    return math.sqrt((residuals ** 2).sum() / degrees)
+
+
+def mean_kl(samples: np.ndarray, clean: np.ndarray, sigma: np.ndarray) -> float:
+    """
+    Return the mean over pixels of the KL divergence of what was measured from the model, in nats.
+
+    Each pixel's measured noise is the Gaussian with its mean and standard deviation over the
+    (T, ...) frames; exact agreement gives about 1 / T, since T frames do not fix them better.
+    """
+    error = samples.astype(np.float64) - clean
+    mean = error.mean(axis=0)
+    ratio = error.var(axis=0, ddof=1) / sigma ** 2
+    return float(np.mean(0.5 * (ratio + (mean / sigma) ** 2 - 1.0 - np.log(ratio))))
