@@ -1,0 +1,200 @@
+"""
+From any depth image to the camera's own pixels.
+
+Each output pixel's ray is looked up in the input. It takes the tangent plane of the input pixel
+it falls into (in inverse depth, where planes are exact), never a mixture of two surfaces.
+"""
+
+from functools import cached_property
+
+from flexx2_sim_ros.camera.intrinsics import Intrinsics
+from flexx2_sim_ros.camera.modes import camera_config
+from flexx2_sim_ros.camera.philox import FAST
+from flexx2_sim_ros.camera.surface import invert, is_jump, PAD, slope
+from numba import njit
+import numpy as np
+
+_ITERATIONS = 30
+_TOLERANCE_PX = 0.01
+_ZERO = np.float32(0.0)
+_ONE = np.float32(1.0)
+_NAN = np.float32(np.nan)
+
+
+def pixel_rays(camera: Intrinsics) -> np.ndarray:
+    """
+    Return the ray of every pixel, distortion taken off.
+
+    Parameters
+    ----------
+    camera : Intrinsics
+
+    Returns
+    -------
+    numpy.ndarray
+        (2, H, W) float64: x/z and y/z of the ray in the optical frame; NaN where the distortion
+        cannot be inverted.
+
+    """
+    v, u = np.mgrid[:camera.height, :camera.width].astype(np.float64)
+    target_x = (u - camera.cx) / camera.fx
+    target_y = (v - camera.cy) / camera.fy
+    if not any(camera.distortion):
+        return np.stack([target_x, target_y])
+    x, y = target_x.copy(), target_y.copy()
+    with np.errstate(over='ignore', invalid='ignore', divide='ignore'):
+        for _ in range(_ITERATIONS):
+            distorted_x, distorted_y = _distort(x, y, camera.distortion)
+            x += target_x - distorted_x
+            y += target_y - distorted_y
+        distorted_x, distorted_y = _distort(x, y, camera.distortion)
+        error = np.hypot((distorted_x - target_x) * camera.fx, (distorted_y - target_y) * camera.fy)
+    rays = np.stack([x, y])
+    rays[:, ~(error < _TOLERANCE_PX)] = np.nan
+    return rays
+
+
+def _distort(x: np.ndarray, y: np.ndarray,
+             distortion: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
+    # The plumb_bob model of sensor_msgs/CameraInfo.
+    k1, k2, p1, p2, k3 = distortion
+    r2 = x * x + y * y
+    radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    return (x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
+            y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y)
+
+
+class View:
+    """
+    How one camera looks through another's depth images.
+
+    Parameters
+    ----------
+    camera : Intrinsics
+        The camera to simulate.
+    source : Intrinsics
+        The camera that the depth images come from; both share one optical centre and axes.
+    radial : bool
+        Whether the depth images hold distances along the ray instead of along the axis.
+
+    Attributes
+    ----------
+    outside : numpy.ndarray
+        (H, W) bool, where the camera's ray leaves the source's image. `depth` and `reflectivity`
+        repeat the image's border there, so that its end is not taken for an edge; what is made
+        of them is to be masked.
+    identical : bool
+        Whether the pixels of both cameras are the same.
+
+    """
+
+    def __init__(self, camera: Intrinsics, source: Intrinsics, radial: bool = False) -> None:
+        """Look every ray up once."""
+        self.camera = camera
+        self.source = source
+        self.radial = radial
+        x, y = self.rays = pixel_rays(camera)
+        with np.errstate(invalid='ignore', over='ignore'):
+            x, y = _distort(x, y, source.distortion)
+            u = source.fx * x + source.cx
+            v = source.fy * y + source.cy
+            self.outside = ~((u > -0.5) & (u < source.width - 0.5)
+                             & (v > -0.5) & (v < source.height - 0.5))
+        u = np.clip(np.nan_to_num(u), 0, source.width - 1)
+        v = np.clip(np.nan_to_num(v), 0, source.height - 1)
+        column, row = np.rint(u), np.rint(v)
+        self._index = (row * source.width + column).astype(np.int32).ravel()
+        self._du = (u - column).astype(np.float32).ravel()
+        self._dv = (v - row).astype(np.float32).ravel()
+        self.identical = bool(
+            (camera.height, camera.width) == (source.height, source.width)
+            and (self._index == np.arange(self._index.size)).all()
+            and max(np.abs(self._du).max(), np.abs(self._dv).max()) < 1e-4)
+
+    @cached_property
+    def _ray_length(self) -> np.ndarray:
+        rays = pixel_rays(self.source)
+        return np.sqrt(1.0 + (rays ** 2).sum(axis=0)).astype(np.float32)
+
+    def depth(self, image: np.ndarray) -> np.ndarray:
+        """
+        Look a depth image up.
+
+        Parameters
+        ----------
+        image : numpy.ndarray
+            (source.height, source.width) float32, metres; whatever is no positive finite number
+            means nothing.
+
+        Returns
+        -------
+        numpy.ndarray
+            (H, W) float32, metres along the optical axis, NaN for nothing.
+
+        """
+        if self.radial:
+            image = image / self._ray_length
+        if self.identical:
+            return image
+        share = camera_config()['surface']
+        inverse = np.zeros((self.source.height + 2 * PAD, self.source.width + 2 * PAD), np.float32)
+        invert(np.ascontiguousarray(image), inverse)
+        out = np.empty((self.camera.height, self.camera.width), np.float32)
+        _look_up(inverse, self._index, self._du, self._dv, np.float32(share['jump_share']),
+                 np.float32(share['steep_share']), out.ravel())
+        return out
+
+    def reflectivity(self, image: np.ndarray) -> np.ndarray:
+        """Look a (source.height, source.width) reflectivity image up: the nearest pixel's."""
+        if self.identical:
+            return image
+        return image.ravel()[self._index].reshape(self.camera.height, self.camera.width)
+
+
+@njit(cache=True, fastmath=FAST)
+def _look_up(p, index, du, dv, jump_share, steep_share, out):  # type: ignore[no-untyped-def]
+    width = p.shape[1] - 2 * PAD
+    for pixel in range(out.size):
+        j = index[pixel] // width + PAD
+        i = index[pixel] % width + PAD
+        here = p[j, i]
+        if here <= _ZERO:
+            out[pixel] = _NAN
+            continue
+        slope_u = slope(p[j, i - 2], p[j, i - 1], here, p[j, i + 1], p[j, i + 2],
+                        is_jump(p[j, i - 2], p[j, i - 1], here, p[j, i + 1],
+                                jump_share, steep_share),
+                        is_jump(p[j, i - 1], here, p[j, i + 1], p[j, i + 2],
+                                jump_share, steep_share))
+        slope_v = slope(p[j - 2, i], p[j - 1, i], here, p[j + 1, i], p[j + 2, i],
+                        is_jump(p[j - 2, i], p[j - 1, i], here, p[j + 1, i],
+                                jump_share, steep_share),
+                        is_jump(p[j - 1, i], here, p[j + 1, i], p[j + 2, i],
+                                jump_share, steep_share))
+        value = here + du[pixel] * slope_u + dv[pixel] * slope_v
+        out[pixel] = _ONE / value if value > _ZERO else _ONE / here
+
+
+def points(depth: np.ndarray, rays: np.ndarray) -> np.ndarray:
+    """
+    Turn depth into points.
+
+    Parameters
+    ----------
+    depth : numpy.ndarray
+        (H, W) metres along the optical axis.
+    rays : numpy.ndarray
+        (2, H, W) from `pixel_rays`.
+
+    Returns
+    -------
+    numpy.ndarray
+        (H, W, 3) float32 x, y, z in the optical frame, NaN where depth is.
+
+    """
+    out = np.empty((*depth.shape, 3), np.float32)
+    out[..., 0] = rays[0] * depth
+    out[..., 1] = rays[1] * depth
+    out[..., 2] = depth
+    return out
+

@@ -1,0 +1,151 @@
+"""`flexx2 demo`: the whole chain on real topics, measured and pictured."""
+
+import argparse
+from collections.abc import Iterator
+from contextlib import contextmanager
+import importlib.util
+from pathlib import Path
+import signal
+import subprocess
+import sys
+import time
+from typing import Any
+
+from flexx2_sim_ros.camera.modes import flexx2
+from flexx2_sim_ros.cli.demo_picture import draw
+from flexx2_sim_ros.errors import InputError
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+_CAMERAS = ['front_left', 'front_right']
+_START_SECONDS = 90.0
+
+
+def add_parser(commands: Any) -> None:
+    """Add the subcommand."""
+    parser = commands.add_parser(
+        'demo', help='run a Go1 with two cameras and show what they see',
+        description='Start go1_cameras and two flexx2_camera nodes as processes, switch through '
+        'the modes that were measured while they stream, print what comes out, and write a '
+        'picture. Needs ROS 2 (pip install "flexx2_sim_ros[ros]", or a sourced ROS 2 Jazzy).',
+        epilog='example: flexx2 demo --seconds 5 --out demo_output')
+    parser.add_argument('--seconds', type=float, default=4.0,
+                        help='how long to measure each mode (default %(default)s)')
+    parser.add_argument('--out', type=Path, default=Path('demo_output'),
+                        help='folder for the picture and the nodes\' logs (default %(default)s)')
+    parser.add_argument('--renderer', default='auto', help='auto, egl, osmesa or ray')
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Run the demo."""
+    if not arguments.seconds > 0:
+        raise InputError(f'--seconds: found {arguments.seconds}, wanted a positive number')
+    if importlib.util.find_spec('rclpy') is None:
+        raise InputError('ROS 2 is not there: rclpy cannot be imported. Wanted a sourced ROS 2 '
+                         'Jazzy, or pip install "flexx2_sim_ros[ros]"')
+    from flexx2_sim_ros.nodes.probe import Probe
+    import rclpy
+
+    modes = [mode for mode in flexx2().modes if mode.measured]
+    console = Console()
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    pictures = {}
+    table = _table()
+    rclpy.init(args=[])
+    probe = Probe(_CAMERAS)
+    try:
+        with _nodes(arguments) as processes, Progress(
+                TextColumn('{task.description}'), BarColumn(), TimeElapsedColumn(),
+                console=console, transient=True) as progress:
+            task = progress.add_task('starting three nodes (compiles on the first run)', total=None)
+            _wait_for_streams(probe, processes, arguments.out)
+            for mode in modes:
+                probe.start(mode.name)
+                progress.reset(task, description=f'{mode.name}', total=arguments.seconds)
+                end = time.monotonic() + arguments.seconds
+                while (left := end - time.monotonic()) > 0:
+                    _check(processes, arguments.out)
+                    probe.spin_until(lambda: False, min(0.1, left))
+                    progress.update(task, completed=arguments.seconds - left)
+                for camera, capture in probe.captures.items():
+                    if capture.depth is None or capture.clean is None:
+                        raise InputError(f'{camera}: no frame in {mode.name}; see the logs in '
+                                         f'{arguments.out}')
+                    pictures[camera, mode.name] = (capture.clean, capture.depth)
+                    _add_row(table, camera, mode.name, capture)
+    finally:
+        probe.close()
+    console.print(table)
+    console.print('latency: from a clean image\'s arrival here to its simulated one\'s. sigma: root '
+                  'mean square over\npixels away from edges, over time against the model.',
+                  style='dim')
+    path = arguments.out / 'demo.png'
+    draw(path, pictures, modes)
+    console.print(f'picture: {path}', highlight=False)
+    return 0
+
+
+def _table() -> Table:
+    table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False)
+    for name in ('camera', 'mode', 'frames', 'Hz', 'latency\np50 / p99 [ms]', 'invalid\n[%]',
+                 'sigma [mm]\nreal. / model', 'ratio'):
+        table.add_column(name, justify='left' if name in ('camera', 'mode') else 'right',
+                         no_wrap=True)
+    return table
+
+
+def _add_row(table: Table, camera: str, usecase: str, capture: Any) -> None:
+    latency = sorted(1e3 * value for value in capture.latencies)
+    realised, modelled = capture.sigmas()
+    table.add_row(
+        camera, usecase, str(len(capture.stamps)), f'{capture.rate_hz:.2f}',
+        f'{latency[len(latency) // 2]:.1f} / {latency[int(0.99 * (len(latency) - 1))]:.1f}',
+        f'{100 * capture.invalid_share:.1f}', f'{1e3 * realised:.2f} / {1e3 * modelled:.2f}',
+        f'{realised / modelled:.3f}')
+
+
+@contextmanager
+def _nodes(arguments: argparse.Namespace) -> Iterator[dict[str, subprocess.Popen[bytes]]]:
+    # Each node is a process of its own with its log in the output folder; all end with the block.
+    commands = {'go1_cameras': ['go1_cameras', '--ros-args', '-p',
+                                f'renderer:={arguments.renderer}']}
+    for camera in _CAMERAS:
+        commands[camera] = ['flexx2_camera', '--ros-args', '-r', f'__ns:=/{camera}']
+    processes: dict[str, subprocess.Popen[bytes]] = {}
+    try:
+        for name, (module, *rest) in commands.items():
+            with (arguments.out / f'{name}.log').open('wb') as log:
+                processes[name] = subprocess.Popen(
+                    [sys.executable, '-m', f'flexx2_sim_ros.nodes.{module}', *rest],
+                    stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT)
+        yield processes
+    finally:
+        for process in processes.values():
+            if process.poll() is None:
+                process.send_signal(signal.SIGTERM)
+        for process in processes.values():
+            try:
+                process.wait(timeout=5)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+
+
+def _wait_for_streams(probe: Any, processes: dict[str, subprocess.Popen[bytes]],
+                      folder: Path) -> None:
+    deadline = time.monotonic() + _START_SECONDS
+    while not probe.spin_until(probe.streaming, 0.5):
+        _check(processes, folder)
+        if time.monotonic() > deadline:
+            raise InputError(f'the nodes did not start streaming within {_START_SECONDS:g} s; see '
+                             f'the logs in {folder}')
+
+
+def _check(processes: dict[str, subprocess.Popen[bytes]], folder: Path) -> None:
+    for name, process in processes.items():
+        if process.poll() is not None:
+            log = (folder / f'{name}.log').read_text(errors='replace').strip().splitlines()
+            raise InputError(f'{name} ended with exit code {process.returncode}: '
+                             f'{log[-1] if log else "no output"} (log: {folder / name}.log)')

@@ -1,0 +1,56 @@
+"""The demo's picture: clean, simulated, difference, for every camera and mode."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from flexx2_sim_ros.camera.modes import Mode
+import numpy as np
+
+_INVALID = '#3a3a3a'
+
+
+def draw(path: Path, pictures: Mapping[tuple[str, str], tuple[np.ndarray, np.ndarray]],
+         modes: list[Mode]) -> None:
+    """
+    Write the picture.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        PNG to write.
+    pictures : mapping
+        By (camera, usecase): clean and simulated depth, (H, W) metres, NaN for invalid.
+    modes : list of Mode
+        One row each.
+
+    """
+    import matplotlib
+    matplotlib.use('Agg')
+    from matplotlib import pyplot
+
+    cameras = list(dict.fromkeys(camera for camera, _ in pictures))
+    figure, axes = pyplot.subplots(
+        len(modes), 3 * len(cameras), squeeze=False, layout='constrained',
+        figsize=(3.1 * 3 * len(cameras) + 1.2, 2.55 * len(modes) + 0.8))
+    depths = pyplot.get_cmap('turbo_r').with_extremes(bad=_INVALID)
+    errors = pyplot.get_cmap('RdBu').with_extremes(bad=_INVALID)
+    for row, mode in enumerate(modes):
+        for column, camera in enumerate(cameras):
+            clean, seen = pictures[camera, mode.name]
+            line = axes[row, 3 * column: 3 * column + 3]
+            for axis, image in zip(line[:2], (clean, seen), strict=True):
+                depth = axis.imshow(image, cmap=depths, vmin=0.3, vmax=5.0,
+                                    interpolation='nearest')
+            difference = line[2].imshow(1e3 * (seen - clean), cmap=errors, vmin=-20, vmax=20,
+                                        interpolation='nearest')
+            for axis, title in zip(line, ('clean', 'simulated', 'simulated - clean'), strict=True):
+                axis.set(xticks=[], yticks=[])
+                if row == 0:
+                    axis.set_title(f'{camera}: {title}', fontsize=11)
+        axes[row, 0].set_ylabel(f'{mode.name}\n{mode.range_min:g} to {mode.range_max:g} m, '
+                                f'edges {mode.noise.sigma_x:.2f} px', fontsize=11)
+    figure.colorbar(depth, ax=axes[:, -1], label='depth [m]', shrink=0.8, pad=0.03)
+    figure.colorbar(difference, ax=axes[:, -1], label='difference [mm]', shrink=0.8)
+    figure.suptitle('Two simulated Flexx2 on a Go1 (grey: invalid)', fontsize=13)
+    figure.savefig(path, dpi=100)
+    pyplot.close(figure)

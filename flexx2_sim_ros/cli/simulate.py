@@ -1,0 +1,99 @@
+"""`flexx2 simulate`: a scene in, a recording out."""
+
+import argparse
+from typing import Any
+
+from flexx2_sim_ros.camera.modes import DEFAULT_USECASE
+from flexx2_sim_ros.camera.pipeline import Camera
+from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.recording import load_scene, RecordingWriter, Scene
+import numpy as np
+from rich.console import Console
+from rich.progress import Progress
+
+_DEFAULT_FRAMES = 300
+_CHUNK = 30
+
+
+def add_parser(commands: Any) -> None:
+    """Add the subcommand."""
+    parser = commands.add_parser(
+        'simulate', help='simulate the camera on a scene from a file',
+        description='Read clean depth and write what the camera would have recorded. IN.npz has '
+        'clean_depth (H, W) or (T, H, W) in metres, NaN where nothing is, K (3, 3), optionally '
+        'reflectivity (0..1) and stamp (T,) in seconds. OUT.npz is a recording: depth (T, H, W) '
+        'float32 metres with NaN for invalid, clean_depth, K, stamp, usecase, and whatever else '
+        'IN had.',
+        epilog='example: flexx2 simulate scene.npz out.npz --usecase Mode_5_30fps --frames 300')
+    parser.add_argument('input', metavar='IN.npz')
+    parser.add_argument('output', metavar='OUT.npz')
+    parser.add_argument('--usecase', default=DEFAULT_USECASE, help='mode (default %(default)s); '
+                        'see flexx2 modes')
+    parser.add_argument('--frames', type=int, help='how many frames (default: as many as '
+                        f'clean_depth or stamp has, else {_DEFAULT_FRAMES})')
+    parser.add_argument('--seed', type=int, default=0, help='seed of the noise (default 0)')
+    parser.add_argument('--name', default='', help='camera name: cameras of different names '
+                        'share no noise')
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Simulate with a progress bar."""
+    camera = Camera(arguments.usecase, seed=arguments.seed, name=arguments.name)
+    scene = load_scene(arguments.input)
+    stamps = _stamps(scene, arguments.frames, camera.mode.rate_hz, arguments.input)
+    console = Console(stderr=True)
+    count = len(stamps)
+    invalid = 0
+    with (RecordingWriter(arguments.output, count, *scene.clean_depth.shape[-2:]) as writer,
+          Progress(console=console, transient=True) as progress):
+        for start in progress.track(range(0, count, _CHUNK), description='simulating'):
+            part = slice(start, start + _CHUNK)
+            frame = camera.capture(_frames(scene.clean_depth, part), scene.K, stamps[part],
+                                   None if scene.reflectivity is None
+                                   else _frames(scene.reflectivity, part))
+            writer.add_depth(frame.depth)
+            invalid += int(np.isnan(frame.depth).sum())
+        own = {'depth', 'usecase', 'seed'}
+        for key, value in scene.extra.items():
+            if key not in own:
+                writer.add_array(key, value)
+        writer.add_array('clean_depth', _up_to(scene.clean_depth, count))
+        writer.add_array('K', scene.K)
+        if scene.reflectivity is not None:
+            writer.add_array('reflectivity', _up_to(scene.reflectivity, count))
+        writer.add_array('stamp', stamps)
+        writer.add_array('usecase', camera.usecase)
+        writer.add_array('seed', arguments.seed)
+    height, width = scene.clean_depth.shape[-2:]
+    console.print(f'{arguments.output}: {count} frames of {width} x {height}, {camera.usecase}, '
+                  f'{invalid / (count * height * width):.1%} invalid', highlight=False)
+    if not camera.mode.measured:
+        console.print(f'{camera.usecase} was not measured: noise of {camera.mode.noise_of}',
+                      style='yellow', highlight=False)
+    return 0
+
+
+def _stamps(scene: Scene, frames: int | None, rate_hz: float, path: str) -> np.ndarray:
+    available = len(scene.clean_depth) if scene.clean_depth.ndim == 3 else None
+    if scene.stamp is not None:
+        if available not in (None, len(scene.stamp)):
+            raise InputError(f'{path}: stamp: found {len(scene.stamp)}, wanted one for each of '
+                             f'the {available} frames of clean_depth')
+        if available is not None or frames is None or frames <= len(scene.stamp):
+            available = len(scene.stamp)
+    count = frames if frames is not None else available or _DEFAULT_FRAMES
+    if count < 1 or (available is not None and count > available):
+        raise InputError(f'--frames: found {count}, wanted 1 to {available or "any number"}')
+    if scene.stamp is not None and count <= len(scene.stamp):
+        return scene.stamp[:count]
+    # Whole nanoseconds, so that a frame's stamp does not depend on how it is computed.
+    return np.rint(np.arange(count) * (1e9 / rate_hz)) / 1e9
+
+
+def _frames(array: np.ndarray, part: slice) -> np.ndarray:
+    return array[part] if array.ndim == 3 else array
+
+
+def _up_to(array: np.ndarray, count: int) -> np.ndarray:
+    return array[:count] if array.ndim == 3 else array

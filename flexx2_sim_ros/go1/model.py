@@ -1,0 +1,280 @@
+"""The simulated robot: a Go1 in a scene with its two front cameras, as one MuJoCo model."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+import math
+from pathlib import Path
+from typing import Any
+
+from flexx2_sim_ros.camera.intrinsics import Intrinsics
+from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.go1.config_file import read_section
+from flexx2_sim_ros.paths import config_dir
+import mujoco
+import numpy as np
+
+ROOT_BODY = 'trunk'
+HOME_KEY = 'home'
+SCENE_PREFIX = 'scene/'
+
+_BUILT_IN = {'robot': {'builtin': 'go1.xml'}, 'scene': {'lab': 'lab.xml'}}
+# Size of the camera, 71.9 x 19.2 x 10.6 mm (data sheet), as half-sizes: depth, width, height.
+_HOUSING = (0.0053, 0.03595, 0.0096)
+# Facets for OpenGL: a sphere of 0.1 m radius is true to 0.4 mm. Flat shapes need no subdivision.
+_SLICES, _STACKS, _QUADS = 36, 18, 1
+
+
+@dataclass(frozen=True)
+class CameraMount:
+    """
+    Where a camera sits on the robot.
+
+    Attributes
+    ----------
+    name : str
+        The camera's name in the model, e.g. ``front_left``.
+    position : tuple of float
+        The lens in the trunk's frame (x forward, y left, z up), metres.
+    rpy : tuple of float
+        Roll, pitch, yaw in radians, rotations about the fixed x, y and z axes in this order.
+        Zero looks along the trunk's x axis, upright; positive pitch looks down.
+
+    """
+
+    name: str
+    position: tuple[float, float, float]
+    rpy: tuple[float, float, float]
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be a pose."""
+        if not (isinstance(self.name, str) and self.name):
+            raise InputError(f'camera name: found {self.name!r}, wanted a non-empty string')
+        for field in ('position', 'rpy'):
+            value = getattr(self, field)
+            if len(value) != 3 or not all(
+                    isinstance(v, (int, float)) and math.isfinite(v) for v in value):
+                raise InputError(
+                    f'camera {self.name}: {field} is {value!r}, wanted three finite numbers')
+
+    @property
+    def rotation(self) -> np.ndarray:
+        """Return (3, 3) float64: the optical axes x right, y down, z forward in the trunk."""
+        (sr, sp, sy), (cr, cp, cy) = np.sin(self.rpy), np.cos(self.rpy)
+        body = np.array([
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr]])
+        return np.stack([-body[:, 1], -body[:, 2], body[:, 0]], axis=1)
+
+
+def load_mounts(path: str | Path | None = None) -> tuple[CameraMount, ...]:
+    """
+    Read the cameras' poses.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path, optional
+        A file like ``config/go1.yaml``, which is the default.
+
+    Returns
+    -------
+    tuple of CameraMount
+        At least one, with distinct names.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be read or a field is missing or wrong.
+
+    """
+    path = config_dir() / 'go1.yaml' if path is None else Path(path)
+    entries = read_section(path, 'cameras', list)
+    mounts = tuple(_mount(entry, f'{path}: cameras[{i}]') for i, entry in enumerate(entries))
+    names = [mount.name for mount in mounts]
+    if len(set(names)) != len(names):
+        raise InputError(f'{path}: camera names are {names}, wanted no name twice')
+    return mounts
+
+
+def _mount(entry: Any, where: str) -> CameraMount:
+    fields = {'name', 'position', 'rpy_deg'}
+    if not isinstance(entry, dict) or set(entry) != fields:
+        raise InputError(f'{where} is {entry!r}, wanted the fields {", ".join(sorted(fields))}')
+    try:
+        x, y, z = entry['position']
+        roll, pitch, yaw = map(math.radians, entry['rpy_deg'])
+        return CameraMount(entry['name'], (x, y, z), (roll, pitch, yaw))
+    except (TypeError, ValueError) as error:
+        raise InputError(f'{where} is {entry!r}, wanted a name and two triples of numbers: '
+                         f'{error}') from error
+
+
+def build_model(robot: str = 'builtin', scene: str = 'lab', *, intrinsics: Intrinsics,
+                mounts: Sequence[CameraMount] | None = None, near: float = 0.02,
+                far: float = 20.0) -> mujoco.MjModel:
+    """
+    Compose robot, scene and cameras.
+
+    The robot's file leads: its names, options and keys stay as they are. The scene's names get
+    the prefix ``scene/``.
+
+    Parameters
+    ----------
+    robot : str
+        ``builtin`` or the path of an MJCF file with a body ``trunk``.
+    scene : str
+        ``lab`` or the path of an MJCF file.
+    intrinsics : Intrinsics
+        Of every camera; the principal point in the middle, no distortion. These are the pictures
+        that are rendered, not what the simulated camera makes of them.
+    mounts : sequence of CameraMount, optional
+        The cameras; default `load_mounts()`.
+    near, far : float
+        Clipping planes in metres, whatever the scene's size.
+
+    Returns
+    -------
+    mujoco.MjModel
+        With one camera a mount, attached to ``trunk``, and its housing as a massless shape.
+
+    Raises
+    ------
+    InputError
+        When a file is missing, does not compile or has no ``trunk``, when the parts do not fit
+        together, or when the intrinsics cannot be rendered. It names the parameter and the path
+        and carries MuJoCo's own message.
+
+    """
+    if not 0 < near < far < math.inf:
+        raise InputError(f'near, far: found {near}, {far}, wanted 0 < near < far in metres')
+    centre = ((intrinsics.width - 1) / 2, (intrinsics.height - 1) / 2)
+    if (intrinsics.cx, intrinsics.cy) != centre or any(intrinsics.distortion):
+        raise InputError(
+            f'intrinsics: found principal point ({intrinsics.cx}, {intrinsics.cy}) and distortion '
+            f'{intrinsics.distortion}, wanted {centre} and none: the renderer is a plain pinhole')
+    spec, robot_path = _load('robot', robot)
+    room, scene_path = _load('scene', scene)
+    trunk = spec.body(ROOT_BODY)
+    if trunk is None:
+        bodies = ', '.join(body.name for body in spec.bodies[1:9] if body.name) or 'none'
+        raise InputError(f'robot: {robot_path} has no body named {ROOT_BODY!r}; found {bodies}')
+    try:
+        spec.attach(room, prefix=SCENE_PREFIX, frame=spec.worldbody.add_frame())
+        for mount in load_mounts() if mounts is None else mounts:
+            _add_camera(spec, trunk, mount, intrinsics)
+        spec.stat.extent = 1.0  # MuJoCo multiplies znear and zfar by it
+        spec.visual.map.znear, spec.visual.map.zfar = near, far
+        buffer = spec.visual.global_
+        buffer.offwidth = max(buffer.offwidth, intrinsics.width)
+        buffer.offheight = max(buffer.offheight, intrinsics.height)
+        quality = spec.visual.quality
+        quality.offsamples = quality.shadowsize = 0
+        quality.numslices, quality.numstacks, quality.numquads = _SLICES, _STACKS, _QUADS
+        return spec.compile()
+    except (ValueError, mujoco.FatalError) as error:
+        raise InputError(
+            f'robot and scene: {robot_path} and {scene_path} do not fit together: {error}'
+        ) from error
+
+
+def _load(parameter: str, value: str) -> tuple[mujoco.MjSpec, Path]:
+    """Read one MJCF file and compile it alone, so that an error is laid at the right door."""
+    built_in = _BUILT_IN[parameter]
+    path = config_dir() / 'models' / built_in[value] if value in built_in else Path(value)
+    if not path.is_file():
+        raise InputError(
+            f'{parameter}: found {value!r}, wanted {" or ".join(map(repr, built_in))} or the '
+            'path of an MJCF file')
+    try:
+        spec = mujoco.MjSpec.from_file(str(path))
+        spec.compile()
+    except (ValueError, mujoco.FatalError) as error:
+        raise InputError(f'{parameter}: {path} does not compile: {error}') from error
+    return spec, path
+
+
+def _add_camera(spec: mujoco.MjSpec, trunk: Any, mount: CameraMount,
+                intrinsics: Intrinsics) -> None:
+    # MuJoCo's cameras look along -z with y up.
+    quat = np.empty(4)
+    mujoco.mju_mat2Quat(quat, (mount.rotation * [1.0, -1.0, -1.0]).ravel())
+    size = [intrinsics.width, intrinsics.height]
+    trunk.add_camera(
+        name=mount.name, pos=mount.position, quat=quat, resolution=size,
+        focal_pixel=[intrinsics.fx, intrinsics.fy],
+        # Any pixel pitch gives the same picture; the principal point is an offset from the middle.
+        sensor_size=[1e-3 * size[0], 1e-3 * size[1]], principal_pixel=[0.0, 0.0])
+    look = mount.rotation[:, 2]
+    rotation = np.stack([look, -mount.rotation[:, 0], -mount.rotation[:, 1]], axis=1)
+    mujoco.mju_mat2Quat(quat, rotation.ravel())
+    if spec.material('flexx2_housing') is None:
+        spec.add_material(name='flexx2_housing', rgba=[0.2, 0.21, 0.23, 1.0])
+    trunk.add_geom(
+        name=f'{mount.name}_housing', type=mujoco.mjtGeom.mjGEOM_BOX, size=_HOUSING, quat=quat,
+        # The lens is 1 mm in front of the housing, which therefore never is in its own view.
+        pos=np.asarray(mount.position) - (_HOUSING[0] + 0.001) * look,
+        mass=0.0, contype=0, conaffinity=0, group=2, material='flexx2_housing')
+
+
+def stand(model: mujoco.MjModel, data: mujoco.MjData) -> str:
+    """
+    Put the robot on its feet, at rest, and compute everything that follows from its pose.
+
+    The pose is the key ``home`` with the trunk raised or lowered until the robot's lowest shape
+    touches the ground below it; without such a key it is the model's initial pose ``qpos0``. A
+    robot whose trunk has no free joint, or that has no ground below it, keeps its height.
+
+    Parameters
+    ----------
+    model : mujoco.MjModel
+        From `build_model`.
+    data : mujoco.MjData
+        Reset and filled, as after ``mj_forward``.
+
+    Returns
+    -------
+    str
+        ``home`` or ``qpos0``: the pose that was taken.
+
+    """
+    key = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_KEY, HOME_KEY)
+    if key >= 0:
+        mujoco.mj_resetDataKeyframe(model, data, key)
+    else:
+        mujoco.mj_resetData(model, data)
+    root = model.body(ROOT_BODY)
+    joint = root.jntadr[0]
+    if joint >= 0 and model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE:
+        height = model.jnt_qposadr[joint] + 2
+        data.qpos[height] += _lift(model, data, root.id, height)
+    mujoco.mj_forward(model, data)
+    return HOME_KEY if key >= 0 else 'qpos0'
+
+
+def _lift(model: mujoco.MjModel, data: mujoco.MjData, root: int, height: int) -> float:
+    """Return by how much the robot must rise for its lowest shape to touch the ground."""
+    mujoco.mj_kinematics(model, data)
+    solid = (model.geom_contype | model.geom_conaffinity) != 0
+    geoms = np.flatnonzero((model.body_rootid[model.geom_bodyid] == root) & solid)
+    centres = data.geom_xpos[geoms].copy()
+    bottoms = np.array([_bottom(model, data, int(geom)) for geom in geoms])
+    top = data.xpos[root, 2]
+    # Look for the ground from the trunk's height, with the robot out of the way.
+    away = 1e3
+    data.qpos[height] += away
+    mujoco.mj_kinematics(model, data)
+    down, hit = np.array([0.0, 0.0, -1.0]), np.zeros(1, np.int32)
+    drops = np.array([mujoco.mj_ray(model, data, np.array([x, y, top]), down, None, 1, -1, hit)
+                      for x, y, _ in centres])
+    data.qpos[height] -= away
+    lifts = (top - drops - bottoms)[drops >= 0]
+    return float(lifts.max(initial=-np.inf)) if lifts.size else 0.0
+
+
+def _bottom(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> float:
+    """Return the height of a geom's lowest point (exact for a sphere, else of its box)."""
+    axis_z = data.geom_xmat[geom].reshape(3, 3)[2]
+    if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_SPHERE:
+        return float(data.geom_xpos[geom, 2] - model.geom_size[geom, 0])
+    centre, half = model.geom_aabb[geom, :3], model.geom_aabb[geom, 3:]
+    return float(data.geom_xpos[geom, 2] + axis_z @ centre - np.abs(axis_z) @ half)

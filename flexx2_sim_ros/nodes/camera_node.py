@@ -1,0 +1,249 @@
+"""The camera node: clean depth in, what a Flexx2 would have seen out."""
+
+import time
+from traceback import format_exception
+
+from diagnostic_msgs.msg import DiagnosticArray
+from flexx2_sim_ros.camera.geometry import pixel_rays, points, View
+from flexx2_sim_ros.camera.gray import gray_image
+from flexx2_sim_ros.camera.intrinsics import Intrinsics
+from flexx2_sim_ros.camera.modes import flexx2
+from flexx2_sim_ros.camera.pipeline import Camera, Frame
+from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.nodes import messages
+from flexx2_sim_ros.nodes.camera_parameters import CameraParameters
+from flexx2_sim_ros.nodes.decoding import decode_camera_info, decode_image, stamp_nanoseconds
+from flexx2_sim_ros.nodes.gating import FrameGate
+from flexx2_sim_ros.nodes.pairing import Match, StampPairing
+from flexx2_sim_ros.nodes.runtime import Throttle
+from flexx2_sim_ros.nodes.statistics import Statistics
+import numpy as np
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rclpy.qos import qos_profile_sensor_data, QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from sensor_msgs.msg import CameraInfo, Image, PointCloud2
+
+_DEPTH_ENCODINGS = ('32FC1', '64FC1', '16UC1')
+
+
+class Flexx2Camera(Node):
+    """
+    A simulated Flexx2, on the topics and parameters of the vendor's driver.
+
+    Subscribes ``clean/depth_image``, ``clean/camera_info`` and, when somebody publishes it,
+    ``clean/reflectivity``; publishes under ``~/``: ``depth_image_0``, ``camera_info``,
+    ``point_cloud_0``, ``gray_image_0``, ``depth_noise_0``; and ``/diagnostics``.
+    """
+
+    def __init__(self, **options: object) -> None:
+        """Declare parameters, compile the camera model, then open the topics."""
+        super().__init__('flexx2_camera', **options)  # type: ignore[arg-type]
+        self._said_once: set[str] = set()
+        self._throttle = Throttle()
+        self.settings = CameraParameters(self, flexx2(), self._on_new_mode)
+        self._statistics = Statistics()
+        self._pairing = StampPairing()
+        self._view: View | None = None
+        self._rays = pixel_rays(self.settings.intrinsics)
+        self._camera = self._make_camera()
+        self._gate = FrameGate(self._camera.mode.rate_hz)
+        _warm_up(self._camera, self.settings.intrinsics)
+        self._open_topics()
+        self.get_logger().info(
+            f'{self._camera.usecase}, serial {self.settings.serial}: waiting for '
+            f'{self.resolve_topic_name("clean/depth_image")}')
+
+    def _open_topics(self) -> None:
+        overridable = QoSOverridingOptions.with_default_policies()
+        reliable = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
+
+        def publisher(kind: type, topic: str):  # type: ignore[no-untyped-def] # noqa: ANN202
+            return self.create_publisher(kind, topic, reliable,
+                                         qos_overriding_options=overridable)
+
+        def subscribe(kind: type, topic: str, callback) -> None:  # type: ignore # noqa: ANN001
+            self.create_subscription(kind, topic, callback, qos_profile_sensor_data,
+                                     qos_overriding_options=overridable)
+
+        self._depth = publisher(Image, '~/depth_image_0')
+        self._info = publisher(CameraInfo, '~/camera_info')
+        self._cloud = publisher(PointCloud2, '~/point_cloud_0')
+        self._gray = publisher(Image, '~/gray_image_0')
+        self._noise = publisher(Image, '~/depth_noise_0')
+        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        # Companions first: of messages that wait together they are then taken before the image.
+        subscribe(CameraInfo, 'clean/camera_info', self._on_info)
+        subscribe(Image, 'clean/reflectivity', self._on_reflectivity)
+        subscribe(Image, 'clean/depth_image', self._on_image)
+        # A steady clock: diagnostics go on when a simulation's /clock stands still.
+        self.create_timer(1.0, self._report, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def _make_camera(self) -> Camera:
+        settings = self.settings
+        camera = Camera(settings.usecase, seed=settings.seed, name=settings.camera_name)
+        mode = camera.mode
+        if not mode.measured:
+            self._say_once(f'{mode.name}: its noise was not measured; it takes that of '
+                           f'{mode.noise_of}, the nearest measured mode of its family')
+        return camera
+
+    def _on_new_mode(self) -> None:
+        # Called between two frames: callbacks of this node never run side by side.
+        self._camera = self._make_camera()
+        self._gate.set_rate(self._camera.mode.rate_hz)
+        self._statistics.output_rate.clear()
+        self.get_logger().info(f'usecase is now {self._camera.usecase}')
+
+    def _on_info(self, message: CameraInfo) -> None:
+        stamp = stamp_nanoseconds(message.header.stamp)
+        self._take(self._pairing.companion('info', stamp, message))
+
+    def _on_reflectivity(self, message: Image) -> None:
+        stamp = stamp_nanoseconds(message.header.stamp)
+        self._take(self._pairing.companion('reflectivity', stamp, message))
+
+    def _on_image(self, message: Image) -> None:
+        self._statistics.received += 1
+        self._statistics.last_input = time.monotonic()
+        stamp = stamp_nanoseconds(message.header.stamp)
+        self._take(self._pairing.image(stamp, message))
+
+    def _take(self, matches: list[Match]) -> None:
+        for match in matches:
+            start = time.perf_counter()
+            try:
+                self._process(match)
+            except Exception as error:  # A node never dies of a message.
+                self._reject(error)
+            else:
+                self._statistics.latencies.append(time.perf_counter() - start)
+
+    def _reject(self, error: Exception) -> None:
+        self._statistics.rejected += 1
+        text = str(error)
+        if not isinstance(error, InputError):
+            text = f'internal error, please report it: {"".join(format_exception(error))}'
+        self._statistics.last_error = text
+        if self._throttle.ready(text):
+            self.get_logger().error(f'input rejected: {text}')
+
+    def _process(self, match: Match) -> None:
+        image = decode_image(match.image, 'clean/depth_image', _DEPTH_ENCODINGS)
+        view = self._find_view(match, image)
+        reflectivity = self._find_reflectivity(match, image.shape)
+        if not self._due(match.stamp):
+            return
+        wanted = [publisher.get_subscription_count() > 0
+                  for publisher in (self._depth, self._cloud, self._gray, self._noise)]
+        head = messages.header(match.stamp,
+                               self.settings.frame_id or match.image.header.frame_id)
+        if any(wanted):
+            frame = self._camera.capture(
+                view.depth(image), self.settings.intrinsics.matrix, match.stamp,
+                None if reflectivity is None else view.reflectivity(reflectivity))
+            self._publish(head, self._mask(frame, view), wanted)
+        self._info.publish(messages.camera_info_message(head, self.settings.intrinsics))
+        self._statistics.published += 1
+
+    def _find_view(self, match: Match, image: np.ndarray) -> View:
+        if match.info is None:
+            raise InputError('clean/camera_info: none has come, wanted one for every image of '
+                             'clean/depth_image (or one that stays)')
+        source = decode_camera_info(match.info, 'clean/camera_info')
+        if (source.height, source.width) != image.shape:
+            raise InputError(
+                f'clean/camera_info: size: found {source.width} x {source.height}, wanted that '
+                f'of clean/depth_image, {image.shape[1]} x {image.shape[0]}')
+        radial = self.settings.radial
+        view = self._view
+        if view is None or view.source != source or view.radial != radial:
+            view = self._view = View(self.settings.intrinsics, source, radial)
+            if view.outside.any():
+                self._say_once(
+                    f'{view.outside.mean():.0%} of the rays lie outside the view of '
+                    'clean/depth_image and are invalid: render at least 56 x 44 degrees')
+        return view
+
+    @staticmethod
+    def _find_reflectivity(match: Match, shape: tuple[int, ...]) -> np.ndarray | None:
+        if match.reflectivity is None:
+            return None
+        image = decode_image(match.reflectivity, 'clean/reflectivity', ('32FC1',))
+        if image.shape != shape:
+            raise InputError(
+                f'clean/reflectivity: size: found {image.shape[1]} x {image.shape[0]}, wanted '
+                f'that of clean/depth_image, {shape[1]} x {shape[0]}')
+        return np.clip(np.nan_to_num(image), 0.0, 1.0)
+
+    def _due(self, stamp: int) -> bool:
+        statistics, gate = self._statistics, self._gate
+        repeats, restarts = gate.repeats, gate.restarts
+        due = gate.accept(stamp)
+        if gate.repeats > repeats:
+            if self._throttle.ready('repeated stamp'):
+                self.get_logger().warning(
+                    f'clean/depth_image: header.stamp: found {stamp} ns again, wanted a new one '
+                    'for every image; the image is left out')
+            return False
+        if gate.restarts > restarts:
+            self.get_logger().warning(
+                f'clean/depth_image: header.stamp went back to {stamp} ns: starting afresh')
+        statistics.input_rate.add(stamp)
+        if due:
+            statistics.output_rate.add(stamp)
+        return due
+
+    @staticmethod
+    def _mask(frame: Frame, view: View) -> Frame:
+        if view.outside.any():
+            frame.depth[view.outside] = np.nan
+            frame.sigma[view.outside] = np.nan
+            frame.amplitude[view.outside] = 0.0
+            frame.confidence[view.outside] = 0.0
+        return frame
+
+    def _publish(self, head, frame: Frame, wanted: list[bool]) -> None:  # type: ignore # noqa: ANN001
+        invalid = np.isnan(frame.depth)
+        self._statistics.invalid_share = float(invalid.mean())
+        if self.settings.invalid_is_zero:
+            frame.depth[invalid] = 0.0
+            frame.sigma[invalid] = 0.0
+        depth, cloud, gray, noise = wanted
+        if depth:
+            self._depth.publish(messages.image_message(head, frame.depth, '32FC1'))
+        if cloud:
+            self._cloud.publish(messages.cloud_message(
+                head, points(frame.depth, self._rays), frame.confidence))
+        if gray:
+            self._gray.publish(messages.image_message(
+                head, gray_image(frame.amplitude, self.settings.exposure_share), 'mono8'))
+        if noise:
+            self._noise.publish(messages.image_message(head, frame.sigma, '32FC1'))
+
+    def _report(self) -> None:
+        mode, statistics = self._camera.mode, self._statistics
+        status = statistics.report(
+            self.get_fully_qualified_name().lstrip('/'), self.settings.serial, mode.name,
+            mode.rate_hz, self._gate)
+        array = DiagnosticArray(status=[status])
+        array.header.stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(array)
+        if 'slower' in status.message:
+            self._say_once(f'{mode.name} wants {mode.rate_hz:g} Hz: {status.message} and is '
+                           'passed on at its own rate')
+
+    def _say_once(self, text: str) -> None:
+        if text not in self._said_once:
+            self._said_once.add(text)
+            self.get_logger().warning(text)
+
+
+def _warm_up(camera: Camera, intrinsics: Intrinsics) -> None:
+    # Compile (or load) the kernels before the first image needs them.
+    scene = np.full((intrinsics.height, intrinsics.width), 1.0, np.float32)
+    scene[: intrinsics.height // 2] = 2.0
+    camera.capture(scene, intrinsics.matrix, 0)
+    other = Intrinsics(8, 8, 4.0, 4.0, 3.5, 3.5)
+    View(intrinsics, other).depth(np.ones((8, 8), np.float32))
+

@@ -1,0 +1,87 @@
+"""Bring a depth image together with what was published for the same stamp."""
+
+from collections import OrderedDict
+from dataclasses import dataclass
+from typing import Any
+
+_KEPT = 16
+
+
+@dataclass(frozen=True)
+class Match:
+    """
+    A depth image and its companions.
+
+    Attributes
+    ----------
+    stamp : int
+        The image's stamp, nanoseconds.
+    image, info : Any
+        The messages; ``info`` is the one of the image's stamp, else the latest, else None.
+    reflectivity : Any
+        The message of exactly the image's stamp, or None.
+
+    """
+
+    stamp: int
+    image: Any
+    info: Any
+    reflectivity: Any
+
+
+class StampPairing:
+    """
+    Pair depth images with camera infos and reflectivity images by stamp.
+
+    Messages of one stamp arrive on their topics in any order. An image waits for a companion
+    that had come with the image before, and no longer than until the next image: one that has
+    stopped coming holds nothing up, and one of another rate (a latched camera info) costs one
+    frame's delay, once.
+    """
+
+    def __init__(self) -> None:
+        """Start empty: the first image waits for a camera info, not for reflectivity."""
+        self._expected = {'info': True, 'reflectivity': False}
+        self._kept: dict[str, OrderedDict[int, Any]] = {
+            name: OrderedDict() for name in self._expected}
+        self._pending: tuple[int, Any] | None = None
+        self._released: int | None = None
+
+    def image(self, stamp: int, message: Any) -> list[Match]:
+        """Take an image in; return the matches that are now complete, in order."""
+        matches = []
+        if self._pending is not None:
+            for name in self._missing(self._pending[0]):
+                self._expected[name] = False
+            matches.append(self._release())
+        self._pending = (stamp, message)
+        if not self._missing(stamp):
+            matches.append(self._release())
+        return matches
+
+    def companion(self, name: str, stamp: int, message: Any) -> list[Match]:
+        """Take an ``info`` or ``reflectivity`` in; return what is now complete."""
+        kept = self._kept[name]
+        kept[stamp] = message
+        kept.move_to_end(stamp)
+        while len(kept) > _KEPT:
+            kept.popitem(last=False)
+        pending = None if self._pending is None else self._pending[0]
+        if stamp in (pending, self._released):
+            self._expected[name] = True
+        if pending is not None and stamp == pending and not self._missing(pending):
+            return [self._release()]
+        return []
+
+    def _missing(self, stamp: int) -> list[str]:
+        return [name for name, expected in self._expected.items()
+                if expected and stamp not in self._kept[name]]
+
+    def _release(self) -> Match:
+        assert self._pending is not None
+        stamp, image = self._pending
+        self._pending = None
+        self._released = stamp
+        infos = self._kept['info']
+        info = infos.get(stamp, next(reversed(infos.values()), None) if infos else None)
+        return Match(stamp, image, info, self._kept['reflectivity'].get(stamp))

@@ -1,0 +1,198 @@
+"""Measure running camera nodes from outside, over their topics."""
+
+from dataclasses import dataclass, field
+import time
+from typing import Any
+
+from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.nodes.decoding import decode_image, stamp_nanoseconds
+import numpy as np
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.parameter_client import AsyncParameterClient
+from rclpy.qos import qos_profile_sensor_data, QoSProfile
+from sensor_msgs.msg import Image
+
+# Grazing views end in noise as large as the distance, cut off by the range: no fair comparison.
+_LARGEST_SIGMA_SHARE = 0.05
+
+
+@dataclass
+class Capture:
+    """
+    What one camera published in one mode.
+
+    Attributes
+    ----------
+    clean, depth : numpy.ndarray
+        The last clean image and what was made of it, metres.
+    stamps : list of int
+        Of the simulated frames, nanoseconds.
+    latencies : list of float
+        Seconds from receiving the clean image to receiving the simulated one, both here.
+
+    """
+
+    clean: np.ndarray | None = None
+    depth: np.ndarray | None = None
+    stamps: list[int] = field(default_factory=list)
+    latencies: list[float] = field(default_factory=list)
+    _sum: Any = 0.0
+    _squares: Any = 0.0
+    _reference: Any = None
+    _steady: Any = None
+    _sigma: Any = None
+
+    def add(self, stamp: int, depth: np.ndarray, clean: np.ndarray, latency: float) -> None:
+        """Take a frame in."""
+        self.clean, self.depth = clean, depth
+        self.stamps.append(stamp)
+        self.latencies.append(latency)
+        if self._reference is None:
+            self._reference = depth.astype(np.float64)
+        error = depth - self._reference
+        self._sum = self._sum + error
+        self._squares = self._squares + error ** 2
+
+    def add_sigma(self, sigma: np.ndarray) -> None:
+        """Take the model's sigma_z of a frame in."""
+        same = np.isfinite(sigma) if self._sigma is None else sigma == self._sigma
+        self._steady = same if self._steady is None else self._steady & same
+        self._sigma = sigma
+
+    @property
+    def rate_hz(self) -> float:
+        """By stamps."""
+        if len(self.stamps) < 2:
+            return 0.0
+        return (len(self.stamps) - 1) * 1e9 / (self.stamps[-1] - self.stamps[0])
+
+    @property
+    def longest_gap(self) -> float:
+        """Return the longest time between two frames, in periods of the measured rate."""
+        if len(self.stamps) < 2:
+            return 0.0
+        return float(np.diff(self.stamps).max()) * self.rate_hz / 1e9
+
+    @property
+    def invalid_share(self) -> float:
+        """Of the last frame."""
+        return float('nan') if self.depth is None else float(np.isnan(self.depth).mean())
+
+    def sigmas(self) -> tuple[float, float]:
+        """
+        Return the realised and the modelled sigma_z, root mean square, metres.
+
+        Over the pixels that were valid in every frame and away from edges (where the lateral
+        noise shows another surface now and then).
+        """
+        if self._sigma is None or self.depth is None or len(self.stamps) < 3:
+            return float('nan'), float('nan')
+        count = len(self.stamps)
+        variance = (self._squares - self._sum ** 2 / count) / (count - 1)
+        use = (self._steady & np.isfinite(variance)
+               & (self._sigma < _LARGEST_SIGMA_SHARE * self.depth))
+        if not use.any():
+            return float('nan'), float('nan')
+        return (float(np.sqrt(variance[use].mean())),
+                float(np.sqrt((self._sigma[use].astype(np.float64) ** 2).mean())))
+
+
+class Probe:
+    """
+    Watch camera nodes and set their mode.
+
+    Parameters
+    ----------
+    cameras : list of str
+        Namespaces; ``<camera>/flexx2_camera`` is the node and ``<camera>/clean`` its input.
+
+    """
+
+    def __init__(self, cameras: list[str]) -> None:
+        """Subscribe; ``rclpy.init`` has been called."""
+        self._node = Node('flexx2_probe')
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self._node)
+        self.captures: dict[str, Capture] = {}
+        self._clean: dict[str, dict[int, tuple[float, Image]]] = {name: {} for name in cameras}
+        self._latest = dict.fromkeys(cameras, 0)
+        self._from = dict.fromkeys(cameras, 1 << 62)
+        self._clients = {}
+        for name in cameras:
+            node = f'/{name}/flexx2_camera'
+            self._clients[name] = AsyncParameterClient(self._node, node)
+            self._subscribe(f'/{name}/clean/depth_image', name, self._on_clean,
+                            qos_profile_sensor_data)
+            self._subscribe(f'{node}/depth_noise_0', name, self._on_sigma, QoSProfile(depth=10))
+            self._subscribe(f'{node}/depth_image_0', name, self._on_depth, QoSProfile(depth=10))
+
+    def _subscribe(self, topic: str, name: str, callback: Any, qos: QoSProfile) -> None:
+        self._node.create_subscription(Image, topic, lambda message: callback(name, message), qos)
+
+    def _on_clean(self, name: str, message: Image) -> None:
+        kept = self._clean[name]
+        stamp = stamp_nanoseconds(message.header.stamp)
+        kept[stamp] = (time.perf_counter(), message)
+        self._latest[name] = stamp
+        while len(kept) > 60:
+            del kept[next(iter(kept))]
+
+    def _on_sigma(self, name: str, message: Image) -> None:
+        if stamp_nanoseconds(message.header.stamp) >= self._from[name]:
+            self.captures[name].add_sigma(decode_image(message, 'depth_noise_0', ('32FC1',)))
+
+    def _on_depth(self, name: str, message: Image) -> None:
+        now = time.perf_counter()
+        stamp = stamp_nanoseconds(message.header.stamp)
+        received = self._clean[name].get(stamp)
+        if stamp < self._from[name] or received is None:
+            return
+        self.captures[name].add(
+            stamp, decode_image(message, 'depth_image_0', ('32FC1',)),
+            decode_image(received[1], 'clean/depth_image', ('32FC1',)), now - received[0])
+
+    def spin_until(self, condition: Any, seconds: float) -> bool:
+        """Handle messages until the condition holds; say whether it did in time."""
+        deadline = time.monotonic() + seconds
+        while not condition():
+            left = deadline - time.monotonic()
+            if left <= 0:
+                return False
+            self._executor.spin_once(timeout_sec=min(left, 0.1))
+        return True
+
+    def streaming(self) -> bool:
+        """Say whether clean images of every camera arrive and its node answers."""
+        return all(self._latest.values()) and all(
+            client.services_are_ready() for client in self._clients.values())
+
+    def start(self, usecase: str) -> None:
+        """
+        Switch every camera to a mode and start measuring afresh.
+
+        Raises
+        ------
+        InputError
+            When a camera refuses or does not answer.
+
+        """
+        self._from = dict.fromkeys(self._from, 1 << 62)
+        for name, client in self._clients.items():
+            future = client.set_parameters([Parameter('usecase', value=usecase)])
+            if not self.spin_until(future.done, 5.0):
+                raise InputError(f'{name}: usecase: no answer within 5 s')
+            result = future.result().results[0]
+            if not result.successful:
+                raise InputError(f'{name}: {result.reason}')
+        self.captures = {name: Capture() for name in self._clients}
+        # What was sent after the answer is taken in the new mode.
+        self._from = {name: stamp + 1 for name, stamp in self._latest.items()}
+
+    def close(self) -> None:
+        """Leave the graph."""
+        self._executor.shutdown()
+        self._node.destroy_node()
+        rclpy.try_shutdown()

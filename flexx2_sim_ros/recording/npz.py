@@ -1,0 +1,190 @@
+"""Read and write recordings as NumPy archives."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+import tempfile
+from types import TracebackType
+from typing import Any
+import zipfile
+import zlib
+
+from flexx2_sim_ros.errors import InputError
+import numpy as np
+
+_UNREADABLE = (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile, zlib.error,
+               NotImplementedError, RuntimeError)
+
+
+@dataclass(frozen=True)
+class Scene:
+    """
+    What is really there, and what came with it.
+
+    Attributes
+    ----------
+    clean_depth : numpy.ndarray
+        (H, W) or (T, H, W), metres, NaN where nothing is.
+    K : numpy.ndarray
+        (3, 3) float64 camera matrix.
+    reflectivity : numpy.ndarray or None
+        (H, W) or (T, H, W) in 0..1.
+    stamp : numpy.ndarray or None
+        (T,) float64 seconds.
+    extra : dict
+        All other arrays of the file.
+
+    """
+
+    clean_depth: np.ndarray
+    K: np.ndarray  # noqa: N815
+    reflectivity: np.ndarray | None = None
+    stamp: np.ndarray | None = None
+    extra: dict[str, np.ndarray] = field(default_factory=dict)
+
+
+def load_scene(path: str | Path) -> Scene:
+    """
+    Read a scene (or a recording, as the scene it shows).
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        An ``.npz`` file; nothing in it is unpickled.
+
+    Returns
+    -------
+    Scene
+
+    Raises
+    ------
+    InputError
+        When the file cannot be read whole, or a key is missing or of the wrong shape or dtype;
+        the message names the file and the key.
+
+    """
+    arrays = _read(Path(path))
+    for key in ('clean_depth', 'K'):
+        if key not in arrays:
+            raise InputError(f'{path}: {key}: not in the file (found {", ".join(arrays) or "none"})'
+                             ', wanted clean_depth (H, W) or (T, H, W) and K (3, 3)')
+    clean = _numbers(path, arrays, 'clean_depth')
+    if clean.ndim not in (2, 3) or 0 in clean.shape:
+        raise InputError(f'{path}: clean_depth: found shape {clean.shape}, wanted (H, W) or '
+                         '(T, H, W), not empty')
+    matrix = _numbers(path, arrays, 'K')
+    if matrix.shape != (3, 3):
+        raise InputError(f'{path}: K: found shape {matrix.shape}, wanted (3, 3)')
+    reflectivity = _numbers(path, arrays, 'reflectivity') if 'reflectivity' in arrays else None
+    if reflectivity is not None and reflectivity.shape not in (clean.shape, clean.shape[-2:]):
+        raise InputError(f'{path}: reflectivity: found shape {reflectivity.shape}, wanted that of '
+                         f'clean_depth, {clean.shape}')
+    stamp = _numbers(path, arrays, 'stamp') if 'stamp' in arrays else None
+    if stamp is not None and (stamp.ndim != 1 or not np.isfinite(stamp).all()):
+        raise InputError(f'{path}: stamp: found shape {stamp.shape}, wanted (T,) finite seconds')
+    known = {'clean_depth', 'K', 'reflectivity', 'stamp'}
+    return Scene(clean, matrix.astype(np.float64), reflectivity,
+                 None if stamp is None else stamp.astype(np.float64),
+                 {key: value for key, value in arrays.items() if key not in known})
+
+
+def _read(path: Path) -> dict[str, np.ndarray]:
+    if not path.is_file():
+        raise InputError(f'{path}: not a file, wanted an .npz archive')
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            if not isinstance(archive, np.lib.npyio.NpzFile):
+                raise ValueError('a single array')
+            return {key: archive[key] for key in archive.files}
+    except _UNREADABLE as error:
+        raise InputError(f'{path}: cannot be read as an .npz archive of plain arrays (damaged, '
+                         f'cut off, or pickled): {error}') from error
+
+
+def _numbers(path: str | Path, arrays: dict[str, np.ndarray], key: str) -> np.ndarray:
+    if arrays[key].dtype.kind not in 'fiu':
+        raise InputError(f'{path}: {key}: found dtype {arrays[key].dtype}, wanted numbers')
+    return arrays[key]
+
+
+class RecordingWriter:
+    """
+    Write a recording frame by frame, in bounded memory.
+
+    The file appears under its name when the ``with`` block ends well, and not at all otherwise.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        Where to write; replaced if it exists.
+    frames, height, width : int
+        Shape of ``depth``.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     with RecordingWriter(f'{folder}/r.npz', 2, 4, 5) as writer:
+    ...         writer.add_depth(np.ones((2, 4, 5), np.float32))
+    ...         writer.add_array('K', np.eye(3))
+    ...     sorted(np.load(f'{folder}/r.npz', allow_pickle=False).files)
+    ['K', 'depth']
+
+    """
+
+    def __init__(self, path: str | Path, frames: int, height: int, width: int) -> None:
+        """Open a temporary file beside the target."""
+        self._path = Path(path)
+        self._shape = (frames, height, width)
+        self._left = frames
+        try:
+            # Outlives this method on purpose: __exit__ closes it.
+            self._file = tempfile.NamedTemporaryFile(  # noqa: SIM115
+                dir=self._path.parent, prefix=f'.{self._path.name}.', delete=False)
+        except OSError as error:
+            raise InputError(f'{path}: cannot be written: {error}') from error
+        self._archive = zipfile.ZipFile(self._file, 'w', zipfile.ZIP_STORED, allowZip64=True)
+        self._depth: Any = None
+
+    def __enter__(self) -> 'RecordingWriter':
+        """Start ``depth``."""
+        self._depth = self._archive.open('depth.npy', 'w', force_zip64=True)
+        header = {'descr': '<f4', 'fortran_order': False, 'shape': self._shape}
+        np.lib.format.write_array_header_1_0(self._depth, header)
+        return self
+
+    def add_depth(self, frames: np.ndarray) -> None:
+        """Append (n, H, W) frames, metres, NaN where invalid."""
+        if frames.shape[1:] != self._shape[1:] or len(frames) > self._left:
+            raise InputError(f'depth: found {frames.shape}, wanted at most '
+                             f'{(self._left, *self._shape[1:])}')
+        self._depth.write(np.ascontiguousarray(frames, dtype='<f4').data)
+        self._left -= len(frames)
+
+    def add_array(self, key: str, value: Any) -> None:
+        """Add another array; after all depth frames."""
+        if self._left:
+            raise InputError(f'depth: {self._left} frames are missing before {key!r}')
+        self._end_depth()
+        with self._archive.open(f'{key}.npy', 'w', force_zip64=True) as entry:
+            np.lib.format.write_array(entry, np.asarray(value), allow_pickle=False)
+
+    def _end_depth(self) -> None:
+        if self._depth is not None:
+            self._depth.close()
+            self._depth = None
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
+                 trace: TracebackType | None) -> None:
+        """Put the file in its place, or remove what there is of it."""
+        temporary = Path(self._file.name)
+        try:
+            self._end_depth()
+            self._archive.close()
+            self._file.close()
+            if kind is None:
+                temporary.chmod(0o644)
+                temporary.replace(self._path)
+        except OSError as failure:
+            raise InputError(f'{self._path}: cannot be written: {failure}') from failure
+        finally:
+            temporary.unlink(missing_ok=True)
