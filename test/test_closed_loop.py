@@ -61,9 +61,7 @@ def test_edges_move_by_sigma_x(usecase: str, angle: int) -> None:
 
 
 def test_level_edges_move_along_columns() -> None:
-    """
-    Assert the same along columns; false failures as above (300 frames x 224 columns).
-    """
+    """Assert the same along columns; false failures as above (300 frames x 224 columns)."""
     target = board(1.0, 15, half_width=0.2, background=2.0, turn='pitch')
     seen = Camera('Mode_9_30fps', seed=3).capture(target.depth, target.K, np.arange(300)).depth
     top = np.flatnonzero(np.isfinite(target.incidence[:, 112]))[0]

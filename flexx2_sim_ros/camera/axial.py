@@ -2,6 +2,7 @@
 
 import math
 
+from flexx2_sim_ros.camera.fastmath import arccos, power
 from flexx2_sim_ros.camera.philox import FAST
 from numba import njit
 import numpy as np
@@ -12,7 +13,7 @@ _HALF_PI = np.float32(math.pi / 2)
 _NAN = np.float32(np.nan)
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(cache=True, error_model='numpy', fastmath=FAST)
 def model_sigma(p, cosine, coefficients, cap, out):  # type: ignore[no-untyped-def]
     """
     Write sigma_z of every pixel of a surface.
@@ -36,13 +37,13 @@ def model_sigma(p, cosine, coefficients, cap, out):  # type: ignore[no-untyped-d
         for x in range(out.shape[1]):
             inverse = p[y + 2, x + 2]
             z = _ONE / inverse if inverse > _ZERO else _ONE
-            theta = min(math.acos(cosine[y, x]), cap)
+            theta = min(arccos(cosine[y, x]), cap)
             slant = theta / (_HALF_PI - theta)
-            sigma = a + z * (b + z * c) + d * z ** n * slant * slant
+            sigma = a + z * (b + z * c) + d * power(z, n) * slant * slant
             out[y, x] = max(sigma, _ZERO) if inverse > _ZERO else _ZERO
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(cache=True, error_model='numpy', fastmath=FAST)
 def observe(p, cosine, model, reflectivity, source, normals, range_min, range_max,  # type: ignore
             zero_confidence, depth, sigma, amplitude, confidence):
     """
@@ -55,7 +56,7 @@ def observe(p, cosine, model, reflectivity, source, normals, range_min, range_ma
     reflectivity : numpy.ndarray
         (H, W) float32 in 0..1, or (1, 1) for one value everywhere.
     source : numpy.ndarray
-        (H * W,) int32, where each pixel's value comes from.
+        (H * W,) int32, where each pixel's value comes from; empty: from itself.
     normals : numpy.ndarray
         (H * W,) float32 standard normals.
     range_min, range_max : float
@@ -70,22 +71,29 @@ def observe(p, cosine, model, reflectivity, source, normals, range_min, range_ma
     uniform = reflectivity.size == 1
     for y in range(height):
         for x in range(width):
-            pixel = y * width + x
-            seen = source[pixel]
-            sy = y if seen == pixel else seen // width
-            sx = seen - sy * width
-            inverse = p[sy + 2, sx + 2]
-            z = _ONE / inverse if inverse > _ZERO else _ZERO
-            spread = model[sy, sx]
-            value = z + spread * normals[pixel]
-            if range_min <= z <= range_max and range_min <= value <= range_max:
-                rho = reflectivity[0, 0] if uniform else reflectivity[sy, sx]
-                depth[y, x] = value
-                sigma[y, x] = spread
-                amplitude[y, x] = rho * cosine[sy, sx] * inverse * inverse
-                confidence[y, x] = max(_ONE - spread / zero_confidence, _ZERO)
-            else:
-                depth[y, x] = _NAN
-                sigma[y, x] = _NAN
-                amplitude[y, x] = _ZERO
-                confidence[y, x] = _ZERO
+            rho = reflectivity[0, 0] if uniform else reflectivity[y, x]
+            depth[y, x], sigma[y, x], amplitude[y, x], confidence[y, x] = _see(
+                p[y + 2, x + 2], cosine[y, x], model[y, x], rho, normals[y * width + x],
+                range_min, range_max, zero_confidence)
+    # The few pixels that see something else, again.
+    for pixel in range(source.size):
+        seen = source[pixel]
+        if seen != pixel:
+            y, x = pixel // width, pixel % width
+            sy, sx = seen // width, seen % width
+            rho = reflectivity[0, 0] if uniform else reflectivity[sy, sx]
+            depth[y, x], sigma[y, x], amplitude[y, x], confidence[y, x] = _see(
+                p[sy + 2, sx + 2], cosine[sy, sx], model[sy, sx], rho, normals[pixel],
+                range_min, range_max, zero_confidence)
+
+
+@njit(inline='always')
+def _see(inverse, cosine, spread, rho, normal, range_min, range_max,  # type: ignore
+         zero_confidence):
+    z = _ONE / inverse if inverse > _ZERO else _ZERO
+    value = z + spread * normal
+    valid = ((range_min <= z) & (z <= range_max) & (range_min <= value) & (value <= range_max))
+    confidence = max(_ONE - spread / zero_confidence, _ZERO)
+    return (value if valid else _NAN, spread if valid else _NAN,
+            rho * cosine * inverse * inverse if valid else _ZERO,
+            confidence if valid else _ZERO)

@@ -10,7 +10,7 @@ from functools import cached_property
 from flexx2_sim_ros.camera.intrinsics import Intrinsics
 from flexx2_sim_ros.camera.modes import camera_config
 from flexx2_sim_ros.camera.philox import FAST
-from flexx2_sim_ros.camera.surface import invert, is_jump, PAD, slope
+from flexx2_sim_ros.camera.surface import invert, PAD, slope
 from numba import njit
 import numpy as np
 
@@ -28,6 +28,7 @@ def pixel_rays(camera: Intrinsics) -> np.ndarray:
     Parameters
     ----------
     camera : Intrinsics
+        The camera, with its distortion.
 
     Returns
     -------
@@ -48,7 +49,8 @@ def pixel_rays(camera: Intrinsics) -> np.ndarray:
             x += target_x - distorted_x
             y += target_y - distorted_y
         distorted_x, distorted_y = _distort(x, y, camera.distortion)
-        error = np.hypot((distorted_x - target_x) * camera.fx, (distorted_y - target_y) * camera.fy)
+        error = np.hypot((distorted_x - target_x) * camera.fx,
+                         (distorted_y - target_y) * camera.fy)
     rays = np.stack([x, y])
     rays[:, ~(error < _TOLERANCE_PX)] = np.nan
     return rays
@@ -151,7 +153,7 @@ class View:
         return image.ravel()[self._index].reshape(self.camera.height, self.camera.width)
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(cache=True, error_model='numpy', fastmath=FAST)
 def _look_up(p, index, du, dv, jump_share, steep_share, out):  # type: ignore[no-untyped-def]
     width = p.shape[1] - 2 * PAD
     for pixel in range(out.size):
@@ -162,15 +164,9 @@ def _look_up(p, index, du, dv, jump_share, steep_share, out):  # type: ignore[no
             out[pixel] = _NAN
             continue
         slope_u = slope(p[j, i - 2], p[j, i - 1], here, p[j, i + 1], p[j, i + 2],
-                        is_jump(p[j, i - 2], p[j, i - 1], here, p[j, i + 1],
-                                jump_share, steep_share),
-                        is_jump(p[j, i - 1], here, p[j, i + 1], p[j, i + 2],
-                                jump_share, steep_share))
+                        jump_share, steep_share)
         slope_v = slope(p[j - 2, i], p[j - 1, i], here, p[j + 1, i], p[j + 2, i],
-                        is_jump(p[j - 2, i], p[j - 1, i], here, p[j + 1, i],
-                                jump_share, steep_share),
-                        is_jump(p[j - 1, i], here, p[j + 1, i], p[j + 2, i],
-                                jump_share, steep_share))
+                        jump_share, steep_share)
         value = here + du[pixel] * slope_u + dv[pixel] * slope_v
         out[pixel] = _ONE / value if value > _ZERO else _ONE / here
 
@@ -197,4 +193,3 @@ def points(depth: np.ndarray, rays: np.ndarray) -> np.ndarray:
     out[..., 1] = rays[1] * depth
     out[..., 2] = depth
     return out
-

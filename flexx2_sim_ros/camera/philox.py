@@ -11,6 +11,7 @@ Source: Salmon, Moraes, Dror, Shaw: "Parallel random numbers: as easy as 1, 2, 3
 import hashlib
 import math
 
+from flexx2_sim_ros.camera.fastmath import cos_sin_turns, log
 from numba import njit
 import numpy as np
 
@@ -19,7 +20,6 @@ STREAM_AXIAL = 0
 STREAM_ROW_EDGES = 1
 STREAM_COLUMN_EDGES = 2
 
-_TWO_PI = np.float32(2.0 * math.pi)
 _UNIT = np.float32(2.0 ** -32)
 _HALF = np.float32(0.5)
 _MINUS_TWO = np.float32(-2.0)
@@ -72,12 +72,12 @@ def philox4x32(c0, c1, c2, c3, k0, k1):  # type: ignore[no-untyped-def]
 @njit(inline='always')
 def normal_pair(u0, u1):  # type: ignore[no-untyped-def]
     """Turn two uint32 into two independent standard normals (float32, Box-Muller)."""
-    radius = math.sqrt(_MINUS_TWO * math.log((np.float32(u0) + _HALF) * _UNIT))
-    angle = _TWO_PI * (np.float32(u1) * _UNIT)
-    return radius * math.cos(angle), radius * math.sin(angle)
+    radius = math.sqrt(_MINUS_TWO * log((np.float32(u0) + _HALF) * _UNIT))
+    cosine, sine = cos_sin_turns(np.float32(u1) * _UNIT)
+    return radius * cosine, radius * sine
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(cache=True, error_model='numpy', fastmath=FAST)
 def fill_normals(key, stamp_low, stamp_high, stream, out):  # type: ignore[no-untyped-def]
     """
     Fill a flat float32 array with standard normals.

@@ -168,7 +168,8 @@ class Camera:
                 prepared = self._prepare(scene, matrix)
             self._expose(prepared, int(times[index]), albedos[index],
                          *(array[index] for array in out))
-        return Frame(*out, K=matrices)
+        depth, sigma, amplitude, confidence = out
+        return Frame(depth, sigma, amplitude, confidence, matrices.astype(np.float64))
 
     def _prepare(self, scene: np.ndarray, matrix: np.ndarray) -> '_Prepared':
         height, width = scene.shape
@@ -190,12 +191,10 @@ class Camera:
         pixels = depth.size
         normals = np.empty(pixels, np.float32)
         fill_normals(self._key, low, high, STREAM_AXIAL, normals)
-        if prepared.rows.size:
-            source = np.empty(pixels, np.int32)
+        source = np.empty(pixels if prepared.rows.size else 0, np.int32)
+        if source.size:
             displaced_sources(prepared.rows, prepared.columns, self._neighbourhood,
                               self._edge_sigma, self._edge_limit, self._key, low, high, source)
-        else:
-            source = np.arange(pixels, dtype=np.int32)
         observe(prepared.surface.inverse_depth, prepared.surface.cos_incidence, prepared.sigma,
                 np.ascontiguousarray(albedo), source, normals,
                 np.float32(self.mode.range_min), np.float32(self.mode.range_max),

@@ -22,6 +22,7 @@ _CREASE_SHARE = np.float32(0.002)
 _HALF = np.float32(0.5)
 _ZERO = np.float32(0.0)
 _ONE = np.float32(1.0)
+_SMALLEST = np.float32(1e-30)
 
 
 @dataclass(frozen=True)
@@ -77,10 +78,10 @@ def analyse(depth: np.ndarray, intrinsics: Intrinsics) -> Surface:
     invert(depth, inverse)
     row_jumps = np.zeros((height, width), np.uint8)
     column_jumps = np.zeros((height, width), np.uint8)
-    find_jumps(inverse, np.float32(share['jump_share']), np.float32(share['steep_share']),
-               row_jumps, column_jumps)
+    jump_share, steep_share = np.float32(share['jump_share']), np.float32(share['steep_share'])
+    find_jumps(inverse, jump_share, steep_share, row_jumps, column_jumps)
     cosine = np.empty((height, width), np.float32)
-    find_incidence(inverse, row_jumps, column_jumps, np.float32(intrinsics.fx),
+    find_incidence(inverse, jump_share, steep_share, np.float32(intrinsics.fx),
                    np.float32(intrinsics.fy), np.float32(intrinsics.cx),
                    np.float32(intrinsics.cy), cosine)
     return Surface(inverse, row_jumps, column_jumps, cosine)
@@ -114,11 +115,11 @@ def is_jump(before, here, there, after, jump_share, steep_share):  # type: ignor
     excess = max(low - step, step - high)
     scale = min(here, there)
     differs = (excess > jump_share * scale) | (abs(step) > steep_share * scale)
-    return (here > _ZERO) != (there > _ZERO) or (here > _ZERO and differs)
+    return ((here > _ZERO) != (there > _ZERO)) | ((here > _ZERO) & differs)
 
 
-@njit(cache=True, fastmath=FAST)
-def find_jumps(p, jump_share, steep_share, row_jumps, column_jumps):  # type: ignore[no-untyped-def]
+@njit(cache=True, error_model='numpy', fastmath=FAST)
+def find_jumps(p, jump_share, steep_share, row_jumps, column_jumps):  # type: ignore
     """Flag the depth jumps to the right of and below every pixel (the image border is none)."""
     height, width = row_jumps.shape
     for y in range(height):
@@ -136,13 +137,15 @@ def find_jumps(p, jump_share, steep_share, row_jumps, column_jumps):  # type: ig
 
 
 @njit(inline='always')
-def slope(p2, p1, p0, n1, n2, jump_before, jump_after):  # type: ignore[no-untyped-def]
+def slope(p2, p1, p0, n1, n2, jump_share, steep_share):  # type: ignore[no-untyped-def]
     """
     Return the slope of inverse depth at the middle of five pixels in a line.
 
     Never across a jump: there the other side is taken, and none at all between two jumps. At a
     crease the side that goes on more evenly is taken.
     """
+    jump_before = is_jump(p2, p1, p0, n1, jump_share, steep_share)
+    jump_after = is_jump(p1, p0, n1, n2, jump_share, steep_share)
     before = p0 - p1
     after = n1 - p0
     bend_before = abs(before - (p1 - p2)) if p2 > _ZERO else abs(before)
@@ -150,26 +153,26 @@ def slope(p2, p1, p0, n1, n2, jump_before, jump_after):  # type: ignore[no-untyp
     smoother = before if bend_before < bend_after else after
     mean = _HALF * (before + after)
     both = mean if abs(before - after) <= _CREASE_SHARE * p0 else smoother
-    one = after if jump_before else before
-    return both if not (jump_before or jump_after) else (
-        _ZERO if jump_before and jump_after else one)
+    first = _ZERO if jump_before else before
+    last = _ZERO if jump_after else after
+    return first + last if jump_before | jump_after else both
 
 
-@njit(cache=True, fastmath=FAST)
-def find_incidence(p, row_jumps, column_jumps, fx, fy, cx, cy, out):  # type: ignore[no-untyped-def]
+@njit(cache=True, error_model='numpy', fastmath=FAST)
+def find_incidence(p, jump_share, steep_share, fx, fy, cx, cy, out):  # type: ignore
     """Write the cosine of the incidence angle of every pixel."""
     height, width = out.shape
     for y in range(height):
         j = y + PAD
         v = np.float32(y) - cy
+        ry = v / fy
         for x in range(width):
             i = x + PAD
             here = p[j, i]
             du = slope(p[j, i - 2], p[j, i - 1], here, p[j, i + 1], p[j, i + 2],
-                       x == 0 or row_jumps[y, x - 1] != 0, x == width - 1 or row_jumps[y, x] != 0)
+                       jump_share, steep_share)
             dv = slope(p[j - 2, i], p[j - 1, i], here, p[j + 1, i], p[j + 2, i],
-                       y == 0 or column_jumps[y - 1, x] != 0,
-                       y == height - 1 or column_jumps[y, x] != 0)
+                       jump_share, steep_share)
             u = np.float32(x) - cx
             # The plane through the pixel is n . X = 1 with n = (fx du, fy dv, p - u du - v dv),
             # and n . ray = p for the pixel's ray (u / fx, v / fy, 1).
@@ -177,6 +180,6 @@ def find_incidence(p, row_jumps, column_jumps, fx, fy, cx, cy, out):  # type: ig
             ny = fy * dv
             nz = here - u * du - v * dv
             rx = u / fx
-            ry = v / fy
             norm = (nx * nx + ny * ny + nz * nz) * (rx * rx + ry * ry + _ONE)
-            out[y, x] = min(here / math.sqrt(norm), _ONE) if here > _ZERO else _ONE
+            cosine = min(here / math.sqrt(max(norm, _SMALLEST)), _ONE)
+            out[y, x] = cosine if here > _ZERO else _ONE

@@ -33,7 +33,7 @@ def add_parser(commands: Any) -> None:
     parser.add_argument('--seconds', type=float, default=4.0,
                         help='how long to measure each mode (default %(default)s)')
     parser.add_argument('--out', type=Path, default=Path('demo_output'),
-                        help='folder for the picture and the nodes\' logs (default %(default)s)')
+                        help="folder for the picture and the nodes' logs (default %(default)s)")
     parser.add_argument('--renderer', default='auto', help='auto, egl, osmesa or ray')
     parser.set_defaults(run=run)
 
@@ -59,7 +59,8 @@ def run(arguments: argparse.Namespace) -> int:
         with _nodes(arguments) as processes, Progress(
                 TextColumn('{task.description}'), BarColumn(), TimeElapsedColumn(),
                 console=console, transient=True) as progress:
-            task = progress.add_task('starting three nodes (compiles on the first run)', total=None)
+            task = progress.add_task('starting three nodes (the first time compiles)',
+                                     total=None)
             _wait_for_streams(probe, processes, arguments.out)
             for mode in modes:
                 probe.start(mode.name)
@@ -78,7 +79,7 @@ def run(arguments: argparse.Namespace) -> int:
     finally:
         probe.close()
     console.print(table)
-    console.print('latency: from a clean image\'s arrival here to its simulated one\'s. sigma: root '
+    console.print("latency: from a clean image's arrival here to its simulated one's. sigma: root "
                   'mean square over\npixels away from edges, over time against the model.',
                   style='dim')
     path = arguments.out / 'demo.png'

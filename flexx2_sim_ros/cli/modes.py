@@ -16,9 +16,9 @@ _WHOLE = ('mode', 'noise of', 'range [m]', 'MHz', 'measured in')
 def add_parser(commands: Any) -> None:
     """Add the subcommand."""
     parser = commands.add_parser(
-        'modes', help='list the camera\'s modes', epilog='example: flexx2 modes',
-        description='List the modes: rate, range, modulation, raw frames, and the noise model with '
-        'its coefficients.')
+        'modes', help="list the camera's modes", epilog='example: flexx2 modes',
+        description='List the modes: rate, range, modulation, raw frames, and the noise model '
+        'with its coefficients.')
     parser.set_defaults(run=run)
 
 
@@ -45,13 +45,14 @@ def run(_arguments: argparse.Namespace) -> int:
     console.print('* not measured: takes the noise of the nearest measured mode of its family\n',
                   style='dim')
     console.print(noise)
-    console.print('sigma_z = a + b z + c z² + d zⁿ θ² / (π/2 - θ)², metres and radians; at 1 m: mm, '
-                  'at 0° / 60°.\nsigma_x in pixels. Source: Cai et al., COINS 2024.', style='dim')
+    console.print('sigma_z = a + b z + c z² + d zⁿ θ² / (π/2 - θ)², metres and radians; at '
+                  '1 m: mm, at 0° / 60°.\nsigma_x in pixels. Source: Cai et al., COINS 2024.', style='dim')
     return 0
 
 
 def _table(*names: str) -> Table:
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0), show_edge=False)
     for name in names:
-        table.add_column(name, justify='left' if name in _TEXT else 'right', no_wrap=name in _WHOLE)
+        table.add_column(name, justify='left' if name in _TEXT else 'right',
+                         no_wrap=name in _WHOLE)
     return table

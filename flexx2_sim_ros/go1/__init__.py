@@ -1,0 +1,1 @@
+"""The simulated robot: model, scene and clean depth. No ROS."""

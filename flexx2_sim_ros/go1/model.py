@@ -20,8 +20,6 @@ SCENE_PREFIX = 'scene/'
 _BUILT_IN = {'robot': {'builtin': 'go1.xml'}, 'scene': {'lab': 'lab.xml'}}
 # Size of the camera, 71.9 x 19.2 x 10.6 mm (data sheet), as half-sizes: depth, width, height.
 _HOUSING = (0.0053, 0.03595, 0.0096)
-# Facets for OpenGL: a sphere of 0.1 m radius is true to 0.4 mm. Flat shapes need no subdivision.
-_SLICES, _STACKS, _QUADS = 36, 18, 1
 
 
 @dataclass(frozen=True)
@@ -160,6 +158,7 @@ def build_model(robot: str = 'builtin', scene: str = 'lab', *, intrinsics: Intri
         raise InputError(f'robot: {robot_path} has no body named {ROOT_BODY!r}; found {bodies}')
     try:
         spec.attach(room, prefix=SCENE_PREFIX, frame=spec.worldbody.add_frame())
+        spec.add_material(name='flexx2_housing', rgba=[0.2, 0.21, 0.23, 1.0])
         for mount in load_mounts() if mounts is None else mounts:
             _add_camera(spec, trunk, mount, intrinsics)
         spec.stat.extent = 1.0  # MuJoCo multiplies znear and zfar by it
@@ -169,7 +168,7 @@ def build_model(robot: str = 'builtin', scene: str = 'lab', *, intrinsics: Intri
         buffer.offheight = max(buffer.offheight, intrinsics.height)
         quality = spec.visual.quality
         quality.offsamples = quality.shadowsize = 0
-        quality.numslices, quality.numstacks, quality.numquads = _SLICES, _STACKS, _QUADS
+        quality.numquads = 1  # flat faces need no subdivision for depth
         return spec.compile()
     except (ValueError, mujoco.FatalError) as error:
         raise InputError(
@@ -207,8 +206,6 @@ def _add_camera(spec: mujoco.MjSpec, trunk: Any, mount: CameraMount,
     look = mount.rotation[:, 2]
     rotation = np.stack([look, -mount.rotation[:, 0], -mount.rotation[:, 1]], axis=1)
     mujoco.mju_mat2Quat(quat, rotation.ravel())
-    if spec.material('flexx2_housing') is None:
-        spec.add_material(name='flexx2_housing', rgba=[0.2, 0.21, 0.23, 1.0])
     trunk.add_geom(
         name=f'{mount.name}_housing', type=mujoco.mjtGeom.mjGEOM_BOX, size=_HOUSING, quat=quat,
         # The lens is 1 mm in front of the housing, which therefore never is in its own view.

@@ -78,10 +78,10 @@ def open_renderer(model: mujoco.MjModel, intrinsics: Intrinsics,
     """
     Open the best renderer there is.
 
-    The OpenGL renderers belong to the thread that opened them. Round shapes are faceted there,
-    so depth differs from the ray caster's exact one by up to some 0.1 mm on the robot's parts. An
-    object that reaches nearer than the near plane is seen through by OpenGL, while the ray caster
-    sees nothing there.
+    An OpenGL renderer belongs to the thread that opened it, and should be closed there. It draws
+    round shapes with facets (``visual/quality`` in the model), so its depth is off by up to 0.6 %
+    of their radius there; the ray caster's is exact. An object that reaches nearer than the near
+    plane is seen through by OpenGL, while the ray caster sees nothing there.
 
     Parameters
     ----------

@@ -1,7 +1,9 @@
 """The camera node: clean depth in, what a Flexx2 would have seen out."""
 
+from collections.abc import Callable
 import time
 from traceback import format_exception
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from flexx2_sim_ros.camera.geometry import pixel_rays, points, View
@@ -15,14 +17,15 @@ from flexx2_sim_ros.nodes.camera_parameters import CameraParameters
 from flexx2_sim_ros.nodes.decoding import decode_camera_info, decode_image, stamp_nanoseconds
 from flexx2_sim_ros.nodes.gating import FrameGate
 from flexx2_sim_ros.nodes.pairing import Match, StampPairing
+from flexx2_sim_ros.nodes.report import Statistics
 from flexx2_sim_ros.nodes.runtime import Throttle
-from flexx2_sim_ros.nodes.statistics import Statistics
 import numpy as np
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
+from std_msgs.msg import Header
 
 _DEPTH_ENCODINGS = ('32FC1', '64FC1', '16UC1')
 
@@ -58,11 +61,11 @@ class Flexx2Camera(Node):
         overridable = QoSOverridingOptions.with_default_policies()
         reliable = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 
-        def publisher(kind: type, topic: str):  # type: ignore[no-untyped-def] # noqa: ANN202
+        def publisher(kind: type, topic: str) -> Any:
             return self.create_publisher(kind, topic, reliable,
                                          qos_overriding_options=overridable)
 
-        def subscribe(kind: type, topic: str, callback) -> None:  # type: ignore # noqa: ANN001
+        def subscribe(kind: type, topic: str, callback: Callable[[Any], None]) -> None:
             self.create_subscription(kind, topic, callback, qos_profile_sensor_data,
                                      qos_overriding_options=overridable)
 
@@ -203,7 +206,7 @@ class Flexx2Camera(Node):
             frame.confidence[view.outside] = 0.0
         return frame
 
-    def _publish(self, head, frame: Frame, wanted: list[bool]) -> None:  # type: ignore # noqa: ANN001
+    def _publish(self, head: Header, frame: Frame, wanted: list[bool]) -> None:
         invalid = np.isnan(frame.depth)
         self._statistics.invalid_share = float(invalid.mean())
         if self.settings.invalid_is_zero:
@@ -246,4 +249,3 @@ def _warm_up(camera: Camera, intrinsics: Intrinsics) -> None:
     camera.capture(scene, intrinsics.matrix, 0)
     other = Intrinsics(8, 8, 4.0, 4.0, 3.5, 3.5)
     View(intrinsics, other).depth(np.ones((8, 8), np.float32))
-

@@ -7,7 +7,11 @@ from flexx2_sim_ros.camera.intrinsics import Intrinsics
 from flexx2_sim_ros.camera.modes import DEFAULT_USECASE, Profile
 from flexx2_sim_ros.errors import InputError
 from rcl_interfaces.msg import (
-    IntegerRange, ParameterDescriptor, ParameterType, SetParametersResult)
+    IntegerRange,
+    ParameterDescriptor,
+    ParameterType,
+    SetParametersResult,
+)
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
@@ -43,23 +47,23 @@ class CameraParameters:
         self._profile = profile
         self._switching = False
         declare = self._declare
-        given = declare(_USECASE, DEFAULT_USECASE, 'The camera\'s mode; one of '
+        given = declare(_USECASE, DEFAULT_USECASE, "The camera's mode; one of "
                         'available_usecases. Settable while streaming.')
         mode = profile.mode(given)
         if given != mode.name:
             node.set_parameters([Parameter(_USECASE, value=mode.name)])
         self.usecase = mode.name
-        declare('available_usecases', profile.names, 'The camera\'s modes.', read_only=True,
+        declare('available_usecases', profile.names, "The camera's modes.", read_only=True,
                 ignore_override=True)
-        declare('model', profile.model, 'The camera\'s model.', read_only=True,
+        declare('model', profile.model, "The camera's model.", read_only=True,
                 ignore_override=True)
-        self.serial: str = declare('serial', 'SIM-0000', 'The camera\'s serial number.',
+        self.serial: str = declare('serial', 'SIM-0000', "The camera's serial number.",
                                    read_only=True)
         declare(_AUTO, True, 'Choose the exposure (of the gray image) automatically.')
         node.declare_parameter(_EXPOSURE, mode.exposure_us[1], self._exposure_descriptor())
         self.seed: int = declare('seed', 0, 'Seed of the noise.', read_only=True)
         self.camera_name: str = declare(
-            'camera_name', '', 'Cameras of different names share no noise; empty: the node\'s '
+            'camera_name', '', "Cameras of different names share no noise; empty: the node's "
             'full name.', read_only=True) or node.get_fully_qualified_name()
         declare('frame_id', '', 'frame_id of what is published; empty: that of the input.')
         declare('invalid_value', 'nan', 'How an invalid pixel is written: nan or zero.')

@@ -63,7 +63,7 @@ def decode_image(message: Any, field: str, encodings: tuple[str, ...]) -> np.nda
     if len(message.data) != step * height:
         raise InputError(f'{field}: data: found {len(message.data)} bytes, wanted '
                          f'{step * height} ({height} rows of step {step})')
-    raw: np.ndarray = np.ndarray((height, width), dtype, memoryview(message.data),
+    raw: np.ndarray = np.ndarray((height, width), dtype, message.data,
                                  strides=(step, dtype.itemsize))
     # A double beyond float32's range becomes infinite, which is: nothing there.
     with np.errstate(over='ignore', invalid='ignore'):
@@ -95,4 +95,4 @@ def little_endian_bytes(array: np.ndarray) -> memoryview:
     """Return an array's bytes in little-endian order, without a copy where possible."""
     if sys.byteorder == 'big':
         array = array.astype(array.dtype.newbyteorder('<'))
-    return memoryview(np.ascontiguousarray(array)).cast('B')
+    return np.ascontiguousarray(array).data.cast('B')

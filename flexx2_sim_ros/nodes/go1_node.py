@@ -77,7 +77,9 @@ class Go1Cameras(Node):
             for field, values in (('position', position), ('rpy_deg', rpy)):
                 if len(values) != 3:
                     raise InputError(f'{name}.{field}: found {list(values)}, wanted three numbers')
-            mounts.append(CameraMount(name, tuple(position), tuple(map(math.radians, rpy))))
+            x, y, z = map(float, position)
+            roll, pitch, yaw = map(math.radians, rpy)
+            mounts.append(CameraMount(name, (x, y, z), (roll, pitch, yaw)))
         return mounts
 
     def _open_topics(self, names: list[str]) -> None:

@@ -38,6 +38,7 @@ def cloud_message(head: Header, points: np.ndarray, confidence: np.ndarray) -> P
     Parameters
     ----------
     head : Header
+        Stamp and frame.
     points : numpy.ndarray
         (H, W, 3) float32 metres.
     confidence : numpy.ndarray

@@ -65,8 +65,9 @@ def load_scene(path: str | Path) -> Scene:
     arrays = _read(Path(path))
     for key in ('clean_depth', 'K'):
         if key not in arrays:
-            raise InputError(f'{path}: {key}: not in the file (found {", ".join(arrays) or "none"})'
-                             ', wanted clean_depth (H, W) or (T, H, W) and K (3, 3)')
+            found = ', '.join(arrays) or 'nothing'
+            raise InputError(f'{path}: {key}: not in the file, which has {found}; wanted'
+                             ' clean_depth (H, W) or (T, H, W) and K (3, 3)')
     clean = _numbers(path, arrays, 'clean_depth')
     if clean.ndim not in (2, 3) or 0 in clean.shape:
         raise InputError(f'{path}: clean_depth: found shape {clean.shape}, wanted (H, W) or '

@@ -68,7 +68,7 @@ class Statistics:
             'output rate [Hz]': f'{self.output_rate.hz:.2f}',
             'inputs received': str(self.received),
             'frames published': str(self.published),
-            'inputs dropped (not due at the mode\'s rate)': str(gate.early),
+            "inputs dropped (not due at the mode's rate)": str(gate.early),
             'inputs dropped (repeated stamp)': str(gate.repeats),
             'inputs rejected': str(self.rejected),
             'stamps went back': str(gate.restarts),

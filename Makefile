@@ -1,0 +1,42 @@
+# make demo | test | lint | bench | clean. Needs python3 (3.11 or 3.12) with venv, and make.
+PYTHON ?= python3
+BIN := .venv/bin
+STAMP := .venv/.complete
+
+# A sourced ROS must not put its own packages before those of .venv.
+unexport PYTHONPATH AMENT_PREFIX_PATH
+
+.PHONY: demo test lint bench clean
+
+demo: $(STAMP)
+	$(BIN)/flexx2 demo
+
+test: lint
+	$(BIN)/python -m pytest
+
+# ament_pep257 treats properties as any other method: hence the empty list.
+lint: $(STAMP)
+	$(BIN)/flake8
+	$(BIN)/pydocstyle --property-decorators= flexx2_sim_ros test bench setup.py
+	$(BIN)/ruff check
+	$(BIN)/mypy
+
+bench: $(STAMP)
+	$(BIN)/python -m bench
+
+clean:
+	rm -rf .venv build install log dist demo_output *.egg-info
+	rm -rf .hypothesis .mypy_cache .pytest_cache .ruff_cache
+	find . -name __pycache__ -prune -exec rm -rf {} +
+
+# Touched last: a .venv that was interrupted half-way has no stamp and is made anew.
+$(STAMP): setup.py constraints.txt
+	@$(PYTHON) -c 'import sys; sys.version_info[:2] in ((3, 11), (3, 12)) or sys.exit("needs \
+	Python 3.11 or 3.12, found %d.%d: try make PYTHON=python3.12" % sys.version_info[:2])'
+	@echo "Making .venv with $$($(PYTHON) --version): downloads about 210 MB, needs 0.9 GB" \
+	"of disk and takes one to three minutes ..."
+	$(PYTHON) -m venv --clear .venv
+	@touch .venv/COLCON_IGNORE
+	$(BIN)/pip install --disable-pip-version-check -c constraints.txt -e '.[ros,test]'
+	@touch $@
+	@echo "Made .venv."

@@ -1,0 +1,42 @@
+"""Time several functions side by side."""
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+import os
+import resource
+import statistics
+import time
+
+
+@contextmanager
+def one_core() -> Iterator[None]:
+    """Keep this process on one core within the block."""
+    cores = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, {min(cores)})
+    try:
+        yield
+    finally:
+        os.sched_setaffinity(0, cores)
+
+
+def side_by_side(functions: Mapping[str, Callable[[], object]],
+                 rounds: int) -> dict[str, float]:
+    """
+    Return the median milliseconds of each function, called in turns.
+
+    Taking turns lets whatever else the machine does meet all of them alike.
+    """
+    for function in functions.values():
+        function()
+    times: dict[str, list[float]] = {name: [] for name in functions}
+    for _ in range(rounds):
+        for name, function in functions.items():
+            start = time.perf_counter()
+            function()
+            times[name].append(time.perf_counter() - start)
+    return {name: 1e3 * statistics.median(values) for name, values in times.items()}
+
+
+def peak_megabytes() -> float:
+    """Return this process's largest resident memory so far."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024

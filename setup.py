@@ -1,0 +1,69 @@
+"""Build flexx2_sim_ros for colcon (ament_python) and for pip alike."""
+
+from pathlib import Path
+
+from setuptools import find_packages, setup
+
+NAME = 'flexx2_sim_ros'
+SHARE = Path('share') / NAME
+
+config_files: dict[str, list[str]] = {}
+for path in sorted(Path('config').rglob('*')):
+    if path.is_file():
+        config_files.setdefault(str(SHARE / path.parent), []).append(str(path))
+
+setup(
+    name=NAME,
+    version='0.1.0',
+    description='A simulated PMD Flexx2 time-of-flight camera for ROS 2 and MuJoCo',
+    author='flexx2_sim_ros maintainers',
+    author_email='noreply@example.com',
+    license='Apache-2.0',
+    python_requires='>=3.11',
+    packages=find_packages(include=[NAME, f'{NAME}.*']),
+    data_files=[
+        ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
+        (str(SHARE), ['package.xml']),
+        *config_files.items(),
+    ],
+    install_requires=[
+        'matplotlib>=3.7',
+        'mujoco>=3.3',
+        'numba>=0.59',
+        'numpy>=1.26',
+        'PyYAML>=6.0.1',
+        'rich>=13.0',
+    ],
+    extras_require={
+        'ros': [
+            'ros-jazzy-common-interfaces',
+            'ros-jazzy-rclpy[fastrtps]',
+        ],
+        'test': [
+            'colcon-common-extensions',
+            'flake8',
+            'flake8-blind-except',
+            'flake8-builtins',
+            'flake8-class-newline',
+            'flake8-comprehensions',
+            'flake8-deprecated',
+            'flake8-docstrings',
+            'flake8-import-order',
+            'flake8-quotes',
+            'hypothesis',
+            'mypy',
+            'pydocstyle',
+            'pytest',
+            'ruff',
+            'types-PyYAML',
+        ],
+    },
+    entry_points={
+        'console_scripts': [
+            'flexx2 = flexx2_sim_ros.cli.main:main',
+            'flexx2_camera = flexx2_sim_ros.nodes.flexx2_camera:main',
+            'go1_cameras = flexx2_sim_ros.nodes.go1_cameras:main',
+        ],
+    },
+    zip_safe=False,
+)

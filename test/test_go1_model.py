@@ -1,0 +1,230 @@
+"""The composed model: the robot's figures, the cameras' poses, and what bad files are told."""
+
+import math
+
+from flexx2_sim_ros.camera.intrinsics import Intrinsics
+from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.go1.model import build_model, CameraMount, load_mounts, stand
+import mujoco
+import numpy as np
+import pytest
+
+K = Intrinsics.from_field_of_view(224, 172, 56.0, 44.0)
+LEGS = ('FR', 'FL', 'RR', 'RL')
+TINY_ROBOT = """
+<mujoco>
+  <worldbody>
+    <body name="trunk" pos="0 0 0.5"><freejoint/><geom size="0.05"/></body>
+  </worldbody>
+</mujoco>
+"""
+
+
+@pytest.fixture(scope='module')
+def model():
+    return build_model(intrinsics=K)
+
+
+@pytest.fixture
+def standing(model):
+    data = mujoco.MjData(model)
+    assert stand(model, data) == 'home'
+    return data
+
+
+def written(path, text):
+    path.write_text(text)
+    return str(path)
+
+
+def test_the_robot_has_the_published_figures(model):
+    assert model.body('trunk').mass[0] == pytest.approx(5.204, abs=1e-6)
+    assert model.body_subtreemass[model.body('trunk').id] == pytest.approx(12.74, abs=0.01)
+    for leg in LEGS:
+        x, y = (1 if leg[0] == 'F' else -1), (1 if leg[1] == 'L' else -1)
+        np.testing.assert_allclose(model.body(f'{leg}_hip').pos, [0.1881 * x, 0.04675 * y, 0])
+        np.testing.assert_allclose(model.body(f'{leg}_thigh').pos, [0, 0.08 * y, 0])
+        np.testing.assert_allclose(model.body(f'{leg}_calf').pos, [0, 0, -0.213])
+        np.testing.assert_allclose(model.geom(f'{leg}_foot').pos, [0, 0, -0.213])
+        for part, axis, low, high, torque in (
+                ('hip', [1, 0, 0], -0.863, 0.863, 23.7),
+                ('thigh', [0, 1, 0], -0.686, 4.501, 23.7),
+                ('calf', [0, 1, 0], -2.818, -0.888, 35.55)):
+            joint = model.joint(f'{leg}_{part}_joint')
+            np.testing.assert_allclose(joint.axis, axis)
+            np.testing.assert_allclose(joint.range, [low, high])
+            actuator = model.actuator(f'{leg}_{part}_joint')
+            np.testing.assert_allclose(actuator.forcerange, [-torque, torque])
+            assert actuator.trnid[0] == joint.id
+    home = model.key('home').qpos
+    assert home[2] == 0.27
+    np.testing.assert_allclose(home[7:], [0, 0.9, -1.8] * 4)
+
+
+def test_the_robot_stands_on_its_four_feet(model, standing):
+    for leg in LEGS:
+        foot = standing.geom(f'{leg}_foot')
+        assert foot.xpos[2] - model.geom(f'{leg}_foot').size[0] == pytest.approx(0, abs=1e-6)
+    robot = model.body_rootid[model.geom_bodyid] == model.body('trunk').id
+    assert standing.geom_xpos[robot, 2].min() >= 0.0
+
+
+def test_the_robot_keeps_standing_when_the_simulation_runs(model, standing):
+    mujoco.mj_step(model, standing, 500)
+    trunk = standing.body('trunk')
+    assert trunk.xpos[2] > 0.22
+    assert trunk.xmat[8] > math.cos(math.radians(5))
+
+
+def test_the_cameras_sit_where_the_configuration_says(model, standing):
+    left, right = load_mounts()
+    assert (left.name, right.name) == ('front_left', 'front_right')
+    assert left.position[1] > 0 > right.position[1]
+    for mount in (left, right):
+        pose = standing.camera(mount.name)
+        np.testing.assert_allclose(
+            pose.xpos, standing.body('trunk').xpos + mount.position, atol=1e-9)
+        axes = pose.xmat.reshape(3, 3) * [1, -1, -1]  # MuJoCo: y up, z backwards
+        np.testing.assert_allclose(axes, mount.rotation, atol=1e-9)
+        assert mount.rotation[0, 2] > 0.7  # looks ahead
+        assert mount.rotation[2, 2] < 0  # and down
+    assert left.rotation[1, 2] > 0 > right.rotation[1, 2]  # and outwards
+
+
+def test_positive_angles_turn_as_ros_says():
+    def axes(*degrees):
+        return CameraMount('c', (0, 0, 0), tuple(map(math.radians, degrees))).rotation.T
+
+    right, down, forward = axes(0, 0, 0)
+    np.testing.assert_allclose([right, down, forward], [[0, -1, 0], [0, 0, -1], [1, 0, 0]])
+    np.testing.assert_allclose(axes(0, 0, 90)[2], [0, 1, 0], atol=1e-12)  # yaw: to the left
+    np.testing.assert_allclose(axes(0, 90, 0)[2], [0, 0, -1], atol=1e-12)  # pitch: down
+    np.testing.assert_allclose(axes(90, 0, 0)[0], [0, 0, -1], atol=1e-12)  # roll: right ear down
+    # Yaw is applied last: the horizon stays level.
+    assert axes(0, 20, 30)[0][2] == pytest.approx(0)
+
+
+@pytest.mark.parametrize('size', ['1', '500'])
+def test_the_clip_planes_do_not_follow_the_scene(tmp_path, size):
+    scene = written(tmp_path / 'scene.xml', f"""
+        <mujoco><worldbody><geom type="box" size="{size} 1 1" pos="900 0 0"/></worldbody></mujoco>
+        """)
+    model = build_model(scene=scene, intrinsics=K, near=0.05, far=12.0)
+    planes = np.array([model.vis.map.znear, model.vis.map.zfar]) * model.stat.extent
+    np.testing.assert_allclose(planes, [0.05, 12.0], rtol=1e-6)
+
+
+def test_a_robot_without_home_or_free_joint_keeps_its_pose(tmp_path):
+    robot = written(tmp_path / 'robot.xml', TINY_ROBOT.replace('<freejoint/>', ''))
+    model = build_model(robot=robot, intrinsics=K)
+    data = mujoco.MjData(model)
+    assert stand(model, data) == 'qpos0'
+    assert data.body('trunk').xpos[2] == 0.5
+
+
+def test_the_robot_stands_on_whatever_is_below_it(tmp_path):
+    scene = written(tmp_path / 'scene.xml', """
+        <mujoco><worldbody>
+          <geom type="plane" size="0 0 1" pos="0 0 -0.3"/>
+          <geom type="box" size="0.05 0.05 0.2" pos="0 0 -0.2"/>
+          <body pos="3 0 1"><freejoint/><geom size="0.1"/></body>
+        </worldbody></mujoco>
+        """)
+    robot = written(tmp_path / 'robot.xml', TINY_ROBOT)
+    model = build_model(robot=robot, scene=scene, intrinsics=K)
+    data = mujoco.MjData(model)
+    stand(model, data)
+    assert data.body('trunk').xpos[2] == pytest.approx(0.05)
+    # The built-in robot's key survives a scene that has joints of its own.
+    model = build_model(scene=scene, intrinsics=K)
+    data = mujoco.MjData(model)
+    assert stand(model, data) == 'home'
+    np.testing.assert_allclose(data.qpos[7:19], [0, 0.9, -1.8] * 4)
+
+
+def test_names_of_the_scene_cannot_clash_with_the_robots(tmp_path):
+    scene = written(tmp_path / 'scene.xml', """
+        <mujoco>
+          <asset><material name="go1_dark" rgba="1 1 1 1"/></asset>
+          <worldbody><body name="trunk"><geom name="trunk_core" size="0.1" material="go1_dark"/>
+          </body></worldbody>
+        </mujoco>
+        """)
+    model = build_model(scene=scene, intrinsics=K)
+    assert model.body('scene/trunk').id != model.body('trunk').id
+
+
+BAD_MODELS = {
+    'missing file': (None, 'path of an MJCF file'),
+    'not XML': ('robot', 'XML'),
+    'empty': ('', 'XML'),
+    'schema': ('<mujoco><worldbody><geo size="1"/></worldbody></mujoco>', 'geo'),
+    'compiler': ('<mujoco><worldbody><geom size="-1"/></worldbody></mujoco>', 'size'),
+    'missing mesh': ('<mujoco><asset><mesh name="m" file="nothing.stl"/></asset></mujoco>',
+                     'nothing.stl'),
+}
+
+
+@pytest.mark.parametrize('parameter', ['robot', 'scene'])
+@pytest.mark.parametrize('case', BAD_MODELS)
+def test_a_bad_model_file_is_named(tmp_path, parameter, case):
+    text, said = BAD_MODELS[case]
+    path = tmp_path / f'{parameter}_bad.xml'
+    if text is not None:
+        path.write_text(text)
+    with pytest.raises(InputError) as caught:
+        build_model(**{parameter: str(path)}, intrinsics=K)
+    message = str(caught.value)
+    assert message.startswith(f'{parameter}: ')
+    assert str(path) in message
+    assert said in message
+
+
+def test_a_robot_without_trunk_is_refused(tmp_path):
+    path = written(tmp_path / 'r.xml', TINY_ROBOT.replace('trunk', 'torso'))
+    with pytest.raises(InputError, match="robot: .*no body named 'trunk'; found torso"):
+        build_model(robot=path, intrinsics=K)
+
+
+def test_parts_that_do_not_fit_are_refused():
+    twice = [CameraMount('front', (0.3, 0, 0), (0, 0, 0))] * 2
+    with pytest.raises(InputError, match='do not fit together.*front'):
+        build_model(intrinsics=K, mounts=twice)
+
+
+@pytest.mark.parametrize(('field', 'change'), [
+    ('intrinsics', {'intrinsics': Intrinsics(224, 172, 210.0, 210.0, 112.0, 86.0)}),
+    ('intrinsics', {'intrinsics': Intrinsics(4, 4, 9.0, 9.0, 1.5, 1.5, (0.1, 0, 0, 0, 0))}),
+    ('near, far', {'near': 0.0}),
+    ('near, far', {'near': 2.0, 'far': 1.0}),
+    ('near, far', {'far': math.nan}),
+    ('robot', {'robot': 'go2'}),
+    ('scene', {'scene': ''}),
+])
+def test_a_bad_argument_is_named(field, change):
+    with pytest.raises(InputError, match=f'^{field}: '):
+        build_model(**{'intrinsics': K, **change})
+
+
+GOOD_MOUNT = '{name: a, position: [0, 0, 0], rpy_deg: [0, 0, 0]}'
+
+
+@pytest.mark.parametrize(('text', 'said'), [
+    ('cameras: [', 'YAML'),
+    ('[]', 'schema'),
+    ('schema: 1', 'cameras'),
+    ('{schema: 1, cameras: []}', 'cameras'),
+    ('{schema: 1, cameras: [front]}', 'cameras.0.'),
+    ('{schema: 1, cameras: [{name: a, position: [0, 0, 0]}]}', 'rpy_deg'),
+    ('{schema: 1, cameras: [{name: a, position: [0, 0], rpy_deg: [0, 0, 0]}]}', 'cameras.0.'),
+    ('{schema: 1, cameras: [{name: a, position: [0, 0, .nan], rpy_deg: [0, 0, 0]}]}', 'position'),
+    ('{schema: 1, cameras: [{name: a, position: [0, 0, 0], rpy_deg: [0, 0, x]}]}', 'cameras.0.'),
+    ('{schema: 1, cameras: [{name: 7, position: [0, 0, 0], rpy_deg: [0, 0, 0]}]}', 'name'),
+    (f'{{schema: 1, cameras: [{GOOD_MOUNT}, {GOOD_MOUNT}]}}', 'twice'),
+])
+def test_a_bad_camera_file_is_named(tmp_path, text, said):
+    path = tmp_path / 'go1.yaml'
+    path.write_text(text)
+    with pytest.raises(InputError, match=said) as caught:
+        load_mounts(path)
+    assert str(path) in str(caught.value)

@@ -1,0 +1,148 @@
+"""The package as a user gets it: from ``colcon build`` and from ``pip install``."""
+
+import ast
+import importlib.metadata
+import os
+from pathlib import Path
+import re
+import shutil
+import subprocess
+import sys
+import sysconfig
+from xml.etree import ElementTree
+
+import pytest
+import yaml
+
+NAME = 'flexx2_sim_ros'
+ROOT = Path(__file__).resolve().parents[1]
+EXECUTABLES = {'flexx2', 'flexx2_camera', 'go1_cameras'}
+MODES = set(yaml.safe_load((ROOT / 'config' / 'modes.yaml').read_text())['modes'])
+# Import name: (rosdep key, name on the Python package index). Any other name is a ROS package.
+LIBRARIES = {
+    'matplotlib': ('python3-matplotlib', 'matplotlib'),
+    'mujoco': ('python3-mujoco-pip', 'mujoco'),
+    'numba': ('python3-numba', 'numba'),
+    'numpy': ('python3-numpy', 'numpy'),
+    'rich': ('python3-rich', 'rich'),
+    'yaml': ('python3-yaml', 'PyYAML'),
+}
+
+
+def run(*command: str | Path, cwd: Path, **changes: str | Path) -> str:
+    """Return what a command, which has to succeed, prints away from this checkout."""
+    env = {key: value for key, value in os.environ.items()
+           if key not in ('PYTHONPATH', 'AMENT_PREFIX_PATH', 'COLCON_PREFIX_PATH')}
+    env |= {key: str(value) for key, value in changes.items()}
+    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=cwd, env=env)
+    assert done.returncode == 0, f'{command}\n{done.stdout}\n{done.stderr}'
+    return done.stdout
+
+
+def site_packages(prefix: Path) -> Path:
+    """Return where Python modules are under an install prefix."""
+    return Path(sysconfig.get_path('purelib', vars={'base': str(prefix)}))
+
+
+def files_under(folder: Path) -> set[Path]:
+    """Return the files under a folder, relative to it."""
+    return {path.relative_to(folder) for path in folder.rglob('*') if path.is_file()}
+
+
+def package_files() -> list[Path]:
+    """Return the package's Python files."""
+    return sorted((ROOT / NAME).rglob('*.py'))
+
+
+def ros_packages() -> set[str]:
+    """Return the ROS packages that the package imports anywhere."""
+    known = {NAME, *LIBRARIES, *sys.stdlib_module_names}
+    found = set()
+    for path in package_files():
+        for node in ast.walk(ast.parse(path.read_text())):
+            names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            names += [node.module or ''] if isinstance(node, ast.ImportFrom) else []
+            found |= {name.split('.')[0] for name in names}
+    return found - known
+
+
+@pytest.fixture(scope='module')
+def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Copy what the package is built from."""
+    copy = tmp_path_factory.mktemp('source') / NAME
+    copy.mkdir()
+    for folder in (NAME, 'config', 'resource'):
+        shutil.copytree(ROOT / folder, copy / folder,
+                        ignore=shutil.ignore_patterns('__pycache__'))
+    for file in ('LICENSE', 'package.xml', 'pyproject.toml', 'setup.cfg', 'setup.py'):
+        shutil.copy(ROOT / file, copy)
+    return copy
+
+
+@pytest.fixture(scope='module')
+def workspace(source: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Build the package with colcon; return the workspace."""
+    work = tmp_path_factory.mktemp('workspace')
+    run(sys.executable, '-m', 'colcon', 'build', '--base-paths', source, cwd=work,
+        COLCON_HOME=work)
+    return work
+
+
+def test_colcon_puts_files_where_ros_looks(workspace: Path) -> None:
+    prefix = workspace / 'install' / NAME
+    share = prefix / 'share' / NAME
+    assert files_under(prefix / 'lib' / NAME) == {Path(name) for name in EXECUTABLES}
+    assert (prefix / 'share/ament_index/resource_index/packages' / NAME).is_file()
+    assert (share / 'package.xml').is_file()
+    assert files_under(share / 'config') == files_under(ROOT / 'config')
+
+
+def test_colcon_install_runs_in_a_sourced_shell(workspace: Path) -> None:
+    script = f'. install/setup.bash && "$AMENT_PREFIX_PATH/lib/{NAME}/flexx2" modes'
+    printed = run('bash', '-c', script, cwd=workspace)
+    assert len(MODES) == 9
+    assert set(re.findall(r'Mode_\w+', printed)) == MODES
+
+
+def test_pip_install_runs(source: Path, tmp_path: Path) -> None:
+    run(sys.executable, '-m', 'pip', 'install', '--no-index', '--no-deps', '--no-build-isolation',
+        '--ignore-installed', '--prefix', tmp_path, source, cwd=tmp_path)
+    assert files_under(tmp_path / 'bin') == {Path(name) for name in EXECUTABLES}
+    path = site_packages(tmp_path)
+    printed = run(tmp_path / 'bin' / 'flexx2', 'modes', cwd=tmp_path, PYTHONPATH=path)
+    assert set(re.findall(r'Mode_\w+', printed)) == MODES
+    used = run(sys.executable, '-c', f'from {NAME}.paths import *; print(config_dir())',
+               cwd=tmp_path, PYTHONPATH=path)
+    assert Path(used.strip()) == tmp_path / 'share' / NAME / 'config'
+
+
+def test_library_imports_no_ros(tmp_path: Path) -> None:
+    modules = ['.'.join(path.relative_to(ROOT).with_suffix('').parts) for path in package_files()]
+    library = [name.removesuffix('.__init__') for name in modules
+               if not name.startswith((f'{NAME}.nodes.', f'{NAME}.cli.'))]
+    assert f'{NAME}.camera' in library
+    loaded = run(
+        sys.executable, '-c',
+        f'import sys, {", ".join(library)}, {NAME}.cli.main; print(*sys.modules)',
+        cwd=tmp_path, PYTHONPATH=ROOT)
+    assert not ros_packages() & {name.split('.')[0] for name in loaded.split()}
+
+
+def test_every_import_is_a_declared_dependency() -> None:
+    declared = {depend.text for depend in ElementTree.parse(ROOT / 'package.xml').findall('*')
+                if depend.tag.endswith('depend')}
+    setup = (ROOT / 'setup.py').read_text()
+    for key, distribution in LIBRARIES.values():
+        assert key in declared
+        assert f"'{distribution}>=" in setup
+    assert ros_packages() - {'tf2_msgs'} <= declared, 'tf2_msgs is used only where it is there'
+
+
+def test_one_version_everywhere(workspace: Path) -> None:
+    version = ElementTree.parse(ROOT / 'package.xml').findtext('version')
+    site = site_packages(workspace / 'install' / NAME)
+    installed = importlib.metadata.distributions(name=NAME, path=[str(site)])
+    changes = re.findall(r'^(\d+\.\d+\.\d+) \(.*\)$', (ROOT / 'CHANGELOG.rst').read_text(), re.M)
+    assert [found.version for found in installed] == [version]
+    assert changes[0] == version
+    assert __import__(NAME).__version__ == version

@@ -1,0 +1,323 @@
+"""Clean depth: exact geometry, the same from every backend, and reflectivity by surface."""
+
+import os
+import subprocess
+import sys
+
+from flexx2_sim_ros.camera.intrinsics import Intrinsics
+from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.go1.model import build_model, CameraMount, load_mounts, stand
+from flexx2_sim_ros.go1.rendering import load_materials, open_renderer, reflectivity_table
+import mujoco
+import numpy as np
+import pytest
+
+FLEXX2 = Intrinsics.from_field_of_view(224, 172, 56.0, 44.0)
+# Unequal focal lengths and an odd height, so that no mix-up goes unseen.
+ODD = Intrinsics(200, 151, 300.0, 260.0, 99.5, 75.0)
+AHEAD = CameraMount('eye', (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+ROBOT = """
+<mujoco>
+  <worldbody><body name="trunk"><geom size="0.05" pos="-1 0 0"/></body></worldbody>
+</mujoco>
+"""
+
+
+@pytest.fixture(scope='session')
+def opengl():
+    """Return the OpenGL backend that works here."""
+    renderer = open_renderer(mujoco.MjModel.from_xml_string('<mujoco/>'), ODD)
+    renderer.close()
+    if renderer.backend == 'ray':
+        pytest.skip(f'no OpenGL: {"; ".join(renderer.reasons)}')
+    return renderer.backend
+
+
+@pytest.fixture(params=['opengl', 'ray'])
+def backend(request):
+    """Return each backend that works here in turn."""
+    return request.getfixturevalue('opengl') if request.param == 'opengl' else 'ray'
+
+
+@pytest.fixture
+def see(tmp_path, backend):
+    """Render what one camera at the origin, looking along +x, sees of a scene's geoms."""
+    def render(geoms, mount=AHEAD, assets='', **planes):
+        (tmp_path / 'robot.xml').write_text(ROBOT)
+        (tmp_path / 'scene.xml').write_text(
+            f'<mujoco><asset>{assets}</asset><worldbody>{geoms}</worldbody></mujoco>')
+        model = build_model(str(tmp_path / 'robot.xml'), str(tmp_path / 'scene.xml'),
+                            intrinsics=ODD, mounts=[mount], **planes)
+        data = mujoco.MjData(model)
+        mujoco.mj_forward(model, data)
+        renderer = open_renderer(model, ODD, backend)
+        depth, geom_id = renderer.render(data, mount.name)
+        renderer.close()
+        assert depth.shape == geom_id.shape == (ODD.height, ODD.width)
+        assert (depth.dtype, geom_id.dtype) == (np.float32, np.int32)
+        np.testing.assert_array_equal(np.isnan(depth), geom_id < 0)
+        return model, depth, geom_id
+    return render
+
+
+def rays():
+    """Return (H, W, 3) optical rays of ODD with z = 1."""
+    v, u = np.mgrid[:ODD.height, :ODD.width]
+    return np.stack([(u - ODD.cx) / ODD.fx, (v - ODD.cy) / ODD.fy, np.ones(u.shape)], axis=-1)
+
+
+@pytest.mark.parametrize('rpy', [(0.0, 0.0, 0.0), (0.3, 0.4, -0.5), (-0.2, -0.6, 0.3)])
+def test_a_tilted_wall_has_its_known_depth_at_every_pixel(see, rpy):
+    # Half a pixel of error in the principal point would show as 1 to 4 mm here.
+    mount = CameraMount('eye', (0.1, -0.2, 0.3), rpy)
+    _, depth, _ = see('<geom type="box" size="0.1 60 60" pos="2.1 0 0" euler="0 25 40"/>', mount)
+    turn = np.zeros(9)
+    quat = np.zeros(4)
+    mujoco.mju_euler2Quat(quat, np.radians([0, 25, 40]), 'xyz')
+    mujoco.mju_quat2Mat(turn, quat)
+    normal = turn.reshape(3, 3)[:, 0]
+    distance = normal @ ([2.1, 0, 0] - 0.1 * normal - np.array(mount.position))
+    expected = distance / (rays() @ mount.rotation.T @ normal)
+    # Where the wall is out of reach or seen from behind, it says nothing.
+    seen = (expected > 0.1) & (expected < 10)
+    assert seen.mean() > 0.5
+    np.testing.assert_allclose(depth[seen], expected[seen], atol=1e-4)
+
+
+def test_pixels_are_where_the_intrinsics_say_and_nothing_is_mirrored(see):
+    # A box 1 m away, left and above of the axis: y 0.05..0.2, z 0.03..0.11.
+    model, depth, geom_id = see("""
+        <geom name="wall" type="box" size="0.1 5 5" pos="3.1 0 0"/>
+        <geom name="box" type="box" size="0.01 0.075 0.04" pos="1.01 0.125 0.07"/>
+        """)
+    u = ODD.cx - ODD.fx * np.array([0.2, 0.05])
+    v = ODD.cy - ODD.fy * np.array([0.11, 0.03])
+    column, row = np.arange(ODD.width), np.arange(ODD.height)[:, None]
+    inside = (column > u[0]) & (column < u[1]) & (row > v[0]) & (row < v[1])
+    near = depth < 1.0005
+    np.testing.assert_array_equal(near, inside)
+    np.testing.assert_allclose(depth[inside], 1.0, atol=1e-4)
+    np.testing.assert_array_equal(geom_id == model.geom('scene/wall').id, np.abs(depth - 3) < 1e-4)
+
+
+def test_nothing_and_the_far_plane_are_nan(see):
+    # Depth is along the axis: the wall's corners are farther than the far plane, but not in depth.
+    _, depth, geom_id = see("""
+        <geom type="box" size="0.1 0.5 9" pos="5.09 0 0"/>
+        <geom type="box" size="0.1 9 9" pos="5.2 0 0"/>
+        """, far=5.0)
+    middle = np.abs(rays()[..., 0]) < 0.5 / 5
+    assert not np.isnan(depth[middle]).any()
+    assert np.isnan(depth[~middle]).all()
+    assert (geom_id[~middle] == -1).all()
+
+
+def test_the_near_plane_does_not_cut_what_the_camera_could_see(see):
+    _, depth, _ = see('<geom type="box" size="50 500 500" pos="50.03 0 0"/>')
+    np.testing.assert_allclose(depth, 0.03, atol=1e-5)
+
+
+def test_only_visible_shapes_are_seen(see):
+    model, depth, geom_id = see("""
+        <geom name="wall" type="box" size="0.1 5 5" pos="3.1 0 0" group="2"/>
+        <geom type="box" size="0.1 5 5" pos="1 0 0" group="3"/>
+        <geom type="box" size="0.1 5 5" pos="1.5 0 0" rgba="1 0 0 0"/>
+        <geom name="glass" type="box" size="0.1 5 5" pos="2.1 5 0" rgba="1 1 1 0.3"/>
+        <site type="box" size="0.1 5 5" pos="1.2 0 0"/>
+        """)
+    left = rays()[..., 0] < 0
+    np.testing.assert_allclose(depth[left], 2.0, atol=1e-4)
+    np.testing.assert_allclose(depth[~left], 3.0, atol=1e-4)
+    assert set(geom_id[left]) == {model.geom('scene/glass').id}
+    assert set(geom_id[~left]) == {model.geom('scene/wall').id}
+
+
+def test_hundreds_of_geoms_keep_their_ids(see):
+    # 20 x 20 posts side by side, each 1 mm nearer than the one before.
+    posts = ''.join(
+        f'<geom type="box" size="0.1 0.02 0.02" '
+        f'pos="{1.6 - 0.001 * i} {0.04 * (9.5 - i % 20)} {0.04 * (9.5 - i // 20)}"/>'
+        for i in range(400))
+    model, depth, geom_id = see(posts)
+    hit = geom_id >= 0
+    assert len(np.unique(geom_id[hit])) > 300
+    front = model.geom_pos[geom_id[hit], 0] - 0.1
+    on_front = np.abs(depth[hit] - front) < 1e-4
+    assert on_front.mean() > 0.9  # the rest are the posts' flanks
+
+
+def test_meshes_are_seen_on_both_sides(see, tmp_path):
+    (tmp_path / 'roof.obj').write_text(
+        'v 0 -9 -9\nv 0 9 -9\nv 0 9 9\nv 0 -9 9\nv 1 0 0\n'
+        'f 1 2 5\nf 2 3 5\nf 3 4 5\nf 4 1 5\nf 1 3 2\nf 1 4 3\n')
+    for turn in ('0 0 0', '0 0 180'):
+        _, depth, _ = see(f'<geom type="mesh" mesh="roof" pos="2 0 0" euler="{turn}"/>',
+                          assets='<mesh name="roof" file="roof.obj" inertia="shell"/>')
+        assert not np.isnan(depth).any()
+        assert np.ptp(depth) < 1.0
+
+
+def test_the_backends_agree_on_the_lab(opengl):
+    model = build_model(intrinsics=FLEXX2)
+    data = mujoco.MjData(model)
+    renderers = [open_renderer(model, FLEXX2, name) for name in (opengl, 'ray')]
+    for x, y, yaw in ((0.0, 0.0, 0.0), (0.4, 0.2, 0.5), (0.9, -0.1, -0.7)):
+        stand(model, data)
+        data.qpos[:2] = x, y
+        data.qpos[3], data.qpos[6] = np.cos(yaw / 2), np.sin(yaw / 2)
+        mujoco.mj_forward(model, data)
+        for camera in ('front_left', 'front_right'):
+            (gl, gl_id), (ray, ray_id) = (r.render(data, camera) for r in renderers)
+            assert np.mean(np.isnan(gl) == np.isnan(ray)) > 0.999
+            assert np.mean(gl_id == ray_id) > 0.998
+            difference = np.abs(gl - ray)
+            assert np.nanmedian(difference) < 1e-4
+            assert np.nanmean(difference < 3e-3) > 0.995
+    for renderer in renderers:
+        renderer.close()
+
+
+def test_both_cameras_have_something_to_look_at():
+    model = build_model(intrinsics=FLEXX2)
+    data = mujoco.MjData(model)
+    stand(model, data)
+    renderer = open_renderer(model, FLEXX2, 'ray')
+    robot = np.flatnonzero(model.body_rootid[model.geom_bodyid] == model.body('trunk').id)
+    seen = set()
+    for mount in load_mounts():
+        depth, geom_id = renderer.render(data, mount.name)
+        assert not np.isin(geom_id, robot).any()
+        assert depth.min() < 0.5
+        assert 0.05 < np.mean(depth > 2.4) < 0.5
+        assert depth.max() > 4.0
+        step = np.abs(np.diff(depth, axis=1)) > 0.3
+        assert step.sum() > 100  # jumps along rows
+        names = {model.geom(i).name for i in np.unique(geom_id[geom_id >= 0])}
+        assert len(names) >= 10
+        seen |= names
+    assert {f'scene/{name}' for name in (
+        'step', 'stair_1', 'stair_5', 'ramp', 'board_leaning', 'drum_metal', 'box_black',
+        'wall_behind_door')} <= seen
+
+
+def test_results_are_the_callers_to_keep(backend):
+    model = build_model(intrinsics=FLEXX2)
+    data = mujoco.MjData(model)
+    stand(model, data)
+    renderer = open_renderer(model, FLEXX2, backend)
+    first, first_id = renderer.render(data, 'front_left')
+    copy, copy_id = first.copy(), first_id.copy()
+    renderer.render(data, 'front_right')
+    np.testing.assert_array_equal(first, copy)
+    np.testing.assert_array_equal(first_id, copy_id)
+    again, _ = renderer.render(data, 'front_left')
+    np.testing.assert_array_equal(again, copy)
+    renderer.close()
+
+
+def test_a_camera_that_cannot_be_rendered_is_named(backend):
+    model = build_model(intrinsics=FLEXX2)
+    data = mujoco.MjData(model)
+    renderer = open_renderer(model, FLEXX2, backend)
+    with pytest.raises(InputError, match="camera: found 'rear', wanted one of front_left, front"):
+        renderer.render(data, 'rear')
+    renderer.close()
+    other = Intrinsics.from_field_of_view(224, 172, 60.0, 44.0)
+    renderer = open_renderer(model, other, backend)
+    with pytest.raises(InputError, match='camera front_left: .*focal length'):
+        renderer.render(data, 'front_left')
+    renderer.close()
+
+
+def test_an_unknown_backend_is_refused():
+    with pytest.raises(InputError, match="backend: found 'cuda', wanted one of auto, egl"):
+        open_renderer(mujoco.MjModel.from_xml_string('<mujoco/>'), ODD, 'cuda')
+
+
+OPEN = """
+import mujoco
+from flexx2_sim_ros.camera.intrinsics import Intrinsics
+from flexx2_sim_ros.go1.rendering import open_renderer
+renderer = open_renderer(mujoco.MjModel.from_xml_string('<mujoco/>'),
+                         Intrinsics(8, 6, 9.0, 9.0, 3.5, 2.5))
+print(renderer.backend, *renderer.reasons, sep='\\n')
+"""
+NO_LIBRARY = """
+import ctypes
+load = ctypes.CDLL.__init__
+def refuse(self, name, *args, **kwargs):
+    if name and any(part in str(name) for part in ('GL', 'OSMesa')):
+        raise OSError(f'{name}: no such library')
+    load(self, name, *args, **kwargs)
+ctypes.CDLL.__init__ = refuse
+"""
+
+
+def opened(script, **environment):
+    done = subprocess.run([sys.executable, '-c', script], capture_output=True, text=True,
+                          env={**os.environ, **environment}, timeout=60, check=True)
+    name, *reasons = done.stdout.splitlines()
+    return name, reasons
+
+
+def test_without_any_graphics_library_rays_are_cast():
+    name, reasons = opened(NO_LIBRARY + OPEN)
+    assert name == 'ray'
+    assert [reason.split()[0] for reason in reasons] == ['egl', 'osmesa']
+    assert all('needs' in reason for reason in reasons)
+
+
+def test_a_graphics_library_without_a_driver_is_passed_over():
+    name, reasons = opened(OPEN, __EGL_VENDOR_LIBRARY_FILENAMES='/nonexistent.json')
+    if name == 'egl':
+        pytest.skip('this EGL library does not look its drivers up in vendor files')
+    assert name in ('osmesa', 'ray')
+    assert reasons[0].startswith('egl does not work here')
+
+
+def test_environment_variables_do_not_choose_the_backend():
+    chosen = {opened(OPEN, PYOPENGL_PLATFORM=value)[0] for value in ('osmesa', 'egl')}
+    assert chosen == {opened(OPEN)[0]}
+
+
+def test_reflectivity_follows_the_material_and_then_the_colour():
+    model = build_model(intrinsics=FLEXX2)
+    table = reflectivity_table(model)
+    assert (table.shape, table.dtype) == ((model.ngeom + 1,), np.float32)
+    materials = load_materials()
+    for geom, material in (('scene/board_leaning', 'white_board'), ('scene/pole_black', 'black'),
+                           ('FR_foot', 'go1_rubber'), ('front_left_housing', 'flexx2_housing')):
+        assert table[model.geom(geom).id] == pytest.approx(materials[material])
+    assert table[-1] == 0.0
+    used = {model.mat(i).name.rsplit('/')[-1] for i in range(model.nmat)}
+    assert used <= set(materials)  # no built-in surface is left to a guess
+
+
+def test_reflectivity_without_a_listed_material_is_the_luminance():
+    model = mujoco.MjModel.from_xml_string("""
+        <mujoco>
+          <asset><material name="moss" rgba="0 1 0 1"/><material name="x/black" rgba="1 1 1 1"/>
+          </asset>
+          <worldbody>
+            <geom size="1" rgba="1 0 0 1"/><geom size="1" material="moss"/>
+            <geom size="1" material="moss" rgba="0 0 1 1"/><geom size="1" material="x/black"/>
+          </worldbody>
+        </mujoco>""")
+    np.testing.assert_allclose(
+        reflectivity_table(model, {'black': 0.04}), [0.2126, 0.7152, 0.0722, 0.04, 0], atol=1e-6)
+
+
+@pytest.mark.parametrize(('text', 'said'), [
+    ('schema: 1', 'materials'),
+    ('{schema: 1, materials: [wood]}', 'materials'),
+    ('{schema: 1, materials: {wood: 0.5}}', 'materials.wood'),
+    ('{schema: 1, materials: {wood: {reflectivity: 1.5}}}', 'materials.wood'),
+    ('{schema: 1, materials: {wood: {reflectivity: .nan}}}', 'materials.wood'),
+    ('{schema: 1, materials: {wood: {reflectivity: bright}}}', 'materials.wood'),
+])
+def test_a_bad_material_file_is_named(tmp_path, text, said):
+    path = tmp_path / 'materials.yaml'
+    path.write_text(text)
+    with pytest.raises(InputError, match=said) as caught:
+        load_materials(path)
+    assert str(path) in str(caught.value)

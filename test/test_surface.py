@@ -1,0 +1,203 @@
+"""Incidence angles and depth jumps, against scenes whose answer is known."""
+
+import math
+
+from flexx2_sim_ros.camera import flexx2, Intrinsics
+from flexx2_sim_ros.camera.surface import analyse, Surface
+from hypothesis import given, settings, strategies as st
+from hypothesis.extra import numpy as npst
+import numpy as np
+import pytest
+
+FLEXX2 = flexx2().intrinsics
+CAMERAS = [FLEXX2, Intrinsics(640, 480, 554.0, 560.0, 319.5, 239.5),
+           Intrinsics(57, 33, 40.0, 75.0, 5.0, 30.0), Intrinsics(64, 48, 90.0, 60.0, -20.0, 70.0)]
+# Planes through (0, 0, 1.5 m), by the slopes of their normal: level, a yaw, a pitch, both, steep.
+SLOPES = [(0, 0), (0.6, 0), (0, -0.8), (1, 1), (-1.7, 0.5), (0.4, 4)]
+
+
+def plane(camera: Intrinsics, normal: np.ndarray, distance: float) -> tuple:
+    """Return depth and incidence of the plane normal . X = distance; NaN where it is unseen."""
+    v, u = np.mgrid[:camera.height, :camera.width].astype(float)
+    rays = np.stack([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy,
+                     np.ones_like(u)], axis=-1)
+    facing = rays @ (normal / np.linalg.norm(normal))
+    cosine = np.abs(facing) / np.linalg.norm(rays, axis=-1)
+    depth = np.where(facing * distance > 0, distance / facing, np.nan)
+    return depth, np.arccos(np.clip(cosine, 0, 1))
+
+
+def tilted(slopes: tuple, distance: float = 1.5, camera: Intrinsics = FLEXX2) -> tuple:
+    normal = np.array([*slopes, 1.0])
+    return plane(camera, normal, distance / np.linalg.norm(normal))
+
+
+def look(depth: np.ndarray, camera: Intrinsics = FLEXX2) -> Surface:
+    return analyse(np.ascontiguousarray(depth, np.float32), camera)
+
+
+def worst(surface: Surface, truth: np.ndarray, where: np.ndarray) -> float:
+    """Return the largest error of the incidence angle, degrees."""
+    return math.degrees(np.abs(surface.incidence - truth)[where].max(initial=0))
+
+
+def borders(labels: np.ndarray) -> tuple:
+    """Return where neighbours in a row, and in a column, have different labels."""
+    rows, columns = np.zeros((2, *labels.shape), np.uint8)
+    rows[:, :-1] = labels[:, 1:] != labels[:, :-1]
+    columns[:-1] = labels[1:] != labels[:-1]
+    return rows, columns
+
+
+def thin(labels: np.ndarray) -> np.ndarray:
+    """
+    Return which pixels lie in a row's or column's run of one or two pixels of one label.
+
+    Such a line has no slope (or none to tell it from a jump by), so a slanted surface is not
+    known there.
+    """
+    padded = np.pad(labels.astype(np.int8), 2, constant_values=-1)
+    height, width = labels.shape
+    out = np.zeros(labels.shape, bool)
+    for dy, dx in ((0, 1), (1, 0)):
+        before2, before, after, after2 = (
+            padded[2 + k * dy:2 + k * dy + height, 2 + k * dx:2 + k * dx + width] == labels
+            for k in (-2, -1, 1, 2))
+        out |= ~((before2 & before) | (before & after) | (after & after2))
+    return out
+
+
+@pytest.mark.parametrize('camera', CAMERAS, ids=lambda camera: f'{camera.width}')
+@pytest.mark.parametrize('seed', range(8))
+def test_planes_up_to_80_degrees(camera: Intrinsics, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    # The angle at a pixel drawn from the whole image, the direction at random.
+    ray = np.array([(rng.uniform(0, camera.width) - camera.cx) / camera.fx,
+                    (rng.uniform(0, camera.height) - camera.cy) / camera.fy, 1.0])
+    ray /= np.linalg.norm(ray)
+    aside = np.cross(ray, rng.normal(size=3))
+    angle = math.radians(10 * seed + 10)
+    normal = math.cos(angle) * ray + math.sin(angle) * aside / np.linalg.norm(aside)
+    depth, truth = plane(camera, normal, rng.uniform(0.3, 5) * math.cos(angle))
+    seen = (truth < math.radians(80)) & (depth < 20)
+    assert seen.sum() > 100
+    surface = look(np.where(seen, depth, np.nan), camera)
+    rows, columns = borders(seen)
+    # No jumps but the borders of what is seen.
+    np.testing.assert_array_equal(surface.row_jumps, rows)
+    np.testing.assert_array_equal(surface.column_jumps, columns)
+    assert worst(surface, truth, seen & ~thin(seen)) < 1
+
+
+@pytest.mark.parametrize('distance', [1.0, 2.0, 4.0])
+@pytest.mark.parametrize('slopes', SLOPES)
+def test_planes_in_whole_millimetres(slopes: tuple, distance: float) -> None:
+    """Rounding to 1 mm moves single angles by degrees; what is made of them, sigma_z, hardly."""
+    depth, truth = tilted(slopes, distance)
+    seen = (truth < math.radians(80)) & (depth > 0.5) & (depth < 7)
+    surface = look(np.where(seen, np.rint(depth * 1000) / 1000, np.nan))
+    rows, columns = borders(seen)
+    np.testing.assert_array_equal(surface.row_jumps, rows)
+    np.testing.assert_array_equal(surface.column_jumps, columns)
+    inside = seen & ~thin(seen)
+    for mode in flexx2().modes:
+        ratio = (mode.noise.sigma_z(depth[inside], surface.incidence[inside])
+                 / mode.noise.sigma_z(depth[inside], truth[inside]))
+        assert np.sqrt(np.mean(ratio ** 2)) == pytest.approx(1, abs=0.01)
+        assert np.abs(ratio - 1).max() < 0.25
+
+
+V, U = np.mgrid[:172, :224]
+SHAPES = {'upright': U < 100, 'level': V < 90, 'diagonal': U + V < 200, 'other': U - V < 33,
+          'slanted': 3 * U + V < 400, 'disc': np.hypot(U - 110.3, V - 80.2) < 50.4,
+          'board': (np.abs(U - 110) < 40) & (np.abs(V - 80) < 30)}
+
+
+@pytest.mark.parametrize('shape', SHAPES)
+@pytest.mark.parametrize(('front', 'back'), [(0, 1), (1, 0), (3, 1), (2, 4), (4, 2), (5, 0)])
+def test_nothing_is_mixed_across_a_jump(shape: str, front: int, back: int) -> None:
+    near, near_truth = tilted(SLOPES[front], 1.0)
+    far, far_truth = tilted(SLOPES[back], 3.0)
+    mask = SHAPES[shape]
+    truth = np.where(mask, near_truth, far_truth)
+    depth = np.where(mask, near, far)
+    # Both surfaces in view, clearly apart.
+    valid = np.isfinite(near) & np.isfinite(far) & (truth < math.radians(80)) & (near < 7)
+    valid &= (far < 7) & (np.fmax(near, far) / np.fmin(near, far) > 1.05)
+    labels = np.where(valid, mask, 2)
+    surface = look(np.where(valid, depth, np.nan))
+    rows, columns = borders(labels)
+    clear = valid & ~thin(labels)
+    for found, wanted in ((surface.row_jumps, rows), (surface.column_jumps, columns)):
+        assert not (wanted & ~found).any()
+        assert not (found & ~wanted)[clear].any()
+    assert valid.sum() > 5000
+    assert worst(surface, truth, clear) < 1
+
+
+# Not one pixel half-way between two surfaces: it looks the same as a steep surface.
+STRIPS = [(2, 1, 2), (1, 2, 1), (2, 1.94, 2), (1, 1.05, 1), (1, 1.5, 2), (2, 1, math.nan),
+          (math.nan, 1, math.nan)]
+
+
+@pytest.mark.parametrize(('width', 'depths'), [
+    *((width, depths) for width in (1, 2, 3) for depths in STRIPS),
+    *((width, (1, 1.04, 1.08)) for width in (2, 3))])
+def test_thin_strips(width: int, depths: tuple) -> None:
+    line = np.repeat(depths, (20, width, 20))
+    labels = np.repeat([0, 1, 2], (20, width, 20))
+    for turned in (False, True):
+        depth, where = np.tile(line, (9, 1)), np.tile(labels, (9, 1))
+        depth, where = (depth.T, where.T) if turned else (depth, where)
+        height, columns = depth.shape
+        surface = look(depth, Intrinsics(columns, height, 210.0, 210.0, columns / 2, height / 2))
+        for found, wanted in zip((surface.row_jumps, surface.column_jumps), borders(where),
+                                 strict=True):
+            np.testing.assert_array_equal(found, wanted)
+        off_axis = np.arctan(np.hypot(*np.mgrid[:height, :columns] - np.array(
+            [height / 2, columns / 2])[:, None, None]) / 210)
+        assert worst(surface, off_axis, np.isfinite(depth)) < 1
+
+
+@pytest.mark.parametrize(('one', 'two'), [(0, 1), (0, 3), (1, 4), (3, 4), (2, 5)])
+@pytest.mark.parametrize('fold', [np.fmin, np.fmax])
+def test_creases_are_no_jumps(one: int, two: int, fold: np.ufunc) -> None:
+    first, first_truth = tilted(SLOPES[one])
+    second, second_truth = tilted(SLOPES[two])
+    valid = np.isfinite(first) & np.isfinite(second) & (first < 7) & (second < 7)
+    depth = np.where(valid, fold(first, second), np.nan)
+    surface = look(depth)
+    rows, columns = borders(valid)
+    np.testing.assert_array_equal(surface.row_jumps, rows)
+    np.testing.assert_array_equal(surface.column_jumps, columns)
+    on_first = depth == first
+    clear = valid.copy()
+    for axis in (0, 1):
+        for step in (-2, -1, 1, 2):
+            clear &= np.roll(on_first, step, axis) == on_first
+            clear &= np.roll(valid, step, axis)
+    assert worst(surface, np.where(on_first, first_truth, second_truth), clear) < 1
+
+
+@pytest.mark.parametrize('shape', [(1, 1), (1, 2), (2, 1), (1, 9), (9, 1), (2, 2), (2, 3), (3, 3)])
+def test_tiny_images(shape: tuple) -> None:
+    camera = Intrinsics(shape[1], shape[0], 200.0, 200.0, 0.0, 0.0)
+    surface = look(np.full(shape, 2.0), camera)
+    assert not (surface.row_jumps | surface.column_jumps).any()
+    assert surface.incidence.shape == shape
+    assert np.degrees(surface.incidence).max() < 4  # the pixels' angle off the axis
+    assert (look(np.full(shape, np.nan), camera).cos_incidence == 1).all()
+
+
+@settings(max_examples=150, deadline=None, derandomize=True)
+@given(npst.arrays(np.float32, npst.array_shapes(min_dims=2, max_dims=2, max_side=9),
+                   elements=st.floats(width=32) | st.sampled_from([np.nan, 1.0, 1.01, 2.0])),
+       st.floats(1.0, 1e4), st.floats(-1e4, 1e4))
+def test_any_image_is_survived(depth: np.ndarray, focal: float, centre: float) -> None:
+    height, width = depth.shape
+    surface = look(depth, Intrinsics(width, height, focal, 2 * focal, centre, -centre))
+    assert ((surface.cos_incidence >= 0) & (surface.cos_incidence <= 1)).all()
+    assert np.isfinite(surface.inverse_depth).all()
+    assert max(surface.row_jumps.max(), surface.column_jumps.max()) <= 1
+    assert not surface.row_jumps[:, -1].any()
+    assert not surface.column_jumps[-1].any()
