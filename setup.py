@@ -28,7 +28,7 @@ setup(
     ],
     install_requires=[
         'matplotlib>=3.7',
-        'mujoco>=3.3',
+        'mujoco>=4.0',
         'numba>=0.59',
         'numpy>=1.26',
         'PyYAML>=6.0.1',

@@ -30,11 +30,6 @@ def scene() -> np.ndarray:
     return depth
 
 
-def assert_same(one: pipeline.Frame, other: pipeline.Frame) -> None:
-    for field in FIELDS:
-        np.testing.assert_array_equal(getattr(one, field), getattr(other, field), field)
-
-
 @pytest.mark.parametrize('turn', ['yaw', 'pitch'])
 @pytest.mark.parametrize('angle', [0, 20, 45, 60, 75])
 @pytest.mark.parametrize('usecase', MEASURED)
@@ -152,6 +147,115 @@ def test_stamps_in_nanoseconds_and_in_seconds() -> None:
         equal = int(nanoseconds) == round(float(seconds) * 1e9)
         one, other = (camera.capture(scene(), K, stamp) for stamp in (seconds, nanoseconds))
         assert np.array_equal(one.depth, other.depth, equal_nan=True) == equal
+
+
+@pytest.mark.parametrize('usecase', ['Mode_5_30fps', 'Mode_9_30fps'])
+def test_the_range_holds_before_and_after_the_noise(usecase: str) -> None:
+    mode = flexx2().mode(usecase)
+    for limit, outside in ((mode.range_min, -1e-3), (mode.range_max, 1e-3)):
+        frame = Camera(usecase).capture(np.full(SHAPE, limit + outside), K, 0)
+        assert np.isnan(frame.depth).all()
+        frame = Camera(usecase).capture(np.full(SHAPE, limit), K, 0)
+        invalid = np.isnan(frame.depth)
+        assert 0.25 < invalid.mean() < 0.75  # half of 768 pixels: 13 standard deviations
+        depth = frame.depth[~invalid]
+        assert ((depth >= mode.range_min - 1e-6) & (depth <= mode.range_max + 1e-6)).all()
+        assert np.isnan(frame.sigma[invalid]).all()
+        assert not (frame.amplitude[invalid].any() or frame.confidence[invalid].any())
+        assert ((frame.confidence >= 0) & (frame.confidence <= 1)).all()
+
+
+@pytest.mark.parametrize('nothing', [
+    math.nan, math.inf, -math.inf, 0.0, -0.0, -1.0, 1e-45, 1e-38, 1e-9, 1e10, 1e20, 1e30,
+    float(np.finfo(np.float32).max), 1e39, 1e300])
+def test_what_is_no_distance_is_invalid(nothing: float) -> None:
+    clean = np.full(SHAPE, 1.0)
+    clean[12, 16] = clean[3:5, 3:5] = nothing
+    frame = Camera(seed=3).capture(clean, K, 0)
+    # The holes' edges move as one, so that all of them stay.
+    assert np.isnan(frame.depth).sum() == np.isnan(frame.sigma).sum() == 5
+    assert not frame.amplitude[np.isnan(frame.depth)].any()
+    assert np.isfinite(frame.amplitude).all()
+    assert np.isfinite(frame.confidence).all()
+
+
+def test_any_real_array_is_read_and_none_is_written() -> None:
+    clean = np.repeat([[2.0, 4.0], [3.0, 2.5]], 12, axis=1).repeat(9, axis=0)
+    whole = np.rint(clean)
+    shade = np.linspace(0, 1, clean.size).reshape(clean.shape)
+    for values, copies in (
+            (clean, [clean.astype(kind) for kind in ('f2', '>f4', 'f8', '>f8', 'g')]
+             + [np.asfortranarray(clean), clean.repeat(2, 1)[:, ::2], clean[::-1].copy()[::-1],
+                clean.tolist()]),
+            (whole, [whole.astype(kind) for kind in ('u1', 'i2', '>u2', 'u4', 'i8')])):
+        wanted = Camera(seed=1).capture(values.astype(np.float32), K, 0, shade.astype('f4'))
+        for copy in copies:
+            if isinstance(copy, np.ndarray):
+                copy.flags.writeable = False
+            frame = Camera(seed=1).capture(copy, K.tolist(), 0, shade)
+            for field in FIELDS:
+                np.testing.assert_array_equal(getattr(frame, field), getattr(wanted, field))
+                assert getattr(frame, field).dtype == np.float32
+
+
+def test_reflectivity_scales_the_amplitude_and_is_kept_between_0_and_1() -> None:
+    full, half, none, bright, unknown = (
+        Camera().capture(scene(), K, 0, np.full(SHAPE, value)).amplitude
+        for value in (1.0, 0.5, -1.0, 7.0, math.nan))
+    np.testing.assert_allclose(half, full / 2, rtol=1e-6)
+    np.testing.assert_array_equal(full, Camera().capture(scene(), K, 0).amplitude)
+    np.testing.assert_array_equal(bright, full)
+    assert not none.any()
+    assert not unknown.any()
+
+
+def test_what_is_given_back_belongs_to_the_caller() -> None:
+    clean, matrix = scene(), K.copy()
+    frame = Camera().capture(clean, matrix, 0)
+    before = frame.depth.copy()
+    clean[:] = matrix[:] = 7
+    np.testing.assert_array_equal(frame.depth, before)
+    np.testing.assert_array_equal(frame.K, K)
+    assert Camera().capture(scene(), np.eye(3, dtype=int), 0).K.dtype == np.float64
+
+
+def matrix_with(row: int, column: int, value: float) -> np.ndarray:
+    changed = K.copy()
+    changed[row, column] = value
+    return changed
+
+
+GOOD = {'clean_depth': np.ones(SHAPE), 'K': K, 'stamp': 0, 'reflectivity': np.ones(SHAPE)}
+
+
+@pytest.mark.parametrize(('field', 'value'), [
+    *(('clean_depth', bad) for bad in (
+        3.0, [1.0, 2.0], np.ones((0, 5)), np.ones((5, 0)), np.ones(SHAPE, complex), 'near', None,
+        np.ones(SHAPE, bool), np.ones(SHAPE, object), np.full(SHAPE, '1'), [[1.0, 2.0], [3.0]])),
+    *(('reflectivity', bad) for bad in (0.5, np.ones((3, 3)), np.ones(SHAPE, complex), 'white')),
+    *(('K', bad) for bad in (
+        np.eye(2), np.eye(4), K.ravel(), K[:2], 0, None, 'K', K.astype(complex), K.astype(str),
+        np.zeros((3, 3)), K * 2, K.T, *(matrix_with(*change) for change in (
+            (0, 0, 0), (1, 1, 0), (0, 0, -210), (0, 0, math.nan), (1, 1, math.inf),
+            (0, 2, math.nan), (1, 2, -math.inf), (0, 1, 0.1), (0, 1, math.nan), (2, 2, 0),
+            (2, 2, math.nan), (0, 0, 1e-60), (0, 0, 1e60), (1, 2, 1e60))))),
+    *(('stamp', bad) for bad in (
+        math.nan, math.inf, 1e12, 2 ** 70, None, 'now', True, 1j, np.array(['1']))),
+    ('leading', np.ones((2, *SHAPE)))])
+def test_what_cannot_be_used_is_named(field: str, value: object) -> None:
+    given = {**GOOD, field: value}
+    if field == 'leading':
+        given = {**GOOD, 'clean_depth': value, 'stamp': [1, 2, 3]}
+    with pytest.raises(InputError, match=f'^{field}'):
+        Camera().capture(given['clean_depth'], given['K'], given['stamp'], given['reflectivity'])
+
+
+@pytest.mark.parametrize(('field', 'value'), [
+    ('usecase', 'Mode_7'), ('seed', 'one'), ('seed', None), ('seed', 1.5), ('seed', math.nan),
+    ('name', None), ('name', 5), ('effects', ['blur'])])
+def test_a_camera_that_cannot_be_is_refused(field: str, value: object) -> None:
+    with pytest.raises(InputError, match=f'^{field}'):
+        Camera(**{field: value})
 
 
 def test_the_docstrings_example_runs() -> None:

@@ -7,10 +7,10 @@ import math
 from typing import Any
 
 from flexx2_sim_ros.camera.intrinsics import Intrinsics
+from flexx2_sim_ros.config_file import read_config
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.paths import config_dir
 import numpy as np
-import yaml
 
 DEFAULT_USECASE = 'Mode_9_30fps'
 
@@ -146,7 +146,7 @@ class Profile:
 @lru_cache(maxsize=1)
 def camera_config() -> Mapping[str, Any]:
     """Return ``config/flexx2.yaml``: what does not change with the mode."""
-    return _load('flexx2.yaml')
+    return read_config(config_dir() / 'flexx2.yaml')
 
 
 @lru_cache(maxsize=1)
@@ -161,7 +161,7 @@ def flexx2() -> Profile:
 
     """
     camera = camera_config()
-    table = _load('modes.yaml')
+    table = read_config(config_dir() / 'modes.yaml')
     try:
         intrinsics = Intrinsics.from_field_of_view(
             camera['width'], camera['height'], *camera['field_of_view_deg'])
@@ -183,14 +183,3 @@ def _mode(name: str, row: Mapping[str, Any], measured: Mapping[str, NoiseModel])
                 tuple(float(f) for f in row['modulation_hz']), int(row['raw_frames']),
                 (int(shortest), int(longest)), measured[row['noise']], row['noise'],
                 str(row['source']))
-
-
-def _load(name: str) -> Mapping[str, Any]:
-    path = config_dir() / name
-    try:
-        content = yaml.safe_load(path.read_text(encoding='utf-8'))
-    except (OSError, yaml.YAMLError) as error:
-        raise InputError(f'{path}: cannot be read: {error}') from error
-    if not isinstance(content, dict) or content.get('schema') != 1:
-        raise InputError(f'{path}: schema: wanted a mapping with schema 1')
-    return content

@@ -14,6 +14,7 @@ from typing import Any
 from flexx2_sim_ros.camera.modes import flexx2
 from flexx2_sim_ros.cli.demo_picture import draw
 from flexx2_sim_ros.errors import InputError
+from rich import box
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
@@ -79,9 +80,10 @@ def run(arguments: argparse.Namespace) -> int:
     finally:
         probe.close()
     console.print(table)
-    console.print("latency: from a clean image's arrival here to its simulated one's. sigma: root "
-                  'mean square over\npixels away from edges, over time against the model.',
-                  style='dim')
+    console.print('p50, p99: latency in ms, from the arrival of a clean image here to that of '
+                  'its\nsimulated one. inv.: invalid pixels in %. sigma: over time, root mean '
+                  'square over\nthe pixels away from edges, mm; model: what the noise model says '
+                  'of them.', style='dim')
     path = arguments.out / 'demo.png'
     draw(path, pictures, modes)
     console.print(f'picture: {path}', highlight=False)
@@ -89,9 +91,9 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _table() -> Table:
-    table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False)
-    for name in ('camera', 'mode', 'frames', 'Hz', 'latency\np50 / p99 [ms]', 'invalid\n[%]',
-                 'sigma [mm]\nreal. / model', 'ratio'):
+    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False, show_edge=False)
+    for name in ('camera', 'mode', 'frames', 'Hz', 'p50', 'p99', 'inv.', 'sigma',
+                 'model', 'ratio'):
         table.add_column(name, justify='left' if name in ('camera', 'mode') else 'right',
                          no_wrap=True)
     return table
@@ -102,8 +104,8 @@ def _add_row(table: Table, camera: str, usecase: str, capture: Any) -> None:
     realised, modelled = capture.sigmas()
     table.add_row(
         camera, usecase, str(len(capture.stamps)), f'{capture.rate_hz:.2f}',
-        f'{latency[len(latency) // 2]:.1f} / {latency[int(0.99 * (len(latency) - 1))]:.1f}',
-        f'{100 * capture.invalid_share:.1f}', f'{1e3 * realised:.2f} / {1e3 * modelled:.2f}',
+        f'{latency[len(latency) // 2]:.1f}', f'{latency[int(0.99 * (len(latency) - 1))]:.1f}',
+        f'{100 * capture.invalid_share:.1f}', f'{1e3 * realised:.2f}', f'{1e3 * modelled:.2f}',
         f'{realised / modelled:.3f}')
 
 

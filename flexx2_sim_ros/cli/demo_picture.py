@@ -27,11 +27,12 @@ def draw(path: Path, pictures: Mapping[tuple[str, str], tuple[np.ndarray, np.nda
     import matplotlib
     matplotlib.use('Agg')
     from matplotlib import pyplot
+    from matplotlib.colors import LogNorm
 
     cameras = list(dict.fromkeys(camera for camera, _ in pictures))
     figure, axes = pyplot.subplots(
         len(modes), 3 * len(cameras), squeeze=False, layout='constrained',
-        figsize=(3.1 * 3 * len(cameras) + 1.2, 2.55 * len(modes) + 0.8))
+        figsize=(2.75 * 3 * len(cameras) + 1.6, 2.15 * len(modes) + 0.7))
     depths = pyplot.get_cmap('turbo_r').with_extremes(bad=_INVALID)
     errors = pyplot.get_cmap('RdBu').with_extremes(bad=_INVALID)
     for row, mode in enumerate(modes):
@@ -39,7 +40,7 @@ def draw(path: Path, pictures: Mapping[tuple[str, str], tuple[np.ndarray, np.nda
             clean, seen = pictures[camera, mode.name]
             line = axes[row, 3 * column: 3 * column + 3]
             for axis, image in zip(line[:2], (clean, seen), strict=True):
-                depth = axis.imshow(image, cmap=depths, vmin=0.3, vmax=5.0,
+                depth = axis.imshow(image, cmap=depths, norm=LogNorm(0.3, 5.0),
                                     interpolation='nearest')
             difference = line[2].imshow(1e3 * (seen - clean), cmap=errors, vmin=-20, vmax=20,
                                         interpolation='nearest')
@@ -49,8 +50,10 @@ def draw(path: Path, pictures: Mapping[tuple[str, str], tuple[np.ndarray, np.nda
                     axis.set_title(f'{camera}: {title}', fontsize=11)
         axes[row, 0].set_ylabel(f'{mode.name}\n{mode.range_min:g} to {mode.range_max:g} m, '
                                 f'edges {mode.noise.sigma_x:.2f} px', fontsize=11)
-    figure.colorbar(depth, ax=axes[:, -1], label='depth [m]', shrink=0.8, pad=0.03)
-    figure.colorbar(difference, ax=axes[:, -1], label='difference [mm]', shrink=0.8)
+    bar = figure.colorbar(depth, ax=axes[:, -1], shrink=0.9, ticks=[0.3, 0.5, 1, 2, 3, 5])
+    bar.ax.minorticks_off()
+    bar.ax.set_yticklabels(['0.3', '0.5', '1', '2', '3', '5 m'])
+    figure.colorbar(difference, ax=axes[:, -1], shrink=0.9, label='difference [mm]')
     figure.suptitle('Two simulated Flexx2 on a Go1 (grey: invalid)', fontsize=13)
     figure.savefig(path, dpi=100)
     pyplot.close(figure)

@@ -46,7 +46,8 @@ def run(_arguments: argparse.Namespace) -> int:
                   style='dim')
     console.print(noise)
     console.print('sigma_z = a + b z + c z² + d zⁿ θ² / (π/2 - θ)², metres and radians; at '
-                  '1 m: mm, at 0° / 60°.\nsigma_x in pixels. Source: Cai et al., COINS 2024.', style='dim')
+                  '1 m: mm, at 0° / 60°.\nsigma_x in pixels. Source: Cai et al., COINS 2024.',
+                  style='dim')
     return 0
 
 

@@ -12,7 +12,6 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
-from rclpy.qos import qos_profile_sensor_data, QoSProfile
 from sensor_msgs.msg import Image
 
 # Grazing views end in noise as large as the distance, cut off by the range: no fair comparison.
@@ -70,13 +69,6 @@ class Capture:
         return (len(self.stamps) - 1) * 1e9 / (self.stamps[-1] - self.stamps[0])
 
     @property
-    def longest_gap(self) -> float:
-        """Return the longest time between two frames, in periods of the measured rate."""
-        if len(self.stamps) < 2:
-            return 0.0
-        return float(np.diff(self.stamps).max()) * self.rate_hz / 1e9
-
-    @property
     def invalid_share(self) -> float:
         """Of the last frame."""
         return float('nan') if self.depth is None else float(np.isnan(self.depth).mean())
@@ -124,13 +116,13 @@ class Probe:
         for name in cameras:
             node = f'/{name}/flexx2_camera'
             self._clients[name] = AsyncParameterClient(self._node, node)
-            self._subscribe(f'/{name}/clean/depth_image', name, self._on_clean,
-                            qos_profile_sensor_data)
-            self._subscribe(f'{node}/depth_noise_0', name, self._on_sigma, QoSProfile(depth=10))
-            self._subscribe(f'{node}/depth_image_0', name, self._on_depth, QoSProfile(depth=10))
+            self._subscribe(f'/{name}/clean/depth_image', name, self._on_clean)
+            self._subscribe(f'{node}/depth_noise_0', name, self._on_sigma)
+            self._subscribe(f'{node}/depth_image_0', name, self._on_depth)
 
-    def _subscribe(self, topic: str, name: str, callback: Any, qos: QoSProfile) -> None:
-        self._node.create_subscription(Image, topic, lambda message: callback(name, message), qos)
+    def _subscribe(self, topic: str, name: str, callback: Any) -> None:
+        # Reliable: a frame that is missing here was never published.
+        self._node.create_subscription(Image, topic, lambda message: callback(name, message), 10)
 
     def _on_clean(self, name: str, message: Image) -> None:
         kept = self._clean[name]

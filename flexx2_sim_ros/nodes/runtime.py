@@ -11,6 +11,7 @@ from typing import Any
 from flexx2_sim_ros.errors import InputError
 
 _REPEAT_SECONDS = 5.0
+_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 def leave_at_once_on_signals() -> None:
@@ -18,13 +19,13 @@ def leave_at_once_on_signals() -> None:
     Let Ctrl-C and SIGTERM end the process quietly while it is still starting.
 
     Importing and compiling take a second or two in which rclpy does not handle signals yet.
-    Nothing has been opened by then, so leaving at once is safe.
+    No topic has been opened by then, so leaving at once is safe. `run_node` takes over.
     """
     def leave(_number: int, _frame: FrameType | None) -> None:
         os._exit(0)
 
-    signal.signal(signal.SIGINT, leave)
-    signal.signal(signal.SIGTERM, leave)
+    for number in _SIGNALS:
+        signal.signal(number, leave)
 
 
 def run_node(make_node: Callable[[], Any], args: list[str] | None = None) -> int:
@@ -46,30 +47,43 @@ def run_node(make_node: Callable[[], Any], args: list[str] | None = None) -> int
 
     """
     import rclpy
+    from rclpy.exceptions import NameValidationException, ParameterException
     from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+    from rclpy.signals import install_signal_handlers, SignalHandlerOptions
 
     node = None
+    told: list[int] = []
     try:
-        rclpy.init(args=args)
+        # rclpy handles signals only once there is something to close: see the end of this block.
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
         node = make_node()
         executor = SingleThreadedExecutor()
         executor.add_node(node)
-        executor.spin()
+        for number in _SIGNALS:
+            signal.signal(number, lambda number, _frame: told.append(number))
+        # From here on a signal ends spin(), so that the node can take leave of its peers; one
+        # that came between these lines is in `told`.
+        install_signal_handlers(SignalHandlerOptions.ALL)
+        if not told:
+            executor.spin()
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
-    except InputError as error:
+    except (InputError, NameValidationException, ParameterException) as error:
         print(f'error: {error}', file=sys.stderr)
         return 1
-    except Exception:
+    except Exception as error:
+        if node is None and not rclpy.ok():
+            print(f'error: ROS arguments: {error}', file=sys.stderr)
+            return 1
         # A signal that arrives inside a callback invalidates what the callback is using.
         if rclpy.ok():
             raise
     finally:
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
-        signal.signal(signal.SIGTERM, signal.SIG_IGN)
         if node is not None:
             node.destroy_node()
         rclpy.try_shutdown()
+        for number in _SIGNALS:
+            signal.signal(number, signal.SIG_IGN)
     return 0
 
 
