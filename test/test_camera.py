@@ -161,7 +161,7 @@ def test_the_range_holds_before_and_after_the_noise(usecase: str) -> None:
         depth = frame.depth[~invalid]
         assert ((depth >= mode.range_min - 1e-6) & (depth <= mode.range_max + 1e-6)).all()
         assert np.isnan(frame.sigma[invalid]).all()
-        assert not (frame.amplitude[invalid].any() or frame.confidence[invalid].any())
+        assert not np.stack([frame.amplitude, frame.confidence])[:, invalid].any()
         assert ((frame.confidence >= 0) & (frame.confidence <= 1)).all()
 
 

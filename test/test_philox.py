@@ -3,8 +3,16 @@
 import math
 
 from flexx2_sim_ros.camera.philox import (
-    camera_key, fill_normals, normal_pair, one_normal, philox4x32, stamp_words, STREAM_AXIAL,
-    STREAM_COLUMN_EDGES, STREAM_ROW_EDGES)
+    camera_key,
+    fill_normals,
+    normal_pair,
+    one_normal,
+    philox4x32,
+    stamp_words,
+    STREAM_AXIAL,
+    STREAM_COLUMN_EDGES,
+    STREAM_ROW_EDGES,
+)
 import numpy as np
 import pytest
 

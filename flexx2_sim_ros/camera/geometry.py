@@ -138,12 +138,12 @@ class View:
             image = image / self._ray_length
         if self.identical:
             return image
-        share = camera_config()['surface']
+        config = camera_config()
         inverse = np.zeros((self.source.height + 2 * PAD, self.source.width + 2 * PAD), np.float32)
         invert(np.ascontiguousarray(image), inverse)
         out = np.empty((self.camera.height, self.camera.width), np.float32)
-        _look_up(inverse, self._index, self._du, self._dv, np.float32(share['jump_share']),
-                 np.float32(share['steep_share']), out.ravel())
+        _look_up(inverse, self._index, self._du, self._dv, np.float32(config.jump_share),
+                 np.float32(config.steep_share), out.ravel())
         return out
 
     def reflectivity(self, image: np.ndarray) -> np.ndarray:

@@ -22,7 +22,7 @@ def gray_image(amplitude: np.ndarray, exposure: float | None) -> np.ndarray:
         (H, W) uint8, square root of the amplitude, 255 at full scale.
 
     """
-    full_scale = float(camera_config()['gray']['full_scale_amplitude'])
+    full_scale = camera_config().full_scale_amplitude
     if exposure is None:
         bright = float(np.percentile(amplitude, 99))
         exposure = min(1.0, full_scale / bright) if bright > 0 else 1.0

@@ -54,8 +54,8 @@ class NoiseModel:
 
         """
         z = np.asarray(z, dtype=np.float64)
-        cap = math.radians(camera_config()['axial']['incidence_cap_deg'])
-        theta = np.minimum(np.abs(np.asarray(theta, dtype=np.float64)), cap)
+        theta = np.minimum(np.abs(np.asarray(theta, dtype=np.float64)),
+                           camera_config().incidence_cap)
         slant = (theta / (math.pi / 2 - theta)) ** 2
         sigma = self.a + self.b * z + self.c * z ** 2 + self.d * z ** self.n * slant
         return np.maximum(sigma, 0.0)
@@ -143,10 +143,75 @@ class Profile:
         raise InputError(f'usecase: found {usecase!r}, wanted one of {", ".join(self.names)}')
 
 
+@dataclass(frozen=True)
+class CameraConfig:
+    """
+    What does not change with the mode: ``config/flexx2.yaml``, which explains every number.
+
+    Attributes
+    ----------
+    model : str
+    width, height : int
+        Pixels.
+    field_of_view_deg : tuple of float
+        Horizontal and vertical.
+    jump_share, steep_share : float
+        When neighbours belong to different surfaces, as shares of the distance.
+    incidence_cap : float
+        Largest incidence angle the noise model is asked for, radians.
+    neighbourhood_px : int
+        Edges no further apart move together.
+    zero_at_sigma_m : float
+        sigma_z at which confidence is 0, metres.
+    full_scale_amplitude : float
+        Amplitude of a white gray pixel, 1/m^2.
+
+    """
+
+    model: str
+    width: int
+    height: int
+    field_of_view_deg: tuple[float, float]
+    jump_share: float
+    steep_share: float
+    incidence_cap: float
+    neighbourhood_px: int
+    zero_at_sigma_m: float
+    full_scale_amplitude: float
+
+
 @lru_cache(maxsize=1)
-def camera_config() -> Mapping[str, Any]:
-    """Return ``config/flexx2.yaml``: what does not change with the mode."""
-    return read_config(config_dir() / 'flexx2.yaml')
+def camera_config() -> CameraConfig:
+    """
+    Return ``config/flexx2.yaml``.
+
+    Raises
+    ------
+    InputError
+        When it is malformed; the message names the file and the field.
+
+    """
+    path = config_dir() / 'flexx2.yaml'
+    table = read_config(path)
+
+    def number(*keys: str) -> float:
+        value: Any = table
+        for key in keys:
+            value = value.get(key) if isinstance(value, dict) else None
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not value > 0:
+            raise InputError(f'{path}: {".".join(keys)}: found {value!r}, '
+                             'wanted a positive number')
+        return float(value)
+
+    view = table.get('field_of_view_deg')
+    if not (isinstance(view, list) and len(view) == 2):
+        raise InputError(f'{path}: field_of_view_deg: found {view!r}, wanted two angles')
+    return CameraConfig(
+        str(table.get('model')), int(number('width')), int(number('height')),
+        (float(view[0]), float(view[1])), number('surface', 'jump_share'),
+        number('surface', 'steep_share'), math.radians(number('axial', 'incidence_cap_deg')),
+        int(number('lateral', 'neighbourhood_px')), number('confidence', 'zero_at_sigma_m'),
+        number('gray', 'full_scale_amplitude'))
 
 
 @lru_cache(maxsize=1)
@@ -164,13 +229,13 @@ def flexx2() -> Profile:
     table = read_config(config_dir() / 'modes.yaml')
     try:
         intrinsics = Intrinsics.from_field_of_view(
-            camera['width'], camera['height'], *camera['field_of_view_deg'])
+            camera.width, camera.height, *camera.field_of_view_deg)
         measured = {
             name: NoiseModel(**{key: float(row[key]) for key in ('a', 'b', 'c', 'd', 'n',
                                                                  'sigma_x')})
             for name, row in table['noise'].items()}
         modes = tuple(_mode(name, row, measured) for name, row in table['modes'].items())
-        return Profile(str(camera['model']), intrinsics, modes)
+        return Profile(camera.model, intrinsics, modes)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise InputError(
             f'{config_dir()}: modes.yaml or flexx2.yaml is malformed: {error!r}') from error

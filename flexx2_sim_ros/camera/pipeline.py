@@ -92,12 +92,12 @@ class Camera:
         config = camera_config()
         self._key = camera_key(self.seed, name)
         self._coefficients = np.array([noise.a, noise.b, noise.c, noise.d, noise.n], np.float32)
-        self._cap = np.float32(math.radians(config['axial']['incidence_cap_deg']))
+        self._cap = np.float32(config.incidence_cap)
         self._edge_sigma = np.float32(pixel_sigma(noise.sigma_x))
         # Five standard deviations: 1 edge in 2 million would have gone further.
         self._edge_limit = min(math.ceil(5 * noise.sigma_x), 127)
-        self._neighbourhood = int(config['lateral']['neighbourhood_px'])
-        self._zero_confidence = np.float32(config['confidence']['zero_at_sigma_m'])
+        self._neighbourhood = config.neighbourhood_px
+        self._zero_confidence = np.float32(config.zero_at_sigma_m)
 
     @property
     def usecase(self) -> str:

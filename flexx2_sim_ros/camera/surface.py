@@ -73,12 +73,12 @@ def analyse(depth: np.ndarray, intrinsics: Intrinsics) -> Surface:
 
     """
     height, width = depth.shape
-    share = camera_config()['surface']
+    config = camera_config()
     inverse = np.zeros((height + 2 * PAD, width + 2 * PAD), np.float32)
     invert(depth, inverse)
     row_jumps = np.zeros((height, width), np.uint8)
     column_jumps = np.zeros((height, width), np.uint8)
-    jump_share, steep_share = np.float32(share['jump_share']), np.float32(share['steep_share'])
+    jump_share, steep_share = np.float32(config.jump_share), np.float32(config.steep_share)
     find_jumps(inverse, jump_share, steep_share, row_jumps, column_jumps)
     cosine = np.empty((height, width), np.float32)
     find_incidence(inverse, jump_share, steep_share, np.float32(intrinsics.fx),

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from flexx2_sim_ros.camera.intrinsics import Intrinsics
-from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.config_file import read_section
+from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.paths import config_dir
 import mujoco
 import numpy as np

@@ -6,6 +6,7 @@ from typing import Any
 from flexx2_sim_ros.camera.intrinsics import Intrinsics
 from flexx2_sim_ros.camera.modes import DEFAULT_USECASE, Profile
 from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.nodes.parameters import declare
 from rcl_interfaces.msg import (
     IntegerRange,
     ParameterDescriptor,
@@ -100,15 +101,13 @@ class CameraParameters:
         longest = self._profile.mode(self.usecase).exposure_us[1]
         return float(self._node.get_parameter(_EXPOSURE).value) / longest
 
-    def _declare(self, name: str, default: Any, description: str, *, read_only: bool = False,
-                 ignore_override: bool = False) -> Any:
-        descriptor = ParameterDescriptor(description=description, read_only=read_only)
-        return self._node.declare_parameter(name, default, descriptor, ignore_override).value
+    def _declare(self, name: str, default: Any, description: str, **options: bool) -> Any:
+        return declare(self._node, name, default, description, **options)
 
     def _declare_intrinsics(self, default: Intrinsics) -> Intrinsics:
         text = 'Intrinsics of the simulated camera, pixels'
-        fx, fy, cx, cy = (float(self._declare(name, getattr(default, name), f'{text}: {name}.',
-                                              read_only=True))
+        fx, fy, cx, cy = (self._declare(name, getattr(default, name), f'{text}: {name}.',
+                                        read_only=True)
                           for name in ('fx', 'fy', 'cx', 'cy'))
         distortion = self._declare('distortion', list(default.distortion),
                                    'plumb_bob distortion k1, k2, p1, p2, k3.', read_only=True)

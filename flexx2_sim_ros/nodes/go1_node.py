@@ -10,9 +10,9 @@ from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.go1.model import build_model, CameraMount, load_mounts, stand
 from flexx2_sim_ros.go1.rendering import open_renderer, reflectivity_table
 from flexx2_sim_ros.nodes import messages
+from flexx2_sim_ros.nodes.parameters import declare
 import mujoco
 import numpy as np
-from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
@@ -34,7 +34,7 @@ class Go1Cameras(Node):
     def __init__(self, **options: Any) -> None:
         """Build the model, open the renderer, then open the topics."""
         super().__init__('go1_cameras', **options)
-        rate = float(self._declare('rate', 60.0, 'Frames a second of each camera, Hz.'))
+        rate = self._declare('rate', 60.0, 'Frames a second of each camera, Hz.')
         if not (math.isfinite(rate) and 0 < rate <= 1000):
             raise InputError(f'rate: found {rate}, wanted a positive number of Hz, at most 1000')
         robot = self._declare('robot_model', 'builtin', 'builtin, or the path of an MJCF file.')
@@ -61,8 +61,7 @@ class Go1Cameras(Node):
             f'{self._renderer.backend}')
 
     def _declare(self, name: str, default: Any, description: str) -> Any:
-        descriptor = ParameterDescriptor(description=description, read_only=True)
-        return self.declare_parameter(name, default, descriptor).value
+        return declare(self, name, default, description, read_only=True)
 
     def _declare_mounts(self, defaults: Sequence[CameraMount]) -> list[CameraMount]:
         poses = {mount.name: mount for mount in defaults}

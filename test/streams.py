@@ -1,0 +1,307 @@
+"""A camera node in this process, what feeds it, and what listens to it, over real DDS."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+import itertools
+import time
+from typing import Any
+import unittest
+
+try:
+    import rclpy  # noqa: F401
+except ImportError as error:
+    raise unittest.SkipTest('ROS 2 is not installed: rclpy cannot be imported') from error
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from flexx2_sim_ros.camera.intrinsics import Intrinsics
+from flexx2_sim_ros.camera.modes import flexx2
+from flexx2_sim_ros.nodes.camera_node import Flexx2Camera
+import numpy as np
+from rcl_interfaces.msg import Log, SetParametersResult
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter, parameter_value_to_python
+from rclpy.parameter_client import AsyncParameterClient
+from rclpy.qos import DurabilityPolicy, qos_profile_sensor_data, QoSProfile
+from rclpy.task import Future
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import CameraInfo, Image, PointCloud2, PointField
+
+__all__ = [
+    'CLOUD', 'CameraInfo', 'Clock', 'DEPTH', 'DiagnosticStatus', 'FLEXX2', 'Flexx2Camera', 'GRAY',
+    'INFO', 'Image', 'Listener', 'NOISE', 'Parameter', 'PointCloud2', 'PointField', 'Stream',
+    'array_of', 'image_message', 'info_message', 'nanoseconds', 'stream']
+
+FLEXX2 = flexx2().intrinsics
+DEPTH, INFO, CLOUD = 'depth_image_0', 'camera_info', 'point_cloud_0'
+GRAY, NOISE = 'gray_image_0', 'depth_noise_0'
+OUTPUTS = {DEPTH: Image, INFO: CameraInfo, CLOUD: PointCloud2, GRAY: Image, NOISE: Image}
+
+# Conditions are met in milliseconds; this is for a machine that is busy with something else.
+_PATIENCE = 30.0
+_ENCODINGS = {'32FC1': ('f4', 1.0), '64FC1': ('f8', 1.0), '16UC1': ('u2', 1000.0),
+              'mono8': ('u1', 1.0)}
+_numbers = itertools.count()
+
+
+def nanoseconds(message: Any) -> int:
+    """Return a stamped message's stamp."""
+    return message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
+
+
+def _stamp(message: Any, stamp: int, frame_id: str) -> Any:
+    message.header.frame_id = frame_id
+    message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, 1_000_000_000)
+    return message
+
+
+def image_message(array: np.ndarray, stamp: int = 0, *, encoding: str = '32FC1',
+                  big_endian: bool = False, padding: int = 0, frame_id: str = 'optical') -> Image:
+    """Encode an (H, W) image of metres; ``padding`` bytes of rubbish end each row."""
+    kind, scale = _ENCODINGS[encoding]
+    values = array if scale == 1.0 else np.rint(np.nan_to_num(array) * scale)
+    pixels = values.astype(np.dtype(('>' if big_endian else '<') + kind))
+    rows = np.ascontiguousarray(pixels).view(np.uint8).reshape(len(array), -1)
+    rows = np.pad(rows, ((0, 0), (0, padding)), constant_values=0xA5)
+    message = Image(height=array.shape[0], width=array.shape[1], encoding=encoding,
+                    is_bigendian=int(big_endian), step=rows.shape[1])
+    message.data.frombytes(rows.tobytes())
+    return _stamp(message, stamp, frame_id)
+
+
+def info_message(camera: Intrinsics, stamp: int = 0, frame_id: str = 'optical') -> CameraInfo:
+    """Describe the camera that clean depth comes from."""
+    message = CameraInfo(
+        width=camera.width, height=camera.height, distortion_model='plumb_bob',
+        d=list(camera.distortion), k=camera.matrix.ravel().tolist())
+    return _stamp(message, stamp, frame_id)
+
+
+def array_of(message: Image) -> np.ndarray:
+    """Return a little-endian 32FC1 or mono8 image's pixels, checking its layout."""
+    kind, _ = _ENCODINGS[message.encoding]
+    dtype = np.dtype(f'<{kind}')
+    assert message.is_bigendian == 0
+    assert message.step == message.width * dtype.itemsize
+    assert len(message.data) == message.step * message.height
+    return np.frombuffer(message.data, dtype).reshape(message.height, message.width)
+
+
+class Listener:
+    """
+    A user of the topics: subscribes, publishes, sets parameters, and waits.
+
+    Attributes
+    ----------
+    node : rclpy.node.Node
+        To subscribe and publish with.
+    heard : dict of str to list
+        Messages by topic, for what `listen` was called with.
+    log : list of rcl_interfaces.msg.Log
+        What all nodes logged.
+
+    """
+
+    def __init__(self) -> None:
+        """Join the graph."""
+        self.node = Node(f'user_{next(_numbers)}')
+        self.heard: dict[str, list[Any]] = {}
+        self.log: list[Log] = []
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self.node)
+        self._subscriptions: dict[str, Any] = {}
+        self.node.create_subscription(
+            Log, '/rosout', self.log.append,
+            QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL))
+
+    def add(self, node: Node) -> None:
+        """Let a node under test run in this executor."""
+        self._executor.add_node(node)
+
+    def spin_until(self, condition: Callable[[], Any], what: str = 'condition') -> None:
+        """Handle messages until the condition holds; fail when it does not in time."""
+        deadline = time.monotonic() + _PATIENCE
+        while not condition():
+            left = deadline - time.monotonic()
+            assert left > 0, f'{what}: did not come about within {_PATIENCE} s'
+            self._executor.spin_once(timeout_sec=min(left, 0.05))
+
+    def listen(self, topic: str, kind: type) -> list[Any]:
+        """Subscribe and wait for the publisher; return the list that will fill."""
+        heard = self.heard[topic] = []
+        subscription = self.node.create_subscription(kind, topic, heard.append, 50)
+        self._subscriptions[topic] = subscription
+        self.spin_until(lambda: subscription.get_publisher_count() > 0, f'publisher of {topic}')
+        return heard
+
+    def ignore(self, topic: str) -> None:
+        """Unsubscribe."""
+        self.node.destroy_subscription(self._subscriptions.pop(topic))
+        del self.heard[topic]
+
+    def wait(self, future: Future) -> Any:
+        """Return what a future brings."""
+        self.spin_until(future.done, 'answer')
+        return future.result()
+
+    def close(self) -> None:
+        """Leave the graph."""
+        self._executor.shutdown()
+        self.node.destroy_node()
+
+
+class Stream(Listener):
+    """
+    A camera node, fed one image at a time: each is answered before the next is sent.
+
+    Parameters
+    ----------
+    topics : str
+        Which of the node's outputs to listen to.
+    source : Intrinsics
+        Of the clean images.
+    namespace : str
+        Of the node; one of its own when left out, so that no stream hears another.
+    parameters
+        The node's parameters.
+
+    Attributes
+    ----------
+    camera : Flexx2Camera
+        The node under test.
+    name : str
+        Its full name.
+
+    """
+
+    def __init__(self, *topics: str, source: Intrinsics = FLEXX2, namespace: str = '',
+                 **parameters: Any) -> None:
+        """Start the node and wait until everybody knows everybody."""
+        super().__init__()
+        namespace = namespace or f'/stream_{next(_numbers)}'
+        self.source = source
+        self.camera = Flexx2Camera(namespace=namespace, parameter_overrides=[
+            Parameter(name, value=value) for name, value in parameters.items()])
+        self.name = f'{namespace}/flexx2_camera'
+        self.add(self.camera)
+        self.clients = AsyncParameterClient(self.node, self.name)
+        self._clean = {
+            topic: self.node.create_publisher(kind, f'{namespace}/clean/{topic}', 10)
+            for topic, kind in (('depth_image', Image), ('camera_info', CameraInfo),
+                                ('reflectivity', Image))}
+        self._missed: dict[str, int] = {}
+        for topic in topics:
+            self.listen_to(topic)
+        self.spin_until(lambda: all(publisher.get_subscription_count()
+                                    for publisher in self._clean.values()), 'inputs')
+        inputs = [subscription for subscription in self.camera.subscriptions
+                  if '/clean/' in subscription.topic_name]
+        assert len(inputs) == 3
+        self.spin_until(lambda: all(subscription.get_publisher_count()
+                                    for subscription in inputs), 'inputs')
+        self.spin_until(self.clients.services_are_ready, 'parameter services')
+
+    def listen_to(self, topic: str) -> None:
+        """Listen to one of the node's outputs."""
+        self.listen(f'{self.name}/{topic}', OUTPUTS[topic])
+        publisher = next(publisher for publisher in self.camera.publishers
+                         if publisher.topic_name == f'{self.name}/{topic}')
+        self.spin_until(publisher.get_subscription_count, topic)
+        self._missed[topic] = self.published
+
+    @property
+    def published(self) -> int:
+        """How many frames the node has published."""
+        return self.camera._statistics.published
+
+    @property
+    def answered(self) -> int:
+        """How many images the node has dealt with, one way or the other."""
+        statistics, gate = self.camera._statistics, self.camera._gate
+        return statistics.published + statistics.rejected + gate.early + gate.repeats
+
+    def messages(self, topic: str) -> list[Any]:
+        """Return what has come on one of the node's outputs."""
+        return self.heard[f'{self.name}/{topic}']
+
+    def depths(self) -> list[np.ndarray]:
+        """Return the depth images that have come."""
+        return [array_of(message) for message in self.messages(DEPTH)]
+
+    def logged(self, *parts: str) -> list[str]:
+        """Return what the node logged with all these parts in it."""
+        name = self.camera.get_logger().name
+        return [entry.msg for entry in self.log
+                if entry.name == name and all(part in entry.msg for part in parts)]
+
+    def publish(self, *, image: Image | None = None, info: CameraInfo | None = None,
+                reflectivity: Image | None = None) -> None:
+        """Send what is given, companions first."""
+        for topic, message in (('camera_info', info), ('reflectivity', reflectivity),
+                               ('depth_image', image)):
+            if message is not None:
+                self._clean[topic].publish(message)
+
+    def settle(self) -> None:
+        """Wait until all that the node has published has come."""
+        self.spin_until(lambda: all(
+            len(self.messages(topic)) + missed >= self.published
+            for topic, missed in self._missed.items()), 'published frames')
+
+    def send(self, image: Image, info: CameraInfo | None = None,
+             reflectivity: Image | None = None) -> bool:
+        """Send an image and its companions; say whether it became a frame."""
+        answered, published = self.answered, self.published
+        self.publish(image=image, info=info, reflectivity=reflectivity)
+        self.spin_until(lambda: self.answered > answered, 'answer to an image')
+        self.settle()
+        return self.published > published
+
+    def show(self, depth: np.ndarray, stamp: int, reflectivity: np.ndarray | None = None,
+             **layout: Any) -> bool:
+        """Send clean depth with its camera info; say whether it became a frame."""
+        return self.send(
+            image_message(depth, stamp, **layout), info_message(self.source, stamp),
+            None if reflectivity is None else image_message(reflectivity, stamp))
+
+    def set(self, **values: Any) -> SetParametersResult:
+        """Set parameters through the node's service; return the last one's result."""
+        parameters = [Parameter(name, value=value) for name, value in values.items()]
+        return self.wait(self.clients.set_parameters(parameters)).results[-1]
+
+    def get(self, name: str) -> Any:
+        """Get a parameter through the node's service."""
+        values = self.wait(self.clients.get_parameters([name])).values
+        return parameter_value_to_python(values[0])
+
+    def next_diagnostics(self) -> DiagnosticStatus:
+        """Wait for the node's next report."""
+        heard = self.heard.get('/diagnostics')
+        if heard is None:
+            heard = self.listen('/diagnostics', DiagnosticArray)
+        heard.clear()
+        name = self.name.lstrip('/')
+
+        def mine() -> list[DiagnosticStatus]:
+            return [status for array in heard for status in array.status
+                    if status.name.startswith(name)]
+        self.spin_until(mine, 'diagnostics')
+        return mine()[0]
+
+    def close(self) -> None:
+        """Stop the node and leave the graph."""
+        super().close()
+        self.camera.destroy_node()
+
+
+@contextmanager
+def stream(*topics: str, **options: Any) -> Iterator[Stream]:
+    """Return a `Stream` that is closed at the end of the block."""
+    made = Stream(*topics, **options)
+    try:
+        yield made
+    finally:
+        made.close()
+
+
+SENSOR_DATA = qos_profile_sensor_data
