@@ -58,8 +58,9 @@ class CameraParameters:
                 ignore_override=True)
         declare('model', profile.model, "The camera's model.", read_only=True,
                 ignore_override=True)
-        self.serial: str = declare('serial', 'SIM-0000', "The camera's serial number.",
-                                   read_only=True)
+        # A serial made of digits arrives as a number.
+        self.serial = str(declare('serial', 'SIM-0000', "The camera's serial number.",
+                                  read_only=True, any_type=True))
         declare(_AUTO, True, 'Choose the exposure (of the gray image) automatically.')
         node.declare_parameter(_EXPOSURE, mode.exposure_us[1], self._exposure_descriptor())
         self.seed: int = declare('seed', 0, 'Seed of the noise.', read_only=True)
@@ -67,12 +68,14 @@ class CameraParameters:
             'camera_name', '', "Cameras of different names share no noise; empty: the node's "
             'full name.', read_only=True) or node.get_fully_qualified_name()
         declare('frame_id', '', 'frame_id of what is published; empty: that of the input.')
-        declare('invalid_value', 'nan', 'How an invalid pixel is written: nan or zero.')
+        declare('invalid_value', 'nan', 'How an invalid pixel is written: nan or zero.',
+                any_type=True)
         declare('input_depth', 'planar', 'What the input holds: planar (along the optical axis) '
                 'or radial (along the ray).')
         self.intrinsics = self._declare_intrinsics(profile.intrinsics)
-        for name in _CHOICES:
-            self._check(name, node.get_parameter(name).value)
+        for parameter in self._canonical([node.get_parameter(name) for name in _CHOICES]):
+            self._check(parameter.name, parameter.value)
+            node.set_parameters([parameter])
         self._on_new_mode = on_new_mode
         node.add_pre_set_parameters_callback(self._canonical)
         node.add_on_set_parameters_callback(self._validate)
@@ -131,6 +134,9 @@ class CameraParameters:
                     parameter = Parameter(_USECASE, value=name)
                 except InputError:
                     pass
+            if parameter.name == 'invalid_value' and parameter.value != parameter.value:
+                # `-p invalid_value:=nan` arrives as the number.
+                parameter = Parameter('invalid_value', value='nan')
             result.append(parameter)
         return result
 

@@ -9,7 +9,7 @@ from rclpy.node import Node
 
 
 def declare(node: Node, name: str, default: Any, description: str, *, read_only: bool = False,
-            ignore_override: bool = False) -> Any:
+            ignore_override: bool = False, any_type: bool = False) -> Any:
     """
     Declare a parameter and return its value.
 
@@ -26,6 +26,8 @@ def declare(node: Node, name: str, default: Any, description: str, *, read_only:
         Whether it can be set at the start only.
     ignore_override : bool
         Whether it cannot even be set at the start.
+    any_type : bool
+        Whether values of every type are taken, for the caller to check.
 
     Returns
     -------
@@ -41,7 +43,7 @@ def declare(node: Node, name: str, default: Any, description: str, *, read_only:
     floats = isinstance(default, float) or (
         isinstance(default, list) and isinstance(default[0], float))
     descriptor = ParameterDescriptor(description=description, read_only=read_only,
-                                     dynamic_typing=floats)
+                                     dynamic_typing=floats or any_type)
     try:
         value = node.declare_parameter(name, default, descriptor, ignore_override).value
         if isinstance(default, float):

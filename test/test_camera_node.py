@@ -1,0 +1,551 @@
+"""The camera node on real topics: what a user of the vendor's driver relies on, and more."""
+
+from collections.abc import Callable
+import math
+from typing import Any
+
+from flexx2_sim_ros.camera import Camera, Intrinsics, Mode
+from flexx2_sim_ros.camera.geometry import pixel_rays
+from flexx2_sim_ros.camera.gray import gray_image
+from flexx2_sim_ros.camera.modes import flexx2
+import numpy as np
+import pytest
+import streams
+from streams import array_of, CLOUD, DEPTH, FLEXX2, GRAY, INFO, nanoseconds, NOISE, stream
+
+MODES = flexx2().modes
+SECOND = 1_000_000_000
+START = 1_700_000_000 * SECOND
+INPUT_HZ = 240
+NAMES = ('camera', '/a/name')
+# Four boards facing the camera: their depths, and the columns away from their edges.
+BOARDS = {1.5: slice(12, 44), 3.0: slice(68, 100), 8.0: slice(124, 156), 0.05: slice(180, 212)}
+
+pytestmark = pytest.mark.usefixtures('ros')
+
+
+def boards() -> np.ndarray:
+    """Draw four boards: one in every mode's range, one in some, one too far, one too near."""
+    return np.repeat(np.array(list(BOARDS), np.float32), 56)[None].repeat(172, axis=0)
+
+
+def plane(rays: np.ndarray) -> np.ndarray:
+    """Return the depth of a slanted plane along rays (x/z, y/z)."""
+    return (1.4 / (1.0 + 0.5 * rays[0] + 0.3 * rays[1])).astype(np.float32)
+
+
+def library(seen: streams.Stream, depth: np.ndarray, stamp: int, usecase: str = '',
+            reflectivity: np.ndarray | None = None) -> Any:
+    """Return what the library makes of the same scene."""
+    settings = seen.camera.settings
+    camera = Camera(usecase or settings.usecase, seed=settings.seed, name=settings.camera_name)
+    return camera.capture(depth, settings.intrinsics.matrix, stamp, reflectivity)
+
+
+def input_stamps(count: int, hz: float = INPUT_HZ, start: int = START) -> list[int]:
+    """Return stamps of a clock that rounds either way."""
+    wobble = np.random.default_rng(count).integers(-1, 2, count)
+    return [start + round(i * SECOND / hz) + int(wobble[i]) for i in range(count)]
+
+
+def same(one: np.ndarray, other: np.ndarray) -> bool:
+    """Say whether two images are equal to the last bit, NaN included."""
+    return np.array_equal(one, other, equal_nan=True)
+
+
+@pytest.mark.parametrize(('mode', 'following'), zip(MODES, MODES[1:] + MODES[:1], strict=True),
+                         ids=[mode.name for mode in MODES])
+def test_a_mode(mode: Mode, following: Mode) -> None:
+    """Assert name, rate, range, size, info, exposure, refusal, and the switch to the next."""
+    with stream(DEPTH, INFO, NOISE, usecase=mode.name.upper(), seed=3) as seen:
+        assert seen.get('usecase') == mode.name
+        assert seen.get('available_usecases') == [m.name for m in MODES]
+        _check_exposure(seen, mode)
+        stamps = iter(input_stamps(40 * INPUT_HZ))
+
+        def feed(periods: int, rate_hz: float) -> None:
+            for _ in range(math.ceil(periods * INPUT_HZ / rate_hz)):
+                seen.show(boards(), next(stamps), frame_id='lens')
+
+        feed(8, mode.rate_hz)
+        before = len(seen.depths())
+        _check_rate([nanoseconds(m) for m in seen.messages(DEPTH)], mode)
+        _check_messages(seen, mode)
+
+        refused = seen.set(usecase='Mode_7_30fps')
+        assert not refused.successful
+        assert all(m.name in refused.reason for m in MODES)
+        assert 'Mode_7_30fps' in refused.reason
+        feed(2, mode.rate_hz)
+        assert len(seen.depths()) == before + 2
+        assert seen.get('usecase') == mode.name
+
+        answer = seen.clients.set_parameters([
+            streams.Parameter('usecase', value=f' {following.name.swapcase()} ')])
+        while not answer.done():
+            feed(1, INPUT_HZ)
+        assert answer.result().results[0].successful
+        feed(6, following.rate_hz)
+        assert seen.get('usecase') == following.name
+        _check_exposure(seen, following)
+
+        switched = _first_frame_of(seen, mode, following)
+        assert switched > before
+        _check_rate([nanoseconds(m) for m in seen.messages(DEPTH)][switched - 1:], following)
+        _check_messages(seen, following)
+
+
+def _check_exposure(seen: streams.Stream, mode: Mode) -> None:
+    name = 'exposure_time_0'
+    shortest, longest = mode.exposure_us
+    described = seen.wait(seen.clients.describe_parameters([name])).descriptors[0]
+    limits = described.integer_range[0]
+    assert (limits.from_value, limits.to_value) == (shortest, longest)
+    assert seen.get(name) == longest
+    assert seen.get('auto_exposure_0') is True
+    refused = seen.set(exposure_time_0=shortest)
+    assert not refused.successful
+    assert 'auto_exposure_0' in refused.reason
+    assert seen.set(auto_exposure_0=False).successful
+    assert not seen.set(exposure_time_0=longest + 1).successful
+    assert seen.set(exposure_time_0=shortest).successful
+    assert seen.get(name) == shortest
+    assert seen.set(auto_exposure_0=True).successful
+
+
+def _check_rate(stamps: list[int], mode: Mode) -> None:
+    # Inputs come in steps of 1/240 s: a frame is that late at most, and lateness does not add up.
+    assert len(stamps) >= 5
+    for count, stamp in enumerate(stamps):
+        due = stamps[0] + count * SECOND / mode.rate_hz
+        assert abs(stamp - due) < 1.01 * SECOND / INPUT_HZ
+
+
+def _check_messages(seen: streams.Stream, mode: Mode) -> None:
+    depth, info, noise = (seen.messages(topic)[-1] for topic in (DEPTH, INFO, NOISE))
+    assert (depth.width, depth.height, depth.encoding) == (224, 172, '32FC1')
+    assert (noise.width, noise.height, noise.encoding) == (224, 172, '32FC1')
+    assert depth.header == info.header == noise.header
+    assert depth.header.frame_id == 'lens'
+    assert (info.width, info.height, info.distortion_model) == (224, 172, 'plumb_bob')
+    k = [FLEXX2.fx, 0, 111.5, 0, FLEXX2.fy, 85.5, 0, 0, 1]
+    assert list(info.k) == k
+    assert list(info.d) == [0.0] * 5
+    assert list(info.r) == [1, 0, 0, 0, 1, 0, 0, 0, 1]
+    assert list(info.p) == [*k[:3], 0, *k[3:6], 0, *k[6:], 0]
+
+    pixels, sigma = array_of(depth), array_of(noise)
+    assert same(np.isnan(pixels), np.isnan(sigma))
+    incidence = np.arctan(np.hypot(*pixel_rays(FLEXX2)))
+    for distance, columns in BOARDS.items():
+        there = mode.range_min < distance < mode.range_max
+        assert np.isfinite(pixels[:, columns]).all() == there
+        assert np.isfinite(pixels[:, columns]).any() == there
+        if there:
+            model = mode.noise.sigma_z(distance, incidence[:, columns])
+            assert sigma[:, columns] == pytest.approx(model, rel=0.01)
+            # Beyond 7 sigma falls one pixel in 4e11; there are 5,504.
+            assert (np.abs(pixels[:, columns] - distance) < 7 * model).all()
+
+
+def _first_frame_of(seen: streams.Stream, old: Mode, new: Mode) -> int:
+    """Return where the new mode's frames begin; every frame is wholly of one mode."""
+    switched = None
+    for index, message in enumerate(seen.messages(DEPTH)):
+        was, will = (library(seen, boards(), nanoseconds(message), mode.name)
+                     for mode in (old, new))
+        depth, sigma = array_of(message), array_of(seen.messages(NOISE)[index])
+        of_old = same(depth, was.depth) and same(sigma, was.sigma)
+        of_new = same(depth, will.depth) and same(sigma, will.sigma)
+        assert of_old or of_new
+        if switched is None and not of_old:
+            switched = index
+        assert of_new or switched is None, 'back to the old mode'
+    if switched is None:  # Both modes have the same noise and range: the rate tells.
+        assert (old.noise, old.range_max) == (new.noise, new.range_max)
+        stamps = np.array([nanoseconds(message) for message in seen.messages(DEPTH)])
+        off = np.abs(np.diff(stamps) - SECOND / old.rate_hz) > 1.5 * SECOND / INPUT_HZ
+        switched = int(np.flatnonzero(off)[0]) + 1
+    return switched
+
+
+def test_frames_are_the_librarys_to_the_last_bit() -> None:
+    """Assert depth, noise, cloud and gray are the library's for seed, name and stamp."""
+    with stream(DEPTH, INFO, CLOUD, GRAY, NOISE, seed=5, camera_name='left') as seen:
+        stamp = START + 1
+        assert seen.show(boards(), stamp)
+        frame = library(seen, boards(), stamp)
+        assert seen.camera.settings.camera_name == 'left'
+        assert same(seen.depths()[0], frame.depth)
+        assert same(array_of(seen.messages(NOISE)[0]), frame.sigma)
+        gray = seen.messages(GRAY)[0]
+        assert gray.encoding == 'mono8'
+        assert same(array_of(gray), gray_image(frame.amplitude, None))
+
+        cloud = seen.messages(CLOUD)[0]
+        assert (cloud.width, cloud.height, cloud.point_step, cloud.row_step) == (
+            224, 172, 16, 3584)
+        assert not cloud.is_bigendian
+        assert not cloud.is_dense
+        assert [(f.name, f.offset, f.datatype, f.count) for f in cloud.fields] == [
+            (name, 4 * i, streams.PointField.FLOAT32, 1)
+            for i, name in enumerate(('x', 'y', 'z', 'conf'))]
+        points = np.frombuffer(cloud.data, '<f4').reshape(172, 224, 4)
+        v, u = np.mgrid[:172, :224]
+        assert points[..., 0] == pytest.approx(
+            (u - 111.5) / FLEXX2.fx * frame.depth, rel=1e-5, nan_ok=True)
+        assert points[..., 1] == pytest.approx(
+            (v - 85.5) / FLEXX2.fy * frame.depth, rel=1e-5, nan_ok=True)
+        assert same(points[..., 2], frame.depth)
+        assert same(points[..., 3], frame.confidence)
+        headers = [seen.messages(topic)[0].header for topic in (DEPTH, INFO, CLOUD, GRAY, NOISE)]
+        assert all(header == headers[0] for header in headers)
+
+
+def test_noise_is_a_cameras_own_and_a_stamps_own() -> None:
+    """Assert two cameras differ, and that what was dropped before a frame does not matter."""
+    stamps = input_stamps(49)
+    shown = {}
+    for namespace in ('/left', '/right', '/left '):
+        with stream(DEPTH, namespace=namespace.strip()) as seen:
+            # The third camera is the first one again, and misses some of its input.
+            for stamp in stamps if namespace != '/left ' else stamps[::8]:
+                seen.show(boards(), stamp)
+            shown[namespace] = {nanoseconds(message): array_of(message)
+                                for message in seen.messages(DEPTH)}
+    left, right, again = shown.values()
+    assert set(left) == set(right) == set(again)
+    assert len(left) == 7
+    for stamp, depth in left.items():
+        assert same(depth, again[stamp])
+        valid = np.isfinite(depth) & np.isfinite(right[stamp])
+        assert (depth[valid] != right[stamp][valid]).mean() > 0.99
+
+
+def test_heavy_topics_are_filled_only_for_subscribers(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert nothing is computed for nobody, and that camera_info always comes."""
+    called = []
+    for name in ('points', 'gray_image'):
+        monkeypatch.setattr(f'flexx2_sim_ros.nodes.camera_node.{name}',
+                            lambda *_: called.append('heavy'))
+    monkeypatch.setattr('flexx2_sim_ros.camera.pipeline.Camera.capture', _counted(called))
+    with stream(INFO) as seen:
+        called.clear()  # The node warms up.
+        assert seen.show(boards(), START)
+        assert not called
+        seen.listen_to(DEPTH)
+        assert seen.show(boards(), START + SECOND)
+        assert called == ['capture']
+        assert len(seen.messages(INFO)) == 2
+        assert len(seen.messages(DEPTH)) == 1
+
+
+def _counted(called: list[str]) -> Callable[..., Any]:
+    capture = Camera.capture
+
+    def counted(*arguments: Any) -> Any:
+        called.append('capture')
+        return capture(*arguments)
+    return counted
+
+
+def test_invalid_value_and_frame_id() -> None:
+    """Assert both parameters work while streaming and refuse nonsense."""
+    with stream(DEPTH, NOISE, CLOUD) as seen:
+        seen.show(boards(), START, frame_id='from_input')
+        assert seen.set(invalid_value='zero').successful
+        assert seen.set(frame_id='mine').successful
+        seen.show(boards(), START + SECOND, frame_id='from_input')
+        refused = seen.set(invalid_value='minus one')
+        assert not refused.successful
+        assert 'nan, zero' in refused.reason
+        assert [m.header.frame_id for m in seen.messages(CLOUD)] == ['from_input', 'mine']
+        frame = library(seen, boards(), START + SECOND)
+        expected = np.nan_to_num(frame.depth)
+        assert same(seen.depths()[1], expected)
+        assert same(array_of(seen.messages(NOISE)[1]), np.nan_to_num(frame.sigma))
+        points = np.frombuffer(seen.messages(CLOUD)[1].data, '<f4').reshape(172, 224, 4)
+        assert same(points[..., 2], expected)
+
+
+def test_nothing_there_is_invalid() -> None:
+    """Assert 0, NaN, infinities and negative depths come out as NaN."""
+    nothing = [0.0, -0.0, np.nan, np.inf, -np.inf, -1.5, 1e-30, 3e38]
+    scene = np.repeat(np.array([1.5, *nothing[:-1]], np.float32), 28)[None].repeat(172, axis=0)
+    scene[100:, 28:] = nothing[-1]
+    with stream(DEPTH) as seen:
+        seen.show(scene, START)
+        depth = seen.depths()[0]
+        # The lateral noise moves the valid board's edge by some pixels.
+        assert np.isfinite(depth[:90, :16]).all()
+        assert np.isnan(depth[:, 40:]).all()
+
+
+@pytest.mark.parametrize('layout', [
+    {'encoding': '64FC1'}, {'big_endian': True}, {'padding': 8}, {'padding': 3},
+    {'encoding': '64FC1', 'big_endian': True, 'padding': 5},
+    {'encoding': '16UC1'}, {'encoding': '16UC1', 'big_endian': True, 'padding': 1}], ids=str)
+def test_every_layout_gives_the_same_frame(layout: dict[str, Any]) -> None:
+    """Assert the input's encoding, byte order and padding do not show."""
+    scene = np.rint(1000 * plane(pixel_rays(FLEXX2))).astype(np.float32) / np.float32(1000)
+    scene[:, 150:] = 0.0
+    with stream(DEPTH) as seen:
+        assert seen.show(scene, START, **layout)
+        # A millimetre's float32 depends on how it is computed, in the last bit.
+        tolerance = 1e-5 if layout.get('encoding') == '16UC1' else 0.0
+        np.testing.assert_allclose(seen.depths()[0], library(seen, scene, START).depth,
+                                   rtol=0, atol=tolerance)
+
+
+def undistorted(camera: Intrinsics) -> np.ndarray:
+    """Return the rays of a plumb_bob camera's pixels, by the textbook's iteration."""
+    v, u = np.mgrid[:camera.height, :camera.width]
+    x = x0 = (u - camera.cx) / camera.fx
+    y = y0 = (v - camera.cy) / camera.fy
+    k1, k2, p1, p2, k3 = camera.distortion
+    for _ in range(60):
+        r2 = x * x + y * y
+        scale = 1 + k1 * r2 + k2 * r2 ** 2 + k3 * r2 ** 3
+        x, y = ((x0 - 2 * p1 * x * y - p2 * (r2 + 2 * x * x)) / scale,
+                (y0 - p1 * (r2 + 2 * y * y) - 2 * p2 * x * y) / scale)
+    return np.stack([x, y])
+
+
+BENT = (-0.12, 0.03, 0.001, -0.0015, 0.002)
+
+
+@pytest.mark.parametrize(('source', 'own'), [
+    (Intrinsics(640, 480, 381.0, 384.0, 319.5, 239.5), {}),
+    (Intrinsics(300, 260, 211.0, 214.0, 140.25, 131.5), {}),
+    (Intrinsics(640, 480, 370.0, 360.0, 330.0, 230.0, BENT), {}),
+    (Intrinsics(640, 480, 381.0, 384.0, 319.5, 239.5),
+     {'fx': 200.0, 'fy': 220.0, 'cx': 113.0, 'cy': 84.0, 'distortion': list(BENT)}),
+], ids=['wide', 'off-centre', 'distorted input', 'own intrinsics'])
+@pytest.mark.parametrize('radial', [False, True], ids=['planar', 'radial'])
+def test_other_cameras_input_shows_the_same_plane(source: Intrinsics, own: dict[str, Any],
+                                                  radial: bool) -> None:
+    """Assert any resolution, intrinsics, distortion and kind of depth give the same plane."""
+    with stream(DEPTH, INFO, source=source, input_depth='radial' if radial else 'planar',
+                **own) as seen:
+        rays = undistorted(source)
+        image = plane(rays) * (np.hypot(1, np.hypot(*rays)) if radial else 1)
+        assert seen.show(image, START)
+        mine = seen.camera.settings.intrinsics
+        expected = library(seen, plane(undistorted(mine)), START)
+        assert seen.depths()[0] == pytest.approx(expected.depth, abs=3e-4, nan_ok=True)
+        info = seen.messages(INFO)[0]
+        assert list(info.d) == own.get('distortion', [0.0] * 5)
+        assert (info.k[0], info.k[4]) == (own.get('fx', FLEXX2.fx), own.get('fy', FLEXX2.fy))
+        assert not seen.logged('outside the view')
+
+
+def test_depth_is_never_blended_across_a_jump() -> None:
+    """
+    Assert every pixel of two boards, seen at another resolution, is on one of them.
+
+    Noise at 2 m in this mode is 4 mm; beyond 0.05 m lies 12 sigma.
+    """
+    source = Intrinsics(640, 480, 381.0, 384.0, 319.5, 239.5)
+    scene = np.full((480, 640), 2.0, np.float32)
+    scene[200:300, 250:400] = 1.0
+    with stream(DEPTH, source=source, usecase='Mode_5_30fps') as seen:
+        for stamp in input_stamps(5, hz=30):
+            seen.show(scene, stamp)
+        depths = np.stack(seen.depths())
+        assert len(depths) == 5
+        near, far = np.abs(depths - 1.0) < 0.05, np.abs(depths - 2.0) < 0.05
+        assert (near | far).all()
+        assert near.mean() == pytest.approx(
+            (150 / 381 * FLEXX2.fx) * (100 / 384 * FLEXX2.fy) / (224 * 172), rel=0.05)
+
+
+def test_rays_outside_the_input_are_invalid_and_warned_about_once() -> None:
+    """Assert a narrow input leaves a border without depth."""
+    narrow = Intrinsics(160, 120, 210.0, 210.0, 79.5, 59.5)
+    with stream(DEPTH, CLOUD, source=narrow) as seen:
+        for stamp in input_stamps(4, hz=30):
+            assert seen.show(np.full((120, 160), 1.5, np.float32), stamp)
+        rays = pixel_rays(FLEXX2)
+        inside = (np.abs(rays[0]) * 210 < 80) & (np.abs(rays[1]) * 210 < 60)
+        for depth in seen.depths():
+            assert same(np.isfinite(depth), inside)
+        confidence = np.frombuffer(seen.messages(CLOUD)[0].data, '<f4')[3::4]
+        assert (confidence.reshape(172, 224)[~inside] == 0).all()
+        assert len(seen.logged('outside the view of clean/depth_image')) == 1
+
+
+def test_reflectivity_changes_the_gray_image_only() -> None:
+    """Assert reflectivity is paired by stamp, whatever comes first, and optional."""
+    paint = np.full((172, 224), 0.25, np.float32)
+    paint[:60], paint[60] = 1.0, np.nan
+    with stream(DEPTH, NOISE, CLOUD, GRAY, auto_exposure_0=False) as seen:
+        stamps = input_stamps(4, hz=30)
+        assert seen.show(boards(), stamps[0])
+        assert seen.show(boards(), stamps[1], paint)
+        # From now on an image waits for its reflectivity.
+        info = streams.info_message(FLEXX2, stamps[2])
+        seen.publish(info=info, image=streams.image_message(boards(), stamps[2]))
+        received = seen.camera._statistics
+        seen.spin_until(lambda: received.received == 3)
+        assert seen.published == 2
+        seen.publish(reflectivity=streams.image_message(paint, stamps[2]))
+        seen.spin_until(lambda: seen.published == 3)
+        # It has stopped coming: the image goes on without, at the latest with the next one.
+        image = streams.image_message(boards(), stamps[3])
+        seen.publish(info=streams.info_message(FLEXX2, stamps[3]), image=image)
+        seen.spin_until(lambda: received.received == 4)
+        later = stamps[3] + SECOND
+        seen.send(streams.image_message(boards(), later), streams.info_message(FLEXX2, later))
+        assert seen.published == 5
+        for index, stamp in enumerate(stamps):
+            with_paint = index in (1, 2)
+            frame = library(seen, boards(), stamp,
+                            reflectivity=np.nan_to_num(paint) if with_paint else None)
+            plain = library(seen, boards(), stamp)
+            assert same(seen.depths()[index], plain.depth)
+            assert same(array_of(seen.messages(NOISE)[index]), plain.sigma)
+            points = np.frombuffer(seen.messages(CLOUD)[index].data, '<f4')
+            assert same(points[3::4].reshape(172, 224), plain.confidence)
+            gray = array_of(seen.messages(GRAY)[index])
+            assert same(gray, gray_image(frame.amplitude, 1.0))
+            assert same(gray, gray_image(plain.amplitude, 1.0)) != with_paint
+
+
+def test_exposure_darkens_the_gray_image() -> None:
+    """Assert a shorter exposure gives a darker picture and the same depth."""
+    with stream(GRAY, DEPTH, auto_exposure_0=False) as seen:
+        seen.show(boards(), START)
+        assert seen.set(exposure_time_0=92).successful
+        seen.show(boards(), START + SECOND)
+        frame = library(seen, boards(), START + SECOND)
+        bright, dark = (array_of(message).astype(float) for message in seen.messages(GRAY))
+        assert same(array_of(seen.messages(GRAY)[1]), gray_image(frame.amplitude, 92 / 370))
+        assert dark[:, BOARDS[1.5]].mean() == pytest.approx(
+            bright[:, BOARDS[1.5]].mean() * math.sqrt(92 / 370), rel=0.02)
+        assert same(seen.depths()[1], frame.depth)
+
+
+def test_camera_info_may_come_late_or_only_once() -> None:
+    """Assert an image waits for its info, and that one info is enough."""
+    with stream(DEPTH) as seen:
+        seen.publish(image=streams.image_message(boards(), START))
+        seen.spin_until(lambda: seen.camera._statistics.received == 1)
+        assert seen.published == 0
+        seen.publish(info=streams.info_message(FLEXX2, START))
+        seen.spin_until(lambda: seen.published == 1)
+    with stream(DEPTH) as seen:
+        seen.publish(info=streams.info_message(FLEXX2, 0))
+        for stamp in input_stamps(10, hz=30):
+            seen.publish(image=streams.image_message(boards(), stamp))
+            received = seen.camera._statistics.received
+            seen.spin_until(lambda so_far=received: seen.camera._statistics.received > so_far)
+        seen.spin_until(lambda: seen.published == 10)
+        seen.settle()
+        assert len(seen.depths()) == 10
+
+
+def test_stamps_that_repeat_or_go_back() -> None:
+    """Assert a repetition is left out with a warning, and a reset starts afresh."""
+    with stream(DEPTH) as seen:
+        assert seen.show(boards(), START)
+        for _ in range(3):
+            assert not seen.show(boards(), START)
+        assert seen.show(boards(), START + SECOND)
+        assert seen.show(boards(), 5)
+        assert not seen.show(boards(), 5 + SECOND // 100)
+        assert seen.show(boards(), 5 + SECOND // 30)
+        assert [nanoseconds(message) for message in seen.messages(DEPTH)] == [
+            START, START + SECOND, 5, 5 + SECOND // 30]
+        assert len(seen.logged('header.stamp', str(START), 'wanted a new one')) == 1
+        assert len(seen.logged('header.stamp went back to 5 ns')) == 1
+
+
+def test_slow_input_is_passed_on_and_reported() -> None:
+    """Assert every image of a 10 Hz stream comes through, and one warning names both rates."""
+    with stream(DEPTH, usecase='Mode_5_60fps') as seen:
+        stamps = input_stamps(30, hz=10)
+        assert all(seen.show(boards(), stamp) for stamp in stamps)
+        report = seen.next_diagnostics()
+        assert report.level == streams.DiagnosticStatus.WARN
+        assert '10.0 Hz' in report.message
+        assert 'slower' in report.message
+        for step in range(40):  # Still too slow, but not as slow as before.
+            seen.show(boards(), stamps[-1] + (step + 1) * SECOND // 20)
+        assert 'slower' in seen.next_diagnostics().message
+        assert len(seen.logged('Mode_5_60fps', '60 Hz', 'slower')) == 1
+
+
+def test_diagnostics_tell_what_happens() -> None:
+    """Assert mode, rates, counts, invalid share and latency."""
+    with stream(DEPTH, usecase='Mode_9_10fps', serial='A-17') as seen:
+        for stamp in input_stamps(121):
+            seen.show(boards(), stamp)
+        seen.show(boards(), stamp)
+        seen.send(streams.image_message(boards(), 1, encoding='mono8'))
+        seen.show(boards(), 1)
+        report = seen.next_diagnostics()
+        values = {pair.key: pair.value for pair in report.values}
+        assert report.hardware_id == 'A-17'
+        assert values['usecase'] == 'Mode_9_10fps'
+        assert float(values['nominal rate [Hz]']) == 10
+        assert values['inputs received'] == '124'
+        assert values['frames published'] == '7'
+        assert values["inputs dropped (not due at the mode's rate)"] == '115'
+        assert values['inputs dropped (repeated stamp)'] == '1'
+        assert values['inputs rejected'] == '1'
+        assert values['stamps went back'] == '1'
+        assert float(values['invalid share']) == pytest.approx(0.5, abs=0.05)
+        assert 0 < float(values['latency mean [ms]']) <= float(values['latency max [ms]'])
+        # A second without a frame has no latency, however many images were looked at.
+        for tick in range(2, 12):
+            assert not seen.show(boards(), tick)
+        values = {pair.key: pair.value for pair in seen.next_diagnostics().values}
+        assert values['latency mean [ms]'] == 'nan'
+
+
+def test_measured_rates_are_reported() -> None:
+    """Assert input and output rate, by stamps."""
+    with stream(usecase='Mode_5_45fps') as seen:
+        for stamp in input_stamps(240):
+            seen.show(boards(), stamp)
+        report = seen.next_diagnostics()
+        values = {pair.key: pair.value for pair in report.values}
+        assert report.level == streams.DiagnosticStatus.OK
+        assert float(values['input rate [Hz]']) == pytest.approx(240, rel=1e-3)
+        assert float(values['output rate [Hz]']) == pytest.approx(45, rel=0.02)
+        assert values['invalid share'] == 'nan'  # Nobody looks: nothing was computed.
+
+
+def test_quality_of_service() -> None:
+    """Assert reliable publishers, sensor-data subscriptions, and that both can be overridden."""
+    with stream(**{'qos_overrides./elsewhere.publisher.depth': 3}) as seen:
+        for topic in (DEPTH, INFO, CLOUD, GRAY, NOISE):
+            name = f'{seen.name}/{topic}'
+            seen.spin_until(lambda: seen.node.get_publishers_info_by_topic(name))  # noqa: B023
+            qos = seen.node.get_publishers_info_by_topic(name)[0].qos_profile
+            assert qos.reliability.name == 'RELIABLE'
+            assert qos.durability.name == 'VOLATILE'
+            assert seen.camera.has_parameter(f'qos_overrides.{name}.publisher.reliability')
+        for topic in ('depth_image', 'camera_info', 'reflectivity'):
+            name = f'{seen.camera.get_namespace()}/clean/{topic}'
+            seen.spin_until(lambda: seen.node.get_subscriptions_info_by_topic(name))  # noqa: B023
+            qos = seen.node.get_subscriptions_info_by_topic(name)[0].qos_profile
+            assert qos.reliability.name == 'BEST_EFFORT'
+            assert qos.durability.name == 'VOLATILE'
+            assert seen.camera.has_parameter(f'qos_overrides.{name}.subscription.reliability')
+
+
+def test_parameters_of_the_driver() -> None:
+    """Assert names, defaults, what is read-only, and the one warning of an unmeasured mode."""
+    with stream() as seen:
+        assert seen.get('usecase') == 'Mode_9_30fps'
+        assert seen.get('model') == 'Flexx2'
+        for name, value in (('model', 'x'), ('serial', 'x'), ('available_usecases', ['x']),
+                            ('seed', 4)):
+            assert not seen.set(**{name: value}).successful
+        assert not seen.set(usecase=3).successful
+        assert not seen.logged('was not measured')
+        for usecase in ('Mode_5_15fps', 'Mode_9_30fps', 'Mode_5_15fps'):
+            assert seen.set(usecase=usecase).successful
+        seen.spin_until(lambda: len(seen.logged('usecase is now')) == 3)
+        assert len(seen.logged('Mode_5_15fps', 'was not measured', 'Mode_5_30fps')) == 1
