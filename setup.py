@@ -33,6 +33,7 @@ setup(
         'numpy>=1.26',
         'PyYAML>=6.0.1',
         'rich>=13.0',
+        'rosbags>=0.11',
     ],
     extras_require={
         'ros': [

@@ -5,7 +5,12 @@ import os
 from pathlib import Path
 import sys
 
+from hypothesis import settings
 import pytest
+
+# The same examples on every machine, however slow it is.
+settings.register_profile('repeatable', deadline=None, derandomize=True)
+settings.load_profile('repeatable')
 
 # Before anything imports rclpy: other ROS programs on this machine stay out of the tests and the
 # tests out of theirs. Child processes inherit it.

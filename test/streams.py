@@ -61,7 +61,8 @@ def image_message(array: np.ndarray, stamp: int = 0, *, encoding: str = '32FC1',
     kind, scale = _ENCODINGS[encoding]
     values = array if scale == 1.0 else np.rint(np.nan_to_num(array) * scale)
     pixels = values.astype(np.dtype(('>' if big_endian else '<') + kind))
-    rows = np.ascontiguousarray(pixels).view(np.uint8).reshape(len(array), -1)
+    rows = np.ascontiguousarray(pixels).view(np.uint8).reshape(
+        len(array), array.shape[1] * pixels.itemsize)
     rows = np.pad(rows, ((0, 0), (0, padding)), constant_values=0xA5)
     message = Image(height=array.shape[0], width=array.shape[1], encoding=encoding,
                     is_bigendian=int(big_endian), step=rows.shape[1])

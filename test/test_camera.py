@@ -64,9 +64,10 @@ def test_edge_pixels_show_one_of_the_two_surfaces(usecase: str, edge: object) ->
                 edge, (U - 111.5) * math.cos(angle) + (V - 85) * math.sin(angle) < 0)
     clean = np.where(mask, front, np.float32(2.1))
     camera = Camera(usecase, seed=9)
+    sigmas = [camera.capture(depth, K, 0).sigma for depth in (front, np.full_like(front, 2.1))]
     moved = 0
     for stamp in range(20):
-        frame = camera.capture(clean, K, stamp)
+        frame = camera.capture(clean, K, stamp, np.where(mask, 1.0, 0.2))
         valid = np.isfinite(frame.depth)
         assert valid.mean() > 0.99  # Mode_5: noise beyond 2.4 m
         seen = frame.depth - frame.sigma * normals(clean.shape, 9, '', stamp)
@@ -78,6 +79,11 @@ def test_edge_pixels_show_one_of_the_two_surfaces(usecase: str, edge: object) ->
                 other |= (np.abs(seen - source) < 1e-5) & (np.roll(mask, shift, axis) != mask)
         assert (own | other | ~valid).all()
         moved += (other & ~own & valid).sum()
+        # What is seen brings its own sigma and its own reflectivity.
+        behind = seen > 1.9
+        np.testing.assert_allclose(frame.sigma[valid], np.where(behind, *sigmas[::-1])[valid],
+                                   rtol=0.15)
+        assert ((frame.amplitude * seen ** 2 > 0.3) ^ behind)[valid].all()
     assert moved > 20 * 90
 
 
@@ -97,6 +103,7 @@ def test_edges_move_alone_and_thin_things_as_a_whole(turned: bool) -> None:
     shifts = [pole_shift, left_shift, right_shift]
     for shift in shifts:
         assert shift.std() == pytest.approx(1.649, rel=0.03)  # 6.5 standard errors
+        assert 6 <= np.abs(shift).max() <= REACH  # 20 of 24,000 reach 6: all miss it at 1e-9
         assert abs(shift.mean()) < 6 * 1.649 / math.sqrt(shift.size)
     pairs = [(one, other) for i, one in enumerate(shifts) for other in shifts[:i]]
     pairs += [(shift[:, 1:], shift[:, :-1]) for shift in shifts]  # lines
@@ -163,6 +170,16 @@ def test_the_range_holds_before_and_after_the_noise(usecase: str) -> None:
         assert np.isnan(frame.sigma[invalid]).all()
         assert not np.stack([frame.amplitude, frame.confidence])[:, invalid].any()
         assert ((frame.confidence >= 0) & (frame.confidence <= 1)).all()
+
+
+def test_sigma_is_held_near_90_degrees() -> None:
+    target = board(0.3, 88)
+    frame = Camera().capture(target.depth, K, 0)
+    held = (target.incidence > math.radians(86)) & (target.depth < 0.3)
+    held &= np.isfinite(frame.depth)
+    assert held.sum() > 100
+    model = flexx2().mode('Mode_9_30fps').noise.sigma_z(target.depth, math.pi / 2)
+    np.testing.assert_allclose(frame.sigma[held], model[held], rtol=1e-3)
 
 
 @pytest.mark.parametrize('nothing', [

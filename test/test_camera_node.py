@@ -14,6 +14,7 @@ import streams
 from streams import array_of, CLOUD, DEPTH, FLEXX2, GRAY, INFO, nanoseconds, NOISE, stream
 
 MODES = flexx2().modes
+FOLLOWING = MODES[1:] + MODES[:1]
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
 INPUT_HZ = 240
@@ -53,7 +54,7 @@ def same(one: np.ndarray, other: np.ndarray) -> bool:
     return np.array_equal(one, other, equal_nan=True)
 
 
-@pytest.mark.parametrize(('mode', 'following'), zip(MODES, MODES[1:] + MODES[:1], strict=True),
+@pytest.mark.parametrize(('mode', 'following'), list(zip(MODES, FOLLOWING, strict=True)),
                          ids=[mode.name for mode in MODES])
 def test_a_mode(mode: Mode, following: Mode) -> None:
     """Assert name, rate, range, size, info, exposure, refusal, and the switch to the next."""
@@ -76,8 +77,8 @@ def test_a_mode(mode: Mode, following: Mode) -> None:
         assert not refused.successful
         assert all(m.name in refused.reason for m in MODES)
         assert 'Mode_7_30fps' in refused.reason
-        feed(2, mode.rate_hz)
-        assert len(seen.depths()) == before + 2
+        feed(3, mode.rate_hz)
+        assert len(seen.depths()) >= before + 2
         assert seen.get('usecase') == mode.name
 
         answer = seen.clients.set_parameters([
@@ -85,13 +86,17 @@ def test_a_mode(mode: Mode, following: Mode) -> None:
         while not answer.done():
             feed(1, INPUT_HZ)
         assert answer.result().results[0].successful
+        seen.settle()
+        after = len(seen.depths())
         feed(6, following.rate_hz)
         assert seen.get('usecase') == following.name
         _check_exposure(seen, following)
 
-        switched = _first_frame_of(seen, mode, following)
-        assert switched > before
-        _check_rate([nanoseconds(m) for m in seen.messages(DEPTH)][switched - 1:], following)
+        first = _first_frame_of(seen, mode, following)
+        alike = mode.noise == following.noise and mode.range_max == following.range_max
+        assert (first is None) == alike
+        assert first is None or before + 2 <= first <= after
+        _check_rate([nanoseconds(m) for m in seen.messages(DEPTH)][after - 1:], following)
         _check_messages(seen, following)
 
 
@@ -143,13 +148,17 @@ def _check_messages(seen: streams.Stream, mode: Mode) -> None:
         assert np.isfinite(pixels[:, columns]).any() == there
         if there:
             model = mode.noise.sigma_z(distance, incidence[:, columns])
-            assert sigma[:, columns] == pytest.approx(model, rel=0.01)
+            np.testing.assert_allclose(sigma[:, columns], model, rtol=0.01)
             # Beyond 7 sigma falls one pixel in 4e11; there are 5,504.
             assert (np.abs(pixels[:, columns] - distance) < 7 * model).all()
 
 
-def _first_frame_of(seen: streams.Stream, old: Mode, new: Mode) -> int:
-    """Return where the new mode's frames begin; every frame is wholly of one mode."""
+def _first_frame_of(seen: streams.Stream, old: Mode, new: Mode) -> int | None:
+    """
+    Assert that every frame is wholly of one mode, and return where the new one's begin.
+
+    None where both have the same range and noise.
+    """
     switched = None
     for index, message in enumerate(seen.messages(DEPTH)):
         was, will = (library(seen, boards(), nanoseconds(message), mode.name)
@@ -161,11 +170,6 @@ def _first_frame_of(seen: streams.Stream, old: Mode, new: Mode) -> int:
         if switched is None and not of_old:
             switched = index
         assert of_new or switched is None, 'back to the old mode'
-    if switched is None:  # Both modes have the same noise and range: the rate tells.
-        assert (old.noise, old.range_max) == (new.noise, new.range_max)
-        stamps = np.array([nanoseconds(message) for message in seen.messages(DEPTH)])
-        off = np.abs(np.diff(stamps) - SECOND / old.rate_hz) > 1.5 * SECOND / INPUT_HZ
-        switched = int(np.flatnonzero(off)[0]) + 1
     return switched
 
 
@@ -192,10 +196,8 @@ def test_frames_are_the_librarys_to_the_last_bit() -> None:
             for i, name in enumerate(('x', 'y', 'z', 'conf'))]
         points = np.frombuffer(cloud.data, '<f4').reshape(172, 224, 4)
         v, u = np.mgrid[:172, :224]
-        assert points[..., 0] == pytest.approx(
-            (u - 111.5) / FLEXX2.fx * frame.depth, rel=1e-5, nan_ok=True)
-        assert points[..., 1] == pytest.approx(
-            (v - 85.5) / FLEXX2.fy * frame.depth, rel=1e-5, nan_ok=True)
+        np.testing.assert_allclose(points[..., 0], (u - 111.5) / FLEXX2.fx * frame.depth, 1e-5)
+        np.testing.assert_allclose(points[..., 1], (v - 85.5) / FLEXX2.fy * frame.depth, 1e-5)
         assert same(points[..., 2], frame.depth)
         assert same(points[..., 3], frame.confidence)
         headers = [seen.messages(topic)[0].header for topic in (DEPTH, INFO, CLOUD, GRAY, NOISE)]
@@ -303,7 +305,7 @@ def undistorted(camera: Intrinsics) -> np.ndarray:
     x = x0 = (u - camera.cx) / camera.fx
     y = y0 = (v - camera.cy) / camera.fy
     k1, k2, p1, p2, k3 = camera.distortion
-    for _ in range(60):
+    for _ in range(20 if any(camera.distortion) else 0):
         r2 = x * x + y * y
         scale = 1 + k1 * r2 + k2 * r2 ** 2 + k3 * r2 ** 3
         x, y = ((x0 - 2 * p1 * x * y - p2 * (r2 + 2 * x * x)) / scale,
@@ -332,7 +334,7 @@ def test_other_cameras_input_shows_the_same_plane(source: Intrinsics, own: dict[
         assert seen.show(image, START)
         mine = seen.camera.settings.intrinsics
         expected = library(seen, plane(undistorted(mine)), START)
-        assert seen.depths()[0] == pytest.approx(expected.depth, abs=3e-4, nan_ok=True)
+        np.testing.assert_allclose(seen.depths()[0], expected.depth, rtol=0, atol=3e-5)
         info = seen.messages(INFO)[0]
         assert list(info.d) == own.get('distortion', [0.0] * 5)
         assert (info.k[0], info.k[4]) == (own.get('fx', FLEXX2.fx), own.get('fy', FLEXX2.fy))
@@ -379,26 +381,29 @@ def test_reflectivity_changes_the_gray_image_only() -> None:
     paint = np.full((172, 224), 0.25, np.float32)
     paint[:60], paint[60] = 1.0, np.nan
     with stream(DEPTH, NOISE, CLOUD, GRAY, auto_exposure_0=False) as seen:
-        stamps = input_stamps(4, hz=30)
+        stamps = input_stamps(7, hz=30)
         assert seen.show(boards(), stamps[0])
         assert seen.show(boards(), stamps[1], paint)
-        # From now on an image waits for its reflectivity.
-        info = streams.info_message(FLEXX2, stamps[2])
-        seen.publish(info=info, image=streams.image_message(boards(), stamps[2]))
-        received = seen.camera._statistics
-        seen.spin_until(lambda: received.received == 3)
-        assert seen.published == 2
+        # This one comes too late, and lets the images to come wait for theirs.
+        assert seen.show(boards(), stamps[2])
         seen.publish(reflectivity=streams.image_message(paint, stamps[2]))
-        seen.spin_until(lambda: seen.published == 3)
-        # It has stopped coming: the image goes on without, at the latest with the next one.
-        image = streams.image_message(boards(), stamps[3])
-        seen.publish(info=streams.info_message(FLEXX2, stamps[3]), image=image)
-        seen.spin_until(lambda: received.received == 4)
-        later = stamps[3] + SECOND
-        seen.send(streams.image_message(boards(), later), streams.info_message(FLEXX2, later))
-        assert seen.published == 5
+        assert seen.show(boards(), stamps[3], paint)
+        images = seen.camera._statistics
+        for stamp in stamps[4:6]:
+            before = images.received, seen.published
+            seen.publish(info=streams.info_message(FLEXX2, stamp),
+                         image=streams.image_message(boards(), stamp))
+            seen.spin_until(lambda was=before: images.received > was[0])
+            assert seen.published == before[1]
+            if stamp == stamps[4]:
+                seen.publish(reflectivity=streams.image_message(paint, stamp))
+                seen.spin_until(lambda was=before: seen.published > was[1])
+        # It has stopped coming: an image goes on without it when the next one is there.
+        seen.show(boards(), stamps[6])
+        assert seen.published == 7
+        seen.settle()
         for index, stamp in enumerate(stamps):
-            with_paint = index in (1, 2)
+            with_paint = index in (1, 3, 4)
             frame = library(seen, boards(), stamp,
                             reflectivity=np.nan_to_num(paint) if with_paint else None)
             plain = library(seen, boards(), stamp)
@@ -481,7 +486,7 @@ def test_diagnostics_tell_what_happens() -> None:
         for stamp in input_stamps(121):
             seen.show(boards(), stamp)
         seen.show(boards(), stamp)
-        seen.send(streams.image_message(boards(), 1, encoding='mono8'))
+        seen.show(boards(), 1, encoding='mono8')
         seen.show(boards(), 1)
         report = seen.next_diagnostics()
         values = {pair.key: pair.value for pair in report.values}

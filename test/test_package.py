@@ -25,6 +25,7 @@ LIBRARIES = {
     'numba': ('python3-numba', 'numba'),
     'numpy': ('python3-numpy', 'numpy'),
     'rich': ('python3-rich', 'rich'),
+    'rosbags': ('python3-rosbags-pip', 'rosbags'),
     'yaml': ('python3-yaml', 'PyYAML'),
 }
 

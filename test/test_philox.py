@@ -6,7 +6,6 @@ from flexx2_sim_ros.camera.philox import (
     camera_key,
     fill_normals,
     normal_pair,
-    one_normal,
     philox4x32,
     stamp_words,
     STREAM_AXIAL,
@@ -80,13 +79,6 @@ def test_every_pixel_is_the_references(size: int, stamp_ns: int) -> None:
         drawn = normals(size, stamp_ns=stamp_ns, stream=stream)
         wanted = reference_normals(camera_key(5, 'left'), stamp_ns, stream, size)
         np.testing.assert_allclose(drawn, wanted, rtol=0, atol=1e-5)
-
-
-def test_one_normal_is_the_first_of_its_block() -> None:
-    drawn = normals(400, stamp_ns=77, stream=STREAM_ROW_EDGES)
-    ones = [one_normal(camera_key(5, 'left'), index, STREAM_ROW_EDGES, *stamp_words(77))
-            for index in range(100)]
-    np.testing.assert_allclose(ones, drawn[::4], atol=1e-5)
 
 
 def test_extreme_words_give_finite_normals() -> None:

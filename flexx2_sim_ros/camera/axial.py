@@ -94,6 +94,39 @@ def _see(inverse, cosine, spread, rho, normal, range_min, range_max,  # type: ig
     value = z + spread * normal
     valid = ((range_min <= z) & (z <= range_max) & (range_min <= value) & (value <= range_max))
     confidence = max(_ONE - spread / zero_confidence, _ZERO)
+    rho = min(rho, _ONE) if rho > _ZERO else _ZERO  # NaN is no light.
     return (value if valid else _NAN, spread if valid else _NAN,
             rho * cosine * inverse * inverse if valid else _ZERO,
             confidence if valid else _ZERO)
+
+
+@njit(cache=True)
+def add_noise(z, shift, sigma, normals, low, high, out):  # type: ignore[no-untyped-def]
+    """Write z + shift + sigma * normal where z is in low..high, NaN elsewhere; all (H, W)."""
+    for y in range(out.shape[0]):
+        for x in range(out.shape[1]):
+            here = z[y, x]
+            value = here + shift[y, x] + sigma[y, x] * normals[y, x]
+            out[y, x] = value if (low <= here) & (here <= high) else _NAN
+
+
+@njit(cache=True)
+def blank_outside(depth, low, high):  # type: ignore[no-untyped-def]
+    """Set depths outside low..high to NaN, in place."""
+    for y in range(depth.shape[0]):
+        for x in range(depth.shape[1]):
+            here = depth[y, x]
+            depth[y, x] = here if (low <= here) & (here <= high) else _NAN
+
+
+@njit(cache=True, error_model='numpy')
+def blank_invalid(depth, sigma, amplitude, zero_confidence, out_sigma,  # type: ignore
+                  out_amplitude, out_confidence):
+    """Write sigma, amplitude and confidence; NaN, 0 and 0 where depth is NaN."""
+    for y in range(depth.shape[0]):
+        for x in range(depth.shape[1]):
+            valid = depth[y, x] == depth[y, x]
+            spread = sigma[y, x]
+            out_sigma[y, x] = spread if valid else _NAN
+            out_amplitude[y, x] = amplitude[y, x] if valid else _ZERO
+            out_confidence[y, x] = max(_ONE - spread / zero_confidence, _ZERO) if valid else _ZERO

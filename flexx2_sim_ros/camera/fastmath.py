@@ -4,8 +4,8 @@ Elementary functions in float32, made of nothing but arithmetic.
 A compiler turns loops over them into vector instructions, which it cannot do with calls into the
 C library, and another device repeats them to the last bits. Errors are a few float32 roundings.
 
-Sources: Abramowitz and Stegun 4.4.46 (arc cosine); the others are Taylor series after range
-reduction.
+Sources: Abramowitz and Stegun 4.4.46 (arc cosine) and 4.4.49 (arc tangent); the others
+are Taylor series after range reduction.
 """
 
 import math
@@ -27,6 +27,11 @@ _COS_TERMS = tuple(_F((-1) ** k * (math.pi / 2) ** (2 * k) / math.factorial(2 * 
 _ARCCOS = tuple(_F(value) for value in (
     1.5707963050, -0.2145988016, 0.0889789874, -0.0501743046,
     0.0308918810, -0.0170881256, 0.0066700901, -0.0012624911))
+_ARCTAN = tuple(_F(value) for value in (
+    -0.3333314528, 0.1999355085, -0.1420889944, 0.1065626393,
+    -0.0752896400, 0.0429096138, -0.0161657367, 0.0028662257))
+_PI = _F(math.pi)
+_HALF_PI = _F(math.pi / 2)
 
 
 @njit(inline='always')
@@ -93,3 +98,18 @@ def cos_sin_turns(turns):  # type: ignore[no-untyped-def]
     first = -first if (quadrant == 1) | (quadrant == 2) else first
     second = -second if quadrant >= 2 else second
     return first, second
+
+
+@njit(inline='always')
+def arctan2(y, x):  # type: ignore[no-untyped-def]
+    """Return the angle of (x, y), radians in -pi..pi; 0 for (0, 0)."""
+    large = max(abs(x), abs(y))
+    small = min(abs(x), abs(y))
+    t = small / large if large > _F(0.0) else _F(0.0)
+    t2 = t * t
+    a0, a1, a2, a3, a4, a5, a6, a7 = _ARCTAN
+    angle = t * (_ONE + t2 * (a0 + t2 * (a1 + t2 * (a2 + t2 * (a3 + t2 * (
+        a4 + t2 * (a5 + t2 * (a6 + t2 * a7))))))))
+    angle = _HALF_PI - angle if abs(y) > abs(x) else angle
+    angle = _PI - angle if x < _F(0.0) else angle
+    return -angle if y < _F(0.0) else angle

@@ -8,9 +8,8 @@ it falls into (in inverse depth, where planes are exact), never a mixture of two
 from functools import cached_property
 
 from flexx2_sim_ros.camera.intrinsics import Intrinsics
-from flexx2_sim_ros.camera.modes import camera_config
 from flexx2_sim_ros.camera.philox import FAST
-from flexx2_sim_ros.camera.surface import invert, PAD, slope
+from flexx2_sim_ros.camera.surface import PAD, tangents
 from numba import njit
 import numpy as np
 
@@ -138,12 +137,8 @@ class View:
             image = image / self._ray_length
         if self.identical:
             return image
-        config = camera_config()
-        inverse = np.zeros((self.source.height + 2 * PAD, self.source.width + 2 * PAD), np.float32)
-        invert(np.ascontiguousarray(image), inverse)
         out = np.empty((self.camera.height, self.camera.width), np.float32)
-        _look_up(inverse, self._index, self._du, self._dv, np.float32(config.jump_share),
-                 np.float32(config.steep_share), out.ravel())
+        _look_up(*tangents(image), self._index, self._du, self._dv, out.ravel())
         return out
 
     def reflectivity(self, image: np.ndarray) -> np.ndarray:
@@ -154,21 +149,15 @@ class View:
 
 
 @njit(cache=True, error_model='numpy', fastmath=FAST)
-def _look_up(p, index, du, dv, jump_share, steep_share, out):  # type: ignore[no-untyped-def]
-    width = p.shape[1] - 2 * PAD
+def _look_up(p, across, down, index, du, dv, out):  # type: ignore[no-untyped-def]
+    width = across.shape[1]
     for pixel in range(out.size):
-        j = index[pixel] // width + PAD
-        i = index[pixel] % width + PAD
-        here = p[j, i]
-        if here <= _ZERO:
-            out[pixel] = _NAN
-            continue
-        slope_u = slope(p[j, i - 2], p[j, i - 1], here, p[j, i + 1], p[j, i + 2],
-                        jump_share, steep_share)
-        slope_v = slope(p[j - 2, i], p[j - 1, i], here, p[j + 1, i], p[j + 2, i],
-                        jump_share, steep_share)
-        value = here + du[pixel] * slope_u + dv[pixel] * slope_v
-        out[pixel] = _ONE / value if value > _ZERO else _ONE / here
+        y = index[pixel] // width
+        x = index[pixel] % width
+        here = p[y + PAD, x + PAD]
+        value = here + du[pixel] * across[y, x] + dv[pixel] * down[y, x]
+        value = value if value > _ZERO else here
+        out[pixel] = _ONE / value if here > _ZERO else _NAN
 
 
 def points(depth: np.ndarray, rays: np.ndarray) -> np.ndarray:

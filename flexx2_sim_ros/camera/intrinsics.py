@@ -45,12 +45,12 @@ class Intrinsics:
                 f'image size: found {self.width} x {self.height}, wanted at least 1 x 1')
         for name in ('fx', 'fy'):
             value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0):
-                raise InputError(f'K: {name} is {value}, wanted a positive number of pixels')
+            if not 1e-3 <= value <= 1e6:
+                raise InputError(f'K: {name} is {value}, wanted 0.001 to 1,000,000 pixels')
         for name in ('cx', 'cy'):
             value = getattr(self, name)
-            if not math.isfinite(value):
-                raise InputError(f'K: {name} is {value}, wanted a finite number of pixels')
+            if not abs(value) <= 1e6:
+                raise InputError(f'K: {name} is {value}, wanted at most 1,000,000 pixels')
         if len(self.distortion) != 5 or not all(map(math.isfinite, self.distortion)):
             raise InputError(
                 f'distortion: found {self.distortion}, wanted five finite numbers '

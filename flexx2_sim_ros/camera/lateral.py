@@ -10,12 +10,12 @@ surfaces get no extra axial noise.
 
 import math
 
-from flexx2_sim_ros.camera.philox import one_normal, STREAM_COLUMN_EDGES, STREAM_ROW_EDGES
+from flexx2_sim_ros.camera.philox import edge_draw, STREAM_COLUMN_EDGES, STREAM_ROW_EDGES
 from numba import njit
 import numpy as np
 
 _NEVER = np.uint8(255)
-_WINDOW = 2  # An edge's direction is judged over 5 x 5 pixels.
+_WINDOW = 4  # An edge's direction is judged over 9 x 9 pixels.
 
 
 def pixel_sigma(sigma_x: float) -> float:
@@ -50,7 +50,8 @@ def upright_edges(row_jumps, column_jumps, rows, columns):  # type: ignore[no-un
                 for xx in range(max(x - _WINDOW, 0), min(x + _WINDOW + 1, width)):
                     across += row_jumps[yy, xx]
                     down += column_jumps[yy, xx]
-            if across >= down:
+            # One more or less is where the window happens to cut a diagonal.
+            if across + 1 >= down:
                 rows[y, x] = row_jumps[y, x]
                 count += row_jumps[y, x]
             else:
@@ -75,7 +76,7 @@ def _displace(source, distance, along, shift, last, first, pitch):  # type: igno
 
 @njit(cache=True)
 def displaced_sources(rows, columns, neighbourhood, sigma, limit, key,  # type: ignore
-                      stamp_low, stamp_high, source):
+                      stamp_low, stamp_high, laplace, source):
     """
     Say where each pixel's value comes from once the edges have moved.
 
@@ -91,6 +92,8 @@ def displaced_sources(rows, columns, neighbourhood, sigma, limit, key,  # type: 
         Largest displacement, pixels.
     key, stamp_low, stamp_high
         The counter-based generator's key and stamp.
+    laplace : float
+        Share of edges that move by a Laplacian of the same standard deviation.
     source : numpy.ndarray
         (H * W,) int32, receives flat pixel indices: the pixel's own, or another surface's.
 
@@ -105,7 +108,8 @@ def displaced_sources(rows, columns, neighbourhood, sigma, limit, key,  # type: 
         for x in range(width - 1):
             if rows[y, x]:
                 if x - last_edge > neighbourhood:
-                    draw = one_normal(key, y * width + x, STREAM_ROW_EDGES, stamp_low, stamp_high)
+                    draw = edge_draw(key, y * width + x, STREAM_ROW_EDGES, stamp_low, stamp_high,
+                                     laplace)
                     shift = min(max(int(np.rint(sigma * draw)), -limit), limit)
                 last_edge = x
                 _displace(source, distance, x, shift, width - 1, y * width, 1)
@@ -115,8 +119,8 @@ def displaced_sources(rows, columns, neighbourhood, sigma, limit, key,  # type: 
         for y in range(height - 1):
             if columns[y, x]:
                 if y - last_edge > neighbourhood:
-                    draw = one_normal(key, y * width + x, STREAM_COLUMN_EDGES, stamp_low,
-                                      stamp_high)
+                    draw = edge_draw(key, y * width + x, STREAM_COLUMN_EDGES, stamp_low,
+                                     stamp_high, laplace)
                     shift = min(max(int(np.rint(sigma * draw)), -limit), limit)
                 last_edge = y
                 _displace(source, distance, y, shift, height - 1, x, width)

@@ -198,18 +198,22 @@ def camera_config() -> CameraConfig:
         value: Any = table
         for key in keys:
             value = value.get(key) if isinstance(value, dict) else None
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or not value > 0:
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 < value < 1e9:
             raise InputError(f'{path}: {".".join(keys)}: found {value!r}, '
                              'wanted a positive number')
         return float(value)
 
     view = table.get('field_of_view_deg')
-    if not (isinstance(view, list) and len(view) == 2):
+    if not (isinstance(view, list) and len(view) == 2
+            and all(isinstance(angle, (int, float)) and 0 < angle < 180 for angle in view)):
         raise InputError(f'{path}: field_of_view_deg: found {view!r}, wanted two angles')
+    cap = number('axial', 'incidence_cap_deg')
+    if cap >= 90:
+        raise InputError(f'{path}: axial.incidence_cap_deg: found {cap}, wanted less than 90')
     return CameraConfig(
         str(table.get('model')), int(number('width')), int(number('height')),
         (float(view[0]), float(view[1])), number('surface', 'jump_share'),
-        number('surface', 'steep_share'), math.radians(number('axial', 'incidence_cap_deg')),
+        number('surface', 'steep_share'), math.radians(cap),
         int(number('lateral', 'neighbourhood_px')), number('confidence', 'zero_at_sigma_m'),
         number('gray', 'full_scale_amplitude'))
 

@@ -19,10 +19,18 @@ import numpy as np
 STREAM_AXIAL = 0
 STREAM_ROW_EDGES = 1
 STREAM_COLUMN_EDGES = 2
+STREAM_FIXED_PATTERN = 3
+STREAM_TAILS = 4
+STREAM_WRAP = 5
+STREAM_LOW_SIGNAL = 6
+STREAM_GRAZING = 7
+STREAM_SATURATION = 8
+STREAM_WRAP_SHARE = 9
 
 _UNIT = np.float32(2.0 ** -32)
 _HALF = np.float32(0.5)
 _MINUS_TWO = np.float32(-2.0)
+_SQRT_HALF = np.float32(math.sqrt(0.5))
 # All of LLVM's licences but those that assume there is no NaN and no infinity.
 FAST = {'contract', 'reassoc', 'arcp', 'nsz', 'afn'}
 
@@ -103,10 +111,40 @@ def fill_normals(key, stamp_low, stamp_high, stream, out):  # type: ignore[no-un
             out[i + 2], second = normal_pair(u2, u3)
 
 
+@njit(cache=True, error_model='numpy', fastmath=FAST)
+def fill_uniforms(key, stamp_low, stamp_high, stream, out):  # type: ignore[no-untyped-def]
+    """Fill a flat float32 array with numbers in (0, 1], counted like `fill_normals`."""
+    size = out.size
+    blocks = size // 4
+    c1 = np.uint32(stream)
+    for block in range(blocks):
+        u0, u1, u2, u3 = philox4x32(np.uint32(block), c1, stamp_low, stamp_high, key[0], key[1])
+        i = 4 * block
+        out[i] = (np.float32(u0) + _HALF) * _UNIT
+        out[i + 1] = (np.float32(u1) + _HALF) * _UNIT
+        out[i + 2] = (np.float32(u2) + _HALF) * _UNIT
+        out[i + 3] = (np.float32(u3) + _HALF) * _UNIT
+    if size > 4 * blocks:
+        u0, u1, u2, _ = philox4x32(np.uint32(blocks), c1, stamp_low, stamp_high, key[0], key[1])
+        i = 4 * blocks
+        out[i] = (np.float32(u0) + _HALF) * _UNIT
+        if i + 1 < size:
+            out[i + 1] = (np.float32(u1) + _HALF) * _UNIT
+        if i + 2 < size:
+            out[i + 2] = (np.float32(u2) + _HALF) * _UNIT
+
+
 @njit(inline='always')
-def one_normal(key, index, stream, stamp_low, stamp_high):  # type: ignore[no-untyped-def]
-    """Return the first normal of the block with this counter."""
-    u0, u1, _, _ = philox4x32(np.uint32(index), np.uint32(stream), stamp_low, stamp_high,
-                              key[0], key[1])
-    first, _ = normal_pair(u0, u1)
-    return first
+def edge_draw(key, index, stream, stamp_low, stamp_high, laplace):  # type: ignore
+    """
+    Return a draw of unit variance from the block with this counter.
+
+    A normal one, or with probability ``laplace`` a Laplacian one.
+    """
+    u0, u1, u2, u3 = philox4x32(np.uint32(index), np.uint32(stream), stamp_low, stamp_high,
+                                key[0], key[1])
+    draw, _ = normal_pair(u0, u1)
+    if np.float32(u2) * _UNIT < laplace:
+        magnitude = -log((np.float32(u3 >> np.uint32(1)) + _HALF) * (_UNIT + _UNIT)) * _SQRT_HALF
+        draw = magnitude if u3 & np.uint32(1) else -magnitude
+    return draw

@@ -1,11 +1,15 @@
 """The camera: clean depth in, what a Flexx2 would have seen out."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 import math
+from os import PathLike
+from pathlib import Path
 from typing import Any
 
 from flexx2_sim_ros.camera.axial import model_sigma, observe
+from flexx2_sim_ros.camera.development import develop
+from flexx2_sim_ros.camera.exposure import Exposure, Memory
 from flexx2_sim_ros.camera.intrinsics import Intrinsics
 from flexx2_sim_ros.camera.lateral import displaced_sources, pixel_sigma, upright_edges
 from flexx2_sim_ros.camera.modes import camera_config, DEFAULT_USECASE, flexx2, Mode, Profile
@@ -13,6 +17,8 @@ from flexx2_sim_ros.camera.philox import camera_key, fill_normals, stamp_words, 
 from flexx2_sim_ros.camera.surface import analyse, Surface
 from flexx2_sim_ros.errors import InputError
 import numpy as np
+
+_GAUSSIAN = np.float32(0.0)  # share of Laplacian edges
 
 
 @dataclass(frozen=True)
@@ -55,8 +61,9 @@ class Camera:
         A mode's name, whatever its case, e.g. ``Mode_9_30fps``.
     profile : Profile, optional
         Another camera than the Flexx2.
-    effects : sequence
-        Effects beyond the paper's model; this version has none.
+    effects : sequence of Effect, mapping, str or pathlib.Path
+        Effects beyond the paper's model (see `flexx2_sim_ros.effects`): themselves, a table of
+        their parameters by name, or the path of a YAML file. Those of strength 0 are off.
     seed : int
         Seed of the noise.
     name : str
@@ -79,17 +86,20 @@ class Camera:
     """
 
     def __init__(self, usecase: str = DEFAULT_USECASE, *, profile: Profile | None = None,
-                 effects: Sequence[Any] = (), seed: int = 0, name: str = '') -> None:
+                 effects: Any = (), seed: int = 0, name: str = '') -> None:
         """Look the mode up and derive the generator's key."""
-        if len(effects):
-            raise InputError(f'effects: found {effects!r}, wanted none: this version has no '
-                             'effects beyond the noise model')
         self.profile = profile or flexx2()
         self.mode: Mode = self.profile.mode(usecase)
+        if isinstance(seed, bool) or not isinstance(seed, int | np.integer):
+            raise InputError(f'seed: found {seed!r}, wanted a whole number')
+        if not isinstance(name, str):
+            raise InputError(f'name: found {name!r}, wanted a string')
         self.seed = int(seed)
         self.name = name
         noise = self.mode.noise
         config = camera_config()
+        self.effects = tuple(effect for effect in _as_effects(effects) if effect.strength)
+        self._memories: dict[tuple[int, ...], Memory] = {}
         self._key = camera_key(self.seed, name)
         self._coefficients = np.array([noise.a, noise.b, noise.c, noise.d, noise.n], np.float32)
         self._cap = np.float32(config.incidence_cap)
@@ -160,6 +170,9 @@ class Camera:
         albedos = np.broadcast_to(albedo, leading + albedo.shape[-2:])
         out = [np.empty(leading + (height, width), np.float32) for _ in range(4)]
 
+        if self.effects:
+            self._develop(scenes, cameras, times, albedos, out, stamps.ndim)
+            return _frame(out, matrices)
         prepared: _Prepared | None = None
         for index in np.ndindex(leading):
             scene, matrix = scenes[index], cameras[index]
@@ -168,8 +181,39 @@ class Camera:
                 prepared = self._prepare(scene, matrix)
             self._expose(prepared, int(times[index]), albedos[index],
                          *(array[index] for array in out))
-        depth, sigma, amplitude, confidence = out
-        return Frame(depth, sigma, amplitude, confidence, matrices.astype(np.float64))
+        return _frame(out, matrices)
+
+    def reset(self, mask: Any = None) -> None:
+        """
+        Forget what effects keep between frames.
+
+        Parameters
+        ----------
+        mask : array_like, optional
+            Of bool, over the environments: which to reset. All when left out.
+
+        """
+        if mask is None:
+            self._memories.clear()
+            return
+        chosen = np.asarray(mask, dtype=bool)
+        for index in list(self._memories):
+            if chosen[index]:
+                del self._memories[index]
+
+    def _develop(self, scenes: np.ndarray, cameras: np.ndarray, times: np.ndarray,
+                 albedos: np.ndarray, out: list[np.ndarray], stamp_dimensions: int) -> None:
+        height, width = scenes.shape[-2:]
+        for index in np.ndindex(times.shape):
+            # The last dimension is time if stamps have one; those before it are environments.
+            environment = index[:-1] if stamp_dimensions else index
+            exposure = Exposure(
+                self.mode, Intrinsics.from_matrix(cameras[index], width, height),
+                int(times[index]), self._key, self._memories.setdefault(environment, Memory()),
+                scenes[index].copy(), albedos[index].copy())
+            finished = develop(exposure, self.effects, self.mode.noise.sigma_x)
+            for array, image in zip(out, finished, strict=True):
+                array[index] = image
 
     def _prepare(self, scene: np.ndarray, matrix: np.ndarray) -> '_Prepared':
         height, width = scene.shape
@@ -194,7 +238,8 @@ class Camera:
         source = np.empty(pixels if prepared.rows.size else 0, np.int32)
         if source.size:
             displaced_sources(prepared.rows, prepared.columns, self._neighbourhood,
-                              self._edge_sigma, self._edge_limit, self._key, low, high, source)
+                              self._edge_sigma, self._edge_limit, self._key, low, high, _GAUSSIAN,
+                              source)
         observe(prepared.surface.inverse_depth, prepared.surface.cos_incidence, prepared.sigma,
                 np.ascontiguousarray(albedo), source, normals,
                 np.float32(self.mode.range_min), np.float32(self.mode.range_max),
@@ -217,6 +262,24 @@ class _Prepared:
 
 def _same_memory(one: np.ndarray, other: np.ndarray) -> bool:
     return one.__array_interface__['data'] == other.__array_interface__['data']
+
+
+def _frame(images: list[np.ndarray], matrices: np.ndarray) -> Frame:
+    depth, sigma, amplitude, confidence = images
+    return Frame(depth, sigma, amplitude, confidence, matrices.astype(np.float64))
+
+
+def _as_effects(effects: Any) -> tuple[Any, ...]:
+    if isinstance(effects, str | PathLike | Mapping):
+        # The effects build on the camera, so they are looked up here only when they are needed.
+        from flexx2_sim_ros.effects import load_effects, parse_effects
+        if isinstance(effects, Mapping):
+            return parse_effects(effects)
+        return load_effects(Path(effects))
+    if not isinstance(effects, Iterable) or not all(hasattr(e, 'apply') for e in effects):
+        raise InputError(f'effects: found {effects!r}, wanted a sequence of effects, a table of '
+                         'their parameters or the path of a file')
+    return tuple(effects)
 
 
 def _array(name: str, value: Any) -> np.ndarray:

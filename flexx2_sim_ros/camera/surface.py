@@ -22,7 +22,10 @@ _CREASE_SHARE = np.float32(0.002)
 _HALF = np.float32(0.5)
 _ZERO = np.float32(0.0)
 _ONE = np.float32(1.0)
-_SMALLEST = np.float32(1e-30)
+# Beyond these (FLT_MAX for "none", a zero with a rounding error) nothing is there; between them
+# every product below stays within float32.
+_NEAREST = np.float32(1e-3)
+_FARTHEST = np.float32(1e5)
 
 
 @dataclass(frozen=True)
@@ -93,7 +96,7 @@ def invert(depth, out):  # type: ignore[no-untyped-def]
     for y in range(depth.shape[0]):
         for x in range(depth.shape[1]):
             z = depth[y, x]
-            out[y + PAD, x + PAD] = _ONE / z if _ZERO < z < np.inf else _ZERO
+            out[y + PAD, x + PAD] = _ONE / z if _NEAREST <= z <= _FARTHEST else _ZERO
 
 
 @njit(inline='always')
@@ -114,7 +117,8 @@ def is_jump(before, here, there, after, jump_share, steep_share):  # type: ignor
     high = max(slope_before, slope_after)
     excess = max(low - step, step - high)
     scale = min(here, there)
-    differs = (excess > jump_share * scale) | (abs(step) > steep_share * scale)
+    # A small step is none, whatever lies beside it: the inside of a thin strip between jumps.
+    differs = (min(excess, abs(step)) > jump_share * scale) | (abs(step) > steep_share * scale)
     return ((here > _ZERO) != (there > _ZERO)) | ((here > _ZERO) & differs)
 
 
@@ -181,5 +185,46 @@ def find_incidence(p, jump_share, steep_share, fx, fy, cx, cy, out):  # type: ig
             nz = here - u * du - v * dv
             rx = u / fx
             norm = (nx * nx + ny * ny + nz * nz) * (rx * rx + ry * ry + _ONE)
-            cosine = min(here / math.sqrt(max(norm, _SMALLEST)), _ONE)
+            cosine = min(here / math.sqrt(norm), _ONE)
             out[y, x] = cosine if here > _ZERO else _ONE
+
+
+@njit(cache=True, error_model='numpy', fastmath=FAST)
+def find_slopes(p, jump_share, steep_share, across, down):  # type: ignore[no-untyped-def]
+    """Write the slopes of inverse depth, 1/m a pixel, along rows and along columns; (H, W)."""
+    height, width = across.shape
+    for y in range(height):
+        j = y + PAD
+        for x in range(width):
+            i = x + PAD
+            here = p[j, i]
+            across[y, x] = slope(p[j, i - 2], p[j, i - 1], here, p[j, i + 1], p[j, i + 2],
+                                 jump_share, steep_share)
+            down[y, x] = slope(p[j - 2, i], p[j - 1, i], here, p[j + 1, i], p[j + 2, i],
+                               jump_share, steep_share)
+
+
+def tangents(depth: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """
+    Return the tangent plane of every pixel of a depth image.
+
+    Parameters
+    ----------
+    depth : numpy.ndarray
+        (H, W) float32, metres; whatever is no distance means nothing.
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        Inverse depth padded by a border of two pixels (0 for nothing), and its slopes along rows
+        and columns, (H, W) float32, 1/m and 1/m a pixel.
+
+    """
+    height, width = depth.shape
+    config = camera_config()
+    inverse = np.zeros((height + 2 * PAD, width + 2 * PAD), np.float32)
+    invert(np.ascontiguousarray(depth), inverse)
+    across, down = np.empty((height, width), np.float32), np.empty((height, width), np.float32)
+    find_slopes(inverse, np.float32(config.jump_share), np.float32(config.steep_share), across,
+                down)
+    return inverse, across, down

@@ -9,6 +9,7 @@ from typing import Any
 from flexx2_sim_ros.camera.intrinsics import Intrinsics
 from flexx2_sim_ros.config_file import read_section
 from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.go1.kinematics import rotation
 from flexx2_sim_ros.paths import config_dir
 import mujoco
 import numpy as np
@@ -57,11 +58,7 @@ class CameraMount:
     @property
     def rotation(self) -> np.ndarray:
         """Return (3, 3) float64: the optical axes x right, y down, z forward in the trunk."""
-        (sr, sp, sy), (cr, cp, cy) = np.sin(self.rpy), np.cos(self.rpy)
-        body = np.array([
-            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-            [-sp, cp * sr, cp * cr]])
+        body = rotation(self.rpy)
         return np.stack([-body[:, 1], -body[:, 2], body[:, 0]], axis=1)
 
 

@@ -14,7 +14,8 @@ from flexx2_sim_ros.camera.pipeline import Camera, Frame
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.nodes import messages
 from flexx2_sim_ros.nodes.camera_parameters import CameraParameters
-from flexx2_sim_ros.nodes.decoding import decode_camera_info, decode_image, stamp_nanoseconds
+from flexx2_sim_ros.nodes.decoding import (
+    check_stamp, decode_camera_info, decode_image, stamp_nanoseconds)
 from flexx2_sim_ros.nodes.gating import FrameGate
 from flexx2_sim_ros.nodes.pairing import Match, StampPairing
 from flexx2_sim_ros.nodes.report import Statistics
@@ -116,11 +117,14 @@ class Flexx2Camera(Node):
         for match in matches:
             start = time.perf_counter()
             try:
-                self._process(match)
+                published = self._process(match)
             except Exception as error:  # A node never dies of a message.
-                self._reject(error)
+                # Once the node has been told to stop, what it publishes on is gone.
+                if self.context.ok():
+                    self._reject(error)
             else:
-                self._statistics.latencies.append(time.perf_counter() - start)
+                if published:
+                    self._statistics.latencies.append(time.perf_counter() - start)
 
     def _reject(self, error: Exception) -> None:
         self._statistics.rejected += 1
@@ -128,15 +132,17 @@ class Flexx2Camera(Node):
         if not isinstance(error, InputError):
             text = f'internal error, please report it: {"".join(format_exception(error))}'
         self._statistics.last_error = text
-        if self._throttle.ready(text):
+        # What was found may differ from message to message; what is wrong with it does not.
+        if self._throttle.ready(text.partition(': found')[0]):
             self.get_logger().error(f'input rejected: {text}')
 
-    def _process(self, match: Match) -> None:
+    def _process(self, match: Match) -> bool:
+        check_stamp(match.image.header.stamp, 'clean/depth_image')
         image = decode_image(match.image, 'clean/depth_image', _DEPTH_ENCODINGS)
         view = self._find_view(match, image)
         reflectivity = self._find_reflectivity(match, image.shape)
         if not self._due(match.stamp):
-            return
+            return False
         wanted = [publisher.get_subscription_count() > 0
                   for publisher in (self._depth, self._cloud, self._gray, self._noise)]
         head = messages.header(match.stamp,
@@ -148,6 +154,7 @@ class Flexx2Camera(Node):
             self._publish(head, self._mask(frame, view), wanted)
         self._info.publish(messages.camera_info_message(head, self.settings.intrinsics))
         self._statistics.published += 1
+        return True
 
     def _find_view(self, match: Match, image: np.ndarray) -> View:
         if match.info is None:
@@ -168,15 +175,18 @@ class Flexx2Camera(Node):
                     'clean/depth_image and are invalid: render at least 56 x 44 degrees')
         return view
 
-    @staticmethod
-    def _find_reflectivity(match: Match, shape: tuple[int, ...]) -> np.ndarray | None:
+    def _find_reflectivity(self, match: Match, shape: tuple[int, ...]) -> np.ndarray | None:
         if match.reflectivity is None:
             return None
-        image = decode_image(match.reflectivity, 'clean/reflectivity', ('32FC1',))
-        if image.shape != shape:
-            raise InputError(
-                f'clean/reflectivity: size: found {image.shape[1]} x {image.shape[0]}, wanted '
-                f'that of clean/depth_image, {shape[1]} x {shape[0]}')
+        try:
+            image = decode_image(match.reflectivity, 'clean/reflectivity', ('32FC1',))
+            if image.shape != shape:
+                raise InputError(
+                    f'clean/reflectivity: size: found {image.shape[1]} x {image.shape[0]}, wanted '
+                    f'that of clean/depth_image, {shape[1]} x {shape[0]}')
+        except InputError as error:  # It is optional: the frame goes out without it.
+            self._reject(error)
+            return None
         return np.clip(np.nan_to_num(image), 0.0, 1.0)
 
     def _due(self, stamp: int) -> bool:
@@ -234,11 +244,11 @@ class Flexx2Camera(Node):
         self._diagnostics.publish(array)
         if 'slower' in status.message:
             self._say_once(f'{mode.name} wants {mode.rate_hz:g} Hz: {status.message} and is '
-                           'passed on at its own rate')
+                           'passed on at its own rate', key=f'slower than {mode.name}')
 
-    def _say_once(self, text: str) -> None:
-        if text not in self._said_once:
-            self._said_once.add(text)
+    def _say_once(self, text: str, key: str = '') -> None:
+        if (key or text) not in self._said_once:
+            self._said_once.add(key or text)
             self.get_logger().warning(text)
 
 

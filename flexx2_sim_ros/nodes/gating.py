@@ -10,8 +10,9 @@ class FrameGate:
     Let frames through at a mode's rate, by their stamps.
 
     Frames are due at ``origin + k / rate`` in whole nanoseconds, so there is no drift. An input
-    up to a fifth of a period early is let through: stamps are rounded and jitter. Input slower
-    than the rate passes whole. A stamp that goes back (a simulation was reset) starts afresh.
+    up to a fifth of a period early is let through, since stamps are rounded and jitter, unless
+    the next one will be nearer to the due time. Input slower than the rate passes whole. A stamp
+    that goes back (a simulation was reset) starts afresh.
 
     Parameters
     ----------
@@ -49,6 +50,7 @@ class FrameGate:
 
         A stamp equal to the last one is a repetition and is not.
         """
+        tolerance = self._tolerance
         if self._last_input is not None:
             if stamp == self._last_input:
                 self.repeats += 1
@@ -56,16 +58,21 @@ class FrameGate:
             if stamp < self._last_input:
                 self.restarts += 1
                 self._origin = None
+            else:
+                tolerance = min(tolerance, (stamp - self._last_input) // 2)
         self._last_input = stamp
         if self._origin is None:
             self._origin, self._next = stamp, 1
             self._last_output = stamp
             return True
-        if stamp + self._tolerance < self._due(self._next):
+        if stamp + tolerance < self._due(self._next):
             self.early += 1
             return False
-        elapsed = stamp + self._tolerance - self._origin
-        self._next = elapsed * self._millihertz // (1000 * _NANOSECONDS) + 1
+        if stamp >= self._due(self._next + 1):
+            # Due times have passed without an input: leave them out.
+            elapsed = stamp + tolerance - self._origin
+            self._next = elapsed * self._millihertz // (1000 * _NANOSECONDS)
+        self._next += 1
         self._last_output = stamp
         return True
 

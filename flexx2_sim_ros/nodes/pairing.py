@@ -36,7 +36,8 @@ class StampPairing:
     Messages of one stamp arrive on their topics in any order. An image waits for a companion
     that had come with the image before, and no longer than until the next image: one that has
     stopped coming holds nothing up, and one of another rate (a latched camera info) costs one
-    frame's delay, once.
+    frame's delay, once. When stamps go back (a simulation was reset), what came before is not
+    paired with what comes after, but for the last camera info.
     """
 
     def __init__(self) -> None:
@@ -46,6 +47,8 @@ class StampPairing:
             name: OrderedDict() for name in self._expected}
         self._pending: tuple[int, Any] | None = None
         self._released: int | None = None
+        self._newest = -(1 << 63)
+        self._last_info: Any = None
 
     def image(self, stamp: int, message: Any) -> list[Match]:
         """Take an image in; return the matches that are now complete, in order."""
@@ -54,6 +57,11 @@ class StampPairing:
             for name in self._missing(self._pending[0]):
                 self._expected[name] = False
             matches.append(self._release())
+        if stamp < self._newest:
+            for kept in self._kept.values():
+                if kept and next(reversed(kept)) > stamp:
+                    kept.clear()
+        self._newest = stamp
         self._pending = (stamp, message)
         if not self._missing(stamp):
             matches.append(self._release())
@@ -61,7 +69,11 @@ class StampPairing:
 
     def companion(self, name: str, stamp: int, message: Any) -> list[Match]:
         """Take an ``info`` or ``reflectivity`` in; return what is now complete."""
+        if name == 'info':
+            self._last_info = message
         kept = self._kept[name]
+        if kept and stamp < next(reversed(kept)):
+            kept.clear()
         kept[stamp] = message
         kept.move_to_end(stamp)
         while len(kept) > _KEPT:
@@ -82,6 +94,5 @@ class StampPairing:
         stamp, image = self._pending
         self._pending = None
         self._released = stamp
-        infos = self._kept['info']
-        info = infos.get(stamp, next(reversed(infos.values()), None) if infos else None)
-        return Match(stamp, image, info, self._kept['reflectivity'].get(stamp))
+        return Match(stamp, image, self._kept['info'].get(stamp, self._last_info),
+                     self._kept['reflectivity'].get(stamp))

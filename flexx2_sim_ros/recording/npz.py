@@ -12,7 +12,7 @@ from flexx2_sim_ros.errors import InputError
 import numpy as np
 
 _UNREADABLE = (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile, zlib.error,
-               NotImplementedError, RuntimeError)
+               NotImplementedError, RuntimeError, MemoryError)
 
 
 @dataclass(frozen=True)
@@ -92,13 +92,18 @@ def _read(path: Path) -> dict[str, np.ndarray]:
     if not path.is_file():
         raise InputError(f'{path}: not a file, wanted an .npz archive')
     try:
-        with np.load(path, allow_pickle=False) as archive:
-            if not isinstance(archive, np.lib.npyio.NpzFile):
-                raise ValueError('a single array')
-            return {key: archive[key] for key in archive.files}
+        archive = np.load(path, allow_pickle=False)
+        if not isinstance(archive, np.lib.npyio.NpzFile):
+            raise ValueError('a single array')
+        with archive:
+            arrays = {key: archive[key] for key in archive.files}
     except _UNREADABLE as error:
         raise InputError(f'{path}: cannot be read as an .npz archive of plain arrays (damaged, '
                          f'cut off, or pickled): {error}') from error
+    for key, value in arrays.items():
+        if not isinstance(value, np.ndarray):  # Another file, or one that lost its header.
+            raise InputError(f'{path}: {key}: found a file that is no array, wanted arrays only')
+    return arrays
 
 
 def _numbers(path: str | Path, arrays: dict[str, np.ndarray], key: str) -> np.ndarray:
@@ -183,6 +188,8 @@ class RecordingWriter:
             self._archive.close()
             self._file.close()
             if kind is None:
+                if self._left:
+                    raise InputError(f'{self._path}: depth: {self._left} frames are missing')
                 temporary.chmod(0o644)
                 temporary.replace(self._path)
         except OSError as failure:

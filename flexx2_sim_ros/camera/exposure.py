@@ -1,0 +1,156 @@
+"""One frame in the making: what effects look at and change, stage by stage."""
+
+from dataclasses import dataclass, field
+from enum import IntEnum
+import math
+from typing import Any, Protocol
+
+from flexx2_sim_ros.camera.intrinsics import Intrinsics
+from flexx2_sim_ros.camera.modes import Mode
+from flexx2_sim_ros.camera.philox import fill_uniforms, stamp_words
+from flexx2_sim_ros.camera.surface import Surface
+import numpy as np
+
+SPEED_OF_LIGHT = 299_792_458.0
+# Reading one raw frame out (design; not published).
+_READOUT_US = 600
+
+
+class Stage(IntEnum):
+    """The order of light: what happens before what."""
+
+    GEOMETRY = 0
+    AMPLITUDE = 1
+    PHASOR = 2
+    NOISE = 3
+    WRAP = 4
+    FILTER = 5
+    STORAGE = 6
+    DROPOUT = 7
+
+
+@dataclass
+class Memory:
+    """
+    What effects keep of one camera between frames, by effect.
+
+    Attributes
+    ----------
+    kept : dict
+        By the effect's name; an effect alone knows what it keeps there.
+    first_stamp : int or None
+        Of the first frame since the reset, nanoseconds: when the camera was switched on, as far
+        as it knows.
+
+    """
+
+    kept: dict[str, Any] = field(default_factory=dict)
+    first_stamp: int | None = None
+
+
+@dataclass
+class Exposure:
+    """
+    One frame in the making.
+
+    All images are (H, W). A stage finds the fields of the stages before it filled in; which field
+    belongs to which stage is said below. Effects may change them in place or replace them.
+
+    Attributes
+    ----------
+    mode : Mode
+    intrinsics : Intrinsics
+        Of the image, as it was given: what the user believes.
+    stamp : int
+        Nanoseconds.
+    key : numpy.ndarray
+        (2,) uint32, the camera's random key.
+    memory : Memory
+        Of this camera.
+    depth : numpy.ndarray
+        GEOMETRY: float32 clean depth, metres, NaN for nothing.
+    reflectivity : numpy.ndarray
+        GEOMETRY: float32, (H, W) or (1, 1).
+    surface : Surface
+        AMPLITUDE: jumps and incidence of ``depth``.
+    amplitude : numpy.ndarray
+        AMPLITUDE: float32, reflectivity * cos(incidence) / z^2, 1/m^2; 0 for nothing.
+    shifts : list of numpy.ndarray
+        PHASOR: float32, for each modulation frequency what is added to depth, metres.
+    sigma : numpy.ndarray
+        NOISE: float32 sigma_z of what is seen, metres.
+    normals : numpy.ndarray
+        NOISE: float32 standard normals of the axial noise.
+    edge_sigma : float
+        NOISE: standard deviation of an edge's position, pixels.
+    cosine : numpy.ndarray
+        AMPLITUDE: float32 cosine of the incidence angle; from WRAP on of what is seen.
+    edge_laplace : float
+        NOISE: share of edges that move by a Laplacian instead of a Gaussian.
+    measured : numpy.ndarray
+        WRAP and later: float32 depth with noise, metres, NaN where invalid.
+
+    """
+
+    mode: Mode
+    intrinsics: Intrinsics
+    stamp: int
+    key: np.ndarray
+    memory: Memory
+    depth: np.ndarray
+    reflectivity: np.ndarray
+    surface: Surface = None  # type: ignore[assignment]
+    amplitude: np.ndarray = None  # type: ignore[assignment]
+    shifts: list[np.ndarray] = field(default_factory=list)
+    sigma: np.ndarray = None  # type: ignore[assignment]
+    normals: np.ndarray = None  # type: ignore[assignment]
+    edge_sigma: float = 0.0
+    edge_laplace: float = 0.0
+    cosine: np.ndarray = None  # type: ignore[assignment]
+    measured: np.ndarray = None  # type: ignore[assignment]
+
+    @property
+    def wave_numbers(self) -> list[float]:
+        """Return radians of phase a metre of depth, 4 pi f / c, for each modulation frequency."""
+        return [4.0 * math.pi * f / SPEED_OF_LIGHT for f in self.mode.modulation_hz]
+
+    @property
+    def weights(self) -> list[float]:
+        """Return each frequency's weight in the depth: by its square, as its noise asks for."""
+        squares = [f * f for f in self.mode.modulation_hz]
+        return [square / sum(squares) for square in squares]
+
+    @property
+    def ambiguity(self) -> float:
+        """Return the depth after which the phases repeat, metres: c / 2 of their common beat."""
+        beat = math.gcd(*(round(f) for f in self.mode.modulation_hz))
+        return SPEED_OF_LIGHT / (2.0 * beat)
+
+    @property
+    def acquisition_seconds(self) -> float:
+        """Return how long the raw frames of one depth frame take."""
+        return self.mode.raw_frames * (self.mode.exposure_us[1] + _READOUT_US) * 1e-6
+
+    def uniforms(self, stream: int) -> np.ndarray:
+        """Return (H, W) float32 random numbers in (0, 1] that no other stream shares."""
+        out = np.empty(self.depth.shape, np.float32)
+        low, high = stamp_words(self.stamp)
+        fill_uniforms(self.key, low, high, stream, out.ravel())
+        return out
+
+    def add_shift(self, metres: Any) -> None:
+        """Add the same shift at every frequency, as a delay does."""
+        for shift in self.shifts:
+            shift += metres
+
+
+class Effect(Protocol):
+    """What the pipeline asks of an effect; see `flexx2_sim_ros.effects`."""
+
+    name: str
+    stage: Stage
+    order: int
+    strength: float
+
+    def apply(self, exposure: Exposure) -> None:
+        """Change the frame in the making."""

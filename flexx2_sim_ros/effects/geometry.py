@@ -1,0 +1,128 @@
+"""Effects of a camera that is not where, or not what, it is thought to be."""
+
+from dataclasses import dataclass, replace
+import math
+from typing import ClassVar
+
+from flexx2_sim_ros.camera.exposure import Exposure, Stage
+from flexx2_sim_ros.camera.geometry import View
+from flexx2_sim_ros.camera.philox import FAST
+from flexx2_sim_ros.camera.surface import PAD, tangents
+from flexx2_sim_ros.effects.effect import Effect, parameter
+from numba import njit
+import numpy as np
+
+_ZERO = np.float32(0.0)
+_ONE = np.float32(1.0)
+_NAN = np.float32(np.nan)
+_HALF = np.float32(0.5)
+
+
+@dataclass(frozen=True)
+class PoseError(Effect):
+    """A camera that is not where it is thought to be."""
+
+    name: ClassVar[str] = 'pose_error'
+    stage: ClassVar[Stage] = Stage.GEOMETRY
+    order: ClassVar[int] = 0
+    title: ClassVar[str] = 'extrinsics, registration: the camera is not where it is thought to be'
+    covariate: ClassVar[str] = 'image'
+    source: ClassVar[str] = 'the paper set distances to 10 mm; angles are design'
+
+    x: float = parameter(0.002, -0.2, 0.2, 'm', 'moved to the right')
+    y: float = parameter(0.002, -0.2, 0.2, 'm', 'moved down')
+    z: float = parameter(0.005, -0.2, 0.2, 'm', 'moved forward')
+    pitch_deg: float = parameter(0.25, -10.0, 10.0, 'deg', 'turned about x')
+    yaw_deg: float = parameter(0.25, -10.0, 10.0, 'deg', 'turned about y')
+    roll_deg: float = parameter(0.1, -10.0, 10.0, 'deg', 'turned about z')
+
+    def apply(self, exposure: Exposure) -> None:
+        """See the scene from the other pose."""
+        turn = np.radians([self.pitch_deg, self.yaw_deg, self.roll_deg]) * self.strength
+        step = np.array([self.x, self.y, self.z]) * self.strength
+        camera = exposure.intrinsics
+        height, width = exposure.depth.shape
+        depth = np.empty((height, width), np.float32)
+        index = np.empty((height, width), np.int32)
+        _look_from(*tangents(exposure.depth),
+                   np.array([camera.fx, camera.fy, camera.cx, camera.cy], np.float32),
+                   _rotation(turn).astype(np.float32), step.astype(np.float32),
+                   depth, index)
+        exposure.depth = depth
+        if exposure.reflectivity.size > 1:
+            exposure.reflectivity = exposure.reflectivity.ravel()[index]
+
+
+def _rotation(turn: np.ndarray) -> np.ndarray:
+    # Rodrigues' formula.
+    angle = float(np.linalg.norm(turn))
+    if angle == 0.0:
+        return np.eye(3)
+    x, y, z = turn / angle
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * cross @ cross
+
+
+@njit(cache=True, error_model='numpy', fastmath=FAST)
+def _look_from(p, across, down, lens, rotation, step, depth, index):  # type: ignore
+    # A point X of the moved camera is rotation X + step in the old one, where the plane seen by a
+    # pixel is n . X = 1. Which pixel that is, is found from the depth the ray had before.
+    height, width = depth.shape
+    fx, fy, cx, cy = lens
+    for y in range(height):
+        for x in range(width):
+            ray_x, ray_y = (np.float32(x) - cx) / fx, (np.float32(y) - cy) / fy
+            dx = rotation[0, 0] * ray_x + rotation[0, 1] * ray_y + rotation[0, 2]
+            dy = rotation[1, 0] * ray_x + rotation[1, 1] * ray_y + rotation[1, 2]
+            dz = rotation[2, 0] * ray_x + rotation[2, 1] * ray_y + rotation[2, 2]
+            inverse = p[y + PAD, x + PAD]
+            # Divided by depth, so that nothing (infinitely far) needs no case of its own.
+            far = dz + step[2] * inverse
+            u = fx * (dx + step[0] * inverse) / far + cx
+            v = fy * (dy + step[1] * inverse) / far + cy
+            column = min(max(int(np.floor(u + _HALF)), 0), width - 1)
+            row = min(max(int(np.floor(v + _HALF)), 0), height - 1)
+            index[y, x] = row * width + column
+            here = p[row + PAD, column + PAD]
+            depth[y, x] = _NAN
+            if here > _ZERO:
+                du, dv = across[row, column], down[row, column]
+                nx, ny = fx * du, fy * dv
+                nz = here - (np.float32(column) - cx) * du - (np.float32(row) - cy) * dv
+                seen = nx * dx + ny * dy + nz * dz
+                left = _ONE - nx * step[0] - ny * step[1] - nz * step[2]
+                if seen > _ZERO and left > _ZERO:
+                    depth[y, x] = left / seen
+
+
+@dataclass(frozen=True)
+class IntrinsicsError(Effect):
+    """A camera that is not what it is thought to be."""
+
+    name: ClassVar[str] = 'intrinsics_error'
+    stage: ClassVar[Stage] = Stage.GEOMETRY
+    order: ClassVar[int] = 1
+    title: ClassVar[str] = 'focal length, centre or distortion not as they are thought to be'
+    covariate: ClassVar[str] = 'image'
+    source: ClassVar[str] = ("the driver's grid is distorted and its camera_info says how; "
+                             'magnitudes are design')
+
+    focal: float = parameter(0.005, -0.2, 0.2, '', 'share by which the focal lengths are longer')
+    cx: float = parameter(0.7, -20.0, 20.0, 'px', 'the true principal point lies right by')
+    cy: float = parameter(0.7, -20.0, 20.0, 'px', 'the true principal point lies down by')
+    k1: float = parameter(-0.01, -0.5, 0.5, '', 'radial distortion, r^2')
+    k2: float = parameter(0.0, -0.5, 0.5, '', 'radial distortion, r^4')
+
+    def apply(self, exposure: Exposure) -> None:
+        """See the scene along the true rays."""
+        believed, s = exposure.intrinsics, self.strength
+        true = replace(believed, fx=believed.fx * (1 + s * self.focal),
+                       fy=believed.fy * (1 + s * self.focal), cx=believed.cx + s * self.cx,
+                       cy=believed.cy + s * self.cy,
+                       distortion=(s * self.k1, s * self.k2, 0.0, 0.0, 0.0))
+        kept = exposure.memory.kept.get(self.name)
+        if kept is None or kept.camera != true or kept.source != believed:
+            kept = exposure.memory.kept[self.name] = View(true, believed)
+        exposure.depth = kept.depth(exposure.depth)
+        if exposure.reflectivity.size > 1:
+            exposure.reflectivity = kept.reflectivity(exposure.reflectivity)

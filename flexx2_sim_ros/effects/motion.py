@@ -1,0 +1,129 @@
+"""Effects of a scene or camera that moves: wrong stamps, raw frames taken one after the other."""
+
+from dataclasses import dataclass
+import math
+from typing import Any, ClassVar
+
+from flexx2_sim_ros.camera.exposure import Exposure, Stage
+from flexx2_sim_ros.camera.fastmath import arctan2, cos_sin_turns
+from flexx2_sim_ros.camera.modes import camera_config
+from flexx2_sim_ros.camera.philox import FAST
+from flexx2_sim_ros.effects.effect import Effect, parameter
+from numba import njit
+import numpy as np
+
+_FRAMES_KEPT = 16
+_TAPS = 4
+_ZERO = np.float32(0.0)
+_HALF = np.float32(0.5)
+_ONE = np.float32(1.0)
+_TWO_PI = np.float32(2.0 * math.pi)
+
+
+def _alike() -> np.float32:
+    # A surface that moves by more than this share of its distance between frames is another one.
+    return np.float32(5 * camera_config().jump_share)
+
+
+def _between(early: np.ndarray, late: np.ndarray, share: float) -> np.ndarray:
+    # What is seen at a moment between two frames (or a little after): a surface moves evenly;
+    # where another one has come into view, the frame that is nearer in time shows what there is.
+    with np.errstate(invalid='ignore'):
+        same = np.abs(late - early) < _alike() * late
+    nearer = late if share >= 0.5 else early
+    return np.where(same, early + np.float32(share) * (late - early), nearer)
+
+
+@dataclass(frozen=True)
+class TimeOffset(Effect):
+    """Stamps that are wrong."""
+
+    name: ClassVar[str] = 'time_offset'
+    stage: ClassVar[Stage] = Stage.GEOMETRY
+    order: ClassVar[int] = 2
+    title: ClassVar[str] = 'wrong stamps: the image shows the scene as it was earlier'
+    covariate: ClassVar[str] = 'time'
+    source: ClassVar[str] = ('a VL53L5CX on a drone: 78 ms, 46.4 to 25.1 mm once modelled; a '
+                             'quarter of it here (design)')
+    keeps: ClassVar[bool] = True
+
+    latency: float = parameter(0.020, -0.1, 0.3, 's', 'how old the scene is at the stamp')
+
+    def apply(self, exposure: Exposure) -> None:
+        """Show the scene of an earlier moment, from the clean frames seen so far."""
+        kept: list[tuple[int, np.ndarray]] = exposure.memory.kept.setdefault(self.name, [])
+        if kept and (exposure.stamp <= kept[-1][0] or kept[-1][1].shape != exposure.depth.shape):
+            kept.clear()
+        kept.append((exposure.stamp, exposure.depth.copy()))
+        del kept[:-_FRAMES_KEPT]
+        moment = exposure.stamp - round(self.strength * self.latency * 1e9)
+        if len(kept) < 2 or moment <= kept[0][0]:
+            exposure.depth = kept[0][1].copy()
+            return
+        index = next((i for i in range(1, len(kept)) if kept[i][0] >= moment), len(kept) - 1)
+        (start, early), (end, late) = kept[index - 1], kept[index]
+        exposure.depth = _between(early, late, (moment - start) / (end - start))
+
+
+@dataclass(frozen=True)
+class MotionArtefact(Effect):
+    """Raw frames taken one after the other."""
+
+    name: ClassVar[str] = 'motion_artefact'
+    stage: ClassVar[Stage] = Stage.PHASOR
+    order: ClassVar[int] = 5
+    title: ClassVar[str] = 'raw frames one after the other: a bias that grows with speed'
+    covariate: ClassVar[str] = 'time'
+    source: ClassVar[str] = 'Drayton 2013: 44 mm RMS at 2 m/s and 125 ms; about 9 ms here'
+    keeps: ClassVar[bool] = True
+
+    stretch: float = parameter(1.0, 0.0, 20.0, '', 'factor on the time that the raw frames take')
+
+    def apply(self, exposure: Exposure) -> None:
+        """Take each frequency's four taps at their own moments, the last one at the stamp."""
+        before: Any = exposure.memory.kept.get(self.name)
+        exposure.memory.kept[self.name] = (exposure.stamp, exposure.depth.copy())
+        if (before is None or before[0] >= exposure.stamp
+                or before[1].shape != exposure.depth.shape
+                or np.array_equal(before[1], exposure.depth, equal_nan=True)):
+            return
+        interval = (exposure.stamp - before[0]) * 1e-9
+        duration = self.strength * self.stretch * exposure.acquisition_seconds
+        taps = _TAPS * len(exposure.shifts)
+        # How far between the frame before (0) and this one (1) each raw frame was taken.
+        moments = np.maximum(
+            1.0 - duration / interval * (1.0 - (np.arange(taps) + 0.5) / taps), 0.0)
+        for index, (k, shift) in enumerate(zip(exposure.wave_numbers, exposure.shifts,
+                                               strict=True)):
+            own = moments[index * _TAPS:(index + 1) * _TAPS].astype(np.float32)
+            _demodulate(before[1], exposure.depth, own, np.float32(k), _alike(), shift)
+
+
+@njit(cache=True, error_model='numpy', fastmath=FAST)
+def _demodulate(early, late, moments, wave_number, alike, shift):  # type: ignore[no-untyped-def]
+    # Four samples cos(phase - tap pi / 2), each at its moment, and the phase they give.
+    turns = wave_number / _TWO_PI
+    m0, m1, m2, m3 = moments
+    for y in range(late.shape[0]):
+        for x in range(late.shape[1]):
+            here = late[y, x]
+            start = early[y, x] - here
+            same = abs(start) < alike * here
+            add = shift[y, x]
+            c0, _ = _tap(here, start, same, m0, add, turns)
+            _, s1 = _tap(here, start, same, m1, add, turns)
+            c2, _ = _tap(here, start, same, m2, add, turns)
+            _, s3 = _tap(here, start, same, m3, add, turns)
+            real, imaginary = c0 + c2, s1 + s3
+            cosine, sine = _tap(here, start, same, _ONE, add, turns)
+            error = arctan2(imaginary * cosine - real * sine, real * cosine + imaginary * sine)
+            shift[y, x] = add + error / wave_number if here > _ZERO and start == start else add
+
+
+@njit(inline='always')
+def _tap(here, start, same, moment, add, turns):  # type: ignore[no-untyped-def]
+    # As `_between`, and the cosine and sine of its phase.
+    even = here + start * (_ONE - moment)
+    nearer = here if moment >= _HALF else here + start
+    phase = turns * ((even if same else nearer) + add)
+    return cos_sin_turns(phase - np.floor(phase))

@@ -1,0 +1,160 @@
+"""A bag's files: opened whole, or read as far as they are whole."""
+
+from collections.abc import Collection, Iterator
+from pathlib import Path
+import re
+from typing import Protocol
+
+from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.recording.bag_remains import McapRemains, Message, SqliteRemains
+from rosbags.rosbag2 import Reader
+
+_REMAINS = {'.mcap': McapRemains, '.db3': SqliteRemains}
+
+
+class _Part(Protocol):
+    topics: dict[str, str]
+
+    def messages(self, topics: Collection[str]) -> Iterator[Message]:
+        ...
+
+
+class Bag:
+    """
+    A rosbag2 bag: a folder, or a single ``.mcap`` or ``.db3`` file.
+
+    One that was cut off (no end, no ``metadata.yaml``, a journal left behind) is read as far as
+    it is whole, and `notes` says how far that is. No file is changed.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        The bag.
+
+    Attributes
+    ----------
+    path : pathlib.Path
+        The bag.
+    topics : dict of str to str
+        Types, as ``sensor_msgs/msg/Image``, by topic; topics without messages are left out.
+    notes : list of str
+        What a person should know; reading can add to it.
+
+    Raises
+    ------
+    InputError
+        When there is no bag, or not one whole message in it.
+
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        """Open the bag, and close it again."""
+        self.path = Path(path)
+        self.notes: list[str] = []
+        self._parts: list[_Part] = self._open()
+        self.topics = {topic: kind for part in self._parts for topic, kind in part.topics.items()}
+        if not self.topics:
+            raise InputError('; '.join([f'{path}: there is not one whole message in it',
+                                        *self.notes]))
+
+    def messages(self, topics: Collection[str] | None = None) -> Iterator[Message]:
+        """
+        Iterate over the messages, by the time they were received.
+
+        Parameters
+        ----------
+        topics : collection of str, optional
+            Only these; all when left out.
+
+        """
+        for part in self._parts:
+            yield from part.messages(self.topics if topics is None else topics)
+
+    def _open(self) -> list[_Part]:
+        if self.path.is_file():
+            if self.path.suffix not in _REMAINS:
+                raise InputError(f'{self.path}: found a {self.path.suffix or "nameless"} file, '
+                                 'wanted a .mcap or .db3 file or the folder of a bag')
+            return [self._open_file(self.path)]
+        if not self.path.is_dir():
+            raise InputError(f'{self.path}: not there, wanted a bag: a folder, or a .mcap or .db3 '
+                             'file')
+        files = sorted((file for file in self.path.iterdir() if file.suffix in _REMAINS),
+                       key=_natural)
+        if (self.path / 'metadata.yaml').is_file() and not any(map(_journal, files)):
+            try:
+                return [_Whole(self.path, self.notes)]
+            except Exception as error:  # A damaged file breaks the reader in any way.
+                self.notes.append(f'{self.path}: not whole: {error}')
+        elif files:
+            self.notes.append(f'{self.path}: was not closed: no metadata.yaml'
+                              if not (self.path / 'metadata.yaml').is_file() else
+                              f'{self.path}: was not closed: a journal was left behind')
+        if not files:
+            raise InputError('; '.join([f'{self.path}: no .mcap or .db3 file in this folder',
+                                        *self.notes]))
+        return [self._open_file(file) for file in files]
+
+    def _open_file(self, path: Path) -> _Part:
+        reason = 'a journal was left behind'
+        if not _journal(path):
+            try:
+                return _Whole(path, self.notes)
+            except Exception as error:  # A damaged file breaks the reader in any way.
+                reason = str(error)
+        return _Remains(path, reason, self.notes)
+
+
+class _Whole:
+    """What rosbags reads: a folder with its metadata, or a file with its end."""
+
+    def __init__(self, path: Path, notes: list[str]) -> None:
+        self._path = path
+        self._notes = notes
+        with Reader(path) as reader:
+            self.topics = {connection.topic: connection.msgtype
+                           for connection in reader.connections if connection.msgcount}
+
+    def messages(self, topics: Collection[str]) -> Iterator[Message]:
+        count = 0
+        try:
+            with Reader(self._path) as reader:
+                wanted = [item for item in reader.connections if item.topic in topics]
+                if not wanted:
+                    return
+                for connection, time, data in reader.messages(wanted):
+                    yield Message(connection.topic, connection.msgtype, time, bytes(data))
+                    count += 1
+        except Exception as error:  # A damaged file breaks the reader in any way.
+            note = f'{self._path}: damaged: {error}; read up to there'
+            if note not in self._notes:
+                self._notes.append(note)
+
+
+class _Remains:
+    """What is left of one file."""
+
+    def __init__(self, path: Path, reason: str, notes: list[str]) -> None:
+        self._remains = _REMAINS[path.suffix](path)
+        self.topics: dict[str, str] = {}
+        count, first, last = 0, 0, 0
+        for message in self._remains.messages():
+            self.topics[message.topic] = message.kind
+            first = message.time if count == 0 else first
+            last = message.time
+            count += 1
+        notes.append(f'{path}: cut off or damaged ({reason.rstrip(".")}): {count} messages over '
+                     f'{max(last - first, 0) / 1e9:.3f} s are whole and are read')
+
+    def messages(self, topics: Collection[str]) -> Iterator[Message]:
+        return (message for message in self._remains.messages() if message.topic in topics)
+
+
+def _journal(path: Path) -> bool:
+    journals = (path.with_name(path.name + suffix) for suffix in ('-journal', '-wal'))
+    return any(journal.is_file() and journal.stat().st_size > 0 for journal in journals)
+
+
+def _natural(path: Path) -> list[tuple[int, str]]:
+    # bag_2 comes before bag_10.
+    return [(int(digits or 0), text) for text, digits in re.findall(r'(\D+)(\d*)', path.name)]

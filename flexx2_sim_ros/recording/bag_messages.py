@@ -1,0 +1,149 @@
+"""Messages as they lie in a bag: bytes to values and back, without ROS."""
+
+from functools import cache
+import struct
+from typing import Any
+
+from flexx2_sim_ros.errors import InputError
+import numpy as np
+from rosbags.typesys import get_typestore, Stores
+from rosbags.typesys.store import Typestore
+
+IMAGE = 'sensor_msgs/msg/Image'
+CAMERA_INFO = 'sensor_msgs/msg/CameraInfo'
+POINT_CLOUD = 'sensor_msgs/msg/PointCloud2'
+PARAMETER_EVENT = 'rcl_interfaces/msg/ParameterEvent'
+BYTES = 'std_msgs/msg/UInt8MultiArray'
+# Types that begin with a std_msgs/Header, as far as cameras and robots publish them.
+STAMPED = frozenset({IMAGE, CAMERA_INFO, POINT_CLOUD, 'sensor_msgs/msg/JointState',
+                     'nav_msgs/msg/Odometry', 'sensor_msgs/msg/Imu',
+                     'diagnostic_msgs/msg/DiagnosticArray'})
+
+_NANOSECONDS = 1_000_000_000
+_STRING_PARAMETER = 4
+_PIXELS = {'f4': '32FC1', 'f8': '64FC1', 'u1': 'mono8', 'u2': 'mono16'}
+
+
+@cache
+def typestore() -> Typestore:
+    """Return the message definitions of ROS 2 Jazzy."""
+    return get_typestore(Stores.ROS2_JAZZY)
+
+
+def decode(kind: str, data: bytes, where: str) -> Any:
+    """
+    Return a serialized message's values.
+
+    Parameters
+    ----------
+    kind : str
+        Its type, as ``sensor_msgs/msg/Image``.
+    data : bytes
+        The message, CDR.
+    where : str
+        What to call it in errors.
+
+    Raises
+    ------
+    InputError
+        When it is not a message of that type.
+
+    """
+    try:
+        return typestore().deserialize_cdr(data, kind)
+    except Exception as error:  # Bytes that are something else break it in any way.
+        raise InputError(f'{where}: cannot be decoded as {kind}: {error!r}') from error
+
+
+def header_stamp(data: bytes, where: str) -> int:
+    """
+    Return the stamp (nanoseconds) of a message that begins with a header, without decoding it.
+
+    Raises
+    ------
+    InputError
+        When there is no such stamp.
+
+    """
+    if len(data) >= 12:
+        sec, nanosec = struct.unpack_from('<iI' if data[1] & 1 else '>iI', data, 4)
+        if nanosec < _NANOSECONDS:
+            return int(sec) * _NANOSECONDS + int(nanosec)
+    raise InputError(f'{where}: header.stamp: found {bytes(data[:12])!r}, wanted a message that '
+                     'begins with a std_msgs/Header')
+
+
+def encode(kind: str, message: Any) -> bytes:
+    """Return a message's bytes."""
+    return bytes(typestore().serialize_cdr(message, kind))
+
+
+def _make(kind: str, *values: Any) -> Any:
+    return typestore().types[kind](*values)
+
+
+def _header(stamp: int, frame_id: str) -> Any:
+    return _make('std_msgs/msg/Header', _time(stamp), frame_id)
+
+
+def _time(stamp: int) -> Any:
+    return _make('builtin_interfaces/msg/Time', *divmod(stamp, _NANOSECONDS))
+
+
+def encode_image(stamp: int, frame_id: str, pixels: np.ndarray) -> bytes:
+    """Return an (H, W) array of float32, float64, uint8 or uint16 as a ``sensor_msgs/Image``."""
+    kind = pixels.dtype.str[1:]
+    rows = np.ascontiguousarray(pixels, dtype=f'<{kind}')
+    height, width = rows.shape
+    return encode(IMAGE, _make(IMAGE, _header(stamp, frame_id), height, width, _PIXELS[kind], 0,
+                               width * rows.itemsize, rows.view(np.uint8).reshape(-1)))
+
+
+def encode_camera_info(stamp: int, frame_id: str, size: tuple[int, int], matrix: np.ndarray,
+                       distortion: np.ndarray) -> bytes:
+    """Return a ``sensor_msgs/CameraInfo`` for (height, width) images: R = I, P = [K | 0]."""
+    no_region = _make('sensor_msgs/msg/RegionOfInterest', 0, 0, 0, 0, False)
+    projection = np.hstack([matrix, np.zeros((3, 1))])
+    return encode(CAMERA_INFO, _make(
+        CAMERA_INFO, _header(stamp, frame_id), *size, 'plumb_bob', distortion, matrix.ravel(),
+        np.eye(3).ravel(), projection.ravel(), 0, 0, no_region))
+
+
+def encode_usecase(stamp: int, node: str, usecase: str) -> bytes:
+    """Return the ``rcl_interfaces/ParameterEvent`` of a node that starts in a mode."""
+    value = _make('rcl_interfaces/msg/ParameterValue', _STRING_PARAMETER, False, 0, 0.0, usecase,
+                  np.zeros(0, np.uint8), np.zeros(0, bool), np.zeros(0, np.int64), np.zeros(0), [])
+    parameter = _make('rcl_interfaces/msg/Parameter', 'usecase', value)
+    return encode(PARAMETER_EVENT,
+                  _make(PARAMETER_EVENT, _time(stamp), node, [parameter], [], []))
+
+
+def decode_usecase(data: bytes, node: str, where: str) -> tuple[str, bool] | None:
+    """Return a ``ParameterEvent``'s ``usecase`` for a node and whether it is a change, or None."""
+    event = decode(PARAMETER_EVENT, data, where)
+    if event.node == node:
+        for changed, parameters in ((False, event.new_parameters),
+                                    (True, event.changed_parameters)):
+            for parameter in parameters:
+                if parameter.name == 'usecase' and parameter.value.type == _STRING_PARAMETER:
+                    return parameter.value.string_value, changed
+    return None
+
+
+def encode_bytes(label: str, content: bytes) -> bytes:
+    """Return labelled bytes as a ``std_msgs/UInt8MultiArray``."""
+    if len(content) >= 1 << 32:
+        raise InputError(f'{label}: found {len(content)} bytes, wanted less than 4 GiB, the most '
+                         'that one message of a bag can hold')
+    dimension = _make('std_msgs/msg/MultiArrayDimension', label, len(content), len(content))
+    layout = _make('std_msgs/msg/MultiArrayLayout', [dimension], 0)
+    return encode(BYTES, _make(BYTES, layout, np.frombuffer(content, np.uint8)))
+
+
+def decode_bytes(data: bytes, where: str) -> tuple[str, bytes]:
+    """Return the label and the bytes of what `encode_bytes` made."""
+    message = decode(BYTES, data, where)
+    if len(message.layout.dim) != 1:
+        raise InputError(f'{where}: layout.dim: found {len(message.layout.dim)} of them, wanted '
+                         'one with a label')
+    return message.layout.dim[0].label, message.data.tobytes()

@@ -1,0 +1,178 @@
+"""What there is of a bag that was cut off, read without an index."""
+
+from collections.abc import Iterator
+import io
+from pathlib import Path
+import shutil
+import sqlite3
+import struct
+import tempfile
+from typing import BinaryIO, NamedTuple
+import weakref
+
+from flexx2_sim_ros.errors import InputError
+from rosbags.rosbag2.storage_mcap import decompress
+
+# The format: https://mcap.dev/spec. Operation codes of the records that matter here.
+_MAGIC = b'\x89MCAP0\r\n'
+_SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _LAST = 0x03, 0x04, 0x05, 0x06, 0x0F
+_RECORD = struct.Struct('<BQ')
+_SQLITE_HEADER = 100
+
+
+class Message(NamedTuple):
+    """
+    A message of a bag.
+
+    Attributes
+    ----------
+    topic, kind : str
+        Its topic and type, as ``sensor_msgs/msg/Image``.
+    time : int
+        When it was received, nanoseconds.
+    data : bytes
+        The message, CDR.
+
+    """
+
+    topic: str
+    kind: str
+    time: int
+    data: bytes
+
+
+class McapRemains:
+    """
+    An MCAP file without its end.
+
+    Whole messages of the chunk that was being written are read where chunks are not compressed.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        The file.
+
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Remember the path."""
+        self._path = path
+
+    def messages(self) -> Iterator[Message]:
+        """Iterate over the messages, in the order of the file, as far as they are whole."""
+        schemas: dict[int, str] = {}
+        channels: dict[int, tuple[str, str]] = {}
+        with self._path.open('rb') as stream:
+            if stream.read(len(_MAGIC)) != _MAGIC:
+                return
+            for operation, body in _records(stream, self._path.stat().st_size):
+                try:
+                    if operation == _SCHEMA:
+                        schemas[_number(body)] = _text(body, 2)[0]
+                    elif operation == _CHANNEL:
+                        schema = struct.unpack_from('<H', body, 2)[0]
+                        channels[_number(body)] = _text(body, 4)[0], schemas[schema]
+                    elif operation == _MESSAGE:
+                        topic, kind = channels[_number(body)]
+                        time = struct.unpack_from('<Q', body, 6)[0]
+                        yield Message(topic, kind, time, body[22:])
+                except (struct.error, UnicodeDecodeError, KeyError):
+                    return
+
+
+def _records(stream: BinaryIO, size: int) -> Iterator[tuple[int, bytes]]:
+    # Records as (operation, content), those inside of chunks included. Ends where they do.
+    while len(head := stream.read(_RECORD.size)) == _RECORD.size:
+        operation, length = _RECORD.unpack(head)
+        body = stream.read(min(length, size))
+        whole = len(body) == length
+        if not 0 < operation <= _LAST or not (whole or operation == _CHUNK):
+            return
+        if operation == _CHUNK:
+            try:
+                content = _chunk(body, whole)
+            except Exception:  # Damaged data breaks a decompressor in any way.
+                return
+            yield from _records(io.BytesIO(content), len(content))
+        else:
+            yield operation, body
+
+
+def _chunk(body: bytes, whole: bool) -> bytes:
+    size, checksum = struct.unpack_from('<QI', body, 16)
+    compression, start = _text(body, 28)
+    data = body[start + 8:]
+    if whole:
+        return decompress(data, compression, size, checksum)
+    return b'' if compression else data
+
+
+def _number(body: bytes) -> int:
+    return int(struct.unpack_from('<H', body)[0])
+
+
+def _text(body: bytes, start: int) -> tuple[str, int]:
+    # The string at an offset, and where it ends.
+    end = start + 4 + int(struct.unpack_from('<I', body, start)[0])
+    return body[start + 4:end].decode(), end
+
+
+class SqliteRemains:
+    """
+    An SQLite file that was not closed, or lacks its end.
+
+    What a journal beside it says is applied first, to a copy: the bag stays as it is.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        The ``.db3`` file.
+
+    Raises
+    ------
+    InputError
+        When there is no room for the copy.
+
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Copy the file and its journal."""
+        folder = tempfile.mkdtemp(prefix='flexx2_bag_')
+        weakref.finalize(self, shutil.rmtree, folder, ignore_errors=True)
+        self._copy = Path(folder) / 'copy.db3'
+        try:
+            shutil.copyfile(path, self._copy)
+            for suffix in ('-journal', '-wal'):
+                journal = path.with_name(path.name + suffix)
+                if journal.is_file():
+                    shutil.copyfile(journal, self._copy.with_name(self._copy.name + suffix))
+            _cut_to_whole_pages(self._copy)
+        except OSError as error:
+            raise InputError(f'{path}: cannot be copied to {folder}: {error}') from error
+
+    def messages(self) -> Iterator[Message]:
+        """Iterate over the messages, in the order of writing, as far as they are whole."""
+        connection = sqlite3.connect(self._copy)
+        try:
+            # Without this, SQLite refuses a file that is shorter than its header says.
+            connection.execute('PRAGMA writable_schema=ON')
+            topics = {number: (name, kind) for number, name, kind in
+                      connection.execute('SELECT id, name, type FROM topics')}
+            rows = connection.execute('SELECT topic_id, timestamp, data FROM messages ORDER BY id')
+            for number, time, data in rows:
+                yield Message(*topics[number], time, data)
+        except (sqlite3.Error, KeyError):
+            return
+        finally:
+            connection.close()
+
+
+def _cut_to_whole_pages(path: Path) -> None:
+    # SQLite takes the missing end of a page for zeros, and would hand them out as data.
+    with path.open('r+b') as file:
+        head = file.read(_SQLITE_HEADER)
+        if len(head) == _SQLITE_HEADER:
+            page = int.from_bytes(head[16:18], 'big')
+            page = 1 << 16 if page == 1 else page
+            if page >= 512:
+                file.truncate(path.stat().st_size // page * page)

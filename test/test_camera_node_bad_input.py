@@ -1,0 +1,211 @@
+"""Bad input to the camera node: one clear message, and the next good frame comes out."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+import streams
+from streams import DEPTH, FLEXX2, GRAY, image_message, info_message, stream
+
+SECOND = 1_000_000_000
+WALL = np.full((172, 224), 1.5, np.float32)
+# How a message is spoilt; None leaves it out.
+Spoil = Callable[[Any], Any]
+
+pytestmark = pytest.mark.usefixtures('ros')
+
+
+def _changed(**fields: Any) -> Spoil:
+    def change(message: Any) -> Any:
+        for name, value in fields.items():
+            setattr(message, name, value)
+        return message
+    return change
+
+
+def _data(change: Callable[[Any], Any]) -> Spoil:
+    def cut(message: Any) -> Any:
+        message.data = change(message.data)
+        return message
+    return cut
+
+
+def _k(index: int, value: float) -> Spoil:
+    def spoil(message: Any) -> Any:
+        message.k[index] = value
+        return message
+    return spoil
+
+
+def _another(array: np.ndarray, **layout: Any) -> Spoil:
+    def other(message: Any) -> Any:
+        made = image_message(array, **layout)
+        made.header = message.header
+        return made
+    return other
+
+
+def _of(**fields: Any) -> Spoil:
+    def other(message: Any) -> Any:
+        made = info_message(replace(FLEXX2, **fields))
+        made.header = message.header
+        return made
+    return other
+
+
+def _late_nanoseconds(message: Any) -> Any:
+    message.header.stamp.sec, message.header.stamp.nanosec = 2 ** 31 - 1, 4_000_000_000
+    return message
+
+
+CASES = {
+    'encoding': ('image', _another(WALL, encoding='mono8'),
+                 ['clean/depth_image: encoding', "'mono8'", '32FC1 or 64FC1 or 16UC1']),
+    'no encoding': ('image', _changed(encoding=''), ['clean/depth_image: encoding', "''"]),
+    'step': ('image', _changed(step=895), ['clean/depth_image: step', '895', '896']),
+    'no step': ('image', _changed(step=0), ['clean/depth_image: step', 'found 0', '896']),
+    'long step': ('image', _changed(step=2 ** 32 - 1),
+                  ['clean/depth_image: data', str(896 * 172), str((2 ** 32 - 1) * 172)]),
+    'cut off': ('image', _data(lambda data: data[:-1]),
+                ['clean/depth_image: data', str(896 * 172 - 1), str(896 * 172)]),
+    'too long': ('image', _data(lambda data: data * 2),
+                 ['clean/depth_image: data', str(2 * 896 * 172), str(896 * 172)]),
+    'no data': ('image', _data(lambda data: data[:0]),
+                ['clean/depth_image: data', 'found 0', str(896 * 172)]),
+    'empty': ('image', _another(np.zeros((0, 0), np.float32)),
+              ['clean/depth_image: size', '0 x 0', 'wanted']),
+    'no width': ('image', _changed(width=0), ['clean/depth_image: size', '0 x 172', 'wanted']),
+    'huge': ('image', _changed(width=2 ** 32 - 1, height=2 ** 32 - 1),
+             ['clean/depth_image: size', str(2 ** 32 - 1), 'wanted']),
+    'small': ('image', _another(WALL[:100]),
+              ['clean/camera_info: size', '224 x 172', '224 x 100']),
+    'nanoseconds': ('both', _late_nanoseconds,
+                    ['clean/depth_image: header.stamp', '4000000000', 'wanted']),
+    'K zero': ('info', _changed(k=[0.0] * 9), ['clean/camera_info: K', '0.0', 'wanted']),
+    'fx zero': ('info', _k(0, 0.0), ['clean/camera_info: K: fx', '0.0', 'wanted']),
+    'fx NaN': ('info', _k(0, np.nan), ['clean/camera_info: K: fx', 'nan', 'wanted']),
+    'fy negative': ('info', _k(4, -210.0), ['clean/camera_info: K: fy', '-210', 'wanted']),
+    'cx infinite': ('info', _k(2, np.inf), ['clean/camera_info: K: cx', 'inf', 'wanted']),
+    'skew': ('info', _k(1, 0.5), ['clean/camera_info: K', '0.5', 'wanted']),
+    'K[8]': ('info', _k(8, np.nan), ['clean/camera_info: K', 'nan', 'wanted']),
+    'other size': ('info', _of(width=640, height=480),
+                   ['clean/camera_info: size', '640 x 480', '224 x 172']),
+    'no size': ('info', _changed(width=0, height=0),
+                ['clean/camera_info', 'size', '0 x 0', 'wanted']),
+    'distortion NaN': ('info', _changed(d=[np.nan] * 5),
+                       ['clean/camera_info: distortion', 'nan', 'wanted']),
+    'distortion model': ('info', _changed(d=[0.1] * 4, distortion_model='equidistant'),
+                         ['clean/camera_info: distortion_model', 'equidistant', 'plumb_bob']),
+    'coefficients': ('info', _changed(d=[0.1] * 8),
+                     ['clean/camera_info: distortion', 'found 8', 'at most five']),
+    'no info': ('info', lambda _: None, ['clean/camera_info', 'none has come', 'wanted']),
+}
+
+
+def _three(stamp: int) -> dict[str, Any]:
+    return {'image': image_message(WALL, stamp), 'info': info_message(FLEXX2, stamp),
+            'reflectivity': None}
+
+
+@pytest.mark.parametrize(('kind', 'spoil', 'parts'), CASES.values(), ids=CASES)
+def test_bad_input(kind: str, spoil: Spoil, parts: list[str]) -> None:
+    """Assert no frame, one message that names field, found and wanted, and then a good frame."""
+    with stream(DEPTH) as seen:
+        no_info = kind == 'info' and spoil(info_message(FLEXX2)) is None
+        if not no_info:  # One that has come stays.
+            assert seen.send(**_three(SECOND))
+        frames = len(seen.depths())
+        for index in range(3):
+            messages = _three((2 + index) * SECOND)
+            for name in ('image', 'info') if kind == 'both' else (kind,):
+                messages[name] = spoil(messages[name])
+            answered = seen.answered
+            seen.publish(**messages)
+            if not no_info:
+                seen.spin_until(lambda so_far=answered: seen.answered > so_far)
+        rejected = seen.camera._statistics
+        seen.spin_until(lambda: rejected.rejected == (2 if no_info else 3))
+        seen.spin_until(lambda: seen.logged('input rejected'))
+        seen.publish(**_three(9 * SECOND))
+        seen.spin_until(lambda: len(seen.depths()) == frames + 1)
+        logged = seen.logged('input rejected')
+        assert len(logged) == 1
+        assert all(part in logged[0] for part in parts), logged[0]
+        assert 'found' in logged[0] or ' is ' in logged[0] or 'none has come' in logged[0]
+        assert 'Traceback' not in logged[0]
+        assert seen.camera._statistics.published == frames + 1
+
+
+@pytest.mark.parametrize(('spoil', 'parts'), [
+    (_changed(encoding='16UC1'), ['clean/reflectivity: encoding', '16UC1', '32FC1']),
+    (_another(WALL[:, :100]), ['clean/reflectivity: size', '100 x 172', '224 x 172']),
+    (_data(lambda data: data[:7]), ['clean/reflectivity: data', 'found 7', str(896 * 172)]),
+], ids=['encoding', 'size', 'data'])
+def test_bad_reflectivity_costs_no_depth(spoil: Spoil, parts: list[str]) -> None:
+    """Assert a frame whose reflectivity cannot be used comes out without it."""
+    with stream(DEPTH, GRAY) as seen:
+        for index in range(3):
+            messages = _three(index * SECOND)
+            messages['reflectivity'] = spoil(image_message(WALL, index * SECOND))
+            assert seen.send(**messages)
+        seen.spin_until(lambda: seen.logged('input rejected'))
+        assert len(seen.depths()) == len(seen.messages(GRAY)) == 3
+        logged = seen.logged('input rejected')
+        assert len(logged) == 1
+        assert all(part in logged[0] for part in parts), logged[0]
+
+
+def test_messages_are_rate_limited_whatever_is_found() -> None:
+    """Assert a stream of images that are all broken in another way does not fill the log."""
+    with stream() as seen:
+        for index in range(1, 60):
+            messages = _three(index * SECOND)
+            messages['image'].data = messages['image'].data[:index]
+            assert not seen.send(**messages)
+        assert seen.send(**_three(99 * SECOND))
+        # Once every five seconds; a busy machine may need that long.
+        seen.spin_until(lambda: seen.logged('input rejected'))
+        assert len(seen.logged('input rejected')) < 5
+
+
+def test_rejection_is_in_the_diagnostics() -> None:
+    """Assert the last error is reported, and not for ever."""
+    with stream() as seen:
+        assert seen.send(**_three(SECOND))
+        seen.next_diagnostics()
+        messages = _three(2 * SECOND)
+        messages['info'].k[0] = 0.0
+        assert not seen.send(**messages)
+        report = seen.next_diagnostics()
+        assert report.level == streams.DiagnosticStatus.WARN
+        assert 'clean/camera_info: K: fx is 0.0' in report.message
+        assert seen.send(**_three(3 * SECOND))
+        report = seen.next_diagnostics()
+        assert report.level == streams.DiagnosticStatus.OK
+        values = {pair.key: pair.value for pair in report.values}
+        assert values['inputs rejected'] == '1'
+        assert values['frames published'] == '2'
+
+
+@pytest.mark.parametrize(('values', 'parts'), [
+    ({'usecase': 'Mode_9_31fps'}, ['usecase', 'Mode_9_31fps', 'Mode_9_30fps']),
+    ({'usecase': ''}, ['usecase', "''", 'Mode_9_30fps']),
+    ({'invalid_value': 'NaN'}, ['invalid_value', "'NaN'", 'nan, zero']),
+    ({'input_depth': 'flat'}, ['input_depth', "'flat'", 'planar, radial']),
+    ({'exposure_time_0': 20}, ['exposure_time_0', 'auto_exposure_0']),
+    ({'usecase': 5}, ['STRING', 'INTEGER']),
+    ({'frame_id': 5}, ['STRING', 'INTEGER']),
+], ids=str)
+def test_bad_parameters_are_refused(values: dict[str, Any], parts: list[str]) -> None:
+    """Assert a reason, and that the stream goes on as before."""
+    with stream(DEPTH) as seen:
+        assert seen.send(**_three(SECOND))
+        name = next(iter(values))
+        before = seen.get(name)
+        refused = seen.set(**values)
+        assert not refused.successful
+        assert all(part in refused.reason for part in parts), refused.reason
+        assert seen.get(name) == before
+        assert seen.send(**_three(2 * SECOND))

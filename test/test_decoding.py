@@ -1,0 +1,165 @@
+"""Messages as arrays: everything that can be decoded is, and nothing else gets through."""
+
+from array import array
+from types import SimpleNamespace
+from typing import Any
+
+from flexx2_sim_ros.camera import Intrinsics
+from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.nodes.decoding import (
+    check_stamp,
+    decode_camera_info,
+    decode_image,
+    little_endian_bytes,
+    stamp_nanoseconds,
+)
+from hypothesis import given, strategies as st
+from hypothesis.extra import numpy as hnp
+import numpy as np
+import pytest
+
+ENCODINGS = ('32FC1', '64FC1', '16UC1')
+SIZES = {'32FC1': 4, '64FC1': 8, '16UC1': 2}
+BYTE = st.integers(0, 255)
+UINT32 = st.integers(0, 2 ** 32 - 1)
+SMALL = st.integers(0, 12)
+
+
+@st.composite
+def images(draw: Any) -> SimpleNamespace:
+    """Return an image message, some of whose fields may be anything."""
+    encoding = draw(st.sampled_from([*ENCODINGS, 'mono8', 'bgr8', '', '32fc1', '32FC3']))
+    height, width = draw(SMALL), draw(SMALL)
+    step = width * SIZES.get(encoding, 1) + draw(st.sampled_from([0, 0, 1, 3, 8]))
+    length = height * step
+    if draw(st.booleans()):
+        field = draw(st.sampled_from(['height', 'width', 'step', 'length']))
+        value = draw(SMALL | UINT32)
+        height = value if field == 'height' else height
+        width = value if field == 'width' else width
+        step = value if field == 'step' else step
+        length = value % 4096 if field == 'length' else length
+    data = draw(st.binary(min_size=length, max_size=length))
+    return SimpleNamespace(height=height, width=width, encoding=encoding, step=step,
+                           is_bigendian=draw(BYTE), data=array('B', data))
+
+
+@given(images(), st.sampled_from([ENCODINGS, ('32FC1',)]))
+def test_any_image_is_decoded_or_refused(message: SimpleNamespace,
+                                         encodings: tuple[str, ...]) -> None:
+    """Assert a right array or an InputError that names the field, what was found and wanted."""
+    try:
+        image = decode_image(message, 'topic', encodings)
+    except InputError as error:
+        text = str(error)
+        assert text.startswith('topic: ')
+        assert 'found' in text
+        assert 'wanted' in text
+        return
+    assert message.encoding in encodings
+    assert image.dtype == np.float32
+    assert image.shape == (message.height, message.width)
+    assert image.flags.c_contiguous
+    size = SIZES[message.encoding]
+    kind = {2: 'u2', 4: 'f4', 8: 'f8'}[size]
+    order = '>' if message.is_bigendian else '<'
+    raw = bytes(message.data)
+    for y in range(message.height):
+        start = y * message.step
+        row = np.frombuffer(raw[start: start + message.width * size], order + kind)
+        with np.errstate(over='ignore', invalid='ignore'):
+            expected = row.astype(np.float32) * np.float32(0.001 if size == 2 else 1.0)
+        np.testing.assert_array_equal(image[y], expected)
+
+
+@given(hnp.arrays(np.float32, hnp.array_shapes(min_dims=2, max_dims=2, max_side=9)),
+       st.sampled_from(ENCODINGS), st.sampled_from('<>'), SMALL)
+def test_round_trip(depth: np.ndarray, encoding: str, order: str, padding: int) -> None:
+    """Assert any layout of an image gives the image back."""
+    if encoding == '16UC1':
+        millimetres = (np.nan_to_num(np.abs(depth)) % 65536).astype(np.uint16)
+        depth = millimetres.astype(np.float32) * np.float32(0.001)
+        pixels = millimetres.astype(f'{order}u2')
+    else:
+        with np.errstate(invalid='ignore'):
+            pixels = depth.astype(f'{order}{"f4" if encoding == "32FC1" else "f8"}')
+    rows = [row.tobytes() + bytes(range(padding)) for row in pixels]
+    message = SimpleNamespace(
+        height=depth.shape[0], width=depth.shape[1], encoding=encoding, step=len(rows[0]),
+        is_bigendian=order == '>', data=array('B', b''.join(rows)))
+    np.testing.assert_array_equal(decode_image(message, 'topic', ENCODINGS), depth)
+
+
+def test_doubles_beyond_float32_mean_nothing_there() -> None:
+    """Assert they become infinite, silently."""
+    data = np.array([[1e300, -1e300, 1.5]])
+    message = SimpleNamespace(height=1, width=3, encoding='64FC1', step=24, is_bigendian=0,
+                              data=array('B', data.tobytes()))
+    with np.errstate(all='raise'):
+        decoded = decode_image(message, 'topic', ENCODINGS)
+    np.testing.assert_array_equal(decoded, [[np.inf, -np.inf, 1.5]])
+
+
+NUMBERS = st.floats() | st.sampled_from([0.0, 1.0, 211.0, np.nan])
+GOOD_K = [211.0, 0.0, 111.5, 0.0, 213.0, 85.5, 0.0, 0.0, 1.0]
+INFOS = st.builds(
+    SimpleNamespace, width=UINT32, height=UINT32,
+    k=st.lists(NUMBERS, min_size=9, max_size=9) | st.just(GOOD_K),
+    d=st.lists(NUMBERS, max_size=14),
+    distortion_model=st.sampled_from(['plumb_bob', 'rational_polynomial', 'equidistant', '']))
+
+
+@given(INFOS)
+def test_any_camera_info_is_decoded_or_refused(message: SimpleNamespace) -> None:
+    """Assert a camera, or an InputError that names the topic and what is wanted."""
+    try:
+        camera = decode_camera_info(message, 'topic')
+    except InputError as error:
+        assert str(error).startswith('topic: ')
+        assert 'wanted' in str(error)
+        return
+    assert isinstance(camera, Intrinsics)
+    assert camera.matrix.ravel().tolist() == message.k
+    assert (camera.width, camera.height) == (message.width, message.height)
+    assert camera.fx > 0
+    assert camera.fy > 0
+    given_ = [*message.d, *[0.0] * 5][:5]
+    assert list(camera.distortion) == given_
+    assert message.distortion_model == 'plumb_bob' or not any(message.d)
+
+
+def _info(**fields: Any) -> SimpleNamespace:
+    return SimpleNamespace(**{'width': 224, 'height': 172, 'k': GOOD_K, 'd': [],
+                              'distortion_model': 'plumb_bob', **fields})
+
+
+def test_camera_infos_of_pinholes() -> None:
+    """Assert that what stands for no distortion is taken, and a fisheye's is not."""
+    plain = Intrinsics(224, 172, 211.0, 213.0, 111.5, 85.5)
+    assert decode_camera_info(_info()) == plain
+    assert decode_camera_info(_info(d=[0.0] * 4)) == plain
+    assert decode_camera_info(_info(d=[0.0] * 8, distortion_model='rational_polynomial')) == plain
+    assert decode_camera_info(_info(distortion_model='')) == plain
+    bent = decode_camera_info(_info(d=[0.1, -0.2, 0.01, 0.02, 0.3]))
+    assert bent.distortion == (0.1, -0.2, 0.01, 0.02, 0.3)
+    with pytest.raises(InputError, match='distortion_model: found .equidistant.*plumb_bob'):
+        decode_camera_info(_info(d=[0.0] * 4, distortion_model='equidistant'))
+
+
+@given(st.integers(-2 ** 31, 2 ** 31 - 1), UINT32)
+def test_stamps(sec: int, nanosec: int) -> None:
+    """Assert whole nanoseconds, and that what is no time is refused."""
+    stamp = SimpleNamespace(sec=sec, nanosec=nanosec)
+    assert stamp_nanoseconds(stamp) == sec * 10 ** 9 + nanosec
+    if nanosec < 10 ** 9:
+        check_stamp(stamp, 'topic')
+    else:
+        with pytest.raises(InputError, match=f'topic: header.stamp: found nanosec {nanosec}, '):
+            check_stamp(stamp, 'topic')
+
+
+def test_bytes_are_little_endian() -> None:
+    """Assert the bytes of a frame, contiguous or not."""
+    frame = np.arange(12, dtype=np.float32).reshape(3, 4)
+    assert bytes(little_endian_bytes(frame)) == frame.astype('<f4').tobytes()
+    assert bytes(little_endian_bytes(frame[:, ::2])) == frame[:, ::2].astype('<f4').tobytes()

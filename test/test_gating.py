@@ -1,0 +1,152 @@
+"""Frame timing by stamps: the mode's rate, exactly, from whatever comes in."""
+
+from itertools import pairwise
+
+from flexx2_sim_ros.camera.modes import flexx2
+from flexx2_sim_ros.nodes.gating import FrameGate, RateMeter
+from hypothesis import given, strategies as st
+import numpy as np
+import pytest
+
+SECOND = 1_000_000_000
+START = 1_700_000_000 * SECOND
+RATES = sorted({mode.rate_hz for mode in flexx2().modes})
+STAMPS = st.integers(-(2 ** 31) * SECOND, 2 ** 31 * SECOND)
+
+
+def clock(hz: float, seconds: float, *, jitter: float = 0.0, start: int = START) -> list[int]:
+    """Return stamps of an input; ``jitter`` is a share of its period, either way."""
+    random = np.random.default_rng(int(hz * 1000))
+    count = int(hz * seconds)
+    moved = random.uniform(-jitter, jitter, count) * SECOND / hz
+    rounding = random.integers(-1, 2, count)
+    return [start + round(i * SECOND / hz + moved[i]) + int(rounding[i]) for i in range(count)]
+
+
+def accepted(gate: FrameGate, stamps: list[int]) -> list[int]:
+    """Return the stamps that become frames."""
+    return [stamp for stamp in stamps if gate.accept(stamp)]
+
+
+@pytest.mark.parametrize('jitter', [0.0, 0.1], ids=['rounded', 'jitter'])
+@pytest.mark.parametrize('input_hz', [7, 29.97, 30, 60, 60.02, 75, 100, 120, 240, 1000])
+@pytest.mark.parametrize('rate', RATES)
+def test_rate_is_exact_in_the_long_run(rate: float, input_hz: float, jitter: float) -> None:
+    """Assert the lower of both rates to 0.5 %, and no frame far from its due time."""
+    stamps = clock(input_hz, 60, jitter=jitter)
+    frames = accepted(FrameGate(rate), stamps)
+    measured = (len(frames) - 1) * SECOND / (frames[-1] - frames[0])
+    assert measured == pytest.approx(min(rate, input_hz), rel=0.005)
+    if input_hz > rate:
+        off = [frame - START - k * SECOND / rate for k, frame in enumerate(frames)]
+        early, late = min(off), max(off)
+        # The first frame sets the beat, and with it both may be off by the jitter.
+        slack = 2 * jitter * SECOND / input_hz + 4
+        assert early >= -min(SECOND / rate / 5, SECOND / input_hz) - slack
+        assert late <= SECOND / input_hz + slack
+
+
+@pytest.mark.parametrize('rate', RATES)
+def test_no_drift_in_ten_hours(rate: float) -> None:
+    """Assert the frame of the last second is where whole-number arithmetic puts it."""
+    gate = FrameGate(rate)
+    assert gate.accept(START)
+    hours = 10 * 3600 * SECOND
+    for k in range(int(rate)):
+        assert gate.accept(START + hours + round(k * SECOND / rate))
+
+
+def test_every_rounding_of_a_stamp_gives_one_frame_a_slot() -> None:
+    """Assert inputs that hit a due time, or the tolerance's edge, do not count twice."""
+    for rate in RATES:
+        for input_hz in (rate, 1.25 * rate, rate * 5 / 3, 2 * rate, 2.5 * rate):
+            for rounding in (np.floor, np.rint, np.ceil):
+                stamps = [int(rounding(i * SECOND / input_hz)) for i in range(2000)]
+                frames = accepted(FrameGate(rate), stamps)
+                wanted = 2000 * rate / input_hz
+                assert abs(len(frames) - wanted) <= 1.5, (rate, input_hz, rounding)
+
+
+def test_slower_input_passes_whole() -> None:
+    """Assert nothing is dropped up to the mode's rate."""
+    for input_hz in (1, 7, 29.9, 30):
+        stamps = clock(input_hz, 30, jitter=0.1 if input_hz < 29 else 0.0)
+        assert accepted(FrameGate(30.0), stamps) == stamps
+
+
+def test_repeats_and_restarts() -> None:
+    """Assert repetitions are no frames, and stamps that go back start afresh."""
+    gate = FrameGate(30.0)
+    stamps = clock(60, 1)
+    first = accepted(gate, stamps)
+    assert not gate.accept(stamps[-1])
+    assert (gate.repeats, gate.restarts) == (1, 0)
+    again = accepted(gate, [stamp - 100 * SECOND for stamp in stamps])
+    assert [stamp + 100 * SECOND for stamp in again] == first
+    assert (gate.repeats, gate.restarts) == (1, 1)
+
+
+def test_a_gap_is_followed_by_the_next_image() -> None:
+    """Assert the first image after a gap of any length is a frame, and the beat goes on."""
+    gate = FrameGate(60.0)
+    accepted(gate, clock(60, 1))
+    for gap in (SECOND, 3600 * SECOND, 10 ** 17):
+        later = clock(60, 1, start=START + gap + SECOND)
+        frames = accepted(gate, later)
+        assert frames[0] == later[0]
+        assert len(frames) >= 59
+
+
+def test_another_rate_counts_from_the_last_frame() -> None:
+    """Assert no two frames around a switch are closer than the new period allows."""
+    gate = FrameGate(60.0)
+    stamps = clock(240, 2)
+    frames = accepted(gate, stamps[:240])
+    last = frames[-1]
+    gate.set_rate(5.0)
+    after = accepted(gate, stamps[240:])
+    assert [stamp - last for stamp in after] == pytest.approx(
+        [SECOND / 5 * k for k in range(1, 6)], abs=SECOND / 240)
+
+
+def test_a_rate_may_be_set_before_the_first_frame_and_after_a_restart() -> None:
+    """Assert the first image is a frame in both cases."""
+    gate = FrameGate(60.0)
+    gate.set_rate(5.0)
+    assert gate.accept(START)
+    assert gate.accept(0)
+    gate.set_rate(30.0)
+    assert not gate.accept(1)
+    assert gate.accept(-5)
+
+
+@given(st.lists(STAMPS, max_size=40), st.sampled_from(RATES))
+def test_any_stamps_are_counted_once(stamps: list[int], rate: float) -> None:
+    """Assert every image is a frame, early or a repeat; frames of one run keep their distance."""
+    gate = FrameGate(rate)
+    frames = accepted(gate, stamps)
+    assert len(frames) + gate.early + gate.repeats == len(stamps)
+    assert gate.restarts == sum(later < sooner for sooner, later in pairwise(stamps))
+    if not gate.restarts:
+        # Early by a fifth of a period after late by one: at least that far apart.
+        assert all(later > sooner for sooner, later in pairwise(frames))
+        if len(frames) > 1:
+            span = frames[-1] - frames[0]
+            assert len(frames) - 1 <= span * rate / SECOND + 0.2 + 1e-6
+
+
+def test_rate_meter() -> None:
+    """Assert the rate of what came lately, nothing from nothing, and a fresh start."""
+    meter = RateMeter()
+    assert (meter.hz, meter.samples) == (0.0, 0)
+    meter.add(START)
+    assert meter.hz == 0.0
+    for stamp in clock(30, 10, start=START + SECOND):
+        meter.add(stamp)
+    assert meter.hz == pytest.approx(30, rel=1e-6)
+    assert meter.samples == 120
+    for stamp in clock(5, 2, start=0):
+        meter.add(stamp)
+    assert meter.hz == pytest.approx(5, rel=1e-6)
+    meter.clear()
+    assert (meter.hz, meter.samples) == (0.0, 0)

@@ -1,0 +1,132 @@
+"""Images and their companions find each other by stamp, and never wait long."""
+
+from flexx2_sim_ros.nodes.pairing import Match, StampPairing
+from hypothesis import given, strategies as st
+import pytest
+
+
+def run(pairing: StampPairing, *events: str) -> list[tuple[int, str | None, str | None]]:
+    """
+    Feed events such as ``image 3`` and return what is matched.
+
+    An image comes back with the info's and reflectivity's own names.
+    """
+    matches: list[Match] = []
+    for event in events:
+        name, stamp = event.split()
+        if name == 'image':
+            matches += pairing.image(int(stamp), event)
+        else:
+            matches += pairing.companion(name, int(stamp), event)
+    assert all(match.image == f'image {match.stamp}' for match in matches)
+    return [(match.stamp, match.info, match.reflectivity) for match in matches]
+
+
+@pytest.mark.parametrize('order', [
+    ('info', 'image'), ('image', 'info'),
+    ('info', 'reflectivity', 'image'), ('reflectivity', 'info', 'image')], ids=' '.join)
+def test_messages_of_one_stamp_are_matched_at_once(order: tuple[str, ...]) -> None:
+    """Assert every image comes out with its own companions, without waiting for the next one."""
+    pairing = StampPairing()
+    for stamp in range(50):
+        paint = f'reflectivity {stamp}' if 'reflectivity' in order else None
+        assert run(pairing, *(f'{name} {stamp}' for name in order)) == [
+            (stamp, f'info {stamp}', paint)]
+
+
+@pytest.mark.parametrize('order', [
+    ('info', 'image', 'reflectivity'), ('image', 'reflectivity', 'info'),
+    ('image', 'info', 'reflectivity'), ('reflectivity', 'image', 'info')], ids=' '.join)
+def test_reflectivity_is_waited_for_once_it_has_come(order: tuple[str, ...]) -> None:
+    """Assert at most the first image goes without its reflectivity."""
+    pairing = StampPairing()
+    run(pairing, *(f'{name} 0' for name in order))
+    for stamp in range(1, 50):
+        assert run(pairing, *(f'{name} {stamp}' for name in order)) == [
+            (stamp, f'info {stamp}', f'reflectivity {stamp}')]
+
+
+def test_an_image_waits_no_longer_than_for_the_next() -> None:
+    """Assert a companion that stops coming holds one image up, once."""
+    pairing = StampPairing()
+    run(pairing, 'info 0', 'image 0', 'reflectivity 0')
+    assert run(pairing, 'info 1', 'image 1') == []
+    assert run(pairing, 'info 2', 'image 2') == [(1, 'info 1', None), (2, 'info 2', None)]
+    assert run(pairing, 'info 3', 'image 3') == [(3, 'info 3', None)]
+    assert run(pairing, 'image 4') == []
+    assert run(pairing, 'image 5') == [(4, 'info 3', None), (5, 'info 3', None)]
+    assert run(pairing, 'image 6') == [(6, 'info 3', None)]
+
+
+def test_one_info_for_all() -> None:
+    """Assert a camera info that came once serves every image, and a new one replaces it."""
+    pairing = StampPairing()
+    assert run(pairing, 'info 0', 'image 10') == []
+    matches = run(pairing, *(f'image {stamp}' for stamp in range(11, 100)))
+    assert matches == [(stamp, 'info 0', None) for stamp in range(10, 100)]
+    assert run(pairing, 'info 5', 'image 100') == [(100, 'info 5', None)]
+
+
+def test_no_info_at_all() -> None:
+    """Assert images come out without, for the node to say so."""
+    pairing = StampPairing()
+    assert run(pairing, 'image 1', 'image 2', 'image 3') == [
+        (1, None, None), (2, None, None), (3, None, None)]
+
+
+def test_companions_of_other_stamps_are_not_used() -> None:
+    """Assert reflectivity is never taken from another frame."""
+    pairing = StampPairing()
+    assert run(pairing, 'info 1', 'reflectivity 0', 'reflectivity 2', 'image 1') == [
+        (1, 'info 1', None)]
+    assert run(pairing, 'info 2', 'image 2') == [(2, 'info 2', 'reflectivity 2')]
+
+
+def test_a_run_that_starts_again_does_not_see_the_last_ones_companions() -> None:
+    """Assert stamps that come a second time get what was sent with them the second time."""
+    for order in (('image', 'info', 'reflectivity'), ('info', 'reflectivity', 'image')):
+        pairing = StampPairing()
+        for stamp in range(5):
+            pairing.image(stamp, 'old')
+            pairing.companion('info', stamp, 'old')
+            pairing.companion('reflectivity', stamp, 'old')
+        for stamp in range(5):
+            assert run(pairing, *(f'{name} {stamp}' for name in order)) == [
+                (stamp, f'info {stamp}', f'reflectivity {stamp}')]
+
+
+def test_one_info_outlives_a_restart() -> None:
+    """Assert a camera info that came once serves the next run too, whatever its stamp."""
+    pairing = StampPairing()
+    run(pairing, 'info 50', 'image 90', 'image 91')
+    assert run(pairing, 'image 1', 'image 2') == [(1, 'info 50', None), (2, 'info 50', None)]
+
+
+EVENTS = st.lists(st.tuples(st.sampled_from(['image', 'info', 'reflectivity']),
+                            st.integers(0, 30)), max_size=80)
+
+
+@given(EVENTS)
+def test_any_order_keeps_every_image(events: list[tuple[str, int]]) -> None:
+    """Assert images come out once each, in order, all but the last at most, well matched."""
+    pairing = StampPairing()
+    matches: list[Match] = []
+    sent = []
+    for serial, (name, stamp) in enumerate(events):
+        if name == 'image':
+            sent.append((stamp, serial))
+            matches += pairing.image(stamp, serial)
+        else:
+            matches += pairing.companion(name, stamp, (stamp, serial))
+        assert len(sent) - len(matches) in (0, 1)
+    assert [(match.stamp, match.image) for match in matches] == sent[:len(matches)]
+    for match in matches:
+        assert match.reflectivity is None or match.reflectivity[0] == match.stamp
+
+
+def test_memory_is_bounded() -> None:
+    """Assert companions without images are not kept for ever."""
+    pairing = StampPairing()
+    for stamp in range(1000):
+        run(pairing, f'info {stamp}', f'reflectivity {stamp}')
+    assert run(pairing, 'image 5', 'image 6')[0] == (5, 'info 999', None)

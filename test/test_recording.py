@@ -1,0 +1,215 @@
+"""Recordings: whole or not at all, and never unpickled."""
+
+import io
+from pathlib import Path
+from typing import Any
+import zipfile
+
+from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.recording import load_scene, RecordingWriter
+from hypothesis import given, settings, strategies as st
+import numpy as np
+import pytest
+
+K = np.array([[210.6, 0.0, 111.5], [0.0, 212.9, 85.5], [0.0, 0.0, 1.0]])
+CLEAN = np.linspace(0.5, 3.0, 30).reshape(5, 6).astype(np.float32)
+CLEAN[0, 0] = np.nan
+
+
+def write(path: Path, frames: np.ndarray, **arrays: Any) -> None:
+    """Write a recording two frames at a time."""
+    with RecordingWriter(path, *frames.shape) as writer:
+        for start in range(0, len(frames), 2):
+            writer.add_depth(frames[start: start + 2])
+        for key, value in arrays.items():
+            writer.add_array(key, value)
+
+
+def saved(folder: Path, **arrays: Any) -> Path:
+    """Save a scene with these arrays replaced, or left out where None."""
+    content = {'clean_depth': CLEAN, 'K': K, **arrays}
+    path = folder / 'scene.npz'
+    np.savez(path, **{key: value for key, value in content.items() if value is not None})
+    return path
+
+
+def test_round_trip(tmp_path: Path) -> None:
+    """Assert depth to the last bit, every other array, and the scene it shows."""
+    frames = np.random.default_rng(1).normal(2, 1, (7, 5, 6)).astype(np.float32)
+    frames[3, 2] = np.nan
+    path = tmp_path / 'r.npz'
+    arrays = {'clean_depth': CLEAN, 'K': K, 'stamp': np.arange(7) / 30, 'usecase': 'Mode_5_30fps',
+              'reflectivity': np.ones((5, 6), np.float32), 'label': np.array(['a', 'b']),
+              'mask': np.eye(3, dtype=bool)}
+    write(path, frames, **arrays)
+    with np.load(path, allow_pickle=False) as archive:
+        assert set(archive.files) == {'depth', *arrays}
+        assert archive['depth'].dtype == np.dtype('<f4')
+        np.testing.assert_array_equal(archive['depth'], frames)
+        for key, value in arrays.items():
+            np.testing.assert_array_equal(archive[key], value)
+    scene = load_scene(path)
+    np.testing.assert_array_equal(scene.clean_depth, CLEAN)
+    np.testing.assert_array_equal(scene.K, K)
+    np.testing.assert_array_equal(scene.stamp, arrays['stamp'])
+    np.testing.assert_array_equal(scene.reflectivity, arrays['reflectivity'])
+    assert set(scene.extra) == {'depth', 'usecase', 'label', 'mask'}
+    assert str(scene.extra['usecase']) == 'Mode_5_30fps'
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize('existing', [False, True])
+@pytest.mark.parametrize('when', ['before depth', 'amid depth', 'after depth', 'object array'])
+def test_a_failure_leaves_nothing_behind(tmp_path: Path, existing: bool, when: str) -> None:
+    """Assert an exception at any time removes the new file and keeps the old one."""
+    path = tmp_path / 'r.npz'
+    if existing:
+        path.write_bytes(b'precious')
+    with (pytest.raises((KeyboardInterrupt, ValueError)),
+          RecordingWriter(path, 4, 5, 6) as writer):
+        if when == 'before depth':
+            raise KeyboardInterrupt
+        writer.add_depth(np.ones((2, 5, 6), np.float32))
+        if when == 'amid depth':
+            raise KeyboardInterrupt
+        writer.add_depth(np.ones((2, 5, 6), np.float32))
+        writer.add_array('K', K)
+        if when == 'object array':
+            writer.add_array('what', np.array([{}, []], dtype=object))
+        raise KeyboardInterrupt
+    assert list(tmp_path.iterdir()) == ([path] if existing else [])
+    assert not existing or path.read_bytes() == b'precious'
+
+
+def test_frames_that_are_missing_or_do_not_fit_are_refused(tmp_path: Path) -> None:
+    """Assert a recording has all its frames, of its size, before anything else."""
+    path = tmp_path / 'r.npz'
+    with (pytest.raises(InputError, match='depth: 2 frames are missing'),
+          RecordingWriter(path, 4, 5, 6) as writer):
+        writer.add_depth(np.ones((2, 5, 6)))
+    for wrong in ((5, 5, 6), (1, 6, 5)):
+        with (pytest.raises(InputError, match='depth: found'),
+              RecordingWriter(path, 4, 5, 6) as writer):
+            writer.add_depth(np.ones(wrong))
+    with (pytest.raises(InputError, match="depth: 4 frames are missing before 'K'"),
+          RecordingWriter(path, 4, 5, 6) as writer):
+        writer.add_array('K', K)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_place_that_cannot_be_written(tmp_path: Path) -> None:
+    """Assert the path is named, and nothing is left behind."""
+    with pytest.raises(InputError, match='nowhere/r.npz: cannot be written'):
+        RecordingWriter(tmp_path / 'nowhere' / 'r.npz', 1, 1, 1)
+    folder = tmp_path / 'folder'
+    folder.mkdir()
+    with pytest.raises(InputError, match='folder: cannot be written'):
+        write(folder, np.ones((1, 5, 6), np.float32))
+    assert list(tmp_path.iterdir()) == [folder]
+    assert list(folder.iterdir()) == []
+
+
+@pytest.mark.parametrize(('arrays', 'parts'), [
+    ({'clean_depth': None}, ['clean_depth', 'not in the file', 'K', 'wanted']),
+    ({'K': None}, ['K', 'not in the file', 'clean_depth', 'wanted']),
+    ({'clean_depth': np.ones(5)}, ['clean_depth', '(5,)', '(H, W) or (T, H, W)']),
+    ({'clean_depth': np.ones((1, 2, 3, 4))}, ['clean_depth', '(1, 2, 3, 4)', 'wanted']),
+    ({'clean_depth': np.ones((0, 4))}, ['clean_depth', '(0, 4)', 'not empty']),
+    ({'clean_depth': np.ones((0, 4, 4))}, ['clean_depth', '(0, 4, 4)', 'not empty']),
+    ({'clean_depth': CLEAN.astype(str)}, ['clean_depth', '<U', 'numbers']),
+    ({'clean_depth': CLEAN.astype(complex)}, ['clean_depth', 'complex128', 'numbers']),
+    ({'clean_depth': CLEAN > 1}, ['clean_depth', 'bool', 'numbers']),
+    ({'clean_depth': np.array([[object()]])}, ['pickled']),
+    ({'note': np.array({'a': 1})}, ['pickled']),
+    ({'K': K[:2]}, ['K', '(2, 3)', '(3, 3)']),
+    ({'K': K.ravel()}, ['K', '(9,)', '(3, 3)']),
+    ({'K': np.full((3, 3), 'x')}, ['K', '<U1', 'numbers']),
+    ({'reflectivity': np.ones((6, 5))}, ['reflectivity', '(6, 5)', '(5, 6)']),
+    ({'reflectivity': np.ones((5, 6), bool)}, ['reflectivity', 'bool', 'numbers']),
+    ({'stamp': np.ones((2, 2))}, ['stamp', '(2, 2)', '(T,)']),
+    ({'stamp': np.array([0.0, np.nan])}, ['stamp', 'finite']),
+    ({'stamp': np.array(['now'])}, ['stamp', '<U3', 'numbers']),
+], ids=str)
+def test_wrong_contents_are_named(tmp_path: Path, arrays: dict[str, Any],
+                                  parts: list[str]) -> None:
+    """Assert file, key, what was found and what is wanted."""
+    path = saved(tmp_path, **arrays)
+    with pytest.raises(InputError) as raised:
+        load_scene(path)
+    assert str(raised.value).startswith(f'{path}: ')
+    assert all(part in str(raised.value) for part in parts), str(raised.value)
+
+
+def test_what_is_no_archive(tmp_path: Path) -> None:
+    """Assert the path and what is wanted."""
+    single, text = tmp_path / 'single.npy', tmp_path / 'text.npz'
+    np.save(single, CLEAN)
+    text.write_text('clean_depth = 1')
+    for path in (single, text, tmp_path / 'missing.npz', tmp_path):
+        with pytest.raises(InputError, match=f'{path}: .*npz archive'):
+            load_scene(path)
+
+
+def test_what_is_no_array_in_an_archive(tmp_path: Path) -> None:
+    """Assert members that are no arrays are refused by name, whatever they are for."""
+    for name, content in (('clean_depth.npy', b''), ('K.npy', b'not an array'),
+                          ('notes.txt', b'hello')):
+        path = saved(tmp_path)
+        cut = tmp_path / 'cut.npz'
+        with zipfile.ZipFile(path) as old, zipfile.ZipFile(cut, 'w') as new:
+            for member in old.namelist():
+                if member != name:
+                    new.writestr(member, old.read(member))
+            new.writestr(name, content)
+        with pytest.raises(InputError, match=f"{cut}: {name.removesuffix('.npy')}: .*wanted"):
+            load_scene(cut)
+
+
+def test_an_array_too_large_for_memory(tmp_path: Path) -> None:
+    """Assert a damaged header that asks for a petabyte is refused."""
+    header = io.BytesIO()
+    np.lib.format.write_array_header_1_0(
+        header, {'descr': '<f8', 'fortran_order': False, 'shape': (1 << 24, 1 << 24)})
+    path = saved(tmp_path, clean_depth=None)
+    with zipfile.ZipFile(path, 'a') as archive:
+        archive.writestr('clean_depth.npy', header.getvalue() + b'\0' * 64)
+    with pytest.raises(InputError, match=str(path)):
+        load_scene(path)
+
+
+ARCHIVES = []
+for compressed in (np.savez, np.savez_compressed):
+    buffer = io.BytesIO()
+    compressed(buffer, clean_depth=CLEAN, K=K, stamp=np.array([0.5]))
+    ARCHIVES.append(buffer.getvalue())
+
+
+@pytest.mark.parametrize('archive', ARCHIVES, ids=['stored', 'compressed'])
+def test_cut_off_at_every_byte(tmp_path: Path, archive: bytes) -> None:
+    """Assert a file that was not written to its end is refused, wherever it ends."""
+    path = tmp_path / 'cut.npz'
+    for length in range(len(archive)):
+        path.write_bytes(archive[:length])
+        with pytest.raises(InputError, match=str(path)):
+            load_scene(path)
+    path.write_bytes(archive)
+    np.testing.assert_array_equal(load_scene(path).clean_depth, CLEAN)
+
+
+@settings(max_examples=1500)
+@given(st.sampled_from(ARCHIVES), st.data())
+def test_damaged_bytes(tmp_path_factory: pytest.TempPathFactory, archive: bytes,
+                       data: Any) -> None:
+    """Assert damage is found or does no harm: an InputError, or arrays of the right shape."""
+    damaged = bytearray(archive)
+    for place in data.draw(st.lists(st.integers(0, len(archive) - 1), min_size=1, max_size=3)):
+        damaged[place] = data.draw(st.integers(0, 255))
+    path = tmp_path_factory.getbasetemp() / 'damaged.npz'
+    path.write_bytes(damaged)
+    try:
+        scene = load_scene(path)
+    except InputError as error:
+        assert str(path) in str(error)
+    else:
+        assert scene.clean_depth.ndim in (2, 3)
+        assert scene.K.shape == (3, 3)
