@@ -34,14 +34,23 @@ setup(
         'PyYAML>=6.0.1',
         'rich>=13.0',
         'rosbags>=0.11',
+        'scikit-learn>=1.4',
+        'scipy>=1.11',
     ],
     extras_require={
+        'cluster': [
+            'distributed>=2024.1',
+        ],
+        'menagerie': [
+            'mujoco-menagerie',
+        ],
         'ros': [
             'ros-jazzy-common-interfaces',
             'ros-jazzy-rclpy[fastrtps]',
         ],
         'test': [
             'colcon-common-extensions',
+            'distributed>=2024.1',
             'flake8',
             'flake8-blind-except',
             'flake8-builtins',
@@ -52,6 +61,7 @@ setup(
             'flake8-import-order',
             'flake8-quotes',
             'hypothesis',
+            'mujoco-menagerie',
             'mypy',
             'pydocstyle',
             'pytest',

@@ -2,10 +2,10 @@
 
 import sys
 
-from bench import closed_loop, model, nodes, rendering
+from bench import closed_loop, effects, go1, model, nodes, rendering
 
-_ALL = {'model': model.run, 'closed_loop': closed_loop.run, 'rendering': rendering.run,
-        'nodes': nodes.run}
+_ALL = {'model': model.run, 'effects': effects.run, 'closed_loop': closed_loop.run,
+        'rendering': rendering.run, 'nodes': nodes.run, 'go1': go1.run}
 
 
 def main() -> int:

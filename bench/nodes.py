@@ -69,7 +69,7 @@ def _measure(processes: dict[str, subprocess.Popen[bytes]]) -> None:
     while not matched() and time.monotonic() < deadline:
         executor.spin_once(timeout_sec=0.1)
     intrinsics, scene = flexx2().intrinsics, room()
-    before = {name: _cpu_seconds(process.pid) for name, process in processes.items()}
+    before = {name: cpu_seconds(process.pid) for name, process in processes.items()}
     own = time.process_time()
     start = time.perf_counter()
     frames = _RATE * _SECONDS
@@ -93,9 +93,9 @@ def _measure(processes: dict[str, subprocess.Popen[bytes]]) -> None:
           f'{len(os.sched_getaffinity(0))} cores')
     for name, process in processes.items():
         gaps = int((np.diff(stamps[name]) > 1.5e9 / _RATE).sum())
-        cpu = (_cpu_seconds(process.pid) - before[name]) / elapsed
+        cpu = (cpu_seconds(process.pid) - before[name]) / elapsed
         print(f'{name:6s} {len(stamps[name])} of {frames} frames, {gaps} gaps, '
-              f'{cpu:.0%} of a core, peak memory {_peak_megabytes(process.pid):.0f} MB')
+              f'{cpu:.0%} of a core, peak memory {resident_megabytes(process.pid):.0f} MB')
     print('latency from publishing to receiving, ms: '
           + ', '.join(f'{text} {np.percentile(latency, q):.2f}' for text, q in
                       (('median', 50), ('p90', 90), ('p99', 99), ('max', 100))))
@@ -105,12 +105,14 @@ def _measure(processes: dict[str, subprocess.Popen[bytes]]) -> None:
     rclpy.shutdown()
 
 
-def _cpu_seconds(pid: int) -> float:
+def cpu_seconds(pid: int) -> float:
+    """Return the CPU time that a process has used."""
     fields = Path(f'/proc/{pid}/stat').read_text().rsplit(')', 1)[1].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
 
 
-def _peak_megabytes(pid: int) -> float:
+def resident_megabytes(pid: int) -> float:
+    """Return a process's largest resident memory so far."""
     for line in Path(f'/proc/{pid}/status').read_text().splitlines():
         if line.startswith('VmHWM'):
             return int(line.split()[1]) / 1024

@@ -13,7 +13,7 @@ except ImportError as error:
     raise unittest.SkipTest('ROS 2 is not installed: rclpy cannot be imported') from error
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from flexx2_sim_ros.camera.intrinsics import Intrinsics
+from flexx2_sim_ros.camera import Camera, Intrinsics
 from flexx2_sim_ros.camera.modes import flexx2
 from flexx2_sim_ros.nodes.camera_node import Flexx2Camera
 import numpy as np
@@ -22,15 +22,22 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
-from rclpy.qos import DurabilityPolicy, qos_profile_sensor_data, QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.task import Future
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2, PointField
 
 __all__ = [
-    'CLOUD', 'CameraInfo', 'Clock', 'DEPTH', 'DiagnosticStatus', 'FLEXX2', 'Flexx2Camera', 'GRAY',
-    'INFO', 'Image', 'Listener', 'NOISE', 'Parameter', 'PointCloud2', 'PointField', 'Stream',
-    'array_of', 'image_message', 'info_message', 'nanoseconds', 'stream']
+    'BOARDS', 'CLOUD', 'CameraInfo', 'Clock', 'DEPTH', 'DiagnosticStatus', 'FLEXX2', 'GRAY',
+    'INFO', 'INPUT_HZ', 'Image', 'Listener', 'NOISE', 'Parameter', 'PointField', 'SECOND', 'START',
+    'Stream', 'array_of', 'boards', 'image_message', 'info_message', 'input_stamps', 'library',
+    'nanoseconds', 'plane', 'same', 'stream']
+
+SECOND = 1_000_000_000
+START = 1_700_000_000 * SECOND
+INPUT_HZ = 240
+# Four boards facing the camera: their depths, and the columns away from their edges.
+BOARDS = {1.5: slice(12, 44), 3.0: slice(68, 100), 8.0: slice(124, 156), 0.05: slice(180, 212)}
 
 FLEXX2 = flexx2().intrinsics
 DEPTH, INFO, CLOUD = 'depth_image_0', 'camera_info', 'point_cloud_0'
@@ -38,7 +45,7 @@ GRAY, NOISE = 'gray_image_0', 'depth_noise_0'
 OUTPUTS = {DEPTH: Image, INFO: CameraInfo, CLOUD: PointCloud2, GRAY: Image, NOISE: Image}
 
 # Conditions are met in milliseconds; this is for a machine that is busy with something else.
-_PATIENCE = 30.0
+_PATIENCE = 60.0
 _ENCODINGS = {'32FC1': ('f4', 1.0), '64FC1': ('f8', 1.0), '16UC1': ('u2', 1000.0),
               'mono8': ('u1', 1.0)}
 _numbers = itertools.count()
@@ -127,6 +134,10 @@ class Listener:
             assert left > 0, f'{what}: did not come about within {_PATIENCE} s'
             self._executor.spin_once(timeout_sec=min(left, 0.05))
 
+    def spin_for_a_message(self) -> None:
+        """Handle what comes next, or nothing after a while."""
+        self._executor.spin_once(timeout_sec=0.02)
+
     def listen(self, topic: str, kind: type) -> list[Any]:
         """Subscribe and wait for the publisher; return the list that will fill."""
         heard = self.heard[topic] = []
@@ -163,8 +174,8 @@ class Stream(Listener):
         Of the clean images.
     namespace : str
         Of the node; one of its own when left out, so that no stream hears another.
-    parameters
-        The node's parameters.
+    values
+        Of the node's parameters.
 
     Attributes
     ----------
@@ -176,13 +187,13 @@ class Stream(Listener):
     """
 
     def __init__(self, *topics: str, source: Intrinsics = FLEXX2, namespace: str = '',
-                 **parameters: Any) -> None:
+                 **values: Any) -> None:
         """Start the node and wait until everybody knows everybody."""
         super().__init__()
         namespace = namespace or f'/stream_{next(_numbers)}'
         self.source = source
         self.camera = Flexx2Camera(namespace=namespace, parameter_overrides=[
-            Parameter(name, value=value) for name, value in parameters.items()])
+            Parameter(name, value=value) for name, value in values.items()])
         self.name = f'{namespace}/flexx2_camera'
         self.add(self.camera)
         self.clients = AsyncParameterClient(self.node, self.name)
@@ -265,7 +276,7 @@ class Stream(Listener):
             image_message(depth, stamp, **layout), info_message(self.source, stamp),
             None if reflectivity is None else image_message(reflectivity, stamp))
 
-    def set(self, **values: Any) -> SetParametersResult:
+    def set(self, **values: Any) -> SetParametersResult:  # noqa: A003
         """Set parameters through the node's service; return the last one's result."""
         parameters = [Parameter(name, value=value) for name, value in values.items()]
         return self.wait(self.clients.set_parameters(parameters)).results[-1]
@@ -305,4 +316,30 @@ def stream(*topics: str, **options: Any) -> Iterator[Stream]:
         made.close()
 
 
-SENSOR_DATA = qos_profile_sensor_data
+def boards() -> np.ndarray:
+    """Draw four boards: one in every mode's range, one in some, one too far, one too near."""
+    return np.repeat(np.array(list(BOARDS), np.float32), 56)[None].repeat(172, axis=0)
+
+
+def plane(rays: np.ndarray) -> np.ndarray:
+    """Return the depth of a slanted plane along rays (x/z, y/z)."""
+    return (1.4 / (1.0 + 0.5 * rays[0] + 0.3 * rays[1])).astype(np.float32)
+
+
+def library(seen: Stream, depth: np.ndarray, stamp: int, usecase: str = '',
+            reflectivity: np.ndarray | None = None) -> Any:
+    """Return what the library makes of the same scene."""
+    settings = seen.camera.settings
+    camera = Camera(usecase or settings.usecase, seed=settings.seed, name=settings.camera_name)
+    return camera.capture(depth, settings.intrinsics.matrix, stamp, reflectivity)
+
+
+def same(one: np.ndarray, other: np.ndarray) -> bool:
+    """Say whether two images are equal to the last bit, NaN included."""
+    return np.array_equal(one, other, equal_nan=True)
+
+
+def input_stamps(count: int, hz: float = INPUT_HZ, start: int = START) -> list[int]:
+    """Return stamps of a clock that rounds either way."""
+    wobble = np.random.default_rng(count).integers(-1, 2, count)
+    return [start + round(i * SECOND / hz) + int(wobble[i]) for i in range(count)]

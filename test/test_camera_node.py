@@ -4,54 +4,37 @@ from collections.abc import Callable
 import math
 from typing import Any
 
-from flexx2_sim_ros.camera import Camera, Intrinsics, Mode
+from flexx2_sim_ros.camera import Camera, Mode
 from flexx2_sim_ros.camera.geometry import pixel_rays
 from flexx2_sim_ros.camera.gray import gray_image
 from flexx2_sim_ros.camera.modes import flexx2
 import numpy as np
 import pytest
 import streams
-from streams import array_of, CLOUD, DEPTH, FLEXX2, GRAY, INFO, nanoseconds, NOISE, stream
+from streams import (
+    array_of,
+    BOARDS,
+    boards,
+    CLOUD,
+    DEPTH,
+    FLEXX2,
+    GRAY,
+    INFO,
+    INPUT_HZ,
+    input_stamps,
+    library,
+    nanoseconds,
+    NOISE,
+    same,
+    SECOND,
+    START,
+    stream,
+)
 
 MODES = flexx2().modes
 FOLLOWING = MODES[1:] + MODES[:1]
-SECOND = 1_000_000_000
-START = 1_700_000_000 * SECOND
-INPUT_HZ = 240
-NAMES = ('camera', '/a/name')
-# Four boards facing the camera: their depths, and the columns away from their edges.
-BOARDS = {1.5: slice(12, 44), 3.0: slice(68, 100), 8.0: slice(124, 156), 0.05: slice(180, 212)}
 
 pytestmark = pytest.mark.usefixtures('ros')
-
-
-def boards() -> np.ndarray:
-    """Draw four boards: one in every mode's range, one in some, one too far, one too near."""
-    return np.repeat(np.array(list(BOARDS), np.float32), 56)[None].repeat(172, axis=0)
-
-
-def plane(rays: np.ndarray) -> np.ndarray:
-    """Return the depth of a slanted plane along rays (x/z, y/z)."""
-    return (1.4 / (1.0 + 0.5 * rays[0] + 0.3 * rays[1])).astype(np.float32)
-
-
-def library(seen: streams.Stream, depth: np.ndarray, stamp: int, usecase: str = '',
-            reflectivity: np.ndarray | None = None) -> Any:
-    """Return what the library makes of the same scene."""
-    settings = seen.camera.settings
-    camera = Camera(usecase or settings.usecase, seed=settings.seed, name=settings.camera_name)
-    return camera.capture(depth, settings.intrinsics.matrix, stamp, reflectivity)
-
-
-def input_stamps(count: int, hz: float = INPUT_HZ, start: int = START) -> list[int]:
-    """Return stamps of a clock that rounds either way."""
-    wobble = np.random.default_rng(count).integers(-1, 2, count)
-    return [start + round(i * SECOND / hz) + int(wobble[i]) for i in range(count)]
-
-
-def same(one: np.ndarray, other: np.ndarray) -> bool:
-    """Say whether two images are equal to the last bit, NaN included."""
-    return np.array_equal(one, other, equal_nan=True)
 
 
 @pytest.mark.parametrize(('mode', 'following'), list(zip(MODES, FOLLOWING, strict=True)),
@@ -257,6 +240,7 @@ def test_invalid_value_and_frame_id() -> None:
         seen.show(boards(), START, frame_id='from_input')
         assert seen.set(invalid_value='zero').successful
         assert seen.set(frame_id='mine').successful
+        assert seen.get('invalid_value') == 'zero'
         seen.show(boards(), START + SECOND, frame_id='from_input')
         refused = seen.set(invalid_value='minus one')
         assert not refused.successful
@@ -268,152 +252,9 @@ def test_invalid_value_and_frame_id() -> None:
         assert same(array_of(seen.messages(NOISE)[1]), np.nan_to_num(frame.sigma))
         points = np.frombuffer(seen.messages(CLOUD)[1].data, '<f4').reshape(172, 224, 4)
         assert same(points[..., 2], expected)
-
-
-def test_nothing_there_is_invalid() -> None:
-    """Assert 0, NaN, infinities and negative depths come out as NaN."""
-    nothing = [0.0, -0.0, np.nan, np.inf, -np.inf, -1.5, 1e-30, 3e38]
-    scene = np.repeat(np.array([1.5, *nothing[:-1]], np.float32), 28)[None].repeat(172, axis=0)
-    scene[100:, 28:] = nothing[-1]
-    with stream(DEPTH) as seen:
-        seen.show(scene, START)
-        depth = seen.depths()[0]
-        # The lateral noise moves the valid board's edge by some pixels.
-        assert np.isfinite(depth[:90, :16]).all()
-        assert np.isnan(depth[:, 40:]).all()
-
-
-@pytest.mark.parametrize('layout', [
-    {'encoding': '64FC1'}, {'big_endian': True}, {'padding': 8}, {'padding': 3},
-    {'encoding': '64FC1', 'big_endian': True, 'padding': 5},
-    {'encoding': '16UC1'}, {'encoding': '16UC1', 'big_endian': True, 'padding': 1}], ids=str)
-def test_every_layout_gives_the_same_frame(layout: dict[str, Any]) -> None:
-    """Assert the input's encoding, byte order and padding do not show."""
-    scene = np.rint(1000 * plane(pixel_rays(FLEXX2))).astype(np.float32) / np.float32(1000)
-    scene[:, 150:] = 0.0
-    with stream(DEPTH) as seen:
-        assert seen.show(scene, START, **layout)
-        # A millimetre's float32 depends on how it is computed, in the last bit.
-        tolerance = 1e-5 if layout.get('encoding') == '16UC1' else 0.0
-        np.testing.assert_allclose(seen.depths()[0], library(seen, scene, START).depth,
-                                   rtol=0, atol=tolerance)
-
-
-def undistorted(camera: Intrinsics) -> np.ndarray:
-    """Return the rays of a plumb_bob camera's pixels, by the textbook's iteration."""
-    v, u = np.mgrid[:camera.height, :camera.width]
-    x = x0 = (u - camera.cx) / camera.fx
-    y = y0 = (v - camera.cy) / camera.fy
-    k1, k2, p1, p2, k3 = camera.distortion
-    for _ in range(20 if any(camera.distortion) else 0):
-        r2 = x * x + y * y
-        scale = 1 + k1 * r2 + k2 * r2 ** 2 + k3 * r2 ** 3
-        x, y = ((x0 - 2 * p1 * x * y - p2 * (r2 + 2 * x * x)) / scale,
-                (y0 - p1 * (r2 + 2 * y * y) - 2 * p2 * x * y) / scale)
-    return np.stack([x, y])
-
-
-BENT = (-0.12, 0.03, 0.001, -0.0015, 0.002)
-
-
-@pytest.mark.parametrize(('source', 'own'), [
-    (Intrinsics(640, 480, 381.0, 384.0, 319.5, 239.5), {}),
-    (Intrinsics(300, 260, 211.0, 214.0, 140.25, 131.5), {}),
-    (Intrinsics(640, 480, 370.0, 360.0, 330.0, 230.0, BENT), {}),
-    (Intrinsics(640, 480, 381.0, 384.0, 319.5, 239.5),
-     {'fx': 200.0, 'fy': 220.0, 'cx': 113.0, 'cy': 84.0, 'distortion': list(BENT)}),
-], ids=['wide', 'off-centre', 'distorted input', 'own intrinsics'])
-@pytest.mark.parametrize('radial', [False, True], ids=['planar', 'radial'])
-def test_other_cameras_input_shows_the_same_plane(source: Intrinsics, own: dict[str, Any],
-                                                  radial: bool) -> None:
-    """Assert any resolution, intrinsics, distortion and kind of depth give the same plane."""
-    with stream(DEPTH, INFO, source=source, input_depth='radial' if radial else 'planar',
-                **own) as seen:
-        rays = undistorted(source)
-        image = plane(rays) * (np.hypot(1, np.hypot(*rays)) if radial else 1)
-        assert seen.show(image, START)
-        mine = seen.camera.settings.intrinsics
-        expected = library(seen, plane(undistorted(mine)), START)
-        np.testing.assert_allclose(seen.depths()[0], expected.depth, rtol=0, atol=3e-5)
-        info = seen.messages(INFO)[0]
-        assert list(info.d) == own.get('distortion', [0.0] * 5)
-        assert (info.k[0], info.k[4]) == (own.get('fx', FLEXX2.fx), own.get('fy', FLEXX2.fy))
-        assert not seen.logged('outside the view')
-
-
-def test_depth_is_never_blended_across_a_jump() -> None:
-    """
-    Assert every pixel of two boards, seen at another resolution, is on one of them.
-
-    Noise at 2 m in this mode is 4 mm; beyond 0.05 m lies 12 sigma.
-    """
-    source = Intrinsics(640, 480, 381.0, 384.0, 319.5, 239.5)
-    scene = np.full((480, 640), 2.0, np.float32)
-    scene[200:300, 250:400] = 1.0
-    with stream(DEPTH, source=source, usecase='Mode_5_30fps') as seen:
-        for stamp in input_stamps(5, hz=30):
-            seen.show(scene, stamp)
-        depths = np.stack(seen.depths())
-        assert len(depths) == 5
-        near, far = np.abs(depths - 1.0) < 0.05, np.abs(depths - 2.0) < 0.05
-        assert (near | far).all()
-        assert near.mean() == pytest.approx(
-            (150 / 381 * FLEXX2.fx) * (100 / 384 * FLEXX2.fy) / (224 * 172), rel=0.05)
-
-
-def test_rays_outside_the_input_are_invalid_and_warned_about_once() -> None:
-    """Assert a narrow input leaves a border without depth."""
-    narrow = Intrinsics(160, 120, 210.0, 210.0, 79.5, 59.5)
-    with stream(DEPTH, CLOUD, source=narrow) as seen:
-        for stamp in input_stamps(4, hz=30):
-            assert seen.show(np.full((120, 160), 1.5, np.float32), stamp)
-        rays = pixel_rays(FLEXX2)
-        inside = (np.abs(rays[0]) * 210 < 80) & (np.abs(rays[1]) * 210 < 60)
-        for depth in seen.depths():
-            assert same(np.isfinite(depth), inside)
-        confidence = np.frombuffer(seen.messages(CLOUD)[0].data, '<f4')[3::4]
-        assert (confidence.reshape(172, 224)[~inside] == 0).all()
-        assert len(seen.logged('outside the view of clean/depth_image')) == 1
-
-
-def test_reflectivity_changes_the_gray_image_only() -> None:
-    """Assert reflectivity is paired by stamp, whatever comes first, and optional."""
-    paint = np.full((172, 224), 0.25, np.float32)
-    paint[:60], paint[60] = 1.0, np.nan
-    with stream(DEPTH, NOISE, CLOUD, GRAY, auto_exposure_0=False) as seen:
-        stamps = input_stamps(7, hz=30)
-        assert seen.show(boards(), stamps[0])
-        assert seen.show(boards(), stamps[1], paint)
-        # This one comes too late, and lets the images to come wait for theirs.
-        assert seen.show(boards(), stamps[2])
-        seen.publish(reflectivity=streams.image_message(paint, stamps[2]))
-        assert seen.show(boards(), stamps[3], paint)
-        images = seen.camera._statistics
-        for stamp in stamps[4:6]:
-            before = images.received, seen.published
-            seen.publish(info=streams.info_message(FLEXX2, stamp),
-                         image=streams.image_message(boards(), stamp))
-            seen.spin_until(lambda was=before: images.received > was[0])
-            assert seen.published == before[1]
-            if stamp == stamps[4]:
-                seen.publish(reflectivity=streams.image_message(paint, stamp))
-                seen.spin_until(lambda was=before: seen.published > was[1])
-        # It has stopped coming: an image goes on without it when the next one is there.
-        seen.show(boards(), stamps[6])
-        assert seen.published == 7
-        seen.settle()
-        for index, stamp in enumerate(stamps):
-            with_paint = index in (1, 3, 4)
-            frame = library(seen, boards(), stamp,
-                            reflectivity=np.nan_to_num(paint) if with_paint else None)
-            plain = library(seen, boards(), stamp)
-            assert same(seen.depths()[index], plain.depth)
-            assert same(array_of(seen.messages(NOISE)[index]), plain.sigma)
-            points = np.frombuffer(seen.messages(CLOUD)[index].data, '<f4')
-            assert same(points[3::4].reshape(172, 224), plain.confidence)
-            gray = array_of(seen.messages(GRAY)[index])
-            assert same(gray, gray_image(frame.amplitude, 1.0))
-            assert same(gray, gray_image(plain.amplitude, 1.0)) != with_paint
+        # A command line makes a number of it.
+        assert seen.set(invalid_value=math.nan).successful
+        assert seen.get('invalid_value') == 'nan'
 
 
 def test_exposure_darkens_the_gray_image() -> None:
@@ -428,41 +269,6 @@ def test_exposure_darkens_the_gray_image() -> None:
         assert dark[:, BOARDS[1.5]].mean() == pytest.approx(
             bright[:, BOARDS[1.5]].mean() * math.sqrt(92 / 370), rel=0.02)
         assert same(seen.depths()[1], frame.depth)
-
-
-def test_camera_info_may_come_late_or_only_once() -> None:
-    """Assert an image waits for its info, and that one info is enough."""
-    with stream(DEPTH) as seen:
-        seen.publish(image=streams.image_message(boards(), START))
-        seen.spin_until(lambda: seen.camera._statistics.received == 1)
-        assert seen.published == 0
-        seen.publish(info=streams.info_message(FLEXX2, START))
-        seen.spin_until(lambda: seen.published == 1)
-    with stream(DEPTH) as seen:
-        seen.publish(info=streams.info_message(FLEXX2, 0))
-        for stamp in input_stamps(10, hz=30):
-            seen.publish(image=streams.image_message(boards(), stamp))
-            received = seen.camera._statistics.received
-            seen.spin_until(lambda so_far=received: seen.camera._statistics.received > so_far)
-        seen.spin_until(lambda: seen.published == 10)
-        seen.settle()
-        assert len(seen.depths()) == 10
-
-
-def test_stamps_that_repeat_or_go_back() -> None:
-    """Assert a repetition is left out with a warning, and a reset starts afresh."""
-    with stream(DEPTH) as seen:
-        assert seen.show(boards(), START)
-        for _ in range(3):
-            assert not seen.show(boards(), START)
-        assert seen.show(boards(), START + SECOND)
-        assert seen.show(boards(), 5)
-        assert not seen.show(boards(), 5 + SECOND // 100)
-        assert seen.show(boards(), 5 + SECOND // 30)
-        assert [nanoseconds(message) for message in seen.messages(DEPTH)] == [
-            START, START + SECOND, 5, 5 + SECOND // 30]
-        assert len(seen.logged('header.stamp', str(START), 'wanted a new one')) == 1
-        assert len(seen.logged('header.stamp went back to 5 ns')) == 1
 
 
 def test_slow_input_is_passed_on_and_reported() -> None:
@@ -511,6 +317,9 @@ def test_diagnostics_tell_what_happens() -> None:
 def test_measured_rates_are_reported() -> None:
     """Assert input and output rate, by stamps."""
     with stream(usecase='Mode_5_45fps') as seen:
+        report = seen.next_diagnostics()
+        assert report.level == streams.DiagnosticStatus.WARN
+        assert report.message == 'no input'
         for stamp in input_stamps(240):
             seen.show(boards(), stamp)
         report = seen.next_diagnostics()
@@ -523,19 +332,23 @@ def test_measured_rates_are_reported() -> None:
 
 def test_quality_of_service() -> None:
     """Assert reliable publishers, sensor-data subscriptions, and that both can be overridden."""
-    with stream(**{'qos_overrides./elsewhere.publisher.depth': 3}) as seen:
+    overrides = {'qos_overrides./own/flexx2_camera/gray_image_0.publisher.reliability':
+                 'best_effort',
+                 'qos_overrides./own/clean/camera_info.subscription.reliability': 'reliable'}
+    with stream(namespace='/own', **overrides) as seen:
         for topic in (DEPTH, INFO, CLOUD, GRAY, NOISE):
             name = f'{seen.name}/{topic}'
             seen.spin_until(lambda: seen.node.get_publishers_info_by_topic(name))  # noqa: B023
             qos = seen.node.get_publishers_info_by_topic(name)[0].qos_profile
-            assert qos.reliability.name == 'RELIABLE'
+            assert qos.reliability.name == ('BEST_EFFORT' if topic == GRAY else 'RELIABLE')
             assert qos.durability.name == 'VOLATILE'
             assert seen.camera.has_parameter(f'qos_overrides.{name}.publisher.reliability')
         for topic in ('depth_image', 'camera_info', 'reflectivity'):
             name = f'{seen.camera.get_namespace()}/clean/{topic}'
             seen.spin_until(lambda: seen.node.get_subscriptions_info_by_topic(name))  # noqa: B023
             qos = seen.node.get_subscriptions_info_by_topic(name)[0].qos_profile
-            assert qos.reliability.name == 'BEST_EFFORT'
+            expected = 'RELIABLE' if topic == 'camera_info' else 'BEST_EFFORT'
+            assert qos.reliability.name == expected
             assert qos.durability.name == 'VOLATILE'
             assert seen.camera.has_parameter(f'qos_overrides.{name}.subscription.reliability')
 

@@ -164,10 +164,24 @@ def test_messages_are_rate_limited_whatever_is_found() -> None:
             messages = _three(index * SECOND)
             messages['image'].data = messages['image'].data[:index]
             assert not seen.send(**messages)
+            messages = _three(index * SECOND)
+            messages['info'].k[0] = -float(index)
+            assert not seen.send(**messages)
         assert seen.send(**_three(99 * SECOND))
         # Once every five seconds; a busy machine may need that long.
         seen.spin_until(lambda: seen.logged('input rejected'))
-        assert len(seen.logged('input rejected')) < 5
+        assert len(seen.logged('input rejected', 'data: found')) < 5
+        assert len(seen.logged('input rejected', 'K: fx is')) < 5
+
+
+def test_two_clocks_at_once_do_not_fill_the_log() -> None:
+    """Assert stamps that jump to and fro are told of now and then, and passed on."""
+    with stream() as seen:
+        for index in range(1, 30):
+            for clock in (0, 1_700_000_000):
+                assert seen.send(**_three((clock + index) * SECOND))
+        seen.spin_until(lambda: seen.logged('went back'))
+        assert len(seen.logged('went back')) < 5
 
 
 def test_rejection_is_in_the_diagnostics() -> None:

@@ -13,7 +13,8 @@ from flexx2_sim_ros.nodes.decoding import (
     little_endian_bytes,
     stamp_nanoseconds,
 )
-from hypothesis import given, strategies as st
+from hypothesis import given
+from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 import numpy as np
 import pytest
@@ -115,8 +116,9 @@ def test_any_camera_info_is_decoded_or_refused(message: SimpleNamespace) -> None
     try:
         camera = decode_camera_info(message, 'topic')
     except InputError as error:
-        assert str(error).startswith('topic: ')
-        assert 'wanted' in str(error)
+        text = str(error)
+        assert text.startswith('topic: ')
+        assert 'wanted' in text
         return
     assert isinstance(camera, Intrinsics)
     assert camera.matrix.ravel().tolist() == message.k

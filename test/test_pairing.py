@@ -1,7 +1,8 @@
 """Images and their companions find each other by stamp, and never wait long."""
 
 from flexx2_sim_ros.nodes.pairing import Match, StampPairing
-from hypothesis import given, strategies as st
+from hypothesis import given
+from hypothesis import strategies as st
 import pytest
 
 

@@ -17,7 +17,11 @@ EXECUTABLES = {'flexx2_camera': 'flexx2_sim_ros.nodes.flexx2_camera',
                'flexx2': 'flexx2_sim_ros.cli.main'}
 # Run by the tests named here instead.
 ELSEWHERE = {'colcon build': 'test_package.py', 'source install/setup.bash': 'test_package.py',
-             'make test': 'the test command itself'}
+             'make test': 'the test command itself',
+             'flexx2 record walk --seconds 10': 'test_record_replay.py',
+             "flexx2 replay walk --rate 0.5 --topics '*/clean/*'": 'test_record_replay.py',
+             'flexx2 convert walk walk.npz --camera front_left': 'test_bags.py',
+             'flexx2 convert walk.npz walk_sqlite3 --storage sqlite3': 'test_bags.py'}
 
 
 def blocks(language: str) -> list[str]:
@@ -58,11 +62,12 @@ def test_command(command: str, tmp_path: Path) -> None:
         scene = np.full((172, 224), 1.5)
         camera = np.array([[210.6, 0, 111.5], [0, 212.9, 85.5], [0, 0, 1]])
         np.savez(tmp_path / 'scene.npz', clean_depth=scene, K=camera)
+        (tmp_path / 'config').symlink_to(ROOT / 'config')
         done = subprocess.run(python(EXECUTABLES['flexx2']) + words[1:], cwd=tmp_path,
                               capture_output=True, text=True, timeout=300)
         assert done.returncode == 0, done.stderr
         if words[1] == 'simulate':
-            with np.load(tmp_path / 'out.npz', allow_pickle=False) as recording:
+            with np.load(tmp_path / words[3], allow_pickle=False) as recording:
                 assert recording['depth'].shape == (300, 172, 224)
                 assert recording['usecase'] == 'Mode_9_30fps'
         if words[1] == 'demo':

@@ -102,11 +102,11 @@ def _see(inverse, cosine, spread, rho, normal, range_min, range_max,  # type: ig
 
 @njit(cache=True)
 def add_noise(z, shift, sigma, normals, low, high, out):  # type: ignore[no-untyped-def]
-    """Write z + shift + sigma * normal where z is in low..high, NaN elsewhere; all (H, W)."""
+    """Write z + shift + sigma * normal where z + shift is in low..high, else NaN; all (H, W)."""
     for y in range(out.shape[0]):
         for x in range(out.shape[1]):
-            here = z[y, x]
-            value = here + shift[y, x] + sigma[y, x] * normals[y, x]
+            here = z[y, x] + shift[y, x]
+            value = here + sigma[y, x] * normals[y, x]
             out[y, x] = value if (low <= here) & (here <= high) else _NAN
 
 

@@ -9,7 +9,7 @@ from flexx2_sim_ros.camera.exposure import Effect, Exposure, Stage
 from flexx2_sim_ros.camera.lateral import displaced_sources, pixel_sigma, upright_edges
 from flexx2_sim_ros.camera.modes import camera_config
 from flexx2_sim_ros.camera.philox import fill_normals, stamp_words, STREAM_AXIAL
-from flexx2_sim_ros.camera.surface import analyse
+from flexx2_sim_ros.camera.surface import analyse, PAD
 import numpy as np
 
 
@@ -42,8 +42,7 @@ def develop(exposure: Exposure, effects: Sequence[Effect],
         for effect in by_stage.get(stage, ()):
             effect.apply(exposure)
 
-    if exposure.memory.first_stamp is None:
-        exposure.memory.first_stamp = exposure.stamp
+    exposure.memory.begin(exposure.stamp)
     run(Stage.GEOMETRY)
     _light(exposure)
     run(Stage.AMPLITUDE)
@@ -54,17 +53,27 @@ def develop(exposure: Exposure, effects: Sequence[Effect],
     _show_other_surfaces(exposure)
     _measure(exposure, bool(by_stage.get(Stage.WRAP)))
     run(Stage.WRAP)
+    _blank_outside(exposure)
+    run(Stage.FILTER)
+    if by_stage.get(Stage.STORAGE):
+        run(Stage.STORAGE)
+        _blank_outside(exposure)
+    run(Stage.DROPOUT)
+    return _finish(exposure)
+
+
+def _blank_outside(exposure: Exposure) -> None:
+    exposure.measured = np.ascontiguousarray(exposure.measured)
     blank_outside(exposure.measured, np.float32(exposure.mode.range_min),
                   np.float32(exposure.mode.range_max))
-    for stage in (Stage.FILTER, Stage.STORAGE, Stage.DROPOUT):
-        run(stage)
-    return _finish(exposure)
 
 
 def _light(exposure: Exposure) -> None:
     # The light that comes back from each pixel's surface.
+    exposure.depth = np.ascontiguousarray(exposure.depth)
     surface = exposure.surface = analyse(exposure.depth, exposure.intrinsics)
-    inverse = surface.inverse_depth[2:-2, 2:-2]
+    inverse = surface.inverse_depth[PAD:-PAD, PAD:-PAD]
+    exposure.depth[inverse == 0] = np.nan
     exposure.cosine = surface.cos_incidence
     exposure.amplitude = exposure.reflectivity * surface.cos_incidence * inverse * inverse
 
@@ -122,4 +131,6 @@ def _finish(exposure: Exposure) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.
     sigma, amplitude, confidence = (np.empty_like(exposure.depth) for _ in range(3))
     blank_invalid(exposure.measured, exposure.sigma, exposure.amplitude,
                   np.float32(camera_config().zero_at_sigma_m), sigma, amplitude, confidence)
+    if exposure.saturated is not None:
+        amplitude[exposure.saturated] = exposure.amplitude[exposure.saturated]
     return exposure.measured, sigma, amplitude, confidence

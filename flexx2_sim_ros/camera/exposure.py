@@ -1,9 +1,10 @@
 """One frame in the making: what effects look at and change, stage by stage."""
 
+from collections.abc import Collection
 from dataclasses import dataclass, field
 from enum import IntEnum
 import math
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 from flexx2_sim_ros.camera.intrinsics import Intrinsics
 from flexx2_sim_ros.camera.modes import Mode
@@ -38,14 +39,26 @@ class Memory:
     ----------
     kept : dict
         By the effect's name; an effect alone knows what it keeps there.
-    first_stamp : int or None
-        Of the first frame since the reset, nanoseconds: when the camera was switched on, as far
-        as it knows.
+    first_stamp, last_stamp : int
+        Of the first frame since the reset (when the camera was switched on, as far as it knows)
+        and of the latest one, nanoseconds.
 
     """
 
     kept: dict[str, Any] = field(default_factory=dict)
-    first_stamp: int | None = None
+    first_stamp: int = 0
+    last_stamp: int | None = None
+
+    def begin(self, stamp: int) -> None:
+        """Take notice of a new frame; one from before the latest is another start."""
+        if self.last_stamp is None or stamp < self.last_stamp:
+            self.kept.clear()
+            self.first_stamp = stamp
+        self.last_stamp = stamp
+
+    def keep_only(self, names: Collection[str]) -> None:
+        """Forget what effects of other names keep."""
+        self.kept = {name: kept for name, kept in self.kept.items() if name in names}
 
 
 @dataclass
@@ -68,9 +81,12 @@ class Exposure:
     memory : Memory
         Of this camera.
     depth : numpy.ndarray
-        GEOMETRY: float32 clean depth, metres, NaN for nothing.
+        GEOMETRY: float32 clean depth, metres. Whatever is no distance means nothing; from
+        AMPLITUDE on that is NaN.
     reflectivity : numpy.ndarray
-        GEOMETRY: float32, (H, W) or (1, 1).
+        GEOMETRY: float32 in 0..1, (H, W) or (1, 1).
+    exposure_share : float
+        Exposure time as a share of the one that the effects' parameters are for.
     surface : Surface
         AMPLITUDE: jumps and incidence of ``depth``.
     amplitude : numpy.ndarray
@@ -89,6 +105,8 @@ class Exposure:
         NOISE: share of edges that move by a Laplacian instead of a Gaussian.
     measured : numpy.ndarray
         WRAP and later: float32 depth with noise, metres, NaN where invalid.
+    saturated : numpy.ndarray or None
+        DROPOUT: bool, invalid because of too much light.
 
     """
 
@@ -99,6 +117,7 @@ class Exposure:
     memory: Memory
     depth: np.ndarray
     reflectivity: np.ndarray
+    exposure_share: float = 1.0
     surface: Surface = None  # type: ignore[assignment]
     amplitude: np.ndarray = None  # type: ignore[assignment]
     shifts: list[np.ndarray] = field(default_factory=list)
@@ -108,6 +127,14 @@ class Exposure:
     edge_laplace: float = 0.0
     cosine: np.ndarray = None  # type: ignore[assignment]
     measured: np.ndarray = None  # type: ignore[assignment]
+    saturated: np.ndarray | None = None
+
+    @property
+    def signal(self) -> np.ndarray:
+        """Return the light collected: amplitude times exposure, (H, W) float32, 1/m^2."""
+        if self.exposure_share == 1.0:
+            return self.amplitude
+        return self.amplitude * np.float32(self.exposure_share)
 
     @property
     def wave_numbers(self) -> list[float]:
@@ -121,10 +148,22 @@ class Exposure:
         return [square / sum(squares) for square in squares]
 
     @property
+    def spans(self) -> list[float]:
+        """Return the depth after which each frequency's phase repeats, metres: c / 2f."""
+        return [SPEED_OF_LIGHT / (2.0 * f) for f in self.mode.modulation_hz]
+
+    @property
     def ambiguity(self) -> float:
-        """Return the depth after which the phases repeat, metres: c / 2 of their common beat."""
-        beat = math.gcd(*(round(f) for f in self.mode.modulation_hz))
-        return SPEED_OF_LIGHT / (2.0 * beat)
+        """
+        Return the depth after which all phases together repeat, metres.
+
+        c / 2 of the frequencies' common beat, each taken to the whole megahertz: what is not in
+        a simple ratio does not repeat within any camera's range.
+        """
+        whole = [max(round(f / 1e6), 1) for f in self.mode.modulation_hz]
+        beat = math.gcd(*whole)
+        wraps = [n // beat for n in whole]
+        return sum(n * span for n, span in zip(wraps, self.spans, strict=True)) / len(wraps)
 
     @property
     def acquisition_seconds(self) -> float:
@@ -147,10 +186,14 @@ class Exposure:
 class Effect(Protocol):
     """What the pipeline asks of an effect; see `flexx2_sim_ros.effects`."""
 
-    name: str
-    stage: Stage
-    order: int
-    strength: float
+    name: ClassVar[str]
+    stage: ClassVar[Stage]
+    order: ClassVar[int]
+
+    @property
+    def strength(self) -> float:
+        """Return 0 for off, 1 for typical."""
+        ...
 
     def apply(self, exposure: Exposure) -> None:
         """Change the frame in the making."""

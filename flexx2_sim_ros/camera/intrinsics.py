@@ -111,6 +111,12 @@ class Intrinsics:
                    (width - 1) / 2, (height - 1) / 2)
 
     @property
+    def field_of_view_deg(self) -> tuple[float, float]:
+        """Return the view angles of a symmetric camera of this size and these focal lengths."""
+        return (math.degrees(2 * math.atan(self.width / 2 / self.fx)),
+                math.degrees(2 * math.atan(self.height / 2 / self.fy)))
+
+    @property
     def matrix(self) -> np.ndarray:
         """Return K as a (3, 3) float64 array."""
         return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])

@@ -127,6 +127,11 @@ class Profile:
         """Return the modes' names in the profile's order."""
         return [mode.name for mode in self.modes]
 
+    @property
+    def default_usecase(self) -> str:
+        """Return the mode to start in: the driver's default, or the first there is."""
+        return DEFAULT_USECASE if DEFAULT_USECASE in self.names else self.names[0]
+
     def mode(self, usecase: str) -> Mode:
         """
         Look a mode up by name, whatever its case.

@@ -9,7 +9,7 @@ from typing import Any
 
 from flexx2_sim_ros.camera.axial import model_sigma, observe
 from flexx2_sim_ros.camera.development import develop
-from flexx2_sim_ros.camera.exposure import Exposure, Memory
+from flexx2_sim_ros.camera.exposure import Effect, Exposure, Memory
 from flexx2_sim_ros.camera.intrinsics import Intrinsics
 from flexx2_sim_ros.camera.lateral import displaced_sources, pixel_sigma, upright_edges
 from flexx2_sim_ros.camera.modes import camera_config, DEFAULT_USECASE, flexx2, Mode, Profile
@@ -33,7 +33,8 @@ class Frame:
     sigma : numpy.ndarray
         (..., H, W) float32, the model's sigma_z of what was seen, metres, NaN where invalid.
     amplitude : numpy.ndarray
-        (..., H, W) float32, reflectivity * cos(incidence) / z^2, 1/m^2, 0 where invalid.
+        (..., H, W) float32, reflectivity * cos(incidence) / z^2, 1/m^2, 0 where invalid; but full
+        scale or more where it is too much light (the effect ``saturation``) that makes it so.
     confidence : numpy.ndarray
         (..., H, W) float32 in 0..1, 0 where invalid.
     K : numpy.ndarray
@@ -69,6 +70,12 @@ class Camera:
     name : str
         Cameras of different names share no noise.
 
+    Attributes
+    ----------
+    exposure_share : float
+        Exposure time as a share of the one that the effects' parameters are for; 1 unless it is
+        set. It scales the light that effects see, not the frame's amplitude.
+
     Raises
     ------
     InputError
@@ -90,16 +97,19 @@ class Camera:
         """Look the mode up and derive the generator's key."""
         self.profile = profile or flexx2()
         self.mode: Mode = self.profile.mode(usecase)
-        if isinstance(seed, bool) or not isinstance(seed, int | np.integer):
-            raise InputError(f'seed: found {seed!r}, wanted a whole number')
+        if (isinstance(seed, bool) or not isinstance(seed, int | np.integer)
+                or not -2 ** 63 <= seed < 2 ** 63):
+            raise InputError(f'seed: found {seed!r}, wanted a whole number of 64 bits')
         if not isinstance(name, str):
             raise InputError(f'name: found {name!r}, wanted a string')
         self.seed = int(seed)
         self.name = name
         noise = self.mode.noise
         config = camera_config()
-        self.effects = tuple(effect for effect in _as_effects(effects) if effect.strength)
+        self.exposure_share = 1.0
         self._memories: dict[tuple[int, ...], Memory] = {}
+        self._environments: tuple[int, ...] = ()
+        self.effects = effects
         self._key = camera_key(self.seed, name)
         self._coefficients = np.array([noise.a, noise.b, noise.c, noise.d, noise.n], np.float32)
         self._cap = np.float32(config.incidence_cap)
@@ -111,8 +121,29 @@ class Camera:
 
     @property
     def usecase(self) -> str:
-        """The mode's canonical name."""
+        """Return the mode's canonical name."""
         return self.mode.name
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """Return the effects that are on; can be set, between frames, to what Camera takes."""
+        return self._effects
+
+    @effects.setter
+    def effects(self, effects: Any) -> None:
+        chosen = tuple(effect for effect in _as_effects(effects) if effect.strength)
+        names = [effect.name for effect in chosen]
+        for name in names:
+            if names.count(name) > 1:
+                raise InputError(f'effects: {name}: found it {names.count(name)} times, wanted it '
+                                 'once')
+        if chosen and not self.mode.modulation_hz:
+            raise InputError(f'effects: modes.{self.mode.name}.modulation_hz of the camera '
+                             'profile is not known, wanted the frequencies, which effects work '
+                             'on')
+        self._effects = chosen
+        for memory in self._memories.values():
+            memory.keep_only(names)
 
     def capture(self, clean_depth: Any, K: Any, stamp: Any,  # noqa: N803
                 reflectivity: Any = None) -> Frame:
@@ -121,6 +152,12 @@ class Camera:
 
         Leading dimensions of all arguments broadcast against each other: one (H, W) scene with
         (T,) stamps gives T frames.
+
+        Some effects remember the frames before. With effects the last leading dimension is time
+        when ``stamp`` has dimensions, and those before it are environments: cameras of their own,
+        each with its own memory. With a scalar ``stamp`` all leading dimensions are environments.
+        The next call goes on where this one ended if its environments have the same shape; if
+        not, or where a stamp is earlier than the one before, it starts afresh. See `reset`.
 
         Parameters
         ----------
@@ -190,13 +227,21 @@ class Camera:
         Parameters
         ----------
         mask : array_like, optional
-            Of bool, over the environments: which to reset. All when left out.
+            Of bool, over the environments (see `capture`): which to reset. All when left out.
+
+        Raises
+        ------
+        InputError
+            When ``mask`` is not bool or not of the environments' shape.
 
         """
         if mask is None:
             self._memories.clear()
             return
-        chosen = np.asarray(mask, dtype=bool)
+        chosen = np.asarray(mask)
+        if chosen.dtype != bool or (self._memories and chosen.shape != self._environments):
+            raise InputError(f'mask: found {chosen.dtype} of shape {chosen.shape}, wanted bool of '
+                             f'the shape of the environments, {self._environments}')
         for index in list(self._memories):
             if chosen[index]:
                 del self._memories[index]
@@ -204,13 +249,20 @@ class Camera:
     def _develop(self, scenes: np.ndarray, cameras: np.ndarray, times: np.ndarray,
                  albedos: np.ndarray, out: list[np.ndarray], stamp_dimensions: int) -> None:
         height, width = scenes.shape[-2:]
+        # The last dimension is time if stamps have one; those before it are environments.
+        last = -1 if stamp_dimensions else times.ndim
+        if times.shape[:last] != self._environments:
+            self._memories.clear()
+            self._environments = times.shape[:last]
         for index in np.ndindex(times.shape):
-            # The last dimension is time if stamps have one; those before it are environments.
-            environment = index[:-1] if stamp_dimensions else index
+            albedo = albedos[index]
             exposure = Exposure(
                 self.mode, Intrinsics.from_matrix(cameras[index], width, height),
-                int(times[index]), self._key, self._memories.setdefault(environment, Memory()),
-                scenes[index].copy(), albedos[index].copy())
+                int(times[index]), self._key, self._memories.setdefault(index[:last], Memory()),
+                scenes[index].copy(),
+                # NaN is no light, as in the base model.
+                np.where(albedo > 0, np.minimum(albedo, np.float32(1)), np.float32(0)),
+                self.exposure_share)
             finished = develop(exposure, self.effects, self.mode.noise.sigma_x)
             for array, image in zip(out, finished, strict=True):
                 array[index] = image
@@ -269,17 +321,18 @@ def _frame(images: list[np.ndarray], matrices: np.ndarray) -> Frame:
     return Frame(depth, sigma, amplitude, confidence, matrices.astype(np.float64))
 
 
-def _as_effects(effects: Any) -> tuple[Any, ...]:
+def _as_effects(effects: Any) -> tuple[Effect, ...]:
     if isinstance(effects, str | PathLike | Mapping):
         # The effects build on the camera, so they are looked up here only when they are needed.
         from flexx2_sim_ros.effects import load_effects, parse_effects
         if isinstance(effects, Mapping):
             return parse_effects(effects)
         return load_effects(Path(effects))
-    if not isinstance(effects, Iterable) or not all(hasattr(e, 'apply') for e in effects):
+    chosen = tuple(effects) if isinstance(effects, Iterable) else (effects,)
+    if not all(hasattr(effect, 'apply') and not isinstance(effect, type) for effect in chosen):
         raise InputError(f'effects: found {effects!r}, wanted a sequence of effects, a table of '
                          'their parameters or the path of a file')
-    return tuple(effects)
+    return chosen
 
 
 def _array(name: str, value: Any) -> np.ndarray:

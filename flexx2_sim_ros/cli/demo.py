@@ -47,6 +47,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError('ROS 2 is not there: rclpy cannot be imported. Wanted a sourced ROS 2 '
                          'Jazzy, or pip install "flexx2_sim_ros[ros]"')
     from flexx2_sim_ros.nodes.probe import Probe
+    from flexx2_sim_ros.nodes.transport import make_room_for_images
     import rclpy
 
     modes = [mode for mode in flexx2().modes if mode.measured]
@@ -54,6 +55,7 @@ def run(arguments: argparse.Namespace) -> int:
     arguments.out.mkdir(parents=True, exist_ok=True)
     pictures = {}
     table = _table()
+    make_room_for_images()
     rclpy.init(args=[])
     probe = Probe(_CAMERAS)
     try:

@@ -4,7 +4,17 @@ import argparse
 import sys
 
 from flexx2_sim_ros import __version__
-from flexx2_sim_ros.cli import demo, modes, simulate
+from flexx2_sim_ros.cli import (
+    characterize,
+    convert,
+    demo,
+    effects,
+    gap,
+    modes,
+    record,
+    replay,
+    simulate,
+)
 from flexx2_sim_ros.errors import InputError
 
 
@@ -27,7 +37,7 @@ def main(argv: list[str] | None = None) -> int:
         prog='flexx2', description='A simulated PMD Flexx2 time-of-flight camera.')
     parser.add_argument('--version', action='version', version=__version__)
     commands = parser.add_subparsers(dest='command', required=True, metavar='COMMAND')
-    for module in (modes, simulate, demo):
+    for module in (modes, simulate, characterize, effects, demo, record, replay, convert, gap):
         module.add_parser(commands)
     arguments = parser.parse_args(argv)
     try:

@@ -3,8 +3,11 @@
 import argparse
 from typing import Any
 
-from flexx2_sim_ros.camera.modes import DEFAULT_USECASE
+from flexx2_sim_ros.camera.modes import DEFAULT_USECASE, flexx2
 from flexx2_sim_ros.camera.pipeline import Camera
+from flexx2_sim_ros.camera.profiles import load_profile
+from flexx2_sim_ros.effects import load_effects
+from flexx2_sim_ros.effects.registry import effects_yaml
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.recording import load_scene, RecordingWriter, Scene
 import numpy as np
@@ -27,8 +30,12 @@ def add_parser(commands: Any) -> None:
         epilog='example: flexx2 simulate scene.npz out.npz --usecase Mode_5_30fps --frames 300')
     parser.add_argument('input', metavar='IN.npz')
     parser.add_argument('output', metavar='OUT.npz')
-    parser.add_argument('--usecase', default=DEFAULT_USECASE, help='mode (default %(default)s); '
-                        'see flexx2 modes')
+    parser.add_argument('--usecase', help=f'mode (default {DEFAULT_USECASE}, or the first of the '
+                        'profile); see flexx2 modes')
+    parser.add_argument('--profile', metavar='PATH', help='another camera than the Flexx2: a '
+                        'profile as flexx2 characterize fit writes it')
+    parser.add_argument('--effects', metavar='FILE', help='effects beyond the noise model: a YAML '
+                        'file, or the name of a preset, e.g. typical; see flexx2 effects')
     parser.add_argument('--frames', type=int, help='how many frames (default: as many as '
                         f'clean_depth or stamp has, else {_DEFAULT_FRAMES})')
     parser.add_argument('--seed', type=int, default=0, help='seed of the noise (default 0)')
@@ -39,7 +46,11 @@ def add_parser(commands: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Simulate with a progress bar."""
-    camera = Camera(arguments.usecase, seed=arguments.seed, name=arguments.name)
+    profile = load_profile(arguments.profile) if arguments.profile else flexx2()
+    usecase = profile.default_usecase if arguments.usecase is None else arguments.usecase
+    effects = load_effects(arguments.effects) if arguments.effects else ()
+    camera = Camera(usecase, profile=profile, effects=effects, seed=arguments.seed,
+                    name=arguments.name)
     scene = load_scene(arguments.input)
     stamps = _stamps(scene, arguments.frames, camera.mode.rate_hz, arguments.input)
     console = Console(stderr=True)
@@ -48,13 +59,13 @@ def run(arguments: argparse.Namespace) -> int:
     with (RecordingWriter(arguments.output, count, *scene.clean_depth.shape[-2:]) as writer,
           Progress(console=console, transient=True) as progress):
         for start in progress.track(range(0, count, _CHUNK), description='simulating'):
-            part = slice(start, start + _CHUNK)
+            part = slice(start, min(start + _CHUNK, count))
             frame = camera.capture(_frames(scene.clean_depth, part), scene.K, stamps[part],
                                    None if scene.reflectivity is None
                                    else _frames(scene.reflectivity, part))
             writer.add_depth(frame.depth)
             invalid += int(np.isnan(frame.depth).sum())
-        own = {'depth', 'usecase', 'seed'}
+        own = {'depth', 'usecase', 'seed', 'effects'}
         for key, value in scene.extra.items():
             if key not in own:
                 writer.add_array(key, value)
@@ -65,6 +76,8 @@ def run(arguments: argparse.Namespace) -> int:
         writer.add_array('stamp', stamps)
         writer.add_array('usecase', camera.usecase)
         writer.add_array('seed', arguments.seed)
+        if effects:
+            writer.add_array('effects', effects_yaml(effects))
     height, width = scene.clean_depth.shape[-2:]
     console.print(f'{arguments.output}: {count} frames of {width} x {height}, {camera.usecase}, '
                   f'{invalid / (count * height * width):.1%} invalid', highlight=False)

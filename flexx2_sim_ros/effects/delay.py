@@ -11,32 +11,16 @@ import numpy as np
 
 
 @dataclass(frozen=True)
-class Offset(Effect):
-    """A delay in the electronics."""
-
-    name: ClassVar[str] = 'offset'
-    stage: ClassVar[Stage] = Stage.PHASOR
-    order: ClassVar[int] = 10
-    title: ClassVar[str] = 'delay in the electronics: the same bias everywhere'
-    covariate: ClassVar[str] = 'none'
-    source: ClassVar[str] = 'design: the paper set distances to 10 mm and leaves bias out'
-
-    bias: float = parameter(0.005, -0.2, 0.2, 'm', 'added to every depth')
-
-    def apply(self, exposure: Exposure) -> None:
-        """Add the bias."""
-        exposure.add_shift(np.float32(self.strength * self.bias))
-
-
-@dataclass(frozen=True)
 class Wiggling(Effect):
     """Harmonics of the modulation."""
 
     name: ClassVar[str] = 'wiggling'
     stage: ClassVar[Stage] = Stage.PHASOR
-    order: ClassVar[int] = 11
+    order: ClassVar[int] = 10
     title: ClassVar[str] = 'harmonics of the modulation: a bias periodic in distance'
     covariate: ClassVar[str] = 'distance'
+    changes: ClassVar[tuple[str, ...]] = ('bias',)
+    typical: ClassVar[bool] = True
     source: ClassVar[str] = ('Drayton 2013: 18 mm RMS uncalibrated, 3 mm corrected; Lindner 2010. '
                              'Four taps leave the fourth harmonic')
 
@@ -50,10 +34,10 @@ class Wiggling(Effect):
     b4: float = parameter(0.0, -0.1, 0.1, 'm', 'cosine, four periods per c/2f')
 
     def apply(self, exposure: Exposure) -> None:
-        """Add the harmonics at every modulation frequency."""
+        """Add the harmonics of what has been mixed so far, at every modulation frequency."""
         for frequency, shift in zip(exposure.mode.modulation_hz, exposure.shifts, strict=True):
             step = np.float32(2.0 * math.pi * 2.0 * frequency / SPEED_OF_LIGHT)
-            phase = step * exposure.depth
+            phase = step * (exposure.depth + shift)
             for k in (1, 2, 3, 4):
                 a, b = getattr(self, f'a{k}'), getattr(self, f'b{k}')
                 if a:
@@ -63,63 +47,16 @@ class Wiggling(Effect):
 
 
 @dataclass(frozen=True)
-class WarmUpDrift(Effect):
-    """Temperature after power-on."""
-
-    name: ClassVar[str] = 'warm_up_drift'
-    stage: ClassVar[Stage] = Stage.PHASOR
-    order: ClassVar[int] = 12
-    title: ClassVar[str] = 'temperature: a common bias that decays after power-on'
-    covariate: ClassVar[str] = 'time'
-    source: ClassVar[str] = ('Toelgyessy 2021: 40 to 50 min on an Azure Kinect; Basler blaze: '
-                             '+-5 mm after 20 min')
-    keeps: ClassVar[bool] = True
-
-    bias: float = parameter(0.010, -0.2, 0.2, 'm', 'at power-on')
-    tau: float = parameter(900.0, 1.0, 36000.0, 's', 'time constant')
-    uptime: float = parameter(0.0, 0.0, 1e6, 's', 'already on for this long at the first frame')
-
-    def apply(self, exposure: Exposure) -> None:
-        """Add the bias of this moment."""
-        assert exposure.memory.first_stamp is not None
-        seconds = self.uptime + (exposure.stamp - exposure.memory.first_stamp) * 1e-9
-        exposure.add_shift(np.float32(self.strength * self.bias * math.exp(-seconds / self.tau)))
-
-
-@dataclass(frozen=True)
-class AmplitudeBias(Effect):
-    """Pixels that answer non-linearly."""
-
-    name: ClassVar[str] = 'amplitude_bias'
-    stage: ClassVar[Stage] = Stage.PHASOR
-    order: ClassVar[int] = 13
-    title: ClassVar[str] = 'non-linear pixels: a bias that grows as the amplitude falls'
-    covariate: ClassVar[str] = 'amplitude'
-    source: ClassVar[str] = 'Kinect v2: white minus black -2.7 mm at 0.95 m, -10.4 at 1.2 m'
-
-    intercept: float = parameter(0.0, -0.1, 0.1, 'm', 'added to every depth')
-    slope: float = parameter(-0.003, -0.1, 0.1, 'm', 'bias a factor e below the knee')
-    knee: float = parameter(1.0, 1e-3, 100.0, '1/m^2', 'amplitude above which there is none')
-    span: float = parameter(3.0, 0.1, 10.0, '', 'factors of e after which it is held')
-
-    def apply(self, exposure: Exposure) -> None:
-        """Add the clipped hinge in the logarithm of the amplitude."""
-        with np.errstate(divide='ignore'):
-            below = np.log(exposure.amplitude) - np.float32(math.log(self.knee))
-        hinge = np.clip(below, np.float32(-self.span), np.float32(0))
-        exposure.add_shift(np.float32(self.strength * self.intercept)
-                           + np.float32(self.strength * self.slope) * hinge)
-
-
-@dataclass(frozen=True)
 class FixedPattern(Effect):
     """A delay of each pixel's own."""
 
     name: ClassVar[str] = 'fixed_pattern'
     stage: ClassVar[Stage] = Stage.PHASOR
-    order: ClassVar[int] = 14
+    order: ClassVar[int] = 11
     title: ClassVar[str] = "a delay of each pixel's own: the same grain in every scene"
     covariate: ClassVar[str] = 'image'
+    changes: ClassVar[tuple[str, ...]] = ('bias',)
+    typical: ClassVar[bool] = True
     source: ClassVar[str] = 'Azure Kinect: 0.9 mm, the same to 0.87 in two captures; 1-5 mm usual'
     keeps: ClassVar[bool] = True
 
@@ -144,3 +81,75 @@ def _grain(key: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     grain = white - windows.mean(axis=(-2, -1), dtype=np.float32)
     spread = float(grain.std())
     return (grain / spread if spread > 0 else grain).astype(np.float32)
+
+
+@dataclass(frozen=True)
+class AmplitudeBias(Effect):
+    """Pixels that answer non-linearly."""
+
+    name: ClassVar[str] = 'amplitude_bias'
+    stage: ClassVar[Stage] = Stage.PHASOR
+    order: ClassVar[int] = 12
+    title: ClassVar[str] = 'non-linear pixels: a bias that grows as the amplitude falls'
+    covariate: ClassVar[str] = 'amplitude'
+    changes: ClassVar[tuple[str, ...]] = ('bias',)
+    typical: ClassVar[bool] = True
+    source: ClassVar[str] = 'Kinect v2: white minus black -2.7 mm at 0.95 m, -10.4 at 1.2 m'
+
+    intercept: float = parameter(0.0, -0.1, 0.1, 'm', 'added to every depth')
+    slope: float = parameter(-0.003, -0.1, 0.1, 'm', 'bias a factor e below the knee')
+    knee: float = parameter(1.0, 1e-3, 100.0, '1/m^2', 'amplitude above which there is none')
+    span: float = parameter(3.0, 0.1, 10.0, '', 'factors of e after which it is held')
+
+    def apply(self, exposure: Exposure) -> None:
+        """Add the clipped hinge in the logarithm of the amplitude."""
+        with np.errstate(divide='ignore'):
+            below = np.log(exposure.signal) - np.float32(math.log(self.knee))
+        hinge = np.clip(below, np.float32(-self.span), np.float32(0))
+        exposure.add_shift(np.float32(self.strength * self.intercept)
+                           + np.float32(self.strength * self.slope) * hinge)
+
+
+@dataclass(frozen=True)
+class Offset(Effect):
+    """A delay in the electronics."""
+
+    name: ClassVar[str] = 'offset'
+    stage: ClassVar[Stage] = Stage.PHASOR
+    order: ClassVar[int] = 13
+    title: ClassVar[str] = 'delay in the electronics: the same bias everywhere'
+    covariate: ClassVar[str] = 'none'
+    changes: ClassVar[tuple[str, ...]] = ('bias',)
+    typical: ClassVar[bool] = True
+    source: ClassVar[str] = 'design: the paper set distances to 10 mm and leaves bias out'
+
+    bias: float = parameter(0.005, -0.2, 0.2, 'm', 'added to every depth')
+
+    def apply(self, exposure: Exposure) -> None:
+        """Add the bias."""
+        exposure.add_shift(np.float32(self.strength * self.bias))
+
+
+@dataclass(frozen=True)
+class WarmUpDrift(Effect):
+    """Temperature after power-on."""
+
+    name: ClassVar[str] = 'warm_up_drift'
+    stage: ClassVar[Stage] = Stage.PHASOR
+    order: ClassVar[int] = 14
+    title: ClassVar[str] = 'temperature: a common bias that decays after power-on'
+    covariate: ClassVar[str] = 'time'
+    changes: ClassVar[tuple[str, ...]] = ('bias',)
+    typical: ClassVar[bool] = True
+    source: ClassVar[str] = ('Toelgyessy 2021: 40 to 50 min on an Azure Kinect; Basler blaze: '
+                             '+-5 mm after 20 min')
+    keeps: ClassVar[bool] = True
+
+    bias: float = parameter(0.010, -0.2, 0.2, 'm', 'at power-on')
+    tau: float = parameter(900.0, 1.0, 36000.0, 's', 'time constant')
+    uptime: float = parameter(0.0, 0.0, 1e6, 's', 'already on for this long at the first frame')
+
+    def apply(self, exposure: Exposure) -> None:
+        """Add the bias of this moment."""
+        seconds = self.uptime + (exposure.stamp - exposure.memory.first_stamp) * 1e-9
+        exposure.add_shift(np.float32(self.strength * self.bias * math.exp(-seconds / self.tau)))

@@ -5,22 +5,25 @@ import math
 from typing import ClassVar
 
 from flexx2_sim_ros.camera.exposure import Exposure, Stage
+from flexx2_sim_ros.camera.modes import camera_config
 from flexx2_sim_ros.camera.philox import STREAM_GRAZING, STREAM_LOW_SIGNAL, STREAM_SATURATION
 from flexx2_sim_ros.effects.effect import Effect, parameter
 import numpy as np
 
 
-def _lose(exposure: Exposure, logit: np.ndarray, strength: float, stream: int) -> None:
+def _lose(exposure: Exposure, logit: np.ndarray, strength: float, stream: int) -> np.ndarray:
     # Strength is how often the chance is taken: 1 - (1 - p)^strength, with p = 1 / (1 + e^-logit).
+    # Returns which pixels were lost.
     with np.errstate(over='ignore'):
         survives = (np.float32(1) + np.exp(logit)) ** np.float32(-strength)
-    lost = exposure.uniforms(stream) > survives
+    lost: np.ndarray = exposure.uniforms(stream) > survives
     exposure.measured[lost] = np.nan
+    return lost
 
 
-def _log_amplitude(exposure: Exposure, knee: float) -> np.ndarray:
+def _log_signal(exposure: Exposure, half: float) -> np.ndarray:
     with np.errstate(divide='ignore'):
-        return np.log(exposure.amplitude) - np.float32(math.log(knee))
+        return np.log(exposure.signal) - np.float32(math.log(half))
 
 
 @dataclass(frozen=True)
@@ -32,6 +35,8 @@ class LowSignalDropout(Effect):
     order: ClassVar[int] = 0
     title: ClassVar[str] = 'too little light (black, metal, far): invalid pixels'
     covariate: ClassVar[str] = 'amplitude'
+    changes: ClassVar[tuple[str, ...]] = ('validity',)
+    typical: ClassVar[bool] = True
     source: ClassVar[str] = ('Kinect v2: 99.8 % invalid below IR 50, 9 % at 400-800, < 1 % above '
                              '2000; level here is design')
 
@@ -40,7 +45,7 @@ class LowSignalDropout(Effect):
 
     def apply(self, exposure: Exposure) -> None:
         """Lose pixels by a logistic in the logarithm of the amplitude, falling."""
-        logit = np.float32(-self.slope) * _log_amplitude(exposure, self.half)
+        logit = np.float32(-self.slope) * _log_signal(exposure, self.half)
         _lose(exposure, logit, self.strength, STREAM_LOW_SIGNAL)
 
 
@@ -53,6 +58,8 @@ class GrazingDropout(Effect):
     order: ClassVar[int] = 1
     title: ClassVar[str] = "the camera's gate on its noise: invalid pixels at slants"
     covariate: ClassVar[str] = 'incidence'
+    changes: ClassVar[tuple[str, ...]] = ('validity',)
+    typical: ClassVar[bool] = True
     source: ClassVar[str] = 'pico driver: noise threshold 0.07 m; shape is design'
 
     half_deg: float = parameter(76.0, 20.0, 90.0, 'deg', 'incidence at which half are lost at 1 m')
@@ -77,6 +84,8 @@ class Saturation(Effect):
     order: ClassVar[int] = 2
     title: ClassVar[str] = 'too much light (near, white, specular head-on): invalid pixels'
     covariate: ClassVar[str] = 'amplitude'
+    changes: ClassVar[tuple[str, ...]] = ('validity',)
+    typical: ClassVar[bool] = True
     source: ClassVar[str] = ('Kinect v2: 97 % invalid at the top of the IR scale, 44 % of a white '
                              "board at 0.5-0.6 m; the paper's anomaly at 0 degrees")
 
@@ -90,5 +99,13 @@ class Saturation(Effect):
         incidence = np.arccos(np.clip(exposure.cosine, 0, 1))
         lobe = np.exp(-(incidence / np.float32(math.radians(self.lobe_deg))) ** 2)
         gain = np.log(np.float32(1) + np.float32(self.gloss) * lobe)
-        logit = np.float32(self.slope) * (_log_amplitude(exposure, self.half) + gain)
-        _lose(exposure, logit, self.strength, STREAM_SATURATION)
+        logit = np.float32(self.slope) * (_log_signal(exposure, self.half) + gain)
+        lost = _lose(exposure, logit, self.strength, STREAM_SATURATION)
+        exposure.saturated = lost & np.isfinite(exposure.depth)
+        if exposure.saturated.any():
+            # A full well says "at least this much": white in the gray image.
+            light = exposure.amplitude * np.exp(gain)
+            full = np.float32(camera_config().full_scale_amplitude / exposure.exposure_share)
+            exposure.amplitude = np.where(
+                exposure.saturated, np.maximum(light[exposure.saturated].max(), full),
+                exposure.amplitude)

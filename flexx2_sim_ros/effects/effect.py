@@ -2,11 +2,16 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
-import math
 from typing import Any, ClassVar
 
 from flexx2_sim_ros.camera.exposure import Exposure, Stage
 from flexx2_sim_ros.errors import InputError
+import numpy as np
+
+# What can be measured of a still scene, away from its edges but for `edges`: mean depth, its
+# standard deviation over frames, the share of gross outliers, correlation from frame to frame and
+# from pixel to pixel, where there is depth at all, amplitude, and what is seen at depth jumps.
+CHANNELS = ('bias', 'noise', 'outliers', 'frames', 'neighbours', 'validity', 'amplitude', 'edges')
 
 
 @dataclass(frozen=True)
@@ -29,6 +34,24 @@ class Parameter:
     default: float
     low: float
     high: float
+
+    def checked(self, value: Any, where: str) -> float:
+        """
+        Return a value as a float.
+
+        Raises
+        ------
+        InputError
+            When it is no number or out of bounds; names `where`, the parameter's full name.
+
+        """
+        if (isinstance(value, int | float | np.integer | np.floating)
+                and not isinstance(value, bool)
+                and self.low <= value <= self.high):  # never true of NaN
+            return float(value)
+        unit = f' {self.unit}' if self.unit else ''
+        raise InputError(f'{where}: found {value!r}, wanted a number from {self.low:g} to '
+                         f'{self.high:g}{unit}')
 
 
 def parameter(default: float, low: float, high: float, unit: str, text: str) -> Any:
@@ -57,6 +80,10 @@ class Effect:
     covariate : str
         What its signature depends on: ``distance``, ``incidence``, ``amplitude``, ``image``,
         ``edge``, ``time`` or ``none``.
+    changes : tuple of str
+        The channels in which a still scene shows it, out of `CHANNELS`.
+    typical : bool
+        Whether a typical camera, well placed and calibrated, shows it.
     source : str
         Where model and typical values come from.
     keeps : bool
@@ -71,20 +98,18 @@ class Effect:
     order: ClassVar[int] = 0
     title: ClassVar[str]
     covariate: ClassVar[str]
+    changes: ClassVar[tuple[str, ...]]
+    typical: ClassVar[bool] = False
     source: ClassVar[str]
     keeps: ClassVar[bool] = False
 
     strength: float = parameter(1.0, 0.0, 4.0, '', '0 is off, 1 is typical')
 
     def __post_init__(self) -> None:
-        """Refuse values out of bounds."""
+        """Refuse what is no number or out of bounds; make all of them floats."""
         for item in self.parameters():
-            value = getattr(self, item.name)
-            if isinstance(value, bool) or not isinstance(value, (int, float)) or not (
-                    math.isfinite(value) and item.low <= value <= item.high):
-                raise InputError(
-                    f'{self.name}.{item.name}: found {value!r}, wanted a number from {item.low:g} '
-                    f'to {item.high:g}{f" {item.unit}" if item.unit else ""}')
+            value = item.checked(getattr(self, item.name), f'{self.name}.{item.name}')
+            object.__setattr__(self, item.name, value)
 
     @classmethod
     def parameters(cls) -> list[Parameter]:

@@ -21,9 +21,10 @@ class SpatialFilter(Effect):
     order: ClassVar[int] = 0
     title: ClassVar[str] = 'bilateral filter in the camera: less noise, neighbours alike'
     covariate: ClassVar[str] = 'none'
+    changes: ClassVar[tuple[str, ...]] = ('noise', 'neighbours')
     source: ClassVar[str] = 'Kinect v2: correlation of neighbours 0.6 to 0.7'
 
-    mix: float = parameter(0.8, 0.0, 1.0, '', 'share of the 3 x 3 mean, at strength 1')
+    mix: float = parameter(0.9, 0.0, 1.0, '', 'share of the 3 x 3 mean, at strength 1')
     gate: float = parameter(4.0, 0.5, 20.0, '', 'neighbours within this many sigma_z take part')
 
     def apply(self, exposure: Exposure) -> None:
@@ -61,6 +62,7 @@ class TemporalFilter(Effect):
     order: ClassVar[int] = 1
     title: ClassVar[str] = 'recursive filter in the camera: less noise, frames alike'
     covariate: ClassVar[str] = 'time'
+    changes: ClassVar[tuple[str, ...]] = ('noise', 'frames')
     source: ClassVar[str] = "vendors' adaptive temporal filters; reset at 6 sigma; share is design"
     keeps: ClassVar[bool] = True
 
@@ -87,6 +89,7 @@ class Quantisation(Effect):
     stage: ClassVar[Stage] = Stage.STORAGE
     title: ClassVar[str] = 'storage or fixed-point phase: depth in whole steps'
     covariate: ClassVar[str] = 'distance'
+    changes: ClassVar[tuple[str, ...]] = ('noise',)
     source: ClassVar[str] = 'drivers that store millimetres; step is design'
 
     step: float = parameter(0.004, 1e-5, 0.2, 'm', 'between stored depths, at strength 1')

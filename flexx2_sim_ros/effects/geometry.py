@@ -16,6 +16,7 @@ _ZERO = np.float32(0.0)
 _ONE = np.float32(1.0)
 _NAN = np.float32(np.nan)
 _HALF = np.float32(0.5)
+_NEAREST = np.float32(1e-3)
 
 
 @dataclass(frozen=True)
@@ -27,6 +28,7 @@ class PoseError(Effect):
     order: ClassVar[int] = 0
     title: ClassVar[str] = 'extrinsics, registration: the camera is not where it is thought to be'
     covariate: ClassVar[str] = 'image'
+    changes: ClassVar[tuple[str, ...]] = ('bias', 'amplitude', 'edges')
     source: ClassVar[str] = 'the paper set distances to 10 mm; angles are design'
 
     x: float = parameter(0.002, -0.2, 0.2, 'm', 'moved to the right')
@@ -78,13 +80,17 @@ def _look_from(p, across, down, lens, rotation, step, depth, index):  # type: ig
             inverse = p[y + PAD, x + PAD]
             # Divided by depth, so that nothing (infinitely far) needs no case of its own.
             far = dz + step[2] * inverse
+            index[y, x] = 0
+            depth[y, x] = _NAN
+            if far < _NEAREST:
+                continue  # Behind the camera it was.
             u = fx * (dx + step[0] * inverse) / far + cx
             v = fy * (dy + step[1] * inverse) / far + cy
-            column = min(max(int(np.floor(u + _HALF)), 0), width - 1)
-            row = min(max(int(np.floor(v + _HALF)), 0), height - 1)
+            # What lies outside the image goes on as at its border.
+            column = int(min(max(np.floor(u + _HALF), _ZERO), np.float32(width - 1)))
+            row = int(min(max(np.floor(v + _HALF), _ZERO), np.float32(height - 1)))
             index[y, x] = row * width + column
             here = p[row + PAD, column + PAD]
-            depth[y, x] = _NAN
             if here > _ZERO:
                 du, dv = across[row, column], down[row, column]
                 nx, ny = fx * du, fy * dv
@@ -104,14 +110,18 @@ class IntrinsicsError(Effect):
     order: ClassVar[int] = 1
     title: ClassVar[str] = 'focal length, centre or distortion not as they are thought to be'
     covariate: ClassVar[str] = 'image'
+    changes: ClassVar[tuple[str, ...]] = ('bias', 'amplitude', 'edges')
     source: ClassVar[str] = ("the driver's grid is distorted and its camera_info says how; "
                              'magnitudes are design')
 
     focal: float = parameter(0.005, -0.2, 0.2, '', 'share by which the focal lengths are longer')
     cx: float = parameter(0.7, -20.0, 20.0, 'px', 'the true principal point lies right by')
     cy: float = parameter(0.7, -20.0, 20.0, 'px', 'the true principal point lies down by')
-    k1: float = parameter(-0.01, -0.5, 0.5, '', 'radial distortion, r^2')
-    k2: float = parameter(0.0, -0.5, 0.5, '', 'radial distortion, r^4')
+    k1: float = parameter(-0.01, -0.5, 0.5, '', 'plumb_bob, radial, r^2')
+    k2: float = parameter(0.0, -0.5, 0.5, '', 'plumb_bob, radial, r^4')
+    p1: float = parameter(0.0, -0.1, 0.1, '', 'plumb_bob, tangential, down')
+    p2: float = parameter(0.0, -0.1, 0.1, '', 'plumb_bob, tangential, across')
+    k3: float = parameter(0.0, -0.5, 0.5, '', 'plumb_bob, radial, r^6')
 
     def apply(self, exposure: Exposure) -> None:
         """See the scene along the true rays."""
@@ -119,10 +129,12 @@ class IntrinsicsError(Effect):
         true = replace(believed, fx=believed.fx * (1 + s * self.focal),
                        fy=believed.fy * (1 + s * self.focal), cx=believed.cx + s * self.cx,
                        cy=believed.cy + s * self.cy,
-                       distortion=(s * self.k1, s * self.k2, 0.0, 0.0, 0.0))
+                       distortion=(s * self.k1, s * self.k2, s * self.p1, s * self.p2,
+                                   s * self.k3))
         kept = exposure.memory.kept.get(self.name)
         if kept is None or kept.camera != true or kept.source != believed:
             kept = exposure.memory.kept[self.name] = View(true, believed)
-        exposure.depth = kept.depth(exposure.depth)
+        lost = np.isnan(kept.rays[0])  # Bent so much that no light comes there.
+        exposure.depth = np.where(lost, _NAN, kept.depth(exposure.depth))
         if exposure.reflectivity.size > 1:
             exposure.reflectivity = kept.reflectivity(exposure.reflectivity)

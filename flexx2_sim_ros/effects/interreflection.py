@@ -34,25 +34,26 @@ def bounce(exposure: Exposure) -> list[np.ndarray]:
     -------
     list of numpy.ndarray
         For each modulation frequency (H, W) complex64: amplitude relative to the direct light's,
-        phase relative to its. 0 where nothing is.
+        phase relative to its, as seen in depth. 0 where nothing is.
 
     """
     inverse = exposure.surface.inverse_depth
     height, width = exposure.depth.shape
     camera, config = exposure.intrinsics, camera_config()
     lens = np.array([camera.fx, camera.fy, camera.cx, camera.cy], np.float32)
-    reflectivity = np.broadcast_to(exposure.reflectivity, (height, width))
+    reflectivity = np.array(np.broadcast_to(exposure.reflectivity, (height, width)))
     shares = np.float32(config.jump_share), np.float32(config.steep_share)
     senders = _patches(inverse, reflectivity, lens, *shares, _SENDER)
     receivers = _patches(inverse, reflectivity, lens, *shares, _RECEIVER)
     rows, columns = -(-height // _RECEIVER), -(-width // _RECEIVER)
+    turns = np.array([k / (4.0 * math.pi) for k in exposure.wave_numbers], np.float32)
+    gamma = np.zeros((len(turns), rows * columns, 2), np.float32)
+    _gather(senders, receivers, turns, gamma)
     out = []
-    for k in exposure.wave_numbers:
-        gamma = np.zeros((rows * columns, 2), np.float32)
-        _gather(senders, receivers, np.float32(k / (4.0 * math.pi)), gamma)
+    for one in gamma:
         image = np.empty((height, width, 2), np.float32)
         _spread(inverse, receivers[:, 8].copy().reshape(rows, columns),
-                gamma.reshape(rows, columns, 2), image)
+                one.reshape(rows, columns, 2), image)
         out.append(image.view(np.complex64)[..., 0])
     return out
 
@@ -102,15 +103,15 @@ def _patches(p, reflectivity, lens, jump_share, steep_share, size):  # type: ign
 
 @njit(cache=True, error_model='numpy', fastmath=FAST)
 def _gather(senders, receivers, turns, out):  # type: ignore[no-untyped-def]
-    # turns: of phase a metre of light path. The path by way of a sender is longer than the direct
-    # one by sender's range + distance - receiver's range.
+    # turns: of phase a metre of light path, for each frequency. The path by way of a sender is
+    # longer than the direct one by sender's range + distance - receiver's range.
     s = senders.T.copy()
+    light = np.empty(s.shape[1], np.float32)
+    path = np.empty(s.shape[1], np.float32)
     for r in range(receivers.shape[0]):
         x, y, z, nx, ny, nz, reach, _, here, _, irradiance = receivers[r]
         if here <= _ZERO:
             continue
-        real = _ZERO
-        imaginary = _ZERO
         for i in range(s.shape[1]):
             dx, dy, dz = s[0, i] - x, s[1, i] - y, s[2, i] - z
             d2 = dx * dx + dy * dy + dz * dz
@@ -118,13 +119,18 @@ def _gather(senders, receivers, turns, out):  # type: ignore[no-untyped-def]
             arrives = max(nx * dx + ny * dy + nz * dz, _ZERO) / d
             leaves = max(-(s[3, i] * dx + s[4, i] * dy + s[5, i] * dz), _ZERO) / d
             # A patch is not a point: up close it fills no more than the half-space.
-            light = s[7, i] * arrives * leaves / (_PI * d2 + s[9, i])
-            path = turns * (s[6, i] + d - reach)
-            cosine, sine = cos_sin_turns(path - np.floor(path))
-            real += light * cosine
-            imaginary += light * sine
-        out[r, 0] = real / irradiance
-        out[r, 1] = imaginary / irradiance
+            light[i] = s[7, i] * arrives * leaves / (_PI * d2 + s[9, i])
+            path[i] = s[6, i] + d - reach
+        for f in range(turns.size):
+            real = _ZERO
+            imaginary = _ZERO
+            for i in range(s.shape[1]):
+                turn = turns[f] * path[i]
+                cosine, sine = cos_sin_turns(turn - np.floor(turn))
+                real += light[i] * cosine
+                imaginary += light[i] * sine
+            out[f, r, 0] = real / irradiance
+            out[f, r, 1] = imaginary / irradiance
 
 
 @njit(cache=True, error_model='numpy', fastmath=FAST)

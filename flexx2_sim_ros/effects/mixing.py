@@ -2,9 +2,13 @@
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import ClassVar
+import math
+from typing import Any, ClassVar
 
 from flexx2_sim_ros.camera.exposure import Exposure, Stage
+from flexx2_sim_ros.camera.fastmath import arctan2, cos_sin_turns
+from flexx2_sim_ros.camera.intrinsics import Intrinsics
+from flexx2_sim_ros.camera.philox import FAST
 from flexx2_sim_ros.effects.effect import Effect, parameter
 from flexx2_sim_ros.effects.interreflection import bounce
 from numba import njit
@@ -13,20 +17,30 @@ import numpy as np
 _COARSE = 4  # A wide kernel is applied to the image at a quarter of its resolution.
 
 
-def _phasor(exposure: Exposure, wave_number: float, shift: np.ndarray) -> np.ndarray:
-    # Amplitude and phase as a complex number, 0 where nothing is.
-    phase = np.float32(wave_number) * np.nan_to_num(exposure.depth + shift)
-    out = np.empty(phase.shape, np.complex64)
-    np.multiply(exposure.amplitude, np.cos(phase), out=out.real)
-    np.multiply(exposure.amplitude, np.sin(phase), out=out.imag)
+@njit(cache=True, error_model='numpy', fastmath=FAST)
+def _directions(depth, shift, turns, out):  # type: ignore[no-untyped-def]
+    # What a pixel's phase is, as a complex number of magnitude 1; 0 where nothing is. `turns`: of
+    # phase a metre.
+    for y in range(depth.shape[0]):
+        for x in range(depth.shape[1]):
+            phase = turns * (depth[y, x] + shift[y, x])
+            phase = phase - np.floor(phase)
+            cosine, sine = cos_sin_turns(phase if phase == phase else np.float32(0.0))
+            out[y, x] = complex(cosine, sine) if depth[y, x] > 0 else complex(0.0, 0.0)
+
+
+@njit(cache=True, error_model='numpy', fastmath=FAST)
+def _turn(before, after, wave_number, shift):  # type: ignore[no-untyped-def]
+    # Shift depth by what the phase has turned. All flat.
+    for i in range(before.size):
+        turned = after[i] * before[i].conjugate()
+        shift[i] += arctan2(turned.imag, turned.real) / wave_number
+
+
+def _phases(exposure: Exposure, wave_number: float, shift: np.ndarray) -> np.ndarray:
+    out = np.empty(exposure.depth.shape, np.complex64)
+    _directions(exposure.depth, shift, np.float32(wave_number / (2.0 * math.pi)), out)
     return out
-
-
-def _turn(shift: np.ndarray, wave_number: float, before: np.ndarray, after: np.ndarray,
-          where: np.ndarray | slice = slice(None)) -> None:
-    # Shift depth by what the phase has turned.
-    turned = after * before.conj()
-    shift[where] += np.arctan2(turned.imag, turned.real) / np.float32(wave_number)
 
 
 @dataclass(frozen=True)
@@ -38,6 +52,8 @@ class FlyingPixels(Effect):
     order: ClassVar[int] = 0
     title: ClassVar[str] = 'footprints that span an edge: values between foreground and background'
     covariate: ClassVar[str] = 'edge'
+    changes: ClassVar[tuple[str, ...]] = ('edges',)
+    typical: ClassVar[bool] = True
     source: ClassVar[str] = 'phasor mixing over the footprint; share is design'
 
     share: float = parameter(0.3, 0.0, 1.0, '', 'of the light that comes from the 3 x 3 pixels '
@@ -45,41 +61,43 @@ class FlyingPixels(Effect):
 
     def apply(self, exposure: Exposure) -> None:
         """Mix the phasors of neighbours, next to depth jumps."""
-        near = np.flatnonzero(_near_jumps(exposure.surface.row_jumps,
-                                          exposure.surface.column_jumps, exposure.amplitude))
+        surface = exposure.surface
+        near = np.flatnonzero(_near_jumps(surface.row_jumps, surface.column_jumps))
+        near = near[np.isfinite(exposure.depth.reshape(-1)[near])]
         if not near.size:
             return
         share = np.float32(min(self.strength * self.share, 1.0))
         amplitude = np.zeros(near.size, np.float32)
         for k, weight, shift in zip(exposure.wave_numbers, exposure.weights, exposure.shifts,
                                     strict=True):
-            light = _phasor(exposure, k, shift)
-            before = light.ravel()[near]
-            around = np.empty_like(before)
-            _mean_around(light, exposure.amplitude, near, around)
-            after = (np.float32(1) - share) * before + share * around
-            _turn(shift.reshape(-1), k, before, after, near)
-            amplitude += np.float32(weight) * np.abs(after)
+            direction = _phases(exposure, k, shift)
+            mixed = np.empty(near.size, np.complex64)
+            _mix_around(exposure.amplitude * direction, direction, near, share, mixed)
+            turned = np.zeros(near.size, np.float32)
+            _turn(direction.reshape(-1)[near], mixed, np.float32(k), turned)
+            shift.reshape(-1)[near] += turned
+            amplitude += np.float32(weight) * np.abs(mixed)
         exposure.amplitude.reshape(-1)[near] = amplitude
 
 
 @njit(cache=True)
-def _near_jumps(row_jumps, column_jumps, amplitude):  # type: ignore[no-untyped-def]
-    # Lit pixels whose 3 x 3 neighbourhood has a depth jump in it.
-    height, width = amplitude.shape
+def _near_jumps(row_jumps, column_jumps):  # type: ignore[no-untyped-def]
+    # Pixels whose 3 x 3 neighbourhood has a depth jump in it.
+    height, width = row_jumps.shape
     near = np.zeros((height, width), np.bool_)
     for y in range(height):
         for x in range(width):
-            if row_jumps[y, x] or column_jumps[y, x]:
-                for yy in range(max(y - 1, 0), min(y + 3, height)):
-                    for xx in range(max(x - 1, 0), min(x + 3, width)):
-                        near[yy, xx] |= amplitude[yy, xx] > 0
+            if row_jumps[y, x]:
+                near[max(y - 1, 0):y + 2, x:x + 2] = True
+            if column_jumps[y, x]:
+                near[y:y + 2, max(x - 1, 0):x + 2] = True
     return near
 
 
 @njit(cache=True)
-def _mean_around(light, amplitude, pixels, out):  # type: ignore[no-untyped-def]
-    # Mean phasor of the lit ones of 3 x 3 pixels.
+def _mix_around(light, direction, pixels, share, out):  # type: ignore[no-untyped-def]
+    # (1 - share) of a pixel's own light and `share` of the mean of the 3 x 3 around it, as far as
+    # there is something.
     height, width = light.shape
     for n in range(pixels.size):
         y, x = pixels[n] // width, pixels[n] % width
@@ -88,8 +106,9 @@ def _mean_around(light, amplitude, pixels, out):  # type: ignore[no-untyped-def]
         for yy in range(max(y - 1, 0), min(y + 2, height)):
             for xx in range(max(x - 1, 0), min(x + 2, width)):
                 total += light[yy, xx]
-                count += amplitude[yy, xx] > 0
-        out[n] = total / np.float32(count)
+                count += direction[yy, xx] != 0
+        own = light[y, x]
+        out[n] = own + share * (total / np.float32(count) - own)
 
 
 @dataclass(frozen=True)
@@ -101,26 +120,50 @@ class Multipath(Effect):
     order: ClassVar[int] = 1
     title: ClassVar[str] = 'light that bounced once more: positive bias in concave corners'
     covariate: ClassVar[str] = 'image'
-    source: ClassVar[str] = 'one diffuse bounce: Jimenez 2014, Bulczak 2018'
+    changes: ClassVar[tuple[str, ...]] = ('bias', 'amplitude')
+    typical: ClassVar[bool] = True
+    source: ClassVar[str] = ('one diffuse bounce: Jimenez 2014, Bulczak 2018. Rises with the '
+                             'distance from the apex, where the detour is nil, and falls again')
     keeps: ClassVar[bool] = True
 
     gain: float = parameter(1.0, 0.0, 5.0, '', 'factor on the physical bounce')
 
     def apply(self, exposure: Exposure) -> None:
         """Add the indirect light's phasor; kept while the scene stands still."""
-        kept = exposure.memory.kept.get(self.name)
-        if kept is None or not all(
+        scene = (exposure.depth, exposure.reflectivity)
+        kept: Any = exposure.memory.kept.get(self.name)
+        if kept is None or kept[0] != exposure.intrinsics or not all(
                 one.shape == other.shape and np.array_equal(one, other, equal_nan=True)
-                for one, other in zip(kept[0], (exposure.depth, exposure.reflectivity),
-                                      strict=True)):
-            scene = (exposure.depth.copy(), exposure.reflectivity.copy())
-            kept = (scene, bounce(exposure))
+                for one, other in zip(kept[1], scene, strict=True)):
+            kept = (exposure.intrinsics, [image.copy() for image in scene], bounce(exposure),
+                    _depth_of_range(exposure.intrinsics))
             exposure.memory.kept[self.name] = kept
         factor = np.float32(self.strength * self.gain)
-        for k, shift, indirect in zip(exposure.wave_numbers, exposure.shifts, kept[1],
-                                      strict=True):
-            shift += np.arctan2(factor * indirect.imag,
-                                np.float32(1) + factor * indirect.real) / np.float32(k)
+        brighter = np.zeros_like(exposure.amplitude)
+        for k, weight, shift, indirect in zip(exposure.wave_numbers, exposure.weights,
+                                              exposure.shifts, kept[2], strict=True):
+            _add_bounce(indirect, factor, np.float32(k), np.float32(weight), kept[3], shift,
+                        brighter)
+        exposure.amplitude = exposure.amplitude * brighter
+
+
+def _depth_of_range(camera: Intrinsics) -> np.ndarray:
+    x = (np.arange(camera.width) - camera.cx) / camera.fx
+    y = (np.arange(camera.height) - camera.cy) / camera.fy
+    cosine: np.ndarray = (1.0 + x ** 2 + y[:, None] ** 2) ** -0.5
+    return cosine.astype(np.float32)
+
+
+@njit(cache=True, error_model='numpy', fastmath=FAST)
+def _add_bounce(indirect, factor, wave_number, weight, depth_of_range, shift,  # type: ignore
+                brighter):
+    # The detour is along the ray.
+    for y in range(shift.shape[0]):
+        for x in range(shift.shape[1]):
+            real = np.float32(1.0) + factor * indirect[y, x].real
+            imaginary = factor * indirect[y, x].imag
+            shift[y, x] += arctan2(imaginary, real) / wave_number * depth_of_range[y, x]
+            brighter[y, x] += weight * math.sqrt(real * real + imaginary * imaginary)
 
 
 @dataclass(frozen=True)
@@ -132,6 +175,8 @@ class StrayLight(Effect):
     order: ClassVar[int] = 2
     title: ClassVar[str] = 'scatter in the lens: dark and far pulled towards bright and near'
     covariate: ClassVar[str] = 'amplitude'
+    changes: ClassVar[tuple[str, ...]] = ('bias', 'amplitude')
+    typical: ClassVar[bool] = True
     source: ClassVar[str] = 'Schaefer 2014: 0.5 to 5 % of the light'
 
     share: float = parameter(0.02, 0.0, 0.2, '', 'of the light that is scattered, at strength 1')
@@ -140,28 +185,60 @@ class StrayLight(Effect):
     def apply(self, exposure: Exposure) -> None:
         """Add the scattered phasor."""
         share = np.float32(self.strength * self.share)
-        lit = exposure.amplitude > 0
         amplitude = np.zeros_like(exposure.amplitude)
         for k, weight, shift in zip(exposure.wave_numbers, exposure.weights, exposure.shifts,
                                     strict=True):
-            before = _phasor(exposure, k, shift)
-            after = before + share * _scatter(before, self.width)
-            _turn(shift, k, before, after)
-            amplitude += np.float32(weight) * np.abs(after)
-        exposure.amplitude = np.where(lit, amplitude, exposure.amplitude)
+            direction = _phases(exposure, k, shift)
+            light = exposure.amplitude * direction
+            light += share * _scatter(light, self.width)
+            _turn(direction.reshape(-1), light.reshape(-1), np.float32(k), shift.reshape(-1))
+            amplitude += np.float32(weight) * np.abs(light)
+        exposure.amplitude = np.where(np.isfinite(exposure.depth), amplitude, np.float32(0))
 
 
 def _scatter(image: np.ndarray, width: float) -> np.ndarray:
     # Convolve with a wide kernel of unit sum, on coarse blocks; nothing comes from outside.
     height, wide = image.shape
     rows, columns = -(-height // _COARSE), -(-wide // _COARSE)
-    padded = np.zeros((rows * _COARSE, columns * _COARSE), np.complex64)
-    padded[:height, :wide] = image
-    blocks = padded.reshape(rows, _COARSE, columns, _COARSE).mean(axis=(1, 3))
+    blocks = np.zeros((rows, columns), np.complex64)
+    _gather(image, blocks)
     spectrum = np.fft.fft2(blocks, s=(2 * rows, 2 * columns)) * _kernel(
         rows, columns, width * wide / _COARSE)
     coarse = np.fft.ifft2(spectrum)[:rows, :columns].astype(np.complex64)
-    return _interpolation(height, rows) @ coarse @ _interpolation(wide, columns).T
+    out = np.empty_like(image)
+    _interpolate(coarse, out)
+    return out
+
+
+@njit(cache=True)
+def _gather(image, blocks):  # type: ignore[no-untyped-def]
+    # Light of a block, as if it were a pixel's.
+    share = np.float32(1.0 / _COARSE ** 2)
+    for y in range(image.shape[0]):
+        for x in range(image.shape[1]):
+            blocks[y // _COARSE, x // _COARSE] += share * image[y, x]
+
+
+@njit(cache=True)
+def _interpolate(blocks, out):  # type: ignore[no-untyped-def]
+    # Linearly, from the blocks' centres to pixels.
+    rows, columns = blocks.shape
+    half, one, size = np.float32(0.5), np.float32(1.0), np.float32(_COARSE)
+    for y in range(out.shape[0]):
+        down = min(max((np.float32(y) + half) / size - half, np.float32(0.0)),
+                   np.float32(rows - 1))
+        top = int(down)
+        low = min(top + 1, rows - 1)
+        sy = down - np.float32(top)
+        for x in range(out.shape[1]):
+            across = min(max((np.float32(x) + half) / size - half, np.float32(0.0)),
+                         np.float32(columns - 1))
+            left = int(across)
+            right = min(left + 1, columns - 1)
+            sx = across - np.float32(left)
+            above = (one - sx) * blocks[top, left] + sx * blocks[top, right]
+            below = (one - sx) * blocks[low, left] + sx * blocks[low, right]
+            out[y, x] = (one - sy) * above + sy * below
 
 
 @lru_cache(maxsize=16)
@@ -172,16 +249,3 @@ def _kernel(rows: int, columns: int, radius: float) -> np.ndarray:
     x = np.minimum(np.arange(2 * columns), 2 * columns - np.arange(2 * columns))
     kernel = (1.0 + (y[:, None] ** 2 + x[None, :] ** 2) / w2) ** -1.5
     return np.fft.fft2(kernel / kernel.sum()).astype(np.complex64)
-
-
-@lru_cache(maxsize=16)
-def _interpolation(size: int, blocks: int) -> np.ndarray:
-    # (size, blocks) float32: linear interpolation from block centres to pixels.
-    position = np.clip((np.arange(size) + 0.5) / _COARSE - 0.5, 0, blocks - 1)
-    low = np.minimum(position.astype(int), max(blocks - 2, 0))
-    share = position - low
-    matrix = np.zeros((size, blocks), np.float32)
-    matrix[np.arange(size), low] = 1.0 - share
-    if blocks > 1:
-        matrix[np.arange(size), low + 1] += share.astype(np.float32)
-    return matrix

@@ -6,32 +6,32 @@ from typing import Any, ClassVar
 
 from flexx2_sim_ros.camera.exposure import Exposure, Stage
 from flexx2_sim_ros.camera.fastmath import arctan2, cos_sin_turns
-from flexx2_sim_ros.camera.modes import camera_config
 from flexx2_sim_ros.camera.philox import FAST
 from flexx2_sim_ros.effects.effect import Effect, parameter
 from numba import njit
 import numpy as np
 
-_FRAMES_KEPT = 16
+_FRAMES_KEPT = 128
 _TAPS = 4
+# A surface that is nearer or farther by less than the first, as a share of its distance, or than
+# the second would take it, m/s, is the same in two frames (design; twice a trotting Go1).
+_ALIKE_SHARE = 0.05
+_ALIKE_SPEED = 3.0
 _ZERO = np.float32(0.0)
 _HALF = np.float32(0.5)
 _ONE = np.float32(1.0)
 _TWO_PI = np.float32(2.0 * math.pi)
 
 
-def _alike() -> np.float32:
-    # A surface that moves by more than this share of its distance between frames is another one.
-    return np.float32(5 * camera_config().jump_share)
-
-
-def _between(early: np.ndarray, late: np.ndarray, share: float) -> np.ndarray:
+def _between(early: np.ndarray, late: np.ndarray, share: float, seconds: float) -> np.ndarray:
     # What is seen at a moment between two frames (or a little after): a surface moves evenly;
     # where another one has come into view, the frame that is nearer in time shows what there is.
-    with np.errstate(invalid='ignore'):
-        same = np.abs(late - early) < _alike() * late
-    nearer = late if share >= 0.5 else early
-    return np.where(same, early + np.float32(share) * (late - early), nearer)
+    with np.errstate(invalid='ignore', over='ignore'):
+        change = late - early
+        same = np.abs(change) < np.maximum(np.float32(_ALIKE_SHARE) * late,
+                                           np.float32(_ALIKE_SPEED * seconds))
+        nearer = late if share >= 0.5 else early
+        return np.where(same, early + np.float32(share) * change, nearer)
 
 
 @dataclass(frozen=True)
@@ -43,6 +43,7 @@ class TimeOffset(Effect):
     order: ClassVar[int] = 2
     title: ClassVar[str] = 'wrong stamps: the image shows the scene as it was earlier'
     covariate: ClassVar[str] = 'time'
+    changes: ClassVar[tuple[str, ...]] = ()
     source: ClassVar[str] = ('a VL53L5CX on a drone: 78 ms, 46.4 to 25.1 mm once modelled; a '
                              'quarter of it here (design)')
     keeps: ClassVar[bool] = True
@@ -51,18 +52,25 @@ class TimeOffset(Effect):
 
     def apply(self, exposure: Exposure) -> None:
         """Show the scene of an earlier moment, from the clean frames seen so far."""
-        kept: list[tuple[int, np.ndarray]] = exposure.memory.kept.setdefault(self.name, [])
-        if kept and (exposure.stamp <= kept[-1][0] or kept[-1][1].shape != exposure.depth.shape):
+        kept: list[tuple[int, np.ndarray, np.ndarray]]
+        kept = exposure.memory.kept.setdefault(self.name, [])
+        if kept and kept[-1][1].shape != exposure.depth.shape:
             kept.clear()
-        kept.append((exposure.stamp, exposure.depth.copy()))
-        del kept[:-_FRAMES_KEPT]
+        if kept and kept[-1][0] == exposure.stamp:
+            kept.pop()
+        kept.append((exposure.stamp, exposure.depth.copy(), exposure.reflectivity.copy()))
         moment = exposure.stamp - round(self.strength * self.latency * 1e9)
+        while len(kept) > _FRAMES_KEPT or (len(kept) > 2 and kept[1][0] <= moment):
+            del kept[0]
         if len(kept) < 2 or moment <= kept[0][0]:
-            exposure.depth = kept[0][1].copy()
+            _, depth, exposure.reflectivity = kept[0]
+            exposure.depth = depth.copy()
             return
         index = next((i for i in range(1, len(kept)) if kept[i][0] >= moment), len(kept) - 1)
-        (start, early), (end, late) = kept[index - 1], kept[index]
-        exposure.depth = _between(early, late, (moment - start) / (end - start))
+        (start, early, _), (end, late, _) = kept[index - 1:index + 1]
+        share = (moment - start) / (end - start)
+        exposure.depth = _between(early, late, share, (end - start) * 1e-9)
+        exposure.reflectivity = kept[index if share >= 0.5 else index - 1][2]
 
 
 @dataclass(frozen=True)
@@ -74,7 +82,10 @@ class MotionArtefact(Effect):
     order: ClassVar[int] = 5
     title: ClassVar[str] = 'raw frames one after the other: a bias that grows with speed'
     covariate: ClassVar[str] = 'time'
-    source: ClassVar[str] = 'Drayton 2013: 44 mm RMS at 2 m/s and 125 ms; about 9 ms here'
+    changes: ClassVar[tuple[str, ...]] = ()
+    typical: ClassVar[bool] = True
+    source: ClassVar[str] = ('Drayton 2013: 44 mm RMS at 2 m/s and 125 ms; here 9 ms in '
+                             'Mode_9_30fps, 5 mm at 1 m/s')
     keeps: ClassVar[bool] = True
 
     stretch: float = parameter(1.0, 0.0, 20.0, '', 'factor on the time that the raw frames take')
@@ -96,11 +107,12 @@ class MotionArtefact(Effect):
         for index, (k, shift) in enumerate(zip(exposure.wave_numbers, exposure.shifts,
                                                strict=True)):
             own = moments[index * _TAPS:(index + 1) * _TAPS].astype(np.float32)
-            _demodulate(before[1], exposure.depth, own, np.float32(k), _alike(), shift)
+            _demodulate(before[1], exposure.depth, own, np.float32(k),
+                        np.float32(_ALIKE_SHARE), np.float32(_ALIKE_SPEED * interval), shift)
 
 
 @njit(cache=True, error_model='numpy', fastmath=FAST)
-def _demodulate(early, late, moments, wave_number, alike, shift):  # type: ignore[no-untyped-def]
+def _demodulate(early, late, moments, wave_number, alike, near, shift):  # type: ignore
     # Four samples cos(phase - tap pi / 2), each at its moment, and the phase they give.
     turns = wave_number / _TWO_PI
     m0, m1, m2, m3 = moments
@@ -108,7 +120,7 @@ def _demodulate(early, late, moments, wave_number, alike, shift):  # type: ignor
         for x in range(late.shape[1]):
             here = late[y, x]
             start = early[y, x] - here
-            same = abs(start) < alike * here
+            same = abs(start) < max(alike * here, near)
             add = shift[y, x]
             c0, _ = _tap(here, start, same, m0, add, turns)
             _, s1 = _tap(here, start, same, m1, add, turns)

@@ -8,6 +8,8 @@ from flexx2_sim_ros.camera.philox import STREAM_TAILS
 from flexx2_sim_ros.effects.effect import Effect, parameter
 import numpy as np
 
+_DARKEST = np.float32(1e-6)  # 1/m^2; the noise is beyond every range.
+
 
 @dataclass(frozen=True)
 class ExcessNoise(Effect):
@@ -18,6 +20,7 @@ class ExcessNoise(Effect):
     order: ClassVar[int] = 0
     title: ClassVar[str] = 'sigma mis-fitted, or another surface: more axial noise everywhere'
     covariate: ClassVar[str] = 'none'
+    changes: ClassVar[tuple[str, ...]] = ('noise',)
     source: ClassVar[str] = 'design: the paper measured one white board'
 
     factor: float = parameter(1.3, 0.2, 5.0, '', 'on sigma_z, at strength 1')
@@ -37,14 +40,15 @@ class AmbientLight(Effect):
     order: ClassVar[int] = 1
     title: ClassVar[str] = 'shot noise of the background: noise that grows as the amplitude falls'
     covariate: ClassVar[str] = 'amplitude'
+    changes: ClassVar[tuple[str, ...]] = ('noise',)
+    typical: ClassVar[bool] = True
     source: ClassVar[str] = 'shot-noise statistics: sigma^2 + k^2 / A^2; magnitude is design'
 
     k: float = parameter(0.0008, 0.0, 0.1, '1/m', 'noise at unit amplitude')
 
     def apply(self, exposure: Exposure) -> None:
         """Add the variance."""
-        with np.errstate(divide='ignore'):
-            extra = np.float32(self.strength * self.k) / exposure.amplitude
+        extra = np.float32(self.strength * self.k) / np.maximum(exposure.signal, _DARKEST)
         exposure.sigma = np.hypot(exposure.sigma, extra)
 
 
@@ -57,6 +61,7 @@ class HeavyTails(Effect):
     order: ClassVar[int] = 2
     title: ClassVar[str] = 'outliers now and then: a share of the samples is much noisier'
     covariate: ClassVar[str] = 'none'
+    changes: ClassVar[tuple[str, ...]] = ('noise', 'outliers')
     source: ClassVar[str] = 'design: a share at 5 sigma'
 
     share: float = parameter(0.02, 0.0, 0.25, '', 'of the samples, at strength 1')
@@ -78,6 +83,7 @@ class LateralNoise(Effect):
     order: ClassVar[int] = 3
     title: ClassVar[str] = 'edges that jitter more, or not as a Gaussian'
     covariate: ClassVar[str] = 'edge'
+    changes: ClassVar[tuple[str, ...]] = ('edges',)
     source: ClassVar[str] = 'design: the paper says that lateral noise is not Gaussian'
 
     factor: float = parameter(1.5, 0.0, 5.0, '', 'on sigma_x, at strength 1')

@@ -1,7 +1,6 @@
 """Find the effects there are; read and write sets of them."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
 from functools import lru_cache
 from importlib import import_module
 from pathlib import Path
@@ -10,8 +9,10 @@ import tempfile
 from types import MappingProxyType
 from typing import Any
 
+from flexx2_sim_ros.config_file import read_config
 from flexx2_sim_ros.effects.effect import Effect
 from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.paths import config_dir
 import yaml
 
 
@@ -21,7 +22,8 @@ def registry() -> Mapping[str, type[Effect]]:
     package = import_module('flexx2_sim_ros.effects')
     for module in pkgutil.iter_modules(package.__path__):
         import_module(f'{package.__name__}.{module.name}')
-    found = sorted(Effect.__subclasses__(), key=lambda kind: (kind.stage, kind.order, kind.name))
+    found = [kind for kind in Effect.__subclasses__() if kind.__module__.startswith(__package__)]
+    found.sort(key=lambda kind: (kind.stage, kind.order, kind.name))
     return MappingProxyType({kind.name: kind for kind in found})
 
 
@@ -32,7 +34,7 @@ def parse_effects(table: Any, where: str = 'effects') -> tuple[Effect, ...]:
     Parameters
     ----------
     table : mapping
-        Parameters by effect name; None or an empty table for all typical values.
+        Parameters by effect name; None or an empty table for its typical values.
     where : str
         What to call the table in errors.
 
@@ -66,7 +68,8 @@ def load_effects(path: str | Path) -> tuple[Effect, ...]:
     Parameters
     ----------
     path : str or pathlib.Path
-        ``schema: 1`` and ``effects:``, a table of parameters by effect name.
+        ``schema: 1`` and ``effects:``, a table of parameters by effect name. Or the name of a
+        preset, a file in ``config/effects`` without its ending: ``typical``.
 
     Returns
     -------
@@ -79,13 +82,15 @@ def load_effects(path: str | Path) -> tuple[Effect, ...]:
         When the file cannot be read or something in it cannot be used.
 
     """
-    try:
-        content = yaml.safe_load(Path(path).read_text(encoding='utf-8'))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise InputError(f'{path}: cannot be read as YAML: {error}') from error
-    if not isinstance(content, dict) or content.get('schema') != 1 or 'effects' not in content:
-        raise InputError(f'{path}: wanted a mapping with schema: 1 and effects:')
-    return parse_effects(content['effects'] or {}, f'{path}: effects')
+    path = Path(path)
+    preset = config_dir() / 'effects' / f'{path}.yaml'
+    if str(path) == path.stem and not path.exists() and preset.is_file():
+        path = preset
+    content = read_config(path)
+    if 'effects' not in content:
+        raise InputError(f'{path}: effects: not there, wanted a table of parameters by effect')
+    table = content['effects']
+    return parse_effects({} if table is None else table, f'{path}: effects')
 
 
 def save_effects(path: str | Path, effects: Sequence[Effect], comment: str = '') -> None:
@@ -102,12 +107,30 @@ def save_effects(path: str | Path, effects: Sequence[Effect], comment: str = '')
         Put above it, a ``#`` before each line.
 
     """
-    path = Path(path)
-    table = {effect.name: asdict(effect) for effect in effects}
-    text = ''.join(f'# {line}\n' for line in comment.splitlines())
-    text += yaml.safe_dump({'schema': 1, 'effects': table}, sort_keys=False)
-    with tempfile.NamedTemporaryFile('w', dir=path.parent, delete=False,
-                                     encoding='utf-8') as file:
-        file.write(text)
-    Path(file.name).chmod(0o644)
-    Path(file.name).replace(path)
+    write_whole(Path(path), effects_yaml(effects, comment))
+
+
+def effects_yaml(effects: Sequence[Effect], comment: str = '') -> str:
+    """Return what `save_effects` writes."""
+    lines = [f'# {line}'.rstrip() for line in comment.splitlines()]
+    lines += ['schema: 1', 'effects:' if effects else 'effects: {}']
+    for effect in effects:
+        lines.append(f'  {effect.name}:')
+        for item in effect.parameters():
+            # YAML takes 1e-05 for text; its own writer knows.
+            number = yaml.safe_dump([getattr(effect, item.name)]).removeprefix('- ').strip()
+            unit = f'{item.unit}, ' if item.unit else ''
+            lines.append(f'    {item.name}: {number}  # {unit}{item.text}')
+    return '\n'.join(lines) + '\n'
+
+
+def write_whole(path: Path, text: str) -> None:
+    """Write a text file, whole or not at all; replaces one that exists."""
+    try:
+        with tempfile.NamedTemporaryFile('w', dir=path.parent, delete=False,
+                                         encoding='utf-8') as file:
+            file.write(text)
+        Path(file.name).chmod(0o644)
+        Path(file.name).replace(path)
+    except OSError as error:
+        raise InputError(f'{path}: cannot be written: {error}') from error

@@ -4,27 +4,39 @@ from dataclasses import dataclass
 import math
 from typing import ClassVar
 
-from flexx2_sim_ros.camera.exposure import Exposure, Stage
+from flexx2_sim_ros.camera.exposure import Exposure, SPEED_OF_LIGHT, Stage
 from flexx2_sim_ros.camera.philox import fill_normals, stamp_words, STREAM_WRAP, STREAM_WRAP_SHARE
 from flexx2_sim_ros.effects.effect import Effect, parameter
+from numba import njit
 import numpy as np
+
+_RARE = 6.0  # sigmas of noise that are not looked into
 
 
 @dataclass(frozen=True)
 class RangeWrap(Effect):
-    """Distances that come back wrapped."""
+    """
+    Distances that come back wrapped.
+
+    With two frequencies the camera takes those whole wraps at which its two distances agree best.
+    Noise that puts them apart by more than half a step of their lattice (0.62 m with 80 and
+    60 MHz) makes it take the neighbour: the distance at 80 MHz jumps by 1.87 m, that at 60 MHz by
+    2.50 m, and their mean, weighted as their noise asks for, by 2.10 m.
+    """
 
     name: ClassVar[str] = 'range_wrap'
     stage: ClassVar[Stage] = Stage.WRAP
     title: ClassVar[str] = 'ambiguity of the phase: jumps by whole lattice steps'
     covariate: ClassVar[str] = 'distance'
+    changes: ClassVar[tuple[str, ...]] = ('validity', 'outliers')
+    typical: ClassVar[bool] = True
     source: ClassVar[str] = 'c / 2f: 2.498 m at 60 MHz, 1.874 m at 80 MHz, 7.495 m at their beat'
 
     share: float = parameter(1.0, 0.0, 1.0, '', 'of what lies beyond the range and is not '
                              'recognised as such, at strength 1')
 
     def apply(self, exposure: Exposure) -> None:
-        """Take depth modulo the ambiguity; with two frequencies, first choose the wrong wrap."""
+        """Take depth modulo the ambiguity; with several frequencies, unwrap wrongly first."""
         if len(exposure.mode.modulation_hz) > 1:
             self._unwrap_wrongly(exposure)
         ambiguity = np.float32(exposure.ambiguity)
@@ -37,34 +49,66 @@ class RangeWrap(Effect):
             values = measured.reshape(-1)[beyond]
             wraps = np.floor(values / ambiguity)
             noticed = (exposure.uniforms(STREAM_WRAP_SHARE).reshape(-1)[beyond]
-                       > np.float32(min(self.strength, 1.0) * self.share))
+                       > np.float32(min(self.strength * self.share, 1.0)))
             values = values - wraps * ambiguity
             values[noticed | (wraps == 0)] = np.nan
             measured.reshape(-1)[beyond] = values
 
     def _unwrap_wrongly(self, exposure: Exposure) -> None:
-        # Two frequencies f1, f2 = n1 g, n2 g repeat after B / n1 and B / n2, B = c / 2g. Their
-        # distances, wrapped, differ by multiples of B / (n1 n2) if exact; what they differ by
-        # beyond that is noise and unequal shifts. More than half a step picks the neighbour.
-        f1, f2 = exposure.mode.modulation_hz[:2]
-        common = math.gcd(round(f1), round(f2))
-        n1, n2 = round(f1) // common, round(f2) // common
-        beat = exposure.ambiguity
-        step = beat / (n1 * n2)
-        # Noise falls as 1/f; this is the difference's share that leaves the mean's sigma as is.
-        spread = math.sqrt((f1 ** 2 + f2 ** 2) * (1 / f1 ** 2 + 1 / f2 ** 2))
-        draws = np.empty(exposure.depth.shape, np.float32)
-        low, high = stamp_words(exposure.stamp)
-        fill_normals(exposure.key, low, high, STREAM_WRAP, draws.ravel())
-        difference = (np.float32(self.strength * spread) * exposure.sigma * draws
-                      + (exposure.shifts[0] - exposure.shifts[1]))
-        wrong = np.flatnonzero(np.abs(difference) > np.float32(step / 2))
-        steps = np.rint(difference.reshape(-1)[wrong] / step).astype(np.int32)
-        # n2 k1 - n1 k2 = -steps says which whole wraps k1, k2 the neighbour has.
-        k1 = (-steps * pow(n2, -1, n1)) % n1
-        k2 = (n2 * k1 + steps) // n1
-        w1, w2 = exposure.weights[:2]
-        jump = (w1 * k1 / n1 + w2 * k2 / n2) * beat
-        # The same jump, counted from the nearer side.
-        jump = np.where(jump > beat / 2, jump - beat, jump)
-        exposure.measured.reshape(-1)[wrong] += jump.astype(np.float32)
+        # How far each frequency's distance is from their weighted mean: by unequal shifts, and by
+        # noise that falls as 1/f and leaves the mean's sigma as it is.
+        frequencies = exposure.mode.modulation_hz
+        norm = math.sqrt(sum(f * f for f in frequencies))
+        spreads = np.array([norm / f for f in frequencies], np.float32)
+        pairs = [(i, j, math.hypot(spreads[i], spreads[j]), _step(frequencies[i], frequencies[j]))
+                 for i in range(len(frequencies)) for j in range(i)]
+        sigma = np.float32(self.strength) * exposure.sigma.reshape(-1)
+        shifts = [shift.reshape(-1) for shift in exposure.shifts]
+        # As long as no two of them are apart by half a step, all is well.
+        risky = np.flatnonzero(np.any([
+            np.abs(shifts[i] - shifts[j]) + np.float32(_RARE * spread) * sigma > step / 2
+            for i, j, spread, step in pairs], axis=0))
+        if not risky.size:
+            return
+        draws = np.empty((len(frequencies), exposure.depth.size), np.float32)
+        fill_normals(exposure.key, *stamp_words(exposure.stamp), STREAM_WRAP, draws.reshape(-1))
+        errors = (spreads[:, None] * sigma[risky] * draws[:, risky]
+                  + np.stack([shift[risky] for shift in shifts]))
+        apart = np.any([np.abs(errors[i] - errors[j]) > step / 2 for i, j, _, step in pairs],
+                       axis=0)
+        _unwrap(errors[:, apart], risky[apart], np.array(exposure.spans, np.float32),
+                np.array(exposure.weights, np.float32), np.float32(exposure.ambiguity),
+                exposure.measured.reshape(-1))
+
+
+def _step(one: float, other: float) -> np.float32:
+    # Distances that repeat after c/2f1 and c/2f2 differ by multiples of c gcd / (2 f1 f2).
+    common = math.gcd(round(one / 1e6), round(other / 1e6)) * 1e6
+    return np.float32(SPEED_OF_LIGHT * common / (2.0 * one * other))
+
+
+@njit(cache=True)
+def _unwrap(errors, pixels, spans, weights, ambiguity, measured):  # type: ignore[no-untyped-def]
+    # For every whole wrap of the finest frequency the others' nearest; of all these the one at
+    # which the distances agree best, within the ambiguity. errors: (frequencies, pixels).
+    finest = int(np.argmin(spans))
+    most = int(np.ceil(ambiguity / spans[finest]))
+    for i in range(pixels.size):
+        here = measured[pixels[i]]
+        best, jump = np.float32(np.inf), np.float32(0.0)
+        for wrap in range(-most, most + 1):
+            first = errors[finest, i] + np.float32(wrap) * spans[finest]
+            mean, mean_jump = np.float32(0.0), np.float32(0.0)
+            for f in range(spans.size):
+                wrapped = np.rint((first - errors[f, i]) / spans[f]) * spans[f]
+                mean += weights[f] * (errors[f, i] + wrapped)
+                mean_jump += weights[f] * wrapped
+            misfit = np.float32(0.0)
+            for f in range(spans.size):
+                wrapped = np.rint((first - errors[f, i]) / spans[f]) * spans[f]
+                misfit += weights[f] * (errors[f, i] + wrapped - mean) ** 2
+            # No jump at all needs no room.
+            fits = wrap == 0 or 0 <= here + mean_jump < ambiguity
+            if fits and misfit < best:
+                best, jump = misfit, mean_jump
+        measured[pixels[i]] = here + jump

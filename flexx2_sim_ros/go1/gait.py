@@ -9,30 +9,33 @@ height and tilt follow the ground under the four feet, which changes smoothly wi
 from dataclasses import dataclass, replace
 import math
 
+from flexx2_sim_ros.go1.footholds import (
+    blocked,
+    EVEN,
+    find_foothold,
+    REACH,
+    rest_height,
+    way_height,
+)
 from flexx2_sim_ros.go1.ground import Ground
 from flexx2_sim_ros.go1.kinematics import feet, GO1, joint_angles, LegGeometry, rotation
 import numpy as np
 
-HOME = np.tile([0.0, 0.9, -1.8], (4, 1))
-
 # Diagonal legs swing together: FR with RL, FL with RR.
 _OFFSET = np.array([0.0, 0.5, 0.5, 0.0])
 _LARGEST_STEP = 1.0 / 120.0
-_TURN = np.arange(8) * np.pi / 4
-_RING = np.stack([np.cos(_TURN), np.sin(_TURN)], axis=1)
-# Displacements to try for an even foothold, the nearest first, metres.
-_ASIDE = np.array(sorted(((x, y) for x in (-0.12, -0.09, -0.06, -0.03, 0.0, 0.03, 0.06, 0.09, 0.12)
-                          for y in (-0.06, -0.03, 0.0, 0.03, 0.06)), key=lambda p: math.hypot(*p)))
-# An even foothold: the ground is within this of a plane, metres.
-_EVEN = 0.006
-# No foothold is farther above or below the mean of the four feet, metres.
-_REACH = 0.22
-# An edge higher than this stops the robot, metres.
-_LARGEST_EDGE = 0.14
-# Where the way is judged, metres from the trunk's middle: as far as a stride and braking take.
-_AHEAD = np.linspace(0.2, 0.48, 6)
-_SIDES = np.array([-0.12, 0.0, 0.12])
-_NO_FOOT = np.zeros(4, bool)
+# The share of a foot's time in the air after which it no longer changes its mind, and the least
+# change that it bothers with, metres.
+_CHANGEABLE = 0.7
+_WORTH_A_CHANGE = 0.002
+# A foot this far from below its hip has to come along, whatever it steps on, metres.
+_LEFT_BEHIND = 0.2
+# How far a standing foot may be dragged, metres.
+_SLIP = 0.002
+
+# Of one foot: where it left the ground (3,), where it comes down (3,), the height of its way, and
+# where it was wanted (2,).
+_Swing = tuple[np.ndarray, np.ndarray, float, np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -89,6 +92,8 @@ class GaitState:
         comes down; the same for a foot that stands.
     apex : numpy.ndarray
         (4,) height of the way between them, metres.
+    wanted : numpy.ndarray
+        (4, 2) where it would come down if all places were equally good.
     home : numpy.ndarray
         (4,) bool: that the foot stands under its hip, with no need to be put there.
     blocked : bool
@@ -103,6 +108,7 @@ class GaitState:
     lifted: np.ndarray
     landed: np.ndarray
     apex: np.ndarray
+    wanted: np.ndarray
     home: np.ndarray
     blocked: bool = False
 
@@ -123,6 +129,8 @@ class Pose:
         that is out of reach.
     standing : numpy.ndarray
         (4,) bool: whether the foot is on the ground.
+    missed : numpy.ndarray
+        (4,) metres that the foot is away from where it is meant to be.
 
     """
 
@@ -131,17 +139,18 @@ class Pose:
     angles: np.ndarray
     feet: np.ndarray
     standing: np.ndarray
+    missed: np.ndarray
 
 
 def start(position: np.ndarray, yaw: float, top: float, ground: Ground,
           legs: LegGeometry = GO1) -> GaitState:
     """Return a robot that stands still at a place (2,), on the highest ground below `top`."""
     places = position + legs.neutral @ _plane_rotation(yaw).T
-    heights = np.array([_rest_height(place, top, ground, legs)[0] for place in places])
-    heights = np.where(np.isnan(heights), top - standing_height(legs) + legs.foot_radius, heights)
+    heights = np.array([rest_height(place, top, ground, legs.foot_radius)[0] for place in places])
+    heights = np.where(np.isnan(heights), top - legs.standing_height + legs.foot_radius, heights)
     landed = np.column_stack([places, heights])
     return GaitState(np.array(position, float), float(yaw), np.zeros(3), 0.0, landed, landed,
-                     heights, np.ones(4, bool))
+                     heights, places, np.ones(4, bool))
 
 
 def step(state: GaitState, command: np.ndarray, seconds: float, ground: Ground,
@@ -168,10 +177,13 @@ def step(state: GaitState, command: np.ndarray, seconds: float, ground: Ground,
     """
     count = max(1, math.ceil(seconds / _LARGEST_STEP - 1e-9))
     target = _limited(np.asarray(command, float), gait)
-    blocked = bool(target[:2].any()) and _blocked(state, target[:2], ground, gait, legs)
-    if blocked:
-        target = np.array([0.0, 0.0, target[2]])
-    state = replace(state, blocked=blocked)
+    stopped = False
+    if target[:2].any():
+        position, rpy = _trunk(state, _feet(state, gait, legs)[1], legs)
+        stopped = blocked(position, rotation(rpy), target[:2], legs.standing_height, ground)
+        if stopped:
+            target = np.array([0.0, 0.0, target[2]])
+    state = replace(state, blocked=stopped)
     for _ in range(count):
         state = _small_step(state, target, seconds / count, ground, gait, legs)
     return state
@@ -181,13 +193,10 @@ def pose(state: GaitState, gait: Gait, legs: LegGeometry = GO1) -> Pose:
     """Return the trunk's pose and the joint angles of a state."""
     points, heights, swinging = _feet(state, gait, legs)
     position, rpy = _trunk(state, heights, legs)
-    angles = joint_angles((points - position) @ rotation(rpy), legs)
-    return Pose(position, rpy, angles, points, ~swinging)
-
-
-def standing_height(legs: LegGeometry = GO1) -> float:
-    """Return the height of the trunk's middle above level ground, metres."""
-    return float(legs.foot_radius - feet(HOME, legs)[:, 2].mean())
+    wanted = (points - position) @ rotation(rpy)
+    angles = joint_angles(wanted, legs)
+    missed = np.linalg.norm(feet(angles, legs) - wanted, axis=1)
+    return Pose(position, rpy, angles, points, ~swinging, missed)
 
 
 def _small_step(state: GaitState, target: np.ndarray, seconds: float, ground: Ground, gait: Gait,
@@ -197,25 +206,38 @@ def _small_step(state: GaitState, target: np.ndarray, seconds: float, ground: Gr
     heading = _plane_rotation((state.yaw + yaw) / 2)
     position = state.position + seconds * heading @ velocity[:2]
     moving = bool(velocity.any() or target.any())
-    home = _NO_FOOT if moving else state.home
-    moved = replace(state, position=position, yaw=yaw, velocity=velocity, home=home)
+    home = state.home & (not moving)
+    moved = replace(state, position=position, yaw=yaw, velocity=velocity)
     phase = state.phase + seconds / gait.period
     end = (math.floor(2 * state.phase) + 1) / 2
     resting = state.phase in (0.0, 0.5)
     if not moving and home.all():
         # Legs are put down before it stands still; four feet stand at the end of a half cycle.
         phase = state.phase if resting else min(phase, end)
-    before = (state.phase + _OFFSET) % 1.0 >= gait.duty
-    now = (phase + _OFFSET) % 1.0 >= gait.duty
-    lifted, landed, apex = state.lifted.copy(), state.landed.copy(), state.apex.copy()
-    landing = before & ~now
-    lifted[landing] = landed[landing]
-    apex[landing] = landed[landing, 2]
-    for leg in np.flatnonzero(now & ~before):
-        landed[leg], apex[leg] = _plan(moved, int(leg), ground, gait, legs)
-        if not moving:
-            home = home | (np.arange(4) == leg)
-    return replace(moved, phase=phase % 1.0, lifted=lifted, landed=landed, apex=apex, home=home)
+    before, now = (state.phase + _OFFSET) % 1.0, (phase + _OFFSET) % 1.0
+    swings = []
+    for leg in range(4):
+        if now[leg] < gait.duty:
+            foot = state.landed[leg]
+            swings.append((foot, foot, foot[2], foot[:2]))
+        elif before[leg] < gait.duty:
+            swings.append(_plan(moved, leg, ground, gait, legs))
+            home[leg] = not moving
+        elif now[leg] < gait.duty + _CHANGEABLE * (1 - gait.duty):
+            left = (1.0 - now[leg]) * gait.period
+            swings.append(_replan(moved, leg, left, ground, gait, legs))
+        else:
+            swings.append((state.lifted[leg], state.landed[leg], state.apex[leg],
+                           state.wanted[leg]))
+    lifted, landed, apex, wanted = map(np.array, zip(*swings, strict=True))
+    moved = replace(moved, phase=phase % 1.0, lifted=lifted, landed=landed, apex=apex,
+                    wanted=wanted, home=home)
+    if velocity.any():
+        reached = pose(moved, gait, legs)
+        if (reached.missed[reached.standing] > _SLIP).any():
+            # The trunk waits rather than drag a foot along, until that foot's turn to step.
+            moved = replace(moved, position=state.position, yaw=state.yaw, velocity=np.zeros(3))
+    return moved
 
 
 def _limited(command: np.ndarray, gait: Gait) -> np.ndarray:
@@ -238,70 +260,57 @@ def _faster(velocity: np.ndarray, target: np.ndarray, seconds: float, gait: Gait
     return np.where(np.abs(target - velocity - change) < 1e-12, target, velocity + change)
 
 
-def _blocked(state: GaitState, course: np.ndarray, ground: Ground, gait: Gait,
-             legs: LegGeometry) -> bool:
-    """Say whether the way (2,) in the robot's heading leads against or over an edge."""
-    _, heights, _ = _feet(state, gait, legs)
-    position, rpy = _trunk(state, heights, legs)
-    turned = rotation(rpy)
-    ahead = turned @ np.append(course / np.hypot(*course), 0.0)
-    across = turned @ np.append(np.array([-course[1], course[0]]) / np.hypot(*course), 0.0)
-    starts = position + _SIDES[:, None] * across
-    if any(ground.free(point, ahead) < _AHEAD[-1] for point in starts):
-        return True
-    places = starts[:, None] + _AHEAD[:, None] * ahead
-    found = ground.heights(places[..., :2], float(places[..., 2].max()))
-    edges = np.diff(found, axis=1, prepend=position[2] - standing_height(legs))
-    return not bool((np.abs(edges) < _LARGEST_EDGE).all())
+def _place(state: GaitState, leg: int, seconds: float, gait: Gait,
+           legs: LegGeometry) -> tuple[np.ndarray, np.ndarray]:
+    """Return where a foot (2,) that lands after a time is best put, and the heading there."""
+    # Under the hip half-way through the stance that follows, if the velocity stays.
+    seconds += gait.period * gait.duty / 2
+    yaw = state.yaw + seconds * state.velocity[2]
+    heading, turn = _plane_rotation((state.yaw + yaw) / 2), _plane_rotation(yaw)
+    middle = state.position + seconds * heading @ state.velocity[:2]
+    return middle + turn @ legs.neutral[leg], turn
 
 
 def _plan(state: GaitState, leg: int, ground: Ground, gait: Gait,
-          legs: LegGeometry) -> tuple[np.ndarray, float]:
-    """Return where a foot that leaves the ground now comes down, and how high it goes."""
+          legs: LegGeometry) -> _Swing:
+    """Find where a foot that leaves the ground now comes down, and how high it goes."""
     foot = state.landed[leg]
-    # Under the hip half-way through the coming stance, if the velocity stays.
-    ahead = gait.period * ((1 - gait.duty) + gait.duty / 2)
-    yaw = state.yaw + ahead * state.velocity[2]
-    heading = _plane_rotation((state.yaw + yaw) / 2)
-    middle = state.position + ahead * heading @ state.velocity[:2]
-    turned = _plane_rotation(yaw)
-    place = middle + turned @ legs.neutral[leg]
+    place, turn = _place(state, leg, gait.period * (1 - gait.duty), gait, legs)
     level = float(state.landed[:, 2].mean())
-    top = level + standing_height(legs)
-    best, best_cost = foot, np.inf
-    for aside in _ASIDE:
-        candidate = place + turned @ aside
-        height, rough = _rest_height(candidate, top, ground, legs)
-        if not abs(height - level) < _REACH:
-            continue
-        cost = math.hypot(*aside) + 10.0 * rough
-        if cost < best_cost:
-            best, best_cost = np.append(candidate, height), cost
-        if rough < _EVEN:
-            break
-    way = np.linspace(foot[:2], best[:2], 9)
-    passed = [_rest_height(point, top, ground, legs)[0] for point in way]
-    return best, float(np.nanmax([*passed, foot[2], best[2]])) + gait.lift
+    found = find_foothold(foot, place, turn, level, level + legs.standing_height, ground,
+                          legs.foot_radius)
+    if found is None:
+        # It stays where it is, as long as it is not left behind.
+        hip = state.position + _plane_rotation(state.yaw) @ legs.neutral[leg]
+        if math.hypot(*(foot[:2] - hip)) > _LEFT_BEHIND:
+            found = np.append(hip, level), max(foot[2], level)
+        else:
+            found = foot, foot[2]
+    landed, highest = found
+    # A leg has to fold: over the highest steps a foot passes more closely.
+    apex = min(highest + gait.lift, max(level + REACH, highest + gait.lift / 2))
+    return foot, landed, apex, place
 
 
-def _rest_height(place: np.ndarray, top: float, ground: Ground,
-                 legs: LegGeometry) -> tuple[float, float]:
-    """Return the height of a foot's middle when it rests at a place, and how rough that is."""
-    radius = legs.foot_radius
-    inner, outer = 0.7 * radius, 1.8 * radius
-    points = np.concatenate([place[None], place + inner * _RING, place + radius * _RING,
-                             place + outer * _RING])
-    heights = ground.heights(points, top)
-    lifts = np.repeat([radius, math.sqrt(radius ** 2 - inner ** 2), 0.0, -np.inf], [1, 8, 8, 8])
-    edge = heights[-8:]
-    # On an even slope the ring's heights are those of a plane: a constant and a first harmonic.
-    plane = edge.mean() + _RING @ (_RING.T @ edge / 4)
-    return float((heights + lifts).max()), float(np.abs(edge - plane).max())
+def _replan(state: GaitState, leg: int, seconds: float, ground: Ground, gait: Gait,
+            legs: LegGeometry) -> _Swing:
+    """Move the place where a foot in the air will come down along with a changed velocity."""
+    foot, landed, apex, wanted = (state.lifted[leg], state.landed[leg], float(state.apex[leg]),
+                                  state.wanted[leg])
+    place, _ = _place(state, leg, seconds, gait, legs)
+    if math.hypot(*(place - wanted)) > _WORTH_A_CHANGE:
+        point, top = landed[:2] + place - wanted, apex + gait.lift
+        height, rough = rest_height(point, top, ground, legs.foot_radius)
+        if abs(height - landed[2]) < EVEN and rough < EVEN:
+            moved = np.append(point, landed[2])
+            if way_height(foot, moved, top, ground, legs.foot_radius) <= apex - gait.lift / 2:
+                return foot, moved, apex, place
+    return foot, landed, apex, wanted
 
 
 def _feet(state: GaitState, gait: Gait,
           legs: LegGeometry) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the feet's middles (4, 3), the ground (4,) they count for, and which are in the air."""
+    """Return the feet's middles (4, 3), the ground (4,) for each, and which are in the air."""
     phase = (state.phase + _OFFSET) % 1.0
     swinging = phase >= gait.duty
     along = np.where(swinging, (phase - gait.duty) / (1 - gait.duty), 1.0)
@@ -313,20 +322,22 @@ def _feet(state: GaitState, gait: Gait,
     up, down = _smooth(along / 0.42), _smooth((along - 0.58) / 0.42)
     points = lifted + over[:, None] * (landed - lifted)
     points[:, 2] = lifted[:, 2] + up * (apex - lifted[:, 2]) + down * (landed[:, 2] - apex)
-    ground = lifted[:, 2] + over * (landed[:, 2] - lifted[:, 2]) - legs.foot_radius
+    # The trunk takes the whole time in the air to follow, and so moves gently.
+    eased = along ** 2 * (3 - 2 * along)
+    ground = lifted[:, 2] + eased * (landed[:, 2] - lifted[:, 2]) - legs.foot_radius
     return np.where(swinging[:, None], points, landed), ground, swinging
 
 
 def _trunk(state: GaitState, ground: np.ndarray,
            legs: LegGeometry) -> tuple[np.ndarray, np.ndarray]:
-    """Return the trunk's position (3,) and roll, pitch, yaw (3,) over the ground under its feet."""
+    """Return the trunk's position (3,) and roll, pitch, yaw (3,) over the ground."""
     length = legs.hips[:2, 0].mean() - legs.hips[2:, 0].mean()
     width = np.abs(legs.neutral[:, 1]).mean() * 2
     front, left = ground[:2].mean() - ground[2:].mean(), ground[1::2].mean() - ground[::2].mean()
     # Less than the ground tilts: the legs make up for the rest.
     pitch = np.clip(-0.8 * np.arctan2(front, length), -0.4, 0.4)
     roll = np.clip(0.5 * np.arctan2(left, width), -0.25, 0.25)
-    height = ground.mean() + standing_height(legs)
+    height = ground.mean() + legs.standing_height
     return np.append(state.position, height), np.array([roll, pitch, state.yaw])
 
 

@@ -1,6 +1,7 @@
 """Where a Go1's feet are for its joint angles, and the other way round, in closed form."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -8,6 +9,8 @@ import numpy as np
 LEGS = ('FR', 'FL', 'RR', 'RL')
 PARTS = ('hip', 'thigh', 'calf')
 JOINTS = tuple(f'{leg}_{part}_joint' for leg in LEGS for part in PARTS)
+# (4, 3) radians: standing.
+HOME = np.tile([0.0, 0.9, -1.8], (4, 1))
 
 
 @dataclass(frozen=True)
@@ -38,10 +41,15 @@ class LegGeometry:
     upper: np.ndarray
     foot_radius: float
 
-    @property
+    @cached_property
     def neutral(self) -> np.ndarray:
         """Return (4, 2) metres: the point of the trunk's xy plane that a leg hangs from."""
         return self.hips[:, :2] + np.stack([np.zeros(4), self.offset], axis=1)
+
+    @cached_property
+    def standing_height(self) -> float:
+        """Return the height of the trunk's middle above level ground, metres."""
+        return float(self.foot_radius - feet(HOME, self)[:, 2].mean())
 
 
 _X = np.array([1.0, 1.0, -1.0, -1.0])

@@ -9,16 +9,17 @@ from typing import Any
 from flexx2_sim_ros.camera.intrinsics import Intrinsics
 from flexx2_sim_ros.config_file import read_section
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.go1.kinematics import rotation
+from flexx2_sim_ros.go1.ground import SceneGround
+from flexx2_sim_ros.go1.kinematics import HOME, rotation
+from flexx2_sim_ros.go1.robot import find_robot, ROOT_BODY
+from flexx2_sim_ros.go1.scenes import load_scene, PREFIX, read_model
 from flexx2_sim_ros.paths import config_dir
 import mujoco
 import numpy as np
 
-ROOT_BODY = 'trunk'
 HOME_KEY = 'home'
-SCENE_PREFIX = 'scene/'
+ROBOTS = ('builtin', 'menagerie')
 
-_BUILT_IN = {'robot': {'builtin': 'go1.xml'}, 'scene': {'lab': 'lab.xml'}}
 # Size of the camera, 71.9 x 19.2 x 10.6 mm (data sheet), as half-sizes: depth, width, height.
 _HOUSING = (0.0053, 0.03595, 0.0096)
 
@@ -116,9 +117,10 @@ def build_model(robot: str = 'builtin', scene: str = 'lab', *, intrinsics: Intri
     Parameters
     ----------
     robot : str
-        ``builtin`` or the path of an MJCF file with a body ``trunk``.
+        ``builtin``, ``menagerie`` (the Go1 of the package mujoco-menagerie), or the path of an
+        MJCF or URDF file with a body ``trunk``.
     scene : str
-        ``lab`` or the path of an MJCF file.
+        One of `flexx2_sim_ros.go1.scenes.SCENES`, or the path of an MJCF file.
     intrinsics : Intrinsics
         Of every camera; the principal point in the middle, no distortion. These are the pictures
         that are rendered, not what the simulated camera makes of them.
@@ -147,14 +149,14 @@ def build_model(robot: str = 'builtin', scene: str = 'lab', *, intrinsics: Intri
         raise InputError(
             f'intrinsics: found principal point ({intrinsics.cx}, {intrinsics.cy}) and distortion '
             f'{intrinsics.distortion}, wanted {centre} and none: the renderer is a plain pinhole')
-    spec, robot_path = _load('robot', robot)
-    room, scene_path = _load('scene', scene)
+    spec, robot_path = _load_robot(robot)
+    room, scene_path = load_scene(scene)
     trunk = spec.body(ROOT_BODY)
     if trunk is None:
         bodies = ', '.join(body.name for body in spec.bodies[1:9] if body.name) or 'none'
         raise InputError(f'robot: {robot_path} has no body named {ROOT_BODY!r}; found {bodies}')
     try:
-        spec.attach(room, prefix=SCENE_PREFIX, frame=spec.worldbody.add_frame())
+        spec.attach(room, prefix=PREFIX, frame=spec.worldbody.add_frame())
         spec.add_material(name='flexx2_housing', rgba=[0.2, 0.21, 0.23, 1.0])
         for mount in load_mounts() if mounts is None else mounts:
             _add_camera(spec, trunk, mount, intrinsics)
@@ -173,20 +175,29 @@ def build_model(robot: str = 'builtin', scene: str = 'lab', *, intrinsics: Intri
         ) from error
 
 
-def _load(parameter: str, value: str) -> tuple[mujoco.MjSpec, Path]:
-    """Read one MJCF file and compile it alone, so that an error is laid at the right door."""
-    built_in = _BUILT_IN[parameter]
-    path = config_dir() / 'models' / built_in[value] if value in built_in else Path(value)
-    if not path.is_file():
-        raise InputError(
-            f'{parameter}: found {value!r}, wanted {" or ".join(map(repr, built_in))} or the '
-            'path of an MJCF file')
+def _load_robot(value: str) -> tuple[mujoco.MjSpec, Path]:
+    if value == 'builtin':
+        path = config_dir() / 'models' / 'go1.xml'
+    else:
+        path = _menagerie_go1() if value == 'menagerie' else Path(value)
+    return read_model('robot', value, path, ROBOTS), path
+
+
+def _menagerie_go1() -> Path:
+    """Return the Go1 of MuJoCo Menagerie, which that package keeps or downloads."""
     try:
-        spec = mujoco.MjSpec.from_file(str(path))
-        spec.compile()
-    except (ValueError, mujoco.FatalError) as error:
-        raise InputError(f'{parameter}: {path} does not compile: {error}') from error
-    return spec, path
+        import mujoco_menagerie
+    except ImportError as error:
+        raise InputError("robot: 'menagerie' needs the package mujoco-menagerie: pip install "
+                         'mujoco-menagerie, or take builtin') from error
+    robot = mujoco_menagerie.get('unitree_go1')
+    try:
+        return Path(robot.xml(robot.default_model))
+    except (mujoco_menagerie.MenagerieError, OSError) as error:
+        raise InputError(
+            f"robot: 'menagerie' has no unitree_go1 on this machine and cannot download it "
+            f'({error}); where there is a network, run: python -m mujoco_menagerie prefetch '
+            'unitree_go1; or set MENAGERIE_ROOT to a checkout of MuJoCo Menagerie') from error
 
 
 def _add_camera(spec: mujoco.MjSpec, trunk: Any, mount: CameraMount,
@@ -201,8 +212,8 @@ def _add_camera(spec: mujoco.MjSpec, trunk: Any, mount: CameraMount,
         # Any pixel pitch gives the same picture; the principal point is an offset from the middle.
         sensor_size=[1e-3 * size[0], 1e-3 * size[1]], principal_pixel=[0.0, 0.0])
     look = mount.rotation[:, 2]
-    rotation = np.stack([look, -mount.rotation[:, 0], -mount.rotation[:, 1]], axis=1)
-    mujoco.mju_mat2Quat(quat, rotation.ravel())
+    axes = np.stack([look, -mount.rotation[:, 0], -mount.rotation[:, 1]], axis=1)
+    mujoco.mju_mat2Quat(quat, axes.ravel())
     trunk.add_geom(
         name=f'{mount.name}_housing', type=mujoco.mjtGeom.mjGEOM_BOX, size=_HOUSING, quat=quat,
         # The lens is 1 mm in front of the housing, which therefore never is in its own view.
@@ -215,8 +226,9 @@ def stand(model: mujoco.MjModel, data: mujoco.MjData) -> str:
     Put the robot on its feet, at rest, and compute everything that follows from its pose.
 
     The pose is the key ``home`` with the trunk raised or lowered until the robot's lowest shape
-    touches the ground below it; without such a key it is the model's initial pose ``qpos0``. A
-    robot whose trunk has no free joint, or that has no ground below it, keeps its height.
+    touches the ground below it; without such a key it is the model's initial pose ``qpos0``, with
+    a Go1's legs as in ``home``. A robot that cannot move freely, or that has no ground below it,
+    keeps its height.
 
     Parameters
     ----------
@@ -231,38 +243,31 @@ def stand(model: mujoco.MjModel, data: mujoco.MjData) -> str:
         ``home`` or ``qpos0``: the pose that was taken.
 
     """
+    robot = find_robot(model)
     key = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_KEY, HOME_KEY)
     if key >= 0:
         mujoco.mj_resetDataKeyframe(model, data, key)
     else:
         mujoco.mj_resetData(model, data)
-    root = model.body(ROOT_BODY)
-    joint = root.jntadr[0]
-    if joint >= 0 and model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE:
-        height = model.jnt_qposadr[joint] + 2
-        data.qpos[height] += _lift(model, data, root.id, height)
+        if robot.legs is not None:
+            data.qpos[robot.leg_addresses()] = HOME
     mujoco.mj_forward(model, data)
-    return HOME_KEY if key >= 0 else 'qpos0'
+    if robot.free >= 0:
+        data.qpos[robot.free + 2] += _lift(model, data, robot.geoms, robot.trunk)
+        mujoco.mj_forward(model, data)
+    return HOME_KEY if key >= 0 or robot.legs is not None else 'qpos0'
 
 
-def _lift(model: mujoco.MjModel, data: mujoco.MjData, root: int, height: int) -> float:
+def _lift(model: mujoco.MjModel, data: mujoco.MjData, own: np.ndarray, trunk: int) -> float:
     """Return by how much the robot must rise for its lowest shape to touch the ground."""
-    mujoco.mj_kinematics(model, data)
     solid = (model.geom_contype | model.geom_conaffinity) != 0
-    geoms = np.flatnonzero((model.body_rootid[model.geom_bodyid] == root) & solid)
-    centres = data.geom_xpos[geoms].copy()
+    geoms = np.flatnonzero(own & solid)
     bottoms = np.array([_bottom(model, data, int(geom)) for geom in geoms])
-    top = data.xpos[root, 2]
-    # Look for the ground from the trunk's height, with the robot out of the way.
-    away = 1e3
-    data.qpos[height] += away
-    mujoco.mj_kinematics(model, data)
-    down, hit = np.array([0.0, 0.0, -1.0]), np.zeros(1, np.int32)
-    drops = np.array([mujoco.mj_ray(model, data, np.array([x, y, top]), down, None, 1, -1, hit)
-                      for x, y, _ in centres])
-    data.qpos[height] -= away
-    lifts = (top - drops - bottoms)[drops >= 0]
-    return float(lifts.max(initial=-np.inf)) if lifts.size else 0.0
+    # The ground is what lies below the trunk, wherever the robot's file put its feet.
+    ground = SceneGround(model, data, own)
+    heights = ground.heights(data.geom_xpos[geoms, :2], float(data.xpos[trunk, 2]))
+    lifts = (heights - bottoms)[~np.isnan(heights)]
+    return float(lifts.max()) if lifts.size else 0.0
 
 
 def _bottom(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> float:

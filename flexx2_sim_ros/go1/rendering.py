@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+import copy
 import importlib
 import os
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import Any, Protocol
 from flexx2_sim_ros.camera.intrinsics import Intrinsics
 from flexx2_sim_ros.config_file import read_section
 from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.go1.visibility import pixel_directions, unseen_geoms
 from flexx2_sim_ros.paths import config_dir
 import mujoco
 import numpy as np
@@ -19,6 +21,10 @@ BACKENDS = ('auto', 'egl', 'osmesa', 'ray')
 # Geom groups that are seen, as in MuJoCo's viewer: 0 to 2. By convention 3 and up hold collision
 # shapes that stand inside the visible ones.
 VISIBLE_GROUPS = np.array([1, 1, 1, 0, 0, 0], np.uint8)
+_INVISIBLE = 5
+# OpenGL would draw an infinite plane as thousands of squares: it gets one with sides of this
+# many metres.
+_PLANE_SIZE = 1000.0
 
 # The colour of a geom that leaves it to its material, by MuJoCo's rule.
 _NO_COLOUR = np.array([0.5, 0.5, 0.5, 1.0], np.float32)
@@ -78,6 +84,7 @@ def open_renderer(model: mujoco.MjModel, intrinsics: Intrinsics,
     """
     Open the best renderer there is.
 
+    What of the robot a camera can never see (`unseen_geoms`) is left out of its pictures.
     An OpenGL renderer belongs to the thread that opened it, and should be closed there. It draws
     round shapes with facets (``visual/quality`` in the model), so its depth is off by up to 0.6 %
     of their radius there; the ray caster's is exact. An object that reaches nearer than the near
@@ -86,7 +93,8 @@ def open_renderer(model: mujoco.MjModel, intrinsics: Intrinsics,
     Parameters
     ----------
     model : mujoco.MjModel
-        From `flexx2_sim_ros.go1.model.build_model`.
+        From `flexx2_sim_ros.go1.model.build_model`; copied: later changes to it are not seen,
+        other than through the states of it that are rendered.
     intrinsics : Intrinsics
         The ones the model was built with.
     backend : str
@@ -120,20 +128,32 @@ def open_renderer(model: mujoco.MjModel, intrinsics: Intrinsics,
 
 
 class _Cameras:
-    """Camera ids by name, each checked once against the intrinsics."""
+    """
+    Camera ids by name, each checked once against the intrinsics.
+
+    Attributes
+    ----------
+    model : mujoco.MjModel
+        A copy, in which `select` leaves visible what one camera can see.
+
+    """
 
     def __init__(self, model: mujoco.MjModel, intrinsics: Intrinsics) -> None:
-        self._model = model
+        self.model = copy.copy(model)
+        self._groups = model.geom_group.copy()
         self._intrinsics = intrinsics
-        self._ids: dict[str, int] = {}
+        self._found: dict[str, tuple[int, np.ndarray]] = {}
 
-    def __getitem__(self, name: str) -> int:
-        if name not in self._ids:
-            self._ids[name] = self._find(name)
-        return self._ids[name]
+    def select(self, name: str) -> int:
+        if name not in self._found:
+            index = self._find(name)
+            hidden = unseen_geoms(self.model, index, self._intrinsics)
+            self._found[name] = index, np.where(hidden, _INVISIBLE, self._groups)
+        index, self.model.geom_group[:] = self._found[name]
+        return index
 
     def _find(self, name: str) -> int:
-        model, wanted = self._model, self._intrinsics
+        model, wanted = self.model, self._intrinsics
         index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, name)
         if index < 0:
             names = ', '.join(model.cam(i).name for i in range(model.ncam))
@@ -162,21 +182,24 @@ class _GlRenderer:
                  reasons: tuple[str, ...]) -> None:
         self.backend = backend
         self.reasons = reasons
-        self._model = model
         self._cameras = _Cameras(model, intrinsics)
+        self._model = self._cameras.model
+        planes = self._model.geom_type == int(mujoco.mjtGeom.mjGEOM_PLANE)
+        infinite = planes & (self._model.geom_size[:, :2].min(axis=1) <= 0)
+        self._model.geom_size[infinite] = _PLANE_SIZE
         self._gl = _gl_context(backend, intrinsics.width, intrinsics.height)
         try:
             self._gl.make_current()
             # MuJoCo looks OpenGL up once a process and would prefer EGL's when that library is
             # loaded, even where it did not work; in this variable it takes a hint.
             with _environment('MUJOCO_GL', backend):
-                self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_50)
+                self._context = mujoco.MjrContext(self._model, mujoco.mjtFontScale.mjFONTSCALE_50)
         except BaseException:
             self._gl.free()
             raise
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._context)
         self._context.readDepthMap = mujoco.mjtDepthMap.mjDEPTH_ZEROFAR
-        self._scene = mujoco.MjvScene(model, maxgeom=max(model.ngeom, 1))
+        self._scene = mujoco.MjvScene(self._model, maxgeom=max(model.ngeom, 1))
         # No sky, haze, shadow or reflection. Back faces are drawn: the ray caster sees them too.
         self._scene.flags[:] = 0
         self._scene.flags[mujoco.mjtRndFlag.mjRND_SEGMENT] = 1
@@ -194,16 +217,17 @@ class _GlRenderer:
         self._rgb = np.empty((*shape, 3), np.uint8)
         self._buffer = np.empty(shape, np.float32)
         self._index = np.empty(shape, np.int32)
-        self._geom_of = np.array([-1], np.int32)
+        self._geom_of: dict[str, np.ndarray] = {}
 
     def render(self, data: mujoco.MjData, camera: str) -> tuple[np.ndarray, np.ndarray]:
-        self._view.fixedcamid = self._cameras[camera]
+        self._view.fixedcamid = self._cameras.select(camera)
         self._gl.make_current()
         mujoco.mjv_updateScene(self._model, data, self._option, None, self._view, self._category,
                                self._scene)
-        if self._scene.ngeom != self._geom_of.size - 1:
+        geom_of = self._geom_of.get(camera)
+        if geom_of is None or self._scene.ngeom != geom_of.size - 1:
             # Position in the scene to geom id: changes only when geoms appear or vanish.
-            self._geom_of = np.array(
+            geom_of = self._geom_of[camera] = np.array(
                 [-1] + [geom.objid for geom in self._scene.geoms[:self._scene.ngeom]], np.int32)
         mujoco.mjr_render(self._rect, self._scene, self._context)
         mujoco.mjr_readPixels(self._rgb, self._buffer, self._rect, self._context)
@@ -211,10 +235,10 @@ class _GlRenderer:
         # lowest; 0 is nothing.
         rgb, index = self._rgb[::-1], self._index
         np.copyto(index, rgb[..., 0])
-        if self._geom_of.size > 256:
+        if geom_of.size > 256:
             index += rgb[..., 1] * np.int32(1 << 8)
             index += rgb[..., 2] * np.int32(1 << 16)
-        geom_id = self._geom_of[index]
+        geom_id = geom_of[index]
         # Reversed depth buffer b: 1 at the near plane, 0 at the far plane, linear in 1 / z.
         near, far = _clip_planes(self._model)
         depth = self._buffer[::-1] * np.float32((far - near) / (near * far))
@@ -272,13 +296,10 @@ class _RayRenderer:
     def __init__(self, model: mujoco.MjModel, intrinsics: Intrinsics,
                  reasons: tuple[str, ...]) -> None:
         self.reasons = reasons
-        self._model = model
         self._cameras = _Cameras(model, intrinsics)
+        self._model = self._cameras.model
         self._shape = (intrinsics.height, intrinsics.width)
-        x = (np.arange(intrinsics.width) - intrinsics.cx) / intrinsics.fx
-        y = (np.arange(intrinsics.height) - intrinsics.cy) / intrinsics.fy
-        # In MuJoCo's camera frame: x right, y up, looking along -z.
-        rays = np.stack([*np.meshgrid(x, -y), -np.ones(self._shape)], axis=-1).reshape(-1, 3)
+        rays = pixel_directions(intrinsics).reshape(-1, 3)
         length = np.linalg.norm(rays, axis=1)
         self._rays = rays / length[:, None]
         self._cosine = 1.0 / length
@@ -290,7 +311,7 @@ class _RayRenderer:
         self._extra: dict[str, Any] = {'normal': None} if 'normal' in doc else {}
 
     def render(self, data: mujoco.MjData, camera: str) -> tuple[np.ndarray, np.ndarray]:
-        index = self._cameras[camera]
+        index = self._cameras.select(camera)
         near, far = _clip_planes(self._model)
         np.dot(self._rays, data.cam_xmat[index].reshape(3, 3).T, out=self._world)
         mujoco.mj_multiRay(

@@ -23,10 +23,14 @@ class Robot:
         Id of the body ``trunk``.
     free : int
         Address in ``qpos`` of the joint that lets the robot move freely; -1 without one.
+    free_velocity : int
+        Address of the same joint in ``qvel``.
     offset : tuple of numpy.ndarray
         Position (3,) and quaternion (4,) of the trunk in the body that this joint moves.
     joints : dict of str to int
         Address in ``qpos`` of every hinge and slide, by the joint's name in the model.
+    velocities : numpy.ndarray
+        (len(joints),) addresses of the same joints in ``qvel``.
     geoms : numpy.ndarray
         (ngeom,) bool: the robot's own shapes.
     legs : LegGeometry or None
@@ -36,8 +40,10 @@ class Robot:
 
     trunk: int
     free: int
+    free_velocity: int
     offset: tuple[np.ndarray, np.ndarray]
     joints: dict[str, int]
+    velocities: np.ndarray
     geoms: np.ndarray
     legs: LegGeometry | None
 
@@ -54,6 +60,33 @@ class Robot:
         mujoco.mju_rotVecQuat(moved, self.offset[0], turn)
         data.qpos[self.free:self.free + 3] = position - moved
         data.qpos[self.free + 3:self.free + 7] = turn
+
+    def twist(self, data: mujoco.MjData, velocity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """
+        Return the trunk's velocity in its own frame.
+
+        Parameters
+        ----------
+        data : mujoco.MjData
+            The state, complete up to its positions.
+        velocity : numpy.ndarray
+            (nv,) as MuJoCo has it: of the free joint, linear in the world and angular in its body.
+
+        Returns
+        -------
+        linear, angular : numpy.ndarray
+            (3,) m/s and rad/s; zeros for a robot that cannot move freely.
+
+        """
+        if self.free < 0:
+            return np.zeros(3), np.zeros(3)
+        turned = np.empty(9)
+        mujoco.mju_quat2Mat(turned, self.offset[1])
+        angular = turned.reshape(3, 3).T @ velocity[self.free_velocity + 3:self.free_velocity + 6]
+        rotation = data.xmat[self.trunk].reshape(3, 3)
+        arm = turned.reshape(3, 3).T @ self.offset[0]
+        linear = velocity[self.free_velocity:self.free_velocity + 3] @ rotation
+        return linear + np.cross(angular, arm), angular
 
 
 def plain_name(name: str) -> str:
@@ -72,15 +105,16 @@ def find_robot(model: mujoco.MjModel) -> Robot:
     trunk = model.body(ROOT_BODY).id
     root = model.body_rootid[trunk]
     bodies = model.body_rootid == root
-    free, joints = -1, {}
+    free, free_velocity, joints, velocities = -1, -1, {}, []
     for joint in range(model.njnt):
         kind, body = int(model.jnt_type[joint]), model.jnt_bodyid[joint]
         if kind == mujoco.mjtJoint.mjJNT_FREE and body == root:
-            free = int(model.jnt_qposadr[joint])
+            free, free_velocity = int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint])
         elif kind in _SLIDING and bodies[body]:
             joints[model.joint(joint).name] = int(model.jnt_qposadr[joint])
-    return Robot(int(trunk), free, _offset(model, int(trunk), int(root)), joints,
-                 bodies[model.geom_bodyid], _legs(model))
+            velocities.append(int(model.jnt_dofadr[joint]))
+    return Robot(int(trunk), free, free_velocity, _offset(model, int(trunk), int(root)), joints,
+                 np.array(velocities, int), bodies[model.geom_bodyid], _legs(model))
 
 
 def _offset(model: mujoco.MjModel, trunk: int, root: int) -> tuple[np.ndarray, np.ndarray]:
@@ -110,15 +144,15 @@ def _legs(model: mujoco.MjModel) -> LegGeometry | None:
     tips, radii = np.array([tip for tip, _ in feet]), [radius for _, radius in feet]
     ranges = model.jnt_range[joints].reshape(4, 3, 2)
     axes = model.jnt_axis[joints].reshape(4, 3, 3)
-    straight = [thighs[:, [0, 2]], calves[:, :2], tips[:, :2], axes - [[1, 0, 0], [0, 1, 0],
-                                                                      [0, 1, 0]]]
+    straight = [thighs[:, [0, 2]], calves[:, :2], tips[:, :2],
+                axes - [[1, 0, 0], [0, 1, 0], [0, 1, 0]]]
     if not all(np.allclose(values, 0.0, atol=2e-3) for values in straight):
         return None
     limited = model.jnt_limited[joints].reshape(4, 3)[0] != 0
-    return LegGeometry(
-        hips, thighs[:, 1], -float(calves[0, 2]), -float(tips[0, 2]),
-        np.where(limited, ranges[0, :, 0], GO1.lower), np.where(limited, ranges[0, :, 1], GO1.upper),
-        float(radii[0]))
+    lower, upper = (np.where(limited, given, usual) for given, usual in
+                    ((ranges[0, :, 0], GO1.lower), (ranges[0, :, 1], GO1.upper)))
+    return LegGeometry(hips, thighs[:, 1], -float(calves[0, 2]), -float(tips[0, 2]), lower, upper,
+                       float(radii[0]))
 
 
 def _foot(model: mujoco.MjModel, calf: int) -> tuple[np.ndarray, float]:

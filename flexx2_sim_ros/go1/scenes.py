@@ -25,7 +25,7 @@ _COLOURS = {'floor': (0.46, 0.47, 0.48), 'wall_paint': (0.85, 0.84, 0.80),
             'white_board': (0.95, 0.95, 0.95), 'concrete': (0.55, 0.55, 0.52),
             'brick': (0.60, 0.30, 0.22), 'wood': (0.72, 0.53, 0.34),
             'metal': (0.62, 0.65, 0.70), 'black': (0.05, 0.05, 0.05)}
-_BOX, _CYLINDER = mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_CYLINDER
+_BOX = mujoco.mjtGeom.mjGEOM_BOX
 
 
 def load_scene(scene: str) -> tuple[mujoco.MjSpec, str]:
@@ -64,7 +64,7 @@ def read_model(parameter: str, value: str, path: Path, names: tuple[str, ...]) -
                          f'{", ".join(map(repr, names))} or the path of an MJCF file')
     try:
         spec = mujoco.MjSpec.from_file(str(path))
-        if spec.modelfiledir is not None and path.suffix.lower() == '.urdf':
+        if path.suffix.lower() == '.urdf':
             _free_urdf(spec)
         spec.compile()
     except (ValueError, mujoco.FatalError) as error:
@@ -126,9 +126,10 @@ def place_board(model: mujoco.MjModel, data: mujoco.MjData, camera: str, distanc
     lens = data.cam_xpos[index]
     right, up, back = data.cam_xmat[index].reshape(3, 3).T
     turn = np.radians(angle)
-    normal = np.cos(turn) * back - np.sin(turn) * right
+    normal = np.cos(turn) * back + np.sin(turn) * right
     _move(model, data, 'board', lens - distance * back - BOARD_HALF_SIZE[0] * normal, normal, up)
-    _move(model, data, 'backdrop', lens - (distance + BACKDROP_BEHIND) * back, back, up)
+    behind = distance + BACKDROP_BEHIND + _BACKDROP_HALF_SIZE[0]
+    _move(model, data, 'backdrop', lens - behind * back, back, up)
     mujoco.mj_forward(model, data)
 
 
@@ -138,9 +139,11 @@ def _move(model: mujoco.MjModel, data: mujoco.MjData, name: str, position: np.nd
     quaternion = np.empty(4)
     mujoco.mju_mat2Quat(quaternion, np.stack([normal, np.cross(up, normal), up], axis=1).ravel())
     mocap = model.body_mocapid[body]
-    # In the model as well, so that a reset keeps it.
-    model.body_pos[body] = data.mocap_pos[mocap] = position
-    model.body_quat[body] = data.mocap_quat[mocap] = quaternion
+    data.mocap_pos[mocap], data.mocap_quat[mocap] = position, quaternion
+    # In the model and its keys as well, so that a reset keeps it.
+    model.body_pos[body], model.body_quat[body] = position, quaternion
+    model.key_mpos.reshape(model.nkey, -1, 3)[:, mocap] = position
+    model.key_mquat.reshape(model.nkey, -1, 4)[:, mocap] = quaternion
 
 
 def _empty(name: str) -> mujoco.MjSpec:
@@ -176,25 +179,26 @@ def _rubble() -> mujoco.MjSpec:
     world = spec.worldbody
     world.add_geom(name='floor', type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1],
                    material='floor')
-    world.add_geom(name='wall', type=_BOX, size=[0.05, 3.0, 1.0], pos=[5.05, 0, 1.0],
-                   material='wall_paint')
+    for name, x, y, length, width in (('ahead', 5.05, 0.0, 0.05, 2.3),
+                                      ('left', 2.05, 2.25, 3.0, 0.05),
+                                      ('right', 2.05, -2.25, 3.0, 0.05)):
+        world.add_geom(name=f'wall_{name}', type=_BOX, size=[length, width, 0.8], pos=[x, y, 0.8],
+                       material='wall_paint')
+    spec.compiler.degree = False
     random = np.random.default_rng(940)
-    for number in range(110):
-        place = random.uniform((0.6, -1.5), (4.4, 1.5))
-        tilt = random.normal(0.0, 0.12, 2)
+    for number in range(80):
+        place = random.uniform((0.6, -1.4), (4.0, 1.4))
         turn = random.uniform(-np.pi, np.pi)
         if number % 5 == 4:
-            radius, length = random.uniform(0.015, 0.03), random.uniform(0.1, 0.35)
-            world.add_geom(name=f'pipe_{number}', type=_CYLINDER, size=[radius, length, 0],
-                           pos=[*place, radius], alt=_euler(np.pi / 2, tilt[0] / 4, turn),
-                           material=('metal', 'black')[number // 5 % 2])
-            continue
-        size = random.uniform((0.05, 0.03, 0.015), (0.20, 0.11, 0.05))
-        world.add_geom(name=f'block_{number}', type=_BOX, size=size,
-                       pos=[*place, size[2] * random.uniform(0.3, 1.0)],
-                       alt=_euler(*tilt, turn), material=('concrete', 'brick', 'wood')[number % 3])
+            radius, half = random.uniform((0.015, 0.1), (0.03, 0.35))
+            along = half * np.array([np.cos(turn), np.sin(turn)])
+            world.add_geom(name=f'pipe_{number}', type=mujoco.mjtGeom.mjGEOM_CYLINDER,
+                           fromto=[*(place - along), radius, *(place + along), radius],
+                           size=[radius, 0, 0], material=('metal', 'black')[number // 5 % 2])
+        else:
+            size = random.uniform((0.05, 0.03, 0.015), (0.20, 0.11, 0.05))
+            world.add_geom(name=f'block_{number}', type=_BOX, size=size,
+                           pos=[*place, size[2] * random.uniform(0.3, 1.0)],
+                           euler=[*random.normal(0.0, 0.12, 2), turn],
+                           material=('concrete', 'brick', 'wood')[number % 3])
     return spec
-
-
-def _euler(roll: float, pitch: float, yaw: float) -> mujoco.MjsOrientation:
-    raise NotImplementedError

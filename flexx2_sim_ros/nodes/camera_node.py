@@ -1,6 +1,7 @@
 """The camera node: clean depth in, what a Flexx2 would have seen out."""
 
 from collections.abc import Callable
+from copy import copy
 import time
 from traceback import format_exception
 from typing import Any
@@ -9,15 +10,21 @@ from diagnostic_msgs.msg import DiagnosticArray
 from flexx2_sim_ros.camera.geometry import pixel_rays, points, View
 from flexx2_sim_ros.camera.gray import gray_image
 from flexx2_sim_ros.camera.intrinsics import Intrinsics
-from flexx2_sim_ros.camera.modes import flexx2
+from flexx2_sim_ros.camera.modes import flexx2, Profile
 from flexx2_sim_ros.camera.pipeline import Camera, Frame
+from flexx2_sim_ros.camera.profiles import load_profile
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.nodes import messages
 from flexx2_sim_ros.nodes.camera_parameters import CameraParameters
 from flexx2_sim_ros.nodes.decoding import (
-    check_stamp, decode_camera_info, decode_image, stamp_nanoseconds)
+    check_stamp,
+    decode_camera_info,
+    decode_image,
+    stamp_nanoseconds,
+)
 from flexx2_sim_ros.nodes.gating import FrameGate
 from flexx2_sim_ros.nodes.pairing import Match, StampPairing
+from flexx2_sim_ros.nodes.parameters import declare
 from flexx2_sim_ros.nodes.report import Statistics
 from flexx2_sim_ros.nodes.runtime import Throttle
 import numpy as np
@@ -44,8 +51,11 @@ class Flexx2Camera(Node):
         """Declare parameters, compile the camera model, then open the topics."""
         super().__init__('flexx2_camera', **options)  # type: ignore[arg-type]
         self._said_once: set[str] = set()
+        self._effects_said = ''
         self._throttle = Throttle()
-        self.settings = CameraParameters(self, flexx2(), self._on_new_mode)
+        self._profile = self._find_profile()
+        self.settings = CameraParameters(
+            self, self._profile, self._on_new_mode, self._on_new_effects)
         self._statistics = Statistics()
         self._pairing = StampPairing()
         self._view: View | None = None
@@ -53,6 +63,7 @@ class Flexx2Camera(Node):
         self._camera = self._make_camera()
         self._gate = FrameGate(self._camera.mode.rate_hz)
         _warm_up(self._camera, self.settings.intrinsics)
+        self._say_effects()
         self._open_topics()
         self.get_logger().info(
             f'{self._camera.usecase}, serial {self.settings.serial}: waiting for '
@@ -60,14 +71,15 @@ class Flexx2Camera(Node):
 
     def _open_topics(self) -> None:
         overridable = QoSOverridingOptions.with_default_policies()
-        reliable = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 
         def publisher(kind: type, topic: str) -> Any:
+            # A profile of its own: rclpy writes a topic's override into what it is given.
+            reliable = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
             return self.create_publisher(kind, topic, reliable,
                                          qos_overriding_options=overridable)
 
         def subscribe(kind: type, topic: str, callback: Callable[[Any], None]) -> None:
-            self.create_subscription(kind, topic, callback, qos_profile_sensor_data,
+            self.create_subscription(kind, topic, callback, copy(qos_profile_sensor_data),
                                      qos_overriding_options=overridable)
 
         self._depth = publisher(Image, '~/depth_image_0')
@@ -83,9 +95,15 @@ class Flexx2Camera(Node):
         # A steady clock: diagnostics go on when a simulation's /clock stands still.
         self.create_timer(1.0, self._report, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
+    def _find_profile(self) -> Profile:
+        path = declare(self, 'profile', '', 'Path of a camera profile (YAML), as `flexx2 '
+                       'characterize fit` writes it; empty: the Flexx2.', read_only=True)
+        return load_profile(path) if path else flexx2()
+
     def _make_camera(self) -> Camera:
         settings = self.settings
-        camera = Camera(settings.usecase, seed=settings.seed, name=settings.camera_name)
+        camera = Camera(settings.usecase, profile=self._profile, effects=settings.effects.chosen,
+                        seed=settings.seed, name=settings.camera_name)
         mode = camera.mode
         if not mode.measured:
             self._say_once(f'{mode.name}: its noise was not measured; it takes that of '
@@ -98,6 +116,19 @@ class Flexx2Camera(Node):
         self._gate.set_rate(self._camera.mode.rate_hz)
         self._statistics.output_rate.clear()
         self.get_logger().info(f'usecase is now {self._camera.usecase}')
+
+    def _on_new_effects(self) -> None:
+        camera = self._make_camera()
+        _warm_up(camera, self.settings.intrinsics)
+        # What goes on being on keeps its memory.
+        self._camera.effects = camera.effects
+        self._say_effects()
+
+    def _say_effects(self) -> None:
+        names = ', '.join(effect.name for effect in self._camera.effects)
+        if names != self._effects_said:
+            self._effects_said = names
+            self.get_logger().info(f'effects are now {names or "off"}')
 
     def _on_info(self, message: CameraInfo) -> None:
         stamp = stamp_nanoseconds(message.header.stamp)
@@ -133,7 +164,7 @@ class Flexx2Camera(Node):
             text = f'internal error, please report it: {"".join(format_exception(error))}'
         self._statistics.last_error = text
         # What was found may differ from message to message; what is wrong with it does not.
-        if self._throttle.ready(text.partition(': found')[0]):
+        if self._throttle.ready(text.partition(': found')[0].partition(' is ')[0]):
             self.get_logger().error(f'input rejected: {text}')
 
     def _process(self, match: Match) -> bool:
@@ -148,6 +179,8 @@ class Flexx2Camera(Node):
         head = messages.header(match.stamp,
                                self.settings.frame_id or match.image.header.frame_id)
         if any(wanted):
+            # Parameters of effects are for the automatic exposure, or the longest.
+            self._camera.exposure_share = self.settings.exposure_share or 1.0
             frame = self._camera.capture(
                 view.depth(image), self.settings.intrinsics.matrix, match.stamp,
                 None if reflectivity is None else view.reflectivity(reflectivity))
@@ -170,9 +203,11 @@ class Flexx2Camera(Node):
         if view is None or view.source != source or view.radial != radial:
             view = self._view = View(self.settings.intrinsics, source, radial)
             if view.outside.any():
+                width, height = self.settings.intrinsics.field_of_view_deg
                 self._say_once(
                     f'{view.outside.mean():.0%} of the rays lie outside the view of '
-                    'clean/depth_image and are invalid: render at least 56 x 44 degrees')
+                    'clean/depth_image and are invalid: render at least '
+                    f'{width:.0f} x {height:.0f} degrees')
         return view
 
     def _find_reflectivity(self, match: Match, shape: tuple[int, ...]) -> np.ndarray | None:
@@ -200,8 +235,10 @@ class Flexx2Camera(Node):
                     'for every image; the image is left out')
             return False
         if gate.restarts > restarts:
-            self.get_logger().warning(
-                f'clean/depth_image: header.stamp went back to {stamp} ns: starting afresh')
+            self._camera.reset()
+            if self._throttle.ready('stamps went back'):
+                self.get_logger().warning(
+                    f'clean/depth_image: header.stamp went back to {stamp} ns: starting afresh')
         statistics.input_rate.add(stamp)
         if due:
             statistics.output_rate.add(stamp)
@@ -253,9 +290,11 @@ class Flexx2Camera(Node):
 
 
 def _warm_up(camera: Camera, intrinsics: Intrinsics) -> None:
-    # Compile (or load) the kernels before the first image needs them.
+    # Compile (or load) the kernels before the first image needs them; in a camera of its own,
+    # since effects remember.
     scene = np.full((intrinsics.height, intrinsics.width), 1.0, np.float32)
     scene[: intrinsics.height // 2] = 2.0
-    camera.capture(scene, intrinsics.matrix, 0)
+    Camera(camera.usecase, profile=camera.profile, effects=camera.effects).capture(
+        np.stack([scene, scene * np.float32(1.01)]), intrinsics.matrix, np.arange(2) * 10 ** 7)
     other = Intrinsics(8, 8, 4.0, 4.0, 3.5, 3.5)
     View(intrinsics, other).depth(np.ones((8, 8), np.float32))

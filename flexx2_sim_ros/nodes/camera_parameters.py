@@ -4,8 +4,9 @@ from collections.abc import Callable
 from typing import Any
 
 from flexx2_sim_ros.camera.intrinsics import Intrinsics
-from flexx2_sim_ros.camera.modes import DEFAULT_USECASE, Profile
+from flexx2_sim_ros.camera.modes import Profile
 from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.nodes.effect_parameters import EffectParameters
 from flexx2_sim_ros.nodes.parameters import declare
 from rcl_interfaces.msg import (
     IntegerRange,
@@ -34,6 +35,8 @@ class CameraParameters:
         The camera; gives modes and default intrinsics.
     on_new_mode : callable
         Called after ``usecase`` has changed to another mode.
+    on_new_effects : callable
+        Called after effects have changed.
 
     Raises
     ------
@@ -42,18 +45,21 @@ class CameraParameters:
 
     """
 
-    def __init__(self, node: Node, profile: Profile, on_new_mode: Callable[[], None]) -> None:
+    def __init__(self, node: Node, profile: Profile, on_new_mode: Callable[[], None],
+                 on_new_effects: Callable[[], None]) -> None:
         """Declare all parameters; values given on the command line apply."""
         self._node = node
         self._profile = profile
         self._switching = False
         declare = self._declare
-        given = declare(_USECASE, DEFAULT_USECASE, "The camera's mode; one of "
+        given = declare(_USECASE, profile.default_usecase, "The camera's mode; one of "
                         'available_usecases. Settable while streaming.')
         mode = profile.mode(given)
         if given != mode.name:
             node.set_parameters([Parameter(_USECASE, value=mode.name)])
         self.usecase = mode.name
+        self.effects = EffectParameters(
+            node, lambda: bool(self._profile.mode(self.usecase).modulation_hz), on_new_effects)
         declare('available_usecases', profile.names, "The camera's modes.", read_only=True,
                 ignore_override=True)
         declare('model', profile.model, "The camera's model.", read_only=True,
@@ -83,22 +89,22 @@ class CameraParameters:
 
     @property
     def frame_id(self) -> str:
-        """The frame to publish in; empty for the input's."""
+        """Return the frame to publish in; empty for the input's."""
         return str(self._node.get_parameter('frame_id').value)
 
     @property
     def radial(self) -> bool:
-        """Whether the input holds distances along the ray."""
+        """Say whether the input holds distances along the ray."""
         return bool(self._node.get_parameter('input_depth').value == 'radial')
 
     @property
     def invalid_is_zero(self) -> bool:
-        """Whether an invalid pixel is written as 0 instead of NaN."""
+        """Say whether an invalid pixel is written as 0 instead of NaN."""
         return bool(self._node.get_parameter('invalid_value').value == 'zero')
 
     @property
     def exposure_share(self) -> float | None:
-        """Exposure as a share of the mode's longest; None for automatic."""
+        """Return exposure as a share of the mode's longest; None for automatic."""
         if self._node.get_parameter(_AUTO).value:
             return None
         longest = self._profile.mode(self.usecase).exposure_us[1]
@@ -138,7 +144,7 @@ class CameraParameters:
                 # `-p invalid_value:=nan` arrives as the number.
                 parameter = Parameter('invalid_value', value='nan')
             result.append(parameter)
-        return result
+        return self.effects.expand(result)
 
     def _validate(self, parameters: list[Parameter]) -> SetParametersResult:
         try:
@@ -155,8 +161,9 @@ class CameraParameters:
         return SetParametersResult(successful=True)
 
     def _check(self, name: str, value: Any) -> None:
-        if name == _USECASE:
-            self._profile.mode(value)
+        if name == _USECASE and not self._profile.mode(value).modulation_hz and self.effects.on:
+            raise InputError(f'{name}: modulation_hz of {value} is not known in the camera '
+                             'profile, wanted the frequencies, since effects are on')
         if name in _CHOICES and value not in _CHOICES[name]:
             raise InputError(f'{name}: found {value!r}, wanted one of '
                              f'{", ".join(_CHOICES[name])}')

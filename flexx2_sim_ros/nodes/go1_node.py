@@ -1,26 +1,35 @@
 """The Go1 node: MuJoCo's view from the robot's front, as clean depth."""
 
-from collections.abc import Sequence
-import math
 import time
 from typing import Any
 
 from flexx2_sim_ros.camera.modes import flexx2
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.go1.model import build_model, CameraMount, load_mounts, stand
+from flexx2_sim_ros.go1.model import build_model, load_mounts
 from flexx2_sim_ros.go1.rendering import open_renderer, reflectivity_table
+from flexx2_sim_ros.go1.robot import find_robot
+from flexx2_sim_ros.go1.scenes import place_board
 from flexx2_sim_ros.nodes import messages
-from flexx2_sim_ros.nodes.parameters import declare
+from flexx2_sim_ros.nodes.go1_messages import joint_state, odometry, transform
+from flexx2_sim_ros.nodes.go1_motion import Mirroring, Motion, Standing, Walking
+from flexx2_sim_ros.nodes.go1_parameters import Go1Parameters
+from flexx2_sim_ros.nodes.pacing import Pacer
+from flexx2_sim_ros.nodes.transforms import camera_transforms, FramePublisher
 import mujoco
+from nav_msgs.msg import Odometry
 import numpy as np
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rosgraph_msgs.msg import Clock as ClockMessage
-from sensor_msgs.msg import CameraInfo, Image
+from sensor_msgs.msg import CameraInfo, Image, JointState
+from std_srvs.srv import Trigger
 
-_NANOSECONDS = 1_000_000_000
+_FRAMES = ('odom', 'base')
+_STEADY = ClockType.STEADY_TIME
+# Being a little late is forgiven; more than this share of the time is said.
+_LAG_SHARE = 0.02
 
 
 class Go1Cameras(Node):
@@ -28,109 +37,213 @@ class Go1Cameras(Node):
     A Unitree Go1 in MuJoCo with cameras on its front.
 
     Publishes for every camera ``<camera>/clean/depth_image``, ``<camera>/clean/camera_info`` and
-    ``<camera>/clean/reflectivity``, all with the stamp of the state they show, and ``/clock``.
+    ``<camera>/clean/reflectivity``, all with the stamp of the state they show, and the robot's
+    true ``joint_states``, ``odom`` and frames, and ``/clock``. What moves it, the parameter
+    ``motion`` says: nothing, ``cmd_vel``, or another simulator's ``odom`` and ``joint_states``.
     """
 
     def __init__(self, **options: Any) -> None:
         """Build the model, open the renderer, then open the topics."""
         super().__init__('go1_cameras', **options)
-        rate = self._declare('rate', 60.0, 'Frames a second of each camera, Hz.')
-        if not (math.isfinite(rate) and 0 < rate <= 1000):
-            raise InputError(f'rate: found {rate}, wanted a positive number of Hz, at most 1000')
-        robot = self._declare('robot_model', 'builtin', 'builtin, or the path of an MJCF file.')
-        scene = self._declare('scene', 'lab', 'lab, or the path of an MJCF file.')
-        backend = self._declare('renderer', 'auto', 'auto, egl, osmesa or ray.')
-        self._publish_clock = self._declare('publish_clock', True, 'Whether to publish /clock.')
-        mounts = self._declare_mounts(load_mounts())
+        self.settings = settings = Go1Parameters(self, load_mounts())
         self._intrinsics = flexx2().intrinsics
-        self._model = build_model(robot, scene, intrinsics=self._intrinsics, mounts=mounts)
+        self._model = build_model(settings.robot_model, settings.scene,
+                                  intrinsics=self._intrinsics, mounts=settings.mounts)
         self._data = mujoco.MjData(self._model)
-        stand(self._model, self._data)
+        self._robot = find_robot(self._model)
         self._reflectivity = reflectivity_table(self._model)
-        self._renderer = open_renderer(self._model, self._intrinsics, backend)
+        try:
+            self._renderer = open_renderer(self._model, self._intrinsics, settings.renderer)
+        except InputError as error:
+            raise InputError(f'renderer: {error}') from error
         for reason in self._renderer.reasons:
             self.get_logger().warning(f'renderer passed over: {reason}')
-        self._open_topics([mount.name for mount in mounts])
-        self._rate_millihertz = round(rate * 1000)
-        self._tick = 0
         self._rendered: dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
-        self._started = time.monotonic()
-        self.create_timer(1.0 / rate, self._step, clock=Clock(clock_type=ClockType.STEADY_TIME))
-        self.get_logger().info(
-            f'{", ".join(mount.name for mount in mounts)} at {rate:g} Hz, rendered by '
-            f'{self._renderer.backend}')
+        self._alone = True
+        if twin := self._twin():
+            raise InputError(twin)
+        self._motion = self._make_motion()
+        self._place_board()
+        self._before = self._data.qpos.copy()
+        self._open_topics()
+        self._pacer = Pacer(settings.rate)
+        self._pacer.restart(settings.number('real_time_factor'))
+        self._started, self._warned = time.monotonic(), False
+        settings.watch(self._on_change)
+        if settings.motion != 'external':
+            self._timer = self.create_timer(self._pacer.period, self._work,
+                                            clock=Clock(clock_type=_STEADY))
+        self.create_timer(1.0, self._watch_names, clock=Clock(clock_type=_STEADY))
+        self._say_hello()
 
-    def _declare(self, name: str, default: Any, description: str) -> Any:
-        return declare(self, name, default, description, read_only=True)
+    def _make_motion(self) -> Motion:
+        model, data, settings = self._model, self._data, self.settings
+        if settings.motion == 'cmd_vel':
+            return Walking(self, model, data, settings.gait())
+        if settings.motion == 'external':
+            return Mirroring(self, model, data, settings.rate, self._show_external)
+        return Standing(model, data)
 
-    def _declare_mounts(self, defaults: Sequence[CameraMount]) -> list[CameraMount]:
-        poses = {mount.name: mount for mount in defaults}
-        names = self._declare('cameras', list(poses), 'Names of the cameras.')
-        mounts = []
-        for name in names:
-            start = poses.get(name, CameraMount(name, (0.3, 0.0, 0.0), (0.0, 0.0, 0.0)))
-            position = self._declare(f'{name}.position', list(start.position),
-                                     'Lens in the trunk frame (x forward, y left, z up), metres.')
-            rpy = self._declare(f'{name}.rpy_deg', [math.degrees(a) for a in start.rpy],
-                                'Roll, pitch (down), yaw (left) in degrees.')
-            for field, values in (('position', position), ('rpy_deg', rpy)):
-                if len(values) != 3:
-                    raise InputError(f'{name}.{field}: found {list(values)}, wanted three numbers')
-            x, y, z = map(float, position)
-            roll, pitch, yaw = map(math.radians, rpy)
-            mounts.append(CameraMount(name, (x, y, z), (roll, pitch, yaw)))
-        return mounts
-
-    def _open_topics(self, names: list[str]) -> None:
+    def _open_topics(self) -> None:
         overridable = QoSOverridingOptions.with_default_policies()
+
+        def publisher(kind: type, topic: str) -> Any:
+            return self.create_publisher(kind, topic, QoSProfile(depth=10),
+                                         qos_overriding_options=overridable)
+
         kinds = {'depth_image': Image, 'camera_info': CameraInfo, 'reflectivity': Image}
-        self._topics = {
-            name: {topic: self.create_publisher(kind, f'{name}/clean/{topic}',
-                                                QoSProfile(depth=10),
-                                                qos_overriding_options=overridable)
-                   for topic, kind in kinds.items()} for name in names}
-        self._clock_topic = self.create_publisher(ClockMessage, '/clock', QoSProfile(depth=10))
+        self._topics = {mount.name: {topic: publisher(kind, f'{mount.name}/clean/{topic}')
+                                     for topic, kind in kinds.items()}
+                        for mount in self.settings.mounts}
+        self._frames = FramePublisher(self)
+        self._base = ''
+        self.create_service(Trigger, '~/reset', self._on_reset)
+        if self.settings.motion == 'external':
+            return
+        # From another simulator come the pose, the joints and the time: they are not ours to say.
+        self._clock_topic = (self.create_publisher(ClockMessage, '/clock', QoSProfile(depth=10))
+                             if self.settings.publish_clock else None)
+        self._joint_topic = publisher(JointState, 'joint_states')
+        self._odometry_topic = publisher(Odometry, 'odom')
+        self._name_base(_FRAMES[1])
+
+    def _say_hello(self) -> None:
+        settings = self.settings
+        cameras = ', '.join(mount.name for mount in settings.mounts)
+        inputs = {'stand': (), 'cmd_vel': ('cmd_vel',),
+                  'external': ('odom', 'joint_states')}[settings.motion]
+        listens = ', '.join(self.resolve_topic_name(topic) for topic in inputs)
+        self.get_logger().info(
+            f'{cameras} at {settings.rate:g} Hz, rendered by {self._renderer.backend}; motion '
+            f'{settings.motion}' + (f', listening to {listens}' if listens else ''))
+
+    def _work(self) -> None:
+        if self.settings.paused:
+            return
+        for _ in range(self._pacer.due()):
+            self._step()
+        self._watch_pace()
 
     def _step(self) -> None:
         # The time of tick k is exactly k / rate: no drift, and no gap when rendering is late.
-        self._tick += 1
-        stamp = self._tick * 1000 * _NANOSECONDS // self._rate_millihertz
-        self._data.time = stamp / _NANOSECONDS
-        if self._publish_clock:
+        last = self._pacer.stamp
+        self._pacer.tick += 1
+        stamp = self._pacer.stamp
+        seconds = (stamp - last) * 1e-9
+        self._motion.advance(stamp, seconds)
+        self._data.time = stamp * 1e-9
+        if self._clock_topic is not None:
             self._clock_topic.publish(ClockMessage(clock=messages.time_message(stamp)))
-        for name, topics in self._topics.items():
-            self._publish(name, topics, stamp)
-        self._watch_pace(stamp)
+        self._publish_state(stamp, seconds)
+        self._publish_images(stamp)
 
-    def _publish(self, name: str, topics: dict[str, Any], stamp: int) -> None:
-        head = messages.header(stamp, f'{name}_optical_frame')
-        topics['camera_info'].publish(messages.camera_info_message(head, self._intrinsics))
-        wanted = {topic: topics[topic].get_subscription_count() > 0
-                  for topic in ('reflectivity', 'depth_image')}
-        if not any(wanted.values()):
-            return
-        depth, reflectivity = self._render(name)
-        if wanted['reflectivity']:
-            topics['reflectivity'].publish(messages.image_message(head, reflectivity, '32FC1'))
-        if wanted['depth_image']:
-            topics['depth_image'].publish(messages.image_message(head, depth, '32FC1'))
+    def _publish_state(self, stamp: int, seconds: float) -> None:
+        position, quaternion = (values[self._robot.trunk]
+                                for values in (self._data.xpos, self._data.xquat))
+        self._frames.moving(transform(stamp, _FRAMES, position, quaternion))
+        wanted = [topic.get_subscription_count() > 0
+                  for topic in (self._joint_topic, self._odometry_topic)]
+        if any(wanted):
+            velocity = np.zeros(self._model.nv)
+            mujoco.mj_differentiatePos(self._model, velocity, seconds, self._before,
+                                       self._data.qpos)
+            if wanted[0]:
+                joints = velocity[self._robot.velocities]
+                self._joint_topic.publish(
+                    joint_state(stamp, self._robot.joints, self._data.qpos, joints))
+            if wanted[1]:
+                linear, angular = self._robot.twist(self._data, velocity)
+                self._odometry_topic.publish(
+                    odometry(stamp, _FRAMES, position, quaternion, linear, angular))
+        np.copyto(self._before, self._data.qpos)
+
+    def _publish_images(self, stamp: int) -> None:
+        for name, topics in self._topics.items():
+            head = messages.header(stamp, f'{name}_optical_frame')
+            topics['camera_info'].publish(messages.camera_info_message(head, self._intrinsics))
+            wanted = {topic: topics[topic].get_subscription_count() > 0
+                      for topic in ('reflectivity', 'depth_image')}
+            if not any(wanted.values()):
+                continue
+            depth, reflectivity = self._render(name)
+            if wanted['reflectivity']:
+                topics['reflectivity'].publish(
+                    messages.image_message(head, reflectivity, '32FC1'))
+            if wanted['depth_image']:
+                topics['depth_image'].publish(messages.image_message(head, depth, '32FC1'))
 
     def _render(self, name: str) -> tuple[np.ndarray, np.ndarray]:
         # What has not moved since it was rendered looks the same.
+        state = np.concatenate([self._data.qpos, self._data.mocap_pos.ravel(),
+                                self._data.mocap_quat.ravel()])
         last = self._rendered.get(name)
-        if last is None or not np.array_equal(last[0], self._data.qpos):
+        if last is None or not np.array_equal(last[0], state):
             depth, geom_id = self._renderer.render(self._data, name)
-            last = (self._data.qpos.copy(), depth.copy(), self._reflectivity[geom_id])
+            last = (state, depth.copy(), self._reflectivity[geom_id])
             self._rendered[name] = last
         return last[1], last[2]
 
-    def _watch_pace(self, stamp: int) -> None:
-        late = time.monotonic() - self._started - stamp / _NANOSECONDS
-        if late > 1.0:
-            pace = stamp / _NANOSECONDS / (stamp / _NANOSECONDS + late)
-            self.get_logger().warning(
-                f'rendering is slower than the rate: simulated time runs at {pace:.0%} of real '
-                'time (lower the parameter rate)', once=True)
+    def _show_external(self, stamp: int, frame: str) -> None:
+        if not self.settings.paused:
+            self._name_base(frame or _FRAMES[1])
+            self._publish_images(stamp)
+
+    def _name_base(self, frame: str) -> None:
+        if frame != self._base:
+            self._base = frame
+            self._frames.fixed(camera_transforms(frame, self.settings.mounts))
+
+    def _on_change(self) -> None:
+        if self.settings.motion != 'external':
+            self._pacer.restart(self.settings.number('real_time_factor'))
+            self._timer.timer_period_ns = round(self._pacer.period * 1e9)
+            self._timer.reset()
+            self._started, self._pacer.lag = time.monotonic(), 0.0
+        if isinstance(self._motion, Walking):
+            self._motion.how = self.settings.gait()
+        self._place_board()
+
+    def _on_reset(self, _: Trigger.Request, answer: Trigger.Response) -> Trigger.Response:
+        try:
+            self._motion.reset()
+        except InputError as error:
+            answer.success, answer.message = False, str(error)
+            return answer
+        np.copyto(self._before, self._data.qpos)
+        answer.success, answer.message = True, 'the robot stands where it started; time goes on'
+        return answer
+
+    def _place_board(self) -> None:
+        if self.settings.scene == 'board':
+            place_board(self._model, self._data, self.settings.board_camera,
+                        self.settings.number('board_distance'),
+                        self.settings.number('board_angle_deg'))
+
+    def _watch_pace(self) -> None:
+        passed = time.monotonic() - self._started
+        if self._warned or passed < 2.0 or self._pacer.lag < _LAG_SHARE * passed:
+            return
+        self._warned = True
+        factor = self.settings.number('real_time_factor')
+        self.get_logger().warning(
+            f'rendering is slower than the rate: simulated time runs at '
+            f'{factor * (1 - self._pacer.lag / passed):.0%} of real time (lower the parameter '
+            'rate)')
+
+    def _twin(self) -> str:
+        mine = self.get_name(), self.get_namespace()
+        if self.get_node_names_and_namespaces().count(mine) < 2:
+            return ''
+        return (f'node name: another {self.get_fully_qualified_name()} is running, and both would '
+                'publish the same topics; wanted another name or namespace, e.g. --ros-args -r '
+                '__node:=another')
+
+    def _watch_names(self) -> None:
+        # Finding each other takes up to some seconds: it may come to light after the start.
+        alone = not self._twin()
+        if self._alone and not alone:
+            self.get_logger().error(self._twin())
+        self._alone = alone
 
     def destroy_node(self) -> None:
         """Close the renderer, then the node."""

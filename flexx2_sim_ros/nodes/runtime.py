@@ -9,6 +9,7 @@ from types import FrameType
 from typing import Any
 
 from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.nodes.transport import make_room_for_images
 
 _REPEAT_SECONDS = 5.0
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
@@ -52,6 +53,7 @@ def run_node(make_node: Callable[[], Any], args: list[str] | None = None) -> int
     from rclpy.signals import install_signal_handlers, SignalHandlerOptions
 
     node = None
+    make_room_for_images()
     told: list[int] = []
     try:
         # rclpy handles signals only once there is something to close: see the end of this block.

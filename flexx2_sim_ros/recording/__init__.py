@@ -10,13 +10,26 @@ key             shape               dtype    meaning
 ``clean_depth`` (H, W) or (T, H, W) float    what is really there, NaN for nothing
 ``K``           (3, 3)              float64  camera matrix, pixels
 ``stamp``       (T,)                float64  seconds
+``stamp_ns``    (T,)                int64    nanoseconds, where ``stamp`` cannot hold them
 ``usecase``     ()                  str      the camera's mode
+``amplitude``   (T, H, W)           uint8    the gray image, where it was recorded
 =============== =================== ======== ============================================
 
 plus whatever else came with the scene (``reflectivity`` (H, W) or (T, H, W) in 0..1, for one).
 A *scene* is the same without ``depth`` and ``usecase``, and ``stamp`` is optional.
+
+The same recording can lie in a rosbag2 bag: `load_recording` reads either, `open_recording`
+reads either in bounded memory, and `flexx2_sim_ros.recording.convert` goes between them.
 """
 
 from flexx2_sim_ros.recording.npz import load_scene, RecordingWriter, Scene
+from flexx2_sim_ros.recording.recordings import (
+    load_recording,
+    open_recording,
+    Recording,
+    recording_cameras,
+    RecordingReader,
+)
 
-__all__ = ['RecordingWriter', 'Scene', 'load_scene']
+__all__ = ['Recording', 'RecordingReader', 'RecordingWriter', 'Scene', 'load_recording',
+           'load_scene', 'open_recording', 'recording_cameras']

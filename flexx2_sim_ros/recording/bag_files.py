@@ -6,10 +6,18 @@ import re
 from typing import Protocol
 
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.recording.bag_remains import McapRemains, Message, SqliteRemains
+from flexx2_sim_ros.recording.bag_remains import (
+    McapRemains,
+    Message,
+    SqliteRemains,
+    why_not_whole,
+)
 from rosbags.rosbag2 import Reader
 
-_REMAINS = {'.mcap': McapRemains, '.db3': SqliteRemains}
+# Key of a bag's custom data: what was lost while it was recorded, as text.
+LOST = 'flexx2_lost'
+_REMAINS: dict[str, type[McapRemains] | type[SqliteRemains]] = {
+    '.mcap': McapRemains, '.db3': SqliteRemains}
 
 
 class _Part(Protocol):
@@ -51,7 +59,10 @@ class Bag:
         """Open the bag, and close it again."""
         self.path = Path(path)
         self.notes: list[str] = []
-        self._parts: list[_Part] = self._open()
+        try:
+            self._parts = self._open()
+        except OSError as error:
+            raise InputError(f'{path}: cannot be read: {error}') from error
         self.topics = {topic: kind for part in self._parts for topic, kind in part.topics.items()}
         if not self.topics:
             raise InputError('; '.join([f'{path}: there is not one whole message in it',
@@ -81,23 +92,21 @@ class Bag:
                              'file')
         files = sorted((file for file in self.path.iterdir() if file.suffix in _REMAINS),
                        key=_natural)
-        if (self.path / 'metadata.yaml').is_file() and not any(map(_journal, files)):
+        if not (self.path / 'metadata.yaml').is_file():
+            self.notes.append(f'{self.path}: was not closed: it has no metadata.yaml')
+        elif not any(map(why_not_whole, files)):
             try:
                 return [_Whole(self.path, self.notes)]
             except Exception as error:  # A damaged file breaks the reader in any way.
                 self.notes.append(f'{self.path}: not whole: {error}')
-        elif files:
-            self.notes.append(f'{self.path}: was not closed: no metadata.yaml'
-                              if not (self.path / 'metadata.yaml').is_file() else
-                              f'{self.path}: was not closed: a journal was left behind')
         if not files:
             raise InputError('; '.join([f'{self.path}: no .mcap or .db3 file in this folder',
                                         *self.notes]))
         return [self._open_file(file) for file in files]
 
     def _open_file(self, path: Path) -> _Part:
-        reason = 'a journal was left behind'
-        if not _journal(path):
+        reason = why_not_whole(path)
+        if reason is None:
             try:
                 return _Whole(path, self.notes)
             except Exception as error:  # A damaged file breaks the reader in any way.
@@ -114,6 +123,9 @@ class _Whole:
         with Reader(path) as reader:
             self.topics = {connection.topic: connection.msgtype
                            for connection in reader.connections if connection.msgcount}
+            lost = (reader.storage.metadata.custom or {}).get(LOST)
+        if lost:
+            notes.append(f'{path}: lost while it was recorded: {lost}')
 
     def messages(self, topics: Collection[str]) -> Iterator[Message]:
         count = 0
@@ -150,11 +162,6 @@ class _Remains:
         return (message for message in self._remains.messages() if message.topic in topics)
 
 
-def _journal(path: Path) -> bool:
-    journals = (path.with_name(path.name + suffix) for suffix in ('-journal', '-wal'))
-    return any(journal.is_file() and journal.stat().st_size > 0 for journal in journals)
-
-
-def _natural(path: Path) -> list[tuple[int, str]]:
+def _natural(path: Path) -> list[tuple[str, int]]:
     # bag_2 comes before bag_10.
-    return [(int(digits or 0), text) for text, digits in re.findall(r'(\D+)(\d*)', path.name)]
+    return [(text, int(digits or 0)) for text, digits in re.findall(r'(\D+)(\d*)', path.name)]

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 import io
+import os
 from pathlib import Path
 import shutil
 import sqlite3
@@ -160,6 +161,8 @@ class SqliteRemains:
                       connection.execute('SELECT id, name, type FROM topics')}
             rows = connection.execute('SELECT topic_id, timestamp, data FROM messages ORDER BY id')
             for number, time, data in rows:
+                if not isinstance(data, bytes):
+                    return
                 yield Message(*topics[number], time, data)
         except (sqlite3.Error, KeyError):
             return
@@ -167,12 +170,26 @@ class SqliteRemains:
             connection.close()
 
 
+def why_not_whole(path: Path) -> str | None:
+    """Return why an SQLite file should not be read as it is; None for any other file."""
+    journals = (path.with_name(path.name + suffix) for suffix in ('-journal', '-wal'))
+    if any(journal.is_file() and journal.stat().st_size > 0 for journal in journals):
+        return 'a journal was left behind'
+    page = _page_size(path)
+    return 'the last page is cut' if page and path.stat().st_size % page else None
+
+
+def _page_size(path: Path) -> int:
+    with path.open('rb') as file:
+        head = file.read(_SQLITE_HEADER)
+    if len(head) < _SQLITE_HEADER or not head.startswith(b'SQLite format 3\0'):
+        return 0
+    size = int.from_bytes(head[16:18], 'big')
+    return 1 << 16 if size == 1 else size
+
+
 def _cut_to_whole_pages(path: Path) -> None:
     # SQLite takes the missing end of a page for zeros, and would hand them out as data.
-    with path.open('r+b') as file:
-        head = file.read(_SQLITE_HEADER)
-        if len(head) == _SQLITE_HEADER:
-            page = int.from_bytes(head[16:18], 'big')
-            page = 1 << 16 if page == 1 else page
-            if page >= 512:
-                file.truncate(path.stat().st_size // page * page)
+    page = _page_size(path)
+    if page:
+        os.truncate(path, path.stat().st_size // page * page)

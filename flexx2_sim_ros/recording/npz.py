@@ -1,5 +1,7 @@
 """Read and write recordings as NumPy archives."""
 
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 import tempfile
@@ -11,8 +13,8 @@ import zlib
 from flexx2_sim_ros.errors import InputError
 import numpy as np
 
-_UNREADABLE = (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile, zlib.error,
-               NotImplementedError, RuntimeError, MemoryError)
+UNREADABLE = (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile, zlib.error,
+              NotImplementedError, RuntimeError, MemoryError)
 
 
 @dataclass(frozen=True)
@@ -97,7 +99,7 @@ def _read(path: Path) -> dict[str, np.ndarray]:
             raise ValueError('a single array')
         with archive:
             arrays = {key: archive[key] for key in archive.files}
-    except _UNREADABLE as error:
+    except UNREADABLE as error:
         raise InputError(f'{path}: cannot be read as an .npz archive of plain arrays (damaged, '
                          f'cut off, or pickled): {error}') from error
     for key, value in arrays.items():
@@ -163,7 +165,8 @@ class RecordingWriter:
         if frames.shape[1:] != self._shape[1:] or len(frames) > self._left:
             raise InputError(f'depth: found {frames.shape}, wanted at most '
                              f'{(self._left, *self._shape[1:])}')
-        self._depth.write(np.ascontiguousarray(frames, dtype='<f4').data)
+        with self._named():
+            self._depth.write(np.ascontiguousarray(frames, dtype='<f4').data)
         self._left -= len(frames)
 
     def add_array(self, key: str, value: Any) -> None:
@@ -171,28 +174,64 @@ class RecordingWriter:
         if self._left:
             raise InputError(f'depth: {self._left} frames are missing before {key!r}')
         self._end_depth()
-        with self._archive.open(f'{key}.npy', 'w', force_zip64=True) as entry:
+        with self._named(), self._archive.open(f'{key}.npy', 'w', force_zip64=True) as entry:
             np.lib.format.write_array(entry, np.asarray(value), allow_pickle=False)
+
+    def add_frames(self, key: str, dtype: np.dtype, frames: Iterable[np.ndarray]) -> None:
+        """
+        Add another array of depth's shape, frame by frame; after all depth frames.
+
+        Parameters
+        ----------
+        key : str
+            Its name.
+        dtype : numpy.dtype
+            What each (H, W) frame is stored as.
+        frames : iterable of numpy.ndarray
+            As many as `depth` has.
+
+        """
+        if self._left:
+            raise InputError(f'depth: {self._left} frames are missing before {key!r}')
+        self._end_depth()
+        with self._named(), self._archive.open(f'{key}.npy', 'w', force_zip64=True) as entry:
+            np.lib.format.write_array_header_1_0(entry, {
+                'descr': np.lib.format.dtype_to_descr(dtype), 'fortran_order': False,
+                'shape': self._shape})
+            count = 0
+            for frame in frames:
+                entry.write(np.ascontiguousarray(frame, dtype).data)
+                count += 1
+        if count != self._shape[0]:
+            raise InputError(f'{key}: found {count} frames, wanted {self._shape[0]}')
 
     def _end_depth(self) -> None:
         if self._depth is not None:
-            self._depth.close()
+            with self._named():
+                self._depth.close()
             self._depth = None
+
+    @contextmanager
+    def _named(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            raise InputError(f'{self._path}: cannot be written: {error}') from error
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
                  trace: TracebackType | None) -> None:
         """Put the file in its place, or remove what there is of it."""
         temporary = Path(self._file.name)
         try:
-            self._end_depth()
-            self._archive.close()
-            self._file.close()
-            if kind is None:
-                if self._left:
-                    raise InputError(f'{self._path}: depth: {self._left} frames are missing')
-                temporary.chmod(0o644)
-                temporary.replace(self._path)
-        except OSError as failure:
-            raise InputError(f'{self._path}: cannot be written: {failure}') from failure
+            with self._named():
+                with ExitStack() as closing:  # All three, whatever fails.
+                    closing.callback(self._file.close)
+                    closing.callback(self._archive.close)
+                    closing.callback(self._end_depth)
+                if kind is None:
+                    if self._left:
+                        raise InputError(f'{self._path}: depth: {self._left} frames are missing')
+                    temporary.chmod(0o644)
+                    temporary.replace(self._path)
         finally:
             temporary.unlink(missing_ok=True)

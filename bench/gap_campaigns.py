@@ -1,0 +1,207 @@
+"""Made-up campaigns to develop and test the diagnosis on: rooms of boxes, seen with errors."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+import math
+from pathlib import Path
+from typing import Any
+
+from flexx2_sim_ros.camera import Camera, flexx2
+from flexx2_sim_ros.effects import registry
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Room:
+    """
+    Axis-aligned boxes inside a room, each with an albedo and a checked pattern.
+
+    Attributes
+    ----------
+    boxes : numpy.ndarray
+        (N, 6) low and high corners, metres, world axes: x forward, y left, z up. The first one is
+        the room itself, seen from inside.
+    albedo : numpy.ndarray
+        (N, 2) of the two kinds of squares.
+    squares : numpy.ndarray
+        (N,) their size, metres.
+
+    """
+
+    boxes: np.ndarray
+    albedo: np.ndarray
+    squares: np.ndarray
+
+
+def make_room(rng: np.random.Generator) -> Room:
+    """Draw a room with some boxes in front of the camera at its origin."""
+    near = rng.uniform(1.2, 4.5)
+    room = [-1.5, -rng.uniform(0.8, 2.5), 0.0, near, rng.uniform(0.8, 2.5), 2.6]
+    boxes = [room]
+    for _ in range(int(rng.integers(2, 6))):
+        x = rng.uniform(0.5, near - 0.1)
+        y = rng.uniform(-0.5, 0.5) * x
+        size = rng.uniform(0.06, 0.35, 3)
+        low = 0.0 if rng.random() < 0.7 else rng.uniform(0.0, 0.5)
+        boxes.append([x, y - size[1], low, x + size[0], y + size[1], low + 2 * size[2]])
+    count = len(boxes)
+    albedo = rng.uniform(0.08, 0.95, (count, 1)) * rng.uniform(0.35, 1.0, (count, 2))
+    return Room(np.array(boxes), albedo, rng.uniform(0.08, 0.4, count))
+
+
+def look(room: Room, K: np.ndarray, size: tuple[int, int],  # noqa: N803
+         rotation: np.ndarray, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """
+    Render depth and reflectivity.
+
+    Parameters
+    ----------
+    room : Room
+        What to look at.
+    K : numpy.ndarray
+        (3, 3) camera matrix.
+    size : tuple of int
+        Height and width.
+    rotation : numpy.ndarray
+        (3, 3) from the optical frame to the world.
+    position : numpy.ndarray
+        (3,) of the camera, metres.
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        (H, W) float32 metres along the optical axis, and albedo.
+
+    """
+    v, u = np.mgrid[:size[0], :size[1]].astype(np.float64)
+    rays = np.stack([(u - K[0, 2]) / K[0, 0], (v - K[1, 2]) / K[1, 1], np.ones(size)], -1)
+    rays = rays.reshape(-1, 3) @ rotation.T
+    rays[np.abs(rays) < 1e-9] = 1e-9
+    best = np.full(len(rays), np.inf)
+    albedo = np.zeros(len(rays))
+    for index, box in enumerate(room.boxes):
+        to_low, to_high = (box[:3] - position) / rays, (box[3:] - position) / rays
+        enter = np.minimum(to_low, to_high).max(axis=1)
+        leave = np.maximum(to_low, to_high).min(axis=1)
+        hit = leave if index == 0 else np.where((enter < leave) & (enter > 0), enter, np.inf)
+        closer = hit < best
+        best[closer] = hit[closer]
+        points = position + rays[closer] * hit[closer, None]
+        parity = np.floor(points / room.squares[index] + 1e-6).sum(axis=1).astype(int) % 2
+        albedo[closer] = room.albedo[index][parity]
+    return (best.reshape(size).astype(np.float32), albedo.reshape(size).astype(np.float32))
+
+
+def optical(yaw: float, pitch: float, roll: float) -> np.ndarray:
+    """Return the rotation from the optical frame to the world; angles in radians."""
+    base = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+    cy, sy, cp, sp, cr, sr = (f(a) for a in (yaw, pitch, roll) for f in (math.cos, math.sin))
+    turn = np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1.0]])
+    tilt = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
+    lean = np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
+    return turn @ tilt @ lean @ base
+
+
+def write_campaign(folder: Path, *, effects: dict[str, Any] | None = None, seed: int = 0,
+                   recordings: int = 8, frames: int = 20, usecase: str = 'Mode_9_30fps',
+                   pose: tuple[float, float] = (0.002, 0.125), reflectivity: float = 0.2,
+                   sigma: float = 0.05, scale: float = 1.0,
+                   novel: Callable[[np.ndarray, dict[str, Any]], np.ndarray] | None = None,
+                   moving: int = 3) -> None:
+    """
+    Write recordings of a camera with effects, and with errors in what is known about them.
+
+    Parameters
+    ----------
+    folder : pathlib.Path
+        Where; made.
+    effects : dict, optional
+        Of the real camera: parameters by effect.
+    seed : int
+        Of everything.
+    recordings, frames : int
+        How many.
+    usecase : str
+        Mode.
+    pose : tuple of float
+        Standard deviation of each recording's pose error, metres and degrees an axis.
+    reflectivity, sigma : float
+        Relative standard deviation of the reflectivity's error, a recording, and of sigma's.
+    scale : float
+        Of the image's size.
+    novel : callable, optional
+        Changes the measured depth (T, H, W), given the recording's table: an effect that no
+        catalogue has.
+    moving : int
+        How many of the recordings are seen by a camera that moves.
+
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    views = render_views(seed, recordings, frames, usecase, pose, scale, moving)
+    rng = np.random.default_rng([seed, 1])
+    profile = flexx2()
+    mode = profile.mode(usecase)
+    factor = 1 + sigma * rng.standard_normal()
+    noise = replace(mode.noise, **{k: getattr(mode.noise, k) * factor for k in 'abcd'})
+    profile = replace(profile, modes=(replace(mode, noise=noise),))
+    for index, (content, true, albedo_true) in enumerate(views):
+        stamps, uptime = content['stamp'], float(content['uptime'][0])
+        table = {name: dict(values) for name, values in (effects or {}).items()}
+        if 'warm_up_drift' in table:
+            table['warm_up_drift']['uptime'] = uptime
+        own = tuple(registry()[name].from_mapping(values) for name, values in table.items())
+        device = Camera(usecase, profile=profile, effects=own, seed=seed + 1_000_003, name='real')
+        depth = device.capture(true, content['K'], stamps, albedo_true).depth
+        wrong = np.clip(math.exp(reflectivity * rng.standard_normal()) * content['reflectivity'],
+                        0.01, 1).astype(np.float32)
+        content = {**content, 'reflectivity': wrong, 'usecase': np.array(usecase)}
+        if novel is not None:
+            depth = novel(depth, {**content, 'rng': rng, 'index': index})
+        np.savez(folder / f'scene_{index:02d}.npz', depth=depth.astype(np.float32), **content)
+
+
+@lru_cache(maxsize=8)
+def render_views(seed: int, recordings: int, frames: int, usecase: str,
+                 pose: tuple[float, float], scale: float, moving: int,
+                 ) -> list[tuple[dict[str, Any], np.ndarray, np.ndarray]]:
+    """Render scenes as they are believed to be, and depth and albedo as they are."""
+    rng = np.random.default_rng(seed)
+    camera = flexx2().intrinsics
+    size = (round(camera.height * scale), round(camera.width * scale))
+    K = camera.matrix.copy()
+    K[:2] *= scale
+    K[:2, 2] += (scale - 1) / 2
+    views = []
+    for index in range(recordings):
+        room = make_room(rng)
+        stamps = 100.0 * index + np.rint(np.arange(frames) * 1e9
+                                         / flexx2().mode(usecase).rate_hz) / 1e9
+        speed, turning = np.zeros(3), 0.0
+        if index >= recordings - moving:
+            speed = np.array([rng.uniform(0.2, 1.0) * rng.choice([-1, 1]),
+                              rng.uniform(-0.3, 0.3), 0.0])
+            turning = rng.uniform(-0.4, 0.4)
+        start = np.array([0.0, rng.uniform(-0.2, 0.2), rng.uniform(0.25, 0.9)])
+        yaw, pitch = rng.uniform(-0.3, 0.3), rng.uniform(-0.05, 0.5)
+        step, (x, y, z) = rng.standard_normal(3) * pose[0], np.radians(rng.standard_normal(3)
+                                                                       * pose[1])
+        small = np.array([[1, -z, y], [z, 1, -x], [-y, x, 1]])
+        images = []
+        for t in (stamps - stamps[0] if speed.any() else [0.0]):
+            rotation = optical(yaw + turning * t, pitch, 0.0)
+            position = start + speed * t
+            images.append((*look(room, K, size, rotation, position),
+                           *look(room, K, size, rotation @ small, position + rotation @ step)))
+        stacks = [np.stack(one) if len(images) > 1 else one[0]
+                  for one in zip(*images, strict=True)]
+        uptime = float(rng.choice([5.0, 60.0, 300.0, 900.0, 2400.0])) * rng.uniform(0.7, 1.3)
+        views.append(({'clean_depth': stacks[0], 'reflectivity': stacks[1], 'K': K,
+                       'stamp': stamps, 'uptime': uptime + stamps - stamps[0],
+                       'pose_error': np.array([*step, x, y, z])}, stacks[2], stacks[3]))
+    return views
+
+
+def standard_effects(names: Sequence[str], strength: float) -> dict[str, Any]:
+    """Return typical parameters at a strength."""
+    return {name: {'strength': strength} for name in names}

@@ -1,0 +1,194 @@
+"""Make each case's recordings, have them diagnosed, keep the answer; case by case."""
+
+from collections.abc import Callable
+from concurrent.futures import as_completed, ProcessPoolExecutor
+import datetime
+import importlib
+import json
+import multiprocessing
+import os
+from pathlib import Path
+import shutil
+import tempfile
+import time
+import traceback
+from typing import Any
+
+from flexx2_sim_ros import __version__
+from flexx2_sim_ros.benchmark.baselines import all_baselines
+from flexx2_sim_ros.benchmark.design import make_design, Planned
+from flexx2_sim_ros.benchmark.realised import realised_gap
+from flexx2_sim_ros.benchmark.scoring import score, Scores
+from flexx2_sim_ros.benchmark.sealing import seal, Sealed
+from flexx2_sim_ros.benchmark.seeds import seed_range
+from flexx2_sim_ros.benchmark.truth import affected, Cells, undisturbed
+from flexx2_sim_ros.blind import BlindCamera, SceneSet
+from flexx2_sim_ros.errors import InputError
+import numpy as np
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+DIAGNOSE = 'flexx2_sim_ros.gap:diagnose'
+MEASURE = 'flexx2_sim_ros.gap:measure'
+
+
+def run_benchmark(out: Path, *, quick: bool = False, seed_set: str = 'dev',
+                  release: bool = False, jobs: int = 1, diagnoser: str = DIAGNOSE,
+                  measurer: str = MEASURE, limit: int | None = None,
+                  console: Console | None = None) -> Scores | None:
+    """
+    Run what is left of a benchmark, and score it when nothing is left.
+
+    Parameters
+    ----------
+    out : pathlib.Path
+        Results; ``out/sealed`` gets the labels, ``out/cache`` what scenes alone decide. A run
+        that was broken off goes on where it was.
+    quick : bool
+        A few small cases.
+    seed_set : str
+        ``dev`` or ``test``.
+    release : bool
+        Needed for the test seeds.
+    jobs : int
+        Processes.
+    diagnoser, measurer : str
+        ``module:function`` of `diagnose` and `measure`.
+    limit : int, optional
+        Stop after so many new cases.
+    console : rich.console.Console, optional
+        For the progress bar.
+
+    Returns
+    -------
+    Scores or None
+        None when cases are left.
+
+    Raises
+    ------
+    InputError
+        For test seeds without a release, or a folder of another benchmark.
+
+    """
+    if jobs < 1:
+        raise InputError(f'--jobs: found {jobs}, wanted at least 1')
+    design = make_design(seed_range(seed_set, release), quick)
+    results = out / 'results'
+    try:
+        results.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f'--out: {out} cannot be written: {error}') from error
+    sealed = seal(design, out / 'sealed', out, {
+        'seed_set': seed_set, 'quick': quick, 'version': __version__,
+        'date': datetime.datetime.now(datetime.UTC).strftime('%Y-%m-%d %H:%M UTC')})
+    left = [name for name in sealed.cases if not (results / f'{name}.json').is_file()]
+    left = left[:limit]
+    _run(out, sealed, left, jobs, diagnoser, measurer, console or Console(stderr=True))
+    if any(not (results / f'{name}.json').is_file() for name in sealed.cases):
+        return None
+    return score(out)
+
+
+def _run(out: Path, sealed: Sealed, left: list[str], jobs: int, diagnoser: str, measurer: str,
+         console: Console) -> None:
+    bar = Progress(TextColumn('diagnosing'), BarColumn(), MofNCompleteColumn(),
+                   TimeRemainingColumn(), TextColumn('{task.fields[note]}'), console=console)
+    with bar:
+        task = bar.add_task('', total=len(sealed.cases), note='',
+                            completed=len(sealed.cases) - len(left))
+        failures = 0
+
+        def done(failed: bool) -> None:
+            nonlocal failures
+            failures += failed
+            bar.update(task, advance=1, note=f'{failures} failed' if failures else '')
+
+        calls = [(out, name, sealed.cases[name].to_json(), diagnoser, measurer) for name in left]
+        if jobs == 1:
+            for call in calls:
+                done(run_case(*call))
+            return
+        # Forked children would share the parent's threads' locks.
+        context = multiprocessing.get_context('spawn')
+        with ProcessPoolExecutor(jobs, mp_context=context, initializer=_one_thread) as pool:
+            futures = [pool.submit(run_case, *call) for call in calls]
+            try:
+                for future in as_completed(futures):
+                    done(future.result())
+            except BaseException:
+                pool.shutdown(wait=False, cancel_futures=True)
+                raise
+
+
+def _one_thread() -> None:
+    for name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS',
+                 'NUMBA_NUM_THREADS'):
+        os.environ[name] = '1'
+
+
+def run_case(out: Path, name: str, label: dict[str, Any], diagnoser: str, measurer: str) -> bool:
+    """
+    Make, diagnose and keep one case.
+
+    The diagnosis sees a folder of recordings under a meaningless name, and nothing else.
+
+    Returns
+    -------
+    bool
+        Whether the diagnosis broke off with an error (which is kept, and counts as wrong).
+
+    """
+    planned = Planned.from_json(label)
+    cache = out / 'cache'
+    result: dict[str, Any] = {'error': None, 'diagnosis': None, 'baselines': {}, 'realised': None}
+    folder = Path(tempfile.mkdtemp(prefix=f'campaign-{name}-'))
+    try:
+        _make(out, name, planned, folder, cache)
+        start = time.perf_counter()
+        try:
+            result['diagnosis'] = _function(diagnoser)(
+                folder, without=planned.without, seed=int(name[:7], 16), jobs=1)
+        except Exception:  # noqa: B902 - whatever goes wrong in there is its answer
+            result['error'] = traceback.format_exc(limit=20)
+        result['seconds'] = time.perf_counter() - start
+        if planned.baselines:
+            result['baselines'] = all_baselines(folder, int(name[:7], 16))
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+    if planned.realise and result['diagnosis'] and result['diagnosis'].get('effects'):
+        try:
+            result['realised'] = realised_gap(planned, result['diagnosis'], cache,
+                                              _function(measurer))
+        except Exception:  # noqa: B902 - effects that cannot be simulated are an answer as well
+            result['error'] = traceback.format_exc(limit=20)
+    _write(out / 'results' / f'{name}.json', result)
+    return result['error'] is not None
+
+
+def _make(out: Path, name: str, planned: Planned, folder: Path, cache: Path) -> None:
+    case = planned.case
+    scenes = SceneSet(case.scenes, cache)
+    plain = BlindCamera(type(case)(case.scenes, {}, case.seed), scenes)
+    without = undisturbed(plain)
+    camera = BlindCamera(case, scenes)
+    cells = Cells(scenes, camera.sigma_factor)
+    camera.record(folder, cells.watch)
+    truth = out / 'sealed' / 'truth'
+    truth.mkdir(exist_ok=True)
+    np.savez_compressed(truth / f'{name}.npz',
+                        **affected(cells, without))  # type: ignore[arg-type]
+    _write(truth / f'{name}.json', {
+        'parameters': {effect.name: effect.parameters for effect in camera.effects},
+        'sigma_factor': camera.sigma_factor})
+
+
+def _write(path: Path, value: dict[str, Any]) -> None:
+    # Whole or not at all: a file that exists is a case that is done.
+    part = path.with_suffix('.part')
+    part.write_text(json.dumps(value, default=float))
+    part.replace(path)
+
+
+def _function(reference: str) -> Callable[..., Any]:
+    module, name = reference.split(':')
+    return getattr(importlib.import_module(module), name)

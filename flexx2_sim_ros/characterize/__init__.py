@@ -1,0 +1,14 @@
+"""
+The paper's measurement as a library: from recordings of a board to a camera profile.
+
+`campaign` says what to record and records it with the simulated camera, `analysis` measures a
+folder of recordings and fits the noise model, `assumptions` holds them against what the model
+takes for granted, `export` makes a camera profile of it and `report` a page. No ROS in here.
+"""
+
+from flexx2_sim_ros.characterize.analysis import Characterization, characterize, ModeResult
+from flexx2_sim_ros.characterize.assumptions import check_assumptions, Finding
+from flexx2_sim_ros.characterize.export import to_profile
+
+__all__ = ['Characterization', 'Finding', 'ModeResult', 'characterize', 'check_assumptions',
+           'to_profile']

@@ -1,0 +1,250 @@
+"""The whole analysis: measure every recording of a folder, fit every mode."""
+
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+import math
+from pathlib import Path
+
+from flexx2_sim_ros.characterize.axial import AxialFit, fit_axial
+from flexx2_sim_ros.characterize.conditions import find_recordings
+from flexx2_sim_ros.characterize.divergence import gaussian_kl
+from flexx2_sim_ros.characterize.lateral import Edge
+from flexx2_sim_ros.characterize.measure import measure, Measurement
+from flexx2_sim_ros.characterize.workers import in_processes
+from flexx2_sim_ros.errors import InputError
+import numpy as np
+
+LATERAL_PERCENTILE = 90  # of all edges: conservative on purpose, as in the paper
+_RESAMPLES = 1000
+
+
+@dataclass(frozen=True)
+class Divergence:
+    """
+    Divergence of what was measured from the model, mean over pixels (edges: over rows), nats.
+
+    Attributes
+    ----------
+    raw : float
+        As it is.
+    floor : float
+        What a perfect model would have on average, for the number of frames.
+
+    """
+
+    raw: float
+    floor: float
+
+    @property
+    def debiased(self) -> float:
+        """Return what is the model's."""
+        return self.raw - self.floor
+
+
+@dataclass(frozen=True)
+class Cell:
+    """
+    One recording against its mode's model.
+
+    Attributes
+    ----------
+    measurement : Measurement
+        The recording.
+    sigma, modelled : float
+        Root mean square over its tiles of the measured and the modelled sigma_z, metres.
+    axial : Divergence
+        Of sigma_z.
+    lateral : Divergence or None
+        Of sigma_x, mean over its edges; None where no edge was measured over several frames.
+
+    """
+
+    measurement: Measurement
+    sigma: float
+    modelled: float
+    axial: Divergence
+    lateral: Divergence | None
+
+
+@dataclass(frozen=True)
+class ModeResult:
+    """
+    What was found out about one mode.
+
+    Attributes
+    ----------
+    usecase : str
+        Its name.
+    axial : AxialFit
+        sigma_z.
+    sigma_x, sigma_x_error : float
+        The 90th percentile of the edges' sigma, and its standard error, pixels; NaN where no edge
+        was measured.
+    cells : tuple of Cell
+        One a recording, by distance and angle.
+
+    """
+
+    usecase: str
+    axial: AxialFit
+    sigma_x: float
+    sigma_x_error: float
+    cells: tuple[Cell, ...]
+
+    @property
+    def measurements(self) -> list[Measurement]:
+        """Return the recordings."""
+        return [cell.measurement for cell in self.cells]
+
+    @property
+    def edges(self) -> list[tuple[Measurement, Edge]]:
+        """Return all edges, with the recording they are from."""
+        return [(m, edge) for m in self.measurements for edge in m.edges]
+
+    @property
+    def spatial(self) -> bool:
+        """Whether its recordings are single frames."""
+        return self.cells[0].measurement.spatial
+
+
+@dataclass(frozen=True)
+class Characterization:
+    """
+    What a folder of recordings says about a camera.
+
+    Attributes
+    ----------
+    folder : pathlib.Path
+        Where they are.
+    modes : tuple of ModeResult
+        By name.
+    left_out : tuple of str
+        Why each recording that could not be used was left out; each names its file.
+
+    """
+
+    folder: Path
+    modes: tuple[ModeResult, ...]
+    left_out: tuple[str, ...]
+
+    def mode(self, usecase: str) -> ModeResult:
+        """Return one mode's result."""
+        return next(mode for mode in self.modes if mode.usecase == usecase)
+
+
+def characterize(folder: Path, *, box: tuple[int, int, int, int] | None = None,
+                 camera: str | None = None, workers: int = 1,
+                 on_done: Callable[[int, int], None] = lambda done, total: None,
+                 ) -> Characterization:
+    """
+    Analyse a folder of recordings.
+
+    Parameters
+    ----------
+    folder : pathlib.Path
+        With ``.npz`` recordings or bags of one camera.
+    box : tuple of int, optional
+        x0, y0, x1, y1 of the board in every image; found when left out.
+    camera : str, optional
+        Which camera of bags that have several.
+    workers : int
+        Processes.
+    on_done : callable
+        Called with how many recordings are done, and how many there are.
+
+    Returns
+    -------
+    Characterization
+
+    Raises
+    ------
+    InputError
+        When there is no recording that can be used; the message gives each one's reason.
+
+    """
+    paths = find_recordings(folder)
+    measured, left_out = [], []
+    on_done(0, len(paths))
+    results = in_processes(partial(measure, box=box, camera=camera), paths, workers)
+    for done, result in enumerate(results, 1):
+        if isinstance(result, InputError):
+            left_out.append(str(result))
+        else:
+            measured.append(result)
+        on_done(done, len(paths))
+    measured.sort(key=lambda m: (m.usecase, m.label, str(m.path)))
+    kept = _agreeing(measured, left_out)
+    if not kept:
+        raise InputError(f'{folder}: none of its {len(paths)} recordings can be used:\n  '
+                         + '\n  '.join(sorted(left_out)))
+    modes = tuple(evaluate(usecase, [m for m in kept if m.usecase == usecase])
+                  for usecase in sorted({m.usecase for m in kept}))
+    return Characterization(folder, modes, tuple(sorted(left_out)))
+
+
+def _agreeing(measured: list[Measurement], left_out: list[str]) -> list[Measurement]:
+    """Keep the recordings of one camera; add to `left_out` why the others are not kept."""
+    views = Counter(_view(m) for m in measured)
+    single = sum(m.spatial for m in measured) > len(measured) / 2
+    kept = []
+    for m in measured:
+        common, number = views.most_common(1)[0]
+        if _view(m) != common:
+            left_out.append(
+                f'{m.path}: K: found {_describe(_view(m))}, wanted {_describe(common)} as '
+                f'{number} of the {len(measured)} recordings have')
+        elif m.spatial and not single:
+            left_out.append(f'{m.path}: depth: found 1 frame, wanted several as most of the '
+                            'recordings have')
+        else:
+            kept.append(m)
+    return kept
+
+
+def _view(measurement: Measurement) -> tuple[float, ...]:
+    (fx, _, cx), (_, fy, cy), _ = measurement.K.round(3).tolist()
+    return *measurement.size, fx, fy, cx, cy
+
+
+def _describe(view: tuple[float, ...]) -> str:
+    width, height, fx, fy, cx, cy = view
+    return f'{width:g} x {height:g} pixels, fx {fx:g}, fy {fy:g}, cx {cx:g}, cy {cy:g}'
+
+
+def evaluate(usecase: str, measurements: list[Measurement]) -> ModeResult:
+    """Fit one mode and hold its recordings against the fit."""
+    several = [m for m in measurements if not m.spatial] or measurements
+    axial = fit_axial([m.tiles for m in several])
+    sigmas = np.array([edge.sigma for m in several for edge in m.edges])
+    sigma_x = float(np.percentile(sigmas, LATERAL_PERCENTILE)) if sigmas.size else math.nan
+    return ModeResult(usecase, axial, sigma_x, _percentile_error(sigmas),
+                      tuple(_cell(m, axial, sigma_x) for m in several))
+
+
+def _percentile_error(sigmas: np.ndarray) -> float:
+    if sigmas.size < 3:
+        return math.nan
+    draws = np.random.default_rng(0).choice(sigmas, (_RESAMPLES, sigmas.size))
+    return float(np.percentile(draws, LATERAL_PERCENTILE, axis=1).std(ddof=1))
+
+
+def _cell(measurement: Measurement, axial: AxialFit, sigma_x: float) -> Cell:
+    tiles = measurement.tiles
+    theta = np.where(np.isfinite(tiles.theta), tiles.theta, 0.0)
+    sigma = axial.model().sigma_z(tiles.z, theta)
+
+    def mean(values: np.ndarray) -> float:
+        return float(np.average(values, weights=tiles.pixels))
+    # A sigma of 0 (a fit that went negative there) has no divergence.
+    with np.errstate(divide='ignore', invalid='ignore'):
+        kl = mean(gaussian_kl(tiles.variance, tiles.mean_square, tiles.log_variance, sigma))
+    edges = [edge for edge in measurement.edges if edge.frames > 1]
+    lateral = None
+    if edges and sigma_x > 0:
+        raw = [float(gaussian_kl(e.variance, e.mean_square, e.log_variance, sigma_x))
+               for e in edges]
+        lateral = Divergence(float(np.mean(raw)), float(np.mean([e.floor for e in edges])))
+    return Cell(measurement, math.sqrt(mean(tiles.variance)), math.sqrt(mean(sigma ** 2)),
+                Divergence(kl, mean(tiles.floor)), lateral)

@@ -1,0 +1,236 @@
+"""The figures of a characterization, as PNG."""
+
+from collections.abc import Sequence
+import math
+from pathlib import Path
+from typing import Any
+
+from flexx2_sim_ros.camera.modes import flexx2, NoiseModel
+from flexx2_sim_ros.characterize.amplitude import AmplitudeCounts, sigma_against
+from flexx2_sim_ros.characterize.analysis import Cell, Characterization, ModeResult
+from flexx2_sim_ros.characterize.histogram import Histogram
+from flexx2_sim_ros.characterize.tiles import join
+from flexx2_sim_ros.errors import InputError
+import numpy as np
+
+_STEP = 15.0        # degrees between groups of recordings whose names state no angle
+_CORE = math.radians(2.5)
+_GREY = '#555555'
+_FEW = 100          # pixels in a bin that are enough for a share
+
+
+def angle_group(cell: Cell) -> float:
+    """Return the angle in degrees under which a recording is shown."""
+    if cell.measurement.condition is not None:
+        return cell.measurement.condition.angle_deg
+    return round(cell.measurement.angle_deg / _STEP) * _STEP
+
+
+def groups(modes: Sequence[ModeResult]) -> list[float]:
+    """Return the angles under which the recordings of several modes are shown."""
+    return sorted({angle_group(cell) for mode in modes for cell in mode.cells})
+
+
+def paper_noise(usecase: str) -> NoiseModel | None:
+    """Return the paper's noise of a mode, None for one that it did not measure."""
+    try:
+        mode = flexx2().mode(usecase)
+    except InputError:
+        return None
+    return mode.noise if mode.measured else None
+
+
+def axial_figure(result: Characterization, path: Path) -> None:
+    """Draw sigma_z against distance: a panel a mode, a colour an angle, model and band."""
+    pyplot = _pyplot()
+    columns = min(3, len(result.modes))
+    rows = math.ceil(len(result.modes) / columns)
+    figure, axes = pyplot.subplots(rows, columns, squeeze=False, layout='constrained',
+                                   figsize=(4.1 * columns + (1.6 if columns == 1 else 0.6),
+                                            3.7 * rows + 0.4))
+    angles = groups(result.modes)
+    colours = _colours(len(angles))
+    for axis, mode in zip(axes.flat, result.modes, strict=False):
+        # No curve beyond what was measured.
+        near, far = (min(m.distance for m in mode.measurements),
+                     max(m.distance for m in mode.measurements))
+        z = np.linspace(near, far, 200)
+        for angle, colour in zip(angles, colours, strict=True):
+            cells = [cell for cell in mode.cells if angle_group(cell) == angle]
+            if not cells:
+                continue
+            theta = np.full_like(z, math.radians(angle))
+            curve = mode.axial.model().sigma_z(z, theta)
+            half = mode.axial.band(z, theta)
+            if len(cells) > 1 or near < far:
+                axis.plot(z, 1e3 * curve, color=colour, linewidth=1.3)
+                axis.fill_between(z, 1e3 * np.maximum(curve - half, 1e-6), 1e3 * (curve + half),
+                                  color=colour, alpha=0.25, linewidth=0)
+            points = np.array([_core(cell) for cell in cells])
+            axis.plot(points[:, 0], 1e3 * points[:, 1], 'o', color=colour, markersize=4.5,
+                      markeredgecolor='white', markeredgewidth=0.5, label=f'{angle:g}°')
+        axis.set(title=mode.usecase, xlabel='distance [m]', yscale='log')
+        _plain_log(axis.yaxis)
+        axis.grid(True, which='both', alpha=0.25)
+    for axis in axes.flat[len(result.modes):]:
+        axis.set_visible(False)
+    for axis in axes[:, 0]:
+        axis.set_ylabel('sigma_z [mm]')
+    # One legend for all panels, in its own place.
+    handles = {label: handle for axis in axes.flat
+               for handle, label in zip(*axis.get_legend_handles_labels(), strict=True)}
+    labels = [f'{angle:g}°' for angle in angles if f'{angle:g}°' in handles]
+    figure.legend([handles[label] for label in labels], labels, title='incidence',
+                  loc='outside right center', frameon=False)
+    figure.savefig(path, dpi=130)
+    pyplot.close(figure)
+
+
+def _core(cell: Cell) -> tuple[float, float]:
+    """Return distance and sigma where incidence is that of the optical axis."""
+    tiles, theta = cell.measurement.tiles, math.radians(cell.measurement.angle_deg)
+    near = np.abs(tiles.theta - theta) < _CORE
+    near = near if near.any() else np.ones(len(tiles), bool)
+    weights = tiles.pixels[near]
+    return (float(np.average(tiles.z[near], weights=weights)),
+            math.sqrt(float(np.average(tiles.variance[near], weights=weights))))
+
+
+def histogram_figure(histogram: Histogram, path: Path) -> None:
+    """Draw one recording's noise with the model's Gaussian."""
+    pyplot = _pyplot()
+    figure, axis = pyplot.subplots(figsize=(7.4, 3.7), layout='constrained')
+    middle = 0.5e3 * (histogram.edges[1:] + histogram.edges[:-1])
+    width = 1e3 * float(np.diff(histogram.edges)[0])
+    total = histogram.counts.sum()
+    axis.bar(middle, histogram.counts / total / width, width=width, color='#9ecae1',
+             label=f'measured: {total:,} samples in {len(middle)} bins')
+    fine = np.linspace(middle[0], middle[-1], 400)
+    sigma = 1e3 * histogram.sigma
+    axis.plot(fine, np.exp(-0.5 * (fine / sigma) ** 2) / sigma / math.sqrt(2 * math.pi),
+              color='#b30000', linewidth=1.6, label=f'model: Gaussian, sigma {sigma:.2f} mm')
+    distance, angle = histogram.measurement.label
+    axis.set(title=f'{histogram.measurement.usecase}, {distance:g} m, {angle:g}°',
+             xlabel='depth less plane [mm]', ylabel='density [1/mm]')
+    axis.set_ylim(top=1.28 * axis.get_ylim()[1])
+    axis.legend(loc='upper right', frameon=False)
+    axis.grid(True, alpha=0.25)
+    figure.savefig(path, dpi=130)
+    pyplot.close(figure)
+
+
+def lateral_figure(result: Characterization, path: Path) -> bool:
+    """Draw every edge's sigma, by mode; return False when there is none."""
+    modes = [mode for mode in result.modes if mode.edges]
+    if not modes:
+        return False
+    pyplot = _pyplot()
+    figure, axis = pyplot.subplots(figsize=(max(6.4, 2.3 * len(modes) + 1.8), 3.9),
+                                   layout='constrained')
+    angles = groups(modes)
+    colours = dict(zip(angles, _colours(len(angles)), strict=True))
+    for place, mode in enumerate(modes):
+        pairs = [(angle_group(cell), edge) for cell in mode.cells
+                 for edge in cell.measurement.edges]
+        spread = np.linspace(-0.28, 0.28, len(pairs)) if len(pairs) > 1 else np.zeros(1)
+        for offset, (angle, edge) in zip(spread, pairs, strict=True):
+            axis.errorbar(place + offset, edge.sigma, 2 * edge.error, color=colours[angle],
+                          fmt='o', markersize=3.5, elinewidth=0.8,
+                          mfc=colours[angle] if edge.method == 'gradient' else 'white')
+        axis.plot([place - 0.4, place + 0.4], [mode.sigma_x] * 2, color='black', linewidth=1.6,
+                  label='90th percentile: sigma_x' if place == 0 else None)
+        noise = paper_noise(mode.usecase)
+        if noise is not None:
+            axis.plot([place - 0.4, place + 0.4], [noise.sigma_x] * 2, '--', color='#b30000',
+                      linewidth=1.2, label='the paper' if place == 0 else None)
+    for angle in angles:
+        axis.plot([], [], 'o', color=colours[angle], markersize=4, label=f'{angle:g}°')
+    if any(edge.method == 'outline' for mode in modes for _, edge in mode.edges):
+        axis.plot([], [], 'o', color=_GREY, mfc='white', markersize=4, label='nothing behind')
+    axis.set(xticks=range(len(modes)), xticklabels=[mode.usecase for mode in modes],
+             ylabel='sigma of the edge [px]', xlim=(-0.55, len(modes) - 0.45))
+    axis.set_ylim(bottom=0)
+    axis.grid(True, axis='y', alpha=0.25)
+    figure.legend(loc='outside right center', frameon=False)
+    figure.savefig(path, dpi=130)
+    pyplot.close(figure)
+    return True
+
+
+def bias_figure(result: Characterization, path: Path) -> bool:
+    """Draw bias against distance, by mode; return False when the truth is not known."""
+    modes = [mode for mode in result.modes if any(m.bias_of for m in mode.measurements)]
+    if not modes:
+        return False
+    pyplot = _pyplot()
+    figure, axis = pyplot.subplots(figsize=(8.4, 3.2), layout='constrained')
+    colours = _colours(len(modes))
+    for mode, colour in zip(modes, colours, strict=True):
+        points = np.array([(m.distance, 1e3 * m.bias) for m in mode.measurements if m.bias_of])
+        axis.plot(points[:, 0], points[:, 1], 'o', color=colour, markersize=4, alpha=0.8,
+                  label=mode.usecase)
+    axis.axhline(0, color=_GREY, linewidth=0.8)
+    truth = ' / '.join(sorted({m.bias_of for mode in modes for m in mode.measurements
+                               if m.bias_of}))
+    axis.set(xlabel='distance [m]', ylabel='bias [mm]', title=f'measured depth less {truth}')
+    axis.grid(True, alpha=0.25)
+    axis.margins(y=0.15)
+    figure.legend(loc='outside right center', frameon=False)
+    figure.savefig(path, dpi=130)
+    pyplot.close(figure)
+    return True
+
+
+def amplitude_figure(result: Characterization, path: Path) -> bool:
+    """Draw noise and validity against amplitude; return False when there is none."""
+    counted: list[tuple[ModeResult, AmplitudeCounts]] = []
+    for mode in result.modes:
+        parts = [m.amplitude for m in mode.measurements if m.amplitude is not None]
+        if parts:
+            counted.append((mode, sum(parts[1:], parts[0])))
+    if not counted:
+        return False
+    from flexx2_sim_ros.characterize.amplitude import EDGES
+    pyplot = _pyplot()
+    figure, (noise, validity) = pyplot.subplots(1, 2, figsize=(9.0, 3.6), layout='constrained')
+    for (mode, counts), colour in zip(counted, _colours(len(counted)), strict=True):
+        curve = sigma_against(join([m.tiles for m in mode.measurements]))
+        label = mode.usecase
+        if math.isfinite(curve.exponent):
+            label += f': amplitude^{curve.exponent:.2f} above its floor'
+        noise.plot(curve.amplitude, 1e3 * curve.sigma, 'o-', color=colour, markersize=4,
+                   label=label)
+        enough = counts.pixels >= _FEW
+        middle = np.sqrt(EDGES[1:] * EDGES[:-1])[enough]
+        validity.plot(middle, 100 * counts.invalid[enough] / counts.pixels[enough], 'o-',
+                      color=colour, markersize=4, label=mode.usecase)
+    noise.set(xscale='log', yscale='log', xlabel='amplitude', ylabel='sigma_z [mm]')
+    _plain_log(noise.yaxis)
+    validity.set(xscale='log', xlabel='amplitude', ylabel='invalid [%]', ylim=(-3, 103))
+    for axis in (noise, validity):
+        axis.grid(True, alpha=0.25)
+    noise.legend(frameon=False, loc='lower left')
+    figure.savefig(path, dpi=130)
+    pyplot.close(figure)
+    return True
+
+
+def _plain_log(axis: Any) -> None:
+    """Write 2, 5, 10, 20 on a logarithmic axis, and more where it is short."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+    low, high = axis.get_view_interval()
+    axis.set_major_locator(LogLocator(subs=(1, 2, 5) if high > 8 * low else (1, 2, 3, 4, 5, 6, 8)))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f'{value:g}'))
+    axis.set_minor_formatter(NullFormatter())
+
+
+def _colours(number: int) -> list[Any]:
+    from matplotlib import colormaps
+    return list(colormaps['viridis'](np.linspace(0.0, 0.85, max(number, 1))))
+
+
+def _pyplot() -> Any:
+    import matplotlib
+    matplotlib.use('Agg')
+    from matplotlib import pyplot
+    return pyplot

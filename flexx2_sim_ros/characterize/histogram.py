@@ -1,0 +1,69 @@
+"""The noise of one recording as a histogram, as the paper shows one."""
+
+from dataclasses import dataclass
+import math
+
+from flexx2_sim_ros.characterize.analysis import Characterization
+from flexx2_sim_ros.characterize.measure import Measurement, only_valid
+from flexx2_sim_ros.recording import open_recording
+import numpy as np
+
+_BINS = 100              # as in the paper
+_REACH = 5.0             # standard deviations to either side
+_CONDITION = (1.0, 15.0)  # metres and degrees, as in the paper
+_CHUNK = 60
+
+
+@dataclass(frozen=True)
+class Histogram:
+    """
+    A recording's noise.
+
+    Attributes
+    ----------
+    measurement : Measurement
+        The recording.
+    edges, counts : numpy.ndarray
+        Bounds of the bins, metres, and what is in them.
+    sigma : float
+        The model's sigma_z there (root mean square), metres.
+
+    """
+
+    measurement: Measurement
+    edges: np.ndarray
+    counts: np.ndarray
+    sigma: float
+
+
+def noise_histogram(result: Characterization, camera: str | None = None) -> Histogram:
+    """
+    Read one recording again, and count its noise within its window.
+
+    The one nearest to the paper's condition is taken: 1.0 m and 15 degrees, in the mode with the
+    longest range.
+
+    Parameters
+    ----------
+    result : Characterization
+        The analysis.
+    camera : str, optional
+        Which camera of bags that have several.
+
+    """
+    mode = max(result.modes, key=lambda m: m.axial.distances[1])
+    cell = min(mode.cells, key=lambda c: (
+        abs(math.log(c.measurement.distance / _CONDITION[0]))
+        + abs(c.measurement.angle_deg - _CONDITION[1]) / 15))
+    measurement = cell.measurement
+    x0, y0, x1, y1 = measurement.window
+    v, u = np.mgrid[y0:y1, x0:x1]
+    plane = measurement.plane.depth(u, v)
+    theta = measurement.plane.incidence(u, v, measurement.K)
+    sigma = math.sqrt(float(np.mean(mode.axial.model().sigma_z(plane, theta) ** 2)))
+    edges = np.linspace(-_REACH, _REACH, _BINS + 1) * max(sigma, 1e-6)
+    counts = np.zeros(_BINS, np.int64)
+    for part in open_recording(measurement.path, camera).chunks(_CHUNK):
+        error = only_valid(part.depth)[:, y0:y1, x0:x1] - plane
+        counts += np.histogram(error[np.isfinite(error)], edges)[0]
+    return Histogram(measurement, edges, counts, sigma)

@@ -1,0 +1,59 @@
+"""The campaign as a checklist for a person with a camera, a tape and a board."""
+
+from collections.abc import Sequence
+from itertools import groupby
+
+from flexx2_sim_ros.camera.modes import Profile
+from flexx2_sim_ros.characterize.conditions import Condition
+
+_INTRODUCTION = """\
+# Measuring the noise of a {model}
+
+{count} recordings of {frames} frames, {setups} set-ups of the board.
+
+You need: the camera on a tripod, warm (switched on for 20 minutes), a tape, a protractor, and a
+white, matt, flat board, about 1.2 x 0.9 m, with its left and right edges upright. Daylight kept
+out, nothing else near the board, and a wall or a screen behind it, at least 0.5 m away and within
+the mode's range, so that its edges are seen.
+
+For every set-up:
+1. Put the board's middle in the middle of the image, at the distance given, measured along the
+   optical axis from the camera's front (to 1 cm).
+2. Turn it about the vertical by the angle given; 0 degrees faces the camera.
+3. Leave the room to itself, switch the mode, record, next mode. Each recording is a bag of the
+   name given, all in one folder:
+
+       ros2 param set /flexx2_camera usecase {usecase}
+       ros2 bag record -s mcap -o {name} \\
+         /flexx2_camera/depth_image_0 /flexx2_camera/camera_info /flexx2_camera/gray_image_0
+
+   {seconds} s or more give {frames} frames. The real driver's topics will do as they are.
+
+Then: `flexx2 characterize fit FOLDER`
+"""
+
+
+def checklist(wanted: Sequence[Condition], profile: Profile, frames: int) -> str:
+    """
+    Return the checklist, in Markdown.
+
+    Parameters
+    ----------
+    wanted : sequence of Condition
+        From `campaign.conditions`, at least one.
+    profile : Profile
+        The camera.
+    frames : int
+        Frames a condition.
+
+    """
+    slowest = min(profile.mode(condition.usecase).rate_hz for condition in wanted)
+    setups = [(place, list(same)) for place, same in groupby(
+        wanted, key=lambda c: (c.distance, c.angle_deg))]
+    lines = [_INTRODUCTION.format(
+        model=profile.model, count=len(wanted), frames=frames, setups=len(setups),
+        usecase=wanted[0].usecase, name=wanted[0].name, seconds=round(frames / slowest + 1))]
+    for (distance, angle), same in setups:
+        lines.append(f'\n## {distance:g} m, {angle:g} degrees\n\n')
+        lines += [f'- [ ] `{condition.name}`\n' for condition in same]
+    return ''.join(lines)

@@ -1,0 +1,115 @@
+"""
+Planes as a depth camera sees them.
+
+A plane's inverse depth is an affine function of the pixel coordinates, whatever the focal length:
+1/z = p + q u + r v. So planes are fitted without knowing the camera; only the incidence angle
+needs its matrix.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+_REFINEMENTS = 3
+
+
+@dataclass(frozen=True)
+class Plane:
+    """
+    A plane in an image.
+
+    Attributes
+    ----------
+    p, q, r : float
+        Inverse depth at pixel (u, v) is ``p + q u + r v``, 1/m.
+
+    """
+
+    p: float
+    q: float
+    r: float
+
+    def depth(self, u: Any, v: Any) -> np.ndarray:
+        """Return the depth along the optical axis at pixels, metres; NaN where there is none."""
+        inverse = self.p + self.q * np.asarray(u, np.float64) + self.r * np.asarray(v, np.float64)
+        return 1.0 / np.where(inverse > 0, inverse, np.nan)
+
+    def incidence(self, u: Any, v: Any, K: np.ndarray) -> np.ndarray:  # noqa: N803
+        """
+        Return the angle between each pixel's ray and the plane's normal.
+
+        Parameters
+        ----------
+        u, v : array_like
+            Pixels.
+        K : numpy.ndarray
+            (3, 3) camera matrix.
+
+        Returns
+        -------
+        numpy.ndarray
+            Radians, 0 to pi/2.
+
+        """
+        (fx, _, cx), (_, fy, cy), _ = K
+        normal = np.array([fx * self.q, fy * self.r, self.p + self.q * cx + self.r * cy])
+        x, y = (np.asarray(u) - cx) / fx, (np.asarray(v) - cy) / fy
+        along = normal[0] * x + normal[1] * y + normal[2]
+        lengths = np.linalg.norm(normal) * np.sqrt(1.0 + x ** 2 + y ** 2)
+        return np.arccos(np.clip(np.abs(along) / lengths, 0.0, 1.0))
+
+
+def fit_plane(u: np.ndarray, v: np.ndarray, depth: np.ndarray) -> Plane:
+    """
+    Fit a plane by least squares in depth.
+
+    Parameters
+    ----------
+    u, v, depth : numpy.ndarray
+        Three or more pixels that are not in line, and their depths in metres, all finite.
+
+    """
+    # About the middle, where the normal equations are well conditioned.
+    u0, v0 = float(np.mean(u)), float(np.mean(v))
+    design = np.stack([np.ones(len(u)), u - u0, v - v0])
+    inverse = 1.0 / depth.astype(np.float64)
+    # An error dz of depth is one of dz / z^2 in inverse depth.
+    weight = depth.astype(np.float64) ** 2
+    for _ in range(_REFINEMENTS):
+        weighted = design * weight ** 2
+        p, q, r = np.linalg.lstsq(weighted @ design.T, weighted @ inverse, rcond=None)[0]
+        # z - 1 / fitted = (fitted - 1 / z) z / fitted: what is least is then the error of depth.
+        weight = depth / np.maximum(p + q * design[1] + r * design[2], 1e-6)
+    return Plane(float(p - q * u0 - r * v0), float(q), float(r))
+
+
+def ransac_plane(u: np.ndarray, v: np.ndarray, depth: np.ndarray, tolerance: float) -> Plane:
+    """
+    Fit a plane to what may be several surfaces.
+
+    Parameters
+    ----------
+    u, v, depth : numpy.ndarray
+        Pixels and their depths in metres, all finite.
+    tolerance : float
+        How far from the plane its pixels may lie, metres.
+
+    Returns
+    -------
+    Plane
+        The one with the most pixels; the same one every time.
+
+    """
+    # Imported here: it takes a second, which `flexx2 --help` need not wait for.
+    from sklearn.linear_model import LinearRegression, RANSACRegressor
+
+    # The tolerance is one of depth; at the middle's depth it is this much of inverse depth.
+    threshold = tolerance / float(np.median(depth)) ** 2
+    centre, scale = (u.mean(), v.mean()), max(np.ptp(u), np.ptp(v), 1.0)
+    design = np.stack([(u - centre[0]) / scale, (v - centre[1]) / scale], axis=1)
+    search = RANSACRegressor(LinearRegression(), residual_threshold=threshold, random_state=0,
+                             max_trials=200, stop_probability=0.9999)
+    search.fit(design, 1.0 / depth)
+    inside = search.inlier_mask_
+    return fit_plane(u[inside], v[inside], depth[inside])

@@ -1,0 +1,174 @@
+"""
+A region's noise in small tiles: what the fit is made of.
+
+Within a tile distance and incidence are as good as the same, so a few sums say all about it.
+"""
+
+from dataclasses import dataclass, fields
+import math
+
+from flexx2_sim_ros.characterize.board import Board
+from flexx2_sim_ros.characterize.divergence import kl_floor
+from flexx2_sim_ros.characterize.moments import Moments
+import numpy as np
+
+_LARGEST_NUMBER = 4000  # of tiles in an image
+_SIDE = 4
+SPATIAL_SIDE = 8
+_WHOLE_SHARE = 0.9   # of a spatial tile that must be valid
+_EVEN_RATIO = 1.5    # of the 95th to the 5th percentile of amplitude in a spatial tile
+_SMALLEST_VARIANCE = 1e-16  # (10 nm)^2, for the logarithm of what never changed
+
+
+@dataclass(frozen=True)
+class Tiles:
+    """
+    Parallel arrays, (N,) float64, one entry a tile.
+
+    Attributes
+    ----------
+    z : numpy.ndarray
+        Depth of the plane, metres.
+    theta : numpy.ndarray
+        Incidence angle, radians; NaN where the camera matrix is not known.
+    pixels : numpy.ndarray
+        How many pixels went in.
+    freedom : numpy.ndarray
+        Degrees of freedom of `variance`.
+    variance : numpy.ndarray
+        Mean variance of depth, m^2.
+    log_variance : numpy.ndarray
+        Mean over pixels of the logarithm of their variance.
+    mean_square : numpy.ndarray
+        Mean over pixels of the square of (mean depth - plane), m^2.
+    floor : numpy.ndarray
+        Mean over pixels of `kl_floor`, nats.
+    amplitude : numpy.ndarray
+        Median amplitude, in the camera's units; NaN where there is none.
+
+    """
+
+    z: np.ndarray
+    theta: np.ndarray
+    pixels: np.ndarray
+    freedom: np.ndarray
+    variance: np.ndarray
+    log_variance: np.ndarray
+    mean_square: np.ndarray
+    floor: np.ndarray
+    amplitude: np.ndarray
+
+    def __len__(self) -> int:
+        """Return how many tiles there are."""
+        return len(self.z)
+
+    def take(self, which: np.ndarray) -> 'Tiles':
+        """Return some of the tiles."""
+        return Tiles(*(getattr(self, field.name)[which] for field in fields(self)))
+
+
+def join(parts: list[Tiles]) -> Tiles:
+    """Return the tiles of several recordings as one."""
+    return Tiles(*(np.concatenate([getattr(part, field.name) for part in parts])
+                   for field in fields(Tiles)))
+
+
+def temporal_tiles(board: Board, moments: Moments, amplitude: np.ndarray | None,
+                   usable: np.ndarray) -> Tiles:
+    """
+    Gather noise over frames.
+
+    Parameters
+    ----------
+    board : Board
+        Whose region is taken.
+    moments : Moments
+        Of all frames.
+    amplitude : numpy.ndarray or None
+        (H, W) mean amplitude.
+    usable : numpy.ndarray
+        (H, W) bool, pixels with enough valid frames.
+
+    """
+    height, width = board.mask.shape
+    side = max(_SIDE, math.ceil(math.sqrt(height * width / _LARGEST_NUMBER)))
+    v, u = np.nonzero(board.region & usable)
+    number = (v // side) * (width // side + 1) + u // side
+    _, index = np.unique(number, return_inverse=True)
+    pixels = np.bincount(index).astype(np.float64)
+
+    def mean(values: np.ndarray) -> np.ndarray:
+        return np.bincount(index, values) / pixels
+    count, variance = moments.count[v, u], moments.variance[v, u]
+    plane = board.plane.depth(u, v)
+    theta = np.full(len(u), np.nan) if board.K is None else board.plane.incidence(u, v, board.K)
+    level = np.full(len(u), np.nan) if amplitude is None else amplitude[v, u]
+    freedom = np.bincount(index, count - 1.0)
+    return Tiles(
+        mean(plane), mean(theta), pixels, freedom,
+        np.bincount(index, variance * (count - 1.0)) / freedom,
+        mean(np.log(np.maximum(variance, _SMALLEST_VARIANCE))),
+        mean((moments.mean[v, u] - plane) ** 2), mean(kl_floor(count)), mean(level))
+
+
+def spatial_tiles(board: Board, depth: np.ndarray, amplitude: np.ndarray | None) -> Tiles:
+    """
+    Gather noise within one frame: what is left of a small plane fitted to each tile.
+
+    Correlated neighbours hide noise from it, and a fixed pattern counts as noise. Tiles of uneven
+    amplitude are left out: their surface is not one.
+
+    Parameters
+    ----------
+    board : Board
+        Whose region is taken.
+    depth : numpy.ndarray
+        (H, W) metres, NaN where invalid.
+    amplitude : numpy.ndarray or None
+        (H, W).
+
+    """
+    # Half overlapping, for twice the sides that a checkered board gets right.
+    half = SPATIAL_SIDE // 2
+    return join([_spatial_grid(board, depth, amplitude, down, right)
+                 for down in (0, half) for right in (0, half)])
+
+
+def _spatial_grid(board: Board, depth: np.ndarray, amplitude: np.ndarray | None, down: int,
+                  along: int) -> Tiles:
+    side = SPATIAL_SIDE
+    region = board.region[down:, along:]
+    blocks = _blocks(np.where(region, depth[down:, along:], np.nan), side)
+    valid = np.isfinite(blocks)
+    good = (valid.mean(axis=1) >= _WHOLE_SHARE) & _blocks(region, side).all(axis=1)
+    level = np.full(len(blocks), np.nan)
+    if amplitude is not None:
+        levels = _blocks(np.asarray(amplitude[down:, along:], np.float64), side)
+        low, level, high = np.percentile(levels, (5, 50, 95), axis=1)
+        good &= high <= _EVEN_RATIO * low
+    blocks, valid, level = blocks[good], valid[good], level[good]
+    v, u = np.mgrid[:side, :side].reshape(2, -1) - (side - 1) / 2
+    design = np.stack([np.ones_like(u), u, v], axis=1)
+    # A least-squares plane in each block: three equations each, all at once.
+    weights = valid.astype(np.float64)
+    values = np.where(valid, blocks, 0.0)
+    normal = np.einsum('bi,ij,ik->bjk', weights, design, design)
+    right = np.einsum('bi,ij->bj', values, design)
+    fitted = np.linalg.solve(normal, right[..., None])[..., 0]
+    residual = np.where(valid, blocks - fitted @ design.T, 0.0)
+    freedom = weights.sum(axis=1) - 3.0
+    variance = np.maximum((residual ** 2).sum(axis=1) / freedom, _SMALLEST_VARIANCE)
+    rows, columns = np.nonzero(good.reshape(region.shape[0] // side, -1))
+    middle_u = (columns + 0.5) * side - 0.5 + along
+    middle_v = (rows + 0.5) * side - 0.5 + down
+    theta = (np.full(len(blocks), np.nan) if board.K is None
+             else board.plane.incidence(middle_u, middle_v, board.K))
+    return Tiles(board.plane.depth(middle_u, middle_v), theta, weights.sum(axis=1), freedom,
+                 variance, np.log(variance), np.zeros(len(blocks)),
+                 kl_floor(freedom + 1.0) - 0.5 / (freedom + 1.0), level)
+
+
+def _blocks(image: np.ndarray, side: int) -> np.ndarray:
+    height, width = image.shape[0] // side * side, image.shape[1] // side * side
+    parts = image[:height, :width].reshape(height // side, side, width // side, side)
+    return parts.swapaxes(1, 2).reshape(-1, side * side)

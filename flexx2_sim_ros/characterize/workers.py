@@ -1,0 +1,58 @@
+"""Spread independent work over processes, each on one core."""
+
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import as_completed, ProcessPoolExecutor
+import multiprocessing
+import os
+from typing import TypeVar
+
+from flexx2_sim_ros.errors import InputError
+
+Task = TypeVar('Task')
+Result = TypeVar('Result')
+
+
+def available_cores() -> int:
+    """Return how many cores this process may use."""
+    return len(os.sched_getaffinity(0))
+
+
+def in_processes(work: Callable[[Task], Result], tasks: Sequence[Task],
+                 workers: int) -> Iterator[Result | InputError]:
+    """
+    Do tasks in processes; in this one when there is only one worker.
+
+    Parameters
+    ----------
+    work : callable
+        A module's function.
+    tasks : sequence
+        What to call it with, one each.
+    workers : int
+        How many processes.
+
+    Yields
+    ------
+    Result or InputError
+        What it returned, or the `InputError` that it raised, in the order in which tasks end.
+
+    """
+    if workers <= 1 or len(tasks) <= 1:
+        for task in tasks:
+            try:
+                yield work(task)
+            except InputError as error:
+                yield error
+        return
+    # Spawned, not forked: this process has threads (a progress bar, OpenGL) that forking breaks.
+    context = multiprocessing.get_context('spawn')
+    with ProcessPoolExecutor(min(workers, len(tasks)), mp_context=context) as pool:
+        futures = [pool.submit(work, task) for task in tasks]
+        try:
+            for future in as_completed(futures):
+                try:
+                    yield future.result()
+                except InputError as error:
+                    yield error
+        finally:
+            pool.shutdown(cancel_futures=True)

@@ -1,0 +1,142 @@
+"""`flexx2 characterize`: the paper's measurement, on the simulated camera or on a real one."""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from flexx2_sim_ros.camera.modes import flexx2, Profile
+from flexx2_sim_ros.camera.profiles import load_profile, save_profile
+from flexx2_sim_ros.errors import InputError
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+_BACKENDS = ('auto', 'egl', 'osmesa', 'ray')
+_OUT = 'characterization'
+
+
+def add_parser(commands: Any) -> None:
+    """Add the subcommand and its own."""
+    parser = commands.add_parser(
+        'characterize', help='measure the noise of a depth camera with a flat board',
+        description="The paper's measurement: capture (or record) a flat board at several "
+        'distances and angles, fit the noise model, and get a report and a camera profile.')
+    steps = parser.add_subparsers(dest='step', required=True, metavar='STEP')
+
+    plan = steps.add_parser(
+        'plan', help='print the campaign as a checklist', epilog='example: flexx2 characterize '
+        'plan --usecase Mode_9_30fps > checklist.md',
+        description='Print the campaign as a checklist (Markdown) for a person with a camera, a '
+        'tape and a board, with the name that each recording is expected to have.')
+    capture = steps.add_parser(
+        'capture', help='record the campaign with the simulated camera',
+        epilog='example: flexx2 characterize capture campaign --frames 300',
+        description='Record the campaign with the simulated camera: the scene `board`, one .npz '
+        'a condition (46 MB for 300 frames of 224 x 172). Started again, it goes on where it '
+        'was.')
+    capture.add_argument('folder', type=Path, metavar='FOLDER')
+    for step in (plan, capture):
+        step.add_argument('--usecase', action='append', metavar='MODE', help='a mode; can be '
+                          'repeated (default: the modes whose noise was measured)')
+        step.add_argument('--distances', type=float, nargs='+', metavar='M', help='metres '
+                          "(default: eight that suit each mode's range)")
+        step.add_argument('--angles', type=float, nargs='+', metavar='DEG',
+                          default=[0.0, 15.0, 30.0, 45.0, 60.0],
+                          help='degrees (default: 0 15 30 45 60)')
+        step.add_argument('--frames', type=int, default=300,
+                          help='frames a condition (default %(default)s)')
+        step.add_argument('--profile', metavar='PATH', help='another camera than the Flexx2')
+    capture.add_argument('--seed', type=int, default=0, help='seed of the noise (default 0)')
+    capture.add_argument('--renderer', choices=_BACKENDS, default='auto',
+                         help='how the board is rendered (default %(default)s)')
+
+    fit = steps.add_parser(
+        'fit', help='analyse recordings: report and camera profile',
+        epilog='example: flexx2 characterize fit campaign --out result',
+        description='Analyse a folder of recordings (.npz or bags) of one camera that looks at a '
+        'flat board. Writes report.html, figures and profile.yaml. Recordings called '
+        'MODE_DISTANCEm_ANGLEdeg are held against what their names say.')
+    fit.add_argument('folder', type=Path, metavar='FOLDER')
+    fit.add_argument('--out', type=Path, metavar='DIR',
+                     help=f'where to write (default: FOLDER/{_OUT})')
+    fit.add_argument('--box', type=int, nargs=4, metavar=('X0', 'Y0', 'X1', 'Y1'),
+                     help='the board in every image, pixels (default: found)')
+    fit.add_argument('--camera', metavar='NAME', help='which camera of bags that have several')
+    fit.add_argument('--model', metavar='NAME', help="the camera's name in the profile")
+    for step in (capture, fit):
+        step.add_argument('--jobs', type=int, metavar='N', help='processes (default: one a core)')
+    plan.set_defaults(run=_plan)
+    capture.set_defaults(run=_capture)
+    fit.set_defaults(run=_fit)
+
+
+def _profile(arguments: argparse.Namespace) -> Profile:
+    return load_profile(arguments.profile) if arguments.profile else flexx2()
+
+
+def _jobs(arguments: argparse.Namespace) -> int:
+    from flexx2_sim_ros.characterize.workers import available_cores
+    if arguments.jobs is not None and arguments.jobs < 1:
+        raise InputError(f'--jobs: found {arguments.jobs}, wanted at least 1')
+    return arguments.jobs or available_cores()
+
+
+def _progress(console: Console) -> Progress:
+    return Progress(TextColumn('{task.description}'), BarColumn(), MofNCompleteColumn(),
+                    TimeRemainingColumn(), console=console, transient=True)
+
+
+def _plan(arguments: argparse.Namespace) -> int:
+    from flexx2_sim_ros.characterize.campaign import conditions
+    from flexx2_sim_ros.characterize.plan import checklist
+    profile = _profile(arguments)
+    wanted = conditions(profile, arguments.usecase, arguments.distances, arguments.angles)
+    print(checklist(wanted, profile, arguments.frames), end='')
+    return 0
+
+
+def _capture(arguments: argparse.Namespace) -> int:
+    from flexx2_sim_ros.characterize.campaign import capture, conditions
+    profile = _profile(arguments)
+    wanted = conditions(profile, arguments.usecase, arguments.distances, arguments.angles)
+    console = Console(stderr=True)
+    recorded = 0
+    with _progress(console) as progress:
+        task = progress.add_task('recording', total=len(wanted))
+        for _, new in capture(arguments.folder, wanted, profile, frames=arguments.frames,
+                              seed=arguments.seed, renderer=arguments.renderer,
+                              workers=_jobs(arguments)):
+            recorded += new
+            progress.advance(task)
+    kept = len(wanted) - recorded
+    console.print(f'{arguments.folder}: {recorded} recordings of {arguments.frames} frames'
+                  + (f', {kept} were there already' if kept else ''), highlight=False)
+    return 0
+
+
+def _fit(arguments: argparse.Namespace) -> int:
+    # Imported here: SciPy and scikit-learn take a second, which other commands need not wait for.
+    from flexx2_sim_ros.characterize.analysis import characterize
+    from flexx2_sim_ros.characterize.export import to_profile
+    from flexx2_sim_ros.characterize.report import write_report
+    from flexx2_sim_ros.cli.characterize_table import print_result
+    console = Console(stderr=True)
+    with _progress(console) as progress:
+        task = progress.add_task('measuring', total=None)
+        result = characterize(
+            arguments.folder, box=None if arguments.box is None else tuple(arguments.box),
+            camera=arguments.camera, workers=_jobs(arguments),
+            on_done=lambda done, total: progress.update(task, completed=done, total=total))
+    profile = to_profile(result, arguments.model)
+    out = arguments.out or arguments.folder / _OUT
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f'--out: {out} cannot be made: {error}') from error
+    save_profile(out / 'profile.yaml', profile)
+    page = write_report(result, profile, out, arguments.camera)
+    print_result(result)
+    for reason in result.left_out:
+        console.print(f'left out: {reason}', style='yellow', highlight=False, markup=False)
+    console.print(f'{page}\n{out / "profile.yaml"}', highlight=False, markup=False,
+                  soft_wrap=True)
+    return 0

@@ -1,0 +1,45 @@
+"""What `flexx2 characterize fit` prints: coefficients, errors and checks."""
+
+import math
+
+from flexx2_sim_ros.characterize.analysis import Characterization
+from flexx2_sim_ros.characterize.assumptions import check_assumptions
+from flexx2_sim_ros.characterize.axial import NAMES
+from flexx2_sim_ros.characterize.figures import paper_noise
+import numpy as np
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+
+def print_result(result: Characterization, console: Console | None = None) -> None:
+    """Print one table, with the paper's figures below each mode that it measured."""
+    console = console or Console()
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0), show_edge=False)
+    for name in ('mode', *NAMES, 'sigma_x', 'KL'):
+        table.add_column(name, justify='left' if name == 'mode' else 'right', no_wrap=True)
+    for mode in result.modes:
+        fit = mode.axial
+        table.add_row(mode.usecase, *(f'{fit.coefficients[name]:.6f}' for name in NAMES[:4]),
+                      f'{fit.coefficients["n"]:.1f}', _text(mode.sigma_x, '.3f'),
+                      f'{np.mean([cell.axial.raw for cell in mode.cells]):.4f}')
+        errors = [fit.errors[name] for name in NAMES]
+        table.add_row('  ±', *(_text(error, '.6f') for error in errors[:4]),
+                      _text(errors[4], '.3f'), _text(mode.sigma_x_error, '.3f'), '', style='dim')
+        noise = paper_noise(mode.usecase)
+        if noise is not None:
+            table.add_row('  the paper', *(f'{getattr(noise, name):.6f}' for name in NAMES[:4]),
+                          f'{noise.n:.1f}', f'{noise.sigma_x:.3f}', '', style='dim')
+    console.print(table)
+    for mode in result.modes:
+        for note in mode.axial.notes:
+            console.print(f'{mode.usecase}: {note}', highlight=False, markup=False)
+        for finding in check_assumptions(mode):
+            if finding.holds is False:
+                console.print(f'{mode.usecase}: does not hold: {finding.assumption}: '
+                              f'{finding.evidence}', style='yellow', highlight=False,
+                              markup=False)
+
+
+def _text(value: float | None, form: str) -> str:
+    return '-' if value is None or not math.isfinite(value) else f'{value:{form}}'

@@ -1,0 +1,110 @@
+"""`flexx2 effects`: what there is to switch on, and what it does."""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from flexx2_sim_ros.effects import Effect, registry
+from flexx2_sim_ros.effects.presets import bounds, markdown, preset_files
+from flexx2_sim_ros.effects.registry import write_whole
+from flexx2_sim_ros.errors import InputError
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+
+def add_parser(commands: Any) -> None:
+    """Add the subcommand."""
+    parser = commands.add_parser(
+        'effects', help='list the effects beyond the noise model, show what one does',
+        description='List the effects that a real camera shows and the noise model leaves out: '
+        'their stage in the order of light, parameters, typical values, ranges and units. They '
+        'are switched on with flexx2 simulate --effects, or with parameters of the camera node.',
+        epilog='examples: flexx2 effects --sources, flexx2 effects show multipath')
+    form = parser.add_mutually_exclusive_group()
+    form.add_argument('--sources', action='store_true', help='what each is and where model and '
+                      'values come from, instead of its parameters')
+    form.add_argument('--markdown', action='store_true', help='both as the page docs/effects.md')
+    form.add_argument('--write-presets', metavar='DIR', type=Path,
+                      help='write a YAML file for each effect, and typical.yaml')
+    parser.set_defaults(run=run)
+    actions = parser.add_subparsers(metavar='show', dest='action')
+    show = actions.add_parser(
+        'show', help="write a picture of an effect's signature",
+        description='Write a picture: a fixed scene with the effect, what the effect changes in '
+        'it, and that against what it depends on.')
+    show.add_argument('name', metavar='NAME')
+    show.add_argument('--out', metavar='PNG', type=Path, help='default: NAME.png')
+    show.set_defaults(run=run_show)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Print a table, or write presets."""
+    if arguments.write_presets is not None:
+        folder: Path = arguments.write_presets
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise InputError(f'{folder}: cannot be made: {error}') from error
+        files = preset_files()
+        for name, text in files.items():
+            write_whole(folder / name, text)
+        print(f'{folder}: {len(files)} files')
+    elif arguments.markdown:
+        print(markdown(), end='')
+    else:
+        Console().print(_sources() if arguments.sources else _parameters())
+        Console().print(
+            'In the order of light. Each has a strength, too: 0 is off, 1 typical, 4 the most.\n'
+            'Shown by: flexx2 effects --sources, flexx2 effects show NAME', style='dim',
+            highlight=False)
+    return 0
+
+
+def _table(*columns: str) -> Table:
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0), show_edge=False)
+    for column in columns:
+        number = column in ('typical', 'range')
+        table.add_column(column, justify='right' if number else 'left',
+                         no_wrap=number or column in ('effect', 'parameter'))
+    return table
+
+
+def _parameters() -> Table:
+    table = _table('effect', 'stage', 'parameter', 'typical', 'range', 'unit')
+    for kind in registry().values():
+        first = True
+        for item in kind.parameters():
+            if item.name != 'strength':
+                head = (kind.name, kind.stage.name.lower()) if first else ('', '')
+                table.add_row(*head, item.name, f'{item.default:g}', bounds(item), item.unit)
+                first = False
+        if first:
+            table.add_row(kind.name, kind.stage.name.lower())
+    return table
+
+
+def _sources() -> Table:
+    table = _table('effect', 'what it is, and where it is from')
+    for kind in registry().values():
+        table.add_row(kind.name, f'{kind.title}\n[dim]{kind.source}[/dim]')
+    return table
+
+
+def run_show(arguments: argparse.Namespace) -> int:
+    """Write the picture of one effect, and print its parameters."""
+    known = registry()
+    if arguments.name not in known:
+        raise InputError(f'NAME: found {arguments.name!r}, wanted one of {", ".join(known)}')
+    from flexx2_sim_ros.cli.effects_picture import draw
+    kind: type[Effect] = known[arguments.name]
+    path = arguments.out or Path(f'{kind.name}.png')
+    draw(path, kind)
+    console = Console()
+    console.print(f'{kind.name}: {kind.title}\n[dim]{kind.source}[/dim]', highlight=False)
+    table = _table('parameter', 'typical', 'range', 'unit', '')
+    for item in kind.parameters():
+        table.add_row(item.name, f'{item.default:g}', bounds(item), item.unit, item.text)
+    console.print(table)
+    console.print(f'{path}: written', highlight=False)
+    return 0

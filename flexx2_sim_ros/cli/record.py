@@ -1,0 +1,146 @@
+"""`flexx2 record`: all cameras into a bag."""
+
+import argparse
+from collections.abc import Callable
+from datetime import datetime
+from pathlib import Path
+import shutil
+import time
+from typing import Any
+
+from flexx2_sim_ros.cli.ros import ros
+from flexx2_sim_ros.errors import InputError
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+_SHOW_SECONDS = 0.25
+_DRAIN_SECONDS = 2.0
+_IDLE = 5
+
+
+def add_parser(commands: Any) -> None:
+    """Add the subcommand."""
+    parser = commands.add_parser(
+        'record', help='record all cameras into a bag',
+        description='Record clean and simulated depth, reflectivity, gray images, camera infos '
+        'and modes of all cameras, simulated or real, into a rosbag2 bag, until Ctrl-C. What is '
+        'lost is counted and shown. Needs ROS 2.',
+        epilog='example: flexx2 record walk --seconds 10')
+    parser.add_argument('bag', nargs='?', type=Path, metavar='BAG',
+                        help='folder to make (default: flexx2_ and the time)')
+    parser.add_argument('--seconds', type=float,
+                        help='end after so long, from the first message on')
+    parser.add_argument('--wait', type=float, default=30.0, metavar='SECONDS',
+                        help='for the first message, at most (default %(default)s)')
+    parser.add_argument('--storage', choices=('mcap', 'sqlite3'), default='mcap',
+                        help='default %(default)s')
+    parser.add_argument('--cameras', nargs='+', default=[], metavar='NAME',
+                        help='only these (namespaces or nodes)')
+    parser.add_argument('--also', nargs='+', default=[], metavar='TOPIC',
+                        help="more topics, wildcards allowed: '*/point_cloud_0' "
+                        "'*/depth_noise_0' /odom")
+    parser.add_argument('--queue', type=float, default=256.0, metavar='MB',
+                        help='that wait for the disk at most (default %(default)g)')
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Record until told to stop."""
+    for name, value in (('seconds', arguments.seconds), ('wait', arguments.wait),
+                        ('queue', arguments.queue)):
+        if value is not None and not value > 0:
+            raise InputError(f'--{name}: found {value}, wanted a positive number')
+    path = arguments.bag or Path(datetime.now().strftime('flexx2_%Y%m%d_%H%M%S'))
+    from flexx2_sim_ros.recording.bag_writer import BagWriter
+    from flexx2_sim_ros.recording.sink import BagSink
+
+    writer = BagWriter(path, arguments.storage)
+    with ros() as stopped:
+        from flexx2_sim_ros.nodes.recorder import Recorder
+
+        with BagSink(writer, round(1e6 * arguments.queue)) as sink:
+            recorder = Recorder(sink, arguments.cameras, arguments.also)
+            try:
+                _spin(recorder, sink, arguments, stopped)
+            finally:
+                recorder.destroy_node()
+                sink.remarks |= _remarks(recorder)
+                _report(recorder, path)
+    if recorder.started is None:
+        shutil.rmtree(path, ignore_errors=True)
+        raise InputError(f'{path}: nothing was recorded: no camera published anything')
+    return 0
+
+
+def _spin(recorder: Any, sink: Any, arguments: argparse.Namespace,
+          stopped: Callable[[], bool]) -> None:
+    from rclpy.executors import SingleThreadedExecutor
+
+    executor = SingleThreadedExecutor()
+    executor.add_node(recorder)
+    console = Console(stderr=True)
+    begun = shown = time.monotonic()
+    with console.status('waiting for cameras') as status:
+        while not stopped() and sink.error is None:
+            executor.spin_once(timeout_sec=0.1)
+            now = time.monotonic()
+            if recorder.started is None:
+                if now - begun > arguments.wait:
+                    break
+            elif arguments.seconds is not None and recorder.seconds >= arguments.seconds:
+                break
+            if now - shown > _SHOW_SECONDS:
+                shown = now
+                status.update(_progress(recorder, sink))
+        status.update('writing the rest')
+        _drain(recorder, executor)
+    executor.shutdown()
+
+
+def _drain(recorder: Any, executor: Any) -> None:
+    # What has come here before the end and has not been looked at yet belongs to the bag.
+    end = time.monotonic() + _DRAIN_SECONDS
+    idle = 0
+    while idle < _IDLE and time.monotonic() < end:
+        taken = recorder.taken
+        executor.spin_once(timeout_sec=0.0)
+        idle = idle + 1 if recorder.taken == taken else 0
+
+
+def _progress(recorder: Any, sink: Any) -> str:
+    if recorder.started is None:
+        return 'waiting for cameras'
+    topics = recorder.topics.values()
+    messages, size, lost = (sum(getattr(topic, name) for topic in topics)
+                            for name in ('messages', 'size', 'lost'))
+    return (f'{recorder.seconds:.0f} s, {messages} messages, {size / 1e6:.0f} MB, '
+            f'{sink.waiting / 1e6:.0f} MB waiting, [{"red" if lost else "green"}]{lost} lost[/]')
+
+
+def _remarks(recorder: Any) -> dict[str, str]:
+    from flexx2_sim_ros.recording.bag_files import LOST
+
+    lost = [f'{topic.lost} of {name}' for name, topic in recorder.topics.items() if topic.lost]
+    return {LOST: ', '.join(lost)} if lost else {}
+
+
+def _report(recorder: Any, path: Path) -> None:
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0), show_edge=False)
+    for name in ('topic', 'messages', 'from [s]', 'Hz', 'MB', 'lost', 'gaps'):
+        table.add_column(name, justify='left' if name == 'topic' else 'right',
+                         no_wrap=name != 'topic', overflow='fold')
+    for name, topic in sorted(recorder.topics.items()):
+        gaps = topic.gaps()
+        text = f'{gaps.count} ({gaps.longest:.3f} s)' if gaps.count else '0'
+        table.add_row(
+            name, str(topic.messages), f'{topic.first:.1f}',
+            f'{topic.rate_hz:.2f}' if topic.stamps else '', f'{topic.size / 1e6:.1f}',
+            str(topic.lost), text if topic.stamps else '', style='red' if topic.lost else None)
+    console = Console(highlight=False, markup=False)
+    console.print(table)
+    lost = sum(topic.lost for topic in recorder.topics.values())
+    refused = sum(topic.refused for topic in recorder.topics.values())
+    console.print(f'{path}: {recorder.seconds:.1f} s, {lost} messages lost'
+                  + (f' ({refused} here, the disk was too slow; {lost - refused} on the way)'
+                     if lost else ''), soft_wrap=True)

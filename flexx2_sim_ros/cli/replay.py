@@ -1,0 +1,78 @@
+"""`flexx2 replay`: a bag's messages again."""
+
+import argparse
+from collections.abc import Callable
+import math
+import time
+from typing import Any
+
+from flexx2_sim_ros.cli.ros import ros
+from flexx2_sim_ros.errors import InputError
+from rich.console import Console
+
+_ACKNOWLEDGE_SECONDS = 5.0
+
+
+def add_parser(commands: Any) -> None:
+    """Add the subcommand."""
+    parser = commands.add_parser(
+        'replay', help='publish a bag again',
+        description='Publish the messages of a rosbag2 bag with their own stamps, at the pace of '
+        'these stamps, and /clock with them. Ends at the end of the bag. Needs ROS 2.',
+        epilog="example: flexx2 replay walk --rate 0.5 --topics '*/clean/*'")
+    parser.add_argument('bag', metavar='BAG', help='a folder, or a .mcap or .db3 file')
+    parser.add_argument('--rate', type=float, default=1.0,
+                        help='real-time factor (default %(default)s)')
+    parser.add_argument('--loop', action='store_true', help='begin again at the end, until Ctrl-C')
+    parser.add_argument('--topics', nargs='+', default=[], metavar='TOPIC',
+                        help='only these, wildcards allowed')
+    parser.add_argument('--wait', type=float, default=2.0, metavar='SECONDS',
+                        help='at most, until every topic has a subscriber (default %(default)s)')
+    parser.add_argument('--no-clock', action='store_true', help='do not publish /clock')
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Publish until the end, or until told to stop."""
+    if not (math.isfinite(arguments.rate) and arguments.rate > 0):
+        raise InputError(f'--rate: found {arguments.rate}, wanted a positive number')
+    if not arguments.wait >= 0:
+        raise InputError(f'--wait: found {arguments.wait}, wanted 0 or more')
+    from flexx2_sim_ros.recording.bag_files import Bag
+
+    console = Console(stderr=True, soft_wrap=True, highlight=False, markup=False)
+    bag = Bag(arguments.bag)
+    for note in bag.notes:
+        console.print(note, style='yellow')
+    known = len(bag.notes)
+    seconds = 0.0
+    with ros() as stopped:
+        from flexx2_sim_ros.nodes.player import Player
+
+        player = Player(bag, arguments.topics, not arguments.no_clock)
+        try:
+            _wait(player, arguments.wait, stopped, console)
+            begun = time.monotonic()
+            with console.status('playing'):
+                player.play(arguments.rate, stopped)
+                while arguments.loop and not stopped():
+                    player.play(arguments.rate, stopped)
+            seconds = time.monotonic() - begun
+            if not stopped() and not player.finish(_ACKNOWLEDGE_SECONDS):
+                console.print('a subscriber has not acknowledged everything', style='yellow')
+        finally:
+            player.destroy_node()
+    for note in bag.notes[known:]:
+        console.print(note, style='yellow')
+    print(f'{arguments.bag}: {player.sent} messages in {seconds:.1f} s, at most '
+          f'{1e3 * player.late:.0f} ms late')
+    return 0
+
+
+def _wait(player: Any, seconds: float, stopped: Callable[[], bool], console: Console) -> None:
+    deadline = time.monotonic() + seconds
+    with console.status('waiting for subscribers'):
+        while player.unheard() and time.monotonic() < deadline and not stopped():
+            time.sleep(0.02)
+    if unheard := player.unheard():
+        console.print(f'nobody subscribes to {", ".join(unheard)}', style='dim')

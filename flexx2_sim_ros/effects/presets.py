@@ -1,0 +1,61 @@
+"""What is written from the registry: preset files and the documentation's table."""
+
+from textwrap import fill
+
+from flexx2_sim_ros.effects.effect import Effect, Parameter
+from flexx2_sim_ros.effects.registry import effects_yaml, registry
+
+_WIDTH = 95
+
+
+def preset_files() -> dict[str, str]:
+    """
+    Return the presets of ``config/effects`` by file name.
+
+    One for each effect at its typical strength, and ``typical.yaml`` with all that a typical
+    camera, well placed and calibrated, shows.
+    """
+    files = {f'{name}.yaml': effects_yaml([kind()], _comment(kind))
+             for name, kind in registry().items()}
+    files['typical.yaml'] = effects_yaml(
+        [kind() for kind in registry().values() if kind.typical],
+        'What a typical camera shows that is well placed and calibrated. Left out: errors of '
+        'placement and\ncalibration, and what the noise model has in it already, since it was '
+        'measured on what the\ncamera sends. Written by `flexx2 effects --write-presets`.')
+    return files
+
+
+def _comment(kind: type[Effect]) -> str:
+    title = fill(f'{kind.title[0].upper()}{kind.title[1:]}.', _WIDTH)
+    return f'{title}\n{fill(f"Source: {kind.source}.", _WIDTH)}'
+
+
+def bounds(item: Parameter) -> str:
+    """Return a parameter's range for people."""
+    return f'{item.low:g} to {item.high:g}'
+
+
+def markdown() -> str:
+    """Return ``docs/effects.md``."""
+    effects = registry().values()
+    lines = [
+        '# Effects', '',
+        '<!-- Written by `flexx2 effects --markdown`. -->', '',
+        *fill(f'{len(effects)} effects of a real time-of-flight camera that the noise model '
+              'leaves out, in the order in which they act on the light. Every one has a strength '
+              'from 0 (off) to 4; 1 is typical. *Shows in* says what of a still scene it changes. '
+              '● is in `config/effects/typical.yaml`; ↻ remembers the frames before. Values '
+              'without a public source are called design.', _WIDTH).splitlines(), '',
+        '| effect | | what it is | stage | shows in | source |', '|---|---|---|---|---|---|']
+    lines += [f'| [`{kind.name}`](#{kind.name}) | {"●" if kind.typical else ""}'
+              f'{"↻" if kind.keeps else ""} | {kind.title} | {kind.stage.name.lower()} | '
+              f'{", ".join(kind.changes) or "moving scenes"} | {kind.source} |'
+              for kind in effects]
+    lines += ['', '## Parameters', '']
+    for kind in effects:
+        lines += [f'### {kind.name}', '', '| parameter | typical | range | unit | |',
+                  '|---|---|---|---|---|']
+        lines += [f'| `{item.name}` | {item.default:g} | {bounds(item)} | {item.unit} | '
+                  f'{item.text} |' for item in kind.parameters() if item.name != 'strength']
+        lines.append('')
+    return '\n'.join(lines[:-1]) + '\n'

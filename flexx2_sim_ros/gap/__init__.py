@@ -1,0 +1,10 @@
+"""
+Diagnose the gap between recordings of a real camera and the simulation of the same scenes.
+
+`diagnose` says where the two differ, which effects explain it, and how much of the gap goes away
+on recordings that were not used to decide.
+"""
+
+from flexx2_sim_ros.gap.diagnosis import diagnose
+
+__all__ = ['diagnose']

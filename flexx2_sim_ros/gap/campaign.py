@@ -1,0 +1,197 @@
+"""A folder of recordings: found, checked, brought into the form the diagnosis works on."""
+
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+
+from flexx2_sim_ros.camera import flexx2, Intrinsics, Mode, Profile
+from flexx2_sim_ros.camera.surface import analyse
+from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.gap.evidence import choose_frames, Take
+from flexx2_sim_ros.recording import open_recording, Recording, RecordingReader
+import numpy as np
+
+_BAG_FILES = ('.mcap', '.db3')
+_CHUNK = 32
+
+
+@dataclass(frozen=True)
+class Found:
+    """
+    A recording of the campaign.
+
+    Attributes
+    ----------
+    path : pathlib.Path
+    mode : Mode
+
+    """
+
+    path: Path
+    mode: Mode
+
+
+def find(folder: str | Path, profile: Profile | None) -> tuple[list[Found], list[tuple[str, str]]]:
+    """
+    List a campaign's recordings.
+
+    Parameters
+    ----------
+    folder : str or pathlib.Path
+        The campaign.
+    profile : Profile, optional
+        The camera, the Flexx2 when left out.
+
+    Returns
+    -------
+    tuple
+        Recordings of the mode that most of them have; names and reasons of those left out.
+
+    Raises
+    ------
+    InputError
+        When there is none that can be used; the message names every file and what is wrong.
+
+    """
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise InputError(f'{folder}: not a folder, wanted one of recordings (.npz or bags)')
+    paths = sorted(path for path in folder.iterdir()
+                   if path.suffix in ('.npz', *_BAG_FILES)
+                   or (path.is_dir() and any(p.suffix in _BAG_FILES for p in path.iterdir())))
+    if not paths:
+        raise InputError(f'{folder}: there is no recording in it, wanted .npz files or bags')
+    found, left_out = [], []
+    for path in paths:
+        try:
+            found.append(Found(path, _check(open_recording(path), profile)))
+        except InputError as error:
+            left_out.append((path.name, str(error)))
+    if found:
+        usual = Counter(one.mode.name for one in found).most_common(1)[0][0]
+        left_out += [(one.path.name, f'{one.path}: usecase: found {one.mode.name}, wanted '
+                      f'{usual}, as most recordings of the campaign have') for one in found
+                     if one.mode.name != usual]
+        found = [one for one in found if one.mode.name == usual]
+    else:
+        raise nothing_left(folder, left_out)
+    return found, left_out
+
+
+def nothing_left(folder: Path, left_out: list[tuple[str, str]]) -> InputError:
+    """Return the error that says why no recording can be used."""
+    return InputError(f'{folder}: no recording can be used: '
+                      + '; '.join(reason for _, reason in left_out))
+
+
+def _check(reader: RecordingReader, profile: Profile | None) -> Mode:
+    path = reader.path
+    if 'clean_depth' not in reader.layouts and 'clean_depth' not in reader.arrays:
+        raise InputError(f'{path}: clean_depth: not in the file, wanted metres (H, W) or '
+                         '(T, H, W): what is really there')
+    if reader.usecase is None:
+        raise InputError(f'{path}: usecase: not in the file, wanted the mode')
+    try:
+        mode = (profile or flexx2()).mode(reader.usecase)
+    except InputError as error:
+        raise InputError(f'{path}: {error}') from error
+    if (np.diff(reader.stamp_ns) <= 0).any():
+        raise InputError(f'{path}: stamp: does not rise from frame to frame')
+    height, width = reader.shape[1:]
+    try:
+        Intrinsics.from_matrix(reader.K, width, height)
+    except InputError as error:
+        raise InputError(f'{path}: {error}') from error
+    return mode
+
+
+def read(found: Found, profile: Profile | None) -> Take:
+    """
+    Read what the diagnosis needs of a recording: long ones only in part.
+
+    Raises
+    ------
+    InputError
+        When it cannot be read or compared; the message names the file and the key.
+
+    """
+    path = found.path
+    reader = open_recording(path)
+    chosen, fresh = choose_frames(len(reader.stamp))
+    parts, start = [], 0
+    for part in reader.chunks(_CHUNK):
+        inside = chosen[(chosen >= start) & (chosen < start + _CHUNK)] - start
+        if len(inside):
+            parts.append((part, inside))
+        start += _CHUNK
+    depth = np.concatenate([part.depth[i] for part, i in parts])
+    clean = _stack('clean_depth', parts)
+    assert clean is not None
+    shape = depth.shape[1:]
+    if clean.shape[-2:] != shape:
+        raise InputError(f'{path}: clean_depth: found size {clean.shape[-2:]}, wanted that of '
+                         f'depth, {shape}')
+    with np.errstate(invalid='ignore', over='ignore'):
+        depth = np.where(depth > 0, depth, np.float32(np.nan))
+        clean = np.where((clean > 0) & (clean < 1e5), clean, np.nan).astype(np.float32)
+    if not np.isfinite(depth).any():
+        raise InputError(f'{path}: depth: all pixels of all frames are invalid')
+    in_range = (clean >= found.mode.range_min) & (clean <= found.mode.range_max)
+    if not in_range.any():
+        raise InputError(f'{path}: clean_depth: nothing lies within the range of '
+                         f'{found.mode.name}, {found.mode.range_min:g} to '
+                         f'{found.mode.range_max:g} m')
+    if not (np.isfinite(depth) & in_range).any():
+        raise InputError(f'{path}: depth, clean_depth: no pixel is valid in both')
+    if clean.ndim == 3 and (clean == clean[0]).all(where=np.isfinite(clean)):
+        clean = clean[0]
+    reflectivity = _stack('reflectivity', parts)
+    if reflectivity is None:
+        amplitude = _stack('amplitude', parts)
+        reflectivity = None if amplitude is None else _from_amplitude(
+            amplitude, clean, reader.K)
+    if reflectivity is not None:
+        if reflectivity.shape[-2:] != shape:
+            raise InputError(f'{path}: reflectivity: found size {reflectivity.shape[-2:]}, '
+                             f'wanted that of depth, {shape}')
+        reflectivity = np.clip(np.nan_to_num(reflectivity), 0, 1).astype(np.float32)
+        if clean.ndim == 2 and reflectivity.ndim == 3:
+            reflectivity = reflectivity.mean(axis=0)
+    return Take(path.name, depth, clean, reflectivity, reader.K, reader.stamp_ns[chosen], fresh,
+                _uptime(reader, chosen), found.mode, profile)
+
+
+def _stack(key: str, parts: list[tuple[Recording, np.ndarray]]) -> np.ndarray | None:
+    first = getattr(parts[0][0], key)
+    if first is None or first.ndim == 2:
+        return first
+    return np.concatenate([getattr(part, key)[i] for part, i in parts])
+
+
+def _uptime(reader: RecordingReader, chosen: np.ndarray) -> float | None:
+    uptime = reader.arrays.get('uptime')
+    if uptime is None:
+        return None
+    if uptime.dtype.kind not in 'fiu' or uptime.shape not in ((), (len(reader.stamp),)) or (
+            not np.isfinite(uptime).all()):
+        raise InputError(f'{reader.path}: uptime: found shape {uptime.shape}, wanted finite '
+                         f'seconds since power-on ({len(reader.stamp)},)')
+    return float(uptime.mean() if uptime.ndim == 0 else uptime[chosen].mean())
+
+
+def _from_amplitude(amplitude: np.ndarray, clean: np.ndarray, K: np.ndarray  # noqa: N803
+                    ) -> np.ndarray:
+    # What the surface's reflectivity must be, up to a factor: half on the median.
+    image = amplitude.astype(np.float32)
+    image = np.nanmean(image, axis=0) if image.ndim == 3 and clean.ndim == 2 else image
+    depths = clean if clean.ndim == 3 else clean[None]
+    images = image if image.ndim == 3 else np.broadcast_to(image, depths.shape)
+    out = []
+    for one, depth in zip(images, depths, strict=True):
+        lens = Intrinsics.from_matrix(K, depth.shape[1], depth.shape[0])
+        cosine = np.maximum(analyse(np.ascontiguousarray(depth), lens).cos_incidence, 0.05)
+        out.append(one * depth ** 2 / cosine)
+    stack = np.nan_to_num(np.stack(out))
+    positive = stack[stack > 0]
+    scale = 0.5 / float(np.median(positive)) if positive.size else 1.0
+    return np.clip(stack * scale, 0.0, 1.0).reshape(clean.shape)

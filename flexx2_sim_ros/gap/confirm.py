@@ -1,0 +1,110 @@
+"""A set of effects, really simulated: what is left of the gap then."""
+
+from dataclasses import dataclass
+from typing import Any
+
+from flexx2_sim_ros.gap.evidence import scenes_of, simulate, Take, warm_of, with_uptime
+from flexx2_sim_ros.gap.features import (
+    accumulate,
+    BINS,
+    ERROR,
+    EXPECT,
+    features,
+    lattice_spectrum,
+    Sums,
+    VALID,
+)
+from flexx2_sim_ros.gap.measures import distances, histogram, Measures
+from flexx2_sim_ros.gap.pose import moved
+import numpy as np
+
+_SEEDS = 2
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """
+    A recording against the simulation without and with a set of effects.
+
+    Attributes
+    ----------
+    name : str
+    before, after : numpy.ndarray
+        (SIZE,) real less simulated features.
+    noise : numpy.ndarray
+        (SIZE,) variance of the simulated ones.
+    physical : dict
+        For each of `measures.UNITS`: before, after, null.
+    bins : numpy.ndarray
+        (3, 4, BINS) of real, before, after: pixels, valid ones, sum of errors in sigma, spare.
+    maps : dict of str to numpy.ndarray
+        (h, w) images for the report: mean error in sigma of real, before and after.
+
+    """
+
+    name: str
+    before: np.ndarray
+    after: np.ndarray
+    noise: np.ndarray
+    physical: dict[str, list[float]]
+    bins: np.ndarray
+    maps: dict[str, np.ndarray]
+
+
+def confirm(take: Take, pose: np.ndarray, effects: dict[str, Any], seed: int) -> Outcome:
+    """
+    Simulate a recording's scene with and without effects.
+
+    Parameters
+    ----------
+    take : Take
+        The recording.
+    pose : numpy.ndarray
+        (6,) where its camera really was, metres and degrees.
+    effects : dict
+        Parameters by effect.
+    seed : int
+        Of the simulations.
+
+    """
+    clean, reflectivity = moved(take.clean, take.reflectivity, take.K, take.mode, pose)
+    scenes = scenes_of(take, clean, reflectivity)
+    warm = warm_of(take.fresh)
+
+    def look(depth: np.ndarray) -> tuple[Sums, Measures]:
+        sums = accumulate(depth, scenes, take.fresh, warm)
+        return sums, histogram(depth, scenes, sums)
+
+    def several(table: dict[str, Any], start: int) -> list[tuple[Sums, Measures]]:
+        return [look(simulate(take, clean, reflectivity, with_uptime(table, take.uptime),
+                              seed * 1000 + start + k)) for k in range(_SEEDS)]
+
+    real, real_measures = look(take.depth)
+    before = several({}, 500)
+    after = several(effects, 600) if effects else before
+    spectrum = np.mean([lattice_spectrum(sums) for sums, _ in before], axis=0)
+    own, _ = features(real, spectrum)
+    table = [[features(sums, spectrum) for sums, _ in some] for some in (before, after)]
+    means = [np.mean([values for values, _ in some], axis=0) for some in table]
+    noise = np.mean([variance for some in table for _, variance in some], axis=0)
+    physical = {}
+    gaps = [distances(real_measures, some[0][1]) for some in (before, after)]
+    null = distances(before[1][1], before[0][1])
+    for unit in null:
+        physical[unit] = [gaps[0][unit], gaps[1][unit], null[unit]]
+    bins = np.zeros((3, 4, BINS))
+    for i, sums in enumerate((real, before[0][0], after[0][0])):
+        bins[i, :3] = sums.bins.T[[EXPECT, VALID, ERROR]]
+    return Outcome(take.name, own - means[0], own - means[1], noise, physical, bins,
+                   {name: _map(sums) for name, sums in
+                    (('real', real), ('before', before[0][0]), ('after', after[0][0]))})
+
+
+def _map(sums: Sums) -> np.ndarray:
+    # Mean error in sigma, at most 56 pixels wide.
+    with np.errstate(invalid='ignore', divide='ignore'):
+        step = max(sums.mean.shape[2] // 56, 1)
+        height, width = (n // step * step for n in sums.mean.shape[1:])
+        parts = [a[:height, :width].reshape(height // step, step, width // step, step).sum((1, 3))
+                 for a in (sums.mean[0], sums.sigma)]
+        return (parts[0] / parts[1]).astype(np.float16)

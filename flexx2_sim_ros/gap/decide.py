@@ -1,0 +1,243 @@
+"""Which effects explain the gap: forward selection, alternatives, the verdict."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from flexx2_sim_ros.gap.catalogue import Candidate
+from flexx2_sim_ros.gap.model import Fit, Model, SCALES
+from flexx2_sim_ros.gap.student import t_quantile, t_tail
+import numpy as np
+
+# Calibrated on campaigns of the base simulator with pose, reflectivity and sigma errors, and on
+# campaigns of the catalogue's and of made-up effects (bench/gap_development.py); a recording.
+GAIN = 1.5
+LEAST_GAIN = 0.7  # if the recordings agree
+_AGREE = 0.97
+GAP = 18.0
+MOST_EFFECTS = 3
+_TERM_COST = 0.5  # a recording
+_FROM_NODE = (3.0, 1.0, 1.0)
+_ALTERNATIVE = 0.8
+_UNKNOWN_SHARE = 0.13
+_NEXT_SHARE = 0.04
+_PARTLY_SHARE = 0.5
+# Loss a recording that the base simulator with errors of pose and reflectivity leaves above that
+# of noise alone: edges are known to a pixel only.
+FLOOR = 12.0
+
+
+@dataclass(frozen=True)
+class Choice:
+    """
+    What one candidate set is worth.
+
+    Attributes
+    ----------
+    fit : Fit
+    gain : float
+        Loss on held-out recordings that it takes off, less a cost for each of its parameters.
+
+    """
+
+    fit: Fit
+    gain: float
+
+
+@dataclass(frozen=True)
+class Decision:
+    """
+    The outcome.
+
+    Attributes
+    ----------
+    verdict : str
+        ``none``, ``identified``, ``partly`` or ``unknown``.
+    base, chosen : Fit
+        Without any effect; with those chosen (the best found, if the verdict is ``unknown``).
+    shares, intervals, confidences : list
+        An effect.
+    alternatives : list of Choice
+        Sets that could not be told apart from the chosen one, best first.
+    considered : list of Choice
+        The best variant of each single effect, best first.
+    excess : float
+        Loss above that of noise alone.
+
+    """
+
+    verdict: str
+    base: Fit
+    chosen: Fit
+    shares: list[float]
+    intervals: list[list[float]]
+    confidences: list[float]
+    alternatives: list[Choice]
+    considered: list[Choice]
+    excess: float
+
+
+def decide(model: Model, candidates: Sequence[Candidate],
+           tick: Callable[[], None] = lambda: None) -> Decision:
+    """
+    Explain the gap.
+
+    Parameters
+    ----------
+    model : Model
+        The recordings.
+    candidates : sequence of Candidate
+        The catalogue.
+    tick : callable
+        Called now and then.
+
+    """
+    count = len(model.gap)
+    base = model.fit([])
+    null = float(model.null_loss.sum()) + FLOOR * count
+
+    def choice(parts: Sequence[Candidate], start: np.ndarray | None = None,
+               scales: Sequence[float] = SCALES) -> Choice:
+        fit = model.fit(parts, start, scales)
+        terms = len(fit.values) + 2 * any(c.effect == 'pose_error' for c in parts)
+        return Choice(fit, base.total - fit.total - _TERM_COST * count * terms)
+
+    def single(candidate: Candidate) -> Choice:
+        # From nothing, and from a value that was simulated: there may be a hump between.
+        tries = [choice([candidate])]
+        if len(candidate.terms) == 1 and len(candidate.terms[0].nodes) > 1:
+            value, _ = candidate.terms[0].nodes[len(candidate.terms[0].nodes) // 2]
+            tries.append(choice([candidate], np.array([value]), _FROM_NODE))
+        tick()
+        return max(tries, key=lambda one: one.gain)
+
+    singles = [single(candidate) for candidate in candidates]
+    own = {one.fit.candidates[0]: one.fit.values for one in singles}
+    considered = _best_of_each(singles)
+    chosen = considered[0] if considered else Choice(base, 0.0)
+    rivals = considered[1:]
+    excess = max(base.inside - null - chosen.fit.pose_loss, 1e-9)
+    if _counts(chosen, base, count):
+        for _ in range(MOST_EFFECTS - 1):
+            taken = {c.effect for c in chosen.fit.candidates}
+            more: list[Choice] = []
+            for candidate in candidates:
+                if candidate.effect not in taken:
+                    together = [*chosen.fit.candidates, candidate]
+                    more.append(choice(together, np.concatenate([chosen.fit.values,
+                                                                 own[candidate]])))
+                    tick()
+            if not more:
+                break
+            best = max(more, key=lambda c: c.gain)
+            if best.gain - chosen.gain < max(GAIN * count, _NEXT_SHARE * excess):
+                break
+            chosen = best
+            rivals = [c for c in _best_of_each(more, last=True) if c is not best]
+        chosen = _prune(chosen, choice, GAIN * count)
+        excess = max(base.inside - null - chosen.fit.pose_loss, 1e-9)
+    alternatives = [c for c in rivals if c.gain >= _ALTERNATIVE * chosen.gain > 0
+                    and _certainty(chosen.fit, c.fit) < 0.95][:5]
+    parts = chosen.fit.candidates
+    if len(parts) > 1:
+        without = [choice([c for c in parts if c is not part]) for part in parts]
+    else:
+        without = [Choice(base, 0.0)] * len(parts)
+    losses = [other.fit for other in without]
+    shares = [min(max((one.total - chosen.fit.total) / excess, 0.0), 1.0) for one in losses]
+    order = sorted(range(len(parts)), key=lambda i: -shares[i])
+    fit = _reorder(chosen.fit, order)
+    intervals = [interval(model, losses[i], chosen.fit, base) for i in order]
+    confidences = [min((_certainty(chosen.fit, c.fit) for c in [*rivals[:5], without[i]]),
+                       default=1.0) for i in order]
+    shares = [shares[i] for i in order]
+    verdict = _verdict(chosen, base, excess, fit.loss.sum() - null, sum(shares))
+    return Decision(verdict, base, fit, shares, intervals, confidences, alternatives, considered,
+                    excess)
+
+
+def _counts(chosen: Choice, base: Fit, count: int) -> bool:
+    return chosen.gain >= GAIN * count or (
+        chosen.gain >= LEAST_GAIN * count and _certainty(chosen.fit, base) >= _AGREE)
+
+
+def _verdict(chosen: Choice, base: Fit, excess: float, left: float, share: float) -> str:
+    count = len(base.loss)
+    if not _counts(chosen, base, count):
+        return 'none' if excess < GAP * count else 'unknown'
+    # A pose error common to all recordings hides in their own: it takes little off the features.
+    posed = any(c.effect == 'pose_error' for c in chosen.fit.candidates)
+    if share < _UNKNOWN_SHARE and excess > GAP * count and not posed:
+        return 'unknown'
+    if left > GAP * count and left > _PARTLY_SHARE * excess:
+        return 'partly'
+    return 'identified'
+
+
+def _best_of_each(choices: Sequence[Choice], last: bool = False) -> list[Choice]:
+    best: dict[str, Choice] = {}
+    for one in sorted(choices, key=lambda c: -c.gain):
+        names = [c.effect for c in one.fit.candidates]
+        best.setdefault(names[-1 if last else 0], one)
+    return list(best.values())
+
+
+def _prune(chosen: Choice, choice: Callable[..., Choice], least: float) -> Choice:
+    # What was picked first may have stood in for what came later.
+    while len(chosen.fit.candidates) > 1:
+        parts = chosen.fit.candidates
+        rest = [choice([c for c in parts if c is not part]) for part in parts]
+        best = max(rest, key=lambda c: c.gain)
+        if chosen.gain - best.gain >= least:
+            break
+        chosen = best
+    return chosen
+
+
+def _reorder(fit: Fit, order: Sequence[int]) -> Fit:
+    places, start = [], 0
+    for candidate in fit.candidates:
+        places.append(np.arange(start, start + len(candidate.terms)))
+        start += len(candidate.terms)
+    index = np.concatenate([places[i] for i in order]) if order else np.zeros(0, int)
+    index = index.astype(int)
+    return Fit(tuple(fit.candidates[i] for i in order), fit.values[index], fit.left_out[:, index],
+               fit.sigma, fit.motion, fit.loss, fit.held_out, fit.pose_loss, fit.pose_held_out)
+
+
+def _certainty(one: Fit, other: Fit) -> float:
+    # That one explains recordings it has not seen better than the other.
+    count = len(one.held_out)
+    difference = (other.held_out - one.held_out
+                  + (other.pose_held_out - one.pose_held_out) / count)
+    if count < 2:
+        return 0.5
+    error = float(difference.std(ddof=1)) / np.sqrt(count) + 0.25
+    t = float(difference.mean()) / error
+    tail = float(t_tail(np.array([abs(t)]), count - 1)[0])
+    return 1 - tail if t > 0 else tail
+
+
+def interval(model: Model, without: Fit, chosen: Fit, base: Fit) -> list[float]:
+    """
+    Return the 90 % interval of the share of the gap that an effect explains.
+
+    The jackknife over recordings, with Student's t.
+    """
+    count = len(base.loss)
+    pose = (without.pose_held_out - chosen.pose_held_out) / count
+    top = without.held_out - chosen.held_out + pose
+    bottom = (base.loss - model.null_loss.sum(axis=1) - FLOOR
+              + (base.pose_loss - chosen.pose_loss) / count)
+    return ratio_interval(top, bottom)
+
+
+def ratio_interval(top: np.ndarray, bottom: np.ndarray) -> list[float]:
+    """Return the 90 % jackknife interval of sum(top) / sum(bottom), within 0..1."""
+    count = len(top)
+    whole = top.sum() / max(bottom.sum(), 1e-9)
+    if count < 3:
+        return [0.0, 1.0]
+    rest = (top.sum() - top) / np.maximum(bottom.sum() - bottom, 1e-9)
+    error = np.sqrt((count - 1) / count * np.square(rest - rest.mean()).sum())
+    reach = t_quantile(0.95, count - 1) * float(error)
+    return [float(np.clip(whole - reach, 0, 1)), float(np.clip(whole + reach, 0, 1))]

@@ -1,0 +1,237 @@
+"""Diagnose a campaign: where the gap lies, what causes it, how far it shrinks."""
+
+from collections.abc import Callable, Collection
+from pathlib import Path
+import resource
+import time
+from typing import Any
+
+from flexx2_sim_ros import __version__
+from flexx2_sim_ros.camera import Profile
+from flexx2_sim_ros.effects import Effect, registry
+from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.gap.campaign import find, nothing_left
+from flexx2_sim_ros.gap.catalogue import Candidate, catalogue
+from flexx2_sim_ros.gap.confirm import Outcome
+from flexx2_sim_ros.gap.decide import Choice, decide, Decision, FLOOR, ratio_interval
+from flexx2_sim_ros.gap.evidence import Evidence
+from flexx2_sim_ros.gap.measures import UNITS
+from flexx2_sim_ros.gap.model import Fit, Model
+from flexx2_sim_ros.gap.pose import LIMITS, NAMES, STEPS
+from flexx2_sim_ros.gap.where import cells, unexplained
+from flexx2_sim_ros.gap.work import bind, simulate_set, summarise, workers
+import numpy as np
+
+Progress = Callable[[str, float], None]
+SCHEMA = 1
+
+
+def diagnose(campaign_dir: str | Path, *, profile: Profile | None = None,
+             without: Collection[str] = (), seed: int = 0, jobs: int = 1,
+             out: str | Path | None = None, pose_prior: tuple[float, float] = (0.010, 0.5),
+             progress: Progress | None = None, scheduler: str | None = None) -> dict[str, Any]:
+    """
+    Diagnose the gap between recordings and the simulation of their scenes.
+
+    Parameters
+    ----------
+    campaign_dir : str or pathlib.Path
+        A folder of recordings (``.npz`` or bags) with ``clean_depth``, one scene each.
+    profile : Profile, optional
+        The camera; the Flexx2 when left out.
+    without : collection of str
+        Effects to leave out of the catalogue.
+    seed : int
+        Of the simulations; the same input and seed give the same outcome.
+    jobs : int
+        Processes.
+    out : str or pathlib.Path, optional
+        Folder to write ``diagnosis.json``, ``effects.yaml`` and ``report.html`` to.
+    pose_prior : tuple of float
+        How wrong a recording's pose usually is: standard deviations in metres and degrees.
+    progress : callable, optional
+        Called with what is being done, and the share that is done.
+    scheduler : str, optional
+        Address of a Dask scheduler to work on.
+
+    Returns
+    -------
+    dict
+        As in ``docs/diagnosis.md``.
+
+    Raises
+    ------
+    InputError
+        When no recording can be used or an argument is wrong; nothing is written then.
+
+    """
+    began = time.monotonic()
+    _check(without, seed, jobs, pose_prior)
+    progress = progress or (lambda text, share: None)
+    progress('looking for recordings', 0.0)
+    found, left_out = find(campaign_dir, profile)
+    prior = np.array([pose_prior[0]] * 3 + [pose_prior[1]] * 3)
+    left_names = tuple(sorted(without))
+    columns, candidates = catalogue(left_names)
+    done = 0
+
+    def tick(weight: float, start: float, total: int, text: str) -> Callable[[], None]:
+        nonlocal done
+        done = 0
+
+        def step() -> None:
+            nonlocal done
+            done += 1
+            progress(text, min(start + weight * done / max(total, 1), start + weight))
+        return step
+
+    with workers(jobs, scheduler) as mapped:
+        text = 'simulating what could explain the recordings'
+        outcomes = mapped(bind(summarise, profile=profile, without=left_names, seed=seed,
+                               prior=tuple(prior)), found,
+                          tick(0.7, 0.02, len(found), text))
+        evidence = [one for one in outcomes if isinstance(one, Evidence)]
+        left_out += [(file.path.name, one) for file, one in zip(found, outcomes, strict=True)
+                     if isinstance(one, str)]
+        used = [file for file, one in zip(found, outcomes, strict=True)
+                if isinstance(one, Evidence)]
+        if not evidence:
+            raise nothing_left(Path(campaign_dir), left_out)
+        model = Model(evidence, columns, prior)
+        decision = decide(model, candidates,
+                          tick(0.1, 0.72, 3 * len(candidates), 'comparing explanations'))
+        chosen = decision.chosen if decision.verdict in ('identified', 'partly') else decision.base
+        effects = _effects(model, chosen)
+        poses = (model.pose + chosen.motion[:, :6]) * STEPS
+        poses = np.clip(poses, -LIMITS, LIMITS)
+        confirmed: list[Outcome] = mapped(
+            bind(simulate_set, profile=profile, seed=seed,
+                 effects={e.name: _plain(e) for e in effects if e.name != 'pose_error'}),
+            [(file, tuple(pose)) for file, pose in zip(used, poses, strict=True)],
+            tick(0.15, 0.83, len(used), 'simulating the outcome'))
+    progress('writing', 0.98)
+    table = _table(model, decision, effects, confirmed, left_out)
+    table['seconds'] = round(time.monotonic() - began, 2)
+    table['peak_mb'] = round(_peak_mb(), 1)
+    table['version'] = __version__
+    if out is not None:
+        from flexx2_sim_ros.gap.writing import write
+        write(Path(out), table, effects, model, decision, confirmed)
+    progress('done', 1.0)
+    return table
+
+
+def _check(without: Collection[str], seed: int, jobs: int,
+           pose_prior: tuple[float, float]) -> None:
+    for name in without:
+        if name not in registry():
+            raise InputError(f'without: {name}: no such effect, wanted some of '
+                             f'{", ".join(registry())}')
+    if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed < 10 ** 9:
+        raise InputError(f'seed: found {seed!r}, wanted a whole number from 0')
+    if isinstance(jobs, bool) or not isinstance(jobs, int) or jobs < 1:
+        raise InputError(f'jobs: found {jobs!r}, wanted a whole number from 1')
+    if len(pose_prior) != 2 or not all(0 < value < 1e3 for value in pose_prior):
+        raise InputError(f'pose_prior: found {pose_prior!r}, wanted metres and degrees above 0')
+
+
+def _effects(model: Model, fit: Fit) -> list[Effect]:
+    out, start = [], 0
+    for candidate in fit.candidates:
+        values = fit.values[start:start + len(candidate.terms)]
+        start += len(candidate.terms)
+        out.append(_effect(model, fit, candidate, tuple(float(v) for v in values)))
+    return out
+
+
+def _effect(model: Model, fit: Fit, candidate: Candidate, values: tuple[float, ...]) -> Effect:
+    kind = registry()[candidate.effect]
+    if candidate.effect == 'pose_error':
+        mean = (model.pose + fit.motion[:, :6]).mean(axis=0) * STEPS
+        table = dict(zip(NAMES, (float(v) for v in mean), strict=True))
+    else:
+        table = dict(candidate.build(values))
+    if candidate.effect == 'quantisation':
+        step = float(np.median([e.step for e in model.evidence]))
+        if 0.5 < step / max(table['step'], 1e-6) < 2:
+            table['step'] = step
+    bounds = {p.name: p for p in kind.parameters()}
+    table = {k: float(np.clip(v, bounds[k].low, bounds[k].high)) for k, v in table.items()}
+    return kind.from_mapping(table)
+
+
+def _plain(effect: Effect) -> dict[str, float]:
+    return {p.name: float(getattr(effect, p.name)) for p in effect.parameters()}
+
+
+def _table(model: Model, decision: Decision, effects: list[Effect], confirmed: list[Outcome],
+           left_out: list[tuple[str, str]]) -> dict[str, Any]:
+    chosen = decision.chosen
+    explained = decision.verdict in ('identified', 'partly')
+    residual = model.residual(chosen if explained else decision.base)
+    rows = []
+    for effect, share, interval, confidence in zip(
+            effects, decision.shares, decision.intervals, decision.confidences, strict=False):
+        rows.append({'name': effect.name, 'parameters': _plain(effect), 'share': share,
+                     'interval': interval, 'confidence': confidence})
+    return {
+        'schema': SCHEMA,
+        'verdict': decision.verdict,
+        'effects': rows,
+        'alternatives': [_alternative(model, one, decision) for one in
+                         (decision.alternatives if explained else decision.considered[:3])],
+        'unexplained': (unexplained(model, residual, model.null_loss.sum(axis=0))
+                        if decision.verdict != 'none' else []),
+        'where': cells(model, model.residual(decision.base)),
+        'gap': _gap(model, decision, confirmed),
+        'recordings': [
+            *({'name': e.name, 'used': True, 'reason': '', 'frames': e.frames,
+               'moving': e.moving, 'pose': [float(v) for v in (p + m[:6]) * STEPS]}
+              for e, p, m in zip(model.evidence, model.pose, chosen.motion, strict=True)),
+            *({'name': name, 'used': False, 'reason': reason} for name, reason in left_out)],
+    }
+
+
+def _alternative(model: Model, one: Choice, decision: Decision) -> dict[str, Any]:
+    effects = _effects(model, one.fit)
+    gain = decision.base.total - one.fit.total
+    return {'effects': [{'name': e.name, 'parameters': _plain(e)} for e in effects],
+            'share': float(np.clip(gain / decision.excess, 0, 1))}
+
+
+def _gap(model: Model, decision: Decision, confirmed: list[Outcome]) -> dict[str, Any]:
+    explained = decision.verdict in ('identified', 'partly')
+    base, chosen = decision.base, decision.chosen if explained else decision.base
+    count = len(base.loss)
+    null = model.null_loss.sum(axis=1) + FLOOR
+    bottom = base.loss - null + (base.pose_loss - chosen.pose_held_out) / count
+    held_out = count > 1
+    top = (base.loss - (chosen.held_out if held_out else chosen.loss)
+           + (base.pose_loss - chosen.pose_held_out) / count)
+    before = float(base.loss.sum() + base.pose_loss)
+    after = before - float(top.sum())
+    out: dict[str, Any] = {
+        'before': before, 'after': after, 'null': before - float(bottom.sum()),
+        'shrink': float(np.clip(top.sum() / max(bottom.sum(), 1e-9), 0, 1)) if explained else 0.0,
+        'interval': ratio_interval(top, bottom) if explained else [0.0, 0.0],
+        'held_out': held_out}
+    if not held_out:
+        out['note'] = ('one recording only: nothing was left out to check on, so shrink is that '
+                       'of the data the effects were fitted to')
+        out['interval'] = None
+    for unit in UNITS:
+        values = np.array([one.physical[unit] for one in confirmed])
+        first, last, least = (float(v) for v in values.mean(axis=0))
+        out[unit] = {
+            'before': first, 'after': last, 'null': least,
+            'shrink': float(np.clip((first - last) / (first - least), -1, 1))
+            if first > least else 0.0,
+            'interval': ratio_interval(values[:, 0] - values[:, 1], values[:, 0] - values[:, 2])
+            if held_out else None}
+    return out
+
+
+def _peak_mb() -> float:
+    own = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    children = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss
+    return (own + children) / 1024

@@ -1,0 +1,335 @@
+"""The joint model of all recordings: effects that they share, a pose error of each one's own."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from flexx2_sim_ros.gap.catalogue import Candidate, Column, DRIFT_TAUS, Term
+from flexx2_sim_ros.gap.covariates import AXES
+from flexx2_sim_ros.gap.evidence import drift_factors, Evidence
+from flexx2_sim_ros.gap.features import LAYOUT, SIZE, STRUCTURES, TOLERANCE
+from flexx2_sim_ros.gap.pose import STEPS
+import numpy as np
+
+# How much an effect's size varies between recordings as their reflectivity is 20 % wrong.
+_BRIGHTNESS = {'multipath': 0.25, 'ambient_light': 0.3, 'low_signal_dropout': 0.5,
+               'saturation': 0.8, 'amplitude_bias': 0.1, 'stray_light': 0.1}
+_BRIGHTNESS_WEIGHT = 1.5
+SIGMA_BOUND = 0.07  # a base sigma wrong by less than this is no finding
+_POSE_WEIGHT = 0.7
+_POSE_FLOOR = np.array([0.25, 0.25, 0.25, 0.3, 0.3, 0.15])  # steps
+SCALES = (20.0, 6.0, 2.0, 1.0, 1.0, 1.0)
+_EDGE_ERROR = 0.1  # steps of pose error that are never taken off at edges
+# Edges are known to a pixel only: those on each side may lie elsewhere by this much, in steps of
+# yaw or pitch (0.4 px at 224 px width).
+_EDGE_SHIFT = 0.4
+_EDGE_WEIGHT = 0.5
+_OWN = 11  # a recording's own errors: pose (6), brightness, edges (4)
+_STRUCTURE = {name: SIZE - len(STRUCTURES) + i for i, name in enumerate(STRUCTURES)}
+_WEIGHTS = np.array([3.0 if f.axis == 'structure' else 1.0 / np.sqrt(AXES[f.axis].bins)
+                     for f in LAYOUT])
+
+
+@dataclass
+class Fit:
+    """
+    A set of candidates, fitted.
+
+    Attributes
+    ----------
+    candidates : tuple of Candidate
+    values : numpy.ndarray
+        Of all their terms.
+    left_out : numpy.ndarray
+        (R, n) values fitted without each recording.
+    sigma : float
+        How much sigma is wrong, relative.
+    motion : numpy.ndarray
+        (R, 11) each recording's pose beyond the first fit, in steps, brightness and edges.
+    loss, held_out : numpy.ndarray
+        (R,) loss of each recording's features, with all recordings' values and with left_out's.
+    pose_loss, pose_held_out : float
+
+    """
+
+    candidates: tuple[Candidate, ...]
+    values: np.ndarray
+    left_out: np.ndarray
+    sigma: float
+    motion: np.ndarray
+    loss: np.ndarray
+    held_out: np.ndarray
+    pose_loss: float
+    pose_held_out: float
+
+    @property
+    def total(self) -> float:
+        """Loss on held-out recordings."""
+        return float(self.held_out.sum()) + self.pose_held_out
+
+    @property
+    def inside(self) -> float:
+        """Loss on the recordings it was fitted on."""
+        return float(self.loss.sum()) + self.pose_loss
+
+
+class Model:
+    """
+    The gap of all recordings.
+
+    Parameters
+    ----------
+    evidence : sequence of Evidence
+    columns : sequence of Column
+        Of the evidence.
+    prior : numpy.ndarray
+        (6,) standard deviations of pose errors, metres and degrees.
+
+    """
+
+    def __init__(self, evidence: Sequence[Evidence], columns: Sequence[Column],
+                 prior: np.ndarray) -> None:
+        """Stack the summaries."""
+        self.evidence = list(evidence)
+        self._nodes: dict[tuple, tuple[np.ndarray, np.ndarray]] = {}
+        self.index = {column.name: i for i, column in enumerate(columns)}
+        real = np.array([e.real for e in evidence])
+        base = np.array([e.base for e in evidence])
+        repeat = _STRUCTURE['repeat']
+        real[:, repeat] = repeats([e.grain for e in evidence])
+        base[:, repeat] = repeats([e.null_grain for e in evidence])
+        noise = np.array([e.noise + e.base_variance for e in evidence])
+        self.scale2 = np.square(TOLERANCE) + 2 * np.nan_to_num(
+            noise, posinf=0.0)
+        gap = real - base
+        self.good = np.isfinite(gap)
+        self.gap = np.where(self.good, gap, 0.0)
+        self.weights = np.where(self.good, _WEIGHTS, 0.0)
+        self.pose_columns = np.array([e.pose_columns for e in evidence])
+        self.pose = np.array([e.pose for e in evidence]) / STEPS
+        self.prior = prior / STEPS
+        edges = np.array([f.axis == 'edge' for f in LAYOUT])
+        # Pixels beside jumps to the right and left shift with yaw, below and above with pitch.
+        self._edges = np.stack([
+            self.pose_columns[:, 4 if side < 2 else 3]
+            * np.array([f.axis == 'edge' and f.place // 4 == side for f in LAYOUT])
+            for side in range(4)], axis=1) * _EDGE_SHIFT
+        self.scale2 += edges * _EDGE_ERROR ** 2 * (self.pose_columns ** 2).sum(axis=1)
+        self._columns = np.array([e.columns for e in evidence])
+        self._repeat_shift(base)
+        for name in ('scale2', 'gap', 'weights', 'pose_columns', '_edges'):
+            setattr(self, name, getattr(self, name).astype(np.float32))
+        self._offset = self._column('offset:bias=0.005')
+        self._drift = np.array([drift_factors(e.uptime) for e in evidence])
+        self._sigma = self._column('excess_noise:factor=1.15') / np.float32(0.15)
+        self.null_loss = self._null_loss()
+
+    def _repeat_shift(self, base: np.ndarray) -> None:
+        # How alike a fixed pattern makes the grain of different recordings.
+        grain, repeat = _STRUCTURE['static_grain'], _STRUCTURE['repeat']
+        others = max(len(base) - 1, 1)
+        for name, i in self.index.items():
+            if name.startswith('fixed_pattern'):
+                signal = np.maximum(self._columns[:, i, grain], 0)
+                rest = np.maximum(np.nan_to_num(base[:, grain]), 1e-6)
+                self._columns[:, i, repeat] = signal / np.sqrt(
+                    (signal + rest) * (signal + rest / others))
+
+    def _null_loss(self) -> np.ndarray:
+        # (R, SIZE) loss of recordings that are nothing but the base simulator's.
+        out = np.zeros_like(self.gap)
+        for r, one in enumerate(self.evidence):
+            for k, null in enumerate(one.nulls):
+                gap = null - np.delete(one.nulls, k, axis=0).mean(axis=0)
+                out[r] += np.log1p(np.nan_to_num(gap) ** 2 / self.scale2[r]) / len(one.nulls)
+        return out * self.weights
+
+    def _column(self, name: str) -> np.ndarray:
+        if name.startswith('drift:'):
+            factor = self._drift[:, DRIFT_TAUS.index(float(name.split(':')[1]))]
+            return self._offset * (2 * factor[:, None]).astype(np.float32)
+        return self._columns[:, self.index[name]]
+
+    def term(self, term: Term, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the shift of all features at (R,) values of a term, and its slope; (R, SIZE)."""
+        key = term.nodes
+        cache = self._nodes
+        if key not in cache:
+            points = sorted([(term.neutral, np.zeros_like(self.gap)),
+                             *((v, self._column(c)) for v, c in term.nodes)], key=lambda x: x[0])
+            cache[key] = (np.array([v for v, _ in points]),
+                          np.array([c for _, c in points]))
+        places, shifts = cache[key]
+        low = np.clip(np.searchsorted(places, values) - 1, 0, len(places) - 2)
+        rows = np.arange(len(values))
+        start, end = shifts[low, rows], shifts[low + 1, rows]
+        slope = (end - start) / (places[low + 1] - places[low])[:, None].astype(np.float32)
+        return start + slope * (values - places[low])[:, None].astype(np.float32), slope
+
+    def predict(self, candidates: Sequence[Candidate], values: np.ndarray
+                ) -> tuple[np.ndarray, np.ndarray]:
+        """Return shifts (R, SIZE) and their slopes (R, n, SIZE) at (R, n) values."""
+        total, slopes = np.zeros_like(self.gap), []
+        terms = [term for candidate in candidates for term in candidate.terms]
+        for i, term in enumerate(terms):
+            shift, slope = self.term(term, values[:, i])
+            total += shift
+            slopes.append(slope)
+        return total, (np.stack(slopes, axis=1) if slopes
+                       else np.zeros((len(self.gap), 0, SIZE)))
+
+    def residual(self, fit: Fit) -> np.ndarray:
+        """Return what a fit leaves of the gap, (R, SIZE)."""
+        columns, shift = self._nuisances(fit.candidates, np.tile(fit.values, (len(self.gap), 1)))
+        return (self.gap - shift - np.float32(fit.sigma) * self._sigma
+                - _combine(fit.motion, columns))
+
+    def losses(self, residual: np.ndarray, scale: float = 1.0) -> np.ndarray:
+        """Return each recording's loss, (R,)."""
+        loss = self.weights * np.log1p(residual ** 2 / (self.scale2 * np.float32(scale ** 2)))
+        return loss.sum(axis=1, dtype=float)
+
+    def pose_loss(self, motion: np.ndarray, common: bool, held_out: bool = False) -> float:
+        """Return what the recordings' own errors cost: the logarithm of the poses' spread."""
+        q = self.pose + motion[:, :6]
+        if common:
+            q = (q - q.mean(axis=0)) * (len(q) / max(len(q) - 1, 1) if held_out else 1.0)
+        spread = (q ** 2).mean(axis=0)
+        return float(_POSE_WEIGHT * len(q) * np.log1p(spread / _POSE_FLOOR ** 2).sum()
+                     + _BRIGHTNESS_WEIGHT * np.square(motion[:, 6]).sum()
+                     + _EDGE_WEIGHT * np.square(motion[:, 7:]).sum())
+
+    def _nuisances(self, candidates: Sequence[Candidate], values: np.ndarray
+                   ) -> tuple[np.ndarray, np.ndarray]:
+        # (R, _OWN, SIZE) what each recording's own errors change: its pose, its brightness, which
+        # scales what depends on amplitude, its edges; with the total shift, (R, SIZE).
+        total, bright, i = np.zeros_like(self.gap), np.zeros_like(self.gap), 0
+        for candidate in candidates:
+            n = len(candidate.terms)
+            shift, _ = self.predict([candidate], values[:, i:i + n])
+            total += shift
+            bright += np.float32(_BRIGHTNESS.get(candidate.effect, 0.0)) * shift
+            i += n
+        return np.concatenate([self.pose_columns, bright[:, None], self._edges], axis=1), total
+
+    def _hold(self, motion: np.ndarray, common: bool) -> tuple[np.ndarray, np.ndarray]:
+        # How stiffly the recordings' own errors are held, (_OWN,), and how far they are off.
+        q = self.pose + motion[:, :6]
+        off = q - q.mean(axis=0) if common else q
+        stiff = _POSE_WEIGHT / (_POSE_FLOOR ** 2 + (off ** 2).mean(axis=0))
+        return (np.concatenate([stiff, [_BRIGHTNESS_WEIGHT], [_EDGE_WEIGHT] * 4]),
+                np.concatenate([off, motion[:, 6:]], axis=1))
+
+    def fit(self, candidates: Sequence[Candidate], start: np.ndarray | None = None,
+            scales: Sequence[float] = SCALES) -> Fit:
+        """
+        Fit a set of candidates robustly, and again without each recording.
+
+        Parameters
+        ----------
+        candidates : sequence of Candidate
+            The set.
+        start : numpy.ndarray, optional
+            Values to start from; zeros when left out.
+        scales : sequence of float
+            How far away a feature must be to count as an outlier, in units of its tolerance, from
+            step to step.
+
+        """
+        terms = [term for candidate in candidates for term in candidate.terms]
+        low, high = np.array([t.low for t in terms]), np.array([t.high for t in terms])
+        common = any(c.effect == 'pose_error' for c in candidates)
+        number, count = len(terms), len(self.gap)
+        values = np.array([t.neutral for t in terms]) if start is None else np.array(start, float)
+        sigma, motion = 0.0, np.zeros((count, _OWN))
+        left_out = np.tile(values, (count, 1))
+        for scale in scales:
+            tiled = np.tile(values, (count, 1))
+            _, slopes = self.predict(candidates, tiled)
+            own_columns, shift = self._nuisances(candidates, tiled)
+            residual = (self.gap - shift - np.float32(sigma) * self._sigma
+                        - _combine(motion, own_columns))
+            design = np.concatenate([slopes, self._sigma[:, None], own_columns], axis=1)
+            weight = self.weights / (self.scale2 * np.float32(scale ** 2) + residual ** 2)
+            weighted = design * weight[:, None]
+            normal = (weighted @ design.transpose(0, 2, 1)).astype(float)
+            right = (weighted @ residual[..., None])[..., 0].astype(float)
+            n = number + 1
+            stiff, off = self._hold(motion, common)
+            index = np.arange(_OWN)
+            normal[:, n + index, n + index] += stiff
+            right[:, n:] -= stiff * off
+            inverse = np.linalg.inv(normal[:, n:, n:])
+            across = normal[:, :n, n:] @ inverse
+            own = normal[:, :n, :n] - across @ normal[:, n:, :n]
+            target = right[:, :n] - (across @ right[:, n:, None])[..., 0]
+            step = _solve(own.sum(axis=0), target.sum(axis=0))
+            new = np.clip(values + step[:number], low, high)
+            new_sigma = float(np.clip(sigma + step[number], -SIGMA_BOUND, SIGMA_BOUND))
+            if abs(new_sigma) == SIGMA_BOUND and number:
+                # Held at its bound; the rest again, given that.
+                total, aim = own.sum(axis=0), target.sum(axis=0)
+                aim = aim[:number] - total[:number, number] * (new_sigma - sigma)
+                new = np.clip(values + _solve(total[:number, :number], aim), low, high)
+            move = np.concatenate([new - values, [new_sigma - sigma]])
+            motion = motion + (inverse @ (right[:, n:] - normal[:, n:, :n] @ move)[..., None])[
+                ..., 0]
+            for r in range(count):
+                total, aim = own.sum(axis=0) - own[r], target.sum(axis=0) - target[r]
+                aim = aim[:number] - total[:number, number] * (new_sigma - sigma)
+                left_out[r] = np.clip(values + _solve(total[:number, :number], aim), low, high)
+            values, sigma = new, new_sigma
+        loss, motion = self._settle(candidates, np.tile(values, (count, 1)), sigma, motion, common)
+        held_out, other = self._settle(candidates, left_out, sigma, motion, common)
+        return Fit(tuple(candidates), values, left_out, sigma, motion, loss, held_out,
+                   self.pose_loss(motion, common), self.pose_loss(other, common, held_out=True))
+
+    def _settle(self, candidates: Sequence[Candidate], values: np.ndarray, sigma: float,
+                motion: np.ndarray, common: bool) -> tuple[np.ndarray, np.ndarray]:
+        own_columns, shift = self._nuisances(candidates, values)
+        return self.settle(self.gap - shift - np.float32(sigma) * self._sigma, motion, common,
+                           own_columns)
+
+    def settle(self, gap: np.ndarray, motion: np.ndarray, common: bool, columns: np.ndarray
+               ) -> tuple[np.ndarray, np.ndarray]:
+        """Return each recording's loss and own errors, given what is left of its gap otherwise."""
+        for _ in range(2):
+            residual = gap - _combine(motion, columns)
+            weighted = columns * (self.weights / (self.scale2 + residual ** 2))[:, None]
+            stiff, off = self._hold(motion, common)
+            normal = (weighted @ columns.transpose(0, 2, 1)).astype(float) + np.diag(stiff)
+            right = (weighted @ residual[..., None])[..., 0] - stiff * off
+            motion = motion + np.linalg.solve(normal, right[..., None])[..., 0]
+        return self.losses(gap - _combine(motion, columns)), motion
+
+
+def _combine(amounts: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    # (R, n) and (R, n, SIZE) to (R, SIZE).
+    return (amounts[:, None].astype(np.float32) @ columns)[:, 0]
+
+
+def _solve(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
+    if not len(right):
+        return right
+    size = np.maximum(np.sqrt(np.diag(matrix)), 1e-12)
+    scaled = matrix / np.outer(size, size) + 1e-6 * np.eye(len(right))
+    return np.linalg.solve(scaled, right / size) / size
+
+
+def repeats(grains: Sequence[np.ndarray]) -> np.ndarray:
+    """Return how alike each recording's static pattern is to the others' mean, (R,)."""
+    out = np.full(len(grains), np.nan)
+    if len(grains) < 2 or len({g.shape for g in grains}) > 1:
+        return out
+    stack = np.clip(np.array(grains, dtype=np.float32), -3, 3)
+    good = np.isfinite(stack)
+    filled = np.where(good, stack, 0)
+    total, number = filled.sum(axis=0), good.sum(axis=0)
+    for r in range(len(grains)):
+        shared = good[r] & (number - good[r] >= max(1, (len(grains) - 1) // 2))
+        if shared.sum() > 500:
+            others = (total - filled[r])[shared] / (number - good[r])[shared]
+            own = filled[r][shared]
+            spread = own.std() * others.std()
+            out[r] = float(np.mean((own - own.mean()) * (others - others.mean()))
+                           / spread) if spread > 0 else 0.0
+    return out

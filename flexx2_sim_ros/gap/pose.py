@@ -1,0 +1,146 @@
+"""Where a recording's camera really was: pose errors, found and taken off."""
+
+import math
+
+from flexx2_sim_ros.camera import Camera, Intrinsics, Mode
+from flexx2_sim_ros.camera.exposure import Exposure, Memory
+from flexx2_sim_ros.camera.surface import tangents
+from flexx2_sim_ros.effects.geometry import PoseError
+import numpy as np
+
+# The six small motions, in metres and degrees.
+NAMES = ('x', 'y', 'z', 'pitch_deg', 'yaw_deg', 'roll_deg')
+STEPS = np.array([0.002, 0.002, 0.002, 0.1, 0.1, 0.2])
+LIMITS = np.array([0.15] * 3 + [8.0] * 3)
+
+
+def moved(clean: np.ndarray, reflectivity: np.ndarray | None, K: np.ndarray,  # noqa: N803
+          mode: Mode, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
+    """
+    Return clean depth and reflectivity as seen from another pose.
+
+    Parameters
+    ----------
+    clean : numpy.ndarray
+        (H, W) or (T, H, W) float32 metres.
+    reflectivity : numpy.ndarray or None
+        The same shape.
+    K : numpy.ndarray
+        (3, 3) camera matrix.
+    mode : Mode
+        The camera's.
+    pose : numpy.ndarray
+        (6,) metres and degrees.
+
+    """
+    if not pose.any():
+        return clean, reflectivity
+    effect = PoseError(1.0, *(float(v) for v in np.clip(pose, -LIMITS, LIMITS)))
+    depths = clean if clean.ndim == 3 else clean[None]
+    albedos = ([np.ones((1, 1), np.float32)] * len(depths) if reflectivity is None
+               else reflectivity if reflectivity.ndim == 3 else [reflectivity] * len(depths))
+    lens = Intrinsics.from_matrix(K, clean.shape[-1], clean.shape[-2])
+    out, rho = np.empty_like(depths), []
+    for t, (depth, albedo) in enumerate(zip(depths, albedos, strict=True)):
+        exposure = Exposure(mode, lens, 0, np.zeros(2, np.uint32), Memory(),
+                            np.ascontiguousarray(depth), albedo)
+        effect.apply(exposure)
+        out[t] = exposure.depth
+        rho.append(exposure.reflectivity)
+    if reflectivity is None:
+        return (out if clean.ndim == 3 else out[0]), None
+    return (out, np.stack(rho)) if clean.ndim == 3 else (out[0], np.asarray(rho[0]))
+
+
+def fit_plane_motion(residual: np.ndarray, clean: np.ndarray, sigma: np.ndarray,
+                     K: np.ndarray, prior: np.ndarray,  # noqa: N803
+                     others: np.ndarray) -> np.ndarray:
+    """
+    Fit the small motion that explains residuals on surfaces, robustly.
+
+    Parameters
+    ----------
+    residual : numpy.ndarray
+        (N, H, W) mean measured minus clean depth, metres, NaN where not to be used.
+    clean, sigma : numpy.ndarray
+        (N, H, W) the clean depth and its sigma_z, metres.
+    K : numpy.ndarray
+        (3, 3) camera matrix.
+    prior : numpy.ndarray
+        (6,) standard deviations, metres and degrees.
+    others : numpy.ndarray
+        (N, n, H, W) metres: what effects at their typical size would do, so that it is not taken
+        for a motion.
+
+    Returns
+    -------
+    numpy.ndarray
+        (6,) metres and degrees, at most three standard deviations.
+
+    """
+    designs, values = [], []
+    for error, depth, spread, other in zip(residual, clean, sigma, others, strict=True):
+        error, spread = error[::2, ::2], spread[::2, ::2]
+        good = np.isfinite(error)
+        if not good.any():
+            continue
+        columns = np.concatenate([_design(depth, K), _others(depth), other])[:, ::2, ::2]
+        designs.append(columns[:, good] / spread[good])
+        values.append(error[good] / spread[good])
+    if not designs:
+        return np.zeros(6)
+    A, b = np.concatenate(designs, axis=1), np.concatenate(values)  # noqa: N806
+    keep = np.isfinite(A).all(axis=0)
+    A, b = A[:, keep], b[keep]  # noqa: N806
+    prior = np.concatenate([prior, _OTHERS, np.full(len(A) - 6 - len(_OTHERS), 2.0)])
+    A = A * prior[:, None]  # noqa: N806
+    motion = np.zeros(len(A))
+    scale = 3.0
+    for _ in range(8):
+        weight = 1 / (1 + ((b - motion @ A) / scale) ** 2)
+        normal = (A * weight) @ A.T + _RIDGE * len(b) * np.eye(len(A))
+        motion = np.linalg.solve(normal, (A * weight) @ b)
+        scale = max(0.6 * scale, 0.5)
+    return np.clip(motion[:6], -3, 3) * prior[:6]
+
+
+# How much the priors count, as a share of the pixels.
+_RIDGE = 0.03
+# Biases that are not a motion, so that they are not taken for one: the same everywhere, growing
+# with distance, two periods of the fourth harmonic; and how large they may be, metres.
+_OTHERS = np.array([0.005, 0.002, 0.004, 0.004, 0.004, 0.004])
+
+
+def _others(depth: np.ndarray) -> np.ndarray:
+    turns = [2 * math.pi * depth / period for period in (0.6246, 0.4684)]
+    return np.stack([np.ones_like(depth), np.log(np.maximum(depth, 0.1)),
+                     *(f(turn) for turn in turns for f in (np.sin, np.cos))])
+
+
+def _design(depth: np.ndarray, K: np.ndarray) -> np.ndarray:  # noqa: N803
+    # (6, H, W) metres a metre and a degree: a plane n . X = 1 seen from t, turned by w, is at
+    # z - z n . t - z^2 w . (ray x n).
+    inverse, across, down = tangents(depth)
+    here = inverse[2:-2, 2:-2]
+    height, width = depth.shape
+    v, u = np.mgrid[:height, :width].astype(np.float32)
+    u, v = u - np.float32(K[0, 2]), v - np.float32(K[1, 2])
+    n = np.stack([K[0, 0] * across, K[1, 1] * down, here - u * across - v * down])
+    ray = np.stack([u / K[0, 0], v / K[1, 1], np.ones_like(u)])
+    with np.errstate(divide='ignore', invalid='ignore'):
+        z = 1 / here
+        turn = np.cross(ray, n, axis=0) * math.radians(1)
+        return np.concatenate([-z * n, -z ** 2 * turn])
+
+
+def pose_effects(index: int, sign: int) -> tuple[PoseError]:
+    """Return the effect that moves the camera by one small step."""
+    values = np.zeros(6)
+    values[index] = sign * STEPS[index]
+    return (PoseError(1.0, *(float(v) for v in values)),)
+
+
+def base_camera(mode: Mode, profile: object, seed: int, effects: object = ()) -> Camera:
+    """Return a simulated camera in a mode."""
+    return Camera(mode.name, profile=profile, effects=effects, seed=seed,  # type: ignore
+                  name='gap')

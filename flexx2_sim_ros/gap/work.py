@@ -1,0 +1,114 @@
+"""The work on single recordings, here, in local processes or on a Dask cluster."""
+
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import as_completed, ProcessPoolExecutor
+from contextlib import contextmanager
+from functools import partial
+import multiprocessing
+from typing import Any
+
+from flexx2_sim_ros.camera import Profile
+from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.gap.campaign import Found, read
+from flexx2_sim_ros.gap.catalogue import catalogue
+from flexx2_sim_ros.gap.confirm import confirm, Outcome
+from flexx2_sim_ros.gap.evidence import Evidence, gather
+import numpy as np
+
+Map = Callable[[Callable[[Any], Any], Sequence[Any], Callable[[], None]], list[Any]]
+
+
+def summarise(found: Found, profile: Profile | None, without: tuple[str, ...], seed: int,
+              prior: tuple[float, ...]) -> Evidence | str:
+    """Return a recording's summary, or why there is none."""
+    try:
+        take = read(found, profile)
+    except InputError as error:
+        return str(error)
+    return gather(take, catalogue(without)[0], seed, np.array(prior))
+
+
+def simulate_set(job: tuple[Found, tuple[float, ...]], profile: Profile | None,
+                 effects: dict[str, Any], seed: int) -> Outcome:
+    """Return a recording against the simulation with a set of effects."""
+    found, pose = job
+    return confirm(read(found, profile), np.array(pose), effects, seed)
+
+
+@contextmanager
+def workers(jobs: int, scheduler: str | None) -> Iterator[Map]:
+    """
+    Yield a function that maps a function over items, in order.
+
+    Parameters
+    ----------
+    jobs : int
+        Local processes.
+    scheduler : str or None
+        Address of a Dask scheduler, whose workers read the recordings by the same paths.
+
+    Raises
+    ------
+    InputError
+        When the scheduler cannot be reached or Dask is not installed.
+
+    """
+    if scheduler is not None:
+        with _dask(scheduler) as mapped:
+            yield mapped
+    elif jobs > 1:
+        # Not forked: the parent may have threads.
+        context = multiprocessing.get_context('spawn')
+        with ProcessPoolExecutor(jobs, mp_context=context) as pool:
+            def run(function: Callable[[Any], Any], items: Sequence[Any],
+                    tick: Callable[[], None]) -> list[Any]:
+                futures = [pool.submit(function, item) for item in items]
+                for _ in as_completed(futures):
+                    tick()
+                return [future.result() for future in futures]
+            try:
+                yield run
+            except BaseException:
+                pool.shutdown(wait=False, cancel_futures=True)
+                raise
+    else:
+        def here(function: Callable[[Any], Any], items: Sequence[Any],
+                 tick: Callable[[], None]) -> list[Any]:
+            out = []
+            for item in items:
+                out.append(function(item))
+                tick()
+            return out
+        yield here
+
+
+@contextmanager
+def _dask(address: str) -> Iterator[Map]:
+    try:
+        import distributed  # type: ignore[import-not-found,import-untyped,unused-ignore]
+    except ImportError as error:
+        raise InputError('--scheduler: Dask is not installed, wanted '
+                         'pip install flexx2_sim_ros[cluster]') from error
+    try:
+        client = distributed.Client(address, timeout='10s', set_as_default=False)
+    except (OSError, ValueError, TimeoutError) as error:
+        raise InputError(f'--scheduler: found {address!r}, where no scheduler answers: '
+                         f'{error}') from error
+
+    def run(function: Callable[[Any], Any], items: Sequence[Any],
+            tick: Callable[[], None]) -> list[Any]:
+        # Pure: what was lost with a worker is done again, with the same outcome.
+        with client.as_current():
+            futures = client.map(function, list(items), pure=False, retries=3)
+            for _ in distributed.as_completed(futures):
+                tick()
+            return list(client.gather(futures))
+    try:
+        yield run
+    finally:
+        client.close()
+
+
+def bind(function: Callable[..., Any], **fixed: Any) -> Callable[[Any], Any]:
+    """Return a function of one argument that other processes can be sent."""
+    return partial(function, **fixed)

@@ -1,0 +1,136 @@
+"""
+What the Go1 node receives, as arrays, and what it says of the robot, as messages.
+
+The functions that take messages raise `InputError` for whatever cannot be used.
+"""
+
+from collections.abc import Mapping
+import math
+
+from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.go1.robot import plain_name
+from flexx2_sim_ros.nodes import messages
+from geometry_msgs.msg import Point, Pose, Quaternion, Transform, TransformStamped, Twist, Vector3
+from nav_msgs.msg import Odometry
+import numpy as np
+from sensor_msgs.msg import JointState
+
+# A quaternion's norm may be this far from 1: some send it in single precision.
+_NORM_TOLERANCE = 0.01
+
+
+def decode_twist(message: Twist, field: str) -> np.ndarray:
+    """Return (3,) forward and left in m/s and the turn in rad/s, all finite."""
+    values = {'linear.x': message.linear.x, 'linear.y': message.linear.y,
+              'angular.z': message.angular.z}
+    for name, value in values.items():
+        if not math.isfinite(value):
+            raise InputError(f'{field}: {name}: found {value}, wanted a finite number')
+    return np.array(list(values.values()))
+
+
+def decode_pose(message: Odometry, field: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return the pose of an odometry: position (3,) metres, quaternion (4,) as w, x, y, z."""
+    point, turn = message.pose.pose.position, message.pose.pose.orientation
+    position = np.array([point.x, point.y, point.z])
+    quaternion = np.array([turn.w, turn.x, turn.y, turn.z])
+    if not np.isfinite(position).all():
+        raise InputError(f'{field}: pose.pose.position: found {position.tolist()}, wanted three '
+                         'finite numbers')
+    norm = float(np.linalg.norm(quaternion))
+    if not abs(norm - 1.0) < _NORM_TOLERANCE:
+        raise InputError(f'{field}: pose.pose.orientation: found {quaternion.tolist()} (w, x, y, '
+                         'z), wanted a quaternion of norm 1')
+    return position, quaternion / norm
+
+
+def decode_joints(message: JointState, field: str) -> dict[str, float]:
+    """
+    Return the joint positions of a message, radians, by `plain_name`.
+
+    Raises
+    ------
+    InputError
+        When names and positions do not match, a joint comes twice, or a position is not finite.
+
+    """
+    if len(message.name) != len(message.position):
+        raise InputError(f'{field}: position: found {len(message.position)} values, wanted one '
+                         f'for each of the {len(message.name)} names')
+    found: dict[str, float] = {}
+    given: dict[str, str] = {}
+    for name, position in zip(message.name, message.position, strict=True):
+        plain = plain_name(name)
+        if plain in found:
+            raise InputError(f'{field}: name: found {given[plain]!r} and {name!r}, which are one '
+                             'joint, wanted every joint once')
+        if not math.isfinite(position):
+            raise InputError(f'{field}: position of {name!r}: found {position}, wanted a finite '
+                             'number')
+        found[plain], given[plain] = float(position), name
+    return found
+
+
+def joint_state(stamp: int, joints: Mapping[str, int], qpos: np.ndarray,
+                velocity: np.ndarray) -> JointState:
+    """
+    Return the robot's joints as a message.
+
+    Parameters
+    ----------
+    stamp : int
+        Nanoseconds.
+    joints : mapping of str to int
+        Addresses in `qpos` by name.
+    qpos : numpy.ndarray
+        The model's positions.
+    velocity : numpy.ndarray
+        Of the joints, in their order.
+
+    """
+    addresses = list(joints.values())
+    return JointState(header=messages.header(stamp, ''), name=list(joints),
+                      position=qpos[addresses].tolist(), velocity=velocity.tolist())
+
+
+def odometry(stamp: int, frames: tuple[str, str], position: np.ndarray, quaternion: np.ndarray,
+             linear: np.ndarray, angular: np.ndarray) -> Odometry:
+    """
+    Return the robot's true pose and velocity as a message.
+
+    Parameters
+    ----------
+    stamp : int
+        Nanoseconds.
+    frames : tuple of str
+        Of the pose, and of the robot and its velocities.
+    position, quaternion : numpy.ndarray
+        (3,) and (4,) (w, x, y, z) in the first frame.
+    linear, angular : numpy.ndarray
+        (3,) velocities in the second frame, m/s and rad/s.
+
+    """
+    message = Odometry(header=messages.header(stamp, frames[0]), child_frame_id=frames[1])
+    message.pose.pose = Pose(position=Point(**_xyz(position)),
+                             orientation=_quaternion(quaternion))
+    message.twist.twist = Twist(linear=Vector3(**_xyz(linear)), angular=Vector3(**_xyz(angular)))
+    return message
+
+
+def transform(stamp: int, frames: tuple[str, str], position: np.ndarray,
+              quaternion: np.ndarray) -> TransformStamped:
+    """Return the pose of the second frame in the first: (3,) metres and (4,) as w, x, y, z."""
+    return TransformStamped(
+        header=messages.header(stamp, frames[0]), child_frame_id=frames[1],
+        transform=Transform(translation=Vector3(**_xyz(position)),
+                            rotation=_quaternion(quaternion)))
+
+
+def _xyz(values: np.ndarray) -> dict[str, float]:
+    x, y, z = map(float, values)
+    return {'x': x, 'y': y, 'z': z}
+
+
+def _quaternion(values: np.ndarray) -> Quaternion:
+    w, x, y, z = map(float, values)
+    return Quaternion(x=x, y=y, z=z, w=w)

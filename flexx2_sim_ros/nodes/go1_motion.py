@@ -1,0 +1,237 @@
+"""What moves the robot of the Go1 node: nothing, commanded velocities, or another simulator."""
+
+from collections.abc import Callable
+import math
+from typing import Any, Protocol
+
+from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.go1 import gait
+from flexx2_sim_ros.go1.ground import SceneGround
+from flexx2_sim_ros.go1.kinematics import JOINTS, rotation
+from flexx2_sim_ros.go1.model import stand
+from flexx2_sim_ros.go1.robot import find_robot, plain_name
+from flexx2_sim_ros.nodes.decoding import stamp_nanoseconds
+from flexx2_sim_ros.nodes.gating import FrameGate
+from flexx2_sim_ros.nodes.go1_messages import decode_joints, decode_pose, decode_twist
+from flexx2_sim_ros.nodes.runtime import Throttle
+from geometry_msgs.msg import Twist
+import mujoco
+from nav_msgs.msg import Odometry
+import numpy as np
+from rclpy.node import Node
+from rclpy.qos import qos_profile_sensor_data
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from sensor_msgs.msg import JointState
+
+# A command holds this long, in simulated nanoseconds.
+_COMMAND_HOLDS = 500_000_000
+
+
+class Motion(Protocol):
+    """What moves the robot: writes the pose into the model's state."""
+
+    def reset(self) -> None:
+        """Put the robot back to where it started."""
+
+    def advance(self, stamp: int, seconds: float) -> None:
+        """Move on by some time, to the stamp (simulated nanoseconds)."""
+
+
+class Standing:
+    """Stands."""
+
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        """Stand."""
+        self._model, self._data = model, data
+        stand(model, data)
+
+    def reset(self) -> None:
+        """Stand where it started."""
+        stand(self._model, self._data)
+
+    def advance(self, stamp: int, seconds: float) -> None:
+        """Do nothing."""
+
+
+class Walking:
+    """
+    Trots as ``cmd_vel`` says; stands half a second after the last command.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+        The node to listen with.
+    model, data : mujoco.MjModel, mujoco.MjData
+        The robot in its scene.
+    how : gait.Gait
+        Limits and timing; may be replaced while it walks.
+
+    Raises
+    ------
+    InputError
+        When the robot's legs are not a Go1's.
+
+    """
+
+    def __init__(self, node: Node, model: mujoco.MjModel, data: mujoco.MjData,
+                 how: gait.Gait) -> None:
+        """Stand, and listen."""
+        self._robot = robot = find_robot(model)
+        if robot.legs is None or robot.free < 0:
+            raise InputError(
+                "motion: 'cmd_vel' needs a robot that moves freely on legs like a Go1's, with the "
+                f'joints {JOINTS[0]} to {JOINTS[-1]}; wanted another robot_model, or stand or '
+                'external')
+        self.how = how
+        self._node, self._model, self._data, self._legs = node, model, data, robot.legs
+        self._addresses = robot.leg_addresses()
+        self._throttle = Throttle()
+        self._now = 0
+        self._ground = SceneGround(model, data, robot.geoms)
+        self.reset()
+        node.create_subscription(Twist, 'cmd_vel', self._on_command, 10,
+                                 qos_overriding_options=QoSOverridingOptions
+                                 .with_default_policies())
+
+    def reset(self) -> None:
+        """Stand where it started."""
+        stand(self._model, self._data)
+        self._command, self._until = np.zeros(3), 0
+        place = self._data.xpos[self._robot.trunk]
+        axis = self._data.xmat[self._robot.trunk].reshape(3, 3)[:, 0]
+        self._state = gait.start(place[:2], math.atan2(axis[1], axis[0]), float(place[2]),
+                                 self._ground, self._legs)
+        self._pose()
+
+    def _on_command(self, message: Twist) -> None:
+        try:
+            self._command = decode_twist(message, 'cmd_vel')
+        except InputError as error:
+            if self._throttle.ready('command'):
+                self._node.get_logger().error(f'{error}; the command is ignored')
+            return
+        self._until = self._now + _COMMAND_HOLDS
+
+    def advance(self, stamp: int, seconds: float) -> None:
+        """Walk for some time."""
+        self._now = stamp
+        if stamp > self._until:
+            self._command = np.zeros(3)
+        self._state = gait.step(self._state, self._command, seconds, self._ground, self.how,
+                                self._legs)
+        if self._state.blocked and self._throttle.ready('blocked'):
+            self._node.get_logger().warning('cmd_vel: something is in the way: standing still')
+        self._pose()
+
+    def _pose(self) -> None:
+        pose = gait.pose(self._state, self.how, self._legs)
+        quaternion = np.empty(4)
+        mujoco.mju_mat2Quat(quaternion, rotation(pose.rpy).ravel())
+        self._robot.place(self._data, pose.position, quaternion)
+        self._data.qpos[self._addresses] = pose.angles
+        mujoco.mj_kinematics(self._model, self._data)
+        mujoco.mj_camlight(self._model, self._data)
+
+
+class Mirroring:
+    """
+    Takes the pose from ``odom`` and ``joint_states``, with their stamps.
+
+    A pose is shown once the joints of the same moment are known: at the next message of joints
+    with its stamp or a later one, or, when none comes in between, at the next pose.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+        The node to listen with.
+    model, data : mujoco.MjModel, mujoco.MjData
+        The robot in its scene.
+    rate : float
+        Poses that come faster are thinned out, Hz.
+    show : callable
+        Called with the stamp (nanoseconds) and the frame of the trunk (or an empty string) when
+        the state is complete.
+
+    Raises
+    ------
+    InputError
+        When the robot cannot be moved freely.
+
+    """
+
+    def __init__(self, node: Node, model: mujoco.MjModel, data: mujoco.MjData, rate: float,
+                 show: Callable[[int, str], None]) -> None:
+        """Stand, and listen."""
+        self._robot = find_robot(model)
+        if self._robot.free < 0:
+            raise InputError("motion: 'external' needs a robot that moves freely: found no free "
+                             'joint above the trunk of robot_model')
+        self._node, self._model, self._data, self._show = node, model, data, show
+        self._addresses = {plain_name(name): address
+                           for name, address in self._robot.joints.items()}
+        self._gate = FrameGate(rate)
+        self._throttle = Throttle()
+        self._named: set[str] = set()
+        self._joints_stamp: int | None = None
+        self._waiting: tuple[int, str, np.ndarray, np.ndarray] | None = None
+        stand(model, data)
+        overridable = QoSOverridingOptions.with_default_policies()
+        for kind, topic, callback in ((JointState, 'joint_states', self._on_joints),
+                                      (Odometry, 'odom', self._on_odometry)):
+            node.create_subscription(kind, topic, self._guarded(topic, callback),
+                                     qos_profile_sensor_data, qos_overriding_options=overridable)
+
+    def reset(self) -> None:
+        """Refuse."""
+        raise InputError('the pose comes from outside (motion is external): reset it there')
+
+    def advance(self, stamp: int, seconds: float) -> None:
+        """Do nothing: time comes with the messages."""
+
+    def _guarded(self, topic: str, callback: Callable[[Any], None]) -> Callable[[Any], None]:
+        def receive(message: Any) -> None:
+            try:
+                callback(message)
+            except InputError as error:
+                if self._throttle.ready(topic):
+                    self._node.get_logger().error(f'{error}; the message is ignored')
+        return receive
+
+    def _on_joints(self, message: JointState) -> None:
+        joints = decode_joints(message, 'joint_states')
+        self._name_once('does not have', sorted(joints.keys() - self._addresses.keys()))
+        self._name_once('has, and which no message named so far',
+                        sorted(self._addresses.keys() - joints.keys()))
+        for name, position in joints.items():
+            if name in self._addresses:
+                self._data.qpos[self._addresses[name]] = position
+        self._joints_stamp = stamp_nanoseconds(message.header.stamp)
+        if self._waiting is not None and self._joints_stamp >= self._waiting[0]:
+            self._complete()
+
+    def _on_odometry(self, message: Odometry) -> None:
+        position, quaternion = decode_pose(message, 'odom')
+        stamp = stamp_nanoseconds(message.header.stamp)
+        if not self._gate.accept(stamp):
+            return
+        if self._waiting is not None:
+            self._complete()
+        self._waiting = stamp, message.child_frame_id, position, quaternion
+        if self._joints_stamp is None or self._joints_stamp >= stamp:
+            self._complete()
+
+    def _complete(self) -> None:
+        assert self._waiting is not None
+        stamp, frame, position, quaternion = self._waiting
+        self._waiting = None
+        self._robot.place(self._data, position, quaternion)
+        mujoco.mj_kinematics(self._model, self._data)
+        mujoco.mj_camlight(self._model, self._data)
+        self._show(stamp, frame)
+
+    def _name_once(self, what: str, names: list[str]) -> None:
+        new = [name for name in names if name not in self._named]
+        if new:
+            self._named.update(new)
+            self._node.get_logger().warning(
+                f'joint_states: joints that the robot {what}: {", ".join(new)}')

@@ -1,0 +1,62 @@
+"""Which simulated moments are due, at a factor of real time."""
+
+import time
+
+_NANOSECONDS = 1_000_000_000
+# What is this late (in real seconds) is given up: time then goes on from here.
+_PATIENCE = 0.25
+# Ticks made at once to catch up.
+_AT_ONCE = 2
+
+
+class Pacer:
+    """
+    Count ticks; tick k is the simulated moment k / rate, whatever the pace and the pauses.
+
+    Parameters
+    ----------
+    rate_hz : float
+        Ticks a simulated second.
+
+    Attributes
+    ----------
+    tick : int
+        How many there were.
+    lag : float
+        Real seconds given up so far because ticks took too long.
+
+    """
+
+    def __init__(self, rate_hz: float) -> None:
+        """Start at tick 0, now, at real time."""
+        # Rates are exact in milli-hertz.
+        self._millihertz = round(rate_hz * 1000)
+        self.tick = 0
+        self.lag = 0.0
+        self.restart(1.0)
+
+    def restart(self, factor: float) -> None:
+        """Go on from here and now, at a factor of real time."""
+        self._factor = factor
+        self._origin = time.monotonic(), self.tick
+
+    @property
+    def period(self) -> float:
+        """Return the real seconds from tick to tick."""
+        return 1000.0 / (self._millihertz * self._factor)
+
+    @property
+    def stamp(self) -> int:
+        """Return the simulated nanoseconds of the last tick."""
+        return self.tick * 1000 * _NANOSECONDS // self._millihertz
+
+    def due(self) -> int:
+        """Return how many ticks to make now: none, one, or two to catch up."""
+        start, tick = self._origin
+        late = (time.monotonic() - start) / self.period - (self.tick - tick)
+        if late * self.period > _PATIENCE + self.period:
+            # One of them is made now, the rest never.
+            self.lag += (late - 1) * self.period
+            self._origin = time.monotonic(), self.tick + 1
+            return 1
+        return min(max(int(late), 0), _AT_ONCE)

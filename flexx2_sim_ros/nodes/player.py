@@ -1,0 +1,154 @@
+"""Publish a bag again, at the times of its own stamps."""
+
+from collections import defaultdict
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from fnmatch import fnmatchcase
+import math
+import time
+from typing import Any
+
+from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.nodes.messages import time_message
+from flexx2_sim_ros.nodes.recorder import message_class
+from flexx2_sim_ros.recording import bag_messages as messages
+from flexx2_sim_ros.recording.bag_cameras import CARRIED, EVENTS
+from flexx2_sim_ros.recording.bag_files import Bag
+from rclpy.duration import Duration
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from rosgraph_msgs.msg import Clock
+
+_CLOCK = '/clock'
+# Not the bag's own: the clock is made here, and the others speak of nodes that are not there.
+_LEFT_OUT = {_CLOCK, EVENTS, '/rosout'}
+_TIMED = {messages.IMAGE, messages.CAMERA_INFO, messages.POINT_CLOUD}
+_RESET_NANOSECONDS = 1_000_000_000
+_NAP_SECONDS = 0.05
+# How far a subscriber may lag: a hundred messages, and a megabyte of a topic of large ones. Then
+# the player waits for it, but for one that has stopped listening not again and again. Fast DDS
+# acknowledges messages that are sent in fragments at once, and others every three seconds only.
+_DEPTH = 100
+_AHEAD_BYTES = 1_000_000
+_FRAGMENTED_BYTES = 65_536
+_PATIENCE_SECONDS = 1.0
+
+
+class Player(Node):
+    """
+    Publish the messages of a bag.
+
+    Parameters
+    ----------
+    bag : Bag
+        The bag.
+    patterns : sequence of str
+        Which topics, with wildcards; all when empty.
+    clock : bool
+        Whether to publish ``/clock``.
+
+    Attributes
+    ----------
+    sent : int
+        Messages published.
+    late : float
+        The most that a message was behind its time, seconds.
+
+    Raises
+    ------
+    InputError
+        When no topic is left.
+
+    """
+
+    def __init__(self, bag: Bag, patterns: Sequence[str], clock: bool) -> None:
+        """Open the topics."""
+        super().__init__('flexx2_replay', start_parameter_services=False)
+        self.sent = 0
+        self.late = 0.0
+        self._bag = bag
+        self._publishers_by_topic: dict[str, Any] = {}
+        self._ahead: defaultdict[str, float] = defaultdict(float)
+        for topic, kind in bag.topics.items():
+            if topic in _LEFT_OUT or topic.endswith(CARRIED) or (
+                    patterns and not any(fnmatchcase(topic, pattern) for pattern in patterns)):
+                continue
+            try:
+                self._publishers_by_topic[topic] = self.create_publisher(
+                    message_class(kind), topic, QoSProfile(depth=_DEPTH))
+            except InputError as error:
+                self.get_logger().warning(f'{topic}: left out: {error}')
+        if not self._publishers_by_topic:
+            raise InputError(f'{bag.path}: topics: found none that match, wanted some of '
+                             f'{", ".join(bag.topics)}')
+        kinds = {bag.topics[topic] for topic in self._publishers_by_topic}
+        # Without a camera's stamps there are the times at which the bag was written.
+        self._timed = kinds & _TIMED
+        self._clock_topic = (self.create_publisher(Clock, _CLOCK, QoSProfile(depth=_DEPTH))
+                             if clock else None)
+        self._now: int | None = None
+        self._origin = 0
+        self._started = 0.0
+
+    def unheard(self) -> list[str]:
+        """Return the topics that nobody subscribes to."""
+        return [topic for topic, publisher in self._publishers_by_topic.items()
+                if not publisher.get_subscription_count()]
+
+    def play(self, rate: float, stop: Callable[[], bool]) -> None:
+        """
+        Publish everything once.
+
+        Parameters
+        ----------
+        rate : float
+            Seconds of the bag in one of real time.
+        stop : callable
+            Asked often; ends it when true.
+
+        """
+        self._now = None
+        for topic, kind, received, data in self._bag.messages(self._publishers_by_topic):
+            if kind in self._timed:
+                with suppress(InputError):  # Whatever it is, it is sent.
+                    self._wait(messages.header_stamp(data, topic), rate, stop)
+            elif not self._timed:
+                self._wait(received, rate, stop)
+            if stop():
+                return
+            self._publish(topic, data)
+
+    def _publish(self, topic: str, data: bytes) -> None:
+        publisher = self._publishers_by_topic[topic]
+        publisher.publish(data)
+        self.sent += 1
+        if len(data) > _FRAGMENTED_BYTES:
+            self._ahead[topic] += len(data)
+        if self._ahead[topic] > _AHEAD_BYTES:
+            self._ahead[topic] = 0
+            if not publisher.wait_for_all_acked(Duration(seconds=_PATIENCE_SECONDS)):
+                self._ahead[topic] = -math.inf
+                self.get_logger().warning(f'{topic}: a subscriber has stopped listening: it is '
+                                          'not waited for any more')
+
+    def finish(self, seconds: float) -> bool:
+        """Wait until all subscribers have everything; say whether they do in time."""
+        deadline = time.monotonic() + seconds
+        return all(publisher.wait_for_all_acked(
+            Duration(seconds=max(0.0, deadline - time.monotonic())))
+            for publisher in self._publishers_by_topic.values())
+
+    def _wait(self, stamp: int, rate: float, stop: Callable[[], bool]) -> None:
+        # Time goes on with the first message of a new stamp. One that lags a little (another
+        # topic's) is sent at once; a stamp that goes far back is a simulation that was reset.
+        if self._now is not None and self._now - _RESET_NANOSECONDS < stamp <= self._now:
+            return
+        if self._now is None or stamp < self._now:
+            self._origin, self._started = stamp, time.monotonic()
+        self._now = stamp
+        due = self._started + (stamp - self._origin) / 1e9 / rate
+        while (left := due - time.monotonic()) > 0 and not stop():
+            time.sleep(min(left, _NAP_SECONDS))
+        self.late = max(self.late, time.monotonic() - due)
+        if self._clock_topic is not None:
+            self._clock_topic.publish(Clock(clock=time_message(stamp)))

@@ -1,0 +1,246 @@
+"""Record the topics of all cameras that there are, as they come."""
+
+from array import array
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from fnmatch import fnmatchcase
+from functools import partial
+import importlib
+import time
+from typing import Any
+
+from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.recording import bag_messages as messages
+from flexx2_sim_ros.recording.bag_cameras import EVENTS, find_cameras
+from flexx2_sim_ros.recording.bag_remains import Message
+from flexx2_sim_ros.recording.gaps import find_gaps, Gaps
+from flexx2_sim_ros.recording.sink import BagSink
+from rcl_interfaces.srv import GetParameters
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+
+_CLEAN = '/clean/depth_image'
+_CLEAN_TOPICS = ('depth_image', 'camera_info', 'reflectivity')
+# Long enough for a second of 60 Hz in which this process does not run.
+_DEPTH = 60
+_LOOK_SECONDS = 0.5
+
+
+@dataclass
+class TopicStatistics:
+    """
+    What has come on a topic.
+
+    Attributes
+    ----------
+    kind : str
+        Its type.
+    messages, size : int
+        Recorded, and how many bytes.
+    first : float
+        When the first one came, seconds after the first one of all.
+    refused : int
+        Lost here, because the queue was full.
+    missed : int
+        Lost on the way here, by the publisher's own count of its messages.
+    stamps : array of int
+        Nanoseconds, of all that came here; empty where messages have none.
+
+    """
+
+    kind: str
+    messages: int = 0
+    size: int = 0
+    first: float = 0.0
+    refused: int = 0
+    missed: int = 0
+    stamps: 'array[int]' = field(default_factory=lambda: array('q'))
+    sequence: int | None = None
+
+    @property
+    def lost(self) -> int:
+        """Return how many messages were lost in all."""
+        return self.refused + self.missed
+
+    @property
+    def rate_hz(self) -> float:
+        """Return the rate by stamps (0 before there are two)."""
+        if len(self.stamps) < 2 or self.stamps[-1] <= self.stamps[0]:
+            return 0.0
+        return (len(self.stamps) - 1) * 1e9 / (self.stamps[-1] - self.stamps[0])
+
+    def gaps(self) -> Gaps:
+        """Return what the stamps leave out."""
+        return find_gaps(self.stamps)
+
+    def count(self, sequence: int | None, alone: Callable[[], bool]) -> None:
+        """
+        Take the publisher's count of a message in.
+
+        Parameters
+        ----------
+        sequence : int or None
+            The count, None where there is none.
+        alone : callable
+            Whether all messages are of one publisher: else their counts say nothing.
+
+        """
+        if (sequence is not None and self.sequence is not None and sequence > self.sequence + 1
+                and alone()):
+            self.missed += sequence - self.sequence - 1
+        self.sequence = sequence
+
+
+class Recorder(Node):
+    """
+    Subscribe to all cameras, those that appear later included, and hand messages to a sink.
+
+    Messages are taken as bytes and not decoded. Subscriptions are reliable where the publisher
+    is.
+
+    Parameters
+    ----------
+    sink : BagSink
+        Takes the messages.
+    cameras : sequence of str
+        Only these, by name (namespace) or node; all when empty.
+    also : sequence of str
+        Other topics to record, with wildcards: ``*/point_cloud_0``.
+
+    Attributes
+    ----------
+    topics : dict of str to TopicStatistics
+        By topic.
+    started : float or None
+        When the first message came, by the monotonic clock.
+    taken : int
+        How many messages have come here.
+
+    """
+
+    def __init__(self, sink: BagSink, cameras: Sequence[str], also: Sequence[str]) -> None:
+        """Look for topics now and every half second."""
+        super().__init__('flexx2_record', start_parameter_services=False)
+        self.topics: dict[str, TopicStatistics] = {}
+        self.started: float | None = None
+        self.taken = 0
+        self._sink = sink
+        self._cameras = {name.strip('/') for name in cameras}
+        self._also = also
+        self._time = 0
+        self._questions: dict[str, Any] = {}
+        self._asked: set[str] = set()
+        self._subscribe(EVENTS, messages.PARAMETER_EVENT)
+        self._look()
+        self.create_timer(_LOOK_SECONDS, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    @property
+    def seconds(self) -> float:
+        """Return the time since the first message."""
+        return 0.0 if self.started is None else time.monotonic() - self.started
+
+    def _look(self) -> None:
+        there = {topic: kinds[0] for topic, kinds in self.get_topic_names_and_types()
+                 if len(kinds) == 1}
+        wanted = [topic for topic in there if any(fnmatchcase(topic, name) for name in self._also)]
+        for camera in find_cameras(there).values():
+            if self._is_wanted(camera.name, camera.node):
+                wanted += [camera.depth, camera.info, camera.gray]
+                self._ask(camera.node)
+        for topic in there:
+            space = topic.removesuffix(_CLEAN)
+            if space != topic and self._is_wanted(space, space):
+                wanted += [f'{space}/clean/{name}' for name in _CLEAN_TOPICS]
+        for topic in wanted:
+            if topic in there and topic not in self.topics:
+                self._subscribe(topic, there[topic])
+
+    def _is_wanted(self, name: str, node: str) -> bool:
+        return not self._cameras or bool(self._cameras & {name.strip('/'), node.strip('/')})
+
+    def _subscribe(self, topic: str, kind: str) -> None:
+        offers = [info.qos_profile for info in self.get_publishers_info_by_topic(topic)]
+        if topic != EVENTS and not offers:
+            return  # Somebody else subscribes, and nobody publishes yet.
+        self.topics[topic] = TopicStatistics(kind)
+        reliable = all(offer.reliability == ReliabilityPolicy.RELIABLE for offer in offers)
+        latched = bool(offers) and all(
+            offer.durability == DurabilityPolicy.TRANSIENT_LOCAL for offer in offers)
+        quality = QoSProfile(
+            depth=_DEPTH,
+            reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+            durability=(DurabilityPolicy.TRANSIENT_LOCAL if latched
+                        else DurabilityPolicy.VOLATILE))
+        try:
+            message_type = message_class(kind)
+        except InputError as error:
+            self.get_logger().warning(f'{topic}: not recorded: {error}')
+            return
+        if kind not in messages.typestore().fielddefs:
+            self.get_logger().warning(f'{topic}: not recorded: {kind} is not in ROS 2 Jazzy')
+            return
+        if not reliable:
+            self.get_logger().warning(f'{topic}: is published best effort: messages can be lost')
+        self.create_subscription(message_type, topic, partial(self._on_message, topic), quality,
+                                 raw=True)
+
+    def _on_message(self, topic: str, data: bytes, info: dict[str, Any]) -> None:
+        self.taken += 1
+        statistics = self.topics[topic]
+        statistics.count(info['publication_sequence_number'],
+                         lambda: topic != EVENTS and self.count_publishers(topic) <= 1)
+        if topic != EVENTS and self.started is None:
+            self.started = time.monotonic()
+        if not statistics.messages + statistics.refused:
+            statistics.first = self.seconds
+        if statistics.kind in messages.STAMPED:
+            with suppress(InputError):  # Whatever it is, it is recorded.
+                statistics.stamps.append(messages.header_stamp(data, topic))
+        self._put(topic, data)
+
+    def _put(self, topic: str, data: bytes) -> None:
+        statistics = self.topics[topic]
+        # A bag is read by time: one that goes back (somebody sets the clock) would mix it up.
+        self._time = max(self._time, time.time_ns())
+        if self._sink.put(Message(topic, statistics.kind, self._time, data)):
+            statistics.messages += 1
+            statistics.size += len(data)
+        else:
+            statistics.refused += 1
+
+    def _ask(self, node: str) -> None:
+        # The mode a camera is in is no message; ask for it once and write it down as one.
+        client = self._questions.get(node)
+        if client is None:
+            client = self.create_client(GetParameters, f'{node}/get_parameters')
+            self._questions[node] = client
+        if node not in self._asked and client.service_is_ready():
+            self._asked.add(node)
+            future = client.call_async(GetParameters.Request(names=['usecase']))
+            future.add_done_callback(partial(self._on_usecase, node))
+
+    def _on_usecase(self, node: str, future: Any) -> None:
+        response = future.result()
+        if response is None or not response.values or not response.values[0].string_value:
+            return
+        self._put(EVENTS, messages.encode_usecase(
+            self.get_clock().now().nanoseconds, node, response.values[0].string_value))
+
+
+def message_class(kind: str) -> type:
+    """
+    Return the Python class of a message type such as ``sensor_msgs/msg/Image``.
+
+    Raises
+    ------
+    InputError
+        When it is not installed.
+
+    """
+    package, _, name = kind.replace('/', '.').rpartition('.')
+    try:
+        return getattr(importlib.import_module(package), name)  # type: ignore[no-any-return]
+    except (ImportError, AttributeError, ValueError) as error:
+        raise InputError(f'{kind}: this message type is not installed here') from error

@@ -1,0 +1,236 @@
+"""Write bags: message by message, or a recording as a whole."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+import io
+from pathlib import Path
+import re
+import shutil
+import tempfile
+from types import TracebackType
+from typing import Literal
+
+from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.recording import bag_messages as messages
+from flexx2_sim_ros.recording.bag_cameras import CameraTopics, EVENTS, topics_of
+from flexx2_sim_ros.recording.recordings import RecordingReader
+import numpy as np
+from rosbags.interfaces import Connection
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.rosbag2.errors import WriterError
+from rosbags.rosbag2.storage_mcap import McapWriter
+from rosbags.rosbag2.storage_sqlite3 import Sqlite3Writer
+
+STORAGES = {'mcap': StoragePlugin.MCAP, 'sqlite3': StoragePlugin.SQLITE3}
+SUFFIXES = {'.mcap': 'mcap', '.db3': 'sqlite3'}
+_JAZZY: Literal[9] = 9  # version of metadata.yaml
+_LATEST = (1 << 31) * 1_000_000_000
+_NAME = re.compile(r'[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*')
+# What images carry exactly; stacks of other dtypes go along as arrays.
+_CARRIED_BY_IMAGES = {'depth': ('f4',), 'clean_depth': ('f4', 'f8'), 'reflectivity': ('f4',),
+                      'amplitude': ('u1', 'u2')}
+
+
+class BagWriter:
+    """
+    A bag that is being written.
+
+    All calls have to come from one thread (SQLite wants it so).
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        The folder to make; there must be nothing of that name.
+    storage : str
+        ``mcap`` or ``sqlite3``.
+
+    Attributes
+    ----------
+    path : pathlib.Path
+        The folder.
+
+    Raises
+    ------
+    InputError
+        When something of that name is there, or the folder cannot be made.
+
+    """
+
+    def __init__(self, path: str | Path, storage: str = 'mcap') -> None:
+        """Check the path; nothing is made yet."""
+        check_new(Path(path))
+        self.path = Path(path)
+        self._writer = Writer(self.path, version=_JAZZY, storage_plugin=STORAGES[storage])
+        self._connections: dict[str, Connection] = {}
+
+    def __enter__(self) -> 'BagWriter':
+        """Make the folder and the file."""
+        try:
+            self._writer.open()
+        except (OSError, WriterError) as error:
+            raise InputError(f'{self.path}: cannot be written: {error}') from error
+        return self
+
+    def write(self, topic: str, kind: str, time: int, data: bytes) -> None:
+        """
+        Add a message.
+
+        Parameters
+        ----------
+        topic, kind : str
+            Its topic and type, as ``sensor_msgs/msg/Image``.
+        time : int
+            When it was received, nanoseconds, not before the one added last.
+        data : bytes
+            The message, CDR.
+
+        """
+        connection = self._connections.get(topic)
+        if connection is None:
+            connection = self._connections[topic] = self._writer.add_connection(
+                topic, kind, typestore=messages.typestore())
+        self._writer.write(connection, time, data)
+
+    def note(self, key: str, value: str) -> None:
+        """Add a remark to the bag's ``metadata.yaml``, as custom data."""
+        self._writer.set_custom_data(key, value)
+
+    def flush(self) -> None:
+        """Bring what has been written to the file, so that it is there if this process dies."""
+        storage = self._writer.storage
+        if isinstance(storage, Sqlite3Writer):
+            storage.conn.commit()
+        elif isinstance(storage, McapWriter):
+            if storage.chunk.msgs:
+                storage.close_chunk()
+            storage.bio.flush()
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
+                 trace: TracebackType | None) -> None:
+        """Close the bag: with index and metadata if all went well."""
+        self._writer.__exit__(kind, error, trace)
+
+
+def check_new(path: Path) -> None:
+    """Raise `InputError` when there is something at a path to write to."""
+    if path.exists():
+        raise InputError(f'{path}: exists already, wanted a new name: bags are not overwritten')
+
+
+def write_bag(reader: RecordingReader, path: Path, storage: str, camera: str | None = None,
+              ) -> None:
+    """
+    Write a recording as a bag on the topics of `flexx2_camera`.
+
+    Every key of the recording comes back exactly, by `open_recording`: images as messages, all
+    other arrays on the topic ``/<camera>/recording``. The bag appears under its name when it is
+    complete.
+
+    Parameters
+    ----------
+    reader : RecordingReader
+        What to write.
+    path : pathlib.Path
+        The folder, or a single file where it ends in ``.mcap`` or ``.db3``.
+    storage : str
+        ``mcap`` or ``sqlite3``; the suffix of a single file goes before it.
+    camera : str, optional
+        The camera's name (namespace); the recording's own, else ``camera``, when left out.
+
+    Raises
+    ------
+    InputError
+        When the recording has stamps that messages cannot have, the name is no name, something
+        is at the path already, or it cannot be written.
+
+    """
+    name = camera or str(reader.arrays.get('camera', 'camera'))
+    if not _NAME.fullmatch(name):
+        raise InputError(f'--camera: found {name!r}, wanted letters, digits and _, as in '
+                         'front_left')
+    low, high = int(reader.stamp_ns.min()), int(reader.stamp_ns.max())
+    if low < 0 or high >= _LATEST:
+        raise InputError(f'{reader.path}: stamp: found {low / 1e9:g} to {high / 1e9:g} s, wanted '
+                         '0 to 2147483648, what messages can hold')
+    check_new(path)
+    try:
+        with _put_in_place(path) as folder, BagWriter(
+                folder, SUFFIXES.get(path.suffix, storage)) as writer:
+            for topic, kind, time, data in _messages(reader, topics_of(name)):
+                writer.write(topic, kind, time, data)
+    except OSError as error:
+        raise InputError(f'{path}: cannot be written: {error}') from error
+
+
+@contextmanager
+def _put_in_place(path: Path) -> Iterator[Path]:
+    # A folder to write to, beside the target, whose bag becomes the target.
+    temporary = Path(tempfile.mkdtemp(dir=path.parent, prefix=f'.{path.name}.'))
+    try:
+        folder = temporary / path.name.removesuffix(path.suffix if path.suffix in SUFFIXES else '')
+        yield folder
+        source = folder / f'{folder.name}{path.suffix}' if path.suffix in SUFFIXES else folder
+        source.rename(path)
+    finally:
+        with suppress(OSError):
+            shutil.rmtree(temporary)
+
+
+def _messages(reader: RecordingReader, where: CameraTopics,
+              ) -> Iterator[tuple[str, str, int, bytes]]:
+    stamps = reader.stamp_ns.tolist()
+    start = stamps[0]
+    for key, array in _carried(reader).items():
+        yield where.carried, messages.BYTES, start, messages.encode_bytes(key, array)
+    if reader.usecase is not None:
+        yield (EVENTS, messages.PARAMETER_EVENT, start,
+               messages.encode_usecase(start, where.node, reader.usecase))
+    given = reader.arrays.get('frame_id')
+    frame_id = f'{where.name}_optical_frame' if given is None else str(given)
+    distortion = np.asarray(reader.arrays.get('distortion', np.zeros(5)))
+    if distortion.ndim != 1 or distortion.dtype.kind not in 'fiu':
+        distortion = np.zeros(5)
+    images = {topic: _images(reader, key) for topic, key in (
+        (where.clean, 'clean_depth'), (where.reflectivity, 'reflectivity'),
+        (where.depth, 'depth'), (where.gray, 'amplitude'))
+        if key in reader.layouts or key in reader.arrays}
+    infos = [where.info, *([where.clean_info] if where.clean in images else [])]
+    time = start
+    for stamp in stamps:
+        # A bag is read by time: one that went back would change the order of the frames.
+        time = max(time, stamp)
+        info = messages.encode_camera_info(stamp, frame_id, reader.shape[1:], reader.K,
+                                           distortion.astype(np.float64))
+        for topic in infos:
+            yield topic, messages.CAMERA_INFO, time, info
+        for topic, source in images.items():
+            yield topic, messages.IMAGE, time, messages.encode_image(stamp, frame_id, next(source))
+
+
+def _carried(reader: RecordingReader) -> dict[str, bytes]:
+    # Every key: empty where images carry it, else the array as .npy.
+    carried = {}
+    for key, layout in reader.layouts.items():
+        exact = layout.dtype.str[1:] in _CARRIED_BY_IMAGES[key]
+        carried[key] = b'' if exact else _npy(np.stack(list(reader.frames(key))))
+    return carried | {key: _npy(array) for key, array in reader.arrays.items()}
+
+
+def _npy(array: np.ndarray) -> bytes:
+    buffer = io.BytesIO()
+    np.save(buffer, array, allow_pickle=False)
+    return buffer.getvalue()
+
+
+def _images(reader: RecordingReader, key: str) -> Iterator[np.ndarray]:
+    # One image a frame; a single one for all of them is repeated.
+    if key in reader.layouts:
+        source = reader.frames(key)
+    else:
+        array = reader.arrays[key]
+        source = iter(array if array.ndim == 3 else [array] * len(reader.stamp))
+    for image in source:
+        exact = image.dtype.str[1:] in _CARRIED_BY_IMAGES[key]
+        if key == 'amplitude' and not exact:
+            image = np.clip(np.nan_to_num(image), 0, 65535).astype(np.uint16)
+        yield image if exact or key == 'amplitude' else image.astype(np.float32)

@@ -1,0 +1,285 @@
+"""Recordings in bags: of this package's nodes, of the real driver, and of `flexx2 convert`."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+import io
+from pathlib import Path
+from typing import Any
+
+from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.nodes.decoding import decode_image, image_pixels
+from flexx2_sim_ros.recording import bag_messages as messages
+from flexx2_sim_ros.recording.bag_cameras import choose_camera, EVENTS
+from flexx2_sim_ros.recording.bag_files import Bag
+from flexx2_sim_ros.recording.recordings import Content, Layout, RecordingReader, STACKS
+import numpy as np
+
+_DEPTHS = ('32FC1', '64FC1', '16UC1')
+_GRAYS = ('mono8', '8UC1', 'mono16', '16UC1', '32FC1')
+_FLOATS = {7: 'f4', 8: 'f8'}  # sensor_msgs/PointField
+_ABSENT = -1
+
+Decoder = Callable[[bytes], np.ndarray]
+
+
+@dataclass
+class _Topic:
+    """What the first pass over the bag finds of a topic, message by message."""
+
+    first: bytes
+    stamps: list[int]
+    times: list[int]
+
+
+@dataclass(frozen=True)
+class _Stack:
+    """Where the images of a stack come from: which message of a topic is each frame's."""
+
+    topic: str
+    decoder: Decoder
+    numbers: np.ndarray
+
+
+class BagRecording(RecordingReader):
+    """
+    A camera's recording in a rosbag2 bag.
+
+    Frames are the messages of the depth image (or of the cloud, where there is no image); the
+    other images belong to the frame of their stamp. Zero, negative and infinite depths are
+    invalid: NaN. In a bag that `flexx2 convert` made everything is as it was in the recording.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        A folder, or a ``.mcap`` or ``.db3`` file.
+    camera : str, optional
+        As for `open_recording`.
+
+    Raises
+    ------
+    InputError
+        When there is no such bag or camera, or no camera info.
+
+    """
+
+    def __init__(self, path: Path, camera: str | None = None) -> None:
+        """Read the bag once, keeping stamps but no images."""
+        self._bag = Bag(path)
+        self._where = choose_camera(path, self._bag.topics, camera)
+        self._found: dict[str, _Topic] = {}
+        self._carried: dict[str, np.ndarray | None] = {}
+        self._stacks: dict[str, _Stack] = {}
+        self._usecases: list[tuple[int, str, bool]] = []
+        self._infos: list[tuple[int, Any]] = []
+        self._index()
+        super().__init__(path, self._where.name, self._content(path))
+
+    def _index(self) -> None:
+        where = self._where
+        source = where.depth if where.depth in self._bag.topics else where.cloud
+        self._source = source
+        stamped = {source, where.clean, where.clean_info, where.reflectivity, where.gray,
+                   where.info}
+        last_info = b''
+        for topic, _, time, data in self._bag.messages({*stamped, where.carried, EVENTS}):
+            label = f'{self._bag.path}: {topic}'
+            if topic == where.carried:
+                key, content = messages.decode_bytes(data, label)
+                self._carried[key] = _array(content, f'{label}: {key}') if content else None
+            elif topic == EVENTS:
+                self._take_event(time, data, label)
+            else:
+                found = self._found.setdefault(topic, _Topic(data, [], []))
+                found.stamps.append(messages.header_stamp(data, label))
+                found.times.append(time)
+                if topic == where.info and data[12:] != last_info:
+                    last_info = data[12:]
+                    self._infos.append((time, messages.decode(messages.CAMERA_INFO, data, label)))
+
+    def _take_event(self, time: int, data: bytes, label: str) -> None:
+        try:
+            usecase = messages.decode_usecase(data, self._where.node, label)
+        except InputError as error:  # Frames are worth reading without it.
+            if str(error) not in self._bag.notes:
+                self._bag.notes.append(str(error))
+            return
+        if usecase is not None:
+            self._usecases.append((time, *usecase))
+
+    def _content(self, path: Path) -> Content:
+        where = self._where
+        if self._source not in self._found:
+            raise InputError(f'{path}: {self._source}: no whole message, wanted depth images')
+        if not self._infos:
+            raise InputError(f'{path}: {where.info}: no whole message, wanted the camera matrix')
+        content = Content({}, {}, self._bag.notes)
+        first = self._infos[0][1]
+        self._size = int(first.height), int(first.width)
+        depth = partial(self._cloud_depth if self._source == where.cloud else self._depth,
+                        self._source)
+        self._add_stack(content, 'depth', self._source, depth)
+        own = not self._carried
+        if own or 'clean_depth' in self._carried:
+            self._add_stack(content, 'clean_depth', where.clean, self._clean)
+        if own or 'reflectivity' in self._carried:
+            self._add_stack(content, 'reflectivity', where.reflectivity,
+                            partial(self._image, where.reflectivity, ('32FC1',)))
+        if own or 'amplitude' in self._carried:
+            self._add_stack(content, 'amplitude', where.gray,
+                            partial(self._image, where.gray, _GRAYS))
+        if own:
+            self._add_own_arrays(content)
+        else:
+            self._add_carried_arrays(content)
+        return content
+
+    def _add_stack(self, content: Content, key: str, topic: str, decoder: Decoder) -> None:
+        if topic not in self._found or self._carried.get(key) is not None:
+            return
+        image = decoder(self._found[topic].first)
+        if key != 'depth' and image.shape != content.layouts['depth'].shape:
+            content.notes.append(
+                f'{self._bag.path}: {key}: left out: {image.shape[1]} x {image.shape[0]} pixels '
+                'are another view than that of depth')
+            return
+        stamps = self._found[self._source].stamps
+        numbers = _match(stamps, self._found[topic].stamps)
+        missing = int((numbers == _ABSENT).sum())
+        if missing:
+            if missing == len(numbers):
+                content.notes.append(f'{self._bag.path}: {key}: left out: no image of {topic} has '
+                                     'the stamp of a depth image')
+                return
+            content.notes.append(f'{self._bag.path}: {key}: {missing} of {len(numbers)} frames '
+                                 f'have none of their stamp in {topic}')
+        content.layouts[key] = Layout(image.dtype, (image.shape[0], image.shape[1]))
+        self._stacks[key] = _Stack(topic, decoder, numbers)
+
+    def _add_own_arrays(self, content: Content) -> None:
+        first = self._infos[0][1]
+        content.arrays['K'] = np.array(first.k, np.float64).reshape(3, 3)
+        stamps = np.array(self._found[self._source].stamps, np.int64)
+        content.arrays['stamp'] = stamps / 1e9
+        if (np.rint(content.arrays['stamp'] * 1e9).astype(np.int64) != stamps).any():
+            content.arrays['stamp_ns'] = stamps
+        for time, info in self._infos[1:]:
+            if not np.array_equal(info.k, first.k):
+                content.notes.append(f'{self._bag.path}: K: changes at frame {self._frame(time)} '
+                                     f'from {first.k.tolist()} to {info.k.tolist()}')
+                break
+        for index, (time, usecase, changed) in enumerate(self._usecases):
+            if index == 0:
+                content.arrays['usecase'] = np.array(usecase)
+            elif usecase == self._usecases[index - 1][1]:
+                continue
+            if index or (changed and self._frame(time)):
+                content.notes.append(f'{self._bag.path}: usecase: {usecase} from about frame '
+                                     f'{self._frame(time)} on')
+        content.arrays['camera'] = np.array(self._where.name)
+        content.arrays['frame_id'] = np.array(str(first.header.frame_id))
+        if np.any(first.d):
+            content.arrays['distortion'] = np.array(first.d, np.float64)
+
+    def _add_carried_arrays(self, content: Content) -> None:
+        count = len(self._found[self._source].stamps)
+        for key, array in self._carried.items():
+            if array is not None:
+                # Of a bag that was cut off there are fewer frames than stamps.
+                one_each = key in ('stamp', 'stamp_ns') or (key in STACKS and array.ndim == 3)
+                content.arrays[key] = array[:count] if one_each else array
+
+    def _frame(self, time: int) -> int:
+        # The first frame that was received at a time or after it.
+        return int(np.searchsorted(self._found[self._source].times, time))
+
+    def frames(self, key: str) -> Iterator[np.ndarray]:
+        """Iterate over the images of a stack; see `RecordingReader.frames`."""
+        stack, layout = self._stacks[key], self.layouts[key]
+        absent = np.full(layout.shape, np.nan if layout.dtype.kind == 'f' else 0, layout.dtype)
+        wanted = set(stack.numbers.tolist())
+        kept: dict[int, np.ndarray] = {_ABSENT: absent}
+        source = enumerate(self._bag.messages({stack.topic}))
+        for index, number in enumerate(stack.numbers.tolist()):
+            while number not in kept:
+                at, message = next(source, (0, None))
+                if message is None:
+                    raise InputError(f'{self.path}: {stack.topic}: ends at frame {index}, wanted '
+                                     f'{len(stack.numbers)}: the bag has changed')
+                if at in wanted:
+                    kept[at] = stack.decoder(message.data)
+            image = kept[number]
+            if image.shape != layout.shape or image.dtype != layout.dtype:
+                raise InputError(
+                    f'{self.path}: {stack.topic}: frame {index}: found {image.shape} '
+                    f'{image.dtype}, wanted {layout.shape} {layout.dtype} as before')
+            yield image
+            if number != _ABSENT and number not in stack.numbers[index + 1:index + 2]:
+                del kept[number]
+
+    def _image(self, topic: str, encodings: tuple[str, ...], data: bytes) -> np.ndarray:
+        label = f'{self._bag.path}: {topic}'
+        pixels = image_pixels(messages.decode(messages.IMAGE, data, label), label, encodings)
+        return pixels.astype(pixels.dtype.newbyteorder('='), copy=False)
+
+    def _depth(self, topic: str, data: bytes) -> np.ndarray:
+        label = f'{self._bag.path}: {topic}'
+        return self._valid(decode_image(messages.decode(messages.IMAGE, data, label), label,
+                                        _DEPTHS))
+
+    def _clean(self, data: bytes) -> np.ndarray:
+        # float64 stays float64: a recording may have it.
+        label = f'{self._bag.path}: {self._where.clean}'
+        message = messages.decode(messages.IMAGE, data, label)
+        if message.encoding == '64FC1':
+            return self._valid(self._image(self._where.clean, _DEPTHS, data))
+        return self._valid(decode_image(message, label, _DEPTHS))
+
+    def _cloud_depth(self, topic: str, data: bytes) -> np.ndarray:
+        label = f'{self._bag.path}: {topic}'
+        cloud = messages.decode(messages.POINT_CLOUD, data, label)
+        field = next((field for field in cloud.fields if field.name == 'z'), None)
+        if field is None or field.datatype not in _FLOATS:
+            raise InputError(f'{label}: fields: found {[each.name for each in cloud.fields]}, '
+                             'wanted a floating-point z')
+        # The real driver swaps width and height (but not the points): the camera info is right.
+        height, width = self._size
+        if (cloud.width * cloud.height != height * width
+                or len(cloud.data) != height * width * cloud.point_step):
+            raise InputError(f'{label}: size: found {cloud.width} x {cloud.height} points in '
+                             f'{len(cloud.data)} bytes, wanted {width} x {height} as in '
+                             'camera_info')
+        dtype = np.dtype(('>' if cloud.is_bigendian else '<') + _FLOATS[field.datatype])
+        z: np.ndarray = np.ndarray((height, width), dtype, cloud.data, field.offset,
+                                   (width * cloud.point_step, cloud.point_step))
+        return self._valid(z.astype(np.float32))
+
+    def _valid(self, depth: np.ndarray) -> np.ndarray:
+        if self._carried:
+            return depth
+        with np.errstate(invalid='ignore'):
+            return np.where(np.isfinite(depth) & (depth > 0), depth, depth.dtype.type(np.nan))
+
+
+def _match(stamps: list[int], others: list[int]) -> np.ndarray:
+    # For each stamp the number of the other message of that stamp.
+    numbers = {key: number for number, key in enumerate(_places(others))}
+    return np.array([numbers.get(key, _ABSENT) for key in _places(stamps)], np.int64)
+
+
+def _places(stamps: list[int]) -> Iterator[tuple[int, int, int]]:
+    # How often stamps have gone back so far (a simulation that was reset gives the same ones
+    # again), the stamp, and how many of the same there were just before.
+    passes, repeats, last = 0, 0, stamps[0] - 1
+    for stamp in stamps:
+        passes += stamp < last
+        repeats = repeats + 1 if stamp == last else 0
+        last = stamp
+        yield passes, stamp, repeats
+
+
+def _array(content: bytes, label: str) -> np.ndarray:
+    try:
+        return np.load(io.BytesIO(content), allow_pickle=False)
+    except (ValueError, EOFError, OSError) as error:
+        raise InputError(f'{label}: cannot be read as an array: {error}') from error

@@ -1,0 +1,90 @@
+"""Recordings from one kind of file to another."""
+
+from collections.abc import Iterator
+import itertools
+from pathlib import Path
+
+from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.recording.bag_writer import write_bag
+from flexx2_sim_ros.recording.npz import RecordingWriter
+from flexx2_sim_ros.recording.recordings import (
+    open_recording,
+    recording_cameras,
+    RecordingReader,
+)
+import numpy as np
+
+_CHUNK = 64
+
+
+def convert(source: str | Path, target: str | Path, camera: str | None = None,
+            storage: str = 'mcap') -> list[tuple[RecordingReader, Path]]:
+    """
+    Write a recording in another format, without loss and in bounded memory.
+
+    Parameters
+    ----------
+    source : str or pathlib.Path
+        As for `open_recording`.
+    target : str or pathlib.Path
+        An ``.npz`` file (replaced if it exists), a ``.mcap`` or ``.db3`` file, or a folder for a
+        bag. From a bag with several cameras, if none is chosen, ``out.npz`` becomes
+        ``out_<camera>.npz`` for each.
+    camera : str, optional
+        Which camera of the bag; for an ``.npz`` source what to call it in the bag.
+    storage : str
+        ``mcap`` or ``sqlite3``, where the target is a folder.
+
+    Returns
+    -------
+    list of (RecordingReader, pathlib.Path)
+        What was read and where it was written.
+
+    Raises
+    ------
+    InputError
+        As `open_recording` and `write_bag`.
+
+    """
+    source, target = Path(source), Path(target)
+    if source.resolve() == target.resolve():
+        raise InputError(f'{target}: found the source itself, wanted another file')
+    cameras = recording_cameras(source)
+    if camera is None and len(cameras) > 1 and target.suffix == '.npz':
+        names = {name: target.with_stem(f'{target.stem}_{name.replace("/", "_")}')
+                 for name in cameras}
+        return [pair for name, path in names.items()
+                for pair in convert(source, path, name, storage)]
+    reader = open_recording(source, None if source.suffix == '.npz' else camera)
+    if target.suffix == '.npz':
+        write_npz(reader, target)
+    else:
+        write_bag(reader, target, storage, camera)
+    return [(reader, target)]
+
+
+def write_npz(reader: RecordingReader, path: Path) -> None:
+    """
+    Write a recording as a NumPy archive.
+
+    Parameters
+    ----------
+    reader : RecordingReader
+        What to write.
+    path : pathlib.Path
+        The file; it appears when it is complete, and replaces one of that name.
+
+    """
+    with RecordingWriter(path, *reader.shape) as writer:
+        for block in _blocks(reader.frames('depth')):
+            writer.add_depth(block)
+        for key, layout in reader.layouts.items():
+            if key != 'depth':
+                writer.add_frames(key, layout.dtype, reader.frames(key))
+        for key, array in reader.arrays.items():
+            writer.add_array(key, array)
+
+
+def _blocks(frames: Iterator[np.ndarray]) -> Iterator[np.ndarray]:
+    while block := list(itertools.islice(frames, _CHUNK)):
+        yield np.stack(block)

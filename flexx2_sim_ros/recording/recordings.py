@@ -1,0 +1,319 @@
+"""A recording, whichever file it lies in: whole, or frame by frame in bounded memory."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+import itertools
+from pathlib import Path
+
+from flexx2_sim_ros.errors import InputError
+import numpy as np
+
+# Keys that can have one image a frame; all other arrays are the recording's as a whole.
+STACKS = ('depth', 'clean_depth', 'reflectivity', 'amplitude')
+_KNOWN = {*STACKS, 'K', 'stamp', 'stamp_ns', 'usecase'}
+_LONGEST = 9_000_000_000  # seconds that int64 nanoseconds can hold, rounded down
+_SAME_NANOSECONDS = 1000
+
+
+@dataclass(frozen=True)
+class Recording:
+    """
+    What one camera recorded, or a part of it.
+
+    Attributes
+    ----------
+    depth : numpy.ndarray
+        (T, H, W) float32, metres along the optical axis, NaN where invalid.
+    K : numpy.ndarray
+        (3, 3) float64 camera matrix, pixels.
+    stamp : numpy.ndarray
+        (T,) float64, seconds.
+    stamp_ns : numpy.ndarray
+        (T,) int64, nanoseconds: exact where seconds since 1970 do not fit a float64.
+    usecase : str or None
+        The camera's mode, None where the file does not say.
+    clean_depth : numpy.ndarray or None
+        (H, W) or (T, H, W), metres, NaN where nothing is: what is really there.
+    reflectivity : numpy.ndarray or None
+        (H, W) or (T, H, W), 0 to 1.
+    amplitude : numpy.ndarray or None
+        (H, W) or (T, H, W): the camera's gray image, in its own units.
+    extra : dict of str to numpy.ndarray
+        All else that the file has, whole (never cut to the part). From a bag: ``camera``,
+        ``frame_id`` and, where it is not zero, ``distortion`` (k1, k2, p1, p2, k3).
+    path : pathlib.Path
+        Where it was read from.
+    camera : str or None
+        Which camera of a bag it is; None for ``.npz``.
+    notes : tuple of str
+        What a person should know: a bag that was cut off, frames without clean depth, a mode
+        that changed on the way.
+
+    """
+
+    depth: np.ndarray
+    K: np.ndarray  # noqa: N815
+    stamp: np.ndarray
+    stamp_ns: np.ndarray
+    usecase: str | None
+    clean_depth: np.ndarray | None
+    reflectivity: np.ndarray | None
+    amplitude: np.ndarray | None
+    extra: dict[str, np.ndarray]
+    path: Path
+    camera: str | None = None
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Dtype and (H, W) of the images of a stack."""
+
+    dtype: np.dtype
+    shape: tuple[int, int]
+
+
+@dataclass
+class Content:
+    """
+    What a file has.
+
+    Attributes
+    ----------
+    layouts : dict of str to Layout
+        The stacks: keys with one image a frame. ``depth`` is float32.
+    arrays : dict of str to numpy.ndarray
+        All other keys of the recording format.
+    notes : list of str
+        As in `Recording`.
+
+    """
+
+    layouts: dict[str, Layout]
+    arrays: dict[str, np.ndarray]
+    notes: list[str] = field(default_factory=list)
+
+
+class RecordingReader(ABC):
+    """
+    A recording that is read when it is asked for, in bounded memory.
+
+    Made by `open_recording`. Files are open only while they are read from.
+
+    Attributes
+    ----------
+    path : pathlib.Path
+        The file or folder.
+    camera : str or None
+        Which camera of a bag.
+    K, stamp, stamp_ns, usecase
+        As in `Recording`, of all frames.
+    layouts, arrays, notes
+        As in `Content`.
+
+    Examples
+    --------
+    >>> def brightest(path):
+    ...     reader = open_recording(path)
+    ...     return max(np.nanmax(part.depth) for part in reader.chunks(64))
+
+    """
+
+    def __init__(self, path: Path, camera: str | None, content: Content) -> None:
+        """Check what is there against the recording format."""
+        self.path = path
+        self.camera = camera
+        self.layouts = content.layouts
+        self.arrays = content.arrays
+        self.notes = content.notes
+        self.K = self._matrix()
+        self.stamp, self.stamp_ns = self._stamps()
+        usecase = self.arrays.get('usecase')
+        if usecase is not None and (usecase.dtype.kind != 'U' or usecase.ndim):
+            raise InputError(f'{path}: usecase: found dtype {usecase.dtype} and shape '
+                             f'{usecase.shape}, wanted a string')
+        self.usecase = None if usecase is None else str(usecase)
+        self._check_images()
+
+    @abstractmethod
+    def frames(self, key: str) -> Iterator[np.ndarray]:
+        """
+        Iterate over the images of a stack.
+
+        Parameters
+        ----------
+        key : str
+            One of `layouts`.
+
+        Yields
+        ------
+        numpy.ndarray
+            (H, W) of the stack's dtype, one for each of `stamp`.
+
+        Raises
+        ------
+        InputError
+            When an image cannot be read.
+
+        """
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Return (T, H, W)."""
+        return len(self.stamp), *self.layouts['depth'].shape
+
+    def chunks(self, size: int = 64) -> Iterator[Recording]:
+        """Iterate over consecutive parts of up to `size` frames."""
+        images = {key: self.frames(key) for key in self.layouts}
+        for start in range(0, len(self.stamp), size):
+            count = min(size, len(self.stamp) - start)
+            yield self._recording(start, {key: self._take(key, source, count)
+                                          for key, source in images.items()})
+
+    def load(self) -> Recording:
+        """Return the whole recording."""
+        return self._recording(0, {key: self._take(key, self.frames(key), len(self.stamp))
+                                   for key in self.layouts})
+
+    def _take(self, key: str, images: Iterator[np.ndarray], count: int) -> np.ndarray:
+        layout = self.layouts[key]
+        block = np.empty((count, *layout.shape), layout.dtype)
+        for index, image in enumerate(itertools.islice(images, count)):
+            block[index] = image
+        return block
+
+    def _recording(self, start: int, stacks: dict[str, np.ndarray]) -> Recording:
+        part = slice(start, start + len(stacks['depth']))
+
+        def image(key: str) -> np.ndarray | None:
+            array = self.arrays.get(key)
+            if array is None:
+                return stacks.get(key)
+            return array[part] if array.ndim == 3 else array
+        return Recording(
+            stacks['depth'], self.K, self.stamp[part], self.stamp_ns[part], self.usecase,
+            image('clean_depth'), image('reflectivity'), image('amplitude'),
+            {key: value for key, value in self.arrays.items() if key not in _KNOWN},
+            self.path, self.camera, tuple(self.notes))
+
+    def _matrix(self) -> np.ndarray:
+        matrix = self._numbers('K', 'a camera matrix (3, 3)')
+        if matrix.shape != (3, 3) or not np.isfinite(matrix).all():
+            raise InputError(f'{self.path}: K: found shape {matrix.shape}, wanted a camera matrix '
+                             '(3, 3) of finite numbers')
+        return matrix.astype(np.float64)
+
+    def _stamps(self) -> tuple[np.ndarray, np.ndarray]:
+        given = {key: self._numbers(key, 'stamps') for key in ('stamp', 'stamp_ns')
+                 if key in self.arrays}
+        for key, values in given.items():
+            if values.ndim != 1 or not np.isfinite(values).all():
+                raise InputError(f'{self.path}: {key}: found shape {values.shape}, wanted finite '
+                                 'numbers (T,)')
+        if not given:
+            raise InputError(f'{self.path}: stamp: not in the file, wanted seconds (T,)')
+        if 'stamp_ns' not in given:
+            seconds = given['stamp'].astype(np.float64)
+            if (np.abs(seconds) > _LONGEST).any():
+                raise InputError(f'{self.path}: stamp: found {np.abs(seconds).max():g}, wanted '
+                                 f'seconds, at most {_LONGEST:g}')
+            return seconds, np.rint(seconds * 1e9).astype(np.int64)
+        exact = given['stamp_ns']
+        if exact.dtype.kind not in 'iu':
+            raise InputError(f'{self.path}: stamp_ns: found dtype {exact.dtype}, wanted whole '
+                             'numbers')
+        exact = exact.astype(np.int64)
+        stamp = given.get('stamp', exact / 1e9).astype(np.float64)
+        if stamp.shape != exact.shape or (
+                np.abs(stamp * 1e9 - exact) > _SAME_NANOSECONDS).any():
+            raise InputError(f'{self.path}: stamp: differs from stamp_ns, wanted the same in '
+                             'seconds')
+        return stamp, exact
+
+    def _numbers(self, key: str, wanted: str) -> np.ndarray:
+        found = self.arrays.get(key)
+        if found is None:
+            names = ', '.join([*self.layouts, *self.arrays]) or 'nothing'
+            raise InputError(f'{self.path}: {key}: not in the file, which has {names}; wanted '
+                             f'{wanted}')
+        if found.dtype.kind not in 'fiu':
+            raise InputError(f'{self.path}: {key}: found dtype {found.dtype}, wanted {wanted}')
+        return found
+
+    def _check_images(self) -> None:
+        for key in STACKS:
+            if key in self.arrays:
+                shape = self._numbers(key, 'numbers (H, W) or (T, H, W)').shape
+            elif key in self.layouts:
+                shape = (len(self.stamp), *self.layouts[key].shape)
+            else:
+                continue
+            if shape not in (self.shape, self.shape[1:]):
+                raise InputError(f'{self.path}: {key}: found shape {shape}, wanted that of depth, '
+                                 f'{self.shape} or {self.shape[1:]}')
+
+
+def open_recording(path: str | Path, camera: str | None = None) -> RecordingReader:
+    """
+    Open a recording without reading its frames.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        An ``.npz`` recording, or a rosbag2 bag: a folder, or a single ``.mcap`` or ``.db3``
+        file, of this package's nodes or of the real driver (pmd-royale-ros). A bag that was cut
+        off is read as far as it is whole; `RecordingReader.notes` says how far that is.
+    camera : str, optional
+        Which camera of a bag that has several: its name (`recording_cameras` lists them) or the
+        topic of any depth image, with its camera_info beside it.
+
+    Returns
+    -------
+    RecordingReader
+
+    Raises
+    ------
+    InputError
+        When there is no such file, or it is not a recording; the message names file and field.
+
+    """
+    path = Path(path)
+    if path.suffix == '.npz':
+        from flexx2_sim_ros.recording.npz_recording import NpzRecording
+        return NpzRecording(path)
+    from flexx2_sim_ros.recording.bags import BagRecording
+    return BagRecording(path, camera)
+
+
+def load_recording(path: str | Path, camera: str | None = None) -> Recording:
+    """
+    Read a whole recording into memory.
+
+    For long ones there is ``open_recording(path).chunks()``.
+
+    Parameters
+    ----------
+    path, camera
+        As for `open_recording`.
+
+    Returns
+    -------
+    Recording
+
+    Raises
+    ------
+    InputError
+        As `open_recording`, and when a frame cannot be read.
+
+    """
+    return open_recording(path, camera).load()
+
+
+def recording_cameras(path: str | Path) -> list[str]:
+    """Return the names of a bag's cameras; for an ``.npz`` nothing, since it has just one."""
+    if Path(path).suffix == '.npz':
+        return []
+    from flexx2_sim_ros.recording.bag_cameras import find_cameras
+    from flexx2_sim_ros.recording.bag_files import Bag
+    return list(find_cameras(Bag(path).topics))

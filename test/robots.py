@@ -1,0 +1,129 @@
+"""The Go1 node in this process, and what drives it and listens to it, over real DDS."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+import itertools
+import math
+from typing import Any
+import unittest
+
+try:
+    import rclpy  # noqa: F401
+except ImportError as error:
+    raise unittest.SkipTest('ROS 2 is not installed: rclpy cannot be imported') from error
+
+from flexx2_sim_ros.go1.kinematics import JOINTS
+from flexx2_sim_ros.nodes import go1_messages, transforms
+from flexx2_sim_ros.nodes.go1_node import Go1Cameras
+from geometry_msgs.msg import Twist
+from nav_msgs.msg import Odometry
+import numpy as np
+from rclpy.parameter_client import AsyncParameterClient
+from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
+from streams import CameraInfo, Clock, Image, Listener, Parameter
+
+__all__ = ['CameraInfo', 'Clock', 'Go1', 'Image', 'JointState', 'Odometry', 'Twist', 'go1',
+           'go1_messages', 'joints', 'odometry', 'place', 'transforms', 'twist']
+
+# The scene with the least to draw, and rays: fast, and free of OpenGL.
+USUAL = {'scene': 'corner', 'renderer': 'ray'}
+_numbers = itertools.count()
+
+
+class Go1(Listener):
+    """The node under test in a namespace of its own, and a user of its topics."""
+
+    def __init__(self, **values: Any) -> None:
+        """Start the node; values are of its parameters."""
+        super().__init__()
+        self.space = f'/go1_{next(_numbers)}'
+        self.robot = Go1Cameras(namespace=self.space, parameter_overrides=[
+            Parameter(name, value=value) for name, value in {**USUAL, **values}.items()])
+        self.add(self.robot)
+        self.clients = AsyncParameterClient(self.node, f'{self.space}/go1_cameras')
+
+    def to(self, topic: str, kind: type) -> Any:
+        """Return a publisher that the node listens to."""
+        publisher = self.node.create_publisher(kind, f'{self.space}/{topic}', 10)
+        self.spin_until(publisher.get_subscription_count, topic)
+        return publisher
+
+    def hear(self, topic: str, kind: type) -> list[Any]:
+        """Return the list that fills with what the node publishes."""
+        name = topic if topic.startswith('/') else f'{self.space}/{topic}'
+        heard = self.listen(name, kind)
+        self.spin_until(lambda: all(
+            publisher.get_subscription_count() for publisher in self.robot.publishers
+            if publisher.topic_name == name), topic)
+        return heard
+
+    def more(self, heard: list[Any], count: int) -> list[Any]:
+        """Wait for some more messages; return them."""
+        start = len(heard)
+        self.spin_until(lambda: len(heard) >= start + count, f'{count} messages')
+        return heard[start:start + count]
+
+    def change(self, **values: Any) -> Any:
+        """Set parameters through the node's service; return the last one's result."""
+        self.spin_until(self.clients.services_are_ready, 'parameter services')
+        parameters = [Parameter(name, value=value) for name, value in values.items()]
+        return self.wait(self.clients.set_parameters(parameters)).results[-1]
+
+    def reset(self) -> Any:
+        """Call the reset service."""
+        client = self.node.create_client(Trigger, f'{self.space}/go1_cameras/reset')
+        self.spin_until(client.service_is_ready, 'reset service')
+        return self.wait(client.call_async(Trigger.Request()))
+
+    def logged(self, *parts: str) -> list[str]:
+        """Return what the node logged with all these parts in it."""
+        name = self.robot.get_logger().name
+        return [entry.msg for entry in self.log
+                if entry.name == name and all(part in entry.msg for part in parts)]
+
+    def close(self) -> None:
+        """Stop the node and leave the graph."""
+        super().close()
+        self.robot.destroy_node()
+
+
+@contextmanager
+def go1(**values: Any) -> Iterator[Go1]:
+    """Return a `Go1` that is closed at the end of the block."""
+    made = Go1(**values)
+    try:
+        yield made
+    finally:
+        made.close()
+
+
+def twist(x: float = 0.0, y: float = 0.0, turn: float = 0.0) -> Twist:
+    """Return a command."""
+    message = Twist()
+    message.linear.x, message.linear.y, message.angular.z = x, y, turn
+    return message
+
+
+def place(message: Odometry) -> tuple[np.ndarray, float]:
+    """Return an odometry's position and yaw."""
+    at, turn = message.pose.pose.position, message.pose.pose.orientation
+    return np.array([at.x, at.y, at.z]), 2 * math.atan2(turn.z, turn.w)
+
+
+def odometry(stamp: int, position: Sequence[float], yaw: float = 0.0,
+             child: str = 'trunk') -> Odometry:
+    """Return another simulator's pose."""
+    message = Odometry(child_frame_id=child)
+    message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, 10 ** 9)
+    at, turn = message.pose.pose.position, message.pose.pose.orientation
+    at.x, at.y, at.z = map(float, position)
+    turn.w, turn.z = math.cos(yaw / 2), math.sin(yaw / 2)
+    return message
+
+
+def joints(stamp: int, positions: Sequence[float], names: Sequence[str] = JOINTS) -> JointState:
+    """Return another simulator's joints."""
+    message = JointState(name=list(names), position=list(map(float, positions)))
+    message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, 10 ** 9)
+    return message

@@ -1,0 +1,630 @@
+"""Recordings in bags: the real driver's, ours, converted ones, and cut-off ones."""
+
+from collections.abc import Iterator
+import os
+from pathlib import Path
+import sqlite3
+import subprocess
+import sys
+import threading
+import tracemalloc
+from typing import Any
+
+from flexx2_sim_ros.cli.main import main
+from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.recording import (
+    load_recording,
+    load_scene,
+    open_recording,
+    Recording,
+    recording_cameras,
+)
+from flexx2_sim_ros.recording.bag_files import Bag
+from flexx2_sim_ros.recording.bag_remains import Message
+from flexx2_sim_ros.recording.bag_writer import BagWriter
+from flexx2_sim_ros.recording.convert import convert
+from flexx2_sim_ros.recording.gaps import find_gaps
+from flexx2_sim_ros.recording.sink import BagSink
+import made_bags
+from made_bags import (
+    camera_entries,
+    depths,
+    DISTORTION,
+    DRIVER,
+    driver_bag,
+    driver_cloud,
+    driver_entries,
+    EPOCH,
+    image,
+    info,
+    MATRIX,
+    same,
+    SECOND,
+    usecase,
+    write,
+)
+import numpy as np
+import pytest
+
+STORAGES = ('mcap', 'sqlite3')
+TARGETS = ('folder-mcap', 'folder-sqlite3', 'file.mcap', 'file.db3')
+RNG = np.random.default_rng(20240717)
+
+
+def contents(count: int = 5, height: int = 9, width: int = 7) -> dict[str, dict[str, Any]]:
+    """Return recordings of all kinds."""
+    depth = depths(count, height, width)
+    depth[0, 0, 0] = np.nan
+    depth[1, 2, 3] = 0.0
+    depth.view(np.uint32)[2, 1, 1] = 0x7FC01234  # a NaN of somebody's own
+    base = {'depth': depth, 'K': MATRIX, 'stamp': np.arange(count) / 30, 'usecase': 'Mode_9_30fps'}
+    exact = EPOCH + np.arange(count) * 16_666_667
+    return {
+        'least': {'depth': depth, 'K': MATRIX, 'stamp': np.arange(count) / 3},
+        'simulated': base | {'clean_depth': depth[0].astype('f8'), 'reflectivity': depth / 10,
+                             'seed': 7},
+        'moving': base | {'clean_depth': depth * 2, 'reflectivity': depth[0] / 10,
+                          'amplitude': RNG.integers(0, 256, depth.shape, np.uint8)},
+        'double': base | {'clean_depth': depth.astype('f8') / 3,
+                          'reflectivity': depth.astype('f8') / 7,
+                          'amplitude': np.nan_to_num(depth * 1000).astype('u2')},
+        'odd': base | {'clean_depth': depth.astype('f2'), 'amplitude': depth * 1e6,
+                       'reflectivity': np.asfortranarray(depth)},
+        'exact': base | {'stamp': exact / 1e9, 'stamp_ns': exact},
+        'unsteady': base | {'stamp': np.array([3.0, 1.0, 1.0, 2.0, 0.0])[:count]},
+        'extra': base | {'sigma': depth, 'names': np.array(['left', 'r\xe9ight']),
+                         'empty': np.zeros((0, 3)), 'pose': np.eye(4, dtype='>f8'),
+                         'distortion': DISTORTION, 'camera': 'chin', 'frame_id': 'lens'},
+    }
+
+
+@pytest.mark.parametrize(('kind', 'target'), [
+    *((kind, target) for kind in contents() for target in TARGETS[:2]),
+    *(('moving', target) for target in TARGETS[2:])])
+def test_recordings_survive_a_bag_to_the_last_bit(kind: str, target: str, tmp_path: Path) -> None:
+    np.savez(tmp_path / 'in.npz', **contents()[kind])
+    storage = 'sqlite3' if target.endswith('sqlite3') else 'mcap'
+    convert(tmp_path / 'in.npz', tmp_path / target, storage=storage)
+    (reader, _), = convert(tmp_path / target, tmp_path / 'out.npz')
+
+    assert reader.notes == []
+    assert (tmp_path / target).is_dir() == target.startswith('folder')
+    assert not list(tmp_path.glob('.*')), 'nothing is left over'
+    with np.load(tmp_path / 'in.npz') as given, np.load(tmp_path / 'out.npz') as back:
+        assert set(back.files) == set(given.files)
+        for key in given.files:
+            assert same(back[key], given[key]), key
+    direct, through = load_recording(tmp_path / 'in.npz'), load_recording(tmp_path / target)
+    for field in ('depth', 'K', 'stamp', 'stamp_ns'):
+        assert same(getattr(direct, field), getattr(through, field)), field
+    assert direct.usecase == through.usecase
+
+
+def test_a_converted_bag_is_what_a_camera_publishes(tmp_path: Path) -> None:
+    given = contents()['moving'] | {'frame_id': 'lens'}
+    np.savez(tmp_path / 'in.npz', **given)
+    convert(tmp_path / 'in.npz', tmp_path / 'bag', camera='front_left')
+    bag = Bag(tmp_path / 'bag')
+    node = '/front_left/flexx2_camera'
+    assert {topic: kind.rpartition('/')[2] for topic, kind in bag.topics.items()} == {
+        f'{node}/depth_image_0': 'Image', f'{node}/camera_info': 'CameraInfo',
+        f'{node}/gray_image_0': 'Image', '/front_left/clean/depth_image': 'Image',
+        '/front_left/clean/camera_info': 'CameraInfo', '/front_left/clean/reflectivity': 'Image',
+        '/front_left/recording': 'UInt8MultiArray', '/parameter_events': 'ParameterEvent'}
+    messages = [made_bags.TYPES.deserialize_cdr(message.data, message.kind)
+                for message in bag.messages({f'{node}/depth_image_0'})]
+    assert [message.encoding for message in messages] == ['32FC1'] * 5
+    assert [message.header.stamp.nanosec for message in messages] == [
+        0, 33333333, 66666667, 100000000, 133333333]
+    assert {message.header.frame_id for message in messages} == {'lens'}
+    for message, frame in zip(messages, given['depth'], strict=True):
+        assert message.data.tobytes() == frame.tobytes()
+
+
+@pytest.mark.parametrize('storage', STORAGES)
+def test_real_driver(storage: str, tmp_path: Path) -> None:
+    depth = depths(4)
+    depth[:, 3, 5] = 0.0
+    recording = load_recording(driver_bag(tmp_path / 'bag', depth, storage))
+
+    expected = depth.copy()
+    expected[:, 3, 5] = np.nan
+    assert same(recording.depth, expected)
+    assert same(recording.K, MATRIX)
+    assert recording.stamp_ns.tolist() == [EPOCH + i * 22_222_000 for i in range(4)]
+    assert recording.usecase == 'Mode_5_45fps'
+    assert recording.camera == 'pmd_royale_ros_camera_node'
+    assert recording.clean_depth is None
+    assert recording.reflectivity is None
+    assert recording.amplitude is not None
+    assert recording.amplitude.dtype == np.uint8
+    assert recording.amplitude[:, 0, 0].tolist() == [0, 1, 2, 3]
+    assert same(recording.extra['distortion'], DISTORTION)
+    assert recording.extra['frame_id'] == 'pmd_royale_ros_camera_node_optical_frame'
+    assert recording.notes == ()
+
+
+@pytest.mark.parametrize('storage', STORAGES)
+def test_real_driver_through_npz_and_back(storage: str, tmp_path: Path) -> None:
+    first = load_recording(driver_bag(tmp_path / 'bag', depths(3), storage))
+    convert(tmp_path / 'bag', tmp_path / 'there.npz')
+    convert(tmp_path / 'there.npz', tmp_path / 'back', storage=storage)
+    with np.load(tmp_path / 'there.npz') as archive:
+        assert archive['stamp_ns'].tolist() == first.stamp_ns.tolist(), 'no float64 holds these'
+    for path in (tmp_path / 'there.npz', tmp_path / 'back'):
+        second = load_recording(path)
+        for field in ('depth', 'K', 'stamp', 'stamp_ns', 'amplitude'):
+            assert same(getattr(first, field), getattr(second, field)), field
+        assert second.usecase == first.usecase
+        assert {key: value.tolist() for key, value in second.extra.items()} == {
+            key: value.tolist() for key, value in first.extra.items()}
+    assert recording_cameras(tmp_path / 'back') == ['pmd_royale_ros_camera_node']
+
+
+def test_only_the_drivers_cloud(tmp_path: Path) -> None:
+    depth = depths(3)
+    depth[1, 0, 1] = 0.0
+    kept = [entry for entry in driver_entries(depth)
+            if not entry[0].endswith(('depth_image_0', 'gray_image_0'))]
+    cloud = next(message for topic, _, _, message in kept if topic.endswith('point_cloud_0'))
+    assert (cloud.width, cloud.height) == (172, 224), 'swapped, as the driver does it'
+    recording = load_recording(write(tmp_path / 'bag', kept))
+    depth[1, 0, 1] = np.nan
+    assert same(recording.depth, depth)
+
+
+def test_a_cloud_that_does_not_fit_is_named(tmp_path: Path) -> None:
+    entries = [info(f'{DRIVER}/camera_info', 1, (172, 224)),
+               driver_cloud(f'{DRIVER}/point_cloud_0', 1, depths(1, 172, 223)[0])]
+    with pytest.raises(InputError, match='point_cloud_0: size: found 172 x 223.*wanted 224 x 172'):
+        load_recording(write(tmp_path / 'bag', entries))
+
+
+def test_two_cameras_in_one_bag(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    depth, clean = depths(2, 5, 4, seed=1), depths(2, 5, 4, seed=2)
+    bag = write(tmp_path / 'bag', camera_entries('front_left', depth, clean)
+                + camera_entries('front_right', clean, depth) + driver_entries(depth))
+    names = ['front_left', 'front_right', 'pmd_royale_ros_camera_node']
+    assert recording_cameras(bag) == names
+    with pytest.raises(InputError, match='several cameras.*front_left, front_right'):
+        load_recording(bag)
+    with pytest.raises(InputError, match="'chin'.*front_left, front_right"):
+        load_recording(bag, 'chin')
+    left, right = load_recording(bag, 'front_left'), load_recording(bag, 'front_right')
+    assert same(left.depth, depth)
+    assert same(left.clean_depth, clean)
+    assert same(left.reflectivity, clean / 10)
+    assert same(right.depth, clean)
+    assert left.usecase == 'Mode_5_60fps'
+
+    assert main(['convert', str(bag), str(tmp_path / 'out.npz')]) == 0
+    assert sorted(path.name for path in tmp_path.glob('*.npz')) == [
+        f'out_{name}.npz' for name in names]
+    assert 'out_front_left.npz: 2 frames of front_left, 4 x 5, Mode_5_60fps' in (
+        capsys.readouterr().err)
+    assert main(['convert', str(bag), str(tmp_path / 'copy')]) == 2
+    assert main(['convert', str(bag), str(tmp_path / 'l.db3'), '--camera', 'front_left']) == 0
+    assert same(load_recording(tmp_path / 'l.db3').depth, depth)
+    assert same(load_scene(tmp_path / 'out_front_left.npz').clean_depth, clean)
+
+
+def test_another_camera_by_its_topic(tmp_path: Path) -> None:
+    millimetres = RNG.integers(0, 8000, (3, 6, 8)).astype('>u2')
+    entries = []
+    for index, frame in enumerate(millimetres):
+        entries += [image('/kinect/depth/image_raw', index, frame, '16UC1'),
+                    info('/kinect/depth/camera_info', index, frame.shape)]
+    bag = write(tmp_path / 'bag', entries)
+    with pytest.raises(InputError, match=r'no camera.*/kinect/depth/image_raw'):
+        load_recording(bag)
+    recording = load_recording(bag, '/kinect/depth/image_raw')
+    expected = np.where(millimetres > 0, millimetres.astype('f4') * np.float32(0.001), np.nan)
+    np.testing.assert_array_equal(recording.depth, expected)
+
+
+def test_what_is_not_quite_right_is_said(tmp_path: Path) -> None:
+    depth, clean = depths(6, 5, 4, seed=1), depths(6, 5, 4, seed=2)
+    entries = camera_entries('left', depth, clean)
+    node = '/left/flexx2_camera'
+    third = SECOND + 2 * (SECOND // 60)
+    entries = [entry for entry in entries
+               if not (entry[0] == '/left/clean/depth_image' and entry[2] == third)]
+    entries.append(usecase(node, third + 1, 'Mode_9_30fps', changed=True))
+    entries.append(info(f'{node}/camera_info', third + 2, (5, 4), MATRIX * 2))
+    entries.sort(key=lambda entry: entry[2])
+    recording = load_recording(write(tmp_path / 'bag', entries))
+    assert recording.clean_depth is not None
+    assert np.isnan(recording.clean_depth[2]).all()
+    assert same(np.delete(recording.clean_depth, 2, 0), np.delete(clean, 2, 0))
+    assert recording.usecase == 'Mode_5_60fps'
+    text = '\n'.join(recording.notes)
+    assert 'clean_depth: 1 of 6 frames have none' in text
+    assert 'usecase: Mode_9_30fps from about frame 3 on' in text
+    assert 'K: changes at frame 3' in text
+    assert len(recording.notes) == 3
+
+
+def test_clean_depth_of_another_view_is_left_out(tmp_path: Path) -> None:
+    bag = write(tmp_path / 'bag', camera_entries('left', depths(2, 5, 4), depths(2, 6, 8)))
+    recording = load_recording(bag)
+    assert recording.clean_depth is None
+    assert any('clean_depth: left out: 8 x 6' in note for note in recording.notes)
+
+
+def test_a_simulation_that_was_reset(tmp_path: Path) -> None:
+    depth, clean = depths(8, 3, 4, seed=1), depths(8, 3, 4, seed=2)
+    entries = []
+    for start in (0, 4):  # the same stamps again
+        part = slice(start, start + 4)
+        later = camera_entries('left', depth[part], clean[part])
+        entries += [(topic, kind, received + start * SECOND, message)
+                    for topic, kind, received, message in later]
+    recording = load_recording(write(tmp_path / 'bag', entries))
+    assert same(recording.depth, depth)
+    assert same(recording.clean_depth, clean)
+
+
+def test_chunks_are_the_whole_in_bounded_memory(tmp_path: Path) -> None:
+    depth, clean = depths(400, 86, 112, seed=1), depths(400, 86, 112, seed=2)
+    size = depth.nbytes
+    np.savez(tmp_path / 'in.npz', depth=depth, clean_depth=clean, K=MATRIX,
+             stamp=np.arange(400) / 60)
+    tracemalloc.start()
+    convert(tmp_path / 'in.npz', tmp_path / 'bag')
+    convert(tmp_path / 'bag', tmp_path / 'out.npz')
+    for path in (tmp_path / 'bag', tmp_path / 'out.npz'):
+        first = 0
+        for part in open_recording(path).chunks(32):
+            rows = slice(first, first + len(part.depth))
+            assert same(part.depth, depth[rows])
+            assert same(part.clean_depth, clean[rows])
+            assert part.stamp.tolist() == [index / 60 for index in range(first, rows.stop)]
+            first = rows.stop
+        assert first == 400
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < size, f'{peak / 1e6:.0f} MB for {2 * size / 1e6:.0f} MB of images'
+
+
+def test_chunks_of_stacks_that_no_image_holds(tmp_path: Path) -> None:
+    given = contents()['odd']
+    np.savez(tmp_path / 'in.npz', **given)
+    convert(tmp_path / 'in.npz', tmp_path / 'bag.mcap')
+    for path in (tmp_path / 'in.npz', tmp_path / 'bag.mcap'):
+        parts = list(open_recording(path).chunks(2))
+        for key in ('clean_depth', 'amplitude', 'reflectivity'):
+            assert same(np.concatenate([getattr(part, key) for part in parts]),
+                        np.ascontiguousarray(given[key])), key
+    data = (tmp_path / 'bag.mcap').read_bytes()
+    (tmp_path / 'cut.mcap').write_bytes(data[:len(data) // 2])
+    cut = load_recording(tmp_path / 'cut.mcap')
+    assert 0 < len(cut.depth) < 5
+    assert cut.clean_depth is not None
+    assert len(cut.clean_depth) == len(cut.stamp) == len(cut.depth)
+
+
+# What is left of a bag: whole frames, bit for bit, from the start, and a note; or a clear error.
+
+COUNT = 12
+
+
+@pytest.fixture(scope='module')
+def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """Write bags of 12 frames: 70 kB each with its cloud, two or three chunks in MCAP."""
+    folder = tmp_path_factory.mktemp('whole')
+    depth = depths(COUNT, 86, 112)
+    return {'mcap': driver_bag(folder / 'm', depth) / 'm.mcap',
+            'zstd': driver_bag(folder / 'z', depth, compress=True) / 'z.mcap',
+            'sqlite3': driver_bag(folder / 's', depth, 'sqlite3') / 's.db3'}
+
+
+def attempt(path: Path) -> Recording | None:
+    """Return a recording, or None where there is a clear error."""
+    try:
+        return load_recording(path)
+    except InputError as error:
+        text = str(error)
+    assert str(path) in text
+    return None
+
+
+def check_prefix(path: Path) -> tuple[int, str]:
+    """Return how many frames of a bag there are, which have to be the first ones, and notes."""
+    recording = attempt(path)
+    if recording is None:
+        return 0, ''
+    count = len(recording.depth)
+    assert count
+    assert same(recording.depth, depths(COUNT, 86, 112)[:count])
+    assert recording.stamp_ns.tolist() == [EPOCH + i * 22_222_000 for i in range(count)]
+    assert same(recording.K, MATRIX)
+    return count, '\n'.join(recording.notes)
+
+
+@pytest.mark.parametrize('kind', ['mcap', 'zstd', 'sqlite3'])
+def test_cut_off_anywhere(kind: str, whole: dict[str, Path], tmp_path: Path) -> None:
+    data = whole[kind].read_bytes()
+    size = len(data)
+    cuts = sorted({0, 1, 7, 8, 9, 60, 99, 100, 511, 4095, 4096, 4097, size - 4097, size - 100,
+                   size - 37, size - 8, size - 1, *RNG.integers(0, size, 24).tolist(),
+                   *np.linspace(size // 2, size - 1, 12).astype(int).tolist()})
+    counts = []
+    for cut in cuts:
+        path = tmp_path / f'{cut}{whole[kind].suffix}'
+        path.write_bytes(data[:cut])
+        count, notes = check_prefix(path)
+        counts.append(count)
+        assert not count or 'cut off' in notes
+        assert not count or 'messages over' in notes
+        assert not path.with_name(path.name + '-journal').exists()
+        assert path.read_bytes() == data[:cut], 'the bag is left as it is'
+    assert counts == sorted(counts), 'more of the file is more frames'
+    if kind == 'mcap':  # Frames of a chunk that was being written count.
+        assert counts[-1] == COUNT
+        assert len(set(counts)) == COUNT + 1
+    else:
+        assert counts[-1] >= COUNT - 3
+
+
+@pytest.mark.parametrize('kind', ['mcap', 'zstd', 'sqlite3'])
+def test_damaged_anywhere(kind: str, whole: dict[str, Path], tmp_path: Path) -> None:
+    data = whole[kind].read_bytes()
+    path = tmp_path / f'damaged{whole[kind].suffix}'
+    for _ in range(40):
+        broken = bytearray(data)
+        start = int(RNG.integers(0, len(data) - 64))
+        # The first and last kilobytes hold the structure: a third of the damage goes there.
+        start = (start, start % 4096, len(data) - 64 - start % 4096)[int(RNG.integers(3))]
+        broken[start:start + 64] = RNG.bytes(64)
+        path.write_bytes(broken)
+        recording = attempt(path)
+        assert recording is None or recording.depth.shape[1:] == (86, 112)
+
+
+@pytest.mark.parametrize('storage', STORAGES)
+@pytest.mark.parametrize('metadata', ['missing', 'cut', 'nonsense'])
+def test_without_metadata(storage: str, metadata: str, tmp_path: Path) -> None:
+    bag = driver_bag(tmp_path / 'bag', depths(COUNT, 86, 112), storage)
+    file = bag / 'metadata.yaml'
+    text = file.read_text()
+    file.write_text({'missing': '', 'cut': text[:200], 'nonsense': '\x00:[1'}[metadata])
+    if metadata == 'missing':
+        file.unlink()
+    count, notes = check_prefix(bag)
+    assert count == COUNT
+    assert str(bag) in notes
+
+
+def test_split_bag_without_metadata(tmp_path: Path) -> None:
+    depth = depths(COUNT, 86, 112)
+    entries = driver_entries(depth)
+    folder = tmp_path / 'bag'
+    folder.mkdir()
+    for number in range(COUNT):  # bag_10 comes after bag_9
+        rows = [entries[0], *entries[1 + 5 * number:6 + 5 * number]]
+        part = write(tmp_path / f'part_{number}', rows)
+        (part / f'part_{number}.mcap').rename(folder / f'bag_{number}.mcap')
+    last = folder / f'bag_{COUNT - 1}.mcap'
+    last.write_bytes(last.read_bytes()[:-40])
+    assert check_prefix(folder)[0] == COUNT
+
+
+WRITER_THAT_DIES = """
+import os, sqlite3, sys
+connection = sqlite3.connect(sys.argv[1], isolation_level=None)
+connection.execute('PRAGMA journal_mode=' + sys.argv[2])
+connection.execute('PRAGMA cache_size=5')
+connection.execute('PRAGMA synchronous=OFF')
+rows = connection.execute('SELECT topic_id, timestamp, data FROM messages ORDER BY id').fetchall()
+connection.execute('BEGIN')
+connection.execute('DELETE FROM messages')
+connection.executemany('INSERT INTO messages (topic_id, timestamp, data) VALUES (?, ?, ?)', {rows})
+{end}
+os._exit(9)
+"""
+
+
+@pytest.mark.parametrize(('journal', 'suffix', 'end', 'frames'), [
+    ('DELETE', '-journal', '', COUNT),  # what was not committed is taken back
+    ('WAL', '-wal', 'connection.execute("COMMIT")', 7)])  # and what was committed is there
+def test_writer_that_died(journal: str, suffix: str, end: str, frames: int,
+                          whole: dict[str, Path], tmp_path: Path) -> None:
+    path = tmp_path / 'bag.db3'
+    path.write_bytes(whole['sqlite3'].read_bytes())
+    program = WRITER_THAT_DIES.format(rows='rows[:1 + 5 * 7]', end=end)
+    done = subprocess.run([sys.executable, '-c', program, path, journal], check=False)
+    assert done.returncode == 9
+    left = path.with_name(path.name + suffix)
+    before = path.read_bytes(), left.read_bytes()
+    assert before[1]
+    count, notes = check_prefix(path)
+    assert count == frames
+    assert 'journal' in notes
+    assert (path.read_bytes(), left.read_bytes()) == before, 'the bag is left as it is'
+
+
+def test_a_writer_that_is_killed_loses_a_second_at_most(tmp_path: Path) -> None:
+    program = (
+        'import os, sys\n'
+        'from flexx2_sim_ros.recording.bag_writer import BagWriter\n'
+        'writer = BagWriter(sys.argv[1], sys.argv[2]).__enter__()\n'
+        'for time in range(5):\n'
+        '    writer.write("/a", "sensor_msgs/msg/Image", time, bytes(1000))\n'
+        'writer.flush()\n'
+        'for time in range(3):\n'
+        '    writer.write("/a", "sensor_msgs/msg/Image", time, bytes(1000))\n'
+        'os._exit(9)\n')
+    root = Path(__file__).resolve().parents[1]
+    for storage in STORAGES:
+        bag = tmp_path / storage
+        subprocess.run([sys.executable, '-c', program, bag, storage], check=False,
+                       env={**os.environ, 'PYTHONPATH': str(root)})
+        assert len(list(Bag(bag).messages())) == 5
+
+
+@pytest.mark.parametrize(('name', 'content', 'message'), [
+    ('nothing', None, 'not there'), ('a.mcap', b'', 'not one whole message'),
+    ('a.db3', b'', 'not one whole message'), ('a.mcap', b'text', 'not one whole message'),
+    ('a.db3', b'text' * 500, 'not one whole message'), ('a.bag', b'#ROSBAG V2.0', r'\.mcap or'),
+    ('folder', 'empty', 'no .mcap or .db3'), ('a.npz', b'PK', 'cannot be read'),
+    ('b.npz', None, 'not a file')])
+def test_no_recording(name: str, content: Any, message: str, tmp_path: Path) -> None:
+    path = tmp_path / name
+    if content == 'empty':
+        path.mkdir()
+    elif content is not None:
+        path.write_bytes(content)
+    with pytest.raises(InputError, match=message) as caught:
+        load_recording(path)
+    assert str(path) in str(caught.value)
+    assert main(['convert', str(path), str(tmp_path / 'out.mcap')]) == 2
+
+
+@pytest.mark.parametrize(('changes', 'message'), [
+    ({'depth': None}, 'depth: not in the file, which has K, stamp'),
+    ({'depth': np.zeros((9, 7), 'f4')}, r'depth: found shape \(9, 7\)'),
+    ({'depth': np.zeros((0, 9, 7), 'f4')}, 'depth: found shape'),
+    ({'depth': np.full((5, 9, 7), 'x')}, 'depth: found shape'),
+    ({'K': None}, 'K: not in the file'), ({'K': np.eye(4)}, 'K: found shape'),
+    ({'stamp': None}, 'stamp: not in the file'),
+    ({'stamp': np.arange(4.0)}, 'depth: found shape'),
+    ({'stamp': np.full(5, np.nan)}, 'stamp: found'),
+    ({'stamp': np.full(5, 1e300)}, r'stamp: found 1e\+300'),
+    ({'stamp_ns': np.arange(5) * SECOND}, 'stamp: differs from stamp_ns'),
+    ({'stamp_ns': np.arange(5) / 2}, 'stamp_ns: found dtype'),
+    ({'usecase': 5}, 'usecase: found dtype'),
+    ({'clean_depth': np.zeros((9, 8))}, r'clean_depth: found shape \(9, 8\)'),
+    ({'clean_depth': np.zeros((4, 9, 7))}, 'clean_depth: found shape'),
+    ({'clean_depth': np.zeros((1, 5, 9, 7))}, 'clean_depth: found shape'),
+    ({'amplitude': np.full((9, 7), 'x')}, 'amplitude: found dtype')])
+def test_npz_that_is_no_recording(changes: dict[str, Any], message: str, tmp_path: Path) -> None:
+    arrays = contents()['least'] | changes
+    path = tmp_path / 'in.npz'
+    np.savez(path, **{key: value for key, value in arrays.items() if value is not None})
+    with pytest.raises(InputError, match=message):
+        load_recording(path)
+
+
+@pytest.mark.parametrize(('changes', 'options', 'message'), [
+    ({'stamp': np.arange(5) - 1.0}, [], 'stamp: found -1 to 3 s'),
+    ({'stamp': np.arange(5) * 1e9}, [], 'stamp: found 0 to 4e'),
+    ({}, ['--camera', 'front left'], '--camera'), ({'camera': '7'}, [], "--camera: found '7'")])
+def test_what_no_bag_can_hold(changes: dict[str, Any], options: list[str], message: str,
+                              tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    np.savez(tmp_path / 'in.npz', **(contents()['least'] | changes))
+    assert main(['convert', str(tmp_path / 'in.npz'), str(tmp_path / 'bag'), *options]) == 2
+    assert message in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ['in.npz']
+
+
+def test_bags_are_not_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    bag = driver_bag(tmp_path / 'bag', depths(2, 5, 4))
+    before = (bag / 'bag.mcap').read_bytes()
+    np.savez(tmp_path / 'in.npz', **contents()['least'])
+    assert main(['convert', str(tmp_path / 'in.npz'), str(bag)]) == 2
+    assert 'exists already' in capsys.readouterr().err
+    assert main(['convert', str(bag), str(bag)]) == 2
+    assert main(['convert', str(tmp_path / 'in.npz'), str(tmp_path / 'no' / 'folder')]) == 2
+    assert (bag / 'bag.mcap').read_bytes() == before
+
+
+def test_cut_off_bag_converts_with_a_message(
+        whole: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / 'cut.mcap'
+    path.write_bytes(whole['mcap'].read_bytes()[:400_000])
+    assert main(['convert', str(path), str(tmp_path / 'out.npz')]) == 0
+    text = capsys.readouterr().err.replace('\n', ' ')
+    assert f'{path}: cut off' in text
+    frames = len(load_recording(tmp_path / 'out.npz').depth)
+    assert 0 < frames < COUNT
+    assert f'out.npz: {frames} frames' in text
+
+
+# Recording: what is lost is counted.
+
+class SlowWriter(BagWriter):
+    """A bag on a disk that stands still until it is told to go on."""
+
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)
+        self.go = threading.Event()
+        self.taken = threading.Event()
+
+    def write(self, topic: str, kind: str, time: int, data: bytes) -> None:
+        self.taken.set()
+        assert self.go.wait(30)
+        super().write(topic, kind, time, data)
+
+
+def some_messages(count: int) -> Iterator[Message]:
+    for time in range(count):
+        yield Message('/a', 'sensor_msgs/msg/Image', time, bytes([time]) * 100)
+
+
+@pytest.mark.parametrize('storage', STORAGES)
+def test_full_queue_refuses_and_keeps_the_order(storage: str, tmp_path: Path) -> None:
+    writer = SlowWriter(tmp_path / 'bag', storage)
+    sink = BagSink(writer, capacity=450)
+    taken = [sink.put(message) for message in some_messages(50)]
+    assert taken == [True] * 4 + [False] * 46
+    assert sink.waiting == 400
+    writer.go.set()
+    sink.close()
+    assert [message.data[0] for message in Bag(tmp_path / 'bag').messages()] == [0, 1, 2, 3]
+
+
+def test_remarks_come_back_as_notes(tmp_path: Path) -> None:
+    entries = camera_entries('left', depths(1, 5, 4), depths(1, 5, 4))
+    with BagSink(BagWriter(tmp_path / 'bag'), 1 << 20) as sink:
+        for topic, kind, received, message in entries:
+            assert sink.put(Message(topic, kind, received,
+                                    bytes(made_bags.TYPES.serialize_cdr(message, kind))))
+        sink.remarks['flexx2_lost'] = '3 of /left/clean/depth_image'
+    assert any('lost while it was recorded: 3 of /left' in note
+               for note in load_recording(tmp_path / 'bag').notes)
+
+
+@pytest.mark.parametrize('failure', [OSError(28, 'No space left on device'),
+                                     sqlite3.OperationalError('disk I/O error'),
+                                     ValueError('a surprise')])
+def test_a_disk_that_fails_is_reported(failure: Exception, tmp_path: Path,
+                                       monkeypatch: pytest.MonkeyPatch) -> None:
+    writer = BagWriter(tmp_path / 'bag')
+    real = writer.write
+
+    def fail(topic: str, kind: str, time: int, data: bytes) -> None:
+        if time == 3:
+            raise failure
+        real(topic, kind, time, data)
+    monkeypatch.setattr(writer, 'write', fail)
+    sink = BagSink(writer, 1 << 20)
+    for message in some_messages(10):
+        sink.put(message)
+    with pytest.raises(InputError, match='bag: cannot be written: .*(space|I/O|surprise)'):
+        sink.close()
+    assert not sink.put(next(some_messages(1)))
+
+
+STEP = SECOND // 60
+
+
+@pytest.mark.parametrize(('stamps', 'count', 'longest'), [
+    ([i * STEP for i in range(300)], 0, 0.0),
+    ([i * STEP for i in range(300) if i not in (50, 51, 200)], 2, 3 / 60),
+    ([i * STEP for i in range(300) if i != 1], 1, 2 / 60),
+    ([i * STEP for i in range(300) if i != 298], 1, 2 / 60),
+    ([i * STEP for i in range(300) if i % 4 != 3], 0, 0.0),  # 45 Hz out of 60 Hz
+    ([i * STEP for i in range(300) if i < 150 or i % 2], 0, 0.0),  # 60 Hz, then 30 Hz
+    ([i * STEP + int(2e6 * (i * 7919 % 100) / 100) for i in range(300)], 0, 0.0),  # jitter
+    ([5], 0, 0.0), ([], 0, 0.0)])
+def test_gaps(stamps: list[int], count: int, longest: float) -> None:
+    gaps = find_gaps(stamps)
+    assert gaps.count == count
+    assert gaps.longest == pytest.approx(longest, abs=1e-6)
+    assert gaps.returns == 0
+
+
+def test_stamps_that_go_back_are_no_gap() -> None:
+    stamps = [i * STEP for i in range(60)] * 2 + [59 * STEP]
+    assert find_gaps(stamps).count == 0
+    assert find_gaps(stamps).returns == 2

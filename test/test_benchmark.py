@@ -1,0 +1,327 @@
+"""The benchmark harness: seeds, seals, scores and resumption, on answers made by hand."""
+
+import argparse
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+from flexx2_sim_ros.benchmark import (
+    DEVELOPMENT,
+    make_design,
+    Planned,
+    run_benchmark,
+    score,
+    TEST,
+)
+from flexx2_sim_ros.benchmark.realised import realised_gap
+from flexx2_sim_ros.benchmark.report import draw_confusion, print_report, sheets, write_page
+from flexx2_sim_ros.benchmark.scoring import answer_of, macro_f1, overlap, wilson
+from flexx2_sim_ros.benchmark.sealing import open_seal, seal
+from flexx2_sim_ros.benchmark.seeds import seed_range
+from flexx2_sim_ros.benchmark.truth import affected, Cells, COVARIATES
+from flexx2_sim_ros.blind import BlindCamera, Case, CATALOGUE, NOVEL, SceneKey, SceneSet
+from flexx2_sim_ros.cli import gap_benchmark
+from flexx2_sim_ros.errors import InputError
+import numpy as np
+import pytest
+from rich.console import Console
+
+MODE = 'Mode_5_30fps'
+CALLS: list[tuple[Path, tuple[str, ...], int]] = []
+QUIET = Console(quiet=True)
+
+
+def said(verdict: str, effects: tuple[str, ...] = (), alternatives: tuple[str, ...] = (),
+         **more: Any) -> dict[str, Any]:
+    """Return a diagnosis."""
+    def listed(names: tuple[str, ...]) -> list[dict[str, Any]]:
+        return [{'name': name, 'parameters': {'bias': 0.012}, 'share': 0.5,
+                 'interval': [0.4, 0.6], 'confidence': 0.9} for name in names]
+    return {'schema': 1, 'verdict': verdict, 'effects': listed(effects),
+            'alternatives': listed(alternatives), 'unexplained': [], 'recordings': [],
+            'where': [{'covariate': 'distance', 'low': 0.0, 'high': 9.0, 'unit': 'm',
+                       'channel': 'bias', 'size': 1.0, 'unit_size': 'mm', 'q_value': 0.01}],
+            'gap': {'before': 10.0, 'after': 4.0, 'null': 1.0, 'shrink': 0.6,
+                    'interval': [0.4, 0.8]},
+            'seconds': 0.1, 'peak_mb': 123.0, 'version': '0', **more}
+
+
+def diagnose(folder: Path, *, without: tuple[str, ...] = (), seed: int = 0,
+             jobs: int = 1) -> dict[str, Any]:
+    """Stand in for the diagnosis: random answers in its schema."""
+    CALLS.append((folder, without, seed))
+    assert len(list(folder.glob('*.npz'))) == 2
+    rng = np.random.default_rng(seed)
+    if rng.random() < 0.2:
+        raise RuntimeError('a diagnosis that breaks')
+    verdict = str(rng.choice(['none', 'identified', 'partly', 'unknown']))
+    names = [name for name in sorted(CATALOGUE) if name not in without]
+    names = names if verdict in ('identified', 'partly') else []
+    answer = said(verdict, tuple(rng.choice(names, 1)) if names else ())
+    for effect in answer['effects']:
+        effect['parameters'] = {'strength': 0.5}
+    return answer
+
+
+def measure(folder: Path, effects: dict[str, Any], *, seed: int = 0) -> dict[str, float]:
+    """Stand in for the diagnosis's own gap."""
+    return {'shrink': 0.5}
+
+
+def small(group: str, effects: dict[str, float], seed: int, **options: Any) -> Planned:
+    return Planned(group, MODE, effects, DEVELOPMENT.seed(1000 + seed), DEVELOPMENT.seed(0),
+                   width=56, height=43, recordings=2, frames=3, **options)
+
+
+@pytest.fixture
+def design(monkeypatch: pytest.MonkeyPatch) -> list[Planned]:
+    """Let every design be a few tiny cases."""
+    cases = [small('single', {'offset': 1.0}, 1, realise=True),
+             small('single', {'wiggling': 0.5}, 2), small('none', {}, 3),
+             small('pair', {'offset': 1.0, 'temporal_filter': 1.0}, 4),
+             small('novel', {'row_bands': 1.0}, 5),
+             small('left_out', {'offset': 1.0}, 6, without=('offset',))]
+    monkeypatch.setattr('flexx2_sim_ros.benchmark.runner.make_design', lambda *_: cases)
+    CALLS.clear()
+    return cases
+
+
+def run(out: Path, **options: Any) -> Any:
+    return run_benchmark(out, diagnoser=f'{__name__}:diagnose', measurer=f'{__name__}:measure',
+                         console=QUIET, **options)
+
+
+def test_seeds_never_meet() -> None:
+    with pytest.raises(InputError, match='seed index'):
+        DEVELOPMENT.seed(1_000_000)
+    with pytest.raises(InputError, match='seed index'):
+        TEST.seed(-1)
+    assert DEVELOPMENT.seed(999_999) < TEST.seed(0)
+    for seeds, other in ((DEVELOPMENT, TEST), (TEST, DEVELOPMENT)):
+        for quick in (True, False):
+            for case in make_design(seeds, quick):
+                for seed in (case.seed, case.scene_seed, case.scene_seed + 500):
+                    assert seed in seeds
+                    assert seed not in other
+
+
+def test_test_seeds_are_for_releases(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match='--release'):
+        run(tmp_path / 'out', seed_set='test')
+    assert not (tmp_path / 'out').exists()
+    assert seed_range('test', True) is TEST
+    with pytest.raises(InputError, match='dev or test'):
+        seed_range('other', True)
+    parser = argparse.ArgumentParser()
+    gap_benchmark.add_parser(parser.add_subparsers())
+    arguments = parser.parse_args(
+        ['benchmark', '--seed-set', 'test', '--out', str(tmp_path / 'out')])
+    with pytest.raises(InputError, match='--release'):
+        arguments.run(arguments)
+
+
+def test_the_full_design_is_the_one_asked_for() -> None:
+    cases = make_design(DEVELOPMENT, quick=False)
+    for usecase in ('Mode_5_30fps', 'Mode_9_30fps'):
+        for strength in (0.25, 0.5, 1.0, 2.0):
+            single = {name for case in cases if case.group == 'single' and case.pose_mm == 2.0
+                      and case.usecase == usecase for name, size in case.effects.items()
+                      if size == strength}
+            assert single == set(CATALOGUE)
+        assert {case.without[0] for case in cases if case.group == 'left_out'
+                and case.usecase == usecase} == set(CATALOGUE)
+    assert sum(case.group == 'none' for case in cases) >= 100
+    assert {name for case in cases if case.group == 'novel' for name in case.effects} == set(NOVEL)
+    pairs = [case for case in cases if case.group == 'pair']
+    assert len(pairs) >= 20
+    assert all(len(case.effects) == 2 for case in pairs)
+    assert {case.pose_mm for case in cases} == {0.0, 2.0, 5.0}
+    assert all((case.width, case.height, case.recordings, case.frames) == (224, 172, 8, 20)
+               for case in cases)
+    assert len({case.seed for case in cases}) == len(cases)
+    assert len({case.scene_seed for case in cases}) <= 16
+
+
+def test_labels_are_sealed(tmp_path: Path, design: list[Planned]) -> None:
+    public, sealed = tmp_path / 'public', tmp_path / 'sealed'
+    first = seal(design, sealed, public, {'seed_set': 'dev'})
+    published = (public / 'commitment.json').read_text()
+    assert first.digest in published
+    for word in ('offset', 'wiggling', 'row_bands', 'single', 'salt'):
+        assert word not in published
+    assert all(len(name) == 12 for name in first.cases)
+    # Another run gives other ids and another hash: the salt is not known from the design.
+    again = seal(design, tmp_path / 's2', tmp_path / 'p2', {})
+    assert again.digest != first.digest
+    assert not set(again.cases) & set(first.cases)
+    # Taking a run up again changes nothing; another design is refused.
+    assert seal(design, sealed, public, {}).digest == first.digest
+    with pytest.raises(InputError, match='another benchmark'):
+        seal(design[:-1], sealed, public, {})
+    labels = sealed / 'labels.json'
+    labels.write_text(labels.read_text().replace('wiggling', 'saturation'))
+    with pytest.raises(InputError, match='not the labels of this run'):
+        open_seal(sealed, public)
+
+
+def test_a_run_goes_on_where_it_stopped(tmp_path: Path, design: list[Planned]) -> None:
+    assert run(tmp_path, limit=2) is None
+    done = {path.name: path.stat().st_mtime_ns for path in (tmp_path / 'results').iterdir()}
+    assert len(done) == len(CALLS) == 2
+    scores = run(tmp_path)
+    assert len(CALLS) == len(design)
+    assert len(scores.answers) == len(design)
+    for name, time in done.items():
+        assert (tmp_path / 'results' / name).stat().st_mtime_ns == time
+    # Once more: nothing left to do.
+    assert len(run(tmp_path).answers) == len(design)
+    assert len(CALLS) == len(design)
+
+
+def test_the_diagnosis_sees_recordings_and_nothing_else(tmp_path: Path,
+                                                        design: list[Planned]) -> None:
+    run(tmp_path)
+    assert [without for _, without, _ in CALLS].count(('offset',)) == 1
+    for folder, _, _ in CALLS:
+        assert not folder.exists()
+        assert tmp_path not in folder.parents
+    for path in (tmp_path / 'results').iterdir():
+        result = json.loads(path.read_text())
+        assert set(result) == {'error', 'diagnosis', 'baselines', 'realised', 'seconds'}
+        # What it broke off with is kept, and does not end the run.
+        assert (result['diagnosis'] is None) == (result['error'] is not None)
+
+
+def test_the_report_shows_every_row(tmp_path: Path, design: list[Planned]) -> None:
+    scores = run(tmp_path)
+    assert [a.verdict for a in score(tmp_path).answers] == [a.verdict for a in scores.answers]
+    draw_confusion(scores, tmp_path / 'c.png')
+    assert (tmp_path / 'c.png').stat().st_size > 10_000
+    write_page(scores, tmp_path / 'page.md', 'flexx2 gap benchmark', 'c.png')
+    page = (tmp_path / 'page.md').read_text()
+    for words in ('single effects, strength 1', 'false alarms', 'left out', 'localisation',
+                  'flexx2 gap benchmark', scores.commitment['sha256'], 'c.png'):
+        assert words in page
+    with (tmp_path / 'printed').open('w') as file:
+        print_report(scores, Console(file=file, width=200))
+    assert 'Reach' in (tmp_path / 'printed').read_text()
+    assert all(len(row) == len(sheet.columns) for sheet in sheets(scores) for row in sheet.rows)
+
+
+CELLS = {'count': np.array([100.0, 100.0, 200.0]), 'affected': np.array([True, True, False]),
+         'covariates': np.zeros((3, len(COVARIATES)))}
+CELLS['covariates'][:, COVARIATES.index('distance')] = 0.5, 1.5, 2.5
+CELLS['covariates'][:, COVARIATES.index('incidence')] = 10.0, 40.0, 40.0
+
+
+def answer(group: str, effects: dict[str, float], diagnosis: dict[str, Any] | None,
+           **more: Any) -> Any:
+    result = {'diagnosis': diagnosis, 'seconds': 1.0, **more}
+    return answer_of(small(group, effects, 1), result, {'offset': {'bias': 0.010}}, CELLS)
+
+
+@pytest.mark.parametrize(('group', 'effects', 'diagnosis', 'right', 'contains', 'wrong'), [
+    ('single', ['offset'], said('identified', ('offset',)), True, True, False),
+    ('single', ['offset'], said('partly', ('offset',)), True, True, False),
+    ('single', ['offset'], said('identified', ('wiggling',), ('offset',)), False, True, False),
+    ('single', ['offset'], said('identified', ('wiggling',)), False, False, True),
+    ('single', ['offset'], said('partly', ('wiggling',)), False, False, True),
+    ('single', ['offset'], said('unknown', (), ('wiggling',)), False, False, False),
+    ('single', ['offset'], said('none'), False, False, True),
+    ('single', ['offset'], None, False, False, True),
+    ('none', [], said('none'), True, True, False),
+    ('none', [], said('identified', ('offset',)), False, False, True),
+    ('none', [], said('unknown'), False, False, False),
+    ('novel', ['ghost'], said('unknown'), True, True, False),
+    ('novel', ['ghost'], said('partly', ('offset',)), True, True, False),
+    ('novel', ['ghost'], said('identified', ('offset',)), False, False, True),
+    ('left_out', ['offset'], said('unknown'), True, True, False),
+    ('left_out', ['offset'], said('none'), False, False, True),
+    ('pair', ['offset', 'wiggling'], said('identified', ('wiggling',)), True, True, False),
+    ('pair', ['offset', 'wiggling'], said('identified', ('saturation',)), False, False, True)])
+def test_answers_are_judged(group: str, effects: list[str], diagnosis: dict[str, Any] | None,
+                            right: bool, contains: bool, wrong: bool) -> None:
+    found = answer(group, dict.fromkeys(effects, 1.0), diagnosis)
+    assert (found.right, found.contains, found.wrong) == (right, contains, wrong)
+    assert found.missed == (bool(effects) and found.verdict == 'none')
+
+
+def test_both_of_a_pair() -> None:
+    effects = {'offset': 1.0, 'wiggling': 1.0}
+    assert answer('pair', effects, said('identified', ('wiggling', 'offset'))).both
+    assert not answer('pair', effects, said('identified', ('wiggling',), ('offset',))).both
+
+
+def test_parameters_and_shrinkage() -> None:
+    found = answer('single', {'offset': 1.0}, said('identified', ('offset',)),
+                   realised={'shrink': 0.7})
+    assert found.parameter_error == pytest.approx(0.2)
+    assert (found.predicted, found.low, found.high, found.realised) == (0.6, 0.4, 0.8, 0.7)
+    missed = answer('single', {'offset': 1.0}, said('identified', ('wiggling',)))
+    assert math.isnan(missed.parameter_error)
+    assert math.isnan(missed.realised)
+
+
+@pytest.mark.parametrize(('where', 'wanted'), [
+    ([], 0.0),
+    ([('distance', 0.0, 1.0, 'm')], 0.5),
+    ([('distance', 0.0, 2000.0, 'mm')], 1.0),
+    ([('distance', 0.0, 1.0, 'm'), ('z', 1.0, None, 'm')], 0.5),
+    ([('theta', 0.0, 0.3, 'rad')], 0.5),
+    ([('incidence', 30.0, 50.0, 'deg')], 0.25),
+    ([('something else', 0.0, 9.0, 'm')], 0.0)])
+def test_overlap(where: list[tuple[str, float, float, str]], wanted: float) -> None:
+    entries = [dict(zip(('covariate', 'low', 'high', 'unit'), entry, strict=True))
+               for entry in where]
+    assert overlap(entries, CELLS) == pytest.approx(wanted)
+    assert math.isnan(overlap(entries, {**CELLS, 'affected': np.zeros(3, bool)}))
+
+
+def test_wilson_and_macro_f1() -> None:
+    assert wilson(0, 0) == (0.0, 1.0)
+    low, high = wilson(95, 100)
+    assert (low, high) == pytest.approx((0.888, 0.978), abs=0.001)
+    assert wilson(0, 10)[0] == 0.0
+    assert wilson(10, 10)[1] == pytest.approx(1.0)
+    pairs = [('offset', 'offset'), ('wiggling', 'offset'), ('none', 'none'),
+             ('ghost', 'wiggling')]
+    # offset: 1 of 1 + 2; wiggling: 0 of 1 + 1.
+    assert macro_f1(pairs) == pytest.approx((2 / 3 + 0) / 2)
+
+
+def test_realised_shrinkage_is_measured_on_fresh_recordings(tmp_path: Path) -> None:
+    case = Planned('single', MODE, {'offset': 1.0}, DEVELOPMENT.seed(1001), DEVELOPMENT.seed(0),
+                   pose_mm=0.0, width=112, height=86, recordings=4, frames=10)
+    camera = BlindCamera(case.case)
+    right = said('identified', ('offset',))
+    right['effects'][0]['parameters'] = {'bias': camera.effects[0].parameters['bias']}
+    found = realised_gap(case, right, tmp_path, measure)
+    assert found['shrink'] == 0.5
+    assert found['before_mm'] > 7
+    assert found['after_mm'] < 0.4 * found['before_mm']
+    assert found['null_mm'] < 2
+
+
+def test_truth_finds_what_differs_and_nothing_else() -> None:
+    key = SceneKey(MODE, 7, 2.0, 112, 86, recordings=4, frames=10)
+    scenes = SceneSet(key)
+
+    def cells(effects: dict[str, float], seed: int) -> Cells:
+        camera = BlindCamera(Case(key, effects, seed), scenes)
+        found = Cells(scenes, camera.sigma_factor)
+        for recording in range(key.recordings):
+            for frame in camera.frames(recording):
+                found.watch(recording, frame)
+        return found
+
+    plain = cells({}, 1).sums
+    # Nuisances (another sigma, the pose) are no effect.
+    nothing = affected(cells({}, 2), plain)
+    assert len(nothing['count']) > 50
+    assert nothing['affected'].mean() < 0.03
+    assert affected(cells({'offset': 1.0}, 3), plain)['affected'].mean() > 0.97
+    full = affected(cells({'saturation': 1.0}, 4), plain)
+    distance = full['covariates'][:, COVARIATES.index('distance')]
+    assert 0 < full['affected'].mean() < 0.4
+    assert np.median(distance[full['affected']]) < np.median(distance[~full['affected']])

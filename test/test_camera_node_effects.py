@@ -1,0 +1,245 @@
+"""Effects on the camera node, on real topics: parameters, switching, memory, light."""
+
+from dataclasses import replace
+import math
+from pathlib import Path
+from typing import Any
+
+from flexx2_sim_ros.camera import Camera, flexx2
+from flexx2_sim_ros.camera.gray import gray_image
+from flexx2_sim_ros.camera.profiles import ProfileFile, save_profile
+from flexx2_sim_ros.effects import load_effects, parse_effects, registry, save_effects
+from flexx2_sim_ros.errors import InputError
+import numpy as np
+import pytest
+import streams
+from streams import array_of, CLOUD, DEPTH, Flexx2Camera, GRAY, nanoseconds, NOISE, stream
+
+START, SECOND = 1_700_000_000 * 10 ** 9, 10 ** 9
+PERIOD = SECOND // 30
+KEEPS = ('warm_up_drift', 'temporal_filter', 'multipath', 'fixed_pattern', 'time_offset')
+
+pytestmark = pytest.mark.usefixtures('ros')
+
+
+def scene(step: int = 0) -> np.ndarray:
+    """Return a near ball's worth of light, an edge, a slant; it moves with the step."""
+    row = np.linspace(1.2, 1.6, 224, dtype=np.float32)
+    row[:60] = 0.45
+    return np.broadcast_to(row + np.float32(0.01 * step), (172, 224)).copy()
+
+
+def twin(seen: streams.Stream, effects: Any, usecase: str = '') -> Camera:
+    """Return the library's camera that does what the node should."""
+    settings = seen.camera.settings
+    return Camera(usecase or settings.usecase, effects=effects, seed=settings.seed,
+                  name=settings.camera_name)
+
+
+def capture(camera: Camera, depth: np.ndarray, stamp: int, paint: Any = None) -> Any:
+    return camera.capture(depth, flexx2().intrinsics.matrix, stamp, paint)
+
+
+def same(one: np.ndarray, other: np.ndarray) -> bool:
+    return np.array_equal(one, other, equal_nan=True)
+
+
+def confidence(message: Any) -> np.ndarray:
+    return np.frombuffer(message.data, '<f4')[3::4].reshape(172, 224)
+
+
+def test_a_file_at_the_start_and_numbers_beside_it(tmp_path: Path) -> None:
+    """Assert all topics follow the library's effects; what is given beside a file counts."""
+    path = tmp_path / 'mine.yaml'
+    save_effects(path, parse_effects({'warm_up_drift': {'bias': 0.03}, 'saturation': None,
+                                      'ambient_light': None, 'temporal_filter': None}))
+    paint = np.full((172, 224), 0.8, np.float32)
+    with stream(DEPTH, NOISE, GRAY, CLOUD, effects=str(path), auto_exposure_0=False,
+                **{'effect.warm_up_drift.strength': 2, 'effect.offset.strength': 1.5,
+                   'effect.multipath.gain': 3}) as seen:
+        assert seen.get('effects') == str(path)
+        assert seen.get('effect.warm_up_drift.strength') == 2.0
+        assert seen.get('effect.warm_up_drift.bias') == 0.03
+        assert seen.get('effect.saturation.strength') == 1.0
+        assert seen.get('effect.multipath.strength') == 0.0
+        assert seen.get('effect.multipath.gain') == 3.0
+        seen.spin_until(lambda: seen.logged('effects are now offset, warm_up_drift, '
+                                            'ambient_light, temporal_filter, saturation'))
+        camera = twin(seen, {'warm_up_drift': {'bias': 0.03, 'strength': 2},
+                             'saturation': None, 'ambient_light': None, 'temporal_filter': None,
+                             'offset': {'strength': 1.5}})
+        for step in range(3):
+            stamp = START + step * PERIOD
+            assert seen.show(scene(step), stamp, paint)
+            frame = capture(camera, scene(step), stamp, paint)
+            assert same(seen.depths()[-1], frame.depth)
+            assert same(array_of(seen.messages(NOISE)[-1]), frame.sigma)
+            gray = array_of(seen.messages(GRAY)[-1])
+            assert same(gray, gray_image(frame.amplitude, 1.0))
+            lost = np.isnan(frame.depth[:, :40])
+            assert 0.3 < lost.mean() < 1
+            assert gray[:, :40][lost].min() == 255  # too much light is white
+            conf = confidence(seen.messages(CLOUD)[-1])
+            assert same(conf, frame.confidence)
+            assert not conf[:, :40][lost].any()
+
+
+def test_parameters_are_described() -> None:
+    """Assert description with unit, range and type of every parameter of every effect."""
+    with stream() as seen:
+        items = {f'effect.{name}.{item.name}': item for name, kind in registry().items()
+                 for item in kind.parameters()}
+        assert len(items) > 70
+        names = list(items)
+        described = seen.wait(seen.clients.describe_parameters(names)).descriptors
+        values = seen.wait(seen.clients.get_parameters(names)).values
+        for name, item, descriptor, value in zip(names, items.values(), described, values,
+                                                 strict=True):
+            assert descriptor.name == name
+            assert descriptor.type == 3  # PARAMETER_DOUBLE
+            assert not descriptor.read_only
+            assert item.text in descriptor.description
+            assert descriptor.description.endswith(item.unit)
+            limits = descriptor.floating_point_range[0]
+            assert (limits.from_value, limits.to_value) == (item.low, item.high)
+            off = 0.0 if item.name == 'strength' else item.default
+            assert value.double_value == off
+        assert seen.camera._camera.effects == ()
+
+
+def test_effects_are_switched_between_two_frames() -> None:
+    """Assert each frame is wholly with or without, and that the switch comes while streaming."""
+    with stream(DEPTH, NOISE) as seen:
+        steps = iter(range(1000))
+
+        def feed(count: int) -> None:
+            for _ in range(count):
+                assert seen.show(scene(), START + next(steps) * PERIOD)
+        feed(2)
+        answer = seen.clients.set_parameters_atomically([
+            streams.Parameter('effect.offset.strength', value=2),
+            streams.Parameter('effect.excess_noise.strength', value=1.0)])
+        while not answer.done():
+            feed(1)
+        assert answer.result().result.successful
+        after = len(seen.depths())
+        feed(3)
+        plain, changed = twin(seen, ()), twin(seen, {'offset': {'strength': 2},
+                                                     'excess_noise': None})
+        kinds = []
+        for depth, message in zip(seen.depths(), seen.messages(DEPTH), strict=True):
+            frames = [capture(camera, scene(), nanoseconds(message)) for camera in
+                      (plain, changed)]
+            matching = [same(depth, frame.depth) for frame in frames]
+            assert sum(matching) == 1
+            kinds.append(matching[1])
+        assert kinds == sorted(kinds)
+        assert not any(kinds[:2])
+        assert all(kinds[after:])
+        # All off again is the base model to the last bit.
+        assert seen.set(effects='typical').successful
+        assert seen.get('effect.multipath.strength') == 1.0
+        feed(1)
+        assert not same(seen.depths()[-1],
+                        capture(plain, scene(), nanoseconds(seen.messages(DEPTH)[-1])).depth)
+        assert seen.set(effects='').successful
+        assert seen.get('effect.offset.strength') == 0.0
+        assert seen.camera._camera.effects == ()
+        feed(1)
+        assert same(seen.depths()[-1],
+                    capture(plain, scene(), nanoseconds(seen.messages(DEPTH)[-1])).depth)
+
+
+@pytest.fixture(scope='module')
+def bad_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a file with a number out of bounds."""
+    path = tmp_path_factory.mktemp('effects') / 'bad.yaml'
+    path.write_text('schema: 1\neffects: {offset: {bias: 7}}\n')
+    return path
+
+
+def test_a_bad_value_is_rejected_and_the_stream_goes_on(bad_file: Path) -> None:
+    """Assert a reason that names the parameter, and frames as before."""
+    with stream(DEPTH, **{'effect.offset.strength': 1.0}) as seen:
+        camera = twin(seen, {'offset': None})
+        bad = [('effect.offset.bias', value) for value in (0.3, -0.21, 5, math.nan, math.inf)]
+        bad += [('effect.offset.bias', value) for value in ('much', True, [0.1])]
+        bad += [('effect.offset.strength', value) for value in (-1, 4.5)]
+        bad += [('effects', value) for value in ('/no/such/file.yaml', str(bad_file), 'typica')]
+        bad += [('effects', 5), ('effect.offset.bis', 0.1), ('effect.blur.strength', 1.0)]
+        for step, (name, value) in enumerate(bad):
+            answer = seen.set(**{name: value})
+            assert not answer.successful
+            assert any(part in answer.reason for part in (
+                name, str(value), 'parameter type', 'undeclared')), answer.reason
+            stamp = START + step * PERIOD
+            assert seen.show(scene(), stamp)
+            assert same(seen.depths()[-1], capture(camera, scene(), stamp).depth)
+        assert 'offset.bias: found 7' in seen.set(effects=str(bad_file)).reason
+        assert seen.get('effect.offset.bias') == 0.005
+        assert seen.get('effects') == ''
+        assert seen.set(**{'effect.offset.bias': 0}).successful  # a whole number will do
+        assert seen.get('effect.offset.bias') == 0.0
+    for given in ({'effects': str(bad_file)}, {'effect.offset.bias': 0.5},
+                  {'effect.offset.bias': 'much'}, {'effects': 'typica'}):
+        with pytest.raises(InputError, match=r'offset\.bias|typica'):
+            Flexx2Camera(parameter_overrides=[
+                streams.Parameter(name, value=value) for name, value in given.items()])
+
+
+def test_memory_ends_when_stamps_go_back_and_with_the_mode() -> None:
+    """Assert frames continue what was before, and start afresh when they have to."""
+    strengths = {f'effect.{name}.strength': 2.0 for name in KEEPS}
+    effects = {name: {'strength': 2.0} for name in KEEPS}
+    with stream(DEPTH, **strengths) as seen:
+        camera = twin(seen, effects)
+
+        def check(step: int, stamp: int) -> None:
+            assert seen.show(scene(step), stamp)
+            assert same(seen.depths()[-1], capture(camera, scene(step), stamp).depth)
+        for step in range(4):
+            check(step, START + step * SECOND)
+        # Another effect switched on and off leaves the memory of the others alone.
+        assert seen.set(**{'effect.offset.strength': 1}).successful
+        assert seen.set(**{'effect.offset.strength': 0}).successful
+        check(4, START + 4 * SECOND)
+        went_on = seen.depths()[-1]
+        camera = twin(seen, effects)
+        for step in range(3):
+            check(step, 5 + step * SECOND)
+        camera = twin(seen, effects, 'Mode_9_15fps')
+        assert seen.set(usecase='Mode_9_15fps').successful
+        check(4, 5 + 4 * SECOND)
+        assert not np.isclose(seen.depths()[-1], went_on, atol=1e-4).all()
+
+
+def test_a_shorter_exposure_saturates_less() -> None:
+    with stream(DEPTH, GRAY, auto_exposure_0=False,
+                **{'effect.saturation.strength': 1.0}) as seen:
+        lost = []
+        for step, exposure in enumerate((370, 90)):
+            assert seen.set(exposure_time_0=exposure).successful
+            seen.show(scene(), START + step * PERIOD)
+            lost.append(np.isnan(seen.depths()[-1][:, :40]).mean())
+        assert lost[0] > 0.6
+        assert lost[1] < 0.02
+
+
+def test_effects_need_to_know_the_frequencies(tmp_path: Path) -> None:
+    """Assert a mode without them is neither given effects nor switched to with some on."""
+    first, *others = flexx2().modes
+    path = tmp_path / 'camera.yaml'
+    save_profile(path, ProfileFile(replace(
+        flexx2(), modes=(replace(first, modulation_hz=()), *others))))
+    with stream(DEPTH, profile=str(path), usecase=first.name) as seen:
+        refused = seen.set(**{'effect.offset.strength': 1.0})
+        assert not refused.successful
+        assert 'modulation_hz' in refused.reason
+        assert 'modulation_hz' in seen.set(effects='typical').reason
+        assert seen.set(usecase='Mode_9_30fps').successful
+        assert seen.set(**{'effect.offset.strength': 1.0}).successful
+        refused = seen.set(usecase=first.name)
+        assert not refused.successful
+        assert 'modulation_hz' in refused.reason
+        assert seen.show(scene(), START)
+        assert load_effects('offset')[0].strength == 1.0

@@ -1,0 +1,484 @@
+"""
+The effects: one test over the whole registry, and what holds for sets of them.
+
+An effect that is added without a signature in `effect_signatures` fails here.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+import math
+from pathlib import Path
+from typing import Any
+
+from boards import K
+from effect_signatures import pair, QUIET, SIGNATURES
+from flexx2_sim_ros.camera import Camera, flexx2, pipeline
+from flexx2_sim_ros.camera.exposure import Stage
+from flexx2_sim_ros.camera.gray import gray_image
+from flexx2_sim_ros.effects import Effect, load_effects, parse_effects, registry, save_effects
+from flexx2_sim_ros.effects.effect import CHANNELS
+from flexx2_sim_ros.effects.presets import markdown, preset_files
+from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.paths import config_dir
+import numpy as np
+import pytest
+import yaml
+
+ROOT = Path(__file__).parent.parent
+NAMES = list(registry())
+FIELDS = ('depth', 'sigma', 'amplitude', 'confidence')
+PERIOD = 33_333_333
+ORDER = [
+    'pose_error', 'intrinsics_error', 'time_offset', 'flying_pixels', 'multipath', 'stray_light',
+    'motion_artefact', 'wiggling', 'fixed_pattern', 'amplitude_bias', 'offset', 'warm_up_drift',
+    'excess_noise', 'ambient_light', 'heavy_tails', 'lateral_noise', 'range_wrap',
+    'spatial_filter', 'temporal_filter', 'quantisation', 'low_signal_dropout', 'grazing_dropout',
+    'saturation']
+
+
+def same(one: Any, other: Any) -> bool:
+    """Say whether two frames are equal to the last bit."""
+    return all(np.array_equal(getattr(one, field), getattr(other, field), equal_nan=True)
+               for field in FIELDS)
+
+
+def scenes(count: int = 1) -> np.ndarray:
+    """Return (count, 24, 32) metres: an edge, a slant, a hole, a corner; they move on."""
+    v, u = np.mgrid[:24, :32].astype(float)
+    depth = 1.0 + 0.01 * u
+    depth[12:] = np.minimum(depth[12:], 1.0 + 0.08 * (24 - v[12:]))
+    depth[6:18, 10:22] = 0.8
+    depth[:4, 25:] = np.nan
+    return depth + 0.013 * np.arange(count)[:, None, None]
+
+
+SMALL = K - [[0, 0, 95.5], [0, 0, 73.5], [0, 0, 0]]
+SHADES = np.linspace(0.02, 1.0, 32) * np.ones((24, 1))
+
+
+def capture(effects: Any, clean: Any, stamps: Any, *, seed: int = 3, name: str = '',
+            usecase: str = 'Mode_9_30fps') -> Any:
+    """Return what a new camera sees."""
+    return Camera(usecase, effects=effects, seed=seed, name=name).capture(
+        clean, SMALL, stamps, SHADES)
+
+
+# (a) It changes what its parameters say; see effect_signatures.
+
+
+def has_its_signature(name: str) -> None:
+    assert name in SIGNATURES, f'write the signature of {name} in effect_signatures.py'
+    SIGNATURES[name]()
+
+
+# (b) Nothing else.
+
+COLUMNS, ROWS, FRAMES = 128, 48, 40
+EDGE, AWAY = 64, 24  # pixels: the largest displacement of an edge is 17
+TOLERANCES = {'bias': 0.25e-3, 'noise': 0.02, 'outliers': 0.002, 'frames': 0.03,
+              'neighbours': 0.03, 'validity': 0.004, 'amplitude': 0.002, 'edges': 0.03}
+
+
+def channels(effects: Any) -> dict[str, np.ndarray]:
+    """
+    Measure every channel on a still scene: two slanted boards, one before the other.
+
+    Cameras with and without an effect share their noise, so a channel that is not touched hardly
+    differs at all.
+    """
+    u = np.arange(COLUMNS) - (COLUMNS - 1) / 2
+    matrix = np.array([[210.6, 0, u[-1]], [0, 212.9, (ROWS - 1) / 2], [0, 0, 1]])
+    row = np.where(np.arange(COLUMNS) < EDGE, 1.0, 1.35) / (1 + 0.25 * u / 210.6)
+    clean = np.broadcast_to(row, (ROWS, COLUMNS))
+    shade = np.full((ROWS, COLUMNS), 0.7)
+    frame = Camera('Mode_9_30fps', effects=effects, seed=5).capture(
+        clean, matrix, np.arange(FRAMES) * PERIOD, shade)
+    calm = np.ones(COLUMNS, bool)
+    calm[:4] = calm[-4:] = calm[EDGE - AWAY:EDGE + AWAY] = False
+    error = (frame.depth.astype(np.float64) - clean)[:, 6:-6, calm]
+    scale = flexx2().mode('Mode_9_30fps').noise.sigma_z(clean, math.atan(0.25))[6:-6, calm]
+    rest = error - np.nanmean(error, axis=0)
+    known = np.nan_to_num(rest)
+    power = (known ** 2).mean()
+    means = np.nanmean(error, axis=0)
+    seen = np.nan_to_num(frame.depth[:, :, EDGE - AWAY:EDGE + AWAY], nan=9.0)
+    near = (seen < 1.2).sum(axis=2) - AWAY
+    between = (seen > 1.05) & (seen < 1.3)
+    return {
+        'bias': np.append(means.reshape(3, 12, -1, 8).mean(axis=(1, 3)), means.std()),
+        'noise': np.log(np.sqrt(power)) * np.ones(1),
+        'outliers': np.array([(np.abs(rest) > 4.5 * scale).mean()]),
+        'frames': np.array([(known[1:] * known[:-1]).mean() / power]),
+        'neighbours': np.array([(known[:, :, 1:] * known[:, :, :-1]).mean() / power]),
+        'validity': np.array([np.isnan(error).mean()]),
+        'amplitude': np.log(np.median(frame.amplitude[:, 6:-6, calm], axis=0)),
+        'edges': np.array([near.mean(), near.std(), between.sum(axis=2).mean()])}
+
+
+@pytest.fixture(scope='module')
+def plain() -> dict[str, np.ndarray]:
+    """Return every channel without an effect."""
+    return channels(())
+
+
+def changes_nothing_else(name: str, plain: dict[str, np.ndarray]) -> None:
+    kind = registry()[name]
+    assert set(kind.changes) <= set(CHANNELS) == set(TOLERANCES)
+    found = channels({name: {'strength': 1.5}})
+    changed = {channel for channel, tolerance in TOLERANCES.items()
+               if np.abs(found[channel] - plain[channel]).max() > tolerance}
+    assert changed <= set(kind.changes)
+    # It shows here as well, but for what takes far, steep, bright or dark surfaces, or corners.
+    elsewhere = {'range_wrap', 'grazing_dropout', 'low_signal_dropout', 'saturation', 'multipath'}
+    assert changed or name in elsewhere or not kind.changes
+
+
+# (c) Off is off.
+
+
+def costs_nothing_when_off(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    clean, stamps = scenes(3), np.arange(3) * PERIOD
+    wanted = capture((), clean, stamps)
+
+    def never(*_: Any) -> None:
+        raise AssertionError('the way of effects is taken, although none is on')
+    monkeypatch.setattr(pipeline, 'develop', never)
+    for off in ({name: {'strength': 0}}, [registry()[name](strength=0.0)],
+                {other: {'strength': 0} for other in NAMES}):
+        assert Camera(effects=off).effects == ()
+        assert same(capture(off, clean, stamps), wanted)
+    with pytest.raises(AssertionError):
+        capture({name: None}, clean, stamps)
+
+
+# (d) Seeded, whatever was dropped.
+
+
+def is_seeded(name: str) -> None:
+    effects = {name: {'strength': 1.5}}
+    stamps = np.arange(8) * PERIOD
+    whole = capture(effects, scenes(8), stamps)
+    assert same(whole, capture(effects, scenes(8), stamps))
+    other, third = (capture(effects, scenes(8), stamps, **new)
+                    for new in ({'seed': 4}, {'name': 'right'}))
+    for stranger in (other, third):
+        assert not np.isclose(stranger.depth, whole.depth, atol=1e-7).mean() > 0.1 or (
+            name == 'quantisation')
+    some = np.array([0, 3, 4, 7])
+    kind = registry()[name]
+    clean = np.broadcast_to(scenes(1), (8, 24, 32)) if kind.keeps else scenes(8)
+    whole, part = (capture(effects, clean[chosen], stamps[chosen])
+                   for chosen in (np.arange(8), some))
+    if name == 'temporal_filter':
+        # What it mixes depends on the frame before; what is new in it does not.
+        base = capture((), clean, stamps)
+        for frames, chosen in ((whole.depth, np.arange(8)), (part.depth, some)):
+            new = (frames[1:] - 0.6 * frames[:-1]) / 0.4
+            alike = np.isfinite(frames[1:] + frames[:-1]) & (
+                np.abs(base.depth[chosen][1:] - frames[:-1]) < 5 * base.sigma[chosen][1:])
+            assert alike.mean() > 0.6
+            np.testing.assert_allclose(new[alike], base.depth[chosen][1:][alike], atol=2e-6)
+        return
+    for field in FIELDS:
+        np.testing.assert_array_equal(getattr(whole, field)[some], getattr(part, field))
+
+
+# (e) A batch is a loop.
+
+
+def batch_equals_loop(name: str) -> None:
+    effects = {name: {'strength': 1.5}}
+    clean = np.stack([scenes(5), scenes(5)[::-1] + 0.4, np.broadcast_to(scenes(1), (5, 24, 32))])
+    stamps = np.arange(5) * PERIOD
+    wanted = [capture(effects, one, stamps) for one in clean]
+    at_once = capture(effects, clean, stamps)
+    camera = Camera('Mode_9_30fps', effects=effects, seed=3)
+    by_step = [camera.capture(clean[:, t], SMALL, stamps[t], SHADES) for t in range(5)]
+    for field in FIELDS:
+        loop = np.stack([getattr(one, field) for one in wanted])
+        np.testing.assert_array_equal(getattr(at_once, field), loop)
+        np.testing.assert_array_equal(
+            np.stack([getattr(one, field) for one in by_step], axis=1), loop)
+
+
+@pytest.mark.parametrize('check', [has_its_signature, changes_nothing_else,
+                                   costs_nothing_when_off, is_seeded, batch_equals_loop],
+                         ids=lambda check: check.__name__)
+@pytest.mark.parametrize('name', NAMES)
+def test_effect(name: str, check: Callable[..., None], plain: dict[str, np.ndarray],
+                monkeypatch: pytest.MonkeyPatch) -> None:
+    extra = {changes_nothing_else: (plain,), costs_nothing_when_off: (monkeypatch,)}
+    check(name, *extra.get(check, ()))
+
+
+# All together
+
+
+def test_the_registry() -> None:
+    assert ORDER == NAMES
+    assert set(SIGNATURES) == set(NAMES)
+    stages = [kind.stage for kind in registry().values()]
+    assert stages == sorted(stages)
+    assert set(stages) <= set(Stage)
+    for kind in registry().values():
+        strength, *others = kind.parameters()
+        assert (strength.name, strength.default, strength.low, strength.high) == (
+            'strength', 1.0, 0.0, 4.0)
+        assert all(p.low <= p.default <= p.high and p.low < p.high and p.text for p in others)
+        assert kind.title
+        assert kind.source
+
+
+@pytest.mark.parametrize('usecase', ['Mode_5_60fps', 'Mode_9_30fps'])
+@pytest.mark.parametrize('strength', [0.01, 1.0, 4.0])
+def test_everything_on_whatever_is_there(usecase: str, strength: float) -> None:
+    """Assert frames are whole: NaN where invalid, else within range; for any size and value."""
+    mode = flexx2().mode(usecase)
+    camera = Camera(usecase, effects={name: {'strength': strength} for name in NAMES}, seed=1)
+    for shape in ((1, 1), (1, 9), (7, 1), (3, 2), (24, 32)):
+        for odd in (1.0, math.nan, math.inf, 0.0, -1.0, 1e-9, 1e-3, 8.0, 1e5, 3e38, 1e300):
+            clean = np.full((4, *shape), 1.5)
+            clean[:, shape[0] // 2, shape[1] // 2] = odd
+            clean[2:] += 0.05
+            shade = np.linspace(0, 1, clean[0].size).reshape(shape)
+            shade.flat[-1] = (math.nan, -1.0, 7.0)[shape[1] % 3]
+            frame = camera.capture(clean, SMALL, np.arange(4) * PERIOD, shade)
+            valid = np.isfinite(frame.depth)
+            assert ((frame.depth >= mode.range_min) & (frame.depth <= mode.range_max))[valid].all()
+            assert np.array_equal(np.isfinite(frame.sigma), valid)
+            assert (frame.sigma[valid] >= 0).all()
+            assert np.isfinite(frame.amplitude).all()
+            assert (frame.amplitude >= 0).all()
+            assert ((frame.confidence >= 0) & (frame.confidence <= 1)).all()
+            assert not frame.confidence[~valid].any()
+
+
+@pytest.mark.parametrize('frequencies', [(20e6,), (60.24e6,), (80.32e6, 60.24e6), (100e6, 20e6),
+                                         (16e6, 80e6, 120e6)], ids=str)
+def test_other_frequencies(frequencies: tuple[float, ...]) -> None:
+    """Assert all effects work with one to three frequencies, and where distances wrap."""
+    spans = [299_792_458 / 2 / f for f in frequencies]
+    wrap = {1: spans[0], 2: 7.46 if frequencies[0] < 90e6 else 7.495, 3: 18.737}[len(spans)]
+    mode = replace(QUIET.modes[0], modulation_hz=frequencies, range_max=0.95 * wrap)
+    profile = replace(QUIET, modes=(mode,))
+    for distance in (0.5, 0.9 * wrap, wrap + 0.7):
+        camera = Camera(mode.name, profile=profile, effects={'range_wrap': None})
+        frame = camera.capture(np.full((4, 4), distance), SMALL, 0)
+        np.testing.assert_allclose(frame.depth, distance % wrap, rtol=0.01)
+    noisy = replace(mode, noise=flexx2().modes[0].noise)
+    camera = Camera(mode.name, profile=replace(profile, modes=(noisy,)),
+                    effects=dict.fromkeys(NAMES))
+    frame = camera.capture(scenes(3), SMALL, np.arange(3) * PERIOD, SHADES)
+    assert np.isfinite(frame.depth).mean() > 0.5
+
+
+def test_phases_of_unknown_frequency_are_refused() -> None:
+    mode = replace(QUIET.modes[0], modulation_hz=())
+    profile = replace(QUIET, modes=(mode,))
+    assert Camera(mode.name, profile=profile, effects={'offset': {'strength': 0}}).effects == ()
+    with pytest.raises(InputError, match=r'^effects: .*modulation_hz'):
+        Camera(mode.name, profile=profile, effects={'offset': None})
+
+
+# What is kept, and for whom
+
+KEEPS = {name: {'strength': 2.0} for name, kind in registry().items() if kind.keeps}
+
+
+def test_what_is_kept_is_forgotten_for_whom_it_is_asked() -> None:
+    assert set(KEEPS) >= {'fixed_pattern', 'temporal_filter', 'warm_up_drift', 'motion_artefact',
+                          'time_offset', 'multipath'}
+    clean = np.stack([scenes(4), scenes(4) + 0.3])
+    stamps = np.array([0, 1, 2, 3]) * 20 * PERIOD
+
+    def run(mask: Any) -> np.ndarray:
+        camera = Camera(effects=KEEPS, seed=2)
+        camera.capture(clean[:, :3], SMALL, stamps[:3])
+        if mask is not False:
+            camera.reset(mask)
+        return camera.capture(clean[:, 3:], SMALL, stamps[3:]).depth
+
+    on, anew = run(False), run(None)
+    fresh = Camera(effects=KEEPS, seed=2).capture(clean[:, 3:], SMALL, stamps[3:]).depth
+    np.testing.assert_array_equal(anew, fresh)
+    assert np.isclose(on, anew, atol=1e-4).mean() < 0.2
+    second = run([False, True])
+    np.testing.assert_array_equal(second[0], on[0])
+    np.testing.assert_array_equal(second[1], anew[1])
+    np.testing.assert_array_equal(run([False, False]), on)
+
+
+def test_a_mask_that_does_not_fit_is_refused() -> None:
+    camera = Camera(effects=KEEPS)
+    camera.reset([True])  # There is nothing to forget yet.
+    camera.capture(np.stack([scenes(1), scenes(1)]), SMALL, 0)
+    for bad in ([True], [True] * 3, [[True, False]], True, [0, 1], 'all'):
+        with pytest.raises(InputError, match='^mask: .*environments'):
+            camera.reset(bad)
+    camera.reset(np.array([True, False])[:, None])
+
+
+def test_an_earlier_stamp_or_other_environments_start_afresh() -> None:
+    stamps = np.arange(3) * 20 * PERIOD
+    first = capture(KEEPS, scenes(3), stamps)
+    camera = Camera(effects=KEEPS, seed=3)
+    for _ in range(2):
+        assert same(camera.capture(scenes(3), SMALL, stamps, SHADES), first)
+    for count in (1, 2):
+        many = camera.capture(np.stack([scenes(3)] * count), SMALL, stamps, SHADES)
+        np.testing.assert_array_equal(many.depth[-1], first.depth)
+    # The same stamp again is the same moment.
+    last = camera.capture(scenes(3)[2], SMALL, stamps[2], SHADES)
+    camera.capture(scenes(3)[2], SMALL, stamps[2], SHADES)
+    assert np.isfinite(last.depth).any()
+
+
+def test_effects_can_be_changed_between_two_frames() -> None:
+    camera = Camera(effects={'warm_up_drift': None, 'temporal_filter': None}, profile=QUIET)
+    wall = np.ones((4, 4))
+    assert camera.capture(wall, SMALL, 0).depth[0, 0] == pytest.approx(1.01)
+    camera.effects = {'warm_up_drift': {'bias': 0.02}, 'offset': {'bias': 0.1}}
+    # Still on since then; the filter that is off has forgotten.
+    later = camera.capture(wall, SMALL, 900.0).depth[0, 0]
+    assert later == pytest.approx(1.1 + 0.02 / math.e, abs=1e-5)
+    camera.effects = ()
+    assert camera.capture(wall, SMALL, 901.0).depth[0, 0] == 1.0
+    with pytest.raises(InputError, match='^effects: offset: found it 2 times'):
+        camera.effects = parse_effects({'offset': None}) * 2
+    assert camera.effects == ()
+
+
+# Light
+
+
+def test_exposure_scales_the_light_that_effects_see() -> None:
+    def frames(name: str, share: float, distance: float, **parameters: float) -> Any:
+        camera = Camera(effects={name: parameters}, seed=1)
+        camera.exposure_share = share
+        return camera.capture(np.full((40, 40), distance), K, 0)
+
+    bright, dim = (frames('saturation', share, 0.4, gloss=0) for share in (1.0, 0.25))
+    assert np.isnan(bright.depth).mean() > 0.8
+    assert np.isnan(dim.depth).mean() < 0.1
+    bright, dim = (frames('low_signal_dropout', share, 2.0, half=0.1) for share in (1.0, 0.1))
+    assert np.isnan(bright.depth).mean() < 0.15 < 0.8 < np.isnan(dim.depth).mean()
+    bright, dim = (frames('ambient_light', share, 1.0, k=0.01) for share in (1.0, 0.5))
+    np.testing.assert_allclose(dim.sigma, np.hypot(bright.sigma, bright.sigma * 1.7), rtol=0.03)
+
+
+def test_gray_and_confidence_follow_the_light() -> None:
+    """Assert saturated pixels are white, too dark ones black, and noisier ones less certain."""
+    u = np.mgrid[:172, :224][1]
+    near, far = np.full((172, 224), 0.35), np.full((172, 224), 3.0)
+    blinded, plain = pair('saturation', near)
+    lost = np.isnan(blinded.depth)
+    assert lost.mean() > 0.9
+    assert (gray_image(blinded.amplitude, 1.0)[lost] == 255).all()
+    assert not blinded.confidence[lost].any()
+    assert np.isnan(blinded.sigma[lost]).all()
+    dark, plain = pair('low_signal_dropout', far, 0, np.where(u < 112, 1.0, 0.01),
+                       usecase='Mode_9_30fps')
+    lost = np.isnan(dark.depth)
+    assert lost[:, 120:].mean() > 0.9 > 0.1 > lost[:, :100].mean()
+    assert not gray_image(dark.amplitude, 1.0)[lost].any()
+    noisy, plain = pair('ambient_light', far, 0, np.where(u < 112, 1.0, 0.2),
+                        usecase='Mode_9_30fps')
+    valid = np.isfinite(noisy.depth) & np.isfinite(plain.depth)
+    less = plain.confidence - noisy.confidence
+    assert (less[valid] > 0).all()
+    assert less[:, 120:][valid[:, 120:]].min() > 5 * less[:, :100][valid[:, :100]].max()
+
+
+# Files
+
+
+def test_sets_are_written_and_read_again(tmp_path: Path) -> None:
+    values = {'wiggling': {'a1': -0.001, 'b4': 1e-5}, 'low_signal_dropout': {'half': 1e-5},
+              'quantisation': {'step': 0.1, 'strength': 0}}
+    effects = parse_effects(values)
+    path = tmp_path / 'some.yaml'
+    save_effects(path, effects, 'Two lines\nof comment: {not yaml}')
+    assert load_effects(path) == effects
+    assert path.read_text().startswith('# Two lines\n# of comment')
+    assert [effect.name for effect in effects] == ['wiggling', 'quantisation',
+                                                   'low_signal_dropout']
+    assert effects[1].step == 0.1
+    save_effects(path, ())
+    assert load_effects(path) == ()
+    assert same(capture(path, scenes(1), 0), capture((), scenes(1), 0))
+    assert list(tmp_path.iterdir()) == [path]
+    with pytest.raises(InputError, match='cannot be written'):
+        save_effects(tmp_path / 'nowhere' / 'some.yaml', effects)
+
+
+def test_presets_are_what_the_registry_says() -> None:
+    """Run `flexx2 effects --write-presets config/effects` when this fails."""
+    folder = config_dir() / 'effects'
+    assert {path.name: path.read_text() for path in folder.iterdir()} == preset_files()
+    for name, kind in registry().items():
+        assert load_effects(folder / f'{name}.yaml') == (kind(),)
+        assert load_effects(name) == (kind(),)
+    typical = load_effects('typical')
+    assert {effect.strength for effect in typical} == {1.0}
+    assert {'multipath', 'saturation', 'wiggling'} < {effect.name for effect in typical}
+    frame = Camera(effects='typical').capture(scenes(1), SMALL, 0, SHADES)
+    assert np.isfinite(frame.depth).mean() > 0.3
+
+
+def test_the_documentation_is_what_the_registry_says() -> None:
+    """Run `flexx2 effects --markdown > docs/effects.md` when this fails."""
+    assert (ROOT / 'docs' / 'effects.md').read_text(encoding='utf-8') == markdown()
+
+
+def bad_tables() -> Iterator[tuple[Any, str]]:
+    """Return tables that cannot be used, and what the error must name."""
+    yield {'blur': None}, 'blur'
+    yield {5: None}, '5'
+    yield {'offset': 3}, 'offset'
+    yield {'offset': [0.1]}, 'offset'
+    yield {'offset': {'bis': 0.1}}, r'offset\.bis.*bias'
+    yield {'offset': {7: 0.1}}, r'offset\.7'
+    for value in (0.3, -1, math.nan, math.inf, '0.1', None, True, [0.1], {}, 10 ** 400):
+        yield {'offset': {'bias': value}}, r'offset\.bias: found .* -0.2 to 0.2 m'
+    for value in (-0.1, 4.1, 'on'):
+        yield {'range_wrap': {'strength': value}}, r'range_wrap\.strength: found .* 0 to 4'
+
+
+@pytest.mark.parametrize(('table', 'named'), list(bad_tables()))
+def test_what_cannot_be_used_is_named(table: Any, named: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=f'^effects: {named}'):
+        parse_effects(table)
+    with pytest.raises(InputError, match=f'^effects: {named}'):
+        Camera(effects=table)
+    path = tmp_path / 'bad.yaml'
+    path.write_text(yaml.safe_dump({'schema': 1, 'effects': table}))
+    with pytest.raises(InputError, match=f'bad.yaml: effects: {named}'):
+        load_effects(path)
+
+
+@pytest.mark.parametrize('text', ['', 'schema: 2\neffects: {}', 'schema: 1', '- 1', 'effects: {}',
+                                  'schema: 1\neffects: [', 'schema: 1\neffects: 5',
+                                  'schema: 1\neffects: [offset]', '\x00'])
+def test_a_ruined_file_is_named(text: str, tmp_path: Path) -> None:
+    path = tmp_path / 'bad.yaml'
+    path.write_text(text)
+    for use in (load_effects, lambda path: Camera(effects=path)):
+        with pytest.raises(InputError, match=r'bad\.yaml'):
+            use(path)
+    with pytest.raises(InputError, match=r'missing\.yaml'):
+        load_effects(tmp_path / 'missing.yaml')
+
+
+@pytest.mark.parametrize('effects', [5, [5], ['offset'], None, [registry()['offset']]])
+def test_what_is_no_effect_is_refused(effects: Any) -> None:
+    with pytest.raises(InputError, match='^effects: found'):
+        Camera(effects=effects)
+
+
+def test_numbers_are_made_floats() -> None:
+    offset = registry()['offset']
+    for number in (0, np.float32(0.0), np.int8(0)):
+        effect = offset(bias=number)
+        assert type(effect.bias) is float
+        assert effect == offset(bias=0.0)
+    assert isinstance(offset(), Effect)

@@ -1,0 +1,170 @@
+"""The diagnosis on small campaigns of the simulator itself, from files to files."""
+
+from html.parser import HTMLParser
+import json
+from pathlib import Path
+from typing import Any
+
+from bench.gap_campaigns import write_campaign
+from bench.gap_novel import NOVEL
+from flexx2_sim_ros.cli.main import main
+from flexx2_sim_ros.effects import load_effects
+from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.gap import diagnose
+import numpy as np
+import pytest
+
+# Half of the resolution and few recordings: what a test can afford.
+SMALL: dict[str, Any] = {'scale': 0.5, 'recordings': 4, 'frames': 8, 'moving': 1}
+KEYS = ['schema', 'verdict', 'effects', 'alternatives', 'unexplained', 'where', 'gap',
+        'recordings', 'seconds', 'peak_mb', 'version']
+
+
+@pytest.fixture(scope='module')
+def filtered(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp('campaign')
+    write_campaign(folder, seed=3, effects={'temporal_filter': {}}, **SMALL)
+    return folder
+
+
+def test_finds_an_effect_and_writes_what_it_found(filtered: Path, tmp_path: Path,
+                                                  capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / 'out'
+    assert main(['gap', 'diagnose', str(filtered), '--out', str(out), '--jobs', '1']) == 0
+    assert 'temporal filter' in capsys.readouterr().err
+    table = json.loads((out / 'diagnosis.json').read_text())
+    assert list(table) == KEYS
+    assert table['schema'] == 1
+    assert table['verdict'] == 'identified'
+    effect, = table['effects']
+    assert effect['name'] == 'temporal_filter'
+    assert effect['parameters']['share'] == pytest.approx(0.4, abs=0.06)
+    low, high = effect['interval']
+    assert low <= effect['share'] <= high
+    assert effect['confidence'] > 0.9
+    gap = table['gap']
+    assert gap['null'] < gap['after'] < gap['before']
+    assert gap['shrink'] > 0.5
+    for unit in ('wasserstein_mm', 'invalid_rate', 'kl_nats', 'correlation'):
+        assert set(gap[unit]) == {'before', 'after', 'null', 'shrink', 'interval'}
+    assert {'covariate', 'low', 'high', 'unit', 'channel', 'size', 'unit_size',
+            'q_value'} == set(table['where'][0])
+    assert table['where'][0]['channel'] in ('lag', 'log_variance')
+    loaded, = load_effects(out / 'effects.yaml')
+    assert loaded.name == 'temporal_filter'
+    assert sorted(path.name for path in out.iterdir()) == [
+        'diagnosis.json', 'effects.yaml', 'report.html']
+    check_page((out / 'report.html').read_text())
+
+
+def check_page(text: str) -> None:
+    """Assert that a page is whole and needs nothing from elsewhere."""
+    class Parser(HTMLParser):
+
+        def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+            seen.append(tag)
+            for name, value in attrs:
+                if name in ('src', 'href') and value:
+                    assert value.startswith('data:')
+
+    seen: list[str] = []
+    Parser().feed(text)
+    assert {'h1', 'svg', 'img', 'table'} <= set(seen)
+    assert 'nan' not in text.split('</style>')[1].replace('resonance', '')
+
+
+def test_the_same_seed_gives_the_same_outcome_on_any_number_of_processes(tmp_path: Path) -> None:
+    write_campaign(tmp_path, seed=5, scale=0.25, recordings=2, frames=6, moving=0)
+    one, two = (diagnose(tmp_path, seed=5, jobs=jobs) for jobs in (1, 2))
+    for table in (one, two):
+        for key in ('seconds', 'peak_mb'):
+            del table[key]
+    assert one == two
+
+
+def test_no_effect_is_none(tmp_path: Path) -> None:
+    write_campaign(tmp_path, seed=4, **SMALL)
+    table = diagnose(tmp_path)
+    assert table['verdict'] == 'none'
+    assert table['effects'] == []
+
+
+def test_a_common_offset_is_not_lost_in_the_pose(tmp_path: Path) -> None:
+    write_campaign(tmp_path, seed=6, effects={'offset': {'bias': 0.01}}, **SMALL)
+    table = diagnose(tmp_path)
+    names = {row['name'] for row in table['effects']}
+    others = {e['name'] for row in table['alternatives'] for e in row['effects']}
+    assert 'offset' in names | others
+
+
+def test_what_no_catalogue_has_is_unknown(tmp_path: Path) -> None:
+    write_campaign(tmp_path, seed=7, novel=NOVEL['row_noise'], **SMALL)
+    table = diagnose(tmp_path, out=tmp_path / 'out')
+    assert table['verdict'] in ('unknown', 'partly')
+    assert table['unexplained']
+    load_effects(tmp_path / 'out' / 'effects.yaml')
+
+
+def test_an_effect_left_out_is_not_named(filtered: Path) -> None:
+    table = diagnose(filtered, without=['temporal_filter'])
+    assert 'temporal_filter' not in json.dumps(table['effects'] + table['alternatives'])
+    assert table['verdict'] in ('unknown', 'partly')
+
+
+def damage(path: Path, **changes: Any) -> None:
+    """Rewrite a recording with other arrays; None leaves one out."""
+    with np.load(path) as archive:
+        content = {**archive, **changes}
+    np.savez(path, **{k: v for k, v in content.items() if v is not None})
+
+
+def test_bad_recordings_are_left_out_and_said(tmp_path: Path) -> None:
+    write_campaign(tmp_path, seed=8, scale=0.25, recordings=8, frames=6, moving=0)
+    files = sorted(tmp_path.glob('*.npz'))
+    with np.load(files[0]) as archive:
+        depth, clean, stamp = archive['depth'], archive['clean_depth'], archive['stamp']
+    damage(files[0], depth=np.full_like(depth, np.nan))
+    damage(files[1], clean_depth=clean[:-3])
+    damage(files[2], stamp=np.where(np.arange(6) == 2, np.nan, stamp))
+    files[3].write_bytes(files[3].read_bytes()[:5000])
+    damage(files[4], usecase=np.array('Mode_5_30fps'))
+    damage(files[5], clean_depth=np.full_like(clean, np.nan))
+    damage(files[6], clean_depth=None)
+    table = diagnose(tmp_path)
+    reasons = {row['name']: row['reason'] for row in table['recordings'] if not row['used']}
+    for file, key in zip(files[:7], ('depth', 'clean_depth', 'stamp', '', 'usecase',
+                                     'clean_depth', 'clean_depth'), strict=True):
+        assert file.name in reasons[file.name]
+        assert key in reasons[file.name]
+    assert [row['name'] for row in table['recordings'] if row['used']] == [
+        file.name for file in files[7:]]
+
+
+@pytest.mark.parametrize('kind', ['empty', 'absent', 'broken'])
+def test_nothing_usable_is_an_error_and_writes_nothing(
+        kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = tmp_path / 'campaign'
+    if kind != 'absent':
+        folder.mkdir()
+    if kind == 'broken':
+        (folder / 'one.npz').write_bytes(b'PK no archive')
+    assert main(['gap', 'diagnose', str(folder), '--out', str(tmp_path / 'out')]) == 2
+    message = capsys.readouterr().err
+    assert ('one.npz' if kind == 'broken' else str(folder)) in message
+    assert not (tmp_path / 'out').exists()
+
+
+def test_one_recording_has_nothing_held_out_and_says_so(tmp_path: Path) -> None:
+    write_campaign(tmp_path, seed=9, effects={'spatial_filter': {}}, scale=0.25, recordings=1,
+                   frames=6, moving=0)
+    table = diagnose(tmp_path)
+    assert table['gap']['held_out'] is False
+    assert table['gap']['interval'] is None
+    assert 'one recording' in table['gap']['note']
+
+
+@pytest.mark.parametrize('arguments', [
+    {'without': ['no_such']}, {'seed': -1}, {'jobs': 0}, {'pose_prior': (0.0, 1.0)}])
+def test_wrong_arguments_are_refused(arguments: dict[str, Any], tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=next(iter(arguments))):
+        diagnose(tmp_path, **arguments)

@@ -1,0 +1,279 @@
+"""The walk: feet that do not slip or sink, a trunk that follows the ground, and stopping."""
+
+from dataclasses import fields
+import itertools
+import operator
+
+from flexx2_sim_ros.camera.modes import flexx2
+from flexx2_sim_ros.go1 import gait as trot
+from flexx2_sim_ros.go1.gait import Gait, pose, start, step
+from flexx2_sim_ros.go1.ground import SceneGround
+from flexx2_sim_ros.go1.kinematics import feet, GO1, joint_angles, LEGS, rotation
+from flexx2_sim_ros.go1.model import build_model, stand
+from flexx2_sim_ros.go1.robot import find_robot
+import mujoco
+import numpy as np
+import pytest
+
+RATE = 60
+GAIT = Gait()
+
+
+class Flat:
+    """A plain without end, at a height."""
+
+    def __init__(self, height=0.0):
+        self._height = height
+
+    def heights(self, points, top):
+        return np.full(points.shape[:-1], self._height)
+
+    def free(self, origin, direction):
+        return np.inf
+
+
+class World:
+    """The robot in a MuJoCo scene, posed as the gait says."""
+
+    def __init__(self, scene, robot='builtin'):
+        self.model = build_model(robot, scene, intrinsics=flexx2().intrinsics)
+        self.data = mujoco.MjData(self.model)
+        stand(self.model, self.data)
+        self.robot = find_robot(self.model)
+        self.feet = [self.model.geom(f'{leg}_foot').id for leg in LEGS]
+        solid = (self.model.geom_contype | self.model.geom_conaffinity) != 0
+        self.solid = np.flatnonzero(solid & ~self.robot.geoms)
+        self.ground = SceneGround(self.model, self.data, self.robot.geoms)
+        trunk = self.data.xpos[self.robot.trunk]
+        self.state = start(trunk[:2], 0.0, trunk[2], self.ground, self.robot.legs)
+
+    def walk(self, command, seconds=1 / 30):
+        self.state = step(self.state, command, seconds, self.ground, GAIT, self.robot.legs)
+        self.pose = pose(self.state, GAIT, self.robot.legs)
+        quaternion = np.empty(4)
+        mujoco.mju_mat2Quat(quaternion, rotation(self.pose.rpy).ravel())
+        self.robot.place(self.data, self.pose.position, quaternion)
+        self.data.qpos[self.robot.leg_addresses()] = self.pose.angles
+        mujoco.mj_kinematics(self.model, self.data)
+
+    def depth_of_feet(self):
+        """Return how far the deepest foot is inside something solid, negative when it is not."""
+        return -min(mujoco.mj_geomDistance(self.model, self.data, foot, int(geom), 0.1, None)
+                    for foot in self.feet for geom in self.solid)
+
+
+def walk(commands, rate=RATE, gait=GAIT, ground=None):
+    """Return the poses and states of a walk: (seconds, command) after (seconds, command)."""
+    ground = ground or Flat()
+    state = start(np.zeros(2), 0.0, 0.3, ground)
+    poses, states = [pose(state, gait)], [state]
+    for seconds, command in commands:
+        for _ in range(round(seconds * rate)):
+            state = step(state, np.array(command, float), 1 / rate, ground, gait)
+            states.append(state)
+            poses.append(pose(state, gait))
+    return poses, states
+
+
+def true_feet(at):
+    """Return where the joint angles really put the feet, in the world."""
+    return at.position + feet(at.angles) @ rotation(at.rpy).T
+
+
+def slips(poses):
+    """Return how far each foot strayed within each of its stances, metres."""
+    result = []
+    for leg in range(4):
+        places = [(bool(at.standing[leg]), true_feet(at)[leg]) for at in poses]
+        for standing, group in itertools.groupby(places, key=operator.itemgetter(0)):
+            if standing:
+                stance = np.array([place for _, place in group])
+                result.append(np.linalg.norm(stance - stance[0], axis=1).max())
+    return np.array(result)
+
+
+def test_angles_and_feet_are_each_others_inverse():
+    random = np.random.default_rng(0)
+    angles = random.uniform(GO1.lower, GO1.upper, (2000, 4, 3))
+    points = feet(angles)
+    # With the foot above its thigh joint another pose has it in the same place.
+    below = np.cos(angles[..., 1]) + np.cos(angles[..., 1] + angles[..., 2]) > 0.1
+    np.testing.assert_allclose(joint_angles(points)[below], angles[below], atol=1e-9)
+
+
+def test_the_feet_are_those_of_the_model():
+    world = World('lab')
+    random = np.random.default_rng(1)
+    legs = world.robot.legs
+    for field in fields(GO1):
+        np.testing.assert_allclose(getattr(legs, field.name), getattr(GO1, field.name), atol=1e-9)
+    for _ in range(20):
+        angles = random.uniform(legs.lower, legs.upper, (4, 3))
+        world.data.qpos[world.robot.leg_addresses()] = angles
+        mujoco.mj_kinematics(world.model, world.data)
+        trunk = world.data.body('trunk')
+        seen = (world.data.geom_xpos[world.feet] - trunk.xpos) @ trunk.xmat.reshape(3, 3)
+        np.testing.assert_allclose(seen, feet(angles), atol=1e-9)
+
+
+def test_a_foot_out_of_reach_is_pointed_at_within_the_limits():
+    points = GO1.hips + [0.1, 0.0, -1.0] + np.stack([0 * GO1.offset, GO1.offset, 0 * GO1.offset],
+                                                    axis=1)
+    angles = joint_angles(points)
+    assert (angles >= GO1.lower - 1e-12).all()
+    assert (angles <= GO1.upper + 1e-12).all()
+    reached = feet(angles) - GO1.hips
+    assert (reached[:, 2] < -0.35).all()
+
+
+COMMANDS = {
+    'ahead': [(3, (0.5, 0, 0))],
+    'at the limit': [(3, (9.0, 9.0, 9.0))],
+    'back': [(3, (-0.5, 0, 0))],
+    'sideways': [(3, (0, 0.4, 0))],
+    'turning': [(3, (0, 0, 1.5))],
+    'slowly': [(3, (0.02, 0, 0.05))],
+    'there and back': [(1.3, (0.8, 0, 0)), (1.1, (-0.8, 0, 1.5)), (0.9, (0, 0.8, -1.5)),
+                       (0.7, (0, -0.8, 1.5)), (1, (0, 0, 0))],
+    'nervous': [(0.1, (0.8 * (-1) ** k, 0.5 * (-1) ** (k // 2), 0)) for k in range(20)],
+}
+
+
+@pytest.mark.parametrize('name', COMMANDS)
+def test_no_standing_foot_slips_on_the_level(name):
+    poses, _ = walk(COMMANDS[name])
+    assert slips(poses).max() < 0.005
+    heights = np.array([true_feet(at)[:, 2] for at in poses])
+    standing = np.array([at.standing for at in poses])
+    assert np.abs(heights[standing] - GO1.foot_radius).max() < 1e-3
+    assert heights.min() > GO1.foot_radius - 1e-3
+    # The trunk keeps its height and stays level.
+    assert np.ptp([at.position[2] for at in poses]) < 1e-9
+    assert np.abs([at.rpy[:2] for at in poses]).max() < 1e-9
+    angles = np.array([at.angles for at in poses])
+    assert (angles >= GO1.lower - 1e-9).all()
+    assert (angles <= GO1.upper + 1e-9).all()
+
+
+def test_it_is_a_trot():
+    poses, _ = walk([(4, (0.6, 0, 0))])
+    standing = np.array([at.standing for at in poses])
+    right_front, left_front, right_rear, left_rear = standing.T
+    np.testing.assert_array_equal(right_front, left_rear)
+    np.testing.assert_array_equal(left_front, right_rear)
+    assert (right_front | left_front).all()  # one diagonal or both, never in flight
+    walking = standing[RATE:]
+    assert walking[:, 0].mean() == pytest.approx(GAIT.duty, abs=0.03)
+    steps = np.flatnonzero(np.diff(walking[:, 0].astype(int)) == 1)
+    assert np.diff(steps).mean() / RATE == pytest.approx(GAIT.period, rel=0.05)
+    lifted = np.array([true_feet(at)[:, 2] for at in poses]).max(axis=0) - GO1.foot_radius
+    assert (lifted > 0.04).all()
+    # Smooth: no foot is faster than a leg can be, and the trunk moves evenly.
+    paths = np.array([true_feet(at) for at in poses])
+    assert np.linalg.norm(np.diff(paths, axis=0), axis=2).max() * RATE < 8.0
+    assert np.abs(np.diff([at.position[0] for at in poses[RATE:]]) * RATE - 0.6).max() < 1e-6
+
+
+@pytest.mark.parametrize(('command', 'limit'), [
+    ((0.5, 0, 0), (0.5, 0, 0)), ((0, -0.3, 0), (0, -0.3, 0)), ((0, 0, -1), (0, 0, -1)),
+    ((3, 4, 0), (0.6 * GAIT.max_speed, 0.8 * GAIT.max_speed, 0)),
+    ((0, 0, 9), (0, 0, GAIT.max_turn)), ((0.3, 0.1, 0.7), (0.3, 0.1, 0.7))])
+def test_it_goes_as_fast_as_it_is_told_up_to_the_limits(command, limit):
+    _, states = walk([(4, command)])
+    first, last = states[2 * RATE], states[-1]
+    np.testing.assert_allclose(last.velocity, limit, atol=1e-9)
+    assert last.yaw - first.yaw == pytest.approx(2 * limit[2], rel=1e-6, abs=1e-9)
+    if limit[2] == 0:
+        np.testing.assert_allclose(last.position - first.position, 2 * np.array(limit[:2]),
+                                   atol=1e-6)
+
+
+def test_it_stops_and_then_stands_under_its_hips():
+    poses, states = walk([(2.13, (0.8, 0.2, 1.0)), (3, (0, 0, 0))])
+    stop = round(2.13 * RATE)
+    # Braking takes a fifth of a second, putting the feet back two steps more.
+    still = states[stop + round(0.4 * RATE)]
+    assert not still.velocity.any()
+    np.testing.assert_array_equal(still.position, states[-1].position)
+    rest = poses[stop + round(1.5 * GAIT.period * RATE) + 15:]
+    assert all(at.standing.all() for at in rest)
+    np.testing.assert_array_equal(rest[0].angles, rest[-1].angles)
+    np.testing.assert_allclose(rest[-1].angles, np.tile([0, 0.9, -1.8], (4, 1)), atol=1e-6)
+    assert slips(poses).max() < 0.005
+
+
+def test_the_rate_does_not_matter():
+    commands = [(1, (0.5, 0.1, 0.3)), (1, (-0.3, 0, 0))]
+    (slow, _), (fast, _) = walk(commands, rate=30), walk(commands, rate=120)
+    np.testing.assert_allclose(slow[-1].position, fast[-1].position, atol=1e-9)
+    np.testing.assert_allclose(slow[-1].angles, fast[-1].angles, atol=1e-6)
+
+
+def test_a_step_is_a_function():
+    _, states = walk([(0.9, (0.5, 0.1, 0.3))])
+    before = states[-1]
+    kept = {field.name: np.copy(getattr(before, field.name)) for field in fields(before)}
+    one, other = (step(before, np.array([0.3, 0, 0]), 0.5, Flat(), GAIT) for _ in range(2))
+    for field in fields(before):
+        np.testing.assert_array_equal(getattr(before, field.name), kept[field.name])
+        np.testing.assert_array_equal(getattr(one, field.name), getattr(other, field.name))
+
+
+def test_thirty_seconds_over_the_stairs():
+    world = World('stairs')
+    deepest, tops, tilts, reached = 0.0, [], [], 0.0
+    for _ in range(900):
+        world.walk(np.array([0.25, 0.0, 0.0]))
+        deepest = max(deepest, world.depth_of_feet())
+        under = world.ground.heights(world.pose.position[:2], world.pose.position[2])
+        tops.append(world.pose.position[2] - under)
+        tilts.append(world.pose.rpy[1])
+        reached = max(reached, world.pose.missed[world.pose.standing].max())
+    assert deepest < 0.01
+    assert reached < 0.002
+    assert world.pose.position[0] > 7.0  # up, along and down
+    assert min(tops) > 0.15
+    assert max(tops) < 0.42
+    assert min(tilts) < -0.2  # nose up
+    assert max(tilts) > 0.2  # nose down
+    assert np.abs(tilts).max() < 0.41
+    assert np.abs(np.diff(tilts)).max() < 0.06
+    assert world.pose.position[2] == pytest.approx(GO1.standing_height, abs=1e-6)
+
+
+def test_it_keeps_its_feet_out_of_rubble_and_turns_on_stairs():
+    for scene, command in (('rubble', (0.4, 0.0, 0.1)), ('stairs', (0.3, 0.0, 0.4))):
+        world = World(scene)
+        deepest = 0.0
+        for k in range(240):
+            turn = np.array([1.0, 1.0, (-1.0) ** (k // 60)])
+            world.walk(np.array(command) * turn)
+            deepest = max(deepest, world.depth_of_feet())
+        assert deepest < 0.01
+        assert world.pose.position[0] > 1.5
+
+
+@pytest.mark.parametrize(('scene', 'most'), [('corner', 1.2), ('board', 0.2)])
+def test_walls_and_drops_stop_it(scene, most):
+    # A wall ahead; the end of a pedestal.
+    world = World(scene)
+    for _ in range(120):
+        world.walk(np.array([0.8, 0.0, 0.0]))
+    assert world.state.blocked
+    assert 0.0 <= world.pose.position[0] < most
+    before = world.pose.position[0]
+    for _ in range(15):
+        world.walk(np.array([-0.2, 0.0, 0.0]))
+    if scene == 'corner':
+        assert not world.state.blocked
+        assert world.pose.position[0] < before
+
+
+def test_a_start_without_ground_keeps_its_height():
+    nowhere = Flat(np.nan)
+    state = start(np.zeros(2), 0.0, 0.7, nowhere)
+    assert pose(state, GAIT).position[2] == pytest.approx(0.7)
+    state = step(state, np.array([0.5, 0, 0]), 1.0, nowhere, GAIT)
+    assert state.blocked
+    assert pose(state, GAIT).position[2] == pytest.approx(0.7)
+    assert trot.step(state, np.zeros(3), 0.0, nowhere, GAIT).phase == state.phase

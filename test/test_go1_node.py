@@ -1,0 +1,388 @@
+"""The Go1 node over real DDS: driven, mirrored, paused, reset, and told nonsense."""
+
+import math
+import subprocess
+import sys
+import types
+
+from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.go1.kinematics import feet, GO1, JOINTS, rotation
+from flexx2_sim_ros.go1.model import load_mounts
+import mujoco
+import numpy as np
+import pytest
+from robots import (
+    CameraInfo,
+    Clock,
+    Go1,
+    go1,
+    go1_messages,
+    Image,
+    joints,
+    JointState,
+    Odometry,
+    odometry,
+    place,
+    transforms,
+    Twist,
+    twist,
+)
+from streams import array_of, nanoseconds
+
+pytestmark = pytest.mark.usefixtures('ros')
+
+RATE = 60
+
+
+def exact(stamps, rate=RATE):
+    """Say whether stamps are those of ticks that follow each other."""
+    first = round(stamps[0] * rate / 1e9)
+    return stamps == [k * 10 ** 9 // rate for k in range(first, first + len(stamps))]
+
+
+def test_standing_everything_has_one_time_and_nothing_moves():
+    with go1() as seen:
+        images = seen.hear('front_left/clean/depth_image', Image)
+        infos = seen.hear('front_left/clean/camera_info', CameraInfo)
+        clock = seen.hear('/clock', Clock)
+        states = seen.hear('joint_states', JointState)
+        poses = seen.hear('odom', Odometry)
+        seen.more(poses, 20)
+        for heard in (images, infos, states, poses):
+            assert exact([nanoseconds(message) for message in heard])
+        assert exact([message.clock.sec * 10 ** 9 + message.clock.nanosec for message in clock])
+        assert {message.header.frame_id for message in images} == {'front_left_optical_frame'}
+        assert {message.header.frame_id for message in poses} == {'odom'}
+        assert tuple(states[-1].name) == JOINTS
+        np.testing.assert_allclose(states[-1].position, [0, 0.9, -1.8] * 4)
+        np.testing.assert_allclose(states[-1].velocity, 0, atol=1e-12)
+        position, yaw = place(poses[-1])
+        np.testing.assert_allclose([*position, yaw], [0, 0, GO1.standing_height, 0], atol=1e-6)
+        assert poses[-1].twist.twist == Twist()
+
+
+def test_it_walks_as_told_and_stops_by_itself():
+    with go1(motion='cmd_vel') as seen:
+        drive = seen.to('cmd_vel', Twist)
+        poses, states = seen.hear('odom', Odometry), seen.hear('joint_states', JointState)
+        for _ in range(12):
+            drive.publish(twist(0.4, 0.0, 0.3))
+            seen.more(poses, 6)
+        moving = poses[-6:]
+        for message in moving:
+            assert message.twist.twist.linear.x == pytest.approx(0.4, abs=0.01)
+            assert message.twist.twist.angular.z == pytest.approx(0.3, abs=0.01)
+        told = nanoseconds(poses[-1])
+        seen.more(poses, 90)
+        speed = {nanoseconds(message): math.hypot(message.twist.twist.linear.x,
+                                                  message.twist.twist.linear.y)
+                 for message in poses}
+        # The last command reached the node within a few ticks; it holds half a second more.
+        held = [stamp for stamp in speed if told < stamp < told + 0.3e9]
+        assert min(speed[stamp] for stamp in held) > 0.38
+        assert max(value for stamp, value in speed.items() if stamp > told + 0.9e9) < 1e-6
+        assert place(poses[-1])[0][0] > 0.3
+        # Odometry and joints are one state: the feet on the ground stay where they are.
+        angles = {nanoseconds(message): np.reshape(message.position, (4, 3))
+                  for message in states}
+        at = {nanoseconds(message): place(message) for message in poses}
+        both = sorted(angles.keys() & at.keys())
+        world = np.array([at[s][0] + feet(angles[s]) @ rotation((0, 0, at[s][1])).T for s in both])
+        down = world[..., 2] < GO1.foot_radius + 1e-4
+        slid = np.linalg.norm(np.diff(world, axis=0)[..., :2], axis=-1)[down[1:] & down[:-1]]
+        assert slid.max() < 0.002
+        assert slid.size > 100
+        # Joint velocities are those of the joint positions.
+        a, b = states[20], states[21]
+        np.testing.assert_allclose(
+            b.velocity, (np.array(b.position) - a.position) * RATE, atol=1e-4)
+
+
+def test_images_follow_the_walk():
+    with go1(motion='cmd_vel') as seen:
+        drive = seen.to('cmd_vel', Twist)
+        images = seen.hear('front_left/clean/depth_image', Image)
+        seen.more(images, 2)
+        before = array_of(images[-1])
+        for _ in range(5):
+            drive.publish(twist(0.5))
+            seen.more(images, 4)
+        assert exact([nanoseconds(message) for message in images])
+        after = array_of(seen.more(images, 1)[0])
+        # It walks into the corner: what was straight ahead comes nearer.
+        assert np.median(after[:60] - before[:60]) < -0.03
+
+
+def test_nonsense_on_cmd_vel_is_named_and_ignored():
+    with go1(motion='cmd_vel', scene='rubble') as seen:
+        drive, poses = seen.to('cmd_vel', Twist), seen.hear('odom', Odometry)
+        for bad in (twist(math.nan), twist(0.0, math.inf), twist(0.0, 0.0, -math.inf)):
+            drive.publish(bad)
+        seen.spin_until(lambda: seen.logged('cmd_vel: linear.x: found nan, wanted a finite'))
+        seen.more(poses, 5)
+        np.testing.assert_allclose(place(poses[-1])[0][:2], 0, atol=1e-9)
+        drive.publish(twist(0.4))
+        seen.spin_until(lambda: place(poses[-1])[0][0] > 0.05, 'walking')
+
+
+def test_limits_pause_and_pace_change_while_it_runs():
+    with go1(motion='cmd_vel', rate=30.0) as seen:
+        drive, poses = seen.to('cmd_vel', Twist), seen.hear('odom', Odometry)
+        assert seen.change(max_speed=0.1).successful
+        for _ in range(6):
+            drive.publish(twist(5.0))
+            seen.more(poses, 3)
+        assert poses[-1].twist.twist.linear.x == pytest.approx(0.1, abs=1e-3)
+        assert seen.change(real_time_factor=4.0).successful
+        seen.more(poses, 30)
+        assert seen.change(paused=True).successful
+        tick = seen.robot._pacer.tick
+        seen.spin_until(lambda: nanoseconds(poses[-1]) == tick * 10 ** 9 // 30, 'what was sent')
+        for _ in range(10):
+            seen.spin_for_a_message()
+        assert seen.robot._pacer.tick == tick
+        assert seen.change(paused=False, real_time_factor=0.5).successful
+        seen.more(poses, 5)
+        # Whatever the pace and the pauses: one tick after the other.
+        assert exact([nanoseconds(message) for message in poses], 30)
+        for name, value, said in (('real_time_factor', 0.0, 'wanted a number from 0.01 to 100'),
+                                  ('real_time_factor', math.nan, 'found nan'),
+                                  ('max_speed', -1.0, 'wanted a number from 0 to 1.2'),
+                                  ('max_turn', 'fast', "found 'fast'"),
+                                  ('board_distance', 2.0, "scene is 'corner', wanted board"),
+                                  ('motion', 'stand', 'read')):
+            answer = seen.change(**{name: value})
+            assert not answer.successful
+            assert said in answer.reason
+        seen.more(poses, 2)
+
+
+def test_reset_puts_it_back_and_time_goes_on():
+    with go1(motion='cmd_vel') as seen:
+        drive, poses = seen.to('cmd_vel', Twist), seen.hear('odom', Odometry)
+        for _ in range(5):
+            drive.publish(twist(0.5))
+            seen.more(poses, 4)
+        assert place(poses[-1])[0][0] > 0.02
+        answer = seen.reset()
+        assert answer.success
+        tick = seen.robot._pacer.tick
+        seen.spin_until(lambda: nanoseconds(poses[-1]) > (tick + 2) * 10 ** 9 // RATE, 'poses')
+        np.testing.assert_allclose(place(poses[-1])[0][:2], 0, atol=1e-9)
+        assert poses[-1].twist.twist == Twist()
+        assert exact([nanoseconds(message) for message in poses])
+
+
+def test_the_board_moves_when_its_parameters_do():
+    with go1(scene='board', board_distance=1.5) as seen:
+        images = seen.hear('front_left/clean/depth_image', Image)
+        middle = (86, 112)
+        seen.more(images, 1)
+        assert array_of(images[-1])[middle] == pytest.approx(1.5, abs=2e-3)
+        assert seen.change(board_distance=2.0, board_angle_deg=60.0).successful
+        seen.more(images, 4)
+        assert array_of(images[-1])[middle] == pytest.approx(2.0, abs=0.01)
+        assert array_of(images[-1])[86, 130] > 2.2
+        assert not seen.change(board_distance=99.0).successful
+
+
+def test_another_simulator_moves_it():
+    stamp = 1_700_000_000 * 10 ** 9 + 123_456_789
+    angles = np.tile([0.1, 1.0, -1.7], 4)
+    with go1(motion='external') as seen:
+        poses, states = seen.to('odom', Odometry), seen.to('joint_states', JointState)
+        images = seen.hear('front_left/clean/depth_image', Image)
+        infos = seen.hear('front_left/clean/camera_info', CameraInfo)
+        # Nobody spoke of joints yet: the pose is shown at once.
+        poses.publish(odometry(stamp, (0.2, 0.1, 0.3), 0.1))
+        seen.spin_until(lambda: images, 'an image')
+        assert nanoseconds(images[0]) == stamp
+        # From then on a pose waits for the joints of its moment, in any order and spelling.
+        order = np.random.default_rng(0).permutation(12)
+        names = [name.removesuffix('_joint') if k % 2 else f'go1/{name}'
+                 for k, name in enumerate(np.array(JOINTS)[order])]
+        later = stamp + 20_000_000
+        states.publish(joints(stamp, angles, JOINTS))
+        data = seen.robot._data
+        seen.spin_until(lambda: data.qpos[8] == 1.0, 'joints')
+        poses.publish(odometry(later, (0.3, 0.1, 0.3), 0.2))
+        states.publish(joints(later, angles[order] + 0.1, names))
+        seen.spin_until(lambda: len(images) == len(infos) == 2, 'an image')
+        assert [nanoseconds(message) for message in images] == [stamp, later]
+        assert [nanoseconds(message) for message in infos] == [stamp, later]
+        np.testing.assert_allclose(data.body('trunk').xpos, [0.3, 0.1, 0.3], atol=1e-9)
+        np.testing.assert_allclose(data.qpos[7:], angles + 0.1, atol=1e-12)
+        expected, _ = seen.robot._renderer.render(data, 'front_left')
+        np.testing.assert_array_equal(array_of(images[-1]), expected)
+        # Poses without new joints are shown by the next one; those too close are left out.
+        for after, x in ((20_000_000, 0.4), (21_000_000, 9.9), (40_000_000, 0.5)):
+            poses.publish(odometry(later + after, (x, 0.1, 0.3)))
+        seen.spin_until(lambda: len(images) == 3, 'an image')
+        assert nanoseconds(images[-1]) == later + 20_000_000
+        np.testing.assert_allclose(data.body('trunk').xpos, [0.4, 0.1, 0.3], atol=1e-9)
+        # What is another simulator's to say is not said here.
+        assert not [publisher for publisher in seen.robot.publishers
+                    if publisher.topic_name.endswith(('/clock', '/odom', '/joint_states'))]
+        answer = seen.reset()
+        assert not answer.success
+        assert 'outside' in answer.message
+        assert 'outside' in seen.change(real_time_factor=2.0).reason
+
+
+def test_nonsense_from_another_simulator_is_named_and_ignored():
+    with go1(motion='external') as seen:
+        poses, states = seen.to('odom', Odometry), seen.to('joint_states', JointState)
+        images = seen.hear('front_left/clean/depth_image', Image)
+        some = ('FR_hip_joint', 'FR_tail_joint', 'arm')
+        for stamp in (1, 2):
+            states.publish(joints(stamp, (0.2, 0.1, 0.3), some))
+        seen.spin_until(lambda: seen.logged('no message named so far: fl_calf, fl_hip'))
+        states.publish(joints(3, (0.1, 0.2), ('FR_hip_joint', 'FR_0')))
+        seen.spin_until(lambda: seen.logged(
+            "joint_states: name: found 'FR_hip_joint' and 'FR_0', which are one joint"))
+        bad = odometry(10 ** 9, (0.1, math.nan, 0.3))
+        poses.publish(bad)
+        seen.spin_until(lambda: seen.logged('odom: pose.pose.position', 'finite'))
+        poses.publish(odometry(2 * 10 ** 9, (0.1, 0.0, 0.3)))
+        poses.publish(odometry(3 * 10 ** 9, (0.1, 0.0, 0.3)))
+        seen.spin_until(lambda: images, 'an image')
+        assert nanoseconds(images[0]) == 2 * 10 ** 9
+        assert seen.robot._data.joint('FR_hip_joint').qpos[0] == 0.2
+        assert len(seen.logged('does not have: arm, fr_tail')) == 1
+        assert len(seen.logged('no message named')) == 1
+
+
+@pytest.mark.parametrize(('message', 'said'), [
+    (joints(0, (1.0,), ('a', 'b')), 'found 1 values, wanted one for each of the 2 names'),
+    (joints(0, (1.0, math.inf), ('a', 'b')), "position of 'b': found inf"),
+    (joints(0, (1.0, 1.0), ('x/FR_hip', 'fr_hip_joint')), 'one joint'),
+])
+def test_joints_that_cannot_be_used_are_named(message, said):
+    with pytest.raises(InputError, match=said):
+        go1_messages.decode_joints(message, 'joint_states')
+
+
+@pytest.mark.parametrize('quaternion', [(0, 0, 0, 0), (2, 0, 0, 0), (math.nan, 0, 0, 1)])
+def test_orientations_that_are_none_are_named(quaternion):
+    message = odometry(0, (0, 0, 0.3))
+    turn = message.pose.pose.orientation
+    turn.w, turn.x, turn.y, turn.z = map(float, quaternion)
+    with pytest.raises(InputError, match='orientation: found .*norm 1'):
+        go1_messages.decode_pose(message, 'odom')
+
+
+def test_frames_are_those_of_ros():
+    left, right = load_mounts()
+    found = {message.child_frame_id: message
+             for message in transforms.camera_transforms('base', (left, right))}
+    assert set(found) == {'front_left_link', 'front_left_optical_frame', 'front_right_link',
+                          'front_right_optical_frame'}
+
+    def matrix(message):
+        turn = message.transform.rotation
+        result = np.empty(9)
+        mujoco.mju_quat2Mat(result, np.array([turn.w, turn.x, turn.y, turn.z]))
+        return result.reshape(3, 3)
+
+    for mount in (left, right):
+        link = found[f'{mount.name}_link']
+        assert link.header.frame_id == 'base'
+        moved = link.transform.translation
+        np.testing.assert_allclose([moved.x, moved.y, moved.z], mount.position)
+        # x of the link is the optical axis, and all optical axes are the mount's.
+        np.testing.assert_allclose(matrix(link)[:, 0], mount.rotation[:, 2], atol=1e-9)
+        optical = found[f'{mount.name}_optical_frame']
+        assert optical.header.frame_id == f'{mount.name}_link'
+        np.testing.assert_allclose(matrix(link) @ matrix(optical), mount.rotation, atol=1e-9)
+
+
+def test_frames_are_published_where_their_message_is_there(monkeypatch):
+    # tf2_msgs is not on the package index: a stand-in of its one message's shape.
+    sent = []
+
+    class TFMessage(types.SimpleNamespace):
+        pass
+
+    class Node:
+
+        def create_publisher(self, kind, topic, qos):
+            assert kind is TFMessage
+            return types.SimpleNamespace(publish=lambda message: sent.append((topic, message)))
+
+    package, module = types.ModuleType('tf2_msgs'), types.ModuleType('tf2_msgs.msg')
+    module.TFMessage = TFMessage
+    monkeypatch.setitem(sys.modules, 'tf2_msgs', package)
+    monkeypatch.setitem(sys.modules, 'tf2_msgs.msg', module)
+    frames = transforms.FramePublisher(Node())
+    fixed = transforms.camera_transforms('base', load_mounts())
+    frames.fixed(fixed)
+    frames.moving(fixed[0])
+    assert [(topic, message.transforms) for topic, message in sent] == [
+        ('/tf_static', fixed), ('/tf', fixed[:1])]
+
+
+def test_without_tf2_the_log_says_so_once(monkeypatch):
+    monkeypatch.setitem(sys.modules, 'tf2_msgs', None)
+    with go1() as seen:
+        poses = seen.hear('odom', Odometry)
+        seen.more(poses, 5)
+        seen.spin_until(lambda: seen.logged('tf2_msgs is not installed'))
+        assert len(seen.logged('tf2_msgs')) == 1
+
+
+TORSO = ('<mujoco><worldbody><body name="torso"><freejoint/><geom size="0.1"/></body></worldbody>'
+         '</mujoco>')
+BLOCK = TORSO.replace('torso', 'trunk')
+BAD_STARTS = {
+    'no trunk': ({'robot_model': TORSO}, "no body named 'trunk'; found torso"),
+    'no legs': ({'robot_model': BLOCK, 'motion': 'cmd_vel'}, "motion: 'cmd_vel' needs"),
+    'no freedom': ({'robot_model': BLOCK.replace('<freejoint/>', ''), 'motion': 'external'},
+                   "motion: 'external' needs a robot that moves freely"),
+    'bad scene': ({'scene': '<mujoco><worldbody><geom size="-1"/></worldbody></mujoco>'},
+                  'scene: .*does not compile'),
+    'unknown scene': ({'scene': 'moon'}, "scene: found 'moon', wanted 'lab', 'stairs'"),
+    'unknown motion': ({'motion': 'fly'}, "motion: found 'fly', wanted one of stand, cmd_vel"),
+    'bad pace': ({'real_time_factor': 0.0}, 'real_time_factor: found 0.0, wanted a number from'),
+    'board nowhere': ({'scene': 'board', 'board_camera': 'rear'}, "board_camera: found 'rear'"),
+}
+
+
+@pytest.mark.parametrize('case', BAD_STARTS)
+def test_a_start_that_cannot_work_says_why(tmp_path, case):
+    values, said = BAD_STARTS[case]
+    files = {}
+    for name, value in values.items():
+        if isinstance(value, str) and value.startswith('<'):
+            path = tmp_path / f'{name}.xml'
+            path.write_text(value)
+            files[name] = str(path)
+    with pytest.raises(InputError, match=said):
+        Go1(**{**values, **files})
+
+
+def test_the_process_ends_before_it_has_started_anything(child_env, tmp_path):
+    path = tmp_path / 'robot.xml'
+    path.write_text(TORSO)
+    done = subprocess.run(
+        [sys.executable, '-m', 'flexx2_sim_ros.nodes.go1_cameras', '--ros-args', '-p',
+         f'robot_model:={path}'], env=child_env, capture_output=True, text=True, timeout=60,
+        check=False)
+    assert done.returncode == 1
+    assert done.stderr.startswith('error: robot: ')
+    assert done.stderr.count('\n') == 1
+
+
+def test_a_second_node_of_the_same_name_is_told(child_env):
+    with go1() as seen:
+        seen.hear('odom', Odometry)
+        with subprocess.Popen(
+                [sys.executable, '-m', 'flexx2_sim_ros.nodes.go1_cameras', '--ros-args', '-r',
+                 f'__ns:={seen.space}', '-p', 'renderer:=ray'], env=child_env,
+                stderr=subprocess.PIPE, text=True) as second:
+            # Either it finds the first in time and ends, or both say so and go on.
+            seen.spin_until(lambda: second.poll() is not None or seen.logged('node name: another'))
+            if second.poll() is None:
+                second.terminate()
+            said = second.communicate(timeout=30)[1]
+            assert second.returncode == 1 or seen.logged('node name: another')
+            assert second.returncode != 1 or 'node name: another' in said

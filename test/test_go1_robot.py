@@ -1,0 +1,126 @@
+"""Robots other than the built-in one, and joints by all their names."""
+
+import math
+import shutil
+
+from flexx2_sim_ros.camera.modes import flexx2
+from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.go1.kinematics import JOINTS
+from flexx2_sim_ros.go1.model import build_model, stand
+from flexx2_sim_ros.go1.robot import find_robot, plain_name
+from flexx2_sim_ros.paths import config_dir
+import mujoco
+import numpy as np
+import pytest
+
+K = flexx2().intrinsics
+LINK = ('<link name="{}"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" '
+        'ixz="0" iyz="0"/></inertial>{}</link>')
+# As Unitree's: a root link without mass, the trunk fixed in it, legs that hang from the trunk.
+URDF = ('<robot name="r"><link name="base"/>'
+        '<joint name="floating_base" type="fixed"><parent link="base"/><child link="trunk"/>'
+        '<origin xyz="0.1 0.02 0.05" rpy="0 0 0.3"/></joint>'
+        + LINK.format('trunk', '<visual><geometry><mesh filename="package://r/trunk.dae"/>'
+                      '</geometry></visual><collision><geometry><box size="0.3 0.1 0.1"/>'
+                      '</geometry></collision>')
+        + '<joint name="FR_hip_joint" type="revolute"><parent link="trunk"/><child link="FR_hip"/>'
+        '<axis xyz="1 0 0"/><limit lower="-1" upper="1" effort="1" velocity="1"/>'
+        '<origin xyz="0.18 -0.04 0"/></joint>'
+        + LINK.format('FR_hip', '<collision><origin xyz="0 0 -0.2"/><geometry>'
+                      '<sphere radius="0.05"/></geometry></collision>') + '</robot>')
+
+
+@pytest.mark.parametrize(('name', 'plain'), [
+    ('FR_hip_joint', 'fr_hip'), ('FR_hip', 'fr_hip'), ('fr_HIP_joint', 'fr_hip'),
+    ('go1/RL_calf_joint', 'rl_calf'), ('/robots/go1/RL_calf', 'rl_calf'), ('FL_0', 'fl_hip'),
+    ('RR_1', 'rr_thigh'), ('RR_2', 'rr_calf'), ('wheel_1', 'wheel_1'), ('arm_joint', 'arm')])
+def test_a_joint_is_known_by_all_its_names(name, plain):
+    assert plain_name(name) == plain
+
+
+def test_the_built_in_robot_has_its_twelve_joints():
+    model = build_model(intrinsics=K)
+    robot = find_robot(model)
+    assert tuple(robot.joints) == JOINTS
+    assert robot.free == 0
+    assert sorted(robot.leg_addresses().ravel()) == list(range(7, 19))
+
+
+def test_a_urdf_moves_with_its_trunk_where_it_is_put(tmp_path):
+    path = tmp_path / 'robot.urdf'
+    path.write_text(URDF)
+    model = build_model(str(path), 'corner', intrinsics=K)
+    data = mujoco.MjData(model)
+    stand(model, data)
+    lowest = data.body('FR_hip').xpos[2] - 0.25
+    assert lowest == pytest.approx(0.0, abs=1e-6)
+    robot = find_robot(model)
+    assert list(robot.joints) == ['FR_hip_joint']
+    assert robot.legs is None
+    position, quaternion = np.array([0.3, -0.2, 0.5]), np.array([0.8, 0.2, -0.4, 0.4])
+    robot.place(data, position, quaternion)
+    mujoco.mj_forward(model, data)
+    np.testing.assert_allclose(data.body('trunk').xpos, position, atol=1e-9)
+    np.testing.assert_allclose(data.body('trunk').xquat, quaternion, atol=1e-9)
+
+
+def test_the_twist_is_that_of_the_trunk(tmp_path):
+    path = tmp_path / 'robot.urdf'
+    path.write_text(URDF)
+    for name in (str(path), 'builtin'):
+        model = build_model(name, 'corner', intrinsics=K)
+        data = mujoco.MjData(model)
+        robot = find_robot(model)
+        # Half a turn in a second on a circle of one metre, seen from the trunk.
+        seconds, before = 1e-3, None
+        for angle in (0.7, 0.7 + math.pi * seconds):
+            before = data.qpos.copy()
+            robot.place(data, np.array([math.sin(angle), -math.cos(angle), 0.4]),
+                        np.array([math.cos(angle / 2), 0, 0, math.sin(angle / 2)]))
+            mujoco.mj_forward(model, data)
+        velocity = np.zeros(model.nv)
+        mujoco.mj_differentiatePos(model, velocity, seconds, before, data.qpos)
+        linear, angular = robot.twist(data, velocity)
+        np.testing.assert_allclose(linear, [math.pi, 0, 0], atol=0.01)
+        np.testing.assert_allclose(angular, [0, 0, math.pi], atol=1e-6)
+
+
+def test_a_robot_that_is_fixed_does_not_move(tmp_path):
+    path = tmp_path / 'robot.xml'
+    path.write_text('<mujoco><worldbody><body name="trunk"><geom size="0.1"/></body></worldbody>'
+                    '</mujoco>')
+    model = build_model(str(path), intrinsics=K)
+    robot = find_robot(model)
+    assert robot.free == -1
+    linear, angular = robot.twist(mujoco.MjData(model), np.zeros(model.nv))
+    assert not linear.any()
+    assert not angular.any()
+
+
+def test_menagerie_is_taken_from_where_its_package_keeps_it(tmp_path, monkeypatch):
+    pytest.importorskip('mujoco_menagerie')
+    folder = tmp_path / 'unitree_go1'
+    folder.mkdir()
+    text = (config_dir() / 'models' / 'go1.xml').read_text()
+    (folder / 'go1.xml').write_text(text.replace('size="0.02"', 'size="0.023"'))
+    monkeypatch.setenv('MENAGERIE_ROOT', str(tmp_path))
+    model = build_model('menagerie', intrinsics=K)
+    assert find_robot(model).legs.foot_radius == 0.023
+    shutil.rmtree(folder)
+    with pytest.raises(InputError, match="robot: 'menagerie'.*MENAGERIE_ROOT"):
+        build_model('menagerie', intrinsics=K)
+
+
+def test_menagerie_out_of_reach_is_said_plainly(tmp_path, monkeypatch):
+    pytest.importorskip('mujoco_menagerie')
+    monkeypatch.delenv('MENAGERIE_ROOT', raising=False)
+    monkeypatch.setenv('MENAGERIE_CACHE_DIR', str(tmp_path))
+    monkeypatch.setenv('MENAGERIE_BASE_URL', (tmp_path / 'nothing').as_uri())
+    with pytest.raises(InputError, match='no unitree_go1 on this machine.*prefetch unitree_go1'):
+        build_model('menagerie', intrinsics=K)
+
+
+def test_menagerie_without_its_package_is_said_plainly(monkeypatch):
+    monkeypatch.setitem(__import__('sys').modules, 'mujoco_menagerie', None)
+    with pytest.raises(InputError, match='pip install mujoco-menagerie, or take builtin'):
+        build_model('menagerie', intrinsics=K)

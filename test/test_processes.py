@@ -1,0 +1,261 @@
+"""The nodes as the processes they are: how they start, what they publish, how they end."""
+
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+import itertools
+from pathlib import Path
+import signal
+import subprocess
+import sys
+import time
+from typing import Any
+
+from flexx2_sim_ros.camera import Camera
+import numpy as np
+import pytest
+from streams import (
+    array_of,
+    CameraInfo,
+    Clock,
+    DEPTH,
+    FLEXX2,
+    Image,
+    image_message,
+    info_message,
+    Listener,
+    nanoseconds,
+)
+
+SECOND = 1_000_000_000
+CAMERA, GO1 = 'flexx2_camera', 'go1_cameras'
+SIGNALS = [signal.SIGINT, signal.SIGTERM]
+# Far more than a node takes to start or end; a machine may be busy.
+PATIENCE = 60.0
+WALL = np.full((172, 224), 1.5, np.float32)
+
+_numbers = itertools.count()
+
+
+class Node:
+    """
+    A node running as a process, with what it wrote to stderr.
+
+    Attributes
+    ----------
+    process : subprocess.Popen
+    namespace : str
+        One of its own.
+
+    """
+
+    def __init__(self, executable: str, folder: Path, env: dict[str, str], *parameters: str,
+                 arguments: tuple[str, ...] = ()) -> None:
+        """Start it."""
+        self.namespace = f'/process_{next(_numbers)}'
+        self._log = folder / f'{executable}{self.namespace.replace("/", "_")}.log'
+        command = [sys.executable, '-m', f'flexx2_sim_ros.nodes.{executable}', '--ros-args',
+                   '-r', f'__ns:={self.namespace}', *arguments]
+        for parameter in parameters:
+            command += ['-p', parameter]
+        with self._log.open('wb') as log:
+            self.process = subprocess.Popen(command, env=env, stdin=subprocess.DEVNULL,
+                                            stdout=log, stderr=subprocess.STDOUT)
+
+    @property
+    def output(self) -> str:
+        """Return what it has written so far."""
+        return self._log.read_text(errors='replace')
+
+    def catches_signals(self) -> bool:
+        """Say whether the process has got so far as to handle SIGTERM."""
+        status = Path(f'/proc/{self.process.pid}/status').read_text()
+        caught = next(line for line in status.splitlines() if line.startswith('SigCgt'))
+        return bool(int(caught.split()[1], 16) & (1 << (signal.SIGTERM - 1)))
+
+    def wait(self) -> int:
+        """Return the exit code."""
+        return self.process.wait(PATIENCE)
+
+    def assert_ends_quietly(self, number: signal.Signals) -> None:
+        """Send a signal and assert the process ends at once, with exit code 0, without a fuss."""
+        assert self.process.poll() is None, self.output
+        self.process.send_signal(number)
+        assert self.wait() == 0, self.output
+        for word in ('Traceback', 'Error', 'ERROR', 'Exception', 'error:'):
+            assert word not in self.output, self.output
+
+
+@pytest.fixture
+def start(tmp_path: Path, child_env: dict[str, str]) -> Iterator[Any]:
+    """Return a function that starts a node; those that still run are killed at the end."""
+    nodes: list[Node] = []
+
+    def started(executable: str, *parameters: str, arguments: tuple[str, ...] = ()) -> Node:
+        nodes.append(Node(executable, tmp_path, child_env, *parameters, arguments=arguments))
+        return nodes[-1]
+    yield started
+    for node in nodes:
+        if node.process.poll() is None:
+            node.process.kill()
+            node.process.wait()
+
+
+@contextmanager
+def listening() -> Iterator[Listener]:
+    """Return a `Listener` that leaves at the end of the block."""
+    listener = Listener()
+    try:
+        yield listener
+    finally:
+        listener.close()
+
+
+@pytest.mark.parametrize('number', SIGNALS)
+@pytest.mark.parametrize('executable', [CAMERA, GO1])
+def test_a_signal_while_starting(start: Any, executable: str, number: signal.Signals) -> None:
+    """Assert a node that has hardly begun to start ends at once."""
+    node = start(executable)
+    deadline = time.monotonic() + PATIENCE
+    while not node.catches_signals():
+        assert time.monotonic() < deadline
+    node.assert_ends_quietly(number)
+    assert node.output == ''
+
+
+@pytest.mark.parametrize('number', SIGNALS)
+def test_the_camera_node(start: Any, number: signal.Signals) -> None:
+    """Assert frames over the wire are the library's, and a quiet end amid a burst of images."""
+    node = start(CAMERA, 'usecase:=mode_5_60fps', 'seed:=9', 'camera_name:=left', 'serial:=0042',
+                 'invalid_value:=nan', 'cx:=111.5')
+    with listening() as user:
+        image, info = (user.node.create_publisher(kind, f'{node.namespace}/clean/{topic}', 10)
+                       for kind, topic in ((Image, 'depth_image'), (CameraInfo, 'camera_info')))
+        topic = f'{node.namespace}/{CAMERA}/{DEPTH}'
+        seen = user.listen(topic, Image)
+        user.spin_until(lambda: image.get_subscription_count() and info.get_subscription_count())
+        stamps = itertools.count(SECOND, SECOND // 60)
+        # Both ends know each other at different times: the first images may get lost.
+        for stamp in itertools.islice(stamps, 2000):
+            info.publish(info_message(FLEXX2, stamp))
+            image.publish(image_message(WALL, stamp))
+            user.spin_for_a_message()
+            if len(seen) >= 3:
+                break
+        assert len(seen) >= 3
+        camera = Camera('Mode_5_60fps', seed=9, name='left')
+        for message in seen:
+            expected = camera.capture(WALL, FLEXX2.matrix, nanoseconds(message)).depth
+            np.testing.assert_array_equal(array_of(message), expected)
+        for stamp in itertools.islice(stamps, 8):
+            info.publish(info_message(FLEXX2, stamp))
+            image.publish(image_message(WALL, stamp))
+        node.assert_ends_quietly(number)
+        # It took leave: nobody goes on computing for it, or waiting for it.
+        user.spin_until(lambda: not image.get_subscription_count())
+        user.spin_until(lambda: not user.node.count_publishers(topic))
+
+
+def _common_stamps(heard: Iterable[list[Any]], clock: list[Clock]) -> set[int]:
+    ticks = {message.clock.sec * SECOND + message.clock.nanosec for message in clock}
+    return ticks.intersection(*({nanoseconds(message) for message in messages}
+                                for messages in heard))
+
+
+ONE_BOARD = """
+<mujoco>
+  <worldbody><geom type="box" size="0.1 1 0.5" pos="2.1 0 0.3"/></worldbody>
+</mujoco>
+"""
+
+
+@pytest.mark.parametrize(('number', 'rate', 'parameters'), [
+    (signal.SIGINT, 60, []),
+    (signal.SIGTERM, 30, ['rate:=30.0', 'renderer:=ray', 'scene:={folder}/board.xml',
+                          'front_left.rpy_deg:=[0.0, 0.0, 0.0]'])],
+    ids=['lab', 'own scene'])
+def test_the_go1_node(start: Any, tmp_path: Path, number: signal.Signals, rate: int,
+                      parameters: list[str]) -> None:
+    """Assert what both cameras publish, all with the state's time, and the clock."""
+    (tmp_path / 'board.xml').write_text(ONE_BOARD)
+    node = start(GO1, *(parameter.format(folder=tmp_path) for parameter in parameters))
+    cameras = ('front_left', 'front_right')
+    with listening() as user:
+        heard = {(camera, topic): user.listen(f'{node.namespace}/{camera}/clean/{topic}', kind)
+                 for camera in cameras
+                 for topic, kind in (('depth_image', Image), ('camera_info', CameraInfo),
+                                     ('reflectivity', Image))}
+        clock = user.listen('/clock', Clock)
+        user.spin_until(lambda: len(_common_stamps(heard.values(), clock)) >= 8,
+                        'messages of one stamp on every topic')
+        node.assert_ends_quietly(number)
+        assert 'rendered by' in node.output
+
+    by_stamp = {key: {nanoseconds(message): message for message in messages}
+                for key, messages in heard.items()}
+    for stamps in ([m.clock.sec * SECOND + m.clock.nanosec for m in clock], *by_stamp.values()):
+        ticks = [round(stamp * rate / SECOND) for stamp in stamps]
+        assert list(stamps) == [tick * SECOND // rate for tick in ticks]
+        assert ticks == sorted(set(ticks))
+    common = _common_stamps(heard.values(), clock)
+    for camera in cameras:
+        for stamp in common:
+            depth, info, paint = (by_stamp[camera, topic][stamp] for topic in (
+                'depth_image', 'camera_info', 'reflectivity'))
+            assert depth.header == info.header == paint.header
+            assert depth.header.frame_id == f'{camera}_optical_frame'
+            assert (depth.encoding, depth.width, depth.height) == ('32FC1', 224, 172)
+            assert (paint.encoding, paint.width, paint.height) == ('32FC1', 224, 172)
+            assert (info.width, info.height) == (224, 172)
+            assert list(info.k) == [FLEXX2.fx, 0, 111.5, 0, FLEXX2.fy, 85.5, 0, 0, 1]
+        pixels, albedo = array_of(depth), array_of(paint)
+        valid = np.isfinite(pixels)
+        assert valid.any()
+        assert np.isnan(pixels[~valid]).all()
+        assert (pixels[valid] > 0.02).all()
+        assert (pixels[valid] < 20).all()
+        assert ((albedo >= 0) & (albedo <= 1)).all()
+    if parameters:
+        # The left camera looks straight ahead at a board 2 m from the robot's middle, with
+        # nothing beside it; it sits 0.312 m ahead of the middle.
+        pixels = array_of(heard['front_left', 'depth_image'][-1])
+        v, u = np.mgrid[:172, :224]
+        across = 1.688 * (u - 111.5) / FLEXX2.fx
+        np.testing.assert_allclose(pixels[60:110, 40:180], 1.688, atol=1e-3)
+        assert np.isnan(pixels[np.abs(across) > 1.1]).all()
+        assert np.isnan(pixels[:5]).all()
+
+
+BROKEN = '<mujoco><worldbody><body name="trunk"><geom size="-1"/></body></worldbody></mujoco>'
+
+
+@pytest.mark.parametrize(('executable', 'options', 'parts'), [
+    (CAMERA, ['usecase:=Mode_9_31fps'], ['usecase', 'Mode_9_31fps', 'Mode_9_30fps']),
+    (CAMERA, ['exposure_time_0:=100000'], ['exposure_time_0', '100000', '370']),
+    (CAMERA, ['fx:=-1.0'], ['fx', '-1.0', 'wanted']),
+    (CAMERA, ['usecase'], ['usecase']),
+    (GO1, ['robot_model:=/nowhere/robot.xml'], ['robot', '/nowhere/robot.xml', 'wanted']),
+    (GO1, ['robot_model:={folder}/broken.xml'], ['robot', 'broken.xml', 'does not compile']),
+    (GO1, ['scene:=/nowhere/scene.xml'], ['scene', '/nowhere/scene.xml', 'wanted']),
+    (GO1, ['renderer:=vulkan'], ['renderer', 'vulkan', 'egl, osmesa, ray']),
+    (GO1, ['rate:=0.0001'], ['rate', '0.0001', 'wanted']),
+    (GO1, ['cameras:=[eye, eye]'], ['cameras', "['eye', 'eye']", 'wanted']),
+    (GO1, ['cameras:=["left eye"]'], ['cameras', 'left eye', 'wanted']),
+], ids=str)
+def test_bad_parameters_at_start(start: Any, tmp_path: Path, executable: str, options: list[str],
+                                 parts: list[str]) -> None:
+    """Assert exit code 1, and one message that says what is wrong."""
+    (tmp_path / 'broken.xml').write_text(BROKEN)
+    node = start(executable, *(option.format(folder=tmp_path) for option in options))
+    assert node.wait() == 1, node.output
+    assert 'Traceback' not in node.output
+    errors = [line for line in node.output.splitlines() if line.startswith('error: ')]
+    assert len(errors) == 1, node.output
+    assert all(part in errors[0] for part in parts), errors[0]
+
+
+def test_a_parameter_file_that_is_not_there(start: Any) -> None:
+    """Assert exit code 1 and its name."""
+    node = start(CAMERA, arguments=('--params-file', '/nowhere/parameters.yaml'))
+    assert node.wait() == 1
+    assert 'Traceback' not in node.output
+    assert '/nowhere/parameters.yaml' in node.output

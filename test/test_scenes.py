@@ -1,0 +1,211 @@
+"""The built-in scenes: the backends agree, the board is exact, nothing that matters is hidden."""
+
+import math
+
+from flexx2_sim_ros.camera.modes import flexx2
+from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.go1.gait import Gait, pose, start, step
+from flexx2_sim_ros.go1.ground import SceneGround
+from flexx2_sim_ros.go1.kinematics import rotation
+from flexx2_sim_ros.go1.model import build_model, CameraMount, load_mounts, stand
+from flexx2_sim_ros.go1.rendering import load_materials, open_renderer
+from flexx2_sim_ros.go1.robot import find_robot
+from flexx2_sim_ros.go1.scenes import place_board, SCENES
+from flexx2_sim_ros.go1.visibility import unseen_geoms
+import mujoco
+import numpy as np
+import pytest
+
+K = flexx2().intrinsics
+CAMERAS = ('front_left', 'front_right')
+
+
+def standing(scene, **options):
+    """Return model and data of the robot standing in a scene."""
+    model = build_model(scene=scene, intrinsics=K, **options)
+    data = mujoco.MjData(model)
+    stand(model, data)
+    return model, data
+
+
+def walked(model, data, command, seconds):
+    """Let the robot walk for some time."""
+    robot = find_robot(model)
+    ground = SceneGround(model, data, robot.geoms)
+    trunk = data.xpos[robot.trunk]
+    state = start(trunk[:2], 0.0, trunk[2], ground, robot.legs)
+    for _ in range(round(seconds * 30)):
+        state = step(state, np.array(command, float), 1 / 30, ground, Gait(), robot.legs)
+    at = pose(state, Gait(), robot.legs)
+    quaternion = np.empty(4)
+    mujoco.mju_mat2Quat(quaternion, rotation(at.rpy).ravel())
+    robot.place(data, at.position, quaternion)
+    data.qpos[robot.leg_addresses()] = at.angles
+    mujoco.mj_forward(model, data)
+
+
+@pytest.mark.parametrize('scene', SCENES)
+def test_the_robot_stands_in_every_scene_and_sees_something(scene):
+    model, data = standing(scene)
+    feet = [data.geom(f'{leg}_foot').xpos[2] for leg in ('FR', 'FL', 'RR', 'RL')]
+    np.testing.assert_allclose(feet, 0.02, atol=1e-6)
+    used = {model.mat(i).name.rsplit('/')[-1] for i in set(model.geom_matid) if i >= 0}
+    assert used <= set(load_materials())  # no surface's reflectivity is left to a guess
+    assert (model.geom_matid >= 0).all()
+    renderer = open_renderer(model, K, 'ray')
+    own = find_robot(model).geoms
+    for camera in CAMERAS:
+        depth, geom_id = renderer.render(data, camera)
+        assert np.isfinite(depth).mean() > 0.99
+        assert depth.min() > 0.3
+        assert not own[geom_id[geom_id >= 0]].any()
+
+
+@pytest.mark.parametrize('scene', SCENES)
+def test_the_backends_agree(scene):
+    model, data = standing(scene)
+    opengl = open_renderer(model, K)
+    if opengl.backend == 'ray':
+        pytest.skip(f'no OpenGL: {"; ".join(opengl.reasons)}')
+    ray = open_renderer(model, K, 'ray')
+    for seconds in (0.0, 1.3):
+        if seconds:
+            walked(model, data, (0.4, 0.1, 0.2), seconds)
+        for camera in CAMERAS:
+            (seen, seen_id), (exact, exact_id) = (by.render(data, camera) for by in (opengl, ray))
+            assert np.mean(np.isnan(seen) == np.isnan(exact)) > 0.999
+            assert np.mean(seen_id == exact_id) > 0.995
+            difference = np.abs(seen - exact)
+            assert np.nanmedian(difference) < 1e-4
+            assert np.nanmean(difference < 3e-3) > 0.99
+    opengl.close()
+
+
+def test_the_stairs_go_up_and_down():
+    model, data = standing('stairs')
+    ground = SceneGround(model, data, find_robot(model).geoms)
+    x = np.arange(0.5, 5.5, 0.01)
+    heights = ground.heights(np.stack([x, np.zeros(x.size)], axis=1), 2.0)
+    rises = np.diff(heights)
+    np.testing.assert_allclose(rises[np.abs(rises) > 0.01], [0.1] * 6 + [-0.1] * 6, atol=1e-6)
+
+
+def test_the_corner_is_of_two_bright_walls_at_a_right_angle():
+    model, data = standing('corner')
+    renderer = open_renderer(model, K, 'ray')
+    names = [model.geom(f'scene/wall_{side}').id for side in ('left', 'right')]
+    for camera in CAMERAS:
+        _, geom_id = renderer.render(data, camera)
+        assert all((geom_id == name).mean() > 0.05 for name in names)
+    # Their inner faces: x of the one, y of the other, in the frame that both are in.
+    axes = [data.geom_xmat[name].reshape(3, 3) for name in names]
+    assert axes[0][:, 1] @ axes[1][:, 0] == pytest.approx(0, abs=1e-9)
+    corner = SceneGround(model, data, find_robot(model).geoms)
+    ahead = corner.free(np.array([0.0, 0.0, 0.5]), np.array([1.0, 0.0, 0.0]))
+    assert ahead == pytest.approx(1.6, abs=1e-3)
+
+
+def test_the_rubble_is_the_same_every_time():
+    one, other = (build_model(scene='rubble', intrinsics=K) for _ in range(2))
+    np.testing.assert_array_equal(one.geom_pos, other.geom_pos)
+    np.testing.assert_array_equal(one.geom_size, other.geom_size)
+
+
+@pytest.mark.parametrize('camera', CAMERAS)
+@pytest.mark.parametrize('backend', ['auto', 'ray'])
+def test_the_board_has_exactly_the_distance_and_angle_asked_for(camera, backend):
+    model, data = standing('board')
+    renderer = open_renderer(model, K, backend)
+    board = model.geom('scene/board').id
+    u = np.arange(K.width)[None].repeat(K.height, axis=0)
+    for distance in (0.3, 1.0, 2.5, 7.0):
+        for angle in (0.0, 15.0, 30.0, 60.0, -45.0):
+            place_board(model, data, camera, distance, angle)
+            depth, geom_id = renderer.render(data, camera)
+            slope = math.tan(math.radians(angle))
+            expected = distance / (1 - slope * (u - K.cx) / K.fx)
+            on_board = geom_id == board
+            assert on_board[K.height // 2, K.width // 2]
+            # The thin side of a board that turns away is seen as well: 0.02 m, nearer or farther.
+            face = on_board & (np.abs(depth - expected) < 2e-4 * max(1.0, distance ** 2))
+            assert face.sum() > 0.9 * on_board.sum()
+            assert on_board.sum() > 200
+            behind = geom_id == model.geom('scene/backdrop').id
+            np.testing.assert_allclose(depth[behind], distance + 1.5, rtol=1e-3)
+            assert (on_board | behind).all()
+    renderer.close()
+
+
+def test_the_boards_place_survives_a_reset():
+    model, data = standing('board')
+    place_board(model, data, 'front_right', 2.0, 30.0)
+    before = data.geom('scene/board').xpos.copy()
+    stand(model, data)
+    np.testing.assert_allclose(data.geom('scene/board').xpos, before)
+
+
+@pytest.mark.parametrize(('scene', 'arguments', 'said'), [
+    ('board', ('front_left', 0.05, 0.0), 'board_distance: found 0.05, wanted 0.1 to 10'),
+    ('board', ('front_left', math.nan, 0.0), 'board_distance: found nan'),
+    ('board', ('front_left', 1.0, 85.0), 'board_angle_deg: found 85.0, wanted -80 to 80'),
+    ('board', ('rear', 1.0, 0.0), "board_camera: found 'rear', wanted one of front_left"),
+    ('corner', ('front_left', 1.0, 0.0), 'scene: this one has no board'),
+])
+def test_a_board_that_cannot_be_placed_is_refused(scene, arguments, said):
+    with pytest.raises(InputError, match=said):
+        place_board(*standing(scene), *arguments)
+
+
+def test_what_is_left_out_of_the_pictures_is_never_in_them():
+    # With rays, everything: no pixel shows what is left out, in any pose of the walk.
+    model, data = standing('lab')
+    hidden = {name: unseen_geoms(model, model.cam(name).id, K) for name in CAMERAS}
+    assert all(left_out.sum() > 30 for left_out in hidden.values())
+    rays = np.stack(np.broadcast_arrays(
+        (np.arange(0, K.width, 4) - K.cx) / K.fx,
+        -((np.arange(0, K.height, 4) - K.cy) / K.fy)[:, None], -1.0), axis=-1).reshape(-1, 3)
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    hit = np.empty(len(rays), np.int32)
+    for seconds in (0.1, 0.2, 0.3, 0.5, 0.8):
+        walked(model, data, (0.6, 0.2, 0.8), seconds)
+        for name, left_out in hidden.items():
+            pose_of = data.camera(name)
+            mujoco.mj_multiRay(
+                model, data, pose_of.xpos, (rays @ pose_of.xmat.reshape(3, 3).T).ravel(),
+                np.array([1, 1, 1, 0, 0, 0], np.uint8), 1, -1, hit, np.empty(len(rays)), None,
+                len(rays), 30.0)
+            assert not left_out[hit[hit >= 0]].any()
+
+
+@pytest.mark.parametrize('backend', ['auto', 'ray'])
+def test_the_front_legs_stay_visible(backend):
+    model, data = standing('lab')
+    legs = {f'{leg}_{part}' for leg in ('FR', 'FL') for part in ('hip', 'thigh', 'calf')}
+    for name in CAMERAS:
+        hidden = unseen_geoms(model, model.cam(name).id, K)
+        bodies = {model.body(model.geom_bodyid[geom]).name for geom in np.flatnonzero(hidden)}
+        assert not bodies & legs
+        assert {'trunk', 'RR_calf', 'RL_calf'} <= bodies
+    renderer = open_renderer(model, K, backend)
+    # A foreleg stretched out ahead is in the picture.
+    data.qpos[find_robot(model).leg_addresses()[1]] = 0.1, -0.6, -0.9
+    mujoco.mj_forward(model, data)
+    _, geom_id = renderer.render(data, 'front_left')
+    seen = {model.body(model.geom_bodyid[geom]).name for geom in np.unique(geom_id[geom_id >= 0])}
+    assert 'FL_calf' in seen
+    renderer.close()
+
+
+def test_a_camera_elsewhere_sees_other_parts():
+    rear = CameraMount('rear', (-0.25, 0.0, 0.05), (0.0, math.radians(25), math.pi))
+    model = build_model(intrinsics=K, mounts=[*load_mounts(), rear])
+    hidden = unseen_geoms(model, model.cam('rear').id, K)
+    bodies = {model.body(model.geom_bodyid[geom]).name for geom in np.flatnonzero(hidden)}
+    assert not {'RR_calf', 'RL_calf', 'RR_thigh'} & bodies
+    assert {'FR_calf', 'FL_calf'} <= bodies
+
+
+def test_a_camera_in_the_world_hides_nothing():
+    model = mujoco.MjModel.from_xml_string(
+        '<mujoco><worldbody><camera name="c"/><geom size="1"/></worldbody></mujoco>')
+    assert not unseen_geoms(model, 0, K).any()

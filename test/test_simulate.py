@@ -1,0 +1,216 @@
+"""`flexx2 simulate` and `flexx2 modes`: what they write and print, and what they say if not."""
+
+from pathlib import Path
+import re
+import resource
+import subprocess
+import sys
+from typing import Any
+
+from flexx2_sim_ros.camera import Camera
+from flexx2_sim_ros.camera.modes import flexx2
+from flexx2_sim_ros.cli.main import main
+import numpy as np
+import pytest
+import yaml
+
+K = np.array([[52.0, 0.0, 27.5], [0.0, 53.0, 21.0], [0.0, 0.0, 1.0]])
+SCENE = np.full((43, 56), 1.5, np.float32)
+SCENE[:, 30:] = 2.2
+SCENE[:5] = np.nan
+ROOT = Path(__file__).resolve().parents[1]
+
+
+def save(folder: Path, **arrays: Any) -> str:
+    """Save a scene with these arrays replaced, added, or left out where None."""
+    content = {'clean_depth': SCENE, 'K': K, **arrays}
+    path = folder / 'in.npz'
+    np.savez(path, **{key: value for key, value in content.items() if value is not None})
+    return str(path)
+
+
+def simulate(source: str, folder: Path, *options: str) -> dict[str, np.ndarray]:
+    """Run the command, which has to succeed, and read what it wrote."""
+    out = folder / 'out.npz'
+    assert main(['simulate', source, str(out), *options]) == 0
+    with np.load(out, allow_pickle=False) as archive:
+        return {key: archive[key] for key in archive.files}
+
+
+def test_output_is_a_recording_of_the_librarys_frames(tmp_path: Path) -> None:
+    """Assert keys, shapes, dtypes, the stamps, and every frame to the last bit."""
+    out = simulate(save(tmp_path), tmp_path, '--usecase', 'mode_5_45FPS', '--frames', '70',
+                   '--seed', '7', '--name', 'left')
+    assert {'depth', 'clean_depth', 'K', 'stamp', 'usecase'} <= set(out)
+    assert out['depth'].shape == (70, 43, 56)
+    assert out['depth'].dtype == np.float32
+    assert out['stamp'].shape == (70,)
+    assert out['stamp'].dtype == np.float64
+    assert out['stamp'] == pytest.approx(np.arange(70) / 45, abs=1e-9)
+    assert out['usecase'].shape == ()
+    assert str(out['usecase']) == 'Mode_5_45fps'
+    assert int(out['seed']) == 7
+    np.testing.assert_array_equal(out['clean_depth'], SCENE)
+    np.testing.assert_array_equal(out['K'], K)
+    camera = Camera('Mode_5_45fps', seed=7, name='left')
+    for index in (0, 1, 29, 30, 69):
+        np.testing.assert_array_equal(
+            out['depth'][index], camera.capture(SCENE, K, out['stamp'][index]).depth)
+        stamp = round(index * 1e9 / 45)
+        np.testing.assert_array_equal(out['depth'][index], camera.capture(SCENE, K, stamp).depth)
+
+
+def test_seed_and_name_decide_the_noise(tmp_path: Path) -> None:
+    """Assert the same noise for the same, another for another, and a prefix for fewer frames."""
+    source = save(tmp_path)
+
+    def depth(*options: str) -> np.ndarray:
+        return simulate(source, tmp_path, *options)['depth']
+    first = depth('--frames', '40', '--seed', '1')
+    np.testing.assert_array_equal(first, depth('--frames', '40', '--seed', '1'))
+    np.testing.assert_array_equal(first[:3], depth('--frames', '3', '--seed', '1'))
+    valid = np.isfinite(first[0])
+    for options in (('--seed', '2'), ('--seed', '-1'), ('--seed', '1', '--name', 'right')):
+        other = depth('--frames', '1', *options)[0]
+        both = valid & np.isfinite(other)
+        assert (first[0][both] != other[both]).mean() > 0.99
+
+
+def test_defaults(tmp_path: Path) -> None:
+    """Assert 300 frames of a still scene in the default mode."""
+    out = simulate(save(tmp_path), tmp_path)
+    assert len(out['depth']) == 300
+    assert str(out['usecase']) == 'Mode_9_30fps'
+
+
+def test_a_scene_that_moves(tmp_path: Path) -> None:
+    """Assert T frames in, T out, each of its own scene; stamps and reflectivity are kept."""
+    scenes = np.stack([SCENE + 0.1 * step for step in range(35)])
+    stamps = np.cumsum(np.linspace(0.01, 0.05, 35)) + 1000.0
+    paint = np.random.default_rng(3).uniform(0, 1, scenes.shape).astype(np.float32)
+    source = save(tmp_path, clean_depth=scenes, stamp=stamps, reflectivity=paint,
+                  note=np.array('three steps'))
+    out = simulate(source, tmp_path, '--seed', '2')
+    np.testing.assert_array_equal(out['stamp'], stamps)
+    np.testing.assert_array_equal(out['clean_depth'], scenes)
+    np.testing.assert_array_equal(out['reflectivity'], paint)
+    assert str(out['note']) == 'three steps'
+    camera = Camera('Mode_9_30fps', seed=2)
+    for index in (0, 29, 30, 34):
+        np.testing.assert_array_equal(
+            out['depth'][index], camera.capture(scenes[index], K, stamps[index]).depth)
+
+    fewer = simulate(source, tmp_path, '--frames', '4')
+    for key in ('depth', 'clean_depth', 'reflectivity', 'stamp'):
+        assert len(fewer[key]) == 4
+
+
+def test_a_recording_is_a_scene(tmp_path: Path) -> None:
+    """Assert what was written can be simulated again, in another mode."""
+    first = simulate(save(tmp_path), tmp_path, '--frames', '5')
+    again = simulate(str(tmp_path / 'out.npz'), tmp_path, '--usecase', 'Mode_5_30fps')
+    assert set(first) == set(again)
+    assert str(again['usecase']) == 'Mode_5_30fps'
+    np.testing.assert_array_equal(first['stamp'], again['stamp'])
+    np.testing.assert_array_equal(again['clean_depth'], SCENE)
+    assert not np.array_equal(first['depth'], again['depth'], equal_nan=True)
+
+
+def test_the_input_may_be_any_kind_of_number(tmp_path: Path) -> None:
+    """Assert float64 and whole metres are taken."""
+    for dtype in (np.float64, np.float16, np.int32):
+        scene = np.full((20, 20), 2, dtype)
+        out = simulate(save(tmp_path, clean_depth=scene), tmp_path, '--frames', '2')
+        assert np.nanmean(out['depth']) == pytest.approx(2.0, abs=0.01)
+
+
+@pytest.mark.parametrize(('arrays', 'options', 'parts'), [
+    ({}, ['--usecase', 'Mode_9_31fps'], ['usecase', 'Mode_9_31fps', 'Mode_9_30fps']),
+    ({}, ['--frames', '0'], ['--frames', 'found 0', 'wanted 1']),
+    ({}, ['--frames', '-3'], ['--frames', 'found -3']),
+    ({}, ['--seed', str(10 ** 30)], ['seed', str(10 ** 30), 'wanted']),
+    ({'clean_depth': np.stack([SCENE] * 3)}, ['--frames', '4'], ['--frames', '4', '3']),
+    ({'clean_depth': np.stack([SCENE] * 3), 'stamp': np.arange(2.0)}, [], ['stamp', '2', '3']),
+    ({'stamp': np.array([])}, [], ['wanted']),
+    ({'K': None}, [], ['K', 'not in the file']),
+    ({'K': np.zeros((3, 3))}, [], ['K', 'wanted']),
+    ({'K': K * np.nan}, [], ['K', 'nan', 'wanted']),
+    ({'clean_depth': np.ones(4)}, [], ['clean_depth', '(4,)', 'wanted']),
+    ({'reflectivity': np.ones((3, 3))}, [], ['reflectivity', '(3, 3)', 'wanted']),
+    ({'clean_depth': np.array([[{}]])}, [], ['in.npz', 'pickled']),
+], ids=str)
+def test_bad_input(tmp_path: Path, capsys: pytest.CaptureFixture[str], arrays: dict[str, Any],
+                   options: list[str], parts: list[str]) -> None:
+    """Assert exit code 2, one message, no traceback, and no output file."""
+    source = save(tmp_path, **arrays)
+    assert main(['simulate', source, str(tmp_path / 'out.npz'), *options]) == 2
+    error = capsys.readouterr().err.lstrip()  # A progress bar may have been begun.
+    assert error.startswith('flexx2: error: ')
+    assert all(part in error for part in parts), error
+    assert 'Traceback' not in error
+    assert [path.name for path in tmp_path.iterdir()] == ['in.npz']
+
+
+def test_files_that_cannot_be_read_or_written(tmp_path: Path,
+                                              capsys: pytest.CaptureFixture[str]) -> None:
+    """Assert the path is named."""
+    source = save(tmp_path)
+    out = str(tmp_path / 'out.npz')
+    cut = tmp_path / 'cut.npz'
+    cut.write_bytes(Path(source).read_bytes()[:-30])
+    for given, target, named in (
+            (str(tmp_path / 'missing.npz'), out, 'missing.npz'), (str(cut), out, 'cut.npz'),
+            (source, str(tmp_path / 'nowhere' / 'out.npz'), 'nowhere'),
+            (source, str(tmp_path), str(tmp_path))):
+        assert main(['simulate', given, target, '--frames', '2']) == 2
+        assert named in capsys.readouterr().err
+    assert sorted(path.name for path in tmp_path.iterdir()) == ['cut.npz', 'in.npz']
+
+
+def test_a_full_disk(tmp_path: Path) -> None:
+    """Assert a message and no half-written file where the file may not grow any further."""
+    source = save(tmp_path)
+    done = subprocess.run(
+        [sys.executable, '-m', 'flexx2_sim_ros.cli.main', 'simulate', source,
+         str(tmp_path / 'out.npz'), '--frames', '200'],
+        cwd=ROOT, capture_output=True, text=True, check=False,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (500_000, 500_000)))
+    assert done.returncode == 2, done.stderr
+    assert 'out.npz: cannot be written' in done.stderr
+    assert 'Traceback' not in done.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ['in.npz']
+
+
+def test_wrong_arguments() -> None:
+    """Assert exit code 2, as every command does."""
+    for arguments in (['simulate'], ['simulate', 'in.npz', 'out.npz', '--frames', 'many'],
+                      ['nonsense'], []):
+        with pytest.raises(SystemExit) as raised:
+            main(arguments)
+        assert raised.value.code == 2
+
+
+@pytest.mark.parametrize('columns', ['80', '120'])
+def test_modes(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
+               columns: str) -> None:
+    """Assert nine modes with rate and range, and the paper's coefficients to the digit."""
+    monkeypatch.setenv('COLUMNS', columns)
+    assert main(['modes']) == 0
+    text = capsys.readouterr().out
+    lines = text.splitlines()
+    table = yaml.safe_load((ROOT / 'config' / 'modes.yaml').read_text())
+    assert len(table['modes']) == 9
+    for mode in flexx2().modes:
+        line = next(line for line in lines if line.startswith(mode.name))
+        row = table['modes'][mode.name]
+        low, high = row['range_m']
+        assert re.search(rf"{mode.name}\s+{row['rate_hz']}\s+{low:g} - {high:g}", line)
+        assert mode.measured or f'{mode.noise_of}*' in line
+    for name, row in table['noise'].items():
+        line = [line for line in lines if line.startswith(name)][-1]
+        for key in 'abcd':
+            assert f'{row[key]:.6f}' in line
+            assert float(f'{row[key]:.6f}') == row[key]
+        assert f"{row['sigma_x']:.3f}" in line
+        assert f" {row['n']:g} " in line
+    assert '…' not in text
