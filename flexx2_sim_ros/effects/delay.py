@@ -1,6 +1,7 @@
 """Effects that shift depth: delays, harmonics, temperature, amplitude, pixels."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 import math
 from typing import ClassVar
 
@@ -66,16 +67,18 @@ class FixedPattern(Effect):
         """Add the camera's pattern, made once from its key."""
         pattern = exposure.memory.kept.get(self.name)
         if pattern is None or pattern.shape != exposure.depth.shape:
-            pattern = _grain(exposure.key, exposure.depth.shape)
+            pattern = _grain(exposure.key.tobytes(), exposure.depth.shape)
             exposure.memory.kept[self.name] = pattern
         exposure.add_shift(np.float32(self.strength * self.rms) * pattern)
 
 
-def _grain(key: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+@lru_cache(maxsize=8)  # Environments of one camera share it.
+def _grain(key: bytes, shape: tuple[int, ...]) -> np.ndarray:
     # White noise less its mean over 5 x 5 pixels, scaled to unit variance.
     white = np.empty(shape, np.float32)
     zero = np.uint32(0)
-    fill_normals(key, zero, zero, STREAM_FIXED_PATTERN, white.ravel())
+    fill_normals(np.frombuffer(key, np.uint32).copy(), zero, zero, STREAM_FIXED_PATTERN,
+                 white.ravel())
     padded = np.pad(white, 2, mode='reflect' if min(shape) > 2 else 'edge')
     windows = np.lib.stride_tricks.sliding_window_view(padded, (5, 5))
     grain = white - windows.mean(axis=(-2, -1), dtype=np.float32)

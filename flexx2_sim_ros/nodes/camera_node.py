@@ -118,10 +118,11 @@ class Flexx2Camera(Node):
         self.get_logger().info(f'usecase is now {self._camera.usecase}')
 
     def _on_new_effects(self) -> None:
-        camera = self._make_camera()
-        _warm_up(camera, self.settings.intrinsics)
+        were_on = {effect.name for effect in self._camera.effects}
         # What goes on being on keeps its memory.
-        self._camera.effects = camera.effects
+        self._camera.effects = self.settings.effects.chosen
+        if any(effect.name not in were_on for effect in self._camera.effects):
+            _warm_up(self._camera, self.settings.intrinsics)
         self._say_effects()
 
     def _say_effects(self) -> None:
