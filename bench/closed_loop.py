@@ -4,11 +4,13 @@ from pathlib import Path
 import sys
 
 from flexx2_sim_ros.camera import Camera, flexx2
+from flexx2_sim_ros.characterize.divergence import mean_kl
+from flexx2_sim_ros.characterize.lateral import edge_sigma
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent.parent / 'test'))
 
-from boards import board, edge_sigma, mean_kl  # noqa: E402, I100
+from boards import board  # noqa: E402, I100
 
 _ANGLES = (0, 15, 30, 45, 60)
 _DISTANCES = (0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0)

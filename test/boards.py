@@ -3,7 +3,11 @@
 from dataclasses import dataclass
 import math
 
+from flexx2_sim_ros.characterize.divergence import mean_kl
+from flexx2_sim_ros.characterize.lateral import edge_sigma
 import numpy as np
+
+__all__ = ['Board', 'K', 'board', 'edge_sigma', 'mean_kl']
 
 K = np.array([[210.6, 0.0, 111.5], [0.0, 212.9, 85.5], [0.0, 0.0, 1.0]])
 
@@ -67,40 +71,3 @@ def board(distance: float, angle_deg: float, *, half_width: float = math.inf,
     on_board = np.abs(depth * across / math.cos(angle)) <= half_width
     return Board(np.where(on_board, depth, background).astype(np.float32),
                  np.where(on_board, incidence, np.nan), matrix)
-
-
-def edge_sigma(depth: np.ndarray, columns: slice) -> float:
-    """
-    Measure sigma_x by the paper's procedure on an upright edge.
-
-    Per row the largest depth gradient along x gives the edge pixel; a line is fitted to the edge
-    pixels of a frame; sigma_x is the standard deviation of the residuals, over all frames.
-
-    Parameters
-    ----------
-    depth : numpy.ndarray
-        (T, H, W) metres.
-    columns : slice
-        The region next to the edge.
-
-    """
-    region = depth[:, :, columns].astype(np.float64)
-    edges = np.nanargmax(np.abs(np.diff(region, axis=2)), axis=2).astype(np.float64)
-    rows = np.arange(edges.shape[1], dtype=np.float64)
-    design = np.stack([np.ones_like(rows), rows], axis=1)
-    residuals = edges.T - design @ np.linalg.lstsq(design, edges.T, rcond=None)[0]
-    degrees = residuals.size - 2 * residuals.shape[1]
-    return math.sqrt((residuals ** 2).sum() / degrees)
-
-
-def mean_kl(samples: np.ndarray, clean: np.ndarray, sigma: np.ndarray) -> float:
-    """
-    Return the mean over pixels of the KL divergence of what was measured from the model, in nats.
-
-    Each pixel's measured noise is the Gaussian with its mean and standard deviation over the
-    (T, ...) frames; exact agreement gives about 1 / T, since T frames do not fix them better.
-    """
-    error = samples.astype(np.float64) - clean
-    mean = error.mean(axis=0)
-    ratio = error.var(axis=0, ddof=1) / sigma ** 2
-    return float(np.mean(0.5 * (ratio + (mean / sigma) ** 2 - 1.0 - np.log(ratio))))

@@ -13,6 +13,7 @@ PAPER_EXPONENT = 2.7
 CONFIDENCE = 0.95
 NAMES = ('a', 'b', 'c', 'd', 'n')
 _REWEIGHTINGS = 4
+_SMALLEST = 1e-9  # metres: what never changed has no relative error
 # To tell the terms apart, distances must differ by this share and slants by this much (design).
 _DISTINCT_SHARE = 0.15
 _SLANT_SPAN = math.radians(15)
@@ -191,13 +192,13 @@ def _solve(z: np.ndarray, slant: np.ndarray, sigma: np.ndarray, weight: np.ndarr
     design = np.stack([terms[name] for name in names], axis=1)
     expected = np.full(len(z), np.average(sigma, weights=weight))
     scale = np.average(sigma / z, weights=weight) * z
-    expected = 0.5 * (expected + scale)
+    expected = np.maximum(0.5 * (expected + scale), _SMALLEST)
     for _ in range(_REWEIGHTINGS):
         # Relative to the model, not to the measured value, whose errors would pull it down.
         root = np.sqrt(weight) / expected
         solution = np.linalg.lstsq(design * root[:, None], sigma * root, rcond=None)[0]
         fitted = design @ solution
-        expected = np.maximum(fitted, 0.2 * sigma)
+        expected = np.maximum(fitted, np.maximum(0.2 * sigma, _SMALLEST))
     residual = float(np.sum(weight * ((sigma - fitted) / expected) ** 2) / weight.sum())
     values = dict.fromkeys(NAMES, 0.0) | {'n': float(n)}
     return values | {name: float(x) for name, x in zip(names, solution, strict=True)}, residual
@@ -219,7 +220,7 @@ def _jackknife(values: dict[str, float], free: list[str], z: np.ndarray, slant: 
     """Return the covariance of the coefficients, from fits without one recording each."""
     columns = [NAMES.index(name) for name in free]
     model = _evaluate(values, z, slant)
-    root = np.sqrt(weight) / np.maximum(model, 0.2 * sigma)
+    root = np.sqrt(weight) / np.maximum(model, np.maximum(0.2 * sigma, _SMALLEST))
     jacobian = (_gradient(values, z, slant) * root[:, None])[:, columns]
     residual = (sigma - model) * root
     groups = int(group.max()) + 1

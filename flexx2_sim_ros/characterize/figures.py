@@ -209,7 +209,8 @@ def amplitude_figure(result: Characterization, path: Path) -> bool:
     validity.set(xscale='log', xlabel='amplitude', ylabel='invalid [%]', ylim=(-3, 103))
     for axis in (noise, validity):
         axis.grid(True, alpha=0.25)
-    noise.legend(frameon=False, loc='lower left')
+    handles, labels = noise.get_legend_handles_labels()
+    figure.legend(handles, labels, loc='outside upper center', frameon=False)
     figure.savefig(path, dpi=130)
     pyplot.close(figure)
     return True

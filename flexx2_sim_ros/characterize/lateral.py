@@ -269,6 +269,30 @@ def measure_edge(positions: np.ndarray, side: str = '', method: str = 'gradient'
                 rows_variance, rows_square, rows_log, floor)
 
 
+def edge_sigma(depth: np.ndarray, columns: slice) -> float:
+    """
+    Measure sigma_x on an upright edge whose place is known.
+
+    Parameters
+    ----------
+    depth : numpy.ndarray
+        (T, H, W) metres, NaN where invalid.
+    columns : slice
+        The columns next to the edge, the same in all rows.
+
+    Returns
+    -------
+    float
+        Pixels; 0 for an edge that does not move.
+
+    """
+    first, last, _ = columns.indices(depth.shape[2])
+    rows = np.arange(depth.shape[1])
+    site = EdgeSite('', 'gradient', rows, np.full_like(rows, first), np.full_like(rows, last - 1))
+    edge = measure_edge(edge_positions(depth, site))
+    return 0.0 if edge is None else edge.sigma
+
+
 def procedure_bias(sigma: float, step: float, noise: float, tilt_px: float = 4.0,
                    frames: int = 200, rows: int = 150, seed: int = 0) -> float:
     """
@@ -300,7 +324,4 @@ def procedure_bias(sigma: float, step: float, noise: float, tilt_px: float = 4.0
             + sigma * generator.standard_normal((frames, rows)))
     depth = np.where(np.arange(width) > true[..., None], step, 0.0)
     depth = (depth + noise * generator.standard_normal(depth.shape)).astype(np.float32)
-    ends = np.full(rows, 0), np.full(rows, width - 1)
-    edge = measure_edge(edge_positions(depth, EdgeSite('right', 'gradient', np.arange(rows),
-                                                       *ends)))
-    return math.nan if edge is None else edge.sigma
+    return edge_sigma(depth, slice(0, width))

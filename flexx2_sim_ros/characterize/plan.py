@@ -5,6 +5,7 @@ from itertools import groupby
 
 from flexx2_sim_ros.camera.modes import Profile
 from flexx2_sim_ros.characterize.conditions import Condition
+from flexx2_sim_ros.errors import InputError
 
 _INTRODUCTION = """\
 # Measuring the noise of a {model}
@@ -46,7 +47,14 @@ def checklist(wanted: Sequence[Condition], profile: Profile, frames: int) -> str
     frames : int
         Frames a condition.
 
+    Raises
+    ------
+    InputError
+        For no frames.
+
     """
+    if frames < 1:
+        raise InputError(f'--frames: found {frames}, wanted at least 1')
     slowest = min(profile.mode(condition.usecase).rate_hz for condition in wanted)
     setups = [(place, list(same)) for place, same in groupby(
         wanted, key=lambda c: (c.distance, c.angle_deg))]

@@ -73,14 +73,17 @@ def fit_plane(u: np.ndarray, v: np.ndarray, depth: np.ndarray) -> Plane:
     # About the middle, where the normal equations are well conditioned.
     u0, v0 = float(np.mean(u)), float(np.mean(v))
     design = np.stack([np.ones(len(u)), u - u0, v - v0])
-    inverse = 1.0 / depth.astype(np.float64)
-    # An error dz of depth is one of dz / z^2 in inverse depth.
-    weight = depth.astype(np.float64) ** 2
+    depth = depth.astype(np.float64)
+    # First in inverse depth, where an error dz of depth is one of dz / z^2. That is drawn to the
+    # nearer pixels by sigma^2 / z; Gauss-Newton steps in depth itself are not.
+    weighted = design * depth ** 4
+    solution = np.linalg.lstsq(weighted @ design.T, weighted @ (1.0 / depth), rcond=None)[0]
     for _ in range(_REFINEMENTS):
-        weighted = design * weight ** 2
-        p, q, r = np.linalg.lstsq(weighted @ design.T, weighted @ inverse, rcond=None)[0]
-        # z - 1 / fitted = (fitted - 1 / z) z / fitted: what is least is then the error of depth.
-        weight = depth / np.maximum(p + q * design[1] + r * design[2], 1e-6)
+        fitted = np.maximum(solution @ design, 1e-6)
+        weighted = design / fitted ** 4
+        error = (1.0 / fitted - depth) * fitted ** 2
+        solution = solution + np.linalg.lstsq(weighted @ design.T, weighted @ error, rcond=None)[0]
+    p, q, r = solution
     return Plane(float(p - q * u0 - r * v0), float(q), float(r))
 
 

@@ -1,0 +1,325 @@
+"""The parts of the characterization, each against what is known exactly."""
+
+import math
+from pathlib import Path
+import warnings
+
+from boards import board, K
+from flexx2_sim_ros.camera.modes import flexx2, NoiseModel
+from flexx2_sim_ros.characterize.amplitude import count_invalid, EDGES, sigma_against
+from flexx2_sim_ros.characterize.axial import EXPONENTS, fit_axial, NAMES
+from flexx2_sim_ros.characterize.board import find_board
+from flexx2_sim_ros.characterize.conditions import Condition, find_recordings, parse_name
+from flexx2_sim_ros.characterize.divergence import gaussian_kl, kl_floor, mean_kl
+from flexx2_sim_ros.characterize.lateral import (
+    edge_positions,
+    edge_sigma,
+    find_edges,
+    measure_edge,
+    procedure_bias,
+)
+from flexx2_sim_ros.characterize.moments import Accumulator
+from flexx2_sim_ros.characterize.plane import fit_plane, ransac_plane
+from flexx2_sim_ros.characterize.tiles import spatial_tiles, Tiles
+from flexx2_sim_ros.errors import InputError
+import numpy as np
+import pytest
+from scipy import stats
+
+
+@pytest.mark.parametrize('angle', [0, 30, 60, 75])
+@pytest.mark.parametrize('turn', ['yaw', 'pitch'])
+def test_a_plane_is_exact_at_any_slant(angle: float, turn: str) -> None:
+    target = board(1.7, angle, size=(60, 80), turn=turn)
+    v, u = np.indices(target.depth.shape)
+    plane = fit_plane(u.ravel(), v.ravel(), target.depth.ravel())
+    np.testing.assert_allclose(plane.depth(u, v), target.depth, rtol=1e-5)
+    np.testing.assert_allclose(plane.incidence(u, v, target.K), target.incidence, atol=1e-4)
+    cx, cy = target.K[:2, 2]
+    assert math.degrees(float(plane.incidence(cx, cy, target.K))) == pytest.approx(angle, abs=0.01)
+
+
+def test_noise_does_not_bend_the_plane() -> None:
+    """Assert no bias from fitting inverse depth: the mean of 60 within 6 standard errors."""
+    target = board(1.0, 45, size=(40, 60))
+    v, u = np.indices(target.depth.shape)
+    generator = np.random.default_rng(1)
+    found = [fit_plane(u.ravel(), v.ravel(), (
+        target.depth + 0.05 * generator.standard_normal(target.depth.shape)).ravel())
+        .depth(30, 20) for _ in range(60)]
+    assert abs(np.mean(found) - target.depth[20, 30]) < 6 * np.std(found) / math.sqrt(60)
+
+
+def test_ransac_takes_the_larger_plane() -> None:
+    generator = np.random.default_rng(2)
+    near, far = board(1.0, 20, size=(40, 60)), board(2.5, 0, size=(40, 60))
+    mixed = np.where(generator.random((40, 60)) < 0.65, near.depth, far.depth)
+    mixed = mixed + 0.003 * generator.standard_normal(mixed.shape)
+    v, u = np.indices(mixed.shape)
+    plane = ransac_plane(u.ravel(), v.ravel(), mixed.ravel(), 0.02)
+    np.testing.assert_allclose(plane.depth(u, v), near.depth, rtol=3e-3)
+
+
+def test_the_board_is_found_up_to_its_edges() -> None:
+    target = board(1.2, 30, half_width=0.25, background=2.0)
+    truth = np.isfinite(target.incidence)
+    noisy = target.depth + 0.003 * np.random.default_rng(3).standard_normal(truth.shape)
+    noisy[80:90, 100:120] = np.nan  # a reflection
+    found = find_board(noisy, 0.003, target.K)
+    assert (found.mask != truth).mean() < 0.002
+    assert (found.region <= truth).all()
+    # Eight pixels from the left and right edge, none from the image's upper and lower border.
+    assert found.region[0].any()
+    assert found.region[-1].any()
+    assert found.region.sum(axis=1).max() == truth[86].sum() - 16
+    u, v = found.aim
+    assert (u, v) == tuple(target.K[:2, 2])
+    boxed = find_board(noisy, 0.003, target.K, box=(90, 60, 120, 110))
+    assert np.array_equal(np.argwhere(boxed.region)[[0, -1]], [[60, 90], [109, 119]])
+
+
+def test_what_is_too_steep_is_left_out() -> None:
+    target = board(0.5, 60)
+    found = find_board(target.depth, 0.002, target.K)
+    assert np.degrees(target.incidence[found.region]).max() < 70.1
+    assert np.degrees(target.incidence[~found.region]).min() > 69.9
+
+
+@pytest.mark.parametrize('size', [(0, 0), (8, 8)])
+def test_a_board_that_fills_nothing_is_refused(size: tuple[int, int]) -> None:
+    depth = np.full((172, 224), np.nan)
+    depth[80:80 + size[0], 100:100 + size[1]] = 1.0
+    with pytest.raises(InputError, match='wanted at least 100'):
+        find_board(depth, 0.001, K)
+    scattered = np.random.default_rng(4).uniform(0.5, 5.0, (172, 224))
+    with pytest.raises(InputError, match='board: '):
+        find_board(scattered, 0.001, K)
+
+
+def test_moments_are_numpys() -> None:
+    generator = np.random.default_rng(5)
+    depth = (2 + 0.01 * generator.standard_normal((40, 6, 7))).astype(np.float32)
+    depth[generator.random(depth.shape) < 0.1] = np.nan
+    depth[:, 2, 3] = np.nan
+    sums = Accumulator(np.full((6, 7), 1.99))
+    for start in range(0, 40, 7):
+        sums.add(depth[start:start + 7])
+    found = sums.moments()
+    exact = np.where(np.isfinite(depth), depth, np.nan).astype(np.float64)
+    with warnings.catch_warnings():
+        warnings.simplefilter('ignore', RuntimeWarning)  # of the pixel that is never valid
+        mean = np.nanmean(exact, axis=0)
+        third, fourth = (np.nanmean((exact - mean) ** power, axis=0) for power in (3, 4))
+        np.testing.assert_array_equal(found.count, np.isfinite(exact).sum(axis=0))
+        np.testing.assert_allclose(found.mean, mean, rtol=1e-12)
+        np.testing.assert_allclose(found.variance, np.nanvar(exact, axis=0, ddof=1), rtol=1e-9)
+        np.testing.assert_allclose(found.third, third, atol=1e-12)
+        np.testing.assert_allclose(found.fourth, fourth, rtol=1e-9)
+    pairs = np.isfinite(exact[:, 1, 1]) & np.isfinite(exact[:, 1, 2])
+    assert found.right[1, 1] == pytest.approx(np.cov(exact[pairs, 1, 1], exact[pairs, 1, 2])[0, 1])
+    pairs = np.isfinite(exact[:, 0, 4]) & np.isfinite(exact[:, 1, 4])
+    assert found.down[0, 4] == pytest.approx(np.cov(exact[pairs, 0, 4], exact[pairs, 1, 4])[0, 1])
+    assert np.isnan(found.right[:, -1]).all()
+    assert np.isnan(found.down[-1]).all()
+
+
+def test_divergence_is_the_textbooks() -> None:
+    """Assert the closed form, and 0 for equals."""
+    grid = np.linspace(-30, 30, 200_001)
+    measured, model = stats.norm(0.7, 1.3).pdf(grid), stats.norm(0, 2.0)
+    exact = np.trapezoid(measured * (np.log(measured) - model.logpdf(grid)), grid)
+    assert float(gaussian_kl(1.69, 0.49, math.log(1.69), 2.0)) == pytest.approx(exact, rel=1e-6)
+    assert float(gaussian_kl(4.0, 0.0, math.log(4.0), 2.0)) == 0.0
+
+
+@pytest.mark.parametrize('frames', [2, 5, 300])
+def test_the_floor_is_what_a_perfect_model_has(frames: int) -> None:
+    """
+    Assert its mean over 40,000 pixels, within 6 standard errors (false failures: 2e-9).
+
+    It is about 1 / frames.
+    """
+    samples = np.random.default_rng(6).standard_normal((frames, 40_000))
+    error = samples.var(axis=0, ddof=1)
+    each = gaussian_kl(error, samples.mean(axis=0) ** 2, np.log(error), 1.0)
+    assert abs(each.mean() - kl_floor(frames)) < 6 * each.std() / 200
+    assert each.mean() == pytest.approx(mean_kl(samples, np.zeros(40_000), np.ones(40_000)))
+    if frames > 100:
+        assert float(kl_floor(frames)) == pytest.approx(1 / frames, rel=0.01)
+
+
+@pytest.mark.parametrize('background', [2.2, math.nan])
+def test_edges_are_found_and_measured(background: float) -> None:
+    """Assert sigma within 3 %: 60 x 156 samples know it to 0.73 %, the rounding included."""
+    target = board(1.0, 20, half_width=0.25, background=background)
+    generator = np.random.default_rng(7)
+    clean = np.stack([np.stack([np.roll(row, shift) for row, shift in zip(
+        target.depth, np.rint(1.2 * generator.standard_normal(172)).astype(int), strict=True)])
+        for _ in range(60)])
+    frames = (clean + 0.004 * generator.standard_normal(clean.shape)).astype(np.float32)
+    typical = np.median(frames, axis=0)
+    found = find_board(typical, 0.002, target.K)
+    sites = find_edges(found, typical)
+    assert [site.side for site in sites] == ['left', 'right']
+    wanted = math.sqrt(1.2 ** 2 + 1 / 12)
+    for site in sites:
+        edge = measure_edge(edge_positions(frames, site), site.side, site.method)
+        assert edge is not None
+        assert edge.method == ('outline' if math.isnan(background) else 'gradient')
+        assert edge.sigma == pytest.approx(wanted, rel=0.03)
+        assert edge.error == pytest.approx(wanted / math.sqrt(2 * 60 * edge.rows), rel=0.1)
+        assert abs(edge.kurtosis) < 0.3
+        kl = float(gaussian_kl(edge.variance, edge.mean_square, edge.log_variance, wanted))
+        assert kl == pytest.approx(edge.floor, rel=0.5)
+    # Cut off by the range, it is none.
+    assert not find_edges(found, typical, 0.0, 0.9)
+
+
+def test_invalid_pixels_at_an_edge_are_left_out() -> None:
+    """Assert a missing flying pixel moves no edge: its neighbours' middle is taken."""
+    depth = np.full((1, 20, 30), 1.0, np.float32)
+    depth[:, :, 16:] = 2.0
+    assert edge_sigma(depth, slice(5, 28)) == 0.0
+    depth[:, ::2, 15:17] = np.nan
+    assert edge_sigma(depth, slice(5, 28)) == 0.0
+    depth[:, :, :] = np.nan
+    assert edge_sigma(depth, slice(5, 28)) == 0.0
+
+
+@pytest.mark.parametrize(('sigma', 'measured'), [
+    (0.0, 0.289), (0.3, 0.416), (0.864, 0.911), (1.098, 1.135), (1.649, 1.674)])
+def test_the_procedures_own_bias(sigma: float, measured: float) -> None:
+    """
+    Assert what whole pixels add: 1/12 px^2, when the step is ten times the depth noise.
+
+    200 x 150 samples know sigma to 0.41 %; 3 % is beyond 7 standard errors.
+    """
+    assert measured == pytest.approx(math.sqrt(sigma ** 2 + 1 / 12), abs=1e-3)
+    assert procedure_bias(sigma, 0.1, 0.01) == pytest.approx(measured, rel=0.03)
+
+
+def test_a_low_step_is_lost_in_noise() -> None:
+    """Assert that the largest gradient is no longer the edge: twice sigma at a step of 5."""
+    assert procedure_bias(0.864, 0.06, 0.01) > 1.5
+    assert procedure_bias(0.864, 0.05, 0.01) > 2.5
+
+
+def synthetic(noise: NoiseModel, distances: tuple[float, ...], angles: tuple[float, ...],
+              generator: np.random.Generator, scatter: float = 0.0) -> list[Tiles]:
+    """Draw what recordings of 300 frames would say, each off by its own factor."""
+    tiles = []
+    for distance in distances:
+        for angle in angles:
+            z = distance * (1 + 0.1 * generator.uniform(-1, 1, 60))
+            theta = np.clip(np.radians(angle) + generator.uniform(-0.15, 0.15, 60), 0, 1.2)
+            sigma = noise.sigma_z(z, theta) * (1 + scatter * generator.standard_normal())
+            freedom = np.full(60, 16 * 299.0)
+            variance = sigma ** 2 * generator.chisquare(freedom) / freedom
+            tiles.append(Tiles(z, theta, np.full(60, 16.0), freedom, variance, np.log(variance),
+                               0 * z, 0 * z, np.full(60, math.nan)))
+    return tiles
+
+
+MODE_9 = flexx2().mode('Mode_9_30fps').noise
+DISTANCES, ANGLES = (0.5, 1.0, 2.0, 3.0, 5.0), (0.0, 20.0, 40.0, 60.0)
+
+
+def test_standard_errors_cover() -> None:
+    """
+    Assert that 95 % intervals cover the truth about that often, recordings being 5 % off.
+
+    Of 60 fits a true 95 % leaves fewer than 44 within once in 1e9; the band is asked at 24 places.
+    """
+    generator = np.random.default_rng(8)
+    z, theta = np.repeat(DISTANCES, 4), np.radians(np.tile(ANGLES, 5))
+    hits = dict.fromkeys(NAMES, 0)
+    band = []
+    for _ in range(60):
+        fit = fit_axial(synthetic(MODE_9, DISTANCES, ANGLES, generator, scatter=0.05))
+        quantile = stats.t.ppf(0.975, fit.freedom)
+        for name in NAMES:
+            assert fit.errors[name] is not None
+            half = quantile * fit.errors[name] + (0.05 if name == 'n' else 0.0)
+            hits[name] += abs(fit.coefficients[name] - getattr(MODE_9, name)) <= half
+        band.append(np.mean(np.abs(fit.model().sigma_z(z, theta) - MODE_9.sigma_z(z, theta))
+                            <= fit.band(z, theta)))
+    assert min(hits.values()) >= 44
+    assert 0.85 < np.mean(band) <= 1.0
+
+
+def test_n_is_swept_as_in_the_paper() -> None:
+    assert (EXPONENTS[0], EXPONENTS[-1], len(EXPONENTS)) == (-1.0, 3.0, 41)
+    fit = fit_axial(synthetic(MODE_9, DISTANCES, ANGLES, np.random.default_rng(9)))
+    assert fit.coefficients['n'] == 2.7
+    assert fit.sweep.argmin() == np.flatnonzero(EXPONENTS == 2.7)[0]
+    assert fit.interval_n is not None
+    assert fit.interval_n[0] < 2.7 < fit.interval_n[1]
+    assert not fit.notes
+
+
+@pytest.mark.parametrize(('distances', 'angles', 'held'), [
+    ((1.0,), (0.0,), 'bcdn'), ((1.0, 2.0), (0.0,), 'cdn'), ((1.0, 1.5, 2.0), (0.0,), 'dn'),
+    ((1.0,), ANGLES, 'bcn'), ((1.0, 2.0), ANGLES, 'c')])
+def test_what_is_not_determined_is_held_and_said(distances: tuple[float, ...],
+                                                 angles: tuple[float, ...], held: str) -> None:
+    fit = fit_axial(synthetic(MODE_9, distances, angles, np.random.default_rng(10)))
+    for name in held:
+        assert fit.errors[name] is None
+        assert fit.coefficients[name] == (2.7 if name == 'n' else 0.0)
+        assert any(name in note.partition(':')[0] or f'{name} at' in note for note in fit.notes)
+    z, theta = np.array([distances[0]]), np.array([0.1])
+    assert fit.model().sigma_z(z, theta) == pytest.approx(MODE_9.sigma_z(z, theta), rel=0.3)
+
+
+def test_noise_that_falls_with_the_angle_is_said() -> None:
+    falling = NoiseModel(0.004, 0.0, 0.001, -0.00002, 2.7, 1.0)
+    fit = fit_axial(synthetic(falling, DISTANCES, ANGLES, np.random.default_rng(11)))
+    assert fit.coefficients['d'] == 0.0
+    assert any('negative' in note for note in fit.notes)
+
+
+def test_single_frames_leave_a_plane_and_their_noise() -> None:
+    """Assert sigma within 2 %: 900 tiles of 61 degrees of freedom know it to 0.3 %."""
+    target = board(1.5, 30)
+    noisy = target.depth + 0.006 * np.random.default_rng(12).standard_normal(target.depth.shape)
+    amplitude = np.where(np.arange(224) % 64 < 32, 100.0, 900.0) * np.ones((172, 1))
+    found = find_board(noisy, 0.006, target.K, margin=3)
+    tiles = spatial_tiles(found, noisy, amplitude)
+    assert math.sqrt(tiles.variance.mean()) == pytest.approx(0.006, rel=0.02)
+    assert set(tiles.amplitude) == {100.0, 900.0}
+    curve = sigma_against(tiles)
+    np.testing.assert_allclose(curve.sigma, 0.006, rtol=0.05)
+
+
+def test_validity_is_counted_by_amplitude() -> None:
+    amplitude = np.array([[10.0, 10.0, 100.0, 0.0, -1.0, np.nan, 100.0]])
+    counts = count_invalid(amplitude, np.array([[True, False, True, False, False, True, False]]))
+    total = counts + counts
+    assert total.pixels.sum() == 8
+    assert total.invalid.sum() == 4
+    assert total.pixels[np.searchsorted(EDGES, 10.0) - 1] == 4
+
+
+@pytest.mark.parametrize(('name', 'found'), [
+    ('Mode_9_30fps_1.00m_15deg.npz', Condition('Mode_9_30fps', 1.0, 15.0)),
+    ('Mode_9_30fps_1.00m_15deg.mcap', Condition('Mode_9_30fps', 1.0, 15.0)),
+    ('Mode_9_30fps_1.00m_15deg', Condition('Mode_9_30fps', 1.0, 15.0)),
+    ('a_b_0.5m_7.5deg', Condition('a_b', 0.5, 7.5)), ('kinect.npz', None), ('1m_2deg', None)])
+def test_names_state_conditions(name: str, found: Condition | None) -> None:
+    assert parse_name(Path(name)) == found
+    if found is not None:
+        assert parse_name(Path(found.name)) == found
+
+
+def test_recordings_are_files_and_bags(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match='no recording in it'):
+        find_recordings(tmp_path)
+    for name in ('b.npz', 'a.mcap', 'c.db3', 'notes.txt', '.hidden.npz'):
+        (tmp_path / name).touch()
+    for name, inside in (('bag', 'metadata.yaml'), ('cut', 'cut_0.mcap'), ('other', 'x.txt')):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / inside).touch()
+    assert [path.name for path in find_recordings(tmp_path)] == [
+        'a.mcap', 'b.npz', 'bag', 'c.db3', 'cut']
+    with pytest.raises(InputError, match='not a folder'):
+        find_recordings(tmp_path / 'b.npz')

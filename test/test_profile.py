@@ -1,0 +1,250 @@
+"""Camera profiles: read back as written, refused by name, run by library, CLI and node."""
+
+from collections.abc import Callable
+from dataclasses import replace
+import math
+from pathlib import Path
+import subprocess
+import sys
+from typing import Any
+
+from flexx2_sim_ros.camera import Camera, flexx2, Intrinsics, Mode, NoiseModel, Profile
+from flexx2_sim_ros.camera.profiles import load_profile, ProfileFile, read_profile, save_profile
+from flexx2_sim_ros.cli.main import main
+from flexx2_sim_ros.errors import InputError
+import numpy as np
+import pytest
+import yaml
+
+NOISE = NoiseModel(0.004, -0.001, 0.002, 0.0005, 1.5, 0.7)
+NARROW = Mode('Narrow', 12.5, 0.3, 4.0, (), 0, (1, 80000), NOISE, 'Narrow', 'profile')
+WIDE = Mode('Wide.1+', 25.0, 0.2, 6.0, (100e6, 20e6), 9, (5, 400), replace(NOISE, a=0.006),
+            'Wide.1+', 'profile')
+OTHER = Profile('Kamera Ü', Intrinsics(64, 48, 60.0, 61.0, 30.5, 24.25, (0.1, 0.0, 0.0, 0.0, 0.0)),
+                (NARROW, WIDE))
+WHOLE = ProfileFile(OTHER, {'Narrow': {'a': 1e-5, 'n': 0.2}}, {'Narrow': {'frames': 300}},
+                    {'date': '2026-01-31', 'notes': ['a note']})
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    save_profile(tmp_path / 'profile.yaml', WHOLE)
+    return tmp_path / 'profile.yaml'
+
+
+def test_a_profile_is_read_back_as_it_was_written(path: Path) -> None:
+    content = read_profile(path)
+    assert content.profile.model == OTHER.model
+    assert content.profile.intrinsics == OTHER.intrinsics
+    assert content.profile.modes == OTHER.modes
+    assert content.standard_errors['Narrow'] == {
+        'a': 1e-5, 'b': None, 'c': None, 'd': None, 'n': 0.2, 'sigma_x': None}
+    assert content.measured['Narrow'] == {'frames': 300}
+    assert content.provenance == WHOLE.provenance
+    save_profile(path.parent / 'again.yaml', content)
+    assert (path.parent / 'again.yaml').read_text() == path.read_text()
+    assert [file.name for file in sorted(path.parent.iterdir())] == ['again.yaml', 'profile.yaml']
+
+
+def test_the_built_in_camera_is_a_profile_too(tmp_path: Path) -> None:
+    save_profile(tmp_path / 'flexx2.yaml', ProfileFile(flexx2()))
+    loaded = load_profile(tmp_path / 'flexx2.yaml')
+    assert loaded.intrinsics == flexx2().intrinsics
+    for mode, own in zip(loaded.modes, flexx2().modes, strict=True):
+        assert replace(mode, noise_of=own.noise_of, source=own.source) == own
+    assert loaded.default_usecase == flexx2().default_usecase == 'Mode_9_30fps'
+    assert OTHER.default_usecase == 'Narrow'
+
+
+def missing(*keys: str) -> Callable[[dict[str, Any]], None]:
+    def change(table: dict[str, Any]) -> None:
+        for key in keys[:-1]:
+            table = table[key]
+        del table[keys[-1]]
+    return change
+
+
+def put(value: Any, *keys: str) -> Callable[[dict[str, Any]], None]:
+    def change(table: dict[str, Any]) -> None:
+        for key in keys[:-1]:
+            table = table[key]
+        table[keys[-1]] = value
+    return change
+
+
+MODE = ('modes', 'Narrow')
+BAD = [
+    *((missing(key), key) for key in ('model', 'intrinsics', 'modes', 'provenance')),
+    *((missing('intrinsics', key), f'intrinsics.{key}') for key in ('width', 'fy', 'distortion')),
+    *((missing(*MODE, key), f'modes.Narrow.{key}') for key in (
+        'rate_hz', 'range_m', 'modulation_hz', 'raw_frames', 'exposure_us', 'noise',
+        'standard_errors', 'measured')),
+    *((missing(*MODE, 'noise', key), f'modes.Narrow.noise.{key}')
+      for key in ('a', 'n', 'sigma_x')),
+    (missing(*MODE, 'standard_errors', 'd'), 'modes.Narrow.standard_errors.d'),
+    (put(1, 'colour'), 'colour'),
+    (put(1, 'intrinsics', 'skew'), 'intrinsics.skew'),
+    (put(1, *MODE, 'noise', 'e'), 'modes.Narrow.noise.e'),
+    (put(2, 'schema'), 'schema'),
+    (put('', 'model'), 'model'),
+    (put(5, 'model'), 'model'),
+    (put('a\x07', 'model'), 'model'),
+    (put({}, 'modes'), 'modes'),
+    (put([1], 'modes'), 'modes'),
+    (put('text', 'provenance'), 'provenance'),
+    (put(0, 'intrinsics', 'width'), 'intrinsics.width'),
+    (put(64.5, 'intrinsics', 'width'), 'intrinsics.width'),
+    (put(True, 'intrinsics', 'height'), 'intrinsics.height'),
+    (put(10 ** 9, 'intrinsics', 'height'), 'intrinsics.height'),
+    (put(-60.0, 'intrinsics', 'fx'), 'intrinsics.fx'),
+    (put(math.nan, 'intrinsics', 'cx'), 'intrinsics.cx'),
+    (put([0.0] * 4, 'intrinsics', 'distortion'), 'intrinsics.distortion'),
+    (put('none', 'intrinsics', 'distortion'), 'intrinsics.distortion'),
+    (put(0, *MODE, 'rate_hz'), 'modes.Narrow.rate_hz'),
+    (put('fast', *MODE, 'rate_hz'), 'modes.Narrow.rate_hz'),
+    (put(True, *MODE, 'rate_hz'), 'modes.Narrow.rate_hz'),
+    (put([4.0, 0.3], *MODE, 'range_m'), 'modes.Narrow.range_m'),
+    (put([0.0, 0.3], *MODE, 'range_m'), 'modes.Narrow.range_m'),
+    (put([0.3], *MODE, 'range_m'), 'modes.Narrow.range_m'),
+    (put([0.3, math.inf], *MODE, 'range_m'), 'modes.Narrow.range_m'),
+    (put([], *MODE, 'modulation_hz'), 'modes.Narrow.modulation_hz'),
+    (put(60, *MODE, 'modulation_hz'), 'modes.Narrow.modulation_hz'),
+    (put(2.5, *MODE, 'raw_frames'), 'modes.Narrow.raw_frames'),
+    (put([400, 5], *MODE, 'exposure_us'), 'modes.Narrow.exposure_us'),
+    (put([1.5, 5], *MODE, 'exposure_us'), 'modes.Narrow.exposure_us'),
+    (put(None, *MODE, 'noise', 'a'), 'modes.Narrow.noise.a'),
+    (put('2 mm', *MODE, 'noise', 'a'), 'modes.Narrow.noise.a'),
+    (put(2.0, *MODE, 'noise', 'a'), 'modes.Narrow.noise.a'),
+    (put(-1e-4, *MODE, 'noise', 'd'), 'modes.Narrow.noise.d'),
+    (put(-0.1, *MODE, 'noise', 'sigma_x'), 'modes.Narrow.noise.sigma_x'),
+    (put(50, *MODE, 'noise', 'n'), 'modes.Narrow.noise.n'),
+    # Negative in the middle of the range only, at its far end only, at its near end only.
+    (put({'a': 0.004, 'b': -0.01, 'c': 0.004, 'd': 0.0, 'n': 2.7, 'sigma_x': 1.0}, *MODE, 'noise'),
+     'modes.Narrow.noise: sigma_z is -0.00225 m at 1.25 m'),
+    (put(-0.01, *MODE, 'noise', 'b'), 'modes.Narrow.noise: sigma_z'),
+    (put(-0.004, *MODE, 'noise', 'a'), 'modes.Narrow.noise: sigma_z'),
+    (put(0.9, *MODE, 'noise', 'd'), 'modes.Narrow.noise: sigma_z'),
+    (put(-1.0, *MODE, 'standard_errors', 'a'), 'modes.Narrow.standard_errors.a'),
+    (put('small', *MODE, 'standard_errors', 'a'), 'modes.Narrow.standard_errors.a'),
+]
+
+
+@pytest.mark.parametrize(('change', 'named'), BAD)
+def test_a_bad_field_is_refused_by_name(path: Path, change: Callable[[dict[str, Any]], None],
+                                        named: str) -> None:
+    table = yaml.safe_load(path.read_text(encoding='utf-8'))
+    change(table)
+    path.write_text(yaml.safe_dump(table), encoding='utf-8')
+    with pytest.raises(InputError) as error:
+        load_profile(path)
+    assert str(error.value).startswith(f'{path}: {named}')
+    assert 'wanted' in str(error.value)
+
+
+@pytest.mark.parametrize('name', ['', ' ', '9fps', 'a b', 'ä', 'x' * 65, '../m', 'm:=1'])
+def test_a_bad_mode_name_is_refused(path: Path, name: str) -> None:
+    table = yaml.safe_load(path.read_text(encoding='utf-8'))
+    table['modes'][name] = table['modes'].pop('Narrow')
+    path.write_text(yaml.safe_dump(table), encoding='utf-8')
+    with pytest.raises(InputError, match='modes: found the name'):
+        load_profile(path)
+
+
+def test_names_that_differ_by_case_alone_are_refused(path: Path) -> None:
+    table = yaml.safe_load(path.read_text(encoding='utf-8'))
+    table['modes']['NARROW'] = table['modes']['Narrow']
+    path.write_text(yaml.safe_dump(table), encoding='utf-8')
+    with pytest.raises(InputError, match='case'):
+        load_profile(path)
+
+
+@pytest.mark.parametrize('content', [b'', b'- 1', b'\xff\xfe', b'schema: [', b'!!python/object:x'])
+def test_what_is_no_profile_is_refused(path: Path, content: bytes) -> None:
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=r'profile\.yaml'):
+        load_profile(path)
+    path.unlink()
+    with pytest.raises(InputError, match=r'profile\.yaml'):
+        load_profile(path)
+
+
+def test_a_bad_profile_is_not_written(tmp_path: Path) -> None:
+    falling = replace(NARROW, noise=replace(NOISE, b=-0.01))
+    target = tmp_path / 'profile.yaml'
+    target.write_text('precious')
+    with pytest.raises(InputError, match=r'profile\.yaml: modes\.Narrow\.noise'):
+        save_profile(target, replace(WHOLE, profile=replace(OTHER, modes=(falling,))))
+    assert target.read_text() == 'precious'
+    assert list(tmp_path.iterdir()) == [target]
+    with pytest.raises(InputError, match='cannot be written'):
+        save_profile(tmp_path / 'no' / 'such.yaml', WHOLE)
+
+
+def test_the_library_runs_it(path: Path) -> None:
+    """Assert the realised noise; 400 x 3,072 samples know sigma to 0.06 %: 0.5 % is 7.8 of it."""
+    profile = load_profile(path)
+    scene = np.full((48, 64), 2.0, np.float32)
+    camera = Camera('wide.1+', profile=profile, seed=3)
+    frames = camera.capture(scene, profile.intrinsics.matrix, np.arange(400))
+    assert camera.usecase == 'Wide.1+'
+    modelled = float(np.sqrt(np.mean(frames.sigma[0].astype(float) ** 2)))
+    assert np.sqrt(frames.depth.astype(float).var(axis=0).mean()) == pytest.approx(
+        modelled, rel=0.005)
+    middle = WIDE.noise.sigma_z(2.0, 0.0)
+    assert frames.sigma[0, 24, 30] == pytest.approx(float(middle), rel=1e-3)
+    with pytest.raises(InputError, match='wanted one of Narrow, Wide'):
+        Camera('Mode_9_30fps', profile=profile)
+
+
+def test_effects_ask_for_the_modulation(path: Path) -> None:
+    with pytest.raises(InputError, match=r'modes\.Narrow\.modulation_hz'):
+        Camera('Narrow', profile=load_profile(path), effects={'offset': {'strength': 1.0}})
+
+
+def test_the_command_line_runs_it(path: Path, tmp_path: Path,
+                                  capsys: pytest.CaptureFixture[str]) -> None:
+    scene, out = str(tmp_path / 'scene.npz'), str(tmp_path / 'out.npz')
+    np.savez(scene, clean_depth=np.full((48, 64), 2.0), K=OTHER.intrinsics.matrix)
+    assert main(['simulate', scene, out, '--profile', str(path), '--frames', '4']) == 0
+    with np.load(out, allow_pickle=False) as recording:
+        assert recording['usecase'] == 'Narrow'
+        np.testing.assert_allclose(np.diff(recording['stamp']), 1 / 12.5)
+    path.write_text(path.read_text().replace('sigma_x: 0.7', 'sigma_x: -0.7'))
+    assert main(['simulate', scene, out, '--profile', str(path)]) == 2
+    assert 'modes.Narrow.noise.sigma_x: found -0.7' in capsys.readouterr().err
+
+
+def test_the_node_runs_it(ros: None, path: Path) -> None:
+    from flexx2_sim_ros.nodes.camera_node import Flexx2Camera
+    from rclpy.parameter import Parameter
+
+    node = Flexx2Camera(parameter_overrides=[Parameter('profile', value=str(path))])
+    try:
+        def value(name: str) -> Any:
+            return node.get_parameter(name).value
+        assert list(value('available_usecases')) == ['Narrow', 'Wide.1+']
+        assert value('usecase') == 'Narrow'
+        assert value('model') == 'Kamera Ü'
+        assert (value('fx'), value('cy')) == (60.0, 24.25)
+        assert node.settings.intrinsics == OTHER.intrinsics
+        # Not known: no longer than a frame.
+        assert value('exposure_time_0') == 80000
+        assert node.set_parameters([Parameter('usecase', value='wide.1+')])[0].successful
+        assert value('usecase') == 'Wide.1+'
+        assert value('exposure_time_0') == 400
+        answer = node.set_parameters([Parameter('usecase', value='Mode_9_30fps')])[0]
+        assert not answer.successful
+        assert 'Narrow, Wide.1+' in answer.reason
+    finally:
+        node.destroy_node()
+
+
+def test_the_node_ends_with_the_reason_for_a_bad_profile(child_env: dict[str, str],
+                                                         path: Path) -> None:
+    path.write_text(path.read_text().replace('rate_hz: 12.5', 'rate_hz: 0'))
+    done = subprocess.run(
+        [sys.executable, '-m', 'flexx2_sim_ros.nodes.flexx2_camera', '--ros-args', '-p',
+         f'profile:={path}'], env=child_env, capture_output=True, text=True, timeout=60)
+    assert done.returncode != 0
+    assert 'modes.Narrow.rate_hz: found 0' in done.stderr
+    assert 'Traceback' not in done.stderr
