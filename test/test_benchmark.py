@@ -209,10 +209,14 @@ def test_the_report_shows_every_row(tmp_path: Path, design: list[Planned]) -> No
     assert all(len(row) == len(sheet.columns) for sheet in sheets(scores) for row in sheet.rows)
 
 
+# Three cells of four pixels known and one not; the second cell is half near, half far.
 CELLS = {'count': np.array([100.0, 100.0, 200.0]), 'affected': np.array([True, True, False]),
-         'covariates': np.zeros((3, len(COVARIATES)))}
-CELLS['covariates'][:, COVARIATES.index('distance')] = 0.5, 1.5, 2.5
-CELLS['covariates'][:, COVARIATES.index('incidence')] = 10.0, 40.0, 40.0
+         'samples': np.zeros((3, 5, len(COVARIATES)), np.float32)}
+for covariate, values in (('distance', [[0.5] * 4, [1.2, 1.2, 1.8, 1.8], [2.5] * 4]),
+                          ('incidence', [[10.0] * 4, [40.0] * 4, [40.0] * 4]),
+                          ('x', [[0.1] * 4, [0.4] * 4, [0.4] * 4])):
+    CELLS['samples'][:, :4, COVARIATES.index(covariate)] = values
+CELLS['samples'][:, 4] = np.nan
 
 
 def answer(group: str, effects: dict[str, float], diagnosis: dict[str, Any] | None,
@@ -267,7 +271,11 @@ def test_parameters_and_shrinkage() -> None:
     ([], 0.0),
     ([('distance', 0.0, 1.0, 'm')], 0.5),
     ([('distance', 0.0, 2000.0, 'mm')], 1.0),
-    ([('distance', 0.0, 1.0, 'm'), ('z', 1.0, None, 'm')], 0.5),
+    ([('distance', 0.0, 1.5, 'm')], 0.75),
+    ([('distance', 0.0, 1.0, 'm'), ('fine_distance', 1.0, None, 'm')], 0.5),
+    ([('all', None, None, '')], 0.5),
+    ([('image region row 1 of 3, column 1 of 4', None, None, '')], 0.5),
+    ([('image region row 2 of 3, column 1 of 4', None, None, '')], 0.0),
     ([('theta', 0.0, 0.3, 'rad')], 0.5),
     ([('incidence', 30.0, 50.0, 'deg')], 0.25),
     ([('something else', 0.0, 9.0, 'm')], 0.0)])
@@ -322,6 +330,6 @@ def test_truth_finds_what_differs_and_nothing_else() -> None:
     assert nothing['affected'].mean() < 0.03
     assert affected(cells({'offset': 1.0}, 3), plain)['affected'].mean() > 0.97
     full = affected(cells({'saturation': 1.0}, 4), plain)
-    distance = full['covariates'][:, COVARIATES.index('distance')]
+    distance = np.nanmean(full['samples'][..., COVARIATES.index('distance')], axis=1)
     assert 0 < full['affected'].mean() < 0.4
     assert np.median(distance[full['affected']]) < np.median(distance[~full['affected']])

@@ -354,7 +354,7 @@ def test_the_same_seed_gives_the_same_frames(tmp_path: Path) -> None:
                   for camera in (one, two, cached)]
         np.testing.assert_array_equal(frames[0], frames[1])
         np.testing.assert_array_equal(frames[0], frames[2])
-    assert list(tmp_path.glob('views-*.npz'))
+    assert list(tmp_path.glob('true-*.npz'))
 
 
 def imports_of(package: str) -> set[str]:

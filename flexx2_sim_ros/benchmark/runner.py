@@ -93,9 +93,10 @@ def _run(out: Path, sealed: Sealed, left: list[str], jobs: int, diagnoser: str, 
          console: Console) -> None:
     bar = Progress(TextColumn('diagnosing'), BarColumn(), MofNCompleteColumn(),
                    TimeRemainingColumn(), TextColumn('{task.fields[note]}'), console=console)
+    done_before = sum((out / 'results' / f'{name}.json').is_file() for name in sealed.cases)
     with bar:
         task = bar.add_task('', total=len(sealed.cases), note='',
-                            completed=len(sealed.cases) - len(left))
+                            completed=done_before)
         failures = 0
 
         def done(failed: bool) -> None:

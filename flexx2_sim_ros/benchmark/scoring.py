@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import json
 import math
 from pathlib import Path
+import re
 from typing import Any
 
 from flexx2_sim_ros.benchmark.design import Planned
@@ -18,7 +19,8 @@ _SAID = ('identified', 'partly')
 _UNSURE = ('unknown', 'partly')
 # Other names for a covariate, and factors to the unit of `COVARIATES`.
 _ALIASES = {'theta': 'incidence', 'angle': 'incidence', 'range': 'distance', 'depth': 'distance',
-            'z': 'distance', 'column': 'x', 'row': 'y', 'edges': 'edge'}
+            'z': 'distance', 'fine_distance': 'distance'}
+_REGION = re.compile(r'image region row (\d+) of (\d+), column (\d+) of (\d+)')
 _UNITS = {'mm': 1e-3, 'rad': 180 / math.pi, 'min': 60.0}
 # Parameters that a label and a diagnosis share: effect: (the diagnosis's name, the label's).
 _PARAMETERS = {
@@ -201,7 +203,8 @@ def answer_of(planned: Planned, result: dict[str, Any], parameters: dict[str, di
         planned, str(diagnosis['verdict']), names,
         tuple(effect['name'] for effect in diagnosis.get('alternatives') or []),
         float(result['seconds']), float(diagnosis.get('peak_mb') or math.nan),
-        overlap(diagnosis.get('where') or [], cells), bool(cells['affected'].any()), error,
+        overlap(diagnosis.get('where') or [], cells) if planned.effects else math.nan,
+        bool(planned.effects and cells['affected'].any()), error,
         _number(gap.get('shrink')) if checked else math.nan,
         _number(interval[0]) if checked else math.nan,
         _number(interval[1]) if checked else math.nan,
@@ -224,13 +227,15 @@ def _parameter_error(effect: dict[str, Any], label: dict[str, float]) -> float:
 
 def overlap(where: Iterable[dict[str, Any]], cells: dict[str, np.ndarray]) -> float:
     """
-    Return the intersection over union, in pixels, of affected cells and those named.
+    Return the intersection over union, in pixels, of affected cells and what was named.
 
     Parameters
     ----------
     where : iterable of dict
-        The diagnosis's list: ``covariate``, ``low``, ``high``, ``unit``. A cell is named when
-        its mean covariate lies in the interval. Covariates that cells do not have are ignored.
+        The diagnosis's list: ``covariate``, ``low``, ``high``, ``unit``. A pixel is named when
+        its covariate lies in the interval of any entry; a cell as far as its pixels are.
+        ``all`` names everything, ``image region row 1 of 3, column 2 of 4`` that region; other
+        covariates that pixels do not have are ignored.
     cells : dict of str to numpy.ndarray
         From `truth.affected`.
 
@@ -240,20 +245,39 @@ def overlap(where: Iterable[dict[str, Any]], cells: dict[str, np.ndarray]) -> fl
         NaN where no cell is affected.
 
     """
-    if not cells['affected'].any():
+    affected = cells['affected']
+    if not affected.any():
         return math.nan
-    named = np.zeros(len(cells['count']), bool)
+    samples = cells['samples']
+    named = np.zeros(samples.shape[:2], bool)
     for entry in where:
-        covariate = _ALIASES.get(entry['covariate'], entry['covariate'])
-        if covariate not in COVARIATES:
-            continue
-        values = cells['covariates'][:, COVARIATES.index(covariate)]
-        factor = _UNITS.get(entry.get('unit') or '', 1.0)
-        low, high = (-math.inf if entry['low'] is None else entry['low'] * factor,
-                     math.inf if entry['high'] is None else entry['high'] * factor)
-        named |= (values >= low) & (values <= high)
+        inside = np.ones_like(named)
+        for covariate, low, high in _intervals(entry):
+            values = samples[..., COVARIATES.index(covariate)]
+            inside &= (values >= low) & (values <= high)
+        if entry['covariate'] == 'all' or _intervals(entry):
+            named |= inside
+    known = np.isfinite(samples[..., 0])
+    share = (named & known).sum(axis=1) / np.maximum(known.sum(axis=1), 1)
     weight = cells['count']
-    return float(weight[named & cells['affected']].sum() / weight[named | cells['affected']].sum())
+    both = (weight * share)[affected].sum()
+    return float(both / (weight[affected].sum() + (weight * share)[~affected].sum()))
+
+
+def _intervals(entry: dict[str, Any]) -> list[tuple[str, float, float]]:
+    # Covariate, low and high, in the units of `COVARIATES`; empty for what pixels do not have.
+    region = _REGION.fullmatch(entry['covariate'])
+    if region:
+        row, rows, column, columns = map(int, region.groups())
+        return [('y', (row - 1) / rows, row / rows),
+                ('x', (column - 1) / columns, column / columns)]
+    covariate = _ALIASES.get(entry['covariate'], entry['covariate'])
+    if covariate not in COVARIATES:
+        return []
+    factor = _UNITS.get(entry.get('unit') or '', 1.0)
+    low, high = entry['low'], entry['high']
+    return [(covariate, -math.inf if low is None else low * factor,
+             math.inf if high is None else high * factor)]
 
 
 def wilson(hits: int, count: int) -> tuple[float, float]:

@@ -13,17 +13,22 @@ import math
 from flexx2_sim_ros.blind.campaign import BlindCamera, Observer
 from flexx2_sim_ros.blind.frame import Frame
 from flexx2_sim_ros.blind.scene_set import SceneSet
+from flexx2_sim_ros.blind.views import View
 from numba import njit
 import numpy as np
 
 # What matters: mean, log variance, invalid share, gross share, correlation to the frame before
 # and to the pixel beside. The prototype's equivalence tolerances.
 TOLERANCE = np.array([0.10, 0.10, 0.008, 0.004, 0.04, 0.04])
+# Metres, degrees, shares (of the half-diagonal, the width, the height), 0..1, 1/m^2, 0 or 1,
+# seconds, metres per second, number.
 COVARIATES = ('distance', 'incidence', 'radius', 'x', 'y', 'reflectivity', 'amplitude', 'edge',
-              'uptime', 'recording')
-_SHARES = 6, 4, 9, 2, 2  # distance, incidence, tile, edge, dark
-_PER_RECORDING = 6 * 4 * 9 * 2 * 2
-_SUMS = 11
+              'uptime', 'speed', 'recording')
+TILES = 3, 4  # rows and columns
+_SHARES = 6, 4, TILES[0] * TILES[1], 2, 2  # distance, incidence, tile, edge, dark
+_PER_RECORDING = math.prod(_SHARES)
+_SUMS = 9
+_SAMPLES = 12  # pixels of a cell whose covariates are kept
 _CLIP = 6.0
 _SURE = 4.0  # standard deviations
 _ENOUGH = 1500  # samples for a cell to be scored
@@ -42,9 +47,9 @@ class Cells:
     Attributes
     ----------
     sums : numpy.ndarray
-        (cells, 11) float64.
-    covariates : numpy.ndarray
-        (cells, 10) float64, sums of `COVARIATES`.
+        (cells, 9) float64.
+    samples : numpy.ndarray
+        (cells, 12, 11) float32: `COVARIATES` of some pixels of each cell, NaN for no more.
 
     """
 
@@ -53,7 +58,9 @@ class Cells:
         self._scenes, self._factor = scenes, sigma_factor
         cells = scenes.key.recordings * _PER_RECORDING
         self.sums = np.zeros((cells, _SUMS))
-        self.covariates = np.zeros((cells, len(COVARIATES)))
+        self.samples = np.full((cells, _SAMPLES, len(COVARIATES)), np.nan, np.float32)
+        self._filled = np.zeros(cells, np.int64)
+        self._rng = np.random.default_rng(0)
         self._before: np.ndarray | None = None
         self._kept: tuple[object, np.ndarray] | None = None
 
@@ -62,6 +69,7 @@ class Cells:
         view = self._scenes.true_view(recording, frame.index)
         if self._kept is None or self._kept[0] is not view:
             self._kept = view, self._cell_of(recording, view)
+            self._keep_samples(recording, frame, view, self._kept[1])
         if frame.index == 0:
             self._before = None
         # Nothing measured, nothing there: not a sample.
@@ -72,16 +80,15 @@ class Cells:
         _add(residual, residual if self._before is None else self._before,
              self._before is not None, cells, self.sums)
         self._before = residual
-        self._add_covariates(recording, frame, view, cells)
 
-    def _cell_of(self, recording: int, view) -> np.ndarray:  # type: ignore[no-untyped-def]
+    def _cell_of(self, recording: int, view: View) -> np.ndarray:
         height, width = view.depth.shape
         top = view.optics.mode.range_max
         distance = np.clip(np.nan_to_num(view.depth) / min(top, 5.0) * 6, 0, 5.99).astype(int)
         theta = np.degrees(np.arccos(np.clip(view.cosine, 0, 1)))
         incidence = np.digitize(theta, (20, 45, 65))
         y, x = np.mgrid[:height, :width]
-        tile = (y * 3 // height) * 3 + x * 3 // width
+        tile = (y * TILES[0] // height) * TILES[1] + x * TILES[1] // width
         edge, dark = view.near_edge.astype(int), (view.reflectivity < 0.2).astype(int)
         cell = np.zeros((height, width), np.int64)
         for index, count in zip((distance, incidence, tile, edge, dark), _SHARES, strict=True):
@@ -91,18 +98,29 @@ class Cells:
         # an effect may put something there.
         return np.where(np.isfinite(view.depth), cell, -1)
 
-    def _add_covariates(self, recording: int, frame: Frame, view,  # type: ignore
-                        cells: np.ndarray) -> None:
+    def _keep_samples(self, recording: int, frame: Frame, view: View, cells: np.ndarray) -> None:
         height, width = view.depth.shape
-        y, x = np.mgrid[:height, :width]
-        images = (view.depth, np.degrees(np.arccos(np.clip(view.cosine, 0, 1))),
-                  np.hypot(x - (width - 1) / 2, y - (height - 1) / 2), x, y, view.reflectivity,
-                  view.amplitude, view.near_edge, frame.uptime, recording)
-        inside = cells >= 0
-        place = cells[inside]
-        for k, image in enumerate(images):
-            values = np.broadcast_to(image, cells.shape)[inside]
-            self.covariates[:, k] += np.bincount(place, values, len(self.covariates))
+        path = self._scenes.scenes[recording].path
+        # Some of each view, so that a moving camera's cells know more than the first of them.
+        most = 3 if path.moving else _SAMPLES
+        pixels = self._rng.permutation(np.flatnonzero(cells >= 0))
+        pixels = pixels[np.argsort(cells.ravel()[pixels], kind='stable')]
+        place = cells.ravel()[pixels]
+        rank = np.arange(len(place)) - np.searchsorted(place, place)
+        slot = self._filled[place] + rank
+        chosen = (rank < most) & (slot < _SAMPLES)
+        pixels, place, slot = pixels[chosen], place[chosen], slot[chosen]
+        y, x = pixels // width, pixels % width
+        across, down = x - (width - 1) / 2, y - (height - 1) / 2
+        theta = np.degrees(np.arccos(np.clip(view.cosine, 0, 1)))
+        values = (view.depth.ravel()[pixels], theta.ravel()[pixels],
+                  np.hypot(across, down) / math.hypot(width / 2, height / 2),
+                  (x + 0.5) / width, (y + 0.5) / height, view.reflectivity.ravel()[pixels],
+                  view.amplitude.ravel()[pixels], view.near_edge.ravel()[pixels], frame.uptime,
+                  math.hypot(*path.velocity), recording)
+        for k, value in enumerate(values):
+            self.samples[place, slot, k] = value
+        np.maximum.at(self._filled, place, slot + 1)
 
 
 @njit(cache=True)
@@ -154,13 +172,13 @@ def affected(with_effect: Cells, without: np.ndarray) -> dict[str, np.ndarray]:
     with_effect : Cells
         Of the case's camera.
     without : numpy.ndarray
-        (cells, 11) sums of the same scenes without any effect.
+        (cells, 9) sums of the same scenes without any effect.
 
     Returns
     -------
     dict of str to numpy.ndarray
         Of the cells with enough samples: ``count``, ``affected`` (bool), ``difference`` (6) and
-        ``covariates`` (10, means).
+        ``samples`` (12, 11), see `Cells`.
 
     """
     sums = with_effect.sums
@@ -171,18 +189,19 @@ def affected(with_effect: Cells, without: np.ndarray) -> dict[str, np.ndarray]:
     difference = np.nan_to_num(difference)
     fewest = np.minimum(sums[enough, 1], without[enough, 1])
     count = sums[enough, 0]
-    covariates = with_effect.covariates[enough] / count[:, None]
-    limit = np.maximum(TOLERANCE, _SURE * _noise(other, fewest, covariates))
+    samples = with_effect.samples[enough]
+    edge = samples[:, 0, COVARIATES.index('edge')]
+    limit = np.maximum(TOLERANCE, _SURE * _noise(other, fewest, edge))
     few = fewest < _ENOUGH / 3
     difference[few, 0:2] = 0
     difference[few, 3:] = 0
     return {'count': count, 'affected': (np.abs(difference) > limit).any(axis=1),
-            'difference': difference, 'covariates': covariates}
+            'difference': difference.astype(np.float32),
+            'samples': samples}
 
 
-def _noise(values: np.ndarray, count: np.ndarray, covariates: np.ndarray) -> np.ndarray:
+def _noise(values: np.ndarray, count: np.ndarray, edge: np.ndarray) -> np.ndarray:
     # Standard deviation of the differences, (cells, 6), were there no effect.
-    edge = covariates[:, COVARIATES.index('edge')]
     # An edge moves as a whole: its pixels count for one in this many.
     alone = np.sqrt(2 * (1 + 11 * edge) / np.maximum(count, 1))
     deviation = np.sqrt(np.exp(values[:, 1]))

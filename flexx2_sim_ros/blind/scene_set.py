@@ -1,7 +1,7 @@
 """What depends on scenes alone: eight scenes, their true and nominal views. Cached on disk."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 import math
 import os
@@ -15,7 +15,7 @@ from flexx2_sim_ros.blind.views import look, Optics, shared_optics, View
 import numpy as np
 
 # Change it whenever the same seed gives other scenes: old caches are then not used any more.
-VERSION = 1
+VERSION = 3
 _DEGREES_PER_MM = 0.125 / 2
 
 
@@ -105,27 +105,31 @@ class SceneSet:
         return look(scene.solids, pose, self.optics, rays)
 
     @cached_property
-    def _rendered(self) -> dict[str, np.ndarray]:
-        def render() -> dict[str, np.ndarray]:
-            arrays: dict[str, list[np.ndarray]] = {
-                'clean': [], 'known': [], 'depth': [], 'reflectivity': []}
-            for i in range(self.key.recordings):
-                for time in self._distinct(i):
-                    nominal = self.view(i, time, np.zeros(6))
-                    true = self.view(i, time, self.twists[i])
-                    arrays['clean'].append(nominal.depth)
-                    arrays['known'].append(nominal.reflectivity)
-                    arrays['depth'].append(true.depth)
-                    arrays['reflectivity'].append(true.reflectivity)
-            return {name: np.stack(images) for name, images in arrays.items()}
-        return self.cached('views', render)
+    def _nominal(self) -> dict[str, np.ndarray]:
+        # What the user believes does not depend on how wrong it is.
+        return self.cached('nominal', lambda: self._render(0.0), pose=False)
 
-    def cached(self, what: str, make: Callable[[], dict[str, np.ndarray]]
-               ) -> dict[str, np.ndarray]:
-        """Return arrays from the cache, made first if they are not in it."""
+    @cached_property
+    def _true(self) -> dict[str, np.ndarray]:
+        return self.cached('true', lambda: self._render(1.0))
+
+    def _render(self, wrong: float) -> dict[str, np.ndarray]:
+        views = [self.view(i, time, wrong * self.twists[i])
+                 for i in range(self.key.recordings) for time in self._distinct(i)]
+        return {'depth': np.stack([view.depth for view in views]),
+                'reflectivity': np.stack([view.reflectivity for view in views])}
+
+    def cached(self, what: str, make: Callable[[], dict[str, np.ndarray]], *,
+               pose: bool = True) -> dict[str, np.ndarray]:
+        """
+        Return arrays from the cache, made first if they are not in it.
+
+        ``pose`` says whether they depend on the pose error.
+        """
         if self._cache is None:
             return make()
-        path = self._cache / f'{what}-{self.key.file_name}'
+        key = self.key if pose else replace(self.key, pose_mm=0.0)
+        path = self._cache / f'{what}-{key.file_name}'
         if path.is_file():
             with np.load(path, allow_pickle=False) as archive:
                 return dict(archive)
@@ -149,9 +153,9 @@ class SceneSet:
         """Return the user's depth and reflectivity, (H, W) each or (T, H, W) if it moves."""
         start = self._slot(recording, 0)
         if not self.scenes[recording].path.moving:
-            return self._rendered['clean'][start], self._rendered['known'][start]
+            return self._nominal['depth'][start], self._nominal['reflectivity'][start]
         part = slice(start, start + self.key.frames)
-        return self._rendered['clean'][part], self._rendered['known'][part]
+        return self._nominal['depth'][part], self._nominal['reflectivity'][part]
 
     def true_view(self, recording: int, frame: int) -> View:
         """Return what the camera looks at, nuisance pose error included."""
@@ -162,7 +166,7 @@ class SceneSet:
             twist = self.twists[recording]
             self._views.clear()  # One recording after the other, frame by frame.
             self._views[slot] = View(
-                self.optics, self._rendered['depth'][slot], self._rendered['reflectivity'][slot],
+                self.optics, self._true['depth'][slot], self._true['reflectivity'][slot],
                 scene.solids, R @ rotation(twist[0], twist[1], twist[2]), origin + R @ twist[3:],
                 self.optics.rays, None if self._bounced is None else self._bounced[slot])
         return self._views[slot]

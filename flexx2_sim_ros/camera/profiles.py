@@ -101,7 +101,7 @@ def read_profile(path: str | Path) -> ProfileFile:
         raise top.wrong('modes', 'names that differ by more than their case')
     errors, measured, all_modes = {}, {}, []
     for name in modes:
-        if not (isinstance(name, str) and _NAME.fullmatch(name)):
+        if not is_mode_name(name):
             raise InputError(f'{path}: modes: found the name {name!r}, wanted a letter, then '
                              'letters, digits, _ . + -')
         row = top.section('modes', None).section(name, MODE_FIELDS)
@@ -196,6 +196,11 @@ def _read_mode(name: str, row: '_Section') -> Mode:
         raise InputError(f'{noise.label}: {problem}')
     return Mode(name, rate, near, far, tuple(frequencies), raw_frames,
                 (int(shortest), int(longest)), model, name, 'profile')
+
+
+def is_mode_name(name: Any) -> bool:
+    """Say whether a mode can be called so: a letter, then letters, digits, _ . + -."""
+    return isinstance(name, str) and _NAME.fullmatch(name) is not None
 
 
 def sigma_problem(noise: NoiseModel, near: float, far: float) -> str | None:

@@ -62,7 +62,9 @@ def conditions(profile: Profile, usecases: Sequence[str] | None = None,
             if not mode.range_min <= distance <= mode.range_max:
                 raise InputError(f'--distances: found {distance:g}, wanted {mode.range_min:g} to '
                                  f'{mode.range_max:g} m, the range of {mode.name}')
-            found += [Condition(mode.name, float(distance), float(angle)) for angle in angles]
+            # To the centimetre, as by tape and in the recordings' names.
+            found += [Condition(mode.name, round(float(distance), 2), float(angle))
+                      for angle in angles]
     order = {mode.name: number for number, mode in enumerate(modes)}
     return sorted(set(found), key=lambda c: (c.distance, c.angle_deg, order[c.usecase]))
 

@@ -7,7 +7,7 @@ from typing import Any
 from flexx2_sim_ros import __version__
 from flexx2_sim_ros.camera.intrinsics import Intrinsics
 from flexx2_sim_ros.camera.modes import flexx2, Mode, NoiseModel, Profile
-from flexx2_sim_ros.camera.profiles import ProfileFile, sigma_problem
+from flexx2_sim_ros.camera.profiles import is_mode_name, ProfileFile, sigma_problem
 from flexx2_sim_ros.characterize.analysis import Characterization, LATERAL_PERCENTILE, ModeResult
 from flexx2_sim_ros.characterize.axial import NAMES
 from flexx2_sim_ros.errors import InputError
@@ -71,6 +71,10 @@ def to_profile(result: Characterization, model: str | None = None) -> ProfileFil
 
 
 def _mode(mode: ModeResult, notes: list[str]) -> Mode | None:
+    if not is_mode_name(mode.usecase):
+        notes.append(f'{mode.usecase}: left out of the profile: wanted a name of a letter, then '
+                     'letters, digits, _ . + -')
+        return None
     sigma_x = mode.sigma_x
     if math.isnan(sigma_x):
         notes.append(f'{mode.usecase}: sigma_x: not measured, no upright edge of the board was '

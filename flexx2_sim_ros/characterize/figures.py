@@ -69,7 +69,7 @@ def axial_figure(result: Characterization, path: Path) -> None:
             points = np.array([_core(cell) for cell in cells])
             axis.plot(points[:, 0], 1e3 * points[:, 1], 'o', color=colour, markersize=4.5,
                       markeredgecolor='white', markeredgewidth=0.5, label=f'{angle:g}°')
-        axis.set(title=mode.usecase, xlabel='distance [m]', yscale='log')
+        axis.set(title=_text(mode.usecase), xlabel='distance [m]', yscale='log')
         _plain_log(axis.yaxis)
         axis.grid(True, which='both', alpha=0.25)
     for axis in axes.flat[len(result.modes):]:
@@ -110,7 +110,7 @@ def histogram_figure(histogram: Histogram, path: Path) -> None:
     axis.plot(fine, np.exp(-0.5 * (fine / sigma) ** 2) / sigma / math.sqrt(2 * math.pi),
               color='#b30000', linewidth=1.6, label=f'model: Gaussian, sigma {sigma:.2f} mm')
     distance, angle = histogram.measurement.label
-    axis.set(title=f'{histogram.measurement.usecase}, {distance:g} m, {angle:g}°',
+    axis.set(title=f'{_text(histogram.measurement.usecase)}, {distance:g} m, {angle:g}°',
              xlabel='depth less plane [mm]', ylabel='density [1/mm]')
     axis.set_ylim(top=1.28 * axis.get_ylim()[1])
     axis.legend(loc='upper right', frameon=False)
@@ -147,7 +147,7 @@ def lateral_figure(result: Characterization, path: Path) -> bool:
         axis.plot([], [], 'o', color=colours[angle], markersize=4, label=f'{angle:g}°')
     if any(edge.method == 'outline' for mode in modes for _, edge in mode.edges):
         axis.plot([], [], 'o', color=_GREY, mfc='white', markersize=4, label='nothing behind')
-    axis.set(xticks=range(len(modes)), xticklabels=[mode.usecase for mode in modes],
+    axis.set(xticks=range(len(modes)), xticklabels=[_text(mode.usecase) for mode in modes],
              ylabel='sigma of the edge [px]', xlim=(-0.55, len(modes) - 0.45))
     axis.set_ylim(bottom=0)
     axis.grid(True, axis='y', alpha=0.25)
@@ -168,7 +168,7 @@ def bias_figure(result: Characterization, path: Path) -> bool:
     for mode, colour in zip(modes, colours, strict=True):
         points = np.array([(m.distance, 1e3 * m.bias) for m in mode.measurements if m.bias_of])
         axis.plot(points[:, 0], points[:, 1], 'o', color=colour, markersize=4, alpha=0.8,
-                  label=mode.usecase)
+                  label=_text(mode.usecase))
     axis.axhline(0, color=_GREY, linewidth=0.8)
     truth = ' / '.join(sorted({m.bias_of for mode in modes for m in mode.measurements
                                if m.bias_of}))
@@ -195,7 +195,7 @@ def amplitude_figure(result: Characterization, path: Path) -> bool:
     figure, (noise, validity) = pyplot.subplots(1, 2, figsize=(9.0, 3.6), layout='constrained')
     for (mode, counts), colour in zip(counted, _colours(len(counted)), strict=True):
         curve = sigma_against(join([m.tiles for m in mode.measurements]))
-        label = mode.usecase
+        label = _text(mode.usecase)
         if math.isfinite(curve.exponent):
             label += f': amplitude^{curve.exponent:.2f} above its floor'
         noise.plot(curve.amplitude, 1e3 * curve.sigma, 'o-', color=colour, markersize=4,
@@ -203,7 +203,7 @@ def amplitude_figure(result: Characterization, path: Path) -> bool:
         enough = counts.pixels >= _FEW
         middle = np.sqrt(EDGES[1:] * EDGES[:-1])[enough]
         validity.plot(middle, 100 * counts.invalid[enough] / counts.pixels[enough], 'o-',
-                      color=colour, markersize=4, label=mode.usecase)
+                      color=colour, markersize=4)
     noise.set(xscale='log', yscale='log', xlabel='amplitude', ylabel='sigma_z [mm]')
     _plain_log(noise.yaxis)
     validity.set(xscale='log', xlabel='amplitude', ylabel='invalid [%]', ylim=(-3, 103))
@@ -214,6 +214,11 @@ def amplitude_figure(result: Characterization, path: Path) -> bool:
     figure.savefig(path, dpi=130)
     pyplot.close(figure)
     return True
+
+
+def _text(name: str) -> str:
+    """Return a name as it is: between dollar signs Matplotlib would read formulas."""
+    return name.replace('$', r'\$')
 
 
 def _plain_log(axis: Any) -> None:

@@ -124,7 +124,9 @@ def pixel_statistics(board: Board, moments: Moments, usable: np.ndarray,
     series = means.series
     expected = float(np.nanmean(moments.variance[means.pixels])) / len(means.pixels[0])
     drift = float(np.polyfit(np.linspace(-0.5, 0.5, len(series)), series, 1)[0])
-    noise = float(np.mean(moments.variance[v, u] / moments.count[v, u]))
+    # What moves the whole frame is no noise of a pixel's mean about its neighbours'.
+    own = np.maximum(moments.variance[v, u] - series.var(ddof=1), 0.0)
+    noise = float(np.mean(own / moments.count[v, u]))
     return Pixels(
         count, invalid, lag, right, down, skewness, kurtosis,
         float(series.var(ddof=1)) / expected if expected > 0 else math.nan, drift,

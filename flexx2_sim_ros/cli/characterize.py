@@ -136,7 +136,8 @@ def _fit(arguments: argparse.Namespace) -> int:
     page = write_report(result, profile, out, arguments.camera)
     print_result(result)
     for reason in result.left_out:
-        console.print(f'left out: {reason}', style='yellow', highlight=False, markup=False)
+        console.print(f'left out: {reason}', style='yellow', highlight=False, markup=False,
+                      soft_wrap=True)
     console.print(f'{page}\n{out / "profile.yaml"}', highlight=False, markup=False,
                   soft_wrap=True)
     return 0

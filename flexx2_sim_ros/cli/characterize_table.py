@@ -33,12 +33,13 @@ def print_result(result: Characterization, console: Console | None = None) -> No
     console.print(table)
     for mode in result.modes:
         for note in mode.axial.notes:
-            console.print(f'{mode.usecase}: {note}', highlight=False, markup=False)
+            console.print(f'{mode.usecase}: {note}', highlight=False, markup=False,
+                          soft_wrap=True)
         for finding in check_assumptions(mode):
             if finding.holds is False:
                 console.print(f'{mode.usecase}: does not hold: {finding.assumption}: '
                               f'{finding.evidence}', style='yellow', highlight=False,
-                              markup=False)
+                              markup=False, soft_wrap=True)
 
 
 def _text(value: float | None, form: str) -> str:

@@ -11,6 +11,7 @@ from flexx2_sim_ros.errors import InputError
 from rich.console import Console
 
 _ACKNOWLEDGE_SECONDS = 5.0
+_DISCOVERY_SECONDS = 0.5
 
 
 def add_parser(commands: Any) -> None:
@@ -74,5 +75,9 @@ def _wait(player: Any, seconds: float, stopped: Callable[[], bool], console: Con
     with console.status('waiting for subscribers'):
         while player.unheard() and time.monotonic() < deadline and not stopped():
             time.sleep(0.02)
+        # A subscriber that is seen here need not have seen this publisher yet, and what is
+        # published before that is lost to one that asks for best effort.
+        if seconds:
+            time.sleep(_DISCOVERY_SECONDS)
     if unheard := player.unheard():
         console.print(f'nobody subscribes to {", ".join(unheard)}', style='dim')

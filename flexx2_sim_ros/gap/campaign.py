@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from flexx2_sim_ros.camera import flexx2, Intrinsics, Mode, Profile
+from flexx2_sim_ros.camera.modes import camera_config
 from flexx2_sim_ros.camera.surface import analyse
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap.evidence import choose_frames, Take
@@ -146,6 +147,8 @@ def read(found: Found, profile: Profile | None) -> Take:
     if clean.ndim == 3 and (clean == clean[0]).all(where=np.isfinite(clean)):
         clean = clean[0]
     reflectivity = _stack('reflectivity', parts)
+    if reflectivity is not None:
+        reflectivity = np.clip(reflectivity, 0, 1)
     if reflectivity is None:
         amplitude = _stack('amplitude', parts)
         reflectivity = None if amplitude is None else _from_amplitude(
@@ -154,7 +157,7 @@ def read(found: Found, profile: Profile | None) -> Take:
         if reflectivity.shape[-2:] != shape:
             raise InputError(f'{path}: reflectivity: found size {reflectivity.shape[-2:]}, '
                              f'wanted that of depth, {shape}')
-        reflectivity = np.clip(np.nan_to_num(reflectivity), 0, 1).astype(np.float32)
+        reflectivity = np.nan_to_num(reflectivity).astype(np.float32)
         if clean.ndim == 2 and reflectivity.ndim == 3:
             reflectivity = reflectivity.mean(axis=0)
     return Take(path.name, depth, clean, reflectivity, reader.K, reader.stamp_ns[chosen], fresh,
@@ -181,7 +184,10 @@ def _uptime(reader: RecordingReader, chosen: np.ndarray) -> float | None:
 
 def _from_amplitude(amplitude: np.ndarray, clean: np.ndarray, K: np.ndarray  # noqa: N803
                     ) -> np.ndarray:
-    # What the surface's reflectivity must be, up to a factor: half on the median.
+    # What the surface's reflectivity must be, if full scale (of 8 or 16 bits) is a white pixel of
+    # the camera's own gray image. May exceed 1: the unit is the camera's.
+    full = 255.0 if float(np.nanmax(amplitude)) <= 255 else 65535.0
+    scale = np.float32(camera_config().full_scale_amplitude / full)
     image = amplitude.astype(np.float32)
     image = np.nanmean(image, axis=0) if image.ndim == 3 and clean.ndim == 2 else image
     depths = clean if clean.ndim == 3 else clean[None]
@@ -191,7 +197,4 @@ def _from_amplitude(amplitude: np.ndarray, clean: np.ndarray, K: np.ndarray  # n
         lens = Intrinsics.from_matrix(K, depth.shape[1], depth.shape[0])
         cosine = np.maximum(analyse(np.ascontiguousarray(depth), lens).cos_incidence, 0.05)
         out.append(one * depth ** 2 / cosine)
-    stack = np.nan_to_num(np.stack(out))
-    positive = stack[stack > 0]
-    scale = 0.5 / float(np.median(positive)) if positive.size else 1.0
-    return np.clip(stack * scale, 0.0, 1.0).reshape(clean.shape)
+    return np.clip(np.nan_to_num(np.stack(out)) * scale, 0, 1e3).reshape(clean.shape)

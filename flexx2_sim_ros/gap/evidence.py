@@ -12,6 +12,7 @@ from flexx2_sim_ros.gap.features import (
     features,
     lattice_peak,
     lattice_spectrum,
+    LAYOUT,
     SIGMA,
     SIZE,
     static_grain,
@@ -31,6 +32,7 @@ _NOT_POSE: tuple[dict[str, dict[str, float]], ...] = (
     {'multipath': {}}, {'stray_light': {}},
     *({'intrinsics_error': {**_LENS, name: value}}
       for name, value in (('focal', 0.005), ('cx', 0.7), ('cy', 0.7), ('k1', -0.01))))
+_GRAIN = next(i for i, f in enumerate(LAYOUT) if f.channel == 'static_grain')
 _ENOUGH_ALIKE = 12  # samples, where the random numbers are the same
 _FEW = 8  # frames where a few are enough
 _FEWEST = 5  # for a bias or a loss, which add no noise
@@ -264,6 +266,8 @@ def gather(take: Take, columns: Sequence[Column], seed: int, prior: np.ndarray) 
         if moving or not NEEDS_MOTION & column.effects.keys():
             kind = 0 if column.effects.keys() <= _BIASES else 1 if column.few else 2
             shifts[i] = simulated[kind].shift(column.effects)
+            if kind == 1:  # Grain is noise that is left, and the more so the fewer frames.
+                shifts[i, _GRAIN] *= nulls[0, _GRAIN] / max(simulated[1].base[_GRAIN], 1e-9)
     pose_columns = np.array([(simulated[0].shift(pose_effects(i, 1))
                               - simulated[0].shift(pose_effects(i, -1))) / 2 for i in range(6)])
     return Evidence(
@@ -286,7 +290,7 @@ class _Part:
         self._fresh[1:] |= np.diff(frames) != 1
         self._spectrum = spectrum
         self._warm = warm
-        self._base = self._features(())
+        self.base = self._features(())
 
     def _features(self, effects: Any) -> np.ndarray:
         lattice = not effects or (isinstance(effects, dict) and 'quantisation' in effects)
@@ -296,7 +300,7 @@ class _Part:
 
     def shift(self, effects: Any) -> np.ndarray:
         """Return what the effects change, 0 where that cannot be said."""
-        return np.nan_to_num(self._features(effects) - self._base)
+        return np.nan_to_num(self._features(effects) - self.base)
 
 
 def drift_factors(uptime: float | None) -> list[float]:

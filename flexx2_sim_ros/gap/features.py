@@ -22,7 +22,8 @@ CHANNELS = {'bias': (0.10, 'sigma'), 'invalid': (0.008, ''), 'high': (0.004, '')
             'lag': (0.04, ''), 'neighbour': (0.04, ''), 'trend': (0.15, 'sigma')}
 STRUCTURES = {'frame_common': 0.01, 'row_common': 0.01, 'column_common': 0.01,
               'row_invalid': 0.004, 'static_grain': 0.015, 'static_rows': 0.004,
-              'static_columns': 0.004, 'frame_spread': 0.04, 'lattice': 0.5, 'repeat': 0.08}
+              'static_columns': 0.004, 'static_neighbour': 0.04, 'frame_spread': 0.04,
+              'lattice': 0.5, 'repeat': 0.08}
 _FULL = ('bias', 'invalid', 'high', 'low', 'log_variance', 'kurtosis', 'lag', 'neighbour')
 _BRIEF = {'beyond': ('invalid',), 'fine_distance': ('bias', 'high', 'low'),
           'tile': ('bias', 'invalid')}
@@ -324,6 +325,9 @@ def _structure(sums: Sums, lattice_base: np.ndarray | None) -> tuple[np.ndarray,
             line = np.where(good, np.clip(grain, -3, 3), 0).sum(axis=axis)
             square = np.where(good, np.clip(grain, -3, 3) ** 2, 0).sum(axis=axis)
             out[name] = float((line ** 2 - square).sum() / max((number ** 2 - number).sum(), 1))
+        # All that single frames say of a filter in the camera.
+        product = np.clip(grain[:, 1:], -3, 3) * np.clip(grain[:, :-1], -3, 3)
+        out['static_neighbour'] = float(np.nanmean(product) / max(out['static_grain'], 1e-9))
     if lattice_base is not None and sums.lattice is not None:
         out['lattice'] = lattice_peak(lattice_spectrum(sums), lattice_base)[0]
     values = np.array(list(out.values()))

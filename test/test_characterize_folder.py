@@ -1,0 +1,356 @@
+"""Folders as people have them: recordings that are wrong, resumed, in bags, of another camera."""
+
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+import re
+from typing import Any
+
+from boards import board, K
+from flexx2_sim_ros.camera import flexx2
+from flexx2_sim_ros.camera.profiles import load_profile, ProfileFile, save_profile
+from flexx2_sim_ros.characterize import characterize
+from flexx2_sim_ros.characterize.campaign import capture, conditions
+from flexx2_sim_ros.characterize.conditions import parse_name
+from flexx2_sim_ros.cli.main import main
+from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.recording.convert import convert
+import numpy as np
+import pytest
+
+MODE_9 = flexx2().mode('Mode_9_30fps')
+PNG = b'\x89PNG'
+
+
+def content(distance: float = 1.0, angle: float = 15.0, frames: int = 12,
+            size: tuple[int, int] = (60, 80)) -> dict[str, Any]:
+    """Make a recording of a board that fills the image."""
+    target = board(distance, angle, size=size)
+    sigma = MODE_9.noise.sigma_z(target.depth, target.incidence)
+    generator = np.random.default_rng(round(1000 * distance + angle))
+    noise = generator.standard_normal((frames, *size))
+    return {'depth': (target.depth + sigma * noise).astype(np.float32), 'K': target.K,
+            'stamp': np.arange(frames) / 30, 'usecase': 'Mode_9_30fps'}
+
+
+def write(folder: Path, name: str, **changes: Any) -> Path:
+    """Write a recording that is right but for the changes."""
+    condition = parse_name(Path(name))
+    made = {} if condition is None else {'distance': condition.distance,
+                                         'angle': condition.angle_deg}
+    np.savez(folder / name, **{**content(**made), **changes})
+    return folder / name
+
+
+def good(folder: Path) -> list[Path]:
+    """Write five recordings that are right."""
+    return [write(folder, f'Mode_9_30fps_{distance:.2f}m_{angle}deg.npz')
+            for distance, angle in ((0.7, 0), (1.0, 30), (1.5, 0), (1.5, 50), (2.0, 30))]
+
+
+def tiny() -> np.ndarray:
+    depth = np.full((12, 60, 80), np.nan, np.float32)
+    depth[:, 26:34, 36:44] = 1.0
+    return depth
+
+
+OTHER_K = np.array([[190.0, 0, 39.5], [0, 212.9, 29.5], [0, 0, 1]])
+WRONG = {
+    'other mode': ({'usecase': 'Mode_5_30fps'}, 'found Mode_5_30fps, wanted Mode_9_30fps'),
+    'other K': ({'K': OTHER_K}, 'K: found 80 x 60 pixels, fx 190'),
+    'other size': (content(1.0, 15, size=(50, 70)), 'wanted 80 x 60 pixels'),
+    'one frame': ({key: content()[key][:1] for key in ('depth', 'stamp')}, 'found 1 frame'),
+    'all invalid': ({'depth': np.full((12, 60, 80), np.nan, np.float32)}, 'every pixel is'),
+    'zeros': ({'depth': np.zeros((12, 60, 80), np.float32)}, 'every pixel is invalid'),
+    'millimetres': ({'depth': 1000 * content()['depth']}, 'are these millimetres'),
+    'a board that fills nothing': ({'depth': tiny()}, 'wanted at least 100'),
+    'no plane': ({'depth': np.random.default_rng(0).uniform(0.5, 5, (12, 60, 80)).astype('f4')},
+                 'board: '),
+    'elsewhere': (content(1.6, 15), 'board: found at 1.6'),
+    'another angle': (content(1.0, 40), 'wanted 15 as the name says'),
+    'no stamp': ({'stamp': np.array(['a'] * 12)}, 'stamp'),
+}
+
+
+@pytest.fixture
+def camera() -> Any:
+    """Return a camera of 80 x 60 pixels, for quick captures."""
+    return replace(flexx2(), intrinsics=replace(flexx2().intrinsics, width=80, height=60,
+                                                cx=39.5, cy=29.5))
+
+
+@pytest.mark.parametrize('kind', WRONG)
+def test_a_wrong_recording_is_left_out_and_the_rest_analysed(tmp_path: Path, kind: str) -> None:
+    good(tmp_path)
+    changes, named = WRONG[kind]
+    bad = write(tmp_path, 'Mode_9_30fps_1.00m_15deg.npz', **changes)
+    result = characterize(tmp_path)
+    assert len(result.left_out) == 1
+    assert result.left_out[0].startswith(str(bad))
+    assert named in result.left_out[0]
+    assert 'wanted' in result.left_out[0]
+    assert len(result.modes[0].cells) == 5
+
+
+@pytest.mark.parametrize('keep', [0, 100, 0.5, 0.98])
+def test_a_cut_off_recording_is_left_out(tmp_path: Path, keep: float) -> None:
+    whole = good(tmp_path)
+    data = whole[0].read_bytes()
+    whole[0].write_bytes(data[:int(keep if keep > 1 else keep * len(data))])
+    result = characterize(tmp_path)
+    assert len(result.modes[0].cells) == 4
+    assert str(whole[0]) in result.left_out[0]
+
+
+def test_a_recording_that_breaks_off_amid_depth_is_left_out(tmp_path: Path) -> None:
+    """Assert it although its directory is whole, as after a disk error."""
+    whole = good(tmp_path)
+    data = bytearray(whole[0].read_bytes())
+    data[len(data) // 2] ^= 0xFF
+    whole[0].write_bytes(bytes(data))
+    result = characterize(tmp_path)
+    assert len(result.modes[0].cells) == 4
+    assert str(whole[0]) in result.left_out[0]
+
+
+def test_nothing_that_can_be_used_is_said_with_every_reason(
+        tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / 'a.npz').write_bytes(b'no archive')
+    write(tmp_path, 'b.npz', depth=np.zeros((12, 60, 80), np.float32))
+    assert main(['characterize', 'fit', str(tmp_path), '--jobs', '1']) == 2
+    printed = capsys.readouterr().err
+    assert 'none of its 2 recordings' in printed
+    assert 'a.npz: cannot be read' in printed
+    assert 'b.npz: depth: every pixel is invalid' in printed
+    assert 'Traceback' not in printed
+    assert not (tmp_path / 'characterization').exists()
+
+
+class Page(HTMLParser):
+    """Collects what a page refers to, and its text."""
+
+    def __init__(self) -> None:
+        """Start with nothing."""
+        super().__init__()
+        self.links: list[str] = []
+        self.tags: list[str] = []
+        self.text = ''
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        """Keep links."""
+        self.tags.append(tag)
+        self.links += [value or '' for key, value in attrs if key in ('src', 'href')]
+
+    def handle_data(self, data: str) -> None:
+        """Keep text."""
+        self.text += data
+
+
+def test_the_command_writes_a_page_figures_and_a_profile(
+        tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Assert the page is whole in itself and nothing in a file's name gets into its markup."""
+    good(tmp_path)
+    hostile = write(tmp_path, 'Mode_9_30fps_1.00m_15deg.npz', usecase='<b>x&y')
+    out = tmp_path / 'out <i>'
+    assert main(['characterize', 'fit', str(tmp_path), '--out', str(out), '--jobs', '1',
+                 '--model', 'Cam']) == 0
+    printed = capsys.readouterr()
+    assert 'left out' in printed.err
+    assert str(hostile) in printed.err
+    for name in ('sigma_z', 'histogram', 'bias'):
+        assert (out / f'{name}.png').read_bytes().startswith(PNG)
+    # No edge of the board is in the image.
+    assert not (out / 'lateral.png').exists()
+    page = Page()
+    source = (out / 'report.html').read_text(encoding='utf-8')
+    page.feed(source)
+    assert page.links
+    assert all(link.startswith('data:image/png;base64,') for link in page.links)
+    assert not {'b', 'i', 'script', 'link', 'iframe'} & set(page.tags)
+    for text in ('Mode_9_30fps', 'Axial noise', 'Lateral noise', 'not measured', 'the paper',
+                 'Left out: 1', 'found <b>x&y, wanted Mode_9_30fps', 'Every recording',
+                 'sigma_x: not measured'):
+        assert text in page.text, text
+    profile = load_profile(out / 'profile.yaml')
+    assert profile.model == 'Cam'
+    assert profile.names == ['Mode_9_30fps']
+    assert profile.mode('Mode_9_30fps').noise.sigma_x == 0.0
+    # Again, with what is there now; nothing is left of the run before.
+    (out / 'lateral.png').write_bytes(b'old')
+    assert main(['characterize', 'fit', str(tmp_path), '--out', str(out), '--jobs', '1']) == 0
+    assert not (out / 'lateral.png').exists()
+
+
+def test_a_modes_name_is_text_wherever_it_is_shown(tmp_path: Path) -> None:
+    """Assert a name full of markup does no harm, and that no profile can have it."""
+    good(tmp_path)
+    hostile = r'<i>$\nothing{'
+    for number, distance in enumerate((0.8, 1.2, 1.6)):
+        np.savez(tmp_path / f'view{number}.npz', **content(distance, 20) | {'usecase': hostile})
+    out = tmp_path / 'out'
+    assert main(['characterize', 'fit', str(tmp_path), '--out', str(out), '--jobs', '1']) == 0
+    page = Page()
+    page.feed((out / 'report.html').read_text(encoding='utf-8'))
+    assert 'i' not in page.tags
+    assert hostile in page.text
+    assert f'{hostile}: left out of the profile' in page.text
+    assert load_profile(out / 'profile.yaml').names == ['Mode_9_30fps']
+
+
+def test_from_a_capture_to_a_running_camera(tmp_path: Path, camera: Any,
+                                            monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert the three commands of the documentation, one after the other."""
+    monkeypatch.chdir(tmp_path)
+    save_profile(tmp_path / 'small.yaml', ProfileFile(camera))
+    assert main(['characterize', 'capture', 'campaign', '--usecase', 'Mode_5_30fps',
+                 '--distances', '0.4', '0.7', '1.0', '--angles', '0', '45', '--frames', '20',
+                 '--profile', 'small.yaml', '--jobs', '1']) == 0
+    assert main(['characterize', 'fit', 'campaign', '--out', 'result', '--jobs', '1']) == 0
+    np.savez('scene.npz', clean_depth=np.full((60, 80), 1.0), K=camera.intrinsics.matrix)
+    assert main(['simulate', 'scene.npz', 'out.npz', '--profile', 'result/profile.yaml',
+                 '--frames', '100']) == 0
+    with np.load('out.npz', allow_pickle=False) as recording:
+        assert recording['usecase'] == 'Mode_5_30fps'
+        sigma = recording['depth'][:, 20:40, 30:50].astype(float).std(axis=0, ddof=1).mean()
+    # 100 x 400 samples know it to 0.35 %; the profile to 1 %.
+    assert sigma == pytest.approx(
+        float(flexx2().mode('Mode_5_30fps').noise.sigma_z(1.0, 0.0)), rel=0.06)
+
+
+def test_bags_give_what_the_arrays_do(tmp_path: Path) -> None:
+    arrays, bags = tmp_path / 'arrays', tmp_path / 'bags'
+    arrays.mkdir()
+    bags.mkdir()
+    for number, path in enumerate(good(arrays)):
+        convert(path, bags / (path.stem + ('.mcap' if number % 2 else '')))
+    one, other = characterize(arrays), characterize(bags)
+    assert not other.left_out
+    for cell, same in zip(one.modes[0].cells, other.modes[0].cells, strict=True):
+        assert same.sigma == pytest.approx(cell.sigma, rel=1e-9)
+        assert same.measurement.condition == cell.measurement.condition
+
+
+def test_another_camera_and_mode_make_a_profile(tmp_path: Path) -> None:
+    """Assert what is not known is said, and the profile can be run."""
+    for number, (distance, angle) in enumerate(((0.6, 5), (0.9, 40), (1.3, 10), (1.8, 45))):
+        made = content(distance, angle, size=(96, 128))
+        made['stamp'] = np.arange(12) / 15
+        np.savez(tmp_path / f'view{number}.npz', **made | {'usecase': 'tof'})
+    out = tmp_path / 'out'
+    assert main(['characterize', 'fit', str(tmp_path), '--out', str(out), '--jobs', '1']) == 0
+    mode = load_profile(out / 'profile.yaml').mode('tof')
+    assert mode.rate_hz == pytest.approx(15.0)
+    assert 0.3 < mode.range_min < 0.6 < 1.8 < mode.range_max < 4.0
+    assert mode.modulation_hz == ()
+    assert load_profile(out / 'profile.yaml').intrinsics.width == 128
+    text = (out / 'profile.yaml').read_text()
+    assert 'modulation, raw frames and exposure are not known' in re.sub(r'\s+', ' ', text)
+    page = (out / 'report.html').read_text(encoding='utf-8')
+    assert 'the true distance is not known' in page
+    assert not (out / 'bias.png').exists()
+
+
+def test_single_frames_are_measured_in_space_and_it_is_said(tmp_path: Path) -> None:
+    """Assert sigma within 5 %: some 100 tiles of 61 degrees of freedom know it to 0.9 %."""
+    for number, (distance, angle) in enumerate(((0.6, 5), (0.9, 40), (1.3, 10), (1.8, 45))):
+        made = content(distance, angle, frames=1)
+        np.savez(tmp_path / f'view{number}.npz', **made)
+    out = tmp_path / 'out'
+    assert main(['characterize', 'fit', str(tmp_path), '--out', str(out), '--jobs', '1']) == 0
+    page = (out / 'report.html').read_text(encoding='utf-8')
+    assert 'Single frames: noise is what one frame leaves of a plane' in page
+    assert '1 frame a recording cannot say' in page
+    assert 'what one frame leaves of a plane' in (out / 'profile.yaml').read_text()
+    for cell in characterize(tmp_path).modes[0].cells:
+        m = cell.measurement
+        true = MODE_9.noise.sigma_z(m.tiles.z, m.tiles.theta)
+        assert np.sqrt(m.tiles.variance.mean() / np.mean(true ** 2)) == pytest.approx(1, rel=0.05)
+
+
+def test_a_box_says_where_the_board_is(tmp_path: Path) -> None:
+    """Assert a board in a corner is measured there; false failures: sigma is known to 0.6 %."""
+    near, far = content(1.0, 15), content(2.5, 0)
+    depth = far['depth'].copy()
+    depth[:, :30, :40] = near['depth'][:, :30, :40]
+    np.savez(tmp_path / 'one.npz', **near | {'depth': depth})
+    result = characterize(tmp_path, box=(2, 2, 36, 26))
+    m = result.modes[0].measurements[0]
+    assert m.pixels.count == 34 * 24
+    assert m.distance == pytest.approx(1.0, rel=0.05)
+    with pytest.raises(InputError, match='box: found .* wanted x0 y0 x1 y1 within 80 x 60'):
+        characterize(tmp_path, box=(2, 2, 90, 26))
+
+
+def test_a_capture_goes_on_where_it_was(tmp_path: Path, camera: Any) -> None:
+    wanted = conditions(camera, ['Mode_5_30fps'], [0.5, 0.8], [0, 30])
+    first = dict(capture(tmp_path, wanted, camera, frames=3))
+    assert list(first.values()) == [True] * 4
+    lost, cut = sorted(first)[:2]
+    kept = {path: path.read_bytes() for path in first}
+    lost.unlink()
+    cut.write_bytes(cut.read_bytes()[:1000])
+    (tmp_path / f'.{lost.name}.abc').write_bytes(b'of a capture that was killed')
+    again = dict(capture(tmp_path, wanted, camera, frames=3))
+    assert {path for path, new in again.items() if new} == {lost, cut}
+    assert {path: path.read_bytes() for path in first} == kept
+    assert {path.name for path in tmp_path.iterdir()} == {path.name for path in first}
+    for change, named in (({'frames': 4}, 'frames: found 3, wanted 4'),
+                          ({'frames': 3, 'seed': 1}, 'seed: found 0, wanted 1')):
+        with pytest.raises(InputError, match=named):
+            list(capture(tmp_path, wanted, camera, **change))
+    assert len(characterize(tmp_path, workers=2).modes[0].cells) == 4
+
+
+def test_a_distorted_camera_sees_the_same_board(tmp_path: Path, camera: Any) -> None:
+    """Assert the clean depth is the board's, by the camera's own rays."""
+    from flexx2_sim_ros.camera.geometry import pixel_rays
+    bent = replace(camera, intrinsics=replace(camera.intrinsics, cx=36.0, cy=31.0,
+                                              distortion=(0.05, 0.0, 0.001, 0.0, 0.0)))
+    wanted = conditions(bent, ['Mode_9_30fps'], [0.5], [30])
+    (path, _), = capture(tmp_path, wanted, bent, frames=2)
+    with np.load(path, allow_pickle=False) as recording:
+        clean = recording['clean_depth']
+        x, _ = pixel_rays(bent.intrinsics)
+        np.testing.assert_allclose(clean, 0.5 / (1 - np.tan(np.radians(30)) * x), rtol=2e-3)
+        np.testing.assert_array_equal(recording['distortion'], bent.intrinsics.distortion)
+
+
+def test_the_plan_is_the_captures_campaign(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(['characterize', 'plan']) == 0
+    printed = capsys.readouterr().out
+    names = re.findall(r'- \[ \] `(\S+)`', printed)
+    assert names == [c.name for c in conditions(flexx2())]
+    assert len(names) == len(set(names)) == 3 * 8 * 5
+    assert 'Mode_9_30fps_1.00m_15deg' in names
+    assert main(['characterize', 'plan', '--usecase', 'mode_9_5fps', '--distances', '1', '2',
+                 '--angles', '0', '--frames', '10']) == 0
+    printed = capsys.readouterr().out
+    assert re.findall(r'- \[ \] `(\S+)`', printed) == [
+        'Mode_9_5fps_1.00m_0deg', 'Mode_9_5fps_2.00m_0deg']
+    assert '3 s or more give 10 frames' in printed
+
+
+@pytest.mark.parametrize(('arguments', 'named'), [
+    (['plan', '--usecase', 'Mode_7'], 'usecase'),
+    (['plan', '--distances', '3'], '--distances: found 3, wanted 0.1 to 2.4 m'),
+    (['plan', '--distances', 'nan'], '--distances'),
+    (['plan', '--angles', '85'], '--angles'),
+    (['plan', '--angles', '-5'], '--angles'),
+    (['plan', '--frames', '0'], '--frames'),
+    (['capture', 'x', '--frames', '0'], '--frames'),
+    (['capture', 'x', '--jobs', '0'], '--jobs'),
+    (['capture', '/dev/null/x'], 'cannot be made'),
+    (['fit', 'no such folder'], 'not a folder'),
+    (['fit', '.', '--box', '5', '5', '1', '1'], 'no recording in it')])
+def test_bad_arguments_are_named(arguments: list[str], named: str, tmp_path: Path,
+                                 monkeypatch: pytest.MonkeyPatch,
+                                 capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(['characterize', *arguments]) == 2
+    assert named in capsys.readouterr().err
+    assert not list(tmp_path.glob('**/*.npz'))
+
+
+def test_the_matrix_is_the_tests_own() -> None:
+    """Assert what the wrong ones are wrong about."""
+    assert content()['K'][0, 0] == K[0, 0] != OTHER_K[0, 0]
