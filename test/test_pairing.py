@@ -96,6 +96,15 @@ def test_a_run_that_starts_again_does_not_see_the_last_ones_companions() -> None
                 (stamp, f'info {stamp}', f'reflectivity {stamp}')]
 
 
+def test_companions_that_are_ahead_of_a_restart_are_kept() -> None:
+    """Assert that images find what came with them, though the next one's was there as well."""
+    pairing = StampPairing()
+    for stamp in range(5):
+        run(pairing, f'info {stamp}', f'reflectivity {stamp}', f'image {stamp}')
+    assert run(pairing, 'info 0', 'info 1', 'reflectivity 0', 'reflectivity 1', 'image 0',
+               'image 1') == [(0, 'info 0', 'reflectivity 0'), (1, 'info 1', 'reflectivity 1')]
+
+
 def test_one_info_outlives_a_restart() -> None:
     """Assert a camera info that came once serves the next run too, whatever its stamp."""
     pairing = StampPairing()

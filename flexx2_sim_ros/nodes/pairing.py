@@ -45,6 +45,8 @@ class StampPairing:
         self._expected = {'info': True, 'reflectivity': False}
         self._kept: dict[str, OrderedDict[int, Any]] = {
             name: OrderedDict() for name in self._expected}
+        # Companions that have gone back ahead of the image.
+        self._gone_back: set[str] = set()
         self._pending: tuple[int, Any] | None = None
         self._released: int | None = None
         self._newest = -(1 << 63)
@@ -58,9 +60,10 @@ class StampPairing:
                 self._expected[name] = False
             matches.append(self._release())
         if stamp < self._newest:
-            for kept in self._kept.values():
-                if kept and next(reversed(kept)) > stamp:
+            for name, kept in self._kept.items():
+                if name not in self._gone_back and kept and next(reversed(kept)) > stamp:
                     kept.clear()
+            self._gone_back.clear()
         self._newest = stamp
         self._pending = (stamp, message)
         if not self._missing(stamp):
@@ -74,6 +77,7 @@ class StampPairing:
         kept = self._kept[name]
         if kept and stamp < next(reversed(kept)):
             kept.clear()
+            self._gone_back.add(name)
         kept[stamp] = message
         kept.move_to_end(stamp)
         while len(kept) > _KEPT:

@@ -32,6 +32,7 @@ _DEPTH = 100
 _AHEAD_BYTES = 1_000_000
 _FRAGMENTED_BYTES = 65_536
 _PATIENCE_SECONDS = 1.0
+_UNDER_WAY_SECONDS = 0.5
 
 
 class Player(Node):
@@ -133,6 +134,8 @@ class Player(Node):
 
     def finish(self, seconds: float) -> bool:
         """Wait until all subscribers have everything; say whether they do in time."""
+        # Best effort acknowledges nothing, and loses what is under way when the topic goes.
+        time.sleep(min(_UNDER_WAY_SECONDS, seconds))
         deadline = time.monotonic() + seconds
         return all(publisher.wait_for_all_acked(
             Duration(seconds=max(0.0, deadline - time.monotonic())))
