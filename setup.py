@@ -21,6 +21,7 @@ setup(
     license='Apache-2.0',
     python_requires='>=3.11',
     packages=find_packages(include=[NAME, f'{NAME}.*']),
+    package_data={f'{NAME}.view': ['page/*']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (str(SHARE), ['package.xml']),
@@ -38,6 +39,9 @@ setup(
         'scipy>=1.11',
     ],
     extras_require={
+        'batch': [
+            'warp-lang>=1.19',
+        ],
         'cluster': [
             'distributed>=2024.1',
         ],
@@ -47,6 +51,7 @@ setup(
         'ros': [
             'ros-jazzy-common-interfaces',
             'ros-jazzy-rclpy[fastrtps]',
+            'tornado>=6.4',
         ],
         'test': [
             'colcon-common-extensions',
@@ -66,7 +71,12 @@ setup(
             'pydocstyle',
             'pytest',
             'ruff',
+            'tornado>=6.4',
             'types-PyYAML',
+            'warp-lang>=1.19',
+        ],
+        'view': [
+            'tornado>=6.4',
         ],
     },
     entry_points={

@@ -1,5 +1,6 @@
 """The whole campaign of the paper, simulated and analysed: what comes out, time, memory."""
 
+import os
 from pathlib import Path
 import resource
 import shutil
@@ -35,7 +36,7 @@ def run() -> None:
 def _campaign(folder: Path) -> None:
     profile = flexx2()
     wanted = conditions(profile)
-    start = time.perf_counter()
+    start, before = time.perf_counter(), _cpu_seconds()
     for _ in capture(folder, wanted, profile, frames=FRAMES, workers=_WORKERS):
         pass
     captured = time.perf_counter()
@@ -44,11 +45,17 @@ def _campaign(folder: Path) -> None:
     child = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024
     print(f'{len(wanted)} recordings, {len(wanted) * FRAMES:,} frames, {_WORKERS} processes: '
           f'simulated in {captured - start:.0f} s, analysed in {fitted - captured:.0f} s '
-          '(wanted: 240 s together)')
+          f'(wanted: 240 s together); {_cpu_seconds() - before:.0f} s of a core, '
+          f'load {os.getloadavg()[0]:.1f}')
     print(f'largest resident memory: {peak_megabytes():.0f} MB + {_WORKERS} x {child:.0f} MB '
           '(wanted: 1,500 MB)\n')
     print_result(result)
     _against_truth(result)
+
+
+def _cpu_seconds() -> float:
+    used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    return sum(u.ru_utime + u.ru_stime for u in used)
 
 
 def _against_truth(result: Characterization) -> None:
@@ -70,9 +77,9 @@ def _against_truth(result: Characterization) -> None:
               + f'{np.mean([cell.axial.raw for cell in mode.cells]):10.4f}'
               f'{np.mean([kl.raw for kl in lateral]):10.4f}  (wanted: mean at most 0.005)')
         print(f'  {"less its floor":14s}'
-              + ''.join(f'{kl:10.4f}' for kl in _by_angle(mode, 'debiased'))
-              + f'{np.mean([cell.axial.debiased for cell in mode.cells]):10.4f}'
-              f'{np.mean([kl.debiased for kl in lateral]):10.4f}')
+              + ''.join(f'{kl:z10.4f}' for kl in _by_angle(mode, 'debiased'))
+              + f'{np.mean([cell.axial.debiased for cell in mode.cells]):z10.4f}'
+              f'{np.mean([kl.debiased for kl in lateral]):z10.4f}')
         row = paper[mode.usecase]
         kls = [row['axial_kl'][angle] for angle in (0, 15, 30, 45, 60)]
         print(f'  {"the paper":14s}' + ''.join(f'{kl:10.3f}' for kl in kls)

@@ -46,7 +46,7 @@ def main() -> None:
                 table = diagnose(folder, jobs=arguments.jobs,
                                  without=[name] if own and arguments.without else [])
             found = [row['name'] for row in table['effects']]
-            ties = [e['name'] for other in table['alternatives'] for e in other['effects']]
+            ties = [other['name'] for other in table['alternatives']]
             if own and not arguments.without:
                 good = name in found
             elif name == 'none':

@@ -84,6 +84,22 @@ def test_a_file_at_the_start_and_numbers_beside_it(tmp_path: Path) -> None:
             assert not conf[:, :40][lost].any()
 
 
+def test_what_a_diagnosis_adds_comes_and_goes_with_its_file(tmp_path: Path) -> None:
+    """Assert that a file's entries beyond the registry are used, though they are no parameters."""
+    path = tmp_path / 'gap.yaml'
+    path.write_text('schema: 1\neffects:\n  offset: {bias: 0.01}\n'
+                    '  residual_patch: {bias_0: 0.05}\n')
+    with stream(DEPTH) as seen:
+        for step, name in enumerate(('', str(path), '')):
+            assert seen.set(effects=name).successful
+            stamp = START + step * PERIOD
+            assert seen.show(scene(), stamp)
+            assert same(seen.depths()[-1],
+                        capture(twin(seen, name or ()), scene(), stamp).depth)
+            names = [effect.name for effect in seen.camera._camera.effects]
+            assert names == (['offset', 'residual_patch'] if name else [])
+
+
 def test_parameters_are_described() -> None:
     """Assert description with unit, range and type of every parameter of every effect."""
     with stream() as seen:

@@ -163,7 +163,7 @@ def test_edges_are_found_and_measured(background: float) -> None:
     assert [site.side for site in sites] == ['left', 'right']
     wanted = math.sqrt(1.2 ** 2 + 1 / 12)
     for site in sites:
-        edge = measure_edge(edge_positions(frames, site), site.side, site.method)
+        edge = measure_edge(edge_positions(frames, site), site)
         assert edge is not None
         assert edge.method == ('outline' if math.isnan(background) else 'gradient')
         assert edge.sigma == pytest.approx(wanted, rel=0.03)
@@ -255,6 +255,13 @@ def test_n_is_swept_as_in_the_paper() -> None:
     assert fit.interval_n is not None
     assert fit.interval_n[0] < 2.7 < fit.interval_n[1]
     assert not fit.notes
+
+
+def test_an_n_that_is_not_determined_is_said() -> None:
+    fit = fit_axial(synthetic(MODE_9, (0.9, 1.1, 1.3), ANGLES, np.random.default_rng(12), 0.3))
+    assert fit.interval_n is not None
+    assert fit.interval_n[1] - fit.interval_n[0] > 4
+    assert any(note.startswith('n: not determined') for note in fit.notes)
 
 
 @pytest.mark.parametrize(('distances', 'angles', 'held'), [

@@ -10,7 +10,7 @@ from bench.gap_novel import NOVEL
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.effects import load_effects
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.gap import diagnose
+from flexx2_sim_ros.gap import diagnose, measure
 import numpy as np
 import pytest
 
@@ -48,8 +48,8 @@ def test_finds_an_effect_and_writes_what_it_found(filtered: Path, tmp_path: Path
     for unit in ('wasserstein_mm', 'invalid_rate', 'kl_nats', 'correlation'):
         assert set(gap[unit]) == {'before', 'after', 'null', 'shrink', 'interval'}
     assert {'covariate', 'low', 'high', 'unit', 'channel', 'size', 'unit_size',
-            'q_value'} == set(table['where'][0])
-    assert table['where'][0]['channel'] in ('lag', 'log_variance')
+            'q_value', 'detail'} == set(table['where'][0])
+    assert {'lag', 'log_variance'} <= {cell['channel'] for cell in table['where']}
     loaded, = load_effects(out / 'effects.yaml')
     assert loaded.name == 'temporal_filter'
     assert sorted(path.name for path in out.iterdir()) == [
@@ -93,16 +93,37 @@ def test_a_common_offset_is_not_lost_in_the_pose(tmp_path: Path) -> None:
     write_campaign(tmp_path, seed=6, effects={'offset': {'bias': 0.01}}, **SMALL)
     table = diagnose(tmp_path)
     names = {row['name'] for row in table['effects']}
-    others = {e['name'] for row in table['alternatives'] for e in row['effects']}
+    others = {row['name'] for row in table['alternatives']}
     assert 'offset' in names | others
 
 
 def test_what_no_catalogue_has_is_unknown(tmp_path: Path) -> None:
     write_campaign(tmp_path, seed=7, novel=NOVEL['row_noise'], **SMALL)
     table = diagnose(tmp_path, out=tmp_path / 'out')
-    assert table['verdict'] in ('unknown', 'partly')
-    assert table['unexplained']
-    load_effects(tmp_path / 'out' / 'effects.yaml')
+    # Noise common to a row is no effect's doing, though some raise noise or tie neighbours.
+    assert table['verdict'] == 'unknown'
+    assert table['effects'] == []
+    assert {'neighbour', 'row_common'} & {row['structure'] for row in table['unexplained']}
+    patch, = load_effects(tmp_path / 'out' / 'effects.yaml')
+    assert patch.name == 'residual_patch'
+    assert 'WITHOUT A CAUSE' in (tmp_path / 'out' / 'effects.yaml').read_text()
+    assert 0 <= table['patch']['shrink'] <= 1
+    scene = next(tmp_path.glob('*.npz'))
+    assert main(['simulate', str(scene), str(tmp_path / 'again.npz'), '--frames', '4',
+                 '--effects', str(tmp_path / 'out' / 'effects.yaml')]) == 0
+
+
+def test_what_given_effects_take_off_is_measured(filtered: Path) -> None:
+    none, right, wrong = (measure(filtered, effects)['shrink'] for effects in (
+        {}, {'temporal_filter': {'share': 0.4}}, {'temporal_filter': {'share': 0.9}}))
+    assert none == 0
+    assert right > 0.6
+    assert wrong < 0.3
+    # A pose error is no change of depth, but where the recordings' own pose errors lie about.
+    posed = measure(filtered, {'pose_error': {'z': 0.05}})
+    assert posed['shrink'] < 0
+    with pytest.raises(InputError, match='no_such'):
+        measure(filtered, {'no_such': {}})
 
 
 def test_an_effect_left_out_is_not_named(filtered: Path) -> None:
@@ -119,7 +140,7 @@ def damage(path: Path, **changes: Any) -> None:
 
 
 def test_bad_recordings_are_left_out_and_said(tmp_path: Path) -> None:
-    write_campaign(tmp_path, seed=8, scale=0.25, recordings=8, frames=6, moving=0)
+    write_campaign(tmp_path, seed=8, scale=0.25, recordings=9, frames=6, moving=0)
     files = sorted(tmp_path.glob('*.npz'))
     with np.load(files[0]) as archive:
         depth, clean, stamp = archive['depth'], archive['clean_depth'], archive['stamp']
@@ -130,14 +151,17 @@ def test_bad_recordings_are_left_out_and_said(tmp_path: Path) -> None:
     damage(files[4], usecase=np.array('Mode_5_30fps'))
     damage(files[5], clean_depth=np.full_like(clean, np.nan))
     damage(files[6], clean_depth=None)
+    damage(files[7], depth=np.where(np.arange(clean.shape[1]) < 28, np.nan, depth),
+           clean_depth=np.where(np.arange(clean.shape[1]) < 28, clean, np.nan))
     table = diagnose(tmp_path)
     reasons = {row['name']: row['reason'] for row in table['recordings'] if not row['used']}
-    for file, key in zip(files[:7], ('depth', 'clean_depth', 'stamp', '', 'usecase',
-                                     'clean_depth', 'clean_depth'), strict=True):
+    for file, key in zip(files[:8], ('depth', 'clean_depth', 'stamp', '', 'usecase',
+                                     'clean_depth', 'clean_depth', 'no pixel is valid in both'),
+                         strict=True):
         assert file.name in reasons[file.name]
         assert key in reasons[file.name]
     assert [row['name'] for row in table['recordings'] if row['used']] == [
-        file.name for file in files[7:]]
+        file.name for file in files[8:]]
 
 
 @pytest.mark.parametrize('kind', ['empty', 'absent', 'broken'])

@@ -17,6 +17,7 @@ import yaml
 NAME = 'flexx2_sim_ros'
 ROOT = Path(__file__).resolve().parents[1]
 EXECUTABLES = {'flexx2', 'flexx2_camera', 'go1_cameras'}
+PAGE = Path(NAME, 'view', 'page')
 MODES = set(yaml.safe_load((ROOT / 'config' / 'modes.yaml').read_text())['modes'])
 # Import name: (rosdep key, name on the Python package index). Any other name is a ROS package.
 LIBRARIES = {
@@ -28,8 +29,12 @@ LIBRARIES = {
     'rosbags': ('python3-rosbags-pip', 'rosbags'),
     'scipy': ('python3-scipy', 'scipy'),
     'sklearn': ('python3-sklearn', 'scikit-learn'),
+    'tornado': ('python3-tornado', 'tornado'),
     'yaml': ('python3-yaml', 'PyYAML'),
 }
+# Extras of pip's, with no key in rosdep: import name, name on the Python package index.
+EXTRAS = {'distributed': 'distributed', 'mujoco_menagerie': 'mujoco-menagerie',
+          'warp': 'warp-lang'}
 
 
 def run(*command: str | Path, cwd: Path, **changes: str | Path) -> str:
@@ -59,7 +64,7 @@ def package_files() -> list[Path]:
 
 def ros_packages() -> set[str]:
     """Return the ROS packages that the package imports anywhere."""
-    known = {NAME, *LIBRARIES, *sys.stdlib_module_names}
+    known = {NAME, *LIBRARIES, *EXTRAS, *sys.stdlib_module_names}
     found = set()
     for path in package_files():
         for node in ast.walk(ast.parse(path.read_text())):
@@ -98,6 +103,7 @@ def test_colcon_puts_files_where_ros_looks(workspace: Path) -> None:
     assert (prefix / 'share/ament_index/resource_index/packages' / NAME).is_file()
     assert (share / 'package.xml').is_file()
     assert files_under(share / 'config') == files_under(ROOT / 'config')
+    assert files_under(site_packages(prefix) / PAGE) == files_under(ROOT / PAGE)
 
 
 def test_colcon_install_runs_in_a_sourced_shell(workspace: Path) -> None:
@@ -114,6 +120,7 @@ def test_pip_install_runs(source: Path, tmp_path: Path) -> None:
     path = site_packages(tmp_path)
     printed = run(tmp_path / 'bin' / 'flexx2', 'modes', cwd=tmp_path, PYTHONPATH=path)
     assert set(re.findall(r'Mode_\w+', printed)) == MODES
+    assert files_under(path / PAGE) == files_under(ROOT / PAGE)
     used = run(sys.executable, '-c', f'from {NAME}.paths import *; print(config_dir())',
                cwd=tmp_path, PYTHONPATH=path)
     assert Path(used.strip()) == tmp_path / 'share' / NAME / 'config'
@@ -138,8 +145,9 @@ def test_every_import_is_a_declared_dependency() -> None:
     for key, distribution in LIBRARIES.values():
         assert key in declared
         assert f"'{distribution}>=" in setup
-    # Extras of pip's, with no key in rosdep.
-    assert ros_packages() - {'mujoco_menagerie', 'distributed'} <= declared
+    for distribution in EXTRAS.values():
+        assert f"'{distribution}" in setup
+    assert ros_packages() <= declared
 
 
 def test_one_version_everywhere(workspace: Path) -> None:

@@ -21,6 +21,7 @@ ELSEWHERE = {'colcon build': 'test_package.py', 'source install/setup.bash': 'te
              'flexx2 record walk --seconds 10': 'test_record_replay.py',
              "flexx2 replay walk --rate 0.5 --topics '*/clean/*'": 'test_record_replay.py',
              'flexx2 convert walk walk.npz --camera front_left': 'test_bags.py',
+             'flexx2 view --demo': 'test_view.py',
              'flexx2 convert walk.npz walk_sqlite3 --storage sqlite3': 'test_bags.py'}
 
 

@@ -112,6 +112,22 @@ class View:
             and (self._index == np.arange(self._index.size)).all()
             and max(np.abs(self._du).max(), np.abs(self._dv).max()) < 1e-4)
 
+    @property
+    def lines(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """
+        Return where in the source each pixel looks.
+
+        Returns
+        -------
+        tuple of numpy.ndarray
+            (H * W,) each: the source's pixel that its ray falls into (int32, flat; -1 where the
+            distortion cannot be inverted), and how far from its middle, columns and rows
+            (float32, pixels).
+
+        """
+        lost = np.isnan(self.rays[0]).ravel()
+        return np.where(lost, np.int32(-1), self._index), self._du, self._dv
+
     @cached_property
     def _ray_length(self) -> np.ndarray:
         rays = pixel_rays(self.source)

@@ -15,7 +15,7 @@ from numba import njit
 import numpy as np
 
 _NEVER = np.uint8(255)
-_WINDOW = 4  # An edge's direction is judged over 9 x 9 pixels.
+WINDOW = 4  # An edge's direction is judged over 9 x 9 pixels.
 
 
 def pixel_sigma(sigma_x: float) -> float:
@@ -46,8 +46,8 @@ def upright_edges(row_jumps, column_jumps, rows, columns):  # type: ignore[no-un
                 continue
             across = 0
             down = 0
-            for yy in range(max(y - _WINDOW, 0), min(y + _WINDOW + 1, height)):
-                for xx in range(max(x - _WINDOW, 0), min(x + _WINDOW + 1, width)):
+            for yy in range(max(y - WINDOW, 0), min(y + WINDOW + 1, height)):
+                for xx in range(max(x - WINDOW, 0), min(x + WINDOW + 1, width)):
                     across += row_jumps[yy, xx]
                     down += column_jumps[yy, xx]
             # One more or less is where the window happens to cut a diagonal.

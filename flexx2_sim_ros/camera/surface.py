@@ -18,14 +18,14 @@ import numpy as np
 PAD = 2
 # Slopes on the two sides of a pixel that differ by more than this share of p belong to a crease:
 # the smoother side is taken. Below it their mean is, which halves the error of stored millimetres.
-_CREASE_SHARE = np.float32(0.002)
+CREASE_SHARE = np.float32(0.002)
 _HALF = np.float32(0.5)
 _ZERO = np.float32(0.0)
 _ONE = np.float32(1.0)
 # Beyond these (FLT_MAX for "none", a zero with a rounding error) nothing is there; between them
 # every product below stays within float32.
-_NEAREST = np.float32(1e-3)
-_FARTHEST = np.float32(1e5)
+NEAREST = np.float32(1e-3)
+FARTHEST = np.float32(1e5)
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ def invert(depth, out):  # type: ignore[no-untyped-def]
     for y in range(depth.shape[0]):
         for x in range(depth.shape[1]):
             z = depth[y, x]
-            out[y + PAD, x + PAD] = _ONE / z if _NEAREST <= z <= _FARTHEST else _ZERO
+            out[y + PAD, x + PAD] = _ONE / z if NEAREST <= z <= FARTHEST else _ZERO
 
 
 @njit(inline='always')
@@ -156,7 +156,7 @@ def slope(p2, p1, p0, n1, n2, jump_share, steep_share):  # type: ignore[no-untyp
     bend_after = abs(after - (n2 - n1)) if n2 > _ZERO else abs(after)
     smoother = before if bend_before < bend_after else after
     mean = _HALF * (before + after)
-    both = mean if abs(before - after) <= _CREASE_SHARE * p0 else smoother
+    both = mean if abs(before - after) <= CREASE_SHARE * p0 else smoother
     first = _ZERO if jump_before else before
     last = _ZERO if jump_after else after
     return first + last if jump_before | jump_after else both

@@ -7,6 +7,7 @@ from functools import partial
 import math
 from pathlib import Path
 
+from flexx2_sim_ros.camera.intrinsics import Intrinsics
 from flexx2_sim_ros.characterize.axial import AxialFit, fit_axial
 from flexx2_sim_ros.characterize.conditions import find_recordings
 from flexx2_sim_ros.characterize.divergence import gaussian_kl
@@ -18,6 +19,7 @@ import numpy as np
 
 LATERAL_PERCENTILE = 90  # of all edges: conservative on purpose, as in the paper
 _RESAMPLES = 1000
+_STEP = 15.0  # degrees between groups of recordings whose names state no angle
 
 
 @dataclass(frozen=True)
@@ -66,6 +68,13 @@ class Cell:
     modelled: float
     axial: Divergence
     lateral: Divergence | None
+
+    @property
+    def angle_group(self) -> float:
+        """Return the angle under which it is shown, degrees: stated, or to the nearest 15."""
+        if self.measurement.condition is not None:
+            return self.measurement.condition.angle_deg
+        return round(self.measurement.angle_deg / _STEP) * _STEP
 
 
 @dataclass(frozen=True)
@@ -129,6 +138,22 @@ class Characterization:
     modes: tuple[ModeResult, ...]
     left_out: tuple[str, ...]
 
+    @property
+    def intrinsics(self) -> Intrinsics:
+        """Return the camera's; of crops, the smallest image that holds them all."""
+        views = np.array([(*m.K[:2, 2], *(np.array(m.size) - m.K[:2, 2]))
+                          for mode in self.modes for m in mode.measurements])
+        left, top, right, bottom = views.max(axis=0).tolist()
+        first = self.modes[0].measurements[0]
+        matrix = np.array([[first.K[0, 0], 0.0, left], [0.0, first.K[1, 1], top], [0.0, 0.0, 1.0]])
+        return Intrinsics.from_matrix(matrix, round(left + right), round(top + bottom),
+                                      first.distortion)
+
+    @property
+    def cropped(self) -> bool:
+        """Whether the recordings are crops of one image."""
+        return len({_view(m) for mode in self.modes for m in mode.measurements}) > 1
+
     def mode(self, usecase: str) -> ModeResult:
         """Return one mode's result."""
         return next(mode for mode in self.modes if mode.usecase == usecase)
@@ -186,12 +211,12 @@ def characterize(folder: Path, *, box: tuple[int, int, int, int] | None = None,
 
 def _agreeing(measured: list[Measurement], left_out: list[str]) -> list[Measurement]:
     """Keep the recordings of one camera; add to `left_out` why the others are not kept."""
-    views = Counter(_view(m) for m in measured)
     single = sum(m.spatial for m in measured) > len(measured) / 2
+    common = _common(measured)
+    number = sum(_view(m)[:len(common)] == common for m in measured)
     kept = []
     for m in measured:
-        common, number = views.most_common(1)[0]
-        if _view(m) != common:
+        if _view(m)[:len(common)] != common:
             left_out.append(
                 f'{m.path}: K: found {_describe(_view(m))}, wanted {_describe(common)} as '
                 f'{number} of the {len(measured)} recordings have')
@@ -203,14 +228,26 @@ def _agreeing(measured: list[Measurement], left_out: list[str]) -> list[Measurem
     return kept
 
 
+def _common(measured: list[Measurement]) -> tuple[float, ...]:
+    """Return what most views share: all, or the focal lengths alone if they are crops."""
+    if not measured:
+        return ()
+    views = Counter(_view(m) for m in measured).most_common()
+    focal, number = Counter(_view(m)[:2] for m in measured).most_common(1)[0]
+    same = [view for view, _ in views if view[:2] == focal]
+    most = max(count for view, count in views if view in same)
+    return same[0] if 2 * most > number else focal
+
+
 def _view(measurement: Measurement) -> tuple[float, ...]:
     (fx, _, cx), (_, fy, cy), _ = measurement.K.round(3).tolist()
-    return *measurement.size, fx, fy, cx, cy
+    return fx, fy, *measurement.size, cx, cy
 
 
 def _describe(view: tuple[float, ...]) -> str:
-    width, height, fx, fy, cx, cy = view
-    return f'{width:g} x {height:g} pixels, fx {fx:g}, fy {fy:g}, cx {cx:g}, cy {cy:g}'
+    if len(view) == 2:
+        return 'fx {:g}, fy {:g}'.format(*view)
+    return '{2:g} x {3:g} pixels, fx {0:g}, fy {1:g}, cx {4:g}, cy {5:g}'.format(*view)
 
 
 def evaluate(usecase: str, measurements: list[Measurement]) -> ModeResult:

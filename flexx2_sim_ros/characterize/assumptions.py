@@ -71,7 +71,7 @@ def _form(mode: ModeResult) -> tuple[bool | None, str]:
     worst = max(mode.cells, key=lambda cell: abs(math.log(cell.sigma / cell.modelled)))
     return (2 * mode.axial.scatter < _VARIANCE_SHARE,
             f'recordings deviate from the fit by {mode.axial.scatter:.1%} (root mean square), '
-            f'{_where(worst.measurement)} by {worst.sigma / worst.modelled - 1:+.1%}')
+            f'{_where(worst.measurement)} by {worst.sigma / worst.modelled - 1:+z.1%}')
 
 
 def _facing(mode: ModeResult) -> tuple[bool | None, str]:
@@ -88,7 +88,7 @@ def _facing(mode: ModeResult) -> tuple[bool | None, str]:
     holds = (abs(math.log(ratio)) < _VARIANCE_SHARE and invalid[0] - invalid[1] < _INVALID
              and divergence[0] - divergence[1] < _VARIANCE_SHARE ** 2)
     return holds, (f'at 0 degrees sigma_z is {math.sqrt(ratio):.3f} of the model, divergence '
-                   f'{divergence[0]:.4f} nats (elsewhere {divergence[1]:.4f}), invalid '
+                   f'{divergence[0]:z.4f} nats (elsewhere {divergence[1]:z.4f}), invalid '
                    f'{invalid[0]:.2%} (elsewhere {invalid[1]:.2%})')
 
 
@@ -112,7 +112,7 @@ def _correlated(mode: ModeResult, value: Callable[[Measurement], float], what: s
     worst = max(measured, key=lambda m: abs(value(m)))
     samples = sum(m.pixels.count * m.frames for m in measured)
     matters = abs(mean) > max(_CORRELATION, _SURE / math.sqrt(samples))
-    return not matters, (f'{what} {mean:+.3f} on average, {value(worst):+.3f} at '
+    return not matters, (f'{what} {mean:+z.3f} on average, {value(worst):+z.3f} at '
                          f'{_where(worst)}')
 
 
@@ -126,7 +126,7 @@ def _whole_frames(mode: ModeResult) -> tuple[bool | None, str]:
     drift = abs(drifting.pixels.drift) / _sigma(drifting)
     return (spread < 1.5 + sure and drift < _BIAS_SHARE,
             f"the frames' means vary {spread:.2f} times as much as independent pixels make them; "
-            f'the largest drift is {1e3 * drifting.pixels.drift:+.2f} mm over '
+            f'the largest drift is {1e3 * drifting.pixels.drift:+z.2f} mm over '
             f'{drifting.frames} frames at {_where(drifting)}')
 
 
@@ -139,7 +139,8 @@ def _gaussian(mode: ModeResult) -> tuple[bool | None, str]:
     samples = sum(m.pixels.count * m.frames for m in measured)
     return (abs(skewness) < _SKEWNESS + _SURE * math.sqrt(6 / samples)
             and abs(kurtosis) < _KURTOSIS + _SURE * math.sqrt(24 / samples),
-            f'skewness {skewness:+.3f}, excess kurtosis {kurtosis:+.3f} (a Gaussian has 0 and 0)')
+            f'skewness {skewness:+z.3f}, excess kurtosis {kurtosis:+z.3f} (a Gaussian has '
+            '0 and 0)')
 
 
 def _unbiased(mode: ModeResult) -> tuple[bool | None, str]:
@@ -147,8 +148,8 @@ def _unbiased(mode: ModeResult) -> tuple[bool | None, str]:
     if not known:
         return None, 'the true distance is not known: no clean depth, no distance in the names'
     bias = np.array([m.bias for m in known])
-    text = (f'bias {1e3 * bias.mean():+.2f} mm on average, '
-            f'{1e3 * bias.min():+.2f} to {1e3 * bias.max():+.2f} mm')
+    text = (f'bias {1e3 * bias.mean():+z.2f} mm on average, '
+            f'{1e3 * bias.min():+z.2f} to {1e3 * bias.max():+z.2f} mm')
     if all(m.bias_of == 'clean depth' for m in known):
         share = float(np.sqrt(np.mean((bias / [_sigma(m) for m in known]) ** 2)))
         return share < _BIAS_SHARE, f'{text}; {share:.3f} of sigma_z (root mean square)'
@@ -182,7 +183,7 @@ def _edges_gaussian(mode: ModeResult) -> tuple[bool | None, str]:
     weights = [edge.rows * edge.frames for edge in edges]
     kurtosis = float(np.average([edge.kurtosis for edge in edges], weights=weights))
     return (abs(kurtosis) < _EDGE_KURTOSIS + _SURE * math.sqrt(24 / sum(weights)),
-            f"excess kurtosis {kurtosis:+.2f} of {len(edges)} edges' displacement")
+            f"excess kurtosis {kurtosis:+z.2f} of {len(edges)} edges' displacement")
 
 
 def _edges_alike(mode: ModeResult) -> tuple[bool | None, str]:

@@ -132,6 +132,8 @@ def fit_axial(recordings: list[Tiles]) -> AxialFit:
     if errors['n'] is not None:
         half = _quantile(freedom) * errors['n']
         interval = values['n'] - half, values['n'] + half
+        if 2 * half > np.ptp(EXPONENTS):
+            notes.append('n: not determined: its interval is wider than the sweep')
         if best in (EXPONENTS[0], EXPONENTS[-1]):
             notes.append(f'n: the best value is at the end of the sweep, {best:g}')
     angles = np.degrees(theta[known])

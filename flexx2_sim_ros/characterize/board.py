@@ -3,7 +3,8 @@
 from dataclasses import dataclass
 import math
 
-from flexx2_sim_ros.characterize.plane import fit_plane, Plane, ransac_plane
+from flexx2_sim_ros.camera.intrinsics import Intrinsics
+from flexx2_sim_ros.characterize.plane import fit_plane, Plane, ransac_plane, straighten
 from flexx2_sim_ros.errors import InputError
 import numpy as np
 from scipy import ndimage
@@ -54,7 +55,8 @@ class Board:
 
 
 def find_board(depth: np.ndarray, noise: float, K: np.ndarray | None = None,  # noqa: N803
-               box: tuple[int, int, int, int] | None = None, margin: int | None = None) -> Board:
+               box: tuple[int, int, int, int] | None = None, margin: int | None = None,
+               distortion: tuple[float, ...] = ()) -> Board:
     """
     Find the board.
 
@@ -74,6 +76,8 @@ def find_board(depth: np.ndarray, noise: float, K: np.ndarray | None = None,  # 
     margin : int, optional
         How many pixels before the plane's edges the region ends; by default as far as edges jump
         about over many frames.
+    distortion : tuple of float
+        The camera's, plumb_bob; none when left out.
 
     Returns
     -------
@@ -85,21 +89,28 @@ def find_board(depth: np.ndarray, noise: float, K: np.ndarray | None = None,  # 
         When there is no plane of a useful size there.
 
     """
+    lens = None
+    if K is not None and any(distortion):
+        lens = Intrinsics.from_matrix(K, depth.shape[1], depth.shape[0], distortion)
+    rows, columns = np.indices(depth.shape)
+    seen = np.isfinite(straighten(columns, rows, lens)[0])
+    depth = np.where(seen, depth, np.nan)
     valid = np.isfinite(depth)
     tolerance = max(4.0 * noise, _TOLERANCE_SHARE * _median(depth, valid))
     if box is None:
         seed = _middle(valid)
-        plane, mask = _grow(depth, valid, seed, tolerance)
+        plane, mask = _grow(depth, valid, seed, tolerance, lens)
         # Another surface seen through a hole is not the board; a noisy or biased pixel is.
         region = _inner(mask, margin) & (~valid | _near(depth, plane, 4 * tolerance))
     else:
         x0, y0, x1, y1 = box
         seed = np.zeros_like(valid)
         seed[y0:y1, x0:x1] = True
-        plane, near = _plane_of(depth, valid & seed, tolerance)
+        plane, near = _plane_of(depth, valid & seed, tolerance, lens)
         mask = near & seed
         region = ndimage.binary_closing(mask, iterations=2) | mask
         region &= seed
+    region &= seen
     v, u = np.nonzero(region)
     if K is not None and len(u):
         region[v, u] = plane.incidence(u, v, K) < STEEPEST
@@ -133,14 +144,14 @@ def _middle(valid: np.ndarray) -> np.ndarray:
         share *= 1.5
 
 
-def _plane_of(depth: np.ndarray, seed: np.ndarray,
-              tolerance: float) -> tuple[Plane, np.ndarray]:
+def _plane_of(depth: np.ndarray, seed: np.ndarray, tolerance: float,
+              lens: Intrinsics | None) -> tuple[Plane, np.ndarray]:
     v, u = np.nonzero(seed)
     if len(u) < 10:
         raise InputError(f'board: found {len(u)} valid pixels where it should be, wanted a flat '
                          'board that covers the middle of the image, or --box')
     thin = slice(None, None, math.ceil(len(u) / _MAX_SEEDS))
-    plane = ransac_plane(u[thin], v[thin], depth[v, u][thin], tolerance)
+    plane = ransac_plane(u[thin], v[thin], depth[v, u][thin], tolerance, lens)
     return plane, _near(depth, plane, tolerance)
 
 
@@ -150,10 +161,10 @@ def _near(depth: np.ndarray, plane: Plane, tolerance: float) -> np.ndarray:
         return np.abs(depth - plane.depth(u, v)) < tolerance
 
 
-def _grow(depth: np.ndarray, valid: np.ndarray, window: np.ndarray,
-          tolerance: float) -> tuple[Plane, np.ndarray]:
+def _grow(depth: np.ndarray, valid: np.ndarray, window: np.ndarray, tolerance: float,
+          lens: Intrinsics | None) -> tuple[Plane, np.ndarray]:
     """Follow the plane in the window as far as it goes."""
-    plane, near = _plane_of(depth, valid & window, tolerance)
+    plane, near = _plane_of(depth, valid & window, tolerance, lens)
     for _ in range(3):
         # Single invalid or noisy pixels do not cut the board into pieces.
         whole = ndimage.binary_closing(np.pad(near, 2), iterations=2)[2:-2, 2:-2] | near
@@ -164,7 +175,7 @@ def _grow(depth: np.ndarray, valid: np.ndarray, window: np.ndarray,
                              'that covers it, or --box')
         mask = ndimage.binary_fill_holes(labels == np.bincount(inside[inside > 0]).argmax())
         v, u = np.nonzero(mask & near)
-        plane = fit_plane(u, v, depth[v, u])
+        plane = fit_plane(u, v, depth[v, u], lens)
         near = _near(depth, plane, tolerance)
     return plane, mask
 

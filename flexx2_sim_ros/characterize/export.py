@@ -5,7 +5,6 @@ import math
 from typing import Any
 
 from flexx2_sim_ros import __version__
-from flexx2_sim_ros.camera.intrinsics import Intrinsics
 from flexx2_sim_ros.camera.modes import flexx2, Mode, NoiseModel, Profile
 from flexx2_sim_ros.camera.profiles import is_mode_name, ProfileFile, sigma_problem
 from flexx2_sim_ros.characterize.analysis import Characterization, LATERAL_PERCENTILE, ModeResult
@@ -56,9 +55,10 @@ def to_profile(result: Characterization, model: str | None = None) -> ProfileFil
     if model is None:
         known = {mode.name for mode in flexx2().modes}
         model = 'Flexx2' if {mode.name for mode in modes} <= known else 'unnamed camera'
-    first = result.modes[0].measurements[0]
-    k1, k2, p1, p2, k3 = first.distortion
-    intrinsics = Intrinsics.from_matrix(first.K, *first.size, (k1, k2, p1, p2, k3))
+    if result.cropped:
+        notes.append("intrinsics: the recordings' images differ in size and principal point at "
+                     'the same focal lengths: taken for crops of one image, the smallest that '
+                     'holds them all is put')
     provenance = {
         'made_by': f'flexx2_sim_ros {__version__}, flexx2 characterize fit',
         'date': datetime.now(UTC).strftime('%Y-%m-%d'),
@@ -67,7 +67,8 @@ def to_profile(result: Characterization, model: str | None = None) -> ProfileFil
                   'relative residuals, standard errors by jackknife over recordings; sigma_x: '
                   f'{LATERAL_PERCENTILE}th percentile over edges',
         'left_out': len(result.left_out), 'notes': notes}
-    return ProfileFile(Profile(model, intrinsics, tuple(modes)), errors, measured, provenance)
+    return ProfileFile(Profile(model, result.intrinsics, tuple(modes)), errors, measured,
+                       provenance)
 
 
 def _mode(mode: ModeResult, notes: list[str]) -> Mode | None:

@@ -5,39 +5,17 @@ import math
 from pathlib import Path
 from typing import Any
 
-from flexx2_sim_ros.camera.modes import flexx2, NoiseModel
+from flexx2_sim_ros.camera.modes import NoiseModel
 from flexx2_sim_ros.characterize.amplitude import AmplitudeCounts, sigma_against
 from flexx2_sim_ros.characterize.analysis import Cell, Characterization, ModeResult
 from flexx2_sim_ros.characterize.histogram import Histogram
+from flexx2_sim_ros.characterize.tables import angle_groups, paper_noise, Table
 from flexx2_sim_ros.characterize.tiles import join
-from flexx2_sim_ros.errors import InputError
 import numpy as np
 
-_STEP = 15.0        # degrees between groups of recordings whose names state no angle
 _CORE = math.radians(2.5)
 _GREY = '#555555'
 _FEW = 100          # pixels in a bin that are enough for a share
-
-
-def angle_group(cell: Cell) -> float:
-    """Return the angle in degrees under which a recording is shown."""
-    if cell.measurement.condition is not None:
-        return cell.measurement.condition.angle_deg
-    return round(cell.measurement.angle_deg / _STEP) * _STEP
-
-
-def groups(modes: Sequence[ModeResult]) -> list[float]:
-    """Return the angles under which the recordings of several modes are shown."""
-    return sorted({angle_group(cell) for mode in modes for cell in mode.cells})
-
-
-def paper_noise(usecase: str) -> NoiseModel | None:
-    """Return the paper's noise of a mode, None for one that it did not measure."""
-    try:
-        mode = flexx2().mode(usecase)
-    except InputError:
-        return None
-    return mode.noise if mode.measured else None
 
 
 def axial_figure(result: Characterization, path: Path) -> None:
@@ -48,7 +26,7 @@ def axial_figure(result: Characterization, path: Path) -> None:
     figure, axes = pyplot.subplots(rows, columns, squeeze=False, layout='constrained',
                                    figsize=(4.1 * columns + (1.6 if columns == 1 else 0.6),
                                             3.7 * rows + 0.4))
-    angles = groups(result.modes)
+    angles = angle_groups(result.modes)
     colours = _colours(len(angles))
     for axis, mode in zip(axes.flat, result.modes, strict=False):
         # No curve beyond what was measured.
@@ -56,7 +34,7 @@ def axial_figure(result: Characterization, path: Path) -> None:
                      max(m.distance for m in mode.measurements))
         z = np.linspace(near, far, 200)
         for angle, colour in zip(angles, colours, strict=True):
-            cells = [cell for cell in mode.cells if angle_group(cell) == angle]
+            cells = [cell for cell in mode.cells if cell.angle_group == angle]
             if not cells:
                 continue
             theta = np.full_like(z, math.radians(angle))
@@ -66,7 +44,7 @@ def axial_figure(result: Characterization, path: Path) -> None:
                 axis.plot(z, 1e3 * curve, color=colour, linewidth=1.3)
                 axis.fill_between(z, 1e3 * np.maximum(curve - half, 1e-6), 1e3 * (curve + half),
                                   color=colour, alpha=0.25, linewidth=0)
-            points = np.array([_core(cell) for cell in cells])
+            points = np.array([_at_axis(cell, mode.axial.model()) for cell in cells])
             axis.plot(points[:, 0], 1e3 * points[:, 1], 'o', color=colour, markersize=4.5,
                       markeredgecolor='white', markeredgewidth=0.5, label=f'{angle:g}°')
         axis.set(title=_text(mode.usecase), xlabel='distance [m]', yscale='log')
@@ -86,14 +64,16 @@ def axial_figure(result: Characterization, path: Path) -> None:
     pyplot.close(figure)
 
 
-def _core(cell: Cell) -> tuple[float, float]:
-    """Return distance and sigma where incidence is that of the optical axis."""
+def _at_axis(cell: Cell, model: NoiseModel) -> tuple[float, float]:
+    """Return distance and sigma at the optical axis, under the angle that it is shown for."""
     tiles, theta = cell.measurement.tiles, math.radians(cell.measurement.angle_deg)
     near = np.abs(tiles.theta - theta) < _CORE
     near = near if near.any() else np.ones(len(tiles), bool)
-    weights = tiles.pixels[near]
-    return (float(np.average(tiles.z[near], weights=weights)),
-            math.sqrt(float(np.average(tiles.variance[near], weights=weights))))
+    tiles, z = tiles.take(near), cell.measurement.distance
+    there = np.square(model.sigma_z(tiles.z, np.nan_to_num(tiles.theta)))
+    ratio = (np.average(tiles.variance, weights=tiles.pixels)
+             / np.average(there, weights=tiles.pixels))
+    return z, math.sqrt(ratio) * float(model.sigma_z(z, math.radians(cell.angle_group)))
 
 
 def histogram_figure(histogram: Histogram, path: Path) -> None:
@@ -127,10 +107,10 @@ def lateral_figure(result: Characterization, path: Path) -> bool:
     pyplot = _pyplot()
     figure, axis = pyplot.subplots(figsize=(max(6.4, 2.3 * len(modes) + 1.8), 3.9),
                                    layout='constrained')
-    angles = groups(modes)
+    angles = angle_groups(modes)
     colours = dict(zip(angles, _colours(len(angles)), strict=True))
     for place, mode in enumerate(modes):
-        pairs = [(angle_group(cell), edge) for cell in mode.cells
+        pairs = [(cell.angle_group, edge) for cell in mode.cells
                  for edge in cell.measurement.edges]
         spread = np.linspace(-0.28, 0.28, len(pairs)) if len(pairs) > 1 else np.zeros(1)
         for offset, (angle, edge) in zip(spread, pairs, strict=True):
@@ -179,6 +159,30 @@ def bias_figure(result: Characterization, path: Path) -> bool:
     figure.savefig(path, dpi=130)
     pyplot.close(figure)
     return True
+
+
+def tables_figure(tables: Sequence[Table], path: Path) -> None:
+    """Draw tables below each other."""
+    pyplot = _pyplot()
+    lines = [len(table.rows) + 3 for table in tables]
+    figure, axes = pyplot.subplots(len(tables), 1, squeeze=False, height_ratios=lines,
+                                   figsize=(12.5, 0.25 * sum(lines)), gridspec_kw={'hspace': 0})
+    for axis, table, count in zip(axes.flat, tables, lines, strict=True):
+        axis.axis('off')
+        axis.text(0.0, 1.0, table.title, va='top', fontsize=11, fontweight='bold',
+                  transform=axis.transAxes)
+        drawn = axis.table([[_text(field) for field in row.fields] for row in table.rows],
+                           colLabels=table.head, cellLoc='right', colLoc='right', edges='B',
+                           bbox=(0.0, 0.4 / count, 1.0, 1.0 - 1.6 / count))
+        drawn.auto_set_font_size(False)
+        drawn.auto_set_column_width(range(len(table.head)))
+        for (line, column), cell in drawn.get_celld().items():
+            cell.set(edgecolor='#444444' if line == 0 else '#dddddd', linewidth=0.8)
+            colour = '#8a3324' if line and table.rows[line - 1].paper else 'black'
+            cell.set_text_props(fontsize=9, color=colour, ha='left' if column == 0 else 'right',
+                                fontweight='bold' if line == 0 else 'normal')
+    figure.savefig(path, dpi=110, bbox_inches='tight')
+    pyplot.close(figure)
 
 
 def amplitude_figure(result: Characterization, path: Path) -> bool:

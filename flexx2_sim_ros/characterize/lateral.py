@@ -3,8 +3,10 @@
 from dataclasses import dataclass
 import math
 
+from flexx2_sim_ros.camera.intrinsics import Intrinsics
 from flexx2_sim_ros.characterize.board import Board, MARGIN_SHARE, SMALLEST_MARGIN
 from flexx2_sim_ros.characterize.divergence import kl_floor
+from flexx2_sim_ros.characterize.plane import straighten
 from numba import njit
 import numpy as np
 
@@ -32,6 +34,9 @@ class EdgeSite:
         (R,) rows to look at.
     first, last : numpy.ndarray
         (R,) columns of each row to look at, both inside.
+    places, shift : numpy.ndarray
+        (R,) where a lens that does not distort would have the row, and how much further right the
+        edge in it, pixels.
 
     """
 
@@ -40,6 +45,8 @@ class EdgeSite:
     rows: np.ndarray
     first: np.ndarray
     last: np.ndarray
+    places: np.ndarray
+    shift: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -106,13 +113,14 @@ def find_edges(board: Board, depth: np.ndarray, nearest: float = 0.0,
     for side in ('left', 'right'):
         outline = (board.mask.argmax(axis=1) if side == 'left'
                    else width - 1 - board.mask[:, ::-1].argmax(axis=1))[rows]
-        line = _line(rows, outline)
+        line = _line(rows, outline, board.plane.lens)
         if line is None:
             continue
         # The board's corners are no edges: stay away from its upper and lower end.
         low = line[0][0] + (margin if line[0][0] > 0 else 0)
         high = line[0][-1] - (margin if line[0][-1] < height - 1 else 0)
-        kept, columns = (part[(line[0] >= low) & (line[0] <= high)] for part in line)
+        kept, columns, places, shift = (part[(line[0] >= low) & (line[0] <= high)]
+                                        for part in line)
         if len(kept) < _FEWEST_ROWS:
             continue
         inwards, outwards = int(min(half, extent[kept].min() // 2)), half
@@ -127,7 +135,7 @@ def find_edges(board: Board, depth: np.ndarray, nearest: float = 0.0,
         # Where the board itself has holes, the end of its valid pixels is no edge.
         if behind > 0.8 or (behind < 0.05 and here > 0.98):
             method = 'gradient' if behind > 0.8 else 'outline'
-            sites.append(EdgeSite(side, method, kept, first, last))
+            sites.append(EdgeSite(side, method, kept, first, last, places, shift))
     return sites
 
 
@@ -142,19 +150,24 @@ def _valid_shares(depth: np.ndarray, side: str, rows: np.ndarray, columns: np.nd
     return (shares[0], shares[1]) if side == 'right' else (shares[1], shares[0])
 
 
-def _line(rows: np.ndarray, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return rows and rounded columns of the upright line through an outline, if it is one."""
+def _line(rows: np.ndarray, columns: np.ndarray,
+          lens: Intrinsics | None) -> tuple[np.ndarray, ...] | None:
+    """Return the upright line through an outline, if it is one: as in `EdgeSite`."""
+    straight, places = straighten(columns, rows, lens)
+    shift = straight - columns
+    near = np.isfinite(straight)
     for _ in range(3):
+        rows, straight, places, shift = (part[near] for part in (rows, straight, places, shift))
         if len(rows) < _FEWEST_ROWS:
             return None
-        tilt, start = np.polyfit(rows, columns, 1)
-        residual = columns - (tilt * rows + start)
+        tilt, start = np.polyfit(places, straight, 1)
+        residual = straight - (tilt * places + start)
         near = np.abs(residual) <= max(3.0, 3.0 * float(np.median(np.abs(residual))))
-        rows, columns = rows[near], columns[near]
-    straight = float(np.sqrt(np.mean(residual[near] ** 2))) <= _STRAIGHT_PX
-    if not straight or abs(tilt) > _STEEPEST_TILT or len(rows) < _FEWEST_ROWS:
+    is_straight = float(np.sqrt(np.mean(residual[near] ** 2))) <= _STRAIGHT_PX
+    if not is_straight or abs(tilt) > _STEEPEST_TILT or near.sum() < _FEWEST_ROWS:
         return None
-    return rows, np.rint(tilt * rows + start).astype(np.int64)
+    rows, places, shift = rows[near], places[near], shift[near]
+    return rows, np.rint(tilt * places + start - shift).astype(np.int64), places, shift
 
 
 def edge_positions(depth: np.ndarray, site: EdgeSite) -> np.ndarray:
@@ -224,7 +237,7 @@ def _outline(depth, rows, first, last, right, out):  # type: ignore[no-untyped-d
                 out[t, i] = np.nan
 
 
-def measure_edge(positions: np.ndarray, side: str = '', method: str = 'gradient') -> Edge | None:
+def measure_edge(positions: np.ndarray, site: EdgeSite) -> Edge | None:
     """
     Fit a line to each frame's edge pixels and look at what is left.
 
@@ -233,8 +246,8 @@ def measure_edge(positions: np.ndarray, side: str = '', method: str = 'gradient'
     positions : numpy.ndarray
         (T, R) columns, NaN where a row has none; rows that miss more than a tenth of the frames
         are left out, then frames that miss one of the others.
-    side, method : str
-        For the result.
+    site : EdgeSite
+        Where they were looked for.
 
     Returns
     -------
@@ -243,12 +256,13 @@ def measure_edge(positions: np.ndarray, side: str = '', method: str = 'gradient'
 
     """
     rows = np.flatnonzero(np.isfinite(positions).mean(axis=0) > 0.9)
-    edges = positions[:, rows]
+    edges = (positions + site.shift)[:, rows]
     edges = edges[np.isfinite(edges).all(axis=1)]
     frames, count = edges.shape
     if count < _FEWEST_ROWS or not frames:
         return None
-    design = np.stack([np.ones(count), rows - rows.mean()], axis=1)
+    places = site.places[rows]
+    design = np.stack([np.ones(count), places - places.mean()], axis=1)
     lines = np.linalg.lstsq(design, edges.T, rcond=None)[0]
     residual = (edges.T - design @ lines).T
     freedom = frames * (count - 2)
@@ -265,7 +279,7 @@ def measure_edge(positions: np.ndarray, side: str = '', method: str = 'gradient'
         rows_variance, rows_log = float(spread.mean()), float(np.log(spread).mean())
         rows_square = float((grown.mean(axis=0) ** 2).mean())
         floor = float(kl_floor(frames))
-    return Edge(side, method, count, frames, math.sqrt(variance), error, fourth - 3.0,
+    return Edge(site.side, site.method, count, frames, math.sqrt(variance), error, fourth - 3.0,
                 rows_variance, rows_square, rows_log, floor)
 
 
@@ -288,8 +302,9 @@ def edge_sigma(depth: np.ndarray, columns: slice) -> float:
     """
     first, last, _ = columns.indices(depth.shape[2])
     rows = np.arange(depth.shape[1])
-    site = EdgeSite('', 'gradient', rows, np.full_like(rows, first), np.full_like(rows, last - 1))
-    edge = measure_edge(edge_positions(depth, site))
+    site = EdgeSite('', 'gradient', rows, np.full_like(rows, first),
+                    np.full_like(rows, last - 1), rows.astype(np.float64), np.zeros(len(rows)))
+    edge = measure_edge(edge_positions(depth, site), site)
     return 0.0 if edge is None else edge.sigma
 
 

@@ -157,7 +157,7 @@ def _measure(reader: RecordingReader, condition: Condition | None,
             _check_units(first, far)
             # One frame has no jumping edges yet.
             margin = boards.SMALLEST_MARGIN if frames == 1 else None
-            board = find_board(first, noise, reader.K, box, margin)
+            board = find_board(first, noise, reader.K, box, margin, _distortion(reader))
             # The outline of valid pixels in one frame may be no more than where it was cropped.
             sites = [site for site in find_edges(board, first, near, far)
                      if frames > 1 or site.method == 'gradient']
@@ -192,7 +192,7 @@ def _measure(reader: RecordingReader, condition: Condition | None,
     angle = math.degrees(float(board.plane.incidence(u, v, reader.K)))
     _check_place(condition, distance, angle)
     bias, bias_of = _bias(board, moments, usable, clean, condition, distance)
-    edges = (measure_edge(np.concatenate(columns), site.side, site.method)
+    edges = (measure_edge(np.concatenate(columns), site)
              for columns, site in zip(positions, sites, strict=True))
     return Measurement(
         reader.path, usecase, condition, frames, (width, height), reader.K, _distortion(reader),
@@ -282,7 +282,7 @@ def _settle(board: Board, moments: Moments, near: float,
             f'board: {len(u)} of the {int(board.region.sum())} pixels of its region can be used, '
             f'wanted at least {boards.SMALLEST_REGION} that are valid in half of the frames and '
             f"inside the mode's range by {_CUT_OFF:g} standard deviations")
-    plane = fit_plane(u, v, moments.mean[v, u])
+    plane = fit_plane(u, v, moments.mean[v, u], board.plane.lens)
     return Board(plane, board.mask, board.region, board.K), usable
 
 

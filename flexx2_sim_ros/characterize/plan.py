@@ -7,6 +7,7 @@ from flexx2_sim_ros.camera.modes import Profile
 from flexx2_sim_ros.characterize.conditions import Condition
 from flexx2_sim_ros.errors import InputError
 
+_NODE = '/pmd_royale_ros_camera_node'  # of the real driver (pmd-royale-ros)
 _INTRODUCTION = """\
 # Measuring the noise of a {model}
 
@@ -24,11 +25,14 @@ For every set-up:
 3. Leave the room to itself, switch the mode, record, next mode. Each recording is a bag of the
    name given, all in one folder:
 
-       ros2 param set /flexx2_camera usecase {usecase}
+       ros2 param set {node} usecase {usecase}
        ros2 bag record -s mcap -o {name} \\
-         /flexx2_camera/depth_image_0 /flexx2_camera/camera_info /flexx2_camera/gray_image_0
+         {node}/depth_image_0 \\
+         {node}/camera_info \\
+         {node}/gray_image_0
 
-   {seconds} s or more give {frames} frames. The real driver's topics will do as they are.
+   {seconds} s or more give {frames} frames. `{node}` is what pmd-royale-ros
+   calls itself; `ros2 node list` says what yours is called.
 
 Then: `flexx2 characterize fit FOLDER`
 """
@@ -60,7 +64,8 @@ def checklist(wanted: Sequence[Condition], profile: Profile, frames: int) -> str
         wanted, key=lambda c: (c.distance, c.angle_deg))]
     lines = [_INTRODUCTION.format(
         model=profile.model, count=len(wanted), frames=frames, setups=len(setups),
-        usecase=wanted[0].usecase, name=wanted[0].name, seconds=round(frames / slowest + 1))]
+        usecase=wanted[0].usecase, name=wanted[0].name, node=_NODE,
+        seconds=round(frames / slowest + 1))]
     for (distance, angle), same in setups:
         lines.append(f'\n## {distance:g} m, {angle:g} degrees\n\n')
         lines += [f'- [ ] `{condition.name}`\n' for condition in same]

@@ -3,15 +3,52 @@ Planes as a depth camera sees them.
 
 A plane's inverse depth is an affine function of the pixel coordinates, whatever the focal length:
 1/z = p + q u + r v. So planes are fitted without knowing the camera; only the incidence angle
-needs its matrix.
+needs its matrix. A lens that distorts bends them: it has to be known, and pixels go where a
+pinhole camera of the same matrix would have them.
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
+from flexx2_sim_ros.camera.geometry import pixel_rays
+from flexx2_sim_ros.camera.intrinsics import Intrinsics
 import numpy as np
+from scipy import ndimage
 
 _REFINEMENTS = 3
+
+
+def straighten(u: Any, v: Any, lens: Intrinsics | None) -> tuple[np.ndarray, np.ndarray]:
+    """
+    Return where a pinhole camera would have pixels.
+
+    Parameters
+    ----------
+    u, v : array_like
+        Pixels, of one shape, within the image.
+    lens : Intrinsics or None
+        A camera that distorts; None for one that does not.
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        Float64 pixels; NaN where the distortion cannot be inverted.
+
+    """
+    u, v = np.asarray(u, np.float64), np.asarray(v, np.float64)
+    if lens is None:
+        return u, v
+    places = np.stack([v.ravel(), u.ravel()])
+    across, down = (ndimage.map_coordinates(image, places, order=1, mode='nearest')
+                    for image in _straight_pixels(lens))
+    return across.reshape(u.shape), down.reshape(u.shape)
+
+
+@lru_cache(maxsize=8)
+def _straight_pixels(lens: Intrinsics) -> np.ndarray:
+    x, y = pixel_rays(lens)
+    return np.stack([x * lens.fx + lens.cx, y * lens.fy + lens.cy])
 
 
 @dataclass(frozen=True)
@@ -23,16 +60,20 @@ class Plane:
     ----------
     p, q, r : float
         Inverse depth at pixel (u, v) is ``p + q u + r v``, 1/m.
+    lens : Intrinsics or None
+        The camera, if it distorts: (u, v) are then a pinhole camera's.
 
     """
 
     p: float
     q: float
     r: float
+    lens: Intrinsics | None = None
 
     def depth(self, u: Any, v: Any) -> np.ndarray:
         """Return the depth along the optical axis at pixels, metres; NaN where there is none."""
-        inverse = self.p + self.q * np.asarray(u, np.float64) + self.r * np.asarray(v, np.float64)
+        u, v = straighten(u, v, self.lens)
+        inverse = self.p + self.q * u + self.r * v
         return 1.0 / np.where(inverse > 0, inverse, np.nan)
 
     def incidence(self, u: Any, v: Any, K: np.ndarray) -> np.ndarray:  # noqa: N803
@@ -54,13 +95,15 @@ class Plane:
         """
         (fx, _, cx), (_, fy, cy), _ = K
         normal = np.array([fx * self.q, fy * self.r, self.p + self.q * cx + self.r * cy])
-        x, y = (np.asarray(u) - cx) / fx, (np.asarray(v) - cy) / fy
+        u, v = straighten(u, v, self.lens)
+        x, y = (u - cx) / fx, (v - cy) / fy
         along = normal[0] * x + normal[1] * y + normal[2]
         lengths = np.linalg.norm(normal) * np.sqrt(1.0 + x ** 2 + y ** 2)
         return np.arccos(np.clip(np.abs(along) / lengths, 0.0, 1.0))
 
 
-def fit_plane(u: np.ndarray, v: np.ndarray, depth: np.ndarray) -> Plane:
+def fit_plane(u: np.ndarray, v: np.ndarray, depth: np.ndarray,
+              lens: Intrinsics | None = None) -> Plane:
     """
     Fit a plane by least squares in depth.
 
@@ -68,8 +111,11 @@ def fit_plane(u: np.ndarray, v: np.ndarray, depth: np.ndarray) -> Plane:
     ----------
     u, v, depth : numpy.ndarray
         Three or more pixels that are not in line, and their depths in metres, all finite.
+    lens : Intrinsics, optional
+        The camera, if it distorts; the pixels are to be where that can be inverted.
 
     """
+    u, v = straighten(u, v, lens)
     # About the middle, where the normal equations are well conditioned.
     u0, v0 = float(np.mean(u)), float(np.mean(v))
     design = np.stack([np.ones(len(u)), u - u0, v - v0])
@@ -84,10 +130,11 @@ def fit_plane(u: np.ndarray, v: np.ndarray, depth: np.ndarray) -> Plane:
         error = (1.0 / fitted - depth) * fitted ** 2
         solution = solution + np.linalg.lstsq(weighted @ design.T, weighted @ error, rcond=None)[0]
     p, q, r = solution
-    return Plane(float(p - q * u0 - r * v0), float(q), float(r))
+    return Plane(float(p - q * u0 - r * v0), float(q), float(r), lens)
 
 
-def ransac_plane(u: np.ndarray, v: np.ndarray, depth: np.ndarray, tolerance: float) -> Plane:
+def ransac_plane(u: np.ndarray, v: np.ndarray, depth: np.ndarray, tolerance: float,
+                 lens: Intrinsics | None = None) -> Plane:
     """
     Fit a plane to what may be several surfaces.
 
@@ -97,6 +144,8 @@ def ransac_plane(u: np.ndarray, v: np.ndarray, depth: np.ndarray, tolerance: flo
         Pixels and their depths in metres, all finite.
     tolerance : float
         How far from the plane its pixels may lie, metres.
+    lens : Intrinsics, optional
+        The camera, if it distorts.
 
     Returns
     -------
@@ -109,10 +158,11 @@ def ransac_plane(u: np.ndarray, v: np.ndarray, depth: np.ndarray, tolerance: flo
 
     # The tolerance is one of depth; at the middle's depth it is this much of inverse depth.
     threshold = tolerance / float(np.median(depth)) ** 2
-    centre, scale = (u.mean(), v.mean()), max(np.ptp(u), np.ptp(v), 1.0)
-    design = np.stack([(u - centre[0]) / scale, (v - centre[1]) / scale], axis=1)
+    across, down = straighten(u, v, lens)
+    scale = max(np.ptp(across), np.ptp(down), 1.0)
+    design = np.stack([(across - across.mean()) / scale, (down - down.mean()) / scale], axis=1)
     search = RANSACRegressor(LinearRegression(), residual_threshold=threshold, random_state=0,
                              max_trials=200, stop_probability=0.9999)
     search.fit(design, 1.0 / depth)
     inside = search.inlier_mask_
-    return fit_plane(u[inside], v[inside], depth[inside])
+    return fit_plane(u[inside], v[inside], depth[inside], lens)

@@ -1,35 +1,31 @@
 """The report: one HTML page that needs nothing else, and its figures as PNG."""
 
 import base64
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from html import escape
 import math
 from pathlib import Path
 from typing import Any
 
-from flexx2_sim_ros.camera.modes import flexx2, Mode
 from flexx2_sim_ros.camera.profiles import ProfileFile
 from flexx2_sim_ros.characterize import figures
-from flexx2_sim_ros.characterize.analysis import Cell, Characterization, Divergence
+from flexx2_sim_ros.characterize.analysis import Cell, Characterization
 from flexx2_sim_ros.characterize.assumptions import check_assumptions
-from flexx2_sim_ros.characterize.axial import NAMES
 from flexx2_sim_ros.characterize.histogram import noise_histogram
-from flexx2_sim_ros.config_file import read_section
+from flexx2_sim_ros.characterize.tables import DASH, divergence, four_tables, Row, Table
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.paths import config_dir
 import numpy as np
 
-_DASH = '–'
 _SHARPNESS = 1.45  # of the figures' pixels a pixel of the page
 _STYLE = """
 :root { color-scheme: light; }
 body { font: 15px/1.5 system-ui, "Segoe UI", Roboto, "DejaVu Sans", sans-serif; color: #1c1c1c;
-  background: #fff; max-width: 64rem; margin: 2rem auto; padding: 0 1.2rem; }
+  background: #fff; max-width: 66rem; margin: 2rem auto; padding: 0 1.2rem; }
 h1 { font-size: 1.6rem; margin-bottom: .2rem; }
 h2 { font-size: 1.15rem; margin: 2.2rem 0 .5rem; border-bottom: 1px solid #ddd; }
 p { margin: .4rem 0; } .note { color: #555; font-size: .9rem; }
 table { border-collapse: collapse; margin: .6rem 0; font-size: .9rem; }
-th, td { padding: .22rem .7rem; text-align: right; white-space: nowrap; }
+th, td { padding: .22rem .55rem; text-align: right; white-space: nowrap; }
 th { border-bottom: 1.5px solid #444; font-weight: 600; }
 td { border-bottom: 1px solid #eee; font-variant-numeric: tabular-nums; }
 th:first-child, td:first-child, .text { text-align: left; }
@@ -83,6 +79,7 @@ def _draw(result: Characterization, folder: Path, camera: str | None) -> dict[st
     drawings: dict[str, Callable[[Path], Any]] = {
         'sigma_z': lambda path: figures.axial_figure(result, path),
         'histogram': lambda path: figures.histogram_figure(histogram, path),
+        'tables': lambda path: figures.tables_figure(four_tables(result), path),
         'lateral': lambda path: figures.lateral_figure(result, path),
         'bias': lambda path: figures.bias_figure(result, path),
         'amplitude': lambda path: figures.amplitude_figure(result, path)}
@@ -98,18 +95,20 @@ def _draw(result: Characterization, folder: Path, camera: str | None) -> dict[st
 def _page(result: Characterization, profile: ProfileFile, pictures: dict[str, str]) -> str:
     cells = [cell for mode in result.modes for cell in mode.cells]
     frames = sum(cell.measurement.frames for cell in cells)
-    width, height = cells[0].measurement.size
+    view = profile.profile.intrinsics
+    size = f'{"crops of " if result.cropped else ""}{view.width} x {view.height} pixels'
+    modes, axial, axial_divergence, lateral = four_tables(result)
     title = f'{profile.profile.model}: noise of its depth'
     several = f'{len(result.modes)} modes' if len(result.modes) > 1 else 'one mode'
     parts = [
         f'<h1>{escape(title)}</h1>',
-        _paragraph(f'{len(cells)} recordings, {frames:,} frames of {width} x {height} pixels, '
+        _paragraph(f'{len(cells)} recordings, {frames:,} frames of {size}, '
                    f'{several}, from the folder {result.folder.resolve().name}. '
                    f'Made {profile.provenance.get("date", "")} by '
                    f'{profile.provenance.get("made_by", "")}.', 'note'),
-        *_summary(result),
-        *_modes_table(result), *_axial(result, pictures), *_axial_divergence(result),
-        *_histogram(pictures), *_lateral(result, pictures), *_assumptions(result),
+        *_summary(result), *_section(modes), *_axial(axial, result, pictures),
+        *_section(axial_divergence, 'h3'), *_histogram(result, pictures),
+        *_lateral(lateral, pictures), *_assumptions(result),
         *_bias_and_amplitude(pictures), *_details(result), *_left_out(result, profile),
         *_method(result)]
     return ('<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
@@ -137,105 +136,29 @@ def _summary(result: Characterization) -> list[str]:
         lines.append('<li class="no">Single frames: noise is what one frame leaves of a plane, '
                      'not what changes from frame to frame. Correlated neighbours hide some of '
                      'it, a fixed pattern adds to it.</li>')
+    if result.left_out:
+        lines.append(f'<li class="no">{len(result.left_out)} recordings were left out; the '
+                     'reasons are at the end.</li>')
     return [f'<ul>{"".join(lines)}</ul>']
 
 
-def _modes_table(result: Characterization) -> list[str]:
-    rows = []
-    for mode in result.modes:
-        known = _known(mode.usecase)
-        near, far = _ends([m.distance for m in mode.measurements])
-        low, high = _ends([m.angle_deg for m in mode.measurements])
-        rates = [m.rate_hz for m in mode.measurements if math.isfinite(m.rate_hz)]
-        rows.append([
-            mode.usecase,
-            ' + '.join(f'{f / 1e6:g}' for f in known.modulation_hz) if known else _DASH,
-            f'{known.rate_hz:g}' if known else f'{np.median(rates):.3g}' if rates else _DASH,
-            f'{known.range_min:g} to {known.range_max:g}' if known else _DASH,
-            str(len(mode.cells)), f'{sum(m.frames for m in mode.measurements):,}',
-            f'{near:.2f} to {far:.2f}', f'{low:.0f} to {high:.0f}'])
-    return ['<h2>Modes</h2>', _table(
-        ('mode', 'modulation [MHz]', 'rate [Hz]', 'range [m]', 'recordings', 'frames',
-         'boards at [m]', 'incidence [°]'), rows)]
-
-
-def _axial(result: Characterization, pictures: dict[str, str]) -> list[str]:
-    rows: list[tuple[str, list[str]]] = []
-    for mode in result.modes:
-        fit = mode.axial
-        rows.append(('', [mode.usecase, *(_with_error(_shown(name, fit.coefficients[name]),
-                                                      _shown(name, fit.errors[name]))
-                                          for name in NAMES),
-                          _DASH if fit.interval_n is None else
-                          f'{fit.interval_n[0]:.2f} to {fit.interval_n[1]:.2f}',
-                          f'{fit.scatter:.1%}']))
-        noise = figures.paper_noise(mode.usecase)
-        if noise is not None:
-            rows.append(('paper', ['the paper', *(f'{_shown(name, getattr(noise, name)):g}'
-                                                  for name in NAMES), '', '']))
+def _axial(table: Table, result: Characterization, pictures: dict[str, str]) -> list[str]:
     notes = [f'{mode.usecase}: {note}.' for mode in result.modes for note in mode.axial.notes]
-    return [
-        '<h2>Axial noise</h2>',
-        _paragraph('sigma_z = a + b z + c z² + d zⁿ θ² / (π/2 − θ)², metres and radians; θ is '
-                   "the angle between a pixel's ray and the surface's normal. ± is one standard "
-                   'error, the interval of n and the bands are 95 %; scatter is how far '
-                   'recordings deviate from the fit (root mean square).', 'note'),
-        _table(('mode', 'a [mm]', 'b [mm/m]', 'c [mm/m²]', 'd [mm/mⁿ]', 'n', 'n is in',
-                'scatter'), rows),
-        *(_paragraph(note, 'note') for note in notes),
-        _image(pictures, 'sigma_z', 'sigma_z against distance, by incidence angle; lines and '
-               'bands: the model; points: recordings, at the optical axis')]
+    return [*_section(table), *(_paragraph(note, 'note') for note in notes),
+            _image(pictures, 'sigma_z', 'sigma_z against distance, by incidence angle; lines and '
+                   'bands: the model; points: recordings, at the optical axis')]
 
 
-def _axial_divergence(result: Characterization) -> list[str]:
-    paper = read_section(config_dir() / 'paper.yaml', 'divergence', dict)
-    angles = figures.groups(result.modes)
-    rows: list[tuple[str, list[str]]] = []
-    for mode in result.modes:
-        by_angle = [[cell.axial for cell in mode.cells if figures.angle_group(cell) == angle]
-                    for angle in angles]
-        everything = [cell.axial for cell in mode.cells]
-        rows.append(('', [mode.usecase, *(_divergence(found) for found in
-                                          [*by_angle, everything])]))
-        reported = paper.get(mode.usecase)
-        if reported:
-            table = {float(key): value for key, value in reported['axial_kl'].items()}
-            rows.append(('paper', ['the paper', *(f'{table[angle]:.3f}' if angle in table
-                                                  else '' for angle in angles), '']))
-    return ['<h3>Divergence of the measured noise from the model [nats]</h3>',
-            _paragraph('Mean over pixels of the Kullback-Leibler divergence; in brackets without '
-                       'what so many frames give a perfect model (about 1 / frames).', 'note'),
-            _table(('mode', *(f'{angle:g}°' for angle in angles), 'all'), rows)]
+def _histogram(result: Characterization, pictures: dict[str, str]) -> list[str]:
+    caption = ('Depth less the fitted plane, all pixels and frames of one recording around the '
+               'optical axis')
+    if any(mode.spatial for mode in result.modes):
+        caption += "; with what the image is not flat by, which is not in the model's sigma"
+    return [_image(pictures, 'histogram', caption)]
 
 
-def _histogram(pictures: dict[str, str]) -> list[str]:
-    return [_image(pictures, 'histogram', 'Depth less the fitted plane, all pixels and frames of '
-                   'one recording around the optical axis')]
-
-
-def _lateral(result: Characterization, pictures: dict[str, str]) -> list[str]:
-    paper = read_section(config_dir() / 'paper.yaml', 'divergence', dict)
-    rows: list[tuple[str, list[str]]] = []
-    for mode in result.modes:
-        sigmas = [edge.sigma for _, edge in mode.edges]
-        found = [cell.lateral for cell in mode.cells if cell.lateral is not None]
-        rows.append(('', [
-            mode.usecase, str(len(sigmas)),
-            _with_error(mode.sigma_x, mode.sigma_x_error) if sigmas else 'not measured',
-            f'{np.median(sigmas):.3f}' if sigmas else _DASH,
-            f'{min(sigmas):.2f} to {max(sigmas):.2f}' if sigmas else _DASH,
-            _divergence(found)]))
-        noise = figures.paper_noise(mode.usecase)
-        if noise is not None:
-            kl = paper.get(mode.usecase, {}).get('lateral_kl')
-            rows.append(('paper', ['the paper', '', f'{noise.sigma_x:g}', '', '',
-                                   '' if kl is None else f'{kl:g}']))
-    parts = ['<h2>Lateral noise</h2>',
-             _paragraph("sigma_x: the 90th percentile of all edges' standard deviations about "
-                        'their own lines, in pixels. An edge is found to whole pixels: that '
-                        'alone is 0.29 px, and it is in these figures.', 'note'),
-             _table(('mode', 'edges', 'sigma_x [px]', 'median', 'from, to', 'divergence [nats]'),
-                    rows)]
+def _lateral(table: Table, pictures: dict[str, str]) -> list[str]:
+    parts = _section(table)
     if 'lateral' in pictures:
         parts.append(_image(pictures, 'lateral', 'Every edge, by distance and angle from left to '
                             'right; bars are two standard errors'))
@@ -276,23 +199,23 @@ def _details(result: Characterization) -> list[str]:
         rows = [_detail(cell) for cell in mode.cells]
         parts.append(
             f'<details><summary>{escape(mode.usecase)}: {len(rows)} recordings</summary>'
-            '<div class="scroll">' + _table(
+            + _table(
                 ('recording', 'z [m]', 'θ [°]', 'bias [mm]', 'invalid', 'sigma_z [mm]', '/ model',
                  'KL [nats]', 'lag 1', 'right', 'down', 'kurtosis', 'edges [px]', 'KL'), rows)
-            + '</div></details>')
+            + '</details>')
     return parts
 
 
-def _detail(cell: Cell) -> list[str]:
+def _detail(cell: Cell) -> Row:
     m = cell.measurement
-    return [
-        m.path.name, f'{m.distance:.3f}', f'{m.angle_deg:.1f}', _number(1e3 * m.bias, '+.2f'),
+    return Row((
+        m.path.name, f'{m.distance:.3f}', f'{m.angle_deg:.1f}', _number(1e3 * m.bias, '+z.2f'),
         f'{m.pixels.invalid:.2%}', f'{1e3 * cell.sigma:.2f}', f'{cell.sigma / cell.modelled:.3f}',
-        f'{cell.axial.raw:.4f} ({cell.axial.debiased:+.4f})',
-        *(_number(value, '+.3f') for value in (m.pixels.lag, m.pixels.right, m.pixels.down,
-                                               m.pixels.kurtosis)),
-        ', '.join(f'{edge.sigma:.2f}' for edge in m.edges) or _DASH,
-        _divergence([cell.lateral] if cell.lateral else [])]
+        f'{cell.axial.raw:.4f} ({cell.axial.debiased:+z.4f})',
+        *(_number(value, '+z.3f') for value in (
+            m.pixels.lag, m.pixels.right, m.pixels.down, m.pixels.kurtosis)),
+        ', '.join(f'{edge.sigma:.2f}' for edge in m.edges) or DASH,
+        divergence([cell.lateral] if cell.lateral else [])))
 
 
 def _left_out(result: Characterization, profile: ProfileFile) -> list[str]:
@@ -323,55 +246,26 @@ def _method(result: Characterization) -> list[str]:
         'doi 10.1109/COINS61597.2024.10622644.', 'note')]
 
 
-def _known(usecase: str) -> Mode | None:
-    try:
-        return flexx2().mode(usecase)
-    except InputError:
-        return None
-
-
-def _ends(values: Sequence[float]) -> tuple[float, float]:
-    return min(values), max(values)
-
-
-def _shown(name: str, value: Any) -> Any:
-    """Return a coefficient in millimetres."""
-    return value if name == 'n' or value is None else 1e3 * value
-
-
-def _with_error(value: float, error: float | None) -> str:
-    if error is None or not math.isfinite(error):
-        return f'{value:.4g}'
-    # The error's first two digits say how many of the value's mean something.
-    digits = max(0, min(6, 1 - math.floor(math.log10(error)))) if error > 0 else 6
-    return f'{value:.{digits}f} ± {error:.{digits}f}'
-
-
-def _divergence(found: Sequence[Divergence]) -> str:
-    if not found:
-        return _DASH
-    raw, debiased = (float(np.mean(values)) for values in
-                     ([d.raw for d in found], [d.debiased for d in found]))
-    return f'{raw:.4f} ({round(debiased, 4) + 0.0:.4f})'
-
-
 def _number(value: float, form: str) -> str:
-    return f'{value:{form}}' if math.isfinite(value) else _DASH
+    return f'{value:{form}}' if math.isfinite(value) else DASH
 
 
 def _paragraph(text: str, kind: str) -> str:
     return f'<p class="{kind}">{escape(text)}</p>'
 
 
-def _table(head: Iterable[str], rows: Iterable[Sequence[str] | tuple[str, list[str]]]) -> str:
-    lines = [''.join(f'<th>{escape(name)}</th>' for name in head)]
-    kinds = ['']
+def _section(table: Table, level: str = 'h2') -> list[str]:
+    note = [_paragraph(table.note, 'note')] if table.note else []
+    return [f'<{level}>{escape(table.title)}</{level}>', *note, _table(table.head, table.rows)]
+
+
+def _table(head: Iterable[str], rows: Iterable[Row]) -> str:
+    lines = ['<tr>' + ''.join(f'<th>{escape(name)}</th>' for name in head) + '</tr>']
     for row in rows:
-        kind, fields = row if isinstance(row, tuple) and len(row) == 2 else ('', row)
-        kinds.append(f' class="{kind}"' if kind else '')
-        lines.append(''.join(f'<td>{escape(str(field))}</td>' for field in fields))
-    return '<table>' + ''.join(f'<tr{kind}>{line}</tr>' for kind, line in
-                               zip(kinds, lines, strict=True)) + '</table>'
+        kind = ' class="paper"' if row.paper else ''
+        fields = ''.join(f'<td>{escape(field)}</td>' for field in row.fields)
+        lines.append(f'<tr{kind}>{fields}</tr>')
+    return f'<div class="scroll"><table>{"".join(lines)}</table></div>'
 
 
 def _image(pictures: dict[str, str], name: str, caption: str) -> str:

@@ -5,7 +5,7 @@ import math
 from flexx2_sim_ros.characterize.analysis import Characterization
 from flexx2_sim_ros.characterize.assumptions import check_assumptions
 from flexx2_sim_ros.characterize.axial import NAMES
-from flexx2_sim_ros.characterize.figures import paper_noise
+from flexx2_sim_ros.characterize.tables import paper_noise
 import numpy as np
 from rich import box
 from rich.console import Console
@@ -24,7 +24,7 @@ def print_result(result: Characterization, console: Console | None = None) -> No
                       f'{fit.coefficients["n"]:.1f}', _text(mode.sigma_x, '.3f'),
                       f'{np.mean([cell.axial.raw for cell in mode.cells]):.4f}')
         errors = [fit.errors[name] for name in NAMES]
-        table.add_row('  ±', *(_text(error, '.6f') for error in errors[:4]),
+        table.add_row('  ±', *(_text(error, '.1g') for error in errors[:4]),
                       _text(errors[4], '.3f'), _text(mode.sigma_x_error, '.3f'), '', style='dim')
         noise = paper_noise(mode.usecase)
         if noise is not None:

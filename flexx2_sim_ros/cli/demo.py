@@ -1,17 +1,13 @@
 """`flexx2 demo`: the whole chain on real topics, measured and pictured."""
 
 import argparse
-from collections.abc import Iterator
-from contextlib import contextmanager
 import importlib.util
 from pathlib import Path
-import signal
-import subprocess
-import sys
 import time
 from typing import Any
 
 from flexx2_sim_ros.camera.modes import flexx2
+from flexx2_sim_ros.cli.children import camera_command, check, nodes, Processes
 from flexx2_sim_ros.cli.demo_picture import draw
 from flexx2_sim_ros.errors import InputError
 from rich import box
@@ -52,6 +48,8 @@ def run(arguments: argparse.Namespace) -> int:
 
     modes = [mode for mode in flexx2().modes if mode.measured]
     console = Console()
+    # Figures of a busy machine are wider; they are not to be cut off.
+    console.width = max(console.width, 100)
     arguments.out.mkdir(parents=True, exist_ok=True)
     pictures = {}
     table = _table()
@@ -59,7 +57,7 @@ def run(arguments: argparse.Namespace) -> int:
     rclpy.init(args=[])
     probe = Probe(_CAMERAS)
     try:
-        with _nodes(arguments) as processes, Progress(
+        with nodes(_commands(arguments), arguments.out) as processes, Progress(
                 TextColumn('{task.description}'), BarColumn(), TimeElapsedColumn(),
                 console=console, transient=True) as progress:
             task = progress.add_task('starting three nodes (the first time compiles)',
@@ -70,7 +68,7 @@ def run(arguments: argparse.Namespace) -> int:
                 progress.reset(task, description=f'{mode.name}', total=arguments.seconds)
                 end = time.monotonic() + arguments.seconds
                 while (left := end - time.monotonic()) > 0:
-                    _check(processes, arguments.out)
+                    check(processes, arguments.out)
                     probe.spin_until(lambda: False, min(0.1, left))
                     progress.update(task, completed=arguments.seconds - left)
                 for camera, capture in probe.captures.items():
@@ -111,46 +109,15 @@ def _add_row(table: Table, camera: str, usecase: str, capture: Any) -> None:
         f'{realised / modelled:.3f}')
 
 
-@contextmanager
-def _nodes(arguments: argparse.Namespace) -> Iterator[dict[str, subprocess.Popen[bytes]]]:
-    # Each node is a process of its own with its log in the output folder; all end with the block.
-    commands = {'go1_cameras': ['go1_cameras', '--ros-args', '-p',
-                                f'renderer:={arguments.renderer}']}
-    for camera in _CAMERAS:
-        commands[camera] = ['flexx2_camera', '--ros-args', '-r', f'__ns:=/{camera}']
-    processes: dict[str, subprocess.Popen[bytes]] = {}
-    try:
-        for name, (module, *rest) in commands.items():
-            with (arguments.out / f'{name}.log').open('wb') as log:
-                processes[name] = subprocess.Popen(
-                    [sys.executable, '-m', f'flexx2_sim_ros.nodes.{module}', *rest],
-                    stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT)
-        yield processes
-    finally:
-        for process in processes.values():
-            if process.poll() is None:
-                process.send_signal(signal.SIGTERM)
-        for process in processes.values():
-            try:
-                process.wait(timeout=5)
-            except subprocess.TimeoutExpired:
-                process.kill()
-                process.wait()
+def _commands(arguments: argparse.Namespace) -> dict[str, list[str]]:
+    go1 = ['go1_cameras', '--ros-args', '-p', f'renderer:={arguments.renderer}']
+    return {'go1_cameras': go1} | {camera: camera_command(camera) for camera in _CAMERAS}
 
 
-def _wait_for_streams(probe: Any, processes: dict[str, subprocess.Popen[bytes]],
-                      folder: Path) -> None:
+def _wait_for_streams(probe: Any, processes: Processes, folder: Path) -> None:
     deadline = time.monotonic() + _START_SECONDS
     while not probe.spin_until(probe.streaming, 0.5):
-        _check(processes, folder)
+        check(processes, folder)
         if time.monotonic() > deadline:
             raise InputError(f'the nodes did not start streaming within {_START_SECONDS:g} s; see '
                              f'the logs in {folder}')
-
-
-def _check(processes: dict[str, subprocess.Popen[bytes]], folder: Path) -> None:
-    for name, process in processes.items():
-        if process.poll() is not None:
-            log = (folder / f'{name}.log').read_text(errors='replace').strip().splitlines()
-            raise InputError(f'{name} ended with exit code {process.returncode}: '
-                             f'{log[-1] if log else "no output"} (log: {folder / name}.log)')

@@ -14,6 +14,7 @@ from flexx2_sim_ros.cli import (
     record,
     replay,
     simulate,
+    view,
 )
 from flexx2_sim_ros.errors import InputError
 
@@ -34,10 +35,13 @@ def main(argv: list[str] | None = None) -> int:
 
     """
     parser = argparse.ArgumentParser(
-        prog='flexx2', description='A simulated PMD Flexx2 time-of-flight camera.')
+        prog='flexx2', description='A simulated PMD Flexx2 time-of-flight camera.',
+        epilog='For RViz and Foxglove there are layouts in config/ (in an install: '
+        'share/flexx2_sim_ros/config): flexx2.rviz and foxglove.json.')
     parser.add_argument('--version', action='version', version=__version__)
     commands = parser.add_subparsers(dest='command', required=True, metavar='COMMAND')
-    for module in (modes, simulate, characterize, effects, demo, record, replay, convert, gap):
+    for module in (modes, simulate, characterize, effects, demo, view, record, replay, convert,
+                   gap):
         module.add_parser(commands)
     arguments = parser.parse_args(argv)
     try:

@@ -9,7 +9,7 @@ from flexx2_sim_ros.effects.effect import Effect, parameter
 from numba import njit
 import numpy as np
 
-_RESET_SIGMAS = np.float32(6.0)
+RESET_SIGMAS = np.float32(6.0)
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ class TemporalFilter(Effect):
         if before is not None and before.shape == exposure.measured.shape:
             change = before - exposure.measured
             with np.errstate(invalid='ignore'):
-                alike = np.abs(change) < _RESET_SIGMAS * exposure.sigma
+                alike = np.abs(change) < RESET_SIGMAS * exposure.sigma
             exposure.measured = np.where(alike, exposure.measured + share * change,
                                          exposure.measured)
         exposure.memory.kept[self.name] = exposure.measured.copy()

@@ -6,6 +6,7 @@ from typing import ClassVar
 
 from flexx2_sim_ros.camera.exposure import Exposure, Stage
 from flexx2_sim_ros.camera.geometry import View
+from flexx2_sim_ros.camera.intrinsics import Intrinsics
 from flexx2_sim_ros.camera.philox import FAST
 from flexx2_sim_ros.camera.surface import PAD, tangents
 from flexx2_sim_ros.effects.effect import Effect, parameter
@@ -48,15 +49,15 @@ class PoseError(Effect):
         index = np.empty((height, width), np.int32)
         _look_from(*tangents(exposure.depth),
                    np.array([camera.fx, camera.fy, camera.cx, camera.cy], np.float32),
-                   _rotation(turn).astype(np.float32), step.astype(np.float32),
+                   rotation_of(turn).astype(np.float32), step.astype(np.float32),
                    depth, index)
         exposure.depth = depth
         if exposure.reflectivity.size > 1:
             exposure.reflectivity = exposure.reflectivity.ravel()[index]
 
 
-def _rotation(turn: np.ndarray) -> np.ndarray:
-    # Rodrigues' formula.
+def rotation_of(turn: np.ndarray) -> np.ndarray:
+    """Return the (3, 3) rotation about an axis (3,) by its length, radians (Rodrigues)."""
     angle = float(np.linalg.norm(turn))
     if angle == 0.0:
         return np.eye(3)
@@ -123,14 +124,19 @@ class IntrinsicsError(Effect):
     p2: float = parameter(0.0, -0.1, 0.1, '', 'plumb_bob, tangential, across')
     k3: float = parameter(0.0, -0.5, 0.5, '', 'plumb_bob, radial, r^6')
 
-    def apply(self, exposure: Exposure) -> None:
-        """See the scene along the true rays."""
-        believed, s = exposure.intrinsics, self.strength
-        true = replace(believed, fx=believed.fx * (1 + s * self.focal),
+    def true_camera(self, believed: Intrinsics) -> Intrinsics:
+        """Return what the camera is when it is thought to be ``believed``."""
+        s = self.strength
+        return replace(believed, fx=believed.fx * (1 + s * self.focal),
                        fy=believed.fy * (1 + s * self.focal), cx=believed.cx + s * self.cx,
                        cy=believed.cy + s * self.cy,
                        distortion=(s * self.k1, s * self.k2, s * self.p1, s * self.p2,
                                    s * self.k3))
+
+    def apply(self, exposure: Exposure) -> None:
+        """See the scene along the true rays."""
+        believed = exposure.intrinsics
+        true = self.true_camera(believed)
         kept = exposure.memory.kept.get(self.name)
         if kept is None or kept.camera != true or kept.source != believed:
             kept = exposure.memory.kept[self.name] = View(true, believed)

@@ -15,8 +15,8 @@ _FRAMES_KEPT = 128
 _TAPS = 4
 # A surface that is nearer or farther by less than the first, as a share of its distance, or than
 # the second would take it, m/s, is the same in two frames (design; twice a trotting Go1).
-_ALIKE_SHARE = 0.05
-_ALIKE_SPEED = 3.0
+ALIKE_SHARE = 0.05
+ALIKE_SPEED = 3.0
 _ZERO = np.float32(0.0)
 _HALF = np.float32(0.5)
 _ONE = np.float32(1.0)
@@ -28,8 +28,8 @@ def _between(early: np.ndarray, late: np.ndarray, share: float, seconds: float) 
     # where another one has come into view, the frame that is nearer in time shows what there is.
     with np.errstate(invalid='ignore', over='ignore'):
         change = late - early
-        same = np.abs(change) < np.maximum(np.float32(_ALIKE_SHARE) * late,
-                                           np.float32(_ALIKE_SPEED * seconds))
+        same = np.abs(change) < np.maximum(np.float32(ALIKE_SHARE) * late,
+                                           np.float32(ALIKE_SPEED * seconds))
         nearer = late if share >= 0.5 else early
         return np.where(same, early + np.float32(share) * change, nearer)
 
@@ -108,7 +108,7 @@ class MotionArtefact(Effect):
                                                strict=True)):
             own = moments[index * _TAPS:(index + 1) * _TAPS].astype(np.float32)
             _demodulate(before[1], exposure.depth, own, np.float32(k),
-                        np.float32(_ALIKE_SHARE), np.float32(_ALIKE_SPEED * interval), shift)
+                        np.float32(ALIKE_SHARE), np.float32(ALIKE_SPEED * interval), shift)
 
 
 @njit(cache=True, error_model='numpy', fastmath=FAST)

@@ -8,7 +8,7 @@ from flexx2_sim_ros.camera.philox import STREAM_TAILS
 from flexx2_sim_ros.effects.effect import Effect, parameter
 import numpy as np
 
-_DARKEST = np.float32(1e-6)  # 1/m^2; the noise is beyond every range.
+DARKEST = np.float32(1e-6)  # 1/m^2; the noise is beyond every range.
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class AmbientLight(Effect):
 
     def apply(self, exposure: Exposure) -> None:
         """Add the variance."""
-        extra = np.float32(self.strength * self.k) / np.maximum(exposure.signal, _DARKEST)
+        extra = np.float32(self.strength * self.k) / np.maximum(exposure.signal, DARKEST)
         exposure.sigma = np.hypot(exposure.sigma, extra)
 
 
@@ -89,7 +89,11 @@ class LateralNoise(Effect):
     factor: float = parameter(1.5, 0.0, 5.0, '', 'on sigma_x, at strength 1')
     laplace: float = parameter(0.5, 0.0, 1.0, '', 'share of edges that move by a Laplacian')
 
+    def edges(self, sigma: float) -> tuple[float, float]:
+        """Return an edge's sigma (pixels) and the share of edges that are Laplacian."""
+        return (sigma * max(1.0 + self.strength * (self.factor - 1.0), 0.0),
+                min(self.strength, 1.0) * self.laplace)
+
     def apply(self, exposure: Exposure) -> None:
         """Scale the edges' sigma and share them out."""
-        exposure.edge_sigma *= max(1.0 + self.strength * (self.factor - 1.0), 0.0)
-        exposure.edge_laplace = min(self.strength, 1.0) * self.laplace
+        exposure.edge_sigma, exposure.edge_laplace = self.edges(exposure.edge_sigma)

@@ -11,6 +11,7 @@ from typing import Any
 
 from flexx2_sim_ros.config_file import read_config
 from flexx2_sim_ros.effects.effect import Effect
+from flexx2_sim_ros.effects.patch import ResidualPatch
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.paths import config_dir
 import yaml
@@ -22,9 +23,20 @@ def registry() -> Mapping[str, type[Effect]]:
     package = import_module('flexx2_sim_ros.effects')
     for module in pkgutil.iter_modules(package.__path__):
         import_module(f'{package.__name__}.{module.name}')
-    found = [kind for kind in Effect.__subclasses__() if kind.__module__.startswith(__package__)]
-    found.sort(key=lambda kind: (kind.stage, kind.order, kind.name))
-    return MappingProxyType({kind.name: kind for kind in found})
+    return MappingProxyType(_in_order(
+        [kind for kind in Effect.__subclasses__()
+         if kind.__module__.startswith(__package__) and kind.listed]))
+
+
+def _in_order(kinds: Sequence[type[Effect]]) -> dict[str, type[Effect]]:
+    found = sorted(kinds, key=lambda kind: (kind.stage, kind.order, kind.name))
+    return {kind.name: kind for kind in found}
+
+
+@lru_cache(maxsize=1)
+def _loadable() -> Mapping[str, type[Effect]]:
+    # A diagnosis writes the patch where no effect explains the gap; it is none itself.
+    return _in_order([*registry().values(), ResidualPatch])
 
 
 def parse_effects(table: Any, where: str = 'effects') -> tuple[Effect, ...]:
@@ -51,10 +63,11 @@ def parse_effects(table: Any, where: str = 'effects') -> tuple[Effect, ...]:
     """
     if not isinstance(table, Mapping):
         raise InputError(f'{where}: found {table!r}, wanted a table of effects by name')
-    known = registry()
+    known = _loadable()
     for name in table:
         if name not in known:
-            raise InputError(f'{where}: {name}: no such effect, wanted one of {", ".join(known)}')
+            raise InputError(f'{where}: {name}: no such effect, wanted one of '
+                             f'{", ".join(registry())}')
     try:
         return tuple(known[name].from_mapping(table[name]) for name in known if name in table)
     except InputError as error:

@@ -10,7 +10,7 @@ from flexx2_sim_ros.effects.effect import Effect, parameter
 from numba import njit
 import numpy as np
 
-_RARE = 6.0  # sigmas of noise that are not looked into
+RARE = 6.0  # sigmas of noise that are not looked into
 
 
 @dataclass(frozen=True)
@@ -60,13 +60,14 @@ class RangeWrap(Effect):
         frequencies = exposure.mode.modulation_hz
         norm = math.sqrt(sum(f * f for f in frequencies))
         spreads = np.array([norm / f for f in frequencies], np.float32)
-        pairs = [(i, j, math.hypot(spreads[i], spreads[j]), _step(frequencies[i], frequencies[j]))
+        pairs = [(i, j, math.hypot(spreads[i], spreads[j]),
+                  lattice_step(frequencies[i], frequencies[j]))
                  for i in range(len(frequencies)) for j in range(i)]
         sigma = np.float32(self.strength) * exposure.sigma.reshape(-1)
         shifts = [shift.reshape(-1) for shift in exposure.shifts]
         # As long as no two of them are apart by half a step, all is well.
         risky = np.flatnonzero(np.any([
-            np.abs(shifts[i] - shifts[j]) + np.float32(_RARE * spread) * sigma > step / 2
+            np.abs(shifts[i] - shifts[j]) + np.float32(RARE * spread) * sigma > step / 2
             for i, j, spread, step in pairs], axis=0))
         if not risky.size:
             return
@@ -81,8 +82,8 @@ class RangeWrap(Effect):
                 exposure.measured.reshape(-1))
 
 
-def _step(one: float, other: float) -> np.float32:
-    # Distances that repeat after c/2f1 and c/2f2 differ by multiples of c gcd / (2 f1 f2).
+def lattice_step(one: float, other: float) -> np.float32:
+    """Return the lattice of distances that repeat after c/2f1 and c/2f2: c gcd / (2 f1 f2)."""
     common = math.gcd(round(one / 1e6), round(other / 1e6)) * 1e6
     return np.float32(SPEED_OF_LIGHT * common / (2.0 * one * other))
 

@@ -2,9 +2,11 @@
 Diagnose the gap between recordings of a real camera and the simulation of the same scenes.
 
 `diagnose` says where the two differ, which effects explain it, and how much of the gap goes away
-on recordings that were not used to decide.
+on recordings that were not used to decide. `measure` says how much of a gap given effects take
+off.
 """
 
 from flexx2_sim_ros.gap.diagnosis import diagnose
+from flexx2_sim_ros.gap.measure import measure
 
-__all__ = ['diagnose']
+__all__ = ['diagnose', 'measure']

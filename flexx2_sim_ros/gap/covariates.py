@@ -147,8 +147,8 @@ def look_at(clean: np.ndarray, before: np.ndarray | None, interval: float,
         put('fine_distance', clean, inside & (clean < FINE_STEP * FINE_BINS))
         put('incidence', np.degrees(surface.incidence), inside)
         v, u = np.mgrid[:height, :width]
-        radius = np.hypot((u - (width - 1) / 2) / (width / 2), (v - (height - 1) / 2)
-                          / (height / 2)) / math.sqrt(2)
+        radius = (np.hypot(u - (width - 1) / 2, v - (height - 1) / 2)
+                  / math.hypot(width / 2, height / 2))
         put('radius', radius, inside)
         put('region', (v * 3 // height) * 4 + u * 4 // width, inside)
         put('tile', (v * TILE_ROWS // height) * TILE_COLUMNS + u * TILE_COLUMNS // width, inside)

@@ -14,11 +14,12 @@ GAIN = 1.5
 LEAST_GAIN = 0.7  # if the recordings agree
 _AGREE = 0.97
 GAP = 18.0
-MOST_EFFECTS = 3
+MOST_EFFECTS = 6
 _TERM_COST = 0.5  # a recording
+_WEAK_COST = 0.25  # a recording and factor of e below 0.4 of the usual strength
 _FROM_NODE = (3.0, 1.0, 1.0)
 _ALTERNATIVE = 0.8
-_UNKNOWN_SHARE = 0.13
+_UNKNOWN_SHARE = 0.2
 _NEXT_SHARE = 0.04
 _PARTLY_SHARE = 0.5
 # Loss a recording that the base simulator with errors of pose and reflectivity leaves above that
@@ -44,6 +45,31 @@ class Choice:
 
 
 @dataclass(frozen=True)
+class Alternative:
+    """
+    An effect that does about as well in the place of a chosen one.
+
+    Attributes
+    ----------
+    fit : Fit
+        The effect is the last of its candidates.
+    instead_of : tuple of str
+        The chosen effects that it replaces.
+    share : float
+    interval : list of float
+    confidence : float
+        As for the chosen effects.
+
+    """
+
+    fit: Fit
+    instead_of: tuple[str, ...]
+    share: float
+    interval: list[float]
+    confidence: float
+
+
+@dataclass(frozen=True)
 class Decision:
     """
     The outcome.
@@ -56,8 +82,9 @@ class Decision:
         Without any effect; with those chosen (the best found, if the verdict is ``unknown``).
     shares, intervals, confidences : list
         An effect.
-    alternatives : list of Choice
-        Sets that could not be told apart from the chosen one, best first.
+    alternatives : list of Alternative
+        What could not be told apart from the effects chosen, best first; with ``unknown``, what
+        came nearest.
     considered : list of Choice
         The best variant of each single effect, best first.
     excess : float
@@ -71,7 +98,7 @@ class Decision:
     shares: list[float]
     intervals: list[list[float]]
     confidences: list[float]
-    alternatives: list[Choice]
+    alternatives: list[Alternative]
     considered: list[Choice]
     excess: float
 
@@ -99,7 +126,7 @@ def decide(model: Model, candidates: Sequence[Candidate],
                scales: Sequence[float] = SCALES) -> Choice:
         fit = model.fit(parts, start, scales)
         terms = len(fit.values) + 2 * any(c.effect == 'pose_error' for c in parts)
-        return Choice(fit, base.total - fit.total - _TERM_COST * count * terms)
+        return Choice(fit, base.total - fit.total - count * (_TERM_COST * terms + _oddity(fit)))
 
     def single(candidate: Candidate) -> Choice:
         # From nothing, and from a value that was simulated: there may be a hump between.
@@ -114,7 +141,7 @@ def decide(model: Model, candidates: Sequence[Candidate],
     own = {one.fit.candidates[0]: one.fit.values for one in singles}
     considered = _best_of_each(singles)
     chosen = considered[0] if considered else Choice(base, 0.0)
-    rivals = considered[1:]
+    rivals, gained = considered[1:], 0.0
     excess = max(base.inside - null - chosen.fit.pose_loss, 1e-9)
     if _counts(chosen, base, count):
         for _ in range(MOST_EFFECTS - 1):
@@ -131,12 +158,18 @@ def decide(model: Model, candidates: Sequence[Candidate],
             best = max(more, key=lambda c: c.gain)
             if best.gain - chosen.gain < max(GAIN * count, _NEXT_SHARE * excess):
                 break
+            gained = chosen.gain
             chosen = best
             rivals = [c for c in _best_of_each(more, last=True) if c is not best]
+        whole = chosen
         chosen = _prune(chosen, choice, GAIN * count)
+        if chosen is not whole:
+            alone = len(chosen.fit.candidates) == 1
+            rivals, gained = ([c for c in considered if c.fit.candidates[0].effect
+                               != chosen.fit.candidates[0].effect] if alone else []), 0.0
         excess = max(base.inside - null - chosen.fit.pose_loss, 1e-9)
-    alternatives = [c for c in rivals if c.gain >= _ALTERNATIVE * chosen.gain > 0
-                    and _certainty(chosen.fit, c.fit) < 0.95][:5]
+    equals = [c for c in rivals if c.gain - gained >= _ALTERNATIVE * (chosen.gain - gained) > 0
+              and _certainty(chosen.fit, c.fit) < 0.95][:5]
     parts = chosen.fit.candidates
     if len(parts) > 1:
         without = [choice([c for c in parts if c is not part]) for part in parts]
@@ -150,9 +183,36 @@ def decide(model: Model, candidates: Sequence[Candidate],
     confidences = [min((_certainty(chosen.fit, c.fit) for c in [*rivals[:5], without[i]]),
                        default=1.0) for i in order]
     shares = [shares[i] for i in order]
-    verdict = _verdict(chosen, base, excess, fit.loss.sum() - null, sum(shares))
+    verdict = _verdict(chosen, base, excess, fit.loss.sum() - null)
+    unknown = verdict == 'unknown'
+    alternatives = [_alternative(model, choice, base, excess, one, base if unknown else chosen.fit)
+                    for one in (considered[:3] if unknown else equals)]
     return Decision(verdict, base, fit, shares, intervals, confidences, alternatives, considered,
                     excess)
+
+
+def _alternative(model: Model, choice: Callable[..., Choice], base: Fit, excess: float,
+                 one: Choice, chosen: Fit) -> Alternative:
+    rest = one.fit.candidates[:-1]
+    without = choice(rest).fit if rest else base
+    kept = {c.effect for c in one.fit.candidates}
+    return Alternative(
+        one.fit, tuple(c.effect for c in chosen.candidates if c.effect not in kept),
+        float(np.clip((without.total - one.fit.total) / excess, 0, 1)),
+        interval(model, without, one.fit, base), _certainty(one.fit, chosen))
+
+
+def _oddity(fit: Fit) -> float:
+    # An effect much weaker than usual is less likely than another one of usual strength.
+    cost, i = 0.0, 0
+    for candidate in fit.candidates:
+        if len(candidate.terms) == 1:
+            term = candidate.terms[0]
+            usual = abs(term.nodes[len(term.nodes) // 2][0] - term.neutral)
+            size = max(abs(float(fit.values[i]) - term.neutral), 1e-3 * usual)
+            cost += _WEAK_COST * max(np.log(usual / size) - np.log(2.5), 0.0)
+        i += len(candidate.terms)
+    return cost
 
 
 def _counts(chosen: Choice, base: Fit, count: int) -> bool:
@@ -160,17 +220,16 @@ def _counts(chosen: Choice, base: Fit, count: int) -> bool:
         chosen.gain >= LEAST_GAIN * count and _certainty(chosen.fit, base) >= _AGREE)
 
 
-def _verdict(chosen: Choice, base: Fit, excess: float, left: float, share: float) -> str:
+def _verdict(chosen: Choice, base: Fit, excess: float, left: float) -> str:
     count = len(base.loss)
     if not _counts(chosen, base, count):
         return 'none' if excess < GAP * count else 'unknown'
+    much = left > GAP * count
     # A pose error common to all recordings hides in their own: it takes little off the features.
     posed = any(c.effect == 'pose_error' for c in chosen.fit.candidates)
-    if share < _UNKNOWN_SHARE and excess > GAP * count and not posed:
+    if much and base.total - chosen.fit.total < _UNKNOWN_SHARE * excess and not posed:
         return 'unknown'
-    if left > GAP * count and left > _PARTLY_SHARE * excess:
-        return 'partly'
-    return 'identified'
+    return 'partly' if much and left > _PARTLY_SHARE * excess else 'identified'
 
 
 def _best_of_each(choices: Sequence[Choice], last: bool = False) -> list[Choice]:

@@ -13,10 +13,11 @@ from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap.campaign import find, nothing_left
 from flexx2_sim_ros.gap.catalogue import Candidate, catalogue
 from flexx2_sim_ros.gap.confirm import Outcome
-from flexx2_sim_ros.gap.decide import Choice, decide, Decision, FLOOR, ratio_interval
+from flexx2_sim_ros.gap.decide import Alternative, decide, Decision, FLOOR, ratio_interval
 from flexx2_sim_ros.gap.evidence import Evidence
 from flexx2_sim_ros.gap.measures import UNITS
 from flexx2_sim_ros.gap.model import Fit, Model
+from flexx2_sim_ros.gap.patch import fit_patch
 from flexx2_sim_ros.gap.pose import LIMITS, NAMES, STEPS
 from flexx2_sim_ros.gap.where import cells, unexplained
 from flexx2_sim_ros.gap.work import bind, simulate_set, summarise, workers
@@ -71,8 +72,7 @@ def diagnose(campaign_dir: str | Path, *, profile: Profile | None = None,
     progress('looking for recordings', 0.0)
     found, left_out = find(campaign_dir, profile)
     prior = np.array([pose_prior[0]] * 3 + [pose_prior[1]] * 3)
-    left_names = tuple(sorted(without))
-    columns, candidates = catalogue(left_names)
+    columns, candidates = catalogue(without)
     done = 0
 
     def tick(weight: float, start: float, total: int, text: str) -> Callable[[], None]:
@@ -87,7 +87,7 @@ def diagnose(campaign_dir: str | Path, *, profile: Profile | None = None,
 
     with workers(jobs, scheduler) as mapped:
         text = 'simulating what could explain the recordings'
-        outcomes = mapped(bind(summarise, profile=profile, without=left_names, seed=seed,
+        outcomes = mapped(bind(summarise, profile=profile, columns=columns, seed=seed,
                                prior=tuple(prior)), found,
                           tick(0.7, 0.02, len(found), text))
         evidence = [one for one in outcomes if isinstance(one, Evidence)]
@@ -114,6 +114,11 @@ def diagnose(campaign_dir: str | Path, *, profile: Profile | None = None,
     table['seconds'] = round(time.monotonic() - began, 2)
     table['peak_mb'] = round(_peak_mb(), 1)
     table['version'] = __version__
+    if decision.verdict == 'unknown':
+        patch, covariate, share = fit_patch(model, model.residual(decision.base))
+        effects = [patch]
+        table['patch'] = {'covariate': covariate, 'shrink': share,
+                          'held_out': len(evidence) > 1}
     if out is not None:
         from flexx2_sim_ros.gap.writing import write
         write(Path(out), table, effects, model, decision, confirmed)
@@ -169,6 +174,10 @@ def _table(model: Model, decision: Decision, effects: list[Effect], confirmed: l
     chosen = decision.chosen
     explained = decision.verdict in ('identified', 'partly')
     residual = model.residual(chosen if explained else decision.base)
+    # What the effects change, and what is left, if that matters; not the recordings' own errors.
+    difference = np.zeros_like(residual) if decision.verdict == 'identified' else residual
+    if explained:
+        difference = difference + model.shift(chosen)
     rows = []
     for effect, share, interval, confidence in zip(
             effects, decision.shares, decision.intervals, decision.confidences, strict=False):
@@ -178,11 +187,10 @@ def _table(model: Model, decision: Decision, effects: list[Effect], confirmed: l
         'schema': SCHEMA,
         'verdict': decision.verdict,
         'effects': rows,
-        'alternatives': [_alternative(model, one, decision) for one in
-                         (decision.alternatives if explained else decision.considered[:3])],
+        'alternatives': [_alternative(model, one) for one in decision.alternatives],
         'unexplained': (unexplained(model, residual, model.null_loss.sum(axis=0))
                         if decision.verdict != 'none' else []),
-        'where': cells(model, model.residual(decision.base)),
+        'where': cells(model, difference) if decision.verdict != 'none' else [],
         'gap': _gap(model, decision, confirmed),
         'recordings': [
             *({'name': e.name, 'used': True, 'reason': '', 'frames': e.frames,
@@ -192,11 +200,11 @@ def _table(model: Model, decision: Decision, effects: list[Effect], confirmed: l
     }
 
 
-def _alternative(model: Model, one: Choice, decision: Decision) -> dict[str, Any]:
-    effects = _effects(model, one.fit)
-    gain = decision.base.total - one.fit.total
-    return {'effects': [{'name': e.name, 'parameters': _plain(e)} for e in effects],
-            'share': float(np.clip(gain / decision.excess, 0, 1))}
+def _alternative(model: Model, one: Alternative) -> dict[str, Any]:
+    effect = _effects(model, one.fit)[-1]
+    return {'name': effect.name, 'parameters': _plain(effect), 'share': one.share,
+            'interval': one.interval, 'confidence': one.confidence,
+            'instead_of': list(one.instead_of)}
 
 
 def _gap(model: Model, decision: Decision, confirmed: list[Outcome]) -> dict[str, Any]:

@@ -45,11 +45,11 @@ def _ticks(low: float, high: float) -> list[float]:
     raw = (high - low) / 4
     power = 10.0 ** np.floor(np.log10(raw))
     step = next(float(power * m) for m in (1, 2, 5, 10) if power * m >= raw)
-    return [float(t) for t in np.arange(np.ceil(low / step), high / step + 1e-9) * step]
+    return [float(t) + 0.0 for t in np.arange(np.ceil(low / step), high / step + 1e-9) * step]
 
 
 def curves(x: np.ndarray, lines: np.ndarray, names: Sequence[str], x_label: str,
-           y_label: str) -> str:
+           y_label: str, least: float) -> str:
     """
     Return curves as an SVG figure.
 
@@ -63,12 +63,14 @@ def curves(x: np.ndarray, lines: np.ndarray, names: Sequence[str], x_label: str,
         Of the lines.
     x_label, y_label : str
         Of the axes.
+    least : float
+        Range of y at least, so that noise does not look like a finding.
 
     """
     seen = np.isfinite(lines).any(axis=0)
     x, lines = x[seen], lines[:, seen]
     low, high = float(np.nanmin(lines)), float(np.nanmax(lines))
-    pad = max(0.08 * (high - low), 1e-3)
+    pad = max(0.08 * (high - low), (least - (high - low)) / 2)
     low, high = low - pad, high + pad
     left, right = float(x.min()), float(x.max())
 

@@ -9,11 +9,12 @@ from flexx2_sim_ros.gap.catalogue import Column, DRIFT_TAUS, NEEDS_MOTION
 from flexx2_sim_ros.gap.covariates import look_at, Scene
 from flexx2_sim_ros.gap.features import (
     accumulate,
+    EXPECT,
     features,
+    INVERSE,
     lattice_peak,
     lattice_spectrum,
     LAYOUT,
-    SIGMA,
     SIZE,
     static_grain,
     Sums,
@@ -102,11 +103,11 @@ class Evidence:
     uptime : float or None
     step : float
         Lattice step that stands out, metres.
-    grain, counts : numpy.ndarray
-        (H, W) float16 static pattern in sigma; how often each feature's bin was hit.
+    grain, null_grain : numpy.ndarray
+        (H, W) float16 static pattern in sigma, of the recording and of a simulated one.
     measures, base_measures : Measures
-    sigma : numpy.ndarray
-        (BINS,) mean sigma_z, metres.
+    sigma, counts : numpy.ndarray
+        (BINS,) mean sigma_z, metres; pixels looked at.
     frames, moving : int, bool
 
     """
@@ -127,6 +128,7 @@ class Evidence:
     measures: Measures
     base_measures: list[Measures]
     sigma: np.ndarray
+    counts: np.ndarray
     frames: int
     moving: bool
 
@@ -265,7 +267,7 @@ def gather(take: Take, columns: Sequence[Column], seed: int, prior: np.ndarray) 
     for i, column in enumerate(columns):
         if moving or not NEEDS_MOTION & column.effects.keys():
             kind = 0 if column.effects.keys() <= _BIASES else 1 if column.few else 2
-            shifts[i] = simulated[kind].shift(column.effects)
+            shifts[i] = simulated[kind].shift(with_uptime(column.effects, take.uptime))
             if kind == 1:  # Grain is noise that is left, and the more so the fewer frames.
                 shifts[i, _GRAIN] *= nulls[0, _GRAIN] / max(simulated[1].base[_GRAIN], 1e-9)
     pose_columns = np.array([(simulated[0].shift(pose_effects(i, 1))
@@ -275,7 +277,8 @@ def gather(take: Take, columns: Sequence[Column], seed: int, prior: np.ndarray) 
         pose_columns, pose, take.uptime, lattice_peak(lattice_spectrum(real_sums), spectrum)[1],
         static_grain(real_sums).astype(np.float16), static_grain(null_sums[0]).astype(np.float16),
         histogram(take.depth, scenes, real_sums), base_measures,
-        _mean_sigma(real_sums), len(take.depth), moving)
+        _mean_sigma(real_sums), real_sums.bins[:, EXPECT].astype(np.float32), len(take.depth),
+        moving)
 
 
 class _Part:
@@ -315,7 +318,8 @@ def warm_of(fresh: np.ndarray) -> int:
 
 def _mean_sigma(sums: Sums) -> np.ndarray:
     with np.errstate(invalid='ignore', divide='ignore'):
-        return (sums.bins[:, SIGMA] / sums.bins[:, VALID]).astype(np.float32)
+        # Harmonic: a bias in metres is this times its mean in sigma.
+        return (sums.bins[:, VALID] / sums.bins[:, INVERSE]).astype(np.float32)
 
 
 def _pooled_variance(nulls: np.ndarray, analytic: np.ndarray) -> np.ndarray:

@@ -12,9 +12,13 @@ _CLIP2 = np.float32(8.5)  # differences of two
 ENOUGH = 150  # samples without which a bin says nothing
 _LATTICE_BIN = 1e-4  # metres
 _LATTICE_RANGE = 7.5
+# Steps in which depth may come, metres: a lattice shows at its own step and those of which it is
+# a multiple.
+_LATTICE_STEPS = {'lattice_coarse': (0.006, 0.02), 'lattice_medium': (0.003, 0.006),
+                  'lattice_small': (0.0015, 0.003), 'lattice_fine': (0.0006, 0.0015)}
 WIDTH = 16
 (EXPECT, VALID, ERROR, HIGH, LOW, N2, ABS2, SQUARE2, N1, SQUARE1, NEIGHBOUR, N_NEIGHBOUR, TREND,
- TIME2, TIME, SIGMA) = range(16)
+ TIME2, TIME, INVERSE) = range(16)
 
 # Channel -> (what a difference must exceed to matter, unit).
 CHANNELS = {'bias': (0.10, 'sigma'), 'invalid': (0.008, ''), 'high': (0.004, ''),
@@ -23,7 +27,7 @@ CHANNELS = {'bias': (0.10, 'sigma'), 'invalid': (0.008, ''), 'high': (0.004, '')
 STRUCTURES = {'frame_common': 0.01, 'row_common': 0.01, 'column_common': 0.01,
               'row_invalid': 0.004, 'static_grain': 0.015, 'static_rows': 0.004,
               'static_columns': 0.004, 'static_neighbour': 0.04, 'frame_spread': 0.04,
-              'lattice': 0.5, 'repeat': 0.08}
+              **dict.fromkeys(_LATTICE_STEPS, 0.5), 'repeat': 0.08}
 _FULL = ('bias', 'invalid', 'high', 'low', 'log_variance', 'kurtosis', 'lag', 'neighbour')
 _BRIEF = {'beyond': ('invalid',), 'fine_distance': ('bias', 'high', 'low'),
           'tile': ('bias', 'invalid')}
@@ -209,7 +213,7 @@ def _gather(depth, clean, sigma, bins, errors, time, out, rows, columns,  # type
                 v[12] = v[2] * time
                 v[13] = time * time
                 v[14] = time
-                v[15] = sigma[y, x]
+                v[15] = one / sigma[y, x]
                 if inner and abs(e) < CLIP:
                     mean[0, y, x] += z - c
                     mean[1, y, x] += one
@@ -329,7 +333,9 @@ def _structure(sums: Sums, lattice_base: np.ndarray | None) -> tuple[np.ndarray,
         product = np.clip(grain[:, 1:], -3, 3) * np.clip(grain[:, :-1], -3, 3)
         out['static_neighbour'] = float(np.nanmean(product) / max(out['static_grain'], 1e-9))
     if lattice_base is not None and sums.lattice is not None:
-        out['lattice'] = lattice_peak(lattice_spectrum(sums), lattice_base)[0]
+        spectrum = lattice_spectrum(sums)
+        for name, (shortest, longest) in _LATTICE_STEPS.items():
+            out[name] = max(lattice_peak(spectrum, lattice_base, shortest, longest)[0], 0.0)
     values = np.array(list(out.values()))
     return values, (0.3 * np.array(list(STRUCTURES.values()))) ** 2
 
@@ -360,9 +366,10 @@ def lattice_spectrum(sums: Sums) -> np.ndarray:
     return np.abs(np.fft.rfft(sums.lattice)) ** 2 / number ** 2
 
 
-def lattice_peak(spectrum: np.ndarray, base: np.ndarray) -> tuple[float, float]:
+def lattice_peak(spectrum: np.ndarray, base: np.ndarray, shortest: float = 0.0006,
+                 longest: float = 0.02) -> tuple[float, float]:
     """Return how much (log) depth is more in step than the base's, and with which step, metres."""
-    low, high = round(_LATTICE_RANGE / 0.02), round(_LATTICE_RANGE / 0.0006)
+    low, high = round(_LATTICE_RANGE / longest), round(_LATTICE_RANGE / shortest)
     excess = np.log10((spectrum[low:high] + 3e-4) / (base[low:high] + 3e-4))
     best = int(np.argmax(excess))
     # The longest step of those that do about as well: its fractions are its harmonics.

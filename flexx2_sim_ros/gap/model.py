@@ -14,7 +14,9 @@ import numpy as np
 _BRIGHTNESS = {'multipath': 0.25, 'ambient_light': 0.3, 'low_signal_dropout': 0.5,
                'saturation': 0.8, 'amplitude_bias': 0.1, 'stray_light': 0.1}
 _BRIGHTNESS_WEIGHT = 1.5
-SIGMA_BOUND = 0.07  # a base sigma wrong by less than this is no finding
+# The base sigma is wrong by some 5 %; what that costs at twice as much is four times this, so that
+# one wrong by less than 12 % is no finding.
+_SIGMA_SPREAD, _SIGMA_WEIGHT, SIGMA_BOUND = 0.05, 1.6, 0.16
 _POSE_WEIGHT = 0.7
 _POSE_FLOOR = np.array([0.25, 0.25, 0.25, 0.3, 0.3, 0.15])  # steps
 SCALES = (20.0, 6.0, 2.0, 1.0, 1.0, 1.0)
@@ -84,12 +86,21 @@ class Model:
     prior : numpy.ndarray
         (6,) standard deviations of pose errors, metres and degrees.
 
+    Attributes
+    ----------
+    pose_centre : numpy.ndarray or None
+        (6,) metres and degrees about which the poses are taken to lie, if that is known.
+
     """
+
+    # Names of the columns that stand for nuisances.
+    NEEDED = ('offset:bias=0.005', 'excess_noise:factor=1.15')
 
     def __init__(self, evidence: Sequence[Evidence], columns: Sequence[Column],
                  prior: np.ndarray) -> None:
         """Stack the summaries."""
         self.evidence = list(evidence)
+        self.pose_centre: np.ndarray | None = None
         self._nodes: dict[tuple, tuple[np.ndarray, np.ndarray]] = {}
         self.index = {column.name: i for i, column in enumerate(columns)}
         real = np.array([e.real for e in evidence])
@@ -118,9 +129,9 @@ class Model:
         self._repeat_shift(base)
         for name in ('scale2', 'gap', 'weights', 'pose_columns', '_edges'):
             setattr(self, name, getattr(self, name).astype(np.float32))
-        self._offset = self._column('offset:bias=0.005')
+        self._offset = self._column(self.NEEDED[0])
         self._drift = np.array([drift_factors(e.uptime) for e in evidence])
-        self._sigma = self._column('excess_noise:factor=1.15') / np.float32(0.15)
+        self._sigma = self._column(self.NEEDED[1]) / np.float32(0.15)
         self.null_loss = self._null_loss()
 
     def _repeat_shift(self, base: np.ndarray) -> None:
@@ -183,6 +194,10 @@ class Model:
         return (self.gap - shift - np.float32(fit.sigma) * self._sigma
                 - _combine(fit.motion, columns))
 
+    def shift(self, fit: Fit) -> np.ndarray:
+        """Return what a fit's effects change, (R, SIZE)."""
+        return self.predict(fit.candidates, np.tile(fit.values, (len(self.gap), 1)))[0]
+
     def losses(self, residual: np.ndarray, scale: float = 1.0) -> np.ndarray:
         """Return each recording's loss, (R,)."""
         loss = self.weights * np.log1p(residual ** 2 / (self.scale2 * np.float32(scale ** 2)))
@@ -191,7 +206,9 @@ class Model:
     def pose_loss(self, motion: np.ndarray, common: bool, held_out: bool = False) -> float:
         """Return what the recordings' own errors cost: the logarithm of the poses' spread."""
         q = self.pose + motion[:, :6]
-        if common:
+        if self.pose_centre is not None:
+            q = q - self.pose_centre / STEPS
+        elif common:
             q = (q - q.mean(axis=0)) * (len(q) / max(len(q) - 1, 1) if held_out else 1.0)
         spread = (q ** 2).mean(axis=0)
         return float(_POSE_WEIGHT * len(q) * np.log1p(spread / _POSE_FLOOR ** 2).sum()
@@ -214,7 +231,9 @@ class Model:
     def _hold(self, motion: np.ndarray, common: bool) -> tuple[np.ndarray, np.ndarray]:
         # How stiffly the recordings' own errors are held, (_OWN,), and how far they are off.
         q = self.pose + motion[:, :6]
-        off = q - q.mean(axis=0) if common else q
+        centre = (self.pose_centre / STEPS if self.pose_centre is not None
+                  else q.mean(axis=0) if common else 0.0)
+        off = q - centre
         stiff = _POSE_WEIGHT / (_POSE_FLOOR ** 2 + (off ** 2).mean(axis=0))
         return (np.concatenate([stiff, [_BRIGHTNESS_WEIGHT], [_EDGE_WEIGHT] * 4]),
                 np.concatenate([off, motion[:, 6:]], axis=1))
@@ -262,6 +281,9 @@ class Model:
             across = normal[:, :n, n:] @ inverse
             own = normal[:, :n, :n] - across @ normal[:, n:, :n]
             target = right[:, :n] - (across @ right[:, n:, None])[..., 0]
+            # Shared out, so that the fits without a recording have it too.
+            own[:, number, number] += _SIGMA_WEIGHT / _SIGMA_SPREAD ** 2 / count
+            target[:, number] -= _SIGMA_WEIGHT / _SIGMA_SPREAD ** 2 / count * sigma
             step = _solve(own.sum(axis=0), target.sum(axis=0))
             new = np.clip(values + step[:number], low, high)
             new_sigma = float(np.clip(sigma + step[number], -SIGMA_BOUND, SIGMA_BOUND))
@@ -280,8 +302,10 @@ class Model:
             values, sigma = new, new_sigma
         loss, motion = self._settle(candidates, np.tile(values, (count, 1)), sigma, motion, common)
         held_out, other = self._settle(candidates, left_out, sigma, motion, common)
+        wrong = _SIGMA_WEIGHT * (sigma / _SIGMA_SPREAD) ** 2
         return Fit(tuple(candidates), values, left_out, sigma, motion, loss, held_out,
-                   self.pose_loss(motion, common), self.pose_loss(other, common, held_out=True))
+                   self.pose_loss(motion, common) + wrong,
+                   self.pose_loss(other, common, held_out=True) + wrong)
 
     def _settle(self, candidates: Sequence[Candidate], values: np.ndarray, sigma: float,
                 motion: np.ndarray, common: bool) -> tuple[np.ndarray, np.ndarray]:

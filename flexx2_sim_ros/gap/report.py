@@ -21,7 +21,7 @@ table{border-collapse:collapse;font-size:.92rem}td,th{padding:.18rem .9rem .18re
 text-align:left;vertical-align:top;font-variant-numeric:tabular-nums}th{color:#5a6b7b;
 font-weight:600}.tag{display:inline-block;padding:.1rem .6rem;border-radius:1rem;color:#fff;
 font-weight:600}.none{background:#2e7d4f}.identified{background:#1f6feb}.partly{background:#b7791f}
-.unknown{background:#a8324a}.row{display:flex;flex-wrap:wrap;gap:1.2rem}.row figure{margin:0}
+.unknown{background:#a8324a}.row{display:flex;flex-wrap:wrap;gap:1.2rem}.row figure{margin:0;max-width:27.5rem}
 figcaption{font-size:.85rem;color:#5a6b7b}small,.dim{color:#5a6b7b}code{background:#f2f5f8;
 padding:0 .25rem}svg{max-width:100%}
 """
@@ -78,7 +78,8 @@ def _shrinkage(table: dict[str, Any]) -> str:
         rows.append(f'<tr><td>{escape(name)}</td><td>{first:.3g} {symbol}</td>'
                     f'<td>{last:.3g} {symbol}</td><td>{least:.3g} {symbol}</td>'
                     f'<td>{bar(first, last, least)}</td></tr>')
-    return ('<h2>How large it is</h2><table><tr><th></th><th>before</th><th>after</th>'
+    after = 'with the effects' if table['effects'] else 'after (nothing added)'
+    return (f'<h2>How large it is</h2><table><tr><th></th><th>as simulated</th><th>{after}</th>'
             '<th>noise alone</th><th></th></tr>' + ''.join(rows) + '</table>')
 
 
@@ -106,7 +107,7 @@ def _maps(confirmed: Sequence[Outcome], explained: bool) -> str:
         good = np.isfinite(difference)
         mean = np.where(good, difference, 0).sum(axis=0) / np.maximum(good.sum(axis=0), 1)
         mean[~good.any(axis=0)] = np.nan
-        figures.append(f'<figure><img alt="{escape(text)}" width="380" src="{picture(mean, 1.5)}">'
+        figures.append(f'<figure><img alt="{escape(text)}" width="420" src="{picture(mean, 1.5)}">'
                        f'<figcaption>{escape(text)}: mean depth error, blue -1.5 to red +1.5 '
                        'sigma, white none, gray unseen</figcaption></figure>')
     return f'<h2>On the image</h2><div class="row">{"".join(figures)}</div>'
@@ -136,14 +137,15 @@ def _curves(confirmed: Sequence[Outcome], explained: bool) -> str:
             *axis.edges, 2 * axis.edges[-1] - axis.edges[-2]), strict=True)]
         unit = f' [{axis.unit}]' if axis.unit else ''
         figures.append(curves(np.array(middles), lines[:len(names)], names,
-                              axis.name.replace('_', ' ') + unit, label))
+                              axis.name.replace('_', ' ') + unit, label,
+                              0.6 if channel == 'bias' else 3.0))
     return f'<h2>Real against simulated</h2><div class="row">{"".join(figures)}</div>'
 
 
 def _considered(table: dict[str, Any], decision: Decision) -> str:
     rows = []
     taken = {row['name'] for row in table['effects']}
-    ties = {e['name'] for other in table['alternatives'] for e in other['effects']}
+    ties = {other['name'] for other in table['alternatives']}
     for one in decision.considered[:10]:
         name = one.fit.candidates[0].effect
         share = max(decision.base.total - one.fit.total, 0) / decision.excess

@@ -9,68 +9,151 @@ from flexx2_sim_ros.gap.student import q_values, t_tail
 import numpy as np
 
 _MOST = 60
-_LEAST = 3  # recordings
-_SINGLE = np.array([f.axis != 'tile' for f in LAYOUT])
+_DEGREES = 100  # noise is known that well
+_ALL_OVER = 0.85  # of the pixels
+_SURE = 0.1  # false-discovery rate
+# Ways to cut the surfaces up, of which the one that shows a channel's differences best is told:
+# cut along any other, they are averaged with what does not differ. Finer ones must do better.
+_CUTS = {'all': 1.0, 'distance': 0.9, 'incidence': 0.9, 'radius': 0.9, 'region': 0.8,
+         'log_amplitude': 0.9, 'fine_distance': 0.8, 'recording': 0.5}
+_BESIDES = ('concavity', 'speed')  # told too where they show more
+_ALWAYS = ('edge', 'beyond', 'structure')  # no surfaces
 _EDGE = [f'{side} side of a jump {where}, {near}'
          for where in ('to the right', 'to the left', 'below', 'above')
          for side in ('near', 'far') for near in ('next to it', '2 to 3 px away')]
+_INDEX = {(f.channel, f.axis, f.place): i for i, f in enumerate(LAYOUT)}
 
 
-def cells(model: Model, residual: np.ndarray) -> list[dict[str, Any]]:
+def cells(model: Model, difference: np.ndarray) -> list[dict[str, Any]]:
     """
-    List the bins in which what is left of the gap exceeds what matters.
+    List the bins in which real and simulated differ by more than what matters.
 
     Parameters
     ----------
     model : Model
         The recordings.
-    residual : numpy.ndarray
+    difference : numpy.ndarray
         (R, SIZE) real less simulated features.
 
     Returns
     -------
     list of dict
-        ``covariate, low, high, unit, channel, size, unit_size, q_value``, largest (in units of
-        what matters) first.
+        ``covariate, low, high, unit, channel, size, unit_size, q_value, detail``, largest (in
+        units of what matters) first.
 
     """
     count = model.good.sum(axis=0)
-    total = np.where(model.good, residual, 0)
+    each = np.where(model.good, difference, 0)
+    # Of these recordings, not of others: what noise and edges known to a pixel leave open.
+    own = np.where(model.good, model.scale2 - np.square(TOLERANCE), 0)
     with np.errstate(invalid='ignore', divide='ignore'):
-        mean = total.sum(axis=0) / count
-        spread = np.where(model.good, residual - mean, 0)
-        noise = np.mean([np.nan_to_num(e.noise, posinf=0.0) for e in model.evidence], axis=0)
-        error = np.sqrt(np.maximum(np.square(spread).sum(axis=0) / np.maximum(count - 1, 1),
-                                   noise) / count + 1e-12)
-        t = np.maximum(np.abs(mean) - TOLERANCE, 0) / error
-    usable = _SINGLE & (count >= min(_LEAST, len(residual))) & np.isfinite(t)
-    if not usable.any():
-        return []
-    p = np.full(len(t), 1.0)
-    degrees = max(int(np.median(count[usable])) - 1, 1)
-    p[usable] = t_tail(t[usable], degrees)
-    q = np.ones(len(t))
-    q[usable] = q_values(p[usable])
-    found = [i for i in np.argsort(-np.abs(mean) / TOLERANCE) if usable[i] and q[i] < 0.1]
-    sums = np.nansum([e.sigma for e in model.evidence], axis=0)
-    seen = np.sum([np.isfinite(e.sigma) for e in model.evidence], axis=0)
-    sigma = sums / np.maximum(seen, 1)
-    return [_cell(i, float(mean[i]), float(q[i]), sigma) for i in found][:_MOST]
+        mean, variance = each.sum(axis=0) / count, own.sum(axis=0) / count ** 2
+    usable = count > 0
+    p = np.ones(len(mean))
+    p[usable] = _tail(mean[usable], TOLERANCE[usable], variance[usable])
+    q = np.ones(len(mean))
+    if usable.any():
+        q[usable] = q_values(p[usable])
+    weights = np.sum([e.counts for e in model.evidence], axis=0)
+    found: list[tuple[float, dict[str, Any]]] = []
+    sigma = mean_sigma(model)
+    for channel in CHANNELS:
+        best, *others = _axes_to_tell(model, channel, np.where(usable, mean, 0), variance,
+                                      weights, each, own)
+        index = [i for i in _indices(channel, best) if usable[i] and q[i] < _SURE]
+        if best == 'recording':
+            found += _recordings(model, channel, each, own)
+        elif sum(weights[_bin(i)] for i in index) > _ALL_OVER * weights[0]:
+            index, others = _indices(channel, 'all'), []
+        index += [i for name in others for i in _indices(channel, name)
+                  if usable[i] and q[i] < _SURE]
+        found += [(abs(mean[i]) / TOLERANCE[i],
+                   _cell(i, float(mean[i]), float(q[i]), sigma)) for i in index]
+    for name in STRUCTURES:
+        i = _INDEX[name, 'structure', 0]
+        if usable[i] and q[i] < _SURE:
+            found.append((abs(mean[i]) / TOLERANCE[i],
+                          _cell(i, float(mean[i]), float(q[i]), sigma)))
+    found.sort(key=lambda item: -item[0])
+    return [cell for _, cell in found][:_MOST]
+
+
+def _axes_to_tell(model: Model, channel: str, mean: np.ndarray, variance: np.ndarray,
+                  weights: np.ndarray, each: np.ndarray, own: np.ndarray) -> list[str]:
+    # A channel's mean square difference, cut along each axis, less what noise gives.
+    power = {}
+    for name in (*_CUTS, *_BESIDES):
+        if name == 'recording':
+            i = _INDEX[channel, 'all', 0]
+            weight = np.array([e.counts[0] for e in model.evidence]) * model.good[:, i]
+            square = each[:, i] ** 2 - own[:, i]
+        else:
+            index = _indices(channel, name)
+            if not index:
+                continue
+            axis = AXES[name]
+            weight = weights[axis.start:axis.start + axis.bins]
+            square = mean[index] ** 2 - np.nan_to_num(variance[index], posinf=0.0)
+        power[name] = float((weight * square).sum() / max(weight.sum(), 1.0))
+    best = max(_CUTS, key=lambda name: _CUTS[name] * power.get(name, -np.inf))
+    return [best, *(name for name in _BESIDES if power.get(name, 0.0) > 1.2 * power[best]),
+            *(name for name in _ALWAYS if _indices(channel, name))]
+
+
+def _bin(index: int) -> int:
+    return AXES[LAYOUT[index].axis].start + LAYOUT[index].place
+
+
+def _indices(channel: str, axis: str) -> list[int]:
+    bins = AXES[axis].bins if axis in AXES else 0
+    return [_INDEX[channel, axis, i] for i in range(bins) if (channel, axis, i) in _INDEX]
+
+
+def _recordings(model: Model, channel: str, each: np.ndarray, own: np.ndarray,
+                ) -> list[tuple[float, dict[str, Any]]]:
+    i = _INDEX[channel, 'all', 0]
+    p = _tail(each[:, i], TOLERANCE[i], own[:, i])
+    out = []
+    for r, (size, q) in enumerate(zip(each[:, i], q_values(p), strict=True)):
+        if model.good[r, i] and q < _SURE:
+            cell = _cell(i, float(size), float(q), model.evidence[r].sigma)
+            cell.update(covariate='recording', low=r, high=r, detail=model.evidence[r].name)
+            out.append((abs(float(size)) / float(TOLERANCE[i]), cell))
+    return out
+
+
+def _tail(size: np.ndarray, limit: Any, variance: np.ndarray) -> np.ndarray:
+    # Probability of a difference so far beyond what matters.
+    return t_tail(np.maximum(np.abs(size) - limit, 0) / np.sqrt(np.maximum(variance, 1e-12)),
+                  _DEGREES)
+
+
+def mean_sigma(model: Model) -> np.ndarray:
+    """Return the mean sigma_z of each bin, (BINS,) metres; harmonic, 0 where nothing was seen."""
+    with np.errstate(invalid='ignore', divide='ignore'):
+        inverse = np.array([1 / e.sigma for e in model.evidence])
+        good = np.isfinite(inverse)
+        mean = np.where(good, inverse, 0).sum(axis=0) / good.sum(axis=0)
+        return np.asarray(np.nan_to_num(1 / mean))
 
 
 def _cell(index: int, size: float, q: float, sigma: np.ndarray) -> dict[str, Any]:
     feature = LAYOUT[index]
     out: dict[str, Any] = {'covariate': feature.axis, 'low': None, 'high': None, 'unit': '',
-                           'channel': feature.channel, 'size': size}
+                           'channel': feature.channel, 'size': size, 'unit_size': '',
+                           'q_value': q, 'detail': ''}
     if feature.axis == 'structure':
-        out.update(unit_size='', q_value=q)
         return out
     axis = AXES[feature.axis]
     edges = (None, *axis.edges, None)
-    if axis.edges:
+    if feature.axis == 'log_amplitude':
+        low, high = (None if edge is None else float(np.exp(edge))
+                     for edge in edges[feature.place:feature.place + 2])
+        out.update(covariate='amplitude', low=low, high=high, unit='1/m^2')
+    elif axis.edges:
         out.update(low=edges[feature.place], high=edges[feature.place + 1], unit=axis.unit)
     elif feature.axis == 'edge':
-        out['covariate'] = _EDGE[feature.place]
+        out.update(low=1, high=1, detail=_EDGE[feature.place])
     elif feature.axis == 'region':
         row, column = divmod(feature.place, 4)
         out['covariate'] = f'image region row {row + 1} of 3, column {column + 1} of 4'
@@ -80,7 +163,7 @@ def _cell(index: int, size: float, q: float, sigma: np.ndarray) -> dict[str, Any
     if unit == 'sigma':
         out['size'] = size * float(sigma[axis.start + feature.place]) * 1000
         unit = 'mm'
-    out.update(unit_size=unit, q_value=q)
+    out['unit_size'] = unit
     return out
 
 

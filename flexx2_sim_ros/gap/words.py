@@ -3,8 +3,31 @@
 from typing import Any
 
 
+# What people call the channels.
+_CHANNELS = {
+    'bias': 'depth', 'invalid': 'share of invalid pixels', 'high': 'share of outliers behind',
+    'low': 'share of outliers in front', 'log_variance': 'noise (log variance)',
+    'kurtosis': "weight of the noise's tails", 'lag': 'likeness to the frame before',
+    'neighbour': 'likeness of neighbouring pixels', 'trend': 'drift in a recording',
+    'frame_common': 'noise common to a frame', 'row_common': 'noise common to a row',
+    'column_common': 'noise common to a column', 'row_invalid': 'rows lost as a whole',
+    'static_grain': 'grain that stays', 'static_rows': 'stripes that stay, along rows',
+    'static_columns': 'stripes that stay, along columns',
+    'static_neighbour': 'likeness of neighbours in what stays',
+    'frame_spread': 'change of noise from frame to frame',
+    'lattice_coarse': 'depths in steps of 6 to 20 mm',
+    'lattice_medium': 'depths in steps of 3 to 6 mm',
+    'lattice_small': 'depths in steps of 1.5 to 3 mm',
+    'lattice_fine': 'depths in steps of 0.6 to 1.5 mm',
+    'repeat': 'grain that is the same in all recordings'}
+
+
 def _names(rows: list[dict[str, Any]]) -> str:
-    names = [row['name'].replace('_', ' ') for row in rows]
+    return _list([row['name'] for row in rows])
+
+
+def _list(names: list[str]) -> str:
+    names = [name.replace('_', ' ') for name in names]
     return ' and '.join(filter(None, [', '.join(names[:-1]), names[-1]])) if names else ''
 
 
@@ -32,12 +55,17 @@ def sentences(table: dict[str, Any]) -> list[str]:
     if 'note' in gap:
         out.append(gap['note'][0].upper() + gap['note'][1:] + '.')
     if table['effects']:
-        out += [f'Could not be told apart from {_names(other["effects"])}.'
-                for other in table['alternatives']]
+        out += [f'Could as well be {_names([other])}'
+                + (f' instead of {_list(other["instead_of"])}.' if len(table['effects']) > 1
+                   else '.') for other in table['alternatives']]
     if table['verdict'] in ('unknown', 'partly') and table['unexplained']:
-        names = ', '.join(row['structure'].replace('_', ' ') for row in table['unexplained'][:4])
+        names = ', '.join(_CHANNELS[row['structure']] for row in table['unexplained'][:4])
         out.append(f'What is left shows in: {names}.')
-    if table['where']:
+    if 'patch' in table:
+        out.append(f'effects.yaml holds a patch without a cause instead, over '
+                   f'{table["patch"]["covariate"].replace("_", " ")}: it takes '
+                   f'{table["patch"]["shrink"]:.0%} of the gap in bias, noise and loss off.')
+    if table['where'] and table['verdict'] != 'none':
         out.append(f'It is largest here: {place(table["where"][0])}.')
     return out + [f'Left out: {row["reason"]}.' for row in table['recordings']
                   if not row['used']]
@@ -47,12 +75,19 @@ def place(cell: dict[str, Any]) -> str:
     """Return where a cell is and what differs there."""
     low, high, unit = cell['low'], cell['high'], cell['unit']
     where = cell['covariate'].replace('_', ' ')
-    if low is not None and high is not None:
-        where += f' {low:g} to {high:g} {unit}'
+    if where == 'structure':
+        where = 'all over'
+    if where == 'all':
+        where = 'on all surfaces'
+    if cell['detail']:
+        where += f' ({cell["detail"]})'
+    elif low is not None and high is not None:
+        where += f' {low:.3g} to {high:.3g} {unit}'
     elif low is not None:
-        where += f' above {low:g} {unit}'
+        where += f' above {low:.3g} {unit}'
     elif high is not None:
-        where += f' below {high:g} {unit}'
-    what = cell['channel'].replace('_', ' ')
-    size = f'{cell["size"]:+.2f} mm' if cell['unit_size'] == 'mm' else f'{cell["size"]:+.3g}'
+        where += f' below {high:.3g} {unit}'
+    what = _CHANNELS[cell['channel']]
+    size = (f'{cell["size"]:+.2f} mm' if cell['unit_size'] == 'mm'
+            else f'{cell["size"]:+.1%}' if what.startswith('share') else f'{cell["size"]:+.2g}')
     return f'{where.strip()}: {what} {size}'

@@ -10,7 +10,7 @@ from typing import Any
 from flexx2_sim_ros.camera import Profile
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap.campaign import Found, read
-from flexx2_sim_ros.gap.catalogue import catalogue
+from flexx2_sim_ros.gap.catalogue import Column
 from flexx2_sim_ros.gap.confirm import confirm, Outcome
 from flexx2_sim_ros.gap.evidence import Evidence, gather
 import numpy as np
@@ -18,14 +18,14 @@ import numpy as np
 Map = Callable[[Callable[[Any], Any], Sequence[Any], Callable[[], None]], list[Any]]
 
 
-def summarise(found: Found, profile: Profile | None, without: tuple[str, ...], seed: int,
+def summarise(found: Found, profile: Profile | None, columns: Sequence[Column], seed: int,
               prior: tuple[float, ...]) -> Evidence | str:
     """Return a recording's summary, or why there is none."""
     try:
         take = read(found, profile)
     except InputError as error:
         return str(error)
-    return gather(take, catalogue(without)[0], seed, np.array(prior))
+    return gather(take, columns, seed, np.array(prior))
 
 
 def simulate_set(job: tuple[Found, tuple[float, ...]], profile: Profile | None,

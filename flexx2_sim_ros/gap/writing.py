@@ -61,6 +61,10 @@ def write(folder: Path, table: dict[str, Any], effects: Sequence[Effect], model:
 
 def _comment(table: dict[str, Any]) -> str:
     names = ', '.join(row['name'] for row in table['effects']) or 'no effect'
+    if 'patch' in table:
+        return ('PATCH WITHOUT A CAUSE: flexx2 gap diagnose found a gap that no effect explains.\n'
+                f'Bias, noise and loss binned over {table["patch"]["covariate"]}; takes '
+                f'{table["patch"]["shrink"]:.0%} of the gap in these off')
     gap = table['gap']
     lines = [f'flexx2 gap diagnose: {table["verdict"]}: {names}']
     if gap['held_out'] and table['effects']:

@@ -27,6 +27,7 @@ from flexx2_sim_ros.nodes.pairing import Match, StampPairing
 from flexx2_sim_ros.nodes.parameters import declare
 from flexx2_sim_ros.nodes.report import Statistics
 from flexx2_sim_ros.nodes.runtime import Throttle
+from flexx2_sim_ros.nodes.twins import claim_name
 import numpy as np
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
@@ -50,6 +51,7 @@ class Flexx2Camera(Node):
     def __init__(self, **options: object) -> None:
         """Declare parameters, compile the camera model, then open the topics."""
         super().__init__('flexx2_camera', **options)  # type: ignore[arg-type]
+        self._claim = claim_name(self)
         self._said_once: set[str] = set()
         self._effects_said = ''
         self._throttle = Throttle()
@@ -288,6 +290,12 @@ class Flexx2Camera(Node):
         if (key or text) not in self._said_once:
             self._said_once.add(key or text)
             self.get_logger().warning(text)
+
+    def destroy_node(self) -> None:
+        """Close the node and give its name free."""
+        super().destroy_node()
+        if self._claim is not None:
+            self._claim.close()
 
 
 def _warm_up(camera: Camera, intrinsics: Intrinsics) -> None:

@@ -59,7 +59,8 @@ class EffectParameters:
                        'parameters.')
         for name, value in _values(path).items():
             self._declare(name, value)
-        self.chosen = self._build({})
+        self._others = _others(path)
+        self.chosen = (*self._build({}), *self._others)
         self._on_change = on_change
         node.add_on_set_parameters_callback(self._validate)
         node.add_post_set_parameters_callback(self._apply)
@@ -110,15 +111,15 @@ class EffectParameters:
 
     def _validate(self, parameters: Iterable[Parameter]) -> SetParametersResult:
         try:
-            changed = {}
+            changed, others = {}, self._others
             for parameter in parameters:
                 if parameter.name == _FILE:
-                    _values(parameter.value)
+                    others = _others(parameter.value)
                 if parameter.name in self._items:
                     changed[parameter.name] = self._items[parameter.name].checked(
                         parameter.value, parameter.name)
             if changed and not self._allowed() and any(
-                    effect.strength for effect in self._build(changed)):
+                    effect.strength for effect in (*self._build(changed), *others)):
                 raise InputError('effect: modulation_hz of the mode is not known in the camera '
                                  'profile, wanted the frequencies, which effects work on')
         except InputError as error:
@@ -126,11 +127,20 @@ class EffectParameters:
         return SetParametersResult(successful=True)
 
     def _apply(self, parameters: Iterable[Parameter]) -> None:
-        if any(parameter.name in self._items for parameter in parameters):
-            chosen = self._build({})
+        files = [parameter.value for parameter in parameters if parameter.name == _FILE]
+        if files:
+            self._others = _others(files[-1])
+        if files or any(parameter.name in self._items for parameter in parameters):
+            chosen = (*self._build({}), *self._others)
             if chosen != self.chosen:
                 self.chosen = chosen
                 self._on_change()
+
+
+def _others(path: str) -> tuple[Effect, ...]:
+    # What a file has besides the registry's: it comes and goes with the file.
+    return tuple(effect for effect in (load_effects(path) if path else ())
+                 if effect.name not in registry())
 
 
 def _values(path: str) -> dict[str, float]:

@@ -15,6 +15,7 @@ from flexx2_sim_ros.nodes.go1_motion import Mirroring, Motion, Standing, Walking
 from flexx2_sim_ros.nodes.go1_parameters import Go1Parameters
 from flexx2_sim_ros.nodes.pacing import Pacer
 from flexx2_sim_ros.nodes.transforms import camera_transforms, FramePublisher
+from flexx2_sim_ros.nodes.twins import claim_name, twin_text
 import mujoco
 from nav_msgs.msg import Odometry
 import numpy as np
@@ -45,6 +46,7 @@ class Go1Cameras(Node):
     def __init__(self, **options: Any) -> None:
         """Build the model, open the renderer, then open the topics."""
         super().__init__('go1_cameras', **options)
+        self._claim = claim_name(self)
         self.settings = settings = Go1Parameters(self, load_mounts())
         self._intrinsics = flexx2().intrinsics
         self._model = build_model(settings.robot_model, settings.scene,
@@ -60,8 +62,6 @@ class Go1Cameras(Node):
             self.get_logger().warning(f'renderer passed over: {reason}')
         self._rendered: dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
         self._alone = True
-        if twin := self._twin():
-            raise InputError(twin)
         self._motion = self._make_motion()
         self._place_board()
         self._before = self._data.qpos.copy()
@@ -230,24 +230,19 @@ class Go1Cameras(Node):
             f'{factor * (1 - self._pacer.lag / passed):.0%} of real time (lower the parameter '
             'rate)')
 
-    def _twin(self) -> str:
-        mine = self.get_name(), self.get_namespace()
-        if self.get_node_names_and_namespaces().count(mine) < 2:
-            return ''
-        return (f'node name: another {self.get_fully_qualified_name()} is running, and both would '
-                'publish the same topics; wanted another name or namespace, e.g. --ros-args -r '
-                '__node:=another')
-
     def _watch_names(self) -> None:
-        # Finding each other takes up to some seconds: it may come to light after the start.
-        alone = not self._twin()
+        # One on another machine, which takes some seconds to find.
+        mine = self.get_name(), self.get_namespace()
+        alone = self.get_node_names_and_namespaces().count(mine) < 2
         if self._alone and not alone:
-            self.get_logger().error(self._twin())
+            self.get_logger().error(twin_text(self))
         self._alone = alone
 
     def destroy_node(self) -> None:
-        """Close the renderer, then the node."""
+        """Close the renderer, then the node, and give its name free."""
         renderer = getattr(self, '_renderer', None)
         if renderer is not None:
             renderer.close()
         super().destroy_node()
+        if (claim := getattr(self, '_claim', None)) is not None:
+            claim.close()

@@ -1,0 +1,122 @@
+"""`flexx2 view`: the cameras live in a browser."""
+
+import argparse
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, ExitStack
+from functools import partial
+import importlib.util
+import os
+from pathlib import Path
+import shutil
+import sys
+import tempfile
+from typing import Any
+import webbrowser
+
+from flexx2_sim_ros.cli.children import camera_command, check, nodes
+from flexx2_sim_ros.cli.ros import ros
+from flexx2_sim_ros.errors import InputError
+
+_CAMERAS = ('front_left', 'front_right')
+_LOOPBACK = ('127.0.0.1', '::1', 'localhost')
+
+
+def add_parser(commands: Any) -> None:
+    """Add the subcommand."""
+    parser = commands.add_parser(
+        'view', help='look at all cameras in a browser, switch modes, drive the robot',
+        description='Serve a page that shows clean and simulated depth, their difference and the '
+        "point cloud of all cameras while they stream, sets the cameras' modes, and drives the "
+        'robot with W A S D. Needs ROS 2.',
+        epilog='example: flexx2 view --demo')
+    parser.add_argument('--demo', action='store_true',
+                        help='start a Go1 to drive and two camera nodes as well')
+    parser.add_argument('--scene', default='lab',
+                        help='of the demo: lab, stairs, corner, board, rubble, or an MJCF file '
+                        '(default %(default)s)')
+    parser.add_argument('--renderer', default='auto',
+                        help='of the demo: auto, egl, osmesa or ray (default %(default)s)')
+    parser.add_argument('--cameras', nargs='+', default=[], metavar='NAME',
+                        help='only these (namespaces or nodes)')
+    parser.add_argument('--cmd-vel', default='/cmd_vel', metavar='TOPIC',
+                        help='to drive on (default %(default)s)')
+    parser.add_argument('--host', default='127.0.0.1',
+                        help='address to serve on (default %(default)s: this machine alone); '
+                        'whoever reaches it can drive the robot')
+    parser.add_argument('--port', type=int, default=8172,
+                        help='default %(default)s; 0 for any that is free')
+    parser.add_argument('--no-browser', action='store_true', help='only print the address')
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Serve until told to stop."""
+    if importlib.util.find_spec('tornado') is None:
+        raise InputError('tornado is not there: wanted pip install "flexx2_sim_ros[view]", or '
+                         'apt install python3-tornado')
+    from flexx2_sim_ros.view.server import bind, Server
+
+    # The port comes first: without it nothing is started.
+    sockets = bind(arguments.host, arguments.port)
+    with ExitStack() as stack:
+        stopped = stack.enter_context(ros())
+        from flexx2_sim_ros.nodes.viewer import Viewer
+        from rclpy.exceptions import InvalidTopicNameException
+
+        try:
+            viewer = Viewer(arguments.cameras, arguments.cmd_vel)
+        except InvalidTopicNameException as error:
+            raise InputError(f'--cmd-vel: {error}'.splitlines()[0]) from error
+        stack.callback(viewer.destroy_node)
+        server = Server(sockets, arguments.host, viewer)
+        viewer.wake = server.wake
+        server.start()
+        stack.callback(server.stop)
+        look_after = stack.enter_context(_demo(arguments))
+        _say_where(arguments, server.port)
+        _spin(viewer, stopped, look_after)
+    return 0
+
+
+@contextmanager
+def _demo(arguments: argparse.Namespace) -> Iterator[Callable[[], None]]:
+    # Run the demo's nodes, if it is wanted; yields what raises when one has ended.
+    if not arguments.demo:
+        yield lambda: None
+        return
+    commands = {'go1_cameras': [
+        'go1_cameras', '--ros-args', '-p', 'motion:=cmd_vel', '-p', f'scene:={arguments.scene}',
+        '-p', f'renderer:={arguments.renderer}', '-r', f'cmd_vel:={arguments.cmd_vel}']}
+    commands |= {camera: camera_command(camera) for camera in _CAMERAS}
+    folder = Path(tempfile.mkdtemp(prefix='flexx2_view_'))
+    with nodes(commands, folder) as processes:
+        yield partial(check, processes, folder)
+    # After an error it stays: there are the nodes' logs.
+    shutil.rmtree(folder)
+
+
+def _say_where(arguments: argparse.Namespace, port: int) -> None:
+    host = arguments.host
+    here = host if host in _LOOPBACK else '127.0.0.1' if host in ('0.0.0.0', '::', '') else host
+    url = f'http://{f"[{here}]" if ":" in here else here}:{port}/'
+    print(f'{url} (Ctrl-C ends it)', flush=True)
+    if host not in _LOOPBACK:
+        print(f'warning: --host {host}: whoever reaches it can drive the robot',
+              file=sys.stderr)
+    # Elsewhere it would open one in this terminal.
+    has_screen = sys.platform != 'linux' or os.environ.get('DISPLAY') or os.environ.get(
+        'WAYLAND_DISPLAY')
+    if has_screen and not arguments.no_browser:
+        webbrowser.open(url)
+
+
+def _spin(viewer: Any, stopped: Callable[[], bool], look_after: Callable[[], None]) -> None:
+    from rclpy.executors import SingleThreadedExecutor
+
+    executor = SingleThreadedExecutor()
+    executor.add_node(viewer)
+    while not stopped():
+        executor.spin_once(timeout_sec=0.1)
+        if not stopped():
+            look_after()
+    executor.shutdown()

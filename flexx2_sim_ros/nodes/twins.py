@@ -1,0 +1,45 @@
+"""Two nodes of one name would publish on the same topics: the second one is not to start."""
+
+import socket
+import sys
+
+from flexx2_sim_ros.errors import InputError
+from rclpy.node import Node
+
+
+def twin_text(node: Node) -> str:
+    """Return what to say when there is another node of this one's name."""
+    return (f'node name: another {node.get_fully_qualified_name()} is running, and both would '
+            'publish the same topics; wanted another name or namespace, e.g. --ros-args -r '
+            '__node:=another')
+
+
+def claim_name(node: Node) -> socket.socket | None:
+    """
+    Take a node's name on this machine, at once: in the graph a twin takes up to 3 s to appear.
+
+    What is taken is a socket's name without a file, which Linux gives free when the process ends,
+    however it ends. Elsewhere nothing is taken.
+
+    Returns
+    -------
+    socket.socket or None
+        To be kept while the node runs.
+
+    Raises
+    ------
+    InputError
+        When another process has it.
+
+    """
+    if sys.platform != 'linux':
+        return None
+    claim = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+    name = f'\0ros/{node.context.get_domain_id()}{node.get_fully_qualified_name()}'
+    try:
+        # At most 108 bytes: the end of a name is what differs.
+        claim.bind(name[:1] + name[1:][-100:])
+    except OSError as error:
+        claim.close()
+        raise InputError(twin_text(node)) from error
+    return claim

@@ -1,0 +1,71 @@
+"""
+What the page is sent: a frame as bytes.
+
+A message is the length of its head (uint32), the head (JSON, filled up with spaces to whole four
+bytes), then simulated and, if there is one, clean depth: uint16, row by row. All little-endian.
+"""
+
+from dataclasses import dataclass
+import json
+
+from flexx2_sim_ros.camera.intrinsics import Intrinsics
+import numpy as np
+
+# Metres; 0 is invalid, and what is too far for 16 bits is as far as they reach.
+UNIT = 0.00025
+_FARTHEST = 65535
+
+
+@dataclass(frozen=True)
+class Shot:
+    """
+    A frame of one camera.
+
+    Attributes
+    ----------
+    sequence : int
+        Another one for every frame.
+    stamp : int
+        Nanoseconds.
+    simulated : numpy.ndarray
+        (H, W) float32 metres; NaN, 0 and less are invalid.
+    clean : numpy.ndarray or None
+        The same of what it was made of.
+    intrinsics : Intrinsics
+        Of both.
+
+    """
+
+    sequence: int
+    stamp: int
+    simulated: np.ndarray
+    clean: np.ndarray | None
+    intrinsics: Intrinsics
+
+    @property
+    def invalid_share(self) -> float:
+        """Return the share of simulated pixels that are invalid."""
+        return float(1.0 - np.mean(self.simulated > 0))
+
+
+def pack_depth(depth: np.ndarray) -> np.ndarray:
+    """Return (H, W) float32 metres as little-endian uint16 of `UNIT`, 0 where invalid."""
+    with np.errstate(invalid='ignore', over='ignore'):
+        steps = np.rint(depth * np.float32(1 / UNIT))
+        # Whatever is valid is never 0.
+        steps = np.clip(steps, 1, _FARTHEST)
+        return np.where(depth > 0, steps, 0).astype('<u2')
+
+
+def pack(name: str, shot: Shot) -> bytes:
+    """Return a camera's frame as a message."""
+    camera = shot.intrinsics
+    head = json.dumps({
+        'camera': name, 'stamp': shot.stamp / 1e9, 'unit': UNIT,
+        'width': camera.width, 'height': camera.height,
+        'fx': camera.fx, 'fy': camera.fy, 'cx': camera.cx, 'cy': camera.cy,
+        'clean': shot.clean is not None}).encode()
+    head += b' ' * (-len(head) % 4)
+    images = [shot.simulated] + ([] if shot.clean is None else [shot.clean])
+    return b''.join([len(head).to_bytes(4, 'little'), head,
+                     *(pack_depth(image).tobytes() for image in images)])

@@ -1,0 +1,70 @@
+// Depth and differences as colours.
+import { DEPTH, DIFFERENCE, INVALID } from './colours.js';
+
+const pixel = ([r, g, b]) => (255 << 24 | b << 16 | g << 8 | r) >>> 0;
+export const depthColours = Uint32Array.from(DEPTH, pixel);
+const differenceColours = Uint32Array.from(DIFFERENCE, pixel);
+const invalid = pixel(INVALID);
+
+// A message of the server's, as packing.py describes it.
+export function unpack(buffer) {
+  const length = new DataView(buffer).getUint32(0, true);
+  const frame = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, length)));
+  const size = frame.width * frame.height;
+  frame.simulated = new Uint16Array(buffer, 4 + length, size);
+  frame.clean = frame.clean ? new Uint16Array(buffer, 4 + length + 2 * size, size) : null;
+  return frame;
+}
+
+// The pixels of a canvas, kept from frame to frame.
+function surface(canvas, width, height) {
+  if (!canvas.surface || canvas.width !== width || canvas.height !== height) {
+    canvas.width = width;
+    canvas.height = height;
+    const image = new ImageData(width, height);
+    canvas.surface = { image, words: new Uint32Array(image.data.buffer), context: canvas.getContext('2d') };
+  }
+  return canvas.surface;
+}
+
+export function drawDepth(canvas, frame, depth, most) {
+  const { image, words, context } = surface(canvas, frame.width, frame.height);
+  const factor = 256 * frame.unit / most;
+  for (let i = 0; i < words.length; i++) {
+    const steps = depth ? depth[i] : 0;
+    words[i] = steps ? depthColours[Math.min(255, steps * factor | 0)] : invalid;
+  }
+  context.putImageData(image, 0, 0);
+}
+
+export function drawDifference(canvas, frame, most) {
+  const { image, words, context } = surface(canvas, frame.width, frame.height);
+  const { clean, simulated } = frame;
+  const factor = 127 * frame.unit / most;
+  for (let i = 0; i < words.length; i++) {
+    const valid = clean && clean[i] && simulated[i];
+    words[i] = valid
+      ? differenceColours[Math.max(1, Math.min(255, Math.round(128 + factor * (simulated[i] - clean[i]))))]
+      : invalid;
+  }
+  context.putImageData(image, 0, 0);
+}
+
+export function drawBars(depthBar, differenceBar) {
+  for (const [bar, colours] of [[depthBar, depthColours], [differenceBar, differenceColours]]) {
+    const { image, words, context } = surface(bar, 256, 1);
+    words.set(colours);
+    context.putImageData(image, 0, 0);
+  }
+}
+
+// What is under the pointer, in words.
+export function read(frame, kind, u, v) {
+  const at = v * frame.width + u;
+  const metres = (image) => (image && image[at] ? image[at] * frame.unit : NaN);
+  const clean = metres(frame.clean), simulated = metres(frame.simulated);
+  const value = { clean, simulated, difference: 1000 * (simulated - clean) }[kind];
+  const text = Number.isNaN(value) ? 'invalid'
+    : kind === 'difference' ? `${value >= 0 ? '+' : '−'}${Math.abs(value).toFixed(1)} mm` : `${value.toFixed(3)} m`;
+  return `(${u}, ${v}) ${text}`;
+}

@@ -1,0 +1,128 @@
+"""A headless Chromium, driven over its DevTools protocol."""
+
+import asyncio
+import base64
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+import itertools
+import json
+from pathlib import Path
+import shutil
+import subprocess
+import time
+from typing import Any
+from urllib.request import urlopen
+
+import pytest
+from tornado.websocket import websocket_connect
+
+_NAMES = ('chromium', 'chromium-browser', 'google-chrome', 'google-chrome-stable')
+_PATIENCE = 60.0
+# No GPU, no sandbox (there is none as root), nothing of its own that asks the network.
+_OPTIONS = ('--headless=new', '--no-sandbox', '--disable-gpu', '--remote-debugging-port=0',
+            '--no-first-run', '--disable-background-networking', '--disable-component-update',
+            '--disable-sync', '--disable-default-apps', '--disable-dev-shm-usage',
+            '--window-size=1280,800')
+
+
+class Browser:
+    """
+    A page.
+
+    Attributes
+    ----------
+    events : list of dict
+        What the browser has reported, in its protocol's words.
+
+    """
+
+    def __init__(self, port: int) -> None:
+        """Take the page that the browser has opened."""
+        self.events: list[dict[str, Any]] = []
+        self._numbers = itertools.count(1)
+        self._loop = asyncio.new_event_loop()
+        with urlopen(f'http://127.0.0.1:{port}/json/list') as answer:
+            page = next(page for page in json.load(answer) if page['type'] == 'page')
+        self._socket = self._run(lambda: websocket_connect(page['webSocketDebuggerUrl']))
+        for domain in ('Page', 'Runtime', 'Log'):
+            self.call(f'{domain}.enable')
+
+    def _run(self, begin: Callable[[], Any]) -> Any:
+        async def wait() -> Any:
+            return await asyncio.wait_for(begin(), _PATIENCE)
+        return self._loop.run_until_complete(wait())
+
+    def call(self, method: str, **parameters: Any) -> dict[str, Any]:
+        """Call the protocol; return its result."""
+        number = next(self._numbers)
+        message = json.dumps({'id': number, 'method': method, 'params': parameters})
+        self._run(lambda: self._socket.write_message(message))
+        while True:
+            answer = json.loads(self._run(self._socket.read_message))
+            if answer.get('id') == number:
+                assert 'error' not in answer, answer
+                return dict(answer['result'])
+            self.events.append(answer)
+
+    def open(self, url: str) -> None:  # noqa: A003
+        """Go to a page and wait until it is there."""
+        self.call('Page.navigate', url=url)
+        self.until('document.readyState === "complete"')
+
+    def evaluate(self, script: str) -> Any:
+        """Return what a script's value is."""
+        result = self.call('Runtime.evaluate', expression=script, returnByValue=True,
+                           awaitPromise=True)
+        assert 'exceptionDetails' not in result, result
+        return result['result'].get('value')
+
+    def until(self, script: str) -> Any:
+        """Return the script's value once that is true."""
+        deadline = time.monotonic() + _PATIENCE
+        while not (value := self.evaluate(script)):
+            assert time.monotonic() < deadline, script
+        return value
+
+    def key(self, kind: str, code: str, key: str) -> None:
+        """Press (keyDown) or release (keyUp) a key."""
+        self.call('Input.dispatchKeyEvent', type=kind, code=code, key=key)
+
+    def screenshot(self, path: Path) -> None:
+        """Write a picture of the page."""
+        path.write_bytes(base64.b64decode(self.call('Page.captureScreenshot')['data']))
+
+    def said(self, method: str) -> list[dict[str, Any]]:
+        """Return what the browser has reported under a name."""
+        return [event['params'] for event in self.events if event.get('method') == method]
+
+    def close(self) -> None:
+        """Leave the page."""
+        self._socket.close()
+        self._loop.close()
+
+
+@contextmanager
+def chromium(folder: Path) -> Iterator[Browser]:
+    """Start a browser that ends with the block; skip where there is none."""
+    found = next(filter(None, map(shutil.which, _NAMES)), None)
+    if found is None:
+        pytest.skip('no Chromium or Chrome is installed')
+    with (folder / 'browser.log').open('wb') as log:
+        process = subprocess.Popen(
+            [found, *_OPTIONS, f'--user-data-dir={folder / "profile"}', 'about:blank'],
+            stdin=subprocess.DEVNULL, stdout=log, stderr=log)
+    page = None
+    try:
+        written = folder / 'profile' / 'DevToolsActivePort'
+        deadline = time.monotonic() + _PATIENCE
+        while not (written.exists() and '\n' in written.read_text()):
+            assert process.poll() is None, (folder / 'browser.log').read_text()
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
+        page = Browser(int(written.read_text().split()[0]))
+        yield page
+    finally:
+        if page is not None:
+            page.close()
+        process.terminate()
+        process.wait(30)

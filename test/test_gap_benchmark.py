@@ -1,0 +1,29 @@
+"""The check on withheld effects, as a user runs it, on a few small cases."""
+
+import json
+from pathlib import Path
+
+from flexx2_sim_ros.benchmark import score
+from flexx2_sim_ros.cli.main import main
+import pytest
+
+
+def test_the_quick_benchmark_reaches_its_floors(tmp_path: Path,
+                                                capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(['gap', 'benchmark', '--quick', '--out', str(tmp_path), '--jobs', '2']) == 0
+    assert 'single effects, strength 1: right' in capsys.readouterr().out
+    assert (tmp_path / 'benchmark.md').is_file()
+    assert (tmp_path / 'benchmark_confusion.png').is_file()
+    for path in (tmp_path / 'results').iterdir():
+        assert json.loads(path.read_text())['error'] is None
+    scores = score(tmp_path)
+    # Found: 7 of 7, 2 of 2, 2 of 2, 1 of 1. Cameras and scenes are the same in every run; the
+    # simulations' seeds are not (they follow from the sealed names).
+    assert sum(answer.right for answer in scores.of('single')) >= 5
+    assert sum(answer.wrong for answer in scores.of('single')) <= 1
+    assert sum(answer.right for answer in scores.of('none')) >= 1
+    assert sum(answer.right for answer in scores.of('novel')) >= 1
+    assert scores.of('pair')[0].right
+    realised = [a for a in scores.answers if a.realised == a.realised]
+    assert all(abs(a.predicted - a.realised) < 0.3 for a in realised)
+    assert sum(a.overlap for a in scores.of('single')) / 7 > 0.35

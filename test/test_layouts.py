@@ -1,0 +1,121 @@
+"""What the layouts for RViz and Foxglove show is there, on the graph that the README starts."""
+
+from collections.abc import Iterator
+import json
+from typing import Any
+
+from flexx2_sim_ros.go1.kinematics import JOINTS
+from flexx2_sim_ros.go1.model import load_mounts
+from flexx2_sim_ros.nodes.camera_node import Flexx2Camera
+from flexx2_sim_ros.nodes.go1_node import Go1Cameras
+from flexx2_sim_ros.nodes.transforms import camera_transforms
+from flexx2_sim_ros.paths import config_dir
+import pytest
+from streams import Listener, Parameter
+import yaml
+
+CAMERAS = ('front_left', 'front_right')
+SPACE = '/layouts'
+RVIZ = yaml.safe_load((config_dir() / 'flexx2.rviz').read_text())['Visualization Manager']
+FOXGLOVE = json.loads((config_dir() / 'foxglove.json').read_text())
+IMAGE, INFO, CLOUD = (f'sensor_msgs/msg/{name}' for name in ('Image', 'CameraInfo', 'PointCloud2'))
+ODOMETRY, TWIST = 'nav_msgs/msg/Odometry', 'geometry_msgs/msg/Twist'
+FRAMES = {'odom', 'base', *(message.child_frame_id
+                            for message in camera_transforms('base', load_mounts()))}
+
+
+def rviz_topics() -> Iterator[tuple[str, str]]:
+    kinds = {'Image': IMAGE, 'PointCloud2': CLOUD, 'Odometry': ODOMETRY}
+    for display in RVIZ['Displays']:
+        kind = display['Class'].removeprefix('rviz_default_plugins/')
+        if 'Topic' in display:
+            yield display['Topic']['Value'], kinds[kind]
+
+
+def foxglove_topics() -> Iterator[tuple[str, str]]:
+    for name, panel in FOXGLOVE['configById'].items():
+        match name.partition('!')[0]:
+            case '3D':
+                for topic in panel['topics']:
+                    yield topic, ODOMETRY if topic == '/odom' else CLOUD
+            case 'Image':
+                yield panel['imageMode']['imageTopic'], IMAGE
+                yield panel['imageMode']['calibrationTopic'], INFO
+            case 'Teleop':
+                yield panel['topic'], TWIST
+            case 'DiagnosticSummary':
+                yield panel['topicToRender'], 'diagnostic_msgs/msg/DiagnosticArray'
+            case 'Plot':
+                for path in panel['paths']:
+                    yield path['value'].partition('.')[0], 'sensor_msgs/msg/JointState'
+
+
+@pytest.fixture(scope='module')
+def there(ros: None) -> Iterator[dict[str, list[str]]]:
+    """Start the nodes in a namespace of this test's own; return types by topic without it."""
+    user = Listener()
+    nodes: list[Any] = [
+        Go1Cameras(namespace=SPACE, parameter_overrides=[
+            Parameter(name, value=value) for name, value in (
+                ('motion', 'cmd_vel'), ('scene', 'corner'), ('renderer', 'ray'))]),
+        *(Flexx2Camera(namespace=f'{SPACE}/{camera}') for camera in CAMERAS)]
+    for node in nodes:
+        user.add(node)
+
+    def topics() -> dict[str, list[str]]:
+        return {topic.removeprefix(SPACE): kinds
+                for topic, kinds in user.node.get_topic_names_and_types()}
+    try:
+        # The last one to be opened of each node.
+        user.spin_until(lambda: {f'/{camera}/flexx2_camera/depth_noise_0' for camera in CAMERAS}
+                        | {'/odom', '/cmd_vel'} <= topics().keys(), 'the graph')
+        yield topics()
+    finally:
+        user.close()
+        for node in nodes:
+            node.destroy_node()
+
+
+@pytest.mark.parametrize('topics', [rviz_topics, foxglove_topics])
+def test_every_topic_is_there_with_its_type(there: dict[str, list[str]], topics: Any) -> None:
+    wanted = list(topics())
+    assert len(wanted) >= 7
+    assert [(topic, there.get(topic)) for topic, _ in wanted] == [
+        (topic, [kind]) for topic, kind in wanted]
+    # Both cameras, clean and simulated.
+    for camera in CAMERAS:
+        assert {f'/{camera}/clean/depth_image', f'/{camera}/flexx2_camera/depth_image_0',
+                f'/{camera}/flexx2_camera/point_cloud_0'} <= {topic for topic, _ in wanted}
+
+
+def test_every_frame_is_one_of_the_robot() -> None:
+    tree = next(display for display in RVIZ['Displays'] if display['Class'].endswith('/TF'))
+    assert tree['Frames'].keys() - {'All Enabled'} == FRAMES
+    assert RVIZ['Global Options']['Fixed Frame'] in FRAMES
+    assert RVIZ['Views']['Current']['Target Frame'] in FRAMES
+    scene = FOXGLOVE['configById']['3D!robot']
+    assert scene['followTf'] in FRAMES
+    assert {name.removeprefix('frame:') for name in scene['transforms']} == FRAMES
+
+
+def test_foxglove_places_every_panel_once() -> None:
+    def placed(node: Any) -> list[str]:
+        return [node] if isinstance(node, str) else placed(node['first']) + placed(node['second'])
+    assert sorted(placed(FOXGLOVE['layout'])) == sorted(FOXGLOVE['configById'])
+
+
+def test_foxglove_says_which_joints_it_shows() -> None:
+    for path in FOXGLOVE['configById']['Plot!joints']['paths']:
+        number = int(path['value'].partition('[')[2].removesuffix(']'))
+        assert JOINTS[number] == f'{path["label"].replace(" ", "_")}_joint'
+
+
+def test_foxglove_drives_within_the_limits() -> None:
+    teleop = FOXGLOVE['configById']['Teleop!drive']
+    # A command holds half a second.
+    assert teleop['publishRate'] > 2
+    for button, field, most in (('up', 'linear-x', 0.8), ('down', 'linear-x', 0.8),
+                                ('left', 'angular-z', 1.5), ('right', 'angular-z', 1.5)):
+        assert teleop[f'{button}Button']['field'] == field
+        sign = 1 if button in ('up', 'left') else -1
+        assert 0 < sign * teleop[f'{button}Button']['value'] <= most

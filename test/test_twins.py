@@ -1,0 +1,69 @@
+"""A second node of a name ends before it has started anything, and the first goes on."""
+
+from collections.abc import Iterator
+import subprocess
+import sys
+from typing import Any
+
+import pytest
+from sensor_msgs.msg import CameraInfo
+from streams import Listener
+
+PATIENCE = 60.0
+SAID = ('error: node name: another /twins/{} is running, and both would publish the same topics; '
+        'wanted another name or namespace, e.g. --ros-args -r __node:=another\n')
+
+
+@pytest.fixture
+def start(child_env: dict[str, str]) -> Iterator[Any]:
+    """Return a function that starts a node; those that still run are killed at the end."""
+    processes = []
+
+    def started(executable: str, *arguments: str) -> subprocess.Popen[str]:
+        processes.append(subprocess.Popen(
+            [sys.executable, '-m', f'flexx2_sim_ros.nodes.{executable}', '--ros-args', '-r',
+             '__ns:=/twins', *arguments], env=child_env, stderr=subprocess.PIPE, text=True))
+        return processes[-1]
+    yield started
+    for process in processes:
+        process.kill()
+        process.communicate()
+
+
+def first_line(process: subprocess.Popen[str], what: str) -> None:
+    """Wait until a node says that it runs."""
+    assert process.stderr is not None
+    for line in process.stderr:
+        assert not line.startswith('error')
+        if what in line:
+            return
+    raise AssertionError('it ended')
+
+
+def test_the_second_robot_ends_and_the_first_goes_on(start: Any) -> None:
+    options = ['-p', 'renderer:=ray', '-p', 'scene:=corner', '-p', 'rate:=20.0']
+    first_line(start('go1_cameras', *options), 'rendered by')
+    user = Listener()
+    try:
+        heard = user.listen('/twins/front_left/clean/camera_info', CameraInfo)
+        # A scene that is not there would be the next thing to fail: it has not got that far.
+        second = start('go1_cameras', '-p', 'scene:=moon')
+        assert second.communicate(timeout=PATIENCE)[1] == SAID.format('go1_cameras')
+        assert second.returncode == 1
+        assert user.node.count_publishers('/twins/front_left/clean/camera_info') == 1
+        so_far = len(heard)
+        user.spin_until(lambda: len(heard) > so_far + 5, 'more of the first')
+    finally:
+        user.close()
+
+
+def test_the_second_camera_ends_and_the_name_is_free_again(start: Any) -> None:
+    first = start('flexx2_camera')
+    first_line(first, 'waiting for')
+    second = start('flexx2_camera')
+    assert second.communicate(timeout=PATIENCE)[1] == SAID.format('flexx2_camera')
+    assert second.returncode == 1
+    # Whoever is killed leaves nothing behind.
+    first.kill()
+    first.wait()
+    first_line(start('flexx2_camera'), 'waiting for')

@@ -1,0 +1,385 @@
+"""`flexx2 view` as a user has it: processes, real DDS, and a real browser."""
+
+import base64
+from collections.abc import Callable, Iterator
+import os
+from pathlib import Path
+import select
+import signal
+import subprocess
+import sys
+from typing import Any
+
+from browser import Browser, chromium
+from flexx2_sim_ros.nodes.viewer import Viewer
+from flexx2_sim_ros.view.colours import depth_table, difference_table, INVALID
+from geometry_msgs.msg import Twist
+from nav_msgs.msg import Odometry
+import numpy as np
+import pytest
+from rclpy.parameter import parameter_value_to_python
+from rclpy.parameter_client import AsyncParameterClient
+from streams import CameraInfo, FLEXX2, Image, image_message, info_message, Listener, Parameter
+
+CAMERAS = ('front_left', 'front_right')
+PATIENCE = 60.0
+# The board stands 1 m ahead of the left camera. Of 3 m that is the 85th colour of 256: 85.3.
+MOST, AT_THE_BOARD = 3.0, 85
+
+
+class View:
+    """
+    The command, running.
+
+    Attributes
+    ----------
+    process : subprocess.Popen
+    url : str
+    folder : pathlib.Path
+        Where its temporary files are.
+
+    """
+
+    def __init__(self, folder: Path, *options: str) -> None:
+        """Start it and wait for its address."""
+        paths = [str(Path(__file__).parents[1]), *filter(None, [os.environ.get('PYTHONPATH')])]
+        env = {**os.environ, 'PYTHONPATH': os.pathsep.join(paths), 'TMPDIR': str(folder)}
+        self.folder, self._errors = folder, folder / 'view.log'
+        with self._errors.open('wb') as log:
+            self.process = subprocess.Popen(
+                [sys.executable, '-m', 'flexx2_sim_ros.cli.main', 'view', '--no-browser',
+                 '--port', '0', *options], env=env, stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE, stderr=log, text=True)
+        assert self.process.stdout is not None
+        assert select.select([self.process.stdout], [], [], PATIENCE)[0], self.errors
+        line = self.process.stdout.readline()
+        assert line.endswith(' (Ctrl-C ends it)\n'), (line, self.errors)
+        self.url = line.split()[0]
+
+    @property
+    def errors(self) -> str:
+        """Return what it has written to stderr."""
+        return self._errors.read_text()
+
+    def end(self) -> int:
+        """Press Ctrl-C; return the exit code."""
+        self.process.send_signal(signal.SIGINT)
+        return self.process.wait(PATIENCE)
+
+
+class Scene:
+    """A page that shows a running demo, and a user of its topics beside it."""
+
+    def __init__(self, view: View, page: Browser, user: Listener) -> None:
+        """Take them."""
+        self.view, self.page, self.user = view, page, user
+        self.clients = {camera: AsyncParameterClient(user.node, f'/{camera}/flexx2_camera')
+                        for camera in CAMERAS}
+
+    def usecase(self, camera: str) -> str:
+        """Return a camera's mode, as its node says."""
+        client = self.clients[camera]
+        self.user.spin_until(client.services_are_ready, 'parameter services')
+        values = self.user.wait(client.get_parameters(['usecase'])).values
+        return str(parameter_value_to_python(values[0]))
+
+    def listening(self, camera: str) -> int:
+        """Return how many listen to a camera's clean depth."""
+        return self.user.node.count_subscribers(f'/{camera}/clean/depth_image')
+
+
+@pytest.fixture(scope='module')
+def scene(ros: None, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Scene]:
+    """Start the demo before the board and open the page."""
+    with chromium(tmp_path_factory.mktemp('browser')) as page:
+        user = Listener()
+        view = View(tmp_path_factory.mktemp('view'), '--demo', '--scene', 'board',
+                    '--renderer', 'ray')
+        try:
+            page.call('Emulation.setDeviceMetricsOverride', width=1280, height=800,
+                      deviceScaleFactor=1, mobile=False)
+            page.call('Network.enable')
+            page.open(view.url)
+            page.until(f'document.querySelectorAll(".camera").length === {len(CAMERAS)}')
+            for camera in CAMERAS:
+                page.until(f'{part(camera, "hz")}.textContent.endsWith(" Hz")')
+                page.until(f'{part(camera, "clean")}.width === 224')
+            # Or every frame would come here as well.
+            page.call('Network.disable')
+            yield Scene(view, page, user)
+        finally:
+            user.close()
+            if view.process.poll() is None:
+                view.process.kill()
+
+
+def part(camera: str, name: str) -> str:
+    """Return the script of an element of a camera's column."""
+    return f"document.querySelector('[data-camera={camera}] [data-part={name}]')"
+
+
+def pixels(page: Browser, camera: str, kind: str) -> np.ndarray:
+    """Return a canvas's pixels: (H, W, 3)."""
+    values = page.evaluate(
+        f'(() => {{ const canvas = {part(camera, kind)};'
+        'const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);'
+        'let text = ""; for (const value of data) text += String.fromCharCode(value);'
+        'return [canvas.height, canvas.width, btoa(text)]; })()')
+    colours = np.frombuffer(base64.b64decode(values[2]), np.uint8)
+    return colours.reshape(values[0], values[1], 4)[..., :3]
+
+
+def index_of(colours: np.ndarray, table: np.ndarray) -> np.ndarray:
+    """Return which colours of a table these are; -1 for others."""
+    numbers, known = (np.asarray(values, int) @ (1, 256, 65536) for values in (colours, table))
+    order = np.argsort(known)
+    at = order[np.searchsorted(known, numbers, sorter=order).clip(max=len(known) - 1)]
+    return np.where(known[at] == numbers, at, -1)
+
+
+def move_slider(page: Browser, name: str, value: float) -> None:
+    page.evaluate(f'(() => {{ const slider = document.getElementById("{name}");'
+                  f'slider.value = {value}; slider.dispatchEvent(new Event("input")); }})()')
+
+
+def test_images_have_the_colours_of_what_is_seen(scene: Scene) -> None:
+    move_slider(scene.page, 'depth-range', MOST)
+    move_slider(scene.page, 'difference-range', 50)
+    scene.page.evaluate('new Promise(requestAnimationFrame)')
+    kinds = ('clean', 'simulated', 'difference')
+    seen = {kind: pixels(scene.page, 'front_left', kind) for kind in kinds}
+    assert {image.shape for image in seen.values()} == {(172, 224, 3)}
+    middle = {kind: image[83:89, 109:115] for kind, image in seen.items()}
+    assert (index_of(middle['clean'], depth_table()) == AT_THE_BOARD).all()
+    # sigma_z is 3 to 6 mm here, a colour 12 mm: none of 36 pixels is 36 mm off, nor their
+    # differences 50 mm (six sigma: 1e-7).
+    assert (np.abs(index_of(middle['simulated'], depth_table()) - AT_THE_BOARD) <= 3).all()
+    difference = index_of(middle['difference'], difference_table())
+    assert (np.abs(difference - 128) < 127).all()
+    assert np.unique(difference).size > 3
+    # The right camera sees the board from the side; both have a cloud.
+    for camera, kind in (*(('front_right', kind) for kind in kinds), ('front_right', 'cloud'),
+                         ('front_left', 'cloud')):
+        colours = np.unique(pixels(scene.page, camera, kind).reshape(-1, 3), axis=0)
+        assert len(colours) > 5, (camera, kind)
+    # Everything is a colour of its scale or the one for invalid.
+    known = np.concatenate([depth_table(), [INVALID]])
+    assert (index_of(seen['simulated'], known) >= 0).all()
+
+
+def test_numbers_are_the_streams(scene: Scene) -> None:
+    page = scene.page
+    for camera in CAMERAS:
+        for name in ('clean_hz', 'hz', 'latency', 'drawn'):
+            page.until(f'parseFloat({part(camera, name)}.textContent) > 0')
+        assert 0 <= float(page.evaluate(f'parseFloat({part(camera, "invalid")}.textContent)')) < 90
+        assert page.evaluate(f'{part(camera, "problem")}.textContent') == ''
+        assert page.evaluate(f'{part(camera, "usecase")}.value') == scene.usecase(camera)
+        assert page.evaluate(f'{part(camera, "usecase")}.options.length') == 9
+
+
+def test_pointing_at_a_pixel_reads_it_and_dragging_turns_the_cloud(scene: Scene) -> None:
+    page = scene.page
+
+    def mouse(kind: str, x: float, y: float, **more: Any) -> None:
+        page.call('Input.dispatchMouseEvent', type=kind, x=x, y=y, **more)
+
+    def box(name: str) -> tuple[float, float, float, float]:
+        left, top, width, height = page.evaluate(
+            f'(() => {{ const box = {part("front_left", name)}.getBoundingClientRect();'
+            'return [box.left, box.top, box.width, box.height]; })()')
+        return left, top, width, height
+
+    left, top, width, height = box('clean')
+    mouse('mouseMoved', left + 112.5 / 224 * width, top + 86.5 / 172 * height)
+    read = f'{part("front_left", "clean")}.parentElement.querySelector(".read").textContent'
+    assert page.until(read) == '(112, 86) 1.000 m'
+    left, top, width, height = box('cloud')
+    before = pixels(page, 'front_left', 'cloud')
+    mouse('mousePressed', left + 100, top + 100, button='left', buttons=1, clickCount=1)
+    mouse('mouseMoved', left + 180, top + 120, button='left', buttons=1)
+    mouse('mouseReleased', left + 180, top + 120, button='left', buttons=0, clickCount=1)
+    page.evaluate('new Promise(requestAnimationFrame)')
+    after = pixels(page, 'front_left', 'cloud')
+    assert (before != after).any(axis=-1).mean() > 0.05
+
+
+def test_choosing_a_mode_sets_it_on_the_node(scene: Scene) -> None:
+    page = scene.page
+
+    def choose(usecase: str) -> None:
+        page.evaluate(f'(() => {{ const select = {part("front_left", "usecase")};'
+                      f'select.value = "{usecase}"; select.dispatchEvent(new Event("change"));'
+                      '})()')
+    answer = "document.querySelector('[data-camera=front_left] .answer')"
+    choose('Mode_5_60fps')
+    page.until(f'{answer}.textContent === "Mode_5_60fps is set"')
+    assert scene.usecase('front_left') == 'Mode_5_60fps'
+    assert scene.usecase('front_right') == 'Mode_9_30fps'
+    # What the node refuses is shown with its reason, and the selector says what is.
+    page.evaluate(f'{part("front_left", "usecase")}.add(new Option("Mode_9_31fps"))')
+    choose('Mode_9_31fps')
+    page.until(f'{answer}.classList.contains("refused")')
+    said = page.evaluate(f'{answer}.textContent')
+    assert 'Mode_9_31fps' in said
+    assert 'Mode_9_30fps' in said
+    page.until(f'{part("front_left", "usecase")}.value === "Mode_5_60fps"')
+    assert scene.usecase('front_left') == 'Mode_5_60fps'
+    # What somebody else sets is shown as well.
+    client = scene.clients['front_right']
+    result = scene.user.wait(client.set_parameters([Parameter('usecase', value='Mode_9_15fps')]))
+    assert result.results[0].successful
+    page.until(f'{part("front_right", "usecase")}.value === "Mode_9_15fps"')
+
+
+def test_keys_drive_while_they_are_held(scene: Scene) -> None:
+    page, user = scene.page, scene.user
+    heard = user.listen('/cmd_vel', Twist)
+    poses = user.listen('/odom', Odometry)
+    user.spin_until(lambda: poses, 'odometry')
+    start = poses[0].pose.pose.position.x
+
+    def hold(code: str, name: str, said: Callable[[Twist], float], least: float,
+             until: Callable[[], bool] = lambda: True) -> None:
+        heard.clear()
+        page.key('keyDown', code, name)
+        user.spin_until(lambda: len(heard) >= 5 and until(), 'commands')
+        page.key('keyUp', code, name)
+        user.spin_until(lambda: heard[-1] == Twist(), 'the stop')
+        # One stop, at the end, and nothing after it.
+        assert all(said(message) * np.sign(least) >= abs(least) for message in heard[:-1])
+
+    hold('KeyW', 'w', lambda message: message.linear.x, 0.4)
+    # There is room behind it; before it is the board.
+    hold('ArrowDown', 'ArrowDown', lambda message: message.linear.x, -0.4,
+         lambda: poses[-1].pose.pose.position.x < start - 0.02)
+    hold('KeyA', 'a', lambda message: message.angular.z, 0.7)
+    hold('KeyE', 'e', lambda message: message.linear.y, -0.2)
+    # Another window takes the keyboard: the key is never seen to go up.
+    heard.clear()
+    page.key('keyDown', 'KeyW', 'w')
+    user.spin_until(lambda: heard, 'a command')
+    page.evaluate('window.dispatchEvent(new Event("blur"))')
+    user.spin_until(lambda: heard[-1] == Twist(), 'the stop')
+    # The page is gone in the middle of it: the server stops the robot.
+    heard.clear()
+    page.key('keyUp', 'KeyW', 'w')
+    page.key('keyDown', 'KeyW', 'w')
+    user.spin_until(lambda: heard, 'a command')
+    page.open('about:blank')
+    user.spin_until(lambda: heard[-1] == Twist(), 'the stop')
+    # And nobody takes frames any longer that nobody looks at: only the camera node is left.
+    user.spin_until(lambda: [scene.listening(camera) for camera in CAMERAS] == [1, 1], 'rest')
+    page.open(scene.view.url)
+    user.spin_until(lambda: [scene.listening(camera) for camera in CAMERAS] == [2, 2], 'frames')
+
+
+def test_the_page_asks_nobody_else_and_has_no_errors(scene: Scene) -> None:
+    page = scene.page
+    blocked = page.evaluate(
+        'new Promise((done) => { document.addEventListener("securitypolicyviolation",'
+        ' (event) => done(event.effectiveDirective)); fetch("http://127.0.0.1:9/x")'
+        '.catch(() => {}); })')
+    assert blocked == 'connect-src'
+    asked = {request['request']['url'] for request in page.said('Network.requestWillBeSent')}
+    asked |= {request['url'] for request in page.said('Network.webSocketCreated')}
+    live = scene.view.url.replace('http', 'ws')
+    elsewhere = {url for url in asked if not url.startswith((scene.view.url, live))}
+    assert elsewhere <= {'about:blank', 'http://127.0.0.1:9/x'}
+    assert f'{live}live' in asked
+    assert page.said('Runtime.exceptionThrown') == []
+    said = [entry['entry'] for entry in page.said('Log.entryAdded')]
+    assert [entry['text'] for entry in said
+            if entry['level'] == 'error' and '127.0.0.1:9' not in entry['text']] == []
+
+
+def test_ctrl_c_ends_everything(scene: Scene) -> None:
+    children = subprocess.run(['pgrep', '-P', str(scene.view.process.pid)], capture_output=True,
+                              text=True, check=True).stdout.split()
+    assert len(children) == 3
+    assert scene.view.end() == 0
+    assert scene.view.errors == ''
+    assert not [child for child in children if Path(f'/proc/{child}').exists()]
+    assert not list(scene.view.folder.glob('flexx2_view_*'))
+    scene.page.until('document.body.classList.contains("lost")')
+
+
+def test_a_node_that_cannot_start_ends_the_demo_with_its_reason(ros: None,
+                                                                tmp_path: Path) -> None:
+    view = View(tmp_path, '--demo', '--scene', 'moon')
+    assert view.process.wait(PATIENCE) == 2
+    assert view.errors.startswith('flexx2: error: go1_cameras ended with exit code 1')
+    assert "scene: found 'moon'" in view.errors
+    assert view.errors.count('\n') == 1
+
+
+def test_frames_are_paired_and_looked_up_as_the_camera_does(ros: None) -> None:
+    wide = FLEXX2.from_field_of_view(80, 60, 100.0, 80.0)
+    user, viewer = Listener(), Viewer(['left'], '/view_parts/cmd_vel')
+    user.add(viewer)
+    try:
+        send = {topic: user.node.create_publisher(kind, f'/view_parts/left/{topic}', 10)
+                for topic, kind in (('clean/depth_image', Image),
+                                    ('clean/camera_info', CameraInfo),
+                                    ('flexx2_camera/depth_image_0', Image),
+                                    ('flexx2_camera/camera_info', CameraInfo))}
+        other = user.node.create_publisher(Image, '/view_parts/right/flexx2_camera/depth_image_0',
+                                           10)
+        # Whoever is not asked for is not shown; nobody looks yet, so nothing is taken.
+        viewer._wanted = {'view_parts/left'}
+        user.spin_until(lambda: 'view_parts/left' in viewer._cameras, 'the camera')
+        assert not any(publisher.get_subscription_count() for publisher in send.values())
+        viewer.watch(True)
+        user.spin_until(lambda: all(publisher.get_subscription_count()
+                                    for publisher in send.values()), 'subscriptions')
+        assert other.get_subscription_count() == 0
+
+        def show(stamp: int, clean: bool) -> Any:
+            if clean:
+                send['clean/camera_info'].publish(info_message(wide, stamp))
+                send['clean/depth_image'].publish(
+                    image_message(np.full((60, 80), 1.5, np.float32), stamp))
+            send['flexx2_camera/camera_info'].publish(info_message(FLEXX2, stamp))
+            image = np.full((172, 224), 1.25, np.float32)
+            image[:86] = np.nan
+            send['flexx2_camera/depth_image_0'].publish(image_message(image, stamp))
+            user.spin_until(lambda: (shots := viewer.shots) and all(
+                shot.stamp == stamp for shot in shots.values()), 'the frame')
+            return viewer.shots['view_parts/left']
+        # Both ends know each other at different times: best effort may miss the first.
+        for stamp in range(1, 200):
+            shot = show(stamp, clean=True)
+            if shot.clean is not None:
+                break
+        assert shot.clean.shape == shot.simulated.shape == (172, 224)
+        np.testing.assert_allclose(shot.clean, 1.5, rtol=1e-5)
+        assert shot.invalid_share == 0.5
+        # The real driver has no clean depth.
+        assert show(10_000, clean=False).clean is None
+        viewer.watch(False)
+        user.spin_until(lambda: not viewer.shots, 'rest')
+    finally:
+        user.close()
+        viewer.destroy_node()
+
+
+def test_a_browser_that_falls_silent_stops_the_robot(ros: None) -> None:
+    user, viewer = Listener(), Viewer(['none'], '/view_silent/cmd_vel')
+    user.add(viewer)
+    try:
+        heard = user.listen('/view_silent/cmd_vel', Twist)
+        user.spin_until(lambda: viewer._twist.get_subscription_count(), 'a listener')
+        viewer.drive('me', (9.0, -9.0, 99.0))
+        user.spin_until(lambda: len(heard) == 2, 'the stop')
+        assert (heard[0].linear.x, heard[0].linear.y, heard[0].angular.z) == (1.2, -1.2, 2.5)
+        assert heard[1] == Twist()
+        # One who has not driven does not stop the one who does.
+        viewer.drive('me', (0.1, 0.0, 0.0))
+        viewer.leave('another')
+        viewer.drive('another', (0.0, 0.0, 0.0))
+        viewer.drive('me', (0.2, 0.0, 0.0))
+        user.spin_until(lambda: len(heard) == 5, 'commands')
+        assert [message.linear.x for message in heard[2:]] == [0.1, 0.2, 0.0]
+    finally:
+        user.close()
+        viewer.destroy_node()

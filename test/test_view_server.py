@@ -1,0 +1,278 @@
+"""The page's server without ROS: who is let in, what a slow browser gets, what is refused."""
+
+import asyncio
+from collections.abc import Callable, Iterator
+import json
+import socket
+from typing import Any
+from urllib.error import HTTPError
+from urllib.request import Request, urlopen
+
+from flexx2_sim_ros.camera import Intrinsics
+from flexx2_sim_ros.cli.main import main
+from flexx2_sim_ros.view.colours import depth_table, difference_table, INVALID
+from flexx2_sim_ros.view.packing import pack, pack_depth, Shot, UNIT
+from flexx2_sim_ros.view.server import bind, Server
+import numpy as np
+import pytest
+from tornado.httpclient import HTTPClientError, HTTPRequest
+from tornado.websocket import websocket_connect
+
+CAMERA = Intrinsics(4, 3, 3.0, 3.0, 1.5, 1.0)
+
+
+def shot(number: int, metres: float = 1.5) -> Shot:
+    depth = np.full((3, 4), metres, np.float32)
+    return Shot(number, number * 10 ** 9, depth, depth, CAMERA)
+
+
+class Source:
+    """Something to show, which writes down what it is asked for."""
+
+    def __init__(self) -> None:
+        self.shots: dict[str, Shot] = {}
+        self.status = '{}'
+        self.asked: list[Any] = []
+
+    def watch(self, watched: bool) -> None:
+        self.asked.append(('watch', watched))
+
+    def drive(self, driver: object, velocity: tuple[float, float, float]) -> None:
+        self.asked.append(('drive', velocity))
+
+    def leave(self, driver: object) -> None:
+        self.asked.append('leave')
+
+    def choose(self, camera: str, usecase: str) -> None:
+        self.asked.append((camera, usecase))
+
+
+@pytest.fixture
+def served() -> Iterator[tuple[Server, Source]]:
+    source = Source()
+    server = Server(bind('127.0.0.1', 0), '127.0.0.1', source)
+    server.start()
+    yield server, source
+    server.stop()
+
+
+async def until(condition: Callable[[], Any]) -> None:
+    while not condition():
+        await asyncio.sleep(0.005)
+
+
+def connect(server: Server, origin: str = '', host: str = '') -> Any:
+    """Return a future of a websocket, as a page from an origin opens it."""
+    address = f'127.0.0.1:{server.port}'
+    return websocket_connect(HTTPRequest(f'ws://{address}/live', headers={
+        'Origin': origin or f'http://{address}', 'Host': host or address}))
+
+
+async def frame(client: Any) -> dict[str, Any]:
+    """Return the head of the next frame."""
+    while isinstance(message := await client.read_message(), str):
+        pass
+    return dict(json.loads(message[4:4 + int.from_bytes(message[:4], 'little')]))
+
+
+def run(work: Any) -> None:
+    async def bounded() -> None:
+        await asyncio.wait_for(work, 60)
+    asyncio.run(bounded())
+
+
+def test_a_slow_browser_gets_the_newest_frame_and_no_others(
+        served: tuple[Server, Source]) -> None:
+    server, source = served
+
+    async def work() -> None:
+        slow, fast = await connect(server), await connect(server)
+        seen = []
+        for number in range(1, 31):
+            source.shots = {'left': shot(number), 'right': shot(number + 100)}
+            server.wake()
+            seen += [(await frame(fast))['stamp'] for _ in source.shots]
+            for camera in source.shots:
+                await fast.write_message(json.dumps({'drawn': camera}))
+        # Two for each camera, and nothing more before it has drawn one of them.
+        first = [(await frame(slow))['stamp'] for _ in range(4)]
+        await slow.write_message(json.dumps({'drawn': 'left'}))
+        then = await frame(slow)
+        assert seen == [k + more for k in range(1, 31) for more in (0, 100)]
+        assert sorted(first) == [1, 2, 101, 102]
+        assert (then['camera'], then['stamp']) == ('left', 30)
+        slow.close()
+        fast.close()
+        await until(lambda: ('watch', False) in source.asked)
+    run(work())
+    # Frames are taken while somebody looks, and not for each who does.
+    assert [entry for entry in source.asked if entry != 'leave'] == [
+        ('watch', True), ('watch', False)]
+    assert source.asked.count('leave') == 2
+
+
+def test_status_and_wishes(served: tuple[Server, Source]) -> None:
+    server, source = served
+
+    async def work() -> None:
+        source.status = '{"cameras": []}'
+        client = await connect(server)
+        assert await client.read_message() == '{"cameras": []}'
+        await client.write_message('{"drive": [0.5, 0, -1]}')
+        await client.write_message('{"usecase": ["left", "Mode_5_60fps"]}')
+        await until(lambda: ('left', 'Mode_5_60fps') in source.asked)
+        client.close()
+        await until(lambda: 'leave' in source.asked)
+    run(work())
+    assert source.asked[1:3] == [('drive', (0.5, 0.0, -1.0)), ('left', 'Mode_5_60fps')]
+
+
+@pytest.mark.parametrize('message', [
+    '', '[]', '{"drive": [1, 2]}', '{"drive": [NaN, 0, 0]}', '{"drive": [0, Infinity, 0]}',
+    '{"drive": ["1", 0, 0]}', '{"usecase": "x"}', '{"drawn": 1}', '{"shutdown": 1}', '{"a":' * 900,
+    '"' + 5000 * 'x' + '"'])
+def test_nonsense_ends_the_connection_and_no_more(served: tuple[Server, Source],
+                                                  message: str) -> None:
+    server, source = served
+
+    async def work() -> None:
+        client = await connect(server)
+        await client.write_message(message)
+        while await client.read_message() is not None:
+            pass
+        assert client.close_code in (1007, 1009)
+        # The next one is served as if nothing had been.
+        source.shots = {'left': shot(7)}
+        server.wake()
+        assert (await frame(await connect(server)))['stamp'] == 7
+    run(work())
+    assert not [entry for entry in source.asked if entry[0] == 'drive']
+
+
+@pytest.mark.parametrize(('origin', 'host'), [
+    ('http://evil.example', ''), ('https://127.0.0.1', ''), ('http://localhost:3000', ''),
+    ('null', ''), ('http://evil.example', 'evil.example'),
+    ('http://evil.example:{port}', 'evil.example:{port}'),
+    ('http://127.0.0.1.evil.example:{port}', '127.0.0.1.evil.example:{port}')])
+def test_a_page_from_elsewhere_is_refused(served: tuple[Server, Source], origin: str,
+                                          host: str) -> None:
+    server, source = served
+
+    async def work() -> None:
+        with pytest.raises(HTTPClientError) as error:
+            await connect(server, origin.format(port=server.port), host.format(port=server.port))
+        assert error.value.code == 403
+    run(work())
+    assert source.asked == []
+
+
+@pytest.mark.parametrize('host', ['localhost:{port}', '127.0.0.1:{port}', '[::1]:{port}',
+                                  'localhost:9000', '192.168.1.7:{port}'])
+def test_this_machine_is_let_in_by_its_addresses(served: tuple[Server, Source],
+                                                 host: str) -> None:
+    server, _ = served
+    host = host.format(port=server.port)
+
+    async def work() -> None:
+        (await connect(server, f'http://{host}', host)).close()
+    run(work())
+
+
+def status_of(port: int, path: str, **headers: str) -> tuple[int, Any]:
+    try:
+        with urlopen(Request(f'http://127.0.0.1:{port}{path}', headers=headers)) as answer:
+            return answer.status, answer.headers
+    except HTTPError as error:
+        return error.code, error.headers
+
+
+def test_the_page_loads_nothing_from_elsewhere(served: tuple[Server, Source]) -> None:
+    server, _ = served
+    for path in ('/', '/view.js', '/draw.js', '/cloud.js', '/drive.js', '/colours.js',
+                 '/style.css', '/icon.svg'):
+        code, headers = status_of(server.port, path)
+        assert code == 200
+        assert "default-src 'none'" in headers['Content-Security-Policy']
+        assert 'http' not in headers['Content-Security-Policy']
+        assert headers['X-Content-Type-Options'] == 'nosniff'
+    for path in ('/nothing', '/../setup.py', '/index.html/..', '/live'):
+        assert status_of(server.port, path)[0] in (400, 404)
+    assert status_of(server.port, '/', Host='evil.example')[0] == 403
+
+
+def test_packing_keeps_what_is_valid() -> None:
+    depth = np.array([[np.nan, 0.0, -1.0, np.inf], [1e-5, 1.5, 7.0, 40.0]], np.float32)
+    packed = pack_depth(depth)
+    assert packed.dtype == np.dtype('<u2')
+    assert packed[0].tolist() == [0, 0, 0, 65535]
+    assert packed[1].tolist() == [1, round(1.5 / UNIT), round(7.0 / UNIT), 65535]
+    valid = np.random.default_rng(0).uniform(0.05, 16, (172, 224)).astype(np.float32)
+    np.testing.assert_allclose(pack_depth(valid) * UNIT, valid, atol=UNIT / 2 + 1e-5)
+
+
+@pytest.mark.parametrize('with_clean', [True, False])
+def test_a_frame_as_bytes(with_clean: bool) -> None:
+    simulated, clean = (np.full((3, 4), value, np.float32) for value in (1.25, 1.5))
+    message = pack('left', Shot(1, 1_500_000_000, simulated, clean if with_clean else None,
+                                CAMERA))
+    length = int.from_bytes(message[:4], 'little')
+    assert length % 4 == 0
+    head = json.loads(message[4:4 + length])
+    assert head == {'camera': 'left', 'stamp': 1.5, 'unit': UNIT, 'width': 4, 'height': 3,
+                    'fx': 3.0, 'fy': 3.0, 'cx': 1.5, 'cy': 1.0, 'clean': with_clean}
+    images = np.frombuffer(message, '<u2', offset=4 + length).reshape(-1, 3, 4)
+    assert len(images) == 1 + with_clean
+    np.testing.assert_allclose(images[0] * UNIT, 1.25)
+    np.testing.assert_allclose(images[1:] * UNIT, 1.5)
+
+
+def test_colours_tell_values_apart() -> None:
+    weights = np.array([0.2126, 0.7152, 0.0722])
+    depth, difference = (table().astype(float) for table in (depth_table, difference_table))
+    assert depth.shape == difference.shape == (256, 3)
+    # Depth gets lighter all the way, a difference to either side: told apart without hues too.
+    assert (np.diff(depth @ weights)[4:] > -0.5).all()
+    light = difference @ weights
+    assert light.argmin() in range(120, 137)
+    assert light[128] < 25
+    assert (light[[0, 255]] > 190).all()
+    # Orange is red over blue, blue the reverse; grey is invalid.
+    assert difference[64, 2] > difference[64, 0] + 100
+    assert difference[192, 0] > difference[192, 2] + 100
+    assert np.abs(depth - INVALID).sum(axis=1).min() > 40
+
+
+def test_a_port_that_is_taken_is_named_before_anything_starts(
+        capsys: pytest.CaptureFixture[str], tmp_path: Any,
+        monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv('TMPDIR', str(tmp_path))
+    with socket.create_server(('127.0.0.1', 0)) as other:
+        port = other.getsockname()[1]
+        assert main(['view', '--demo', '--no-browser', '--port', str(port)]) == 2
+    said = capsys.readouterr()
+    assert said.out == ''
+    assert said.err == (f'flexx2: error: --port: {port} is already taken on 127.0.0.1, wanted one '
+                        'that is free, or 0 for any\n')
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(('options', 'said'), [
+    (['--port', '70000'], '--port: found 70000, wanted 0 to 65535'),
+    (['--port', '-1'], '--port: found -1, wanted 0 to 65535'),
+    (['--host', '203.0.113.1', '--port', '0'], "--host: found '203.0.113.1', wanted an address"),
+    (['--host', 'no.such.host.invalid'], "--host: found 'no.such.host.invalid', wanted"),
+])
+def test_an_address_that_is_none_is_named(capsys: pytest.CaptureFixture[str], options: list[str],
+                                          said: str) -> None:
+    assert main(['view', '--no-browser', *options]) == 2
+    error = capsys.readouterr().err
+    assert said in error
+    assert error.count('\n') == 1
+
+
+def test_help_names_what_shows_the_cameras(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit, match='0'):
+        main(['--help'])
+    said = ' '.join(capsys.readouterr().out.split())
+    for word in ('view', 'RViz', 'flexx2.rviz', 'Foxglove', 'foxglove.json'):
+        assert word in said
