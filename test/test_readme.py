@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 ROOT = Path(__file__).parent.parent
-README = (ROOT / 'README.md').read_text(encoding='utf-8')
+README = ''.join((ROOT / name).read_text(encoding='utf-8') for name in (
+    'README.md', 'docs/nodes.md', 'docs/recordings.md'))
 EXECUTABLES = {'flexx2_camera': 'flexx2_sim_ros.nodes.flexx2_camera',
                'go1_cameras': 'flexx2_sim_ros.nodes.go1_cameras',
                'flexx2': 'flexx2_sim_ros.cli.main'}
@@ -22,6 +23,11 @@ ELSEWHERE = {'colcon build': 'test_package.py', 'source install/setup.bash': 'te
              "flexx2 replay walk --rate 0.5 --topics '*/clean/*'": 'test_record_replay.py',
              'flexx2 convert walk walk.npz --camera front_left': 'test_bags.py',
              'flexx2 view --demo': 'test_view.py',
+             'flexx2 characterize capture campaign': 'test_characterize_folder.py',
+             'flexx2 characterize fit campaign --out result': 'test_characterize_folder.py',
+             'flexx2 simulate scene.npz out.npz --profile result/profile.yaml': 'test_profile.py',
+             'ros2 run flexx2_sim_ros flexx2_camera --ros-args -p profile:=result/profile.yaml':
+                 'test_profile.py',
              'flexx2 convert walk.npz walk_sqlite3 --storage sqlite3': 'test_bags.py'}
 
 
@@ -89,6 +95,8 @@ def test_program(program: str) -> None:
     assert measured == pytest.approx(modelled, rel=0.01)
 
 
-def test_pictures_are_there() -> None:
-    for path in re.findall(r'!\[[^\]]+\]\(([^)]+)\)', README):
-        assert (ROOT / path).is_file()
+@pytest.mark.parametrize('page', [ROOT / 'README.md', *sorted((ROOT / 'docs').glob('*.md'))],
+                         ids=lambda page: page.name)
+def test_links_and_pictures_are_there(page: Path) -> None:
+    for target in re.findall(r'\]\(([^)#]+)[^)]*\)', page.read_text(encoding='utf-8')):
+        assert target.startswith('https://') or (page.parent / target).is_file(), target
