@@ -11,8 +11,10 @@ unexport PYTHONPATH AMENT_PREFIX_PATH
 demo: $(STAMP)
 	$(BIN)/flexx2 demo
 
+# Two at a time: much of it waits for messages. A file stays with one of them, so that what its
+# tests share is made once.
 test: lint
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n 2 --dist loadfile
 
 # ament_pep257 treats properties as any other method: hence the empty list.
 lint: $(STAMP)
@@ -33,7 +35,7 @@ clean:
 $(STAMP): setup.py constraints.txt
 	@$(PYTHON) -c 'import sys; sys.version_info[:2] in ((3, 11), (3, 12)) or sys.exit("needs \
 	Python 3.11 or 3.12, found %d.%d: try make PYTHON=python3.12" % sys.version_info[:2])'
-	@echo "Making .venv with $$($(PYTHON) --version): downloads about 210 MB, needs 0.9 GB" \
+	@echo "Making .venv with $$($(PYTHON) --version): downloads about 360 MB, needs 1.5 GB" \
 	"of disk and takes one to three minutes ..."
 	$(PYTHON) -m venv --clear .venv
 	@touch .venv/COLCON_IGNORE

@@ -70,6 +70,7 @@ setup(
             'mypy',
             'pydocstyle',
             'pytest',
+            'pytest-xdist',
             'ruff',
             'tornado>=6.4',
             'types-PyYAML',

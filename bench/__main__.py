@@ -2,11 +2,11 @@
 
 import sys
 
-from bench import characterize, closed_loop, effects, go1, model, nodes, rendering
+from bench import batch, characterize, closed_loop, effects, go1, model, nodes, rendering
 
-_ALL = {'model': model.run, 'effects': effects.run, 'closed_loop': closed_loop.run,
-        'characterize': characterize.run, 'rendering': rendering.run, 'nodes': nodes.run,
-        'go1': go1.run}
+_ALL = {'model': model.run, 'effects': effects.run, 'batch': batch.run,
+        'closed_loop': closed_loop.run, 'characterize': characterize.run,
+        'rendering': rendering.run, 'nodes': nodes.run, 'go1': go1.run}
 
 
 def main() -> int:

@@ -22,6 +22,7 @@ ELSEWHERE = {'colcon build': 'test_package.py', 'source install/setup.bash': 'te
              'flexx2 record walk --seconds 10': 'test_record_replay.py',
              "flexx2 replay walk --rate 0.5 --topics '*/clean/*'": 'test_record_replay.py',
              'flexx2 convert walk walk.npz --camera front_left': 'test_bags.py',
+             'flexx2 batch': 'test_batch_robots.py',
              'flexx2 view --demo': 'test_view.py',
              'flexx2 characterize capture campaign': 'test_characterize_folder.py',
              'flexx2 characterize fit campaign --out result': 'test_characterize_folder.py',

@@ -5,6 +5,7 @@ import sys
 
 from flexx2_sim_ros import __version__
 from flexx2_sim_ros.cli import (
+    batch,
     characterize,
     convert,
     demo,
@@ -41,7 +42,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument('--version', action='version', version=__version__)
     commands = parser.add_subparsers(dest='command', required=True, metavar='COMMAND')
     for module in (modes, simulate, characterize, effects, demo, view, record, replay, convert,
-                   gap):
+                   gap, batch):
         module.add_parser(commands)
     arguments = parser.parse_args(argv)
     try:

@@ -1,0 +1,345 @@
+"""`BatchCamera`: many cameras, each in an environment of its own, at once."""
+
+from collections.abc import Sequence
+import math
+from typing import Any
+
+from flexx2_sim_ros.batch import kernels
+from flexx2_sim_ros.batch.development import Development
+from flexx2_sim_ros.batch.effect_tables import each_environment
+from flexx2_sim_ros.batch.exchange import checked, from_warp, stream_of, to_warp
+from flexx2_sim_ros.batch.images import Images, Rows
+from flexx2_sim_ros.camera import Intrinsics, Mode, Profile
+from flexx2_sim_ros.camera.lateral import pixel_sigma
+from flexx2_sim_ros.camera.modes import DEFAULT_USECASE, flexx2
+from flexx2_sim_ros.camera.philox import camera_key
+from flexx2_sim_ros.effects import Effect
+from flexx2_sim_ros.effects.noise import LateralNoise
+from flexx2_sim_ros.errors import InputError
+import numpy as np
+import warp as wp
+
+_INVALID = {'nan': math.nan, 'zero': 0.0}
+_MOST_PIXELS = 2 ** 31 - 1
+
+
+class BatchCamera:
+    """
+    Many Flexx2, one for each environment, on the CPU or a GPU.
+
+    Environment i is what ``Camera(usecase[i], seed=seed[i], name=name)`` is with the stamps of
+    `stamps`: the same noise in every pixel, to float32 rounding.
+
+    Parameters
+    ----------
+    num_envs : int
+        Number of environments, N.
+    usecase : str or sequence of str
+        The mode of all environments, or of each.
+    profile : Profile, optional
+        Another camera than the Flexx2.
+    effects : see `Camera`, or a sequence of N such
+        Effects of all environments, or of each.
+    seed : int or sequence of int
+        Environment i has the seed ``seed + i``, or ``seed[i]``.
+    name : str
+        Cameras of different names share no noise.
+    K : array_like, optional
+        (3, 3) camera matrix of the depth images, pixels; the profile's field of view over the
+        image when left out.
+    device : str, optional
+        Warp's name, e.g. ``cpu`` or ``cuda:0``; a GPU if there is one when left out.
+    invalid_value : str
+        What invalid pixels are, ``nan`` or ``zero``.
+
+    Attributes
+    ----------
+    num_envs : int
+    device : warp.Device
+    stamps : warp.array
+        (N,) int64 on the device, nanoseconds: of the next frame. Every frame adds the mode's
+        period.
+
+    Raises
+    ------
+    InputError
+        For values that cannot be used, and effects that have no batched form.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> camera = BatchCamera(64, usecase='Mode_5_30fps', device='cpu')
+    >>> camera(np.full((64, 172, 224), 1.5, np.float32)).shape
+    (64, 172, 224)
+
+    """
+
+    def __init__(self, num_envs: int, usecase: str | Sequence[str] = DEFAULT_USECASE, *,
+                 profile: Profile | None = None, effects: Any = (),
+                 seed: int | Sequence[int] = 0, name: str = '', K: Any = None,  # noqa: N803
+                 device: str | None = None, invalid_value: str = 'nan') -> None:
+        """Look the modes up and put them on the device."""
+        if isinstance(num_envs, bool) or not isinstance(num_envs, int | np.integer) \
+                or num_envs < 1:
+            raise InputError(f'num_envs: found {num_envs!r}, wanted a whole number from 1')
+        if invalid_value not in _INVALID:
+            raise InputError(f'invalid_value: found {invalid_value!r}, wanted nan or zero')
+        self.num_envs = int(num_envs)
+        self.profile = profile or flexx2()
+        self.device = _device(device)
+        if K is not None:
+            Intrinsics.from_matrix(K, 1, 1)  # complains
+        self._matrix = K
+        self._invalid = _INVALID[invalid_value]
+        keys = np.stack([camera_key(one, name) for one in self._each_seed(seed)])
+        self._noise = np.zeros(self.num_envs, kernels.Noise.numpy_dtype())  # type: ignore
+        self._periods = np.zeros(self.num_envs, np.int64)
+        self._rows = Rows(*(wp.array(values, dtype=dtype, device=self.device)
+                            for values, dtype in ((self._noise, kernels.Noise),
+                                                  (self._periods, wp.int64), (keys, wp.vec2ui),
+                                                  (self._periods, wp.int64))))
+        self.stamps = self._rows.stamps
+        self._images: Images | None = None
+        self._development: Development | None = None
+        self._modes: list[Mode] = [self.profile.modes[0]] * self.num_envs
+        self._effects: list[tuple[Effect, ...]] = [()] * self.num_envs
+        self._has_effects = False
+        self.set_usecase(usecase)
+        self.set_effects(effects)
+
+    @property
+    def usecases(self) -> tuple[str, ...]:
+        """Return the name of every environment's mode."""
+        return tuple(mode.name for mode in self._modes)
+
+    def set_usecase(self, usecase: str | Sequence[str], env_mask: Any = None) -> None:
+        """
+        Change modes, between two frames.
+
+        Parameters
+        ----------
+        usecase : str or sequence of str
+            Of all chosen environments, or one for each of all N.
+        env_mask : array_like of bool, optional
+            (N,), which environments to change; all when left out.
+
+        Raises
+        ------
+        InputError
+            When there is no such mode, or the number of modes is not N.
+
+        """
+        names = self._for_each('usecase', usecase, str)
+        chosen = self._mask(env_mask)
+        modes = {one: self.profile.mode(one) for one in set(names)}
+        self._set([modes[names[i]] if chosen[i] else mode for i, mode in enumerate(self._modes)],
+                  self._effects)
+        self.reset(chosen)
+
+    def set_effects(self, effects: Any, env_mask: Any = None) -> None:
+        """
+        Change effects, between two frames.
+
+        What effects keep between frames is forgotten, in all environments.
+
+        Parameters
+        ----------
+        effects : see `Camera`, or a sequence of N such
+            Of all chosen environments, or one for each of all N.
+        env_mask : array_like of bool, optional
+            (N,), which environments to change; all when left out.
+
+        Raises
+        ------
+        InputError
+            For effects that `Camera` does not take, or that have no batched form.
+
+        """
+        chosen = self._mask(env_mask)
+        read = each_environment(effects, self.num_envs)
+        self._set(self._modes, [read[i] if chosen[i] else own
+                                for i, own in enumerate(self._effects)])
+        self._development = None
+
+    def reset(self, env_mask: Any = None) -> None:
+        """
+        Forget what effects keep between frames; noise and stamps go on.
+
+        Parameters
+        ----------
+        env_mask : array, optional
+            (N,) bool, of NumPy or on the camera's device: which environments. All when left out.
+
+        Raises
+        ------
+        InputError
+            For another shape or dtype.
+
+        """
+        if env_mask is None:
+            env_mask = np.ones(self.num_envs, bool)
+        host = isinstance(env_mask, np.ndarray)
+        place = wp.get_device('cpu') if host else self.device
+        kind = checked('env_mask', env_mask, (self.num_envs,), np.bool_, place)
+        if self._development is not None:
+            with stream_of(kind, self.device), wp.ScopedDevice(self.device):
+                mask = to_warp(kind, env_mask, wp.empty(self.num_envs, dtype=wp.bool,
+                                                        device=place))
+                self._development.forget(mask.to(self.device))
+            if host:
+                wp.synchronize_device(self.device)
+
+    def __call__(self, depth: Any, reflectivity: Any = None, *, out: Any = None) -> Any:
+        """
+        Look at clean depth, once in every environment.
+
+        Parameters
+        ----------
+        depth : torch tensor, JAX array, NumPy array or Warp array
+            (N, H, W) float32 on the camera's device, metres along the optical axis; need not be
+            contiguous. NaN, infinities, zero and negative values mean that nothing is there.
+        reflectivity : array, optional
+            As ``depth``, 0..1 at the camera's wavelength, which effects look at; 1 everywhere
+            when left out.
+        out : array, optional
+            Where to write, like ``depth`` and contiguous.
+
+        Returns
+        -------
+        array
+            What ``depth`` is: (N, H, W) float32, metres along the optical axis, `invalid_value`
+            where invalid. Without ``out`` it is the camera's own memory, written to again by the
+            next call (but not with JAX, whose arrays never change).
+
+        Raises
+        ------
+        InputError
+            For another kind, shape, dtype or device.
+
+        """
+        kind = checked('depth', depth, (self.num_envs, None, None), np.float32, self.device)
+        images = self._images_for(int(depth.shape[1]), int(depth.shape[2]))
+        for name, more in (('reflectivity', reflectivity), ('out', out)):
+            if more is not None and kind != checked(name, more, tuple(depth.shape), np.float32,
+                                                    self.device):
+                raise InputError(f'{name}: found {type(more).__name__}, wanted '
+                                 f'{type(depth).__name__}, as depth is')
+        if out is not None:
+            target = to_warp(kind, out, images.staging)
+            if kind == 'jax' or target is images.staging:
+                raise InputError('out: found an array that is not contiguous or that cannot be '
+                                 'written to')
+        else:
+            target = wp.empty_like(images.out) if kind == 'jax' else images.out
+        with stream_of(kind, self.device), wp.ScopedDevice(self.device):
+            self._look(images, to_warp(kind, depth, images.staging).flatten(),
+                       None if reflectivity is None else
+                       to_warp(kind, reflectivity, images.more_staging).flatten(),
+                       target.flatten())
+        return out if out is not None else from_warp(kind, target)
+
+    def _look(self, images: Images, depth: wp.array, reflectivity: wp.array | None,
+              out: wp.array) -> None:
+        development = self._development_for(images) if self._has_effects else None
+        if development is not None:
+            development.begin()
+        for first in range(0, self.num_envs, images.count):
+            count = min(images.count, self.num_envs - first)
+            if development is not None:
+                development.observe(depth, reflectivity, first, count, out)
+            else:
+                images.find_surfaces(depth, first, count)
+                images.move_edges(first, count, self._rows)
+                images.observe(first, count, self._rows, out)
+        wp.launch(kernels.tick, self.num_envs, [self._rows.periods, self.stamps])
+
+    def _development_for(self, images: Images) -> Development:
+        if self._development is None or self._development.images is not images:
+            self._development = Development(
+                self._effects, self.profile, images, self._rows,
+                self._intrinsics(images.height, images.width))
+            self._development.set_modes(self._modes)
+        return self._development
+
+    def _set(self, modes: list[Mode], effects: list[tuple[Effect, ...]]) -> None:
+        rows = {(mode, own): _noise_row(mode, own)
+                for mode, own in set(zip(modes, effects, strict=True))}
+        for i, pair in enumerate(zip(modes, effects, strict=True)):
+            self._noise[i] = rows[pair]
+        self._periods[:] = [round(1e9 / mode.rate_hz) for mode in modes]
+        self._modes, self._effects = modes, effects
+        self._has_effects = any(effects)
+        wp.synchronize_device(self.device)  # Frames may be in the making, on another stream.
+        self._rows.noise.assign(self._noise)
+        self._rows.periods.assign(self._periods)
+        if self._development is not None:
+            self._development.set_modes(modes)
+        wp.synchronize_device(self.device)
+
+    def _images_for(self, height: int, width: int) -> Images:
+        if self._images is None or (self._images.height, self._images.width) != (height, width):
+            if self.num_envs * height * width > _MOST_PIXELS:
+                raise InputError(f'depth: found {self.num_envs} x {height} x {width} pixels, '
+                                 f'wanted at most {_MOST_PIXELS} in all')
+            self._images = Images(self.num_envs, self._intrinsics(height, width), self._invalid,
+                                  self.device)
+            wp.synchronize_device(self.device)  # Frames may be made on another stream.
+        return self._images
+
+    def _intrinsics(self, height: int, width: int) -> Intrinsics:
+        if self._matrix is not None:
+            return Intrinsics.from_matrix(self._matrix, width, height)
+        own = self.profile.intrinsics
+        across, down = width / own.width, height / own.height
+        return Intrinsics(width, height, own.fx * across, own.fy * down,
+                          (own.cx + 0.5) * across - 0.5, (own.cy + 0.5) * down - 0.5)
+
+    def _each_seed(self, seed: int | Sequence[int]) -> list[int]:
+        one = isinstance(seed, int | np.integer) and not isinstance(seed, bool)
+        seeds = ([int(seed) + i for i in range(self.num_envs)] if one  # type: ignore[arg-type]
+                 else self._for_each('seed', seed, int | np.integer))
+        for value in seeds:
+            if isinstance(value, bool) or not -2 ** 63 <= value < 2 ** 63:
+                raise InputError(f'seed: found {value!r}, wanted a whole number of 64 bits')
+        return seeds
+
+    def _for_each(self, name: str, value: Any, kind: Any) -> list[Any]:
+        if isinstance(value, kind):
+            return [value] * self.num_envs
+        if not isinstance(value, Sequence | np.ndarray) or len(value) != self.num_envs or not all(
+                isinstance(one, kind) for one in value):
+            raise InputError(f'{name}: found {value!r}, wanted one, or one for each of the '
+                             f'{self.num_envs} environments')
+        return list(value)
+
+    def _mask(self, env_mask: Any) -> np.ndarray:
+        if env_mask is None:
+            return np.ones(self.num_envs, bool)
+        mask = env_mask.numpy() if isinstance(env_mask, wp.array) else env_mask
+        mask = np.asarray(mask.cpu() if hasattr(mask, 'cpu') else mask)
+        if mask.dtype != bool or mask.shape != (self.num_envs,):
+            raise InputError(f'env_mask: found {mask.dtype} of shape {mask.shape}, wanted bool of '
+                             f'shape ({self.num_envs},)')
+        return mask
+
+
+def _device(name: str | None) -> Any:
+    try:
+        return wp.get_preferred_device() if name is None else wp.get_device(name)
+    except (RuntimeError, ValueError) as error:
+        known = ', '.join(device.alias for device in wp.get_devices())
+        raise InputError(f'device: found {name!r}, wanted one of {known}') from error
+
+
+def _noise_row(mode: Mode, effects: Sequence[Effect]) -> tuple[float, ...]:
+    # In the order of kernels.Noise.
+    if effects and not mode.modulation_hz:
+        raise InputError(f'effects: modes.{mode.name}.modulation_hz of the camera profile is not '
+                         'known, wanted the frequencies, which effects work on')
+    noise, edge_sigma, laplace = mode.noise, mode.noise.sigma_x, 0.0
+    for effect in effects:
+        if isinstance(effect, LateralNoise):
+            edge_sigma, laplace = effect.edges(edge_sigma)
+    return (noise.a, noise.b, noise.c, noise.d, noise.n, mode.range_min, mode.range_max,
+            pixel_sigma(edge_sigma), laplace,
+            min(math.ceil((5 + 5 * laplace) * edge_sigma), 127))

@@ -1,0 +1,123 @@
+"""The parameters of effects, one row for each environment, as Warp's kernels read them."""
+
+from collections.abc import Mapping, Sequence
+from os import PathLike
+from typing import Any
+
+from flexx2_sim_ros.camera import Camera, Mode, Profile
+from flexx2_sim_ros.camera.exposure import Exposure, Memory
+from flexx2_sim_ros.effects import Effect, registry
+from flexx2_sim_ros.effects.wrapping import lattice_step
+from flexx2_sim_ros.errors import InputError
+import numpy as np
+import warp as wp
+
+# What is computed per pixel, or from a pixel's neighbours.
+BATCHED = ('pose_error', 'intrinsics_error', 'flying_pixels', 'motion_artefact', 'wiggling',
+           'fixed_pattern', 'amplitude_bias', 'offset', 'warm_up_drift', 'excess_noise',
+           'ambient_light', 'heavy_tails', 'lateral_noise', 'range_wrap', 'spatial_filter',
+           'temporal_filter', 'quantisation', 'low_signal_dropout', 'grazing_dropout',
+           'saturation')
+MOST_FREQUENCIES = 3
+
+
+def _parameters() -> Any:
+    names = [f'{name}_{item.name}' for name in BATCHED for item in registry()[name].parameters()]
+    return type('Effects', (), {'__annotations__': dict.fromkeys(names, wp.float32),
+                                '__module__': __name__})
+
+
+# One number for each parameter of each effect: `offset_strength`, `offset_bias`, ...
+Effects = wp.struct(_parameters())
+
+
+@wp.struct
+class Light:
+    """What effects need to know of an environment's mode; of its frequencies up to three."""
+
+    frequencies: wp.int32
+    turns: wp.vec3f  # of phase a metre of depth
+    weights: wp.vec3f
+    spans: wp.vec3f
+    spreads: wp.vec3f
+    steps: wp.vec3f  # of the lattice of the frequencies 0 and 1, 0 and 2, 1 and 2
+    ambiguity: wp.float32
+    acquisition: wp.float32
+
+
+def each_environment(effects: Any, num_envs: int) -> list[tuple[Effect, ...]]:
+    """
+    Read the effects of every environment.
+
+    Parameters
+    ----------
+    effects : see `Camera`, or a sequence of N such
+        Of all environments, or of each.
+    num_envs : int
+        N.
+
+    Returns
+    -------
+    list of tuple of Effect
+        N times those that are on.
+
+    Raises
+    ------
+    InputError
+        For effects that `Camera` does not take, or that have no batched form.
+
+    """
+    several = (isinstance(effects, Sequence) and not isinstance(effects, str) and effects
+               and all(isinstance(one, str | PathLike | Mapping | tuple | list)
+                       for one in effects))
+    if not several:
+        return [_checked(effects)] * num_envs
+    if len(effects) != num_envs:
+        raise InputError(f'effects: found {len(effects)} sets, wanted one, or one for each of the '
+                         f'{num_envs} environments')
+    read: dict[int, tuple[Effect, ...]] = {}
+    for one in effects:
+        if id(one) not in read:
+            read[id(one)] = _checked(one)
+    return [read[id(one)] for one in effects]
+
+
+def _checked(effects: Any) -> tuple[Effect, ...]:
+    chosen = Camera(effects=effects).effects
+    for effect in chosen:
+        if effect.name not in BATCHED:
+            raise InputError(f'effects: {effect.name}: has no batched form, wanted any of '
+                             f'{", ".join(BATCHED)}')
+    return chosen  # type: ignore[return-value]
+
+
+def effects_row(effects: Sequence[Effect]) -> np.ndarray:
+    """Return the row of an environment, of `Effects`; all else is off."""
+    row: Any = np.zeros((), np.dtype(Effects.numpy_dtype()))
+    for effect in effects:
+        for item in effect.parameters():
+            row[f'{effect.name}_{item.name}'] = getattr(effect, item.name)
+    return row
+
+
+def light_row(mode: Mode, profile: Profile) -> np.ndarray:
+    """Return the row of an environment, of `Light`; zeros when frequencies are not known."""
+    row: Any = np.zeros((), np.dtype(Light.numpy_dtype()))  # type: ignore
+    count = len(mode.modulation_hz)
+    if not 0 < count <= MOST_FREQUENCIES:
+        return row
+    nothing = np.zeros((1, 1), np.float32)
+    exposure = Exposure(mode, profile.intrinsics, 0, np.zeros(2, np.uint32), Memory(), nothing,
+                        nothing)
+    frequencies = np.array(mode.modulation_hz)
+    row['frequencies'] = count
+    row['turns'][:count] = np.array(exposure.wave_numbers) / (2 * np.pi)
+    row['weights'][:count] = exposure.weights
+    row['spans'][:count] = exposure.spans
+    row['spreads'][:count] = np.sqrt((frequencies ** 2).sum()) / frequencies
+    for place, (i, j) in enumerate(((0, 1), (0, 2), (1, 2))):
+        if j < count:
+            row['steps'][place] = lattice_step(frequencies[i], frequencies[j])
+    row['ambiguity'] = exposure.ambiguity
+    row['acquisition'] = exposure.acquisition_seconds
+    return row

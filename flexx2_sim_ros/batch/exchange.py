@@ -1,0 +1,148 @@
+"""Arrays of NumPy, torch, JAX and Warp as Warp arrays and back, without a copy."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+import sys
+from typing import Any
+
+from flexx2_sim_ros.errors import InputError
+import numpy as np
+import warp as wp
+
+KINDS = 'a torch tensor, a JAX array, a NumPy array or a Warp array'
+
+
+def kind_of(name: str, value: Any) -> str:
+    """
+    Return which library an array is of: ``numpy``, ``torch``, ``jax`` or ``warp``.
+
+    Raises
+    ------
+    InputError
+        When it is none of theirs; names ``name``.
+
+    """
+    if isinstance(value, wp.array):
+        return 'warp'
+    if isinstance(value, np.ndarray):
+        return 'numpy'
+    # Whoever holds such an array has imported its library.
+    for library, class_name in (('torch', 'Tensor'), ('jax', 'Array')):
+        if library in sys.modules and isinstance(value, getattr(sys.modules[library], class_name)):
+            return library
+    raise InputError(f'{name}: found {type(value).__name__}, wanted {KINDS}')
+
+
+def checked(name: str, value: Any, shape: tuple[int | None, ...], dtype: type,
+            device: Any) -> str:
+    """
+    Look an array over.
+
+    Parameters
+    ----------
+    name : str
+        For messages.
+    value : array
+        Of any of the four libraries.
+    shape : tuple of int or None
+        Wanted; None for any length but 0.
+    dtype : type
+        Wanted, NumPy's.
+    device : warp.Device
+        Wanted.
+
+    Returns
+    -------
+    str
+        The kind, as `kind_of`.
+
+    Raises
+    ------
+    InputError
+        For another kind, shape, dtype or device.
+
+    """
+    kind = kind_of(name, value)
+    found = tuple(int(length) for length in value.shape)
+    if len(found) != len(shape) or any(
+            here != length if length else here < 1
+            for here, length in zip(found, shape, strict=True)):
+        wanted = ', '.join(str(length or 'any') for length in shape)
+        raise InputError(f'{name}: found shape {found}, wanted ({wanted})')
+    own = (value.dtype.__name__ if kind == 'warp' else str(value.dtype)).removeprefix('torch.')
+    if own != np.dtype(dtype).name:
+        raise InputError(f'{name}: found {own}, wanted {np.dtype(dtype).name}')
+    place = _device_of(kind, value)
+    if place != device:
+        raise InputError(f'{name}: found on {place}, wanted on {device}, where the camera is')
+    return kind
+
+
+def _device_of(kind: str, value: Any) -> Any:
+    if kind == 'numpy':
+        return wp.get_device('cpu')
+    if kind == 'torch':
+        return wp.device_from_torch(value.device)
+    return wp.device_from_jax(value.device) if kind == 'jax' else value.device
+
+
+def to_warp(kind: str, value: Any, staging: wp.array) -> wp.array:
+    """
+    Return an array as a contiguous Warp array: its own memory, or, if need be, a copy.
+
+    Parameters
+    ----------
+    kind : str
+        As `kind_of`.
+    value : array
+        Of the shape and dtype of ``staging`` and on its device.
+    staging : warp.array
+        Where an array that is not contiguous is copied to.
+
+    Returns
+    -------
+    warp.array
+
+    """
+    if kind == 'numpy':
+        if value.flags.c_contiguous and value.flags.aligned:
+            return wp.array(value, dtype=staging.dtype, device='cpu', copy=False)
+        np.copyto(staging.numpy(), value)
+    elif kind == 'torch':
+        if value.is_contiguous():
+            return wp.from_torch(value.detach(), dtype=staging.dtype)
+        wp.to_torch(staging).copy_(value.detach())
+    elif kind == 'jax':
+        return wp.from_jax(value, dtype=staging.dtype)
+    else:
+        if value.is_contiguous:
+            return value
+        wp.copy(staging, value)
+    return staging
+
+
+def from_warp(kind: str, array: wp.array) -> Any:
+    """Return a Warp array as one of another library that shares its memory."""
+    if kind == 'numpy':
+        return array.numpy()
+    if kind == 'torch':
+        return wp.to_torch(array)
+    return wp.to_jax(array) if kind == 'jax' else array
+
+
+@contextmanager
+def stream_of(kind: str, device: Any) -> Iterator[None]:
+    """
+    Work on the stream that an array's library works on, in the order of its own work.
+
+    JAX does not say which stream that is: there all of the device's work is waited for.
+    """
+    if not device.is_cuda or kind in ('numpy', 'warp'):
+        yield
+    elif kind == 'torch':
+        with wp.ScopedStream(wp.stream_from_torch(wp.device_to_torch(device))):
+            yield
+    else:
+        wp.synchronize_device(device)
+        yield
+        wp.synchronize_device(device)

@@ -1,0 +1,99 @@
+"""The effects pose_error and intrinsics_error: clean depth as another camera sees it."""
+
+import math
+
+from flexx2_sim_ros.batch.arrays import at, put
+from flexx2_sim_ros.batch.effect_formulas import Surfaces
+from flexx2_sim_ros.batch.kernels import Lens, OPTIONS, padded, slopes
+import warp as wp
+
+wp.set_module_options(OPTIONS)
+
+_NAN = wp.constant(wp.float32(math.nan))
+_NEAREST = wp.constant(wp.float32(1e-3))
+
+
+@wp.struct
+class Pose:
+    """Where an environment's camera is, seen from where it is thought to be."""
+
+    moved: wp.int32
+    rotation: wp.mat33f
+    step: wp.vec3f
+
+
+@wp.func
+def show(surfaces: Surfaces, lens: Lens, n: wp.int32, pixel: wp.int32, source: wp.int32,
+         seen: wp.float32, depth: wp.array(dtype=wp.float32),
+         reflectivity: wp.array(dtype=wp.float32)):
+    """Write what a pixel sees: depth ``seen`` and the reflectivity of pixel ``source``."""
+    pixels = lens.height * lens.width
+    put(depth, n * pixels + pixel, seen)
+    if surfaces.reflectivity.shape[0] > 0:
+        put(reflectivity, n * pixels + pixel, at(
+            surfaces.reflectivity, (surfaces.first_of_reflectivity + n) * pixels + source))
+
+
+@wp.kernel
+def look_from(surfaces: Surfaces, lens: Lens, first: wp.int32, poses: wp.array(dtype=Pose),
+              depth: wp.array(dtype=wp.float32), reflectivity: wp.array(dtype=wp.float32)):
+    """Look from another pose."""
+    n, y, x = wp.tid()
+    pose = poses[first + n]
+    pixel = y * lens.width + x
+    inverse = at(surfaces.p, padded(lens, n, y, x))
+    source = wp.int32(pixel)
+    out = wp.where(inverse > 0.0, 1.0 / inverse, _NAN)
+    if pose.moved == 1:
+        ray = pose.rotation * wp.vec3f((wp.float32(x) - lens.cx) / lens.fx,
+                                       (wp.float32(y) - lens.cy) / lens.fy, 1.0)
+        # Divided by depth, so that nothing (infinitely far) needs no case of its own.
+        far = ray[2] + pose.step[2] * inverse
+        out = _NAN
+        source = wp.int32(0)
+        if far >= _NEAREST:
+            u = lens.fx * (ray[0] + pose.step[0] * inverse) / far + lens.cx
+            v = lens.fy * (ray[1] + pose.step[1] * inverse) / far + lens.cy
+            column = wp.int32(wp.min(wp.max(wp.floor(u + 0.5), 0.0), wp.float32(lens.width - 1)))
+            row = wp.int32(wp.min(wp.max(wp.floor(v + 0.5), 0.0), wp.float32(lens.height - 1)))
+            source = row * lens.width + column
+            i = padded(lens, n, row, column)
+            here = at(surfaces.p, i)
+            if here > 0.0:
+                d = slopes(surfaces.p, surfaces.jumps, lens, i)
+                normal = wp.vec3f(
+                    lens.fx * d[0], lens.fy * d[1],
+                    here - (wp.float32(column) - lens.cx) * d[0]
+                    - (wp.float32(row) - lens.cy) * d[1])
+                seen = wp.dot(normal, ray)
+                left = 1.0 - wp.dot(normal, pose.step)
+                if seen > 0.0 and left > 0.0:
+                    out = left / seen
+    show(surfaces, lens, n, pixel, source, out, depth, reflectivity)
+
+
+@wp.kernel
+def look_up(surfaces: Surfaces, lens: Lens, first: wp.int32, views: wp.array(dtype=wp.int32),
+            index: wp.array(dtype=wp.int32), du: wp.array(dtype=wp.float32),
+            dv: wp.array(dtype=wp.float32), depth: wp.array(dtype=wp.float32),
+            reflectivity: wp.array(dtype=wp.float32)):
+    """Look along other rays: of the view ``views[environment]``, or, where it is -1, the own."""
+    n, y, x = wp.tid()
+    pixel = y * lens.width + x
+    view = views[first + n]
+    inverse = at(surfaces.p, padded(lens, n, y, x))
+    source = wp.int32(pixel)
+    if view >= 0:
+        entry = view * lens.height * lens.width + pixel
+        source = index[entry]
+        inverse = 0.0
+        if source >= 0:
+            row = source // lens.width
+            i = padded(lens, n, row, source - row * lens.width)
+            here = at(surfaces.p, i)
+            d = slopes(surfaces.p, surfaces.jumps, lens, i)
+            inverse = here + at(du, entry) * d[0] + at(dv, entry) * d[1]
+            if inverse <= 0.0 or here <= 0.0:
+                inverse = here
+    show(surfaces, lens, n, pixel, wp.max(source, 0),
+         wp.where(inverse > 0.0, 1.0 / inverse, _NAN), depth, reflectivity)

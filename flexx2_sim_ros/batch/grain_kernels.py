@@ -1,0 +1,68 @@
+"""The grain of the effect fixed_pattern, made once; see `effects.delay`."""
+
+from flexx2_sim_ros.batch.arithmetic import counter_of, four_normals
+from flexx2_sim_ros.batch.arrays import at, put
+from flexx2_sim_ros.batch.kernels import Lens, OPTIONS
+from flexx2_sim_ros.camera import philox
+import warp as wp
+
+wp.set_module_options(OPTIONS)
+
+_STREAM = wp.constant(wp.uint32(philox.STREAM_FIXED_PATTERN))
+
+
+@wp.func
+def mirrored(i: wp.int32, size: wp.int32, smallest: wp.int32) -> wp.int32:
+    """Return an index beyond a line's end as one within it; the end itself in tiny images."""
+    if smallest > 2:
+        return wp.where(i < 0, -i, wp.where(i >= size, 2 * (size - 1) - i, i))
+    return wp.min(wp.max(i, 0), size - 1)
+
+
+@wp.kernel
+def white_noise(pixels: wp.int32, keys: wp.array(dtype=wp.vec2ui),
+                out: wp.array(dtype=wp.float32)):
+    """Write four of an environment's normals."""
+    n, block = wp.tid()
+    four = four_normals(counter_of(block, _STREAM, wp.int64(0)), keys[n])
+    for k in range(4):
+        if 4 * block + k < pixels:
+            put(out, n * pixels + 4 * block + k, four[k])
+
+
+@wp.kernel
+def less_its_mean(white: wp.array(dtype=wp.float32), lens: Lens,
+                  out: wp.array(dtype=wp.float32)):
+    """Write a pixel's noise less the mean over the 5 x 5 pixels around."""
+    n, y, x = wp.tid()
+    frame = n * lens.height * lens.width
+    smallest = wp.min(lens.height, lens.width)
+    total = wp.float32(0.0)
+    for k in range(5):
+        row = frame + mirrored(y + k - 2, lens.height, smallest) * lens.width
+        for j in range(5):
+            total += at(white, row + mirrored(x + j - 2, lens.width, smallest))
+    pixel = frame + y * lens.width + x
+    put(out, pixel, at(white, pixel) - total / 25.0)
+
+
+@wp.kernel
+def to_unit_variance(pixels: wp.int32, grain: wp.array(dtype=wp.float32)):
+    """Scale an environment's grain."""
+    n = wp.tid()
+    total = wp.float64(0.0)
+    squares = wp.float64(0.0)
+    i = n * pixels
+    while i < (n + 1) * pixels:
+        value = wp.float64(at(grain, i))
+        total += value
+        squares += value * value
+        i += 1
+    mean = total / wp.float64(pixels)
+    variance = squares / wp.float64(pixels) - mean * mean
+    if variance > wp.float64(1.0e-12):
+        scale = wp.float32(wp.float64(1.0) / wp.sqrt(variance))
+        i = n * pixels
+        while i < (n + 1) * pixels:
+            put(grain, i, at(grain, i) * scale)
+            i += 1

@@ -1,0 +1,191 @@
+"""The images of one frame in the making, on the device, and the launches that make it."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+from flexx2_sim_ros.batch import edge_kernels, kernels
+from flexx2_sim_ros.camera import Intrinsics
+from flexx2_sim_ros.camera.modes import camera_config
+import warp as wp
+
+# Environments whose images are made at a time, so that they stay in the cache (measured on the
+# CPU; on CUDA chosen for an L2 cache of 50 MB, not measured).
+AT_A_TIME = {'cpu': 8, 'cuda': 256}
+_THREADS_FOR_MOVED = 256
+_PIXELS_A_THREAD = 4  # where there are many
+
+
+def many_threads(device: Any) -> bool:
+    """Say whether a thread gets a few pixels only, instead of a row or more."""
+    return bool(device.is_cuda)
+
+
+@dataclass(frozen=True)
+class Rows:
+    """
+    What is of each environment, (N,) arrays on the device.
+
+    Attributes
+    ----------
+    noise : warp.array
+        `kernels.Noise`, of its mode.
+    periods : warp.array
+        int64, nanoseconds from frame to frame.
+    keys : warp.array
+        vec2ui, of its random numbers.
+    stamps : warp.array
+        int64, nanoseconds.
+
+    """
+
+    noise: wp.array
+    periods: wp.array
+    keys: wp.array
+    stamps: wp.array
+
+
+class Images:
+    """
+    Memory for frames of one size, used again for every frame.
+
+    Parameters
+    ----------
+    num_envs : int
+        Number of environments.
+    camera : Intrinsics
+        Of the depth images; its distortion is not used.
+    invalid : float
+        What invalid pixels are.
+    device : warp.Device
+        Where.
+
+    Attributes
+    ----------
+    height, width : int
+    count : int
+        Environments at a time.
+    lens : kernels.Lens
+    moved : warp.array
+        Where pixels of the environments at hand take their values from, uint16; 0 everywhere
+        between frames.
+    out : warp.array
+        (N, H, W) float32, finished frames.
+
+    """
+
+    def __init__(self, num_envs: int, camera: Intrinsics, invalid: float, device: Any) -> None:
+        """Allocate it."""
+        self.height, self.width = camera.height, camera.width
+        self._many_threads = many_threads(device)
+        self.count = min(num_envs, AT_A_TIME['cuda' if device.is_cuda else 'cpu'])
+        self.lens = _lens(camera, invalid)
+        pixels = self.height * self.width
+        bordered = (self.height + kernels.BORDER) * (self.width + kernels.BORDER)
+
+        def zeros(size: int, dtype: Any) -> wp.array:
+            return wp.zeros(self.count * size, dtype=dtype, device=device)
+
+        # The borders stay zero.
+        self._p = zeros(bordered, wp.float32)
+        self._jumps = zeros(bordered, wp.uint8)
+        self._normals = zeros(0 if self._many_threads else (pixels + 3) // 4 * 4, wp.float32)
+        self.moved = zeros(pixels, wp.uint16)
+        self._moved_pixels = zeros(1, wp.int32)
+        self._pixel_list = zeros(pixels, wp.int32)
+        self._shape = (num_envs, self.height, self.width)
+        self.out = wp.zeros(self._shape, dtype=wp.float32, device=device)
+        for module in (kernels, edge_kernels):  # Not while a graph is captured.
+            wp.load_module(module, device=device)
+
+    @cached_property
+    def staging(self) -> wp.array:
+        """Return memory for depth images that are not contiguous, (N, H, W) float32."""
+        return wp.zeros(self._shape, dtype=wp.float32, device=self.out.device)
+
+    @cached_property
+    def more_staging(self) -> wp.array:
+        """Return the same for reflectivity."""
+        return wp.zeros(self._shape, dtype=wp.float32, device=self.out.device)
+
+    @property
+    def surfaces(self) -> tuple[wp.array, wp.array]:
+        """Return inverse depth and jumps of the environments at hand, with borders."""
+        return self._p, self._jumps
+
+    def grid(self, count: int) -> tuple[tuple[int, int, int], int]:
+        """Return the threads for the pixels of some environments, and the pixels of each."""
+        chunk = min(_PIXELS_A_THREAD, self.width) if self._many_threads else self.width
+        return (count, self.height, -(-self.width // chunk)), chunk
+
+    def find_surfaces(self, depth: wp.array, first: int, count: int) -> None:
+        """
+        Find surfaces and jumps.
+
+        Parameters
+        ----------
+        depth : warp.array
+            Flat float32 depth images.
+        first, count : int
+            Which of them.
+
+        """
+        grid, chunk = self.grid(count)
+        launch(kernels.invert, grid, depth, self.lens, first, chunk, self._p, self._moved_pixels)
+        launch(kernels.find_jumps, grid, self._p, self.lens, chunk, self._jumps)
+
+    def move_edges(self, first: int, count: int, rows: Rows) -> None:
+        """Move the edges of environments, into `moved`."""
+        for column, lines in enumerate((self.height, self.width)):
+            launch(edge_kernels.move_edges, (count, lines), self._jumps, self.lens, first, column,
+                   rows.noise, rows.keys, rows.stamps, self.moved, self._moved_pixels,
+                   self._pixel_list)
+
+    def draw_normals(self, first: int, count: int, rows: Rows) -> wp.array:
+        """Return the axial noise's normals; empty where kernels draw their own."""
+        if not self._many_threads:
+            launch(kernels.draw_normals, count, self.height * self.width, first, rows.keys,
+                   rows.stamps, self._normals)
+        return self._normals
+
+    def observe(self, first: int, count: int, rows: Rows, out: wp.array) -> None:
+        """
+        Write the frames of environments, after `find_surfaces` and `move_edges`.
+
+        Parameters
+        ----------
+        first, count : int
+            Which environments.
+        rows : Rows
+            Of all environments.
+        out : warp.array
+            (N * H * W,) float32, of all environments.
+
+        """
+        surface = (self._p, self._jumps, self.lens)
+        if self._many_threads:
+            launch(kernels.observe_blocks, (count, (self.height * self.width + 3) // 4),
+                   *surface, first, rows.noise, rows.keys, rows.stamps, out)
+        else:
+            launch(kernels.observe_rows, (count, self.height),
+                   *surface, first, rows.noise, self.draw_normals(first, count, rows), out)
+        threads = _THREADS_FOR_MOVED if self._many_threads else 1
+        launch(kernels.observe_moved, (count, threads), *surface, first, threads, rows.noise,
+               rows.keys, rows.stamps, self.moved, self._moved_pixels, self._pixel_list, out)
+
+
+def launch(kernel: Any, threads: Any, *values: Any) -> None:
+    """Launch a kernel on the current device."""
+    wp.launch(kernel, threads, values)
+
+
+def _lens(camera: Intrinsics, invalid: float) -> Any:
+    config = camera_config()
+    lens = kernels.Lens()
+    lens.fx, lens.fy, lens.cx, lens.cy = camera.fx, camera.fy, camera.cx, camera.cy
+    lens.height, lens.width = camera.height, camera.width
+    lens.jump_share, lens.steep_share = config.jump_share, config.steep_share
+    lens.cap = config.incidence_cap
+    lens.neighbourhood = config.neighbourhood_px
+    lens.invalid = invalid
+    return lens

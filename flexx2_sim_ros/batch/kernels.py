@@ -1,0 +1,333 @@
+"""
+The base model as Warp kernels: one source for CPU and CUDA.
+
+Images are flat: frame after frame, row after row. Inverse depth (0 where nothing is) and jumps
+have a border of `PAD` zeros on each side, so that no pixel needs a case of its own. A thread
+takes ``chunk`` pixels of a row: all of them on the CPU, where the loop becomes vector
+instructions, a few on CUDA. `camera.surface` and `camera.axial` explain the model; edges move in
+`edge_kernels`.
+"""
+
+import math
+
+from flexx2_sim_ros.batch.arithmetic import (
+    arccos,
+    AXIAL,
+    counter_of,
+    four_normals,
+    one_of,
+    power,
+)
+from flexx2_sim_ros.batch.arrays import at, at_byte, at_word, put, put_byte, put_word
+from flexx2_sim_ros.camera import surface
+import warp as wp
+
+# What camera.philox.FAST allows there: all but assuming that there is no NaN and no infinity.
+OPTIONS = {
+    'enable_backward': False, 'fast_math': True, 'default_grid_stride': False,  # on CUDA
+    'cpu_compiler_flags': f'{wp.config.cpu_compiler_flags or "-march=native"} -ffp-contract=fast '
+                          '-mreassociate -freciprocal-math -fno-signed-zeros -fapprox-func'}
+wp.set_module_options(OPTIONS)
+
+PAD = wp.constant(surface.PAD)
+BORDER = wp.constant(2 * surface.PAD)
+_CREASE = wp.constant(wp.float32(surface.CREASE_SHARE))
+_NEAREST = wp.constant(wp.float32(surface.NEAREST))
+_FARTHEST = wp.constant(wp.float32(surface.FARTHEST))
+_HALF_PI = wp.constant(wp.float32(math.pi / 2))
+_ROW = wp.constant(wp.uint8(1))
+_COLUMN = wp.constant(wp.uint8(2))
+_NONE = wp.constant(wp.uint8(0))
+_STILL = wp.constant(wp.uint16(0))
+
+
+@wp.struct
+class Lens:
+    """What is the same for all environments: the camera matrix and the model's constants."""
+
+    fx: wp.float32
+    fy: wp.float32
+    cx: wp.float32
+    cy: wp.float32
+    height: wp.int32
+    width: wp.int32
+    jump_share: wp.float32
+    steep_share: wp.float32
+    cap: wp.float32
+    neighbourhood: wp.int32
+    invalid: wp.float32
+
+
+@wp.struct
+class Noise:
+    """What depends on an environment's mode."""
+
+    a: wp.float32
+    b: wp.float32
+    c: wp.float32
+    d: wp.float32
+    n: wp.float32
+    range_min: wp.float32
+    range_max: wp.float32
+    edge_sigma: wp.float32
+    edge_laplace: wp.float32
+    edge_limit: wp.int32
+
+
+@wp.func
+def padded(lens: Lens, n: wp.int32, y: wp.int32, x: wp.int32) -> wp.int32:
+    """Return where a pixel is in an image with a border."""
+    return (n * (lens.height + BORDER) + y + PAD) * (lens.width + BORDER) + x + PAD
+
+
+@wp.kernel
+def invert(depth: wp.array(dtype=wp.float32), lens: Lens, first: wp.int32, chunk: wp.int32,
+           p: wp.array(dtype=wp.float32), moved_pixels: wp.array(dtype=wp.int32)):
+    """Write inverse depth; 0 where depth is not a distance."""
+    n, y, c = wp.tid()
+    if y == 0 and c == 0:
+        moved_pixels[n] = 0
+    x = c * chunk
+    end = wp.min(x + chunk, lens.width)
+    source = ((first + n) * lens.height + y) * lens.width
+    target = padded(lens, n, y, 0)
+    while x < end:
+        z = at(depth, source + x)
+        there = (z >= _NEAREST) and (z <= _FARTHEST)
+        put(p, target + x, wp.where(there, 1.0 / z, 0.0))
+        x += 1
+
+
+@wp.func
+def is_jump(before: wp.float32, here: wp.float32, there: wp.float32, after: wp.float32,
+            jump_share: wp.float32, steep_share: wp.float32) -> wp.bool:
+    """Say whether a depth jump lies between ``here`` and ``there``."""
+    step = there - here
+    slope_before = here - before
+    slope_after = after - there
+    slope_before = wp.where(before > 0.0, slope_before, wp.where(after > 0.0, slope_after, 0.0))
+    slope_after = wp.where(after > 0.0, slope_after, slope_before)
+    low = wp.min(slope_before, slope_after)
+    high = wp.max(slope_before, slope_after)
+    excess = wp.max(low - step, step - high)
+    scale = wp.min(here, there)
+    differs = ((wp.min(excess, wp.abs(step)) > jump_share * scale)
+               or (wp.abs(step) > steep_share * scale))
+    return ((here > 0.0) != (there > 0.0)) or ((here > 0.0) and differs)
+
+
+@wp.kernel
+def find_jumps(p: wp.array(dtype=wp.float32), lens: Lens, chunk: wp.int32,
+               jumps: wp.array(dtype=wp.uint8)):
+    """Flag the depth jumps to the right of (1) and below (2) every pixel."""
+    n, y, c = wp.tid()
+    x = c * chunk
+    end = wp.min(x + chunk, lens.width)
+    pitch = lens.width + BORDER
+    row = padded(lens, n, y, 0)
+    last = lens.width - 1
+    below = wp.where(y < lens.height - 1, _COLUMN, _NONE)
+    while x < end:
+        i = row + x
+        here = at(p, i)
+        across = is_jump(at(p, i - 1), here, at(p, i + 1), at(p, i + 2), lens.jump_share,
+                         lens.steep_share)
+        down = is_jump(at(p, i - pitch), here, at(p, i + pitch), at(p, i + 2 * pitch),
+                       lens.jump_share, lens.steep_share)
+        put_byte(jumps, i, (wp.where(across and x < last, _ROW, _NONE)
+                            | wp.where(down, below, _NONE)))
+        x += 1
+
+
+@wp.func
+def slope(p2: wp.float32, p1: wp.float32, p0: wp.float32, n1: wp.float32, n2: wp.float32,
+          jump_before: wp.bool, jump_after: wp.bool) -> wp.float32:
+    """Return the slope of inverse depth at the middle of five pixels in a line."""
+    before = p0 - p1
+    after = n1 - p0
+    bend_before = wp.where(p2 > 0.0, wp.abs(before - (p1 - p2)), wp.abs(before))
+    bend_after = wp.where(n2 > 0.0, wp.abs(after - (n2 - n1)), wp.abs(after))
+    smoother = wp.where(bend_before < bend_after, before, after)
+    even = wp.abs(before - after) <= _CREASE * p0
+    both = wp.where(even, 0.5 * (before + after), smoother)
+    one = wp.where(jump_before, 0.0, before) + wp.where(jump_after, 0.0, after)
+    return wp.where(jump_before or jump_after, one, both)
+
+
+@wp.func
+def slopes(p: wp.array(dtype=wp.float32), jumps: wp.array(dtype=wp.uint8), lens: Lens,
+           i: wp.int32) -> wp.vec2f:
+    """Return the slopes of inverse depth along the row and the column, 1/m a pixel."""
+    pitch = lens.width + BORDER
+    here = at(p, i)
+    left = at(p, i - 1)
+    right = at(p, i + 1)
+    above = at(p, i - pitch)
+    below = at(p, i + pitch)
+    own = at_byte(jumps, i)
+    # Where a line ends there is nothing to take a slope to.
+    du = slope(at(p, i - 2), left, here, right, at(p, i + 2),
+               left <= 0.0 or (at_byte(jumps, i - 1) & _ROW) != _NONE,
+               right <= 0.0 or (own & _ROW) != _NONE)
+    dv = slope(at(p, i - 2 * pitch), above, here, below, at(p, i + 2 * pitch),
+               above <= 0.0 or (at_byte(jumps, i - pitch) & _COLUMN) != _NONE,
+               below <= 0.0 or (own & _COLUMN) != _NONE)
+    return wp.vec2f(du, dv)
+
+
+@wp.func
+def cos_incidence(p: wp.array(dtype=wp.float32), jumps: wp.array(dtype=wp.uint8), lens: Lens,
+                  i: wp.int32, y: wp.int32, x: wp.int32) -> wp.float32:
+    """Return the cosine between a pixel's ray and its surface's normal; 1 where nothing is."""
+    here = at(p, i)
+    d = slopes(p, jumps, lens, i)
+    u = wp.float32(x) - lens.cx
+    v = wp.float32(y) - lens.cy
+    nx = lens.fx * d[0]
+    ny = lens.fy * d[1]
+    nz = here - u * d[0] - v * d[1]
+    rx = u / lens.fx
+    ry = v / lens.fy
+    norm = (nx * nx + ny * ny + nz * nz) * (rx * rx + ry * ry + 1.0)
+    return wp.where(here > 0.0, wp.min(here / wp.sqrt(norm), 1.0), 1.0)
+
+
+@wp.func
+def model_sigma(noise: Noise, lens: Lens, inverse: wp.float32,
+                cosine: wp.float32) -> wp.float32:
+    """Return sigma_z, metres; 0 where nothing is."""
+    z = wp.where(inverse > 0.0, 1.0 / inverse, 1.0)
+    theta = wp.min(arccos(cosine), lens.cap)
+    slant = theta / (_HALF_PI - theta)
+    sigma = noise.a + z * (noise.b + z * noise.c) + noise.d * power(z, noise.n) * slant * slant
+    return wp.where(inverse > 0.0, wp.max(sigma, 0.0), 0.0)
+
+
+@wp.kernel
+def describe(p: wp.array(dtype=wp.float32), jumps: wp.array(dtype=wp.uint8), lens: Lens,
+             first: wp.int32, chunk: wp.int32, noises: wp.array(dtype=Noise),
+             cosine: wp.array(dtype=wp.float32), sigma: wp.array(dtype=wp.float32)):
+    """Write the cosine of the incidence angle and sigma_z of every pixel, for effects."""
+    n, y, c = wp.tid()
+    noise = noises[first + n]
+    row = (n * lens.height + y) * lens.width
+    x = c * chunk
+    end = wp.min(x + chunk, lens.width)
+    while x < end:
+        i = padded(lens, n, y, x)
+        facing = cos_incidence(p, jumps, lens, i, y, x)
+        put(cosine, row + x, facing)
+        put(sigma, row + x, model_sigma(noise, lens, at(p, i), facing))
+        x += 1
+
+
+@wp.func
+def noisy(p: wp.array(dtype=wp.float32), jumps: wp.array(dtype=wp.uint8), noise: Noise,
+          lens: Lens, n: wp.int32, y: wp.int32, x: wp.int32, normal: wp.float32) -> wp.float32:
+    """Return what is seen of the surface at a pixel, with axial noise."""
+    i = padded(lens, n, y, x)
+    inverse = at(p, i)
+    sigma = model_sigma(noise, lens, inverse, cos_incidence(p, jumps, lens, i, y, x))
+    z = wp.where(inverse > 0.0, 1.0 / inverse, 0.0)
+    value = z + sigma * normal
+    low = wp.min(z, value) >= noise.range_min
+    return wp.where(low and wp.max(z, value) <= noise.range_max, value, lens.invalid)
+
+
+@wp.func
+def blocks_of(pixels: wp.int32) -> wp.int32:
+    """Return how many counters the pixels of a frame need."""
+    return (pixels + 3) / 4
+
+
+@wp.kernel
+def draw_normals(pixels: wp.int32, first: wp.int32, keys: wp.array(dtype=wp.vec2ui),
+                 stamps: wp.array(dtype=wp.int64), out: wp.array(dtype=wp.float32)):
+    """Write one frame's normals; ``out`` has room for whole blocks of four."""
+    n = wp.tid()
+    key = keys[first + n]
+    stamp = stamps[first + n]
+    blocks = blocks_of(pixels)
+    base = n * 4 * blocks
+    block = wp.int32(0)
+    while block < blocks:
+        four = four_normals(counter_of(block, AXIAL, stamp), key)
+        i = base + 4 * block
+        put(out, i, four[0])
+        put(out, i + 1, four[1])
+        put(out, i + 2, four[2])
+        put(out, i + 3, four[3])
+        block += 1
+
+
+@wp.kernel
+def observe_rows(p: wp.array(dtype=wp.float32), jumps: wp.array(dtype=wp.uint8), lens: Lens,
+                 first: wp.int32, noises: wp.array(dtype=Noise),
+                 normals: wp.array(dtype=wp.float32), out: wp.array(dtype=wp.float32)):
+    """Write a row of the frame, as if no edge had moved. For the CPU."""
+    n, y = wp.tid()
+    noise = noises[first + n]
+    pixels = lens.height * lens.width
+    row = y * lens.width
+    drawn = n * blocks_of(pixels) * 4 + row
+    target = (first + n) * pixels + row
+    x = wp.int32(0)
+    while x < lens.width:
+        put(out, target + x, noisy(p, jumps, noise, lens, n, y, x, at(normals, drawn + x)))
+        x += 1
+
+
+@wp.kernel
+def observe_blocks(p: wp.array(dtype=wp.float32), jumps: wp.array(dtype=wp.uint8), lens: Lens,
+                   first: wp.int32, noises: wp.array(dtype=Noise),
+                   keys: wp.array(dtype=wp.vec2ui), stamps: wp.array(dtype=wp.int64),
+                   out: wp.array(dtype=wp.float32)):
+    """Write four pixels that share a counter, as if no edge had moved. For CUDA."""
+    n, block = wp.tid()
+    noise = noises[first + n]
+    pixels = lens.height * lens.width
+    four = four_normals(counter_of(block, AXIAL, stamps[first + n]), keys[first + n])
+    y = 4 * block / lens.width
+    x = 4 * block - y * lens.width
+    for k in range(4):
+        if y < lens.height:
+            put(out, (first + n) * pixels + 4 * block + k,
+                noisy(p, jumps, noise, lens, n, y, x, four[k]))
+        x += 1
+        if x == lens.width:
+            x = 0
+            y += 1
+
+
+@wp.kernel
+def observe_moved(p: wp.array(dtype=wp.float32), jumps: wp.array(dtype=wp.uint8), lens: Lens,
+                  first: wp.int32, threads: wp.int32, noises: wp.array(dtype=Noise),
+                  keys: wp.array(dtype=wp.vec2ui), stamps: wp.array(dtype=wp.int64),
+                  moved: wp.array(dtype=wp.uint16), moved_pixels: wp.array(dtype=wp.int32),
+                  pixel_list: wp.array(dtype=wp.int32), out: wp.array(dtype=wp.float32)):
+    """Write again the few pixels that see another surface, and forget that they do."""
+    n, thread = wp.tid()
+    noise = noises[first + n]
+    pixels = lens.height * lens.width
+    entry = thread
+    while entry < moved_pixels[n]:
+        pixel = pixel_list[n * pixels + entry]
+        code = wp.int32(at_word(moved, n * pixels + pixel))
+        put_word(moved, n * pixels + pixel, _STILL)
+        offset = (code & 255) - 128
+        column = (code >> 8) & 1
+        y = pixel / lens.width
+        x = pixel - y * lens.width
+        if offset != 0:
+            four = four_normals(counter_of(pixel / 4, AXIAL, stamps[first + n]), keys[first + n])
+            put(out, (first + n) * pixels + pixel,
+                noisy(p, jumps, noise, lens, n, y + offset * column, x + offset * (1 - column),
+                      one_of(four, pixel % 4)))
+        entry += threads
+
+
+@wp.kernel
+def tick(periods: wp.array(dtype=wp.int64), stamps: wp.array(dtype=wp.int64)):
+    """Go on to the next frame."""
+    n = wp.tid()
+    stamps[n] = stamps[n] + periods[n]

@@ -1,0 +1,104 @@
+"""Many Go1 that walk through a scene, each on its own, without physics."""
+
+from dataclasses import dataclass
+import math
+
+from flexx2_sim_ros.batch.height_grid import AHEAD, LEFT
+from flexx2_sim_ros.go1 import gait
+from flexx2_sim_ros.go1.ground import SceneGround
+from flexx2_sim_ros.go1.kinematics import rotation
+from flexx2_sim_ros.go1.robot import find_robot
+import mujoco
+import numpy as np
+
+_TOP = 2.0  # metres, above all ground of the built-in scenes
+
+
+@dataclass(frozen=True)
+class Walk:
+    """
+    What N robots did.
+
+    Attributes
+    ----------
+    qpos : numpy.ndarray
+        (F, N, nq) states of the model.
+    camera_position, camera_rotation : numpy.ndarray
+        (F, N, C, 3) and (F, N, C, 3, 3): the optical frames in the frame of the robot's grid,
+        which is under the trunk where it is at last, looks ahead as it does then, and has the
+        world's height.
+    heights : numpy.ndarray
+        (N, 11, 7) the ground's height at the grid's points, metres.
+
+    """
+
+    qpos: np.ndarray
+    camera_position: np.ndarray
+    camera_rotation: np.ndarray
+    heights: np.ndarray
+
+
+def walk(model: mujoco.MjModel, cameras: tuple[str, ...], num_envs: int, frames: int,
+         interval: float, speed: float = 0.7, seed: int = 0) -> Walk:
+    """
+    Let robots walk straight ahead, from random places on the scene's way along x.
+
+    Parameters
+    ----------
+    model : mujoco.MjModel
+        From `build_model`, with a Go1.
+    cameras : tuple of str
+        Their names, C.
+    num_envs, frames : int
+        N, F.
+    interval : float
+        Seconds between frames.
+    speed : float
+        m/s.
+    seed : int
+        Of the places.
+
+    Returns
+    -------
+    Walk
+
+    """
+    data = mujoco.MjData(model)
+    robot = find_robot(model)
+    legs, how = robot.legs, gait.Gait()
+    assert legs is not None
+    mujoco.mj_forward(model, data)
+    ground = SceneGround(model, data, robot.geoms)
+    addresses = robot.leg_addresses()
+    ids = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, name) for name in cameras]
+    generator = np.random.default_rng(seed)
+    qpos = np.empty((frames, num_envs, model.nq))
+    position = np.empty((frames, num_envs, len(ids), 3))
+    turn = np.empty((frames, num_envs, len(ids), 3, 3))
+    heights = np.empty((num_envs, len(AHEAD), len(LEFT)))
+    grid = np.stack(np.meshgrid(AHEAD, LEFT, indexing='ij'), axis=-1)
+    for env in range(num_envs):
+        back = env % 2  # Half of them walk the other way.
+        place = np.array([generator.uniform(0.0, 3.3) + 1.7 * back, generator.uniform(-0.3, 0.3)])
+        yaw = math.pi * back + generator.uniform(-0.15, 0.15)
+        state = gait.start(place, yaw, _TOP, ground, legs)
+        command = np.array([speed, 0.0, 0.0])
+        for frame in range(frames):
+            state = gait.step(state, command, interval, ground, how, legs)
+            pose = gait.pose(state, how, legs)
+            quaternion = np.empty(4)
+            mujoco.mju_mat2Quat(quaternion, rotation(pose.rpy).ravel())
+            robot.place(data, pose.position, quaternion)
+            data.qpos[addresses] = pose.angles
+            mujoco.mj_kinematics(model, data)
+            mujoco.mj_camlight(model, data)
+            qpos[frame, env] = data.qpos
+            position[frame, env] = data.cam_xpos[ids]
+            # MuJoCo's cameras look along -z with y up.
+            turn[frame, env] = data.cam_xmat[ids].reshape(-1, 3, 3) * [1.0, -1.0, -1.0]
+        level = rotation((0.0, 0.0, float(pose.rpy[2])))
+        origin = np.array([*pose.position[:2], 0.0])
+        position[:, env] = (position[:, env] - origin) @ level
+        turn[:, env] = level.T @ turn[:, env]
+        heights[env] = ground.heights(origin[:2] + grid @ level[:2, :2].T, _TOP)
+    return Walk(qpos, position, turn, heights)

@@ -1,0 +1,32 @@
+"""What the tests of many cameras at once share; skips them where there is no Warp."""
+
+import pytest
+
+wp = pytest.importorskip('warp', reason='warp-lang is not installed: no batch')
+import numpy as np  # noqa: E402, I100
+
+DEVICES = ['cpu', pytest.param('cuda', marks=pytest.mark.skipif(
+    not wp.is_cuda_available(), reason='no GPU'))]
+V, U = np.mgrid[:172, :224]
+
+
+def scenes(count: int) -> np.ndarray:
+    """Return different scenes, each 172 x 224: slants, boxes, holes, what is no depth."""
+    generator = np.random.default_rng(4)
+    out = np.empty((count, 172, 224), np.float32)
+    for scene in out:
+        scene[:] = generator.uniform(1.2, 3) + generator.uniform(-4e-3, 4e-3) * (U - 111)
+        for _ in range(9):
+            x, y = generator.integers(0, 200), generator.integers(0, 150)
+            size = generator.integers(2, 60)
+            scene[y:y + size, x:x + size] = generator.uniform(0.4, 2.3)
+        scene[np.hypot(U - 150, V - 90) < 20] = generator.uniform(0.5, 2)
+        for row, nothing in enumerate((np.nan, -1, 0, np.inf)):
+            scene[3 * row:3 * row + 3, :20] = nothing
+    return out
+
+
+def look(device: str, camera: object, depth: np.ndarray, *more: np.ndarray) -> np.ndarray:
+    """Return a copy of what a batch of cameras sees of NumPy arrays, put on its device."""
+    given = [wp.array(one, dtype=wp.float32, device=device) for one in (depth, *more)]
+    return camera(*given).numpy().copy()
