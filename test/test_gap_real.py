@@ -4,14 +4,20 @@ from pathlib import Path
 
 from flexx2_sim_ros.gap import diagnose
 import kinect_campaign
+import pytest
 
 
-def test_kinect_frames_saturate_lose_dark_squares_and_are_filtered(tmp_path: Path) -> None:
+def test_kinect_frames_saturate_and_are_filtered(tmp_path: Path) -> None:
     # The noise is measured on other views than those diagnosed.
     profile = kinect_campaign.profile(range(1, 102, 4))
     kinect_campaign.write_campaign(tmp_path, range(0, 102, 6))
     table = diagnose(tmp_path, profile=profile, jobs=2)
-    named = {row['name'] for row in table['effects'] + table['alternatives']}
-    print(table['verdict'], named, [(r['name'], r['share']) for r in table['effects']])
-    assert table['verdict'] in ('identified', 'partly')
-    assert 'pose_error' not in named
+    effects = {row['name']: row['parameters'] for row in table['effects']}
+    # Far more is wrong with it than the catalogue knows: its noise is not the Flexx2's.
+    assert table['verdict'] == 'partly'
+    assert {'saturation', 'spatial_filter', 'amplitude_bias'} <= set(effects)
+    # Its depth comes in whole millimetres.
+    assert effects['quantisation']['step'] == pytest.approx(0.001, rel=0.1)
+    assert 'pose_error' not in {*effects, *(row['name'] for row in table['alternatives'])}
+    low, high = table['gap']['interval']
+    assert 0.1 < low <= table['gap']['shrink'] <= high

@@ -12,6 +12,7 @@ from typing import Any
 from flexx2_sim_ros.config_file import read_config
 from flexx2_sim_ros.effects.effect import Effect
 from flexx2_sim_ros.effects.patch import ResidualPatch
+from flexx2_sim_ros.effects.ray import AlongRay
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.paths import config_dir
 import yaml
@@ -35,8 +36,8 @@ def _in_order(kinds: Sequence[type[Effect]]) -> dict[str, type[Effect]]:
 
 @lru_cache(maxsize=1)
 def _loadable() -> Mapping[str, type[Effect]]:
-    # A diagnosis writes the patch where no effect explains the gap; it is none itself.
-    return _in_order([*registry().values(), ResidualPatch])
+    # A diagnosis writes the patch where no effect explains the gap, and compares with the other.
+    return _in_order([*registry().values(), ResidualPatch, AlongRay])
 
 
 def parse_effects(table: Any, where: str = 'effects') -> tuple[Effect, ...]:

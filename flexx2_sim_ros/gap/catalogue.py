@@ -1,12 +1,13 @@
 """The effects that a gap is explained with: what is simulated of each, and how it is combined."""
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 Table = dict[str, dict[str, float]]
 
 DRIFT_TAUS = (300.0, 900.0, 2700.0)
+_RAY = 'along the ray '
 NEEDS_MOTION = frozenset({'motion_artefact', 'time_offset'})
 
 
@@ -48,6 +49,10 @@ class Candidate:
     terms : tuple of Term
     build : callable
         From the terms' values to the effect's parameters.
+    given : Candidate or None
+        What stands for it in the outcome: phase is measured along the ray, the catalogue's effects
+        act along the optical axis. An effect is recognised in either form, and given in the
+        catalogue's, fitted as that.
 
     """
 
@@ -55,6 +60,7 @@ class Candidate:
     label: str
     terms: tuple[Term, ...]
     build: Callable[[tuple[float, ...]], dict[str, float]]
+    given: 'Candidate | None' = None
 
 
 @dataclass(frozen=True)
@@ -107,8 +113,23 @@ def catalogue(without: Collection[str] = ()) -> tuple[list[Column], list[Candida
             candidates.append(Candidate(effect, label, (term,),
                                         lambda x: {**fixed, name: x[0]}))
 
+    def along_ray(names: Sequence[str]) -> None:
+        # The last candidate once more, along the ray; terms of these names differ.
+        axial = candidates[-1]
+        terms = tuple(
+            term if term.name not in names else
+            Term(term.name, tuple((value, _RAY + column) for value, column in term.nodes)
+                 if axial.effect == 'warm_up_drift'
+                 else nodes('along_ray', {'intercept': 'bias'}.get(term.name, term.name),
+                            (term.nodes[0][0],)), term.low, term.high) for term in axial.terms)
+        candidates.append(Candidate(axial.effect, f'{axial.label} along the ray'.strip(), terms,
+                                    axial.build, axial))
+
     bias = nodes('offset', 'bias', (0.005,))
+    nodes('along_ray', 'bias', (0.005,))
     one('offset', 'bias', (0.005,), -0.1, 0.1)
+    if 'offset' not in without:
+        along_ray(['bias'])
     if 'wiggling' not in without:
         for label, names in (('fourth harmonic', ('a4', 'b4')), ('first harmonic', ('a1', 'b1')),
                              ('two harmonics', ('a1', 'b1', 'a2', 'b2')),
@@ -118,11 +139,13 @@ def catalogue(without: Collection[str] = ()) -> tuple[list[Column], list[Candida
                           for name in names)
             candidates.append(Candidate('wiggling', label, terms,
                                         _named({'a4': 0.0}, *names)))
+            along_ray(names)
     if 'warm_up_drift' not in without:
         for tau in DRIFT_TAUS:
             term = Term('bias', ((0.010, f'drift:{tau:g}'),), -0.1, 0.1)
             candidates.append(Candidate('warm_up_drift', f'{tau:g} s', (term,),
                                         _named({'tau': tau}, 'bias')))
+            along_ray(['bias'])
     if 'amplitude_bias' not in without:
         for knee, span in ((0.1, 3.0), (0.4, 3.0), (1.0, 3.0), (3.0, 5.0)):
             terms = (Term('intercept', bias, -0.05, 0.05),
@@ -131,6 +154,7 @@ def catalogue(without: Collection[str] = ()) -> tuple[list[Column], list[Candida
             candidates.append(Candidate('amplitude_bias', f'knee {knee:g}', terms,
                                         _named({'knee': knee, 'span': span}, 'intercept',
                                                'slope')))
+            along_ray(['intercept'])
     one('fixed_pattern', 'rms', (0.0008, 0.0015, 0.003), 0.0, 0.02, few=False)
     one('flying_pixels', 'share', (0.12, 0.3, 0.6), 0.0, 1.0)
     one('multipath', 'gain', (0.5, 1.0, 2.0), 0.0, 5.0)
@@ -147,7 +171,7 @@ def catalogue(without: Collection[str] = ()) -> tuple[list[Column], list[Candida
     one('spatial_filter', 'mix', (0.25, 0.5, 0.8, 1.0), 0.0, 1.0)
     one('excess_noise', 'factor', (0.8, 1.15, 1.3, 1.6), 0.4, 3.0)
     if 'excess_noise' in without:
-        nodes('excess_noise', 'factor', (1.15,))  # for a base sigma that is a little wrong
+        nodes('excess_noise', 'factor', (0.8, 1.15))  # for a base sigma that is a little wrong
     one('ambient_light', 'k', (0.0004, 0.0008, 0.0016), 0.0, 0.01)
     one('heavy_tails', 'share', (0.005, 0.01, 0.02, 0.04), 0.0, 0.2)
     one('lateral_noise', 'strength', (0.5, 1.0, 2.0), 0.0, 4.0, few=False)
@@ -160,7 +184,11 @@ def catalogue(without: Collection[str] = ()) -> tuple[list[Column], list[Candida
             Term(name, nodes('intrinsics_error', name, (value,), True,
                              **{other: 0.0 for other in steps if other != name}),
                  -10 * abs(value), 10 * abs(value)) for name, value in steps.items())
-        candidates.append(Candidate('intrinsics_error', '', terms, _named({}, *steps)))
+        for label, some in (('focal length', ['focal']), ('centre', ['cx', 'cy']),
+                            ('distortion', ['k1']), ('all', list(steps))):
+            candidates.append(Candidate(
+                'intrinsics_error', label, tuple(t for t in terms if t.name in some),
+                _named(dict.fromkeys(steps, 0.0), *some)))
     if 'pose_error' not in without:
         candidates.append(Candidate('pose_error', '', (), _named({})))
     return list(columns.values()), candidates

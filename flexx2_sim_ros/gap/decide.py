@@ -11,17 +11,22 @@ import numpy as np
 # Calibrated on campaigns of the base simulator with pose, reflectivity and sigma errors, and on
 # campaigns of the catalogue's and of made-up effects (bench/gap_development.py); a recording.
 GAIN = 1.5
-LEAST_GAIN = 0.7  # if the recordings agree
+LEAST_GAIN = 1.0  # if the recordings agree
 _AGREE = 0.97
 GAP = 18.0
 MOST_EFFECTS = 6
 _TERM_COST = 0.5  # a recording
 _WEAK_COST = 0.25  # a recording and factor of e below 0.4 of the usual strength
+# What edges that are known to a part of a pixel only may pretend, a recording.
+_DOUBT = {'lateral_noise': 2.0, 'flying_pixels': 1.0}
 _FROM_NODE = (3.0, 1.0, 1.0)
 _ALTERNATIVE = 0.8
-_UNKNOWN_SHARE = 0.2
-_NEXT_SHARE = 0.04
+_UNKNOWN_SHARE = 0.13
+_NEXT_SHARE = 0.04  # half of it while less than half is explained
 _PARTLY_SHARE = 0.5
+# Poses that scatter by more than this share of what is usual are a finding of their own.
+_SCATTERED = 0.4
+_NEXT_TO_SCATTERED = 0.15  # for they leave edges behind
 # Loss a recording that the base simulator with errors of pose and reflectivity leaves above that
 # of noise alone: edges are known to a pixel only.
 FLOOR = 12.0
@@ -142,6 +147,12 @@ def decide(model: Model, candidates: Sequence[Candidate],
     considered = _best_of_each(singles)
     chosen = considered[0] if considered else Choice(base, 0.0)
     rivals, gained = considered[1:], 0.0
+    next_share, posed = _NEXT_SHARE, [c for c in candidates if c.effect == 'pose_error']
+    scattered = bool(posed) and model.pose_scatter() > _SCATTERED
+    if scattered:
+        chosen, next_share = choice(posed), _NEXT_TO_SCATTERED
+        chosen = Choice(chosen.fit, max(chosen.gain, GAIN * count))
+        rivals = []
     excess = max(base.inside - null - chosen.fit.pose_loss, 1e-9)
     if _counts(chosen, base, count):
         for _ in range(MOST_EFFECTS - 1):
@@ -156,13 +167,16 @@ def decide(model: Model, candidates: Sequence[Candidate],
             if not more:
                 break
             best = max(more, key=lambda c: c.gain)
-            if best.gain - chosen.gain < max(GAIN * count, _NEXT_SHARE * excess):
+            little = base.total - chosen.fit.total < 0.5 * excess
+            if best.gain - chosen.gain < max(GAIN * count,
+                                             next_share * excess * (0.5 if little else 1)):
                 break
             gained = chosen.gain
             chosen = best
             rivals = [c for c in _best_of_each(more, last=True) if c is not best]
         whole = chosen
-        chosen = _prune(chosen, choice, GAIN * count)
+        if not scattered:
+            chosen = _prune(chosen, choice, GAIN * count)
         if chosen is not whole:
             alone = len(chosen.fit.candidates) == 1
             rivals, gained = ([c for c in considered if c.fit.candidates[0].effect
@@ -170,6 +184,9 @@ def decide(model: Model, candidates: Sequence[Candidate],
         excess = max(base.inside - null - chosen.fit.pose_loss, 1e-9)
     equals = [c for c in rivals if c.gain - gained >= _ALTERNATIVE * (chosen.gain - gained) > 0
               and _certainty(chosen.fit, c.fit) < 0.95][:5]
+    found = chosen
+    if any(c.given for c in chosen.fit.candidates):
+        chosen = choice([c.given or c for c in chosen.fit.candidates], chosen.fit.values)
     parts = chosen.fit.candidates
     if len(parts) > 1:
         without = [choice([c for c in parts if c is not part]) for part in parts]
@@ -177,13 +194,14 @@ def decide(model: Model, candidates: Sequence[Candidate],
         without = [Choice(base, 0.0)] * len(parts)
     losses = [other.fit for other in without]
     shares = [min(max((one.total - chosen.fit.total) / excess, 0.0), 1.0) for one in losses]
-    order = sorted(range(len(parts)), key=lambda i: -shares[i])
+    order = sorted(range(len(parts)), key=lambda i: (
+        not (scattered and parts[i].effect == 'pose_error'), -shares[i]))
     fit = _reorder(chosen.fit, order)
     intervals = [interval(model, losses[i], chosen.fit, base) for i in order]
     confidences = [min((_certainty(chosen.fit, c.fit) for c in [*rivals[:5], without[i]]),
                        default=1.0) for i in order]
     shares = [shares[i] for i in order]
-    verdict = _verdict(chosen, base, excess, fit.loss.sum() - null)
+    verdict = _verdict(found, base, excess, found.fit.loss.sum() - null)
     unknown = verdict == 'unknown'
     alternatives = [_alternative(model, choice, base, excess, one, base if unknown else chosen.fit)
                     for one in (considered[:3] if unknown else equals)]
@@ -206,6 +224,7 @@ def _oddity(fit: Fit) -> float:
     # An effect much weaker than usual is less likely than another one of usual strength.
     cost, i = 0.0, 0
     for candidate in fit.candidates:
+        cost += _DOUBT.get(candidate.effect, 0.0)
         if len(candidate.terms) == 1:
             term = candidate.terms[0]
             usual = abs(term.nodes[len(term.nodes) // 2][0] - term.neutral)

@@ -21,10 +21,19 @@ from flexx2_sim_ros.gap.features import (
     VALID,
 )
 from flexx2_sim_ros.gap.measures import histogram, Measures
-from flexx2_sim_ros.gap.pose import base_camera, fit_plane_motion, moved, pose_effects
+from flexx2_sim_ros.gap.pose import (
+    base_camera,
+    fit_plane_motion,
+    moved,
+    pose_effects,
+    STEPS,
+)
 import numpy as np
 
 MOST_FRAMES = 48
+_EDGE_PIXELS = 0.4
+_AT_EDGES, _AT_BENDS = (np.array([f.axis == axis for f in LAYOUT])
+                        for axis in ('edge', 'concavity'))
 _SEGMENT = 12
 NULL_SEEDS = 4
 # What else shifts whole surfaces, when the pose is looked for.
@@ -37,8 +46,8 @@ _GRAIN = next(i for i, f in enumerate(LAYOUT) if f.channel == 'static_grain')
 _ENOUGH_ALIKE = 12  # samples, where the random numbers are the same
 _FEW = 8  # frames where a few are enough
 _FEWEST = 5  # for a bias or a loss, which add no noise
-_BIASES = frozenset({'offset', 'wiggling', 'amplitude_bias', 'multipath', 'stray_light',
-                     'intrinsics_error', 'pose_error', 'low_signal_dropout',
+_BIASES = frozenset({'along_ray', 'offset', 'wiggling', 'amplitude_bias', 'multipath',
+                     'stray_light', 'intrinsics_error', 'pose_error', 'low_signal_dropout',
                      'grazing_dropout', 'saturation'})
 
 
@@ -98,6 +107,8 @@ class Evidence:
         (C, SIZE) float32, what each simulated effect changes.
     pose_columns : numpy.ndarray
         (6, SIZE) per step of `pose.STEPS`.
+    displaced : numpy.ndarray
+        (SIZE,) variance from edges that are known to a part of a pixel only.
     pose : numpy.ndarray
         (6,) metres and degrees: how the real camera was moved, as first fitted.
     uptime : float or None
@@ -120,6 +131,7 @@ class Evidence:
     nulls: np.ndarray
     columns: np.ndarray
     pose_columns: np.ndarray
+    displaced: np.ndarray
     pose: np.ndarray
     uptime: float | None
     step: float
@@ -270,11 +282,13 @@ def gather(take: Take, columns: Sequence[Column], seed: int, prior: np.ndarray) 
             shifts[i] = simulated[kind].shift(with_uptime(column.effects, take.uptime))
             if kind == 1:  # Grain is noise that is left, and the more so the fewer frames.
                 shifts[i, _GRAIN] *= nulls[0, _GRAIN] / max(simulated[1].base[_GRAIN], 1e-9)
-    pose_columns = np.array([(simulated[0].shift(pose_effects(i, 1))
-                              - simulated[0].shift(pose_effects(i, -1))) / 2 for i in range(6)])
+    steps = np.array([[simulated[0].shift(pose_effects(i, sign)) for sign in (1, -1)]
+                      for i in range(6)])
+    pose_columns = (steps[:, 0] - steps[:, 1]) / 2
     return Evidence(
         take.name, real, nulls.mean(axis=0), noise / NULL_SEEDS, noise, nulls, shifts,
-        pose_columns, pose, take.uptime, lattice_peak(lattice_spectrum(real_sums), spectrum)[1],
+        pose_columns, _displaced(steps[3:5], take.K), pose, take.uptime,
+        lattice_peak(lattice_spectrum(real_sums), spectrum)[1],
         static_grain(real_sums).astype(np.float16), static_grain(null_sums[0]).astype(np.float16),
         histogram(take.depth, scenes, real_sums), base_measures,
         _mean_sigma(real_sums), real_sums.bins[:, EXPECT].astype(np.float32), len(take.depth),
@@ -304,6 +318,17 @@ class _Part:
     def shift(self, effects: Any) -> np.ndarray:
         """Return what the effects change, 0 where that cannot be said."""
         return np.nan_to_num(self._features(effects) - self.base)
+
+
+def _displaced(steps: np.ndarray, K: np.ndarray) -> np.ndarray:  # noqa: N803
+    # Variance of features when each edge lies elsewhere by what no common motion takes off (warped
+    # clean depth has no parallax): from what a step of pitch and yaw either way, (2, 2, SIZE),
+    # changes. Near edges that nobody marked (sharp bends) only what is the same both ways.
+    pixels = np.radians(STEPS[3:5]) * [K[1, 1], K[0, 0]]
+    scale = np.square(_EDGE_PIXELS / pixels)
+    whole = (scale[:, None] * np.square(steps).mean(axis=1)).mean(axis=0)
+    even = (scale[:, None] * np.square(steps.mean(axis=1))).mean(axis=0)
+    return np.where(_AT_EDGES, whole, np.where(_AT_BENDS, even, 0)).astype(np.float32)
 
 
 def drift_factors(uptime: float | None) -> list[float]:

@@ -15,20 +15,21 @@ _BRIGHTNESS = {'multipath': 0.25, 'ambient_light': 0.3, 'low_signal_dropout': 0.
                'saturation': 0.8, 'amplitude_bias': 0.1, 'stray_light': 0.1}
 _BRIGHTNESS_WEIGHT = 1.5
 # The base sigma is wrong by some 5 %; what that costs at twice as much is four times this, so that
-# one wrong by less than 12 % is no finding.
-_SIGMA_SPREAD, _SIGMA_WEIGHT, SIGMA_BOUND = 0.05, 1.6, 0.16
+# one wrong by less than 15 % is no finding.
+_SIGMA_SPREAD, _SIGMA_WEIGHT, SIGMA_BOUND = 0.05, 0.8, 0.16
 _POSE_WEIGHT = 0.7
 _POSE_FLOOR = np.array([0.25, 0.25, 0.25, 0.3, 0.3, 0.15])  # steps
 SCALES = (20.0, 6.0, 2.0, 1.0, 1.0, 1.0)
-_EDGE_ERROR = 0.1  # steps of pose error that are never taken off at edges
 # Edges are known to a pixel only: those on each side may lie elsewhere by this much, in steps of
 # yaw or pitch (0.4 px at 224 px width).
 _EDGE_SHIFT = 0.4
 _EDGE_WEIGHT = 0.5
 _OWN = 11  # a recording's own errors: pose (6), brightness, edges (4)
 _STRUCTURE = {name: SIZE - len(STRUCTURES) + i for i, name in enumerate(STRUCTURES)}
-_WEIGHTS = np.array([3.0 if f.axis == 'structure' else 1.0 / np.sqrt(AXES[f.axis].bins)
-                     for f in LAYOUT])
+# What edges show hangs together, for all of it shifts with where they are taken to be.
+_EDGE_SHARE = 0.4
+_WEIGHTS = np.array([3.0 if f.axis == 'structure' else (_EDGE_SHARE if f.axis == 'edge' else 1.0)
+                     / np.sqrt(AXES[f.axis].bins) for f in LAYOUT])
 
 
 @dataclass
@@ -94,7 +95,8 @@ class Model:
     """
 
     # Names of the columns that stand for nuisances.
-    NEEDED = ('offset:bias=0.005', 'excess_noise:factor=1.15')
+    NEEDED = ('offset:bias=0.005', 'excess_noise:factor=1.15', 'along_ray:bias=0.005',
+              'excess_noise:factor=0.8')
 
     def __init__(self, evidence: Sequence[Evidence], columns: Sequence[Column],
                  prior: np.ndarray) -> None:
@@ -118,20 +120,19 @@ class Model:
         self.pose_columns = np.array([e.pose_columns for e in evidence])
         self.pose = np.array([e.pose for e in evidence]) / STEPS
         self.prior = prior / STEPS
-        edges = np.array([f.axis == 'edge' for f in LAYOUT])
         # Pixels beside jumps to the right and left shift with yaw, below and above with pitch.
         self._edges = np.stack([
             self.pose_columns[:, 4 if side < 2 else 3]
             * np.array([f.axis == 'edge' and f.place // 4 == side for f in LAYOUT])
             for side in range(4)], axis=1) * _EDGE_SHIFT
-        self.scale2 += edges * _EDGE_ERROR ** 2 * (self.pose_columns ** 2).sum(axis=1)
+        self.scale2 += np.array([e.displaced for e in evidence])
         self._columns = np.array([e.columns for e in evidence])
         self._repeat_shift(base)
         for name in ('scale2', 'gap', 'weights', 'pose_columns', '_edges'):
             setattr(self, name, getattr(self, name).astype(np.float32))
-        self._offset = self._column(self.NEEDED[0])
         self._drift = np.array([drift_factors(e.uptime) for e in evidence])
-        self._sigma = self._column(self.NEEDED[1]) / np.float32(0.15)
+        self._more = self._column(self.NEEDED[1]) / np.float32(0.15)
+        self._less = self._column(self.NEEDED[3]) / np.float32(-0.2)
         self.null_loss = self._null_loss()
 
     def _repeat_shift(self, base: np.ndarray) -> None:
@@ -155,9 +156,11 @@ class Model:
         return out * self.weights
 
     def _column(self, name: str) -> np.ndarray:
-        if name.startswith('drift:'):
-            factor = self._drift[:, DRIFT_TAUS.index(float(name.split(':')[1]))]
-            return self._offset * (2 * factor[:, None]).astype(np.float32)
+        kind, _, tau = name.partition('drift:')
+        if tau:
+            factor = self._drift[:, DRIFT_TAUS.index(float(tau))]
+            offset = self._columns[:, self.index[self.NEEDED[2 if kind else 0]]]
+            return offset * (2 * factor[:, None]).astype(np.float32)
         return self._columns[:, self.index[name]]
 
     def term(self, term: Term, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -191,7 +194,7 @@ class Model:
     def residual(self, fit: Fit) -> np.ndarray:
         """Return what a fit leaves of the gap, (R, SIZE)."""
         columns, shift = self._nuisances(fit.candidates, np.tile(fit.values, (len(self.gap), 1)))
-        return (self.gap - shift - np.float32(fit.sigma) * self._sigma
+        return (self.gap - shift - self._wrong(fit.sigma)
                 - _combine(fit.motion, columns))
 
     def shift(self, fit: Fit) -> np.ndarray:
@@ -214,6 +217,12 @@ class Model:
         return float(_POSE_WEIGHT * len(q) * np.log1p(spread / _POSE_FLOOR ** 2).sum()
                      + _BRIGHTNESS_WEIGHT * np.square(motion[:, 6]).sum()
                      + _EDGE_WEIGHT * np.square(motion[:, 7:]).sum())
+
+    def pose_scatter(self) -> float:
+        """Return how far the recordings' poses scatter, as a share of what is usual."""
+        still = np.array([not e.moving for e in self.evidence])
+        pose = self.pose[still] if still.sum() > 2 else self.pose
+        return float((pose / self.prior).std(axis=0).mean())
 
     def _nuisances(self, candidates: Sequence[Candidate], values: np.ndarray
                    ) -> tuple[np.ndarray, np.ndarray]:
@@ -257,6 +266,8 @@ class Model:
         terms = [term for candidate in candidates for term in candidate.terms]
         low, high = np.array([t.low for t in terms]), np.array([t.high for t in terms])
         common = any(c.effect == 'pose_error' for c in candidates)
+        # Excess noise is a base sigma that is wrong: not both.
+        bound = 0.0 if any(c.effect == 'excess_noise' for c in candidates) else SIGMA_BOUND
         number, count = len(terms), len(self.gap)
         values = np.array([t.neutral for t in terms]) if start is None else np.array(start, float)
         sigma, motion = 0.0, np.zeros((count, _OWN))
@@ -265,9 +276,10 @@ class Model:
             tiled = np.tile(values, (count, 1))
             _, slopes = self.predict(candidates, tiled)
             own_columns, shift = self._nuisances(candidates, tiled)
-            residual = (self.gap - shift - np.float32(sigma) * self._sigma
+            residual = (self.gap - shift - self._wrong(sigma)
                         - _combine(motion, own_columns))
-            design = np.concatenate([slopes, self._sigma[:, None], own_columns], axis=1)
+            base_noise = self._more if sigma >= 0 else self._less
+            design = np.concatenate([slopes, base_noise[:, None], own_columns], axis=1)
             weight = self.weights / (self.scale2 * np.float32(scale ** 2) + residual ** 2)
             weighted = design * weight[:, None]
             normal = (weighted @ design.transpose(0, 2, 1)).astype(float)
@@ -286,8 +298,8 @@ class Model:
             target[:, number] -= _SIGMA_WEIGHT / _SIGMA_SPREAD ** 2 / count * sigma
             step = _solve(own.sum(axis=0), target.sum(axis=0))
             new = np.clip(values + step[:number], low, high)
-            new_sigma = float(np.clip(sigma + step[number], -SIGMA_BOUND, SIGMA_BOUND))
-            if abs(new_sigma) == SIGMA_BOUND and number:
+            new_sigma = float(np.clip(sigma + step[number], -bound, bound))
+            if abs(new_sigma) == bound and number:
                 # Held at its bound; the rest again, given that.
                 total, aim = own.sum(axis=0), target.sum(axis=0)
                 aim = aim[:number] - total[:number, number] * (new_sigma - sigma)
@@ -307,10 +319,14 @@ class Model:
                    self.pose_loss(motion, common) + wrong,
                    self.pose_loss(other, common, held_out=True) + wrong)
 
+    def _wrong(self, sigma: float) -> np.ndarray:
+        # (R, SIZE) what a base sigma that is wrong by a share changes.
+        return np.float32(sigma) * (self._more if sigma >= 0 else self._less)
+
     def _settle(self, candidates: Sequence[Candidate], values: np.ndarray, sigma: float,
                 motion: np.ndarray, common: bool) -> tuple[np.ndarray, np.ndarray]:
         own_columns, shift = self._nuisances(candidates, values)
-        return self.settle(self.gap - shift - np.float32(sigma) * self._sigma, motion, common,
+        return self.settle(self.gap - shift - self._wrong(sigma), motion, common,
                            own_columns)
 
     def settle(self, gap: np.ndarray, motion: np.ndarray, common: bool, columns: np.ndarray

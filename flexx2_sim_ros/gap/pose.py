@@ -6,6 +6,7 @@ from flexx2_sim_ros.camera import Camera, Intrinsics, Mode
 from flexx2_sim_ros.camera.exposure import Exposure, Memory
 from flexx2_sim_ros.camera.surface import tangents
 from flexx2_sim_ros.effects.geometry import PoseError
+from flexx2_sim_ros.effects.ray import ray_length
 import numpy as np
 
 # The six small motions, in metres and degrees.
@@ -84,7 +85,7 @@ def fit_plane_motion(residual: np.ndarray, clean: np.ndarray, sigma: np.ndarray,
         good = np.isfinite(error)
         if not good.any():
             continue
-        columns = np.concatenate([_design(depth, K), _others(depth), other])[:, ::2, ::2]
+        columns = np.concatenate([_design(depth, K), _others(depth, K), other])[:, ::2, ::2]
         designs.append(columns[:, good] / spread[good])
         values.append(error[good] / spread[good])
     if not designs:
@@ -106,14 +107,16 @@ def fit_plane_motion(residual: np.ndarray, clean: np.ndarray, sigma: np.ndarray,
 
 # How much the priors count, as a share of the pixels.
 _RIDGE = 0.03
-# Biases that are not a motion, so that they are not taken for one: the same everywhere, growing
-# with distance, two periods of the fourth harmonic; and how large they may be, metres.
-_OTHERS = np.array([0.005, 0.002, 0.004, 0.004, 0.004, 0.004])
+# Biases that are not a motion, so that they are not taken for one: the same everywhere, along the
+# axis and along the ray, growing with distance, two periods of the fourth harmonic; and how large
+# they may be, metres.
+_OTHERS = np.array([0.01, 0.01, 0.002, 0.004, 0.004, 0.004, 0.004])
 
 
-def _others(depth: np.ndarray) -> np.ndarray:
-    turns = [2 * math.pi * depth / period for period in (0.6246, 0.4684)]
-    return np.stack([np.ones_like(depth), np.log(np.maximum(depth, 0.1)),
+def _others(depth: np.ndarray, K: np.ndarray) -> np.ndarray:  # noqa: N803
+    length = ray_length(K, depth.shape)
+    turns = [2 * math.pi * depth * length / period for period in (0.6246, 0.4684)]
+    return np.stack([np.ones_like(depth), 1 / length, np.log(np.maximum(depth, 0.1)),
                      *(f(turn) for turn in turns for f in (np.sin, np.cos))])
 
 

@@ -21,8 +21,8 @@ table{border-collapse:collapse;font-size:.92rem}td,th{padding:.18rem .9rem .18re
 text-align:left;vertical-align:top;font-variant-numeric:tabular-nums}th{color:#5a6b7b;
 font-weight:600}.tag{display:inline-block;padding:.1rem .6rem;border-radius:1rem;color:#fff;
 font-weight:600}.none{background:#2e7d4f}.identified{background:#1f6feb}.partly{background:#b7791f}
-.unknown{background:#a8324a}.row{display:flex;flex-wrap:wrap;gap:1.2rem}.row figure{margin:0;max-width:27.5rem}
-figcaption{font-size:.85rem;color:#5a6b7b}small,.dim{color:#5a6b7b}code{background:#f2f5f8;
+.unknown{background:#a8324a}.row{display:flex;flex-wrap:wrap;gap:1.2rem}.row figure{margin:0;
+max-width:27.5rem}figcaption{font-size:.85rem;color:#5a6b7b}small,.dim{color:#5a6b7b}code{background:#f2f5f8;
 padding:0 .25rem}svg{max-width:100%}
 """
 _UNIT_NAMES = {'wasserstein_mm': ('distance of depth errors (Wasserstein-1)', 'mm', 1.0),

@@ -2,7 +2,6 @@
 
 from typing import Any
 
-
 # What people call the channels.
 _CHANNELS = {
     'bias': 'depth', 'invalid': 'share of invalid pixels', 'high': 'share of outliers behind',
@@ -40,6 +39,9 @@ def headline(table: dict[str, Any]) -> str:
         return 'There is a gap, and no effect of the catalogue explains it.'
     held = ('of the gap on recordings that were not used to find it' if gap['held_out']
             else 'of the gap on the one recording it was fitted to')
+    if rows[0]['name'] == 'pose_error' and gap['shrink'] < 0.05:
+        return ('The cameras were not where they are believed to be: put that right first.'
+                + (' Something else is left over.' if table['verdict'] == 'partly' else ''))
     rest = ' Something else is left over.' if table['verdict'] == 'partly' else ''
     return (f'The gap is due to {_names(rows)}: adding {"it" if len(rows) == 1 else "them"} '
             f'takes away {gap["shrink"]:.0%} {held}.{rest}')
@@ -52,6 +54,9 @@ def sentences(table: dict[str, Any]) -> list[str]:
     if table['effects'] and gap['interval'] is not None:
         out.append(f'90 % interval of that share: {gap["interval"][0]:.0%} to '
                    f'{gap["interval"][1]:.0%}.')
+    if any(row['name'] == 'pose_error' for row in table['effects']):
+        out.append("The gap is what is left with each recording's camera where it was found to "
+                   'be; the recordings list how far that is from where it was believed to be.')
     if 'note' in gap:
         out.append(gap['note'][0].upper() + gap['note'][1:] + '.')
     if table['effects']:
