@@ -97,7 +97,9 @@ class Browser:
 
     def close(self) -> None:
         """Leave the page."""
-        self._socket.close()
+        async def leave() -> None:
+            self._socket.close()
+        self._run(leave)
         self._loop.close()
 
 
