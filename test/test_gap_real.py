@@ -5,8 +5,10 @@ from pathlib import Path
 from flexx2_sim_ros.gap import diagnose
 import kinect_campaign
 import pytest
+from test_effects_real import needs_kinect
 
 
+@needs_kinect
 def test_kinect_frames_saturate_and_are_filtered(tmp_path: Path) -> None:
     # The noise is measured on other views than those diagnosed.
     profile = kinect_campaign.profile(range(1, 102, 4))
