@@ -17,8 +17,8 @@ def test_the_quick_benchmark_reaches_its_floors(tmp_path: Path,
     for path in (tmp_path / 'results').iterdir():
         assert json.loads(path.read_text())['error'] is None
     scores = score(tmp_path)
-    # Found: 7 of 7, 2 of 2, 2 of 2, 1 of 1. Cameras and scenes are the same in every run; the
-    # simulations' seeds are not (they follow from the sealed names).
+    # Floors, below what is found: all seeds are the same in every run, but not every machine's
+    # arithmetic.
     assert sum(answer.right for answer in scores.of('single')) >= 5
     assert sum(answer.wrong for answer in scores.of('single')) <= 1
     assert sum(answer.right for answer in scores.of('none')) >= 1

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from concurrent.futures import as_completed, ProcessPoolExecutor
 import datetime
+import hashlib
 import importlib
 import json
 import multiprocessing
@@ -140,6 +141,8 @@ def run_case(out: Path, name: str, label: dict[str, Any], diagnoser: str, measur
 
     """
     planned = Planned.from_json(label)
+    # The same in every run, unlike the salted name, and says nothing of the camera's own.
+    seed = int(hashlib.sha256(f'diagnosis/{planned.seed}'.encode()).hexdigest()[:7], 16)
     cache = out / 'cache'
     result: dict[str, Any] = {'error': None, 'diagnosis': None, 'baselines': {}, 'realised': None}
     folder = Path(tempfile.mkdtemp(prefix=f'campaign-{name}-'))
@@ -148,12 +151,12 @@ def run_case(out: Path, name: str, label: dict[str, Any], diagnoser: str, measur
         start = time.perf_counter()
         try:
             result['diagnosis'] = _function(diagnoser)(
-                folder, without=planned.without, seed=int(name[:7], 16), jobs=1)
+                folder, without=planned.without, seed=seed, jobs=1)
         except Exception:  # noqa: B902 - whatever goes wrong in there is its answer
             result['error'] = traceback.format_exc(limit=20)
         result['seconds'] = time.perf_counter() - start
         if planned.baselines:
-            result['baselines'] = all_baselines(folder, int(name[:7], 16))
+            result['baselines'] = all_baselines(folder, seed)
     finally:
         shutil.rmtree(folder, ignore_errors=True)
     if planned.realise and result['diagnosis'] and result['diagnosis'].get('effects'):
