@@ -1,6 +1,6 @@
 """Made-up campaigns to develop and test the diagnosis on: rooms of boxes, seen with errors."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
 import math
@@ -200,8 +200,3 @@ def render_views(seed: int, recordings: int, frames: int, usecase: str,
                        'stamp': stamps, 'uptime': uptime + stamps - stamps[0],
                        'pose_error': np.array([*step, x, y, z])}, stacks[2], stacks[3]))
     return views
-
-
-def standard_effects(names: Sequence[str], strength: float) -> dict[str, Any]:
-    """Return typical parameters at a strength."""
-    return {name: {'strength': strength} for name in names}

@@ -17,25 +17,15 @@ from flexx2_sim_ros.batch.arrays import at, at_byte
 from flexx2_sim_ros.batch.effect_tables import Effects, Light
 from flexx2_sim_ros.batch.kernels import cos_incidence, Lens, padded
 from flexx2_sim_ros.camera import philox
-from flexx2_sim_ros.effects import filtering, motion, wrapping
+from flexx2_sim_ros.effects import motion, wrapping
 from flexx2_sim_ros.effects import noise as noise_effects
 import warp as wp
 
-TAILS = wp.constant(wp.uint32(philox.STREAM_TAILS))
-WRAP = wp.constant(wp.uint32(philox.STREAM_WRAP))
-WRAP_SHARE = wp.constant(wp.uint32(philox.STREAM_WRAP_SHARE))
-LOW_SIGNAL = wp.constant(wp.uint32(philox.STREAM_LOW_SIGNAL))
-GRAZING = wp.constant(wp.uint32(philox.STREAM_GRAZING))
-SATURATION = wp.constant(wp.uint32(philox.STREAM_SATURATION))
-_NAN = wp.constant(wp.float32(math.nan))
+_WRAP = wp.constant(wp.uint32(philox.STREAM_WRAP))
 _FLT_MAX = wp.constant(wp.float32(3.4028235e38))
-_DEGREES = wp.constant(wp.float32(180.0 / math.pi))
-_RADIANS = wp.constant(wp.float32(math.pi / 180.0))
-_PER_NANOSECOND = wp.constant(wp.float32(1e-9))
 _TURN = wp.constant(wp.float32(2.0 * math.pi))
 _DARKEST = wp.constant(wp.float32(noise_effects.DARKEST))
 _RARE = wp.constant(wp.float32(wrapping.RARE))
-_RESET_SIGMAS = wp.constant(wp.float32(filtering.RESET_SIGMAS))
 _ALIKE_SHARE = wp.constant(wp.float32(motion.ALIKE_SHARE))
 _ALIKE_SPEED = wp.constant(wp.float32(motion.ALIKE_SPEED))
 
@@ -270,7 +260,7 @@ def unwrapped(e: Effects, light: Light, shifts: wp.vec3f, sigma: wp.float32, pix
         for f in range(3):
             if f < light.frequencies:
                 errors[f] = shifts[f] + light.spreads[f] * spread * draw_normal(
-                    f * pixels + pixel, WRAP, stamp, key)
+                    f * pixels + pixel, _WRAP, stamp, key)
         apart = wp.bool(False)
         for k in range(3):
             i = k // 2
