@@ -16,7 +16,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 _CAMERAS = ['front_left', 'front_right']
-_START_SECONDS = 90.0
+_START_SECONDS = 180.0
 
 
 def add_parser(commands: Any) -> None:

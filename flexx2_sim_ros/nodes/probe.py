@@ -111,6 +111,7 @@ class Probe:
         self.captures: dict[str, Capture] = {}
         self._clean: dict[str, dict[int, tuple[float, Image]]] = {name: {} for name in cameras}
         self._latest = dict.fromkeys(cameras, 0)
+        self._seen: set[str] = set()
         self._from = dict.fromkeys(cameras, 1 << 62)
         self._clients = {}
         for name in cameras:
@@ -138,6 +139,7 @@ class Probe:
 
     def _on_depth(self, name: str, message: Image) -> None:
         now = time.perf_counter()
+        self._seen.add(name)
         stamp = stamp_nanoseconds(message.header.stamp)
         received = self._clean[name].get(stamp)
         if stamp < self._from[name] or received is None:
@@ -157,8 +159,9 @@ class Probe:
         return True
 
     def streaming(self) -> bool:
-        """Say whether clean images of every camera arrive and its node answers."""
-        return all(self._latest.values()) and all(
+        """Say whether simulated images of every camera arrive and its node answers."""
+        # A node's services are there before it has compiled its camera, which takes a while.
+        return self._seen == self._clients.keys() and all(self._latest.values()) and all(
             client.services_are_ready() for client in self._clients.values())
 
     def start(self, usecase: str) -> None:
