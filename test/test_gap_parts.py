@@ -50,7 +50,7 @@ def test_a_pose_error_is_found_to_a_fraction_of_a_millimetre() -> None:
     depth = Camera(seed=1).capture(true, K, stamps, rho).depth
     take = Take('', depth, clean, rho, K, stamps, np.arange(10) == 0, None,
                 flexx2().mode('Mode_9_30fps'), None)
-    found = register(take, np.array([0.01] * 3 + [0.5] * 3))
+    found, sure = register(take, np.array([0.01] * 3 + [0.5] * 3))
     assert found[3:] == pytest.approx([0.1, -0.2, 0.15], abs=0.03)
     assert found[1] == pytest.approx(-0.002, abs=0.0006)
     # Forwards, half of it may as well be the camera's own constant error: not taken off here.

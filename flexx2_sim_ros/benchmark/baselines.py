@@ -5,7 +5,7 @@ All look at the same features as gap_method's first steps: residuals over the ba
 by channel and covariate, against the plain simulation of the same scenes.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -43,6 +43,16 @@ _USUAL_ACCURACY = 0.75  # ... and for a classifier's accuracy
 
 
 @dataclass(frozen=True)
+class _Scene:
+    # What a recording shows: clean depth and sigma (T or 1, H, W), which pixels are looked at
+    # (H W,), their covariates (N, axes).
+    clean: np.ndarray
+    sigma: np.ndarray
+    keep: np.ndarray
+    covariates: np.ndarray
+
+
+@dataclass(frozen=True)
 class _Sample:
     # Pixels of one recording: residuals (T, N) over sigma, NaN invalid; beside (T, N) those of
     # the next pixel; covariates (N, axes).
@@ -69,13 +79,17 @@ def all_baselines(folder: Path, seed: int) -> dict[str, str]:
 
     """
     recordings = [load_recording(path) for path in sorted(folder.glob('*.npz'))]
-    real = [_sample(recording, recording.depth) for recording in recordings]
-    plain = [_sample(recording, _simulate(recording, (), seed + 1)) for recording in recordings]
+    scenes = [_scene(recording) for recording in recordings]
+    real = [_sample(scene, recording.depth)
+            for scene, recording in zip(scenes, recordings, strict=True)]
+    plain = _simulated(recordings, scenes, (), seed)
     edges = _edges(real)
-    gap = _features(real, edges) - _features(plain, edges)
+    places = [_places(scene, edges) for scene in scenes]
+    base = _features(plain, places)
+    gap = _features(real, places) - base
     rng = np.random.default_rng(seed)
-    return {'largest gap': _largest(gap), 'in-sample BIC': _bic(gap, recordings, plain, edges,
-                                                                seed),
+    return {'largest gap': _largest(gap), 'in-sample BIC': _bic(gap, _templates(
+                recordings, scenes, places, base, seed)),
             'classifier': _classifier(real, plain, seed),
             'random': str(rng.choice([*sorted(CATALOGUE), 'none', 'unknown']))}
 
@@ -91,17 +105,21 @@ def _simulate(recording: Recording, effects: Any, seed: int) -> np.ndarray:
         known[frames] if known is not None and known.ndim == 3 else known).depth
 
 
-def _sample(recording: Recording, depth: np.ndarray) -> _Sample:
+def _simulated(recordings: list[Recording], scenes: list[_Scene], effects: Any,
+               seed: int) -> list[_Sample]:
+    return [_sample(scene, _simulate(recording, effects, seed + 1))
+            for recording, scene in zip(recordings, scenes, strict=True)]
+
+
+def _scene(recording: Recording) -> _Scene:
     clean = np.asarray(recording.clean_depth, np.float32)
-    depth = depth[:_FRAMES]
-    stack = np.broadcast_to(clean[:_FRAMES] if clean.ndim == 3 else clean, depth.shape)
-    height, width = depth.shape[1:]
+    stack = clean[:_FRAMES] if clean.ndim == 3 else clean[None]
+    height, width = clean.shape[-2:]
     camera = Intrinsics.from_matrix(recording.K, width, height)
     mode = Camera(recording.usecase or '').mode
     first = np.ascontiguousarray(stack[0])
     surface = analyse(first, camera)
     sigma = np.nan_to_num(mode.noise.sigma_z(first, surface.incidence), nan=1.0)
-    residual = np.clip((depth - stack) / np.maximum(sigma, 1e-6), -6, 6)
     y, x = np.mgrid[:height, :width]
     jump = (surface.row_jumps + surface.column_jumps) > 0
     near = jump | np.roll(jump, 1, 0) | np.roll(jump, 1, 1) | np.roll(jump, 2, 1)
@@ -113,10 +131,16 @@ def _sample(recording: Recording, depth: np.ndarray) -> _Sample:
     images = (first, surface.incidence, np.hypot(x - camera.cx, y - camera.cy), amplitude,
               near.astype(float), np.full(first.shape, uptime))
     keep = (np.isfinite(first) & (first < mode.range_max)).ravel()
+    return _Scene(stack, np.maximum(sigma, 1e-6), keep,
+                  np.stack([np.nan_to_num(image).ravel()[keep] for image in images], axis=1))
+
+
+def _sample(scene: _Scene, depth: np.ndarray) -> _Sample:
+    depth = depth[:_FRAMES]
+    residual = np.clip((depth - scene.clean) / scene.sigma, -6, 6)
     beside = np.roll(residual, -1, axis=2)
-    return _Sample(residual.reshape(len(depth), -1)[:, keep],
-                   beside.reshape(len(depth), -1)[:, keep],
-                   np.stack([np.nan_to_num(image).ravel()[keep] for image in images], axis=1))
+    return _Sample(residual.reshape(len(depth), -1)[:, scene.keep],
+                   beside.reshape(len(depth), -1)[:, scene.keep], scene.covariates)
 
 
 def _edges(samples: list[_Sample]) -> list[np.ndarray]:
@@ -125,11 +149,16 @@ def _edges(samples: list[_Sample]) -> list[np.ndarray]:
             if _AXES[k] != 'edge' else np.array([0.5]) for k in range(len(_AXES))]
 
 
-def _features(samples: list[_Sample], edges: list[np.ndarray]) -> np.ndarray:
+def _places(scene: _Scene, edges: list[np.ndarray]) -> list[np.ndarray]:
+    # Which bin of each axis pixels lie in.
+    return [np.digitize(scene.covariates[:, k], cuts) for k, cuts in enumerate(edges)]
+
+
+def _features(samples: list[_Sample], places: list[list[np.ndarray]]) -> np.ndarray:
     # (channels, axes, bins), in tolerances.
     out = np.zeros((len(_CHANNELS), len(_AXES), _BINS))
     sums = np.zeros((len(_AXES), _BINS, 9))
-    for sample in samples:
+    for sample, bins in zip(samples, places, strict=True):
         e, b = sample.residual, sample.beside
         valid, pair = np.isfinite(e), np.isfinite(e) & np.isfinite(b)
         late = valid[1:] & valid[:-1]
@@ -142,8 +171,7 @@ def _features(samples: list[_Sample], edges: list[np.ndarray]) -> np.ndarray:
             np.full(e.shape[1], len(e)), valid.sum(0), zero.sum(0), (around ** 2).sum(0),
             (np.abs(zero) >= 6).sum(0), late.sum(0), (around[1:] * around[:-1] * late).sum(0),
             pair.sum(0), (around * other * pair).sum(0)], axis=1).astype(float)
-        for k, cuts in enumerate(edges):
-            place = np.digitize(sample.covariates[:, k], cuts)
+        for k, place in enumerate(bins):
             for s in range(9):
                 sums[k, :, s] += np.bincount(place, parts[:, s], _BINS)
     n, v = np.maximum(sums[..., 0], 1), np.maximum(sums[..., 1], 1)
@@ -169,14 +197,12 @@ def _read(channel: str, axis: str) -> str:
     return _READING.get((channel, axis), _READING[(channel, '')])
 
 
-def _bic(gap: np.ndarray, recordings: list[Recording], plain: list[_Sample],
-         edges: list[np.ndarray], seed: int) -> str:
+def _bic(gap: np.ndarray, templates: Iterable[tuple[str, np.ndarray]]) -> str:
     # Each effect at its default size gives a direction; the best multiple of it, on all data.
     wanted = np.clip(gap, -30, 30).ravel()
-    base = _features(plain, edges)
     count = wanted.size
     scores = {'none': count * np.log((wanted ** 2).mean() + 1) - _USUAL_BIC}
-    for name, template in _templates(recordings, edges, base, seed):
+    for name, template in templates:
         if template @ template < 1:  # It does nothing in these scenes.
             continue
         size = float(template @ wanted) / float(template @ template)
@@ -185,12 +211,12 @@ def _bic(gap: np.ndarray, recordings: list[Recording], plain: list[_Sample],
     return min(scores, key=lambda name: scores[name])
 
 
-def _templates(recordings: list[Recording], edges: list[np.ndarray], base: np.ndarray,
+def _templates(recordings: list[Recording], scenes: list[_Scene],
+               places: list[list[np.ndarray]], base: np.ndarray,
                seed: int) -> Iterator[tuple[str, np.ndarray]]:
     for name in sorted(CATALOGUE):
-        samples = [_sample(recording, _simulate(recording, {name: {'strength': 1.0}}, seed + 1))
-                   for recording in recordings]
-        yield name, np.clip(_features(samples, edges) - base, -30, 30).ravel()
+        samples = _simulated(recordings, scenes, {name: {'strength': 1.0}}, seed)
+        yield name, np.clip(_features(samples, places) - base, -30, 30).ravel()
 
 
 def _classifier(real: list[_Sample], plain: list[_Sample], seed: int) -> str:

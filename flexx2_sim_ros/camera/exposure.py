@@ -1,6 +1,6 @@
 """One frame in the making: what effects look at and change, stage by stage."""
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
 from enum import IntEnum
 import math
@@ -61,13 +61,43 @@ class Memory:
         self.kept = {name: kept for name, kept in self.kept.items() if name in names}
 
 
+@dataclass(frozen=True)
+class Common:
+    """
+    What exposures of the same frame have in common, whatever their effects: made once, by `once`.
+
+    Attributes
+    ----------
+    scene : dict
+        By what it is: what the light and the model's noise are. Exposures that share it have the
+        same clean depth, reflectivity and intrinsics.
+    frame : dict
+        The random numbers and what they do. Exposures that share it also have the same stamp, key
+        and ``exposure_share``.
+
+    """
+
+    scene: dict[Any, Any] = field(default_factory=dict)
+    frame: dict[Any, Any] = field(default_factory=dict)
+
+
+def once(kept: dict[Any, Any] | None, key: Any, make: Callable[[], Any]) -> Any:
+    """Return what is kept under a key, made if it is not there yet; without a place, made."""
+    if kept is None:
+        return make()
+    if key not in kept:
+        kept[key] = make()
+    return kept[key]
+
+
 @dataclass
 class Exposure:
     """
     One frame in the making.
 
     All images are (H, W). A stage finds the fields of the stages before it filled in; which field
-    belongs to which stage is said below. Effects may change them in place or replace them.
+    belongs to which stage is said below. Effects may change them in place or replace them; from
+    WRAP on only ``measured`` in place.
 
     Attributes
     ----------
@@ -107,6 +137,10 @@ class Exposure:
         WRAP and later: float32 depth with noise, metres, NaN where invalid.
     saturated : numpy.ndarray or None
         DROPOUT: bool, invalid because of too much light.
+    common : Common or None
+        Shared with other exposures of the same frame, if there are any; for the pipeline alone.
+        What effects may change in place it gives each exposure of its own, but for ``depth`` and
+        ``reflectivity``, which are copied before effects of GEOMETRY.
 
     """
 
@@ -128,6 +162,7 @@ class Exposure:
     cosine: np.ndarray = None  # type: ignore[assignment]
     measured: np.ndarray = None  # type: ignore[assignment]
     saturated: np.ndarray | None = None
+    common: Common | None = None
 
     @property
     def signal(self) -> np.ndarray:

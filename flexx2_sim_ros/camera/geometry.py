@@ -5,7 +5,7 @@ Each output pixel's ray is looked up in the input. It takes the tangent plane of
 it falls into (in inverse depth, where planes are exact), never a mixture of two surfaces.
 """
 
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 from flexx2_sim_ros.camera.intrinsics import Intrinsics
 from flexx2_sim_ros.camera.philox import FAST
@@ -36,6 +36,11 @@ def pixel_rays(camera: Intrinsics) -> np.ndarray:
         cannot be inverted.
 
     """
+    return _pixel_rays(camera).copy()
+
+
+@lru_cache(maxsize=16)  # Inverting the distortion takes longer than all that is done with it.
+def _pixel_rays(camera: Intrinsics) -> np.ndarray:
     v, u = np.mgrid[:camera.height, :camera.width].astype(np.float64)
     target_x = (u - camera.cx) / camera.fx
     target_y = (v - camera.cy) / camera.fy

@@ -23,9 +23,23 @@ _ONE = np.float32(1.0)
 _TWO_PI = np.float32(2.0 * math.pi)
 
 
-def _between(early: np.ndarray, late: np.ndarray, share: float, seconds: float) -> np.ndarray:
-    # What is seen at a moment between two frames (or a little after): a surface moves evenly;
-    # where another one has come into view, the frame that is nearer in time shows what there is.
+def between(early: np.ndarray, late: np.ndarray, share: float, seconds: float) -> np.ndarray:
+    """
+    Return what is seen at a moment between two frames, or a little after.
+
+    A surface moves evenly; where another one has come into view, the frame that is nearer in time
+    shows what there is.
+
+    Parameters
+    ----------
+    early, late : numpy.ndarray
+        (H, W) float32 metres.
+    share : float
+        0 at the time of ``early``, 1 at that of ``late``.
+    seconds : float
+        Between the two.
+
+    """
     with np.errstate(invalid='ignore', over='ignore'):
         change = late - early
         same = np.abs(change) < np.maximum(np.float32(ALIKE_SHARE) * late,
@@ -69,7 +83,7 @@ class TimeOffset(Effect):
         index = next((i for i in range(1, len(kept)) if kept[i][0] >= moment), len(kept) - 1)
         (start, early, _), (end, late, _) = kept[index - 1:index + 1]
         share = (moment - start) / (end - start)
-        exposure.depth = _between(early, late, share, (end - start) * 1e-9)
+        exposure.depth = between(early, late, share, (end - start) * 1e-9)
         exposure.reflectivity = kept[index if share >= 0.5 else index - 1][2]
 
 
@@ -134,7 +148,7 @@ def _demodulate(early, late, moments, wave_number, alike, near, shift):  # type:
 
 @njit(inline='always')
 def _tap(here, start, same, moment, add, turns):  # type: ignore[no-untyped-def]
-    # As `_between`, and the cosine and sine of its phase.
+    # As `between`, and the cosine and sine of its phase.
     even = here + start * (_ONE - moment)
     nearer = here if moment >= _HALF else here + start
     phase = turns * ((even if same else nearer) + add)

@@ -172,11 +172,11 @@ def catalogue(without: Collection[str] = ()) -> tuple[list[Column], list[Candida
     one('excess_noise', 'factor', (0.8, 1.15, 1.3, 1.6), 0.4, 3.0)
     if 'excess_noise' in without:
         nodes('excess_noise', 'factor', (0.8, 1.15))  # for a base sigma that is a little wrong
-    one('ambient_light', 'k', (0.0004, 0.0008, 0.0016), 0.0, 0.01)
+    one('ambient_light', 'k', (0.0001, 0.0002, 0.0004, 0.0008, 0.0016), 0.0, 0.01)
     one('heavy_tails', 'share', (0.005, 0.01, 0.02, 0.04), 0.0, 0.2)
     one('lateral_noise', 'strength', (0.5, 1.0, 2.0), 0.0, 4.0, few=False)
     one('quantisation', 'step', (0.001, 0.002, 0.004, 0.008), 0.0, 0.02)
-    one('motion_artefact', 'stretch', (1.0,), 0.0, 6.0)
+    one('motion_artefact', 'stretch', (1.0,), 0.0, 2.0)
     one('time_offset', 'latency', (-0.02, 0.01, 0.02, 0.04), -0.08, 0.12)
     if 'intrinsics_error' not in without:
         steps = {'focal': 0.005, 'cx': 0.7, 'cy': 0.7, 'k1': -0.01}

@@ -15,7 +15,7 @@ from flexx2_sim_ros.gap.features import (
     VALID,
 )
 from flexx2_sim_ros.gap.measures import distances, histogram, Measures
-from flexx2_sim_ros.gap.pose import moved
+from flexx2_sim_ros.gap.pose import moved, unknown_border
 import numpy as np
 
 _SEEDS = 2
@@ -68,7 +68,7 @@ def confirm(take: Take, pose: np.ndarray, effects: dict[str, Any], seed: int) ->
 
     """
     clean, reflectivity = moved(take.clean, take.reflectivity, take.K, take.mode, pose)
-    scenes = scenes_of(take, clean, reflectivity)
+    scenes = scenes_of(take, clean, reflectivity, unknown_border(pose, clean, take.K))
     warm = warm_of(take.fresh)
 
     def look(depth: np.ndarray) -> tuple[Sums, Measures]:

@@ -1,6 +1,7 @@
 """What each pixel of a clean frame is like: the axes along which a gap is looked for."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 import math
 
 from flexx2_sim_ros.camera.axial import model_sigma
@@ -14,6 +15,8 @@ TILE_ROWS, TILE_COLUMNS = 22, 28
 FINE_STEP = 0.06  # metres; a fourth harmonic at 80 MHz has a period of 0.47 m
 FINE_BINS = 64
 EDGE_REACH = 3  # pixels from a jump that are looked at as edges
+CREASE_SHARE = 0.004
+CREASE_NEAR = 3
 NEAR = 5  # pixels from a jump that are not looked at as surfaces: lateral noise gets there
 
 
@@ -78,8 +81,11 @@ class Scene:
 
     Attributes
     ----------
-    bins : numpy.ndarray
-        (H, W, A) int16, for each axis the pixel's bin among all, -1 for none.
+    runs : numpy.ndarray
+        (N, 3) int16, by rows: pixels side by side that are in one bin: the first column, the one
+        after the last, the bin among those of all axes.
+    first : numpy.ndarray
+        (H + 1,) int32, where each row's runs start.
     sigma : numpy.ndarray
         (H, W) float32, the base model's sigma_z, metres.
     clean : numpy.ndarray
@@ -89,14 +95,16 @@ class Scene:
 
     """
 
-    bins: np.ndarray
+    runs: np.ndarray
+    first: np.ndarray
     sigma: np.ndarray
     clean: np.ndarray
     inside: np.ndarray
 
 
 def look_at(clean: np.ndarray, before: np.ndarray | None, interval: float,
-            reflectivity: np.ndarray | None, K: np.ndarray, mode: Mode) -> Scene:  # noqa: N803
+            reflectivity: np.ndarray | None, K: np.ndarray, mode: Mode,  # noqa: N803
+            border: int = 0) -> Scene:
     """
     Sort a frame's pixels along all axes.
 
@@ -114,6 +122,8 @@ def look_at(clean: np.ndarray, before: np.ndarray | None, interval: float,
         (3, 3) camera matrix.
     mode : Mode
         For its range and noise.
+    border : int
+        Pixels along the image's border that are not looked at.
 
     Returns
     -------
@@ -128,31 +138,29 @@ def look_at(clean: np.ndarray, before: np.ndarray | None, interval: float,
     model_sigma(surface.inverse_depth, surface.cos_incidence,
                 np.array([noise.a, noise.b, noise.c, noise.d, noise.n], np.float32),
                 np.float32(camera_config().incidence_cap), sigma)
-    bins = np.full((height, width, len(AXES)), -1, np.int16)
+    bins = np.full((len(AXES), height, width), -1, np.int16)
     index = {name: i for i, name in enumerate(AXES)}
     with np.errstate(invalid='ignore', divide='ignore'):
         seen = (clean >= mode.range_min) & (clean <= mode.range_max)
         edge = np.full((height, width), -1, np.int16)
         near = np.zeros((height, width), np.bool_)
         _edges(surface.inverse_depth, surface.row_jumps, surface.column_jumps, edge, near)
+        _creases(surface.inverse_depth, CREASE_SHARE, near)
+        known = np.zeros((height, width), bool)
+        known[border:height - border, border:width - border] = True
+        seen &= known
         inside = seen & ~near
 
         def put(name: str, values: np.ndarray, where: np.ndarray) -> None:
             axis = AXES[name]
-            found = (np.searchsorted(np.array(axis.edges), values) if axis.edges else values)
-            bins[where, index[name]] = (axis.start + found[where]).astype(np.int16)
+            _put(values, where, np.array(axis.edges), axis.start, bins[index[name]])
 
-        put('all', np.zeros((height, width), int), inside)
         put('distance', clean, inside)
         put('fine_distance', clean, inside & (clean < FINE_STEP * FINE_BINS))
         put('incidence', np.degrees(surface.incidence), inside)
-        v, u = np.mgrid[:height, :width]
-        radius = (np.hypot(u - (width - 1) / 2, v - (height - 1) / 2)
-                  / math.hypot(width / 2, height / 2))
-        put('radius', radius, inside)
-        put('region', (v * 3 // height) * 4 + u * 4 // width, inside)
-        put('tile', (v * TILE_ROWS // height) * TILE_COLUMNS + u * TILE_COLUMNS // width, inside)
-        put('edge', edge, seen & (edge >= 0))
+        for name, places in _places(height, width).items():
+            np.copyto(bins[index[name]], places, where=inside)
+        np.copyto(bins[index['edge']], AXES['edge'].start + edge, where=seen & (edge >= 0))
         rho = np.float32(1) if reflectivity is None else reflectivity
         put('log_amplitude', np.log(rho * surface.cos_incidence / clean ** 2), inside)
         bend = _bend(surface.inverse_depth, max(width // 28, 2))
@@ -162,8 +170,57 @@ def look_at(clean: np.ndarray, before: np.ndarray | None, interval: float,
             put('speed', (clean - before) / np.float32(interval), inside & same)
         # Where the mode should see nothing: because nothing is there, or it is out of range.
         far = (clean > 1.1 * mode.range_max) & (clean > 0)
-        put('beyond', np.where(far, 1, 0), (far | ~(clean > 0)) & (edge < 0))
-    return Scene(bins, sigma, np.where(seen, clean, np.float32(np.nan)), inside)
+        np.copyto(bins[index['beyond']], AXES['beyond'].start + far.astype(np.int16),
+                  where=(far | ~(clean > 0)) & (edge < 0) & known)
+    runs, first = _runs(bins)
+    return Scene(runs, first, sigma, np.where(seen, clean, np.float32(np.nan)), inside)
+
+
+@lru_cache(maxsize=4)
+def _places(height: int, width: int) -> dict[str, np.ndarray]:
+    # Bins that are a matter of the place in the image alone, (H, W) int16.
+    v, u = np.mgrid[:height, :width]
+    radius = (np.hypot(u - (width - 1) / 2, v - (height - 1) / 2)
+              / math.hypot(width / 2, height / 2))
+    places = {'all': np.zeros((height, width), int),
+              'radius': np.searchsorted(np.array(AXES['radius'].edges), radius),
+              'region': (v * 3 // height) * 4 + u * 4 // width,
+              'tile': (v * TILE_ROWS // height) * TILE_COLUMNS + u * TILE_COLUMNS // width}
+    return {name: (AXES[name].start + place).astype(np.int16) for name, place in places.items()}
+
+
+@njit(cache=True)
+def _put(values, where, edges, start, out):  # type: ignore[no-untyped-def]
+    # Like numpy.searchsorted, NaN last; neighbours are mostly in the same bin.
+    i = 0
+    for y in range(out.shape[0]):
+        for x in range(out.shape[1]):
+            if where[y, x]:
+                value = values[y, x]
+                while i > 0 and value <= edges[i - 1]:
+                    i -= 1
+                while i < edges.size and not value <= edges[i]:
+                    i += 1
+                out[y, x] = start + i
+
+
+@njit(cache=True)
+def _runs(bins):  # type: ignore[no-untyped-def]
+    axes, height, width = bins.shape
+    first = np.zeros(height + 1, np.int32)
+    out = np.empty((axes * height * width, 3), np.int16)
+    count = 0
+    for y in range(height):
+        for a in range(axes):
+            start = 0
+            for x in range(1, width + 1):
+                if x == width or bins[a, y, x] != bins[a, y, start]:
+                    if bins[a, y, start] >= 0:
+                        out[count, 0], out[count, 1], out[count, 2] = start, x, bins[a, y, start]
+                        count += 1
+                    start = x
+        first[y + 1] = count
+    return out[:count].copy(), first
 
 
 @njit(cache=True)
@@ -191,6 +248,29 @@ def _edges(p, row_jumps, column_jumps, edge, near):  # type: ignore[no-untyped-d
             if row_jumps[y, x] or column_jumps[y, x]:
                 for yy in range(max(y - NEAR, 0), min(y + NEAR + 2, height)):
                     for xx in range(max(x - NEAR, 0), min(x + NEAR + 2, width)):
+                        near[yy, xx] = True
+
+
+@njit(cache=True)
+def _creases(p, share, near):  # type: ignore[no-untyped-def]
+    # Where a surface bends so much from pixel to pixel that it depends on where between pixels it
+    # does whether a jump is seen there.
+    height, width = near.shape
+    reach = CREASE_NEAR
+    for y in range(height):
+        for x in range(width):
+            j, i = y + PAD, x + PAD
+            here = p[j, i]
+            if here <= 0:
+                continue
+            bent = False
+            if p[j, i - 1] > 0 and p[j, i + 1] > 0:
+                bent |= abs(p[j, i + 1] + p[j, i - 1] - 2 * here) > share * here
+            if p[j - 1, i] > 0 and p[j + 1, i] > 0:
+                bent |= abs(p[j + 1, i] + p[j - 1, i] - 2 * here) > share * here
+            if bent:
+                for yy in range(max(y - reach, 0), min(y + reach + 1, height)):
+                    for xx in range(max(x - reach, 0), min(x + reach + 1, width)):
                         near[yy, xx] = True
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+import math
 
 from flexx2_sim_ros.gap.catalogue import Candidate
 from flexx2_sim_ros.gap.model import Fit, Model, SCALES
@@ -10,26 +11,29 @@ import numpy as np
 
 # Calibrated on campaigns of the base simulator with pose, reflectivity and sigma errors, and on
 # campaigns of the catalogue's and of made-up effects (bench/gap_development.py); a recording.
-GAIN = 1.5
-LEAST_GAIN = 1.0  # if the recordings agree
+GAIN = 1.0
+LEAST_GAIN = 0.5  # if the recordings agree
 _AGREE = 0.97
-GAP = 18.0
+GAP = 4.5
 MOST_EFFECTS = 6
+_FILTERS = frozenset({'spatial_filter', 'temporal_filter'})
+_FILTERED = (0.8, 1.5)  # how much of a filter, and of noise, to begin with
+NEXT_GAIN = 1.5
 _TERM_COST = 0.5  # a recording
 _WEAK_COST = 0.25  # a recording and factor of e below 0.4 of the usual strength
 # What edges that are known to a part of a pixel only may pretend, a recording.
-_DOUBT = {'lateral_noise': 2.0, 'flying_pixels': 1.0}
+_DOUBT = {'lateral_noise': 0.5}
 _FROM_NODE = (3.0, 1.0, 1.0)
 _ALTERNATIVE = 0.8
-_UNKNOWN_SHARE = 0.13
+_UNKNOWN_SHARE = 0.08
 _NEXT_SHARE = 0.04  # half of it while less than half is explained
 _PARTLY_SHARE = 0.5
 # Poses that scatter by more than this share of what is usual are a finding of their own.
-_SCATTERED = 0.4
+_SCATTERED = 0.48
 _NEXT_TO_SCATTERED = 0.15  # for they leave edges behind
 # Loss a recording that the base simulator with errors of pose and reflectivity leaves above that
 # of noise alone: edges are known to a pixel only.
-FLOOR = 12.0
+FLOOR = 4.0
 
 
 @dataclass(frozen=True)
@@ -168,15 +172,19 @@ def decide(model: Model, candidates: Sequence[Candidate],
                 break
             best = max(more, key=lambda c: c.gain)
             little = base.total - chosen.fit.total < 0.5 * excess
-            if best.gain - chosen.gain < max(GAIN * count,
-                                             next_share * excess * (0.5 if little else 1)):
-                break
+            least = max(NEXT_GAIN * count, next_share * excess * (0.5 if little else 1))
+            if best.gain - chosen.gain < least:
+                best = max(_together(chosen, candidates, choice), key=lambda c: c.gain,
+                           default=best)
+                if best.gain - chosen.gain < 2 * least:
+                    break
+                more = [best]
             gained = chosen.gain
             chosen = best
             rivals = [c for c in _best_of_each(more, last=True) if c is not best]
         whole = chosen
         if not scattered:
-            chosen = _prune(chosen, choice, GAIN * count)
+            chosen = _prune(chosen, choice, NEXT_GAIN * count)
         if chosen is not whole:
             alone = len(chosen.fit.candidates) == 1
             rivals, gained = ([c for c in considered if c.fit.candidates[0].effect
@@ -194,19 +202,15 @@ def decide(model: Model, candidates: Sequence[Candidate],
         without = [Choice(base, 0.0)] * len(parts)
     losses = [other.fit for other in without]
     shares = [min(max((one.total - chosen.fit.total) / excess, 0.0), 1.0) for one in losses]
-    order = sorted(range(len(parts)), key=lambda i: (
-        not (scattered and parts[i].effect == 'pose_error'), -shares[i]))
-    fit = _reorder(chosen.fit, order)
-    intervals = [interval(model, losses[i], chosen.fit, base) for i in order]
-    confidences = [min((_certainty(chosen.fit, c.fit) for c in [*rivals[:5], without[i]]),
-                       default=1.0) for i in order]
-    shares = [shares[i] for i in order]
+    intervals = [interval(model, one, chosen.fit, base) for one in losses]
+    confidences = [min((_certainty(chosen.fit, c.fit) for c in [*rivals[:5], other]),
+                       default=1.0) for other in without]
     verdict = _verdict(found, base, excess, found.fit.loss.sum() - null)
     unknown = verdict == 'unknown'
     alternatives = [_alternative(model, choice, base, excess, one, base if unknown else chosen.fit)
                     for one in (considered[:3] if unknown else equals)]
-    return Decision(verdict, base, fit, shares, intervals, confidences, alternatives, considered,
-                    excess)
+    return Decision(verdict, base, chosen.fit, shares, intervals, confidences, alternatives,
+                    considered, excess)
 
 
 def _alternative(model: Model, choice: Callable[..., Choice], base: Fit, excess: float,
@@ -218,6 +222,18 @@ def _alternative(model: Model, choice: Callable[..., Choice], base: Fit, excess:
         one.fit, tuple(c.effect for c in chosen.candidates if c.effect not in kept),
         float(np.clip((without.total - one.fit.total) / excess, 0, 1)),
         interval(model, without, one.fit, base), _certainty(one.fit, chosen))
+
+
+def _together(chosen: Choice, candidates: Sequence[Candidate],
+              choice: Callable[..., Choice]) -> list[Choice]:
+    # A camera's noise is measured behind its filters: with a filter alone there is too little.
+    taken = {c.effect for c in chosen.fit.candidates}
+    if 'excess_noise' in taken:
+        return []
+    noise = [c for c in candidates if c.effect == 'excess_noise']
+    return [choice([*chosen.fit.candidates, one, *noise],
+                   np.concatenate([chosen.fit.values, _FILTERED]))
+            for one in candidates if noise and one.effect in _FILTERS and one.effect not in taken]
 
 
 def _oddity(fit: Fit) -> float:
@@ -271,17 +287,6 @@ def _prune(chosen: Choice, choice: Callable[..., Choice], least: float) -> Choic
     return chosen
 
 
-def _reorder(fit: Fit, order: Sequence[int]) -> Fit:
-    places, start = [], 0
-    for candidate in fit.candidates:
-        places.append(np.arange(start, start + len(candidate.terms)))
-        start += len(candidate.terms)
-    index = np.concatenate([places[i] for i in order]) if order else np.zeros(0, int)
-    index = index.astype(int)
-    return Fit(tuple(fit.candidates[i] for i in order), fit.values[index], fit.left_out[:, index],
-               fit.sigma, fit.motion, fit.loss, fit.held_out, fit.pose_loss, fit.pose_held_out)
-
-
 def _certainty(one: Fit, other: Fit) -> float:
     # That one explains recordings it has not seen better than the other.
     count = len(one.held_out)
@@ -310,12 +315,17 @@ def interval(model: Model, without: Fit, chosen: Fit, base: Fit) -> list[float]:
 
 
 def ratio_interval(top: np.ndarray, bottom: np.ndarray) -> list[float]:
-    """Return the 90 % jackknife interval of sum(top) / sum(bottom), within 0..1."""
+    """
+    Return the 90 % interval of sum(top) / sum(bottom) in as many other recordings, within 0..1.
+
+    The jackknife says how much the ratio varies from one set of recordings to another; what is
+    predicted and what is found in the other set both do.
+    """
     count = len(top)
     whole = top.sum() / max(bottom.sum(), 1e-9)
     if count < 3:
         return [0.0, 1.0]
     rest = (top.sum() - top) / np.maximum(bottom.sum() - bottom, 1e-9)
     error = np.sqrt((count - 1) / count * np.square(rest - rest.mean()).sum())
-    reach = t_quantile(0.95, count - 1) * float(error)
+    reach = t_quantile(0.95, count - 1) * math.sqrt(2) * float(error)
     return [float(np.clip(whole - reach, 0, 1)), float(np.clip(whole + reach, 0, 1))]

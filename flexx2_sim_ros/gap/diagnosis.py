@@ -190,7 +190,8 @@ def _table(model: Model, decision: Decision, effects: list[Effect], confirmed: l
         'alternatives': [_alternative(model, one) for one in decision.alternatives],
         'unexplained': (unexplained(model, residual, model.null_loss.sum(axis=0))
                         if decision.verdict != 'none' else []),
-        'where': cells(model, difference) if decision.verdict != 'none' else [],
+        'where': (cells(model, difference, decision.verdict == 'identified')
+                  if decision.verdict != 'none' else []),
         'gap': _gap(model, decision, confirmed),
         'recordings': [
             *({'name': e.name, 'used': True, 'reason': '', 'frames': e.frames,

@@ -4,22 +4,37 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from flexx2_sim_ros.gap.covariates import AXES, BINS, Scene
-from numba import njit
+from flexx2_sim_ros.gap.kernels import (
+    ABS2,
+    count_depths,
+    ERROR,
+    EXPECT,
+    gather_rows,
+    grain_moments,
+    HIGH,
+    LATTICE_BIN,
+    LATTICE_RANGE,
+    less_around,
+    LOW,
+    N1,
+    N2,
+    N_NEIGHBOUR,
+    NEIGHBOUR,
+    SQUARE1,
+    SQUARE2,
+    TIME,
+    TIME2,
+    TREND,
+    VALID,
+    WIDTH,
+)
 import numpy as np
 
-CLIP = np.float32(6.0)
-_CLIP2 = np.float32(8.5)  # differences of two
 ENOUGH = 150  # samples without which a bin says nothing
-_LATTICE_BIN = 1e-4  # metres
-_LATTICE_RANGE = 7.5
 # Steps in which depth may come, metres: a lattice shows at its own step and those of which it is
 # a multiple.
 _LATTICE_STEPS = {'lattice_coarse': (0.006, 0.02), 'lattice_medium': (0.003, 0.006),
                   'lattice_small': (0.0015, 0.003), 'lattice_fine': (0.0006, 0.0015)}
-WIDTH = 16
-(EXPECT, VALID, ERROR, HIGH, LOW, N2, ABS2, SQUARE2, N1, SQUARE1, NEIGHBOUR, N_NEIGHBOUR, TREND,
- TIME2, TIME, INVERSE) = range(16)
-
 # Channel -> (what a difference must exceed to matter, unit).
 CHANNELS = {'bias': (0.10, 'sigma'), 'invalid': (0.008, ''), 'high': (0.004, ''),
             'low': (0.004, ''), 'log_variance': (0.10, ''), 'kurtosis': (0.05, ''),
@@ -122,145 +137,47 @@ def accumulate(depth: np.ndarray, scenes: Sequence[Scene], fresh: np.ndarray,
     """
     count, height, width = depth.shape
     bins = np.zeros((BINS, WIDTH))
-    part = np.zeros((BINS, WIDTH), np.float32)
-    mean = np.zeros((2, height, width), np.float32)
-    sigma = np.zeros((height, width), np.float32)
-    pairs, losses, spread = np.zeros(7), np.zeros(2), np.zeros(3)
-    errors = np.full((3, height, width), np.nan, np.float32)
-    rows, columns = np.zeros((2, height), np.float32), np.zeros((2, width), np.float32)
-    invalid = np.zeros(height, np.float32)
-    size = int(_LATTICE_RANGE / _LATTICE_BIN)
-    histogram = np.zeros(size) if lattice else None
-    before: np.ndarray | None = None
-    still = len(scenes) == 1
-    pixels = np.zeros((height, width, WIDTH) if still else (1, 1, WIDTH), np.float32)
+    mean, sigma = np.zeros((2, height, width), np.float32), np.zeros((height, width), np.float32)
+    errors = np.empty((3, height, width), np.float32)
+    rows = np.zeros((count, 2, height), np.float32)
+    columns = np.zeros((count, 2, width), np.float32)
+    squares, invalid = np.zeros(count), np.zeros((count, height))
+    use, start = np.zeros(count, np.bool_), fresh.copy()
+    start[:1] = True
     age = 0
     for t in range(count):
-        if fresh[t] or t == 0:
-            errors[:] = np.nan
-            before = None
-            age = 0
-        age += 1
-        scene = scenes[t] if len(scenes) > 1 else scenes[0]
-        part[:] = 0
-        rows[:], columns[:] = 0, 0
-        errors[2], errors[1] = errors[1], errors[0].copy()
-        time = np.float32((t - (count - 1) / 2) / max(count - 1, 1))
-        use = age > warm
-        _gather(depth[t], scene.clean, scene.sigma, scene.bins, errors, time, part, rows, columns,
-                invalid, mean, sigma, use, still, pixels, 2 if thin else 1)
-        if not use:
-            continue
-        if not still:
-            bins += part
-        total, number = float(rows[0].sum()), float(rows[1].sum())
-        if number > 1:
-            squares = float(part[AXES['all'].start, SQUARE1])  # always summed
-            pairs += (total ** 2 - squares, number ** 2 - number,
-                      float((rows[0].astype(float) ** 2).sum()) - squares,
-                      float((rows[1].astype(float) ** 2).sum()) - number,
-                      float((columns[0].astype(float) ** 2).sum()) - squares,
-                      float((columns[1].astype(float) ** 2).sum()) - number, squares)
-            value = np.log(max(squares / number, 1e-9))
-            spread += (value, value ** 2, 1)
-        if before is not None:
-            change = invalid - before
-            losses += (float((change ** 2 - invalid - before).sum()), float(width ** 2 * height))
-        before = invalid.copy()
-        if histogram is not None:
-            seen = depth[t][scene.inside]
-            seen = seen[(seen > 0) & (seen < _LATTICE_RANGE)]
-            histogram += np.bincount((seen / np.float32(_LATTICE_BIN) + np.float32(0.5))
-                                     .astype(np.int32), minlength=size)[:size]
-    if still:
-        part[:] = 0
-        _sort(pixels, scenes[0].bins, part)
-        bins += part
-    return Sums(bins, pairs, losses, spread, mean, sigma, histogram)
-
-
-@njit(cache=True, error_model='numpy', nogil=True)
-def _gather(depth, clean, sigma, bins, errors, time, out, rows, columns,  # type: ignore
-            invalid, mean, sigmas, use, still, pixels, step):
-    height, width = depth.shape
-    axes = bins.shape[2]
-    v = np.zeros(16, np.float32)
-    zero = np.float32(0)
-    one = np.float32(1)
-    for y in range(0, height, step):
-        d_left = np.float32(np.nan)
-        lost = zero
-        for x in range(width):
-            z, c = depth[y, x], clean[y, x]
-            e = (z - c) / sigma[y, x]
-            valid = z == z
-            inner = bins[y, x, 0] >= 0
-            e = min(max(e, -_CLIP2), _CLIP2) if e == e else e
-            errors[0, y, x] = e
-            if not use:
-                continue
-            v[:] = zero
-            v[0] = one
-            d = np.float32(np.nan)
-            if inner and not valid:
-                lost += one
-            if valid:
-                v[1] = one
-            if e == e:
-                v[2] = min(max(e, -CLIP), CLIP)
-                v[3] = one if e > CLIP else zero
-                v[4] = one if e < -CLIP else zero
-                v[12] = v[2] * time
-                v[13] = time * time
-                v[14] = time
-                v[15] = one / sigma[y, x]
-                if inner and abs(e) < CLIP:
-                    mean[0, y, x] += z - c
-                    mean[1, y, x] += one
-                    sigmas[y, x] += sigma[y, x]
-                d1 = e - errors[1, y, x]
-                if d1 == d1:
-                    d1 = min(max(d1, -_CLIP2), _CLIP2)
-                    v[8] = one
-                    v[9] = d1 * d1
-                    if inner:
-                        rows[0, y] += d1
-                        rows[1, y] += one
-                        columns[0, x] += d1
-                        columns[1, x] += one
-                d = e - errors[2, y, x]
-                if d == d:
-                    d = min(max(d, -_CLIP2), _CLIP2)
-                    v[5] = one
-                    v[6] = abs(d)
-                    v[7] = d * d
-                    if inner and d_left == d_left:
-                        v[10] = d * d_left
-                        v[11] = one
-            d_left = d if inner else np.float32(np.nan)
-            if still:
-                if inner:
-                    out[0, 9] += v[9]
-                for k in range(16):
-                    pixels[y, x, k] += v[k]
-            else:
-                for a in range(axes):
-                    i = bins[y, x, a]
-                    if i >= 0:
-                        for k in range(16):
-                            out[i, k] += v[k]
-        invalid[y] = lost
-
-
-@njit(cache=True, nogil=True)
-def _sort(pixels, bins, out):  # type: ignore[no-untyped-def]
-    for y in range(bins.shape[0]):
-        for x in range(bins.shape[1]):
-            for a in range(bins.shape[2]):
-                i = bins[y, x, a]
-                if i >= 0:
-                    for k in range(16):
-                        out[i, k] += pixels[y, x, k]
+        age = 1 if start[t] else age + 1
+        use[t] = age > warm
+    times = ((np.arange(count) - (count - 1) / 2) / max(count - 1, 1)).astype(np.float32)
+    still = len(scenes) == 1
+    # A scene that stands still is gone through once, with all its frames.
+    for part in [slice(None)] if still else [slice(t, t + 1) for t in range(count)]:
+        scene = scenes[0] if still else scenes[part.start]
+        gather_rows(depth[part], scene.clean, scene.sigma, scene.inside, scene.first, scene.runs,
+                    errors, start[part], use[part], not still, times[part], bins, rows[part],
+                    columns[part], squares[part], invalid[part], mean, sigma, 2 if thin else 1)
+    histogram = np.zeros(int(LATTICE_RANGE / LATTICE_BIN)) if lattice else None
+    if histogram is not None:
+        for t in range(count):
+            if use[t]:
+                count_depths(depth[t], scenes[0 if still else t].inside, histogram)
+    (row, row_number), (column, column_number) = (
+        image.astype(float).transpose(1, 0, 2) for image in (rows, columns))
+    number = row_number.sum(axis=1)
+    some = use & (number > 1)
+    value = np.log(np.maximum(squares[some] / number[some], 1e-9))
+    after = np.flatnonzero(use[1:] & use[:-1] & ~start[1:]) + 1
+    change = invalid[after] - invalid[after - 1]
+    return Sums(
+        bins,
+        np.array([f[some].sum() for f in (
+            row.sum(axis=1) ** 2 - squares, number ** 2 - number,
+            (row ** 2).sum(axis=1) - squares, (row_number ** 2).sum(axis=1) - number,
+            (column ** 2).sum(axis=1) - squares, (column_number ** 2).sum(axis=1) - number,
+            squares)]),
+        np.array([(change ** 2 - invalid[after] - invalid[after - 1]).sum(),
+                  float(width ** 2 * height * len(after))]),
+        np.array([value.sum(), (value ** 2).sum(), len(value)]), mean, sigma, histogram)
 
 
 def features(sums: Sums, lattice_base: np.ndarray | None = None,
@@ -320,18 +237,12 @@ def _structure(sums: Sums, lattice_base: np.ndarray | None) -> tuple[np.ndarray,
     if sums.spread[2] > 3:
         average = sums.spread[0] / sums.spread[2]
         out['frame_spread'] = np.sqrt(max(sums.spread[1] / sums.spread[2] - average ** 2, 0))
-    grain = static_grain(sums)
-    good = np.isfinite(grain)
-    if good.sum() > ENOUGH:
-        out['static_grain'] = float(np.mean(np.clip(grain[good], -3, 3) ** 2))
-        for name, axis in (('static_rows', 1), ('static_columns', 0)):
-            number = good.sum(axis=axis)
-            line = np.where(good, np.clip(grain, -3, 3), 0).sum(axis=axis)
-            square = np.where(good, np.clip(grain, -3, 3) ** 2, 0).sum(axis=axis)
-            out[name] = float((line ** 2 - square).sum() / max((number ** 2 - number).sum(), 1))
+    number, square, rows, columns, product = grain_moments(static_grain(sums))
+    if number > ENOUGH:
+        out['static_grain'] = square / number
+        out['static_rows'], out['static_columns'] = rows, columns
         # All that single frames say of a filter in the camera.
-        product = np.clip(grain[:, 1:], -3, 3) * np.clip(grain[:, :-1], -3, 3)
-        out['static_neighbour'] = float(np.nanmean(product) / max(out['static_grain'], 1e-9))
+        out['static_neighbour'] = product / max(out['static_grain'], 1e-9)
     if lattice_base is not None and sums.lattice is not None:
         spectrum = lattice_spectrum(sums)
         for name, (shortest, longest) in _LATTICE_STEPS.items():
@@ -342,21 +253,10 @@ def _structure(sums: Sums, lattice_base: np.ndarray | None) -> tuple[np.ndarray,
 
 def static_grain(sums: Sums) -> np.ndarray:
     """Return the mean error of each pixel less that of those around it, in sigma; (H, W)."""
-    with np.errstate(invalid='ignore', divide='ignore'):
-        count = sums.mean[1]
-        good = count >= max(0.5 * float(count.max(initial=0)), 1)
-        value = np.where(good, sums.mean[0] / sums.sigma, np.float32(0))
-        around, number = box(np.where(good, value, 0), 2), box(good.astype(np.float32), 2)
-        return np.where(good & (number > 12), value - around / number, np.float32(np.nan))
-
-
-def box(image: np.ndarray, reach: int) -> np.ndarray:
-    """Sum over (2 reach + 1)^2 pixels; zeros outside."""
-    padded = np.pad(image.astype(np.float64), reach)
-    total = np.pad(padded.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
-    size = 2 * reach + 1
-    return (total[size:, size:] - total[:-size, size:] - total[size:, :-size]
-            + total[:-size, :-size])
+    count = sums.mean[1]
+    grain: np.ndarray = less_around(sums.mean[0], sums.sigma, count,
+                                    max(0.5 * float(count.max(initial=0)), 1.0))
+    return grain
 
 
 def lattice_spectrum(sums: Sums) -> np.ndarray:
@@ -369,9 +269,9 @@ def lattice_spectrum(sums: Sums) -> np.ndarray:
 def lattice_peak(spectrum: np.ndarray, base: np.ndarray, shortest: float = 0.0006,
                  longest: float = 0.02) -> tuple[float, float]:
     """Return how much (log) depth is more in step than the base's, and with which step, metres."""
-    low, high = round(_LATTICE_RANGE / longest), round(_LATTICE_RANGE / shortest)
+    low, high = round(LATTICE_RANGE / longest), round(LATTICE_RANGE / shortest)
     excess = np.log10((spectrum[low:high] + 3e-4) / (base[low:high] + 3e-4))
     best = int(np.argmax(excess))
     # The longest step of those that do about as well: its fractions are its harmonics.
     best = int(np.argmax(excess > 0.8 * excess[best]))
-    return float(excess[best]), _LATTICE_RANGE / (low + best)
+    return float(excess[best]), LATTICE_RANGE / (low + best)

@@ -17,17 +17,24 @@ _BRIGHTNESS_WEIGHT = 1.5
 # The base sigma is wrong by some 5 %; what that costs at twice as much is four times this, so that
 # one wrong by less than 15 % is no finding.
 _SIGMA_SPREAD, _SIGMA_WEIGHT, SIGMA_BOUND = 0.05, 0.8, 0.16
-_POSE_WEIGHT = 0.7
+_POSE_WEIGHT = 0.5
 _POSE_FLOOR = np.array([0.25, 0.25, 0.25, 0.3, 0.3, 0.15])  # steps
 SCALES = (20.0, 6.0, 2.0, 1.0, 1.0, 1.0)
-# Edges are known to a pixel only: those on each side may lie elsewhere by this much, in steps of
-# yaw or pitch (0.4 px at 224 px width).
+# Edges are known to a pixel only: those on each side may lie elsewhere by this much, pixels.
 _EDGE_SHIFT = 0.4
 _EDGE_WEIGHT = 0.5
+# Edges are known the worse the further the camera is from where it was believed to be: factor on
+# the variance for poses as wrong as usual.
+_EDGES_MOVED = 6.0
 _OWN = 11  # a recording's own errors: pose (6), brightness, edges (4)
 _STRUCTURE = {name: SIZE - len(STRUCTURES) + i for i, name in enumerate(STRUCTURES)}
+# Share by which the number of pixels that are lost or grossly wrong may differ from what the
+# catalogue's model of an effect says: where that begins is no more than a form that fits, and next
+# to the tolerances large effects would never be explained.
+_MISMATCH2 = np.array([0.25 ** 2 if f.channel in ('invalid', 'high', 'low') else 0.0
+                       for f in LAYOUT], np.float32)
 # What edges show hangs together, for all of it shifts with where they are taken to be.
-_EDGE_SHARE = 0.4
+_EDGE_SHARE = 1.0
 _WEIGHTS = np.array([3.0 if f.axis == 'structure' else (_EDGE_SHARE if f.axis == 'edge' else 1.0)
                      / np.sqrt(AXES[f.axis].bins) for f in LAYOUT])
 
@@ -122,10 +129,11 @@ class Model:
         self.prior = prior / STEPS
         # Pixels beside jumps to the right and left shift with yaw, below and above with pitch.
         self._edges = np.stack([
-            self.pose_columns[:, 4 if side < 2 else 3]
+            np.array([e.edge_columns[1 if side < 2 else 0] for e in evidence])
             * np.array([f.axis == 'edge' and f.place // 4 == side for f in LAYOUT])
             for side in range(4)], axis=1) * _EDGE_SHIFT
-        self.scale2 += np.array([e.displaced for e in evidence])
+        far = 1 + _EDGES_MOVED * np.square(self.pose / self.prior).mean(axis=1)
+        self.scale2 += far[:, None] * np.array([e.displaced for e in evidence])
         self._columns = np.array([e.columns for e in evidence])
         self._repeat_shift(base)
         for name in ('scale2', 'gap', 'weights', 'pose_columns', '_edges'):
@@ -201,10 +209,18 @@ class Model:
         """Return what a fit's effects change, (R, SIZE)."""
         return self.predict(fit.candidates, np.tile(fit.values, (len(self.gap), 1)))[0]
 
-    def losses(self, residual: np.ndarray, scale: float = 1.0) -> np.ndarray:
-        """Return each recording's loss, (R,)."""
-        loss = self.weights * np.log1p(residual ** 2 / (self.scale2 * np.float32(scale ** 2)))
-        return loss.sum(axis=1, dtype=float)
+    def losses(self, residual: np.ndarray, shift: np.ndarray | None = None) -> np.ndarray:
+        """Return each recording's loss, (R,), of what is left when effects change ``shift``."""
+        if shift is None:
+            loss = np.log1p(residual ** 2 / self.scale2)
+        else:  # Cauchy's, of a scale that grows with what is predicted.
+            wide2 = self._wide2(shift)
+            loss = (np.log1p(residual ** 2 / wide2)
+                    + np.float32(0.5) * np.log(wide2 / self.scale2))
+        return (self.weights * loss).sum(axis=1, dtype=float)
+
+    def _wide2(self, shift: np.ndarray) -> np.ndarray:
+        return self.scale2 + _MISMATCH2 * shift ** 2
 
     def pose_loss(self, motion: np.ndarray, common: bool, held_out: bool = False) -> float:
         """Return what the recordings' own errors cost: the logarithm of the poses' spread."""
@@ -221,8 +237,8 @@ class Model:
     def pose_scatter(self) -> float:
         """Return how far the recordings' poses scatter, as a share of what is usual."""
         still = np.array([not e.moving for e in self.evidence])
-        pose = self.pose[still] if still.sum() > 2 else self.pose
-        return float((pose / self.prior).std(axis=0).mean())
+        pose = np.array([e.sure_pose for e in self.evidence]) / STEPS / self.prior
+        return float((pose[still] if still.sum() > 2 else pose).std(axis=0).mean())
 
     def _nuisances(self, candidates: Sequence[Candidate], values: np.ndarray
                    ) -> tuple[np.ndarray, np.ndarray]:
@@ -280,7 +296,7 @@ class Model:
                         - _combine(motion, own_columns))
             base_noise = self._more if sigma >= 0 else self._less
             design = np.concatenate([slopes, base_noise[:, None], own_columns], axis=1)
-            weight = self.weights / (self.scale2 * np.float32(scale ** 2) + residual ** 2)
+            weight = self.weights / (self._wide2(shift) * np.float32(scale ** 2) + residual ** 2)
             weighted = design * weight[:, None]
             normal = (weighted @ design.transpose(0, 2, 1)).astype(float)
             right = (weighted @ residual[..., None])[..., 0].astype(float)
@@ -326,20 +342,25 @@ class Model:
     def _settle(self, candidates: Sequence[Candidate], values: np.ndarray, sigma: float,
                 motion: np.ndarray, common: bool) -> tuple[np.ndarray, np.ndarray]:
         own_columns, shift = self._nuisances(candidates, values)
-        return self.settle(self.gap - shift - self._wrong(sigma), motion, common,
-                           own_columns)
+        return self.settle(self.gap - shift - self._wrong(sigma), motion, common, own_columns,
+                           shift)
 
-    def settle(self, gap: np.ndarray, motion: np.ndarray, common: bool, columns: np.ndarray
-               ) -> tuple[np.ndarray, np.ndarray]:
-        """Return each recording's loss and own errors, given what is left of its gap otherwise."""
+    def settle(self, gap: np.ndarray, motion: np.ndarray, common: bool, columns: np.ndarray,
+               shift: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """
+        Return each recording's loss and own errors.
+
+        ``gap`` is what is left of it otherwise, ``shift`` what effects change.
+        """
+        wide2 = self._wide2(shift)
         for _ in range(2):
             residual = gap - _combine(motion, columns)
-            weighted = columns * (self.weights / (self.scale2 + residual ** 2))[:, None]
+            weighted = columns * (self.weights / (wide2 + residual ** 2))[:, None]
             stiff, off = self._hold(motion, common)
             normal = (weighted @ columns.transpose(0, 2, 1)).astype(float) + np.diag(stiff)
             right = (weighted @ residual[..., None])[..., 0] - stiff * off
             motion = motion + np.linalg.solve(normal, right[..., None])[..., 0]
-        return self.losses(gap - _combine(motion, columns)), motion
+        return self.losses(gap - _combine(motion, columns), shift), motion
 
 
 def _combine(amounts: np.ndarray, columns: np.ndarray) -> np.ndarray:

@@ -24,7 +24,7 @@ _EDGE = [f'{side} side of a jump {where}, {near}'
 _INDEX = {(f.channel, f.axis, f.place): i for i, f in enumerate(LAYOUT)}
 
 
-def cells(model: Model, difference: np.ndarray) -> list[dict[str, Any]]:
+def cells(model: Model, difference: np.ndarray, exact: bool = False) -> list[dict[str, Any]]:
     """
     List the bins in which real and simulated differ by more than what matters.
 
@@ -34,6 +34,8 @@ def cells(model: Model, difference: np.ndarray) -> list[dict[str, Any]]:
         The recordings.
     difference : numpy.ndarray
         (R, SIZE) real less simulated features.
+    exact : bool
+        Whether that is free of noise, as what effects change is.
 
     Returns
     -------
@@ -45,7 +47,7 @@ def cells(model: Model, difference: np.ndarray) -> list[dict[str, Any]]:
     count = model.good.sum(axis=0)
     each = np.where(model.good, difference, 0)
     # Of these recordings, not of others: what noise and edges known to a pixel leave open.
-    own = np.where(model.good, model.scale2 - np.square(TOLERANCE), 0)
+    own = np.where(model.good & (not exact), model.scale2 - np.square(TOLERANCE), 0)
     with np.errstate(invalid='ignore', divide='ignore'):
         mean, variance = each.sum(axis=0) / count, own.sum(axis=0) / count ** 2
     usable = count > 0

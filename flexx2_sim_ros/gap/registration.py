@@ -1,0 +1,151 @@
+"""A recording, and where its camera must have been."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from flexx2_sim_ros.camera import Mode, Profile
+from flexx2_sim_ros.camera.retakes import Retakes
+from flexx2_sim_ros.effects.motion import between
+from flexx2_sim_ros.gap.covariates import look_at
+from flexx2_sim_ros.gap.pose import base_camera, fit_plane_motion, moved
+import numpy as np
+
+# What else shifts whole surfaces, when the pose is looked for.
+_LENS = dict.fromkeys(('focal', 'cx', 'cy', 'k1'), 0.0)
+_NOT_POSE: tuple[dict[str, dict[str, float]], ...] = (
+    {'multipath': {}}, {'stray_light': {}},
+    *({'intrinsics_error': {**_LENS, name: value}}
+      for name, value in (('focal', 0.005), ('cx', 0.7), ('cy', 0.7), ('k1', -0.01))))
+_ROUNDS = 3
+# Seconds: enough for what moves to be taken for late rather than for being elsewhere all the time;
+# and at most. Frames that are left out at the start, of which it is not known what was before.
+_LATE = 0.03
+_LATEST = 0.1
+_LEAD = 3
+
+
+@dataclass(frozen=True)
+class Take:
+    """
+    What is needed of a recording.
+
+    Attributes
+    ----------
+    name : str
+        The file's.
+    depth : numpy.ndarray
+        (T, H, W) float32 metres, NaN where invalid.
+    clean : numpy.ndarray
+        (H, W) or (T, H, W) float32.
+    reflectivity : numpy.ndarray or None
+        Like ``clean``.
+    K : numpy.ndarray
+    stamp : numpy.ndarray
+        (T,) int64 nanoseconds.
+    fresh : numpy.ndarray
+        (T,) bool, frames that do not follow the one before.
+    uptime : float or None
+        Mean seconds since power-on.
+    mode : Mode
+    profile : Profile or None
+
+    """
+
+    name: str
+    depth: np.ndarray
+    clean: np.ndarray
+    reflectivity: np.ndarray | None
+    K: np.ndarray  # noqa: N815
+    stamp: np.ndarray
+    fresh: np.ndarray
+    uptime: float | None
+    mode: Mode
+    profile: Profile | None
+
+
+def register(take: Take, prior: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """
+    Find the small motion that best explains a recording.
+
+    Parameters
+    ----------
+    take : Take
+        The recording.
+    prior : numpy.ndarray
+        (6,) standard deviations, metres and degrees.
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        (6,) metres and degrees; and what of it is beyond doubt.
+
+    """
+    still = take.clean.ndim == 2
+    count = len(take.depth)
+    chosen = [0] if still else sorted({round(x) for x in np.linspace(
+        min(_LEAD, count - 1), max(count - 2, 0), 6)})
+    pose, sure, lateness = np.zeros(6), np.zeros(6), 0.0
+    others: list[np.ndarray] = []
+    for _ in range(_ROUNDS):
+        shown = take.clean if still else _shown(take, chosen, lateness)
+        clean, reflectivity = moved(
+            shown, take.reflectivity if still or take.reflectivity is None
+            or take.reflectivity.ndim == 2 else take.reflectivity[chosen],
+            take.K, take.mode, pose)
+        if not others:  # A small motion hardly changes them.
+            others = _typical_biases(take, clean, reflectivity, chosen)
+        late = [] if still else [_late(take, chosen, lateness)]
+        errors, depths, sigmas = [], [], []
+        for i, t in enumerate(chosen):
+            image = clean if still else clean[i]
+            scene = look_at(image, None, 0.0, None, take.K, take.mode)
+            with np.errstate(invalid='ignore'):
+                if still:
+                    valid = np.isfinite(take.depth).sum(axis=0)
+                    real = np.nansum(take.depth, axis=0) / np.maximum(valid, 1)
+                    real = np.where(valid > 0.5 * count, real, np.nan)
+                else:
+                    real = take.depth[t]
+                error = real - image
+                limit = 8 * scene.sigma + 0.02
+                errors.append(np.where(scene.inside & (np.abs(error) < limit), error, np.nan))
+            depths.append(image)
+            sigmas.append(scene.sigma)
+        step, amounts, sure = fit_plane_motion(
+            np.array(errors), np.array(depths), np.array(sigmas), take.K, prior,
+            np.stack([*others, *late], axis=1), pose)
+        pose = np.clip(pose + step, -3 * prior, 3 * prior)
+        if late:
+            lateness = float(np.clip(lateness + _LATE * amounts[-1], -_LATEST, _LATEST))
+    return pose, sure
+
+
+def _shown(take: Take, chosen: Sequence[int], lateness: float) -> np.ndarray:
+    # (N, H, W) clean depth as it was so many seconds before the stamps.
+    out = []
+    for t in chosen:
+        moment = int(take.stamp[t]) - round(lateness * 1e9)
+        i = int(np.clip(np.searchsorted(take.stamp, moment), 1, len(take.stamp) - 1))
+        start, end = int(take.stamp[i - 1]), int(take.stamp[i])
+        share = (moment - start) / max(end - start, 1)
+        out.append(between(take.clean[i - 1], take.clean[i], float(np.clip(share, 0, 1.5)),
+                           (end - start) * 1e-9))
+    return np.array(out)
+
+
+def _late(take: Take, chosen: Sequence[int], lateness: float) -> np.ndarray:
+    # (N, H, W) metres, what being later by _LATE changes.
+    reach = _LATE / 2
+    before, after = (_shown(take, chosen, lateness + sign * reach) for sign in (1, -1))
+    with np.errstate(invalid='ignore'):
+        change = before - after
+        return np.where(np.abs(change) < 0.1 * after, change, np.float32(0))
+
+
+def _typical_biases(take: Take, clean: np.ndarray, reflectivity: np.ndarray | None,
+                    chosen: Sequence[int]) -> list[np.ndarray]:
+    # (N, H, W) metres each, without any noise of their own.
+    retakes = Retakes(base_camera(take.mode, take.profile, 0), clean, take.K,
+                      take.stamp[list(chosen)], reflectivity)
+    base, *changed = (retakes.depth(effects) for effects in ((), *_NOT_POSE))
+    return [np.nan_to_num(one - base) for one in changed]
