@@ -165,10 +165,21 @@ def test_labels_are_sealed(tmp_path: Path, design: list[Planned]) -> None:
         open_seal(sealed, public)
 
 
+def test_nothing_done_cannot_be_scored(tmp_path: Path, design: list[Planned]) -> None:
+    (tmp_path / 'results').mkdir()
+    seal(design, tmp_path / 'sealed', tmp_path, {})
+    with pytest.raises(InputError, match='no case that is done'):
+        score(tmp_path, partly=True)
+
+
 def test_a_run_goes_on_where_it_stopped(tmp_path: Path, design: list[Planned]) -> None:
     assert run(tmp_path, limit=2) is None
     done = {path.name: path.stat().st_mtime_ns for path in (tmp_path / 'results').iterdir()}
     assert len(done) == len(CALLS) == 2
+    part = score(tmp_path, partly=True)
+    assert len(part.answers) == 2
+    write_page(part, tmp_path / 'page.md', 'flexx2 gap benchmark', 'c.png')
+    assert f'the first 2 of {len(design)} cases' in (tmp_path / 'page.md').read_text()
     scores = run(tmp_path)
     assert len(CALLS) == len(design)
     assert len(scores.answers) == len(design)

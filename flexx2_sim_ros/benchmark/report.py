@@ -70,7 +70,7 @@ def write_page(scores: Scores, path: Path, command: str, picture: str) -> None:
              '[blind_camera.md](blind_camera.md) for the camera. Brackets are 95 % Wilson '
              'intervals. A row that fails stays.', '',
              f'`{command}`, {facts["date"]}, {facts["seed_set"]} seeds, '
-             f'version {facts["version"]}, {facts["cases"]} cases; labels committed to before '
+             f'version {facts["version"]}, {_cases(scores)}; labels committed to before '
              f'the run as SHA-256 `{facts["sha256"]}`.', '']
     for sheet in sheets(scores):
         lines += [f'## {sheet.title}', '', '| ' + ' | '.join(sheet.columns) + ' |',
@@ -79,6 +79,13 @@ def write_page(scores: Scores, path: Path, command: str, picture: str) -> None:
         lines += ['| ' + ' | '.join(row) + ' |' for row in sheet.rows] + ['']
     lines += ['## What was said for what', '', f'![confusion]({picture})', '']
     path.write_text('\n'.join(lines))
+
+
+def _cases(scores: Scores) -> str:
+    done, planned = len(scores.answers), scores.commitment['cases']
+    if done == planned:
+        return f'{done} cases'
+    return f'the first {done} of {planned} cases (in the sealed, random order)'
 
 
 def draw_confusion(scores: Scores, path: Path) -> None:

@@ -12,6 +12,7 @@ from flexx2_sim_ros.benchmark.design import Planned
 from flexx2_sim_ros.benchmark.sealing import COMMITMENT, open_seal
 from flexx2_sim_ros.benchmark.truth import COVARIATES
 from flexx2_sim_ros.blind import CATALOGUE
+from flexx2_sim_ros.errors import InputError
 import numpy as np
 
 NONE, UNKNOWN = 'none', 'unknown'
@@ -138,14 +139,17 @@ class Scores:
             getattr(answer.planned, key) == value for key, value in wanted.items())]
 
 
-def score(out: Path) -> Scores:
+def score(out: Path, partly: bool = False) -> Scores:
     """
-    Score a finished run.
+    Score a run.
 
     Parameters
     ----------
     out : pathlib.Path
         As given to `run_benchmark`.
+    partly : bool
+        Whether cases may be left; those that are done come in the sealed order, which is a random
+        one.
 
     Returns
     -------
@@ -154,17 +158,22 @@ def score(out: Path) -> Scores:
     Raises
     ------
     InputError
-        When the labels are not the ones committed to.
+        When the labels are not the ones committed to, or no case is done.
 
     """
     sealed = open_seal(out / 'sealed', out)
     answers = []
     for name, planned in sealed.cases.items():
-        result = json.loads((out / 'results' / f'{name}.json').read_text())
+        file = out / 'results' / f'{name}.json'
+        if partly and not file.is_file():
+            continue
+        result = json.loads(file.read_text())
         truth = out / 'sealed' / 'truth'
         facts = json.loads((truth / f'{name}.json').read_text())
         with np.load(truth / f'{name}.npz', allow_pickle=False) as cells:
             answers.append(answer_of(planned, result, facts['parameters'], dict(cells)))
+    if not answers:
+        raise InputError(f'--out: {out} holds no case that is done, wanted at least one to score')
     return Scores(tuple(answers), json.loads((out / COMMITMENT).read_text()))
 
 

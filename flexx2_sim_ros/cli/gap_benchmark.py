@@ -28,6 +28,8 @@ def add_parser(commands: Any) -> None:
     parser.add_argument('--jobs', type=int, default=2, help='processes (default %(default)s)')
     parser.add_argument('--out', default='benchmark_output',
                         help='folder for results, labels and cache (default %(default)s)')
+    parser.add_argument('--score', action='store_true',
+                        help='run nothing: score what is done of a run that was broken off')
     parser.set_defaults(run=run)
 
 
@@ -36,10 +38,14 @@ def run(arguments: argparse.Namespace) -> int:
     # Imported here: scikit-learn, matplotlib and the compiled camera take seconds to load.
     from flexx2_sim_ros.benchmark.report import draw_confusion, print_report, write_page
     from flexx2_sim_ros.benchmark.runner import run_benchmark
+    from flexx2_sim_ros.benchmark.scoring import score, Scores
     out = Path(arguments.out)
-    scores = run_benchmark(out, quick=arguments.quick, seed_set=arguments.seed_set,
-                           release=arguments.release, jobs=arguments.jobs,
-                           console=Console(stderr=True))
+    if arguments.score:
+        scores: Scores | None = score(out, partly=True)
+    else:
+        scores = run_benchmark(out, quick=arguments.quick, seed_set=arguments.seed_set,
+                               release=arguments.release, jobs=arguments.jobs,
+                               console=Console(stderr=True))
     if scores is None:
         return 1
     print_report(scores, Console())

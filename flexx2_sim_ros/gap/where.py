@@ -21,6 +21,7 @@ _ALWAYS = ('edge', 'beyond', 'structure')  # no surfaces
 _EDGE = [f'{side} side of a jump {where}, {near}'
          for where in ('to the right', 'to the left', 'below', 'above')
          for side in ('near', 'far') for near in ('next to it', '2 to 3 px away')]
+_AT_EDGES = np.array([f.axis == 'edge' for f in LAYOUT])
 _INDEX = {(f.channel, f.axis, f.place): i for i, f in enumerate(LAYOUT)}
 
 
@@ -35,7 +36,8 @@ def cells(model: Model, difference: np.ndarray, exact: bool = False) -> list[dic
     difference : numpy.ndarray
         (R, SIZE) real less simulated features.
     exact : bool
-        Whether that is free of noise, as what effects change is.
+        Whether that is free of noise, as what effects change is. Where edges are is never known
+        exactly.
 
     Returns
     -------
@@ -47,7 +49,8 @@ def cells(model: Model, difference: np.ndarray, exact: bool = False) -> list[dic
     count = model.good.sum(axis=0)
     each = np.where(model.good, difference, 0)
     # Of these recordings, not of others: what noise and edges known to a pixel leave open.
-    own = np.where(model.good & (not exact), model.scale2 - np.square(TOLERANCE), 0)
+    open_ = model.good & (_AT_EDGES | (not exact))
+    own = np.where(open_, model.scale2 - np.square(TOLERANCE), 0)
     with np.errstate(invalid='ignore', divide='ignore'):
         mean, variance = each.sum(axis=0) / count, own.sum(axis=0) / count ** 2
     usable = count > 0
@@ -58,7 +61,7 @@ def cells(model: Model, difference: np.ndarray, exact: bool = False) -> list[dic
         q[usable] = q_values(p[usable])
     weights = np.sum([e.counts for e in model.evidence], axis=0)
     found: list[tuple[float, dict[str, Any]]] = []
-    sigma = mean_sigma(model)
+    sigma, gross = mean_sigma(model), False
     for channel in CHANNELS:
         best, *others = _axes_to_tell(model, channel, np.where(usable, mean, 0), variance,
                                       weights, each, own)
@@ -67,8 +70,15 @@ def cells(model: Model, difference: np.ndarray, exact: bool = False) -> list[dic
             found += _recordings(model, channel, each, own)
         elif sum(weights[_bin(i)] for i in index) > _ALL_OVER * weights[0]:
             index, others = _indices(channel, 'all'), []
-        index += [i for name in others for i in _indices(channel, name)
-                  if usable[i] and q[i] < _SURE]
+        if channel == 'kurtosis' and gross:
+            continue  # Gross errors make it so, wherever they are.
+        gross |= channel in ('high', 'low') and bool(index)
+        for name in others:
+            some = [i for i in _indices(channel, name) if usable[i] and q[i] < _SURE]
+            # Along these only what is found here and not there says anything.
+            if name in _ALWAYS or (sum(weights[_bin(i)] for i in some)
+                                   < 0.5 * sum(weights[_bin(i)] for i in _indices(channel, name))):
+                index += some
         found += [(abs(mean[i]) / TOLERANCE[i],
                    _cell(i, float(mean[i]), float(q[i]), sigma)) for i in index]
     for name in STRUCTURES:
