@@ -2,10 +2,20 @@
 
 import sys
 
-from bench import batch, characterize, closed_loop, effects, go1, model, nodes, rendering
+from bench import (
+    batch,
+    characterize,
+    closed_loop,
+    effects,
+    gap,
+    go1,
+    model,
+    nodes,
+    rendering,
+)
 
 _ALL = {'model': model.run, 'effects': effects.run, 'batch': batch.run,
-        'closed_loop': closed_loop.run, 'characterize': characterize.run,
+        'closed_loop': closed_loop.run, 'characterize': characterize.run, 'gap': gap.run,
         'rendering': rendering.run, 'nodes': nodes.run, 'go1': go1.run}
 
 

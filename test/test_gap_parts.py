@@ -8,13 +8,18 @@ from flexx2_sim_ros.camera import Camera, flexx2
 from flexx2_sim_ros.effects import parse_effects, registry
 from flexx2_sim_ros.effects.patch import ResidualPatch
 from flexx2_sim_ros.gap.catalogue import catalogue
-from flexx2_sim_ros.gap.covariates import AXES
+from flexx2_sim_ros.gap.covariates import AXES, look_at
+from flexx2_sim_ros.gap.decide import ratio_interval
 from flexx2_sim_ros.gap.evidence import register, Take
 from flexx2_sim_ros.gap.features import LAYOUT, SIZE, TOLERANCE
+from flexx2_sim_ros.gap.pose import unknown_border
 from flexx2_sim_ros.gap.student import q_values, t_quantile, t_tail
 from flexx2_sim_ros.gap.where import cells
 import numpy as np
 import pytest
+
+
+PRIOR = np.array([0.01] * 3 + [0.5] * 3)
 
 
 def test_every_effect_is_in_the_catalogue_and_what_is_simulated_is_valid() -> None:
@@ -50,11 +55,58 @@ def test_a_pose_error_is_found_to_a_fraction_of_a_millimetre() -> None:
     depth = Camera(seed=1).capture(true, K, stamps, rho).depth
     take = Take('', depth, clean, rho, K, stamps, np.arange(10) == 0, None,
                 flexx2().mode('Mode_9_30fps'), None)
-    found, sure = register(take, np.array([0.01] * 3 + [0.5] * 3))
+    found, sure = register(take, PRIOR)
+    assert np.abs(sure).sum() < np.abs(found).sum()
     assert found[3:] == pytest.approx([0.1, -0.2, 0.15], abs=0.03)
     assert found[1] == pytest.approx(-0.002, abs=0.0006)
     # Forwards, half of it may as well be the camera's own constant error: not taken off here.
     assert 0.001 < found[2] < 0.0035
+
+
+def test_what_is_late_is_not_taken_for_a_pose() -> None:
+    # A camera that drives forwards at 0.6 m/s and shows what was 40 ms ago: 24 mm behind.
+    K = np.array([[70.0, 0, 40], [0, 70, 30], [0, 0, 1]])  # noqa: N806
+    room = make_room(np.random.default_rng(2))
+    frames, interval = 14, 0.033
+    seen = [look(room, K, (60, 80), optical(0.1, 0.2 + 0.5 * t, 0.0),
+                 np.array([0.6 * t, 0.1, 0.6]))
+            for t in np.arange(-4, 4 * frames) * interval / 4]
+    clean, late = ([np.array(images) for images in zip(*seen[start::4], strict=True)]
+                   for start in (4, 4 - 5))
+    stamps = (np.arange(frames) * interval * 1e9).astype(np.int64)
+    depth = Camera(seed=1).capture(late[0][-frames:], K, stamps, late[1][-frames:]).depth
+    take = Take('', depth, clean[0][:frames], clean[1][:frames], K, stamps,
+                np.arange(frames) == 0, None, flexx2().mode('Mode_9_30fps'), None)
+    found, _ = register(take, PRIOR)
+    assert np.linalg.norm(found[:3]) < 0.012
+
+
+def test_borders_and_bends_are_not_looked_at() -> None:
+    K = np.array([[70.0, 0, 40], [0, 70, 30], [0, 0, 1]])  # noqa: N806
+    floor = np.maximum(np.arange(60) - 40.0, 0)[:, None]
+    clean = (1 / (0.5 + 0.02 * floor) + np.zeros(80)).astype(np.float32)
+    scene = look_at(clean, None, 0.0, None, K, flexx2().mode('Mode_9_30fps'), border=2)
+    assert not scene.inside[38:43].any()
+    assert not scene.inside[:2].any() and not scene.inside[:, -2:].any()
+    assert scene.inside[4:36, 4:76].all() and scene.inside[46:56, 4:76].all()
+    assert unknown_border(np.zeros(6), clean, K) == 0
+    # A degree is 1.2 pixels here.
+    assert unknown_border(np.array([0, 0, 0, 0, 1.0, 0]), clean, K) == 3
+
+
+def test_intervals_cover_what_other_recordings_show() -> None:
+    rng = np.random.default_rng(0)
+
+    def draw() -> tuple[np.ndarray, np.ndarray]:
+        bottom = rng.gamma(3.0, 1.0, 8)
+        return bottom * np.clip(rng.normal(0.5, 0.15, 8), 0, 1), bottom
+
+    hits = 0
+    for _ in range(400):
+        low, high = ratio_interval(*draw())
+        top, bottom = draw()
+        hits += low <= top.sum() / bottom.sum() <= high
+    assert 0.85 < hits / 400 < 0.97
 
 
 def test_a_patch_shifts_scales_and_loses() -> None:
