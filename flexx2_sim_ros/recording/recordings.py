@@ -205,8 +205,8 @@ class RecordingReader(ABC):
         return matrix.astype(np.float64)
 
     def _stamps(self) -> tuple[np.ndarray, np.ndarray]:
-        given = {key: self._numbers(key, 'stamps') for key in ('stamp', 'stamp_ns')
-                 if key in self.arrays}
+        given = {key: self._numbers(key, 'numbers (T,), the times of frames')
+                 for key in ('stamp', 'stamp_ns') if key in self.arrays}
         for key, values in given.items():
             if values.ndim != 1 or not np.isfinite(values).all():
                 raise InputError(f'{self.path}: {key}: found shape {values.shape}, wanted finite '
