@@ -7,7 +7,8 @@ import math
 from pathlib import Path
 from typing import Any
 
-from flexx2_sim_ros.camera import Camera, flexx2
+from flexx2_sim_ros.camera import Camera, flexx2, Intrinsics
+from flexx2_sim_ros.camera.geometry import pixel_rays
 from flexx2_sim_ros.effects import registry
 import numpy as np
 
@@ -51,7 +52,8 @@ def make_room(rng: np.random.Generator) -> Room:
 
 
 def look(room: Room, K: np.ndarray, size: tuple[int, int],  # noqa: N803
-         rotation: np.ndarray, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+         rotation: np.ndarray, position: np.ndarray,
+         distortion: tuple[float, ...] = (0.0,) * 5) -> tuple[np.ndarray, np.ndarray]:
     """
     Render depth and reflectivity.
 
@@ -67,6 +69,8 @@ def look(room: Room, K: np.ndarray, size: tuple[int, int],  # noqa: N803
         (3, 3) from the optical frame to the world.
     position : numpy.ndarray
         (3,) of the camera, metres.
+    distortion : tuple of float
+        Of its lens, plumb_bob.
 
     Returns
     -------
@@ -74,8 +78,8 @@ def look(room: Room, K: np.ndarray, size: tuple[int, int],  # noqa: N803
         (H, W) float32 metres along the optical axis, and albedo.
 
     """
-    v, u = np.mgrid[:size[0], :size[1]].astype(np.float64)
-    rays = np.stack([(u - K[0, 2]) / K[0, 0], (v - K[1, 2]) / K[1, 1], np.ones(size)], -1)
+    lens = replace(Intrinsics.from_matrix(K, size[1], size[0]), distortion=distortion)
+    rays = np.stack([*pixel_rays(lens), np.ones(size)], -1)
     rays = rays.reshape(-1, 3) @ rotation.T
     rays[np.abs(rays) < 1e-9] = 1e-9
     best = np.full(len(rays), np.inf)
@@ -108,7 +112,7 @@ def write_campaign(folder: Path, *, effects: dict[str, Any] | None = None, seed:
                    pose: tuple[float, float] = (0.002, 0.125), reflectivity: float = 0.2,
                    sigma: float = 0.05, scale: float = 1.0,
                    novel: Callable[[np.ndarray, dict[str, Any]], np.ndarray] | None = None,
-                   moving: int = 3) -> None:
+                   moving: int = 3, distortion: tuple[float, ...] = (0.0,) * 5) -> None:
     """
     Write recordings of a camera with effects, and with errors in what is known about them.
 
@@ -135,10 +139,12 @@ def write_campaign(folder: Path, *, effects: dict[str, Any] | None = None, seed:
         catalogue has.
     moving : int
         How many of the recordings are seen by a camera that moves.
+    distortion : tuple of float
+        Of the camera's lens, plumb_bob, which is known.
 
     """
     folder.mkdir(parents=True, exist_ok=True)
-    views = render_views(seed, recordings, frames, usecase, pose, scale, moving)
+    views = render_views(seed, recordings, frames, usecase, pose, scale, moving, distortion)
     rng = np.random.default_rng([seed, 1])
     profile = flexx2()
     mode = profile.mode(usecase)
@@ -164,6 +170,7 @@ def write_campaign(folder: Path, *, effects: dict[str, Any] | None = None, seed:
 @lru_cache(maxsize=8)
 def render_views(seed: int, recordings: int, frames: int, usecase: str,
                  pose: tuple[float, float], scale: float, moving: int,
+                 distortion: tuple[float, ...] = (0.0,) * 5,
                  ) -> list[tuple[dict[str, Any], np.ndarray, np.ndarray]]:
     """Render scenes as they are believed to be, and depth and albedo as they are."""
     rng = np.random.default_rng(seed)
@@ -191,12 +198,14 @@ def render_views(seed: int, recordings: int, frames: int, usecase: str,
         for t in (stamps - stamps[0] if speed.any() else [0.0]):
             rotation = optical(yaw + turning * t, pitch, 0.0)
             position = start + speed * t
-            images.append((*look(room, K, size, rotation, position),
-                           *look(room, K, size, rotation @ small, position + rotation @ step)))
+            images.append((*look(room, K, size, rotation, position, distortion),
+                           *look(room, K, size, rotation @ small, position + rotation @ step,
+                                 distortion)))
         stacks = [np.stack(one) if len(images) > 1 else one[0]
                   for one in zip(*images, strict=True)]
         uptime = float(rng.choice([5.0, 60.0, 300.0, 900.0, 2400.0])) * rng.uniform(0.7, 1.3)
         views.append(({'clean_depth': stacks[0], 'reflectivity': stacks[1], 'K': K,
                        'stamp': stamps, 'uptime': uptime + stamps - stamps[0],
-                       'pose_error': np.array([*step, x, y, z])}, stacks[2], stacks[3]))
+                       'pose_error': np.array([*step, x, y, z]),
+                       'distortion': np.array(distortion)}, stacks[2], stacks[3]))
     return views

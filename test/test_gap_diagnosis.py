@@ -74,6 +74,17 @@ def check_page(text: str) -> None:
     assert 'nan' not in text.split('</style>')[1].replace('resonance', '')
 
 
+@pytest.mark.parametrize(('effects', 'verdict'), [
+    (None, 'none'), ({'amplitude_bias': {}}, 'identified')])
+def test_a_known_lens_is_no_gap(tmp_path: Path, effects: dict[str, Any] | None,
+                                verdict: str) -> None:
+    write_campaign(tmp_path, seed=31, effects=effects, scale=0.5, recordings=5, frames=8,
+                   moving=1, distortion=(-0.25, 0.0, 0.0, 0.0, 0.0))
+    table = diagnose(tmp_path, jobs=2)
+    assert table['verdict'] == verdict
+    assert [effect['name'] for effect in table['effects']] == list(effects or ())
+
+
 def test_the_same_seed_gives_the_same_outcome_on_any_number_of_processes(tmp_path: Path) -> None:
     write_campaign(tmp_path, seed=5, scale=0.25, recordings=2, frames=6, moving=0)
     one, two = (diagnose(tmp_path, seed=5, jobs=jobs) for jobs in (1, 2))
@@ -162,7 +173,7 @@ def damage(path: Path, **changes: Any) -> None:
 
 
 def test_bad_recordings_are_left_out_and_said(tmp_path: Path) -> None:
-    write_campaign(tmp_path, seed=8, scale=0.25, recordings=9, frames=6, moving=0)
+    write_campaign(tmp_path, seed=8, scale=0.25, recordings=10, frames=6, moving=0)
     files = sorted(tmp_path.glob('*.npz'))
     with np.load(files[0]) as archive:
         depth, clean, stamp = archive['depth'], archive['clean_depth'], archive['stamp']
@@ -175,15 +186,17 @@ def test_bad_recordings_are_left_out_and_said(tmp_path: Path) -> None:
     damage(files[6], clean_depth=None)
     damage(files[7], depth=np.where(np.arange(clean.shape[1]) < 28, np.nan, depth),
            clean_depth=np.where(np.arange(clean.shape[1]) < 28, clean, np.nan))
+    damage(files[8], distortion=np.full(5, np.nan))
     table = diagnose(tmp_path)
     reasons = {row['name']: row['reason'] for row in table['recordings'] if not row['used']}
-    for file, key in zip(files[:8], ('depth', 'clean_depth', 'stamp', '', 'usecase',
-                                     'clean_depth', 'clean_depth', 'no pixel is valid in both'),
+    for file, key in zip(files[:9], ('depth', 'clean_depth', 'stamp', '', 'usecase',
+                                     'clean_depth', 'clean_depth', 'no pixel is valid in both',
+                                     'distortion'),
                          strict=True):
         assert file.name in reasons[file.name]
         assert key in reasons[file.name]
     assert [row['name'] for row in table['recordings'] if row['used']] == [
-        file.name for file in files[8:]]
+        file.name for file in files[9:]]
 
 
 @pytest.mark.parametrize('kind', ['empty', 'absent', 'broken'])

@@ -146,6 +146,7 @@ def read(found: Found, profile: Profile | None) -> Take:
         raise InputError(f'{path}: depth, clean_depth: no pixel is valid in both')
     if clean.ndim == 3 and (clean == clean[0]).all(where=np.isfinite(clean)):
         clean = clean[0]
+    _check_distortion(reader)
     reflectivity = _stack('reflectivity', parts)
     if reflectivity is not None:
         reflectivity = np.clip(reflectivity, 0, 1)
@@ -162,6 +163,16 @@ def read(found: Found, profile: Profile | None) -> Take:
             reflectivity = reflectivity.mean(axis=0)
     return Take(path.name, depth, clean, reflectivity, reader.K, reader.stamp_ns[chosen], fresh,
                 _uptime(reader, chosen), found.mode, profile)
+
+
+def _check_distortion(reader: RecordingReader) -> None:
+    # Clean depth lies on the camera's own grid, distorted or not, so that nothing is bent here;
+    # what else depends on the lens (the incidence angles) stays far below what matters.
+    lens = reader.arrays.get('distortion')
+    if lens is not None and (lens.dtype.kind not in 'fiu' or lens.shape != (5,)
+                             or not np.isfinite(lens).all()):
+        raise InputError(f'{reader.path}: distortion: found shape {lens.shape} of {lens.dtype}, '
+                         'wanted k1, k2, p1, p2, k3 (5,), finite')
 
 
 def _stack(key: str, parts: list[tuple[Recording, np.ndarray]]) -> np.ndarray | None:
