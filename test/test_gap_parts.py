@@ -18,7 +18,6 @@ from flexx2_sim_ros.gap.where import cells
 import numpy as np
 import pytest
 
-
 PRIOR = np.array([0.01] * 3 + [0.5] * 3)
 
 
@@ -87,8 +86,10 @@ def test_borders_and_bends_are_not_looked_at() -> None:
     clean = (1 / (0.5 + 0.02 * floor) + np.zeros(80)).astype(np.float32)
     scene = look_at(clean, None, 0.0, None, K, flexx2().mode('Mode_9_30fps'), border=2)
     assert not scene.inside[38:43].any()
-    assert not scene.inside[:2].any() and not scene.inside[:, -2:].any()
-    assert scene.inside[4:36, 4:76].all() and scene.inside[46:56, 4:76].all()
+    assert not scene.inside[:2].any()
+    assert not scene.inside[:, -2:].any()
+    assert scene.inside[4:36, 4:76].all()
+    assert scene.inside[46:56, 4:76].all()
     assert unknown_border(np.zeros(6), clean, K) == 0
     # A degree is 1.2 pixels here.
     assert unknown_border(np.array([0, 0, 0, 0, 1.0, 0]), clean, K) == 3
