@@ -182,7 +182,21 @@ def motion_artefact() -> None:
             assert (np.sign(errors) == -np.sign(speed)).all()
             close(errors.mean(), -0.5 * speed * strength * stretch * duration)
             close(np.ptp(errors), 0.25 * abs(speed) * strength * stretch * duration)
+        # Stamped at the beginning, it is as much the other way.
+        errors = np.array([
+            shift('motion_artefact', *moving(speed, start, 2), profile=QUIET, strength=1.0,
+                  stamp_at=0.0)[-1, 0, 0] for start in np.linspace(1.2, 2.2, 40)])
+        close(errors.mean(), 0.5 * speed * duration)
     assert not shift('motion_artefact', *moving(0.0), profile=QUIET).any()
+    # A border between two colours that goes by on a wall: raw frames of both, here and there, in
+    # up to 3/4 of the pixels that it goes over in that time; at some phases they do not matter.
+    colours = np.array([np.where(border > U, 0.8, 0.2) for border in (100, 140)])
+    walls = np.broadcast_to(wall(1.5), (2, *SHAPE))
+    errors = shift('motion_artefact', walls, np.array([0, STEP_5]), colours, profile=QUIET)[1]
+    passed = (U >= 100) & (U < 140)
+    assert not errors[~passed].any()
+    both = np.mean(np.abs(errors[passed]) > 0.01) / (duration / (STEP_5 * 1e-9))
+    assert 0.4 < both < 0.75
 
 
 # Mixtures

@@ -1,20 +1,15 @@
 """Parts of the diagnosis: pose, statistics, the patch, the page."""
 
-from types import SimpleNamespace
-from typing import Any
-
 from bench.gap_campaigns import look, make_room, optical
 from flexx2_sim_ros.camera import Camera, flexx2
 from flexx2_sim_ros.effects import parse_effects, registry
 from flexx2_sim_ros.effects.patch import ResidualPatch
 from flexx2_sim_ros.gap.catalogue import catalogue
-from flexx2_sim_ros.gap.covariates import AXES, look_at
+from flexx2_sim_ros.gap.covariates import look_at
 from flexx2_sim_ros.gap.decide import ratio_interval
 from flexx2_sim_ros.gap.evidence import register, Take
-from flexx2_sim_ros.gap.features import LAYOUT, SIZE, TOLERANCE
 from flexx2_sim_ros.gap.pose import unknown_border
 from flexx2_sim_ros.gap.student import q_values, t_quantile, t_tail
-from flexx2_sim_ros.gap.where import cells
 import numpy as np
 import pytest
 
@@ -137,36 +132,3 @@ def test_what_is_only_compared_with_is_no_effect_of_the_catalogue() -> None:
     length = np.sqrt(1 + ((u - 39.5) / 100) ** 2 + ((v - 29.5) / 100) ** 2)
     assert late - plain == pytest.approx(0.02 / length, abs=2e-5)
     assert all(c.given is None or c.given.effect == c.effect for c in catalogue()[1])
-
-
-def made_up(count: int, noise: float) -> Any:
-    """Return what `cells` asks of a model, with nothing in it."""
-    shape = (count, SIZE)
-    counts = np.concatenate([np.full(axis.bins, 1e4 / axis.bins) for axis in AXES.values()])
-    evidence = [SimpleNamespace(counts=counts, sigma=np.full(len(counts), 0.002),
-                                name=f'{r}.npz') for r in range(count)]
-    return SimpleNamespace(good=np.ones(shape, bool), evidence=evidence,
-                           scale2=np.broadcast_to(TOLERANCE ** 2 + noise ** 2, shape))
-
-
-def test_a_gap_is_placed_along_the_covariate_that_shows_it_best() -> None:
-    difference = np.zeros((6, SIZE))
-    for i, feature in enumerate(LAYOUT):
-        if feature.channel == 'invalid':
-            # All of it in one bin of incidence; along the others it is spread thin.
-            if feature.axis == 'incidence' and feature.place == 7:
-                difference[:, i] = 0.5
-            elif feature.axis in ('all', 'distance', 'radius', 'region', 'log_amplitude'):
-                difference[:, i] = 0.5 / 9
-    cell, = cells(made_up(6, 0.001), difference)
-    assert (cell['covariate'], cell['low'], cell['high']) == ('incidence', 68.0, 75.0)
-    assert cell['channel'] == 'invalid'
-    assert cell['size'] == pytest.approx(0.5)
-    # The same everywhere: said in one line.
-    difference[:] = [0.5 if f.channel == 'bias' and f.axis not in ('edge', 'structure') else 0.0
-                     for f in LAYOUT]
-    cell, = cells(made_up(6, 0.001), difference)
-    assert (cell['covariate'], cell['unit_size']) == ('all', 'mm')
-    assert cell['size'] == pytest.approx(1.0)
-    assert cells(made_up(6, 0.001), np.zeros((6, SIZE))) == []
-    assert cells(made_up(6, 1.0), difference) == []  # lost in noise

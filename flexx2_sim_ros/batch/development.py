@@ -62,6 +62,7 @@ class Development:
         kept.started, kept.last, kept.before = (
             wp.zeros(num_envs, dtype=wp.int64, device=device) for _ in range(3))
         kept.depth = zeros(num_envs, self._keeps_depth)
+        kept.reflectivity = zeros(num_envs, self._keeps_depth)
         kept.measured = zeros(num_envs, 'temporal_filter' in names)
         kept.grain = zeros(num_envs, 'fixed_pattern' in names)
         seen = self._seen = effect_kernels.Seen()

@@ -20,6 +20,7 @@ from flexx2_sim_ros.batch.arithmetic import (
 )
 from flexx2_sim_ros.batch.arrays import at, at_word, put, put_word
 from flexx2_sim_ros.batch.effect_formulas import (
+    alike,
     common_shift,
     draw,
     mix_neighbours,
@@ -39,6 +40,8 @@ import warp as wp
 
 wp.set_module_options(OPTIONS)
 
+_DARKEST = wp.constant(wp.float32(1e-3))
+_MOTION = wp.constant(wp.uint32(philox.STREAM_MOTION))
 _TAILS = wp.constant(wp.uint32(philox.STREAM_TAILS))
 _WRAP_SHARE = wp.constant(wp.uint32(philox.STREAM_WRAP_SHARE))
 _LOW_SIGNAL = wp.constant(wp.uint32(philox.STREAM_LOW_SIGNAL))
@@ -62,6 +65,7 @@ class Kept:
     last: wp.array(dtype=wp.int64)
     before: wp.array(dtype=wp.int64)
     depth: wp.array(dtype=wp.float32)
+    reflectivity: wp.array(dtype=wp.float32)
     measured: wp.array(dtype=wp.float32)
     grain: wp.array(dtype=wp.float32)
 
@@ -162,8 +166,18 @@ def measure(surfaces: Surfaces, lens: Lens, first: wp.int32, chunk: wp.int32,
             shifts = wp.vec3f(mixed[0], mixed[1], mixed[2])
             amplitude = mixed[3]
         start = wp.float32(0.0)
+        brighter = wp.float32(1.0)
         if moves:
-            start = at(kept.depth, (first + n) * pixels + sy * lens.width + sx) - z
+            place = (first + n) * pixels + sy * lens.width + sx
+            start = at(kept.depth, place) - z
+            if kept.reflectivity.shape[0] > 0:
+                brighter = (at(kept.reflectivity, place)
+                            / wp.max(reflectivity_at(surfaces, lens, n, sy, sx), _DARKEST))
+        passes = start == start and (brighter != 1.0 or (
+            start != 0.0 and not alike(z, start, interval)))
+        change = wp.float32(0.0)
+        if passes:
+            change = draw(sy * lens.width + sx, _MOTION, stamp, key)
         grain = wp.float32(0.0)
         if e.fixed_pattern_strength > 0.0:
             grain = at(kept.grain, (first + n) * pixels + sy * lens.width + sx)
@@ -172,8 +186,9 @@ def measure(surfaces: Surfaces, lens: Lens, first: wp.int32, chunk: wp.int32,
         for f in range(3):
             if f < light.frequencies:
                 shift = shifts[f]
-                if moves and start == start and start != 0.0:
-                    shift += motion_shift(z, start, interval, duration, light, f, shift)
+                if moves and start == start and (start != 0.0 or passes):
+                    shift += motion_shift(z, start, brighter, change, interval, duration,
+                                          e.motion_artefact_stamp_at, light, f, shift)
                 if e.wiggling_strength > 0.0:
                     shift += wiggle(e, light.turns[f] * (z + shift))
                 shift += common
@@ -302,7 +317,7 @@ def finish(lens: Lens, first: wp.int32, chunk: wp.int32, noises: wp.array(dtype=
 
 @wp.kernel
 def keep_depth(surfaces: Surfaces, lens: Lens, first: wp.int32, chunk: wp.int32, kept: Kept):
-    """Remember the clean depth, for the motion until the next frame."""
+    """Remember what is seen, for the motion until the next frame."""
     n, y, c = wp.tid()
     x = c * chunk
     end = wp.min(x + chunk, lens.width)
@@ -310,4 +325,7 @@ def keep_depth(surfaces: Surfaces, lens: Lens, first: wp.int32, chunk: wp.int32,
     while x < end:
         inverse = at(surfaces.p, padded(lens, n, y, x))
         put(kept.depth, row + x, wp.where(inverse > 0.0, 1.0 / inverse, _NAN))
+        if kept.reflectivity.shape[0] > 0:
+            put(kept.reflectivity, row + x,
+                wp.max(reflectivity_at(surfaces, lens, n, y, x), _DARKEST))
         x += 1

@@ -6,7 +6,7 @@ from typing import Any, ClassVar
 
 from flexx2_sim_ros.camera.exposure import Exposure, Stage
 from flexx2_sim_ros.camera.fastmath import arctan2, cos_sin_turns
-from flexx2_sim_ros.camera.philox import FAST
+from flexx2_sim_ros.camera.philox import FAST, STREAM_MOTION
 from flexx2_sim_ros.effects.effect import Effect, parameter
 from numba import njit
 import numpy as np
@@ -17,8 +17,8 @@ _TAPS = 4
 # the second would take it, m/s, is the same in two frames (design; twice a trotting Go1).
 ALIKE_SHARE = 0.05
 ALIKE_SPEED = 3.0
+_DARKEST = np.float32(1e-3)
 _ZERO = np.float32(0.0)
-_HALF = np.float32(0.5)
 _ONE = np.float32(1.0)
 _TWO_PI = np.float32(2.0 * math.pi)
 
@@ -103,30 +103,38 @@ class MotionArtefact(Effect):
     keeps: ClassVar[bool] = True
 
     stretch: float = parameter(1.0, 0.0, 20.0, '', 'factor on the time that the raw frames take')
+    stamp_at: float = parameter(1.0, 0.0, 1.0, '', 'when in that time the stamp is: 0 before the '
+                                'first raw frame, 1 after the last')
 
     def apply(self, exposure: Exposure) -> None:
-        """Take each frequency's four taps at their own moments, the last one at the stamp."""
+        """Take each frequency's four taps at their own moments."""
         before: Any = exposure.memory.kept.get(self.name)
-        exposure.memory.kept[self.name] = (exposure.stamp, exposure.depth.copy())
-        if (before is None or before[0] >= exposure.stamp
-                or before[1].shape != exposure.depth.shape
-                or np.array_equal(before[1], exposure.depth, equal_nan=True)):
+        shown = exposure.depth.shape
+        rho = np.broadcast_to(np.maximum(exposure.reflectivity, _DARKEST), shown)
+        exposure.memory.kept[self.name] = (exposure.stamp, exposure.depth.copy(), rho.copy())
+        if (before is None or before[0] >= exposure.stamp or before[1].shape != shown
+                or (np.array_equal(before[1], exposure.depth, equal_nan=True)
+                    and np.array_equal(before[2], rho))):
             return
+        brighter = before[2] / rho
         interval = (exposure.stamp - before[0]) * 1e-9
         duration = self.strength * self.stretch * exposure.acquisition_seconds
         taps = _TAPS * len(exposure.shifts)
-        # How far between the frame before (0) and this one (1) each raw frame was taken.
+        # How far between the frame before (0) and this one (1), or after it, each was taken.
         moments = np.maximum(
-            1.0 - duration / interval * (1.0 - (np.arange(taps) + 0.5) / taps), 0.0)
+            1.0 - duration / interval * (self.stamp_at - (np.arange(taps) + 0.5) / taps), 0.0)
+        # When another surface comes into view nobody knows: at any moment between two frames.
+        passing = exposure.uniforms(STREAM_MOTION)
         for index, (k, shift) in enumerate(zip(exposure.wave_numbers, exposure.shifts,
                                                strict=True)):
             own = moments[index * _TAPS:(index + 1) * _TAPS].astype(np.float32)
-            _demodulate(before[1], exposure.depth, own, np.float32(k),
+            _demodulate(before[1], exposure.depth, brighter, passing, own, np.float32(k),
                         np.float32(ALIKE_SHARE), np.float32(ALIKE_SPEED * interval), shift)
 
 
 @njit(cache=True, error_model='numpy', fastmath=FAST)
-def _demodulate(early, late, moments, wave_number, alike, near, shift):  # type: ignore
+def _demodulate(early, late, brighter, passing, moments, wave_number, alike, near,  # type: ignore
+                shift):
     # Four samples cos(phase - tap pi / 2), each at its moment, and the phase they give.
     turns = wave_number / _TWO_PI
     m0, m1, m2, m3 = moments
@@ -136,20 +144,26 @@ def _demodulate(early, late, moments, wave_number, alike, near, shift):  # type:
             start = early[y, x] - here
             same = abs(start) < max(alike * here, near)
             add = shift[y, x]
-            c0, _ = _tap(here, start, same, m0, add, turns)
-            _, s1 = _tap(here, start, same, m1, add, turns)
-            c2, _ = _tap(here, start, same, m2, add, turns)
-            _, s3 = _tap(here, start, same, m3, add, turns)
+            change = passing[y, x]
+            # Nearer is brighter; the same surface may have another colour there.
+            light = brighter[y, x] * (_ONE if same else (here / early[y, x]) ** 2)
+            c0, _ = _tap(here, start, same, change, light, m0, add, turns)
+            _, s1 = _tap(here, start, same, change, light, m1, add, turns)
+            c2, _ = _tap(here, start, same, change, light, m2, add, turns)
+            _, s3 = _tap(here, start, same, change, light, m3, add, turns)
             real, imaginary = c0 + c2, s1 + s3
-            cosine, sine = _tap(here, start, same, _ONE, add, turns)
+            cosine, sine = _tap(here, start, same, change, light, _ONE, add, turns)
             error = arctan2(imaginary * cosine - real * sine, real * cosine + imaginary * sine)
             shift[y, x] = add + error / wave_number if here > _ZERO and start == start else add
 
 
 @njit(inline='always')
-def _tap(here, start, same, moment, add, turns):  # type: ignore[no-untyped-def]
-    # As `between`, and the cosine and sine of its phase.
+def _tap(here, start, same, change, light, moment, add, turns):  # type: ignore[no-untyped-def]
+    # Cosine and sine of the phase at a moment, times the light: a surface moves evenly, another
+    # surface or colour comes at once.
+    passed = abs(_ONE - moment) <= change
     even = here + start * (_ONE - moment)
-    nearer = here if moment >= _HALF else here + start
-    phase = turns * ((even if same else nearer) + add)
-    return cos_sin_turns(phase - np.floor(phase))
+    phase = turns * ((even if same else here if passed else here + start) + add)
+    cosine, sine = cos_sin_turns(phase - np.floor(phase))
+    gain = _ONE if passed else light
+    return gain * cosine, gain * sine

@@ -176,7 +176,9 @@ def catalogue(without: Collection[str] = ()) -> tuple[list[Column], list[Candida
     one('heavy_tails', 'share', (0.005, 0.01, 0.02, 0.04), 0.0, 0.2)
     one('lateral_noise', 'strength', (0.5, 1.0, 2.0), 0.0, 4.0, few=False)
     one('quantisation', 'step', (0.001, 0.002, 0.004, 0.008), 0.0, 0.02)
-    one('motion_artefact', 'stretch', (1.0,), 0.0, 2.0)
+    for stamp in (1.0, 0.0):  # What the driver stamps: the last raw frame, or the first.
+        one('motion_artefact', 'stretch', (1.0, 2.0), 0.0, 3.0, f'stamp at {stamp:g}',
+            stamp_at=stamp)
     one('time_offset', 'latency', (-0.02, 0.01, 0.02, 0.04), -0.08, 0.12)
     if 'intrinsics_error' not in without:
         steps = {'focal': 0.005, 'cx': 0.7, 'cy': 0.7, 'k1': -0.01}

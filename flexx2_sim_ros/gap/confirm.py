@@ -16,6 +16,7 @@ from flexx2_sim_ros.gap.features import (
 )
 from flexx2_sim_ros.gap.measures import distances, histogram, Measures
 from flexx2_sim_ros.gap.pose import moved, unknown_border
+from flexx2_sim_ros.gap.spots import Spots, SpotSums
 import numpy as np
 
 _SEEDS = 2
@@ -39,6 +40,8 @@ class Outcome:
         (3, 4, BINS) of real, before, after: pixels, valid ones, sum of errors in sigma, spare.
     maps : dict of str to numpy.ndarray
         (h, w) images for the report: mean error in sigma of real, before and after.
+    spots : Spots
+        What differs in small groups of pixels.
 
     """
 
@@ -49,6 +52,7 @@ class Outcome:
     physical: dict[str, list[float]]
     bins: np.ndarray
     maps: dict[str, np.ndarray]
+    spots: Spots
 
 
 def confirm(take: Take, pose: np.ndarray, effects: dict[str, Any], seed: int) -> Outcome:
@@ -68,23 +72,25 @@ def confirm(take: Take, pose: np.ndarray, effects: dict[str, Any], seed: int) ->
 
     """
     clean, reflectivity = moved(take.clean, take.reflectivity, take.K, take.mode, pose)
-    scenes = scenes_of(take, clean, reflectivity, unknown_border(pose, clean, take.K))
+    border = unknown_border(pose, clean, take.K)
+    scenes = scenes_of(take, clean, reflectivity, border)
     warm = warm_of(take.fresh)
+    grouped = SpotSums(take, clean, reflectivity, scenes, border)
 
-    def look(depth: np.ndarray) -> tuple[Sums, Measures]:
+    def look(depth: np.ndarray) -> tuple[Sums, Measures, np.ndarray]:
         sums = accumulate(depth, scenes, take.fresh, warm)
-        return sums, histogram(depth, scenes, sums)
+        return sums, histogram(depth, scenes, sums), grouped.add(depth)
 
-    def several(table: dict[str, Any], start: int) -> list[tuple[Sums, Measures]]:
+    def several(table: dict[str, Any]) -> list[tuple[Sums, Measures, np.ndarray]]:
         return [look(simulate(take, clean, reflectivity, with_uptime(table, take.uptime),
-                              seed * 1000 + start + k)) for k in range(_SEEDS)]
+                              seed * 1000 + 500 + k)) for k in range(_SEEDS)]
 
-    real, real_measures = look(take.depth)
-    before = several({}, 500)
-    after = several(effects, 600) if effects else before
-    spectrum = np.mean([lattice_spectrum(sums) for sums, _ in before], axis=0)
+    real, real_measures, real_spots = look(take.depth)
+    before = several({})
+    after = several(effects) if effects else before
+    spectrum = np.mean([lattice_spectrum(sums) for sums, *_ in before], axis=0)
     own, _ = features(real, spectrum)
-    table = [[features(sums, spectrum) for sums, _ in some] for some in (before, after)]
+    table = [[features(sums, spectrum) for sums, *_ in some] for some in (before, after)]
     means = [np.mean([values for values, _ in some], axis=0) for some in table]
     noise = np.mean([variance for some in table for _, variance in some], axis=0)
     physical = {}
@@ -97,7 +103,9 @@ def confirm(take: Take, pose: np.ndarray, effects: dict[str, Any], seed: int) ->
         bins[i, :3] = sums.bins.T[[EXPECT, VALID, ERROR]]
     return Outcome(take.name, own - means[0], own - means[1], noise, physical, bins,
                    {name: _map(sums) for name, sums in
-                    (('real', real), ('before', before[0][0]), ('after', after[0][0]))})
+                    (('real', real), ('before', before[0][0]), ('after', after[0][0]))},
+                   grouped.spots(real_spots, [some[2] for some in before],
+                                 [some[2] for some in after], len(take.depth)))
 
 
 def _map(sums: Sums) -> np.ndarray:

@@ -71,6 +71,9 @@ def _axes() -> dict[str, Axis]:
 
 
 AXES = _axes()
+# Those along which every pixel with a distance has its place.
+ENDLESS = ('all', 'distance', 'incidence', 'radius', 'region', 'log_amplitude', 'fine_distance',
+           'edge')
 BINS = sum(axis.bins for axis in AXES.values())
 
 
@@ -174,6 +177,49 @@ def look_at(clean: np.ndarray, before: np.ndarray | None, interval: float,
                   where=(far | ~(clean > 0)) & (edge < 0) & known)
     runs, first = _runs(bins)
     return Scene(runs, first, sigma, np.where(seen, clean, np.float32(np.nan)), inside)
+
+
+def sort_everywhere(clean: np.ndarray, reflectivity: np.ndarray | None,
+                    K: np.ndarray) -> tuple[np.ndarray, np.ndarray]:  # noqa: N803
+    """
+    Sort all of a frame's pixels along `ENDLESS`, edges and what is out of range included.
+
+    Parameters
+    ----------
+    clean : numpy.ndarray
+        (H, W) float32 metres.
+    reflectivity : numpy.ndarray or None
+        (H, W) in 0..1.
+    K : numpy.ndarray
+        (3, 3) camera matrix.
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        (A, H, W) int16 bins, -1 for none, and (H, W) incidence in degrees.
+
+    """
+    height, width = clean.shape
+    surface = analyse(np.ascontiguousarray(clean), Intrinsics.from_matrix(K, width, height))
+    bins = np.full((len(ENDLESS), height, width), -1, np.int16)
+    incidence = np.degrees(surface.incidence)
+    edge, near = np.full((height, width), -1, np.int16), np.zeros((height, width), np.bool_)
+    _edges(surface.inverse_depth, surface.row_jumps, surface.column_jumps, edge, near)
+    rho = np.float32(1) if reflectivity is None else reflectivity
+    with np.errstate(invalid='ignore', divide='ignore'):
+        seen = np.isfinite(clean) & (clean > 0)
+        values = {'distance': clean, 'fine_distance': clean, 'incidence': incidence,
+                  'log_amplitude': np.log(rho * surface.cos_incidence / clean ** 2)}
+    places = _places(height, width)
+    for out, name in zip(bins, ENDLESS, strict=True):
+        axis = AXES[name]
+        if name == 'edge':
+            np.copyto(out, axis.start, where=seen & (edge >= 0))
+        elif name in places:
+            np.copyto(out, places[name], where=seen)
+        else:
+            _put(values[name], seen, np.array(axis.edges), axis.start, out)
+    return bins, incidence
 
 
 @lru_cache(maxsize=4)

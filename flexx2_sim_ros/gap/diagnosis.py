@@ -19,7 +19,7 @@ from flexx2_sim_ros.gap.measures import UNITS
 from flexx2_sim_ros.gap.model import Fit, Model
 from flexx2_sim_ros.gap.patch import fit_patch
 from flexx2_sim_ros.gap.pose import LIMITS, NAMES, STEPS
-from flexx2_sim_ros.gap.where import cells, unexplained
+from flexx2_sim_ros.gap.where import places, unexplained
 from flexx2_sim_ros.gap.work import bind, simulate_set, summarise, workers
 import numpy as np
 
@@ -190,7 +190,9 @@ def _table(model: Model, decision: Decision, effects: list[Effect], confirmed: l
         'alternatives': [_alternative(model, one) for one in decision.alternatives],
         'unexplained': (unexplained(model, residual, model.null_loss.sum(axis=0))
                         if decision.verdict != 'none' else []),
-        'where': (cells(model, difference, decision.verdict == 'identified')
+        'where': (places(model, difference, [one.spots for one in confirmed],
+                         decision.verdict == 'identified',
+                         (chosen if explained else decision.base).sigma)
                   if decision.verdict != 'none' else []),
         'gap': _gap(model, decision, confirmed),
         'recordings': [

@@ -13,6 +13,7 @@ WIDTH = 16
 (VALID, ERROR, HIGH, LOW, N2, ABS2, SQUARE2, N1, SQUARE1, NEIGHBOUR, N_NEIGHBOUR, INVERSE, EXPECT,
  TREND, TIME2, TIME) = range(WIDTH)
 _RUNNING = 12
+SPOT_WIDTH = 11
 
 
 @njit(cache=True, error_model='numpy', nogil=True, fastmath=FAST)
@@ -244,3 +245,42 @@ def grain_moments(grain):  # type: ignore[no-untyped-def]
         row_pairs += n * n - n
     columns = (down[1] ** 2 - down[2]).sum() / max((down[0] ** 2 - down[0]).sum(), 1.0)
     return number, square, rows / max(row_pairs, 1.0), columns, product / products
+
+
+@njit(cache=True, error_model='numpy', nogil=True)
+def add_errors(depth, clean, sigma, cells, out):  # type: ignore[no-untyped-def]
+    """
+    Add up errors in sigma by the cell that each pixel belongs to (-1 for none).
+
+    Pixels; valid ones, their sum, squares, gross errors high and low; pairs with the frame before
+    and their products; pairs side by side and their products; sigma of all pixels.
+    """
+    count, height, width = depth.shape
+    last = np.full((height, width), np.float32(np.nan))
+    for t in range(count):
+        i = t if clean.shape[0] > 1 else 0
+        for y in range(height):
+            left, left_cell = np.float32(np.nan), -1
+            for x in range(width):
+                cell = cells[i, y, x]
+                s = sigma[i, y, x]
+                wrong = (depth[t, y, x] - clean[i, y, x]) / s if s > 0 else np.float32(np.nan)
+                e = _held(wrong, CLIP)
+                if cell >= 0:
+                    row = out[cell]
+                    row[0] += 1
+                    row[10] += s
+                    if e == e:
+                        row[1] += 1
+                        row[2] += e
+                        row[3] += e * e
+                        row[4] += 1 if wrong > CLIP else 0
+                        row[5] += 1 if wrong < -CLIP else 0
+                        if last[y, x] == last[y, x]:
+                            row[6] += 1
+                            row[7] += e * last[y, x]
+                        if left_cell == cell and left == left:
+                            row[8] += 1
+                            row[9] += e * left
+                left, left_cell = e, cell
+                last[y, x] = e

@@ -1,10 +1,13 @@
 """Where the real camera and the simulation differ."""
 
+from collections.abc import Sequence
 from typing import Any
 
 from flexx2_sim_ros.gap.covariates import AXES
+from flexx2_sim_ros.gap.cover import Condition, cover
 from flexx2_sim_ros.gap.features import CHANNELS, LAYOUT, STRUCTURES, TOLERANCE
 from flexx2_sim_ros.gap.model import Model
+from flexx2_sim_ros.gap.spots import SPOT_CHANNELS, SPOT_TOLERANCE, Spots
 from flexx2_sim_ros.gap.student import q_values, t_tail
 import numpy as np
 
@@ -21,8 +24,73 @@ _ALWAYS = ('edge', 'beyond', 'structure')  # no surfaces
 _EDGE = [f'{side} side of a jump {where}, {near}'
          for where in ('to the right', 'to the left', 'below', 'above')
          for side in ('near', 'far') for near in ('next to it', '2 to 3 px away')]
+# What surfaces cut up tell nothing of: kept beside conditions on pixels.
+_BESIDE = ('structure', 'nothing there', 'beyond the range', *_BESIDES)
 _AT_EDGES = np.array([f.axis == 'edge' for f in LAYOUT])
 _INDEX = {(f.channel, f.axis, f.place): i for i, f in enumerate(LAYOUT)}
+
+
+def places(model: Model, difference: np.ndarray, spots: Sequence[Spots], exact: bool,
+           sigma_error: float) -> list[dict[str, Any]]:
+    """
+    List where real and simulated differ by more than what matters.
+
+    Parameters
+    ----------
+    model : Model
+        The recordings.
+    difference : numpy.ndarray
+        (R, SIZE) real less simulated features.
+    spots : sequence of Spots
+        Theirs, from simulating the outcome.
+    exact : bool
+        Whether effects explain the difference: what they change is told then, free of noise.
+    sigma_error : float
+        By which share sigma_z was found to be wrong.
+
+    Returns
+    -------
+    list of dict
+        Conditions that single out the pixels that differ, see `cover`, and what no condition on
+        pixels tells; as from `cells`. That alone where pixels are too few to be grouped.
+
+    """
+    binned = cells(model, difference, exact)
+    conditions = cover(spots, not exact, sigma_error)
+    if not conditions:
+        return binned
+    names = [e.name for e in model.evidence]
+    rows = [row for one in conditions for row in _rows(one, names)]
+    q = q_values(np.array([row['q_value'] for _, row in rows]))
+    for (_, row), value in zip(rows, q, strict=True):
+        row['q_value'] = float(value)
+    rows.sort(key=lambda item: -item[0])
+    return [row for _, row in rows] + [row for row in binned if row['covariate'] in _BESIDE]
+
+
+def _rows(one: Condition, names: list[str]) -> list[tuple[float, dict[str, Any]]]:
+    # A condition, channel by channel, with how much what is there matters.
+    ratio = np.abs(one.difference) / SPOT_TOLERANCE
+    p = _tail(one.difference, SPOT_TOLERANCE, one.noise ** 2)
+    out = []
+    for cell in _intervals(one, names):
+        for k in np.flatnonzero(ratio >= min(1.0, float(ratio.max()))):
+            size, unit = float(one.difference[k]), CHANNELS[SPOT_CHANNELS[k]][1]
+            if unit == 'sigma':
+                size, unit = size * one.sigma * 1000, 'mm'
+            out.append((float(ratio[k]), {
+                **cell, 'channel': SPOT_CHANNELS[k], 'size': size, 'unit_size': unit,
+                'q_value': float(p[k])}))
+    return out
+
+
+def _intervals(one: Condition, names: list[str]) -> list[dict[str, Any]]:
+    if one.axis == 'recording':
+        return [{**_bounds('recording', r, r), 'low': r, 'high': r, 'detail': names[r]}
+                for r in range(one.first, one.last + 1)]
+    if one.axis == 'region':
+        return [_bounds('region', i, i) for i in range(one.first, one.last + 1)]
+    return [_bounds(one.axis, one.first, one.last)]
 
 
 def cells(model: Model, difference: np.ndarray, exact: bool = False) -> list[dict[str, Any]]:
@@ -151,31 +219,37 @@ def mean_sigma(model: Model) -> np.ndarray:
 
 def _cell(index: int, size: float, q: float, sigma: np.ndarray) -> dict[str, Any]:
     feature = LAYOUT[index]
-    out: dict[str, Any] = {'covariate': feature.axis, 'low': None, 'high': None, 'unit': '',
-                           'channel': feature.channel, 'size': size, 'unit_size': '',
-                           'q_value': q, 'detail': ''}
+    out = {**_bounds(feature.axis, feature.place, feature.place), 'channel': feature.channel,
+           'size': size, 'unit_size': '', 'q_value': q}
     if feature.axis == 'structure':
         return out
-    axis = AXES[feature.axis]
-    edges = (None, *axis.edges, None)
-    if feature.axis == 'log_amplitude':
-        low, high = (None if edge is None else float(np.exp(edge))
-                     for edge in edges[feature.place:feature.place + 2])
-        out.update(covariate='amplitude', low=low, high=high, unit='1/m^2')
-    elif axis.edges:
-        out.update(low=edges[feature.place], high=edges[feature.place + 1], unit=axis.unit)
-    elif feature.axis == 'edge':
-        out.update(low=1, high=1, detail=_EDGE[feature.place])
-    elif feature.axis == 'region':
-        row, column = divmod(feature.place, 4)
-        out['covariate'] = f'image region row {row + 1} of 3, column {column + 1} of 4'
-    elif feature.axis == 'beyond':
-        out['covariate'] = ('nothing there', 'beyond the range')[feature.place]
+    if feature.axis == 'edge':
+        out['detail'] = _EDGE[feature.place]
     unit = CHANNELS[feature.channel][1]
     if unit == 'sigma':
-        out['size'] = size * float(sigma[axis.start + feature.place]) * 1000
+        out['size'] = size * float(sigma[AXES[feature.axis].start + feature.place]) * 1000
         unit = 'mm'
     out['unit_size'] = unit
+    return out
+
+
+def _bounds(name: str, first: int, last: int) -> dict[str, Any]:
+    # Bins of an axis, from one to another, for people.
+    out: dict[str, Any] = {'covariate': name, 'low': None, 'high': None, 'unit': '', 'detail': ''}
+    edges = (None, *AXES[name].edges, None) if name in AXES else ()
+    if name == 'log_amplitude':
+        low, high = (None if edge is None else float(np.exp(edge))
+                     for edge in (edges[first], edges[last + 1]))
+        out.update(covariate='amplitude', low=low, high=high, unit='1/m^2')
+    elif len(edges) > 2:
+        out.update(low=edges[first], high=edges[last + 1], unit=AXES[name].unit)
+    elif name == 'edge':
+        out.update(low=1, high=1)
+    elif name == 'region':
+        row, column = divmod(first, 4)
+        out['covariate'] = f'image region row {row + 1} of 3, column {column + 1} of 4'
+    elif name == 'beyond':
+        out['covariate'] = ('nothing there', 'beyond the range')[first]
     return out
 
 

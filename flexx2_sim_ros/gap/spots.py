@@ -1,0 +1,184 @@
+"""Small groups of pixels that are alike, and what an effect changes in each."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+import math
+
+from flexx2_sim_ros.gap.covariates import AXES, ENDLESS, Scene, sort_everywhere
+from flexx2_sim_ros.gap.evidence import Take
+from flexx2_sim_ros.gap.features import CHANNELS
+from flexx2_sim_ros.gap.kernels import add_errors, SPOT_WIDTH
+import numpy as np
+
+SPOT_CHANNELS = ('bias', 'log_variance', 'invalid', 'high', 'low', 'lag', 'neighbour')
+SPOT_TOLERANCE = np.array([CHANNELS[name][0] for name in SPOT_CHANNELS])
+_SHARES = 6, 4, 12, 2, 2  # distance, incidence, region, edge, dark
+_STEEP = (20.0, 45.0, 65.0)  # degrees
+_FARTHEST = 5.0
+_DARK = 0.2
+_SAMPLES = 12
+_PER_FRAME, _FEWEST = 75, 300  # pixels that a spot needs: a frame, in all
+_SURE = 4.0  # standard deviations
+_EDGE_PIXELS = 12  # an edge moves as a whole: this many of its pixels count for one
+
+
+@dataclass(frozen=True)
+class Spots:
+    """
+    The spots of a recording.
+
+    Attributes
+    ----------
+    count : numpy.ndarray
+        (N,) pixels, over all frames.
+    sigma : numpy.ndarray
+        (N,) mean sigma_z, metres.
+    effect, real : numpy.ndarray
+        (N, 7) what effects change and what the real camera shows beyond the plain simulation;
+        `SPOT_CHANNELS`.
+    limit, real_limit : numpy.ndarray
+        (N, 7) beyond which a difference matters and is no noise.
+    samples : numpy.ndarray
+        (N, 12, A) int16: bins of some of their pixels along `ENDLESS`, -1 where there are fewer.
+
+    """
+
+    count: np.ndarray
+    sigma: np.ndarray
+    effect: np.ndarray
+    real: np.ndarray
+    limit: np.ndarray
+    real_limit: np.ndarray
+    samples: np.ndarray
+
+
+class SpotSums:
+    """
+    Which spot each pixel belongs to, and sums over them.
+
+    Parameters
+    ----------
+    take : Take
+        The recording.
+    clean, reflectivity : numpy.ndarray
+        (H, W) or (T, H, W) as the camera really stood; reflectivity may be None.
+    scenes : sequence of Scene
+        Their covariates.
+    border : int
+        Pixels at the image's border that are not looked at.
+
+    """
+
+    def __init__(self, take: Take, clean: np.ndarray, reflectivity: np.ndarray | None,
+                 scenes: Sequence[Scene], border: int) -> None:
+        """Sort the pixels."""
+        frames = clean if clean.ndim == 3 else clean[None]
+        self._clean = np.ascontiguousarray(frames)
+        self._sigma = np.array([scene.sigma for scene in scenes])
+        self._count = math.prod(_SHARES)
+        self.samples = np.full((self._count, _SAMPLES, len(ENDLESS)), -1, np.int16)
+        self._filled = np.zeros(self._count, np.int64)
+        self._cells = np.empty(frames.shape, np.int32)
+        rng = np.random.default_rng(0)
+        for t, image in enumerate(frames):
+            rho = (reflectivity[t] if reflectivity is not None and reflectivity.ndim == 3
+                   else reflectivity)
+            bins, incidence = sort_everywhere(image, rho, take.K)
+            self._cells[t] = _cells(image, rho, incidence, bins, take.mode.range_max, border)
+            if len(frames) == 1 or t % 3 == 0:
+                self._sample(self._cells[t], bins, rng,
+                             _SAMPLES if len(frames) == 1 else max(_SAMPLES // 4, 1))
+
+    def _sample(self, cells: np.ndarray, bins: np.ndarray, rng: np.random.Generator, most: int
+                ) -> None:
+        flat = cells.ravel()
+        pixels = rng.permutation(np.flatnonzero(flat >= 0))
+        pixels = pixels[np.argsort(flat[pixels], kind='stable')]
+        place = flat[pixels]
+        rank = np.arange(len(place)) - np.searchsorted(place, place)
+        slot = self._filled[place] + rank
+        chosen = (rank < most) & (slot < _SAMPLES)
+        place, slot = place[chosen], slot[chosen]
+        self.samples[place, slot] = bins.reshape(len(bins), -1)[:, pixels[chosen]].T
+        np.maximum.at(self._filled, place, slot + 1)
+
+    def add(self, depth: np.ndarray) -> np.ndarray:
+        """Return sums of (T, H, W) depth, (spots, SPOT_WIDTH)."""
+        out = np.zeros((self._count, SPOT_WIDTH))
+        add_errors(depth, self._clean, self._sigma, self._cells, out)
+        return out
+
+    def spots(self, real: np.ndarray, before: Sequence[np.ndarray], after: Sequence[np.ndarray],
+              frames: int) -> Spots:
+        """
+        Compare.
+
+        Parameters
+        ----------
+        real : numpy.ndarray
+            Sums of the recording.
+        before, after : sequence of numpy.ndarray
+            Of simulations without and with effects, each pair with the same random numbers.
+        frames : int
+            That were summed up.
+
+        """
+        enough = real[:, 0] >= max(_PER_FRAME * frames, _FEWEST)
+        plain = [_features(sums[enough]) for sums in before]
+        some = [_features(sums[enough]) for sums in after]
+        own, number = _features(real[enough]), real[enough, 0]
+        base = np.mean(plain, axis=0)
+        edge = np.arange(self._count)[enough] // _SHARES[4] % _SHARES[3]
+        alone = np.sqrt(2 * (1 + (_EDGE_PIXELS - 1) * edge) / number)[:, None]
+        rates = base[:, 2:5]
+        deviation = np.hstack([
+            np.exp(base[:, 1:2] / 2), np.full((len(base), 1), 1.5),
+            np.sqrt(np.clip(rates * (1 - rates), 0, 1) + 1 / number[:, None]),
+            np.ones((len(base), 2))])
+        noise = np.nan_to_num(_SURE * alone * deviation)
+        # The same random numbers: a share that is lost or wrong shows as it is.
+        seen = np.where(np.isin(SPOT_CHANNELS, ('invalid', 'high', 'low')), 0, noise)
+        few = np.minimum(real[enough, 1], np.mean([sums[enough, 1] for sums in before], axis=0)
+                         ) < max(_PER_FRAME * frames, _FEWEST) / 3
+
+        def differences(values: np.ndarray, from_: np.ndarray) -> np.ndarray:
+            out = np.nan_to_num(values - from_)
+            # What is valid in one and not in the other: the share says so, the rest nothing.
+            out[np.ix_(few, [0, 1, 3, 4, 5, 6])] = 0
+            return out
+
+        return Spots(
+            number, real[enough, -1] / np.maximum(number, 1),
+            np.mean([differences(a, b) for a, b in zip(some, plain, strict=True)], axis=0),
+            differences(own, base), np.maximum(SPOT_TOLERANCE, seen),
+            np.maximum(SPOT_TOLERANCE, noise), self.samples[enough])
+
+
+def _cells(clean: np.ndarray, reflectivity: np.ndarray | None, incidence: np.ndarray,
+           bins: np.ndarray, farthest: float, border: int) -> np.ndarray:
+    # (H, W) int32, -1 where nothing is.
+    height, width = clean.shape
+    region = bins[ENDLESS.index('region')] - AXES['region'].start
+    edge = bins[ENDLESS.index('edge')] >= 0
+    dark = np.zeros(clean.shape, bool) if reflectivity is None else reflectivity < _DARK
+    far = np.clip(np.nan_to_num(clean) / min(farthest, _FARTHEST) * _SHARES[0], 0,
+                  _SHARES[0] - 0.01).astype(int)
+    cell = np.zeros(clean.shape, int)
+    for index, count in zip((far, np.digitize(incidence, _STEEP), region, edge, dark), _SHARES,
+                            strict=True):
+        cell = cell * count + index
+    known = np.zeros(clean.shape, bool)
+    known[border:height - border, border:width - border] = True
+    with np.errstate(invalid='ignore'):
+        return np.where(known & np.isfinite(clean) & (clean > 0), cell, -1).astype(np.int32)
+
+
+def _features(sums: np.ndarray) -> np.ndarray:
+    # (N, 7), NaN for none.
+    number, valid, total, square, high, low, pairs, before, beside, product = sums.T[:10]
+    with np.errstate(divide='ignore', invalid='ignore'):
+        mean = total / valid
+        variance = np.maximum(square / valid - mean ** 2, 1e-4)
+        return np.stack([mean, np.log(variance), 1 - valid / number, high / valid, low / valid,
+                         (before / pairs - mean ** 2) / variance,
+                         (product / beside - mean ** 2) / variance], axis=1)

@@ -1,0 +1,107 @@
+"""Where a gap lies: cut up along covariates, and as conditions on pixels."""
+
+from types import SimpleNamespace
+from typing import Any
+
+from bench.gap_campaigns import look, make_room, optical
+from flexx2_sim_ros.camera import Camera, flexx2
+from flexx2_sim_ros.gap.covariates import AXES, ENDLESS
+from flexx2_sim_ros.gap.cover import cover
+from flexx2_sim_ros.gap.evidence import scenes_of, Take
+from flexx2_sim_ros.gap.features import LAYOUT, SIZE, TOLERANCE
+from flexx2_sim_ros.gap.spots import SPOT_CHANNELS, SPOT_TOLERANCE, Spots, SpotSums
+from flexx2_sim_ros.gap.where import cells
+import numpy as np
+import pytest
+
+
+def made_up(count: int, noise: float) -> Any:
+    """Return what `cells` asks of a model, with nothing in it."""
+    shape = (count, SIZE)
+    counts = np.concatenate([np.full(axis.bins, 1e4 / axis.bins) for axis in AXES.values()])
+    evidence = [SimpleNamespace(counts=counts, sigma=np.full(len(counts), 0.002),
+                                name=f'{r}.npz') for r in range(count)]
+    return SimpleNamespace(good=np.ones(shape, bool), evidence=evidence,
+                           scale2=np.broadcast_to(TOLERANCE ** 2 + noise ** 2, shape))
+
+
+def test_a_gap_is_placed_along_the_covariate_that_shows_it_best() -> None:
+    difference = np.zeros((6, SIZE))
+    for i, feature in enumerate(LAYOUT):
+        if feature.channel == 'invalid':
+            # All of it in one bin of incidence; along the others it is spread thin.
+            if feature.axis == 'incidence' and feature.place == 7:
+                difference[:, i] = 0.5
+            elif feature.axis in ('all', 'distance', 'radius', 'region', 'log_amplitude'):
+                difference[:, i] = 0.5 / 9
+    cell, = cells(made_up(6, 0.001), difference)
+    assert (cell['covariate'], cell['low'], cell['high']) == ('incidence', 68.0, 75.0)
+    assert cell['channel'] == 'invalid'
+    assert cell['size'] == pytest.approx(0.5)
+    # The same everywhere: said in one line.
+    difference[:] = [0.5 if f.channel == 'bias' and f.axis not in ('edge', 'structure') else 0.0
+                     for f in LAYOUT]
+    cell, = cells(made_up(6, 0.001), difference)
+    assert (cell['covariate'], cell['unit_size']) == ('all', 'mm')
+    assert cell['size'] == pytest.approx(1.0)
+    assert cells(made_up(6, 0.001), np.zeros((6, SIZE))) == []
+    assert cells(made_up(6, 1.0), difference) == []  # lost in noise
+
+
+def made_up_spots(differs: np.ndarray) -> Spots:
+    """Return a spot for each bin of distance and region, and an offset of 0.5 where it differs."""
+    far, region = (a.ravel() for a in np.indices((AXES['distance'].bins, 12)))
+    samples = np.zeros((len(far), 12, len(ENDLESS)), np.int16)
+    for i, name in enumerate(ENDLESS):
+        place = {'distance': far, 'region': region}.get(name)
+        samples[:, :, i] = -1 if name == 'edge' else AXES[name].start + (
+            0 if place is None else place[:, None])
+    effect = np.zeros((len(far), len(SPOT_CHANNELS)))
+    effect[:, 0] = 0.5 * differs.ravel()
+    limit = np.broadcast_to(SPOT_TOLERANCE, effect.shape)
+    return Spots(np.full(len(far), 2000.0), np.full(len(far), 0.002), effect, 0 * effect, limit,
+                 limit, samples)
+
+
+def test_conditions_single_out_the_pixels_that_differ() -> None:
+    differs = np.zeros((AXES['distance'].bins, 12), bool)
+    assert cover([made_up_spots(differs)], False) == []
+    differs[3:6] = True
+    one, = cover([made_up_spots(differs)] * 2, False)
+    assert (one.axis, one.first, one.last, one.share) == ('distance', 3, 5, pytest.approx(1))
+    assert one.difference[0] == pytest.approx(0.5)
+    assert cover([made_up_spots(differs)], True) == []  # the real camera shows none of it
+    differs[:, 7] = True
+    both = cover([made_up_spots(differs)] * 2, False)
+    assert {(c.axis, c.first, c.last) for c in both} == {('distance', 3, 5), ('region', 7, 7)}
+    # In one of two recordings only; everywhere.
+    one, = cover([made_up_spots(0 * differs), made_up_spots(0 * differs + 1)], False)
+    assert (one.axis, one.first, one.last) == ('recording', 1, 1)
+    one, = cover([made_up_spots(0 * differs + 1)], False)
+    assert one.axis == 'all'
+
+
+def test_spots_show_what_an_effect_changes_and_where() -> None:
+    K = flexx2().intrinsics.matrix  # noqa: N806
+    room = make_room(np.random.default_rng(2))
+    clean, rho = look(room, K, (172, 224), optical(0.1, 0.35, 0.0), np.array([0.0, 0.1, 0.6]))
+    stamps = np.arange(12) * 33_000_000
+    steep = {'grazing_dropout': {'half_deg': 60.0}}
+    plain, real = (Camera(effects=effects, seed=1).capture(clean, K, stamps, rho).depth
+                   for effects in ({}, steep))
+    take = Take('', real, clean, rho, K, stamps, np.arange(12) == 0, None,
+                flexx2().mode('Mode_9_30fps'), None)
+    sums = SpotSums(take, clean, rho, scenes_of(take, clean, rho, 0), 0)
+    before, after = sums.add(plain), sums.add(real)
+    spots = sums.spots(after, [before], [after], 12)
+    # Of the sums themselves: each pixel once a frame.
+    assert before[:, 0].sum() == 12 * np.isfinite(clean).sum()
+    assert before[:, 1].sum() == np.isfinite(plain).sum()
+    lost = SPOT_CHANNELS.index('invalid')
+    assert np.average(spots.effect[:, lost], weights=spots.count) == pytest.approx(
+        np.mean(~np.isfinite(real)) - np.mean(~np.isfinite(plain)), abs=0.02)
+    assert np.array_equal(spots.effect, spots.real)
+    found = cover([spots], False)
+    assert found[0].axis == 'incidence'
+    assert found[0].difference[lost] > 0.1
+    assert cover([sums.spots(before, [before], [before], 12)], True) == []
