@@ -121,10 +121,12 @@ def catalogue(without: Collection[str] = ()) -> tuple[list[Column], list[Candida
             Term(term.name, tuple((value, _RAY + column) for value, column in term.nodes)
                  if axial.effect == 'warm_up_drift'
                  else nodes('along_ray', {'intercept': 'bias'}.get(term.name, term.name),
-                            (term.nodes[0][0],)), term.low, term.high) for term in axial.terms)
+                            tuple(value for value, _ in term.nodes)), term.low, term.high)
+            for term in axial.terms)
         candidates.append(Candidate(axial.effect, f'{axial.label} along the ray'.strip(), terms,
                                     axial.build, axial))
 
+    # One node: of a large bias the pose takes most, so that what is left is small, and linear.
     bias = nodes('offset', 'bias', (0.005,))
     nodes('along_ray', 'bias', (0.005,))
     one('offset', 'bias', (0.005,), -0.1, 0.1)

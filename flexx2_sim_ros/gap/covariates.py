@@ -8,6 +8,7 @@ from flexx2_sim_ros.camera.axial import model_sigma
 from flexx2_sim_ros.camera.intrinsics import Intrinsics
 from flexx2_sim_ros.camera.modes import camera_config, Mode
 from flexx2_sim_ros.camera.surface import analyse, PAD
+from flexx2_sim_ros.effects.ray import ray_length
 from numba import njit
 import numpy as np
 
@@ -95,6 +96,8 @@ class Scene:
         (H, W) float32, NaN where the mode sees nothing.
     inside : numpy.ndarray
         (H, W) bool, surfaces away from jumps.
+    ray : numpy.ndarray
+        (H, W) float32, how much longer the rays are than depth.
 
     """
 
@@ -103,6 +106,7 @@ class Scene:
     sigma: np.ndarray
     clean: np.ndarray
     inside: np.ndarray
+    ray: np.ndarray
 
 
 def look_at(clean: np.ndarray, before: np.ndarray | None, interval: float,
@@ -176,7 +180,8 @@ def look_at(clean: np.ndarray, before: np.ndarray | None, interval: float,
         np.copyto(bins[index['beyond']], AXES['beyond'].start + far.astype(np.int16),
                   where=(far | ~(clean > 0)) & (edge < 0) & known)
     runs, first = _runs(bins)
-    return Scene(runs, first, sigma, np.where(seen, clean, np.float32(np.nan)), inside)
+    return Scene(runs, first, sigma, np.where(seen, clean, np.float32(np.nan)), inside,
+                 _rays(*(float(v) for v in K[:2].ravel()), height, width))
 
 
 def sort_everywhere(clean: np.ndarray, reflectivity: np.ndarray | None,
@@ -220,6 +225,13 @@ def sort_everywhere(clean: np.ndarray, reflectivity: np.ndarray | None,
         else:
             _put(values[name], seen, np.array(axis.edges), axis.start, out)
     return bins, incidence
+
+
+@lru_cache(maxsize=4)
+def _rays(fx: float, skew: float, cx: float, other: float, fy: float, cy: float, height: int,
+          width: int) -> np.ndarray:
+    matrix = np.array([[fx, skew, cx], [other, fy, cy], [0, 0, 1]])
+    return ray_length(matrix, (height, width))
 
 
 @lru_cache(maxsize=4)

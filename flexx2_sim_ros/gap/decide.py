@@ -12,9 +12,10 @@ import numpy as np
 # Calibrated on campaigns of the base simulator with pose, reflectivity and sigma errors, and on
 # campaigns of the catalogue's and of made-up effects (bench/gap_development.py); a recording.
 GAIN = 1.0
-LEAST_GAIN = 0.5  # if the recordings agree
+LEAST_GAIN = 0.5  # if the recordings agree, or there is a gap beyond doubt
 _AGREE = 0.97
-GAP = 4.5
+GAP = 5.5
+_BEYOND_DOUBT = 2.0  # times that
 MOST_EFFECTS = 6
 _FILTERS = frozenset({'spatial_filter', 'temporal_filter'})
 _FILTERED = (0.8, 1.5)  # how much of a filter, and of noise, to begin with
@@ -25,7 +26,7 @@ _WEAK_COST = 0.25  # a recording and factor of e below 0.4 of the usual strength
 _DOUBT = {'lateral_noise': 0.5}
 _FROM_NODE = (3.0, 1.0, 1.0)
 _ALTERNATIVE = 0.8
-_UNKNOWN_SHARE = 0.08
+_UNKNOWN_SHARE = 0.05
 _NEXT_SHARE = 0.04  # half of it while less than half is explained
 _PARTLY_SHARE = 0.5
 # Poses that scatter by more than this share of what is usual are a finding of their own.
@@ -158,7 +159,7 @@ def decide(model: Model, candidates: Sequence[Candidate],
         chosen = Choice(chosen.fit, max(chosen.gain, GAIN * count))
         rivals = []
     excess = max(base.inside - null - chosen.fit.pose_loss, 1e-9)
-    if _counts(chosen, base, count):
+    if _counts(chosen, base, excess):
         for _ in range(MOST_EFFECTS - 1):
             taken = {c.effect for c in chosen.fit.candidates}
             more: list[Choice] = []
@@ -250,14 +251,15 @@ def _oddity(fit: Fit) -> float:
     return cost
 
 
-def _counts(chosen: Choice, base: Fit, count: int) -> bool:
-    return chosen.gain >= GAIN * count or (
-        chosen.gain >= LEAST_GAIN * count and _certainty(chosen.fit, base) >= _AGREE)
+def _counts(chosen: Choice, base: Fit, excess: float) -> bool:
+    count = len(base.loss)
+    return chosen.gain >= GAIN * count or (chosen.gain >= LEAST_GAIN * count and (
+        excess >= _BEYOND_DOUBT * GAP * count or _certainty(chosen.fit, base) >= _AGREE))
 
 
 def _verdict(chosen: Choice, base: Fit, excess: float, left: float) -> str:
     count = len(base.loss)
-    if not _counts(chosen, base, count):
+    if not _counts(chosen, base, excess):
         return 'none' if excess < GAP * count else 'unknown'
     much = left > GAP * count
     # A pose error common to all recordings hides in their own: it takes little off the features.

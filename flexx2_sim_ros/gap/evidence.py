@@ -176,7 +176,7 @@ def gather(take: Take, columns: Sequence[Column], seed: int, prior: np.ndarray) 
                                                (np.arange(count), warm))):
         part = _Part(take, clean, reflectivity, scenes, frames, seed * 1000, spectrum, settling)
         for i, column in enumerate(columns):
-            if _kind(column) == kind and (moving or not NEEDS_MOTION & column.effects.keys()):
+            if _kind(column) == kind and (moving or not column.effects.keys() <= NEEDS_MOTION):
                 shifts[i] = part.shift(with_uptime(column.effects, take.uptime))
                 if kind == 1:  # Grain is noise that is left, and the more so the fewer frames.
                     shifts[i, _GRAIN] *= nulls[0, _GRAIN] / max(part.base[_GRAIN], 1e-9)

@@ -97,7 +97,8 @@ class Sums:
     sigma : numpy.ndarray
         (H, W) float32, sum of sigma_z where ``mean`` counts.
     lattice : numpy.ndarray or None
-        Histogram of depth.
+        (2, N) histograms of depth and of distance along the ray: steps of a phase are steps of
+        the latter.
 
     """
 
@@ -156,11 +157,12 @@ def accumulate(depth: np.ndarray, scenes: Sequence[Scene], fresh: np.ndarray,
         gather_rows(depth[part], scene.clean, scene.sigma, scene.inside, scene.first, scene.runs,
                     errors, start[part], use[part], not still, times[part], bins, rows[part],
                     columns[part], squares[part], invalid[part], mean, sigma, 2 if thin else 1)
-    histogram = np.zeros(int(LATTICE_RANGE / LATTICE_BIN)) if lattice else None
+    histogram = np.zeros((2, int(LATTICE_RANGE / LATTICE_BIN))) if lattice else None
     if histogram is not None:
         for t in range(count):
             if use[t]:
-                count_depths(depth[t], scenes[0 if still else t].inside, histogram)
+                scene = scenes[0 if still else t]
+                count_depths(depth[t], scene.inside, scene.ray, histogram)
     (row, row_number), (column, column_number) = (
         image.astype(float).transpose(1, 0, 2) for image in (rows, columns))
     number = row_number.sum(axis=1)
@@ -260,9 +262,9 @@ def static_grain(sums: Sums) -> np.ndarray:
 
 
 def lattice_spectrum(sums: Sums) -> np.ndarray:
-    """Return the squared share of depths in step with 0, 1, 2, ... periods over the range."""
+    """Return (2, N) squared shares of depths in step with 0, 1, 2, ... periods over the range."""
     assert sums.lattice is not None
-    number = max(float(sums.lattice.sum()), 1.0)
+    number = np.maximum(sums.lattice.sum(axis=1, keepdims=True), 1.0)
     return np.abs(np.fft.rfft(sums.lattice)) ** 2 / number ** 2
 
 
@@ -270,7 +272,8 @@ def lattice_peak(spectrum: np.ndarray, base: np.ndarray, shortest: float = 0.000
                  longest: float = 0.02) -> tuple[float, float]:
     """Return how much (log) depth is more in step than the base's, and with which step, metres."""
     low, high = round(LATTICE_RANGE / longest), round(LATTICE_RANGE / shortest)
-    excess = np.log10((spectrum[low:high] + 3e-4) / (base[low:high] + 3e-4))
+    both = np.log10((spectrum[:, low:high] + 3e-4) / (base[:, low:high] + 3e-4))
+    excess = both[int(np.argmax(both.max(axis=1)))]
     best = int(np.argmax(excess))
     # The longest step of those that do about as well: its fractions are its harmonics.
     best = int(np.argmax(excess > 0.8 * excess[best]))

@@ -177,15 +177,18 @@ def _sum_seconds(e, before, mask, d, inner, sums):  # type: ignore[no-untyped-de
 
 
 @njit(cache=True, nogil=True)
-def count_depths(depth, inside, histogram):  # type: ignore[no-untyped-def]
-    """Count how often which depth occurs on surfaces."""
+def count_depths(depth, inside, ray, histogram):  # type: ignore[no-untyped-def]
+    """Count how often which depth occurs on surfaces, and which distance along the ray."""
     for y in range(depth.shape[0]):
         for x in range(depth.shape[1]):
             z = depth[y, x]
             if inside[y, x] and 0 < z < LATTICE_RANGE:
                 i = int(z / np.float32(LATTICE_BIN) + np.float32(0.5))
-                if i < histogram.size:
-                    histogram[i] += 1
+                j = int(z * ray[y, x] / np.float32(LATTICE_BIN) + np.float32(0.5))
+                if i < histogram.shape[1]:
+                    histogram[0, i] += 1
+                if j < histogram.shape[1]:
+                    histogram[1, j] += 1
 
 
 @njit(cache=True, error_model='numpy', nogil=True)

@@ -135,7 +135,7 @@ class Model:
         far = 1 + _EDGES_MOVED * np.square(self.pose / self.prior).mean(axis=1)
         self.scale2 += far[:, None] * np.array([e.displaced for e in evidence])
         self._columns = np.array([e.columns for e in evidence])
-        self._repeat_shift(base)
+        self._repeat_shift(columns, base)
         for name in ('scale2', 'gap', 'weights', 'pose_columns', '_edges'):
             setattr(self, name, getattr(self, name).astype(np.float32))
         self._drift = np.array([drift_factors(e.uptime) for e in evidence])
@@ -143,12 +143,12 @@ class Model:
         self._less = self._column(self.NEEDED[3]) / np.float32(-0.2)
         self.null_loss = self._null_loss()
 
-    def _repeat_shift(self, base: np.ndarray) -> None:
+    def _repeat_shift(self, columns: Sequence[Column], base: np.ndarray) -> None:
         # How alike a fixed pattern makes the grain of different recordings.
         grain, repeat = _STRUCTURE['static_grain'], _STRUCTURE['repeat']
         others = max(len(base) - 1, 1)
-        for name, i in self.index.items():
-            if name.startswith('fixed_pattern'):
+        for i, column in enumerate(columns):
+            if 'fixed_pattern' in column.effects:
                 signal = np.maximum(self._columns[:, i, grain], 0)
                 rest = np.maximum(np.nan_to_num(base[:, grain]), 1e-6)
                 self._columns[:, i, repeat] = signal / np.sqrt(
