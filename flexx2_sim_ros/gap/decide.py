@@ -26,7 +26,7 @@ _WEAK_COST = 0.25  # a recording and factor of e below 0.4 of the usual strength
 _DOUBT = {'lateral_noise': 0.5}
 _FROM_NODE = (3.0, 1.0, 1.0)
 _ALTERNATIVE = 0.8
-_UNKNOWN_SHARE = 0.05
+_UNKNOWN_SHARE = 0.08
 _NEXT_SHARE = 0.04  # half of it while less than half is explained
 _PARTLY_SHARE = 0.5
 # Poses that scatter by more than this share of what is usual are a finding of their own.
