@@ -91,16 +91,15 @@ class SpotSums:
 
     def _sample(self, cells: np.ndarray, bins: np.ndarray, rng: np.random.Generator, most: int
                 ) -> None:
-        flat = cells.ravel()
-        pixels = rng.permutation(np.flatnonzero(flat >= 0))
-        pixels = pixels[np.argsort(flat[pixels], kind='stable')]
-        place = flat[pixels]
-        rank = np.arange(len(place)) - np.searchsorted(place, place)
-        slot = self._filled[place] + rank
-        chosen = (rank < most) & (slot < _SAMPLES)
-        place, slot = place[chosen], slot[chosen]
-        self.samples[place, slot] = bins.reshape(len(bins), -1)[:, pixels[chosen]].T
-        np.maximum.at(self._filled, place, slot + 1)
+        # Pixels spot by spot, shuffled within each.
+        flat, rows = cells.ravel(), bins.reshape(len(bins), -1).T
+        order = np.lexsort((rng.random(flat.size), flat))
+        order = order[flat[order] >= 0]
+        spots, first, number = np.unique(flat[order], return_index=True, return_counts=True)
+        for i in range(most):
+            left = (number > i) & (self._filled[spots] < _SAMPLES)
+            self.samples[spots[left], self._filled[spots[left]]] = rows[order[first[left] + i]]
+            self._filled[spots[left]] += 1
 
     def add(self, depth: np.ndarray) -> np.ndarray:
         """Return sums of (T, H, W) depth, (spots, SPOT_WIDTH)."""
