@@ -81,7 +81,7 @@ def cover(recordings: Sequence[Spots], real: bool, sigma_error: float = 0.0
         return []
     samples = np.concatenate([spots.samples for spots in recordings]).astype(int)
     known = samples[:, :, 0] >= 0
-    weight = np.where(known, (count / known.sum(axis=1))[:, None], 0)
+    weight = known * (count / np.maximum(known.sum(axis=1), 1))[:, None]
     bins = {name: samples[:, :, i] - AXES[name].start for i, name in enumerate(ENDLESS)}
     bins['recording'] = np.repeat(np.arange(len(recordings)), [len(s.count) for s in recordings]
                                   )[:, None] + np.zeros(known.shape, int)
