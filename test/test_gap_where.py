@@ -68,7 +68,7 @@ def test_conditions_single_out_the_pixels_that_differ() -> None:
     assert cover([made_up_spots(differs)], False) == []
     differs[3:6] = True
     one, = cover([made_up_spots(differs)] * 2, False)
-    assert (one.axis, one.first, one.last, one.share) == ('distance', 3, 5, pytest.approx(1))
+    assert (one.axis, one.first, one.last) == ('distance', 3, 5)
     assert one.difference[0] == pytest.approx(0.5)
     assert cover([made_up_spots(differs)], True) == []  # the real camera shows none of it
     differs[:, 7] = True

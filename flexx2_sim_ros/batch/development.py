@@ -46,7 +46,7 @@ class Development:
         self._rows, self._profile = rows, profile
         num_envs, device = len(effects), rows.stamps.device
         names = {effect.name for own in effects for effect in own}
-        self._keeps_depth = 'motion_artefact' in names
+        self._keeps_surfaces = 'motion_artefact' in names
         self._filters = 'spatial_filter' in names
         self._effects = wp.array(np.array([effects_row(own) for own in effects]), dtype=Effects,
                                  device=device)
@@ -61,8 +61,8 @@ class Development:
         kept.young = wp.zeros(num_envs, dtype=wp.uint8, device=device)
         kept.started, kept.last, kept.before = (
             wp.zeros(num_envs, dtype=wp.int64, device=device) for _ in range(3))
-        kept.depth = zeros(num_envs, self._keeps_depth)
-        kept.reflectivity = zeros(num_envs, self._keeps_depth)
+        kept.depth = zeros(num_envs, self._keeps_surfaces)
+        kept.reflectivity = zeros(num_envs, self._keeps_surfaces)
         kept.measured = zeros(num_envs, 'temporal_filter' in names)
         kept.grain = zeros(num_envs, 'fixed_pattern' in names)
         seen = self._seen = effect_kernels.Seen()
@@ -140,8 +140,8 @@ class Development:
         launch(effect_kernels.finish, grid, images.lens, first, chunk, rows.noise, self._effects,
                rows.keys, rows.stamps, kept, seen.filtered if self._filters else seen.measured,
                seen, out)
-        if self._keeps_depth:
-            launch(effect_kernels.keep_depth, grid, surfaces, images.lens, first, chunk, kept)
+        if self._keeps_surfaces:
+            launch(effect_kernels.keep_surfaces, grid, surfaces, images.lens, first, chunk, kept)
 
     def _look_again(self, surfaces: Any, depth: wp.array, reflectivity: wp.array,
                     count: int) -> None:

@@ -35,12 +35,12 @@ from flexx2_sim_ros.batch.effect_formulas import (
 from flexx2_sim_ros.batch.effect_tables import Effects, Light
 from flexx2_sim_ros.batch.kernels import blocks_of, Lens, Noise, OPTIONS, padded
 from flexx2_sim_ros.camera import philox
-from flexx2_sim_ros.effects import filtering
+from flexx2_sim_ros.effects import filtering, motion
 import warp as wp
 
 wp.set_module_options(OPTIONS)
 
-_DARKEST = wp.constant(wp.float32(1e-3))
+_DARKEST = wp.constant(wp.float32(motion.DARKEST))
 _MOTION = wp.constant(wp.uint32(philox.STREAM_MOTION))
 _TAILS = wp.constant(wp.uint32(philox.STREAM_TAILS))
 _WRAP_SHARE = wp.constant(wp.uint32(philox.STREAM_WRAP_SHARE))
@@ -170,9 +170,8 @@ def measure(surfaces: Surfaces, lens: Lens, first: wp.int32, chunk: wp.int32,
         if moves:
             place = (first + n) * pixels + sy * lens.width + sx
             start = at(kept.depth, place) - z
-            if kept.reflectivity.shape[0] > 0:
-                brighter = (at(kept.reflectivity, place)
-                            / wp.max(reflectivity_at(surfaces, lens, n, sy, sx), _DARKEST))
+            brighter = (at(kept.reflectivity, place)
+                        / wp.max(reflectivity_at(surfaces, lens, n, sy, sx), _DARKEST))
         passes = start == start and (brighter != 1.0 or (
             start != 0.0 and not alike(z, start, interval)))
         change = wp.float32(0.0)
@@ -316,7 +315,7 @@ def finish(lens: Lens, first: wp.int32, chunk: wp.int32, noises: wp.array(dtype=
 
 
 @wp.kernel
-def keep_depth(surfaces: Surfaces, lens: Lens, first: wp.int32, chunk: wp.int32, kept: Kept):
+def keep_surfaces(surfaces: Surfaces, lens: Lens, first: wp.int32, chunk: wp.int32, kept: Kept):
     """Remember what is seen, for the motion until the next frame."""
     n, y, c = wp.tid()
     x = c * chunk
@@ -325,7 +324,6 @@ def keep_depth(surfaces: Surfaces, lens: Lens, first: wp.int32, chunk: wp.int32,
     while x < end:
         inverse = at(surfaces.p, padded(lens, n, y, x))
         put(kept.depth, row + x, wp.where(inverse > 0.0, 1.0 / inverse, _NAN))
-        if kept.reflectivity.shape[0] > 0:
-            put(kept.reflectivity, row + x,
-                wp.max(reflectivity_at(surfaces, lens, n, y, x), _DARKEST))
+        put(kept.reflectivity, row + x,
+            wp.max(reflectivity_at(surfaces, lens, n, y, x), _DARKEST))
         x += 1

@@ -17,7 +17,7 @@ _TAPS = 4
 # the second would take it, m/s, is the same in two frames (design; twice a trotting Go1).
 ALIKE_SHARE = 0.05
 ALIKE_SPEED = 3.0
-_DARKEST = np.float32(1e-3)
+DARKEST = np.float32(1e-3)  # reflectivity that the light of raw frames is compared with
 _ZERO = np.float32(0.0)
 _ONE = np.float32(1.0)
 _TWO_PI = np.float32(2.0 * math.pi)
@@ -110,13 +110,13 @@ class MotionArtefact(Effect):
         """Take each frequency's four taps at their own moments."""
         before: Any = exposure.memory.kept.get(self.name)
         shown = exposure.depth.shape
-        rho = np.broadcast_to(np.maximum(exposure.reflectivity, _DARKEST), shown)
-        exposure.memory.kept[self.name] = (exposure.stamp, exposure.depth.copy(), rho.copy())
+        rho = np.maximum(exposure.reflectivity, DARKEST)
+        exposure.memory.kept[self.name] = (exposure.stamp, exposure.depth.copy(), rho)
         if (before is None or before[0] >= exposure.stamp or before[1].shape != shown
                 or (np.array_equal(before[1], exposure.depth, equal_nan=True)
                     and np.array_equal(before[2], rho))):
             return
-        brighter = before[2] / rho
+        brighter = np.ascontiguousarray(np.broadcast_to(before[2] / rho, shown))
         interval = (exposure.stamp - before[0]) * 1e-9
         duration = self.strength * self.stretch * exposure.acquisition_seconds
         taps = _TAPS * len(exposure.shifts)

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from flexx2_sim_ros.gap.covariates import AXES, ENDLESS
-from flexx2_sim_ros.gap.spots import SPOT_CHANNELS, Spots
+from flexx2_sim_ros.gap.spots import SPOT_CHANNELS, Spots, SURE
 import numpy as np
 
 _NOISE = SPOT_CHANNELS.index('log_variance')
@@ -31,8 +31,6 @@ class Condition:
         (7,) what that is uncertain by.
     sigma : float
         Their mean sigma_z, metres.
-    share : float
-        Of its pixels that differ.
 
     """
 
@@ -42,7 +40,6 @@ class Condition:
     difference: np.ndarray
     noise: np.ndarray
     sigma: float
-    share: float
 
 
 def cover(recordings: Sequence[Spots], real: bool, sigma_error: float = 0.0
@@ -104,8 +101,8 @@ def cover(recordings: Sequence[Spots], real: bool, sigma_error: float = 0.0
             total = max(float(share.sum()), 1e-9)
             out.append(Condition(
                 name, first, last, share @ difference / total,
-                np.sqrt(np.square(share) @ np.square(limit / 4)) / total,
-                float(share @ sigma / total), float(total / max((weight * here).sum(), 1e-9))))
+                np.sqrt(np.square(share) @ np.square(limit / SURE)) / total,
+                float(share @ sigma / total)))
     return out
 
 

@@ -18,7 +18,7 @@ _FARTHEST = 5.0
 _DARK = 0.2
 _SAMPLES = 12
 _PER_FRAME, _FEWEST = 75, 300  # pixels that a spot needs: a frame, in all
-_SURE = 4.0  # standard deviations
+SURE = 4.0  # standard deviations
 _EDGE_PIXELS = 12  # an edge moves as a whole: this many of its pixels count for one
 
 
@@ -87,7 +87,7 @@ class SpotSums:
             self._cells[t] = _cells(image, rho, incidence, bins, take.mode.range_max, border)
             if len(frames) == 1 or t % 3 == 0:
                 self._sample(self._cells[t], bins, rng,
-                             _SAMPLES if len(frames) == 1 else max(_SAMPLES // 4, 1))
+                             _SAMPLES if len(frames) == 1 else _SAMPLES // 4)
 
     def _sample(self, cells: np.ndarray, bins: np.ndarray, rng: np.random.Generator, most: int
                 ) -> None:
@@ -134,7 +134,7 @@ class SpotSums:
             np.exp(base[:, 1:2] / 2), np.full((len(base), 1), 1.5),
             np.sqrt(np.clip(rates * (1 - rates), 0, 1) + 1 / number[:, None]),
             np.ones((len(base), 2))])
-        noise = np.nan_to_num(_SURE * alone * deviation)
+        noise = np.nan_to_num(SURE * alone * deviation)
         # The same random numbers: a share that is lost or wrong shows as it is.
         seen = np.where(np.isin(SPOT_CHANNELS, ('invalid', 'high', 'low')), 0, noise)
         few = np.minimum(real[enough, 1], np.mean([sums[enough, 1] for sums in before], axis=0)
@@ -143,7 +143,7 @@ class SpotSums:
         def differences(values: np.ndarray, from_: np.ndarray) -> np.ndarray:
             out = np.nan_to_num(values - from_)
             # What is valid in one and not in the other: the share says so, the rest nothing.
-            out[np.ix_(few, [0, 1, 3, 4, 5, 6])] = 0
+            out[few] *= np.array(SPOT_CHANNELS) == 'invalid'
             return out
 
         return Spots(
