@@ -12,6 +12,7 @@ TYPES = get_typestore(Stores.ROS2_JAZZY)
 IMAGE, INFO = 'sensor_msgs/msg/Image', 'sensor_msgs/msg/CameraInfo'
 CLOUD, EVENT = 'sensor_msgs/msg/PointCloud2', 'rcl_interfaces/msg/ParameterEvent'
 PLUGINS = {'mcap': StoragePlugin.MCAP, 'sqlite3': StoragePlugin.SQLITE3}
+STORAGES = tuple(PLUGINS)
 SECOND = 1_000_000_000
 DRIVER = '/pmd_royale_ros_camera_node'
 MATRIX = np.array([[210.5, 0, 111.75], [0, 212.25, 85.5], [0, 0, 1]])

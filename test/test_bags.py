@@ -1,30 +1,14 @@
-"""Recordings in bags: the real driver's, ours, converted ones, and cut-off ones."""
+"""Recordings in bags: the real driver's, ours and converted ones."""
 
-from collections.abc import Iterator
-import os
 from pathlib import Path
-import sqlite3
-import subprocess
-import sys
-import threading
 import tracemalloc
 from typing import Any
 
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.recording import (
-    load_recording,
-    load_scene,
-    open_recording,
-    Recording,
-    recording_cameras,
-)
+from flexx2_sim_ros.recording import load_recording, load_scene, open_recording, recording_cameras
 from flexx2_sim_ros.recording.bag_files import Bag
-from flexx2_sim_ros.recording.bag_remains import Message
-from flexx2_sim_ros.recording.bag_writer import BagWriter
 from flexx2_sim_ros.recording.convert import convert
-from flexx2_sim_ros.recording.gaps import find_gaps
-from flexx2_sim_ros.recording.sink import BagSink
 import made_bags
 from made_bags import (
     camera_entries,
@@ -40,13 +24,13 @@ from made_bags import (
     MATRIX,
     same,
     SECOND,
+    STORAGES,
     usecase,
     write,
 )
 import numpy as np
 import pytest
 
-STORAGES = ('mcap', 'sqlite3')
 TARGETS = ('folder-mcap', 'folder-sqlite3', 'file.mcap', 'file.db3')
 RNG = np.random.default_rng(20240717)
 
@@ -303,165 +287,6 @@ def test_chunks_of_stacks_that_no_image_holds(tmp_path: Path) -> None:
     assert len(cut.clean_depth) == len(cut.stamp) == len(cut.depth)
 
 
-# What is left of a bag: whole frames, bit for bit, from the start, and a note; or a clear error.
-
-COUNT = 12
-
-
-@pytest.fixture(scope='module')
-def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    """Write bags of 12 frames: 70 kB each with its cloud, two or three chunks in MCAP."""
-    folder = tmp_path_factory.mktemp('whole')
-    depth = depths(COUNT, 86, 112)
-    return {'mcap': driver_bag(folder / 'm', depth) / 'm.mcap',
-            'zstd': driver_bag(folder / 'z', depth, compress=True) / 'z.mcap',
-            'sqlite3': driver_bag(folder / 's', depth, 'sqlite3') / 's.db3'}
-
-
-def attempt(path: Path) -> Recording | None:
-    """Return a recording, or None where there is a clear error."""
-    try:
-        return load_recording(path)
-    except InputError as error:
-        text = str(error)
-    assert str(path) in text
-    return None
-
-
-def check_prefix(path: Path) -> tuple[int, str]:
-    """Return how many frames of a bag there are, which have to be the first ones, and notes."""
-    recording = attempt(path)
-    if recording is None:
-        return 0, ''
-    count = len(recording.depth)
-    assert count
-    assert same(recording.depth, depths(COUNT, 86, 112)[:count])
-    assert recording.stamp_ns.tolist() == [EPOCH + i * 22_222_000 for i in range(count)]
-    assert same(recording.K, MATRIX)
-    return count, '\n'.join(recording.notes)
-
-
-@pytest.mark.parametrize('kind', ['mcap', 'zstd', 'sqlite3'])
-def test_cut_off_anywhere(kind: str, whole: dict[str, Path], tmp_path: Path) -> None:
-    data = whole[kind].read_bytes()
-    size = len(data)
-    cuts = sorted({0, 1, 7, 8, 9, 60, 99, 100, 511, 4095, 4096, 4097, size - 4097, size - 100,
-                   size - 37, size - 8, size - 1, *RNG.integers(0, size, 24).tolist(),
-                   *np.linspace(size // 2, size - 1, 12).astype(int).tolist()})
-    counts = []
-    for cut in cuts:
-        path = tmp_path / f'{cut}{whole[kind].suffix}'
-        path.write_bytes(data[:cut])
-        count, notes = check_prefix(path)
-        counts.append(count)
-        assert not count or 'cut off' in notes
-        assert not count or 'messages over' in notes
-        assert not path.with_name(path.name + '-journal').exists()
-        assert path.read_bytes() == data[:cut], 'the bag is left as it is'
-    assert counts == sorted(counts), 'more of the file is more frames'
-    if kind == 'mcap':  # Frames of a chunk that was being written count.
-        assert counts[-1] == COUNT
-        assert len(set(counts)) == COUNT + 1
-    else:
-        assert counts[-1] >= COUNT - 3
-
-
-@pytest.mark.parametrize('kind', ['mcap', 'zstd', 'sqlite3'])
-def test_damaged_anywhere(kind: str, whole: dict[str, Path], tmp_path: Path) -> None:
-    data = whole[kind].read_bytes()
-    path = tmp_path / f'damaged{whole[kind].suffix}'
-    for _ in range(40):
-        broken = bytearray(data)
-        start = int(RNG.integers(0, len(data) - 64))
-        # The first and last kilobytes hold the structure: a third of the damage goes there.
-        start = (start, start % 4096, len(data) - 64 - start % 4096)[int(RNG.integers(3))]
-        broken[start:start + 64] = RNG.bytes(64)
-        path.write_bytes(broken)
-        recording = attempt(path)
-        assert recording is None or recording.depth.shape[1:] == (86, 112)
-
-
-@pytest.mark.parametrize('storage', STORAGES)
-@pytest.mark.parametrize('metadata', ['missing', 'cut', 'nonsense'])
-def test_without_metadata(storage: str, metadata: str, tmp_path: Path) -> None:
-    bag = driver_bag(tmp_path / 'bag', depths(COUNT, 86, 112), storage)
-    file = bag / 'metadata.yaml'
-    text = file.read_text()
-    file.write_text({'missing': '', 'cut': text[:200], 'nonsense': '\x00:[1'}[metadata])
-    if metadata == 'missing':
-        file.unlink()
-    count, notes = check_prefix(bag)
-    assert count == COUNT
-    assert str(bag) in notes
-
-
-def test_split_bag_without_metadata(tmp_path: Path) -> None:
-    depth = depths(COUNT, 86, 112)
-    entries = driver_entries(depth)
-    folder = tmp_path / 'bag'
-    folder.mkdir()
-    for number in range(COUNT):  # bag_10 comes after bag_9
-        rows = [entries[0], *entries[1 + 5 * number:6 + 5 * number]]
-        part = write(tmp_path / f'part_{number}', rows)
-        (part / f'part_{number}.mcap').rename(folder / f'bag_{number}.mcap')
-    last = folder / f'bag_{COUNT - 1}.mcap'
-    last.write_bytes(last.read_bytes()[:-40])
-    assert check_prefix(folder)[0] == COUNT
-
-
-WRITER_THAT_DIES = """
-import os, sqlite3, sys
-connection = sqlite3.connect(sys.argv[1], isolation_level=None)
-connection.execute('PRAGMA journal_mode=' + sys.argv[2])
-connection.execute('PRAGMA cache_size=5')
-connection.execute('PRAGMA synchronous=OFF')
-rows = connection.execute('SELECT topic_id, timestamp, data FROM messages ORDER BY id').fetchall()
-connection.execute('BEGIN')
-connection.execute('DELETE FROM messages')
-connection.executemany('INSERT INTO messages (topic_id, timestamp, data) VALUES (?, ?, ?)', {rows})
-{end}
-os._exit(9)
-"""
-
-
-@pytest.mark.parametrize(('journal', 'suffix', 'end', 'frames'), [
-    ('DELETE', '-journal', '', COUNT),  # what was not committed is taken back
-    ('WAL', '-wal', 'connection.execute("COMMIT")', 7)])  # and what was committed is there
-def test_writer_that_died(journal: str, suffix: str, end: str, frames: int,
-                          whole: dict[str, Path], tmp_path: Path) -> None:
-    path = tmp_path / 'bag.db3'
-    path.write_bytes(whole['sqlite3'].read_bytes())
-    program = WRITER_THAT_DIES.format(rows='rows[:1 + 5 * 7]', end=end)
-    done = subprocess.run([sys.executable, '-c', program, path, journal], check=False)
-    assert done.returncode == 9
-    left = path.with_name(path.name + suffix)
-    before = path.read_bytes(), left.read_bytes()
-    assert before[1]
-    count, notes = check_prefix(path)
-    assert count == frames
-    assert 'journal' in notes
-    assert (path.read_bytes(), left.read_bytes()) == before, 'the bag is left as it is'
-
-
-def test_a_writer_that_is_killed_loses_a_second_at_most(tmp_path: Path) -> None:
-    program = (
-        'import os, sys\n'
-        'from flexx2_sim_ros.recording.bag_writer import BagWriter\n'
-        'writer = BagWriter(sys.argv[1], sys.argv[2]).__enter__()\n'
-        'for time in range(5):\n'
-        '    writer.write("/a", "sensor_msgs/msg/Image", time, bytes(1000))\n'
-        'writer.flush()\n'
-        'for time in range(3):\n'
-        '    writer.write("/a", "sensor_msgs/msg/Image", time, bytes(1000))\n'
-        'os._exit(9)\n')
-    root = Path(__file__).resolve().parents[1]
-    for storage in STORAGES:
-        bag = tmp_path / storage
-        subprocess.run([sys.executable, '-c', program, bag, storage], check=False,
-                       env={**os.environ, 'PYTHONPATH': str(root)})
-        assert len(list(Bag(bag).messages())) == 5
-
-
 @pytest.mark.parametrize(('name', 'content', 'message'), [
     ('nothing', None, 'not there'), ('a.mcap', b'', 'not one whole message'),
     ('a.db3', b'', 'not one whole message'), ('a.mcap', b'text', 'not one whole message'),
@@ -526,105 +351,3 @@ def test_bags_are_not_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert main(['convert', str(bag), str(bag)]) == 2
     assert main(['convert', str(tmp_path / 'in.npz'), str(tmp_path / 'no' / 'folder')]) == 2
     assert (bag / 'bag.mcap').read_bytes() == before
-
-
-def test_cut_off_bag_converts_with_a_message(
-        whole: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path = tmp_path / 'cut.mcap'
-    path.write_bytes(whole['mcap'].read_bytes()[:400_000])
-    assert main(['convert', str(path), str(tmp_path / 'out.npz')]) == 0
-    text = capsys.readouterr().err.replace('\n', ' ')
-    assert f'{path}: cut off' in text
-    frames = len(load_recording(tmp_path / 'out.npz').depth)
-    assert 0 < frames < COUNT
-    assert f'out.npz: {frames} frames' in text
-
-
-# Recording: what is lost is counted.
-
-class SlowWriter(BagWriter):
-    """A bag on a disk that stands still until it is told to go on."""
-
-    def __init__(self, *arguments: Any) -> None:
-        super().__init__(*arguments)
-        self.go = threading.Event()
-        self.taken = threading.Event()
-
-    def write(self, topic: str, kind: str, time: int, data: bytes) -> None:
-        self.taken.set()
-        assert self.go.wait(30)
-        super().write(topic, kind, time, data)
-
-
-def some_messages(count: int) -> Iterator[Message]:
-    for time in range(count):
-        yield Message('/a', 'sensor_msgs/msg/Image', time, bytes([time]) * 100)
-
-
-@pytest.mark.parametrize('storage', STORAGES)
-def test_full_queue_refuses_and_keeps_the_order(storage: str, tmp_path: Path) -> None:
-    writer = SlowWriter(tmp_path / 'bag', storage)
-    sink = BagSink(writer, capacity=450)
-    taken = [sink.put(message) for message in some_messages(50)]
-    assert taken == [True] * 4 + [False] * 46
-    assert sink.waiting == 400
-    writer.go.set()
-    sink.close()
-    assert [message.data[0] for message in Bag(tmp_path / 'bag').messages()] == [0, 1, 2, 3]
-
-
-def test_remarks_come_back_as_notes(tmp_path: Path) -> None:
-    entries = camera_entries('left', depths(1, 5, 4), depths(1, 5, 4))
-    with BagSink(BagWriter(tmp_path / 'bag'), 1 << 20) as sink:
-        for topic, kind, received, message in entries:
-            assert sink.put(Message(topic, kind, received,
-                                    bytes(made_bags.TYPES.serialize_cdr(message, kind))))
-        sink.remarks['flexx2_lost'] = '3 of /left/clean/depth_image'
-    assert any('lost while it was recorded: 3 of /left' in note
-               for note in load_recording(tmp_path / 'bag').notes)
-
-
-@pytest.mark.parametrize('failure', [OSError(28, 'No space left on device'),
-                                     sqlite3.OperationalError('disk I/O error'),
-                                     ValueError('a surprise')])
-def test_a_disk_that_fails_is_reported(failure: Exception, tmp_path: Path,
-                                       monkeypatch: pytest.MonkeyPatch) -> None:
-    writer = BagWriter(tmp_path / 'bag')
-    real = writer.write
-
-    def fail(topic: str, kind: str, time: int, data: bytes) -> None:
-        if time == 3:
-            raise failure
-        real(topic, kind, time, data)
-    monkeypatch.setattr(writer, 'write', fail)
-    sink = BagSink(writer, 1 << 20)
-    for message in some_messages(10):
-        sink.put(message)
-    with pytest.raises(InputError, match='bag: cannot be written: .*(space|I/O|surprise)'):
-        sink.close()
-    assert not sink.put(next(some_messages(1)))
-
-
-STEP = SECOND // 60
-
-
-@pytest.mark.parametrize(('stamps', 'count', 'longest'), [
-    ([i * STEP for i in range(300)], 0, 0.0),
-    ([i * STEP for i in range(300) if i not in (50, 51, 200)], 2, 3 / 60),
-    ([i * STEP for i in range(300) if i != 1], 1, 2 / 60),
-    ([i * STEP for i in range(300) if i != 298], 1, 2 / 60),
-    ([i * STEP for i in range(300) if i % 4 != 3], 0, 0.0),  # 45 Hz out of 60 Hz
-    ([i * STEP for i in range(300) if i < 150 or i % 2], 0, 0.0),  # 60 Hz, then 30 Hz
-    ([i * STEP + int(2e6 * (i * 7919 % 100) / 100) for i in range(300)], 0, 0.0),  # jitter
-    ([5], 0, 0.0), ([], 0, 0.0)])
-def test_gaps(stamps: list[int], count: int, longest: float) -> None:
-    gaps = find_gaps(stamps)
-    assert gaps.count == count
-    assert gaps.longest == pytest.approx(longest, abs=1e-6)
-    assert gaps.returns == 0
-
-
-def test_stamps_that_go_back_are_no_gap() -> None:
-    stamps = [i * STEP for i in range(60)] * 2 + [59 * STEP]
-    assert find_gaps(stamps).count == 0
-    assert find_gaps(stamps).returns == 2

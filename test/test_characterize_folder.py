@@ -1,6 +1,5 @@
-"""Folders as people have them: recordings that are wrong, resumed, in bags, of another camera."""
+"""Folders as people have them: recordings that are wrong, in bags, of another camera."""
 
-from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 import re
@@ -9,14 +8,13 @@ from typing import Any
 from boards import board, K
 from flexx2_sim_ros.camera import flexx2, Intrinsics
 from flexx2_sim_ros.camera.geometry import pixel_rays
-from flexx2_sim_ros.camera.profiles import load_profile, ProfileFile, save_profile
+from flexx2_sim_ros.camera.profiles import load_profile
 from flexx2_sim_ros.characterize import characterize, to_profile
-from flexx2_sim_ros.characterize.campaign import capture, conditions
 from flexx2_sim_ros.characterize.conditions import parse_name
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.recording.convert import convert
-from made_bags import DISTORTION, DRIVER, driver_bag, MATRIX
+from made_bags import DISTORTION, driver_bag, MATRIX
 import numpy as np
 import pytest
 
@@ -72,13 +70,6 @@ WRONG = {
     'another angle': (content(1.0, 40), 'wanted 15 as the name says'),
     'no stamp': ({'stamp': np.array(['a'] * 12)}, 'stamp'),
 }
-
-
-@pytest.fixture
-def camera() -> Any:
-    """Return a camera of 80 x 60 pixels, for quick captures."""
-    return replace(flexx2(), intrinsics=replace(flexx2().intrinsics, width=80, height=60,
-                                                cx=39.5, cy=29.5))
 
 
 @pytest.mark.parametrize('kind', WRONG)
@@ -200,26 +191,6 @@ def test_a_modes_name_is_text_wherever_it_is_shown(tmp_path: Path) -> None:
     assert hostile in page.text
     assert f'{hostile}: left out of the profile' in page.text
     assert load_profile(out / 'profile.yaml').names == ['Mode_9_30fps']
-
-
-def test_from_a_capture_to_a_running_camera(tmp_path: Path, camera: Any,
-                                            monkeypatch: pytest.MonkeyPatch) -> None:
-    """Assert the three commands of the documentation, one after the other."""
-    monkeypatch.chdir(tmp_path)
-    save_profile(tmp_path / 'small.yaml', ProfileFile(camera))
-    assert main(['characterize', 'capture', 'campaign', '--usecase', 'Mode_5_30fps',
-                 '--distances', '0.4', '0.7', '1.0', '--angles', '0', '45', '--frames', '20',
-                 '--profile', 'small.yaml', '--jobs', '1']) == 0
-    assert main(['characterize', 'fit', 'campaign', '--out', 'result', '--jobs', '1']) == 0
-    np.savez('scene.npz', clean_depth=np.full((60, 80), 1.0), K=camera.intrinsics.matrix)
-    assert main(['simulate', 'scene.npz', 'out.npz', '--profile', 'result/profile.yaml',
-                 '--frames', '100']) == 0
-    with np.load('out.npz', allow_pickle=False) as recording:
-        assert recording['usecase'] == 'Mode_5_30fps'
-        sigma = recording['depth'][:, 20:40, 30:50].astype(float).std(axis=0, ddof=1).mean()
-    # 100 x 400 samples know it to 0.35 %; the profile to 1 %.
-    assert sigma == pytest.approx(
-        float(flexx2().mode('Mode_5_30fps').noise.sigma_z(1.0, 0.0)), rel=0.06)
 
 
 def test_bags_give_what_the_arrays_do(tmp_path: Path) -> None:
@@ -361,105 +332,6 @@ def test_a_box_says_where_the_board_is(tmp_path: Path) -> None:
     assert m.distance == pytest.approx(1.0, rel=0.05)
     with pytest.raises(InputError, match='box: found .* wanted x0 y0 x1 y1 within 80 x 60'):
         characterize(tmp_path, box=(2, 2, 90, 26))
-
-
-def test_a_capture_goes_on_where_it_was(tmp_path: Path, camera: Any) -> None:
-    wanted = conditions(camera, ['Mode_5_30fps'], [0.5, 0.8], [0, 30])
-    first = dict(capture(tmp_path, wanted, camera, frames=3))
-    assert list(first.values()) == [True] * 4
-    lost, cut = sorted(first)[:2]
-    kept = {path: path.read_bytes() for path in first}
-    lost.unlink()
-    cut.write_bytes(cut.read_bytes()[:1000])
-    (tmp_path / f'.{lost.name}.abc').write_bytes(b'of a capture that was killed')
-    again = dict(capture(tmp_path, wanted, camera, frames=3))
-    assert {path for path, new in again.items() if new} == {lost, cut}
-    assert {path: path.read_bytes() for path in first} == kept
-    assert {path.name for path in tmp_path.iterdir()} == {path.name for path in first}
-    for change, named in (({'frames': 4}, 'frames: found 3, wanted 4'),
-                          ({'frames': 3, 'seed': 1}, 'seed: found 0, wanted 1')):
-        with pytest.raises(InputError, match=named):
-            list(capture(tmp_path, wanted, camera, **change))
-    assert len(characterize(tmp_path, workers=2).modes[0].cells) == 4
-
-
-def test_a_distorted_camera_sees_the_same_board(tmp_path: Path, camera: Any) -> None:
-    """Assert the clean depth is the board's, by the camera's own rays."""
-    bent = replace(camera, intrinsics=replace(camera.intrinsics, cx=36.0, cy=31.0,
-                                              distortion=(0.05, 0.0, 0.001, 0.0, 0.0)))
-    wanted = conditions(bent, ['Mode_9_30fps'], [0.5], [30])
-    (path, _), = capture(tmp_path, wanted, bent, frames=2)
-    with np.load(path, allow_pickle=False) as recording:
-        clean = recording['clean_depth']
-        x, _ = pixel_rays(bent.intrinsics)
-        np.testing.assert_allclose(clean, 0.5 / (1 - np.tan(np.radians(30)) * x), rtol=2e-3)
-        np.testing.assert_array_equal(recording['distortion'], bent.intrinsics.distortion)
-
-
-def test_a_lens_that_distorts_changes_no_result(tmp_path: Path, camera: Any) -> None:
-    """
-    Assert planes and edges are straightened: neither bends into the noise.
-
-    An edge that leans over pixels adds 1/12 px^2 when it is looked up, another when it is found.
-    False failures: 9,000 pixels of 60 frames know sigma to 0.1 %, each edge to 1.5 %.
-    """
-    bent = replace(camera, intrinsics=Intrinsics(
-        112, 86, 105.3, 106.4, 55.5, 42.5, (-0.2, 0.0, 0.001, 0.0, 0.0)))
-    wanted = conditions(bent, ['Mode_5_30fps'], [0.5, 1.5], [0, 40])
-    list(capture(tmp_path, wanted, bent, frames=60))
-    result = characterize(tmp_path)
-    true = flexx2().mode('Mode_5_30fps').noise.sigma_x
-    edges = []
-    for cell in result.modes[0].cells:
-        m = cell.measurement
-        assert m.condition is not None
-        assert m.angle_deg == pytest.approx(m.condition.angle_deg, abs=0.05)
-        assert m.pixels.flatness < 0.0002
-        assert abs(cell.axial.debiased) < 0.002
-        edges += [edge.sigma for edge in m.edges]
-    assert len(edges) >= 2
-    for sigma in edges:
-        assert true * 0.94 < sigma < np.sqrt(true ** 2 + 2 / 12) * 1.06
-
-
-def test_the_plan_is_the_captures_campaign(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(['characterize', 'plan']) == 0
-    printed = capsys.readouterr().out
-    names = re.findall(r'- \[ \] `(\S+)`', printed)
-    assert names == [c.name for c in conditions(flexx2())]
-    assert len(names) == len(set(names)) == 3 * 8 * 5
-    assert 'Mode_9_30fps_1.00m_15deg' in names
-    # Recorded as said there, a real camera's bags are of the real driver's topics.
-    for topic in ('depth_image_0', 'camera_info', 'gray_image_0'):
-        assert f'{DRIVER}/{topic}' in printed
-    assert f'ros2 param set {DRIVER} usecase' in printed
-    assert main(['characterize', 'plan', '--usecase', 'mode_9_5fps', '--distances', '1', '2',
-                 '--angles', '0', '--frames', '10']) == 0
-    printed = capsys.readouterr().out
-    assert re.findall(r'- \[ \] `(\S+)`', printed) == [
-        'Mode_9_5fps_1.00m_0deg', 'Mode_9_5fps_2.00m_0deg']
-    assert '3 s or more give 10 frames' in printed
-
-
-@pytest.mark.parametrize(('arguments', 'named'), [
-    (['plan', '--usecase', 'Mode_7'], 'usecase'),
-    (['plan', '--distances', '3'], '--distances: found 3, wanted 0.1 to 2.4 m'),
-    (['plan', '--distances', 'nan'], '--distances'),
-    (['plan', '--angles', '85'], '--angles'),
-    (['plan', '--angles', '-5'], '--angles'),
-    (['plan', '--frames', '0'], '--frames'),
-    (['capture', 'x', '--frames', '0'], '--frames'),
-    (['capture', 'x', '--jobs', '0'], '--jobs'),
-    (['capture', '/dev/null/x'], 'cannot be made'),
-    (['fit', 'no such folder'], 'not a folder'),
-    (['fit', '.', '--box', '5', '5', '1', '1'], 'no recording in it')])
-def test_bad_arguments_are_named(arguments: list[str], named: str, tmp_path: Path,
-                                 monkeypatch: pytest.MonkeyPatch,
-                                 capsys: pytest.CaptureFixture[str]) -> None:
-    monkeypatch.chdir(tmp_path)
-    assert main(['characterize', *arguments]) == 2
-    assert named in capsys.readouterr().err
-    assert not list(tmp_path.glob('**/*.npz'))
 
 
 def test_the_matrix_is_the_tests_own() -> None:

@@ -1,32 +1,27 @@
 """
 The effects: one test over the whole registry, and what holds for sets of them.
 
-An effect that is added without a signature in `effect_signatures` fails here.
+An effect that is added without a signature in `signatures` fails here.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 import math
-from pathlib import Path
 from typing import Any
 
 from boards import K
-from effect_signatures import pair, QUIET, SIGNATURES
 from flexx2_sim_ros.camera import Camera, flexx2, pipeline
 from flexx2_sim_ros.camera.exposure import Stage
 from flexx2_sim_ros.camera.gray import gray_image
-from flexx2_sim_ros.effects import Effect, load_effects, parse_effects, registry, save_effects
+from flexx2_sim_ros.effects import parse_effects, registry
 from flexx2_sim_ros.effects.effect import CHANNELS
-from flexx2_sim_ros.effects.presets import markdown, preset_files
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.paths import config_dir
 import numpy as np
 import pytest
-import yaml
+from signatures import pair, QUIET, SIGNATURES
+from small_scenes import capture, FIELDS, same, scenes, SHADES, SMALL
 
-ROOT = Path(__file__).parent.parent
 NAMES = list(registry())
-FIELDS = ('depth', 'sigma', 'amplitude', 'confidence')
 PERIOD = 33_333_333
 ORDER = [
     'pose_error', 'intrinsics_error', 'time_offset', 'flying_pixels', 'multipath', 'stray_light',
@@ -36,38 +31,11 @@ ORDER = [
     'saturation']
 
 
-def same(one: Any, other: Any) -> bool:
-    """Say whether two frames are equal to the last bit."""
-    return all(np.array_equal(getattr(one, field), getattr(other, field), equal_nan=True)
-               for field in FIELDS)
-
-
-def scenes(count: int = 1) -> np.ndarray:
-    """Return (count, 24, 32) metres: an edge, a slant, a hole, a corner; they move on."""
-    v, u = np.mgrid[:24, :32].astype(float)
-    depth = 1.0 + 0.01 * u
-    depth[12:] = np.minimum(depth[12:], 1.0 + 0.08 * (24 - v[12:]))
-    depth[6:18, 10:22] = 0.8
-    depth[:4, 25:] = np.nan
-    return depth + 0.013 * np.arange(count)[:, None, None]
-
-
-SMALL = K - [[0, 0, 95.5], [0, 0, 73.5], [0, 0, 0]]
-SHADES = np.linspace(0.02, 1.0, 32) * np.ones((24, 1))
-
-
-def capture(effects: Any, clean: Any, stamps: Any, *, seed: int = 3, name: str = '',
-            usecase: str = 'Mode_9_30fps') -> Any:
-    """Return what a new camera sees."""
-    return Camera(usecase, effects=effects, seed=seed, name=name).capture(
-        clean, SMALL, stamps, SHADES)
-
-
-# (a) It changes what its parameters say; see effect_signatures.
+# (a) It changes what its parameters say; see `signatures`.
 
 
 def has_its_signature(name: str) -> None:
-    assert name in SIGNATURES, f'write the signature of {name} in effect_signatures.py'
+    assert name in SIGNATURES, f'write the signature of {name} in test/signatures'
     SIGNATURES[name]()
 
 
@@ -387,98 +355,3 @@ def test_gray_and_confidence_follow_the_light() -> None:
     less = plain.confidence - noisy.confidence
     assert (less[valid] > 0).all()
     assert less[:, 120:][valid[:, 120:]].min() > 5 * less[:, :100][valid[:, :100]].max()
-
-
-# Files
-
-
-def test_sets_are_written_and_read_again(tmp_path: Path) -> None:
-    values = {'wiggling': {'a1': -0.001, 'b4': 1e-5}, 'low_signal_dropout': {'half': 1e-5},
-              'quantisation': {'step': 0.1, 'strength': 0}}
-    effects = parse_effects(values)
-    path = tmp_path / 'some.yaml'
-    save_effects(path, effects, 'Two lines\nof comment: {not yaml}')
-    assert load_effects(path) == effects
-    assert path.read_text().startswith('# Two lines\n# of comment')
-    assert [effect.name for effect in effects] == ['wiggling', 'quantisation',
-                                                   'low_signal_dropout']
-    assert effects[1].step == 0.1
-    save_effects(path, ())
-    assert load_effects(path) == ()
-    assert same(capture(path, scenes(1), 0), capture((), scenes(1), 0))
-    assert list(tmp_path.iterdir()) == [path]
-    with pytest.raises(InputError, match='cannot be written'):
-        save_effects(tmp_path / 'nowhere' / 'some.yaml', effects)
-
-
-def test_presets_are_what_the_registry_says() -> None:
-    """Run `flexx2 effects --write-presets config/effects` when this fails."""
-    folder = config_dir() / 'effects'
-    assert {path.name: path.read_text() for path in folder.iterdir()} == preset_files()
-    for name, kind in registry().items():
-        assert load_effects(folder / f'{name}.yaml') == (kind(),)
-        assert load_effects(name) == (kind(),)
-    typical = load_effects('typical')
-    assert {effect.strength for effect in typical} == {1.0}
-    assert {'multipath', 'saturation', 'wiggling'} < {effect.name for effect in typical}
-    frame = Camera(effects='typical').capture(scenes(1), SMALL, 0, SHADES)
-    assert np.isfinite(frame.depth).mean() > 0.3
-
-
-def test_the_documentation_is_what_the_registry_says() -> None:
-    """Run `flexx2 effects --markdown > docs/effects.md` when this fails."""
-    assert (ROOT / 'docs' / 'effects.md').read_text(encoding='utf-8') == markdown()
-
-
-def bad_tables() -> Iterator[tuple[Any, str]]:
-    """Return tables that cannot be used, and what the error must name."""
-    yield {'blur': None}, 'blur'
-    yield {5: None}, '5'
-    yield {'offset': 3}, 'offset'
-    yield {'offset': [0.1]}, 'offset'
-    yield {'offset': {'bis': 0.1}}, r'offset\.bis.*bias'
-    yield {'offset': {7: 0.1}}, r'offset\.7'
-    for value in (0.3, -1, math.nan, math.inf, '0.1', None, True, [0.1], {}, 10 ** 400):
-        yield {'offset': {'bias': value}}, r'offset\.bias: found .* -0.2 to 0.2 m'
-    for value in (-0.1, 4.1, 'on'):
-        yield {'range_wrap': {'strength': value}}, r'range_wrap\.strength: found .* 0 to 4'
-
-
-@pytest.mark.parametrize(('table', 'named'), list(bad_tables()))
-def test_what_cannot_be_used_is_named(table: Any, named: str, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=f'^effects: {named}'):
-        parse_effects(table)
-    with pytest.raises(InputError, match=f'^effects: {named}'):
-        Camera(effects=table)
-    path = tmp_path / 'bad.yaml'
-    path.write_text(yaml.safe_dump({'schema': 1, 'effects': table}))
-    with pytest.raises(InputError, match=f'bad.yaml: effects: {named}'):
-        load_effects(path)
-
-
-@pytest.mark.parametrize('text', ['', 'schema: 2\neffects: {}', 'schema: 1', '- 1', 'effects: {}',
-                                  'schema: 1\neffects: [', 'schema: 1\neffects: 5',
-                                  'schema: 1\neffects: [offset]', '\x00'])
-def test_a_ruined_file_is_named(text: str, tmp_path: Path) -> None:
-    path = tmp_path / 'bad.yaml'
-    path.write_text(text)
-    for use in (load_effects, lambda path: Camera(effects=path)):
-        with pytest.raises(InputError, match=r'bad\.yaml'):
-            use(path)
-    with pytest.raises(InputError, match=r'missing\.yaml'):
-        load_effects(tmp_path / 'missing.yaml')
-
-
-@pytest.mark.parametrize('effects', [5, [5], ['offset'], None, [registry()['offset']]])
-def test_what_is_no_effect_is_refused(effects: Any) -> None:
-    with pytest.raises(InputError, match='^effects: found'):
-        Camera(effects=effects)
-
-
-def test_numbers_are_made_floats() -> None:
-    offset = registry()['offset']
-    for number in (0, np.float32(0.0), np.int8(0)):
-        effect = offset(bias=number)
-        assert type(effect.bias) is float
-        assert effect == offset(bias=0.0)
-    assert isinstance(offset(), Effect)

@@ -11,10 +11,10 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from effect_signatures import QUIET
 from flexx2_sim_ros.camera import Camera
 import numpy as np
 import pytest
+from signatures import QUIET
 
 DATA = Path(__file__).resolve().parents[2] / 'shared' / 'data'
 KINECT, AZURE = DATA / 'kinect2_chessboard.npz', DATA / 'azurekinect_charuco_blackwall.npz'

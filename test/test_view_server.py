@@ -3,12 +3,15 @@
 import asyncio
 from collections.abc import Callable, Iterator
 import json
+from pathlib import Path
 import socket
 from typing import Any
 from urllib.error import HTTPError
 from urllib.request import Request, urlopen
 
+from browser import chromium
 from flexx2_sim_ros.camera import Intrinsics
+from flexx2_sim_ros.camera.geometry import pixel_rays
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.view.colours import depth_table, difference_table, INVALID
 from flexx2_sim_ros.view.packing import pack, pack_depth, Shot, UNIT
@@ -188,8 +191,8 @@ def status_of(port: int, path: str, **headers: str) -> tuple[int, Any]:
 
 def test_the_page_loads_nothing_from_elsewhere(served: tuple[Server, Source]) -> None:
     server, _ = served
-    for path in ('/', '/view.js', '/draw.js', '/cloud.js', '/drive.js', '/colours.js',
-                 '/style.css', '/icon.svg'):
+    for path in ('/', '/view.js', '/draw.js', '/cloud.js', '/rays.js', '/drive.js',
+                 '/colours.js', '/style.css', '/icon.svg'):
         code, headers = status_of(server.port, path)
         assert code == 200
         assert "default-src 'none'" in headers['Content-Security-Policy']
@@ -219,11 +222,29 @@ def test_a_frame_as_bytes(with_clean: bool) -> None:
     assert length % 4 == 0
     head = json.loads(message[4:4 + length])
     assert head == {'camera': 'left', 'stamp': 1.5, 'unit': UNIT, 'width': 4, 'height': 3,
-                    'fx': 3.0, 'fy': 3.0, 'cx': 1.5, 'cy': 1.0, 'clean': with_clean}
+                    'fx': 3.0, 'fy': 3.0, 'cx': 1.5, 'cy': 1.0, 'distortion': [0.0] * 5,
+                    'clean': with_clean}
     images = np.frombuffer(message, '<u2', offset=4 + length).reshape(-1, 3, 4)
     assert len(images) == 1 + with_clean
     np.testing.assert_allclose(images[0] * UNIT, 1.25)
     np.testing.assert_allclose(images[1:] * UNIT, 1.5)
+
+
+@pytest.mark.parametrize('distortion', [
+    (0.0,) * 5, (-0.25, 0.05, 0.001, -0.002, 0.0),
+    (2.0, 0.0, 0.0, 0.0, 0.0)])  # Of the last one the corners cannot be inverted.
+def test_the_cloud_takes_the_lens_off(served: tuple[Server, Source], tmp_path: Path,
+                                      distortion: tuple[float, ...]) -> None:
+    camera = Intrinsics(56, 43, 52.6, 53.2, 27.1, 21.4, distortion)
+    message = pack('left', Shot(1, 0, np.ones((43, 56), np.float32), None, camera))
+    head = message[4:4 + int.from_bytes(message[:4], 'little')].decode()
+    with chromium(tmp_path) as page:
+        page.open(f'http://127.0.0.1:{served[0].port}/')
+        rays = page.evaluate(f'import("/rays.js").then(({{ Rays }}) => {{'
+                             f'const {{ x, y }} = new Rays().of({head});'
+                             'return [x, y].map((part) => Array.from(part, String)); })')
+    np.testing.assert_allclose(np.array(rays, float).reshape(2, 43, 56), pixel_rays(camera),
+                               atol=1e-6)
 
 
 def test_colours_tell_values_apart() -> None:

@@ -43,7 +43,9 @@ class SeedRange:
 
 
 DEVELOPMENT = SeedRange('dev', 0)
-TEST = SeedRange('test', 1)
+# A release takes the next million: what a look at the last one has taught is in the method since.
+# Taken: 1 (commits e3bc15f and f962f02).
+TEST = SeedRange('test', 2)
 
 
 def seed_range(name: str, release: bool) -> SeedRange:

@@ -1,5 +1,6 @@
 // The point cloud: a few lines of software rendering, the same on every machine.
 import { depthColours } from './draw.js';
+import { Rays } from './rays.js';
 
 const WIDTH = 448, HEIGHT = 344, FOCAL = 400;
 const BACKGROUND = 0xff0f0c0b;
@@ -14,6 +15,7 @@ export class Cloud {
     this.image = new ImageData(WIDTH, HEIGHT);
     this.words = new Uint32Array(this.image.data.buffer);
     this.near = new Float32Array(WIDTH * HEIGHT);
+    this.rays = new Rays();
     this.look = { ...SIDE, distance: 0, centre: null };
     const change = () => { changed(); };
     canvas.addEventListener('pointerdown', (event) => canvas.setPointerCapture(event.pointerId));
@@ -58,27 +60,23 @@ export class Cloud {
     near.fill(Infinity);
     if (!this.look.centre) this.settle(frame);
     const [a, b, c, d, e, f, g, h, i, j, k, l] = this.aim();
-    const { simulated, width, height, unit, fx, fy, cx, cy } = frame;
+    const { simulated, unit } = frame, { x, y } = this.rays.of(frame);
     const factor = 256 / most;
-    for (let v = 0, at = 0; v < height; v++) {
-      const ry = (v - cy) / fy;
-      const right = b * ry + c, down = f * ry + g, ahead = j * ry + k;
-      for (let u = 0; u < width; u++, at++) {
-        if (!simulated[at]) continue;
-        const z = simulated[at] * unit, rx = (u - cx) / fx;
-        const depth = z * (i * rx + ahead) + l;
-        if (depth < 0.05) continue;
-        const scale = FOCAL / depth;
-        const px = WIDTH / 2 + scale * (z * (a * rx + right) + d) | 0;
-        const py = HEIGHT / 2 + scale * (z * (e * rx + down) + h) | 0;
-        if (px < 0 || py < 0 || px >= WIDTH - 1 || py >= HEIGHT - 1) continue;
-        const colour = depthColours[Math.min(255, z * factor | 0)];
-        const to = py * WIDTH + px;
-        for (let there = to, n = 0; n < 4; n++, there += n === 2 ? WIDTH - 1 : 1) {
-          if (depth < near[there]) {
-            near[there] = depth;
-            words[there] = colour;
-          }
+    for (let at = 0; at < simulated.length; at++) {
+      if (!simulated[at]) continue;
+      const z = simulated[at] * unit, rx = x[at], ry = y[at];
+      const depth = z * (i * rx + j * ry + k) + l;
+      if (!(depth >= 0.05)) continue;  // nor where there is no ray
+      const scale = FOCAL / depth;
+      const px = WIDTH / 2 + scale * (z * (a * rx + b * ry + c) + d) | 0;
+      const py = HEIGHT / 2 + scale * (z * (e * rx + f * ry + g) + h) | 0;
+      if (px < 0 || py < 0 || px >= WIDTH - 1 || py >= HEIGHT - 1) continue;
+      const colour = depthColours[Math.min(255, z * factor | 0)];
+      const to = py * WIDTH + px;
+      for (let there = to, n = 0; n < 4; n++, there += n === 2 ? WIDTH - 1 : 1) {
+        if (depth < near[there]) {
+          near[there] = depth;
+          words[there] = colour;
         }
       }
     }
@@ -87,17 +85,17 @@ export class Cloud {
   }
 
   // The camera's view as a pyramid, 0.2 m long.
-  drawCamera({ width, height, fx, fy, cx, cy }) {
+  drawCamera(frame) {
+    const { width, height } = frame, { x, y } = this.rays.of(frame);
     const [a, b, c, d, e, f, g, h, i, j, k, l] = this.aim();
-    const project = ([x, y, z]) => {
-      const depth = i * x + j * y + k * z + l;
-      return depth < 0.05 ? null : [WIDTH / 2 + FOCAL * (a * x + b * y + c * z + d) / depth,
-        HEIGHT / 2 + FOCAL * (e * x + f * y + g * z + h) / depth];
+    const project = (px, py, z) => {
+      const depth = i * px + j * py + k * z + l;
+      return depth >= 0.05 ? [WIDTH / 2 + FOCAL * (a * px + b * py + c * z + d) / depth,
+        HEIGHT / 2 + FOCAL * (e * px + f * py + g * z + h) / depth] : null;
     };
-    const z = 0.2, left = -cx / fx * z, right = (width - 1 - cx) / fx * z;
-    const top = -cy / fy * z, bottom = (height - 1 - cy) / fy * z;
-    const eye = project([0, 0, 0]);
-    const corners = [[left, top], [right, top], [right, bottom], [left, bottom]].map(([x, y]) => project([x, y, z]));
+    const last = width * height - 1;
+    const eye = project(0, 0, 0);
+    const corners = [0, width - 1, last, last - width + 1].map((at) => project(0.2 * x[at], 0.2 * y[at], 0.2));
     if (!eye || corners.includes(null)) return;
     const { context } = this;
     context.strokeStyle = '#dfe5ee';

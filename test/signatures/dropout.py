@@ -1,0 +1,95 @@
+"""Pixels without depth: too dark, too bright, too oblique."""
+
+import math
+from typing import Any
+
+from boards import board
+from flexx2_sim_ros.camera import Frame
+import numpy as np
+
+from signatures.tools import close, pair, RAY_X, RAY_Y, signature, U, wall
+
+
+def logistic(logit: Any, strength: float) -> np.ndarray:
+    """Return how often a chance is taken that is tried `strength` times."""
+    return 1 - (1 - 1 / (1 + np.exp(-np.asarray(logit)))) ** strength
+
+
+def lost(frame: Frame, base: Frame, where: np.ndarray) -> float:
+    """Return the share of pixels that have depth without the effect and none with it."""
+    valid = where & np.isfinite(base.depth)
+    assert valid.sum() > 1000
+    return float(np.isnan(frame.depth[valid]).mean())
+
+
+def check_amplitude(name: str, sign: int, half: float, slope: float, strength: float,
+                    **parameters: float) -> None:
+    """Assert a logistic in the logarithm of the amplitude, rising or falling with it."""
+    logits = np.array([-2.0, -1.0, 0.0, 1.0, 2.0])
+    off_axis = (np.hypot(RAY_X, RAY_Y) > math.tan(math.radians(14))) & (np.abs(U - 111) < 100)
+    flat = np.sqrt(1 + RAY_X ** 2 + RAY_Y ** 2)
+    shares = []
+    for logit in logits:
+        amplitude = half * math.exp(sign * logit / slope)
+        distance = min(2.0, 1 / math.sqrt(amplitude))
+        reflectivity = amplitude * distance ** 2 * flat
+        assert (reflectivity[off_axis] <= 1.3).all()
+        distance *= 0.8
+        frame, base = pair(name, wall(distance), 0, reflectivity * 0.64, half=half, slope=slope,
+                           strength=strength, **parameters)
+        shares.append(lost(frame, base, off_axis))
+    close(shares, logistic(logits, strength))
+
+
+@signature
+def low_signal_dropout() -> None:
+    for half, slope, strength in ((0.012, 3.0, 1.0), (0.1, 2.0, 2.5)):
+        check_amplitude('low_signal_dropout', -1, half, slope, strength)
+    frame, _ = pair('low_signal_dropout', wall(1.0), 0, np.where(U < 112, 1.0, 0.0))
+    assert np.isnan(frame.depth[:, 120:]).all()
+    assert np.isnan(frame.depth[:, :100]).mean() < 1e-3  # 2e-6
+
+
+@signature
+def saturation() -> None:
+    for half, slope, strength in ((3.5, 6.0, 1.0), (2.0, 4.0, 2.5)):
+        check_amplitude('saturation', 1, half, slope, strength, gloss=0.5, lobe_deg=4.0)
+    # Head-on, a glossy surface sends more: (1 + gloss) times as much.
+    incidence = np.arctan(np.hypot(RAY_X, RAY_Y))
+    distance = 1 / math.sqrt(2.0)
+    for low, high in ((0, 6), (18, 24)):
+        ring = (np.degrees(incidence) >= low) & (np.degrees(incidence) < high)
+        shares, wanted = [], []
+        for gloss in (0.0, 0.6):
+            frame, base = pair('saturation', wall(distance), np.arange(8), lobe_deg=12.0,
+                               gloss=gloss, usecase='Mode_9_30fps')
+            shares.append(np.isnan(frame.depth[:, ring]).mean())
+            lobe = 1 + gloss * np.exp(-(np.degrees(incidence) / 12) ** 2)
+            logit = 6 * np.log(2.0 * np.cos(incidence) * lobe / 3.5)
+            wanted.append(logistic(logit[ring], 1.0).mean())
+        close(shares, wanted)
+    # The gray image is white there.
+    gone = np.isnan(frame.depth) & np.isfinite(base.depth)
+    assert (frame.amplitude[gone] >= base.amplitude[gone]).all()
+
+
+@signature
+def grazing_dropout() -> None:
+    for half_deg, width_deg, strength in ((60.0, 4.0, 1.0), (50.0, 6.0, 2.0)):
+        for distance in (0.5, 1.5):
+            shares, wanted = [], []
+            for turn in (40, 55):
+                target = board(distance, turn)
+                frame, base = pair('grazing_dropout', target.depth, np.arange(6),
+                                   half_deg=half_deg, width_deg=width_deg, distance=1.0,
+                                   strength=strength, usecase='Mode_9_30fps')
+                logit = ((np.degrees(target.incidence) - half_deg) / width_deg
+                         + np.log(target.depth))
+                for middle in (-1.5, 0.0, 1.5):
+                    there = np.abs(logit - middle) < 0.25
+                    valid = there & np.isfinite(base.depth)
+                    if valid.sum() > 2000:
+                        shares.append(np.isnan(frame.depth[valid]).mean())
+                        wanted.append(logistic(logit[there], strength).mean())
+            assert len(shares) >= 2
+            close(shares, wanted)

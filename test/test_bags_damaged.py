@@ -1,0 +1,183 @@
+"""What is left of a bag: whole first frames, bit for bit, and a note; or a clear error."""
+
+import os
+from pathlib import Path
+import subprocess
+import sys
+
+from flexx2_sim_ros.cli.main import main
+from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.recording import load_recording, Recording
+from flexx2_sim_ros.recording.bag_files import Bag
+from made_bags import depths, driver_bag, driver_entries, EPOCH, MATRIX, same, STORAGES, write
+import numpy as np
+import pytest
+
+RNG = np.random.default_rng(20240717)
+COUNT = 12
+
+
+@pytest.fixture(scope='module')
+def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """Write bags of 12 frames: 70 kB each with its cloud, two or three chunks in MCAP."""
+    folder = tmp_path_factory.mktemp('whole')
+    depth = depths(COUNT, 86, 112)
+    return {'mcap': driver_bag(folder / 'm', depth) / 'm.mcap',
+            'zstd': driver_bag(folder / 'z', depth, compress=True) / 'z.mcap',
+            'sqlite3': driver_bag(folder / 's', depth, 'sqlite3') / 's.db3'}
+
+
+def attempt(path: Path) -> Recording | None:
+    """Return a recording, or None where there is a clear error."""
+    try:
+        return load_recording(path)
+    except InputError as error:
+        text = str(error)
+    assert str(path) in text
+    return None
+
+
+def check_prefix(path: Path) -> tuple[int, str]:
+    """Return how many frames of a bag there are, which have to be the first ones, and notes."""
+    recording = attempt(path)
+    if recording is None:
+        return 0, ''
+    count = len(recording.depth)
+    assert count
+    assert same(recording.depth, depths(COUNT, 86, 112)[:count])
+    assert recording.stamp_ns.tolist() == [EPOCH + i * 22_222_000 for i in range(count)]
+    assert same(recording.K, MATRIX)
+    return count, '\n'.join(recording.notes)
+
+
+@pytest.mark.parametrize('kind', ['mcap', 'zstd', 'sqlite3'])
+def test_cut_off_anywhere(kind: str, whole: dict[str, Path], tmp_path: Path) -> None:
+    data = whole[kind].read_bytes()
+    size = len(data)
+    cuts = sorted({0, 1, 7, 8, 9, 60, 99, 100, 511, 4095, 4096, 4097, size - 4097, size - 100,
+                   size - 37, size - 8, size - 1, *RNG.integers(0, size, 24).tolist(),
+                   *np.linspace(size // 2, size - 1, 12).astype(int).tolist()})
+    counts = []
+    for cut in cuts:
+        path = tmp_path / f'{cut}{whole[kind].suffix}'
+        path.write_bytes(data[:cut])
+        count, notes = check_prefix(path)
+        counts.append(count)
+        assert not count or 'cut off' in notes
+        assert not count or 'messages over' in notes
+        assert not path.with_name(path.name + '-journal').exists()
+        assert path.read_bytes() == data[:cut], 'the bag is left as it is'
+    assert counts == sorted(counts), 'more of the file is more frames'
+    if kind == 'mcap':  # Frames of a chunk that was being written count.
+        assert counts[-1] == COUNT
+        assert len(set(counts)) == COUNT + 1
+    else:
+        assert counts[-1] >= COUNT - 3
+
+
+@pytest.mark.parametrize('kind', ['mcap', 'zstd', 'sqlite3'])
+def test_damaged_anywhere(kind: str, whole: dict[str, Path], tmp_path: Path) -> None:
+    data = whole[kind].read_bytes()
+    path = tmp_path / f'damaged{whole[kind].suffix}'
+    for _ in range(40):
+        broken = bytearray(data)
+        start = int(RNG.integers(0, len(data) - 64))
+        # The first and last kilobytes hold the structure: a third of the damage goes there.
+        start = (start, start % 4096, len(data) - 64 - start % 4096)[int(RNG.integers(3))]
+        broken[start:start + 64] = RNG.bytes(64)
+        path.write_bytes(broken)
+        recording = attempt(path)
+        assert recording is None or recording.depth.shape[1:] == (86, 112)
+
+
+@pytest.mark.parametrize('storage', STORAGES)
+@pytest.mark.parametrize('metadata', ['missing', 'cut', 'nonsense'])
+def test_without_metadata(storage: str, metadata: str, tmp_path: Path) -> None:
+    bag = driver_bag(tmp_path / 'bag', depths(COUNT, 86, 112), storage)
+    file = bag / 'metadata.yaml'
+    text = file.read_text()
+    file.write_text({'missing': '', 'cut': text[:200], 'nonsense': '\x00:[1'}[metadata])
+    if metadata == 'missing':
+        file.unlink()
+    count, notes = check_prefix(bag)
+    assert count == COUNT
+    assert str(bag) in notes
+
+
+def test_split_bag_without_metadata(tmp_path: Path) -> None:
+    depth = depths(COUNT, 86, 112)
+    entries = driver_entries(depth)
+    folder = tmp_path / 'bag'
+    folder.mkdir()
+    for number in range(COUNT):  # bag_10 comes after bag_9
+        rows = [entries[0], *entries[1 + 5 * number:6 + 5 * number]]
+        part = write(tmp_path / f'part_{number}', rows)
+        (part / f'part_{number}.mcap').rename(folder / f'bag_{number}.mcap')
+    last = folder / f'bag_{COUNT - 1}.mcap'
+    last.write_bytes(last.read_bytes()[:-40])
+    assert check_prefix(folder)[0] == COUNT
+
+
+WRITER_THAT_DIES = """
+import os, sqlite3, sys
+connection = sqlite3.connect(sys.argv[1], isolation_level=None)
+connection.execute('PRAGMA journal_mode=' + sys.argv[2])
+connection.execute('PRAGMA cache_size=5')
+connection.execute('PRAGMA synchronous=OFF')
+rows = connection.execute('SELECT topic_id, timestamp, data FROM messages ORDER BY id').fetchall()
+connection.execute('BEGIN')
+connection.execute('DELETE FROM messages')
+connection.executemany('INSERT INTO messages (topic_id, timestamp, data) VALUES (?, ?, ?)', {rows})
+{end}
+os._exit(9)
+"""
+
+
+@pytest.mark.parametrize(('journal', 'suffix', 'end', 'frames'), [
+    ('DELETE', '-journal', '', COUNT),  # what was not committed is taken back
+    ('WAL', '-wal', 'connection.execute("COMMIT")', 7)])  # and what was committed is there
+def test_writer_that_died(journal: str, suffix: str, end: str, frames: int,
+                          whole: dict[str, Path], tmp_path: Path) -> None:
+    path = tmp_path / 'bag.db3'
+    path.write_bytes(whole['sqlite3'].read_bytes())
+    program = WRITER_THAT_DIES.format(rows='rows[:1 + 5 * 7]', end=end)
+    done = subprocess.run([sys.executable, '-c', program, path, journal], check=False)
+    assert done.returncode == 9
+    left = path.with_name(path.name + suffix)
+    before = path.read_bytes(), left.read_bytes()
+    assert before[1]
+    count, notes = check_prefix(path)
+    assert count == frames
+    assert 'journal' in notes
+    assert (path.read_bytes(), left.read_bytes()) == before, 'the bag is left as it is'
+
+
+def test_a_writer_that_is_killed_loses_a_second_at_most(tmp_path: Path) -> None:
+    program = (
+        'import os, sys\n'
+        'from flexx2_sim_ros.recording.bag_writer import BagWriter\n'
+        'writer = BagWriter(sys.argv[1], sys.argv[2]).__enter__()\n'
+        'for time in range(5):\n'
+        '    writer.write("/a", "sensor_msgs/msg/Image", time, bytes(1000))\n'
+        'writer.flush()\n'
+        'for time in range(3):\n'
+        '    writer.write("/a", "sensor_msgs/msg/Image", time, bytes(1000))\n'
+        'os._exit(9)\n')
+    root = Path(__file__).resolve().parents[1]
+    for storage in STORAGES:
+        bag = tmp_path / storage
+        subprocess.run([sys.executable, '-c', program, bag, storage], check=False,
+                       env={**os.environ, 'PYTHONPATH': str(root)})
+        assert len(list(Bag(bag).messages())) == 5
+
+
+def test_cut_off_bag_converts_with_a_message(
+        whole: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / 'cut.mcap'
+    path.write_bytes(whole['mcap'].read_bytes()[:400_000])
+    assert main(['convert', str(path), str(tmp_path / 'out.npz')]) == 0
+    text = capsys.readouterr().err.replace('\n', ' ')
+    assert f'{path}: cut off' in text
+    frames = len(load_recording(tmp_path / 'out.npz').depth)
+    assert 0 < frames < COUNT
+    assert f'out.npz: {frames} frames' in text
