@@ -24,14 +24,15 @@ ELSEWHERE = {'colcon build': 'test_package.py', 'source install/setup.bash': 'te
              'flexx2 convert walk walk.npz --camera front_left': 'test_bags.py',
              'flexx2 batch': 'test_batch_robots.py',
              'flexx2 view --demo': 'test_view.py',
-             'flexx2 simulate scene.npz campaign/one.npz --frames 20 --effects temporal_filter':
+             'mkdir recordings': 'test_gap_diagnosis.py',
+             'flexx2 simulate scene.npz recordings/one.npz --frames 20 --effects temporal_filter':
                  'test_gap_diagnosis.py',
-             'flexx2 gap diagnose campaign --out diagnosis': 'test_gap_diagnosis.py',
+             'flexx2 gap diagnose recordings --out diagnosis': 'test_gap_diagnosis.py',
              'flexx2 simulate scene.npz out.npz --effects diagnosis/effects.yaml':
                  'test_gap_diagnosis.py',
              'flexx2 gap benchmark --quick --out benchmark': 'test_gap_benchmark.py',
-             'flexx2 characterize capture campaign': 'test_characterize_folder.py',
-             'flexx2 characterize fit campaign --out result': 'test_characterize_folder.py',
+             'flexx2 characterize capture campaign': 'test_characterize_capture.py',
+             'flexx2 characterize fit campaign --out result': 'test_characterize_capture.py',
              'flexx2 simulate scene.npz out.npz --profile result/profile.yaml': 'test_profile.py',
              'ros2 run flexx2_sim_ros flexx2_camera --ros-args -p profile:=result/profile.yaml':
                  'test_profile.py',

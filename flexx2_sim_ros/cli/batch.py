@@ -61,7 +61,7 @@ def run(arguments: argparse.Namespace) -> int:
     from flexx2_sim_ros.batch.rendering import open_batch_renderer
     from flexx2_sim_ros.batch.walking import walk
 
-    console, count = Console(), arguments.num_envs
+    console, count = Console(markup=False), arguments.num_envs
     console.width = max(console.width, 90)
     intrinsics = flexx2().intrinsics
     names = tuple(mount.name for mount in load_mounts())

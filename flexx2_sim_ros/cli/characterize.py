@@ -81,8 +81,8 @@ def _jobs(arguments: argparse.Namespace) -> int:
 
 
 def _progress(console: Console) -> Progress:
-    return Progress(TextColumn('{task.description}'), BarColumn(), MofNCompleteColumn(),
-                    TimeRemainingColumn(), console=console, transient=True)
+    return Progress(TextColumn('{task.description}', markup=False), BarColumn(),
+                    MofNCompleteColumn(), TimeRemainingColumn(), console=console, transient=True)
 
 
 def _plan(arguments: argparse.Namespace) -> int:
@@ -98,7 +98,7 @@ def _capture(arguments: argparse.Namespace) -> int:
     from flexx2_sim_ros.characterize.campaign import capture, conditions
     profile = _profile(arguments)
     wanted = conditions(profile, arguments.usecase, arguments.distances, arguments.angles)
-    console = Console(stderr=True)
+    console = Console(stderr=True, markup=False)
     recorded = 0
     with _progress(console) as progress:
         task = progress.add_task('recording', total=len(wanted))
@@ -119,7 +119,7 @@ def _fit(arguments: argparse.Namespace) -> int:
     from flexx2_sim_ros.characterize.export import to_profile
     from flexx2_sim_ros.characterize.report import write_report
     from flexx2_sim_ros.cli.characterize_table import print_result
-    console = Console(stderr=True)
+    console = Console(stderr=True, markup=False)
     with _progress(console) as progress:
         task = progress.add_task('measuring', total=None)
         result = characterize(

@@ -14,7 +14,7 @@ from rich.table import Table
 
 def print_result(result: Characterization, console: Console | None = None) -> None:
     """Print one table, with the paper's figures below each mode that it measured."""
-    console = console or Console()
+    console = console or Console(markup=False)
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0), show_edge=False)
     for name in ('mode', *NAMES, 'sigma_x', 'KL'):
         table.add_column(name, justify='left' if name == 'mode' else 'right', no_wrap=True)

@@ -47,7 +47,7 @@ def run(arguments: argparse.Namespace) -> int:
     import rclpy
 
     modes = [mode for mode in flexx2().modes if mode.measured]
-    console = Console()
+    console = Console(markup=False)
     # Figures of a busy machine are wider; they are not to be cut off.
     console.width = max(console.width, 100)
     arguments.out.mkdir(parents=True, exist_ok=True)
@@ -58,7 +58,7 @@ def run(arguments: argparse.Namespace) -> int:
     probe = Probe(_CAMERAS)
     try:
         with nodes(_commands(arguments), arguments.out) as processes, Progress(
-                TextColumn('{task.description}'), BarColumn(), TimeElapsedColumn(),
+                TextColumn('{task.description}', markup=False), BarColumn(), TimeElapsedColumn(),
                 console=console, transient=True) as progress:
             task = progress.add_task('starting three nodes (the first time compiles)',
                                      total=None)

@@ -100,8 +100,9 @@ def run_show(arguments: argparse.Namespace) -> int:
     kind: type[Effect] = known[arguments.name]
     path = arguments.out or Path(f'{kind.name}.png')
     draw(path, kind)
-    console = Console()
-    console.print(f'{kind.name}: {kind.title}\n[dim]{kind.source}[/dim]', highlight=False)
+    console = Console(markup=False)
+    console.print(f'{kind.name}: {kind.title}', highlight=False)
+    console.print(kind.source, style='dim', highlight=False)
     table = _table('parameter', 'typical', 'range', 'unit', '')
     for item in kind.parameters():
         table.add_row(item.name, f'{item.default:g}', bounds(item), item.unit, item.text)

@@ -46,9 +46,9 @@ def run_diagnose(arguments: argparse.Namespace) -> int:
     """Diagnose with a progress bar, and say the outcome in a few lines."""
     from flexx2_sim_ros.camera.profiles import load_profile
     from flexx2_sim_ros.gap import diagnose
-    from flexx2_sim_ros.gap.words import headline, sentences
-    console = Console(stderr=True)
-    with Progress(TextColumn('{task.description}'), BarColumn(), TimeElapsedColumn(),
+    from flexx2_sim_ros.gap.words import headline, remarks, sentences
+    console = Console(stderr=True, markup=False)
+    with Progress(TextColumn('{task.description}', markup=False), BarColumn(), TimeElapsedColumn(),
                   console=console, transient=True) as progress:
         task = progress.add_task('starting', total=1.0)
         table = diagnose(
@@ -58,7 +58,7 @@ def run_diagnose(arguments: argparse.Namespace) -> int:
             scheduler=arguments.scheduler,
             progress=lambda text, share: progress.update(task, description=text, completed=share))
     console.print(headline(table), style='bold', highlight=False)
-    for line in sentences(table):
+    for line in sentences(table) + remarks(table):
         console.print(line, highlight=False)
     console.print(f'{arguments.out}: diagnosis.json, effects.yaml, report.html '
                   f'({table["seconds"]:.0f} s)', highlight=False)

@@ -45,10 +45,10 @@ def run(arguments: argparse.Namespace) -> int:
     else:
         scores = run_benchmark(out, quick=arguments.quick, seed_set=arguments.seed_set,
                                release=arguments.release, jobs=arguments.jobs,
-                               console=Console(stderr=True))
+                               console=Console(stderr=True, markup=False))
     if scores is None:
         return 1
-    print_report(scores, Console())
+    print_report(scores, Console(markup=False))
     draw_confusion(scores, out / _CONFUSION)
     words = sys.argv[1:] or ['gap', 'benchmark']
     write_page(scores, out / 'benchmark.md', shlex.join(['flexx2', *words]), _CONFUSION)

@@ -40,7 +40,7 @@ def run(_arguments: argparse.Namespace) -> int:
             noise.add_row(mode.name, *(f'{value:.6f}' for value in
                                        (model.a, model.b, model.c, model.d)),
                           f'{model.n:g}', f'{model.sigma_x:.3f}', f'{facing:.1f} / {slanted:.1f}')
-    console = Console()
+    console = Console(markup=False)
     console.print(table)
     console.print('* not measured: takes the noise of the nearest measured mode of its family\n',
                   style='dim')

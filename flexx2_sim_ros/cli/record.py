@@ -79,7 +79,7 @@ def _spin(recorder: Any, sink: Any, arguments: argparse.Namespace,
 
     executor = SingleThreadedExecutor()
     executor.add_node(recorder)
-    console = Console(stderr=True)
+    console = Console(stderr=True, markup=False)
     begun = shown = time.monotonic()
     with console.status('waiting for cameras') as status:
         while not stopped() and sink.error is None:

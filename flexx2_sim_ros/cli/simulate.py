@@ -53,7 +53,7 @@ def run(arguments: argparse.Namespace) -> int:
                     name=arguments.name)
     scene = load_scene(arguments.input)
     stamps = _stamps(scene, arguments.frames, camera.mode.rate_hz, arguments.input)
-    console = Console(stderr=True)
+    console = Console(stderr=True, markup=False)
     count = len(stamps)
     invalid = 0
     with (RecordingWriter(arguments.output, count, *scene.clean_depth.shape[-2:]) as writer,

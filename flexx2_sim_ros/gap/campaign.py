@@ -1,6 +1,7 @@
 """A folder of recordings: found, checked, brought into the form the diagnosis works on."""
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,6 +15,8 @@ import numpy as np
 
 _BAG_FILES = ('.mcap', '.db3')
 _CHUNK = 32
+_BRIGHTEST = 2.0  # reflectivity: above it is another unit; between 1 and this a bad estimate
+_LONGEST = 1e6  # seconds of uptime
 
 
 @dataclass(frozen=True)
@@ -25,58 +28,94 @@ class Found:
     ----------
     path : pathlib.Path
     mode : Mode
+    notes : tuple of str
+        What is not quite right about it.
 
     """
 
     path: Path
     mode: Mode
+    notes: tuple[str, ...]
 
 
-def find(folder: str | Path, profile: Profile | None) -> tuple[list[Found], list[tuple[str, str]]]:
+def list_paths(folder: str | Path) -> list[Path]:
     """
-    List a campaign's recordings.
-
-    Parameters
-    ----------
-    folder : str or pathlib.Path
-        The campaign.
-    profile : Profile, optional
-        The camera, the Flexx2 when left out.
-
-    Returns
-    -------
-    tuple
-        Recordings of the mode that most of them have; names and reasons of those left out.
+    List a campaign's recordings by name.
 
     Raises
     ------
     InputError
-        When there is none that can be used; the message names every file and what is wrong.
+        When there is none, or the folder cannot be read.
 
     """
     folder = Path(folder)
     if not folder.is_dir():
         raise InputError(f'{folder}: not a folder, wanted one of recordings (.npz or bags)')
-    paths = sorted(path for path in folder.iterdir()
-                   if path.suffix in ('.npz', *_BAG_FILES)
-                   or (path.is_dir() and any(p.suffix in _BAG_FILES for p in path.iterdir())))
+    try:
+        paths = sorted(path for path in folder.iterdir()
+                       if path.suffix in ('.npz', *_BAG_FILES) or _is_bag(path))
+    except OSError as error:
+        raise InputError(f'{folder}: cannot be read: {error}') from error
     if not paths:
         raise InputError(f'{folder}: there is no recording in it, wanted .npz files or bags')
-    found, left_out = [], []
-    for path in paths:
-        try:
-            found.append(Found(path, _check(open_recording(path), profile)))
-        except InputError as error:
-            left_out.append((path.name, str(error)))
-    if found:
-        usual = Counter(one.mode.name for one in found).most_common(1)[0][0]
-        left_out += [(one.path.name, f'{one.path}: usecase: found {one.mode.name}, wanted '
-                      f'{usual}, as most recordings of the campaign have') for one in found
-                     if one.mode.name != usual]
-        found = [one for one in found if one.mode.name == usual]
-    else:
-        raise nothing_left(folder, left_out)
-    return found, left_out
+    return paths
+
+
+def _is_bag(path: Path) -> bool:
+    # A folder that cannot be looked into is none that may be skipped without a word.
+    if not path.is_dir():
+        return False
+    try:
+        return any(p.suffix in _BAG_FILES or p.name == 'metadata.yaml' for p in path.iterdir())
+    except OSError:
+        return True
+
+
+def check(path: Path, profile: Profile | None) -> Found | str:
+    """Return a recording that may be used, or why it may not."""
+    try:
+        return _found(open_recording(path), profile)
+    except InputError as error:
+        return str(error)
+    except OSError as error:
+        return f'{path}: cannot be read: {error}'
+
+
+def of_one_mode(folder: str | Path, paths: Sequence[Path], checked: Sequence[Found | str]
+                ) -> tuple[list[Found], list[tuple[str, str]]]:
+    """
+    Choose the recordings of the mode that most of them have.
+
+    Parameters
+    ----------
+    folder : str or pathlib.Path
+        The campaign.
+    paths : sequence of pathlib.Path
+        What is in it.
+    checked : sequence of Found or str
+        What `check` says of each.
+
+    Returns
+    -------
+    tuple
+        These recordings; names and reasons of those left out.
+
+    Raises
+    ------
+    InputError
+        When none can be used; the message names every file and what is wrong.
+
+    """
+    found = [one for one in checked if isinstance(one, Found)]
+    left_out = [(path.name, one) for path, one in zip(paths, checked, strict=True)
+                if isinstance(one, str)]
+    if not found:
+        raise nothing_left(Path(folder), left_out)
+    usual = Counter(one.mode.name for one in found).most_common(1)[0][0]
+    left_out += [(one.path.name, f'{one.path}: usecase: found {one.mode.name}, wanted '
+                  f'{usual}, as most recordings of the campaign have') for one in found
+                 if one.mode.name != usual]
+    return [one for one in found if one.mode.name == usual], left_out
 
 
 def nothing_left(folder: Path, left_out: list[tuple[str, str]]) -> InputError:
@@ -85,8 +124,10 @@ def nothing_left(folder: Path, left_out: list[tuple[str, str]]) -> InputError:
                       + '; '.join(reason for _, reason in left_out))
 
 
-def _check(reader: RecordingReader, profile: Profile | None) -> Mode:
+def _found(reader: RecordingReader, profile: Profile | None) -> Found:
     path = reader.path
+    if reader.changes:
+        raise InputError(f'{reader.changes[0]}, wanted a recording without changes')
     if 'clean_depth' not in reader.layouts and 'clean_depth' not in reader.arrays:
         raise InputError(f'{path}: clean_depth: not in the file, wanted metres (H, W) or '
                          '(T, H, W): what is really there')
@@ -103,7 +144,7 @@ def _check(reader: RecordingReader, profile: Profile | None) -> Mode:
         Intrinsics.from_matrix(reader.K, width, height)
     except InputError as error:
         raise InputError(f'{path}: {error}') from error
-    return mode
+    return Found(path, mode, tuple(reader.notes))
 
 
 def read(found: Found, profile: Profile | None) -> Take:
@@ -149,6 +190,9 @@ def read(found: Found, profile: Profile | None) -> Take:
     _check_distortion(reader)
     reflectivity = _stack('reflectivity', parts)
     if reflectivity is not None:
+        brightest = float(np.nanmax(reflectivity, initial=0))
+        if brightest > _BRIGHTEST:
+            raise InputError(f'{path}: reflectivity: found up to {brightest:g}, wanted 0 to 1')
         reflectivity = np.clip(reflectivity, 0, 1)
     if reflectivity is None:
         amplitude = _stack('amplitude', parts)
@@ -186,18 +230,23 @@ def _uptime(reader: RecordingReader, chosen: np.ndarray) -> float | None:
     uptime = reader.arrays.get('uptime')
     if uptime is None:
         return None
-    if uptime.dtype.kind not in 'fiu' or uptime.shape not in ((), (len(reader.stamp),)) or (
-            not np.isfinite(uptime).all()):
-        raise InputError(f'{reader.path}: uptime: found shape {uptime.shape}, wanted finite '
-                         f'seconds since power-on ({len(reader.stamp)},)')
-    return float(uptime.mean() if uptime.ndim == 0 else uptime[chosen].mean())
+    if uptime.dtype.kind not in 'fiu' or uptime.shape not in ((), (len(reader.stamp),)):
+        raise InputError(f'{reader.path}: uptime: found {uptime.dtype} of shape {uptime.shape}, '
+                         f'wanted seconds since power-on ({len(reader.stamp)},)')
+    if not ((uptime >= 0) & (uptime <= _LONGEST)).all():
+        raise InputError(f'{reader.path}: uptime: found {uptime.min():g} to {uptime.max():g}, '
+                         f'wanted seconds since power-on, 0 to {_LONGEST:g}')
+    return float(uptime if uptime.ndim == 0 else uptime[chosen[0]])
 
 
 def _from_amplitude(amplitude: np.ndarray, clean: np.ndarray, K: np.ndarray  # noqa: N803
                     ) -> np.ndarray:
     # What the surface's reflectivity must be, if full scale (of 8 or 16 bits) is a white pixel of
     # the camera's own gray image. May exceed 1: the unit is the camera's.
-    full = 255.0 if float(np.nanmax(amplitude)) <= 255 else 65535.0
+    if amplitude.dtype.kind in 'iu':
+        full = 255.0 if amplitude.dtype.itemsize == 1 else 65535.0
+    else:
+        full = 255.0 if float(np.nanmax(amplitude, initial=0)) <= 255 else 65535.0
     scale = np.float32(camera_config().full_scale_amplitude / full)
     image = amplitude.astype(np.float32)
     image = np.nanmean(image, axis=0) if image.ndim == 3 and clean.ndim == 2 else image

@@ -6,13 +6,10 @@ from typing import Any
 from flexx2_sim_ros.gap.evidence import scenes_of, simulate, Take, warm_of, with_uptime
 from flexx2_sim_ros.gap.features import (
     accumulate,
-    BINS,
-    ERROR,
     EXPECT,
     features,
     lattice_spectrum,
     Sums,
-    VALID,
 )
 from flexx2_sim_ros.gap.measures import distances, histogram, Measures
 from flexx2_sim_ros.gap.pose import moved, unknown_border
@@ -36,8 +33,10 @@ class Outcome:
         (SIZE,) variance of the simulated ones.
     physical : dict
         For each of `measures.UNITS`: before, after, null.
-    bins : numpy.ndarray
-        (3, 4, BINS) of real, before, after: pixels, valid ones, sum of errors in sigma, spare.
+    seen : numpy.ndarray
+        (3, SIZE) float32 features of the recording, and simulated without and with the effects.
+    counts : numpy.ndarray
+        (BINS,) float32 pixels looked at.
     maps : dict of str to numpy.ndarray
         (h, w) images for the report: mean error in sigma of real, before and after.
     spots : Spots
@@ -50,7 +49,8 @@ class Outcome:
     after: np.ndarray
     noise: np.ndarray
     physical: dict[str, list[float]]
-    bins: np.ndarray
+    seen: np.ndarray
+    counts: np.ndarray
     maps: dict[str, np.ndarray]
     spots: Spots
 
@@ -98,10 +98,9 @@ def confirm(take: Take, pose: np.ndarray, effects: dict[str, Any], seed: int) ->
     null = distances(before[1][1], before[0][1])
     for unit in null:
         physical[unit] = [gaps[0][unit], gaps[1][unit], null[unit]]
-    bins = np.zeros((3, 4, BINS))
-    for i, sums in enumerate((real, before[0][0], after[0][0])):
-        bins[i, :3] = sums.bins.T[[EXPECT, VALID, ERROR]]
-    return Outcome(take.name, own - means[0], own - means[1], noise, physical, bins,
+    return Outcome(take.name, own - means[0], own - means[1], noise, physical,
+                   np.array([own, *means], np.float32),
+                   real.bins[:, EXPECT].astype(np.float32),
                    {name: _map(sums) for name, sums in
                     (('real', real), ('before', before[0][0]), ('after', after[0][0]))},
                    grouped.spots(real_spots, [some[2] for some in before],

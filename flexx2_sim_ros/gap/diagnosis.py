@@ -10,7 +10,7 @@ from flexx2_sim_ros import __version__
 from flexx2_sim_ros.camera import Profile
 from flexx2_sim_ros.effects import Effect, registry
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.gap.campaign import find, nothing_left
+from flexx2_sim_ros.gap.campaign import Found, nothing_left
 from flexx2_sim_ros.gap.catalogue import Candidate, catalogue
 from flexx2_sim_ros.gap.confirm import Outcome
 from flexx2_sim_ros.gap.decide import Alternative, decide, Decision, FLOOR, ratio_interval
@@ -20,7 +20,7 @@ from flexx2_sim_ros.gap.model import Fit, Model
 from flexx2_sim_ros.gap.patch import fit_patch
 from flexx2_sim_ros.gap.pose import LIMITS, NAMES, STEPS
 from flexx2_sim_ros.gap.where import places, unexplained
-from flexx2_sim_ros.gap.work import bind, simulate_set, summarise, workers
+from flexx2_sim_ros.gap.work import bind, find, simulate_set, summarise, workers
 import numpy as np
 
 Progress = Callable[[str, float], None]
@@ -69,8 +69,10 @@ def diagnose(campaign_dir: str | Path, *, profile: Profile | None = None,
     began = time.monotonic()
     _check(without, seed, jobs, pose_prior)
     progress = progress or (lambda text, share: None)
+    if out is not None:
+        from flexx2_sim_ros.gap.writing import check_folder, write
+        check_folder(Path(out))
     progress('looking for recordings', 0.0)
-    found, left_out = find(campaign_dir, profile)
     prior = np.array([pose_prior[0]] * 3 + [pose_prior[1]] * 3)
     columns, candidates = catalogue(without)
     done = 0
@@ -86,6 +88,7 @@ def diagnose(campaign_dir: str | Path, *, profile: Profile | None = None,
         return step
 
     with workers(jobs, scheduler) as mapped:
+        found, left_out = find(campaign_dir, profile, mapped)
         text = 'simulating what could explain the recordings'
         outcomes = mapped(bind(summarise, profile=profile, columns=columns, seed=seed,
                                prior=tuple(prior)), found,
@@ -110,9 +113,9 @@ def diagnose(campaign_dir: str | Path, *, profile: Profile | None = None,
             [(file, tuple(pose)) for file, pose in zip(used, poses, strict=True)],
             tick(0.15, 0.83, len(used), 'simulating the outcome'))
     progress('writing', 0.98)
-    table = _table(model, decision, effects, confirmed, left_out)
+    table = _table(model, decision, effects, confirmed, used, left_out)
     table['seconds'] = round(time.monotonic() - began, 2)
-    table['peak_mb'] = round(_peak_mb(), 1)
+    table['peak_mb'] = round(_peak_mb(min(jobs, len(found))), 1)
     table['version'] = __version__
     if decision.verdict == 'unknown':
         patch, covariate, share = fit_patch(model, model.residual(decision.base))
@@ -120,7 +123,6 @@ def diagnose(campaign_dir: str | Path, *, profile: Profile | None = None,
         table['patch'] = {'covariate': covariate, 'shrink': share,
                           'held_out': len(evidence) > 1}
     if out is not None:
-        from flexx2_sim_ros.gap.writing import write
         write(Path(out), table, effects, model, decision, confirmed)
     progress('done', 1.0)
     return table
@@ -170,10 +172,10 @@ def _plain(effect: Effect) -> dict[str, float]:
 
 
 def _table(model: Model, decision: Decision, effects: list[Effect], confirmed: list[Outcome],
-           left_out: list[tuple[str, str]]) -> dict[str, Any]:
-    chosen = decision.chosen
+           used: list[Found], left_out: list[tuple[str, str]]) -> dict[str, Any]:
     explained = decision.verdict in ('identified', 'partly')
-    residual = model.residual(chosen if explained else decision.base)
+    chosen = decision.chosen if explained else decision.base
+    residual = model.residual(chosen)
     # What the effects change, and what is left, if that matters; not the recordings' own errors.
     difference = np.zeros_like(residual) if decision.verdict == 'identified' else residual
     if explained:
@@ -187,18 +189,21 @@ def _table(model: Model, decision: Decision, effects: list[Effect], confirmed: l
         'schema': SCHEMA,
         'verdict': decision.verdict,
         'effects': rows,
-        'alternatives': [_alternative(model, one) for one in decision.alternatives],
+        'alternatives': ([_alternative(model, one) for one in decision.alternatives]
+                         if decision.verdict != 'none' else []),
         'unexplained': (unexplained(model, residual, model.null_loss.sum(axis=0))
                         if decision.verdict != 'none' else []),
         'where': (places(model, difference, [one.spots for one in confirmed],
                          decision.verdict == 'identified',
-                         (chosen if explained else decision.base).sigma)
+                         chosen.sigma)
                   if decision.verdict != 'none' else []),
         'gap': _gap(model, decision, confirmed),
         'recordings': [
             *({'name': e.name, 'used': True, 'reason': '', 'frames': e.frames,
-               'moving': e.moving, 'pose': [float(v) for v in (p + m[:6]) * STEPS]}
-              for e, p, m in zip(model.evidence, model.pose, chosen.motion, strict=True)),
+               'moving': e.moving, 'pose': [float(v) for v in (p + m[:6]) * STEPS],
+               'notes': list(file.notes)}
+              for e, p, m, file in zip(model.evidence, model.pose, chosen.motion, used,
+                                       strict=True)),
             *({'name': name, 'used': False, 'reason': reason} for name, reason in left_out)],
     }
 
@@ -242,7 +247,8 @@ def _gap(model: Model, decision: Decision, confirmed: list[Outcome]) -> dict[str
     return out
 
 
-def _peak_mb() -> float:
+def _peak_mb(processes: int) -> float:
+    # Of the processes the largest is known; they are much alike.
     own = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    children = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss
-    return (own + children) / 1024
+    largest = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss
+    return (own + processes * largest) / 1024

@@ -68,6 +68,7 @@ class Evidence:
     sure_pose : numpy.ndarray
         (6,) what of it is beyond doubt.
     uptime : float or None
+        Mean seconds since power-on.
     step : float
         Lattice step that stands out, metres.
     grain, null_grain : numpy.ndarray
@@ -130,8 +131,10 @@ def simulate(take: Take, clean: np.ndarray, reflectivity: np.ndarray | None, eff
 
 def with_uptime(effects: dict[str, dict[str, float]], uptime: float | None) -> dict[str, Any]:
     """Return effects with the recording's own time since power-on."""
-    if 'warm_up_drift' not in effects or uptime is None:
+    if 'warm_up_drift' not in effects:
         return effects
+    if uptime is None:  # Nothing is known of it, so it explains nothing.
+        return {name: values for name, values in effects.items() if name != 'warm_up_drift'}
     return {**effects, 'warm_up_drift': {**effects['warm_up_drift'], 'uptime': uptime}}
 
 
@@ -179,7 +182,8 @@ def gather(take: Take, columns: Sequence[Column], seed: int, prior: np.ndarray) 
             if _kind(column) == kind and (moving or not column.effects.keys() <= NEEDS_MOTION):
                 shifts[i] = part.shift(with_uptime(column.effects, take.uptime))
                 if kind == 1:  # Grain is noise that is left, and the more so the fewer frames.
-                    shifts[i, _GRAIN] *= nulls[0, _GRAIN] / max(part.base[_GRAIN], 1e-9)
+                    less = nulls[0, _GRAIN] / max(part.base[_GRAIN], 1e-9)
+                    shifts[i, _GRAIN] *= less if np.isfinite(less) else 0  # too few pixels
         if kind == 0:
             steps = np.array([[part.shift(pose_effects(i, sign)) for sign in (1, -1)]
                               for i in range(6)])
@@ -191,7 +195,8 @@ def gather(take: Take, columns: Sequence[Column], seed: int, prior: np.ndarray) 
     return Evidence(
         take.name, real, nulls.mean(axis=0), noise / NULL_SEEDS, noise, nulls, shifts,
         pose_columns, (edges[:, 0] - edges[:, 1]) / 2, _displaced(edges), pose, sure_pose,
-        take.uptime,
+        None if take.uptime is None else
+        take.uptime + float((take.stamp - take.stamp[0]).mean()) * 1e-9,
         lattice_peak(lattice_spectrum(real_sums), spectrum)[1],
         static_grain(real_sums).astype(np.float16), static_grain(null_sums[0]).astype(np.float16),
         histogram(take.depth, scenes, real_sums), base_measures,

@@ -226,6 +226,11 @@ def features(sums: Sums, lattice_base: np.ndarray | None = None,
             np.concatenate([variances[_PICK[0], _PICK[1]], structure_variance]))
 
 
+def likeness(lag: np.ndarray | float) -> np.ndarray:
+    """Return the channel ``lag`` as people read it: a correlation, larger where more alike."""
+    return 1 - np.exp(lag)
+
+
 def _structure(sums: Sums, lattice_base: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
     out = dict.fromkeys(STRUCTURES, np.nan)
     p = sums.pairs

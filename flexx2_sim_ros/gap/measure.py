@@ -6,13 +6,13 @@ from typing import Any
 
 from flexx2_sim_ros.camera import Profile
 from flexx2_sim_ros.effects import parse_effects
-from flexx2_sim_ros.gap.campaign import find, nothing_left
+from flexx2_sim_ros.gap.campaign import nothing_left
 from flexx2_sim_ros.gap.catalogue import Candidate, catalogue, Column, Term
 from flexx2_sim_ros.gap.decide import FLOOR
 from flexx2_sim_ros.gap.evidence import Evidence
 from flexx2_sim_ros.gap.model import Model
 from flexx2_sim_ros.gap.pose import NAMES
-from flexx2_sim_ros.gap.work import bind, summarise, workers
+from flexx2_sim_ros.gap.work import bind, find, summarise, workers
 import numpy as np
 
 
@@ -56,8 +56,8 @@ def measure(campaign_dir: str | Path, effects: Mapping[str, Mapping[str, float]]
     columns = [c for c in catalogue()[0] if c.name in Model.NEEDED]
     if table:
         columns.append(Column('set', table, few=False))
-    found, left_out = find(campaign_dir, profile)
     with workers(jobs, None) as mapped:
+        found, left_out = find(campaign_dir, profile, mapped)
         outcomes = mapped(bind(summarise, profile=profile, columns=columns, seed=seed,
                                prior=tuple(prior)), found, lambda: None)
     evidence = [one for one in outcomes if isinstance(one, Evidence)]

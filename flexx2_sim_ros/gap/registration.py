@@ -45,7 +45,7 @@ class Take:
     fresh : numpy.ndarray
         (T,) bool, frames that do not follow the one before.
     uptime : float or None
-        Mean seconds since power-on.
+        Seconds since power-on at the first of the frames.
     mode : Mode
     profile : Profile or None
 

@@ -4,14 +4,13 @@ from collections.abc import Sequence
 from html import escape
 from typing import Any
 
+from flexx2_sim_ros.gap.charts import charts, maps
 from flexx2_sim_ros.gap.confirm import Outcome
-from flexx2_sim_ros.gap.covariates import AXES
 from flexx2_sim_ros.gap.decide import Decision
-from flexx2_sim_ros.gap.drawing import bar, curves, picture
+from flexx2_sim_ros.gap.drawing import bar
 from flexx2_sim_ros.gap.measures import UNITS
 from flexx2_sim_ros.gap.model import Model
 from flexx2_sim_ros.gap.words import headline, place, sentences
-import numpy as np
 
 _STYLE = """
 body{font:16px/1.45 system-ui,sans-serif;color:#1c2733;background:#fff;max-width:60rem;
@@ -29,9 +28,6 @@ _UNIT_NAMES = {'wasserstein_mm': ('distance of depth errors (Wasserstein-1)', 'm
                'invalid_rate': ('difference in invalid pixels', '%', 100.0),
                'kl_nats': ('divergence of normalised errors', 'nats', 1.0),
                'correlation': ("difference in neighbours' correlation", '', 1.0)}
-_CHARTS = (('bias', 'distance'), ('bias', 'incidence'), ('bias', 'log_amplitude'),
-           ('bias', 'fine_distance'), ('bias', 'radius'), ('bias', 'speed'), ('bias', 'concavity'),
-           ('invalid', 'log_amplitude'), ('invalid', 'distance'), ('invalid', 'incidence'))
 
 
 def page(table: dict[str, Any], model: Model, decision: Decision,
@@ -40,10 +36,9 @@ def page(table: dict[str, Any], model: Model, decision: Decision,
     body = [f'<p><span class="tag {escape(table["verdict"])}">{escape(table["verdict"])}</span> '
             f'<small>{sum(r["used"] for r in table["recordings"])} recordings</small></p>',
             f'<h1>{escape(headline(table))}</h1>',
-            ''.join(f'<p>{escape(line)}</p>' for line in sentences(table)
-                    if not line.startswith('Left out')),
-            _effects(table), _shrinkage(table), _where(table), _maps(confirmed, bool(
-                table['effects'])), _curves(confirmed, bool(table['effects'])),
+            ''.join(f'<p>{escape(line)}</p>' for line in sentences(table)),
+            _effects(table), _shrinkage(table), _where(table),
+            maps(confirmed, bool(table['effects'])), charts(confirmed, bool(table['effects'])),
             _considered(table, decision), _recordings(table)]
     return ('<!DOCTYPE html><html lang="en"><head><meta charset="utf-8">'
             '<meta name="viewport" content="width=device-width">'
@@ -93,55 +88,6 @@ def _where(table: dict[str, Any]) -> str:
     return f'<h2>Where it lies</h2><table>{rows}</table>{note}'
 
 
-def _maps(confirmed: Sequence[Outcome], explained: bool) -> str:
-    size = confirmed[0].maps['real'].shape
-    stacks = {name: np.array([one.maps[name].astype(np.float32) for one in confirmed
-                              if one.maps[name].shape == size])
-              for name in ('real', 'before', 'after')}
-    figures = []
-    pairs = [('before', 'real less simulated')]
-    if explained:
-        pairs.append(('after', 'real less simulated with the effects'))
-    for name, text in pairs:
-        difference = stacks['real'] - stacks[name]
-        good = np.isfinite(difference)
-        mean = np.where(good, difference, 0).sum(axis=0) / np.maximum(good.sum(axis=0), 1)
-        mean[~good.any(axis=0)] = np.nan
-        figures.append(f'<figure><img alt="{escape(text)}" width="420" src="{picture(mean, 1.5)}">'
-                       f'<figcaption>{escape(text)}: mean depth error, blue -1.5 to red +1.5 '
-                       'sigma, white none, gray unseen</figcaption></figure>')
-    return f'<h2>On the image</h2><div class="row">{"".join(figures)}</div>'
-
-
-def _curves(confirmed: Sequence[Outcome], explained: bool) -> str:
-    sums = np.sum([one.bins for one in confirmed], axis=0)
-    found = []
-    for channel, name in _CHARTS:
-        axis = AXES[name]
-        part = slice(axis.start, axis.start + axis.bins)
-        pixels, valid, error = sums[:, 0, part], sums[:, 1, part], sums[:, 2, part]
-        with np.errstate(invalid='ignore', divide='ignore'):
-            lines = error / valid if channel == 'bias' else 100 * (1 - valid / pixels)
-        lines[:, pixels[0] < 500] = np.nan
-        if np.isfinite(lines[0]).sum() < 3:
-            continue
-        size = float(np.nanmax(np.abs(lines[0] - lines[1]))) / (0.1 if channel == 'bias' else 0.8)
-        found.append((size, channel, axis, lines))
-    found.sort(key=lambda item: -item[0])
-    figures = []
-    for _, channel, axis, lines in found[:4]:
-        names = ['real', 'simulated'] + (['with the effects'] if explained else [])
-        label = 'bias, sigma' if channel == 'bias' else 'invalid, %'
-        low = 2 * axis.edges[0] - axis.edges[1]
-        middles = [(a + b) / 2 for a, b in zip((low, *axis.edges), (
-            *axis.edges, 2 * axis.edges[-1] - axis.edges[-2]), strict=True)]
-        unit = f' [{axis.unit}]' if axis.unit else ''
-        figures.append(curves(np.array(middles), lines[:len(names)], names,
-                              axis.name.replace('_', ' ') + unit, label,
-                              0.6 if channel == 'bias' else 3.0))
-    return f'<h2>Real against simulated</h2><div class="row">{"".join(figures)}</div>'
-
-
 def _considered(table: dict[str, Any], decision: Decision) -> str:
     rows = []
     taken = {row['name'] for row in table['effects']}
@@ -172,8 +118,9 @@ def _recordings(table: dict[str, Any]) -> str:
             pose = (f'{x * 1000:+.1f}, {y * 1000:+.1f}, {z * 1000:+.1f} mm; '
                     + ', '.join(f'{angle:+.2f}' for angle in turn) + ' deg')
             kind = 'moving' if row['moving'] else 'still'
+            notes = ''.join(f'<br><small>{escape(note)}</small>' for note in row['notes'])
             rows.append(f'<tr><td>{escape(row["name"])}</td><td>{row["frames"]} frames, {kind}'
-                        f'</td><td>{pose}</td></tr>')
+                        f'</td><td>{pose}{notes}</td></tr>')
         else:
             rows.append(f'<tr><td>{escape(row["name"])}</td><td>left out</td>'
                         f'<td>{escape(row["reason"])}</td></tr>')

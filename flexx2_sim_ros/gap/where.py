@@ -5,7 +5,7 @@ from typing import Any
 
 from flexx2_sim_ros.gap.covariates import AXES
 from flexx2_sim_ros.gap.cover import Condition, cover
-from flexx2_sim_ros.gap.features import CHANNELS, LAYOUT, STRUCTURES, TOLERANCE
+from flexx2_sim_ros.gap.features import CHANNELS, LAYOUT, likeness, STRUCTURES, TOLERANCE
 from flexx2_sim_ros.gap.model import Model
 from flexx2_sim_ros.gap.spots import SPOT_CHANNELS, SPOT_TOLERANCE, Spots
 from flexx2_sim_ros.gap.student import q_values, t_tail
@@ -55,17 +55,17 @@ def places(model: Model, difference: np.ndarray, spots: Sequence[Spots], exact: 
         pixels tells; as from `cells`. That alone where pixels are too few to be grouped.
 
     """
-    binned = cells(model, difference, exact)
+    binned = _ranked(model, difference, exact)
     conditions = cover(spots, not exact, sigma_error)
     if not conditions:
-        return binned
+        return [row for _, row in binned]
     names = [e.name for e in model.evidence]
     rows = [row for one in conditions for row in _rows(one, names)]
     q = q_values(np.array([row['q_value'] for _, row in rows]))
     for (_, row), value in zip(rows, q, strict=True):
         row['q_value'] = float(value)
-    rows.sort(key=lambda item: -item[0])
-    return [row for _, row in rows] + [row for row in binned if row['covariate'] in _BESIDE]
+    rows += [item for item in binned if item[1]['covariate'] in _BESIDE]
+    return [row for _, row in sorted(rows, key=lambda item: -item[0])]
 
 
 def _rows(one: Condition, names: list[str]) -> list[tuple[float, dict[str, Any]]]:
@@ -114,6 +114,12 @@ def cells(model: Model, difference: np.ndarray, exact: bool = False) -> list[dic
         units of what matters) first.
 
     """
+    return [row for _, row in _ranked(model, difference, exact)]
+
+
+def _ranked(model: Model, difference: np.ndarray, exact: bool
+            ) -> list[tuple[float, dict[str, Any]]]:
+    # With how much each matters.
     count = model.good.sum(axis=0)
     each = np.where(model.good, difference, 0)
     # Of these recordings, not of others: what noise and edges known to a pixel leave open.
@@ -155,7 +161,7 @@ def cells(model: Model, difference: np.ndarray, exact: bool = False) -> list[dic
             found.append((abs(mean[i]) / TOLERANCE[i],
                           _cell(i, float(mean[i]), float(q[i]), sigma)))
     found.sort(key=lambda item: -item[0])
-    return [cell for _, cell in found][:_MOST]
+    return found[:_MOST]
 
 
 def _axes_to_tell(model: Model, channel: str, mean: np.ndarray, variance: np.ndarray,
@@ -229,6 +235,8 @@ def _cell(index: int, size: float, q: float, sigma: np.ndarray) -> dict[str, Any
     if unit == 'sigma':
         out['size'] = size * float(sigma[AXES[feature.axis].start + feature.place]) * 1000
         unit = 'mm'
+    elif feature.channel == 'lag':
+        out['size'] = float(likeness(size))
     out['unit_size'] = unit
     return out
 

@@ -72,8 +72,14 @@ def sentences(table: dict[str, Any]) -> list[str]:
                    f'{table["patch"]["shrink"]:.0%} of the gap in bias, noise and loss off.')
     if table['where'] and table['verdict'] != 'none':
         out.append(f'It is largest here: {place(table["where"][0])}.')
-    return out + [f'Left out: {row["reason"]}.' for row in table['recordings']
-                  if not row['used']]
+    return out
+
+
+def remarks(table: dict[str, Any]) -> list[str]:
+    """Return what is wrong with recordings, a line each."""
+    rows = table['recordings']
+    return ([f'Left out: {row["reason"]}.' for row in rows if not row['used']]
+            + [f'Note: {note}.' for row in rows if row['used'] for note in row['notes']])
 
 
 def place(cell: dict[str, Any]) -> str:
@@ -84,7 +90,9 @@ def place(cell: dict[str, Any]) -> str:
         where = 'all over'
     if where == 'all':
         where = 'on all surfaces'
-    if cell['detail']:
+    if where == 'edge' and not cell['detail']:
+        where = 'at edges'
+    elif cell['detail']:
         where += f' ({cell["detail"]})'
     elif low is not None and high is not None:
         where += f' {low:.3g} to {high:.3g} {unit}'

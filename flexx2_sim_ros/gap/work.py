@@ -2,20 +2,43 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import as_completed, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from functools import partial
 import multiprocessing
+from pathlib import Path
 from typing import Any
 
 from flexx2_sim_ros.camera import Profile
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.gap.campaign import Found, read
+from flexx2_sim_ros.gap.campaign import check, Found, list_paths, of_one_mode, read
 from flexx2_sim_ros.gap.catalogue import Column
 from flexx2_sim_ros.gap.confirm import confirm, Outcome
 from flexx2_sim_ros.gap.evidence import Evidence, gather
 import numpy as np
 
+_PATIENCE = 30  # seconds
 Map = Callable[[Callable[[Any], Any], Sequence[Any], Callable[[], None]], list[Any]]
+
+
+def find(folder: str | Path, profile: Profile | None, mapped: Map
+         ) -> tuple[list[Found], list[tuple[str, str]]]:
+    """
+    Find a campaign's recordings; see `of_one_mode`.
+
+    Parameters
+    ----------
+    folder : str or pathlib.Path
+        The campaign.
+    profile : Profile, optional
+        The camera, the Flexx2 when left out.
+    mapped : callable
+        As from `workers`: bags have to be read to know what is in them.
+
+    """
+    paths = list_paths(folder)
+    return of_one_mode(folder, paths,
+                       mapped(bind(check, profile=profile), paths, lambda: None))
 
 
 def summarise(found: Found, profile: Profile | None, columns: Sequence[Column], seed: int,
@@ -25,7 +48,10 @@ def summarise(found: Found, profile: Profile | None, columns: Sequence[Column], 
         take = read(found, profile)
     except InputError as error:
         return str(error)
-    return gather(take, columns, seed, np.array(prior))
+    try:
+        return gather(take, columns, seed, np.array(prior))
+    except InputError as error:
+        return f'{found.path}: {error}'
 
 
 def simulate_set(job: tuple[Found, tuple[float, ...]], profile: Profile | None,
@@ -68,6 +94,9 @@ def workers(jobs: int, scheduler: str | None) -> Iterator[Map]:
                 return [future.result() for future in futures]
             try:
                 yield run
+            except BrokenProcessPool as error:
+                raise InputError(f'--jobs: found {jobs}, of which a process was killed (out of '
+                                 'memory?), wanted fewer') from error
             except BaseException:
                 pool.shutdown(wait=False, cancel_futures=True)
                 raise
@@ -94,6 +123,12 @@ def _dask(address: str) -> Iterator[Map]:
     except (OSError, ValueError, TimeoutError) as error:
         raise InputError(f'--scheduler: found {address!r}, where no scheduler answers: '
                          f'{error}') from error
+    try:
+        client.wait_for_workers(1, timeout=_PATIENCE)
+    except TimeoutError as error:
+        client.close()
+        raise InputError(f'--scheduler: found {address!r}, which has no workers after '
+                         f'{_PATIENCE} s, wanted one at least') from error
 
     def run(function: Callable[[Any], Any], items: Sequence[Any],
             tick: Callable[[], None]) -> list[Any]:
@@ -105,6 +140,9 @@ def _dask(address: str) -> Iterator[Map]:
             return list(client.gather(futures))
     try:
         yield run
+    except (distributed.KilledWorker, distributed.comm.CommClosedError) as error:
+        raise InputError(f'--scheduler: {address}: its workers were lost again and again: '
+                         f'{error}') from error
     finally:
         client.close()
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 import json
+import os
 from pathlib import Path
 import shutil
 import tempfile
@@ -15,6 +16,25 @@ from flexx2_sim_ros.gap.model import Model
 from flexx2_sim_ros.gap.report import page
 
 FILES = ('diagnosis.json', 'effects.yaml', 'report.html')
+
+
+def check_folder(folder: Path) -> None:
+    """
+    Raise `InputError` where `write` could not write, before there is anything to be written.
+
+    Parameters
+    ----------
+    folder : pathlib.Path
+        It need not be there yet.
+
+    """
+    there = next(path for path in (folder, *folder.absolute().parents) if path.exists())
+    if not there.is_dir() or not os.access(there, os.W_OK | os.X_OK):
+        raise InputError(f'--out: {folder}: cannot be written to: found that {there} is '
+                         + ('read-only' if there.is_dir() else 'a file') + ', wanted a folder')
+    for name in FILES:
+        if (folder / name).is_dir():
+            raise InputError(f'--out: {folder / name}: found a folder, wanted to write a file')
 
 
 def write(folder: Path, table: dict[str, Any], effects: Sequence[Effect], model: Model,
@@ -49,7 +69,7 @@ def write(folder: Path, table: dict[str, Any], effects: Sequence[Effect], model:
         (scratch / FILES[0]).write_text(text + '\n', encoding='utf-8')
         save_effects(scratch / FILES[1], effects, _comment(table))
         (scratch / FILES[2]).write_text(page(table, model, decision, confirmed),
-                                        encoding='utf-8')
+                                        encoding='utf-8', errors='backslashreplace')
         for name in FILES:
             (scratch / name).chmod(0o644)
             (scratch / name).replace(folder / name)

@@ -165,17 +165,20 @@ class BagRecording(RecordingReader):
             content.arrays['stamp_ns'] = stamps
         for time, info in self._infos[1:]:
             if not np.array_equal(info.k, first.k):
-                content.notes.append(f'{self._bag.path}: K: changes at frame {self._frame(time)} '
-                                     f'from {first.k.tolist()} to {info.k.tolist()}')
+                content.changes.append(f'{self._bag.path}: K: changes at frame '
+                                       f'{self._frame(time)} from {first.k.tolist()} to '
+                                       f'{info.k.tolist()}')
                 break
-        for index, (time, usecase, changed) in enumerate(self._usecases):
-            if index == 0:
+        before = None
+        for time, usecase, changed in self._usecases:
+            frame = self._frame(time)
+            if before is None or not frame:
                 content.arrays['usecase'] = np.array(usecase)
-            elif usecase == self._usecases[index - 1][1]:
-                continue
-            if index or (changed and self._frame(time)):
-                content.notes.append(f'{self._bag.path}: usecase: {usecase} from about frame '
-                                     f'{self._frame(time)} on')
+            if frame and (changed if before is None else usecase != before):
+                content.changes.append(f'{self._bag.path}: usecase: {usecase} from about frame '
+                                       f'{frame} on')
+            before = usecase
+        content.notes.extend(content.changes)
         content.arrays['camera'] = np.array(self._where.name)
         content.arrays['frame_id'] = np.array(str(first.header.frame_id))
         if np.any(first.d):

@@ -5,6 +5,7 @@ from contextlib import contextmanager, ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 import tempfile
+from tokenize import TokenError
 from types import TracebackType
 from typing import Any
 import zipfile
@@ -14,7 +15,7 @@ from flexx2_sim_ros.errors import InputError
 import numpy as np
 
 UNREADABLE = (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile, zlib.error,
-              NotImplementedError, RuntimeError, MemoryError)
+              NotImplementedError, RuntimeError, MemoryError, TokenError)
 
 
 @dataclass(frozen=True)

@@ -87,12 +87,16 @@ class Content:
         All other keys of the recording format.
     notes : list of str
         As in `Recording`.
+    changes : list of str
+        Those notes that say that the mode or the camera changes midway: ``usecase`` and ``K`` are
+        those at the start.
 
     """
 
     layouts: dict[str, Layout]
     arrays: dict[str, np.ndarray]
     notes: list[str] = field(default_factory=list)
+    changes: list[str] = field(default_factory=list)
 
 
 class RecordingReader(ABC):
@@ -109,7 +113,7 @@ class RecordingReader(ABC):
         Which camera of a bag.
     K, stamp, stamp_ns, usecase
         As in `Recording`, of all frames.
-    layouts, arrays, notes
+    layouts, arrays, notes, changes
         As in `Content`.
 
     Examples
@@ -127,6 +131,7 @@ class RecordingReader(ABC):
         self.layouts = content.layouts
         self.arrays = content.arrays
         self.notes = content.notes
+        self.changes = content.changes
         self.K = self._matrix()
         self.stamp, self.stamp_ns = self._stamps()
         usecase = self.arrays.get('usecase')

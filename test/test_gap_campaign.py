@@ -1,0 +1,159 @@
+"""Folders as people have them: bags, damaged files, wrong keys, hardly any surface."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+from bench.gap_campaigns import write_campaign
+from flexx2_sim_ros.cli.main import main
+from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.gap import diagnose
+from flexx2_sim_ros.gap.evidence import with_uptime
+from flexx2_sim_ros.recording.convert import convert
+from made_bags import camera_entries, depths, SECOND, usecase, write
+import numpy as np
+import pytest
+
+TINY: dict[str, Any] = {'scale': 0.25, 'frames': 6, 'moving': 0}
+
+
+def change(path: Path, **changes: Any) -> None:
+    """Rewrite a recording with other arrays; None leaves one out."""
+    with np.load(path) as archive:
+        content = {**archive, **changes}
+    np.savez(path, **{k: v for k, v in content.items() if v is not None})
+
+
+def test_bad_recordings_are_left_out_and_said(tmp_path: Path,
+                                              capsys: pytest.CaptureFixture[str]) -> None:
+    folder = tmp_path / 'campaign'
+    write_campaign(folder, seed=8, recordings=17, **TINY)
+    files = sorted(folder.glob('*.npz'))
+    with np.load(files[0]) as archive:
+        depth, clean, stamp = archive['depth'], archive['clean_depth'], archive['stamp']
+    left = np.arange(clean.shape[1]) < 28
+    wrong: list[tuple[dict[str, Any], str]] = [
+        ({'depth': np.full_like(depth, np.nan)}, 'depth'),
+        ({'clean_depth': clean[:-3]}, 'clean_depth'),
+        ({'clean_depth': np.stack([clean] * 4)}, 'clean_depth'),
+        ({'stamp': np.where(np.arange(6) == 2, np.nan, stamp)}, 'stamp'),
+        ({'stamp': stamp[::-1]}, 'stamp'),
+        ({'usecase': np.array('Mode_5_30fps')}, 'usecase'),
+        ({'usecase': np.array('Mode_7')}, 'Mode_7'),
+        ({'clean_depth': np.full_like(clean, np.nan)}, 'clean_depth'),
+        ({'clean_depth': None}, 'clean_depth'),
+        ({'depth': np.where(left, np.nan, depth), 'clean_depth': np.where(left, clean, np.nan)},
+         'no pixel is valid in both'),
+        ({'distortion': np.full(5, np.nan)}, 'distortion'),
+        ({'reflectivity': np.full(clean.shape, 200.0)}, 'reflectivity: found up to 200'),
+        ({'uptime': np.zeros(4)}, 'uptime: found float64 of shape (4,)'),
+        ({'uptime': np.array(1.7e9)}, 'uptime: found 1.7e+09'),
+        ({'K': np.eye(3) * np.nan}, 'K')]
+    for file, (changes, _) in zip(files, wrong, strict=False):
+        change(file, **changes)
+    broken = folder / 'cut[off].npz'  # which rich would take for markup
+    files[15].rename(broken)
+    broken.write_bytes(broken.read_bytes()[:5000])
+    wrong.append(({}, ''))
+    files[15] = broken
+    out = tmp_path / 'out'
+    assert main(['gap', 'diagnose', str(folder), '--out', str(out), '--jobs', '1']) == 0
+    table = json.loads((out / 'diagnosis.json').read_text())
+    said = ''.join(capsys.readouterr().err.split())
+    assert 'cut[off].npz:cannotberead' in said
+    reasons = {row['name']: row['reason'] for row in table['recordings'] if not row['used']}
+    for file, (_, words) in zip(files, wrong, strict=False):
+        assert file.name in reasons[file.name]
+        assert words in reasons[file.name]
+    assert [row['name'] for row in table['recordings'] if row['used']] == [files[16].name]
+
+
+@pytest.mark.parametrize('kind', ['empty', 'absent', 'broken'])
+def test_nothing_usable_is_an_error_and_writes_nothing(
+        kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = tmp_path / 'campaign'
+    if kind != 'absent':
+        folder.mkdir()
+    if kind == 'broken':
+        (folder / 'one.npz').write_bytes(b'PK no archive')
+    assert main(['gap', 'diagnose', str(folder), '--out', str(tmp_path / 'out')]) == 2
+    message = capsys.readouterr().err
+    assert ('one.npz' if kind == 'broken' else str(folder)) in message
+    assert not (tmp_path / 'out').exists()
+
+
+def test_a_place_that_cannot_be_written_to_is_said_before_the_work(
+        tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write_campaign(tmp_path / 'campaign', seed=1, recordings=1, **TINY)
+    (tmp_path / 'file').write_text('')
+    (tmp_path / 'taken' / 'effects.yaml').mkdir(parents=True)
+    for out, words in ((tmp_path / 'file', 'a file'), (tmp_path / 'file' / 'in', 'a file'),
+                       (tmp_path / 'taken', 'found a folder')):
+        began = []
+        with pytest.raises(InputError, match=f'--out: .*{words}'):
+            diagnose(tmp_path / 'campaign', out=out,
+                     progress=lambda text, share, began=began: began.append(text))
+        assert not began
+        assert main(['gap', 'diagnose', str(tmp_path / 'campaign'), '--out', str(out)]) == 2
+        assert '--out' in capsys.readouterr().err
+    assert not list((tmp_path / 'taken' / 'effects.yaml').iterdir())
+
+
+def test_bags_give_what_the_arrays_do(tmp_path: Path) -> None:
+    arrays, bags = tmp_path / 'arrays', tmp_path / 'bags'
+    write_campaign(arrays, seed=3, effects={'excess_noise': {'factor': 1.5}}, recordings=3, **TINY)
+    bags.mkdir()
+    for path in arrays.glob('*.npz'):
+        convert(path, bags / path.stem, storage='sqlite3')
+    one, other = diagnose(arrays), diagnose(bags)
+    assert one['verdict'] == other['verdict'] == 'identified'
+    for key in ('effects', 'where'):
+        assert one[key] == other[key]
+
+
+def test_a_bag_whose_mode_changes_is_left_out(tmp_path: Path) -> None:
+    write_campaign(tmp_path, seed=3, recordings=2, **TINY)
+    entries = camera_entries('left', depths(6, 43, 56), depths(6, 43, 56))
+    middle = SECOND + 3 * (SECOND // 60)
+    entries.append(usecase('/left/flexx2_camera', middle + 1, 'Mode_9_30fps', changed=True))
+    write(tmp_path / 'changes', sorted(entries, key=lambda entry: entry[2]))
+    (tmp_path / 'nothing').mkdir()
+    (tmp_path / 'nothing' / 'metadata.yaml').write_text('')
+    rows = diagnose(tmp_path)['recordings']
+    reasons = {row['name']: row.get('reason') for row in rows if not row['used']}
+    assert set(reasons) == {'changes', 'nothing'}
+    assert 'usecase: Mode_9_30fps from about frame 4 on' in reasons['changes']
+
+
+def test_a_recording_with_hardly_any_surface_spoils_nothing(tmp_path: Path) -> None:
+    write_campaign(tmp_path, seed=3, effects={'excess_noise': {'factor': 1.6}}, recordings=4,
+                   **TINY)
+    path = min(tmp_path.glob('*.npz'))
+    with np.load(path) as archive:
+        clean = archive['clean_depth']
+    few = np.full_like(clean, np.nan)
+    few[20:31, 20:31] = 1.0
+    change(path, clean_depth=few)
+    table = diagnose(tmp_path)
+    assert sum(row['used'] for row in table['recordings']) == 4
+    assert [row['name'] for row in table['effects']] == ['excess_noise']
+    json.dumps(table, allow_nan=False)
+
+
+def test_without_an_uptime_nothing_drifts() -> None:
+    effects = {'warm_up_drift': {'bias': 0.01}, 'offset': {'bias': 0.01}}
+    assert with_uptime(effects, None) == {'offset': {'bias': 0.01}}
+    assert with_uptime(effects, 60.0)['warm_up_drift'] == {'bias': 0.01, 'uptime': 60.0}
+
+
+def test_what_the_command_is_told_is_heeded(tmp_path: Path) -> None:
+    folder, out = tmp_path / 'campaign', tmp_path / 'out'
+    # Scattered poses, as in `test_scattered_poses_are_a_finding`; here they are what is usual.
+    write_campaign(folder, seed=6, pose=(0.012, 0.7), scale=0.5, recordings=4, frames=8, moving=1)
+    assert main(['gap', 'diagnose', str(folder), '--out', str(out), '--jobs', '1', '--seed', '4',
+                 '--without', 'offset', '--without', 'multipath', '--pose-prior', '0.05',
+                 '3']) == 0
+    text = (out / 'diagnosis.json').read_text()
+    assert '"pose_error"' not in text
+    assert '"offset"' not in text
+    assert max(abs(row['pose'][3]) for row in json.loads(text)['recordings']) > 1.0
