@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+import json
 import os
 from pathlib import Path
 import signal
@@ -12,7 +13,7 @@ import time
 
 from bench.gap_campaigns import write_campaign
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.gap import diagnose
+from flexx2_sim_ros.gap import diagnose, work
 import pytest
 
 distributed = pytest.importorskip('distributed', reason='extra cluster is not installed')
@@ -75,6 +76,19 @@ def test_a_lost_worker_changes_nothing(tmp_path: Path) -> None:
         for key in ('seconds', 'peak_mb'):
             del table[key]
     assert spread == local
+
+
+def test_a_scheduler_without_workers_is_said(tmp_path: Path,
+                                             monkeypatch: pytest.MonkeyPatch) -> None:
+    write_campaign(tmp_path / 'campaign', seed=13, scale=0.25, recordings=1, frames=4, moving=0)
+    ready = tmp_path / 'scheduler.json'
+    monkeypatch.setattr(work, '_PATIENCE', 1)
+    with process('distributed.cli.dask_scheduler', '--host', '127.0.0.1', '--port', '0',
+                 '--no-dashboard', '--scheduler-file', str(ready)):
+        wait_for(ready.exists)
+        address = json.loads(ready.read_text())['address']
+        with pytest.raises(InputError, match='--scheduler: .* no workers'):
+            diagnose(tmp_path / 'campaign', scheduler=address)
 
 
 def test_no_scheduler_there_is_said(tmp_path: Path) -> None:
