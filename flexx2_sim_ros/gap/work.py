@@ -95,8 +95,10 @@ def workers(jobs: int, scheduler: str | None) -> Iterator[Map]:
             try:
                 yield run
             except BrokenProcessPool as error:
-                raise InputError(f'--jobs: found {jobs}, of which a process was killed (out of '
-                                 'memory?), wanted fewer') from error
+                raise InputError(
+                    f'--jobs: found {jobs}, of which a process ended before its work did: out of '
+                    "memory? (In a script, jobs need `if __name__ == '__main__':`.) Wanted fewer"
+                    ) from error
             except BaseException:
                 pool.shutdown(wait=False, cancel_futures=True)
                 raise
