@@ -34,14 +34,14 @@ def test_a_gap_is_placed_along_the_covariate_that_shows_it_best() -> None:
                 difference[:, i] = 0.5
             elif feature.axis in ('all', 'distance', 'radius', 'region', 'log_amplitude'):
                 difference[:, i] = 0.5 / 9
-    cell, = cells(made_up(6, 0.001), difference)
+    (_, cell), = cells(made_up(6, 0.001), difference)
     assert (cell['covariate'], cell['low'], cell['high']) == ('incidence', 68.0, 75.0)
     assert cell['channel'] == 'invalid'
     assert cell['size'] == pytest.approx(0.5)
     # The same everywhere: said in one line.
     difference[:] = [0.5 if f.channel == 'bias' and f.axis not in ('edge', 'structure') else 0.0
                      for f in LAYOUT]
-    cell, = cells(made_up(6, 0.001), difference)
+    (_, cell), = cells(made_up(6, 0.001), difference)
     assert (cell['covariate'], cell['unit_size']) == ('all', 'mm')
     assert cell['size'] == pytest.approx(1.0)
     assert cells(made_up(6, 0.001), np.zeros((6, SIZE))) == []

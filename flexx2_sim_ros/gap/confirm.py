@@ -27,10 +27,6 @@ class Outcome:
     Attributes
     ----------
     name : str
-    before, after : numpy.ndarray
-        (SIZE,) real less simulated features.
-    noise : numpy.ndarray
-        (SIZE,) variance of the simulated ones.
     physical : dict
         For each of `measures.UNITS`: before, after, null.
     seen : numpy.ndarray
@@ -45,9 +41,6 @@ class Outcome:
     """
 
     name: str
-    before: np.ndarray
-    after: np.ndarray
-    noise: np.ndarray
     physical: dict[str, list[float]]
     seen: np.ndarray
     counts: np.ndarray
@@ -90,15 +83,14 @@ def confirm(take: Take, pose: np.ndarray, effects: dict[str, Any], seed: int) ->
     after = several(effects) if effects else before
     spectrum = np.mean([lattice_spectrum(sums) for sums, *_ in before], axis=0)
     own, _ = features(real, spectrum)
-    table = [[features(sums, spectrum) for sums, *_ in some] for some in (before, after)]
-    means = [np.mean([values for values, _ in some], axis=0) for some in table]
-    noise = np.mean([variance for some in table for _, variance in some], axis=0)
+    means = [np.mean([features(sums, spectrum)[0] for sums, *_ in some], axis=0)
+             for some in (before, after)]
     physical = {}
     gaps = [distances(real_measures, some[0][1]) for some in (before, after)]
     null = distances(before[1][1], before[0][1])
     for unit in null:
         physical[unit] = [gaps[0][unit], gaps[1][unit], null[unit]]
-    return Outcome(take.name, own - means[0], own - means[1], noise, physical,
+    return Outcome(take.name, physical,
                    np.array([own, *means], np.float32),
                    real.bins[:, EXPECT].astype(np.float32),
                    {name: _map(sums) for name, sums in

@@ -55,7 +55,7 @@ def places(model: Model, difference: np.ndarray, spots: Sequence[Spots], exact: 
         pixels tells; as from `cells`. That alone where pixels are too few to be grouped.
 
     """
-    binned = _ranked(model, difference, exact)
+    binned = cells(model, difference, exact)
     conditions = cover(spots, not exact, sigma_error)
     if not conditions:
         return [row for _, row in binned]
@@ -93,7 +93,8 @@ def _intervals(one: Condition, names: list[str]) -> list[dict[str, Any]]:
     return [_bounds(one.axis, one.first, one.last)]
 
 
-def cells(model: Model, difference: np.ndarray, exact: bool = False) -> list[dict[str, Any]]:
+def cells(model: Model, difference: np.ndarray, exact: bool = False
+          ) -> list[tuple[float, dict[str, Any]]]:
     """
     List the bins in which real and simulated differ by more than what matters.
 
@@ -109,17 +110,11 @@ def cells(model: Model, difference: np.ndarray, exact: bool = False) -> list[dic
 
     Returns
     -------
-    list of dict
-        ``covariate, low, high, unit, channel, size, unit_size, q_value, detail``, largest (in
-        units of what matters) first.
+    list of tuple
+        How large in units of what matters, largest first; and a dict of ``covariate, low, high,
+        unit, channel, size, unit_size, q_value, detail``.
 
     """
-    return [row for _, row in _ranked(model, difference, exact)]
-
-
-def _ranked(model: Model, difference: np.ndarray, exact: bool
-            ) -> list[tuple[float, dict[str, Any]]]:
-    # With how much each matters.
     count = model.good.sum(axis=0)
     each = np.where(model.good, difference, 0)
     # Of these recordings, not of others: what noise and edges known to a pixel leave open.
