@@ -151,3 +151,25 @@ def test_rate_meter() -> None:
     assert meter.hz == pytest.approx(5, rel=1e-6)
     meter.clear()
     assert (meter.hz, meter.samples) == (0.0, 0)
+
+
+@pytest.mark.parametrize('jump', [2 * SECOND, 10 * SECOND, 1000 * SECOND, 10 ** 17])
+def test_a_rate_is_right_soon_after_a_jump(jump: int) -> None:
+    """Assert a pause, or a clock set forward, is no part of the rate; nor is a lost image."""
+    for hz in (5, 30, 60):
+        meter = RateMeter()
+        for stamp in clock(hz, 10):
+            meter.add(stamp)
+        later = clock(hz, 1, start=START + 10 * SECOND + jump)
+        for stamp in later[:3]:
+            meter.add(stamp)
+        assert meter.hz == pytest.approx(hz, rel=1e-3)
+        assert meter.samples == 3
+    meter = RateMeter()
+    for stamp in [*later[:10], *later[12:30]]:
+        meter.add(stamp)
+    assert meter.samples == 28
+    slow = RateMeter()
+    for stamp in clock(0.5, 40):
+        slow.add(stamp)
+    assert slow.hz == pytest.approx(0.5, rel=1e-3)

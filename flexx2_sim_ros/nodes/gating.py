@@ -1,8 +1,12 @@
 """Frame timing by header stamps: which inputs become frames, and how fast they come."""
 
 from collections import deque
+from itertools import pairwise
+from statistics import median
 
 _NANOSECONDS = 1_000_000_000
+# So many usual periods without a stamp are a pause, if they last a second.
+_PAUSE_PERIODS = 5
 
 
 class FrameGate:
@@ -82,7 +86,11 @@ class FrameGate:
 
 
 class RateMeter:
-    """Measure a rate from stamps, over the last 120 of them."""
+    """
+    Measure a rate from stamps, over the last 120 of them.
+
+    A pause, or a clock that was set forward, is no part of a rate: only the stamps after it count.
+    """
 
     def __init__(self) -> None:
         """Start empty."""
@@ -101,11 +109,22 @@ class RateMeter:
     @property
     def samples(self) -> int:
         """How many stamps the rate rests on."""
-        return len(self._stamps)
+        return len(self._recent())
 
     @property
     def hz(self) -> float:
         """Return the rate in Hz; 0 before there are two stamps."""
-        if len(self._stamps) < 2 or self._stamps[-1] == self._stamps[0]:
+        recent = self._recent()
+        if len(recent) < 2 or recent[-1] == recent[0]:
             return 0.0
-        return (len(self._stamps) - 1) * _NANOSECONDS / (self._stamps[-1] - self._stamps[0])
+        return (len(recent) - 1) * _NANOSECONDS / (recent[-1] - recent[0])
+
+    def _recent(self) -> list[int]:
+        stamps = list(self._stamps)
+        periods = [later - sooner for sooner, later in pairwise(stamps)]
+        if periods:
+            pause = max(_NANOSECONDS, _PAUSE_PERIODS * median(periods))
+            for index in reversed(range(len(periods))):
+                if periods[index] > pause:
+                    return stamps[index + 1:]
+        return stamps
