@@ -3,6 +3,7 @@
 import sys
 
 from bench import (
+    arrival,
     batch,
     characterize,
     closed_loop,
@@ -16,7 +17,7 @@ from bench import (
 
 _ALL = {'model': model.run, 'effects': effects.run, 'batch': batch.run,
         'closed_loop': closed_loop.run, 'characterize': characterize.run, 'gap': gap.run,
-        'rendering': rendering.run, 'nodes': nodes.run, 'go1': go1.run}
+        'rendering': rendering.run, 'nodes': nodes.run, 'input': arrival.run, 'go1': go1.run}
 
 
 def main() -> int:

@@ -174,6 +174,8 @@ class Stream(Listener):
         Of the clean images.
     namespace : str
         Of the node; one of its own when left out, so that no stream hears another.
+    feed : bool
+        Whether to publish to the node; somebody else does otherwise.
     values
         Of the node's parameters.
 
@@ -187,7 +189,7 @@ class Stream(Listener):
     """
 
     def __init__(self, *topics: str, source: Intrinsics = FLEXX2, namespace: str = '',
-                 **values: Any) -> None:
+                 feed: bool = True, **values: Any) -> None:
         """Start the node and wait until everybody knows everybody."""
         super().__init__()
         namespace = namespace or f'/stream_{next(_numbers)}'
@@ -197,13 +199,19 @@ class Stream(Listener):
         self.name = f'{namespace}/flexx2_camera'
         self.add(self.camera)
         self.clients = AsyncParameterClient(self.node, self.name)
+        self._clean: dict[str, Any] = {}
+        self._missed: dict[str, int] = {}
+        for topic in topics:
+            self.listen_to(topic)
+        if feed:
+            self._feed(namespace)
+        self.spin_until(self.clients.services_are_ready, 'parameter services')
+
+    def _feed(self, namespace: str) -> None:
         self._clean = {
             topic: self.node.create_publisher(kind, f'{namespace}/clean/{topic}', 10)
             for topic, kind in (('depth_image', Image), ('camera_info', CameraInfo),
                                 ('reflectivity', Image))}
-        self._missed: dict[str, int] = {}
-        for topic in topics:
-            self.listen_to(topic)
         self.spin_until(lambda: all(publisher.get_subscription_count()
                                     for publisher in self._clean.values()), 'inputs')
         inputs = [subscription for subscription in self.camera.subscriptions
@@ -211,7 +219,6 @@ class Stream(Listener):
         assert len(inputs) == 3
         self.spin_until(lambda: all(subscription.get_publisher_count()
                                     for subscription in inputs), 'inputs')
-        self.spin_until(self.clients.services_are_ready, 'parameter services')
 
     def listen_to(self, topic: str) -> None:
         """Listen to one of the node's outputs."""

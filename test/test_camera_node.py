@@ -331,10 +331,11 @@ def test_measured_rates_are_reported() -> None:
 
 
 def test_quality_of_service() -> None:
-    """Assert reliable publishers, sensor-data subscriptions, and that both can be overridden."""
+    """Assert reliable publishers, inputs that follow theirs, and that both can be overridden."""
     overrides = {'qos_overrides./own/flexx2_camera/gray_image_0.publisher.reliability':
                  'best_effort',
-                 'qos_overrides./own/clean/camera_info.subscription.reliability': 'reliable'}
+                 'qos_overrides./own/clean/camera_info.subscription.reliability':
+                 'best_effort'}
     with stream(namespace='/own', **overrides) as seen:
         for topic in (DEPTH, INFO, CLOUD, GRAY, NOISE):
             name = f'{seen.name}/{topic}'
@@ -347,10 +348,11 @@ def test_quality_of_service() -> None:
             name = f'{seen.camera.get_namespace()}/clean/{topic}'
             seen.spin_until(lambda: seen.node.get_subscriptions_info_by_topic(name))  # noqa: B023
             qos = seen.node.get_subscriptions_info_by_topic(name)[0].qos_profile
-            expected = 'RELIABLE' if topic == 'camera_info' else 'BEST_EFFORT'
+            expected = 'BEST_EFFORT' if topic == 'camera_info' else 'RELIABLE'
             assert qos.reliability.name == expected
             assert qos.durability.name == 'VOLATILE'
-            assert seen.camera.has_parameter(f'qos_overrides.{name}.subscription.reliability')
+            value = seen.get(f'qos_overrides.{name}.subscription.reliability')
+            assert value == ('best_effort' if topic == 'camera_info' else 'best_available')
 
 
 def test_parameters_of_the_driver() -> None:

@@ -134,6 +134,21 @@ def test_any_order_keeps_every_image(events: list[tuple[str, int]]) -> None:
         assert match.reflectivity is None or match.reflectivity[0] == match.stamp
 
 
+def test_what_is_paired_and_what_is_not_is_counted() -> None:
+    """Assert companions count once: as paired, or as dropped without an image."""
+    pairing = StampPairing()
+    for stamp in range(0, 100, 2):
+        run(pairing, f'info {stamp}', f'reflectivity {stamp}', f'image {stamp}')
+    assert (pairing.paired, pairing.unpaired) == (
+        {'info': 50, 'reflectivity': 50}, {'info': 0, 'reflectivity': 0})
+    for stamp in range(100, 200):
+        run(pairing, f'reflectivity {2 * stamp + 1}', f'image {2 * stamp}')
+    assert pairing.paired['reflectivity'] == 50
+    assert 80 <= pairing.unpaired['reflectivity'] <= 100
+    run(pairing, 'reflectivity 0')  # A restart: what waited is dropped.
+    assert pairing.unpaired['reflectivity'] == 100
+
+
 def test_memory_is_bounded() -> None:
     """Assert companions without images are not kept for ever."""
     pairing = StampPairing()

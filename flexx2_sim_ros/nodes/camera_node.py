@@ -1,7 +1,5 @@
 """The camera node: clean depth in, what a Flexx2 would have seen out."""
 
-from collections.abc import Callable
-from copy import copy
 import time
 from traceback import format_exception
 from typing import Any
@@ -23,20 +21,26 @@ from flexx2_sim_ros.nodes.decoding import (
     stamp_nanoseconds,
 )
 from flexx2_sim_ros.nodes.gating import FrameGate
+from flexx2_sim_ros.nodes.input_watch import InputWatch, Remark
 from flexx2_sim_ros.nodes.pairing import Match, StampPairing
 from flexx2_sim_ros.nodes.parameters import declare
 from flexx2_sim_ros.nodes.report import Statistics
 from flexx2_sim_ros.nodes.runtime import Throttle
+from flexx2_sim_ros.nodes.subscriptions import Input
 from flexx2_sim_ros.nodes.twins import claim_name
 import numpy as np
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
-from rclpy.qos import qos_profile_sensor_data, QoSProfile, ReliabilityPolicy
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from std_msgs.msg import Header
 
 _DEPTH_ENCODINGS = ('32FC1', '64FC1', '16UC1')
+# How soon a publisher that appears, or changes, is followed.
+_FOLLOW_SECONDS = 0.2
+# How often what is the matter with the input is logged again.
+_REMIND_SECONDS = 30.0
 
 
 class Flexx2Camera(Node):
@@ -80,10 +84,6 @@ class Flexx2Camera(Node):
             return self.create_publisher(kind, topic, reliable,
                                          qos_overriding_options=overridable)
 
-        def subscribe(kind: type, topic: str, callback: Callable[[Any], None]) -> None:
-            self.create_subscription(kind, topic, callback, copy(qos_profile_sensor_data),
-                                     qos_overriding_options=overridable)
-
         self._depth = publisher(Image, '~/depth_image_0')
         self._info = publisher(CameraInfo, '~/camera_info')
         self._cloud = publisher(PointCloud2, '~/point_cloud_0')
@@ -91,11 +91,20 @@ class Flexx2Camera(Node):
         self._noise = publisher(Image, '~/depth_noise_0')
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         # Companions first: of messages that wait together they are then taken before the image.
-        subscribe(CameraInfo, 'clean/camera_info', self._on_info)
-        subscribe(Image, 'clean/reflectivity', self._on_reflectivity)
-        subscribe(Image, 'clean/depth_image', self._on_image)
+        self._inputs = {topic: Input(self, kind, topic, callback) for topic, kind, callback in (
+            ('clean/camera_info', CameraInfo, self._on_info),
+            ('clean/reflectivity', Image, self._on_reflectivity),
+            ('clean/depth_image', Image, self._on_image))}
+        self._watch = InputWatch(self._inputs, self._pairing)
+        self._warned = False
         # A steady clock: diagnostics go on when a simulation's /clock stands still.
-        self.create_timer(1.0, self._report, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(1.0, self._report, clock=steady)
+        self.create_timer(_FOLLOW_SECONDS, self._follow, clock=steady)
+
+    def _follow(self) -> None:
+        for source in self._inputs.values():
+            source.follow()
 
     def _find_profile(self) -> Profile:
         path = declare(self, 'profile', '', 'Path of a camera profile (YAML), as `flexx2 '
@@ -177,6 +186,7 @@ class Flexx2Camera(Node):
         reflectivity = self._find_reflectivity(match, image.shape)
         if not self._due(match.stamp):
             return False
+        self._watch.look(image, match.image.encoding, self._camera.mode)
         wanted = [publisher.get_subscription_count() > 0
                   for publisher in (self._depth, self._cloud, self._gray, self._noise)]
         head = messages.header(match.stamp,
@@ -276,15 +286,33 @@ class Flexx2Camera(Node):
 
     def _report(self) -> None:
         mode, statistics = self._camera.mode, self._statistics
+        remarks = self._watch.remarks()
         status = statistics.report(
             self.get_fully_qualified_name().lstrip('/'), self.settings.serial, mode.name,
-            mode.rate_hz, self._gate)
+            mode.rate_hz, self._gate, self._watch, remarks)
         array = DiagnosticArray(status=[status])
         array.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(array)
-        if 'slower' in status.message:
-            self._say_once(f'{mode.name} wants {mode.rate_hz:g} Hz: {status.message} and is '
+        if slow := statistics.slow(mode.rate_hz):
+            self._say_once(f'{mode.name} wants {mode.rate_hz:g} Hz: {slow} and is '
                            'passed on at its own rate', key=f'slower than {mode.name}')
+
+        self._say(remarks)
+
+    def _say(self, remarks: list[Remark]) -> None:
+        logger = self.get_logger()
+        for remark in remarks:
+            if not self._throttle.ready(remark.kind, _REMIND_SECONDS):
+                continue
+            # rclpy wants one severity for a line of code.
+            if remark.warn:
+                logger.warning(remark.text)
+            else:
+                logger.info(remark.text)
+        warned = any(remark.warn for remark in remarks)
+        if self._warned and not warned and self._throttle.ready('input is fine'):
+            logger.info('the input is fine again')
+        self._warned = warned
 
     def _say_once(self, text: str, key: str = '') -> None:
         if (key or text) not in self._said_once:

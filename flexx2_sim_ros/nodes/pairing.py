@@ -38,6 +38,13 @@ class StampPairing:
     stopped coming holds nothing up, and one of another rate (a latched camera info) costs one
     frame's delay, once. When stamps go back (a simulation was reset), what came before is not
     paired with what comes after, but for the last camera info.
+
+    Attributes
+    ----------
+    paired, unpaired : dict of str to int
+        By name of companion: images that found theirs, and companions that were dropped because
+        no image of their stamp came.
+
     """
 
     def __init__(self) -> None:
@@ -45,6 +52,9 @@ class StampPairing:
         self._expected = {'info': True, 'reflectivity': False}
         self._kept: dict[str, OrderedDict[int, Any]] = {
             name: OrderedDict() for name in self._expected}
+        self._unused: dict[str, set[int]] = {name: set() for name in self._expected}
+        self.paired = dict.fromkeys(self._expected, 0)
+        self.unpaired = dict.fromkeys(self._expected, 0)
         # Companions that have gone back ahead of the image.
         self._gone_back: set[str] = set()
         self._pending: tuple[int, Any] | None = None
@@ -62,7 +72,7 @@ class StampPairing:
         if stamp < self._newest:
             for name, kept in self._kept.items():
                 if name not in self._gone_back and kept and next(reversed(kept)) > stamp:
-                    kept.clear()
+                    self._forget(name)
             self._gone_back.clear()
         self._newest = stamp
         self._pending = (stamp, message)
@@ -76,12 +86,14 @@ class StampPairing:
             self._last_info = message
         kept = self._kept[name]
         if kept and stamp < next(reversed(kept)):
-            kept.clear()
+            self._forget(name)
             self._gone_back.add(name)
         kept[stamp] = message
         kept.move_to_end(stamp)
+        self._unused[name].add(stamp)
         while len(kept) > _KEPT:
-            kept.popitem(last=False)
+            dropped, _ = kept.popitem(last=False)
+            self._drop(name, {dropped})
         pending = None if self._pending is None else self._pending[0]
         if stamp in (pending, self._released):
             self._expected[name] = True
@@ -93,9 +105,21 @@ class StampPairing:
         return [name for name, expected in self._expected.items()
                 if expected and stamp not in self._kept[name]]
 
+    def _forget(self, name: str) -> None:
+        self._kept[name].clear()
+        self._drop(name, set(self._unused[name]))
+
+    def _drop(self, name: str, stamps: set[int]) -> None:
+        self.unpaired[name] += len(stamps & self._unused[name])
+        self._unused[name] -= stamps
+
     def _release(self) -> Match:
         assert self._pending is not None
         stamp, image = self._pending
+        for name, kept in self._kept.items():
+            if stamp in kept:
+                self.paired[name] += 1
+                self._unused[name].discard(stamp)
         self._pending = None
         self._released = stamp
         return Match(stamp, image, self._kept['info'].get(stamp, self._last_info),

@@ -5,6 +5,7 @@ import time
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from flexx2_sim_ros.nodes.gating import FrameGate, RateMeter
+from flexx2_sim_ros.nodes.input_watch import InputWatch, Remark
 import numpy as np
 
 _SILENT_SECONDS = 3.0
@@ -45,21 +46,19 @@ class Statistics:
     last_input: float = float('-inf')
     latencies: list[float] = field(default_factory=list)
 
-    def report(self, name: str, serial: str, usecase: str, rate_hz: float,
-               gate: FrameGate) -> DiagnosticStatus:
+    def slow(self, rate_hz: float) -> str:
+        """Return that the input is slower than a rate in Hz, empty when it is not."""
+        hz = self.input_rate.hz
+        if self.input_rate.samples < _ENOUGH or hz >= _RATE_SHARE * rate_hz:
+            return ''
+        return f'input at {hz:.1f} Hz is slower than the mode'
+
+    def report(self, name: str, serial: str, usecase: str, rate_hz: float, gate: FrameGate,
+               watch: InputWatch, remarks: list[Remark]) -> DiagnosticStatus:
         """Return the status to publish and forget the latencies reported."""
-        silent = time.monotonic() - self.last_input > _SILENT_SECONDS
-        slow = (self.input_rate.samples >= _ENOUGH
-                and self.input_rate.hz < _RATE_SHARE * rate_hz)
-        if silent:
-            level, text = DiagnosticStatus.WARN, 'no input'
-        elif self.last_error:
-            level, text = DiagnosticStatus.WARN, f'input rejected: {self.last_error}'
-        elif slow:
-            level, text = DiagnosticStatus.WARN, (
-                f'input at {self.input_rate.hz:.1f} Hz is slower than the mode')
-        else:
-            level, text = DiagnosticStatus.OK, 'streaming'
+        warnings, notes = self._find(rate_hz, watch, remarks)
+        level = DiagnosticStatus.WARN if warnings else DiagnosticStatus.OK
+        text = '; '.join(warnings + notes) if warnings else '; '.join(['streaming', *notes])
         latency = np.array(self.latencies or [np.nan]) * 1e3
         values = {
             'usecase': usecase,
@@ -72,6 +71,7 @@ class Statistics:
             'inputs dropped (repeated stamp)': str(gate.repeats),
             'inputs rejected': str(self.rejected),
             'stamps went back': str(gate.restarts),
+            **watch.values(),
             'invalid share': f'{self.invalid_share:.4f}',
             'latency mean [ms]': f'{latency.mean():.2f}',
             'latency max [ms]': f'{latency.max():.2f}',
@@ -81,3 +81,18 @@ class Statistics:
         return DiagnosticStatus(
             level=level, name=f'{name}: camera', hardware_id=serial, message=text,
             values=[KeyValue(key=key, value=value) for key, value in values.items()])
+
+    def _find(self, rate_hz: float, watch: InputWatch,
+              remarks: list[Remark]) -> tuple[list[str], list[str]]:
+        # What is to be warned of, and what is just so.
+        warnings = [remark.text for remark in remarks if remark.warn]
+        notes = [remark.text for remark in remarks if not remark.warn]
+        if time.monotonic() - self.last_input > _SILENT_SECONDS:
+            absent = watch.publishers('clean/depth_image') == 0
+            warnings.insert(0, 'no input' + (': nobody publishes clean/depth_image' if absent
+                                             else ''))
+        elif self.last_error:
+            warnings.insert(0, f'input rejected: {self.last_error}')
+        elif slow := self.slow(rate_hz):
+            warnings.append(slow)
+        return warnings, notes

@@ -90,16 +90,16 @@ def run_node(make_node: Callable[[], Any], args: list[str] | None = None) -> int
 
 
 class Throttle:
-    """Let a message with a given key through once every five seconds."""
+    """Let a message with a given key through once in a while."""
 
     def __init__(self) -> None:
         """Start with nothing said."""
         self._said: dict[str, float] = {}
 
-    def ready(self, key: str) -> bool:
-        """Say whether the message may be logged now, and remember it."""
+    def ready(self, key: str, every: float = _REPEAT_SECONDS) -> bool:
+        """Say whether the message may be logged now, and remember it; ``every`` in seconds."""
         now = time.monotonic()
-        if now - self._said.get(key, -_REPEAT_SECONDS) < _REPEAT_SECONDS:
+        if now - self._said.get(key, float('-inf')) < every:
             return False
         self._said[key] = now
         return True

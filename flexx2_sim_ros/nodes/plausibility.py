@@ -1,0 +1,135 @@
+"""Why no pixel of a depth image can be seen: the likely reason, in words."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+_MILLI = 1000.0
+# Beyond these, metres that are read in the wrong byte order.
+_SMALLEST, _LARGEST = 1e-6, 1e6
+_SAMPLES = 64
+
+
+@dataclass(frozen=True)
+class Finding:
+    """
+    What is the matter with input of which nothing can be seen.
+
+    Attributes
+    ----------
+    kind : str
+        The same for the same reason, whatever the values.
+    text : str
+        For people.
+    wrong : bool
+        Whether the input is likely wrong; otherwise the camera looks at nothing.
+
+    """
+
+    kind: str
+    text: str
+    wrong: bool
+
+
+def sees_something(depth: np.ndarray, nearest: float, farthest: float) -> bool:
+    """
+    Look quickly whether some pixel is within the range.
+
+    Parameters
+    ----------
+    depth : numpy.ndarray
+        (H, W) metres; invalid values of any kind.
+    nearest, farthest : float
+        The range, metres.
+
+    Returns
+    -------
+    bool
+        True if a pixel of a coarse grid is in range; False may be wrong, see `explain`.
+
+    """
+    rows, columns = (max(1, size // _SAMPLES) for size in depth.shape)
+    sample = depth[::rows, ::columns]
+    return bool(((sample >= nearest) & (sample <= farthest)).any())
+
+
+def explain(depth: np.ndarray, encoding: str, nearest: float,
+            farthest: float) -> Finding | None:
+    """
+    Say why no pixel is within the range.
+
+    Parameters
+    ----------
+    depth : numpy.ndarray
+        (H, W) metres, as decoded; invalid values of any kind.
+    encoding : str
+        Of the message: ``32FC1``, ``64FC1`` or ``16UC1``.
+    nearest, farthest : float
+        The range, metres.
+
+    Returns
+    -------
+    Finding or None
+        None if a pixel is in range.
+
+    """
+    if ((depth >= nearest) & (depth <= farthest)).any():
+        return None
+    seen = depth[np.isfinite(depth) & (depth > 0)]
+    if not seen.size:
+        return _no_depth(depth)
+    low, middle, high = (float(value) for value in (seen.min(), np.median(seen), seen.max()))
+    return _wrong_unit(low, middle, high, encoding, nearest, farthest) or _out_of_range(
+        low, high, nearest, farthest)
+
+
+def _no_depth(depth: np.ndarray) -> Finding:
+    negative = depth[np.isfinite(depth) & (depth < 0)]
+    if negative.size:
+        return Finding('negative', f'values of about {_number(float(np.median(negative)))}: depth '
+                       "must be positive, along the optical frame's +z", True)
+    if not depth.any():
+        return Finding('zero', "every pixel is 0: the renderer's depth buffer may be empty, or "
+                       'nothing is in view', True)
+    if (depth == -np.inf).all():
+        return Finding('too near', 'every pixel is -inf: something is nearer than the near plane',
+                       False)
+    counts = {'NaN': np.isnan(depth), '+inf': depth == np.inf, '-inf': depth == -np.inf,
+              '0': depth == 0}
+    found = ', '.join(f'{name} {mask.mean():.0%}' for name, mask in counts.items() if mask.any())
+    return Finding('nothing', f'no pixel has a return ({found}): nothing is in view', False)
+
+
+def _wrong_unit(low: float, middle: float, high: float, encoding: str, nearest: float,
+                farthest: float) -> Finding | None:
+    if encoding == '16UC1':
+        if nearest <= middle * _MILLI <= farthest:
+            return Finding('metres', f'values of about {_number(middle * _MILLI)}: looks like '
+                           'metres; 16UC1 must be millimetres (REP 118)', True)
+        return None
+    if high < _SMALLEST or middle > _LARGEST:
+        return Finding('byte order', f'values of {_number(low)} to {_number(high)}: looks like '
+                       'the wrong byte order (is_bigendian)', True)
+    if nearest <= middle / _MILLI <= farthest:
+        text = f'looks like millimetres; {encoding} must be metres (REP 118)'
+        if low == high:
+            text += '; or the far plane, with nothing in view'
+        return Finding('millimetres', f'values of about {_number(middle)}: {text}', True)
+    if nearest <= middle * _MILLI <= farthest:
+        return Finding('kilometres', f'values of about {_number(middle)}: looks like metres '
+                       f'divided by 1000; {encoding} must be metres (REP 118)', True)
+    return None
+
+
+def _out_of_range(low: float, high: float, nearest: float, farthest: float) -> Finding:
+    if low == high > farthest:
+        return Finding('far plane', f'every pixel is {_number(low)} m: nothing is in view before '
+                       'the far plane', False)
+    what = ('too far' if low > farthest else 'too near' if high < nearest
+            else 'too near or too far')
+    return Finding(what, f'depths of {_number(low)} to {_number(high)} m: all of them {what}',
+                   True)
+
+
+def _number(value: float) -> str:
+    return f'{value:.0f}' if 100 <= abs(value) < _LARGEST else f'{value:.3g}'

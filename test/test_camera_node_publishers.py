@@ -1,0 +1,236 @@
+"""The camera node, fed by processes that know nothing of this package and its shared memory."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+import subprocess
+import sys
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from flexx2_sim_ros.nodes.transport import PROFILE_VARIABLES
+import numpy as np
+import pytest
+from rclpy.qos import qos_profile_sensor_data
+from streams import (
+    boards,
+    DEPTH,
+    Image,
+    image_message,
+    SECOND,
+    START,
+    Stream,
+    stream,
+)
+
+PUBLISHER = Path(__file__).resolve().parents[1] / 'bench' / 'plain_publisher.py'
+_SPACES = iter(f'/plain_{number}' for number in range(100))
+
+pytestmark = pytest.mark.usefixtures('ros')
+
+
+@pytest.fixture
+def publish(child_env: dict[str, str]) -> Iterator[Callable[..., subprocess.Popen[str]]]:
+    """Return a function that starts a publisher; those that still run are killed at the end."""
+    env = {name: value for name, value in child_env.items() if name not in PROFILE_VARIABLES}
+    processes = []
+
+    def start(namespace: str, *options: str) -> subprocess.Popen[str]:
+        processes.append(subprocess.Popen([sys.executable, str(PUBLISHER), namespace, *options],
+                                          env=env, stdout=subprocess.PIPE, text=True))
+        return processes[-1]
+    yield start
+    for process in processes:
+        process.kill()
+        process.communicate()
+
+
+class Fed(Stream):
+    """A camera node at 60 Hz whose input comes from elsewhere."""
+
+    def __init__(self, namespace: str, **values: Any) -> None:
+        """Start the node."""
+        super().__init__(DEPTH, namespace=namespace, feed=False, usecase='Mode_5_60fps', **values)
+
+    @property
+    def received(self) -> int:
+        """How many images have come."""
+        return self.camera._statistics.received
+
+    def quality(self, topic: str) -> tuple[str, str]:
+        """Return what the node asks of a topic."""
+        profile = self.camera._inputs[topic]._subscription.qos_profile
+        return profile.reliability.name, profile.durability.name
+
+    def report_until(self, condition: Callable[[DiagnosticStatus], Any]) -> DiagnosticStatus:
+        """Return the first report that meets a condition."""
+        for _ in range(60):
+            report = self.next_diagnostics()
+            if condition(report):
+                return report
+        raise AssertionError(f'the last report was: {report.message}')
+
+
+@pytest.fixture
+def fed() -> Iterator[Fed]:
+    """Return a camera node that nobody publishes to."""
+    made = Fed(next(_SPACES))
+    yield made
+    made.close()
+
+
+def space(fed: Fed) -> str:
+    """Return the node's namespace."""
+    return fed.camera.get_namespace()
+
+
+def test_large_images_of_a_reliable_publisher_arrive(fed: Fed, publish: Any) -> None:
+    """Assert VGA images, more than the publisher's shared memory holds, arrive without a setup."""
+    process = publish(space(fed), '--size', '640x480', '--count', '30')
+    fed.spin_until(lambda: process.poll() is not None, 'publisher')
+    fed.spin_until(lambda: fed.received + fed.camera._inputs['clean/depth_image'].lost >= 30)
+    # On a machine that is busy with something else one may be late for good.
+    assert fed.received >= 27
+    assert fed.quality('clean/depth_image')[0] == 'RELIABLE'
+
+
+def test_a_best_effort_publisher_is_heard_and_its_losses_are_told(
+        fed: Fed, publish: Any) -> None:
+    """Assert small images arrive; large ones that are lost are counted and warned of."""
+    small = publish(space(fed), '--best-effort', '--count', '30')
+    fed.spin_until(lambda: small.poll() is not None, 'publisher')
+    assert fed.received >= 27
+    assert fed.quality('clean/depth_image')[0] == 'BEST_EFFORT'
+    large = publish(space(fed), '--best-effort', '--size', '1920x1080', '--count', '30')
+    report = fed.report_until(lambda report: 'are lost on the way' in report.message)
+    assert report.level == DiagnosticStatus.WARN
+    assert 'config/fastdds.xml' in report.message
+    fed.spin_until(lambda: large.poll() is not None, 'publisher')
+    values = {pair.key: pair.value for pair in fed.next_diagnostics().values}
+    assert int(values['messages lost (clean/depth_image)']) > 0
+    fed.spin_until(lambda: fed.logged('clean/depth_image', 'lost on the way', 'fastdds.xml'))
+    # And then it is no longer news.
+    fed.report_until(lambda report: 'lost' not in report.message)
+
+
+def test_publishers_that_come_and_go_are_followed(fed: Fed) -> None:
+    """Assert the strongest quality that all of them offer, at any time."""
+    topic = 'clean/depth_image'
+
+    def offer(quality: Any) -> Any:
+        return fed.node.create_publisher(Image, f'{space(fed)}/{topic}', quality)
+    reliable, best_effort = offer(10), offer(qos_profile_sensor_data)
+    fed.spin_until(lambda: fed.quality(topic)[0] == 'BEST_EFFORT', 'both')
+    for publisher in (reliable, best_effort):
+        fed.spin_until(publisher.get_subscription_count, 'matched')
+    fed.node.destroy_publisher(best_effort)
+    fed.spin_until(lambda: fed.quality(topic)[0] == 'RELIABLE', 'reliable')
+    fed.spin_until(reliable.get_subscription_count, 'matched')
+    reliable.publish(image_message(boards(), START))
+    fed.spin_until(lambda: fed.received == 1)
+
+
+def test_parameters_fix_the_quality(publish: Any) -> None:
+    """Assert qos_overrides win over what publishers offer, and a mismatch is told."""
+    namespace = next(_SPACES)
+    name = f'qos_overrides.{namespace}/clean/depth_image.subscription'
+    fed = Fed(namespace, **{f'{name}.reliability': 'reliable', f'{name}.depth': 3})
+    try:
+        assert fed.get(f'{name}.durability') == 'best_available'
+        publish(namespace, '--best-effort')
+        fed.spin_until(lambda: fed.logged('qos_overrides', 'nothing comes from it'))
+        fed.spin_until(lambda: fed.quality('clean/camera_info')[0] == 'BEST_EFFORT')
+        assert fed.quality('clean/depth_image')[0] == 'RELIABLE'
+        assert fed.received == 0
+    finally:
+        fed.close()
+
+
+def test_latched_camera_info_sent_before_the_node_starts(publish: Any) -> None:
+    """Assert one camera info, sent before there was a node, serves all images."""
+    namespace = next(_SPACES)
+    process = publish(namespace, '--latched-info', '--count', '20')
+    assert process.stdout.readline() == 'ready\n'
+    fed = Fed(namespace)
+    try:
+        fed.spin_until(lambda: fed.published >= 18, 'frames')
+        assert fed.quality('clean/camera_info') == ('RELIABLE', 'TRANSIENT_LOCAL')
+        assert fed.quality('clean/depth_image') == ('RELIABLE', 'VOLATILE')
+    finally:
+        fed.close()
+
+
+def test_millimetres_are_told_within_a_second(fed: Fed, publish: Any) -> None:
+    """Assert the first report names the likely reason, and that nobody has to listen for it."""
+    fed.ignore(f'{fed.name}/{DEPTH}')
+    del fed._missed[DEPTH]
+    publish(space(fed), '--value', '1500', '--count', '300')
+    fed.spin_until(lambda: fed.published, 'first frame')
+    fed.next_diagnostics()
+    report = fed.next_diagnostics()
+    assert report.level == DiagnosticStatus.WARN
+    for part in ('0.1 to', 'values of about 1500', 'looks like millimetres',
+                 '32FC1 must be metres (REP 118)'):
+        assert part in report.message
+    fed.spin_until(lambda: fed.logged('clean/depth_image', 'looks like millimetres'))
+
+
+def feed(seen: Stream, value: float, start: int, count: int = 12) -> None:
+    """Show a wall at the mode's rate."""
+    image = np.full((172, 224), value, np.float32)
+    for index in range(count):
+        seen.show(image, start + index * SECOND // 60)
+
+
+def test_what_nothing_is_seen_of_is_told_until_it_is_seen_again() -> None:
+    """Assert a warning for what is likely wrong, a note for an empty view, and their ends."""
+    with stream(DEPTH, usecase='Mode_5_60fps') as seen:
+        feed(seen, 1500.0, START)
+        assert 'looks like millimetres' in seen.next_diagnostics().message
+        feed(seen, np.inf, START + 2 * SECOND)
+        report = seen.next_diagnostics()
+        assert report.level == DiagnosticStatus.OK
+        assert 'no pixel has a return (+inf 100%)' in report.message
+        feed(seen, 1.5, START + 4 * SECOND)
+        report = seen.next_diagnostics()
+        assert (report.level, report.message) == (DiagnosticStatus.OK, 'streaming')
+        seen.spin_until(lambda: seen.logged('the input is fine again'))
+        for part in ('looks like millimetres', 'no pixel has a return'):
+            assert len(seen.logged(part)) == 1
+
+
+@pytest.mark.parametrize('jump', [1000 * SECOND, 3 * SECOND, -1000 * SECOND], ids=str)
+def test_the_rates_recover_at_once_after_a_jump_of_the_clock(jump: int) -> None:
+    """Assert rates, frames and status are as before, a few images after."""
+    with stream(DEPTH, usecase='Mode_5_60fps') as seen:
+        feed(seen, 1.5, START, 130)
+        before = seen.published
+        feed(seen, 1.5, START + jump + 130 * SECOND // 60, 12)
+        assert seen.published == before + 12
+        report = seen.next_diagnostics()
+        values = {pair.key: pair.value for pair in report.values}
+        assert float(values['input rate [Hz]']) == pytest.approx(60, rel=1e-3)
+        assert float(values['output rate [Hz]']) == pytest.approx(60, rel=1e-3)
+        assert (report.level, report.message) == (DiagnosticStatus.OK, 'streaming')
+
+
+def test_reflectivity_of_other_stamps_is_told() -> None:
+    """Assert reflectivity that never meets its image is counted and warned of."""
+    with stream(DEPTH, usecase='Mode_5_60fps') as seen:
+        image = np.full((172, 224), 1.5, np.float32)
+        for index in range(40):
+            stamp = START + index * SECOND // 60
+            seen.publish(reflectivity=image_message(image, stamp + 1))
+            seen.show(image, stamp)
+        report = seen.next_diagnostics()
+        values = {pair.key: pair.value for pair in report.values}
+        assert int(values['reflectivity without a depth image of its stamp']) >= 20
+        assert report.level == DiagnosticStatus.WARN
+        assert 'clean/reflectivity: none has the stamp of a depth image' in report.message
+
+
+def test_a_topic_that_nobody_publishes_is_named(fed: Fed) -> None:
+    """Assert the report tells a missing publisher from a silent one."""
+    assert fed.next_diagnostics().message == 'no input: nobody publishes clean/depth_image'
+    publisher = fed.node.create_publisher(Image, f'{space(fed)}/clean/depth_image', 10)
+    fed.report_until(lambda report: report.message == 'no input')
+    assert publisher.get_subscription_count() == 1

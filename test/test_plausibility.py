@@ -1,0 +1,80 @@
+"""What is said of depth images in which nothing can be seen."""
+
+from flexx2_sim_ros.nodes.plausibility import explain, Finding, sees_something
+import numpy as np
+import pytest
+
+RANGE = (0.1, 7.0)
+
+
+def found(values: object, encoding: str = '32FC1') -> Finding | None:
+    """Explain an image that shows these values, over and over."""
+    image = np.resize(np.asarray(values, np.float32), (172, 224))
+    return explain(image, encoding, *RANGE)
+
+
+@pytest.mark.parametrize(('values', 'encoding', 'kind', 'parts'), [
+    ([1200.0, 1500.0, 1800.0], '32FC1', 'millimetres',
+     ['values of about 1500', 'looks like millimetres', '32FC1 must be metres (REP 118)']),
+    ([1500.0, np.nan, 0.0], '64FC1', 'millimetres', ['64FC1 must be metres']),
+    ([1500.0], '32FC1', 'millimetres', ['millimetres', 'far plane']),
+    ([0.001, 0.002, 0.003], '16UC1', 'metres',
+     ['values of about 2', 'looks like metres', '16UC1 must be millimetres']),
+    ([0.0015, 0.0016], '32FC1', 'kilometres', ['divided by 1000']),
+    ([0.0], '32FC1', 'zero', ['every pixel is 0']),
+    ([-1.5, -1.4, np.nan], '32FC1', 'negative', ['must be positive']),
+    ([8.5, 12.0, 9.0], '32FC1', 'too far', ['8.5 to 12 m', 'too far']),
+    ([8.5, 12.0], '16UC1', 'too far', ['8.5 to 12 m']),
+    ([0.02, 0.05], '32FC1', 'too near', ['0.02 to 0.05 m', 'too near']),
+    ([0.05, 9.0, 0.06, 9.1], '32FC1', 'too near or too far', ['0.05 to 9.1 m']),
+])
+def test_input_that_is_likely_wrong(values: list[float], encoding: str, kind: str,
+                                    parts: list[str]) -> None:
+    """Assert the likely reason, and the values that it rests on."""
+    finding = found(values, encoding)
+    assert finding is not None
+    assert finding.wrong
+    assert finding.kind == kind
+    assert all(part in finding.text for part in parts), finding.text
+
+
+def test_wrong_byte_order() -> None:
+    """Assert a board in front of a wall, read in the wrong byte order, is recognised."""
+    finding = found(np.array([1.5, 2.0], '>f4').view('<f4'))
+    assert finding is not None
+    assert finding.wrong
+    assert finding.kind == 'byte order'
+
+
+@pytest.mark.parametrize(('values', 'parts'), [
+    ([np.nan], ['NaN 100%']),
+    ([np.inf], ['+inf 100%']),
+    ([np.nan, np.inf, 0.0, np.inf], ['NaN 25%', '+inf 50%', '0 25%']),
+    ([-np.inf], ['near plane']),
+    ([50.0], ['every pixel is 50 m', 'far plane']),
+])
+def test_a_camera_that_looks_at_nothing_is_no_error(values: list[float],
+                                                    parts: list[str]) -> None:
+    """Assert what is seen is said, without calling it wrong."""
+    finding = found(values)
+    assert finding is not None
+    assert not finding.wrong
+    assert all(part in finding.text for part in parts), finding.text
+
+
+def test_one_pixel_in_range_is_enough() -> None:
+    """Assert the quick look may miss a pixel, and the explanation does not."""
+    image = np.full((480, 640), 1500.0, np.float32)
+    assert not sees_something(image, *RANGE)
+    image[101, 203] = 1.5
+    assert not sees_something(image, *RANGE)
+    assert explain(image, '32FC1', *RANGE) is None
+    image[100:140, 200:240] = 1.5
+    assert sees_something(image, *RANGE)
+
+
+@pytest.mark.parametrize('shape', [(1, 1), (1, 500), (63, 65), (3072, 4096)])
+def test_images_of_any_size(shape: tuple[int, int]) -> None:
+    """Assert the quick look sees a whole image, however large."""
+    assert sees_something(np.ones(shape, np.float32), *RANGE)
+    assert not sees_something(np.zeros(shape, np.float32), *RANGE)
