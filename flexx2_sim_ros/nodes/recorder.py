@@ -1,7 +1,7 @@
 """Record the topics of all cameras that there are, as they come."""
 
 from array import array
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
@@ -11,6 +11,7 @@ import time
 from typing import Any
 
 from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.nodes.subscriptions import LossCounter, matching
 from flexx2_sim_ros.recording import bag_messages as messages
 from flexx2_sim_ros.recording.bag_cameras import EVENTS, find_cameras
 from flexx2_sim_ros.recording.bag_remains import Message
@@ -19,7 +20,7 @@ from flexx2_sim_ros.recording.sink import BagSink
 from rcl_interfaces.srv import GetParameters
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 _CLEAN = '/clean/depth_image'
 _CLEAN_TOPICS = ('depth_image', 'camera_info', 'reflectivity')
@@ -43,8 +44,8 @@ class TopicStatistics:
         When the first one came, seconds after the first one of all.
     refused : int
         Lost here, because the queue was full.
-    missed : int
-        Lost on the way here, by the publisher's own count of its messages.
+    numbers : LossCounter
+        Of what was lost on the way here, by the publisher's own count of its messages.
     stamps : array of int
         Nanoseconds, of all that came here; empty where messages have none.
 
@@ -55,14 +56,13 @@ class TopicStatistics:
     size: int = 0
     first: float = 0.0
     refused: int = 0
-    missed: int = 0
+    numbers: LossCounter = field(default_factory=LossCounter)
     stamps: 'array[int]' = field(default_factory=lambda: array('q'))
-    sequence: int | None = None
 
     @property
     def lost(self) -> int:
         """Return how many messages were lost in all."""
-        return self.refused + self.missed
+        return self.refused + self.numbers.lost
 
     @property
     def rate_hz(self) -> float:
@@ -74,23 +74,6 @@ class TopicStatistics:
     def gaps(self) -> Gaps:
         """Return what the stamps leave out."""
         return find_gaps(self.stamps)
-
-    def count(self, sequence: int | None, alone: Callable[[], bool]) -> None:
-        """
-        Take the publisher's count of a message in.
-
-        Parameters
-        ----------
-        sequence : int or None
-            The count, None where there is none.
-        alone : callable
-            Whether all messages are of one publisher: else their counts say nothing.
-
-        """
-        if (sequence is not None and self.sequence is not None and sequence > self.sequence + 1
-                and alone()):
-            self.missed += sequence - self.sequence - 1
-        self.sequence = sequence
 
 
 class Recorder(Node):
@@ -165,14 +148,8 @@ class Recorder(Node):
         if topic != EVENTS and not offers:
             return  # Somebody else subscribes, and nobody publishes yet.
         self.topics[topic] = TopicStatistics(kind)
-        reliable = all(offer.reliability == ReliabilityPolicy.RELIABLE for offer in offers)
-        latched = bool(offers) and all(
-            offer.durability == DurabilityPolicy.TRANSIENT_LOCAL for offer in offers)
-        quality = QoSProfile(
-            depth=_DEPTH,
-            reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
-            durability=(DurabilityPolicy.TRANSIENT_LOCAL if latched
-                        else DurabilityPolicy.VOLATILE))
+        reliability, durability = matching(offers)
+        quality = QoSProfile(depth=_DEPTH, reliability=reliability, durability=durability)
         try:
             message_type = message_class(kind)
         except InputError as error:
@@ -181,7 +158,7 @@ class Recorder(Node):
         if kind not in messages.typestore().fielddefs:
             self.get_logger().warning(f'{topic}: not recorded: {kind} is not in ROS 2 Jazzy')
             return
-        if not reliable:
+        if reliability == ReliabilityPolicy.BEST_EFFORT:
             self.get_logger().warning(f'{topic}: is published best effort: messages can be lost')
         self.create_subscription(message_type, topic, partial(self._on_message, topic), quality,
                                  raw=True)
@@ -189,8 +166,8 @@ class Recorder(Node):
     def _on_message(self, topic: str, data: bytes, info: dict[str, Any]) -> None:
         self.taken += 1
         statistics = self.topics[topic]
-        statistics.count(info['publication_sequence_number'],
-                         lambda: topic != EVENTS and self.count_publishers(topic) <= 1)
+        statistics.numbers.count(info['publication_sequence_number'],
+                                 lambda: topic != EVENTS and self.count_publishers(topic) <= 1)
         if topic != EVENTS and self.started is None:
             self.started = time.monotonic()
         if not statistics.messages + statistics.refused:
