@@ -85,11 +85,11 @@ def space(fed: Fed) -> str:
 
 def test_large_images_of_a_reliable_publisher_arrive(fed: Fed, publish: Any) -> None:
     """Assert VGA images, more than the publisher's shared memory holds, arrive without a setup."""
-    process = publish(space(fed), '--size', '640x480', '--count', '30')
+    process = publish(space(fed), '--size', '640x480', '--rate', '10', '--count', '20')
     fed.spin_until(lambda: process.poll() is not None, 'publisher')
-    fed.spin_until(lambda: fed.received + fed.camera._inputs['clean/depth_image'].lost >= 30)
+    fed.spin_until(lambda: fed.received + fed.camera._inputs['clean/depth_image'].lost >= 20)
     # On a machine that is busy with something else one may be late for good.
-    assert fed.received >= 27
+    assert fed.received >= 18
     assert fed.quality('clean/depth_image')[0] == 'RELIABLE'
 
 
@@ -148,7 +148,7 @@ def test_parameters_fix_the_quality(publish: Any) -> None:
 def test_latched_camera_info_sent_before_the_node_starts(publish: Any) -> None:
     """Assert one camera info, sent before there was a node, serves all images."""
     namespace = next(_SPACES)
-    process = publish(namespace, '--latched-info', '--count', '20')
+    process = publish(namespace, '--latched-info', '--rate', '10', '--count', '20')
     assert process.stdout.readline() == 'ready\n'
     fed = Fed(namespace)
     try:
