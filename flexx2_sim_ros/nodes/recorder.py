@@ -6,11 +6,11 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from functools import partial
-import importlib
 import time
 from typing import Any
 
 from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.nodes.message_types import message_class
 from flexx2_sim_ros.nodes.subscriptions import LossCounter, matching
 from flexx2_sim_ros.recording import bag_messages as messages
 from flexx2_sim_ros.recording.bag_cameras import EVENTS, find_cameras
@@ -204,20 +204,3 @@ class Recorder(Node):
             return
         self._put(EVENTS, messages.encode_usecase(
             self.get_clock().now().nanoseconds, node, response.values[0].string_value))
-
-
-def message_class(kind: str) -> type:
-    """
-    Return the Python class of a message type such as ``sensor_msgs/msg/Image``.
-
-    Raises
-    ------
-    InputError
-        When it is not installed.
-
-    """
-    package, _, name = kind.replace('/', '.').rpartition('.')
-    try:
-        return getattr(importlib.import_module(package), name)  # type: ignore[no-any-return]
-    except (ImportError, AttributeError, ValueError) as error:
-        raise InputError(f'{kind}: this message type is not installed here') from error

@@ -1,0 +1,55 @@
+"""Python classes of message types that a bag or the ROS graph names."""
+
+import importlib
+from importlib.machinery import PathFinder
+from pathlib import Path
+import re
+
+from flexx2_sim_ros.errors import InputError
+
+# https://design.ros2.org/articles/legacy_interface_definition.html
+_TYPE = re.compile(r'([a-z][a-z0-9_]*)/msg/([A-Z][A-Za-z0-9]*)', re.ASCII)
+
+
+def message_class(kind: str) -> type:
+    """
+    Return the Python class of a message type such as ``sensor_msgs/msg/Image``.
+
+    Importing a module runs it, and the name comes from outside. So only packages that rosidl
+    generated are imported, and this is checked on their files.
+
+    Parameters
+    ----------
+    kind : str
+        The type, as a bag or the ROS graph names it.
+
+    Raises
+    ------
+    InputError
+        When it is no message type, or not installed.
+
+    """
+    match = _TYPE.fullmatch(kind)
+    if match is None:
+        raise InputError(f'type: must be a message type such as sensor_msgs/msg/Image, got '
+                         f'{kind[:80]!r}')
+    package, name = match.groups()
+    if not _is_generated(package):
+        raise InputError(f'{kind[:80]}: this message type is not installed here')
+    try:
+        found = getattr(importlib.import_module(f'{package}.msg'), name, None)
+    except ImportError as error:
+        raise InputError(f'{kind[:80]}: this message type cannot be imported: {error}') from error
+    if not (isinstance(found, type) and hasattr(found, '_TYPE_SUPPORT')
+            and found.__module__.startswith(f'{package}.msg.')):
+        raise InputError(f'{kind[:80]}: this message type is not installed here')
+    return found
+
+
+def _is_generated(package: str) -> bool:
+    # A generated package has the library with the type support of its messages beside it.
+    spec = PathFinder.find_spec(package)
+    folders = [] if spec is None else spec.submodule_search_locations or []
+    return any((Path(folder) / 'msg' / '__init__.py').is_file()
+               and any(Path(folder).glob(f'{package}_s__rosidl_typesupport_c*'))
+               for folder in folders)
