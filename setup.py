@@ -66,6 +66,7 @@ setup(
             'flake8-import-order',
             'flake8-quotes',
             'hypothesis',
+            'mcap',
             'mujoco-menagerie',
             'mypy',
             'pydocstyle',

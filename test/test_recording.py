@@ -163,7 +163,8 @@ def test_what_is_no_array_in_an_archive(tmp_path: Path) -> None:
                 if member != name:
                     new.writestr(member, old.read(member))
             new.writestr(name, content)
-        with pytest.raises(InputError, match=f"{cut}: {name.removesuffix('.npy')}: .*wanted"):
+        with pytest.raises(InputError,
+                           match=f"{cut}: .*{name.removesuffix('.npy')}: .* no array"):
             load_scene(cut)
 
 

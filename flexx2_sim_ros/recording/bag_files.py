@@ -1,18 +1,17 @@
 """A bag's files: opened whole, or read as far as they are whole."""
 
+from collections import Counter
 from collections.abc import Collection, Iterator
 from pathlib import Path
 import re
 from typing import Protocol
 
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.recording.bag_remains import (
-    McapRemains,
-    Message,
-    SqliteRemains,
-    why_not_whole,
-)
+from flexx2_sim_ros.recording.bag_remains import check_file, McapRemains, Message, SqliteRemains
+from flexx2_sim_ros.recording.checksums import Check
 from rosbags.rosbag2 import Reader
+from rosbags.rosbag2.errors import ReaderError
+from rosbags.rosbag2.reader import DirectoryReader
 
 # Key of a bag's custom data: what was lost while it was recorded, as text.
 LOST = 'flexx2_lost'
@@ -86,32 +85,42 @@ class Bag:
             if self.path.suffix not in _REMAINS:
                 raise InputError(f'{self.path}: found a {self.path.suffix or "nameless"} file, '
                                  'wanted a .mcap or .db3 file or the folder of a bag')
-            return [self._open_file(self.path)]
+            return [self._open_file(self.path, check_file(self.path))]
         if not self.path.is_dir():
             raise InputError(f'{self.path}: not there, wanted a bag: a folder, or a .mcap or .db3 '
                              'file')
         files = sorted((file for file in self.path.iterdir() if file.suffix in _REMAINS),
                        key=_natural)
+        checks = {file: check_file(file) for file in files}
         if not (self.path / 'metadata.yaml').is_file():
             self.notes.append(f'{self.path}: was not closed: it has no metadata.yaml')
-        elif not any(map(why_not_whole, files)):
+        elif not any(check.problem for check in checks.values()):
             try:
-                return [_Whole(self.path, self.notes)]
+                whole = _Whole(self.path, self.notes)
+                self._say_unprotected(checks)
+                return [whole]
             except Exception as error:  # A damaged file breaks the reader in any way.
                 self.notes.append(f'{self.path}: not whole: {error}')
         if not files:
             raise InputError('; '.join([f'{self.path}: no .mcap or .db3 file in this folder',
                                         *self.notes]))
-        return [self._open_file(file) for file in files]
+        return [self._open_file(file, check) for file, check in checks.items()]
 
-    def _open_file(self, path: Path) -> _Part:
-        reason = why_not_whole(path)
+    def _open_file(self, path: Path, check: Check) -> _Part:
+        reason = check.problem
         if reason is None:
             try:
-                return _Whole(path, self.notes)
+                whole = _Whole(path, self.notes)
+                self._say_unprotected({path: check})
+                return whole
             except Exception as error:  # A damaged file breaks the reader in any way.
                 reason = str(error)
         return _Remains(path, reason, self.notes)
+
+    def _say_unprotected(self, checks: dict[Path, Check]) -> None:
+        if not all(check.protected for check in checks.values()):
+            self.notes.append(f'{self.path}: has no checksums: damage inside of messages would '
+                              'not be noticed')
 
 
 class _Whole:
@@ -123,6 +132,8 @@ class _Whole:
         with Reader(path) as reader:
             self.topics = {connection.topic: connection.msgtype
                            for connection in reader.connections if connection.msgcount}
+            if isinstance(reader.storage, DirectoryReader):
+                _compare(reader.storage)
             lost = (reader.storage.metadata.custom or {}).get(LOST)
         if lost:
             notes.append(f'{path}: lost while it was recorded: {lost}')
@@ -141,6 +152,19 @@ class _Whole:
             note = f'{self._path}: damaged: {error}; read up to there'
             if note not in self._notes:
                 self._notes.append(note)
+
+
+def _compare(bag: DirectoryReader) -> None:
+    # What metadata.yaml says must be what the files hold: else messages would be left out.
+    listed: Counter[tuple[str, str]] = Counter()
+    held: Counter[tuple[str, str]] = Counter()
+    for counter, connections in ((listed, bag.connections),
+                                 (held, [item for file in bag.storages
+                                         for item in file.connections])):
+        for item in connections:
+            counter[item.topic, item.msgtype] += item.msgcount
+    if +listed != +held:
+        raise ReaderError('metadata.yaml lists other messages than the files hold')
 
 
 class _Remains:

@@ -12,6 +12,7 @@ from typing import BinaryIO, NamedTuple
 import weakref
 
 from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.recording.checksums import Check, check_mcap, check_sqlite, sqlite_rows
 from rosbags.rosbag2.storage_mcap import decompress
 
 # The format: https://mcap.dev/spec. Operation codes of the records that matter here.
@@ -157,26 +158,26 @@ class SqliteRemains:
         try:
             # Without this, SQLite refuses a file that is shorter than its header says.
             connection.execute('PRAGMA writable_schema=ON')
-            topics = {number: (name, kind) for number, name, kind in
-                      connection.execute('SELECT id, name, type FROM topics')}
-            rows = connection.execute('SELECT topic_id, timestamp, data FROM messages ORDER BY id')
-            for number, time, data in rows:
-                if not isinstance(data, bytes):
-                    return
-                yield Message(*topics[number], time, data)
+            for row in sqlite_rows(connection):
+                if row.intact:
+                    yield Message(row.topic, row.kind, row.time, row.data)
         except (sqlite3.Error, KeyError):
             return
         finally:
             connection.close()
 
 
-def why_not_whole(path: Path) -> str | None:
-    """Return why an SQLite file should not be read as it is; None for any other file."""
+def check_file(path: Path) -> Check:
+    """Say whether a bag's file can be read as it is, and what its checksums protect."""
+    if path.suffix == '.mcap':
+        return check_mcap(path)
     journals = (path.with_name(path.name + suffix) for suffix in ('-journal', '-wal'))
     if any(journal.is_file() and journal.stat().st_size > 0 for journal in journals):
-        return 'a journal was left behind'
+        return Check('a journal was left behind', False)
     page = _page_size(path)
-    return 'the last page is cut' if page and path.stat().st_size % page else None
+    if page and path.stat().st_size % page:
+        return Check('the last page is cut', False)
+    return check_sqlite(path)
 
 
 def _page_size(path: Path) -> int:

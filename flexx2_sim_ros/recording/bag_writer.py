@@ -13,10 +13,11 @@ from typing import Literal
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.recording import bag_messages as messages
 from flexx2_sim_ros.recording.bag_cameras import CameraTopics, EVENTS, topics_of
+from flexx2_sim_ros.recording.checksums import CheckedWriter
 from flexx2_sim_ros.recording.recordings import RecordingReader
 import numpy as np
 from rosbags.interfaces import Connection
-from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2.errors import WriterError
 from rosbags.rosbag2.storage_mcap import McapWriter
 from rosbags.rosbag2.storage_sqlite3 import Sqlite3Writer
@@ -60,7 +61,8 @@ class BagWriter:
         """Check the path; nothing is made yet."""
         check_new(Path(path))
         self.path = Path(path)
-        self._writer = Writer(self.path, version=_JAZZY, storage_plugin=STORAGES[storage])
+        self._writer = CheckedWriter(self.path, version=_JAZZY,
+                                     storage_plugin=STORAGES[storage])
         self._connections: dict[str, Connection] = {}
 
     def __enter__(self) -> 'BagWriter':

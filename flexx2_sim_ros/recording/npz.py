@@ -7,7 +7,7 @@ from pathlib import Path
 import tempfile
 from tokenize import TokenError
 from types import TracebackType
-from typing import Any
+from typing import Any, IO
 import zipfile
 import zlib
 
@@ -95,18 +95,61 @@ def _read(path: Path) -> dict[str, np.ndarray]:
     if not path.is_file():
         raise InputError(f'{path}: not a file, wanted an .npz archive')
     try:
-        archive = np.load(path, allow_pickle=False)
-        if not isinstance(archive, np.lib.npyio.NpzFile):
-            raise ValueError('a single array')
-        with archive:
-            arrays = {key: archive[key] for key in archive.files}
+        with zipfile.ZipFile(path) as archive:
+            return {key: read_array(archive, key) for key in array_keys(archive)}
     except UNREADABLE as error:
-        raise InputError(f'{path}: cannot be read as an .npz archive of plain arrays (damaged, '
-                         f'cut off, or pickled): {error}') from error
-    for key, value in arrays.items():
-        if not isinstance(value, np.ndarray):  # Another file, or one that lost its header.
-            raise InputError(f'{path}: {key}: found a file that is no array, wanted arrays only')
-    return arrays
+        raise unreadable(path, error) from error
+
+
+def array_keys(archive: zipfile.ZipFile) -> list[str]:
+    """
+    Return the keys of an archive's arrays.
+
+    Raises
+    ------
+    ValueError
+        When there is a file in it that is no array.
+
+    """
+    others = [name for name in archive.namelist() if not name.endswith('.npy')]
+    if others:
+        raise ValueError(f'{others[0]}: found a file that is no array, wanted arrays only')
+    return [name.removesuffix('.npy') for name in archive.namelist()]
+
+
+def read_array(archive: zipfile.ZipFile, key: str) -> np.ndarray:
+    """
+    Read an array of an open archive, and verify its checksum.
+
+    Raises
+    ------
+    UNREADABLE
+        When it cannot be read, or is not what was written.
+
+    """
+    with archive.open(f'{key}.npy') as entry:
+        try:
+            array: np.ndarray = np.lib.format.read_array(entry, allow_pickle=False)
+        except ValueError as error:
+            raise ValueError(f'{key}: found a file that is no array: {error}') from error
+        check_end(entry, key)
+    return array
+
+
+def check_end(entry: IO[bytes], key: str) -> None:
+    """
+    Raise `ValueError` or `zipfile.BadZipFile` when an array has not been read to its end.
+
+    The checksum is verified when the end is reached, and not before.
+    """
+    if entry.read(1):
+        raise ValueError(f'{key}: has more bytes than its shape says')
+
+
+def unreadable(path: Path, error: BaseException) -> InputError:
+    """Return the error for an archive that cannot be read."""
+    return InputError(f'{path}: cannot be read as an .npz archive of plain arrays (damaged, cut '
+                      f'off, or pickled): {error}')
 
 
 def _numbers(path: str | Path, arrays: dict[str, np.ndarray], key: str) -> np.ndarray:

@@ -7,7 +7,13 @@ from typing import IO
 import zipfile
 
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.recording.npz import UNREADABLE
+from flexx2_sim_ros.recording.npz import (
+    array_keys,
+    check_end,
+    read_array,
+    UNREADABLE,
+    unreadable,
+)
 from flexx2_sim_ros.recording.recordings import Content, Layout, RecordingReader, STACKS
 import numpy as np
 
@@ -38,7 +44,7 @@ class NpzRecording(RecordingReader):
         try:
             content = self._read(path)
         except UNREADABLE as error:
-            raise _unreadable(path, error) from error
+            raise unreadable(path, error) from error
         if 'depth' not in content.layouts or 0 in self._shapes['depth']:
             raise InputError(f'{path}: depth: {self._found_depth(content)}, wanted (T, H, W) '
                              'float32, not empty')
@@ -54,23 +60,23 @@ class NpzRecording(RecordingReader):
 
     def _read(self, path: Path) -> Content:
         content = Content({}, {})
-        with zipfile.ZipFile(path) as entries, np.load(path, allow_pickle=False) as archive:
-            for key in archive.files:
+        with zipfile.ZipFile(path) as archive:
+            for key in array_keys(archive):
                 if key in STACKS:
-                    with entries.open(f'{key}.npy') as entry:
+                    with archive.open(f'{key}.npy') as entry:
                         shape, fortran, dtype = _header(entry)
+                        start = entry.tell()
                     if len(shape) == 3 and dtype.kind in 'fiu':
-                        size = entries.getinfo(f'{key}.npy').file_size
-                        if size < math.prod(shape) * dtype.itemsize:
-                            raise ValueError(f'{key} has {size} bytes, too few for {shape}')
+                        size = archive.getinfo(f'{key}.npy').file_size - start
+                        if size != math.prod(shape) * dtype.itemsize:
+                            raise ValueError(f'{key}: has {size} bytes, shape {shape} wants '
+                                             f'{math.prod(shape) * dtype.itemsize}')
                         self._shapes[key] = shape
                         content.layouts[key] = Layout(dtype.newbyteorder('='), shape[1:])
                         if fortran:
-                            self._loaded[key] = archive[key]
+                            self._loaded[key] = read_array(archive, key)
                         continue
-                content.arrays[key] = archive[key]
-                if not isinstance(content.arrays[key], np.ndarray):
-                    raise ValueError(f'{key} is no array')
+                content.arrays[key] = read_array(archive, key)
         return content
 
     def _found_depth(self, content: Content) -> str:
@@ -91,13 +97,15 @@ class NpzRecording(RecordingReader):
             with zipfile.ZipFile(self.path) as archive, archive.open(f'{key}.npy') as entry:
                 (count, *shape), _, dtype = _header(entry)
                 size = dtype.itemsize * shape[0] * shape[1]
-                for _ in range(count):
+                for left in reversed(range(count)):
                     raw = entry.read(size)
                     if len(raw) < size:
                         raise EOFError('ends too early')
+                    if not left:
+                        check_end(entry, key)
                     yield np.frombuffer(raw, dtype).reshape(shape).astype(layout.dtype, copy=False)
         except UNREADABLE as error:
-            raise _unreadable(self.path, error) from error
+            raise unreadable(self.path, error) from error
 
 
 def _header(entry: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype]:
@@ -107,8 +115,3 @@ def _header(entry: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype]:
     if version == (2, 0):
         return np.lib.format.read_array_header_2_0(entry)
     raise ValueError(f'array format {version}')
-
-
-def _unreadable(path: Path, error: BaseException) -> InputError:
-    return InputError(f'{path}: cannot be read as an .npz archive of plain arrays (damaged, cut '
-                      f'off, or pickled): {error}')

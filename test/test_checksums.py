@@ -1,0 +1,137 @@
+"""Checksums: a flipped bit is an error or a note, and never other values."""
+
+import io
+from pathlib import Path
+import shutil
+import sqlite3
+import zipfile
+import zlib
+
+from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.recording import load_recording, Recording, RecordingWriter
+from flexx2_sim_ros.recording.convert import convert
+from made_bags import depths, driver_bag, same
+from mcap.reader import make_reader
+from mcap.records import Chunk, Footer
+from mcap.stream_reader import StreamReader
+import numpy as np
+import pytest
+
+COUNT, FLIPS = 12, 60
+KINDS = ('mcap', 'db3', 'folder', 'stored', 'deflated')
+
+
+@pytest.fixture(scope='module')
+def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """Write the same recording in every way."""
+    folder = tmp_path_factory.mktemp('whole')
+    paths = {kind: folder / f'one.{kind}' for kind in ('mcap', 'db3', 'folder')}
+    paths['stored'], paths['deflated'] = folder / 'stored.npz', folder / 'deflated.npz'
+    depth = depths(COUNT, 43, 56)
+    gray = np.random.default_rng(3).integers(0, 255, depth.shape, np.uint8)
+    with RecordingWriter(paths['stored'], *depth.shape) as writer:
+        writer.add_depth(depth)
+        for key, value in {'K': np.diag([50.0, 50.0, 1.0]), 'stamp': np.arange(COUNT) / 8,
+                           'amplitude': gray, 'clean_depth': depth[0] + 1,
+                           'usecase': 'Mode_9_30fps'}.items():
+            writer.add_array(key, value)
+    with np.load(paths['stored']) as arrays:
+        np.savez_compressed(paths['deflated'], **arrays)
+    for kind in ('mcap', 'db3', 'folder'):
+        convert(paths['stored'], paths[kind])
+    return paths
+
+
+def unlike(one: Recording, other: Recording) -> list[str]:
+    """Return which arrays differ."""
+    names = ('depth', 'K', 'stamp', 'stamp_ns', 'clean_depth', 'amplitude')
+    found = [name for name in names if not same(getattr(one, name), getattr(other, name))]
+    return found + ['usecase'] * (one.usecase != other.usecase)
+
+
+@pytest.mark.parametrize('kind', KINDS)
+def test_a_flipped_bit_is_never_taken_for_a_value(
+        kind: str, whole: dict[str, Path], tmp_path: Path) -> None:
+    source = load_recording(whole[kind])
+    assert source.notes == ()
+    target = tmp_path / whole[kind].name
+    rng = np.random.default_rng(5)
+    seen = 0
+    for index in range(FLIPS):
+        if whole[kind].is_dir():
+            shutil.copytree(whole[kind], target, dirs_exist_ok=True)
+            # Half of the flips go to metadata.yaml.
+            file = sorted(target.iterdir())[index % 2]
+        else:
+            file = shutil.copyfile(whole[kind], target)
+        data = bytearray(file.read_bytes())
+        at = int(rng.integers(len(data)))
+        # The first and last kilobytes hold the structure: a third of the flips go there.
+        at = (at, at % 2048, len(data) - 1 - at % 2048)[int(rng.integers(3))] % len(data)
+        data[at] ^= 1 << int(rng.integers(8))
+        file.write_bytes(data)
+        try:
+            found = load_recording(target)
+        except InputError:
+            seen += 1
+            continue
+        damage = [note for note in found.notes if 'damaged' in note or 'not whole' in note]
+        seen += bool(damage)
+        assert damage or not unlike(found, source), (file.name, at, unlike(found, source))
+    assert seen > FLIPS / 3
+
+
+def test_another_reader_finds_the_checksums_of_mcap_right(whole: dict[str, Path]) -> None:
+    data = whole['mcap'].read_bytes()
+    records = list(StreamReader(io.BytesIO(data), emit_chunks=True).records)
+    chunks = [record for record in records if isinstance(record, Chunk)]
+    assert chunks
+    assert all(chunk.uncompressed_crc for chunk in chunks)
+    assert isinstance(records[-1], Footer)
+    assert records[-1].summary_crc == zlib.crc32(data[records[-1].summary_start:-12])
+    with whole['mcap'].open('rb') as file:
+        reader = make_reader(file, validate_crcs=True)
+        count = sum(1 for _ in reader.iter_messages())
+        summary = reader.get_summary()
+        assert summary is not None
+        assert summary.statistics is not None
+        assert summary.statistics.message_count == count > 4 * COUNT
+
+
+def test_a_message_of_a_wrong_checksum_is_left_out(
+        whole: dict[str, Path], tmp_path: Path) -> None:
+    path = Path(shutil.copyfile(whole['db3'], tmp_path / 'one.db3'))
+    with sqlite3.connect(path) as connection:
+        last = connection.execute(
+            'SELECT max(messages.id) FROM messages JOIN topics ON topics.id = topic_id '
+            "WHERE name LIKE '%depth_image_0'").fetchone()[0]
+        connection.execute('UPDATE messages SET timestamp = timestamp + 1 WHERE id = ?', (last,))
+    connection.close()
+    recording = load_recording(path)
+    assert len(recording.depth) == COUNT - 1
+    assert any('the checksums of 1 messages are wrong' in note for note in recording.notes)
+
+
+def test_a_message_that_was_removed_is_said(whole: dict[str, Path], tmp_path: Path) -> None:
+    path = Path(shutil.copyfile(whole['db3'], tmp_path / 'one.db3'))
+    with sqlite3.connect(path) as connection:
+        connection.execute('DELETE FROM messages WHERE id = (SELECT max(id) FROM messages)')
+    connection.close()
+    assert any('1 messages are missing' in note for note in load_recording(path).notes)
+
+
+def test_an_array_is_read_to_its_checksum(whole: dict[str, Path], tmp_path: Path) -> None:
+    # A shape of fewer frames: all that it asks for is there, and the rest has the checksum.
+    path = tmp_path / 'short.npz'
+    with zipfile.ZipFile(whole['stored']) as old, zipfile.ZipFile(path, 'w') as new:
+        for name in old.namelist():
+            new.writestr(name, old.read(name).replace(b'(12, ', b'(11, ').replace(
+                b'(12,)', b'(11,)'))
+    with pytest.raises(InputError, match=f'{path}: .*shape'):
+        load_recording(path)
+
+
+@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
+def test_a_bag_without_checksums_is_said(storage: str, tmp_path: Path) -> None:
+    bag = driver_bag(tmp_path / 'bag', depths(2, 43, 56), storage)
+    assert [note for note in load_recording(bag).notes if 'no checksums' in note]
