@@ -24,8 +24,8 @@ def add_parser(commands: Any) -> None:
     parser = commands.add_parser(
         'record', help='record all cameras into a bag',
         description='Record clean and simulated depth, reflectivity, gray images, camera infos '
-        'and modes of all cameras, simulated or real, into a rosbag2 bag, until Ctrl-C. What is '
-        'lost is counted and shown. Needs ROS 2.',
+        'and modes of all cameras, simulated or real, with /tf, /tf_static and /clock, into a '
+        'rosbag2 bag, until Ctrl-C. What is lost is counted and shown. Needs ROS 2.',
         epilog='example: flexx2 record walk --seconds 10')
     parser.add_argument('bag', nargs='?', type=Path, metavar='BAG',
                         help='folder to make (default: flexx2_ and the time)')

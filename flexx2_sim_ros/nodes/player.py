@@ -16,12 +16,14 @@ from flexx2_sim_ros.recording.bag_cameras import CARRIED, EVENTS
 from flexx2_sim_ros.recording.bag_files import Bag
 from rclpy.duration import Duration
 from rclpy.node import Node
-from rclpy.qos import QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from rosgraph_msgs.msg import Clock
 
 _CLOCK = '/clock'
 # Not the bag's own: the clock is made here, and the others speak of nodes that are not there.
 _LEFT_OUT = {_CLOCK, EVENTS, '/rosout'}
+# By its meaning, whatever the bag says of its publisher.
+_LATCHED = {'/tf_static'}
 _TIMED = {messages.IMAGE, messages.CAMERA_INFO, messages.POINT_CLOUD}
 _RESET_NANOSECONDS = 1_000_000_000
 _NAP_SECONDS = 0.05
@@ -75,8 +77,11 @@ class Player(Node):
                     patterns and not any(fnmatchcase(topic, pattern) for pattern in patterns)):
                 continue
             try:
+                latched = topic in _LATCHED or topic in bag.latched
                 self._publishers_by_topic[topic] = self.create_publisher(
-                    message_class(kind), topic, QoSProfile(depth=_DEPTH))
+                    message_class(kind), topic, QoSProfile(
+                        depth=_DEPTH, durability=(DurabilityPolicy.TRANSIENT_LOCAL if latched
+                                                  else DurabilityPolicy.VOLATILE)))
             except InputError as error:
                 self.get_logger().warning(f'{topic}: left out: {error}')
         if not self._publishers_by_topic:

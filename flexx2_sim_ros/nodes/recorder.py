@@ -19,14 +19,25 @@ from flexx2_sim_ros.recording.gaps import find_gaps, Gaps
 from flexx2_sim_ros.recording.sink import BagSink
 from rcl_interfaces.srv import GetParameters
 from rclpy.clock import Clock, ClockType
+from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rosbags.interfaces import (
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+)
 
 _CLEAN = '/clean/depth_image'
 _CLEAN_TOPICS = ('depth_image', 'camera_info', 'reflectivity')
 # Long enough for a second of 60 Hz in which this process does not run.
 _DEPTH = 60
 _LOOK_SECONDS = 0.5
+# What cameras need beside their own topics to be played back. Alone they are no recording.
+_BESIDE = {EVENTS, '/tf', '/tf_static', '/clock'}
 
 
 @dataclass
@@ -127,7 +138,8 @@ class Recorder(Node):
     def _look(self) -> None:
         there = {topic: kinds[0] for topic, kinds in self.get_topic_names_and_types()
                  if len(kinds) == 1}
-        wanted = [topic for topic in there if any(fnmatchcase(topic, name) for name in self._also)]
+        wanted = [topic for topic in there if topic in _BESIDE or any(
+            fnmatchcase(topic, name) for name in self._also)]
         for camera in find_cameras(there).values():
             if self._is_wanted(camera.name, camera.node):
                 wanted += [camera.depth, camera.info, camera.gray]
@@ -160,6 +172,8 @@ class Recorder(Node):
             return
         if reliability == ReliabilityPolicy.BEST_EFFORT:
             self.get_logger().warning(f'{topic}: is published best effort: messages can be lost')
+        if offers:
+            self._sink.offer(topic, [_offered(offer) for offer in offers])
         self.create_subscription(message_type, topic, partial(self._on_message, topic), quality,
                                  raw=True)
 
@@ -168,7 +182,7 @@ class Recorder(Node):
         statistics = self.topics[topic]
         statistics.numbers.count(info['publication_sequence_number'],
                                  lambda: topic != EVENTS and self.count_publishers(topic) <= 1)
-        if topic != EVENTS and self.started is None:
+        if topic not in _BESIDE and self.started is None:
             self.started = time.monotonic()
         if not statistics.messages + statistics.refused:
             statistics.first = self.seconds
@@ -204,3 +218,16 @@ class Recorder(Node):
             return
         self._put(EVENTS, messages.encode_usecase(
             self.get_clock().now().nanoseconds, node, response.values[0].string_value))
+
+
+def _offered(profile: QoSProfile) -> Qos:
+    # The same policies have the same numbers in both: those of rmw.
+    return Qos(QosHistory(profile.history), profile.depth, QosReliability(profile.reliability),
+               QosDurability(profile.durability), _period(profile.deadline),
+               _period(profile.lifespan), QosLiveliness(profile.liveliness),
+               _period(profile.liveliness_lease_duration),
+               profile.avoid_ros_namespace_conventions)
+
+
+def _period(duration: Duration) -> QosTime:
+    return QosTime(*divmod(duration.nanoseconds, 1_000_000_000))

@@ -9,6 +9,7 @@ from typing import Protocol
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.recording.bag_remains import check_file, McapRemains, Message, SqliteRemains
 from flexx2_sim_ros.recording.checksums import Check
+from rosbags.interfaces import Connection, ConnectionExtRosbag2, QosDurability
 from rosbags.rosbag2 import Reader
 from rosbags.rosbag2.errors import ReaderError
 from rosbags.rosbag2.reader import DirectoryReader
@@ -21,6 +22,7 @@ _REMAINS: dict[str, type[McapRemains] | type[SqliteRemains]] = {
 
 class _Part(Protocol):
     topics: dict[str, str]
+    latched: set[str]
 
     def messages(self, topics: Collection[str]) -> Iterator[Message]:
         ...
@@ -44,6 +46,8 @@ class Bag:
         The bag.
     topics : dict of str to str
         Types, as ``sensor_msgs/msg/Image``, by topic; topics without messages are left out.
+    latched : set of str
+        Topics whose publishers were transient local, as far as the bag says.
     notes : list of str
         What a person should know; reading can add to it.
 
@@ -63,6 +67,7 @@ class Bag:
         except OSError as error:
             raise InputError(f'{path}: cannot be read: {error}') from error
         self.topics = {topic: kind for part in self._parts for topic, kind in part.topics.items()}
+        self.latched = {topic for part in self._parts for topic in part.latched}
         if not self.topics:
             raise InputError('; '.join([f'{path}: there is not one whole message in it',
                                         *self.notes]))
@@ -132,6 +137,8 @@ class _Whole:
         with Reader(path) as reader:
             self.topics = {connection.topic: connection.msgtype
                            for connection in reader.connections if connection.msgcount}
+            self.latched = {connection.topic for connection in reader.connections
+                            if _is_latched(connection)}
             if isinstance(reader.storage, DirectoryReader):
                 _compare(reader.storage)
             lost = (reader.storage.metadata.custom or {}).get(LOST)
@@ -173,6 +180,7 @@ class _Remains:
     def __init__(self, path: Path, reason: str, notes: list[str]) -> None:
         self._remains = _REMAINS[path.suffix](path)
         self.topics: dict[str, str] = {}
+        self.latched: set[str] = set()
         count, first, last = 0, 0, 0
         for message in self._remains.messages():
             self.topics[message.topic] = message.kind
@@ -184,6 +192,12 @@ class _Remains:
 
     def messages(self, topics: Collection[str]) -> Iterator[Message]:
         return (message for message in self._remains.messages() if message.topic in topics)
+
+
+def _is_latched(connection: Connection) -> bool:
+    return isinstance(connection.ext, ConnectionExtRosbag2) and any(
+        offer.durability == QosDurability.TRANSIENT_LOCAL
+        for offer in connection.ext.offered_qos_profiles)
 
 
 def _natural(path: Path) -> list[tuple[str, int]]:

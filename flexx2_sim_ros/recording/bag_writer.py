@@ -16,7 +16,15 @@ from flexx2_sim_ros.recording.bag_cameras import CameraTopics, EVENTS, topics_of
 from flexx2_sim_ros.recording.checksums import CheckedWriter
 from flexx2_sim_ros.recording.recordings import RecordingReader
 import numpy as np
-from rosbags.interfaces import Connection
+from rosbags.interfaces import (
+    Connection,
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+)
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2.errors import WriterError
 from rosbags.rosbag2.storage_mcap import McapWriter
@@ -25,6 +33,10 @@ from rosbags.rosbag2.storage_sqlite3 import Sqlite3Writer
 STORAGES = {'mcap': StoragePlugin.MCAP, 'sqlite3': StoragePlugin.SQLITE3}
 SUFFIXES = {'.mcap': 'mcap', '.db3': 'sqlite3'}
 _JAZZY: Literal[9] = 9  # version of metadata.yaml
+# What the driver and `flexx2_camera` offer, for topics that nothing else is known of.
+_FOREVER = QosTime(9223372036, 854775807)
+_OFFER = Qos(QosHistory.KEEP_LAST, 10, QosReliability.RELIABLE, QosDurability.VOLATILE, _FOREVER,
+             _FOREVER, QosLiveliness.AUTOMATIC, _FOREVER, False)
 _LATEST = (1 << 31) * 1_000_000_000
 _NAME = re.compile(r'[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*')
 # What images carry exactly; stacks of other dtypes go along as arrays.
@@ -49,6 +61,9 @@ class BagWriter:
     ----------
     path : pathlib.Path
         The folder.
+    offers : dict of str to list of rosbags.interfaces.Qos
+        By topic, what its publishers offer: for programs that play the bag, to be set before the
+        topic's first message. Reliable and volatile, as the driver does, when left out.
 
     Raises
     ------
@@ -63,6 +78,7 @@ class BagWriter:
         self.path = Path(path)
         self._writer = CheckedWriter(self.path, version=_JAZZY,
                                      storage_plugin=STORAGES[storage])
+        self.offers: dict[str, list[Qos]] = {}
         self._connections: dict[str, Connection] = {}
 
     def __enter__(self) -> 'BagWriter':
@@ -90,7 +106,8 @@ class BagWriter:
         connection = self._connections.get(topic)
         if connection is None:
             connection = self._connections[topic] = self._writer.add_connection(
-                topic, kind, typestore=messages.typestore())
+                topic, kind, typestore=messages.typestore(),
+                offered_qos_profiles=self.offers.get(topic, [_OFFER]))
         self._writer.write(connection, time, data)
 
     def note(self, key: str, value: str) -> None:

@@ -9,6 +9,7 @@ from types import TracebackType
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.recording.bag_remains import Message
 from flexx2_sim_ros.recording.bag_writer import BagWriter
+from rosbags.interfaces import Qos
 
 _FLUSH_SECONDS = 1.0
 
@@ -49,6 +50,10 @@ class BagSink:
         self._lock = threading.Lock()
         self._thread = threading.Thread(target=self._run, name='bag writer')
         self._thread.start()
+
+    def offer(self, topic: str, offers: list[Qos]) -> None:
+        """Say what a topic's publishers offer, before its first message; see `BagWriter`."""
+        self._writer.offers[topic] = offers
 
     def put(self, message: Message) -> bool:
         """Take a message; say whether there was room for it."""
