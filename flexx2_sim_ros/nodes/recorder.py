@@ -6,6 +6,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from functools import partial
+from pathlib import PurePosixPath
 import time
 from typing import Any
 
@@ -13,7 +14,7 @@ from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.nodes.message_types import message_class
 from flexx2_sim_ros.nodes.subscriptions import LossCounter, matching
 from flexx2_sim_ros.recording import bag_messages as messages
-from flexx2_sim_ros.recording.bag_cameras import EVENTS, find_cameras
+from flexx2_sim_ros.recording.bag_cameras import EVENTS, Sample, sample, survey, unknown_topics
 from flexx2_sim_ros.recording.bag_remains import Message
 from flexx2_sim_ros.recording.gaps import find_gaps, Gaps
 from flexx2_sim_ros.recording.sink import BagSink
@@ -21,7 +22,7 @@ from rcl_interfaces.srv import GetParameters
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.node import Node
-from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.qos import qos_profile_sensor_data, QoSProfile, ReliabilityPolicy
 from rosbags.interfaces import (
     Qos,
     QosDurability,
@@ -126,6 +127,9 @@ class Recorder(Node):
         self._time = 0
         self._questions: dict[str, Any] = {}
         self._asked: set[str] = set()
+        self._samples: dict[str, Sample] = {}
+        self._probes: dict[str, Any] = {}
+        self._said: set[str] = set()
         self._subscribe(EVENTS, messages.PARAMETER_EVENT)
         self._look()
         self.create_timer(_LOOK_SECONDS, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
@@ -140,20 +144,56 @@ class Recorder(Node):
                  if len(kinds) == 1}
         wanted = [topic for topic in there if topic in _BESIDE or any(
             fnmatchcase(topic, name) for name in self._also)]
-        for camera in find_cameras(there).values():
-            if self._is_wanted(camera.name, camera.node):
+        for topic in unknown_topics(there):
+            self._probe(topic, there[topic])
+        found = survey(there, self._samples)
+        for camera in found.cameras.values():
+            node = camera.node or self._publisher(camera.depth)
+            # Of a camera that goes by the topic of its depth any namespace is a name.
+            spaces = [] if camera.node else list(map(str, PurePosixPath(camera.name).parents))
+            if self._is_wanted(camera.name, node, *spaces):
                 wanted += [camera.depth, camera.info, camera.gray]
-                self._ask(camera.node)
+                self._ask(node)
+        self._say_unclear(found.unclear)
         for topic in there:
             space = topic.removesuffix(_CLEAN)
-            if space != topic and self._is_wanted(space, space):
+            if space != topic and self._is_wanted(space):
                 wanted += [f'{space}/clean/{name}' for name in _CLEAN_TOPICS]
         for topic in wanted:
             if topic in there and topic not in self.topics:
                 self._subscribe(topic, there[topic])
 
-    def _is_wanted(self, name: str, node: str) -> bool:
-        return not self._cameras or bool(self._cameras & {name.strip('/'), node.strip('/')})
+    def _probe(self, topic: str, kind: str) -> None:
+        # One message tells whether a topic of an unknown name is a camera's.
+        if topic in self._samples or topic in self._probes:
+            return
+        self._probes[topic] = self.create_subscription(
+            message_class(kind), topic, partial(self._on_probe, topic, kind),
+            qos_profile_sensor_data, raw=True)
+
+    def _on_probe(self, topic: str, kind: str, data: bytes) -> None:
+        if topic in self._samples:
+            return
+        with suppress(InputError):
+            self._samples[topic] = sample(kind, data, topic)
+            self.destroy_subscription(self._probes[topic])
+
+    def _publisher(self, topic: str) -> str:
+        # The full name of the node that publishes a topic, empty if there is not exactly one.
+        nodes = {f'{info.node_namespace.rstrip("/")}/{info.node_name}'
+                 for info in self.get_publishers_info_by_topic(topic)}
+        return nodes.pop() if len(nodes) == 1 else ''
+
+    def _say_unclear(self, unclear: list[list[str]]) -> None:
+        for topics in unclear:
+            if not self._said & set(topics):
+                self._said |= set(topics)
+                self.get_logger().warning(
+                    f'{", ".join(topics)}: not recorded: one of them may be the depth of a '
+                    'camera, they have the same camera info; --also TOPIC records it')
+
+    def _is_wanted(self, *names: str) -> bool:
+        return not self._cameras or bool(self._cameras & {name.strip('/') for name in names})
 
     def _subscribe(self, topic: str, kind: str) -> None:
         offers = [info.qos_profile for info in self.get_publishers_info_by_topic(topic)]
@@ -203,6 +243,8 @@ class Recorder(Node):
 
     def _ask(self, node: str) -> None:
         # The mode a camera is in is no message; ask for it once and write it down as one.
+        if not node:
+            return
         client = self._questions.get(node)
         if client is None:
             client = self.create_client(GetParameters, f'{node}/get_parameters')

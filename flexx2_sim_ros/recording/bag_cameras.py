@@ -1,6 +1,8 @@
 """Which topics of a bag, or of a running system, are a camera's."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from os.path import commonprefix
 from pathlib import Path
 
 from flexx2_sim_ros.errors import InputError
@@ -8,7 +10,12 @@ from flexx2_sim_ros.recording import bag_messages as messages
 
 EVENTS = '/parameter_events'
 CARRIED = '/recording'
-_DEPTH, _CLOUD = '/depth_image_0', '/point_cloud_0'
+DEPTH_ENCODINGS = ('32FC1', '64FC1', '16UC1')
+_DEPTH, _CLOUD, _INFO, _GRAY = '/depth_image_0', '/point_cloud_0', '/camera_info', '/gray_image_0'
+_CLEAN, _CLEAN_INFO = '/clean/depth_image', '/clean/camera_info'
+# Images of a camera that are no depth of their own, by the names that our nodes give them.
+_NOT_DEPTH = (_CLEAN, '/clean/reflectivity', '/depth_noise_0', _GRAY)
+_GRAY_ENCODINGS = ('mono8', '8UC1', 'mono16')
 
 
 @dataclass(frozen=True)
@@ -16,53 +23,39 @@ class CameraTopics:
     """
     Where a camera publishes.
 
-    The driver's names (and `flexx2_camera`'s) are relative to `node`, those of clean depth to its
-    namespace.
-
     Attributes
     ----------
     name : str
-        The namespace, or the node's name where it is in none.
+        The namespace, or the node's name where it is in none; of a camera that was not recognised
+        by its names the topic of its depth, without the first slash.
     node : str
-        Full name.
+        Full name, empty where it is not known.
     depth : str
         Topic of the depth image (or where it would be, if there is only the cloud).
+    info, cloud, gray : str
+        Topics of the camera info, the point cloud and the gray image.
+    space : str
+        The namespace in which ``clean/depth_image`` is, without a slash at its end.
 
     """
 
     name: str
     node: str
     depth: str
-
-    @property
-    def info(self) -> str:
-        """Return the topic of the camera info."""
-        return f'{self.node}/camera_info'
-
-    @property
-    def cloud(self) -> str:
-        """Return the topic of the point cloud."""
-        return self.node + _CLOUD
-
-    @property
-    def gray(self) -> str:
-        """Return the topic of the gray image."""
-        return f'{self.node}/gray_image_0'
-
-    @property
-    def space(self) -> str:
-        """Return the node's namespace, without a slash at its end."""
-        return self.node.rpartition('/')[0]
+    info: str
+    cloud: str
+    gray: str
+    space: str
 
     @property
     def clean(self) -> str:
         """Return the topic of clean depth."""
-        return f'{self.space}/clean/depth_image'
+        return self.space + _CLEAN
 
     @property
     def clean_info(self) -> str:
         """Return the topic of clean depth's camera info."""
-        return f'{self.space}/clean/camera_info'
+        return self.space + _CLEAN_INFO
 
     @property
     def reflectivity(self) -> str:
@@ -75,15 +68,83 @@ class CameraTopics:
         return self.space + CARRIED
 
 
+@dataclass(frozen=True)
+class Sample:
+    """
+    What the first message of an image or a camera info says of its topic.
+
+    Attributes
+    ----------
+    size : tuple of int
+        (height, width), pixels.
+    frame_id : str
+        Of its header.
+    encoding : str
+        Of the pixels; empty for a camera info.
+
+    """
+
+    size: tuple[int, int]
+    frame_id: str
+    encoding: str = ''
+
+
+@dataclass(frozen=True)
+class Survey:
+    """
+    The cameras that were found.
+
+    Attributes
+    ----------
+    cameras : dict of str to CameraTopics
+        By name.
+    unclear : list of list of str
+        Topics of depth images that belong to one camera info: which of them is the camera's depth
+        cannot be told.
+
+    """
+
+    cameras: dict[str, CameraTopics]
+    unclear: list[list[str]] = field(default_factory=list)
+
+
+def sample(kind: str, data: bytes, where: str) -> Sample:
+    """
+    Return what a message says of its topic.
+
+    Parameters
+    ----------
+    kind : str
+        ``sensor_msgs/msg/Image`` or ``sensor_msgs/msg/CameraInfo``.
+    data : bytes
+        The message, CDR.
+    where : str
+        What to call it in errors.
+
+    Raises
+    ------
+    InputError
+        When it is not a message of that type.
+
+    """
+    message = messages.decode(kind, data, where)
+    return Sample((int(message.height), int(message.width)), str(message.header.frame_id),
+                  message.encoding if kind == messages.IMAGE else '')
+
+
 def topics_of(name: str) -> CameraTopics:
     """Return the topics of a `flexx2_camera` in the namespace `name`."""
-    node = f'/{name}/flexx2_camera'
-    return CameraTopics(name, node, node + _DEPTH)
+    return _of_node(name, f'/{name}/flexx2_camera')
+
+
+def _of_node(name: str, node: str) -> CameraTopics:
+    return CameraTopics(name, node, node + _DEPTH, node + _INFO, node + _CLOUD, node + _GRAY,
+                        node.rpartition('/')[0])
 
 
 def find_cameras(topics: dict[str, str]) -> dict[str, CameraTopics]:
     """
-    Find the cameras among topics.
+    Find the cameras among topics by the names that the real driver and our nodes give them.
 
     Parameters
     ----------
@@ -104,23 +165,98 @@ def find_cameras(topics: dict[str, str]) -> dict[str, CameraTopics]:
     # Two nodes in one namespace go by their full names.
     full = [name if names.count(name) == 1 else node.strip('/')
             for name, node in zip(names, nodes, strict=True)]
-    return {name: CameraTopics(name, node, node + _DEPTH)
-            for name, node in zip(full, nodes, strict=True)}
+    return {name: _of_node(name, node) for name, node in zip(full, nodes, strict=True)}
 
 
-def choose_camera(path: Path, topics: dict[str, str], camera: str | None) -> CameraTopics:
-    """Return the camera that is meant, or raise `InputError` with the names there are."""
+def unknown_topics(topics: dict[str, str]) -> list[str]:
+    """
+    Return the topics that `survey` needs samples of.
+
+    These are images that no name tells what they are, and then all camera infos.
+    """
+    named = {camera.depth for camera in find_cameras(topics).values()}
+    images = [topic for topic, kind in topics.items() if kind == messages.IMAGE
+              and topic not in named and not topic.endswith(_NOT_DEPTH)]
+    infos = [topic for topic, kind in topics.items() if kind == messages.CAMERA_INFO]
+    return images + infos if images else []
+
+
+def survey(topics: dict[str, str], samples: Mapping[str, Sample]) -> Survey:
+    """
+    Find the cameras among topics, by their names, and else by what they publish.
+
+    A depth image of any name is a camera if a camera info has its size and frame, and no other
+    depth image has the same camera info.
+
+    Parameters
+    ----------
+    topics : dict of str to str
+        Types by topic.
+    samples : mapping of str to Sample
+        What is known of the `unknown_topics`.
+
+    Returns
+    -------
+    Survey
+
+    """
     cameras = find_cameras(topics)
-    if camera is None and len(cameras) == 1:
+    taken = {camera.info for camera in cameras.values()}
+    groups: dict[str, list[str]] = {}
+    for topic in unknown_topics(topics):
+        if topic in samples and samples[topic].encoding in DEPTH_ENCODINGS:
+            info = _info_of(topic, samples)
+            if info is not None and info not in taken:
+                groups.setdefault(info, []).append(topic)
+    for info, depths in groups.items():
+        if len(depths) == 1:
+            camera = _by_shape(depths[0], info, topics, samples)
+            cameras[camera.name] = camera
+    return Survey(cameras, [depths for depths in groups.values() if len(depths) > 1])
+
+
+def _info_of(depth: str, samples: Mapping[str, Sample]) -> str | None:
+    # The camera info of the same size and frame whose name is nearest. That of clean depth has
+    # the same size and frame, too, and is the last choice.
+    of_depth = samples[depth]
+    infos = [topic for topic, found in samples.items()
+             if not found.encoding and (found.size, found.frame_id) == (of_depth.size,
+                                                                        of_depth.frame_id)]
+    return max(sorted(infos), default=None, key=lambda topic: (
+        not topic.endswith(_CLEAN_INFO), len(commonprefix([depth, topic]))))
+
+
+def _by_shape(depth: str, info: str, topics: dict[str, str],
+              samples: Mapping[str, Sample]) -> CameraTopics:
+    grays = [topic for topic, found in samples.items()
+             if found.encoding in _GRAY_ENCODINGS
+             and (found.size, found.frame_id) == (samples[depth].size, samples[depth].frame_id)]
+    space = depth.rpartition('/')[0]
+    while space and space + _CLEAN not in topics:
+        space = space.rpartition('/')[0]
+    if space + _CLEAN not in topics:
+        space = depth.rpartition('/')[0]
+    return CameraTopics(depth.strip('/'), '', depth, info, '',
+                        grays[0] if len(grays) == 1 else '', space)
+
+
+def choose_camera(path: Path, topics: dict[str, str], samples: Mapping[str, Sample],
+                  camera: str | None) -> CameraTopics:
+    """Return the camera that is meant, or raise `InputError` with the names there are."""
+    found = survey(topics, samples)
+    cameras = found.cameras
+    if camera is None and len(cameras) == 1 and not found.unclear:
         return next(iter(cameras.values()))
-    if camera in cameras:
-        return cameras[camera]
+    if camera is not None and camera.strip('/') in cameras:
+        return cameras[camera.strip('/')]
     if camera is not None and topics.get(camera) == messages.IMAGE:
-        node = camera.rpartition('/')[0]
-        return CameraTopics(camera.strip('/'), node, camera)
+        beside = camera.rpartition('/')[0] + _INFO
+        info = _info_of(camera, samples) if camera in samples else None
+        return _by_shape(camera, info or beside, topics, {camera: Sample((0, 0), ''), **samples})
     images = [topic for topic, kind in topics.items() if kind == messages.IMAGE]
-    found = 'several cameras' if camera is None and cameras else repr(camera or 'no camera')
+    several = camera is None and (cameras or found.unclear)
+    got = 'several cameras' if several else repr(camera or 'no camera')
     raise InputError(
-        f'{path}: camera: found {found}, wanted one of its cameras: '
+        f'{path}: camera: found {got}, wanted one of its cameras: '
         f'{", ".join(cameras) or "none"}; or the topic of a depth image: '
-        f'{", ".join(images) or "none"}')
+        f'{", ".join(images) or "none"} (flexx2 convert --camera chooses)')

@@ -2,11 +2,13 @@
 
 from collections import Counter
 from collections.abc import Collection, Iterator
+from functools import cached_property
 from pathlib import Path
 import re
 from typing import Protocol
 
 from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.recording.bag_cameras import Sample, sample, unknown_topics
 from flexx2_sim_ros.recording.bag_remains import check_file, McapRemains, Message, SqliteRemains
 from flexx2_sim_ros.recording.checksums import Check
 from rosbags.interfaces import Connection, ConnectionExtRosbag2, QosDurability
@@ -84,6 +86,20 @@ class Bag:
         """
         for part in self._parts:
             yield from part.messages(self.topics if topics is None else topics)
+
+    @cached_property
+    def samples(self) -> dict[str, Sample]:
+        """Return what the first messages say of images and camera infos of unknown names."""
+        wanted = set(unknown_topics(self.topics))
+        found: dict[str, Sample] = {}
+        if not wanted:
+            return found
+        for topic, kind, _, data in self.messages(wanted):
+            if topic not in found:
+                found[topic] = sample(kind, data, f'{self.path}: {topic}')
+                if len(found) == len(wanted):
+                    break
+        return found
 
     def _open(self) -> list[_Part]:
         if self.path.is_file():

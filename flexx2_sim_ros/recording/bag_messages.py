@@ -118,15 +118,13 @@ def encode_usecase(stamp: int, node: str, usecase: str) -> bytes:
                   _make(PARAMETER_EVENT, _time(stamp), node, [parameter], [], []))
 
 
-def decode_usecase(data: bytes, node: str, where: str) -> tuple[str, bool] | None:
-    """Return a ``ParameterEvent``'s ``usecase`` for a node and whether it is a change, or None."""
+def decode_usecase(data: bytes, where: str) -> tuple[str, str, bool] | None:
+    """Return a ``ParameterEvent``'s node, ``usecase`` and whether it is a change, or None."""
     event = decode(PARAMETER_EVENT, data, where)
-    if event.node == node:
-        for changed, parameters in ((False, event.new_parameters),
-                                    (True, event.changed_parameters)):
-            for parameter in parameters:
-                if parameter.name == 'usecase' and parameter.value.type == _STRING_PARAMETER:
-                    return parameter.value.string_value, changed
+    for changed, parameters in ((False, event.new_parameters), (True, event.changed_parameters)):
+        for parameter in parameters:
+            if parameter.name == 'usecase' and parameter.value.type == _STRING_PARAMETER:
+                return event.node, parameter.value.string_value, changed
     return None
 
 

@@ -10,12 +10,11 @@ from typing import Any
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.nodes.decoding import decode_image, image_pixels
 from flexx2_sim_ros.recording import bag_messages as messages
-from flexx2_sim_ros.recording.bag_cameras import choose_camera, EVENTS
+from flexx2_sim_ros.recording.bag_cameras import choose_camera, DEPTH_ENCODINGS, EVENTS
 from flexx2_sim_ros.recording.bag_files import Bag
 from flexx2_sim_ros.recording.recordings import Content, Layout, RecordingReader, STACKS
 import numpy as np
 
-_DEPTHS = ('32FC1', '64FC1', '16UC1')
 _GRAYS = ('mono8', '8UC1', 'mono16', '16UC1', '32FC1')
 _FLOATS = {7: 'f4', 8: 'f8'}  # sensor_msgs/PointField
 _ABSENT = -1
@@ -66,11 +65,11 @@ class BagRecording(RecordingReader):
     def __init__(self, path: Path, camera: str | None = None) -> None:
         """Read the bag once, keeping stamps but no images."""
         self._bag = Bag(path)
-        self._where = choose_camera(path, self._bag.topics, camera)
+        self._where = choose_camera(path, self._bag.topics, self._bag.samples, camera)
         self._found: dict[str, _Topic] = {}
         self._carried: dict[str, np.ndarray | None] = {}
         self._stacks: dict[str, _Stack] = {}
-        self._usecases: list[tuple[int, str, bool]] = []
+        self._usecases: list[tuple[int, str, str, bool]] = []
         self._infos: list[tuple[int, Any]] = []
         self._index()
         super().__init__(path, self._where.name, self._content(path))
@@ -99,12 +98,12 @@ class BagRecording(RecordingReader):
 
     def _take_event(self, time: int, data: bytes, label: str) -> None:
         try:
-            usecase = messages.decode_usecase(data, self._where.node, label)
+            usecase = messages.decode_usecase(data, label)
         except InputError as error:  # Frames are worth reading without it.
             if str(error) not in self._bag.notes:
                 self._bag.notes.append(str(error))
             return
-        if usecase is not None:
+        if usecase is not None and self._where.node in ('', usecase[0]):
             self._usecases.append((time, *usecase))
 
     def _content(self, path: Path) -> Content:
@@ -169,8 +168,21 @@ class BagRecording(RecordingReader):
                                        f'{self._frame(time)} from {first.k.tolist()} to '
                                        f'{info.k.tolist()}')
                 break
+        self._add_usecases(content)
+        content.notes.extend(content.changes)
+        content.arrays['camera'] = np.array(self._where.name)
+        content.arrays['frame_id'] = np.array(str(first.header.frame_id))
+        if np.any(first.d):
+            content.arrays['distortion'] = np.array(first.d, np.float64)
+
+    def _add_usecases(self, content: Content) -> None:
+        nodes = sorted({node for _, node, _, _ in self._usecases})
+        if len(nodes) > 1:  # Of a camera whose node is not known.
+            content.notes.append(f'{self._bag.path}: usecase: left out: which of the nodes '
+                                 f'{", ".join(nodes)} is the camera is not known')
+            return
         before = None
-        for time, usecase, changed in self._usecases:
+        for time, _, usecase, changed in self._usecases:
             frame = self._frame(time)
             if before is None or not frame:
                 content.arrays['usecase'] = np.array(usecase)
@@ -178,11 +190,6 @@ class BagRecording(RecordingReader):
                 content.changes.append(f'{self._bag.path}: usecase: {usecase} from about frame '
                                        f'{frame} on')
             before = usecase
-        content.notes.extend(content.changes)
-        content.arrays['camera'] = np.array(self._where.name)
-        content.arrays['frame_id'] = np.array(str(first.header.frame_id))
-        if np.any(first.d):
-            content.arrays['distortion'] = np.array(first.d, np.float64)
 
     def _add_carried_arrays(self, content: Content) -> None:
         count = len(self._found[self._source].stamps)
@@ -228,15 +235,15 @@ class BagRecording(RecordingReader):
     def _depth(self, topic: str, data: bytes) -> np.ndarray:
         label = f'{self._bag.path}: {topic}'
         return self._valid(decode_image(messages.decode(messages.IMAGE, data, label), label,
-                                        _DEPTHS))
+                                        DEPTH_ENCODINGS))
 
     def _clean(self, data: bytes) -> np.ndarray:
         # float64 stays float64: a recording may have it.
         label = f'{self._bag.path}: {self._where.clean}'
         message = messages.decode(messages.IMAGE, data, label)
         if message.encoding == '64FC1':
-            return self._valid(self._image(self._where.clean, _DEPTHS, data))
-        return self._valid(decode_image(message, label, _DEPTHS))
+            return self._valid(self._image(self._where.clean, DEPTH_ENCODINGS, data))
+        return self._valid(decode_image(message, label, DEPTH_ENCODINGS))
 
     def _cloud_depth(self, topic: str, data: bytes) -> np.ndarray:
         label = f'{self._bag.path}: {topic}'

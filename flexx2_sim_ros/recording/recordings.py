@@ -319,6 +319,7 @@ def recording_cameras(path: str | Path) -> list[str]:
     """Return the names of a bag's cameras; for an ``.npz`` nothing, since it has just one."""
     if Path(path).suffix == '.npz':
         return []
-    from flexx2_sim_ros.recording.bag_cameras import find_cameras
+    from flexx2_sim_ros.recording.bag_cameras import survey
     from flexx2_sim_ros.recording.bag_files import Bag
-    return list(find_cameras(Bag(path).topics))
+    bag = Bag(path)
+    return list(survey(bag.topics, bag.samples).cameras)

@@ -1,0 +1,123 @@
+"""Cameras on topics of any name: recognised by what they publish, in bags and while recording."""
+
+from pathlib import Path
+import signal
+
+from flexx2_sim_ros.cli.main import main
+from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.recording import load_recording, recording_cameras
+from flexx2_sim_ros.recording.bag_files import Bag
+from made_bags import (
+    camera_entries,
+    depths,
+    Entry,
+    image,
+    info,
+    MATRIX,
+    same,
+    SECOND,
+    usecase,
+    write,
+)
+import numpy as np
+import pytest
+import streams
+from streams import CameraInfo, Image, image_message, info_message
+from test_record_replay import finish, flexx2
+
+CLOUDLESS = depths(3, 5, 4, seed=1)
+
+
+def renamed(depth: np.ndarray, name: str = '/front_left/flexx2',
+            infos: str = '/front_left/calibration') -> list[Entry]:
+    """Return what a camera publishes on topics of other names."""
+    entries = []
+    for index, frame in enumerate(depth):
+        stamp = SECOND + index * SECOND // 30
+        entries += [image(name, stamp, frame), info(infos, stamp, frame.shape)]
+    return entries
+
+
+def test_a_remapped_camera_is_found_in_a_bag(tmp_path: Path) -> None:
+    entries = renamed(CLOUDLESS)
+    for index, frame in enumerate(CLOUDLESS):
+        stamp = SECOND + index * SECOND // 30
+        entries += [image('/front_left/clean/depth_image', stamp, frame + 1),
+                    info('/front_left/clean/camera_info', stamp, frame.shape, 2 * MATRIX),
+                    image('/front_left/gray', stamp, frame.astype('u1'), 'mono8'),
+                    image('/rgb/image', stamp, np.zeros((9, 9), 'u1'), 'mono8'),
+                    info('/rgb/camera_info', stamp, (9, 9))]
+    entries.append(usecase('/front_left/my_camera', 1, 'Mode_9_30fps'))
+    bag = write(tmp_path / 'bag', entries)
+    assert recording_cameras(bag) == ['front_left/flexx2']
+    recording = load_recording(bag)
+    assert same(recording.depth, CLOUDLESS)
+    assert same(recording.clean_depth, CLOUDLESS + 1)
+    assert same(recording.amplitude, CLOUDLESS.astype('u1'))
+    assert same(recording.K, MATRIX)
+    assert recording.usecase == 'Mode_9_30fps'
+    assert main(['convert', str(bag), str(tmp_path / 'out.npz')]) == 0
+    assert same(load_recording(tmp_path / 'out.npz').depth, CLOUDLESS)
+
+
+def test_two_remapped_cameras_and_one_of_usual_names(tmp_path: Path) -> None:
+    other = depths(3, 7, 6, seed=2)
+    bag = write(tmp_path / 'bag', renamed(CLOUDLESS) + renamed(other, '/b/depth', '/b/info')
+                + camera_entries('left', CLOUDLESS + 2, CLOUDLESS))
+    assert sorted(recording_cameras(bag)) == ['b/depth', 'front_left/flexx2', 'left']
+    assert same(load_recording(bag, 'b/depth').depth, other)
+    assert same(load_recording(bag, '/front_left/flexx2').depth, CLOUDLESS)
+    assert same(load_recording(bag, 'left').clean_depth, CLOUDLESS)
+    with pytest.raises(InputError, match='several cameras.*--camera'):
+        load_recording(bag)
+
+
+def test_which_of_two_images_is_depth_is_asked(tmp_path: Path) -> None:
+    entries = renamed(CLOUDLESS) + renamed(CLOUDLESS + 1, '/front_left/filtered')
+    bag = write(tmp_path / 'bag', entries)
+    with pytest.raises(InputError, match='/front_left/flexx2.*/front_left/filtered.*--camera'):
+        load_recording(bag)
+    assert same(load_recording(bag, '/front_left/filtered').depth, CLOUDLESS + 1)
+
+
+def test_an_image_without_a_camera_info_is_no_camera(tmp_path: Path) -> None:
+    entries = [entry for entry in renamed(CLOUDLESS) if entry[0].endswith('flexx2')]
+    entries.append(info('/front_left/calibration', 1, (50, 40)))
+    bag = write(tmp_path / 'bag', entries)
+    assert recording_cameras(bag) == []
+    with pytest.raises(InputError, match='no camera'):
+        load_recording(bag)
+
+
+@pytest.mark.usefixtures('ros')
+def test_a_remapped_camera_is_recorded(child_env: dict[str, str], tmp_path: Path) -> None:
+    bag = tmp_path / 'bag'
+    listener = streams.Listener()
+    node = listener.node
+    depth = node.create_publisher(Image, '/renamed/flexx2', 100)
+    infos = node.create_publisher(CameraInfo, '/renamed/calibration', 100)
+    frame = np.full((172, 224), 1.5, np.float32)
+    stamp = 0
+
+    def publish() -> bool:
+        nonlocal stamp
+        stamp += SECOND // 30
+        depth.publish(image_message(frame + stamp / SECOND, stamp))
+        infos.publish(info_message(streams.FLEXX2, stamp))
+        return bag.exists() and len(list(Bag(bag).messages({'/renamed/flexx2'}))) > 5
+
+    def recorded() -> bool:
+        try:
+            return publish()
+        except InputError:  # Nothing is in the bag yet.
+            return False
+
+    try:
+        with flexx2(child_env, 'record', bag, '--cameras', 'renamed') as process:
+            listener.spin_until(recorded, 'a camera that is recognised')
+            finish(process, signal.SIGINT)
+    finally:
+        listener.close()
+    recording = load_recording(bag)
+    assert recording.camera == 'renamed/flexx2'
+    np.testing.assert_allclose(recording.depth[:, 0, 0], 1.5 + recording.stamp, rtol=1e-6)
