@@ -48,20 +48,50 @@ def test_a_capture_goes_on_where_it_was(tmp_path: Path, camera: Any) -> None:
     wanted = conditions(camera, ['Mode_5_30fps'], [0.5, 0.8], [0, 30])
     first = dict(capture(tmp_path, wanted, camera, frames=3))
     assert list(first.values()) == [True] * 4
-    lost, cut = sorted(first)[:2]
+    lost, cut, flipped, other = sorted(first)
     kept = {path: path.read_bytes() for path in first}
     lost.unlink()
     cut.write_bytes(cut.read_bytes()[:1000])
+    data = bytearray(flipped.read_bytes())
+    data[len(data) // 2] ^= 1  # in a frame
+    flipped.write_bytes(data)
+    with np.load(other) as arrays:
+        np.savez(other, **{**arrays, 'depth': arrays['depth'] + np.float32(0.01)})
     (tmp_path / f'.{lost.name}.abc').write_bytes(b'of a capture that was killed')
-    again = dict(capture(tmp_path, wanted, camera, frames=3))
-    assert {path for path, new in again.items() if new} == {lost, cut}
+    said: list[str] = []
+    again = dict(capture(tmp_path, wanted, camera, frames=3, say=said.append))
+    assert all(again.values())
+    assert [sum(str(path) in text for text in said) for path in sorted(first)] == [0, 1, 1, 1]
+    assert all('recorded again' in text for text in said)
     assert {path: path.read_bytes() for path in first} == kept
     assert {path.name for path in tmp_path.iterdir()} == {path.name for path in first}
-    for change, named in (({'frames': 4}, 'frames: found 3, wanted 4'),
-                          ({'frames': 3, 'seed': 1}, 'seed: found 0, wanted 1')):
-        with pytest.raises(InputError, match=named):
-            list(capture(tmp_path, wanted, camera, **change))
+    assert not any(dict(capture(tmp_path, wanted, camera, frames=3)).values())
     assert len(characterize(tmp_path, workers=2).modes[0].cells) == 4
+
+
+def test_a_capture_replaces_what_another_one_recorded(tmp_path: Path, camera: Any) -> None:
+    wanted = conditions(camera, ['Mode_5_30fps'], [0.5], [0])
+    path = next(capture(tmp_path, wanted, camera, frames=3))[0]
+    noisy = replace(camera, modes=tuple(
+        replace(mode, noise=replace(mode.noise, a=2 * mode.noise.a)) for mode in camera.modes))
+    for profile, frames, seed, named in ((camera, 4, 0, 'shape: must be (4, 60, 80), got (3, '),
+                                         (camera, 4, 1, 'seed: differs'),
+                                         (noisy, 4, 1, 'depth: differs')):
+        said: list[str] = []
+        assert dict(capture(tmp_path, wanted, profile, frames=frames, seed=seed,
+                            say=said.append)) == {path: True}
+        assert named in said[0]
+
+
+def test_a_capture_overwrites_no_real_recording(tmp_path: Path, camera: Any) -> None:
+    wanted = conditions(camera, ['Mode_5_30fps'], [0.5], [0])
+    path = next(capture(tmp_path, wanted, camera, frames=3))[0]
+    with np.load(path) as arrays:
+        np.savez(path, **{key: arrays[key] for key in arrays if key != 'seed'})
+    before = path.read_bytes()
+    with pytest.raises(InputError, match='not overwritten'):
+        list(capture(tmp_path, wanted, camera, frames=3))
+    assert path.read_bytes() == before
 
 
 def test_a_distorted_camera_sees_the_same_board(tmp_path: Path, camera: Any) -> None:

@@ -1,6 +1,6 @@
 """The paper's campaign: which conditions, and their recordings from the simulated camera."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 import math
 from pathlib import Path
@@ -12,7 +12,7 @@ from flexx2_sim_ros.camera.pipeline import Camera
 from flexx2_sim_ros.characterize.conditions import Condition
 from flexx2_sim_ros.characterize.workers import in_processes
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.recording import open_recording, RecordingWriter
+from flexx2_sim_ros.recording import open_recording, RecordingReader, RecordingWriter
 import numpy as np
 
 ANGLES = (0.0, 15.0, 30.0, 45.0, 60.0)  # degrees, as in the paper
@@ -86,12 +86,14 @@ class _Task:
 
 def capture(folder: Path, wanted: Sequence[Condition], profile: Profile, *,
             frames: int = FRAMES, seed: int = 0, renderer: str = 'auto',
-            workers: int = 1) -> Iterator[tuple[Path, bool]]:
+            workers: int = 1, say: Callable[[str], None] = lambda text: None,
+            ) -> Iterator[tuple[Path, bool]]:
     """
     Record a campaign with the simulated camera.
 
-    The scene `board` is rendered by MuJoCo once a set-up. Recordings that are there already and
-    whole are kept, so that an interrupted capture goes on where it was.
+    The scene `board` is rendered by MuJoCo once a set-up. An interrupted capture resumes:
+    recordings that are there already are read, and kept if they are whole and what this capture
+    would record. Others are recorded again.
 
     Parameters
     ----------
@@ -107,6 +109,8 @@ def capture(folder: Path, wanted: Sequence[Condition], profile: Profile, *,
         ``egl``, ``osmesa``, ``ray`` or ``auto``.
     workers : int
         Processes.
+    say : callable
+        Takes a sentence for each recording that is there and is recorded again: why.
 
     Yields
     ------
@@ -116,7 +120,8 @@ def capture(folder: Path, wanted: Sequence[Condition], profile: Profile, *,
     Raises
     ------
     InputError
-        When the folder holds recordings of another campaign, or cannot be written.
+        When a file is there that no capture made (it is not overwritten), or the folder cannot
+        be written.
 
     """
     if frames < 1:
@@ -131,10 +136,13 @@ def capture(folder: Path, wanted: Sequence[Condition], profile: Profile, *,
     for condition in wanted:
         task = _Task(folder / f'{condition.name}.npz', condition, profile,
                      scenes[condition.distance, condition.angle_deg], frames, seed)
-        if _is_recorded(task):
+        reason = _why_not_recorded(task)
+        if reason is None:
             yield task.path, False
-        else:
-            tasks.append(task)
+            continue
+        if reason:
+            say(f'{task.path}: {reason}: recorded again')
+        tasks.append(task)
     for path in in_processes(_record, tasks, workers):
         if isinstance(path, BaseException):
             raise path
@@ -179,31 +187,72 @@ def _centred(camera: Intrinsics) -> Intrinsics:
     return Intrinsics(width, height, camera.fx, camera.fy, (width - 1) / 2, (height - 1) / 2)
 
 
-def _is_recorded(task: _Task) -> bool:
-    """Say whether a recording is there; it must be of this campaign."""
+def _why_not_recorded(task: _Task) -> str | None:
+    """
+    Say why a recording has to be made, None if it is there.
+
+    Returns
+    -------
+    str or None
+        Empty where there is no file.
+
+    """
     if not task.path.exists():
-        return False
+        return ''
     try:
         reader = open_recording(task.path)
-    except InputError:
-        return False
-    found = {'frames': reader.shape[0], 'size': reader.shape[1:], 'usecase': reader.usecase,
-             'seed': int(reader.arrays.get('seed', -1))}
-    for name, value in {'frames': task.frames, 'size': task.clean.shape,
-                        'usecase': task.condition.usecase, 'seed': task.seed}.items():
-        if found[name] != value:
-            raise InputError(f'{task.path}: {name}: found {found[name]}, wanted {value}: the '
-                             'folder holds another campaign, choose another one')
-    return True
+        if 'seed' not in reader.arrays:
+            raise _NotOursError(
+                f'{task.path}: seed: not in the file: it is no recording of the simulated camera '
+                'and is not overwritten; choose another folder')
+        return _difference(reader, task)
+    except _NotOursError:
+        raise
+    except InputError as error:
+        return f'damaged or half-written ({error})'
+
+
+class _NotOursError(InputError):
+    """A recording that somebody else made."""
+
+
+def _difference(reader: RecordingReader, task: _Task) -> str | None:
+    # The first frame shows whether the camera was the same, and reading all of them whether the
+    # file is whole: checksums are verified on the way.
+    camera = _camera(task)
+    stamps = _stamps(task, camera)
+    wanted = {'usecase': np.array(camera.usecase), 'seed': np.array(task.seed),
+              'K': task.profile.intrinsics.matrix, 'clean_depth': task.clean, 'stamp': stamps,
+              'distortion': np.array(task.profile.intrinsics.distortion)}
+    if reader.shape != (task.frames, *task.clean.shape):
+        return f'shape: must be {(task.frames, *task.clean.shape)}, got {reader.shape}'
+    for key, value in wanted.items():
+        found = reader.arrays.get(key)
+        if found is None or not np.array_equal(found, value, equal_nan=value.dtype.kind == 'f'):
+            return f'{key}: differs from what this capture records'
+    first = camera.capture(task.clean, wanted['K'], stamps[:1]).depth[0]
+    for index, frame in enumerate(reader.frames('depth')):
+        if index == 0 and not np.array_equal(frame, first, equal_nan=True):
+            return 'depth: differs from what this camera profile gives'
+    return None
+
+
+def _camera(task: _Task) -> Camera:
+    return Camera(task.condition.usecase, profile=task.profile, seed=task.seed,
+                  name=task.condition.name)
+
+
+def _stamps(task: _Task, camera: Camera) -> np.ndarray:
+    # Whole nanoseconds, so that a frame's stamp does not depend on how it is computed.
+    stamps: np.ndarray = np.rint(np.arange(task.frames) * (1e9 / camera.mode.rate_hz)) / 1e9
+    return stamps
 
 
 def _record(task: _Task) -> Path:
     for left in task.path.parent.glob(f'.{task.path.name}.*'):
         left.unlink(missing_ok=True)  # of a capture that was killed
-    camera = Camera(task.condition.usecase, profile=task.profile, seed=task.seed,
-                    name=task.condition.name)
-    # Whole nanoseconds, so that a frame's stamp does not depend on how it is computed.
-    stamps = np.rint(np.arange(task.frames) * (1e9 / camera.mode.rate_hz)) / 1e9
+    camera = _camera(task)
+    stamps = _stamps(task, camera)
     matrix = task.profile.intrinsics.matrix
     with RecordingWriter(task.path, task.frames, *task.clean.shape) as writer:
         for start in range(0, task.frames, _CHUNK):

@@ -6,7 +6,7 @@ from typing import Any
 
 from flexx2_sim_ros.camera.modes import flexx2, Profile
 from flexx2_sim_ros.camera.profiles import load_profile, save_profile
-from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.errors import InputError, printable
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
@@ -104,7 +104,9 @@ def _capture(arguments: argparse.Namespace) -> int:
         task = progress.add_task('recording', total=len(wanted))
         for _, new in capture(arguments.folder, wanted, profile, frames=arguments.frames,
                               seed=arguments.seed, renderer=arguments.renderer,
-                              workers=_jobs(arguments)):
+                              workers=_jobs(arguments), say=lambda text: console.print(
+                                  printable(text), style='yellow', highlight=False,
+                                  soft_wrap=True)):
             recorded += new
             progress.advance(task)
     kept = len(wanted) - recorded
@@ -136,8 +138,8 @@ def _fit(arguments: argparse.Namespace) -> int:
     page = write_report(result, profile, out, arguments.camera)
     print_result(result)
     for reason in result.left_out:
-        console.print(f'left out: {reason}', style='yellow', highlight=False, markup=False,
-                      soft_wrap=True)
+        console.print(printable(f'left out: {reason}'), style='yellow', highlight=False,
+                      markup=False, soft_wrap=True)
     console.print(f'{page}\n{out / "profile.yaml"}', highlight=False, markup=False,
                   soft_wrap=True)
     return 0

@@ -3,6 +3,7 @@
 import argparse
 from typing import Any
 
+from flexx2_sim_ros.errors import printable
 from rich.console import Console
 
 
@@ -32,9 +33,9 @@ def run(arguments: argparse.Namespace) -> int:
     for reader, path in convert(arguments.source, arguments.target, arguments.camera,
                                 arguments.storage):
         for note in dict.fromkeys(reader.notes):
-            console.print(note, style='yellow')
+            console.print(printable(note), style='yellow')
         count, height, width = reader.shape
         camera = f' of {reader.camera}' if reader.camera else ''
-        console.print(f'{path}: {count} frames{camera}, {width} x {height}, '
-                      f'{reader.usecase or "unknown mode"}')
+        console.print(printable(f'{path}: {count} frames{camera}, {width} x {height}, '
+                                f'{reader.usecase or "unknown mode"}'))
     return 0

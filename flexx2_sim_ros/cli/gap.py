@@ -6,6 +6,7 @@ from importlib.util import find_spec
 import os
 from typing import Any
 
+from flexx2_sim_ros.errors import printable
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
@@ -59,7 +60,7 @@ def run_diagnose(arguments: argparse.Namespace) -> int:
             progress=lambda text, share: progress.update(task, description=text, completed=share))
     console.print(headline(table), style='bold', highlight=False)
     for line in sentences(table) + remarks(table):
-        console.print(line, highlight=False)
+        console.print(printable(line), highlight=False)
     console.print(f'{arguments.out}: diagnosis.json, effects.yaml, report.html '
                   f'({table["seconds"]:.0f} s)', highlight=False)
     return 0

@@ -9,7 +9,7 @@ import time
 from typing import Any
 
 from flexx2_sim_ros.cli.ros import ros
-from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.errors import InputError, printable
 from rich import box
 from rich.console import Console
 from rich.table import Table
@@ -134,7 +134,7 @@ def _report(recorder: Any, path: Path) -> None:
         gaps = topic.gaps()
         text = f'{gaps.count} ({gaps.longest:.3f} s)' if gaps.count else '0'
         table.add_row(
-            name, str(topic.messages), f'{topic.first:.1f}',
+            printable(name), str(topic.messages), f'{topic.first:.1f}',
             f'{topic.rate_hz:.2f}' if topic.stamps else '', f'{topic.size / 1e6:.1f}',
             str(topic.lost), text if topic.stamps else '', style='red' if topic.lost else None)
     console = Console(highlight=False, markup=False)

@@ -7,7 +7,7 @@ import time
 from typing import Any
 
 from flexx2_sim_ros.cli.ros import ros
-from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.errors import InputError, printable
 from rich.console import Console
 
 _ACKNOWLEDGE_SECONDS = 5.0
@@ -44,7 +44,7 @@ def run(arguments: argparse.Namespace) -> int:
     console = Console(stderr=True, soft_wrap=True, highlight=False, markup=False)
     bag = Bag(arguments.bag)
     for note in bag.notes:
-        console.print(note, style='yellow')
+        console.print(printable(note), style='yellow')
     known = len(bag.notes)
     seconds = 0.0
     with ros() as stopped:
@@ -64,7 +64,7 @@ def run(arguments: argparse.Namespace) -> int:
         finally:
             player.destroy_node()
     for note in bag.notes[known:]:
-        console.print(note, style='yellow')
+        console.print(printable(note), style='yellow')
     print(f'{arguments.bag}: {player.sent} messages in {seconds:.1f} s, at most '
           f'{1e3 * player.late:.0f} ms late')
     return 0
@@ -80,4 +80,4 @@ def _wait(player: Any, seconds: float, stopped: Callable[[], bool], console: Con
         if seconds:
             time.sleep(_DISCOVERY_SECONDS)
     if unheard := player.unheard():
-        console.print(f'nobody subscribes to {", ".join(unheard)}', style='dim')
+        console.print(printable(f'nobody subscribes to {", ".join(unheard)}'), style='dim')

@@ -8,13 +8,14 @@ import math
 import time
 from typing import Any
 
-from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.errors import InputError, printable
 from flexx2_sim_ros.nodes.message_types import message_class
 from flexx2_sim_ros.nodes.messages import time_message
 from flexx2_sim_ros.recording import bag_messages as messages
 from flexx2_sim_ros.recording.bag_cameras import CARRIED, EVENTS
 from flexx2_sim_ros.recording.bag_files import Bag
 from rclpy.duration import Duration
+from rclpy.exceptions import InvalidTopicNameException
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rosgraph_msgs.msg import Clock
@@ -82,8 +83,8 @@ class Player(Node):
                     message_class(kind), topic, QoSProfile(
                         depth=_DEPTH, durability=(DurabilityPolicy.TRANSIENT_LOCAL if latched
                                                   else DurabilityPolicy.VOLATILE)))
-            except InputError as error:
-                self.get_logger().warning(f'{topic}: left out: {error}')
+            except (InputError, InvalidTopicNameException, ValueError) as error:
+                self.get_logger().warning(printable(f'{topic}: left out: {error}'))
         if not self._publishers_by_topic:
             raise InputError(f'{bag.path}: topics: found none that match, wanted some of '
                              f'{", ".join(bag.topics)}')
