@@ -1,9 +1,11 @@
-"""Bags and recordings for the tests, made with rosbags alone."""
+"""Bags and recordings for the tests; bags as of others are made with rosbags alone."""
 
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+from flexx2_sim_ros.recording import Recording, RecordingWriter
+from flexx2_sim_ros.recording.convert import convert
 import numpy as np
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
@@ -19,6 +21,9 @@ MATRIX = np.array([[210.5, 0, 111.75], [0, 212.25, 85.5], [0, 0, 1]])
 DISTORTION = np.array([0.25, -0.5, 0.001, 0.002, 0.125])
 # When the real driver's frames were taken: microseconds since 1970, no float64 of seconds.
 EPOCH = 1_795_123_456_123_457_000
+
+# Frames of what `every_kind` writes.
+COUNT = 12
 
 Entry = tuple[str, str, int, Any]
 
@@ -136,3 +141,29 @@ def same(a: np.ndarray | None, b: np.ndarray | None) -> bool:
     """Say whether two arrays are the same to the last bit."""
     return (a is not None and b is not None and a.dtype == b.dtype and a.shape == b.shape
             and a.tobytes() == b.tobytes())
+
+
+def every_kind(folder: Path) -> dict[str, Path]:
+    """Write the same recording of 12 frames as bags and archives of every kind."""
+    paths = {kind: folder / f'one.{kind}' for kind in ('mcap', 'db3', 'folder')}
+    paths |= {kind: folder / f'{kind}.npz' for kind in ('stored', 'deflated')}
+    depth = depths(COUNT, 43, 56)
+    gray = np.random.default_rng(3).integers(0, 255, depth.shape, np.uint8)
+    with RecordingWriter(paths['stored'], *depth.shape) as writer:
+        writer.add_depth(depth)
+        for key, value in {'K': np.diag([50.0, 50.0, 1.0]), 'stamp': np.arange(COUNT) / 8,
+                           'amplitude': gray, 'clean_depth': depth[0] + 1,
+                           'usecase': 'Mode_9_30fps'}.items():
+            writer.add_array(key, value)
+    with np.load(paths['stored']) as arrays:
+        np.savez_compressed(paths['deflated'], **arrays)
+    for kind in ('mcap', 'db3', 'folder'):
+        convert(paths['stored'], paths[kind])
+    return paths
+
+
+def unlike(one: Recording, other: Recording) -> list[str]:
+    """Return which arrays of two recordings differ."""
+    names = ('depth', 'K', 'stamp', 'stamp_ns', 'clean_depth', 'amplitude')
+    found = [name for name in names if not same(getattr(one, name), getattr(other, name))]
+    return found + ['usecase'] * (one.usecase != other.usecase)

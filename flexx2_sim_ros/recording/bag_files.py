@@ -178,16 +178,18 @@ class _Whole:
 
 
 def _compare(bag: DirectoryReader) -> None:
-    # What metadata.yaml says must be what the files hold: else messages would be left out.
-    listed: Counter[tuple[str, str]] = Counter()
-    held: Counter[tuple[str, str]] = Counter()
-    for counter, connections in ((listed, bag.connections),
-                                 (held, [item for file in bag.storages
-                                         for item in file.connections])):
+    # What metadata.yaml says of topics, their QoS included, must be what the files hold: else
+    # rosbags leaves their messages out.
+    files = [item for file in bag.storages for item in file.connections]
+    typed = all(item.digest for item in [*bag.connections, *files])  # MCAP files have none.
+    listed: Counter[tuple[str, ...]] = Counter()
+    held: Counter[tuple[str, ...]] = Counter()
+    for counter, connections in ((listed, bag.connections), (held, files)):
         for item in connections:
-            counter[item.topic, item.msgtype] += item.msgcount
+            counter[item.topic, item.msgtype, repr(item.ext),
+                    item.digest if typed else ''] += item.msgcount
     if +listed != +held:
-        raise ReaderError('metadata.yaml lists other messages than the files hold')
+        raise ReaderError('metadata.yaml lists other topics than the files hold')
 
 
 class _Remains:

@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, ExitStack
 from dataclasses import dataclass, field
+from lzma import LZMAError
 from pathlib import Path
 import tempfile
 from tokenize import TokenError
@@ -15,7 +16,8 @@ from flexx2_sim_ros.errors import InputError
 import numpy as np
 
 UNREADABLE = (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile, zlib.error,
-              NotImplementedError, RuntimeError, MemoryError, TokenError)
+              NotImplementedError, RuntimeError, MemoryError, TokenError, OverflowError,
+              TypeError, SyntaxError, IndexError, LZMAError)
 
 
 @dataclass(frozen=True)
