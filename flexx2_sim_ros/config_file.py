@@ -1,10 +1,28 @@
-"""Read the YAML files in ``config/``."""
+"""Read YAML files, those in ``config/`` and those that users give."""
 
+import os
 from pathlib import Path
+from stat import S_ISREG
 from typing import Any
 
-from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.errors import InputError, shown, shown_path, unquoted
 import yaml
+
+# A camera profile or a set of effects has some kilobytes and 7 levels at most. Within these
+# bounds a file takes a fraction of a second and some megabytes to read, whatever is in it.
+_MOST_BYTES = 256 * 1024
+_MOST_NODES = 10_000
+_MOST_LEVELS = 30
+_MOST_TEXT = 10_000
+_LOADER = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
+
+
+def is_regular_file(path: Path) -> bool:
+    """Say whether there is an ordinary file; what cannot be a path is none."""
+    try:
+        return path.is_file()
+    except (OSError, ValueError):  # A name that is too long, or has a NUL or surrogate in it.
+        return False
 
 
 def read_config(path: Path) -> dict[str, Any]:
@@ -14,7 +32,8 @@ def read_config(path: Path) -> dict[str, Any]:
     Parameters
     ----------
     path : pathlib.Path
-        The file.
+        The file: an ordinary one (no pipe, device or folder) of at most 256 KiB, 10,000 values,
+        30 levels and 10,000 characters in one text, without YAML aliases.
 
     Returns
     -------
@@ -26,13 +45,60 @@ def read_config(path: Path) -> dict[str, Any]:
         When the file cannot be read or is not a YAML mapping of schema 1.
 
     """
+    name = shown_path(path)
     try:
-        content = yaml.safe_load(path.read_text(encoding='utf-8'))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise InputError(f'{path}: cannot be read as YAML: {error}') from error
+        text = _read_bytes(path).decode('utf-8')
+        _check_size(text)
+        content = yaml.load(text, Loader=_LOADER)  # noqa: S506
+    except InputError as error:
+        raise InputError(f'{name}: {error}') from error
+    except Exception as error:  # PyYAML lets errors of all kinds out, e.g. of `!!bool x`.
+        raise InputError(f'{name}: cannot be read as YAML: {_reason(error)}') from error
     if not isinstance(content, dict) or content.get('schema') != 1:
-        raise InputError(f'{path}: schema: wanted a mapping with schema 1')
+        raise InputError(f'{name}: schema: wanted a mapping with schema 1')
     return content
+
+
+def _read_bytes(path: Path) -> bytes:
+    # Looked at before it is opened: opening alone can set a device off, or wait for ever.
+    if not S_ISREG(path.stat().st_mode):
+        raise InputError('must be an ordinary file, got a folder, a pipe or a device')
+    no_wait = getattr(os, 'O_NONBLOCK', 0)
+    with open(path, 'rb', opener=lambda name, flags: os.open(name, flags | no_wait)) as file:
+        content = file.read(_MOST_BYTES + 1) or b''
+    if len(content) > _MOST_BYTES:
+        raise InputError(f'must be at most {_MOST_BYTES} bytes long')
+    return content
+
+
+def _check_size(text: str) -> None:
+    # Looks at one parser event after the other, before anything is built from them.
+    nodes = level = 0
+    for event in yaml.parse(text, Loader=_LOADER):
+        if isinstance(event, yaml.AliasEvent):
+            raise InputError(f'must have no YAML aliases, got *{unquoted(event.anchor)}')
+        if isinstance(event, yaml.NodeEvent):
+            nodes += 1
+        if isinstance(event, yaml.CollectionStartEvent):
+            level += 1
+        if isinstance(event, yaml.CollectionEndEvent):
+            level -= 1
+        if nodes > _MOST_NODES:
+            raise InputError(f'must have at most {_MOST_NODES} values')
+        if level > _MOST_LEVELS:
+            raise InputError(f'must have at most {_MOST_LEVELS} levels')
+        if isinstance(event, yaml.ScalarEvent) and len(event.value) > _MOST_TEXT:
+            raise InputError(f'must have at most {_MOST_TEXT} characters in a text')
+
+
+def _reason(error: Exception) -> str:
+    # On one line, without the lines of the file that PyYAML and the path that OSError add.
+    if isinstance(error, OSError):
+        return error.strerror or type(error).__name__
+    if isinstance(error, yaml.MarkedYAMLError):
+        place = f' in line {error.problem_mark.line + 1}' if error.problem_mark else ''
+        return f'{unquoted(error.problem or error.context)}{place}'
+    return unquoted(str(error)) or type(error).__name__
 
 
 def read_section(path: Path, section: str, kind: type) -> Any:
@@ -61,6 +127,6 @@ def read_section(path: Path, section: str, kind: type) -> Any:
     """
     found = read_config(path).get(section)
     if not (isinstance(found, kind) and found):
-        raise InputError(f'{path}: {section} is {found!r}, '
-                         f'wanted a {kind.__name__} with something in it')
+        raise InputError(f'{shown_path(path)}: {section} is {shown(found)}, wanted a '
+                         f'{kind.__name__} with something in it')
     return found

@@ -1,5 +1,8 @@
 """The errors this package raises on purpose, and text from outside that is safe to show."""
 
+from os import PathLike
+from typing import Any
+
 
 class InputError(ValueError):
     """
@@ -25,3 +28,41 @@ def printable(text: str) -> str:
     return ''.join(letter if letter.isprintable() or letter in '\n\t'
                    else letter.encode('unicode_escape', 'surrogatepass').decode()
                    for letter in text)
+
+def shown(value: Any, most: int = 80) -> str:
+    """
+    Return a value as an error message shows it: short, and safe to print.
+
+    Parameters
+    ----------
+    value
+        What came from outside. A text gets quotes; control characters, terminal escapes and
+        code points that are no characters are shown as escape sequences.
+    most : int
+        Characters at most; the middle of a longer text is left out.
+
+    Returns
+    -------
+    str
+
+    """
+    try:
+        text = repr(value)
+    except ValueError:  # Python does not print whole numbers of more than 4,300 digits.
+        return 'a very large number'
+    if len(text) <= most:
+        return text
+    end = (most - 3) // 2
+    return f'{text[:most - 3 - end]}...{text[-end:]}'
+
+
+def unquoted(text: Any, most: int = 80) -> str:
+    """Return a name as an error message shows it: as `shown`, without quotes."""
+    if not isinstance(text, str):
+        return shown(text, most)
+    return shown(text, most + 2)[1:-1]
+
+
+def shown_path(path: str | PathLike[str]) -> str:
+    """Return a path as an error message shows it: as `unquoted`, longer."""
+    return unquoted(str(path), 160)

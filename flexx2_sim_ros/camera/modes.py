@@ -8,7 +8,7 @@ from typing import Any
 
 from flexx2_sim_ros.camera.intrinsics import Intrinsics
 from flexx2_sim_ros.config_file import read_config
-from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.errors import InputError, shown
 from flexx2_sim_ros.paths import config_dir
 import numpy as np
 
@@ -145,7 +145,7 @@ class Profile:
         for mode in self.modes:
             if isinstance(usecase, str) and mode.name.lower() == usecase.strip().lower():
                 return mode
-        raise InputError(f'usecase: found {usecase!r}, wanted one of {", ".join(self.names)}')
+        raise InputError(f'usecase: found {shown(usecase)}, wanted one of {", ".join(self.names)}')
 
 
 @dataclass(frozen=True)
@@ -204,14 +204,14 @@ def camera_config() -> CameraConfig:
         for key in keys:
             value = value.get(key) if isinstance(value, dict) else None
         if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 < value < 1e9:
-            raise InputError(f'{path}: {".".join(keys)}: found {value!r}, '
+            raise InputError(f'{path}: {".".join(keys)}: found {shown(value)}, '
                              'wanted a positive number')
         return float(value)
 
     view = table.get('field_of_view_deg')
     if not (isinstance(view, list) and len(view) == 2
             and all(isinstance(angle, (int, float)) and 0 < angle < 180 for angle in view)):
-        raise InputError(f'{path}: field_of_view_deg: found {view!r}, wanted two angles')
+        raise InputError(f'{path}: field_of_view_deg: found {shown(view)}, wanted two angles')
     cap = number('axial', 'incidence_cap_deg')
     if cap >= 90:
         raise InputError(f'{path}: axial.incidence_cap_deg: found {cap}, wanted less than 90')
@@ -247,7 +247,7 @@ def flexx2() -> Profile:
         return Profile(camera.model, intrinsics, modes)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise InputError(
-            f'{config_dir()}: modes.yaml or flexx2.yaml is malformed: {error!r}') from error
+            f'{config_dir()}: modes.yaml or flexx2.yaml is malformed: {shown(error)}') from error
 
 
 def _mode(name: str, row: Mapping[str, Any], measured: Mapping[str, NoiseModel]) -> Mode:

@@ -16,7 +16,7 @@ from typing import Any
 from flexx2_sim_ros.camera.intrinsics import Intrinsics
 from flexx2_sim_ros.camera.modes import Mode, NoiseModel, Profile
 from flexx2_sim_ros.config_file import read_config
-from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.errors import InputError, shown, shown_path, unquoted
 import numpy as np
 import yaml
 
@@ -86,7 +86,7 @@ def load_profile(path: str | Path) -> Profile:
 def read_profile(path: str | Path) -> ProfileFile:
     """Read a camera profile and all that its file says; otherwise as `load_profile`."""
     path = Path(path)
-    top = _Section(f'{path}: ', '', read_config(path), _TOP)
+    top = _Section(f'{shown_path(path)}: ', '', read_config(path), _TOP)
     view = top.section('intrinsics', _INTRINSICS)
     width, height = (view.whole(name, 1, _LARGEST['pixels']) for name in ('width', 'height'))
     fx, fy = (view.number(name, 1e-3, _LARGEST['focal']) for name in ('fx', 'fy'))
@@ -96,14 +96,15 @@ def read_profile(path: str | Path) -> ProfileFile:
     modes = top.mapping('modes')
     if not modes:
         raise top.wrong('modes', 'at least one mode')
-    names = [str(name).lower() for name in modes]
+    for name in modes:
+        if not is_mode_name(name):
+            raise InputError(f'{shown_path(path)}: modes: found the name {shown(name)}, wanted a '
+                             'letter, then letters, digits, _ . + -')
+    names = [name.lower() for name in modes]
     if len(set(names)) != len(names):
         raise top.wrong('modes', 'names that differ by more than their case')
     errors, measured, all_modes = {}, {}, []
     for name in modes:
-        if not is_mode_name(name):
-            raise InputError(f'{path}: modes: found the name {name!r}, wanted a letter, then '
-                             'letters, digits, _ . + -')
         row = top.section('modes', None).section(name, MODE_FIELDS)
         all_modes.append(_read_mode(name, row))
         errors[name] = row.section('standard_errors', COEFFICIENTS).errors()
@@ -244,7 +245,7 @@ class _Section:
     def __init__(self, file: str, name: str, content: Any, fields: tuple[str, ...] | None) -> None:
         self._file, self._name, self._content = file, name, content
         if not isinstance(content, dict):
-            raise InputError(f'{self.label}: found {content!r}, wanted fields')
+            raise InputError(f'{self.label}: found {shown(content)}, wanted fields')
         if fields is None:
             return
         for missing in fields:
@@ -261,10 +262,10 @@ class _Section:
         return f'{self._file}{self._name or "the file"}'
 
     def _of(self, name: Any) -> str:
-        return f'{self._file}{self._name}{"." if self._name else ""}{name}'
+        return f'{self._file}{self._name}{"." if self._name else ""}{unquoted(name)}'
 
     def wrong(self, name: str, wanted: str) -> InputError:
-        return InputError(f'{self._of(name)}: found {self._content[name]!r}, wanted {wanted}')
+        return InputError(f'{self._of(name)}: found {shown(self._content[name])}, wanted {wanted}')
 
     def section(self, name: str, fields: tuple[str, ...] | None) -> '_Section':
         inner = f'{self._name}.{name}' if self._name else name
@@ -314,4 +315,4 @@ class _Section:
 
 
 def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < math.inf

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, fields
 from typing import Any, ClassVar
 
 from flexx2_sim_ros.camera.exposure import Exposure, Stage
-from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.errors import InputError, shown, unquoted
 import numpy as np
 
 # What can be measured of a still scene, away from its edges but for `edges`: mean depth, its
@@ -50,7 +50,7 @@ class Parameter:
                 and self.low <= value <= self.high):  # never true of NaN
             return float(value)
         unit = f' {self.unit}' if self.unit else ''
-        raise InputError(f'{where}: found {value!r}, wanted a number from {self.low:g} to '
+        raise InputError(f'{where}: found {shown(value)}, wanted a number from {self.low:g} to '
                          f'{self.high:g}{unit}')
 
 
@@ -134,11 +134,11 @@ class Effect:
         """
         values = {} if values is None else values
         if not isinstance(values, Mapping):
-            raise InputError(f'{cls.name}: found {values!r}, wanted a table of parameters')
+            raise InputError(f'{cls.name}: found {shown(values)}, wanted a table of parameters')
         known = [item.name for item in cls.parameters()]
         for name in values:
             if name not in known:
-                raise InputError(f'{cls.name}.{name}: no such parameter, wanted one of '
+                raise InputError(f'{cls.name}.{unquoted(name)}: no such parameter, wanted one of '
                                  f'{", ".join(known)}')
         return cls(**values)
 

@@ -9,11 +9,11 @@ import tempfile
 from types import MappingProxyType
 from typing import Any
 
-from flexx2_sim_ros.config_file import read_config
+from flexx2_sim_ros.config_file import is_regular_file, read_config
 from flexx2_sim_ros.effects.effect import Effect
 from flexx2_sim_ros.effects.patch import ResidualPatch
 from flexx2_sim_ros.effects.ray import AlongRay
-from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.errors import InputError, shown, shown_path, unquoted
 from flexx2_sim_ros.paths import config_dir
 import yaml
 
@@ -63,11 +63,11 @@ def parse_effects(table: Any, where: str = 'effects') -> tuple[Effect, ...]:
 
     """
     if not isinstance(table, Mapping):
-        raise InputError(f'{where}: found {table!r}, wanted a table of effects by name')
+        raise InputError(f'{where}: found {shown(table)}, wanted a table of effects by name')
     known = _loadable()
     for name in table:
         if name not in known:
-            raise InputError(f'{where}: {name}: no such effect, wanted one of '
+            raise InputError(f'{where}: {unquoted(name)}: no such effect, wanted one of '
                              f'{", ".join(registry())}')
     try:
         return tuple(known[name].from_mapping(table[name]) for name in known if name in table)
@@ -98,13 +98,14 @@ def load_effects(path: str | Path) -> tuple[Effect, ...]:
     """
     path = Path(path)
     preset = config_dir() / 'effects' / f'{path}.yaml'
-    if str(path) == path.stem and not path.exists() and preset.is_file():
+    if str(path) == path.stem and not is_regular_file(path) and is_regular_file(preset):
         path = preset
     content = read_config(path)
     if 'effects' not in content:
-        raise InputError(f'{path}: effects: not there, wanted a table of parameters by effect')
+        raise InputError(f'{shown_path(path)}: effects: not there, wanted a '
+                         'table of parameters by effect')
     table = content['effects']
-    return parse_effects({} if table is None else table, f'{path}: effects')
+    return parse_effects({} if table is None else table, f'{shown_path(path)}: effects')
 
 
 def save_effects(path: str | Path, effects: Sequence[Effect], comment: str = '') -> None:

@@ -8,7 +8,7 @@ from typing import Any
 
 from flexx2_sim_ros.camera.intrinsics import Intrinsics
 from flexx2_sim_ros.config_file import read_section
-from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.errors import InputError, shown
 from flexx2_sim_ros.go1.ground import SceneGround
 from flexx2_sim_ros.go1.kinematics import HOME, rotation
 from flexx2_sim_ros.go1.robot import find_robot, ROOT_BODY
@@ -48,13 +48,13 @@ class CameraMount:
     def __post_init__(self) -> None:
         """Refuse what cannot be a pose."""
         if not (isinstance(self.name, str) and self.name):
-            raise InputError(f'camera name: found {self.name!r}, wanted a non-empty string')
+            raise InputError(f'camera name: found {shown(self.name)}, wanted a non-empty string')
         for field in ('position', 'rpy'):
             value = getattr(self, field)
             if len(value) != 3 or not all(
                     isinstance(v, (int, float)) and math.isfinite(v) for v in value):
                 raise InputError(
-                    f'camera {self.name}: {field} is {value!r}, wanted three finite numbers')
+                    f'camera {self.name}: {field} is {shown(value)}, wanted three finite numbers')
 
     @property
     def rotation(self) -> np.ndarray:
@@ -95,13 +95,14 @@ def load_mounts(path: str | Path | None = None) -> tuple[CameraMount, ...]:
 def _mount(entry: Any, where: str) -> CameraMount:
     fields = {'name', 'position', 'rpy_deg'}
     if not isinstance(entry, dict) or set(entry) != fields:
-        raise InputError(f'{where} is {entry!r}, wanted the fields {", ".join(sorted(fields))}')
+        raise InputError(f'{where} is {shown(entry)}, wanted the fields '
+                         f'{", ".join(sorted(fields))}')
     try:
         x, y, z = entry['position']
         roll, pitch, yaw = map(math.radians, entry['rpy_deg'])
         return CameraMount(entry['name'], (x, y, z), (roll, pitch, yaw))
     except (TypeError, ValueError) as error:
-        raise InputError(f'{where} is {entry!r}, wanted a name and two triples of numbers: '
+        raise InputError(f'{where} is {shown(entry)}, wanted a name and two triples of numbers: '
                          f'{error}') from error
 
 

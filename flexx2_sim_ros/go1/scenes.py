@@ -6,7 +6,8 @@ In all of them the robot stands at the origin and looks along +x, the ground und
 
 from pathlib import Path
 
-from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.config_file import is_regular_file
+from flexx2_sim_ros.errors import InputError, shown
 from flexx2_sim_ros.paths import config_dir
 import mujoco
 import numpy as np
@@ -59,8 +60,8 @@ def load_scene(scene: str) -> tuple[mujoco.MjSpec, str]:
 
 def read_model(parameter: str, value: str, path: Path, names: tuple[str, ...]) -> mujoco.MjSpec:
     """Read an MJCF or URDF file and compile it alone: an error is laid at the right door."""
-    if not path.is_file():
-        raise InputError(f'{parameter}: found {value!r}, wanted '
+    if not is_regular_file(path):
+        raise InputError(f'{parameter}: found {shown(value)}, wanted '
                          f'{", ".join(map(repr, names))} or the path of an MJCF file')
     try:
         spec = mujoco.MjSpec.from_file(str(path))
@@ -120,7 +121,7 @@ def place_board(model: mujoco.MjModel, data: mujoco.MjData, camera: str, distanc
     index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, camera)
     if index < 0:
         names = [model.cam(i).name for i in range(model.ncam)]
-        raise InputError(f'board_camera: found {camera!r}, wanted one of {", ".join(names)}')
+        raise InputError(f'board_camera: found {shown(camera)}, wanted one of {", ".join(names)}')
     if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, f'{PREFIX}board') < 0:
         raise InputError("scene: this one has no board, wanted 'board'")
     lens = data.cam_xpos[index]

@@ -9,7 +9,7 @@ import sys
 from typing import Any
 
 from flexx2_sim_ros.camera.intrinsics import Intrinsics
-from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.errors import InputError, shown
 import numpy as np
 
 # dtype kind and size, and metres a unit (REP-118: 32FC1 in metres, 16UC1 in millimetres).
@@ -89,7 +89,7 @@ def image_pixels(message: Any, field: str, encodings: tuple[str, ...]) -> np.nda
     """
     if message.encoding not in encodings:
         raise InputError(
-            f'{field}: encoding: found {message.encoding!r}, wanted {" or ".join(encodings)}')
+            f'{field}: encoding: found {shown(message.encoding)}, wanted {" or ".join(encodings)}')
     height, width, step = int(message.height), int(message.width), int(message.step)
     if not (1 <= height <= _LARGEST_SIDE and 1 <= width <= _LARGEST_SIDE):
         raise InputError(f'{field}: size: found {width} x {height}, wanted 1 x 1 to '
@@ -118,8 +118,8 @@ def decode_camera_info(message: Any, field: str = 'camera_info') -> Intrinsics:
     coefficients = [float(value) for value in message.d]
     model = message.distortion_model
     if model == 'equidistant' or (any(coefficients) and model != 'plumb_bob'):
-        raise InputError(f'{field}: distortion_model: found {model!r} with coefficients '
-                         f'{coefficients}, wanted plumb_bob, or no distortion')
+        raise InputError(f'{field}: distortion_model: found {shown(model)} with coefficients '
+                         f'{shown(coefficients)}, wanted plumb_bob, or no distortion')
     if not any(coefficients):
         coefficients = []  # However many zeros: no distortion.
     try:

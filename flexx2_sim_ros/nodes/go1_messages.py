@@ -7,7 +7,7 @@ The functions that take messages raise `InputError` for whatever cannot be used.
 from collections.abc import Mapping
 import math
 
-from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.errors import InputError, shown
 from flexx2_sim_ros.go1.robot import plain_name
 from flexx2_sim_ros.nodes import messages
 from geometry_msgs.msg import Point, Pose, Quaternion, Transform, TransformStamped, Twist, Vector3
@@ -62,11 +62,11 @@ def decode_joints(message: JointState, field: str) -> dict[str, float]:
     for name, position in zip(message.name, message.position, strict=True):
         plain = plain_name(name)
         if plain in found:
-            raise InputError(f'{field}: name: found {given[plain]!r} and {name!r}, which are one '
-                             'joint, wanted every joint once')
+            raise InputError(f'{field}: name: found {shown(given[plain])} and {shown(name)}, '
+                             'which are one joint, wanted every joint once')
         if not math.isfinite(position):
-            raise InputError(f'{field}: position of {name!r}: found {position}, wanted a finite '
-                             'number')
+            raise InputError(f'{field}: position of {shown(name)}: found {position}, wanted a '
+                             'finite number')
         found[plain], given[plain] = float(position), name
     return found
 

@@ -4,7 +4,7 @@ from collections.abc import Callable
 import math
 from typing import Any, Protocol
 
-from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.errors import InputError, unquoted
 from flexx2_sim_ros.go1 import gait
 from flexx2_sim_ros.go1.ground import SceneGround
 from flexx2_sim_ros.go1.kinematics import JOINTS, rotation
@@ -25,6 +25,8 @@ from sensor_msgs.msg import JointState
 
 # A command holds this long, in simulated nanoseconds.
 _COMMAND_HOLDS = 500_000_000
+# So many unknown joints are named in the log; more are not remembered.
+_MOST_NAMES = 200
 
 
 class Motion(Protocol):
@@ -231,7 +233,7 @@ class Mirroring:
 
     def _name_once(self, what: str, names: list[str]) -> None:
         new = [name for name in names if name not in self._named]
-        if new:
-            self._named.update(new)
+        if new and len(self._named) < _MOST_NAMES:
+            self._named.update(new[:_MOST_NAMES])
             self._node.get_logger().warning(
-                f'joint_states: joints that the robot {what}: {", ".join(new)}')
+                f'joint_states: joints that the robot {what}: {unquoted(", ".join(new), 400)}')
