@@ -29,6 +29,7 @@ def printable(text: str) -> str:
                    else letter.encode('unicode_escape', 'surrogatepass').decode()
                    for letter in text)
 
+
 def shown(value: Any, most: int = 80) -> str:
     """
     Return a value as an error message shows it: short, and safe to print.

@@ -26,11 +26,15 @@ from flexx2_sim_ros.nodes.pairing import Match, StampPairing
 from flexx2_sim_ros.nodes.parameters import declare
 from flexx2_sim_ros.nodes.report import Statistics
 from flexx2_sim_ros.nodes.runtime import Throttle
+from flexx2_sim_ros.nodes.steady_node import SteadyNode
 from flexx2_sim_ros.nodes.subscriptions import Input
 from flexx2_sim_ros.nodes.twins import claim_name
 import numpy as np
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import qos_profile_sensor_data, QoSProfile, ReliabilityPolicy
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
@@ -43,7 +47,7 @@ _FOLLOW_SECONDS = 0.2
 _REMIND_SECONDS = 30.0
 
 
-class Flexx2Camera(Node):
+class Flexx2Camera(SteadyNode):
     """
     A simulated Flexx2, on the topics and parameters of the vendor's driver.
 
@@ -52,16 +56,19 @@ class Flexx2Camera(Node):
     ``point_cloud_0``, ``gray_image_0``, ``depth_noise_0``; and ``/diagnostics``.
     """
 
-    def __init__(self, **options: object) -> None:
+    # Effects and exposures depend on the mode, single effects on the file.
+    set_first = frozenset({'effects', 'usecase', 'auto_exposure_0'})
+
+    def __init__(self, **options: Any) -> None:
         """Declare parameters, compile the camera model, then open the topics."""
-        super().__init__('flexx2_camera', **options)  # type: ignore[arg-type]
+        super().__init__('flexx2_camera', **options)
         self._claim = claim_name(self)
         self._said_once: set[str] = set()
         self._effects_said = ''
         self._throttle = Throttle()
         self._profile = self._find_profile()
         self.settings = CameraParameters(
-            self, self._profile, self._on_new_mode, self._on_new_effects)
+            self, self._profile, self._on_change)
         self._statistics = Statistics()
         self._pairing = StampPairing()
         self._view: View | None = None
@@ -71,6 +78,7 @@ class Flexx2Camera(Node):
         _warm_up(self._camera, self.settings.intrinsics)
         self._say_effects()
         self._open_topics()
+        self.say_unknown_parameters()
         self.get_logger().info(
             f'{self._camera.usecase}, serial {self.settings.serial}: waiting for '
             f'{self.resolve_topic_name("clean/depth_image")}')
@@ -109,7 +117,10 @@ class Flexx2Camera(Node):
     def _find_profile(self) -> Profile:
         path = declare(self, 'profile', '', 'Path of a camera profile (YAML), as `flexx2 '
                        'characterize fit` writes it; empty: the Flexx2.', read_only=True)
-        return load_profile(path) if path else flexx2()
+        try:
+            return load_profile(path) if path else flexx2()
+        except InputError as error:
+            raise InputError(f'profile: {error}') from error
 
     def _make_camera(self) -> Camera:
         settings = self.settings
@@ -121,17 +132,28 @@ class Flexx2Camera(Node):
                            f'{mode.noise_of}, the nearest measured mode of its family')
         return camera
 
-    def _on_new_mode(self) -> None:
-        # Called between two frames: callbacks of this node never run side by side.
-        self._camera = self._make_camera()
-        self._gate.set_rate(self._camera.mode.rate_hz)
-        self._statistics.output_rate.clear()
-        self.get_logger().info(f'usecase is now {self._camera.usecase}')
+    def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
+        """Set parameters, all or none of them, judged together: the mode with its exposure."""
+        if not hasattr(self, 'settings'):  # They are being declared.
+            return super().set_parameters_atomically(parameter_list)
+        with self.settings.exposure_of_any_mode():
+            return super().set_parameters_atomically(parameter_list)
 
-    def _on_new_effects(self) -> None:
+    def set_parameters(self, parameter_list: list[Parameter]) -> list[SetParametersResult]:
+        """Set parameters one by one, as `set_parameters_atomically` sets each."""
+        return [self.set_parameters_atomically([parameter]) for parameter in parameter_list]
+
+    def _on_change(self, new_mode: bool) -> None:
+        # Called between two frames: callbacks of this node never run side by side.
         were_on = {effect.name for effect in self._camera.effects}
-        # What goes on being on keeps its memory.
-        self._camera.effects = self.settings.effects.chosen
+        if new_mode:
+            self._camera = self._make_camera()
+            self._gate.set_rate(self._camera.mode.rate_hz)
+            self._statistics.output_rate.clear()
+            self.get_logger().info(f'usecase is now {self._camera.usecase}')
+        else:
+            # What goes on being on keeps its memory.
+            self._camera.effects = self.settings.effects.chosen
         if any(effect.name not in were_on for effect in self._camera.effects):
             _warm_up(self._camera, self.settings.intrinsics)
         self._say_effects()

@@ -1,13 +1,14 @@
 """The parameters of `flexx2_camera`: the vendor driver's, and this camera's own."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from typing import Any
 
 from flexx2_sim_ros.camera.intrinsics import Intrinsics
-from flexx2_sim_ros.camera.modes import Profile
-from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.camera.modes import Mode, Profile
+from flexx2_sim_ros.errors import InputError, shown
 from flexx2_sim_ros.nodes.effect_parameters import EffectParameters
-from flexx2_sim_ros.nodes.parameters import declare
+from flexx2_sim_ros.nodes.parameters import declare, declare_text
 from rcl_interfaces.msg import (
     IntegerRange,
     ParameterDescriptor,
@@ -20,6 +21,8 @@ from rclpy.parameter import Parameter
 _USECASE = 'usecase'
 _AUTO = 'auto_exposure_0'
 _EXPOSURE = 'exposure_time_0'
+# Of what goes into every message.
+_LONGEST_FRAME_ID = 255
 _CHOICES = {'invalid_value': ('nan', 'zero'), 'input_depth': ('planar', 'radial')}
 
 
@@ -33,10 +36,8 @@ class CameraParameters:
         The node to declare them on.
     profile : Profile
         The camera; gives modes and default intrinsics.
-    on_new_mode : callable
-        Called after ``usecase`` has changed to another mode.
-    on_new_effects : callable
-        Called after effects have changed.
+    on_change : callable
+        Called once after a set that changed mode or effects, with whether the mode is another.
 
     Raises
     ------
@@ -45,12 +46,10 @@ class CameraParameters:
 
     """
 
-    def __init__(self, node: Node, profile: Profile, on_new_mode: Callable[[], None],
-                 on_new_effects: Callable[[], None]) -> None:
+    def __init__(self, node: Node, profile: Profile, on_change: Callable[[bool], None]) -> None:
         """Declare all parameters; values given on the command line apply."""
         self._node = node
         self._profile = profile
-        self._switching = False
         declare = self._declare
         given = declare(_USECASE, profile.default_usecase, "The camera's mode; one of "
                         'available_usecases. Settable while streaming.')
@@ -58,22 +57,21 @@ class CameraParameters:
         if given != mode.name:
             node.set_parameters([Parameter(_USECASE, value=mode.name)])
         self.usecase = mode.name
-        self.effects = EffectParameters(
-            node, lambda: bool(self._profile.mode(self.usecase).modulation_hz), on_new_effects)
+        self.effects = EffectParameters(node)
         declare('available_usecases', profile.names, "The camera's modes.", read_only=True,
                 ignore_override=True)
         declare('model', profile.model, "The camera's model.", read_only=True,
                 ignore_override=True)
-        # A serial made of digits arrives as a number.
-        self.serial = str(declare('serial', 'SIM-0000', "The camera's serial number.",
-                                  read_only=True, any_type=True))
-        declare(_AUTO, True, 'Choose the exposure (of the gray image) automatically.')
-        node.declare_parameter(_EXPOSURE, mode.exposure_us[1], self._exposure_descriptor())
+        self.serial = declare_text(node, 'serial', 'SIM-0000', "The camera's serial number.")
+        automatic = declare(_AUTO, True, 'Choose the exposure (of the gray image) automatically.')
+        node.declare_parameter(_EXPOSURE, mode.exposure_us[1], self._exposure_descriptor(),
+                               ignore_override=automatic)
         self.seed: int = declare('seed', 0, 'Seed of the noise.', read_only=True)
-        self.camera_name: str = declare(
-            'camera_name', '', "Cameras of different names share no noise; empty: the node's "
-            'full name.', read_only=True) or node.get_fully_qualified_name()
+        self.camera_name = declare_text(
+            node, 'camera_name', '', 'Cameras of different names share no noise; empty: '
+            "the node's full name.") or node.get_fully_qualified_name()
         declare('frame_id', '', 'frame_id of what is published; empty: that of the input.')
+        self._check('frame_id', self.frame_id)
         declare('invalid_value', 'nan', 'How an invalid pixel is written: nan or zero.',
                 any_type=True)
         declare('input_depth', 'planar', 'What the input holds: planar (along the optical axis) '
@@ -82,7 +80,7 @@ class CameraParameters:
         for parameter in self._canonical([node.get_parameter(name) for name in _CHOICES]):
             self._check(parameter.name, parameter.value)
             node.set_parameters([parameter])
-        self._on_new_mode = on_new_mode
+        self._on_change = on_change
         node.add_pre_set_parameters_callback(self._canonical)
         node.add_on_set_parameters_callback(self._validate)
         node.add_post_set_parameters_callback(self._apply)
@@ -127,63 +125,90 @@ class CameraParameters:
         return ParameterDescriptor(
             type=ParameterType.PARAMETER_INTEGER,
             description='Exposure time, microseconds; its range changes with the mode.',
-            additional_constraints=f'Cannot be set while {_AUTO} is true.',
+            additional_constraints=f'Has no effect while {_AUTO} is true.',
             integer_range=[IntegerRange(from_value=shortest, to_value=longest, step=1)])
+
+    @contextmanager
+    def exposure_of_any_mode(self) -> Iterator[None]:
+        """
+        Let rclpy take any exposure time for a while.
+
+        rclpy checks it against the range of the present mode. A set that changes the mode as
+        well is judged here, as a whole.
+        """
+        self._node.set_descriptor(
+            _EXPOSURE, ParameterDescriptor(type=ParameterType.PARAMETER_INTEGER))
+        try:
+            yield
+        finally:
+            self._node.set_descriptor(_EXPOSURE, self._exposure_descriptor())
 
     def _canonical(self, parameters: list[Parameter]) -> list[Parameter]:
         # What is stored and reported is the driver's spelling, whatever was typed.
         result = []
         for parameter in parameters:
             if parameter.name == _USECASE:
-                try:
+                with suppress(InputError):  # `_validate` says why.
                     name = self._profile.mode(parameter.value).name
                     parameter = Parameter(_USECASE, value=name)
-                except InputError:
-                    pass
             if parameter.name == 'invalid_value' and parameter.value != parameter.value:
                 # `-p invalid_value:=nan` arrives as the number.
                 parameter = Parameter('invalid_value', value='nan')
             result.append(parameter)
-        return self.effects.expand(result)
+        return self.effects.expand(self._with_exposure(result))
+
+    def _with_exposure(self, parameters: list[Parameter]) -> list[Parameter]:
+        # As the driver does: another mode starts at its longest exposure, and an automatic
+        # exposure, which is the longest here, cannot be set.
+        values = {parameter.name: parameter.value for parameter in parameters}
+        mode = self._mode_of(values)
+        if mode is None or not values.keys() & {_USECASE, _AUTO, _EXPOSURE}:
+            return parameters
+        shortest, longest = mode.exposure_us
+        given = values.get(_EXPOSURE, longest)
+        automatic = values.get(_AUTO, self._node.get_parameter(_AUTO).value)
+        reset = mode.name != self.usecase and _EXPOSURE not in values
+        if not (reset or automatic is True) or type(given) is not int:
+            return parameters
+        if not shortest <= given <= longest:
+            return parameters  # Refused, automatic or not.
+        return [*(parameter for parameter in parameters if parameter.name != _EXPOSURE),
+                Parameter(_EXPOSURE, value=longest)]
+
+    def _mode_of(self, values: Mapping[str, Any]) -> Mode | None:
+        # The mode after a set; None when it asks for one that there is not.
+        with suppress(InputError):
+            return self._profile.mode(values.get(_USECASE, self.usecase))
+        return None
 
     def _validate(self, parameters: list[Parameter]) -> SetParametersResult:
+        values = {parameter.name: parameter.value for parameter in parameters}
         try:
-            for parameter in parameters:
-                self._check(parameter.name, parameter.value)
-            automatic = {p.name: p.value for p in parameters}.get(
-                _AUTO, self._node.get_parameter(_AUTO).value)
-            if (any(p.name == _EXPOSURE for p in parameters) and automatic
-                    and not self._switching):
-                raise InputError(f'{_EXPOSURE}: cannot be set while {_AUTO} is true; set {_AUTO} '
-                                 'to false first')
+            for name, value in values.items():
+                self._check(name, value)
+            mode = self._profile.mode(values.get(_USECASE, self.usecase))
+            shortest, longest = mode.exposure_us
+            if not shortest <= values.get(_EXPOSURE, longest) <= longest:
+                raise InputError(f'{_EXPOSURE}: must be {shortest} to {longest} in {mode.name}, '
+                                 f'got {values[_EXPOSURE]}')
+            if self.effects.check(values) and not mode.modulation_hz:
+                raise InputError(f'{_USECASE}: modulation_hz of {mode.name} is not known in the '
+                                 'camera profile, wanted the frequencies, since effects are on')
         except InputError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
     def _check(self, name: str, value: Any) -> None:
-        if name == _USECASE and not self._profile.mode(value).modulation_hz and self.effects.on:
-            raise InputError(f'{name}: modulation_hz of {value} is not known in the camera '
-                             'profile, wanted the frequencies, since effects are on')
         if name in _CHOICES and value not in _CHOICES[name]:
-            raise InputError(f'{name}: found {value!r}, wanted one of '
+            raise InputError(f'{name}: found {shown(value)}, wanted one of '
                              f'{", ".join(_CHOICES[name])}')
+        if name == 'frame_id' and len(value) > _LONGEST_FRAME_ID:
+            raise InputError(f'{name}: must be at most {_LONGEST_FRAME_ID} characters, got '
+                             f'{len(value)}')
 
     def _apply(self, parameters: list[Parameter]) -> None:
-        for parameter in parameters:
-            if parameter.name == _USECASE and parameter.value != self.usecase:
-                self.usecase = parameter.value
-                self._reset_exposure()
-                self._on_new_mode()
-
-    def _reset_exposure(self) -> None:
-        # As the driver does: another mode has another range and starts at its longest exposure.
-        # A range without limits lets the value change before the new range is in place.
-        self._switching = True
-        try:
-            longest = self._profile.mode(self.usecase).exposure_us[1]
-            self._node.set_descriptor(
-                _EXPOSURE, ParameterDescriptor(type=ParameterType.PARAMETER_INTEGER))
-            self._node.set_parameters([Parameter(_EXPOSURE, value=longest)])
-            self._node.set_descriptor(_EXPOSURE, self._exposure_descriptor())
-        finally:
-            self._switching = False
+        values = {parameter.name: parameter.value for parameter in parameters}
+        new_effects = self.effects.apply(values)
+        before, self.usecase = self.usecase, values.get(_USECASE, self.usecase)
+        if new_effects or self.usecase != before:
+            self._on_change(self.usecase != before)

@@ -1,22 +1,28 @@
 """The parameters of `flexx2_camera` that switch effects: a file, and each number by itself."""
 
-from collections.abc import Callable, Iterable
-from contextlib import suppress
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 from flexx2_sim_ros.effects import Effect, load_effects, registry
-from flexx2_sim_ros.effects import Parameter as EffectParameter
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.nodes.parameters import declare
-from rcl_interfaces.msg import (
-    FloatingPointRange,
-    ParameterDescriptor,
-    ParameterType,
-    SetParametersResult,
-)
+from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor, ParameterType
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-_FILE = 'effects'
+FILE = 'effects'
+# Ends the name of a file whose numbers are not those of the camera.
+_CHANGED = '*'
+
+
+@dataclass(frozen=True)
+class _Source:
+    # What a file says: the value of every effect.* parameter (strength 0 for what it does not
+    # name), and the effects that are no parameters, which come and go with the file.
+    name: str
+    numbers: Mapping[str, float]
+    others: tuple[Effect, ...]
 
 
 class EffectParameters:
@@ -24,16 +30,15 @@ class EffectParameters:
     Declare, check and hold ``effects`` and ``effect.<name>.<parameter>``.
 
     ``effects`` is the path of a YAML file (or a preset's name). Setting it sets all the others:
-    to what the file says, and off where it says nothing.
+    to what the file says, and off where it says nothing; numbers that come in the same set win.
+    Its value ends with ``*`` while a number differs from the file's. Setting a name that ends
+    with ``*`` leaves the numbers as they are: so the parameters can be written down and set
+    again in any order.
 
     Parameters
     ----------
     node : rclpy.node.Node
         The node to declare them on.
-    allowed : callable
-        Says whether the camera's present mode can have effects at all.
-    on_change : callable
-        Called after any of them has changed.
 
     Attributes
     ----------
@@ -47,40 +52,84 @@ class EffectParameters:
 
     """
 
-    def __init__(self, node: Node, allowed: Callable[[], bool],
-                 on_change: Callable[[], None]) -> None:
+    def __init__(self, node: Node) -> None:
         """Declare all; the file first, then what is given beside it."""
         self._node = node
-        self._allowed = allowed
         self._items = {f'effect.{kind.name}.{item.name}': item
                        for kind in registry().values() for item in kind.parameters()}
-        path = declare(node, _FILE, '', 'Effects beyond the noise model: path of a YAML file, or '
+        text = declare(node, FILE, '', 'Effects beyond the noise model: path of a YAML file, or '
                        'the name of a preset, e.g. typical; empty: none. Sets all effect.* '
-                       'parameters.')
-        for name, value in _values(path).items():
+                       'parameters. Ends with * while one of them differs from the file; setting '
+                       'a name with * leaves them as they are.')
+        self._source = _read(text.removesuffix(_CHANGED))
+        start = _read('') if text.endswith(_CHANGED) else self._source
+        # What `expand` read for the set in progress, or why it could not.
+        self._next: _Source | InputError = self._source
+        for name, value in start.numbers.items():
             self._declare(name, value)
-        self._others = _others(path)
-        self.chosen = (*self._build({}), *self._others)
-        self._on_change = on_change
-        node.add_on_set_parameters_callback(self._validate)
-        node.add_post_set_parameters_callback(self._apply)
+        node.set_parameters([Parameter(FILE, value=self._text(self._source, self._numbers()))])
+        self.chosen = (*self._build(self._numbers()), *self._source.others)
 
-    @property
-    def on(self) -> bool:
-        """Whether any effect is on."""
-        return any(effect.strength for effect in self.chosen)
-
-    def expand(self, parameters: list[Parameter]) -> list[Parameter]:
+    def expand(self, parameters: Sequence[Parameter]) -> list[Parameter]:
         """Return what is to be set: whole numbers as floats, and all that a file says."""
         given = [self._as_float(parameter) for parameter in parameters]
-        names = {parameter.name for parameter in given}
-        extra: dict[str, float] = {}
-        for parameter in given:
-            if parameter.name == _FILE and isinstance(parameter.value, str):
-                with suppress(InputError):  # `_validate` says why.
-                    extra = _values(parameter.value)
-        return [*(Parameter(name, value=value) for name, value in extra.items()
-                  if name not in names), *given]
+        numbers = {p.name: p.value for p in given if p.name in self._items}
+        texts = [p.value for p in given if p.name == FILE]
+        if not (numbers or texts):
+            return given
+        self._next, loaded = self._source, dict[str, float]()
+        if texts:
+            if not isinstance(texts[-1], str):
+                return given  # Refused for its type.
+            try:
+                self._next = _read(texts[-1].removesuffix(_CHANGED))
+            except InputError as error:
+                self._next = error
+                return given  # `check` says why.
+            if not texts[-1].endswith(_CHANGED):
+                loaded = {name: value for name, value in self._next.numbers.items()
+                          if name not in numbers}
+        text = self._text(self._next, {**self._numbers(), **loaded, **numbers})
+        return [*(p for p in given if p.name != FILE),
+                *(Parameter(name, value=value) for name, value in loaded.items()),
+                Parameter(FILE, value=text)]
+
+    def check(self, values: Mapping[str, Any]) -> bool:
+        """
+        Check what is to be set, by name; say whether any effect is on then.
+
+        Raises
+        ------
+        InputError
+            When a value or the file cannot be used.
+
+        """
+        if FILE in values and isinstance(self._next, InputError):
+            raise self._next
+        changed = {name: self._items[name].checked(value, name)
+                   for name, value in values.items() if name in self._items}
+        return any(effect.strength for effect in self._after(values, changed))
+
+    def apply(self, values: Mapping[str, Any]) -> bool:
+        """Take over what has been set, by name; say whether the effects have changed."""
+        before = self.chosen
+        self.chosen = self._after(values, {})
+        if FILE in values and isinstance(self._next, _Source):
+            self._source = self._next
+        return self.chosen != before
+
+    def _after(self, values: Mapping[str, Any], changed: Mapping[str, float]
+               ) -> tuple[Effect, ...]:
+        source = self._source
+        if FILE in values and isinstance(self._next, _Source):
+            source = self._next
+        return (*self._build({**self._numbers(), **changed}), *source.others)
+
+    def _text(self, source: _Source, numbers: Mapping[str, Any]) -> str:
+        return source.name + ('' if numbers == source.numbers else _CHANGED)
+
+    def _numbers(self) -> dict[str, float]:
+        return {name: self._node.get_parameter(name).value for name in self._items}
 
     def _as_float(self, parameter: Parameter) -> Parameter:
         if parameter.name in self._items and parameter.type_ == Parameter.Type.INTEGER:
@@ -100,57 +149,22 @@ class EffectParameters:
             type=ParameterType.PARAMETER_DOUBLE, description=text,
             floating_point_range=[FloatingPointRange(from_value=item.low, to_value=item.high)]))
 
-    def _build(self, changed: dict[str, float]) -> tuple[Effect, ...]:
-        effects = []
-        for kind in registry().values():
-            names = {item.name: f'effect.{kind.name}.{item.name}' for item in kind.parameters()}
-            effects.append(kind(**{
-                short: changed[name] if name in changed else self._node.get_parameter(name).value
-                for short, name in names.items()}))
-        return tuple(effects)
-
-    def _validate(self, parameters: Iterable[Parameter]) -> SetParametersResult:
-        try:
-            changed, others = {}, self._others
-            for parameter in parameters:
-                if parameter.name == _FILE:
-                    others = _others(parameter.value)
-                if parameter.name in self._items:
-                    changed[parameter.name] = self._items[parameter.name].checked(
-                        parameter.value, parameter.name)
-            if changed and not self._allowed() and any(
-                    effect.strength for effect in (*self._build(changed), *others)):
-                raise InputError('effect: modulation_hz of the mode is not known in the camera '
-                                 'profile, wanted the frequencies, which effects work on')
-        except InputError as error:
-            return SetParametersResult(successful=False, reason=str(error))
-        return SetParametersResult(successful=True)
-
-    def _apply(self, parameters: Iterable[Parameter]) -> None:
-        files = [parameter.value for parameter in parameters if parameter.name == _FILE]
-        if files:
-            self._others = _others(files[-1])
-        if files or any(parameter.name in self._items for parameter in parameters):
-            chosen = (*self._build({}), *self._others)
-            if chosen != self.chosen:
-                self.chosen = chosen
-                self._on_change()
+    def _build(self, numbers: Mapping[str, float]) -> list[Effect]:
+        return [kind(**{item.name: numbers[f'effect.{kind.name}.{item.name}']
+                        for item in kind.parameters()}) for kind in registry().values()]
 
 
-def _others(path: str) -> tuple[Effect, ...]:
-    # What a file has besides the registry's: it comes and goes with the file.
-    return tuple(effect for effect in (load_effects(path) if path else ())
-                 if effect.name not in registry())
-
-
-def _values(path: str) -> dict[str, float]:
-    # All effect.* parameters as a file sets them; none is on without one.
-    loaded = {effect.name: effect for effect in (load_effects(path) if path else ())}
-
-    def value(kind: type[Effect], item: EffectParameter) -> float:
-        if kind.name in loaded:
-            return float(getattr(loaded[kind.name], item.name))
-        return 0.0 if item.name == 'strength' else item.default
-
-    return {f'effect.{kind.name}.{item.name}': value(kind, item)
-            for kind in registry().values() for item in kind.parameters()}
+def _read(name: str) -> _Source:
+    try:
+        effects = load_effects(name) if name else ()
+    except InputError as error:
+        raise InputError(f'{FILE}: {error}') from error
+    loaded = {effect.name: effect for effect in effects}
+    numbers = {}
+    for kind in registry().values():
+        for item in kind.parameters():
+            off = 0.0 if item.name == 'strength' else item.default
+            value = getattr(loaded[kind.name], item.name) if kind.name in loaded else off
+            numbers[f'effect.{kind.name}.{item.name}'] = float(value)
+    return _Source(name, numbers,
+                   tuple(effect for effect in effects if effect.name not in registry()))

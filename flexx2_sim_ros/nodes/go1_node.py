@@ -14,13 +14,13 @@ from flexx2_sim_ros.nodes.go1_messages import joint_state, odometry, transform
 from flexx2_sim_ros.nodes.go1_motion import Mirroring, Motion, Standing, Walking
 from flexx2_sim_ros.nodes.go1_parameters import Go1Parameters
 from flexx2_sim_ros.nodes.pacing import Pacer
+from flexx2_sim_ros.nodes.steady_node import SteadyNode
 from flexx2_sim_ros.nodes.transforms import camera_transforms, FramePublisher
 from flexx2_sim_ros.nodes.twins import claim_name, twin_text
 import mujoco
 from nav_msgs.msg import Odometry
 import numpy as np
 from rclpy.clock import Clock, ClockType
-from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rosgraph_msgs.msg import Clock as ClockMessage
@@ -33,7 +33,7 @@ _STEADY = ClockType.STEADY_TIME
 _LAG_SHARE = 0.02
 
 
-class Go1Cameras(Node):
+class Go1Cameras(SteadyNode):
     """
     A Unitree Go1 in MuJoCo with cameras on its front.
 
@@ -74,6 +74,7 @@ class Go1Cameras(Node):
             self._timer = self.create_timer(self._pacer.period, self._work,
                                             clock=Clock(clock_type=_STEADY))
         self.create_timer(1.0, self._watch_names, clock=Clock(clock_type=_STEADY))
+        self.say_unknown_parameters()
         self._say_hello()
 
     def _make_motion(self) -> Motion:

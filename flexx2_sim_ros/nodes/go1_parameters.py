@@ -5,7 +5,7 @@ import math
 import re
 from typing import Any
 
-from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.errors import InputError, shown
 from flexx2_sim_ros.go1.gait import Gait
 from flexx2_sim_ros.go1.model import CameraMount, ROBOTS
 from flexx2_sim_ros.go1.rendering import BACKENDS
@@ -105,7 +105,7 @@ class Go1Parameters:
                 if parameter.name in _NUMBERS:
                     _check_number(parameter.name, parameter.value)
                 if parameter.name.startswith('board_') and self.scene != 'board':
-                    raise InputError(f'{parameter.name}: the scene is {self.scene!r}, wanted '
+                    raise InputError(f'{parameter.name}: the scene is {shown(self.scene)}, wanted '
                                      'board')
                 if parameter.name == 'real_time_factor' and self.motion == 'external':
                     raise InputError('real_time_factor: time comes from outside when motion is '
@@ -120,7 +120,7 @@ class Go1Parameters:
     def _choice(self, name: str, choices: tuple[str, ...], description: str) -> str:
         value: str = self._fixed(name, choices[0], f'{description} One of {", ".join(choices)}.')
         if value not in choices:
-            raise InputError(f'{name}: found {value!r}, wanted one of {", ".join(choices)}')
+            raise InputError(f'{name}: found {shown(value)}, wanted one of {", ".join(choices)}')
         return value
 
     def _declare_mounts(self, defaults: Sequence[CameraMount]) -> list[CameraMount]:
@@ -149,4 +149,5 @@ def _check_number(name: str, value: Any) -> None:
     _, least, most, _ = _NUMBERS[name]
     is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
     if not (is_number and least <= value <= most):
-        raise InputError(f'{name}: found {value!r}, wanted a number from {least:g} to {most:g}')
+        raise InputError(f'{name}: found {shown(value)}, wanted a number from {least:g} '
+                         f'to {most:g}')

@@ -1,8 +1,9 @@
 """Declare ROS parameters so that what is typed on a command line is understood."""
 
+import sys
 from typing import Any
 
-from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.errors import InputError, shown, unquoted
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.exceptions import ParameterException
 from rclpy.node import Node
@@ -50,4 +51,51 @@ def declare(node: Node, name: str, default: Any, description: str, *, read_only:
             return float(value)
         return [float(item) for item in value] if floats else value
     except (ParameterException, TypeError, ValueError) as error:
-        raise InputError(f'{name}: {error}; wanted something like {default!r}') from error
+        raise InputError(f'{name}: {unquoted(str(error), 160)}; wanted something like '
+                         f'{default!r}') from error
+
+
+def declare_text(node: Node, name: str, default: str, description: str) -> str:
+    """
+    Declare a read-only text that may look like a number, and return it.
+
+    ROS makes a number of ``-p serial:=0123``, which is 83: the text is taken from this process's
+    command line then. In a parameter file it is lost, and the log says what to write.
+
+    Parameters
+    ----------
+    node, name, default, description
+        As in `declare`.
+
+    Returns
+    -------
+    str
+
+    Raises
+    ------
+    InputError
+        When a list is given.
+
+    """
+    given = node._parameter_overrides.get(name)
+    if given is None or isinstance(given.value, str):
+        return str(declare(node, name, default, description, read_only=True))
+    if not isinstance(given.value, bool | int | float):
+        raise InputError(f'{name}: must be a text, got {shown(given.value)}')
+    text = _typed(node.get_name(), name)
+    if text is None:
+        text = str(given.value)
+        node.get_logger().warning(
+            f'{name}: must be a text, got the number {text}; if something else was written, put '
+            f"it in quotes, e.g. {name}: '0123'")
+    return str(declare(node, name, text, description, read_only=True, ignore_override=True))
+
+
+def _typed(node: str, name: str) -> str | None:
+    # The value of the last `-p NAME:=VALUE` or `-p NODE:NAME:=VALUE` on the command line.
+    found = None
+    for flag, rule in zip(sys.argv, sys.argv[1:], strict=False):
+        left, _, value = rule.partition(':=')
+        if flag in ('-p', '--param') and left in (name, f'{node}:{name}') and value:
+            found = value
+    return found

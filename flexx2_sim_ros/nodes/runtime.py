@@ -5,10 +5,11 @@ import os
 import signal
 import sys
 import time
+from traceback import format_exception
 from types import FrameType
 from typing import Any
 
-from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.errors import InputError, unquoted
 from flexx2_sim_ros.nodes.transport import make_room_for_images
 
 _REPEAT_SECONDS = 5.0
@@ -67,7 +68,7 @@ def run_node(make_node: Callable[[], Any], args: list[str] | None = None) -> int
         # that came between these lines is in `told`.
         install_signal_handlers(SignalHandlerOptions.ALL)
         if not told:
-            executor.spin()
+            _spin(executor, node)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     except (InputError, NameValidationException, ParameterException) as error:
@@ -87,6 +88,21 @@ def run_node(make_node: Callable[[], Any], args: list[str] | None = None) -> int
         for number in _SIGNALS:
             signal.signal(number, signal.SIG_IGN)
     return 0
+
+
+def _spin(executor: Any, node: Any) -> None:
+    """Run a node's callbacks until it is told to stop; an error in one ends no other."""
+    throttle = Throttle()
+    while executor.context.ok():
+        try:
+            executor.spin()
+        except Exception as error:
+            # Ctrl-C and SIGTERM; one inside a callback invalidates what the callback is using.
+            if not executor.context.ok():
+                raise
+            if throttle.ready(type(error).__name__):
+                node.get_logger().error('internal error, please report it: '
+                                        f'{unquoted("".join(format_exception(error)), 4000)}')
 
 
 class Throttle:

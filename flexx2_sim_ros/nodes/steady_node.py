@@ -1,0 +1,160 @@
+"""A node that no service request ends, and that says which of its parameters are misspelt."""
+
+from collections.abc import Callable
+from difflib import get_close_matches
+from traceback import format_exception
+from typing import Any
+from weakref import ref
+
+from flexx2_sim_ros.errors import InputError, shown, unquoted
+from flexx2_sim_ros.nodes.runtime import Throttle
+from rcl_interfaces.msg import Parameter as ParameterMessage
+from rcl_interfaces.msg import SetParametersResult
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+_Answer = Callable[[Any, Any], Any]
+_TYPES = {kind.value for kind in Parameter.Type}
+_MOST_NAMES = 10
+_MOST_ITEMS = 1000
+_LONGEST_NAME = 100
+
+
+class SteadyNode(Node):
+    """
+    A node whose services, rclpy's own ones included, answer whatever they are asked.
+
+    An error in a service callback is logged and answered by a refusal. Parameters that come in
+    one request are set together, in any order, as `set_parameters_atomically` sets them; when
+    that is refused, each is set by itself. Setting a read-only parameter to the value that it has
+    is no error, so that what ``ros2 param dump`` wrote can be loaded again.
+
+    Parameters
+    ----------
+    name : str
+        The node's name.
+    options
+        As those of `rclpy.node.Node`.
+
+    Attributes
+    ----------
+    set_first : frozenset of str
+        Parameters that others depend on: of those set one by one they come first.
+
+    """
+
+    set_first: frozenset[str] = frozenset()
+
+    def __init__(self, name: str, **options: Any) -> None:
+        """Make the node with its parameter services."""
+        self._service_errors = Throttle()
+        super().__init__(name, **options)
+
+    def create_service(self, srv_type: Any, srv_name: str, callback: _Answer,
+                       **options: Any) -> Any:
+        """Create a service as `rclpy.node.Node` does; rclpy calls this for its own ones too."""
+        node = ref(self)  # As rclpy's own: a node that nobody else holds is free at once.
+
+        def answer(request: Any, response: Any) -> Any:
+            return node()._answer(srv_name, callback, request, response)  # type: ignore
+
+        return super().create_service(srv_type, srv_name, answer, **options)
+
+    def _answer(self, service: str, callback: _Answer, request: Any, response: Any) -> Any:
+        try:
+            _check_length(request)
+            if isinstance(request, SetParameters.Request):
+                return self._set_parameters_service(request, response)
+            if isinstance(request, SetParametersAtomically.Request):
+                return self._set_atomically_service(request, response)
+            return callback(request, response)
+        except InputError as error:
+            return _refusal(request, type(response)(), str(error))
+        except Exception as error:  # A node never dies of a request.
+            if self._service_errors.ready(service):
+                self.get_logger().error(
+                    f'service {service}: internal error, please report it: '
+                    f'{unquoted("".join(format_exception(error)), 4000)}')
+            return _refusal(request, type(response)(), f'internal error: {shown(error)}')
+
+    def say_unknown_parameters(self) -> None:
+        """Warn of parameters given at the start that the node does not have."""
+        unknown = [name for name in self._parameter_overrides if not self.has_parameter(name)]
+        for name in unknown[:_MOST_NAMES]:
+            self.get_logger().warning(f'parameter {self._no_such(name)}; it is ignored')
+        if len(unknown) > _MOST_NAMES:
+            self.get_logger().warning(
+                f'{len(unknown) - _MOST_NAMES} more parameters that this node does not have are '
+                'ignored')
+
+    def _no_such(self, name: str) -> str:
+        close = get_close_matches(name[:_LONGEST_NAME], self._parameters, 1)
+        hint = f', did you mean {close[0]}?' if close else ''
+        return f'{unquoted(name)}: this node has no such parameter{hint}'
+
+    def _set_parameters_service(self, request: SetParameters.Request,
+                                response: SetParameters.Response) -> SetParameters.Response:
+        results = [self._checked(message) for message in request.parameters]
+        wanted = {index: Parameter.from_parameter_msg(request.parameters[index])
+                  for index, result in enumerate(results) if result is None}
+        if wanted:
+            together = self.set_parameters_atomically(list(wanted.values()))
+            alone = len(wanted) > 1 and not together.successful
+            for index in sorted(wanted, key=lambda i: wanted[i].name not in self.set_first):
+                results[index] = (self.set_parameters_atomically([wanted[index]]) if alone
+                                  else together)
+        response.results = results
+        return response
+
+    def _set_atomically_service(
+            self, request: SetParametersAtomically.Request,
+            response: SetParametersAtomically.Response) -> SetParametersAtomically.Response:
+        results = [self._checked(message) for message in request.parameters]
+        refused = [result for result in results if result is not None and not result.successful]
+        wanted = [Parameter.from_parameter_msg(message) for message, result in
+                  zip(request.parameters, results, strict=True) if result is None]
+        if refused:
+            response.result = refused[0]
+        elif wanted:
+            response.result = self.set_parameters_atomically(wanted)
+        else:
+            response.result = SetParametersResult(successful=True)
+        return response
+
+    def _checked(self, message: ParameterMessage) -> SetParametersResult | None:
+        # None: it is to be set.
+        if message.value.type not in _TYPES:
+            return _refused(f'{unquoted(message.name)}: type: must be 0 to {max(_TYPES)}, got '
+                            f'{message.value.type}')
+        if not self.has_parameter(message.name):
+            return _refused(self._no_such(message.name))
+        if self.describe_parameter(message.name).read_only:
+            now = self.get_parameter(message.name).to_parameter_msg()
+            if now != message:
+                return _refused(f'{message.name}: is read-only, can be set at the start only')
+            return SetParametersResult(successful=True)
+        return None
+
+
+def _check_length(request: Any) -> None:
+    # A node has some hundred parameters; what asks for a million of them would hold it up.
+    for field in ('names', 'parameters', 'prefixes', 'levels'):
+        length = len(getattr(request, field, ()))
+        if length > _MOST_ITEMS:
+            raise InputError(f'{field}: must be at most {_MOST_ITEMS}, got {length}')
+
+
+def _refused(reason: str) -> SetParametersResult:
+    return SetParametersResult(successful=False, reason=reason)
+
+
+def _refusal(request: Any, response: Any, reason: str) -> Any:
+    # The other services' responses say by being empty that there is nothing.
+    if isinstance(response, SetParameters.Response):
+        response.results = [_refused(reason) for _ in request.parameters]
+    elif isinstance(response, SetParametersAtomically.Response):
+        response.result = _refused(reason)
+    elif hasattr(response, 'message'):
+        response.message = reason
+    return response

@@ -1,0 +1,357 @@
+"""Parameters of a running node: set together, written down and loaded, misspelt, and hostile."""
+
+from collections.abc import Iterator
+import os
+from pathlib import Path
+import subprocess
+import sys
+from typing import Any
+
+from flexx2_sim_ros.camera.modes import flexx2
+from flexx2_sim_ros.effects import parse_effects, save_effects
+import numpy as np
+import pytest
+from rcl_interfaces.msg import Parameter as ParameterMessage
+from rcl_interfaces.msg import ParameterType
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
+from rclpy.parameter_client import AsyncParameterClient
+from robots import go1
+from streams import DEPTH, Flexx2Camera, Parameter, Stream, stream
+
+pytestmark = pytest.mark.usefixtures('ros')
+
+SECOND = 10 ** 9
+WALL = np.full((172, 224), 1.5, np.float32)
+USECASE, AUTO, EXPOSURE = 'usecase', 'auto_exposure_0', 'exposure_time_0'
+
+
+@pytest.fixture(scope='module')
+def seen(ros: None) -> Iterator[Stream]:
+    """Return a camera that all tests of this file put questions to."""
+    with stream(DEPTH) as made:
+        yield made
+
+
+@pytest.fixture(autouse=True)
+def still_streams(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Assert that the shared camera still publishes after each test."""
+    yield
+    if 'seen' in request.fixturenames:
+        made = request.getfixturevalue('seen')
+        still_streams.stamp += SECOND
+        assert made.show(WALL, still_streams.stamp)
+        for values in ({'effects': ''}, {USECASE: 'Mode_9_30fps', AUTO: True}, {'frame_id': ''}):
+            assert made.set(**values).successful
+
+
+still_streams.stamp = SECOND
+
+
+def messages_of(values: dict[str, Any]) -> list[ParameterMessage]:
+    return [Parameter(name, value=value).to_parameter_msg() for name, value in values.items()]
+
+
+def call(seen: Stream, kind: type, request: Any) -> Any:
+    name = {SetParameters: 'set_parameters',
+            SetParametersAtomically: 'set_parameters_atomically'}[kind]
+    client = seen.node.create_client(kind, f'{seen.name}/{name}')
+    seen.spin_until(client.service_is_ready, name)
+    answer = seen.wait(client.call_async(request))
+    seen.node.destroy_client(client)
+    return answer
+
+
+def atomically(seen: Stream, **values: Any) -> Any:
+    return call(seen, SetParametersAtomically,
+                SetParametersAtomically.Request(parameters=messages_of(values))).result
+
+
+def one_request(seen: Stream, values: dict[str, Any]) -> list[Any]:
+    return list(call(seen, SetParameters,
+                     SetParameters.Request(parameters=messages_of(values))).results)
+
+
+def dump(seen: Stream) -> dict[str, Any]:
+    """Return all parameters, as `ros2 param dump` asks for them."""
+    names = sorted(seen.wait(seen.clients.list_parameters()).result.names)
+    values = seen.wait(seen.clients.get_parameters(names)).values
+    return {name: Parameter.from_parameter_msg(ParameterMessage(name=name, value=value)).value
+            for name, value in zip(names, values, strict=True)}
+
+
+def test_mode_and_exposure_are_judged_together(seen: Stream) -> None:
+    """Assert the new mode's range counts, and that what success says is what is stored."""
+    longest = {mode.name: mode.exposure_us[1] for mode in flexx2().modes}
+    new, old = 'Mode_9_5fps', 'Mode_9_30fps'
+    exposure = longest[new] - 1
+    assert exposure > longest[old]
+    given = {USECASE: new.upper(), AUTO: False, EXPOSURE: exposure}
+    for names in ((USECASE, AUTO, EXPOSURE), (EXPOSURE, AUTO, USECASE), (AUTO, EXPOSURE, USECASE)):
+        for together in (True, False):
+            values = {name: given[name] for name in names}
+            results = ([atomically(seen, **values)] if together else one_request(seen, values))
+            assert all(result.successful for result in results)
+            assert [seen.get(name) for name in given] == [new, False, exposure]
+            # What only the old mode could do is refused, and nothing changes.
+            refused = atomically(seen, **{USECASE: old, EXPOSURE: exposure})
+            assert not refused.successful
+            assert f'{EXPOSURE}: must be' in refused.reason
+            assert old in refused.reason
+            assert [seen.get(name) for name in given] == [new, False, exposure]
+            limits = seen.wait(seen.clients.describe_parameters([EXPOSURE])).descriptors[0]
+            assert limits.integer_range[0].to_value == longest[new]
+            assert atomically(seen, **{USECASE: old, AUTO: True}).successful
+            assert seen.get(EXPOSURE) == longest[old]
+
+
+def test_an_automatic_exposure_cannot_be_set(seen: Stream) -> None:
+    """Assert a value in range is accepted without effect, as by the real driver."""
+    longest = flexx2().mode('Mode_9_30fps').exposure_us[1]
+    for result in (seen.set(**{EXPOSURE: 100}), atomically(seen, **{EXPOSURE: 100, AUTO: True})):
+        assert result.successful
+        assert seen.get(EXPOSURE) == longest
+    assert not seen.set(**{EXPOSURE: 10 ** 6}).successful
+    assert atomically(seen, **{EXPOSURE: 100, AUTO: False}).successful
+    assert seen.get(EXPOSURE) == 100
+    assert seen.set(**{AUTO: True}).successful
+    assert seen.get(EXPOSURE) == longest
+
+
+def setups(tmp_path: Path) -> Iterator[dict[str, Any]]:
+    """Return sets of parameters of which each gives another camera."""
+    path = tmp_path / 'gap.yaml'
+    save_effects(path, parse_effects({'offset': {'bias': 0.02}, 'saturation': None,
+                                      'residual_patch': {'bias_0': 0.03}}))
+    yield {}
+    yield {'effects': 'typical'}
+    yield {'effects': 'typical', 'effect.multipath.strength': 0.0, USECASE: 'Mode_5_45fps'}
+    yield {'effect.offset.strength': 2.0, 'effect.multipath.gain': 3.0, AUTO: False, EXPOSURE: 90}
+    yield {'effects': str(path), 'effect.offset.bias': 0.01, USECASE: 'Mode_9_5fps', AUTO: False,
+           EXPOSURE: 1200, 'invalid_value': 'zero', 'frame_id': 'lens'}
+
+
+def test_a_dump_is_loaded_as_it_was(tmp_path: Path) -> None:
+    """Assert what `ros2 param dump` wrote gives the same camera, however it is loaded."""
+    for values in setups(tmp_path):
+        with stream(**values) as first:
+            written, chosen = dump(first), first.camera.settings.effects.chosen
+            assert any(effect.strength for effect in chosen) == any(
+                name.startswith('effect') for name in values)
+            for load in (one_request, lambda seen, values: [atomically(seen, **values)],
+                         lambda seen, values: [seen.set(**{name: value})
+                                               for name, value in values.items()]):
+                # Into the camera itself, alphabetically: nothing changes.
+                assert all(result.successful for result in load(first, written))
+                assert dump(first) == written
+                assert first.camera.settings.effects.chosen == chosen
+        first_names = {name for name in written if name.startswith('qos')}
+        given = {name: value for name, value in written.items() if name not in first_names}
+        with stream() as second:
+            load_into(second, given)
+            assert {name: value for name, value in dump(second).items()
+                    if not name.startswith('qos')} == given
+            assert second.camera.settings.effects.chosen == chosen
+        with stream(**given) as third:  # --params-file at the start
+            assert {name: value for name, value in dump(third).items()
+                    if not name.startswith('qos')} == given
+            assert third.camera.settings.effects.chosen == chosen
+
+
+def load_into(seen: Stream, values: dict[str, Any]) -> None:
+    assert all(result.successful for result in one_request(seen, values))
+
+
+def test_a_changed_number_marks_the_file(seen: Stream) -> None:
+    """Assert `effects` says whether its file still describes the camera."""
+    assert seen.set(effects='typical').successful
+    assert seen.get('effects') == 'typical'
+    multipath = 'effect.multipath.strength'
+    assert seen.set(**{multipath: 0.5}).successful
+    assert seen.get('effects') == 'typical*'
+    assert seen.set(effects='typical*').successful
+    assert seen.get(multipath) == 0.5
+    assert seen.set(**{multipath: 1.0}).successful
+    assert seen.get('effects') == 'typical'
+    assert atomically(seen, **{multipath: 0.0, 'effects': 'typical'}).successful
+    assert seen.get(multipath) == 0.0
+    assert seen.get('effects') == 'typical*'
+    assert seen.set(effects='typical').successful
+    assert seen.get(multipath) == 1.0
+    assert not seen.set(effects='typica*').successful
+
+
+HOSTILE_FILES = {
+    'date': 'a: 2024-13-45', 'number': 'a: 0x_', 'digits': f'a: {"9" * 5000}',
+    'large': f'effects: {{offset: {{bias: 0x{"f" * 5000}}}}}', 'brackets': '[' * 3000,
+    'maps': '{a: ' * 3000, 'key': '? [1]\n: 2', 'tag': 'a: !!bool x', 'empty tag': 'a: !!int ""',
+    'time': 'a: !!timestamp x', 'surrogate': 'effects: {"\\ud800": 1}',
+    'escape': 'effects: {"\\e[31m": 1}', 'nul': '\0', 'long': 'x' * 300_000,
+    'names': f'effects: {{{"x" * 9000}: 1}}', 'text': f'effects: {"x" * 9000}',
+    'values': 'a: [' + '1, ' * 20_000 + ']',
+    'aliases': 'a: &a [x, x, x, x, x, x, x, x]\n' + '\n'.join(
+        f'{chr(98 + i)}: &{chr(98 + i)} [{", ".join(["*" + chr(97 + i)] * 9)}]'
+        for i in range(9)),
+}
+
+
+def hostile_texts(tmp_path: Path) -> Iterator[str]:
+    """Return values of `effects` that are no file of effects."""
+    for name, text in HOSTILE_FILES.items():
+        path = tmp_path / f'{name}.yaml'
+        path.write_text(text if text[0] in '[{x\0' else f'schema: 1\n{text}\n')
+        yield str(path)
+    pipe = tmp_path / 'pipe'
+    os.mkfifo(pipe)
+    yield from (str(pipe), '/dev/zero', '/dev/tty', str(tmp_path), 'x' * 300, 'x/' * 3000,
+                'a\x1b[31mb', '~', '.', '..', '*', 'x' * 100_000, '\n')
+
+
+def test_no_file_stops_a_running_node(seen: Stream, tmp_path: Path) -> None:
+    """Assert a short reason without terminal escapes, at once, whatever `effects` names."""
+    for text in hostile_texts(tmp_path):
+        result = seen.set(effects=text)
+        if text == '*':  # No file, numbers as they are.
+            assert result.successful
+            continue
+        assert not result.successful
+        assert result.reason.startswith('effects: ')
+        assert result.reason.isprintable()
+        assert len(result.reason) < 1000
+        assert seen.get('effects') == ''
+
+
+@pytest.mark.parametrize('name', ['effects', 'profile'])
+def test_no_file_gives_a_traceback_at_the_start(name: str, tmp_path: Path,
+                                                child_env: dict[str, str]) -> None:
+    """Assert one sentence and exit code 1."""
+    path = tmp_path / 'deep.yaml'
+    path.write_text('[' * 3000)
+    done = subprocess.run(
+        [sys.executable, '-m', 'flexx2_sim_ros.nodes.flexx2_camera', '--ros-args', '-p',
+         f'{name}:={path}'], env=child_env, capture_output=True, text=True, timeout=60,
+        check=False)
+    assert done.returncode == 1
+    assert done.stderr.startswith(f'error: {name}: ')
+    assert done.stderr.count('\n') == 1
+    for text in hostile_texts(tmp_path / 'more' if (tmp_path / 'more').mkdir() is None else path):
+        if name == 'effects' and text in ('*', 'a\x1b[31mb'):
+            continue
+        with pytest.raises(ValueError, match=f'^{name}: '):
+            Flexx2Camera(parameter_overrides=[Parameter(name, value=text)])
+
+
+@pytest.mark.parametrize('kind', [10, 255])
+def test_a_type_that_is_none_is_refused(seen: Stream, kind: int) -> None:
+    """Assert the others of the request are set, and that both nodes go on."""
+    bad = ParameterMessage(name='frame_id')
+    bad.value.type = kind
+    good = messages_of({'invalid_value': 'zero'})
+    results = call(seen, SetParameters, SetParameters.Request(
+        parameters=[bad, *good])).results
+    assert [result.successful for result in results] == [False, True]
+    assert results[0].reason == f'frame_id: type: must be 0 to 9, got {kind}'
+    result = call(seen, SetParametersAtomically, SetParametersAtomically.Request(
+        parameters=[*messages_of({'invalid_value': 'nan'}), bad])).result
+    assert not result.successful
+    assert seen.get('invalid_value') == 'zero'
+    assert seen.set(invalid_value='nan').successful
+
+
+def test_the_go1_goes_on_after_a_bad_request() -> None:
+    with go1() as robot:
+        robot.spin_until(robot.clients.services_are_ready, 'services')
+        client = robot.node.create_client(
+            SetParameters, f'{robot.space}/go1_cameras/set_parameters')
+        robot.spin_until(client.service_is_ready, 'service')
+        bad = ParameterMessage(name='max_speed')
+        bad.value.type = 10
+        answer = robot.wait(client.call_async(SetParameters.Request(
+            parameters=[bad, *messages_of({'max_speed': 0.5, 'max_sped': 0.5})])))
+        assert [result.successful for result in answer.results] == [False, True, False]
+        assert 'did you mean max_speed?' in answer.results[2].reason
+        assert robot.change(max_speed=0.4).successful
+
+
+def test_odd_requests_are_answered(seen: Stream) -> None:
+    """Assert names that are none, empty, long or many, and depths, get an answer."""
+    names = ['', 'x' * 10_000, 'a\x1b[31mb', '\n', 'usecase.', '.', 'usecas']
+    for name in names:
+        result = seen.set(**{name: 1})
+        assert not result.successful
+        assert result.reason.isprintable()
+        assert len(result.reason) < 300
+        assert not seen.wait(seen.clients.get_parameters(['usecase', name])).values
+        assert not seen.wait(seen.clients.describe_parameters([name])).descriptors
+        assert not seen.wait(seen.clients.get_parameter_types([name])).types
+    assert 'did you mean usecase?' in result.reason
+    for depth in (0, 1, 2, 2 ** 64 - 1):
+        seen.wait(seen.clients.list_parameters(names, depth))
+    assert '' not in dump(seen)
+    many = [ParameterMessage(name='frame_id')] * 1001
+    result = call(seen, SetParametersAtomically,
+                  SetParametersAtomically.Request(parameters=many)).result
+    assert result.reason == 'parameters: must be at most 1000, got 1001'
+    assert call(seen, SetParametersAtomically, SetParametersAtomically.Request()).result.successful
+    # A parameter cannot be taken away.
+    for name in ('usecase', 'effects', 'invalid_value', 'effect.offset.bias', 'seed'):
+        assert not call(seen, SetParameters, SetParameters.Request(
+            parameters=[ParameterMessage(name=name)])).results[0].successful
+
+
+def test_an_error_in_a_service_is_logged_and_refused(
+        seen: Stream, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert a callback that raises costs one line in the log, and the caller is answered."""
+    def fail(*_: Any) -> None:
+        raise MemoryError('\x1b[31m' + 'x' * 200)
+    monkeypatch.setattr(seen.camera, 'describe_parameter', fail)
+    result = seen.set(frame_id='lens')
+    assert not result.successful
+    assert 'internal error' in result.reason
+    assert len(result.reason) < 200
+    seen.spin_until(lambda: seen.logged('service', 'set_parameters', 'MemoryError'))
+    assert not [text for text in seen.logged('MemoryError') if '\x1b' in text]
+
+
+def test_misspelt_parameters_are_named() -> None:
+    """Assert both nodes warn of what they were given and do not have."""
+    with stream(usecas='Mode_5_60fps', **{'effect.ofset.bias': 0.1}) as camera:
+        camera.spin_until(lambda: camera.logged('usecas: ', 'did you mean usecase?'))
+        camera.spin_until(lambda: camera.logged('did you mean effect.offset.bias?'))
+        assert camera.get('usecase') == 'Mode_9_30fps'
+        assert len(camera.logged('no such parameter')) == 2
+    with go1(max_sped=0.1) as robot:
+        robot.spin_until(lambda: robot.logged('max_sped: ', 'did you mean max_speed?'))
+    with stream(usecase='Mode_5_60fps', **{'effect.offset.bias': 0.1}) as camera:
+        camera.next_diagnostics()
+        assert not camera.logged('no such parameter')
+
+
+def serial_of(listener: Stream, name: str) -> str:
+    client = AsyncParameterClient(listener.node, name)
+    listener.spin_until(client.services_are_ready, name)
+    value = listener.wait(client.get_parameters(['serial'])).values[0]
+    assert value.type == ParameterType.PARAMETER_STRING
+    return str(value.string_value)
+
+
+def test_a_serial_of_digits_stays_as_typed(seen: Stream, tmp_path: Path,
+                                           child_env: dict[str, str]) -> None:
+    """Assert the command line's text, and a word on what to write where it is lost."""
+    lost = tmp_path / 'lost.yaml'
+    lost.write_text('/**:\n  ros__parameters:\n    serial: 0123\n')
+    cases = {'/typed': (['-p', 'serial:=0123'], '0123'),
+             '/lost': (['--params-file', str(lost)], '83')}
+    processes = {space: subprocess.Popen(
+        [sys.executable, '-m', 'flexx2_sim_ros.nodes.flexx2_camera', '--ros-args', '-r',
+         f'__ns:={space}', *arguments], env=child_env, stderr=subprocess.PIPE, text=True)
+        for space, (arguments, _) in cases.items()}
+    try:
+        for space, (_, serial) in cases.items():
+            assert serial_of(seen, f'{space}/flexx2_camera') == serial
+    finally:
+        said = {}
+        for space, process in processes.items():
+            process.terminate()
+            said[space] = process.communicate(timeout=60)[1]
+    assert "in quotes, e.g. serial: '0123'" in said['/lost']
+    assert 'quotes' not in said['/typed']
