@@ -1,0 +1,96 @@
+"""Nodes under messages and requests that nobody sends on purpose; the long run is in `bench`."""
+
+import json
+import math
+from pathlib import Path
+import random
+import subprocess
+import sys
+
+from diagnostic_msgs.msg import DiagnosticArray
+import pytest
+from robots import Clock, go1, Image, joints, JointState, Odometry, odometry, Twist, twist
+from streams import Listener
+
+pytestmark = pytest.mark.usefixtures('ros')
+
+ROOT = Path(__file__).resolve().parents[1]
+ODD = (0.0, 1.0, -1.0, 1e-300, 1e300, math.nan, math.inf, -math.inf)
+
+
+def test_a_camera_goes_on_whatever_it_is_sent(child_env: dict[str, str]) -> None:
+    """Assert every request is answered and a good image comes out after all the bad ones."""
+    code = ('import json; from bench.torture_node import run; '
+            'print(json.dumps(run(messages=600, seed=13)))')
+    done = subprocess.run([sys.executable, '-c', code], env=child_env, cwd=ROOT, text=True,
+                          capture_output=True, timeout=300, check=False)
+    assert done.returncode == 0, done.stderr
+    result = json.loads(done.stdout.splitlines()[-1])
+    assert result['sent'] == 600
+    assert result['answered'] == result['calls'] == 200
+    assert result['alive']
+    assert result['tracebacks'] == 0
+
+
+def test_a_walking_robot_goes_on_whatever_it_is_sent() -> None:
+    rng = random.Random(13)
+    with go1(motion='cmd_vel') as seen:
+        drive, poses = seen.to('cmd_vel', Twist), seen.hear('odom', Odometry)
+        for _ in range(100):
+            drive.publish(twist(*rng.choices(ODD, k=3)))
+            seen.spin_for_a_message()
+        drive.publish(twist(0.3))
+        assert all(math.isfinite(message.pose.pose.position.x)
+                   for message in seen.more(poses, 20))
+
+
+def test_a_mirroring_robot_goes_on_whatever_it_is_sent() -> None:
+    rng = random.Random(13)
+    names = ('FR_hip_joint', 'FR_hip', 'x' * 3000, '', '\x1b[31m', 'FL_calf_joint')
+    with go1(motion='external') as seen:
+        poses, states = seen.to('odom', Odometry), seen.to('joint_states', JointState)
+        images = seen.hear('front_left/clean/depth_image', Image)
+        for step in range(100):
+            chosen = rng.choices(names, k=rng.randrange(4))
+            states.publish(joints(step, rng.choices(ODD, k=len(chosen)), chosen))
+            message = odometry(step * 10 ** 8, rng.choices(ODD, k=3), rng.choice(ODD[:5]))
+            message.header.stamp.nanosec = rng.choice((0, 2 ** 32 - 1))
+            message.child_frame_id = rng.choice(names)
+            poses.publish(message)
+            seen.spin_for_a_message()
+        images.clear()
+        for step in range(1, 200):
+            poses.publish(odometry(10 ** 18 + step * 10 ** 9, (0.0, 0.0, 0.3)))
+            seen.spin_for_a_message()
+            if any(image.header.stamp.sec >= 10 ** 9 for image in images):
+                break
+        else:
+            pytest.fail('no image after the hostile messages')
+        assert not [text for text in seen.logged('joint_states') if '\x1b' in text]
+
+
+def test_a_clock_before_zero_does_not_end_a_node(child_env: dict[str, str]) -> None:
+    """Assert an error in a callback of rclpy's own costs a line in the log."""
+    listener = Listener()
+    with subprocess.Popen(
+            [sys.executable, '-m', 'flexx2_sim_ros.nodes.flexx2_camera', '--ros-args', '-r',
+             '__ns:=/clocked', '-p', 'use_sim_time:=true'], env=child_env,
+            stderr=subprocess.DEVNULL) as process:
+        try:
+            clock = listener.node.create_publisher(Clock, '/clock', 10)
+            listener.spin_until(clock.get_subscription_count, 'the node')
+            reports = listener.listen('/diagnostics', DiagnosticArray)
+            bad = Clock()
+            bad.clock.sec = -5
+
+            def said() -> bool:
+                clock.publish(bad)
+                return any('internal error' in entry.msg and entry.name.startswith('clocked')
+                           for entry in listener.log)
+            listener.spin_until(said, 'a word on the clock')
+            reports.clear()
+            listener.spin_until(lambda: len(reports) > 1, 'diagnostics')
+            assert process.poll() is None
+        finally:
+            process.kill()
+            listener.close()
