@@ -341,6 +341,8 @@ BAD_STARTS = {
     'bad scene': ({'scene': '<mujoco><worldbody><geom size="-1"/></worldbody></mujoco>'},
                   'scene: .*does not compile'),
     'unknown scene': ({'scene': 'moon'}, "scene: found 'moon', wanted 'lab', 'stairs'"),
+    'long scene': ({'scene': 'x' * 300}, "scene: found 'xxx"),
+    'NUL in robot': ({'robot_model': 'a\0b'}, r"robot: found 'a.x00b'"),
     'unknown motion': ({'motion': 'fly'}, "motion: found 'fly', wanted one of stand, cmd_vel"),
     'bad pace': ({'real_time_factor': 0.0}, 'real_time_factor: found 0.0, wanted a number from'),
     'board nowhere': ({'scene': 'board', 'board_camera': 'rear'}, "board_camera: found 'rear'"),

@@ -292,6 +292,13 @@ def test_odd_requests_are_answered(seen: Stream) -> None:
                   SetParametersAtomically.Request(parameters=many)).result
     assert result.reason == 'parameters: must be at most 1000, got 1001'
     assert call(seen, SetParametersAtomically, SetParametersAtomically.Request()).result.successful
+    # Of one that comes twice each is judged; together they are refused.
+    twice = [*messages_of({'invalid_value': 'zer'}), *messages_of({'invalid_value': 'zero'})]
+    assert [result.successful for result in call(
+        seen, SetParameters, SetParameters.Request(parameters=twice)).results] == [False, True]
+    result = call(seen, SetParametersAtomically,
+                  SetParametersAtomically.Request(parameters=twice)).result
+    assert result.reason == 'invalid_value: must be given once, got it 2 times'
     # A parameter cannot be taken away.
     for name in ('usecase', 'effects', 'invalid_value', 'effect.offset.bias', 'seed'):
         assert not call(seen, SetParameters, SetParameters.Request(

@@ -98,12 +98,10 @@ class SteadyNode(Node):
         results = [self._checked(message) for message in request.parameters]
         wanted = {index: Parameter.from_parameter_msg(request.parameters[index])
                   for index, result in enumerate(results) if result is None}
-        if wanted:
-            together = self.set_parameters_atomically(list(wanted.values()))
-            alone = len(wanted) > 1 and not together.successful
-            for index in sorted(wanted, key=lambda i: wanted[i].name not in self.set_first):
-                results[index] = (self.set_parameters_atomically([wanted[index]]) if alone
-                                  else together)
+        together = self._set_together(list(wanted.values()))
+        for index in sorted(wanted, key=lambda i: wanted[i].name not in self.set_first):
+            results[index] = (together if together.successful or len(wanted) == 1
+                              else self.set_parameters_atomically([wanted[index]]))
         response.results = results
         return response
 
@@ -114,13 +112,17 @@ class SteadyNode(Node):
         refused = [result for result in results if result is not None and not result.successful]
         wanted = [Parameter.from_parameter_msg(message) for message, result in
                   zip(request.parameters, results, strict=True) if result is None]
-        if refused:
-            response.result = refused[0]
-        elif wanted:
-            response.result = self.set_parameters_atomically(wanted)
-        else:
-            response.result = SetParametersResult(successful=True)
+        response.result = refused[0] if refused else self._set_together(wanted)
         return response
+
+    def _set_together(self, parameters: list[Parameter]) -> SetParametersResult:
+        if not parameters:
+            return SetParametersResult(successful=True)
+        names = [parameter.name for parameter in parameters]
+        for name in set(names):
+            if names.count(name) > 1:
+                return _refused(f'{name}: must be given once, got it {names.count(name)} times')
+        return self.set_parameters_atomically(parameters)
 
     def _checked(self, message: ParameterMessage) -> SetParametersResult | None:
         # None: it is to be set.
