@@ -64,8 +64,9 @@ class CameraParameters:
                 ignore_override=True)
         self.serial = declare_text(node, 'serial', 'SIM-0000', "The camera's serial number.")
         automatic = declare(_AUTO, True, 'Choose the exposure (of the gray image) automatically.')
-        node.declare_parameter(_EXPOSURE, mode.exposure_us[1], self._exposure_descriptor(),
-                               ignore_override=automatic)
+        node.declare_parameter(_EXPOSURE, mode.exposure_us[1], self._exposure_descriptor())
+        if automatic:
+            node.set_parameters([Parameter(_EXPOSURE, value=mode.exposure_us[1])])
         self.seed: int = declare('seed', 0, 'Seed of the noise.', read_only=True)
         self.camera_name = declare_text(
             node, 'camera_name', '', 'Cameras of different names share no noise; empty: '
