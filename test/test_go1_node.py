@@ -4,6 +4,7 @@ import math
 import subprocess
 import sys
 import types
+from xml.etree import ElementTree
 
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.go1.kinematics import feet, GO1, JOINTS, rotation
@@ -11,6 +12,7 @@ from flexx2_sim_ros.go1.model import load_mounts
 import mujoco
 import numpy as np
 import pytest
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from robots import (
     CameraInfo,
     Clock,
@@ -27,6 +29,7 @@ from robots import (
     Twist,
     twist,
 )
+from std_msgs.msg import String
 from streams import array_of, nanoseconds
 
 pytestmark = pytest.mark.usefixtures('ros')
@@ -316,7 +319,7 @@ def test_frames_are_published_where_their_message_is_there(monkeypatch):
     frames = transforms.FramePublisher(Node())
     fixed = transforms.camera_transforms('base', load_mounts())
     frames.fixed(fixed)
-    frames.moving(fixed[0])
+    frames.moving(fixed[:1])
     assert [(topic, message.transforms) for topic, message in sent] == [
         ('/tf_static', fixed), ('/tf', fixed[:1])]
 
@@ -388,3 +391,81 @@ def test_a_second_node_of_the_same_name_is_told(child_env):
             said = second.communicate(timeout=30)[1]
             assert second.returncode == 1 or seen.logged('node name: another')
             assert second.returncode != 1 or 'node name: another' in said
+
+
+def test_the_description_waits_for_whoever_comes_later():
+    with go1() as seen:
+        seen.more(seen.hear('odom', Odometry), 2)
+        described = []
+        seen.node.create_subscription(
+            String, f'{seen.space}/robot_description', described.append,
+            QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL))
+        seen.spin_until(lambda: described, 'the description')
+        robot = ElementTree.fromstring(described[0].data)
+        names = {link.get('name') for link in robot.findall('link')}
+        assert {'base', 'trunk', 'FR_calf', 'RL_hip'} <= names
+        moving = {joint.get('name') for joint in robot.findall('joint')
+                  if joint.get('type') == 'revolute'}
+        assert moving == set(JOINTS)
+
+
+def test_a_prefix_is_in_every_frame():
+    with go1(frame_prefix='left/') as seen:
+        images = seen.hear('front_left/clean/depth_image', Image)
+        poses = seen.hear('odom', Odometry)
+        seen.more(images, 1)
+        seen.more(poses, 1)
+        assert images[0].header.frame_id == 'left/front_left_optical_frame'
+        assert (poses[0].header.frame_id, poses[0].child_frame_id) == ('left/odom', 'left/base')
+        frames = seen.robot._link_transforms(0, moving=True)
+        assert [message.child_frame_id for message in frames] == [
+            f'left/{name.removesuffix("_joint")}' for name in JOINTS]
+        mounts = transforms.camera_transforms('left/base', load_mounts(), 'left/')
+        assert all(message.child_frame_id.startswith('left/') for message in mounts)
+
+
+def test_the_second_robot_follows_the_first_ones_clock():
+    with go1(rate=30.0) as first:
+        clock = first.hear('/clock', Clock)
+        first.more(clock, 5)
+        with go1(rate=60.0, frame_prefix='second/') as second:
+            second.add(first.robot)
+            second.spin_until(lambda: second.logged('/clock: another robot publishes it'))
+            assert second.node.count_publishers('/clock') == 1
+            poses = second.hear('odom', Odometry)
+            times = second.hear('/clock', Clock)
+            second.more(poses, 30)
+            assert exact([nanoseconds(message) for message in poses], 60)
+            # Its stamps are the first one's time, not a time of its own.
+            now = times[-1].clock.sec * 10 ** 9 + times[-1].clock.nanosec
+            assert abs(nanoseconds(poses[-1]) - now) <= 2 * 10 ** 9 // 30
+            answer = second.change(real_time_factor=2.0)
+            assert not answer.successful
+            assert 'time comes from /clock' in answer.reason
+            # Time that jumps back is followed as well.
+            first.robot._pacer.tick = 0
+            before = len(poses)
+            second.spin_until(lambda: any(
+                nanoseconds(message) < 10 ** 8 for message in poses[before:]), 'time from 0')
+
+
+def test_a_robot_that_uses_sim_time_follows_any_clock():
+    with go1(use_sim_time=True) as seen:
+        time = seen.node.create_publisher(Clock, '/clock', 10)
+        poses = seen.listen(f'{seen.space}/odom', Odometry)
+        seen.spin_until(lambda: time.get_subscription_count() >= 2, '/clock')
+
+        def tell(tenths):
+            message = Clock()
+            message.clock.sec, message.clock.nanosec = divmod(tenths * 10 ** 8, 10 ** 9)
+            time.publish(message)
+            seen.spin_for_a_message()
+            return poses
+        seen.spin_until(lambda: tell(500), 'the first pose')
+        for tenths in range(501, 505):
+            tell(tenths)
+            seen.spin_until(lambda now=tenths * 10 ** 8: nanoseconds(poses[-1]) == now, 'poses')
+        # Six poses between two ticks of a clock of 10 Hz.
+        stamps = [nanoseconds(message) for message in poses]
+        assert stamps[0] == 50 * 10 ** 9
+        assert exact(stamps)

@@ -10,7 +10,7 @@ import math
 from flexx2_sim_ros.errors import InputError, shown
 from flexx2_sim_ros.go1.robot import plain_name
 from flexx2_sim_ros.nodes import messages
-from geometry_msgs.msg import Point, Pose, Quaternion, Transform, TransformStamped, Twist, Vector3
+from geometry_msgs.msg import Point, Pose, Twist, Vector3
 from nav_msgs.msg import Odometry
 import numpy as np
 from sensor_msgs.msg import JointState
@@ -111,26 +111,8 @@ def odometry(stamp: int, frames: tuple[str, str], position: np.ndarray, quaterni
 
     """
     message = Odometry(header=messages.header(stamp, frames[0]), child_frame_id=frames[1])
-    message.pose.pose = Pose(position=Point(**_xyz(position)),
-                             orientation=_quaternion(quaternion))
-    message.twist.twist = Twist(linear=Vector3(**_xyz(linear)), angular=Vector3(**_xyz(angular)))
+    message.pose.pose = Pose(position=Point(**messages.xyz(position)),
+                             orientation=messages.quaternion(quaternion))
+    message.twist.twist = Twist(linear=Vector3(**messages.xyz(linear)),
+                                angular=Vector3(**messages.xyz(angular)))
     return message
-
-
-def transform(stamp: int, frames: tuple[str, str], position: np.ndarray,
-              quaternion: np.ndarray) -> TransformStamped:
-    """Return the pose of the second frame in the first: (3,) metres and (4,) as w, x, y, z."""
-    return TransformStamped(
-        header=messages.header(stamp, frames[0]), child_frame_id=frames[1],
-        transform=Transform(translation=Vector3(**_xyz(position)),
-                            rotation=_quaternion(quaternion)))
-
-
-def _xyz(values: np.ndarray) -> dict[str, float]:
-    x, y, z = map(float, values)
-    return {'x': x, 'y': y, 'z': z}
-
-
-def _quaternion(values: np.ndarray) -> Quaternion:
-    w, x, y, z = map(float, values)
-    return Quaternion(x=x, y=y, z=z, w=w)

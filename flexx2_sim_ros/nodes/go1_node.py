@@ -5,32 +5,39 @@ from typing import Any
 
 from flexx2_sim_ros.camera.modes import flexx2
 from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.go1.description import BASE, Link, links_of, poses, urdf
 from flexx2_sim_ros.go1.model import build_model, load_mounts
 from flexx2_sim_ros.go1.rendering import open_renderer, reflectivity_table
 from flexx2_sim_ros.go1.robot import find_robot
 from flexx2_sim_ros.go1.scenes import place_board
 from flexx2_sim_ros.nodes import messages
-from flexx2_sim_ros.nodes.go1_messages import joint_state, odometry, transform
+from flexx2_sim_ros.nodes.go1_messages import joint_state, odometry
 from flexx2_sim_ros.nodes.go1_motion import Mirroring, Motion, Standing, Walking
 from flexx2_sim_ros.nodes.go1_parameters import Go1Parameters
 from flexx2_sim_ros.nodes.pacing import Pacer
+from flexx2_sim_ros.nodes.sim_clock import SimClock
 from flexx2_sim_ros.nodes.steady_node import SteadyNode
 from flexx2_sim_ros.nodes.transforms import camera_transforms, FramePublisher
 from flexx2_sim_ros.nodes.twins import claim_name, twin_text
+from geometry_msgs.msg import TransformStamped
 import mujoco
 from nav_msgs.msg import Odometry
 import numpy as np
 from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.qos import QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
-from rosgraph_msgs.msg import Clock as ClockMessage
 from sensor_msgs.msg import CameraInfo, Image, JointState
+from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-_FRAMES = ('odom', 'base')
+_ODOM = 'odom'
 _STEADY = ClockType.STEADY_TIME
 # Being a little late is forgiven; more than this share of the time is said.
 _LAG_SHARE = 0.02
+# Of a followed clock that jumps, at most this many seconds are made up for.
+_CATCH_UP_SECONDS = 0.25
 
 
 class Go1Cameras(SteadyNode):
@@ -39,8 +46,9 @@ class Go1Cameras(SteadyNode):
 
     Publishes for every camera ``<camera>/clean/depth_image``, ``<camera>/clean/camera_info`` and
     ``<camera>/clean/reflectivity``, all with the stamp of the state they show, and the robot's
-    true ``joint_states``, ``odom`` and frames, and ``/clock``. What moves it, the parameter
-    ``motion`` says: nothing, ``cmd_vel``, or another simulator's ``odom`` and ``joint_states``.
+    true ``joint_states``, ``odom`` and frames, ``robot_description`` and ``/clock``. The parameter
+    ``motion`` says what moves it: nothing, ``cmd_vel``, or another simulator's ``odom`` and
+    ``joint_states``.
     """
 
     def __init__(self, **options: Any) -> None:
@@ -70,7 +78,7 @@ class Go1Cameras(SteadyNode):
         self._pacer.restart(settings.number('real_time_factor'))
         self._started, self._warned = time.monotonic(), False
         settings.watch(self._on_change)
-        if settings.motion != 'external':
+        if self._sim_clock is not None and not self._sim_clock.follows:
             self._timer = self.create_timer(self._pacer.period, self._work,
                                             clock=Clock(clock_type=_STEADY))
         self.create_timer(1.0, self._watch_names, clock=Clock(clock_type=_STEADY))
@@ -98,15 +106,22 @@ class Go1Cameras(SteadyNode):
                         for mount in self.settings.mounts}
         self._frames = FramePublisher(self)
         self._base = ''
+        self._sim_clock: SimClock | None = None
+        self._links: list[Link] = []
         self.create_service(Trigger, '~/reset', self._on_reset)
         if self.settings.motion == 'external':
             return
         # From another simulator come the pose, the joints and the time: they are not ours to say.
-        self._clock_topic = (self.create_publisher(ClockMessage, '/clock', QoSProfile(depth=10))
-                             if self.settings.publish_clock else None)
+        self._sim_clock = SimClock(self, self.settings.publish_clock, self._follow)
+        self.settings.follows_clock = self._sim_clock.follows
+        self._links = links_of(self._model)
+        self._description = self.create_publisher(
+            String, 'robot_description',
+            QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL))
+        self._description.publish(String(data=urdf(self._model, self._links)))
         self._joint_topic = publisher(JointState, 'joint_states')
         self._odometry_topic = publisher(Odometry, 'odom')
-        self._name_base(_FRAMES[1])
+        self._name_base(self._frame(BASE))
 
     def _say_hello(self) -> None:
         settings = self.settings
@@ -125,6 +140,16 @@ class Go1Cameras(SteadyNode):
             self._step()
         self._watch_pace()
 
+    def _follow(self, now: int) -> None:
+        if self.settings.paused:
+            return
+        tick = self._pacer.tick_at(now)
+        least = tick - max(1, int(self.settings.rate * _CATCH_UP_SECONDS))
+        if not least <= self._pacer.tick <= tick:
+            self._pacer.tick = tick - 1
+        while self._pacer.tick < tick:
+            self._step()
+
     def _step(self) -> None:
         # The time of tick k is exactly k / rate: no drift, and no gap when rendering is late.
         last = self._pacer.stamp
@@ -133,15 +158,18 @@ class Go1Cameras(SteadyNode):
         seconds = (stamp - last) * 1e-9
         self._motion.advance(stamp, seconds)
         self._data.time = stamp * 1e-9
-        if self._clock_topic is not None:
-            self._clock_topic.publish(ClockMessage(clock=messages.time_message(stamp)))
+        if self._sim_clock is not None:
+            self._sim_clock.publish(stamp)
         self._publish_state(stamp, seconds)
         self._publish_images(stamp)
 
     def _publish_state(self, stamp: int, seconds: float) -> None:
         position, quaternion = (values[self._robot.trunk]
                                 for values in (self._data.xpos, self._data.xquat))
-        self._frames.moving(transform(stamp, _FRAMES, position, quaternion))
+        frames = self._frame(_ODOM), self._frame(BASE)
+        if self._frames.wanted:
+            self._frames.moving([messages.transform(stamp, frames, position, quaternion),
+                                 *self._link_transforms(stamp, moving=True)])
         wanted = [topic.get_subscription_count() > 0
                   for topic in (self._joint_topic, self._odometry_topic)]
         if any(wanted):
@@ -155,12 +183,12 @@ class Go1Cameras(SteadyNode):
             if wanted[1]:
                 linear, angular = self._robot.twist(self._data, velocity)
                 self._odometry_topic.publish(
-                    odometry(stamp, _FRAMES, position, quaternion, linear, angular))
+                    odometry(stamp, frames, position, quaternion, linear, angular))
         np.copyto(self._before, self._data.qpos)
 
     def _publish_images(self, stamp: int) -> None:
         for name, topics in self._topics.items():
-            head = messages.header(stamp, f'{name}_optical_frame')
+            head = messages.header(stamp, self._frame(f'{name}_optical_frame'))
             topics['camera_info'].publish(messages.camera_info_message(head, self._intrinsics))
             wanted = {topic: topics[topic].get_subscription_count() > 0
                       for topic in ('reflectivity', 'depth_image')}
@@ -186,16 +214,27 @@ class Go1Cameras(SteadyNode):
 
     def _show_external(self, stamp: int, frame: str) -> None:
         if not self.settings.paused:
-            self._name_base(frame or _FRAMES[1])
+            self._name_base(frame or self._frame(BASE))
             self._publish_images(stamp)
 
     def _name_base(self, frame: str) -> None:
         if frame != self._base:
             self._base = frame
-            self._frames.fixed(camera_transforms(frame, self.settings.mounts))
+            self._frames.fixed([
+                *camera_transforms(frame, self.settings.mounts, self.settings.frame_prefix),
+                *self._link_transforms(0, moving=False)])
+
+    def _frame(self, name: str) -> str:
+        return f'{self.settings.frame_prefix}{name}'
+
+    def _link_transforms(self, stamp: int, *, moving: bool) -> list[TransformStamped]:
+        links = [link for link in self._links if link.moves == moving]
+        return [messages.transform(
+            stamp, (self._frame(link.parent), self._frame(link.name)), *pose)
+                for link, pose in zip(links, poses(links, self._data.qpos), strict=True)]
 
     def _on_change(self) -> None:
-        if self.settings.motion != 'external':
+        if self._sim_clock is not None and not self._sim_clock.follows:
             self._pacer.restart(self.settings.number('real_time_factor'))
             self._timer.timer_period_ns = round(self._pacer.period * 1e9)
             self._timer.reset()
@@ -238,6 +277,8 @@ class Go1Cameras(SteadyNode):
         if self._alone and not alone:
             self.get_logger().error(twin_text(self))
         self._alone = alone
+        if self._sim_clock is not None:
+            self._sim_clock.watch()
 
     def destroy_node(self) -> None:
         """Close the renderer, then the node, and give its name free."""
@@ -245,5 +286,7 @@ class Go1Cameras(SteadyNode):
         if renderer is not None:
             renderer.close()
         super().destroy_node()
+        if (clock := getattr(self, '_sim_clock', None)) is not None:
+            clock.close()
         if (claim := getattr(self, '_claim', None)) is not None:
             claim.close()

@@ -49,6 +49,10 @@ class Go1Parameters:
         As given.
     publish_clock, paused : bool
         As given.
+    frame_prefix : str
+        As given.
+    follows_clock : bool
+        Whether time comes from another node's ``/clock``; for the node to say.
     mounts : list of CameraMount
         The cameras.
 
@@ -72,7 +76,10 @@ class Go1Parameters:
         self.scene: str = self._fixed('scene', 'lab', f'{", ".join(SCENES)}{path}.')
         self.renderer: str = self._choice('renderer', BACKENDS, 'How to render.')
         self.publish_clock: bool = self._fixed(
-            'publish_clock', True, 'Whether to publish /clock; never when motion is external.')
+            'publish_clock', True, 'Whether to publish /clock; never when motion is external, and '
+            'where another robot publishes it this one follows.')
+        self.frame_prefix: str = self._fixed('frame_prefix', '', 'What all frames begin with.')
+        self.follows_clock = False
         self.mounts = self._declare_mounts(defaults)
         self.board_camera: str = self._fixed(
             'board_camera', self.mounts[0].name, 'Camera that the board stands in front of.')
@@ -110,6 +117,9 @@ class Go1Parameters:
                 if parameter.name == 'real_time_factor' and self.motion == 'external':
                     raise InputError('real_time_factor: time comes from outside when motion is '
                                      'external')
+                if parameter.name == 'real_time_factor' and self.follows_clock:
+                    raise InputError('real_time_factor: time comes from /clock: set it where that '
+                                     'is published')
         except InputError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)

@@ -5,6 +5,7 @@ from typing import Any
 from builtin_interfaces.msg import Time
 from flexx2_sim_ros.camera.intrinsics import Intrinsics
 from flexx2_sim_ros.nodes.decoding import little_endian_bytes
+from geometry_msgs.msg import Quaternion, Transform, TransformStamped, Vector3
 import numpy as np
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2, PointField
 from std_msgs.msg import Header
@@ -31,9 +32,10 @@ def image_message(head: Header, array: np.ndarray, encoding: str) -> Image:
     return message
 
 
-def cloud_message(head: Header, points: np.ndarray, confidence: np.ndarray) -> PointCloud2:
+def cloud_message(head: Header, points: np.ndarray, confidence: np.ndarray, *,
+                  swapped: bool = False) -> PointCloud2:
     """
-    Return an organised cloud of x, y, z, conf.
+    Return a cloud of x, y, z, conf, one point for each pixel, row by row.
 
     Parameters
     ----------
@@ -43,9 +45,11 @@ def cloud_message(head: Header, points: np.ndarray, confidence: np.ndarray) -> P
         (H, W, 3) float32 metres.
     confidence : numpy.ndarray
         (H, W) float32 in 0..1.
+    swapped : bool
+        Whether to exchange width and height, as the vendor's driver does. The bytes stay the same.
 
     """
-    height, width = confidence.shape
+    height, width = confidence.shape[::-1] if swapped else confidence.shape
     fields = [PointField(name=name, offset=4 * i, datatype=PointField.FLOAT32, count=1)
               for i, name in enumerate(('x', 'y', 'z', 'conf'))]
     message = PointCloud2(header=head, height=height, width=width, fields=fields,
@@ -61,6 +65,38 @@ def camera_info_message(head: Header, camera: Intrinsics) -> CameraInfo:
     return CameraInfo(header=head, height=camera.height, width=camera.width,
                       distortion_model='plumb_bob', d=list(camera.distortion),
                       k=k.ravel().tolist(), r=np.eye(3).ravel().tolist(), p=p.ravel().tolist())
+
+
+def transform(stamp: int, frames: tuple[str, str], position: np.ndarray,
+              turn: np.ndarray) -> TransformStamped:
+    """
+    Return the pose of the second frame in the first.
+
+    Parameters
+    ----------
+    stamp : int
+        Nanoseconds.
+    frames : tuple of str
+        Parent and child.
+    position, turn : numpy.ndarray
+        (3,) metres and (4,) quaternion (w, x, y, z).
+
+    """
+    return TransformStamped(
+        header=header(stamp, frames[0]), child_frame_id=frames[1],
+        transform=Transform(translation=Vector3(**xyz(position)), rotation=quaternion(turn)))
+
+
+def xyz(values: np.ndarray) -> dict[str, float]:
+    """Return three numbers as the fields of a point or a vector."""
+    x, y, z = map(float, values)
+    return {'x': x, 'y': y, 'z': z}
+
+
+def quaternion(values: np.ndarray) -> Quaternion:
+    """Return four numbers, w first, as a message."""
+    w, x, y, z = map(float, values)
+    return Quaternion(x=x, y=y, z=z, w=w)
 
 
 def _fill(message: Any, array: np.ndarray) -> None:

@@ -50,6 +50,10 @@ class Pacer:
         """Return the simulated nanoseconds of the last tick."""
         return self.tick * 1000 * _NANOSECONDS // self._millihertz
 
+    def tick_at(self, stamp: int) -> int:
+        """Return the last tick at or before a simulated moment, nanoseconds."""
+        return ((stamp + 1) * self._millihertz - 1) // (1000 * _NANOSECONDS)
+
     def due(self) -> int:
         """Return how many ticks to make now: none, one, or two to catch up."""
         start, tick = self._origin

@@ -1,21 +1,24 @@
-"""Frames of the robot and its cameras on ``/tf`` and ``/tf_static``, where tf2_msgs is there."""
+"""Frames of robots and cameras on ``/tf`` and ``/tf_static``, where tf2_msgs is installed."""
 
-from collections.abc import Iterable
-from typing import Any
+from collections.abc import Iterable, Sequence
+import math
+from typing import Any, TYPE_CHECKING
 
-from flexx2_sim_ros.go1.model import CameraMount
-from flexx2_sim_ros.nodes.go1_messages import transform
+from flexx2_sim_ros.nodes.messages import transform
 from geometry_msgs.msg import TransformStamped
-import mujoco
 import numpy as np
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
+
+if TYPE_CHECKING:  # a camera node needs no MuJoCo
+    from flexx2_sim_ros.go1.model import CameraMount
 
 # Of an optical frame (x right, y down, z forward) in a camera's own (x forward, y left, z up).
 _OPTICAL = np.array([0.5, -0.5, 0.5, -0.5])
 
 
-def camera_transforms(base: str, mounts: Iterable[CameraMount]) -> list[TransformStamped]:
+def camera_transforms(base: str, mounts: Iterable['CameraMount'],
+                      prefix: str = '') -> list[TransformStamped]:
     """
     Return the frames of cameras: ``<camera>_link`` in the base, ``<camera>_optical_frame`` in it.
 
@@ -25,18 +28,61 @@ def camera_transforms(base: str, mounts: Iterable[CameraMount]) -> list[Transfor
         The frame of the trunk.
     mounts : iterable of CameraMount
         The cameras.
+    prefix : str
+        What the cameras' frames begin with.
 
     """
     result = []
     for mount in mounts:
-        link = f'{mount.name}_link'
-        quaternion = np.empty(4)
-        # Columns of `mount.rotation` are the optical axes.
-        right, down, forward = mount.rotation.T
-        mujoco.mju_mat2Quat(quaternion, np.stack([forward, -right, -down], axis=1).ravel())
-        result.append(transform(0, (base, link), np.array(mount.position), quaternion))
-        result.append(transform(0, (link, f'{mount.name}_optical_frame'), np.zeros(3), _OPTICAL))
+        link = f'{prefix}{mount.name}_link'
+        result.append(transform(0, (base, link), np.array(mount.position),
+                                quaternion_of(mount.rpy)))
+        result.append(transform(0, (link, f'{prefix}{mount.name}_optical_frame'), np.zeros(3),
+                                _OPTICAL))
     return result
+
+
+def optical_transform(frames: tuple[str, str], position: Sequence[float],
+                      rpy: Sequence[float]) -> TransformStamped:
+    """
+    Return a camera's optical frame in the frame that the camera is mounted on.
+
+    Parameters
+    ----------
+    frames : tuple of str
+        The parent, and the optical frame.
+    position : sequence of float
+        The lens in the parent, metres.
+    rpy : sequence of float
+        Roll, pitch, yaw in radians. Zero looks along the parent's x axis, upright.
+
+    """
+    w, *v = quaternion_of(rpy)
+    optical_w, *optical_v = _OPTICAL
+    turn = [w * optical_w - np.dot(v, optical_v),
+            *(w * np.array(optical_v) + optical_w * np.array(v) + np.cross(v, optical_v))]
+    return transform(0, frames, np.array(position), np.array(turn))
+
+
+def quaternion_of(rpy: Sequence[float]) -> np.ndarray:
+    """
+    Return a rotation as a quaternion.
+
+    Parameters
+    ----------
+    rpy : sequence of float
+        Roll, pitch, yaw in radians: rotations about the fixed x, y and z axes in this order.
+
+    Returns
+    -------
+    numpy.ndarray
+        (4,) float64: w, x, y, z.
+
+    """
+    (cr, cp, cy), (sr, sp, sy) = ([function(angle / 2) for angle in rpy]
+                                  for function in (math.cos, math.sin))
+    return np.array([cr * cp * cy + sr * sp * sy, sr * cp * cy - cr * sp * sy,
+                     cr * sp * cy + sr * cp * sy, cr * cp * sy - sr * sp * cy])
 
 
 class FramePublisher:
@@ -47,29 +93,38 @@ class FramePublisher:
     ----------
     node : rclpy.node.Node
         To publish with.
+    moving : bool
+        Whether there are frames that move.
 
     """
 
-    def __init__(self, node: Node) -> None:
+    def __init__(self, node: Node, *, moving: bool = True) -> None:
         """Open the topics if there is a message type for them."""
         self._message: Any = None
+        self._moving: Any = None
         try:
             from tf2_msgs.msg import TFMessage
         except ImportError:
             node.get_logger().info('tf2_msgs is not installed: /tf and /tf_static stay empty')
             return
         self._message = TFMessage
-        self._moving = node.create_publisher(TFMessage, '/tf', QoSProfile(depth=100))
+        if moving:
+            self._moving = node.create_publisher(TFMessage, '/tf', QoSProfile(depth=100))
         self._fixed = node.create_publisher(
             TFMessage, '/tf_static',
             QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL))
 
+    @property
+    def wanted(self) -> bool:
+        """Say whether somebody listens to the frames that move."""
+        return self._moving is not None and self._moving.get_subscription_count() > 0
+
     def fixed(self, transforms: list[TransformStamped]) -> None:
-        """Publish transforms that stay, all at once."""
+        """Publish all transforms that stay: they replace those of the last call."""
         if self._message is not None:
             self._fixed.publish(self._message(transforms=transforms))
 
-    def moving(self, message: TransformStamped) -> None:
-        """Publish a transform of this moment."""
-        if self._message is not None:
-            self._moving.publish(self._message(transforms=[message]))
+    def moving(self, transforms: list[TransformStamped]) -> None:
+        """Publish the transforms of one moment."""
+        if self._moving is not None:
+            self._moving.publish(self._message(transforms=transforms))

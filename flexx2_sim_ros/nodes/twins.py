@@ -14,12 +14,40 @@ def twin_text(node: Node) -> str:
             '__node:=another')
 
 
-def claim_name(node: Node) -> socket.socket | None:
+def take(node: Node, name: str) -> socket.socket | None:
     """
-    Take a node's name on this machine, at once: in the graph a twin takes up to 3 s to appear.
+    Take a name in the node's ROS domain for this process, at once.
 
     What is taken is a socket's name without a file, which Linux gives free when the process ends,
     however it ends. Elsewhere nothing is taken.
+
+    Returns
+    -------
+    socket.socket or None
+        To be kept, and closed to give the name free.
+
+    Raises
+    ------
+    OSError
+        When it is taken.
+
+    """
+    if sys.platform != 'linux':
+        return None
+    claim = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+    whole = f'ros/{node.context.get_domain_id()}{name}'
+    try:
+        # At most 108 bytes: the end of a name is what differs.
+        claim.bind('\0' + whole[-100:])
+    except OSError:
+        claim.close()
+        raise
+    return claim
+
+
+def claim_name(node: Node) -> socket.socket | None:
+    """
+    Take a node's name on this machine, at once: in the graph a twin takes up to 3 s to appear.
 
     Returns
     -------
@@ -32,14 +60,7 @@ def claim_name(node: Node) -> socket.socket | None:
         When another process has it.
 
     """
-    if sys.platform != 'linux':
-        return None
-    claim = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
-    name = f'\0ros/{node.context.get_domain_id()}{node.get_fully_qualified_name()}'
     try:
-        # At most 108 bytes: the end of a name is what differs.
-        claim.bind(name[:1] + name[1:][-100:])
+        return take(node, node.get_fully_qualified_name())
     except OSError as error:
-        claim.close()
         raise InputError(twin_text(node)) from error
-    return claim

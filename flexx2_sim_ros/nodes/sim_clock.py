@@ -1,0 +1,92 @@
+"""Simulated time: published by one node, followed by the others."""
+
+from collections.abc import Callable
+import time
+from typing import Any
+
+from flexx2_sim_ros.nodes import messages
+from flexx2_sim_ros.nodes.twins import take
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rosgraph_msgs.msg import Clock
+
+_TOPIC = '/clock'
+_SILENT_SECONDS = 3.0
+
+
+class SimClock:
+    """
+    Publish ``/clock``, or follow it where another node of this machine publishes it already.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+        With the parameter ``use_sim_time``, which asks to follow.
+    publish : bool
+        Whether to publish unless it follows.
+    on_time : callable
+        Called with each time that is followed, nanoseconds.
+
+    Attributes
+    ----------
+    follows : bool
+        Whether time comes from another node.
+
+    """
+
+    def __init__(self, node: Node, publish: bool, on_time: Callable[[int], None]) -> None:
+        """Take the clock or follow it."""
+        self._node = node
+        self._on_time = on_time
+        self._publisher: Any = None
+        self._claim: Any = None
+        self._last = time.monotonic()
+        self._warned = False
+        self.follows = bool(node.get_parameter('use_sim_time').value)
+        if publish and not self.follows:
+            try:
+                self._claim = take(node, _TOPIC)
+            except OSError:
+                self.follows = True
+                node.get_logger().warning(
+                    f'{_TOPIC}: another robot publishes it already, this one follows it '
+                    '(use_sim_time:=true says the same without this warning; publish_clock:=false '
+                    'keeps a time of its own)')
+        if self.follows:
+            node.create_subscription(
+                Clock, _TOPIC, self._on_clock,
+                QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT))
+        elif publish:
+            self._publisher = node.create_publisher(Clock, _TOPIC, QoSProfile(depth=10))
+
+    def publish(self, stamp: int) -> None:
+        """Publish a time in nanoseconds, where this node publishes it."""
+        if self._publisher is not None:
+            self._publisher.publish(Clock(clock=messages.time_message(stamp)))
+
+    def watch(self) -> None:
+        """Warn once when followed time stands still, or when there are two clocks."""
+        silent = self.follows and time.monotonic() - self._last > _SILENT_SECONDS
+        others = []
+        if self._publisher is not None:
+            mine = self._node.get_name(), self._node.get_namespace()
+            others = [info for info in self._node.get_publishers_info_by_topic(_TOPIC)
+                      if (info.node_name, info.node_namespace) != mine]
+        if not self._warned and silent:
+            self._node.get_logger().warning(
+                f'{_TOPIC}: nothing came for {_SILENT_SECONDS:g} s: simulated time stands still')
+        if not self._warned and others:
+            name = f'{others[0].node_namespace.rstrip("/")}/{others[0].node_name}'
+            self._node.get_logger().error(
+                f'{_TOPIC}: {name[:80]!r} publishes it too, and time will jump: start this node '
+                'with use_sim_time:=true (it then follows) or publish_clock:=false')
+        self._warned = bool(silent or others)
+
+    def close(self) -> None:
+        """Let another node publish."""
+        if self._claim is not None:
+            self._claim.close()
+
+    def _on_clock(self, message: Clock) -> None:
+        self._last = time.monotonic()
+        self._on_time(message.clock.sec * 1_000_000_000 + message.clock.nanosec)
