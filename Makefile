@@ -36,9 +36,10 @@ $(STAMP): setup.py constraints.txt
 	@$(PYTHON) -c 'import sys; sys.version_info[:2] in ((3, 11), (3, 12)) or sys.exit("needs \
 	Python 3.11 or 3.12, found %d.%d: try make PYTHON=python3.12" % sys.version_info[:2])'
 	@echo "Making .venv with $$($(PYTHON) --version): downloads about 360 MB, needs 1.5 GB" \
-	"of disk and takes one to three minutes ..."
+	"of disk and takes two to four minutes ..."
 	$(PYTHON) -m venv --clear .venv
 	@touch .venv/COLCON_IGNORE
 	$(BIN)/pip install --disable-pip-version-check -c constraints.txt -e '.[ros,test]'
+	$(BIN)/flexx2 compile
 	@touch $@
 	@echo "Made .venv."

@@ -1,16 +1,37 @@
 """Build flexx2_sim_ros for colcon (ament_python) and for pip alike."""
 
+import os
 from pathlib import Path
+import subprocess
+import sys
 
 from setuptools import find_packages, setup
+from setuptools.command.install import install
 
 NAME = 'flexx2_sim_ros'
 SHARE = Path('share') / NAME
 
-config_files: dict[str, list[str]] = {}
-for path in sorted(Path('config').rglob('*')):
+shared_files: dict[str, list[str]] = {}
+for path in sorted([*Path('config').rglob('*'), *Path('launch').glob('*.launch.py')]):
     if path.is_file():
-        config_files.setdefault(str(SHARE / path.parent), []).append(str(path))
+        shared_files.setdefault(str(SHARE / path.parent), []).append(str(path))
+
+
+class Install(install):
+    """Install; where the package will run from there (colcon), compile the camera as well."""
+
+    def run(self) -> None:
+        """Install. Failing to compile is no failure: the first start does it then."""
+        super().run()
+        if self.root is not None:  # a wheel or a Debian package, for another machine
+            return
+        paths = [self.install_lib, *filter(None, [os.environ.get('PYTHONPATH')])]
+        done = subprocess.run(
+            [sys.executable, '-m', f'{NAME}.cli.main', 'compile', '--no-effects'],
+            cwd=self.install_lib, env={**os.environ, 'PYTHONPATH': os.pathsep.join(paths)},
+            capture_output=True, text=True, check=False)
+        print(done.stdout if done.returncode == 0 else 'the camera is not compiled yet')
+
 
 setup(
     name=NAME,
@@ -25,7 +46,7 @@ setup(
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (str(SHARE), ['package.xml']),
-        *config_files.items(),
+        *shared_files.items(),
     ],
     install_requires=[
         'matplotlib>=3.7',
@@ -88,5 +109,6 @@ setup(
             'go1_cameras = flexx2_sim_ros.nodes.go1_cameras:main',
         ],
     },
+    cmdclass={'install': Install},
     zip_safe=False,
 )

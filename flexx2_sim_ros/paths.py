@@ -1,7 +1,8 @@
-"""Where the package's data files (``config/``) are, in a checkout and in every kind of install."""
+"""Where the package's data files and executables are, in a checkout and in every install."""
 
 from functools import lru_cache
 from pathlib import Path
+import sys
 
 from flexx2_sim_ros.errors import InputError
 
@@ -37,3 +38,34 @@ def config_dir() -> Path:
     raise InputError(
         f'config folder: no {_MARKER} found near {package}; wanted config/ in a checkout or '
         'share/flexx2_sim_ros/config in an install. Reinstall the package.')
+
+
+def executable(name: str) -> Path:
+    """
+    Return the path of one of the package's executables.
+
+    Parameters
+    ----------
+    name : str
+        ``flexx2``, ``flexx2_camera`` or ``go1_cameras``.
+
+    Returns
+    -------
+    pathlib.Path
+        In ``lib/flexx2_sim_ros`` under the prefix, where ``colcon build`` puts it, else in
+        ``bin/`` beside this Python, where ``pip install`` does.
+
+    Raises
+    ------
+    InputError
+        When it is in neither.
+
+    """
+    package = Path(__file__).resolve().parent
+    candidates = [up / 'lib' / 'flexx2_sim_ros' / name for up in package.parents]
+    candidates.append(Path(sys.executable).parent / name)
+    for candidate in candidates:
+        if candidate.is_file():
+            return candidate
+    raise InputError(f'{name}: must be an installed executable, got none near {package} or '
+                     f'{sys.executable}. Reinstall the package.')

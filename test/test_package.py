@@ -12,6 +12,8 @@ import sys
 import sysconfig
 from xml.etree import ElementTree
 
+from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.paths import executable
 import pytest
 import yaml
 
@@ -80,7 +82,7 @@ def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Copy what the package is built from."""
     copy = tmp_path_factory.mktemp('source') / NAME
     copy.mkdir()
-    for folder in (NAME, 'config', 'resource'):
+    for folder in (NAME, 'config', 'launch', 'resource'):
         shutil.copytree(ROOT / folder, copy / folder,
                         ignore=shutil.ignore_patterns('__pycache__'))
     for file in ('LICENSE', 'package.xml', 'pyproject.toml', 'setup.cfg', 'setup.py'):
@@ -103,7 +105,9 @@ def test_colcon_puts_files_where_ros_looks(workspace: Path) -> None:
     assert files_under(prefix / 'lib' / NAME) == {Path(name) for name in EXECUTABLES}
     assert (prefix / 'share/ament_index/resource_index/packages' / NAME).is_file()
     assert (share / 'package.xml').is_file()
-    assert files_under(share / 'config') == files_under(ROOT / 'config')
+    for folder in ('config', 'launch'):
+        assert files_under(share / folder) == {
+            path for path in files_under(ROOT / folder) if '__pycache__' not in path.parts}
     assert files_under(site_packages(prefix) / PAGE) == files_under(ROOT / PAGE)
 
 
@@ -112,6 +116,24 @@ def test_colcon_install_runs_in_a_sourced_shell(workspace: Path) -> None:
     printed = run('bash', '-c', script, cwd=workspace)
     assert len(MODES) == 9
     assert set(re.findall(r'Mode_\w+', printed)) == MODES
+
+
+def test_colcon_build_compiles_the_camera(workspace: Path) -> None:
+    script = (f'. install/setup.bash && "$AMENT_PREFIX_PATH/lib/{NAME}/flexx2" compile '
+              '--no-effects')
+    assert run('bash', '-c', script, cwd=workspace) == 'everything was compiled before\n'
+
+
+def test_launch_files_find_the_executables(workspace: Path) -> None:
+    for name in sorted(EXECUTABLES):
+        program = f"from {NAME}.paths import executable; print(executable('{name}'))"
+        script = f'. install/setup.bash && "{sys.executable}" -c "{program}"'
+        found = run('bash', '-c', script, cwd=workspace).strip()
+        assert Path(found) == workspace / 'install' / NAME / 'lib' / NAME / name
+    # Without an install beside it: those of this Python.
+    assert executable('flexx2') == Path(sys.executable).parent / 'flexx2'
+    with pytest.raises(InputError, match='flexx3: must be an installed executable'):
+        executable('flexx3')
 
 
 def test_pip_install_runs(source: Path, tmp_path: Path) -> None:

@@ -23,6 +23,9 @@ ELSEWHERE = {'colcon build': 'test_package.py', 'source install/setup.bash': 'te
              "flexx2 replay walk --rate 0.5 --topics '*/clean/*'": 'test_record_replay.py',
              'flexx2 convert walk walk.npz --camera front_left': 'test_bags.py',
              'flexx2 batch': 'test_batch_robots.py',
+             'flexx2 compile': 'test_drop_in.py',
+             'ros2 launch flexx2_sim_ros go1.launch.py rviz:=true': 'test_drop_in.py',
+             'ros2 launch flexx2_sim_ros flexx2_driver.launch.py': 'test_drop_in.py',
              'flexx2 view --demo': 'test_view.py',
              'mkdir recordings': 'test_gap_diagnosis.py',
              'flexx2 simulate scene.npz recordings/one.npz --frames 20 --effects temporal_filter':

@@ -7,6 +7,7 @@ from flexx2_sim_ros import __version__
 from flexx2_sim_ros.cli import (
     batch,
     characterize,
+    compiling,
     convert,
     demo,
     effects,
@@ -42,7 +43,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument('--version', action='version', version=__version__)
     commands = parser.add_subparsers(dest='command', required=True, metavar='COMMAND')
     for module in (modes, simulate, characterize, effects, demo, view, record, replay, convert,
-                   gap, batch):
+                   gap, batch, compiling):
         module.add_parser(commands)
     arguments = parser.parse_args(argv)
     try:

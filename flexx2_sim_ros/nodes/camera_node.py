@@ -5,9 +5,9 @@ from traceback import format_exception
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
+from flexx2_sim_ros.camera.compiling import compiling_said, warm_up
 from flexx2_sim_ros.camera.geometry import pixel_rays, points, View
 from flexx2_sim_ros.camera.gray import gray_image
-from flexx2_sim_ros.camera.intrinsics import Intrinsics
 from flexx2_sim_ros.camera.modes import flexx2, Profile
 from flexx2_sim_ros.camera.pipeline import Camera, Frame
 from flexx2_sim_ros.camera.profiles import load_profile
@@ -28,6 +28,7 @@ from flexx2_sim_ros.nodes.report import Statistics
 from flexx2_sim_ros.nodes.runtime import Throttle
 from flexx2_sim_ros.nodes.steady_node import SteadyNode
 from flexx2_sim_ros.nodes.subscriptions import Input
+from flexx2_sim_ros.nodes.transforms import FramePublisher, optical_transform
 from flexx2_sim_ros.nodes.twins import claim_name
 import numpy as np
 from rcl_interfaces.msg import SetParametersResult
@@ -51,7 +52,8 @@ class Flexx2Camera(SteadyNode):
 
     Subscribes ``clean/depth_image``, ``clean/camera_info`` and, when somebody publishes it,
     ``clean/reflectivity``; publishes under ``~/``: ``depth_image_0``, ``camera_info``,
-    ``point_cloud_0``, ``gray_image_0``, ``depth_noise_0``; and ``/diagnostics``.
+    ``point_cloud_0``, ``gray_image_0``, ``depth_noise_0``; ``/diagnostics``; and, where
+    ``parent_frame`` is set, the camera's frame on ``/tf_static``.
     """
 
     # Effects and exposures depend on the mode, single effects on the file.
@@ -73,9 +75,12 @@ class Flexx2Camera(SteadyNode):
         self._rays = pixel_rays(self.settings.intrinsics)
         self._camera = self._make_camera()
         self._gate = FrameGate(self._camera.mode.rate_hz)
-        _warm_up(self._camera, self.settings.intrinsics)
+        self._compile('the camera model')
         self._say_effects()
         self._open_topics()
+        self._frames = FramePublisher(self, moving=False) if self.settings.parent_frame else None
+        self._placed = ''
+        self._place(self.settings.frame_id)
         self.say_unknown_parameters()
         self.get_logger().info(
             f'{self._camera.usecase}, serial {self.settings.serial}: waiting for '
@@ -111,6 +116,20 @@ class Flexx2Camera(SteadyNode):
     def _follow(self) -> None:
         for source in self._inputs.values():
             source.follow()
+
+    def _compile(self, what: str) -> None:
+        with compiling_said(lambda: self.get_logger().info(
+                f'compiling {what}: takes about ten seconds, once (`flexx2 compile` does it ahead '
+                'of time)')):
+            warm_up(self._camera, self.settings.intrinsics)
+
+    def _place(self, frame: str) -> None:
+        # `frame_id` can be set while streaming.
+        if self._frames is not None and frame != self._placed:
+            self._placed = frame
+            settings = self.settings
+            self._frames.fixed([optical_transform((settings.parent_frame, frame),
+                                                  settings.mount_position, settings.mount_rpy)])
 
     def _find_profile(self) -> Profile:
         path = declare(self, 'profile', '', 'Path of a camera profile (YAML), as `flexx2 '
@@ -153,7 +172,7 @@ class Flexx2Camera(SteadyNode):
             # What goes on being on keeps its memory.
             self._camera.effects = self.settings.effects.chosen
         if any(effect.name not in were_on for effect in self._camera.effects):
-            _warm_up(self._camera, self.settings.intrinsics)
+            self._compile('the camera model')
         self._say_effects()
 
     def _say_effects(self) -> None:
@@ -211,6 +230,7 @@ class Flexx2Camera(SteadyNode):
                   for publisher in (self._depth, self._cloud, self._gray, self._noise)]
         head = messages.header(match.stamp,
                                self.settings.frame_id or match.image.header.frame_id)
+        self._place(head.frame_id)
         if any(wanted):
             # Parameters of effects are for the automatic exposure, or the longest.
             self._camera.exposure_share = self.settings.exposure_share or 1.0
@@ -297,7 +317,8 @@ class Flexx2Camera(SteadyNode):
             self._depth.publish(messages.image_message(head, frame.depth, '32FC1'))
         if cloud:
             self._cloud.publish(messages.cloud_message(
-                head, points(frame.depth, self._rays), frame.confidence))
+                head, points(frame.depth, self._rays), frame.confidence,
+                swapped=self.settings.cloud_is_swapped))
         if gray:
             self._gray.publish(messages.image_message(
                 head, gray_image(frame.amplitude, self.settings.exposure_share), 'mono8'))
@@ -344,14 +365,3 @@ class Flexx2Camera(SteadyNode):
         super().destroy_node()
         if self._claim is not None:
             self._claim.close()
-
-
-def _warm_up(camera: Camera, intrinsics: Intrinsics) -> None:
-    # Compile (or load) the kernels before the first image needs them; in a camera of its own,
-    # since effects remember.
-    scene = np.full((intrinsics.height, intrinsics.width), 1.0, np.float32)
-    scene[: intrinsics.height // 2] = 2.0
-    Camera(camera.usecase, profile=camera.profile, effects=camera.effects).capture(
-        np.stack([scene, scene * np.float32(1.01)]), intrinsics.matrix, np.arange(2) * 10 ** 7)
-    other = Intrinsics(8, 8, 4.0, 4.0, 3.5, 3.5)
-    View(intrinsics, other).depth(np.ones((8, 8), np.float32))

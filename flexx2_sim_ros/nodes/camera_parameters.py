@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
+import math
 from typing import Any
 
 from flexx2_sim_ros.camera.intrinsics import Intrinsics
@@ -23,7 +24,8 @@ _AUTO = 'auto_exposure_0'
 _EXPOSURE = 'exposure_time_0'
 # Of what goes into every message.
 _LONGEST_FRAME_ID = 255
-_CHOICES = {'invalid_value': ('nan', 'zero'), 'input_depth': ('planar', 'radial')}
+_CHOICES = {'invalid_value': ('nan', 'zero'), 'input_depth': ('planar', 'radial'),
+            'cloud_layout': ('organised', 'driver')}
 
 
 class CameraParameters:
@@ -38,6 +40,13 @@ class CameraParameters:
         The camera; gives modes and default intrinsics.
     on_change : callable
         Called once after a set that changed mode or effects, with whether the mode is another.
+
+    Attributes
+    ----------
+    parent_frame : str
+        Frame that the camera is mounted on; empty when nobody said.
+    mount_position, mount_rpy : list of float
+        Of the lens in it: metres; roll, pitch, yaw in radians.
 
     Raises
     ------
@@ -71,12 +80,16 @@ class CameraParameters:
         self.camera_name = declare_text(
             node, 'camera_name', '', 'Cameras of different names share no noise; empty: '
             "the node's full name.") or node.get_fully_qualified_name()
-        declare('frame_id', '', 'frame_id of what is published; empty: that of the input.')
+        declare('frame_id', '', 'frame_id of what is published; empty: that of the input, or '
+                '<node>_optical_frame where parent_frame is set.')
         self._check('frame_id', self.frame_id)
+        self._declare_mount()
         declare('invalid_value', 'nan', 'How an invalid pixel is written: nan or zero.',
                 any_type=True)
         declare('input_depth', 'planar', 'What the input holds: planar (along the optical axis) '
                 'or radial (along the ray).')
+        declare('cloud_layout', 'organised', "Size of the point cloud: organised (the image's "
+                "width and height) or driver (exchanged, as the vendor's driver has them).")
         self.intrinsics = self._declare_intrinsics(profile.intrinsics)
         for parameter in self._canonical([node.get_parameter(name) for name in _CHOICES]):
             self._check(parameter.name, parameter.value)
@@ -89,7 +102,8 @@ class CameraParameters:
     @property
     def frame_id(self) -> str:
         """Return the frame to publish in; empty for the input's."""
-        return str(self._node.get_parameter('frame_id').value)
+        usual = f'{self._node.get_name()}_optical_frame' if self.parent_frame else ''
+        return str(self._node.get_parameter('frame_id').value) or usual
 
     @property
     def radial(self) -> bool:
@@ -102,6 +116,11 @@ class CameraParameters:
         return bool(self._node.get_parameter('invalid_value').value == 'zero')
 
     @property
+    def cloud_is_swapped(self) -> bool:
+        """Say whether the point cloud has width and height exchanged."""
+        return bool(self._node.get_parameter('cloud_layout').value == 'driver')
+
+    @property
     def exposure_share(self) -> float | None:
         """Return exposure as a share of the mode's longest; None for automatic."""
         if self._node.get_parameter(_AUTO).value:
@@ -111,6 +130,22 @@ class CameraParameters:
 
     def _declare(self, name: str, default: Any, description: str, **options: bool) -> Any:
         return declare(self._node, name, default, description, **options)
+
+    def _declare_mount(self) -> None:
+        self.parent_frame: str = self._declare(
+            'parent_frame', '', 'Frame that the camera is mounted on: its optical frame is '
+            'published on /tf_static; empty: it is not.', read_only=True)
+        self.mount_position, degrees = (
+            self._declare(f'mount.{name}', [0.0, 0.0, 0.0], text, read_only=True)
+            for name, text in (
+                ('position', 'Lens in parent_frame, metres.'),
+                ('rpy_deg', 'Roll, pitch (down), yaw (left) in degrees; zero looks along the x '
+                 'axis of parent_frame, upright.')))
+        for name, values in (('position', self.mount_position), ('rpy_deg', degrees)):
+            if len(values) != 3 or not all(map(math.isfinite, values)):
+                raise InputError(f'mount.{name}: must be three finite numbers, got '
+                                 f'{str(values)[:80]}')
+        self.mount_rpy = [math.radians(angle) for angle in degrees]
 
     def _declare_intrinsics(self, default: Intrinsics) -> Intrinsics:
         text = 'Intrinsics of the simulated camera, pixels'

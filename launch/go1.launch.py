@@ -1,0 +1,35 @@
+"""A Go1 with its two cameras and, if asked for, RViz."""
+
+from flexx2_sim_ros.paths import config_dir, executable
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument
+from launch.conditions import IfCondition
+from launch.substitutions import LaunchConfiguration
+from launch_ros.actions import Node
+
+CAMERAS = ('front_left', 'front_right')
+ARGUMENTS = {
+    'motion': ('cmd_vel', 'What moves the robot: stand, cmd_vel or external.'),
+    'scene': ('lab', 'lab, stairs, corner, board, rubble, or the path of an MJCF file.'),
+    'renderer': ('auto', 'auto, egl, osmesa or ray.'),
+    'usecase': ('Mode_9_30fps', 'Mode of both cameras.'),
+    'rviz': ('false', 'Whether to start RViz.'),
+}
+
+
+def generate_launch_description() -> LaunchDescription:
+    """Start go1_cameras, a flexx2_camera for each of its cameras, and RViz if asked for."""
+    robot = Node(
+        executable=str(executable('go1_cameras')), output='screen',
+        parameters=[{name: LaunchConfiguration(name) for name in ('motion', 'scene', 'renderer')}])
+    cameras = [
+        Node(executable=str(executable('flexx2_camera')), namespace=camera, output='screen',
+             parameters=[{'usecase': LaunchConfiguration('usecase'), 'use_sim_time': True}])
+        for camera in CAMERAS]
+    rviz = Node(
+        package='rviz2', executable='rviz2', output='screen',
+        arguments=['-d', str(config_dir() / 'flexx2.rviz')], parameters=[{'use_sim_time': True}],
+        condition=IfCondition(LaunchConfiguration('rviz')))
+    arguments = [DeclareLaunchArgument(name, default_value=default, description=text)
+                 for name, (default, text) in ARGUMENTS.items()]
+    return LaunchDescription([*arguments, robot, *cameras, rviz])

@@ -1,0 +1,217 @@
+"""What stands in for the vendor's driver: parameters, cloud, frame, and the launch files."""
+
+import os
+from pathlib import Path
+import re
+import signal
+import subprocess
+import sys
+from typing import Any
+
+from flexx2_sim_ros.nodes.transforms import optical_transform
+from flexx2_sim_ros.paths import config_dir
+import numpy as np
+import pytest
+from sensor_msgs.msg import PointCloud2
+from streams import (
+    array_of,
+    boards,
+    CameraInfo,
+    CLOUD,
+    DEPTH,
+    FLEXX2,
+    Image,
+    image_message,
+    info_message,
+    Listener,
+    PointField,
+    SECOND,
+    START,
+    stream,
+)
+import yaml
+
+pytestmark = pytest.mark.usefixtures('ros')
+
+ROOT = Path(__file__).resolve().parents[1]
+DRIVER = '/pmd_royale_ros_camera_node'
+OPTICAL = 'pmd_royale_ros_camera_node_optical_frame'
+PATIENCE = 60.0
+
+
+def test_the_cloud_has_the_drivers_layout_when_asked_for() -> None:
+    with stream(DEPTH, CLOUD, invalid_value='zero', seed=2) as seen:
+        seen.show(boards(), START)
+        assert seen.set(cloud_layout='driver').successful
+        seen.show(boards(), START + SECOND)
+        assert not seen.set(cloud_layout='flat').successful
+        plain, driver = seen.messages(CLOUD)
+        assert (plain.width, plain.height, plain.row_step) == (224, 172, 224 * 16)
+        # As read from the driver's source: its setPointCloud2Fields makes row_step fit the width.
+        assert (driver.width, driver.height, driver.row_step) == (172, 224, 172 * 16)
+        assert (driver.point_step, driver.is_dense, driver.is_bigendian) == (16, False, False)
+        assert [(f.name, f.offset, f.datatype, f.count) for f in driver.fields] == [
+            (name, 4 * i, PointField.FLOAT32, 1) for i, name in enumerate(('x', 'y', 'z', 'conf'))]
+        # The points come in the order of the image's pixels; a pixel without return is all 0.
+        points = np.frombuffer(driver.data, '<f4').reshape(172, 224, 4)
+        depth = array_of(seen.messages(DEPTH)[1])
+        np.testing.assert_array_equal(points[..., 2], depth)
+        assert (points[depth == 0] == 0).all()
+        assert (depth == 0).any()
+
+
+def test_the_optical_frame_is_where_the_mount_is() -> None:
+    # The driver's launch files: x, y, z, w = 0.5, 0.5, -0.5, -0.5 (its negative is the same).
+    driver = optical_transform((f'{DRIVER[1:]}_link', OPTICAL), (0, 0, 0), (0, 0, np.pi))
+    turn = driver.transform.rotation
+    found = np.array([turn.x, turn.y, turn.z, turn.w])
+    np.testing.assert_allclose(found * np.sign(found[0]), [0.5, 0.5, -0.5, -0.5], atol=1e-12)
+    # Looking 90 degrees down: the optical axis is the parent's -z, image right its -y.
+    down = optical_transform(('base_link', 'lens'), (0.1, 0.2, 0.3), (0, np.pi / 2, 0))
+    turn, moved = down.transform.rotation, down.transform.translation
+    w, v = turn.w, np.array([turn.x, turn.y, turn.z])
+    right, _, forward = (axis + 2 * np.cross(v, np.cross(v, axis) + w * axis)
+                         for axis in np.eye(3))
+    np.testing.assert_allclose(forward, [0, 0, -1], atol=1e-12)
+    np.testing.assert_allclose(right, [0, -1, 0], atol=1e-12)
+    assert (moved.x, moved.y, moved.z) == (0.1, 0.2, 0.3)
+
+
+def test_a_parent_names_the_frame() -> None:
+    with stream(DEPTH, parent_frame='base_link') as seen:
+        seen.show(boards(), START, frame_id='of_the_input')
+        assert seen.set(frame_id='mine').successful
+        seen.show(boards(), START + SECOND, frame_id='of_the_input')
+        assert [message.header.frame_id for message in seen.messages(DEPTH)] == [
+            'flexx2_camera_optical_frame', 'mine']
+
+
+def _first_cloud(process: 'subprocess.Popen[str]') -> PointCloud2:
+    """Feed the driver's stand-in until it publishes a cloud."""
+    user = Listener()
+    try:
+        image, info = (user.node.create_publisher(kind, f'/clean/{topic}', 10)
+                       for kind, topic in ((Image, 'depth_image'), (CameraInfo, 'camera_info')))
+        heard: list[PointCloud2] = []
+        user.node.create_subscription(PointCloud2, f'{DRIVER}/point_cloud_0', heard.append, 10)
+        stamps = iter(range(START, START + 10 ** 6 * SECOND, SECOND))
+
+        def feed() -> bool:
+            assert process.poll() is None
+            stamp = next(stamps)
+            info.publish(info_message(FLEXX2, stamp))
+            image.publish(image_message(boards(), stamp))
+            user.spin_for_a_message()
+            return bool(heard)
+        user.spin_until(feed, 'a cloud')
+        return heard[0]
+    finally:
+        user.close()
+
+
+def _check_driver(process: 'subprocess.Popen[str]') -> None:
+    cloud = _first_cloud(process)
+    assert (cloud.width, cloud.height) == (172, 224)
+    assert cloud.header.frame_id == OPTICAL
+    assert not np.isnan(np.frombuffer(cloud.data, '<f4')).any()
+    process.send_signal(signal.SIGINT)
+    output = process.communicate(timeout=PATIENCE)[0]
+    assert process.returncode == 0, output
+    assert 'Traceback' not in output
+
+
+def test_the_parameter_file_makes_the_node_the_driver(child_env: dict[str, str]) -> None:
+    path = config_dir() / 'flexx2_driver.yaml'
+    given = yaml.safe_load(path.read_text())['/**']['ros__parameters']
+    assert given['parent_frame'] == f'{DRIVER[1:]}_link'
+    with subprocess.Popen(
+            [sys.executable, '-m', 'flexx2_sim_ros.nodes.flexx2_camera', '--ros-args',
+             '--params-file', path, '-r', f'__node:={DRIVER[1:]}'], env=child_env, text=True,
+            stdout=subprocess.PIPE, stderr=subprocess.STDOUT) as process:
+        _check_driver(process)
+
+
+@pytest.fixture
+def launch(child_env: dict[str, str]) -> Any:
+    """Return a function that runs a launch file; skip where there is no launch."""
+    reason = ('launch_ros is not installed (it is not on the package index): source a ROS 2 '
+              'installation, or build launch and launch_ros, to run the launch files')
+    pytest.importorskip('launch_ros.actions', reason=reason)
+
+    def run(name: str, *arguments: str) -> 'subprocess.Popen[str]':
+        program = ('import sys; from launch import LaunchService; '
+                   'from launch.actions import IncludeLaunchDescription as Include; '
+                   'from launch import LaunchDescription as Description; '
+                   'from launch.launch_description_sources import '
+                   'PythonLaunchDescriptionSource as Source; '
+                   'service = LaunchService(); service.include_launch_description('
+                   'Description([Include(Source(sys.argv[1]), launch_arguments='
+                   '[tuple(a.split(":=")) for a in sys.argv[2:]])])); sys.exit(service.run())')
+        return subprocess.Popen(
+            [sys.executable, '-c', program, ROOT / 'launch' / name, *arguments], env=child_env,
+            text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+    return run
+
+
+def test_the_drivers_launch_file(launch: Any) -> None:
+    with launch('flexx2_driver.launch.py') as process:
+        _check_driver(process)
+
+
+def test_the_robots_launch_file(launch: Any) -> None:
+    with launch('go1.launch.py', 'scene:=corner', 'renderer:=ray', 'motion:=stand',
+                'usecase:=Mode_5_15fps') as process:
+        user = Listener()
+        try:
+            for camera in ('front_left', 'front_right'):
+                heard = user.listen(f'/{camera}/flexx2_camera/depth_image_0', Image)
+                user.spin_until(lambda heard=heard: heard, f'an image of {camera}')
+                assert heard[0].header.frame_id == f'{camera}_optical_frame'
+        finally:
+            user.close()
+            process.send_signal(signal.SIGINT)
+        output = process.communicate(timeout=PATIENCE)[0]
+        assert process.returncode == 0, output
+
+
+def test_the_launch_files_are_documented() -> None:
+    pages = (ROOT / 'docs' / 'driver.md').read_text() + (ROOT / 'docs' / 'nodes.md').read_text()
+    for path in (ROOT / 'launch').glob('*.launch.py'):
+        assert path.name in pages
+        for argument in re.findall(r"^    '(\w+)': \(", path.read_text(), re.M):
+            assert f'`{argument}`' in pages
+
+
+def compiling(env: dict[str, str], cache: Path) -> str:
+    """Return what a camera node logs up to when it is ready, with a cache of its own."""
+    with subprocess.Popen(
+            [sys.executable, '-m', 'flexx2_sim_ros.nodes.flexx2_camera', '--ros-args', '-r',
+             '__ns:=/fresh'], env={**env, 'NUMBA_CACHE_DIR': str(cache)}, text=True,
+            stderr=subprocess.PIPE) as process:
+        assert process.stderr is not None
+        said = ''
+        for line in process.stderr:
+            said += line
+            if 'waiting for' in line:
+                break
+        process.send_signal(signal.SIGINT)
+        assert process.wait(PATIENCE) == 0
+    return said
+
+
+def test_the_first_start_says_that_it_compiles(child_env: dict[str, str], tmp_path: Path) -> None:
+    first, second = (compiling(child_env, tmp_path) for _ in range(2))
+    assert first.index('compiling the camera model') < first.index('waiting for')
+    assert 'compiling' not in second
+
+
+def test_compiled_ahead_of_time_it_starts_at_once(child_env: dict[str, str], tmp_path: Path
+                                                  ) -> None:
+    def compile_command() -> str:
+        return subprocess.run(
+            [sys.executable, '-m', 'flexx2_sim_ros.cli.main', 'compile', '--no-effects'],
+            env={**os.environ, 'NUMBA_CACHE_DIR': str(tmp_path)}, capture_output=True, text=True,
+            check=True, cwd=ROOT).stdout
+    assert 'compiled in' in compile_command()
+    assert compile_command() == 'everything was compiled before\n'
+    assert 'compiling' not in compiling(child_env, tmp_path)
