@@ -57,7 +57,8 @@ def test_a_capture_goes_on_where_it_was(tmp_path: Path, camera: Any) -> None:
     flipped.write_bytes(data)
     with np.load(other) as arrays:
         np.savez(other, **{**arrays, 'depth': arrays['depth'] + np.float32(0.01)})
-    (tmp_path / f'.{lost.name}.abc').write_bytes(b'of a capture that was killed')
+    (tmp_path / '.flexx2-0.part').mkdir()
+    (tmp_path / '.flexx2-0.part' / lost.name).write_bytes(b'of a capture that was killed')
     said: list[str] = []
     again = dict(capture(tmp_path, wanted, camera, frames=3, say=said.append))
     assert all(again.values())
@@ -161,7 +162,7 @@ def test_the_plan_is_the_captures_campaign(capsys: pytest.CaptureFixture[str]) -
     (['plan', '--frames', '0'], '--frames'),
     (['capture', 'x', '--frames', '0'], '--frames'),
     (['capture', 'x', '--jobs', '0'], '--jobs'),
-    (['capture', '/dev/null/x'], 'cannot be made'),
+    (['capture', '/dev/null/x'], 'cannot be written: must be a folder'),
     (['fit', 'no such folder'], 'not a folder'),
     (['fit', '.', '--box', '5', '5', '1', '1'], 'no recording in it')])
 def test_bad_arguments_are_named(arguments: list[str], named: str, tmp_path: Path,

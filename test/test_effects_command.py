@@ -105,7 +105,7 @@ def test_simulate_with_effects(tmp_path: Path) -> None:
 @pytest.mark.parametrize(('words', 'named'), [
     (('effects', 'show', 'blur'), "NAME: found 'blur', wanted one of pose_error"),
     (('effects', 'show', 'offset', '--out', '{folder}/no/where.png'), 'cannot be written'),
-    (('effects', '--write-presets', '{folder}/in.npz'), 'in.npz: cannot be made'),
+    (('effects', '--write-presets', '{folder}/in.npz'), 'must be a folder, got a file'),
     (('simulate', '{folder}/in.npz', '{folder}/out.npz', '--effects', '{folder}/no.yaml'),
      'no.yaml'),
     (('simulate', '{folder}/in.npz', '{folder}/out.npz', '--effects', '{folder}/bad.yaml'),

@@ -3,9 +3,9 @@
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-import tempfile
 from typing import Any
 
+from flexx2_sim_ros.atomic import scratch_folder
 from flexx2_sim_ros.benchmark.design import Planned
 from flexx2_sim_ros.blind import BlindCamera, SceneSet
 from flexx2_sim_ros.camera import Camera
@@ -44,8 +44,7 @@ def realised_gap(planned: Planned, diagnosis: dict[str, Any], cache: Path,
     effects = {effect['name']: effect['parameters'] for effect in diagnosis['effects']}
     case = planned.case
     scenes = SceneSet(replace(case.scenes, seed=case.scenes.seed + _FRESH, frames=_FRAMES), cache)
-    with tempfile.TemporaryDirectory(prefix='campaign-') as name:
-        folder = Path(name)
+    with scratch_folder() as folder:
         BlindCamera(replace(case, scenes=scenes.key), scenes).record(folder)
         shrink = float(measure(folder, effects, seed=0)['shrink'])
         distances = np.array([_distances(path, effects) for path in sorted(folder.iterdir())])

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import math
 from pathlib import Path
 
+from flexx2_sim_ros.atomic import whole, write_text
 from flexx2_sim_ros.benchmark.design import STRENGTHS
 from flexx2_sim_ros.benchmark.scoring import (
     Answer,
@@ -78,7 +79,7 @@ def write_page(scores: Scores, path: Path, command: str, picture: str) -> None:
                   + '|']
         lines += ['| ' + ' | '.join(row) + ' |' for row in sheet.rows] + ['']
     lines += ['## What was said for what', '', f'![confusion]({picture})', '']
-    path.write_text('\n'.join(lines))
+    write_text(path, '\n'.join(lines))
 
 
 def _cases(scores: Scores) -> str:
@@ -114,7 +115,8 @@ def draw_confusion(scores: Scores, path: Path) -> None:
     axes.set_xlabel('first answer')
     axes.set_ylabel('truth (cases)')
     figure.colorbar(image, label='share of the row', shrink=0.6)
-    figure.savefig(path, dpi=100)
+    with whole(path) as part:
+        figure.savefig(part, dpi=100, format='png')
     pyplot.close(figure)
 
 

@@ -9,13 +9,12 @@ import json
 import multiprocessing
 import os
 from pathlib import Path
-import shutil
-import tempfile
 import time
 import traceback
 from typing import Any
 
 from flexx2_sim_ros import __version__
+from flexx2_sim_ros.atomic import output_folder, scratch_folder, whole, write_text
 from flexx2_sim_ros.benchmark.baselines import all_baselines
 from flexx2_sim_ros.benchmark.design import make_design, Planned
 from flexx2_sim_ros.benchmark.realised import realised_gap
@@ -74,11 +73,7 @@ def run_benchmark(out: Path, *, quick: bool = False, seed_set: str = 'dev',
     if jobs < 1:
         raise InputError(f'--jobs: found {jobs}, wanted at least 1')
     design = make_design(seed_range(seed_set, release), quick)
-    results = out / 'results'
-    try:
-        results.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f'--out: {out} cannot be written: {error}') from error
+    results = output_folder(out / 'results')
     sealed = seal(design, out / 'sealed', out, {
         'seed_set': seed_set, 'quick': quick, 'version': __version__,
         'date': datetime.datetime.now(datetime.UTC).strftime('%Y-%m-%d %H:%M UTC')})
@@ -145,8 +140,9 @@ def run_case(out: Path, name: str, label: dict[str, Any], diagnoser: str, measur
     seed = int(hashlib.sha256(f'diagnosis/{planned.seed}'.encode()).hexdigest()[:7], 16)
     cache = out / 'cache'
     result: dict[str, Any] = {'error': None, 'diagnosis': None, 'baselines': {}, 'realised': None}
-    folder = Path(tempfile.mkdtemp(prefix=f'campaign-{name}-'))
-    try:
+    with scratch_folder() as scratch:
+        folder = scratch / f'campaign-{name}'
+        folder.mkdir()
         _make(out, name, planned, folder, cache)
         start = time.perf_counter()
         try:
@@ -157,8 +153,6 @@ def run_case(out: Path, name: str, label: dict[str, Any], diagnoser: str, measur
         result['seconds'] = time.perf_counter() - start
         if planned.baselines:
             result['baselines'] = all_baselines(folder, seed)
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
     if planned.realise and result['diagnosis'] and result['diagnosis'].get('effects'):
         try:
             result['realised'] = realised_gap(planned, result['diagnosis'], cache,
@@ -178,9 +172,9 @@ def _make(out: Path, name: str, planned: Planned, folder: Path, cache: Path) -> 
     cells = Cells(scenes, camera.sigma_factor)
     camera.record(folder, cells.watch)
     truth = out / 'sealed' / 'truth'
-    truth.mkdir(exist_ok=True)
-    np.savez_compressed(truth / f'{name}.npz',
-                        **affected(cells, without))  # type: ignore[arg-type]
+    output_folder(truth)
+    with whole(truth / f'{name}.npz') as part:
+        np.savez_compressed(part, **affected(cells, without))  # type: ignore[arg-type]
     _write(truth / f'{name}.json', {
         'parameters': {effect.name: effect.parameters for effect in camera.effects},
         'sigma_factor': camera.sigma_factor})
@@ -188,9 +182,7 @@ def _make(out: Path, name: str, planned: Planned, folder: Path, cache: Path) -> 
 
 def _write(path: Path, value: dict[str, Any]) -> None:
     # Whole or not at all: a file that exists is a case that is done.
-    part = path.with_suffix('.part')
-    part.write_text(json.dumps(value, default=float))
-    part.replace(path)
+    write_text(path, json.dumps(value, default=float))
 
 
 def _function(reference: str) -> Callable[..., Any]:

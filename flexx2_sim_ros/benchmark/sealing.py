@@ -13,6 +13,7 @@ from pathlib import Path
 import secrets
 from typing import Any
 
+from flexx2_sim_ros.atomic import output_folder, write_text
 from flexx2_sim_ros.benchmark.design import Planned
 from flexx2_sim_ros.errors import InputError
 
@@ -74,14 +75,12 @@ def seal(design: list[Planned], sealed: Path, public: Path, facts: dict[str, Any
     named = {_digest(f'{salt}/{index}')[:12]: case.to_json() for index, case in enumerate(design)}
     text = json.dumps({'salt': salt, 'cases': dict(sorted(named.items()))}, sort_keys=True,
                       indent=1)
-    sealed.mkdir(parents=True, exist_ok=True)
-    public.mkdir(parents=True, exist_ok=True)
-    (public / COMMITMENT).write_text(json.dumps(
+    output_folder(public)
+    output_folder(sealed)
+    write_text(public / COMMITMENT, json.dumps(
         {'schema': 1, 'sha256': _digest(text), 'cases': len(design), **facts}, indent=1))
     # Last: without the labels, a run broken off here starts anew.
-    part = sealed / f'{_LABELS}.part'
-    part.write_text(text)
-    part.replace(sealed / _LABELS)
+    write_text(sealed / _LABELS, text)
     return open_seal(sealed, public)
 
 

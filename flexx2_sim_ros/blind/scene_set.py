@@ -4,10 +4,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 import math
-import os
 from pathlib import Path
-import tempfile
 
+from flexx2_sim_ros.atomic import output_folder, whole
 from flexx2_sim_ros.blind.bounce import irradiance
 from flexx2_sim_ros.blind.rooms import KINDS, make_scene, Scene
 from flexx2_sim_ros.blind.shapes import rotation
@@ -134,12 +133,10 @@ class SceneSet:
             with np.load(path, allow_pickle=False) as archive:
                 return dict(archive)
         arrays = make()
-        self._cache.mkdir(parents=True, exist_ok=True)
+        output_folder(self._cache)
         # Two processes may make the same; the file appears whole or not at all.
-        handle, temporary = tempfile.mkstemp(dir=self._cache, suffix='.npz')
-        os.close(handle)
-        np.savez(temporary, **arrays)  # type: ignore[arg-type]
-        Path(temporary).replace(path)
+        with whole(path) as part:
+            np.savez(part, **arrays)  # type: ignore[arg-type]
         return arrays
 
     def _distinct(self, recording: int) -> np.ndarray:

@@ -10,9 +10,9 @@ from dataclasses import dataclass, field
 import math
 from pathlib import Path
 import re
-import tempfile
 from typing import Any
 
+from flexx2_sim_ros.atomic import whole
 from flexx2_sim_ros.camera.intrinsics import Intrinsics
 from flexx2_sim_ros.camera.modes import Mode, NoiseModel, Profile
 from flexx2_sim_ros.config_file import read_config
@@ -145,23 +145,12 @@ def save_profile(path: str | Path, content: ProfileFile) -> None:
             'of an edge.\n# null: not known.\n'
             + yaml.safe_dump(table, sort_keys=False, width=99, allow_unicode=True,
                              default_flow_style=None))
-    temporary = None
-    try:
-        with tempfile.NamedTemporaryFile('w', encoding='utf-8', dir=path.parent, delete=False,
-                                         prefix=f'.{path.name}.', suffix='.yaml') as file:
-            temporary = Path(file.name)
-            file.write(text)
+    with whole(path) as part:
+        part.write_text(text, encoding='utf-8', errors='backslashreplace')
         try:
-            read_profile(temporary)
+            read_profile(part)
         except InputError as error:
-            raise InputError(str(error).replace(str(temporary), str(path))) from error
-        temporary.chmod(0o644)
-        temporary.replace(path)
-    except OSError as error:
-        raise InputError(f'{path}: cannot be written: {error}') from error
-    finally:
-        if temporary is not None:
-            temporary.unlink(missing_ok=True)
+            raise InputError(str(error).replace(str(part), str(path))) from error
 
 
 def _mode_row(mode: Mode, content: ProfileFile) -> dict[str, Any]:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import math
 from pathlib import Path
 
+from flexx2_sim_ros.atomic import output_folder
 from flexx2_sim_ros.camera.geometry import pixel_rays, View
 from flexx2_sim_ros.camera.intrinsics import Intrinsics
 from flexx2_sim_ros.camera.modes import Mode, Profile
@@ -126,10 +127,7 @@ def capture(folder: Path, wanted: Sequence[Condition], profile: Profile, *,
     """
     if frames < 1:
         raise InputError(f'--frames: found {frames}, wanted at least 1')
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f'{folder}: cannot be made: {error}') from error
+    output_folder(folder)
     scenes = _render(sorted({(c.distance, c.angle_deg) for c in wanted}), profile.intrinsics,
                      renderer)
     tasks = []
@@ -249,8 +247,6 @@ def _stamps(task: _Task, camera: Camera) -> np.ndarray:
 
 
 def _record(task: _Task) -> Path:
-    for left in task.path.parent.glob(f'.{task.path.name}.*'):
-        left.unlink(missing_ok=True)  # of a capture that was killed
     camera = _camera(task)
     stamps = _stamps(task, camera)
     matrix = task.profile.intrinsics.matrix

@@ -7,15 +7,17 @@ import math
 from pathlib import Path
 from typing import Any
 
+from flexx2_sim_ros.atomic import named, whole_files
 from flexx2_sim_ros.camera.profiles import ProfileFile
 from flexx2_sim_ros.characterize import figures
 from flexx2_sim_ros.characterize.analysis import Cell, Characterization
 from flexx2_sim_ros.characterize.assumptions import check_assumptions
 from flexx2_sim_ros.characterize.histogram import noise_histogram
 from flexx2_sim_ros.characterize.tables import DASH, divergence, four_tables, Row, Table
-from flexx2_sim_ros.errors import InputError
 import numpy as np
 
+_PAGE = 'report.html'
+_FIGURES = ('sigma_z', 'histogram', 'tables', 'lateral', 'bias', 'amplitude')
 _SHARPNESS = 1.45  # of the figures' pixels a pixel of the page
 _STYLE = """
 :root { color-scheme: light; }
@@ -65,13 +67,14 @@ def write_report(result: Characterization, profile: ProfileFile, folder: Path,
         When a file cannot be written.
 
     """
-    try:
-        pictures = _draw(result, folder, camera)
-        page = folder / 'report.html'
-        page.write_text(_page(result, profile, pictures), encoding='utf-8')
-    except OSError as error:
-        raise InputError(f'{folder}: the report cannot be written: {error}') from error
-    return page
+    with whole_files(folder) as part:
+        pictures = _draw(result, part, camera)
+        (part / _PAGE).write_text(_page(result, profile, pictures), encoding='utf-8',
+                                  errors='backslashreplace')
+    with named(folder):
+        for name in set(_FIGURES) - set(pictures):
+            (folder / f'{name}.png').unlink(missing_ok=True)  # of an earlier run
+    return folder / _PAGE
 
 
 def _draw(result: Characterization, folder: Path, camera: str | None) -> dict[str, str]:
@@ -86,7 +89,6 @@ def _draw(result: Characterization, folder: Path, camera: str | None) -> dict[st
     pictures = {}
     for name, draw in drawings.items():
         path = folder / f'{name}.png'
-        path.unlink(missing_ok=True)  # of an earlier run, if this one has none
         if draw(path) is not False:
             pictures[name] = base64.b64encode(path.read_bytes()).decode('ascii')
     return pictures

@@ -5,6 +5,7 @@ from pathlib import Path
 import time
 from typing import Any
 
+from flexx2_sim_ros.atomic import checked_target, whole
 from flexx2_sim_ros.camera import Camera, flexx2
 from flexx2_sim_ros.camera.modes import DEFAULT_USECASE
 from flexx2_sim_ros.errors import InputError
@@ -47,8 +48,7 @@ def run(arguments: argparse.Namespace) -> int:
         if getattr(arguments, name) < 1:
             raise InputError(f'--{name.replace("_", "-")}: found {getattr(arguments, name)}, '
                              'wanted a whole number from 1')
-    if not arguments.out.parent.is_dir():
-        raise InputError(f'--out: there is no folder {arguments.out.parent}')
+    checked_target(arguments.out)
     Camera(arguments.usecase)  # complains before the work
     try:
         import warp as wp
@@ -174,5 +174,6 @@ def _draw(path: Path, clean: np.ndarray, seen: np.ndarray, truth: np.ndarray,
     axes[1, 3].legend(loc='lower right')
     axes[1, 3].grid(alpha=0.3)
     figure.suptitle(f'Height grids of {len(truth)} Go1 on stairs (grey: not seen)')
-    figure.savefig(path, dpi=100)
+    with whole(path) as part:
+        figure.savefig(part, dpi=100, format='png')
     pyplot.close(figure)

@@ -4,6 +4,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from flexx2_sim_ros.atomic import output_folder
 from flexx2_sim_ros.camera.modes import flexx2, Profile
 from flexx2_sim_ros.camera.profiles import load_profile, save_profile
 from flexx2_sim_ros.errors import InputError, printable
@@ -121,6 +122,9 @@ def _fit(arguments: argparse.Namespace) -> int:
     from flexx2_sim_ros.characterize.export import to_profile
     from flexx2_sim_ros.characterize.report import write_report
     from flexx2_sim_ros.cli.characterize_table import print_result
+    out = arguments.out or arguments.folder / _OUT
+    if arguments.out is not None:
+        output_folder(out)  # Complains before the work.
     console = Console(stderr=True, markup=False)
     with _progress(console) as progress:
         task = progress.add_task('measuring', total=None)
@@ -129,13 +133,9 @@ def _fit(arguments: argparse.Namespace) -> int:
             camera=arguments.camera, workers=_jobs(arguments),
             on_done=lambda done, total: progress.update(task, completed=done, total=total))
     profile = to_profile(result, arguments.model)
-    out = arguments.out or arguments.folder / _OUT
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f'--out: {out} cannot be made: {error}') from error
-    save_profile(out / 'profile.yaml', profile)
+    output_folder(out)
     page = write_report(result, profile, out, arguments.camera)
+    save_profile(out / 'profile.yaml', profile)
     print_result(result)
     for reason in result.left_out:
         console.print(printable(f'left out: {reason}'), style='yellow', highlight=False,

@@ -6,6 +6,7 @@ from pathlib import Path
 import time
 from typing import Any
 
+from flexx2_sim_ros.atomic import output_folder
 from flexx2_sim_ros.camera.modes import flexx2
 from flexx2_sim_ros.cli.children import camera_command, check, nodes, Processes
 from flexx2_sim_ros.cli.demo_picture import draw
@@ -46,11 +47,11 @@ def run(arguments: argparse.Namespace) -> int:
     from flexx2_sim_ros.nodes.transport import make_room_for_images
     import rclpy
 
+    output_folder(arguments.out)
     modes = [mode for mode in flexx2().modes if mode.measured]
     console = Console(markup=False)
     # Figures of a busy machine are wider; they are not to be cut off.
     console.width = max(console.width, 100)
-    arguments.out.mkdir(parents=True, exist_ok=True)
     pictures = {}
     table = _table()
     make_room_for_images()

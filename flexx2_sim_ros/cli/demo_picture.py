@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from pathlib import Path
 
+from flexx2_sim_ros.atomic import whole
 from flexx2_sim_ros.camera.modes import Mode
 import numpy as np
 
@@ -55,5 +56,6 @@ def draw(path: Path, pictures: Mapping[tuple[str, str], tuple[np.ndarray, np.nda
     bar.ax.set_yticklabels(['0.3', '0.5', '1', '2', '3', '5 m'])
     figure.colorbar(difference, ax=axes[:, -1], shrink=0.9, label='difference [mm]')
     figure.suptitle('Two simulated Flexx2 on a Go1 (grey: invalid)', fontsize=13)
-    figure.savefig(path, dpi=100)
+    with whole(path) as part:
+        figure.savefig(part, dpi=100, format='png')
     pyplot.close(figure)

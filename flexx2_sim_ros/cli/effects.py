@@ -4,9 +4,9 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from flexx2_sim_ros.atomic import checked_target, output_folder, whole_files
 from flexx2_sim_ros.effects import Effect, registry
 from flexx2_sim_ros.effects.presets import bounds, markdown, preset_files
-from flexx2_sim_ros.effects.registry import write_whole
 from flexx2_sim_ros.errors import InputError
 from rich import box
 from rich.console import Console
@@ -41,14 +41,11 @@ def add_parser(commands: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Print a table, or write presets."""
     if arguments.write_presets is not None:
-        folder: Path = arguments.write_presets
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise InputError(f'{folder}: cannot be made: {error}') from error
+        folder = output_folder(arguments.write_presets)
         files = preset_files()
-        for name, text in files.items():
-            write_whole(folder / name, text)
+        with whole_files(folder) as part:
+            for name, text in files.items():
+                (part / name).write_text(text, encoding='utf-8')
         print(f'{folder}: {len(files)} files')
     elif arguments.markdown:
         print(markdown(), end='')
@@ -99,6 +96,7 @@ def run_show(arguments: argparse.Namespace) -> int:
     from flexx2_sim_ros.cli.effects_picture import draw
     kind: type[Effect] = known[arguments.name]
     path = arguments.out or Path(f'{kind.name}.png')
+    checked_target(path)
     draw(path, kind)
     console = Console(markup=False)
     console.print(f'{kind.name}: {kind.title}', highlight=False)

@@ -6,12 +6,12 @@ from pathlib import Path
 from textwrap import fill
 from typing import Any
 
+from flexx2_sim_ros.atomic import whole
 from flexx2_sim_ros.camera import Camera, flexx2, Frame
 from flexx2_sim_ros.camera.exposure import Stage
 from flexx2_sim_ros.camera.surface import analyse, Surface
 from flexx2_sim_ros.cli.effects_scene import CHART, Room, room, speed, way
 from flexx2_sim_ros.effects import Effect
-from flexx2_sim_ros.errors import InputError
 import numpy as np
 
 _FRAMES = 80
@@ -89,9 +89,8 @@ def draw(path: Path, kind: type[Effect]) -> None:
         profile.legend(frameon=False, fontsize=9)
     figure.suptitle(f'{kind.name}: {fill(kind.title, 110)}', fontsize=12)
     try:
-        figure.savefig(path, dpi=90, format='png')
-    except OSError as error:
-        raise InputError(f'{path}: cannot be written: {error}') from error
+        with whole(path) as part:
+            figure.savefig(part, dpi=90, format='png')
     finally:
         pyplot.close(figure)
 

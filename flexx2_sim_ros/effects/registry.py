@@ -5,11 +5,12 @@ from functools import lru_cache
 from importlib import import_module
 from pathlib import Path
 import pkgutil
-import tempfile
 from types import MappingProxyType
 from typing import Any
 
+from flexx2_sim_ros.atomic import write_text
 from flexx2_sim_ros.config_file import is_regular_file, read_config
+from flexx2_sim_ros.config_file import read_config
 from flexx2_sim_ros.effects.effect import Effect
 from flexx2_sim_ros.effects.patch import ResidualPatch
 from flexx2_sim_ros.effects.ray import AlongRay
@@ -122,7 +123,7 @@ def save_effects(path: str | Path, effects: Sequence[Effect], comment: str = '')
         Put above it, a ``#`` before each line.
 
     """
-    write_whole(Path(path), effects_yaml(effects, comment))
+    write_text(path, effects_yaml(effects, comment))
 
 
 def effects_yaml(effects: Sequence[Effect], comment: str = '') -> str:
@@ -137,15 +138,3 @@ def effects_yaml(effects: Sequence[Effect], comment: str = '') -> str:
             unit = f'{item.unit}, ' if item.unit else ''
             lines.append(f'    {item.name}: {number}  # {unit}{item.text}')
     return '\n'.join(lines) + '\n'
-
-
-def write_whole(path: Path, text: str) -> None:
-    """Write a text file, whole or not at all; replaces one that exists."""
-    try:
-        with tempfile.NamedTemporaryFile('w', dir=path.parent, delete=False,
-                                         encoding='utf-8') as file:
-            file.write(text)
-        Path(file.name).chmod(0o644)
-        Path(file.name).replace(path)
-    except OSError as error:
-        raise InputError(f'{path}: cannot be written: {error}') from error

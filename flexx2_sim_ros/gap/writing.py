@@ -2,14 +2,11 @@
 
 from collections.abc import Sequence
 import json
-import os
 from pathlib import Path
-import shutil
-import tempfile
 from typing import Any
 
+from flexx2_sim_ros.atomic import checked_target, output_folder, whole_files
 from flexx2_sim_ros.effects import Effect, save_effects
-from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap.confirm import Outcome
 from flexx2_sim_ros.gap.decide import Decision
 from flexx2_sim_ros.gap.model import Model
@@ -20,7 +17,7 @@ FILES = ('diagnosis.json', 'effects.yaml', 'report.html')
 
 def check_folder(folder: Path) -> None:
     """
-    Raise `InputError` where `write` could not write, before there is anything to be written.
+    Make the folder, and raise `InputError` where `write` could not write, before the work.
 
     Parameters
     ----------
@@ -28,13 +25,9 @@ def check_folder(folder: Path) -> None:
         It need not be there yet.
 
     """
-    there = next(path for path in (folder, *folder.absolute().parents) if path.exists())
-    if not there.is_dir() or not os.access(there, os.W_OK | os.X_OK):
-        raise InputError(f'--out: {folder}: cannot be written to: found that {there} is '
-                         + ('read-only' if there.is_dir() else 'a file') + ', wanted a folder')
+    output_folder(folder)
     for name in FILES:
-        if (folder / name).is_dir():
-            raise InputError(f'--out: {folder / name}: found a folder, wanted to write a file')
+        checked_target(folder / name)
 
 
 def write(folder: Path, table: dict[str, Any], effects: Sequence[Effect], model: Model,
@@ -59,24 +52,12 @@ def write(folder: Path, table: dict[str, Any], effects: Sequence[Effect], model:
         When the folder cannot be written to.
 
     """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        scratch = Path(tempfile.mkdtemp(prefix='.diagnosis-', dir=folder))
-    except OSError as error:
-        raise InputError(f'--out: {folder}: cannot be written to: {error}') from error
-    try:
+    with whole_files(output_folder(folder)) as part:
         text = json.dumps(table, indent=2, allow_nan=False)
-        (scratch / FILES[0]).write_text(text + '\n', encoding='utf-8')
-        save_effects(scratch / FILES[1], effects, _comment(table))
-        (scratch / FILES[2]).write_text(page(table, model, decision, confirmed),
-                                        encoding='utf-8', errors='backslashreplace')
-        for name in FILES:
-            (scratch / name).chmod(0o644)
-            (scratch / name).replace(folder / name)
-    except OSError as error:
-        raise InputError(f'--out: {folder}: cannot be written to: {error}') from error
-    finally:
-        shutil.rmtree(scratch, ignore_errors=True)
+        (part / FILES[0]).write_text(text + '\n', encoding='utf-8')
+        save_effects(part / FILES[1], effects, _comment(table))
+        (part / FILES[2]).write_text(page(table, model, decision, confirmed),
+                                     encoding='utf-8', errors='backslashreplace')
 
 
 def _comment(table: dict[str, Any]) -> str:

@@ -1,16 +1,17 @@
 """What there is of a bag that was cut off, read without an index."""
 
 from collections.abc import Iterator
+from contextlib import ExitStack
 import io
 import os
 from pathlib import Path
 import shutil
 import sqlite3
 import struct
-import tempfile
 from typing import BinaryIO, NamedTuple
 import weakref
 
+from flexx2_sim_ros.atomic import scratch_folder
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.recording.checksums import Check, check_mcap, check_sqlite, sqlite_rows
 from rosbags.rosbag2.storage_mcap import decompress
@@ -139,9 +140,10 @@ class SqliteRemains:
 
     def __init__(self, path: Path) -> None:
         """Copy the file and its journal."""
-        folder = tempfile.mkdtemp(prefix='flexx2_bag_')
-        weakref.finalize(self, shutil.rmtree, folder, ignore_errors=True)
-        self._copy = Path(folder) / 'copy.db3'
+        scratch = ExitStack()
+        folder = scratch.enter_context(scratch_folder())
+        weakref.finalize(self, scratch.close)
+        self._copy = folder / 'copy.db3'
         try:
             shutil.copyfile(path, self._copy)
             for suffix in ('-journal', '-wal'):

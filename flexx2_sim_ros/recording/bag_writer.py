@@ -1,15 +1,14 @@
 """Write bags: message by message, or a recording as a whole."""
 
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 import io
 from pathlib import Path
 import re
-import shutil
-import tempfile
 from types import TracebackType
 from typing import Literal
 
+from flexx2_sim_ros.atomic import named, whole
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.recording import bag_messages as messages
 from flexx2_sim_ros.recording.bag_cameras import CameraTopics, EVENTS, topics_of
@@ -76,17 +75,19 @@ class BagWriter:
         """Check the path; nothing is made yet."""
         check_new(Path(path))
         self.path = Path(path)
-        self._writer = CheckedWriter(self.path, version=_JAZZY,
-                                     storage_plugin=STORAGES[storage])
+        with named(path):
+            self._writer = CheckedWriter(self.path, version=_JAZZY,
+                                         storage_plugin=STORAGES[storage])
         self.offers: dict[str, list[Qos]] = {}
         self._connections: dict[str, Connection] = {}
 
     def __enter__(self) -> 'BagWriter':
         """Make the folder and the file."""
-        try:
-            self._writer.open()
-        except (OSError, WriterError) as error:
-            raise InputError(f'{self.path}: cannot be written: {error}') from error
+        with named(self.path):
+            try:
+                self._writer.open()
+            except WriterError as error:
+                raise InputError(f'{self.path}: cannot be written: {error}') from error
         return self
 
     def write(self, topic: str, kind: str, time: int, data: bytes) -> None:
@@ -132,7 +133,8 @@ class BagWriter:
 
 def check_new(path: Path) -> None:
     """Raise `InputError` when there is something at a path to write to."""
-    if path.exists():
+    with named(path), suppress(FileNotFoundError):
+        path.lstat()
         raise InputError(f'{path}: exists already, wanted a new name: bags are not overwritten')
 
 
@@ -172,27 +174,15 @@ def write_bag(reader: RecordingReader, path: Path, storage: str, camera: str | N
         raise InputError(f'{reader.path}: stamp: found {low / 1e9:g} to {high / 1e9:g} s, wanted '
                          '0 to 2147483648, what messages can hold')
     check_new(path)
-    try:
-        with _put_in_place(path) as folder, BagWriter(
-                folder, SUFFIXES.get(path.suffix, storage)) as writer:
+    single = path.suffix in SUFFIXES
+    with whole(path) as part:
+        # The writer makes a folder; of a single file only what is in it is kept.
+        folder = part.with_name('bag') if single else part
+        with BagWriter(folder, SUFFIXES.get(path.suffix, storage)) as writer:
             for topic, kind, time, data in _messages(reader, topics_of(name)):
                 writer.write(topic, kind, time, data)
-    except OSError as error:
-        raise InputError(f'{path}: cannot be written: {error}') from error
-
-
-@contextmanager
-def _put_in_place(path: Path) -> Iterator[Path]:
-    # A folder to write to, beside the target, whose bag becomes the target.
-    temporary = Path(tempfile.mkdtemp(dir=path.parent, prefix=f'.{path.name}.'))
-    try:
-        folder = temporary / path.name.removesuffix(path.suffix if path.suffix in SUFFIXES else '')
-        yield folder
-        source = folder / f'{folder.name}{path.suffix}' if path.suffix in SUFFIXES else folder
-        source.rename(path)
-    finally:
-        with suppress(OSError):
-            shutil.rmtree(temporary)
+        if single:
+            (folder / f'{folder.name}{path.suffix}').rename(part)
 
 
 def _messages(reader: RecordingReader, where: CameraTopics,

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 import itertools
 from pathlib import Path
 
-from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.atomic import check_distinct
 from flexx2_sim_ros.recording.bag_writer import write_bag
 from flexx2_sim_ros.recording.npz import RecordingWriter
 from flexx2_sim_ros.recording.recordings import (
@@ -47,8 +47,7 @@ def convert(source: str | Path, target: str | Path, camera: str | None = None,
 
     """
     source, target = Path(source), Path(target)
-    if source.resolve() == target.resolve():
-        raise InputError(f'{target}: found the source itself, wanted another file')
+    check_distinct(source, target)
     cameras = recording_cameras(source)
     if camera is None and len(cameras) > 1 and target.suffix == '.npz':
         names = {name: target.with_stem(f'{target.stem}_{name.replace("/", "_")}')

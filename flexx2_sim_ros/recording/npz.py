@@ -1,17 +1,17 @@
 """Read and write recordings as NumPy archives."""
 
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager, ExitStack
+from collections.abc import Iterable
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from lzma import LZMAError
 from pathlib import Path
-import tempfile
 from tokenize import TokenError
 from types import TracebackType
 from typing import Any, IO
 import zipfile
 import zlib
 
+from flexx2_sim_ros.atomic import checked_target, named, whole
 from flexx2_sim_ros.errors import InputError
 import numpy as np
 
@@ -186,24 +186,24 @@ class RecordingWriter:
     """
 
     def __init__(self, path: str | Path, frames: int, height: int, width: int) -> None:
-        """Open a temporary file beside the target."""
+        """Check the path; nothing is made yet."""
+        checked_target(path)
         self._path = Path(path)
         self._shape = (frames, height, width)
         self._left = frames
-        try:
-            # Outlives this method on purpose: __exit__ closes it.
-            self._file = tempfile.NamedTemporaryFile(  # noqa: SIM115
-                dir=self._path.parent, prefix=f'.{self._path.name}.', delete=False)
-        except OSError as error:
-            raise InputError(f'{path}: cannot be written: {error}') from error
-        self._archive = zipfile.ZipFile(self._file, 'w', zipfile.ZIP_STORED, allowZip64=True)
+        self._closing = ExitStack()
         self._depth: Any = None
 
     def __enter__(self) -> 'RecordingWriter':
-        """Start ``depth``."""
-        self._depth = self._archive.open('depth.npy', 'w', force_zip64=True)
-        header = {'descr': '<f4', 'fortran_order': False, 'shape': self._shape}
-        np.lib.format.write_array_header_1_0(self._depth, header)
+        """Open a file beside the target and start ``depth``."""
+        with ExitStack() as opening:
+            part = opening.enter_context(whole(self._path))
+            self._archive = opening.enter_context(zipfile.ZipFile(part, 'w'))
+            opening.callback(self._end_depth)
+            self._depth = self._archive.open('depth.npy', 'w', force_zip64=True)
+            header = {'descr': '<f4', 'fortran_order': False, 'shape': self._shape}
+            np.lib.format.write_array_header_1_0(self._depth, header)
+            self._closing = opening.pop_all()
         return self
 
     def add_depth(self, frames: np.ndarray) -> None:
@@ -211,7 +211,7 @@ class RecordingWriter:
         if frames.shape[1:] != self._shape[1:] or len(frames) > self._left:
             raise InputError(f'depth: found {frames.shape}, wanted at most '
                              f'{(self._left, *self._shape[1:])}')
-        with self._named():
+        with named(self._path):
             self._depth.write(np.ascontiguousarray(frames, dtype='<f4').data)
         self._left -= len(frames)
 
@@ -220,7 +220,7 @@ class RecordingWriter:
         if self._left:
             raise InputError(f'depth: {self._left} frames are missing before {key!r}')
         self._end_depth()
-        with self._named(), self._archive.open(f'{key}.npy', 'w', force_zip64=True) as entry:
+        with named(self._path), self._archive.open(f'{key}.npy', 'w', force_zip64=True) as entry:
             np.lib.format.write_array(entry, np.asarray(value), allow_pickle=False)
 
     def add_frames(self, key: str, dtype: np.dtype, frames: Iterable[np.ndarray]) -> None:
@@ -240,7 +240,7 @@ class RecordingWriter:
         if self._left:
             raise InputError(f'depth: {self._left} frames are missing before {key!r}')
         self._end_depth()
-        with self._named(), self._archive.open(f'{key}.npy', 'w', force_zip64=True) as entry:
+        with named(self._path), self._archive.open(f'{key}.npy', 'w', force_zip64=True) as entry:
             np.lib.format.write_array_header_1_0(entry, {
                 'descr': np.lib.format.dtype_to_descr(dtype), 'fortran_order': False,
                 'shape': self._shape})
@@ -253,31 +253,15 @@ class RecordingWriter:
 
     def _end_depth(self) -> None:
         if self._depth is not None:
-            with self._named():
+            with named(self._path):
                 self._depth.close()
             self._depth = None
-
-    @contextmanager
-    def _named(self) -> Iterator[None]:
-        try:
-            yield
-        except OSError as error:
-            raise InputError(f'{self._path}: cannot be written: {error}') from error
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
                  trace: TracebackType | None) -> None:
         """Put the file in its place, or remove what there is of it."""
-        temporary = Path(self._file.name)
-        try:
-            with self._named():
-                with ExitStack() as closing:  # All three, whatever fails.
-                    closing.callback(self._file.close)
-                    closing.callback(self._archive.close)
-                    closing.callback(self._end_depth)
-                if kind is None:
-                    if self._left:
-                        raise InputError(f'{self._path}: depth: {self._left} frames are missing')
-                    temporary.chmod(0o644)
-                    temporary.replace(self._path)
-        finally:
-            temporary.unlink(missing_ok=True)
+        if error is None and self._left:
+            error = InputError(f'{self._path}: depth: {self._left} frames are missing')
+        with self._closing:  # All that is open, whatever fails.
+            if error is not None:
+                raise error

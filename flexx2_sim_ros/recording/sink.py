@@ -6,6 +6,7 @@ import threading
 import time
 from types import TracebackType
 
+from flexx2_sim_ros.atomic import reason
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.recording.bag_remains import Message
 from flexx2_sim_ros.recording.bag_writer import BagWriter
@@ -97,8 +98,8 @@ class BagSink:
         except InputError as error:
             self.error = error
         except (OSError, sqlite3.Error) as error:
-            self.error = InputError(f'{self._writer.path}: cannot be written: {error}; what came '
-                                    'before is there')
+            self.error = InputError(f'{self._writer.path}: {reason(error)}; what came before is '
+                                    'there')
         except Exception as error:  # Whatever it is, the thread that records has to know.
             self.error = InputError(f'{self._writer.path}: cannot be written: {error!r}')
 

@@ -1,0 +1,244 @@
+"""
+Output that appears whole or not at all.
+
+Everything is written into a hidden scratch folder beside its target and moved into place when it
+is complete. The scratch folder is locked while its process lives: what a killed process left
+behind has no lock, and the next run that writes into the same folder removes it.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+import errno
+import os
+from pathlib import Path
+import secrets
+import shutil
+import sqlite3
+import sys
+import tempfile
+
+from flexx2_sim_ros.errors import InputError
+
+if sys.platform != 'win32':  # There, leftovers stay.
+    import fcntl
+
+_PREFIX, _SUFFIX = '.flexx2-', '.part'
+_NO_SPACE = (errno.ENOSPC, errno.EDQUOT)
+_SQLITE_FULL = 'database or disk is full'
+# The scratch folders of this process, each with the file descriptor that locks it.
+_scratch: dict[Path, int | None] = {}
+
+
+@contextmanager
+def whole(path: str | Path) -> Iterator[Path]:
+    """
+    Yield where to write a file (or a folder); it gets its name when the block ends well.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        The target; a file of that name is replaced. A symbolic link is followed.
+
+    Yields
+    ------
+    pathlib.Path
+        A path of the same file name in a scratch folder. The block writes to it with ordinary
+        means, so that the umask decides who may read it.
+
+    Raises
+    ------
+    InputError
+        When the target cannot be written, and for every `OSError` and `sqlite3.Error` in the
+        block. The old file, if there is one, is then as it was.
+
+    """
+    target = checked_target(path)
+    with named(path), scratch_folder(target.parent) as folder:
+        part = folder / target.name
+        yield part
+        part.replace(target)
+
+
+@contextmanager
+def whole_files(folder: str | Path) -> Iterator[Path]:
+    """
+    Yield a folder to write files to; they move to their place together when the block ends well.
+
+    Parameters
+    ----------
+    folder : str or pathlib.Path
+        An existing folder; files of the same names in it are replaced.
+
+    Raises
+    ------
+    InputError
+        As `whole`.
+
+    """
+    folder = Path(folder)
+    with named(folder), scratch_folder(folder) as part:
+        yield part
+        for file in part.iterdir():
+            checked_target(folder / file.name)
+        for file in part.iterdir():
+            file.replace(folder / file.name)
+
+
+def write_text(path: str | Path, text: str) -> None:
+    """Write a text file in UTF-8, whole or not at all; see `whole`."""
+    with whole(path) as part:
+        part.write_text(text, encoding='utf-8', errors='backslashreplace')
+
+
+def checked_target(path: str | Path) -> Path:
+    """
+    Return the file that a path to write to stands for, links followed.
+
+    Commands call this before a long computation, so that it is not in vain.
+
+    Raises
+    ------
+    InputError
+        When the path is a folder or a link to itself, its name is too long, or its folder is
+        missing or read-only.
+
+    """
+    with named(path):
+        with suppress(FileNotFoundError):
+            Path(path).stat()  # Complains about loops and long names.
+        target = Path(os.path.realpath(path))
+        if target.is_dir():
+            raise InputError(f'{path}: cannot be written: must be a file, got a folder')
+        if not target.parent.is_dir():
+            raise InputError(f'{path}: cannot be written: there is no folder {target.parent}')
+        if not os.access(target.parent, os.W_OK | os.X_OK):
+            raise InputError(f'{path}: cannot be written: the folder is read-only')
+    return target
+
+
+def check_distinct(source: str | Path, target: str | Path) -> None:
+    """Raise `InputError` when the target is the source, under whatever name."""
+    with suppress(OSError):
+        if Path(source).samefile(target):
+            raise InputError(f'{target}: must be another file than the input, got the same')
+
+
+def output_folder(path: str | Path) -> Path:
+    """
+    Make a folder for results, with the folders above it, unless it is there.
+
+    Raises
+    ------
+    InputError
+        When it cannot be made, is a file, or is read-only.
+
+    """
+    path = Path(path)
+    with named(path):
+        try:
+            path.mkdir(parents=True, exist_ok=True)
+        except (FileExistsError, NotADirectoryError):
+            raise InputError(f'{path}: cannot be written: must be a folder, got a file') from None
+        if not os.access(path, os.W_OK | os.X_OK):
+            raise InputError(f'{path}: cannot be written: the folder is read-only')
+    return path
+
+
+@contextmanager
+def named(path: str | Path) -> Iterator[None]:
+    """Turn errors of writing in the block into an `InputError` that names the path."""
+    try:
+        yield
+    except (OSError, sqlite3.Error) as error:
+        raise InputError(f'{path}: {reason(error)}') from error
+
+
+def reason(error: OSError | sqlite3.Error) -> str:
+    """Return why something cannot be written, as a clause without a name."""
+    if isinstance(error, OSError):
+        if error.errno in _NO_SPACE:
+            return 'no space left on the device'
+        text = os.strerror(error.errno) if error.errno else str(error)
+        return f'cannot be written: {text[:1].lower()}{text[1:]}'
+    if _SQLITE_FULL in str(error):
+        return 'no space left on the device'
+    return f'cannot be written: {error}'
+
+
+@contextmanager
+def scratch_folder(parent: str | Path | None = None) -> Iterator[Path]:
+    """
+    Yield a new hidden folder that is removed when the block ends, however it ends.
+
+    Parameters
+    ----------
+    parent : str or pathlib.Path, optional
+        Where to make it; the system's folder for temporary files when left out.
+
+    """
+    parent = Path(tempfile.gettempdir() if parent is None else parent)
+    _remove_leftovers(parent)
+    folder = _make(parent)
+    try:
+        yield folder
+    finally:
+        _discard(folder)
+
+
+def discard_scratch() -> None:
+    """Remove all scratch folders of this process: it is about to end."""
+    for folder in list(_scratch):
+        _discard(folder)
+
+
+def _make(parent: Path) -> Path:
+    while True:
+        folder = parent / f'{_PREFIX}{secrets.token_hex(8)}{_SUFFIX}'
+        # Noted first: a signal may come at any moment.
+        _scratch[folder] = None
+        try:
+            folder.mkdir(mode=0o700)
+            _scratch[folder] = _lock(folder, wait=True)
+        except FileNotFoundError:
+            del _scratch[folder]
+            if not parent.is_dir():
+                raise
+            continue
+        except OSError:
+            del _scratch[folder]
+            raise
+        # Another process may have taken it for a leftover before it was locked.
+        if folder.is_dir():
+            return folder
+        _discard(folder)
+
+
+def _discard(folder: Path) -> None:
+    shutil.rmtree(folder, ignore_errors=True)
+    lock = _scratch.pop(folder, None)
+    if lock is not None:
+        os.close(lock)
+
+
+def _remove_leftovers(parent: Path) -> None:
+    for folder in parent.glob(f'{_PREFIX}*{_SUFFIX}'):
+        with suppress(OSError):
+            lock = _lock(folder, wait=False)
+            if lock is not None:
+                shutil.rmtree(folder, ignore_errors=True)
+                os.close(lock)
+
+
+def _lock(folder: Path, wait: bool) -> int | None:
+    # A lock that ends with the process, however it ends. None where there are no such locks.
+    if sys.platform == 'win32':
+        return None
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+    except OSError:
+        os.close(descriptor)
+        if not wait:
+            raise
+        return None
+    return descriptor

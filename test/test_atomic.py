@@ -1,0 +1,122 @@
+"""Files and folders that appear whole or not at all."""
+
+import os
+from pathlib import Path
+import subprocess
+import sys
+
+from flexx2_sim_ros.atomic import checked_target, scratch_folder, whole, whole_files, write_text
+from flexx2_sim_ros.errors import InputError
+import pytest
+
+
+def test_a_file_appears_when_it_is_complete(tmp_path: Path) -> None:
+    """Assert the old content until the end of the block, then the new; nothing is left over."""
+    path = tmp_path / 'a.txt'
+    path.write_text('old')
+    with whole(path) as part:
+        part.write_text('new')
+        assert path.read_text() == 'old'
+    assert path.read_text() == 'new'
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_an_error_leaves_the_old_file(tmp_path: Path) -> None:
+    """Assert a block that fails changes nothing and leaves nothing behind."""
+    path = tmp_path / 'a.txt'
+    path.write_text('old')
+
+    def fail() -> None:
+        with whole(path) as part:
+            part.write_text('half')
+            raise RuntimeError
+    with pytest.raises(RuntimeError):
+        fail()
+    assert path.read_text() == 'old'
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize('mask', [0o022, 0o027, 0o077])
+def test_the_umask_decides_who_may_read(tmp_path: Path, mask: int) -> None:
+    """Assert the permissions of any other program's files."""
+    before = os.umask(mask)
+    try:
+        write_text(tmp_path / 'a.txt', 'text')
+        with whole(tmp_path / 'folder') as part:
+            part.mkdir()
+    finally:
+        os.umask(before)
+    assert (tmp_path / 'a.txt').stat().st_mode & 0o777 == 0o666 & ~mask
+    assert (tmp_path / 'folder').stat().st_mode & 0o777 == 0o777 & ~mask
+
+
+def test_a_link_is_followed(tmp_path: Path) -> None:
+    """Assert that the file a link points to is replaced, not the link."""
+    (tmp_path / 'there').mkdir()
+    link = tmp_path / 'link.txt'
+    link.symlink_to(tmp_path / 'there' / 'a.txt')
+    write_text(link, 'text')
+    assert link.is_symlink()
+    assert (tmp_path / 'there' / 'a.txt').read_text() == 'text'
+
+
+def test_files_move_together(tmp_path: Path) -> None:
+    """Assert that several files appear together, or none where one cannot."""
+    with whole_files(tmp_path) as part:
+        (part / 'a').write_text('a')
+        (part / 'b').write_text('b')
+    assert sorted(path.name for path in tmp_path.iterdir()) == ['a', 'b']
+    (tmp_path / 'd').mkdir()
+
+    def write() -> None:
+        with whole_files(tmp_path) as part:
+            (part / 'c').write_text('c')
+            (part / 'd').write_text('d')
+    with pytest.raises(InputError, match='d: cannot be written: must be a file, got a folder'):
+        write()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ['a', 'b', 'd']
+
+
+def test_targets_that_cannot_be(tmp_path: Path) -> None:
+    """Assert one sentence each, which names the path."""
+    (tmp_path / 'file').touch()
+    (tmp_path / 'loop').symlink_to(tmp_path / 'loop')
+    for name, words in (
+            ('.', 'must be a file, got a folder'), ('missing/a', 'there is no folder'),
+            ('file/a', 'not a directory'), ('loop', 'symbolic links'),
+            ('loop/a', 'symbolic links'), ('n' * 256, 'name too long')):
+        with pytest.raises(InputError, match=words):
+            checked_target(tmp_path / name)
+    assert checked_target(tmp_path / ('n' * 255))
+
+
+LEAVE = """
+import os, sys
+from flexx2_sim_ros.atomic import whole
+with whole(sys.argv[1]) as part:
+    part.write_text('half')
+    print(flush=True)
+    sys.stdin.readline()
+"""
+
+
+def test_leftovers_of_a_killed_process_are_removed(tmp_path: Path) -> None:
+    """Assert the next writer removes what a dead process left, and nothing of one that lives."""
+    with subprocess.Popen([sys.executable, '-c', LEAVE, str(tmp_path / 'a')], text=True,
+                          stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        process.stdout.readline()
+        write_text(tmp_path / 'b', 'text')
+        assert len(list(tmp_path.glob('.flexx2-*'))) == 1
+        process.kill()
+    assert len(list(tmp_path.glob('.flexx2-*'))) == 1
+    write_text(tmp_path / 'c', 'text')
+    assert sorted(path.name for path in tmp_path.iterdir()) == ['b', 'c']
+
+
+def test_names_of_255_bytes(tmp_path: Path) -> None:
+    """Assert the longest name that the file system takes is taken."""
+    write_text(tmp_path / ('n' * 255), 'text')
+    assert (tmp_path / ('n' * 255)).read_text() == 'text'
+    with scratch_folder(tmp_path) as folder:
+        assert folder.parent == tmp_path
