@@ -18,6 +18,7 @@ import sys
 import tempfile
 
 from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.signals import before_leaving
 
 if sys.platform != 'win32':  # There, leftovers stay.
     import fcntl
@@ -189,6 +190,9 @@ def discard_scratch() -> None:
     """Remove all scratch folders of this process: it is about to end."""
     for folder in list(_scratch):
         _discard(folder)
+
+
+before_leaving(discard_scratch)
 
 
 def _make(parent: Path) -> Path:

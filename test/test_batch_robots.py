@@ -82,7 +82,7 @@ def test_flexx2_batch(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
     printed = capsys.readouterr().out
     assert 'with - without' in printed
     assert out.stat().st_size > 20_000
-    for wrong, said in ((['--num-envs', '0'], '--num-envs: found 0'),
+    for wrong, said in ((['--num-envs', '0'], '--num-envs: must be'),
                         (['--usecase', 'Mode_1'], 'usecase: found'),
                         (['--renderer', 'blender'], "renderer: found 'blender'"),
                         (['--device', 'cuda:9'], "device: found 'cuda:9'"),

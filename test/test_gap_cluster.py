@@ -91,6 +91,37 @@ def test_a_scheduler_without_workers_is_said(tmp_path: Path,
             diagnose(tmp_path / 'campaign', scheduler=address)
 
 
+def test_a_scheduler_that_ends_midway_is_said(tmp_path: Path,
+                                              monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert one sentence and no output; by a path that only this process's folder explains."""
+    write_campaign(tmp_path / 'campaign', seed=14, scale=0.25, recordings=4, frames=6, moving=0)
+    ready = tmp_path / 'scheduler.json'
+    monkeypatch.chdir(tmp_path)
+    with process('distributed.cli.dask_scheduler', '--host', '127.0.0.1', '--port', '0',
+                 '--no-dashboard', '--scheduler-file', str(ready)) as scheduler:
+        wait_for(ready.exists)
+        address = json.loads(ready.read_text())['address']
+        with process('distributed.cli.dask_worker', '--scheduler-file', str(ready), '--nthreads',
+                     '1', '--no-nanny', '--no-dashboard', '--local-directory', str(tmp_path)):
+            seen = []
+
+            def kill(text: str, share: float) -> None:
+                if share > 0.1 and not seen:
+                    seen.append(share)
+                    os.killpg(scheduler.pid, signal.SIGKILL)
+            with pytest.raises(InputError, match='--scheduler: .* the connection was lost'):
+                diagnose('campaign', scheduler=address, progress=kill, out='out')
+    assert seen
+    assert not list(tmp_path.glob('out/*'))
+
+
+@pytest.mark.parametrize('address', ['', 'nonsense', 'no://such', 'tcp://127.0.0.1:99999999'])
+def test_no_address_is_said(tmp_path: Path, address: str) -> None:
+    write_campaign(tmp_path, seed=13, scale=0.25, recordings=1, frames=4, moving=0)
+    with pytest.raises(InputError, match='scheduler'):
+        diagnose(tmp_path, scheduler=address)
+
+
 def test_no_scheduler_there_is_said(tmp_path: Path) -> None:
     write_campaign(tmp_path, seed=13, scale=0.25, recordings=1, frames=4, moving=0)
     with pytest.raises(InputError, match='scheduler'):

@@ -297,7 +297,7 @@ def test_ctrl_c_ends_everything(scene: Scene) -> None:
     children = subprocess.run(['pgrep', '-P', str(scene.view.process.pid)], capture_output=True,
                               text=True, check=True).stdout.split()
     assert len(children) == 3
-    assert scene.view.end() == 0
+    assert scene.view.end() == 130
     assert scene.view.errors == ''
     assert not [child for child in children if Path(f'/proc/{child}').exists()]
     assert not list(scene.view.folder.glob('flexx2_view_*'))

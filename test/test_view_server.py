@@ -278,8 +278,8 @@ def test_a_port_that_is_taken_is_named_before_anything_starts(
 
 
 @pytest.mark.parametrize(('options', 'said'), [
-    (['--port', '70000'], '--port: found 70000, wanted 0 to 65535'),
-    (['--port', '-1'], '--port: found -1, wanted 0 to 65535'),
+    (['--port', '70000'], '--port: must be a whole number from 0 to 65535'),
+    (['--port', '-1'], '--port: must be a whole number from 0 to 65535'),
     (['--host', '203.0.113.1', '--port', '0'], "--host: found '203.0.113.1', wanted an address"),
     (['--host', 'no.such.host.invalid'], "--host: found 'no.such.host.invalid', wanted"),
 ])

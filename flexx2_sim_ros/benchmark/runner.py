@@ -1,19 +1,17 @@
 """Make each case's recordings, have them diagnosed, keep the answer; case by case."""
 
 from collections.abc import Callable
-from concurrent.futures import as_completed, ProcessPoolExecutor
+from concurrent.futures import as_completed
 import datetime
 import hashlib
 import importlib
 import json
-import multiprocessing
-import os
 from pathlib import Path
 import time
 import traceback
 from typing import Any
 
-from flexx2_sim_ros import __version__
+from flexx2_sim_ros import __version__, processes
 from flexx2_sim_ros.atomic import output_folder, scratch_folder, whole, write_text
 from flexx2_sim_ros.benchmark.baselines import all_baselines
 from flexx2_sim_ros.benchmark.design import make_design, Planned
@@ -105,22 +103,13 @@ def _run(out: Path, sealed: Sealed, left: list[str], jobs: int, diagnoser: str, 
             for call in calls:
                 done(run_case(*call))
             return
-        # Forked children would share the parent's threads' locks.
-        context = multiprocessing.get_context('spawn')
-        with ProcessPoolExecutor(jobs, mp_context=context, initializer=_one_thread) as pool:
-            futures = [pool.submit(run_case, *call) for call in calls]
-            try:
-                for future in as_completed(futures):
-                    done(future.result())
-            except BaseException:
-                pool.shutdown(wait=False, cancel_futures=True)
-                raise
+        with processes.workers(jobs, one_thread=True) as submit:
+            for future in as_completed(submit(_run_call, calls)):
+                done(future.result())
 
 
-def _one_thread() -> None:
-    for name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS',
-                 'NUMBA_NUM_THREADS'):
-        os.environ[name] = '1'
+def _run_call(call: tuple[Path, str, dict[str, Any], str, str]) -> bool:
+    return run_case(*call)
 
 
 def run_case(out: Path, name: str, label: dict[str, Any], diagnoser: str, measurer: str) -> bool:

@@ -53,7 +53,8 @@ def camera_key(seed: int, name: str) -> np.ndarray:
         Shape (2,), uint32.
 
     """
-    digest = hashlib.blake2b(f'{int(seed)}/{name}'.encode(), digest_size=8).digest()
+    digest = hashlib.blake2b(f'{int(seed)}/{name}'.encode(errors='surrogateescape'),
+                             digest_size=8).digest()
     return np.frombuffer(digest, dtype='<u4').astype(np.uint32)
 
 

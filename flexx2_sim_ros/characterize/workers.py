@@ -1,11 +1,11 @@
 """Spread independent work over processes, each on one core."""
 
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import as_completed, ProcessPoolExecutor
-import multiprocessing
+from concurrent.futures import as_completed
 import os
 from typing import TypeVar
 
+from flexx2_sim_ros import processes
 from flexx2_sim_ros.errors import InputError
 
 Task = TypeVar('Task')
@@ -44,15 +44,9 @@ def in_processes(work: Callable[[Task], Result], tasks: Sequence[Task],
             except InputError as error:
                 yield error
         return
-    # Spawned, not forked: this process has threads (a progress bar, OpenGL) that forking breaks.
-    context = multiprocessing.get_context('spawn')
-    with ProcessPoolExecutor(min(workers, len(tasks)), mp_context=context) as pool:
-        futures = [pool.submit(work, task) for task in tasks]
-        try:
-            for future in as_completed(futures):
-                try:
-                    yield future.result()
-                except InputError as error:
-                    yield error
-        finally:
-            pool.shutdown(cancel_futures=True)
+    with processes.workers(min(workers, len(tasks))) as submit:
+        for future in as_completed(submit(work, tasks)):
+            try:
+                yield future.result()
+            except InputError as error:
+                yield error

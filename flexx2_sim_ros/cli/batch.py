@@ -8,6 +8,7 @@ from typing import Any
 from flexx2_sim_ros.atomic import checked_target, whole
 from flexx2_sim_ros.camera import Camera, flexx2
 from flexx2_sim_ros.camera.modes import DEFAULT_USECASE
+from flexx2_sim_ros.cli.argument_types import SEEDS, whole_number
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.go1.model import build_model, load_mounts
 import numpy as np
@@ -29,11 +30,12 @@ def add_parser(commands: Any) -> None:
         'robot (x +-0.5 m, y +-0.3 m, every 0.1 m), and print and draw the error of that grid '
         'with and without the noise. Needs pip install "flexx2_sim_ros[batch]".',
         epilog='example, on a GPU with mujoco-warp: flexx2 batch --num-envs 4096 --device cuda')
-    parser.add_argument('--num-envs', type=int, default=64, help='robots (default %(default)s)')
-    parser.add_argument('--frames', type=int, default=8,
+    parser.add_argument('--num-envs', type=whole_number(1, 1_000_000), default=64,
+                        help='robots (default %(default)s)')
+    parser.add_argument('--frames', type=whole_number(1, 100_000), default=8,
                         help=f'frames in a grid, {_INTERVAL} s apart (default %(default)s)')
     parser.add_argument('--usecase', default=DEFAULT_USECASE, help='default %(default)s')
-    parser.add_argument('--seed', type=int, default=0)
+    parser.add_argument('--seed', type=whole_number(*SEEDS), default=0)
     parser.add_argument('--device', help='cpu, cuda, cuda:1, ...; default: a GPU if there is one')
     parser.add_argument('--renderer', default='auto',
                         help='auto, mujoco-warp, egl, osmesa or ray (default %(default)s)')
@@ -44,10 +46,6 @@ def add_parser(commands: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the example."""
-    for name in ('num_envs', 'frames'):
-        if getattr(arguments, name) < 1:
-            raise InputError(f'--{name.replace("_", "-")}: found {getattr(arguments, name)}, '
-                             'wanted a whole number from 1')
     checked_target(arguments.out)
     Camera(arguments.usecase)  # complains before the work
     try:

@@ -7,6 +7,7 @@ from typing import Any
 from flexx2_sim_ros.atomic import output_folder
 from flexx2_sim_ros.camera.modes import flexx2, Profile
 from flexx2_sim_ros.camera.profiles import load_profile, save_profile
+from flexx2_sim_ros.cli.argument_types import MOST_FRAMES, MOST_JOBS, number, SEEDS, whole_number
 from flexx2_sim_ros.errors import InputError, printable
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
@@ -38,15 +39,16 @@ def add_parser(commands: Any) -> None:
     for step in (plan, capture):
         step.add_argument('--usecase', action='append', metavar='MODE', help='a mode; can be '
                           'repeated (default: the modes whose noise was measured)')
-        step.add_argument('--distances', type=float, nargs='+', metavar='M', help='metres '
-                          "(default: eight that suit each mode's range)")
-        step.add_argument('--angles', type=float, nargs='+', metavar='DEG',
+        step.add_argument('--distances', type=number(0, 1e3, above=True), nargs='+', metavar='M',
+                          help="metres (default: eight that suit each mode's range)")
+        step.add_argument('--angles', type=number(0, 80), nargs='+', metavar='DEG',
                           default=[0.0, 15.0, 30.0, 45.0, 60.0],
                           help='degrees (default: 0 15 30 45 60)')
-        step.add_argument('--frames', type=int, default=300,
+        step.add_argument('--frames', type=whole_number(1, MOST_FRAMES), default=300,
                           help='frames a condition (default %(default)s)')
         step.add_argument('--profile', metavar='PATH', help='another camera than the Flexx2')
-    capture.add_argument('--seed', type=int, default=0, help='seed of the noise (default 0)')
+    capture.add_argument('--seed', type=whole_number(*SEEDS), default=0,
+                         help='seed of the noise (default 0)')
     capture.add_argument('--renderer', choices=_BACKENDS, default='auto',
                          help='how the board is rendered (default %(default)s)')
 
@@ -59,12 +61,14 @@ def add_parser(commands: Any) -> None:
     fit.add_argument('folder', type=Path, metavar='FOLDER')
     fit.add_argument('--out', type=Path, metavar='DIR',
                      help=f'where to write (default: FOLDER/{_OUT})')
-    fit.add_argument('--box', type=int, nargs=4, metavar=('X0', 'Y0', 'X1', 'Y1'),
+    fit.add_argument('--box', type=whole_number(0, 1_000_000), nargs=4,
+                     metavar=('X0', 'Y0', 'X1', 'Y1'),
                      help='the board in every image, pixels (default: found)')
     fit.add_argument('--camera', metavar='NAME', help='which camera of bags that have several')
     fit.add_argument('--model', metavar='NAME', help="the camera's name in the profile")
     for step in (capture, fit):
-        step.add_argument('--jobs', type=int, metavar='N', help='processes (default: one a core)')
+        step.add_argument('--jobs', type=whole_number(1, MOST_JOBS), metavar='N',
+                          help='processes (default: one a core)')
     plan.set_defaults(run=_plan)
     capture.set_defaults(run=_capture)
     fit.set_defaults(run=_fit)
@@ -76,8 +80,6 @@ def _profile(arguments: argparse.Namespace) -> Profile:
 
 def _jobs(arguments: argparse.Namespace) -> int:
     from flexx2_sim_ros.characterize.workers import available_cores
-    if arguments.jobs is not None and arguments.jobs < 1:
-        raise InputError(f'--jobs: found {arguments.jobs}, wanted at least 1')
     return arguments.jobs or available_cores()
 
 

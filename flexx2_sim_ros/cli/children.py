@@ -8,6 +8,7 @@ import subprocess
 import sys
 
 from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.processes import watched_environment
 
 Processes = dict[str, 'subprocess.Popen[bytes]']
 
@@ -20,7 +21,9 @@ def camera_command(camera: str) -> list[str]:
 @contextmanager
 def nodes(commands: Mapping[str, Sequence[str]], folder: Path) -> Iterator[Processes]:
     """
-    Run nodes, each a process of its own with its log in a folder; all end with the block.
+    Run nodes, each a process of its own with its log in a folder.
+
+    All end with the block, and with this process, even if it is killed.
 
     Parameters
     ----------
@@ -39,15 +42,20 @@ def nodes(commands: Mapping[str, Sequence[str]], folder: Path) -> Iterator[Proce
     try:
         for name, (module, *rest) in commands.items():
             with (folder / f'{name}.log').open('wb') as log:
+                # Nothing is written to stdin: it ends with this process, and the node with it.
+                # In a session of its own: a terminal's Ctrl-C goes to this process alone.
                 processes[name] = subprocess.Popen(
                     [sys.executable, '-m', f'flexx2_sim_ros.nodes.{module}', *rest],
-                    stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT)
+                    stdin=subprocess.PIPE, stdout=log, stderr=subprocess.STDOUT,
+                    env=watched_environment(), start_new_session=True)
         yield processes
     finally:
         for process in processes.values():
             if process.poll() is None:
                 process.send_signal(signal.SIGTERM)
         for process in processes.values():
+            assert process.stdin is not None
+            process.stdin.close()
             try:
                 process.wait(timeout=5)
             except subprocess.TimeoutExpired:

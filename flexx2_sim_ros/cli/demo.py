@@ -1,21 +1,25 @@
 """`flexx2 demo`: the whole chain on real topics, measured and pictured."""
 
 import argparse
-import importlib.util
+from collections.abc import Callable
 from pathlib import Path
 import time
 from typing import Any
 
 from flexx2_sim_ros.atomic import output_folder
 from flexx2_sim_ros.camera.modes import flexx2
+from flexx2_sim_ros.cli.argument_types import number
 from flexx2_sim_ros.cli.children import camera_command, check, nodes, Processes
 from flexx2_sim_ros.cli.demo_picture import draw
+from flexx2_sim_ros.cli.ros import ros
 from flexx2_sim_ros.errors import InputError
+import numpy as np
 from rich import box
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
+Pictures = dict[tuple[str, str], tuple[np.ndarray, np.ndarray]]
 _CAMERAS = ['front_left', 'front_right']
 _START_SECONDS = 180.0
 
@@ -28,7 +32,7 @@ def add_parser(commands: Any) -> None:
         'the modes that were measured while they stream, print what comes out, and write a '
         'picture. Needs ROS 2 (pip install "flexx2_sim_ros[ros]", or a sourced ROS 2 Jazzy).',
         epilog='example: flexx2 demo --seconds 5 --out demo_output')
-    parser.add_argument('--seconds', type=float, default=4.0,
+    parser.add_argument('--seconds', type=number(0, 1e6, above=True), default=4.0,
                         help='how long to measure each mode (default %(default)s)')
     parser.add_argument('--out', type=Path, default=Path('demo_output'),
                         help="folder for the picture and the nodes' logs (default %(default)s)")
@@ -38,48 +42,37 @@ def add_parser(commands: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the demo."""
-    if not arguments.seconds > 0:
-        raise InputError(f'--seconds: found {arguments.seconds}, wanted a positive number')
-    if importlib.util.find_spec('rclpy') is None:
-        raise InputError('ROS 2 is not there: rclpy cannot be imported. Wanted a sourced ROS 2 '
-                         'Jazzy, or pip install "flexx2_sim_ros[ros]"')
-    from flexx2_sim_ros.nodes.probe import Probe
-    from flexx2_sim_ros.nodes.transport import make_room_for_images
-    import rclpy
-
     output_folder(arguments.out)
     modes = [mode for mode in flexx2().modes if mode.measured]
     console = Console(markup=False)
     # Figures of a busy machine are wider; they are not to be cut off.
     console.width = max(console.width, 100)
-    pictures = {}
+    pictures: Pictures = {}
     table = _table()
-    make_room_for_images()
-    rclpy.init(args=[])
-    probe = Probe(_CAMERAS)
-    try:
-        with nodes(_commands(arguments), arguments.out) as processes, Progress(
-                TextColumn('{task.description}', markup=False), BarColumn(), TimeElapsedColumn(),
-                console=console, transient=True) as progress:
-            task = progress.add_task('starting three nodes (the first time compiles)',
-                                     total=None)
-            _wait_for_streams(probe, processes, arguments.out)
-            for mode in modes:
-                probe.start(mode.name)
-                progress.reset(task, description=f'{mode.name}', total=arguments.seconds)
-                end = time.monotonic() + arguments.seconds
-                while (left := end - time.monotonic()) > 0:
-                    check(processes, arguments.out)
-                    probe.spin_until(lambda: False, min(0.1, left))
-                    progress.update(task, completed=arguments.seconds - left)
-                for camera, capture in probe.captures.items():
-                    if capture.depth is None or capture.clean is None:
-                        raise InputError(f'{camera}: no frame in {mode.name}; see the logs in '
-                                         f'{arguments.out}')
-                    pictures[camera, mode.name] = (capture.clean, capture.depth)
-                    _add_row(table, camera, mode.name, capture)
-    finally:
-        probe.close()
+    with ros() as stopped:
+        from flexx2_sim_ros.nodes.probe import Probe
+
+        probe = Probe(_CAMERAS)
+        try:
+            with nodes(_commands(arguments), arguments.out) as processes, Progress(
+                    TextColumn('{task.description}', markup=False), BarColumn(),
+                    TimeElapsedColumn(), console=console, transient=True) as progress:
+                task = progress.add_task('starting three nodes (the first time compiles)',
+                                         total=None)
+                _wait_for_streams(probe, processes, arguments.out, stopped)
+                for mode in modes:
+                    if stopped():
+                        break
+                    progress.reset(task, description=f'{mode.name}', total=arguments.seconds)
+                    _measure(probe, mode.name, arguments.seconds,
+                             lambda: check(processes, arguments.out),
+                             lambda done: progress.update(task, completed=done), stopped)
+                    if not stopped():
+                        _keep(probe, mode.name, arguments.out, table, pictures)
+        finally:
+            probe.close()
+    if stopped():
+        return stopped.status
     console.print(table)
     console.print('p50, p99: latency in ms, from the arrival of a clean image here to that of '
                   'its\nsimulated one. inv.: invalid pixels in %. sigma: over time, root mean '
@@ -89,6 +82,24 @@ def run(arguments: argparse.Namespace) -> int:
     draw(path, pictures, modes)
     console.print(f'picture: {path}', highlight=False)
     return 0
+
+
+def _measure(probe: Any, usecase: str, seconds: float, look_after: Callable[[], None],
+             on_progress: Callable[[float], None], stopped: Callable[[], bool]) -> None:
+    probe.start(usecase)
+    end = time.monotonic() + seconds
+    while (left := end - time.monotonic()) > 0 and not stopped():
+        look_after()
+        probe.spin_until(stopped, min(0.1, left))
+        on_progress(seconds - left)
+
+
+def _keep(probe: Any, usecase: str, folder: Path, table: Table, pictures: Pictures) -> None:
+    for camera, capture in probe.captures.items():
+        if capture.depth is None or capture.clean is None:
+            raise InputError(f'{camera}: no frame in {usecase}; see the logs in {folder}')
+        pictures[camera, usecase] = (capture.clean, capture.depth)
+        _add_row(table, camera, usecase, capture)
 
 
 def _table() -> Table:
@@ -115,9 +126,10 @@ def _commands(arguments: argparse.Namespace) -> dict[str, list[str]]:
     return {'go1_cameras': go1} | {camera: camera_command(camera) for camera in _CAMERAS}
 
 
-def _wait_for_streams(probe: Any, processes: Processes, folder: Path) -> None:
+def _wait_for_streams(probe: Any, processes: Processes, folder: Path,
+                      stopped: Callable[[], bool]) -> None:
     deadline = time.monotonic() + _START_SECONDS
-    while not probe.spin_until(probe.streaming, 0.5):
+    while not (stopped() or probe.spin_until(probe.streaming, 0.5)):
         check(processes, folder)
         if time.monotonic() > deadline:
             raise InputError(f'the nodes did not start streaming within {_START_SECONDS:g} s; see '

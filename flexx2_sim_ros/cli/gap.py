@@ -6,6 +6,7 @@ from importlib.util import find_spec
 import os
 from typing import Any
 
+from flexx2_sim_ros.cli.argument_types import MOST_JOBS, number, whole_number
 from flexx2_sim_ros.errors import printable
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
@@ -29,13 +30,15 @@ def add_parser(commands: Any) -> None:
                           'profile as flexx2 characterize fit writes it')
     diagnose.add_argument('--without', action='append', default=[], metavar='NAME',
                           help='leave an effect out of the catalogue (may be given again)')
-    diagnose.add_argument('--seed', type=int, default=0, help='of the simulations (default 0)')
-    diagnose.add_argument('--jobs', type=int, default=os.cpu_count() or 1,
+    diagnose.add_argument('--seed', type=whole_number(0, 10 ** 9 - 1), default=0,
+                          help='of the simulations (default 0)')
+    diagnose.add_argument('--jobs', type=whole_number(1, MOST_JOBS), default=os.cpu_count() or 1,
                           help='processes (default: one a core)')
     diagnose.add_argument('--scheduler', metavar='ADDRESS', help='work on the Dask cluster of '
                           'this scheduler, e.g. tcp://host:8786; its workers must see the '
                           'recordings at the same paths')
-    diagnose.add_argument('--pose-prior', type=float, nargs=2, default=(0.010, 0.5),
+    diagnose.add_argument('--pose-prior', type=number(0, 1e3, above=True), nargs=2,
+                          default=(0.010, 0.5),
                           metavar=('METRES', 'DEGREES'), help='how wrong the pose of a recording '
                           'usually is (default 0.01 0.5)')
     diagnose.set_defaults(run=run_diagnose)

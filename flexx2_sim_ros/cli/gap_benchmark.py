@@ -6,6 +6,7 @@ import shlex
 import sys
 from typing import Any
 
+from flexx2_sim_ros.cli.argument_types import MOST_JOBS, whole_number
 from rich.console import Console
 
 _CONFUSION = 'benchmark_confusion.png'
@@ -25,7 +26,8 @@ def add_parser(commands: Any) -> None:
                         help='seeds of scenes and cameras (default %(default)s)')
     parser.add_argument('--release', action='store_true',
                         help='allow the test seeds: for the run that is published')
-    parser.add_argument('--jobs', type=int, default=2, help='processes (default %(default)s)')
+    parser.add_argument('--jobs', type=whole_number(1, MOST_JOBS), default=2,
+                        help='processes (default %(default)s)')
     parser.add_argument('--out', default='benchmark_output',
                         help='folder for results, labels and cache (default %(default)s)')
     parser.add_argument('--score', action='store_true',

@@ -1,24 +1,11 @@
-"""The command `flexx2`."""
+"""The command `flexx2`. Handles signals first; everything else is imported later."""
 
-import argparse
+import os
+import signal
 import sys
 
-from flexx2_sim_ros import __version__
-from flexx2_sim_ros.cli import (
-    batch,
-    characterize,
-    compiling,
-    convert,
-    demo,
-    effects,
-    gap,
-    modes,
-    record,
-    replay,
-    simulate,
-    view,
-)
 from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.signals import exit_status, leave_on_signals
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -28,31 +15,45 @@ def main(argv: list[str] | None = None) -> int:
     Parameters
     ----------
     argv : list of str, optional
-        Arguments, the process's when left out.
+        Arguments, the process's when left out. Only then are signals handled.
 
     Returns
     -------
     int
-        Exit code: 0 for success, 2 for something given that cannot be used, 130 for Ctrl-C.
+        Exit status: 0 for success, 2 for something given that cannot be used. Ctrl-C and SIGTERM
+        end the process with 130 and 143.
 
     """
-    parser = argparse.ArgumentParser(
-        prog='flexx2', description='A simulated PMD Flexx2 time-of-flight camera.',
-        epilog='For RViz and Foxglove there are layouts in config/ (in an install: '
-        'share/flexx2_sim_ros/config): flexx2.rviz and foxglove.json.')
-    parser.add_argument('--version', action='version', version=__version__)
-    commands = parser.add_subparsers(dest='command', required=True, metavar='COMMAND')
-    for module in (modes, simulate, characterize, effects, demo, view, record, replay, convert,
-                   gap, batch, compiling):
-        module.add_parser(commands)
-    arguments = parser.parse_args(argv)
+    if argv is None:
+        leave_on_signals()
+        for stream in (sys.stdout, sys.stderr):
+            # Names of files may hold what no text can.
+            stream.reconfigure(errors='backslashreplace')  # type: ignore[union-attr]
+    from flexx2_sim_ros.atomic import reason
+    from flexx2_sim_ros.cli.commands import run
     try:
-        return int(arguments.run(arguments))
+        try:
+            return run(argv)
+        finally:
+            sys.stdout.flush()
     except InputError as error:
-        print(f'flexx2: error: {error}', file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        return 130
+        return _say(str(error))
+    except BrokenPipeError:  # As of `flexx2 modes | head -1`.
+        _drop_output()
+        return exit_status(signal.SIGPIPE)
+    except OSError as error:
+        _drop_output()
+        return _say(f'{error.filename or "standard output"}: {reason(error)}')
+
+
+def _say(error: str) -> int:
+    print(f'flexx2: error: {error}', file=sys.stderr)
+    return 2
+
+
+def _drop_output() -> None:
+    # What waits in the buffer cannot be written at the end either.
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 if __name__ == '__main__':

@@ -8,6 +8,7 @@ import shutil
 import time
 from typing import Any
 
+from flexx2_sim_ros.cli.argument_types import number
 from flexx2_sim_ros.cli.ros import ros
 from flexx2_sim_ros.errors import InputError, printable
 from rich import box
@@ -29,9 +30,9 @@ def add_parser(commands: Any) -> None:
         epilog='example: flexx2 record walk --seconds 10')
     parser.add_argument('bag', nargs='?', type=Path, metavar='BAG',
                         help='folder to make (default: flexx2_ and the time)')
-    parser.add_argument('--seconds', type=float,
+    parser.add_argument('--seconds', type=number(0, 1e9, above=True),
                         help='end after so long, from the first message on')
-    parser.add_argument('--wait', type=float, default=30.0, metavar='SECONDS',
+    parser.add_argument('--wait', type=number(0, 1e9, above=True), default=30.0, metavar='SECONDS',
                         help='for the first message, at most (default %(default)s)')
     parser.add_argument('--storage', choices=('mcap', 'sqlite3'), default='mcap',
                         help='default %(default)s')
@@ -40,17 +41,13 @@ def add_parser(commands: Any) -> None:
     parser.add_argument('--also', nargs='+', default=[], metavar='TOPIC',
                         help="more topics, wildcards allowed: '*/point_cloud_0' "
                         "'*/depth_noise_0' /odom")
-    parser.add_argument('--queue', type=float, default=256.0, metavar='MB',
+    parser.add_argument('--queue', type=number(0, 1e6, above=True), default=256.0, metavar='MB',
                         help='that wait for the disk at most (default %(default)g)')
     parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Record until told to stop."""
-    for name, value in (('seconds', arguments.seconds), ('wait', arguments.wait),
-                        ('queue', arguments.queue)):
-        if value is not None and not value > 0:
-            raise InputError(f'--{name}: found {value}, wanted a positive number')
     path = arguments.bag or Path(datetime.now().strftime('flexx2_%Y%m%d_%H%M%S'))
     from flexx2_sim_ros.recording.bag_writer import BagWriter
     from flexx2_sim_ros.recording.sink import BagSink
@@ -69,8 +66,9 @@ def run(arguments: argparse.Namespace) -> int:
                 _report(recorder, path)
     if recorder.started is None:
         shutil.rmtree(path, ignore_errors=True)
-        raise InputError(f'{path}: nothing was recorded: no camera published anything')
-    return 0
+        if not stopped():
+            raise InputError(f'{path}: nothing was recorded: no camera published anything')
+    return stopped.status
 
 
 def _spin(recorder: Any, sink: Any, arguments: argparse.Namespace,

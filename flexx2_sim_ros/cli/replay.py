@@ -2,10 +2,10 @@
 
 import argparse
 from collections.abc import Callable
-import math
 import time
 from typing import Any
 
+from flexx2_sim_ros.cli.argument_types import number
 from flexx2_sim_ros.cli.ros import ros
 from flexx2_sim_ros.errors import InputError, printable
 from rich.console import Console
@@ -22,12 +22,12 @@ def add_parser(commands: Any) -> None:
         'these stamps, and /clock with them. Ends at the end of the bag. Needs ROS 2.',
         epilog="example: flexx2 replay walk --rate 0.5 --topics '*/clean/*'")
     parser.add_argument('bag', metavar='BAG', help='a folder, or a .mcap or .db3 file')
-    parser.add_argument('--rate', type=float, default=1.0,
+    parser.add_argument('--rate', type=number(0, 1e6, above=True), default=1.0,
                         help='real-time factor (default %(default)s)')
     parser.add_argument('--loop', action='store_true', help='begin again at the end, until Ctrl-C')
     parser.add_argument('--topics', nargs='+', default=[], metavar='TOPIC',
                         help='only these, wildcards allowed')
-    parser.add_argument('--wait', type=float, default=2.0, metavar='SECONDS',
+    parser.add_argument('--wait', type=number(0, 1e6), default=2.0, metavar='SECONDS',
                         help='at most, until every topic has a subscriber (default %(default)s)')
     parser.add_argument('--no-clock', action='store_true', help='do not publish /clock')
     parser.set_defaults(run=run)
@@ -35,10 +35,6 @@ def add_parser(commands: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Publish until the end, or until told to stop."""
-    if not (math.isfinite(arguments.rate) and arguments.rate > 0):
-        raise InputError(f'--rate: found {arguments.rate}, wanted a positive number')
-    if not arguments.wait >= 0:
-        raise InputError(f'--wait: found {arguments.wait}, wanted 0 or more')
     from flexx2_sim_ros.recording.bag_files import Bag
 
     console = Console(stderr=True, soft_wrap=True, highlight=False, markup=False)
@@ -67,7 +63,7 @@ def run(arguments: argparse.Namespace) -> int:
         console.print(printable(note), style='yellow')
     print(f'{arguments.bag}: {player.sent} messages in {seconds:.1f} s, at most '
           f'{1e3 * player.late:.0f} ms late')
-    return 0
+    return stopped.status
 
 
 def _wait(player: Any, seconds: float, stopped: Callable[[], bool], console: Console) -> None:

@@ -1,23 +1,48 @@
 """What the subcommands that need ROS share."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass, field
 import importlib.util
 import signal
 
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.nodes.runtime import leave_at_once_on_signals
 from flexx2_sim_ros.nodes.transport import make_room_for_images
+from flexx2_sim_ros.signals import exit_status, SIGNALS
+
+
+@dataclass
+class Stop:
+    """
+    Whether this process was told to stop; call it to ask.
+
+    Attributes
+    ----------
+    signals : list of int
+        The signals that have come.
+
+    """
+
+    signals: list[int] = field(default_factory=list)
+
+    def __call__(self) -> bool:
+        """Say whether a signal has come."""
+        return bool(self.signals)
+
+    @property
+    def status(self) -> int:
+        """Return the command's exit status: 0, or 130 or 143 after a signal."""
+        return exit_status(self.signals[0]) if self.signals else 0
 
 
 @contextmanager
-def ros() -> Iterator[Callable[[], bool]]:
+def ros() -> Iterator[Stop]:
     """
     Start ROS for the block, with Ctrl-C and SIGTERM as a question instead of an interruption.
 
     Yields
     ------
-    callable
+    Stop
         Says whether the process was told to stop.
 
     Raises
@@ -29,18 +54,16 @@ def ros() -> Iterator[Callable[[], bool]]:
     if importlib.util.find_spec('rclpy') is None:
         raise InputError('ROS 2 is not there: rclpy cannot be imported. Wanted a sourced ROS 2 '
                          'Jazzy, or pip install "flexx2_sim_ros[ros]"')
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    leave_at_once_on_signals()
     make_room_for_images()
     import rclpy
     from rclpy.signals import SignalHandlerOptions
 
-    told: list[int] = []
+    stop = Stop()
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-    for number in before:
-        signal.signal(number, lambda number, _frame: told.append(number))
+    before = {number: signal.signal(number, lambda number, _frame: stop.signals.append(number))
+              for number in SIGNALS}
     try:
-        yield lambda: bool(told)
+        yield stop
     finally:
         rclpy.try_shutdown()
         for number, handler in before.items():

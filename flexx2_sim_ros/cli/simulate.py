@@ -3,9 +3,11 @@
 import argparse
 from typing import Any
 
+from flexx2_sim_ros.atomic import check_distinct, checked_target
 from flexx2_sim_ros.camera.modes import DEFAULT_USECASE, flexx2
 from flexx2_sim_ros.camera.pipeline import Camera
 from flexx2_sim_ros.camera.profiles import load_profile
+from flexx2_sim_ros.cli.argument_types import MOST_FRAMES, SEEDS, whole_number
 from flexx2_sim_ros.effects import load_effects
 from flexx2_sim_ros.effects.registry import effects_yaml
 from flexx2_sim_ros.errors import InputError
@@ -36,9 +38,11 @@ def add_parser(commands: Any) -> None:
                         'profile as flexx2 characterize fit writes it')
     parser.add_argument('--effects', metavar='FILE', help='effects beyond the noise model: a YAML '
                         'file, or the name of a preset, e.g. typical; see flexx2 effects')
-    parser.add_argument('--frames', type=int, help='how many frames (default: as many as '
-                        f'clean_depth or stamp has, else {_DEFAULT_FRAMES})')
-    parser.add_argument('--seed', type=int, default=0, help='seed of the noise (default 0)')
+    parser.add_argument('--frames', type=whole_number(1, MOST_FRAMES),
+                        help='how many frames (default: as many as clean_depth or stamp has, '
+                        f'else {_DEFAULT_FRAMES})')
+    parser.add_argument('--seed', type=whole_number(*SEEDS), default=0,
+                        help='seed of the noise (default 0)')
     parser.add_argument('--name', default='', help='camera name: cameras of different names '
                         'share no noise')
     parser.set_defaults(run=run)
@@ -46,6 +50,10 @@ def add_parser(commands: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Simulate with a progress bar."""
+    for source in (arguments.input, arguments.profile, arguments.effects):
+        if source:
+            check_distinct(source, arguments.output)
+    checked_target(arguments.output)
     profile = load_profile(arguments.profile) if arguments.profile else flexx2()
     usecase = profile.default_usecase if arguments.usecase is None else arguments.usecase
     effects = load_effects(arguments.effects) if arguments.effects else ()
@@ -96,8 +104,8 @@ def _stamps(scene: Scene, frames: int | None, rate_hz: float, path: str) -> np.n
         if available is not None or frames is None or frames <= len(scene.stamp):
             available = len(scene.stamp)
     count = frames if frames is not None else available or _DEFAULT_FRAMES
-    if count < 1 or (available is not None and count > available):
-        raise InputError(f'--frames: found {count}, wanted 1 to {available or "any number"}')
+    if available is not None and count > available:
+        raise InputError(f'--frames: found {count}, wanted 1 to {available}')
     if scene.stamp is not None and count <= len(scene.stamp):
         return scene.stamp[:count]
     # Whole nanoseconds, so that a frame's stamp does not depend on how it is computed.

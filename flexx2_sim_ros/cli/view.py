@@ -13,6 +13,7 @@ import tempfile
 from typing import Any
 import webbrowser
 
+from flexx2_sim_ros.cli.argument_types import whole_number
 from flexx2_sim_ros.cli.children import camera_command, check, nodes
 from flexx2_sim_ros.cli.ros import ros
 from flexx2_sim_ros.errors import InputError
@@ -43,7 +44,7 @@ def add_parser(commands: Any) -> None:
     parser.add_argument('--host', default='127.0.0.1',
                         help='address to serve on (default %(default)s: this machine alone); '
                         'whoever reaches it can drive the robot')
-    parser.add_argument('--port', type=int, default=8172,
+    parser.add_argument('--port', type=whole_number(0, 65535), default=8172,
                         help='default %(default)s; 0 for any that is free')
     parser.add_argument('--no-browser', action='store_true', help='only print the address')
     parser.set_defaults(run=run)
@@ -75,7 +76,7 @@ def run(arguments: argparse.Namespace) -> int:
         look_after = stack.enter_context(_demo(arguments))
         _say_where(arguments, server.port)
         _spin(viewer, stopped, look_after)
-    return 0
+    return stopped.status
 
 
 @contextmanager

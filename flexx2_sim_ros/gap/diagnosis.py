@@ -87,6 +87,8 @@ def diagnose(campaign_dir: str | Path, *, profile: Profile | None = None,
             progress(text, min(start + weight * done / max(total, 1), start + weight))
         return step
 
+    if scheduler is not None:
+        campaign_dir = Path(campaign_dir).absolute()  # Workers run in other folders.
     with workers(jobs, scheduler) as mapped:
         found, left_out = find(campaign_dir, profile, mapped)
         text = 'simulating what could explain the recordings'

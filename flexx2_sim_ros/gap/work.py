@@ -1,14 +1,13 @@
 """The work on single recordings, here, in local processes or on a Dask cluster."""
 
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import as_completed, ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
+from concurrent.futures import as_completed, CancelledError
 from contextlib import contextmanager
 from functools import partial
-import multiprocessing
 from pathlib import Path
 from typing import Any
 
+from flexx2_sim_ros import processes
 from flexx2_sim_ros.camera import Profile
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap.campaign import check, Found, list_paths, of_one_mode, read
@@ -83,25 +82,14 @@ def workers(jobs: int, scheduler: str | None) -> Iterator[Map]:
         with _dask(scheduler) as mapped:
             yield mapped
     elif jobs > 1:
-        # Not forked: the parent may have threads.
-        context = multiprocessing.get_context('spawn')
-        with ProcessPoolExecutor(jobs, mp_context=context) as pool:
+        with processes.workers(jobs) as submit:
             def run(function: Callable[[Any], Any], items: Sequence[Any],
                     tick: Callable[[], None]) -> list[Any]:
-                futures = [pool.submit(function, item) for item in items]
+                futures = submit(function, items)
                 for _ in as_completed(futures):
                     tick()
                 return [future.result() for future in futures]
-            try:
-                yield run
-            except BrokenProcessPool as error:
-                raise InputError(
-                    f'--jobs: found {jobs}, of which a process ended before its work did: out of '
-                    "memory? (In a script, jobs need `if __name__ == '__main__':`.) Wanted fewer"
-                    ) from error
-            except BaseException:
-                pool.shutdown(wait=False, cancel_futures=True)
-                raise
+            yield run
     else:
         def here(function: Callable[[Any], Any], items: Sequence[Any],
                  tick: Callable[[], None]) -> list[Any]:
@@ -122,7 +110,7 @@ def _dask(address: str) -> Iterator[Map]:
                          'pip install flexx2_sim_ros[cluster]') from error
     try:
         client = distributed.Client(address, timeout='10s', set_as_default=False)
-    except (OSError, ValueError, TimeoutError) as error:
+    except (OSError, ValueError, TypeError, OverflowError) as error:
         raise InputError(f'--scheduler: found {address!r}, where no scheduler answers: '
                          f'{error}') from error
     try:
@@ -142,9 +130,15 @@ def _dask(address: str) -> Iterator[Map]:
             return list(client.gather(futures))
     try:
         yield run
-    except (distributed.KilledWorker, distributed.comm.CommClosedError) as error:
+    except distributed.KilledWorker as error:
         raise InputError(f'--scheduler: {address}: its workers were lost again and again: '
                          f'{error}') from error
+    except (CancelledError, RuntimeError, OSError) as error:
+        # Whatever breaks on the way when the scheduler goes, the client is then not connected.
+        if client.status == 'running':
+            raise
+        raise InputError(f'--scheduler: {address}: the connection was lost; nothing was '
+                         'written') from error
     finally:
         client.close()
 

@@ -2,14 +2,17 @@
 
 import sys
 
-from flexx2_sim_ros.nodes.runtime import leave_at_once_on_signals, run_node
+from flexx2_sim_ros.signals import leave_on_signals
 
 
 def main() -> int:
     """Run the Go1 node until it is told to stop."""
-    leave_at_once_on_signals()
+    leave_on_signals(status=lambda _number: 0)  # As a node that was told to end.
     # Imported here, since it takes a second in which a signal would leave a traceback.
+    from flexx2_sim_ros.processes import end_with_parent
+    end_with_parent()
     from flexx2_sim_ros.nodes.go1_node import Go1Cameras
+    from flexx2_sim_ros.nodes.runtime import run_node
     return run_node(Go1Cameras)
 
 

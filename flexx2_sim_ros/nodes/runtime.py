@@ -1,7 +1,6 @@
 """Start and end a node the way a process manager expects it."""
 
 from collections.abc import Callable
-import os
 import signal
 import sys
 import time
@@ -11,23 +10,9 @@ from typing import Any
 
 from flexx2_sim_ros.errors import InputError, unquoted
 from flexx2_sim_ros.nodes.transport import make_room_for_images
+from flexx2_sim_ros.signals import SIGNALS
 
 _REPEAT_SECONDS = 5.0
-_SIGNALS = (signal.SIGINT, signal.SIGTERM)
-
-
-def leave_at_once_on_signals() -> None:
-    """
-    Let Ctrl-C and SIGTERM end the process quietly while it is still starting.
-
-    Importing and compiling take a second or two in which rclpy does not handle signals yet.
-    No topic has been opened by then, so leaving at once is safe. `run_node` takes over.
-    """
-    def leave(_number: int, _frame: FrameType | None) -> None:
-        os._exit(0)
-
-    for number in _SIGNALS:
-        signal.signal(number, leave)
 
 
 def run_node(make_node: Callable[[], Any], args: list[str] | None = None) -> int:
@@ -62,7 +47,7 @@ def run_node(make_node: Callable[[], Any], args: list[str] | None = None) -> int
         node = make_node()
         executor = SingleThreadedExecutor()
         executor.add_node(node)
-        for number in _SIGNALS:
+        for number in SIGNALS:
             signal.signal(number, lambda number, _frame: told.append(number))
         # From here on a signal ends spin(), so that the node can take leave of its peers; one
         # that came between these lines is in `told`.
@@ -85,7 +70,7 @@ def run_node(make_node: Callable[[], Any], args: list[str] | None = None) -> int
         if node is not None:
             node.destroy_node()
         rclpy.try_shutdown()
-        for number in _SIGNALS:
+        for number in SIGNALS:
             signal.signal(number, signal.SIG_IGN)
     return 0
 

@@ -1,0 +1,43 @@
+"""The subcommands of `flexx2`."""
+
+import argparse
+from typing import NoReturn
+
+from flexx2_sim_ros import __version__
+from flexx2_sim_ros.cli import (
+    batch,
+    characterize,
+    compiling,
+    convert,
+    demo,
+    effects,
+    gap,
+    modes,
+    record,
+    replay,
+    simulate,
+    view,
+)
+from flexx2_sim_ros.errors import InputError
+
+
+class _Parser(argparse.ArgumentParser):
+    # Says what is wrong in one sentence, as the commands do.
+
+    def error(self, message: str) -> NoReturn:
+        raise InputError(f'{message.removeprefix("argument ")} (see {self.prog} --help)')
+
+
+def run(argv: list[str] | None) -> int:
+    """Run the subcommand that the arguments name; see `flexx2_sim_ros.cli.main`."""
+    parser = _Parser(
+        prog='flexx2', description='A simulated PMD Flexx2 time-of-flight camera.',
+        epilog='For RViz and Foxglove there are layouts in config/ (in an install: '
+        'share/flexx2_sim_ros/config): flexx2.rviz and foxglove.json.')
+    parser.add_argument('--version', action='version', version=__version__)
+    commands = parser.add_subparsers(dest='command', required=True, metavar='COMMAND')
+    for module in (modes, simulate, characterize, effects, demo, view, record, replay, convert,
+                   gap, batch, compiling):
+        module.add_parser(commands)
+    arguments = parser.parse_args(argv)
+    return int(arguments.run(arguments))

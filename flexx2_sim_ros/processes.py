@@ -1,0 +1,139 @@
+"""
+Processes that a command starts: workers and nodes.
+
+They end with the command, however it ends: each holds one end of a pipe whose other end only the
+command has.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+import multiprocessing
+from multiprocessing import connection
+import os
+import signal
+import sys
+import threading
+import time
+from typing import Any
+
+from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.signals import exit_status, leave, leave_on_signals, SIGNALS
+
+_THREADS = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS', 'NUMBA_NUM_THREADS')
+_NO_WARNING = 'ignore:resource_tracker:UserWarning'
+_GRACE_SECONDS = 5.0
+# Set in the environment of a process whose standard input is a pipe from its parent.
+_WATCH = 'FLEXX2_ENDS_WITH_STDIN'
+
+Submit = Callable[[Callable[[Any], Any], Sequence[Any]], list['Future[Any]']]
+
+
+def watched_environment() -> dict[str, str]:
+    """Return the environment for a child that ends when its standard input does."""
+    return {**os.environ, _WATCH: '1'}
+
+
+def end_with_parent() -> None:
+    """End this process, like SIGTERM does, when the process that has started it has ended."""
+    # Not for processes that this one starts.
+    if os.environ.pop(_WATCH, None):
+        threading.Thread(target=_watch_stdin, name='parent watch', daemon=True).start()
+
+
+def _watch_stdin() -> None:
+    while os.read(0, 1):
+        pass
+    os.kill(os.getpid(), signal.SIGTERM)
+    time.sleep(_GRACE_SECONDS)
+    leave(exit_status(signal.SIGTERM))
+
+
+@contextmanager
+def workers(count: int, one_thread: bool = False) -> Iterator[Submit]:
+    """
+    Run processes for the block; they end with it, and with this process.
+
+    Parameters
+    ----------
+    count : int
+        How many, at most.
+    one_thread : bool
+        Whether numeric libraries in a worker use one thread only.
+
+    Yields
+    ------
+    callable
+        Submits a function for each of some items; returns the futures.
+
+    Raises
+    ------
+    InputError
+        When a worker ends before its work does.
+
+    """
+    if sys.platform != 'win32':
+        _start_resource_tracker()  # Starting it later would let signals through.
+    # Spawned, not forked: this process has threads, whose locks would stay locked.
+    context = multiprocessing.get_context('spawn')
+    pool = ProcessPoolExecutor(count, mp_context=context, initializer=_begin_worker,
+                               initargs=(one_thread,))
+
+    def submit(function: Callable[[Any], Any], items: Sequence[Any]) -> list['Future[Any]']:
+        with _signals_later():
+            return [pool.submit(function, item) for item in items]
+    try:
+        yield submit
+    except BrokenProcessPool as error:
+        raise InputError(
+            f'--jobs: found {count}, of which a process ended before its work did: out of '
+            "memory? (In a script, jobs need `if __name__ == '__main__':`.) Wanted fewer"
+            ) from error
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+@contextmanager
+def _signals_later() -> Iterator[None]:
+    # Workers are started in here, and keep signals waiting until they can handle them.
+    if sys.platform == 'win32':
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _start_resource_tracker() -> None:
+    # It frees the semaphores of a process that was told to end, which is no reason to warn.
+    from multiprocessing import resource_tracker
+    before = os.environ.get('PYTHONWARNINGS')
+    os.environ['PYTHONWARNINGS'] = ','.join(filter(None, [before, _NO_WARNING]))
+    try:
+        resource_tracker.ensure_running()
+    finally:
+        if before is None:
+            del os.environ['PYTHONWARNINGS']
+        else:
+            os.environ['PYTHONWARNINGS'] = before
+
+
+def _begin_worker(one_thread: bool) -> None:
+    # Of a terminal's Ctrl-C the parent takes care.
+    leave_on_signals()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if sys.platform != 'win32':
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
+    threading.Thread(target=_watch_parent, name='parent watch', daemon=True).start()
+    if one_thread:
+        os.environ.update(dict.fromkeys(_THREADS, '1'))
+
+
+def _watch_parent() -> None:
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+    connection.wait([parent.sentinel])
+    leave(exit_status(signal.SIGTERM))

@@ -1,0 +1,147 @@
+"""How commands end: by a signal, killed, or with their parent. Real processes throughout."""
+
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+import os
+from pathlib import Path
+import random
+import signal
+import subprocess
+import sys
+import time
+from typing import Any
+
+import numpy as np
+import pytest
+
+SIGNALS = [signal.SIGINT, signal.SIGTERM]
+PATIENCE = 60.0
+MARK = 'FLEXX2_TEST_RUN'
+Start = Callable[..., 'subprocess.Popen[str]']
+
+
+@pytest.fixture
+def start(tmp_path: Path) -> Iterator[Start]:
+    """Return a function that starts `flexx2`; all that comes of it is gone at the end."""
+    env = {**os.environ, MARK: str(tmp_path), 'TMPDIR': str(tmp_path / 'tmp')}
+    (tmp_path / 'tmp').mkdir()
+    started: list[subprocess.Popen[str]] = []
+
+    def run(*words: object) -> 'subprocess.Popen[str]':
+        started.append(subprocess.Popen(
+            [sys.executable, '-m', 'flexx2_sim_ros.cli.main', *map(str, words)], env=env,
+            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path))
+        return started[-1]
+    yield run
+    for process in started:
+        process.kill()
+        process.communicate()
+    for pid in family(tmp_path):
+        with suppress(ProcessLookupError):
+            os.kill(pid, signal.SIGKILL)
+
+
+def family(folder: Path) -> list[int]:
+    """Return the processes that come of a test's commands, zombies left out."""
+    mark = f'{MARK}={folder}\0'.encode()
+    found = []
+    for entry in Path('/proc').iterdir():
+        with suppress(OSError):
+            if entry.name.isdigit() and int(entry.name) != os.getpid() and mark in (
+                    entry / 'environ').read_bytes():
+                found.append(int(entry.name))
+    return found
+
+
+def until(condition: Callable[[], Any], what: str) -> None:
+    """Wait for what other processes do."""
+    deadline = time.monotonic() + PATIENCE
+    while not condition():
+        assert time.monotonic() < deadline, what
+        time.sleep(0.005)
+
+
+def handles_signals(process: 'subprocess.Popen[str]') -> bool:
+    """Say whether a process handles both signals; Python alone handles SIGINT only."""
+    with suppress(OSError):
+        status = Path(f'/proc/{process.pid}/status').read_text()
+        caught = int(status.split('SigCgt:')[1].split()[0], 16)
+        return all(caught & 1 << (number - 1) for number in SIGNALS)
+    return False
+
+
+def leftovers(folder: Path) -> list[Path]:
+    """Return scratch files and whatever lies in the folder for temporary files."""
+    return [*folder.rglob('.flexx2-*'), *(folder / 'tmp').iterdir()]
+
+
+@pytest.fixture
+def campaign(tmp_path: Path) -> Path:
+    """Return a folder with two scenes, one of them long."""
+    folder = tmp_path / 'campaign'
+    folder.mkdir()
+    clean = np.full((43, 56), 1.5, np.float32)
+    matrix = np.array([[52.0, 0.0, 27.5], [0.0, 53.0, 21.0], [0.0, 0.0, 1.0]])
+    depth = clean + np.random.default_rng(1).normal(0, 0.003, (40, 43, 56)).astype('f4')
+    for name in ('a', 'b'):
+        np.savez(folder / f'{name}.npz', clean_depth=clean, K=matrix, depth=depth,
+                 usecase='Mode_9_30fps', stamp=np.arange(40) / 30)
+    return folder
+
+
+COMMANDS = {
+    'simulate': ('simulate', 'campaign/a.npz', 'out.npz', '--frames', '200000'),
+    'diagnose': ('gap', 'diagnose', 'campaign', '--out', 'out', '--jobs', '2'),
+    'benchmark': ('gap', 'benchmark', '--quick', '--out', 'out', '--jobs', '2'),
+    'capture': ('characterize', 'capture', 'out', '--jobs', '2', '--frames', '3000'),
+    'fit': ('characterize', 'fit', 'campaign', '--out', 'out', '--jobs', '2'),
+    'effects': ('effects', 'show', 'offset', '--out', 'out.png'),
+}
+
+
+@pytest.mark.parametrize('number', SIGNALS)
+@pytest.mark.parametrize('seconds', [0.0, 2.0])
+@pytest.mark.parametrize('name', ['simulate', 'diagnose', 'capture'])
+def test_a_signal(tmp_path: Path, start: Start, campaign: Path, name: str, number: signal.Signals,
+                  seconds: float) -> None:
+    """Assert 130 and 143, silence, no leftovers and no processes, however early it comes."""
+    process = start(*COMMANDS[name])
+    until(lambda: handles_signals(process), 'the command does not handle signals')
+    time.sleep(seconds * random.Random(f'{name} {number}').random())
+    process.send_signal(number)
+    _, err = process.communicate(timeout=PATIENCE)
+    assert process.returncode == 128 + number, err
+    for word in ('Traceback', 'Exception', 'Warning', 'Error'):
+        assert word not in err, err
+    until(lambda: not family(tmp_path), 'a worker outlives its command')
+    assert leftovers(tmp_path) == []
+
+
+@pytest.mark.parametrize('name', ['capture', 'fit', 'diagnose', 'benchmark'])
+def test_workers_end_with_a_killed_command(tmp_path: Path, start: Start, campaign: Path,
+                                           name: str) -> None:
+    """Assert no worker is left of a command that was killed with kill -9."""
+    process = start(*COMMANDS[name])
+    until(lambda: len(family(tmp_path)) >= 4 or process.poll() is not None,
+          'there are no workers')  # the command, its resource tracker, two workers
+    process.kill()
+    process.communicate(timeout=PATIENCE)
+    until(lambda: not family(tmp_path), 'a worker outlives its command')
+
+
+@pytest.mark.parametrize('name', ['simulate', 'effects'])
+def test_a_killed_writer(tmp_path: Path, start: Start, campaign: Path, name: str) -> None:
+    """Assert a kill -9 leaves no output, and the next run nothing of the killed one."""
+    out = tmp_path / COMMANDS[name][-1 if name == 'effects' else 2]
+    process = start(*COMMANDS[name])
+    until(lambda: list(tmp_path.glob('.flexx2-*')) or out.exists(), 'nothing is written')
+    process.kill()
+    process.communicate(timeout=PATIENCE)
+    if name == 'simulate':
+        assert not out.exists()
+    words = [*COMMANDS[name]]
+    again = start(*words[:4], '10') if name == 'simulate' else start(*words)
+    _, err = again.communicate(timeout=PATIENCE)
+    assert again.returncode == 0, err
+    assert out.is_file()
+    assert leftovers(tmp_path) == []
