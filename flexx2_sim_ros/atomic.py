@@ -124,6 +124,19 @@ def check_distinct(source: str | Path, target: str | Path) -> None:
             raise InputError(f'{target}: must be another file than the input, got the same')
 
 
+def check_folder(path: str | Path) -> None:
+    """Raise `InputError` where `output_folder` would; makes nothing."""
+    path = Path(path)
+    with named(path):
+        with suppress(FileNotFoundError):
+            path.stat()  # Complains about loops, long names and files on the way.
+        there = next(above for above in (path, *path.absolute().parents) if above.exists())
+        if not there.is_dir():
+            raise InputError(f'{path}: cannot be written: must be a folder, got a file')
+        if not os.access(there, os.W_OK | os.X_OK):
+            raise InputError(f'{path}: cannot be written: the folder is read-only')
+
+
 def output_folder(path: str | Path) -> Path:
     """
     Make a folder for results, with the folders above it, unless it is there.
@@ -134,15 +147,10 @@ def output_folder(path: str | Path) -> Path:
         When it cannot be made, is a file, or is read-only.
 
     """
-    path = Path(path)
+    check_folder(path)
     with named(path):
-        try:
-            path.mkdir(parents=True, exist_ok=True)
-        except (FileExistsError, NotADirectoryError):
-            raise InputError(f'{path}: cannot be written: must be a folder, got a file') from None
-        if not os.access(path, os.W_OK | os.X_OK):
-            raise InputError(f'{path}: cannot be written: the folder is read-only')
-    return path
+        Path(path).mkdir(parents=True, exist_ok=True)
+    return Path(path)
 
 
 @contextmanager

@@ -86,7 +86,7 @@ def test_flexx2_batch(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
                         (['--usecase', 'Mode_1'], 'usecase: found'),
                         (['--renderer', 'blender'], "renderer: found 'blender'"),
                         (['--device', 'cuda:9'], "device: found 'cuda:9'"),
-                        (['--out', str(tmp_path / 'no' / 'grid.png')], '--out: there is no')):
+                        (['--out', str(tmp_path / 'no' / 'grid.png')], 'there is no')):
         assert main([*arguments, *wrong]) == 2
         assert said in capsys.readouterr().err
 

@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from flexx2_sim_ros.atomic import output_folder
+from flexx2_sim_ros.atomic import check_folder, output_folder
 from flexx2_sim_ros.camera.modes import flexx2, Profile
 from flexx2_sim_ros.camera.profiles import load_profile, save_profile
 from flexx2_sim_ros.cli.argument_types import MOST_FRAMES, MOST_JOBS, number, SEEDS, whole_number
@@ -125,8 +125,7 @@ def _fit(arguments: argparse.Namespace) -> int:
     from flexx2_sim_ros.characterize.report import write_report
     from flexx2_sim_ros.cli.characterize_table import print_result
     out = arguments.out or arguments.folder / _OUT
-    if arguments.out is not None:
-        output_folder(out)  # Complains before the work.
+    check_folder(out)
     console = Console(stderr=True, markup=False)
     with _progress(console) as progress:
         task = progress.add_task('measuring', total=None)

@@ -28,8 +28,8 @@ class _Parser(argparse.ArgumentParser):
         raise InputError(f'{message.removeprefix("argument ")} (see {self.prog} --help)')
 
 
-def run(argv: list[str] | None) -> int:
-    """Run the subcommand that the arguments name; see `flexx2_sim_ros.cli.main`."""
+def make_parser() -> argparse.ArgumentParser:
+    """Return the parser of the command line, with all subcommands."""
     parser = _Parser(
         prog='flexx2', description='A simulated PMD Flexx2 time-of-flight camera.',
         epilog='For RViz and Foxglove there are layouts in config/ (in an install: '
@@ -39,5 +39,10 @@ def run(argv: list[str] | None) -> int:
     for module in (modes, simulate, characterize, effects, demo, view, record, replay, convert,
                    gap, batch, compiling):
         module.add_parser(commands)
-    arguments = parser.parse_args(argv)
+    return parser
+
+
+def run(argv: list[str] | None) -> int:
+    """Run the subcommand that the arguments name; see `flexx2_sim_ros.cli.main`."""
+    arguments = make_parser().parse_args(argv)
     return int(arguments.run(arguments))

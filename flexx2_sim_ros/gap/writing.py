@@ -5,6 +5,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+from flexx2_sim_ros import atomic
 from flexx2_sim_ros.atomic import checked_target, output_folder, whole_files
 from flexx2_sim_ros.effects import Effect, save_effects
 from flexx2_sim_ros.gap.confirm import Outcome
@@ -17,7 +18,7 @@ FILES = ('diagnosis.json', 'effects.yaml', 'report.html')
 
 def check_folder(folder: Path) -> None:
     """
-    Make the folder, and raise `InputError` where `write` could not write, before the work.
+    Raise `InputError` where `write` could not write, before there is anything to be written.
 
     Parameters
     ----------
@@ -25,9 +26,10 @@ def check_folder(folder: Path) -> None:
         It need not be there yet.
 
     """
-    output_folder(folder)
-    for name in FILES:
-        checked_target(folder / name)
+    atomic.check_folder(folder)
+    if folder.exists():
+        for name in FILES:
+            checked_target(folder / name)
 
 
 def write(folder: Path, table: dict[str, Any], effects: Sequence[Effect], model: Model,
