@@ -87,8 +87,9 @@ def test_a_place_that_cannot_be_written_to_is_said_before_the_work(
     write_campaign(tmp_path / 'campaign', seed=1, recordings=1, **TINY)
     (tmp_path / 'file').write_text('')
     (tmp_path / 'taken' / 'effects.yaml').mkdir(parents=True)
-    for out, words in ((tmp_path / 'file', 'a file'), (tmp_path / 'file' / 'in', 'a file'),
-                       (tmp_path / 'taken', 'found a folder')):
+    for out, words in ((tmp_path / 'file', 'a file'),
+                       (tmp_path / 'file' / 'in', 'not a directory'),
+                       (tmp_path / 'taken', 'got a folder')):
         began = []
         with pytest.raises(InputError, match=f'--out: .*{words}'):
             diagnose(tmp_path / 'campaign', out=out,

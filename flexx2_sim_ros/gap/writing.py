@@ -8,6 +8,7 @@ from typing import Any
 from flexx2_sim_ros import atomic
 from flexx2_sim_ros.atomic import checked_target, output_folder, whole_files
 from flexx2_sim_ros.effects import Effect, save_effects
+from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap.confirm import Outcome
 from flexx2_sim_ros.gap.decide import Decision
 from flexx2_sim_ros.gap.model import Model
@@ -26,10 +27,13 @@ def check_folder(folder: Path) -> None:
         It need not be there yet.
 
     """
-    atomic.check_folder(folder)
-    if folder.exists():
-        for name in FILES:
-            checked_target(folder / name)
+    try:
+        atomic.check_folder(folder)
+        if folder.exists():
+            for name in FILES:
+                checked_target(folder / name)
+    except InputError as error:
+        raise InputError(f'--out: {error}') from error
 
 
 def write(folder: Path, table: dict[str, Any], effects: Sequence[Effect], model: Model,
