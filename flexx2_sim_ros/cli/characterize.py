@@ -8,7 +8,7 @@ from flexx2_sim_ros.atomic import check_folder, output_folder
 from flexx2_sim_ros.camera.modes import flexx2, Profile
 from flexx2_sim_ros.camera.profiles import load_profile, save_profile
 from flexx2_sim_ros.cli.argument_types import MOST_FRAMES, MOST_JOBS, number, SEEDS, whole_number
-from flexx2_sim_ros.errors import InputError, printable
+from flexx2_sim_ros.errors import printable
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from flexx2_sim_ros.cli.argument_types import number
 from flexx2_sim_ros.cli.ros import ros
-from flexx2_sim_ros.errors import InputError, printable
+from flexx2_sim_ros.errors import printable
 from rich.console import Console
 
 _ACKNOWLEDGE_SECONDS = 5.0

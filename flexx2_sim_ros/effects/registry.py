@@ -10,7 +10,6 @@ from typing import Any
 
 from flexx2_sim_ros.atomic import write_text
 from flexx2_sim_ros.config_file import is_regular_file, read_config
-from flexx2_sim_ros.config_file import read_config
 from flexx2_sim_ros.effects.effect import Effect
 from flexx2_sim_ros.effects.patch import ResidualPatch
 from flexx2_sim_ros.effects.ray import AlongRay

@@ -5,7 +5,6 @@ import signal
 import sys
 import time
 from traceback import format_exception
-from types import FrameType
 from typing import Any
 
 from flexx2_sim_ros.errors import InputError, unquoted
