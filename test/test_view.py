@@ -2,12 +2,8 @@
 
 import base64
 from collections.abc import Callable, Iterator
-import os
 from pathlib import Path
-import select
-import signal
 import subprocess
-import sys
 from typing import Any
 
 from browser import Browser, chromium
@@ -20,51 +16,11 @@ import pytest
 from rclpy.parameter import parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
 from streams import CameraInfo, FLEXX2, Image, image_message, info_message, Listener, Parameter
+from views import PATIENCE, View
 
 CAMERAS = ('front_left', 'front_right')
-PATIENCE = 60.0
 # The board stands 1 m ahead of the left camera. Of 3 m that is the 85th colour of 256: 85.3.
 MOST, AT_THE_BOARD = 3.0, 85
-
-
-class View:
-    """
-    The command, running.
-
-    Attributes
-    ----------
-    process : subprocess.Popen
-    url : str
-    folder : pathlib.Path
-        Where its temporary files are.
-
-    """
-
-    def __init__(self, folder: Path, *options: str) -> None:
-        """Start it and wait for its address."""
-        paths = [str(Path(__file__).parents[1]), *filter(None, [os.environ.get('PYTHONPATH')])]
-        env = {**os.environ, 'PYTHONPATH': os.pathsep.join(paths), 'TMPDIR': str(folder)}
-        self.folder, self._errors = folder, folder / 'view.log'
-        with self._errors.open('wb') as log:
-            self.process = subprocess.Popen(
-                [sys.executable, '-m', 'flexx2_sim_ros.cli.main', 'view', '--no-browser',
-                 '--port', '0', *options], env=env, stdin=subprocess.DEVNULL,
-                stdout=subprocess.PIPE, stderr=log, text=True)
-        assert self.process.stdout is not None
-        assert select.select([self.process.stdout], [], [], PATIENCE)[0], self.errors
-        line = self.process.stdout.readline()
-        assert line.endswith(' (Ctrl-C ends it)\n'), (line, self.errors)
-        self.url = line.split()[0]
-
-    @property
-    def errors(self) -> str:
-        """Return what it has written to stderr."""
-        return self._errors.read_text()
-
-    def end(self) -> int:
-        """Press Ctrl-C; return the exit code."""
-        self.process.send_signal(signal.SIGINT)
-        return self.process.wait(PATIENCE)
 
 
 class Scene:
@@ -193,7 +149,8 @@ def test_pointing_at_a_pixel_reads_it_and_dragging_turns_the_cloud(scene: Scene)
     left, top, width, height = box('clean')
     mouse('mouseMoved', left + 112.5 / 224 * width, top + 86.5 / 172 * height)
     read = f'{part("front_left", "clean")}.parentElement.querySelector(".read").textContent'
-    assert page.until(read) == '(112, 86) 1.000 m'
+    # A busy machine may miss the clean depth of a frame.
+    page.until(f'{read} === "(112, 86) 1.000 m"')
     left, top, width, height = box('cloud')
     before = pixels(page, 'front_left', 'cloud')
     mouse('mousePressed', left + 100, top + 100, button='left', buttons=1, clickCount=1)
@@ -261,6 +218,16 @@ def test_keys_drive_while_they_are_held(scene: Scene) -> None:
     user.spin_until(lambda: heard, 'a command')
     page.evaluate('window.dispatchEvent(new Event("blur"))')
     user.spin_until(lambda: heard[-1] == Twist(), 'the stop')
+    # The space bar stops whoever drives, and the key that repeats does not drive again.
+    page.key('keyUp', 'KeyW', 'w')
+    heard.clear()
+    page.key('keyDown', 'KeyW', 'w')
+    user.spin_until(lambda: heard, 'a command')
+    page.key('keyDown', 'Space', ' ')
+    user.spin_until(lambda: heard[-1] == Twist(), 'the stop')
+    page.call('Input.dispatchKeyEvent', type='keyDown', code='KeyW', key='w', autoRepeat=True)
+    assert not page.evaluate('document.querySelectorAll(".pad .held").length')
+    page.key('keyUp', 'Space', ' ')
     # The page is gone in the middle of it: the server stops the robot.
     heard.clear()
     page.key('keyUp', 'KeyW', 'w')
@@ -373,10 +340,9 @@ def test_a_browser_that_falls_silent_stops_the_robot(ros: None) -> None:
         user.spin_until(lambda: len(heard) == 2, 'the stop')
         assert (heard[0].linear.x, heard[0].linear.y, heard[0].angular.z) == (1.2, -1.2, 2.5)
         assert heard[1] == Twist()
-        # One who has not driven does not stop the one who does.
+        # A page that closes stops what it drives, and nothing else.
         viewer.drive('me', (0.1, 0.0, 0.0))
         viewer.leave('another')
-        viewer.drive('another', (0.0, 0.0, 0.0))
         viewer.drive('me', (0.2, 0.0, 0.0))
         user.spin_until(lambda: len(heard) == 5, 'commands')
         assert [message.linear.x for message in heard[2:]] == [0.1, 0.2, 0.0]

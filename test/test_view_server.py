@@ -13,13 +13,16 @@ from browser import chromium
 from flexx2_sim_ros.camera import Intrinsics
 from flexx2_sim_ros.camera.geometry import pixel_rays
 from flexx2_sim_ros.cli.main import main
+from flexx2_sim_ros.view import server as server_module
+from flexx2_sim_ros.view.access import Access
 from flexx2_sim_ros.view.colours import depth_table, difference_table, INVALID
 from flexx2_sim_ros.view.packing import pack, pack_depth, Shot, UNIT
 from flexx2_sim_ros.view.server import bind, Server
 import numpy as np
 import pytest
-from tornado.httpclient import HTTPClientError, HTTPRequest
-from tornado.websocket import websocket_connect
+from tornado.httpclient import HTTPClientError
+import views
+from views import run
 
 CAMERA = Intrinsics(4, 3, 3.0, 3.0, 1.5, 1.0)
 
@@ -36,24 +39,29 @@ class Source:
         self.shots: dict[str, Shot] = {}
         self.status = '{}'
         self.asked: list[Any] = []
+        self.complaints: list[str] = []
 
     def watch(self, watched: bool) -> None:
         self.asked.append(('watch', watched))
 
-    def drive(self, driver: object, velocity: tuple[float, float, float]) -> None:
+    def drive(self, page: object, velocity: tuple[float, float, float]) -> bool:
         self.asked.append(('drive', velocity))
+        return velocity[0] >= 0
 
-    def leave(self, driver: object) -> None:
+    def leave(self, page: object) -> None:
         self.asked.append('leave')
 
     def choose(self, camera: str, usecase: str) -> None:
         self.asked.append((camera, usecase))
 
+    def complain(self, text: str) -> None:
+        self.complaints.append(text)
+
 
 @pytest.fixture
 def served() -> Iterator[tuple[Server, Source]]:
     source = Source()
-    server = Server(bind('127.0.0.1', 0), '127.0.0.1', source)
+    server = Server(bind('127.0.0.1', 0), Access('127.0.0.1'), source)
     server.start()
     yield server, source
     server.stop()
@@ -66,9 +74,9 @@ async def until(condition: Callable[[], Any]) -> None:
 
 def connect(server: Server, origin: str = '', host: str = '') -> Any:
     """Return a future of a websocket, as a page from an origin opens it."""
-    address = f'127.0.0.1:{server.port}'
-    return websocket_connect(HTTPRequest(f'ws://{address}/live', headers={
-        'Origin': origin or f'http://{address}', 'Host': host or address}))
+    address = f'http://127.0.0.1:{server.port}'
+    return views.connect(address, Origin=origin or address,
+                         Host=host or f'127.0.0.1:{server.port}')
 
 
 async def frame(client: Any) -> dict[str, Any]:
@@ -76,12 +84,6 @@ async def frame(client: Any) -> dict[str, Any]:
     while isinstance(message := await client.read_message(), str):
         pass
     return dict(json.loads(message[4:4 + int.from_bytes(message[:4], 'little')]))
-
-
-def run(work: Any) -> None:
-    async def bounded() -> None:
-        await asyncio.wait_for(work, 60)
-    asyncio.run(bounded())
 
 
 def test_a_slow_browser_gets_the_newest_frame_and_no_others(
@@ -102,7 +104,10 @@ def test_a_slow_browser_gets_the_newest_frame_and_no_others(
         await slow.write_message(json.dumps({'drawn': 'left'}))
         then = await frame(slow)
         assert seen == [k + more for k in range(1, 31) for more in (0, 100)]
-        assert sorted(first) == [1, 2, 101, 102]
+        for sent in ([stamp for stamp in first if stamp < 100],
+                     [stamp - 100 for stamp in first if stamp > 100]):
+            assert len(sent) == 2
+            assert 1 <= sent[0] < sent[1] < 30
         assert (then['camera'], then['stamp']) == ('left', 30)
         slow.close()
         fast.close()
@@ -132,24 +137,92 @@ def test_status_and_wishes(served: tuple[Server, Source]) -> None:
 
 @pytest.mark.parametrize('message', [
     '', '[]', '{"drive": [1, 2]}', '{"drive": [NaN, 0, 0]}', '{"drive": [0, Infinity, 0]}',
-    '{"drive": ["1", 0, 0]}', '{"usecase": "x"}', '{"drawn": 1}', '{"shutdown": 1}', '{"a":' * 900,
-    '"' + 5000 * 'x' + '"'])
-def test_nonsense_ends_the_connection_and_no_more(served: tuple[Server, Source],
-                                                  message: str) -> None:
+    '{"drive": ["1", 0, 0]}', '{"drive": [true, 0, 0]}', f'{{"drive": [{10 ** 400}, 0, 0]}}',
+    '{"drive": {"x": 1}}', '{"usecase": "x"}', '{"usecase": ["left", "\\ud800"]}',
+    '{"usecase": ["left", "\\u001b[2J"]}', f'{{"usecase": ["left", "{300 * "x"}"]}}',
+    '{"drawn": 1}', '{"shutdown": 1}', '{"a":' * 800, '[' * 4000, '\x1b[2J\r\n',
+    b'{"drive": [1, 0, 0]}', b'\xff\x00'])
+def test_nonsense_ends_the_connection_and_no_more(
+        served: tuple[Server, Source], caplog: pytest.LogCaptureFixture,
+        message: str | bytes) -> None:
     server, source = served
 
     async def work() -> None:
         client = await connect(server)
-        await client.write_message(message)
+        await client.write_message(message, binary=isinstance(message, bytes))
         while await client.read_message() is not None:
             pass
-        assert client.close_code in (1007, 1009)
+        assert client.close_code == 1007
         # The next one is served as if nothing had been.
         source.shots = {'left': shot(7)}
         server.wake()
         assert (await frame(await connect(server)))['stamp'] == 7
     run(work())
-    assert not [entry for entry in source.asked if entry[0] == 'drive']
+    assert not [entry for entry in source.asked if entry[0] in ('drive', 'left')]
+    (said,) = source.complaints
+    assert said.startswith('page at 127.0.0.1: message: must be JSON as the page sends it, got ')
+    assert len(said) < 160
+    assert said.isprintable()
+    assert caplog.records == []
+
+
+@pytest.mark.parametrize('part', [b'\xc3\x28', 5000 * b'x', b'{"drawn": "left"}'],
+                         ids=['not UTF-8', 'too long', 'not masked'])
+def test_broken_frames_end_the_connection_quietly(
+        served: tuple[Server, Source], caplog: pytest.LogCaptureFixture, part: bytes) -> None:
+    server, _ = served
+    address = f'127.0.0.1:{server.port}'
+    with socket.create_connection(('127.0.0.1', server.port), 60) as client:
+        client.sendall(
+            f'GET /live HTTP/1.1\r\nHost: {address}\r\nOrigin: http://{address}\r\n'
+            'Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n'
+            'Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n'.encode())
+        assert client.recv(4096).startswith(b'HTTP/1.1 101')
+        masked = 0 if part.startswith(b'{') else 0x80
+        size = (bytes([masked | 126]) + len(part).to_bytes(2, 'big') if len(part) > 125
+                else bytes([masked | len(part)]))
+        # A mask of zeros leaves the text as it is.
+        client.sendall(b'\x81' + size + (bytes(4) if masked else b'') + part)
+        while client.recv(4096):
+            pass
+    assert [record for record in caplog.records if record.levelname == 'ERROR'] == []
+    assert caplog.text.count('Traceback') == 0
+
+
+def test_a_page_cannot_make_the_server_keep_things(served: tuple[Server, Source],
+                                                   monkeypatch: pytest.MonkeyPatch) -> None:
+    server, source = served
+    monkeypatch.setattr(server_module, '_MOST_PAGES', 2)
+    source.shots = {'left': shot(1)}
+
+    async def work() -> None:
+        client = await connect(server)
+        for number in range(1000):
+            await client.write_message(json.dumps({'drawn': f'camera_{number}'}))
+        await client.write_message('{"drive": [1, 0, 0]}')
+        await until(lambda: ('drive', (1.0, 0.0, 0.0)) in source.asked)
+        (live,) = server._clients
+        assert live._undrawn == {'left': 1}
+        other = await connect(server)
+        with pytest.raises(HTTPClientError) as error:
+            await connect(server)
+        assert error.value.code == 503
+        other.close()
+        await until(lambda: 'leave' in source.asked)
+        (await connect(server)).close()
+    run(work())
+
+
+def test_a_page_is_told_whether_the_robot_obeys(served: tuple[Server, Source]) -> None:
+    async def work() -> None:
+        client = await connect(served[0])
+        assert await client.read_message() == '{}'
+        for forward in (1, -1, -1):
+            await client.write_message(json.dumps({'drive': [forward, 0, 0]}))
+        assert json.loads(await client.read_message()) == {'obeyed': False}
+        await client.write_message('{"drive": [1, 0, 0]}')
+        assert json.loads(await client.read_message()) == {'obeyed': True}
+    run(work())
 
 
 @pytest.mark.parametrize(('origin', 'host'), [

@@ -55,6 +55,7 @@ def run(arguments: argparse.Namespace) -> int:
     if importlib.util.find_spec('tornado') is None:
         raise InputError('tornado is not there: wanted pip install "flexx2_sim_ros[view]", or '
                          'apt install python3-tornado')
+    from flexx2_sim_ros.view.access import Access
     from flexx2_sim_ros.view.server import bind, Server
 
     # The port comes first: without it nothing is started.
@@ -69,7 +70,7 @@ def run(arguments: argparse.Namespace) -> int:
         except InvalidTopicNameException as error:
             raise InputError(f'--cmd-vel: {error}'.splitlines()[0]) from error
         stack.callback(viewer.destroy_node)
-        server = Server(sockets, arguments.host, viewer)
+        server = Server(sockets, Access(arguments.host), viewer)
         viewer.wake = server.wake
         server.start()
         stack.callback(server.stop)

@@ -3,7 +3,6 @@
 from collections import deque
 from collections.abc import Callable, Sequence
 import json
-from queue import SimpleQueue
 import statistics
 import time
 from typing import Any
@@ -13,7 +12,9 @@ from flexx2_sim_ros.camera.intrinsics import Intrinsics
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.nodes.decoding import decode_camera_info, decode_image, stamp_nanoseconds
 from flexx2_sim_ros.nodes.gating import RateMeter
+from flexx2_sim_ros.nodes.runtime import Throttle
 from flexx2_sim_ros.recording.bag_cameras import CameraTopics, EVENTS, find_cameras
+from flexx2_sim_ros.view.driving import Driving, Velocity
 from flexx2_sim_ros.view.packing import Shot
 from geometry_msgs.msg import Twist
 import numpy as np
@@ -27,8 +28,6 @@ from sensor_msgs.msg import CameraInfo, Image
 
 # Of what the page may ask for: m/s and rad/s.
 _FASTEST = (1.2, 1.2, 2.5)
-# A browser repeats its command ten times a second; when it falls silent, the robot stops.
-_SILENCE_SECONDS = 0.35
 _STALE_SECONDS = 1.0
 _ANSWER_SECONDS = 3.0
 _LOOK_SECONDS = 0.5
@@ -174,7 +173,7 @@ class Viewer(Node):
     What the page's server shows: a `flexx2_sim_ros.view.server.Source`.
 
     Cameras are found by their topics, those that appear later included, and are only subscribed
-    to while somebody looks. Subscriptions are best effort: looking holds nobody up.
+    to while somebody looks. Subscriptions are best effort: viewers never block the stream.
 
     Parameters
     ----------
@@ -201,48 +200,55 @@ class Viewer(Node):
         self._wanted = {name.strip('/') for name in cameras}
         self._cameras: dict[str, _Camera] = {}
         self._watched = False
-        self._driver: object = None
-        self._silent_at = 0.0
+        self._throttle = Throttle()
         self._twist = self.create_publisher(Twist, drive_topic, 10)
-        # What the server's thread asks for is done in this node's: nothing here is shared.
-        self._inbox: SimpleQueue[Callable[[], None]] = SimpleQueue()
+        self._driving = Driving(self._publish)
+        # What the server's thread asks for is done in this node's; only the newest is kept.
+        self._watch_asked = False
+        self._chosen: dict[str, str] = {}
         self._guard = self.create_guard_condition(self._work)
         self.create_subscription(ParameterEvent, EVENTS, self._on_event, 100)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(_LOOK_SECONDS, self._look, clock=steady)
         self.create_timer(_STATUS_SECONDS, self._tell, clock=steady)
-        self.create_timer(_SILENCE_SECONDS / 4, self._watch_driver, clock=steady)
         self._look()
 
     def watch(self, watched: bool) -> None:
         """Begin or end to take frames."""
-        self._post(lambda: self._watch(watched))
+        self._watch_asked = watched
+        self._guard.trigger()
 
-    def drive(self, driver: object, velocity: tuple[float, float, float]) -> None:
-        """Drive: forward and to the left in m/s, turn to the left in rad/s; zeros stop."""
-        self._post(lambda: self._drive(driver, velocity))
+    def drive(self, page: object, velocity: Velocity) -> bool:
+        """Drive, see `Driving.drive`, without waiting for this node's executor."""
+        return self._driving.drive(page, velocity)
 
-    def leave(self, driver: object) -> None:
-        """Stop what a driver has begun."""
-        self._post(lambda: self._stop(driver))
+    def leave(self, page: object) -> None:
+        """Stop what a page has begun."""
+        self._driving.leave(page)
 
     def choose(self, camera: str, usecase: str) -> None:
-        """Ask a camera for a mode."""
-        self._post(lambda: self._choose(camera, usecase))
+        """Ask a camera for a mode; of several requests before the node's turn the last counts."""
+        if camera in self._cameras:
+            self._chosen[camera] = usecase
+            self._guard.trigger()
+
+    def complain(self, text: str) -> None:
+        """Log it, unless something like it has just been logged."""
+        if self._throttle.ready('page'):
+            self.get_logger().warning(text)
 
     def destroy_node(self) -> None:
         """Leave no robot moving."""
-        if self.context.ok():
-            self._stop(self._driver)
+        self._driving.close()
         super().destroy_node()
 
-    def _post(self, task: Callable[[], None]) -> None:
-        self._inbox.put(task)
-        self._guard.trigger()
-
     def _work(self) -> None:
-        while not self._inbox.empty():
-            self._inbox.get()()
+        if self._watch_asked != self._watched:
+            self._watch(self._watch_asked)
+        for name in list(self._chosen):
+            # One request at a time: a node that does not answer gathers none.
+            if self._cameras[name].answer_by is None:
+                self._choose(name, self._chosen.pop(name))
 
     def _look(self) -> None:
         there = {topic: kinds[0] for topic, kinds in self.get_topic_names_and_types()
@@ -293,9 +299,7 @@ class Viewer(Node):
                     self._tell()
 
     def _choose(self, name: str, usecase: str) -> None:
-        camera = self._cameras.get(name)
-        if camera is None:
-            return
+        camera = self._cameras[name]
         if not camera.client.services_are_ready():
             self._answer(camera, False, f'{camera.topics.node} is not there')
             return
@@ -309,31 +313,19 @@ class Viewer(Node):
         camera.client.set_parameters([Parameter('usecase', value=usecase)]).add_done_callback(
             answered)
 
-    @staticmethod
-    def _answer(camera: _Camera, successful: bool, text: str) -> None:
+    def _answer(self, camera: _Camera, successful: bool, text: str) -> None:
         camera.answer_by = None
         camera.answer = {'number': camera.answer.get('number', 0) + 1, 'ok': successful,
                          'text': text}
+        self._guard.trigger()
 
-    def _drive(self, driver: object, velocity: tuple[float, float, float]) -> None:
-        if not any(velocity):
-            self._stop(driver)
-            return
+    def _publish(self, velocity: Velocity) -> None:
         x, y, turn = (max(-most, min(most, value))
                       for value, most in zip(velocity, _FASTEST, strict=True))
-        self._driver, self._silent_at = driver, time.monotonic() + _SILENCE_SECONDS
         message = Twist()
         message.linear.x, message.linear.y, message.angular.z = x, y, turn
-        self._twist.publish(message)
-
-    def _stop(self, driver: object) -> None:
-        if driver is not None and driver is self._driver:
-            self._driver = None
-            self._twist.publish(Twist())
-
-    def _watch_driver(self) -> None:
-        if self._driver is not None and time.monotonic() > self._silent_at:
-            self._stop(self._driver)
+        if self.context.ok():
+            self._twist.publish(message)
 
 
 def _meter(meter: RateMeter, last: int, now: int) -> int:

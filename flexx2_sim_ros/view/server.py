@@ -2,27 +2,23 @@
 The server of the page: its files, and a websocket for each browser.
 
 A browser is sent a camera's newest frame when it has drawn all but one of those before: a slow
-one, or a tab that nobody looks at, gets fewer frames and holds nothing up.
-
-Whoever has the page can drive a robot. So only the page itself may connect: the Host of a
-request has to be an address or a name of this machine (another name can be made to point here by
-whoever owns it), and the Origin of a websocket has to be that host.
+one, or a tab that nobody looks at, gets fewer frames and holds nothing up. Who may connect is in
+`flexx2_sim_ros.view.access`.
 """
 
 import asyncio
 import errno
 from importlib import resources
-import ipaddress
 import json
-import math
 import socket
 import threading
 from typing import Any, Protocol
-from urllib.parse import urlsplit
 
 from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.view.access import Access
 from flexx2_sim_ros.view.colours import depth_table, difference_table, INVALID
 from flexx2_sim_ros.view.packing import pack, Shot
+from flexx2_sim_ros.view.requests import Choose, Drawn, Drive, parse
 from tornado.httpserver import HTTPServer
 from tornado.iostream import StreamClosedError
 from tornado.netutil import bind_sockets
@@ -33,6 +29,7 @@ _TYPES = {'html': 'text/html', 'css': 'text/css', 'js': 'text/javascript', 'svg'
 # Frames of a camera on their way: one that is being drawn, and one that comes meanwhile.
 _AHEAD = 2
 _LONGEST_MESSAGE = 4096
+_MOST_PAGES = 100
 _STOP_SECONDS = 3.0
 
 
@@ -55,14 +52,21 @@ class Source(Protocol):
     def watch(self, watched: bool) -> None:
         """Begin or end to take frames: somebody looks, or nobody."""
 
-    def drive(self, driver: object, velocity: tuple[float, float, float]) -> None:
-        """Drive: forward and to the left in m/s, turn to the left in rad/s; zeros stop."""
+    def drive(self, page: object, velocity: tuple[float, float, float]) -> bool:
+        """
+        Drive: forward and to the left in m/s, turn to the left in rad/s; zeros stop.
 
-    def leave(self, driver: object) -> None:
-        """Stop what a driver has begun: it is gone."""
+        Returns whether the robot obeys: another page may have stopped it.
+        """
+
+    def leave(self, page: object) -> None:
+        """Stop what a page has begun: it is gone."""
 
     def choose(self, camera: str, usecase: str) -> None:
         """Ask a camera for a mode; the answer comes in the status."""
+
+    def complain(self, text: str) -> None:
+        """Log that a page has sent what it should not."""
 
 
 def bind(host: str, port: int) -> list[socket.socket]:
@@ -98,17 +102,24 @@ class Server:
     ----------
     sockets : list of socket.socket
         From `bind`.
-    host : str
-        What they are bound to.
+    access : Access
+        Who may connect.
     source : Source
         What the page shows.
 
+    Attributes
+    ----------
+    access, source
+        As given.
+    turn : asyncio.Lock
+        To be held while a frame is sent.
+
     """
 
-    def __init__(self, sockets: list[socket.socket], host: str, source: Source) -> None:
+    def __init__(self, sockets: list[socket.socket], access: Access, source: Source) -> None:
         """Read the page."""
-        self.names = {'localhost', socket.gethostname().lower(), host.lower()}
-        self.source = source
+        self.access, self.source = access, source
+        self.turn = asyncio.Lock()
         self._sockets = sockets
         self._clients: set[Live] = set()
         self._packed: dict[str, tuple[Shot, bytes]] = {}
@@ -166,16 +177,10 @@ class Server:
             done = self._packed[name] = shot, pack(name, shot)
         return done[1]
 
-    def is_mine(self, host: str) -> bool:
-        """Say whether a request's Host is this machine, by an address or a name of its own."""
-        try:
-            name = (urlsplit(f'//{host}').hostname or '').lower()
-            if name in self.names:
-                return True
-            ipaddress.ip_address(name)
-        except ValueError:
-            return False
-        return True
+    @property
+    def is_full(self) -> bool:
+        """Return whether no more browsers are taken in."""
+        return len(self._clients) >= _MOST_PAGES
 
     async def _serve(self) -> None:
         self._loop, self._end = asyncio.get_running_loop(), asyncio.Event()
@@ -209,7 +214,7 @@ class _Guarded(RequestHandler):
         self.server, self.given = server, given
 
     def prepare(self) -> None:
-        if not self.server.is_mine(self.request.host):
+        if not self.server.access.is_own(self.request.host):
             raise HTTPError(403, reason='Host is not this machine')
 
     def write_error(self, status_code: int, **_: Any) -> None:
@@ -257,8 +262,16 @@ class Live(_Guarded, WebSocketHandler):
         super().initialize(server, **given)
         self.news = asyncio.Event()
         self._status = ''
+        self._obeyed = self._said_obeyed = True
+        # By camera, of those that there are: nothing that a page names is kept.
         self._sent: dict[str, Shot] = {}
         self._undrawn: dict[str, int] = {}
+
+    def prepare(self) -> None:
+        """Let in whoever may, as long as there is room."""
+        super().prepare()
+        if self.server.is_full:
+            raise HTTPError(503, reason=f'{_MOST_PAGES} pages are open: close one')
 
     def check_origin(self, origin: str) -> bool:
         """Say whether the page is from here."""
@@ -280,20 +293,22 @@ class Live(_Guarded, WebSocketHandler):
         """Do what the page asks for."""
         source = self.server.source
         try:
-            asked = json.loads(message)
-        except ValueError:
-            asked = None
+            asked = parse(message)
+        except InputError as error:
+            source.complain(f'page at {self.request.remote_ip}: {error}')
+            self.close(1007, 'not understood')
+            return
         match asked:
-            case {'drawn': str(camera)}:
-                self._undrawn[camera] = max(0, self._undrawn.get(camera, 0) - 1)
-                self.news.set()
-            case {'drive': [float() | int() as x, float() | int() as y, float() | int() as turn]} \
-                    if math.isfinite(x) and math.isfinite(y) and math.isfinite(turn):
-                source.drive(self, (float(x), float(y), float(turn)))
-            case {'usecase': [str(camera), str(usecase)]}:
+            case Drawn(camera):
+                if camera in self._undrawn:
+                    self._undrawn[camera] = max(0, self._undrawn[camera] - 1)
+                    self.news.set()
+            case Drive(velocity):
+                self._obeyed = source.drive(self, velocity)
+                if self._obeyed != self._said_obeyed:
+                    self.news.set()
+            case Choose(camera, usecase):
                 source.choose(camera, usecase)
-            case _:
-                self.close(1007, 'not understood')
 
     async def _feed(self) -> None:
         source = self.server.source
@@ -304,14 +319,29 @@ class Live(_Guarded, WebSocketHandler):
                 if source.status != self._status:
                     self._status = source.status
                     await self.write_message(self._status)
-                for name, shot in source.shots.items():
-                    undrawn = self._undrawn.get(name, 0)
-                    if shot is not self._sent.get(name) and undrawn < _AHEAD:
-                        self._sent[name], self._undrawn[name] = shot, undrawn + 1
+                if self._obeyed != self._said_obeyed:
+                    self._said_obeyed = self._obeyed
+                    await self.write_message(json.dumps({'obeyed': self._obeyed}))
+                for name in source.shots:
+                    if self._wants(name):
                         # Waits until the bytes have left: none pile up here.
-                        await self.write_message(self.server.packed(name, shot), binary=True)
+                        await (await self._send(name))
         except (WebSocketClosedError, StreamClosedError):
             pass
+
+    def _wants(self, name: str) -> bool:
+        shot = self.server.source.shots.get(name)
+        return (shot is not None and shot is not self._sent.get(name)
+                and self._undrawn.get(name, 0) < _AHEAD)
+
+    async def _send(self, name: str) -> Any:
+        # One frame in each round of the loop, however many pages there are: whatever else
+        # comes, a command to drive above all, is dealt with in between.
+        async with self.server.turn:
+            await asyncio.sleep(0)
+            shot = self.server.source.shots[name]
+            self._sent[name], self._undrawn[name] = shot, self._undrawn.get(name, 0) + 1
+            return self.write_message(self.server.packed(name, shot), binary=True)
 
 
 def _colours() -> bytes:

@@ -1,10 +1,12 @@
-// Keys and buttons to velocities. Whatever takes the keyboard away stops the robot.
+// Keys and buttons to velocities. Whatever takes the keyboard away stops the robot; the space bar
+// stops it whoever drives.
 const ALIASES = { ArrowUp: 'KeyW', ArrowDown: 'KeyS', ArrowLeft: 'KeyA', ArrowRight: 'KeyD' };
 // Forward, left, turn to the left: shares of the fastest.
 const MOVES = {
   KeyW: [1, 0, 0], KeyS: [-1, 0, 0], KeyA: [0, 0, 1], KeyD: [0, 0, -1], KeyQ: [0, 1, 0], KeyE: [0, -1, 0],
 };
 const FASTEST = [0.8, 0.5, 1.5];
+const STOP_KEY = 'Space';
 const REPEAT_MS = 100;
 
 export function driving(pad, speed, speedText, send) {
@@ -28,17 +30,22 @@ export function driving(pad, speed, speedText, send) {
       timer = null;
     }
   };
-  const press = (key) => { if (!held.has(key)) { held.add(key); change(); } };
+  const halt = () => { held.clear(); change(); };
+  const press = (key) => {
+    if (key === STOP_KEY) halt();
+    else if (!held.has(key)) { held.add(key); change(); }
+  };
   const release = (key) => { if (held.delete(key)) change(); };
-  const stop = () => { if (held.size) { held.clear(); change(); } };
+  const stop = () => { if (held.size) halt(); };
 
   addEventListener('keydown', (event) => {
     const key = ALIASES[event.code] ?? event.code;
     // Of a control that has the focus, keys are its own.
-    if (!(key in MOVES) || event.ctrlKey || event.altKey || event.metaKey) return;
+    if (!(key in MOVES || key === STOP_KEY) || event.ctrlKey || event.altKey || event.metaKey) return;
     if (event.target.closest('select, input')) return;
     event.preventDefault();
-    press(key);
+    // A key that repeats was pressed before: after a stop it does not drive again.
+    if (!event.repeat) press(key);
   });
   addEventListener('keyup', (event) => release(ALIASES[event.code] ?? event.code));
   addEventListener('blur', stop);

@@ -9,6 +9,7 @@ const cameras = new Map();
 let socket = null;
 let depthMost = 4, differenceMost = 0.03;
 let drawing = false;
+let obeyed = true;
 
 const send = (message) => { if (socket?.readyState === WebSocket.OPEN) socket.send(JSON.stringify(message)); };
 
@@ -124,13 +125,15 @@ function camera(name) {
 }
 
 function tell(status) {
+  obeyed = status.obeyed ?? obeyed;
   for (const one of status.cameras ?? []) camera(one.name).tell(one);
   if (!status.drive) return;
   const moving = drive.velocity();
   find('drive-topic').textContent = status.drive.topic;
   const state = find('drive-state');
   state.classList.toggle('moving', Boolean(moving) && status.drive.listeners > 0);
-  state.textContent = status.drive.listeners ? (moving ? 'driving' : '') : 'nobody listens (go1_cameras: motion:=cmd_vel)';
+  const held = obeyed ? 'driving' : 'stopped by another page: release the keys';
+  state.textContent = status.drive.listeners ? (moving ? held : '') : 'nobody listens (go1_cameras: motion:=cmd_vel)';
 }
 
 function connect() {
@@ -142,6 +145,7 @@ function connect() {
     state.className = '';
     document.body.classList.remove('lost');
     for (const one of cameras.values()) one.undrawn = 0;
+    obeyed = true;
   };
   socket.onmessage = ({ data }) => {
     if (typeof data === 'string') tell(JSON.parse(data));

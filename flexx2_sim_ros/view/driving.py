@@ -1,0 +1,96 @@
+"""
+Who drives the robot, how fast, and until when.
+
+A page repeats its velocity while a key is held. The watch over that heartbeat has a thread of its
+own, so that images that are packed or sent do not delay the stop.
+"""
+
+from collections.abc import Callable
+import threading
+import time
+
+Velocity = tuple[float, float, float]
+
+# The page repeats its velocity every 0.1 s.
+HEARTBEAT_TIMEOUT_SECONDS = 0.35
+STOP: Velocity = (0.0, 0.0, 0.0)
+
+
+class Driving:
+    """
+    Pass on what pages drive; stop when one says so, leaves, or misses its heartbeat.
+
+    One page drives at a time. A page that is stopped or replaced by another one is ignored until
+    it has released its keys, that is, until it has sent a stop itself.
+
+    Parameters
+    ----------
+    publish : callable
+        Takes a velocity: forward and to the left in m/s, turn to the left in rad/s. Called from
+        several threads, never from two at once.
+
+    """
+
+    def __init__(self, publish: Callable[[Velocity], None]) -> None:
+        """Start to watch; nobody drives."""
+        self._publish = publish
+        self._page: object = None
+        self._deadline = 0.0
+        self._ignored: set[object] = set()
+        self._closed = False
+        self._changed = threading.Condition()
+        self._thread = threading.Thread(target=self._watch, daemon=True)
+        self._thread.start()
+
+    def drive(self, page: object, velocity: Velocity) -> bool:
+        """
+        Take a page's heartbeat.
+
+        Returns
+        -------
+        bool
+            Whether the robot obeys: False for a page that has to release its keys first.
+
+        """
+        with self._changed:
+            if self._closed or velocity != STOP and page in self._ignored:
+                return False
+            if velocity == STOP:
+                self._ignored.discard(page)
+            if self._page not in (None, page):
+                self._ignored.add(self._page)
+            self._page = None if velocity == STOP else page
+            self._deadline = time.monotonic() + HEARTBEAT_TIMEOUT_SECONDS
+            self._publish(velocity)
+            self._changed.notify()
+            return True
+
+    def leave(self, page: object) -> None:
+        """Forget a page that is gone; stop if it drives."""
+        with self._changed:
+            self._ignored.discard(page)
+            if page is self._page:
+                self._stop()
+
+    def close(self) -> None:
+        """Stop if somebody drives, and end the thread."""
+        with self._changed:
+            self._closed = True
+            if self._page is not None:
+                self._stop()
+            self._changed.notify()
+        self._thread.join()
+
+    def _stop(self) -> None:
+        self._page = None
+        self._publish(STOP)
+
+    def _watch(self) -> None:
+        with self._changed:
+            while not self._closed:
+                if self._page is None:
+                    self._changed.wait()
+                elif (left := self._deadline - time.monotonic()) > 0:
+                    self._changed.wait(left)
+                else:
+                    self._stop()

@@ -1,0 +1,98 @@
+"""What a page may ask for: its messages, decoded and checked."""
+
+from dataclasses import dataclass
+import json
+import math
+
+from flexx2_sim_ros.errors import InputError
+
+# In characters. Camera names are ROS names, modes are shorter.
+_LONGEST_NAME = 256
+_SHOWN = 60
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """
+    A page has drawn a frame.
+
+    Attributes
+    ----------
+    camera : str
+        Its name.
+
+    """
+
+    camera: str
+
+
+@dataclass(frozen=True)
+class Drive:
+    """
+    A page drives.
+
+    Attributes
+    ----------
+    velocity : tuple of float
+        Forward and to the left in m/s, turn to the left in rad/s; finite; zeros stop.
+
+    """
+
+    velocity: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Choose:
+    """
+    A page asks for a mode.
+
+    Attributes
+    ----------
+    camera : str
+        Its name.
+    usecase : str
+        The mode, printable.
+
+    """
+
+    camera: str
+    usecase: str
+
+
+def parse(message: str | bytes) -> Drawn | Drive | Choose:
+    """
+    Decode a websocket's message.
+
+    Raises
+    ------
+    InputError
+        When it is none of the page's, in one line.
+
+    """
+    try:
+        match json.loads(message) if isinstance(message, str) else None:
+            case {'drawn': str(camera)} if _is_name(camera):
+                return Drawn(camera)
+            case {'drive': [x, y, turn]}:
+                return Drive((_number(x), _number(y), _number(turn)))
+            case {'usecase': [str(camera), str(usecase)]} if _is_name(camera) \
+                    and _is_name(usecase):
+                return Choose(camera, usecase)
+    # Of deep nesting and of whole numbers that no float holds.
+    except (ValueError, RecursionError, OverflowError):
+        pass
+    shown = repr(message[:_SHOWN]) + ('...' if len(message) > _SHOWN else '')
+    raise InputError(f'message: must be JSON as the page sends it, got {shown}')
+
+
+def _is_name(text: str) -> bool:
+    return len(text) <= _LONGEST_NAME and text.isprintable()
+
+
+def _number(value: object) -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise ValueError
+    number = float(value)
+    if not math.isfinite(number):
+        raise ValueError
+    return number
