@@ -8,6 +8,7 @@ import importlib.util
 import os
 from pathlib import Path
 import shutil
+import socket
 import sys
 import tempfile
 from typing import Any
@@ -19,7 +20,7 @@ from flexx2_sim_ros.cli.ros import ros
 from flexx2_sim_ros.errors import InputError
 
 _CAMERAS = ('front_left', 'front_right')
-_LOOPBACK = ('127.0.0.1', '::1', 'localhost')
+_EVERYWHERE = ('0.0.0.0', '::', '')
 
 
 def add_parser(commands: Any) -> None:
@@ -43,7 +44,10 @@ def add_parser(commands: Any) -> None:
                         help='to drive on (default %(default)s)')
     parser.add_argument('--host', default='127.0.0.1',
                         help='address to serve on (default %(default)s: this machine alone); '
-                        'whoever reaches it can drive the robot')
+                        'for any other one the page asks for a token, which is part of the '
+                        'printed URL')
+    parser.add_argument('--no-token', action='store_true',
+                        help='ask for no token: whoever reaches the address can drive the robot')
     parser.add_argument('--port', type=whole_number(0, 65535), default=8172,
                         help='default %(default)s; 0 for any that is free')
     parser.add_argument('--no-browser', action='store_true', help='only print the address')
@@ -55,11 +59,13 @@ def run(arguments: argparse.Namespace) -> int:
     if importlib.util.find_spec('tornado') is None:
         raise InputError('tornado is not there: wanted pip install "flexx2_sim_ros[view]", or '
                          'apt install python3-tornado')
-    from flexx2_sim_ros.view.access import Access
+    from flexx2_sim_ros.view.access import Access, is_loopback, new_token
     from flexx2_sim_ros.view.server import bind, Server
 
     # The port comes first: without it nothing is started.
     sockets = bind(arguments.host, arguments.port)
+    is_open = is_loopback(arguments.host) or arguments.no_token
+    access = Access(arguments.host, '' if is_open else new_token())
     with ExitStack() as stack:
         stopped = stack.enter_context(ros())
         from flexx2_sim_ros.nodes.viewer import Viewer
@@ -70,12 +76,12 @@ def run(arguments: argparse.Namespace) -> int:
         except InvalidTopicNameException as error:
             raise InputError(f'--cmd-vel: {error}'.splitlines()[0]) from error
         stack.callback(viewer.destroy_node)
-        server = Server(sockets, Access(arguments.host), viewer)
+        server = Server(sockets, access, viewer)
         viewer.wake = server.wake
         server.start()
         stack.callback(server.stop)
         look_after = stack.enter_context(_demo(arguments))
-        _say_where(arguments, server.port)
+        _say_where(access, server.port, not arguments.no_browser)
         _spin(viewer, stopped, look_after)
     return stopped.status
 
@@ -97,18 +103,23 @@ def _demo(arguments: argparse.Namespace) -> Iterator[Callable[[], None]]:
     shutil.rmtree(folder)
 
 
-def _say_where(arguments: argparse.Namespace, port: int) -> None:
-    host = arguments.host
-    here = host if host in _LOOPBACK else '127.0.0.1' if host in ('0.0.0.0', '::', '') else host
-    url = f'http://{f"[{here}]" if ":" in here else here}:{port}/'
+def _say_where(access: Any, port: int, with_browser: bool) -> None:
+    from flexx2_sim_ros.view.access import address, is_loopback
+
+    everywhere = access.host in _EVERYWHERE
+    url = address('127.0.0.1' if everywhere else access.host, port, access.token)
     print(f'{url} (Ctrl-C ends it)', flush=True)
-    if host not in _LOOPBACK:
-        print(f'warning: --host {host}: whoever reaches it can drive the robot',
+    if everywhere:
+        print(f'From another machine: {address(socket.gethostname(), port, access.token)}',
+              flush=True)
+    if not is_loopback(access.host):
+        who = 'has this address' if access.token else 'reaches this machine'
+        print(f'warning: --host {access.host}: whoever {who} can drive the robot',
               file=sys.stderr)
     # Elsewhere it would open one in this terminal.
     has_screen = sys.platform != 'linux' or os.environ.get('DISPLAY') or os.environ.get(
         'WAYLAND_DISPLAY')
-    if has_screen and not arguments.no_browser:
+    if has_screen and with_browser:
         webbrowser.open(url)
 
 

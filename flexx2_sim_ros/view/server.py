@@ -214,8 +214,14 @@ class _Guarded(RequestHandler):
         self.server, self.given = server, given
 
     def prepare(self) -> None:
-        if not self.server.access.is_own(self.request.host):
+        access, cookie = self.server.access, f'flexx2_view_{self.server.port}'
+        if not access.is_own(self.request.host):
             raise HTTPError(403, reason='Host is not this machine')
+        if access.token and access.admits(self.get_query_argument('token', '')):
+            self.set_cookie(cookie, access.token, httponly=True, samesite='Strict')
+        elif not access.admits(self.get_cookie(cookie)):
+            raise HTTPError(403, reason='open the address that flexx2 view has printed: its '
+                            'token is missing or wrong')
 
     def write_error(self, status_code: int, **_: Any) -> None:
         self.set_header('Content-Type', 'text/plain; charset=utf-8')

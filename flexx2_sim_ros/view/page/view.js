@@ -137,7 +137,8 @@ function tell(status) {
 }
 
 function connect() {
-  socket = new WebSocket(`ws://${location.host}/live`);
+  // The query has the token, if there is one.
+  socket = new WebSocket(`ws://${location.host}/live${location.search}`);
   socket.binaryType = 'arraybuffer';
   const state = find('connection');
   socket.onopen = () => {
