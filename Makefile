@@ -1,4 +1,4 @@
-# make demo | test | lint | bench | clean. Needs python3 (3.11 or 3.12) with venv, and make.
+# make demo | shell | test | lint | bench | clean. Needs python3 (3.11 or 3.12) with venv, and make.
 PYTHON ?= python3
 BIN := .venv/bin
 STAMP := .venv/.complete
@@ -6,10 +6,15 @@ STAMP := .venv/.complete
 # A sourced ROS must not put its own packages before those of .venv.
 unexport PYTHONPATH AMENT_PREFIX_PATH
 
-.PHONY: demo test lint bench clean
+.PHONY: demo shell test lint bench clean
 
 demo: $(STAMP)
 	$(BIN)/flexx2 demo
+
+# With the user's own shell: what it reads at start stays as it is.
+shell: $(STAMP)
+	@echo "flexx2, flexx2_camera and go1_cameras are commands here; exit ends this shell."
+	@VIRTUAL_ENV='$(abspath .venv)' PATH='$(abspath $(BIN))':"$$PATH" $${SHELL:-/bin/sh}
 
 # Two at a time: much of it waits for messages. A file stays with one of them, so that what its
 # tests share is made once.

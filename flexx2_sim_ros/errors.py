@@ -3,6 +3,11 @@
 from os import PathLike
 from typing import Any
 
+# Import name: what pip installs. Not every command and node needs these.
+_OPTIONAL = {'matplotlib': 'matplotlib', 'mujoco': '"mujoco>=4.0"',
+             'rosbags': '"rosbags>=0.11"', 'scipy': 'scipy', 'sklearn': 'scikit-learn',
+             'warp': 'warp-lang'}
+
 
 class InputError(ValueError):
     """
@@ -67,3 +72,20 @@ def unquoted(text: Any, most: int = 80) -> str:
 def shown_path(path: str | PathLike[str]) -> str:
     """Return a path as an error message shows it: as `unquoted`, longer."""
     return unquoted(str(path), 160)
+
+
+def missing_library(error: ModuleNotFoundError) -> InputError:
+    """
+    Return what to tell a user whose command needs a library that is not installed.
+
+    Raises
+    ------
+    ModuleNotFoundError
+        The error given, when it is about anything else.
+
+    """
+    name = (error.name or '').partition('.')[0]
+    if name not in _OPTIONAL:
+        raise error
+    return InputError(f'{name} is not installed, and this needs it: '
+                      f'pip install {_OPTIONAL[name]}')

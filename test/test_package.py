@@ -7,6 +7,7 @@ import os
 from pathlib import Path
 import re
 import shutil
+import signal
 import subprocess
 import sys
 import sysconfig
@@ -162,6 +163,71 @@ def test_library_imports_no_ros(tmp_path: Path) -> None:
         f'import sys, {", ".join(library)}, {NAME}.cli.main; print(*sys.modules)',
         cwd=tmp_path, PYTHONPATH=ROOT)
     assert not ros_packages() & {name.split('.')[0] for name in loaded.split()}
+
+
+def without(names: tuple[str, ...], module: str, *arguments: str) -> str:
+    """Return a program that runs a module's `main` where libraries are not installed."""
+    return f"""
+import sys
+class Missing:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition('.')[0] in {names}:
+            raise ModuleNotFoundError(f'No module named {{name!r}}', name=name)
+sys.meta_path.insert(0, Missing())
+sys.argv[1:] = {arguments}
+from {NAME}.{module} import main
+sys.exit(main())
+"""
+
+
+@pytest.mark.parametrize(('module', 'arguments', 'missing'), [
+    ('cli.main', ('modes',), ''),
+    ('cli.main', ('effects',), ''),
+    ('cli.main', ('convert', 'bag.mcap', 'out.npz'), 'rosbags'),
+    ('cli.main', ('characterize', 'capture', 'campaign'), 'mujoco'),
+    ('nodes.go1_cameras', (), 'mujoco')])
+def test_only_what_needs_a_library_asks_for_it(tmp_path: Path, module: str,
+                                               arguments: tuple[str, ...], missing: str) -> None:
+    if module.startswith('nodes'):
+        pytest.importorskip('rclpy')
+    (tmp_path / 'bag.mcap').touch()
+    program = without(('mujoco', 'rosbags'), module, *arguments)
+    done = subprocess.run([sys.executable, '-c', program], capture_output=True, text=True,
+                          cwd=tmp_path, env={**os.environ, 'PYTHONPATH': str(ROOT)})
+    if missing:
+        assert done.returncode in (1, 2)
+        line = done.stderr.strip().splitlines()[-1]
+        assert re.search(f'error: {missing} is not installed, and this needs it: '
+                         f'pip install "{missing}>=', line)
+        assert 'Traceback' not in done.stderr
+    else:
+        assert done.returncode == 0, done.stderr
+
+
+def test_the_camera_node_needs_neither_mujoco_nor_rosbags() -> None:
+    pytest.importorskip('rclpy')
+    program = without(('mujoco', 'rosbags'), 'nodes.flexx2_camera', '--ros-args', '-r',
+                      '__ns:=/needs_little')
+    with subprocess.Popen([sys.executable, '-c', program], cwd=ROOT, stderr=subprocess.PIPE,
+                          text=True) as process:
+        assert process.stderr is not None
+        line = process.stderr.readline()
+        process.send_signal(signal.SIGINT)
+        rest = process.stderr.read()
+        assert process.wait(30) == 0, line + rest
+    assert 'waiting for /needs_little/clean/depth_image' in line
+    assert 'Traceback' not in rest
+
+
+def test_make_shell_finds_the_commands() -> None:
+    # -o: an environment that is there is not made again.
+    done = subprocess.run(
+        ['make', '-s', '-o', '.venv/.complete', 'shell', f'BIN={Path(sys.executable).parent}'],
+        input=''.join(f'command -v {name}\n' for name in sorted(EXECUTABLES)), cwd=ROOT,
+        capture_output=True, text=True, check=True, env={**os.environ, 'SHELL': '/bin/sh'})
+    found = [Path(line) for line in done.stdout.splitlines() if line.startswith('/')]
+    assert {path.name for path in found} == EXECUTABLES
+    assert {path.parent for path in found} == {Path(sys.executable).parent}
 
 
 def test_every_import_is_a_declared_dependency() -> None:

@@ -10,7 +10,6 @@ from flexx2_sim_ros.camera import Camera, flexx2
 from flexx2_sim_ros.camera.modes import DEFAULT_USECASE
 from flexx2_sim_ros.cli.argument_types import SEEDS, whole_number
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.go1.model import build_model, load_mounts
 import numpy as np
 from rich import box
 from rich.console import Console
@@ -58,6 +57,7 @@ def run(arguments: argparse.Namespace) -> int:
     from flexx2_sim_ros.batch.height_grid import HeightGrid
     from flexx2_sim_ros.batch.rendering import open_batch_renderer
     from flexx2_sim_ros.batch.walking import walk
+    from flexx2_sim_ros.go1.model import build_model, load_mounts
 
     console, count = Console(markup=False), arguments.num_envs
     console.width = max(console.width, 90)

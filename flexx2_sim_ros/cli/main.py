@@ -4,7 +4,7 @@ import os
 import signal
 import sys
 
-from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.errors import InputError, missing_library
 from flexx2_sim_ros.signals import exit_status, leave_on_signals
 
 
@@ -34,6 +34,8 @@ def main(argv: list[str] | None = None) -> int:
     try:
         try:
             return run(argv)
+        except ModuleNotFoundError as error:
+            raise missing_library(error) from error
         finally:
             sys.stdout.flush()
     except InputError as error:

@@ -2,6 +2,7 @@
 
 import sys
 
+from flexx2_sim_ros.errors import missing_library
 from flexx2_sim_ros.signals import leave_on_signals
 
 
@@ -11,8 +12,12 @@ def main() -> int:
     # Imported here, since it takes a second in which a signal would leave a traceback.
     from flexx2_sim_ros.processes import end_with_parent
     end_with_parent()
-    from flexx2_sim_ros.nodes.go1_node import Go1Cameras
-    from flexx2_sim_ros.nodes.runtime import run_node
+    try:
+        from flexx2_sim_ros.nodes.go1_node import Go1Cameras
+        from flexx2_sim_ros.nodes.runtime import run_node
+    except ModuleNotFoundError as error:
+        print(f'error: {missing_library(error)}', file=sys.stderr)
+        return 1
     return run_node(Go1Cameras)
 
 
