@@ -1,13 +1,15 @@
-"""ROS for the tests: a domain of their own, started once; and waiting without sleeping."""
+"""ROS for the tests: a domain of their own, started once; and what skipped tests want."""
 
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 import os
 from pathlib import Path
 import socket
 import sys
+from typing import Any
 
 from hypothesis import settings
 import pytest
+import wants
 
 # The same examples on every machine, however slow it is.
 settings.register_profile('repeatable', deadline=None, derandomize=True)
@@ -34,6 +36,50 @@ os.environ['ROS_DOMAIN_ID'] = str(_domain())
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 for name in ('ROS_LOCALHOST_ONLY', 'ROS_STATIC_PEERS'):
     os.environ.pop(name, None)
+
+
+# What has to be there: tests that want it fail instead of being skipped.
+_REQUIRED = set(filter(None, os.environ.get('FLEXX2_REQUIRE', '').split(',')))
+
+
+def pytest_configure() -> None:
+    """Refuse to require what no test asks for."""
+    if unknown := _REQUIRED - set(wants.WANTS):
+        raise pytest.UsageError(f'FLEXX2_REQUIRE: must be names of {", ".join(wants.WANTS)}, '
+                                f'got {", ".join(sorted(unknown))}')
+
+
+def _require(report: Any) -> Any:
+    if report.skipped and isinstance(report.longrepr, tuple):
+        want = wants.want_of(report.longrepr[2])
+        if want in _REQUIRED:
+            report.outcome = 'failed'
+            report.longrepr = (f'{report.longrepr[2]}: FLEXX2_REQUIRE asks for "{want}": '
+                               f'{wants.WANTS[want][1]}')
+    return report
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport() -> Generator[None, Any, Any]:
+    """Fail instead of skipping for want of what is required."""
+    return _require((yield))
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_make_collect_report() -> Generator[None, Any, Any]:
+    """Fail instead of skipping a whole file."""
+    return _require((yield))
+
+
+def pytest_terminal_summary(terminalreporter: Any) -> None:
+    """Sum up what was not tested, why, and how to get what is missing."""
+    skipped = {report.nodeid: report.longrepr[2].removeprefix('Skipped: ')
+               for report in terminalreporter.stats.get('skipped', [])}
+    if skipped:
+        terminalreporter.section(f'skipped for want of something: {len(skipped)}')
+        for line in wants.summary(skipped.values()):
+            terminalreporter.line(line)
+        terminalreporter.line('FLEXX2_REQUIRE=browser,shared makes such tests fail.')
 
 
 @pytest.fixture(scope='session')
