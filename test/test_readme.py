@@ -17,7 +17,12 @@ EXECUTABLES = {'flexx2_camera': 'flexx2_sim_ros.nodes.flexx2_camera',
                'go1_cameras': 'flexx2_sim_ros.nodes.go1_cameras',
                'flexx2': 'flexx2_sim_ros.cli.main'}
 # Run by the tests named here instead.
-ELSEWHERE = {'colcon build': 'test_package.py', 'source install/setup.bash': 'test_package.py',
+ELSEWHERE = {'colcon build': 'test_package.py',
+             'rosdep install --from-paths . --ignore-src --rosdistro jazzy -y':
+                 'a ROS installation, which has rosdep',
+             'make shell': 'test_package.py',
+             'ros2 run flexx2_sim_ros flexx2 modes': 'test_package.py',
+             'source install/setup.bash': 'test_package.py',
              'make test': 'the test command itself',
              'flexx2 record walk --seconds 10': 'test_record_replay.py',
              "flexx2 replay walk --rate 0.5 --topics '*/clean/*'": 'test_record_replay.py',
