@@ -168,10 +168,14 @@ def test_effects_that_a_profile_is_not_enough_for() -> None:
     known = flexx2().mode('Mode_9_30fps')
     silent = Mode(**{**vars(known), 'name': 'silent', 'modulation_hz': ()})
     profile = Profile('other', flexx2().intrinsics, (known, silent))
-    camera = BatchCamera(2, 'Mode_9_30fps', profile=profile, effects={'offset': None},
+    camera = BatchCamera(2, 'Mode_9_30fps', profile=profile, effects={'wiggling': None},
                          device='cpu')
-    with pytest.raises(InputError, match='modes.silent.modulation_hz .* is not known'):
+    with pytest.raises(InputError, match=r'effects: wiggling: .*modes\.silent\.modulation_hz'):
         camera.set_usecase('silent', np.array([True, False]))
+    clean = np.full((2, 4, 5), 2.0, np.float32)
+    plain, moved = (BatchCamera(2, 'silent', profile=profile, effects=effects, device='cpu')(clean)
+                    for effects in ({}, {'offset': {'bias': 0.05}}))
+    np.testing.assert_allclose(moved - plain, 0.05, atol=1e-6)
     many = [{'intrinsics_error': {'cx': i / 10}} for i in range(65)]
     with pytest.raises(InputError, match='intrinsics_error: found 65 different sets'):
         BatchCamera(65, effects=many, device='cpu')(np.ones((65, 3, 3), np.float32))

@@ -242,18 +242,19 @@ def test_a_shorter_exposure_saturates_less() -> None:
 
 
 def test_effects_need_to_know_the_frequencies(tmp_path: Path) -> None:
-    """Assert a mode without them is neither given effects nor switched to with some on."""
+    """Assert a mode without them is neither given effects that need them nor switched to with."""
     first, *others = flexx2().modes
     path = tmp_path / 'camera.yaml'
     save_profile(path, ProfileFile(replace(
         flexx2(), modes=(replace(first, modulation_hz=()), *others))))
     with stream(DEPTH, profile=str(path), usecase=first.name) as seen:
-        refused = seen.set(**{'effect.offset.strength': 1.0})
+        assert seen.set(**{'effect.offset.strength': 1.0}).successful
+        refused = seen.set(**{'effect.wiggling.strength': 1.0})
         assert not refused.successful
         assert 'modulation_hz' in refused.reason
         assert 'modulation_hz' in seen.set(effects='typical').reason
         assert seen.set(usecase='Mode_9_30fps').successful
-        assert seen.set(**{'effect.offset.strength': 1.0}).successful
+        assert seen.set(**{'effect.wiggling.strength': 1.0}).successful
         refused = seen.set(usecase=first.name)
         assert not refused.successful
         assert 'modulation_hz' in refused.reason

@@ -243,9 +243,9 @@ def test_other_frequencies(frequencies: tuple[float, ...]) -> None:
 def test_phases_of_unknown_frequency_are_refused() -> None:
     mode = replace(QUIET.modes[0], modulation_hz=())
     profile = replace(QUIET, modes=(mode,))
-    assert Camera(mode.name, profile=profile, effects={'offset': {'strength': 0}}).effects == ()
-    with pytest.raises(InputError, match=r'^effects: .*modulation_hz'):
-        Camera(mode.name, profile=profile, effects={'offset': None})
+    assert Camera(mode.name, profile=profile, effects={'wiggling': {'strength': 0}}).effects == ()
+    with pytest.raises(InputError, match=r'^effects: wiggling: .*modulation_hz'):
+        Camera(mode.name, profile=profile, effects={'offset': None, 'wiggling': None})
 
 
 # What is kept, and for whom

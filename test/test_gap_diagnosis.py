@@ -19,7 +19,7 @@ import pytest
 # Half of the resolution and few recordings: what a test can afford.
 SMALL: dict[str, Any] = {'scale': 0.5, 'recordings': 4, 'frames': 8, 'moving': 1}
 KEYS = ['schema', 'verdict', 'effects', 'alternatives', 'unexplained', 'where', 'gap',
-        'recordings', 'seconds', 'peak_mb', 'version']
+        'recordings', 'not_considered', 'seconds', 'peak_mb', 'version']
 
 
 @pytest.fixture(scope='module')

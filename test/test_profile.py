@@ -198,7 +198,7 @@ def test_the_library_runs_it(path: Path) -> None:
 
 def test_effects_ask_for_the_modulation(path: Path) -> None:
     with pytest.raises(InputError, match=r'modes\.Narrow\.modulation_hz'):
-        Camera('Narrow', profile=load_profile(path), effects={'offset': {'strength': 1.0}})
+        Camera('Narrow', profile=load_profile(path), effects={'multipath': None})
 
 
 def test_the_command_line_runs_it(path: Path, tmp_path: Path,

@@ -10,6 +10,7 @@ from flexx2_sim_ros.batch.effect_tables import each_environment
 from flexx2_sim_ros.batch.exchange import checked, from_warp, stream_of, to_warp
 from flexx2_sim_ros.batch.images import Images, Rows
 from flexx2_sim_ros.camera import Intrinsics, Mode, Profile
+from flexx2_sim_ros.camera.exposure import check_frequencies
 from flexx2_sim_ros.camera.lateral import pixel_sigma
 from flexx2_sim_ros.camera.modes import DEFAULT_USECASE, flexx2
 from flexx2_sim_ros.camera.philox import camera_key
@@ -333,9 +334,7 @@ def _device(name: str | None) -> Any:
 
 def _noise_row(mode: Mode, effects: Sequence[Effect]) -> tuple[float, ...]:
     # In the order of kernels.Noise.
-    if effects and not mode.modulation_hz:
-        raise InputError(f'effects: modes.{mode.name}.modulation_hz of the camera profile is not '
-                         'known, wanted the frequencies, which effects work on')
+    check_frequencies(effects, mode)
     noise, edge_sigma, laplace = mode.noise, mode.noise.sigma_x, 0.0
     for effect in effects:
         if isinstance(effect, LateralNoise):

@@ -101,9 +101,11 @@ def effects_row(effects: Sequence[Effect]) -> np.ndarray:
 
 
 def light_row(mode: Mode, profile: Profile) -> np.ndarray:
-    """Return the row of an environment, of `Light`; zeros when frequencies are not known."""
+    """Return the row of an environment, of `Light`; one of weight 1 if none is known."""
     row: Any = np.zeros((), np.dtype(Light.numpy_dtype()))  # type: ignore
     count = len(mode.modulation_hz)
+    if not count:
+        row['frequencies'], row['weights'][0] = 1, 1.0
     if not 0 < count <= MOST_FREQUENCIES:
         return row
     nothing = np.zeros((1, 1), np.float32)

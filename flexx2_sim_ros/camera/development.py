@@ -62,7 +62,7 @@ def measure(exposure: Exposure, effects: Sequence[Effect], edge_sigma: float) ->
             _see_another_scene(exposure, common, by_stage[Stage.GEOMETRY])
         _light(exposure)
         run(Stage.AMPLITUDE)
-        exposure.shifts = [np.zeros_like(exposure.depth) for _ in exposure.mode.modulation_hz]
+        exposure.shifts = exposure.no_shifts()
         run(Stage.PHASOR)
         _expect_noise(exposure, edge_sigma)
         run(Stage.NOISE)
@@ -110,7 +110,7 @@ def _plain(exposure: Exposure, edge_sigma: float, wraps: bool) -> dict[str, Any]
     # All that there is of a frame without effects by the stage WRAP.
     twin = replace(exposure)
     _light(twin)
-    twin.shifts = [np.zeros_like(twin.depth) for _ in twin.mode.modulation_hz]
+    twin.shifts = twin.no_shifts()
     _expect_noise(twin, edge_sigma)
     _show_other_surfaces(twin)
     _measure(twin, wraps)

@@ -1,6 +1,6 @@
 """One frame in the making: what effects look at and change, stage by stage."""
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass, field
 from enum import IntEnum
 import math
@@ -10,6 +10,7 @@ from flexx2_sim_ros.camera.intrinsics import Intrinsics
 from flexx2_sim_ros.camera.modes import Mode
 from flexx2_sim_ros.camera.philox import fill_uniforms, stamp_words
 from flexx2_sim_ros.camera.surface import Surface
+from flexx2_sim_ros.errors import InputError
 import numpy as np
 
 SPEED_OF_LIGHT = 299_792_458.0
@@ -122,7 +123,8 @@ class Exposure:
     amplitude : numpy.ndarray
         AMPLITUDE: float32, reflectivity * cos(incidence) / z^2, 1/m^2; 0 for nothing.
     shifts : list of numpy.ndarray
-        PHASOR: float32, for each modulation frequency what is added to depth, metres.
+        PHASOR: float32, for each modulation frequency what is added to depth, metres; one where
+        they are not known.
     sigma : numpy.ndarray
         NOISE: float32 sigma_z of what is seen, metres.
     normals : numpy.ndarray
@@ -179,6 +181,8 @@ class Exposure:
     @property
     def weights(self) -> list[float]:
         """Return each frequency's weight in the depth: by its square, as its noise asks for."""
+        if not self.mode.modulation_hz:
+            return [1.0]
         squares = [f * f for f in self.mode.modulation_hz]
         return [square / sum(squares) for square in squares]
 
@@ -212,6 +216,10 @@ class Exposure:
         fill_uniforms(self.key, low, high, stream, out.ravel())
         return out
 
+    def no_shifts(self) -> list[np.ndarray]:
+        """Return zeros for `shifts`."""
+        return [np.zeros_like(self.depth) for _ in self.weights]
+
     def add_shift(self, metres: Any) -> None:
         """Add the same shift at every frequency, as a delay does."""
         for shift in self.shifts:
@@ -224,6 +232,7 @@ class Effect(Protocol):
     name: ClassVar[str]
     stage: ClassVar[Stage]
     order: ClassVar[int]
+    needs_modulation: ClassVar[bool]
 
     @property
     def strength(self) -> float:
@@ -232,3 +241,29 @@ class Effect(Protocol):
 
     def apply(self, exposure: Exposure) -> None:
         """Change the frame in the making."""
+
+
+def check_frequencies(effects: Iterable[Effect], mode: Mode) -> None:
+    """
+    Check that a mode's modulation frequencies are known where an effect works on them.
+
+    Parameters
+    ----------
+    effects : iterable of Effect
+        What is to be switched on; those of strength 0 need nothing.
+    mode : Mode
+        The camera's mode.
+
+    Raises
+    ------
+    InputError
+        Names the effects that need the frequencies, and the field of the profile.
+
+    """
+    if mode.modulation_hz:
+        return
+    names = [effect.name for effect in effects if effect.strength and effect.needs_modulation]
+    if names:
+        raise InputError(f'effects: {", ".join(names)}: must not be on in {mode.name}: needs the '
+                         'modulation frequencies, which the profile does not give '
+                         f'(modes.{mode.name}.modulation_hz)')

@@ -9,7 +9,7 @@ from typing import Any
 
 from flexx2_sim_ros.camera.axial import model_sigma, observe
 from flexx2_sim_ros.camera.development import develop
-from flexx2_sim_ros.camera.exposure import Effect, Exposure, Memory
+from flexx2_sim_ros.camera.exposure import check_frequencies, Effect, Exposure, Memory
 from flexx2_sim_ros.camera.intrinsics import Intrinsics
 from flexx2_sim_ros.camera.lateral import displaced_sources, pixel_sigma, upright_edges
 from flexx2_sim_ros.camera.modes import camera_config, DEFAULT_USECASE, flexx2, Mode, Profile
@@ -137,10 +137,7 @@ class Camera:
             if names.count(name) > 1:
                 raise InputError(f'effects: {name}: found it {names.count(name)} times, wanted it '
                                  'once')
-        if chosen and not self.mode.modulation_hz:
-            raise InputError(f'effects: modes.{self.mode.name}.modulation_hz of the camera '
-                             'profile is not known, wanted the frequencies, which effects work '
-                             'on')
+        check_frequencies(chosen, self.mode)
         self._effects = chosen
         for memory in self._memories.values():
             memory.keep_only(names)

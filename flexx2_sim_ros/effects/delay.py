@@ -24,6 +24,7 @@ class Wiggling(Effect):
     typical: ClassVar[bool] = True
     source: ClassVar[str] = ('Drayton 2013: 18 mm RMS uncalibrated, 3 mm corrected; Lindner 2010. '
                              'Four taps leave the fourth harmonic')
+    needs_modulation: ClassVar[bool] = True
 
     a1: float = parameter(0.0, -0.1, 0.1, 'm', 'sine, one period per c/2f')
     b1: float = parameter(0.0, -0.1, 0.1, 'm', 'cosine, one period per c/2f')

@@ -88,6 +88,8 @@ class Effect:
         Where model and typical values come from.
     keeps : bool
         Whether it remembers something between frames.
+    needs_modulation : bool
+        Whether it works on phases, for which the modulation frequencies must be known.
     listed : bool
         Whether it is in the registry; otherwise files alone can name it.
     strength : float
@@ -104,6 +106,7 @@ class Effect:
     typical: ClassVar[bool] = False
     source: ClassVar[str]
     keeps: ClassVar[bool] = False
+    needs_modulation: ClassVar[bool] = False
     listed: ClassVar[bool] = True
 
     strength: float = parameter(1.0, 0.0, 4.0, '', '0 is off, 1 is typical')

@@ -55,6 +55,7 @@ class FlyingPixels(Effect):
     changes: ClassVar[tuple[str, ...]] = ('edges',)
     typical: ClassVar[bool] = True
     source: ClassVar[str] = 'phasor mixing over the footprint; share is design'
+    needs_modulation: ClassVar[bool] = True
 
     share: float = parameter(0.3, 0.0, 1.0, '', 'of the light that comes from the 3 x 3 pixels '
                              'around, at strength 1')
@@ -125,6 +126,7 @@ class Multipath(Effect):
     source: ClassVar[str] = ('one diffuse bounce: Jimenez 2014, Bulczak 2018. Rises with the '
                              'distance from the apex, where the detour is nil, and falls again')
     keeps: ClassVar[bool] = True
+    needs_modulation: ClassVar[bool] = True
 
     gain: float = parameter(1.0, 0.0, 5.0, '', 'factor on the physical bounce')
 
@@ -178,6 +180,7 @@ class StrayLight(Effect):
     changes: ClassVar[tuple[str, ...]] = ('bias', 'amplitude')
     typical: ClassVar[bool] = True
     source: ClassVar[str] = 'Schaefer 2014: 0.5 to 5 % of the light'
+    needs_modulation: ClassVar[bool] = True
 
     share: float = parameter(0.02, 0.0, 0.2, '', 'of the light that is scattered, at strength 1')
     width: float = parameter(0.15, 0.02, 1.0, '', 'half-value radius, share of the width')

@@ -101,6 +101,7 @@ class MotionArtefact(Effect):
     source: ClassVar[str] = ('Drayton 2013: 44 mm RMS at 2 m/s and 125 ms; here 9 ms in '
                              'Mode_9_30fps, 5 mm at 1 m/s')
     keeps: ClassVar[bool] = True
+    needs_modulation: ClassVar[bool] = True
 
     stretch: float = parameter(1.0, 0.0, 20.0, '', 'factor on the time that the raw frames take')
     stamp_at: float = parameter(1.0, 0.0, 1.0, '', 'when in that time the stamp is: 0 before the '

@@ -44,11 +44,13 @@ def markdown() -> str:
         *fill(f'{len(effects)} effects of a real time-of-flight camera that the noise model '
               'leaves out, in the order in which they act on the light. Every one has a strength '
               'from 0 (off) to 4; 1 is typical. *Shows in* says what of a still scene it changes. '
-              '● is in `config/effects/typical.yaml`; ↻ remembers the frames before. Values '
-              'without a public source are called design.', _WIDTH).splitlines(), '',
+              '● is in `config/effects/typical.yaml`; ↻ remembers the frames before; ∿ needs '
+              'the modulation frequencies, which a profile need not give. Values without a '
+              'public source are called design.', _WIDTH).splitlines(), '',
         '| effect | | what it is | stage | shows in | source |', '|---|---|---|---|---|---|']
     lines += [f'| [`{kind.name}`](#{kind.name}) | {"●" if kind.typical else ""}'
-              f'{"↻" if kind.keeps else ""} | {kind.title} | {kind.stage.name.lower()} | '
+              f'{"↻" if kind.keeps else ""}{"∿" if kind.needs_modulation else ""} | '
+              f'{kind.title} | {kind.stage.name.lower()} | '
               f'{", ".join(kind.changes) or "moving scenes"} | {kind.source} |'
               for kind in effects]
     lines += ['', '## Parameters', '']

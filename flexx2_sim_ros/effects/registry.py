@@ -35,8 +35,9 @@ def _in_order(kinds: Sequence[type[Effect]]) -> dict[str, type[Effect]]:
 
 
 @lru_cache(maxsize=1)
-def _loadable() -> Mapping[str, type[Effect]]:
-    # A diagnosis writes the patch where no effect explains the gap, and compares with the other.
+def loadable() -> Mapping[str, type[Effect]]:
+    """Return all effects that a file can name: those of `registry`, and two of the diagnosis."""
+    # It writes the patch where no effect explains the gap, and compares with the other.
     return _in_order([*registry().values(), ResidualPatch, AlongRay])
 
 
@@ -64,7 +65,7 @@ def parse_effects(table: Any, where: str = 'effects') -> tuple[Effect, ...]:
     """
     if not isinstance(table, Mapping):
         raise InputError(f'{where}: found {shown(table)}, wanted a table of effects by name')
-    known = _loadable()
+    known = loadable()
     for name in table:
         if name not in known:
             raise InputError(f'{where}: {unquoted(name)}: no such effect, wanted one of '

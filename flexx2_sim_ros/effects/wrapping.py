@@ -31,6 +31,7 @@ class RangeWrap(Effect):
     changes: ClassVar[tuple[str, ...]] = ('validity', 'outliers')
     typical: ClassVar[bool] = True
     source: ClassVar[str] = 'c / 2f: 2.498 m at 60 MHz, 1.874 m at 80 MHz, 7.495 m at their beat'
+    needs_modulation: ClassVar[bool] = True
 
     share: float = parameter(1.0, 0.0, 1.0, '', 'of what lies beyond the range and is not '
                              'recognised as such, at strength 1')

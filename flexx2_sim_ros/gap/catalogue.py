@@ -4,6 +4,8 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from flexx2_sim_ros.effects.registry import loadable
+
 Table = dict[str, dict[str, float]]
 
 DRIFT_TAUS = (300.0, 900.0, 2700.0)
@@ -82,7 +84,8 @@ class Column:
     few: bool = True
 
 
-def catalogue(without: Collection[str] = ()) -> tuple[list[Column], list[Candidate]]:
+def catalogue(without: Collection[str] = (), modulation: bool = True
+              ) -> tuple[list[Column], list[Candidate]]:
     """
     Return what to simulate and what to explain a gap with.
 
@@ -90,6 +93,9 @@ def catalogue(without: Collection[str] = ()) -> tuple[list[Column], list[Candida
     ----------
     without : collection of str
         Effects to leave out.
+    modulation : bool
+        Whether the modulation frequencies are known; if not, effects that need them are left
+        out.
 
     """
     columns: dict[str, Column] = {}
@@ -195,7 +201,13 @@ def catalogue(without: Collection[str] = ()) -> tuple[list[Column], list[Candida
                 _named(dict.fromkeys(steps, 0.0), *some)))
     if 'pose_error' not in without:
         candidates.append(Candidate('pose_error', '', (), _named({})))
-    return list(columns.values()), candidates
+    chosen = list(columns.values())
+    if not modulation:
+        chosen = [c for c in chosen if not any(loadable()[name].needs_modulation
+                                               for name in c.effects)]
+        candidates = [c for c in candidates
+                      if not loadable()[c.effect].needs_modulation and c.given is None]
+    return chosen, candidates
 
 
 def _named(fixed: dict[str, float], *names: str) -> Callable[[tuple[float, ...]], dict[str, Any]]:

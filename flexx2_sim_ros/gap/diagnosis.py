@@ -25,6 +25,7 @@ import numpy as np
 
 Progress = Callable[[str, float], None]
 SCHEMA = 1
+NEEDS_MODULATION = 'needs the modulation frequencies, which the profile does not give'
 
 
 def diagnose(campaign_dir: str | Path, *, profile: Profile | None = None,
@@ -74,7 +75,6 @@ def diagnose(campaign_dir: str | Path, *, profile: Profile | None = None,
         check_folder(Path(out))
     progress('looking for recordings', 0.0)
     prior = np.array([pose_prior[0]] * 3 + [pose_prior[1]] * 3)
-    columns, candidates = catalogue(without)
     done = 0
 
     def tick(weight: float, start: float, total: int, text: str) -> Callable[[], None]:
@@ -91,6 +91,8 @@ def diagnose(campaign_dir: str | Path, *, profile: Profile | None = None,
         campaign_dir = Path(campaign_dir).absolute()  # Workers run in other folders.
     with workers(jobs, scheduler) as mapped:
         found, left_out = find(campaign_dir, profile, mapped)
+        modulation = bool(found[0].mode.modulation_hz)
+        columns, candidates = catalogue(without, modulation)
         text = 'simulating what could explain the recordings'
         outcomes = mapped(bind(summarise, profile=profile, columns=columns, seed=seed,
                                prior=tuple(prior)), found,
@@ -116,6 +118,7 @@ def diagnose(campaign_dir: str | Path, *, profile: Profile | None = None,
             tick(0.15, 0.83, len(used), 'simulating the outcome'))
     progress('writing', 0.98)
     table = _table(model, decision, effects, confirmed, used, left_out)
+    table['not_considered'] = _not_considered(without, modulation)
     table['seconds'] = round(time.monotonic() - began, 2)
     table['peak_mb'] = round(_peak_mb(min(jobs, len(found))), 1)
     table['version'] = __version__
@@ -142,6 +145,14 @@ def _check(without: Collection[str], seed: int, jobs: int,
         raise InputError(f'jobs: found {jobs!r}, wanted a whole number from 1')
     if len(pose_prior) != 2 or not all(0 < value < 1e3 for value in pose_prior):
         raise InputError(f'pose_prior: found {pose_prior!r}, wanted metres and degrees above 0')
+
+
+def _not_considered(without: Collection[str], modulation: bool) -> list[dict[str, str]]:
+    # Effects of the registry that are not in the catalogue, and why.
+    reasons = {name: NEEDS_MODULATION for name, kind in registry().items()
+               if kind.needs_modulation and not modulation}
+    reasons.update(dict.fromkeys(without, 'left out as asked for'))
+    return [{'name': name, 'reason': reasons[name]} for name in registry() if name in reasons]
 
 
 def _effects(model: Model, fit: Fit) -> list[Effect]:

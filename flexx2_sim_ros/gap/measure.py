@@ -53,11 +53,12 @@ def measure(campaign_dir: str | Path, effects: Mapping[str, Mapping[str, float]]
         for effect in parse_effects(effects)}
     prior = np.array([pose_prior[0]] * 3 + [pose_prior[1]] * 3)
     posed = table.pop('pose_error', None)
-    columns = [c for c in catalogue()[0] if c.name in Model.NEEDED]
-    if table:
-        columns.append(Column('set', table, few=False))
     with workers(jobs, None) as mapped:
         found, left_out = find(campaign_dir, profile, mapped)
+        columns = [c for c in catalogue((), bool(found[0].mode.modulation_hz))[0]
+                   if c.name in Model.NEEDED]
+        if table:
+            columns.append(Column('set', table, few=False))
         outcomes = mapped(bind(summarise, profile=profile, columns=columns, seed=seed,
                                prior=tuple(prior)), found, lambda: None)
     evidence = [one for one in outcomes if isinstance(one, Evidence)]

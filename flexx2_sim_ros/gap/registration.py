@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from flexx2_sim_ros.camera import Mode, Profile
 from flexx2_sim_ros.camera.retakes import Retakes
+from flexx2_sim_ros.effects import registry
 from flexx2_sim_ros.effects.motion import between
 from flexx2_sim_ros.gap.covariates import look_at
 from flexx2_sim_ros.gap.pose import base_camera, fit_plane_motion, moved
@@ -147,5 +148,7 @@ def _typical_biases(take: Take, clean: np.ndarray, reflectivity: np.ndarray | No
     # (N, H, W) metres each, without any noise of their own.
     retakes = Retakes(base_camera(take.mode, take.profile, 0), clean, take.K,
                       take.stamp[list(chosen)], reflectivity)
-    base, *changed = (retakes.depth(effects) for effects in ((), *_NOT_POSE))
+    known = [effects for effects in _NOT_POSE if take.mode.modulation_hz
+             or not any(registry()[name].needs_modulation for name in effects)]
+    base, *changed = (retakes.depth(effects) for effects in ((), *known))
     return [np.nan_to_num(one - base) for one in changed]

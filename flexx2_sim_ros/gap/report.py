@@ -10,7 +10,7 @@ from flexx2_sim_ros.gap.decide import Decision
 from flexx2_sim_ros.gap.drawing import bar
 from flexx2_sim_ros.gap.measures import UNITS
 from flexx2_sim_ros.gap.model import Model
-from flexx2_sim_ros.gap.words import headline, place, sentences
+from flexx2_sim_ros.gap.words import headline, not_considered, place, sentences
 
 _STYLE = """
 body{font:16px/1.45 system-ui,sans-serif;color:#1c2733;background:#fff;max-width:60rem;
@@ -107,7 +107,8 @@ def _considered(table: dict[str, Any], decision: Decision) -> str:
                     f'<td>{escape(why)}</td></tr>')
     return ('<h2>What else was considered</h2><table><tr><th>effect, alone</th><th>share of the '
             f'gap</th><th></th></tr>{"".join(rows)}</table><p><small>The other effects explain '
-            'less still.</small></p>')
+            'less still.</small></p>'
+            + ''.join(f'<p>{escape(line)}</p>' for line in not_considered(table)))
 
 
 def _recordings(table: dict[str, Any]) -> str:

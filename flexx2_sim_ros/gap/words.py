@@ -76,10 +76,19 @@ def sentences(table: dict[str, Any]) -> list[str]:
 
 
 def remarks(table: dict[str, Any]) -> list[str]:
-    """Return what is wrong with recordings, a line each."""
+    """Return what is wrong with recordings and what was not considered, a line each."""
     rows = table['recordings']
-    return ([f'Left out: {row["reason"]}.' for row in rows if not row['used']]
+    return (not_considered(table)
+            + [f'Left out: {row["reason"]}.' for row in rows if not row['used']]
             + [f'Note: {note}.' for row in rows if row['used'] for note in row['notes']])
+
+
+def not_considered(table: dict[str, Any]) -> list[str]:
+    """Return which effects were not considered, a line for each reason."""
+    reasons: dict[str, list[str]] = {}
+    for row in table['not_considered']:
+        reasons.setdefault(row['reason'], []).append(row['name'])
+    return [f'Not considered: {_list(names)}: {reason}.' for reason, names in reasons.items()]
 
 
 def place(cell: dict[str, Any]) -> str:

@@ -5,6 +5,7 @@ from contextlib import contextmanager, suppress
 import math
 from typing import Any
 
+from flexx2_sim_ros.camera.exposure import check_frequencies
 from flexx2_sim_ros.camera.intrinsics import Intrinsics
 from flexx2_sim_ros.camera.modes import Mode, Profile
 from flexx2_sim_ros.errors import InputError, shown
@@ -227,9 +228,7 @@ class CameraParameters:
             if not shortest <= values.get(_EXPOSURE, longest) <= longest:
                 raise InputError(f'{_EXPOSURE}: must be {shortest} to {longest} in {mode.name}, '
                                  f'got {values[_EXPOSURE]}')
-            if self.effects.check(values) and not mode.modulation_hz:
-                raise InputError(f'{_USECASE}: modulation_hz of {mode.name} is not known in the '
-                                 'camera profile, wanted the frequencies, since effects are on')
+            check_frequencies(self.effects.check(values), mode)
         except InputError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)

@@ -94,9 +94,9 @@ class EffectParameters:
                 *(Parameter(name, value=value) for name, value in loaded.items()),
                 Parameter(FILE, value=text)]
 
-    def check(self, values: Mapping[str, Any]) -> bool:
+    def check(self, values: Mapping[str, Any]) -> tuple[Effect, ...]:
         """
-        Check what is to be set, by name; say whether any effect is on then.
+        Check what is to be set, by name; return all effects as they are then.
 
         Raises
         ------
@@ -108,7 +108,7 @@ class EffectParameters:
             raise self._next
         changed = {name: self._items[name].checked(value, name)
                    for name, value in values.items() if name in self._items}
-        return any(effect.strength for effect in self._after(values, changed))
+        return self._after(values, changed)
 
     def apply(self, values: Mapping[str, Any]) -> bool:
         """Take over what has been set, by name; say whether the effects have changed."""
