@@ -2,6 +2,7 @@
 
 import argparse
 from typing import Any
+import zlib
 
 from flexx2_sim_ros.atomic import check_distinct, checked_target
 from flexx2_sim_ros.camera.modes import DEFAULT_USECASE, flexx2
@@ -18,6 +19,8 @@ from rich.progress import Progress
 
 _DEFAULT_FRAMES = 300
 _CHUNK = 30
+_LATEST = 1e9  # seconds
+_STARTS = 1_000_000  # seconds from which a scene has its own
 
 
 def add_parser(commands: Any) -> None:
@@ -45,6 +48,9 @@ def add_parser(commands: Any) -> None:
                         help='seed of the noise (default 0)')
     parser.add_argument('--name', default='', help='camera name: cameras of different names '
                         'share no noise')
+    parser.add_argument('--start', type=float, metavar='SECONDS', help='stamp of the first frame, '
+                        'where IN has none; noise depends on seed, name and stamp (default: whole '
+                        'seconds made of what the scene shows, so that scenes differ in noise)')
     parser.set_defaults(run=run)
 
 
@@ -60,7 +66,8 @@ def run(arguments: argparse.Namespace) -> int:
     camera = Camera(usecase, profile=profile, effects=effects, seed=arguments.seed,
                     name=arguments.name)
     scene = load_scene(arguments.input)
-    stamps = _stamps(scene, arguments.frames, camera.mode.rate_hz, arguments.input)
+    stamps = _stamps(scene, arguments.frames, arguments.start, camera.mode.rate_hz,
+                     arguments.input)
     console = Console(stderr=True, markup=False)
     count = len(stamps)
     invalid = 0
@@ -95,7 +102,8 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _stamps(scene: Scene, frames: int | None, rate_hz: float, path: str) -> np.ndarray:
+def _stamps(scene: Scene, frames: int | None, start: float | None, rate_hz: float, path: str
+            ) -> np.ndarray:
     available = len(scene.clean_depth) if scene.clean_depth.ndim == 3 else None
     if scene.stamp is not None:
         if available not in (None, len(scene.stamp)):
@@ -107,9 +115,24 @@ def _stamps(scene: Scene, frames: int | None, rate_hz: float, path: str) -> np.n
     if available is not None and count > available:
         raise InputError(f'--frames: found {count}, wanted 1 to {available}')
     if scene.stamp is not None and count <= len(scene.stamp):
+        if start is not None:
+            raise InputError(f'--start: must not be given where {path} has stamps, got {start:g}')
         return scene.stamp[:count]
+    if start is None:
+        start = _own_start(scene)
+    if not 0 <= start <= _LATEST:
+        raise InputError(f'--start: must be 0 to {_LATEST:g} seconds, got {start:g}')
     # Whole nanoseconds, so that a frame's stamp does not depend on how it is computed.
-    return np.rint(np.arange(count) * (1e9 / rate_hz)) / 1e9
+    return np.rint(start * 1e9 + np.arange(count) * (1e9 / rate_hz)) / 1e9
+
+
+def _own_start(scene: Scene) -> float:
+    # Always the same for a scene, another one for each: recordings of several scenes would have
+    # the very same noise otherwise, which no camera's have.
+    checksum = zlib.crc32(np.ascontiguousarray(scene.clean_depth))
+    if scene.reflectivity is not None:
+        checksum = zlib.crc32(np.ascontiguousarray(scene.reflectivity), checksum)
+    return float(checksum % _STARTS)
 
 
 def _frames(array: np.ndarray, part: slice) -> np.ndarray:

@@ -214,11 +214,20 @@ def _table(model: Model, decision: Decision, effects: list[Effect], confirmed: l
         'recordings': [
             *({'name': e.name, 'used': True, 'reason': '', 'frames': e.frames,
                'moving': e.moving, 'pose': [float(v) for v in (p + m[:6]) * STEPS],
-               'notes': list(file.notes)}
-              for e, p, m, file in zip(model.evidence, model.pose, chosen.motion, used,
-                                       strict=True)),
+               'notes': [*file.notes, *_same_noise(model, i)]}
+              for i, (e, p, m, file) in enumerate(zip(model.evidence, model.pose, chosen.motion,
+                                                      used, strict=True))),
             *({'name': name, 'used': False, 'reason': reason} for name, reason in left_out)],
     }
+
+
+def _same_noise(model: Model, index: int) -> list[str]:
+    other = model.same_noise[index]
+    if other is None:
+        return []
+    one, other_name = model.evidence[index].name, model.evidence[other].name
+    return [f'{one}: has the very same noise as {other_name}, as simulations with the same seed '
+            'and stamps have; a pattern that stays is not looked for in what recordings share']
 
 
 def _alternative(model: Model, one: Alternative) -> dict[str, Any]:

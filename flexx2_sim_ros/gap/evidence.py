@@ -19,6 +19,7 @@ from flexx2_sim_ros.gap.features import (
     Sums,
     VALID,
 )
+from flexx2_sim_ros.gap.grain import fingerprint
 from flexx2_sim_ros.gap.kernels import INVERSE
 from flexx2_sim_ros.gap.measures import histogram, Measures
 from flexx2_sim_ros.gap.pose import base_camera, moved, pose_effects, unknown_border
@@ -73,6 +74,8 @@ class Evidence:
         Lattice step that stands out, metres.
     grain, null_grain : numpy.ndarray
         (H, W) float16 static pattern in sigma, of the recording and of a simulated one.
+    fingerprint : numpy.ndarray
+        (N,) float16 the first frame's noise; see `grain.fingerprint`.
     measures, base_measures : Measures
     sigma, counts : numpy.ndarray
         (BINS,) mean sigma_z, metres; pixels looked at.
@@ -96,6 +99,7 @@ class Evidence:
     step: float
     grain: np.ndarray
     null_grain: np.ndarray
+    fingerprint: np.ndarray
     measures: Measures
     base_measures: list[Measures]
     sigma: np.ndarray
@@ -123,7 +127,7 @@ def scenes_of(take: Take, clean: np.ndarray, reflectivity: np.ndarray | None,
 def simulate(take: Take, clean: np.ndarray, reflectivity: np.ndarray | None, effects: Any,
              seed: int) -> np.ndarray:
     """Return (T, H, W) depth as the simulator sees the recording's scene."""
-    camera = base_camera(take.mode, take.profile, seed)
+    camera = base_camera(take.mode, take.profile, seed, take.name)
     if effects:  # The frames of a still scene have a lot in common.
         return Retakes(camera, clean, take.K, take.stamp, reflectivity).depth(effects)
     return camera.capture(clean, take.K, take.stamp, reflectivity).depth
@@ -199,6 +203,7 @@ def gather(take: Take, columns: Sequence[Column], seed: int, prior: np.ndarray) 
         take.uptime + float((take.stamp - take.stamp[0]).mean()) * 1e-9,
         lattice_peak(lattice_spectrum(real_sums), spectrum)[1],
         static_grain(real_sums).astype(np.float16), static_grain(null_sums[0]).astype(np.float16),
+        fingerprint(take.depth, scenes),
         histogram(take.depth, scenes, real_sums), base_measures,
         _mean_sigma(real_sums), real_sums.bins[:, EXPECT].astype(np.float32), len(take.depth),
         moving)
@@ -219,7 +224,7 @@ class _Part:
                  warm: int) -> None:
         if reflectivity is not None and reflectivity.ndim == 3:
             reflectivity = reflectivity[frames]
-        self._retakes = Retakes(base_camera(take.mode, take.profile, seed),
+        self._retakes = Retakes(base_camera(take.mode, take.profile, seed, take.name),
                                 clean if clean.ndim == 2 else clean[frames], take.K,
                                 take.stamp[frames], reflectivity)
         self._scenes = [scenes[t] for t in frames] if len(scenes) > 1 else scenes

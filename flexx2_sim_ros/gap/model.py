@@ -7,6 +7,7 @@ from flexx2_sim_ros.gap.catalogue import Candidate, Column, DRIFT_TAUS, Term
 from flexx2_sim_ros.gap.covariates import AXES
 from flexx2_sim_ros.gap.evidence import drift_factors, Evidence
 from flexx2_sim_ros.gap.features import LAYOUT, SIZE, STRUCTURES, TOLERANCE
+from flexx2_sim_ros.gap.grain import repeats, same_noise
 from flexx2_sim_ros.gap.pose import STEPS
 import numpy as np
 
@@ -96,6 +97,8 @@ class Model:
 
     Attributes
     ----------
+    same_noise : list of int or None
+        For each recording another one that has the very same noise.
     pose_centre : numpy.ndarray or None
         (6,) metres and degrees about which the poses are taken to lie, if that is known.
 
@@ -116,6 +119,9 @@ class Model:
         base = np.array([e.base for e in evidence])
         repeat = _STRUCTURE['repeat']
         real[:, repeat] = repeats([e.grain for e in evidence])
+        self.same_noise = same_noise([e.fingerprint for e in evidence])
+        # Noise that is the same looks like a pattern that is.
+        real[[one is not None for one in self.same_noise], repeat] = np.nan
         base[:, repeat] = repeats([e.null_grain for e in evidence])
         noise = np.array([e.noise + e.base_variance for e in evidence])
         self.scale2 = np.square(TOLERANCE) + 2 * np.nan_to_num(
@@ -374,23 +380,3 @@ def _solve(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
     size = np.maximum(np.sqrt(np.diag(matrix)), 1e-12)
     scaled = matrix / np.outer(size, size) + 1e-6 * np.eye(len(right))
     return np.linalg.solve(scaled, right / size) / size
-
-
-def repeats(grains: Sequence[np.ndarray]) -> np.ndarray:
-    """Return how alike each recording's static pattern is to the others' mean, (R,)."""
-    out = np.full(len(grains), np.nan)
-    if len(grains) < 2 or len({g.shape for g in grains}) > 1:
-        return out
-    stack = np.clip(np.array(grains, dtype=np.float32), -3, 3)
-    good = np.isfinite(stack)
-    filled = np.where(good, stack, 0)
-    total, number = filled.sum(axis=0), good.sum(axis=0)
-    for r in range(len(grains)):
-        shared = good[r] & (number - good[r] >= max(1, (len(grains) - 1) // 2))
-        if shared.sum() > 500:
-            others = (total - filled[r])[shared] / (number - good[r])[shared]
-            own = filled[r][shared]
-            spread = own.std() * others.std()
-            out[r] = float(np.mean((own - own.mean()) * (others - others.mean()))
-                           / spread) if spread > 0 else 0.0
-    return out

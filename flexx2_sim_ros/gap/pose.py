@@ -2,7 +2,7 @@
 
 import math
 
-from flexx2_sim_ros.camera import Camera, Intrinsics, Mode
+from flexx2_sim_ros.camera import Camera, Intrinsics, Mode, Profile
 from flexx2_sim_ros.camera.exposure import Exposure, Memory
 from flexx2_sim_ros.camera.surface import tangents
 from flexx2_sim_ros.effects.geometry import PoseError
@@ -178,7 +178,21 @@ def pose_effects(index: int, sign: int, size: float | None = None) -> tuple[Pose
     return (PoseError(1.0, *(float(v) for v in values)),)
 
 
-def base_camera(mode: Mode, profile: object, seed: int, effects: object = ()) -> Camera:
-    """Return a simulated camera in a mode."""
-    return Camera(mode.name, profile=profile, effects=effects, seed=seed,  # type: ignore
-                  name='gap')
+def base_camera(mode: Mode, profile: Profile | None, seed: int, recording: str) -> Camera:
+    """
+    Return a simulated camera in a mode, with noise that no other recording's simulation has.
+
+    Parameters
+    ----------
+    mode : Mode
+    profile : Profile or None
+        The camera; the Flexx2 if None.
+    seed : int
+        Of the noise.
+    recording : str
+        The recording's name. The same recording as a file and as a bag has the same noise.
+
+    """
+    for suffix in ('.npz', '.mcap', '.db3'):
+        recording = recording.removesuffix(suffix)
+    return Camera(mode.name, profile=profile, seed=seed, name=f'gap {recording}')

@@ -146,7 +146,7 @@ def _late(take: Take, chosen: Sequence[int], lateness: float) -> np.ndarray:
 def _typical_biases(take: Take, clean: np.ndarray, reflectivity: np.ndarray | None,
                     chosen: Sequence[int]) -> list[np.ndarray]:
     # (N, H, W) metres each, without any noise of their own.
-    retakes = Retakes(base_camera(take.mode, take.profile, 0), clean, take.K,
+    retakes = Retakes(base_camera(take.mode, take.profile, 0, take.name), clean, take.K,
                       take.stamp[list(chosen)], reflectivity)
     known = [effects for effects in _NOT_POSE if take.mode.modulation_hz
              or not any(registry()[name].needs_modulation for name in effects)]
