@@ -59,3 +59,74 @@ def test_a_fixed_pattern_is_still_found(tmp_path: Path) -> None:
     effect, = diagnose(folder)['effects']
     assert effect['name'] == 'fixed_pattern'
     assert effect['parameters']['rms'] == pytest.approx(0.002, rel=0.15)
+
+
+def sizes(table: dict[str, Any], channel: str) -> list[tuple[float, str]]:
+    """Return the sizes of a channel on surfaces, with their units."""
+    return [(row['size'], row['unit_size']) for row in table['where'] if row['channel'] == channel]
+
+
+@pytest.mark.parametrize('millimetres', [10, 8])
+def test_a_bias_is_said_in_millimetres(tmp_path: Path, millimetres: int) -> None:
+    """Assert 10 %: sigma_z is 1.8 to 11 mm on these walls, so that it is no mean of sigmas."""
+    (size, unit), = sizes(diagnose(write_walls(tmp_path, offset={'bias': millimetres / 1000})),
+                          'bias')
+    assert unit == 'mm'
+    assert size == pytest.approx(millimetres, rel=0.1)
+
+
+def test_a_bias_of_some_recordings_is_each_ones_own(tmp_path: Path) -> None:
+    write_walls(tmp_path)
+    wrong = {2: 0.010, 3: -0.008, 5: 0.016}
+    for i, bias in wrong.items():
+        path = tmp_path / f'wall{i}.npz'
+        with np.load(path) as archive:
+            content = dict(archive)
+        content['depth'] = content['depth'] + np.float32(bias)
+        np.savez(path, **content)
+    table = diagnose(tmp_path, pose_prior=(0.0001, 0.01), without=['pose_error', 'wiggling'])
+    rows = [row for row in table['where'] if row['channel'] == 'bias']
+    assert {row['covariate'] for row in rows} == {'distance'}, rows
+    assert len(rows) >= 2
+    for row in rows:
+        i, = (i for i, distance in enumerate(DISTANCES) if row['low'] < distance < row['high'])
+        # A wall that is farther is a camera that stood back: what is left when that is taken off.
+        left = 1000 * (wrong[i] + table['recordings'][i]['pose'][2])
+        assert row['size'] == pytest.approx(left, rel=0.1)
+
+
+def test_a_correlation_is_said_as_one(tmp_path: Path) -> None:
+    """Assert what a recursive filter of 0.4 gives, over 60,000 pairs a wall."""
+    table = diagnose(write_walls(tmp_path, temporal_filter={'share': 0.4}))
+    (size, unit), = sizes(table, 'lag')
+    assert unit == 'correlation'
+    assert size == pytest.approx(0.4, abs=0.1)
+
+
+def test_a_loss_is_said_as_a_fraction(tmp_path: Path) -> None:
+    """Assert it of what is really lost, wall by wall."""
+    write_walls(tmp_path, low_signal_dropout={'half': 0.2})
+    lost = {}
+    for i, distance in enumerate(DISTANCES):
+        with np.load(tmp_path / f'wall{i}.npz') as archive:
+            lost[distance] = float(np.isnan(archive['depth']).mean())
+    assert lost[2.8] > 0.5
+    rows = [row for row in diagnose(tmp_path)['where'] if row['channel'] == 'invalid']
+    assert rows
+    for row in rows:
+        assert (row['covariate'], row['unit_size']) == ('distance', 'fraction')
+        inside = [share for distance, share in lost.items()
+                  if (row['low'] or 0) < distance < (row['high'] or 9)]
+        assert row['size'] == pytest.approx(np.mean(inside), rel=0.1, abs=0.01)
+
+
+def test_no_size_leaves_its_unit(tmp_path: Path) -> None:
+    """Assert it where errors exceed what the noise is looked at in: 60 mm are 5 to 33 sigma."""
+    table = diagnose(write_walls(tmp_path, offset={'bias': 0.06}))
+    assert table['where']
+    for row in table['where']:
+        assert row['unit_size'] in ('mm', 'fraction', 'correlation', 'ln', 'sigma^2')
+        if row['unit_size'] in ('correlation', 'fraction'):
+            assert abs(row['size']) <= 1
+        elif row['unit_size'] == 'mm':  # The pose takes a part of it.
+            assert 0 < row['size'] < 61

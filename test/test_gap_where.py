@@ -48,8 +48,8 @@ def test_a_gap_is_placed_along_the_covariate_that_shows_it_best() -> None:
     assert cells(made_up(6, 1.0), difference) == []  # lost in noise
 
 
-def made_up_spots(differs: np.ndarray) -> Spots:
-    """Return a spot for each bin of distance and region, and an offset of 0.5 where it differs."""
+def made_up_spots(differs: np.ndarray, size: float = 0.5) -> Spots:
+    """Return a spot for each bin of distance and region, and an offset where it differs."""
     far, region = (a.ravel() for a in np.indices((AXES['distance'].bins, 12)))
     samples = np.zeros((len(far), 12, len(ENDLESS)), np.int16)
     for i, name in enumerate(ENDLESS):
@@ -57,9 +57,9 @@ def made_up_spots(differs: np.ndarray) -> Spots:
         samples[:, :, i] = -1 if name == 'edge' else AXES[name].start + (
             0 if place is None else place[:, None])
     effect = np.zeros((len(far), len(SPOT_CHANNELS)))
-    effect[:, 0] = 0.5 * differs.ravel()
+    effect[:, 0] = size * differs.ravel()
     limit = np.broadcast_to(SPOT_TOLERANCE, effect.shape)
-    return Spots(np.full(len(far), 2000.0), np.full(len(far), 0.002), effect, 0 * effect, limit,
+    return Spots(np.full(len(far), 2000.0), effect, 0 * effect, 0.002 * effect[:, 0], limit,
                  limit, samples)
 
 
@@ -79,6 +79,11 @@ def test_conditions_single_out_the_pixels_that_differ() -> None:
     assert (one.axis, one.first, one.last) == ('recording', 1, 1)
     one, = cover([made_up_spots(0 * differs + 1)], False)
     assert one.axis == 'all'
+    # Each recording has its own size.
+    both = cover([made_up_spots(0 * differs), made_up_spots(0 * differs + 1),
+                  made_up_spots(0 * differs + 1, 0.8)], False)
+    assert [(c.axis, c.first, c.last) for c in both] == [('recording', 1, 1), ('recording', 2, 2)]
+    assert [c.bias for c in both] == pytest.approx([0.001, 0.0016])
 
 
 def test_spots_show_what_an_effect_changes_and_where() -> None:

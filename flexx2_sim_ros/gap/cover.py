@@ -9,6 +9,7 @@ import numpy as np
 
 _NOISE = SPOT_CHANNELS.index('log_variance')
 _MOST = 3  # axes
+_CLASSES = ('recording', 'region')  # whose bins are not in an order
 # What an axis must add to the intersection over union: the more, the finer it cuts.
 _WORTH = {'all': 0.0, 'distance': 0.02, 'incidence': 0.02, 'radius': 0.02, 'edge': 0.02,
           'log_amplitude': 0.02, 'region': 0.03, 'recording': 0.03, 'fine_distance': 0.03}
@@ -29,8 +30,10 @@ class Condition:
         (7,) mean over its pixels that differ.
     noise : numpy.ndarray
         (7,) what that is uncertain by.
-    sigma : float
-        Their mean sigma_z, metres.
+    size : numpy.ndarray
+        (7,) what the real camera shows there beyond the plain simulation.
+    bias : float
+        That of the mean depth, metres.
 
     """
 
@@ -39,7 +42,8 @@ class Condition:
     last: int
     difference: np.ndarray
     noise: np.ndarray
-    sigma: float
+    size: np.ndarray
+    bias: float
 
 
 def cover(recordings: Sequence[Spots], real: bool, sigma_error: float = 0.0
@@ -72,7 +76,8 @@ def cover(recordings: Sequence[Spots], real: bool, sigma_error: float = 0.0
     if real:
         difference[:, _NOISE] -= 2 * np.log1p(sigma_error)
     limit = np.concatenate([s.real_limit if real else s.limit for s in recordings])
-    sigma = np.concatenate([spots.sigma for spots in recordings])
+    shown = np.concatenate([spots.real for spots in recordings])
+    bias = np.concatenate([spots.bias for spots in recordings])
     differs = (np.abs(difference) > limit).any(axis=1)
     if not differs.any():
         return []
@@ -95,14 +100,14 @@ def cover(recordings: Sequence[Spots], real: bool, sigma_error: float = 0.0
         named |= some[np.maximum(bins[name], 0)] & (bins[name] >= 0)
     out = []
     for name, some in chosen:
-        for first, last in _stretches(some, bins[name][known]):
+        for first, last in _stretches(some, bins[name][known], name in _CLASSES):
             here = (bins[name] >= first) & (bins[name] <= last)
             share = (inside * here).sum(axis=1)
             total = max(float(share.sum()), 1e-9)
             out.append(Condition(
                 name, first, last, share @ difference / total,
                 np.sqrt(np.square(share) @ np.square(limit / SURE)) / total,
-                float(share @ sigma / total)))
+                share @ shown / total, float(share @ bias / total)))
     return out
 
 
@@ -122,12 +127,12 @@ def _pick(place: np.ndarray, inside: np.ndarray, outside: np.ndarray, named: np.
     return float(value[best]), some
 
 
-def _stretches(some: np.ndarray, present: np.ndarray) -> list[tuple[int, int]]:
-    # Chosen bins side by side, bins without any pixel between them included.
+def _stretches(some: np.ndarray, present: np.ndarray, classes: bool) -> list[tuple[int, int]]:
+    # Chosen bins side by side, bins without any pixel between them included; classes one by one.
     there = np.bincount(present[present >= 0], minlength=len(some)) > 0
     out: list[tuple[int, int]] = []
     for i in np.flatnonzero(some):
-        if out and not there[out[-1][1] + 1:i].any():
+        if out and not classes and not there[out[-1][1] + 1:i].any():
             out[-1] = out[-1][0], int(i)
         else:
             out.append((int(i), int(i)))

@@ -191,8 +191,7 @@ def _table(model: Model, decision: Decision, effects: list[Effect], confirmed: l
     residual = model.residual(chosen)
     # What the effects change, and what is left, if that matters; not the recordings' own errors.
     difference = np.zeros_like(residual) if decision.verdict == 'identified' else residual
-    if explained:
-        difference = difference + model.shift(chosen)
+    added = model.shift(chosen) if explained else np.zeros_like(residual)
     rows = []
     for effect, share, interval, confidence in zip(
             effects, decision.shares, decision.intervals, decision.confidences, strict=False):
@@ -206,9 +205,9 @@ def _table(model: Model, decision: Decision, effects: list[Effect], confirmed: l
                          if decision.verdict != 'none' else []),
         'unexplained': (unexplained(model, residual, model.null_loss.sum(axis=0))
                         if decision.verdict != 'none' else []),
-        'where': (places(model, difference, [one.spots for one in confirmed],
-                         decision.verdict == 'identified',
-                         chosen.sigma)
+        'where': (places(model, difference + added, residual + added,
+                         [one.spots for one in confirmed],
+                         decision.verdict == 'identified', chosen.sigma)
                   if decision.verdict != 'none' else []),
         'gap': _gap(model, decision, confirmed),
         'recordings': [

@@ -36,13 +36,20 @@ ENOUGH = 150  # samples without which a bin says nothing
 _LATTICE_STEPS = {'lattice_coarse': (0.006, 0.02), 'lattice_medium': (0.003, 0.006),
                   'lattice_small': (0.0015, 0.003), 'lattice_fine': (0.0006, 0.0015)}
 # Channel -> (what a difference must exceed to matter, unit).
-CHANNELS = {'bias': (0.10, 'sigma'), 'invalid': (0.008, ''), 'high': (0.004, ''),
-            'low': (0.004, ''), 'log_variance': (0.10, ''), 'kurtosis': (0.05, ''),
-            'lag': (0.04, ''), 'neighbour': (0.04, ''), 'trend': (0.15, 'sigma')}
+CHANNELS = {'bias': (0.10, 'sigma'), 'invalid': (0.008, 'fraction'), 'high': (0.004, 'fraction'),
+            'low': (0.004, 'fraction'), 'log_variance': (0.10, 'ln'), 'kurtosis': (0.05, 'ln'),
+            'lag': (0.04, 'correlation'), 'neighbour': (0.04, 'correlation'),
+            'trend': (0.15, 'sigma')}
 STRUCTURES = {'frame_common': 0.01, 'row_common': 0.01, 'column_common': 0.01,
               'row_invalid': 0.004, 'static_grain': 0.015, 'static_rows': 0.004,
               'static_columns': 0.004, 'static_neighbour': 0.04, 'frame_spread': 0.04,
               **dict.fromkeys(_LATTICE_STEPS, 0.5), 'repeat': 0.08}
+STRUCTURE_UNITS = {
+    **dict.fromkeys(('frame_common', 'row_common', 'column_common'), 'fraction of variance'),
+    'row_invalid': 'fraction', **dict.fromkeys(('static_grain', 'static_rows', 'static_columns'),
+                                               'sigma^2'),
+    'static_neighbour': 'correlation', 'frame_spread': 'ln',
+    **dict.fromkeys(_LATTICE_STEPS, 'log10'), 'repeat': 'correlation'}
 _FULL = ('bias', 'invalid', 'high', 'low', 'log_variance', 'kurtosis', 'lag', 'neighbour')
 _BRIEF = {'beyond': ('invalid',), 'fine_distance': ('bias', 'high', 'low'),
           'tile': ('bias', 'invalid')}
@@ -227,8 +234,12 @@ def features(sums: Sums, lattice_base: np.ndarray | None = None,
 
 
 def likeness(lag: np.ndarray | float) -> np.ndarray:
-    """Return the channel ``lag`` as people read it: a correlation, larger where more alike."""
-    return 1 - np.exp(lag)
+    """
+    Return the channel ``lag`` as people read it: the correlation with the frame before.
+
+    That of a recursive filter, whose correlation with the frame before that is its square.
+    """
+    return np.clip(np.exp(-np.asarray(lag)) - 1, -1, 1)
 
 
 def _structure(sums: Sums, lattice_base: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:

@@ -13,7 +13,11 @@ WIDTH = 16
 (VALID, ERROR, HIGH, LOW, N2, ABS2, SQUARE2, N1, SQUARE1, NEIGHBOUR, N_NEIGHBOUR, INVERSE, EXPECT,
  TREND, TIME2, TIME) = range(WIDTH)
 _RUNNING = 12
-SPOT_WIDTH = 11
+# Of a spot: pixels, valid ones, sum of errors, of squares, gross errors high and low; pairs with
+# the frame before and of neighbours (each: count, sums of both, of their squares, of their
+# products); errors that are no jump to another surface: count, sum in metres.
+SPOT_FRAMES, SPOT_NEIGHBOURS, SPOT_METRES, SPOT_WIDTH = 6, 12, 18, 20
+_JUMP = np.float32(0.25)  # metres
 
 
 @njit(cache=True, error_model='numpy', nogil=True, fastmath=FAST)
@@ -255,8 +259,7 @@ def add_errors(depth, clean, sigma, cells, out):  # type: ignore[no-untyped-def]
     """
     Add up errors in sigma by the cell that each pixel belongs to (-1 for none).
 
-    Pixels; valid ones, their sum, squares, gross errors high and low; pairs with the frame before
-    and their products; pairs side by side and their products; sigma of all pixels.
+    The columns of ``out`` are those of a spot, see above.
     """
     count, height, width = depth.shape
     last = np.full((height, width), np.float32(np.nan))
@@ -267,23 +270,34 @@ def add_errors(depth, clean, sigma, cells, out):  # type: ignore[no-untyped-def]
             for x in range(width):
                 cell = cells[i, y, x]
                 s = sigma[i, y, x]
-                wrong = (depth[t, y, x] - clean[i, y, x]) / s if s > 0 else np.float32(np.nan)
+                metres = depth[t, y, x] - clean[i, y, x]
+                wrong = metres / s if s > 0 else np.float32(np.nan)
                 e = _held(wrong, CLIP)
                 if cell >= 0:
                     row = out[cell]
                     row[0] += 1
-                    row[10] += s
                     if e == e:
                         row[1] += 1
                         row[2] += e
                         row[3] += e * e
                         row[4] += 1 if wrong > CLIP else 0
                         row[5] += 1 if wrong < -CLIP else 0
+                        if abs(metres) < _JUMP or abs(wrong) < CLIP:
+                            row[SPOT_METRES] += 1
+                            row[SPOT_METRES + 1] += metres
                         if last[y, x] == last[y, x]:
-                            row[6] += 1
-                            row[7] += e * last[y, x]
+                            _add_pair(e, last[y, x], row, SPOT_FRAMES)
                         if left_cell == cell and left == left:
-                            row[8] += 1
-                            row[9] += e * left
+                            _add_pair(e, left, row, SPOT_NEIGHBOURS)
                 left, left_cell = e, cell
                 last[y, x] = e
+
+
+@njit(inline='always')
+def _add_pair(one, other, row, start):  # type: ignore[no-untyped-def]
+    row[start] += 1
+    row[start + 1] += one
+    row[start + 2] += other
+    row[start + 3] += one * one
+    row[start + 4] += other * other
+    row[start + 5] += one * other

@@ -185,6 +185,7 @@ def base_camera(mode: Mode, profile: Profile | None, seed: int, recording: str) 
     Parameters
     ----------
     mode : Mode
+        The camera's.
     profile : Profile or None
         The camera; the Flexx2 if None.
     seed : int

@@ -7,7 +7,13 @@ import math
 from flexx2_sim_ros.gap.covariates import AXES, ENDLESS, Scene, sort_everywhere
 from flexx2_sim_ros.gap.evidence import Take
 from flexx2_sim_ros.gap.features import CHANNELS
-from flexx2_sim_ros.gap.kernels import add_errors, SPOT_WIDTH
+from flexx2_sim_ros.gap.kernels import (
+    add_errors,
+    SPOT_FRAMES,
+    SPOT_METRES,
+    SPOT_NEIGHBOURS,
+    SPOT_WIDTH,
+)
 import numpy as np
 
 SPOT_CHANNELS = ('bias', 'log_variance', 'invalid', 'high', 'low', 'lag', 'neighbour')
@@ -19,6 +25,7 @@ _DARK = 0.2
 _SAMPLES = 12
 _PER_FRAME, _FEWEST = 75, 300  # pixels that a spot needs: a frame, in all
 SURE = 4.0  # standard deviations
+_SPREAD = 1e-4  # variance in sigma^2 below which nothing is said of correlations
 _EDGE_PIXELS = 12  # an edge moves as a whole: this many of its pixels count for one
 
 
@@ -31,11 +38,11 @@ class Spots:
     ----------
     count : numpy.ndarray
         (N,) pixels, over all frames.
-    sigma : numpy.ndarray
-        (N,) mean sigma_z, metres.
     effect, real : numpy.ndarray
         (N, 7) what effects change and what the real camera shows beyond the plain simulation;
         `SPOT_CHANNELS`.
+    bias : numpy.ndarray
+        (N,) how much farther the real camera's mean depth is, metres.
     limit, real_limit : numpy.ndarray
         (N, 7) beyond which a difference matters and is no noise.
     samples : numpy.ndarray
@@ -44,9 +51,9 @@ class Spots:
     """
 
     count: np.ndarray
-    sigma: np.ndarray
     effect: np.ndarray
     real: np.ndarray
+    bias: np.ndarray
     limit: np.ndarray
     real_limit: np.ndarray
     samples: np.ndarray
@@ -146,10 +153,16 @@ class SpotSums:
             out[few] *= np.array(SPOT_CHANNELS) == 'invalid'
             return out
 
+        def metres(sums: np.ndarray) -> np.ndarray:
+            count, total = sums[enough, SPOT_METRES:SPOT_METRES + 2].T
+            return np.where(few, 0, total / np.maximum(count, 1))
+
         return Spots(
-            number, real[enough, -1] / np.maximum(number, 1),
+            number,
             np.mean([differences(a, b) for a, b in zip(some, plain, strict=True)], axis=0),
-            differences(own, base), np.maximum(SPOT_TOLERANCE, seen),
+            differences(own, base),
+            metres(real) - np.mean([metres(sums) for sums in before], axis=0),
+            np.maximum(SPOT_TOLERANCE, seen),
             np.maximum(SPOT_TOLERANCE, noise), self.samples[enough])
 
 
@@ -174,10 +187,18 @@ def _cells(clean: np.ndarray, reflectivity: np.ndarray | None, incidence: np.nda
 
 def _features(sums: np.ndarray) -> np.ndarray:
     # (N, 7), NaN for none.
-    number, valid, total, square, high, low, pairs, before, beside, product = sums.T[:10]
+    number, valid, total, square, high, low = sums.T[:SPOT_FRAMES]
     with np.errstate(divide='ignore', invalid='ignore'):
         mean = total / valid
         variance = np.maximum(square / valid - mean ** 2, 1e-4)
         return np.stack([mean, np.log(variance), 1 - valid / number, high / valid, low / valid,
-                         (before / pairs - mean ** 2) / variance,
-                         (product / beside - mean ** 2) / variance], axis=1)
+                         _correlation(sums, SPOT_FRAMES), _correlation(sums, SPOT_NEIGHBOURS)],
+                        axis=1)
+
+
+def _correlation(sums: np.ndarray, start: int) -> np.ndarray:
+    # Pearson's, (N,), of pairs; 0 where their errors are all alike.
+    count, one, other, one2, other2, product = sums.T[start:start + 6]
+    spread = np.sqrt(np.maximum(one2 - one ** 2 / count, 0)
+                     * np.maximum(other2 - other ** 2 / count, 0))
+    return np.where(spread > _SPREAD * count, (product - one * other / count) / spread, 0)

@@ -5,7 +5,14 @@ from typing import Any
 
 from flexx2_sim_ros.gap.covariates import AXES
 from flexx2_sim_ros.gap.cover import Condition, cover
-from flexx2_sim_ros.gap.features import CHANNELS, LAYOUT, likeness, STRUCTURES, TOLERANCE
+from flexx2_sim_ros.gap.features import (
+    CHANNELS,
+    LAYOUT,
+    likeness,
+    STRUCTURE_UNITS,
+    STRUCTURES,
+    TOLERANCE,
+)
 from flexx2_sim_ros.gap.model import Model
 from flexx2_sim_ros.gap.spots import SPOT_CHANNELS, SPOT_TOLERANCE, Spots
 from flexx2_sim_ros.gap.student import q_values, t_tail
@@ -27,11 +34,14 @@ _EDGE = [f'{side} side of a jump {where}, {near}'
 # What surfaces cut up tell nothing of: kept beside conditions on pixels.
 _BESIDE = ('structure', 'nothing there', 'beyond the range', *_BESIDES)
 _AT_EDGES = np.array([f.axis == 'edge' for f in LAYOUT])
+_IN_SIGMA = np.array([f.axis != 'structure' and CHANNELS[f.channel][1] == 'sigma'
+                      for f in LAYOUT])
+_BINS = np.array([0 if f.axis == 'structure' else AXES[f.axis].start + f.place for f in LAYOUT])
 _INDEX = {(f.channel, f.axis, f.place): i for i, f in enumerate(LAYOUT)}
 
 
-def places(model: Model, difference: np.ndarray, spots: Sequence[Spots], exact: bool,
-           sigma_error: float) -> list[dict[str, Any]]:
+def places(model: Model, difference: np.ndarray, shown: np.ndarray, spots: Sequence[Spots],
+           exact: bool, sigma_error: float) -> list[dict[str, Any]]:
     """
     List where real and simulated differ by more than what matters.
 
@@ -40,7 +50,9 @@ def places(model: Model, difference: np.ndarray, spots: Sequence[Spots], exact: 
     model : Model
         The recordings.
     difference : numpy.ndarray
-        (R, SIZE) real less simulated features.
+        (R, SIZE) real less simulated features, or what effects change of them if these explain it.
+    shown : numpy.ndarray
+        (R, SIZE) real less simulated features, whose size is told.
     spots : sequence of Spots
         Theirs, from simulating the outcome.
     exact : bool
@@ -55,7 +67,7 @@ def places(model: Model, difference: np.ndarray, spots: Sequence[Spots], exact: 
         pixels tells; as from `cells`. That alone where pixels are too few to be grouped.
 
     """
-    binned = cells(model, difference, exact)
+    binned = cells(model, difference, exact, shown)
     conditions = cover(spots, not exact, sigma_error)
     if not conditions:
         return [row for _, row in binned]
@@ -73,28 +85,21 @@ def _rows(one: Condition, names: list[str]) -> list[tuple[float, dict[str, Any]]
     ratio = np.abs(one.difference) / SPOT_TOLERANCE
     p = _tail(one.difference, SPOT_TOLERANCE, one.noise ** 2)
     out = []
-    for cell in _intervals(one, names):
-        for k in np.flatnonzero(ratio >= min(1.0, float(ratio.max()))):
-            size, unit = float(one.difference[k]), CHANNELS[SPOT_CHANNELS[k]][1]
-            if unit == 'sigma':
-                size, unit = size * one.sigma * 1000, 'mm'
-            out.append((float(ratio[k]), {
-                **cell, 'channel': SPOT_CHANNELS[k], 'size': size, 'unit_size': unit,
-                'q_value': float(p[k])}))
+    cell = _bounds(one.axis, one.first, one.last)
+    if one.axis == 'recording':
+        cell.update(low=one.first, high=one.first, detail=names[one.first])
+    for k in np.flatnonzero(ratio >= min(1.0, float(ratio.max()))):
+        size, unit = float(one.size[k]), CHANNELS[SPOT_CHANNELS[k]][1]
+        if unit == 'sigma':
+            size, unit = one.bias * 1000, 'mm'
+        out.append((float(ratio[k]), {
+            **cell, 'channel': SPOT_CHANNELS[k], 'size': size, 'unit_size': unit,
+            'q_value': float(p[k])}))
     return out
 
 
-def _intervals(one: Condition, names: list[str]) -> list[dict[str, Any]]:
-    if one.axis == 'recording':
-        return [{**_bounds('recording', r, r), 'low': r, 'high': r, 'detail': names[r]}
-                for r in range(one.first, one.last + 1)]
-    if one.axis == 'region':
-        return [_bounds('region', i, i) for i in range(one.first, one.last + 1)]
-    return [_bounds(one.axis, one.first, one.last)]
-
-
-def cells(model: Model, difference: np.ndarray, exact: bool = False
-          ) -> list[tuple[float, dict[str, Any]]]:
+def cells(model: Model, difference: np.ndarray, exact: bool = False,
+          shown: np.ndarray | None = None) -> list[tuple[float, dict[str, Any]]]:
     """
     List the bins in which real and simulated differ by more than what matters.
 
@@ -107,6 +112,8 @@ def cells(model: Model, difference: np.ndarray, exact: bool = False
     exact : bool
         Whether that is free of noise, as what effects change is. Where edges are is never known
         exactly.
+    shown : numpy.ndarray, optional
+        (R, SIZE) of which the size is told; ``difference`` when left out.
 
     Returns
     -------
@@ -130,14 +137,16 @@ def cells(model: Model, difference: np.ndarray, exact: bool = False
         q[usable] = q_values(p[usable])
     weights = np.sum([e.counts for e in model.evidence], axis=0)
     found: list[tuple[float, dict[str, Any]]] = []
-    sigma, gross = mean_sigma(model), False
+    physical, gross = _in_units(model, difference if shown is None else shown), False
+    with np.errstate(invalid='ignore', divide='ignore'):
+        sizes = physical.sum(axis=0) / count
     for channel in CHANNELS:
         best, *others = _axes_to_tell(model, channel, np.where(usable, mean, 0), variance,
                                       weights, each, own)
         index = [i for i in _indices(channel, best) if usable[i] and q[i] < _SURE]
         if best == 'recording':
-            found += _recordings(model, channel, each, own)
-        elif sum(weights[_bin(i)] for i in index) > _ALL_OVER * weights[0]:
+            found += _recordings(model, channel, each, own, physical)
+        elif sum(weights[_BINS[i]] for i in index) > _ALL_OVER * weights[0]:
             index, others = _indices(channel, 'all'), []
         if channel == 'kurtosis' and gross:
             continue  # Gross errors make it so, wherever they are.
@@ -145,16 +154,16 @@ def cells(model: Model, difference: np.ndarray, exact: bool = False
         for name in others:
             some = [i for i in _indices(channel, name) if usable[i] and q[i] < _SURE]
             # Along these only what is found here and not there says anything.
-            if name in _ALWAYS or (sum(weights[_bin(i)] for i in some)
-                                   < 0.5 * sum(weights[_bin(i)] for i in _indices(channel, name))):
+            if name in _ALWAYS or (weights[_BINS[some]].sum()
+                                   < 0.5 * weights[_BINS[_indices(channel, name)]].sum()):
                 index += some
         found += [(abs(mean[i]) / TOLERANCE[i],
-                   _cell(i, float(mean[i]), float(q[i]), sigma)) for i in index]
+                   _cell(i, float(sizes[i]), float(q[i]))) for i in index]
     for name in STRUCTURES:
         i = _INDEX[name, 'structure', 0]
         if usable[i] and q[i] < _SURE:
             found.append((abs(mean[i]) / TOLERANCE[i],
-                          _cell(i, float(mean[i]), float(q[i]), sigma)))
+                          _cell(i, float(sizes[i]), float(q[i]))))
     found.sort(key=lambda item: -item[0])
     return found[:_MOST]
 
@@ -181,23 +190,25 @@ def _axes_to_tell(model: Model, channel: str, mean: np.ndarray, variance: np.nda
             *(name for name in _ALWAYS if _indices(channel, name))]
 
 
-def _bin(index: int) -> int:
-    return AXES[LAYOUT[index].axis].start + LAYOUT[index].place
-
-
 def _indices(channel: str, axis: str) -> list[int]:
     bins = AXES[axis].bins if axis in AXES else 0
     return [_INDEX[channel, axis, i] for i in range(bins) if (channel, axis, i) in _INDEX]
 
 
+def _in_units(model: Model, shown: np.ndarray) -> np.ndarray:
+    # (R, SIZE) differences, in mm where they are in sigma, by each recording's own sigma_z.
+    sigma = np.nan_to_num([e.sigma for e in model.evidence], posinf=0.0)
+    return np.where(model.good, shown, 0) * np.where(_IN_SIGMA, 1000 * sigma[:, _BINS], 1.0)
+
+
 def _recordings(model: Model, channel: str, each: np.ndarray, own: np.ndarray,
-                ) -> list[tuple[float, dict[str, Any]]]:
+                physical: np.ndarray) -> list[tuple[float, dict[str, Any]]]:
     i = _INDEX[channel, 'all', 0]
     p = _tail(each[:, i], TOLERANCE[i], own[:, i])
     out = []
     for r, (size, q) in enumerate(zip(each[:, i], q_values(p), strict=True)):
         if model.good[r, i] and q < _SURE:
-            cell = _cell(i, float(size), float(q), model.evidence[r].sigma)
+            cell = _cell(i, float(physical[r, i]), float(q))
             cell.update(covariate='recording', low=r, high=r, detail=model.evidence[r].name)
             out.append((abs(float(size)) / float(TOLERANCE[i]), cell))
     return out
@@ -218,21 +229,18 @@ def mean_sigma(model: Model) -> np.ndarray:
         return np.asarray(np.nan_to_num(1 / mean))
 
 
-def _cell(index: int, size: float, q: float, sigma: np.ndarray) -> dict[str, Any]:
+def _cell(index: int, size: float, q: float) -> dict[str, Any]:
     feature = LAYOUT[index]
     out = {**_bounds(feature.axis, feature.place, feature.place), 'channel': feature.channel,
            'size': size, 'unit_size': '', 'q_value': q}
     if feature.axis == 'structure':
+        out['unit_size'] = STRUCTURE_UNITS[feature.channel]
         return out
     if feature.axis == 'edge':
         out['detail'] = _EDGE[feature.place]
-    unit = CHANNELS[feature.channel][1]
-    if unit == 'sigma':
-        out['size'] = size * float(sigma[AXES[feature.axis].start + feature.place]) * 1000
-        unit = 'mm'
-    elif feature.channel == 'lag':
+    if feature.channel == 'lag':
         out['size'] = float(likeness(size))
-    out['unit_size'] = unit
+    out['unit_size'] = 'mm' if _IN_SIGMA[index] else CHANNELS[feature.channel][1]
     return out
 
 
