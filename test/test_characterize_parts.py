@@ -9,7 +9,7 @@ from flexx2_sim_ros.camera.modes import flexx2, NoiseModel
 from flexx2_sim_ros.characterize.amplitude import count_invalid, EDGES, sigma_against
 from flexx2_sim_ros.characterize.axial import EXPONENTS, fit_axial, NAMES
 from flexx2_sim_ros.characterize.board import find_board
-from flexx2_sim_ros.characterize.conditions import Condition, find_recordings, parse_name
+from flexx2_sim_ros.characterize.conditions import Condition, parse_name
 from flexx2_sim_ros.characterize.divergence import gaussian_kl, kl_floor, mean_kl
 from flexx2_sim_ros.characterize.lateral import (
     edge_positions,
@@ -22,6 +22,7 @@ from flexx2_sim_ros.characterize.moments import Accumulator
 from flexx2_sim_ros.characterize.plane import fit_plane, ransac_plane
 from flexx2_sim_ros.characterize.tiles import spatial_tiles, Tiles
 from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.recording.folders import find_recordings
 import numpy as np
 import pytest
 from scipy import stats

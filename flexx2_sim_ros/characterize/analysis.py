@@ -9,12 +9,12 @@ from pathlib import Path
 
 from flexx2_sim_ros.camera.intrinsics import Intrinsics
 from flexx2_sim_ros.characterize.axial import AxialFit, fit_axial
-from flexx2_sim_ros.characterize.conditions import find_recordings
 from flexx2_sim_ros.characterize.divergence import gaussian_kl
 from flexx2_sim_ros.characterize.lateral import Edge
 from flexx2_sim_ros.characterize.measure import measure, Measurement
 from flexx2_sim_ros.characterize.workers import in_processes
 from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.recording.folders import find_recordings
 import numpy as np
 
 LATERAL_PERCENTILE = 90  # of all edges: conservative on purpose, as in the paper

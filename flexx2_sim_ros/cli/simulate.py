@@ -129,9 +129,9 @@ def _stamps(scene: Scene, frames: int | None, start: float | None, rate_hz: floa
 def _own_start(scene: Scene) -> float:
     # Always the same for a scene, another one for each: recordings of several scenes would have
     # the very same noise otherwise, which no camera's have.
-    checksum = zlib.crc32(np.ascontiguousarray(scene.clean_depth))
+    checksum = zlib.crc32(np.ascontiguousarray(scene.clean_depth).data)
     if scene.reflectivity is not None:
-        checksum = zlib.crc32(np.ascontiguousarray(scene.reflectivity), checksum)
+        checksum = zlib.crc32(np.ascontiguousarray(scene.reflectivity).data, checksum)
     return float(checksum % _STARTS)
 
 

@@ -13,7 +13,6 @@ from flexx2_sim_ros.gap.evidence import choose_frames, Take
 from flexx2_sim_ros.recording import open_recording, Recording, RecordingReader
 import numpy as np
 
-_BAG_FILES = ('.mcap', '.db3')
 _CHUNK = 32
 _BRIGHTEST = 2.0  # reflectivity: above it is another unit; between 1 and this a bad estimate
 _LONGEST = 1e6  # seconds of uptime
@@ -38,47 +37,12 @@ class Found:
     notes: tuple[str, ...]
 
 
-def list_paths(folder: str | Path) -> list[Path]:
-    """
-    List a campaign's recordings by name.
-
-    Raises
-    ------
-    InputError
-        When there is none, or the folder cannot be read.
-
-    """
-    folder = Path(folder)
-    if not folder.is_dir():
-        raise InputError(f'{folder}: not a folder, wanted one of recordings (.npz or bags)')
-    try:
-        paths = sorted(path for path in folder.iterdir()
-                       if path.suffix in ('.npz', *_BAG_FILES) or _is_bag(path))
-    except OSError as error:
-        raise InputError(f'{folder}: cannot be read: {error}') from error
-    if not paths:
-        raise InputError(f'{folder}: there is no recording in it, wanted .npz files or bags')
-    return paths
-
-
-def _is_bag(path: Path) -> bool:
-    # A folder that cannot be looked into is none that may be skipped without a word.
-    if not path.is_dir():
-        return False
-    try:
-        return any(p.suffix in _BAG_FILES or p.name == 'metadata.yaml' for p in path.iterdir())
-    except OSError:
-        return True
-
-
 def check(path: Path, profile: Profile | None) -> Found | str:
     """Return a recording that may be used, or why it may not."""
     try:
         return _found(open_recording(path), profile)
     except InputError as error:
         return str(error)
-    except OSError as error:
-        return f'{path}: cannot be read: {error}'
 
 
 def of_one_mode(folder: str | Path, paths: Sequence[Path], checked: Sequence[Found | str]
@@ -162,10 +126,10 @@ def read(found: Found, profile: Profile | None) -> Take:
     chosen, fresh = choose_frames(len(reader.stamp))
     parts, start = [], 0
     for part in reader.chunks(_CHUNK):
-        inside = chosen[(chosen >= start) & (chosen < start + _CHUNK)] - start
+        inside = chosen[(chosen >= start) & (chosen < start + len(part.stamp))] - start
         if len(inside):
             parts.append((part, inside))
-        start += _CHUNK
+        start += len(part.stamp)
     depth = np.concatenate([part.depth[i] for part, i in parts])
     clean = _stack('clean_depth', parts)
     assert clean is not None

@@ -10,10 +10,11 @@ from typing import Any
 from flexx2_sim_ros import processes
 from flexx2_sim_ros.camera import Profile
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.gap.campaign import check, Found, list_paths, of_one_mode, read
+from flexx2_sim_ros.gap.campaign import check, Found, of_one_mode, read
 from flexx2_sim_ros.gap.catalogue import Column
 from flexx2_sim_ros.gap.confirm import confirm, Outcome
 from flexx2_sim_ros.gap.evidence import Evidence, gather
+from flexx2_sim_ros.recording.folders import find_recordings
 import numpy as np
 
 _PATIENCE = 30  # seconds
@@ -35,7 +36,7 @@ def find(folder: str | Path, profile: Profile | None, mapped: Map
         As from `workers`: bags have to be read to know what is in them.
 
     """
-    paths = list_paths(folder)
+    paths = find_recordings(folder)
     return of_one_mode(folder, paths,
                        mapped(bind(check, profile=profile), paths, lambda: None))
 

@@ -3,21 +3,15 @@
 from collections.abc import Iterable
 from contextlib import ExitStack
 from dataclasses import dataclass, field
-from lzma import LZMAError
 from pathlib import Path
-from tokenize import TokenError
 from types import TracebackType
-from typing import Any, IO
+from typing import Any
 import zipfile
-import zlib
 
 from flexx2_sim_ros.atomic import checked_target, named, whole
 from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.recording.npz_arrays import open_npz
 import numpy as np
-
-UNREADABLE = (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile, zlib.error,
-              NotImplementedError, RuntimeError, MemoryError, TokenError, OverflowError,
-              TypeError, SyntaxError, IndexError, LZMAError)
 
 
 @dataclass(frozen=True)
@@ -94,64 +88,8 @@ def load_scene(path: str | Path) -> Scene:
 
 
 def _read(path: Path) -> dict[str, np.ndarray]:
-    if not path.is_file():
-        raise InputError(f'{path}: not a file, wanted an .npz archive')
-    try:
-        with zipfile.ZipFile(path) as archive:
-            return {key: read_array(archive, key) for key in array_keys(archive)}
-    except UNREADABLE as error:
-        raise unreadable(path, error) from error
-
-
-def array_keys(archive: zipfile.ZipFile) -> list[str]:
-    """
-    Return the keys of an archive's arrays.
-
-    Raises
-    ------
-    ValueError
-        When there is a file in it that is no array.
-
-    """
-    others = [name for name in archive.namelist() if not name.endswith('.npy')]
-    if others:
-        raise ValueError(f'{others[0]}: found a file that is no array, wanted arrays only')
-    return [name.removesuffix('.npy') for name in archive.namelist()]
-
-
-def read_array(archive: zipfile.ZipFile, key: str) -> np.ndarray:
-    """
-    Read an array of an open archive, and verify its checksum.
-
-    Raises
-    ------
-    UNREADABLE
-        When it cannot be read, or is not what was written.
-
-    """
-    with archive.open(f'{key}.npy') as entry:
-        try:
-            array: np.ndarray = np.lib.format.read_array(entry, allow_pickle=False)
-        except ValueError as error:
-            raise ValueError(f'{key}: found a file that is no array: {error}') from error
-        check_end(entry, key)
-    return array
-
-
-def check_end(entry: IO[bytes], key: str) -> None:
-    """
-    Raise `ValueError` or `zipfile.BadZipFile` when an array has not been read to its end.
-
-    The checksum is verified when the end is reached, and not before.
-    """
-    if entry.read(1):
-        raise ValueError(f'{key}: has more bytes than its shape says')
-
-
-def unreadable(path: Path, error: BaseException) -> InputError:
-    """Return the error for an archive that cannot be read."""
-    return InputError(f'{path}: cannot be read as an .npz archive of plain arrays (damaged, cut '
-                      f'off, or pickled): {error}')
+    with open_npz(path) as archive:
+        return {key: archive.read(key) for key in archive.headers}
 
 
 def _numbers(path: str | Path, arrays: dict[str, np.ndarray], key: str) -> np.ndarray:

@@ -1,19 +1,10 @@
 """Recordings in NumPy archives, frame by frame."""
 
 from collections.abc import Iterator
-import math
 from pathlib import Path
-from typing import IO
-import zipfile
 
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.recording.npz import (
-    array_keys,
-    check_end,
-    read_array,
-    UNREADABLE,
-    unreadable,
-)
+from flexx2_sim_ros.recording.npz_arrays import open_npz
 from flexx2_sim_ros.recording.recordings import Content, Layout, RecordingReader, STACKS
 import numpy as np
 
@@ -39,12 +30,7 @@ class NpzRecording(RecordingReader):
         # Stacks whose frames do not lie one after the other.
         self._loaded: dict[str, np.ndarray] = {}
         self._shapes: dict[str, tuple[int, ...]] = {}
-        if not path.is_file():
-            raise InputError(f'{path}: not a file, wanted an .npz archive')
-        try:
-            content = self._read(path)
-        except UNREADABLE as error:
-            raise unreadable(path, error) from error
+        content = self._read(path)
         if 'depth' not in content.layouts or 0 in self._shapes['depth']:
             raise InputError(f'{path}: depth: {self._found_depth(content)}, wanted (T, H, W) '
                              'float32, not empty')
@@ -60,23 +46,16 @@ class NpzRecording(RecordingReader):
 
     def _read(self, path: Path) -> Content:
         content = Content({}, {})
-        with zipfile.ZipFile(path) as archive:
-            for key in array_keys(archive):
-                if key in STACKS:
-                    with archive.open(f'{key}.npy') as entry:
-                        shape, fortran, dtype = _header(entry)
-                        start = entry.tell()
-                    if len(shape) == 3 and dtype.kind in 'fiu':
-                        size = archive.getinfo(f'{key}.npy').file_size - start
-                        if size != math.prod(shape) * dtype.itemsize:
-                            raise ValueError(f'{key}: has {size} bytes, shape {shape} wants '
-                                             f'{math.prod(shape) * dtype.itemsize}')
-                        self._shapes[key] = shape
-                        content.layouts[key] = Layout(dtype.newbyteorder('='), shape[1:])
-                        if fortran:
-                            self._loaded[key] = read_array(archive, key)
-                        continue
-                content.arrays[key] = read_array(archive, key)
+        with open_npz(path) as archive:
+            for key, header in archive.headers.items():
+                if key in STACKS and len(header.shape) == 3 and header.dtype.kind in 'fiu':
+                    self._shapes[key] = header.shape
+                    content.layouts[key] = Layout(header.dtype.newbyteorder('='),
+                                                  header.shape[1:])
+                    if header.fortran:
+                        self._loaded[key] = archive.read(key)
+                else:
+                    content.arrays[key] = archive.read(key)
         return content
 
     def _found_depth(self, content: Content) -> str:
@@ -93,25 +72,9 @@ class NpzRecording(RecordingReader):
         if key in self._loaded:
             yield from self._loaded[key].astype(layout.dtype)
             return
-        try:
-            with zipfile.ZipFile(self.path) as archive, archive.open(f'{key}.npy') as entry:
-                (count, *shape), _, dtype = _header(entry)
-                size = dtype.itemsize * shape[0] * shape[1]
-                for left in reversed(range(count)):
-                    raw = entry.read(size)
-                    if len(raw) < size:
-                        raise EOFError('ends too early')
-                    if not left:
-                        check_end(entry, key)
-                    yield np.frombuffer(raw, dtype).reshape(shape).astype(layout.dtype, copy=False)
-        except UNREADABLE as error:
-            raise unreadable(self.path, error) from error
-
-
-def _header(entry: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype]:
-    version = np.lib.format.read_magic(entry)
-    if version == (1, 0):
-        return np.lib.format.read_array_header_1_0(entry)
-    if version == (2, 0):
-        return np.lib.format.read_array_header_2_0(entry)
-    raise ValueError(f'array format {version}')
+        with open_npz(self.path) as archive:
+            header = archive.headers.get(key)
+            if header is None or header.shape != self._shapes[key]:
+                raise InputError(f'{self.path}: {key}: has changed since the file was opened')
+            for image in archive.images(key):
+                yield image.astype(layout.dtype, copy=False)

@@ -284,11 +284,14 @@ def open_recording(path: str | Path, camera: str | None = None) -> RecordingRead
 
     """
     path = Path(path)
-    if path.suffix == '.npz':
-        from flexx2_sim_ros.recording.npz_recording import NpzRecording
-        return NpzRecording(path)
-    from flexx2_sim_ros.recording.bags import BagRecording
-    return BagRecording(path, camera)
+    try:
+        if path.suffix == '.npz':
+            from flexx2_sim_ros.recording.npz_recording import NpzRecording
+            return NpzRecording(path)
+        from flexx2_sim_ros.recording.bags import BagRecording
+        return BagRecording(path, camera)
+    except OSError as error:
+        raise InputError(f'{path}: cannot be read: {error.strerror or error}') from error
 
 
 def load_recording(path: str | Path, camera: str | None = None) -> Recording:

@@ -1,0 +1,50 @@
+"""Folders of recordings."""
+
+from pathlib import Path
+
+from flexx2_sim_ros.errors import InputError
+
+BAG_FILES = ('.mcap', '.db3')
+
+
+def find_recordings(folder: str | Path) -> list[Path]:
+    """
+    List the recordings in a folder.
+
+    Parameters
+    ----------
+    folder : str or pathlib.Path
+        With ``.npz`` files and bags (folders, ``.mcap`` or ``.db3`` files).
+
+    Returns
+    -------
+    list of pathlib.Path
+        In the order of their names; at least one. What cannot be looked into is among them, so
+        that whoever opens it says why it is left out; hidden files are not.
+
+    Raises
+    ------
+    InputError
+        When there is no such folder or no recording in it, or it cannot be read.
+
+    """
+    folder = Path(folder)
+    try:
+        if not folder.is_dir():
+            raise InputError(f'{folder}: not a folder, wanted one with recordings (.npz or bags)')
+        found = sorted(path for path in folder.iterdir() if not path.name.startswith('.')
+                       and (path.suffix in ('.npz', *BAG_FILES) or _is_bag(path)))
+    except OSError as error:
+        raise InputError(f'{folder}: cannot be read: {error}') from error
+    if not found:
+        raise InputError(f'{folder}: there is no recording in it, wanted .npz files or bags')
+    return found
+
+
+def _is_bag(path: Path) -> bool:
+    if not path.is_dir():
+        return False
+    try:
+        return any(p.suffix in BAG_FILES or p.name == 'metadata.yaml' for p in path.iterdir())
+    except OSError:
+        return True

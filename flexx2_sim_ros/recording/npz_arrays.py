@@ -1,0 +1,201 @@
+"""The arrays of an ``.npz`` file that nobody vouches for: checked first, then read in bounds."""
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+import math
+import os
+from pathlib import Path
+import struct
+from tokenize import TokenError
+from typing import IO
+import zipfile
+import zlib
+
+from flexx2_sim_ros.errors import InputError
+import numpy as np
+
+LIMIT = 'FLEXX2_NPZ_LIMIT_MB'
+_LIMIT_MB = 512
+_EXPANSION = 20  # times a file's own size: depth with noise shrinks to a half
+_BLOCK = 1 << 20
+_UNREADABLE = (OSError, EOFError, ArithmeticError, LookupError, MemoryError, RuntimeError,
+               SyntaxError, TypeError, ValueError, TokenError, struct.error, zipfile.BadZipFile,
+               zlib.error)
+_PLAIN = {zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED}
+
+
+@dataclass(frozen=True)
+class Header:
+    """
+    What an array in the file says of itself.
+
+    Attributes
+    ----------
+    shape : tuple of int
+    fortran : bool
+        Whether the first index changes fastest.
+    dtype : numpy.dtype
+
+    """
+
+    shape: tuple[int, ...]
+    fortran: bool
+    dtype: np.dtype
+
+    @property
+    def size(self) -> int:
+        """Return the bytes of its content."""
+        return math.prod(self.shape) * self.dtype.itemsize
+
+
+class NpzFile:
+    """
+    An open ``.npz`` file.
+
+    Made by `open_npz`. Nothing in it is unpickled, and no more is read of an array than its
+    header and the archive's both say.
+
+    Parameters
+    ----------
+    archive : zipfile.ZipFile
+        The file.
+
+    Attributes
+    ----------
+    headers : mapping of str to Header
+        By key.
+
+    """
+
+    def __init__(self, archive: zipfile.ZipFile) -> None:
+        """Read and check the headers."""
+        self._archive = archive
+        _check_sizes(archive)
+        self.headers: Mapping[str, Header] = {
+            info.filename.removesuffix('.npy'): self._header(info)
+            for info in archive.infolist()}
+
+    def _header(self, info: zipfile.ZipInfo) -> Header:
+        with self._archive.open(info) as entry:
+            header = _read_header(entry)
+            if header.size != info.file_size - entry.tell():
+                raise ValueError(f'{info.filename} has {info.file_size - entry.tell()} bytes, '
+                                 f'must have {header.size} for its shape {header.shape}')
+        return header
+
+    def read(self, key: str) -> np.ndarray:
+        """Return an array."""
+        header = self.headers[key]
+        array = np.empty(math.prod(header.shape), header.dtype)
+        if header.size:
+            with self._archive.open(f'{key}.npy') as entry:
+                _read_header(entry)
+                _fill(entry, array)
+        if header.dtype.kind == 'U':
+            _check_text(key, array)
+        return array.reshape(header.shape, order='F' if header.fortran else 'C')
+
+    def images(self, key: str) -> Iterator[np.ndarray]:
+        """Iterate over an array's first index, which must change slowest."""
+        header = self.headers[key]
+        with self._archive.open(f'{key}.npy') as entry:
+            _read_header(entry)
+            for _ in range(header.shape[0]):
+                image = np.empty(math.prod(header.shape[1:]), header.dtype)
+                _fill(entry, image)
+                yield image.reshape(header.shape[1:])
+
+
+@contextmanager
+def open_npz(path: Path) -> Iterator[NpzFile]:
+    """
+    Open an ``.npz`` file.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        The file.
+
+    Yields
+    ------
+    NpzFile
+
+    Raises
+    ------
+    InputError
+        When it is no such file, damaged, pickled, or decompresses to more than it may; also
+        for what goes wrong with it inside the ``with`` block. The message names the file.
+
+    """
+    try:
+        if not path.is_file():
+            raise InputError(f'{path}: not a file, wanted an .npz archive')
+        with zipfile.ZipFile(path) as archive:
+            yield NpzFile(archive)
+    except InputError:
+        raise
+    except _UNREADABLE as error:
+        raise InputError(f'{path}: cannot be read as an .npz archive of plain arrays (damaged, '
+                         f'cut off, or pickled): {_short(error)}') from error
+
+
+def _check_sizes(archive: zipfile.ZipFile) -> None:
+    total = sum(info.file_size for info in archive.infolist())
+    packed = Path(str(archive.filename)).stat().st_size
+    most = max(_limit_mb() << 20, _EXPANSION * packed)
+    if total > most:
+        raise InputError(
+            f'{archive.filename}: must not decompress to more than {most / 2 ** 20:.0f} MB, got '
+            f'{total / 2 ** 20:.0f} MB; the environment variable {LIMIT} raises the limit')
+    for info in archive.infolist():
+        if not info.filename.endswith('.npy'):
+            raise ValueError(f'{_short(info.filename)} is no array')
+        if info.compress_type not in _PLAIN:
+            raise ValueError(f'{_short(info.filename)} is compressed, but not by deflate')
+
+
+def _limit_mb() -> int:
+    text = os.environ.get(LIMIT, '')
+    if not text:
+        return _LIMIT_MB
+    if not (text.isdecimal() and len(text) < 9 and int(text)):
+        raise InputError(f'{LIMIT}: must be a whole number of MB, got {_short(text)}')
+    return int(text)
+
+
+def _read_header(entry: IO[bytes]) -> Header:
+    version = np.lib.format.read_magic(entry)
+    if version == (1, 0):
+        shape, fortran, dtype = np.lib.format.read_array_header_1_0(entry)
+    elif version == (2, 0):
+        shape, fortran, dtype = np.lib.format.read_array_header_2_0(entry)
+    else:
+        raise ValueError(f'array format {version}')
+    if not all(type(n) is int and 0 <= n < 2 ** 62 for n in shape):
+        raise ValueError(f'an array has the shape {_short(shape)}')
+    if dtype.hasobject:
+        raise ValueError('an array holds objects, which are pickled')
+    return Header(shape, fortran, dtype)
+
+
+def _fill(entry: IO[bytes], array: np.ndarray) -> None:
+    raw = array.view(np.uint8).data
+    place = 0
+    while place < len(raw):
+        block = entry.read(min(_BLOCK, len(raw) - place))
+        if not block:
+            raise EOFError('ends too early')
+        raw[place:place + len(block)] = block
+        place += len(block)
+
+
+def _check_text(key: str, array: np.ndarray) -> None:
+    points = array.astype(array.dtype.newbyteorder('=')).view(np.uint32)
+    if ((points > 0x10FFFF) | ((points >= 0xD800) & (points < 0xE000))).any():
+        raise ValueError(f'{key} is a text with characters that are none')
+
+
+def _short(value: object) -> str:
+    text = str(value).encode('unicode_escape').decode()
+    return text if len(text) <= 80 else f'{text[:77]}...'

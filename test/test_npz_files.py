@@ -1,0 +1,206 @@
+"""Recordings that nobody vouches for: damaged, lying and huge ones, one by one and in a folder."""
+
+from collections.abc import Callable
+import io
+import json
+import os
+from pathlib import Path
+import resource
+import shutil
+import subprocess
+import sys
+import tempfile
+from typing import Any
+import zipfile
+
+from flexx2_sim_ros.characterize.analysis import characterize
+from flexx2_sim_ros.cli.main import main
+from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.recording import load_recording
+from flexx2_sim_ros.recording.folders import find_recordings
+from flexx2_sim_ros.recording.npz_arrays import LIMIT
+import numpy as np
+import pytest
+from test_gap_walls import write_walls
+
+SMALL: dict[str, Any] = {
+    'depth': np.ones((4, 6, 8), np.float32), 'clean_depth': np.ones((6, 8), np.float32),
+    'K': np.array([[9.0, 0, 3.5], [0, 9.0, 2.5], [0, 0, 1]]), 'stamp': np.arange(4) / 30,
+    'usecase': np.array('Mode_9_30fps')}
+
+
+def member(array: Any, shape: object = None, descr: str | None = None) -> bytes:
+    """Return an array as a file, its header with another shape or dtype."""
+    array = np.asarray(array)
+    buffer = io.BytesIO()
+    np.lib.format.write_array(buffer, array)
+    content = buffer.getvalue()[-array.nbytes:] if array.nbytes else b''
+    header = (f"{{'descr': {descr or array.dtype.str!r}, 'fortran_order': False, "
+              f"'shape': {array.shape if shape is None else shape}, }}\n").encode()
+    return b'\x93NUMPY\x01\x00' + len(header).to_bytes(2, 'little') + header + content
+
+
+def pack(path: Path, method: int = zipfile.ZIP_DEFLATED, **changes: bytes) -> Path:
+    """Write a recording with some members replaced."""
+    with zipfile.ZipFile(path, 'w', method) as archive:
+        for key, value in SMALL.items():
+            archive.writestr(f'{key}.npy', changes.get(key) or member(value))
+        for key in changes.keys() - SMALL.keys():
+            archive.writestr(f'{key}.npy', changes[key])
+    return path
+
+
+def damaged(path: Path, method: int) -> None:
+    """Write a recording and flip what its first array is compressed to."""
+    pack(path, method)
+    content = bytearray(path.read_bytes())
+    content[60:100] = bytes(b ^ 0xFF for b in content[60:100])
+    path.write_bytes(content)
+
+
+def looping(path: Path) -> None:
+    """Make a link to itself."""
+    path.symlink_to(path.name)
+
+
+DEPTH = SMALL['depth']
+BAD: dict[str, Callable[[Path], object]] = {
+    'lzma': lambda path: damaged(path, zipfile.ZIP_LZMA),
+    'bzip2': lambda path: damaged(path, zipfile.ZIP_BZIP2),
+    'deflate': lambda path: damaged(path, zipfile.ZIP_DEFLATED),
+    'stored': lambda path: damaged(path, zipfile.ZIP_STORED),
+    'code point': lambda path: pack(path, usecase=member(
+        np.array([0x110000, 65], np.uint32), '()', '<U2')),
+    'surrogate': lambda path: pack(path, usecase=member(np.array([0xD800], np.uint32), '()',
+                                                        '<U1')),
+    'huge shape': lambda path: pack(path, depth=member(DEPTH, '(18446744073709551616, 1)')),
+    'large shape': lambda path: pack(path, depth=member(DEPTH, '(100000000, 64, 64)')),
+    'bool shape': lambda path: pack(path, depth=member(DEPTH, '(True, 43, 56)')),
+    'negative': lambda path: pack(path, depth=member(DEPTH, '(-4, -6, 8)')),
+    'no shape': lambda path: pack(path, depth=member(DEPTH, "'abc'")),
+    'float shape': lambda path: pack(path, depth=member(DEPTH, '(4.0, 6, 8)')),
+    'objects': lambda path: pack(path, depth=member(DEPTH, descr='|O')),
+    'odd dtype': lambda path: pack(path, depth=member(DEPTH, descr='{}')),
+    'deep header': lambda path: pack(path, depth=member(DEPTH, '(' * 3000 + ')' * 3000)),
+    'empty text': lambda path: pack(path, usecase=member(np.zeros(0), '(9223372036854775807,)',
+                                                         '<U0')),
+    'no magic': lambda path: pack(path, depth=b'nothing'),
+    'no archive': lambda path: path.write_bytes(b'PK\x03\x04 no archive'),
+    'dangling': lambda path: path.symlink_to('nowhere.npz'),
+    'loop': looping,
+    'a folder': lambda path: path.mkdir(),
+    'a pipe': lambda path: os.mkfifo(path)}
+
+
+@pytest.mark.parametrize('kind', BAD)
+def test_a_bad_file_is_one_sentence_in_every_command(
+        kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / 'bad.npz'
+    BAD[kind](path)
+    boards = tmp_path / 'boards'
+    boards.mkdir()
+    shutil.move(path, boards / path.name) if kind != 'loop' else looping(boards / path.name)
+    path = boards / path.name
+    for command in (('convert', str(path), str(tmp_path / 'bag')),
+                    ('simulate', str(path), str(tmp_path / 'out.npz')),
+                    ('characterize', 'fit', str(boards), '--jobs', '1'),
+                    ('gap', 'diagnose', str(boards), '--out', str(tmp_path / 'out'),
+                     '--jobs', '1')):
+        if kind == 'a pipe' and command[0] in ('convert', 'simulate'):
+            continue
+        assert main(list(command)) == 2, command
+        error = capsys.readouterr().err
+        assert str(path) in ''.join(error.splitlines()), command
+        assert 'Traceback' not in error
+        assert len(error) < 1500
+
+
+def test_bad_files_are_left_out_of_a_folder_and_named(tmp_path: Path) -> None:
+    folder = write_walls(tmp_path / 'walls', offset={'bias': 0.01})
+    for kind, make in BAD.items():
+        make(folder / f'{kind}.npz')
+    out = tmp_path / 'out'
+    assert main(['gap', 'diagnose', str(folder), '--out', str(out), '--jobs', '1']) == 0
+    table = json.loads((out / 'diagnosis.json').read_text())
+    assert table['verdict'] == 'identified'
+    left = {row['name']: row['reason'] for row in table['recordings'] if not row['used']}
+    assert set(left) == {f'{kind}.npz' for kind in BAD}
+    assert all(name in reason for name, reason in left.items())
+
+
+def test_a_subfolder_that_cannot_be_looked_into_is_named() -> None:
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        folder.chmod(0o755)
+        locked = folder / 'locked'
+        locked.mkdir(0o700)
+        user = os.geteuid()
+        if user == 0:
+            os.seteuid(65534)
+        else:
+            locked.chmod(0)
+        try:
+            assert find_recordings(folder) == [locked]
+            with pytest.raises(InputError, match='locked'):
+                characterize(folder)
+            with pytest.raises(InputError, match='locked.*ermission'):
+                load_recording(locked)
+        finally:
+            os.seteuid(user)
+            locked.chmod(0o700)
+
+
+def test_what_decompresses_to_too_much_is_refused_unread(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / 'bomb.npz'
+    with zipfile.ZipFile(path, 'w', zipfile.ZIP_DEFLATED) as archive:
+        for key, value in SMALL.items():
+            archive.writestr(f'{key}.npy', member(value))
+        with archive.open('more.npy', 'w', force_zip64=True) as entry:
+            entry.write(member(np.zeros(0), '(700, 1048576)', '|u1'))
+            for _ in range(700):
+                entry.write(bytes(1 << 20))
+    assert path.stat().st_size < 2 << 20
+    code = ('import resource, sys; from flexx2_sim_ros.cli.main import main; '
+            f'assert main(["simulate", {str(path)!r}, {str(tmp_path / "out.npz")!r}]) == 2; '
+            'assert main(["convert", *sys.argv[1:]]) == 2; '
+            'print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024)')
+    result = subprocess.run([sys.executable, '-c', code, str(path), str(tmp_path / 'bag')],
+                            capture_output=True, text=True, check=True)
+    assert int(result.stdout) < 512  # MB, of which most is the libraries
+    said = ' '.join(result.stderr.split())
+    assert 'must not decompress to more than 512 MB, got 700 MB' in said
+    assert LIMIT in said
+    monkeypatch.setenv(LIMIT, '800')
+    assert load_recording(path).extra['more'].shape == (700, 1 << 20)
+    monkeypatch.setenv(LIMIT, 'much')
+    with pytest.raises(InputError, match=f'{LIMIT}: must be a whole number of MB, got much'):
+        load_recording(path)
+
+
+def test_an_archive_that_lies_about_its_sizes_is_read_no_further(tmp_path: Path) -> None:
+    path = tmp_path / 'lies.npz'
+    pack(path, more=member(np.zeros(0), '(104857600,)', '|u1') + bytes(100 << 20))
+    content = path.read_bytes()
+    with zipfile.ZipFile(path) as archive:
+        size = archive.getinfo('more.npy').file_size.to_bytes(4, 'little')
+    assert content.count(size) == 2
+    path.write_bytes(content.replace(size, (200).to_bytes(4, 'little')))
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with pytest.raises(InputError, match='lies.npz: cannot be read'):
+        load_recording(path)
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 50 << 10
+
+
+@pytest.mark.parametrize('umask', [0o002, 0o027, 0o077])
+def test_written_files_have_the_permissions_of_new_ones(tmp_path: Path, umask: int) -> None:
+    pack(tmp_path / 'scene.npz')
+    previous = os.umask(umask)
+    try:
+        assert main(['simulate', str(tmp_path / 'scene.npz'), str(tmp_path / 'out.npz'),
+                     '--frames', '2']) == 0
+        assert main(['effects', '--write-presets', str(tmp_path / 'presets')]) == 0
+    finally:
+        os.umask(previous)
+    for name in ('out.npz', 'presets/offset.yaml'):
+        assert (tmp_path / name).stat().st_mode & 0o777 == 0o666 & ~umask
