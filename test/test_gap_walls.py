@@ -5,6 +5,7 @@ from typing import Any
 
 from flexx2_sim_ros.camera import Camera, flexx2
 from flexx2_sim_ros.gap import diagnose
+from flexx2_sim_ros.gap.words import headline
 import numpy as np
 import pytest
 
@@ -130,3 +131,59 @@ def test_no_size_leaves_its_unit(tmp_path: Path) -> None:
             assert abs(row['size']) <= 1
         elif row['unit_size'] == 'mm':  # The pose takes a part of it.
             assert 0 < row['size'] < 61
+
+
+def rewrite(folder: Path, **changes: Any) -> Path:
+    """Change all recordings: each change is a function of the array, or None to leave it out."""
+    for path in folder.glob('*.npz'):
+        with np.load(path) as archive:
+            content = dict(archive)
+        for key, change in changes.items():
+            content[key] = change(content.get(key, content['clean_depth']))
+        np.savez(path, **{key: value for key, value in content.items() if value is not None})
+    return folder
+
+
+@pytest.mark.parametrize('keys', [('depth',), ('clean_depth',), ('depth', 'clean_depth')])
+def test_millimetres_are_converted_and_said(tmp_path: Path, keys: tuple[str, ...]) -> None:
+    write_walls(tmp_path, offset={'bias': 0.01})
+    rewrite(tmp_path, **dict.fromkeys(keys, lambda metres: np.rint(1e6 * metres) / 1e3))
+    table = diagnose(tmp_path)
+    assert [row['name'] for row in table['effects']] == ['offset']
+    assert table['effects'][0]['parameters']['bias'] == pytest.approx(0.01, rel=0.05)
+    for row in table['recordings']:
+        said = [note for note in row['notes'] if 'taken for millimetres' in note]
+        assert len(said) == len(keys)
+        assert all(f': {key}: ' in note for key, note in zip(keys, said, strict=True))
+
+
+def test_amplitudes_of_another_scale_and_no_stamps_are_said(tmp_path: Path) -> None:
+    """Assert that 0 to 1 is taken for that, and what can be no reflectivity is not used."""
+    write_walls(tmp_path)
+    rewrite(tmp_path, amplitude=lambda clean: (0.5 / clean ** 2).astype(np.float32),
+            stamp=lambda _: None)
+    notes = [note for row in diagnose(tmp_path)['recordings'] for note in row['notes']]
+    assert sum('taken for 0 to 1' in note for note in notes) == 6
+    assert sum('stamp: not in the file: taken for 30 Hz' in note for note in notes) == 6
+    rewrite(tmp_path, amplitude=lambda clean: np.full_like(clean, 65000.5)
+            * (1 + 0 * clean), clean_depth=lambda clean: clean)
+    rewrite(tmp_path, amplitude=lambda amplitude: 1e-6 * amplitude / amplitude.max())
+    notes = [note for row in diagnose(tmp_path)['recordings'] for note in row['notes']]
+    assert sum('amplitude: not used' in note for note in notes) == 6
+
+
+def test_too_little_to_look_at_is_said(tmp_path: Path) -> None:
+    """Assert that 8 x 8 pixels are no proof that nothing is wrong."""
+    small = np.array([[10.0, 0, 3.5], [0, 10.0, 3.5], [0, 0, 1]])
+    for i, distance in enumerate((0.8, 1.4, 2.2)):
+        clean = np.full((8, 8), distance, np.float32)
+        depth = Camera(MODE, seed=i, effects={'offset': {'bias': 0.01}}).capture(
+            clean, small, np.arange(10) / 30).depth
+        np.savez(tmp_path / f'{i}.npz', depth=depth, clean_depth=clean, K=small,
+                 stamp=np.arange(10) / 30, usecase=MODE)
+    table = diagnose(tmp_path, out=tmp_path / 'out')
+    assert table['verdict'] == 'too_little'
+    assert 'too little' in headline(table)
+    assert table['effects'] == table['where'] == []
+    assert all('too little to look at: 128 depths' in ' '.join(row['notes'])
+               for row in table['recordings'])

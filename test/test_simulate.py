@@ -104,6 +104,28 @@ def test_scenes_differ_in_noise_and_share_the_fixed_pattern(tmp_path: Path) -> N
         assert main(['simulate', source, str(tmp_path / 'x.npz'), '--start', start]) == 2
 
 
+def test_uptime_of_the_scene_or_as_given(tmp_path: Path) -> None:
+    """
+    Assert that a drift of 50 mm is what it is at that time after power-on.
+
+    False failures: 2,400 pixels of 5 frames know the depth to 0.1 mm.
+    """
+    effects = tmp_path / 'drift.yaml'
+    effects.write_text('schema: 1\neffects: {warm_up_drift: {bias: 0.05, tau: 100}}\n')
+    options = ('--frames', '5', '--effects', str(effects))
+    for uptime, more, expected in ((None, (), 0.0), (100.0, (), 100.0),
+                                   (np.full(5, 50.0), (), 50.0), (100.0, ('--uptime', '200'), 200),
+                                   (None, ('--uptime', '30'), 30.0)):
+        source = save(tmp_path, clean_depth=np.full((43, 56), 1.0), uptime=uptime)
+        out = simulate(source, tmp_path, *options, *more)
+        assert np.mean(out['depth']) - 1 == pytest.approx(0.05 * np.exp(-expected / 100), abs=1e-3)
+        assert more == () or out['uptime'] == expected
+    for bad in ('-1', 'nan', '1e9'):
+        assert main(['simulate', source, str(tmp_path / 'x.npz'), '--uptime', bad]) == 2
+    source = save(tmp_path, uptime=np.array('late'))
+    assert main(['simulate', source, str(tmp_path / 'x.npz')]) == 2
+
+
 def test_defaults(tmp_path: Path) -> None:
     """Assert 300 frames of a still scene in the default mode."""
     out = simulate(save(tmp_path), tmp_path)

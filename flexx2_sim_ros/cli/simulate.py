@@ -1,6 +1,7 @@
 """`flexx2 simulate`: a scene in, a recording out."""
 
 import argparse
+from dataclasses import replace
 from typing import Any
 import zlib
 
@@ -10,6 +11,7 @@ from flexx2_sim_ros.camera.pipeline import Camera
 from flexx2_sim_ros.camera.profiles import load_profile
 from flexx2_sim_ros.cli.argument_types import MOST_FRAMES, SEEDS, whole_number
 from flexx2_sim_ros.effects import load_effects
+from flexx2_sim_ros.effects.delay import WarmUpDrift
 from flexx2_sim_ros.effects.registry import effects_yaml
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.recording import load_scene, RecordingWriter, Scene
@@ -20,6 +22,7 @@ from rich.progress import Progress
 _DEFAULT_FRAMES = 300
 _CHUNK = 30
 _LATEST = 1e9  # seconds
+_LONGEST_UPTIME = 1e6  # seconds
 _STARTS = 1_000_000  # seconds from which a scene has its own
 
 
@@ -51,6 +54,9 @@ def add_parser(commands: Any) -> None:
     parser.add_argument('--start', type=float, metavar='SECONDS', help='stamp of the first frame, '
                         'where IN has none; noise depends on seed, name and stamp (default: whole '
                         'seconds made of what the scene shows, so that scenes differ in noise)')
+    parser.add_argument('--uptime', type=float, metavar='SECONDS', help='since power-on at the '
+                        'first frame, for warm_up_drift (default: uptime of IN, else what the '
+                        'effect says)')
     parser.set_defaults(run=run)
 
 
@@ -62,10 +68,14 @@ def run(arguments: argparse.Namespace) -> int:
     checked_target(arguments.output)
     profile = load_profile(arguments.profile) if arguments.profile else flexx2()
     usecase = profile.default_usecase if arguments.usecase is None else arguments.usecase
+    scene = load_scene(arguments.input)
     effects = load_effects(arguments.effects) if arguments.effects else ()
+    uptime = _uptime(scene, arguments.uptime, arguments.input)
+    if uptime is not None:
+        effects = tuple(replace(effect, uptime=uptime) if isinstance(effect, WarmUpDrift)
+                        else effect for effect in effects)
     camera = Camera(usecase, profile=profile, effects=effects, seed=arguments.seed,
                     name=arguments.name)
-    scene = load_scene(arguments.input)
     stamps = _stamps(scene, arguments.frames, arguments.start, camera.mode.rate_hz,
                      arguments.input)
     console = Console(stderr=True, markup=False)
@@ -81,6 +91,9 @@ def run(arguments: argparse.Namespace) -> int:
             writer.add_depth(frame.depth)
             invalid += int(np.isnan(frame.depth).sum())
         own = {'depth', 'usecase', 'seed', 'effects'}
+        if arguments.uptime is not None:
+            own.add('uptime')
+            writer.add_array('uptime', arguments.uptime)
         for key, value in scene.extra.items():
             if key not in own:
                 writer.add_array(key, value)
@@ -100,6 +113,20 @@ def run(arguments: argparse.Namespace) -> int:
         console.print(f'{camera.usecase} was not measured: noise of {camera.mode.noise_of}',
                       style='yellow', highlight=False)
     return 0
+
+
+def _uptime(scene: Scene, given: float | None, path: str) -> float | None:
+    found = scene.extra.get('uptime') if given is None else np.array(given)
+    if found is None:
+        return None
+    where = f'{path}: uptime' if given is None else '--uptime'
+    if found.dtype.kind not in 'fiu' or found.ndim > 1 or not found.size:
+        raise InputError(f'{where}: must be seconds () or (T,), got {found.dtype} of shape '
+                         f'{found.shape}')
+    first = float(found.flat[0])
+    if not 0 <= first <= _LONGEST_UPTIME:
+        raise InputError(f'{where}: must be 0 to {_LONGEST_UPTIME:g} seconds, got {first:g}')
+    return first
 
 
 def _stamps(scene: Scene, frames: int | None, start: float | None, rate_hz: float, path: str

@@ -16,6 +16,8 @@ import numpy as np
 _CHUNK = 32
 _BRIGHTEST = 2.0  # reflectivity: above it is another unit; between 1 and this a bad estimate
 _LONGEST = 1e6  # seconds of uptime
+_NEAR_1000 = 0.7  # logarithm: from half to twice
+_REFLECTIVITIES = 1e-3, 100.0  # that an amplitude may mean, as the median of an image
 
 
 @dataclass(frozen=True)
@@ -108,7 +110,11 @@ def _found(reader: RecordingReader, profile: Profile | None) -> Found:
         Intrinsics.from_matrix(reader.K, width, height)
     except InputError as error:
         raise InputError(f'{path}: {error}') from error
-    return Found(path, mode, tuple(reader.notes))
+    notes = [note for note in reader.notes if ': stamp: not in the file' not in note]
+    if reader.assumed_stamps:
+        notes.append(f'{path}: stamp: not in the file: taken for {mode.rate_hz:g} Hz, that of '
+                     f'{mode.name}')
+    return Found(path, mode, tuple(notes))
 
 
 def read(found: Found, profile: Profile | None) -> Take:
@@ -140,6 +146,8 @@ def read(found: Found, profile: Profile | None) -> Take:
     with np.errstate(invalid='ignore', over='ignore'):
         depth = np.where(depth > 0, depth, np.float32(np.nan))
         clean = np.where((clean > 0) & (clean < 1e5), clean, np.nan).astype(np.float32)
+    notes: list[str] = []
+    depth, clean = _in_metres(path, depth, clean, found.mode, notes)
     if not np.isfinite(depth).any():
         raise InputError(f'{path}: depth: all pixels of all frames are invalid')
     in_range = (clean >= found.mode.range_min) & (clean <= found.mode.range_max)
@@ -161,7 +169,7 @@ def read(found: Found, profile: Profile | None) -> Take:
     if reflectivity is None:
         amplitude = _stack('amplitude', parts)
         reflectivity = None if amplitude is None else _from_amplitude(
-            amplitude, clean, reader.K)
+            amplitude, clean, reader.K, path, notes)
     if reflectivity is not None:
         if reflectivity.shape[-2:] != shape:
             raise InputError(f'{path}: reflectivity: found size {reflectivity.shape[-2:]}, '
@@ -169,8 +177,11 @@ def read(found: Found, profile: Profile | None) -> Take:
         reflectivity = np.nan_to_num(reflectivity).astype(np.float32)
         if clean.ndim == 2 and reflectivity.ndim == 3:
             reflectivity = reflectivity.mean(axis=0)
-    return Take(path.name, depth, clean, reflectivity, reader.K, reader.stamp_ns[chosen], fresh,
-                _uptime(reader, chosen), found.mode, profile)
+    stamps = reader.stamp_ns
+    if reader.assumed_stamps:  # The profile knows the rate of its own modes.
+        stamps = np.rint(np.arange(len(stamps)) * (1e9 / found.mode.rate_hz)).astype(np.int64)
+    return Take(path.name, depth, clean, reflectivity, reader.K, stamps[chosen], fresh,
+                _uptime(reader, chosen), found.mode, profile, tuple(notes))
 
 
 def _check_distortion(reader: RecordingReader) -> None:
@@ -203,14 +214,38 @@ def _uptime(reader: RecordingReader, chosen: np.ndarray) -> float | None:
     return float(uptime if uptime.ndim == 0 else uptime[chosen[0]])
 
 
-def _from_amplitude(amplitude: np.ndarray, clean: np.ndarray, K: np.ndarray  # noqa: N803
-                    ) -> np.ndarray:
+def _in_metres(path: Path, depth: np.ndarray, clean: np.ndarray, mode: Mode, notes: list[str]
+               ) -> tuple[np.ndarray, np.ndarray]:
+    # Millimetres are known by the other's metres, or by all of it lying far beyond the range.
+    with np.errstate(invalid='ignore', divide='ignore'):
+        ratio = depth / clean
+    middle = {'depth': _median(depth), 'clean_depth': _median(clean)}
+    factor = _median(ratio)
+    wrong = (['depth'] if abs(np.log(factor / 1000)) < _NEAR_1000
+             else ['clean_depth'] if abs(np.log(factor * 1000)) < _NEAR_1000
+             else ['depth', 'clean_depth'] if middle['clean_depth'] > 100 * mode.range_max else [])
+    notes += [f'{path}: {key}: its median is {middle[key]:.4g}: taken for millimetres'
+              for key in wrong]
+    millimetre = np.float32(0.001)
+    return (depth * millimetre if 'depth' in wrong else depth,
+            clean * millimetre if 'clean_depth' in wrong else clean)
+
+
+def _median(values: np.ndarray) -> float:
+    finite = values[np.isfinite(values)]
+    return float(np.median(finite[::max(len(finite) // 100_000, 1)])) if len(finite) else 1.0
+
+
+def _from_amplitude(amplitude: np.ndarray, clean: np.ndarray, K: np.ndarray,  # noqa: N803
+                    path: Path, notes: list[str]) -> np.ndarray | None:
     # What the surface's reflectivity must be, if full scale (of 8 or 16 bits) is a white pixel of
     # the camera's own gray image. May exceed 1: the unit is the camera's.
     if amplitude.dtype.kind in 'iu':
         full = 255.0 if amplitude.dtype.itemsize == 1 else 65535.0
     else:
-        full = 255.0 if float(np.nanmax(amplitude, initial=0)) <= 255 else 65535.0
+        brightest = float(np.nanmax(amplitude, initial=0))
+        full = next((scale for scale in (1.0, 255.0) if brightest <= scale), 65535.0)
+        notes.append(f'{path}: amplitude: up to {brightest:.4g}: taken for 0 to {full:g}')
     scale = np.float32(camera_config().full_scale_amplitude / full)
     image = amplitude.astype(np.float32)
     image = np.nanmean(image, axis=0) if image.ndim == 3 and clean.ndim == 2 else image
@@ -221,4 +256,11 @@ def _from_amplitude(amplitude: np.ndarray, clean: np.ndarray, K: np.ndarray  # n
         lens = Intrinsics.from_matrix(K, depth.shape[1], depth.shape[0])
         cosine = np.maximum(analyse(np.ascontiguousarray(depth), lens).cos_incidence, 0.05)
         out.append(one * depth ** 2 / cosine)
-    return np.clip(np.nan_to_num(np.stack(out)) * scale, 0, 1e3).reshape(clean.shape)
+    reflectivity = np.nan_to_num(np.stack(out)) * scale
+    some = reflectivity[reflectivity > 0]
+    usual = _median(some)
+    if len(some) and not _REFLECTIVITIES[0] < usual < _REFLECTIVITIES[1]:
+        notes.append(f'{path}: amplitude: not used: at this distance it means a reflectivity of '
+                     f'{usual:.2g}, so it is on another scale; 8 or 16 bits or 0 to 1 are known')
+        return None
+    return np.clip(reflectivity, 0, 1e3).reshape(clean.shape)

@@ -1,6 +1,7 @@
 """Diagnose a campaign: where the gap lies, what causes it, how far it shrinks."""
 
 from collections.abc import Callable, Collection
+from dataclasses import replace
 from pathlib import Path
 import resource
 import time
@@ -15,6 +16,7 @@ from flexx2_sim_ros.gap.catalogue import Candidate, catalogue
 from flexx2_sim_ros.gap.confirm import Outcome
 from flexx2_sim_ros.gap.decide import Alternative, decide, Decision, FLOOR, ratio_interval
 from flexx2_sim_ros.gap.evidence import Evidence
+from flexx2_sim_ros.gap.features import ENOUGH, Feature, LAYOUT
 from flexx2_sim_ros.gap.measures import UNITS
 from flexx2_sim_ros.gap.model import Fit, Model
 from flexx2_sim_ros.gap.patch import fit_patch
@@ -107,6 +109,8 @@ def diagnose(campaign_dir: str | Path, *, profile: Profile | None = None,
         model = Model(evidence, columns, prior)
         decision = decide(model, candidates,
                           tick(0.1, 0.72, 3 * len(candidates), 'comparing explanations'))
+        if not _seen(model).any():
+            decision = replace(decision, verdict='none')  # Told as `too_little`.
         chosen = decision.chosen if decision.verdict in ('identified', 'partly') else decision.base
         effects = _effects(model, chosen)
         poses = (model.pose + chosen.motion[:, :6]) * STEPS
@@ -192,6 +196,7 @@ def _table(model: Model, decision: Decision, effects: list[Effect], confirmed: l
     # What the effects change, and what is left, if that matters; not the recordings' own errors.
     difference = np.zeros_like(residual) if decision.verdict == 'identified' else residual
     added = model.shift(chosen) if explained else np.zeros_like(residual)
+    seen = _seen(model)
     rows = []
     for effect, share, interval, confidence in zip(
             effects, decision.shares, decision.intervals, decision.confidences, strict=False):
@@ -199,7 +204,7 @@ def _table(model: Model, decision: Decision, effects: list[Effect], confirmed: l
                      'interval': interval, 'confidence': confidence})
     return {
         'schema': SCHEMA,
-        'verdict': decision.verdict,
+        'verdict': decision.verdict if seen.any() else 'too_little',
         'effects': rows,
         'alternatives': ([_alternative(model, one) for one in decision.alternatives]
                          if decision.verdict != 'none' else []),
@@ -213,11 +218,23 @@ def _table(model: Model, decision: Decision, effects: list[Effect], confirmed: l
         'recordings': [
             *({'name': e.name, 'used': True, 'reason': '', 'frames': e.frames,
                'moving': e.moving, 'pose': [float(v) for v in (p + m[:6]) * STEPS],
-               'notes': [*file.notes, *_same_noise(model, i)]}
+               'notes': [*file.notes, *e.notes, *_too_little(e, seen[i]), *_same_noise(model, i)]}
               for i, (e, p, m, file) in enumerate(zip(model.evidence, model.pose, chosen.motion,
                                                       used, strict=True))),
             *({'name': name, 'used': False, 'reason': reason} for name, reason in left_out)],
     }
+
+
+def _seen(model: Model) -> np.ndarray:
+    # (R,) whether there are enough surfaces in a recording to say anything.
+    return model.good[:, LAYOUT.index(Feature('bias', 'all', 0))]
+
+
+def _too_little(one: Evidence, seen: bool) -> list[str]:
+    if seen:
+        return []
+    return [f'{one.name}: too little to look at: {one.counts[0]:.0f} depths of surfaces away from '
+            f'edges, must be at least {ENOUGH}']
 
 
 def _same_noise(model: Model, index: int) -> list[str]:

@@ -80,6 +80,8 @@ class Evidence:
     sigma, counts : numpy.ndarray
         (BINS,) mean sigma_z, metres; pixels looked at.
     frames, moving : int, bool
+    notes : tuple of str
+        What of the recording was converted or assumed.
 
     """
 
@@ -106,6 +108,7 @@ class Evidence:
     counts: np.ndarray
     frames: int
     moving: bool
+    notes: tuple[str, ...]
 
 
 def scenes_of(take: Take, clean: np.ndarray, reflectivity: np.ndarray | None,
@@ -206,7 +209,7 @@ def gather(take: Take, columns: Sequence[Column], seed: int, prior: np.ndarray) 
         fingerprint(take.depth, scenes),
         histogram(take.depth, scenes, real_sums), base_measures,
         _mean_sigma(real_sums), real_sums.bins[:, EXPECT].astype(np.float32), len(take.depth),
-        moving)
+        moving, take.notes)
 
 
 def _kind(column: Column) -> int:

@@ -49,6 +49,8 @@ class Take:
         Seconds since power-on at the first of the frames.
     mode : Mode
     profile : Profile or None
+    notes : tuple of str
+        What was converted or assumed.
 
     """
 
@@ -62,6 +64,7 @@ class Take:
     uptime: float | None
     mode: Mode
     profile: Profile | None
+    notes: tuple[str, ...] = ()
 
 
 def register(take: Take, prior: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

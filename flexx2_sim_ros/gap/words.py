@@ -35,6 +35,8 @@ def headline(table: dict[str, Any]) -> str:
     gap, rows = table['gap'], table['effects']
     if table['verdict'] == 'none':
         return 'There is no gap that matters: the recordings look as simulated.'
+    if table['verdict'] == 'too_little':
+        return 'There was too little to look at to say whether there is a gap.'
     if table['verdict'] == 'unknown':
         return 'There is a gap, and no effect of the catalogue explains it.'
     held = ('of the gap on recordings that were not used to find it' if gap['held_out']

@@ -49,6 +49,10 @@ class Header:
         return math.prod(self.shape) * self.dtype.itemsize
 
 
+class _NoArrayError(ValueError):
+    pass
+
+
 class NpzFile:
     """
     An open ``.npz`` file.
@@ -135,6 +139,9 @@ def open_npz(path: Path) -> Iterator[NpzFile]:
             yield NpzFile(archive)
     except InputError:
         raise
+    except _NoArrayError as error:
+        raise InputError(f'{path}: {_short(error)}: found a file that is no array, wanted arrays '
+                         'only') from error
     except _UNREADABLE as error:
         raise InputError(f'{path}: cannot be read as an .npz archive of plain arrays (damaged, '
                          f'cut off, or pickled): {_short(error)}') from error
@@ -150,7 +157,7 @@ def _check_sizes(archive: zipfile.ZipFile) -> None:
             f'{total / 2 ** 20:.0f} MB; the environment variable {LIMIT} raises the limit')
     for info in archive.infolist():
         if not info.filename.endswith('.npy'):
-            raise ValueError(f'{_short(info.filename)} is no array')
+            raise _NoArrayError(info.filename)
         if info.compress_type not in _PLAIN:
             raise ValueError(f'{_short(info.filename)} is compressed, but not by deflate')
 
@@ -165,7 +172,10 @@ def _limit_mb() -> int:
 
 
 def _read_header(entry: IO[bytes]) -> Header:
-    version = np.lib.format.read_magic(entry)
+    try:
+        version = np.lib.format.read_magic(entry)
+    except ValueError as error:
+        raise _NoArrayError(entry.name.removesuffix('.npy')) from error
     if version == (1, 0):
         shape, fortran, dtype = np.lib.format.read_array_header_1_0(entry)
     elif version == (2, 0):

@@ -34,6 +34,7 @@ class NpzRecording(RecordingReader):
         if 'depth' not in content.layouts or 0 in self._shapes['depth']:
             raise InputError(f'{path}: depth: {self._found_depth(content)}, wanted (T, H, W) '
                              'float32, not empty')
+        content.frames = self._shapes['depth'][0]
         depth = content.layouts['depth']
         if depth.dtype != np.float32:
             content.notes.append(f'{path}: depth: {depth.dtype} is rounded to float32')

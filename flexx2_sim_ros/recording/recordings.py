@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import itertools
 from pathlib import Path
 
+from flexx2_sim_ros.camera.modes import flexx2
 from flexx2_sim_ros.errors import InputError
 import numpy as np
 
@@ -14,6 +15,7 @@ STACKS = ('depth', 'clean_depth', 'reflectivity', 'amplitude')
 _KNOWN = {*STACKS, 'K', 'stamp', 'stamp_ns', 'usecase'}
 _LONGEST = 9_000_000_000  # seconds that int64 nanoseconds can hold, rounded down
 _SAME_NANOSECONDS = 1000
+_USUAL_RATE = 30.0  # Hz
 
 
 @dataclass(frozen=True)
@@ -90,6 +92,8 @@ class Content:
     changes : list of str
         Those notes that say that the mode or the camera changes midway: ``usecase`` and ``K`` are
         those at the start.
+    frames : int
+        How many images ``depth`` has; needed where there is no stamp.
 
     """
 
@@ -97,6 +101,7 @@ class Content:
     arrays: dict[str, np.ndarray]
     notes: list[str] = field(default_factory=list)
     changes: list[str] = field(default_factory=list)
+    frames: int = 0
 
 
 class RecordingReader(ABC):
@@ -115,6 +120,8 @@ class RecordingReader(ABC):
         As in `Recording`, of all frames.
     layouts, arrays, notes, changes
         As in `Content`.
+    assumed_stamps : bool
+        Whether the file has no stamps: those here are at the rate of the mode, from 0.
 
     Examples
     --------
@@ -133,12 +140,14 @@ class RecordingReader(ABC):
         self.notes = content.notes
         self.changes = content.changes
         self.K = self._matrix()
-        self.stamp, self.stamp_ns = self._stamps()
         usecase = self.arrays.get('usecase')
         if usecase is not None and (usecase.dtype.kind != 'U' or usecase.ndim):
             raise InputError(f'{path}: usecase: found dtype {usecase.dtype} and shape '
                              f'{usecase.shape}, wanted a string')
         self.usecase = None if usecase is None else str(usecase)
+        self.assumed_stamps = not {'stamp', 'stamp_ns'} & self.arrays.keys()
+        self.stamp, self.stamp_ns = (self._usual_stamps(content.frames) if self.assumed_stamps
+                                     else self._stamps())
         self._check_images()
 
     @abstractmethod
@@ -209,6 +218,15 @@ class RecordingReader(ABC):
                              '(3, 3) of finite numbers')
         return matrix.astype(np.float64)
 
+    def _usual_stamps(self, frames: int) -> tuple[np.ndarray, np.ndarray]:
+        rate, whose = _USUAL_RATE, 'usual'
+        for mode in flexx2().modes:
+            if self.usecase is not None and mode.name.lower() == self.usecase.strip().lower():
+                rate, whose = mode.rate_hz, f'that of {mode.name}'
+        self.notes.append(f'{self.path}: stamp: not in the file: taken for {rate:g} Hz, {whose}')
+        exact = np.rint(np.arange(frames) * (1e9 / rate)).astype(np.int64)
+        return exact / 1e9, exact
+
     def _stamps(self) -> tuple[np.ndarray, np.ndarray]:
         given = {key: self._numbers(key, 'numbers (T,), the times of frames')
                  for key in ('stamp', 'stamp_ns') if key in self.arrays}
@@ -216,8 +234,6 @@ class RecordingReader(ABC):
             if values.ndim != 1 or not np.isfinite(values).all():
                 raise InputError(f'{self.path}: {key}: found shape {values.shape}, wanted finite '
                                  'numbers (T,)')
-        if not given:
-            raise InputError(f'{self.path}: stamp: not in the file, wanted seconds (T,)')
         if 'stamp_ns' not in given:
             seconds = given['stamp'].astype(np.float64)
             if (np.abs(seconds) > _LONGEST).any():
