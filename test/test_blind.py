@@ -394,6 +394,6 @@ def test_the_blind_camera_shares_only_geometry_and_the_papers_sigma() -> None:
     ours = {name for name in imports_of('blind') if name.startswith('flexx2_sim_ros.')
             and not name.startswith('flexx2_sim_ros.blind')}
     allowed = ('flexx2_sim_ros.camera.modes', 'flexx2_sim_ros.camera.intrinsics',
-               'flexx2_sim_ros.camera.surface', 'flexx2_sim_ros.errors',
+               'flexx2_sim_ros.camera.surface', 'flexx2_sim_ros.errors', 'flexx2_sim_ros.atomic',
                'flexx2_sim_ros.recording')
     assert {name for name in ours if not name.startswith(allowed)} == set()
