@@ -167,7 +167,7 @@ def test_what_decompresses_to_too_much_is_refused_unread(
             'print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024)')
     result = subprocess.run([sys.executable, '-c', code, str(path), str(tmp_path / 'bag')],
                             capture_output=True, text=True, check=True)
-    assert int(result.stdout) < 512  # MB, of which most is the libraries
+    assert int(result.stdout) < 1000  # MB: the libraries alone take 560, the content would add 700
     said = ' '.join(result.stderr.split())
     assert 'must not decompress to more than 512 MB, got 700 MB' in said
     assert LIMIT in said
