@@ -83,8 +83,8 @@ class CameraParameters:
             "the node's full name.") or node.get_fully_qualified_name()
         declare('frame_id', '', 'frame_id of what is published; empty: that of the input, or '
                 '<node>_optical_frame where parent_frame is set.')
-        self._check('frame_id', self.frame_id)
         self._declare_mount()
+        self._check('frame_id', self.frame_id)
         declare('invalid_value', 'nan', 'How an invalid pixel is written: nan or zero.',
                 any_type=True)
         declare('input_depth', 'planar', 'What the input holds: planar (along the optical axis) '
