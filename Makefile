@@ -26,6 +26,7 @@ lint: $(STAMP)
 	$(BIN)/flake8
 	$(BIN)/pydocstyle --property-decorators= flexx2_sim_ros test bench setup.py
 	$(BIN)/ruff check
+	$(BIN)/ruff format --check
 	$(BIN)/mypy
 
 bench: $(STAMP)

@@ -28,8 +28,12 @@ class Install(install):
         paths = [self.install_lib, *filter(None, [os.environ.get('PYTHONPATH')])]
         done = subprocess.run(
             [sys.executable, '-m', f'{NAME}.cli.main', 'compile', '--no-effects'],
-            cwd=self.install_lib, env={**os.environ, 'PYTHONPATH': os.pathsep.join(paths)},
-            capture_output=True, text=True, check=False)
+            cwd=self.install_lib,
+            env={**os.environ, 'PYTHONPATH': os.pathsep.join(paths)},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
         print(done.stdout if done.returncode == 0 else 'the camera is not compiled yet')
 
 
@@ -60,20 +64,10 @@ setup(
         'scipy>=1.11',
     ],
     extras_require={
-        'batch': [
-            'warp-lang>=1.19',
-        ],
-        'cluster': [
-            'distributed>=2024.1',
-        ],
-        'menagerie': [
-            'mujoco-menagerie',
-        ],
-        'ros': [
-            'ros-jazzy-common-interfaces',
-            'ros-jazzy-rclpy[fastrtps]',
-            'tornado>=6.4',
-        ],
+        'batch': ['warp-lang>=1.19'],
+        'cluster': ['distributed>=2024.1'],
+        'menagerie': ['mujoco-menagerie'],
+        'ros': ['ros-jazzy-common-interfaces', 'ros-jazzy-rclpy[fastrtps]', 'tornado>=6.4'],
         'test': [
             'colcon-common-extensions',
             'distributed>=2024.1',
@@ -98,16 +92,14 @@ setup(
             'types-PyYAML',
             'warp-lang>=1.19',
         ],
-        'view': [
-            'tornado>=6.4',
-        ],
+        'view': ['tornado>=6.4'],
     },
     entry_points={
         'console_scripts': [
             'flexx2 = flexx2_sim_ros.cli.main:main',
             'flexx2_camera = flexx2_sim_ros.nodes.flexx2_camera:main',
             'go1_cameras = flexx2_sim_ros.nodes.go1_cameras:main',
-        ],
+        ]
     },
     cmdclass={'install': Install},
     zip_safe=False,

@@ -16,10 +16,19 @@ from bench import (
     view,
 )
 
-_ALL = {'model': model.run, 'effects': effects.run, 'batch': batch.run,
-        'closed_loop': closed_loop.run, 'characterize': characterize.run, 'gap': gap.run,
-        'rendering': rendering.run, 'nodes': nodes.run, 'input': arrival.run, 'go1': go1.run,
-        'view': view.run}
+_ALL = {
+    'model': model.run,
+    'effects': effects.run,
+    'batch': batch.run,
+    'closed_loop': closed_loop.run,
+    'characterize': characterize.run,
+    'gap': gap.run,
+    'rendering': rendering.run,
+    'nodes': nodes.run,
+    'input': arrival.run,
+    'go1': go1.run,
+    'view': view.run,
+}
 
 
 def main() -> int:

@@ -22,23 +22,32 @@ def run() -> None:
     """Print how many images arrive of those that were sent."""
     os.environ.setdefault('ROS_DOMAIN_ID', str(50 + os.getpid() % 50))
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    pinned = ['-p', 'qos_overrides./best_effort/clean/depth_image.subscription.reliability:='
-              'best_effort']
+    pinned = [
+        '-p',
+        'qos_overrides./best_effort/clean/depth_image.subscription.reliability:=best_effort',
+    ]
     with _camera('follows') as follows, _camera('best_effort', *pinned) as best_effort:
-        print('| size | rate | publisher | its shared memory | arrived, the node as it is '
-              '| arrived, best effort | slowest publish |')
+        print(
+            '| size | rate | publisher | its shared memory | arrived, the node as it is '
+            '| arrived, best effort | slowest publish |'
+        )
         print('|---|---|---|---|---|---|---|')
         for size in _SIZES:
             rate = 6 if size == '4096x3072' else 30
             for reliable in (True, False):
                 for room in (False, True):
-                    both = [_measure(camera, size, rate, reliable, room)
-                            for camera in ((follows, best_effort) if reliable else (follows,))]
+                    both = [
+                        _measure(camera, size, rate, reliable, room)
+                        for camera in ((follows, best_effort) if reliable else (follows,))
+                    ]
                     sent, slowest = both[0][1:]
                     arrived = [f'{received} of {sent}' for received, *_ in both]
-                    print(f'| {size} | {rate} Hz | {"reliable" if reliable else "best effort"} | '
-                          f'{"config/fastdds.xml" if room else "default"} | {arrived[0]} | '
-                          f'{arrived[-1]} | {1e3 * slowest:.0f} ms |', flush=True)
+                    print(
+                        f'| {size} | {rate} Hz | {"reliable" if reliable else "best effort"} | '
+                        f'{"config/fastdds.xml" if room else "default"} | {arrived[0]} | '
+                        f'{arrived[-1]} | {1e3 * slowest:.0f} ms |',
+                        flush=True,
+                    )
 
 
 class _Camera:
@@ -65,8 +74,11 @@ class _Camera:
             return  # It was waiting here.
         for status in array.status:  # type: ignore[attr-defined]
             if status.name.startswith(f'{self.namespace}/'):
-                self._reports.append(int(next(pair.value for pair in status.values
-                                              if pair.key == 'inputs received')))
+                self._reports.append(
+                    int(
+                        next(pair.value for pair in status.values if pair.key == 'inputs received')
+                    )
+                )
 
     def received(self) -> int:
         """Return what the node has received, once two reports agree."""
@@ -88,9 +100,20 @@ class _Camera:
 @contextmanager
 def _camera(namespace: str, *parameters: str) -> Iterator[_Camera]:
     process = subprocess.Popen(
-        [sys.executable, '-m', 'flexx2_sim_ros.nodes.flexx2_camera', '--ros-args', '-r',
-         f'__ns:=/{namespace}', '-p', 'usecase:=Mode_5_60fps', '--log-level', 'error',
-         *parameters])
+        [
+            sys.executable,
+            '-m',
+            'flexx2_sim_ros.nodes.flexx2_camera',
+            '--ros-args',
+            '-r',
+            f'__ns:=/{namespace}',
+            '-p',
+            'usecase:=Mode_5_60fps',
+            '--log-level',
+            'error',
+            *parameters,
+        ]
+    )
     camera = _Camera(namespace)
     try:
         camera.received()
@@ -101,17 +124,33 @@ def _camera(namespace: str, *parameters: str) -> Iterator[_Camera]:
         process.wait(10)
 
 
-def _measure(camera: _Camera, size: str, rate: int, reliable: bool,
-             room: bool) -> tuple[int, int, float]:
+def _measure(
+    camera: _Camera, size: str, rate: int, reliable: bool, room: bool
+) -> tuple[int, int, float]:
     # Images received, images sent, seconds that the slowest took to be published.
-    environment = {name: value for name, value in os.environ.items()
-                   if name not in PROFILE_VARIABLES}
+    environment = {
+        name: value for name, value in os.environ.items() if name not in PROFILE_VARIABLES
+    }
     if room:
         environment[PROFILE_VARIABLES[0]] = str(config_dir() / 'fastdds.xml')
     before = camera.received()
     output = subprocess.run(
-        [sys.executable, str(_PUBLISHER), f'/{camera.namespace}', '--size', size, '--rate',
-         str(rate), '--count', str(_SECONDS * rate), *([] if reliable else ['--best-effort'])],
-        env=environment, check=True, capture_output=True, text=True).stdout
+        [
+            sys.executable,
+            str(_PUBLISHER),
+            f'/{camera.namespace}',
+            '--size',
+            size,
+            '--rate',
+            str(rate),
+            '--count',
+            str(_SECONDS * rate),
+            *([] if reliable else ['--best-effort']),
+        ],
+        env=environment,
+        check=True,
+        capture_output=True,
+        text=True,
+    ).stdout
     sent = json.loads(output.splitlines()[-1])
     return camera.received() - before, sent['sent'], sent['slowest']

@@ -40,7 +40,8 @@ def _cpu(num_envs: int, rounds: int) -> None:
         'one': lambda: [single.capture(scene, matrix, next(ticks)) for scene in scenes],
         'batch': lambda: batch(scenes),
         'offset': lambda: offset(scenes),
-        'everything': lambda: everything(scenes)}
+        'everything': lambda: everything(scenes),
+    }
     torch = _torch()
     if torch:
         torch.set_num_threads(1)
@@ -50,11 +51,13 @@ def _cpu(num_envs: int, rounds: int) -> None:
         times = side_by_side(functions, rounds, time.process_time)
     heading = f'{num_envs} frames of 224 x 172, one core, medians of CPU time'
     print(f'{heading:58s} ms / frame  / one at a time')
-    for name, text in (('one', 'one at a time, NumPy and numba (Camera)'),
-                       ('batch', 'at once (BatchCamera)'),
-                       ('offset', 'at once, one effect on (offset)'),
-                       ('everything', f'at once, {len(BATCHED)} effects on'),
-                       ('torch', 'plain torch: sigma(z, theta), pixels shifted row by row')):
+    for name, text in (
+        ('one', 'one at a time, NumPy and numba (Camera)'),
+        ('batch', 'at once (BatchCamera)'),
+        ('offset', 'at once, one effect on (offset)'),
+        ('everything', f'at once, {len(BATCHED)} effects on'),
+        ('torch', 'plain torch: sigma(z, theta), pixels shifted row by row'),
+    ):
         if name in times:
             print(f'{text:58s} {times[name] / num_envs:10.2f} {times[name] / times["one"]:16.2f}')
     print('wanted: at once at most 1 x one at a time')
@@ -63,8 +66,10 @@ def _cpu(num_envs: int, rounds: int) -> None:
 def _gpu(rounds: int) -> None:
     device = wp.get_device('cuda')
     driver = '.'.join(map(str, wp.get_cuda_driver_version()))
-    print(f'\n{device.name}, driver for CUDA {driver}, medians of captured graphs; copy: of the '
-          'same frames from device memory to device memory')
+    print(
+        f'\n{device.name}, driver for CUDA {driver}, medians of captured graphs; copy: of the '
+        'same frames from device memory to device memory'
+    )
     print(f'{"N":>6s} {"frames/s":>10s} {"GB moved/s":>11s} {"/ copy":>7s} {"/ torch":>8s}')
     torch = _torch()
     for num_envs in _ON_GPU:
@@ -81,14 +86,19 @@ def _gpu(rounds: int) -> None:
             if torch:
                 given = wp.to_torch(clean)
                 matrix = flexx2().intrinsics.matrix
-                plain = _milliseconds(lambda: plain_torch(torch, given, matrix),  # noqa: B023
-                                      rounds, captured=False)
+                plain = _milliseconds(
+                    lambda: plain_torch(torch, given, matrix),  # noqa: B023
+                    rounds,
+                    captured=False,
+                )
         moved = 2 * clean.size * 4
         share = copying / ours
         note = '' if num_envs < max(_ON_GPU) or share >= _WANTED_SHARE else '  TOO SLOW'
         against = f'{ours / plain:8.3f}' if plain else f'{"no torch":>8s}'
-        print(f'{num_envs:6d} {1e3 * num_envs / ours:10.0f} {moved / ours / 1e6:11.1f} '
-              f'{share:7.2f} {against}{note}')
+        print(
+            f'{num_envs:6d} {1e3 * num_envs / ours:10.0f} {moved / ours / 1e6:11.1f} '
+            f'{share:7.2f} {against}{note}'
+        )
     print(f'wanted: at N = {max(_ON_GPU)} at least {_WANTED_SHARE} of the rate of copying')
 
 
@@ -134,10 +144,15 @@ def plain_torch(torch: Any, depth: Any, matrix: np.ndarray) -> Any:
     noise = mode.noise
     envs, height, width = depth.shape
     dzdv, dzdu = torch.gradient(depth, dim=(1, 2))
-    theta = torch.atan(torch.hypot(dzdu * float(matrix[0, 0]) / depth,
-                                   dzdv * float(matrix[1, 1]) / depth)).clamp(max=1.48)
-    sigma = (noise.a + noise.b * depth + noise.c * depth ** 2
-             + noise.d * depth ** noise.n * (theta / (np.pi / 2 - theta)) ** 2)
+    theta = torch.atan(
+        torch.hypot(dzdu * float(matrix[0, 0]) / depth, dzdv * float(matrix[1, 1]) / depth)
+    ).clamp(max=1.48)
+    sigma = (
+        noise.a
+        + noise.b * depth
+        + noise.c * depth**2
+        + noise.d * depth**noise.n * (theta / (np.pi / 2 - theta)) ** 2
+    )
     shift = torch.round(torch.randn((envs, height, 1), device=depth.device) * noise.sigma_x)
     columns = torch.arange(width, device=depth.device) - shift.long()
     seen = torch.gather(depth, 2, columns.clamp(0, width - 1))

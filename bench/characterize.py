@@ -43,12 +43,16 @@ def _campaign(folder: Path) -> None:
     result = characterize(folder, workers=_WORKERS)
     fitted = time.perf_counter()
     child = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024
-    print(f'{len(wanted)} recordings, {len(wanted) * FRAMES:,} frames, {_WORKERS} processes: '
-          f'simulated in {captured - start:.0f} s, analysed in {fitted - captured:.0f} s '
-          f'(wanted: 240 s together); {_cpu_seconds() - before:.0f} s of a core, '
-          f'load {os.getloadavg()[0]:.1f}')
-    print(f'largest resident memory: {peak_megabytes():.0f} MB + {_WORKERS} x {child:.0f} MB '
-          '(wanted: 1,500 MB)\n')
+    print(
+        f'{len(wanted)} recordings, {len(wanted) * FRAMES:,} frames, {_WORKERS} processes: '
+        f'simulated in {captured - start:.0f} s, analysed in {fitted - captured:.0f} s '
+        f'(wanted: 240 s together); {_cpu_seconds() - before:.0f} s of a core, '
+        f'load {os.getloadavg()[0]:.1f}'
+    )
+    print(
+        f'largest resident memory: {peak_megabytes():.0f} MB + {_WORKERS} x {child:.0f} MB '
+        '(wanted: 1,500 MB)\n'
+    )
     print_result(result)
     _against_truth(result)
 
@@ -67,29 +71,51 @@ def _against_truth(result: Characterization) -> None:
         ratio = mode.axial.model().sigma_z(z, theta) / true.sigma_z(z, theta)
         low, high = mode.axial.interval_n or (np.nan, np.nan)
         lateral = [cell.lateral for cell in mode.cells if cell.lateral is not None]
-        print(f'\n{mode.usecase}: sigma_z / truth {ratio.min():.4f} to {ratio.max():.4f} over '
-              f'{near:.2f} to {far:.2f} m, 0 to 60 degrees (wanted 0.98 to 1.02); n '
-              f'{mode.axial.coefficients["n"]:.1f} in {low:.3f} to {high:.3f}; sigma_x / truth '
-              f'{mode.sigma_x / true.sigma_x:.4f} (wanted 0.97 to 1.03)')
-        print(f'  {"KL [nats]":14s}' + ''.join(f'{angle:9.0f}°' for angle in (0, 15, 30, 45, 60))
-              + '      mean   lateral')
-        print(f'  {"measured":14s}' + ''.join(f'{kl:10.4f}' for kl in _by_angle(mode, 'raw'))
-              + f'{np.mean([cell.axial.raw for cell in mode.cells]):10.4f}'
-              f'{np.mean([kl.raw for kl in lateral]):10.4f}  (wanted: mean at most 0.005)')
-        print(f'  {"less its floor":14s}'
-              + ''.join(f'{kl:z10.4f}' for kl in _by_angle(mode, 'debiased'))
-              + f'{np.mean([cell.axial.debiased for cell in mode.cells]):z10.4f}'
-              f'{np.mean([kl.debiased for kl in lateral]):z10.4f}')
+        print(
+            f'\n{mode.usecase}: sigma_z / truth {ratio.min():.4f} to {ratio.max():.4f} over '
+            f'{near:.2f} to {far:.2f} m, 0 to 60 degrees (wanted 0.98 to 1.02); n '
+            f'{mode.axial.coefficients["n"]:.1f} in {low:.3f} to {high:.3f}; sigma_x / truth '
+            f'{mode.sigma_x / true.sigma_x:.4f} (wanted 0.97 to 1.03)'
+        )
+        print(
+            f'  {"KL [nats]":14s}'
+            + ''.join(f'{angle:9.0f}°' for angle in (0, 15, 30, 45, 60))
+            + '      mean   lateral'
+        )
+        print(
+            f'  {"measured":14s}'
+            + ''.join(f'{kl:10.4f}' for kl in _by_angle(mode, 'raw'))
+            + f'{np.mean([cell.axial.raw for cell in mode.cells]):10.4f}'
+            f'{np.mean([kl.raw for kl in lateral]):10.4f}  (wanted: mean at most 0.005)'
+        )
+        print(
+            f'  {"less its floor":14s}'
+            + ''.join(f'{kl:z10.4f}' for kl in _by_angle(mode, 'debiased'))
+            + f'{np.mean([cell.axial.debiased for cell in mode.cells]):z10.4f}'
+            f'{np.mean([kl.debiased for kl in lateral]):z10.4f}'
+        )
         row = paper[mode.usecase]
         kls = [row['axial_kl'][angle] for angle in (0, 15, 30, 45, 60)]
-        print(f'  {"the paper":14s}' + ''.join(f'{kl:10.3f}' for kl in kls)
-              + f'{np.mean(kls):10.3f}{row["lateral_kl"]:10.3f}')
+        print(
+            f'  {"the paper":14s}'
+            + ''.join(f'{kl:10.3f}' for kl in kls)
+            + f'{np.mean(kls):10.3f}{row["lateral_kl"]:10.3f}'
+        )
 
 
 def _by_angle(mode: ModeResult, kind: str) -> list[float]:
-    return [float(np.mean([getattr(cell.axial, kind) for cell in mode.cells
-                           if cell.measurement.label[1] == angle]))
-            for angle in (0, 15, 30, 45, 60)]
+    return [
+        float(
+            np.mean(
+                [
+                    getattr(cell.axial, kind)
+                    for cell in mode.cells
+                    if cell.measurement.label[1] == angle
+                ]
+            )
+        )
+        for angle in (0, 15, 30, 45, 60)
+    ]
 
 
 def _linearity() -> None:
@@ -108,18 +134,26 @@ def _linearity() -> None:
             seconds.append(time.process_time() - start)
     del seconds[0]
     slope, fixed = np.polyfit(counts, np.array(seconds) / len(wanted), 1)
-    print('\ncost of a recording, one core: ' + ', '.join(
-        f'{frames} frames {1e3 * s / len(wanted):.0f} ms' for frames, s in
-        zip(counts, seconds, strict=True))
-        + f'; {1e3 * slope:.2f} ms a frame + {1e3 * fixed:.0f} ms')
+    print(
+        '\ncost of a recording, one core: '
+        + ', '.join(
+            f'{frames} frames {1e3 * s / len(wanted):.0f} ms'
+            for frames, s in zip(counts, seconds, strict=True)
+        )
+        + f'; {1e3 * slope:.2f} ms a frame + {1e3 * fixed:.0f} ms'
+    )
 
 
 def _procedure() -> None:
-    print("\nwhat the paper's edge procedure makes of a known jitter [px], by depth step in units "
-          'of depth noise')
+    print(
+        "\nwhat the paper's edge procedure makes of a known jitter [px], by depth step in units "
+        'of depth noise'
+    )
     steps = (1000, 20, 10, 8, 6, 5)
     print('  put in' + ''.join(f'{step:9d}' for step in steps) + '   sqrt(sigma² + 1/12)')
     for sigma in (0.0, 0.3, 0.864, 1.098, 1.649):
-        print(f'  {sigma:6.3f}' + ''.join(f'{procedure_bias(sigma, step, 1.0):9.3f}'
-                                          for step in steps)
-              + f'{np.sqrt(sigma ** 2 + 1 / 12):9.3f}')
+        print(
+            f'  {sigma:6.3f}'
+            + ''.join(f'{procedure_bias(sigma, step, 1.0):9.3f}' for step in steps)
+            + f'{np.sqrt(sigma**2 + 1 / 12):9.3f}'
+        )

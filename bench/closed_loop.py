@@ -22,8 +22,10 @@ def run() -> None:
     for mode in flexx2().modes:
         if not mode.measured:
             continue
-        print(f'{mode.name}: realised / modelled sigma_z (mean KL in nats; {_FRAMES} frames make '
-              f'{1 / _FRAMES:.4f} of it)')
+        print(
+            f'{mode.name}: realised / modelled sigma_z (mean KL in nats; {_FRAMES} frames make '
+            f'{1 / _FRAMES:.4f} of it)'
+        )
         print('   z \\ theta' + ''.join(f'{angle:>16d}' for angle in _ANGLES))
         scores = []
         for distance in _DISTANCES:
@@ -35,8 +37,10 @@ def run() -> None:
                 cells.append(f'{ratio:8.4f} ({kl:.4f})')
                 scores.append(score)
             print(f'{distance:8.1f} m  ' + ''.join(cells))
-        print(f'   bias: largest of {len(scores)} cells {np.abs(scores).max():.2f} standard '
-              f'errors, root mean square {np.sqrt(np.mean(np.square(scores))):.2f}')
+        print(
+            f'   bias: largest of {len(scores)} cells {np.abs(scores).max():.2f} standard '
+            f'errors, root mean square {np.sqrt(np.mean(np.square(scores))):.2f}'
+        )
         edges = ', '.join(f'{angle} deg {_lateral(mode.name, angle):.3f}' for angle in (0, 15, 30))
         print(f'   sigma_x: modelled {mode.noise.sigma_x:.3f} px, realised {edges}\n')
 
@@ -50,7 +54,7 @@ def _axial(usecase: str, distance: float, angle: int) -> tuple[float, float, flo
     seen = camera.capture(target.depth, target.K, stamps).depth
     inside = target.depth + 6 * model < mode.range_max
     samples, clean, sigma = seen[:, inside].astype(np.float64), target.depth[inside], model[inside]
-    ratio = np.sqrt(samples.var(axis=0, ddof=1).mean() / np.mean(sigma ** 2))
+    ratio = np.sqrt(samples.var(axis=0, ddof=1).mean() / np.mean(sigma**2))
     score = np.mean((samples - clean) / sigma) * np.sqrt(samples.size)
     return float(ratio), mean_kl(samples, clean, sigma), float(score)
 

@@ -19,21 +19,30 @@ def run(rounds: int = 60) -> None:
     """Print milliseconds a frame and ratios, in the mode with two frequencies."""
     names = list(registry())
     with one_core():
-        times = side_by_side({
-            'base': _frames({}),
-            **{name: _frames({name: None}) for name in names},
-            'multipath, first frame': _frames({'multipath': None}, fresh=True),
-            'all': _frames(dict.fromkeys(names))}, rounds, time.process_time)
+        times = side_by_side(
+            {
+                'base': _frames({}),
+                **{name: _frames({name: None}) for name in names},
+                'multipath, first frame': _frames({'multipath': None}, fresh=True),
+                'all': _frames(dict.fromkeys(names)),
+            },
+            rounds,
+            time.process_time,
+        )
     base = times['base']
-    print('a frame of 224 x 172 in Mode_9_30fps, one core, medians of CPU time; base model '
-          f'{base:.2f} ms')
+    print(
+        'a frame of 224 x 172 in Mode_9_30fps, one core, medians of CPU time; base model '
+        f'{base:.2f} ms'
+    )
     print(f'{"effect":24s}     ms  / base  allowed')
     for name in [*names, 'multipath, first frame']:
         allowed = _ALLOWED.get(name.split(',')[0], 3.0)
         note = '' if times[name] <= allowed * base else '  TOO SLOW'
         print(f'{name:24s} {times[name]:6.2f} {times[name] / base:7.2f} {allowed:8.0f}{note}')
-    print(f'all {len(names)} on: {times["all"]:.2f} ms, {1e3 / times["all"]:.0f} frames/s; '
-          'wanted: at least 15')
+    print(
+        f'all {len(names)} on: {times["all"]:.2f} ms, {1e3 / times["all"]:.0f} frames/s; '
+        'wanted: at least 15'
+    )
 
 
 def _frames(effects: dict[str, None], fresh: bool = False) -> Callable[[], object]:
@@ -51,4 +60,5 @@ def _frames(effects: dict[str, None], fresh: bool = False) -> Callable[[], objec
     def frame() -> object:
         tick = next(ticks)
         return camera.capture(scenes[tick % 2], matrix, tick * _PERIOD, reflectivity)
+
     return frame

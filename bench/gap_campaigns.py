@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from flexx2_sim_ros.camera import Camera, flexx2, Intrinsics
-from flexx2_sim_ros.camera.geometry import pixel_rays
 from flexx2_sim_ros.effects import registry
+from flexx2_sim_ros.physics.geometry import pixel_rays
 import numpy as np
 
 
@@ -51,9 +51,14 @@ def make_room(rng: np.random.Generator) -> Room:
     return Room(np.array(boxes), albedo, rng.uniform(0.08, 0.4, count))
 
 
-def look(room: Room, K: np.ndarray, size: tuple[int, int],  # noqa: N803
-         rotation: np.ndarray, position: np.ndarray,
-         distortion: tuple[float, ...] = (0.0,) * 5) -> tuple[np.ndarray, np.ndarray]:
+def look(
+    room: Room,
+    K: np.ndarray,
+    size: tuple[int, int],  # noqa: N803
+    rotation: np.ndarray,
+    position: np.ndarray,
+    distortion: tuple[float, ...] = (0.0,) * 5,
+) -> tuple[np.ndarray, np.ndarray]:
     """
     Render depth and reflectivity.
 
@@ -107,12 +112,22 @@ def optical(yaw: float, pitch: float, roll: float) -> np.ndarray:
     return turn @ tilt @ lean @ base
 
 
-def write_campaign(folder: Path, *, effects: dict[str, Any] | None = None, seed: int = 0,
-                   recordings: int = 8, frames: int = 20, usecase: str = 'Mode_9_30fps',
-                   pose: tuple[float, float] = (0.002, 0.125), reflectivity: float = 0.2,
-                   sigma: float = 0.05, scale: float = 1.0,
-                   novel: Callable[[np.ndarray, dict[str, Any]], np.ndarray] | None = None,
-                   moving: int = 3, distortion: tuple[float, ...] = (0.0,) * 5) -> None:
+def write_campaign(
+    folder: Path,
+    *,
+    effects: dict[str, Any] | None = None,
+    seed: int = 0,
+    recordings: int = 8,
+    frames: int = 20,
+    usecase: str = 'Mode_9_30fps',
+    pose: tuple[float, float] = (0.002, 0.125),
+    reflectivity: float = 0.2,
+    sigma: float = 0.05,
+    scale: float = 1.0,
+    novel: Callable[[np.ndarray, dict[str, Any]], np.ndarray] | None = None,
+    moving: int = 3,
+    distortion: tuple[float, ...] = (0.0,) * 5,
+) -> None:
     """
     Write recordings of a camera with effects, and with errors in what is known about them.
 
@@ -159,8 +174,9 @@ def write_campaign(folder: Path, *, effects: dict[str, Any] | None = None, seed:
         own = tuple(registry()[name].from_mapping(values) for name, values in table.items())
         device = Camera(usecase, profile=profile, effects=own, seed=seed + 1_000_003, name='real')
         depth = device.capture(true, content['K'], stamps, albedo_true).depth
-        wrong = np.clip(math.exp(reflectivity * rng.standard_normal()) * content['reflectivity'],
-                        0.01, 1).astype(np.float32)
+        wrong = np.clip(
+            math.exp(reflectivity * rng.standard_normal()) * content['reflectivity'], 0.01, 1
+        ).astype(np.float32)
         content = {**content, 'reflectivity': wrong, 'usecase': np.array(usecase)}
         if novel is not None:
             depth = novel(depth, {**content, 'rng': rng, 'index': index})
@@ -168,10 +184,16 @@ def write_campaign(folder: Path, *, effects: dict[str, Any] | None = None, seed:
 
 
 @lru_cache(maxsize=8)
-def render_views(seed: int, recordings: int, frames: int, usecase: str,
-                 pose: tuple[float, float], scale: float, moving: int,
-                 distortion: tuple[float, ...] = (0.0,) * 5,
-                 ) -> list[tuple[dict[str, Any], np.ndarray, np.ndarray]]:
+def render_views(
+    seed: int,
+    recordings: int,
+    frames: int,
+    usecase: str,
+    pose: tuple[float, float],
+    scale: float,
+    moving: int,
+    distortion: tuple[float, ...] = (0.0,) * 5,
+) -> list[tuple[dict[str, Any], np.ndarray, np.ndarray]]:
     """Render scenes as they are believed to be, and depth and albedo as they are."""
     rng = np.random.default_rng(seed)
     camera = flexx2().intrinsics
@@ -182,30 +204,49 @@ def render_views(seed: int, recordings: int, frames: int, usecase: str,
     views = []
     for index in range(recordings):
         room = make_room(rng)
-        stamps = 100.0 * index + np.rint(np.arange(frames) * 1e9
-                                         / flexx2().mode(usecase).rate_hz) / 1e9
+        stamps = (
+            100.0 * index + np.rint(np.arange(frames) * 1e9 / flexx2().mode(usecase).rate_hz) / 1e9
+        )
         speed, turning = np.zeros(3), 0.0
         if index >= recordings - moving:
-            speed = np.array([rng.uniform(0.2, 1.0) * rng.choice([-1, 1]),
-                              rng.uniform(-0.3, 0.3), 0.0])
+            speed = np.array(
+                [rng.uniform(0.2, 1.0) * rng.choice([-1, 1]), rng.uniform(-0.3, 0.3), 0.0]
+            )
             turning = rng.uniform(-0.4, 0.4)
         start = np.array([0.0, rng.uniform(-0.2, 0.2), rng.uniform(0.25, 0.9)])
         yaw, pitch = rng.uniform(-0.3, 0.3), rng.uniform(-0.05, 0.5)
-        step, (x, y, z) = rng.standard_normal(3) * pose[0], np.radians(rng.standard_normal(3)
-                                                                       * pose[1])
+        step, (x, y, z) = (
+            rng.standard_normal(3) * pose[0],
+            np.radians(rng.standard_normal(3) * pose[1]),
+        )
         small = np.array([[1, -z, y], [z, 1, -x], [-y, x, 1]])
         images = []
-        for t in (stamps - stamps[0] if speed.any() else [0.0]):
+        for t in stamps - stamps[0] if speed.any() else [0.0]:
             rotation = optical(yaw + turning * t, pitch, 0.0)
             position = start + speed * t
-            images.append((*look(room, K, size, rotation, position, distortion),
-                           *look(room, K, size, rotation @ small, position + rotation @ step,
-                                 distortion)))
-        stacks = [np.stack(one) if len(images) > 1 else one[0]
-                  for one in zip(*images, strict=True)]
+            images.append(
+                (
+                    *look(room, K, size, rotation, position, distortion),
+                    *look(room, K, size, rotation @ small, position + rotation @ step, distortion),
+                )
+            )
+        stacks = [
+            np.stack(one) if len(images) > 1 else one[0] for one in zip(*images, strict=True)
+        ]
         uptime = float(rng.choice([5.0, 60.0, 300.0, 900.0, 2400.0])) * rng.uniform(0.7, 1.3)
-        views.append(({'clean_depth': stacks[0], 'reflectivity': stacks[1], 'K': K,
-                       'stamp': stamps, 'uptime': uptime + stamps - stamps[0],
-                       'pose_error': np.array([*step, x, y, z]),
-                       'distortion': np.array(distortion)}, stacks[2], stacks[3]))
+        views.append(
+            (
+                {
+                    'clean_depth': stacks[0],
+                    'reflectivity': stacks[1],
+                    'K': K,
+                    'stamp': stamps,
+                    'uptime': uptime + stamps - stamps[0],
+                    'pose_error': np.array([*step, x, y, z]),
+                    'distortion': np.array(distortion),
+                },
+                stacks[2],
+                stacks[3],
+            )
+        )
     return views

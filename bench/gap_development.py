@@ -31,20 +31,28 @@ def main() -> None:
     arguments = parser.parse_args()
     names: list[str] = []
     for name in arguments.effects.split(','):
-        names += {'all': list(registry()), 'novel': [f'novel:{n}' for n in NOVEL]}.get(name,
-                                                                                       [name])
+        names += {'all': list(registry()), 'novel': [f'novel:{n}' for n in NOVEL]}.get(
+            name, [name]
+        )
     right = total = 0
     for seed in map(int, arguments.seeds.split(',')):
         for name in names:
             own = name in registry()
             with tempfile.TemporaryDirectory() as folder:
                 write_campaign(
-                    Path(folder), seed=seed, scale=arguments.scale, usecase=arguments.usecase,
+                    Path(folder),
+                    seed=seed,
+                    scale=arguments.scale,
+                    usecase=arguments.usecase,
                     effects={name: {'strength': arguments.strength}} if own else None,
-                    novel=NOVEL[name.removeprefix('novel:')] if name.startswith('novel') else None)
+                    novel=NOVEL[name.removeprefix('novel:')] if name.startswith('novel') else None,
+                )
                 start = time.perf_counter()
-                table = diagnose(folder, jobs=arguments.jobs,
-                                 without=[name] if own and arguments.without else [])
+                table = diagnose(
+                    folder,
+                    jobs=arguments.jobs,
+                    without=[name] if own and arguments.without else [],
+                )
             found = [row['name'] for row in table['effects']]
             ties = [other['name'] for other in table['alternatives']]
             if own and not arguments.without:
@@ -55,10 +63,13 @@ def main() -> None:
                 good = table['verdict'] in ('unknown', 'partly')
             right += good
             total += 1
-            print(f'{seed:4d} {name:22s} {"right" if good else "WRONG":5s} '
-                  f'{table["verdict"]:10s} {",".join(found):32s} or {",".join(ties)[:40]:40s} '
-                  f'shrink {table["gap"]["shrink"]:.2f} '
-                  f'{time.perf_counter() - start:5.1f} s', flush=True)
+            print(
+                f'{seed:4d} {name:22s} {"right" if good else "WRONG":5s} '
+                f'{table["verdict"]:10s} {",".join(found):32s} or {",".join(ties)[:40]:40s} '
+                f'shrink {table["gap"]["shrink"]:.2f} '
+                f'{time.perf_counter() - start:5.1f} s',
+                flush=True,
+            )
     print(f'{right} of {total} right')
 
 

@@ -36,7 +36,7 @@ def _slant_bias(depth: np.ndarray, table: dict[str, Any]) -> np.ndarray:
 def _vignette_noise(depth: np.ndarray, table: dict[str, Any]) -> np.ndarray:
     y, x = (np.linspace(-1, 1, n) for n in depth.shape[1:])
     radius = np.hypot(y[:, None], x[None, :])
-    return depth + 0.003 * radius ** 4 * table['rng'].standard_normal(depth.shape)
+    return depth + 0.003 * radius**4 * table['rng'].standard_normal(depth.shape)
 
 
 def _ring(depth: np.ndarray, table: dict[str, Any]) -> np.ndarray:
@@ -52,18 +52,26 @@ def _blobs(depth: np.ndarray, table: dict[str, Any]) -> np.ndarray:
 
 def _stutter(depth: np.ndarray, table: dict[str, Any]) -> np.ndarray:
     out = depth.copy()
-    out[3::4] = out[2::4][:len(out[3::4])]
+    out[3::4] = out[2::4][: len(out[3::4])]
     return out
 
 
 def _dead_patch(depth: np.ndarray, table: dict[str, Any]) -> np.ndarray:
     out = depth.copy()
     height, width = depth.shape[1:]
-    out[:, height // 5:height // 3, width // 6:width // 3] = np.nan
+    out[:, height // 5 : height // 3, width // 6 : width // 3] = np.nan
     return out
 
 
 NOVEL: dict[str, Novel] = {
-    'row_noise': _row_noise, 'flicker': _flicker, 'column_bands': _column_bands,
-    'lost_rows': _lost_rows, 'slant_bias': _slant_bias, 'vignette_noise': _vignette_noise,
-    'ring': _ring, 'blobs': _blobs, 'stutter': _stutter, 'dead_patch': _dead_patch}
+    'row_noise': _row_noise,
+    'flicker': _flicker,
+    'column_bands': _column_bands,
+    'lost_rows': _lost_rows,
+    'slant_bias': _slant_bias,
+    'vignette_noise': _vignette_noise,
+    'ring': _ring,
+    'blobs': _blobs,
+    'stutter': _stutter,
+    'dead_patch': _dead_patch,
+}

@@ -13,7 +13,7 @@ import time
 from typing import Any
 
 from bench.nodes import cpu_seconds
-from flexx2_sim_ros.go1.scenes import SCENES
+from flexx2_sim_ros.rendering.scenes import SCENES
 import numpy as np
 
 _CAMERAS = ('front_left', 'front_right')
@@ -24,10 +24,14 @@ def run(seconds: float = 60.0) -> None:
     import rclpy
 
     os.environ.setdefault('ROS_DOMAIN_ID', str(50 + os.getpid() % 50))
-    print(f'two cameras of a robot that walks and turns, rendered and simulated, {seconds:g} s a '
-          f'scene, {len(os.sched_getaffinity(0))} cores')
-    print(f'{"robot":10s} {"scene":8s} {"frames":>13s} {"gaps":>5s} {"Hz":>6s}   CPU: '
-          'go1_cameras, camera nodes, this   others')
+    print(
+        f'two cameras of a robot that walks and turns, rendered and simulated, {seconds:g} s a '
+        f'scene, {len(os.sched_getaffinity(0))} cores'
+    )
+    print(
+        f'{"robot":10s} {"scene":8s} {"frames":>13s} {"gaps":>5s} {"Hz":>6s}   CPU: '
+        'go1_cameras, camera nodes, this   others'
+    )
     rows = [('builtin', scene, 60) for scene in SCENES]
     if robot := _full_mesh():
         rows.append((robot, 'lab', 30))
@@ -52,8 +56,9 @@ def _full_mesh() -> str:
 @contextmanager
 def _nodes(robot: str, scene: str, rate: int) -> Iterator[dict[str, subprocess.Popen[bytes]]]:
     values = {'robot_model': robot, 'scene': scene, 'rate': float(rate), 'motion': 'cmd_vel'}
-    commands = {'go1_cameras': [word for item in values.items()
-                                for word in ('-p', '{}:={}'.format(*item))]}
+    commands = {
+        'go1_cameras': [word for item in values.items() for word in ('-p', '{}:={}'.format(*item))]
+    }
     for name in _CAMERAS:
         commands[name] = ['-r', f'__ns:=/{name}', '-p', f'usecase:=Mode_5_{rate}fps']
     processes = {}
@@ -61,8 +66,16 @@ def _nodes(robot: str, scene: str, rate: int) -> Iterator[dict[str, subprocess.P
         for name, words in commands.items():
             module = name if name == 'go1_cameras' else 'flexx2_camera'
             processes[name] = subprocess.Popen(
-                [sys.executable, '-m', f'flexx2_sim_ros.nodes.{module}', '--ros-args', *words,
-                 '--log-level', 'error'])
+                [
+                    sys.executable,
+                    '-m',
+                    f'flexx2_sim_ros.nodes.{module}',
+                    '--ros-args',
+                    *words,
+                    '--log-level',
+                    'error',
+                ]
+            )
         yield processes
     finally:
         for process in processes.values():
@@ -72,7 +85,7 @@ def _nodes(robot: str, scene: str, rate: int) -> Iterator[dict[str, subprocess.P
 
 
 def _measure(robot: str, scene: str, rate: int, seconds: float) -> None:
-    from flexx2_sim_ros.nodes.decoding import stamp_nanoseconds
+    from flexx2_sim_ros.messages.decoding import stamp_nanoseconds
     from geometry_msgs.msg import Twist
     import rclpy
     from rclpy.executors import SingleThreadedExecutor
@@ -87,10 +100,15 @@ def _measure(robot: str, scene: str, rate: int, seconds: float) -> None:
         stamps[name].append(stamp_nanoseconds(message.header.stamp))
 
     for name in _CAMERAS:
-        node.create_subscription(Image, f'/{name}/flexx2_camera/depth_image_0',
-                                 lambda message, name=name: receive(name, message), 10)
+        node.create_subscription(
+            Image,
+            f'/{name}/flexx2_camera/depth_image_0',
+            lambda message, name=name: receive(name, message),
+            10,
+        )
     drive = node.create_publisher(Twist, '/cmd_vel', 10)
     with _nodes(robot, scene, rate) as processes:
+
         def spin(until: float) -> None:
             command = Twist()
             command.linear.x, command.angular.z = 0.3, 0.8 * math.sin(time.monotonic())
@@ -108,8 +126,9 @@ def _measure(robot: str, scene: str, rate: int, seconds: float) -> None:
         for step in range(round(10 * seconds)):
             spin(start + 0.1 * (step + 1))
         elapsed = time.monotonic() - start
-        used = {name: cpu_seconds(process.pid) - before[name]
-                for name, process in processes.items()}
+        used = {
+            name: cpu_seconds(process.pid) - before[name] for name, process in processes.items()
+        }
         own, busy = time.process_time() - own, _busy_seconds() - busy
     executor.shutdown()
     node.destroy_node()
@@ -117,10 +136,13 @@ def _measure(robot: str, scene: str, rate: int, seconds: float) -> None:
     frames = [len(got) for got in stamps.values()]
     others = busy - own - sum(used.values())
     name = robot if robot == 'builtin' else 'full mesh'
-    print(f'{name:10s} {scene:8s} {"+".join(map(str, frames)):>13s} {gaps:5d} '
-          f'{sum(frames) / len(frames) / elapsed:6.2f}   '
-          + ', '.join(f'{value / elapsed:4.0%}' for value in (*used.values(), own))
-          + f'   {others / elapsed:4.0%}', flush=True)
+    print(
+        f'{name:10s} {scene:8s} {"+".join(map(str, frames)):>13s} {gaps:5d} '
+        f'{sum(frames) / len(frames) / elapsed:6.2f}   '
+        + ', '.join(f'{value / elapsed:4.0%}' for value in (*used.values(), own))
+        + f'   {others / elapsed:4.0%}',
+        flush=True,
+    )
 
 
 def _busy_seconds() -> float:

@@ -24,16 +24,20 @@ def main() -> None:
     parser.add_argument('--count', type=int, default=60, help='images')
     parser.add_argument('--value', type=float, default=1.5, help='of every pixel, 32FC1')
     parser.add_argument('--best-effort', action='store_true', help='sensor-data QoS')
-    parser.add_argument('--latched-info', action='store_true',
-                        help='publish camera_info once, transient local, at the start')
+    parser.add_argument(
+        '--latched-info',
+        action='store_true',
+        help='publish camera_info once, transient local, at the start',
+    )
     options = parser.parse_args()
     rclpy.init(args=[])
     node = rclpy.create_node('plain_publisher', namespace=options.namespace)
     quality = qos_profile_sensor_data if options.best_effort else 10
     latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     images = node.create_publisher(Image, 'clean/depth_image', quality)
-    infos = node.create_publisher(CameraInfo, 'clean/camera_info',
-                                  latched if options.latched_info else quality)
+    infos = node.create_publisher(
+        CameraInfo, 'clean/camera_info', latched if options.latched_info else quality
+    )
     image, info = wall(options.size, options.value)
     if options.latched_info:
         infos.publish(info)
@@ -44,9 +48,9 @@ def main() -> None:
     slowest, start = 0.0, time.perf_counter()
     for index in range(options.count):
         time.sleep(max(0.0, start + index / options.rate - time.perf_counter()))
-        stamp = 10 ** 12 + round(index * 1e9 / options.rate)
+        stamp = 10**12 + round(index * 1e9 / options.rate)
         for message in (info, image):
-            message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, 10 ** 9)
+            message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, 10**9)
         if not options.latched_info:
             infos.publish(info)
         before = time.perf_counter()
@@ -66,8 +70,12 @@ def wall(size: str, value: float) -> tuple[Image, CameraInfo]:
     image.data = array('B', array('f', [value]).tobytes() * (width * height))
     f = 0.866 * width
     info = CameraInfo(
-        width=width, height=height, distortion_model='plumb_bob', d=[0.0] * 5,
-        k=[f, 0.0, (width - 1) / 2, 0.0, f, (height - 1) / 2, 0.0, 0.0, 1.0])
+        width=width,
+        height=height,
+        distortion_model='plumb_bob',
+        d=[0.0] * 5,
+        k=[f, 0.0, (width - 1) / 2, 0.0, f, (height - 1) / 2, 0.0, 0.0, 1.0],
+    )
     for message in (image, info):
         message.header.frame_id = 'simulator_optical_frame'
     return image, info

@@ -3,8 +3,8 @@
 from bench.timing import peak_megabytes, side_by_side
 from flexx2_sim_ros.camera import flexx2
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.go1.model import build_model, load_mounts, stand
-from flexx2_sim_ros.go1.rendering import open_renderer
+from flexx2_sim_ros.rendering.renderer import open_renderer
+from flexx2_sim_ros.robots.model import build_model, load_mounts, stand
 import mujoco
 
 
@@ -22,8 +22,9 @@ def run(rounds: int = 60) -> None:
         except InputError as error:
             print(f'{backend:8s} not here: {error}')
             continue
-        functions = {name: (lambda camera=name, by=renderer: by.render(data, camera))
-                     for name in names}
+        functions = {
+            name: (lambda camera=name, by=renderer: by.render(data, camera)) for name in names
+        }
         times = side_by_side(functions, rounds)
         renderer.close()
         print(f'{backend:8s} ' + ', '.join(f'{name} {ms:.2f} ms' for name, ms in times.items()))

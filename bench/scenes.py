@@ -1,6 +1,6 @@
 """A cluttered room, computed: what the speed measurements look at."""
 
-from flexx2_sim_ros.camera.modes import flexx2
+from flexx2_sim_ros.profiles.modes import flexx2
 import numpy as np
 
 
@@ -8,7 +8,7 @@ def room(boxes: int = 12) -> np.ndarray:
     """Return clean depth (172, 224) float32: a wall, a floor and slanted boxes."""
     camera = flexx2().intrinsics
     generator = np.random.default_rng(0)
-    v, u = np.mgrid[:camera.height, :camera.width]
+    v, u = np.mgrid[: camera.height, : camera.width]
     below = np.maximum((v - camera.cy) / camera.fy, 1e-3)
     depth = np.minimum(4.0, 0.35 / below)
     for _ in range(boxes):

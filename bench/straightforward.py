@@ -1,11 +1,12 @@
 """The noise as one writes it in an hour with NumPy: the yardstick for speed, not for truth."""
 
-from flexx2_sim_ros.camera.modes import Mode
+from flexx2_sim_ros.profiles.modes import Mode
 import numpy as np
 
 
-def straightforward(depth: np.ndarray, fx: float, fy: float, mode: Mode,
-                    generator: np.random.Generator) -> np.ndarray:
+def straightforward(
+    depth: np.ndarray, fx: float, fy: float, mode: Mode, generator: np.random.Generator
+) -> np.ndarray:
     """
     Add sigma_z(z, theta) after shifting every pixel by a Gaussian offset of its own.
 
@@ -16,8 +17,12 @@ def straightforward(depth: np.ndarray, fx: float, fy: float, mode: Mode,
     dzdv, dzdu = np.gradient(depth)
     theta = np.arctan(np.hypot(dzdu * fx / depth, dzdv * fy / depth))
     theta = np.minimum(theta, np.float32(1.48))
-    sigma = (noise.a + noise.b * depth + noise.c * depth ** 2
-             + noise.d * depth ** np.float32(noise.n) * (theta / (np.pi / 2 - theta)) ** 2)
+    sigma = (
+        noise.a
+        + noise.b * depth
+        + noise.c * depth**2
+        + noise.d * depth ** np.float32(noise.n) * (theta / (np.pi / 2 - theta)) ** 2
+    )
     shift = np.rint(generator.standard_normal((height, width), np.float32) * noise.sigma_x)
     columns = np.clip(np.arange(width) - shift.astype(np.int32), 0, width - 1)
     seen = np.take_along_axis(depth, columns, axis=1)

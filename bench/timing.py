@@ -19,8 +19,11 @@ def one_core() -> Iterator[None]:
         os.sched_setaffinity(0, cores)
 
 
-def side_by_side(functions: Mapping[str, Callable[[], object]], rounds: int,
-                 clock: Callable[[], float] = time.perf_counter) -> dict[str, float]:
+def side_by_side(
+    functions: Mapping[str, Callable[[], object]],
+    rounds: int,
+    clock: Callable[[], float] = time.perf_counter,
+) -> dict[str, float]:
     """
     Return the median milliseconds of each function, called in turns.
 

@@ -28,11 +28,29 @@ from made_bags import every_kind, unlike  # noqa: E402, I100
 
 _HANG_SECONDS = 20
 _SAID = ('damaged', 'cut off', 'not whole')
-_HOSTILE_SHAPES = ('(18446744073709551616, 1)', '(True, 43, 56)', '(-1, 43, 56)',
-                   '(12, 43, 56, 1)', '(4294967296, 43, 56)', '()', '(12, 0, 56)', '(12,)' * 500,
-                   '(' * 300, '(1e9, 43, 56)')
-_HOSTILE_KEYS = ('depth', 'usecase', '\x1b[31mkey', '../../key', 'k' * 60_000, '', 'seed',
-                 'clean_depth', 'stamp')
+_HOSTILE_SHAPES = (
+    '(18446744073709551616, 1)',
+    '(True, 43, 56)',
+    '(-1, 43, 56)',
+    '(12, 43, 56, 1)',
+    '(4294967296, 43, 56)',
+    '()',
+    '(12, 0, 56)',
+    '(12,)' * 500,
+    '(' * 300,
+    '(1e9, 43, 56)',
+)
+_HOSTILE_KEYS = (
+    'depth',
+    'usecase',
+    '\x1b[31mkey',
+    '../../key',
+    'k' * 60_000,
+    '',
+    'seed',
+    'clean_depth',
+    'stamp',
+)
 _HOSTILE_TYPES = ('<f4', '|O', '<U1000000000', '<M8[ns]', '|V2147483647', '>c16', '')
 
 
@@ -47,38 +65,46 @@ def _flip_structure(data: bytearray, rng: np.random.Generator) -> None:
 
 
 def _cut(data: bytearray, rng: np.random.Generator) -> None:
-    del data[int(rng.integers(len(data))):]
+    del data[int(rng.integers(len(data))) :]
 
 
 def _zero(data: bytearray, rng: np.random.Generator) -> None:
     at = int(rng.integers(len(data))) // 4096 * 4096
-    data[at:at + 4096] = bytes(len(data[at:at + 4096]))
+    data[at : at + 4096] = bytes(len(data[at : at + 4096]))
 
 
 def _swap(data: bytearray, rng: np.random.Generator) -> None:
     size = int(rng.choice([512, 4096]))
     one, other = (int(rng.integers(max(1, len(data) // size))) * size for _ in range(2))
-    first, second = data[one:one + size], data[other:other + size]
+    first, second = data[one : one + size], data[other : other + size]
     if len(first) == len(second):
-        data[one:one + size], data[other:other + size] = second, first
+        data[one : one + size], data[other : other + size] = second, first
 
 
 def _noise(data: bytearray, rng: np.random.Generator) -> None:
     at = int(rng.integers(len(data)))
     size = min(64, len(data) - at)
-    data[at:at + size] = rng.bytes(size)
+    data[at : at + size] = rng.bytes(size)
 
 
 _DAMAGES: tuple[Callable[[bytearray, np.random.Generator], None], ...] = (
-    _flip, _flip_structure, _cut, _zero, _swap, _noise)
+    _flip,
+    _flip_structure,
+    _cut,
+    _zero,
+    _swap,
+    _noise,
+)
 
 
 def _hostile(path: Path, whole: Path, rng: np.random.Generator) -> None:
     """Write an archive with one array of a shape, type and key that nobody writes."""
     key = _HOSTILE_KEYS[int(rng.integers(len(_HOSTILE_KEYS)))]
-    text = (f"{{'descr': {_HOSTILE_TYPES[int(rng.integers(len(_HOSTILE_TYPES)))]!r}, "
-            f"'fortran_order': {bool(rng.integers(2))}, "
-            f"'shape': {_HOSTILE_SHAPES[int(rng.integers(len(_HOSTILE_SHAPES)))]}, }}\n")
+    text = (
+        f"{{'descr': {_HOSTILE_TYPES[int(rng.integers(len(_HOSTILE_TYPES)))]!r}, "
+        f"'fortran_order': {bool(rng.integers(2))}, "
+        f"'shape': {_HOSTILE_SHAPES[int(rng.integers(len(_HOSTILE_SHAPES)))]}, }}\n"
+    )
     header = b'\x93NUMPY\x01\x00' + len(text).to_bytes(2, 'little') + text.encode()
     with zipfile.ZipFile(whole) as old, zipfile.ZipFile(path, 'w', zipfile.ZIP_DEFLATED) as new:
         for name in old.namelist():
@@ -135,8 +161,12 @@ def _one(task: tuple[int, int, dict[str, Path]]) -> tuple[str, str, float, int]:
             found = unlike(load_recording(words[2]), load_recording(kinds[kind]))
             if found and not hostile:
                 outcome, text = 'wrong', f'{found}: {text}'
-    return outcome, f'{index} {kind} {" ".join(words)}: {text}', took, resource.getrusage(
-        resource.RUSAGE_SELF).ru_maxrss
+    return (
+        outcome,
+        f'{index} {kind} {" ".join(words)}: {text}',
+        took,
+        resource.getrusage(resource.RUSAGE_SELF).ru_maxrss,
+    )
 
 
 def _call(words: list[str]) -> tuple[str, str]:
@@ -179,17 +209,20 @@ def run(files: int = 300, seed: int = 0) -> dict[str, object]:
     with tempfile.TemporaryDirectory() as name:
         kinds = every_kind(Path(name))
         with ProcessPoolExecutor(
-                os.cpu_count(), multiprocessing.get_context('spawn'),
-                max_tasks_per_child=200) as pool:
+            os.cpu_count(), multiprocessing.get_context('spawn'), max_tasks_per_child=200
+        ) as pool:
             for outcome, text, took, kilobytes in pool.map(
-                    _one, ((index, seed, kinds) for index in range(files))):
+                _one, ((index, seed, kinds) for index in range(files))
+            ):
                 counts[outcome] += 1
                 longest, memory = max(longest, took), max(memory, kilobytes)
                 if outcome in ('traceback', 'hang', 'wrong'):
                     bad.append(text)
-    print(f'{files} damaged files, seed {seed}: ' + ', '.join(
-        f'{count} x {outcome}' for outcome, count in sorted(counts.items()))
-        + f'; longest {longest:.1f} s, peak {memory / 1000:.0f} MB')
+    print(
+        f'{files} damaged files, seed {seed}: '
+        + ', '.join(f'{count} x {outcome}' for outcome, count in sorted(counts.items()))
+        + f'; longest {longest:.1f} s, peak {memory / 1000:.0f} MB'
+    )
     for text in bad:
         print(text)
     return {**counts, 'details': bad, 'seconds': longest, 'megabytes': memory / 1000}

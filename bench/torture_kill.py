@@ -37,22 +37,40 @@ def _whole_png(path: Path) -> None:
 
 # Command, seconds it takes at least to have begun everything, and a check of each output.
 _COMMANDS: dict[str, tuple[tuple[str, ...], float, dict[str, Check]]] = {
-    'simulate': (('simulate', 'campaign/a.npz', 'out.npz', '--frames', '4000'), 4,
-                 {'out.npz': _whole_archive}),
+    'simulate': (
+        ('simulate', 'campaign/a.npz', 'out.npz', '--frames', '4000'),
+        4,
+        {'out.npz': _whole_archive},
+    ),
     'convert mcap': (('convert', 'long.npz', 'out.mcap'), 4, {'out.mcap': open_recording}),
-    'convert sqlite3': (('convert', 'long.npz', 'out', '--storage', 'sqlite3'), 4,
-                        {'out': open_recording}),
+    'convert sqlite3': (
+        ('convert', 'long.npz', 'out', '--storage', 'sqlite3'),
+        4,
+        {'out': open_recording},
+    ),
     'convert npz': (('convert', 'long.npz', 'out.npz'), 4, {'out.npz': open_recording}),
-    'effects show': (('effects', 'show', 'offset', '--out', 'out.png'), 8,
-                     {'out.png': _whole_png}),
+    'effects show': (
+        ('effects', 'show', 'offset', '--out', 'out.png'),
+        8,
+        {'out.png': _whole_png},
+    ),
     'effects presets': (('effects', '--write-presets', 'out'), 2, {}),
-    'capture': (('characterize', 'capture', 'out', '--jobs', '2', '--frames', '60'), 10,
-                {'out/*.npz': _whole_archive}),
-    'fit': (('characterize', 'fit', 'campaign', '--out', 'out', '--jobs', '2'), 8,
-            {'out/*.png': _whole_png}),
+    'capture': (
+        ('characterize', 'capture', 'out', '--jobs', '2', '--frames', '60'),
+        10,
+        {'out/*.npz': _whole_archive},
+    ),
+    'fit': (
+        ('characterize', 'fit', 'campaign', '--out', 'out', '--jobs', '2'),
+        8,
+        {'out/*.png': _whole_png},
+    ),
     'diagnose': (('gap', 'diagnose', 'campaign', '--out', 'out', '--jobs', '2'), 12, {}),
-    'benchmark': (('gap', 'benchmark', '--quick', '--out', 'out', '--jobs', '2'), 12,
-                  {'out/sealed/truth/*.npz': _whole_archive}),
+    'benchmark': (
+        ('gap', 'benchmark', '--quick', '--out', 'out', '--jobs', '2'),
+        12,
+        {'out/sealed/truth/*.npz': _whole_archive},
+    ),
     'demo': (('demo', '--out', 'out', '--renderer', 'ray'), 12, {'out/*.png': _whole_png}),
     'view': (('view', '--demo', '--no-browser', '--port', '0'), 12, {}),
 }
@@ -78,15 +96,26 @@ def run(kills: int, seed: int) -> dict[str, Any]:
 
     """
     rng = random.Random(seed)
-    result: dict[str, Any] = {'kills': kills, 'by_command': {}, 'by_signal': {}, 'finished': 0,
-                              'orphans': [], 'damaged': [], 'leftovers': [], 'loud': []}
+    result: dict[str, Any] = {
+        'kills': kills,
+        'by_command': {},
+        'by_signal': {},
+        'finished': 0,
+        'orphans': [],
+        'damaged': [],
+        'leftovers': [],
+        'loud': [],
+    }
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         _write_inputs(folder, seed)
         for index in range(kills):
             command = list(_COMMANDS)[index % len(_COMMANDS)]
-            number = (signal.SIGKILL if rng.random() < _SHARE_KILLED
-                      else rng.choice((signal.SIGINT, signal.SIGTERM)))
+            number = (
+                signal.SIGKILL
+                if rng.random() < _SHARE_KILLED
+                else rng.choice((signal.SIGINT, signal.SIGTERM))
+            )
             _kill_one(folder, command, number, rng.random(), result)
     return result
 
@@ -98,12 +127,19 @@ def _write_inputs(folder: Path, seed: int) -> None:
     (folder / 'campaign').mkdir()
     for path, frames in (('campaign/a.npz', 40), ('campaign/b.npz', 40), ('long.npz', 3000)):
         depth = clean + rng.normal(0, 0.003, (frames, 43, 56)).astype('f4')
-        np.savez(folder / path, clean_depth=clean, K=matrix, depth=depth, usecase='Mode_9_30fps',
-                 stamp=np.arange(frames) / 30)
+        np.savez(
+            folder / path,
+            clean_depth=clean,
+            K=matrix,
+            depth=depth,
+            usecase='Mode_9_30fps',
+            stamp=np.arange(frames) / 30,
+        )
 
 
-def _kill_one(folder: Path, command: str, number: int, moment: float,
-              result: dict[str, Any]) -> None:
+def _kill_one(
+    folder: Path, command: str, number: int, moment: float, result: dict[str, Any]
+) -> None:
     words, seconds, checks = _COMMANDS[command]
     for path in folder.glob('out*'):
         shutil.rmtree(path) if path.is_dir() else path.unlink()
@@ -114,9 +150,14 @@ def _kill_one(folder: Path, command: str, number: int, moment: float,
     said = f'{command}, {name} after {moment * seconds:.2f} s'
     for counts, key in ((result['by_command'], command), (result['by_signal'], name)):
         counts[key] = counts.get(key, 0) + 1
-    with subprocess.Popen([sys.executable, '-m', 'flexx2_sim_ros.cli.main', *words], env=env,
-                          cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
-                          text=True) as process:
+    with subprocess.Popen(
+        [sys.executable, '-m', 'flexx2_sim_ros.cli.main', *words],
+        env=env,
+        cwd=folder,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as process:
         _wait(lambda: _handles_signals(process.pid) or process.poll() is not None)
         with suppress(subprocess.TimeoutExpired):
             process.wait(moment * seconds)

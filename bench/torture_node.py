@@ -11,8 +11,8 @@ import tempfile
 import time
 from typing import Any
 
-from flexx2_sim_ros.camera.modes import flexx2
 from flexx2_sim_ros.effects import registry
+from flexx2_sim_ros.profiles.modes import flexx2
 import numpy as np
 
 _NODE = 'torture/flexx2_camera'
@@ -21,14 +21,36 @@ _WAITING = 8
 _ANSWER_SECONDS = 60.0
 _WARM_UP = 0.2
 _ENCODINGS = ('32FC1', '64FC1', '16UC1', 'mono8', 'rgb8', '', 'x' * 300, '\x1b[31m', '32FC2')
-_SIZES = (0, 1, 2, 7, 172, 224, 4096, 2 ** 16, 2 ** 31, 2 ** 32 - 1)
-_NUMBERS = (0.0, 1.0, -1.0, 1e-300, 1e300, float('nan'), float('inf'), -float('inf'), 111.5,
-            210.6)
-_TEXTS = ('', 'x', 'typical', 'typical*', '*', 'nan', 'zero', 'radial', 'Mode_9_5fps',
-          'Mode_5_60fps', 'x' * 300, 'x' * 20_000, '\x1b[31m', '~', '/dev/zero', '/dev/tty', '.',
-          '{date}', '{deep}', '{aliases}', '{pipe}')
-_FILES = {'date': 'schema: 1\na: 2024-13-45', 'deep': '[' * 3000,
-          'aliases': 'a: &a [x, x]\nb: [*a, *a]'}
+_SIZES = (0, 1, 2, 7, 172, 224, 4096, 2**16, 2**31, 2**32 - 1)
+_NUMBERS = (0.0, 1.0, -1.0, 1e-300, 1e300, float('nan'), float('inf'), -float('inf'), 111.5, 210.6)
+_TEXTS = (
+    '',
+    'x',
+    'typical',
+    'typical*',
+    '*',
+    'nan',
+    'zero',
+    'radial',
+    'Mode_9_5fps',
+    'Mode_5_60fps',
+    'x' * 300,
+    'x' * 20_000,
+    '\x1b[31m',
+    '~',
+    '/dev/zero',
+    '/dev/tty',
+    '.',
+    '{date}',
+    '{deep}',
+    '{aliases}',
+    '{pipe}',
+)
+_FILES = {
+    'date': 'schema: 1\na: 2024-13-45',
+    'deep': '[' * 3000,
+    'aliases': 'a: &a [x, x]\nb: [*a, *a]',
+}
 
 
 def run(messages: int = 100_000, seed: int = 0) -> dict[str, Any]:
@@ -65,8 +87,17 @@ def _node(folder: Path) -> Iterator[tuple[subprocess.Popen[bytes], Path]]:
     log = folder / 'node.log'
     with log.open('wb') as file:
         process = subprocess.Popen(
-            [sys.executable, '-m', 'flexx2_sim_ros.nodes.flexx2_camera', '--ros-args', '-r',
-             '__ns:=/torture'], stdout=file, stderr=subprocess.STDOUT)
+            [
+                sys.executable,
+                '-m',
+                'flexx2_sim_ros.nodes.flexx2_camera',
+                '--ros-args',
+                '-r',
+                '__ns:=/torture',
+            ],
+            stdout=file,
+            stderr=subprocess.STDOUT,
+        )
     try:
         yield process, log
     finally:
@@ -85,18 +116,26 @@ class _User:
         self.node = rclpy.create_node('torture')
         self.heard: list[Image] = []
         self.node.create_subscription(Image, f'/{_NODE}/depth_image_0', self.heard.append, 10)
-        self.topics = {name: self.node.create_publisher(kind, f'/torture/clean/{name}', 10)
-                       for name, kind in (('depth_image', Image), ('camera_info', CameraInfo),
-                                          ('reflectivity', Image))}
+        self.topics = {
+            name: self.node.create_publisher(kind, f'/torture/clean/{name}', 10)
+            for name, kind in (
+                ('depth_image', Image),
+                ('camera_info', CameraInfo),
+                ('reflectivity', Image),
+            )
+        }
         self.clients = _clients(self.node)
         self.waiting: list[Any] = []
         self.calls = self.answered = self.received = 0
 
     def ready(self) -> bool:
         return self.spin_until(
-            lambda: self.node.count_publishers(f'/{_NODE}/depth_image_0')
-            and all(publisher.get_subscription_count() for publisher in self.topics.values())
-            and all(client.service_is_ready() for client, _ in self.clients))
+            lambda: (
+                self.node.count_publishers(f'/{_NODE}/depth_image_0')
+                and all(publisher.get_subscription_count() for publisher in self.topics.values())
+                and all(client.service_is_ready() for client, _ in self.clients)
+            )
+        )
 
     def spin_until(self, condition: Callable[[], Any]) -> bool:
         deadline = time.monotonic() + _ANSWER_SECONDS
@@ -106,10 +145,10 @@ class _User:
 
     def show(self, stamp: int) -> None:
         from flexx2_sim_ros.nodes import messages
+
         head = messages.header(stamp, 'camera')
         wall = np.full((172, 224), 1.5, np.float32)
-        self.topics['camera_info'].publish(
-            messages.camera_info_message(head, flexx2().intrinsics))
+        self.topics['camera_info'].publish(messages.camera_info_message(head, flexx2().intrinsics))
         self.topics['depth_image'].publish(messages.image_message(head, wall, '32FC1'))
 
     def send(self, count: int, rng: random.Random, folder: str) -> None:
@@ -118,7 +157,7 @@ class _User:
             self.waiting.append(client.call_async(make(rng, folder)))
             self.calls += 1
         elif count % 100 == 1:
-            self.show(count * 10 ** 9)
+            self.show(count * 10**9)
         else:
             name = rng.choice(list(self.topics))
             self.topics[name].publish(_info(rng) if name == 'camera_info' else _image(rng))
@@ -136,17 +175,20 @@ class _User:
     def still_publishes(self) -> bool:
         self.heard.clear()
         # Stamps that were not sent before.
-        stamps = iter(range(2 * 10 ** 18, 3 * 10 ** 18, 10 ** 9))
+        stamps = iter(range(2 * 10**18, 3 * 10**18, 10**9))
 
         def came() -> bool:
             self.show(next(stamps))
-            return any(message.header.stamp.sec >= 2 * 10 ** 9 for message in self.heard)
+            return any(message.header.stamp.sec >= 2 * 10**9 for message in self.heard)
+
         return self.spin_until(came)
 
 
-def _torture(process: subprocess.Popen[bytes], folder: Path, messages: int,
-             rng: random.Random) -> dict[str, Any]:
+def _torture(
+    process: subprocess.Popen[bytes], folder: Path, messages: int, rng: random.Random
+) -> dict[str, Any]:
     import rclpy
+
     for name, text in _FILES.items():
         (folder / name).write_text(text)
     os.mkfifo(folder / 'pipe')
@@ -163,10 +205,15 @@ def _torture(process: subprocess.Popen[bytes], folder: Path, messages: int,
                 resident = _resident_mb(process.pid)
         user.all_answered(0)
         grown = _resident_mb(process.pid) - resident
-        return {'sent': sent, 'calls': user.calls, 'answered': user.answered,
-                'received': user.received, 'alive': user.still_publishes(),
-                'resident_growth_mb': round(grown, 1),
-                'seconds': round(time.monotonic() - start, 1)}
+        return {
+            'sent': sent,
+            'calls': user.calls,
+            'answered': user.answered,
+            'received': user.received,
+            'alive': user.still_publishes(),
+            'resident_growth_mb': round(grown, 1),
+            'seconds': round(time.monotonic() - start, 1),
+        }
     finally:
         user.node.destroy_node()
         rclpy.try_shutdown()
@@ -177,72 +224,113 @@ def _clients(node: Any) -> list[tuple[Any, Callable[[random.Random, str], Any]]]
 
     def values(kind: Any) -> Callable[[random.Random, str], Any]:
         return lambda rng, folder: kind.Request(
-            parameters=[_parameter(rng, folder) for _ in range(rng.randrange(4))])
+            parameters=[_parameter(rng, folder) for _ in range(rng.randrange(4))]
+        )
 
     def names(kind: Any) -> Callable[[random.Random, str], Any]:
         return lambda rng, folder: kind.Request(
-            names=[_name(rng) for _ in range(rng.choice((0, 1, 3, 2000)))])
+            names=[_name(rng) for _ in range(rng.choice((0, 1, 3, 2000)))]
+        )
 
     def listed(rng: random.Random, folder: str) -> Any:
         return srv.ListParameters.Request(
             prefixes=[_name(rng) for _ in range(rng.randrange(3))],
-            depth=rng.choice((0, 1, 2, 2 ** 63, 2 ** 64 - 1)))
-    made = [('set_parameters', srv.SetParameters, values(srv.SetParameters)),
-            ('set_parameters_atomically', srv.SetParametersAtomically,
-             values(srv.SetParametersAtomically)),
-            ('get_parameters', srv.GetParameters, names(srv.GetParameters)),
-            ('get_parameter_types', srv.GetParameterTypes, names(srv.GetParameterTypes)),
-            ('describe_parameters', srv.DescribeParameters, names(srv.DescribeParameters)),
-            ('list_parameters', srv.ListParameters, listed)]
+            depth=rng.choice((0, 1, 2, 2**63, 2**64 - 1)),
+        )
+
+    made = [
+        ('set_parameters', srv.SetParameters, values(srv.SetParameters)),
+        (
+            'set_parameters_atomically',
+            srv.SetParametersAtomically,
+            values(srv.SetParametersAtomically),
+        ),
+        ('get_parameters', srv.GetParameters, names(srv.GetParameters)),
+        ('get_parameter_types', srv.GetParameterTypes, names(srv.GetParameterTypes)),
+        ('describe_parameters', srv.DescribeParameters, names(srv.DescribeParameters)),
+        ('list_parameters', srv.ListParameters, listed),
+    ]
     return [(node.create_client(kind, f'/{_NODE}/{name}'), make) for name, kind, make in made]
 
 
 def _name(rng: random.Random) -> str:
     effect = f'effect.{rng.choice(list(registry()))}.strength'
-    return rng.choice(('usecase', 'effects', 'auto_exposure_0', 'exposure_time_0', 'frame_id',
-                       'invalid_value', 'input_depth', 'use_sim_time', 'serial', 'seed', effect,
-                       '', '.', 'usecas', '\x1b[31m', 'x' * 5000))
+    return rng.choice(
+        (
+            'usecase',
+            'effects',
+            'auto_exposure_0',
+            'exposure_time_0',
+            'frame_id',
+            'invalid_value',
+            'input_depth',
+            'use_sim_time',
+            'serial',
+            'seed',
+            effect,
+            '',
+            '.',
+            'usecas',
+            '\x1b[31m',
+            'x' * 5000,
+        )
+    )
 
 
 def _parameter(rng: random.Random, folder: str) -> Any:
     from rcl_interfaces.msg import Parameter, ParameterValue
+
     text = rng.choice(_TEXTS)
     if text.startswith('{'):
         text = f'{folder}/{text[1:-1]}'
-    return Parameter(name=_name(rng), value=ParameterValue(
-        type=rng.choice((*range(11), 255, 1, 2, 3, 4, 4, 4)), bool_value=rng.random() < 0.5,
-        integer_value=rng.choice((0, 1, 90, 370, -1, 2 ** 63 - 1, -2 ** 63)),
-        double_value=rng.choice(_NUMBERS), string_value=text,
-        double_array_value=[rng.choice(_NUMBERS)] * rng.randrange(3),
-        string_array_value=[text] * rng.randrange(3),
-        byte_array_value=[b'\xff'] * rng.randrange(3)))
+    return Parameter(
+        name=_name(rng),
+        value=ParameterValue(
+            type=rng.choice((*range(11), 255, 1, 2, 3, 4, 4, 4)),
+            bool_value=rng.random() < 0.5,
+            integer_value=rng.choice((0, 1, 90, 370, -1, 2**63 - 1, -(2**63))),
+            double_value=rng.choice(_NUMBERS),
+            string_value=text,
+            double_array_value=[rng.choice(_NUMBERS)] * rng.randrange(3),
+            string_array_value=[text] * rng.randrange(3),
+            byte_array_value=[b'\xff'] * rng.randrange(3),
+        ),
+    )
 
 
 def _header(rng: random.Random, message: Any) -> Any:
-    message.header.stamp.sec = rng.choice((-2 ** 31, -1, 0, rng.randrange(10 ** 6), 2 ** 31 - 1))
-    message.header.stamp.nanosec = rng.choice((0, 1, 10 ** 9 - 1, 10 ** 9, 2 ** 32 - 1))
+    message.header.stamp.sec = rng.choice((-(2**31), -1, 0, rng.randrange(10**6), 2**31 - 1))
+    message.header.stamp.nanosec = rng.choice((0, 1, 10**9 - 1, 10**9, 2**32 - 1))
     message.header.frame_id = rng.choice(('camera', '', '\x1b[31m', 'x' * 3000))
     return message
 
 
 def _image(rng: random.Random) -> Any:
     from sensor_msgs.msg import Image
-    width, height = ((224, 172) if rng.random() < 0.3 else
-                     (rng.choice(_SIZES), rng.choice(_SIZES)))
+
+    width, height = (224, 172) if rng.random() < 0.3 else (rng.choice(_SIZES), rng.choice(_SIZES))
     fits = (width * 4 * height) if (width, height) == (224, 172) else rng.choice((0, 1, 999))
-    message = Image(width=width, height=height, encoding=rng.choice(_ENCODINGS),
-                    step=rng.choice((width * 4 % 2 ** 32, *_SIZES)),
-                    is_bigendian=rng.choice((0, 1, 255)))
+    message = Image(
+        width=width,
+        height=height,
+        encoding=rng.choice(_ENCODINGS),
+        step=rng.choice((width * 4 % 2**32, *_SIZES)),
+        is_bigendian=rng.choice((0, 1, 255)),
+    )
     message.data.frombytes(rng.randbytes(fits) if rng.random() < 0.2 else bytes(fits))
     return _header(rng, message)
 
 
 def _info(rng: random.Random) -> Any:
     from sensor_msgs.msg import CameraInfo
-    message = CameraInfo(width=rng.choice(_SIZES), height=rng.choice(_SIZES),
-                         distortion_model=rng.choice(('plumb_bob', '', 'equidistant', 'x' * 3000)),
-                         d=[rng.choice(_NUMBERS)] * rng.choice((0, 5, 8, 2000)),
-                         k=[rng.choice(_NUMBERS) for _ in range(9)])
+
+    message = CameraInfo(
+        width=rng.choice(_SIZES),
+        height=rng.choice(_SIZES),
+        distortion_model=rng.choice(('plumb_bob', '', 'equidistant', 'x' * 3000)),
+        d=[rng.choice(_NUMBERS)] * rng.choice((0, 5, 8, 2000)),
+        k=[rng.choice(_NUMBERS) for _ in range(9)],
+    )
     return _header(rng, message)
 
 
@@ -251,4 +339,4 @@ def _resident_mb(pid: int) -> float:
         pages = int(Path(f'/proc/{pid}/statm').read_text().split()[1])
     except OSError:  # It has ended.
         return float('nan')
-    return pages * os.sysconf('SC_PAGE_SIZE') / 2 ** 20
+    return pages * os.sysconf('SC_PAGE_SIZE') / 2**20

@@ -29,8 +29,10 @@ _DRAWN_HZ = 60.0
 def run() -> None:
     """Print the time from a page's last heartbeat to the zero Twist."""
     os.environ.setdefault('ROS_DOMAIN_ID', str(50 + os.getpid() % 50))
-    print(f'flexx2 view --demo, {len(os.sched_getaffinity(0))} cores; a page holds a key for '
-          f'{_HELD_SECONDS:g} s and falls silent, {_TRIALS} times')
+    print(
+        f'flexx2 view --demo, {len(os.sched_getaffinity(0))} cores; a page holds a key for '
+        f'{_HELD_SECONDS:g} s and falls silent, {_TRIALS} times'
+    )
     for pages in _PAGES:
         with _demo() as url, _other_pages(url, pages - 1) as frames:
             _measure(url, pages, frames)
@@ -41,9 +43,21 @@ def run() -> None:
 def _demo() -> Iterator[str]:
     with tempfile.TemporaryDirectory() as folder:
         process = subprocess.Popen(
-            [sys.executable, '-m', 'flexx2_sim_ros.cli.main', 'view', '--demo', '--no-browser',
-             '--port', '0'], stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, text=True,
-            env={**os.environ, 'TMPDIR': folder})
+            [
+                sys.executable,
+                '-m',
+                'flexx2_sim_ros.cli.main',
+                'view',
+                '--demo',
+                '--no-browser',
+                '--port',
+                '0',
+            ],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            text=True,
+            env={**os.environ, 'TMPDIR': folder},
+        )
         try:
             assert process.stdout is not None
             yield process.stdout.readline().split()[0]
@@ -72,20 +86,23 @@ def _watch(url: str, count: int, frames: Any) -> None:
         while (message := await socket.read_message()) is not None:
             if isinstance(message, bytes):
                 frames.value += 1
-                name = json.loads(message[4:4 + int.from_bytes(message[:4], 'little')])['camera']
+                name = json.loads(message[4 : 4 + int.from_bytes(message[:4], 'little')])['camera']
                 # Drawn with the screen's next picture.
                 asyncio.get_running_loop().call_later(
-                    1 / _DRAWN_HZ, lambda name=name: socket.write_message(
-                        json.dumps({'drawn': name})))
+                    1 / _DRAWN_HZ,
+                    lambda name=name: socket.write_message(json.dumps({'drawn': name})),
+                )
 
     async def pages() -> None:
         await asyncio.gather(*(page() for _ in range(count)))
+
     asyncio.run(pages())
 
 
 async def _connect(url: str) -> Any:
-    return await websocket_connect(HTTPRequest(
-        url.replace('http', 'ws') + 'live', headers={'Origin': url.rstrip('/')}))
+    return await websocket_connect(
+        HTTPRequest(url.replace('http', 'ws') + 'live', headers={'Origin': url.rstrip('/')})
+    )
 
 
 def _measure(url: str, pages: int, frames: Any) -> None:
@@ -103,6 +120,7 @@ def _measure(url: str, pages: int, frames: Any) -> None:
     def spin() -> None:
         with suppress(ExternalShutdownException):
             rclpy.spin(node)
+
     node.create_subscription(Twist, '/cmd_vel', hear, 50)
     thread = threading.Thread(target=spin)
     thread.start()
@@ -112,13 +130,16 @@ def _measure(url: str, pages: int, frames: Any) -> None:
         rclpy.shutdown()
         thread.join()
         node.destroy_node()
-    print(f'{pages:3d} pages, {hz:4.1f} frames/s to each of the others, load {load:4.1f}: last '
-          f'heartbeat to zero Twist median {np.median(late):.0f} ms, worst {max(late):.0f} ms; '
-          f'stopped while held: {early}')
+    print(
+        f'{pages:3d} pages, {hz:4.1f} frames/s to each of the others, load {load:4.1f}: last '
+        f'heartbeat to zero Twist median {np.median(late):.0f} ms, worst {max(late):.0f} ms; '
+        f'stopped while held: {early}'
+    )
 
 
-async def _drive(url: str, heard: list[tuple[float, bool]], pages: int,
-                 frames: Any) -> tuple[list[float], int, float, float]:
+async def _drive(
+    url: str, heard: list[tuple[float, bool]], pages: int, frames: Any
+) -> tuple[list[float], int, float, float]:
     socket = await _connect(url)
     drain = asyncio.create_task(_drain(socket))
     # Until frames flow and the command arrives.
@@ -136,7 +157,8 @@ async def _drive(url: str, heard: list[tuple[float, bool]], pages: int,
             await asyncio.sleep(max(0.0, next_beat - time.monotonic()))
         deadline = sent + 5
         while time.monotonic() < deadline and not (
-                heard and heard[-1][0] > sent + 0.2 and not heard[-1][1]):
+            heard and heard[-1][0] > sent + 0.2 and not heard[-1][1]
+        ):
             await asyncio.sleep(0.005)
         if not heard:
             raise RuntimeError('no command has arrived')
@@ -155,5 +177,5 @@ async def _drive(url: str, heard: list[tuple[float, bool]], pages: int,
 async def _drain(socket: Any) -> None:
     while (message := await socket.read_message()) is not None:
         if isinstance(message, bytes):
-            name = json.loads(message[4:4 + int.from_bytes(message[:4], 'little')])['camera']
+            name = json.loads(message[4 : 4 + int.from_bytes(message[:4], 'little')])['camera']
             await socket.write_message(json.dumps({'drawn': name}))

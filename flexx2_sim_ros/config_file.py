@@ -127,6 +127,8 @@ def read_section(path: Path, section: str, kind: type) -> Any:
     """
     found = read_config(path).get(section)
     if not (isinstance(found, kind) and found):
-        raise InputError(f'{shown_path(path)}: {section} is {shown(found)}, wanted a '
-                         f'{kind.__name__} with something in it')
+        raise InputError(
+            f'{shown_path(path)}: {section} is {shown(found)}, wanted a '
+            f'{kind.__name__} with something in it'
+        )
     return found

@@ -4,9 +4,14 @@ from os import PathLike
 from typing import Any
 
 # Import name: what pip installs. Not every command and node needs these.
-_OPTIONAL = {'matplotlib': 'matplotlib', 'mujoco': '"mujoco>=4.0"',
-             'rosbags': '"rosbags>=0.11"', 'scipy': 'scipy', 'sklearn': 'scikit-learn',
-             'warp': 'warp-lang'}
+_OPTIONAL = {
+    'matplotlib': 'matplotlib',
+    'mujoco': '"mujoco>=4.0"',
+    'rosbags': '"rosbags>=0.11"',
+    'scipy': 'scipy',
+    'sklearn': 'scikit-learn',
+    'warp': 'warp-lang',
+}
 
 
 class InputError(ValueError):
@@ -30,9 +35,12 @@ def printable(text: str) -> str:
     Line ends and tabs stay. Names in files, notes and messages of others go through this before
     they are shown.
     """
-    return ''.join(letter if letter.isprintable() or letter in '\n\t'
-                   else letter.encode('unicode_escape', 'surrogatepass').decode()
-                   for letter in text)
+    return ''.join(
+        letter
+        if letter.isprintable() or letter in '\n\t'
+        else letter.encode('unicode_escape', 'surrogatepass').decode()
+        for letter in text
+    )
 
 
 def shown(value: Any, most: int = 80) -> str:
@@ -59,7 +67,7 @@ def shown(value: Any, most: int = 80) -> str:
     if len(text) <= most:
         return text
     end = (most - 3) // 2
-    return f'{text[:most - 3 - end]}...{text[-end:]}'
+    return f'{text[: most - 3 - end]}...{text[-end:]}'
 
 
 def unquoted(text: Any, most: int = 80) -> str:
@@ -87,5 +95,4 @@ def missing_library(error: ModuleNotFoundError) -> InputError:
     name = (error.name or '').partition('.')[0]
     if name not in _OPTIONAL:
         raise error
-    return InputError(f'{name} is not installed, and this needs it: '
-                      f'pip install {_OPTIONAL[name]}')
+    return InputError(f'{name} is not installed, and this needs it: pip install {_OPTIONAL[name]}')

@@ -37,7 +37,8 @@ def config_dir() -> Path:
             return candidate
     raise InputError(
         f'config folder: no {_MARKER} found near {package}; wanted config/ in a checkout or '
-        'share/flexx2_sim_ros/config in an install. Reinstall the package.')
+        'share/flexx2_sim_ros/config in an install. Reinstall the package.'
+    )
 
 
 def executable(name: str) -> Path:
@@ -67,5 +68,7 @@ def executable(name: str) -> Path:
     for candidate in candidates:
         if candidate.is_file():
             return candidate
-    raise InputError(f'{name}: must be an installed executable, got none near {package} or '
-                     f'{sys.executable}. Reinstall the package.')
+    raise InputError(
+        f'{name}: must be an installed executable, got none near {package} or '
+        f'{sys.executable}. Reinstall the package.'
+    )

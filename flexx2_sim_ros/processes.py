@@ -77,19 +77,21 @@ def workers(count: int, one_thread: bool = False) -> Iterator[Submit]:
         _start_resource_tracker()  # Starting it later would let signals through.
     # Spawned, not forked: this process has threads, whose locks would stay locked.
     context = multiprocessing.get_context('spawn')
-    pool = ProcessPoolExecutor(count, mp_context=context, initializer=_begin_worker,
-                               initargs=(one_thread,))
+    pool = ProcessPoolExecutor(
+        count, mp_context=context, initializer=_begin_worker, initargs=(one_thread,)
+    )
 
     def submit(function: Callable[[Any], Any], items: Sequence[Any]) -> list['Future[Any]']:
         with _signals_later():
             return [pool.submit(function, item) for item in items]
+
     try:
         yield submit
     except BrokenProcessPool as error:
         raise InputError(
             f'--jobs: found {count}, of which a process ended before its work did: out of '
             "memory? (In a script, jobs need `if __name__ == '__main__':`.) Wanted fewer"
-            ) from error
+        ) from error
     finally:
         pool.shutdown(cancel_futures=True)
 
@@ -110,6 +112,7 @@ def _signals_later() -> Iterator[None]:
 def _start_resource_tracker() -> None:
     # It frees the semaphores of a process that was told to end, which is no reason to warn.
     from multiprocessing import resource_tracker
+
     before = os.environ.get('PYTHONWARNINGS')
     os.environ['PYTHONWARNINGS'] = ','.join(filter(None, [before, _NO_WARNING]))
     try:

@@ -38,6 +38,7 @@ def leave_on_signals(status: Callable[[int], int] = exit_status) -> None:
         The exit status for a signal's number.
 
     """
+
     def handle(number: int, _frame: FrameType | None) -> None:
         leave(status(number))
 

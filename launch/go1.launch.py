@@ -20,16 +20,29 @@ ARGUMENTS = {
 def generate_launch_description() -> LaunchDescription:
     """Start go1_cameras, a flexx2_camera for each of its cameras, and RViz if asked for."""
     robot = Node(
-        executable=str(executable('go1_cameras')), output='screen',
-        parameters=[{name: LaunchConfiguration(name) for name in ('motion', 'scene', 'renderer')}])
+        executable=str(executable('go1_cameras')),
+        output='screen',
+        parameters=[{name: LaunchConfiguration(name) for name in ('motion', 'scene', 'renderer')}],
+    )
     cameras = [
-        Node(executable=str(executable('flexx2_camera')), namespace=camera, output='screen',
-             parameters=[{'usecase': LaunchConfiguration('usecase'), 'use_sim_time': True}])
-        for camera in CAMERAS]
+        Node(
+            executable=str(executable('flexx2_camera')),
+            namespace=camera,
+            output='screen',
+            parameters=[{'usecase': LaunchConfiguration('usecase'), 'use_sim_time': True}],
+        )
+        for camera in CAMERAS
+    ]
     rviz = Node(
-        package='rviz2', executable='rviz2', output='screen',
-        arguments=['-d', str(config_dir() / 'flexx2.rviz')], parameters=[{'use_sim_time': True}],
-        condition=IfCondition(LaunchConfiguration('rviz')))
-    arguments = [DeclareLaunchArgument(name, default_value=default, description=text)
-                 for name, (default, text) in ARGUMENTS.items()]
+        package='rviz2',
+        executable='rviz2',
+        output='screen',
+        arguments=['-d', str(config_dir() / 'flexx2.rviz')],
+        parameters=[{'use_sim_time': True}],
+        condition=IfCondition(LaunchConfiguration('rviz')),
+    )
+    arguments = [
+        DeclareLaunchArgument(name, default_value=default, description=text)
+        for name, (default, text) in ARGUMENTS.items()
+    ]
     return LaunchDescription([*arguments, robot, *cameras, rviz])

@@ -5,8 +5,10 @@ import pytest
 wp = pytest.importorskip('warp', reason='warp-lang is not installed: no batch')
 import numpy as np  # noqa: E402, I100
 
-DEVICES = ['cpu', pytest.param('cuda', marks=pytest.mark.skipif(
-    not wp.is_cuda_available(), reason='no GPU'))]
+DEVICES = [
+    'cpu',
+    pytest.param('cuda', marks=pytest.mark.skipif(not wp.is_cuda_available(), reason='no GPU')),
+]
 V, U = np.mgrid[:172, :224]
 
 
@@ -19,10 +21,10 @@ def scenes(count: int) -> np.ndarray:
         for _ in range(9):
             x, y = generator.integers(0, 200), generator.integers(0, 150)
             size = generator.integers(2, 60)
-            scene[y:y + size, x:x + size] = generator.uniform(0.4, 2.3)
+            scene[y : y + size, x : x + size] = generator.uniform(0.4, 2.3)
         scene[np.hypot(U - 150, V - 90) < 20] = generator.uniform(0.5, 2)
         for row, nothing in enumerate((np.nan, -1, 0, np.inf)):
-            scene[3 * row:3 * row + 3, :20] = nothing
+            scene[3 * row : 3 * row + 3, :20] = nothing
     return out
 
 

@@ -33,9 +33,15 @@ class Board:
     K: np.ndarray  # noqa: N815
 
 
-def board(distance: float, angle_deg: float, *, half_width: float = math.inf,
-          background: float = math.nan, size: tuple[int, int] = (172, 224),
-          turn: str = 'yaw') -> Board:
+def board(
+    distance: float,
+    angle_deg: float,
+    *,
+    half_width: float = math.inf,
+    background: float = math.nan,
+    size: tuple[int, int] = (172, 224),
+    turn: str = 'yaw',
+) -> Board:
     """
     Draw a board.
 
@@ -67,7 +73,10 @@ def board(distance: float, angle_deg: float, *, half_width: float = math.inf,
     across = x if turn == 'yaw' else y
     facing = math.cos(angle) + across * math.sin(angle)  # normal . ray
     depth = distance * math.cos(angle) / np.where(facing > 0, facing, np.nan)
-    incidence = np.arccos(facing / np.sqrt(1 + x ** 2 + y ** 2))
+    incidence = np.arccos(facing / np.sqrt(1 + x**2 + y**2))
     on_board = np.abs(depth * across / math.cos(angle)) <= half_width
-    return Board(np.where(on_board, depth, background).astype(np.float32),
-                 np.where(on_board, incidence, np.nan), matrix)
+    return Board(
+        np.where(on_board, depth, background).astype(np.float32),
+        np.where(on_board, incidence, np.nan),
+        matrix,
+    )

@@ -19,10 +19,19 @@ from tornado.websocket import websocket_connect
 _NAMES = ('chromium', 'chromium-browser', 'google-chrome', 'google-chrome-stable')
 _PATIENCE = 60.0
 # No GPU, no sandbox (there is none as root), nothing of its own that asks the network.
-_OPTIONS = ('--headless=new', '--no-sandbox', '--disable-gpu', '--remote-debugging-port=0',
-            '--no-first-run', '--disable-background-networking', '--disable-component-update',
-            '--disable-sync', '--disable-default-apps', '--disable-dev-shm-usage',
-            '--window-size=1280,800')
+_OPTIONS = (
+    '--headless=new',
+    '--no-sandbox',
+    '--disable-gpu',
+    '--remote-debugging-port=0',
+    '--no-first-run',
+    '--disable-background-networking',
+    '--disable-component-update',
+    '--disable-sync',
+    '--disable-default-apps',
+    '--disable-dev-shm-usage',
+    '--window-size=1280,800',
+)
 
 
 class Browser:
@@ -50,6 +59,7 @@ class Browser:
     def _run(self, begin: Callable[[], Any]) -> Any:
         async def wait() -> Any:
             return await asyncio.wait_for(begin(), _PATIENCE)
+
         return self._loop.run_until_complete(wait())
 
     def call(self, method: str, **parameters: Any) -> dict[str, Any]:
@@ -71,8 +81,9 @@ class Browser:
 
     def evaluate(self, script: str) -> Any:
         """Return what a script's value is."""
-        result = self.call('Runtime.evaluate', expression=script, returnByValue=True,
-                           awaitPromise=True)
+        result = self.call(
+            'Runtime.evaluate', expression=script, returnByValue=True, awaitPromise=True
+        )
         assert 'exceptionDetails' not in result, result
         return result['result'].get('value')
 
@@ -97,8 +108,10 @@ class Browser:
 
     def close(self) -> None:
         """Leave the page."""
+
         async def leave() -> None:
             self._socket.close()
+
         self._run(leave)
         self._loop.close()
 
@@ -112,7 +125,10 @@ def chromium(folder: Path) -> Iterator[Browser]:
     with (folder / 'browser.log').open('wb') as log:
         process = subprocess.Popen(
             [found, *_OPTIONS, f'--user-data-dir={folder / "profile"}', 'about:blank'],
-            stdin=subprocess.DEVNULL, stdout=log, stderr=log)
+            stdin=subprocess.DEVNULL,
+            stdout=log,
+            stderr=log,
+        )
     page = None
     try:
         written = folder / 'profile' / 'DevToolsActivePort'

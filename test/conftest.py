@@ -45,8 +45,10 @@ _REQUIRED = set(filter(None, os.environ.get('FLEXX2_REQUIRE', '').split(',')))
 def pytest_configure() -> None:
     """Refuse to require what no test asks for."""
     if unknown := _REQUIRED - set(wants.WANTS):
-        raise pytest.UsageError(f'FLEXX2_REQUIRE: must be names of {", ".join(wants.WANTS)}, '
-                                f'got {", ".join(sorted(unknown))}')
+        raise pytest.UsageError(
+            f'FLEXX2_REQUIRE: must be names of {", ".join(wants.WANTS)}, '
+            f'got {", ".join(sorted(unknown))}'
+        )
 
 
 def _require(report: Any) -> Any:
@@ -54,8 +56,9 @@ def _require(report: Any) -> Any:
         want = wants.want_of(report.longrepr[2])
         if want in _REQUIRED:
             report.outcome = 'failed'
-            report.longrepr = (f'{report.longrepr[2]}: FLEXX2_REQUIRE asks for "{want}": '
-                               f'{wants.WANTS[want][1]}')
+            report.longrepr = (
+                f'{report.longrepr[2]}: FLEXX2_REQUIRE asks for "{want}": {wants.WANTS[want][1]}'
+            )
     return report
 
 
@@ -73,8 +76,10 @@ def pytest_make_collect_report() -> Generator[None, Any, Any]:
 
 def pytest_terminal_summary(terminalreporter: Any) -> None:
     """Sum up what was not tested, why, and how to get what is missing."""
-    skipped = {report.nodeid: report.longrepr[2].removeprefix('Skipped: ')
-               for report in terminalreporter.stats.get('skipped', [])}
+    skipped = {
+        report.nodeid: report.longrepr[2].removeprefix('Skipped: ')
+        for report in terminalreporter.stats.get('skipped', [])
+    }
     if skipped:
         terminalreporter.section(f'skipped for want of something: {len(skipped)}')
         for line in wants.summary(skipped.values()):
@@ -88,6 +93,7 @@ def ros(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     rclpy = pytest.importorskip('rclpy', reason='ROS 2 is not installed: no rclpy')
     from flexx2_sim_ros.nodes.transport import make_room_for_images
     from rclpy.signals import SignalHandlerOptions
+
     make_room_for_images()
     os.environ['ROS_LOG_DIR'] = str(tmp_path_factory.mktemp('ros_log'))
     # Ctrl-C belongs to pytest.
@@ -101,5 +107,9 @@ def child_env(ros: None) -> dict[str, str]:
     """Return the environment for nodes that run as processes, from this checkout."""
     root = str(Path(__file__).resolve().parents[1])
     paths = [root, *filter(None, [os.environ.get('PYTHONPATH')])]
-    return {**os.environ, 'PYTHONPATH': os.pathsep.join(paths), 'PYTHONUNBUFFERED': '1',
-            'PATH': os.pathsep.join([str(Path(sys.executable).parent), os.environ['PATH']])}
+    return {
+        **os.environ,
+        'PYTHONPATH': os.pathsep.join(paths),
+        'PYTHONUNBUFFERED': '1',
+        'PATH': os.pathsep.join([str(Path(sys.executable).parent), os.environ['PATH']]),
+    }

@@ -22,10 +22,15 @@ def write_campaign(folder: Path, chosen: range) -> None:
         a, b, c = board_plane(view, (view.white | view.black) & (view.depth > 0))
         plane = np.where(board, 1 / (a + b * view.x + c * view.y), np.nan)
         matrix = np.array([[FOCAL, 0, CENTRE[0] - x0], [0, FOCAL, CENTRE[1] - y0], [0, 0, 1]])
-        np.savez(folder / f'view_{k:03d}.npz', clean_depth=plane, K=matrix,
-                 depth=np.where(board & (view.depth > 0), view.depth,
-                                np.nan).astype(np.float32)[None],
-                 amplitude=view.infrared, stamp=np.array([float(k)]), usecase='kinect2')
+        np.savez(
+            folder / f'view_{k:03d}.npz',
+            clean_depth=plane,
+            K=matrix,
+            depth=np.where(board & (view.depth > 0), view.depth, np.nan).astype(np.float32)[None],
+            amplitude=view.infrared,
+            stamp=np.array([float(k)]),
+            usecase='kinect2',
+        )
 
 
 def profile(chosen: range) -> Profile:
@@ -39,6 +44,12 @@ def profile(chosen: range) -> Profile:
             error = (view.depth - 1 / (a + b * view.x + c * view.y))[good]
             spreads.append(1.4826 * float(np.median(np.abs(error - np.median(error)))))
     noise = NoiseModel(float(np.median(spreads)), 0.0, 0.0, 0.0, 1.0, 0.5)
-    mode = replace(flexx2().mode('Mode_9_30fps'), name='kinect2', range_min=0.4, range_max=4.5,
-                   noise=noise, noise_of='kinect2')
+    mode = replace(
+        flexx2().mode('Mode_9_30fps'),
+        name='kinect2',
+        range_min=0.4,
+        range_max=4.5,
+        noise=noise,
+        noise_of='kinect2',
+    )
     return replace(flexx2(), model='Kinect v2', modes=(mode,))

@@ -35,28 +35,62 @@ def make(kind: str, *values: Any) -> Any:
 
 def header(stamp: int, frame_id: str = 'pmd_royale_ros_camera_node_optical_frame') -> Any:
     """Return a header."""
-    return make('std_msgs/msg/Header',
-                make('builtin_interfaces/msg/Time', *divmod(stamp, SECOND)), frame_id)
+    return make(
+        'std_msgs/msg/Header',
+        make('builtin_interfaces/msg/Time', *divmod(stamp, SECOND)),
+        frame_id,
+    )
 
 
-def image(topic: str, stamp: int, pixels: np.ndarray, encoding: str = '32FC1',
-          received: int | None = None) -> Entry:
+def image(
+    topic: str,
+    stamp: int,
+    pixels: np.ndarray,
+    encoding: str = '32FC1',
+    received: int | None = None,
+) -> Entry:
     """Return an image, rows unpadded, bytes in the array's order."""
     height, width = pixels.shape
     big = pixels.dtype.byteorder == '>'
     data = np.frombuffer(pixels.tobytes(), np.uint8)
-    return topic, IMAGE, stamp if received is None else received, make(
-        IMAGE, header(stamp), height, width, encoding, int(big), width * pixels.itemsize, data)
+    return (
+        topic,
+        IMAGE,
+        stamp if received is None else received,
+        make(
+            IMAGE, header(stamp), height, width, encoding, int(big), width * pixels.itemsize, data
+        ),
+    )
 
 
-def info(topic: str, stamp: int, size: tuple[int, int], matrix: np.ndarray = MATRIX,
-         distortion: np.ndarray = DISTORTION) -> Entry:
+def info(
+    topic: str,
+    stamp: int,
+    size: tuple[int, int],
+    matrix: np.ndarray = MATRIX,
+    distortion: np.ndarray = DISTORTION,
+) -> Entry:
     """Return a camera info for (height, width)."""
     projection = np.hstack([matrix, np.zeros((3, 1))]).ravel()
     region = make('sensor_msgs/msg/RegionOfInterest', 0, 0, 0, 0, False)
-    return topic, INFO, stamp, make(
-        INFO, header(stamp), *size, 'plumb_bob', distortion, matrix.ravel(), np.eye(3).ravel(),
-        projection, 0, 0, region)
+    return (
+        topic,
+        INFO,
+        stamp,
+        make(
+            INFO,
+            header(stamp),
+            *size,
+            'plumb_bob',
+            distortion,
+            matrix.ravel(),
+            np.eye(3).ravel(),
+            projection,
+            0,
+            0,
+            region,
+        ),
+    )
 
 
 def driver_cloud(topic: str, stamp: int, z: np.ndarray) -> Entry:
@@ -64,26 +98,57 @@ def driver_cloud(topic: str, stamp: int, z: np.ndarray) -> Entry:
     height, width = z.shape
     points = np.zeros((height, width, 4), '<f4')
     points[..., 0], points[..., 1], points[..., 2], points[..., 3] = 7.0, 8.0, z, 1.0
-    fields = [make('sensor_msgs/msg/PointField', name, 4 * i, 7, 1)
-              for i, name in enumerate(('x', 'y', 'z', 'conf'))]
-    return topic, CLOUD, stamp, make(
-        CLOUD, header(stamp), width, height, fields, False, 16, 16 * width,
-        np.frombuffer(points.tobytes(), np.uint8), False)
+    fields = [
+        make('sensor_msgs/msg/PointField', name, 4 * i, 7, 1)
+        for i, name in enumerate(('x', 'y', 'z', 'conf'))
+    ]
+    return (
+        topic,
+        CLOUD,
+        stamp,
+        make(
+            CLOUD,
+            header(stamp),
+            width,
+            height,
+            fields,
+            False,
+            16,
+            16 * width,
+            np.frombuffer(points.tobytes(), np.uint8),
+            False,
+        ),
+    )
 
 
 def usecase(node: str, received: int, value: str, changed: bool = False) -> Entry:
     """Return the event of a node's mode."""
-    content = make('rcl_interfaces/msg/ParameterValue', 4, False, 0, 0.0, value,
-                   np.zeros(0, np.uint8), np.zeros(0, bool), np.zeros(0, np.int64), np.zeros(0),
-                   [])
+    content = make(
+        'rcl_interfaces/msg/ParameterValue',
+        4,
+        False,
+        0,
+        0.0,
+        value,
+        np.zeros(0, np.uint8),
+        np.zeros(0, bool),
+        np.zeros(0, np.int64),
+        np.zeros(0),
+        [],
+    )
     parameters = [make('rcl_interfaces/msg/Parameter', 'usecase', content)]
     time = make('builtin_interfaces/msg/Time', *divmod(received, SECOND))
-    return '/parameter_events', EVENT, received, make(
-        EVENT, time, node, [] if changed else parameters, parameters if changed else [], [])
+    return (
+        '/parameter_events',
+        EVENT,
+        received,
+        make(EVENT, time, node, [] if changed else parameters, parameters if changed else [], []),
+    )
 
 
-def write(path: Path, entries: Iterable[Entry], storage: str = 'mcap',
-          compress: bool = False) -> Path:
+def write(
+    path: Path, entries: Iterable[Entry], storage: str = 'mcap', compress: bool = False
+) -> Path:
     """Write a bag."""
     writer = Writer(path, version=9, storage_plugin=PLUGINS[storage])
     if compress:
@@ -114,33 +179,43 @@ def driver_entries(depth: np.ndarray, node: str = DRIVER) -> list[Entry]:
         stamp = EPOCH + index * 22_222_000
         gray = np.full(frame.shape, index % 256, np.uint8)
         # The driver sends a camera info with the depth and another with the gray image.
-        entries += [driver_cloud(f'{node}/point_cloud_0', stamp, frame),
-                    image(f'{node}/depth_image_0', stamp, frame),
-                    info(f'{node}/camera_info', stamp, frame.shape),
-                    image(f'{node}/gray_image_0', stamp, gray, 'mono8'),
-                    info(f'{node}/camera_info', stamp, frame.shape)]
+        entries += [
+            driver_cloud(f'{node}/point_cloud_0', stamp, frame),
+            image(f'{node}/depth_image_0', stamp, frame),
+            info(f'{node}/camera_info', stamp, frame.shape),
+            image(f'{node}/gray_image_0', stamp, gray, 'mono8'),
+            info(f'{node}/camera_info', stamp, frame.shape),
+        ]
     return entries
 
 
-def camera_entries(name: str, depth: np.ndarray, clean: np.ndarray, start: int = SECOND,
-                   step: int = SECOND // 60) -> list[Entry]:
+def camera_entries(
+    name: str, depth: np.ndarray, clean: np.ndarray, start: int = SECOND, step: int = SECOND // 60
+) -> list[Entry]:
     """Return what a camera node and what feeds it publish."""
     node = f'/{name}/flexx2_camera'
     entries = [usecase(node, start, 'Mode_5_60fps')]
     for index, (seen, there) in enumerate(zip(depth, clean, strict=True)):
         stamp = start + index * step
-        entries += [info(f'/{name}/clean/camera_info', stamp, there.shape),
-                    image(f'/{name}/clean/depth_image', stamp, there),
-                    image(f'/{name}/clean/reflectivity', stamp, there / 10),
-                    image(f'{node}/depth_image_0', stamp, seen),
-                    info(f'{node}/camera_info', stamp, seen.shape)]
+        entries += [
+            info(f'/{name}/clean/camera_info', stamp, there.shape),
+            image(f'/{name}/clean/depth_image', stamp, there),
+            image(f'/{name}/clean/reflectivity', stamp, there / 10),
+            image(f'{node}/depth_image_0', stamp, seen),
+            info(f'{node}/camera_info', stamp, seen.shape),
+        ]
     return entries
 
 
 def same(a: np.ndarray | None, b: np.ndarray | None) -> bool:
     """Say whether two arrays are the same to the last bit."""
-    return (a is not None and b is not None and a.dtype == b.dtype and a.shape == b.shape
-            and a.tobytes() == b.tobytes())
+    return (
+        a is not None
+        and b is not None
+        and a.dtype == b.dtype
+        and a.shape == b.shape
+        and a.tobytes() == b.tobytes()
+    )
 
 
 def every_kind(folder: Path) -> dict[str, Path]:
@@ -151,9 +226,13 @@ def every_kind(folder: Path) -> dict[str, Path]:
     gray = np.random.default_rng(3).integers(0, 255, depth.shape, np.uint8)
     with RecordingWriter(paths['stored'], *depth.shape) as writer:
         writer.add_depth(depth)
-        for key, value in {'K': np.diag([50.0, 50.0, 1.0]), 'stamp': np.arange(COUNT) / 8,
-                           'amplitude': gray, 'clean_depth': depth[0] + 1,
-                           'usecase': 'Mode_9_30fps'}.items():
+        for key, value in {
+            'K': np.diag([50.0, 50.0, 1.0]),
+            'stamp': np.arange(COUNT) / 8,
+            'amplitude': gray,
+            'clean_depth': depth[0] + 1,
+            'usecase': 'Mode_9_30fps',
+        }.items():
             writer.add_array(key, value)
     with np.load(paths['stored']) as arrays:
         np.savez_compressed(paths['deflated'], **arrays)

@@ -68,11 +68,11 @@ class View:
             seen = Rotation.from_rotvec(pose[:3]).apply(points) + pose[3:]
             pixels = seen[:, :2] / seen[:, 2:] * FOCAL + self.K[:2, 2]
             return (pixels - self.corners).ravel()
+
         best = least_squares(error, _start(grid, (self.corners - self.K[:2, 2]) / FOCAL))
         turn, shift = Rotation.from_rotvec(best.x[:3]).as_matrix(), best.x[3:]
         v, u = np.indices(self.depth.shape)
-        rays = np.stack([(u - self.K[0, 2]) / FOCAL, (v - self.K[1, 2]) / FOCAL,
-                         np.ones(u.shape)])
+        rays = np.stack([(u - self.K[0, 2]) / FOCAL, (v - self.K[1, 2]) / FOCAL, np.ones(u.shape)])
         depth = (turn[:, 2] @ shift) / np.tensordot(turn[:, 2], rays, 1)
         board = np.tensordot(turn.T, rays * depth - shift[:, None, None], 1)
         return board[:2] / 0.03, depth, float((turn @ (0.06, 0.09, 0.0) + shift)[2])
@@ -80,8 +80,11 @@ class View:
 
 def _start(grid: np.ndarray, rays: np.ndarray) -> np.ndarray:
     """Return a pose to start from: that of the homography from the board to its image."""
-    rows = [row for (x, y), (u, v) in zip(grid, rays, strict=True) for row in (
-        (x, y, 1, 0, 0, 0, -u * x, -u * y, -u), (0, 0, 0, x, y, 1, -v * x, -v * y, -v))]
+    rows = [
+        row
+        for (x, y), (u, v) in zip(grid, rays, strict=True)
+        for row in ((x, y, 1, 0, 0, 0, -u * x, -u * y, -u), (0, 0, 0, x, y, 1, -v * x, -v * y, -v))
+    ]
     matrix = np.linalg.svd(np.array(rows))[2][-1].reshape(3, 3)
     matrix *= np.sign(matrix[2, 2]) / np.linalg.norm(matrix[:, :2], axis=0).mean()
     axes = np.c_[matrix[:, :2], np.cross(*matrix[:, :2].T)]
@@ -96,10 +99,15 @@ def kinect_views() -> list[View]:
         offsets = data['offset']
         depth, infrared = data['depth_mm'], data['ir16']
         for number, (x0, y0, x1, y1) in enumerate(data['box_x0y0x1y1']):
-            part, shape = slice(*offsets[number:number + 2]), (y1 - y0, x1 - x0)
+            part, shape = slice(*offsets[number : number + 2]), (y1 - y0, x1 - x0)
             metres = depth[part].reshape(shape) / np.float32(1000)
             matrix = np.array([[FOCAL, 0, CENTRE[0] - x0], [0, FOCAL, CENTRE[1] - y0], [0, 0, 1]])
-            views.append(View(np.where(metres > 0, metres, np.float32(np.nan)),
-                              infrared[part].reshape(shape).astype(np.float32), matrix,
-                              data['corners_px'][number].astype(np.float64) - (x0, y0)))
+            views.append(
+                View(
+                    np.where(metres > 0, metres, np.float32(np.nan)),
+                    infrared[part].reshape(shape).astype(np.float32),
+                    matrix,
+                    data['corners_px'][number].astype(np.float64) - (x0, y0),
+                )
+            )
     return views

@@ -12,9 +12,9 @@ try:
 except ImportError as error:
     raise unittest.SkipTest('ROS 2 is not installed: rclpy cannot be imported') from error
 
-from flexx2_sim_ros.go1.kinematics import JOINTS
 from flexx2_sim_ros.nodes import go1_messages, transforms
 from flexx2_sim_ros.nodes.go1_node import Go1Cameras
+from flexx2_sim_ros.robots.kinematics import JOINTS
 from geometry_msgs.msg import Twist
 from nav_msgs.msg import Odometry
 import numpy as np
@@ -23,8 +23,22 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from streams import CameraInfo, Clock, Image, Listener, Parameter
 
-__all__ = ['CameraInfo', 'Clock', 'Go1', 'Image', 'JointState', 'Odometry', 'Twist', 'go1',
-           'go1_messages', 'joints', 'odometry', 'place', 'transforms', 'twist']
+__all__ = [
+    'CameraInfo',
+    'Clock',
+    'Go1',
+    'Image',
+    'JointState',
+    'Odometry',
+    'Twist',
+    'go1',
+    'go1_messages',
+    'joints',
+    'odometry',
+    'place',
+    'transforms',
+    'twist',
+]
 
 # The scene with the least to draw, and rays: fast, and free of OpenGL.
 USUAL = {'scene': 'corner', 'renderer': 'ray'}
@@ -38,8 +52,12 @@ class Go1(Listener):
         """Start the node; values are of its parameters."""
         super().__init__()
         self.space = f'/go1_{next(_numbers)}'
-        self.robot = Go1Cameras(namespace=self.space, parameter_overrides=[
-            Parameter(name, value=value) for name, value in {**USUAL, **values}.items()])
+        self.robot = Go1Cameras(
+            namespace=self.space,
+            parameter_overrides=[
+                Parameter(name, value=value) for name, value in {**USUAL, **values}.items()
+            ],
+        )
         self.add(self.robot)
         self.clients = AsyncParameterClient(self.node, f'{self.space}/go1_cameras')
 
@@ -53,16 +71,21 @@ class Go1(Listener):
         """Return the list that fills with what the node publishes."""
         name = topic if topic.startswith('/') else f'{self.space}/{topic}'
         heard = self.listen(name, kind)
-        self.spin_until(lambda: all(
-            publisher.get_subscription_count() for publisher in self.robot.publishers
-            if publisher.topic_name == name), topic)
+        self.spin_until(
+            lambda: all(
+                publisher.get_subscription_count()
+                for publisher in self.robot.publishers
+                if publisher.topic_name == name
+            ),
+            topic,
+        )
         return heard
 
     def more(self, heard: list[Any], count: int) -> list[Any]:
         """Wait for some more messages; return them."""
         start = len(heard)
         self.spin_until(lambda: len(heard) >= start + count, f'{count} messages')
-        return heard[start:start + count]
+        return heard[start : start + count]
 
     def change(self, **values: Any) -> Any:
         """Set parameters through the node's service; return the last one's result."""
@@ -79,8 +102,11 @@ class Go1(Listener):
     def logged(self, *parts: str) -> list[str]:
         """Return what the node logged with all these parts in it."""
         name = self.robot.get_logger().name
-        return [entry.msg for entry in self.log
-                if entry.name == name and all(part in entry.msg for part in parts)]
+        return [
+            entry.msg
+            for entry in self.log
+            if entry.name == name and all(part in entry.msg for part in parts)
+        ]
 
     def close(self) -> None:
         """Stop the node and leave the graph."""
@@ -111,11 +137,12 @@ def place(message: Odometry) -> tuple[np.ndarray, float]:
     return np.array([at.x, at.y, at.z]), 2 * math.atan2(turn.z, turn.w)
 
 
-def odometry(stamp: int, position: Sequence[float], yaw: float = 0.0,
-             child: str = 'trunk') -> Odometry:
+def odometry(
+    stamp: int, position: Sequence[float], yaw: float = 0.0, child: str = 'trunk'
+) -> Odometry:
     """Return another simulator's pose."""
     message = Odometry(child_frame_id=child)
-    message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, 10 ** 9)
+    message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, 10**9)
     at, turn = message.pose.pose.position, message.pose.pose.orientation
     at.x, at.y, at.z = map(float, position)
     turn.w, turn.z = math.cos(yaw / 2), math.sin(yaw / 2)
@@ -125,5 +152,5 @@ def odometry(stamp: int, position: Sequence[float], yaw: float = 0.0,
 def joints(stamp: int, positions: Sequence[float], names: Sequence[str] = JOINTS) -> JointState:
     """Return another simulator's joints."""
     message = JointState(name=list(names), position=list(map(float, positions)))
-    message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, 10 ** 9)
+    message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, 10**9)
     return message

@@ -11,8 +11,10 @@ FIELDS = ('depth', 'sigma', 'amplitude', 'confidence')
 
 def same(one: Any, other: Any) -> bool:
     """Say whether two frames are equal to the last bit."""
-    return all(np.array_equal(getattr(one, field), getattr(other, field), equal_nan=True)
-               for field in FIELDS)
+    return all(
+        np.array_equal(getattr(one, field), getattr(other, field), equal_nan=True)
+        for field in FIELDS
+    )
 
 
 def scenes(count: int = 1) -> np.ndarray:
@@ -29,8 +31,16 @@ SMALL = K - [[0, 0, 95.5], [0, 0, 73.5], [0, 0, 0]]
 SHADES = np.linspace(0.02, 1.0, 32) * np.ones((24, 1))
 
 
-def capture(effects: Any, clean: Any, stamps: Any, *, seed: int = 3, name: str = '',
-            usecase: str = 'Mode_9_30fps') -> Any:
+def capture(
+    effects: Any,
+    clean: Any,
+    stamps: Any,
+    *,
+    seed: int = 3,
+    name: str = '',
+    usecase: str = 'Mode_9_30fps',
+) -> Any:
     """Return what a new camera sees."""
     return Camera(usecase, effects=effects, seed=seed, name=name).capture(
-        clean, SMALL, stamps, SHADES)
+        clean, SMALL, stamps, SHADES
+    )

@@ -14,8 +14,8 @@ except ImportError as error:
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from flexx2_sim_ros.camera import Camera, Intrinsics
-from flexx2_sim_ros.camera.modes import flexx2
 from flexx2_sim_ros.nodes.camera_node import Flexx2Camera
+from flexx2_sim_ros.profiles.modes import flexx2
 import numpy as np
 from rcl_interfaces.msg import Log, SetParametersResult
 from rclpy.executors import SingleThreadedExecutor
@@ -28,10 +28,35 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2, PointField
 
 __all__ = [
-    'BOARDS', 'CLOUD', 'CameraInfo', 'Clock', 'DEPTH', 'DiagnosticStatus', 'FLEXX2', 'GRAY',
-    'INFO', 'INPUT_HZ', 'Image', 'Listener', 'NOISE', 'Parameter', 'PointField', 'SECOND', 'START',
-    'Stream', 'array_of', 'boards', 'image_message', 'info_message', 'input_stamps', 'library',
-    'nanoseconds', 'plane', 'same', 'stream']
+    'BOARDS',
+    'CLOUD',
+    'CameraInfo',
+    'Clock',
+    'DEPTH',
+    'DiagnosticStatus',
+    'FLEXX2',
+    'GRAY',
+    'INFO',
+    'INPUT_HZ',
+    'Image',
+    'Listener',
+    'NOISE',
+    'Parameter',
+    'PointField',
+    'SECOND',
+    'START',
+    'Stream',
+    'array_of',
+    'boards',
+    'image_message',
+    'info_message',
+    'input_stamps',
+    'library',
+    'nanoseconds',
+    'plane',
+    'same',
+    'stream',
+]
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
@@ -46,8 +71,12 @@ OUTPUTS = {DEPTH: Image, INFO: CameraInfo, CLOUD: PointCloud2, GRAY: Image, NOIS
 
 # Conditions are met in milliseconds; this is for a machine that is busy with something else.
 _PATIENCE = 60.0
-_ENCODINGS = {'32FC1': ('f4', 1.0), '64FC1': ('f8', 1.0), '16UC1': ('u2', 1000.0),
-              'mono8': ('u1', 1.0)}
+_ENCODINGS = {
+    '32FC1': ('f4', 1.0),
+    '64FC1': ('f8', 1.0),
+    '16UC1': ('u2', 1000.0),
+    'mono8': ('u1', 1.0),
+}
 _numbers = itertools.count()
 
 
@@ -62,17 +91,32 @@ def _stamp(message: Any, stamp: int, frame_id: str) -> Any:
     return message
 
 
-def image_message(array: np.ndarray, stamp: int = 0, *, encoding: str = '32FC1',
-                  big_endian: bool = False, padding: int = 0, frame_id: str = 'optical') -> Image:
+def image_message(
+    array: np.ndarray,
+    stamp: int = 0,
+    *,
+    encoding: str = '32FC1',
+    big_endian: bool = False,
+    padding: int = 0,
+    frame_id: str = 'optical',
+) -> Image:
     """Encode an (H, W) image of metres; ``padding`` bytes of rubbish end each row."""
     kind, scale = _ENCODINGS[encoding]
     values = array if scale == 1.0 else np.rint(np.nan_to_num(array) * scale)
     pixels = values.astype(np.dtype(('>' if big_endian else '<') + kind))
-    rows = np.ascontiguousarray(pixels).view(np.uint8).reshape(
-        len(array), array.shape[1] * pixels.itemsize)
+    rows = (
+        np.ascontiguousarray(pixels)
+        .view(np.uint8)
+        .reshape(len(array), array.shape[1] * pixels.itemsize)
+    )
     rows = np.pad(rows, ((0, 0), (0, padding)), constant_values=0xA5)
-    message = Image(height=array.shape[0], width=array.shape[1], encoding=encoding,
-                    is_bigendian=int(big_endian), step=rows.shape[1])
+    message = Image(
+        height=array.shape[0],
+        width=array.shape[1],
+        encoding=encoding,
+        is_bigendian=int(big_endian),
+        step=rows.shape[1],
+    )
     message.data.frombytes(rows.tobytes())
     return _stamp(message, stamp, frame_id)
 
@@ -80,8 +124,12 @@ def image_message(array: np.ndarray, stamp: int = 0, *, encoding: str = '32FC1',
 def info_message(camera: Intrinsics, stamp: int = 0, frame_id: str = 'optical') -> CameraInfo:
     """Describe the camera that clean depth comes from."""
     message = CameraInfo(
-        width=camera.width, height=camera.height, distortion_model='plumb_bob',
-        d=list(camera.distortion), k=camera.matrix.ravel().tolist())
+        width=camera.width,
+        height=camera.height,
+        distortion_model='plumb_bob',
+        d=list(camera.distortion),
+        k=camera.matrix.ravel().tolist(),
+    )
     return _stamp(message, stamp, frame_id)
 
 
@@ -119,8 +167,11 @@ class Listener:
         self._executor.add_node(self.node)
         self._subscriptions: dict[str, Any] = {}
         self.node.create_subscription(
-            Log, '/rosout', self.log.append,
-            QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL))
+            Log,
+            '/rosout',
+            self.log.append,
+            QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL),
+        )
 
     def add(self, node: Node) -> None:
         """Let a node under test run in this executor."""
@@ -188,14 +239,22 @@ class Stream(Listener):
 
     """
 
-    def __init__(self, *topics: str, source: Intrinsics = FLEXX2, namespace: str = '',
-                 feed: bool = True, **values: Any) -> None:
+    def __init__(
+        self,
+        *topics: str,
+        source: Intrinsics = FLEXX2,
+        namespace: str = '',
+        feed: bool = True,
+        **values: Any,
+    ) -> None:
         """Start the node and wait until everybody knows everybody."""
         super().__init__()
         namespace = namespace or f'/stream_{next(_numbers)}'
         self.source = source
-        self.camera = Flexx2Camera(namespace=namespace, parameter_overrides=[
-            Parameter(name, value=value) for name, value in values.items()])
+        self.camera = Flexx2Camera(
+            namespace=namespace,
+            parameter_overrides=[Parameter(name, value=value) for name, value in values.items()],
+        )
         self.name = f'{namespace}/flexx2_camera'
         self.add(self.camera)
         self.clients = AsyncParameterClient(self.node, self.name)
@@ -210,21 +269,34 @@ class Stream(Listener):
     def _feed(self, namespace: str) -> None:
         self._clean = {
             topic: self.node.create_publisher(kind, f'{namespace}/clean/{topic}', 10)
-            for topic, kind in (('depth_image', Image), ('camera_info', CameraInfo),
-                                ('reflectivity', Image))}
-        self.spin_until(lambda: all(publisher.get_subscription_count()
-                                    for publisher in self._clean.values()), 'inputs')
-        inputs = [subscription for subscription in self.camera.subscriptions
-                  if '/clean/' in subscription.topic_name]
+            for topic, kind in (
+                ('depth_image', Image),
+                ('camera_info', CameraInfo),
+                ('reflectivity', Image),
+            )
+        }
+        self.spin_until(
+            lambda: all(publisher.get_subscription_count() for publisher in self._clean.values()),
+            'inputs',
+        )
+        inputs = [
+            subscription
+            for subscription in self.camera.subscriptions
+            if '/clean/' in subscription.topic_name
+        ]
         assert len(inputs) == 3
-        self.spin_until(lambda: all(subscription.get_publisher_count()
-                                    for subscription in inputs), 'inputs')
+        self.spin_until(
+            lambda: all(subscription.get_publisher_count() for subscription in inputs), 'inputs'
+        )
 
     def listen_to(self, topic: str) -> None:
         """Listen to one of the node's outputs."""
         self.listen(f'{self.name}/{topic}', OUTPUTS[topic])
-        publisher = next(publisher for publisher in self.camera.publishers
-                         if publisher.topic_name == f'{self.name}/{topic}')
+        publisher = next(
+            publisher
+            for publisher in self.camera.publishers
+            if publisher.topic_name == f'{self.name}/{topic}'
+        )
         self.spin_until(publisher.get_subscription_count, topic)
         self._missed[topic] = self.published
 
@@ -250,25 +322,41 @@ class Stream(Listener):
     def logged(self, *parts: str) -> list[str]:
         """Return what the node logged with all these parts in it."""
         name = self.camera.get_logger().name
-        return [entry.msg for entry in self.log
-                if entry.name == name and all(part in entry.msg for part in parts)]
+        return [
+            entry.msg
+            for entry in self.log
+            if entry.name == name and all(part in entry.msg for part in parts)
+        ]
 
-    def publish(self, *, image: Image | None = None, info: CameraInfo | None = None,
-                reflectivity: Image | None = None) -> None:
+    def publish(
+        self,
+        *,
+        image: Image | None = None,
+        info: CameraInfo | None = None,
+        reflectivity: Image | None = None,
+    ) -> None:
         """Send what is given, companions first."""
-        for topic, message in (('camera_info', info), ('reflectivity', reflectivity),
-                               ('depth_image', image)):
+        for topic, message in (
+            ('camera_info', info),
+            ('reflectivity', reflectivity),
+            ('depth_image', image),
+        ):
             if message is not None:
                 self._clean[topic].publish(message)
 
     def settle(self) -> None:
         """Wait until all that the node has published has come."""
-        self.spin_until(lambda: all(
-            len(self.messages(topic)) + missed >= self.published
-            for topic, missed in self._missed.items()), 'published frames')
+        self.spin_until(
+            lambda: all(
+                len(self.messages(topic)) + missed >= self.published
+                for topic, missed in self._missed.items()
+            ),
+            'published frames',
+        )
 
-    def send(self, image: Image, info: CameraInfo | None = None,
-             reflectivity: Image | None = None) -> bool:
+    def send(
+        self, image: Image, info: CameraInfo | None = None, reflectivity: Image | None = None
+    ) -> bool:
         """Send an image and its companions; say whether it became a frame."""
         answered, published = self.answered, self.published
         self.publish(image=image, info=info, reflectivity=reflectivity)
@@ -276,12 +364,15 @@ class Stream(Listener):
         self.settle()
         return self.published > published
 
-    def show(self, depth: np.ndarray, stamp: int, reflectivity: np.ndarray | None = None,
-             **layout: Any) -> bool:
+    def show(
+        self, depth: np.ndarray, stamp: int, reflectivity: np.ndarray | None = None, **layout: Any
+    ) -> bool:
         """Send clean depth with its camera info; say whether it became a frame."""
         return self.send(
-            image_message(depth, stamp, **layout), info_message(self.source, stamp),
-            None if reflectivity is None else image_message(reflectivity, stamp))
+            image_message(depth, stamp, **layout),
+            info_message(self.source, stamp),
+            None if reflectivity is None else image_message(reflectivity, stamp),
+        )
 
     def set(self, **values: Any) -> SetParametersResult:  # noqa: A003
         """Set parameters through the node's service; return the last one's result."""
@@ -302,8 +393,13 @@ class Stream(Listener):
         name = self.name.lstrip('/')
 
         def mine() -> list[DiagnosticStatus]:
-            return [status for array in heard for status in array.status
-                    if status.name.startswith(name)]
+            return [
+                status
+                for array in heard
+                for status in array.status
+                if status.name.startswith(name)
+            ]
+
         self.spin_until(mine, 'diagnostics')
         return mine()[0]
 
@@ -333,8 +429,13 @@ def plane(rays: np.ndarray) -> np.ndarray:
     return (1.4 / (1.0 + 0.5 * rays[0] + 0.3 * rays[1])).astype(np.float32)
 
 
-def library(seen: Stream, depth: np.ndarray, stamp: int, usecase: str = '',
-            reflectivity: np.ndarray | None = None) -> Any:
+def library(
+    seen: Stream,
+    depth: np.ndarray,
+    stamp: int,
+    usecase: str = '',
+    reflectivity: np.ndarray | None = None,
+) -> Any:
     """Return what the library makes of the same scene."""
     settings = seen.camera.settings
     camera = Camera(usecase or settings.usecase, seed=settings.seed, name=settings.camera_name)

@@ -30,6 +30,7 @@ def test_an_error_leaves_the_old_file(tmp_path: Path) -> None:
         with whole(path) as part:
             part.write_text('half')
             raise RuntimeError
+
     with pytest.raises(RuntimeError):
         fail()
     assert path.read_text() == 'old'
@@ -72,6 +73,7 @@ def test_files_move_together(tmp_path: Path) -> None:
         with whole_files(tmp_path) as part:
             (part / 'c').write_text('c')
             (part / 'd').write_text('d')
+
     with pytest.raises(InputError, match='d: cannot be written: must be a file, got a folder'):
         write()
     assert sorted(path.name for path in tmp_path.iterdir()) == ['a', 'b', 'd']
@@ -82,9 +84,13 @@ def test_targets_that_cannot_be(tmp_path: Path) -> None:
     (tmp_path / 'file').touch()
     (tmp_path / 'loop').symlink_to(tmp_path / 'loop')
     for name, words in (
-            ('.', 'must be a file, got a folder'), ('missing/a', 'there is no folder'),
-            ('file/a', 'not a directory'), ('loop', 'symbolic links'),
-            ('loop/a', 'symbolic links'), ('n' * 256, 'name too long')):
+        ('.', 'must be a file, got a folder'),
+        ('missing/a', 'there is no folder'),
+        ('file/a', 'not a directory'),
+        ('loop', 'symbolic links'),
+        ('loop/a', 'symbolic links'),
+        ('n' * 256, 'name too long'),
+    ):
         with pytest.raises(InputError, match=words):
             checked_target(tmp_path / name)
     assert checked_target(tmp_path / ('n' * 255))
@@ -102,8 +108,12 @@ with whole(sys.argv[1]) as part:
 
 def test_leftovers_of_a_killed_process_are_removed(tmp_path: Path) -> None:
     """Assert the next writer removes what a dead process left, and nothing of one that lives."""
-    with subprocess.Popen([sys.executable, '-c', LEAVE, str(tmp_path / 'a')], text=True,
-                          stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+    with subprocess.Popen(
+        [sys.executable, '-c', LEAVE, str(tmp_path / 'a')],
+        text=True,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+    ) as process:
         assert process.stdout is not None
         process.stdout.readline()
         write_text(tmp_path / 'b', 'text')

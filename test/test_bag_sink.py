@@ -53,18 +53,27 @@ def test_remarks_come_back_as_notes(tmp_path: Path) -> None:
     entries = camera_entries('left', depths(1, 5, 4), depths(1, 5, 4))
     with BagSink(BagWriter(tmp_path / 'bag'), 1 << 20) as sink:
         for topic, kind, received, message in entries:
-            assert sink.put(Message(topic, kind, received,
-                                    bytes(made_bags.TYPES.serialize_cdr(message, kind))))
+            assert sink.put(
+                Message(topic, kind, received, bytes(made_bags.TYPES.serialize_cdr(message, kind)))
+            )
         sink.remarks['flexx2_lost'] = '3 of /left/clean/depth_image'
-    assert any('lost while it was recorded: 3 of /left' in note
-               for note in load_recording(tmp_path / 'bag').notes)
+    assert any(
+        'lost while it was recorded: 3 of /left' in note
+        for note in load_recording(tmp_path / 'bag').notes
+    )
 
 
-@pytest.mark.parametrize('failure', [OSError(28, 'No space left on device'),
-                                     sqlite3.OperationalError('disk I/O error'),
-                                     ValueError('a surprise')])
-def test_a_disk_that_fails_is_reported(failure: Exception, tmp_path: Path,
-                                       monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    'failure',
+    [
+        OSError(28, 'No space left on device'),
+        sqlite3.OperationalError('disk I/O error'),
+        ValueError('a surprise'),
+    ],
+)
+def test_a_disk_that_fails_is_reported(
+    failure: Exception, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     writer = BagWriter(tmp_path / 'bag')
     real = writer.write
 
@@ -72,6 +81,7 @@ def test_a_disk_that_fails_is_reported(failure: Exception, tmp_path: Path,
         if time == 3:
             raise failure
         real(topic, kind, time, data)
+
     monkeypatch.setattr(writer, 'write', fail)
     sink = BagSink(writer, 1 << 20)
     for message in some_messages(10):
@@ -84,15 +94,20 @@ def test_a_disk_that_fails_is_reported(failure: Exception, tmp_path: Path,
 STEP = SECOND // 60
 
 
-@pytest.mark.parametrize(('stamps', 'count', 'longest'), [
-    ([i * STEP for i in range(300)], 0, 0.0),
-    ([i * STEP for i in range(300) if i not in (50, 51, 200)], 2, 3 / 60),
-    ([i * STEP for i in range(300) if i != 1], 1, 2 / 60),
-    ([i * STEP for i in range(300) if i != 298], 1, 2 / 60),
-    ([i * STEP for i in range(300) if i % 4 != 3], 0, 0.0),  # 45 Hz out of 60 Hz
-    ([i * STEP for i in range(300) if i < 150 or i % 2], 0, 0.0),  # 60 Hz, then 30 Hz
-    ([i * STEP + int(2e6 * (i * 7919 % 100) / 100) for i in range(300)], 0, 0.0),  # jitter
-    ([5], 0, 0.0), ([], 0, 0.0)])
+@pytest.mark.parametrize(
+    ('stamps', 'count', 'longest'),
+    [
+        ([i * STEP for i in range(300)], 0, 0.0),
+        ([i * STEP for i in range(300) if i not in (50, 51, 200)], 2, 3 / 60),
+        ([i * STEP for i in range(300) if i != 1], 1, 2 / 60),
+        ([i * STEP for i in range(300) if i != 298], 1, 2 / 60),
+        ([i * STEP for i in range(300) if i % 4 != 3], 0, 0.0),  # 45 Hz out of 60 Hz
+        ([i * STEP for i in range(300) if i < 150 or i % 2], 0, 0.0),  # 60 Hz, then 30 Hz
+        ([i * STEP + int(2e6 * (i * 7919 % 100) / 100) for i in range(300)], 0, 0.0),  # jitter
+        ([5], 0, 0.0),
+        ([], 0, 0.0),
+    ],
+)
 def test_gaps(stamps: list[int], count: int, longest: float) -> None:
     gaps = find_gaps(stamps)
     assert gaps.count == count

@@ -45,31 +45,53 @@ def contents(count: int = 5, height: int = 9, width: int = 7) -> dict[str, dict[
     exact = EPOCH + np.arange(count) * 16_666_667
     return {
         'least': {'depth': depth, 'K': MATRIX, 'stamp': np.arange(count) / 3},
-        'simulated': base | {'clean_depth': depth[0].astype('f8'), 'reflectivity': depth / 10,
-                             'seed': 7},
-        'moving': base | {'clean_depth': depth * 2, 'reflectivity': depth[0] / 10,
-                          'amplitude': RNG.integers(0, 256, depth.shape, np.uint8)},
-        'double': base | {'clean_depth': depth.astype('f8') / 3,
-                          'reflectivity': depth.astype('f8') / 7,
-                          'amplitude': np.nan_to_num(depth * 1000).astype('u2')},
-        'odd': base | {'clean_depth': depth.astype('f2'), 'amplitude': depth * 1e6,
-                       'reflectivity': np.asfortranarray(depth)},
+        'simulated': base
+        | {'clean_depth': depth[0].astype('f8'), 'reflectivity': depth / 10, 'seed': 7},
+        'moving': base
+        | {
+            'clean_depth': depth * 2,
+            'reflectivity': depth[0] / 10,
+            'amplitude': RNG.integers(0, 256, depth.shape, np.uint8),
+        },
+        'double': base
+        | {
+            'clean_depth': depth.astype('f8') / 3,
+            'reflectivity': depth.astype('f8') / 7,
+            'amplitude': np.nan_to_num(depth * 1000).astype('u2'),
+        },
+        'odd': base
+        | {
+            'clean_depth': depth.astype('f2'),
+            'amplitude': depth * 1e6,
+            'reflectivity': np.asfortranarray(depth),
+        },
         'exact': base | {'stamp': exact / 1e9, 'stamp_ns': exact},
         'unsteady': base | {'stamp': np.array([3.0, 1.0, 1.0, 2.0, 0.0])[:count]},
-        'extra': base | {'sigma': depth, 'names': np.array(['left', 'r\xe9ight']),
-                         'empty': np.zeros((0, 3)), 'pose': np.eye(4, dtype='>f8'),
-                         'distortion': DISTORTION, 'camera': 'chin', 'frame_id': 'lens'},
+        'extra': base
+        | {
+            'sigma': depth,
+            'names': np.array(['left', 'r\xe9ight']),
+            'empty': np.zeros((0, 3)),
+            'pose': np.eye(4, dtype='>f8'),
+            'distortion': DISTORTION,
+            'camera': 'chin',
+            'frame_id': 'lens',
+        },
     }
 
 
-@pytest.mark.parametrize(('kind', 'target'), [
-    *((kind, target) for kind in contents() for target in TARGETS[:2]),
-    *(('moving', target) for target in TARGETS[2:])])
+@pytest.mark.parametrize(
+    ('kind', 'target'),
+    [
+        *((kind, target) for kind in contents() for target in TARGETS[:2]),
+        *(('moving', target) for target in TARGETS[2:]),
+    ],
+)
 def test_recordings_survive_a_bag_to_the_last_bit(kind: str, target: str, tmp_path: Path) -> None:
     np.savez(tmp_path / 'in.npz', **contents()[kind])
     storage = 'sqlite3' if target.endswith('sqlite3') else 'mcap'
     convert(tmp_path / 'in.npz', tmp_path / target, storage=storage)
-    (reader, _), = convert(tmp_path / target, tmp_path / 'out.npz')
+    ((reader, _),) = convert(tmp_path / target, tmp_path / 'out.npz')
 
     assert reader.notes == []
     assert (tmp_path / target).is_dir() == target.startswith('folder')
@@ -91,15 +113,27 @@ def test_a_converted_bag_is_what_a_camera_publishes(tmp_path: Path) -> None:
     bag = Bag(tmp_path / 'bag')
     node = '/front_left/flexx2_camera'
     assert {topic: kind.rpartition('/')[2] for topic, kind in bag.topics.items()} == {
-        f'{node}/depth_image_0': 'Image', f'{node}/camera_info': 'CameraInfo',
-        f'{node}/gray_image_0': 'Image', '/front_left/clean/depth_image': 'Image',
-        '/front_left/clean/camera_info': 'CameraInfo', '/front_left/clean/reflectivity': 'Image',
-        '/front_left/recording': 'UInt8MultiArray', '/parameter_events': 'ParameterEvent'}
-    messages = [made_bags.TYPES.deserialize_cdr(message.data, message.kind)
-                for message in bag.messages({f'{node}/depth_image_0'})]
+        f'{node}/depth_image_0': 'Image',
+        f'{node}/camera_info': 'CameraInfo',
+        f'{node}/gray_image_0': 'Image',
+        '/front_left/clean/depth_image': 'Image',
+        '/front_left/clean/camera_info': 'CameraInfo',
+        '/front_left/clean/reflectivity': 'Image',
+        '/front_left/recording': 'UInt8MultiArray',
+        '/parameter_events': 'ParameterEvent',
+    }
+    messages = [
+        made_bags.TYPES.deserialize_cdr(message.data, message.kind)
+        for message in bag.messages({f'{node}/depth_image_0'})
+    ]
     assert [message.encoding for message in messages] == ['32FC1'] * 5
     assert [message.header.stamp.nanosec for message in messages] == [
-        0, 33333333, 66666667, 100000000, 133333333]
+        0,
+        33333333,
+        66666667,
+        100000000,
+        133333333,
+    ]
     assert {message.header.frame_id for message in messages} == {'lens'}
     for message, frame in zip(messages, given['depth'], strict=True):
         assert message.data.tobytes() == frame.tobytes()
@@ -141,15 +175,19 @@ def test_real_driver_through_npz_and_back(storage: str, tmp_path: Path) -> None:
             assert same(getattr(first, field), getattr(second, field)), field
         assert second.usecase == first.usecase
         assert {key: value.tolist() for key, value in second.extra.items()} == {
-            key: value.tolist() for key, value in first.extra.items()}
+            key: value.tolist() for key, value in first.extra.items()
+        }
     assert recording_cameras(tmp_path / 'back') == ['pmd_royale_ros_camera_node']
 
 
 def test_only_the_drivers_cloud(tmp_path: Path) -> None:
     depth = depths(3)
     depth[1, 0, 1] = 0.0
-    kept = [entry for entry in driver_entries(depth)
-            if not entry[0].endswith(('depth_image_0', 'gray_image_0'))]
+    kept = [
+        entry
+        for entry in driver_entries(depth)
+        if not entry[0].endswith(('depth_image_0', 'gray_image_0'))
+    ]
     cloud = next(message for topic, _, _, message in kept if topic.endswith('point_cloud_0'))
     assert (cloud.width, cloud.height) == (172, 224), 'swapped, as the driver does it'
     recording = load_recording(write(tmp_path / 'bag', kept))
@@ -158,16 +196,22 @@ def test_only_the_drivers_cloud(tmp_path: Path) -> None:
 
 
 def test_a_cloud_that_does_not_fit_is_named(tmp_path: Path) -> None:
-    entries = [info(f'{DRIVER}/camera_info', 1, (172, 224)),
-               driver_cloud(f'{DRIVER}/point_cloud_0', 1, depths(1, 172, 223)[0])]
+    entries = [
+        info(f'{DRIVER}/camera_info', 1, (172, 224)),
+        driver_cloud(f'{DRIVER}/point_cloud_0', 1, depths(1, 172, 223)[0]),
+    ]
     with pytest.raises(InputError, match='point_cloud_0: size: found 172 x 223.*wanted 224 x 172'):
         load_recording(write(tmp_path / 'bag', entries))
 
 
 def test_two_cameras_in_one_bag(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     depth, clean = depths(2, 5, 4, seed=1), depths(2, 5, 4, seed=2)
-    bag = write(tmp_path / 'bag', camera_entries('front_left', depth, clean)
-                + camera_entries('front_right', clean, depth) + driver_entries(depth))
+    bag = write(
+        tmp_path / 'bag',
+        camera_entries('front_left', depth, clean)
+        + camera_entries('front_right', clean, depth)
+        + driver_entries(depth),
+    )
     names = ['front_left', 'front_right', 'pmd_royale_ros_camera_node']
     assert recording_cameras(bag) == names
     with pytest.raises(InputError, match='several cameras.*front_left, front_right'):
@@ -183,9 +227,11 @@ def test_two_cameras_in_one_bag(tmp_path: Path, capsys: pytest.CaptureFixture[st
 
     assert main(['convert', str(bag), str(tmp_path / 'out.npz')]) == 0
     assert sorted(path.name for path in tmp_path.glob('*.npz')) == [
-        f'out_{name}.npz' for name in names]
+        f'out_{name}.npz' for name in names
+    ]
     assert 'out_front_left.npz: 2 frames of front_left, 4 x 5, Mode_5_60fps' in (
-        capsys.readouterr().err)
+        capsys.readouterr().err
+    )
     assert main(['convert', str(bag), str(tmp_path / 'copy')]) == 2
     assert main(['convert', str(bag), str(tmp_path / 'l.db3'), '--camera', 'front_left']) == 0
     assert same(load_recording(tmp_path / 'l.db3').depth, depth)
@@ -196,8 +242,10 @@ def test_another_camera_by_its_topic(tmp_path: Path) -> None:
     millimetres = RNG.integers(0, 8000, (3, 6, 8)).astype('>u2')
     entries = []
     for index, frame in enumerate(millimetres):
-        entries += [image('/kinect/depth/image_raw', index, frame, '16UC1'),
-                    info('/kinect/depth/camera_info', index, frame.shape)]
+        entries += [
+            image('/kinect/depth/image_raw', index, frame, '16UC1'),
+            info('/kinect/depth/camera_info', index, frame.shape),
+        ]
     bag = write(tmp_path / 'bag', entries)
     recording = load_recording(bag, '/kinect/depth/image_raw')
     assert recording.camera == 'kinect/depth/image_raw'
@@ -210,8 +258,11 @@ def test_what_is_not_quite_right_is_said(tmp_path: Path) -> None:
     entries = camera_entries('left', depth, clean)
     node = '/left/flexx2_camera'
     third = SECOND + 2 * (SECOND // 60)
-    entries = [entry for entry in entries
-               if not (entry[0] == '/left/clean/depth_image' and entry[2] == third)]
+    entries = [
+        entry
+        for entry in entries
+        if not (entry[0] == '/left/clean/depth_image' and entry[2] == third)
+    ]
     entries.append(usecase(node, third + 1, 'Mode_9_30fps', changed=True))
     entries.append(info(f'{node}/camera_info', third + 2, (5, 4), MATRIX * 2))
     entries.sort(key=lambda entry: entry[2])
@@ -241,8 +292,10 @@ def test_a_simulation_that_was_reset(tmp_path: Path) -> None:
     for start in (0, 4):  # the same stamps again
         part = slice(start, start + 4)
         later = camera_entries('left', depth[part], clean[part])
-        entries += [(topic, kind, received + start * SECOND, message)
-                    for topic, kind, received, message in later]
+        entries += [
+            (topic, kind, received + start * SECOND, message)
+            for topic, kind, received, message in later
+        ]
     recording = load_recording(write(tmp_path / 'bag', entries))
     assert same(recording.depth, depth)
     assert same(recording.clean_depth, clean)
@@ -251,8 +304,9 @@ def test_a_simulation_that_was_reset(tmp_path: Path) -> None:
 def test_chunks_are_the_whole_in_bounded_memory(tmp_path: Path) -> None:
     depth, clean = depths(400, 86, 112, seed=1), depths(400, 86, 112, seed=2)
     size = depth.nbytes
-    np.savez(tmp_path / 'in.npz', depth=depth, clean_depth=clean, K=MATRIX,
-             stamp=np.arange(400) / 60)
+    np.savez(
+        tmp_path / 'in.npz', depth=depth, clean_depth=clean, K=MATRIX, stamp=np.arange(400) / 60
+    )
     tracemalloc.start()
     convert(tmp_path / 'in.npz', tmp_path / 'bag')
     convert(tmp_path / 'bag', tmp_path / 'out.npz')
@@ -277,22 +331,32 @@ def test_chunks_of_stacks_that_no_image_holds(tmp_path: Path) -> None:
     for path in (tmp_path / 'in.npz', tmp_path / 'bag.mcap'):
         parts = list(open_recording(path).chunks(2))
         for key in ('clean_depth', 'amplitude', 'reflectivity'):
-            assert same(np.concatenate([getattr(part, key) for part in parts]),
-                        np.ascontiguousarray(given[key])), key
+            assert same(
+                np.concatenate([getattr(part, key) for part in parts]),
+                np.ascontiguousarray(given[key]),
+            ), key
     data = (tmp_path / 'bag.mcap').read_bytes()
-    (tmp_path / 'cut.mcap').write_bytes(data[:len(data) // 2])
+    (tmp_path / 'cut.mcap').write_bytes(data[: len(data) // 2])
     cut = load_recording(tmp_path / 'cut.mcap')
     assert 0 < len(cut.depth) < 5
     assert cut.clean_depth is not None
     assert len(cut.clean_depth) == len(cut.stamp) == len(cut.depth)
 
 
-@pytest.mark.parametrize(('name', 'content', 'message'), [
-    ('nothing', None, 'not there'), ('a.mcap', b'', 'not one whole message'),
-    ('a.db3', b'', 'not one whole message'), ('a.mcap', b'text', 'not one whole message'),
-    ('a.db3', b'text' * 500, 'not one whole message'), ('a.bag', b'#ROSBAG V2.0', r'\.mcap or'),
-    ('folder', 'empty', 'no .mcap or .db3'), ('a.npz', b'PK', 'cannot be read'),
-    ('b.npz', None, 'not a file')])
+@pytest.mark.parametrize(
+    ('name', 'content', 'message'),
+    [
+        ('nothing', None, 'not there'),
+        ('a.mcap', b'', 'not one whole message'),
+        ('a.db3', b'', 'not one whole message'),
+        ('a.mcap', b'text', 'not one whole message'),
+        ('a.db3', b'text' * 500, 'not one whole message'),
+        ('a.bag', b'#ROSBAG V2.0', r'\.mcap or'),
+        ('folder', 'empty', 'no .mcap or .db3'),
+        ('a.npz', b'PK', 'cannot be read'),
+        ('b.npz', None, 'not a file'),
+    ],
+)
 def test_no_recording(name: str, content: Any, message: str, tmp_path: Path) -> None:
     path = tmp_path / name
     if content == 'empty':
@@ -305,22 +369,27 @@ def test_no_recording(name: str, content: Any, message: str, tmp_path: Path) -> 
     assert main(['convert', str(path), str(tmp_path / 'out.mcap')]) == 2
 
 
-@pytest.mark.parametrize(('changes', 'message'), [
-    ({'depth': None}, 'depth: not in the file, which has K, stamp'),
-    ({'depth': np.zeros((9, 7), 'f4')}, r'depth: found shape \(9, 7\)'),
-    ({'depth': np.zeros((0, 9, 7), 'f4')}, 'depth: found shape'),
-    ({'depth': np.full((5, 9, 7), 'x')}, 'depth: found shape'),
-    ({'K': None}, 'K: not in the file'), ({'K': np.eye(4)}, 'K: found shape'),
-    ({'stamp': np.arange(4.0)}, 'depth: found shape'),
-    ({'stamp': np.full(5, np.nan)}, 'stamp: found'),
-    ({'stamp': np.full(5, 1e300)}, r'stamp: found 1e\+300'),
-    ({'stamp_ns': np.arange(5) * SECOND}, 'stamp: differs from stamp_ns'),
-    ({'stamp_ns': np.arange(5) / 2}, 'stamp_ns: found dtype'),
-    ({'usecase': 5}, 'usecase: found dtype'),
-    ({'clean_depth': np.zeros((9, 8))}, r'clean_depth: found shape \(9, 8\)'),
-    ({'clean_depth': np.zeros((4, 9, 7))}, 'clean_depth: found shape'),
-    ({'clean_depth': np.zeros((1, 5, 9, 7))}, 'clean_depth: found shape'),
-    ({'amplitude': np.full((9, 7), 'x')}, 'amplitude: found dtype')])
+@pytest.mark.parametrize(
+    ('changes', 'message'),
+    [
+        ({'depth': None}, 'depth: not in the file, which has K, stamp'),
+        ({'depth': np.zeros((9, 7), 'f4')}, r'depth: found shape \(9, 7\)'),
+        ({'depth': np.zeros((0, 9, 7), 'f4')}, 'depth: found shape'),
+        ({'depth': np.full((5, 9, 7), 'x')}, 'depth: found shape'),
+        ({'K': None}, 'K: not in the file'),
+        ({'K': np.eye(4)}, 'K: found shape'),
+        ({'stamp': np.arange(4.0)}, 'depth: found shape'),
+        ({'stamp': np.full(5, np.nan)}, 'stamp: found'),
+        ({'stamp': np.full(5, 1e300)}, r'stamp: found 1e\+300'),
+        ({'stamp_ns': np.arange(5) * SECOND}, 'stamp: differs from stamp_ns'),
+        ({'stamp_ns': np.arange(5) / 2}, 'stamp_ns: found dtype'),
+        ({'usecase': 5}, 'usecase: found dtype'),
+        ({'clean_depth': np.zeros((9, 8))}, r'clean_depth: found shape \(9, 8\)'),
+        ({'clean_depth': np.zeros((4, 9, 7))}, 'clean_depth: found shape'),
+        ({'clean_depth': np.zeros((1, 5, 9, 7))}, 'clean_depth: found shape'),
+        ({'amplitude': np.full((9, 7), 'x')}, 'amplitude: found dtype'),
+    ],
+)
 def test_npz_that_is_no_recording(changes: dict[str, Any], message: str, tmp_path: Path) -> None:
     arrays = contents()['least'] | changes
     path = tmp_path / 'in.npz'
@@ -329,12 +398,22 @@ def test_npz_that_is_no_recording(changes: dict[str, Any], message: str, tmp_pat
         load_recording(path)
 
 
-@pytest.mark.parametrize(('changes', 'options', 'message'), [
-    ({'stamp': np.arange(5) - 1.0}, [], 'stamp: found -1 to 3 s'),
-    ({'stamp': np.arange(5) * 1e9}, [], 'stamp: found 0 to 4e'),
-    ({}, ['--camera', 'front left'], '--camera'), ({'camera': '7'}, [], "--camera: found '7'")])
-def test_what_no_bag_can_hold(changes: dict[str, Any], options: list[str], message: str,
-                              tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize(
+    ('changes', 'options', 'message'),
+    [
+        ({'stamp': np.arange(5) - 1.0}, [], 'stamp: found -1 to 3 s'),
+        ({'stamp': np.arange(5) * 1e9}, [], 'stamp: found 0 to 4e'),
+        ({}, ['--camera', 'front left'], '--camera'),
+        ({'camera': '7'}, [], "--camera: found '7'"),
+    ],
+)
+def test_what_no_bag_can_hold(
+    changes: dict[str, Any],
+    options: list[str],
+    message: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     np.savez(tmp_path / 'in.npz', **(contents()['least'] | changes))
     assert main(['convert', str(tmp_path / 'in.npz'), str(tmp_path / 'bag'), *options]) == 2
     assert message in capsys.readouterr().err

@@ -21,9 +21,11 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """Write bags of 12 frames: 70 kB each with its cloud, two or three chunks in MCAP."""
     folder = tmp_path_factory.mktemp('whole')
     depth = depths(COUNT, 86, 112)
-    return {'mcap': driver_bag(folder / 'm', depth) / 'm.mcap',
-            'zstd': driver_bag(folder / 'z', depth, compress=True) / 'z.mcap',
-            'sqlite3': driver_bag(folder / 's', depth, 'sqlite3') / 's.db3'}
+    return {
+        'mcap': driver_bag(folder / 'm', depth) / 'm.mcap',
+        'zstd': driver_bag(folder / 'z', depth, compress=True) / 'z.mcap',
+        'sqlite3': driver_bag(folder / 's', depth, 'sqlite3') / 's.db3',
+    }
 
 
 def attempt(path: Path) -> Recording | None:
@@ -53,10 +55,29 @@ def check_prefix(path: Path) -> tuple[int, str]:
 def test_cut_off_anywhere(kind: str, whole: dict[str, Path], tmp_path: Path) -> None:
     data = whole[kind].read_bytes()
     size = len(data)
-    cuts = sorted({0, 1, 7, 8, 9, 60, 99, 100, 511, 4095, 4096, 4097, size - 4097, size - 100,
-                   size - 37, size - 8, size - 1,
-                   *np.random.default_rng(1).integers(0, size, 12).tolist(),
-                   *np.linspace(0, size - 1, 4 * COUNT).astype(int).tolist()})
+    cuts = sorted(
+        {
+            0,
+            1,
+            7,
+            8,
+            9,
+            60,
+            99,
+            100,
+            511,
+            4095,
+            4096,
+            4097,
+            size - 4097,
+            size - 100,
+            size - 37,
+            size - 8,
+            size - 1,
+            *np.random.default_rng(1).integers(0, size, 12).tolist(),
+            *np.linspace(0, size - 1, 4 * COUNT).astype(int).tolist(),
+        }
+    )
     counts = []
     for cut in cuts:
         path = tmp_path / f'{cut}{whole[kind].suffix}'
@@ -85,7 +106,7 @@ def test_damaged_anywhere(kind: str, whole: dict[str, Path], tmp_path: Path) -> 
         start = int(rng.integers(0, len(data) - 64))
         # The first and last kilobytes hold the structure: a third of the damage goes there.
         start = (start, start % 4096, len(data) - 64 - start % 4096)[int(rng.integers(3))]
-        broken[start:start + 64] = rng.bytes(64)
+        broken[start : start + 64] = rng.bytes(64)
         path.write_bytes(broken)
         recording = attempt(path)
         assert recording is None or recording.depth.shape[1:] == (86, 112)
@@ -111,7 +132,7 @@ def test_split_bag_without_metadata(tmp_path: Path) -> None:
     folder = tmp_path / 'bag'
     folder.mkdir()
     for number in range(COUNT):  # bag_10 comes after bag_9
-        rows = [entries[0], *entries[1 + 5 * number:6 + 5 * number]]
+        rows = [entries[0], *entries[1 + 5 * number : 6 + 5 * number]]
         part = write(tmp_path / f'part_{number}', rows)
         (part / f'part_{number}.mcap').rename(folder / f'bag_{number}.mcap')
     last = folder / f'bag_{COUNT - 1}.mcap'
@@ -134,11 +155,16 @@ os._exit(9)
 """
 
 
-@pytest.mark.parametrize(('journal', 'suffix', 'end', 'frames'), [
-    ('DELETE', '-journal', '', COUNT),  # what was not committed is taken back
-    ('WAL', '-wal', 'connection.execute("COMMIT")', 7)])  # and what was committed is there
-def test_writer_that_died(journal: str, suffix: str, end: str, frames: int,
-                          whole: dict[str, Path], tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ('journal', 'suffix', 'end', 'frames'),
+    [
+        ('DELETE', '-journal', '', COUNT),  # what was not committed is taken back
+        ('WAL', '-wal', 'connection.execute("COMMIT")', 7),
+    ],
+)  # and what was committed is there
+def test_writer_that_died(
+    journal: str, suffix: str, end: str, frames: int, whole: dict[str, Path], tmp_path: Path
+) -> None:
     path = tmp_path / 'bag.db3'
     path.write_bytes(whole['sqlite3'].read_bytes())
     program = WRITER_THAT_DIES.format(rows='rows[:1 + 5 * 7]', end=end)
@@ -163,17 +189,22 @@ def test_a_writer_that_is_killed_loses_a_second_at_most(tmp_path: Path) -> None:
         'writer.flush()\n'
         'for time in range(3):\n'
         '    writer.write("/a", "sensor_msgs/msg/Image", time, bytes(1000))\n'
-        'os._exit(9)\n')
+        'os._exit(9)\n'
+    )
     root = Path(__file__).resolve().parents[1]
     for storage in STORAGES:
         bag = tmp_path / storage
-        subprocess.run([sys.executable, '-c', program, bag, storage], check=False,
-                       env={**os.environ, 'PYTHONPATH': str(root)})
+        subprocess.run(
+            [sys.executable, '-c', program, bag, storage],
+            check=False,
+            env={**os.environ, 'PYTHONPATH': str(root)},
+        )
         assert len(list(Bag(bag).messages())) == 5
 
 
 def test_cut_off_bag_converts_with_a_message(
-        whole: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    whole: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     path = tmp_path / 'cut.mcap'
     path.write_bytes(whole['mcap'].read_bytes()[:400_000])
     assert main(['convert', str(path), str(tmp_path / 'out.npz')]) == 0

@@ -22,7 +22,8 @@ MATRIX = flexx2().intrinsics.matrix
 @pytest.mark.parametrize('many', [False, True])
 @pytest.mark.parametrize('device', DEVICES)
 def test_every_pixel_is_the_single_cameras_in_every_mode(
-        device: str, many: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    device: str, many: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """
     Assert 2e-5 m in every pixel, in both ways to share the work out, over three frames.
 
@@ -36,8 +37,11 @@ def test_every_pixel_is_the_single_cameras_in_every_mode(
     for step in range(3):
         seen = look(device, camera, clean)
         for i, mode in enumerate(flexx2().modes):
-            alone = Camera(mode.name, seed=7 + i, name='left').capture(
-                clean[i], MATRIX, step * round(1e9 / mode.rate_hz)).depth
+            alone = (
+                Camera(mode.name, seed=7 + i, name='left')
+                .capture(clean[i], MATRIX, step * round(1e9 / mode.rate_hz))
+                .depth
+            )
             other = ~np.isclose(seen[i], alone, rtol=0, atol=2e-5, equal_nan=True)
             assert other.mean() <= (1e-4 if device == 'cuda' else 0.0), mode.name
             assert np.isfinite(alone).mean() > 0.1
@@ -48,16 +52,16 @@ def test_modes_seeds_and_stamps_of_each_environment(device: str) -> None:
     clean = scenes(4)
     camera = BatchCamera(4, MODES[:4], seed=[9, 3, 9, 3], device=device, invalid_value='zero')
     assert camera.usecases == tuple(MODES[:4])
-    camera.stamps.assign(np.array([-5, 0, 10 ** 15, 7], np.int64))
+    camera.stamps.assign(np.array([-5, 0, 10**15, 7], np.int64))
     camera.set_usecase('mode_9_5fps', np.array([False, True, False, True]))
     seen = look(device, camera, clean)
     names = ('Mode_5_15fps', 'Mode_9_5fps', 'Mode_5_45fps', 'Mode_9_5fps')
     assert camera.usecases == names
-    for i, (seed, stamp) in enumerate(((9, -5), (3, 0), (9, 10 ** 15), (3, 7))):
+    for i, (seed, stamp) in enumerate(((9, -5), (3, 0), (9, 10**15), (3, 7))):
         alone = Camera(names[i], seed=seed).capture(clean[i], MATRIX, stamp).depth
         np.testing.assert_allclose(seen[i], np.nan_to_num(alone), rtol=0, atol=2e-5)
     periods = np.array([round(1e9 / 15), 200_000_000, round(1e9 / 45), 200_000_000])
-    np.testing.assert_array_equal(camera.stamps.numpy(), [-5, 0, 10 ** 15, 7] + periods)
+    np.testing.assert_array_equal(camera.stamps.numpy(), [-5, 0, 10**15, 7] + periods)
 
 
 @pytest.mark.parametrize('size', [(1, 1), (1, 9), (9, 1), (2, 3), (5, 7), (31, 18)])
@@ -80,8 +84,11 @@ def test_a_small_image_has_the_same_field_of_view() -> None:
     np.testing.assert_allclose(*seen, rtol=0, atol=1e-5)
 
 
-MEASURED = {'Mode_5_30fps': (0.5, 1.0, 2.0), 'Mode_5_60fps': (0.5, 1.0, 2.0),
-            'Mode_9_30fps': (0.5, 1.0, 2.5, 5.0)}
+MEASURED = {
+    'Mode_5_30fps': (0.5, 1.0, 2.0),
+    'Mode_5_60fps': (0.5, 1.0, 2.0),
+    'Mode_9_30fps': (0.5, 1.0, 2.5, 5.0),
+}
 
 
 @pytest.mark.parametrize('device', DEVICES)
@@ -97,14 +104,15 @@ def test_closed_loop_axial(usecase: str, device: str) -> None:
         for angle in (0, 15, 30, 45, 60):
             target = board(distance, angle, size=(40, 40))
             model = mode.noise.sigma_z(target.depth, target.incidence)
-            camera = BatchCamera(600, usecase, K=target.K, name=f'{distance}/{angle}',
-                                 device=device)
+            camera = BatchCamera(
+                600, usecase, K=target.K, name=f'{distance}/{angle}', device=device
+            )
             seen = look(device, camera, np.repeat(target.depth[None], 600, axis=0))
             inside = target.depth + 6 * model < mode.range_max
             samples, clean, sigma = seen[:, inside], target.depth[inside], model[inside]
             realised = np.sqrt(np.mean(samples.astype(np.float64).var(axis=0, ddof=1)))
             cell = f'{usecase} at {distance} m, {angle} deg'
-            assert realised == pytest.approx(np.sqrt(np.mean(sigma ** 2)), rel=0.03), cell
+            assert realised == pytest.approx(np.sqrt(np.mean(sigma**2)), rel=0.03), cell
             assert mean_kl(samples, clean, sigma) < 0.003, cell
             assert abs(np.mean((samples - clean) / sigma) * np.sqrt(samples.size)) < 5.5, cell
 
@@ -168,10 +176,13 @@ def test_arrays_need_not_be_contiguous(library: str) -> None:
     wide = np.zeros((172, 3, 448), np.float32)
     wide[:, :, ::2] = np.swapaxes(clean, 0, 1)
     views = {
-        'numpy': lambda: [wide.swapaxes(0, 1)[:, :, ::2],
-                          np.ascontiguousarray(clean[:, ::-1])[:, ::-1]],
+        'numpy': lambda: [
+            wide.swapaxes(0, 1)[:, :, ::2],
+            np.ascontiguousarray(clean[:, ::-1])[:, ::-1],
+        ],
         'torch': lambda: [arrays_of('torch', wide).transpose(0, 1)[:, :, ::2]],
-        'warp': lambda: [arrays_of('warp', wide).transpose([1, 0, 2])[:, :, ::2]]}[library]()
+        'warp': lambda: [arrays_of('warp', wide).transpose([1, 0, 2])[:, :, ::2]],
+    }[library]()
     for view in views:
         np.testing.assert_array_equal(as_numpy(BatchCamera(3, device='cpu')(view)), wanted)
     if library == 'numpy':
@@ -185,36 +196,42 @@ def test_arrays_need_not_be_contiguous(library: str) -> None:
 CLEAN = np.ones((2, 4, 5), np.float32)
 
 
-@pytest.mark.parametrize(('depth', 'said'), [
-    (CLEAN[0], r'depth: found shape \(4, 5\), wanted \(2, any, any\)'),
-    (CLEAN[:1], r'depth: found shape \(1, 4, 5\)'),
-    (CLEAN[:, :0], r'depth: found shape \(2, 0, 5\)'),
-    (CLEAN.astype(np.float64), 'depth: found float64, wanted float32'),
-    (CLEAN.astype('>f4'), 'wanted float32'),
-    (CLEAN.astype(np.uint16), 'depth: found uint16'),
-    (CLEAN.tolist(), 'depth: found list, wanted a torch tensor, a JAX array, a NumPy array'),
-    (None, 'depth: found NoneType'),
-    (wp.zeros((2, 4, 5), dtype=wp.float64, device='cpu'), 'depth: found .*float64'),
-    (wp.zeros((2, 4, 5), dtype=wp.vec3, device='cpu'), 'depth: found .*vec'),
-])
+@pytest.mark.parametrize(
+    ('depth', 'said'),
+    [
+        (CLEAN[0], r'depth: found shape \(4, 5\), wanted \(2, any, any\)'),
+        (CLEAN[:1], r'depth: found shape \(1, 4, 5\)'),
+        (CLEAN[:, :0], r'depth: found shape \(2, 0, 5\)'),
+        (CLEAN.astype(np.float64), 'depth: found float64, wanted float32'),
+        (CLEAN.astype('>f4'), 'wanted float32'),
+        (CLEAN.astype(np.uint16), 'depth: found uint16'),
+        (CLEAN.tolist(), 'depth: found list, wanted a torch tensor, a JAX array, a NumPy array'),
+        (None, 'depth: found NoneType'),
+        (wp.zeros((2, 4, 5), dtype=wp.float64, device='cpu'), 'depth: found .*float64'),
+        (wp.zeros((2, 4, 5), dtype=wp.vec3, device='cpu'), 'depth: found .*vec'),
+    ],
+)
 def test_depth_that_cannot_be_used(depth: object, said: str) -> None:
     with pytest.raises(InputError, match=said):
         BatchCamera(2, device='cpu')(depth)
 
 
-@pytest.mark.parametrize(('changes', 'said'), [
-    ({'num_envs': 0}, 'num_envs: found 0'),
-    ({'num_envs': True}, 'num_envs: found True'),
-    ({'num_envs': 2.0}, 'num_envs: found 2.0'),
-    ({'usecase': 'Mode_7'}, 'usecase: found .Mode_7., wanted one of Mode_5_15fps'),
-    ({'usecase': ['Mode_5_15fps']}, 'for each of the 2 environments'),
-    ({'seed': [1]}, 'seed: found .1., wanted one, or one for each of the 2'),
-    ({'seed': True}, 'seed: found True'),
-    ({'seed': 2 ** 63 - 1}, 'wanted a whole number of 64 bits'),
-    ({'K': np.eye(2)}, 'K: found shape'),
-    ({'device': 'cuda:77'}, "device: found 'cuda:77', wanted one of cpu"),
-    ({'invalid_value': 'inf'}, "invalid_value: found 'inf', wanted nan or zero"),
-])
+@pytest.mark.parametrize(
+    ('changes', 'said'),
+    [
+        ({'num_envs': 0}, 'num_envs: found 0'),
+        ({'num_envs': True}, 'num_envs: found True'),
+        ({'num_envs': 2.0}, 'num_envs: found 2.0'),
+        ({'usecase': 'Mode_7'}, 'usecase: found .Mode_7., wanted one of Mode_5_15fps'),
+        ({'usecase': ['Mode_5_15fps']}, 'for each of the 2 environments'),
+        ({'seed': [1]}, 'seed: found .1., wanted one, or one for each of the 2'),
+        ({'seed': True}, 'seed: found True'),
+        ({'seed': 2**63 - 1}, 'wanted a whole number of 64 bits'),
+        ({'K': np.eye(2)}, 'K: found shape'),
+        ({'device': 'cuda:77'}, "device: found 'cuda:77', wanted one of cpu"),
+        ({'invalid_value': 'inf'}, "invalid_value: found 'inf', wanted nan or zero"),
+    ],
+)
 def test_cameras_that_cannot_be(changes: dict, said: str) -> None:
     with pytest.raises(InputError, match=said):
         BatchCamera(**{'num_envs': 2, 'device': 'cpu', **changes})
@@ -225,8 +242,11 @@ def test_masks_and_outputs_that_cannot_be_used() -> None:
     for mask in (np.ones(2), np.ones(3, bool), np.ones((2, 1), bool)):
         with pytest.raises(InputError, match=r'env_mask: found .* wanted bool of shape \(2,\)'):
             camera.set_usecase('Mode_5_30fps', mask)
-    for out in (np.empty((2, 4, 6), np.float32), np.empty((2, 4, 10), np.float32)[:, :, ::2],
-                wp.zeros((2, 4, 5), device='cpu')):
+    for out in (
+        np.empty((2, 4, 6), np.float32),
+        np.empty((2, 4, 10), np.float32)[:, :, ::2],
+        wp.zeros((2, 4, 5), device='cpu'),
+    ):
         with pytest.raises(InputError, match='out: found'):
             camera(CLEAN, out=out)
     huge = np.broadcast_to(np.float32(1), (2, 40_000, 40_000))
@@ -263,7 +283,7 @@ def test_kernels_compile_for_cuda(module: object, tmp_path: Path) -> None:
 
 def test_the_examples_run() -> None:
     page = (Path(__file__).resolve().parents[1] / 'docs' / 'batch.md').read_text(encoding='utf-8')
-    program, = re.findall(r'```python\n(.*?)```', page, re.DOTALL)
+    (program,) = re.findall(r'```python\n(.*?)```', page, re.DOTALL)
     done: dict = {}
     exec(compile(program, 'docs/batch.md', 'exec'), done)  # noqa: S102
     assert np.isfinite(done['seen']).all()

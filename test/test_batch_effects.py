@@ -19,9 +19,14 @@ MODES = ['Mode_5_30fps', 'Mode_9_30fps', 'Mode_9_5fps']
 MATRIX = flexx2().intrinsics.matrix
 LEFT_OUT = ('time_offset', 'multipath', 'stray_light')
 # Strong enough that every one shows in these scenes.
-STRONG = {'grazing_dropout': {'half_deg': 30.0}, 'lateral_noise': {'strength': 4.0},
-          'low_signal_dropout': {'strength': 4.0}, 'range_wrap': {'strength': 4.0},
-          'saturation': {'half': 0.5}, 'wiggling': {'strength': 4.0}}
+STRONG = {
+    'grazing_dropout': {'half_deg': 30.0},
+    'lateral_noise': {'strength': 4.0},
+    'low_signal_dropout': {'strength': 4.0},
+    'range_wrap': {'strength': 4.0},
+    'saturation': {'half': 0.5},
+    'wiggling': {'strength': 4.0},
+}
 EVERYTHING = tuple(registry()[name]() for name in BATCHED)
 
 
@@ -51,8 +56,9 @@ def disagreement(device: str, effects: list, frames: int = 3) -> tuple[float, fl
         for i, one in enumerate(alone):
             stamp = step * round(1e9 / one.mode.rate_hz)
             wanted = one.capture(clean[step, i], MATRIX, stamp, shades[i]).depth
-            other += float((~np.isclose(seen[i], wanted, rtol=0, atol=2e-5,
-                                        equal_nan=True)).mean()) / 3
+            other += (
+                float((~np.isclose(seen[i], wanted, rtol=0, atol=2e-5, equal_nan=True)).mean()) / 3
+            )
     return other / frames, changed / frames
 
 
@@ -73,7 +79,8 @@ def test_every_effect_is_the_single_cameras(name: str, device: str) -> None:
 
 @pytest.mark.parametrize('many', [False, True])
 def test_all_effects_together_are_the_single_cameras(
-        many: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    many: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Assert it in all but one pixel of 1,000: rounding to 4 mm after filters flips more often."""
     monkeypatch.setattr(images, 'many_threads', lambda _: many)
     other, changed = disagreement('cpu', [EVERYTHING] * 3, frames=2)
@@ -82,8 +89,11 @@ def test_all_effects_together_are_the_single_cameras(
 
 
 def test_each_environment_has_its_own_effects() -> None:
-    own = [{'offset': {'bias': 0.05}, 'saturation': None, 'pose_error': None},
-           (), ({'intrinsics_error': {'k1': -0.05}, 'heavy_tails': None})]
+    own = [
+        {'offset': {'bias': 0.05}, 'saturation': None, 'pose_error': None},
+        (),
+        ({'intrinsics_error': {'k1': -0.05}, 'heavy_tails': None}),
+    ]
     other, changed = disagreement('cpu', own)
     assert other <= 1e-4
     assert changed > 0.3
@@ -137,14 +147,18 @@ def test_effects_and_modes_change_between_frames() -> None:
     camera.set_usecase('Mode_9_20fps', np.array([False, True]))
     seen = camera(clean)
     stamp = round(1e9 / 30)
-    for i, (mode, effects) in enumerate((('Mode_5_30fps', ()),
-                                         ('Mode_9_20fps', {'offset': {'bias': 0.1}}))):
+    for i, (mode, effects) in enumerate(
+        (('Mode_5_30fps', ()), ('Mode_9_20fps', {'offset': {'bias': 0.1}}))
+    ):
         depth = Camera(mode, seed=i, effects=effects).capture(clean[i], MATRIX, stamp).depth
         np.testing.assert_allclose(seen[i], depth, rtol=0, atol=2e-5)
     camera.set_effects(())
     np.testing.assert_allclose(
-        camera(clean)[0], Camera('Mode_5_30fps').capture(clean[0], MATRIX, 2 * stamp).depth,
-        rtol=0, atol=2e-5)
+        camera(clean)[0],
+        Camera('Mode_5_30fps').capture(clean[0], MATRIX, 2 * stamp).depth,
+        rtol=0,
+        atol=2e-5,
+    )
 
 
 def test_every_effect_has_a_batched_form_or_is_named_before_the_first_step() -> None:
@@ -168,13 +182,16 @@ def test_effects_that_a_profile_is_not_enough_for() -> None:
     known = flexx2().mode('Mode_9_30fps')
     silent = Mode(**{**vars(known), 'name': 'silent', 'modulation_hz': ()})
     profile = Profile('other', flexx2().intrinsics, (known, silent))
-    camera = BatchCamera(2, 'Mode_9_30fps', profile=profile, effects={'wiggling': None},
-                         device='cpu')
+    camera = BatchCamera(
+        2, 'Mode_9_30fps', profile=profile, effects={'wiggling': None}, device='cpu'
+    )
     with pytest.raises(InputError, match=r'effects: wiggling: .*modes\.silent\.modulation_hz'):
         camera.set_usecase('silent', np.array([True, False]))
     clean = np.full((2, 4, 5), 2.0, np.float32)
-    plain, moved = (BatchCamera(2, 'silent', profile=profile, effects=effects, device='cpu')(clean)
-                    for effects in ({}, {'offset': {'bias': 0.05}}))
+    plain, moved = (
+        BatchCamera(2, 'silent', profile=profile, effects=effects, device='cpu')(clean)
+        for effects in ({}, {'offset': {'bias': 0.05}})
+    )
     np.testing.assert_allclose(moved - plain, 0.05, atol=1e-6)
     many = [{'intrinsics_error': {'cx': i / 10}} for i in range(65)]
     with pytest.raises(InputError, match='intrinsics_error: found 65 different sets'):
@@ -228,8 +245,13 @@ def test_no_size_reads_or_writes_out_of_bounds(tmp_path: Path) -> None:
     script = tmp_path / 'every_size.py'
     script.write_text(_EVERY_SIZE)
     root = Path(__file__).resolve().parents[1]
-    done = subprocess.run([sys.executable, script], capture_output=True, text=True, check=False,
-                          env={**os.environ, 'PYTHONPATH': str(root)})
+    done = subprocess.run(
+        [sys.executable, script],
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**os.environ, 'PYTHONPATH': str(root)},
+    )
     assert 'within bounds' in done.stdout, done.stderr
     assert 'not noticed' not in done.stdout
     assert done.returncode != 0

@@ -11,7 +11,7 @@ from flexx2_sim_ros.batch.rendering import open_batch_renderer
 from flexx2_sim_ros.batch.walking import walk
 from flexx2_sim_ros.camera import Camera, flexx2, Intrinsics
 from flexx2_sim_ros.cli.main import main
-from flexx2_sim_ros.go1.model import build_model
+from flexx2_sim_ros.robots.model import build_model
 import numpy as np
 import pytest
 import warp as wp
@@ -24,14 +24,16 @@ def test_height_grid_of_a_slope() -> None:
     """Two cameras 1 m above a slope, looking down, one of them turned: heights to 1 mm."""
     camera = Intrinsics.from_field_of_view(224, 172, 70, 60)
     v, u = np.mgrid[:172, :224]
-    rays = np.stack([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy,
-                     np.ones_like(u)], axis=-1)
+    rays = np.stack(
+        [(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones_like(u)], axis=-1
+    )
     down = np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])  # its top is ahead
     cosine, sine = np.cos(0.4), np.sin(0.4)
     turned = np.array([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1]]) @ down
     slope = np.array([0.2, -0.1, -1.0])  # slope . point = 0
-    depth = np.stack([1.0 / (rays @ rotation.T @ slope)
-                      for rotation in (down, turned)]).astype(np.float32)
+    depth = np.stack([1.0 / (rays @ rotation.T @ slope) for rotation in (down, turned)]).astype(
+        np.float32
+    )
     depth[1, :, :60] = np.nan
     grid = HeightGrid(2, camera, 'cpu')
     position = np.array([[0.0, 0.0, 1.0]] * 2)
@@ -54,8 +56,11 @@ def test_walking_robots_see_the_stairs_they_walk_on() -> None:
     grid = HeightGrid(6, SMALL, 'cpu', least=1)
     for frame in range(6):
         for index, image in enumerate(renderer.render(walks.qpos[frame])):
-            grid.add(image, walks.camera_position[frame, :, index],
-                     walks.camera_rotation[frame, :, index])
+            grid.add(
+                image,
+                walks.camera_position[frame, :, index],
+                walks.camera_rotation[frame, :, index],
+            )
     error = grid.heights().numpy() - walks.heights
     seen = np.isfinite(error)
     assert seen.mean() > 0.4
@@ -68,8 +73,10 @@ def test_mujoco_warp_renders_the_same() -> None:
     pytest.importorskip('mujoco_warp')
     model = build_model(scene='stairs', intrinsics=SMALL)
     qpos = walk(model, CAMERAS, 3, 1, 0.2).qpos[0]
-    ours, theirs = (open_batch_renderer(model, CAMERAS, SMALL, 3, wp.get_device('cpu'), name)
-                    .render(qpos) for name in ('ray', 'mujoco-warp'))
+    ours, theirs = (
+        open_batch_renderer(model, CAMERAS, SMALL, 3, wp.get_device('cpu'), name).render(qpos)
+        for name in ('ray', 'mujoco-warp')
+    )
     for one, other in zip(ours, theirs, strict=True):
         off = np.abs(np.nan_to_num(one.numpy()) - other.numpy())
         assert np.percentile(off, 98) < 1e-4
@@ -82,11 +89,13 @@ def test_flexx2_batch(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
     printed = capsys.readouterr().out
     assert 'with - without' in printed
     assert out.stat().st_size > 20_000
-    for wrong, said in ((['--num-envs', '0'], '--num-envs: must be'),
-                        (['--usecase', 'Mode_1'], 'usecase: found'),
-                        (['--renderer', 'blender'], "renderer: found 'blender'"),
-                        (['--device', 'cuda:9'], "device: found 'cuda:9'"),
-                        (['--out', str(tmp_path / 'no' / 'grid.png')], 'there is no')):
+    for wrong, said in (
+        (['--num-envs', '0'], '--num-envs: must be'),
+        (['--usecase', 'Mode_1'], 'usecase: found'),
+        (['--renderer', 'blender'], "renderer: found 'blender'"),
+        (['--device', 'cuda:9'], "device: found 'cuda:9'"),
+        (['--out', str(tmp_path / 'no' / 'grid.png')], 'there is no'),
+    ):
         assert main([*arguments, *wrong]) == 2
         assert said in capsys.readouterr().err
 
@@ -123,14 +132,22 @@ class StandIn:
 @pytest.mark.parametrize('base', [object, ManagerTermBase])
 def test_observation_term(base: type, library: str) -> None:
     clean = np.full((3, 24, 32), 1.2, np.float32)
-    made = [pytest.importorskip('torch').from_numpy(clean)[..., None] if library == 'torch'
-            else clean[..., None]] * 4
+    made = [
+        pytest.importorskip('torch').from_numpy(clean)[..., None]
+        if library == 'torch'
+        else clean[..., None]
+    ] * 4
     effects = {'temporal_filter': {'share': 0.9}}
     matrix = [[30.0, 0, 15.5], [0, 30.0, 11.5], [0, 0, 1]]
-    manager = StandIn(noisy_depth(base), {
-        'depth': lambda env: env.image,
-        'camera': {'usecase': 'Mode_9_20fps', 'effects': effects, 'seed': 5, 'K': matrix}},
-        base, made)
+    manager = StandIn(
+        noisy_depth(base),
+        {
+            'depth': lambda env: env.image,
+            'camera': {'usecase': 'Mode_9_20fps', 'effects': effects, 'seed': 5, 'K': matrix},
+        },
+        base,
+        made,
+    )
     term = manager.cfg.func
     term.reset()
     kind = type(made[0])
@@ -152,8 +169,9 @@ def test_observation_term(base: type, library: str) -> None:
 
 def test_terms_give_zero_where_invalid() -> None:
     clean = scenes(2)
-    term = noisy_depth()(cfg=SimpleNamespace(params={}), env=SimpleNamespace(
-        num_envs=2, device='cpu'))
+    term = noisy_depth()(
+        cfg=SimpleNamespace(params={}), env=SimpleNamespace(num_envs=2, device='cpu')
+    )
     seen = term(None, lambda env: clean)
     wanted = Camera().capture(clean[0], flexx2().intrinsics.matrix, 0).depth
     np.testing.assert_allclose(seen[0], np.nan_to_num(wanted), rtol=0, atol=2e-5)

@@ -6,7 +6,9 @@ import math
 from pathlib import Path
 from typing import Any
 
-from flexx2_sim_ros.benchmark import (
+from flexx2_sim_ros.cli import gap_benchmark
+from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.validation.benchmark import (
     DEVELOPMENT,
     make_design,
     Planned,
@@ -14,15 +16,18 @@ from flexx2_sim_ros.benchmark import (
     score,
     TEST,
 )
-from flexx2_sim_ros.benchmark.realised import realised_gap
-from flexx2_sim_ros.benchmark.report import draw_confusion, print_report, sheets, write_page
-from flexx2_sim_ros.benchmark.scoring import answer_of, macro_f1, overlap, wilson
-from flexx2_sim_ros.benchmark.sealing import open_seal, seal
-from flexx2_sim_ros.benchmark.seeds import seed_range
-from flexx2_sim_ros.benchmark.truth import affected, Cells, COVARIATES
-from flexx2_sim_ros.blind import BlindCamera, Case, CATALOGUE, NOVEL, SceneKey, SceneSet
-from flexx2_sim_ros.cli import gap_benchmark
-from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.validation.benchmark.realised import realised_gap
+from flexx2_sim_ros.validation.benchmark.report import (
+    draw_confusion,
+    print_report,
+    sheets,
+    write_page,
+)
+from flexx2_sim_ros.validation.benchmark.scoring import answer_of, macro_f1, overlap, wilson
+from flexx2_sim_ros.validation.benchmark.sealing import open_seal, seal
+from flexx2_sim_ros.validation.benchmark.seeds import seed_range
+from flexx2_sim_ros.validation.benchmark.truth import affected, Cells, COVARIATES
+from flexx2_sim_ros.validation.blind import BlindCamera, Case, CATALOGUE, NOVEL, SceneKey, SceneSet
 import numpy as np
 import pytest
 from rich.console import Console
@@ -32,23 +37,53 @@ CALLS: list[tuple[Path, tuple[str, ...], int]] = []
 QUIET = Console(quiet=True)
 
 
-def said(verdict: str, effects: tuple[str, ...] = (), alternatives: tuple[str, ...] = (),
-         **more: Any) -> dict[str, Any]:
+def said(
+    verdict: str, effects: tuple[str, ...] = (), alternatives: tuple[str, ...] = (), **more: Any
+) -> dict[str, Any]:
     """Return a diagnosis."""
+
     def listed(names: tuple[str, ...]) -> list[dict[str, Any]]:
-        return [{'name': name, 'parameters': {'bias': 0.012}, 'share': 0.5,
-                 'interval': [0.4, 0.6], 'confidence': 0.9} for name in names]
-    return {'schema': 1, 'verdict': verdict, 'effects': listed(effects),
-            'alternatives': listed(alternatives), 'unexplained': [], 'recordings': [],
-            'where': [{'covariate': 'distance', 'low': 0.0, 'high': 9.0, 'unit': 'm',
-                       'channel': 'bias', 'size': 1.0, 'unit_size': 'mm', 'q_value': 0.01}],
-            'gap': {'before': 10.0, 'after': 4.0, 'null': 1.0, 'shrink': 0.6,
-                    'interval': [0.4, 0.8]},
-            'seconds': 0.1, 'peak_mb': 123.0, 'version': '0', **more}
+        return [
+            {
+                'name': name,
+                'parameters': {'bias': 0.012},
+                'share': 0.5,
+                'interval': [0.4, 0.6],
+                'confidence': 0.9,
+            }
+            for name in names
+        ]
+
+    return {
+        'schema': 1,
+        'verdict': verdict,
+        'effects': listed(effects),
+        'alternatives': listed(alternatives),
+        'unexplained': [],
+        'recordings': [],
+        'where': [
+            {
+                'covariate': 'distance',
+                'low': 0.0,
+                'high': 9.0,
+                'unit': 'm',
+                'channel': 'bias',
+                'size': 1.0,
+                'unit_size': 'mm',
+                'q_value': 0.01,
+            }
+        ],
+        'gap': {'before': 10.0, 'after': 4.0, 'null': 1.0, 'shrink': 0.6, 'interval': [0.4, 0.8]},
+        'seconds': 0.1,
+        'peak_mb': 123.0,
+        'version': '0',
+        **more,
+    }
 
 
-def diagnose(folder: Path, *, without: tuple[str, ...] = (), seed: int = 0,
-             jobs: int = 1) -> dict[str, Any]:
+def diagnose(
+    folder: Path, *, without: tuple[str, ...] = (), seed: int = 0, jobs: int = 1
+) -> dict[str, Any]:
     """Stand in for the diagnosis: random answers in its schema."""
     CALLS.append((folder, without, seed))
     assert len(list(folder.glob('*.npz'))) == 2
@@ -70,26 +105,44 @@ def measure(folder: Path, effects: dict[str, Any], *, seed: int = 0) -> dict[str
 
 
 def small(group: str, effects: dict[str, float], seed: int, **options: Any) -> Planned:
-    return Planned(group, MODE, effects, DEVELOPMENT.seed(1000 + seed), DEVELOPMENT.seed(0),
-                   width=56, height=43, recordings=2, frames=3, **options)
+    return Planned(
+        group,
+        MODE,
+        effects,
+        DEVELOPMENT.seed(1000 + seed),
+        DEVELOPMENT.seed(0),
+        width=56,
+        height=43,
+        recordings=2,
+        frames=3,
+        **options,
+    )
 
 
 @pytest.fixture
 def design(monkeypatch: pytest.MonkeyPatch) -> list[Planned]:
     """Let every design be a few tiny cases."""
-    cases = [small('single', {'offset': 1.0}, 1, realise=True),
-             small('single', {'wiggling': 0.5}, 2), small('none', {}, 3),
-             small('pair', {'offset': 1.0, 'temporal_filter': 1.0}, 4),
-             small('novel', {'row_bands': 1.0}, 5),
-             small('left_out', {'offset': 1.0}, 6, without=('offset',))]
-    monkeypatch.setattr('flexx2_sim_ros.benchmark.runner.make_design', lambda *_: cases)
+    cases = [
+        small('single', {'offset': 1.0}, 1, realise=True),
+        small('single', {'wiggling': 0.5}, 2),
+        small('none', {}, 3),
+        small('pair', {'offset': 1.0, 'temporal_filter': 1.0}, 4),
+        small('novel', {'row_bands': 1.0}, 5),
+        small('left_out', {'offset': 1.0}, 6, without=('offset',)),
+    ]
+    monkeypatch.setattr('flexx2_sim_ros.validation.benchmark.runner.make_design', lambda *_: cases)
     CALLS.clear()
     return cases
 
 
 def run(out: Path, **options: Any) -> Any:
-    return run_benchmark(out, diagnoser=f'{__name__}:diagnose', measurer=f'{__name__}:measure',
-                         console=QUIET, **options)
+    return run_benchmark(
+        out,
+        diagnoser=f'{__name__}:diagnose',
+        measurer=f'{__name__}:measure',
+        console=QUIET,
+        **options,
+    )
 
 
 def test_seeds_never_meet() -> None:
@@ -116,7 +169,8 @@ def test_test_seeds_are_for_releases(tmp_path: Path) -> None:
     parser = argparse.ArgumentParser()
     gap_benchmark.add_parser(parser.add_subparsers())
     arguments = parser.parse_args(
-        ['benchmark', '--seed-set', 'test', '--out', str(tmp_path / 'out')])
+        ['benchmark', '--seed-set', 'test', '--out', str(tmp_path / 'out')]
+    )
     with pytest.raises(InputError, match='--release'):
         arguments.run(arguments)
 
@@ -125,20 +179,29 @@ def test_the_full_design_is_the_one_asked_for() -> None:
     cases = make_design(DEVELOPMENT, quick=False)
     for usecase in ('Mode_5_30fps', 'Mode_9_30fps'):
         for strength in (0.25, 0.5, 1.0, 2.0):
-            single = {name for case in cases if case.group == 'single' and case.pose_mm == 2.0
-                      and case.usecase == usecase for name, size in case.effects.items()
-                      if size == strength}
+            single = {
+                name
+                for case in cases
+                if case.group == 'single' and case.pose_mm == 2.0 and case.usecase == usecase
+                for name, size in case.effects.items()
+                if size == strength
+            }
             assert single == set(CATALOGUE)
-        assert {case.without[0] for case in cases if case.group == 'left_out'
-                and case.usecase == usecase} == set(CATALOGUE)
+        assert {
+            case.without[0]
+            for case in cases
+            if case.group == 'left_out' and case.usecase == usecase
+        } == set(CATALOGUE)
     assert sum(case.group == 'none' for case in cases) >= 100
     assert {name for case in cases if case.group == 'novel' for name in case.effects} == set(NOVEL)
     pairs = [case for case in cases if case.group == 'pair']
     assert len(pairs) >= 20
     assert all(len(case.effects) == 2 for case in pairs)
     assert {case.pose_mm for case in cases} == {0.0, 2.0, 5.0}
-    assert all((case.width, case.height, case.recordings, case.frames) == (224, 172, 8, 20)
-               for case in cases)
+    assert all(
+        (case.width, case.height, case.recordings, case.frames) == (224, 172, 8, 20)
+        for case in cases
+    )
     assert len({case.seed for case in cases}) == len(cases)
     assert len({case.scene_seed for case in cases}) <= 16
 
@@ -190,8 +253,9 @@ def test_a_run_goes_on_where_it_stopped(tmp_path: Path, design: list[Planned]) -
     assert len(CALLS) == len(design)
 
 
-def test_the_diagnosis_sees_recordings_and_nothing_else(tmp_path: Path,
-                                                        design: list[Planned]) -> None:
+def test_the_diagnosis_sees_recordings_and_nothing_else(
+    tmp_path: Path, design: list[Planned]
+) -> None:
     run(tmp_path)
     assert [without for _, without, _ in CALLS].count(('offset',)) == 1
     for folder, _, _ in CALLS:
@@ -211,8 +275,15 @@ def test_the_report_shows_every_row(tmp_path: Path, design: list[Planned]) -> No
     assert (tmp_path / 'c.png').stat().st_size > 10_000
     write_page(scores, tmp_path / 'page.md', 'flexx2 gap benchmark', 'c.png')
     page = (tmp_path / 'page.md').read_text()
-    for words in ('single effects, strength 1', 'false alarms', 'left out', 'localisation',
-                  'flexx2 gap benchmark', scores.commitment['sha256'], 'c.png'):
+    for words in (
+        'single effects, strength 1',
+        'false alarms',
+        'left out',
+        'localisation',
+        'flexx2 gap benchmark',
+        scores.commitment['sha256'],
+        'c.png',
+    ):
         assert words in page
     with (tmp_path / 'printed').open('w') as file:
         print_report(scores, Console(file=file, width=200))
@@ -221,42 +292,58 @@ def test_the_report_shows_every_row(tmp_path: Path, design: list[Planned]) -> No
 
 
 # Three cells of four pixels known and one not; the second cell is half near, half far.
-CELLS = {'count': np.array([100.0, 100.0, 200.0]), 'affected': np.array([True, True, False]),
-         'samples': np.zeros((3, 5, len(COVARIATES)), np.float32)}
-for covariate, values in (('distance', [[0.5] * 4, [1.2, 1.2, 1.8, 1.8], [2.5] * 4]),
-                          ('incidence', [[10.0] * 4, [40.0] * 4, [40.0] * 4]),
-                          ('x', [[0.1] * 4, [0.4] * 4, [0.4] * 4])):
+CELLS = {
+    'count': np.array([100.0, 100.0, 200.0]),
+    'affected': np.array([True, True, False]),
+    'samples': np.zeros((3, 5, len(COVARIATES)), np.float32),
+}
+for covariate, values in (
+    ('distance', [[0.5] * 4, [1.2, 1.2, 1.8, 1.8], [2.5] * 4]),
+    ('incidence', [[10.0] * 4, [40.0] * 4, [40.0] * 4]),
+    ('x', [[0.1] * 4, [0.4] * 4, [0.4] * 4]),
+):
     CELLS['samples'][:, :4, COVARIATES.index(covariate)] = values
 CELLS['samples'][:, 4] = np.nan
 
 
-def answer(group: str, effects: dict[str, float], diagnosis: dict[str, Any] | None,
-           **more: Any) -> Any:
+def answer(
+    group: str, effects: dict[str, float], diagnosis: dict[str, Any] | None, **more: Any
+) -> Any:
     result = {'diagnosis': diagnosis, 'seconds': 1.0, **more}
     return answer_of(small(group, effects, 1), result, {'offset': {'bias': 0.010}}, CELLS)
 
 
-@pytest.mark.parametrize(('group', 'effects', 'diagnosis', 'right', 'contains', 'wrong'), [
-    ('single', ['offset'], said('identified', ('offset',)), True, True, False),
-    ('single', ['offset'], said('partly', ('offset',)), True, True, False),
-    ('single', ['offset'], said('identified', ('wiggling',), ('offset',)), False, True, False),
-    ('single', ['offset'], said('identified', ('wiggling',)), False, False, True),
-    ('single', ['offset'], said('partly', ('wiggling',)), False, False, True),
-    ('single', ['offset'], said('unknown', (), ('wiggling',)), False, False, False),
-    ('single', ['offset'], said('none'), False, False, True),
-    ('single', ['offset'], None, False, False, True),
-    ('none', [], said('none'), True, True, False),
-    ('none', [], said('identified', ('offset',)), False, False, True),
-    ('none', [], said('unknown'), False, False, False),
-    ('novel', ['ghost'], said('unknown'), True, True, False),
-    ('novel', ['ghost'], said('partly', ('offset',)), True, True, False),
-    ('novel', ['ghost'], said('identified', ('offset',)), False, False, True),
-    ('left_out', ['offset'], said('unknown'), True, True, False),
-    ('left_out', ['offset'], said('none'), False, False, True),
-    ('pair', ['offset', 'wiggling'], said('identified', ('wiggling',)), True, True, False),
-    ('pair', ['offset', 'wiggling'], said('identified', ('saturation',)), False, False, True)])
-def test_answers_are_judged(group: str, effects: list[str], diagnosis: dict[str, Any] | None,
-                            right: bool, contains: bool, wrong: bool) -> None:
+@pytest.mark.parametrize(
+    ('group', 'effects', 'diagnosis', 'right', 'contains', 'wrong'),
+    [
+        ('single', ['offset'], said('identified', ('offset',)), True, True, False),
+        ('single', ['offset'], said('partly', ('offset',)), True, True, False),
+        ('single', ['offset'], said('identified', ('wiggling',), ('offset',)), False, True, False),
+        ('single', ['offset'], said('identified', ('wiggling',)), False, False, True),
+        ('single', ['offset'], said('partly', ('wiggling',)), False, False, True),
+        ('single', ['offset'], said('unknown', (), ('wiggling',)), False, False, False),
+        ('single', ['offset'], said('none'), False, False, True),
+        ('single', ['offset'], None, False, False, True),
+        ('none', [], said('none'), True, True, False),
+        ('none', [], said('identified', ('offset',)), False, False, True),
+        ('none', [], said('unknown'), False, False, False),
+        ('novel', ['ghost'], said('unknown'), True, True, False),
+        ('novel', ['ghost'], said('partly', ('offset',)), True, True, False),
+        ('novel', ['ghost'], said('identified', ('offset',)), False, False, True),
+        ('left_out', ['offset'], said('unknown'), True, True, False),
+        ('left_out', ['offset'], said('none'), False, False, True),
+        ('pair', ['offset', 'wiggling'], said('identified', ('wiggling',)), True, True, False),
+        ('pair', ['offset', 'wiggling'], said('identified', ('saturation',)), False, False, True),
+    ],
+)
+def test_answers_are_judged(
+    group: str,
+    effects: list[str],
+    diagnosis: dict[str, Any] | None,
+    right: bool,
+    contains: bool,
+    wrong: bool,
+) -> None:
     found = answer(group, dict.fromkeys(effects, 1.0), diagnosis)
     assert (found.right, found.contains, found.wrong) == (right, contains, wrong)
     assert found.missed == (bool(effects) and found.verdict == 'none')
@@ -269,8 +356,9 @@ def test_both_of_a_pair() -> None:
 
 
 def test_parameters_and_shrinkage() -> None:
-    found = answer('single', {'offset': 1.0}, said('identified', ('offset',)),
-                   realised={'shrink': 0.7})
+    found = answer(
+        'single', {'offset': 1.0}, said('identified', ('offset',)), realised={'shrink': 0.7}
+    )
     assert found.parameter_error == pytest.approx(0.2)
     assert (found.predicted, found.low, found.high, found.realised) == (0.6, 0.4, 0.8, 0.7)
     missed = answer('single', {'offset': 1.0}, said('identified', ('wiggling',)))
@@ -278,21 +366,26 @@ def test_parameters_and_shrinkage() -> None:
     assert math.isnan(missed.realised)
 
 
-@pytest.mark.parametrize(('where', 'wanted'), [
-    ([], 0.0),
-    ([('distance', 0.0, 1.0, 'm')], 0.5),
-    ([('distance', 0.0, 2000.0, 'mm')], 1.0),
-    ([('distance', 0.0, 1.5, 'm')], 0.75),
-    ([('distance', 0.0, 1.0, 'm'), ('fine_distance', 1.0, None, 'm')], 0.5),
-    ([('all', None, None, '')], 0.5),
-    ([('image region row 1 of 3, column 1 of 4', None, None, '')], 0.5),
-    ([('image region row 2 of 3, column 1 of 4', None, None, '')], 0.0),
-    ([('theta', 0.0, 0.3, 'rad')], 0.5),
-    ([('incidence', 30.0, 50.0, 'deg')], 0.25),
-    ([('something else', 0.0, 9.0, 'm')], 0.0)])
+@pytest.mark.parametrize(
+    ('where', 'wanted'),
+    [
+        ([], 0.0),
+        ([('distance', 0.0, 1.0, 'm')], 0.5),
+        ([('distance', 0.0, 2000.0, 'mm')], 1.0),
+        ([('distance', 0.0, 1.5, 'm')], 0.75),
+        ([('distance', 0.0, 1.0, 'm'), ('fine_distance', 1.0, None, 'm')], 0.5),
+        ([('all', None, None, '')], 0.5),
+        ([('image region row 1 of 3, column 1 of 4', None, None, '')], 0.5),
+        ([('image region row 2 of 3, column 1 of 4', None, None, '')], 0.0),
+        ([('theta', 0.0, 0.3, 'rad')], 0.5),
+        ([('incidence', 30.0, 50.0, 'deg')], 0.25),
+        ([('something else', 0.0, 9.0, 'm')], 0.0),
+    ],
+)
 def test_overlap(where: list[tuple[str, float, float, str]], wanted: float) -> None:
-    entries = [dict(zip(('covariate', 'low', 'high', 'unit'), entry, strict=True))
-               for entry in where]
+    entries = [
+        dict(zip(('covariate', 'low', 'high', 'unit'), entry, strict=True)) for entry in where
+    ]
     assert overlap(entries, CELLS) == pytest.approx(wanted)
     assert math.isnan(overlap(entries, {**CELLS, 'affected': np.zeros(3, bool)}))
 
@@ -303,15 +396,24 @@ def test_wilson_and_macro_f1() -> None:
     assert (low, high) == pytest.approx((0.888, 0.978), abs=0.001)
     assert wilson(0, 10)[0] == 0.0
     assert wilson(10, 10)[1] == pytest.approx(1.0)
-    pairs = [('offset', 'offset'), ('wiggling', 'offset'), ('none', 'none'),
-             ('ghost', 'wiggling')]
+    pairs = [('offset', 'offset'), ('wiggling', 'offset'), ('none', 'none'), ('ghost', 'wiggling')]
     # offset: 1 of 1 + 2; wiggling: 0 of 1 + 1.
     assert macro_f1(pairs) == pytest.approx((2 / 3 + 0) / 2)
 
 
 def test_realised_shrinkage_is_measured_on_fresh_recordings(tmp_path: Path) -> None:
-    case = Planned('single', MODE, {'offset': 1.0}, DEVELOPMENT.seed(1001), DEVELOPMENT.seed(0),
-                   pose_mm=0.0, width=112, height=86, recordings=4, frames=10)
+    case = Planned(
+        'single',
+        MODE,
+        {'offset': 1.0},
+        DEVELOPMENT.seed(1001),
+        DEVELOPMENT.seed(0),
+        pose_mm=0.0,
+        width=112,
+        height=86,
+        recordings=4,
+        frames=10,
+    )
     camera = BlindCamera(case.case)
     right = said('identified', ('offset',))
     right['effects'][0]['parameters'] = {'bias': camera.effects[0].parameters['bias']}

@@ -11,22 +11,41 @@ from pathlib import Path
 import subprocess
 import sys
 
-from flexx2_sim_ros.blind import BlindCamera, Case, CATALOGUE, NOVEL, SceneKey, SceneSet
-from flexx2_sim_ros.blind.rooms import KINDS
 from flexx2_sim_ros.camera import Camera
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.recording import load_recording
+from flexx2_sim_ros.validation.blind import BlindCamera, Case, CATALOGUE, NOVEL, SceneKey, SceneSet
+from flexx2_sim_ros.validation.blind.rooms import KINDS
 import numpy as np
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 MODES = ('Mode_5_30fps', 'Mode_9_30fps')
 NAMES = {
-    'offset', 'wiggling', 'warm_up_drift', 'amplitude_bias', 'fixed_pattern', 'flying_pixels',
-    'multipath', 'stray_light', 'range_wrap', 'low_signal_dropout', 'grazing_dropout',
-    'saturation', 'temporal_filter', 'spatial_filter', 'excess_noise', 'ambient_light',
-    'heavy_tails', 'lateral_noise', 'quantisation', 'motion_artefact', 'time_offset',
-    'pose_error', 'intrinsics_error'}
+    'offset',
+    'wiggling',
+    'warm_up_drift',
+    'amplitude_bias',
+    'fixed_pattern',
+    'flying_pixels',
+    'multipath',
+    'stray_light',
+    'range_wrap',
+    'low_signal_dropout',
+    'grazing_dropout',
+    'saturation',
+    'temporal_filter',
+    'spatial_filter',
+    'excess_noise',
+    'ambient_light',
+    'heavy_tails',
+    'lateral_noise',
+    'quantisation',
+    'motion_artefact',
+    'time_offset',
+    'pose_error',
+    'intrinsics_error',
+}
 BOARD, FORWARD, CORNER, CLOSE, SIDEWAYS, STAIRS, FAR, TURNING = range(8)
 STILL, MOVING = (BOARD, CORNER, CLOSE, STAIRS), (FORWARD, SIDEWAYS, TURNING)
 
@@ -40,8 +59,9 @@ def scenes(usecase: str, pose_mm: float = 0.0) -> SceneSet:
 class Look:
     """A camera's residuals on one recording, over the paper's sigma; (T, H, W)."""
 
-    def __init__(self, effects: Mapping[str, float], recording: int,
-                 usecase: str = MODES[0]) -> None:
+    def __init__(
+        self, effects: Mapping[str, float], recording: int, usecase: str = MODES[0]
+    ) -> None:
         """Take the frames."""
         here = scenes(usecase)
         camera = BlindCamera(Case(here.key, dict(effects), 3, sigma_error=0.0), here)
@@ -91,11 +111,14 @@ def test_without_effects_it_is_the_papers_camera(usecase: str) -> None:
         wanted = base.capture(clean, here.optics.intrinsics.matrix, 7 + here.times()).depth
         good = seen.flat & np.isfinite(seen.depth) & np.isfinite(wanted)
         assert good.sum() > 5_000
-        ours, theirs = (np.clip(((depth - seen.clean) / np.maximum(seen.sigma, 1e-9))[good], -6, 6)
-                        for depth in (seen.depth, wanted))
+        ours, theirs = (
+            np.clip(((depth - seen.clean) / np.maximum(seen.sigma, 1e-9))[good], -6, 6)
+            for depth in (seen.depth, wanted)
+        )
         # 20,000 samples fix the ratio to 0.7 %, 5,000 to 1.4 % and the mean to 2 % of sigma.
-        assert ours.std() / theirs.std() == pytest.approx(1, abs=0.05 if good.sum() < 20_000
-                                                          else 0.025)
+        assert ours.std() / theirs.std() == pytest.approx(
+            1, abs=0.05 if good.sum() < 20_000 else 0.025
+        )
         assert abs(ours.mean() - theirs.mean()) < 0.07
         bins = np.linspace(-4, 4, 33)
         p, q = ((np.histogram(part, bins)[0] + 1) / len(part) for part in (ours, theirs))
@@ -107,10 +130,15 @@ def test_without_effects_it_is_the_papers_camera(usecase: str) -> None:
 def test_edges_jitter_as_the_papers(usecase: str) -> None:
     here, seen = scenes(usecase), plain(CLOSE, usecase)
     clean, _ = here.clean(CLOSE)
-    wanted = Camera(usecase, seed=8).capture(clean, here.optics.intrinsics.matrix,
-                                             7 + here.times()).depth
-    gross = [(np.abs((depth - seen.clean) / np.maximum(seen.sigma, 1e-9)) > 8)[seen.edge].mean()
-             for depth in (seen.depth, wanted)]
+    wanted = (
+        Camera(usecase, seed=8)
+        .capture(clean, here.optics.intrinsics.matrix, 7 + here.times())
+        .depth
+    )
+    gross = [
+        (np.abs((depth - seen.clean) / np.maximum(seen.sigma, 1e-9)) > 8)[seen.edge].mean()
+        for depth in (seen.depth, wanted)
+    ]
     # Some 600 edge rows and columns in the frames: their mean displacement is known to 3 %.
     assert gross[0] == pytest.approx(gross[1], rel=0.15)
     assert gross[1] > 0.02
@@ -150,9 +178,16 @@ def test_strength_zero_is_no_effect(usecase: str) -> None:
 
 @pytest.mark.parametrize('name', sorted(NOVEL))
 def test_novel_effects_change_something(name: str) -> None:
-    changed = [np.nanmean(np.abs(np.nan_to_num(Look({name: 1.0}, recording).residual)
-                                 - np.nan_to_num(plain(recording).residual)) > 1)
-               for recording in (FORWARD, CORNER)]
+    changed = [
+        np.nanmean(
+            np.abs(
+                np.nan_to_num(Look({name: 1.0}, recording).residual)
+                - np.nan_to_num(plain(recording).residual)
+            )
+            > 1
+        )
+        for recording in (FORWARD, CORNER)
+    ]
     assert max(changed) > 0.005
 
 
@@ -170,7 +205,7 @@ def test_offset_and_drift_are_delays() -> None:
 def test_wiggling_goes_with_distance() -> None:
     seen = Look({'wiggling': 1.0}, CORNER)
     error = np.nanmean(seen.error, axis=0)[seen.flat[0]]
-    assert 2e-3 < np.sqrt(np.nanmean(error ** 2)) < 12e-3
+    assert 2e-3 < np.sqrt(np.nanmean(error**2)) < 12e-3
     path = (seen.clean[0] * scenes(MODES[0]).optics.ray_length)[seen.flat[0]]
     groups = np.digitize(path, np.quantile(path, np.linspace(0, 1, 30)[1:-1]))
     means = np.array([np.nanmean(error[groups == k]) for k in range(29)])
@@ -186,8 +221,10 @@ def test_dark_is_measured_too_far_by_amplitude_bias() -> None:
 
 
 def test_fixed_pattern_repeats() -> None:
-    one, other = (np.nanmean(Look({'fixed_pattern': 2.0}, recording).error, axis=0)
-                  for recording in (CORNER, CLOSE))
+    one, other = (
+        np.nanmean(Look({'fixed_pattern': 2.0}, recording).error, axis=0)
+        for recording in (CORNER, CLOSE)
+    )
     flat = plain(CORNER).flat[0] & plain(CLOSE).flat[0]
     assert correlation(one, other, flat) > 0.7
     assert 2e-3 < np.nanstd(one[flat]) < 6e-3
@@ -198,6 +235,7 @@ def test_flying_pixels_lie_between_the_surfaces() -> None:
         # Farther than the board by a decimetre, nearer than the wall by one.
         near, far = (np.nanquantile(look.clean, share) for share in (0.05, 0.95))
         return float(((look.depth > near + 0.12) & (look.depth < far - 0.12))[look.edge].mean())
+
     assert far_apart(plain(CLOSE))
     assert between(Look({'flying_pixels': 1.0}, CLOSE)) > between(plain(CLOSE)) + 0.01
 
@@ -235,9 +273,11 @@ def test_gates_drop_what_they_should() -> None:
     grazing = Look({'grazing_dropout': 1.0}, STAIRS)
     full = Look({'saturation': 1.0}, CLOSE)
     slant = grazing.cosine / np.maximum(grazing.clean, 0.1)
-    for seen, recording, what, weak in ((low, BOARD, low.amplitude, True),
-                                        (full, CLOSE, full.amplitude, False),
-                                        (grazing, STAIRS, slant, True)):
+    for seen, recording, what, weak in (
+        (low, BOARD, low.amplitude, True),
+        (full, CLOSE, full.amplitude, False),
+        (grazing, STAIRS, slant, True),
+    ):
         usual = plain(recording)
         lost = seen.invalid & ~usual.invalid
         assert lost.mean() > 0.01
@@ -270,8 +310,9 @@ def test_noise_grows() -> None:
     assert 0.002 < share[0] < 0.01
     assert share[1] < 0.0005
     jumping = Look({'lateral_noise': 1.0}, CLOSE)
-    usual, more = ((np.abs(look.residual) > 8)[look.edge].mean()
-                   for look in (plain(CLOSE), jumping))
+    usual, more = (
+        (np.abs(look.residual) > 8)[look.edge].mean() for look in (plain(CLOSE), jumping)
+    )
     assert more > 1.05 * usual
 
 
@@ -309,7 +350,8 @@ def test_pose_and_intrinsics_move_the_scene() -> None:
     assert np.std(biases) > 3e-3
     seen = Look({'intrinsics_error': 2.0}, BOARD)
     assert np.nanstd(np.nanmean(seen.error, axis=0)[seen.flat[0]]) > 3 * np.nanstd(
-        np.nanmean(plain(BOARD).error, axis=0)[seen.flat[0]])
+        np.nanmean(plain(BOARD).error, axis=0)[seen.flat[0]]
+    )
 
 
 def test_a_campaign_is_made_of_recordings(tmp_path: Path) -> None:
@@ -322,8 +364,9 @@ def test_a_campaign_is_made_of_recordings(tmp_path: Path) -> None:
         assert recording.usecase == MODES[0]
         assert recording.depth.shape == (8, 86, 112)
         assert recording.clean_depth is not None
-        assert recording.clean_depth.ndim == (3 if kind in ('forward', 'sideways', 'turning')
-                                              else 2)
+        assert recording.clean_depth.ndim == (
+            3 if kind in ('forward', 'sideways', 'turning') else 2
+        )
         assert recording.reflectivity is not None
         assert recording.extra['uptime'].shape == (8,)
         assert {'effects', 'seed', 'strength'}.isdisjoint(recording.extra)
@@ -336,7 +379,8 @@ def test_nuisances_are_always_on() -> None:
     cameras = [BlindCamera(Case(here.key, {}, seed), here) for seed in range(60)]
     # Sixty draws fix a standard deviation to 9 %.
     assert np.std([np.log(camera.sigma_factor) for camera in cameras]) == pytest.approx(
-        0.05, rel=0.5)
+        0.05, rel=0.5
+    )
     known, (_, true) = cameras[0].known_reflectivity(BOARD), here.clean(BOARD)
     assert 0.03 < np.std(np.log(known / true)) < 0.5
     levels = [scenes(MODES[0], pose).twists for pose in (0.0, 2.0)]
@@ -347,11 +391,14 @@ def test_nuisances_are_always_on() -> None:
 def test_the_same_seed_gives_the_same_frames(tmp_path: Path) -> None:
     key = SceneKey(MODES[1], 9, width=56, height=43, recordings=2, frames=2)
     case = Case(key, {'wiggling': 1.0, 'heavy_tails': 1.0}, 6)
-    one, two, cached = (BlindCamera(case, SceneSet(key, cache))
-                        for cache in (None, tmp_path, tmp_path))
+    one, two, cached = (
+        BlindCamera(case, SceneSet(key, cache)) for cache in (None, tmp_path, tmp_path)
+    )
     for recording in range(2):
-        frames = [np.stack([frame.depth for frame in camera.frames(recording)])
-                  for camera in (one, two, cached)]
+        frames = [
+            np.stack([frame.depth for frame in camera.frames(recording)])
+            for camera in (one, two, cached)
+        ]
         np.testing.assert_array_equal(frames[0], frames[1])
         np.testing.assert_array_equal(frames[0], frames[2])
     assert list(tmp_path.glob('true-*.npz'))
@@ -365,35 +412,61 @@ def imports_of(package: str) -> set[str]:
             if isinstance(node, ast.Import):
                 found |= {alias.name for alias in node.names}
             elif isinstance(node, ast.ImportFrom):
-                found |= {node.module or ''} | {f'{node.module}.{alias.name}'
-                                                for alias in node.names}
+                found |= {node.module or ''} | {
+                    f'{node.module}.{alias.name}' for alias in node.names
+                }
     return found
 
 
-@pytest.mark.parametrize(('package', 'forbidden'), [
-    ('blind', ('gap', 'effects', 'benchmark')), ('gap', ('blind', 'benchmark')),
-    ('effects', ('blind', 'gap', 'benchmark'))])
+@pytest.mark.parametrize(
+    ('package', 'forbidden'),
+    [
+        ('validation/blind', ('gap', 'effects', 'validation.benchmark')),
+        ('gap', ('validation',)),
+        ('effects', ('validation', 'gap')),
+    ],
+)
 def test_the_blind_camera_and_the_diagnosis_do_not_know_each_other(
-        package: str, forbidden: tuple[str, ...]) -> None:
+    package: str, forbidden: tuple[str, ...]
+) -> None:
     roots = {f'flexx2_sim_ros.{name}' for name in forbidden}
-    met = {name for name in imports_of(package)
-           if any(name == root or name.startswith(f'{root}.') for root in roots)}
+    met = {
+        name
+        for name in imports_of(package)
+        if any(name == root or name.startswith(f'{root}.') for root in roots)
+    }
     assert not met
 
 
 def test_importing_the_blind_camera_loads_no_effects() -> None:
     loaded = subprocess.run(
-        [sys.executable, '-c', 'import sys, flexx2_sim_ros.blind; print(*sys.modules)'],
-        capture_output=True, text=True, check=True, cwd=ROOT).stdout.split()
-    assert 'flexx2_sim_ros.blind.campaign' in loaded
-    assert not [name for name in loaded
-                if name.startswith(('flexx2_sim_ros.gap', 'flexx2_sim_ros.effects'))]
+        [sys.executable, '-c', 'import sys, flexx2_sim_ros.validation.blind; print(*sys.modules)'],
+        capture_output=True,
+        text=True,
+        check=True,
+        cwd=ROOT,
+    ).stdout.split()
+    assert 'flexx2_sim_ros.validation.blind.campaign' in loaded
+    assert not [
+        name
+        for name in loaded
+        if name.startswith(('flexx2_sim_ros.gap', 'flexx2_sim_ros.effects'))
+    ]
 
 
 def test_the_blind_camera_shares_only_geometry_and_the_papers_sigma() -> None:
-    ours = {name for name in imports_of('blind') if name.startswith('flexx2_sim_ros.')
-            and not name.startswith('flexx2_sim_ros.blind')}
-    allowed = ('flexx2_sim_ros.camera.modes', 'flexx2_sim_ros.camera.intrinsics',
-               'flexx2_sim_ros.camera.surface', 'flexx2_sim_ros.errors', 'flexx2_sim_ros.atomic',
-               'flexx2_sim_ros.recording')
+    ours = {
+        name
+        for name in imports_of('validation/blind')
+        if name.startswith('flexx2_sim_ros.')
+        and not name.startswith('flexx2_sim_ros.validation.blind')
+    }
+    allowed = (
+        'flexx2_sim_ros.profiles.modes',
+        'flexx2_sim_ros.profiles.intrinsics',
+        'flexx2_sim_ros.physics.surface',
+        'flexx2_sim_ros.errors',
+        'flexx2_sim_ros.atomic',
+        'flexx2_sim_ros.recording',
+    )
     assert {name for name in ours if not name.startswith(allowed)} == set()

@@ -4,9 +4,10 @@ import doctest
 import math
 
 from boards import board, K
-from flexx2_sim_ros.camera import Camera, flexx2, pipeline
-from flexx2_sim_ros.camera.philox import camera_key, fill_normals, stamp_words, STREAM_AXIAL
+from flexx2_sim_ros.camera import Camera, flexx2
+from flexx2_sim_ros.camera import camera as pipeline
 from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.physics.philox import camera_key, fill_normals, stamp_words, STREAM_AXIAL
 import numpy as np
 import pytest
 
@@ -33,8 +34,9 @@ def scene() -> np.ndarray:
 @pytest.mark.parametrize('turn', ['yaw', 'pitch'])
 @pytest.mark.parametrize('angle', [0, 20, 45, 60, 75])
 @pytest.mark.parametrize('usecase', MEASURED)
-def test_slanted_planes_get_axial_noise_and_nothing_else(usecase: str, angle: int,
-                                                         turn: str) -> None:
+def test_slanted_planes_get_axial_noise_and_nothing_else(
+    usecase: str, angle: int, turn: str
+) -> None:
     target = board(1.0, angle, turn=turn)
     frame = Camera(usecase, seed=2, name='n').capture(target.depth, K, -5)
     mode = flexx2().mode(usecase)
@@ -47,8 +49,7 @@ def test_slanted_planes_get_axial_noise_and_nothing_else(usecase: str, angle: in
     model = mode.noise.sigma_z(target.depth, target.incidence)
     np.testing.assert_allclose(frame.sigma[seen], model[seen], rtol=5e-3)
     cosine = np.cos(target.incidence)
-    np.testing.assert_allclose(frame.amplitude[seen], (cosine / target.depth ** 2)[seen],
-                               rtol=5e-3)
+    np.testing.assert_allclose(frame.amplitude[seen], (cosine / target.depth**2)[seen], rtol=5e-3)
 
 
 V, U = np.mgrid[:172, :224]
@@ -59,9 +60,11 @@ V, U = np.mgrid[:172, :224]
 def test_edge_pixels_show_one_of_the_two_surfaces(usecase: str, edge: object) -> None:
     front = board(1.0, 30).depth
     angle = math.radians(edge) if isinstance(edge, int) else 0
-    mask = {'board': (abs(U - 110) < 40) & (abs(V - 80) < 30), 'strip': abs(U - 100) < 2,
-            'disc': np.hypot(U - 110, V - 80) < 50}.get(
-                edge, (U - 111.5) * math.cos(angle) + (V - 85) * math.sin(angle) < 0)
+    mask = {
+        'board': (abs(U - 110) < 40) & (abs(V - 80) < 30),
+        'strip': abs(U - 100) < 2,
+        'disc': np.hypot(U - 110, V - 80) < 50,
+    }.get(edge, (U - 111.5) * math.cos(angle) + (V - 85) * math.sin(angle) < 0)
     clean = np.where(mask, front, np.float32(2.1))
     camera = Camera(usecase, seed=9)
     sigmas = [camera.capture(depth, K, 0).sigma for depth in (front, np.full_like(front, 2.1))]
@@ -81,9 +84,10 @@ def test_edge_pixels_show_one_of_the_two_surfaces(usecase: str, edge: object) ->
         moved += (other & ~own & valid).sum()
         # What is seen brings its own sigma and its own reflectivity.
         behind = seen > 1.9
-        np.testing.assert_allclose(frame.sigma[valid], np.where(behind, *sigmas[::-1])[valid],
-                                   rtol=0.15)
-        assert ((frame.amplitude * seen ** 2 > 0.3) ^ behind)[valid].all()
+        np.testing.assert_allclose(
+            frame.sigma[valid], np.where(behind, *sigmas[::-1])[valid], rtol=0.15
+        )
+        assert ((frame.amplitude * seen**2 > 0.3) ^ behind)[valid].all()
     assert moved > 20 * 90
 
 
@@ -93,8 +97,11 @@ def test_edges_move_alone_and_thin_things_as_a_whole(turned: bool) -> None:
     clean = np.full((60, 120), 2.0)
     clean[:, 20:24] = 1.0  # a pole
     clean[:, 60:90] = 1.0  # a board
-    frames = Camera('Mode_9_30fps', seed=3).capture(
-        clean.T if turned else clean, K, np.arange(400)).depth
+    frames = (
+        Camera('Mode_9_30fps', seed=3)
+        .capture(clean.T if turned else clean, K, np.arange(400))
+        .depth
+    )
     near = (np.swapaxes(frames, 1, 2) if turned else frames) < 1.5
     pole, left, right = near[..., :40], near[..., 40:75], near[..., 75:]
     assert (pole.sum(-1) == 4).all()
@@ -115,7 +122,7 @@ def test_edges_move_alone_and_thin_things_as_a_whole(turned: bool) -> None:
 
 def test_noise_is_a_function_of_seed_name_and_stamp_alone() -> None:
     camera = Camera('Mode_9_30fps', seed=4, name='left')
-    stamps = np.array([0, 7, 10 ** 18, -3, 2 ** 33])
+    stamps = np.array([0, 7, 10**18, -3, 2**33])
     batch = camera.capture(scene(), K, stamps)
     assert batch.depth.shape == (5, *SHAPE)
     singles = [camera.capture(scene(), K, int(stamp)) for stamp in reversed(stamps)][::-1]
@@ -149,8 +156,13 @@ def test_arguments_broadcast() -> None:
 
 def test_stamps_in_nanoseconds_and_in_seconds() -> None:
     camera = Camera(seed=1)
-    for seconds, nanoseconds in ((1.5, 1_500_000_000), (-0.25, -250_000_000), (1e-9, 1),
-                                 (np.float32(2.0), np.uint64(2 * 10 ** 9)), (3.0, np.int16(0))):
+    for seconds, nanoseconds in (
+        (1.5, 1_500_000_000),
+        (-0.25, -250_000_000),
+        (1e-9, 1),
+        (np.float32(2.0), np.uint64(2 * 10**9)),
+        (3.0, np.int16(0)),
+    ):
         equal = int(nanoseconds) == round(float(seconds) * 1e9)
         one, other = (camera.capture(scene(), K, stamp) for stamp in (seconds, nanoseconds))
         assert np.array_equal(one.depth, other.depth, equal_nan=True) == equal
@@ -182,9 +194,26 @@ def test_sigma_is_held_near_90_degrees() -> None:
     np.testing.assert_allclose(frame.sigma[held], model[held], rtol=1e-3)
 
 
-@pytest.mark.parametrize('nothing', [
-    math.nan, math.inf, -math.inf, 0.0, -0.0, -1.0, 1e-45, 1e-38, 1e-9, 1e10, 1e20, 1e30,
-    float(np.finfo(np.float32).max), 1e39, 1e300])
+@pytest.mark.parametrize(
+    'nothing',
+    [
+        math.nan,
+        math.inf,
+        -math.inf,
+        0.0,
+        -0.0,
+        -1.0,
+        1e-45,
+        1e-38,
+        1e-9,
+        1e10,
+        1e20,
+        1e30,
+        float(np.finfo(np.float32).max),
+        1e39,
+        1e300,
+    ],
+)
 def test_what_is_no_distance_is_invalid(nothing: float) -> None:
     clean = np.full(SHAPE, 1.0)
     clean[12, 16] = clean[3:5, 3:5] = nothing
@@ -201,10 +230,18 @@ def test_any_real_array_is_read_and_none_is_written() -> None:
     whole = np.rint(clean)
     shade = np.linspace(0, 1, clean.size).reshape(clean.shape)
     for values, copies in (
-            (clean, [clean.astype(kind) for kind in ('f2', '>f4', 'f8', '>f8', 'g')]
-             + [np.asfortranarray(clean), clean.repeat(2, 1)[:, ::2], clean[::-1].copy()[::-1],
-                clean.tolist()]),
-            (whole, [whole.astype(kind) for kind in ('u1', 'i2', '>u2', 'u4', 'i8')])):
+        (
+            clean,
+            [clean.astype(kind) for kind in ('f2', '>f4', 'f8', '>f8', 'g')]
+            + [
+                np.asfortranarray(clean),
+                clean.repeat(2, 1)[:, ::2],
+                clean[::-1].copy()[::-1],
+                clean.tolist(),
+            ],
+        ),
+        (whole, [whole.astype(kind) for kind in ('u1', 'i2', '>u2', 'u4', 'i8')]),
+    ):
         wanted = Camera(seed=1).capture(values.astype(np.float32), K, 0, shade.astype('f4'))
         for copy in copies:
             if isinstance(copy, np.ndarray):
@@ -218,7 +255,8 @@ def test_any_real_array_is_read_and_none_is_written() -> None:
 def test_reflectivity_scales_the_amplitude_and_is_kept_between_0_and_1() -> None:
     full, half, none, bright, unknown = (
         Camera().capture(scene(), K, 0, np.full(SHAPE, value)).amplitude
-        for value in (1.0, 0.5, -1.0, 7.0, math.nan))
+        for value in (1.0, 0.5, -1.0, 7.0, math.nan)
+    )
     np.testing.assert_allclose(half, full / 2, rtol=1e-6)
     np.testing.assert_array_equal(full, Camera().capture(scene(), K, 0).amplitude)
     np.testing.assert_array_equal(bright, full)
@@ -245,20 +283,72 @@ def matrix_with(row: int, column: int, value: float) -> np.ndarray:
 GOOD = {'clean_depth': np.ones(SHAPE), 'K': K, 'stamp': 0, 'reflectivity': np.ones(SHAPE)}
 
 
-@pytest.mark.parametrize(('field', 'value'), [
-    *(('clean_depth', bad) for bad in (
-        3.0, [1.0, 2.0], np.ones((0, 5)), np.ones((5, 0)), np.ones(SHAPE, complex), 'near', None,
-        np.ones(SHAPE, bool), np.ones(SHAPE, object), np.full(SHAPE, '1'), [[1.0, 2.0], [3.0]])),
-    *(('reflectivity', bad) for bad in (0.5, np.ones((3, 3)), np.ones(SHAPE, complex), 'white')),
-    *(('K', bad) for bad in (
-        np.eye(2), np.eye(4), K.ravel(), K[:2], 0, None, 'K', K.astype(complex), K.astype(str),
-        np.zeros((3, 3)), K * 2, K.T, *(matrix_with(*change) for change in (
-            (0, 0, 0), (1, 1, 0), (0, 0, -210), (0, 0, math.nan), (1, 1, math.inf),
-            (0, 2, math.nan), (1, 2, -math.inf), (0, 1, 0.1), (0, 1, math.nan), (2, 2, 0),
-            (2, 2, math.nan), (0, 0, 1e-60), (0, 0, 1e60), (1, 2, 1e60))))),
-    *(('stamp', bad) for bad in (
-        math.nan, math.inf, 1e12, 2 ** 70, None, 'now', True, 1j, np.array(['1']))),
-    ('leading', np.ones((2, *SHAPE)))])
+@pytest.mark.parametrize(
+    ('field', 'value'),
+    [
+        *(
+            ('clean_depth', bad)
+            for bad in (
+                3.0,
+                [1.0, 2.0],
+                np.ones((0, 5)),
+                np.ones((5, 0)),
+                np.ones(SHAPE, complex),
+                'near',
+                None,
+                np.ones(SHAPE, bool),
+                np.ones(SHAPE, object),
+                np.full(SHAPE, '1'),
+                [[1.0, 2.0], [3.0]],
+            )
+        ),
+        *(
+            ('reflectivity', bad)
+            for bad in (0.5, np.ones((3, 3)), np.ones(SHAPE, complex), 'white')
+        ),
+        *(
+            ('K', bad)
+            for bad in (
+                np.eye(2),
+                np.eye(4),
+                K.ravel(),
+                K[:2],
+                0,
+                None,
+                'K',
+                K.astype(complex),
+                K.astype(str),
+                np.zeros((3, 3)),
+                K * 2,
+                K.T,
+                *(
+                    matrix_with(*change)
+                    for change in (
+                        (0, 0, 0),
+                        (1, 1, 0),
+                        (0, 0, -210),
+                        (0, 0, math.nan),
+                        (1, 1, math.inf),
+                        (0, 2, math.nan),
+                        (1, 2, -math.inf),
+                        (0, 1, 0.1),
+                        (0, 1, math.nan),
+                        (2, 2, 0),
+                        (2, 2, math.nan),
+                        (0, 0, 1e-60),
+                        (0, 0, 1e60),
+                        (1, 2, 1e60),
+                    )
+                ),
+            )
+        ),
+        *(
+            ('stamp', bad)
+            for bad in (math.nan, math.inf, 1e12, 2**70, None, 'now', True, 1j, np.array(['1']))
+        ),
+        ('leading', np.ones((2, *SHAPE))),
+    ],
+)
 def test_what_cannot_be_used_is_named(field: str, value: object) -> None:
     given = {**GOOD, field: value}
     if field == 'leading':
@@ -267,9 +357,19 @@ def test_what_cannot_be_used_is_named(field: str, value: object) -> None:
         Camera().capture(given['clean_depth'], given['K'], given['stamp'], given['reflectivity'])
 
 
-@pytest.mark.parametrize(('field', 'value'), [
-    ('usecase', 'Mode_7'), ('seed', 'one'), ('seed', None), ('seed', 1.5), ('seed', math.nan),
-    ('name', None), ('name', 5), ('effects', ['blur'])])
+@pytest.mark.parametrize(
+    ('field', 'value'),
+    [
+        ('usecase', 'Mode_7'),
+        ('seed', 'one'),
+        ('seed', None),
+        ('seed', 1.5),
+        ('seed', math.nan),
+        ('name', None),
+        ('name', 5),
+        ('effects', ['blur']),
+    ],
+)
 def test_a_camera_that_cannot_be_is_refused(field: str, value: object) -> None:
     with pytest.raises(InputError, match=f'^{field}'):
         Camera(**{field: value})

@@ -5,9 +5,9 @@ import math
 from typing import Any
 
 from flexx2_sim_ros.camera import Camera, Mode
-from flexx2_sim_ros.camera.geometry import pixel_rays
 from flexx2_sim_ros.camera.gray import gray_image
-from flexx2_sim_ros.camera.modes import flexx2
+from flexx2_sim_ros.physics.geometry import pixel_rays
+from flexx2_sim_ros.profiles.modes import flexx2
 import numpy as np
 import pytest
 import streams
@@ -37,8 +37,11 @@ FOLLOWING = MODES[1:] + MODES[:1]
 pytestmark = pytest.mark.usefixtures('ros')
 
 
-@pytest.mark.parametrize(('mode', 'following'), list(zip(MODES, FOLLOWING, strict=True)),
-                         ids=[mode.name for mode in MODES])
+@pytest.mark.parametrize(
+    ('mode', 'following'),
+    list(zip(MODES, FOLLOWING, strict=True)),
+    ids=[mode.name for mode in MODES],
+)
 def test_a_mode(mode: Mode, following: Mode) -> None:
     """Assert name, rate, range, size, info, exposure, refusal, and the switch to the next."""
     with stream(DEPTH, INFO, NOISE, usecase=mode.name.upper(), seed=3) as seen:
@@ -64,8 +67,9 @@ def test_a_mode(mode: Mode, following: Mode) -> None:
         assert len(seen.depths()) >= before + 2
         assert seen.get('usecase') == mode.name
 
-        answer = seen.clients.set_parameters([
-            streams.Parameter('usecase', value=f' {following.name.swapcase()} ')])
+        answer = seen.clients.set_parameters(
+            [streams.Parameter('usecase', value=f' {following.name.swapcase()} ')]
+        )
         while not answer.done():
             feed(1, INPUT_HZ)
         assert answer.result().results[0].successful
@@ -79,7 +83,7 @@ def test_a_mode(mode: Mode, following: Mode) -> None:
         alike = mode.noise == following.noise and mode.range_max == following.range_max
         assert (first is None) == alike
         assert first is None or before + 2 <= first <= after
-        _check_rate([nanoseconds(m) for m in seen.messages(DEPTH)][after - 1:], following)
+        _check_rate([nanoseconds(m) for m in seen.messages(DEPTH)][after - 1 :], following)
         _check_messages(seen, following)
 
 
@@ -146,8 +150,9 @@ def _first_frame_of(seen: streams.Stream, old: Mode, new: Mode) -> int | None:
     """
     switched = None
     for index, message in enumerate(seen.messages(DEPTH)):
-        was, will = (library(seen, boards(), nanoseconds(message), mode.name)
-                     for mode in (old, new))
+        was, will = (
+            library(seen, boards(), nanoseconds(message), mode.name) for mode in (old, new)
+        )
         depth, sigma = array_of(message), array_of(seen.messages(NOISE)[index])
         of_old = same(depth, was.depth) and same(sigma, was.sigma)
         of_new = same(depth, will.depth) and same(sigma, will.sigma)
@@ -173,12 +178,17 @@ def test_frames_are_the_librarys_to_the_last_bit() -> None:
 
         cloud = seen.messages(CLOUD)[0]
         assert (cloud.width, cloud.height, cloud.point_step, cloud.row_step) == (
-            224, 172, 16, 3584)
+            224,
+            172,
+            16,
+            3584,
+        )
         assert not cloud.is_bigendian
         assert not cloud.is_dense
         assert [(f.name, f.offset, f.datatype, f.count) for f in cloud.fields] == [
             (name, 4 * i, streams.PointField.FLOAT32, 1)
-            for i, name in enumerate(('x', 'y', 'z', 'conf'))]
+            for i, name in enumerate(('x', 'y', 'z', 'conf'))
+        ]
         points = np.frombuffer(cloud.data, '<f4').reshape(172, 224, 4)
         v, u = np.mgrid[:172, :224]
         np.testing.assert_allclose(points[..., 0], (u - 111.5) / FLEXX2.fx * frame.depth, 1e-5)
@@ -198,8 +208,9 @@ def test_noise_is_a_cameras_own_and_a_stamps_own() -> None:
             # The third camera is the first one again, and misses some of its input.
             for stamp in stamps if namespace != '/left ' else stamps[::8]:
                 seen.show(boards(), stamp)
-            shown[namespace] = {nanoseconds(message): array_of(message)
-                                for message in seen.messages(DEPTH)}
+            shown[namespace] = {
+                nanoseconds(message): array_of(message) for message in seen.messages(DEPTH)
+            }
     left, right, again = shown.values()
     assert set(left) == set(right) == set(again)
     assert len(left) == 7
@@ -213,9 +224,10 @@ def test_heavy_topics_are_filled_only_for_subscribers(monkeypatch: pytest.Monkey
     """Assert nothing is computed for nobody, and that camera_info always comes."""
     called = []
     for name in ('points', 'gray_image'):
-        monkeypatch.setattr(f'flexx2_sim_ros.nodes.camera_node.{name}',
-                            lambda *_: called.append('heavy'))
-    monkeypatch.setattr('flexx2_sim_ros.camera.pipeline.Camera.capture', _counted(called))
+        monkeypatch.setattr(
+            f'flexx2_sim_ros.nodes.camera_node.{name}', lambda *_: called.append('heavy')
+        )
+    monkeypatch.setattr('flexx2_sim_ros.camera.camera.Camera.capture', _counted(called))
     with stream(INFO) as seen:
         called.clear()  # The node warms up.
         assert seen.show(boards(), START)
@@ -233,6 +245,7 @@ def _counted(called: list[str]) -> Callable[..., Any]:
     def counted(*arguments: Any) -> Any:
         called.append('capture')
         return capture(*arguments)
+
     return counted
 
 
@@ -269,7 +282,8 @@ def test_exposure_darkens_the_gray_image() -> None:
         bright, dark = (array_of(message).astype(float) for message in seen.messages(GRAY))
         assert same(array_of(seen.messages(GRAY)[1]), gray_image(frame.amplitude, 92 / 370))
         assert dark[:, BOARDS[1.5]].mean() == pytest.approx(
-            bright[:, BOARDS[1.5]].mean() * math.sqrt(92 / 370), rel=0.02)
+            bright[:, BOARDS[1.5]].mean() * math.sqrt(92 / 370), rel=0.02
+        )
         assert same(seen.depths()[1], frame.depth)
 
 
@@ -334,10 +348,10 @@ def test_measured_rates_are_reported() -> None:
 
 def test_quality_of_service() -> None:
     """Assert reliable publishers, inputs that follow theirs, and that both can be overridden."""
-    overrides = {'qos_overrides./own/flexx2_camera/gray_image_0.publisher.reliability':
-                 'best_effort',
-                 'qos_overrides./own/clean/camera_info.subscription.reliability':
-                 'best_effort'}
+    overrides = {
+        'qos_overrides./own/flexx2_camera/gray_image_0.publisher.reliability': 'best_effort',
+        'qos_overrides./own/clean/camera_info.subscription.reliability': 'best_effort',
+    }
     with stream(namespace='/own', **overrides) as seen:
         for topic in (DEPTH, INFO, CLOUD, GRAY, NOISE):
             name = f'{seen.name}/{topic}'
@@ -362,8 +376,12 @@ def test_parameters_of_the_driver() -> None:
     with stream() as seen:
         assert seen.get('usecase') == 'Mode_9_30fps'
         assert seen.get('model') == 'Flexx2'
-        for name, value in (('model', 'x'), ('serial', 'x'), ('available_usecases', ['x']),
-                            ('seed', 4)):
+        for name, value in (
+            ('model', 'x'),
+            ('serial', 'x'),
+            ('available_usecases', ['x']),
+            ('seed', 4),
+        ):
             assert not seen.set(**{name: value}).successful
         assert not seen.set(usecase=3).successful
         assert not seen.logged('was not measured')

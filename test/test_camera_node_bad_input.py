@@ -22,6 +22,7 @@ def _changed(**fields: Any) -> Spoil:
         for name, value in fields.items():
             setattr(message, name, value)
         return message
+
     return change
 
 
@@ -29,6 +30,7 @@ def _data(change: Callable[[Any], Any]) -> Spoil:
     def cut(message: Any) -> Any:
         message.data = change(message.data)
         return message
+
     return cut
 
 
@@ -36,6 +38,7 @@ def _k(index: int, value: float) -> Spoil:
     def spoil(message: Any) -> Any:
         message.k[index] = value
         return message
+
     return spoil
 
 
@@ -44,6 +47,7 @@ def _another(array: np.ndarray, **layout: Any) -> Spoil:
         made = image_message(array, **layout)
         made.header = message.header
         return made
+
     return other
 
 
@@ -52,37 +56,65 @@ def _of(**fields: Any) -> Spoil:
         made = info_message(replace(FLEXX2, **fields))
         made.header = message.header
         return made
+
     return other
 
 
 def _late_nanoseconds(message: Any) -> Any:
-    message.header.stamp.sec, message.header.stamp.nanosec = 2 ** 31 - 1, 4_000_000_000
+    message.header.stamp.sec, message.header.stamp.nanosec = 2**31 - 1, 4_000_000_000
     return message
 
 
 CASES = {
-    'encoding': ('image', _another(WALL, encoding='mono8'),
-                 ['clean/depth_image: encoding', "'mono8'", '32FC1 or 64FC1 or 16UC1']),
+    'encoding': (
+        'image',
+        _another(WALL, encoding='mono8'),
+        ['clean/depth_image: encoding', "'mono8'", '32FC1 or 64FC1 or 16UC1'],
+    ),
     'no encoding': ('image', _changed(encoding=''), ['clean/depth_image: encoding', "''"]),
     'step': ('image', _changed(step=895), ['clean/depth_image: step', '895', '896']),
     'no step': ('image', _changed(step=0), ['clean/depth_image: step', 'found 0', '896']),
-    'long step': ('image', _changed(step=2 ** 32 - 1),
-                  ['clean/depth_image: data', str(896 * 172), str((2 ** 32 - 1) * 172)]),
-    'cut off': ('image', _data(lambda data: data[:-1]),
-                ['clean/depth_image: data', str(896 * 172 - 1), str(896 * 172)]),
-    'too long': ('image', _data(lambda data: data * 2),
-                 ['clean/depth_image: data', str(2 * 896 * 172), str(896 * 172)]),
-    'no data': ('image', _data(lambda data: data[:0]),
-                ['clean/depth_image: data', 'found 0', str(896 * 172)]),
-    'empty': ('image', _another(np.zeros((0, 0), np.float32)),
-              ['clean/depth_image: size', '0 x 0', 'wanted']),
+    'long step': (
+        'image',
+        _changed(step=2**32 - 1),
+        ['clean/depth_image: data', str(896 * 172), str((2**32 - 1) * 172)],
+    ),
+    'cut off': (
+        'image',
+        _data(lambda data: data[:-1]),
+        ['clean/depth_image: data', str(896 * 172 - 1), str(896 * 172)],
+    ),
+    'too long': (
+        'image',
+        _data(lambda data: data * 2),
+        ['clean/depth_image: data', str(2 * 896 * 172), str(896 * 172)],
+    ),
+    'no data': (
+        'image',
+        _data(lambda data: data[:0]),
+        ['clean/depth_image: data', 'found 0', str(896 * 172)],
+    ),
+    'empty': (
+        'image',
+        _another(np.zeros((0, 0), np.float32)),
+        ['clean/depth_image: size', '0 x 0', 'wanted'],
+    ),
     'no width': ('image', _changed(width=0), ['clean/depth_image: size', '0 x 172', 'wanted']),
-    'huge': ('image', _changed(width=2 ** 32 - 1, height=2 ** 32 - 1),
-             ['clean/depth_image: size', str(2 ** 32 - 1), 'wanted']),
-    'small': ('image', _another(WALL[:100]),
-              ['clean/camera_info: size', '224 x 172', '224 x 100']),
-    'nanoseconds': ('both', _late_nanoseconds,
-                    ['clean/depth_image: header.stamp', '4000000000', 'wanted']),
+    'huge': (
+        'image',
+        _changed(width=2**32 - 1, height=2**32 - 1),
+        ['clean/depth_image: size', str(2**32 - 1), 'wanted'],
+    ),
+    'small': (
+        'image',
+        _another(WALL[:100]),
+        ['clean/camera_info: size', '224 x 172', '224 x 100'],
+    ),
+    'nanoseconds': (
+        'both',
+        _late_nanoseconds,
+        ['clean/depth_image: header.stamp', '4000000000', 'wanted'],
+    ),
     'K zero': ('info', _changed(k=[0.0] * 9), ['clean/camera_info: K', '0.0', 'wanted']),
     'fx zero': ('info', _k(0, 0.0), ['clean/camera_info: K: fx', '0.0', 'wanted']),
     'fx NaN': ('info', _k(0, np.nan), ['clean/camera_info: K: fx', 'nan', 'wanted']),
@@ -90,23 +122,41 @@ CASES = {
     'cx infinite': ('info', _k(2, np.inf), ['clean/camera_info: K: cx', 'inf', 'wanted']),
     'skew': ('info', _k(1, 0.5), ['clean/camera_info: K', '0.5', 'wanted']),
     'K[8]': ('info', _k(8, np.nan), ['clean/camera_info: K', 'nan', 'wanted']),
-    'other size': ('info', _of(width=640, height=480),
-                   ['clean/camera_info: size', '640 x 480', '224 x 172']),
-    'no size': ('info', _changed(width=0, height=0),
-                ['clean/camera_info', 'size', '0 x 0', 'wanted']),
-    'distortion NaN': ('info', _changed(d=[np.nan] * 5),
-                       ['clean/camera_info: distortion', 'nan', 'wanted']),
-    'distortion model': ('info', _changed(d=[0.1] * 4, distortion_model='equidistant'),
-                         ['clean/camera_info: distortion_model', 'equidistant', 'plumb_bob']),
-    'coefficients': ('info', _changed(d=[0.1] * 8),
-                     ['clean/camera_info: distortion', 'found 8', 'at most five']),
+    'other size': (
+        'info',
+        _of(width=640, height=480),
+        ['clean/camera_info: size', '640 x 480', '224 x 172'],
+    ),
+    'no size': (
+        'info',
+        _changed(width=0, height=0),
+        ['clean/camera_info', 'size', '0 x 0', 'wanted'],
+    ),
+    'distortion NaN': (
+        'info',
+        _changed(d=[np.nan] * 5),
+        ['clean/camera_info: distortion', 'nan', 'wanted'],
+    ),
+    'distortion model': (
+        'info',
+        _changed(d=[0.1] * 4, distortion_model='equidistant'),
+        ['clean/camera_info: distortion_model', 'equidistant', 'plumb_bob'],
+    ),
+    'coefficients': (
+        'info',
+        _changed(d=[0.1] * 8),
+        ['clean/camera_info: distortion', 'found 8', 'at most five'],
+    ),
     'no info': ('info', lambda _: None, ['clean/camera_info', 'none has come', 'wanted']),
 }
 
 
 def _three(stamp: int) -> dict[str, Any]:
-    return {'image': image_message(WALL, stamp), 'info': info_message(FLEXX2, stamp),
-            'reflectivity': None}
+    return {
+        'image': image_message(WALL, stamp),
+        'info': info_message(FLEXX2, stamp),
+        'reflectivity': None,
+    }
 
 
 @pytest.mark.parametrize(('kind', 'spoil', 'parts'), CASES.values(), ids=CASES)
@@ -138,11 +188,15 @@ def test_bad_input(kind: str, spoil: Spoil, parts: list[str]) -> None:
         assert seen.camera._statistics.published == frames + 1
 
 
-@pytest.mark.parametrize(('spoil', 'parts'), [
-    (_changed(encoding='16UC1'), ['clean/reflectivity: encoding', '16UC1', '32FC1']),
-    (_another(WALL[:, :100]), ['clean/reflectivity: size', '100 x 172', '224 x 172']),
-    (_data(lambda data: data[:7]), ['clean/reflectivity: data', 'found 7', str(896 * 172)]),
-], ids=['encoding', 'size', 'data'])
+@pytest.mark.parametrize(
+    ('spoil', 'parts'),
+    [
+        (_changed(encoding='16UC1'), ['clean/reflectivity: encoding', '16UC1', '32FC1']),
+        (_another(WALL[:, :100]), ['clean/reflectivity: size', '100 x 172', '224 x 172']),
+        (_data(lambda data: data[:7]), ['clean/reflectivity: data', 'found 7', str(896 * 172)]),
+    ],
+    ids=['encoding', 'size', 'data'],
+)
 def test_bad_reflectivity_costs_no_depth(spoil: Spoil, parts: list[str]) -> None:
     """Assert a frame whose reflectivity cannot be used comes out without it."""
     with stream(DEPTH, GRAY) as seen:
@@ -203,16 +257,20 @@ def test_rejection_is_in_the_diagnostics() -> None:
         assert values['frames published'] == '2'
 
 
-@pytest.mark.parametrize(('values', 'parts'), [
-    ({'usecase': 'Mode_9_31fps'}, ['usecase', 'Mode_9_31fps', 'Mode_9_30fps']),
-    ({'usecase': ''}, ['usecase', "''", 'Mode_9_30fps']),
-    ({'invalid_value': 'NaN'}, ['invalid_value', "'NaN'", 'nan, zero']),
-    ({'input_depth': 'flat'}, ['input_depth', "'flat'", 'planar, radial']),
-    ({'exposure_time_0': 10 ** 6}, ['exposure_time_0: must be', 'Mode_9_30fps', '1000000']),
-    ({'frame_id': 'x' * 256}, ['frame_id: must be at most 255 characters, got 256']),
-    ({'usecase': 5}, ['STRING', 'INTEGER']),
-    ({'frame_id': 5}, ['STRING', 'INTEGER']),
-], ids=str)
+@pytest.mark.parametrize(
+    ('values', 'parts'),
+    [
+        ({'usecase': 'Mode_9_31fps'}, ['usecase', 'Mode_9_31fps', 'Mode_9_30fps']),
+        ({'usecase': ''}, ['usecase', "''", 'Mode_9_30fps']),
+        ({'invalid_value': 'NaN'}, ['invalid_value', "'NaN'", 'nan, zero']),
+        ({'input_depth': 'flat'}, ['input_depth', "'flat'", 'planar, radial']),
+        ({'exposure_time_0': 10**6}, ['exposure_time_0: must be', 'Mode_9_30fps', '1000000']),
+        ({'frame_id': 'x' * 256}, ['frame_id: must be at most 255 characters, got 256']),
+        ({'usecase': 5}, ['STRING', 'INTEGER']),
+        ({'frame_id': 5}, ['STRING', 'INTEGER']),
+    ],
+    ids=str,
+)
 def test_bad_parameters_are_refused(values: dict[str, Any], parts: list[str]) -> None:
     """Assert a reason, and that the stream goes on as before."""
     with stream(DEPTH) as seen:

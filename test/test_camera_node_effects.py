@@ -7,15 +7,15 @@ from typing import Any
 
 from flexx2_sim_ros.camera import Camera, flexx2
 from flexx2_sim_ros.camera.gray import gray_image
-from flexx2_sim_ros.camera.profiles import ProfileFile, save_profile
 from flexx2_sim_ros.effects import load_effects, parse_effects, registry, save_effects
 from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.profiles.files import ProfileFile, save_profile
 import numpy as np
 import pytest
 import streams
 from streams import array_of, CLOUD, DEPTH, Flexx2Camera, GRAY, nanoseconds, NOISE, stream
 
-START, SECOND = 1_700_000_000 * 10 ** 9, 10 ** 9
+START, SECOND = 1_700_000_000 * 10**9, 10**9
 PERIOD = SECOND // 30
 KEEPS = ('warm_up_drift', 'temporal_filter', 'multipath', 'fixed_pattern', 'time_offset')
 
@@ -32,8 +32,9 @@ def scene(step: int = 0) -> np.ndarray:
 def twin(seen: streams.Stream, effects: Any, usecase: str = '') -> Camera:
     """Return the library's camera that does what the node should."""
     settings = seen.camera.settings
-    return Camera(usecase or settings.usecase, effects=effects, seed=settings.seed,
-                  name=settings.camera_name)
+    return Camera(
+        usecase or settings.usecase, effects=effects, seed=settings.seed, name=settings.camera_name
+    )
 
 
 def capture(camera: Camera, depth: np.ndarray, stamp: int, paint: Any = None) -> Any:
@@ -51,23 +52,52 @@ def confidence(message: Any) -> np.ndarray:
 def test_a_file_at_the_start_and_numbers_beside_it(tmp_path: Path) -> None:
     """Assert all topics follow the library's effects; what is given beside a file counts."""
     path = tmp_path / 'mine.yaml'
-    save_effects(path, parse_effects({'warm_up_drift': {'bias': 0.03}, 'saturation': None,
-                                      'ambient_light': None, 'temporal_filter': None}))
+    save_effects(
+        path,
+        parse_effects(
+            {
+                'warm_up_drift': {'bias': 0.03},
+                'saturation': None,
+                'ambient_light': None,
+                'temporal_filter': None,
+            }
+        ),
+    )
     paint = np.full((172, 224), 0.8, np.float32)
-    with stream(DEPTH, NOISE, GRAY, CLOUD, effects=str(path), auto_exposure_0=False,
-                **{'effect.warm_up_drift.strength': 2, 'effect.offset.strength': 1.5,
-                   'effect.multipath.gain': 3}) as seen:
+    with stream(
+        DEPTH,
+        NOISE,
+        GRAY,
+        CLOUD,
+        effects=str(path),
+        auto_exposure_0=False,
+        **{
+            'effect.warm_up_drift.strength': 2,
+            'effect.offset.strength': 1.5,
+            'effect.multipath.gain': 3,
+        },
+    ) as seen:
         assert seen.get('effects') == f'{path}*'  # Numbers differ from the file's.
         assert seen.get('effect.warm_up_drift.strength') == 2.0
         assert seen.get('effect.warm_up_drift.bias') == 0.03
         assert seen.get('effect.saturation.strength') == 1.0
         assert seen.get('effect.multipath.strength') == 0.0
         assert seen.get('effect.multipath.gain') == 3.0
-        seen.spin_until(lambda: seen.logged('effects are now offset, warm_up_drift, '
-                                            'ambient_light, temporal_filter, saturation'))
-        camera = twin(seen, {'warm_up_drift': {'bias': 0.03, 'strength': 2},
-                             'saturation': None, 'ambient_light': None, 'temporal_filter': None,
-                             'offset': {'strength': 1.5}})
+        seen.spin_until(
+            lambda: seen.logged(
+                'effects are now offset, warm_up_drift, ambient_light, temporal_filter, saturation'
+            )
+        )
+        camera = twin(
+            seen,
+            {
+                'warm_up_drift': {'bias': 0.03, 'strength': 2},
+                'saturation': None,
+                'ambient_light': None,
+                'temporal_filter': None,
+                'offset': {'strength': 1.5},
+            },
+        )
         for step in range(3):
             stamp = START + step * PERIOD
             assert seen.show(scene(step), stamp, paint)
@@ -87,15 +117,15 @@ def test_a_file_at_the_start_and_numbers_beside_it(tmp_path: Path) -> None:
 def test_what_a_diagnosis_adds_comes_and_goes_with_its_file(tmp_path: Path) -> None:
     """Assert that a file's entries beyond the registry are used, though they are no parameters."""
     path = tmp_path / 'gap.yaml'
-    path.write_text('schema: 1\neffects:\n  offset: {bias: 0.01}\n'
-                    '  residual_patch: {bias_0: 0.05}\n')
+    path.write_text(
+        'schema: 1\neffects:\n  offset: {bias: 0.01}\n  residual_patch: {bias_0: 0.05}\n'
+    )
     with stream(DEPTH) as seen:
         for step, name in enumerate(('', str(path), '')):
             assert seen.set(effects=name).successful
             stamp = START + step * PERIOD
             assert seen.show(scene(), stamp)
-            assert same(seen.depths()[-1],
-                        capture(twin(seen, name or ()), scene(), stamp).depth)
+            assert same(seen.depths()[-1], capture(twin(seen, name or ()), scene(), stamp).depth)
             names = [effect.name for effect in seen.camera._camera.effects]
             assert names == (['offset', 'residual_patch'] if name else [])
 
@@ -103,14 +133,18 @@ def test_what_a_diagnosis_adds_comes_and_goes_with_its_file(tmp_path: Path) -> N
 def test_parameters_are_described() -> None:
     """Assert description with unit, range and type of every parameter of every effect."""
     with stream() as seen:
-        items = {f'effect.{name}.{item.name}': item for name, kind in registry().items()
-                 for item in kind.parameters()}
+        items = {
+            f'effect.{name}.{item.name}': item
+            for name, kind in registry().items()
+            for item in kind.parameters()
+        }
         assert len(items) > 70
         names = list(items)
         described = seen.wait(seen.clients.describe_parameters(names)).descriptors
         values = seen.wait(seen.clients.get_parameters(names)).values
-        for name, item, descriptor, value in zip(names, items.values(), described, values,
-                                                 strict=True):
+        for name, item, descriptor, value in zip(
+            names, items.values(), described, values, strict=True
+        ):
             assert descriptor.name == name
             assert descriptor.type == 3  # PARAMETER_DOUBLE
             assert not descriptor.read_only
@@ -131,21 +165,28 @@ def test_effects_are_switched_between_two_frames() -> None:
         def feed(count: int) -> None:
             for _ in range(count):
                 assert seen.show(scene(), START + next(steps) * PERIOD)
+
         feed(2)
-        answer = seen.clients.set_parameters_atomically([
-            streams.Parameter('effect.offset.strength', value=2),
-            streams.Parameter('effect.excess_noise.strength', value=1.0)])
+        answer = seen.clients.set_parameters_atomically(
+            [
+                streams.Parameter('effect.offset.strength', value=2),
+                streams.Parameter('effect.excess_noise.strength', value=1.0),
+            ]
+        )
         while not answer.done():
             feed(1)
         assert answer.result().result.successful
         after = len(seen.depths())
         feed(3)
-        plain, changed = twin(seen, ()), twin(seen, {'offset': {'strength': 2},
-                                                     'excess_noise': None})
+        plain, changed = (
+            twin(seen, ()),
+            twin(seen, {'offset': {'strength': 2}, 'excess_noise': None}),
+        )
         kinds = []
         for depth, message in zip(seen.depths(), seen.messages(DEPTH), strict=True):
-            frames = [capture(camera, scene(), nanoseconds(message)) for camera in
-                      (plain, changed)]
+            frames = [
+                capture(camera, scene(), nanoseconds(message)) for camera in (plain, changed)
+            ]
             matching = [same(depth, frame.depth) for frame in frames]
             assert sum(matching) == 1
             kinds.append(matching[1])
@@ -156,14 +197,16 @@ def test_effects_are_switched_between_two_frames() -> None:
         assert seen.set(effects='typical').successful
         assert seen.get('effect.multipath.strength') == 1.0
         feed(1)
-        assert not same(seen.depths()[-1],
-                        capture(plain, scene(), nanoseconds(seen.messages(DEPTH)[-1])).depth)
+        assert not same(
+            seen.depths()[-1], capture(plain, scene(), nanoseconds(seen.messages(DEPTH)[-1])).depth
+        )
         assert seen.set(effects='').successful
         assert seen.get('effect.offset.strength') == 0.0
         assert seen.camera._camera.effects == ()
         feed(1)
-        assert same(seen.depths()[-1],
-                    capture(plain, scene(), nanoseconds(seen.messages(DEPTH)[-1])).depth)
+        assert same(
+            seen.depths()[-1], capture(plain, scene(), nanoseconds(seen.messages(DEPTH)[-1])).depth
+        )
 
 
 @pytest.fixture(scope='module')
@@ -186,8 +229,10 @@ def test_a_bad_value_is_rejected_and_the_stream_goes_on(bad_file: Path) -> None:
         for step, (name, value) in enumerate(bad):
             answer = seen.set(**{name: value})
             assert not answer.successful
-            assert any(part in answer.reason for part in (
-                name, str(value), 'parameter type', 'undeclared')), answer.reason
+            assert any(
+                part in answer.reason
+                for part in (name, str(value), 'parameter type', 'undeclared')
+            ), answer.reason
             stamp = START + step * PERIOD
             assert seen.show(scene(), stamp)
             assert same(seen.depths()[-1], capture(camera, scene(), stamp).depth)
@@ -196,11 +241,18 @@ def test_a_bad_value_is_rejected_and_the_stream_goes_on(bad_file: Path) -> None:
         assert seen.get('effects') == '*'  # No file, and a number that is not off.
         assert seen.set(**{'effect.offset.bias': 0}).successful  # a whole number will do
         assert seen.get('effect.offset.bias') == 0.0
-    for given in ({'effects': str(bad_file)}, {'effect.offset.bias': 0.5},
-                  {'effect.offset.bias': 'much'}, {'effects': 'typica'}):
+    for given in (
+        {'effects': str(bad_file)},
+        {'effect.offset.bias': 0.5},
+        {'effect.offset.bias': 'much'},
+        {'effects': 'typica'},
+    ):
         with pytest.raises(InputError, match=r'offset\.bias|typica'):
-            Flexx2Camera(parameter_overrides=[
-                streams.Parameter(name, value=value) for name, value in given.items()])
+            Flexx2Camera(
+                parameter_overrides=[
+                    streams.Parameter(name, value=value) for name, value in given.items()
+                ]
+            )
 
 
 def test_memory_ends_when_stamps_go_back_and_with_the_mode() -> None:
@@ -213,6 +265,7 @@ def test_memory_ends_when_stamps_go_back_and_with_the_mode() -> None:
         def check(step: int, stamp: int) -> None:
             assert seen.show(scene(step), stamp)
             assert same(seen.depths()[-1], capture(camera, scene(step), stamp).depth)
+
         for step in range(4):
             check(step, START + step * SECOND)
         # Another effect switched on and off leaves the memory of the others alone.
@@ -230,8 +283,7 @@ def test_memory_ends_when_stamps_go_back_and_with_the_mode() -> None:
 
 
 def test_a_shorter_exposure_saturates_less() -> None:
-    with stream(DEPTH, GRAY, auto_exposure_0=False,
-                **{'effect.saturation.strength': 1.0}) as seen:
+    with stream(DEPTH, GRAY, auto_exposure_0=False, **{'effect.saturation.strength': 1.0}) as seen:
         lost = []
         for step, exposure in enumerate((370, 90)):
             assert seen.set(exposure_time_0=exposure).successful
@@ -245,8 +297,9 @@ def test_effects_need_to_know_the_frequencies(tmp_path: Path) -> None:
     """Assert a mode without them is neither given effects that need them nor switched to with."""
     first, *others = flexx2().modes
     path = tmp_path / 'camera.yaml'
-    save_profile(path, ProfileFile(replace(
-        flexx2(), modes=(replace(first, modulation_hz=()), *others))))
+    save_profile(
+        path, ProfileFile(replace(flexx2(), modes=(replace(first, modulation_hz=()), *others)))
+    )
     with stream(DEPTH, profile=str(path), usecase=first.name) as seen:
         assert seen.set(**{'effect.offset.strength': 1.0}).successful
         refused = seen.set(**{'effect.wiggling.strength': 1.0})

@@ -3,8 +3,8 @@
 from typing import Any
 
 from flexx2_sim_ros.camera import Intrinsics
-from flexx2_sim_ros.camera.geometry import pixel_rays
 from flexx2_sim_ros.camera.gray import gray_image
+from flexx2_sim_ros.physics.geometry import pixel_rays
 import numpy as np
 import pytest
 from streams import (
@@ -44,10 +44,19 @@ def test_nothing_there_is_invalid() -> None:
         assert np.isnan(depth[:, 40:]).all()
 
 
-@pytest.mark.parametrize('layout', [
-    {'encoding': '64FC1'}, {'big_endian': True}, {'padding': 8}, {'padding': 3},
-    {'encoding': '64FC1', 'big_endian': True, 'padding': 5},
-    {'encoding': '16UC1'}, {'encoding': '16UC1', 'big_endian': True, 'padding': 1}], ids=str)
+@pytest.mark.parametrize(
+    'layout',
+    [
+        {'encoding': '64FC1'},
+        {'big_endian': True},
+        {'padding': 8},
+        {'padding': 3},
+        {'encoding': '64FC1', 'big_endian': True, 'padding': 5},
+        {'encoding': '16UC1'},
+        {'encoding': '16UC1', 'big_endian': True, 'padding': 1},
+    ],
+    ids=str,
+)
 def test_every_layout_gives_the_same_frame(layout: dict[str, Any]) -> None:
     """Assert the input's encoding, byte order and padding do not show."""
     scene = np.rint(1000 * plane(pixel_rays(FLEXX2))).astype(np.float32) / np.float32(1000)
@@ -56,40 +65,51 @@ def test_every_layout_gives_the_same_frame(layout: dict[str, Any]) -> None:
         assert seen.show(scene, START, **layout)
         # A millimetre's float32 depends on how it is computed, in the last bit.
         tolerance = 1e-5 if layout.get('encoding') == '16UC1' else 0.0
-        np.testing.assert_allclose(seen.depths()[0], library(seen, scene, START).depth,
-                                   rtol=0, atol=tolerance)
+        np.testing.assert_allclose(
+            seen.depths()[0], library(seen, scene, START).depth, rtol=0, atol=tolerance
+        )
 
 
 def undistorted(camera: Intrinsics) -> np.ndarray:
     """Return the rays of a plumb_bob camera's pixels, by the textbook's iteration."""
-    v, u = np.mgrid[:camera.height, :camera.width]
+    v, u = np.mgrid[: camera.height, : camera.width]
     x = x0 = (u - camera.cx) / camera.fx
     y = y0 = (v - camera.cy) / camera.fy
     k1, k2, p1, p2, k3 = camera.distortion
     for _ in range(20 if any(camera.distortion) else 0):
         r2 = x * x + y * y
-        scale = 1 + k1 * r2 + k2 * r2 ** 2 + k3 * r2 ** 3
-        x, y = ((x0 - 2 * p1 * x * y - p2 * (r2 + 2 * x * x)) / scale,
-                (y0 - p1 * (r2 + 2 * y * y) - 2 * p2 * x * y) / scale)
+        scale = 1 + k1 * r2 + k2 * r2**2 + k3 * r2**3
+        x, y = (
+            (x0 - 2 * p1 * x * y - p2 * (r2 + 2 * x * x)) / scale,
+            (y0 - p1 * (r2 + 2 * y * y) - 2 * p2 * x * y) / scale,
+        )
     return np.stack([x, y])
 
 
 BENT = (-0.12, 0.03, 0.001, -0.0015, 0.002)
 
 
-@pytest.mark.parametrize(('source', 'own'), [
-    (Intrinsics(640, 480, 381.0, 384.0, 319.5, 239.5), {}),
-    (Intrinsics(300, 260, 211.0, 214.0, 140.25, 131.5), {}),
-    (Intrinsics(640, 480, 370.0, 360.0, 330.0, 230.0, BENT), {}),
-    (Intrinsics(640, 480, 381.0, 384.0, 319.5, 239.5),
-     {'fx': 200.0, 'fy': 220.0, 'cx': 113.0, 'cy': 84.0, 'distortion': list(BENT)}),
-], ids=['wide', 'off-centre', 'distorted input', 'own intrinsics'])
+@pytest.mark.parametrize(
+    ('source', 'own'),
+    [
+        (Intrinsics(640, 480, 381.0, 384.0, 319.5, 239.5), {}),
+        (Intrinsics(300, 260, 211.0, 214.0, 140.25, 131.5), {}),
+        (Intrinsics(640, 480, 370.0, 360.0, 330.0, 230.0, BENT), {}),
+        (
+            Intrinsics(640, 480, 381.0, 384.0, 319.5, 239.5),
+            {'fx': 200.0, 'fy': 220.0, 'cx': 113.0, 'cy': 84.0, 'distortion': list(BENT)},
+        ),
+    ],
+    ids=['wide', 'off-centre', 'distorted input', 'own intrinsics'],
+)
 @pytest.mark.parametrize('radial', [False, True], ids=['planar', 'radial'])
-def test_other_cameras_input_shows_the_same_plane(source: Intrinsics, own: dict[str, Any],
-                                                  radial: bool) -> None:
+def test_other_cameras_input_shows_the_same_plane(
+    source: Intrinsics, own: dict[str, Any], radial: bool
+) -> None:
     """Assert any resolution, intrinsics, distortion and kind of depth give the same plane."""
-    with stream(DEPTH, INFO, source=source, input_depth='radial' if radial else 'planar',
-                **own) as seen:
+    with stream(
+        DEPTH, INFO, source=source, input_depth='radial' if radial else 'planar', **own
+    ) as seen:
         rays = undistorted(source)
         image = plane(rays) * (np.hypot(1, np.hypot(*rays)) if radial else 1)
         assert seen.show(image, START)
@@ -119,7 +139,8 @@ def test_depth_is_never_blended_across_a_jump() -> None:
         near, far = np.abs(depths - 1.0) < 0.05, np.abs(depths - 2.0) < 0.05
         assert (near | far).all()
         assert near.mean() == pytest.approx(
-            (150 / 381 * FLEXX2.fx) * (100 / 384 * FLEXX2.fy) / (224 * 172), rel=0.05)
+            (150 / 381 * FLEXX2.fx) * (100 / 384 * FLEXX2.fy) / (224 * 172), rel=0.05
+        )
 
 
 def test_rays_outside_the_input_are_invalid_and_warned_about_once() -> None:
@@ -152,8 +173,7 @@ def test_reflectivity_changes_the_gray_image_only() -> None:
         images = seen.camera._statistics
         for stamp in stamps[4:6]:
             before = images.received, seen.published
-            seen.publish(info=info_message(FLEXX2, stamp),
-                         image=image_message(boards(), stamp))
+            seen.publish(info=info_message(FLEXX2, stamp), image=image_message(boards(), stamp))
             seen.spin_until(lambda was=before: images.received > was[0])
             assert seen.published == before[1]
             if stamp == stamps[4]:
@@ -165,8 +185,9 @@ def test_reflectivity_changes_the_gray_image_only() -> None:
         seen.settle()
         for index, stamp in enumerate(stamps):
             with_paint = index in (1, 3, 4)
-            frame = library(seen, boards(), stamp,
-                            reflectivity=np.nan_to_num(paint) if with_paint else None)
+            frame = library(
+                seen, boards(), stamp, reflectivity=np.nan_to_num(paint) if with_paint else None
+            )
             plain = library(seen, boards(), stamp)
             assert same(seen.depths()[index], plain.depth)
             assert same(array_of(seen.messages(NOISE)[index]), plain.sigma)
@@ -207,6 +228,10 @@ def test_stamps_that_repeat_or_go_back() -> None:
         assert not seen.show(boards(), 5 + SECOND // 100)
         assert seen.show(boards(), 5 + SECOND // 30)
         assert [nanoseconds(message) for message in seen.messages(DEPTH)] == [
-            START, START + SECOND, 5, 5 + SECOND // 30]
+            START,
+            START + SECOND,
+            5,
+            5 + SECOND // 30,
+        ]
         assert len(seen.logged('header.stamp', str(START), 'wanted a new one')) == 1
         assert len(seen.logged('header.stamp went back to 5 ns')) == 1

@@ -11,16 +11,7 @@ from flexx2_sim_ros.nodes.transport import PROFILE_VARIABLES
 import numpy as np
 import pytest
 from rclpy.qos import qos_profile_sensor_data
-from streams import (
-    boards,
-    DEPTH,
-    Image,
-    image_message,
-    SECOND,
-    START,
-    Stream,
-    stream,
-)
+from streams import boards, DEPTH, Image, image_message, SECOND, START, Stream, stream
 
 PUBLISHER = Path(__file__).resolve().parents[1] / 'bench' / 'plain_publisher.py'
 _SPACES = iter(f'/plain_{number}' for number in range(100))
@@ -35,9 +26,16 @@ def publish(child_env: dict[str, str]) -> Iterator[Callable[..., subprocess.Pope
     processes = []
 
     def start(namespace: str, *options: str) -> subprocess.Popen[str]:
-        processes.append(subprocess.Popen([sys.executable, str(PUBLISHER), namespace, *options],
-                                          env=env, stdout=subprocess.PIPE, text=True))
+        processes.append(
+            subprocess.Popen(
+                [sys.executable, str(PUBLISHER), namespace, *options],
+                env=env,
+                stdout=subprocess.PIPE,
+                text=True,
+            )
+        )
         return processes[-1]
+
     yield start
     for process in processes:
         process.kill()
@@ -93,8 +91,7 @@ def test_large_images_of_a_reliable_publisher_arrive(fed: Fed, publish: Any) -> 
     assert fed.quality('clean/depth_image')[0] == 'RELIABLE'
 
 
-def test_a_best_effort_publisher_is_heard_and_its_losses_are_told(
-        fed: Fed, publish: Any) -> None:
+def test_a_best_effort_publisher_is_heard_and_its_losses_are_told(fed: Fed, publish: Any) -> None:
     """Assert small images arrive; large ones that are lost are counted and warned of."""
     small = publish(space(fed), '--best-effort', '--count', '30')
     fed.spin_until(lambda: small.poll() is not None, 'publisher')
@@ -118,6 +115,7 @@ def test_publishers_that_come_and_go_are_followed(fed: Fed) -> None:
 
     def offer(quality: Any) -> Any:
         return fed.node.create_publisher(Image, f'{space(fed)}/{topic}', quality)
+
     reliable, best_effort = offer(10), offer(qos_profile_sensor_data)
     fed.spin_until(lambda: fed.quality(topic)[0] == 'BEST_EFFORT', 'both')
     for publisher in (reliable, best_effort):
@@ -168,8 +166,12 @@ def test_millimetres_are_told_within_a_second(fed: Fed, publish: Any) -> None:
     fed.next_diagnostics()
     report = fed.next_diagnostics()
     assert report.level == DiagnosticStatus.WARN
-    for part in ('0.1 to', 'values of about 1500', 'looks like millimetres',
-                 '32FC1 must be metres (REP 118)'):
+    for part in (
+        '0.1 to',
+        'values of about 1500',
+        'looks like millimetres',
+        '32FC1 must be metres (REP 118)',
+    ):
         assert part in report.message
     fed.spin_until(lambda: fed.logged('clean/depth_image', 'looks like millimetres'))
 

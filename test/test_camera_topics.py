@@ -28,8 +28,9 @@ from test_record_replay import finish, flexx2
 CLOUDLESS = depths(3, 5, 4, seed=1)
 
 
-def renamed(depth: np.ndarray, name: str = '/front_left/flexx2',
-            infos: str = '/front_left/calibration') -> list[Entry]:
+def renamed(
+    depth: np.ndarray, name: str = '/front_left/flexx2', infos: str = '/front_left/calibration'
+) -> list[Entry]:
     """Return what a camera publishes on topics of other names."""
     entries = []
     for index, frame in enumerate(depth):
@@ -42,11 +43,13 @@ def test_a_remapped_camera_is_found_in_a_bag(tmp_path: Path) -> None:
     entries = renamed(CLOUDLESS)
     for index, frame in enumerate(CLOUDLESS):
         stamp = SECOND + index * SECOND // 30
-        entries += [image('/front_left/clean/depth_image', stamp, frame + 1),
-                    info('/front_left/clean/camera_info', stamp, frame.shape, 2 * MATRIX),
-                    image('/front_left/gray', stamp, frame.astype('u1'), 'mono8'),
-                    image('/rgb/image', stamp, np.zeros((9, 9), 'u1'), 'mono8'),
-                    info('/rgb/camera_info', stamp, (9, 9))]
+        entries += [
+            image('/front_left/clean/depth_image', stamp, frame + 1),
+            info('/front_left/clean/camera_info', stamp, frame.shape, 2 * MATRIX),
+            image('/front_left/gray', stamp, frame.astype('u1'), 'mono8'),
+            image('/rgb/image', stamp, np.zeros((9, 9), 'u1'), 'mono8'),
+            info('/rgb/camera_info', stamp, (9, 9)),
+        ]
     entries.append(usecase('/front_left/my_camera', 1, 'Mode_9_30fps'))
     bag = write(tmp_path / 'bag', entries)
     assert recording_cameras(bag) == ['front_left/flexx2']
@@ -62,8 +65,12 @@ def test_a_remapped_camera_is_found_in_a_bag(tmp_path: Path) -> None:
 
 def test_two_remapped_cameras_and_one_of_usual_names(tmp_path: Path) -> None:
     other = depths(3, 7, 6, seed=2)
-    bag = write(tmp_path / 'bag', renamed(CLOUDLESS) + renamed(other, '/b/depth', '/b/info')
-                + camera_entries('left', CLOUDLESS + 2, CLOUDLESS))
+    bag = write(
+        tmp_path / 'bag',
+        renamed(CLOUDLESS)
+        + renamed(other, '/b/depth', '/b/info')
+        + camera_entries('left', CLOUDLESS + 2, CLOUDLESS),
+    )
     assert sorted(recording_cameras(bag)) == ['b/depth', 'front_left/flexx2', 'left']
     assert same(load_recording(bag, 'b/depth').depth, other)
     assert same(load_recording(bag, '/front_left/flexx2').depth, CLOUDLESS)

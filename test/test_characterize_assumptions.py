@@ -59,7 +59,7 @@ def heavy(distance: float, angle: float, seed: int) -> np.ndarray:
 
 def skewed(distance: float, angle: float, seed: int) -> np.ndarray:
     clean, sigma, noise = plain(distance, angle, seed)
-    return clean + sigma * (noise + 0.1 * (noise ** 2 - 1))
+    return clean + sigma * (noise + 0.1 * (noise**2 - 1))
 
 
 def biased(distance: float, angle: float, seed: int) -> np.ndarray:
@@ -94,15 +94,25 @@ GAUSSIAN, UNBIASED, PATTERN = 'axial noise is Gaussian', 'depth is unbiased', 'n
 DROPOUT = 'no pixel of the board is invalid'
 # What is made, what has to be found, and what comes along with it by itself.
 CASES = [
-    (ideal, '', ()), (slow, TIME, (WHOLE,)), (blurred, NEIGHBOURS, (WHOLE,)), (shaking, WHOLE, ()),
-    (drifting, WHOLE, ()), (heavy, GAUSSIAN, ()), (skewed, GAUSSIAN, ()), (biased, UNBIASED, ()),
-    (patterned, PATTERN, ()), (dropping, DROPOUT, ()), (glaring, ZERO, (FORM,)),
-    (crooked, FORM, (ZERO,))]
+    (ideal, '', ()),
+    (slow, TIME, (WHOLE,)),
+    (blurred, NEIGHBOURS, (WHOLE,)),
+    (shaking, WHOLE, ()),
+    (drifting, WHOLE, ()),
+    (heavy, GAUSSIAN, ()),
+    (skewed, GAUSSIAN, ()),
+    (biased, UNBIASED, ()),
+    (patterned, PATTERN, ()),
+    (dropping, DROPOUT, ()),
+    (glaring, ZERO, (FORM,)),
+    (crooked, FORM, (ZERO,)),
+]
 
 
 @pytest.mark.parametrize(('made', 'found', 'along'), CASES)
-def test_what_does_not_hold_is_found(tmp_path: Path, made: Any, found: str,
-                                     along: tuple[str, ...]) -> None:
+def test_what_does_not_hold_is_found(
+    tmp_path: Path, made: Any, found: str, along: tuple[str, ...]
+) -> None:
     """
     Assert each deviation is named with its evidence and none is named for nothing.
 
@@ -111,10 +121,14 @@ def test_what_does_not_hold_is_found(tmp_path: Path, made: Any, found: str,
     """
     for number, (distance, angle) in enumerate(PLACES):
         target = board(distance, angle, size=SIZE)
-        np.savez(tmp_path / f'Mode_9_30fps_{distance:.2f}m_{angle}deg.npz',
-                 depth=made(distance, angle, number).astype(np.float32), K=target.K,
-                 stamp=np.arange(FRAMES) / 30, clean_depth=target.depth)
-    mode, = characterize(tmp_path).modes
+        np.savez(
+            tmp_path / f'Mode_9_30fps_{distance:.2f}m_{angle}deg.npz',
+            depth=made(distance, angle, number).astype(np.float32),
+            K=target.K,
+            stamp=np.arange(FRAMES) / 30,
+            clean_depth=target.depth,
+        )
+    (mode,) = characterize(tmp_path).modes
     findings = check_assumptions(mode)
     failed = {f.assumption for f in findings if f.holds is False}
     assert any(name.startswith(found) for name in failed) == bool(found), findings
@@ -122,18 +136,25 @@ def test_what_does_not_hold_is_found(tmp_path: Path, made: Any, found: str,
     told = {f.assumption for f in findings if f.holds is None}
     # No edge is in sight; all else can be told.
     assert told == {name for name in (f.assumption for f in findings) if 'lateral' in name}
-    assert all(any(character.isdigit() for character in f.evidence)
-               for f in findings if f.holds is not None)
+    assert all(
+        any(character.isdigit() for character in f.evidence)
+        for f in findings
+        if f.holds is not None
+    )
 
 
 def test_a_bias_within_the_tapes_is_not_called_one(tmp_path: Path) -> None:
     for number, (distance, angle) in enumerate(PLACES):
         target = board(distance + 0.005, angle, size=SIZE)
         depth = target.depth + 0.003 * GENERATOR(number).standard_normal((FRAMES, *SIZE))
-        np.savez(tmp_path / f'Mode_9_30fps_{distance:.2f}m_{angle}deg.npz',
-                 depth=depth.astype(np.float32), K=target.K, stamp=np.arange(FRAMES) / 30)
-    mode, = characterize(tmp_path).modes
-    finding, = (f for f in check_assumptions(mode) if f.assumption == UNBIASED)
+        np.savez(
+            tmp_path / f'Mode_9_30fps_{distance:.2f}m_{angle}deg.npz',
+            depth=depth.astype(np.float32),
+            K=target.K,
+            stamp=np.arange(FRAMES) / 30,
+        )
+    (mode,) = characterize(tmp_path).modes
+    (finding,) = (f for f in check_assumptions(mode) if f.assumption == UNBIASED)
     assert finding.holds is None
     assert '+5.0' in finding.evidence
     assert 'tape' in finding.evidence

@@ -6,12 +6,12 @@ import re
 from typing import Any
 
 from flexx2_sim_ros.camera import flexx2, Intrinsics
-from flexx2_sim_ros.camera.geometry import pixel_rays
-from flexx2_sim_ros.camera.profiles import ProfileFile, save_profile
 from flexx2_sim_ros.characterize import characterize
 from flexx2_sim_ros.characterize.campaign import capture, conditions
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.physics.geometry import pixel_rays
+from flexx2_sim_ros.profiles.files import ProfileFile, save_profile
 from made_bags import DRIVER
 import numpy as np
 import pytest
@@ -20,28 +20,65 @@ import pytest
 @pytest.fixture
 def camera() -> Any:
     """Return a camera of 80 x 60 pixels, for quick captures."""
-    return replace(flexx2(), intrinsics=replace(flexx2().intrinsics, width=80, height=60,
-                                                cx=39.5, cy=29.5))
+    return replace(
+        flexx2(), intrinsics=replace(flexx2().intrinsics, width=80, height=60, cx=39.5, cy=29.5)
+    )
 
 
-def test_from_a_capture_to_a_running_camera(tmp_path: Path, camera: Any,
-                                            monkeypatch: pytest.MonkeyPatch) -> None:
+def test_from_a_capture_to_a_running_camera(
+    tmp_path: Path, camera: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Assert the three commands of the documentation, one after the other."""
     monkeypatch.chdir(tmp_path)
     save_profile(tmp_path / 'small.yaml', ProfileFile(camera))
-    assert main(['characterize', 'capture', 'campaign', '--usecase', 'Mode_5_30fps',
-                 '--distances', '0.4', '0.7', '1.0', '--angles', '0', '45', '--frames', '20',
-                 '--profile', 'small.yaml', '--jobs', '1']) == 0
+    assert (
+        main(
+            [
+                'characterize',
+                'capture',
+                'campaign',
+                '--usecase',
+                'Mode_5_30fps',
+                '--distances',
+                '0.4',
+                '0.7',
+                '1.0',
+                '--angles',
+                '0',
+                '45',
+                '--frames',
+                '20',
+                '--profile',
+                'small.yaml',
+                '--jobs',
+                '1',
+            ]
+        )
+        == 0
+    )
     assert main(['characterize', 'fit', 'campaign', '--out', 'result', '--jobs', '1']) == 0
     np.savez('scene.npz', clean_depth=np.full((60, 80), 1.0), K=camera.intrinsics.matrix)
-    assert main(['simulate', 'scene.npz', 'out.npz', '--profile', 'result/profile.yaml',
-                 '--frames', '100']) == 0
+    assert (
+        main(
+            [
+                'simulate',
+                'scene.npz',
+                'out.npz',
+                '--profile',
+                'result/profile.yaml',
+                '--frames',
+                '100',
+            ]
+        )
+        == 0
+    )
     with np.load('out.npz', allow_pickle=False) as recording:
         assert recording['usecase'] == 'Mode_5_30fps'
         sigma = recording['depth'][:, 20:40, 30:50].astype(float).std(axis=0, ddof=1).mean()
     # 100 x 400 samples know it to 0.35 %; the profile to 1 %.
     assert sigma == pytest.approx(
-        float(flexx2().mode('Mode_5_30fps').noise.sigma_z(1.0, 0.0)), rel=0.06)
+        float(flexx2().mode('Mode_5_30fps').noise.sigma_z(1.0, 0.0)), rel=0.06
+    )
 
 
 def test_a_capture_goes_on_where_it_was(tmp_path: Path, camera: Any) -> None:
@@ -73,14 +110,21 @@ def test_a_capture_goes_on_where_it_was(tmp_path: Path, camera: Any) -> None:
 def test_a_capture_replaces_what_another_one_recorded(tmp_path: Path, camera: Any) -> None:
     wanted = conditions(camera, ['Mode_5_30fps'], [0.5], [0])
     path = next(capture(tmp_path, wanted, camera, frames=3))[0]
-    noisy = replace(camera, modes=tuple(
-        replace(mode, noise=replace(mode.noise, a=2 * mode.noise.a)) for mode in camera.modes))
-    for profile, frames, seed, named in ((camera, 4, 0, 'shape: must be (4, 60, 80), got (3, '),
-                                         (camera, 4, 1, 'seed: differs'),
-                                         (noisy, 4, 1, 'depth: differs')):
+    noisy = replace(
+        camera,
+        modes=tuple(
+            replace(mode, noise=replace(mode.noise, a=2 * mode.noise.a)) for mode in camera.modes
+        ),
+    )
+    for profile, frames, seed, named in (
+        (camera, 4, 0, 'shape: must be (4, 60, 80), got (3, '),
+        (camera, 4, 1, 'seed: differs'),
+        (noisy, 4, 1, 'depth: differs'),
+    ):
         said: list[str] = []
-        assert dict(capture(tmp_path, wanted, profile, frames=frames, seed=seed,
-                            say=said.append)) == {path: True}
+        assert dict(
+            capture(tmp_path, wanted, profile, frames=frames, seed=seed, say=said.append)
+        ) == {path: True}
         assert named in said[0]
 
 
@@ -97,10 +141,14 @@ def test_a_capture_overwrites_no_real_recording(tmp_path: Path, camera: Any) -> 
 
 def test_a_distorted_camera_sees_the_same_board(tmp_path: Path, camera: Any) -> None:
     """Assert the clean depth is the board's, by the camera's own rays."""
-    bent = replace(camera, intrinsics=replace(camera.intrinsics, cx=36.0, cy=31.0,
-                                              distortion=(0.05, 0.0, 0.001, 0.0, 0.0)))
+    bent = replace(
+        camera,
+        intrinsics=replace(
+            camera.intrinsics, cx=36.0, cy=31.0, distortion=(0.05, 0.0, 0.001, 0.0, 0.0)
+        ),
+    )
     wanted = conditions(bent, ['Mode_9_30fps'], [0.5], [30])
-    (path, _), = capture(tmp_path, wanted, bent, frames=2)
+    ((path, _),) = capture(tmp_path, wanted, bent, frames=2)
     with np.load(path, allow_pickle=False) as recording:
         clean = recording['clean_depth']
         x, _ = pixel_rays(bent.intrinsics)
@@ -115,8 +163,10 @@ def test_a_lens_that_distorts_changes_no_result(tmp_path: Path, camera: Any) -> 
     An edge that leans over pixels adds 1/12 px^2 when it is looked up, another when it is found.
     False failures: 9,000 pixels of 60 frames know sigma to 0.1 %, each edge to 1.5 %.
     """
-    bent = replace(camera, intrinsics=Intrinsics(
-        112, 86, 105.3, 106.4, 55.5, 42.5, (-0.2, 0.0, 0.001, 0.0, 0.0)))
+    bent = replace(
+        camera,
+        intrinsics=Intrinsics(112, 86, 105.3, 106.4, 55.5, 42.5, (-0.2, 0.0, 0.001, 0.0, 0.0)),
+    )
     wanted = conditions(bent, ['Mode_5_30fps'], [0.5, 1.5], [0, 40])
     list(capture(tmp_path, wanted, bent, frames=60))
     result = characterize(tmp_path)
@@ -131,7 +181,7 @@ def test_a_lens_that_distorts_changes_no_result(tmp_path: Path, camera: Any) -> 
         edges += [edge.sigma for edge in m.edges]
     assert len(edges) >= 2
     for sigma in edges:
-        assert true * 0.94 < sigma < np.sqrt(true ** 2 + 2 / 12) * 1.06
+        assert true * 0.94 < sigma < np.sqrt(true**2 + 2 / 12) * 1.06
 
 
 def test_the_plan_is_the_captures_campaign(capsys: pytest.CaptureFixture[str]) -> None:
@@ -145,29 +195,55 @@ def test_the_plan_is_the_captures_campaign(capsys: pytest.CaptureFixture[str]) -
     for topic in ('depth_image_0', 'camera_info', 'gray_image_0'):
         assert f'{DRIVER}/{topic}' in printed
     assert f'ros2 param set {DRIVER} usecase' in printed
-    assert main(['characterize', 'plan', '--usecase', 'mode_9_5fps', '--distances', '1', '2',
-                 '--angles', '0', '--frames', '10']) == 0
+    assert (
+        main(
+            [
+                'characterize',
+                'plan',
+                '--usecase',
+                'mode_9_5fps',
+                '--distances',
+                '1',
+                '2',
+                '--angles',
+                '0',
+                '--frames',
+                '10',
+            ]
+        )
+        == 0
+    )
     printed = capsys.readouterr().out
     assert re.findall(r'- \[ \] `(\S+)`', printed) == [
-        'Mode_9_5fps_1.00m_0deg', 'Mode_9_5fps_2.00m_0deg']
+        'Mode_9_5fps_1.00m_0deg',
+        'Mode_9_5fps_2.00m_0deg',
+    ]
     assert '3 s or more give 10 frames' in printed
 
 
-@pytest.mark.parametrize(('arguments', 'named'), [
-    (['plan', '--usecase', 'Mode_7'], 'usecase'),
-    (['plan', '--distances', '3'], '--distances: found 3, wanted 0.1 to 2.4 m'),
-    (['plan', '--distances', 'nan'], '--distances'),
-    (['plan', '--angles', '85'], '--angles'),
-    (['plan', '--angles', '-5'], '--angles'),
-    (['plan', '--frames', '0'], '--frames'),
-    (['capture', 'x', '--frames', '0'], '--frames'),
-    (['capture', 'x', '--jobs', '0'], '--jobs'),
-    (['capture', '/dev/null/x'], 'cannot be written'),
-    (['fit', 'no such folder'], 'not a folder'),
-    (['fit', '.', '--box', '5', '5', '1', '1'], 'no recording in it')])
-def test_bad_arguments_are_named(arguments: list[str], named: str, tmp_path: Path,
-                                 monkeypatch: pytest.MonkeyPatch,
-                                 capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize(
+    ('arguments', 'named'),
+    [
+        (['plan', '--usecase', 'Mode_7'], 'usecase'),
+        (['plan', '--distances', '3'], '--distances: found 3, wanted 0.1 to 2.4 m'),
+        (['plan', '--distances', 'nan'], '--distances'),
+        (['plan', '--angles', '85'], '--angles'),
+        (['plan', '--angles', '-5'], '--angles'),
+        (['plan', '--frames', '0'], '--frames'),
+        (['capture', 'x', '--frames', '0'], '--frames'),
+        (['capture', 'x', '--jobs', '0'], '--jobs'),
+        (['capture', '/dev/null/x'], 'cannot be written'),
+        (['fit', 'no such folder'], 'not a folder'),
+        (['fit', '.', '--box', '5', '5', '1', '1'], 'no recording in it'),
+    ],
+)
+def test_bad_arguments_are_named(
+    arguments: list[str],
+    named: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     monkeypatch.chdir(tmp_path)
     assert main(['characterize', *arguments]) == 2
     assert named in capsys.readouterr().err

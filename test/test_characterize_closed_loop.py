@@ -4,20 +4,24 @@ from dataclasses import replace
 from pathlib import Path
 
 from flexx2_sim_ros.camera import Camera, flexx2, NoiseModel, Profile
-from flexx2_sim_ros.camera.profiles import load_profile, save_profile, sigma_problem
 from flexx2_sim_ros.characterize import Characterization, characterize, to_profile
 from flexx2_sim_ros.characterize.campaign import capture, conditions
+from flexx2_sim_ros.profiles.files import load_profile, save_profile, sigma_problem
 import numpy as np
 import pytest
 
 ANGLES = (0.0, 30.0, 60.0)
-DISTANCES = {'Mode_5_30fps': (0.5, 1.0, 1.5, 2.0), 'Mode_5_60fps': (0.5, 1.0, 1.5, 2.0),
-             'Mode_9_30fps': (0.75, 1.5, 3.0, 4.5)}
+DISTANCES = {
+    'Mode_5_30fps': (0.5, 1.0, 1.5, 2.0),
+    'Mode_5_60fps': (0.5, 1.0, 1.5, 2.0),
+    'Mode_9_30fps': (0.75, 1.5, 3.0, 4.5),
+}
 FRAMES = {'Mode_5_30fps': 60, 'Mode_5_60fps': 60, 'Mode_9_30fps': 300}
 
 
-def measured(folder: Path, profile: Profile, usecase: str, distances: tuple[float, ...],
-             frames: int) -> Characterization:
+def measured(
+    folder: Path, profile: Profile, usecase: str, distances: tuple[float, ...], frames: int
+) -> Characterization:
     """Simulate a campaign and analyse it."""
     wanted = conditions(profile, [usecase], distances, ANGLES)
     done = list(capture(folder, wanted, profile, frames=frames, seed=5))
@@ -27,8 +31,9 @@ def measured(folder: Path, profile: Profile, usecase: str, distances: tuple[floa
 
 def worst_ratio(found: NoiseModel, true: NoiseModel, distances: tuple[float, ...]) -> float:
     """Return the largest relative deviation of sigma_z on the measured grid."""
-    z, theta = np.meshgrid(np.linspace(distances[0], distances[-1], 20),
-                           np.radians(np.linspace(0, 60, 13)))
+    z, theta = np.meshgrid(
+        np.linspace(distances[0], distances[-1], 20), np.radians(np.linspace(0, 60, 13))
+    )
     return float(np.abs(found.sigma_z(z, theta) / true.sigma_z(z, theta) - 1).max())
 
 
@@ -78,11 +83,20 @@ def test_another_cameras_coefficients_come_back(seed: int, tmp_path: Path) -> No
     generator = np.random.default_rng(seed)
     distances = DISTANCES['Mode_9_30fps']
     while True:
-        true = NoiseModel(*(float(x) for x in generator.uniform(
-            (0.001, -0.002, 0.0002, 0.0001), (0.008, 0.002, 0.002, 0.0006))),
-            round(float(generator.uniform(0.5, 2.5)), 1), float(generator.uniform(0.7, 1.8)))
-        if sigma_problem(true, 0.1, 7.0) is None and true.sigma_z(np.linspace(
-                0.1, 7.0, 50), 0.0).min() > 0.0005:
+        true = NoiseModel(
+            *(
+                float(x)
+                for x in generator.uniform(
+                    (0.001, -0.002, 0.0002, 0.0001), (0.008, 0.002, 0.002, 0.0006)
+                )
+            ),
+            round(float(generator.uniform(0.5, 2.5)), 1),
+            float(generator.uniform(0.7, 1.8)),
+        )
+        if (
+            sigma_problem(true, 0.1, 7.0) is None
+            and true.sigma_z(np.linspace(0.1, 7.0, 50), 0.0).min() > 0.0005
+        ):
             break
     mode = replace(flexx2().mode('Mode_9_30fps'), noise=true)
     camera = replace(flexx2(), model='Other', modes=(mode,))
@@ -99,6 +113,8 @@ def test_another_cameras_coefficients_come_back(seed: int, tmp_path: Path) -> No
     assert loaded.intrinsics == camera.intrinsics
     scene = np.full((60, 80), 2.0, np.float32)
     matrix = np.array([[210.6, 0, 39.5], [0, 212.9, 29.5], [0, 0, 1]])
-    one, other = (Camera(mode.name, profile=profile).capture(scene, matrix, 0).sigma
-                  for profile in (camera, loaded))
+    one, other = (
+        Camera(mode.name, profile=profile).capture(scene, matrix, 0).sigma
+        for profile in (camera, loaded)
+    )
     np.testing.assert_allclose(one, other, rtol=0.02)

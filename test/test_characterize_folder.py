@@ -7,12 +7,12 @@ from typing import Any
 
 from boards import board, K
 from flexx2_sim_ros.camera import flexx2, Intrinsics
-from flexx2_sim_ros.camera.geometry import pixel_rays
-from flexx2_sim_ros.camera.profiles import load_profile
 from flexx2_sim_ros.characterize import characterize, to_profile
 from flexx2_sim_ros.characterize.conditions import parse_name
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.physics.geometry import pixel_rays
+from flexx2_sim_ros.profiles.files import load_profile
 from flexx2_sim_ros.recording.convert import convert
 from made_bags import DISTORTION, driver_bag, MATRIX
 import numpy as np
@@ -22,30 +22,38 @@ MODE_9 = flexx2().mode('Mode_9_30fps')
 PNG = b'\x89PNG'
 
 
-def content(distance: float = 1.0, angle: float = 15.0, frames: int = 12,
-            size: tuple[int, int] = (60, 80)) -> dict[str, Any]:
+def content(
+    distance: float = 1.0, angle: float = 15.0, frames: int = 12, size: tuple[int, int] = (60, 80)
+) -> dict[str, Any]:
     """Make a recording of a board that fills the image."""
     target = board(distance, angle, size=size)
     sigma = MODE_9.noise.sigma_z(target.depth, target.incidence)
     generator = np.random.default_rng(round(1000 * distance + angle))
     noise = generator.standard_normal((frames, *size))
-    return {'depth': (target.depth + sigma * noise).astype(np.float32), 'K': target.K,
-            'stamp': np.arange(frames) / 30, 'usecase': 'Mode_9_30fps'}
+    return {
+        'depth': (target.depth + sigma * noise).astype(np.float32),
+        'K': target.K,
+        'stamp': np.arange(frames) / 30,
+        'usecase': 'Mode_9_30fps',
+    }
 
 
 def write(folder: Path, name: str, **changes: Any) -> Path:
     """Write a recording that is right but for the changes."""
     condition = parse_name(Path(name))
-    made = {} if condition is None else {'distance': condition.distance,
-                                         'angle': condition.angle_deg}
+    made = (
+        {} if condition is None else {'distance': condition.distance, 'angle': condition.angle_deg}
+    )
     np.savez(folder / name, **{**content(**made), **changes})
     return folder / name
 
 
 def good(folder: Path) -> list[Path]:
     """Write five recordings that are right."""
-    return [write(folder, f'Mode_9_30fps_{distance:.2f}m_{angle}deg.npz')
-            for distance, angle in ((0.7, 0), (1.0, 30), (1.5, 0), (1.5, 50), (2.0, 30))]
+    return [
+        write(folder, f'Mode_9_30fps_{distance:.2f}m_{angle}deg.npz')
+        for distance, angle in ((0.7, 0), (1.0, 30), (1.5, 0), (1.5, 50), (2.0, 30))
+    ]
 
 
 def tiny() -> np.ndarray:
@@ -64,8 +72,10 @@ WRONG = {
     'zeros': ({'depth': np.zeros((12, 60, 80), np.float32)}, 'every pixel is invalid'),
     'millimetres': ({'depth': 1000 * content()['depth']}, 'are these millimetres'),
     'a board that fills nothing': ({'depth': tiny()}, 'wanted at least 100'),
-    'no plane': ({'depth': np.random.default_rng(0).uniform(0.5, 5, (12, 60, 80)).astype('f4')},
-                 'board: '),
+    'no plane': (
+        {'depth': np.random.default_rng(0).uniform(0.5, 5, (12, 60, 80)).astype('f4')},
+        'board: ',
+    ),
     'elsewhere': (content(1.6, 15), 'board: found at 1.6'),
     'another angle': (content(1.0, 40), 'wanted 15 as the name says'),
     'no stamp': ({'stamp': np.array(['a'] * 12)}, 'stamp'),
@@ -89,7 +99,7 @@ def test_a_wrong_recording_is_left_out_and_the_rest_analysed(tmp_path: Path, kin
 def test_a_cut_off_recording_is_left_out(tmp_path: Path, keep: float) -> None:
     whole = good(tmp_path)
     data = whole[0].read_bytes()
-    whole[0].write_bytes(data[:int(keep if keep > 1 else keep * len(data))])
+    whole[0].write_bytes(data[: int(keep if keep > 1 else keep * len(data))])
     result = characterize(tmp_path)
     assert len(result.modes[0].cells) == 4
     assert str(whole[0]) in result.left_out[0]
@@ -107,7 +117,8 @@ def test_a_recording_that_breaks_off_amid_depth_is_left_out(tmp_path: Path) -> N
 
 
 def test_nothing_that_can_be_used_is_said_with_every_reason(
-        tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     (tmp_path / 'a.npz').write_bytes(b'no archive')
     write(tmp_path, 'b.npz', depth=np.zeros((12, 60, 80), np.float32))
     assert main(['characterize', 'fit', str(tmp_path), '--jobs', '1']) == 2
@@ -140,15 +151,30 @@ class Page(HTMLParser):
 
 
 def test_the_command_writes_a_page_figures_and_a_profile(
-        tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Assert the page is whole in itself and nothing in a file's name gets into its markup."""
     good(tmp_path)
     hostile = write(tmp_path, 'Mode_9_30fps_1.00m_15deg.npz', usecase='<b>x&y')
     (tmp_path / '<b>x.npz').write_bytes(b'no recording')
     write(tmp_path, '<b>y&amp;.npz')
     out = tmp_path / 'out <i>'
-    assert main(['characterize', 'fit', str(tmp_path), '--out', str(out), '--jobs', '1',
-                 '--model', 'Cam']) == 0
+    assert (
+        main(
+            [
+                'characterize',
+                'fit',
+                str(tmp_path),
+                '--out',
+                str(out),
+                '--jobs',
+                '1',
+                '--model',
+                'Cam',
+            ]
+        )
+        == 0
+    )
     printed = capsys.readouterr()
     assert 'left out' in printed.err
     assert str(hostile) in printed.err
@@ -162,10 +188,20 @@ def test_the_command_writes_a_page_figures_and_a_profile(
     assert page.links
     assert all(link.startswith('data:image/png;base64,') for link in page.links)
     assert not {'b', 'i', 'script', 'link', 'iframe'} & set(page.tags)
-    for text in ('Mode_9_30fps', 'Axial noise', 'Lateral noise', 'not measured', 'the paper',
-                 '2 recordings were left out', 'Left out: 2', 'Every recording',
-                 'found <b>x&y, wanted Mode_9_30fps', '<b>x.npz: cannot be read', '<b>y&amp;.npz',
-                 'sigma_x: not measured'):
+    for text in (
+        'Mode_9_30fps',
+        'Axial noise',
+        'Lateral noise',
+        'not measured',
+        'the paper',
+        '2 recordings were left out',
+        'Left out: 2',
+        'Every recording',
+        'found <b>x&y, wanted Mode_9_30fps',
+        '<b>x.npz: cannot be read',
+        '<b>y&amp;.npz',
+        'sigma_x: not measured',
+    ):
         assert text in page.text, text
     profile = load_profile(out / 'profile.yaml')
     assert profile.model == 'Cam'
@@ -212,8 +248,8 @@ def test_a_cut_off_bag_is_measured_as_far_as_it_goes_and_it_is_said(tmp_path: Pa
     bags.mkdir()
     for path in good(arrays):
         convert(path, bags / path.stem)
-    cut, = (bags / 'Mode_9_30fps_0.70m_0deg').glob('*.mcap')
-    cut.write_bytes(cut.read_bytes()[:int(0.6 * cut.stat().st_size)])
+    (cut,) = (bags / 'Mode_9_30fps_0.70m_0deg').glob('*.mcap')
+    cut.write_bytes(cut.read_bytes()[: int(0.6 * cut.stat().st_size)])
     out = tmp_path / 'out'
     assert main(['characterize', 'fit', str(bags), '--out', str(out), '--jobs', '1']) == 0
     frames = [cell.measurement.frames for cell in characterize(bags).modes[0].cells]
@@ -240,8 +276,11 @@ def test_the_real_drivers_bags_give_its_noise(tmp_path: Path, storage: str) -> N
         clean = distance / (1 - np.tan(np.radians(angle)) * x)
         depth = clean + sigma * generator.standard_normal((12, *clean.shape))
         depth[generator.random(depth.shape) < 0.01] = 0.0  # no light came back
-        driver_bag(tmp_path / f'Mode_5_45fps_{distance:.2f}m_{angle}deg',
-                   depth.astype(np.float32), storage)
+        driver_bag(
+            tmp_path / f'Mode_5_45fps_{distance:.2f}m_{angle}deg',
+            depth.astype(np.float32),
+            storage,
+        )
     result = characterize(tmp_path)
     assert not result.left_out
     profile = to_profile(result).profile
@@ -261,15 +300,18 @@ def test_the_real_drivers_bags_give_its_noise(tmp_path: Path, storage: str) -> N
 
 
 def test_crops_of_one_image_are_one_camera(
-        tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Assert recordings that differ in crop alone are kept, another focal length is not."""
     crops = ((0, 0, 60, 50), (10, 0, 80, 60), (0, 5, 70, 60), (20, 10, 80, 55))
     for number, (x0, y0, x1, y1) in enumerate(crops):
         whole = content(0.8 + 0.4 * number, 10 + 10 * number)
         matrix = whole['K'].copy()
         matrix[:2, 2] -= x0, y0
-        np.savez(tmp_path / f'view{number}.npz', **whole | {
-            'depth': whole['depth'][:, y0:y1, x0:x1], 'K': matrix, 'usecase': 'tof'})
+        np.savez(
+            tmp_path / f'view{number}.npz',
+            **whole | {'depth': whole['depth'][:, y0:y1, x0:x1], 'K': matrix, 'usecase': 'tof'},
+        )
     other = write(tmp_path, 'z.npz', K=OTHER_K)
     out = tmp_path / 'out'
     assert main(['characterize', 'fit', str(tmp_path), '--out', str(out), '--jobs', '1']) == 0
@@ -317,7 +359,7 @@ def test_single_frames_are_measured_in_space_and_it_is_said(tmp_path: Path) -> N
     for cell in characterize(tmp_path).modes[0].cells:
         m = cell.measurement
         true = MODE_9.noise.sigma_z(m.tiles.z, m.tiles.theta)
-        assert np.sqrt(m.tiles.variance.mean() / np.mean(true ** 2)) == pytest.approx(1, rel=0.05)
+        assert np.sqrt(m.tiles.variance.mean() / np.mean(true**2)) == pytest.approx(1, rel=0.05)
 
 
 def test_a_box_says_where_the_board_is(tmp_path: Path) -> None:

@@ -5,7 +5,6 @@ from pathlib import Path
 import warnings
 
 from boards import board, K
-from flexx2_sim_ros.camera.modes import flexx2, NoiseModel
 from flexx2_sim_ros.characterize.amplitude import count_invalid, EDGES, sigma_against
 from flexx2_sim_ros.characterize.axial import EXPONENTS, fit_axial, NAMES
 from flexx2_sim_ros.characterize.board import find_board
@@ -22,6 +21,7 @@ from flexx2_sim_ros.characterize.moments import Accumulator
 from flexx2_sim_ros.characterize.plane import fit_plane, ransac_plane
 from flexx2_sim_ros.characterize.tiles import spatial_tiles, Tiles
 from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.profiles.modes import flexx2, NoiseModel
 from flexx2_sim_ros.recording.folders import find_recordings
 import numpy as np
 import pytest
@@ -45,9 +45,14 @@ def test_noise_does_not_bend_the_plane() -> None:
     target = board(1.0, 45, size=(40, 60))
     v, u = np.indices(target.depth.shape)
     generator = np.random.default_rng(1)
-    found = [fit_plane(u.ravel(), v.ravel(), (
-        target.depth + 0.05 * generator.standard_normal(target.depth.shape)).ravel())
-        .depth(30, 20) for _ in range(60)]
+    found = [
+        fit_plane(
+            u.ravel(),
+            v.ravel(),
+            (target.depth + 0.05 * generator.standard_normal(target.depth.shape)).ravel(),
+        ).depth(30, 20)
+        for _ in range(60)
+    ]
     assert abs(np.mean(found) - target.depth[20, 30]) < 6 * np.std(found) / math.sqrt(60)
 
 
@@ -89,7 +94,7 @@ def test_what_is_too_steep_is_left_out() -> None:
 @pytest.mark.parametrize('size', [(0, 0), (8, 8)])
 def test_a_board_that_fills_nothing_is_refused(size: tuple[int, int]) -> None:
     depth = np.full((172, 224), np.nan)
-    depth[80:80 + size[0], 100:100 + size[1]] = 1.0
+    depth[80 : 80 + size[0], 100 : 100 + size[1]] = 1.0
     with pytest.raises(InputError, match='wanted at least 100'):
         find_board(depth, 0.001, K)
     scattered = np.random.default_rng(4).uniform(0.5, 5.0, (172, 224))
@@ -104,7 +109,7 @@ def test_moments_are_numpys() -> None:
     depth[:, 2, 3] = np.nan
     sums = Accumulator(np.full((6, 7), 1.99))
     for start in range(0, 40, 7):
-        sums.add(depth[start:start + 7])
+        sums.add(depth[start : start + 7])
     found = sums.moments()
     exact = np.where(np.isfinite(depth), depth, np.nan).astype(np.float64)
     with warnings.catch_warnings():
@@ -154,15 +159,27 @@ def test_edges_are_found_and_measured(background: float) -> None:
     """Assert sigma within 3 %: 60 x 156 samples know it to 0.73 %, the rounding included."""
     target = board(1.0, 20, half_width=0.25, background=background)
     generator = np.random.default_rng(7)
-    clean = np.stack([np.stack([np.roll(row, shift) for row, shift in zip(
-        target.depth, np.rint(1.2 * generator.standard_normal(172)).astype(int), strict=True)])
-        for _ in range(60)])
+    clean = np.stack(
+        [
+            np.stack(
+                [
+                    np.roll(row, shift)
+                    for row, shift in zip(
+                        target.depth,
+                        np.rint(1.2 * generator.standard_normal(172)).astype(int),
+                        strict=True,
+                    )
+                ]
+            )
+            for _ in range(60)
+        ]
+    )
     frames = (clean + 0.004 * generator.standard_normal(clean.shape)).astype(np.float32)
     typical = np.median(frames, axis=0)
     found = find_board(typical, 0.002, target.K)
     sites = find_edges(found, typical)
     assert [site.side for site in sites] == ['left', 'right']
-    wanted = math.sqrt(1.2 ** 2 + 1 / 12)
+    wanted = math.sqrt(1.2**2 + 1 / 12)
     for site in sites:
         edge = measure_edge(edge_positions(frames, site), site)
         assert edge is not None
@@ -187,15 +204,17 @@ def test_invalid_pixels_at_an_edge_are_left_out() -> None:
     assert edge_sigma(depth, slice(5, 28)) == 0.0
 
 
-@pytest.mark.parametrize(('sigma', 'measured'), [
-    (0.0, 0.289), (0.3, 0.416), (0.864, 0.911), (1.098, 1.135), (1.649, 1.674)])
+@pytest.mark.parametrize(
+    ('sigma', 'measured'),
+    [(0.0, 0.289), (0.3, 0.416), (0.864, 0.911), (1.098, 1.135), (1.649, 1.674)],
+)
 def test_the_procedures_own_bias(sigma: float, measured: float) -> None:
     """
     Assert what whole pixels add: 1/12 px^2, when the step is ten times the depth noise.
 
     200 x 150 samples know sigma to 0.41 %; 3 % is beyond 7 standard errors.
     """
-    assert measured == pytest.approx(math.sqrt(sigma ** 2 + 1 / 12), abs=1e-3)
+    assert measured == pytest.approx(math.sqrt(sigma**2 + 1 / 12), abs=1e-3)
     assert procedure_bias(sigma, 0.1, 0.01) == pytest.approx(measured, rel=0.03)
 
 
@@ -205,8 +224,13 @@ def test_a_low_step_is_lost_in_noise() -> None:
     assert procedure_bias(0.864, 0.05, 0.01) > 2.5
 
 
-def synthetic(noise: NoiseModel, distances: tuple[float, ...], angles: tuple[float, ...],
-              generator: np.random.Generator, scatter: float = 0.0) -> list[Tiles]:
+def synthetic(
+    noise: NoiseModel,
+    distances: tuple[float, ...],
+    angles: tuple[float, ...],
+    generator: np.random.Generator,
+    scatter: float = 0.0,
+) -> list[Tiles]:
     """Draw what recordings of 300 frames would say, each off by its own factor."""
     tiles = []
     for distance in distances:
@@ -215,9 +239,20 @@ def synthetic(noise: NoiseModel, distances: tuple[float, ...], angles: tuple[flo
             theta = np.clip(np.radians(angle) + generator.uniform(-0.15, 0.15, 60), 0, 1.2)
             sigma = noise.sigma_z(z, theta) * (1 + scatter * generator.standard_normal())
             freedom = np.full(60, 16 * 299.0)
-            variance = sigma ** 2 * generator.chisquare(freedom) / freedom
-            tiles.append(Tiles(z, theta, np.full(60, 16.0), freedom, variance, np.log(variance),
-                               0 * z, 0 * z, np.full(60, math.nan)))
+            variance = sigma**2 * generator.chisquare(freedom) / freedom
+            tiles.append(
+                Tiles(
+                    z,
+                    theta,
+                    np.full(60, 16.0),
+                    freedom,
+                    variance,
+                    np.log(variance),
+                    0 * z,
+                    0 * z,
+                    np.full(60, math.nan),
+                )
+            )
     return tiles
 
 
@@ -242,8 +277,12 @@ def test_standard_errors_cover() -> None:
             assert fit.errors[name] is not None
             half = quantile * fit.errors[name] + (0.05 if name == 'n' else 0.0)
             hits[name] += abs(fit.coefficients[name] - getattr(MODE_9, name)) <= half
-        band.append(np.mean(np.abs(fit.model().sigma_z(z, theta) - MODE_9.sigma_z(z, theta))
-                            <= fit.band(z, theta)))
+        band.append(
+            np.mean(
+                np.abs(fit.model().sigma_z(z, theta) - MODE_9.sigma_z(z, theta))
+                <= fit.band(z, theta)
+            )
+        )
     assert min(hits.values()) >= 44
     assert 0.85 < np.mean(band) <= 1.0
 
@@ -265,11 +304,19 @@ def test_an_n_that_is_not_determined_is_said() -> None:
     assert any(note.startswith('n: not determined') for note in fit.notes)
 
 
-@pytest.mark.parametrize(('distances', 'angles', 'held'), [
-    ((1.0,), (0.0,), 'bcdn'), ((1.0, 2.0), (0.0,), 'cdn'), ((1.0, 1.5, 2.0), (0.0,), 'dn'),
-    ((1.0,), ANGLES, 'bcn'), ((1.0, 2.0), ANGLES, 'c')])
-def test_what_is_not_determined_is_held_and_said(distances: tuple[float, ...],
-                                                 angles: tuple[float, ...], held: str) -> None:
+@pytest.mark.parametrize(
+    ('distances', 'angles', 'held'),
+    [
+        ((1.0,), (0.0,), 'bcdn'),
+        ((1.0, 2.0), (0.0,), 'cdn'),
+        ((1.0, 1.5, 2.0), (0.0,), 'dn'),
+        ((1.0,), ANGLES, 'bcn'),
+        ((1.0, 2.0), ANGLES, 'c'),
+    ],
+)
+def test_what_is_not_determined_is_held_and_said(
+    distances: tuple[float, ...], angles: tuple[float, ...], held: str
+) -> None:
     fit = fit_axial(synthetic(MODE_9, distances, angles, np.random.default_rng(10)))
     for name in held:
         assert fit.errors[name] is None
@@ -308,11 +355,17 @@ def test_validity_is_counted_by_amplitude() -> None:
     assert total.pixels[np.searchsorted(EDGES, 10.0) - 1] == 4
 
 
-@pytest.mark.parametrize(('name', 'found'), [
-    ('Mode_9_30fps_1.00m_15deg.npz', Condition('Mode_9_30fps', 1.0, 15.0)),
-    ('Mode_9_30fps_1.00m_15deg.mcap', Condition('Mode_9_30fps', 1.0, 15.0)),
-    ('Mode_9_30fps_1.00m_15deg', Condition('Mode_9_30fps', 1.0, 15.0)),
-    ('a_b_0.5m_7.5deg', Condition('a_b', 0.5, 7.5)), ('kinect.npz', None), ('1m_2deg', None)])
+@pytest.mark.parametrize(
+    ('name', 'found'),
+    [
+        ('Mode_9_30fps_1.00m_15deg.npz', Condition('Mode_9_30fps', 1.0, 15.0)),
+        ('Mode_9_30fps_1.00m_15deg.mcap', Condition('Mode_9_30fps', 1.0, 15.0)),
+        ('Mode_9_30fps_1.00m_15deg', Condition('Mode_9_30fps', 1.0, 15.0)),
+        ('a_b_0.5m_7.5deg', Condition('a_b', 0.5, 7.5)),
+        ('kinect.npz', None),
+        ('1m_2deg', None),
+    ],
+)
 def test_names_state_conditions(name: str, found: Condition | None) -> None:
     assert parse_name(Path(name)) == found
     if found is not None:
@@ -328,6 +381,11 @@ def test_recordings_are_files_and_bags(tmp_path: Path) -> None:
         (tmp_path / name).mkdir()
         (tmp_path / name / inside).touch()
     assert [path.name for path in find_recordings(tmp_path)] == [
-        'a.mcap', 'b.npz', 'bag', 'c.db3', 'cut']
+        'a.mcap',
+        'b.npz',
+        'bag',
+        'c.db3',
+        'cut',
+    ]
     with pytest.raises(InputError, match='not a folder'):
         find_recordings(tmp_path / 'b.npz')

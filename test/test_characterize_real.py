@@ -32,8 +32,14 @@ def measured(views: list[View], tmp_path_factory: pytest.TempPathFactory) -> lis
     path: Path = tmp_path_factory.mktemp('kinect') / 'view.npz'
     results = []
     for view in views:
-        np.savez(path, depth=view.depth[None], amplitude=view.amplitude[None], K=view.K,
-                 stamp=np.zeros(1), usecase='kinect_v2')
+        np.savez(
+            path,
+            depth=view.depth[None],
+            amplitude=view.amplitude[None],
+            K=view.K,
+            stamp=np.zeros(1),
+            usecase='kinect_v2',
+        )
         results.append(measure(path))
     return results
 
@@ -82,18 +88,28 @@ def test_kinect_white_is_seen_nearer_than_black(views: list[View]) -> None:
     for view in views:
         place, _, distance = view.squares
         edge = np.abs(place - np.round(place)).min(axis=0) > 0.1
-        inside = ((place > -1).all(axis=0) & (place[0] < 5) & (place[1] < 7) & edge
-                  & np.isfinite(view.depth) & (view.amplitude < 65_000))
+        inside = (
+            (place > -1).all(axis=0)
+            & (place[0] < 5)
+            & (place[1] < 7)
+            & edge
+            & np.isfinite(view.depth)
+            & (view.amplitude < 65_000)
+        )
         odd = np.floor(place).astype(int).sum(axis=0) % 2 == 1
-        levels = [np.median(view.amplitude[inside & part]) if (inside & part).any() else math.nan
-                  for part in (odd, ~odd)]
+        levels = [
+            np.median(view.amplitude[inside & part]) if (inside & part).any() else math.nan
+            for part in (odd, ~odd)
+        ]
         if not np.isfinite(levels).all():
             continue  # saturated all over
         white = odd if levels[0] > levels[1] else ~odd
         found.append((distance, 1e3 * step_between(view.depth, inside, white)))
     distance, step = np.array(found).T
-    near, far = (np.median(step[(distance > low) & (distance < high)])
-                 for low, high in ((0.9, 1.0), (1.1, 1.3)))
+    near, far = (
+        np.median(step[(distance > low) & (distance < high)])
+        for low, high in ((0.9, 1.0), (1.1, 1.3))
+    )
     assert near == known(-2.7)
     assert far == known(-10.4)
 
@@ -127,8 +143,9 @@ def test_kinect_bias_holds_for_the_nominal_camera_alone(views: list[View]) -> No
 
 def test_azure_loses_what_is_dark() -> None:
     with load('azurekinect_charuco_blackwall.npz') as data:
-        counts = count_invalid(data['ir16'].astype(float), data['depth_mm'] > 0,
-                               np.array([0.0, 50, 100, 200]))
+        counts = count_invalid(
+            data['ir16'].astype(float), data['depth_mm'] > 0, np.array([0.0, 50, 100, 200])
+        )
     # Amplitude 0 is no pixel of the scene: it is not counted.
     assert counts.invalid / counts.pixels == known(np.array([0.99, 0.78, 0.25]))
 
@@ -136,8 +153,9 @@ def test_azure_loses_what_is_dark() -> None:
 def test_azure_has_a_pattern_that_stays() -> None:
     """Assert the pattern of two captures of one board, and how alike it makes them."""
     with load('azurekinect_charuco_blackwall.npz') as data:
-        depth = np.where(data['depth_mm'] > 0, data['depth_mm'] / np.float32(1000),
-                         np.float32(np.nan))
+        depth = np.where(
+            data['depth_mm'] > 0, data['depth_mm'] / np.float32(1000), np.float32(np.nan)
+        )
     # No calibration came with it: no matrix, so no incidence angles.
     board = find_board(depth[0], 0.001, None, box=(145, 150, 375, 320))
     sums, means = Accumulator(np.nan_to_num(depth[0])), FrameMeans(board.region, depth[0])
@@ -150,4 +168,4 @@ def test_azure_has_a_pattern_that_stays() -> None:
     assert 1e3 * pixels.drift == pytest.approx(0.74, abs=0.02)
     assert pixels.frame_spread > 100
     noise = float(np.nanmean(moments.variance[board.region])) - float(means.series.var(ddof=1))
-    assert pixels.pattern ** 2 / (pixels.pattern ** 2 + noise) == known(0.87)
+    assert pixels.pattern**2 / (pixels.pattern**2 + noise) == known(0.87)

@@ -28,7 +28,8 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 
 @pytest.mark.parametrize('kind', KINDS)
 def test_a_flipped_bit_is_never_taken_for_a_value(
-        kind: str, whole: dict[str, Path], tmp_path: Path) -> None:
+    kind: str, whole: dict[str, Path], tmp_path: Path
+) -> None:
     source = load_recording(whole[kind])
     assert source.notes == ()
     target = tmp_path / whole[kind].name
@@ -65,7 +66,7 @@ def test_another_reader_finds_the_checksums_of_mcap_right(whole: dict[str, Path]
     assert chunks
     assert all(chunk.uncompressed_crc for chunk in chunks)
     assert isinstance(records[-1], Footer)
-    assert records[-1].summary_crc == zlib.crc32(data[records[-1].summary_start:-12])
+    assert records[-1].summary_crc == zlib.crc32(data[records[-1].summary_start : -12])
     with whole['mcap'].open('rb') as file:
         reader = make_reader(file, validate_crcs=True)
         count = sum(1 for _ in reader.iter_messages())
@@ -75,13 +76,13 @@ def test_another_reader_finds_the_checksums_of_mcap_right(whole: dict[str, Path]
         assert summary.statistics.message_count == count > 4 * COUNT
 
 
-def test_a_message_of_a_wrong_checksum_is_left_out(
-        whole: dict[str, Path], tmp_path: Path) -> None:
+def test_a_message_of_a_wrong_checksum_is_left_out(whole: dict[str, Path], tmp_path: Path) -> None:
     path = Path(shutil.copyfile(whole['db3'], tmp_path / 'one.db3'))
     with sqlite3.connect(path) as connection:
         last = connection.execute(
             'SELECT max(messages.id) FROM messages JOIN topics ON topics.id = topic_id '
-            "WHERE name LIKE '%depth_image_0'").fetchone()[0]
+            "WHERE name LIKE '%depth_image_0'"
+        ).fetchone()[0]
         connection.execute('UPDATE messages SET timestamp = timestamp + 1 WHERE id = ?', (last,))
     connection.close()
     recording = load_recording(path)
@@ -102,8 +103,9 @@ def test_an_array_is_read_to_its_checksum(whole: dict[str, Path], tmp_path: Path
     path = tmp_path / 'short.npz'
     with zipfile.ZipFile(whole['stored']) as old, zipfile.ZipFile(path, 'w') as new:
         for name in old.namelist():
-            new.writestr(name, old.read(name).replace(b'(12, ', b'(11, ').replace(
-                b'(12,)', b'(11,)'))
+            new.writestr(
+                name, old.read(name).replace(b'(12, ', b'(11, ').replace(b'(12,)', b'(11,)')
+            )
     with pytest.raises(InputError, match=f'{path}: .*shape'):
         load_recording(path)
 

@@ -5,9 +5,11 @@ from flexx2_sim_ros.camera import Camera, flexx2
 import numpy as np
 import pytest
 
-MEASURED = {'Mode_5_30fps': (0.5, 1.0, 1.5, 2.0),
-            'Mode_5_60fps': (0.5, 1.0, 1.5, 2.0),
-            'Mode_9_30fps': (0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0)}
+MEASURED = {
+    'Mode_5_30fps': (0.5, 1.0, 1.5, 2.0),
+    'Mode_5_60fps': (0.5, 1.0, 1.5, 2.0),
+    'Mode_9_30fps': (0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0),
+}
 ANGLES = (0, 15, 30, 45, 60)
 FRAMES = 600
 
@@ -35,7 +37,7 @@ def test_axial_noise_is_the_models_in_every_cell(usecase: str) -> None:
             samples, clean, sigma = seen[:, inside], target.depth[inside], model[inside]
             realised = np.sqrt(np.mean(samples.astype(np.float64).var(axis=0, ddof=1)))
             cell = f'{usecase} at {distance} m, {angle} deg'
-            assert realised == pytest.approx(np.sqrt(np.mean(sigma ** 2)), rel=0.03), cell
+            assert realised == pytest.approx(np.sqrt(np.mean(sigma**2)), rel=0.03), cell
             assert mean_kl(samples, clean, sigma) < 0.003, cell
             score = np.mean((samples - clean) / sigma) * np.sqrt(samples.size)
             assert abs(score) < 5.5, cell

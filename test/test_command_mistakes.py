@@ -15,17 +15,25 @@ import pytest
 
 K = np.array([[52.0, 0.0, 27.5], [0.0, 53.0, 21.0], [0.0, 0.0, 1.0]])
 # What each command needs beside the option in question.
-NEEDS = {'simulate': ['in.npz', 'out.npz'], 'characterize capture': ['out'],
-         'characterize fit': ['campaign'], 'replay': ['bag'], 'record': ['out'],
-         'convert': ['in.npz', 'out.npz'], 'gap diagnose': ['campaign', '--out', 'out']}
+NEEDS = {
+    'simulate': ['in.npz', 'out.npz'],
+    'characterize capture': ['out'],
+    'characterize fit': ['campaign'],
+    'replay': ['bag'],
+    'record': ['out'],
+    'convert': ['in.npz', 'out.npz'],
+    'gap diagnose': ['campaign', '--out', 'out'],
+}
 NUMBERS = ['nan', 'inf', '-inf', '-1e30', '1e400', '', 'x', '\udcff', '9' * 5000]
 
 
-def parsers(parser: argparse.ArgumentParser, name: str = ''
-            ) -> Iterator[tuple[str, argparse.ArgumentParser]]:
+def parsers(
+    parser: argparse.ArgumentParser, name: str = ''
+) -> Iterator[tuple[str, argparse.ArgumentParser]]:
     """Iterate over all commands, those within others included."""
-    groups = [action for action in parser._actions
-              if isinstance(action, argparse._SubParsersAction)]
+    groups = [
+        action for action in parser._actions if isinstance(action, argparse._SubParsersAction)
+    ]
     for group in groups:
         for word, inner in group.choices.items():
             yield from parsers(inner, f'{name} {word}'.strip())
@@ -35,9 +43,12 @@ def parsers(parser: argparse.ArgumentParser, name: str = ''
 
 def numeric_options() -> list[tuple[str, str, int]]:
     """Return the command, the option and its number of values, for every number there is."""
-    return [(name, action.option_strings[0], action.nargs if isinstance(action.nargs, int) else 1)
-            for name, parser in parsers(commands.make_parser()) for action in parser._actions
-            if action.type not in (None, Path)]
+    return [
+        (name, action.option_strings[0], action.nargs if isinstance(action.nargs, int) else 1)
+        for name, parser in parsers(commands.make_parser())
+        for action in parser._actions
+        if action.type not in (None, Path)
+    ]
 
 
 @pytest.fixture
@@ -47,8 +58,13 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     recording = {'clean_depth': np.full((43, 56), 1.5), 'K': K}
     np.savez('in.npz', **recording)
     Path('campaign').mkdir()
-    np.savez('campaign/a.npz', **recording, usecase='Mode_9_30fps',
-             depth=np.full((2, 43, 56), 1.5, np.float32), stamp=np.arange(2) / 30)
+    np.savez(
+        'campaign/a.npz',
+        **recording,
+        usecase='Mode_9_30fps',
+        depth=np.full((2, 43, 56), 1.5, np.float32),
+        stamp=np.arange(2) / 30,
+    )
     Path('loop').symlink_to('loop')
     Path('link.npz').symlink_to('in.npz')
     os.link('in.npz', 'hard.npz')
@@ -71,13 +87,23 @@ def refused(words: list[str], capsys: pytest.CaptureFixture[str]) -> str:
 def test_every_number_is_checked() -> None:
     """Assert that the options below are found at all."""
     options = numeric_options()
-    assert {'--frames', '--seed', '--jobs', '--seconds', '--rate', '--port', '--box',
-            '--pose-prior', '--num-envs'} <= {option for _, option, _ in options}
+    assert {
+        '--frames',
+        '--seed',
+        '--jobs',
+        '--seconds',
+        '--rate',
+        '--port',
+        '--box',
+        '--pose-prior',
+        '--num-envs',
+    } <= {option for _, option, _ in options}
 
 
 @pytest.mark.parametrize(('name', 'option', 'count'), numeric_options())
-def test_numbers(folder: Path, capsys: pytest.CaptureFixture[str], name: str, option: str,
-                 count: int) -> None:
+def test_numbers(
+    folder: Path, capsys: pytest.CaptureFixture[str], name: str, option: str, count: int
+) -> None:
     """Assert that no command starts with a number that is none or has no end."""
     for value in NUMBERS:
         words = [*name.split(), *NEEDS.get(name, []), *[f'{option}={value}'] * (count == 1)]
@@ -88,13 +114,21 @@ def test_numbers(folder: Path, capsys: pytest.CaptureFixture[str], name: str, op
         assert len(said) < 300
 
 
-@pytest.mark.parametrize(('words', 'what'), [
-    (['simulate', 'in.npz', '{}'], 'npz'), (['convert', 'campaign/a.npz', '{}'], 'npz'),
-    (['convert', 'campaign/a.npz', '{}'], 'mcap'), (['convert', 'campaign/a.npz', '{}'], ''),
-    (['effects', 'show', 'offset', '--out', '{}'], 'png'),
-    (['batch', '--num-envs', '1', '--out', '{}'], 'png'), (['record', '{}'], '')])
-def test_files_to_write(folder: Path, capsys: pytest.CaptureFixture[str], words: list[str],
-                        what: str) -> None:
+@pytest.mark.parametrize(
+    ('words', 'what'),
+    [
+        (['simulate', 'in.npz', '{}'], 'npz'),
+        (['convert', 'campaign/a.npz', '{}'], 'npz'),
+        (['convert', 'campaign/a.npz', '{}'], 'mcap'),
+        (['convert', 'campaign/a.npz', '{}'], ''),
+        (['effects', 'show', 'offset', '--out', '{}'], 'png'),
+        (['batch', '--num-envs', '1', '--out', '{}'], 'png'),
+        (['record', '{}'], ''),
+    ],
+)
+def test_files_to_write(
+    folder: Path, capsys: pytest.CaptureFixture[str], words: list[str], what: str
+) -> None:
     """Assert targets that cannot be are refused before the work."""
     ending = f'.{what}' if what else ''
     for target in ('missing/a', 'file/a', 'loop', 'loop/a', 'n' * 256, '/proc/self/a'):
@@ -106,13 +140,20 @@ def test_files_to_write(folder: Path, capsys: pytest.CaptureFixture[str], words:
         refused([word.format(target + ending) for word in words], capsys)
 
 
-@pytest.mark.parametrize('words', [
-    ['gap', 'diagnose', 'campaign', '--out', '{}'], ['characterize', 'capture', '{}'],
-    ['characterize', 'fit', 'campaign', '--out', '{}'], ['effects', '--write-presets', '{}'],
-    ['demo', '--out', '{}'],
-    ['gap', 'benchmark', '--quick', '--out', '{}']])
-def test_folders_to_write(folder: Path, capsys: pytest.CaptureFixture[str],
-                          words: list[str]) -> None:
+@pytest.mark.parametrize(
+    'words',
+    [
+        ['gap', 'diagnose', 'campaign', '--out', '{}'],
+        ['characterize', 'capture', '{}'],
+        ['characterize', 'fit', 'campaign', '--out', '{}'],
+        ['effects', '--write-presets', '{}'],
+        ['demo', '--out', '{}'],
+        ['gap', 'benchmark', '--quick', '--out', '{}'],
+    ],
+)
+def test_folders_to_write(
+    folder: Path, capsys: pytest.CaptureFixture[str], words: list[str]
+) -> None:
     """Assert folders that cannot be are refused before the work."""
     for target in ('file', 'file/a', 'loop', 'loop/a', 'n' * 256, '/proc/self/a'):
         refused([word.format(target) for word in words], capsys)
@@ -120,8 +161,9 @@ def test_folders_to_write(folder: Path, capsys: pytest.CaptureFixture[str],
 
 @pytest.mark.parametrize('command', ['simulate', 'convert'])
 @pytest.mark.parametrize('target', ['in.npz', './in.npz', 'dir/../in.npz', 'link.npz', 'hard.npz'])
-def test_the_output_is_the_input(folder: Path, capsys: pytest.CaptureFixture[str], command: str,
-                                 target: str) -> None:
+def test_the_output_is_the_input(
+    folder: Path, capsys: pytest.CaptureFixture[str], command: str, target: str
+) -> None:
     """Assert the same file is noticed under every name, and stays as it was."""
     before = Path('in.npz').read_bytes()
     assert 'must be another file than the input' in refused([command, 'in.npz', target], capsys)
@@ -132,11 +174,18 @@ def _small_files() -> None:
     resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
 
 
-@pytest.mark.parametrize('words', [
-    ['simulate', 'in.npz', 'out.npz', '--frames', '9'],
-    ['convert', 'campaign/a.npz', 'out.mcap'], ['convert', 'campaign/a.npz', 'out.db3'],
-    ['convert', 'campaign/a.npz', 'out'], ['effects', 'show', 'offset', '--out', 'out.png'],
-    ['convert', 'campaign/a.npz', 'out', '--storage', 'sqlite3']], ids=str)
+@pytest.mark.parametrize(
+    'words',
+    [
+        ['simulate', 'in.npz', 'out.npz', '--frames', '9'],
+        ['convert', 'campaign/a.npz', 'out.mcap'],
+        ['convert', 'campaign/a.npz', 'out.db3'],
+        ['convert', 'campaign/a.npz', 'out'],
+        ['effects', 'show', 'offset', '--out', 'out.png'],
+        ['convert', 'campaign/a.npz', 'out', '--storage', 'sqlite3'],
+    ],
+    ids=str,
+)
 def test_a_file_that_cannot_grow(folder: Path, words: list[str]) -> None:
     """Assert one sentence and no output where the file system takes no more."""
     words = [sys.executable, '-m', 'flexx2_sim_ros.cli.main', *words]
@@ -156,21 +205,41 @@ def full(folder: Path) -> Iterator[Path]:
         pytest.skip('only root may mount a small file system')
     path = folder / 'full'
     path.mkdir()
-    if subprocess.run(['mount', '-t', 'tmpfs', '-o', 'size=64k', 'tmpfs', str(path)],
-                      capture_output=True).returncode:
+    if subprocess.run(
+        ['mount', '-t', 'tmpfs', '-o', 'size=64k', 'tmpfs', str(path)], capture_output=True
+    ).returncode:
         pytest.skip('a small file system cannot be mounted here')
     (path / 'filler').write_bytes(bytes(44 << 10))
     yield path
     subprocess.run(['umount', '-l', str(path)], check=True)
 
 
-@pytest.mark.parametrize('words', [
-    ['simulate', 'in.npz', 'full/a.npz', '--frames', '9'],
-    ['convert', 'campaign/a.npz', 'full/a.mcap'], ['convert', 'campaign/a.npz', 'full/a.db3'],
-    ['effects', 'show', 'offset', '--out', 'full/a.png'],
-    ['characterize', 'capture', 'full/c', '--frames', '2', '--jobs', '1', '--distances', '1',
-     '--angles', '0', '--usecase', 'Mode_9_30fps'],
-    ['gap', 'benchmark', '--quick', '--jobs', '1', '--out', 'full/c']], ids=str)
+@pytest.mark.parametrize(
+    'words',
+    [
+        ['simulate', 'in.npz', 'full/a.npz', '--frames', '9'],
+        ['convert', 'campaign/a.npz', 'full/a.mcap'],
+        ['convert', 'campaign/a.npz', 'full/a.db3'],
+        ['effects', 'show', 'offset', '--out', 'full/a.png'],
+        [
+            'characterize',
+            'capture',
+            'full/c',
+            '--frames',
+            '2',
+            '--jobs',
+            '1',
+            '--distances',
+            '1',
+            '--angles',
+            '0',
+            '--usecase',
+            'Mode_9_30fps',
+        ],
+        ['gap', 'benchmark', '--quick', '--jobs', '1', '--out', 'full/c'],
+    ],
+    ids=str,
+)
 def test_a_full_disk(full: Path, capsys: pytest.CaptureFixture[str], words: list[str]) -> None:
     """Assert one sentence that names the file, and none of it left."""
     assert main(words) == 2

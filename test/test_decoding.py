@@ -6,7 +6,7 @@ from typing import Any
 
 from flexx2_sim_ros.camera import Intrinsics
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.nodes.decoding import (
+from flexx2_sim_ros.messages.decoding import (
     check_stamp,
     decode_camera_info,
     decode_image,
@@ -22,7 +22,7 @@ import pytest
 ENCODINGS = ('32FC1', '64FC1', '16UC1')
 SIZES = {'32FC1': 4, '64FC1': 8, '16UC1': 2}
 BYTE = st.integers(0, 255)
-UINT32 = st.integers(0, 2 ** 32 - 1)
+UINT32 = st.integers(0, 2**32 - 1)
 SMALL = st.integers(0, 12)
 
 
@@ -41,13 +41,20 @@ def images(draw: Any) -> SimpleNamespace:
         step = value if field == 'step' else step
         length = value % 4096 if field == 'length' else length
     data = draw(st.binary(min_size=length, max_size=length))
-    return SimpleNamespace(height=height, width=width, encoding=encoding, step=step,
-                           is_bigendian=draw(BYTE), data=array('B', data))
+    return SimpleNamespace(
+        height=height,
+        width=width,
+        encoding=encoding,
+        step=step,
+        is_bigendian=draw(BYTE),
+        data=array('B', data),
+    )
 
 
 @given(images(), st.sampled_from([ENCODINGS, ('32FC1',)]))
-def test_any_image_is_decoded_or_refused(message: SimpleNamespace,
-                                         encodings: tuple[str, ...]) -> None:
+def test_any_image_is_decoded_or_refused(
+    message: SimpleNamespace, encodings: tuple[str, ...]
+) -> None:
     """Assert a right array or an InputError that names the field, what was found and wanted."""
     try:
         image = decode_image(message, 'topic', encodings)
@@ -67,14 +74,18 @@ def test_any_image_is_decoded_or_refused(message: SimpleNamespace,
     raw = bytes(message.data)
     for y in range(message.height):
         start = y * message.step
-        row = np.frombuffer(raw[start: start + message.width * size], order + kind)
+        row = np.frombuffer(raw[start : start + message.width * size], order + kind)
         with np.errstate(over='ignore', invalid='ignore'):
             expected = row.astype(np.float32) * np.float32(0.001 if size == 2 else 1.0)
         np.testing.assert_array_equal(image[y], expected)
 
 
-@given(hnp.arrays(np.float32, hnp.array_shapes(min_dims=2, max_dims=2, max_side=9)),
-       st.sampled_from(ENCODINGS), st.sampled_from('<>'), SMALL)
+@given(
+    hnp.arrays(np.float32, hnp.array_shapes(min_dims=2, max_dims=2, max_side=9)),
+    st.sampled_from(ENCODINGS),
+    st.sampled_from('<>'),
+    SMALL,
+)
 def test_round_trip(depth: np.ndarray, encoding: str, order: str, padding: int) -> None:
     """Assert any layout of an image gives the image back."""
     if encoding == '16UC1':
@@ -86,16 +97,27 @@ def test_round_trip(depth: np.ndarray, encoding: str, order: str, padding: int) 
             pixels = depth.astype(f'{order}{"f4" if encoding == "32FC1" else "f8"}')
     rows = [row.tobytes() + bytes(range(padding)) for row in pixels]
     message = SimpleNamespace(
-        height=depth.shape[0], width=depth.shape[1], encoding=encoding, step=len(rows[0]),
-        is_bigendian=order == '>', data=array('B', b''.join(rows)))
+        height=depth.shape[0],
+        width=depth.shape[1],
+        encoding=encoding,
+        step=len(rows[0]),
+        is_bigendian=order == '>',
+        data=array('B', b''.join(rows)),
+    )
     np.testing.assert_array_equal(decode_image(message, 'topic', ENCODINGS), depth)
 
 
 def test_doubles_beyond_float32_mean_nothing_there() -> None:
     """Assert they become infinite, silently."""
     data = np.array([[1e300, -1e300, 1.5]])
-    message = SimpleNamespace(height=1, width=3, encoding='64FC1', step=24, is_bigendian=0,
-                              data=array('B', data.tobytes()))
+    message = SimpleNamespace(
+        height=1,
+        width=3,
+        encoding='64FC1',
+        step=24,
+        is_bigendian=0,
+        data=array('B', data.tobytes()),
+    )
     with np.errstate(all='raise'):
         decoded = decode_image(message, 'topic', ENCODINGS)
     np.testing.assert_array_equal(decoded, [[np.inf, -np.inf, 1.5]])
@@ -104,10 +126,13 @@ def test_doubles_beyond_float32_mean_nothing_there() -> None:
 NUMBERS = st.floats() | st.sampled_from([0.0, 1.0, 211.0, np.nan])
 GOOD_K = [211.0, 0.0, 111.5, 0.0, 213.0, 85.5, 0.0, 0.0, 1.0]
 INFOS = st.builds(
-    SimpleNamespace, width=UINT32, height=UINT32,
+    SimpleNamespace,
+    width=UINT32,
+    height=UINT32,
     k=st.lists(NUMBERS, min_size=9, max_size=9) | st.just(GOOD_K),
     d=st.lists(NUMBERS, max_size=14),
-    distortion_model=st.sampled_from(['plumb_bob', 'rational_polynomial', 'equidistant', '']))
+    distortion_model=st.sampled_from(['plumb_bob', 'rational_polynomial', 'equidistant', '']),
+)
 
 
 @given(INFOS)
@@ -131,8 +156,16 @@ def test_any_camera_info_is_decoded_or_refused(message: SimpleNamespace) -> None
 
 
 def _info(**fields: Any) -> SimpleNamespace:
-    return SimpleNamespace(**{'width': 224, 'height': 172, 'k': GOOD_K, 'd': [],
-                              'distortion_model': 'plumb_bob', **fields})
+    return SimpleNamespace(
+        **{
+            'width': 224,
+            'height': 172,
+            'k': GOOD_K,
+            'd': [],
+            'distortion_model': 'plumb_bob',
+            **fields,
+        }
+    )
 
 
 def test_camera_infos_of_pinholes() -> None:
@@ -148,12 +181,12 @@ def test_camera_infos_of_pinholes() -> None:
         decode_camera_info(_info(d=[0.0] * 4, distortion_model='equidistant'))
 
 
-@given(st.integers(-2 ** 31, 2 ** 31 - 1), UINT32)
+@given(st.integers(-(2**31), 2**31 - 1), UINT32)
 def test_stamps(sec: int, nanosec: int) -> None:
     """Assert whole nanoseconds, and that what is no time is refused."""
     stamp = SimpleNamespace(sec=sec, nanosec=nanosec)
-    assert stamp_nanoseconds(stamp) == sec * 10 ** 9 + nanosec
-    if nanosec < 10 ** 9:
+    assert stamp_nanoseconds(stamp) == sec * 10**9 + nanosec
+    if nanosec < 10**9:
         check_stamp(stamp, 'topic')
     else:
         with pytest.raises(InputError, match=f'topic: header.stamp: found nanosec {nanosec}, '):

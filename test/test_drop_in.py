@@ -51,7 +51,8 @@ def test_the_cloud_has_the_drivers_layout_when_asked_for() -> None:
         assert (driver.width, driver.height, driver.row_step) == (172, 224, 172 * 16)
         assert (driver.point_step, driver.is_dense, driver.is_bigendian) == (16, False, False)
         assert [(f.name, f.offset, f.datatype, f.count) for f in driver.fields] == [
-            (name, 4 * i, PointField.FLOAT32, 1) for i, name in enumerate(('x', 'y', 'z', 'conf'))]
+            (name, 4 * i, PointField.FLOAT32, 1) for i, name in enumerate(('x', 'y', 'z', 'conf'))
+        ]
         # The points come in the order of the image's pixels; a pixel without return is all 0.
         points = np.frombuffer(driver.data, '<f4').reshape(172, 224, 4)
         depth = array_of(seen.messages(DEPTH)[1])
@@ -70,8 +71,9 @@ def test_the_optical_frame_is_where_the_mount_is() -> None:
     down = optical_transform(('base_link', 'lens'), (0.1, 0.2, 0.3), (0, np.pi / 2, 0))
     turn, moved = down.transform.rotation, down.transform.translation
     w, v = turn.w, np.array([turn.x, turn.y, turn.z])
-    right, _, forward = (axis + 2 * np.cross(v, np.cross(v, axis) + w * axis)
-                         for axis in np.eye(3))
+    right, _, forward = (
+        axis + 2 * np.cross(v, np.cross(v, axis) + w * axis) for axis in np.eye(3)
+    )
     np.testing.assert_allclose(forward, [0, 0, -1], atol=1e-12)
     np.testing.assert_allclose(right, [0, -1, 0], atol=1e-12)
     assert (moved.x, moved.y, moved.z) == (0.1, 0.2, 0.3)
@@ -83,18 +85,22 @@ def test_a_parent_names_the_frame() -> None:
         assert seen.set(frame_id='mine').successful
         seen.show(boards(), START + SECOND, frame_id='of_the_input')
         assert [message.header.frame_id for message in seen.messages(DEPTH)] == [
-            'flexx2_camera_optical_frame', 'mine']
+            'flexx2_camera_optical_frame',
+            'mine',
+        ]
 
 
 def _first_cloud(process: 'subprocess.Popen[str]') -> PointCloud2:
     """Feed the driver's stand-in until it publishes a cloud."""
     user = Listener()
     try:
-        image, info = (user.node.create_publisher(kind, f'/clean/{topic}', 10)
-                       for kind, topic in ((Image, 'depth_image'), (CameraInfo, 'camera_info')))
+        image, info = (
+            user.node.create_publisher(kind, f'/clean/{topic}', 10)
+            for kind, topic in ((Image, 'depth_image'), (CameraInfo, 'camera_info'))
+        )
         heard: list[PointCloud2] = []
         user.node.create_subscription(PointCloud2, f'{DRIVER}/point_cloud_0', heard.append, 10)
-        stamps = iter(range(START, START + 10 ** 6 * SECOND, SECOND))
+        stamps = iter(range(START, START + 10**6 * SECOND, SECOND))
 
         def feed() -> bool:
             assert process.poll() is None
@@ -103,6 +109,7 @@ def _first_cloud(process: 'subprocess.Popen[str]') -> PointCloud2:
             image.publish(image_message(boards(), stamp))
             user.spin_for_a_message()
             return bool(heard)
+
         user.spin_until(feed, 'a cloud')
         return heard[0]
     finally:
@@ -125,31 +132,52 @@ def test_the_parameter_file_makes_the_node_the_driver(child_env: dict[str, str])
     given = yaml.safe_load(path.read_text())['/**']['ros__parameters']
     assert given['parent_frame'] == f'{DRIVER[1:]}_link'
     with subprocess.Popen(
-            [sys.executable, '-m', 'flexx2_sim_ros.nodes.flexx2_camera', '--ros-args',
-             '--params-file', path, '-r', f'__node:={DRIVER[1:]}'], env=child_env, text=True,
-            stdout=subprocess.PIPE, stderr=subprocess.STDOUT) as process:
+        [
+            sys.executable,
+            '-m',
+            'flexx2_sim_ros.nodes.flexx2_camera',
+            '--ros-args',
+            '--params-file',
+            path,
+            '-r',
+            f'__node:={DRIVER[1:]}',
+        ],
+        env=child_env,
+        text=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+    ) as process:
         _check_driver(process)
 
 
 @pytest.fixture
 def launch(child_env: dict[str, str]) -> Any:
     """Return a function that runs a launch file; skip where there is no launch."""
-    reason = ('launch_ros is not installed (it is not on the package index): source a ROS 2 '
-              'installation, or build launch and launch_ros, to run the launch files')
+    reason = (
+        'launch_ros is not installed (it is not on the package index): source a ROS 2 '
+        'installation, or build launch and launch_ros, to run the launch files'
+    )
     pytest.importorskip('launch_ros.actions', reason=reason)
 
     def run(name: str, *arguments: str) -> 'subprocess.Popen[str]':
-        program = ('import sys; from launch import LaunchService; '
-                   'from launch.actions import IncludeLaunchDescription as Include; '
-                   'from launch import LaunchDescription as Description; '
-                   'from launch.launch_description_sources import '
-                   'PythonLaunchDescriptionSource as Source; '
-                   'service = LaunchService(); service.include_launch_description('
-                   'Description([Include(Source(sys.argv[1]), launch_arguments='
-                   '[tuple(a.split(":=")) for a in sys.argv[2:]])])); sys.exit(service.run())')
+        program = (
+            'import sys; from launch import LaunchService; '
+            'from launch.actions import IncludeLaunchDescription as Include; '
+            'from launch import LaunchDescription as Description; '
+            'from launch.launch_description_sources import '
+            'PythonLaunchDescriptionSource as Source; '
+            'service = LaunchService(); service.include_launch_description('
+            'Description([Include(Source(sys.argv[1]), launch_arguments='
+            '[tuple(a.split(":=")) for a in sys.argv[2:]])])); sys.exit(service.run())'
+        )
         return subprocess.Popen(
-            [sys.executable, '-c', program, ROOT / 'launch' / name, *arguments], env=child_env,
-            text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+            [sys.executable, '-c', program, ROOT / 'launch' / name, *arguments],
+            env=child_env,
+            text=True,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+        )
+
     return run
 
 
@@ -159,8 +187,9 @@ def test_the_drivers_launch_file(launch: Any) -> None:
 
 
 def test_the_robots_launch_file(launch: Any) -> None:
-    with launch('go1.launch.py', 'scene:=corner', 'renderer:=ray', 'motion:=stand',
-                'usecase:=Mode_5_15fps') as process:
+    with launch(
+        'go1.launch.py', 'scene:=corner', 'renderer:=ray', 'motion:=stand', 'usecase:=Mode_5_15fps'
+    ) as process:
         user = Listener()
         try:
             for camera in ('front_left', 'front_right'):
@@ -185,9 +214,18 @@ def test_the_launch_files_are_documented() -> None:
 def compiling(env: dict[str, str], cache: Path) -> str:
     """Return what a camera node logs up to when it is ready, with a cache of its own."""
     with subprocess.Popen(
-            [sys.executable, '-m', 'flexx2_sim_ros.nodes.flexx2_camera', '--ros-args', '-r',
-             '__ns:=/fresh'], env={**env, 'NUMBA_CACHE_DIR': str(cache)}, text=True,
-            stderr=subprocess.PIPE) as process:
+        [
+            sys.executable,
+            '-m',
+            'flexx2_sim_ros.nodes.flexx2_camera',
+            '--ros-args',
+            '-r',
+            '__ns:=/fresh',
+        ],
+        env={**env, 'NUMBA_CACHE_DIR': str(cache)},
+        text=True,
+        stderr=subprocess.PIPE,
+    ) as process:
         assert process.stderr is not None
         said = ''
         for line in process.stderr:
@@ -205,13 +243,19 @@ def test_the_first_start_says_that_it_compiles(child_env: dict[str, str], tmp_pa
     assert 'compiling' not in second
 
 
-def test_compiled_ahead_of_time_it_starts_at_once(child_env: dict[str, str], tmp_path: Path
-                                                  ) -> None:
+def test_compiled_ahead_of_time_it_starts_at_once(
+    child_env: dict[str, str], tmp_path: Path
+) -> None:
     def compile_command() -> str:
         return subprocess.run(
             [sys.executable, '-m', 'flexx2_sim_ros.cli.main', 'compile', '--no-effects'],
-            env={**os.environ, 'NUMBA_CACHE_DIR': str(tmp_path)}, capture_output=True, text=True,
-            check=True, cwd=ROOT).stdout
+            env={**os.environ, 'NUMBA_CACHE_DIR': str(tmp_path)},
+            capture_output=True,
+            text=True,
+            check=True,
+            cwd=ROOT,
+        ).stdout
+
     assert 'compiled in' in compile_command()
     assert compile_command() == 'everything was compiled before\n'
     assert 'compiling' not in compiling(child_env, tmp_path)

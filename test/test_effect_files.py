@@ -19,15 +19,21 @@ ROOT = Path(__file__).parent.parent
 
 
 def test_sets_are_written_and_read_again(tmp_path: Path) -> None:
-    values = {'wiggling': {'a1': -0.001, 'b4': 1e-5}, 'low_signal_dropout': {'half': 1e-5},
-              'quantisation': {'step': 0.1, 'strength': 0}}
+    values = {
+        'wiggling': {'a1': -0.001, 'b4': 1e-5},
+        'low_signal_dropout': {'half': 1e-5},
+        'quantisation': {'step': 0.1, 'strength': 0},
+    }
     effects = parse_effects(values)
     path = tmp_path / 'some.yaml'
     save_effects(path, effects, 'Two lines\nof comment: {not yaml}')
     assert load_effects(path) == effects
     assert path.read_text().startswith('# Two lines\n# of comment')
-    assert [effect.name for effect in effects] == ['wiggling', 'quantisation',
-                                                   'low_signal_dropout']
+    assert [effect.name for effect in effects] == [
+        'wiggling',
+        'quantisation',
+        'low_signal_dropout',
+    ]
     assert effects[1].step == 0.1
     save_effects(path, ())
     assert load_effects(path) == ()
@@ -64,7 +70,7 @@ def bad_tables() -> Iterator[tuple[Any, str]]:
     yield {'offset': [0.1]}, 'offset'
     yield {'offset': {'bis': 0.1}}, r'offset\.bis.*bias'
     yield {'offset': {7: 0.1}}, r'offset\.7'
-    for value in (0.3, -1, math.nan, math.inf, '0.1', None, True, [0.1], {}, 10 ** 400):
+    for value in (0.3, -1, math.nan, math.inf, '0.1', None, True, [0.1], {}, 10**400):
         yield {'offset': {'bias': value}}, r'offset\.bias: found .* -0.2 to 0.2 m'
     for value in (-0.1, 4.1, 'on'):
         yield {'range_wrap': {'strength': value}}, r'range_wrap\.strength: found .* 0 to 4'
@@ -82,9 +88,20 @@ def test_what_cannot_be_used_is_named(table: Any, named: str, tmp_path: Path) ->
         load_effects(path)
 
 
-@pytest.mark.parametrize('text', ['', 'schema: 2\neffects: {}', 'schema: 1', '- 1', 'effects: {}',
-                                  'schema: 1\neffects: [', 'schema: 1\neffects: 5',
-                                  'schema: 1\neffects: [offset]', '\x00'])
+@pytest.mark.parametrize(
+    'text',
+    [
+        '',
+        'schema: 2\neffects: {}',
+        'schema: 1',
+        '- 1',
+        'effects: {}',
+        'schema: 1\neffects: [',
+        'schema: 1\neffects: 5',
+        'schema: 1\neffects: [offset]',
+        '\x00',
+    ],
+)
 def test_a_ruined_file_is_named(text: str, tmp_path: Path) -> None:
     path = tmp_path / 'bad.yaml'
     path.write_text(text)

@@ -10,12 +10,13 @@ import math
 from typing import Any
 
 from boards import K
-from flexx2_sim_ros.camera import Camera, flexx2, pipeline
-from flexx2_sim_ros.camera.exposure import Stage
+from flexx2_sim_ros.camera import Camera, flexx2
+from flexx2_sim_ros.camera import camera as pipeline
 from flexx2_sim_ros.camera.gray import gray_image
 from flexx2_sim_ros.effects import parse_effects, registry
 from flexx2_sim_ros.effects.effect import CHANNELS
 from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.physics.frame_state import Stage
 import numpy as np
 import pytest
 from signatures import pair, QUIET, SIGNATURES
@@ -24,11 +25,30 @@ from small_scenes import capture, FIELDS, same, scenes, SHADES, SMALL
 NAMES = list(registry())
 PERIOD = 33_333_333
 ORDER = [
-    'pose_error', 'intrinsics_error', 'time_offset', 'flying_pixels', 'multipath', 'stray_light',
-    'motion_artefact', 'wiggling', 'fixed_pattern', 'amplitude_bias', 'offset', 'warm_up_drift',
-    'excess_noise', 'ambient_light', 'heavy_tails', 'lateral_noise', 'range_wrap',
-    'spatial_filter', 'temporal_filter', 'quantisation', 'low_signal_dropout', 'grazing_dropout',
-    'saturation']
+    'pose_error',
+    'intrinsics_error',
+    'time_offset',
+    'flying_pixels',
+    'multipath',
+    'stray_light',
+    'motion_artefact',
+    'wiggling',
+    'fixed_pattern',
+    'amplitude_bias',
+    'offset',
+    'warm_up_drift',
+    'excess_noise',
+    'ambient_light',
+    'heavy_tails',
+    'lateral_noise',
+    'range_wrap',
+    'spatial_filter',
+    'temporal_filter',
+    'quantisation',
+    'low_signal_dropout',
+    'grazing_dropout',
+    'saturation',
+]
 
 
 # (a) It changes what its parameters say; see `signatures`.
@@ -43,8 +63,16 @@ def has_its_signature(name: str) -> None:
 
 COLUMNS, ROWS, FRAMES = 128, 48, 40
 EDGE, AWAY = 64, 24  # pixels: the largest displacement of an edge is 17
-TOLERANCES = {'bias': 0.25e-3, 'noise': 0.02, 'outliers': 0.002, 'frames': 0.03,
-              'neighbours': 0.03, 'validity': 0.004, 'amplitude': 0.002, 'edges': 0.03}
+TOLERANCES = {
+    'bias': 0.25e-3,
+    'noise': 0.02,
+    'outliers': 0.002,
+    'frames': 0.03,
+    'neighbours': 0.03,
+    'validity': 0.004,
+    'amplitude': 0.002,
+    'edges': 0.03,
+}
 
 
 def channels(effects: Any) -> dict[str, np.ndarray]:
@@ -60,16 +88,17 @@ def channels(effects: Any) -> dict[str, np.ndarray]:
     clean = np.broadcast_to(row, (ROWS, COLUMNS))
     shade = np.full((ROWS, COLUMNS), 0.7)
     frame = Camera('Mode_9_30fps', effects=effects, seed=5).capture(
-        clean, matrix, np.arange(FRAMES) * PERIOD, shade)
+        clean, matrix, np.arange(FRAMES) * PERIOD, shade
+    )
     calm = np.ones(COLUMNS, bool)
-    calm[:4] = calm[-4:] = calm[EDGE - AWAY:EDGE + AWAY] = False
+    calm[:4] = calm[-4:] = calm[EDGE - AWAY : EDGE + AWAY] = False
     error = (frame.depth.astype(np.float64) - clean)[:, 6:-6, calm]
     scale = flexx2().mode('Mode_9_30fps').noise.sigma_z(clean, math.atan(0.25))[6:-6, calm]
     rest = error - np.nanmean(error, axis=0)
     known = np.nan_to_num(rest)
-    power = (known ** 2).mean()
+    power = (known**2).mean()
     means = np.nanmean(error, axis=0)
-    seen = np.nan_to_num(frame.depth[:, :, EDGE - AWAY:EDGE + AWAY], nan=9.0)
+    seen = np.nan_to_num(frame.depth[:, :, EDGE - AWAY : EDGE + AWAY], nan=9.0)
     near = (seen < 1.2).sum(axis=2) - AWAY
     between = (seen > 1.05) & (seen < 1.3)
     return {
@@ -80,7 +109,8 @@ def channels(effects: Any) -> dict[str, np.ndarray]:
         'neighbours': np.array([(known[:, :, 1:] * known[:, :, :-1]).mean() / power]),
         'validity': np.array([np.isnan(error).mean()]),
         'amplitude': np.log(np.median(frame.amplitude[:, 6:-6, calm], axis=0)),
-        'edges': np.array([near.mean(), near.std(), between.sum(axis=2).mean()])}
+        'edges': np.array([near.mean(), near.std(), between.sum(axis=2).mean()]),
+    }
 
 
 @pytest.fixture(scope='module')
@@ -93,8 +123,11 @@ def changes_nothing_else(name: str, plain: dict[str, np.ndarray]) -> None:
     kind = registry()[name]
     assert set(kind.changes) <= set(CHANNELS) == set(TOLERANCES)
     found = channels({name: {'strength': 1.5}})
-    changed = {channel for channel, tolerance in TOLERANCES.items()
-               if np.abs(found[channel] - plain[channel]).max() > tolerance}
+    changed = {
+        channel
+        for channel, tolerance in TOLERANCES.items()
+        if np.abs(found[channel] - plain[channel]).max() > tolerance
+    }
     assert changed <= set(kind.changes)
     # It shows here as well, but for what takes far, steep, bright or dark surfaces, or corners.
     elsewhere = {'range_wrap', 'grazing_dropout', 'low_signal_dropout', 'saturation', 'multipath'}
@@ -110,9 +143,13 @@ def costs_nothing_when_off(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
 
     def never(*_: Any) -> None:
         raise AssertionError('the way of effects is taken, although none is on')
-    monkeypatch.setattr(pipeline, 'develop', never)
-    for off in ({name: {'strength': 0}}, [registry()[name](strength=0.0)],
-                {other: {'strength': 0} for other in NAMES}):
+
+    monkeypatch.setattr(pipeline, 'run_stages', never)
+    for off in (
+        {name: {'strength': 0}},
+        [registry()[name](strength=0.0)],
+        {other: {'strength': 0} for other in NAMES},
+    ):
         assert Camera(effects=off).effects == ()
         assert same(capture(off, clean, stamps), wanted)
     with pytest.raises(AssertionError):
@@ -127,23 +164,27 @@ def is_seeded(name: str) -> None:
     stamps = np.arange(8) * PERIOD
     whole = capture(effects, scenes(8), stamps)
     assert same(whole, capture(effects, scenes(8), stamps))
-    other, third = (capture(effects, scenes(8), stamps, **new)
-                    for new in ({'seed': 4}, {'name': 'right'}))
+    other, third = (
+        capture(effects, scenes(8), stamps, **new) for new in ({'seed': 4}, {'name': 'right'})
+    )
     for stranger in (other, third):
         assert not np.isclose(stranger.depth, whole.depth, atol=1e-7).mean() > 0.1 or (
-            name == 'quantisation')
+            name == 'quantisation'
+        )
     some = np.array([0, 3, 4, 7])
     kind = registry()[name]
     clean = np.broadcast_to(scenes(1), (8, 24, 32)) if kind.keeps else scenes(8)
-    whole, part = (capture(effects, clean[chosen], stamps[chosen])
-                   for chosen in (np.arange(8), some))
+    whole, part = (
+        capture(effects, clean[chosen], stamps[chosen]) for chosen in (np.arange(8), some)
+    )
     if name == 'temporal_filter':
         # What it mixes depends on the frame before; what is new in it does not.
         base = capture((), clean, stamps)
         for frames, chosen in ((whole.depth, np.arange(8)), (part.depth, some)):
             new = (frames[1:] - 0.6 * frames[:-1]) / 0.4
             alike = np.isfinite(frames[1:] + frames[:-1]) & (
-                np.abs(base.depth[chosen][1:] - frames[:-1]) < 5 * base.sigma[chosen][1:])
+                np.abs(base.depth[chosen][1:] - frames[:-1]) < 5 * base.sigma[chosen][1:]
+            )
             assert alike.mean() > 0.6
             np.testing.assert_allclose(new[alike], base.depth[chosen][1:][alike], atol=2e-6)
         return
@@ -166,15 +207,28 @@ def batch_equals_loop(name: str) -> None:
         loop = np.stack([getattr(one, field) for one in wanted])
         np.testing.assert_array_equal(getattr(at_once, field), loop)
         np.testing.assert_array_equal(
-            np.stack([getattr(one, field) for one in by_step], axis=1), loop)
+            np.stack([getattr(one, field) for one in by_step], axis=1), loop
+        )
 
 
-@pytest.mark.parametrize('check', [has_its_signature, changes_nothing_else,
-                                   costs_nothing_when_off, is_seeded, batch_equals_loop],
-                         ids=lambda check: check.__name__)
+@pytest.mark.parametrize(
+    'check',
+    [
+        has_its_signature,
+        changes_nothing_else,
+        costs_nothing_when_off,
+        is_seeded,
+        batch_equals_loop,
+    ],
+    ids=lambda check: check.__name__,
+)
 @pytest.mark.parametrize('name', NAMES)
-def test_effect(name: str, check: Callable[..., None], plain: dict[str, np.ndarray],
-                monkeypatch: pytest.MonkeyPatch) -> None:
+def test_effect(
+    name: str,
+    check: Callable[..., None],
+    plain: dict[str, np.ndarray],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     extra = {changes_nothing_else: (plain,), costs_nothing_when_off: (monkeypatch,)}
     check(name, *extra.get(check, ()))
 
@@ -191,7 +245,11 @@ def test_the_registry() -> None:
     for kind in registry().values():
         strength, *others = kind.parameters()
         assert (strength.name, strength.default, strength.low, strength.high) == (
-            'strength', 1.0, 0.0, 4.0)
+            'strength',
+            1.0,
+            0.0,
+            4.0,
+        )
         assert all(p.low <= p.default <= p.high and p.low < p.high and p.text for p in others)
         assert kind.title
         assert kind.source
@@ -221,8 +279,11 @@ def test_everything_on_whatever_is_there(usecase: str, strength: float) -> None:
             assert not frame.confidence[~valid].any()
 
 
-@pytest.mark.parametrize('frequencies', [(20e6,), (60.24e6,), (80.32e6, 60.24e6), (100e6, 20e6),
-                                         (16e6, 80e6, 120e6)], ids=str)
+@pytest.mark.parametrize(
+    'frequencies',
+    [(20e6,), (60.24e6,), (80.32e6, 60.24e6), (100e6, 20e6), (16e6, 80e6, 120e6)],
+    ids=str,
+)
 def test_other_frequencies(frequencies: tuple[float, ...]) -> None:
     """Assert all effects work with one to three frequencies, and where distances wrap."""
     spans = [299_792_458 / 2 / f for f in frequencies]
@@ -234,8 +295,9 @@ def test_other_frequencies(frequencies: tuple[float, ...]) -> None:
         frame = camera.capture(np.full((4, 4), distance), SMALL, 0)
         np.testing.assert_allclose(frame.depth, distance % wrap, rtol=0.01)
     noisy = replace(mode, noise=flexx2().modes[0].noise)
-    camera = Camera(mode.name, profile=replace(profile, modes=(noisy,)),
-                    effects=dict.fromkeys(NAMES))
+    camera = Camera(
+        mode.name, profile=replace(profile, modes=(noisy,)), effects=dict.fromkeys(NAMES)
+    )
     frame = camera.capture(scenes(3), SMALL, np.arange(3) * PERIOD, SHADES)
     assert np.isfinite(frame.depth).mean() > 0.5
 
@@ -254,8 +316,14 @@ KEEPS = {name: {'strength': 2.0} for name, kind in registry().items() if kind.ke
 
 
 def test_what_is_kept_is_forgotten_for_whom_it_is_asked() -> None:
-    assert set(KEEPS) >= {'fixed_pattern', 'temporal_filter', 'warm_up_drift', 'motion_artefact',
-                          'time_offset', 'multipath'}
+    assert set(KEEPS) >= {
+        'fixed_pattern',
+        'temporal_filter',
+        'warm_up_drift',
+        'motion_artefact',
+        'time_offset',
+        'multipath',
+    }
     clean = np.stack([scenes(4), scenes(4) + 0.3])
     stamps = np.array([0, 1, 2, 3]) * 20 * PERIOD
 
@@ -344,13 +412,15 @@ def test_gray_and_confidence_follow_the_light() -> None:
     assert (gray_image(blinded.amplitude, 1.0)[lost] == 255).all()
     assert not blinded.confidence[lost].any()
     assert np.isnan(blinded.sigma[lost]).all()
-    dark, plain = pair('low_signal_dropout', far, 0, np.where(u < 112, 1.0, 0.01),
-                       usecase='Mode_9_30fps')
+    dark, plain = pair(
+        'low_signal_dropout', far, 0, np.where(u < 112, 1.0, 0.01), usecase='Mode_9_30fps'
+    )
     lost = np.isnan(dark.depth)
     assert lost[:, 120:].mean() > 0.9 > 0.1 > lost[:, :100].mean()
     assert not gray_image(dark.amplitude, 1.0)[lost].any()
-    noisy, plain = pair('ambient_light', far, 0, np.where(u < 112, 1.0, 0.2),
-                        usecase='Mode_9_30fps')
+    noisy, plain = pair(
+        'ambient_light', far, 0, np.where(u < 112, 1.0, 0.2), usecase='Mode_9_30fps'
+    )
     valid = np.isfinite(noisy.depth) & np.isfinite(plain.depth)
     less = plain.confidence - noisy.confidence
     assert (less[valid] > 0).all()

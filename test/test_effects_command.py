@@ -23,6 +23,7 @@ def printed(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str])
     def run(*words: str) -> str:
         assert main(list(words)) == 0
         return capsys.readouterr().out
+
     return run
 
 
@@ -37,9 +38,15 @@ def test_the_table_of_parameters(printed: Any) -> None:
         assert rows[start][1] == kind.stage.name.lower()
         items = [item for item in kind.parameters() if item.name != 'strength']
         for offset, item in enumerate(items):
-            wanted = [item.name, f'{item.default:g}', f'{item.low:g}', 'to', f'{item.high:g}',
-                      *item.unit.split()]
-            assert rows[start + offset][-len(wanted):] == wanted
+            wanted = [
+                item.name,
+                f'{item.default:g}',
+                f'{item.low:g}',
+                'to',
+                f'{item.high:g}',
+                *item.unit.split(),
+            ]
+            assert rows[start + offset][-len(wanted) :] == wanted
 
 
 def test_the_table_of_sources(printed: Any) -> None:
@@ -57,11 +64,26 @@ def test_the_page_and_the_presets(printed: Any, tmp_path: Path) -> None:
     assert {path.name: path.read_text() for path in folder.iterdir()} == preset_files()
 
 
-@pytest.mark.parametrize('name', [
-    'pose_error', 'time_offset', 'flying_pixels', 'fixed_pattern', 'offset', 'warm_up_drift',
-    'ambient_light', 'heavy_tails', 'range_wrap', 'spatial_filter', 'quantisation', 'saturation'])
-def test_show_writes_a_picture(name: str, printed: Any, tmp_path: Path,
-                               monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    'name',
+    [
+        'pose_error',
+        'time_offset',
+        'flying_pixels',
+        'fixed_pattern',
+        'offset',
+        'warm_up_drift',
+        'ambient_light',
+        'heavy_tails',
+        'range_wrap',
+        'spatial_filter',
+        'quantisation',
+        'saturation',
+    ],
+)
+def test_show_writes_a_picture(
+    name: str, printed: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(effects_picture, '_FRAMES', 9)
     monkeypatch.chdir(tmp_path)
     out = () if name == 'offset' else ('--out', 'picture')
@@ -76,8 +98,19 @@ def test_show_writes_a_picture(name: str, printed: Any, tmp_path: Path,
 def simulate(folder: Path, *options: str, **arrays: Any) -> dict[str, np.ndarray]:
     """Run flexx2 simulate on a small scene and read what it wrote."""
     np.savez(folder / 'in.npz', clean_depth=np.full((43, 56), 1.5), K=K, **arrays)
-    assert main(['simulate', str(folder / 'in.npz'), str(folder / 'out.npz'), '--frames', '70',
-                 *options]) == 0
+    assert (
+        main(
+            [
+                'simulate',
+                str(folder / 'in.npz'),
+                str(folder / 'out.npz'),
+                '--frames',
+                '70',
+                *options,
+            ]
+        )
+        == 0
+    )
     with np.load(folder / 'out.npz', allow_pickle=False) as archive:
         return {key: archive[key] for key in archive.files}
 
@@ -102,17 +135,26 @@ def test_simulate_with_effects(tmp_path: Path) -> None:
     assert not np.array_equal(plain['depth'], typical['depth'])
 
 
-@pytest.mark.parametrize(('words', 'named'), [
-    (('effects', 'show', 'blur'), "NAME: found 'blur', wanted one of pose_error"),
-    (('effects', 'show', 'offset', '--out', '{folder}/no/where.png'), 'cannot be written'),
-    (('effects', '--write-presets', '{folder}/in.npz'), 'must be a folder, got a file'),
-    (('simulate', '{folder}/in.npz', '{folder}/out.npz', '--effects', '{folder}/no.yaml'),
-     'no.yaml'),
-    (('simulate', '{folder}/in.npz', '{folder}/out.npz', '--effects', '{folder}/bad.yaml'),
-     'bad.yaml: effects: offset.bias: found 3'),
-    (('simulate', '{folder}/in.npz', '{folder}/out.npz', '--effects', 'typica'), 'typica')])
-def test_what_cannot_be_used_is_named(words: tuple[str, ...], named: str, tmp_path: Path,
-                                      capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize(
+    ('words', 'named'),
+    [
+        (('effects', 'show', 'blur'), "NAME: found 'blur', wanted one of pose_error"),
+        (('effects', 'show', 'offset', '--out', '{folder}/no/where.png'), 'cannot be written'),
+        (('effects', '--write-presets', '{folder}/in.npz'), 'must be a folder, got a file'),
+        (
+            ('simulate', '{folder}/in.npz', '{folder}/out.npz', '--effects', '{folder}/no.yaml'),
+            'no.yaml',
+        ),
+        (
+            ('simulate', '{folder}/in.npz', '{folder}/out.npz', '--effects', '{folder}/bad.yaml'),
+            'bad.yaml: effects: offset.bias: found 3',
+        ),
+        (('simulate', '{folder}/in.npz', '{folder}/out.npz', '--effects', 'typica'), 'typica'),
+    ],
+)
+def test_what_cannot_be_used_is_named(
+    words: tuple[str, ...], named: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     np.savez(tmp_path / 'in.npz', clean_depth=np.full((43, 56), 1.5), K=K)
     (tmp_path / 'bad.yaml').write_text('schema: 1\neffects: {offset: {bias: 3}}')
     assert main([word.format(folder=tmp_path) for word in words]) == 2

@@ -42,8 +42,10 @@ def square_coordinates(corners: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.
     rows = []
     for (x, y), (cu, cv) in zip(np.ndindex(7, 5), corners, strict=True):
         x, y = y, x
-        rows += [[x, y, 1, 0, 0, 0, -cu * x, -cu * y, -cu],
-                 [0, 0, 0, x, y, 1, -cv * x, -cv * y, -cv]]
+        rows += [
+            [x, y, 1, 0, 0, 0, -cu * x, -cu * y, -cu],
+            [0, 0, 0, x, y, 1, -cv * x, -cv * y, -cv],
+        ]
     board_to_image = np.linalg.svd(np.array(rows))[2][-1].reshape(3, 3)
     at = np.linalg.inv(board_to_image) @ np.stack([u.ravel(), v.ravel(), np.ones(u.size)])
     return (at[:2] / at[2]).reshape(2, *u.shape)
@@ -56,9 +58,11 @@ def views() -> tuple[View, ...]:
         arrays = {key: data[key] for key in data.files}
     found = []
     for k, (x0, y0, x1, y1) in enumerate(arrays['box_x0y0x1y1']):
-        part = slice(*arrays['offset'][k:k + 2])
-        depth, infrared = (arrays[key][part].reshape(y1 - y0, x1 - x0).astype(float)
-                           for key in ('depth_mm', 'ir16'))
+        part = slice(*arrays['offset'][k : k + 2])
+        depth, infrared = (
+            arrays[key][part].reshape(y1 - y0, x1 - x0).astype(float)
+            for key in ('depth_mm', 'ir16')
+        )
         v, u = np.mgrid[y0:y1, x0:x1].astype(float)
         at = square_coordinates(arrays['corners_px'][k].reshape(-1, 2), u, v)
         # Squares without their borders, where the pixel is on both.
@@ -67,8 +71,16 @@ def views() -> tuple[View, ...]:
         kind = np.floor(at).astype(int).sum(axis=0) % 2
         halves = [core & (kind == one) for one in (0, 1)]
         halves.sort(key=lambda half: np.median(infrared[half]))
-        found.append(View(depth / 1e3, infrared, (u - CENTRE[0]) / FOCAL,
-                          (v - CENTRE[1]) / FOCAL, halves[1], halves[0]))
+        found.append(
+            View(
+                depth / 1e3,
+                infrared,
+                (u - CENTRE[0]) / FOCAL,
+                (v - CENTRE[1]) / FOCAL,
+                halves[1],
+                halves[0],
+            )
+        )
     return tuple(found)
 
 
@@ -88,10 +100,11 @@ def seen(name: str, amplitude: np.ndarray, **parameters: float) -> np.ndarray:
     """Return what a wall at 1 m becomes that sends these amplitudes (n,), at most 1, back."""
     matrix = np.array([[1e6, 0, 500], [0, 1e6, 500], [0, 0, 1]])  # all pixels are head-on
     paint = np.zeros((-(-amplitude.size // 1000), 1000))
-    paint.flat[:amplitude.size] = amplitude
+    paint.flat[: amplitude.size] = amplitude
     frame = Camera('Mode_9_30fps', profile=QUIET, effects={name: parameters}, seed=1).capture(
-        np.ones(paint.shape), matrix, 0, paint)
-    return frame.depth.ravel()[:amplitude.size]
+        np.ones(paint.shape), matrix, 0, paint
+    )
+    return frame.depth.ravel()[: amplitude.size]
 
 
 def fit_logistic(x: np.ndarray, lost: np.ndarray) -> tuple[float, float]:
@@ -109,13 +122,17 @@ def fit_logistic(x: np.ndarray, lost: np.ndarray) -> tuple[float, float]:
 def shares(x: np.ndarray, lost: np.ndarray, edges: np.ndarray, fewest: int = 100) -> np.ndarray:
     """Return the share lost in every bin, NaN where there are few pixels."""
     index = np.digitize(x, edges) - 1
-    return np.array([lost[index == i].mean() if (index == i).sum() >= fewest else np.nan
-                     for i in range(len(edges) - 1)])
+    return np.array(
+        [
+            lost[index == i].mean() if (index == i).sum() >= fewest else np.nan
+            for i in range(len(edges) - 1)
+        ]
+    )
 
 
 def rms(values: np.ndarray) -> float:
     """Return the root mean square of what is known."""
-    return float(np.sqrt(np.nanmean(values ** 2)))
+    return float(np.sqrt(np.nanmean(values**2)))
 
 
 def black_squares(chosen: Any) -> np.ndarray:
@@ -127,8 +144,12 @@ def black_squares(chosen: Any) -> np.ndarray:
             continue
         plane = board_plane(view, view.white)
         rest = view.depth - 1 / (plane[0] + plane[1] * view.x + plane[2] * view.y)
-        rows.append([*(np.log(np.median(view.infrared[half])) for half in known),
-                     np.median(rest[known[1]])])
+        rows.append(
+            [
+                *(np.log(np.median(view.infrared[half])) for half in known),
+                np.median(rest[known[1]]),
+            ]
+        )
     return np.array(rows)
 
 
@@ -159,13 +180,20 @@ def test_amplitude_bias_of_a_kinect(half: int) -> None:
     _, knee, _, slope = best
     assert -0.1 < slope < -0.01
     # What the effect makes of the other views, squares of both colours.
-    white, black = (seen('amplitude_bias', np.exp(other[:, i] - scale), slope=slope,
-                         knee=np.exp(knee - scale)) for i in (0, 1))
+    white, black = (
+        seen('amplitude_bias', np.exp(other[:, i] - scale), slope=slope, knee=np.exp(knee - scale))
+        for i in (0, 1)
+    )
     predicted, measured = black - white, other[:, 2]
     bins = np.log([650, 800, 900, 1000, 1200, 1600, 2200, 3000, 5000])
     index = np.digitize(other[:, 1], bins)
-    curves = np.array([[np.median(one[index == i]) for one in (measured, predicted)]
-                       for i in range(1, len(bins)) if (index == i).sum() >= 3])
+    curves = np.array(
+        [
+            [np.median(one[index == i]) for one in (measured, predicted)]
+            for i in range(1, len(bins))
+            if (index == i).sum() >= 3
+        ]
+    )
     assert len(curves) >= 6
     # Both curves less their level at the bright end: where zero is, is the board's flatness.
     curves -= curves[-2:].mean(axis=0)
@@ -187,8 +215,8 @@ def white_amplitudes(chosen: Any, light: np.ndarray | None) -> tuple[np.ndarray,
     for view in chosen:
         a, b, c = board_plane(view, view.white | view.black)
         x, y = view.x[view.white], view.y[view.white]
-        inverse, ray = a + b * x + c * y, np.sqrt(1 + x ** 2 + y ** 2)
-        cosine = inverse / np.sqrt(a ** 2 + b ** 2 + c ** 2) / ray
+        inverse, ray = a + b * x + c * y, np.sqrt(1 + x**2 + y**2)
+        cosine = inverse / np.sqrt(a**2 + b**2 + c**2) / ray
         geometry.append(np.log(cosine * (inverse / ray) ** 2))
         design.append(np.stack([np.ones_like(x), x, y, x * x, y * y, x * y], axis=1))
         infrared.append(view.infrared[view.white])
@@ -211,10 +239,15 @@ def test_saturation_of_a_kinect(half: int) -> None:
     amplitude, _, lost, light = white_amplitudes(views()[half::2], None)
     middle, slope = fit_logistic(amplitude, lost.astype(float))
     assert 4e4 < np.exp(middle) < 9e4  # where the infrared image ends
-    amplitude, infrared, lost, _ = white_amplitudes(views()[1 - half::2], light)
+    amplitude, infrared, lost, _ = white_amplitudes(views()[1 - half :: 2], light)
     scale = np.log(BRIGHTEST)
-    frame = seen('saturation', np.exp(amplitude - scale), half=np.exp(middle - scale),
-                 slope=slope, gloss=0.0)
+    frame = seen(
+        'saturation',
+        np.exp(amplitude - scale),
+        half=np.exp(middle - scale),
+        slope=slope,
+        gloss=0.0,
+    )
     edges = np.log(np.geomspace(2.5e4, 1.3e5, 10))
     measured, predicted = (shares(amplitude, one, edges) for one in (lost, np.isnan(frame)))
     unexplained = rms(predicted - measured)
@@ -235,16 +268,22 @@ def test_low_signal_dropout_of_a_kinect(half: int) -> None:
 
     Within 0.06 root mean square: the real curve has a shoulder, a logistic has none.
     """
+
     def dark(start: int) -> tuple[np.ndarray, np.ndarray]:
         infrared = np.concatenate([view.infrared.ravel()[::5] for view in views()[start::2]])
         lost = np.concatenate([view.depth.ravel()[::5] == 0 for view in views()[start::2]])
         use = (infrared > 0) & (infrared < 2e4)
         return np.log(infrared[use]), lost[use]
+
     brightness, lost = dark(half)
     middle, slope = fit_logistic(brightness, lost.astype(float))
     brightness, lost = dark(1 - half)
-    frame = seen('low_signal_dropout', np.exp(brightness) / BRIGHTEST, slope=-slope,
-                 half=np.exp(middle) / BRIGHTEST)
+    frame = seen(
+        'low_signal_dropout',
+        np.exp(brightness) / BRIGHTEST,
+        slope=-slope,
+        half=np.exp(middle) / BRIGHTEST,
+    )
     edges = np.log(np.geomspace(120, 1.9e4, 10))
     measured, predicted = (shares(brightness, one, edges) for one in (lost, np.isnan(frame)))
     unexplained = rms(predicted - measured)
@@ -266,11 +305,16 @@ def test_low_signal_dropout_of_an_azure_kinect(half: int) -> None:
     brightness, lost = np.log(np.maximum(infrared, 1)), depth == 0
     fit, other = use & (tiles == half), use & (tiles != half)
     middle, slope = fit_logistic(brightness[fit], lost[fit].astype(float))
-    frame = seen('low_signal_dropout', np.exp(brightness[other]) / BRIGHTEST, slope=-slope,
-                 half=np.exp(middle) / BRIGHTEST)
+    frame = seen(
+        'low_signal_dropout',
+        np.exp(brightness[other]) / BRIGHTEST,
+        slope=-slope,
+        half=np.exp(middle) / BRIGHTEST,
+    )
     edges = np.log([10, 20, 30, 40, 60, 80, 110, 150, 200, 300, 1000])
-    measured, predicted = (shares(brightness[other], one, edges)
-                           for one in (lost[other], np.isnan(frame)))
+    measured, predicted = (
+        shares(brightness[other], one, edges) for one in (lost[other], np.isnan(frame))
+    )
     unexplained = rms(predicted - measured)
     print(f'low signal: {rms(measured):.2f} lost, {unexplained:.3f} unexplained')
     assert measured[0] > 0.95 > 0.02 > measured[-1]

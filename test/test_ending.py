@@ -28,10 +28,18 @@ def start(tmp_path: Path) -> Iterator[Start]:
     started: list[subprocess.Popen[str]] = []
 
     def run(*words: object) -> 'subprocess.Popen[str]':
-        started.append(subprocess.Popen(
-            [sys.executable, '-m', 'flexx2_sim_ros.cli.main', *map(str, words)], env=env,
-            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path))
+        started.append(
+            subprocess.Popen(
+                [sys.executable, '-m', 'flexx2_sim_ros.cli.main', *map(str, words)],
+                env=env,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+                text=True,
+                cwd=tmp_path,
+            )
+        )
         return started[-1]
+
     yield run
     for process in started:
         process.kill()
@@ -47,8 +55,11 @@ def family(folder: Path) -> list[int]:
     found = []
     for entry in Path('/proc').iterdir():
         with suppress(OSError):
-            if entry.name.isdigit() and int(entry.name) != os.getpid() and mark in (
-                    entry / 'environ').read_bytes():
+            if (
+                entry.name.isdigit()
+                and int(entry.name) != os.getpid()
+                and mark in (entry / 'environ').read_bytes()
+            ):
                 found.append(int(entry.name))
     return found
 
@@ -84,8 +95,14 @@ def campaign(tmp_path: Path) -> Path:
     matrix = np.array([[52.0, 0.0, 27.5], [0.0, 53.0, 21.0], [0.0, 0.0, 1.0]])
     depth = clean + np.random.default_rng(1).normal(0, 0.003, (40, 43, 56)).astype('f4')
     for name in ('a', 'b'):
-        np.savez(folder / f'{name}.npz', clean_depth=clean, K=matrix, depth=depth,
-                 usecase='Mode_9_30fps', stamp=np.arange(40) / 30)
+        np.savez(
+            folder / f'{name}.npz',
+            clean_depth=clean,
+            K=matrix,
+            depth=depth,
+            usecase='Mode_9_30fps',
+            stamp=np.arange(40) / 30,
+        )
     return folder
 
 
@@ -102,8 +119,9 @@ COMMANDS = {
 @pytest.mark.parametrize('number', SIGNALS)
 @pytest.mark.parametrize('seconds', [0.0, 2.0])
 @pytest.mark.parametrize('name', ['simulate', 'diagnose', 'capture'])
-def test_a_signal(tmp_path: Path, start: Start, campaign: Path, name: str, number: signal.Signals,
-                  seconds: float) -> None:
+def test_a_signal(
+    tmp_path: Path, start: Start, campaign: Path, name: str, number: signal.Signals, seconds: float
+) -> None:
     """Assert 130 and 143, silence, no leftovers and no processes, however early it comes."""
     process = start(*COMMANDS[name])
     until(lambda: handles_signals(process), 'the command does not handle signals')
@@ -118,12 +136,14 @@ def test_a_signal(tmp_path: Path, start: Start, campaign: Path, name: str, numbe
 
 
 @pytest.mark.parametrize('name', ['capture', 'fit', 'diagnose', 'benchmark'])
-def test_workers_end_with_a_killed_command(tmp_path: Path, start: Start, campaign: Path,
-                                           name: str) -> None:
+def test_workers_end_with_a_killed_command(
+    tmp_path: Path, start: Start, campaign: Path, name: str
+) -> None:
     """Assert no worker is left of a command that was killed with kill -9."""
     process = start(*COMMANDS[name])
-    until(lambda: len(family(tmp_path)) >= 4 or process.poll() is not None,
-          'there are no workers')  # the command, its resource tracker, two workers
+    until(
+        lambda: len(family(tmp_path)) >= 4 or process.poll() is not None, 'there are no workers'
+    )  # the command, its resource tracker, two workers
     process.kill()
     process.communicate(timeout=PATIENCE)
     until(lambda: not family(tmp_path), 'a worker outlives its command')

@@ -3,13 +3,14 @@
 import json
 from pathlib import Path
 
-from flexx2_sim_ros.benchmark import score
 from flexx2_sim_ros.cli.main import main
+from flexx2_sim_ros.validation.benchmark import score
 import pytest
 
 
-def test_the_quick_benchmark_reaches_its_floors(tmp_path: Path,
-                                                capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_quick_benchmark_reaches_its_floors(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(['gap', 'benchmark', '--quick', '--out', str(tmp_path), '--jobs', '2']) == 0
     assert 'single effects, strength 1: right' in capsys.readouterr().out
     assert (tmp_path / 'benchmark.md').is_file()

@@ -8,7 +8,7 @@ from bench.gap_campaigns import write_campaign
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap import diagnose
-from flexx2_sim_ros.gap.evidence import with_uptime
+from flexx2_sim_ros.gap.features.evidence import with_uptime
 from flexx2_sim_ros.recording.convert import convert
 from made_bags import camera_entries, depths, SECOND, usecase, write
 import numpy as np
@@ -24,8 +24,9 @@ def change(path: Path, **changes: Any) -> None:
     np.savez(path, **{k: v for k, v in content.items() if v is not None})
 
 
-def test_bad_recordings_are_left_out_and_said(tmp_path: Path,
-                                              capsys: pytest.CaptureFixture[str]) -> None:
+def test_bad_recordings_are_left_out_and_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     folder = tmp_path / 'campaign'
     write_campaign(folder, seed=8, recordings=17, **TINY)
     files = sorted(folder.glob('*.npz'))
@@ -42,13 +43,16 @@ def test_bad_recordings_are_left_out_and_said(tmp_path: Path,
         ({'usecase': np.array('Mode_7')}, 'Mode_7'),
         ({'clean_depth': np.full_like(clean, np.nan)}, 'clean_depth'),
         ({'clean_depth': None}, 'clean_depth'),
-        ({'depth': np.where(left, np.nan, depth), 'clean_depth': np.where(left, clean, np.nan)},
-         'no pixel is valid in both'),
+        (
+            {'depth': np.where(left, np.nan, depth), 'clean_depth': np.where(left, clean, np.nan)},
+            'no pixel is valid in both',
+        ),
         ({'distortion': np.full(5, np.nan)}, 'distortion'),
         ({'reflectivity': np.full(clean.shape, 200.0)}, 'reflectivity: found up to 200'),
         ({'uptime': np.zeros(4)}, 'uptime: found float64 of shape (4,)'),
         ({'uptime': np.array(1.7e9)}, 'uptime: found 1.7e+09'),
-        ({'K': np.eye(3) * np.nan}, 'K')]
+        ({'K': np.eye(3) * np.nan}, 'K'),
+    ]
     for file, (changes, _) in zip(files, wrong, strict=False):
         change(file, **changes)
     broken = folder / 'cut[off].npz'  # which rich would take for markup
@@ -70,7 +74,8 @@ def test_bad_recordings_are_left_out_and_said(tmp_path: Path,
 
 @pytest.mark.parametrize('kind', ['empty', 'absent', 'broken'])
 def test_nothing_usable_is_an_error_and_writes_nothing(
-        kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     folder = tmp_path / 'campaign'
     if kind != 'absent':
         folder.mkdir()
@@ -83,17 +88,23 @@ def test_nothing_usable_is_an_error_and_writes_nothing(
 
 
 def test_a_place_that_cannot_be_written_to_is_said_before_the_work(
-        tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     write_campaign(tmp_path / 'campaign', seed=1, recordings=1, **TINY)
     (tmp_path / 'file').write_text('')
     (tmp_path / 'taken' / 'effects.yaml').mkdir(parents=True)
-    for out, words in ((tmp_path / 'file', 'a file'),
-                       (tmp_path / 'file' / 'in', 'not a directory'),
-                       (tmp_path / 'taken', 'got a folder')):
+    for out, words in (
+        (tmp_path / 'file', 'a file'),
+        (tmp_path / 'file' / 'in', 'not a directory'),
+        (tmp_path / 'taken', 'got a folder'),
+    ):
         began = []
         with pytest.raises(InputError, match=f'--out: .*{words}'):
-            diagnose(tmp_path / 'campaign', out=out,
-                     progress=lambda text, share, began=began: began.append(text))
+            diagnose(
+                tmp_path / 'campaign',
+                out=out,
+                progress=lambda text, share, began=began: began.append(text),
+            )
         assert not began
         assert main(['gap', 'diagnose', str(tmp_path / 'campaign'), '--out', str(out)]) == 2
         assert '--out' in capsys.readouterr().err
@@ -127,8 +138,9 @@ def test_a_bag_whose_mode_changes_is_left_out(tmp_path: Path) -> None:
 
 
 def test_a_recording_with_hardly_any_surface_spoils_nothing(tmp_path: Path) -> None:
-    write_campaign(tmp_path, seed=3, effects={'excess_noise': {'factor': 1.6}}, recordings=4,
-                   **TINY)
+    write_campaign(
+        tmp_path, seed=3, effects={'excess_noise': {'factor': 1.6}}, recordings=4, **TINY
+    )
     path = min(tmp_path.glob('*.npz'))
     with np.load(path) as archive:
         clean = archive['clean_depth']
@@ -151,13 +163,34 @@ def test_what_the_command_is_told_is_heeded(tmp_path: Path) -> None:
     folder, out = tmp_path / 'campaign', tmp_path / 'out'
     # Scattered poses, as in `test_scattered_poses_are_a_finding`; here they are what is usual.
     write_campaign(folder, seed=6, pose=(0.012, 0.7), scale=0.5, recordings=4, frames=8, moving=1)
-    assert main(['gap', 'diagnose', str(folder), '--out', str(out), '--jobs', '1', '--seed', '4',
-                 '--without', 'offset', '--without', 'multipath', '--pose-prior', '0.05',
-                 '3']) == 0
+    assert (
+        main(
+            [
+                'gap',
+                'diagnose',
+                str(folder),
+                '--out',
+                str(out),
+                '--jobs',
+                '1',
+                '--seed',
+                '4',
+                '--without',
+                'offset',
+                '--without',
+                'multipath',
+                '--pose-prior',
+                '0.05',
+                '3',
+            ]
+        )
+        == 0
+    )
     table = json.loads((out / 'diagnosis.json').read_text())
     assert 'pose_error' not in {row['name'] for row in table['effects']}
     # Nor among what came nearest to explaining a gap.
-    assert not {'offset', 'multipath'} & {row['name'] for row in
-                                          table['effects'] + table['alternatives']}
+    assert not {'offset', 'multipath'} & {
+        row['name'] for row in table['effects'] + table['alternatives']
+    }
     assert {row['name'] for row in table['not_considered']} == {'offset', 'multipath'}
     assert max(abs(row['pose'][3]) for row in table['recordings']) > 1.0

@@ -12,14 +12,26 @@ from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.effects import load_effects
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap import diagnose, measure
-from flexx2_sim_ros.gap.words import headline
+from flexx2_sim_ros.gap.report.words import headline
 import numpy as np
 import pytest
 
 # Half of the resolution and few recordings: what a test can afford.
 SMALL: dict[str, Any] = {'scale': 0.5, 'recordings': 4, 'frames': 8, 'moving': 1}
-KEYS = ['schema', 'verdict', 'effects', 'alternatives', 'unexplained', 'where', 'gap',
-        'recordings', 'not_considered', 'seconds', 'peak_mb', 'version']
+KEYS = [
+    'schema',
+    'verdict',
+    'effects',
+    'alternatives',
+    'unexplained',
+    'where',
+    'gap',
+    'recordings',
+    'not_considered',
+    'seconds',
+    'peak_mb',
+    'version',
+]
 
 
 @pytest.fixture(scope='module')
@@ -29,8 +41,9 @@ def filtered(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_finds_an_effect_and_writes_what_it_found(filtered: Path, tmp_path: Path,
-                                                  capsys: pytest.CaptureFixture[str]) -> None:
+def test_finds_an_effect_and_writes_what_it_found(
+    filtered: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     out = tmp_path / 'out'
     assert main(['gap', 'diagnose', str(filtered), '--out', str(out), '--jobs', '1']) == 0
     assert 'temporal filter' in capsys.readouterr().err
@@ -38,7 +51,7 @@ def test_finds_an_effect_and_writes_what_it_found(filtered: Path, tmp_path: Path
     assert list(table) == KEYS
     assert table['schema'] == 1
     assert table['verdict'] == 'identified'
-    effect, = table['effects']
+    (effect,) = table['effects']
     assert effect['name'] == 'temporal_filter'
     assert effect['parameters']['share'] == pytest.approx(0.4, abs=0.06)
     low, high = effect['interval']
@@ -49,14 +62,26 @@ def test_finds_an_effect_and_writes_what_it_found(filtered: Path, tmp_path: Path
     assert gap['shrink'] > 0.5
     for unit in ('wasserstein_mm', 'invalid_rate', 'kl_nats', 'correlation'):
         assert set(gap[unit]) == {'before', 'after', 'null', 'shrink', 'interval'}
-    assert {'covariate', 'low', 'high', 'unit', 'channel', 'size', 'unit_size',
-            'q_value', 'detail'} == set(table['where'][0])
+    assert {
+        'covariate',
+        'low',
+        'high',
+        'unit',
+        'channel',
+        'size',
+        'unit_size',
+        'q_value',
+        'detail',
+    } == set(table['where'][0])
     assert {'lag', 'log_variance'} <= {cell['channel'] for cell in table['where']}
     assert all(cell['size'] > 0 for cell in table['where'] if cell['channel'] == 'lag')
-    loaded, = load_effects(out / 'effects.yaml')
+    (loaded,) = load_effects(out / 'effects.yaml')
     assert loaded.name == 'temporal_filter'
     assert sorted(path.name for path in out.iterdir()) == [
-        'diagnosis.json', 'effects.yaml', 'report.html']
+        'diagnosis.json',
+        'effects.yaml',
+        'report.html',
+    ]
     text = (out / 'report.html').read_text()
     check_page(text)
     # What a filter changes is drawn, not what it leaves alone.
@@ -64,20 +89,30 @@ def test_finds_an_effect_and_writes_what_it_found(filtered: Path, tmp_path: Path
 
 
 def test_the_page_in_a_browser(tmp_path: Path) -> None:
-    write_campaign(tmp_path / 'campaign', seed=3, effects={'temporal_filter': {}}, scale=0.25,
-                   recordings=3, frames=6, moving=0)
+    write_campaign(
+        tmp_path / 'campaign',
+        seed=3,
+        effects={'temporal_filter': {}},
+        scale=0.25,
+        recordings=3,
+        frames=6,
+        moving=0,
+    )
     diagnose(tmp_path / 'campaign', out=tmp_path / 'out')
     with chromium(tmp_path) as browser:
         browser.open((tmp_path / 'out' / 'report.html').as_uri())
         assert browser.evaluate('[...document.images].every((one) => one.naturalWidth > 50)')
         assert browser.evaluate('document.querySelectorAll("figure svg polyline").length') >= 6
         assert browser.evaluate('document.querySelector("h1").textContent').startswith(
-            'The gap is due to')
+            'The gap is due to'
+        )
 
 
 def check_page(text: str) -> None:
     """Assert that a page is whole and needs nothing from elsewhere."""
+
     class Parser(HTMLParser):
+        """Note every tag; refuse links to elsewhere."""
 
         def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
             seen.append(tag)
@@ -91,12 +126,22 @@ def check_page(text: str) -> None:
     assert 'nan' not in text.split('</style>')[1].replace('resonance', '')
 
 
-@pytest.mark.parametrize(('effects', 'verdict'), [
-    (None, 'none'), ({'amplitude_bias': {}}, 'identified')])
-def test_a_known_lens_is_no_gap(tmp_path: Path, effects: dict[str, Any] | None,
-                                verdict: str) -> None:
-    write_campaign(tmp_path, seed=31, effects=effects, scale=0.5, recordings=5, frames=8,
-                   moving=1, distortion=(-0.25, 0.0, 0.0, 0.0, 0.0))
+@pytest.mark.parametrize(
+    ('effects', 'verdict'), [(None, 'none'), ({'amplitude_bias': {}}, 'identified')]
+)
+def test_a_known_lens_is_no_gap(
+    tmp_path: Path, effects: dict[str, Any] | None, verdict: str
+) -> None:
+    write_campaign(
+        tmp_path,
+        seed=31,
+        effects=effects,
+        scale=0.5,
+        recordings=5,
+        frames=8,
+        moving=1,
+        distortion=(-0.25, 0.0, 0.0, 0.0, 0.0),
+    )
     table = diagnose(tmp_path, jobs=2)
     assert table['verdict'] == verdict
     assert [effect['name'] for effect in table['effects']] == list(effects or ())
@@ -140,18 +185,36 @@ def test_what_no_catalogue_has_is_unknown(tmp_path: Path) -> None:
     assert table['verdict'] == 'unknown'
     assert table['effects'] == []
     assert {'neighbour', 'row_common'} & {row['structure'] for row in table['unexplained']}
-    patch, = load_effects(tmp_path / 'out' / 'effects.yaml')
+    (patch,) = load_effects(tmp_path / 'out' / 'effects.yaml')
     assert patch.name == 'residual_patch'
     assert 'WITHOUT A CAUSE' in (tmp_path / 'out' / 'effects.yaml').read_text()
     assert 0 <= table['patch']['shrink'] <= 1
     scene = next(tmp_path.glob('*.npz'))
-    assert main(['simulate', str(scene), str(tmp_path / 'again.npz'), '--frames', '4',
-                 '--effects', str(tmp_path / 'out' / 'effects.yaml')]) == 0
+    assert (
+        main(
+            [
+                'simulate',
+                str(scene),
+                str(tmp_path / 'again.npz'),
+                '--frames',
+                '4',
+                '--effects',
+                str(tmp_path / 'out' / 'effects.yaml'),
+            ]
+        )
+        == 0
+    )
 
 
 def test_what_given_effects_take_off_is_measured(filtered: Path) -> None:
-    none, right, wrong = (measure(filtered, effects)['shrink'] for effects in (
-        {}, {'temporal_filter': {'share': 0.4}}, {'temporal_filter': {'share': 0.9}}))
+    none, right, wrong = (
+        measure(filtered, effects)['shrink']
+        for effects in (
+            {},
+            {'temporal_filter': {'share': 0.4}},
+            {'temporal_filter': {'share': 0.9}},
+        )
+    )
     assert none == 0
     assert right > 0.6
     assert wrong < 0.3
@@ -167,13 +230,37 @@ def test_the_commands_of_the_readme(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     camera = np.array([[210.6, 0, 111.5], [0, 212.9, 85.5], [0, 0, 1]])
     np.savez('scene.npz', clean_depth=np.full((172, 224), 1.5), K=camera)
     Path('recordings').mkdir()
-    assert main(['simulate', 'scene.npz', 'recordings/one.npz', '--frames', '20',
-                 '--effects', 'temporal_filter']) == 0
+    assert (
+        main(
+            [
+                'simulate',
+                'scene.npz',
+                'recordings/one.npz',
+                '--frames',
+                '20',
+                '--effects',
+                'temporal_filter',
+            ]
+        )
+        == 0
+    )
     assert main(['gap', 'diagnose', 'recordings', '--out', 'diagnosis', '--jobs', '1']) == 0
-    effect, = load_effects(Path('diagnosis/effects.yaml'))
+    (effect,) = load_effects(Path('diagnosis/effects.yaml'))
     assert effect.name == 'temporal_filter'
-    assert main(['simulate', 'scene.npz', 'out.npz', '--frames', '3',
-                 '--effects', 'diagnosis/effects.yaml']) == 0
+    assert (
+        main(
+            [
+                'simulate',
+                'scene.npz',
+                'out.npz',
+                '--frames',
+                '3',
+                '--effects',
+                'diagnosis/effects.yaml',
+            ]
+        )
+        == 0
+    )
 
 
 def test_an_effect_left_out_is_not_named(filtered: Path) -> None:
@@ -183,16 +270,24 @@ def test_an_effect_left_out_is_not_named(filtered: Path) -> None:
 
 
 def test_one_recording_has_nothing_held_out_and_says_so(tmp_path: Path) -> None:
-    write_campaign(tmp_path, seed=9, effects={'spatial_filter': {}}, scale=0.25, recordings=1,
-                   frames=6, moving=0)
+    write_campaign(
+        tmp_path,
+        seed=9,
+        effects={'spatial_filter': {}},
+        scale=0.25,
+        recordings=1,
+        frames=6,
+        moving=0,
+    )
     table = diagnose(tmp_path)
     assert table['gap']['held_out'] is False
     assert table['gap']['interval'] is None
     assert 'one recording' in table['gap']['note']
 
 
-@pytest.mark.parametrize('arguments', [
-    {'without': ['no_such']}, {'seed': -1}, {'jobs': 0}, {'pose_prior': (0.0, 1.0)}])
+@pytest.mark.parametrize(
+    'arguments', [{'without': ['no_such']}, {'seed': -1}, {'jobs': 0}, {'pose_prior': (0.0, 1.0)}]
+)
 def test_wrong_arguments_are_refused(arguments: dict[str, Any], tmp_path: Path) -> None:
     with pytest.raises(InputError, match=next(iter(arguments))):
         diagnose(tmp_path, **arguments)

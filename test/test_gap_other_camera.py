@@ -5,11 +5,11 @@ from pathlib import Path
 from typing import Any
 
 from flexx2_sim_ros.camera import Camera
-from flexx2_sim_ros.camera.profiles import load_profile
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.effects import registry
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap import measure
+from flexx2_sim_ros.profiles.files import load_profile
 import numpy as np
 import pytest
 import yaml
@@ -21,7 +21,7 @@ PHASE = {'flying_pixels', 'multipath', 'stray_light', 'motion_artefact', 'wiggli
 
 def wall(distance: float, angle_deg: float) -> np.ndarray:
     """Return (H, W) metres of a wall turned about the vertical."""
-    u = np.mgrid[:SIZE[0], :SIZE[1]][1]
+    u = np.mgrid[: SIZE[0], : SIZE[1]][1]
     return distance / (1 - np.tan(np.radians(angle_deg)) * (u - K[0, 2]) / K[0, 0])
 
 
@@ -32,11 +32,18 @@ def profile(tmp_path_factory: pytest.TempPathFactory) -> Path:
     rng = np.random.default_rng(5)
     for i, (distance, angle) in enumerate(((0.6, 5), (0.9, 40), (1.3, 10), (1.8, 45), (2.2, 20))):
         clean = wall(distance, angle)
-        depth = clean + (0.001 + 0.001 * clean ** 2) * rng.standard_normal((30, *SIZE))
-        np.savez(folder / f'board{i}.npz', depth=depth.astype(np.float32), K=K,
-                 stamp=np.arange(30) / 15, usecase='stereo')
-    assert main(['characterize', 'fit', str(folder), '--out', str(folder / 'result'),
-                 '--jobs', '1']) == 0
+        depth = clean + (0.001 + 0.001 * clean**2) * rng.standard_normal((30, *SIZE))
+        np.savez(
+            folder / f'board{i}.npz',
+            depth=depth.astype(np.float32),
+            K=K,
+            stamp=np.arange(30) / 15,
+            usecase='stereo',
+        )
+    assert (
+        main(['characterize', 'fit', str(folder), '--out', str(folder / 'result'), '--jobs', '1'])
+        == 0
+    )
     return folder / 'result' / 'profile.yaml'
 
 
@@ -46,24 +53,53 @@ def campaign(profile: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp('campaign')
     effects = folder / 'offset.yaml'
     effects.write_text('schema: 1\neffects: {offset: {bias: 0.005}}\n')
-    for i, (distance, angle) in enumerate(((0.7, 10), (0.9, 30), (1.1, 0), (1.4, 40), (1.6, 20),
-                                           (1.8, 5))):
+    for i, (distance, angle) in enumerate(
+        ((0.7, 10), (0.9, 30), (1.1, 0), (1.4, 40), (1.6, 20), (1.8, 5))
+    ):
         scene = folder / f'scene{i}'
         np.savez(scene, clean_depth=wall(distance, angle), K=K)
         (folder / 'recordings').mkdir(exist_ok=True)
-        assert main(['simulate', f'{scene}.npz', str(folder / 'recordings' / f'wall{i}.npz'),
-                     '--profile', str(profile), '--frames', '10', '--effects', str(effects)]) == 0
+        assert (
+            main(
+                [
+                    'simulate',
+                    f'{scene}.npz',
+                    str(folder / 'recordings' / f'wall{i}.npz'),
+                    '--profile',
+                    str(profile),
+                    '--frames',
+                    '10',
+                    '--effects',
+                    str(effects),
+                ]
+            )
+            == 0
+        )
     return folder / 'recordings'
 
 
 def test_the_whole_road_with_a_camera_of_unknown_modulation(
-        profile: Path, campaign: Path, tmp_path: Path,
-        capsys: pytest.CaptureFixture[str]) -> None:
-    mode, = yaml.safe_load(profile.read_text())['modes'].values()
+    profile: Path, campaign: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (mode,) = yaml.safe_load(profile.read_text())['modes'].values()
     assert mode['modulation_hz'] is None
     out = tmp_path / 'out'
-    assert main(['gap', 'diagnose', str(campaign), '--profile', str(profile), '--out', str(out),
-                 '--jobs', '1']) == 0
+    assert (
+        main(
+            [
+                'gap',
+                'diagnose',
+                str(campaign),
+                '--profile',
+                str(profile),
+                '--out',
+                str(out),
+                '--jobs',
+                '1',
+            ]
+        )
+        == 0
+    )
     said = ' '.join(capsys.readouterr().err.split())
     assert 'needs the modulation frequencies, which the profile does not give' in said
     table = json.loads((out / 'diagnosis.json').read_text())
@@ -71,7 +107,7 @@ def test_the_whole_road_with_a_camera_of_unknown_modulation(
     assert all('modulation frequencies' in row['reason'] for row in table['not_considered'])
     assert 'modulation frequencies' in (out / 'report.html').read_text()
     assert table['verdict'] == 'identified'
-    effect, = table['effects']
+    (effect,) = table['effects']
     assert effect['name'] == 'offset'
     assert effect['parameters']['bias'] == pytest.approx(0.005, rel=0.1)
     assert table['gap']['shrink'] > 0.9
@@ -83,16 +119,24 @@ def test_only_effects_on_phases_need_the_modulation(profile: Path) -> None:
     clean, stamps = wall(1.0, 30).astype(np.float32), np.arange(3) * 66_000_000
     plain = Camera('stereo', profile=camera).capture(clean, K, stamps).depth
     for name in registry():
+
         def shot(name: str = name) -> Any:
-            return Camera('stereo', profile=camera, effects={name: {'strength': 4.0}}).capture(
-                clean, K, stamps, 0.02 + 0 * clean).depth
+            return (
+                Camera('stereo', profile=camera, effects={name: {'strength': 4.0}})
+                .capture(clean, K, stamps, 0.02 + 0 * clean)
+                .depth
+            )
+
         if name in PHASE:
             with pytest.raises(InputError, match=rf'^effects: {name}: .*stereo\.modulation_hz'):
                 shot()
         elif name not in ('time_offset', 'lateral_noise', 'saturation'):  # Of other scenes.
             assert not np.array_equal(shot(), plain, equal_nan=True), name
-    moved = Camera('stereo', profile=camera, effects={'offset': {'bias': 0.05}}).capture(
-        clean, K, stamps).depth
+    moved = (
+        Camera('stereo', profile=camera, effects={'offset': {'bias': 0.05}})
+        .capture(clean, K, stamps)
+        .depth
+    )
     assert np.nanmedian(moved - plain) == pytest.approx(0.05, abs=1e-6)
 
 

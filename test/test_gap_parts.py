@@ -4,12 +4,12 @@ from bench.gap_campaigns import look, make_room, optical
 from flexx2_sim_ros.camera import Camera, flexx2
 from flexx2_sim_ros.effects import parse_effects, registry
 from flexx2_sim_ros.effects.patch import ResidualPatch
-from flexx2_sim_ros.gap.catalogue import catalogue
-from flexx2_sim_ros.gap.covariates import look_at
-from flexx2_sim_ros.gap.decide import ratio_interval
-from flexx2_sim_ros.gap.evidence import register, Take
-from flexx2_sim_ros.gap.pose import unknown_border
-from flexx2_sim_ros.gap.student import q_values, t_quantile, t_tail
+from flexx2_sim_ros.gap.data.covariates import look_at
+from flexx2_sim_ros.gap.data.pose import unknown_border
+from flexx2_sim_ros.gap.features.catalogue import catalogue
+from flexx2_sim_ros.gap.features.evidence import RecordingData, register
+from flexx2_sim_ros.gap.inference.decide import ratio_interval
+from flexx2_sim_ros.gap.inference.student import q_values, t_quantile, t_tail
 import numpy as np
 import pytest
 
@@ -23,7 +23,8 @@ def test_every_effect_is_in_the_catalogue_and_what_is_simulated_is_valid() -> No
         assert parse_effects(column.effects)
     for candidate in candidates:
         registry()[candidate.effect].from_mapping(
-            candidate.build(tuple(term.nodes[0][0] for term in candidate.terms)))
+            candidate.build(tuple(term.nodes[0][0] for term in candidate.terms))
+        )
     assert not any(c.effect == 'offset' for c in catalogue(['offset'])[1])
 
 
@@ -33,7 +34,8 @@ def test_student_and_false_discoveries() -> None:
     assert t_quantile(0.95, 7) == pytest.approx(1.8946, abs=2e-3)
     assert t_quantile(0.95, 1) == pytest.approx(6.3138, abs=2e-2)
     assert q_values(np.array([0.01, 0.04, 0.03, 0.5])) == pytest.approx(
-        [0.04, 0.16 / 3, 0.16 / 3, 0.5])
+        [0.04, 0.16 / 3, 0.16 / 3, 0.5]
+    )
 
 
 def test_a_pose_error_is_found_to_a_fraction_of_a_millimetre() -> None:
@@ -47,9 +49,19 @@ def test_a_pose_error_is_found_to_a_fraction_of_a_millimetre() -> None:
     true, _ = look(room, K, (172, 224), rotation @ turn, position + rotation @ step)
     stamps = np.arange(10) * 33_000_000
     depth = Camera(seed=1).capture(true, K, stamps, rho).depth
-    take = Take('', depth, clean, rho, K, stamps, np.arange(10) == 0, None,
-                flexx2().mode('Mode_9_30fps'), None)
-    found, sure = register(take, PRIOR)
+    recording = RecordingData(
+        '',
+        depth,
+        clean,
+        rho,
+        K,
+        stamps,
+        np.arange(10) == 0,
+        None,
+        flexx2().mode('Mode_9_30fps'),
+        None,
+    )
+    found, sure = register(recording, PRIOR)
     assert np.abs(sure).sum() < np.abs(found).sum()
     assert found[3:] == pytest.approx([0.1, -0.2, 0.15], abs=0.03)
     assert found[1] == pytest.approx(-0.002, abs=0.0006)
@@ -62,16 +74,28 @@ def test_what_is_late_is_not_taken_for_a_pose() -> None:
     K = np.array([[70.0, 0, 40], [0, 70, 30], [0, 0, 1]])  # noqa: N806
     room = make_room(np.random.default_rng(2))
     frames, interval = 14, 0.033
-    seen = [look(room, K, (60, 80), optical(0.1, 0.2 + 0.5 * t, 0.0),
-                 np.array([0.6 * t, 0.1, 0.6]))
-            for t in np.arange(-4, 4 * frames) * interval / 4]
-    clean, late = ([np.array(images) for images in zip(*seen[start::4], strict=True)]
-                   for start in (4, 4 - 5))
+    seen = [
+        look(room, K, (60, 80), optical(0.1, 0.2 + 0.5 * t, 0.0), np.array([0.6 * t, 0.1, 0.6]))
+        for t in np.arange(-4, 4 * frames) * interval / 4
+    ]
+    clean, late = (
+        [np.array(images) for images in zip(*seen[start::4], strict=True)] for start in (4, 4 - 5)
+    )
     stamps = (np.arange(frames) * interval * 1e9).astype(np.int64)
     depth = Camera(seed=1).capture(late[0][-frames:], K, stamps, late[1][-frames:]).depth
-    take = Take('', depth, clean[0][:frames], clean[1][:frames], K, stamps,
-                np.arange(frames) == 0, None, flexx2().mode('Mode_9_30fps'), None)
-    found, _ = register(take, PRIOR)
+    recording = RecordingData(
+        '',
+        depth,
+        clean[0][:frames],
+        clean[1][:frames],
+        K,
+        stamps,
+        np.arange(frames) == 0,
+        None,
+        flexx2().mode('Mode_9_30fps'),
+        None,
+    )
+    found, _ = register(recording, PRIOR)
     assert np.linalg.norm(found[:3]) < 0.012
 
 
@@ -111,8 +135,10 @@ def test_a_patch_shifts_scales_and_loses() -> None:
     clean[:, 40:] = 2.0
     K = np.array([[200.0, 0, 39.5], [0, 200.0, 29.5], [0, 0, 1]])  # noqa: N806
     stamps = np.arange(40) / 30
-    plain, patched = (Camera(effects=effects, seed=2).capture(clean, K, stamps).depth
-                      for effects in ((), (ResidualPatch(**values),)))
+    plain, patched = (
+        Camera(effects=effects, seed=2).capture(clean, K, stamps).depth
+        for effects in ((), (ResidualPatch(**values),))
+    )
     near, far = (slice(None), slice(None), slice(0, 28)), (slice(None), slice(None), slice(52, 80))
     # 67,000 samples of 2 mm noise: the mean is good to 8 um, so 0.1 mm are 12 standard errors.
     assert np.mean(patched[near] - plain[near]) == pytest.approx(0.02, abs=1e-4)
@@ -126,8 +152,10 @@ def test_what_is_only_compared_with_is_no_effect_of_the_catalogue() -> None:
     # A delay along the ray is less along the axis, the more so the farther from it.
     K = np.array([[100.0, 0, 39.5], [0, 100.0, 29.5], [0, 0, 1]])  # noqa: N806
     clean, stamps = np.full((60, 80), 1.0, np.float32), np.arange(30) / 30
-    plain, late = (Camera(effects=effects, seed=2).capture(clean, K, stamps).depth.mean(axis=0)
-                   for effects in ({}, {'along_ray': {'bias': 0.02}}))
+    plain, late = (
+        Camera(effects=effects, seed=2).capture(clean, K, stamps).depth.mean(axis=0)
+        for effects in ({}, {'along_ray': {'bias': 0.02}})
+    )
     v, u = np.mgrid[:60, :80]
     length = np.sqrt(1 + ((u - 39.5) / 100) ** 2 + ((v - 29.5) / 100) ** 2)
     assert late - plain == pytest.approx(0.02 / length, abs=2e-5)

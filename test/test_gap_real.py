@@ -24,7 +24,8 @@ def test_kinect_frames_saturate_and_are_filtered(tmp_path: Path) -> None:
     # No square darker than saturation loses a pixel: low signal is not what loses them here.
     dark = [(view.white | view.black) & (view.infrared < 30_000) for view in views()]
     assert sum((view.depth[part] <= 0).sum() for view, part in zip(views(), dark, strict=True)) < (
-        0.002 * sum(part.sum() for part in dark))
+        0.002 * sum(part.sum() for part in dark)
+    )
     assert 'low_signal_dropout' not in effects
     low, high = table['gap']['interval']
     assert 0.1 < low <= table['gap']['shrink'] <= high

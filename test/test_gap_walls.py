@@ -5,7 +5,7 @@ from typing import Any
 
 from flexx2_sim_ros.camera import Camera, flexx2
 from flexx2_sim_ros.gap import diagnose
-from flexx2_sim_ros.gap.words import headline
+from flexx2_sim_ros.gap.report.words import headline
 import numpy as np
 import pytest
 
@@ -24,8 +24,14 @@ def write_walls(folder: Path, same: bool = False, **effects: dict[str, float]) -
     for i, distance in enumerate(DISTANCES):
         clean = np.full(SHAPE, distance, np.float32)
         device = Camera(MODE, seed=7 if same else i, effects=effects)
-        np.savez(folder / f'wall{i}.npz', depth=device.capture(clean, K, stamp).depth,
-                 clean_depth=clean, K=K, stamp=stamp, usecase=MODE)
+        np.savez(
+            folder / f'wall{i}.npz',
+            depth=device.capture(clean, K, stamp).depth,
+            clean_depth=clean,
+            K=K,
+            stamp=stamp,
+            usecase=MODE,
+        )
     return folder
 
 
@@ -38,7 +44,7 @@ def test_an_offset_of_recordings_that_all_begin_at_0(tmp_path: Path, same: bool)
     """
     table = diagnose(write_walls(tmp_path, same, offset={'bias': 0.01}))
     assert table['verdict'] == 'identified'
-    effect, = table['effects']
+    (effect,) = table['effects']
     assert effect['name'] == 'offset'
     assert effect['parameters']['bias'] == pytest.approx(0.01, rel=0.05)
     assert table['gap']['shrink'] > 0.95
@@ -55,9 +61,15 @@ def test_a_fixed_pattern_is_still_found(tmp_path: Path) -> None:
     device: Any = Camera(MODE, seed=7, effects={'fixed_pattern': {'rms': 0.002}})
     for i, distance in enumerate(DISTANCES):
         clean = np.full(SHAPE, distance, np.float32)
-        np.savez(folder / f'wall{i}.npz', depth=device.capture(clean, K, stamp + 100 * i).depth,
-                 clean_depth=clean, K=K, stamp=stamp, usecase=MODE)
-    effect, = diagnose(folder)['effects']
+        np.savez(
+            folder / f'wall{i}.npz',
+            depth=device.capture(clean, K, stamp + 100 * i).depth,
+            clean_depth=clean,
+            K=K,
+            stamp=stamp,
+            usecase=MODE,
+        )
+    (effect,) = diagnose(folder)['effects']
     assert effect['name'] == 'fixed_pattern'
     assert effect['parameters']['rms'] == pytest.approx(0.002, rel=0.15)
 
@@ -70,8 +82,9 @@ def sizes(table: dict[str, Any], channel: str) -> list[tuple[float, str]]:
 @pytest.mark.parametrize('millimetres', [10, 8])
 def test_a_bias_is_said_in_millimetres(tmp_path: Path, millimetres: int) -> None:
     """Assert 10 %: sigma_z is 1.8 to 11 mm on these walls, so that it is no mean of sigmas."""
-    (size, unit), = sizes(diagnose(write_walls(tmp_path, offset={'bias': millimetres / 1000})),
-                          'bias')
+    ((size, unit),) = sizes(
+        diagnose(write_walls(tmp_path, offset={'bias': millimetres / 1000})), 'bias'
+    )
     assert unit == 'mm'
     assert size == pytest.approx(millimetres, rel=0.1)
 
@@ -90,7 +103,7 @@ def test_a_bias_of_some_recordings_is_each_ones_own(tmp_path: Path) -> None:
     assert {row['covariate'] for row in rows} == {'distance'}, rows
     assert len(rows) >= 2
     for row in rows:
-        i, = (i for i, distance in enumerate(DISTANCES) if row['low'] < distance < row['high'])
+        (i,) = (i for i, distance in enumerate(DISTANCES) if row['low'] < distance < row['high'])
         # A wall that is farther is a camera that stood back: what is left when that is taken off.
         left = 1000 * (wrong[i] + table['recordings'][i]['pose'][2])
         assert row['size'] == pytest.approx(left, rel=0.1)
@@ -99,7 +112,7 @@ def test_a_bias_of_some_recordings_is_each_ones_own(tmp_path: Path) -> None:
 def test_a_correlation_is_said_as_one(tmp_path: Path) -> None:
     """Assert what a recursive filter of 0.4 gives, over 60,000 pairs a wall."""
     table = diagnose(write_walls(tmp_path, temporal_filter={'share': 0.4}))
-    (size, unit), = sizes(table, 'lag')
+    ((size, unit),) = sizes(table, 'lag')
     assert unit == 'correlation'
     assert size == pytest.approx(0.4, abs=0.1)
 
@@ -116,8 +129,11 @@ def test_a_loss_is_said_as_a_fraction(tmp_path: Path) -> None:
     assert rows
     for row in rows:
         assert (row['covariate'], row['unit_size']) == ('distance', 'fraction')
-        inside = [share for distance, share in lost.items()
-                  if (row['low'] or 0) < distance < (row['high'] or 9)]
+        inside = [
+            share
+            for distance, share in lost.items()
+            if (row['low'] or 0) < distance < (row['high'] or 9)
+        ]
         assert row['size'] == pytest.approx(np.mean(inside), rel=0.1, abs=0.01)
 
 
@@ -160,13 +176,17 @@ def test_millimetres_are_converted_and_said(tmp_path: Path, keys: tuple[str, ...
 def test_amplitudes_of_another_scale_and_no_stamps_are_said(tmp_path: Path) -> None:
     """Assert that 0 to 1 is taken for that, and what can be no reflectivity is not used."""
     write_walls(tmp_path)
-    rewrite(tmp_path, amplitude=lambda clean: (0.5 / clean ** 2).astype(np.float32),
-            stamp=lambda _: None)
+    rewrite(
+        tmp_path, amplitude=lambda clean: (0.5 / clean**2).astype(np.float32), stamp=lambda _: None
+    )
     notes = [note for row in diagnose(tmp_path)['recordings'] for note in row['notes']]
     assert sum('taken for 0 to 1' in note for note in notes) == 6
     assert sum('stamp: not in the file: taken for 30 Hz' in note for note in notes) == 6
-    rewrite(tmp_path, amplitude=lambda clean: np.full_like(clean, 65000.5)
-            * (1 + 0 * clean), clean_depth=lambda clean: clean)
+    rewrite(
+        tmp_path,
+        amplitude=lambda clean: np.full_like(clean, 65000.5) * (1 + 0 * clean),
+        clean_depth=lambda clean: clean,
+    )
     rewrite(tmp_path, amplitude=lambda amplitude: 1e-6 * amplitude / amplitude.max())
     notes = [note for row in diagnose(tmp_path)['recordings'] for note in row['notes']]
     assert sum('amplitude: not used' in note for note in notes) == 6
@@ -177,13 +197,24 @@ def test_too_little_to_look_at_is_said(tmp_path: Path) -> None:
     small = np.array([[10.0, 0, 3.5], [0, 10.0, 3.5], [0, 0, 1]])
     for i, distance in enumerate((0.8, 1.4, 2.2)):
         clean = np.full((8, 8), distance, np.float32)
-        depth = Camera(MODE, seed=i, effects={'offset': {'bias': 0.01}}).capture(
-            clean, small, np.arange(10) / 30).depth
-        np.savez(tmp_path / f'{i}.npz', depth=depth, clean_depth=clean, K=small,
-                 stamp=np.arange(10) / 30, usecase=MODE)
+        depth = (
+            Camera(MODE, seed=i, effects={'offset': {'bias': 0.01}})
+            .capture(clean, small, np.arange(10) / 30)
+            .depth
+        )
+        np.savez(
+            tmp_path / f'{i}.npz',
+            depth=depth,
+            clean_depth=clean,
+            K=small,
+            stamp=np.arange(10) / 30,
+            usecase=MODE,
+        )
     table = diagnose(tmp_path, out=tmp_path / 'out')
     assert table['verdict'] == 'too_little'
     assert 'too little' in headline(table)
     assert table['effects'] == table['where'] == []
-    assert all('too little to look at: 128 depths' in ' '.join(row['notes'])
-               for row in table['recordings'])
+    assert all(
+        'too little to look at: 128 depths' in ' '.join(row['notes'])
+        for row in table['recordings']
+    )

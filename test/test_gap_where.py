@@ -5,12 +5,17 @@ from typing import Any
 
 from bench.gap_campaigns import look, make_room, optical
 from flexx2_sim_ros.camera import Camera, flexx2
-from flexx2_sim_ros.gap.covariates import AXES, ENDLESS
-from flexx2_sim_ros.gap.cover import cover
-from flexx2_sim_ros.gap.evidence import scenes_of, Take
-from flexx2_sim_ros.gap.features import LAYOUT, SIZE, TOLERANCE
-from flexx2_sim_ros.gap.spots import SPOT_CHANNELS, SPOT_TOLERANCE, Spots, SpotSums
-from flexx2_sim_ros.gap.where import cells
+from flexx2_sim_ros.gap.data.covariates import AXES, ENDLESS
+from flexx2_sim_ros.gap.features.evidence import RecordingData, scenes_of
+from flexx2_sim_ros.gap.features.features import LAYOUT, SIZE, TOLERANCE
+from flexx2_sim_ros.gap.features.pixel_groups import (
+    GROUP_CHANNELS,
+    GROUP_TOLERANCE,
+    GroupSums,
+    PixelGroups,
+)
+from flexx2_sim_ros.gap.inference.cover import cover
+from flexx2_sim_ros.gap.inference.where import cells
 import numpy as np
 import pytest
 
@@ -19,10 +24,15 @@ def made_up(count: int, noise: float) -> Any:
     """Return what `cells` asks of a model, with nothing in it."""
     shape = (count, SIZE)
     counts = np.concatenate([np.full(axis.bins, 1e4 / axis.bins) for axis in AXES.values()])
-    evidence = [SimpleNamespace(counts=counts, sigma=np.full(len(counts), 0.002),
-                                name=f'{r}.npz') for r in range(count)]
-    return SimpleNamespace(good=np.ones(shape, bool), evidence=evidence,
-                           scale2=np.broadcast_to(TOLERANCE ** 2 + noise ** 2, shape))
+    evidence = [
+        SimpleNamespace(counts=counts, sigma=np.full(len(counts), 0.002), name=f'{r}.npz')
+        for r in range(count)
+    ]
+    return SimpleNamespace(
+        good=np.ones(shape, bool),
+        evidence=evidence,
+        scale2=np.broadcast_to(TOLERANCE**2 + noise**2, shape),
+    )
 
 
 def test_a_gap_is_placed_along_the_covariate_that_shows_it_best() -> None:
@@ -34,54 +44,63 @@ def test_a_gap_is_placed_along_the_covariate_that_shows_it_best() -> None:
                 difference[:, i] = 0.5
             elif feature.axis in ('all', 'distance', 'radius', 'region', 'log_amplitude'):
                 difference[:, i] = 0.5 / 9
-    (_, cell), = cells(made_up(6, 0.001), difference)
+    ((_, cell),) = cells(made_up(6, 0.001), difference)
     assert (cell['covariate'], cell['low'], cell['high']) == ('incidence', 68.0, 75.0)
     assert cell['channel'] == 'invalid'
     assert cell['size'] == pytest.approx(0.5)
     # The same everywhere: said in one line.
-    difference[:] = [0.5 if f.channel == 'bias' and f.axis not in ('edge', 'structure') else 0.0
-                     for f in LAYOUT]
-    (_, cell), = cells(made_up(6, 0.001), difference)
+    difference[:] = [
+        0.5 if f.channel == 'bias' and f.axis not in ('edge', 'structure') else 0.0 for f in LAYOUT
+    ]
+    ((_, cell),) = cells(made_up(6, 0.001), difference)
     assert (cell['covariate'], cell['unit_size']) == ('all', 'mm')
     assert cell['size'] == pytest.approx(1.0)
     assert cells(made_up(6, 0.001), np.zeros((6, SIZE))) == []
     assert cells(made_up(6, 1.0), difference) == []  # lost in noise
 
 
-def made_up_spots(differs: np.ndarray, size: float = 0.5) -> Spots:
-    """Return a spot for each bin of distance and region, and an offset where it differs."""
+def made_up_groups(differs: np.ndarray, size: float = 0.5) -> PixelGroups:
+    """Return a group for each bin of distance and region, and an offset where it differs."""
     far, region = (a.ravel() for a in np.indices((AXES['distance'].bins, 12)))
     samples = np.zeros((len(far), 12, len(ENDLESS)), np.int16)
     for i, name in enumerate(ENDLESS):
         place = {'distance': far, 'region': region}.get(name)
-        samples[:, :, i] = -1 if name == 'edge' else AXES[name].start + (
-            0 if place is None else place[:, None])
-    effect = np.zeros((len(far), len(SPOT_CHANNELS)))
+        samples[:, :, i] = (
+            -1 if name == 'edge' else AXES[name].start + (0 if place is None else place[:, None])
+        )
+    effect = np.zeros((len(far), len(GROUP_CHANNELS)))
     effect[:, 0] = size * differs.ravel()
-    limit = np.broadcast_to(SPOT_TOLERANCE, effect.shape)
-    return Spots(np.full(len(far), 2000.0), effect, 0 * effect, 0.002 * effect[:, 0], limit,
-                 limit, samples)
+    limit = np.broadcast_to(GROUP_TOLERANCE, effect.shape)
+    return PixelGroups(
+        np.full(len(far), 2000.0), effect, 0 * effect, 0.002 * effect[:, 0], limit, limit, samples
+    )
 
 
 def test_conditions_single_out_the_pixels_that_differ() -> None:
     differs = np.zeros((AXES['distance'].bins, 12), bool)
-    assert cover([made_up_spots(differs)], False) == []
+    assert cover([made_up_groups(differs)], False) == []
     differs[3:6] = True
-    one, = cover([made_up_spots(differs)] * 2, False)
+    (one,) = cover([made_up_groups(differs)] * 2, False)
     assert (one.axis, one.first, one.last) == ('distance', 3, 5)
     assert one.difference[0] == pytest.approx(0.5)
-    assert cover([made_up_spots(differs)], True) == []  # the real camera shows none of it
+    assert cover([made_up_groups(differs)], True) == []  # the real camera shows none of it
     differs[:, 7] = True
-    both = cover([made_up_spots(differs)] * 2, False)
+    both = cover([made_up_groups(differs)] * 2, False)
     assert {(c.axis, c.first, c.last) for c in both} == {('distance', 3, 5), ('region', 7, 7)}
     # In one of two recordings only; everywhere.
-    one, = cover([made_up_spots(0 * differs), made_up_spots(0 * differs + 1)], False)
+    (one,) = cover([made_up_groups(0 * differs), made_up_groups(0 * differs + 1)], False)
     assert (one.axis, one.first, one.last) == ('recording', 1, 1)
-    one, = cover([made_up_spots(0 * differs + 1)], False)
+    (one,) = cover([made_up_groups(0 * differs + 1)], False)
     assert one.axis == 'all'
     # Each recording has its own size.
-    both = cover([made_up_spots(0 * differs), made_up_spots(0 * differs + 1),
-                  made_up_spots(0 * differs + 1, 0.8)], False)
+    both = cover(
+        [
+            made_up_groups(0 * differs),
+            made_up_groups(0 * differs + 1),
+            made_up_groups(0 * differs + 1, 0.8),
+        ],
+        False,
+    )
     assert [(c.axis, c.first, c.last) for c in both] == [('recording', 1, 1), ('recording', 2, 2)]
     assert [c.bias for c in both] == pytest.approx([0.001, 0.0016])
 
@@ -92,21 +111,34 @@ def test_spots_show_what_an_effect_changes_and_where() -> None:
     clean, rho = look(room, K, (172, 224), optical(0.1, 0.35, 0.0), np.array([0.0, 0.1, 0.6]))
     stamps = np.arange(12) * 33_000_000
     steep = {'grazing_dropout': {'half_deg': 60.0}}
-    plain, real = (Camera(effects=effects, seed=1).capture(clean, K, stamps, rho).depth
-                   for effects in ({}, steep))
-    take = Take('', real, clean, rho, K, stamps, np.arange(12) == 0, None,
-                flexx2().mode('Mode_9_30fps'), None)
-    sums = SpotSums(take, clean, rho, scenes_of(take, clean, rho, 0), 0)
+    plain, real = (
+        Camera(effects=effects, seed=1).capture(clean, K, stamps, rho).depth
+        for effects in ({}, steep)
+    )
+    recording = RecordingData(
+        '',
+        real,
+        clean,
+        rho,
+        K,
+        stamps,
+        np.arange(12) == 0,
+        None,
+        flexx2().mode('Mode_9_30fps'),
+        None,
+    )
+    sums = GroupSums(recording, clean, rho, scenes_of(recording, clean, rho, 0), 0)
     before, after = sums.add(plain), sums.add(real)
-    spots = sums.spots(after, [before], [after], 12)
+    groups = sums.groups(after, [before], [after], 12)
     # Of the sums themselves: each pixel once a frame.
     assert before[:, 0].sum() == 12 * np.isfinite(clean).sum()
     assert before[:, 1].sum() == np.isfinite(plain).sum()
-    lost = SPOT_CHANNELS.index('invalid')
-    assert np.average(spots.effect[:, lost], weights=spots.count) == pytest.approx(
-        np.mean(~np.isfinite(real)) - np.mean(~np.isfinite(plain)), abs=0.02)
-    assert np.array_equal(spots.effect, spots.real)
-    found = cover([spots], False)
+    lost = GROUP_CHANNELS.index('invalid')
+    assert np.average(groups.effect[:, lost], weights=groups.count) == pytest.approx(
+        np.mean(~np.isfinite(real)) - np.mean(~np.isfinite(plain)), abs=0.02
+    )
+    assert np.array_equal(groups.effect, groups.real)
+    found = cover([groups], False)
     assert found[0].axis == 'incidence'
     assert found[0].difference[lost] > 0.1
-    assert cover([sums.spots(before, [before], [before], 12)], True) == []
+    assert cover([sums.groups(before, [before], [before], 12)], True) == []

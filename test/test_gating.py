@@ -2,8 +2,8 @@
 
 from itertools import pairwise
 
-from flexx2_sim_ros.camera.modes import flexx2
 from flexx2_sim_ros.nodes.gating import FrameGate, RateMeter
+from flexx2_sim_ros.profiles.modes import flexx2
 from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np
@@ -12,7 +12,7 @@ import pytest
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
 RATES = sorted({mode.rate_hz for mode in flexx2().modes})
-STAMPS = st.integers(-(2 ** 31) * SECOND, 2 ** 31 * SECOND)
+STAMPS = st.integers(-(2**31) * SECOND, 2**31 * SECOND)
 
 
 def clock(hz: float, seconds: float, *, jitter: float = 0.0, start: int = START) -> list[int]:
@@ -91,7 +91,7 @@ def test_a_gap_is_followed_by_the_next_image() -> None:
     """Assert the first image after a gap of any length is a frame, and the beat goes on."""
     gate = FrameGate(60.0)
     accepted(gate, clock(60, 1))
-    for gap in (SECOND, 3600 * SECOND, 10 ** 17):
+    for gap in (SECOND, 3600 * SECOND, 10**17):
         later = clock(60, 1, start=START + gap + SECOND)
         frames = accepted(gate, later)
         assert frames[0] == later[0]
@@ -107,7 +107,8 @@ def test_another_rate_counts_from_the_last_frame() -> None:
     gate.set_rate(5.0)
     after = accepted(gate, stamps[240:])
     assert [stamp - last for stamp in after] == pytest.approx(
-        [SECOND / 5 * k for k in range(1, 6)], abs=SECOND / 240)
+        [SECOND / 5 * k for k in range(1, 6)], abs=SECOND / 240
+    )
 
 
 def test_a_rate_may_be_set_before_the_first_frame_and_after_a_restart() -> None:
@@ -153,7 +154,7 @@ def test_rate_meter() -> None:
     assert (meter.hz, meter.samples) == (0.0, 0)
 
 
-@pytest.mark.parametrize('jump', [2 * SECOND, 10 * SECOND, 1000 * SECOND, 10 ** 17])
+@pytest.mark.parametrize('jump', [2 * SECOND, 10 * SECOND, 1000 * SECOND, 10**17])
 def test_a_rate_is_right_soon_after_a_jump(jump: int) -> None:
     """Assert a pause, or a clock set forward, is no part of the rate; nor is a lost image."""
     for hz in (5, 30, 60):

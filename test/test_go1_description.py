@@ -3,10 +3,10 @@
 from pathlib import Path
 from xml.etree import ElementTree
 
-from flexx2_sim_ros.camera.modes import flexx2
-from flexx2_sim_ros.go1.description import BASE, links_of, poses, urdf
-from flexx2_sim_ros.go1.model import build_model
-from flexx2_sim_ros.go1.robot import find_robot
+from flexx2_sim_ros.profiles.modes import flexx2
+from flexx2_sim_ros.robots.description import BASE, links_of, poses, urdf
+from flexx2_sim_ros.robots.model import build_model
+from flexx2_sim_ros.robots.robot import find_robot
 import mujoco
 import numpy as np
 import pytest
@@ -47,8 +47,9 @@ def from_rpy(text: str) -> np.ndarray:
 
 
 @pytest.fixture(scope='module', params=['builtin', 'odd'])
-def model(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
-          ) -> mujoco.MjModel:
+def model(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> mujoco.MjModel:
     """Build Go1, and a robot with everything that is difficult."""
     path: str | Path = request.param
     if path == 'odd':
@@ -88,10 +89,13 @@ def test_the_urdf_says_the_same(model: mujoco.MjModel) -> None:
         assert origin is not None
         expected = frame(link.position, link.quaternion)
         np.testing.assert_allclose(from_rpy(origin.get('rpy', '')), expected[:3, :3], atol=1e-7)
-        np.testing.assert_allclose([float(value) for value in origin.get('xyz', '').split()],
-                                   expected[:3, 3], atol=1e-7)
+        np.testing.assert_allclose(
+            [float(value) for value in origin.get('xyz', '').split()], expected[:3, 3], atol=1e-7
+        )
         assert [joint.find(tag).get('link') for tag in ('parent', 'child')] == [
-            link.parent, link.name]
+            link.parent,
+            link.name,
+        ]
     mass = sum(float(found.get('value')) for found in robot.iter('mass'))
     carried = sum(model.body_mass[link.body] for link in links if link.body >= 0)
     assert mass == pytest.approx(carried, rel=1e-4)
@@ -101,8 +105,14 @@ def test_the_urdf_says_the_same(model: mujoco.MjModel) -> None:
 def test_a_go1_has_its_usual_links_and_joints() -> None:
     model = build_model('builtin', 'corner', intrinsics=flexx2().intrinsics)
     links = links_of(model)
-    assert [link.name for link in links] == ['trunk', *(
-        f'{leg}_{part}' for leg in ('FR', 'FL', 'RR', 'RL') for part in ('hip', 'thigh', 'calf'))]
+    assert [link.name for link in links] == [
+        'trunk',
+        *(
+            f'{leg}_{part}'
+            for leg in ('FR', 'FL', 'RR', 'RL')
+            for part in ('hip', 'thigh', 'calf')
+        ),
+    ]
     robot = ElementTree.fromstring(urdf(model, links))
     knee = next(joint for joint in robot.findall('joint') if joint.get('name') == 'FR_calf_joint')
     limit = knee.find('limit')

@@ -4,13 +4,13 @@ from dataclasses import fields
 import itertools
 import operator
 
-from flexx2_sim_ros.camera.modes import flexx2
-from flexx2_sim_ros.go1 import gait as trot
-from flexx2_sim_ros.go1.gait import Gait, pose, start, step
-from flexx2_sim_ros.go1.ground import SceneGround
-from flexx2_sim_ros.go1.kinematics import feet, GO1, joint_angles, LEGS, rotation
-from flexx2_sim_ros.go1.model import build_model, stand
-from flexx2_sim_ros.go1.robot import find_robot
+from flexx2_sim_ros.profiles.modes import flexx2
+from flexx2_sim_ros.rendering.ground import SceneGround
+from flexx2_sim_ros.robots import gait as trot
+from flexx2_sim_ros.robots.gait import Gait, pose, start, step
+from flexx2_sim_ros.robots.kinematics import feet, GO1, joint_angles, LEGS, rotation
+from flexx2_sim_ros.robots.model import build_model, stand
+from flexx2_sim_ros.robots.robot import find_robot
 import mujoco
 import numpy as np
 import pytest
@@ -58,8 +58,11 @@ class World:
 
     def depth_of_feet(self):
         """Return how far the deepest foot is inside something solid, negative when it is not."""
-        return -min(mujoco.mj_geomDistance(self.model, self.data, foot, int(geom), 0.1, None)
-                    for foot in self.feet for geom in self.solid)
+        return -min(
+            mujoco.mj_geomDistance(self.model, self.data, foot, int(geom), 0.1, None)
+            for foot in self.feet
+            for geom in self.solid
+        )
 
 
 def walk(commands, rate=RATE, gait=GAIT, ground=None):
@@ -117,8 +120,11 @@ def test_the_feet_are_those_of_the_model():
 
 
 def test_a_foot_out_of_reach_is_pointed_at_within_the_limits():
-    points = GO1.hips + [0.1, 0.0, -1.0] + np.stack([0 * GO1.offset, GO1.offset, 0 * GO1.offset],
-                                                    axis=1)
+    points = (
+        GO1.hips
+        + [0.1, 0.0, -1.0]
+        + np.stack([0 * GO1.offset, GO1.offset, 0 * GO1.offset], axis=1)
+    )
     angles = joint_angles(points)
     assert (angles >= GO1.lower - 1e-12).all()
     assert (angles <= GO1.upper + 1e-12).all()
@@ -133,8 +139,13 @@ COMMANDS = {
     'sideways': [(3, (0, 0.4, 0))],
     'turning': [(3, (0, 0, 1.5))],
     'slowly': [(3, (0.02, 0, 0.05))],
-    'there and back': [(1.3, (0.8, 0, 0)), (1.1, (-0.8, 0, 1.5)), (0.9, (0, 0.8, -1.5)),
-                       (0.7, (0, -0.8, 1.5)), (1, (0, 0, 0))],
+    'there and back': [
+        (1.3, (0.8, 0, 0)),
+        (1.1, (-0.8, 0, 1.5)),
+        (0.9, (0, 0.8, -1.5)),
+        (0.7, (0, -0.8, 1.5)),
+        (1, (0, 0, 0)),
+    ],
     'nervous': [(0.1, (0.8 * (-1) ** k, 0.5 * (-1) ** (k // 2), 0)) for k in range(20)],
 }
 
@@ -174,18 +185,26 @@ def test_it_is_a_trot():
     assert np.abs(np.diff([at.position[0] for at in poses[RATE:]]) * RATE - 0.6).max() < 1e-6
 
 
-@pytest.mark.parametrize(('command', 'limit'), [
-    ((0.5, 0, 0), (0.5, 0, 0)), ((0, -0.3, 0), (0, -0.3, 0)), ((0, 0, -1), (0, 0, -1)),
-    ((3, 4, 0), (0.6 * GAIT.max_speed, 0.8 * GAIT.max_speed, 0)),
-    ((0, 0, 9), (0, 0, GAIT.max_turn)), ((0.3, 0.1, 0.7), (0.3, 0.1, 0.7))])
+@pytest.mark.parametrize(
+    ('command', 'limit'),
+    [
+        ((0.5, 0, 0), (0.5, 0, 0)),
+        ((0, -0.3, 0), (0, -0.3, 0)),
+        ((0, 0, -1), (0, 0, -1)),
+        ((3, 4, 0), (0.6 * GAIT.max_speed, 0.8 * GAIT.max_speed, 0)),
+        ((0, 0, 9), (0, 0, GAIT.max_turn)),
+        ((0.3, 0.1, 0.7), (0.3, 0.1, 0.7)),
+    ],
+)
 def test_it_goes_as_fast_as_it_is_told_up_to_the_limits(command, limit):
     _, states = walk([(4, command)])
     first, last = states[2 * RATE], states[-1]
     np.testing.assert_allclose(last.velocity, limit, atol=1e-9)
     assert last.yaw - first.yaw == pytest.approx(2 * limit[2], rel=1e-6, abs=1e-9)
     if limit[2] == 0:
-        np.testing.assert_allclose(last.position - first.position, 2 * np.array(limit[:2]),
-                                   atol=1e-6)
+        np.testing.assert_allclose(
+            last.position - first.position, 2 * np.array(limit[:2]), atol=1e-6
+        )
 
 
 def test_it_stops_and_then_stands_under_its_hips():
@@ -195,7 +214,7 @@ def test_it_stops_and_then_stands_under_its_hips():
     still = states[stop + round(0.4 * RATE)]
     assert not still.velocity.any()
     np.testing.assert_array_equal(still.position, states[-1].position)
-    rest = poses[stop + round(1.5 * GAIT.period * RATE) + 15:]
+    rest = poses[stop + round(1.5 * GAIT.period * RATE) + 15 :]
     assert all(at.standing.all() for at in rest)
     np.testing.assert_array_equal(rest[0].angles, rest[-1].angles)
     np.testing.assert_allclose(rest[-1].angles, np.tile([0, 0.9, -1.8], (4, 1)), atol=1e-6)

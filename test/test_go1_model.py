@@ -2,9 +2,9 @@
 
 import math
 
-from flexx2_sim_ros.camera.intrinsics import Intrinsics
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.go1.model import build_model, CameraMount, load_mounts, stand
+from flexx2_sim_ros.profiles.intrinsics import Intrinsics
+from flexx2_sim_ros.robots.model import build_model, CameraMount, load_mounts, stand
 import mujoco
 import numpy as np
 import pytest
@@ -47,9 +47,10 @@ def test_the_robot_has_the_published_figures(model):
         np.testing.assert_allclose(model.body(f'{leg}_calf').pos, [0, 0, -0.213])
         np.testing.assert_allclose(model.geom(f'{leg}_foot').pos, [0, 0, -0.213])
         for part, axis, low, high, torque in (
-                ('hip', [1, 0, 0], -0.863, 0.863, 23.7),
-                ('thigh', [0, 1, 0], -0.686, 4.501, 23.7),
-                ('calf', [0, 1, 0], -2.818, -0.888, 35.55)):
+            ('hip', [1, 0, 0], -0.863, 0.863, 23.7),
+            ('thigh', [0, 1, 0], -0.686, 4.501, 23.7),
+            ('calf', [0, 1, 0], -2.818, -0.888, 35.55),
+        ):
             joint = model.joint(f'{leg}_{part}_joint')
             np.testing.assert_allclose(joint.axis, axis)
             np.testing.assert_allclose(joint.range, [low, high])
@@ -83,7 +84,8 @@ def test_the_cameras_sit_where_the_configuration_says(model, standing):
     for mount in (left, right):
         pose = standing.camera(mount.name)
         np.testing.assert_allclose(
-            pose.xpos, standing.body('trunk').xpos + mount.position, atol=1e-9)
+            pose.xpos, standing.body('trunk').xpos + mount.position, atol=1e-9
+        )
         axes = pose.xmat.reshape(3, 3) * [1, -1, -1]  # MuJoCo: y up, z backwards
         np.testing.assert_allclose(axes, mount.rotation, atol=1e-9)
         assert mount.rotation[0, 2] > 0.7  # looks ahead
@@ -106,9 +108,12 @@ def test_positive_angles_turn_as_ros_says():
 
 @pytest.mark.parametrize('size', ['1', '500'])
 def test_the_clip_planes_do_not_follow_the_scene(tmp_path, size):
-    scene = written(tmp_path / 'scene.xml', f"""
+    scene = written(
+        tmp_path / 'scene.xml',
+        f"""
         <mujoco><worldbody><geom type="box" size="{size} 1 1" pos="900 0 0"/></worldbody></mujoco>
-        """)
+        """,
+    )
     model = build_model(scene=scene, intrinsics=K, near=0.05, far=12.0)
     planes = np.array([model.vis.map.znear, model.vis.map.zfar]) * model.stat.extent
     np.testing.assert_allclose(planes, [0.05, 12.0], rtol=1e-6)
@@ -123,13 +128,16 @@ def test_a_robot_without_home_or_free_joint_keeps_its_pose(tmp_path):
 
 
 def test_the_robot_stands_on_whatever_is_below_it(tmp_path):
-    scene = written(tmp_path / 'scene.xml', """
+    scene = written(
+        tmp_path / 'scene.xml',
+        """
         <mujoco><worldbody>
           <geom type="plane" size="0 0 1" pos="0 0 -0.3"/>
           <geom type="box" size="0.05 0.05 0.2" pos="0 0 -0.2"/>
           <body pos="3 0 1"><freejoint/><geom size="0.1"/></body>
         </worldbody></mujoco>
-        """)
+        """,
+    )
     robot = written(tmp_path / 'robot.xml', TINY_ROBOT)
     model = build_model(robot=robot, scene=scene, intrinsics=K)
     data = mujoco.MjData(model)
@@ -143,13 +151,16 @@ def test_the_robot_stands_on_whatever_is_below_it(tmp_path):
 
 
 def test_names_of_the_scene_cannot_clash_with_the_robots(tmp_path):
-    scene = written(tmp_path / 'scene.xml', """
+    scene = written(
+        tmp_path / 'scene.xml',
+        """
         <mujoco>
           <asset><material name="go1_dark" rgba="1 1 1 1"/></asset>
           <worldbody><body name="trunk"><geom name="trunk_core" size="0.1" material="go1_dark"/>
           </body></worldbody>
         </mujoco>
-        """)
+        """,
+    )
     model = build_model(scene=scene, intrinsics=K)
     assert model.body('scene/trunk').id != model.body('trunk').id
 
@@ -160,8 +171,10 @@ BAD_MODELS = {
     'empty': ('', 'XML'),
     'schema': ('<mujoco><worldbody><geo size="1"/></worldbody></mujoco>', 'geo'),
     'compiler': ('<mujoco><worldbody><geom size="-1"/></worldbody></mujoco>', 'size'),
-    'missing mesh': ('<mujoco><asset><mesh name="m" file="nothing.stl"/></asset></mujoco>',
-                     'nothing.stl'),
+    'missing mesh': (
+        '<mujoco><asset><mesh name="m" file="nothing.stl"/></asset></mujoco>',
+        'nothing.stl',
+    ),
 }
 
 
@@ -192,15 +205,18 @@ def test_parts_that_do_not_fit_are_refused():
         build_model(intrinsics=K, mounts=twice)
 
 
-@pytest.mark.parametrize(('field', 'change'), [
-    ('intrinsics', {'intrinsics': Intrinsics(224, 172, 210.0, 210.0, 112.0, 86.0)}),
-    ('intrinsics', {'intrinsics': Intrinsics(4, 4, 9.0, 9.0, 1.5, 1.5, (0.1, 0, 0, 0, 0))}),
-    ('near, far', {'near': 0.0}),
-    ('near, far', {'near': 2.0, 'far': 1.0}),
-    ('near, far', {'far': math.nan}),
-    ('robot', {'robot': 'go2'}),
-    ('scene', {'scene': ''}),
-])
+@pytest.mark.parametrize(
+    ('field', 'change'),
+    [
+        ('intrinsics', {'intrinsics': Intrinsics(224, 172, 210.0, 210.0, 112.0, 86.0)}),
+        ('intrinsics', {'intrinsics': Intrinsics(4, 4, 9.0, 9.0, 1.5, 1.5, (0.1, 0, 0, 0, 0))}),
+        ('near, far', {'near': 0.0}),
+        ('near, far', {'near': 2.0, 'far': 1.0}),
+        ('near, far', {'far': math.nan}),
+        ('robot', {'robot': 'go2'}),
+        ('scene', {'scene': ''}),
+    ],
+)
 def test_a_bad_argument_is_named(field, change):
     with pytest.raises(InputError, match=f'^{field}: '):
         build_model(**{'intrinsics': K, **change})
@@ -209,19 +225,28 @@ def test_a_bad_argument_is_named(field, change):
 GOOD_MOUNT = '{name: a, position: [0, 0, 0], rpy_deg: [0, 0, 0]}'
 
 
-@pytest.mark.parametrize(('text', 'said'), [
-    ('cameras: [', 'YAML'),
-    ('[]', 'schema'),
-    ('schema: 1', 'cameras'),
-    ('{schema: 1, cameras: []}', 'cameras'),
-    ('{schema: 1, cameras: [front]}', 'cameras.0.'),
-    ('{schema: 1, cameras: [{name: a, position: [0, 0, 0]}]}', 'rpy_deg'),
-    ('{schema: 1, cameras: [{name: a, position: [0, 0], rpy_deg: [0, 0, 0]}]}', 'cameras.0.'),
-    ('{schema: 1, cameras: [{name: a, position: [0, 0, .nan], rpy_deg: [0, 0, 0]}]}', 'position'),
-    ('{schema: 1, cameras: [{name: a, position: [0, 0, 0], rpy_deg: [0, 0, x]}]}', 'cameras.0.'),
-    ('{schema: 1, cameras: [{name: 7, position: [0, 0, 0], rpy_deg: [0, 0, 0]}]}', 'name'),
-    (f'{{schema: 1, cameras: [{GOOD_MOUNT}, {GOOD_MOUNT}]}}', 'twice'),
-])
+@pytest.mark.parametrize(
+    ('text', 'said'),
+    [
+        ('cameras: [', 'YAML'),
+        ('[]', 'schema'),
+        ('schema: 1', 'cameras'),
+        ('{schema: 1, cameras: []}', 'cameras'),
+        ('{schema: 1, cameras: [front]}', 'cameras.0.'),
+        ('{schema: 1, cameras: [{name: a, position: [0, 0, 0]}]}', 'rpy_deg'),
+        ('{schema: 1, cameras: [{name: a, position: [0, 0], rpy_deg: [0, 0, 0]}]}', 'cameras.0.'),
+        (
+            '{schema: 1, cameras: [{name: a, position: [0, 0, .nan], rpy_deg: [0, 0, 0]}]}',
+            'position',
+        ),
+        (
+            '{schema: 1, cameras: [{name: a, position: [0, 0, 0], rpy_deg: [0, 0, x]}]}',
+            'cameras.0.',
+        ),
+        ('{schema: 1, cameras: [{name: 7, position: [0, 0, 0], rpy_deg: [0, 0, 0]}]}', 'name'),
+        (f'{{schema: 1, cameras: [{GOOD_MOUNT}, {GOOD_MOUNT}]}}', 'twice'),
+    ],
+)
 def test_a_bad_camera_file_is_named(tmp_path, text, said):
     path = tmp_path / 'go1.yaml'
     path.write_text(text)

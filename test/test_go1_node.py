@@ -7,8 +7,8 @@ import types
 from xml.etree import ElementTree
 
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.go1.kinematics import feet, GO1, JOINTS, rotation
-from flexx2_sim_ros.go1.model import load_mounts
+from flexx2_sim_ros.robots.kinematics import feet, GO1, JOINTS, rotation
+from flexx2_sim_ros.robots.model import load_mounts
 import mujoco
 import numpy as np
 import pytest
@@ -40,7 +40,7 @@ RATE = 60
 def exact(stamps, rate=RATE):
     """Say whether stamps are those of ticks that follow each other."""
     first = round(stamps[0] * rate / 1e9)
-    return stamps == [k * 10 ** 9 // rate for k in range(first, first + len(stamps))]
+    return stamps == [k * 10**9 // rate for k in range(first, first + len(stamps))]
 
 
 def test_standing_everything_has_one_time_and_nothing_moves():
@@ -53,7 +53,7 @@ def test_standing_everything_has_one_time_and_nothing_moves():
         seen.more(poses, 20)
         for heard in (images, infos, states, poses):
             assert exact([nanoseconds(message) for message in heard])
-        assert exact([message.clock.sec * 10 ** 9 + message.clock.nanosec for message in clock])
+        assert exact([message.clock.sec * 10**9 + message.clock.nanosec for message in clock])
         assert {message.header.frame_id for message in images} == {'front_left_optical_frame'}
         assert {message.header.frame_id for message in poses} == {'odom'}
         assert tuple(states[-1].name) == JOINTS
@@ -77,17 +77,19 @@ def test_it_walks_as_told_and_stops_by_itself():
             assert message.twist.twist.angular.z == pytest.approx(0.3, abs=0.01)
         told = nanoseconds(poses[-1])
         seen.more(poses, 90)
-        speed = {nanoseconds(message): math.hypot(message.twist.twist.linear.x,
-                                                  message.twist.twist.linear.y)
-                 for message in poses}
+        speed = {
+            nanoseconds(message): math.hypot(
+                message.twist.twist.linear.x, message.twist.twist.linear.y
+            )
+            for message in poses
+        }
         # The last command reached the node within a few ticks; it holds half a second more.
         held = [stamp for stamp in speed if told < stamp < told + 0.3e9]
         assert min(speed[stamp] for stamp in held) > 0.38
         assert max(value for stamp, value in speed.items() if stamp > told + 0.9e9) < 1e-6
         assert place(poses[-1])[0][0] > 0.3
         # Odometry and joints are one state: the feet on the ground stay where they are.
-        angles = {nanoseconds(message): np.reshape(message.position, (4, 3))
-                  for message in states}
+        angles = {nanoseconds(message): np.reshape(message.position, (4, 3)) for message in states}
         at = {nanoseconds(message): place(message) for message in poses}
         both = sorted(angles.keys() & at.keys())
         world = np.array([at[s][0] + feet(angles[s]) @ rotation((0, 0, at[s][1])).T for s in both])
@@ -98,7 +100,8 @@ def test_it_walks_as_told_and_stops_by_itself():
         # Joint velocities are those of the joint positions.
         a, b = states[20], states[21]
         np.testing.assert_allclose(
-            b.velocity, (np.array(b.position) - a.position) * RATE, atol=1e-4)
+            b.velocity, (np.array(b.position) - a.position) * RATE, atol=1e-4
+        )
 
 
 def test_images_follow_the_walk():
@@ -140,7 +143,7 @@ def test_limits_pause_and_pace_change_while_it_runs():
         seen.more(poses, 30)
         assert seen.change(paused=True).successful
         tick = seen.robot._pacer.tick
-        seen.spin_until(lambda: nanoseconds(poses[-1]) == tick * 10 ** 9 // 30, 'what was sent')
+        seen.spin_until(lambda: nanoseconds(poses[-1]) == tick * 10**9 // 30, 'what was sent')
         for _ in range(10):
             seen.spin_for_a_message()
         assert seen.robot._pacer.tick == tick
@@ -148,12 +151,14 @@ def test_limits_pause_and_pace_change_while_it_runs():
         seen.more(poses, 5)
         # Whatever the pace and the pauses: one tick after the other.
         assert exact([nanoseconds(message) for message in poses], 30)
-        for name, value, said in (('real_time_factor', 0.0, 'wanted a number from 0.01 to 100'),
-                                  ('real_time_factor', math.nan, 'found nan'),
-                                  ('max_speed', -1.0, 'wanted a number from 0 to 1.2'),
-                                  ('max_turn', 'fast', "found 'fast'"),
-                                  ('board_distance', 2.0, "scene is 'corner', wanted board"),
-                                  ('motion', 'stand', 'read')):
+        for name, value, said in (
+            ('real_time_factor', 0.0, 'wanted a number from 0.01 to 100'),
+            ('real_time_factor', math.nan, 'found nan'),
+            ('max_speed', -1.0, 'wanted a number from 0 to 1.2'),
+            ('max_turn', 'fast', "found 'fast'"),
+            ('board_distance', 2.0, "scene is 'corner', wanted board"),
+            ('motion', 'stand', 'read'),
+        ):
             answer = seen.change(**{name: value})
             assert not answer.successful
             assert said in answer.reason
@@ -170,7 +175,7 @@ def test_reset_puts_it_back_and_time_goes_on():
         answer = seen.reset()
         assert answer.success
         tick = seen.robot._pacer.tick
-        seen.spin_until(lambda: nanoseconds(poses[-1]) > (tick + 2) * 10 ** 9 // RATE, 'poses')
+        seen.spin_until(lambda: nanoseconds(poses[-1]) > (tick + 2) * 10**9 // RATE, 'poses')
         np.testing.assert_allclose(place(poses[-1])[0][:2], 0, atol=1e-9)
         assert poses[-1].twist.twist == Twist()
         assert exact([nanoseconds(message) for message in poses])
@@ -190,7 +195,7 @@ def test_the_board_moves_when_its_parameters_do():
 
 
 def test_another_simulator_moves_it():
-    stamp = 1_700_000_000 * 10 ** 9 + 123_456_789
+    stamp = 1_700_000_000 * 10**9 + 123_456_789
     angles = np.tile([0.1, 1.0, -1.7], 4)
     with go1(motion='external') as seen:
         poses, states = seen.to('odom', Odometry), seen.to('joint_states', JointState)
@@ -202,8 +207,10 @@ def test_another_simulator_moves_it():
         assert nanoseconds(images[0]) == stamp
         # From then on a pose waits for the joints of its moment, in any order and spelling.
         order = np.random.default_rng(0).permutation(12)
-        names = [name.removesuffix('_joint') if k % 2 else f'go1/{name}'
-                 for k, name in enumerate(np.array(JOINTS)[order])]
+        names = [
+            name.removesuffix('_joint') if k % 2 else f'go1/{name}'
+            for k, name in enumerate(np.array(JOINTS)[order])
+        ]
         later = stamp + 20_000_000
         states.publish(joints(stamp, angles, JOINTS))
         data = seen.robot._data
@@ -224,8 +231,11 @@ def test_another_simulator_moves_it():
         assert nanoseconds(images[-1]) == later + 20_000_000
         np.testing.assert_allclose(data.body('trunk').xpos, [0.4, 0.1, 0.3], atol=1e-9)
         # What is another simulator's to say is not said here.
-        assert not [publisher for publisher in seen.robot.publishers
-                    if publisher.topic_name.endswith(('/clock', '/odom', '/joint_states'))]
+        assert not [
+            publisher
+            for publisher in seen.robot.publishers
+            if publisher.topic_name.endswith(('/clock', '/odom', '/joint_states'))
+        ]
         answer = seen.reset()
         assert not answer.success
         assert 'outside' in answer.message
@@ -241,25 +251,31 @@ def test_nonsense_from_another_simulator_is_named_and_ignored():
             states.publish(joints(stamp, (0.2, 0.1, 0.3), some))
         seen.spin_until(lambda: seen.logged('no message named so far: fl_calf, fl_hip'))
         states.publish(joints(3, (0.1, 0.2), ('FR_hip_joint', 'FR_0')))
-        seen.spin_until(lambda: seen.logged(
-            "joint_states: name: found 'FR_hip_joint' and 'FR_0', which are one joint"))
-        bad = odometry(10 ** 9, (0.1, math.nan, 0.3))
+        seen.spin_until(
+            lambda: seen.logged(
+                "joint_states: name: found 'FR_hip_joint' and 'FR_0', which are one joint"
+            )
+        )
+        bad = odometry(10**9, (0.1, math.nan, 0.3))
         poses.publish(bad)
         seen.spin_until(lambda: seen.logged('odom: pose.pose.position', 'finite'))
-        poses.publish(odometry(2 * 10 ** 9, (0.1, 0.0, 0.3)))
-        poses.publish(odometry(3 * 10 ** 9, (0.1, 0.0, 0.3)))
+        poses.publish(odometry(2 * 10**9, (0.1, 0.0, 0.3)))
+        poses.publish(odometry(3 * 10**9, (0.1, 0.0, 0.3)))
         seen.spin_until(lambda: images, 'an image')
-        assert nanoseconds(images[0]) == 2 * 10 ** 9
+        assert nanoseconds(images[0]) == 2 * 10**9
         assert seen.robot._data.joint('FR_hip_joint').qpos[0] == 0.2
         assert len(seen.logged('does not have: arm, fr_tail')) == 1
         assert len(seen.logged('no message named')) == 1
 
 
-@pytest.mark.parametrize(('message', 'said'), [
-    (joints(0, (1.0,), ('a', 'b')), 'found 1 values, wanted one for each of the 2 names'),
-    (joints(0, (1.0, math.inf), ('a', 'b')), "position of 'b': found inf"),
-    (joints(0, (1.0, 1.0), ('x/FR_hip', 'fr_hip_joint')), 'one joint'),
-])
+@pytest.mark.parametrize(
+    ('message', 'said'),
+    [
+        (joints(0, (1.0,), ('a', 'b')), 'found 1 values, wanted one for each of the 2 names'),
+        (joints(0, (1.0, math.inf), ('a', 'b')), "position of 'b': found inf"),
+        (joints(0, (1.0, 1.0), ('x/FR_hip', 'fr_hip_joint')), 'one joint'),
+    ],
+)
 def test_joints_that_cannot_be_used_are_named(message, said):
     with pytest.raises(InputError, match=said):
         go1_messages.decode_joints(message, 'joint_states')
@@ -276,10 +292,16 @@ def test_orientations_that_are_none_are_named(quaternion):
 
 def test_frames_are_those_of_ros():
     left, right = load_mounts()
-    found = {message.child_frame_id: message
-             for message in transforms.camera_transforms('base', (left, right))}
-    assert set(found) == {'front_left_link', 'front_left_optical_frame', 'front_right_link',
-                          'front_right_optical_frame'}
+    found = {
+        message.child_frame_id: message
+        for message in transforms.camera_transforms('base', (left, right))
+    }
+    assert set(found) == {
+        'front_left_link',
+        'front_left_optical_frame',
+        'front_right_link',
+        'front_right_optical_frame',
+    }
 
     def matrix(message):
         turn = message.transform.rotation
@@ -307,6 +329,7 @@ def test_frames_are_published_where_their_message_is_there(monkeypatch):
         pass
 
     class Node:
+        """Keep what is published."""
 
         def create_publisher(self, kind, topic, qos):
             assert kind is TFMessage
@@ -321,7 +344,9 @@ def test_frames_are_published_where_their_message_is_there(monkeypatch):
     frames.fixed(fixed)
     frames.moving(fixed[:1])
     assert [(topic, message.transforms) for topic, message in sent] == [
-        ('/tf_static', fixed), ('/tf', fixed[:1])]
+        ('/tf_static', fixed),
+        ('/tf', fixed[:1]),
+    ]
 
 
 def test_without_tf2_the_log_says_so_once(monkeypatch):
@@ -333,16 +358,22 @@ def test_without_tf2_the_log_says_so_once(monkeypatch):
         assert len(seen.logged('tf2_msgs')) == 1
 
 
-TORSO = ('<mujoco><worldbody><body name="torso"><freejoint/><geom size="0.1"/></body></worldbody>'
-         '</mujoco>')
+TORSO = (
+    '<mujoco><worldbody><body name="torso"><freejoint/><geom size="0.1"/></body></worldbody>'
+    '</mujoco>'
+)
 BLOCK = TORSO.replace('torso', 'trunk')
 BAD_STARTS = {
     'no trunk': ({'robot_model': TORSO}, "no body named 'trunk'; found torso"),
     'no legs': ({'robot_model': BLOCK, 'motion': 'cmd_vel'}, "motion: 'cmd_vel' needs"),
-    'no freedom': ({'robot_model': BLOCK.replace('<freejoint/>', ''), 'motion': 'external'},
-                   "motion: 'external' needs a robot that moves freely"),
-    'bad scene': ({'scene': '<mujoco><worldbody><geom size="-1"/></worldbody></mujoco>'},
-                  'scene: .*does not compile'),
+    'no freedom': (
+        {'robot_model': BLOCK.replace('<freejoint/>', ''), 'motion': 'external'},
+        "motion: 'external' needs a robot that moves freely",
+    ),
+    'bad scene': (
+        {'scene': '<mujoco><worldbody><geom size="-1"/></worldbody></mujoco>'},
+        'scene: .*does not compile',
+    ),
     'unknown scene': ({'scene': 'moon'}, "scene: found 'moon', wanted 'lab', 'stairs'"),
     'long scene': ({'scene': 'x' * 300}, "scene: found 'xxx"),
     'NUL in robot': ({'robot_model': 'a\0b'}, r"robot: found 'a.x00b'"),
@@ -369,9 +400,20 @@ def test_the_process_ends_before_it_has_started_anything(child_env, tmp_path):
     path = tmp_path / 'robot.xml'
     path.write_text(TORSO)
     done = subprocess.run(
-        [sys.executable, '-m', 'flexx2_sim_ros.nodes.go1_cameras', '--ros-args', '-p',
-         f'robot_model:={path}'], env=child_env, capture_output=True, text=True, timeout=60,
-        check=False)
+        [
+            sys.executable,
+            '-m',
+            'flexx2_sim_ros.nodes.go1_cameras',
+            '--ros-args',
+            '-p',
+            f'robot_model:={path}',
+        ],
+        env=child_env,
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
     assert done.returncode == 1
     assert done.stderr.startswith('error: robot: ')
     assert done.stderr.count('\n') == 1
@@ -381,9 +423,20 @@ def test_a_second_node_of_the_same_name_is_told(child_env):
     with go1() as seen:
         seen.hear('odom', Odometry)
         with subprocess.Popen(
-                [sys.executable, '-m', 'flexx2_sim_ros.nodes.go1_cameras', '--ros-args', '-r',
-                 f'__ns:={seen.space}', '-p', 'renderer:=ray'], env=child_env,
-                stderr=subprocess.PIPE, text=True) as second:
+            [
+                sys.executable,
+                '-m',
+                'flexx2_sim_ros.nodes.go1_cameras',
+                '--ros-args',
+                '-r',
+                f'__ns:={seen.space}',
+                '-p',
+                'renderer:=ray',
+            ],
+            env=child_env,
+            stderr=subprocess.PIPE,
+            text=True,
+        ) as second:
             # Either it finds the first in time and ends, or both say so and go on.
             seen.spin_until(lambda: second.poll() is not None or seen.logged('node name: another'))
             if second.poll() is None:
@@ -398,14 +451,20 @@ def test_the_description_waits_for_whoever_comes_later():
         seen.more(seen.hear('odom', Odometry), 2)
         described = []
         seen.node.create_subscription(
-            String, f'{seen.space}/robot_description', described.append,
-            QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL))
+            String,
+            f'{seen.space}/robot_description',
+            described.append,
+            QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL),
+        )
         seen.spin_until(lambda: described, 'the description')
         robot = ElementTree.fromstring(described[0].data)
         names = {link.get('name') for link in robot.findall('link')}
         assert {'base', 'trunk', 'FR_calf', 'RL_hip'} <= names
-        moving = {joint.get('name') for joint in robot.findall('joint')
-                  if joint.get('type') == 'revolute'}
+        moving = {
+            joint.get('name')
+            for joint in robot.findall('joint')
+            if joint.get('type') == 'revolute'
+        }
         assert moving == set(JOINTS)
 
 
@@ -419,7 +478,8 @@ def test_a_prefix_is_in_every_frame():
         assert (poses[0].header.frame_id, poses[0].child_frame_id) == ('left/odom', 'left/base')
         frames = seen.robot._link_transforms(0, moving=True)
         assert [message.child_frame_id for message in frames] == [
-            f'left/{name.removesuffix("_joint")}' for name in JOINTS]
+            f'left/{name.removesuffix("_joint")}' for name in JOINTS
+        ]
         mounts = transforms.camera_transforms('left/base', load_mounts(), 'left/')
         assert all(message.child_frame_id.startswith('left/') for message in mounts)
 
@@ -437,16 +497,18 @@ def test_the_second_robot_follows_the_first_ones_clock():
             second.more(poses, 30)
             assert exact([nanoseconds(message) for message in poses], 60)
             # Its stamps are the first one's time, not a time of its own.
-            now = times[-1].clock.sec * 10 ** 9 + times[-1].clock.nanosec
-            assert abs(nanoseconds(poses[-1]) - now) <= 2 * 10 ** 9 // 30
+            now = times[-1].clock.sec * 10**9 + times[-1].clock.nanosec
+            assert abs(nanoseconds(poses[-1]) - now) <= 2 * 10**9 // 30
             answer = second.change(real_time_factor=2.0)
             assert not answer.successful
             assert 'time comes from /clock' in answer.reason
             # Time that jumps back is followed as well.
             first.robot._pacer.tick = 0
             before = len(poses)
-            second.spin_until(lambda: any(
-                nanoseconds(message) < 10 ** 8 for message in poses[before:]), 'time from 0')
+            second.spin_until(
+                lambda: any(nanoseconds(message) < 10**8 for message in poses[before:]),
+                'time from 0',
+            )
 
 
 def test_a_robot_that_uses_sim_time_follows_any_clock():
@@ -457,15 +519,16 @@ def test_a_robot_that_uses_sim_time_follows_any_clock():
 
         def tell(tenths):
             message = Clock()
-            message.clock.sec, message.clock.nanosec = divmod(tenths * 10 ** 8, 10 ** 9)
+            message.clock.sec, message.clock.nanosec = divmod(tenths * 10**8, 10**9)
             time.publish(message)
             seen.spin_for_a_message()
             return poses
+
         seen.spin_until(lambda: tell(500), 'the first pose')
         for tenths in range(501, 505):
             tell(tenths)
-            seen.spin_until(lambda now=tenths * 10 ** 8: nanoseconds(poses[-1]) == now, 'poses')
+            seen.spin_until(lambda now=tenths * 10**8: nanoseconds(poses[-1]) == now, 'poses')
         # Six poses between two ticks of a clock of 10 Hz.
         stamps = [nanoseconds(message) for message in poses]
-        assert stamps[0] == 50 * 10 ** 9
+        assert stamps[0] == 50 * 10**9
         assert exact(stamps)

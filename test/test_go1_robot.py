@@ -3,37 +3,59 @@
 import math
 import shutil
 
-from flexx2_sim_ros.camera.modes import flexx2
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.go1.kinematics import JOINTS
-from flexx2_sim_ros.go1.model import build_model, stand
-from flexx2_sim_ros.go1.robot import find_robot, plain_name
 from flexx2_sim_ros.paths import config_dir
+from flexx2_sim_ros.profiles.modes import flexx2
+from flexx2_sim_ros.robots.kinematics import JOINTS
+from flexx2_sim_ros.robots.model import build_model, stand
+from flexx2_sim_ros.robots.robot import find_robot, plain_name
 import mujoco
 import numpy as np
 import pytest
 
 K = flexx2().intrinsics
-LINK = ('<link name="{}"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" '
-        'ixz="0" iyz="0"/></inertial>{}</link>')
+LINK = (
+    '<link name="{}"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" '
+    'ixz="0" iyz="0"/></inertial>{}</link>'
+)
 # As Unitree's: a root link without mass, the trunk fixed in it, legs that hang from the trunk.
-URDF = ('<robot name="r"><link name="base"/>'
-        '<joint name="floating_base" type="fixed"><parent link="base"/><child link="trunk"/>'
-        '<origin xyz="0.1 0.02 0.05" rpy="0 0 0.3"/></joint>'
-        + LINK.format('trunk', '<visual><geometry><mesh filename="package://r/trunk.dae"/>'
-                      '</geometry></visual><collision><geometry><box size="0.3 0.1 0.1"/>'
-                      '</geometry></collision>')
-        + '<joint name="FR_hip_joint" type="revolute"><parent link="trunk"/><child link="FR_hip"/>'
-        '<axis xyz="1 0 0"/><limit lower="-1" upper="1" effort="1" velocity="1"/>'
-        '<origin xyz="0.18 -0.04 0"/></joint>'
-        + LINK.format('FR_hip', '<collision><origin xyz="0 0 -0.2"/><geometry>'
-                      '<sphere radius="0.05"/></geometry></collision>') + '</robot>')
+URDF = (
+    '<robot name="r"><link name="base"/>'
+    '<joint name="floating_base" type="fixed"><parent link="base"/><child link="trunk"/>'
+    '<origin xyz="0.1 0.02 0.05" rpy="0 0 0.3"/></joint>'
+    + LINK.format(
+        'trunk',
+        '<visual><geometry><mesh filename="package://r/trunk.dae"/>'
+        '</geometry></visual><collision><geometry><box size="0.3 0.1 0.1"/>'
+        '</geometry></collision>',
+    )
+    + '<joint name="FR_hip_joint" type="revolute"><parent link="trunk"/><child link="FR_hip"/>'
+    '<axis xyz="1 0 0"/><limit lower="-1" upper="1" effort="1" velocity="1"/>'
+    '<origin xyz="0.18 -0.04 0"/></joint>'
+    + LINK.format(
+        'FR_hip',
+        '<collision><origin xyz="0 0 -0.2"/><geometry>'
+        '<sphere radius="0.05"/></geometry></collision>',
+    )
+    + '</robot>'
+)
 
 
-@pytest.mark.parametrize(('name', 'plain'), [
-    ('FR_hip_joint', 'fr_hip'), ('FR_hip', 'fr_hip'), ('fr_HIP_joint', 'fr_hip'),
-    ('go1/RL_calf_joint', 'rl_calf'), ('/robots/go1/RL_calf', 'rl_calf'), ('FL_0', 'fl_hip'),
-    ('RR_1', 'rr_thigh'), ('RR_2', 'rr_calf'), ('wheel_1', 'wheel_1'), ('arm_joint', 'arm')])
+@pytest.mark.parametrize(
+    ('name', 'plain'),
+    [
+        ('FR_hip_joint', 'fr_hip'),
+        ('FR_hip', 'fr_hip'),
+        ('fr_HIP_joint', 'fr_hip'),
+        ('go1/RL_calf_joint', 'rl_calf'),
+        ('/robots/go1/RL_calf', 'rl_calf'),
+        ('FL_0', 'fl_hip'),
+        ('RR_1', 'rr_thigh'),
+        ('RR_2', 'rr_calf'),
+        ('wheel_1', 'wheel_1'),
+        ('arm_joint', 'arm'),
+    ],
+)
 def test_a_joint_is_known_by_all_its_names(name, plain):
     assert plain_name(name) == plain
 
@@ -75,8 +97,11 @@ def test_the_twist_is_that_of_the_trunk(tmp_path):
         seconds, before = 1e-3, None
         for angle in (0.7, 0.7 + math.pi * seconds):
             before = data.qpos.copy()
-            robot.place(data, np.array([math.sin(angle), -math.cos(angle), 0.4]),
-                        np.array([math.cos(angle / 2), 0, 0, math.sin(angle / 2)]))
+            robot.place(
+                data,
+                np.array([math.sin(angle), -math.cos(angle), 0.4]),
+                np.array([math.cos(angle / 2), 0, 0, math.sin(angle / 2)]),
+            )
             mujoco.mj_forward(model, data)
         velocity = np.zeros(model.nv)
         mujoco.mj_differentiatePos(model, velocity, seconds, before, data.qpos)
@@ -87,8 +112,9 @@ def test_the_twist_is_that_of_the_trunk(tmp_path):
 
 def test_a_robot_that_is_fixed_does_not_move(tmp_path):
     path = tmp_path / 'robot.xml'
-    path.write_text('<mujoco><worldbody><body name="trunk"><geom size="0.1"/></body></worldbody>'
-                    '</mujoco>')
+    path.write_text(
+        '<mujoco><worldbody><body name="trunk"><geom size="0.1"/></body></worldbody></mujoco>'
+    )
     model = build_model(str(path), intrinsics=K)
     robot = find_robot(model)
     assert robot.free == -1

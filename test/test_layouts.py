@@ -4,12 +4,12 @@ from collections.abc import Iterator
 import json
 from typing import Any
 
-from flexx2_sim_ros.go1.kinematics import JOINTS
-from flexx2_sim_ros.go1.model import load_mounts
 from flexx2_sim_ros.nodes.camera_node import Flexx2Camera
 from flexx2_sim_ros.nodes.go1_node import Go1Cameras
 from flexx2_sim_ros.nodes.transforms import camera_transforms
 from flexx2_sim_ros.paths import config_dir
+from flexx2_sim_ros.robots.kinematics import JOINTS
+from flexx2_sim_ros.robots.model import load_mounts
 import pytest
 from streams import Listener, Parameter
 import yaml
@@ -20,8 +20,11 @@ RVIZ = yaml.safe_load((config_dir() / 'flexx2.rviz').read_text())['Visualization
 FOXGLOVE = json.loads((config_dir() / 'foxglove.json').read_text())
 IMAGE, INFO, CLOUD = (f'sensor_msgs/msg/{name}' for name in ('Image', 'CameraInfo', 'PointCloud2'))
 ODOMETRY, TWIST = 'nav_msgs/msg/Odometry', 'geometry_msgs/msg/Twist'
-FRAMES = {'odom', 'base', *(message.child_frame_id
-                            for message in camera_transforms('base', load_mounts()))}
+FRAMES = {
+    'odom',
+    'base',
+    *(message.child_frame_id for message in camera_transforms('base', load_mounts())),
+}
 
 
 def rviz_topics() -> Iterator[tuple[str, str]]:
@@ -55,20 +58,38 @@ def there(ros: None) -> Iterator[dict[str, list[str]]]:
     """Start the nodes in a namespace of this test's own; return types by topic without it."""
     user = Listener()
     nodes: list[Any] = [
-        Go1Cameras(namespace=SPACE, parameter_overrides=[
-            Parameter(name, value=value) for name, value in (
-                ('motion', 'cmd_vel'), ('scene', 'corner'), ('renderer', 'ray'))]),
-        *(Flexx2Camera(namespace=f'{SPACE}/{camera}') for camera in CAMERAS)]
+        Go1Cameras(
+            namespace=SPACE,
+            parameter_overrides=[
+                Parameter(name, value=value)
+                for name, value in (
+                    ('motion', 'cmd_vel'),
+                    ('scene', 'corner'),
+                    ('renderer', 'ray'),
+                )
+            ],
+        ),
+        *(Flexx2Camera(namespace=f'{SPACE}/{camera}') for camera in CAMERAS),
+    ]
     for node in nodes:
         user.add(node)
 
     def topics() -> dict[str, list[str]]:
-        return {topic.removeprefix(SPACE): kinds
-                for topic, kinds in user.node.get_topic_names_and_types()}
+        return {
+            topic.removeprefix(SPACE): kinds
+            for topic, kinds in user.node.get_topic_names_and_types()
+        }
+
     try:
         # The last one to be opened of each node.
-        user.spin_until(lambda: {f'/{camera}/flexx2_camera/depth_noise_0' for camera in CAMERAS}
-                        | {'/odom', '/cmd_vel'} <= topics().keys(), 'the graph')
+        user.spin_until(
+            lambda: (
+                {f'/{camera}/flexx2_camera/depth_noise_0' for camera in CAMERAS}
+                | {'/odom', '/cmd_vel'}
+                <= topics().keys()
+            ),
+            'the graph',
+        )
         yield topics()
     finally:
         user.close()
@@ -81,11 +102,15 @@ def test_every_topic_is_there_with_its_type(there: dict[str, list[str]], topics:
     wanted = list(topics())
     assert len(wanted) >= 7
     assert [(topic, there.get(topic)) for topic, _ in wanted] == [
-        (topic, [kind]) for topic, kind in wanted]
+        (topic, [kind]) for topic, kind in wanted
+    ]
     # Both cameras, clean and simulated.
     for camera in CAMERAS:
-        assert {f'/{camera}/clean/depth_image', f'/{camera}/flexx2_camera/depth_image_0',
-                f'/{camera}/flexx2_camera/point_cloud_0'} <= {topic for topic, _ in wanted}
+        assert {
+            f'/{camera}/clean/depth_image',
+            f'/{camera}/flexx2_camera/depth_image_0',
+            f'/{camera}/flexx2_camera/point_cloud_0',
+        } <= {topic for topic, _ in wanted}
 
 
 def test_every_frame_is_one_of_the_robot() -> None:
@@ -101,6 +126,7 @@ def test_every_frame_is_one_of_the_robot() -> None:
 def test_foxglove_places_every_panel_once() -> None:
     def placed(node: Any) -> list[str]:
         return [node] if isinstance(node, str) else placed(node['first']) + placed(node['second'])
+
     assert sorted(placed(FOXGLOVE['layout'])) == sorted(FOXGLOVE['configById'])
 
 
@@ -114,8 +140,12 @@ def test_foxglove_drives_within_the_limits() -> None:
     teleop = FOXGLOVE['configById']['Teleop!drive']
     # A command holds half a second.
     assert teleop['publishRate'] > 2
-    for button, field, most in (('up', 'linear-x', 0.8), ('down', 'linear-x', 0.8),
-                                ('left', 'angular-z', 1.5), ('right', 'angular-z', 1.5)):
+    for button, field, most in (
+        ('up', 'linear-x', 0.8),
+        ('down', 'linear-x', 0.8),
+        ('left', 'angular-z', 1.5),
+        ('right', 'angular-z', 1.5),
+    ):
         assert teleop[f'{button}Button']['field'] == field
         sign = 1 if button in ('up', 'left') else -1
         assert 0 < sign * teleop[f'{button}Button']['value'] <= most

@@ -17,15 +17,31 @@ TRAPS = 'trapped/msg/X', 'trap/X', 'venv/__main__/X', 'trapped.msg/X'
 def test_messages_are_found() -> None:
     from flexx2_sim_ros.nodes.message_types import message_class
     from sensor_msgs.msg import Image
+
     assert message_class('sensor_msgs/msg/Image') is Image
 
 
-@pytest.mark.parametrize('kind', [
-    'venv/__main__/X', 'this/msg/X', 'antigravity/msg/X', 'sensor_msgs/msg/_image',
-    'sensor_msgs/msg/Nothing', 'sensor_msgs/srv/SetCameraInfo', 'sensor_msgs/Image',
-    'sensor_msgs/msg/Image\n', '../x/msg/X', 'a.b/msg/X', '', 'x' * 100_000, '\x1b[31m/msg/X'])
+@pytest.mark.parametrize(
+    'kind',
+    [
+        'venv/__main__/X',
+        'this/msg/X',
+        'antigravity/msg/X',
+        'sensor_msgs/msg/_image',
+        'sensor_msgs/msg/Nothing',
+        'sensor_msgs/srv/SetCameraInfo',
+        'sensor_msgs/Image',
+        'sensor_msgs/msg/Image\n',
+        '../x/msg/X',
+        'a.b/msg/X',
+        '',
+        'x' * 100_000,
+        '\x1b[31m/msg/X',
+    ],
+)
 def test_what_is_no_message_is_not_imported(kind: str) -> None:
     from flexx2_sim_ros.nodes.message_types import message_class
+
     before = set(sys.modules)
     with pytest.raises(InputError) as caught:
         message_class(kind)
@@ -36,16 +52,18 @@ def test_what_is_no_message_is_not_imported(kind: str) -> None:
 
 
 @pytest.mark.usefixtures('ros')
-def test_replay_runs_nothing_that_a_bag_names(
-        child_env: dict[str, str], tmp_path: Path) -> None:
+def test_replay_runs_nothing_that_a_bag_names(child_env: dict[str, str], tmp_path: Path) -> None:
     # A module and a package with a submodule `msg`, as any attacker finds some installed.
     for file in ('trap.py', 'trapped/__init__.py', 'trapped/msg/__init__.py'):
         path = tmp_path / 'modules' / file
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(f'open({str(tmp_path / "ran")!r}, "w")\nclass X: pass\n')
     text = TYPES.types['std_msgs/msg/String']('x')
-    bag = write(tmp_path / 'bag', [(f'/topic_{i}', 'std_msgs/msg/String', 1, text)
-                                   for i in range(4)], 'sqlite3')
+    bag = write(
+        tmp_path / 'bag',
+        [(f'/topic_{i}', 'std_msgs/msg/String', 1, text) for i in range(4)],
+        'sqlite3',
+    )
     with sqlite3.connect(bag / 'bag.db3') as connection:
         for i, name in enumerate(TRAPS):
             connection.execute('UPDATE topics SET type=? WHERE name=?', (name, f'/topic_{i}'))
@@ -53,9 +71,21 @@ def test_replay_runs_nothing_that_a_bag_names(
     env = dict(child_env)
     env['PYTHONPATH'] += f':{tmp_path / "modules"}'
     done = subprocess.run(
-        [sys.executable, '-m', 'flexx2_sim_ros.cli.main', 'replay', str(bag / 'bag.db3'),
-         '--wait', '0'],
-        env=env, capture_output=True, text=True, timeout=60, check=False)
+        [
+            sys.executable,
+            '-m',
+            'flexx2_sim_ros.cli.main',
+            'replay',
+            str(bag / 'bag.db3'),
+            '--wait',
+            '0',
+        ],
+        env=env,
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
     assert not (tmp_path / 'ran').exists()
     assert done.returncode == 2, done.stderr
     assert 'Traceback' not in done.stderr

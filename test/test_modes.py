@@ -5,9 +5,10 @@ import math
 from pathlib import Path
 import shutil
 
-from flexx2_sim_ros.camera import Camera, flexx2, modes
+from flexx2_sim_ros.camera import Camera, flexx2
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.paths import config_dir
+from flexx2_sim_ros.profiles import modes
 import numpy as np
 import pytest
 
@@ -15,14 +16,20 @@ import pytest
 PAPER = {
     'Mode_5_30fps': (0.002362, -0.001041, 0.000753, 0.000185, 2.7, 0.864),
     'Mode_5_60fps': (0.002209, -0.000793, 0.001418, 0.000370, 2.7, 1.098),
-    'Mode_9_30fps': (0.002345, -0.002101, 0.001824, 0.000298, 2.7, 1.649)}
+    'Mode_9_30fps': (0.002345, -0.002101, 0.001824, 0.000298, 2.7, 1.649),
+}
 # Rate, range, the mode whose noise it takes.
 MODES = {
-    'Mode_5_15fps': (15, 2.4, 'Mode_5_30fps'), 'Mode_5_30fps': (30, 2.4, 'Mode_5_30fps'),
-    'Mode_5_45fps': (45, 2.4, 'Mode_5_60fps'), 'Mode_5_60fps': (60, 2.4, 'Mode_5_60fps'),
-    'Mode_9_5fps': (5, 7.0, 'Mode_9_30fps'), 'Mode_9_10fps': (10, 7.0, 'Mode_9_30fps'),
-    'Mode_9_15fps': (15, 7.0, 'Mode_9_30fps'), 'Mode_9_20fps': (20, 7.0, 'Mode_9_30fps'),
-    'Mode_9_30fps': (30, 7.0, 'Mode_9_30fps')}
+    'Mode_5_15fps': (15, 2.4, 'Mode_5_30fps'),
+    'Mode_5_30fps': (30, 2.4, 'Mode_5_30fps'),
+    'Mode_5_45fps': (45, 2.4, 'Mode_5_60fps'),
+    'Mode_5_60fps': (60, 2.4, 'Mode_5_60fps'),
+    'Mode_9_5fps': (5, 7.0, 'Mode_9_30fps'),
+    'Mode_9_10fps': (10, 7.0, 'Mode_9_30fps'),
+    'Mode_9_15fps': (15, 7.0, 'Mode_9_30fps'),
+    'Mode_9_20fps': (20, 7.0, 'Mode_9_30fps'),
+    'Mode_9_30fps': (30, 7.0, 'Mode_9_30fps'),
+}
 IMAGE = np.full((4, 5), 1.0)
 K = np.array([[210.6, 0.0, 111.5], [0.0, 212.9, 85.5], [0.0, 0.0, 1.0]])
 
@@ -64,8 +71,8 @@ def test_sigma_z_is_the_papers_formula(name: str) -> None:
     a, b, c, d, n, _ = PAPER[MODES[name][2]]
     for z in np.linspace(0.1, mode.range_max, 7):
         for theta in np.radians([0, 15, 30, 45, 60, 80]):
-            slant = theta ** 2 / (math.pi / 2 - theta) ** 2
-            wanted = a + b * z + c * z ** 2 + d * z ** n * slant
+            slant = theta**2 / (math.pi / 2 - theta) ** 2
+            wanted = a + b * z + c * z**2 + d * z**n * slant
             assert float(mode.noise.sigma_z(z, theta)) == pytest.approx(wanted, rel=1e-12)
 
 
@@ -124,29 +131,38 @@ def test_a_good_configuration_is_used(config: Path) -> None:
     assert flexx2().mode('Mode_5_30fps').noise.sigma_x == 0.5
 
 
-@pytest.mark.parametrize(('file', 'old', 'new', 'named'), [
-    ('modes.yaml', 'rate_hz: 15,', '', 'rate_hz'),
-    ('modes.yaml', 'rate_hz: 15', 'rate_hz: fast', 'fast'),
-    ('modes.yaml', 'range_m: [0.1, 2.4]', 'range_m: 2.4', 'modes.yaml'),
-    ('modes.yaml', 'a: 0.002362, ', '', "'a'"),
-    ('modes.yaml', 'noise: Mode_5_30fps', 'noise: Mode_7', 'Mode_7'),
-    ('modes.yaml', 'modes:', 'moods:', 'modes'),
-    ('modes.yaml', 'schema: 1', 'schema: 99', 'schema'),
-    ('modes.yaml', 'noise:', 'noise: [', 'modes.yaml'),
-    ('flexx2.yaml', 'width: 224', 'width: -1', 'width'),
-    ('flexx2.yaml', 'height: 172', 'height: .inf', 'height'),
-    ('flexx2.yaml', 'field_of_view_deg: [56, 44]', 'field_of_view_deg: [wide, 44]',
-     'field_of_view_deg'),
-    ('flexx2.yaml', 'incidence_cap_deg: 85.0', 'incidence_cap_deg: 90', 'incidence_cap_deg'),
-    ('flexx2.yaml', 'field_of_view_deg: [56, 44]', 'field_of_view_deg: 56', 'flexx2.yaml'),
-    ('flexx2.yaml', 'schema: 1', '', 'schema'),
-    ('flexx2.yaml', 'model: Flexx2', 'model: "\x07"', 'flexx2.yaml'),
-    ('flexx2.yaml', 'incidence_cap_deg: 85.0', '', 'incidence_cap_deg'),
-    ('flexx2.yaml', 'jump_share: 0.01', 'jump_share: small', 'jump_share'),
-    ('flexx2.yaml', 'neighbourhood_px: 8', 'neighbour: 8', 'neighbourhood_px'),
-    ('flexx2.yaml', 'zero_at_sigma_m: 0.07', '', 'zero_at_sigma_m')])
-def test_a_malformed_configuration_is_named(config: Path, file: str, old: str, new: str,
-                                            named: str) -> None:
+@pytest.mark.parametrize(
+    ('file', 'old', 'new', 'named'),
+    [
+        ('modes.yaml', 'rate_hz: 15,', '', 'rate_hz'),
+        ('modes.yaml', 'rate_hz: 15', 'rate_hz: fast', 'fast'),
+        ('modes.yaml', 'range_m: [0.1, 2.4]', 'range_m: 2.4', 'modes.yaml'),
+        ('modes.yaml', 'a: 0.002362, ', '', "'a'"),
+        ('modes.yaml', 'noise: Mode_5_30fps', 'noise: Mode_7', 'Mode_7'),
+        ('modes.yaml', 'modes:', 'moods:', 'modes'),
+        ('modes.yaml', 'schema: 1', 'schema: 99', 'schema'),
+        ('modes.yaml', 'noise:', 'noise: [', 'modes.yaml'),
+        ('flexx2.yaml', 'width: 224', 'width: -1', 'width'),
+        ('flexx2.yaml', 'height: 172', 'height: .inf', 'height'),
+        (
+            'flexx2.yaml',
+            'field_of_view_deg: [56, 44]',
+            'field_of_view_deg: [wide, 44]',
+            'field_of_view_deg',
+        ),
+        ('flexx2.yaml', 'incidence_cap_deg: 85.0', 'incidence_cap_deg: 90', 'incidence_cap_deg'),
+        ('flexx2.yaml', 'field_of_view_deg: [56, 44]', 'field_of_view_deg: 56', 'flexx2.yaml'),
+        ('flexx2.yaml', 'schema: 1', '', 'schema'),
+        ('flexx2.yaml', 'model: Flexx2', 'model: "\x07"', 'flexx2.yaml'),
+        ('flexx2.yaml', 'incidence_cap_deg: 85.0', '', 'incidence_cap_deg'),
+        ('flexx2.yaml', 'jump_share: 0.01', 'jump_share: small', 'jump_share'),
+        ('flexx2.yaml', 'neighbourhood_px: 8', 'neighbour: 8', 'neighbourhood_px'),
+        ('flexx2.yaml', 'zero_at_sigma_m: 0.07', '', 'zero_at_sigma_m'),
+    ],
+)
+def test_a_malformed_configuration_is_named(
+    config: Path, file: str, old: str, new: str, named: str
+) -> None:
     text = (config / file).read_text()
     assert old in text
     (config / file).write_text(text.replace(old, new))

@@ -20,10 +20,19 @@ ODD = (0.0, 1.0, -1.0, 1e-300, 1e300, math.nan, math.inf, -math.inf)
 
 def test_a_camera_goes_on_whatever_it_is_sent(child_env: dict[str, str]) -> None:
     """Assert every request is answered and a good image comes out after all the bad ones."""
-    code = ('import json; from bench.torture_node import run; '
-            'print(json.dumps(run(messages=600, seed=13)))')
-    done = subprocess.run([sys.executable, '-c', code], env=child_env, cwd=ROOT, text=True,
-                          capture_output=True, timeout=300, check=False)
+    code = (
+        'import json; from bench.torture_node import run; '
+        'print(json.dumps(run(messages=600, seed=13)))'
+    )
+    done = subprocess.run(
+        [sys.executable, '-c', code],
+        env=child_env,
+        cwd=ROOT,
+        text=True,
+        capture_output=True,
+        timeout=300,
+        check=False,
+    )
     assert done.returncode == 0, done.stderr
     result = json.loads(done.stdout.splitlines()[-1])
     assert result['sent'] == 600
@@ -40,8 +49,7 @@ def test_a_walking_robot_goes_on_whatever_it_is_sent() -> None:
             drive.publish(twist(*rng.choices(ODD, k=3)))
             seen.spin_for_a_message()
         drive.publish(twist(0.3))
-        assert all(math.isfinite(message.pose.pose.position.x)
-                   for message in seen.more(poses, 20))
+        assert all(math.isfinite(message.pose.pose.position.x) for message in seen.more(poses, 20))
 
 
 def test_a_mirroring_robot_goes_on_whatever_it_is_sent() -> None:
@@ -53,16 +61,16 @@ def test_a_mirroring_robot_goes_on_whatever_it_is_sent() -> None:
         for step in range(100):
             chosen = rng.choices(names, k=rng.randrange(4))
             states.publish(joints(step, rng.choices(ODD, k=len(chosen)), chosen))
-            message = odometry(step * 10 ** 8, rng.choices(ODD, k=3), rng.choice(ODD[:5]))
-            message.header.stamp.nanosec = rng.choice((0, 2 ** 32 - 1))
+            message = odometry(step * 10**8, rng.choices(ODD, k=3), rng.choice(ODD[:5]))
+            message.header.stamp.nanosec = rng.choice((0, 2**32 - 1))
             message.child_frame_id = rng.choice(names)
             poses.publish(message)
             seen.spin_for_a_message()
         images.clear()
         for step in range(1, 200):
-            poses.publish(odometry(10 ** 18 + step * 10 ** 9, (0.0, 0.0, 0.3)))
+            poses.publish(odometry(10**18 + step * 10**9, (0.0, 0.0, 0.3)))
             seen.spin_for_a_message()
-            if any(image.header.stamp.sec >= 10 ** 9 for image in images):
+            if any(image.header.stamp.sec >= 10**9 for image in images):
                 break
         else:
             pytest.fail('no image after the hostile messages')
@@ -73,9 +81,19 @@ def test_a_clock_before_zero_does_not_end_a_node(child_env: dict[str, str]) -> N
     """Assert an error in a callback of rclpy's own costs a line in the log."""
     listener = Listener()
     with subprocess.Popen(
-            [sys.executable, '-m', 'flexx2_sim_ros.nodes.flexx2_camera', '--ros-args', '-r',
-             '__ns:=/clocked', '-p', 'use_sim_time:=true'], env=child_env,
-            stderr=subprocess.DEVNULL) as process:
+        [
+            sys.executable,
+            '-m',
+            'flexx2_sim_ros.nodes.flexx2_camera',
+            '--ros-args',
+            '-r',
+            '__ns:=/clocked',
+            '-p',
+            'use_sim_time:=true',
+        ],
+        env=child_env,
+        stderr=subprocess.DEVNULL,
+    ) as process:
         try:
             clock = listener.node.create_publisher(Clock, '/clock', 10)
             listener.spin_until(clock.get_subscription_count, 'the node')
@@ -85,8 +103,11 @@ def test_a_clock_before_zero_does_not_end_a_node(child_env: dict[str, str]) -> N
 
             def said() -> bool:
                 clock.publish(bad)
-                return any('internal error' in entry.msg and entry.name.startswith('clocked')
-                           for entry in listener.log)
+                return any(
+                    'internal error' in entry.msg and entry.name.startswith('clocked')
+                    for entry in listener.log
+                )
+
             listener.spin_until(said, 'a word on the clock')
             reports.clear()
             listener.spin_until(lambda: len(reports) > 1, 'diagnostics')

@@ -7,8 +7,8 @@ import subprocess
 import sys
 from typing import Any
 
-from flexx2_sim_ros.camera.modes import flexx2
 from flexx2_sim_ros.effects import parse_effects, save_effects
+from flexx2_sim_ros.profiles.modes import flexx2
 import numpy as np
 import pytest
 from rcl_interfaces.msg import Parameter as ParameterMessage
@@ -20,7 +20,7 @@ from streams import DEPTH, Flexx2Camera, Parameter, Stream, stream
 
 pytestmark = pytest.mark.usefixtures('ros')
 
-SECOND = 10 ** 9
+SECOND = 10**9
 WALL = np.full((172, 224), 1.5, np.float32)
 USECASE, AUTO, EXPOSURE = 'usecase', 'auto_exposure_0', 'exposure_time_0'
 
@@ -52,8 +52,9 @@ def messages_of(values: dict[str, Any]) -> list[ParameterMessage]:
 
 
 def call(seen: Stream, kind: type, request: Any) -> Any:
-    name = {SetParameters: 'set_parameters',
-            SetParametersAtomically: 'set_parameters_atomically'}[kind]
+    name = {SetParameters: 'set_parameters', SetParametersAtomically: 'set_parameters_atomically'}[
+        kind
+    ]
     client = seen.node.create_client(kind, f'{seen.name}/{name}')
     seen.spin_until(client.service_is_ready, name)
     answer = seen.wait(client.call_async(request))
@@ -62,21 +63,27 @@ def call(seen: Stream, kind: type, request: Any) -> Any:
 
 
 def atomically(seen: Stream, **values: Any) -> Any:
-    return call(seen, SetParametersAtomically,
-                SetParametersAtomically.Request(parameters=messages_of(values))).result
+    return call(
+        seen,
+        SetParametersAtomically,
+        SetParametersAtomically.Request(parameters=messages_of(values)),
+    ).result
 
 
 def one_request(seen: Stream, values: dict[str, Any]) -> list[Any]:
-    return list(call(seen, SetParameters,
-                     SetParameters.Request(parameters=messages_of(values))).results)
+    return list(
+        call(seen, SetParameters, SetParameters.Request(parameters=messages_of(values))).results
+    )
 
 
 def dump(seen: Stream) -> dict[str, Any]:
     """Return all parameters, as `ros2 param dump` asks for them."""
     names = sorted(seen.wait(seen.clients.list_parameters()).result.names)
     values = seen.wait(seen.clients.get_parameters(names)).values
-    return {name: Parameter.from_parameter_msg(ParameterMessage(name=name, value=value)).value
-            for name, value in zip(names, values, strict=True)}
+    return {
+        name: Parameter.from_parameter_msg(ParameterMessage(name=name, value=value)).value
+        for name, value in zip(names, values, strict=True)
+    }
 
 
 def test_mode_and_exposure_are_judged_together(seen: Stream) -> None:
@@ -89,7 +96,7 @@ def test_mode_and_exposure_are_judged_together(seen: Stream) -> None:
     for names in ((USECASE, AUTO, EXPOSURE), (EXPOSURE, AUTO, USECASE), (AUTO, EXPOSURE, USECASE)):
         for together in (True, False):
             values = {name: given[name] for name in names}
-            results = ([atomically(seen, **values)] if together else one_request(seen, values))
+            results = [atomically(seen, **values)] if together else one_request(seen, values)
             assert all(result.successful for result in results)
             assert [seen.get(name) for name in given] == [new, False, exposure]
             # What only the old mode could do is refused, and nothing changes.
@@ -110,7 +117,7 @@ def test_an_automatic_exposure_cannot_be_set(seen: Stream) -> None:
     for result in (seen.set(**{EXPOSURE: 100}), atomically(seen, **{EXPOSURE: 100, AUTO: True})):
         assert result.successful
         assert seen.get(EXPOSURE) == longest
-    assert not seen.set(**{EXPOSURE: 10 ** 6}).successful
+    assert not seen.set(**{EXPOSURE: 10**6}).successful
     assert atomically(seen, **{EXPOSURE: 100, AUTO: False}).successful
     assert seen.get(EXPOSURE) == 100
     assert seen.set(**{AUTO: True}).successful
@@ -120,14 +127,25 @@ def test_an_automatic_exposure_cannot_be_set(seen: Stream) -> None:
 def setups(tmp_path: Path) -> Iterator[dict[str, Any]]:
     """Return sets of parameters of which each gives another camera."""
     path = tmp_path / 'gap.yaml'
-    save_effects(path, parse_effects({'offset': {'bias': 0.02}, 'saturation': None,
-                                      'residual_patch': {'bias_0': 0.03}}))
+    save_effects(
+        path,
+        parse_effects(
+            {'offset': {'bias': 0.02}, 'saturation': None, 'residual_patch': {'bias_0': 0.03}}
+        ),
+    )
     yield {}
     yield {'effects': 'typical'}
     yield {'effects': 'typical', 'effect.multipath.strength': 0.0, USECASE: 'Mode_5_45fps'}
     yield {'effect.offset.strength': 2.0, 'effect.multipath.gain': 3.0, AUTO: False, EXPOSURE: 90}
-    yield {'effects': str(path), 'effect.offset.bias': 0.01, USECASE: 'Mode_9_5fps', AUTO: False,
-           EXPOSURE: 1200, 'invalid_value': 'zero', 'frame_id': 'lens'}
+    yield {
+        'effects': str(path),
+        'effect.offset.bias': 0.01,
+        USECASE: 'Mode_9_5fps',
+        AUTO: False,
+        EXPOSURE: 1200,
+        'invalid_value': 'zero',
+        'frame_id': 'lens',
+    }
 
 
 def test_a_dump_is_loaded_as_it_was(tmp_path: Path) -> None:
@@ -136,10 +154,13 @@ def test_a_dump_is_loaded_as_it_was(tmp_path: Path) -> None:
         with stream(**values) as first:
             written, chosen = dump(first), first.camera.settings.effects.chosen
             assert any(effect.strength for effect in chosen) == any(
-                name.startswith('effect') for name in values)
-            for load in (one_request, lambda seen, values: [atomically(seen, **values)],
-                         lambda seen, values: [seen.set(**{name: value})
-                                               for name, value in values.items()]):
+                name.startswith('effect') for name in values
+            )
+            for load in (
+                one_request,
+                lambda seen, values: [atomically(seen, **values)],
+                lambda seen, values: [seen.set(**{name: value}) for name, value in values.items()],
+            ):
                 # Into the camera itself, alphabetically: nothing changes.
                 assert all(result.successful for result in load(first, written))
                 assert dump(first) == written
@@ -148,12 +169,14 @@ def test_a_dump_is_loaded_as_it_was(tmp_path: Path) -> None:
         given = {name: value for name, value in written.items() if name not in first_names}
         with stream() as second:
             load_into(second, given)
-            assert {name: value for name, value in dump(second).items()
-                    if not name.startswith('qos')} == given
+            assert {
+                name: value for name, value in dump(second).items() if not name.startswith('qos')
+            } == given
             assert second.camera.settings.effects.chosen == chosen
         with stream(**given) as third:  # --params-file at the start
-            assert {name: value for name, value in dump(third).items()
-                    if not name.startswith('qos')} == given
+            assert {
+                name: value for name, value in dump(third).items() if not name.startswith('qos')
+            } == given
             assert third.camera.settings.effects.chosen == chosen
 
 
@@ -181,16 +204,27 @@ def test_a_changed_number_marks_the_file(seen: Stream) -> None:
 
 
 HOSTILE_FILES = {
-    'date': 'a: 2024-13-45', 'number': 'a: 0x_', 'digits': f'a: {"9" * 5000}',
-    'large': f'effects: {{offset: {{bias: 0x{"f" * 5000}}}}}', 'brackets': '[' * 3000,
-    'maps': '{a: ' * 3000, 'key': '? [1]\n: 2', 'tag': 'a: !!bool x', 'empty tag': 'a: !!int ""',
-    'time': 'a: !!timestamp x', 'surrogate': 'effects: {"\\ud800": 1}',
-    'escape': 'effects: {"\\e[31m": 1}', 'nul': '\0', 'long': 'x' * 300_000,
-    'names': f'effects: {{{"x" * 9000}: 1}}', 'text': f'effects: {"x" * 9000}',
+    'date': 'a: 2024-13-45',
+    'number': 'a: 0x_',
+    'digits': f'a: {"9" * 5000}',
+    'large': f'effects: {{offset: {{bias: 0x{"f" * 5000}}}}}',
+    'brackets': '[' * 3000,
+    'maps': '{a: ' * 3000,
+    'key': '? [1]\n: 2',
+    'tag': 'a: !!bool x',
+    'empty tag': 'a: !!int ""',
+    'time': 'a: !!timestamp x',
+    'surrogate': 'effects: {"\\ud800": 1}',
+    'escape': 'effects: {"\\e[31m": 1}',
+    'nul': '\0',
+    'long': 'x' * 300_000,
+    'names': f'effects: {{{"x" * 9000}: 1}}',
+    'text': f'effects: {"x" * 9000}',
     'values': 'a: [' + '1, ' * 20_000 + ']',
-    'aliases': 'a: &a [x, x, x, x, x, x, x, x]\n' + '\n'.join(
-        f'{chr(98 + i)}: &{chr(98 + i)} [{", ".join(["*" + chr(97 + i)] * 9)}]'
-        for i in range(9)),
+    'aliases': 'a: &a [x, x, x, x, x, x, x, x]\n'
+    + '\n'.join(
+        f'{chr(98 + i)}: &{chr(98 + i)} [{", ".join(["*" + chr(97 + i)] * 9)}]' for i in range(9)
+    ),
 }
 
 
@@ -202,8 +236,21 @@ def hostile_texts(tmp_path: Path) -> Iterator[str]:
         yield str(path)
     pipe = tmp_path / 'pipe'
     os.mkfifo(pipe)
-    yield from (str(pipe), '/dev/zero', '/dev/tty', str(tmp_path), 'x' * 300, 'x/' * 3000,
-                'a\x1b[31mb', '~', '.', '..', '*', 'x' * 100_000, '\n')
+    yield from (
+        str(pipe),
+        '/dev/zero',
+        '/dev/tty',
+        str(tmp_path),
+        'x' * 300,
+        'x/' * 3000,
+        'a\x1b[31mb',
+        '~',
+        '.',
+        '..',
+        '*',
+        'x' * 100_000,
+        '\n',
+    )
 
 
 def test_no_file_stops_a_running_node(seen: Stream, tmp_path: Path) -> None:
@@ -221,15 +268,27 @@ def test_no_file_stops_a_running_node(seen: Stream, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize('name', ['effects', 'profile'])
-def test_no_file_gives_a_traceback_at_the_start(name: str, tmp_path: Path,
-                                                child_env: dict[str, str]) -> None:
+def test_no_file_gives_a_traceback_at_the_start(
+    name: str, tmp_path: Path, child_env: dict[str, str]
+) -> None:
     """Assert one sentence and exit code 1."""
     path = tmp_path / 'deep.yaml'
     path.write_text('[' * 3000)
     done = subprocess.run(
-        [sys.executable, '-m', 'flexx2_sim_ros.nodes.flexx2_camera', '--ros-args', '-p',
-         f'{name}:={path}'], env=child_env, capture_output=True, text=True, timeout=60,
-        check=False)
+        [
+            sys.executable,
+            '-m',
+            'flexx2_sim_ros.nodes.flexx2_camera',
+            '--ros-args',
+            '-p',
+            f'{name}:={path}',
+        ],
+        env=child_env,
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
     assert done.returncode == 1
     assert done.stderr.startswith(f'error: {name}: ')
     assert done.stderr.count('\n') == 1
@@ -246,12 +305,14 @@ def test_a_type_that_is_none_is_refused(seen: Stream, kind: int) -> None:
     bad = ParameterMessage(name='frame_id')
     bad.value.type = kind
     good = messages_of({'invalid_value': 'zero'})
-    results = call(seen, SetParameters, SetParameters.Request(
-        parameters=[bad, *good])).results
+    results = call(seen, SetParameters, SetParameters.Request(parameters=[bad, *good])).results
     assert [result.successful for result in results] == [False, True]
     assert results[0].reason == f'frame_id: type: must be 0 to 9, got {kind}'
-    result = call(seen, SetParametersAtomically, SetParametersAtomically.Request(
-        parameters=[*messages_of({'invalid_value': 'nan'}), bad])).result
+    result = call(
+        seen,
+        SetParametersAtomically,
+        SetParametersAtomically.Request(parameters=[*messages_of({'invalid_value': 'nan'}), bad]),
+    ).result
     assert not result.successful
     assert seen.get('invalid_value') == 'zero'
     assert seen.set(invalid_value='nan').successful
@@ -261,12 +322,18 @@ def test_the_go1_goes_on_after_a_bad_request() -> None:
     with go1() as robot:
         robot.spin_until(robot.clients.services_are_ready, 'services')
         client = robot.node.create_client(
-            SetParameters, f'{robot.space}/go1_cameras/set_parameters')
+            SetParameters, f'{robot.space}/go1_cameras/set_parameters'
+        )
         robot.spin_until(client.service_is_ready, 'service')
         bad = ParameterMessage(name='max_speed')
         bad.value.type = 10
-        answer = robot.wait(client.call_async(SetParameters.Request(
-            parameters=[bad, *messages_of({'max_speed': 0.5, 'max_sped': 0.5})])))
+        answer = robot.wait(
+            client.call_async(
+                SetParameters.Request(
+                    parameters=[bad, *messages_of({'max_speed': 0.5, 'max_sped': 0.5})]
+                )
+            )
+        )
         assert [result.successful for result in answer.results] == [False, True, False]
         assert 'did you mean max_speed?' in answer.results[2].reason
         assert robot.change(max_speed=0.4).successful
@@ -284,32 +351,46 @@ def test_odd_requests_are_answered(seen: Stream) -> None:
         assert not seen.wait(seen.clients.describe_parameters([name])).descriptors
         assert not seen.wait(seen.clients.get_parameter_types([name])).types
     assert 'did you mean usecase?' in result.reason
-    for depth in (0, 1, 2, 2 ** 64 - 1):
+    for depth in (0, 1, 2, 2**64 - 1):
         seen.wait(seen.clients.list_parameters(names, depth))
     assert '' not in dump(seen)
     many = [ParameterMessage(name='frame_id')] * 1001
-    result = call(seen, SetParametersAtomically,
-                  SetParametersAtomically.Request(parameters=many)).result
+    result = call(
+        seen, SetParametersAtomically, SetParametersAtomically.Request(parameters=many)
+    ).result
     assert result.reason == 'parameters: must be at most 1000, got 1001'
     assert call(seen, SetParametersAtomically, SetParametersAtomically.Request()).result.successful
     # Of one that comes twice each is judged; together they are refused.
     twice = [*messages_of({'invalid_value': 'zer'}), *messages_of({'invalid_value': 'zero'})]
-    assert [result.successful for result in call(
-        seen, SetParameters, SetParameters.Request(parameters=twice)).results] == [False, True]
-    result = call(seen, SetParametersAtomically,
-                  SetParametersAtomically.Request(parameters=twice)).result
+    assert [
+        result.successful
+        for result in call(seen, SetParameters, SetParameters.Request(parameters=twice)).results
+    ] == [False, True]
+    result = call(
+        seen, SetParametersAtomically, SetParametersAtomically.Request(parameters=twice)
+    ).result
     assert result.reason == 'invalid_value: must be given once, got it 2 times'
     # A parameter cannot be taken away.
     for name in ('usecase', 'effects', 'invalid_value', 'effect.offset.bias', 'seed'):
-        assert not call(seen, SetParameters, SetParameters.Request(
-            parameters=[ParameterMessage(name=name)])).results[0].successful
+        assert (
+            not call(
+                seen,
+                SetParameters,
+                SetParameters.Request(parameters=[ParameterMessage(name=name)]),
+            )
+            .results[0]
+            .successful
+        )
 
 
 def test_an_error_in_a_service_is_logged_and_refused(
-        seen: Stream, monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: Stream, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Assert a callback that raises costs one line in the log, and the caller is answered."""
+
     def fail(*_: Any) -> None:
         raise MemoryError('\x1b[31m' + 'x' * 200)
+
     monkeypatch.setattr(seen.camera, 'describe_parameter', fail)
     result = seen.set(frame_id='lens')
     assert not result.successful
@@ -341,17 +422,33 @@ def serial_of(listener: Stream, name: str) -> str:
     return str(value.string_value)
 
 
-def test_a_serial_of_digits_stays_as_typed(seen: Stream, tmp_path: Path,
-                                           child_env: dict[str, str]) -> None:
+def test_a_serial_of_digits_stays_as_typed(
+    seen: Stream, tmp_path: Path, child_env: dict[str, str]
+) -> None:
     """Assert the command line's text, and a word on what to write where it is lost."""
     lost = tmp_path / 'lost.yaml'
     lost.write_text('/**:\n  ros__parameters:\n    serial: 0123\n')
-    cases = {'/typed': (['-p', 'serial:=0123'], '0123'),
-             '/lost': (['--params-file', str(lost)], '83')}
-    processes = {space: subprocess.Popen(
-        [sys.executable, '-m', 'flexx2_sim_ros.nodes.flexx2_camera', '--ros-args', '-r',
-         f'__ns:={space}', *arguments], env=child_env, stderr=subprocess.PIPE, text=True)
-        for space, (arguments, _) in cases.items()}
+    cases = {
+        '/typed': (['-p', 'serial:=0123'], '0123'),
+        '/lost': (['--params-file', str(lost)], '83'),
+    }
+    processes = {
+        space: subprocess.Popen(
+            [
+                sys.executable,
+                '-m',
+                'flexx2_sim_ros.nodes.flexx2_camera',
+                '--ros-args',
+                '-r',
+                f'__ns:={space}',
+                *arguments,
+            ],
+            env=child_env,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        for space, (arguments, _) in cases.items()
+    }
     try:
         for space, (_, serial) in cases.items():
             assert serial_of(seen, f'{space}/flexx2_camera') == serial

@@ -24,9 +24,12 @@ import pytest
 from test_gap_walls import write_walls
 
 SMALL: dict[str, Any] = {
-    'depth': np.ones((4, 6, 8), np.float32), 'clean_depth': np.ones((6, 8), np.float32),
-    'K': np.array([[9.0, 0, 3.5], [0, 9.0, 2.5], [0, 0, 1]]), 'stamp': np.arange(4) / 30,
-    'usecase': np.array('Mode_9_30fps')}
+    'depth': np.ones((4, 6, 8), np.float32),
+    'clean_depth': np.ones((6, 8), np.float32),
+    'K': np.array([[9.0, 0, 3.5], [0, 9.0, 2.5], [0, 0, 1]]),
+    'stamp': np.arange(4) / 30,
+    'usecase': np.array('Mode_9_30fps'),
+}
 
 
 def member(array: Any, shape: object = None, descr: str | None = None) -> bytes:
@@ -34,9 +37,11 @@ def member(array: Any, shape: object = None, descr: str | None = None) -> bytes:
     array = np.asarray(array)
     buffer = io.BytesIO()
     np.lib.format.write_array(buffer, array)
-    content = buffer.getvalue()[-array.nbytes:] if array.nbytes else b''
-    header = (f"{{'descr': {descr or array.dtype.str!r}, 'fortran_order': False, "
-              f"'shape': {array.shape if shape is None else shape}, }}\n").encode()
+    content = buffer.getvalue()[-array.nbytes :] if array.nbytes else b''
+    header = (
+        f"{{'descr': {descr or array.dtype.str!r}, 'fortran_order': False, "
+        f"'shape': {array.shape if shape is None else shape}, }}\n"
+    ).encode()
     return b'\x93NUMPY\x01\x00' + len(header).to_bytes(2, 'little') + header + content
 
 
@@ -69,10 +74,12 @@ BAD: dict[str, Callable[[Path], object]] = {
     'bzip2': lambda path: damaged(path, zipfile.ZIP_BZIP2),
     'deflate': lambda path: damaged(path, zipfile.ZIP_DEFLATED),
     'stored': lambda path: damaged(path, zipfile.ZIP_STORED),
-    'code point': lambda path: pack(path, usecase=member(
-        np.array([0x110000, 65], np.uint32), '()', '<U2')),
-    'surrogate': lambda path: pack(path, usecase=member(np.array([0xD800], np.uint32), '()',
-                                                        '<U1')),
+    'code point': lambda path: pack(
+        path, usecase=member(np.array([0x110000, 65], np.uint32), '()', '<U2')
+    ),
+    'surrogate': lambda path: pack(
+        path, usecase=member(np.array([0xD800], np.uint32), '()', '<U1')
+    ),
     'huge shape': lambda path: pack(path, depth=member(DEPTH, '(18446744073709551616, 1)')),
     'large shape': lambda path: pack(path, depth=member(DEPTH, '(100000000, 64, 64)')),
     'bool shape': lambda path: pack(path, depth=member(DEPTH, '(True, 43, 56)')),
@@ -82,30 +89,34 @@ BAD: dict[str, Callable[[Path], object]] = {
     'objects': lambda path: pack(path, depth=member(DEPTH, descr='|O')),
     'odd dtype': lambda path: pack(path, depth=member(DEPTH, descr='{}')),
     'deep header': lambda path: pack(path, depth=member(DEPTH, '(' * 3000 + ')' * 3000)),
-    'empty text': lambda path: pack(path, usecase=member(np.zeros(0), '(9223372036854775807,)',
-                                                         '<U0')),
+    'empty text': lambda path: pack(
+        path, usecase=member(np.zeros(0), '(9223372036854775807,)', '<U0')
+    ),
     'no magic': lambda path: pack(path, depth=b'nothing'),
     'no archive': lambda path: path.write_bytes(b'PK\x03\x04 no archive'),
     'dangling': lambda path: path.symlink_to('nowhere.npz'),
     'loop': looping,
     'a folder': lambda path: path.mkdir(),
-    'a pipe': lambda path: os.mkfifo(path)}
+    'a pipe': lambda path: os.mkfifo(path),
+}
 
 
 @pytest.mark.parametrize('kind', BAD)
 def test_a_bad_file_is_one_sentence_in_every_command(
-        kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     path = tmp_path / 'bad.npz'
     BAD[kind](path)
     boards = tmp_path / 'boards'
     boards.mkdir()
     shutil.move(path, boards / path.name) if kind != 'loop' else looping(boards / path.name)
     path = boards / path.name
-    for command in (('convert', str(path), str(tmp_path / 'bag')),
-                    ('simulate', str(path), str(tmp_path / 'out.npz')),
-                    ('characterize', 'fit', str(boards), '--jobs', '1'),
-                    ('gap', 'diagnose', str(boards), '--out', str(tmp_path / 'out'),
-                     '--jobs', '1')):
+    for command in (
+        ('convert', str(path), str(tmp_path / 'bag')),
+        ('simulate', str(path), str(tmp_path / 'out.npz')),
+        ('characterize', 'fit', str(boards), '--jobs', '1'),
+        ('gap', 'diagnose', str(boards), '--out', str(tmp_path / 'out'), '--jobs', '1'),
+    ):
         if kind == 'a pipe' and command[0] in ('convert', 'simulate'):
             continue
         assert main(list(command)) == 2, command
@@ -151,7 +162,8 @@ def test_a_subfolder_that_cannot_be_looked_into_is_named() -> None:
 
 
 def test_what_decompresses_to_too_much_is_refused_unread(
-        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     path = tmp_path / 'bomb.npz'
     with zipfile.ZipFile(path, 'w', zipfile.ZIP_DEFLATED) as archive:
         for key, value in SMALL.items():
@@ -162,14 +174,20 @@ def test_what_decompresses_to_too_much_is_refused_unread(
                 entry.write(bytes(1 << 20))
     assert path.stat().st_size < 2 << 20
     # VmHWM begins with the program, ru_maxrss with the process that it was forked from.
-    code = ('import re, sys; from pathlib import Path; '
-            'from flexx2_sim_ros.cli.main import main; '
-            f'assert main(["simulate", {str(path)!r}, {str(tmp_path / "out.npz")!r}]) == 2; '
-            'assert main(["convert", *sys.argv[1:]]) == 2; '
-            'status = Path("/proc/self/status").read_text(); '
-            'print(int(re.search(r"VmHWM:\\s+(\\d+)", status)[1]) // 1024)')
-    result = subprocess.run([sys.executable, '-c', code, str(path), str(tmp_path / 'bag')],
-                            capture_output=True, text=True, check=True)
+    code = (
+        'import re, sys; from pathlib import Path; '
+        'from flexx2_sim_ros.cli.main import main; '
+        f'assert main(["simulate", {str(path)!r}, {str(tmp_path / "out.npz")!r}]) == 2; '
+        'assert main(["convert", *sys.argv[1:]]) == 2; '
+        'status = Path("/proc/self/status").read_text(); '
+        'print(int(re.search(r"VmHWM:\\s+(\\d+)", status)[1]) // 1024)'
+    )
+    result = subprocess.run(
+        [sys.executable, '-c', code, str(path), str(tmp_path / 'bag')],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
     assert int(result.stdout) < 1000  # MB: the libraries alone take 560, the content would add 700
     said = ' '.join(result.stderr.split())
     assert 'must not decompress to more than 512 MB, got 700 MB' in said
@@ -200,8 +218,18 @@ def test_written_files_have_the_permissions_of_new_ones(tmp_path: Path, umask: i
     pack(tmp_path / 'scene.npz')
     previous = os.umask(umask)
     try:
-        assert main(['simulate', str(tmp_path / 'scene.npz'), str(tmp_path / 'out.npz'),
-                     '--frames', '2']) == 0
+        assert (
+            main(
+                [
+                    'simulate',
+                    str(tmp_path / 'scene.npz'),
+                    str(tmp_path / 'out.npz'),
+                    '--frames',
+                    '2',
+                ]
+            )
+            == 0
+        )
         assert main(['effects', '--write-presets', str(tmp_path / 'presets')]) == 0
     finally:
         os.umask(previous)

@@ -25,7 +25,7 @@ def test_ticks_keep_pace_and_their_stamps_are_exact(clock, rate, factor):
             pacer.tick += 1
             stamps.append(pacer.stamp)
     assert pacer.tick == pytest.approx(740, abs=2)
-    assert stamps == [k * 10 ** 12 // round(rate * 1000) for k in range(1, pacer.tick + 1)]
+    assert stamps == [k * 10**12 // round(rate * 1000) for k in range(1, pacer.tick + 1)]
     assert pacer.lag == 0.0
 
 

@@ -37,14 +37,20 @@ LIBRARIES = {
     'yaml': ('python3-yaml', 'PyYAML'),
 }
 # Extras of pip's, with no key in rosdep: import name, name on the Python package index.
-EXTRAS = {'distributed': 'distributed', 'mujoco_menagerie': 'mujoco-menagerie',
-          'warp': 'warp-lang'}
+EXTRAS = {
+    'distributed': 'distributed',
+    'mujoco_menagerie': 'mujoco-menagerie',
+    'warp': 'warp-lang',
+}
 
 
 def run(*command: str | Path, cwd: Path, **changes: str | Path) -> str:
     """Return what a command, which has to succeed, prints away from this checkout."""
-    env = {key: value for key, value in os.environ.items()
-           if key not in ('PYTHONPATH', 'AMENT_PREFIX_PATH', 'COLCON_PREFIX_PATH')}
+    env = {
+        key: value
+        for key, value in os.environ.items()
+        if key not in ('PYTHONPATH', 'AMENT_PREFIX_PATH', 'COLCON_PREFIX_PATH')
+    }
     env |= {key: str(value) for key, value in changes.items()}
     done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=cwd, env=env)
     assert done.returncode == 0, f'{command}\n{done.stdout}\n{done.stderr}'
@@ -84,8 +90,7 @@ def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
     copy = tmp_path_factory.mktemp('source') / NAME
     copy.mkdir()
     for folder in (NAME, 'config', 'launch', 'resource'):
-        shutil.copytree(ROOT / folder, copy / folder,
-                        ignore=shutil.ignore_patterns('__pycache__'))
+        shutil.copytree(ROOT / folder, copy / folder, ignore=shutil.ignore_patterns('__pycache__'))
     for file in ('LICENSE', 'package.xml', 'pyproject.toml', 'setup.cfg', 'setup.py'):
         shutil.copy(ROOT / file, copy)
     return copy
@@ -95,8 +100,9 @@ def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def workspace(source: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Build the package with colcon; return the workspace."""
     work = tmp_path_factory.mktemp('workspace')
-    run(sys.executable, '-m', 'colcon', 'build', '--base-paths', source, cwd=work,
-        COLCON_HOME=work)
+    run(
+        sys.executable, '-m', 'colcon', 'build', '--base-paths', source, cwd=work, COLCON_HOME=work
+    )
     return work
 
 
@@ -108,7 +114,8 @@ def test_colcon_puts_files_where_ros_looks(workspace: Path) -> None:
     assert (share / 'package.xml').is_file()
     for folder in ('config', 'launch'):
         assert files_under(share / folder) == {
-            path for path in files_under(ROOT / folder) if '__pycache__' not in path.parts}
+            path for path in files_under(ROOT / folder) if '__pycache__' not in path.parts
+        }
     assert files_under(site_packages(prefix) / PAGE) == files_under(ROOT / PAGE)
 
 
@@ -120,8 +127,7 @@ def test_colcon_install_runs_in_a_sourced_shell(workspace: Path) -> None:
 
 
 def test_colcon_build_compiles_the_camera(workspace: Path) -> None:
-    script = (f'. install/setup.bash && "$AMENT_PREFIX_PATH/lib/{NAME}/flexx2" compile '
-              '--no-effects')
+    script = f'. install/setup.bash && "$AMENT_PREFIX_PATH/lib/{NAME}/flexx2" compile --no-effects'
     assert run('bash', '-c', script, cwd=workspace) == 'everything was compiled before\n'
 
 
@@ -138,15 +144,32 @@ def test_launch_files_find_the_executables(workspace: Path) -> None:
 
 
 def test_pip_install_runs(source: Path, tmp_path: Path) -> None:
-    run(sys.executable, '-m', 'pip', 'install', '--no-index', '--no-deps', '--no-build-isolation',
-        '--ignore-installed', '--prefix', tmp_path, source, cwd=tmp_path)
+    run(
+        sys.executable,
+        '-m',
+        'pip',
+        'install',
+        '--no-index',
+        '--no-deps',
+        '--no-build-isolation',
+        '--ignore-installed',
+        '--prefix',
+        tmp_path,
+        source,
+        cwd=tmp_path,
+    )
     assert files_under(tmp_path / 'bin') == {Path(name) for name in EXECUTABLES}
     path = site_packages(tmp_path)
     printed = run(tmp_path / 'bin' / 'flexx2', 'modes', cwd=tmp_path, PYTHONPATH=path)
     assert set(re.findall(r'Mode_\w+', printed)) == MODES
     assert files_under(path / PAGE) == files_under(ROOT / PAGE)
-    used = run(sys.executable, '-c', f'from {NAME}.paths import *; print(config_dir())',
-               cwd=tmp_path, PYTHONPATH=path)
+    used = run(
+        sys.executable,
+        '-c',
+        f'from {NAME}.paths import *; print(config_dir())',
+        cwd=tmp_path,
+        PYTHONPATH=path,
+    )
     assert Path(used.strip()) == tmp_path / 'share' / NAME / 'config'
 
 
@@ -155,13 +178,17 @@ def test_library_imports_no_ros(tmp_path: Path) -> None:
     apart = [f'{NAME}.nodes.', f'{NAME}.cli.']
     if importlib.util.find_spec('warp') is None:
         apart.append(f'{NAME}.batch.')
-    library = [name.removesuffix('.__init__') for name in modules
-               if not name.startswith(tuple(apart))]
+    library = [
+        name.removesuffix('.__init__') for name in modules if not name.startswith(tuple(apart))
+    ]
     assert f'{NAME}.camera' in library
     loaded = run(
-        sys.executable, '-c',
+        sys.executable,
+        '-c',
         f'import sys, {", ".join(library)}, {NAME}.cli.main; print(*sys.modules)',
-        cwd=tmp_path, PYTHONPATH=ROOT)
+        cwd=tmp_path,
+        PYTHONPATH=ROOT,
+    )
     assert not ros_packages() & {name.split('.')[0] for name in loaded.split()}
 
 
@@ -180,25 +207,36 @@ sys.exit(main())
 """
 
 
-@pytest.mark.parametrize(('module', 'arguments', 'missing'), [
-    ('cli.main', ('modes',), ''),
-    ('cli.main', ('effects',), ''),
-    ('cli.main', ('convert', 'bag.mcap', 'out.npz'), 'rosbags'),
-    ('cli.main', ('characterize', 'capture', 'campaign'), 'mujoco'),
-    ('nodes.go1_cameras', (), 'mujoco')])
-def test_only_what_needs_a_library_asks_for_it(tmp_path: Path, module: str,
-                                               arguments: tuple[str, ...], missing: str) -> None:
+@pytest.mark.parametrize(
+    ('module', 'arguments', 'missing'),
+    [
+        ('cli.main', ('modes',), ''),
+        ('cli.main', ('effects',), ''),
+        ('cli.main', ('convert', 'bag.mcap', 'out.npz'), 'rosbags'),
+        ('cli.main', ('characterize', 'capture', 'campaign'), 'mujoco'),
+        ('nodes.go1_cameras', (), 'mujoco'),
+    ],
+)
+def test_only_what_needs_a_library_asks_for_it(
+    tmp_path: Path, module: str, arguments: tuple[str, ...], missing: str
+) -> None:
     if module.startswith('nodes'):
         pytest.importorskip('rclpy')
     (tmp_path / 'bag.mcap').touch()
     program = without(('mujoco', 'rosbags'), module, *arguments)
-    done = subprocess.run([sys.executable, '-c', program], capture_output=True, text=True,
-                          cwd=tmp_path, env={**os.environ, 'PYTHONPATH': str(ROOT)})
+    done = subprocess.run(
+        [sys.executable, '-c', program],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        env={**os.environ, 'PYTHONPATH': str(ROOT)},
+    )
     if missing:
         assert done.returncode in (1, 2)
         line = done.stderr.strip().splitlines()[-1]
-        assert re.search(f'error: {missing} is not installed, and this needs it: '
-                         f'pip install "{missing}>=', line)
+        assert re.search(
+            f'error: {missing} is not installed, and this needs it: pip install "{missing}>=', line
+        )
         assert 'Traceback' not in done.stderr
     else:
         assert done.returncode == 0, done.stderr
@@ -206,10 +244,12 @@ def test_only_what_needs_a_library_asks_for_it(tmp_path: Path, module: str,
 
 def test_the_camera_node_needs_neither_mujoco_nor_rosbags() -> None:
     pytest.importorskip('rclpy')
-    program = without(('mujoco', 'rosbags'), 'nodes.flexx2_camera', '--ros-args', '-r',
-                      '__ns:=/needs_little')
-    with subprocess.Popen([sys.executable, '-c', program], cwd=ROOT, stderr=subprocess.PIPE,
-                          text=True) as process:
+    program = without(
+        ('mujoco', 'rosbags'), 'nodes.flexx2_camera', '--ros-args', '-r', '__ns:=/needs_little'
+    )
+    with subprocess.Popen(
+        [sys.executable, '-c', program], cwd=ROOT, stderr=subprocess.PIPE, text=True
+    ) as process:
         assert process.stderr is not None
         line = process.stderr.readline()
         process.send_signal(signal.SIGINT)
@@ -223,16 +263,24 @@ def test_make_shell_finds_the_commands() -> None:
     # -o: an environment that is there is not made again.
     done = subprocess.run(
         ['make', '-s', '-o', '.venv/.complete', 'shell', f'BIN={Path(sys.executable).parent}'],
-        input=''.join(f'command -v {name}\n' for name in sorted(EXECUTABLES)), cwd=ROOT,
-        capture_output=True, text=True, check=True, env={**os.environ, 'SHELL': '/bin/sh'})
+        input=''.join(f'command -v {name}\n' for name in sorted(EXECUTABLES)),
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+        env={**os.environ, 'SHELL': '/bin/sh'},
+    )
     found = [Path(line) for line in done.stdout.splitlines() if line.startswith('/')]
     assert {path.name for path in found} == EXECUTABLES
     assert {path.parent for path in found} == {Path(sys.executable).parent}
 
 
 def test_every_import_is_a_declared_dependency() -> None:
-    declared = {depend.text for depend in ElementTree.parse(ROOT / 'package.xml').findall('*')
-                if depend.tag.endswith('depend')}
+    declared = {
+        depend.text
+        for depend in ElementTree.parse(ROOT / 'package.xml').findall('*')
+        if depend.tag.endswith('depend')
+    }
     setup = (ROOT / 'setup.py').read_text()
     for key, distribution in LIBRARIES.values():
         assert key in declared

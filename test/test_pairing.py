@@ -23,28 +23,44 @@ def run(pairing: StampPairing, *events: str) -> list[tuple[int, str | None, str 
     return [(match.stamp, match.info, match.reflectivity) for match in matches]
 
 
-@pytest.mark.parametrize('order', [
-    ('info', 'image'), ('image', 'info'),
-    ('info', 'reflectivity', 'image'), ('reflectivity', 'info', 'image')], ids=' '.join)
+@pytest.mark.parametrize(
+    'order',
+    [
+        ('info', 'image'),
+        ('image', 'info'),
+        ('info', 'reflectivity', 'image'),
+        ('reflectivity', 'info', 'image'),
+    ],
+    ids=' '.join,
+)
 def test_messages_of_one_stamp_are_matched_at_once(order: tuple[str, ...]) -> None:
     """Assert every image comes out with its own companions, without waiting for the next one."""
     pairing = StampPairing()
     for stamp in range(50):
         paint = f'reflectivity {stamp}' if 'reflectivity' in order else None
         assert run(pairing, *(f'{name} {stamp}' for name in order)) == [
-            (stamp, f'info {stamp}', paint)]
+            (stamp, f'info {stamp}', paint)
+        ]
 
 
-@pytest.mark.parametrize('order', [
-    ('info', 'image', 'reflectivity'), ('image', 'reflectivity', 'info'),
-    ('image', 'info', 'reflectivity'), ('reflectivity', 'image', 'info')], ids=' '.join)
+@pytest.mark.parametrize(
+    'order',
+    [
+        ('info', 'image', 'reflectivity'),
+        ('image', 'reflectivity', 'info'),
+        ('image', 'info', 'reflectivity'),
+        ('reflectivity', 'image', 'info'),
+    ],
+    ids=' '.join,
+)
 def test_reflectivity_is_waited_for_once_it_has_come(order: tuple[str, ...]) -> None:
     """Assert at most the first image goes without its reflectivity."""
     pairing = StampPairing()
     run(pairing, *(f'{name} 0' for name in order))
     for stamp in range(1, 50):
         assert run(pairing, *(f'{name} {stamp}' for name in order)) == [
-            (stamp, f'info {stamp}', f'reflectivity {stamp}')]
+            (stamp, f'info {stamp}', f'reflectivity {stamp}')
+        ]
 
 
 def test_an_image_waits_no_longer_than_for_the_next() -> None:
@@ -72,14 +88,18 @@ def test_no_info_at_all() -> None:
     """Assert images come out without, for the node to say so."""
     pairing = StampPairing()
     assert run(pairing, 'image 1', 'image 2', 'image 3') == [
-        (1, None, None), (2, None, None), (3, None, None)]
+        (1, None, None),
+        (2, None, None),
+        (3, None, None),
+    ]
 
 
 def test_companions_of_other_stamps_are_not_used() -> None:
     """Assert reflectivity is never taken from another frame."""
     pairing = StampPairing()
     assert run(pairing, 'info 1', 'reflectivity 0', 'reflectivity 2', 'image 1') == [
-        (1, 'info 1', None)]
+        (1, 'info 1', None)
+    ]
     assert run(pairing, 'info 2', 'image 2') == [(2, 'info 2', 'reflectivity 2')]
 
 
@@ -93,7 +113,8 @@ def test_a_run_that_starts_again_does_not_see_the_last_ones_companions() -> None
             pairing.companion('reflectivity', stamp, 'old')
         for stamp in range(5):
             assert run(pairing, *(f'{name} {stamp}' for name in order)) == [
-                (stamp, f'info {stamp}', f'reflectivity {stamp}')]
+                (stamp, f'info {stamp}', f'reflectivity {stamp}')
+            ]
 
 
 def test_companions_that_are_ahead_of_a_restart_are_kept() -> None:
@@ -101,8 +122,9 @@ def test_companions_that_are_ahead_of_a_restart_are_kept() -> None:
     pairing = StampPairing()
     for stamp in range(5):
         run(pairing, f'info {stamp}', f'reflectivity {stamp}', f'image {stamp}')
-    assert run(pairing, 'info 0', 'info 1', 'reflectivity 0', 'reflectivity 1', 'image 0',
-               'image 1') == [(0, 'info 0', 'reflectivity 0'), (1, 'info 1', 'reflectivity 1')]
+    assert run(
+        pairing, 'info 0', 'info 1', 'reflectivity 0', 'reflectivity 1', 'image 0', 'image 1'
+    ) == [(0, 'info 0', 'reflectivity 0'), (1, 'info 1', 'reflectivity 1')]
 
 
 def test_one_info_outlives_a_restart() -> None:
@@ -112,8 +134,9 @@ def test_one_info_outlives_a_restart() -> None:
     assert run(pairing, 'image 1', 'image 2') == [(1, 'info 50', None), (2, 'info 50', None)]
 
 
-EVENTS = st.lists(st.tuples(st.sampled_from(['image', 'info', 'reflectivity']),
-                            st.integers(0, 30)), max_size=80)
+EVENTS = st.lists(
+    st.tuples(st.sampled_from(['image', 'info', 'reflectivity']), st.integers(0, 30)), max_size=80
+)
 
 
 @given(EVENTS)
@@ -129,7 +152,7 @@ def test_any_order_keeps_every_image(events: list[tuple[str, int]]) -> None:
         else:
             matches += pairing.companion(name, stamp, (stamp, serial))
         assert len(sent) - len(matches) in (0, 1)
-    assert [(match.stamp, match.image) for match in matches] == sent[:len(matches)]
+    assert [(match.stamp, match.image) for match in matches] == sent[: len(matches)]
     for match in matches:
         assert match.reflectivity is None or match.reflectivity[0] == match.stamp
 
@@ -140,7 +163,9 @@ def test_what_is_paired_and_what_is_not_is_counted() -> None:
     for stamp in range(0, 100, 2):
         run(pairing, f'info {stamp}', f'reflectivity {stamp}', f'image {stamp}')
     assert (pairing.paired, pairing.unpaired) == (
-        {'info': 50, 'reflectivity': 50}, {'info': 0, 'reflectivity': 0})
+        {'info': 50, 'reflectivity': 50},
+        {'info': 0, 'reflectivity': 0},
+    )
     for stamp in range(100, 200):
         run(pairing, f'reflectivity {2 * stamp + 1}', f'image {2 * stamp}')
     assert pairing.paired['reflectivity'] == 50

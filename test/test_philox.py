@@ -2,7 +2,7 @@
 
 import math
 
-from flexx2_sim_ros.camera.philox import (
+from flexx2_sim_ros.physics.philox import (
     camera_key,
     fill_normals,
     normal_pair,
@@ -21,43 +21,61 @@ SIGMAS = 6.0
 
 # Random123's known-answer file, philox4x32 with 10 rounds: counter, key, answer.
 KNOWN = [
-    ((0, 0, 0, 0), (0, 0), (0x6627e8d5, 0xe169c58d, 0xbc57ac4c, 0x9b00dbd8)),
-    ((0xffffffff,) * 4, (0xffffffff,) * 2, (0x408f276d, 0x41c83b0e, 0xa20bc7c6, 0x6d5451fd)),
-    ((0x243f6a88, 0x85a308d3, 0x13198a2e, 0x03707344), (0xa4093822, 0x299f31d0),
-     (0xd16cfe09, 0x94fdcceb, 0x5001e420, 0x24126ea1))]
+    ((0, 0, 0, 0), (0, 0), (0x6627E8D5, 0xE169C58D, 0xBC57AC4C, 0x9B00DBD8)),
+    ((0xFFFFFFFF,) * 4, (0xFFFFFFFF,) * 2, (0x408F276D, 0x41C83B0E, 0xA20BC7C6, 0x6D5451FD)),
+    (
+        (0x243F6A88, 0x85A308D3, 0x13198A2E, 0x03707344),
+        (0xA4093822, 0x299F31D0),
+        (0xD16CFE09, 0x94FDCCEB, 0x5001E420, 0x24126EA1),
+    ),
+]
 
 
 def reference_philox(counter: list[np.ndarray], key: tuple[int, int]) -> list[np.ndarray]:
     """Run ten rounds on arrays of uint64 that hold 32-bit words."""
-    word = np.uint64(0xffffffff)
+    word = np.uint64(0xFFFFFFFF)
     half = np.uint64(32)
     c0, c1, c2, c3 = counter
     k0, k1 = (int(part) for part in key)
     for _ in range(10):
         low, high = np.uint64(0xD2511F53) * c0, np.uint64(0xCD9E8D57) * c2
-        c0, c1, c2, c3 = ((high >> half) ^ c1 ^ np.uint64(k0), high & word,
-                          (low >> half) ^ c3 ^ np.uint64(k1), low & word)
-        k0, k1 = (k0 + 0x9E3779B9) & 0xffffffff, (k1 + 0xBB67AE85) & 0xffffffff
+        c0, c1, c2, c3 = (
+            (high >> half) ^ c1 ^ np.uint64(k0),
+            high & word,
+            (low >> half) ^ c3 ^ np.uint64(k1),
+            low & word,
+        )
+        k0, k1 = (k0 + 0x9E3779B9) & 0xFFFFFFFF, (k1 + 0xBB67AE85) & 0xFFFFFFFF
     return [c0, c1, c2, c3]
 
 
 def reference_normals(key: np.ndarray, stamp_ns: int, stream: int, size: int) -> np.ndarray:
     """Draw what `fill_normals` must, in float64."""
     blocks = np.arange(-(-size // 4), dtype=np.uint64)
-    words = [np.full_like(blocks, value) for value in
-             (stream, stamp_ns & 0xffffffff, (stamp_ns >> 32) & 0xffffffff)]
-    u = [c.astype(np.float32).astype(np.float64)
-         for c in reference_philox([blocks, *words], (key[0], key[1]))]
+    words = [
+        np.full_like(blocks, value)
+        for value in (stream, stamp_ns & 0xFFFFFFFF, (stamp_ns >> 32) & 0xFFFFFFFF)
+    ]
+    u = [
+        c.astype(np.float32).astype(np.float64)
+        for c in reference_philox([blocks, *words], (key[0], key[1]))
+    ]
     out = np.empty((blocks.size, 4))
     for i in (0, 2):
-        radius = np.sqrt(-2 * np.log(np.minimum((u[i] + 0.5) * 2.0 ** -32, 1)))
-        angle = 2 * math.pi * u[i + 1] * 2.0 ** -32
+        radius = np.sqrt(-2 * np.log(np.minimum((u[i] + 0.5) * 2.0**-32, 1)))
+        angle = 2 * math.pi * u[i + 1] * 2.0**-32
         out[:, i], out[:, i + 1] = radius * np.cos(angle), radius * np.sin(angle)
     return out.ravel()[:size]
 
 
-def normals(size: int = MANY, *, seed: int = 5, name: str = 'left', stamp_ns: int = 0,
-            stream: int = STREAM_AXIAL) -> np.ndarray:
+def normals(
+    size: int = MANY,
+    *,
+    seed: int = 5,
+    name: str = 'left',
+    stamp_ns: int = 0,
+    stream: int = STREAM_AXIAL,
+) -> np.ndarray:
     """Draw from the package."""
     out = np.full(size, np.nan, np.float32)
     fill_normals(camera_key(seed, name), *stamp_words(stamp_ns), stream, out)
@@ -72,7 +90,7 @@ def test_known_answers(counter: tuple, key: tuple, answer: tuple) -> None:
     assert tuple(int(word[0]) for word in reference_philox(arrays, key)) == answer
 
 
-@pytest.mark.parametrize('stamp_ns', [0, -1, 1_700_000_000_123_456_789, 2 ** 63 - 1, -2 ** 63])
+@pytest.mark.parametrize('stamp_ns', [0, -1, 1_700_000_000_123_456_789, 2**63 - 1, -(2**63)])
 @pytest.mark.parametrize('size', [0, 1, 2, 3, 4, 5, 7, 1001, 172 * 224])
 def test_every_pixel_is_the_references(size: int, stamp_ns: int) -> None:
     for stream in (STREAM_AXIAL, STREAM_COLUMN_EDGES):
@@ -82,7 +100,7 @@ def test_every_pixel_is_the_references(size: int, stamp_ns: int) -> None:
 
 
 def test_extreme_words_give_finite_normals() -> None:
-    words = [0, 1, 2 ** 31, 2 ** 32 - 257, 2 ** 32 - 129, 2 ** 32 - 128, 2 ** 32 - 1]
+    words = [0, 1, 2**31, 2**32 - 257, 2**32 - 129, 2**32 - 128, 2**32 - 1]
     pairs = [normal_pair(np.uint32(a), np.uint32(b)) for a in words for b in words]
     assert np.isfinite(pairs).all()
     assert 6.7 < np.abs(pairs).max() < 6.8
@@ -92,7 +110,7 @@ def test_moments() -> None:
     drawn = normals().astype(np.float64)
     # Standard errors of the first four moments of n normals: sqrt(1, 2, 15, 96) / sqrt(n).
     for power, mean, variance in ((1, 0, 1), (2, 1, 2), (3, 0, 15), (4, 3, 96)):
-        error = (drawn ** power).mean() - mean
+        error = (drawn**power).mean() - mean
         assert abs(error) < SIGMAS * math.sqrt(variance / MANY), power
 
 
@@ -108,15 +126,28 @@ def test_distribution_is_normal() -> None:
 @pytest.mark.parametrize('lag', [1, 2, 3, 4, 5, 8, 223, 224, 225, 172 * 224])
 def test_pixels_are_independent(lag: int) -> None:
     drawn = normals().astype(np.float64)
-    for values in (drawn, drawn ** 2 - 1, np.abs(drawn) - math.sqrt(2 / math.pi)):
-        correlation = (values[:-lag] * values[lag:]).mean() / (values ** 2).mean()
+    for values in (drawn, drawn**2 - 1, np.abs(drawn) - math.sqrt(2 / math.pi)):
+        correlation = (values[:-lag] * values[lag:]).mean() / (values**2).mean()
         assert abs(correlation) < SIGMAS / math.sqrt(MANY - lag)
 
 
-@pytest.mark.parametrize('other', [
-    {'seed': 6}, {'seed': -5}, {'seed': 5 + 2 ** 64}, {'name': 'right'}, {'name': ''},
-    {'stamp_ns': 1}, {'stamp_ns': -1}, {'stamp_ns': 2 ** 32}, {'stamp_ns': 2 ** 32 - 1},
-    {'stamp_ns': 33_333_333}, {'stream': STREAM_ROW_EDGES}, {'stream': STREAM_COLUMN_EDGES}])
+@pytest.mark.parametrize(
+    'other',
+    [
+        {'seed': 6},
+        {'seed': -5},
+        {'seed': 5 + 2**64},
+        {'name': 'right'},
+        {'name': ''},
+        {'stamp_ns': 1},
+        {'stamp_ns': -1},
+        {'stamp_ns': 2**32},
+        {'stamp_ns': 2**32 - 1},
+        {'stamp_ns': 33_333_333},
+        {'stream': STREAM_ROW_EDGES},
+        {'stream': STREAM_COLUMN_EDGES},
+    ],
+)
 def test_fields_share_nothing(other: dict) -> None:
     one, two = normals(200_000), normals(200_000, **other)
     assert abs(np.mean(one * two)) < SIGMAS / math.sqrt(one.size)
@@ -124,7 +155,7 @@ def test_fields_share_nothing(other: dict) -> None:
 
 
 def test_stamps_are_told_apart_over_their_whole_range() -> None:
-    stamps = [0, 1, -1, 2 ** 32, 2 ** 32 - 1, 2 ** 32 + 1, -2 ** 32, 2 ** 63 - 1, -2 ** 63]
+    stamps = [0, 1, -1, 2**32, 2**32 - 1, 2**32 + 1, -(2**32), 2**63 - 1, -(2**63)]
     assert len({stamp_words(stamp) for stamp in stamps}) == len(stamps)
     assert len({normals(4, stamp_ns=stamp).tobytes() for stamp in stamps}) == len(stamps)
 

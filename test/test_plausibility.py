@@ -13,23 +13,35 @@ def found(values: object, encoding: str = '32FC1') -> Finding | None:
     return explain(image, encoding, *RANGE)
 
 
-@pytest.mark.parametrize(('values', 'encoding', 'kind', 'parts'), [
-    ([1200.0, 1500.0, 1800.0], '32FC1', 'millimetres',
-     ['values of about 1500', 'looks like millimetres', '32FC1 must be metres (REP 118)']),
-    ([1500.0, np.nan, 0.0], '64FC1', 'millimetres', ['64FC1 must be metres']),
-    ([1500.0], '32FC1', 'millimetres', ['millimetres', 'far plane']),
-    ([0.001, 0.002, 0.003], '16UC1', 'metres',
-     ['values of about 2', 'looks like metres', '16UC1 must be millimetres']),
-    ([0.0015, 0.0016], '32FC1', 'kilometres', ['divided by 1000']),
-    ([0.0], '32FC1', 'zero', ['every pixel is 0']),
-    ([-1.5, -1.4, np.nan], '32FC1', 'negative', ['must be positive']),
-    ([8.5, 12.0, 9.0], '32FC1', 'too far', ['8.5 to 12 m', 'too far']),
-    ([8.5, 12.0], '16UC1', 'too far', ['8.5 to 12 m']),
-    ([0.02, 0.05], '32FC1', 'too near', ['0.02 to 0.05 m', 'too near']),
-    ([0.05, 9.0, 0.06, 9.1], '32FC1', 'too near or too far', ['0.05 to 9.1 m']),
-])
-def test_input_that_is_likely_wrong(values: list[float], encoding: str, kind: str,
-                                    parts: list[str]) -> None:
+@pytest.mark.parametrize(
+    ('values', 'encoding', 'kind', 'parts'),
+    [
+        (
+            [1200.0, 1500.0, 1800.0],
+            '32FC1',
+            'millimetres',
+            ['values of about 1500', 'looks like millimetres', '32FC1 must be metres (REP 118)'],
+        ),
+        ([1500.0, np.nan, 0.0], '64FC1', 'millimetres', ['64FC1 must be metres']),
+        ([1500.0], '32FC1', 'millimetres', ['millimetres', 'far plane']),
+        (
+            [0.001, 0.002, 0.003],
+            '16UC1',
+            'metres',
+            ['values of about 2', 'looks like metres', '16UC1 must be millimetres'],
+        ),
+        ([0.0015, 0.0016], '32FC1', 'kilometres', ['divided by 1000']),
+        ([0.0], '32FC1', 'zero', ['every pixel is 0']),
+        ([-1.5, -1.4, np.nan], '32FC1', 'negative', ['must be positive']),
+        ([8.5, 12.0, 9.0], '32FC1', 'too far', ['8.5 to 12 m', 'too far']),
+        ([8.5, 12.0], '16UC1', 'too far', ['8.5 to 12 m']),
+        ([0.02, 0.05], '32FC1', 'too near', ['0.02 to 0.05 m', 'too near']),
+        ([0.05, 9.0, 0.06, 9.1], '32FC1', 'too near or too far', ['0.05 to 9.1 m']),
+    ],
+)
+def test_input_that_is_likely_wrong(
+    values: list[float], encoding: str, kind: str, parts: list[str]
+) -> None:
     """Assert the likely reason, and the values that it rests on."""
     finding = found(values, encoding)
     assert finding is not None
@@ -46,15 +58,17 @@ def test_wrong_byte_order() -> None:
     assert finding.kind == 'byte order'
 
 
-@pytest.mark.parametrize(('values', 'parts'), [
-    ([np.nan], ['NaN 100%']),
-    ([np.inf], ['+inf 100%']),
-    ([np.nan, np.inf, 0.0, np.inf], ['NaN 25%', '+inf 50%', '0 25%']),
-    ([-np.inf], ['near plane']),
-    ([50.0], ['every pixel is 50 m', 'far plane']),
-])
-def test_a_camera_that_looks_at_nothing_is_no_error(values: list[float],
-                                                    parts: list[str]) -> None:
+@pytest.mark.parametrize(
+    ('values', 'parts'),
+    [
+        ([np.nan], ['NaN 100%']),
+        ([np.inf], ['+inf 100%']),
+        ([np.nan, np.inf, 0.0, np.inf], ['NaN 25%', '+inf 50%', '0 25%']),
+        ([-np.inf], ['near plane']),
+        ([50.0], ['every pixel is 50 m', 'far plane']),
+    ],
+)
+def test_a_camera_that_looks_at_nothing_is_no_error(values: list[float], parts: list[str]) -> None:
     """Assert what is seen is said, without calling it wrong."""
     finding = found(values)
     assert finding is not None

@@ -27,8 +27,7 @@ def test_text_that_is_harmless_stays() -> None:
     assert is_safe(str(InputError(EVIL + '\udc80')))
 
 
-def test_convert_shows_escapes_escaped(
-        tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_convert_shows_escapes_escaped(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / 'evil.npz'
     with RecordingWriter(path, 1, 4, 5) as writer:
         writer.add_depth(depths(1, 4, 5))
@@ -46,17 +45,30 @@ def test_convert_shows_escapes_escaped(
 
 @pytest.mark.usefixtures('ros')
 def test_replay_and_convert_show_names_in_bags_escaped(
-        child_env: dict[str, str], tmp_path: Path) -> None:
+    child_env: dict[str, str], tmp_path: Path
+) -> None:
     pixels = depths(1, 4, 5)[0]
     text = make('std_msgs/msg/String', EVIL)
-    bag = write(tmp_path / 'bag', [
-        image(f'/a{EVIL}/depth', 1, pixels), image(f'/a{EVIL}/other', 1, pixels),
-        info(f'/a{EVIL}/camera_info', 1, (4, 5)),
-        (f'/b{EVIL}', 'std_msgs/msg/String', 1, text), ('/c', 'std_msgs/msg/String', 1, text)])
+    bag = write(
+        tmp_path / 'bag',
+        [
+            image(f'/a{EVIL}/depth', 1, pixels),
+            image(f'/a{EVIL}/other', 1, pixels),
+            info(f'/a{EVIL}/camera_info', 1, (4, 5)),
+            (f'/b{EVIL}', 'std_msgs/msg/String', 1, text),
+            ('/c', 'std_msgs/msg/String', 1, text),
+        ],
+    )
     for words in (['replay', str(bag), '--wait', '0'], ['convert', str(bag), 'out.npz']):
-        done = subprocess.run([sys.executable, '-m', 'flexx2_sim_ros.cli.main', *words],
-                              env=child_env, capture_output=True, text=True, timeout=60,
-                              cwd=tmp_path, check=False)
+        done = subprocess.run(
+            [sys.executable, '-m', 'flexx2_sim_ros.cli.main', *words],
+            env=child_env,
+            capture_output=True,
+            text=True,
+            timeout=60,
+            cwd=tmp_path,
+            check=False,
+        )
         said = done.stdout + done.stderr
         assert 'Traceback' not in said
         assert r'\x1b]0;owned' in said

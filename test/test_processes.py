@@ -48,18 +48,32 @@ class Node:
 
     """
 
-    def __init__(self, executable: str, folder: Path, env: dict[str, str], *parameters: str,
-                 arguments: tuple[str, ...] = ()) -> None:
+    def __init__(
+        self,
+        executable: str,
+        folder: Path,
+        env: dict[str, str],
+        *parameters: str,
+        arguments: tuple[str, ...] = (),
+    ) -> None:
         """Start it."""
         self.namespace = f'/process_{next(_numbers)}'
         self._log = folder / f'{executable}{self.namespace.replace("/", "_")}.log'
-        command = [sys.executable, '-m', f'flexx2_sim_ros.nodes.{executable}', '--ros-args',
-                   '-r', f'__ns:={self.namespace}', *arguments]
+        command = [
+            sys.executable,
+            '-m',
+            f'flexx2_sim_ros.nodes.{executable}',
+            '--ros-args',
+            '-r',
+            f'__ns:={self.namespace}',
+            *arguments,
+        ]
         for parameter in parameters:
             command += ['-p', parameter]
         with self._log.open('wb') as log:
-            self.process = subprocess.Popen(command, env=env, stdin=subprocess.DEVNULL,
-                                            stdout=log, stderr=subprocess.STDOUT)
+            self.process = subprocess.Popen(
+                command, env=env, stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT
+            )
 
     @property
     def output(self) -> str:
@@ -93,6 +107,7 @@ def start(tmp_path: Path, child_env: dict[str, str]) -> Iterator[Any]:
     def started(executable: str, *parameters: str, arguments: tuple[str, ...] = ()) -> Node:
         nodes.append(Node(executable, tmp_path, child_env, *parameters, arguments=arguments))
         return nodes[-1]
+
     yield started
     for node in nodes:
         if node.process.poll() is None:
@@ -125,11 +140,20 @@ def test_a_signal_while_starting(start: Any, executable: str, number: signal.Sig
 @pytest.mark.parametrize('number', SIGNALS)
 def test_the_camera_node(start: Any, number: signal.Signals) -> None:
     """Assert frames over the wire are the library's, and a quiet end amid a burst of images."""
-    node = start(CAMERA, 'usecase:=mode_5_60fps', 'seed:=9', 'camera_name:=left', 'serial:=0042',
-                 'invalid_value:=nan', 'cx:=111.5')
+    node = start(
+        CAMERA,
+        'usecase:=mode_5_60fps',
+        'seed:=9',
+        'camera_name:=left',
+        'serial:=0042',
+        'invalid_value:=nan',
+        'cx:=111.5',
+    )
     with listening() as user:
-        image, info = (user.node.create_publisher(kind, f'{node.namespace}/clean/{topic}', 10)
-                       for kind, topic in ((Image, 'depth_image'), (CameraInfo, 'camera_info')))
+        image, info = (
+            user.node.create_publisher(kind, f'{node.namespace}/clean/{topic}', 10)
+            for kind, topic in ((Image, 'depth_image'), (CameraInfo, 'camera_info'))
+        )
         topic = f'{node.namespace}/{CAMERA}/{DEPTH}'
         seen = user.listen(topic, Image)
         user.spin_until(lambda: image.get_subscription_count() and info.get_subscription_count())
@@ -157,8 +181,9 @@ def test_the_camera_node(start: Any, number: signal.Signals) -> None:
 
 def _common_stamps(heard: Iterable[list[Any]], clock: list[Clock]) -> set[int]:
     ticks = {message.clock.sec * SECOND + message.clock.nanosec for message in clock}
-    return ticks.intersection(*({nanoseconds(message) for message in messages}
-                                for messages in heard))
+    return ticks.intersection(
+        *({nanoseconds(message) for message in messages} for messages in heard)
+    )
 
 
 ONE_BOARD = """
@@ -168,30 +193,52 @@ ONE_BOARD = """
 """
 
 
-@pytest.mark.parametrize(('number', 'rate', 'parameters'), [
-    (signal.SIGINT, 60, []),
-    (signal.SIGTERM, 30, ['rate:=30.0', 'renderer:=ray', 'scene:={folder}/board.xml',
-                          'front_left.rpy_deg:=[0.0, 0.0, 0.0]'])],
-    ids=['lab', 'own scene'])
-def test_the_go1_node(start: Any, tmp_path: Path, number: signal.Signals, rate: int,
-                      parameters: list[str]) -> None:
+@pytest.mark.parametrize(
+    ('number', 'rate', 'parameters'),
+    [
+        (signal.SIGINT, 60, []),
+        (
+            signal.SIGTERM,
+            30,
+            [
+                'rate:=30.0',
+                'renderer:=ray',
+                'scene:={folder}/board.xml',
+                'front_left.rpy_deg:=[0.0, 0.0, 0.0]',
+            ],
+        ),
+    ],
+    ids=['lab', 'own scene'],
+)
+def test_the_go1_node(
+    start: Any, tmp_path: Path, number: signal.Signals, rate: int, parameters: list[str]
+) -> None:
     """Assert what both cameras publish, all with the state's time, and the clock."""
     (tmp_path / 'board.xml').write_text(ONE_BOARD)
     node = start(GO1, *(parameter.format(folder=tmp_path) for parameter in parameters))
     cameras = ('front_left', 'front_right')
     with listening() as user:
-        heard = {(camera, topic): user.listen(f'{node.namespace}/{camera}/clean/{topic}', kind)
-                 for camera in cameras
-                 for topic, kind in (('depth_image', Image), ('camera_info', CameraInfo),
-                                     ('reflectivity', Image))}
+        heard = {
+            (camera, topic): user.listen(f'{node.namespace}/{camera}/clean/{topic}', kind)
+            for camera in cameras
+            for topic, kind in (
+                ('depth_image', Image),
+                ('camera_info', CameraInfo),
+                ('reflectivity', Image),
+            )
+        }
         clock = user.listen('/clock', Clock)
-        user.spin_until(lambda: len(_common_stamps(heard.values(), clock)) >= 8,
-                        'messages of one stamp on every topic')
+        user.spin_until(
+            lambda: len(_common_stamps(heard.values(), clock)) >= 8,
+            'messages of one stamp on every topic',
+        )
         node.assert_ends_quietly(number)
         assert 'rendered by' in node.output
 
-    by_stamp = {key: {nanoseconds(message): message for message in messages}
-                for key, messages in heard.items()}
+    by_stamp = {
+        key: {nanoseconds(message): message for message in messages}
+        for key, messages in heard.items()
+    }
     for stamps in ([m.clock.sec * SECOND + m.clock.nanosec for m in clock], *by_stamp.values()):
         ticks = [round(stamp * rate / SECOND) for stamp in stamps]
         assert list(stamps) == [tick * SECOND // rate for tick in ticks]
@@ -199,8 +246,10 @@ def test_the_go1_node(start: Any, tmp_path: Path, number: signal.Signals, rate: 
     common = _common_stamps(heard.values(), clock)
     for camera in cameras:
         for stamp in common:
-            depth, info, paint = (by_stamp[camera, topic][stamp] for topic in (
-                'depth_image', 'camera_info', 'reflectivity'))
+            depth, info, paint = (
+                by_stamp[camera, topic][stamp]
+                for topic in ('depth_image', 'camera_info', 'reflectivity')
+            )
             assert depth.header == info.header == paint.header
             assert depth.header.frame_id == f'{camera}_optical_frame'
             assert (depth.encoding, depth.width, depth.height) == ('32FC1', 224, 172)
@@ -228,21 +277,26 @@ def test_the_go1_node(start: Any, tmp_path: Path, number: signal.Signals, rate: 
 BROKEN = '<mujoco><worldbody><body name="trunk"><geom size="-1"/></body></worldbody></mujoco>'
 
 
-@pytest.mark.parametrize(('executable', 'options', 'parts'), [
-    (CAMERA, ['usecase:=Mode_9_31fps'], ['usecase', 'Mode_9_31fps', 'Mode_9_30fps']),
-    (CAMERA, ['exposure_time_0:=100000'], ['exposure_time_0', '100000', '370']),
-    (CAMERA, ['fx:=-1.0'], ['fx', '-1.0', 'wanted']),
-    (CAMERA, ['usecase'], ['usecase']),
-    (GO1, ['robot_model:=/nowhere/robot.xml'], ['robot', '/nowhere/robot.xml', 'wanted']),
-    (GO1, ['robot_model:={folder}/broken.xml'], ['robot', 'broken.xml', 'does not compile']),
-    (GO1, ['scene:=/nowhere/scene.xml'], ['scene', '/nowhere/scene.xml', 'wanted']),
-    (GO1, ['renderer:=vulkan'], ['renderer', 'vulkan', 'egl, osmesa, ray']),
-    (GO1, ['rate:=0.0001'], ['rate', '0.0001', 'wanted']),
-    (GO1, ['cameras:=[eye, eye]'], ['cameras', "['eye', 'eye']", 'wanted']),
-    (GO1, ['cameras:=["left eye"]'], ['cameras', 'left eye', 'wanted']),
-], ids=str)
-def test_bad_parameters_at_start(start: Any, tmp_path: Path, executable: str, options: list[str],
-                                 parts: list[str]) -> None:
+@pytest.mark.parametrize(
+    ('executable', 'options', 'parts'),
+    [
+        (CAMERA, ['usecase:=Mode_9_31fps'], ['usecase', 'Mode_9_31fps', 'Mode_9_30fps']),
+        (CAMERA, ['exposure_time_0:=100000'], ['exposure_time_0', '100000', '370']),
+        (CAMERA, ['fx:=-1.0'], ['fx', '-1.0', 'wanted']),
+        (CAMERA, ['usecase'], ['usecase']),
+        (GO1, ['robot_model:=/nowhere/robot.xml'], ['robot', '/nowhere/robot.xml', 'wanted']),
+        (GO1, ['robot_model:={folder}/broken.xml'], ['robot', 'broken.xml', 'does not compile']),
+        (GO1, ['scene:=/nowhere/scene.xml'], ['scene', '/nowhere/scene.xml', 'wanted']),
+        (GO1, ['renderer:=vulkan'], ['renderer', 'vulkan', 'egl, osmesa, ray']),
+        (GO1, ['rate:=0.0001'], ['rate', '0.0001', 'wanted']),
+        (GO1, ['cameras:=[eye, eye]'], ['cameras', "['eye', 'eye']", 'wanted']),
+        (GO1, ['cameras:=["left eye"]'], ['cameras', 'left eye', 'wanted']),
+    ],
+    ids=str,
+)
+def test_bad_parameters_at_start(
+    start: Any, tmp_path: Path, executable: str, options: list[str], parts: list[str]
+) -> None:
     """Assert exit code 1, and one message that says what is wrong."""
     (tmp_path / 'broken.xml').write_text(BROKEN)
     node = start(executable, *(option.format(folder=tmp_path) for option in options))

@@ -9,21 +9,38 @@ import sys
 from typing import Any
 
 from flexx2_sim_ros.camera import Camera, flexx2, Intrinsics, Mode, NoiseModel, Profile
-from flexx2_sim_ros.camera.profiles import load_profile, ProfileFile, read_profile, save_profile
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.profiles.files import load_profile, ProfileFile, read_profile, save_profile
 import numpy as np
 import pytest
 import yaml
 
 NOISE = NoiseModel(0.004, -0.001, 0.002, 0.0005, 1.5, 0.7)
 NARROW = Mode('Narrow', 12.5, 0.3, 4.0, (), 0, (1, 80000), NOISE, 'Narrow', 'profile')
-WIDE = Mode('Wide.1+', 25.0, 0.2, 6.0, (100e6, 20e6), 9, (5, 400), replace(NOISE, a=0.006),
-            'Wide.1+', 'profile')
-OTHER = Profile('Kamera Ü', Intrinsics(64, 48, 60.0, 61.0, 30.5, 24.25, (0.1, 0.0, 0.0, 0.0, 0.0)),
-                (NARROW, WIDE))
-WHOLE = ProfileFile(OTHER, {'Narrow': {'a': 1e-5, 'n': 0.2}}, {'Narrow': {'frames': 300}},
-                    {'date': '2026-01-31', 'notes': ['a note']})
+WIDE = Mode(
+    'Wide.1+',
+    25.0,
+    0.2,
+    6.0,
+    (100e6, 20e6),
+    9,
+    (5, 400),
+    replace(NOISE, a=0.006),
+    'Wide.1+',
+    'profile',
+)
+OTHER = Profile(
+    'Kamera Ü',
+    Intrinsics(64, 48, 60.0, 61.0, 30.5, 24.25, (0.1, 0.0, 0.0, 0.0, 0.0)),
+    (NARROW, WIDE),
+)
+WHOLE = ProfileFile(
+    OTHER,
+    {'Narrow': {'a': 1e-5, 'n': 0.2}},
+    {'Narrow': {'frames': 300}},
+    {'date': '2026-01-31', 'notes': ['a note']},
+)
 
 
 @pytest.fixture
@@ -38,7 +55,13 @@ def test_a_profile_is_read_back_as_it_was_written(path: Path) -> None:
     assert content.profile.intrinsics == OTHER.intrinsics
     assert content.profile.modes == OTHER.modes
     assert content.standard_errors['Narrow'] == {
-        'a': 1e-5, 'b': None, 'c': None, 'd': None, 'n': 0.2, 'sigma_x': None}
+        'a': 1e-5,
+        'b': None,
+        'c': None,
+        'd': None,
+        'n': 0.2,
+        'sigma_x': None,
+    }
     assert content.measured['Narrow'] == {'frames': 300}
     assert content.provenance == WHOLE.provenance
     save_profile(path.parent / 'again.yaml', content)
@@ -61,6 +84,7 @@ def missing(*keys: str) -> Callable[[dict[str, Any]], None]:
         for key in keys[:-1]:
             table = table[key]
         del table[keys[-1]]
+
     return change
 
 
@@ -69,6 +93,7 @@ def put(value: Any, *keys: str) -> Callable[[dict[str, Any]], None]:
         for key in keys[:-1]:
             table = table[key]
         table[keys[-1]] = value
+
     return change
 
 
@@ -76,11 +101,23 @@ MODE = ('modes', 'Narrow')
 BAD = [
     *((missing(key), key) for key in ('model', 'intrinsics', 'modes', 'provenance')),
     *((missing('intrinsics', key), f'intrinsics.{key}') for key in ('width', 'fy', 'distortion')),
-    *((missing(*MODE, key), f'modes.Narrow.{key}') for key in (
-        'rate_hz', 'range_m', 'modulation_hz', 'raw_frames', 'exposure_us', 'noise',
-        'standard_errors', 'measured')),
-    *((missing(*MODE, 'noise', key), f'modes.Narrow.noise.{key}')
-      for key in ('a', 'n', 'sigma_x')),
+    *(
+        (missing(*MODE, key), f'modes.Narrow.{key}')
+        for key in (
+            'rate_hz',
+            'range_m',
+            'modulation_hz',
+            'raw_frames',
+            'exposure_us',
+            'noise',
+            'standard_errors',
+            'measured',
+        )
+    ),
+    *(
+        (missing(*MODE, 'noise', key), f'modes.Narrow.noise.{key}')
+        for key in ('a', 'n', 'sigma_x')
+    ),
     (missing(*MODE, 'standard_errors', 'd'), 'modes.Narrow.standard_errors.d'),
     (put(1, 'colour'), 'colour'),
     (put(1, 'intrinsics', 'skew'), 'intrinsics.skew'),
@@ -95,7 +132,7 @@ BAD = [
     (put(0, 'intrinsics', 'width'), 'intrinsics.width'),
     (put(64.5, 'intrinsics', 'width'), 'intrinsics.width'),
     (put(True, 'intrinsics', 'height'), 'intrinsics.height'),
-    (put(10 ** 9, 'intrinsics', 'height'), 'intrinsics.height'),
+    (put(10**9, 'intrinsics', 'height'), 'intrinsics.height'),
     (put(-60.0, 'intrinsics', 'fx'), 'intrinsics.fx'),
     (put(math.nan, 'intrinsics', 'cx'), 'intrinsics.cx'),
     (put([0.0] * 4, 'intrinsics', 'distortion'), 'intrinsics.distortion'),
@@ -119,8 +156,14 @@ BAD = [
     (put(-0.1, *MODE, 'noise', 'sigma_x'), 'modes.Narrow.noise.sigma_x'),
     (put(50, *MODE, 'noise', 'n'), 'modes.Narrow.noise.n'),
     # Negative in the middle of the range only, at its far end only, at its near end only.
-    (put({'a': 0.004, 'b': -0.01, 'c': 0.004, 'd': 0.0, 'n': 2.7, 'sigma_x': 1.0}, *MODE, 'noise'),
-     'modes.Narrow.noise: sigma_z is -0.00225 m at 1.25 m'),
+    (
+        put(
+            {'a': 0.004, 'b': -0.01, 'c': 0.004, 'd': 0.0, 'n': 2.7, 'sigma_x': 1.0},
+            *MODE,
+            'noise',
+        ),
+        'modes.Narrow.noise: sigma_z is -0.00225 m at 1.25 m',
+    ),
     (put(-0.01, *MODE, 'noise', 'b'), 'modes.Narrow.noise: sigma_z'),
     (put(-0.004, *MODE, 'noise', 'a'), 'modes.Narrow.noise: sigma_z'),
     (put(0.9, *MODE, 'noise', 'd'), 'modes.Narrow.noise: sigma_z'),
@@ -130,8 +173,9 @@ BAD = [
 
 
 @pytest.mark.parametrize(('change', 'named'), BAD)
-def test_a_bad_field_is_refused_by_name(path: Path, change: Callable[[dict[str, Any]], None],
-                                        named: str) -> None:
+def test_a_bad_field_is_refused_by_name(
+    path: Path, change: Callable[[dict[str, Any]], None], named: str
+) -> None:
     table = yaml.safe_load(path.read_text(encoding='utf-8'))
     change(table)
     path.write_text(yaml.safe_dump(table), encoding='utf-8')
@@ -189,7 +233,8 @@ def test_the_library_runs_it(path: Path) -> None:
     assert camera.usecase == 'Wide.1+'
     modelled = float(np.sqrt(np.mean(frames.sigma[0].astype(float) ** 2)))
     assert np.sqrt(frames.depth.astype(float).var(axis=0).mean()) == pytest.approx(
-        modelled, rel=0.005)
+        modelled, rel=0.005
+    )
     middle = WIDE.noise.sigma_z(2.0, 0.0)
     assert frames.sigma[0, 24, 30] == pytest.approx(float(middle), rel=1e-3)
     with pytest.raises(InputError, match='wanted one of Narrow, Wide'):
@@ -201,8 +246,9 @@ def test_effects_ask_for_the_modulation(path: Path) -> None:
         Camera('Narrow', profile=load_profile(path), effects={'multipath': None})
 
 
-def test_the_command_line_runs_it(path: Path, tmp_path: Path,
-                                  capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_line_runs_it(
+    path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     scene, out = str(tmp_path / 'scene.npz'), str(tmp_path / 'out.npz')
     np.savez(scene, clean_depth=np.full((48, 64), 2.0), K=OTHER.intrinsics.matrix)
     assert main(['simulate', scene, out, '--profile', str(path), '--frames', '4']) == 0
@@ -220,8 +266,10 @@ def test_the_node_runs_it(ros: None, path: Path) -> None:
 
     node = Flexx2Camera(parameter_overrides=[Parameter('profile', value=str(path))])
     try:
+
         def value(name: str) -> Any:
             return node.get_parameter(name).value
+
         assert list(value('available_usecases')) == ['Narrow', 'Wide.1+']
         assert value('usecase') == 'Narrow'
         assert value('model') == 'Kamera Ü'
@@ -239,12 +287,24 @@ def test_the_node_runs_it(ros: None, path: Path) -> None:
         node.destroy_node()
 
 
-def test_the_node_ends_with_the_reason_for_a_bad_profile(child_env: dict[str, str],
-                                                         path: Path) -> None:
+def test_the_node_ends_with_the_reason_for_a_bad_profile(
+    child_env: dict[str, str], path: Path
+) -> None:
     path.write_text(path.read_text().replace('rate_hz: 12.5', 'rate_hz: 0'))
     done = subprocess.run(
-        [sys.executable, '-m', 'flexx2_sim_ros.nodes.flexx2_camera', '--ros-args', '-p',
-         f'profile:={path}'], env=child_env, capture_output=True, text=True, timeout=60)
+        [
+            sys.executable,
+            '-m',
+            'flexx2_sim_ros.nodes.flexx2_camera',
+            '--ros-args',
+            '-p',
+            f'profile:={path}',
+        ],
+        env=child_env,
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
     assert done.returncode != 0
     assert 'modes.Narrow.rate_hz: found 0' in done.stderr
     assert 'Traceback' not in done.stderr

@@ -11,48 +11,60 @@ import numpy as np
 import pytest
 
 ROOT = Path(__file__).parent.parent
-README = ''.join((ROOT / name).read_text(encoding='utf-8') for name in (
-    'README.md', 'docs/nodes.md', 'docs/recordings.md'))
-EXECUTABLES = {'flexx2_camera': 'flexx2_sim_ros.nodes.flexx2_camera',
-               'go1_cameras': 'flexx2_sim_ros.nodes.go1_cameras',
-               'flexx2': 'flexx2_sim_ros.cli.main'}
+README = ''.join(
+    (ROOT / name).read_text(encoding='utf-8')
+    for name in ('README.md', 'docs/nodes.md', 'docs/recordings.md')
+)
+EXECUTABLES = {
+    'flexx2_camera': 'flexx2_sim_ros.nodes.flexx2_camera',
+    'go1_cameras': 'flexx2_sim_ros.nodes.go1_cameras',
+    'flexx2': 'flexx2_sim_ros.cli.main',
+}
 # Run by the tests named here instead.
-ELSEWHERE = {'colcon build': 'test_package.py',
-             'rosdep install --from-paths . --ignore-src --rosdistro jazzy -y':
-                 'a ROS installation, which has rosdep',
-             'make shell': 'test_package.py',
-             'ros2 run flexx2_sim_ros flexx2 modes': 'test_package.py',
-             'source install/setup.bash': 'test_package.py',
-             'make test': 'the test command itself',
-             'flexx2 record walk --seconds 10': 'test_record_replay.py',
-             "flexx2 replay walk --rate 0.5 --topics '*/clean/*'": 'test_record_replay.py',
-             'flexx2 convert walk walk.npz --camera front_left': 'test_bags.py',
-             'flexx2 batch': 'test_batch_robots.py',
-             'flexx2 compile': 'test_drop_in.py',
-             'ros2 launch flexx2_sim_ros go1.launch.py rviz:=true': 'test_drop_in.py',
-             'ros2 launch flexx2_sim_ros flexx2_driver.launch.py': 'test_drop_in.py',
-             'flexx2 view --demo': 'test_view.py',
-             'mkdir recordings': 'test_gap_diagnosis.py',
-             'flexx2 simulate scene.npz recordings/one.npz --frames 20 --effects temporal_filter':
-                 'test_gap_diagnosis.py',
-             'flexx2 gap diagnose recordings --out diagnosis': 'test_gap_diagnosis.py',
-             'flexx2 simulate scene.npz out.npz --effects diagnosis/effects.yaml':
-                 'test_gap_diagnosis.py',
-             'flexx2 gap benchmark --quick --out benchmark': 'test_gap_benchmark.py',
-             'flexx2 characterize capture campaign': 'test_characterize_capture.py',
-             'flexx2 characterize fit campaign --out result': 'test_characterize_capture.py',
-             'flexx2 simulate scene.npz out.npz --profile result/profile.yaml': 'test_profile.py',
-             'ros2 run flexx2_sim_ros flexx2_camera --ros-args -p profile:=result/profile.yaml':
-                 'test_profile.py',
-             'flexx2 convert walk.npz walk_sqlite3 --storage sqlite3': 'test_bags.py'}
+ELSEWHERE = {
+    'colcon build': 'test_package.py',
+    'rosdep install --from-paths . --ignore-src --rosdistro jazzy -y': (
+        'a ROS installation, which has rosdep'
+    ),
+    'make shell': 'test_package.py',
+    'ros2 run flexx2_sim_ros flexx2 modes': 'test_package.py',
+    'source install/setup.bash': 'test_package.py',
+    'make test': 'the test command itself',
+    'flexx2 record walk --seconds 10': 'test_record_replay.py',
+    "flexx2 replay walk --rate 0.5 --topics '*/clean/*'": 'test_record_replay.py',
+    'flexx2 convert walk walk.npz --camera front_left': 'test_bags.py',
+    'flexx2 batch': 'test_batch_robots.py',
+    'flexx2 compile': 'test_drop_in.py',
+    'ros2 launch flexx2_sim_ros go1.launch.py rviz:=true': 'test_drop_in.py',
+    'ros2 launch flexx2_sim_ros flexx2_driver.launch.py': 'test_drop_in.py',
+    'flexx2 view --demo': 'test_view.py',
+    'mkdir recordings': 'test_gap_diagnosis.py',
+    'flexx2 simulate scene.npz recordings/one.npz --frames 20 --effects temporal_filter': (
+        'test_gap_diagnosis.py'
+    ),
+    'flexx2 gap diagnose recordings --out diagnosis': 'test_gap_diagnosis.py',
+    'flexx2 simulate scene.npz out.npz --effects diagnosis/effects.yaml': 'test_gap_diagnosis.py',
+    'flexx2 gap benchmark --quick --out benchmark': 'test_gap_benchmark.py',
+    'flexx2 characterize capture campaign': 'test_characterize_capture.py',
+    'flexx2 characterize fit campaign --out result': 'test_characterize_capture.py',
+    'flexx2 simulate scene.npz out.npz --profile result/profile.yaml': 'test_profile.py',
+    'ros2 run flexx2_sim_ros flexx2_camera --ros-args -p profile:=result/profile.yaml': (
+        'test_profile.py'
+    ),
+    'flexx2 convert walk.npz walk_sqlite3 --storage sqlite3': 'test_bags.py',
+}
 
 
 def blocks(language: str) -> list[str]:
     return re.findall(rf'```{language}\n(.*?)```', README, re.DOTALL)
 
 
-COMMANDS = [line.split('  #')[0].strip() for block in blocks('bash')
-            for line in block.splitlines() if line.strip()]
+COMMANDS = [
+    line.split('  #')[0].strip()
+    for block in blocks('bash')
+    for line in block.splitlines()
+    if line.strip()
+]
 
 
 def python(module: str) -> list[str]:
@@ -64,13 +76,18 @@ def test_command(command: str, tmp_path: Path) -> None:
     words = shlex.split(command)
     if words[0] == 'make':
         # The target's own recipe is what is run below, as `flexx2 demo`.
-        recipe = subprocess.run(['make', '-n', words[1]], cwd=ROOT, capture_output=True, text=True,
-                                check=True).stdout
+        recipe = subprocess.run(
+            ['make', '-n', words[1]], cwd=ROOT, capture_output=True, text=True, check=True
+        ).stdout
         assert 'flexx2 demo' in recipe
     elif words[:3] == ['ros2', 'run', 'flexx2_sim_ros']:
         pytest.importorskip('rclpy')
-        with subprocess.Popen(python(EXECUTABLES[words[3]]) + words[4:], cwd=tmp_path,
-                              stderr=subprocess.PIPE, text=True) as process:
+        with subprocess.Popen(
+            python(EXECUTABLES[words[3]]) + words[4:],
+            cwd=tmp_path,
+            stderr=subprocess.PIPE,
+            text=True,
+        ) as process:
             assert process.stderr is not None
             line = process.stderr.readline()
             process.send_signal(signal.SIGINT)
@@ -86,8 +103,13 @@ def test_command(command: str, tmp_path: Path) -> None:
         camera = np.array([[210.6, 0, 111.5], [0, 212.9, 85.5], [0, 0, 1]])
         np.savez(tmp_path / 'scene.npz', clean_depth=scene, K=camera)
         (tmp_path / 'config').symlink_to(ROOT / 'config')
-        done = subprocess.run(python(EXECUTABLES['flexx2']) + words[1:], cwd=tmp_path,
-                              capture_output=True, text=True, timeout=300)
+        done = subprocess.run(
+            python(EXECUTABLES['flexx2']) + words[1:],
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
+            timeout=300,
+        )
         assert done.returncode == 0, done.stderr
         if words[1] == 'simulate':
             with np.load(tmp_path / words[3], allow_pickle=False) as recording:
@@ -104,15 +126,17 @@ def test_command(command: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize('program', blocks('python'))
 def test_program(program: str) -> None:
-    done = subprocess.run([sys.executable, '-c', program], capture_output=True, text=True,
-                          cwd=ROOT, timeout=120)
+    done = subprocess.run(
+        [sys.executable, '-c', program], capture_output=True, text=True, cwd=ROOT, timeout=120
+    )
     assert done.returncode == 0, done.stderr
     measured, modelled = map(float, done.stdout.split())
     assert measured == pytest.approx(modelled, rel=0.01)
 
 
-@pytest.mark.parametrize('page', [ROOT / 'README.md', *sorted((ROOT / 'docs').glob('*.md'))],
-                         ids=lambda page: page.name)
+@pytest.mark.parametrize(
+    'page', [ROOT / 'README.md', *sorted((ROOT / 'docs').glob('*.md'))], ids=lambda page: page.name
+)
 def test_links_and_pictures_are_there(page: Path) -> None:
     for target in re.findall(r'\]\(([^)#]+)[^)]*\)', page.read_text(encoding='utf-8')):
         assert target.startswith('https://') or (page.parent / target).is_file(), target

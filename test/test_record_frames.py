@@ -22,7 +22,10 @@ KIND = TransformStamped
 
 
 def test_frames_are_recorded_and_replayed_with_their_qos(
-        source: Source, child_env: dict[str, str], tmp_path: Path) -> None:  # noqa: F811
+    source: Source,  # noqa: F811
+    child_env: dict[str, str],
+    tmp_path: Path,
+) -> None:
     listener, bag = source.listener, tmp_path / 'bag'
     node = listener.node
     static = node.create_publisher(KIND, '/tf_static', LATCHED)
@@ -45,8 +48,10 @@ def test_frames_are_recorded_and_replayed_with_their_qos(
         node.destroy_publisher(publisher)
 
     offers = yaml.safe_load((bag / 'metadata.yaml').read_text())['rosbag2_bagfile_information']
-    offered = {item['topic_metadata']['name']: item['topic_metadata']['offered_qos_profiles']
-               for item in offers['topics_with_message_count']}
+    offered = {
+        item['topic_metadata']['name']: item['topic_metadata']['offered_qos_profiles']
+        for item in offers['topics_with_message_count']
+    }
     assert all(offered.values())
     assert {item['durability'] for item in offered['/tf_static']} == {'transient_local'}
     assert {item['reliability'] for item in offered['/tf_static']} == {'reliable'}
@@ -55,8 +60,9 @@ def test_frames_are_recorded_and_replayed_with_their_qos(
     assert {item['durability'] for item in offered['/tf']} == {'volatile'}
     single = next(file for file in bag.iterdir() if file.suffix != '.yaml')
     with Reader(bag) as whole, Reader(single) as alone:
-        assert ({item.topic: item.ext for item in whole.connections}
-                == {item.topic: item.ext for item in alone.connections})
+        assert {item.topic: item.ext for item in whole.connections} == {
+            item.topic: item.ext for item in alone.connections
+        }
     assert Bag(bag).latched == {'/tf_static'}
 
     with flexx2(child_env, 'replay', bag, '--loop', '--wait', '0') as process:

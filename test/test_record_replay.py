@@ -43,9 +43,13 @@ def until(condition: Callable[[], Any], what: str) -> None:
 @contextmanager
 def flexx2(child_env: dict[str, str], *words: object) -> Iterator[subprocess.Popen[str]]:
     """Run the command as a process, which is over at the end of the block."""
-    with subprocess.Popen([sys.executable, '-m', 'flexx2_sim_ros.cli.main', *map(str, words)],
-                          stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-                          env=child_env | {'COLUMNS': '200'}) as process:
+    with subprocess.Popen(
+        [sys.executable, '-m', 'flexx2_sim_ros.cli.main', *map(str, words)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=child_env | {'COLUMNS': '200'},
+    ) as process:
         try:
             yield process
         finally:
@@ -70,12 +74,18 @@ class Source:
         space = f'/source_{next(_numbers)}'
         self.cameras = [f'{space}/{name}' for name in CAMERAS]
         self.listener = listener
-        kinds = {'clean/camera_info': CameraInfo, 'flexx2_camera/camera_info': CameraInfo,
-                 'clean/depth_image': Image, 'clean/reflectivity': Image,
-                 'flexx2_camera/depth_image_0': Image}
+        kinds = {
+            'clean/camera_info': CameraInfo,
+            'flexx2_camera/camera_info': CameraInfo,
+            'clean/depth_image': Image,
+            'clean/reflectivity': Image,
+            'flexx2_camera/depth_image_0': Image,
+        }
         self.publishers = {
             f'{camera}/{topic}': listener.node.create_publisher(kind, f'{camera}/{topic}', depth)
-            for camera in self.cameras for topic, kind in kinds.items()}
+            for camera in self.cameras
+            for topic, kind in kinds.items()
+        }
         self.sent: dict[str, list[Any]] = {topic: [] for topic in self.publishers}
 
     @property
@@ -85,9 +95,12 @@ class Source:
 
     def wait(self) -> None:
         """Wait until every topic has a subscriber."""
-        self.listener.spin_until(lambda: all(
-            publisher.get_subscription_count() for publisher in self.publishers.values()),
-            'subscribers')
+        self.listener.spin_until(
+            lambda: all(
+                publisher.get_subscription_count() for publisher in self.publishers.values()
+            ),
+            'subscribers',
+        )
 
     def publish(self, count: int) -> None:
         """Publish the next frames."""
@@ -124,17 +137,21 @@ def source() -> Iterator[Source]:
 
 def rows(text: str) -> dict[str, list[str]]:
     """Return the report's cells by topic: messages, from, rate, MB, lost, gaps."""
-    return {line.split()[0]: line.split()[1:] for line in text.splitlines()
-            if line.startswith('/')}
+    return {
+        line.split()[0]: line.split()[1:] for line in text.splitlines() if line.startswith('/')
+    }
 
 
-@pytest.mark.parametrize(('storage', 'number'), [('mcap', signal.SIGINT),
-                                                 ('sqlite3', signal.SIGTERM)])
-def test_everything_is_in_the_bag(storage: str, number: signal.Signals, source: Source,
-                                  child_env: dict[str, str], tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ('storage', 'number'), [('mcap', signal.SIGINT), ('sqlite3', signal.SIGTERM)]
+)
+def test_everything_is_in_the_bag(
+    storage: str, number: signal.Signals, source: Source, child_env: dict[str, str], tmp_path: Path
+) -> None:
     bag = tmp_path / 'bag'
-    with flexx2(child_env, 'record', bag, '--storage', storage, '--cameras',
-                *source.cameras) as process:
+    with flexx2(
+        child_env, 'record', bag, '--storage', storage, '--cameras', *source.cameras
+    ) as process:
         source.wait()
         source.publish(40)
         source.settle()
@@ -151,10 +168,13 @@ def test_everything_is_in_the_bag(storage: str, number: signal.Signals, source: 
     assert recording_cameras(bag) == source.names
     for camera, name in zip(source.cameras, source.names, strict=True):
         recording = load_recording(bag, name)
-        np.testing.assert_array_equal(recording.depth, source.pixels(
-            f'{camera}/flexx2_camera/depth_image_0'))
-        for values, topic in ((recording.clean_depth, 'clean/depth_image'),
-                              (recording.reflectivity, 'clean/reflectivity')):
+        np.testing.assert_array_equal(
+            recording.depth, source.pixels(f'{camera}/flexx2_camera/depth_image_0')
+        )
+        for values, topic in (
+            (recording.clean_depth, 'clean/depth_image'),
+            (recording.reflectivity, 'clean/reflectivity'),
+        ):
             assert values is not None
             np.testing.assert_array_equal(values, source.pixels(f'{camera}/{topic}'))
         assert recording.stamp_ns.tolist() == [SECOND + index * STEP for index in range(40)]
@@ -163,7 +183,8 @@ def test_everything_is_in_the_bag(storage: str, number: signal.Signals, source: 
 
 
 def test_replay_gives_the_same_messages_and_their_time(
-        source: Source, child_env: dict[str, str], tmp_path: Path) -> None:
+    source: Source, child_env: dict[str, str], tmp_path: Path
+) -> None:
     bag = tmp_path / 'bag'
     with flexx2(child_env, 'record', bag, '--cameras', *source.cameras) as process:
         source.wait()
@@ -176,10 +197,13 @@ def test_replay_gives_the_same_messages_and_their_time(
 
     with flexx2(child_env, 'replay', bag, '--wait', PATIENCE, '--rate', 5) as process:
         clock = listener.listen('/clock', Clock)
-        heard = {topic: listener.listen(topic, publisher.msg_type)
-                 for topic, publisher in source.publishers.items()}
-        listener.spin_until(lambda: all(len(messages) == 30 for messages in heard.values()),
-                            'the whole bag')
+        heard = {
+            topic: listener.listen(topic, publisher.msg_type)
+            for topic, publisher in source.publishers.items()
+        }
+        listener.spin_until(
+            lambda: all(len(messages) == 30 for messages in heard.values()), 'the whole bag'
+        )
         text = finish(process)
     for topic, messages in heard.items():
         assert messages == source.sent[topic], 'every byte, in its order'
@@ -189,7 +213,8 @@ def test_replay_gives_the_same_messages_and_their_time(
 
 
 def test_recorded_clean_depth_gives_the_recorded_camera(
-        child_env: dict[str, str], tmp_path: Path) -> None:
+    child_env: dict[str, str], tmp_path: Path
+) -> None:
     bag = tmp_path / 'bag'
     rng = np.random.default_rng(3)
     scene = np.full((172, 224), 1.2, np.float32)
@@ -198,17 +223,26 @@ def test_recorded_clean_depth_gives_the_recorded_camera(
         space = camera.name.rpartition('/')[0]
         with flexx2(child_env, 'record', bag, '--cameras', space) as process:
             publishers = [*camera.camera.publishers, *camera.node.publishers]
-            wanted = {f'{camera.name}/{DEPTH}', f'{camera.name}/camera_info',
-                      f'{camera.name}/gray_image_0',
-                      *(f'{space}/clean/{name}' for name in ('depth_image', 'camera_info',
-                                                             'reflectivity'))}
-            listeners = {publisher.topic_name: publisher for publisher in publishers
-                         if publisher.topic_name in wanted}
+            wanted = {
+                f'{camera.name}/{DEPTH}',
+                f'{camera.name}/camera_info',
+                f'{camera.name}/gray_image_0',
+                *(
+                    f'{space}/clean/{name}'
+                    for name in ('depth_image', 'camera_info', 'reflectivity')
+                ),
+            }
+            listeners = {
+                publisher.topic_name: publisher
+                for publisher in publishers
+                if publisher.topic_name in wanted
+            }
             assert set(listeners) == wanted
             for topic, publisher in listeners.items():
                 already = 1 if '/clean/' in topic or topic.endswith(DEPTH) else 0
                 camera.spin_until(
-                    lambda p=publisher, n=already: p.get_subscription_count() > n, topic)
+                    lambda p=publisher, n=already: p.get_subscription_count() > n, topic
+                )
             for index in range(12):
                 shown = scene + rng.uniform(0, 0.01, scene.shape).astype('f4')
                 assert camera.show(shown, SECOND + index * STEP, scene / 4)
@@ -225,8 +259,18 @@ def test_recorded_clean_depth_gives_the_recorded_camera(
             np.testing.assert_array_equal(seen, frame)
 
         camera.messages(DEPTH).clear()
-        with flexx2(child_env, 'replay', bag, '--topics', '*/clean/*', '--wait', PATIENCE,
-                    '--rate', '0.2', '--no-clock') as process:
+        with flexx2(
+            child_env,
+            'replay',
+            bag,
+            '--topics',
+            '*/clean/*',
+            '--wait',
+            PATIENCE,
+            '--rate',
+            '0.2',
+            '--no-clock',
+        ) as process:
             camera.spin_until(lambda: len(camera.messages(DEPTH)) == 12, 'the camera again')
             finish(process)
         for seen, frame in zip(camera.depths(), recorded.depth, strict=True):
@@ -240,18 +284,28 @@ def whole(bag: Path, count: int) -> bool:
     except InputError:
         return False
     # The first note is that there is no metadata yet, the second that the file has no end.
-    return len(recording.depth) == count and len(recording.notes) == 2 and (
-        recording.usecase is not None)
+    return (
+        len(recording.depth) == count
+        and len(recording.notes) == 2
+        and (recording.usecase is not None)
+    )
 
 
-def test_a_full_disk_ends_the_recording(source: Source, child_env: dict[str, str],
-                                        tmp_path: Path) -> None:
+def test_a_full_disk_ends_the_recording(
+    source: Source, child_env: dict[str, str], tmp_path: Path
+) -> None:
     bag = tmp_path / 'bag'
-    limited = ('import resource, sys; resource.setrlimit(resource.RLIMIT_FSIZE, (3 << 20,) * 2); '
-               'from flexx2_sim_ros.cli.main import main; sys.exit(main())')
-    with subprocess.Popen([sys.executable, '-c', limited, 'record', bag, '--cameras',
-                           *source.cameras], stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-                          text=True, env=child_env) as process:
+    limited = (
+        'import resource, sys; resource.setrlimit(resource.RLIMIT_FSIZE, (3 << 20,) * 2); '
+        'from flexx2_sim_ros.cli.main import main; sys.exit(main())'
+    )
+    with subprocess.Popen(
+        [sys.executable, '-c', limited, 'record', bag, '--cameras', *source.cameras],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=child_env,
+    ) as process:
         source.wait()
         source.publish(10)
         out, err = process.communicate(timeout=PATIENCE)
@@ -265,8 +319,9 @@ def test_a_full_disk_ends_the_recording(source: Source, child_env: dict[str, str
 
 
 @pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
-def test_killed_recorder_leaves_what_it_had(storage: str, source: Source,
-                                            child_env: dict[str, str], tmp_path: Path) -> None:
+def test_killed_recorder_leaves_what_it_had(
+    storage: str, source: Source, child_env: dict[str, str], tmp_path: Path
+) -> None:
     bag = tmp_path / 'bag'
     name = source.names[0]
 
@@ -275,8 +330,10 @@ def test_killed_recorder_leaves_what_it_had(storage: str, source: Source,
             return len(load_recording(bag, name).depth)
         except InputError:
             return 0
-    with flexx2(child_env, 'record', bag, '--storage', storage, '--cameras',
-                *source.cameras) as process:
+
+    with flexx2(
+        child_env, 'record', bag, '--storage', storage, '--cameras', *source.cameras
+    ) as process:
         source.wait()
         source.publish(20)
         until(lambda: frames() == 20, 'frames on the disk')
@@ -286,16 +343,17 @@ def test_killed_recorder_leaves_what_it_had(storage: str, source: Source,
     count = len(recording.depth)
     assert 20 <= count <= 25
     assert recording.notes, 'it is said that the bag is not whole'
-    np.testing.assert_array_equal(recording.depth, source.pixels(
-        f'{source.cameras[0]}/flexx2_camera/depth_image_0')[:count])
+    np.testing.assert_array_equal(
+        recording.depth, source.pixels(f'{source.cameras[0]}/flexx2_camera/depth_image_0')[:count]
+    )
 
 
 def test_losses_are_counted_in_the_table_and_in_the_bag(
-        source: Source, child_env: dict[str, str], tmp_path: Path) -> None:
+    source: Source, child_env: dict[str, str], tmp_path: Path
+) -> None:
     bag = tmp_path / 'bag'
     # Room for camera infos only: every image is refused.
-    with flexx2(child_env, 'record', bag, '--queue', 0.1, '--cameras',
-                *source.cameras) as process:
+    with flexx2(child_env, 'record', bag, '--queue', 0.1, '--cameras', *source.cameras) as process:
         source.wait()
         source.publish(10)
         source.settle()
@@ -331,6 +389,7 @@ def test_losses_on_the_way_are_counted(tmp_path: Path) -> None:
                 message = image_message(np.ones((2, 2), 'f4'), SECOND + number * STEP)
                 source.sent[topic].append(message)
                 publisher.publish(message)
+
         send(1)
         statistics = recorder.topics[topic]
         slow.spin_until(lambda: statistics.messages == 1, 'first message')
@@ -349,8 +408,9 @@ def test_losses_on_the_way_are_counted(tmp_path: Path) -> None:
 
 def test_record_by_itself(source: Source, child_env: dict[str, str], tmp_path: Path) -> None:
     bag = tmp_path / 'bag'
-    with flexx2(child_env, 'record', bag, '--seconds', 0.2, '--cameras',
-                source.cameras[0]) as process:
+    with flexx2(
+        child_env, 'record', bag, '--seconds', 0.2, '--cameras', source.cameras[0]
+    ) as process:
         topic = f'{source.cameras[0]}/clean/depth_image'
         source.listener.spin_until(source.publishers[topic].get_subscription_count, 'recorder')
         source.publish(3)
@@ -360,8 +420,9 @@ def test_record_by_itself(source: Source, child_env: dict[str, str], tmp_path: P
 
 
 def test_nothing_to_record(child_env: dict[str, str], tmp_path: Path) -> None:
-    with flexx2(child_env, 'record', tmp_path / 'bag', '--wait', 0.2, '--cameras',
-                'nobody') as process:
+    with flexx2(
+        child_env, 'record', tmp_path / 'bag', '--wait', 0.2, '--cameras', 'nobody'
+    ) as process:
         _, err = process.communicate(timeout=PATIENCE)
     assert process.returncode == 2, err
     assert f'{tmp_path / "bag"}: nothing was recorded' in err
@@ -369,28 +430,41 @@ def test_nothing_to_record(child_env: dict[str, str], tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize(('words', 'message'), [
-    (['record', '{}'], 'exists already'), (['record', '{}/a', '--seconds', '-1'], '--seconds'),
-    (['record', '{}/a', '--queue', 'nan'], '--queue'), (['replay', '{}/none'], 'not there'),
-    (['replay', '{}', '--rate', '0'], '--rate: must be'),
-    (['replay', '{}', '--wait', '-1'], '--wait')])
-def test_nonsense_ends_before_anything_starts(words: list[str], message: str, tmp_path: Path,
-                                              capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize(
+    ('words', 'message'),
+    [
+        (['record', '{}'], 'exists already'),
+        (['record', '{}/a', '--seconds', '-1'], '--seconds'),
+        (['record', '{}/a', '--queue', 'nan'], '--queue'),
+        (['replay', '{}/none'], 'not there'),
+        (['replay', '{}', '--rate', '0'], '--rate: must be'),
+        (['replay', '{}', '--wait', '-1'], '--wait'),
+    ],
+)
+def test_nonsense_ends_before_anything_starts(
+    words: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main([word.format(tmp_path) for word in words]) == 2
     assert message in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
 
 
-def test_replay_loops_until_it_is_told_to_stop(source: Source, child_env: dict[str, str],
-                                               tmp_path: Path) -> None:
+def test_replay_loops_until_it_is_told_to_stop(
+    source: Source, child_env: dict[str, str], tmp_path: Path
+) -> None:
     bag = tmp_path / 'bag'
     topic = f'/loop_{next(_numbers)}/clean/camera_info'
     with BagWriter(bag) as writer:
         from rclpy.serialization import serialize_message
+
         for index in range(5):
             stamp = SECOND + index * STEP
-            writer.write(topic, 'sensor_msgs/msg/CameraInfo', stamp, bytes(
-                serialize_message(info_message(streams.FLEXX2, stamp))))
+            writer.write(
+                topic,
+                'sensor_msgs/msg/CameraInfo',
+                stamp,
+                bytes(serialize_message(info_message(streams.FLEXX2, stamp))),
+            )
     with flexx2(child_env, 'replay', bag, '--loop', '--rate', 10) as process:
         heard = source.listener.listen(topic, CameraInfo)
         source.listener.spin_until(lambda: len(heard) > 12, 'three rounds')

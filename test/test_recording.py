@@ -21,7 +21,7 @@ def write(path: Path, frames: np.ndarray, **arrays: Any) -> None:
     """Write a recording two frames at a time."""
     with RecordingWriter(path, *frames.shape) as writer:
         for start in range(0, len(frames), 2):
-            writer.add_depth(frames[start: start + 2])
+            writer.add_depth(frames[start : start + 2])
         for key, value in arrays.items():
             writer.add_array(key, value)
 
@@ -39,9 +39,15 @@ def test_round_trip(tmp_path: Path) -> None:
     frames = np.random.default_rng(1).normal(2, 1, (7, 5, 6)).astype(np.float32)
     frames[3, 2] = np.nan
     path = tmp_path / 'r.npz'
-    arrays = {'clean_depth': CLEAN, 'K': K, 'stamp': np.arange(7) / 30, 'usecase': 'Mode_5_30fps',
-              'reflectivity': np.ones((5, 6), np.float32), 'label': np.array(['a', 'b']),
-              'mask': np.eye(3, dtype=bool)}
+    arrays = {
+        'clean_depth': CLEAN,
+        'K': K,
+        'stamp': np.arange(7) / 30,
+        'usecase': 'Mode_5_30fps',
+        'reflectivity': np.ones((5, 6), np.float32),
+        'label': np.array(['a', 'b']),
+        'mask': np.eye(3, dtype=bool),
+    }
     write(path, frames, **arrays)
     with np.load(path, allow_pickle=False) as archive:
         assert set(archive.files) == {'depth', *arrays}
@@ -77,6 +83,7 @@ def test_a_failure_leaves_nothing_behind(tmp_path: Path, existing: bool, when: s
             if when == 'object array':
                 writer.add_array('what', np.array([{}, []], dtype=object))
             raise KeyboardInterrupt
+
     with pytest.raises((KeyboardInterrupt, ValueError)):
         interrupted()
     assert list(tmp_path.iterdir()) == ([path] if existing else [])
@@ -86,15 +93,21 @@ def test_a_failure_leaves_nothing_behind(tmp_path: Path, existing: bool, when: s
 def test_frames_that_are_missing_or_do_not_fit_are_refused(tmp_path: Path) -> None:
     """Assert a recording has all its frames, of its size, before anything else."""
     path = tmp_path / 'r.npz'
-    with (pytest.raises(InputError, match='depth: 2 frames are missing'),
-          RecordingWriter(path, 4, 5, 6) as writer):
+    with (
+        pytest.raises(InputError, match='depth: 2 frames are missing'),
+        RecordingWriter(path, 4, 5, 6) as writer,
+    ):
         writer.add_depth(np.ones((2, 5, 6)))
     for wrong in ((5, 5, 6), (1, 6, 5)):
-        with (pytest.raises(InputError, match='depth: found'),
-              RecordingWriter(path, 4, 5, 6) as writer):
+        with (
+            pytest.raises(InputError, match='depth: found'),
+            RecordingWriter(path, 4, 5, 6) as writer,
+        ):
             writer.add_depth(np.ones(wrong))
-    with (pytest.raises(InputError, match="depth: 4 frames are missing before 'K'"),
-          RecordingWriter(path, 4, 5, 6) as writer):
+    with (
+        pytest.raises(InputError, match="depth: 4 frames are missing before 'K'"),
+        RecordingWriter(path, 4, 5, 6) as writer,
+    ):
         writer.add_array('K', K)
     assert list(tmp_path.iterdir()) == []
 
@@ -111,29 +124,34 @@ def test_a_place_that_cannot_be_written(tmp_path: Path) -> None:
     assert list(folder.iterdir()) == []
 
 
-@pytest.mark.parametrize(('arrays', 'parts'), [
-    ({'clean_depth': None}, ['clean_depth', 'not in the file', 'K', 'wanted']),
-    ({'K': None}, ['K', 'not in the file', 'clean_depth', 'wanted']),
-    ({'clean_depth': np.ones(5)}, ['clean_depth', '(5,)', '(H, W) or (T, H, W)']),
-    ({'clean_depth': np.ones((1, 2, 3, 4))}, ['clean_depth', '(1, 2, 3, 4)', 'wanted']),
-    ({'clean_depth': np.ones((0, 4))}, ['clean_depth', '(0, 4)', 'not empty']),
-    ({'clean_depth': np.ones((0, 4, 4))}, ['clean_depth', '(0, 4, 4)', 'not empty']),
-    ({'clean_depth': CLEAN.astype(str)}, ['clean_depth', '<U', 'numbers']),
-    ({'clean_depth': CLEAN.astype(complex)}, ['clean_depth', 'complex128', 'numbers']),
-    ({'clean_depth': CLEAN > 1}, ['clean_depth', 'bool', 'numbers']),
-    ({'clean_depth': np.array([[None]])}, ['pickled']),
-    ({'note': np.array({'a': 1})}, ['pickled']),
-    ({'K': K[:2]}, ['K', '(2, 3)', '(3, 3)']),
-    ({'K': K.ravel()}, ['K', '(9,)', '(3, 3)']),
-    ({'K': np.full((3, 3), 'x')}, ['K', '<U1', 'numbers']),
-    ({'reflectivity': np.ones((6, 5))}, ['reflectivity', '(6, 5)', '(5, 6)']),
-    ({'reflectivity': np.ones((5, 6), bool)}, ['reflectivity', 'bool', 'numbers']),
-    ({'stamp': np.ones((2, 2))}, ['stamp', '(2, 2)', '(T,)']),
-    ({'stamp': np.array([0.0, np.nan])}, ['stamp', 'finite']),
-    ({'stamp': np.array(['now'])}, ['stamp', '<U3', 'numbers']),
-], ids=str)
-def test_wrong_contents_are_named(tmp_path: Path, arrays: dict[str, Any],
-                                  parts: list[str]) -> None:
+@pytest.mark.parametrize(
+    ('arrays', 'parts'),
+    [
+        ({'clean_depth': None}, ['clean_depth', 'not in the file', 'K', 'wanted']),
+        ({'K': None}, ['K', 'not in the file', 'clean_depth', 'wanted']),
+        ({'clean_depth': np.ones(5)}, ['clean_depth', '(5,)', '(H, W) or (T, H, W)']),
+        ({'clean_depth': np.ones((1, 2, 3, 4))}, ['clean_depth', '(1, 2, 3, 4)', 'wanted']),
+        ({'clean_depth': np.ones((0, 4))}, ['clean_depth', '(0, 4)', 'not empty']),
+        ({'clean_depth': np.ones((0, 4, 4))}, ['clean_depth', '(0, 4, 4)', 'not empty']),
+        ({'clean_depth': CLEAN.astype(str)}, ['clean_depth', '<U', 'numbers']),
+        ({'clean_depth': CLEAN.astype(complex)}, ['clean_depth', 'complex128', 'numbers']),
+        ({'clean_depth': CLEAN > 1}, ['clean_depth', 'bool', 'numbers']),
+        ({'clean_depth': np.array([[None]])}, ['pickled']),
+        ({'note': np.array({'a': 1})}, ['pickled']),
+        ({'K': K[:2]}, ['K', '(2, 3)', '(3, 3)']),
+        ({'K': K.ravel()}, ['K', '(9,)', '(3, 3)']),
+        ({'K': np.full((3, 3), 'x')}, ['K', '<U1', 'numbers']),
+        ({'reflectivity': np.ones((6, 5))}, ['reflectivity', '(6, 5)', '(5, 6)']),
+        ({'reflectivity': np.ones((5, 6), bool)}, ['reflectivity', 'bool', 'numbers']),
+        ({'stamp': np.ones((2, 2))}, ['stamp', '(2, 2)', '(T,)']),
+        ({'stamp': np.array([0.0, np.nan])}, ['stamp', 'finite']),
+        ({'stamp': np.array(['now'])}, ['stamp', '<U3', 'numbers']),
+    ],
+    ids=str,
+)
+def test_wrong_contents_are_named(
+    tmp_path: Path, arrays: dict[str, Any], parts: list[str]
+) -> None:
     """Assert file, key, what was found and what is wanted."""
     path = saved(tmp_path, **arrays)
     with pytest.raises(InputError) as raised:
@@ -154,8 +172,11 @@ def test_what_is_no_archive(tmp_path: Path) -> None:
 
 def test_what_is_no_array_in_an_archive(tmp_path: Path) -> None:
     """Assert members that are no arrays are refused by name, whatever they are for."""
-    for name, content in (('clean_depth.npy', b''), ('K.npy', b'not an array'),
-                          ('notes.txt', b'hello')):
+    for name, content in (
+        ('clean_depth.npy', b''),
+        ('K.npy', b'not an array'),
+        ('notes.txt', b'hello'),
+    ):
         path = saved(tmp_path)
         cut = tmp_path / 'cut.npz'
         with zipfile.ZipFile(path) as old, zipfile.ZipFile(cut, 'w') as new:
@@ -163,8 +184,7 @@ def test_what_is_no_array_in_an_archive(tmp_path: Path) -> None:
                 if member != name:
                     new.writestr(member, old.read(member))
             new.writestr(name, content)
-        with pytest.raises(InputError,
-                           match=f"{cut}: .*{name.removesuffix('.npy')}: .* no array"):
+        with pytest.raises(InputError, match=f'{cut}: .*{name.removesuffix(".npy")}: .* no array'):
             load_scene(cut)
 
 
@@ -172,7 +192,8 @@ def test_an_array_too_large_for_memory(tmp_path: Path) -> None:
     """Assert a damaged header that asks for a petabyte is refused."""
     header = io.BytesIO()
     np.lib.format.write_array_header_1_0(
-        header, {'descr': '<f8', 'fortran_order': False, 'shape': (1 << 24, 1 << 24)})
+        header, {'descr': '<f8', 'fortran_order': False, 'shape': (1 << 24, 1 << 24)}
+    )
     path = saved(tmp_path, clean_depth=None)
     with zipfile.ZipFile(path, 'a') as archive:
         archive.writestr('clean_depth.npy', header.getvalue() + b'\0' * 64)
@@ -201,8 +222,9 @@ def test_cut_off_at_every_byte(tmp_path: Path, archive: bytes) -> None:
 
 @settings(max_examples=400)
 @given(st.sampled_from(ARCHIVES), st.data())
-def test_damaged_bytes(tmp_path_factory: pytest.TempPathFactory, archive: bytes,
-                       data: Any) -> None:
+def test_damaged_bytes(
+    tmp_path_factory: pytest.TempPathFactory, archive: bytes, data: Any
+) -> None:
     """Assert damage is found or does no harm: an InputError, or arrays of the right shape."""
     damaged = bytearray(archive)
     for place in data.draw(st.lists(st.integers(0, len(archive) - 1), min_size=1, max_size=3)):

@@ -4,10 +4,10 @@ import os
 import subprocess
 import sys
 
-from flexx2_sim_ros.camera.intrinsics import Intrinsics
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.go1.model import build_model, CameraMount, load_mounts, stand
-from flexx2_sim_ros.go1.rendering import load_materials, open_renderer, reflectivity_table
+from flexx2_sim_ros.profiles.intrinsics import Intrinsics
+from flexx2_sim_ros.rendering.renderer import load_materials, open_renderer, reflectivity_table
+from flexx2_sim_ros.robots.model import build_model, CameraMount, load_mounts, stand
 import mujoco
 import numpy as np
 import pytest
@@ -42,12 +42,19 @@ def backend(request):
 @pytest.fixture
 def see(tmp_path, backend):
     """Render what one camera at the origin, looking along +x, sees of a scene's geoms."""
+
     def render(geoms, mount=AHEAD, assets='', **planes):
         (tmp_path / 'robot.xml').write_text(ROBOT)
         (tmp_path / 'scene.xml').write_text(
-            f'<mujoco><asset>{assets}</asset><worldbody>{geoms}</worldbody></mujoco>')
-        model = build_model(str(tmp_path / 'robot.xml'), str(tmp_path / 'scene.xml'),
-                            intrinsics=ODD, mounts=[mount], **planes)
+            f'<mujoco><asset>{assets}</asset><worldbody>{geoms}</worldbody></mujoco>'
+        )
+        model = build_model(
+            str(tmp_path / 'robot.xml'),
+            str(tmp_path / 'scene.xml'),
+            intrinsics=ODD,
+            mounts=[mount],
+            **planes,
+        )
         data = mujoco.MjData(model)
         mujoco.mj_forward(model, data)
         renderer = open_renderer(model, ODD, backend)
@@ -57,12 +64,13 @@ def see(tmp_path, backend):
         assert (depth.dtype, geom_id.dtype) == (np.float32, np.int32)
         np.testing.assert_array_equal(np.isnan(depth), geom_id < 0)
         return model, depth, geom_id
+
     return render
 
 
 def rays():
     """Return (H, W, 3) optical rays of ODD with z = 1."""
-    v, u = np.mgrid[:ODD.height, :ODD.width]
+    v, u = np.mgrid[: ODD.height, : ODD.width]
     return np.stack([(u - ODD.cx) / ODD.fx, (v - ODD.cy) / ODD.fy, np.ones(u.shape)], axis=-1)
 
 
@@ -102,10 +110,13 @@ def test_pixels_are_where_the_intrinsics_say_and_nothing_is_mirrored(see):
 
 def test_nothing_and_the_far_plane_are_nan(see):
     # Depth is along the axis: the wall's corners are farther than the far plane, but not in depth.
-    _, depth, geom_id = see("""
+    _, depth, geom_id = see(
+        """
         <geom type="box" size="0.1 0.5 9" pos="5.09 0 0"/>
         <geom type="box" size="0.1 9 9" pos="5.2 0 0"/>
-        """, far=5.0)
+        """,
+        far=5.0,
+    )
     middle = np.abs(rays()[..., 0]) < 0.5 / 5
     assert not np.isnan(depth[middle]).any()
     assert np.isnan(depth[~middle]).all()
@@ -137,7 +148,8 @@ def test_hundreds_of_geoms_keep_their_ids(see):
     posts = ''.join(
         f'<geom type="box" size="0.1 0.02 0.02" '
         f'pos="{1.6 - 0.001 * i} {0.04 * (9.5 - i % 20)} {0.04 * (9.5 - i // 20)}"/>'
-        for i in range(400))
+        for i in range(400)
+    )
     model, depth, geom_id = see(posts)
     hit = geom_id >= 0
     assert len(np.unique(geom_id[hit])) > 300
@@ -149,10 +161,13 @@ def test_hundreds_of_geoms_keep_their_ids(see):
 def test_meshes_are_seen_on_both_sides(see, tmp_path):
     (tmp_path / 'roof.obj').write_text(
         'v 0 -9 -9\nv 0 9 -9\nv 0 9 9\nv 0 -9 9\nv 1 0 0\n'
-        'f 1 2 5\nf 2 3 5\nf 3 4 5\nf 4 1 5\nf 1 3 2\nf 1 4 3\n')
+        'f 1 2 5\nf 2 3 5\nf 3 4 5\nf 4 1 5\nf 1 3 2\nf 1 4 3\n'
+    )
     for turn in ('0 0 0', '0 0 180'):
-        _, depth, _ = see(f'<geom type="mesh" mesh="roof" pos="2 0 0" euler="{turn}"/>',
-                          assets='<mesh name="roof" file="roof.obj" inertia="shell"/>')
+        _, depth, _ = see(
+            f'<geom type="mesh" mesh="roof" pos="2 0 0" euler="{turn}"/>',
+            assets='<mesh name="roof" file="roof.obj" inertia="shell"/>',
+        )
         assert not np.isnan(depth).any()
         assert np.ptp(depth) < 1.0
 
@@ -195,9 +210,19 @@ def test_both_cameras_have_something_to_look_at():
         names = {model.geom(i).name for i in np.unique(geom_id[geom_id >= 0])}
         assert len(names) >= 10
         seen |= names
-    assert {f'scene/{name}' for name in (
-        'step', 'stair_1', 'stair_5', 'ramp', 'board_leaning', 'drum_metal', 'box_black',
-        'wall_behind_door')} <= seen
+    assert {
+        f'scene/{name}'
+        for name in (
+            'step',
+            'stair_1',
+            'stair_5',
+            'ramp',
+            'board_leaning',
+            'drum_metal',
+            'box_black',
+            'wall_behind_door',
+        )
+    } <= seen
 
 
 def test_results_are_the_callers_to_keep(backend):
@@ -236,8 +261,8 @@ def test_an_unknown_backend_is_refused():
 
 OPEN = """
 import mujoco
-from flexx2_sim_ros.camera.intrinsics import Intrinsics
-from flexx2_sim_ros.go1.rendering import open_renderer
+from flexx2_sim_ros.profiles.intrinsics import Intrinsics
+from flexx2_sim_ros.rendering.renderer import open_renderer
 renderer = open_renderer(mujoco.MjModel.from_xml_string('<mujoco/>'),
                          Intrinsics(8, 6, 9.0, 9.0, 3.5, 2.5))
 print(renderer.backend, *renderer.reasons, sep='\\n')
@@ -254,8 +279,14 @@ ctypes.CDLL.__init__ = refuse
 
 
 def opened(script, **environment):
-    done = subprocess.run([sys.executable, '-c', script], capture_output=True, text=True,
-                          env={**os.environ, **environment}, timeout=60, check=True)
+    done = subprocess.run(
+        [sys.executable, '-c', script],
+        capture_output=True,
+        text=True,
+        env={**os.environ, **environment},
+        timeout=60,
+        check=True,
+    )
     name, *reasons = done.stdout.splitlines()
     return name, reasons
 
@@ -285,8 +316,12 @@ def test_reflectivity_follows_the_material_and_then_the_colour():
     table = reflectivity_table(model)
     assert (table.shape, table.dtype) == ((model.ngeom + 1,), np.float32)
     materials = load_materials()
-    for geom, material in (('scene/board_leaning', 'white_board'), ('scene/pole_black', 'black'),
-                           ('FR_foot', 'go1_rubber'), ('front_left_housing', 'flexx2_housing')):
+    for geom, material in (
+        ('scene/board_leaning', 'white_board'),
+        ('scene/pole_black', 'black'),
+        ('FR_foot', 'go1_rubber'),
+        ('front_left_housing', 'flexx2_housing'),
+    ):
         assert table[model.geom(geom).id] == pytest.approx(materials[material])
     assert table[-1] == 0.0
     used = {model.mat(i).name.rsplit('/')[-1] for i in range(model.nmat)}
@@ -304,17 +339,21 @@ def test_reflectivity_without_a_listed_material_is_the_luminance():
           </worldbody>
         </mujoco>""")
     np.testing.assert_allclose(
-        reflectivity_table(model, {'black': 0.04}), [0.2126, 0.7152, 0.0722, 0.04, 0], atol=1e-6)
+        reflectivity_table(model, {'black': 0.04}), [0.2126, 0.7152, 0.0722, 0.04, 0], atol=1e-6
+    )
 
 
-@pytest.mark.parametrize(('text', 'said'), [
-    ('schema: 1', 'materials'),
-    ('{schema: 1, materials: [wood]}', 'materials'),
-    ('{schema: 1, materials: {wood: 0.5}}', 'materials.wood'),
-    ('{schema: 1, materials: {wood: {reflectivity: 1.5}}}', 'materials.wood'),
-    ('{schema: 1, materials: {wood: {reflectivity: .nan}}}', 'materials.wood'),
-    ('{schema: 1, materials: {wood: {reflectivity: bright}}}', 'materials.wood'),
-])
+@pytest.mark.parametrize(
+    ('text', 'said'),
+    [
+        ('schema: 1', 'materials'),
+        ('{schema: 1, materials: [wood]}', 'materials'),
+        ('{schema: 1, materials: {wood: 0.5}}', 'materials.wood'),
+        ('{schema: 1, materials: {wood: {reflectivity: 1.5}}}', 'materials.wood'),
+        ('{schema: 1, materials: {wood: {reflectivity: .nan}}}', 'materials.wood'),
+        ('{schema: 1, materials: {wood: {reflectivity: bright}}}', 'materials.wood'),
+    ],
+)
 def test_a_bad_material_file_is_named(tmp_path, text, said):
     path = tmp_path / 'materials.yaml'
     path.write_text(text)

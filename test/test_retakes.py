@@ -4,9 +4,9 @@ from typing import Any
 
 from bench.gap_campaigns import look, make_room, optical
 from flexx2_sim_ros.camera import Camera, flexx2
-from flexx2_sim_ros.camera.retakes import Retakes
+from flexx2_sim_ros.camera.common_random_numbers import CommonRandomNumbers
 from flexx2_sim_ros.effects import registry
-from flexx2_sim_ros.gap.catalogue import catalogue
+from flexx2_sim_ros.gap.features.catalogue import catalogue
 import numpy as np
 import pytest
 
@@ -16,8 +16,10 @@ STAMPS = 1_000_000_000 + np.arange(4) * 33_000_000
 
 def scene(moving: bool) -> tuple[np.ndarray, np.ndarray]:
     room = make_room(np.random.default_rng(2))
-    views = [look(room, K, (86, 112), optical(0.1, 0.35, 0.0), np.array([0.02 * t, 0.1, 0.6]))
-             for t in range(len(STAMPS) if moving else 1)]
+    views = [
+        look(room, K, (86, 112), optical(0.1, 0.35, 0.0), np.array([0.02 * t, 0.1, 0.6]))
+        for t in range(len(STAMPS) if moving else 1)
+    ]
     depth, albedo = (np.stack(images) for images in zip(*views, strict=True))
     depth[:, 5:9, 5:20] = np.nan
     albedo[:, 40, 3:7] = np.nan
@@ -28,12 +30,18 @@ def scene(moving: bool) -> tuple[np.ndarray, np.ndarray]:
 def test_frames_are_the_same_whatever_was_developed_from_them_before(moving: bool) -> None:
     clean, albedo = scene(moving)
     tables: list[dict[str, Any]] = [
-        {}, *(column.effects for column in catalogue()[0]),
+        {},
+        *(column.effects for column in catalogue()[0]),
         *({name: {'strength': 1.3}} for name in registry()),
         {'pose_error': {}, 'lateral_noise': {}, 'saturation': {}},
-        {'lateral_noise': {}, 'range_wrap': {}}, {name: {} for name in registry()}, {}]
-    shared, alone = (Retakes(Camera(seed=3, name='gap'), clean, K, STAMPS, albedo, sharing)
-                     for sharing in (True, False))
+        {'lateral_noise': {}, 'range_wrap': {}},
+        {name: {} for name in registry()},
+        {},
+    ]
+    shared, alone = (
+        CommonRandomNumbers(Camera(seed=3, name='gap'), clean, K, STAMPS, albedo, sharing)
+        for sharing in (True, False)
+    )
     before = clean.copy(), albedo.copy()
     for table in tables:
         frames = shared.depth(table)
@@ -41,15 +49,18 @@ def test_frames_are_the_same_whatever_was_developed_from_them_before(moving: boo
         if table:
             wanted = Camera(seed=3, name='gap', effects=table).capture(clean, K, STAMPS, albedo)
             assert np.array_equal(frames, wanted.depth, equal_nan=True), table
-    assert all(np.array_equal(one, other, equal_nan=True)
-               for one, other in zip((clean, albedo), before, strict=True))
+    assert all(
+        np.array_equal(one, other, equal_nan=True)
+        for one, other in zip((clean, albedo), before, strict=True)
+    )
 
 
 def test_another_geometry_is_not_taken_for_the_scene() -> None:
     clean, _ = scene(False)
-    retakes = Retakes(Camera(seed=3), clean, K, STAMPS)
+    retakes = CommonRandomNumbers(Camera(seed=3), clean, K, STAMPS)
     plain = retakes.depth({})
-    nearer = retakes.depth({'pose_error': {'x': 0, 'y': 0, 'z': 0.05, 'pitch_deg': 0,
-                                           'yaw_deg': 0, 'roll_deg': 0}})
+    nearer = retakes.depth(
+        {'pose_error': {'x': 0, 'y': 0, 'z': 0.05, 'pitch_deg': 0, 'yaw_deg': 0, 'roll_deg': 0}}
+    )
     assert np.nanmedian(plain - nearer) == pytest.approx(0.05, abs=0.01)
     assert np.array_equal(retakes.depth({}), plain, equal_nan=True)

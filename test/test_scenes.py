@@ -2,16 +2,16 @@
 
 import math
 
-from flexx2_sim_ros.camera.modes import flexx2
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.go1.gait import Gait, pose, start, step
-from flexx2_sim_ros.go1.ground import SceneGround
-from flexx2_sim_ros.go1.kinematics import rotation
-from flexx2_sim_ros.go1.model import build_model, CameraMount, load_mounts, stand
-from flexx2_sim_ros.go1.rendering import load_materials, open_renderer
-from flexx2_sim_ros.go1.robot import find_robot
-from flexx2_sim_ros.go1.scenes import place_board, SCENES
-from flexx2_sim_ros.go1.visibility import unseen_geoms
+from flexx2_sim_ros.profiles.modes import flexx2
+from flexx2_sim_ros.rendering.ground import SceneGround
+from flexx2_sim_ros.rendering.renderer import load_materials, open_renderer
+from flexx2_sim_ros.rendering.scenes import place_board, SCENES
+from flexx2_sim_ros.rendering.visibility import unseen_geoms
+from flexx2_sim_ros.robots.gait import Gait, pose, start, step
+from flexx2_sim_ros.robots.kinematics import rotation
+from flexx2_sim_ros.robots.model import build_model, CameraMount, load_mounts, stand
+from flexx2_sim_ros.robots.robot import find_robot
 import mujoco
 import numpy as np
 import pytest
@@ -127,7 +127,7 @@ def test_the_board_has_exactly_the_distance_and_angle_asked_for(camera, backend)
             on_board = geom_id == board
             assert on_board[K.height // 2, K.width // 2]
             # The thin side of a board that turns away is seen as well: 0.02 m, nearer or farther.
-            face = on_board & (np.abs(depth - expected) < 2e-4 * max(1.0, distance ** 2))
+            face = on_board & (np.abs(depth - expected) < 2e-4 * max(1.0, distance**2))
             assert face.sum() > 0.9 * on_board.sum()
             assert on_board.sum() > 200
             behind = geom_id == model.geom('scene/backdrop').id
@@ -144,13 +144,16 @@ def test_the_boards_place_survives_a_reset():
     np.testing.assert_allclose(data.geom('scene/board').xpos, before)
 
 
-@pytest.mark.parametrize(('scene', 'arguments', 'said'), [
-    ('board', ('front_left', 0.05, 0.0), 'board_distance: found 0.05, wanted 0.1 to 10'),
-    ('board', ('front_left', math.nan, 0.0), 'board_distance: found nan'),
-    ('board', ('front_left', 1.0, 85.0), 'board_angle_deg: found 85.0, wanted -80 to 80'),
-    ('board', ('rear', 1.0, 0.0), "board_camera: found 'rear', wanted one of front_left"),
-    ('corner', ('front_left', 1.0, 0.0), 'scene: this one has no board'),
-])
+@pytest.mark.parametrize(
+    ('scene', 'arguments', 'said'),
+    [
+        ('board', ('front_left', 0.05, 0.0), 'board_distance: found 0.05, wanted 0.1 to 10'),
+        ('board', ('front_left', math.nan, 0.0), 'board_distance: found nan'),
+        ('board', ('front_left', 1.0, 85.0), 'board_angle_deg: found 85.0, wanted -80 to 80'),
+        ('board', ('rear', 1.0, 0.0), "board_camera: found 'rear', wanted one of front_left"),
+        ('corner', ('front_left', 1.0, 0.0), 'scene: this one has no board'),
+    ],
+)
 def test_a_board_that_cannot_be_placed_is_refused(scene, arguments, said):
     with pytest.raises(InputError, match=said):
         place_board(*standing(scene), *arguments)
@@ -161,9 +164,14 @@ def test_what_is_left_out_of_the_pictures_is_never_in_them():
     model, data = standing('lab')
     hidden = {name: unseen_geoms(model, model.cam(name).id, K) for name in CAMERAS}
     assert all(left_out.sum() > 30 for left_out in hidden.values())
-    rays = np.stack(np.broadcast_arrays(
-        (np.arange(0, K.width, 4) - K.cx) / K.fx,
-        -((np.arange(0, K.height, 4) - K.cy) / K.fy)[:, None], -1.0), axis=-1).reshape(-1, 3)
+    rays = np.stack(
+        np.broadcast_arrays(
+            (np.arange(0, K.width, 4) - K.cx) / K.fx,
+            -((np.arange(0, K.height, 4) - K.cy) / K.fy)[:, None],
+            -1.0,
+        ),
+        axis=-1,
+    ).reshape(-1, 3)
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
     hit = np.empty(len(rays), np.int32)
     for seconds in (0.1, 0.2, 0.3, 0.5, 0.8):
@@ -171,9 +179,19 @@ def test_what_is_left_out_of_the_pictures_is_never_in_them():
         for name, left_out in hidden.items():
             pose_of = data.camera(name)
             mujoco.mj_multiRay(
-                model, data, pose_of.xpos, (rays @ pose_of.xmat.reshape(3, 3).T).ravel(),
-                np.array([1, 1, 1, 0, 0, 0], np.uint8), 1, -1, hit, np.empty(len(rays)), None,
-                len(rays), 30.0)
+                model,
+                data,
+                pose_of.xpos,
+                (rays @ pose_of.xmat.reshape(3, 3).T).ravel(),
+                np.array([1, 1, 1, 0, 0, 0], np.uint8),
+                1,
+                -1,
+                hit,
+                np.empty(len(rays)),
+                None,
+                len(rays),
+                30.0,
+            )
             assert not left_out[hit[hit >= 0]].any()
 
 
@@ -207,5 +225,6 @@ def test_a_camera_elsewhere_sees_other_parts():
 
 def test_a_camera_in_the_world_hides_nothing():
     model = mujoco.MjModel.from_xml_string(
-        '<mujoco><worldbody><camera name="c"/><geom size="1"/></worldbody></mujoco>')
+        '<mujoco><worldbody><camera name="c"/><geom size="1"/></worldbody></mujoco>'
+    )
     assert not unseen_geoms(model, 0, K).any()

@@ -8,8 +8,8 @@ import sys
 from typing import Any
 
 from flexx2_sim_ros.camera import Camera
-from flexx2_sim_ros.camera.modes import flexx2
 from flexx2_sim_ros.cli.main import main
+from flexx2_sim_ros.profiles.modes import flexx2
 import numpy as np
 import pytest
 import yaml
@@ -39,8 +39,18 @@ def simulate(source: str, folder: Path, *options: str) -> dict[str, np.ndarray]:
 
 def test_output_is_a_recording_of_the_librarys_frames(tmp_path: Path) -> None:
     """Assert keys, shapes, dtypes, the stamps, and every frame to the last bit."""
-    out = simulate(save(tmp_path), tmp_path, '--usecase', 'mode_5_45FPS', '--frames', '70',
-                   '--seed', '7', '--name', 'left')
+    out = simulate(
+        save(tmp_path),
+        tmp_path,
+        '--usecase',
+        'mode_5_45FPS',
+        '--frames',
+        '70',
+        '--seed',
+        '7',
+        '--name',
+        'left',
+    )
     assert {'depth', 'clean_depth', 'K', 'stamp', 'usecase'} <= set(out)
     assert out['depth'].shape == (70, 43, 56)
     assert out['depth'].dtype == np.float32
@@ -56,7 +66,8 @@ def test_output_is_a_recording_of_the_librarys_frames(tmp_path: Path) -> None:
     camera = Camera('Mode_5_45fps', seed=7, name='left')
     for index in (0, 1, 29, 30, 69):
         np.testing.assert_array_equal(
-            out['depth'][index], camera.capture(SCENE, K, out['stamp'][index]).depth)
+            out['depth'][index], camera.capture(SCENE, K, out['stamp'][index]).depth
+        )
         stamp = round(start * 1e9 + index * 1e9 / 45)
         np.testing.assert_array_equal(out['depth'][index], camera.capture(SCENE, K, stamp).depth)
 
@@ -67,6 +78,7 @@ def test_seed_and_name_decide_the_noise(tmp_path: Path) -> None:
 
     def depth(*options: str) -> np.ndarray:
         return simulate(source, tmp_path, *options)['depth']
+
     first = depth('--frames', '40', '--seed', '1')
     np.testing.assert_array_equal(first, depth('--frames', '40', '--seed', '1'))
     np.testing.assert_array_equal(first[:3], depth('--frames', '3', '--seed', '1'))
@@ -92,12 +104,15 @@ def test_scenes_differ_in_noise_and_share_the_fixed_pattern(tmp_path: Path) -> N
             np.testing.assert_array_equal(again['depth'], out['depth'])
     noise = [shown[distance, ()]['depth'][0].ravel() for distance in (1.5, 2.0)]
     assert abs(np.corrcoef(noise)[0, 1]) < 0.15
-    grain = [shown[distance, ('--effects', 'fixed_pattern')]['depth'].mean(axis=0).ravel()
-             for distance in (1.5, 2.0)]
+    grain = [
+        shown[distance, ('--effects', 'fixed_pattern')]['depth'].mean(axis=0).ravel()
+        for distance in (1.5, 2.0)
+    ]
     assert np.corrcoef(grain)[0, 1] > 0.7
     source = save(tmp_path)
     assert simulate(source, tmp_path, '--frames', '3', '--start', '0')['stamp'] == pytest.approx(
-        np.arange(3) / 30, abs=1e-9)
+        np.arange(3) / 30, abs=1e-9
+    )
     first = simulate(source, tmp_path, '--frames', '3', '--start', '7.5')
     assert first['stamp'][0] == 7.5
     for start in ('-1', 'nan'):
@@ -113,9 +128,13 @@ def test_uptime_of_the_scene_or_as_given(tmp_path: Path) -> None:
     effects = tmp_path / 'drift.yaml'
     effects.write_text('schema: 1\neffects: {warm_up_drift: {bias: 0.05, tau: 100}}\n')
     options = ('--frames', '5', '--effects', str(effects))
-    for uptime, more, expected in ((None, (), 0.0), (100.0, (), 100.0),
-                                   (np.full(5, 50.0), (), 50.0), (100.0, ('--uptime', '200'), 200),
-                                   (None, ('--uptime', '30'), 30.0)):
+    for uptime, more, expected in (
+        (None, (), 0.0),
+        (100.0, (), 100.0),
+        (np.full(5, 50.0), (), 50.0),
+        (100.0, ('--uptime', '200'), 200),
+        (None, ('--uptime', '30'), 30.0),
+    ):
         source = save(tmp_path, clean_depth=np.full((43, 56), 1.0), uptime=uptime)
         out = simulate(source, tmp_path, *options, *more)
         assert np.mean(out['depth']) - 1 == pytest.approx(0.05 * np.exp(-expected / 100), abs=1e-3)
@@ -138,8 +157,13 @@ def test_a_scene_that_moves(tmp_path: Path) -> None:
     scenes = np.stack([SCENE + 0.1 * step for step in range(35)])
     stamps = np.cumsum(np.linspace(0.01, 0.05, 35)) + 1000.0
     paint = np.random.default_rng(3).uniform(0, 1, scenes.shape).astype(np.float32)
-    source = save(tmp_path, clean_depth=scenes, stamp=stamps, reflectivity=paint,
-                  note=np.array('three steps'))
+    source = save(
+        tmp_path,
+        clean_depth=scenes,
+        stamp=stamps,
+        reflectivity=paint,
+        note=np.array('three steps'),
+    )
     out = simulate(source, tmp_path, '--seed', '2')
     np.testing.assert_array_equal(out['stamp'], stamps)
     np.testing.assert_array_equal(out['clean_depth'], scenes)
@@ -148,7 +172,8 @@ def test_a_scene_that_moves(tmp_path: Path) -> None:
     camera = Camera('Mode_9_30fps', seed=2)
     for index in (0, 29, 30, 34):
         np.testing.assert_array_equal(
-            out['depth'][index], camera.capture(scenes[index], K, stamps[index]).depth)
+            out['depth'][index], camera.capture(scenes[index], K, stamps[index]).depth
+        )
 
     fewer = simulate(source, tmp_path, '--frames', '4')
     for key in ('depth', 'clean_depth', 'reflectivity', 'stamp'):
@@ -175,23 +200,32 @@ def test_the_input_may_be_any_kind_of_number(tmp_path: Path) -> None:
         assert np.nanmean(out['depth']) == pytest.approx(2.0, abs=0.01)
 
 
-@pytest.mark.parametrize(('arrays', 'options', 'parts'), [
-    ({}, ['--usecase', 'Mode_9_31fps'], ['usecase', 'Mode_9_31fps', 'Mode_9_30fps']),
-    ({}, ['--frames', '0'], ['--frames', 'must be', "got '0'"]),
-    ({}, ['--frames', '-3'], ['--frames', 'must be', "got '-3'"]),
-    ({}, ['--seed', str(10 ** 30)], ['--seed', 'must be', str(10 ** 19)]),
-    ({'clean_depth': np.stack([SCENE] * 3)}, ['--frames', '4'], ['--frames', '4', '3']),
-    ({'clean_depth': np.stack([SCENE] * 3), 'stamp': np.arange(2.0)}, [], ['stamp', '2', '3']),
-    ({'stamp': np.array([])}, [], ['wanted']),
-    ({'K': None}, [], ['K', 'not in the file']),
-    ({'K': np.zeros((3, 3))}, [], ['K', 'wanted']),
-    ({'K': K * np.nan}, [], ['K', 'nan', 'wanted']),
-    ({'clean_depth': np.ones(4)}, [], ['clean_depth', '(4,)', 'wanted']),
-    ({'reflectivity': np.ones((3, 3))}, [], ['reflectivity', '(3, 3)', 'wanted']),
-    ({'clean_depth': np.array([[{}]])}, [], ['in.npz', 'pickled']),
-], ids=str)
-def test_bad_input(tmp_path: Path, capsys: pytest.CaptureFixture[str], arrays: dict[str, Any],
-                   options: list[str], parts: list[str]) -> None:
+@pytest.mark.parametrize(
+    ('arrays', 'options', 'parts'),
+    [
+        ({}, ['--usecase', 'Mode_9_31fps'], ['usecase', 'Mode_9_31fps', 'Mode_9_30fps']),
+        ({}, ['--frames', '0'], ['--frames', 'must be', "got '0'"]),
+        ({}, ['--frames', '-3'], ['--frames', 'must be', "got '-3'"]),
+        ({}, ['--seed', str(10**30)], ['--seed', 'must be', str(10**19)]),
+        ({'clean_depth': np.stack([SCENE] * 3)}, ['--frames', '4'], ['--frames', '4', '3']),
+        ({'clean_depth': np.stack([SCENE] * 3), 'stamp': np.arange(2.0)}, [], ['stamp', '2', '3']),
+        ({'stamp': np.array([])}, [], ['wanted']),
+        ({'K': None}, [], ['K', 'not in the file']),
+        ({'K': np.zeros((3, 3))}, [], ['K', 'wanted']),
+        ({'K': K * np.nan}, [], ['K', 'nan', 'wanted']),
+        ({'clean_depth': np.ones(4)}, [], ['clean_depth', '(4,)', 'wanted']),
+        ({'reflectivity': np.ones((3, 3))}, [], ['reflectivity', '(3, 3)', 'wanted']),
+        ({'clean_depth': np.array([[{}]])}, [], ['in.npz', 'pickled']),
+    ],
+    ids=str,
+)
+def test_bad_input(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    arrays: dict[str, Any],
+    options: list[str],
+    parts: list[str],
+) -> None:
     """Assert exit code 2, one message, no traceback, and no output file."""
     source = save(tmp_path, **arrays)
     assert main(['simulate', source, str(tmp_path / 'out.npz'), *options]) == 2
@@ -202,17 +236,20 @@ def test_bad_input(tmp_path: Path, capsys: pytest.CaptureFixture[str], arrays: d
     assert [path.name for path in tmp_path.iterdir()] == ['in.npz']
 
 
-def test_files_that_cannot_be_read_or_written(tmp_path: Path,
-                                              capsys: pytest.CaptureFixture[str]) -> None:
+def test_files_that_cannot_be_read_or_written(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Assert the path is named."""
     source = save(tmp_path)
     out = str(tmp_path / 'out.npz')
     cut = tmp_path / 'cut.npz'
     cut.write_bytes(Path(source).read_bytes()[:-30])
     for given, target, named in (
-            (str(tmp_path / 'missing.npz'), out, 'missing.npz'), (str(cut), out, 'cut.npz'),
-            (source, str(tmp_path / 'nowhere' / 'out.npz'), 'nowhere'),
-            (source, str(tmp_path), str(tmp_path))):
+        (str(tmp_path / 'missing.npz'), out, 'missing.npz'),
+        (str(cut), out, 'cut.npz'),
+        (source, str(tmp_path / 'nowhere' / 'out.npz'), 'nowhere'),
+        (source, str(tmp_path), str(tmp_path)),
+    ):
         assert main(['simulate', given, target, '--frames', '2']) == 2
         assert named in capsys.readouterr().err
     assert sorted(path.name for path in tmp_path.iterdir()) == ['cut.npz', 'in.npz']
@@ -222,10 +259,22 @@ def test_a_full_disk(tmp_path: Path) -> None:
     """Assert a message and no half-written file where the file may not grow any further."""
     source = save(tmp_path)
     done = subprocess.run(
-        [sys.executable, '-m', 'flexx2_sim_ros.cli.main', 'simulate', source,
-         str(tmp_path / 'out.npz'), '--frames', '200'],
-        cwd=ROOT, capture_output=True, text=True, check=False,
-        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (500_000, 500_000)))
+        [
+            sys.executable,
+            '-m',
+            'flexx2_sim_ros.cli.main',
+            'simulate',
+            source,
+            str(tmp_path / 'out.npz'),
+            '--frames',
+            '200',
+        ],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (500_000, 500_000)),
+    )
     assert done.returncode == 2, done.stderr
     assert 'out.npz: cannot be written' in done.stderr
     assert 'Traceback' not in done.stderr
@@ -234,14 +283,19 @@ def test_a_full_disk(tmp_path: Path) -> None:
 
 def test_wrong_arguments() -> None:
     """Assert exit code 2, as every command does."""
-    for arguments in (['simulate'], ['simulate', 'in.npz', 'out.npz', '--frames', 'many'],
-                      ['nonsense'], []):
+    for arguments in (
+        ['simulate'],
+        ['simulate', 'in.npz', 'out.npz', '--frames', 'many'],
+        ['nonsense'],
+        [],
+    ):
         assert main(arguments) == 2
 
 
 @pytest.mark.parametrize('columns', ['80', '120'])
-def test_modes(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
-               columns: str) -> None:
+def test_modes(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], columns: str
+) -> None:
     """Assert nine modes with rate and range, and the paper's coefficients to the digit."""
     monkeypatch.setenv('COLUMNS', columns)
     assert main(['modes']) == 0
@@ -253,13 +307,13 @@ def test_modes(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[st
         line = next(line for line in lines if line.startswith(mode.name))
         row = table['modes'][mode.name]
         low, high = row['range_m']
-        assert re.search(rf"{mode.name}\s+{row['rate_hz']}\s+{low:g} - {high:g}", line)
+        assert re.search(rf'{mode.name}\s+{row["rate_hz"]}\s+{low:g} - {high:g}', line)
         assert mode.measured or f'{mode.noise_of}*' in line
     for name, row in table['noise'].items():
         line = [line for line in lines if line.startswith(name)][-1]
         for key in 'abcd':
             assert f'{row[key]:.6f}' in line
             assert float(f'{row[key]:.6f}') == row[key]
-        assert f"{row['sigma_x']:.3f}" in line
-        assert f" {row['n']:g} " in line
+        assert f'{row["sigma_x"]:.3f}' in line
+        assert f' {row["n"]:g} ' in line
     assert '…' not in text

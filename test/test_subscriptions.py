@@ -15,24 +15,46 @@ RELIABLE, BEST_EFFORT = ReliabilityPolicy.RELIABLE, ReliabilityPolicy.BEST_EFFOR
 LATCHED, VOLATILE = DurabilityPolicy.TRANSIENT_LOCAL, DurabilityPolicy.VOLATILE
 
 
-@pytest.mark.parametrize(('offers', 'expected'), [
-    ([], (RELIABLE, VOLATILE)),
-    ([(RELIABLE, VOLATILE)], (RELIABLE, VOLATILE)),
-    ([(BEST_EFFORT, VOLATILE)], (BEST_EFFORT, VOLATILE)),
-    ([(RELIABLE, LATCHED)], (RELIABLE, LATCHED)),
-    ([(RELIABLE, LATCHED), (BEST_EFFORT, VOLATILE)], (BEST_EFFORT, VOLATILE)),
-    ([(RELIABLE, LATCHED), (RELIABLE, VOLATILE)], (RELIABLE, VOLATILE)),
-], ids=str)
-def test_the_most_that_all_publishers_offer(offers: list[tuple[object, object]],
-                                            expected: tuple[object, object]) -> None:
+@pytest.mark.parametrize(
+    ('offers', 'expected'),
+    [
+        ([], (RELIABLE, VOLATILE)),
+        ([(RELIABLE, VOLATILE)], (RELIABLE, VOLATILE)),
+        ([(BEST_EFFORT, VOLATILE)], (BEST_EFFORT, VOLATILE)),
+        ([(RELIABLE, LATCHED)], (RELIABLE, LATCHED)),
+        ([(RELIABLE, LATCHED), (BEST_EFFORT, VOLATILE)], (BEST_EFFORT, VOLATILE)),
+        ([(RELIABLE, LATCHED), (RELIABLE, VOLATILE)], (RELIABLE, VOLATILE)),
+    ],
+    ids=str,
+)
+def test_the_most_that_all_publishers_offer(
+    offers: list[tuple[object, object]], expected: tuple[object, object]
+) -> None:
     """Assert no publisher is shut out, and nothing that all offer is given away."""
-    assert matching([QoSProfile(depth=1, reliability=reliability, durability=durability)
-                     for reliability, durability in offers]) == expected
+    assert (
+        matching(
+            [
+                QoSProfile(depth=1, reliability=reliability, durability=durability)
+                for reliability, durability in offers
+            ]
+        )
+        == expected
+    )
 
 
-@pytest.mark.parametrize(('numbers', 'lost'), [
-    ([5, 6, 7], 0), ([5, 7, 10], 3), ([9, 1, 2], 0), ([3, 3, 4], 0), ([None, None], 0),
-    ([1, None, 9], 0), ([5, 6, 9, 1, 2, None, 7], 2)], ids=str)
+@pytest.mark.parametrize(
+    ('numbers', 'lost'),
+    [
+        ([5, 6, 7], 0),
+        ([5, 7, 10], 3),
+        ([9, 1, 2], 0),
+        ([3, 3, 4], 0),
+        ([None, None], 0),
+        ([1, None, 9], 0),
+        ([5, 6, 9, 1, 2, None, 7], 2),
+    ],
+    ids=str,
+)
 def test_lost_messages_are_counted(numbers: list[int | None], lost: int) -> None:
     """Assert gaps count; a late start, a restart and missing numbers do not."""
     counter = LossCounter()

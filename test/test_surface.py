@@ -3,7 +3,7 @@
 import math
 
 from flexx2_sim_ros.camera import flexx2, Intrinsics
-from flexx2_sim_ros.camera.surface import analyse, Surface
+from flexx2_sim_ros.physics.surface import analyse, Surface
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
@@ -11,17 +11,22 @@ import numpy as np
 import pytest
 
 FLEXX2 = flexx2().intrinsics
-CAMERAS = [FLEXX2, Intrinsics(640, 480, 554.0, 560.0, 319.5, 239.5),
-           Intrinsics(57, 33, 40.0, 75.0, 5.0, 30.0), Intrinsics(64, 48, 90.0, 60.0, -20.0, 70.0)]
+CAMERAS = [
+    FLEXX2,
+    Intrinsics(640, 480, 554.0, 560.0, 319.5, 239.5),
+    Intrinsics(57, 33, 40.0, 75.0, 5.0, 30.0),
+    Intrinsics(64, 48, 90.0, 60.0, -20.0, 70.0),
+]
 # Planes through (0, 0, 1.5 m), by the slopes of their normal: level, a yaw, a pitch, both, steep.
 SLOPES = [(0, 0), (0.6, 0), (0, -0.8), (1, 1), (-1.7, 0.5), (0.4, 4)]
 
 
 def plane(camera: Intrinsics, normal: np.ndarray, distance: float) -> tuple:
     """Return depth and incidence of the plane normal . X = distance; NaN where it is unseen."""
-    v, u = np.mgrid[:camera.height, :camera.width].astype(float)
-    rays = np.stack([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy,
-                     np.ones_like(u)], axis=-1)
+    v, u = np.mgrid[: camera.height, : camera.width].astype(float)
+    rays = np.stack(
+        [(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones_like(u)], axis=-1
+    )
     facing = rays @ (normal / np.linalg.norm(normal))
     cosine = np.abs(facing) / np.linalg.norm(rays, axis=-1)
     depth = np.where(facing * distance > 0, distance / facing, np.nan)
@@ -57,8 +62,9 @@ def thin(labels: np.ndarray) -> np.ndarray:
     out = np.zeros(labels.shape, bool)
     for dy, dx in ((0, 1), (1, 0)):
         before2, before, after, after2 = (
-            padded[2 + k * dy:2 + k * dy + height, 2 + k * dx:2 + k * dx + width] == labels
-            for k in (-2, -1, 1, 2))
+            padded[2 + k * dy : 2 + k * dy + height, 2 + k * dx : 2 + k * dx + width] == labels
+            for k in (-2, -1, 1, 2)
+        )
         out |= ~((before2 & before) | (before & after) | (after & after2))
     return out
 
@@ -68,8 +74,13 @@ def thin(labels: np.ndarray) -> np.ndarray:
 def test_planes_up_to_80_degrees(camera: Intrinsics, seed: int) -> None:
     rng = np.random.default_rng(seed)
     # The angle at a pixel drawn from the whole image, the direction at random.
-    ray = np.array([(rng.uniform(0, camera.width) - camera.cx) / camera.fx,
-                    (rng.uniform(0, camera.height) - camera.cy) / camera.fy, 1.0])
+    ray = np.array(
+        [
+            (rng.uniform(0, camera.width) - camera.cx) / camera.fx,
+            (rng.uniform(0, camera.height) - camera.cy) / camera.fy,
+            1.0,
+        ]
+    )
     ray /= np.linalg.norm(ray)
     angle, aside = math.radians(10 * seed + 10), np.cross(ray, rng.normal(size=3))
     normal = math.cos(angle) * ray + math.sin(angle) * aside / np.linalg.norm(aside)
@@ -77,8 +88,9 @@ def test_planes_up_to_80_degrees(camera: Intrinsics, seed: int) -> None:
     seen = (truth < math.radians(80)) & (depth < 20)
     assert seen.sum() > 100
     surface = look(np.where(seen, depth, np.nan), camera)
-    for found, wanted in zip((surface.row_jumps, surface.column_jumps), borders(seen),
-                             strict=True):
+    for found, wanted in zip(
+        (surface.row_jumps, surface.column_jumps), borders(seen), strict=True
+    ):
         np.testing.assert_array_equal(found, wanted)
     assert worst(surface, truth, seen & ~thin(seen)) < 1
 
@@ -95,16 +107,23 @@ def test_planes_in_whole_millimetres(slopes: tuple, distance: float) -> None:
     np.testing.assert_array_equal(surface.column_jumps, columns)
     inside = seen & ~thin(seen)
     for mode in flexx2().modes:
-        ratio = (mode.noise.sigma_z(depth[inside], surface.incidence[inside])
-                 / mode.noise.sigma_z(depth[inside], truth[inside]))
-        assert np.sqrt(np.mean(ratio ** 2)) == pytest.approx(1, abs=0.01)
+        ratio = mode.noise.sigma_z(depth[inside], surface.incidence[inside]) / mode.noise.sigma_z(
+            depth[inside], truth[inside]
+        )
+        assert np.sqrt(np.mean(ratio**2)) == pytest.approx(1, abs=0.01)
         assert np.abs(ratio - 1).max() < 0.25
 
 
 V, U = np.mgrid[:172, :224]
-SHAPES = {'upright': U < 100, 'level': V < 90, 'diagonal': U + V < 200, 'other': U - V < 33,
-          'slanted': 3 * U + V < 400, 'disc': np.hypot(U - 110.3, V - 80.2) < 50.4,
-          'board': (np.abs(U - 110) < 40) & (np.abs(V - 80) < 30)}
+SHAPES = {
+    'upright': U < 100,
+    'level': V < 90,
+    'diagonal': U + V < 200,
+    'other': U - V < 33,
+    'slanted': 3 * U + V < 400,
+    'disc': np.hypot(U - 110.3, V - 80.2) < 50.4,
+    'board': (np.abs(U - 110) < 40) & (np.abs(V - 80) < 30),
+}
 
 
 @pytest.mark.parametrize('shape', SHAPES)
@@ -129,13 +148,24 @@ def test_nothing_is_mixed_across_a_jump(shape: str, front: int, back: int) -> No
 
 
 # One pixel half-way between two surfaces is left out: it looks the same as a steep one.
-STRIPS = [(2, 1, 2), (1, 2, 1), (2, 1.94, 2), (1, 1.05, 1), (1, 1.5, 2), (2, 1, math.nan),
-          (math.nan, 1, math.nan)]
+STRIPS = [
+    (2, 1, 2),
+    (1, 2, 1),
+    (2, 1.94, 2),
+    (1, 1.05, 1),
+    (1, 1.5, 2),
+    (2, 1, math.nan),
+    (math.nan, 1, math.nan),
+]
 
 
-@pytest.mark.parametrize(('width', 'depths'), [
-    *((width, depths) for width in (1, 2, 3) for depths in STRIPS),
-    *((width, (1, 1.04, 1.08)) for width in (2, 3))])
+@pytest.mark.parametrize(
+    ('width', 'depths'),
+    [
+        *((width, depths) for width in (1, 2, 3) for depths in STRIPS),
+        *((width, (1, 1.04, 1.08)) for width in (2, 3)),
+    ],
+)
 def test_thin_strips(width: int, depths: tuple) -> None:
     line = np.repeat(depths, (20, width, 20))
     labels = np.repeat([0, 1, 2], (20, width, 20))
@@ -144,11 +174,16 @@ def test_thin_strips(width: int, depths: tuple) -> None:
         depth, where = (depth.T, where.T) if turned else (depth, where)
         height, columns = depth.shape
         surface = look(depth, Intrinsics(columns, height, 210.0, 210.0, columns / 2, height / 2))
-        for found, wanted in zip((surface.row_jumps, surface.column_jumps), borders(where),
-                                 strict=True):
+        for found, wanted in zip(
+            (surface.row_jumps, surface.column_jumps), borders(where), strict=True
+        ):
             np.testing.assert_array_equal(found, wanted)
-        off_axis = np.arctan(np.hypot(*np.mgrid[:height, :columns] - np.array(
-            [height / 2, columns / 2])[:, None, None]) / 210)
+        off_axis = np.arctan(
+            np.hypot(
+                *np.mgrid[:height, :columns] - np.array([height / 2, columns / 2])[:, None, None]
+            )
+            / 210
+        )
         assert worst(surface, off_axis, np.isfinite(depth)) < 1
 
 
@@ -160,8 +195,9 @@ def test_creases_are_no_jumps(one: int, two: int, fold: np.ufunc) -> None:
     valid = np.isfinite(first) & np.isfinite(second) & (first < 7) & (second < 7)
     depth = np.where(valid, fold(first, second), np.nan)
     surface = look(depth)
-    for found, wanted in zip((surface.row_jumps, surface.column_jumps), borders(valid),
-                             strict=True):
+    for found, wanted in zip(
+        (surface.row_jumps, surface.column_jumps), borders(valid), strict=True
+    ):
         np.testing.assert_array_equal(found, wanted)
     on_first = depth == first
     truth = np.where(on_first, first_truth, second_truth)
@@ -185,9 +221,15 @@ def test_tiny_images(shape: tuple) -> None:
 
 
 @settings(max_examples=150, deadline=None, derandomize=True)
-@given(npst.arrays(np.float32, npst.array_shapes(min_dims=2, max_dims=2, max_side=9),
-                   elements=st.floats(width=32) | st.sampled_from([np.nan, 1.0, 1.01, 2.0])),
-       st.floats(1.0, 1e4), st.floats(-1e4, 1e4))
+@given(
+    npst.arrays(
+        np.float32,
+        npst.array_shapes(min_dims=2, max_dims=2, max_side=9),
+        elements=st.floats(width=32) | st.sampled_from([np.nan, 1.0, 1.01, 2.0]),
+    ),
+    st.floats(1.0, 1e4),
+    st.floats(-1e4, 1e4),
+)
 def test_any_image_is_survived(depth: np.ndarray, focal: float, centre: float) -> None:
     height, width = depth.shape
     surface = look(depth, Intrinsics(width, height, focal, 2 * focal, centre, -centre))

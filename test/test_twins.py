@@ -10,8 +10,10 @@ from sensor_msgs.msg import CameraInfo
 from streams import Listener
 
 PATIENCE = 60.0
-SAID = ('error: node name: another /twins/{} is running, and both would publish the same topics; '
-        'wanted another name or namespace, e.g. --ros-args -r __node:=another\n')
+SAID = (
+    'error: node name: another /twins/{} is running, and both would publish the same topics; '
+    'wanted another name or namespace, e.g. --ros-args -r __node:=another\n'
+)
 
 
 @pytest.fixture
@@ -20,10 +22,24 @@ def start(child_env: dict[str, str]) -> Iterator[Any]:
     processes = []
 
     def started(executable: str, *arguments: str) -> subprocess.Popen[str]:
-        processes.append(subprocess.Popen(
-            [sys.executable, '-m', f'flexx2_sim_ros.nodes.{executable}', '--ros-args', '-r',
-             '__ns:=/twins', *arguments], env=child_env, stderr=subprocess.PIPE, text=True))
+        processes.append(
+            subprocess.Popen(
+                [
+                    sys.executable,
+                    '-m',
+                    f'flexx2_sim_ros.nodes.{executable}',
+                    '--ros-args',
+                    '-r',
+                    '__ns:=/twins',
+                    *arguments,
+                ],
+                env=child_env,
+                stderr=subprocess.PIPE,
+                text=True,
+            )
+        )
         return processes[-1]
+
     yield started
     for process in processes:
         process.kill()

@@ -29,8 +29,10 @@ class Scene:
     def __init__(self, view: View, page: Browser, user: Listener) -> None:
         """Take them."""
         self.view, self.page, self.user = view, page, user
-        self.clients = {camera: AsyncParameterClient(user.node, f'/{camera}/flexx2_camera')
-                        for camera in CAMERAS}
+        self.clients = {
+            camera: AsyncParameterClient(user.node, f'/{camera}/flexx2_camera')
+            for camera in CAMERAS
+        }
 
     def usecase(self, camera: str) -> str:
         """Return a camera's mode, as its node says."""
@@ -49,11 +51,17 @@ def scene(ros: None, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Scene
     """Start the demo before the board and open the page."""
     with chromium(tmp_path_factory.mktemp('browser')) as page:
         user = Listener()
-        view = View(tmp_path_factory.mktemp('view'), '--demo', '--scene', 'board',
-                    '--renderer', 'ray')
+        view = View(
+            tmp_path_factory.mktemp('view'), '--demo', '--scene', 'board', '--renderer', 'ray'
+        )
         try:
-            page.call('Emulation.setDeviceMetricsOverride', width=1280, height=800,
-                      deviceScaleFactor=1, mobile=False)
+            page.call(
+                'Emulation.setDeviceMetricsOverride',
+                width=1280,
+                height=800,
+                deviceScaleFactor=1,
+                mobile=False,
+            )
             page.call('Network.enable')
             page.open(view.url)
             page.until(f'document.querySelectorAll(".camera").length === {len(CAMERAS)}')
@@ -80,7 +88,8 @@ def pixels(page: Browser, camera: str, kind: str) -> np.ndarray:
         f'(() => {{ const canvas = {part(camera, kind)};'
         'const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);'
         'let text = ""; for (const value of data) text += String.fromCharCode(value);'
-        'return [canvas.height, canvas.width, btoa(text)]; })()')
+        'return [canvas.height, canvas.width, btoa(text)]; })()'
+    )
     colours = np.frombuffer(base64.b64decode(values[2]), np.uint8)
     return colours.reshape(values[0], values[1], 4)[..., :3]
 
@@ -94,8 +103,10 @@ def index_of(colours: np.ndarray, table: np.ndarray) -> np.ndarray:
 
 
 def move_slider(page: Browser, name: str, value: float) -> None:
-    page.evaluate(f'(() => {{ const slider = document.getElementById("{name}");'
-                  f'slider.value = {value}; slider.dispatchEvent(new Event("input")); }})()')
+    page.evaluate(
+        f'(() => {{ const slider = document.getElementById("{name}");'
+        f'slider.value = {value}; slider.dispatchEvent(new Event("input")); }})()'
+    )
 
 
 def test_images_have_the_colours_of_what_is_seen(scene: Scene) -> None:
@@ -114,8 +125,11 @@ def test_images_have_the_colours_of_what_is_seen(scene: Scene) -> None:
     assert (np.abs(difference - 128) < 127).all()
     assert np.unique(difference).size > 3
     # The right camera sees the board from the side; both have a cloud.
-    for camera, kind in (*(('front_right', kind) for kind in kinds), ('front_right', 'cloud'),
-                         ('front_left', 'cloud')):
+    for camera, kind in (
+        *(('front_right', kind) for kind in kinds),
+        ('front_right', 'cloud'),
+        ('front_left', 'cloud'),
+    ):
         colours = np.unique(pixels(scene.page, camera, kind).reshape(-1, 3), axis=0)
         assert len(colours) > 5, (camera, kind)
     # Everything is a colour of its scale or the one for invalid.
@@ -143,7 +157,8 @@ def test_pointing_at_a_pixel_reads_it_and_dragging_turns_the_cloud(scene: Scene)
     def box(name: str) -> tuple[float, float, float, float]:
         left, top, width, height = page.evaluate(
             f'(() => {{ const box = {part("front_left", name)}.getBoundingClientRect();'
-            'return [box.left, box.top, box.width, box.height]; })()')
+            'return [box.left, box.top, box.width, box.height]; })()'
+        )
         return left, top, width, height
 
     left, top, width, height = box('clean')
@@ -165,9 +180,12 @@ def test_choosing_a_mode_sets_it_on_the_node(scene: Scene) -> None:
     page = scene.page
 
     def choose(usecase: str) -> None:
-        page.evaluate(f'(() => {{ const select = {part("front_left", "usecase")};'
-                      f'select.value = "{usecase}"; select.dispatchEvent(new Event("change"));'
-                      '})()')
+        page.evaluate(
+            f'(() => {{ const select = {part("front_left", "usecase")};'
+            f'select.value = "{usecase}"; select.dispatchEvent(new Event("change"));'
+            '})()'
+        )
+
     answer = "document.querySelector('[data-camera=front_left] .answer')"
     choose('Mode_5_60fps')
     page.until(f'{answer}.textContent === "Mode_5_60fps is set"')
@@ -196,8 +214,13 @@ def test_keys_drive_while_they_are_held(scene: Scene) -> None:
     user.spin_until(lambda: poses, 'odometry')
     start = poses[0].pose.pose.position.x
 
-    def hold(code: str, name: str, said: Callable[[Twist], float], least: float,
-             until: Callable[[], bool] = lambda: True) -> None:
+    def hold(
+        code: str,
+        name: str,
+        said: Callable[[Twist], float],
+        least: float,
+        until: Callable[[], bool] = lambda: True,
+    ) -> None:
         heard.clear()
         page.key('keyDown', code, name)
         user.spin_until(lambda: len(heard) >= 5 and until(), 'commands')
@@ -208,8 +231,13 @@ def test_keys_drive_while_they_are_held(scene: Scene) -> None:
 
     hold('KeyW', 'w', lambda message: message.linear.x, 0.4)
     # There is room behind it; before it is the board.
-    hold('ArrowDown', 'ArrowDown', lambda message: message.linear.x, -0.4,
-         lambda: poses[-1].pose.pose.position.x < start - 0.02)
+    hold(
+        'ArrowDown',
+        'ArrowDown',
+        lambda message: message.linear.x,
+        -0.4,
+        lambda: poses[-1].pose.pose.position.x < start - 0.02,
+    )
     hold('KeyA', 'a', lambda message: message.angular.z, 0.7)
     hold('KeyE', 'e', lambda message: message.linear.y, -0.2)
     # Another window takes the keyboard: the key is never seen to go up.
@@ -246,7 +274,8 @@ def test_the_page_asks_nobody_else_and_has_no_errors(scene: Scene) -> None:
     blocked = page.evaluate(
         'new Promise((done) => { document.addEventListener("securitypolicyviolation",'
         ' (event) => done(event.effectiveDirective)); fetch("http://127.0.0.1:9/x")'
-        '.catch(() => {}); })')
+        '.catch(() => {}); })'
+    )
     assert blocked == 'connect-src'
     asked = {request['request']['url'] for request in page.said('Network.requestWillBeSent')}
     asked |= {request['url'] for request in page.said('Network.webSocketCreated')}
@@ -256,13 +285,17 @@ def test_the_page_asks_nobody_else_and_has_no_errors(scene: Scene) -> None:
     assert f'{live}live' in asked
     assert page.said('Runtime.exceptionThrown') == []
     said = [entry['entry'] for entry in page.said('Log.entryAdded')]
-    assert [entry['text'] for entry in said
-            if entry['level'] == 'error' and '127.0.0.1:9' not in entry['text']] == []
+    assert [
+        entry['text']
+        for entry in said
+        if entry['level'] == 'error' and '127.0.0.1:9' not in entry['text']
+    ] == []
 
 
 def test_ctrl_c_ends_everything(scene: Scene) -> None:
-    children = subprocess.run(['pgrep', '-P', str(scene.view.process.pid)], capture_output=True,
-                              text=True, check=True).stdout.split()
+    children = subprocess.run(
+        ['pgrep', '-P', str(scene.view.process.pid)], capture_output=True, text=True, check=True
+    ).stdout.split()
     assert len(children) == 3
     assert scene.view.end() == 130
     assert scene.view.errors == ''
@@ -271,8 +304,7 @@ def test_ctrl_c_ends_everything(scene: Scene) -> None:
     scene.page.until('document.body.classList.contains("lost")')
 
 
-def test_a_node_that_cannot_start_ends_the_demo_with_its_reason(ros: None,
-                                                                tmp_path: Path) -> None:
+def test_a_node_that_cannot_start_ends_the_demo_with_its_reason(ros: None, tmp_path: Path) -> None:
     view = View(tmp_path, '--demo', '--scene', 'moon')
     assert view.process.wait(PATIENCE) == 2
     assert view.errors.startswith('flexx2: error: go1_cameras ended with exit code 1')
@@ -285,34 +317,47 @@ def test_frames_are_paired_and_looked_up_as_the_camera_does(ros: None) -> None:
     user, viewer = Listener(), Viewer(['left'], '/view_parts/cmd_vel')
     user.add(viewer)
     try:
-        send = {topic: user.node.create_publisher(kind, f'/view_parts/left/{topic}', 10)
-                for topic, kind in (('clean/depth_image', Image),
-                                    ('clean/camera_info', CameraInfo),
-                                    ('flexx2_camera/depth_image_0', Image),
-                                    ('flexx2_camera/camera_info', CameraInfo))}
-        other = user.node.create_publisher(Image, '/view_parts/right/flexx2_camera/depth_image_0',
-                                           10)
+        send = {
+            topic: user.node.create_publisher(kind, f'/view_parts/left/{topic}', 10)
+            for topic, kind in (
+                ('clean/depth_image', Image),
+                ('clean/camera_info', CameraInfo),
+                ('flexx2_camera/depth_image_0', Image),
+                ('flexx2_camera/camera_info', CameraInfo),
+            )
+        }
+        other = user.node.create_publisher(
+            Image, '/view_parts/right/flexx2_camera/depth_image_0', 10
+        )
         # Whoever is not asked for is not shown; nobody looks yet, so nothing is taken.
         viewer._wanted = {'view_parts/left'}
         user.spin_until(lambda: 'view_parts/left' in viewer._cameras, 'the camera')
         assert not any(publisher.get_subscription_count() for publisher in send.values())
         viewer.watch(True)
-        user.spin_until(lambda: all(publisher.get_subscription_count()
-                                    for publisher in send.values()), 'subscriptions')
+        user.spin_until(
+            lambda: all(publisher.get_subscription_count() for publisher in send.values()),
+            'subscriptions',
+        )
         assert other.get_subscription_count() == 0
 
         def show(stamp: int, clean: bool) -> Any:
             if clean:
                 send['clean/camera_info'].publish(info_message(wide, stamp))
                 send['clean/depth_image'].publish(
-                    image_message(np.full((60, 80), 1.5, np.float32), stamp))
+                    image_message(np.full((60, 80), 1.5, np.float32), stamp)
+                )
             send['flexx2_camera/camera_info'].publish(info_message(FLEXX2, stamp))
             image = np.full((172, 224), 1.25, np.float32)
             image[:86] = np.nan
             send['flexx2_camera/depth_image_0'].publish(image_message(image, stamp))
-            user.spin_until(lambda: (shots := viewer.shots) and all(
-                shot.stamp == stamp for shot in shots.values()), 'the frame')
+            user.spin_until(
+                lambda: (
+                    (shots := viewer.shots) and all(shot.stamp == stamp for shot in shots.values())
+                ),
+                'the frame',
+            )
             return viewer.shots['view_parts/left']
+
         # Both ends know each other at different times: best effort may miss the first.
         for stamp in range(1, 200):
             shot = show(stamp, clean=True)

@@ -16,12 +16,14 @@ from views import connect, run, View
 @pytest.fixture(scope='module')
 def view(ros: None, tmp_path_factory: pytest.TempPathFactory) -> Iterator[View]:
     """Serve to all."""
-    made = View(tmp_path_factory.mktemp('view'), '--host', '0.0.0.0', '--cmd-vel',
-                '/view_access/cmd_vel')
+    made = View(
+        tmp_path_factory.mktemp('view'), '--host', '0.0.0.0', '--cmd-vel', '/view_access/cmd_vel'
+    )
     yield made
     assert made.end() == 130
-    assert made.errors == ('warning: --host 0.0.0.0: whoever has this address can drive the '
-                           'robot\n')
+    assert made.errors == (
+        'warning: --host 0.0.0.0: whoever has this address can drive the robot\n'
+    )
 
 
 def code_of(url: str, **headers: str) -> int:
@@ -33,7 +35,8 @@ def code_of(url: str, **headers: str) -> int:
 
 
 def test_the_printed_address_opens_the_page(
-        view: View, tmp_path_factory: pytest.TempPathFactory) -> None:
+    view: View, tmp_path_factory: pytest.TempPathFactory
+) -> None:
     with chromium(tmp_path_factory.mktemp('browser')) as page:
         page.open(view.url)
         page.until('document.getElementById("connection").textContent === "live"')
@@ -46,7 +49,8 @@ def test_the_printed_address_opens_the_page(
     with chromium(tmp_path_factory.mktemp('stranger')) as stranger:
         stranger.open(bare)
         assert stranger.evaluate('document.body.textContent').startswith(
-            '403: open the address that flexx2 view has printed')
+            '403: open the address that flexx2 view has printed'
+        )
 
 
 def test_nothing_is_served_without_the_token(view: View) -> None:
@@ -64,24 +68,28 @@ def test_nothing_is_served_without_the_token(view: View) -> None:
     assert code_of(f'{bare}view.js', Cookie=f'{cookie}={token}') == 200
 
     async def work() -> None:
-        for url, headers in ((bare, {}), (f'{bare}?token=x', {}),
-                             (bare, {'Cookie': f'{cookie}=x'})):
+        for url, headers in (
+            (bare, {}),
+            (f'{bare}?token=x', {}),
+            (bare, {'Cookie': f'{cookie}=x'}),
+        ):
             with pytest.raises(HTTPClientError) as error:
                 await connect(url, **headers)
             assert error.value.code == 403
         (await connect(view.url)).close()
         (await connect(bare, Cookie=f'{cookie}={token}')).close()
+
     run(work())
 
 
 def test_no_token_is_asked_for_when_told_so(ros: None, tmp_path: Path) -> None:
-    view = View(tmp_path, '--host', '0.0.0.0', '--no-token', '--cmd-vel',
-                '/view_no_token/cmd_vel')
+    view = View(tmp_path, '--host', '0.0.0.0', '--no-token', '--cmd-vel', '/view_no_token/cmd_vel')
     assert '?' not in view.url
     assert code_of(view.url) == 200
     assert view.end() == 130
-    assert view.errors == ('warning: --host 0.0.0.0: whoever reaches this machine can drive the '
-                           'robot\n')
+    assert view.errors == (
+        'warning: --host 0.0.0.0: whoever reaches this machine can drive the robot\n'
+    )
 
 
 def test_tokens() -> None:
@@ -94,6 +102,13 @@ def test_tokens() -> None:
     assert Access('127.0.0.1').admits(None)
     assert address('::1', 80, '') == 'http://[::1]:80/'
     assert address('robot', 80, 'a') == 'http://robot:80/?token=a'
-    for host, expected in (('localhost', True), ('127.0.0.1', True), ('127.1.2.3', True),
-                           ('::1', True), ('0.0.0.0', False), ('', False), ('robot', False)):
+    for host, expected in (
+        ('localhost', True),
+        ('127.0.0.1', True),
+        ('127.1.2.3', True),
+        ('::1', True),
+        ('0.0.0.0', False),
+        ('', False),
+        ('robot', False),
+    ):
         assert is_loopback(host) is expected

@@ -11,8 +11,8 @@ from urllib.request import Request, urlopen
 
 from browser import chromium
 from flexx2_sim_ros.camera import Intrinsics
-from flexx2_sim_ros.camera.geometry import pixel_rays
 from flexx2_sim_ros.cli.main import main
+from flexx2_sim_ros.physics.geometry import pixel_rays
 from flexx2_sim_ros.view import server as server_module
 from flexx2_sim_ros.view.access import Access
 from flexx2_sim_ros.view.colours import depth_table, difference_table, INVALID
@@ -29,7 +29,7 @@ CAMERA = Intrinsics(4, 3, 3.0, 3.0, 1.5, 1.0)
 
 def shot(number: int, metres: float = 1.5) -> Shot:
     depth = np.full((3, 4), metres, np.float32)
-    return Shot(number, number * 10 ** 9, depth, depth, CAMERA)
+    return Shot(number, number * 10**9, depth, depth, CAMERA)
 
 
 class Source:
@@ -75,19 +75,19 @@ async def until(condition: Callable[[], Any]) -> None:
 def connect(server: Server, origin: str = '', host: str = '') -> Any:
     """Return a future of a websocket, as a page from an origin opens it."""
     address = f'http://127.0.0.1:{server.port}'
-    return views.connect(address, Origin=origin or address,
-                         Host=host or f'127.0.0.1:{server.port}')
+    return views.connect(
+        address, Origin=origin or address, Host=host or f'127.0.0.1:{server.port}'
+    )
 
 
 async def frame(client: Any) -> dict[str, Any]:
     """Return the head of the next frame."""
     while isinstance(message := await client.read_message(), str):
         pass
-    return dict(json.loads(message[4:4 + int.from_bytes(message[:4], 'little')]))
+    return dict(json.loads(message[4 : 4 + int.from_bytes(message[:4], 'little')]))
 
 
-def test_a_slow_browser_gets_the_newest_frame_and_no_others(
-        served: tuple[Server, Source]) -> None:
+def test_a_slow_browser_gets_the_newest_frame_and_no_others(served: tuple[Server, Source]) -> None:
     server, source = served
 
     async def work() -> None:
@@ -104,18 +104,23 @@ def test_a_slow_browser_gets_the_newest_frame_and_no_others(
         await slow.write_message(json.dumps({'drawn': 'left'}))
         then = await frame(slow)
         assert seen == [k + more for k in range(1, 31) for more in (0, 100)]
-        for sent in ([stamp for stamp in first if stamp < 100],
-                     [stamp - 100 for stamp in first if stamp > 100]):
+        for sent in (
+            [stamp for stamp in first if stamp < 100],
+            [stamp - 100 for stamp in first if stamp > 100],
+        ):
             assert len(sent) == 2
             assert 1 <= sent[0] < sent[1] < 30
         assert (then['camera'], then['stamp']) == ('left', 30)
         slow.close()
         fast.close()
         await until(lambda: ('watch', False) in source.asked)
+
     run(work())
     # Frames are taken while somebody looks, and not for each who does.
     assert [entry for entry in source.asked if entry != 'leave'] == [
-        ('watch', True), ('watch', False)]
+        ('watch', True),
+        ('watch', False),
+    ]
     assert source.asked.count('leave') == 2
 
 
@@ -131,20 +136,39 @@ def test_status_and_wishes(served: tuple[Server, Source]) -> None:
         await until(lambda: ('left', 'Mode_5_60fps') in source.asked)
         client.close()
         await until(lambda: 'leave' in source.asked)
+
     run(work())
     assert source.asked[1:3] == [('drive', (0.5, 0.0, -1.0)), ('left', 'Mode_5_60fps')]
 
 
-@pytest.mark.parametrize('message', [
-    '', '[]', '{"drive": [1, 2]}', '{"drive": [NaN, 0, 0]}', '{"drive": [0, Infinity, 0]}',
-    '{"drive": ["1", 0, 0]}', '{"drive": [true, 0, 0]}', f'{{"drive": [{10 ** 400}, 0, 0]}}',
-    '{"drive": {"x": 1}}', '{"usecase": "x"}', '{"usecase": ["left", "\\ud800"]}',
-    '{"usecase": ["left", "\\u001b[2J"]}', f'{{"usecase": ["left", "{300 * "x"}"]}}',
-    '{"drawn": 1}', '{"shutdown": 1}', '{"a":' * 800, '[' * 4000, '\x1b[2J\r\n',
-    b'{"drive": [1, 0, 0]}', b'\xff\x00'])
+@pytest.mark.parametrize(
+    'message',
+    [
+        '',
+        '[]',
+        '{"drive": [1, 2]}',
+        '{"drive": [NaN, 0, 0]}',
+        '{"drive": [0, Infinity, 0]}',
+        '{"drive": ["1", 0, 0]}',
+        '{"drive": [true, 0, 0]}',
+        f'{{"drive": [{10**400}, 0, 0]}}',
+        '{"drive": {"x": 1}}',
+        '{"usecase": "x"}',
+        '{"usecase": ["left", "\\ud800"]}',
+        '{"usecase": ["left", "\\u001b[2J"]}',
+        f'{{"usecase": ["left", "{300 * "x"}"]}}',
+        '{"drawn": 1}',
+        '{"shutdown": 1}',
+        '{"a":' * 800,
+        '[' * 4000,
+        '\x1b[2J\r\n',
+        b'{"drive": [1, 0, 0]}',
+        b'\xff\x00',
+    ],
+)
 def test_nonsense_ends_the_connection_and_no_more(
-        served: tuple[Server, Source], caplog: pytest.LogCaptureFixture,
-        message: str | bytes) -> None:
+    served: tuple[Server, Source], caplog: pytest.LogCaptureFixture, message: str | bytes
+) -> None:
     server, source = served
 
     async def work() -> None:
@@ -157,6 +181,7 @@ def test_nonsense_ends_the_connection_and_no_more(
         source.shots = {'left': shot(7)}
         server.wake()
         assert (await frame(await connect(server)))['stamp'] == 7
+
     run(work())
     assert not [entry for entry in source.asked if entry[0] in ('drive', 'left')]
     (said,) = source.complaints
@@ -166,21 +191,29 @@ def test_nonsense_ends_the_connection_and_no_more(
     assert caplog.records == []
 
 
-@pytest.mark.parametrize('part', [b'\xc3\x28', 5000 * b'x', b'{"drawn": "left"}'],
-                         ids=['not UTF-8', 'too long', 'not masked'])
+@pytest.mark.parametrize(
+    'part',
+    [b'\xc3\x28', 5000 * b'x', b'{"drawn": "left"}'],
+    ids=['not UTF-8', 'too long', 'not masked'],
+)
 def test_broken_frames_end_the_connection_quietly(
-        served: tuple[Server, Source], caplog: pytest.LogCaptureFixture, part: bytes) -> None:
+    served: tuple[Server, Source], caplog: pytest.LogCaptureFixture, part: bytes
+) -> None:
     server, _ = served
     address = f'127.0.0.1:{server.port}'
     with socket.create_connection(('127.0.0.1', server.port), 60) as client:
         client.sendall(
             f'GET /live HTTP/1.1\r\nHost: {address}\r\nOrigin: http://{address}\r\n'
             'Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n'
-            'Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n'.encode())
+            'Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n'.encode()
+        )
         assert client.recv(4096).startswith(b'HTTP/1.1 101')
         masked = 0 if part.startswith(b'{') else 0x80
-        size = (bytes([masked | 126]) + len(part).to_bytes(2, 'big') if len(part) > 125
-                else bytes([masked | len(part)]))
+        size = (
+            bytes([masked | 126]) + len(part).to_bytes(2, 'big')
+            if len(part) > 125
+            else bytes([masked | len(part)])
+        )
         # A mask of zeros leaves the text as it is.
         client.sendall(b'\x81' + size + (bytes(4) if masked else b'') + part)
         while client.recv(4096):
@@ -189,8 +222,9 @@ def test_broken_frames_end_the_connection_quietly(
     assert caplog.text.count('Traceback') == 0
 
 
-def test_a_page_cannot_make_the_server_keep_things(served: tuple[Server, Source],
-                                                   monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_page_cannot_make_the_server_keep_things(
+    served: tuple[Server, Source], monkeypatch: pytest.MonkeyPatch
+) -> None:
     server, source = served
     monkeypatch.setattr(server_module, '_MOST_PAGES', 2)
     source.shots = {'left': shot(1)}
@@ -210,6 +244,7 @@ def test_a_page_cannot_make_the_server_keep_things(served: tuple[Server, Source]
         other.close()
         await until(lambda: 'leave' in source.asked)
         (await connect(server)).close()
+
     run(work())
 
 
@@ -222,35 +257,53 @@ def test_a_page_is_told_whether_the_robot_obeys(served: tuple[Server, Source]) -
         assert json.loads(await client.read_message()) == {'obeyed': False}
         await client.write_message('{"drive": [1, 0, 0]}')
         assert json.loads(await client.read_message()) == {'obeyed': True}
+
     run(work())
 
 
-@pytest.mark.parametrize(('origin', 'host'), [
-    ('http://evil.example', ''), ('https://127.0.0.1', ''), ('http://localhost:3000', ''),
-    ('null', ''), ('http://evil.example', 'evil.example'),
-    ('http://evil.example:{port}', 'evil.example:{port}'),
-    ('http://127.0.0.1.evil.example:{port}', '127.0.0.1.evil.example:{port}')])
-def test_a_page_from_elsewhere_is_refused(served: tuple[Server, Source], origin: str,
-                                          host: str) -> None:
+@pytest.mark.parametrize(
+    ('origin', 'host'),
+    [
+        ('http://evil.example', ''),
+        ('https://127.0.0.1', ''),
+        ('http://localhost:3000', ''),
+        ('null', ''),
+        ('http://evil.example', 'evil.example'),
+        ('http://evil.example:{port}', 'evil.example:{port}'),
+        ('http://127.0.0.1.evil.example:{port}', '127.0.0.1.evil.example:{port}'),
+    ],
+)
+def test_a_page_from_elsewhere_is_refused(
+    served: tuple[Server, Source], origin: str, host: str
+) -> None:
     server, source = served
 
     async def work() -> None:
         with pytest.raises(HTTPClientError) as error:
             await connect(server, origin.format(port=server.port), host.format(port=server.port))
         assert error.value.code == 403
+
     run(work())
     assert source.asked == []
 
 
-@pytest.mark.parametrize('host', ['localhost:{port}', '127.0.0.1:{port}', '[::1]:{port}',
-                                  'localhost:9000', '192.168.1.7:{port}'])
-def test_this_machine_is_let_in_by_its_addresses(served: tuple[Server, Source],
-                                                 host: str) -> None:
+@pytest.mark.parametrize(
+    'host',
+    [
+        'localhost:{port}',
+        '127.0.0.1:{port}',
+        '[::1]:{port}',
+        'localhost:9000',
+        '192.168.1.7:{port}',
+    ],
+)
+def test_this_machine_is_let_in_by_its_addresses(served: tuple[Server, Source], host: str) -> None:
     server, _ = served
     host = host.format(port=server.port)
 
     async def work() -> None:
         (await connect(server, f'http://{host}', host)).close()
+
     run(work())
 
 
@@ -264,8 +317,17 @@ def status_of(port: int, path: str, **headers: str) -> tuple[int, Any]:
 
 def test_the_page_loads_nothing_from_elsewhere(served: tuple[Server, Source]) -> None:
     server, _ = served
-    for path in ('/', '/view.js', '/draw.js', '/cloud.js', '/rays.js', '/drive.js',
-                 '/colours.js', '/style.css', '/icon.svg'):
+    for path in (
+        '/',
+        '/view.js',
+        '/draw.js',
+        '/cloud.js',
+        '/rays.js',
+        '/drive.js',
+        '/colours.js',
+        '/style.css',
+        '/icon.svg',
+    ):
         code, headers = status_of(server.port, path)
         assert code == 200
         assert "default-src 'none'" in headers['Content-Security-Policy']
@@ -289,35 +351,50 @@ def test_packing_keeps_what_is_valid() -> None:
 @pytest.mark.parametrize('with_clean', [True, False])
 def test_a_frame_as_bytes(with_clean: bool) -> None:
     simulated, clean = (np.full((3, 4), value, np.float32) for value in (1.25, 1.5))
-    message = pack('left', Shot(1, 1_500_000_000, simulated, clean if with_clean else None,
-                                CAMERA))
+    message = pack(
+        'left', Shot(1, 1_500_000_000, simulated, clean if with_clean else None, CAMERA)
+    )
     length = int.from_bytes(message[:4], 'little')
     assert length % 4 == 0
-    head = json.loads(message[4:4 + length])
-    assert head == {'camera': 'left', 'stamp': 1.5, 'unit': UNIT, 'width': 4, 'height': 3,
-                    'fx': 3.0, 'fy': 3.0, 'cx': 1.5, 'cy': 1.0, 'distortion': [0.0] * 5,
-                    'clean': with_clean}
+    head = json.loads(message[4 : 4 + length])
+    assert head == {
+        'camera': 'left',
+        'stamp': 1.5,
+        'unit': UNIT,
+        'width': 4,
+        'height': 3,
+        'fx': 3.0,
+        'fy': 3.0,
+        'cx': 1.5,
+        'cy': 1.0,
+        'distortion': [0.0] * 5,
+        'clean': with_clean,
+    }
     images = np.frombuffer(message, '<u2', offset=4 + length).reshape(-1, 3, 4)
     assert len(images) == 1 + with_clean
     np.testing.assert_allclose(images[0] * UNIT, 1.25)
     np.testing.assert_allclose(images[1:] * UNIT, 1.5)
 
 
-@pytest.mark.parametrize('distortion', [
-    (0.0,) * 5, (-0.25, 0.05, 0.001, -0.002, 0.0),
-    (2.0, 0.0, 0.0, 0.0, 0.0)])  # Of the last one the corners cannot be inverted.
-def test_the_cloud_takes_the_lens_off(served: tuple[Server, Source], tmp_path: Path,
-                                      distortion: tuple[float, ...]) -> None:
+@pytest.mark.parametrize(
+    'distortion', [(0.0,) * 5, (-0.25, 0.05, 0.001, -0.002, 0.0), (2.0, 0.0, 0.0, 0.0, 0.0)]
+)  # Of the last one the corners cannot be inverted.
+def test_the_cloud_takes_the_lens_off(
+    served: tuple[Server, Source], tmp_path: Path, distortion: tuple[float, ...]
+) -> None:
     camera = Intrinsics(56, 43, 52.6, 53.2, 27.1, 21.4, distortion)
     message = pack('left', Shot(1, 0, np.ones((43, 56), np.float32), None, camera))
-    head = message[4:4 + int.from_bytes(message[:4], 'little')].decode()
+    head = message[4 : 4 + int.from_bytes(message[:4], 'little')].decode()
     with chromium(tmp_path) as page:
         page.open(f'http://127.0.0.1:{served[0].port}/')
-        rays = page.evaluate(f'import("/rays.js").then(({{ Rays }}) => {{'
-                             f'const {{ x, y }} = new Rays().of({head});'
-                             'return [x, y].map((part) => Array.from(part, String)); })')
-    np.testing.assert_allclose(np.array(rays, float).reshape(2, 43, 56), pixel_rays(camera),
-                               atol=1e-6)
+        rays = page.evaluate(
+            f'import("/rays.js").then(({{ Rays }}) => {{'
+            f'const {{ x, y }} = new Rays().of({head});'
+            'return [x, y].map((part) => Array.from(part, String)); })'
+        )
+    np.testing.assert_allclose(
+        np.array(rays, float).reshape(2, 43, 56), pixel_rays(camera), atol=1e-6
+    )
 
 
 def test_colours_tell_values_apart() -> None:
@@ -337,27 +414,36 @@ def test_colours_tell_values_apart() -> None:
 
 
 def test_a_port_that_is_taken_is_named_before_anything_starts(
-        capsys: pytest.CaptureFixture[str], tmp_path: Any,
-        monkeypatch: pytest.MonkeyPatch) -> None:
+    capsys: pytest.CaptureFixture[str], tmp_path: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv('TMPDIR', str(tmp_path))
     with socket.create_server(('127.0.0.1', 0)) as other:
         port = other.getsockname()[1]
         assert main(['view', '--demo', '--no-browser', '--port', str(port)]) == 2
     said = capsys.readouterr()
     assert said.out == ''
-    assert said.err == (f'flexx2: error: --port: {port} is already taken on 127.0.0.1, wanted one '
-                        'that is free, or 0 for any\n')
+    assert said.err == (
+        f'flexx2: error: --port: {port} is already taken on 127.0.0.1, wanted one '
+        'that is free, or 0 for any\n'
+    )
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize(('options', 'said'), [
-    (['--port', '70000'], '--port: must be a whole number from 0 to 65535'),
-    (['--port', '-1'], '--port: must be a whole number from 0 to 65535'),
-    (['--host', '203.0.113.1', '--port', '0'], "--host: found '203.0.113.1', wanted an address"),
-    (['--host', 'no.such.host.invalid'], "--host: found 'no.such.host.invalid', wanted"),
-])
-def test_an_address_that_is_none_is_named(capsys: pytest.CaptureFixture[str], options: list[str],
-                                          said: str) -> None:
+@pytest.mark.parametrize(
+    ('options', 'said'),
+    [
+        (['--port', '70000'], '--port: must be a whole number from 0 to 65535'),
+        (['--port', '-1'], '--port: must be a whole number from 0 to 65535'),
+        (
+            ['--host', '203.0.113.1', '--port', '0'],
+            "--host: found '203.0.113.1', wanted an address",
+        ),
+        (['--host', 'no.such.host.invalid'], "--host: found 'no.such.host.invalid', wanted"),
+    ],
+)
+def test_an_address_that_is_none_is_named(
+    capsys: pytest.CaptureFixture[str], options: list[str], said: str
+) -> None:
     assert main(['view', '--no-browser', *options]) == 2
     error = capsys.readouterr().err
     assert said in error

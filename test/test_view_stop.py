@@ -117,8 +117,9 @@ def user(ros: None) -> Iterator[Listener]:
     made.close()
 
 
-def test_nonsense_is_one_line_of_the_log_and_other_pages_drive_on(user: Listener,
-                                                                  tmp_path: Path) -> None:
+def test_nonsense_is_one_line_of_the_log_and_other_pages_drive_on(
+    user: Listener, tmp_path: Path
+) -> None:
     view = View(tmp_path, '--cmd-vel', '/view_nonsense/cmd_vel')
     heard = user.listen('/view_nonsense/cmd_vel', Twist)
 
@@ -127,6 +128,7 @@ def test_nonsense_is_one_line_of_the_log_and_other_pages_drive_on(user: Listener
         await socket.write_message(message)
         while await socket.read_message() is not None:
             pass
+
     for message in 5 * ['{"drive": ', '[' * 4000, '"\x1b[2J"']:
         run(send(message))
     page = Page(view.url)
@@ -137,14 +139,30 @@ def test_nonsense_is_one_line_of_the_log_and_other_pages_drive_on(user: Listener
     assert 'message: must be JSON as the page sends it, got' in view.errors
 
 
-def test_kill_9_of_the_viewer_leaves_the_robot_to_its_own_hold(user: Listener,
-                                                               tmp_path: Path) -> None:
+def test_kill_9_of_the_viewer_leaves_the_robot_to_its_own_hold(
+    user: Listener, tmp_path: Path
+) -> None:
     with (tmp_path / 'go1.log').open('wb') as log:
         go1 = subprocess.Popen(
-            [sys.executable, '-m', 'flexx2_sim_ros.nodes.go1_cameras', '--ros-args', '-r',
-             '__ns:=/view_killed', '-p', 'motion:=cmd_vel', '-p', 'scene:=board', '-p',
-             'renderer:=ray'], env=os.environ,
-            stdin=subprocess.DEVNULL, stdout=log, stderr=log)
+            [
+                sys.executable,
+                '-m',
+                'flexx2_sim_ros.nodes.go1_cameras',
+                '--ros-args',
+                '-r',
+                '__ns:=/view_killed',
+                '-p',
+                'motion:=cmd_vel',
+                '-p',
+                'scene:=board',
+                '-p',
+                'renderer:=ray',
+            ],
+            env=os.environ,
+            stdin=subprocess.DEVNULL,
+            stdout=log,
+            stderr=log,
+        )
     view = View(tmp_path, '--cmd-vel', '/view_killed/cmd_vel')
     try:
         seen = user.listen('/view_killed/odom', Odometry)
@@ -157,7 +175,7 @@ def test_kill_9_of_the_viewer_leaves_the_robot_to_its_own_hold(user: Listener,
         said = len(heard)
         user.spin_until(lambda: seen[-1].twist.twist.angular.z == 0.0, 'rest')
         # Nobody has told it to: it stands because it has heard nothing for half a second.
-        assert Twist() not in heard[said - 1:]
+        assert Twist() not in heard[said - 1 :]
     finally:
         for process in (view.process, go1):
             if process.poll() is None:

@@ -15,9 +15,24 @@ ROOT = Path(__file__).resolve().parents[1]
 def run_where_no_browser_is(**env: str) -> 'subprocess.CompletedProcess[str]':
     """Run tests that need a browser, spread over processes as `make test` does."""
     return subprocess.run(
-        [sys.executable, '-m', 'pytest', '-q', '-n', '2', '-p', 'no:cacheprovider',
-         'test/test_view_server.py', '-k', 'takes_the_lens_off'], cwd=ROOT, capture_output=True,
-        text=True, env={**os.environ, 'PATH': '', **env})
+        [
+            sys.executable,
+            '-m',
+            'pytest',
+            '-q',
+            '-n',
+            '2',
+            '-p',
+            'no:cacheprovider',
+            'test/test_view_server.py',
+            '-k',
+            'takes_the_lens_off',
+        ],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        env={**os.environ, 'PATH': '', **env},
+    )
 
 
 def test_skipped_tests_are_summed_up_with_how_to_get_what_they_want() -> None:
@@ -37,19 +52,26 @@ def test_what_is_required_fails_instead() -> None:
     assert 'FLEXX2_REQUIRE: must be names of browser, shared' in done.stdout + done.stderr
 
 
-@pytest.mark.parametrize(('reason', 'want'), [
-    ('no Chromium or Chrome is installed', 'browser'),
-    ('/a/shared/data/kinect2_chessboard.npz is not there', 'shared'),
-    ('no OpenGL: egl: cannot be opened', 'opengl'),
-    ('ROS 2 is not installed: no rclpy', 'ros'),
-    ("could not import 'torch': No module named 'torch'", 'torch'),
-    ("could not import 'jax.numpy': No module named 'jax'", 'jax'),
-    ("could not import 'mujoco_menagerie': No module", 'menagerie'),
-    ('no GPU', 'gpu'), ('another reason', wants.OTHER)])
+@pytest.mark.parametrize(
+    ('reason', 'want'),
+    [
+        ('no Chromium or Chrome is installed', 'browser'),
+        ('/a/shared/data/kinect2_chessboard.npz is not there', 'shared'),
+        ('no OpenGL: egl: cannot be opened', 'opengl'),
+        ('ROS 2 is not installed: no rclpy', 'ros'),
+        ("could not import 'torch': No module named 'torch'", 'torch'),
+        ("could not import 'jax.numpy': No module named 'jax'", 'jax'),
+        ("could not import 'mujoco_menagerie': No module", 'menagerie'),
+        ('no GPU', 'gpu'),
+        ('another reason', wants.OTHER),
+    ],
+)
 def test_reasons_have_names(reason: str, want: str) -> None:
     assert wants.want_of(reason) == want
 
 
 def test_other_reasons_are_listed_as_they_are() -> None:
     assert wants.summary(['no GPU', 'odd', 'no GPU']) == [
-        '   2  gpu: an NVIDIA GPU with its driver', '   1  odd']
+        '   2  gpu: an NVIDIA GPU with its driver',
+        '   1  odd',
+    ]

@@ -37,9 +37,22 @@ class View:
         self.folder, self._errors = folder, folder / 'view.log'
         with self._errors.open('wb') as log:
             self.process = subprocess.Popen(
-                [sys.executable, '-m', 'flexx2_sim_ros.cli.main', 'view', '--no-browser',
-                 '--port', '0', *options], env=env, stdin=subprocess.DEVNULL,
-                stdout=subprocess.PIPE, stderr=log, text=True)
+                [
+                    sys.executable,
+                    '-m',
+                    'flexx2_sim_ros.cli.main',
+                    'view',
+                    '--no-browser',
+                    '--port',
+                    '0',
+                    *options,
+                ],
+                env=env,
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                stderr=log,
+                text=True,
+            )
         assert self.process.stdout is not None
         assert select.select([self.process.stdout], [], [], PATIENCE)[0], self.errors
         line = self.process.stdout.readline()
@@ -60,13 +73,18 @@ class View:
 def connect(url: str, **headers: str) -> Any:
     """Return a future of a websocket, as the page at this address opens it."""
     parts = urlsplit(url)
-    return websocket_connect(HTTPRequest(
-        parts._replace(scheme='ws', path='/live').geturl(),
-        headers={'Origin': f'http://{parts.netloc}', 'Host': parts.netloc} | headers))
+    return websocket_connect(
+        HTTPRequest(
+            parts._replace(scheme='ws', path='/live').geturl(),
+            headers={'Origin': f'http://{parts.netloc}', 'Host': parts.netloc} | headers,
+        )
+    )
 
 
 def run(work: Coroutine[Any, Any, None]) -> None:
     """Run it; fail when it does not end."""
+
     async def bounded() -> None:
         await asyncio.wait_for(work, PATIENCE)
+
     asyncio.run(bounded())

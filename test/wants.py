@@ -31,7 +31,10 @@ def want_of(reason: str) -> str:
 def summary(reasons: Iterable[str]) -> list[str]:
     """Return a line for each thing that is wanted: how many tests, what, how to get it."""
     reasons = list(reasons)
-    lines = [f'{count:4d}  {name}: {WANTS[name][1]}'
-             for name, count in Counter(map(want_of, reasons)).most_common() if name != OTHER]
+    lines = [
+        f'{count:4d}  {name}: {WANTS[name][1]}'
+        for name, count in Counter(map(want_of, reasons)).most_common()
+        if name != OTHER
+    ]
     others = Counter(reason for reason in reasons if want_of(reason) == OTHER)
     return lines + [f'{count:4d}  {reason}' for reason, count in others.most_common()]

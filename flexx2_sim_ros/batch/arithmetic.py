@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import math
 from typing import Any
 
-from flexx2_sim_ros.camera import fastmath, philox
+from flexx2_sim_ros.physics import fastmath, philox
 import numpy as np
 import warp as wp
 
@@ -30,7 +30,7 @@ _SQRT2 = wp.constant(wp.float32(math.sqrt(2.0)))
 _SQRT_HALF = wp.constant(wp.float32(math.sqrt(0.5)))
 _PI = wp.constant(wp.float32(math.pi))
 _HALF_PI = wp.constant(wp.float32(math.pi / 2))
-_UNIT = wp.constant(wp.float32(2.0 ** -32))
+_UNIT = wp.constant(wp.float32(2.0**-32))
 _MULTIPLY_0 = wp.constant(wp.uint64(0xD2511F53))
 _MULTIPLY_2 = wp.constant(wp.uint64(0xCD9E8D57))
 _ADD_0 = wp.constant(wp.uint32(0x9E3779B9))
@@ -42,8 +42,9 @@ _WORD = wp.constant(wp.uint64(32))
 def arccos(c: wp.float32) -> wp.float32:
     """Return the arc cosine of a number in 0..1, radians."""
     a = _ARCCOS
-    series = a[0] + c * (a[1] + c * (a[2] + c * (a[3] + c * (a[4] + c * (a[5] + c * (
-        a[6] + c * a[7]))))))
+    series = a[0] + c * (
+        a[1] + c * (a[2] + c * (a[3] + c * (a[4] + c * (a[5] + c * (a[6] + c * a[7])))))
+    )
     return wp.sqrt(wp.max(1.0 - c, 0.0)) * series
 
 
@@ -69,8 +70,9 @@ def exp2(y: wp.float32) -> wp.float32:
     whole = wp.floor(held + 0.5)
     f = held - whole
     e = _EXP2
-    series = e[0] + f * (e[1] + f * (e[2] + f * (e[3] + f * (e[4] + f * (e[5] + f * (
-        e[6] + f * e[7]))))))
+    series = e[0] + f * (
+        e[1] + f * (e[2] + f * (e[3] + f * (e[4] + f * (e[5] + f * (e[6] + f * e[7])))))
+    )
     return series * wp.cast((wp.int32(whole) + 127) << 23, wp.float32)
 
 
@@ -121,8 +123,15 @@ def arctan2(y: wp.float32, x: wp.float32) -> wp.float32:
     t = wp.where(large > 0.0, small / large, 0.0)
     u = t * t
     a = _ARCTAN
-    angle = t * (1.0 + u * (a[0] + u * (a[1] + u * (a[2] + u * (a[3] + u * (a[4] + u * (
-        a[5] + u * (a[6] + u * a[7]))))))))
+    angle = t * (
+        1.0
+        + u
+        * (
+            a[0]
+            + u
+            * (a[1] + u * (a[2] + u * (a[3] + u * (a[4] + u * (a[5] + u * (a[6] + u * a[7]))))))
+        )
+    )
     angle = wp.where(wp.abs(y) > wp.abs(x), _HALF_PI - angle, angle)
     angle = wp.where(x < 0.0, _PI - angle, angle)
     return wp.where(y < 0.0, -angle, angle)
@@ -180,8 +189,11 @@ def four_normals(counter: wp.vec4ui, key: wp.vec2ui) -> wp.vec4f:
 @wp.func
 def one_of(values: wp.vec4f, which: wp.int32) -> wp.float32:
     """Return an element; a plain index would put the vector into memory on CUDA."""
-    return wp.where(which < 2, wp.where(which == 0, values[0], values[1]),
-                    wp.where(which == 2, values[2], values[3]))
+    return wp.where(
+        which < 2,
+        wp.where(which == 0, values[0], values[1]),
+        wp.where(which == 2, values[2], values[3]),
+    )
 
 
 @wp.func

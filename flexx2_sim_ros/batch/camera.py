@@ -5,23 +5,23 @@ import math
 from typing import Any
 
 from flexx2_sim_ros.batch import kernels
-from flexx2_sim_ros.batch.development import Development
 from flexx2_sim_ros.batch.effect_tables import each_environment
 from flexx2_sim_ros.batch.exchange import checked, from_warp, stream_of, to_warp
 from flexx2_sim_ros.batch.images import Images, Rows
+from flexx2_sim_ros.batch.stages import Development
 from flexx2_sim_ros.camera import Intrinsics, Mode, Profile
-from flexx2_sim_ros.camera.exposure import check_frequencies
-from flexx2_sim_ros.camera.lateral import pixel_sigma
-from flexx2_sim_ros.camera.modes import DEFAULT_USECASE, flexx2
-from flexx2_sim_ros.camera.philox import camera_key
 from flexx2_sim_ros.effects import Effect
 from flexx2_sim_ros.effects.noise import LateralNoise
 from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.physics.frame_state import check_frequencies
+from flexx2_sim_ros.physics.lateral import pixel_sigma
+from flexx2_sim_ros.physics.philox import camera_key
+from flexx2_sim_ros.profiles.modes import DEFAULT_USECASE, flexx2
 import numpy as np
 import warp as wp
 
 _INVALID = {'nan': math.nan, 'zero': 0.0}
-_MOST_PIXELS = 2 ** 31 - 1
+_MOST_PIXELS = 2**31 - 1
 
 
 class BatchCamera:
@@ -75,13 +75,25 @@ class BatchCamera:
 
     """
 
-    def __init__(self, num_envs: int, usecase: str | Sequence[str] = DEFAULT_USECASE, *,
-                 profile: Profile | None = None, effects: Any = (),
-                 seed: int | Sequence[int] = 0, name: str = '', K: Any = None,  # noqa: N803
-                 device: str | None = None, invalid_value: str = 'nan') -> None:
+    def __init__(
+        self,
+        num_envs: int,
+        usecase: str | Sequence[str] = DEFAULT_USECASE,
+        *,
+        profile: Profile | None = None,
+        effects: Any = (),
+        seed: int | Sequence[int] = 0,
+        name: str = '',
+        K: Any = None,  # noqa: N803
+        device: str | None = None,
+        invalid_value: str = 'nan',
+    ) -> None:
         """Look the modes up and put them on the device."""
-        if isinstance(num_envs, bool) or not isinstance(num_envs, int | np.integer) \
-                or num_envs < 1:
+        if (
+            isinstance(num_envs, bool)
+            or not isinstance(num_envs, int | np.integer)
+            or num_envs < 1
+        ):
             raise InputError(f'num_envs: found {num_envs!r}, wanted a whole number from 1')
         if invalid_value not in _INVALID:
             raise InputError(f'invalid_value: found {invalid_value!r}, wanted nan or zero')
@@ -95,10 +107,17 @@ class BatchCamera:
         keys = np.stack([camera_key(one, name) for one in self._each_seed(seed)])
         self._noise = np.zeros(self.num_envs, kernels.Noise.numpy_dtype())  # type: ignore
         self._periods = np.zeros(self.num_envs, np.int64)
-        self._rows = Rows(*(wp.array(values, dtype=dtype, device=self.device)
-                            for values, dtype in ((self._noise, kernels.Noise),
-                                                  (self._periods, wp.int64), (keys, wp.vec2ui),
-                                                  (self._periods, wp.int64))))
+        self._rows = Rows(
+            *(
+                wp.array(values, dtype=dtype, device=self.device)
+                for values, dtype in (
+                    (self._noise, kernels.Noise),
+                    (self._periods, wp.int64),
+                    (keys, wp.vec2ui),
+                    (self._periods, wp.int64),
+                )
+            )
+        )
         self.stamps = self._rows.stamps
         self._images: Images | None = None
         self._development: Development | None = None
@@ -133,8 +152,10 @@ class BatchCamera:
         names = self._for_each('usecase', usecase, str)
         chosen = self._mask(env_mask)
         modes = {one: self.profile.mode(one) for one in set(names)}
-        self._set([modes[names[i]] if chosen[i] else mode for i, mode in enumerate(self._modes)],
-                  self._effects)
+        self._set(
+            [modes[names[i]] if chosen[i] else mode for i, mode in enumerate(self._modes)],
+            self._effects,
+        )
         self.reset(chosen)
 
     def set_effects(self, effects: Any, env_mask: Any = None) -> None:
@@ -158,8 +179,9 @@ class BatchCamera:
         """
         chosen = self._mask(env_mask)
         read = each_environment(effects, self.num_envs)
-        self._set(self._modes, [read[i] if chosen[i] else own
-                                for i, own in enumerate(self._effects)])
+        self._set(
+            self._modes, [read[i] if chosen[i] else own for i, own in enumerate(self._effects)]
+        )
         self._development = None
 
     def reset(self, env_mask: Any = None) -> None:
@@ -184,8 +206,9 @@ class BatchCamera:
         kind = checked('env_mask', env_mask, (self.num_envs,), np.bool_, place)
         if self._development is not None:
             with stream_of(kind, self.device), wp.ScopedDevice(self.device):
-                mask = to_warp(kind, env_mask, wp.empty(self.num_envs, dtype=wp.bool,
-                                                        device=place))
+                mask = to_warp(
+                    kind, env_mask, wp.empty(self.num_envs, dtype=wp.bool, device=place)
+                )
                 self._development.forget(mask.to(self.device))
             if host:
                 wp.synchronize_device(self.device)
@@ -221,26 +244,35 @@ class BatchCamera:
         kind = checked('depth', depth, (self.num_envs, None, None), np.float32, self.device)
         images = self._images_for(int(depth.shape[1]), int(depth.shape[2]))
         for name, more in (('reflectivity', reflectivity), ('out', out)):
-            if more is not None and kind != checked(name, more, tuple(depth.shape), np.float32,
-                                                    self.device):
-                raise InputError(f'{name}: found {type(more).__name__}, wanted '
-                                 f'{type(depth).__name__}, as depth is')
+            if more is not None and kind != checked(
+                name, more, tuple(depth.shape), np.float32, self.device
+            ):
+                raise InputError(
+                    f'{name}: found {type(more).__name__}, wanted '
+                    f'{type(depth).__name__}, as depth is'
+                )
         if out is not None:
             target = to_warp(kind, out, images.staging)
             if kind == 'jax' or target is images.staging:
-                raise InputError('out: found an array that is not contiguous or that cannot be '
-                                 'written to')
+                raise InputError(
+                    'out: found an array that is not contiguous or that cannot be written to'
+                )
         else:
             target = wp.empty_like(images.out) if kind == 'jax' else images.out
         with stream_of(kind, self.device), wp.ScopedDevice(self.device):
-            self._look(images, to_warp(kind, depth, images.staging).flatten(),
-                       None if reflectivity is None else
-                       to_warp(kind, reflectivity, images.more_staging).flatten(),
-                       target.flatten())
+            self._look(
+                images,
+                to_warp(kind, depth, images.staging).flatten(),
+                None
+                if reflectivity is None
+                else to_warp(kind, reflectivity, images.more_staging).flatten(),
+                target.flatten(),
+            )
         return out if out is not None else from_warp(kind, target)
 
-    def _look(self, images: Images, depth: wp.array, reflectivity: wp.array | None,
-              out: wp.array) -> None:
+    def _look(
+        self, images: Images, depth: wp.array, reflectivity: wp.array | None, out: wp.array
+    ) -> None:
         development = self._development_for(images) if self._has_effects else None
         if development is not None:
             development.begin()
@@ -257,14 +289,20 @@ class BatchCamera:
     def _development_for(self, images: Images) -> Development:
         if self._development is None or self._development.images is not images:
             self._development = Development(
-                self._effects, self.profile, images, self._rows,
-                self._intrinsics(images.height, images.width))
+                self._effects,
+                self.profile,
+                images,
+                self._rows,
+                self._intrinsics(images.height, images.width),
+            )
             self._development.set_modes(self._modes)
         return self._development
 
     def _set(self, modes: list[Mode], effects: list[tuple[Effect, ...]]) -> None:
-        rows = {(mode, own): _noise_row(mode, own)
-                for mode, own in set(zip(modes, effects, strict=True))}
+        rows = {
+            (mode, own): _noise_row(mode, own)
+            for mode, own in set(zip(modes, effects, strict=True))
+        }
         for i, pair in enumerate(zip(modes, effects, strict=True)):
             self._noise[i] = rows[pair]
         self._periods[:] = [round(1e9 / mode.rate_hz) for mode in modes]
@@ -280,10 +318,13 @@ class BatchCamera:
     def _images_for(self, height: int, width: int) -> Images:
         if self._images is None or (self._images.height, self._images.width) != (height, width):
             if self.num_envs * height * width > _MOST_PIXELS:
-                raise InputError(f'depth: found {self.num_envs} x {height} x {width} pixels, '
-                                 f'wanted at most {_MOST_PIXELS} in all')
-            self._images = Images(self.num_envs, self._intrinsics(height, width), self._invalid,
-                                  self.device)
+                raise InputError(
+                    f'depth: found {self.num_envs} x {height} x {width} pixels, '
+                    f'wanted at most {_MOST_PIXELS} in all'
+                )
+            self._images = Images(
+                self.num_envs, self._intrinsics(height, width), self._invalid, self.device
+            )
             wp.synchronize_device(self.device)  # Frames may be made on another stream.
         return self._images
 
@@ -292,25 +333,39 @@ class BatchCamera:
             return Intrinsics.from_matrix(self._matrix, width, height)
         own = self.profile.intrinsics
         across, down = width / own.width, height / own.height
-        return Intrinsics(width, height, own.fx * across, own.fy * down,
-                          (own.cx + 0.5) * across - 0.5, (own.cy + 0.5) * down - 0.5)
+        return Intrinsics(
+            width,
+            height,
+            own.fx * across,
+            own.fy * down,
+            (own.cx + 0.5) * across - 0.5,
+            (own.cy + 0.5) * down - 0.5,
+        )
 
     def _each_seed(self, seed: int | Sequence[int]) -> list[int]:
         one = isinstance(seed, int | np.integer) and not isinstance(seed, bool)
-        seeds = ([int(seed) + i for i in range(self.num_envs)] if one  # type: ignore[arg-type]
-                 else self._for_each('seed', seed, int | np.integer))
+        seeds = (
+            [int(seed) + i for i in range(self.num_envs)]  # type: ignore[arg-type]
+            if one
+            else self._for_each('seed', seed, int | np.integer)
+        )
         for value in seeds:
-            if isinstance(value, bool) or not -2 ** 63 <= value < 2 ** 63:
+            if isinstance(value, bool) or not -(2**63) <= value < 2**63:
                 raise InputError(f'seed: found {value!r}, wanted a whole number of 64 bits')
         return seeds
 
     def _for_each(self, name: str, value: Any, kind: Any) -> list[Any]:
         if isinstance(value, kind):
             return [value] * self.num_envs
-        if not isinstance(value, Sequence | np.ndarray) or len(value) != self.num_envs or not all(
-                isinstance(one, kind) for one in value):
-            raise InputError(f'{name}: found {value!r}, wanted one, or one for each of the '
-                             f'{self.num_envs} environments')
+        if (
+            not isinstance(value, Sequence | np.ndarray)
+            or len(value) != self.num_envs
+            or not all(isinstance(one, kind) for one in value)
+        ):
+            raise InputError(
+                f'{name}: found {value!r}, wanted one, or one for each of the '
+                f'{self.num_envs} environments'
+            )
         return list(value)
 
     def _mask(self, env_mask: Any) -> np.ndarray:
@@ -319,8 +374,10 @@ class BatchCamera:
         mask = env_mask.numpy() if isinstance(env_mask, wp.array) else env_mask
         mask = np.asarray(mask.cpu() if hasattr(mask, 'cpu') else mask)
         if mask.dtype != bool or mask.shape != (self.num_envs,):
-            raise InputError(f'env_mask: found {mask.dtype} of shape {mask.shape}, wanted bool of '
-                             f'shape ({self.num_envs},)')
+            raise InputError(
+                f'env_mask: found {mask.dtype} of shape {mask.shape}, wanted bool of '
+                f'shape ({self.num_envs},)'
+            )
         return mask
 
 
@@ -339,6 +396,15 @@ def _noise_row(mode: Mode, effects: Sequence[Effect]) -> tuple[float, ...]:
     for effect in effects:
         if isinstance(effect, LateralNoise):
             edge_sigma, laplace = effect.edges(edge_sigma)
-    return (noise.a, noise.b, noise.c, noise.d, noise.n, mode.range_min, mode.range_max,
-            pixel_sigma(edge_sigma), laplace,
-            min(math.ceil((5 + 5 * laplace) * edge_sigma), 127))
+    return (
+        noise.a,
+        noise.b,
+        noise.c,
+        noise.d,
+        noise.n,
+        mode.range_min,
+        mode.range_max,
+        pixel_sigma(edge_sigma),
+        laplace,
+        min(math.ceil((5 + 5 * laplace) * edge_sigma), 127),
+    )

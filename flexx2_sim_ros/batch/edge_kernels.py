@@ -3,7 +3,7 @@
 from flexx2_sim_ros.batch.arithmetic import COLUMN_EDGES, counter_of, edge_draw, ROW_EDGES
 from flexx2_sim_ros.batch.arrays import at_byte, at_word, put_word
 from flexx2_sim_ros.batch.kernels import BORDER, Lens, Noise, OPTIONS, padded
-from flexx2_sim_ros.camera import lateral
+from flexx2_sim_ros.physics import lateral
 import warp as wp
 
 wp.set_module_options(OPTIONS)
@@ -12,8 +12,9 @@ _WINDOW = wp.constant(lateral.WINDOW)
 
 
 @wp.func
-def is_upright(jumps: wp.array(dtype=wp.uint8), lens: Lens, n: wp.int32, y: wp.int32,
-               x: wp.int32) -> wp.bool:
+def is_upright(
+    jumps: wp.array(dtype=wp.uint8), lens: Lens, n: wp.int32, y: wp.int32, x: wp.int32
+) -> wp.bool:
     """Say whether the edge at a pixel with a jump runs nearer to vertical, or diagonally."""
     across = wp.int32(0)
     down = wp.int32(0)
@@ -31,10 +32,19 @@ def is_upright(jumps: wp.array(dtype=wp.uint8), lens: Lens, n: wp.int32, y: wp.i
 
 
 @wp.func
-def displace(n: wp.int32, along: wp.int32, shift: wp.int32, last: wp.int32, first: wp.int32,
-             pitch: wp.int32, column: wp.int32, pixels: wp.int32,
-             moved: wp.array(dtype=wp.uint16), moved_pixels: wp.array(dtype=wp.int32),
-             pixel_list: wp.array(dtype=wp.int32)):
+def displace(
+    n: wp.int32,
+    along: wp.int32,
+    shift: wp.int32,
+    last: wp.int32,
+    first: wp.int32,
+    pitch: wp.int32,
+    column: wp.int32,
+    pixels: wp.int32,
+    moved: wp.array(dtype=wp.uint16),
+    moved_pixels: wp.array(dtype=wp.int32),
+    pixel_list: wp.array(dtype=wp.int32),
+):
     """
     Displace one edge, between positions ``along`` and ``along + 1`` of a line of pixels.
 
@@ -58,8 +68,9 @@ def displace(n: wp.int32, along: wp.int32, shift: wp.int32, last: wp.int32, firs
 
 
 @wp.func
-def edge_shift(noise: Noise, index: wp.int32, stream: wp.uint32, stamp: wp.int64,
-               key: wp.vec2ui) -> wp.int32:
+def edge_shift(
+    noise: Noise, index: wp.int32, stream: wp.uint32, stamp: wp.int64, key: wp.vec2ui
+) -> wp.int32:
     """Return by how many pixels an edge moves."""
     draw = noise.edge_sigma * edge_draw(counter_of(index, stream, stamp), key, noise.edge_laplace)
     limit = wp.float32(noise.edge_limit)
@@ -67,10 +78,18 @@ def edge_shift(noise: Noise, index: wp.int32, stream: wp.uint32, stamp: wp.int64
 
 
 @wp.kernel
-def move_edges(jumps: wp.array(dtype=wp.uint8), lens: Lens, first: wp.int32, column: wp.int32,
-               noises: wp.array(dtype=Noise), keys: wp.array(dtype=wp.vec2ui),
-               stamps: wp.array(dtype=wp.int64), moved: wp.array(dtype=wp.uint16),
-               moved_pixels: wp.array(dtype=wp.int32), pixel_list: wp.array(dtype=wp.int32)):
+def move_edges(
+    jumps: wp.array(dtype=wp.uint8),
+    lens: Lens,
+    first: wp.int32,
+    column: wp.int32,
+    noises: wp.array(dtype=Noise),
+    keys: wp.array(dtype=wp.vec2ui),
+    stamps: wp.array(dtype=wp.int64),
+    moved: wp.array(dtype=wp.uint16),
+    moved_pixels: wp.array(dtype=wp.int32),
+    pixel_list: wp.array(dtype=wp.int32),
+):
     """Displace the edges of one row, or (``column`` 1, after all rows) of one column."""
     n, line = wp.tid()
     noise = noises[first + n]
@@ -90,11 +109,25 @@ def move_edges(jumps: wp.array(dtype=wp.uint8), lens: Lens, first: wp.int32, col
             x = wp.where(column == 1, line, at_line)
             if is_upright(jumps, lens, n, y, x) == (column == 0):
                 if at_line - last_edge > lens.neighbourhood:
-                    shift = edge_shift(noise, y * lens.width + x,
-                                       wp.where(column == 1, COLUMN_EDGES, ROW_EDGES),
-                                       stamps[first + n], keys[first + n])
+                    shift = edge_shift(
+                        noise,
+                        y * lens.width + x,
+                        wp.where(column == 1, COLUMN_EDGES, ROW_EDGES),
+                        stamps[first + n],
+                        keys[first + n],
+                    )
                 last_edge = at_line
-                displace(n, at_line, shift, end, n * pixels + wp.where(
-                    column == 1, line, line * lens.width), wp.where(column == 1, lens.width, 1),
-                    column, pixels, moved, moved_pixels, pixel_list)
+                displace(
+                    n,
+                    at_line,
+                    shift,
+                    end,
+                    n * pixels + wp.where(column == 1, line, line * lens.width),
+                    wp.where(column == 1, lens.width, 1),
+                    column,
+                    pixels,
+                    moved,
+                    moved_pixels,
+                    pixel_list,
+                )
         at_line += 1

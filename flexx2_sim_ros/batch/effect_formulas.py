@@ -16,9 +16,9 @@ from flexx2_sim_ros.batch.arithmetic import (
 from flexx2_sim_ros.batch.arrays import at, at_byte
 from flexx2_sim_ros.batch.effect_tables import Effects, Light
 from flexx2_sim_ros.batch.kernels import cos_incidence, Lens, padded
-from flexx2_sim_ros.camera import philox
 from flexx2_sim_ros.effects import motion, wrapping
 from flexx2_sim_ros.effects import noise as noise_effects
+from flexx2_sim_ros.physics import philox
 import warp as wp
 
 _WRAP = wp.constant(wp.uint32(philox.STREAM_WRAP))
@@ -49,8 +49,9 @@ def draw(pixel: wp.int32, stream: wp.uint32, stamp: wp.int64, key: wp.vec2ui) ->
 
 
 @wp.func
-def draw_normal(number: wp.int32, stream: wp.uint32, stamp: wp.int64,
-                key: wp.vec2ui) -> wp.float32:
+def draw_normal(
+    number: wp.int32, stream: wp.uint32, stamp: wp.int64, key: wp.vec2ui
+) -> wp.float32:
     """Return a standard normal of a stream."""
     four = four_normals(counter_of(number / 4, stream, stamp), key)
     return one_of(four, number % 4)
@@ -63,25 +64,33 @@ def phase_of(turns: wp.float32) -> wp.vec2f:
 
 
 @wp.func
-def reflectivity_at(surfaces: Surfaces, lens: Lens, n: wp.int32, y: wp.int32,
-                    x: wp.int32) -> wp.float32:
+def reflectivity_at(
+    surfaces: Surfaces, lens: Lens, n: wp.int32, y: wp.int32, x: wp.int32
+) -> wp.float32:
     """Return a pixel's reflectivity, 0..1; 1 where none is given."""
     rho = wp.float32(1.0)
     if surfaces.reflectivity.shape[0] > 0:
-        given = at(surfaces.reflectivity, ((surfaces.first_of_reflectivity + n) * lens.height + y)
-                   * lens.width + x)
+        given = at(
+            surfaces.reflectivity,
+            ((surfaces.first_of_reflectivity + n) * lens.height + y) * lens.width + x,
+        )
         rho = wp.where(given > 0.0, wp.min(given, 1.0), 0.0)  # NaN is no light.
     return rho
 
 
 @wp.func
-def amplitude_at(surfaces: Surfaces, lens: Lens, n: wp.int32, y: wp.int32,
-                 x: wp.int32) -> wp.float32:
+def amplitude_at(
+    surfaces: Surfaces, lens: Lens, n: wp.int32, y: wp.int32, x: wp.int32
+) -> wp.float32:
     """Return the light that comes back from a pixel's surface, 1/m^2."""
     i = padded(lens, n, y, x)
     inverse = at(surfaces.p, i)
-    return (reflectivity_at(surfaces, lens, n, y, x)
-            * cos_incidence(surfaces.p, surfaces.jumps, lens, i, y, x) * inverse * inverse)
+    return (
+        reflectivity_at(surfaces, lens, n, y, x)
+        * cos_incidence(surfaces.p, surfaces.jumps, lens, i, y, x)
+        * inverse
+        * inverse
+    )
 
 
 @wp.func
@@ -100,8 +109,15 @@ def near_jump(surfaces: Surfaces, lens: Lens, n: wp.int32, y: wp.int32, x: wp.in
 
 
 @wp.func
-def mix_neighbours(surfaces: Surfaces, lens: Lens, light: Light, share: wp.float32, n: wp.int32,
-                   y: wp.int32, x: wp.int32) -> wp.vec4f:
+def mix_neighbours(
+    surfaces: Surfaces,
+    lens: Lens,
+    light: Light,
+    share: wp.float32,
+    n: wp.int32,
+    y: wp.int32,
+    x: wp.int32,
+) -> wp.vec4f:
     """Return the shift of each frequency, and the amplitude, of a footprint across an edge."""
     out = wp.vec4f()
     z = 1.0 / at(surfaces.p, padded(lens, n, y, x))
@@ -119,7 +135,8 @@ def mix_neighbours(surfaces: Surfaces, lens: Lens, light: Light, share: wp.float
                     if inverse > 0.0:
                         count += 1.0
                         total += amplitude_at(surfaces, lens, n, yy, xx) * phase_of(
-                            turns / inverse)
+                            turns / inverse
+                        )
             direction = phase_of(turns * z)
             own = own_amplitude * direction
             mixed = own + share * (total / count - own)
@@ -131,8 +148,16 @@ def mix_neighbours(surfaces: Surfaces, lens: Lens, light: Light, share: wp.float
 
 
 @wp.func
-def tap(here: wp.float32, start: wp.float32, same: wp.bool, change: wp.float32,
-        light: wp.float32, moment: wp.float32, add: wp.float32, turns: wp.float32) -> wp.vec2f:
+def tap(
+    here: wp.float32,
+    start: wp.float32,
+    same: wp.bool,
+    change: wp.float32,
+    light: wp.float32,
+    moment: wp.float32,
+    add: wp.float32,
+    turns: wp.float32,
+) -> wp.vec2f:
     """Return cosine and sine of the phase at a moment between two frames, times the light."""
     passed = wp.abs(1.0 - moment) <= change
     even = here + start * (1.0 - moment)
@@ -147,9 +172,18 @@ def alike(here: wp.float32, start: wp.float32, interval: wp.float32) -> wp.bool:
 
 
 @wp.func
-def motion_shift(here: wp.float32, start: wp.float32, brighter: wp.float32, change: wp.float32,
-                 interval: wp.float32, duration: wp.float32, stamp: wp.float32, light: Light,
-                 f: wp.int32, add: wp.float32) -> wp.float32:
+def motion_shift(
+    here: wp.float32,
+    start: wp.float32,
+    brighter: wp.float32,
+    change: wp.float32,
+    interval: wp.float32,
+    duration: wp.float32,
+    stamp: wp.float32,
+    light: Light,
+    f: wp.int32,
+    add: wp.float32,
+) -> wp.float32:
     """Return the shift of a frequency whose four taps are taken one after the other."""
     same = alike(here, start, interval)
     further = here / (here + start)
@@ -178,27 +212,33 @@ def wiggle(e: Effects, turns: wp.float32) -> wp.float32:
     three = phase_of(3.0 * turns)
     four = phase_of(4.0 * turns)
     return e.wiggling_strength * (
-        e.wiggling_a1 * one[1] + e.wiggling_b1 * one[0]
-        + e.wiggling_a2 * two[1] + e.wiggling_b2 * two[0]
-        + e.wiggling_a3 * three[1] + e.wiggling_b3 * three[0]
-        + e.wiggling_a4 * four[1] + e.wiggling_b4 * four[0])
+        e.wiggling_a1 * one[1]
+        + e.wiggling_b1 * one[0]
+        + e.wiggling_a2 * two[1]
+        + e.wiggling_b2 * two[0]
+        + e.wiggling_a3 * three[1]
+        + e.wiggling_b3 * three[0]
+        + e.wiggling_a4 * four[1]
+        + e.wiggling_b4 * four[0]
+    )
 
 
 @wp.func
-def common_shift(e: Effects, grain: wp.float32, amplitude: wp.float32,
-                 seconds: wp.float32) -> wp.float32:
+def common_shift(
+    e: Effects, grain: wp.float32, amplitude: wp.float32, seconds: wp.float32
+) -> wp.float32:
     """Return the shift that all frequencies have alike."""
     shift = e.fixed_pattern_strength * e.fixed_pattern_rms * grain
     if e.amplitude_bias_strength > 0.0:
         below = log(wp.max(amplitude, 1.0e-37)) - log(e.amplitude_bias_knee)
         hinge = wp.min(wp.max(below, -e.amplitude_bias_span), 0.0)
         shift += e.amplitude_bias_strength * (
-            e.amplitude_bias_intercept + e.amplitude_bias_slope * hinge)
+            e.amplitude_bias_intercept + e.amplitude_bias_slope * hinge
+        )
     shift += e.offset_strength * e.offset_bias
     if e.warm_up_drift_strength > 0.0:
         age = e.warm_up_drift_uptime + seconds
-        shift += e.warm_up_drift_strength * e.warm_up_drift_bias * exp(
-            -age / e.warm_up_drift_tau)
+        shift += e.warm_up_drift_strength * e.warm_up_drift_bias * exp(-age / e.warm_up_drift_tau)
     return shift
 
 
@@ -249,9 +289,17 @@ def wrong_jump(light: Light, errors: wp.vec3f, here: wp.float32) -> wp.float32:
 
 
 @wp.func
-def unwrapped(e: Effects, light: Light, shifts: wp.vec3f, sigma: wp.float32, pixel: wp.int32,
-              pixels: wp.int32, stamp: wp.int64, key: wp.vec2ui,
-              here: wp.float32) -> wp.float32:
+def unwrapped(
+    e: Effects,
+    light: Light,
+    shifts: wp.vec3f,
+    sigma: wp.float32,
+    pixel: wp.int32,
+    pixels: wp.int32,
+    stamp: wp.int64,
+    key: wp.vec2ui,
+    here: wp.float32,
+) -> wp.float32:
     """Return the measured depth after unwrapping, which noise can lead astray."""
     spread = e.range_wrap_strength * sigma
     risky = wp.bool(False)
@@ -259,8 +307,9 @@ def unwrapped(e: Effects, light: Light, shifts: wp.vec3f, sigma: wp.float32, pix
         i = k // 2
         j = wp.min(k + 1, 2)
         if j < light.frequencies:
-            both = wp.sqrt(light.spreads[i] * light.spreads[i]
-                           + light.spreads[j] * light.spreads[j])
+            both = wp.sqrt(
+                light.spreads[i] * light.spreads[i] + light.spreads[j] * light.spreads[j]
+            )
             if wp.abs(shifts[i] - shifts[j]) + _RARE * both * spread > light.steps[k] / 2.0:
                 risky = True
     out = here
@@ -269,7 +318,8 @@ def unwrapped(e: Effects, light: Light, shifts: wp.vec3f, sigma: wp.float32, pix
         for f in range(3):
             if f < light.frequencies:
                 errors[f] = shifts[f] + light.spreads[f] * spread * draw_normal(
-                    f * pixels + pixel, _WRAP, stamp, key)
+                    f * pixels + pixel, _WRAP, stamp, key
+                )
         apart = wp.bool(False)
         for k in range(3):
             i = k // 2

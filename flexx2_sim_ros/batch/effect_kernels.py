@@ -34,8 +34,8 @@ from flexx2_sim_ros.batch.effect_formulas import (
 )
 from flexx2_sim_ros.batch.effect_tables import Effects, Light
 from flexx2_sim_ros.batch.kernels import blocks_of, Lens, Noise, OPTIONS, padded
-from flexx2_sim_ros.camera import philox
 from flexx2_sim_ros.effects import filtering, motion
+from flexx2_sim_ros.physics import philox
 import warp as wp
 
 wp.set_module_options(OPTIONS)
@@ -114,11 +114,20 @@ def inside(value: wp.float32, noise: Noise) -> wp.float32:
 
 
 @wp.kernel
-def measure(surfaces: Surfaces, lens: Lens, first: wp.int32, chunk: wp.int32,
-            noises: wp.array(dtype=Noise), effects: wp.array(dtype=Effects),
-            lights: wp.array(dtype=Light), keys: wp.array(dtype=wp.vec2ui),
-            stamps: wp.array(dtype=wp.int64), kept: Kept, moved: wp.array(dtype=wp.uint16),
-            seen: Seen):
+def measure(
+    surfaces: Surfaces,
+    lens: Lens,
+    first: wp.int32,
+    chunk: wp.int32,
+    noises: wp.array(dtype=Noise),
+    effects: wp.array(dtype=Effects),
+    lights: wp.array(dtype=Light),
+    keys: wp.array(dtype=wp.vec2ui),
+    stamps: wp.array(dtype=wp.int64),
+    kept: Kept,
+    moved: wp.array(dtype=wp.uint16),
+    seen: Seen,
+):
     """Write measured depth, and what later kernels need to know of what is seen."""
     n, y, c = wp.tid()
     noise = noises[first + n]
@@ -129,8 +138,11 @@ def measure(surfaces: Surfaces, lens: Lens, first: wp.int32, chunk: wp.int32,
     pixels = lens.height * lens.width
     elapsed = wp.float32(stamp - kept.started[first + n]) * _PER_NANOSECOND
     interval = wp.float32(stamp - kept.before[first + n]) * _PER_NANOSECOND
-    moves = (e.motion_artefact_strength > 0.0 and kept.young[first + n] == wp.uint8(0)
-             and interval > 0.0)
+    moves = (
+        e.motion_artefact_strength > 0.0
+        and kept.young[first + n] == wp.uint8(0)
+        and interval > 0.0
+    )
     duration = e.motion_artefact_strength * e.motion_artefact_stretch * light.acquisition
     mixes = wp.min(e.flying_pixels_strength * e.flying_pixels_share, 1.0)
     wraps = e.range_wrap_strength > 0.0
@@ -160,8 +172,11 @@ def measure(surfaces: Surfaces, lens: Lens, first: wp.int32, chunk: wp.int32,
         amplitude = reflectivity_at(surfaces, lens, n, sy, sx) * cosine * inverse * inverse
         z = wp.where(inverse > 0.0, 1.0 / inverse, _NAN)
         shifts = wp.vec3f()
-        if (e.flying_pixels_strength > 0.0 and inverse > 0.0
-                and near_jump(surfaces, lens, n, sy, sx)):
+        if (
+            e.flying_pixels_strength > 0.0
+            and inverse > 0.0
+            and near_jump(surfaces, lens, n, sy, sx)
+        ):
             mixed = mix_neighbours(surfaces, lens, light, mixes, n, sy, sx)
             shifts = wp.vec3f(mixed[0], mixed[1], mixed[2])
             amplitude = mixed[3]
@@ -170,10 +185,12 @@ def measure(surfaces: Surfaces, lens: Lens, first: wp.int32, chunk: wp.int32,
         if moves:
             place = (first + n) * pixels + sy * lens.width + sx
             start = at(kept.depth, place) - z
-            brighter = (at(kept.reflectivity, place)
-                        / wp.max(reflectivity_at(surfaces, lens, n, sy, sx), _DARKEST))
-        passes = start == start and (brighter != 1.0 or (
-            start != 0.0 and not alike(z, start, interval)))
+            brighter = at(kept.reflectivity, place) / wp.max(
+                reflectivity_at(surfaces, lens, n, sy, sx), _DARKEST
+            )
+        passes = start == start and (
+            brighter != 1.0 or (start != 0.0 and not alike(z, start, interval))
+        )
         change = wp.float32(0.0)
         if passes:
             change = draw(sy * lens.width + sx, _MOTION, stamp, key)
@@ -186,8 +203,18 @@ def measure(surfaces: Surfaces, lens: Lens, first: wp.int32, chunk: wp.int32,
             if f < light.frequencies:
                 shift = shifts[f]
                 if moves and start == start and (start != 0.0 or passes):
-                    shift += motion_shift(z, start, brighter, change, interval, duration,
-                                          e.motion_artefact_stamp_at, light, f, shift)
+                    shift += motion_shift(
+                        z,
+                        start,
+                        brighter,
+                        change,
+                        interval,
+                        duration,
+                        e.motion_artefact_stamp_at,
+                        light,
+                        f,
+                        shift,
+                    )
                 if e.wiggling_strength > 0.0:
                     shift += wiggle(e, light.turns[f] * (z + shift))
                 shift += common
@@ -227,8 +254,9 @@ def measure(surfaces: Surfaces, lens: Lens, first: wp.int32, chunk: wp.int32,
 
 
 @wp.kernel
-def filter_neighbours(lens: Lens, first: wp.int32, chunk: wp.int32,
-                      effects: wp.array(dtype=Effects), seen: Seen):
+def filter_neighbours(
+    lens: Lens, first: wp.int32, chunk: wp.int32, effects: wp.array(dtype=Effects), seen: Seen
+):
     """Mix every pixel with those neighbours that are alike: the effect spatial_filter."""
     n, y, c = wp.tid()
     e = effects[first + n]
@@ -265,10 +293,19 @@ def lost(logit: wp.float32, strength: wp.float32, chance: wp.float32) -> wp.bool
 
 
 @wp.kernel
-def finish(lens: Lens, first: wp.int32, chunk: wp.int32, noises: wp.array(dtype=Noise),
-           effects: wp.array(dtype=Effects), keys: wp.array(dtype=wp.vec2ui),
-           stamps: wp.array(dtype=wp.int64), kept: Kept, filtered: wp.array(dtype=wp.float32),
-           seen: Seen, out: wp.array(dtype=wp.float32)):
+def finish(
+    lens: Lens,
+    first: wp.int32,
+    chunk: wp.int32,
+    noises: wp.array(dtype=Noise),
+    effects: wp.array(dtype=Effects),
+    keys: wp.array(dtype=wp.vec2ui),
+    stamps: wp.array(dtype=wp.int64),
+    kept: Kept,
+    filtered: wp.array(dtype=wp.float32),
+    seen: Seen,
+    out: wp.array(dtype=wp.float32),
+):
     """Write the finished frame: temporal filter, storage, dropout."""
     n, y, c = wp.tid()
     noise = noises[first + n]
@@ -324,6 +361,5 @@ def keep_surfaces(surfaces: Surfaces, lens: Lens, first: wp.int32, chunk: wp.int
     while x < end:
         inverse = at(surfaces.p, padded(lens, n, y, x))
         put(kept.depth, row + x, wp.where(inverse > 0.0, 1.0 / inverse, _NAN))
-        put(kept.reflectivity, row + x,
-            wp.max(reflectivity_at(surfaces, lens, n, y, x), _DARKEST))
+        put(kept.reflectivity, row + x, wp.max(reflectivity_at(surfaces, lens, n, y, x), _DARKEST))
         x += 1

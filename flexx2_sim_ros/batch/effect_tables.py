@@ -5,26 +5,46 @@ from os import PathLike
 from typing import Any
 
 from flexx2_sim_ros.camera import Camera, Mode, Profile
-from flexx2_sim_ros.camera.exposure import Exposure, Memory
 from flexx2_sim_ros.effects import Effect, registry
 from flexx2_sim_ros.effects.wrapping import lattice_step
 from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.physics.frame_state import FrameState, Memory
 import numpy as np
 import warp as wp
 
 # What is computed per pixel, or from a pixel's neighbours.
-BATCHED = ('pose_error', 'intrinsics_error', 'flying_pixels', 'motion_artefact', 'wiggling',
-           'fixed_pattern', 'amplitude_bias', 'offset', 'warm_up_drift', 'excess_noise',
-           'ambient_light', 'heavy_tails', 'lateral_noise', 'range_wrap', 'spatial_filter',
-           'temporal_filter', 'quantisation', 'low_signal_dropout', 'grazing_dropout',
-           'saturation')
+BATCHED = (
+    'pose_error',
+    'intrinsics_error',
+    'flying_pixels',
+    'motion_artefact',
+    'wiggling',
+    'fixed_pattern',
+    'amplitude_bias',
+    'offset',
+    'warm_up_drift',
+    'excess_noise',
+    'ambient_light',
+    'heavy_tails',
+    'lateral_noise',
+    'range_wrap',
+    'spatial_filter',
+    'temporal_filter',
+    'quantisation',
+    'low_signal_dropout',
+    'grazing_dropout',
+    'saturation',
+)
 MOST_FREQUENCIES = 3
 
 
 def _parameters() -> Any:
     names = [f'{name}_{item.name}' for name in BATCHED for item in registry()[name].parameters()]
-    return type('Effects', (), {'__annotations__': dict.fromkeys(names, wp.float32),
-                                '__module__': __name__})
+    return type(
+        'Effects',
+        (),
+        {'__annotations__': dict.fromkeys(names, wp.float32), '__module__': __name__},
+    )
 
 
 # One number for each parameter of each effect: `offset_strength`, `offset_bias`, ...
@@ -67,14 +87,19 @@ def each_environment(effects: Any, num_envs: int) -> list[tuple[Effect, ...]]:
         For effects that `Camera` does not take, or that have no batched form.
 
     """
-    several = (isinstance(effects, Sequence) and not isinstance(effects, str) and effects
-               and all(isinstance(one, str | PathLike | Mapping | tuple | list)
-                       for one in effects))
+    several = (
+        isinstance(effects, Sequence)
+        and not isinstance(effects, str)
+        and effects
+        and all(isinstance(one, str | PathLike | Mapping | tuple | list) for one in effects)
+    )
     if not several:
         return [_checked(effects)] * num_envs
     if len(effects) != num_envs:
-        raise InputError(f'effects: found {len(effects)} sets, wanted one, or one for each of the '
-                         f'{num_envs} environments')
+        raise InputError(
+            f'effects: found {len(effects)} sets, wanted one, or one for each of the '
+            f'{num_envs} environments'
+        )
     read: dict[int, tuple[Effect, ...]] = {}
     for one in effects:
         if id(one) not in read:
@@ -86,8 +111,9 @@ def _checked(effects: Any) -> tuple[Effect, ...]:
     chosen = Camera(effects=effects).effects
     for effect in chosen:
         if effect.name not in BATCHED:
-            raise InputError(f'effects: {effect.name}: has no batched form, wanted any of '
-                             f'{", ".join(BATCHED)}')
+            raise InputError(
+                f'effects: {effect.name}: has no batched form, wanted any of {", ".join(BATCHED)}'
+            )
     return chosen  # type: ignore[return-value]
 
 
@@ -109,14 +135,15 @@ def light_row(mode: Mode, profile: Profile) -> np.ndarray:
     if not 0 < count <= MOST_FREQUENCIES:
         return row
     nothing = np.zeros((1, 1), np.float32)
-    exposure = Exposure(mode, profile.intrinsics, 0, np.zeros(2, np.uint32), Memory(), nothing,
-                        nothing)
+    exposure = FrameState(
+        mode, profile.intrinsics, 0, np.zeros(2, np.uint32), Memory(), nothing, nothing
+    )
     frequencies = np.array(mode.modulation_hz)
     row['frequencies'] = count
     row['turns'][:count] = np.array(exposure.wave_numbers) / (2 * np.pi)
     row['weights'][:count] = exposure.weights
     row['spans'][:count] = exposure.spans
-    row['spreads'][:count] = np.sqrt((frequencies ** 2).sum()) / frequencies
+    row['spreads'][:count] = np.sqrt((frequencies**2).sum()) / frequencies
     for place, (i, j) in enumerate(((0, 1), (0, 2), (1, 2))):
         if j < count:
             row['steps'][place] = lattice_step(frequencies[i], frequencies[j])

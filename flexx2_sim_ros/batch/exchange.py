@@ -33,8 +33,7 @@ def kind_of(name: str, value: Any) -> str:
     raise InputError(f'{name}: found {type(value).__name__}, wanted {KINDS}')
 
 
-def checked(name: str, value: Any, shape: tuple[int | None, ...], dtype: type,
-            device: Any) -> str:
+def checked(name: str, value: Any, shape: tuple[int | None, ...], dtype: type, device: Any) -> str:
     """
     Look an array over.
 
@@ -65,8 +64,8 @@ def checked(name: str, value: Any, shape: tuple[int | None, ...], dtype: type,
     kind = kind_of(name, value)
     found = tuple(int(length) for length in value.shape)
     if len(found) != len(shape) or any(
-            here != length if length else here < 1
-            for here, length in zip(found, shape, strict=True)):
+        here != length if length else here < 1 for here, length in zip(found, shape, strict=True)
+    ):
         wanted = ', '.join(str(length or 'any') for length in shape)
         raise InputError(f'{name}: found shape {found}, wanted ({wanted})')
     own = (value.dtype.__name__ if kind == 'warp' else str(value.dtype)).removeprefix('torch.')

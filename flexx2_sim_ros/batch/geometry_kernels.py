@@ -23,20 +23,36 @@ class Pose:
 
 
 @wp.func
-def show(surfaces: Surfaces, lens: Lens, n: wp.int32, pixel: wp.int32, source: wp.int32,
-         seen: wp.float32, depth: wp.array(dtype=wp.float32),
-         reflectivity: wp.array(dtype=wp.float32)):
+def show(
+    surfaces: Surfaces,
+    lens: Lens,
+    n: wp.int32,
+    pixel: wp.int32,
+    source: wp.int32,
+    seen: wp.float32,
+    depth: wp.array(dtype=wp.float32),
+    reflectivity: wp.array(dtype=wp.float32),
+):
     """Write what a pixel sees: depth ``seen`` and the reflectivity of pixel ``source``."""
     pixels = lens.height * lens.width
     put(depth, n * pixels + pixel, seen)
     if surfaces.reflectivity.shape[0] > 0:
-        put(reflectivity, n * pixels + pixel, at(
-            surfaces.reflectivity, (surfaces.first_of_reflectivity + n) * pixels + source))
+        put(
+            reflectivity,
+            n * pixels + pixel,
+            at(surfaces.reflectivity, (surfaces.first_of_reflectivity + n) * pixels + source),
+        )
 
 
 @wp.kernel
-def look_from(surfaces: Surfaces, lens: Lens, first: wp.int32, poses: wp.array(dtype=Pose),
-              depth: wp.array(dtype=wp.float32), reflectivity: wp.array(dtype=wp.float32)):
+def look_from(
+    surfaces: Surfaces,
+    lens: Lens,
+    first: wp.int32,
+    poses: wp.array(dtype=Pose),
+    depth: wp.array(dtype=wp.float32),
+    reflectivity: wp.array(dtype=wp.float32),
+):
     """Look from another pose."""
     n, y, x = wp.tid()
     pose = poses[first + n]
@@ -45,8 +61,9 @@ def look_from(surfaces: Surfaces, lens: Lens, first: wp.int32, poses: wp.array(d
     source = wp.int32(pixel)
     out = wp.where(inverse > 0.0, 1.0 / inverse, _NAN)
     if pose.moved == 1:
-        ray = pose.rotation * wp.vec3f((wp.float32(x) - lens.cx) / lens.fx,
-                                       (wp.float32(y) - lens.cy) / lens.fy, 1.0)
+        ray = pose.rotation * wp.vec3f(
+            (wp.float32(x) - lens.cx) / lens.fx, (wp.float32(y) - lens.cy) / lens.fy, 1.0
+        )
         # Divided by depth, so that nothing (infinitely far) needs no case of its own.
         far = ray[2] + pose.step[2] * inverse
         out = _NAN
@@ -62,9 +79,12 @@ def look_from(surfaces: Surfaces, lens: Lens, first: wp.int32, poses: wp.array(d
             if here > 0.0:
                 d = slopes(surfaces.p, surfaces.jumps, lens, i)
                 normal = wp.vec3f(
-                    lens.fx * d[0], lens.fy * d[1],
-                    here - (wp.float32(column) - lens.cx) * d[0]
-                    - (wp.float32(row) - lens.cy) * d[1])
+                    lens.fx * d[0],
+                    lens.fy * d[1],
+                    here
+                    - (wp.float32(column) - lens.cx) * d[0]
+                    - (wp.float32(row) - lens.cy) * d[1],
+                )
                 seen = wp.dot(normal, ray)
                 left = 1.0 - wp.dot(normal, pose.step)
                 if seen > 0.0 and left > 0.0:
@@ -73,10 +93,17 @@ def look_from(surfaces: Surfaces, lens: Lens, first: wp.int32, poses: wp.array(d
 
 
 @wp.kernel
-def look_up(surfaces: Surfaces, lens: Lens, first: wp.int32, views: wp.array(dtype=wp.int32),
-            index: wp.array(dtype=wp.int32), du: wp.array(dtype=wp.float32),
-            dv: wp.array(dtype=wp.float32), depth: wp.array(dtype=wp.float32),
-            reflectivity: wp.array(dtype=wp.float32)):
+def look_up(
+    surfaces: Surfaces,
+    lens: Lens,
+    first: wp.int32,
+    views: wp.array(dtype=wp.int32),
+    index: wp.array(dtype=wp.int32),
+    du: wp.array(dtype=wp.float32),
+    dv: wp.array(dtype=wp.float32),
+    depth: wp.array(dtype=wp.float32),
+    reflectivity: wp.array(dtype=wp.float32),
+):
     """Look along other rays: of the view ``views[environment]``, or, where it is -1, the own."""
     n, y, x = wp.tid()
     pixel = y * lens.width + x
@@ -95,5 +122,13 @@ def look_up(surfaces: Surfaces, lens: Lens, first: wp.int32, views: wp.array(dty
             inverse = here + at(du, entry) * d[0] + at(dv, entry) * d[1]
             if inverse <= 0.0 or here <= 0.0:
                 inverse = here
-    show(surfaces, lens, n, pixel, wp.max(source, 0),
-         wp.where(inverse > 0.0, 1.0 / inverse, _NAN), depth, reflectivity)
+    show(
+        surfaces,
+        lens,
+        n,
+        pixel,
+        wp.max(source, 0),
+        wp.where(inverse > 0.0, 1.0 / inverse, _NAN),
+        depth,
+        reflectivity,
+    )

@@ -3,7 +3,7 @@
 from flexx2_sim_ros.batch.arithmetic import counter_of, four_normals
 from flexx2_sim_ros.batch.arrays import at, put
 from flexx2_sim_ros.batch.kernels import Lens, OPTIONS
-from flexx2_sim_ros.camera import philox
+from flexx2_sim_ros.physics import philox
 import warp as wp
 
 wp.set_module_options(OPTIONS)
@@ -20,8 +20,9 @@ def mirrored(i: wp.int32, size: wp.int32, smallest: wp.int32) -> wp.int32:
 
 
 @wp.kernel
-def white_noise(pixels: wp.int32, keys: wp.array(dtype=wp.vec2ui),
-                out: wp.array(dtype=wp.float32)):
+def white_noise(
+    pixels: wp.int32, keys: wp.array(dtype=wp.vec2ui), out: wp.array(dtype=wp.float32)
+):
     """Write four of an environment's normals."""
     n, block = wp.tid()
     four = four_normals(counter_of(block, _STREAM, wp.int64(0)), keys[n])
@@ -31,8 +32,7 @@ def white_noise(pixels: wp.int32, keys: wp.array(dtype=wp.vec2ui),
 
 
 @wp.kernel
-def less_its_mean(white: wp.array(dtype=wp.float32), lens: Lens,
-                  out: wp.array(dtype=wp.float32)):
+def less_its_mean(white: wp.array(dtype=wp.float32), lens: Lens, out: wp.array(dtype=wp.float32)):
     """Write a pixel's noise less the mean over the 5 x 5 pixels around."""
     n, y, x = wp.tid()
     frame = n * lens.height * lens.width

@@ -31,13 +31,15 @@ class HeightGrid:
 
     """
 
-    def __init__(self, num_envs: int, camera: Intrinsics, device: Any, reach: float = 0.025,
-                 least: int = 8) -> None:
+    def __init__(
+        self, num_envs: int, camera: Intrinsics, device: Any, reach: float = 0.025, least: int = 8
+    ) -> None:
         """Start empty."""
         self._camera, self._reach, self._least = camera, reach, least
         self._total, self._count, self._heights = (
             wp.zeros((num_envs, len(AHEAD), len(LEFT)), dtype=wp.float32, device=device)
-            for _ in range(3))
+            for _ in range(3)
+        )
 
     def add(self, depth: wp.array, position: np.ndarray, rotation: np.ndarray) -> None:
         """
@@ -53,18 +55,32 @@ class HeightGrid:
 
         """
         camera, device = self._camera, self._total.device
-        wp.launch(robot_kernels.add_points, depth.shape, [
-            depth, wp.vec2f(camera.fx, camera.fy), wp.vec2f(camera.cx, camera.cy),
-            wp.array(position, dtype=wp.vec3f, device=device),
-            wp.array(rotation, dtype=wp.mat33f, device=device),
-            wp.vec2f(AHEAD[0], LEFT[0]), AHEAD[1] - AHEAD[0], self._reach, self._total,
-            self._count], device=device)
+        wp.launch(
+            robot_kernels.add_points,
+            depth.shape,
+            [
+                depth,
+                wp.vec2f(camera.fx, camera.fy),
+                wp.vec2f(camera.cx, camera.cy),
+                wp.array(position, dtype=wp.vec3f, device=device),
+                wp.array(rotation, dtype=wp.mat33f, device=device),
+                wp.vec2f(AHEAD[0], LEFT[0]),
+                AHEAD[1] - AHEAD[0],
+                self._reach,
+                self._total,
+                self._count,
+            ],
+            device=device,
+        )
 
     def heights(self) -> wp.array:
         """Return (N, 11, 7) float32 metres over `AHEAD` and `LEFT`, NaN where nothing is seen."""
-        wp.launch(robot_kernels.mean, self._total.shape,
-                  [self._total, self._count, float(self._least), self._heights],
-                  device=self._total.device)
+        wp.launch(
+            robot_kernels.mean,
+            self._total.shape,
+            [self._total, self._count, float(self._least), self._heights],
+            device=self._total.device,
+        )
         return self._heights
 
     def clear(self) -> None:

@@ -6,7 +6,7 @@ from typing import Any
 
 from flexx2_sim_ros.batch import edge_kernels, kernels
 from flexx2_sim_ros.camera import Intrinsics
-from flexx2_sim_ros.camera.modes import camera_config
+from flexx2_sim_ros.profiles.modes import camera_config
 import warp as wp
 
 # Environments whose images are made at a time, so that they stay in the cache (measured on the
@@ -137,15 +137,33 @@ class Images:
     def move_edges(self, first: int, count: int, rows: Rows) -> None:
         """Move the edges of environments, into `moved`."""
         for column, lines in enumerate((self.height, self.width)):
-            launch(edge_kernels.move_edges, (count, lines), self._jumps, self.lens, first, column,
-                   rows.noise, rows.keys, rows.stamps, self.moved, self._moved_pixels,
-                   self._pixel_list)
+            launch(
+                edge_kernels.move_edges,
+                (count, lines),
+                self._jumps,
+                self.lens,
+                first,
+                column,
+                rows.noise,
+                rows.keys,
+                rows.stamps,
+                self.moved,
+                self._moved_pixels,
+                self._pixel_list,
+            )
 
     def draw_normals(self, first: int, count: int, rows: Rows) -> wp.array:
         """Return the axial noise's normals; empty where kernels draw their own."""
         if not self._many_threads:
-            launch(kernels.draw_normals, count, self.height * self.width, first, rows.keys,
-                   rows.stamps, self._normals)
+            launch(
+                kernels.draw_normals,
+                count,
+                self.height * self.width,
+                first,
+                rows.keys,
+                rows.stamps,
+                self._normals,
+            )
         return self._normals
 
     def observe(self, first: int, count: int, rows: Rows, out: wp.array) -> None:
@@ -164,14 +182,41 @@ class Images:
         """
         surface = (self._p, self._jumps, self.lens)
         if self._many_threads:
-            launch(kernels.observe_blocks, (count, (self.height * self.width + 3) // 4),
-                   *surface, first, rows.noise, rows.keys, rows.stamps, out)
+            launch(
+                kernels.observe_blocks,
+                (count, (self.height * self.width + 3) // 4),
+                *surface,
+                first,
+                rows.noise,
+                rows.keys,
+                rows.stamps,
+                out,
+            )
         else:
-            launch(kernels.observe_rows, (count, self.height),
-                   *surface, first, rows.noise, self.draw_normals(first, count, rows), out)
+            launch(
+                kernels.observe_rows,
+                (count, self.height),
+                *surface,
+                first,
+                rows.noise,
+                self.draw_normals(first, count, rows),
+                out,
+            )
         threads = _THREADS_FOR_MOVED if self._many_threads else 1
-        launch(kernels.observe_moved, (count, threads), *surface, first, threads, rows.noise,
-               rows.keys, rows.stamps, self.moved, self._moved_pixels, self._pixel_list, out)
+        launch(
+            kernels.observe_moved,
+            (count, threads),
+            *surface,
+            first,
+            threads,
+            rows.noise,
+            rows.keys,
+            rows.stamps,
+            self.moved,
+            self._moved_pixels,
+            self._pixel_list,
+            out,
+        )
 
 
 def launch(kernel: Any, threads: Any, *values: Any) -> None:

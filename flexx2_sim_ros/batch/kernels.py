@@ -10,23 +10,19 @@ instructions, a few on CUDA. `camera.surface` and `camera.axial` explain the mod
 
 import math
 
-from flexx2_sim_ros.batch.arithmetic import (
-    arccos,
-    AXIAL,
-    counter_of,
-    four_normals,
-    one_of,
-    power,
-)
+from flexx2_sim_ros.batch.arithmetic import arccos, AXIAL, counter_of, four_normals, one_of, power
 from flexx2_sim_ros.batch.arrays import at, at_byte, at_word, put, put_byte, put_word
-from flexx2_sim_ros.camera import surface
+from flexx2_sim_ros.physics import surface
 import warp as wp
 
 # What camera.philox.FAST allows there: all but assuming that there is no NaN and no infinity.
 OPTIONS = {
-    'enable_backward': False, 'fast_math': True, 'default_grid_stride': False,  # on CUDA
+    'enable_backward': False,
+    'fast_math': True,
+    'default_grid_stride': False,  # on CUDA
     'cpu_compiler_flags': f'{wp.config.cpu_compiler_flags or "-march=native"} -ffp-contract=fast '
-                          '-mreassociate -freciprocal-math -fno-signed-zeros -fapprox-func'}
+    '-mreassociate -freciprocal-math -fno-signed-zeros -fapprox-func',
+}
 wp.set_module_options(OPTIONS)
 
 PAD = wp.constant(surface.PAD)
@@ -81,8 +77,14 @@ def padded(lens: Lens, n: wp.int32, y: wp.int32, x: wp.int32) -> wp.int32:
 
 
 @wp.kernel
-def invert(depth: wp.array(dtype=wp.float32), lens: Lens, first: wp.int32, chunk: wp.int32,
-           p: wp.array(dtype=wp.float32), moved_pixels: wp.array(dtype=wp.int32)):
+def invert(
+    depth: wp.array(dtype=wp.float32),
+    lens: Lens,
+    first: wp.int32,
+    chunk: wp.int32,
+    p: wp.array(dtype=wp.float32),
+    moved_pixels: wp.array(dtype=wp.int32),
+):
     """Write inverse depth; 0 where depth is not a distance."""
     n, y, c = wp.tid()
     if y == 0 and c == 0:
@@ -99,8 +101,14 @@ def invert(depth: wp.array(dtype=wp.float32), lens: Lens, first: wp.int32, chunk
 
 
 @wp.func
-def is_jump(before: wp.float32, here: wp.float32, there: wp.float32, after: wp.float32,
-            jump_share: wp.float32, steep_share: wp.float32) -> wp.bool:
+def is_jump(
+    before: wp.float32,
+    here: wp.float32,
+    there: wp.float32,
+    after: wp.float32,
+    jump_share: wp.float32,
+    steep_share: wp.float32,
+) -> wp.bool:
     """Say whether a depth jump lies between ``here`` and ``there``."""
     step = there - here
     slope_before = here - before
@@ -111,14 +119,16 @@ def is_jump(before: wp.float32, here: wp.float32, there: wp.float32, after: wp.f
     high = wp.max(slope_before, slope_after)
     excess = wp.max(low - step, step - high)
     scale = wp.min(here, there)
-    differs = ((wp.min(excess, wp.abs(step)) > jump_share * scale)
-               or (wp.abs(step) > steep_share * scale))
+    differs = (wp.min(excess, wp.abs(step)) > jump_share * scale) or (
+        wp.abs(step) > steep_share * scale
+    )
     return ((here > 0.0) != (there > 0.0)) or ((here > 0.0) and differs)
 
 
 @wp.kernel
-def find_jumps(p: wp.array(dtype=wp.float32), lens: Lens, chunk: wp.int32,
-               jumps: wp.array(dtype=wp.uint8)):
+def find_jumps(
+    p: wp.array(dtype=wp.float32), lens: Lens, chunk: wp.int32, jumps: wp.array(dtype=wp.uint8)
+):
     """Flag the depth jumps to the right of (1) and below (2) every pixel."""
     n, y, c = wp.tid()
     x = c * chunk
@@ -130,18 +140,33 @@ def find_jumps(p: wp.array(dtype=wp.float32), lens: Lens, chunk: wp.int32,
     while x < end:
         i = row + x
         here = at(p, i)
-        across = is_jump(at(p, i - 1), here, at(p, i + 1), at(p, i + 2), lens.jump_share,
-                         lens.steep_share)
-        down = is_jump(at(p, i - pitch), here, at(p, i + pitch), at(p, i + 2 * pitch),
-                       lens.jump_share, lens.steep_share)
-        put_byte(jumps, i, (wp.where(across and x < last, _ROW, _NONE)
-                            | wp.where(down, below, _NONE)))
+        across = is_jump(
+            at(p, i - 1), here, at(p, i + 1), at(p, i + 2), lens.jump_share, lens.steep_share
+        )
+        down = is_jump(
+            at(p, i - pitch),
+            here,
+            at(p, i + pitch),
+            at(p, i + 2 * pitch),
+            lens.jump_share,
+            lens.steep_share,
+        )
+        put_byte(
+            jumps, i, (wp.where(across and x < last, _ROW, _NONE) | wp.where(down, below, _NONE))
+        )
         x += 1
 
 
 @wp.func
-def slope(p2: wp.float32, p1: wp.float32, p0: wp.float32, n1: wp.float32, n2: wp.float32,
-          jump_before: wp.bool, jump_after: wp.bool) -> wp.float32:
+def slope(
+    p2: wp.float32,
+    p1: wp.float32,
+    p0: wp.float32,
+    n1: wp.float32,
+    n2: wp.float32,
+    jump_before: wp.bool,
+    jump_after: wp.bool,
+) -> wp.float32:
     """Return the slope of inverse depth at the middle of five pixels in a line."""
     before = p0 - p1
     after = n1 - p0
@@ -155,8 +180,9 @@ def slope(p2: wp.float32, p1: wp.float32, p0: wp.float32, n1: wp.float32, n2: wp
 
 
 @wp.func
-def slopes(p: wp.array(dtype=wp.float32), jumps: wp.array(dtype=wp.uint8), lens: Lens,
-           i: wp.int32) -> wp.vec2f:
+def slopes(
+    p: wp.array(dtype=wp.float32), jumps: wp.array(dtype=wp.uint8), lens: Lens, i: wp.int32
+) -> wp.vec2f:
     """Return the slopes of inverse depth along the row and the column, 1/m a pixel."""
     pitch = lens.width + BORDER
     here = at(p, i)
@@ -166,18 +192,36 @@ def slopes(p: wp.array(dtype=wp.float32), jumps: wp.array(dtype=wp.uint8), lens:
     below = at(p, i + pitch)
     own = at_byte(jumps, i)
     # Where a line ends there is nothing to take a slope to.
-    du = slope(at(p, i - 2), left, here, right, at(p, i + 2),
-               left <= 0.0 or (at_byte(jumps, i - 1) & _ROW) != _NONE,
-               right <= 0.0 or (own & _ROW) != _NONE)
-    dv = slope(at(p, i - 2 * pitch), above, here, below, at(p, i + 2 * pitch),
-               above <= 0.0 or (at_byte(jumps, i - pitch) & _COLUMN) != _NONE,
-               below <= 0.0 or (own & _COLUMN) != _NONE)
+    du = slope(
+        at(p, i - 2),
+        left,
+        here,
+        right,
+        at(p, i + 2),
+        left <= 0.0 or (at_byte(jumps, i - 1) & _ROW) != _NONE,
+        right <= 0.0 or (own & _ROW) != _NONE,
+    )
+    dv = slope(
+        at(p, i - 2 * pitch),
+        above,
+        here,
+        below,
+        at(p, i + 2 * pitch),
+        above <= 0.0 or (at_byte(jumps, i - pitch) & _COLUMN) != _NONE,
+        below <= 0.0 or (own & _COLUMN) != _NONE,
+    )
     return wp.vec2f(du, dv)
 
 
 @wp.func
-def cos_incidence(p: wp.array(dtype=wp.float32), jumps: wp.array(dtype=wp.uint8), lens: Lens,
-                  i: wp.int32, y: wp.int32, x: wp.int32) -> wp.float32:
+def cos_incidence(
+    p: wp.array(dtype=wp.float32),
+    jumps: wp.array(dtype=wp.uint8),
+    lens: Lens,
+    i: wp.int32,
+    y: wp.int32,
+    x: wp.int32,
+) -> wp.float32:
     """Return the cosine between a pixel's ray and its surface's normal; 1 where nothing is."""
     here = at(p, i)
     d = slopes(p, jumps, lens, i)
@@ -193,8 +237,7 @@ def cos_incidence(p: wp.array(dtype=wp.float32), jumps: wp.array(dtype=wp.uint8)
 
 
 @wp.func
-def model_sigma(noise: Noise, lens: Lens, inverse: wp.float32,
-                cosine: wp.float32) -> wp.float32:
+def model_sigma(noise: Noise, lens: Lens, inverse: wp.float32, cosine: wp.float32) -> wp.float32:
     """Return sigma_z, metres; 0 where nothing is."""
     z = wp.where(inverse > 0.0, 1.0 / inverse, 1.0)
     theta = wp.min(arccos(cosine), lens.cap)
@@ -204,9 +247,16 @@ def model_sigma(noise: Noise, lens: Lens, inverse: wp.float32,
 
 
 @wp.kernel
-def describe(p: wp.array(dtype=wp.float32), jumps: wp.array(dtype=wp.uint8), lens: Lens,
-             first: wp.int32, chunk: wp.int32, noises: wp.array(dtype=Noise),
-             cosine: wp.array(dtype=wp.float32), sigma: wp.array(dtype=wp.float32)):
+def describe(
+    p: wp.array(dtype=wp.float32),
+    jumps: wp.array(dtype=wp.uint8),
+    lens: Lens,
+    first: wp.int32,
+    chunk: wp.int32,
+    noises: wp.array(dtype=Noise),
+    cosine: wp.array(dtype=wp.float32),
+    sigma: wp.array(dtype=wp.float32),
+):
     """Write the cosine of the incidence angle and sigma_z of every pixel, for effects."""
     n, y, c = wp.tid()
     noise = noises[first + n]
@@ -222,8 +272,16 @@ def describe(p: wp.array(dtype=wp.float32), jumps: wp.array(dtype=wp.uint8), len
 
 
 @wp.func
-def noisy(p: wp.array(dtype=wp.float32), jumps: wp.array(dtype=wp.uint8), noise: Noise,
-          lens: Lens, n: wp.int32, y: wp.int32, x: wp.int32, normal: wp.float32) -> wp.float32:
+def noisy(
+    p: wp.array(dtype=wp.float32),
+    jumps: wp.array(dtype=wp.uint8),
+    noise: Noise,
+    lens: Lens,
+    n: wp.int32,
+    y: wp.int32,
+    x: wp.int32,
+    normal: wp.float32,
+) -> wp.float32:
     """Return what is seen of the surface at a pixel, with axial noise."""
     i = padded(lens, n, y, x)
     inverse = at(p, i)
@@ -241,8 +299,13 @@ def blocks_of(pixels: wp.int32) -> wp.int32:
 
 
 @wp.kernel
-def draw_normals(pixels: wp.int32, first: wp.int32, keys: wp.array(dtype=wp.vec2ui),
-                 stamps: wp.array(dtype=wp.int64), out: wp.array(dtype=wp.float32)):
+def draw_normals(
+    pixels: wp.int32,
+    first: wp.int32,
+    keys: wp.array(dtype=wp.vec2ui),
+    stamps: wp.array(dtype=wp.int64),
+    out: wp.array(dtype=wp.float32),
+):
     """Write one frame's normals; ``out`` has room for whole blocks of four."""
     n = wp.tid()
     key = keys[first + n]
@@ -261,9 +324,15 @@ def draw_normals(pixels: wp.int32, first: wp.int32, keys: wp.array(dtype=wp.vec2
 
 
 @wp.kernel
-def observe_rows(p: wp.array(dtype=wp.float32), jumps: wp.array(dtype=wp.uint8), lens: Lens,
-                 first: wp.int32, noises: wp.array(dtype=Noise),
-                 normals: wp.array(dtype=wp.float32), out: wp.array(dtype=wp.float32)):
+def observe_rows(
+    p: wp.array(dtype=wp.float32),
+    jumps: wp.array(dtype=wp.uint8),
+    lens: Lens,
+    first: wp.int32,
+    noises: wp.array(dtype=Noise),
+    normals: wp.array(dtype=wp.float32),
+    out: wp.array(dtype=wp.float32),
+):
     """Write a row of the frame, as if no edge had moved. For the CPU."""
     n, y = wp.tid()
     noise = noises[first + n]
@@ -278,10 +347,16 @@ def observe_rows(p: wp.array(dtype=wp.float32), jumps: wp.array(dtype=wp.uint8),
 
 
 @wp.kernel
-def observe_blocks(p: wp.array(dtype=wp.float32), jumps: wp.array(dtype=wp.uint8), lens: Lens,
-                   first: wp.int32, noises: wp.array(dtype=Noise),
-                   keys: wp.array(dtype=wp.vec2ui), stamps: wp.array(dtype=wp.int64),
-                   out: wp.array(dtype=wp.float32)):
+def observe_blocks(
+    p: wp.array(dtype=wp.float32),
+    jumps: wp.array(dtype=wp.uint8),
+    lens: Lens,
+    first: wp.int32,
+    noises: wp.array(dtype=Noise),
+    keys: wp.array(dtype=wp.vec2ui),
+    stamps: wp.array(dtype=wp.int64),
+    out: wp.array(dtype=wp.float32),
+):
     """Write four pixels that share a counter, as if no edge had moved. For CUDA."""
     n, block = wp.tid()
     noise = noises[first + n]
@@ -291,8 +366,11 @@ def observe_blocks(p: wp.array(dtype=wp.float32), jumps: wp.array(dtype=wp.uint8
     x = 4 * block - y * lens.width
     for k in range(4):
         if y < lens.height:
-            put(out, (first + n) * pixels + 4 * block + k,
-                noisy(p, jumps, noise, lens, n, y, x, four[k]))
+            put(
+                out,
+                (first + n) * pixels + 4 * block + k,
+                noisy(p, jumps, noise, lens, n, y, x, four[k]),
+            )
         x += 1
         if x == lens.width:
             x = 0
@@ -300,11 +378,20 @@ def observe_blocks(p: wp.array(dtype=wp.float32), jumps: wp.array(dtype=wp.uint8
 
 
 @wp.kernel
-def observe_moved(p: wp.array(dtype=wp.float32), jumps: wp.array(dtype=wp.uint8), lens: Lens,
-                  first: wp.int32, threads: wp.int32, noises: wp.array(dtype=Noise),
-                  keys: wp.array(dtype=wp.vec2ui), stamps: wp.array(dtype=wp.int64),
-                  moved: wp.array(dtype=wp.uint16), moved_pixels: wp.array(dtype=wp.int32),
-                  pixel_list: wp.array(dtype=wp.int32), out: wp.array(dtype=wp.float32)):
+def observe_moved(
+    p: wp.array(dtype=wp.float32),
+    jumps: wp.array(dtype=wp.uint8),
+    lens: Lens,
+    first: wp.int32,
+    threads: wp.int32,
+    noises: wp.array(dtype=Noise),
+    keys: wp.array(dtype=wp.vec2ui),
+    stamps: wp.array(dtype=wp.int64),
+    moved: wp.array(dtype=wp.uint16),
+    moved_pixels: wp.array(dtype=wp.int32),
+    pixel_list: wp.array(dtype=wp.int32),
+    out: wp.array(dtype=wp.float32),
+):
     """Write again the few pixels that see another surface, and forget that they do."""
     n, thread = wp.tid()
     noise = noises[first + n]
@@ -320,9 +407,20 @@ def observe_moved(p: wp.array(dtype=wp.float32), jumps: wp.array(dtype=wp.uint8)
         x = pixel - y * lens.width
         if offset != 0:
             four = four_normals(counter_of(pixel / 4, AXIAL, stamps[first + n]), keys[first + n])
-            put(out, (first + n) * pixels + pixel,
-                noisy(p, jumps, noise, lens, n, y + offset * column, x + offset * (1 - column),
-                      one_of(four, pixel % 4)))
+            put(
+                out,
+                (first + n) * pixels + pixel,
+                noisy(
+                    p,
+                    jumps,
+                    noise,
+                    lens,
+                    n,
+                    y + offset * column,
+                    x + offset * (1 - column),
+                    one_of(four, pixel % 4),
+                ),
+            )
         entry += threads
 
 

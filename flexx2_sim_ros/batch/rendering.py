@@ -10,8 +10,8 @@ from typing import Any, Protocol
 from flexx2_sim_ros.batch import robot_kernels
 from flexx2_sim_ros.camera import Intrinsics
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.go1.rendering import open_renderer
-from flexx2_sim_ros.go1.robot import find_robot
+from flexx2_sim_ros.rendering.renderer import open_renderer
+from flexx2_sim_ros.robots.robot import find_robot
 import mujoco
 import numpy as np
 import warp as wp
@@ -50,8 +50,14 @@ class BatchRenderer(Protocol):
         """
 
 
-def open_batch_renderer(model: mujoco.MjModel, cameras: tuple[str, ...], intrinsics: Intrinsics,
-                        num_envs: int, device: Any, backend: str = 'auto') -> BatchRenderer:
+def open_batch_renderer(
+    model: mujoco.MjModel,
+    cameras: tuple[str, ...],
+    intrinsics: Intrinsics,
+    num_envs: int,
+    device: Any,
+    backend: str = 'auto',
+) -> BatchRenderer:
     """
     Open the best renderer there is.
 
@@ -84,8 +90,10 @@ def open_batch_renderer(model: mujoco.MjModel, cameras: tuple[str, ...], intrins
         raise InputError(f'renderer: found {backend!r}, wanted one of {", ".join(BACKENDS)}')
     installed = importlib.util.find_spec('mujoco_warp') is not None
     if backend == 'mujoco-warp' and not installed:
-        raise InputError('renderer: mujoco-warp is not installed, wanted it (pip install '
-                         'mujoco-warp) or another one')
+        raise InputError(
+            'renderer: mujoco-warp is not installed, wanted it (pip install '
+            'mujoco-warp) or another one'
+        )
     scene = copy.copy(model)
     scene.geom_group[find_robot(model).geoms] = 5
     if backend == 'mujoco-warp' or (backend == 'auto' and installed and device.is_cuda):
@@ -96,14 +104,22 @@ def open_batch_renderer(model: mujoco.MjModel, cameras: tuple[str, ...], intrins
 class _InThreads:
     """MuJoCo's own renderers: rays in as many threads as there are cores, OpenGL in one."""
 
-    def __init__(self, model: mujoco.MjModel, cameras: tuple[str, ...], intrinsics: Intrinsics,
-                 num_envs: int, device: Any, backend: str) -> None:
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        cameras: tuple[str, ...],
+        intrinsics: Intrinsics,
+        num_envs: int,
+        device: Any,
+        backend: str,
+    ) -> None:
         self._model, self._cameras = model, cameras
         first = open_renderer(model, intrinsics, backend)
         self.backend = first.backend
         cores = len(os.sched_getaffinity(0)) if self.backend == 'ray' else 1
-        self._renderers = [first] + [open_renderer(model, intrinsics, self.backend)
-                                     for _ in range(cores - 1)]
+        self._renderers = [first] + [
+            open_renderer(model, intrinsics, self.backend) for _ in range(cores - 1)
+        ]
         self._data = [mujoco.MjData(model) for _ in self._renderers]
         shape = (num_envs, intrinsics.height, intrinsics.width)
         self._images = [np.empty(shape, np.float32) for _ in cameras]
@@ -117,6 +133,7 @@ class _InThreads:
                 mujoco.mj_forward(self._model, data)
                 for camera, image in zip(self._cameras, self._images, strict=True):
                     image[env] = self._renderers[worker].render(data, camera)[0]
+
         if len(self._renderers) == 1:
             some(0)  # OpenGL belongs to the thread that opened it.
         else:
@@ -133,8 +150,14 @@ class _OnDevice:
 
     backend = 'mujoco-warp'
 
-    def __init__(self, model: mujoco.MjModel, cameras: tuple[str, ...], intrinsics: Intrinsics,
-                 num_envs: int, device: Any) -> None:
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        cameras: tuple[str, ...],
+        intrinsics: Intrinsics,
+        num_envs: int,
+        device: Any,
+    ) -> None:
         self._mjw = mjw = importlib.import_module('mujoco_warp')
         self._shape = (num_envs, intrinsics.height, intrinsics.width)
         self._device = device
@@ -142,9 +165,14 @@ class _OnDevice:
             self._model = mjw.put_model(model)
             self._data = mjw.make_data(model, nworld=num_envs)
             self._context = mjw.create_render_context(
-                model, nworld=num_envs, cam_res=(intrinsics.width, intrinsics.height),
-                render_rgb=False, render_depth=True, use_textures=False,
-                cam_active=list(cameras))
+                model,
+                nworld=num_envs,
+                cam_res=(intrinsics.width, intrinsics.height),
+                render_rgb=False,
+                render_depth=True,
+                use_textures=False,
+                cam_active=list(cameras),
+            )
             self._offsets = self._context.depth_adr.numpy().tolist()
             self._images = [wp.empty(self._shape, dtype=wp.float32) for _ in cameras]
 
@@ -158,6 +186,9 @@ class _OnDevice:
             mjw.refit_bvh(self._model, self._data, self._context)
             mjw.render(self._model, self._data, self._context)
             for index, image in enumerate(self._images):
-                wp.launch(robot_kernels.unpack, image.shape,
-                          [self._context.depth_data, self._offsets[index], image])
+                wp.launch(
+                    robot_kernels.unpack,
+                    image.shape,
+                    [self._context.depth_data, self._offsets[index], image],
+                )
         return self._images

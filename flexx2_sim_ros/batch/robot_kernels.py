@@ -7,32 +7,47 @@ wp.set_module_options(OPTIONS)
 
 
 @wp.kernel
-def add_points(depth: wp.array3d(dtype=wp.float32), focal: wp.vec2f, centre: wp.vec2f,
-               position: wp.array(dtype=wp.vec3f), rotation: wp.array(dtype=wp.mat33f),
-               first: wp.vec2f, pitch: wp.float32, reach: wp.float32,
-               total: wp.array3d(dtype=wp.float32), count: wp.array3d(dtype=wp.float32)):
+def add_points(
+    depth: wp.array3d(dtype=wp.float32),
+    focal: wp.vec2f,
+    centre: wp.vec2f,
+    position: wp.array(dtype=wp.vec3f),
+    rotation: wp.array(dtype=wp.mat33f),
+    first: wp.vec2f,
+    pitch: wp.float32,
+    reach: wp.float32,
+    total: wp.array3d(dtype=wp.float32),
+    count: wp.array3d(dtype=wp.float32),
+):
     """Add the point of a pixel to the cell it lies in, if it lies near the middle."""
     n, v, u = wp.tid()
     z = depth[n, v, u]
     if not z > 0.0:
         return
-    ray = wp.vec3f((wp.float32(u) - centre[0]) / focal[0],
-                   (wp.float32(v) - centre[1]) / focal[1], 1.0)
+    ray = wp.vec3f(
+        (wp.float32(u) - centre[0]) / focal[0], (wp.float32(v) - centre[1]) / focal[1], 1.0
+    )
     point = position[n] + rotation[n] * (z * ray)
     i = wp.int32(wp.rint((point[0] - first[0]) / pitch))
     j = wp.int32(wp.rint((point[1] - first[1]) / pitch))
     if i < 0 or j < 0 or i >= total.shape[1] or j >= total.shape[2]:
         return
-    across = wp.max(wp.abs(point[0] - first[0] - wp.float32(i) * pitch),
-                    wp.abs(point[1] - first[1] - wp.float32(j) * pitch))
+    across = wp.max(
+        wp.abs(point[0] - first[0] - wp.float32(i) * pitch),
+        wp.abs(point[1] - first[1] - wp.float32(j) * pitch),
+    )
     if across <= reach:
         wp.atomic_add(total, n, i, j, point[2])
         wp.atomic_add(count, n, i, j, 1.0)
 
 
 @wp.kernel
-def mean(total: wp.array3d(dtype=wp.float32), count: wp.array3d(dtype=wp.float32),
-         least: wp.float32, out: wp.array3d(dtype=wp.float32)):
+def mean(
+    total: wp.array3d(dtype=wp.float32),
+    count: wp.array3d(dtype=wp.float32),
+    least: wp.float32,
+    out: wp.array3d(dtype=wp.float32),
+):
     """Write the mean height in a cell, NaN below ``least`` points."""
     n, i, j = wp.tid()
     seen = count[n, i, j]
@@ -40,8 +55,9 @@ def mean(total: wp.array3d(dtype=wp.float32), count: wp.array3d(dtype=wp.float32
 
 
 @wp.kernel
-def unpack(images: wp.array2d(dtype=wp.float32), offset: wp.int32,
-           out: wp.array3d(dtype=wp.float32)):
+def unpack(
+    images: wp.array2d(dtype=wp.float32), offset: wp.int32, out: wp.array3d(dtype=wp.float32)
+):
     """Take one camera's images out of what all cameras of an environment see."""
     n, v, u = wp.tid()
     out[n, v, u] = images[n, offset + v * out.shape[2] + u]

@@ -36,14 +36,18 @@ def noisy_depth(base: type = object) -> type:
             'camera': {'usecase': 'Mode_5_30fps', 'effects': {'heavy_tails': None}}})
 
     """
+
     class NoisyDepth(base):  # type: ignore[misc]
         """Clean depth in, what a Flexx2 would have seen out."""
 
         def __init__(self, cfg: Any, env: Any) -> None:
             if base is not object:
                 super().__init__(cfg, env)
-            options = {'invalid_value': 'zero', 'device': str(env.device),
-                       **cfg.params.get('camera', {})}
+            options = {
+                'invalid_value': 'zero',
+                'device': str(env.device),
+                **cfg.params.get('camera', {}),
+            }
             self._noise = BatchCamera(env.num_envs, **options)
             self._like: Any = None
 
@@ -58,8 +62,11 @@ def noisy_depth(base: type = object) -> type:
             if self._like is not None:
                 # A mask on the images' device, so that nothing waits for it.
                 size = self._noise.num_envs
-                mask = (self._like.new_zeros(size).bool() if hasattr(self._like, 'new_zeros')
-                        else np.zeros(size, bool))
+                mask = (
+                    self._like.new_zeros(size).bool()
+                    if hasattr(self._like, 'new_zeros')
+                    else np.zeros(size, bool)
+                )
                 mask[slice(None) if env_ids is None else env_ids] = True
                 self._noise.reset(mask)
 

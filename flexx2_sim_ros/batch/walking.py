@@ -4,10 +4,10 @@ from dataclasses import dataclass
 import math
 
 from flexx2_sim_ros.batch.height_grid import AHEAD, LEFT
-from flexx2_sim_ros.go1 import gait
-from flexx2_sim_ros.go1.ground import SceneGround
-from flexx2_sim_ros.go1.kinematics import rotation
-from flexx2_sim_ros.go1.robot import find_robot
+from flexx2_sim_ros.rendering.ground import SceneGround
+from flexx2_sim_ros.robots import gait
+from flexx2_sim_ros.robots.kinematics import rotation
+from flexx2_sim_ros.robots.robot import find_robot
 import mujoco
 import numpy as np
 
@@ -38,8 +38,15 @@ class Walk:
     heights: np.ndarray
 
 
-def walk(model: mujoco.MjModel, cameras: tuple[str, ...], num_envs: int, frames: int,
-         interval: float, speed: float = 0.7, seed: int = 0) -> Walk:
+def walk(
+    model: mujoco.MjModel,
+    cameras: tuple[str, ...],
+    num_envs: int,
+    frames: int,
+    interval: float,
+    speed: float = 0.7,
+    seed: int = 0,
+) -> Walk:
     """
     Let robots walk straight ahead, from random places on the scene's way along x.
 

@@ -8,14 +8,15 @@ user's cache folder, or in ``NUMBA_CACHE_DIR``.
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from flexx2_sim_ros.camera.geometry import View
-from flexx2_sim_ros.camera.intrinsics import Intrinsics
-from flexx2_sim_ros.camera.pipeline import Camera
+from flexx2_sim_ros.camera.camera import Camera
+from flexx2_sim_ros.physics.geometry import View
+from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from numba.core.event import Event, install_listener, Listener
 import numpy as np
 
 
 class _FirstTime(Listener):
+    """Say something when the first kernel is compiled."""
 
     def __init__(self, say: Callable[[], None]) -> None:
         self._say: Callable[[], None] | None = say
@@ -62,6 +63,7 @@ def warm_up(camera: Camera, intrinsics: Intrinsics) -> None:
     scene[: intrinsics.height // 2] = 2.0
     # Effects remember: hence a camera of its own.
     Camera(camera.usecase, profile=camera.profile, effects=camera.effects).capture(
-        np.stack([scene, scene * np.float32(1.01)]), intrinsics.matrix, np.arange(2) * 10 ** 7)
+        np.stack([scene, scene * np.float32(1.01)]), intrinsics.matrix, np.arange(2) * 10**7
+    )
     other = Intrinsics(8, 8, 4.0, 4.0, 3.5, 3.5)
     View(intrinsics, other).depth(np.ones((8, 8), np.float32))

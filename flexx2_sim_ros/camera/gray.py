@@ -1,6 +1,6 @@
 """The camera's gray image."""
 
-from flexx2_sim_ros.camera.modes import camera_config
+from flexx2_sim_ros.profiles.modes import camera_config
 import numpy as np
 
 

@@ -10,5 +10,11 @@ from flexx2_sim_ros.characterize.analysis import Characterization, characterize,
 from flexx2_sim_ros.characterize.assumptions import check_assumptions, Finding
 from flexx2_sim_ros.characterize.export import to_profile
 
-__all__ = ['Characterization', 'Finding', 'ModeResult', 'characterize', 'check_assumptions',
-           'to_profile']
+__all__ = [
+    'Characterization',
+    'Finding',
+    'ModeResult',
+    'characterize',
+    'check_assumptions',
+    'to_profile',
+]

@@ -31,8 +31,9 @@ class AmplitudeCounts:
         return AmplitudeCounts(self.pixels + other.pixels, self.invalid + other.invalid)
 
 
-def count_invalid(amplitude: np.ndarray, valid: np.ndarray,
-                  edges: np.ndarray = EDGES) -> AmplitudeCounts:
+def count_invalid(
+    amplitude: np.ndarray, valid: np.ndarray, edges: np.ndarray = EDGES
+) -> AmplitudeCounts:
     """
     Count pixels and invalid pixels by amplitude.
 
@@ -49,8 +50,10 @@ def count_invalid(amplitude: np.ndarray, valid: np.ndarray,
     index = np.searchsorted(edges, amplitude.ravel(), side='right') - 1
     inside = (index >= 0) & (index < len(edges) - 1) & (amplitude.ravel() > 0)
     size = len(edges) - 1
-    return AmplitudeCounts(np.bincount(index[inside], minlength=size),
-                           np.bincount(index[inside & ~valid.ravel()], minlength=size))
+    return AmplitudeCounts(
+        np.bincount(index[inside], minlength=size),
+        np.bincount(index[inside & ~valid.ravel()], minlength=size),
+    )
 
 
 @dataclass(frozen=True)
@@ -87,8 +90,13 @@ def sigma_against(tiles: Tiles, edges: np.ndarray = EDGES) -> AmplitudeCurve:
     for number in np.unique(index[known]):
         here = known & (index == number)
         if here.sum() >= _FEWEST_TILES:
-            rows.append((np.sqrt(edges[number] * edges[number + 1]),
-                         np.sqrt(np.median(tiles.variance[here])), here.sum()))
+            rows.append(
+                (
+                    np.sqrt(edges[number] * edges[number + 1]),
+                    np.sqrt(np.median(tiles.variance[here])),
+                    here.sum(),
+                )
+            )
     table = np.array(rows).reshape(-1, 3)
     exponent = float('nan')
     above = table[table[:, 1] > _ABOVE_FLOOR * table[:, 1].min(initial=np.inf)]

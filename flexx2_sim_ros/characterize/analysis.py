@@ -7,13 +7,13 @@ from functools import partial
 import math
 from pathlib import Path
 
-from flexx2_sim_ros.camera.intrinsics import Intrinsics
 from flexx2_sim_ros.characterize.axial import AxialFit, fit_axial
 from flexx2_sim_ros.characterize.divergence import gaussian_kl
 from flexx2_sim_ros.characterize.lateral import Edge
 from flexx2_sim_ros.characterize.measure import measure, Measurement
 from flexx2_sim_ros.characterize.workers import in_processes
 from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from flexx2_sim_ros.recording.folders import find_recordings
 import numpy as np
 
@@ -141,13 +141,19 @@ class Characterization:
     @property
     def intrinsics(self) -> Intrinsics:
         """Return the camera's; of crops, the smallest image that holds them all."""
-        views = np.array([(*m.K[:2, 2], *(np.array(m.size) - m.K[:2, 2]))
-                          for mode in self.modes for m in mode.measurements])
+        views = np.array(
+            [
+                (*m.K[:2, 2], *(np.array(m.size) - m.K[:2, 2]))
+                for mode in self.modes
+                for m in mode.measurements
+            ]
+        )
         left, top, right, bottom = views.max(axis=0).tolist()
         first = self.modes[0].measurements[0]
         matrix = np.array([[first.K[0, 0], 0.0, left], [0.0, first.K[1, 1], top], [0.0, 0.0, 1.0]])
-        return Intrinsics.from_matrix(matrix, round(left + right), round(top + bottom),
-                                      first.distortion)
+        return Intrinsics.from_matrix(
+            matrix, round(left + right), round(top + bottom), first.distortion
+        )
 
     @property
     def cropped(self) -> bool:
@@ -159,10 +165,14 @@ class Characterization:
         return next(mode for mode in self.modes if mode.usecase == usecase)
 
 
-def characterize(folder: Path, *, box: tuple[int, int, int, int] | None = None,
-                 camera: str | None = None, workers: int = 1,
-                 on_done: Callable[[int, int], None] = lambda done, total: None,
-                 ) -> Characterization:
+def characterize(
+    folder: Path,
+    *,
+    box: tuple[int, int, int, int] | None = None,
+    camera: str | None = None,
+    workers: int = 1,
+    on_done: Callable[[int, int], None] = lambda done, total: None,
+) -> Characterization:
     """
     Analyse a folder of recordings.
 
@@ -202,10 +212,14 @@ def characterize(folder: Path, *, box: tuple[int, int, int, int] | None = None,
     measured.sort(key=lambda m: (m.usecase, m.label, str(m.path)))
     kept = _agreeing(measured, left_out)
     if not kept:
-        raise InputError(f'{folder}: none of its {len(paths)} recordings can be used:\n  '
-                         + '\n  '.join(sorted(left_out)))
-    modes = tuple(evaluate(usecase, [m for m in kept if m.usecase == usecase])
-                  for usecase in sorted({m.usecase for m in kept}))
+        raise InputError(
+            f'{folder}: none of its {len(paths)} recordings can be used:\n  '
+            + '\n  '.join(sorted(left_out))
+        )
+    modes = tuple(
+        evaluate(usecase, [m for m in kept if m.usecase == usecase])
+        for usecase in sorted({m.usecase for m in kept})
+    )
     return Characterization(folder, modes, tuple(sorted(left_out)))
 
 
@@ -213,16 +227,18 @@ def _agreeing(measured: list[Measurement], left_out: list[str]) -> list[Measurem
     """Keep the recordings of one camera; add to `left_out` why the others are not kept."""
     single = sum(m.spatial for m in measured) > len(measured) / 2
     common = _common(measured)
-    number = sum(_view(m)[:len(common)] == common for m in measured)
+    number = sum(_view(m)[: len(common)] == common for m in measured)
     kept = []
     for m in measured:
-        if _view(m)[:len(common)] != common:
+        if _view(m)[: len(common)] != common:
             left_out.append(
                 f'{m.path}: K: found {_describe(_view(m))}, wanted {_describe(common)} as '
-                f'{number} of the {len(measured)} recordings have')
+                f'{number} of the {len(measured)} recordings have'
+            )
         elif m.spatial and not single:
-            left_out.append(f'{m.path}: depth: found 1 frame, wanted several as most of the '
-                            'recordings have')
+            left_out.append(
+                f'{m.path}: depth: found 1 frame, wanted several as most of the recordings have'
+            )
         else:
             kept.append(m)
     return kept
@@ -256,8 +272,13 @@ def evaluate(usecase: str, measurements: list[Measurement]) -> ModeResult:
     axial = fit_axial([m.tiles for m in several])
     sigmas = np.array([edge.sigma for m in several for edge in m.edges])
     sigma_x = float(np.percentile(sigmas, LATERAL_PERCENTILE)) if sigmas.size else math.nan
-    return ModeResult(usecase, axial, sigma_x, _percentile_error(sigmas),
-                      tuple(_cell(m, axial, sigma_x) for m in several))
+    return ModeResult(
+        usecase,
+        axial,
+        sigma_x,
+        _percentile_error(sigmas),
+        tuple(_cell(m, axial, sigma_x) for m in several),
+    )
 
 
 def _percentile_error(sigmas: np.ndarray) -> float:
@@ -274,14 +295,21 @@ def _cell(measurement: Measurement, axial: AxialFit, sigma_x: float) -> Cell:
 
     def mean(values: np.ndarray) -> float:
         return float(np.average(values, weights=tiles.pixels))
+
     # A sigma of 0 (a fit that went negative there) has no divergence.
     with np.errstate(divide='ignore', invalid='ignore'):
         kl = mean(gaussian_kl(tiles.variance, tiles.mean_square, tiles.log_variance, sigma))
     edges = [edge for edge in measurement.edges if edge.frames > 1]
     lateral = None
     if edges and sigma_x > 0:
-        raw = [float(gaussian_kl(e.variance, e.mean_square, e.log_variance, sigma_x))
-               for e in edges]
+        raw = [
+            float(gaussian_kl(e.variance, e.mean_square, e.log_variance, sigma_x)) for e in edges
+        ]
         lateral = Divergence(float(np.mean(raw)), float(np.mean([e.floor for e in edges])))
-    return Cell(measurement, math.sqrt(mean(tiles.variance)), math.sqrt(mean(sigma ** 2)),
-                Divergence(kl, mean(tiles.floor)), lateral)
+    return Cell(
+        measurement,
+        math.sqrt(mean(tiles.variance)),
+        math.sqrt(mean(sigma**2)),
+        Divergence(kl, mean(tiles.floor)),
+        lateral,
+    )

@@ -11,16 +11,16 @@ import numpy as np
 # From here on a deviation matters to somebody who simulates the camera (design).
 _CORRELATION = 0.04
 _INVALID = 0.008
-_BIAS_SHARE = 0.10      # of sigma_z
+_BIAS_SHARE = 0.10  # of sigma_z
 _VARIANCE_SHARE = 0.10  # of sigma_z squared
 _SKEWNESS = 0.1
 _KURTOSIS = 0.2
 _EDGE_KURTOSIS = 0.5
-_EDGE_SPREAD = 0.10     # of sigma_x
-_TAPE = 0.010           # metres, of the paper's tape
-_FACING = 7.5           # degrees: recordings at "0 degrees"
-_FEWEST_FRAMES = 20     # for anything about time or tails
-_SURE = 5.0             # standard errors
+_EDGE_SPREAD = 0.10  # of sigma_x
+_TAPE = 0.010  # metres, of the paper's tape
+_FACING = 7.5  # degrees: recordings at "0 degrees"
+_FEWEST_FRAMES = 20  # for anything about time or tails
+_SURE = 5.0  # standard errors
 
 
 @dataclass(frozen=True)
@@ -69,9 +69,11 @@ def _form(mode: ModeResult) -> tuple[bool | None, str]:
     if mode.axial.freedom < 1:
         return None, f'{len(mode.cells)} recordings, no more than coefficients'
     worst = max(mode.cells, key=lambda cell: abs(math.log(cell.sigma / cell.modelled)))
-    return (2 * mode.axial.scatter < _VARIANCE_SHARE,
-            f'recordings deviate from the fit by {mode.axial.scatter:.1%} (root mean square), '
-            f'{_where(worst.measurement)} by {worst.sigma / worst.modelled - 1:+z.1%}')
+    return (
+        2 * mode.axial.scatter < _VARIANCE_SHARE,
+        f'recordings deviate from the fit by {mode.axial.scatter:.1%} (root mean square), '
+        f'{_where(worst.measurement)} by {worst.sigma / worst.modelled - 1:+z.1%}',
+    )
 
 
 def _facing(mode: ModeResult) -> tuple[bool | None, str]:
@@ -82,38 +84,51 @@ def _facing(mode: ModeResult) -> tuple[bool | None, str]:
 
     def mean(cells: list[Cell], value: Callable[[Cell], float]) -> float:
         return float(np.mean([value(cell) for cell in cells]))
+
     ratio = mean(facing, lambda c: (c.sigma / c.modelled) ** 2)
     divergence = [mean(cells, lambda c: c.axial.debiased) for cells in (facing, others)]
     invalid = [mean(cells, lambda c: c.measurement.pixels.invalid) for cells in (facing, others)]
-    holds = (abs(math.log(ratio)) < _VARIANCE_SHARE and invalid[0] - invalid[1] < _INVALID
-             and divergence[0] - divergence[1] < _VARIANCE_SHARE ** 2)
-    return holds, (f'at 0 degrees sigma_z is {math.sqrt(ratio):.3f} of the model, divergence '
-                   f'{divergence[0]:z.4f} nats (elsewhere {divergence[1]:z.4f}), invalid '
-                   f'{invalid[0]:.2%} (elsewhere {invalid[1]:.2%})')
+    holds = (
+        abs(math.log(ratio)) < _VARIANCE_SHARE
+        and invalid[0] - invalid[1] < _INVALID
+        and divergence[0] - divergence[1] < _VARIANCE_SHARE**2
+    )
+    return holds, (
+        f'at 0 degrees sigma_z is {math.sqrt(ratio):.3f} of the model, divergence '
+        f'{divergence[0]:z.4f} nats (elsewhere {divergence[1]:z.4f}), invalid '
+        f'{invalid[0]:.2%} (elsewhere {invalid[1]:.2%})'
+    )
 
 
 def _time(mode: ModeResult) -> tuple[bool | None, str]:
-    return _correlated(mode, lambda m: m.pixels.lag, 'correlation with the next frame',
-                       _several(mode))
+    return _correlated(
+        mode, lambda m: m.pixels.lag, 'correlation with the next frame', _several(mode)
+    )
 
 
 def _neighbours(mode: ModeResult) -> tuple[bool | None, str]:
     measured = mode.measurements if mode.spatial else _several(mode)
-    holds, text = _correlated(mode, lambda m: 0.5 * (m.pixels.right + m.pixels.down),
-                              'correlation with the next pixel', measured)
+    holds, text = _correlated(
+        mode,
+        lambda m: 0.5 * (m.pixels.right + m.pixels.down),
+        'correlation with the next pixel',
+        measured,
+    )
     return holds, text + (' (of what one frame leaves of a plane)' if mode.spatial else '')
 
 
-def _correlated(mode: ModeResult, value: Callable[[Measurement], float], what: str,
-                measured: list[Measurement]) -> tuple[bool | None, str]:
+def _correlated(
+    mode: ModeResult, value: Callable[[Measurement], float], what: str, measured: list[Measurement]
+) -> tuple[bool | None, str]:
     if not measured:
         return None, _too_few(mode)
     mean = _mean(measured, value)
     worst = max(measured, key=lambda m: abs(value(m)))
     samples = sum(m.pixels.count * m.frames for m in measured)
     matters = abs(mean) > max(_CORRELATION, _SURE / math.sqrt(samples))
-    return not matters, (f'{what} {mean:+z.3f} on average, {value(worst):+z.3f} at '
-                         f'{_where(worst)}')
+    return not matters, (
+        f'{what} {mean:+z.3f} on average, {value(worst):+z.3f} at {_where(worst)}'
+    )
 
 
 def _whole_frames(mode: ModeResult) -> tuple[bool | None, str]:
@@ -124,23 +139,28 @@ def _whole_frames(mode: ModeResult) -> tuple[bool | None, str]:
     sure = _SURE * math.sqrt(2 / sum(m.frames for m in measured))
     drifting = max(measured, key=lambda m: abs(m.pixels.drift))
     drift = abs(drifting.pixels.drift) / _sigma(drifting)
-    return (spread < 1.5 + sure and drift < _BIAS_SHARE,
-            f"the frames' means vary {spread:.2f} times as much as independent pixels make them; "
-            f'the largest drift is {1e3 * drifting.pixels.drift:+z.2f} mm over '
-            f'{drifting.frames} frames at {_where(drifting)}')
+    return (
+        spread < 1.5 + sure and drift < _BIAS_SHARE,
+        f"the frames' means vary {spread:.2f} times as much as independent pixels make them; "
+        f'the largest drift is {1e3 * drifting.pixels.drift:+z.2f} mm over '
+        f'{drifting.frames} frames at {_where(drifting)}',
+    )
 
 
 def _gaussian(mode: ModeResult) -> tuple[bool | None, str]:
     measured = _several(mode)
     if not measured:
         return None, _too_few(mode)
-    skewness, kurtosis = (_mean(measured, value) for value in
-                          (lambda m: m.pixels.skewness, lambda m: m.pixels.kurtosis))
+    skewness, kurtosis = (
+        _mean(measured, value)
+        for value in (lambda m: m.pixels.skewness, lambda m: m.pixels.kurtosis)
+    )
     samples = sum(m.pixels.count * m.frames for m in measured)
-    return (abs(skewness) < _SKEWNESS + _SURE * math.sqrt(6 / samples)
-            and abs(kurtosis) < _KURTOSIS + _SURE * math.sqrt(24 / samples),
-            f'skewness {skewness:+z.3f}, excess kurtosis {kurtosis:+z.3f} (a Gaussian has '
-            '0 and 0)')
+    return (
+        abs(skewness) < _SKEWNESS + _SURE * math.sqrt(6 / samples)
+        and abs(kurtosis) < _KURTOSIS + _SURE * math.sqrt(24 / samples),
+        f'skewness {skewness:+z.3f}, excess kurtosis {kurtosis:+z.3f} (a Gaussian has 0 and 0)',
+    )
 
 
 def _unbiased(mode: ModeResult) -> tuple[bool | None, str]:
@@ -148,14 +168,15 @@ def _unbiased(mode: ModeResult) -> tuple[bool | None, str]:
     if not known:
         return None, 'the true distance is not known: no clean depth, no distance in the names'
     bias = np.array([m.bias for m in known])
-    text = (f'bias {1e3 * bias.mean():+z.2f} mm on average, '
-            f'{1e3 * bias.min():+z.2f} to {1e3 * bias.max():+z.2f} mm')
+    text = (
+        f'bias {1e3 * bias.mean():+z.2f} mm on average, '
+        f'{1e3 * bias.min():+z.2f} to {1e3 * bias.max():+z.2f} mm'
+    )
     if all(m.bias_of == 'clean depth' for m in known):
         share = float(np.sqrt(np.mean((bias / [_sigma(m) for m in known]) ** 2)))
         return share < _BIAS_SHARE, f'{text}; {share:.3f} of sigma_z (root mean square)'
-    rms = float(np.sqrt(np.mean(bias ** 2)))
-    return (None if rms < _TAPE else False,
-            f'{text} against the tape, which is good to 10 mm')
+    rms = float(np.sqrt(np.mean(bias**2)))
+    return (None if rms < _TAPE else False, f'{text} against the tape, which is good to 10 mm')
 
 
 def _pattern(mode: ModeResult) -> tuple[bool | None, str]:
@@ -164,16 +185,19 @@ def _pattern(mode: ModeResult) -> tuple[bool | None, str]:
         return None, _too_few(mode)
     share = float(np.sqrt(np.mean([(m.pixels.pattern / _sigma(m)) ** 2 for m in measured])))
     worst = max(measured, key=lambda m: m.pixels.pattern)
-    return (share < 1.5 * _BIAS_SHARE,
-            f"pixels' means scatter about a smooth surface by {share:.3f} of sigma_z (root mean "
-            f'square), {1e3 * worst.pixels.pattern:.2f} mm at {_where(worst)}')
+    return (
+        share < 1.5 * _BIAS_SHARE,
+        f"pixels' means scatter about a smooth surface by {share:.3f} of sigma_z (root mean "
+        f'square), {1e3 * worst.pixels.pattern:.2f} mm at {_where(worst)}',
+    )
 
 
 def _dropout(mode: ModeResult) -> tuple[bool | None, str]:
     worst = max(mode.measurements, key=lambda m: m.pixels.invalid)
     mean = _mean(mode.measurements, lambda m: m.pixels.invalid)
-    return mean < _INVALID, (f'{mean:.2%} invalid on average, {worst.pixels.invalid:.2%} at '
-                             f'{_where(worst)}')
+    return mean < _INVALID, (
+        f'{mean:.2%} invalid on average, {worst.pixels.invalid:.2%} at {_where(worst)}'
+    )
 
 
 def _edges_gaussian(mode: ModeResult) -> tuple[bool | None, str]:
@@ -182,8 +206,10 @@ def _edges_gaussian(mode: ModeResult) -> tuple[bool | None, str]:
         return None, 'no upright edge of a board was seen'
     weights = [edge.rows * edge.frames for edge in edges]
     kurtosis = float(np.average([edge.kurtosis for edge in edges], weights=weights))
-    return (abs(kurtosis) < _EDGE_KURTOSIS + _SURE * math.sqrt(24 / sum(weights)),
-            f"excess kurtosis {kurtosis:+z.2f} of {len(edges)} edges' displacement")
+    return (
+        abs(kurtosis) < _EDGE_KURTOSIS + _SURE * math.sqrt(24 / sum(weights)),
+        f"excess kurtosis {kurtosis:+z.2f} of {len(edges)} edges' displacement",
+    )
 
 
 def _edges_alike(mode: ModeResult) -> tuple[bool | None, str]:
@@ -192,10 +218,12 @@ def _edges_alike(mode: ModeResult) -> tuple[bool | None, str]:
         return None, 'wanted edges at several distances and angles'
     sigmas = np.array([edge.sigma for edge in edges])
     errors = np.array([edge.error for edge in edges])
-    spread = math.sqrt(max(float(sigmas.var(ddof=1) - np.mean(errors ** 2)), 0.0))
-    return (spread < _EDGE_SPREAD * float(sigmas.mean()),
-            f'{len(edges)} edges: {sigmas.min():.2f} to {sigmas.max():.2f} px, scatter beyond '
-            f'chance {spread:.3f} px')
+    spread = math.sqrt(max(float(sigmas.var(ddof=1) - np.mean(errors**2)), 0.0))
+    return (
+        spread < _EDGE_SPREAD * float(sigmas.mean()),
+        f'{len(edges)} edges: {sigmas.min():.2f} to {sigmas.max():.2f} px, scatter beyond '
+        f'chance {spread:.3f} px',
+    )
 
 
 def _several(mode: ModeResult) -> list[Measurement]:
@@ -208,8 +236,11 @@ def _too_few(mode: ModeResult) -> str:
 
 
 def _mean(measured: list[Measurement], value: Callable[[Measurement], float]) -> float:
-    return float(np.average([value(m) for m in measured],
-                            weights=[m.pixels.count * m.frames for m in measured]))
+    return float(
+        np.average(
+            [value(m) for m in measured], weights=[m.pixels.count * m.frames for m in measured]
+        )
+    )
 
 
 def _sigma(measurement: Measurement) -> float:

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 import math
 
-from flexx2_sim_ros.camera.modes import NoiseModel
 from flexx2_sim_ros.characterize.tiles import Tiles
+from flexx2_sim_ros.profiles.modes import NoiseModel
 import numpy as np
 from scipy import stats
 
@@ -119,15 +119,21 @@ def fit_axial(recordings: list[Tiles]) -> AxialFit:
         free = [name for name in free if name not in ('d', 'n')]
         best, fits = PAPER_EXPONENT, {}
         values, _ = _solve(z, slant, sigma, weight, best, free)
-    sweep = (np.array([math.sqrt(fits[n][1]) for n in EXPONENTS]) if 'n' in free
-             else np.empty(0))
+    sweep = np.array([math.sqrt(fits[n][1]) for n in EXPONENTS]) if 'n' in free else np.empty(0)
     covariance, freedom = _jackknife(values, free, z, slant, sigma, weight, group)
-    errors = {name: math.sqrt(covariance[i, i]) if name in free and freedom > 0 else None
-              for i, name in enumerate(NAMES)}
+    errors = {
+        name: math.sqrt(covariance[i, i]) if name in free and freedom > 0 else None
+        for i, name in enumerate(NAMES)
+    }
     model = _evaluate(values, z, slant)
-    ratios = np.array([np.sqrt(np.sum((weight * sigma ** 2)[group == g])
-                               / np.sum((weight * model ** 2)[group == g]))
-                       for g in range(len(recordings))])
+    ratios = np.array(
+        [
+            np.sqrt(
+                np.sum((weight * sigma**2)[group == g]) / np.sum((weight * model**2)[group == g])
+            )
+            for g in range(len(recordings))
+        ]
+    )
     interval = None
     if errors['n'] is not None:
         half = _quantile(freedom) * errors['n']
@@ -138,10 +144,18 @@ def fit_axial(recordings: list[Tiles]) -> AxialFit:
             notes.append(f'n: the best value is at the end of the sweep, {best:g}')
     angles = np.degrees(theta[known])
     return AxialFit(
-        values, errors, covariance, freedom, interval, sweep,
-        float(np.sqrt(np.mean((ratios - 1) ** 2))), (float(z.min()), float(z.max())),
+        values,
+        errors,
+        covariance,
+        freedom,
+        interval,
+        sweep,
+        float(np.sqrt(np.mean((ratios - 1) ** 2))),
+        (float(z.min()), float(z.max())),
         (float(angles.min()), float(angles.max())) if known.any() else (math.nan, math.nan),
-        len(recordings), tuple(notes))
+        len(recordings),
+        tuple(notes),
+    )
 
 
 def _join(recordings: list[Tiles]) -> tuple[np.ndarray, ...]:
@@ -149,18 +163,22 @@ def _join(recordings: list[Tiles]) -> tuple[np.ndarray, ...]:
     sigma = np.sqrt(np.concatenate([t.variance for t in recordings]))
     # A sample's standard deviation is too small by a share of 1 / (4 freedom) on average.
     freedom = np.concatenate([t.freedom for t in recordings])
-    return (np.concatenate([t.z for t in recordings]),
-            np.concatenate([t.theta for t in recordings]), sigma * (1 + 1 / (4 * freedom)),
-            np.concatenate(weights),
-            np.repeat(np.arange(len(recordings)), [len(t) for t in recordings]))
+    return (
+        np.concatenate([t.z for t in recordings]),
+        np.concatenate([t.theta for t in recordings]),
+        sigma * (1 + 1 / (4 * freedom)),
+        np.concatenate(weights),
+        np.repeat(np.arange(len(recordings)), [len(t) for t in recordings]),
+    )
 
 
 def _slant(theta: np.ndarray) -> np.ndarray:
     return (theta / (math.pi / 2 - theta)) ** 2
 
 
-def _determined(centres: np.ndarray, z: np.ndarray,
-                theta: np.ndarray) -> tuple[list[str], list[str]]:
+def _determined(
+    centres: np.ndarray, z: np.ndarray, theta: np.ndarray
+) -> tuple[list[str], list[str]]:
     """Say which coefficients the recordings determine, and why the others are held."""
     free, notes = ['a'], []
     steps = np.diff(np.log(np.unique(centres)))
@@ -169,15 +187,22 @@ def _determined(centres: np.ndarray, z: np.ndarray,
         travelled += step
         if travelled > _DISTINCT_SHARE:
             distinct, travelled = distinct + 1, 0.0
-    free += ['b', 'c'][:min(distinct, 3) - 1]
+    free += ['b', 'c'][: min(distinct, 3) - 1]
     if distinct < 3:
-        notes.append(f'{"b and c" if distinct == 1 else "c"}: held at 0: the boards stood at '
-                     f'{distinct} distinct distance{"s" if distinct > 1 else ""}, wanted 3')
+        notes.append(
+            f'{"b and c" if distinct == 1 else "c"}: held at 0: the boards stood at '
+            f'{distinct} distinct distance{"s" if distinct > 1 else ""}, wanted 3'
+        )
     known = theta[np.isfinite(theta)]
     if not known.size or np.ptp(known) < _SLANT_SPAN:
-        notes.append("d: held at 0, n at the paper's 2.7: the incidence angles "
-                     + (f'span {math.degrees(np.ptp(known)):.0f} degrees, wanted 15'
-                        if known.size else 'are not known'))
+        notes.append(
+            "d: held at 0, n at the paper's 2.7: the incidence angles "
+            + (
+                f'span {math.degrees(np.ptp(known)):.0f} degrees, wanted 15'
+                if known.size
+                else 'are not known'
+            )
+        )
         return free, notes
     free.append('d')
     if distinct > 1:
@@ -186,10 +211,16 @@ def _determined(centres: np.ndarray, z: np.ndarray,
     return free, notes
 
 
-def _solve(z: np.ndarray, slant: np.ndarray, sigma: np.ndarray, weight: np.ndarray, n: float,
-           free: list[str]) -> tuple[dict[str, float], float]:
+def _solve(
+    z: np.ndarray,
+    slant: np.ndarray,
+    sigma: np.ndarray,
+    weight: np.ndarray,
+    n: float,
+    free: list[str],
+) -> tuple[dict[str, float], float]:
     """Return coefficients and the mean square relative residual for one n."""
-    terms = {'a': np.ones_like(z), 'b': z, 'c': z ** 2, 'd': z ** n * slant}
+    terms = {'a': np.ones_like(z), 'b': z, 'c': z**2, 'd': z**n * slant}
     names = [name for name in terms if name in free]
     design = np.stack([terms[name] for name in names], axis=1)
     expected = np.full(len(z), np.average(sigma, weights=weight))
@@ -207,18 +238,25 @@ def _solve(z: np.ndarray, slant: np.ndarray, sigma: np.ndarray, weight: np.ndarr
 
 
 def _evaluate(values: dict[str, float], z: np.ndarray, slant: np.ndarray) -> np.ndarray:
-    return (values['a'] + values['b'] * z + values['c'] * z ** 2
-            + values['d'] * z ** values['n'] * slant)
+    return (
+        values['a'] + values['b'] * z + values['c'] * z**2 + values['d'] * z ** values['n'] * slant
+    )
 
 
 def _gradient(values: dict[str, float], z: np.ndarray, slant: np.ndarray) -> np.ndarray:
     power = z ** values['n'] * slant
-    return np.stack([np.ones_like(z), z, z ** 2, power, values['d'] * power * np.log(z)], axis=1)
+    return np.stack([np.ones_like(z), z, z**2, power, values['d'] * power * np.log(z)], axis=1)
 
 
-def _jackknife(values: dict[str, float], free: list[str], z: np.ndarray, slant: np.ndarray,
-               sigma: np.ndarray, weight: np.ndarray,
-               group: np.ndarray) -> tuple[np.ndarray, int]:
+def _jackknife(
+    values: dict[str, float],
+    free: list[str],
+    z: np.ndarray,
+    slant: np.ndarray,
+    sigma: np.ndarray,
+    weight: np.ndarray,
+    group: np.ndarray,
+) -> tuple[np.ndarray, int]:
     """Return the covariance of the coefficients, from fits without one recording each."""
     columns = [NAMES.index(name) for name in free]
     model = _evaluate(values, z, slant)

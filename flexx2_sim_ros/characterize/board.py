@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 import math
 
-from flexx2_sim_ros.camera.intrinsics import Intrinsics
 from flexx2_sim_ros.characterize.plane import fit_plane, Plane, ransac_plane, straighten
 from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 import numpy as np
 from scipy import ndimage
 
@@ -13,7 +13,7 @@ from scipy import ndimage
 SMALLEST_REGION = 100
 # The paper measured up to 60 degrees; the outer part of a board at 60 degrees is steeper (design).
 STEEPEST = math.radians(70)
-_SEED_SHARE = 0.12   # of the image's width and height: where the board is looked for first
+_SEED_SHARE = 0.12  # of the image's width and height: where the board is looked for first
 _TOLERANCE_SHARE = 0.01  # of the distance: the camera's depth resolution (paper)
 MARGIN_SHARE = 8 / 224  # of the image's width: edges move by up to 5 sigma_x = 8 px (paper)
 SMALLEST_MARGIN = 3
@@ -54,9 +54,14 @@ class Board:
         return (cx, cy) if away[nearest] < 1 else (float(u[nearest]), float(v[nearest]))
 
 
-def find_board(depth: np.ndarray, noise: float, K: np.ndarray | None = None,  # noqa: N803
-               box: tuple[int, int, int, int] | None = None, margin: int | None = None,
-               distortion: tuple[float, ...] = ()) -> Board:
+def find_board(
+    depth: np.ndarray,
+    noise: float,
+    K: np.ndarray | None = None,  # noqa: N803
+    box: tuple[int, int, int, int] | None = None,
+    margin: int | None = None,
+    distortion: tuple[float, ...] = (),
+) -> Board:
     """
     Find the board.
 
@@ -118,14 +123,16 @@ def find_board(depth: np.ndarray, noise: float, K: np.ndarray | None = None,  # 
         raise InputError(
             f'board: found {int(region.sum())} pixels of a plane in the '
             f'{"middle" if box is None else "box"} of the image, wanted at least '
-            f'{SMALLEST_REGION}: a flat board that covers the middle, or --box')
+            f'{SMALLEST_REGION}: a flat board that covers the middle, or --box'
+        )
     return Board(plane, mask, region, K)
 
 
 def _median(depth: np.ndarray, valid: np.ndarray) -> float:
     if valid.sum() < SMALLEST_REGION:
-        raise InputError(f'depth: found {int(valid.sum())} valid pixels, wanted at least '
-                         f'{SMALLEST_REGION}')
+        raise InputError(
+            f'depth: found {int(valid.sum())} valid pixels, wanted at least {SMALLEST_REGION}'
+        )
     return float(np.median(depth[valid]))
 
 
@@ -137,19 +144,24 @@ def _middle(valid: np.ndarray) -> np.ndarray:
     while True:
         half = max(2, round(share * height / 2)), max(2, round(share * width / 2))
         window = np.zeros_like(valid)
-        window[max(row - half[0], 0): row + half[0] + 1,
-               max(column - half[1], 0): column + half[1] + 1] = True
+        window[
+            max(row - half[0], 0) : row + half[0] + 1,
+            max(column - half[1], 0) : column + half[1] + 1,
+        ] = True
         if (valid & window).sum() >= SMALLEST_REGION / 2 or share >= 2.0:
             return window
         share *= 1.5
 
 
-def _plane_of(depth: np.ndarray, seed: np.ndarray, tolerance: float,
-              lens: Intrinsics | None) -> tuple[Plane, np.ndarray]:
+def _plane_of(
+    depth: np.ndarray, seed: np.ndarray, tolerance: float, lens: Intrinsics | None
+) -> tuple[Plane, np.ndarray]:
     v, u = np.nonzero(seed)
     if len(u) < 10:
-        raise InputError(f'board: found {len(u)} valid pixels where it should be, wanted a flat '
-                         'board that covers the middle of the image, or --box')
+        raise InputError(
+            f'board: found {len(u)} valid pixels where it should be, wanted a flat '
+            'board that covers the middle of the image, or --box'
+        )
     thin = slice(None, None, math.ceil(len(u) / _MAX_SEEDS))
     plane = ransac_plane(u[thin], v[thin], depth[v, u][thin], tolerance, lens)
     return plane, _near(depth, plane, tolerance)
@@ -161,8 +173,13 @@ def _near(depth: np.ndarray, plane: Plane, tolerance: float) -> np.ndarray:
         return np.abs(depth - plane.depth(u, v)) < tolerance
 
 
-def _grow(depth: np.ndarray, valid: np.ndarray, window: np.ndarray, tolerance: float,
-          lens: Intrinsics | None) -> tuple[Plane, np.ndarray]:
+def _grow(
+    depth: np.ndarray,
+    valid: np.ndarray,
+    window: np.ndarray,
+    tolerance: float,
+    lens: Intrinsics | None,
+) -> tuple[Plane, np.ndarray]:
     """Follow the plane in the window as far as it goes."""
     plane, near = _plane_of(depth, valid & window, tolerance, lens)
     for _ in range(3):
@@ -171,8 +188,10 @@ def _grow(depth: np.ndarray, valid: np.ndarray, window: np.ndarray, tolerance: f
         labels, _ = ndimage.label(whole)
         inside = labels[window & near]
         if not inside.any():
-            raise InputError('board: no plane in the middle of the image, wanted a flat board '
-                             'that covers it, or --box')
+            raise InputError(
+                'board: no plane in the middle of the image, wanted a flat board '
+                'that covers it, or --box'
+            )
         mask = ndimage.binary_fill_holes(labels == np.bincount(inside[inside > 0]).argmax())
         v, u = np.nonzero(mask & near)
         plane = fit_plane(u, v, depth[v, u], lens)

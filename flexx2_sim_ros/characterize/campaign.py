@@ -6,27 +6,32 @@ import math
 from pathlib import Path
 
 from flexx2_sim_ros.atomic import output_folder
-from flexx2_sim_ros.camera.geometry import pixel_rays, View
-from flexx2_sim_ros.camera.intrinsics import Intrinsics
-from flexx2_sim_ros.camera.modes import Mode, Profile
-from flexx2_sim_ros.camera.pipeline import Camera
+from flexx2_sim_ros.camera.camera import Camera
 from flexx2_sim_ros.characterize.conditions import Condition
 from flexx2_sim_ros.characterize.workers import in_processes
 from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.physics.geometry import pixel_rays, View
+from flexx2_sim_ros.profiles.intrinsics import Intrinsics
+from flexx2_sim_ros.profiles.modes import Mode, Profile
 from flexx2_sim_ros.recording import open_recording, RecordingReader, RecordingWriter
 import numpy as np
 
 ANGLES = (0.0, 15.0, 30.0, 45.0, 60.0)  # degrees, as in the paper
-FRAMES = 300                            # a condition, as in the paper
+FRAMES = 300  # a condition, as in the paper
 # The paper does not list its distances. By the mode's range, metres (design).
-DISTANCES = {2.4: (0.3, 0.5, 0.75, 1.0, 1.25, 1.5, 1.75, 2.0),
-             7.0: (0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0)}
+DISTANCES = {
+    2.4: (0.3, 0.5, 0.75, 1.0, 1.25, 1.5, 1.75, 2.0),
+    7.0: (0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0),
+}
 _CHUNK = 30
 
 
-def conditions(profile: Profile, usecases: Sequence[str] | None = None,
-               distances: Sequence[float] | None = None,
-               angles: Sequence[float] = ANGLES) -> list[Condition]:
+def conditions(
+    profile: Profile,
+    usecases: Sequence[str] | None = None,
+    distances: Sequence[float] | None = None,
+    angles: Sequence[float] = ANGLES,
+) -> list[Condition]:
     """
     List a campaign's conditions in the order in which a person would set them up.
 
@@ -52,8 +57,11 @@ def conditions(profile: Profile, usecases: Sequence[str] | None = None,
         For an unknown mode, a distance outside a mode's range or an angle beyond 80 degrees.
 
     """
-    modes = ([mode for mode in profile.modes if mode.measured] if usecases is None
-             else [profile.mode(usecase) for usecase in usecases])
+    modes = (
+        [mode for mode in profile.modes if mode.measured]
+        if usecases is None
+        else [profile.mode(usecase) for usecase in usecases]
+    )
     for angle in angles:
         if not 0 <= angle <= 80:
             raise InputError(f'--angles: found {angle:g}, wanted 0 to 80 degrees')
@@ -61,11 +69,14 @@ def conditions(profile: Profile, usecases: Sequence[str] | None = None,
     for mode in modes:
         for distance in distances or _distances(mode):
             if not mode.range_min <= distance <= mode.range_max:
-                raise InputError(f'--distances: found {distance:g}, wanted {mode.range_min:g} to '
-                                 f'{mode.range_max:g} m, the range of {mode.name}')
+                raise InputError(
+                    f'--distances: found {distance:g}, wanted {mode.range_min:g} to '
+                    f'{mode.range_max:g} m, the range of {mode.name}'
+                )
             # To the centimetre, as by tape and in the recordings' names.
-            found += [Condition(mode.name, round(float(distance), 2), float(angle))
-                      for angle in angles]
+            found += [
+                Condition(mode.name, round(float(distance), 2), float(angle)) for angle in angles
+            ]
     order = {mode.name: number for number, mode in enumerate(modes)}
     return sorted(set(found), key=lambda c: (c.distance, c.angle_deg, order[c.usecase]))
 
@@ -85,10 +96,17 @@ class _Task:
     seed: int
 
 
-def capture(folder: Path, wanted: Sequence[Condition], profile: Profile, *,
-            frames: int = FRAMES, seed: int = 0, renderer: str = 'auto',
-            workers: int = 1, say: Callable[[str], None] = lambda text: None,
-            ) -> Iterator[tuple[Path, bool]]:
+def capture(
+    folder: Path,
+    wanted: Sequence[Condition],
+    profile: Profile,
+    *,
+    frames: int = FRAMES,
+    seed: int = 0,
+    renderer: str = 'auto',
+    workers: int = 1,
+    say: Callable[[str], None] = lambda text: None,
+) -> Iterator[tuple[Path, bool]]:
     """
     Record a campaign with the simulated camera.
 
@@ -128,12 +146,19 @@ def capture(folder: Path, wanted: Sequence[Condition], profile: Profile, *,
     if frames < 1:
         raise InputError(f'--frames: found {frames}, wanted at least 1')
     output_folder(folder)
-    scenes = _render(sorted({(c.distance, c.angle_deg) for c in wanted}), profile.intrinsics,
-                     renderer)
+    scenes = _render(
+        sorted({(c.distance, c.angle_deg) for c in wanted}), profile.intrinsics, renderer
+    )
     tasks = []
     for condition in wanted:
-        task = _Task(folder / f'{condition.name}.npz', condition, profile,
-                     scenes[condition.distance, condition.angle_deg], frames, seed)
+        task = _Task(
+            folder / f'{condition.name}.npz',
+            condition,
+            profile,
+            scenes[condition.distance, condition.angle_deg],
+            frames,
+            seed,
+        )
         reason = _why_not_recorded(task)
         if reason is None:
             yield task.path, False
@@ -147,12 +172,13 @@ def capture(folder: Path, wanted: Sequence[Condition], profile: Profile, *,
         yield path, True
 
 
-def _render(setups: Sequence[tuple[float, float]], camera: Intrinsics,
-            renderer: str) -> dict[tuple[float, float], np.ndarray]:
+def _render(
+    setups: Sequence[tuple[float, float]], camera: Intrinsics, renderer: str
+) -> dict[tuple[float, float], np.ndarray]:
     # Imported here: planning and fitting need no MuJoCo.
-    from flexx2_sim_ros.go1.model import build_model, load_mounts, stand
-    from flexx2_sim_ros.go1.rendering import open_renderer
-    from flexx2_sim_ros.go1.scenes import place_board
+    from flexx2_sim_ros.rendering.renderer import open_renderer
+    from flexx2_sim_ros.rendering.scenes import place_board
+    from flexx2_sim_ros.robots.model import build_model, load_mounts, stand
     import mujoco
 
     source = _centred(camera)
@@ -180,8 +206,9 @@ def _centred(camera: Intrinsics) -> Intrinsics:
     if (camera.cx, camera.cy) == centre and not any(camera.distortion):
         return camera
     reach = np.nanmax(np.abs(pixel_rays(camera)), axis=(1, 2))
-    width, height = (2 * math.ceil(f * r + 2) for f, r in
-                     zip((camera.fx, camera.fy), reach, strict=True))
+    width, height = (
+        2 * math.ceil(f * r + 2) for f, r in zip((camera.fx, camera.fy), reach, strict=True)
+    )
     return Intrinsics(width, height, camera.fx, camera.fy, (width - 1) / 2, (height - 1) / 2)
 
 
@@ -202,7 +229,8 @@ def _why_not_recorded(task: _Task) -> str | None:
         if 'seed' not in reader.arrays:
             raise _NotOursError(
                 f'{task.path}: seed: not in the file: it is no recording of the simulated camera '
-                'and is not overwritten; choose another folder')
+                'and is not overwritten; choose another folder'
+            )
         return _difference(reader, task)
     except _NotOursError:
         raise
@@ -219,9 +247,14 @@ def _difference(reader: RecordingReader, task: _Task) -> str | None:
     # file is whole: checksums are verified on the way.
     camera = _camera(task)
     stamps = _stamps(task, camera)
-    wanted = {'usecase': np.array(camera.usecase), 'seed': np.array(task.seed),
-              'K': task.profile.intrinsics.matrix, 'clean_depth': task.clean, 'stamp': stamps,
-              'distortion': np.array(task.profile.intrinsics.distortion)}
+    wanted = {
+        'usecase': np.array(camera.usecase),
+        'seed': np.array(task.seed),
+        'K': task.profile.intrinsics.matrix,
+        'clean_depth': task.clean,
+        'stamp': stamps,
+        'distortion': np.array(task.profile.intrinsics.distortion),
+    }
     if reader.shape != (task.frames, *task.clean.shape):
         return f'shape: must be {(task.frames, *task.clean.shape)}, got {reader.shape}'
     for key, value in wanted.items():
@@ -236,8 +269,9 @@ def _difference(reader: RecordingReader, task: _Task) -> str | None:
 
 
 def _camera(task: _Task) -> Camera:
-    return Camera(task.condition.usecase, profile=task.profile, seed=task.seed,
-                  name=task.condition.name)
+    return Camera(
+        task.condition.usecase, profile=task.profile, seed=task.seed, name=task.condition.name
+    )
 
 
 def _stamps(task: _Task, camera: Camera) -> np.ndarray:
@@ -252,10 +286,15 @@ def _record(task: _Task) -> Path:
     matrix = task.profile.intrinsics.matrix
     with RecordingWriter(task.path, task.frames, *task.clean.shape) as writer:
         for start in range(0, task.frames, _CHUNK):
-            frame = camera.capture(task.clean, matrix, stamps[start:start + _CHUNK])
+            frame = camera.capture(task.clean, matrix, stamps[start : start + _CHUNK])
             writer.add_depth(frame.depth)
-        for key, value in {'clean_depth': task.clean, 'K': matrix, 'stamp': stamps,
-                           'usecase': camera.usecase, 'seed': task.seed,
-                           'distortion': np.array(task.profile.intrinsics.distortion)}.items():
+        for key, value in {
+            'clean_depth': task.clean,
+            'K': matrix,
+            'stamp': stamps,
+            'usecase': camera.usecase,
+            'seed': task.seed,
+            'distortion': np.array(task.profile.intrinsics.distortion),
+        }.items():
             writer.add_array(key, value)
     return task.path

@@ -28,8 +28,9 @@ def gaussian_kl(variance: Any, mean_square: Any, log_variance: Any, sigma: Any) 
 
     """
     sigma2 = np.square(sigma)
-    return 0.5 * ((np.asarray(variance) + mean_square) / sigma2 - 1.0
-                  - log_variance + np.log(sigma2))
+    return 0.5 * (
+        (np.asarray(variance) + mean_square) / sigma2 - 1.0 - log_variance + np.log(sigma2)
+    )
 
 
 def kl_floor(count: Any) -> np.ndarray:

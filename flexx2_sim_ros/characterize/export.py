@@ -5,11 +5,11 @@ import math
 from typing import Any
 
 from flexx2_sim_ros import __version__
-from flexx2_sim_ros.camera.modes import flexx2, Mode, NoiseModel, Profile
-from flexx2_sim_ros.camera.profiles import is_mode_name, ProfileFile, sigma_problem
 from flexx2_sim_ros.characterize.analysis import Characterization, LATERAL_PERCENTILE, ModeResult
 from flexx2_sim_ros.characterize.axial import NAMES
 from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.profiles.files import is_mode_name, ProfileFile, sigma_problem
+from flexx2_sim_ros.profiles.modes import flexx2, Mode, NoiseModel, Profile
 import numpy as np
 
 _ASSUMED_RATE = 30.0  # Hz, where single frames say nothing
@@ -46,44 +46,56 @@ def to_profile(result: Characterization, model: str | None = None) -> ProfileFil
         modes.append(made)
         fit = mode.axial
         errors[mode.usecase] = {name: _rounded(fit.errors[name]) for name in NAMES} | {
-            'sigma_x': _rounded(mode.sigma_x_error)}
+            'sigma_x': _rounded(mode.sigma_x_error)
+        }
         measured[mode.usecase] = _measured(mode)
         notes += [f'{mode.usecase}: {note}' for note in fit.notes]
     if not modes:
-        raise InputError(f'{result.folder}: no mode can be put into a profile:\n  '
-                         + '\n  '.join(notes))
+        raise InputError(
+            f'{result.folder}: no mode can be put into a profile:\n  ' + '\n  '.join(notes)
+        )
     if model is None:
         known = {mode.name for mode in flexx2().modes}
         model = 'Flexx2' if {mode.name for mode in modes} <= known else 'unnamed camera'
     if result.cropped:
-        notes.append("intrinsics: the recordings' images differ in size and principal point at "
-                     'the same focal lengths: taken for crops of one image, the smallest that '
-                     'holds them all is put')
+        notes.append(
+            "intrinsics: the recordings' images differ in size and principal point at "
+            'the same focal lengths: taken for crops of one image, the smallest that '
+            'holds them all is put'
+        )
     provenance = {
         'made_by': f'flexx2_sim_ros {__version__}, flexx2 characterize fit',
         'date': datetime.now(UTC).strftime('%Y-%m-%d'),
         'recordings': result.folder.resolve().name,
         'method': 'Cai et al., COINS 2024, doi 10.1109/COINS61597.2024.10622644; least squares of '
-                  'relative residuals, standard errors by jackknife over recordings; sigma_x: '
-                  f'{LATERAL_PERCENTILE}th percentile over edges',
-        'left_out': len(result.left_out), 'notes': notes}
-    return ProfileFile(Profile(model, result.intrinsics, tuple(modes)), errors, measured,
-                       provenance)
+        'relative residuals, standard errors by jackknife over recordings; sigma_x: '
+        f'{LATERAL_PERCENTILE}th percentile over edges',
+        'left_out': len(result.left_out),
+        'notes': notes,
+    }
+    return ProfileFile(
+        Profile(model, result.intrinsics, tuple(modes)), errors, measured, provenance
+    )
 
 
 def _mode(mode: ModeResult, notes: list[str]) -> Mode | None:
     if not is_mode_name(mode.usecase):
-        notes.append(f'{mode.usecase}: left out of the profile: wanted a name of a letter, then '
-                     'letters, digits, _ . + -')
+        notes.append(
+            f'{mode.usecase}: left out of the profile: wanted a name of a letter, then '
+            'letters, digits, _ . + -'
+        )
         return None
     sigma_x = mode.sigma_x
     if math.isnan(sigma_x):
-        notes.append(f'{mode.usecase}: sigma_x: not measured, no upright edge of the board was '
-                     'seen; 0 is put')
+        notes.append(
+            f'{mode.usecase}: sigma_x: not measured, no upright edge of the board was '
+            'seen; 0 is put'
+        )
         sigma_x = 0.0
-    noise = NoiseModel(**{name: _significant(value)
-                          for name, value in mode.axial.coefficients.items()},
-                       sigma_x=_significant(sigma_x))
+    noise = NoiseModel(
+        **{name: _significant(value) for name, value in mode.axial.coefficients.items()},
+        sigma_x=_significant(sigma_x),
+    )
     near, far = (_significant(distance) for distance in mode.axial.distances)
     if near == far:
         near, far = 0.9 * near, 1.1 * far
@@ -95,33 +107,61 @@ def _mode(mode: ModeResult, notes: list[str]) -> Mode | None:
     if problem is None:
         near, far = known.range_min, known.range_max
     else:
-        notes.append(f"{mode.usecase}: range_m: in the mode's own range {problem}; what was "
-                     f'measured, {near:g} to {far:g} m, is put')
+        notes.append(
+            f"{mode.usecase}: range_m: in the mode's own range {problem}; what was "
+            f'measured, {near:g} to {far:g} m, is put'
+        )
     if _unusable(mode.usecase, noise, near, far, notes):
         return None
-    return Mode(known.name, known.rate_hz, near, far, known.modulation_hz, known.raw_frames,
-                known.exposure_us, noise, known.name, 'characterize')
+    return Mode(
+        known.name,
+        known.rate_hz,
+        near,
+        far,
+        known.modulation_hz,
+        known.raw_frames,
+        known.exposure_us,
+        noise,
+        known.name,
+        'characterize',
+    )
 
 
-def _unknown(mode: ModeResult, noise: NoiseModel, near: float, far: float,
-             notes: list[str]) -> Mode | None:
+def _unknown(
+    mode: ModeResult, noise: NoiseModel, near: float, far: float, notes: list[str]
+) -> Mode | None:
     if _unusable(mode.usecase, noise, near, far, notes):
         return None
-    rate = float(np.nanmedian([*(m.rate_hz for m in mode.measurements), math.nan])) if any(
-        math.isfinite(m.rate_hz) for m in mode.measurements) else math.nan
+    rate = (
+        float(np.nanmedian([*(m.rate_hz for m in mode.measurements), math.nan]))
+        if any(math.isfinite(m.rate_hz) for m in mode.measurements)
+        else math.nan
+    )
     if math.isnan(rate):
-        notes.append(f'{mode.usecase}: rate_hz: single frames do not say; {_ASSUMED_RATE:g} is '
-                     'put')
+        notes.append(
+            f'{mode.usecase}: rate_hz: single frames do not say; {_ASSUMED_RATE:g} is put'
+        )
         rate = _ASSUMED_RATE
-    notes.append(f'{mode.usecase}: range_m: what was measured; modulation, raw frames and '
-                 'exposure are not known')
+    notes.append(
+        f'{mode.usecase}: range_m: what was measured; modulation, raw frames and '
+        'exposure are not known'
+    )
     rate = _significant(rate)
-    return Mode(mode.usecase, rate, near, far, (), 0, (1, max(1, int(1e6 / rate))), noise,
-                mode.usecase, 'characterize')
+    return Mode(
+        mode.usecase,
+        rate,
+        near,
+        far,
+        (),
+        0,
+        (1, max(1, int(1e6 / rate))),
+        noise,
+        mode.usecase,
+        'characterize',
+    )
 
 
-def _unusable(usecase: str, noise: NoiseModel, near: float, far: float,
-              notes: list[str]) -> bool:
+def _unusable(usecase: str, noise: NoiseModel, near: float, far: float, notes: list[str]) -> bool:
     problem = sigma_problem(noise, near, far)
     if problem:
         notes.append(f'{usecase}: left out of the profile: {problem}')
@@ -132,14 +172,19 @@ def _measured(mode: ModeResult) -> dict[str, Any]:
     fit = mode.axial
     measurements = mode.measurements
     return {
-        'recordings': len(measurements), 'frames': sum(m.frames for m in measurements),
+        'recordings': len(measurements),
+        'frames': sum(m.frames for m in measurements),
         'distances_m': [_rounded(d) for d in fit.distances],
         'incidence_deg': [_rounded(a) for a in fit.angles_deg],
         'edges': len(mode.edges),
         'n_interval_95': None if fit.interval_n is None else [_rounded(n) for n in fit.interval_n],
         'axial_kl_nats': _rounded(float(np.mean([cell.axial.raw for cell in mode.cells]))),
-        'noise': ('what one frame leaves of a plane' if mode.spatial
-                  else 'standard deviation over frames')}
+        'noise': (
+            'what one frame leaves of a plane'
+            if mode.spatial
+            else 'standard deviation over frames'
+        ),
+    }
 
 
 def _significant(value: float) -> float:

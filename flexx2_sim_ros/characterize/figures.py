@@ -5,17 +5,17 @@ import math
 from pathlib import Path
 from typing import Any
 
-from flexx2_sim_ros.camera.modes import NoiseModel
 from flexx2_sim_ros.characterize.amplitude import AmplitudeCounts, sigma_against
 from flexx2_sim_ros.characterize.analysis import Cell, Characterization, ModeResult
 from flexx2_sim_ros.characterize.histogram import Histogram
 from flexx2_sim_ros.characterize.tables import angle_groups, paper_noise, Table
 from flexx2_sim_ros.characterize.tiles import join
+from flexx2_sim_ros.profiles.modes import NoiseModel
 import numpy as np
 
 _CORE = math.radians(2.5)
 _GREY = '#555555'
-_FEW = 100          # pixels in a bin that are enough for a share
+_FEW = 100  # pixels in a bin that are enough for a share
 
 
 def axial_figure(result: Characterization, path: Path) -> None:
@@ -23,15 +23,21 @@ def axial_figure(result: Characterization, path: Path) -> None:
     pyplot = _pyplot()
     columns = min(3, len(result.modes))
     rows = math.ceil(len(result.modes) / columns)
-    figure, axes = pyplot.subplots(rows, columns, squeeze=False, layout='constrained',
-                                   figsize=(4.1 * columns + (1.6 if columns == 1 else 0.6),
-                                            3.7 * rows + 0.4))
+    figure, axes = pyplot.subplots(
+        rows,
+        columns,
+        squeeze=False,
+        layout='constrained',
+        figsize=(4.1 * columns + (1.6 if columns == 1 else 0.6), 3.7 * rows + 0.4),
+    )
     angles = angle_groups(result.modes)
     colours = _colours(len(angles))
     for axis, mode in zip(axes.flat, result.modes, strict=False):
         # No curve beyond what was measured.
-        near, far = (min(m.distance for m in mode.measurements),
-                     max(m.distance for m in mode.measurements))
+        near, far = (
+            min(m.distance for m in mode.measurements),
+            max(m.distance for m in mode.measurements),
+        )
         z = np.linspace(near, far, 200)
         for angle, colour in zip(angles, colours, strict=True):
             cells = [cell for cell in mode.cells if cell.angle_group == angle]
@@ -42,24 +48,46 @@ def axial_figure(result: Characterization, path: Path) -> None:
             half = mode.axial.band(z, theta)
             if len(cells) > 1 or near < far:
                 axis.plot(z, 1e3 * curve, color=colour, linewidth=1.3)
-                axis.fill_between(z, 1e3 * np.maximum(curve - half, 1e-6), 1e3 * (curve + half),
-                                  color=colour, alpha=0.25, linewidth=0)
+                axis.fill_between(
+                    z,
+                    1e3 * np.maximum(curve - half, 1e-6),
+                    1e3 * (curve + half),
+                    color=colour,
+                    alpha=0.25,
+                    linewidth=0,
+                )
             points = np.array([_at_axis(cell, mode.axial.model()) for cell in cells])
-            axis.plot(points[:, 0], 1e3 * points[:, 1], 'o', color=colour, markersize=4.5,
-                      markeredgecolor='white', markeredgewidth=0.5, label=f'{angle:g}°')
+            axis.plot(
+                points[:, 0],
+                1e3 * points[:, 1],
+                'o',
+                color=colour,
+                markersize=4.5,
+                markeredgecolor='white',
+                markeredgewidth=0.5,
+                label=f'{angle:g}°',
+            )
         axis.set(title=_text(mode.usecase), xlabel='distance [m]', yscale='log')
         _plain_log(axis.yaxis)
         axis.grid(True, which='both', alpha=0.25)
-    for axis in axes.flat[len(result.modes):]:
+    for axis in axes.flat[len(result.modes) :]:
         axis.set_visible(False)
     for axis in axes[:, 0]:
         axis.set_ylabel('sigma_z [mm]')
     # One legend for all panels, in its own place.
-    handles = {label: handle for axis in axes.flat
-               for handle, label in zip(*axis.get_legend_handles_labels(), strict=True)}
+    handles = {
+        label: handle
+        for axis in axes.flat
+        for handle, label in zip(*axis.get_legend_handles_labels(), strict=True)
+    }
     labels = [f'{angle:g}°' for angle in angles if f'{angle:g}°' in handles]
-    figure.legend([handles[label] for label in labels], labels, title='incidence',
-                  loc='outside right center', frameon=False)
+    figure.legend(
+        [handles[label] for label in labels],
+        labels,
+        title='incidence',
+        loc='outside right center',
+        frameon=False,
+    )
     figure.savefig(path, dpi=130)
     pyplot.close(figure)
 
@@ -71,8 +99,9 @@ def _at_axis(cell: Cell, model: NoiseModel) -> tuple[float, float]:
     near = near if near.any() else np.ones(len(tiles), bool)
     tiles, z = tiles.take(near), cell.measurement.distance
     there = np.square(model.sigma_z(tiles.z, np.nan_to_num(tiles.theta)))
-    ratio = (np.average(tiles.variance, weights=tiles.pixels)
-             / np.average(there, weights=tiles.pixels))
+    ratio = np.average(tiles.variance, weights=tiles.pixels) / np.average(
+        there, weights=tiles.pixels
+    )
     return z, math.sqrt(ratio) * float(model.sigma_z(z, math.radians(cell.angle_group)))
 
 
@@ -83,15 +112,28 @@ def histogram_figure(histogram: Histogram, path: Path) -> None:
     middle = 0.5e3 * (histogram.edges[1:] + histogram.edges[:-1])
     width = 1e3 * float(np.diff(histogram.edges)[0])
     total = histogram.counts.sum()
-    axis.bar(middle, histogram.counts / total / width, width=width, color='#9ecae1',
-             label=f'measured: {total:,} samples in {len(middle)} bins')
+    axis.bar(
+        middle,
+        histogram.counts / total / width,
+        width=width,
+        color='#9ecae1',
+        label=f'measured: {total:,} samples in {len(middle)} bins',
+    )
     fine = np.linspace(middle[0], middle[-1], 400)
     sigma = 1e3 * histogram.sigma
-    axis.plot(fine, np.exp(-0.5 * (fine / sigma) ** 2) / sigma / math.sqrt(2 * math.pi),
-              color='#b30000', linewidth=1.6, label=f'model: Gaussian, sigma {sigma:.2f} mm')
+    axis.plot(
+        fine,
+        np.exp(-0.5 * (fine / sigma) ** 2) / sigma / math.sqrt(2 * math.pi),
+        color='#b30000',
+        linewidth=1.6,
+        label=f'model: Gaussian, sigma {sigma:.2f} mm',
+    )
     distance, angle = histogram.measurement.label
-    axis.set(title=f'{_text(histogram.measurement.usecase)}, {distance:g} m, {angle:g}°',
-             xlabel='depth less plane [mm]', ylabel='density [1/mm]')
+    axis.set(
+        title=f'{_text(histogram.measurement.usecase)}, {distance:g} m, {angle:g}°',
+        xlabel='depth less plane [mm]',
+        ylabel='density [1/mm]',
+    )
     axis.set_ylim(top=1.28 * axis.get_ylim()[1])
     axis.legend(loc='upper right', frameon=False)
     axis.grid(True, alpha=0.25)
@@ -105,30 +147,54 @@ def lateral_figure(result: Characterization, path: Path) -> bool:
     if not modes:
         return False
     pyplot = _pyplot()
-    figure, axis = pyplot.subplots(figsize=(max(6.4, 2.3 * len(modes) + 1.8), 3.9),
-                                   layout='constrained')
+    figure, axis = pyplot.subplots(
+        figsize=(max(6.4, 2.3 * len(modes) + 1.8), 3.9), layout='constrained'
+    )
     angles = angle_groups(modes)
     colours = dict(zip(angles, _colours(len(angles)), strict=True))
     for place, mode in enumerate(modes):
-        pairs = [(cell.angle_group, edge) for cell in mode.cells
-                 for edge in cell.measurement.edges]
+        pairs = [
+            (cell.angle_group, edge) for cell in mode.cells for edge in cell.measurement.edges
+        ]
         spread = np.linspace(-0.28, 0.28, len(pairs)) if len(pairs) > 1 else np.zeros(1)
         for offset, (angle, edge) in zip(spread, pairs, strict=True):
-            axis.errorbar(place + offset, edge.sigma, 2 * edge.error, color=colours[angle],
-                          fmt='o', markersize=3.5, elinewidth=0.8,
-                          mfc=colours[angle] if edge.method == 'gradient' else 'white')
-        axis.plot([place - 0.4, place + 0.4], [mode.sigma_x] * 2, color='black', linewidth=1.6,
-                  label='90th percentile: sigma_x' if place == 0 else None)
+            axis.errorbar(
+                place + offset,
+                edge.sigma,
+                2 * edge.error,
+                color=colours[angle],
+                fmt='o',
+                markersize=3.5,
+                elinewidth=0.8,
+                mfc=colours[angle] if edge.method == 'gradient' else 'white',
+            )
+        axis.plot(
+            [place - 0.4, place + 0.4],
+            [mode.sigma_x] * 2,
+            color='black',
+            linewidth=1.6,
+            label='90th percentile: sigma_x' if place == 0 else None,
+        )
         noise = paper_noise(mode.usecase)
         if noise is not None:
-            axis.plot([place - 0.4, place + 0.4], [noise.sigma_x] * 2, '--', color='#b30000',
-                      linewidth=1.2, label='the paper' if place == 0 else None)
+            axis.plot(
+                [place - 0.4, place + 0.4],
+                [noise.sigma_x] * 2,
+                '--',
+                color='#b30000',
+                linewidth=1.2,
+                label='the paper' if place == 0 else None,
+            )
     for angle in angles:
         axis.plot([], [], 'o', color=colours[angle], markersize=4, label=f'{angle:g}°')
     if any(edge.method == 'outline' for mode in modes for _, edge in mode.edges):
         axis.plot([], [], 'o', color=_GREY, mfc='white', markersize=4, label='nothing behind')
-    axis.set(xticks=range(len(modes)), xticklabels=[_text(mode.usecase) for mode in modes],
-             ylabel='sigma of the edge [px]', xlim=(-0.55, len(modes) - 0.45))
+    axis.set(
+        xticks=range(len(modes)),
+        xticklabels=[_text(mode.usecase) for mode in modes],
+        ylabel='sigma of the edge [px]',
+        xlim=(-0.55, len(modes) - 0.45),
+    )
     axis.set_ylim(bottom=0)
     axis.grid(True, axis='y', alpha=0.25)
     figure.legend(loc='outside right center', frameon=False)
@@ -147,11 +213,19 @@ def bias_figure(result: Characterization, path: Path) -> bool:
     colours = _colours(len(modes))
     for mode, colour in zip(modes, colours, strict=True):
         points = np.array([(m.distance, 1e3 * m.bias) for m in mode.measurements if m.bias_of])
-        axis.plot(points[:, 0], points[:, 1], 'o', color=colour, markersize=4, alpha=0.8,
-                  label=_text(mode.usecase))
+        axis.plot(
+            points[:, 0],
+            points[:, 1],
+            'o',
+            color=colour,
+            markersize=4,
+            alpha=0.8,
+            label=_text(mode.usecase),
+        )
     axis.axhline(0, color=_GREY, linewidth=0.8)
-    truth = ' / '.join(sorted({m.bias_of for mode in modes for m in mode.measurements
-                               if m.bias_of}))
+    truth = ' / '.join(
+        sorted({m.bias_of for mode in modes for m in mode.measurements if m.bias_of})
+    )
     axis.set(xlabel='distance [m]', ylabel='bias [mm]', title=f'measured depth less {truth}')
     axis.grid(True, alpha=0.25)
     axis.margins(y=0.15)
@@ -165,22 +239,44 @@ def tables_figure(tables: Sequence[Table], path: Path) -> None:
     """Draw tables below each other."""
     pyplot = _pyplot()
     lines = [len(table.rows) + 3 for table in tables]
-    figure, axes = pyplot.subplots(len(tables), 1, squeeze=False, height_ratios=lines,
-                                   figsize=(12.5, 0.25 * sum(lines)), gridspec_kw={'hspace': 0})
+    figure, axes = pyplot.subplots(
+        len(tables),
+        1,
+        squeeze=False,
+        height_ratios=lines,
+        figsize=(12.5, 0.25 * sum(lines)),
+        gridspec_kw={'hspace': 0},
+    )
     for axis, table, count in zip(axes.flat, tables, lines, strict=True):
         axis.axis('off')
-        axis.text(0.0, 1.0, table.title, va='top', fontsize=11, fontweight='bold',
-                  transform=axis.transAxes)
-        drawn = axis.table([[_text(field) for field in row.fields] for row in table.rows],
-                           colLabels=table.head, cellLoc='right', colLoc='right', edges='B',
-                           bbox=(0.0, 0.4 / count, 1.0, 1.0 - 1.6 / count))
+        axis.text(
+            0.0,
+            1.0,
+            table.title,
+            va='top',
+            fontsize=11,
+            fontweight='bold',
+            transform=axis.transAxes,
+        )
+        drawn = axis.table(
+            [[_text(field) for field in row.fields] for row in table.rows],
+            colLabels=table.head,
+            cellLoc='right',
+            colLoc='right',
+            edges='B',
+            bbox=(0.0, 0.4 / count, 1.0, 1.0 - 1.6 / count),
+        )
         drawn.auto_set_font_size(False)
         drawn.auto_set_column_width(range(len(table.head)))
         for (line, column), cell in drawn.get_celld().items():
             cell.set(edgecolor='#444444' if line == 0 else '#dddddd', linewidth=0.8)
             colour = '#8a3324' if line and table.rows[line - 1].paper else 'black'
-            cell.set_text_props(fontsize=9, color=colour, ha='left' if column == 0 else 'right',
-                                fontweight='bold' if line == 0 else 'normal')
+            cell.set_text_props(
+                fontsize=9,
+                color=colour,
+                ha='left' if column == 0 else 'right',
+                fontweight='bold' if line == 0 else 'normal',
+            )
     figure.savefig(path, dpi=110, bbox_inches='tight')
     pyplot.close(figure)
 
@@ -195,6 +291,7 @@ def amplitude_figure(result: Characterization, path: Path) -> bool:
     if not counted:
         return False
     from flexx2_sim_ros.characterize.amplitude import EDGES
+
     pyplot = _pyplot()
     figure, (noise, validity) = pyplot.subplots(1, 2, figsize=(9.0, 3.6), layout='constrained')
     for (mode, counts), colour in zip(counted, _colours(len(counted)), strict=True):
@@ -202,12 +299,18 @@ def amplitude_figure(result: Characterization, path: Path) -> bool:
         label = _text(mode.usecase)
         if math.isfinite(curve.exponent):
             label += f': amplitude^{curve.exponent:.2f} above its floor'
-        noise.plot(curve.amplitude, 1e3 * curve.sigma, 'o-', color=colour, markersize=4,
-                   label=label)
+        noise.plot(
+            curve.amplitude, 1e3 * curve.sigma, 'o-', color=colour, markersize=4, label=label
+        )
         enough = counts.pixels >= _FEW
         middle = np.sqrt(EDGES[1:] * EDGES[:-1])[enough]
-        validity.plot(middle, 100 * counts.invalid[enough] / counts.pixels[enough], 'o-',
-                      color=colour, markersize=4)
+        validity.plot(
+            middle,
+            100 * counts.invalid[enough] / counts.pixels[enough],
+            'o-',
+            color=colour,
+            markersize=4,
+        )
     noise.set(xscale='log', yscale='log', xlabel='amplitude', ylabel='sigma_z [mm]')
     _plain_log(noise.yaxis)
     validity.set(xscale='log', xlabel='amplitude', ylabel='invalid [%]', ylim=(-3, 103))
@@ -228,6 +331,7 @@ def _text(name: str) -> str:
 def _plain_log(axis: Any) -> None:
     """Write 2, 5, 10, 20 on a logarithmic axis, and more where it is short."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
     low, high = axis.get_view_interval()
     axis.set_major_locator(LogLocator(subs=(1, 2, 5) if high > 8 * low else (1, 2, 3, 4, 5, 6, 8)))
     axis.set_major_formatter(FuncFormatter(lambda value, _: f'{value:g}'))
@@ -236,11 +340,14 @@ def _plain_log(axis: Any) -> None:
 
 def _colours(number: int) -> list[Any]:
     from matplotlib import colormaps
+
     return list(colormaps['viridis'](np.linspace(0.0, 0.85, max(number, 1))))
 
 
 def _pyplot() -> Any:
     import matplotlib
+
     matplotlib.use('Agg')
     from matplotlib import pyplot
+
     return pyplot

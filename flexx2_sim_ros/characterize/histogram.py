@@ -8,8 +8,8 @@ from flexx2_sim_ros.characterize.measure import Measurement, only_valid
 from flexx2_sim_ros.recording import open_recording
 import numpy as np
 
-_BINS = 100              # as in the paper
-_REACH = 5.0             # standard deviations to either side
+_BINS = 100  # as in the paper
+_REACH = 5.0  # standard deviations to either side
 _CONDITION = (1.0, 15.0)  # metres and degrees, as in the paper
 _CHUNK = 60
 
@@ -52,9 +52,13 @@ def noise_histogram(result: Characterization, camera: str | None = None) -> Hist
 
     """
     mode = max(result.modes, key=lambda m: m.axial.distances[1])
-    cell = min(mode.cells, key=lambda c: (
-        abs(math.log(c.measurement.distance / _CONDITION[0]))
-        + abs(c.measurement.angle_deg - _CONDITION[1]) / 15))
+    cell = min(
+        mode.cells,
+        key=lambda c: (
+            abs(math.log(c.measurement.distance / _CONDITION[0]))
+            + abs(c.measurement.angle_deg - _CONDITION[1]) / 15
+        ),
+    )
     measurement = cell.measurement
     x0, y0, x1, y1 = measurement.window
     v, u = np.mgrid[y0:y1, x0:x1]

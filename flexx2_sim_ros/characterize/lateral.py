@@ -3,16 +3,16 @@
 from dataclasses import dataclass
 import math
 
-from flexx2_sim_ros.camera.intrinsics import Intrinsics
 from flexx2_sim_ros.characterize.board import Board, MARGIN_SHARE, SMALLEST_MARGIN
 from flexx2_sim_ros.characterize.divergence import kl_floor
 from flexx2_sim_ros.characterize.plane import straighten
+from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from numba import njit
 import numpy as np
 
 _FEWEST_ROWS = 12
 _STEEPEST_TILT = math.tan(math.radians(20))  # from upright
-_STRAIGHT_PX = 1.5      # how far an outline may stray from a line, root mean square
+_STRAIGHT_PX = 1.5  # how far an outline may stray from a line, root mean square
 _HALF_WINDOW = 14 / 224  # of the image's width: how far from the edge it is looked for
 _STILL_PX = 0.01
 _WHOLE_PIXEL = 1.0 / 12.0  # variance that rounding to whole pixels has by itself, px^2
@@ -84,8 +84,9 @@ class Edge:
     floor: float
 
 
-def find_edges(board: Board, depth: np.ndarray, nearest: float = 0.0,
-               farthest: float = math.inf) -> list[EdgeSite]:
+def find_edges(
+    board: Board, depth: np.ndarray, nearest: float = 0.0, farthest: float = math.inf
+) -> list[EdgeSite]:
     """
     Find the upright edges of a board, left and right.
 
@@ -111,24 +112,34 @@ def find_edges(board: Board, depth: np.ndarray, nearest: float = 0.0,
     extent = board.mask.sum(axis=1)
     sites = []
     for side in ('left', 'right'):
-        outline = (board.mask.argmax(axis=1) if side == 'left'
-                   else width - 1 - board.mask[:, ::-1].argmax(axis=1))[rows]
+        outline = (
+            board.mask.argmax(axis=1)
+            if side == 'left'
+            else width - 1 - board.mask[:, ::-1].argmax(axis=1)
+        )[rows]
         line = _line(rows, outline, board.plane.lens)
         if line is None:
             continue
         # The board's corners are no edges: stay away from its upper and lower end.
         low = line[0][0] + (margin if line[0][0] > 0 else 0)
         high = line[0][-1] - (margin if line[0][-1] < height - 1 else 0)
-        kept, columns, places, shift = (part[(line[0] >= low) & (line[0] <= high)]
-                                        for part in line)
+        kept, columns, places, shift = (
+            part[(line[0] >= low) & (line[0] <= high)] for part in line
+        )
         if len(kept) < _FEWEST_ROWS:
             continue
         inwards, outwards = int(min(half, extent[kept].min() // 2)), half
-        first, last = ((columns - outwards, columns + inwards) if side == 'left'
-                       else (columns - inwards, columns + outwards))
+        first, last = (
+            (columns - outwards, columns + inwards)
+            if side == 'left'
+            else (columns - inwards, columns + outwards)
+        )
         place = board.plane.depth(columns, kept)
-        if (columns.min() < margin or columns.max() > width - 1 - margin
-                or not ((place > nearest) & (place < farthest)).all()):
+        if (
+            columns.min() < margin
+            or columns.max() > width - 1 - margin
+            or not ((place > nearest) & (place < farthest)).all()
+        ):
             continue
         first, last = np.clip(first, 0, width - 1), np.clip(last, 0, width - 1)
         here, behind = _valid_shares(depth, side, kept, columns, first, last)
@@ -139,19 +150,30 @@ def find_edges(board: Board, depth: np.ndarray, nearest: float = 0.0,
     return sites
 
 
-def _valid_shares(depth: np.ndarray, side: str, rows: np.ndarray, columns: np.ndarray,
-                  first: np.ndarray, last: np.ndarray) -> tuple[float, float]:
+def _valid_shares(
+    depth: np.ndarray,
+    side: str,
+    rows: np.ndarray,
+    columns: np.ndarray,
+    first: np.ndarray,
+    last: np.ndarray,
+) -> tuple[float, float]:
     """Return the share of valid pixels on the board next to an edge, and behind it."""
     before = (rows, first, columns - 2)
     after = (rows, columns + 3, last + 1)
-    seen = [np.isfinite(np.concatenate([depth[row, start:end] for row, start, end
-                                        in zip(*part, strict=True)])) for part in (before, after)]
+    seen = [
+        np.isfinite(
+            np.concatenate([depth[row, start:end] for row, start, end in zip(*part, strict=True)])
+        )
+        for part in (before, after)
+    ]
     shares = [float(part.mean()) if part.size else 0.5 for part in seen]
     return (shares[0], shares[1]) if side == 'right' else (shares[1], shares[0])
 
 
-def _line(rows: np.ndarray, columns: np.ndarray,
-          lens: Intrinsics | None) -> tuple[np.ndarray, ...] | None:
+def _line(
+    rows: np.ndarray, columns: np.ndarray, lens: Intrinsics | None
+) -> tuple[np.ndarray, ...] | None:
     """Return the upright line through an outline, if it is one: as in `EdgeSite`."""
     straight, places = straighten(columns, rows, lens)
     shift = straight - columns
@@ -266,10 +288,10 @@ def measure_edge(positions: np.ndarray, site: EdgeSite) -> Edge | None:
     lines = np.linalg.lstsq(design, edges.T, rcond=None)[0]
     residual = (edges.T - design @ lines).T
     freedom = frames * (count - 2)
-    variance = float((residual ** 2).sum() / freedom)
-    if variance < _STILL_PX ** 2:
+    variance = float((residual**2).sum() / freedom)
+    if variance < _STILL_PX**2:
         return None
-    fourth = float(np.mean(residual ** 4)) / float(np.mean(residual ** 2)) ** 2
+    fourth = float(np.mean(residual**4)) / float(np.mean(residual**2)) ** 2
     # A sample's standard deviation is surer than this the lighter its tails are.
     error = math.sqrt(variance * (fourth - 1) / (4 * freedom))
     rows_variance = rows_square = rows_log = floor = math.nan
@@ -279,8 +301,19 @@ def measure_edge(positions: np.ndarray, site: EdgeSite) -> Edge | None:
         rows_variance, rows_log = float(spread.mean()), float(np.log(spread).mean())
         rows_square = float((grown.mean(axis=0) ** 2).mean())
         floor = float(kl_floor(frames))
-    return Edge(site.side, site.method, count, frames, math.sqrt(variance), error, fourth - 3.0,
-                rows_variance, rows_square, rows_log, floor)
+    return Edge(
+        site.side,
+        site.method,
+        count,
+        frames,
+        math.sqrt(variance),
+        error,
+        fourth - 3.0,
+        rows_variance,
+        rows_square,
+        rows_log,
+        floor,
+    )
 
 
 def edge_sigma(depth: np.ndarray, columns: slice) -> float:
@@ -302,14 +335,28 @@ def edge_sigma(depth: np.ndarray, columns: slice) -> float:
     """
     first, last, _ = columns.indices(depth.shape[2])
     rows = np.arange(depth.shape[1])
-    site = EdgeSite('', 'gradient', rows, np.full_like(rows, first),
-                    np.full_like(rows, last - 1), rows.astype(np.float64), np.zeros(len(rows)))
+    site = EdgeSite(
+        '',
+        'gradient',
+        rows,
+        np.full_like(rows, first),
+        np.full_like(rows, last - 1),
+        rows.astype(np.float64),
+        np.zeros(len(rows)),
+    )
     edge = measure_edge(edge_positions(depth, site), site)
     return 0.0 if edge is None else edge.sigma
 
 
-def procedure_bias(sigma: float, step: float, noise: float, tilt_px: float = 4.0,
-                   frames: int = 200, rows: int = 150, seed: int = 0) -> float:
+def procedure_bias(
+    sigma: float,
+    step: float,
+    noise: float,
+    tilt_px: float = 4.0,
+    frames: int = 200,
+    rows: int = 150,
+    seed: int = 0,
+) -> float:
     """
     Measure what the paper's procedure itself makes of a known jitter.
 
@@ -335,8 +382,11 @@ def procedure_bias(sigma: float, step: float, noise: float, tilt_px: float = 4.0
     """
     generator = np.random.default_rng(seed)
     width = 29
-    true = (width / 2 + np.linspace(-0.5, 0.5, rows) * tilt_px
-            + sigma * generator.standard_normal((frames, rows)))
+    true = (
+        width / 2
+        + np.linspace(-0.5, 0.5, rows) * tilt_px
+        + sigma * generator.standard_normal((frames, rows))
+    )
     depth = np.where(np.arange(width) > true[..., None], step, 0.0)
     depth = (depth + noise * generator.standard_normal(depth.shape)).astype(np.float32)
     return edge_sigma(depth, slice(0, width))

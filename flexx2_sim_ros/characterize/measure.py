@@ -4,7 +4,6 @@ from dataclasses import dataclass
 import math
 from pathlib import Path
 
-from flexx2_sim_ros.camera.modes import flexx2
 from flexx2_sim_ros.characterize import board as boards
 from flexx2_sim_ros.characterize.amplitude import AmplitudeCounts, count_invalid
 from flexx2_sim_ros.characterize.board import Board, find_board
@@ -15,16 +14,17 @@ from flexx2_sim_ros.characterize.pixels import FrameMeans, pixel_statistics, Pix
 from flexx2_sim_ros.characterize.plane import fit_plane, Plane
 from flexx2_sim_ros.characterize.tiles import SPATIAL_SIDE, spatial_tiles, temporal_tiles, Tiles
 from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.profiles.modes import flexx2
 from flexx2_sim_ros.recording import open_recording, RecordingReader
 import numpy as np
 
 _CHUNK = 60
-_FIRST = 30            # frames that the board is looked for in
-_VALID_SHARE = 0.5     # of the frames: a pixel with fewer is left out
-_CUT_OFF = 5.0         # standard deviations: nearer to the range's end, noise is cut off
-_FAR = 100.0           # metres: no depth camera of this kind sees that far
-_TAPE = (0.05, 0.10)   # how far (metres, share) the board may be from where its name says
-_PROTRACTOR = 8.0      # degrees
+_FIRST = 30  # frames that the board is looked for in
+_VALID_SHARE = 0.5  # of the frames: a pixel with fewer is left out
+_CUT_OFF = 5.0  # standard deviations: nearer to the range's end, noise is cut off
+_FAR = 100.0  # metres: no depth camera of this kind sees that far
+_TAPE = (0.05, 0.10)  # how far (metres, share) the board may be from where its name says
+_PROTRACTOR = 8.0  # degrees
 _WINDOW = (66 / 224, 51 / 172)  # of the image: the paper's 1,009,800 samples in 300 frames at 1 m
 
 
@@ -108,8 +108,9 @@ class Measurement:
         return round(self.distance, 2), round(self.angle_deg, 1)
 
 
-def measure(path: Path, box: tuple[int, int, int, int] | None = None,
-            camera: str | None = None) -> Measurement:
+def measure(
+    path: Path, box: tuple[int, int, int, int] | None = None, camera: str | None = None
+) -> Measurement:
     """
     Measure a recording.
 
@@ -140,8 +141,9 @@ def measure(path: Path, box: tuple[int, int, int, int] | None = None,
         raise InputError(text if str(path) in text else f'{path}: {text}') from error
 
 
-def _measure(reader: RecordingReader, condition: Condition | None,
-             box: tuple[int, int, int, int] | None) -> Measurement:
+def _measure(
+    reader: RecordingReader, condition: Condition | None, box: tuple[int, int, int, int] | None
+) -> Measurement:
     usecase = _usecase(reader, condition)
     near, far = _range(usecase)
     frames, height, width = reader.shape
@@ -159,8 +161,11 @@ def _measure(reader: RecordingReader, condition: Condition | None,
             margin = boards.SMALLEST_MARGIN if frames == 1 else None
             board = find_board(first, noise, reader.K, box, margin, _distortion(reader))
             # The outline of valid pixels in one frame may be no more than where it was cropped.
-            sites = [site for site in find_edges(board, first, near, far)
-                     if frames > 1 or site.method == 'gradient']
+            sites = [
+                site
+                for site in find_edges(board, first, near, far)
+                if frames > 1 or site.method == 'gradient'
+            ]
             plane = board.plane.depth(*np.indices(first.shape)[::-1])
             # Far from any sight of the plane the sums are of no use, but must stay finite.
             reference = np.where(np.isfinite(first), first, np.nan_to_num(plane, nan=0.0))
@@ -182,23 +187,46 @@ def _measure(reader: RecordingReader, condition: Condition | None,
     assert board is not None
     moments = sums.moments()
     board, usable = _settle(board, moments, near, far)
-    tiles = (spatial_tiles(board, first, levels if counts is not None else None) if frames == 1
-             else temporal_tiles(board, moments, levels if counts is not None else None, usable))
+    tiles = (
+        spatial_tiles(board, first, levels if counts is not None else None)
+        if frames == 1
+        else temporal_tiles(board, moments, levels if counts is not None else None, usable)
+    )
     if not len(tiles):
-        raise InputError(f'board: no {SPATIAL_SIDE} x {SPATIAL_SIDE} pixels of it are whole and '
-                         'of one amplitude, wanted a plain board, nearer')
+        raise InputError(
+            f'board: no {SPATIAL_SIDE} x {SPATIAL_SIDE} pixels of it are whole and '
+            'of one amplitude, wanted a plain board, nearer'
+        )
     u, v = board.aim
     distance = float(board.plane.depth(u, v))
     angle = math.degrees(float(board.plane.incidence(u, v, reader.K)))
     _check_place(condition, distance, angle)
     bias, bias_of = _bias(board, moments, usable, clean, condition, distance)
-    edges = (measure_edge(np.concatenate(columns), site)
-             for columns, site in zip(positions, sites, strict=True))
+    edges = (
+        measure_edge(np.concatenate(columns), site)
+        for columns, site in zip(positions, sites, strict=True)
+    )
     return Measurement(
-        reader.path, usecase, condition, frames, (width, height), reader.K, _distortion(reader),
-        _rate(reader), distance, angle, board.plane, _window(board), bias, bias_of,
-        pixel_statistics(board, moments, usable, means), tiles,
-        tuple(edge for edge in edges if edge is not None), counts, tuple(reader.notes))
+        reader.path,
+        usecase,
+        condition,
+        frames,
+        (width, height),
+        reader.K,
+        _distortion(reader),
+        _rate(reader),
+        distance,
+        angle,
+        board.plane,
+        _window(board),
+        bias,
+        bias_of,
+        pixel_statistics(board, moments, usable, means),
+        tiles,
+        tuple(edge for edge in edges if edge is not None),
+        counts,
+        tuple(reader.notes),
+    )
 
 
 def _usecase(reader: RecordingReader, condition: Condition | None) -> str:
@@ -236,7 +264,7 @@ def _typical(depth: np.ndarray) -> tuple[np.ndarray, float]:
     typical = np.where(2 * count >= len(depth), middle, np.nan).astype(np.float64)
     if len(depth) > 1:
         step = np.diff(depth[:, ::2, ::2], axis=0)
-        noise = 1.25 * np.sqrt(0.5 * np.nanmedian(step ** 2) / 0.455 / len(depth))
+        noise = 1.25 * np.sqrt(0.5 * np.nanmedian(step**2) / 0.455 / len(depth))
     else:
         # The median square of a standard normal is 0.455; a slope is the same everywhere.
         step = np.diff(typical, axis=1)
@@ -247,8 +275,10 @@ def _typical(depth: np.ndarray) -> tuple[np.ndarray, float]:
 def _check_units(typical: np.ndarray, far: float) -> None:
     middle = float(np.nanmedian(typical))
     if middle > min(_FAR, 3 * far):
-        raise InputError(f'depth: its median is {middle:.4g}, wanted metres'
-                         f'{"" if math.isinf(far) else f" up to {far:g}"}; are these millimetres?')
+        raise InputError(
+            f'depth: its median is {middle:.4g}, wanted metres'
+            f'{"" if math.isinf(far) else f" up to {far:g}"}; are these millimetres?'
+        )
 
 
 def _check_place(condition: Condition | None, distance: float, angle: float) -> None:
@@ -256,38 +286,49 @@ def _check_place(condition: Condition | None, distance: float, angle: float) -> 
         return
     allowed = _TAPE[0] + _TAPE[1] * condition.distance
     if abs(distance - condition.distance) > allowed:
-        raise InputError(f'board: found at {distance:.3f} m, wanted {condition.distance:g} m as '
-                         f'the name says, within {allowed:.2f} m')
+        raise InputError(
+            f'board: found at {distance:.3f} m, wanted {condition.distance:g} m as '
+            f'the name says, within {allowed:.2f} m'
+        )
     if abs(angle - condition.angle_deg) > _PROTRACTOR:
-        raise InputError(f'board: found at {angle:.1f} degrees, wanted {condition.angle_deg:g} as '
-                         f'the name says, within {_PROTRACTOR:g}')
+        raise InputError(
+            f'board: found at {angle:.1f} degrees, wanted {condition.angle_deg:g} as '
+            f'the name says, within {_PROTRACTOR:g}'
+        )
 
 
 def _image(clean: np.ndarray) -> np.ndarray:
     return np.asarray(clean[0] if clean.ndim == 3 else clean, np.float64)
 
 
-def _settle(board: Board, moments: Moments, near: float,
-            far: float) -> tuple[Board, np.ndarray]:
+def _settle(board: Board, moments: Moments, near: float, far: float) -> tuple[Board, np.ndarray]:
     """Fit the plane again, to all frames; say which pixels can be used."""
     enough = moments.count >= max(1.0, _VALID_SHARE * moments.frames)
     spread = np.sqrt(np.nan_to_num(moments.variance))
     with np.errstate(invalid='ignore'):
-        whole = ((moments.mean - _CUT_OFF * spread > near)
-                 & (moments.mean + _CUT_OFF * spread < far))
+        whole = (moments.mean - _CUT_OFF * spread > near) & (
+            moments.mean + _CUT_OFF * spread < far
+        )
     usable = enough & whole
     v, u = np.nonzero(board.region & usable)
     if len(u) < boards.SMALLEST_REGION:
         raise InputError(
             f'board: {len(u)} of the {int(board.region.sum())} pixels of its region can be used, '
             f'wanted at least {boards.SMALLEST_REGION} that are valid in half of the frames and '
-            f"inside the mode's range by {_CUT_OFF:g} standard deviations")
+            f"inside the mode's range by {_CUT_OFF:g} standard deviations"
+        )
     plane = fit_plane(u, v, moments.mean[v, u], board.plane.lens)
     return Board(plane, board.mask, board.region, board.K), usable
 
 
-def _bias(board: Board, moments: Moments, usable: np.ndarray, clean: np.ndarray | None,
-          condition: Condition | None, distance: float) -> tuple[float, str]:
+def _bias(
+    board: Board,
+    moments: Moments,
+    usable: np.ndarray,
+    clean: np.ndarray | None,
+    condition: Condition | None,
+    distance: float,
+) -> tuple[float, str]:
     if clean is not None:
         with np.errstate(invalid='ignore'):
             error = (moments.mean - clean)[board.region & usable & (clean > 0)]
@@ -301,12 +342,18 @@ def _bias(board: Board, moments: Moments, usable: np.ndarray, clean: np.ndarray 
 def _window(board: Board) -> tuple[int, int, int, int]:
     u, v = (round(place) for place in board.aim)
     height, width = board.mask.shape
-    half_width, half_height = (max(1, round(share * size / 2)) for share, size in
-                               zip(_WINDOW, (width, height), strict=True))
+    half_width, half_height = (
+        max(1, round(share * size / 2))
+        for share, size in zip(_WINDOW, (width, height), strict=True)
+    )
     while True:
-        box = (max(u - half_width, 0), max(v - half_height, 0),
-               min(u + half_width, width), min(v + half_height, height))
-        inside = board.region[box[1]:box[3], box[0]:box[2]].mean()
+        box = (
+            max(u - half_width, 0),
+            max(v - half_height, 0),
+            min(u + half_width, width),
+            min(v + half_height, height),
+        )
+        inside = board.region[box[1] : box[3], box[0] : box[2]].mean()
         if inside > 0.99 or max(half_width, half_height) <= 1:
             return box
         half_width, half_height = max(1, half_width * 9 // 10), max(1, half_height * 9 // 10)

@@ -5,9 +5,23 @@ from dataclasses import dataclass
 from numba import njit
 import numpy as np
 
-_FIELDS = ('count', 'sum1', 'sum2', 'sum3', 'sum4', 'lag_count', 'lag_sum', 'right_count',
-           'right_sum', 'right_own', 'right_other', 'down_count', 'down_sum', 'down_own',
-           'down_other')
+_FIELDS = (
+    'count',
+    'sum1',
+    'sum2',
+    'sum3',
+    'sum4',
+    'lag_count',
+    'lag_sum',
+    'right_count',
+    'right_sum',
+    'right_own',
+    'right_other',
+    'down_count',
+    'down_sum',
+    'down_own',
+    'down_other',
+)
 
 
 @dataclass(frozen=True)
@@ -77,21 +91,38 @@ class Accumulator:
         count = s['count']
         with np.errstate(invalid='ignore', divide='ignore'):
             mean = np.where(count > 0, s['sum1'] / count, np.nan)
-            second = s['sum2'] / count - mean ** 2
-            third = s['sum3'] / count - 3 * mean * s['sum2'] / count + 2 * mean ** 3
-            fourth = (s['sum4'] / count - 4 * mean * s['sum3'] / count
-                      + 6 * mean ** 2 * s['sum2'] / count - 3 * mean ** 4)
+            second = s['sum2'] / count - mean**2
+            third = s['sum3'] / count - 3 * mean * s['sum2'] / count + 2 * mean**3
+            fourth = (
+                s['sum4'] / count
+                - 4 * mean * s['sum3'] / count
+                + 6 * mean**2 * s['sum2'] / count
+                - 3 * mean**4
+            )
             variance = np.where(count > 1, second * count / (count - 1), np.nan)
-            lag = s['lag_sum'] / s['lag_count'] - mean ** 2 + variance / count
-            right, down = (_covariance(s[f'{name}_count'], s[f'{name}_sum'], s[f'{name}_own'],
-                                       s[f'{name}_other']) for name in ('right', 'down'))
-        return Moments(self._frames, count.astype(np.int64), self._reference + mean,
-                       np.maximum(variance, 0.0), third, fourth,
-                       np.where(s['lag_count'] > 0, lag, np.nan), right, down)
+            lag = s['lag_sum'] / s['lag_count'] - mean**2 + variance / count
+            right, down = (
+                _covariance(
+                    s[f'{name}_count'], s[f'{name}_sum'], s[f'{name}_own'], s[f'{name}_other']
+                )
+                for name in ('right', 'down')
+            )
+        return Moments(
+            self._frames,
+            count.astype(np.int64),
+            self._reference + mean,
+            np.maximum(variance, 0.0),
+            third,
+            fourth,
+            np.where(s['lag_count'] > 0, lag, np.nan),
+            right,
+            down,
+        )
 
 
-def _covariance(count: np.ndarray, product: np.ndarray, own: np.ndarray,
-                other: np.ndarray) -> np.ndarray:
+def _covariance(
+    count: np.ndarray, product: np.ndarray, own: np.ndarray, other: np.ndarray
+) -> np.ndarray:
     return np.where(count > 1, (product - own * other / count) / (count - 1), np.nan)
 
 

@@ -77,8 +77,9 @@ class FrameMeans:
         """Add (n, H, W) frames, metres, NaN where invalid."""
         error = depth[:, *self.pixels] - self._reference
         valid = np.isfinite(error)
-        self._means.append(np.where(valid, error, 0.0).sum(axis=1)
-                           / np.maximum(valid.sum(axis=1), 1))
+        self._means.append(
+            np.where(valid, error, 0.0).sum(axis=1) / np.maximum(valid.sum(axis=1), 1)
+        )
 
     @property
     def series(self) -> np.ndarray:
@@ -86,8 +87,9 @@ class FrameMeans:
         return np.concatenate(self._means)
 
 
-def pixel_statistics(board: Board, moments: Moments, usable: np.ndarray,
-                     means: FrameMeans) -> Pixels:
+def pixel_statistics(
+    board: Board, moments: Moments, usable: np.ndarray, means: FrameMeans
+) -> Pixels:
     """
     Summarise a region.
 
@@ -110,12 +112,25 @@ def pixel_statistics(board: Board, moments: Moments, usable: np.ndarray,
     error = np.full(here.shape, np.nan)
     error[v, u] = moments.mean[v, u] - board.plane.depth(u, v)
     if moments.frames == 1:
-        square = error ** 2
-        right, down = (_correlation(error * _next(error, axis), square, _next(square, axis))
-                       for axis in (1, 0))
+        square = error**2
+        right, down = (
+            _correlation(error * _next(error, axis), square, _next(square, axis))
+            for axis in (1, 0)
+        )
         unknown = math.nan
-        return Pixels(count, invalid, unknown, right, down, unknown, unknown, unknown, unknown,
-                      float(np.sqrt(np.nanmean(square))), unknown)
+        return Pixels(
+            count,
+            invalid,
+            unknown,
+            right,
+            down,
+            unknown,
+            unknown,
+            unknown,
+            unknown,
+            float(np.sqrt(np.nanmean(square))),
+            unknown,
+        )
     variance = np.where(here, moments.variance, np.nan)
     lag = _correlation(moments.lag, variance, variance)
     right = _correlation(moments.right, variance, _next(variance, 1))
@@ -128,10 +143,18 @@ def pixel_statistics(board: Board, moments: Moments, usable: np.ndarray,
     own = np.maximum(moments.variance[v, u] - series.var(ddof=1), 0.0)
     noise = float(np.mean(own / moments.count[v, u]))
     return Pixels(
-        count, invalid, lag, right, down, skewness, kurtosis,
-        float(series.var(ddof=1)) / expected if expected > 0 else math.nan, drift,
+        count,
+        invalid,
+        lag,
+        right,
+        down,
+        skewness,
+        kurtosis,
+        float(series.var(ddof=1)) / expected if expected > 0 else math.nan,
+        drift,
         _less(float(np.mean(error[v, u] ** 2)), noise),
-        _less(float(np.mean(_unsmooth(u, v, error[v, u]) ** 2)), noise))
+        _less(float(np.mean(_unsmooth(u, v, error[v, u]) ** 2)), noise),
+    )
 
 
 def _next(image: np.ndarray, axis: int) -> np.ndarray:
@@ -154,9 +177,9 @@ def _tails(moments: Moments, here: np.ndarray) -> tuple[float, float]:
     if not moving.any():
         return math.nan, math.nan
     n, second = n[moving], second[moving]
-    skewness = np.mean(moments.third[here][moving] / second ** 1.5)
+    skewness = np.mean(moments.third[here][moving] / second**1.5)
     # The kurtosis of a Gaussian's sample is 3 - 6 / (n + 1) on average.
-    kurtosis = np.mean(moments.fourth[here][moving] / second ** 2 - 3 + 6 / (n + 1))
+    kurtosis = np.mean(moments.fourth[here][moving] / second**2 - 3 + 6 / (n + 1))
     return float(skewness), float(kurtosis)
 
 

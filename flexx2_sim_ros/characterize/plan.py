@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 from itertools import groupby
 
-from flexx2_sim_ros.camera.modes import Profile
 from flexx2_sim_ros.characterize.conditions import Condition
 from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.profiles.modes import Profile
 
 _NODE = '/pmd_royale_ros_camera_node'  # of the real driver (pmd-royale-ros)
 _INTRODUCTION = """\
@@ -60,12 +60,22 @@ def checklist(wanted: Sequence[Condition], profile: Profile, frames: int) -> str
     if frames < 1:
         raise InputError(f'--frames: found {frames}, wanted at least 1')
     slowest = min(profile.mode(condition.usecase).rate_hz for condition in wanted)
-    setups = [(place, list(same)) for place, same in groupby(
-        wanted, key=lambda c: (c.distance, c.angle_deg))]
-    lines = [_INTRODUCTION.format(
-        model=profile.model, count=len(wanted), frames=frames, setups=len(setups),
-        usecase=wanted[0].usecase, name=wanted[0].name, node=_NODE,
-        seconds=round(frames / slowest + 1))]
+    setups = [
+        (place, list(same))
+        for place, same in groupby(wanted, key=lambda c: (c.distance, c.angle_deg))
+    ]
+    lines = [
+        _INTRODUCTION.format(
+            model=profile.model,
+            count=len(wanted),
+            frames=frames,
+            setups=len(setups),
+            usecase=wanted[0].usecase,
+            name=wanted[0].name,
+            node=_NODE,
+            seconds=round(frames / slowest + 1),
+        )
+    ]
     for (distance, angle), same in setups:
         lines.append(f'\n## {distance:g} m, {angle:g} degrees\n\n')
         lines += [f'- [ ] `{condition.name}`\n' for condition in same]

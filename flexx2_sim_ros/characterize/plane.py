@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
-from flexx2_sim_ros.camera.geometry import pixel_rays
-from flexx2_sim_ros.camera.intrinsics import Intrinsics
+from flexx2_sim_ros.physics.geometry import pixel_rays
+from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 import numpy as np
 from scipy import ndimage
 
@@ -40,8 +40,10 @@ def straighten(u: Any, v: Any, lens: Intrinsics | None) -> tuple[np.ndarray, np.
     if lens is None:
         return u, v
     places = np.stack([v.ravel(), u.ravel()])
-    across, down = (ndimage.map_coordinates(image, places, order=1, mode='nearest')
-                    for image in _straight_pixels(lens))
+    across, down = (
+        ndimage.map_coordinates(image, places, order=1, mode='nearest')
+        for image in _straight_pixels(lens)
+    )
     return across.reshape(u.shape), down.reshape(u.shape)
 
 
@@ -98,12 +100,13 @@ class Plane:
         u, v = straighten(u, v, self.lens)
         x, y = (u - cx) / fx, (v - cy) / fy
         along = normal[0] * x + normal[1] * y + normal[2]
-        lengths = np.linalg.norm(normal) * np.sqrt(1.0 + x ** 2 + y ** 2)
+        lengths = np.linalg.norm(normal) * np.sqrt(1.0 + x**2 + y**2)
         return np.arccos(np.clip(np.abs(along) / lengths, 0.0, 1.0))
 
 
-def fit_plane(u: np.ndarray, v: np.ndarray, depth: np.ndarray,
-              lens: Intrinsics | None = None) -> Plane:
+def fit_plane(
+    u: np.ndarray, v: np.ndarray, depth: np.ndarray, lens: Intrinsics | None = None
+) -> Plane:
     """
     Fit a plane by least squares in depth.
 
@@ -122,19 +125,24 @@ def fit_plane(u: np.ndarray, v: np.ndarray, depth: np.ndarray,
     depth = depth.astype(np.float64)
     # First in inverse depth, where an error dz of depth is one of dz / z^2. That is drawn to the
     # nearer pixels by sigma^2 / z; Gauss-Newton steps in depth itself are not.
-    weighted = design * depth ** 4
+    weighted = design * depth**4
     solution = np.linalg.lstsq(weighted @ design.T, weighted @ (1.0 / depth), rcond=None)[0]
     for _ in range(_REFINEMENTS):
         fitted = np.maximum(solution @ design, 1e-6)
-        weighted = design / fitted ** 4
-        error = (1.0 / fitted - depth) * fitted ** 2
+        weighted = design / fitted**4
+        error = (1.0 / fitted - depth) * fitted**2
         solution = solution + np.linalg.lstsq(weighted @ design.T, weighted @ error, rcond=None)[0]
     p, q, r = solution
     return Plane(float(p - q * u0 - r * v0), float(q), float(r), lens)
 
 
-def ransac_plane(u: np.ndarray, v: np.ndarray, depth: np.ndarray, tolerance: float,
-                 lens: Intrinsics | None = None) -> Plane:
+def ransac_plane(
+    u: np.ndarray,
+    v: np.ndarray,
+    depth: np.ndarray,
+    tolerance: float,
+    lens: Intrinsics | None = None,
+) -> Plane:
     """
     Fit a plane to what may be several surfaces.
 
@@ -161,8 +169,13 @@ def ransac_plane(u: np.ndarray, v: np.ndarray, depth: np.ndarray, tolerance: flo
     across, down = straighten(u, v, lens)
     scale = max(np.ptp(across), np.ptp(down), 1.0)
     design = np.stack([(across - across.mean()) / scale, (down - down.mean()) / scale], axis=1)
-    search = RANSACRegressor(LinearRegression(), residual_threshold=threshold, random_state=0,
-                             max_trials=200, stop_probability=0.9999)
+    search = RANSACRegressor(
+        LinearRegression(),
+        residual_threshold=threshold,
+        random_state=0,
+        max_trials=200,
+        stop_probability=0.9999,
+    )
     search.fit(design, 1.0 / depth)
     inside = search.inlier_mask_
     return fit_plane(u[inside], v[inside], depth[inside], lens)

@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from flexx2_sim_ros.atomic import named, whole_files
-from flexx2_sim_ros.camera.profiles import ProfileFile
 from flexx2_sim_ros.characterize import figures
 from flexx2_sim_ros.characterize.analysis import Cell, Characterization
 from flexx2_sim_ros.characterize.assumptions import check_assumptions
 from flexx2_sim_ros.characterize.histogram import noise_histogram
 from flexx2_sim_ros.characterize.tables import DASH, divergence, four_tables, Row, Table
+from flexx2_sim_ros.profiles.files import ProfileFile
 import numpy as np
 
 _PAGE = 'report.html'
@@ -40,8 +40,9 @@ details { margin: .6rem 0; } summary { cursor: pointer; color: #234; }
 """
 
 
-def write_report(result: Characterization, profile: ProfileFile, folder: Path,
-                 camera: str | None = None) -> Path:
+def write_report(
+    result: Characterization, profile: ProfileFile, folder: Path, camera: str | None = None
+) -> Path:
     """
     Write the page and its figures.
 
@@ -69,8 +70,9 @@ def write_report(result: Characterization, profile: ProfileFile, folder: Path,
     """
     with whole_files(folder) as part:
         pictures = _draw(result, part, camera)
-        (part / _PAGE).write_text(_page(result, profile, pictures), encoding='utf-8',
-                                  errors='backslashreplace')
+        (part / _PAGE).write_text(
+            _page(result, profile, pictures), encoding='utf-8', errors='backslashreplace'
+        )
     with named(folder):
         for name in set(_FIGURES) - set(pictures):
             (folder / f'{name}.png').unlink(missing_ok=True)  # of an earlier run
@@ -85,7 +87,8 @@ def _draw(result: Characterization, folder: Path, camera: str | None) -> dict[st
         'tables': lambda path: figures.tables_figure(four_tables(result), path),
         'lateral': lambda path: figures.lateral_figure(result, path),
         'bias': lambda path: figures.bias_figure(result, path),
-        'amplitude': lambda path: figures.amplitude_figure(result, path)}
+        'amplitude': lambda path: figures.amplitude_figure(result, path),
+    }
     pictures = {}
     for name, draw in drawings.items():
         path = folder / f'{name}.png'
@@ -104,19 +107,32 @@ def _page(result: Characterization, profile: ProfileFile, pictures: dict[str, st
     several = f'{len(result.modes)} modes' if len(result.modes) > 1 else 'one mode'
     parts = [
         f'<h1>{escape(title)}</h1>',
-        _paragraph(f'{len(cells)} recordings, {frames:,} frames of {size}, '
-                   f'{several}, from the folder {result.folder.resolve().name}. '
-                   f'Made {profile.provenance.get("date", "")} by '
-                   f'{profile.provenance.get("made_by", "")}.', 'note'),
-        *_summary(result), *_section(modes), *_axial(axial, result, pictures),
-        *_section(axial_divergence, 'h3'), *_histogram(result, pictures),
-        *_lateral(lateral, pictures), *_assumptions(result),
-        *_bias_and_amplitude(pictures), *_details(result), *_left_out(result, profile),
-        *_method(result)]
-    return ('<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
-            '<meta name="viewport" content="width=device-width, initial-scale=1">'
-            f'<title>{escape(title)}</title><style>{_STYLE}</style></head><body>\n'
-            + '\n'.join(parts) + '\n</body></html>\n')
+        _paragraph(
+            f'{len(cells)} recordings, {frames:,} frames of {size}, '
+            f'{several}, from the folder {result.folder.resolve().name}. '
+            f'Made {profile.provenance.get("date", "")} by '
+            f'{profile.provenance.get("made_by", "")}.',
+            'note',
+        ),
+        *_summary(result),
+        *_section(modes),
+        *_axial(axial, result, pictures),
+        *_section(axial_divergence, 'h3'),
+        *_histogram(result, pictures),
+        *_lateral(lateral, pictures),
+        *_assumptions(result),
+        *_bias_and_amplitude(pictures),
+        *_details(result),
+        *_left_out(result, profile),
+        *_method(result),
+    ]
+    return (
+        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f'<title>{escape(title)}</title><style>{_STYLE}</style></head><body>\n'
+        + '\n'.join(parts)
+        + '\n</body></html>\n'
+    )
 
 
 def _summary(result: Characterization) -> list[str]:
@@ -125,35 +141,50 @@ def _summary(result: Characterization) -> list[str]:
         failed = [f.assumption for f in check_assumptions(mode) if f.holds is False]
         sigma = mode.axial.model()
         z = float(np.clip(1.0, *mode.axial.distances))
-        text = (f'{mode.usecase}: sigma_z {1e3 * float(sigma.sigma_z(z, 0.0)):.2f} mm at '
-                f'{z:.3g} m')
+        text = f'{mode.usecase}: sigma_z {1e3 * float(sigma.sigma_z(z, 0.0)):.2f} mm at {z:.3g} m'
         if mode.axial.coefficients['d']:
             text += f' ({1e3 * float(sigma.sigma_z(z, math.radians(60))):.2f} mm at 60 degrees)'
         if not math.isnan(mode.sigma_x):
             text += f', edges {mode.sigma_x:.3f} px'
-        text += ('. All assumptions that could be checked hold.' if not failed else
-                 f'. {len(failed)} assumption{"s do" if len(failed) > 1 else " does"} not hold.')
+        text += (
+            '. All assumptions that could be checked hold.'
+            if not failed
+            else f'. {len(failed)} assumption{"s do" if len(failed) > 1 else " does"} not hold.'
+        )
         lines.append(f'<li>{escape(text)}</li>')
     if any(mode.spatial for mode in result.modes):
-        lines.append('<li class="no">Single frames: noise is what one frame leaves of a plane, '
-                     'not what changes from frame to frame. Correlated neighbours hide some of '
-                     'it, a fixed pattern adds to it.</li>')
+        lines.append(
+            '<li class="no">Single frames: noise is what one frame leaves of a plane, '
+            'not what changes from frame to frame. Correlated neighbours hide some of '
+            'it, a fixed pattern adds to it.</li>'
+        )
     if result.left_out:
-        lines.append(f'<li class="no">{len(result.left_out)} recordings were left out; the '
-                     'reasons are at the end.</li>')
+        lines.append(
+            f'<li class="no">{len(result.left_out)} recordings were left out; the '
+            'reasons are at the end.</li>'
+        )
     return [f'<ul>{"".join(lines)}</ul>']
 
 
 def _axial(table: Table, result: Characterization, pictures: dict[str, str]) -> list[str]:
     notes = [f'{mode.usecase}: {note}.' for mode in result.modes for note in mode.axial.notes]
-    return [*_section(table), *(_paragraph(note, 'note') for note in notes),
-            _image(pictures, 'sigma_z', 'sigma_z against distance, by incidence angle; lines and '
-                   'bands: the model; points: recordings, at the optical axis')]
+    return [
+        *_section(table),
+        *(_paragraph(note, 'note') for note in notes),
+        _image(
+            pictures,
+            'sigma_z',
+            'sigma_z against distance, by incidence angle; lines and '
+            'bands: the model; points: recordings, at the optical axis',
+        ),
+    ]
 
 
 def _histogram(result: Characterization, pictures: dict[str, str]) -> list[str]:
-    caption = ('Depth less the fitted plane, all pixels and frames of one recording around the '
-               'optical axis')
+    caption = (
+        'Depth less the fitted plane, all pixels and frames of one recording around the '
+        'optical axis'
+    )
     if any(mode.spatial for mode in result.modes):
         caption += "; with what the image is not flat by, which is not in the model's sigma"
     return [_image(pictures, 'histogram', caption)]
@@ -162,25 +193,38 @@ def _histogram(result: Characterization, pictures: dict[str, str]) -> list[str]:
 def _lateral(table: Table, pictures: dict[str, str]) -> list[str]:
     parts = _section(table)
     if 'lateral' in pictures:
-        parts.append(_image(pictures, 'lateral', 'Every edge, by distance and angle from left to '
-                            'right; bars are two standard errors'))
+        parts.append(
+            _image(
+                pictures,
+                'lateral',
+                'Every edge, by distance and angle from left to '
+                'right; bars are two standard errors',
+            )
+        )
     return parts
 
 
 def _assumptions(result: Characterization) -> list[str]:
-    words = {True: ('yes', 'holds'), False: ('no', 'does not hold'),
-             None: ('unknown', 'cannot be told')}
+    words = {
+        True: ('yes', 'holds'),
+        False: ('no', 'does not hold'),
+        None: ('unknown', 'cannot be told'),
+    }
     parts = ['<h2>What the model assumes</h2>']
     for mode in result.modes:
         rows = []
         for finding in check_assumptions(mode):
             kind, word = words[finding.holds]
-            rows.append(f'<tr><td class="text">{escape(finding.assumption)}</td>'
-                        f'<td class="text {kind}">{word}</td>'
-                        f'<td class="text">{escape(finding.evidence)}</td></tr>')
-        parts += [f'<h3>{escape(mode.usecase)}</h3><table><tr><th>assumption</th>'
-                  '<th class="text"></th><th class="text">evidence</th></tr>'
-                  f'{"".join(rows)}</table>']
+            rows.append(
+                f'<tr><td class="text">{escape(finding.assumption)}</td>'
+                f'<td class="text {kind}">{word}</td>'
+                f'<td class="text">{escape(finding.evidence)}</td></tr>'
+            )
+        parts += [
+            f'<h3>{escape(mode.usecase)}</h3><table><tr><th>assumption</th>'
+            '<th class="text"></th><th class="text">evidence</th></tr>'
+            f'{"".join(rows)}</table>'
+        ]
     return parts
 
 
@@ -189,9 +233,15 @@ def _bias_and_amplitude(pictures: dict[str, str]) -> list[str]:
     if 'bias' in pictures:
         parts += ['<h2>Bias</h2>', _image(pictures, 'bias', 'Bias of every recording')]
     if 'amplitude' in pictures:
-        parts += ['<h2>Amplitude</h2>', _image(
-            pictures, 'amplitude', 'Noise and share of invalid pixels against the amplitude '
-            "image, in the camera's units")]
+        parts += [
+            '<h2>Amplitude</h2>',
+            _image(
+                pictures,
+                'amplitude',
+                'Noise and share of invalid pixels against the amplitude '
+                "image, in the camera's units",
+            ),
+        ]
     return parts
 
 
@@ -202,22 +252,49 @@ def _details(result: Characterization) -> list[str]:
         parts.append(
             f'<details><summary>{escape(mode.usecase)}: {len(rows)} recordings</summary>'
             + _table(
-                ('recording', 'z [m]', 'θ [°]', 'bias [mm]', 'invalid', 'sigma_z [mm]', '/ model',
-                 'KL [nats]', 'lag 1', 'right', 'down', 'kurtosis', 'edges [px]', 'KL'), rows)
-            + '</details>')
+                (
+                    'recording',
+                    'z [m]',
+                    'θ [°]',
+                    'bias [mm]',
+                    'invalid',
+                    'sigma_z [mm]',
+                    '/ model',
+                    'KL [nats]',
+                    'lag 1',
+                    'right',
+                    'down',
+                    'kurtosis',
+                    'edges [px]',
+                    'KL',
+                ),
+                rows,
+            )
+            + '</details>'
+        )
     return parts
 
 
 def _detail(cell: Cell) -> Row:
     m = cell.measurement
-    return Row((
-        m.path.name, f'{m.distance:.3f}', f'{m.angle_deg:.1f}', _number(1e3 * m.bias, '+z.2f'),
-        f'{m.pixels.invalid:.2%}', f'{1e3 * cell.sigma:.2f}', f'{cell.sigma / cell.modelled:.3f}',
-        f'{cell.axial.raw:.4f} ({cell.axial.debiased:+z.4f})',
-        *(_number(value, '+z.3f') for value in (
-            m.pixels.lag, m.pixels.right, m.pixels.down, m.pixels.kurtosis)),
-        ', '.join(f'{edge.sigma:.2f}' for edge in m.edges) or DASH,
-        divergence([cell.lateral] if cell.lateral else [])))
+    return Row(
+        (
+            m.path.name,
+            f'{m.distance:.3f}',
+            f'{m.angle_deg:.1f}',
+            _number(1e3 * m.bias, '+z.2f'),
+            f'{m.pixels.invalid:.2%}',
+            f'{1e3 * cell.sigma:.2f}',
+            f'{cell.sigma / cell.modelled:.3f}',
+            f'{cell.axial.raw:.4f} ({cell.axial.debiased:+z.4f})',
+            *(
+                _number(value, '+z.3f')
+                for value in (m.pixels.lag, m.pixels.right, m.pixels.down, m.pixels.kurtosis)
+            ),
+            ', '.join(f'{edge.sigma:.2f}' for edge in m.edges) or DASH,
+            divergence([cell.lateral] if cell.lateral else []),
+        )
+    )
 
 
 def _left_out(result: Characterization, profile: ProfileFile) -> list[str]:
@@ -225,27 +302,40 @@ def _left_out(result: Characterization, profile: ProfileFile) -> list[str]:
     if result.left_out:
         reasons = ''.join(f'<li>{escape(reason)}</li>' for reason in result.left_out)
         parts += [f'<h2>Left out: {len(result.left_out)}</h2><ul>{reasons}</ul>']
-    notes = [*profile.provenance.get('notes', ()),
-             *(note for mode in result.modes for m in mode.measurements for note in m.notes)]
+    notes = [
+        *profile.provenance.get('notes', ()),
+        *(note for mode in result.modes for m in mode.measurements for note in m.notes),
+    ]
     if notes:
-        parts += ['<h2>Notes</h2><ul>' + ''.join(f'<li>{escape(str(note))}</li>'
-                                                 for note in notes) + '</ul>']
+        parts += [
+            '<h2>Notes</h2><ul>'
+            + ''.join(f'<li>{escape(str(note))}</li>' for note in notes)
+            + '</ul>'
+        ]
     return parts
 
 
 def _method(result: Characterization) -> list[str]:
-    return ['<h2>How it was measured</h2>', _paragraph(
-        'The board is the plane in the middle of the image, found by RANSAC and followed to its '
-        'edges; a margin there and incidence beyond 70° are left out. Distance and angle are the '
-        "plane's. sigma_z is each pixel's standard deviation over the frames, invalid pixels left "
-        'out; a, b, c, d by least squares of relative residuals for every n from -1 to 3 in '
-        'steps of 0.1, each recording weighing the same; standard errors by leaving out one '
-        'recording after another. Lateral noise: per row the largest step of depth is the edge '
-        'pixel; a line is fitted to the edge pixels of a frame; what counts is what is left.',
-        'note'), _paragraph(
-        'After Cai, Plozza, Marty, Joseph, Magno: "Noise Analysis and Modeling of the PMD Flexx2 '
-        'Depth Camera for Robotic Applications", IEEE COINS 2024, '
-        'doi 10.1109/COINS61597.2024.10622644.', 'note')]
+    return [
+        '<h2>How it was measured</h2>',
+        _paragraph(
+            'The board is the plane in the middle of the image, found by RANSAC and followed to '
+            'its edges; a margin there and incidence beyond 70° are left out. Distance and angle '
+            "are the plane's. sigma_z is each pixel's standard deviation over the frames, invalid "
+            'pixels left out; a, b, c, d by least squares of relative residuals for every n from '
+            '-1 to 3 in steps of 0.1, each recording weighing the same; standard errors by '
+            'leaving out one recording after another. Lateral noise: per row the largest step of '
+            'depth is the edge pixel; a line is fitted to the edge pixels of a frame; what counts '
+            'is what is left.',
+            'note',
+        ),
+        _paragraph(
+            'After Cai, Plozza, Marty, Joseph, Magno: "Noise Analysis and Modeling of the PMD '
+            'Flexx2 Depth Camera for Robotic Applications", IEEE COINS 2024, '
+            'doi 10.1109/COINS61597.2024.10622644.',
+            'note',
+        ),
+    ]
 
 
 def _number(value: float, form: str) -> str:
@@ -273,6 +363,8 @@ def _table(head: Iterable[str], rows: Iterable[Row]) -> str:
 def _image(pictures: dict[str, str], name: str, caption: str) -> str:
     # A PNG's width is in its header; a figure is shown as large as its text asks for.
     width = int.from_bytes(base64.b64decode(pictures[name][:32])[16:20], 'big')
-    return (f'<figure style="margin:.8rem 0"><img width="{round(width / _SHARPNESS)}" '
-            f'alt="{escape(caption)}" src="data:image/png;base64,{pictures[name]}">'
-            f'<figcaption class="note">{escape(caption)}</figcaption></figure>')
+    return (
+        f'<figure style="margin:.8rem 0"><img width="{round(width / _SHARPNESS)}" '
+        f'alt="{escape(caption)}" src="data:image/png;base64,{pictures[name]}">'
+        f'<figcaption class="note">{escape(caption)}</figcaption></figure>'
+    )

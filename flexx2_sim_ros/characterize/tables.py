@@ -5,12 +5,12 @@ from dataclasses import dataclass
 import math
 from typing import Any
 
-from flexx2_sim_ros.camera.modes import flexx2, Mode, NoiseModel
 from flexx2_sim_ros.characterize.analysis import Characterization, Divergence, ModeResult
 from flexx2_sim_ros.characterize.axial import NAMES
 from flexx2_sim_ros.config_file import read_section
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.paths import config_dir
+from flexx2_sim_ros.profiles.modes import flexx2, Mode, NoiseModel
 import numpy as np
 
 DASH = '–'
@@ -58,31 +58,75 @@ def _modes(result: Characterization) -> Table:
         near, far = _ends([m.distance for m in mode.measurements])
         low, high = _ends([m.angle_deg for m in mode.measurements])
         rates = [m.rate_hz for m in mode.measurements if math.isfinite(m.rate_hz)]
-        rows.append(Row((
-            mode.usecase,
-            ' + '.join(f'{f / 1e6:g}' for f in known.modulation_hz) if known else DASH,
-            f'{known.rate_hz:g}' if known else f'{np.median(rates):.3g}' if rates else DASH,
-            f'{known.range_min:g} to {known.range_max:g}' if known else DASH,
-            str(len(mode.cells)), f'{sum(m.frames for m in mode.measurements):,}',
-            f'{near:.2f} to {far:.2f}', f'{low:.0f} to {high:.0f}')))
-    return Table('Modes', '', (
-        'mode', 'modulation [MHz]', 'rate [Hz]', 'range [m]', 'recordings', 'frames',
-        'boards at [m]', 'incidence [°]'), tuple(rows))
+        rows.append(
+            Row(
+                (
+                    mode.usecase,
+                    ' + '.join(f'{f / 1e6:g}' for f in known.modulation_hz) if known else DASH,
+                    f'{known.rate_hz:g}'
+                    if known
+                    else f'{np.median(rates):.3g}'
+                    if rates
+                    else DASH,
+                    f'{known.range_min:g} to {known.range_max:g}' if known else DASH,
+                    str(len(mode.cells)),
+                    f'{sum(m.frames for m in mode.measurements):,}',
+                    f'{near:.2f} to {far:.2f}',
+                    f'{low:.0f} to {high:.0f}',
+                )
+            )
+        )
+    return Table(
+        'Modes',
+        '',
+        (
+            'mode',
+            'modulation [MHz]',
+            'rate [Hz]',
+            'range [m]',
+            'recordings',
+            'frames',
+            'boards at [m]',
+            'incidence [°]',
+        ),
+        tuple(rows),
+    )
 
 
 def _axial(result: Characterization) -> Table:
     rows = []
     for mode in result.modes:
         fit = mode.axial
-        rows.append(Row((
-            mode.usecase, *(with_error(_shown(name, fit.coefficients[name]),
-                                       _shown(name, fit.errors[name])) for name in NAMES),
-            DASH if fit.interval_n is None else
-            f'{fit.interval_n[0]:.2f} to {fit.interval_n[1]:.2f}', f'{fit.scatter:.1%}')))
+        rows.append(
+            Row(
+                (
+                    mode.usecase,
+                    *(
+                        with_error(
+                            _shown(name, fit.coefficients[name]), _shown(name, fit.errors[name])
+                        )
+                        for name in NAMES
+                    ),
+                    DASH
+                    if fit.interval_n is None
+                    else f'{fit.interval_n[0]:.2f} to {fit.interval_n[1]:.2f}',
+                    f'{fit.scatter:.1%}',
+                )
+            )
+        )
         noise = paper_noise(mode.usecase)
         if noise is not None:
-            rows.append(Row(('the paper', *(f'{_shown(name, getattr(noise, name)):g}'
-                                            for name in NAMES), '', ''), True))
+            rows.append(
+                Row(
+                    (
+                        'the paper',
+                        *(f'{_shown(name, getattr(noise, name)):g}' for name in NAMES),
+                        '',
+                        '',
+                    ),
+                    True,
+                )
+            )
     return Table(
         'Axial noise',
         'sigma_z = a + b z + c z² + d zⁿ θ² / (π/2 − θ)², metres and radians; θ is the angle '
@@ -90,7 +134,8 @@ def _axial(result: Characterization) -> Table:
         'of n and the bands are 95 %; scatter is how far recordings deviate from the fit (root '
         'mean square).',
         ('mode', 'a [mm]', 'b [mm/m]', 'c [mm/m²]', 'd [mm/mⁿ]', 'n', 'n is in', 'scatter'),
-        tuple(rows))
+        tuple(rows),
+    )
 
 
 def _axial_divergence(result: Characterization) -> Table:
@@ -99,19 +144,38 @@ def _axial_divergence(result: Characterization) -> Table:
     rows = []
     for mode in result.modes:
         found = [(cell.angle_group, cell.axial) for cell in mode.cells]
-        rows.append(Row((mode.usecase, *(
-            divergence([axial for group, axial in found if group == angle]) for angle in angles),
-            divergence([axial for _, axial in found]))))
+        rows.append(
+            Row(
+                (
+                    mode.usecase,
+                    *(
+                        divergence([axial for group, axial in found if group == angle])
+                        for angle in angles
+                    ),
+                    divergence([axial for _, axial in found]),
+                )
+            )
+        )
         reported = paper.get(mode.usecase)
         if reported:
             table = {float(key): value for key, value in reported['axial_kl'].items()}
-            rows.append(Row(('the paper', *(f'{table[angle]:.3f}' if angle in table else ''
-                                            for angle in angles), ''), True))
+            rows.append(
+                Row(
+                    (
+                        'the paper',
+                        *(f'{table[angle]:.3f}' if angle in table else '' for angle in angles),
+                        '',
+                    ),
+                    True,
+                )
+            )
     return Table(
         'Divergence of the measured noise from the model [nats]',
         'Mean over pixels of the Kullback-Leibler divergence; in brackets without what so many '
         'frames give a perfect model (about 1 / frames).',
-        ('mode', *(f'{angle:g}°' for angle in angles), 'all'), tuple(rows))
+        ('mode', *(f'{angle:g}°' for angle in angles), 'all'),
+        tuple(rows),
+    )
 
 
 def _lateral(result: Characterization) -> Table:
@@ -120,22 +184,42 @@ def _lateral(result: Characterization) -> Table:
     for mode in result.modes:
         sigmas = [edge.sigma for _, edge in mode.edges]
         found = [cell.lateral for cell in mode.cells if cell.lateral is not None]
-        rows.append(Row((
-            mode.usecase, str(len(sigmas)),
-            with_error(mode.sigma_x, mode.sigma_x_error) if sigmas else 'not measured',
-            f'{np.median(sigmas):.3f}' if sigmas else DASH,
-            f'{min(sigmas):.2f} to {max(sigmas):.2f}' if sigmas else DASH, divergence(found))))
+        rows.append(
+            Row(
+                (
+                    mode.usecase,
+                    str(len(sigmas)),
+                    with_error(mode.sigma_x, mode.sigma_x_error) if sigmas else 'not measured',
+                    f'{np.median(sigmas):.3f}' if sigmas else DASH,
+                    f'{min(sigmas):.2f} to {max(sigmas):.2f}' if sigmas else DASH,
+                    divergence(found),
+                )
+            )
+        )
         noise = paper_noise(mode.usecase)
         if noise is not None:
             kl = paper.get(mode.usecase, {}).get('lateral_kl')
-            rows.append(Row(('the paper', '', f'{noise.sigma_x:g}', '', '',
-                             '' if kl is None else f'{kl:g}'), True))
+            rows.append(
+                Row(
+                    (
+                        'the paper',
+                        '',
+                        f'{noise.sigma_x:g}',
+                        '',
+                        '',
+                        '' if kl is None else f'{kl:g}',
+                    ),
+                    True,
+                )
+            )
     return Table(
         'Lateral noise',
         "sigma_x: the 90th percentile of all edges' standard deviations about their own lines, in "
         'pixels. An edge is found to whole pixels: that alone is 0.29 px, and it is in these '
         'figures.',
-        ('mode', 'edges', 'sigma_x [px]', 'median', 'from, to', 'divergence [nats]'), tuple(rows))
+        ('mode', 'edges', 'sigma_x [px]', 'median', 'from, to', 'divergence [nats]'),
+        tuple(rows),
+    )
 
 
 def with_error(value: float, error: float | None) -> str:
@@ -143,8 +227,9 @@ def with_error(value: float, error: float | None) -> str:
     if error is None or not math.isfinite(error):
         return f'{value:.4g}'
     # The error's first two digits say how many of the value's mean something.
-    digits = (max(0, min(_MOST_DIGITS, 1 - math.floor(math.log10(error)))) if error > 0
-              else _MOST_DIGITS)
+    digits = (
+        max(0, min(_MOST_DIGITS, 1 - math.floor(math.log10(error)))) if error > 0 else _MOST_DIGITS
+    )
     return f'{value:.{digits}f} ± {error:.{digits}f}'
 
 
@@ -152,8 +237,9 @@ def divergence(found: Sequence[Divergence]) -> str:
     """Write the mean of divergences, as it is and without its floor."""
     if not found:
         return DASH
-    raw, debiased = (float(np.mean(values)) for values in
-                     ([d.raw for d in found], [d.debiased for d in found]))
+    raw, debiased = (
+        float(np.mean(values)) for values in ([d.raw for d in found], [d.debiased for d in found])
+    )
     return f'{raw:.4f} ({debiased:z.4f})'
 
 

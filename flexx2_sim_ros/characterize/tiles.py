@@ -15,8 +15,8 @@ import numpy as np
 _LARGEST_NUMBER = 4000  # of tiles in an image
 _SIDE = 4
 SPATIAL_SIDE = 8
-_WHOLE_SHARE = 0.9   # of a spatial tile that must be valid
-_EVEN_RATIO = 1.5    # of the 95th to the 5th percentile of amplitude in a spatial tile
+_WHOLE_SHARE = 0.9  # of a spatial tile that must be valid
+_EVEN_RATIO = 1.5  # of the 95th to the 5th percentile of amplitude in a spatial tile
 _SMALLEST_VARIANCE = 1e-16  # (10 nm)^2, for the logarithm of what never changed
 
 
@@ -69,12 +69,14 @@ class Tiles:
 
 def join(parts: list[Tiles]) -> Tiles:
     """Return the tiles of several recordings as one."""
-    return Tiles(*(np.concatenate([getattr(part, field.name) for part in parts])
-                   for field in fields(Tiles)))
+    return Tiles(
+        *(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(Tiles))
+    )
 
 
-def temporal_tiles(board: Board, moments: Moments, amplitude: np.ndarray | None,
-                   usable: np.ndarray) -> Tiles:
+def temporal_tiles(
+    board: Board, moments: Moments, amplitude: np.ndarray | None, usable: np.ndarray
+) -> Tiles:
     """
     Gather noise over frames.
 
@@ -99,16 +101,23 @@ def temporal_tiles(board: Board, moments: Moments, amplitude: np.ndarray | None,
 
     def mean(values: np.ndarray) -> np.ndarray:
         return np.bincount(index, values) / pixels
+
     count, variance = moments.count[v, u], moments.variance[v, u]
     plane = board.plane.depth(u, v)
     theta = np.full(len(u), np.nan) if board.K is None else board.plane.incidence(u, v, board.K)
     level = np.full(len(u), np.nan) if amplitude is None else amplitude[v, u]
     freedom = np.bincount(index, count - 1.0)
     return Tiles(
-        mean(plane), mean(theta), pixels, freedom,
+        mean(plane),
+        mean(theta),
+        pixels,
+        freedom,
         np.bincount(index, variance * (count - 1.0)) / freedom,
         mean(np.log(np.maximum(variance, _SMALLEST_VARIANCE))),
-        mean((moments.mean[v, u] - plane) ** 2), mean(kl_floor(count)), mean(level))
+        mean((moments.mean[v, u] - plane) ** 2),
+        mean(kl_floor(count)),
+        mean(level),
+    )
 
 
 def spatial_tiles(board: Board, depth: np.ndarray, amplitude: np.ndarray | None) -> Tiles:
@@ -130,12 +139,18 @@ def spatial_tiles(board: Board, depth: np.ndarray, amplitude: np.ndarray | None)
     """
     # Half overlapping, for twice the sides that a checkered board gets right.
     half = SPATIAL_SIDE // 2
-    return join([_spatial_grid(board, depth, amplitude, down, right)
-                 for down in (0, half) for right in (0, half)])
+    return join(
+        [
+            _spatial_grid(board, depth, amplitude, down, right)
+            for down in (0, half)
+            for right in (0, half)
+        ]
+    )
 
 
-def _spatial_grid(board: Board, depth: np.ndarray, amplitude: np.ndarray | None, down: int,
-                  along: int) -> Tiles:
+def _spatial_grid(
+    board: Board, depth: np.ndarray, amplitude: np.ndarray | None, down: int, along: int
+) -> Tiles:
     side = SPATIAL_SIDE
     region = board.region[down:, along:]
     blocks = _blocks(np.where(region, depth[down:, along:], np.nan), side)
@@ -157,15 +172,26 @@ def _spatial_grid(board: Board, depth: np.ndarray, amplitude: np.ndarray | None,
     fitted = np.linalg.solve(normal, right[..., None])[..., 0]
     residual = np.where(valid, blocks - fitted @ design.T, 0.0)
     freedom = weights.sum(axis=1) - 3.0
-    variance = np.maximum((residual ** 2).sum(axis=1) / freedom, _SMALLEST_VARIANCE)
+    variance = np.maximum((residual**2).sum(axis=1) / freedom, _SMALLEST_VARIANCE)
     rows, columns = np.nonzero(good.reshape(region.shape[0] // side, -1))
     middle_u = (columns + 0.5) * side - 0.5 + along
     middle_v = (rows + 0.5) * side - 0.5 + down
-    theta = (np.full(len(blocks), np.nan) if board.K is None
-             else board.plane.incidence(middle_u, middle_v, board.K))
-    return Tiles(board.plane.depth(middle_u, middle_v), theta, weights.sum(axis=1), freedom,
-                 variance, np.log(variance), np.zeros(len(blocks)),
-                 kl_floor(freedom + 1.0) - 0.5 / (freedom + 1.0), level)
+    theta = (
+        np.full(len(blocks), np.nan)
+        if board.K is None
+        else board.plane.incidence(middle_u, middle_v, board.K)
+    )
+    return Tiles(
+        board.plane.depth(middle_u, middle_v),
+        theta,
+        weights.sum(axis=1),
+        freedom,
+        variance,
+        np.log(variance),
+        np.zeros(len(blocks)),
+        kl_floor(freedom + 1.0) - 0.5 / (freedom + 1.0),
+        level,
+    )
 
 
 def _blocks(image: np.ndarray, side: int) -> np.ndarray:

@@ -17,8 +17,9 @@ def available_cores() -> int:
     return len(os.sched_getaffinity(0))
 
 
-def in_processes(work: Callable[[Task], Result], tasks: Sequence[Task],
-                 workers: int) -> Iterator[Result | InputError]:
+def in_processes(
+    work: Callable[[Task], Result], tasks: Sequence[Task], workers: int
+) -> Iterator[Result | InputError]:
     """
     Do tasks in processes; in this one when there is only one worker.
 

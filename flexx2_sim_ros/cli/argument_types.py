@@ -4,7 +4,7 @@ import argparse
 from collections.abc import Callable
 import math
 
-SEEDS = -2 ** 63, 2 ** 63 - 1
+SEEDS = -(2**63), 2**63 - 1
 MOST_JOBS = 1024
 MOST_FRAMES = 10_000_000  # Four days at 30 Hz.
 _LONGEST = 20  # characters of what was given that an error repeats
@@ -22,6 +22,7 @@ def whole_number(low: int, high: int | None = None) -> Callable[[str], int]:
         The most; None for any.
 
     """
+
     def convert(text: str) -> int:
         try:
             value = int(text)
@@ -31,6 +32,7 @@ def whole_number(low: int, high: int | None = None) -> Callable[[str], int]:
             limit = f'of at least {low}' if high is None else f'from {low} to {high}'
             raise argparse.ArgumentTypeError(f'must be a whole number {limit}, got {_short(text)}')
         return value
+
     return convert
 
 
@@ -46,6 +48,7 @@ def number(low: float, high: float, *, above: bool = False) -> Callable[[str], f
         Whether `low` itself is out of range.
 
     """
+
     def convert(text: str) -> float:
         try:
             value = float(text)
@@ -55,6 +58,7 @@ def number(low: float, high: float, *, above: bool = False) -> Callable[[str], f
             limit = f'above {low:g}, up to {high:g}' if above else f'from {low:g} to {high:g}'
             raise argparse.ArgumentTypeError(f'must be a number {limit}, got {_short(text)}')
         return value
+
     return convert
 
 

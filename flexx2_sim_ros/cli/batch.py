@@ -7,9 +7,9 @@ from typing import Any
 
 from flexx2_sim_ros.atomic import checked_target, whole
 from flexx2_sim_ros.camera import Camera, flexx2
-from flexx2_sim_ros.camera.modes import DEFAULT_USECASE
 from flexx2_sim_ros.cli.argument_types import SEEDS, whole_number
 from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.profiles.modes import DEFAULT_USECASE
 import numpy as np
 from rich import box
 from rich.console import Console
@@ -23,23 +23,40 @@ _INVALID = '#3a3a3a'
 def add_parser(commands: Any) -> None:
     """Add the subcommand."""
     parser = commands.add_parser(
-        'batch', help='many robots at once: what the noise does to their height grids',
+        'batch',
+        help='many robots at once: what the noise does to their height grids',
         description='Let Go1 walk over the stairs, each with two cameras, render all of them, add '
         'the noise in one batch (flexx2_sim_ros.batch), project it to the height grid around each '
         'robot (x +-0.5 m, y +-0.3 m, every 0.1 m), and print and draw the error of that grid '
         'with and without the noise. Needs pip install "flexx2_sim_ros[batch]".',
-        epilog='example, on a GPU with mujoco-warp: flexx2 batch --num-envs 4096 --device cuda')
-    parser.add_argument('--num-envs', type=whole_number(1, 1_000_000), default=64,
-                        help='robots (default %(default)s)')
-    parser.add_argument('--frames', type=whole_number(1, 100_000), default=8,
-                        help=f'frames in a grid, {_INTERVAL} s apart (default %(default)s)')
+        epilog='example, on a GPU with mujoco-warp: flexx2 batch --num-envs 4096 --device cuda',
+    )
+    parser.add_argument(
+        '--num-envs',
+        type=whole_number(1, 1_000_000),
+        default=64,
+        help='robots (default %(default)s)',
+    )
+    parser.add_argument(
+        '--frames',
+        type=whole_number(1, 100_000),
+        default=8,
+        help=f'frames in a grid, {_INTERVAL} s apart (default %(default)s)',
+    )
     parser.add_argument('--usecase', default=DEFAULT_USECASE, help='default %(default)s')
     parser.add_argument('--seed', type=whole_number(*SEEDS), default=0)
     parser.add_argument('--device', help='cpu, cuda, cuda:1, ...; default: a GPU if there is one')
-    parser.add_argument('--renderer', default='auto',
-                        help='auto, mujoco-warp, egl, osmesa or ray (default %(default)s)')
-    parser.add_argument('--out', type=Path, default=Path('height_grid.png'),
-                        help='picture to write (default %(default)s)')
+    parser.add_argument(
+        '--renderer',
+        default='auto',
+        help='auto, mujoco-warp, egl, osmesa or ray (default %(default)s)',
+    )
+    parser.add_argument(
+        '--out',
+        type=Path,
+        default=Path('height_grid.png'),
+        help='picture to write (default %(default)s)',
+    )
     parser.set_defaults(run=run)
 
 
@@ -50,26 +67,32 @@ def run(arguments: argparse.Namespace) -> int:
     try:
         import warp as wp
     except ImportError as error:
-        raise InputError('warp-lang is not installed, wanted it: pip install '
-                         '"flexx2_sim_ros[batch]"') from error
+        raise InputError(
+            'warp-lang is not installed, wanted it: pip install "flexx2_sim_ros[batch]"'
+        ) from error
     wp.config.log_level = wp.LOG_WARNING
     from flexx2_sim_ros.batch import BatchCamera
     from flexx2_sim_ros.batch.height_grid import HeightGrid
     from flexx2_sim_ros.batch.rendering import open_batch_renderer
     from flexx2_sim_ros.batch.walking import walk
-    from flexx2_sim_ros.go1.model import build_model, load_mounts
+    from flexx2_sim_ros.robots.model import build_model, load_mounts
 
     console, count = Console(markup=False), arguments.num_envs
     console.width = max(console.width, 90)
     intrinsics = flexx2().intrinsics
     names = tuple(mount.name for mount in load_mounts())
-    cameras = [BatchCamera(count, arguments.usecase, seed=arguments.seed, name=name,
-                           device=arguments.device) for name in names]
+    cameras = [
+        BatchCamera(
+            count, arguments.usecase, seed=arguments.seed, name=name, device=arguments.device
+        )
+        for name in names
+    ]
     device = cameras[0].device
     model = build_model(scene='stairs', intrinsics=intrinsics)
     with console.status(f'{min(count, _MOST_WALKS)} robots walk'):
-        walks = walk(model, names, min(count, _MOST_WALKS), arguments.frames, _INTERVAL,
-                     seed=arguments.seed)
+        walks = walk(
+            model, names, min(count, _MOST_WALKS), arguments.frames, _INTERVAL, seed=arguments.seed
+        )
     envs = np.arange(count) % _MOST_WALKS
     renderer = open_batch_renderer(model, names, intrinsics, count, device, arguments.renderer)
     clean, noisy = (HeightGrid(count, intrinsics, device) for _ in range(2))
@@ -87,20 +110,27 @@ def run(arguments: argparse.Namespace) -> int:
             seen = [camera(image) for camera, image in zip(cameras, images, strict=True)]
             tick()
             for index in range(len(names)):
-                pose = (walks.camera_position[frame, envs, index],
-                        walks.camera_rotation[frame, envs, index])
+                pose = (
+                    walks.camera_position[frame, envs, index],
+                    walks.camera_rotation[frame, envs, index],
+                )
                 clean.add(images[index], *pose)
                 noisy.add(seen[index], *pose)
             tick()
             times.append(np.diff(clock))
     truth = walks.heights[envs]
-    grids = {'without noise': clean.heights().numpy() - truth,
-             'with noise': noisy.heights().numpy() - truth}
+    grids = {
+        'without noise': clean.heights().numpy() - truth,
+        'with noise': noisy.heights().numpy() - truth,
+    }
     render, noise, grid = 1e3 * np.median(times[1:] or times, axis=0)
-    console.print(f'{count} robots with {len(names)} cameras, {arguments.frames} frames, '
-                  f'{cameras[0].usecases[0]}, on {device}, rendered by {renderer.backend}; '
-                  f'{count * len(names)} images: rendered in {render:.0f} ms, noise in '
-                  f'{noise:.0f} ms, two grids in {grid:.0f} ms', highlight=False)
+    console.print(
+        f'{count} robots with {len(names)} cameras, {arguments.frames} frames, '
+        f'{cameras[0].usecases[0]}, on {device}, rendered by {renderer.backend}; '
+        f'{count * len(names)} images: rendered in {render:.0f} ms, noise in '
+        f'{noise:.0f} ms, two grids in {grid:.0f} ms',
+        highlight=False,
+    )
     console.print(_table(grids))
     _draw(arguments.out, images[0].numpy(), seen[0].numpy(), truth, grids)
     console.print(f'picture: {arguments.out}', highlight=False)
@@ -116,26 +146,45 @@ def _table(grids: dict[str, np.ndarray]) -> Table:
     for name, error in {**grids, 'with - without': difference}.items():
         seen = 1e3 * error[both] if both.any() else np.array([np.nan])
         size = np.abs(seen)
-        table.add_row(name, f'{100 * np.isfinite(error).mean():.1f} %', f'{seen.mean():+.2f}',
-                      f'{np.median(size):.2f}', f'{np.percentile(size, 95):.1f}',
-                      f'{np.sqrt((size ** 2).mean()):.1f}')
+        table.add_row(
+            name,
+            f'{100 * np.isfinite(error).mean():.1f} %',
+            f'{seen.mean():+.2f}',
+            f'{np.median(size):.2f}',
+            f'{np.percentile(size, 95):.1f}',
+            f'{np.sqrt((size**2).mean()):.1f}',
+        )
     return table
 
 
-def _draw(path: Path, clean: np.ndarray, seen: np.ndarray, truth: np.ndarray,
-          grids: dict[str, np.ndarray]) -> None:
+def _draw(
+    path: Path,
+    clean: np.ndarray,
+    seen: np.ndarray,
+    truth: np.ndarray,
+    grids: dict[str, np.ndarray],
+) -> None:
     import matplotlib
+
     matplotlib.use('Agg')
     from matplotlib import pyplot
 
     figure, axes = pyplot.subplots(2, 4, figsize=(14, 7.2), layout='constrained')
-    depths, heights, errors = (pyplot.get_cmap(name).with_extremes(bad=_INVALID)
-                               for name in ('turbo_r', 'viridis', 'RdBu'))
+    depths, heights, errors = (
+        pyplot.get_cmap(name).with_extremes(bad=_INVALID)
+        for name in ('turbo_r', 'viridis', 'RdBu')
+    )
     one = int(np.argmax([len(np.unique(np.round(own, 2))) for own in truth]))  # on most steps
-    for axis, image, title in zip(axes[0, :2], (clean[one], seen[one]), ('clean', 'with noise'),
-                                  strict=True):
-        depth = axis.imshow(np.where(image > 0, image, np.nan), cmap=depths, vmin=0.3, vmax=4.0,
-                            interpolation='nearest')
+    for axis, image, title in zip(
+        axes[0, :2], (clean[one], seen[one]), ('clean', 'with noise'), strict=True
+    ):
+        depth = axis.imshow(
+            np.where(image > 0, image, np.nan),
+            cmap=depths,
+            vmin=0.3,
+            vmax=4.0,
+            interpolation='nearest',
+        )
         axis.set(xticks=[], yticks=[], title=f'robot {one}, left: {title}')
     figure.colorbar(depth, ax=axes[0, 1], label='m')
     extent = (-0.35, 0.35, -0.55, 0.55)
@@ -146,29 +195,45 @@ def _draw(path: Path, clean: np.ndarray, seen: np.ndarray, truth: np.ndarray,
         return shown
 
     low, high = np.nanmin(truth[one]), np.nanmax(truth[one]) + 1e-3
-    for axis, image, title in ((axes[0, 2], truth[one], f'robot {one}: true heights'),
-                               (axes[0, 3], truth[one] + grids['with noise'][one],
-                                f'robot {one}: seen with noise')):
+    for axis, image, title in (
+        (axes[0, 2], truth[one], f'robot {one}: true heights'),
+        (axes[0, 3], truth[one] + grids['with noise'][one], f'robot {one}: seen with noise'),
+    ):
         shown = show(axis, image, title, cmap=heights, vmin=low, vmax=high)
     figure.colorbar(shown, ax=axes[0, 3], label='m')
     for axis, (name, error) in zip(axes[1, :2], grids.items(), strict=True):
-        shown = show(axis, 1e3 * error[one], f'robot {one}: error {name}', cmap=errors, vmin=-20,
-                     vmax=20)
+        shown = show(
+            axis, 1e3 * error[one], f'robot {one}: error {name}', cmap=errors, vmin=-20, vmax=20
+        )
     figure.colorbar(shown, ax=axes[1, 1], label='mm')
     difference = 1e3 * (grids['with noise'] - grids['without noise'])
     valid = np.isfinite(difference)
-    spread = np.sqrt(np.divide(np.where(valid, difference ** 2, 0).sum(axis=0),
-                               valid.sum(axis=0), where=valid.any(axis=0),
-                               out=np.full(truth.shape[1:], np.nan)))
-    shown = show(axes[1, 2], spread, 'all robots: RMS of with - without',
-                 cmap=pyplot.get_cmap('magma').with_extremes(bad=_INVALID))
+    spread = np.sqrt(
+        np.divide(
+            np.where(valid, difference**2, 0).sum(axis=0),
+            valid.sum(axis=0),
+            where=valid.any(axis=0),
+            out=np.full(truth.shape[1:], np.nan),
+        )
+    )
+    shown = show(
+        axes[1, 2],
+        spread,
+        'all robots: RMS of with - without',
+        cmap=pyplot.get_cmap('magma').with_extremes(bad=_INVALID),
+    )
     figure.colorbar(shown, ax=axes[1, 2], label='mm')
     steps = np.geomspace(0.05, 300, 200)
     for name, error in grids.items():
         size = np.sort(1e3 * np.abs(error[valid]))
         axes[1, 3].plot(steps, np.searchsorted(size, steps) / max(size.size, 1), label=name)
-    axes[1, 3].set(xscale='log', xlabel='size of the error [mm]', ylabel='share of cells below',
-                   title='all robots', ylim=(0, 1))
+    axes[1, 3].set(
+        xscale='log',
+        xlabel='size of the error [mm]',
+        ylabel='share of cells below',
+        title='all robots',
+        ylim=(0, 1),
+    )
     axes[1, 3].legend(loc='lower right')
     axes[1, 3].grid(alpha=0.3)
     figure.suptitle(f'Height grids of {len(truth)} Go1 on stairs (grey: not seen)')

@@ -5,10 +5,10 @@ from pathlib import Path
 from typing import Any
 
 from flexx2_sim_ros.atomic import check_folder, output_folder
-from flexx2_sim_ros.camera.modes import flexx2, Profile
-from flexx2_sim_ros.camera.profiles import load_profile, save_profile
 from flexx2_sim_ros.cli.argument_types import MOST_FRAMES, MOST_JOBS, number, SEEDS, whole_number
 from flexx2_sim_ros.errors import printable
+from flexx2_sim_ros.profiles.files import load_profile, save_profile
+from flexx2_sim_ros.profiles.modes import flexx2, Profile
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
@@ -19,56 +19,96 @@ _OUT = 'characterization'
 def add_parser(commands: Any) -> None:
     """Add the subcommand and its own."""
     parser = commands.add_parser(
-        'characterize', help='measure the noise of a depth camera with a flat board',
+        'characterize',
+        help='measure the noise of a depth camera with a flat board',
         description="The paper's measurement: capture (or record) a flat board at several "
-        'distances and angles, fit the noise model, and get a report and a camera profile.')
+        'distances and angles, fit the noise model, and get a report and a camera profile.',
+    )
     steps = parser.add_subparsers(dest='step', required=True, metavar='STEP')
 
     plan = steps.add_parser(
-        'plan', help='print the campaign as a checklist', epilog='example: flexx2 characterize '
-        'plan --usecase Mode_9_30fps > checklist.md',
+        'plan',
+        help='print the campaign as a checklist',
+        epilog='example: flexx2 characterize plan --usecase Mode_9_30fps > checklist.md',
         description='Print the campaign as a checklist (Markdown) for a person with a camera, a '
-        'tape and a board, with the name that each recording is expected to have.')
+        'tape and a board, with the name that each recording is expected to have.',
+    )
     capture = steps.add_parser(
-        'capture', help='record the campaign with the simulated camera',
+        'capture',
+        help='record the campaign with the simulated camera',
         epilog='example: flexx2 characterize capture campaign --frames 300',
         description='Record the campaign with the simulated camera: the scene `board`, one .npz '
         'a condition (46 MB for 300 frames of 224 x 172). Started again, it goes on where it '
-        'was.')
+        'was.',
+    )
     capture.add_argument('folder', type=Path, metavar='FOLDER')
     for step in (plan, capture):
-        step.add_argument('--usecase', action='append', metavar='MODE', help='a mode; can be '
-                          'repeated (default: the modes whose noise was measured)')
-        step.add_argument('--distances', type=number(0, 1e3, above=True), nargs='+', metavar='M',
-                          help="metres (default: eight that suit each mode's range)")
-        step.add_argument('--angles', type=number(0, 80), nargs='+', metavar='DEG',
-                          default=[0.0, 15.0, 30.0, 45.0, 60.0],
-                          help='degrees (default: 0 15 30 45 60)')
-        step.add_argument('--frames', type=whole_number(1, MOST_FRAMES), default=300,
-                          help='frames a condition (default %(default)s)')
+        step.add_argument(
+            '--usecase',
+            action='append',
+            metavar='MODE',
+            help='a mode; can be repeated (default: the modes whose noise was measured)',
+        )
+        step.add_argument(
+            '--distances',
+            type=number(0, 1e3, above=True),
+            nargs='+',
+            metavar='M',
+            help="metres (default: eight that suit each mode's range)",
+        )
+        step.add_argument(
+            '--angles',
+            type=number(0, 80),
+            nargs='+',
+            metavar='DEG',
+            default=[0.0, 15.0, 30.0, 45.0, 60.0],
+            help='degrees (default: 0 15 30 45 60)',
+        )
+        step.add_argument(
+            '--frames',
+            type=whole_number(1, MOST_FRAMES),
+            default=300,
+            help='frames a condition (default %(default)s)',
+        )
         step.add_argument('--profile', metavar='PATH', help='another camera than the Flexx2')
-    capture.add_argument('--seed', type=whole_number(*SEEDS), default=0,
-                         help='seed of the noise (default 0)')
-    capture.add_argument('--renderer', choices=_BACKENDS, default='auto',
-                         help='how the board is rendered (default %(default)s)')
+    capture.add_argument(
+        '--seed', type=whole_number(*SEEDS), default=0, help='seed of the noise (default 0)'
+    )
+    capture.add_argument(
+        '--renderer',
+        choices=_BACKENDS,
+        default='auto',
+        help='how the board is rendered (default %(default)s)',
+    )
 
     fit = steps.add_parser(
-        'fit', help='analyse recordings: report and camera profile',
+        'fit',
+        help='analyse recordings: report and camera profile',
         epilog='example: flexx2 characterize fit campaign --out result',
         description='Analyse a folder of recordings (.npz or bags) of one camera that looks at a '
         'flat board. Writes report.html, figures and profile.yaml. Recordings called '
-        'MODE_DISTANCEm_ANGLEdeg are held against what their names say.')
+        'MODE_DISTANCEm_ANGLEdeg are held against what their names say.',
+    )
     fit.add_argument('folder', type=Path, metavar='FOLDER')
-    fit.add_argument('--out', type=Path, metavar='DIR',
-                     help=f'where to write (default: FOLDER/{_OUT})')
-    fit.add_argument('--box', type=whole_number(0, 1_000_000), nargs=4,
-                     metavar=('X0', 'Y0', 'X1', 'Y1'),
-                     help='the board in every image, pixels (default: found)')
+    fit.add_argument(
+        '--out', type=Path, metavar='DIR', help=f'where to write (default: FOLDER/{_OUT})'
+    )
+    fit.add_argument(
+        '--box',
+        type=whole_number(0, 1_000_000),
+        nargs=4,
+        metavar=('X0', 'Y0', 'X1', 'Y1'),
+        help='the board in every image, pixels (default: found)',
+    )
     fit.add_argument('--camera', metavar='NAME', help='which camera of bags that have several')
     fit.add_argument('--model', metavar='NAME', help="the camera's name in the profile")
     for step in (capture, fit):
-        step.add_argument('--jobs', type=whole_number(1, MOST_JOBS), metavar='N',
-                          help='processes (default: one a core)')
+        step.add_argument(
+            '--jobs',
+            type=whole_number(1, MOST_JOBS),
+            metavar='N',
+            help='processes (default: one a core)',
+        )
     plan.set_defaults(run=_plan)
     capture.set_defaults(run=_capture)
     fit.set_defaults(run=_fit)
@@ -80,17 +120,25 @@ def _profile(arguments: argparse.Namespace) -> Profile:
 
 def _jobs(arguments: argparse.Namespace) -> int:
     from flexx2_sim_ros.characterize.workers import available_cores
+
     return arguments.jobs or available_cores()
 
 
 def _progress(console: Console) -> Progress:
-    return Progress(TextColumn('{task.description}', markup=False), BarColumn(),
-                    MofNCompleteColumn(), TimeRemainingColumn(), console=console, transient=True)
+    return Progress(
+        TextColumn('{task.description}', markup=False),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeRemainingColumn(),
+        console=console,
+        transient=True,
+    )
 
 
 def _plan(arguments: argparse.Namespace) -> int:
     from flexx2_sim_ros.characterize.campaign import conditions
     from flexx2_sim_ros.characterize.plan import checklist
+
     profile = _profile(arguments)
     wanted = conditions(profile, arguments.usecase, arguments.distances, arguments.angles)
     print(checklist(wanted, profile, arguments.frames), end='')
@@ -99,22 +147,33 @@ def _plan(arguments: argparse.Namespace) -> int:
 
 def _capture(arguments: argparse.Namespace) -> int:
     from flexx2_sim_ros.characterize.campaign import capture, conditions
+
     profile = _profile(arguments)
     wanted = conditions(profile, arguments.usecase, arguments.distances, arguments.angles)
     console = Console(stderr=True, markup=False)
     recorded = 0
     with _progress(console) as progress:
         task = progress.add_task('recording', total=len(wanted))
-        for _, new in capture(arguments.folder, wanted, profile, frames=arguments.frames,
-                              seed=arguments.seed, renderer=arguments.renderer,
-                              workers=_jobs(arguments), say=lambda text: console.print(
-                                  printable(text), style='yellow', highlight=False,
-                                  soft_wrap=True)):
+        for _, new in capture(
+            arguments.folder,
+            wanted,
+            profile,
+            frames=arguments.frames,
+            seed=arguments.seed,
+            renderer=arguments.renderer,
+            workers=_jobs(arguments),
+            say=lambda text: console.print(
+                printable(text), style='yellow', highlight=False, soft_wrap=True
+            ),
+        ):
             recorded += new
             progress.advance(task)
     kept = len(wanted) - recorded
-    console.print(f'{arguments.folder}: {recorded} recordings of {arguments.frames} frames'
-                  + (f', {kept} were there already' if kept else ''), highlight=False)
+    console.print(
+        f'{arguments.folder}: {recorded} recordings of {arguments.frames} frames'
+        + (f', {kept} were there already' if kept else ''),
+        highlight=False,
+    )
     return 0
 
 
@@ -124,23 +183,31 @@ def _fit(arguments: argparse.Namespace) -> int:
     from flexx2_sim_ros.characterize.export import to_profile
     from flexx2_sim_ros.characterize.report import write_report
     from flexx2_sim_ros.cli.characterize_table import print_result
+
     out = arguments.out or arguments.folder / _OUT
     check_folder(out)
     console = Console(stderr=True, markup=False)
     with _progress(console) as progress:
         task = progress.add_task('measuring', total=None)
         result = characterize(
-            arguments.folder, box=None if arguments.box is None else tuple(arguments.box),
-            camera=arguments.camera, workers=_jobs(arguments),
-            on_done=lambda done, total: progress.update(task, completed=done, total=total))
+            arguments.folder,
+            box=None if arguments.box is None else tuple(arguments.box),
+            camera=arguments.camera,
+            workers=_jobs(arguments),
+            on_done=lambda done, total: progress.update(task, completed=done, total=total),
+        )
     profile = to_profile(result, arguments.model)
     output_folder(out)
     page = write_report(result, profile, out, arguments.camera)
     save_profile(out / 'profile.yaml', profile)
     print_result(result)
     for reason in result.left_out:
-        console.print(printable(f'left out: {reason}'), style='yellow', highlight=False,
-                      markup=False, soft_wrap=True)
-    console.print(f'{page}\n{out / "profile.yaml"}', highlight=False, markup=False,
-                  soft_wrap=True)
+        console.print(
+            printable(f'left out: {reason}'),
+            style='yellow',
+            highlight=False,
+            markup=False,
+            soft_wrap=True,
+        )
+    console.print(f'{page}\n{out / "profile.yaml"}', highlight=False, markup=False, soft_wrap=True)
     return 0

@@ -20,26 +20,45 @@ def print_result(result: Characterization, console: Console | None = None) -> No
         table.add_column(name, justify='left' if name == 'mode' else 'right', no_wrap=True)
     for mode in result.modes:
         fit = mode.axial
-        table.add_row(mode.usecase, *(f'{fit.coefficients[name]:.6f}' for name in NAMES[:4]),
-                      f'{fit.coefficients["n"]:.1f}', _text(mode.sigma_x, '.3f'),
-                      f'{np.mean([cell.axial.raw for cell in mode.cells]):.4f}')
+        table.add_row(
+            mode.usecase,
+            *(f'{fit.coefficients[name]:.6f}' for name in NAMES[:4]),
+            f'{fit.coefficients["n"]:.1f}',
+            _text(mode.sigma_x, '.3f'),
+            f'{np.mean([cell.axial.raw for cell in mode.cells]):.4f}',
+        )
         errors = [fit.errors[name] for name in NAMES]
-        table.add_row('  ±', *(_text(error, '.1g') for error in errors[:4]),
-                      _text(errors[4], '.3f'), _text(mode.sigma_x_error, '.3f'), '', style='dim')
+        table.add_row(
+            '  ±',
+            *(_text(error, '.1g') for error in errors[:4]),
+            _text(errors[4], '.3f'),
+            _text(mode.sigma_x_error, '.3f'),
+            '',
+            style='dim',
+        )
         noise = paper_noise(mode.usecase)
         if noise is not None:
-            table.add_row('  the paper', *(f'{getattr(noise, name):.6f}' for name in NAMES[:4]),
-                          f'{noise.n:.1f}', f'{noise.sigma_x:.3f}', '', style='dim')
+            table.add_row(
+                '  the paper',
+                *(f'{getattr(noise, name):.6f}' for name in NAMES[:4]),
+                f'{noise.n:.1f}',
+                f'{noise.sigma_x:.3f}',
+                '',
+                style='dim',
+            )
     console.print(table)
     for mode in result.modes:
         for note in mode.axial.notes:
-            console.print(f'{mode.usecase}: {note}', highlight=False, markup=False,
-                          soft_wrap=True)
+            console.print(f'{mode.usecase}: {note}', highlight=False, markup=False, soft_wrap=True)
         for finding in check_assumptions(mode):
             if finding.holds is False:
-                console.print(f'{mode.usecase}: does not hold: {finding.assumption}: '
-                              f'{finding.evidence}', style='yellow', highlight=False,
-                              markup=False, soft_wrap=True)
+                console.print(
+                    f'{mode.usecase}: does not hold: {finding.assumption}: {finding.evidence}',
+                    style='yellow',
+                    highlight=False,
+                    markup=False,
+                    soft_wrap=True,
+                )
 
 
 def _text(value: float | None, form: str) -> str:

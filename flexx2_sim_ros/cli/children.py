@@ -46,8 +46,12 @@ def nodes(commands: Mapping[str, Sequence[str]], folder: Path) -> Iterator[Proce
                 # In a session of its own: a terminal's Ctrl-C goes to this process alone.
                 processes[name] = subprocess.Popen(
                     [sys.executable, '-m', f'flexx2_sim_ros.nodes.{module}', *rest],
-                    stdin=subprocess.PIPE, stdout=log, stderr=subprocess.STDOUT,
-                    env=watched_environment(), start_new_session=True)
+                    stdin=subprocess.PIPE,
+                    stdout=log,
+                    stderr=subprocess.STDOUT,
+                    env=watched_environment(),
+                    start_new_session=True,
+                )
         yield processes
     finally:
         for process in processes.values():
@@ -68,5 +72,7 @@ def check(processes: Processes, folder: Path) -> None:
     for name, process in processes.items():
         if process.poll() is not None:
             log = (folder / f'{name}.log').read_text(errors='replace').strip().splitlines()
-            raise InputError(f'{name} ended with exit code {process.returncode}: '
-                             f'{log[-1] if log else "no output"} (log: {folder / name}.log)')
+            raise InputError(
+                f'{name} ended with exit code {process.returncode}: '
+                f'{log[-1] if log else "no output"} (log: {folder / name}.log)'
+            )

@@ -31,13 +31,27 @@ class _Parser(argparse.ArgumentParser):
 def make_parser() -> argparse.ArgumentParser:
     """Return the parser of the command line, with all subcommands."""
     parser = _Parser(
-        prog='flexx2', description='A simulated PMD Flexx2 time-of-flight camera.',
+        prog='flexx2',
+        description='A simulated PMD Flexx2 time-of-flight camera.',
         epilog='For RViz and Foxglove there are layouts in config/ (in an install: '
-        'share/flexx2_sim_ros/config): flexx2.rviz and foxglove.json.')
+        'share/flexx2_sim_ros/config): flexx2.rviz and foxglove.json.',
+    )
     parser.add_argument('--version', action='version', version=__version__)
     commands = parser.add_subparsers(dest='command', required=True, metavar='COMMAND')
-    for module in (modes, simulate, characterize, effects, demo, view, record, replay, convert,
-                   gap, batch, compiling):
+    for module in (
+        modes,
+        simulate,
+        characterize,
+        effects,
+        demo,
+        view,
+        record,
+        replay,
+        convert,
+        gap,
+        batch,
+        compiling,
+    ):
         module.add_parser(commands)
     return parser
 

@@ -4,23 +4,28 @@ import argparse
 import time
 from typing import Any
 
+from flexx2_sim_ros.camera.camera import Camera
 from flexx2_sim_ros.camera.compiling import compiling_said, warm_up
-from flexx2_sim_ros.camera.modes import flexx2
-from flexx2_sim_ros.camera.pipeline import Camera
 from flexx2_sim_ros.effects import registry
+from flexx2_sim_ros.profiles.modes import flexx2
 
 
 def add_parser(commands: Any) -> None:
     """Add the subcommand."""
     parser = commands.add_parser(
-        'compile', help='compile the camera ahead of its first start',
+        'compile',
+        help='compile the camera ahead of its first start',
         epilog='example: flexx2 compile',
         description='Compile the camera model and all effects, so that the first start of a '
         'camera and the first use of an effect need not. The result is kept beside the package, '
         "or in the user's cache folder where the package cannot be written (each user then runs "
-        'this command once). It is needed again after an update of the package or of numba.')
-    parser.add_argument('--no-effects', action='store_true',
-                        help='leave out the effects, which take most of the time')
+        'this command once). It is needed again after an update of the package or of numba.',
+    )
+    parser.add_argument(
+        '--no-effects',
+        action='store_true',
+        help='leave out the effects, which take most of the time',
+    )
     parser.set_defaults(run=run)
 
 
@@ -39,6 +44,9 @@ def run(arguments: argparse.Namespace) -> int:
         warm_up(Camera(profile=profile), profile.intrinsics)
         for effect in chosen:
             warm_up(Camera(profile=profile, effects=[effect]), profile.intrinsics)
-    print(f'compiled in {time.monotonic() - start:.0f} s' if compiled else
-          'everything was compiled before')
+    print(
+        f'compiled in {time.monotonic() - start:.0f} s'
+        if compiled
+        else 'everything was compiled before'
+    )
     return 0

@@ -10,18 +10,27 @@ from rich.console import Console
 def add_parser(commands: Any) -> None:
     """Add the subcommand."""
     parser = commands.add_parser(
-        'convert', help='convert a recording between bag and .npz',
+        'convert',
+        help='convert a recording between bag and .npz',
         description='Write a recording in another format, without loss. A and B are an .npz '
         'recording, or a rosbag2 bag: a folder, or a single .mcap or .db3 file. Bags of the real '
         'driver (pmd-royale-ros) are understood; one that was cut off is read as far as it is '
         'whole. From a bag with several cameras, B.npz becomes B_<camera>.npz for each.',
-        epilog='example: flexx2 convert walk walk.npz --camera front_left')
+        epilog='example: flexx2 convert walk walk.npz --camera front_left',
+    )
     parser.add_argument('source', metavar='A')
     parser.add_argument('target', metavar='B')
-    parser.add_argument('--camera', help='which camera of a bag, by its name or by the topic of '
-                        'its depth image; into a bag: what to call it')
-    parser.add_argument('--storage', choices=('mcap', 'sqlite3'), default='mcap',
-                        help='of a folder (default %(default)s)')
+    parser.add_argument(
+        '--camera',
+        help='which camera of a bag, by its name or by the topic of '
+        'its depth image; into a bag: what to call it',
+    )
+    parser.add_argument(
+        '--storage',
+        choices=('mcap', 'sqlite3'),
+        default='mcap',
+        help='of a folder (default %(default)s)',
+    )
     parser.set_defaults(run=run)
 
 
@@ -30,12 +39,17 @@ def run(arguments: argparse.Namespace) -> int:
     from flexx2_sim_ros.recording.convert import convert
 
     console = Console(stderr=True, soft_wrap=True, highlight=False, markup=False)
-    for reader, path in convert(arguments.source, arguments.target, arguments.camera,
-                                arguments.storage):
+    for reader, path in convert(
+        arguments.source, arguments.target, arguments.camera, arguments.storage
+    ):
         for note in dict.fromkeys(reader.notes):
             console.print(printable(note), style='yellow')
         count, height, width = reader.shape
         camera = f' of {reader.camera}' if reader.camera else ''
-        console.print(printable(f'{path}: {count} frames{camera}, {width} x {height}, '
-                                f'{reader.usecase or "unknown mode"}'))
+        console.print(
+            printable(
+                f'{path}: {count} frames{camera}, {width} x {height}, '
+                f'{reader.usecase or "unknown mode"}'
+            )
+        )
     return 0

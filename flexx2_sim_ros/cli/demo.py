@@ -7,12 +7,12 @@ import time
 from typing import Any
 
 from flexx2_sim_ros.atomic import output_folder
-from flexx2_sim_ros.camera.modes import flexx2
 from flexx2_sim_ros.cli.argument_types import number
 from flexx2_sim_ros.cli.children import camera_command, check, nodes, Processes
 from flexx2_sim_ros.cli.demo_picture import draw
 from flexx2_sim_ros.cli.ros import ros
 from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.profiles.modes import flexx2
 import numpy as np
 from rich import box
 from rich.console import Console
@@ -27,15 +27,25 @@ _START_SECONDS = 180.0
 def add_parser(commands: Any) -> None:
     """Add the subcommand."""
     parser = commands.add_parser(
-        'demo', help='run a Go1 with two cameras and show what they see',
+        'demo',
+        help='run a Go1 with two cameras and show what they see',
         description='Start go1_cameras and two flexx2_camera nodes as processes, switch through '
         'the modes that were measured while they stream, print what comes out, and write a '
         'picture. Needs ROS 2 (pip install "flexx2_sim_ros[ros]", or a sourced ROS 2 Jazzy).',
-        epilog='example: flexx2 demo --seconds 5 --out demo_output')
-    parser.add_argument('--seconds', type=number(0, 1e6, above=True), default=4.0,
-                        help='how long to measure each mode (default %(default)s)')
-    parser.add_argument('--out', type=Path, default=Path('demo_output'),
-                        help="folder for the picture and the nodes' logs (default %(default)s)")
+        epilog='example: flexx2 demo --seconds 5 --out demo_output',
+    )
+    parser.add_argument(
+        '--seconds',
+        type=number(0, 1e6, above=True),
+        default=4.0,
+        help='how long to measure each mode (default %(default)s)',
+    )
+    parser.add_argument(
+        '--out',
+        type=Path,
+        default=Path('demo_output'),
+        help="folder for the picture and the nodes' logs (default %(default)s)",
+    )
     parser.add_argument('--renderer', default='auto', help='auto, egl, osmesa or ray')
     parser.set_defaults(run=run)
 
@@ -54,19 +64,32 @@ def run(arguments: argparse.Namespace) -> int:
 
         probe = Probe(_CAMERAS)
         try:
-            with nodes(_commands(arguments), arguments.out) as processes, Progress(
-                    TextColumn('{task.description}', markup=False), BarColumn(),
-                    TimeElapsedColumn(), console=console, transient=True) as progress:
-                task = progress.add_task('starting three nodes (the first time compiles)',
-                                         total=None)
+            with (
+                nodes(_commands(arguments), arguments.out) as processes,
+                Progress(
+                    TextColumn('{task.description}', markup=False),
+                    BarColumn(),
+                    TimeElapsedColumn(),
+                    console=console,
+                    transient=True,
+                ) as progress,
+            ):
+                task = progress.add_task(
+                    'starting three nodes (the first time compiles)', total=None
+                )
                 _wait_for_streams(probe, processes, arguments.out, stopped)
                 for mode in modes:
                     if stopped():
                         break
                     progress.reset(task, description=f'{mode.name}', total=arguments.seconds)
-                    _measure(probe, mode.name, arguments.seconds,
-                             lambda: check(processes, arguments.out),
-                             lambda done: progress.update(task, completed=done), stopped)
+                    _measure(
+                        probe,
+                        mode.name,
+                        arguments.seconds,
+                        lambda: check(processes, arguments.out),
+                        lambda done: progress.update(task, completed=done),
+                        stopped,
+                    )
                     if not stopped():
                         _keep(probe, mode.name, arguments.out, table, pictures)
         finally:
@@ -74,18 +97,27 @@ def run(arguments: argparse.Namespace) -> int:
     if stopped():
         return stopped.status
     console.print(table)
-    console.print('p50, p99: latency in ms, from the arrival of a clean image here to that of '
-                  'its\nsimulated one. inv.: invalid pixels in %. sigma: over time, root mean '
-                  'square over\nthe pixels away from edges, mm; model: what the noise model says '
-                  'of them.', style='dim')
+    console.print(
+        'p50, p99: latency in ms, from the arrival of a clean image here to that of '
+        'its\nsimulated one. inv.: invalid pixels in %. sigma: over time, root mean '
+        'square over\nthe pixels away from edges, mm; model: what the noise model says '
+        'of them.',
+        style='dim',
+    )
     path = arguments.out / 'demo.png'
     draw(path, pictures, modes)
     console.print(f'picture: {path}', highlight=False)
     return 0
 
 
-def _measure(probe: Any, usecase: str, seconds: float, look_after: Callable[[], None],
-             on_progress: Callable[[float], None], stopped: Callable[[], bool]) -> None:
+def _measure(
+    probe: Any,
+    usecase: str,
+    seconds: float,
+    look_after: Callable[[], None],
+    on_progress: Callable[[float], None],
+    stopped: Callable[[], bool],
+) -> None:
     probe.start(usecase)
     end = time.monotonic() + seconds
     while (left := end - time.monotonic()) > 0 and not stopped():
@@ -104,10 +136,21 @@ def _keep(probe: Any, usecase: str, folder: Path, table: Table, pictures: Pictur
 
 def _table() -> Table:
     table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False, show_edge=False)
-    for name in ('camera', 'mode', 'frames', 'Hz', 'p50', 'p99', 'inv.', 'sigma',
-                 'model', 'ratio'):
-        table.add_column(name, justify='left' if name in ('camera', 'mode') else 'right',
-                         no_wrap=True)
+    for name in (
+        'camera',
+        'mode',
+        'frames',
+        'Hz',
+        'p50',
+        'p99',
+        'inv.',
+        'sigma',
+        'model',
+        'ratio',
+    ):
+        table.add_column(
+            name, justify='left' if name in ('camera', 'mode') else 'right', no_wrap=True
+        )
     return table
 
 
@@ -115,10 +158,17 @@ def _add_row(table: Table, camera: str, usecase: str, capture: Any) -> None:
     latency = sorted(1e3 * value for value in capture.latencies)
     realised, modelled = capture.sigmas()
     table.add_row(
-        camera, usecase, str(len(capture.stamps)), f'{capture.rate_hz:.2f}',
-        f'{latency[len(latency) // 2]:.1f}', f'{latency[int(0.99 * (len(latency) - 1))]:.1f}',
-        f'{100 * capture.invalid_share:.1f}', f'{1e3 * realised:.2f}', f'{1e3 * modelled:.2f}',
-        f'{realised / modelled:.3f}')
+        camera,
+        usecase,
+        str(len(capture.stamps)),
+        f'{capture.rate_hz:.2f}',
+        f'{latency[len(latency) // 2]:.1f}',
+        f'{latency[int(0.99 * (len(latency) - 1))]:.1f}',
+        f'{100 * capture.invalid_share:.1f}',
+        f'{1e3 * realised:.2f}',
+        f'{1e3 * modelled:.2f}',
+        f'{realised / modelled:.3f}',
+    )
 
 
 def _commands(arguments: argparse.Namespace) -> dict[str, list[str]]:
@@ -126,11 +176,14 @@ def _commands(arguments: argparse.Namespace) -> dict[str, list[str]]:
     return {'go1_cameras': go1} | {camera: camera_command(camera) for camera in _CAMERAS}
 
 
-def _wait_for_streams(probe: Any, processes: Processes, folder: Path,
-                      stopped: Callable[[], bool]) -> None:
+def _wait_for_streams(
+    probe: Any, processes: Processes, folder: Path, stopped: Callable[[], bool]
+) -> None:
     deadline = time.monotonic() + _START_SECONDS
     while not (stopped() or probe.spin_until(probe.streaming, 0.5)):
         check(processes, folder)
         if time.monotonic() > deadline:
-            raise InputError(f'the nodes did not start streaming within {_START_SECONDS:g} s; see '
-                             f'the logs in {folder}')
+            raise InputError(
+                f'the nodes did not start streaming within {_START_SECONDS:g} s; see '
+                f'the logs in {folder}'
+            )

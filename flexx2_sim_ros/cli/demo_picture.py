@@ -4,14 +4,17 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from flexx2_sim_ros.atomic import whole
-from flexx2_sim_ros.camera.modes import Mode
+from flexx2_sim_ros.profiles.modes import Mode
 import numpy as np
 
 _INVALID = '#3a3a3a'
 
 
-def draw(path: Path, pictures: Mapping[tuple[str, str], tuple[np.ndarray, np.ndarray]],
-         modes: list[Mode]) -> None:
+def draw(
+    path: Path,
+    pictures: Mapping[tuple[str, str], tuple[np.ndarray, np.ndarray]],
+    modes: list[Mode],
+) -> None:
     """
     Write the picture.
 
@@ -26,31 +29,41 @@ def draw(path: Path, pictures: Mapping[tuple[str, str], tuple[np.ndarray, np.nda
 
     """
     import matplotlib
+
     matplotlib.use('Agg')
     from matplotlib import pyplot
     from matplotlib.colors import LogNorm
 
     cameras = list(dict.fromkeys(camera for camera, _ in pictures))
     figure, axes = pyplot.subplots(
-        len(modes), 3 * len(cameras), squeeze=False, layout='constrained',
-        figsize=(2.75 * 3 * len(cameras) + 1.6, 2.15 * len(modes) + 0.7))
+        len(modes),
+        3 * len(cameras),
+        squeeze=False,
+        layout='constrained',
+        figsize=(2.75 * 3 * len(cameras) + 1.6, 2.15 * len(modes) + 0.7),
+    )
     depths = pyplot.get_cmap('turbo_r').with_extremes(bad=_INVALID)
     errors = pyplot.get_cmap('RdBu').with_extremes(bad=_INVALID)
     for row, mode in enumerate(modes):
         for column, camera in enumerate(cameras):
             clean, seen = pictures[camera, mode.name]
-            line = axes[row, 3 * column: 3 * column + 3]
+            line = axes[row, 3 * column : 3 * column + 3]
             for axis, image in zip(line[:2], (clean, seen), strict=True):
-                depth = axis.imshow(image, cmap=depths, norm=LogNorm(0.3, 5.0),
-                                    interpolation='nearest')
-            difference = line[2].imshow(1e3 * (seen - clean), cmap=errors, vmin=-20, vmax=20,
-                                        interpolation='nearest')
+                depth = axis.imshow(
+                    image, cmap=depths, norm=LogNorm(0.3, 5.0), interpolation='nearest'
+                )
+            difference = line[2].imshow(
+                1e3 * (seen - clean), cmap=errors, vmin=-20, vmax=20, interpolation='nearest'
+            )
             for axis, title in zip(line, ('clean', 'simulated', 'simulated - clean'), strict=True):
                 axis.set(xticks=[], yticks=[])
                 if row == 0:
                     axis.set_title(f'{camera}: {title}', fontsize=11)
-        axes[row, 0].set_ylabel(f'{mode.name}\n{mode.range_min:g} to {mode.range_max:g} m, '
-                                f'edges {mode.noise.sigma_x:.2f} px', fontsize=11)
+        axes[row, 0].set_ylabel(
+            f'{mode.name}\n{mode.range_min:g} to {mode.range_max:g} m, '
+            f'edges {mode.noise.sigma_x:.2f} px',
+            fontsize=11,
+        )
     bar = figure.colorbar(depth, ax=axes[:, -1], shrink=0.9, ticks=[0.3, 0.5, 1, 2, 3, 5])
     bar.ax.minorticks_off()
     bar.ax.set_yticklabels(['0.3', '0.5', '1', '2', '3', '5 m'])

@@ -16,23 +16,34 @@ from rich.table import Table
 def add_parser(commands: Any) -> None:
     """Add the subcommand."""
     parser = commands.add_parser(
-        'effects', help='list the effects beyond the noise model, show what one does',
+        'effects',
+        help='list the effects beyond the noise model, show what one does',
         description='List the effects that a real camera shows and the noise model leaves out: '
         'their stage in the order of light, parameters, typical values, ranges and units. They '
         'are switched on with flexx2 simulate --effects, or with parameters of the camera node.',
-        epilog='examples: flexx2 effects --sources, flexx2 effects show multipath')
+        epilog='examples: flexx2 effects --sources, flexx2 effects show multipath',
+    )
     form = parser.add_mutually_exclusive_group()
-    form.add_argument('--sources', action='store_true', help='what each is and where model and '
-                      'values come from, instead of its parameters')
+    form.add_argument(
+        '--sources',
+        action='store_true',
+        help='what each is and where model and values come from, instead of its parameters',
+    )
     form.add_argument('--markdown', action='store_true', help='both as the page docs/effects.md')
-    form.add_argument('--write-presets', metavar='DIR', type=Path,
-                      help='write a YAML file for each effect, and typical.yaml')
+    form.add_argument(
+        '--write-presets',
+        metavar='DIR',
+        type=Path,
+        help='write a YAML file for each effect, and typical.yaml',
+    )
     parser.set_defaults(run=run)
     actions = parser.add_subparsers(metavar='show', dest='action')
     show = actions.add_parser(
-        'show', help="write a picture of an effect's signature",
+        'show',
+        help="write a picture of an effect's signature",
         description='Write a picture: a fixed scene with the effect, what the effect changes in '
-        'it, and that against what it depends on.')
+        'it, and that against what it depends on.',
+    )
     show.add_argument('name', metavar='NAME')
     show.add_argument('--out', metavar='PNG', type=Path, help='default: NAME.png')
     show.set_defaults(run=run_show)
@@ -53,8 +64,10 @@ def run(arguments: argparse.Namespace) -> int:
         Console().print(_sources() if arguments.sources else _parameters())
         Console().print(
             'In the order of light. Each has a strength, too: 0 is off, 1 typical, 4 the most.\n'
-            'Shown by: flexx2 effects --sources, flexx2 effects show NAME', style='dim',
-            highlight=False)
+            'Shown by: flexx2 effects --sources, flexx2 effects show NAME',
+            style='dim',
+            highlight=False,
+        )
     return 0
 
 
@@ -62,8 +75,11 @@ def _table(*columns: str) -> Table:
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0), show_edge=False)
     for column in columns:
         number = column in ('typical', 'range')
-        table.add_column(column, justify='right' if number else 'left',
-                         no_wrap=number or column in ('effect', 'parameter'))
+        table.add_column(
+            column,
+            justify='right' if number else 'left',
+            no_wrap=number or column in ('effect', 'parameter'),
+        )
     return table
 
 
@@ -94,6 +110,7 @@ def run_show(arguments: argparse.Namespace) -> int:
     if arguments.name not in known:
         raise InputError(f'NAME: found {arguments.name!r}, wanted one of {", ".join(known)}')
     from flexx2_sim_ros.cli.effects_picture import draw
+
     kind: type[Effect] = known[arguments.name]
     path = arguments.out or Path(f'{kind.name}.png')
     checked_target(path)

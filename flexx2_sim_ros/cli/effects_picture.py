@@ -8,10 +8,10 @@ from typing import Any
 
 from flexx2_sim_ros.atomic import whole
 from flexx2_sim_ros.camera import Camera, flexx2, Frame
-from flexx2_sim_ros.camera.exposure import Stage
-from flexx2_sim_ros.camera.surface import analyse, Surface
 from flexx2_sim_ros.cli.effects_scene import CHART, Room, room, speed, way
 from flexx2_sim_ros.effects import Effect
+from flexx2_sim_ros.physics.frame_state import Stage
+from flexx2_sim_ros.physics.surface import analyse, Surface
 import numpy as np
 
 _FRAMES = 80
@@ -65,16 +65,19 @@ def draw(path: Path, kind: type[Effect]) -> None:
 
     """
     import matplotlib
+
     matplotlib.use('Agg')
     from matplotlib import pyplot
 
     view = _look(kind)
-    figure, axes = pyplot.subplots(1, 3, figsize=(13.5, 4.3), layout='constrained',
-                                   width_ratios=(1, 1, 1.15))
+    figure, axes = pyplot.subplots(
+        1, 3, figsize=(13.5, 4.3), layout='constrained', width_ratios=(1, 1, 1.15)
+    )
     scene, difference, profile = axes
     depths = pyplot.get_cmap('turbo_r').with_extremes(bad=_INVALID)
-    shown = scene.imshow(view.frame.depth[-1], cmap=depths, norm='log', vmin=0.4, vmax=7,
-                         interpolation='nearest')
+    shown = scene.imshow(
+        view.frame.depth[-1], cmap=depths, norm='log', vmin=0.4, vmax=7, interpolation='nearest'
+    )
     bar = figure.colorbar(shown, ax=scene, shrink=0.75, ticks=[0.5, 1, 2, 4, 7])
     bar.ax.minorticks_off()
     bar.ax.set_yticklabels(['0.5', '1', '2', '4', '7 m'])
@@ -105,11 +108,14 @@ def _look(kind: type[Effect]) -> _View:
     shade = np.stack([one.reflectivity for one in rooms])
     usecase = 'Mode_5_30fps' if kind.name in ('range_wrap', 'wiggling') else 'Mode_9_30fps'
     matrix = flexx2().intrinsics.matrix
-    frame, rest = (Camera(usecase, effects=effects, seed=1).capture(clean, matrix, seconds, shade)
-                   for effects in ({kind.name: None}, ()))
+    frame, rest = (
+        Camera(usecase, effects=effects, seed=1).capture(clean, matrix, seconds, shade)
+        for effects in ({kind.name: None}, ())
+    )
     surface = analyse(scene.depth.astype(np.float32), flexx2().intrinsics)
-    return _View(kind, scene, np.broadcast_to(clean, frame.depth.shape), surface, seconds, frame,
-                 rest)
+    return _View(
+        kind, scene, np.broadcast_to(clean, frame.depth.shape), surface, seconds, frame, rest
+    )
 
 
 def _mean(frames: np.ndarray) -> np.ndarray:
@@ -120,45 +126,52 @@ def _mean(frames: np.ndarray) -> np.ndarray:
 
 
 def _spread(frames: np.ndarray) -> np.ndarray:
-    return np.sqrt(np.maximum(_mean(frames ** 2) - _mean(frames) ** 2, 0))
+    return np.sqrt(np.maximum(_mean(frames**2) - _mean(frames) ** 2, 0))
 
 
 def _draw_difference(figure: Any, axis: Any, view: _View) -> None:
     changes = view.kind.changes
     if changes[:1] == ('validity',) and view.kind.name != 'range_wrap':
         lost = np.isnan(view.frame.depth) & np.isfinite(view.rest.depth)
-        shown = axis.imshow(100 * lost.mean(axis=0), cmap='magma', vmin=0, vmax=100,
-                            interpolation='nearest')
+        shown = axis.imshow(
+            100 * lost.mean(axis=0), cmap='magma', vmin=0, vmax=100, interpolation='nearest'
+        )
         axis.set_title('pixels lost, % of frames', fontsize=10)
     elif view.kind.name == 'range_wrap':
-        new = np.where(np.isfinite(view.frame.depth[-1]) & np.isnan(view.rest.depth[-1]),
-                       view.frame.depth[-1] - view.clean[-1], np.nan)
+        new = np.where(
+            np.isfinite(view.frame.depth[-1]) & np.isnan(view.rest.depth[-1]),
+            view.frame.depth[-1] - view.clean[-1],
+            np.nan,
+        )
         shown = axis.imshow(new, cmap='viridis', interpolation='nearest')
         axis.set_title('depth where there should be none, minus the true one, m', fontsize=10)
     elif changes[:1] == ('noise',) and view.kind.name not in ('heavy_tails', 'quantisation'):
         with np.errstate(divide='ignore', invalid='ignore'):
             ratio = np.log2(_spread(view.frame.depth) / _spread(view.rest.depth))
         limit = max(0.5, float(np.nanpercentile(np.abs(ratio), 98)))
-        shown = axis.imshow(ratio, cmap='PuOr_r', vmin=-limit, vmax=limit,
-                            interpolation='nearest')
+        shown = axis.imshow(ratio, cmap='PuOr_r', vmin=-limit, vmax=limit, interpolation='nearest')
         axis.set_title('standard deviation over frames: log2 of with / without', fontsize=10)
     else:
         still = changes[:1] == ('bias',) and view.kind.name != 'warm_up_drift'
         fastest = int(speed(view.seconds).argmax())
-        image = _mean(view.change) if still else view.change[
-            0 if view.kind.name == 'warm_up_drift' else fastest]
+        image = (
+            _mean(view.change)
+            if still
+            else view.change[0 if view.kind.name == 'warm_up_drift' else fastest]
+        )
         if view.kind.stage == Stage.GEOMETRY:
             image[_near_edges(view, 6)] = np.nan  # Edges that have moved hide the rest.
         limit = max(0.5, float(np.nanpercentile(np.abs(image[np.abs(image) > 1e-3]), 97)))
-        shown = axis.imshow(image, cmap=_diverging(), vmin=-limit, vmax=limit,
-                            interpolation='nearest')
-        axis.set_title(('mean' if still else 'one frame') + ' with minus without, mm',
-                       fontsize=10)
+        shown = axis.imshow(
+            image, cmap=_diverging(), vmin=-limit, vmax=limit, interpolation='nearest'
+        )
+        axis.set_title(('mean' if still else 'one frame') + ' with minus without, mm', fontsize=10)
     figure.colorbar(shown, ax=axis, shrink=0.75)
 
 
 def _diverging() -> Any:
     from matplotlib import pyplot
+
     return pyplot.get_cmap('RdBu').with_extremes(bad=_INVALID)
 
 
@@ -175,19 +188,25 @@ def _near_edges(view: _View, reach: int) -> np.ndarray:
 
 def _covariate(view: _View) -> tuple[str, np.ndarray, np.ndarray]:
     # Its name, its value in every pixel, and where bins begin and end.
-    amplitude = (view.scene.reflectivity * view.surface.cos_incidence
-                 / view.scene.depth ** 2)
+    amplitude = view.scene.reflectivity * view.surface.cos_incidence / view.scene.depth**2
     return {
         'none': ('distance, m', view.scene.depth, np.linspace(0.4, 6.8, 60)),
         'distance': ('distance, m', view.scene.depth, np.linspace(0.4, 2.5, 80)),
-        'incidence': ('incidence, degrees', np.degrees(view.surface.incidence),
-                      np.arange(0, 91, 3.0)),
+        'incidence': (
+            'incidence, degrees',
+            np.degrees(view.surface.incidence),
+            np.arange(0, 91, 3.0),
+        ),
         'amplitude': ('amplitude, 1/m²', amplitude, np.geomspace(3e-3, 5, 28)),
     }[view.kind.covariate]
 
 
-def _binned(values: np.ndarray, x: np.ndarray, edges: np.ndarray,
-            reduce: Callable[[np.ndarray], float] = np.nanmean) -> np.ndarray:
+def _binned(
+    values: np.ndarray,
+    x: np.ndarray,
+    edges: np.ndarray,
+    reduce: Callable[[np.ndarray], float] = np.nanmean,
+) -> np.ndarray:
     index = np.digitize(x, edges) - 1
     out = np.full(len(edges) - 1, np.nan)
     for i in range(len(out)):
@@ -216,25 +235,43 @@ def _by_covariate(axis: Any, view: _View) -> None:
         axis.set_yscale('log')
     else:
         lines, text, styles = [_mean(view.change)], 'with minus without, mm', ('median', '')
-        low, high = (_binned(lines[0][calm], x[calm], edges,
-                             lambda part, q=q: float(np.percentile(part, q)))  # type: ignore[misc]
-                     for q in (10, 90))
+        low, high = (
+            _binned(
+                lines[0][calm],
+                x[calm],
+                edges,
+                lambda part, q=q: float(np.percentile(part, q)),  # type: ignore[misc]
+            )
+            for q in (10, 90)
+        )
         known = np.isfinite(low)
-        axis.fill_between(middles[known], low[known], high[known], alpha=0.2, linewidth=0,
-                          label='10 to 90 % of the pixels')
+        axis.fill_between(
+            middles[known],
+            low[known],
+            high[known],
+            alpha=0.2,
+            linewidth=0,
+            label='10 to 90 % of the pixels',
+        )
         axis.axhline(0, color=_GRAY, linewidth=1)
     for values, name in zip(lines, styles, strict=False):
         mean = _binned(values[calm], x[calm], edges, np.median if name == 'median' else np.mean)
         known = np.isfinite(mean)
-        axis.plot(middles[known], mean[known], '.-', label=name,
-                  color=_GRAY if name == 'without' else 'C0')
+        axis.plot(
+            middles[known],
+            mean[known],
+            '.-',
+            label=name,
+            color=_GRAY if name == 'without' else 'C0',
+        )
     axis.set(xlabel=label, ylabel=text)
 
 
 def _along_row(axis: Any, view: _View) -> None:
     row = 14  # across the corner
-    axis.plot(np.where(_near_edges(view, 6), np.nan, _mean(view.change))[row], '.-',
-              label=f'row {row}')
+    axis.plot(
+        np.where(_near_edges(view, 6), np.nan, _mean(view.change))[row], '.-', label=f'row {row}'
+    )
     axis.axhline(0, color=_GRAY, linewidth=1)
     axis.set(xlabel='column', ylabel='with minus without, mm')
 
@@ -242,12 +279,28 @@ def _along_row(axis: Any, view: _View) -> None:
 def _two_scenes(axis: Any, view: _View) -> None:
     row, columns = 86, np.arange(90, 150)
     wall = np.full(view.scene.depth.shape, 1.0)
-    with_it, without = (Camera('Mode_9_30fps', effects=effects, seed=1).capture(
-        wall, flexx2().intrinsics.matrix, 0).depth for effects in ({view.kind.name: None}, ()))
-    axis.plot(columns, _mean(view.change)[row, columns], 'o-', markersize=3,
-              label=f'row {row} of this scene')
-    axis.plot(columns, 1e3 * (with_it - without)[row, columns], '.', color='C1', zorder=3,
-              markersize=4, label='of a plain wall')
+    with_it, without = (
+        Camera('Mode_9_30fps', effects=effects, seed=1)
+        .capture(wall, flexx2().intrinsics.matrix, 0)
+        .depth
+        for effects in ({view.kind.name: None}, ())
+    )
+    axis.plot(
+        columns,
+        _mean(view.change)[row, columns],
+        'o-',
+        markersize=3,
+        label=f'row {row} of this scene',
+    )
+    axis.plot(
+        columns,
+        1e3 * (with_it - without)[row, columns],
+        '.',
+        color='C1',
+        zorder=3,
+        markersize=4,
+        label='of a plain wall',
+    )
     axis.axhline(0, color=_GRAY, linewidth=1)
     axis.set(xlabel='column', ylabel='with minus without, mm')
 
@@ -258,10 +311,21 @@ def _histogram(axis: Any, view: _View) -> None:
     limit = 8.0
     for error, name, colour in zip(view.error, ('with', 'without'), ('C0', _GRAY), strict=True):
         values = error[:, calm] / scale
-        axis.hist(values[np.isfinite(values)], np.linspace(-limit, limit, 161), density=True,
-                  histtype='step', color=colour, label=name)
-    axis.set(xlabel='error / modelled sigma', ylabel='density', yscale='log', ylim=(1e-5, 1),
-             xlim=(-limit, limit))
+        axis.hist(
+            values[np.isfinite(values)],
+            np.linspace(-limit, limit, 161),
+            density=True,
+            histtype='step',
+            color=colour,
+            label=name,
+        )
+    axis.set(
+        xlabel='error / modelled sigma',
+        ylabel='density',
+        yscale='log',
+        ylim=(1e-5, 1),
+        xlim=(-limit, limit),
+    )
 
 
 def _edges(axis: Any, view: _View) -> None:
@@ -269,19 +333,31 @@ def _edges(axis: Any, view: _View) -> None:
     rows, columns = slice(30, 70), slice(78, 108)
     true = int((view.clean[0, 60, columns] > 1.8).sum())
     if view.kind.name == 'flying_pixels':
-        for seen, name, colour, aside in ((view.frame, 'with', 'C0', 0.0),
-                                          (view.rest, 'without', _GRAY, 0.3)):
+        for seen, name, colour, aside in (
+            (view.frame, 'with', 'C0', 0.0),
+            (view.rest, 'without', _GRAY, 0.3),
+        ):
             depth = seen.depth[::8, rows, columns]
             x = np.broadcast_to(np.arange(depth.shape[2]) - true + aside, depth.shape)
             axis.plot(x.ravel(), depth.ravel(), '.', color=colour, markersize=3, label=name)
-        axis.set(xlabel="columns from the chart's edge", ylabel='depth, m', xlim=(-9, 9),
-                 ylim=(1.4, 2.3))
+        axis.set(
+            xlabel="columns from the chart's edge",
+            ylabel='depth, m',
+            xlim=(-9, 9),
+            ylim=(1.4, 2.3),
+        )
         return
     bins = np.arange(-12.5, 13.5)
     for seen, name, colour in ((view.frame, 'with', 'C0'), (view.rest, 'without', _GRAY)):
         moved = (seen.depth[:, rows, columns] > 1.8).sum(axis=2) - true
-        axis.hist(moved.ravel(), bins, density=True, histtype='step', color=colour,
-                  label=f'{name}: {moved.std():.2f} px')
+        axis.hist(
+            moved.ravel(),
+            bins,
+            density=True,
+            histtype='step',
+            color=colour,
+            label=f'{name}: {moved.std():.2f} px',
+        )
     axis.set(xlabel="columns by which the chart's edge has moved", ylabel='density', yscale='log')
 
 
@@ -292,10 +368,13 @@ def _over_time(axis: Any, view: _View) -> None:
         return
     # The far wall and the chart come nearer and go away again.
     calm = ~_near_edges(view, 20) & (np.abs(view.surface.cos_incidence - 1) < 0.1)
-    axis.plot(view.seconds, [np.nanmedian(one[calm]) for one in view.change], '.-',
-              label='with minus without, mm')
-    axis.plot(view.seconds, 10 * speed(view.seconds), color=_GRAY,
-              label='speed forward, 0.1 m/s')
+    axis.plot(
+        view.seconds,
+        [np.nanmedian(one[calm]) for one in view.change],
+        '.-',
+        label='with minus without, mm',
+    )
+    axis.plot(view.seconds, 10 * speed(view.seconds), color=_GRAY, label='speed forward, 0.1 m/s')
     axis.axhline(0, color=_GRAY, linewidth=0.5)
     axis.set(xlabel='s', ylabel='median over what faces the camera')
 
@@ -314,9 +393,9 @@ def _correlations(axis: Any, view: _View) -> None:
     for error, name, colour in zip(view.error, ('with', 'without'), ('C0', _GRAY), strict=True):
         noise = np.where(calm, error - _mean(error), np.nan) / (1e3 * view.rest.sigma)
         if view.kind.name == 'temporal_filter':
-            pairs = [(noise[lag + 5:], noise[5:len(noise) - lag]) for lag in lags]
+            pairs = [(noise[lag + 5 :], noise[5 : len(noise) - lag]) for lag in lags]
         else:
-            pairs = [(noise[:, :, lag:], noise[:, :, :noise.shape[2] - lag]) for lag in lags]
+            pairs = [(noise[:, :, lag:], noise[:, :, : noise.shape[2] - lag]) for lag in lags]
         axis.plot(lags, _correlation(pairs), 'o-', color=colour, label=name)
     what = 'frames' if view.kind.name == 'temporal_filter' else 'pixels'
     axis.set(xlabel=f'{what} apart', ylabel='correlation of the noise')
@@ -327,8 +406,11 @@ def _scatter(axis: Any, view: _View) -> None:
     if view.kind.name == 'range_wrap':
         x = np.broadcast_to(view.clean, view.frame.depth.shape)[-1][calm]
         axis.plot(x, view.frame.depth[-1][calm], '.', markersize=2, label='Mode_5_30fps')
-        far = Camera('Mode_9_30fps', effects={'range_wrap': None}, seed=1).capture(
-            view.scene.depth, flexx2().intrinsics.matrix, 0).depth
+        far = (
+            Camera('Mode_9_30fps', effects={'range_wrap': None}, seed=1)
+            .capture(view.scene.depth, flexx2().intrinsics.matrix, 0)
+            .depth
+        )
         axis.plot(x, far[calm], '.', markersize=2, color='C1', zorder=1, label='Mode_9_30fps')
         axis.set(xlabel='true distance, m', ylabel='depth, m')
         return

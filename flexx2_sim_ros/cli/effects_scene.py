@@ -4,7 +4,7 @@ from dataclasses import dataclass
 import math
 
 from flexx2_sim_ros.camera import flexx2
-from flexx2_sim_ros.camera.geometry import pixel_rays
+from flexx2_sim_ros.physics.geometry import pixel_rays
 import numpy as np
 
 _WALL, _FLOOR, _SIDE, _FAR = 3.4, 0.42, 1.0, 6.7  # metres: behind, below, right, through the door
@@ -62,21 +62,24 @@ def room(forward: float = 0.0) -> Room:
         chart = np.full(x.shape, CHART - forward)
         across, down = x * chart, y * chart
         left, right = _SHADES
-        put(chart, left * (right / left) ** np.clip((across + 0.15) / 0.5, 0, 1),
-            (across > -0.15) & (across < 0.35) & (down > -0.45) & (down < 0.05))
+        put(
+            chart,
+            left * (right / left) ** np.clip((across + 0.15) / 0.5, 0, 1),
+            (across > -0.15) & (across < 0.35) & (down > -0.45) & (down < 0.05),
+        )
         panel = np.full(x.shape, PANEL - forward)
         put(panel, 0.5, (np.abs(x * panel + 0.2) < 0.28) & (np.abs(y * panel + 0.3) < 0.48))
         # An upright column: |(x z, z) - centre| = radius.
         place, radius = (-1.1, 2.2 - forward), 0.2
-        a = 1 + x ** 2
+        a = 1 + x**2
         b = x * place[0] + place[1]
-        root = b ** 2 - a * (place[0] ** 2 + place[1] ** 2 - radius ** 2)
+        root = b**2 - a * (place[0] ** 2 + place[1] ** 2 - radius**2)
         put((b - np.sqrt(root)) / a, 0.6, root > 0)
         # A ball: |ray z - centre| = radius.
         middle, radius = (-0.12, 0.16, 0.6 - forward), 0.11
-        a = 1 + x ** 2 + y ** 2
+        a = 1 + x**2 + y**2
         b = x * middle[0] + y * middle[1] + middle[2]
-        root = b ** 2 - a * (sum(part ** 2 for part in middle) - radius ** 2)
+        root = b**2 - a * (sum(part**2 for part in middle) - radius**2)
         put((b - np.sqrt(root)) / a, 0.9, root > 0)
     return Room(depth, shade)
 

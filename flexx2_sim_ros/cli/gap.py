@@ -15,32 +15,57 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 def add_parser(commands: Any) -> None:
     """Add the subcommands."""
     parser = commands.add_parser(
-        'gap', help='find what the simulation lacks compared with recordings',
-        description='Compare recordings of a real camera with the simulation of the same scenes.')
+        'gap',
+        help='find what the simulation lacks compared with recordings',
+        description='Compare recordings of a real camera with the simulation of the same scenes.',
+    )
     subcommands = parser.add_subparsers(dest='gap_command', required=True, metavar='COMMAND')
     diagnose = subcommands.add_parser(
-        'diagnose', help='say where the gap lies, which effect causes it, how far it shrinks',
+        'diagnose',
+        help='say where the gap lies, which effect causes it, how far it shrinks',
         description='CAMPAIGN is a folder of recordings (.npz or bags), one scene each, with '
         'clean_depth. Writes diagnosis.json (docs/diagnosis.md), effects.yaml (for flexx2 '
         'simulate --effects and the node) and report.html to DIR.',
-        epilog='example: flexx2 gap diagnose recordings/ --out diagnosis/')
+        epilog='example: flexx2 gap diagnose recordings/ --out diagnosis/',
+    )
     diagnose.add_argument('campaign', metavar='CAMPAIGN')
     diagnose.add_argument('--out', required=True, metavar='DIR')
-    diagnose.add_argument('--profile', metavar='PATH', help='another camera than the Flexx2: a '
-                          'profile as flexx2 characterize fit writes it')
-    diagnose.add_argument('--without', action='append', default=[], metavar='NAME',
-                          help='leave an effect out of the catalogue (may be given again)')
-    diagnose.add_argument('--seed', type=whole_number(0, 10 ** 9 - 1), default=0,
-                          help='of the simulations (default 0)')
-    diagnose.add_argument('--jobs', type=whole_number(1, MOST_JOBS), default=os.cpu_count() or 1,
-                          help='processes (default: one a core)')
-    diagnose.add_argument('--scheduler', metavar='ADDRESS', help='work on the Dask cluster of '
-                          'this scheduler, e.g. tcp://host:8786; its workers must see the '
-                          'recordings at the same paths')
-    diagnose.add_argument('--pose-prior', type=number(0, 1e3, above=True), nargs=2,
-                          default=(0.010, 0.5),
-                          metavar=('METRES', 'DEGREES'), help='how wrong the pose of a recording '
-                          'usually is (default 0.01 0.5)')
+    diagnose.add_argument(
+        '--profile',
+        metavar='PATH',
+        help='another camera than the Flexx2: a profile as flexx2 characterize fit writes it',
+    )
+    diagnose.add_argument(
+        '--without',
+        action='append',
+        default=[],
+        metavar='NAME',
+        help='leave an effect out of the catalogue (may be given again)',
+    )
+    diagnose.add_argument(
+        '--seed', type=whole_number(0, 10**9 - 1), default=0, help='of the simulations (default 0)'
+    )
+    diagnose.add_argument(
+        '--jobs',
+        type=whole_number(1, MOST_JOBS),
+        default=os.cpu_count() or 1,
+        help='processes (default: one a core)',
+    )
+    diagnose.add_argument(
+        '--scheduler',
+        metavar='ADDRESS',
+        help='work on the Dask cluster of '
+        'this scheduler, e.g. tcp://host:8786; its workers must see the '
+        'recordings at the same paths',
+    )
+    diagnose.add_argument(
+        '--pose-prior',
+        type=number(0, 1e3, above=True),
+        nargs=2,
+        default=(0.010, 0.5),
+        metavar=('METRES', 'DEGREES'),
+        help='how wrong the pose of a recording usually is (default 0.01 0.5)',
+    )
     diagnose.set_defaults(run=run_diagnose)
     if find_spec('flexx2_sim_ros.cli.gap_benchmark'):
         import_module('flexx2_sim_ros.cli.gap_benchmark').add_parser(subcommands)
@@ -48,22 +73,35 @@ def add_parser(commands: Any) -> None:
 
 def run_diagnose(arguments: argparse.Namespace) -> int:
     """Diagnose with a progress bar, and say the outcome in a few lines."""
-    from flexx2_sim_ros.camera.profiles import load_profile
     from flexx2_sim_ros.gap import diagnose
-    from flexx2_sim_ros.gap.words import headline, remarks, sentences
+    from flexx2_sim_ros.gap.report.words import headline, remarks, sentences
+    from flexx2_sim_ros.profiles.files import load_profile
+
     console = Console(stderr=True, markup=False)
-    with Progress(TextColumn('{task.description}', markup=False), BarColumn(), TimeElapsedColumn(),
-                  console=console, transient=True) as progress:
+    with Progress(
+        TextColumn('{task.description}', markup=False),
+        BarColumn(),
+        TimeElapsedColumn(),
+        console=console,
+        transient=True,
+    ) as progress:
         task = progress.add_task('starting', total=1.0)
         table = diagnose(
-            arguments.campaign, profile=load_profile(arguments.profile)
-            if arguments.profile else None, without=arguments.without, seed=arguments.seed,
-            jobs=arguments.jobs, out=arguments.out, pose_prior=tuple(arguments.pose_prior),
+            arguments.campaign,
+            profile=load_profile(arguments.profile) if arguments.profile else None,
+            without=arguments.without,
+            seed=arguments.seed,
+            jobs=arguments.jobs,
+            out=arguments.out,
+            pose_prior=tuple(arguments.pose_prior),
             scheduler=arguments.scheduler,
-            progress=lambda text, share: progress.update(task, description=text, completed=share))
+            progress=lambda text, share: progress.update(task, description=text, completed=share),
+        )
     console.print(headline(table), style='bold', highlight=False)
     for line in sentences(table) + remarks(table):
         console.print(printable(line), highlight=False)
-    console.print(f'{arguments.out}: diagnosis.json, effects.yaml, report.html '
-                  f'({table["seconds"]:.0f} s)', highlight=False)
+    console.print(
+        f'{arguments.out}: diagnosis.json, effects.yaml, report.html ({table["seconds"]:.0f} s)',
+        highlight=False,
+    )
     return 0

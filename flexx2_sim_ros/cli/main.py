@@ -31,6 +31,7 @@ def main(argv: list[str] | None = None) -> int:
             stream.reconfigure(errors='backslashreplace')  # type: ignore[union-attr]
     from flexx2_sim_ros.atomic import reason
     from flexx2_sim_ros.cli.commands import run
+
     try:
         try:
             return run(argv)

@@ -23,26 +23,52 @@ _IDLE = 5
 def add_parser(commands: Any) -> None:
     """Add the subcommand."""
     parser = commands.add_parser(
-        'record', help='record all cameras into a bag',
+        'record',
+        help='record all cameras into a bag',
         description='Record clean and simulated depth, reflectivity, gray images, camera infos '
         'and modes of all cameras, simulated or real, with /tf, /tf_static and /clock, into a '
         'rosbag2 bag, until Ctrl-C. What is lost is counted and shown. Needs ROS 2.',
-        epilog='example: flexx2 record walk --seconds 10')
-    parser.add_argument('bag', nargs='?', type=Path, metavar='BAG',
-                        help='folder to make (default: flexx2_ and the time)')
-    parser.add_argument('--seconds', type=number(0, 1e9, above=True),
-                        help='end after so long, from the first message on')
-    parser.add_argument('--wait', type=number(0, 1e9, above=True), default=30.0, metavar='SECONDS',
-                        help='for the first message, at most (default %(default)s)')
-    parser.add_argument('--storage', choices=('mcap', 'sqlite3'), default='mcap',
-                        help='default %(default)s')
-    parser.add_argument('--cameras', nargs='+', default=[], metavar='NAME',
-                        help='only these (namespaces or nodes)')
-    parser.add_argument('--also', nargs='+', default=[], metavar='TOPIC',
-                        help="more topics, wildcards allowed: '*/point_cloud_0' "
-                        "'*/depth_noise_0' /odom")
-    parser.add_argument('--queue', type=number(0, 1e6, above=True), default=256.0, metavar='MB',
-                        help='that wait for the disk at most (default %(default)g)')
+        epilog='example: flexx2 record walk --seconds 10',
+    )
+    parser.add_argument(
+        'bag',
+        nargs='?',
+        type=Path,
+        metavar='BAG',
+        help='folder to make (default: flexx2_ and the time)',
+    )
+    parser.add_argument(
+        '--seconds',
+        type=number(0, 1e9, above=True),
+        help='end after so long, from the first message on',
+    )
+    parser.add_argument(
+        '--wait',
+        type=number(0, 1e9, above=True),
+        default=30.0,
+        metavar='SECONDS',
+        help='for the first message, at most (default %(default)s)',
+    )
+    parser.add_argument(
+        '--storage', choices=('mcap', 'sqlite3'), default='mcap', help='default %(default)s'
+    )
+    parser.add_argument(
+        '--cameras', nargs='+', default=[], metavar='NAME', help='only these (namespaces or nodes)'
+    )
+    parser.add_argument(
+        '--also',
+        nargs='+',
+        default=[],
+        metavar='TOPIC',
+        help="more topics, wildcards allowed: '*/point_cloud_0' '*/depth_noise_0' /odom",
+    )
+    parser.add_argument(
+        '--queue',
+        type=number(0, 1e6, above=True),
+        default=256.0,
+        metavar='MB',
+        help='that wait for the disk at most (default %(default)g)',
+    )
     parser.set_defaults(run=run)
 
 
@@ -71,8 +97,9 @@ def run(arguments: argparse.Namespace) -> int:
     return stopped.status
 
 
-def _spin(recorder: Any, sink: Any, arguments: argparse.Namespace,
-          stopped: Callable[[], bool]) -> None:
+def _spin(
+    recorder: Any, sink: Any, arguments: argparse.Namespace, stopped: Callable[[], bool]
+) -> None:
     from rclpy.executors import SingleThreadedExecutor
 
     executor = SingleThreadedExecutor()
@@ -110,10 +137,13 @@ def _progress(recorder: Any, sink: Any) -> str:
     if recorder.started is None:
         return 'waiting for cameras'
     topics = recorder.topics.values()
-    messages, size, lost = (sum(getattr(topic, name) for topic in topics)
-                            for name in ('messages', 'size', 'lost'))
-    return (f'{recorder.seconds:.0f} s, {messages} messages, {size / 1e6:.0f} MB, '
-            f'{sink.waiting / 1e6:.0f} MB waiting, [{"red" if lost else "green"}]{lost} lost[/]')
+    messages, size, lost = (
+        sum(getattr(topic, name) for topic in topics) for name in ('messages', 'size', 'lost')
+    )
+    return (
+        f'{recorder.seconds:.0f} s, {messages} messages, {size / 1e6:.0f} MB, '
+        f'{sink.waiting / 1e6:.0f} MB waiting, [{"red" if lost else "green"}]{lost} lost[/]'
+    )
 
 
 def _remarks(recorder: Any) -> dict[str, str]:
@@ -126,19 +156,35 @@ def _remarks(recorder: Any) -> dict[str, str]:
 def _report(recorder: Any, path: Path) -> None:
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0), show_edge=False)
     for name in ('topic', 'messages', 'from [s]', 'Hz', 'MB', 'lost', 'gaps'):
-        table.add_column(name, justify='left' if name == 'topic' else 'right',
-                         no_wrap=name != 'topic', overflow='fold')
+        table.add_column(
+            name,
+            justify='left' if name == 'topic' else 'right',
+            no_wrap=name != 'topic',
+            overflow='fold',
+        )
     for name, topic in sorted(recorder.topics.items()):
         gaps = topic.gaps()
         text = f'{gaps.count} ({gaps.longest:.3f} s)' if gaps.count else '0'
         table.add_row(
-            printable(name), str(topic.messages), f'{topic.first:.1f}',
-            f'{topic.rate_hz:.2f}' if topic.stamps else '', f'{topic.size / 1e6:.1f}',
-            str(topic.lost), text if topic.stamps else '', style='red' if topic.lost else None)
+            printable(name),
+            str(topic.messages),
+            f'{topic.first:.1f}',
+            f'{topic.rate_hz:.2f}' if topic.stamps else '',
+            f'{topic.size / 1e6:.1f}',
+            str(topic.lost),
+            text if topic.stamps else '',
+            style='red' if topic.lost else None,
+        )
     console = Console(highlight=False, markup=False)
     console.print(table)
     lost = sum(topic.lost for topic in recorder.topics.values())
     refused = sum(topic.refused for topic in recorder.topics.values())
-    console.print(f'{path}: {recorder.seconds:.1f} s, {lost} messages lost'
-                  + (f' ({refused} here, the disk was too slow; {lost - refused} on the way)'
-                     if lost else ''), soft_wrap=True)
+    console.print(
+        f'{path}: {recorder.seconds:.1f} s, {lost} messages lost'
+        + (
+            f' ({refused} here, the disk was too slow; {lost - refused} on the way)'
+            if lost
+            else ''
+        ),
+        soft_wrap=True,
+    )

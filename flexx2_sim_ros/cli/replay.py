@@ -17,18 +17,30 @@ _DISCOVERY_SECONDS = 0.5
 def add_parser(commands: Any) -> None:
     """Add the subcommand."""
     parser = commands.add_parser(
-        'replay', help='publish a bag again',
+        'replay',
+        help='publish a bag again',
         description='Publish the messages of a rosbag2 bag with their own stamps, at the pace of '
         'these stamps, and /clock with them. Ends at the end of the bag. Needs ROS 2.',
-        epilog="example: flexx2 replay walk --rate 0.5 --topics '*/clean/*'")
+        epilog="example: flexx2 replay walk --rate 0.5 --topics '*/clean/*'",
+    )
     parser.add_argument('bag', metavar='BAG', help='a folder, or a .mcap or .db3 file')
-    parser.add_argument('--rate', type=number(0, 1e6, above=True), default=1.0,
-                        help='real-time factor (default %(default)s)')
+    parser.add_argument(
+        '--rate',
+        type=number(0, 1e6, above=True),
+        default=1.0,
+        help='real-time factor (default %(default)s)',
+    )
     parser.add_argument('--loop', action='store_true', help='begin again at the end, until Ctrl-C')
-    parser.add_argument('--topics', nargs='+', default=[], metavar='TOPIC',
-                        help='only these, wildcards allowed')
-    parser.add_argument('--wait', type=number(0, 1e6), default=2.0, metavar='SECONDS',
-                        help='at most, until every topic has a subscriber (default %(default)s)')
+    parser.add_argument(
+        '--topics', nargs='+', default=[], metavar='TOPIC', help='only these, wildcards allowed'
+    )
+    parser.add_argument(
+        '--wait',
+        type=number(0, 1e6),
+        default=2.0,
+        metavar='SECONDS',
+        help='at most, until every topic has a subscriber (default %(default)s)',
+    )
     parser.add_argument('--no-clock', action='store_true', help='do not publish /clock')
     parser.set_defaults(run=run)
 
@@ -61,8 +73,10 @@ def run(arguments: argparse.Namespace) -> int:
             player.destroy_node()
     for note in bag.notes[known:]:
         console.print(printable(note), style='yellow')
-    print(f'{arguments.bag}: {player.sent} messages in {seconds:.1f} s, at most '
-          f'{1e3 * player.late:.0f} ms late')
+    print(
+        f'{arguments.bag}: {player.sent} messages in {seconds:.1f} s, at most '
+        f'{1e3 * player.late:.0f} ms late'
+    )
     return stopped.status
 
 

@@ -52,16 +52,20 @@ def ros() -> Iterator[Stop]:
 
     """
     if importlib.util.find_spec('rclpy') is None:
-        raise InputError('ROS 2 is not there: rclpy cannot be imported. Wanted a sourced ROS 2 '
-                         'Jazzy, or pip install "flexx2_sim_ros[ros]"')
+        raise InputError(
+            'ROS 2 is not there: rclpy cannot be imported. Wanted a sourced ROS 2 '
+            'Jazzy, or pip install "flexx2_sim_ros[ros]"'
+        )
     make_room_for_images()
     import rclpy
     from rclpy.signals import SignalHandlerOptions
 
     stop = Stop()
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-    before = {number: signal.signal(number, lambda number, _frame: stop.signals.append(number))
-              for number in SIGNALS}
+    before = {
+        number: signal.signal(number, lambda number, _frame: stop.signals.append(number))
+        for number in SIGNALS
+    }
     try:
         yield stop
     finally:

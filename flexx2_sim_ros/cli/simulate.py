@@ -6,14 +6,14 @@ from typing import Any
 import zlib
 
 from flexx2_sim_ros.atomic import check_distinct, checked_target
-from flexx2_sim_ros.camera.modes import DEFAULT_USECASE, flexx2
-from flexx2_sim_ros.camera.pipeline import Camera
-from flexx2_sim_ros.camera.profiles import load_profile
+from flexx2_sim_ros.camera.camera import Camera
 from flexx2_sim_ros.cli.argument_types import MOST_FRAMES, SEEDS, whole_number
 from flexx2_sim_ros.effects import load_effects
 from flexx2_sim_ros.effects.delay import WarmUpDrift
 from flexx2_sim_ros.effects.registry import effects_yaml
 from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.profiles.files import load_profile
+from flexx2_sim_ros.profiles.modes import DEFAULT_USECASE, flexx2
 from flexx2_sim_ros.recording import load_scene, RecordingWriter, Scene
 import numpy as np
 from rich.console import Console
@@ -29,34 +29,60 @@ _STARTS = 1_000_000  # seconds from which a scene has its own
 def add_parser(commands: Any) -> None:
     """Add the subcommand."""
     parser = commands.add_parser(
-        'simulate', help='simulate the camera on a scene from a file',
+        'simulate',
+        help='simulate the camera on a scene from a file',
         description='Read clean depth and write what the camera would have recorded. IN.npz has '
         'clean_depth (H, W) or (T, H, W) in metres, NaN where nothing is, K (3, 3), optionally '
         'reflectivity (0..1) and stamp (T,) in seconds. OUT.npz is a recording: depth (T, H, W) '
         'float32 metres with NaN for invalid, clean_depth, K, stamp, usecase, seed, effects if '
         'there are any, and whatever else IN had (docs/recordings.md).',
-        epilog='example: flexx2 simulate scene.npz out.npz --usecase Mode_5_30fps --frames 300')
+        epilog='example: flexx2 simulate scene.npz out.npz --usecase Mode_5_30fps --frames 300',
+    )
     parser.add_argument('input', metavar='IN.npz')
     parser.add_argument('output', metavar='OUT.npz')
-    parser.add_argument('--usecase', help=f'mode (default {DEFAULT_USECASE}, or the first of the '
-                        'profile); see flexx2 modes')
-    parser.add_argument('--profile', metavar='PATH', help='another camera than the Flexx2: a '
-                        'profile as flexx2 characterize fit writes it')
-    parser.add_argument('--effects', metavar='FILE', help='effects beyond the noise model: a YAML '
-                        'file, or the name of a preset, e.g. typical; see flexx2 effects')
-    parser.add_argument('--frames', type=whole_number(1, MOST_FRAMES),
-                        help='how many frames (default: as many as clean_depth or stamp has, '
-                        f'else {_DEFAULT_FRAMES})')
-    parser.add_argument('--seed', type=whole_number(*SEEDS), default=0,
-                        help='seed of the noise (default 0)')
-    parser.add_argument('--name', default='', help='camera name: cameras of different names '
-                        'share no noise')
-    parser.add_argument('--start', type=float, metavar='SECONDS', help='stamp of the first frame, '
-                        'where IN has none; noise depends on seed, name and stamp (default: whole '
-                        'seconds made of what the scene shows, so that scenes differ in noise)')
-    parser.add_argument('--uptime', type=float, metavar='SECONDS', help='since power-on at the '
-                        'first frame, for warm_up_drift (default: uptime of IN, else what the '
-                        'effect says)')
+    parser.add_argument(
+        '--usecase',
+        help=f'mode (default {DEFAULT_USECASE}, or the first of the profile); see flexx2 modes',
+    )
+    parser.add_argument(
+        '--profile',
+        metavar='PATH',
+        help='another camera than the Flexx2: a profile as flexx2 characterize fit writes it',
+    )
+    parser.add_argument(
+        '--effects',
+        metavar='FILE',
+        help='effects beyond the noise model: a YAML '
+        'file, or the name of a preset, e.g. typical; see flexx2 effects',
+    )
+    parser.add_argument(
+        '--frames',
+        type=whole_number(1, MOST_FRAMES),
+        help='how many frames (default: as many as clean_depth or stamp has, '
+        f'else {_DEFAULT_FRAMES})',
+    )
+    parser.add_argument(
+        '--seed', type=whole_number(*SEEDS), default=0, help='seed of the noise (default 0)'
+    )
+    parser.add_argument(
+        '--name', default='', help='camera name: cameras of different names share no noise'
+    )
+    parser.add_argument(
+        '--start',
+        type=float,
+        metavar='SECONDS',
+        help='stamp of the first frame, '
+        'where IN has none; noise depends on seed, name and stamp (default: whole '
+        'seconds made of what the scene shows, so that scenes differ in noise)',
+    )
+    parser.add_argument(
+        '--uptime',
+        type=float,
+        metavar='SECONDS',
+        help='since power-on at the '
+        'first frame, for warm_up_drift (default: uptime of IN, else what the '
+        'effect says)',
+    )
     parser.set_defaults(run=run)
 
 
@@ -72,22 +98,31 @@ def run(arguments: argparse.Namespace) -> int:
     effects = load_effects(arguments.effects) if arguments.effects else ()
     uptime = _uptime(scene, arguments.uptime, arguments.input)
     if uptime is not None:
-        effects = tuple(replace(effect, uptime=uptime) if isinstance(effect, WarmUpDrift)
-                        else effect for effect in effects)
-    camera = Camera(usecase, profile=profile, effects=effects, seed=arguments.seed,
-                    name=arguments.name)
-    stamps = _stamps(scene, arguments.frames, arguments.start, camera.mode.rate_hz,
-                     arguments.input)
+        effects = tuple(
+            replace(effect, uptime=uptime) if isinstance(effect, WarmUpDrift) else effect
+            for effect in effects
+        )
+    camera = Camera(
+        usecase, profile=profile, effects=effects, seed=arguments.seed, name=arguments.name
+    )
+    stamps = _stamps(
+        scene, arguments.frames, arguments.start, camera.mode.rate_hz, arguments.input
+    )
     console = Console(stderr=True, markup=False)
     count = len(stamps)
     invalid = 0
-    with (RecordingWriter(arguments.output, count, *scene.clean_depth.shape[-2:]) as writer,
-          Progress(console=console, transient=True) as progress):
+    with (
+        RecordingWriter(arguments.output, count, *scene.clean_depth.shape[-2:]) as writer,
+        Progress(console=console, transient=True) as progress,
+    ):
         for start in progress.track(range(0, count, _CHUNK), description='simulating'):
             part = slice(start, min(start + _CHUNK, count))
-            frame = camera.capture(_frames(scene.clean_depth, part), scene.K, stamps[part],
-                                   None if scene.reflectivity is None
-                                   else _frames(scene.reflectivity, part))
+            frame = camera.capture(
+                _frames(scene.clean_depth, part),
+                scene.K,
+                stamps[part],
+                None if scene.reflectivity is None else _frames(scene.reflectivity, part),
+            )
             writer.add_depth(frame.depth)
             invalid += int(np.isnan(frame.depth).sum())
         own = {'depth', 'usecase', 'seed', 'effects'}
@@ -107,11 +142,17 @@ def run(arguments: argparse.Namespace) -> int:
         if effects:
             writer.add_array('effects', effects_yaml(effects))
     height, width = scene.clean_depth.shape[-2:]
-    console.print(f'{arguments.output}: {count} frames of {width} x {height}, {camera.usecase}, '
-                  f'{invalid / (count * height * width):.1%} invalid', highlight=False)
+    console.print(
+        f'{arguments.output}: {count} frames of {width} x {height}, {camera.usecase}, '
+        f'{invalid / (count * height * width):.1%} invalid',
+        highlight=False,
+    )
     if not camera.mode.measured:
-        console.print(f'{camera.usecase} was not measured: noise of {camera.mode.noise_of}',
-                      style='yellow', highlight=False)
+        console.print(
+            f'{camera.usecase} was not measured: noise of {camera.mode.noise_of}',
+            style='yellow',
+            highlight=False,
+        )
     return 0
 
 
@@ -121,21 +162,25 @@ def _uptime(scene: Scene, given: float | None, path: str) -> float | None:
         return None
     where = f'{path}: uptime' if given is None else '--uptime'
     if found.dtype.kind not in 'fiu' or found.ndim > 1 or not found.size:
-        raise InputError(f'{where}: must be seconds () or (T,), got {found.dtype} of shape '
-                         f'{found.shape}')
+        raise InputError(
+            f'{where}: must be seconds () or (T,), got {found.dtype} of shape {found.shape}'
+        )
     first = float(found.flat[0])
     if not 0 <= first <= _LONGEST_UPTIME:
         raise InputError(f'{where}: must be 0 to {_LONGEST_UPTIME:g} seconds, got {first:g}')
     return first
 
 
-def _stamps(scene: Scene, frames: int | None, start: float | None, rate_hz: float, path: str
-            ) -> np.ndarray:
+def _stamps(
+    scene: Scene, frames: int | None, start: float | None, rate_hz: float, path: str
+) -> np.ndarray:
     available = len(scene.clean_depth) if scene.clean_depth.ndim == 3 else None
     if scene.stamp is not None:
         if available not in (None, len(scene.stamp)):
-            raise InputError(f'{path}: stamp: found {len(scene.stamp)}, wanted one for each of '
-                             f'the {available} frames of clean_depth')
+            raise InputError(
+                f'{path}: stamp: found {len(scene.stamp)}, wanted one for each of '
+                f'the {available} frames of clean_depth'
+            )
         if available is not None or frames is None or frames <= len(scene.stamp):
             available = len(scene.stamp)
     count = frames if frames is not None else available or _DEFAULT_FRAMES

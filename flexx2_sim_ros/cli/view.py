@@ -26,30 +26,51 @@ _EVERYWHERE = ('0.0.0.0', '::', '')
 def add_parser(commands: Any) -> None:
     """Add the subcommand."""
     parser = commands.add_parser(
-        'view', help='look at all cameras in a browser, switch modes, drive the robot',
+        'view',
+        help='look at all cameras in a browser, switch modes, drive the robot',
         description='Serve a page that shows clean and simulated depth, their difference and the '
         "point cloud of all cameras while they stream, sets the cameras' modes, and drives the "
         'robot with W A S D. Needs ROS 2.',
-        epilog='example: flexx2 view --demo')
-    parser.add_argument('--demo', action='store_true',
-                        help='start a Go1 to drive and two camera nodes as well')
-    parser.add_argument('--scene', default='lab',
-                        help='of the demo: lab, stairs, corner, board, rubble, or an MJCF file '
-                        '(default %(default)s)')
-    parser.add_argument('--renderer', default='auto',
-                        help='of the demo: auto, egl, osmesa or ray (default %(default)s)')
-    parser.add_argument('--cameras', nargs='+', default=[], metavar='NAME',
-                        help='only these (namespaces or nodes)')
-    parser.add_argument('--cmd-vel', default='/cmd_vel', metavar='TOPIC',
-                        help='to drive on (default %(default)s)')
-    parser.add_argument('--host', default='127.0.0.1',
-                        help='address to serve on (default %(default)s: this machine alone); '
-                        'for any other one the page asks for a token, which is part of the '
-                        'printed URL')
-    parser.add_argument('--no-token', action='store_true',
-                        help='ask for no token: whoever reaches the address can drive the robot')
-    parser.add_argument('--port', type=whole_number(0, 65535), default=8172,
-                        help='default %(default)s; 0 for any that is free')
+        epilog='example: flexx2 view --demo',
+    )
+    parser.add_argument(
+        '--demo', action='store_true', help='start a Go1 to drive and two camera nodes as well'
+    )
+    parser.add_argument(
+        '--scene',
+        default='lab',
+        help='of the demo: lab, stairs, corner, board, rubble, or an MJCF file '
+        '(default %(default)s)',
+    )
+    parser.add_argument(
+        '--renderer',
+        default='auto',
+        help='of the demo: auto, egl, osmesa or ray (default %(default)s)',
+    )
+    parser.add_argument(
+        '--cameras', nargs='+', default=[], metavar='NAME', help='only these (namespaces or nodes)'
+    )
+    parser.add_argument(
+        '--cmd-vel', default='/cmd_vel', metavar='TOPIC', help='to drive on (default %(default)s)'
+    )
+    parser.add_argument(
+        '--host',
+        default='127.0.0.1',
+        help='address to serve on (default %(default)s: this machine alone); '
+        'for any other one the page asks for a token, which is part of the '
+        'printed URL',
+    )
+    parser.add_argument(
+        '--no-token',
+        action='store_true',
+        help='ask for no token: whoever reaches the address can drive the robot',
+    )
+    parser.add_argument(
+        '--port',
+        type=whole_number(0, 65535),
+        default=8172,
+        help='default %(default)s; 0 for any that is free',
+    )
     parser.add_argument('--no-browser', action='store_true', help='only print the address')
     parser.set_defaults(run=run)
 
@@ -57,8 +78,10 @@ def add_parser(commands: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Serve until told to stop."""
     if importlib.util.find_spec('tornado') is None:
-        raise InputError('tornado is not there: wanted pip install "flexx2_sim_ros[view]", or '
-                         'apt install python3-tornado')
+        raise InputError(
+            'tornado is not there: wanted pip install "flexx2_sim_ros[view]", or '
+            'apt install python3-tornado'
+        )
     from flexx2_sim_ros.view.access import Access, is_loopback, new_token
     from flexx2_sim_ros.view.server import bind, Server
 
@@ -92,9 +115,20 @@ def _demo(arguments: argparse.Namespace) -> Iterator[Callable[[], None]]:
     if not arguments.demo:
         yield lambda: None
         return
-    commands = {'go1_cameras': [
-        'go1_cameras', '--ros-args', '-p', 'motion:=cmd_vel', '-p', f'scene:={arguments.scene}',
-        '-p', f'renderer:={arguments.renderer}', '-r', f'cmd_vel:={arguments.cmd_vel}']}
+    commands = {
+        'go1_cameras': [
+            'go1_cameras',
+            '--ros-args',
+            '-p',
+            'motion:=cmd_vel',
+            '-p',
+            f'scene:={arguments.scene}',
+            '-p',
+            f'renderer:={arguments.renderer}',
+            '-r',
+            f'cmd_vel:={arguments.cmd_vel}',
+        ]
+    }
     commands |= {camera: camera_command(camera) for camera in _CAMERAS}
     folder = Path(tempfile.mkdtemp(prefix='flexx2_view_'))
     with nodes(commands, folder) as processes:
@@ -110,15 +144,17 @@ def _say_where(access: Any, port: int, with_browser: bool) -> None:
     url = address('127.0.0.1' if everywhere else access.host, port, access.token)
     print(f'{url} (Ctrl-C ends it)', flush=True)
     if everywhere:
-        print(f'From another machine: {address(socket.gethostname(), port, access.token)}',
-              flush=True)
+        print(
+            f'From another machine: {address(socket.gethostname(), port, access.token)}',
+            flush=True,
+        )
     if not is_loopback(access.host):
         who = 'has this address' if access.token else 'reaches this machine'
-        print(f'warning: --host {access.host}: whoever {who} can drive the robot',
-              file=sys.stderr)
+        print(f'warning: --host {access.host}: whoever {who} can drive the robot', file=sys.stderr)
     # Elsewhere it would open one in this terminal.
-    has_screen = sys.platform != 'linux' or os.environ.get('DISPLAY') or os.environ.get(
-        'WAYLAND_DISPLAY')
+    has_screen = (
+        sys.platform != 'linux' or os.environ.get('DISPLAY') or os.environ.get('WAYLAND_DISPLAY')
+    )
     if has_screen and with_browser:
         webbrowser.open(url)
 

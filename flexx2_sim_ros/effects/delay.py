@@ -5,9 +5,9 @@ from functools import lru_cache
 import math
 from typing import ClassVar
 
-from flexx2_sim_ros.camera.exposure import Exposure, SPEED_OF_LIGHT, Stage
-from flexx2_sim_ros.camera.philox import fill_normals, STREAM_FIXED_PATTERN
 from flexx2_sim_ros.effects.effect import Effect, parameter
+from flexx2_sim_ros.physics.frame_state import FrameState, SPEED_OF_LIGHT, Stage
+from flexx2_sim_ros.physics.philox import fill_normals, STREAM_FIXED_PATTERN
 import numpy as np
 
 
@@ -22,8 +22,10 @@ class Wiggling(Effect):
     covariate: ClassVar[str] = 'distance'
     changes: ClassVar[tuple[str, ...]] = ('bias',)
     typical: ClassVar[bool] = True
-    source: ClassVar[str] = ('Drayton 2013: 18 mm RMS uncalibrated, 3 mm corrected; Lindner 2010. '
-                             'Four taps leave the fourth harmonic')
+    source: ClassVar[str] = (
+        'Drayton 2013: 18 mm RMS uncalibrated, 3 mm corrected; Lindner 2010. '
+        'Four taps leave the fourth harmonic'
+    )
     needs_modulation: ClassVar[bool] = True
 
     a1: float = parameter(0.0, -0.1, 0.1, 'm', 'sine, one period per c/2f')
@@ -35,11 +37,11 @@ class Wiggling(Effect):
     a4: float = parameter(0.0042, -0.1, 0.1, 'm', 'sine, four periods per c/2f')
     b4: float = parameter(0.0, -0.1, 0.1, 'm', 'cosine, four periods per c/2f')
 
-    def apply(self, exposure: Exposure) -> None:
+    def apply(self, state: FrameState) -> None:
         """Add the harmonics of what has been mixed so far, at every modulation frequency."""
-        for frequency, shift in zip(exposure.mode.modulation_hz, exposure.shifts, strict=True):
+        for frequency, shift in zip(state.mode.modulation_hz, state.shifts, strict=True):
             step = np.float32(2.0 * math.pi * 2.0 * frequency / SPEED_OF_LIGHT)
-            phase = step * (exposure.depth + shift)
+            phase = step * (state.depth + shift)
             for k in (1, 2, 3, 4):
                 a, b = getattr(self, f'a{k}'), getattr(self, f'b{k}')
                 if a:
@@ -64,13 +66,13 @@ class FixedPattern(Effect):
 
     rms: float = parameter(0.0015, 0.0, 0.1, 'm', 'root mean square over the pixels')
 
-    def apply(self, exposure: Exposure) -> None:
+    def apply(self, state: FrameState) -> None:
         """Add the camera's pattern, made once from its key."""
-        pattern = exposure.memory.kept.get(self.name)
-        if pattern is None or pattern.shape != exposure.depth.shape:
-            pattern = _grain(exposure.key.tobytes(), exposure.depth.shape)
-            exposure.memory.kept[self.name] = pattern
-        exposure.add_shift(np.float32(self.strength * self.rms) * pattern)
+        pattern = state.memory.kept.get(self.name)
+        if pattern is None or pattern.shape != state.depth.shape:
+            pattern = _grain(state.key.tobytes(), state.depth.shape)
+            state.memory.kept[self.name] = pattern
+        state.add_shift(np.float32(self.strength * self.rms) * pattern)
 
 
 @lru_cache(maxsize=8)  # Environments of one camera share it.
@@ -78,8 +80,9 @@ def _grain(key: bytes, shape: tuple[int, ...]) -> np.ndarray:
     # White noise less its mean over 5 x 5 pixels, scaled to unit variance.
     white = np.empty(shape, np.float32)
     zero = np.uint32(0)
-    fill_normals(np.frombuffer(key, np.uint32).copy(), zero, zero, STREAM_FIXED_PATTERN,
-                 white.ravel())
+    fill_normals(
+        np.frombuffer(key, np.uint32).copy(), zero, zero, STREAM_FIXED_PATTERN, white.ravel()
+    )
     padded = np.pad(white, 2, mode='reflect' if min(shape) > 2 else 'edge')
     windows = np.lib.stride_tricks.sliding_window_view(padded, (5, 5))
     grain = white - windows.mean(axis=(-2, -1), dtype=np.float32)
@@ -105,13 +108,15 @@ class AmplitudeBias(Effect):
     knee: float = parameter(1.0, 1e-3, 100.0, '1/m^2', 'amplitude above which there is none')
     span: float = parameter(3.0, 0.1, 10.0, '', 'factors of e after which it is held')
 
-    def apply(self, exposure: Exposure) -> None:
+    def apply(self, state: FrameState) -> None:
         """Add the clipped hinge in the logarithm of the amplitude."""
         with np.errstate(divide='ignore'):
-            below = np.log(exposure.signal) - np.float32(math.log(self.knee))
+            below = np.log(state.signal) - np.float32(math.log(self.knee))
         hinge = np.clip(below, np.float32(-self.span), np.float32(0))
-        exposure.add_shift(np.float32(self.strength * self.intercept)
-                           + np.float32(self.strength * self.slope) * hinge)
+        state.add_shift(
+            np.float32(self.strength * self.intercept)
+            + np.float32(self.strength * self.slope) * hinge
+        )
 
 
 @dataclass(frozen=True)
@@ -129,9 +134,9 @@ class Offset(Effect):
 
     bias: float = parameter(0.005, -0.2, 0.2, 'm', 'added to every depth')
 
-    def apply(self, exposure: Exposure) -> None:
+    def apply(self, state: FrameState) -> None:
         """Add the bias."""
-        exposure.add_shift(np.float32(self.strength * self.bias))
+        state.add_shift(np.float32(self.strength * self.bias))
 
 
 @dataclass(frozen=True)
@@ -145,15 +150,16 @@ class WarmUpDrift(Effect):
     covariate: ClassVar[str] = 'time'
     changes: ClassVar[tuple[str, ...]] = ('bias',)
     typical: ClassVar[bool] = True
-    source: ClassVar[str] = ('Toelgyessy 2021: 40 to 50 min on an Azure Kinect; Basler blaze: '
-                             '+-5 mm after 20 min')
+    source: ClassVar[str] = (
+        'Toelgyessy 2021: 40 to 50 min on an Azure Kinect; Basler blaze: +-5 mm after 20 min'
+    )
     keeps: ClassVar[bool] = True
 
     bias: float = parameter(0.010, -0.2, 0.2, 'm', 'at power-on')
     tau: float = parameter(900.0, 1.0, 36000.0, 's', 'time constant')
     uptime: float = parameter(0.0, 0.0, 1e6, 's', 'already on for this long at the first frame')
 
-    def apply(self, exposure: Exposure) -> None:
+    def apply(self, state: FrameState) -> None:
         """Add the bias of this moment."""
-        seconds = self.uptime + (exposure.stamp - exposure.memory.first_stamp) * 1e-9
-        exposure.add_shift(np.float32(self.strength * self.bias * math.exp(-seconds / self.tau)))
+        seconds = self.uptime + (state.stamp - state.memory.first_stamp) * 1e-9
+        state.add_shift(np.float32(self.strength * self.bias * math.exp(-seconds / self.tau)))

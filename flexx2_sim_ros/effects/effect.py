@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any, ClassVar
 
-from flexx2_sim_ros.camera.exposure import Exposure, Stage
 from flexx2_sim_ros.errors import InputError, shown, unquoted
+from flexx2_sim_ros.physics.frame_state import FrameState, Stage
 import numpy as np
 
 # What can be measured of a still scene, away from its edges but for `edges`: mean depth, its
@@ -45,13 +45,17 @@ class Parameter:
             When it is no number or out of bounds; names `where`, the parameter's full name.
 
         """
-        if (isinstance(value, int | float | np.integer | np.floating)
-                and not isinstance(value, bool)
-                and self.low <= value <= self.high):  # never true of NaN
+        if (
+            isinstance(value, int | float | np.integer | np.floating)
+            and not isinstance(value, bool)
+            and self.low <= value <= self.high
+        ):  # never true of NaN
             return float(value)
         unit = f' {self.unit}' if self.unit else ''
-        raise InputError(f'{where}: found {shown(value)}, wanted a number from {self.low:g} to '
-                         f'{self.high:g}{unit}')
+        raise InputError(
+            f'{where}: found {shown(value)}, wanted a number from {self.low:g} to '
+            f'{self.high:g}{unit}'
+        )
 
 
 def parameter(default: float, low: float, high: float, unit: str, text: str) -> Any:
@@ -120,9 +124,17 @@ class Effect:
     @classmethod
     def parameters(cls) -> list[Parameter]:
         """Return the effect's parameters, strength first."""
-        return [Parameter(f.name, f.metadata['text'], f.metadata['unit'],
-                          float(f.default),  # type: ignore[arg-type]
-                          f.metadata['low'], f.metadata['high']) for f in fields(cls)]
+        return [
+            Parameter(
+                f.name,
+                f.metadata['text'],
+                f.metadata['unit'],
+                float(f.default),  # type: ignore[arg-type]
+                f.metadata['low'],
+                f.metadata['high'],
+            )
+            for f in fields(cls)
+        ]
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, Any] | None) -> 'Effect':
@@ -141,10 +153,12 @@ class Effect:
         known = [item.name for item in cls.parameters()]
         for name in values:
             if name not in known:
-                raise InputError(f'{cls.name}.{unquoted(name)}: no such parameter, wanted one of '
-                                 f'{", ".join(known)}')
+                raise InputError(
+                    f'{cls.name}.{unquoted(name)}: no such parameter, wanted one of '
+                    f'{", ".join(known)}'
+                )
         return cls(**values)
 
-    def apply(self, exposure: Exposure) -> None:
+    def apply(self, state: FrameState) -> None:
         """Change the frame in the making."""
         raise NotImplementedError

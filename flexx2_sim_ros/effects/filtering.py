@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-from flexx2_sim_ros.camera.exposure import Exposure, Stage
-from flexx2_sim_ros.camera.philox import FAST
 from flexx2_sim_ros.effects.effect import Effect, parameter
+from flexx2_sim_ros.physics.frame_state import FrameState, Stage
+from flexx2_sim_ros.physics.philox import FAST
 from numba import njit
 import numpy as np
 
@@ -27,12 +27,17 @@ class SpatialFilter(Effect):
     mix: float = parameter(0.9, 0.0, 1.0, '', 'share of the 3 x 3 mean, at strength 1')
     gate: float = parameter(4.0, 0.5, 20.0, '', 'neighbours within this many sigma_z take part')
 
-    def apply(self, exposure: Exposure) -> None:
+    def apply(self, state: FrameState) -> None:
         """Mix every pixel with those neighbours that are alike."""
-        out = np.empty_like(exposure.measured)
-        _gated_mean(exposure.measured, exposure.sigma, np.float32(self.gate),
-                    np.float32(min(self.strength * self.mix, 1.0)), out)
-        exposure.measured = out
+        out = np.empty_like(state.measured)
+        _gated_mean(
+            state.measured,
+            state.sigma,
+            np.float32(self.gate),
+            np.float32(min(self.strength * self.mix, 1.0)),
+            out,
+        )
+        state.measured = out
 
 
 @njit(cache=True, error_model='numpy', fastmath=FAST)
@@ -68,17 +73,16 @@ class TemporalFilter(Effect):
 
     share: float = parameter(0.4, 0.0, 0.98, '', 'of the frame before, at strength 1')
 
-    def apply(self, exposure: Exposure) -> None:
+    def apply(self, state: FrameState) -> None:
         """Mix every pixel with the frame before, unless it has changed too much."""
         share = np.float32(min(self.strength * self.share, 0.98))
-        before = exposure.memory.kept.get(self.name)
-        if before is not None and before.shape == exposure.measured.shape:
-            change = before - exposure.measured
+        before = state.memory.kept.get(self.name)
+        if before is not None and before.shape == state.measured.shape:
+            change = before - state.measured
             with np.errstate(invalid='ignore'):
-                alike = np.abs(change) < RESET_SIGMAS * exposure.sigma
-            exposure.measured = np.where(alike, exposure.measured + share * change,
-                                         exposure.measured)
-        exposure.memory.kept[self.name] = exposure.measured.copy()
+                alike = np.abs(change) < RESET_SIGMAS * state.sigma
+            state.measured = np.where(alike, state.measured + share * change, state.measured)
+        state.memory.kept[self.name] = state.measured.copy()
 
 
 @dataclass(frozen=True)
@@ -94,7 +98,7 @@ class Quantisation(Effect):
 
     step: float = parameter(0.004, 1e-5, 0.2, 'm', 'between stored depths, at strength 1')
 
-    def apply(self, exposure: Exposure) -> None:
+    def apply(self, state: FrameState) -> None:
         """Round to whole steps."""
         step = np.float32(self.strength * self.step)
-        exposure.measured = np.rint(exposure.measured / step) * step
+        state.measured = np.rint(state.measured / step) * step

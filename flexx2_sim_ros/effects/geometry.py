@@ -4,12 +4,12 @@ from dataclasses import dataclass, replace
 import math
 from typing import ClassVar
 
-from flexx2_sim_ros.camera.exposure import Exposure, Stage
-from flexx2_sim_ros.camera.geometry import View
-from flexx2_sim_ros.camera.intrinsics import Intrinsics
-from flexx2_sim_ros.camera.philox import FAST
-from flexx2_sim_ros.camera.surface import PAD, tangents
 from flexx2_sim_ros.effects.effect import Effect, parameter
+from flexx2_sim_ros.physics.frame_state import FrameState, Stage
+from flexx2_sim_ros.physics.geometry import View
+from flexx2_sim_ros.physics.philox import FAST
+from flexx2_sim_ros.physics.surface import PAD, tangents
+from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from numba import njit
 import numpy as np
 
@@ -39,21 +39,25 @@ class PoseError(Effect):
     yaw_deg: float = parameter(0.25, -10.0, 10.0, 'deg', 'turned about y')
     roll_deg: float = parameter(0.1, -10.0, 10.0, 'deg', 'turned about z')
 
-    def apply(self, exposure: Exposure) -> None:
+    def apply(self, state: FrameState) -> None:
         """See the scene from the other pose."""
         turn = np.radians([self.pitch_deg, self.yaw_deg, self.roll_deg]) * self.strength
         step = np.array([self.x, self.y, self.z]) * self.strength
-        camera = exposure.intrinsics
-        height, width = exposure.depth.shape
+        camera = state.intrinsics
+        height, width = state.depth.shape
         depth = np.empty((height, width), np.float32)
         index = np.empty((height, width), np.int32)
-        _look_from(*tangents(exposure.depth),
-                   np.array([camera.fx, camera.fy, camera.cx, camera.cy], np.float32),
-                   rotation_of(turn).astype(np.float32), step.astype(np.float32),
-                   depth, index)
-        exposure.depth = depth
-        if exposure.reflectivity.size > 1:
-            exposure.reflectivity = exposure.reflectivity.ravel()[index]
+        _look_from(
+            *tangents(state.depth),
+            np.array([camera.fx, camera.fy, camera.cx, camera.cy], np.float32),
+            rotation_of(turn).astype(np.float32),
+            step.astype(np.float32),
+            depth,
+            index,
+        )
+        state.depth = depth
+        if state.reflectivity.size > 1:
+            state.reflectivity = state.reflectivity.ravel()[index]
 
 
 def rotation_of(turn: np.ndarray) -> np.ndarray:
@@ -112,8 +116,9 @@ class IntrinsicsError(Effect):
     title: ClassVar[str] = 'focal length, centre or distortion not as they are thought to be'
     covariate: ClassVar[str] = 'image'
     changes: ClassVar[tuple[str, ...]] = ('bias', 'amplitude', 'edges')
-    source: ClassVar[str] = ("the driver's grid is distorted and its camera_info says how; "
-                             'magnitudes are design')
+    source: ClassVar[str] = (
+        "the driver's grid is distorted and its camera_info says how; magnitudes are design"
+    )
 
     focal: float = parameter(0.005, -0.2, 0.2, '', 'share by which the focal lengths are longer')
     cx: float = parameter(0.7, -20.0, 20.0, 'px', 'the true principal point lies right by')
@@ -127,20 +132,23 @@ class IntrinsicsError(Effect):
     def true_camera(self, believed: Intrinsics) -> Intrinsics:
         """Return what the camera is when it is thought to be ``believed``."""
         s = self.strength
-        return replace(believed, fx=believed.fx * (1 + s * self.focal),
-                       fy=believed.fy * (1 + s * self.focal), cx=believed.cx + s * self.cx,
-                       cy=believed.cy + s * self.cy,
-                       distortion=(s * self.k1, s * self.k2, s * self.p1, s * self.p2,
-                                   s * self.k3))
+        return replace(
+            believed,
+            fx=believed.fx * (1 + s * self.focal),
+            fy=believed.fy * (1 + s * self.focal),
+            cx=believed.cx + s * self.cx,
+            cy=believed.cy + s * self.cy,
+            distortion=(s * self.k1, s * self.k2, s * self.p1, s * self.p2, s * self.k3),
+        )
 
-    def apply(self, exposure: Exposure) -> None:
+    def apply(self, state: FrameState) -> None:
         """See the scene along the true rays."""
-        believed = exposure.intrinsics
+        believed = state.intrinsics
         true = self.true_camera(believed)
-        kept = exposure.memory.kept.get(self.name)
+        kept = state.memory.kept.get(self.name)
         if kept is None or kept.camera != true or kept.source != believed:
-            kept = exposure.memory.kept[self.name] = View(true, believed)
+            kept = state.memory.kept[self.name] = View(true, believed)
         lost = np.isnan(kept.rays[0])  # Bent so much that no light comes there.
-        exposure.depth = np.where(lost, _NAN, kept.depth(exposure.depth))
-        if exposure.reflectivity.size > 1:
-            exposure.reflectivity = kept.reflectivity(exposure.reflectivity)
+        state.depth = np.where(lost, _NAN, kept.depth(state.depth))
+        if state.reflectivity.size > 1:
+            state.reflectivity = kept.reflectivity(state.reflectivity)

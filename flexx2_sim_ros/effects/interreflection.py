@@ -2,11 +2,11 @@
 
 import math
 
-from flexx2_sim_ros.camera.exposure import Exposure
-from flexx2_sim_ros.camera.fastmath import cos_sin_turns
-from flexx2_sim_ros.camera.modes import camera_config
-from flexx2_sim_ros.camera.philox import FAST
-from flexx2_sim_ros.camera.surface import PAD, slope
+from flexx2_sim_ros.physics.fastmath import cos_sin_turns
+from flexx2_sim_ros.physics.frame_state import FrameState
+from flexx2_sim_ros.physics.philox import FAST
+from flexx2_sim_ros.physics.surface import PAD, slope
+from flexx2_sim_ros.profiles.modes import camera_config
 from numba import njit
 import numpy as np
 
@@ -18,7 +18,7 @@ _ZERO = np.float32(0.0)
 _ONE = np.float32(1.0)
 
 
-def bounce(exposure: Exposure) -> list[np.ndarray]:
+def bounce(state: FrameState) -> list[np.ndarray]:
     """
     Return the indirect light relative to the direct one.
 
@@ -27,7 +27,7 @@ def bounce(exposure: Exposure) -> list[np.ndarray]:
 
     Parameters
     ----------
-    exposure : Exposure
+    state : FrameState
         With surface and reflectivity.
 
     Returns
@@ -37,23 +37,27 @@ def bounce(exposure: Exposure) -> list[np.ndarray]:
         phase relative to its, as seen in depth. 0 where nothing is.
 
     """
-    inverse = exposure.surface.inverse_depth
-    height, width = exposure.depth.shape
-    camera, config = exposure.intrinsics, camera_config()
+    inverse = state.surface.inverse_depth
+    height, width = state.depth.shape
+    camera, config = state.intrinsics, camera_config()
     lens = np.array([camera.fx, camera.fy, camera.cx, camera.cy], np.float32)
-    reflectivity = np.array(np.broadcast_to(exposure.reflectivity, (height, width)))
+    reflectivity = np.array(np.broadcast_to(state.reflectivity, (height, width)))
     shares = np.float32(config.jump_share), np.float32(config.steep_share)
     senders = _patches(inverse, reflectivity, lens, *shares, _SENDER)
     receivers = _patches(inverse, reflectivity, lens, *shares, _RECEIVER)
     rows, columns = -(-height // _RECEIVER), -(-width // _RECEIVER)
-    turns = np.array([k / (4.0 * math.pi) for k in exposure.wave_numbers], np.float32)
+    turns = np.array([k / (4.0 * math.pi) for k in state.wave_numbers], np.float32)
     gamma = np.zeros((len(turns), rows * columns, 2), np.float32)
     _gather(senders, receivers, turns, gamma)
     out = []
     for one in gamma:
         image = np.empty((height, width, 2), np.float32)
-        _spread(inverse, receivers[:, 8].copy().reshape(rows, columns),
-                one.reshape(rows, columns, 2), image)
+        _spread(
+            inverse,
+            receivers[:, 8].copy().reshape(rows, columns),
+            one.reshape(rows, columns, 2),
+            image,
+        )
         out.append(image.view(np.complex64)[..., 0])
     return out
 
@@ -74,10 +78,12 @@ def _patches(p, reflectivity, lens, jump_share, steep_share, size):  # type: ign
             here = p[j, i]
             if here <= _ZERO:
                 continue
-            du = slope(p[j, i - 2], p[j, i - 1], here, p[j, i + 1], p[j, i + 2],
-                       jump_share, steep_share)
-            dv = slope(p[j - 2, i], p[j - 1, i], here, p[j + 1, i], p[j + 2, i],
-                       jump_share, steep_share)
+            du = slope(
+                p[j, i - 2], p[j, i - 1], here, p[j, i + 1], p[j, i + 2], jump_share, steep_share
+            )
+            dv = slope(
+                p[j - 2, i], p[j - 1, i], here, p[j + 1, i], p[j + 2, i], jump_share, steep_share
+            )
             u, v = np.float32(x) - cx, np.float32(y) - cy
             rx, ry = u / fx, v / fy
             nx, ny, nz = fx * du, fy * dv, here - u * du - v * dv

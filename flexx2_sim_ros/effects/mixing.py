@@ -5,12 +5,12 @@ from functools import lru_cache
 import math
 from typing import Any, ClassVar
 
-from flexx2_sim_ros.camera.exposure import Exposure, Stage
-from flexx2_sim_ros.camera.fastmath import arctan2, cos_sin_turns
-from flexx2_sim_ros.camera.intrinsics import Intrinsics
-from flexx2_sim_ros.camera.philox import FAST
 from flexx2_sim_ros.effects.effect import Effect, parameter
 from flexx2_sim_ros.effects.interreflection import bounce
+from flexx2_sim_ros.physics.fastmath import arctan2, cos_sin_turns
+from flexx2_sim_ros.physics.frame_state import FrameState, Stage
+from flexx2_sim_ros.physics.philox import FAST
+from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from numba import njit
 import numpy as np
 
@@ -37,9 +37,9 @@ def _turn(before, after, wave_number, shift):  # type: ignore[no-untyped-def]
         shift[i] += arctan2(turned.imag, turned.real) / wave_number
 
 
-def _phases(exposure: Exposure, wave_number: float, shift: np.ndarray) -> np.ndarray:
-    out = np.empty(exposure.depth.shape, np.complex64)
-    _directions(exposure.depth, shift, np.float32(wave_number / (2.0 * math.pi)), out)
+def _phases(state: FrameState, wave_number: float, shift: np.ndarray) -> np.ndarray:
+    out = np.empty(state.depth.shape, np.complex64)
+    _directions(state.depth, shift, np.float32(wave_number / (2.0 * math.pi)), out)
     return out
 
 
@@ -57,28 +57,28 @@ class FlyingPixels(Effect):
     source: ClassVar[str] = 'phasor mixing over the footprint; share is design'
     needs_modulation: ClassVar[bool] = True
 
-    share: float = parameter(0.3, 0.0, 1.0, '', 'of the light that comes from the 3 x 3 pixels '
-                             'around, at strength 1')
+    share: float = parameter(
+        0.3, 0.0, 1.0, '', 'of the light that comes from the 3 x 3 pixels around, at strength 1'
+    )
 
-    def apply(self, exposure: Exposure) -> None:
+    def apply(self, state: FrameState) -> None:
         """Mix the phasors of neighbours, next to depth jumps."""
-        surface = exposure.surface
+        surface = state.surface
         near = np.flatnonzero(_near_jumps(surface.row_jumps, surface.column_jumps))
-        near = near[np.isfinite(exposure.depth.reshape(-1)[near])]
+        near = near[np.isfinite(state.depth.reshape(-1)[near])]
         if not near.size:
             return
         share = np.float32(min(self.strength * self.share, 1.0))
         amplitude = np.zeros(near.size, np.float32)
-        for k, weight, shift in zip(exposure.wave_numbers, exposure.weights, exposure.shifts,
-                                    strict=True):
-            direction = _phases(exposure, k, shift)
+        for k, weight, shift in zip(state.wave_numbers, state.weights, state.shifts, strict=True):
+            direction = _phases(state, k, shift)
             mixed = np.empty(near.size, np.complex64)
-            _mix_around(exposure.amplitude * direction, direction, near, share, mixed)
+            _mix_around(state.amplitude * direction, direction, near, share, mixed)
             turned = np.zeros(near.size, np.float32)
             _turn(direction.reshape(-1)[near], mixed, np.float32(k), turned)
             shift.reshape(-1)[near] += turned
             amplitude += np.float32(weight) * np.abs(mixed)
-        exposure.amplitude.reshape(-1)[near] = amplitude
+        state.amplitude.reshape(-1)[near] = amplitude
 
 
 @njit(cache=True)
@@ -89,9 +89,9 @@ def _near_jumps(row_jumps, column_jumps):  # type: ignore[no-untyped-def]
     for y in range(height):
         for x in range(width):
             if row_jumps[y, x]:
-                near[max(y - 1, 0):y + 2, x:x + 2] = True
+                near[max(y - 1, 0) : y + 2, x : x + 2] = True
             if column_jumps[y, x]:
-                near[y:y + 2, max(x - 1, 0):x + 2] = True
+                near[y : y + 2, max(x - 1, 0) : x + 2] = True
     return near
 
 
@@ -123,42 +123,56 @@ class Multipath(Effect):
     covariate: ClassVar[str] = 'image'
     changes: ClassVar[tuple[str, ...]] = ('bias', 'amplitude')
     typical: ClassVar[bool] = True
-    source: ClassVar[str] = ('one diffuse bounce: Jimenez 2014, Bulczak 2018. Rises with the '
-                             'distance from the apex, where the detour is nil, and falls again')
+    source: ClassVar[str] = (
+        'one diffuse bounce: Jimenez 2014, Bulczak 2018. Rises with the '
+        'distance from the apex, where the detour is nil, and falls again'
+    )
     keeps: ClassVar[bool] = True
     needs_modulation: ClassVar[bool] = True
 
     gain: float = parameter(1.0, 0.0, 5.0, '', 'factor on the physical bounce')
 
-    def apply(self, exposure: Exposure) -> None:
+    def apply(self, state: FrameState) -> None:
         """Add the indirect light's phasor; kept while the scene stands still."""
-        scene = (exposure.depth, exposure.reflectivity)
-        kept: Any = exposure.memory.kept.get(self.name)
-        if kept is None or kept[0] != exposure.intrinsics or not all(
+        scene = (state.depth, state.reflectivity)
+        kept: Any = state.memory.kept.get(self.name)
+        if (
+            kept is None
+            or kept[0] != state.intrinsics
+            or not all(
                 one.shape == other.shape and np.array_equal(one, other, equal_nan=True)
-                for one, other in zip(kept[1], scene, strict=True)):
-            kept = (exposure.intrinsics, [image.copy() for image in scene], bounce(exposure),
-                    _depth_of_range(exposure.intrinsics))
-            exposure.memory.kept[self.name] = kept
+                for one, other in zip(kept[1], scene, strict=True)
+            )
+        ):
+            kept = (
+                state.intrinsics,
+                [image.copy() for image in scene],
+                bounce(state),
+                _depth_of_range(state.intrinsics),
+            )
+            state.memory.kept[self.name] = kept
         factor = np.float32(self.strength * self.gain)
-        brighter = np.zeros_like(exposure.amplitude)
-        for k, weight, shift, indirect in zip(exposure.wave_numbers, exposure.weights,
-                                              exposure.shifts, kept[2], strict=True):
-            _add_bounce(indirect, factor, np.float32(k), np.float32(weight), kept[3], shift,
-                        brighter)
-        exposure.amplitude = exposure.amplitude * brighter
+        brighter = np.zeros_like(state.amplitude)
+        for k, weight, shift, indirect in zip(
+            state.wave_numbers, state.weights, state.shifts, kept[2], strict=True
+        ):
+            _add_bounce(
+                indirect, factor, np.float32(k), np.float32(weight), kept[3], shift, brighter
+            )
+        state.amplitude = state.amplitude * brighter
 
 
 def _depth_of_range(camera: Intrinsics) -> np.ndarray:
     x = (np.arange(camera.width) - camera.cx) / camera.fx
     y = (np.arange(camera.height) - camera.cy) / camera.fy
-    cosine: np.ndarray = (1.0 + x ** 2 + y[:, None] ** 2) ** -0.5
+    cosine: np.ndarray = (1.0 + x**2 + y[:, None] ** 2) ** -0.5
     return cosine.astype(np.float32)
 
 
 @njit(cache=True, error_model='numpy', fastmath=FAST)
-def _add_bounce(indirect, factor, wave_number, weight, depth_of_range, shift,  # type: ignore
-                brighter):
+def _add_bounce(  # type: ignore[no-untyped-def]
+    indirect, factor, wave_number, weight, depth_of_range, shift, brighter
+):
     # The detour is along the ray.
     for y in range(shift.shape[0]):
         for x in range(shift.shape[1]):
@@ -185,18 +199,17 @@ class StrayLight(Effect):
     share: float = parameter(0.02, 0.0, 0.2, '', 'of the light that is scattered, at strength 1')
     width: float = parameter(0.15, 0.02, 1.0, '', 'half-value radius, share of the width')
 
-    def apply(self, exposure: Exposure) -> None:
+    def apply(self, state: FrameState) -> None:
         """Add the scattered phasor."""
         share = np.float32(self.strength * self.share)
-        amplitude = np.zeros_like(exposure.amplitude)
-        for k, weight, shift in zip(exposure.wave_numbers, exposure.weights, exposure.shifts,
-                                    strict=True):
-            direction = _phases(exposure, k, shift)
-            light = exposure.amplitude * direction
+        amplitude = np.zeros_like(state.amplitude)
+        for k, weight, shift in zip(state.wave_numbers, state.weights, state.shifts, strict=True):
+            direction = _phases(state, k, shift)
+            light = state.amplitude * direction
             light += share * _scatter(light, self.width)
             _turn(direction.reshape(-1), light.reshape(-1), np.float32(k), shift.reshape(-1))
             amplitude += np.float32(weight) * np.abs(light)
-        exposure.amplitude = np.where(np.isfinite(exposure.depth), amplitude, np.float32(0))
+        state.amplitude = np.where(np.isfinite(state.depth), amplitude, np.float32(0))
 
 
 def _scatter(image: np.ndarray, width: float) -> np.ndarray:
@@ -206,7 +219,8 @@ def _scatter(image: np.ndarray, width: float) -> np.ndarray:
     blocks = np.zeros((rows, columns), np.complex64)
     _gather(image, blocks)
     spectrum = np.fft.fft2(blocks, s=(2 * rows, 2 * columns)) * _kernel(
-        rows, columns, width * wide / _COARSE)
+        rows, columns, width * wide / _COARSE
+    )
     coarse = np.fft.ifft2(spectrum)[:rows, :columns].astype(np.complex64)
     out = np.empty_like(image)
     _interpolate(coarse, out)
@@ -216,7 +230,7 @@ def _scatter(image: np.ndarray, width: float) -> np.ndarray:
 @njit(cache=True)
 def _gather(image, blocks):  # type: ignore[no-untyped-def]
     # Light of a block, as if it were a pixel's.
-    share = np.float32(1.0 / _COARSE ** 2)
+    share = np.float32(1.0 / _COARSE**2)
     for y in range(image.shape[0]):
         for x in range(image.shape[1]):
             blocks[y // _COARSE, x // _COARSE] += share * image[y, x]
@@ -228,14 +242,16 @@ def _interpolate(blocks, out):  # type: ignore[no-untyped-def]
     rows, columns = blocks.shape
     half, one, size = np.float32(0.5), np.float32(1.0), np.float32(_COARSE)
     for y in range(out.shape[0]):
-        down = min(max((np.float32(y) + half) / size - half, np.float32(0.0)),
-                   np.float32(rows - 1))
+        down = min(
+            max((np.float32(y) + half) / size - half, np.float32(0.0)), np.float32(rows - 1)
+        )
         top = int(down)
         low = min(top + 1, rows - 1)
         sy = down - np.float32(top)
         for x in range(out.shape[1]):
-            across = min(max((np.float32(x) + half) / size - half, np.float32(0.0)),
-                         np.float32(columns - 1))
+            across = min(
+                max((np.float32(x) + half) / size - half, np.float32(0.0)), np.float32(columns - 1)
+            )
             left = int(across)
             right = min(left + 1, columns - 1)
             sx = across - np.float32(left)
@@ -247,7 +263,7 @@ def _interpolate(blocks, out):  # type: ignore[no-untyped-def]
 @lru_cache(maxsize=16)
 def _kernel(rows: int, columns: int, radius: float) -> np.ndarray:
     # Spectrum of (1 + r^2 / w^2)^(-3/2), half its peak at r = radius, on a doubled grid.
-    w2 = radius ** 2 / (2.0 ** (2.0 / 3.0) - 1.0)
+    w2 = radius**2 / (2.0 ** (2.0 / 3.0) - 1.0)
     y = np.minimum(np.arange(2 * rows), 2 * rows - np.arange(2 * rows))
     x = np.minimum(np.arange(2 * columns), 2 * columns - np.arange(2 * columns))
     kernel = (1.0 + (y[:, None] ** 2 + x[None, :] ** 2) / w2) ** -1.5

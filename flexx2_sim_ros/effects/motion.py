@@ -4,10 +4,10 @@ from dataclasses import dataclass
 import math
 from typing import Any, ClassVar
 
-from flexx2_sim_ros.camera.exposure import Exposure, Stage
-from flexx2_sim_ros.camera.fastmath import arctan2, cos_sin_turns
-from flexx2_sim_ros.camera.philox import FAST, STREAM_MOTION
 from flexx2_sim_ros.effects.effect import Effect, parameter
+from flexx2_sim_ros.physics.fastmath import arctan2, cos_sin_turns
+from flexx2_sim_ros.physics.frame_state import FrameState, Stage
+from flexx2_sim_ros.physics.philox import FAST, STREAM_MOTION
 from numba import njit
 import numpy as np
 
@@ -42,8 +42,9 @@ def between(early: np.ndarray, late: np.ndarray, share: float, seconds: float) -
     """
     with np.errstate(invalid='ignore', over='ignore'):
         change = late - early
-        same = np.abs(change) < np.maximum(np.float32(ALIKE_SHARE) * late,
-                                           np.float32(ALIKE_SPEED * seconds))
+        same = np.abs(change) < np.maximum(
+            np.float32(ALIKE_SHARE) * late, np.float32(ALIKE_SPEED * seconds)
+        )
         nearer = late if share >= 0.5 else early
         return np.where(same, early + np.float32(share) * change, nearer)
 
@@ -58,33 +59,35 @@ class TimeOffset(Effect):
     title: ClassVar[str] = 'wrong stamps: the image shows the scene as it was earlier'
     covariate: ClassVar[str] = 'time'
     changes: ClassVar[tuple[str, ...]] = ()
-    source: ClassVar[str] = ('a VL53L5CX on a drone: 78 ms, 46.4 to 25.1 mm once modelled; a '
-                             'quarter of it here (design)')
+    source: ClassVar[str] = (
+        'a VL53L5CX on a drone: 78 ms, 46.4 to 25.1 mm once modelled; a '
+        'quarter of it here (design)'
+    )
     keeps: ClassVar[bool] = True
 
     latency: float = parameter(0.020, -0.1, 0.3, 's', 'how old the scene is at the stamp')
 
-    def apply(self, exposure: Exposure) -> None:
+    def apply(self, state: FrameState) -> None:
         """Show the scene of an earlier moment, from the clean frames seen so far."""
         kept: list[tuple[int, np.ndarray, np.ndarray]]
-        kept = exposure.memory.kept.setdefault(self.name, [])
-        if kept and kept[-1][1].shape != exposure.depth.shape:
+        kept = state.memory.kept.setdefault(self.name, [])
+        if kept and kept[-1][1].shape != state.depth.shape:
             kept.clear()
-        if kept and kept[-1][0] == exposure.stamp:
+        if kept and kept[-1][0] == state.stamp:
             kept.pop()
-        kept.append((exposure.stamp, exposure.depth.copy(), exposure.reflectivity.copy()))
-        moment = exposure.stamp - round(self.strength * self.latency * 1e9)
+        kept.append((state.stamp, state.depth.copy(), state.reflectivity.copy()))
+        moment = state.stamp - round(self.strength * self.latency * 1e9)
         while len(kept) > _FRAMES_KEPT or (len(kept) > 2 and kept[1][0] <= moment):
             del kept[0]
         if len(kept) < 2 or moment <= kept[0][0]:
-            _, depth, exposure.reflectivity = kept[0]
-            exposure.depth = depth.copy()
+            _, depth, state.reflectivity = kept[0]
+            state.depth = depth.copy()
             return
         index = next((i for i in range(1, len(kept)) if kept[i][0] >= moment), len(kept) - 1)
-        (start, early, _), (end, late, _) = kept[index - 1:index + 1]
+        (start, early, _), (end, late, _) = kept[index - 1 : index + 1]
         share = (moment - start) / (end - start)
-        exposure.depth = between(early, late, share, (end - start) * 1e-9)
-        exposure.reflectivity = kept[index if share >= 0.5 else index - 1][2]
+        state.depth = between(early, late, share, (end - start) * 1e-9)
+        state.reflectivity = kept[index if share >= 0.5 else index - 1][2]
 
 
 @dataclass(frozen=True)
@@ -98,44 +101,66 @@ class MotionArtefact(Effect):
     covariate: ClassVar[str] = 'time'
     changes: ClassVar[tuple[str, ...]] = ()
     typical: ClassVar[bool] = True
-    source: ClassVar[str] = ('Drayton 2013: 44 mm RMS at 2 m/s and 125 ms; here 9 ms in '
-                             'Mode_9_30fps, 5 mm at 1 m/s')
+    source: ClassVar[str] = (
+        'Drayton 2013: 44 mm RMS at 2 m/s and 125 ms; here 9 ms in Mode_9_30fps, 5 mm at 1 m/s'
+    )
     keeps: ClassVar[bool] = True
     needs_modulation: ClassVar[bool] = True
 
     stretch: float = parameter(1.0, 0.0, 20.0, '', 'factor on the time that the raw frames take')
-    stamp_at: float = parameter(1.0, 0.0, 1.0, '', 'when in that time the stamp is: 0 before the '
-                                'first raw frame, 1 after the last')
+    stamp_at: float = parameter(
+        1.0,
+        0.0,
+        1.0,
+        '',
+        'when in that time the stamp is: 0 before the first raw frame, 1 after the last',
+    )
 
-    def apply(self, exposure: Exposure) -> None:
+    def apply(self, state: FrameState) -> None:
         """Take each frequency's four taps at their own moments."""
-        before: Any = exposure.memory.kept.get(self.name)
-        shown = exposure.depth.shape
-        rho = np.maximum(exposure.reflectivity, DARKEST)
-        exposure.memory.kept[self.name] = (exposure.stamp, exposure.depth.copy(), rho)
-        if (before is None or before[0] >= exposure.stamp or before[1].shape != shown
-                or (np.array_equal(before[1], exposure.depth, equal_nan=True)
-                    and np.array_equal(before[2], rho))):
+        before: Any = state.memory.kept.get(self.name)
+        shown = state.depth.shape
+        rho = np.maximum(state.reflectivity, DARKEST)
+        state.memory.kept[self.name] = (state.stamp, state.depth.copy(), rho)
+        if (
+            before is None
+            or before[0] >= state.stamp
+            or before[1].shape != shown
+            or (
+                np.array_equal(before[1], state.depth, equal_nan=True)
+                and np.array_equal(before[2], rho)
+            )
+        ):
             return
         brighter = np.ascontiguousarray(np.broadcast_to(before[2] / rho, shown))
-        interval = (exposure.stamp - before[0]) * 1e-9
-        duration = self.strength * self.stretch * exposure.acquisition_seconds
-        taps = _TAPS * len(exposure.shifts)
+        interval = (state.stamp - before[0]) * 1e-9
+        duration = self.strength * self.stretch * state.acquisition_seconds
+        taps = _TAPS * len(state.shifts)
         # How far between the frame before (0) and this one (1), or after it, each was taken.
         moments = np.maximum(
-            1.0 - duration / interval * (self.stamp_at - (np.arange(taps) + 0.5) / taps), 0.0)
+            1.0 - duration / interval * (self.stamp_at - (np.arange(taps) + 0.5) / taps), 0.0
+        )
         # When another surface comes into view nobody knows: at any moment between two frames.
-        passing = exposure.uniforms(STREAM_MOTION)
-        for index, (k, shift) in enumerate(zip(exposure.wave_numbers, exposure.shifts,
-                                               strict=True)):
-            own = moments[index * _TAPS:(index + 1) * _TAPS].astype(np.float32)
-            _demodulate(before[1], exposure.depth, brighter, passing, own, np.float32(k),
-                        np.float32(ALIKE_SHARE), np.float32(ALIKE_SPEED * interval), shift)
+        passing = state.uniforms(STREAM_MOTION)
+        for index, (k, shift) in enumerate(zip(state.wave_numbers, state.shifts, strict=True)):
+            own = moments[index * _TAPS : (index + 1) * _TAPS].astype(np.float32)
+            _demodulate(
+                before[1],
+                state.depth,
+                brighter,
+                passing,
+                own,
+                np.float32(k),
+                np.float32(ALIKE_SHARE),
+                np.float32(ALIKE_SPEED * interval),
+                shift,
+            )
 
 
 @njit(cache=True, error_model='numpy', fastmath=FAST)
-def _demodulate(early, late, brighter, passing, moments, wave_number, alike, near,  # type: ignore
-                shift):
+def _demodulate(  # type: ignore[no-untyped-def]
+    early, late, brighter, passing, moments, wave_number, alike, near, shift
+):
     # Four samples cos(phase - tap pi / 2), each at its moment, and the phase they give.
     turns = wave_number / _TWO_PI
     m0, m1, m2, m3 = moments

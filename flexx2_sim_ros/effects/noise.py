@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-from flexx2_sim_ros.camera.exposure import Exposure, Stage
-from flexx2_sim_ros.camera.philox import STREAM_TAILS
 from flexx2_sim_ros.effects.effect import Effect, parameter
+from flexx2_sim_ros.physics.frame_state import FrameState, Stage
+from flexx2_sim_ros.physics.philox import STREAM_TAILS
 import numpy as np
 
 DARKEST = np.float32(1e-6)  # 1/m^2; the noise is beyond every range.
@@ -25,10 +25,9 @@ class ExcessNoise(Effect):
 
     factor: float = parameter(1.3, 0.2, 5.0, '', 'on sigma_z, at strength 1')
 
-    def apply(self, exposure: Exposure) -> None:
+    def apply(self, state: FrameState) -> None:
         """Scale sigma."""
-        exposure.sigma = exposure.sigma * np.float32(max(1.0 + self.strength * (self.factor - 1.0),
-                                                         0.0))
+        state.sigma = state.sigma * np.float32(max(1.0 + self.strength * (self.factor - 1.0), 0.0))
 
 
 @dataclass(frozen=True)
@@ -46,10 +45,10 @@ class AmbientLight(Effect):
 
     k: float = parameter(0.0008, 0.0, 0.1, '1/m', 'noise at unit amplitude')
 
-    def apply(self, exposure: Exposure) -> None:
+    def apply(self, state: FrameState) -> None:
         """Add the variance."""
-        extra = np.float32(self.strength * self.k) / np.maximum(exposure.signal, DARKEST)
-        exposure.sigma = np.hypot(exposure.sigma, extra)
+        extra = np.float32(self.strength * self.k) / np.maximum(state.signal, DARKEST)
+        state.sigma = np.hypot(state.sigma, extra)
 
 
 @dataclass(frozen=True)
@@ -67,11 +66,10 @@ class HeavyTails(Effect):
     share: float = parameter(0.02, 0.0, 0.25, '', 'of the samples, at strength 1')
     width: float = parameter(5.0, 1.0, 20.0, '', 'factor on their sigma')
 
-    def apply(self, exposure: Exposure) -> None:
+    def apply(self, state: FrameState) -> None:
         """Widen some of the normals."""
-        wide = exposure.uniforms(STREAM_TAILS) <= np.float32(self.strength * self.share)
-        exposure.normals = np.where(wide, exposure.normals * np.float32(self.width),
-                                    exposure.normals)
+        wide = state.uniforms(STREAM_TAILS) <= np.float32(self.strength * self.share)
+        state.normals = np.where(wide, state.normals * np.float32(self.width), state.normals)
 
 
 @dataclass(frozen=True)
@@ -91,9 +89,11 @@ class LateralNoise(Effect):
 
     def edges(self, sigma: float) -> tuple[float, float]:
         """Return an edge's sigma (pixels) and the share of edges that are Laplacian."""
-        return (sigma * max(1.0 + self.strength * (self.factor - 1.0), 0.0),
-                min(self.strength, 1.0) * self.laplace)
+        return (
+            sigma * max(1.0 + self.strength * (self.factor - 1.0), 0.0),
+            min(self.strength, 1.0) * self.laplace,
+        )
 
-    def apply(self, exposure: Exposure) -> None:
+    def apply(self, state: FrameState) -> None:
         """Scale the edges' sigma and share them out."""
-        exposure.edge_sigma, exposure.edge_laplace = self.edges(exposure.edge_sigma)
+        state.edge_sigma, state.edge_laplace = self.edges(state.edge_sigma)

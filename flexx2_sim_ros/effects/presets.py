@@ -15,13 +15,15 @@ def preset_files() -> dict[str, str]:
     One for each effect at its typical strength, and ``typical.yaml`` with all that a typical
     camera, well placed and calibrated, shows.
     """
-    files = {f'{name}.yaml': effects_yaml([kind()], _comment(kind))
-             for name, kind in registry().items()}
+    files = {
+        f'{name}.yaml': effects_yaml([kind()], _comment(kind)) for name, kind in registry().items()
+    }
     files['typical.yaml'] = effects_yaml(
         [kind() for kind in registry().values() if kind.typical],
         'What a typical camera shows that is well placed and calibrated. Left out: errors of '
         'placement and\ncalibration, and what the noise model has in it already, since it was '
-        'measured on what the\ncamera sends. Written by `flexx2 effects --write-presets`.')
+        'measured on what the\ncamera sends. Written by `flexx2 effects --write-presets`.',
+    )
     return files
 
 
@@ -39,25 +41,42 @@ def markdown() -> str:
     """Return ``docs/effects.md``."""
     effects = registry().values()
     lines = [
-        '# Effects', '',
-        '<!-- Written by `flexx2 effects --markdown`. -->', '',
-        *fill(f'{len(effects)} effects of a real time-of-flight camera that the noise model '
-              'leaves out, in the order in which they act on the light. Every one has a strength '
-              'from 0 (off) to 4; 1 is typical. *Shows in* says what of a still scene it changes. '
-              '● is in `config/effects/typical.yaml`; ↻ remembers the frames before; ∿ needs '
-              'the modulation frequencies, which a profile need not give. Values without a '
-              'public source are called design.', _WIDTH).splitlines(), '',
-        '| effect | | what it is | stage | shows in | source |', '|---|---|---|---|---|---|']
-    lines += [f'| [`{kind.name}`](#{kind.name}) | {"●" if kind.typical else ""}'
-              f'{"↻" if kind.keeps else ""}{"∿" if kind.needs_modulation else ""} | '
-              f'{kind.title} | {kind.stage.name.lower()} | '
-              f'{", ".join(kind.changes) or "moving scenes"} | {kind.source} |'
-              for kind in effects]
+        '# Effects',
+        '',
+        '<!-- Written by `flexx2 effects --markdown`. -->',
+        '',
+        *fill(
+            f'{len(effects)} effects of a real time-of-flight camera that the noise model '
+            'leaves out, in the order in which they act on the light. Every one has a strength '
+            'from 0 (off) to 4; 1 is typical. *Shows in* says what of a still scene it changes. '
+            '● is in `config/effects/typical.yaml`; ↻ remembers the frames before; ∿ needs '
+            'the modulation frequencies, which a profile need not give. Values without a '
+            'public source are called design.',
+            _WIDTH,
+        ).splitlines(),
+        '',
+        '| effect | | what it is | stage | shows in | source |',
+        '|---|---|---|---|---|---|',
+    ]
+    lines += [
+        f'| [`{kind.name}`](#{kind.name}) | {"●" if kind.typical else ""}'
+        f'{"↻" if kind.keeps else ""}{"∿" if kind.needs_modulation else ""} | '
+        f'{kind.title} | {kind.stage.name.lower()} | '
+        f'{", ".join(kind.changes) or "moving scenes"} | {kind.source} |'
+        for kind in effects
+    ]
     lines += ['', '## Parameters', '']
     for kind in effects:
-        lines += [f'### {kind.name}', '', '| parameter | typical | range | unit | |',
-                  '|---|---|---|---|---|']
-        lines += [f'| `{item.name}` | {item.default:g} | {bounds(item)} | {item.unit} | '
-                  f'{item.text} |' for item in kind.parameters() if item.name != 'strength']
+        lines += [
+            f'### {kind.name}',
+            '',
+            '| parameter | typical | range | unit | |',
+            '|---|---|---|---|---|',
+        ]
+        lines += [
+            f'| `{item.name}` | {item.default:g} | {bounds(item)} | {item.unit} | {item.text} |'
+            for item in kind.parameters()
+            if item.name != 'strength'
+        ]
         lines.append('')
     return '\n'.join(lines[:-1]) + '\n'

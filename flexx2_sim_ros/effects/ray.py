@@ -4,9 +4,9 @@ from dataclasses import dataclass
 import math
 from typing import ClassVar
 
-from flexx2_sim_ros.camera.exposure import Exposure, SPEED_OF_LIGHT
 from flexx2_sim_ros.effects.delay import Wiggling
 from flexx2_sim_ros.effects.effect import parameter
+from flexx2_sim_ros.physics.frame_state import FrameState, SPEED_OF_LIGHT
 import numpy as np
 
 
@@ -27,12 +27,12 @@ class AlongRay(Wiggling):
     bias: float = parameter(0.0, -0.5, 0.5, 'm', 'added to the distance along the ray')
     a4: float = parameter(0.0, -0.1, 0.1, 'm', 'sine, four periods per c/2f')
 
-    def apply(self, exposure: Exposure) -> None:
+    def apply(self, state: FrameState) -> None:
         """Add them at every modulation frequency."""
-        length = ray_length(exposure.intrinsics.matrix, exposure.depth.shape)
-        for frequency, shift in zip(exposure.mode.modulation_hz, exposure.shifts, strict=True):
+        length = ray_length(state.intrinsics.matrix, state.depth.shape)
+        for frequency, shift in zip(state.mode.modulation_hz, state.shifts, strict=True):
             step = np.float32(4.0 * math.pi * frequency / SPEED_OF_LIGHT)
-            phase = step * (exposure.depth + shift) * length
+            phase = step * (state.depth + shift) * length
             total = np.full_like(phase, self.bias)
             for k in (1, 2, 3, 4):
                 a, b = getattr(self, f'a{k}'), getattr(self, f'b{k}')
@@ -45,6 +45,6 @@ class AlongRay(Wiggling):
 
 def ray_length(K: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:  # noqa: N803
     """Return (H, W) float32 how much longer each pixel's ray is than its depth, 1 or more."""
-    v, u = np.mgrid[:shape[0], :shape[1]]
+    v, u = np.mgrid[: shape[0], : shape[1]]
     x, y = (u - K[0, 2]) / K[0, 0], (v - K[1, 2]) / K[1, 1]
     return np.sqrt(x * x + y * y + 1).astype(np.float32)

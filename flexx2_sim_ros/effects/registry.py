@@ -24,9 +24,15 @@ def registry() -> Mapping[str, type[Effect]]:
     package = import_module('flexx2_sim_ros.effects')
     for module in pkgutil.iter_modules(package.__path__):
         import_module(f'{package.__name__}.{module.name}')
-    return MappingProxyType(_in_order(
-        [kind for kind in Effect.__subclasses__()
-         if kind.__module__.startswith(__package__) and kind.listed]))
+    return MappingProxyType(
+        _in_order(
+            [
+                kind
+                for kind in Effect.__subclasses__()
+                if kind.__module__.startswith(__package__) and kind.listed
+            ]
+        )
+    )
 
 
 def _in_order(kinds: Sequence[type[Effect]]) -> dict[str, type[Effect]]:
@@ -68,8 +74,9 @@ def parse_effects(table: Any, where: str = 'effects') -> tuple[Effect, ...]:
     known = loadable()
     for name in table:
         if name not in known:
-            raise InputError(f'{where}: {unquoted(name)}: no such effect, wanted one of '
-                             f'{", ".join(registry())}')
+            raise InputError(
+                f'{where}: {unquoted(name)}: no such effect, wanted one of {", ".join(registry())}'
+            )
     try:
         return tuple(known[name].from_mapping(table[name]) for name in known if name in table)
     except InputError as error:
@@ -103,8 +110,9 @@ def load_effects(path: str | Path) -> tuple[Effect, ...]:
         path = preset
     content = read_config(path)
     if 'effects' not in content:
-        raise InputError(f'{shown_path(path)}: effects: not there, wanted a '
-                         'table of parameters by effect')
+        raise InputError(
+            f'{shown_path(path)}: effects: not there, wanted a table of parameters by effect'
+        )
     table = content['effects']
     return parse_effects({} if table is None else table, f'{shown_path(path)}: effects')
 

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 import math
 from typing import ClassVar
 
-from flexx2_sim_ros.camera.exposure import Exposure, SPEED_OF_LIGHT, Stage
-from flexx2_sim_ros.camera.philox import fill_normals, stamp_words, STREAM_WRAP, STREAM_WRAP_SHARE
 from flexx2_sim_ros.effects.effect import Effect, parameter
+from flexx2_sim_ros.physics.frame_state import FrameState, SPEED_OF_LIGHT, Stage
+from flexx2_sim_ros.physics.philox import fill_normals, stamp_words, STREAM_WRAP, STREAM_WRAP_SHARE
 from numba import njit
 import numpy as np
 
@@ -33,54 +33,83 @@ class RangeWrap(Effect):
     source: ClassVar[str] = 'c / 2f: 2.498 m at 60 MHz, 1.874 m at 80 MHz, 7.495 m at their beat'
     needs_modulation: ClassVar[bool] = True
 
-    share: float = parameter(1.0, 0.0, 1.0, '', 'of what lies beyond the range and is not '
-                             'recognised as such, at strength 1')
+    share: float = parameter(
+        1.0,
+        0.0,
+        1.0,
+        '',
+        'of what lies beyond the range and is not recognised as such, at strength 1',
+    )
 
-    def apply(self, exposure: Exposure) -> None:
+    def apply(self, state: FrameState) -> None:
         """Take depth modulo the ambiguity; with several frequencies, unwrap wrongly first."""
-        if len(exposure.mode.modulation_hz) > 1:
-            self._unwrap_wrongly(exposure)
-        ambiguity = np.float32(exposure.ambiguity)
-        measured = exposure.measured
+        if len(state.mode.modulation_hz) > 1:
+            self._unwrap_wrongly(state)
+        ambiguity = np.float32(state.ambiguity)
+        measured = state.measured
         with np.errstate(invalid='ignore'):
-            unseen = ((measured < 0) | (measured >= ambiguity)
-                      | (exposure.depth > np.float32(exposure.mode.range_max)))
+            unseen = (
+                (measured < 0)
+                | (measured >= ambiguity)
+                | (state.depth > np.float32(state.mode.range_max))
+            )
         beyond = np.flatnonzero(unseen)
         if beyond.size:
             values = measured.reshape(-1)[beyond]
             wraps = np.floor(values / ambiguity)
-            noticed = (exposure.uniforms(STREAM_WRAP_SHARE).reshape(-1)[beyond]
-                       > np.float32(min(self.strength * self.share, 1.0)))
+            noticed = state.uniforms(STREAM_WRAP_SHARE).reshape(-1)[beyond] > np.float32(
+                min(self.strength * self.share, 1.0)
+            )
             values = values - wraps * ambiguity
             values[noticed | (wraps == 0)] = np.nan
             measured.reshape(-1)[beyond] = values
 
-    def _unwrap_wrongly(self, exposure: Exposure) -> None:
+    def _unwrap_wrongly(self, state: FrameState) -> None:
         # How far each frequency's distance is from their weighted mean: by unequal shifts, and by
         # noise that falls as 1/f and leaves the mean's sigma as it is.
-        frequencies = exposure.mode.modulation_hz
+        frequencies = state.mode.modulation_hz
         norm = math.sqrt(sum(f * f for f in frequencies))
         spreads = np.array([norm / f for f in frequencies], np.float32)
-        pairs = [(i, j, math.hypot(spreads[i], spreads[j]),
-                  lattice_step(frequencies[i], frequencies[j]))
-                 for i in range(len(frequencies)) for j in range(i)]
-        sigma = np.float32(self.strength) * exposure.sigma.reshape(-1)
-        shifts = [shift.reshape(-1) for shift in exposure.shifts]
+        pairs = [
+            (
+                i,
+                j,
+                math.hypot(spreads[i], spreads[j]),
+                lattice_step(frequencies[i], frequencies[j]),
+            )
+            for i in range(len(frequencies))
+            for j in range(i)
+        ]
+        sigma = np.float32(self.strength) * state.sigma.reshape(-1)
+        shifts = [shift.reshape(-1) for shift in state.shifts]
         # As long as no two of them are apart by half a step, all is well.
-        risky = np.flatnonzero(np.any([
-            np.abs(shifts[i] - shifts[j]) + np.float32(RARE * spread) * sigma > step / 2
-            for i, j, spread, step in pairs], axis=0))
+        risky = np.flatnonzero(
+            np.any(
+                [
+                    np.abs(shifts[i] - shifts[j]) + np.float32(RARE * spread) * sigma > step / 2
+                    for i, j, spread, step in pairs
+                ],
+                axis=0,
+            )
+        )
         if not risky.size:
             return
-        draws = np.empty((len(frequencies), exposure.depth.size), np.float32)
-        fill_normals(exposure.key, *stamp_words(exposure.stamp), STREAM_WRAP, draws.reshape(-1))
-        errors = (spreads[:, None] * sigma[risky] * draws[:, risky]
-                  + np.stack([shift[risky] for shift in shifts]))
-        apart = np.any([np.abs(errors[i] - errors[j]) > step / 2 for i, j, _, step in pairs],
-                       axis=0)
-        _unwrap(errors[:, apart], risky[apart], np.array(exposure.spans, np.float32),
-                np.array(exposure.weights, np.float32), np.float32(exposure.ambiguity),
-                exposure.measured.reshape(-1))
+        draws = np.empty((len(frequencies), state.depth.size), np.float32)
+        fill_normals(state.key, *stamp_words(state.stamp), STREAM_WRAP, draws.reshape(-1))
+        errors = spreads[:, None] * sigma[risky] * draws[:, risky] + np.stack(
+            [shift[risky] for shift in shifts]
+        )
+        apart = np.any(
+            [np.abs(errors[i] - errors[j]) > step / 2 for i, j, _, step in pairs], axis=0
+        )
+        _unwrap(
+            errors[:, apart],
+            risky[apart],
+            np.array(state.spans, np.float32),
+            np.array(state.weights, np.float32),
+            np.float32(state.ambiguity),
+            state.measured.reshape(-1),
+        )
 
 
 def lattice_step(one: float, other: float) -> np.float32:

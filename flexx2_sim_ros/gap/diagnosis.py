@@ -11,17 +11,23 @@ from flexx2_sim_ros import __version__
 from flexx2_sim_ros.camera import Profile
 from flexx2_sim_ros.effects import Effect, registry
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.gap.campaign import Found, nothing_left
-from flexx2_sim_ros.gap.catalogue import Candidate, catalogue
-from flexx2_sim_ros.gap.confirm import Outcome
-from flexx2_sim_ros.gap.decide import Alternative, decide, Decision, FLOOR, ratio_interval
-from flexx2_sim_ros.gap.evidence import Evidence
-from flexx2_sim_ros.gap.features import ENOUGH, Feature, LAYOUT
-from flexx2_sim_ros.gap.measures import UNITS
-from flexx2_sim_ros.gap.model import Fit, Model
-from flexx2_sim_ros.gap.patch import fit_patch
-from flexx2_sim_ros.gap.pose import LIMITS, NAMES, STEPS
-from flexx2_sim_ros.gap.where import places, unexplained
+from flexx2_sim_ros.gap.data.campaign import Found, nothing_left
+from flexx2_sim_ros.gap.data.pose import LIMITS, NAMES, STEPS
+from flexx2_sim_ros.gap.features.catalogue import Candidate, catalogue
+from flexx2_sim_ros.gap.features.confirm import Outcome
+from flexx2_sim_ros.gap.features.evidence import Evidence
+from flexx2_sim_ros.gap.features.features import ENOUGH, Feature, LAYOUT
+from flexx2_sim_ros.gap.features.physical import UNITS
+from flexx2_sim_ros.gap.inference.decide import (
+    Alternative,
+    decide,
+    Decision,
+    FLOOR,
+    ratio_interval,
+)
+from flexx2_sim_ros.gap.inference.model import Fit, Model
+from flexx2_sim_ros.gap.inference.patch import fit_patch
+from flexx2_sim_ros.gap.inference.where import places, unexplained
 from flexx2_sim_ros.gap.work import bind, find, simulate_set, summarise, workers
 import numpy as np
 
@@ -30,10 +36,18 @@ SCHEMA = 1
 NEEDS_MODULATION = 'needs the modulation frequencies, which the profile does not give'
 
 
-def diagnose(campaign_dir: str | Path, *, profile: Profile | None = None,
-             without: Collection[str] = (), seed: int = 0, jobs: int = 1,
-             out: str | Path | None = None, pose_prior: tuple[float, float] = (0.010, 0.5),
-             progress: Progress | None = None, scheduler: str | None = None) -> dict[str, Any]:
+def diagnose(
+    campaign_dir: str | Path,
+    *,
+    profile: Profile | None = None,
+    without: Collection[str] = (),
+    seed: int = 0,
+    jobs: int = 1,
+    out: str | Path | None = None,
+    pose_prior: tuple[float, float] = (0.010, 0.5),
+    progress: Progress | None = None,
+    scheduler: str | None = None,
+) -> dict[str, Any]:
     """
     Diagnose the gap between recordings and the simulation of their scenes.
 
@@ -73,7 +87,8 @@ def diagnose(campaign_dir: str | Path, *, profile: Profile | None = None,
     _check(without, seed, jobs, pose_prior)
     progress = progress or (lambda text, share: None)
     if out is not None:
-        from flexx2_sim_ros.gap.writing import check_folder, write
+        from flexx2_sim_ros.gap.report.writing import check_folder, write
+
         check_folder(Path(out))
     progress('looking for recordings', 0.0)
     prior = np.array([pose_prior[0]] * 3 + [pose_prior[1]] * 3)
@@ -87,6 +102,7 @@ def diagnose(campaign_dir: str | Path, *, profile: Profile | None = None,
             nonlocal done
             done += 1
             progress(text, min(start + weight * done / max(total, 1), start + weight))
+
         return step
 
     if scheduler is not None:
@@ -96,19 +112,26 @@ def diagnose(campaign_dir: str | Path, *, profile: Profile | None = None,
         modulation = bool(found[0].mode.modulation_hz)
         columns, candidates = catalogue(without, modulation)
         text = 'simulating what could explain the recordings'
-        outcomes = mapped(bind(summarise, profile=profile, columns=columns, seed=seed,
-                               prior=tuple(prior)), found,
-                          tick(0.7, 0.02, len(found), text))
+        outcomes = mapped(
+            bind(summarise, profile=profile, columns=columns, seed=seed, prior=tuple(prior)),
+            found,
+            tick(0.7, 0.02, len(found), text),
+        )
         evidence = [one for one in outcomes if isinstance(one, Evidence)]
-        left_out += [(file.path.name, one) for file, one in zip(found, outcomes, strict=True)
-                     if isinstance(one, str)]
-        used = [file for file, one in zip(found, outcomes, strict=True)
-                if isinstance(one, Evidence)]
+        left_out += [
+            (file.path.name, one)
+            for file, one in zip(found, outcomes, strict=True)
+            if isinstance(one, str)
+        ]
+        used = [
+            file for file, one in zip(found, outcomes, strict=True) if isinstance(one, Evidence)
+        ]
         if not evidence:
             raise nothing_left(Path(campaign_dir), left_out)
         model = Model(evidence, columns, prior)
-        decision = decide(model, candidates,
-                          tick(0.1, 0.72, 3 * len(candidates), 'comparing explanations'))
+        decision = decide(
+            model, candidates, tick(0.1, 0.72, 3 * len(candidates), 'comparing explanations')
+        )
         if not _seen(model).any():
             decision = replace(decision, verdict='none')  # Told as `too_little`.
         chosen = decision.chosen if decision.verdict in ('identified', 'partly') else decision.base
@@ -116,10 +139,15 @@ def diagnose(campaign_dir: str | Path, *, profile: Profile | None = None,
         poses = (model.pose + chosen.motion[:, :6]) * STEPS
         poses = np.clip(poses, -LIMITS, LIMITS)
         confirmed: list[Outcome] = mapped(
-            bind(simulate_set, profile=profile, seed=seed,
-                 effects={e.name: _plain(e) for e in effects if e.name != 'pose_error'}),
+            bind(
+                simulate_set,
+                profile=profile,
+                seed=seed,
+                effects={e.name: _plain(e) for e in effects if e.name != 'pose_error'},
+            ),
             [(file, tuple(pose)) for file, pose in zip(used, poses, strict=True)],
-            tick(0.15, 0.83, len(used), 'simulating the outcome'))
+            tick(0.15, 0.83, len(used), 'simulating the outcome'),
+        )
     progress('writing', 0.98)
     table = _table(model, decision, effects, confirmed, used, left_out)
     table['not_considered'] = _not_considered(without, modulation)
@@ -129,21 +157,22 @@ def diagnose(campaign_dir: str | Path, *, profile: Profile | None = None,
     if decision.verdict == 'unknown':
         patch, covariate, share = fit_patch(model, model.residual(decision.base))
         effects = [patch]
-        table['patch'] = {'covariate': covariate, 'shrink': share,
-                          'held_out': len(evidence) > 1}
+        table['patch'] = {'covariate': covariate, 'shrink': share, 'held_out': len(evidence) > 1}
     if out is not None:
         write(Path(out), table, effects, model, decision, confirmed)
     progress('done', 1.0)
     return table
 
 
-def _check(without: Collection[str], seed: int, jobs: int,
-           pose_prior: tuple[float, float]) -> None:
+def _check(
+    without: Collection[str], seed: int, jobs: int, pose_prior: tuple[float, float]
+) -> None:
     for name in without:
         if name not in registry():
-            raise InputError(f'without: {name}: no such effect, wanted some of '
-                             f'{", ".join(registry())}')
-    if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed < 10 ** 9:
+            raise InputError(
+                f'without: {name}: no such effect, wanted some of {", ".join(registry())}'
+            )
+    if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed < 10**9:
         raise InputError(f'seed: found {seed!r}, wanted a whole number from 0')
     if isinstance(jobs, bool) or not isinstance(jobs, int) or jobs < 1:
         raise InputError(f'jobs: found {jobs!r}, wanted a whole number from 1')
@@ -153,8 +182,11 @@ def _check(without: Collection[str], seed: int, jobs: int,
 
 def _not_considered(without: Collection[str], modulation: bool) -> list[dict[str, str]]:
     # Effects of the registry that are not in the catalogue, and why.
-    reasons = {name: NEEDS_MODULATION for name, kind in registry().items()
-               if kind.needs_modulation and not modulation}
+    reasons = {
+        name: NEEDS_MODULATION
+        for name, kind in registry().items()
+        if kind.needs_modulation and not modulation
+    }
     reasons.update(dict.fromkeys(without, 'left out as asked for'))
     return [{'name': name, 'reason': reasons[name]} for name in registry() if name in reasons]
 
@@ -162,7 +194,7 @@ def _not_considered(without: Collection[str], modulation: bool) -> list[dict[str
 def _effects(model: Model, fit: Fit) -> list[Effect]:
     out, start = [], 0
     for candidate in fit.candidates:
-        values = fit.values[start:start + len(candidate.terms)]
+        values = fit.values[start : start + len(candidate.terms)]
         start += len(candidate.terms)
         out.append(_effect(model, fit, candidate, tuple(float(v) for v in values)))
     return out
@@ -188,8 +220,14 @@ def _plain(effect: Effect) -> dict[str, float]:
     return {p.name: float(getattr(effect, p.name)) for p in effect.parameters()}
 
 
-def _table(model: Model, decision: Decision, effects: list[Effect], confirmed: list[Outcome],
-           used: list[Found], left_out: list[tuple[str, str]]) -> dict[str, Any]:
+def _table(
+    model: Model,
+    decision: Decision,
+    effects: list[Effect],
+    confirmed: list[Outcome],
+    used: list[Found],
+    left_out: list[tuple[str, str]],
+) -> dict[str, Any]:
     explained = decision.verdict in ('identified', 'partly')
     chosen = decision.chosen if explained else decision.base
     residual = model.residual(chosen)
@@ -199,29 +237,66 @@ def _table(model: Model, decision: Decision, effects: list[Effect], confirmed: l
     seen = _seen(model)
     rows = []
     for effect, share, interval, confidence in zip(
-            effects, decision.shares, decision.intervals, decision.confidences, strict=False):
-        rows.append({'name': effect.name, 'parameters': _plain(effect), 'share': share,
-                     'interval': interval, 'confidence': confidence})
+        effects, decision.shares, decision.intervals, decision.confidences, strict=False
+    ):
+        rows.append(
+            {
+                'name': effect.name,
+                'parameters': _plain(effect),
+                'share': share,
+                'interval': interval,
+                'confidence': confidence,
+            }
+        )
     return {
         'schema': SCHEMA,
         'verdict': decision.verdict if seen.any() else 'too_little',
         'effects': rows,
-        'alternatives': ([_alternative(model, one) for one in decision.alternatives]
-                         if decision.verdict != 'none' else []),
-        'unexplained': (unexplained(model, residual, model.null_loss.sum(axis=0))
-                        if decision.verdict != 'none' else []),
-        'where': (places(model, difference + added, residual + added,
-                         [one.spots for one in confirmed],
-                         decision.verdict == 'identified', chosen.sigma)
-                  if decision.verdict != 'none' else []),
+        'alternatives': (
+            [_alternative(model, one) for one in decision.alternatives]
+            if decision.verdict != 'none'
+            else []
+        ),
+        'unexplained': (
+            unexplained(model, residual, model.null_loss.sum(axis=0))
+            if decision.verdict != 'none'
+            else []
+        ),
+        'where': (
+            places(
+                model,
+                difference + added,
+                residual + added,
+                [one.groups for one in confirmed],
+                decision.verdict == 'identified',
+                chosen.sigma,
+            )
+            if decision.verdict != 'none'
+            else []
+        ),
         'gap': _gap(model, decision, confirmed),
         'recordings': [
-            *({'name': e.name, 'used': True, 'reason': '', 'frames': e.frames,
-               'moving': e.moving, 'pose': [float(v) for v in (p + m[:6]) * STEPS],
-               'notes': [*file.notes, *e.notes, *_too_little(e, seen[i]), *_same_noise(model, i)]}
-              for i, (e, p, m, file) in enumerate(zip(model.evidence, model.pose, chosen.motion,
-                                                      used, strict=True))),
-            *({'name': name, 'used': False, 'reason': reason} for name, reason in left_out)],
+            *(
+                {
+                    'name': e.name,
+                    'used': True,
+                    'reason': '',
+                    'frames': e.frames,
+                    'moving': e.moving,
+                    'pose': [float(v) for v in (p + m[:6]) * STEPS],
+                    'notes': [
+                        *file.notes,
+                        *e.notes,
+                        *_too_little(e, seen[i]),
+                        *_same_noise(model, i),
+                    ],
+                }
+                for i, (e, p, m, file) in enumerate(
+                    zip(model.evidence, model.pose, chosen.motion, used, strict=True)
+                )
+            ),
+            *({'name': name, 'used': False, 'reason': reason} for name, reason in left_out),
+        ],
     }
 
 
@@ -233,8 +308,10 @@ def _seen(model: Model) -> np.ndarray:
 def _too_little(one: Evidence, seen: bool) -> list[str]:
     if seen:
         return []
-    return [f'{one.name}: too little to look at: {one.counts[0]:.0f} depths of surfaces away from '
-            f'edges, must be at least {ENOUGH}']
+    return [
+        f'{one.name}: too little to look at: {one.counts[0]:.0f} depths of surfaces away from '
+        f'edges, must be at least {ENOUGH}'
+    ]
 
 
 def _same_noise(model: Model, index: int) -> list[str]:
@@ -242,15 +319,22 @@ def _same_noise(model: Model, index: int) -> list[str]:
     if other is None:
         return []
     one, other_name = model.evidence[index].name, model.evidence[other].name
-    return [f'{one}: has the very same noise as {other_name}, as simulations with the same seed '
-            'and stamps have; a pattern that stays is not looked for in what recordings share']
+    return [
+        f'{one}: has the very same noise as {other_name}, as simulations with the same seed '
+        'and stamps have; a pattern that stays is not looked for in what recordings share'
+    ]
 
 
 def _alternative(model: Model, one: Alternative) -> dict[str, Any]:
     effect = _effects(model, one.fit)[-1]
-    return {'name': effect.name, 'parameters': _plain(effect), 'share': one.share,
-            'interval': one.interval, 'confidence': one.confidence,
-            'instead_of': list(one.instead_of)}
+    return {
+        'name': effect.name,
+        'parameters': _plain(effect),
+        'share': one.share,
+        'interval': one.interval,
+        'confidence': one.confidence,
+        'instead_of': list(one.instead_of),
+    }
 
 
 def _gap(model: Model, decision: Decision, confirmed: list[Outcome]) -> dict[str, Any]:
@@ -260,28 +344,41 @@ def _gap(model: Model, decision: Decision, confirmed: list[Outcome]) -> dict[str
     null = model.null_loss.sum(axis=1) + FLOOR
     bottom = base.loss - null + (base.pose_loss - chosen.pose_held_out) / count
     held_out = count > 1
-    top = (base.loss - (chosen.held_out if held_out else chosen.loss)
-           + (base.pose_loss - chosen.pose_held_out) / count)
+    top = (
+        base.loss
+        - (chosen.held_out if held_out else chosen.loss)
+        + (base.pose_loss - chosen.pose_held_out) / count
+    )
     before = float(base.loss.sum() + base.pose_loss)
     after = before - float(top.sum())
     out: dict[str, Any] = {
-        'before': before, 'after': after, 'null': before - float(bottom.sum()),
+        'before': before,
+        'after': after,
+        'null': before - float(bottom.sum()),
         'shrink': float(np.clip(top.sum() / max(bottom.sum(), 1e-9), 0, 1)) if explained else 0.0,
         'interval': ratio_interval(top, bottom) if explained else [0.0, 0.0],
-        'held_out': held_out}
+        'held_out': held_out,
+    }
     if not held_out:
-        out['note'] = ('one recording only: nothing was left out to check on, so shrink is that '
-                       'of the data the effects were fitted to')
+        out['note'] = (
+            'one recording only: nothing was left out to check on, so shrink is that '
+            'of the data the effects were fitted to'
+        )
         out['interval'] = None
     for unit in UNITS:
         values = np.array([one.physical[unit] for one in confirmed])
         first, last, least = (float(v) for v in values.mean(axis=0))
         out[unit] = {
-            'before': first, 'after': last, 'null': least,
+            'before': first,
+            'after': last,
+            'null': least,
             'shrink': float(np.clip((first - last) / (first - least), -1, 1))
-            if first > least else 0.0,
+            if first > least
+            else 0.0,
             'interval': ratio_interval(values[:, 0] - values[:, 1], values[:, 0] - values[:, 2])
-            if held_out else None}
+            if held_out
+            else None,
+        }
     return out
 
 

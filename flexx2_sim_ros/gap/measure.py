@@ -6,19 +6,25 @@ from typing import Any
 
 from flexx2_sim_ros.camera import Profile
 from flexx2_sim_ros.effects import parse_effects
-from flexx2_sim_ros.gap.campaign import nothing_left
-from flexx2_sim_ros.gap.catalogue import Candidate, catalogue, Column, Term
-from flexx2_sim_ros.gap.decide import FLOOR
-from flexx2_sim_ros.gap.evidence import Evidence
-from flexx2_sim_ros.gap.model import Model
-from flexx2_sim_ros.gap.pose import NAMES
+from flexx2_sim_ros.gap.data.campaign import nothing_left
+from flexx2_sim_ros.gap.data.pose import NAMES
+from flexx2_sim_ros.gap.features.catalogue import Candidate, catalogue, Column, Term
+from flexx2_sim_ros.gap.features.evidence import Evidence
+from flexx2_sim_ros.gap.inference.decide import FLOOR
+from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.work import bind, find, summarise, workers
 import numpy as np
 
 
-def measure(campaign_dir: str | Path, effects: Mapping[str, Mapping[str, float]], seed: int = 0,
-            *, profile: Profile | None = None, jobs: int = 1,
-            pose_prior: tuple[float, float] = (0.010, 0.5)) -> dict[str, Any]:
+def measure(
+    campaign_dir: str | Path,
+    effects: Mapping[str, Mapping[str, float]],
+    seed: int = 0,
+    *,
+    profile: Profile | None = None,
+    jobs: int = 1,
+    pose_prior: tuple[float, float] = (0.010, 0.5),
+) -> dict[str, Any]:
     """
     Measure a campaign's gap without and with effects.
 
@@ -50,22 +56,35 @@ def measure(campaign_dir: str | Path, effects: Mapping[str, Mapping[str, float]]
     """
     table: dict[str, dict[str, float]] = {
         effect.name: {p.name: float(getattr(effect, p.name)) for p in effect.parameters()}
-        for effect in parse_effects(effects)}
+        for effect in parse_effects(effects)
+    }
     prior = np.array([pose_prior[0]] * 3 + [pose_prior[1]] * 3)
     posed = table.pop('pose_error', None)
     with workers(jobs, None) as mapped:
         found, left_out = find(campaign_dir, profile, mapped)
-        columns = [c for c in catalogue((), bool(found[0].mode.modulation_hz))[0]
-                   if c.name in Model.NEEDED]
+        columns = [
+            c
+            for c in catalogue((), bool(found[0].mode.modulation_hz))[0]
+            if c.name in Model.NEEDED
+        ]
         if table:
             columns.append(Column('set', table, few=False))
-        outcomes = mapped(bind(summarise, profile=profile, columns=columns, seed=seed,
-                               prior=tuple(prior)), found, lambda: None)
+        outcomes = mapped(
+            bind(summarise, profile=profile, columns=columns, seed=seed, prior=tuple(prior)),
+            found,
+            lambda: None,
+        )
     evidence = [one for one in outcomes if isinstance(one, Evidence)]
     if not evidence:
-        raise nothing_left(Path(campaign_dir), left_out + [
-            (file.path.name, one) for file, one in zip(found, outcomes, strict=True)
-            if isinstance(one, str)])
+        raise nothing_left(
+            Path(campaign_dir),
+            left_out
+            + [
+                (file.path.name, one)
+                for file, one in zip(found, outcomes, strict=True)
+                if isinstance(one, str)
+            ],
+        )
     model = Model(evidence, columns, prior)
     base = model.fit([])
     on = Term('on', ((1.0, 'set'),), 1.0, 1.0)
@@ -75,5 +94,9 @@ def measure(campaign_dir: str | Path, effects: Mapping[str, Mapping[str, float]]
     with_effects = model.fit(parts, np.ones(len(parts)))
     null = float(model.null_loss.sum()) + FLOOR * len(evidence) + with_effects.pose_loss
     before, after = base.inside, with_effects.inside
-    return {'before': before, 'after': after, 'null': null,
-            'shrink': float(np.clip((before - after) / max(before - null, 1e-9), -1, 1))}
+    return {
+        'before': before,
+        'after': after,
+        'null': null,
+        'shrink': float(np.clip((before - after) / max(before - null, 1e-9), -1, 1)),
+    }

@@ -5,21 +5,18 @@ from traceback import format_exception
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
+from flexx2_sim_ros.camera.camera import Camera, Frame
 from flexx2_sim_ros.camera.compiling import compiling_said, warm_up
-from flexx2_sim_ros.camera.geometry import pixel_rays, points, View
 from flexx2_sim_ros.camera.gray import gray_image
-from flexx2_sim_ros.camera.modes import flexx2, Profile
-from flexx2_sim_ros.camera.pipeline import Camera, Frame
-from flexx2_sim_ros.camera.profiles import load_profile
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.nodes import messages
-from flexx2_sim_ros.nodes.camera_parameters import CameraParameters
-from flexx2_sim_ros.nodes.decoding import (
+from flexx2_sim_ros.messages.decoding import (
     check_stamp,
     decode_camera_info,
     decode_image,
     stamp_nanoseconds,
 )
+from flexx2_sim_ros.nodes import messages
+from flexx2_sim_ros.nodes.camera_parameters import CameraParameters
 from flexx2_sim_ros.nodes.gating import FrameGate
 from flexx2_sim_ros.nodes.input_watch import InputWatch, Remark
 from flexx2_sim_ros.nodes.pairing import Match, StampPairing
@@ -30,6 +27,9 @@ from flexx2_sim_ros.nodes.steady_node import SteadyNode
 from flexx2_sim_ros.nodes.subscriptions import Input
 from flexx2_sim_ros.nodes.transforms import FramePublisher, optical_transform
 from flexx2_sim_ros.nodes.twins import claim_name
+from flexx2_sim_ros.physics.geometry import pixel_rays, points, View
+from flexx2_sim_ros.profiles.files import load_profile
+from flexx2_sim_ros.profiles.modes import flexx2, Profile
 import numpy as np
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
@@ -67,8 +67,7 @@ class Flexx2Camera(SteadyNode):
         self._effects_said = ''
         self._throttle = Throttle()
         self._profile = self._find_profile()
-        self.settings = CameraParameters(
-            self, self._profile, self._on_change)
+        self.settings = CameraParameters(self, self._profile, self._on_change)
         self._statistics = Statistics()
         self._pairing = StampPairing()
         self._view: View | None = None
@@ -84,7 +83,8 @@ class Flexx2Camera(SteadyNode):
         self.say_unknown_parameters()
         self.get_logger().info(
             f'{self._camera.usecase}, serial {self.settings.serial}: waiting for '
-            f'{self.resolve_topic_name("clean/depth_image")}')
+            f'{self.resolve_topic_name("clean/depth_image")}'
+        )
 
     def _open_topics(self) -> None:
         overridable = QoSOverridingOptions.with_default_policies()
@@ -92,8 +92,7 @@ class Flexx2Camera(SteadyNode):
         def publisher(kind: type, topic: str) -> Any:
             # A profile of its own: rclpy writes a topic's override into what it is given.
             reliable = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
-            return self.create_publisher(kind, topic, reliable,
-                                         qos_overriding_options=overridable)
+            return self.create_publisher(kind, topic, reliable, qos_overriding_options=overridable)
 
         self._depth = publisher(Image, '~/depth_image_0')
         self._info = publisher(CameraInfo, '~/camera_info')
@@ -102,10 +101,14 @@ class Flexx2Camera(SteadyNode):
         self._noise = publisher(Image, '~/depth_noise_0')
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         # Companions first: of messages that wait together they are then taken before the image.
-        self._inputs = {topic: Input(self, kind, topic, callback) for topic, kind, callback in (
-            ('clean/camera_info', CameraInfo, self._on_info),
-            ('clean/reflectivity', Image, self._on_reflectivity),
-            ('clean/depth_image', Image, self._on_image))}
+        self._inputs = {
+            topic: Input(self, kind, topic, callback)
+            for topic, kind, callback in (
+                ('clean/camera_info', CameraInfo, self._on_info),
+                ('clean/reflectivity', Image, self._on_reflectivity),
+                ('clean/depth_image', Image, self._on_image),
+            )
+        }
         self._watch = InputWatch(self._inputs, self._pairing)
         self._warned = False
         # A steady clock: diagnostics go on when a simulation's /clock stands still.
@@ -118,9 +121,12 @@ class Flexx2Camera(SteadyNode):
             source.follow()
 
     def _compile(self, what: str) -> None:
-        with compiling_said(lambda: self.get_logger().info(
+        with compiling_said(
+            lambda: self.get_logger().info(
                 f'compiling {what}: takes about ten seconds, once (`flexx2 compile` does it ahead '
-                'of time)')):
+                'of time)'
+            )
+        ):
             warm_up(self._camera, self.settings.intrinsics)
 
     def _place(self, frame: str) -> None:
@@ -128,12 +134,23 @@ class Flexx2Camera(SteadyNode):
         if self._frames is not None and frame != self._placed:
             self._placed = frame
             settings = self.settings
-            self._frames.fixed([optical_transform((settings.parent_frame, frame),
-                                                  settings.mount_position, settings.mount_rpy)])
+            self._frames.fixed(
+                [
+                    optical_transform(
+                        (settings.parent_frame, frame), settings.mount_position, settings.mount_rpy
+                    )
+                ]
+            )
 
     def _find_profile(self) -> Profile:
-        path = declare(self, 'profile', '', 'Path of a camera profile (YAML), as `flexx2 '
-                       'characterize fit` writes it; empty: the Flexx2.', read_only=True)
+        path = declare(
+            self,
+            'profile',
+            '',
+            'Path of a camera profile (YAML), as `flexx2 '
+            'characterize fit` writes it; empty: the Flexx2.',
+            read_only=True,
+        )
         try:
             return load_profile(path) if path else flexx2()
         except InputError as error:
@@ -141,12 +158,19 @@ class Flexx2Camera(SteadyNode):
 
     def _make_camera(self) -> Camera:
         settings = self.settings
-        camera = Camera(settings.usecase, profile=self._profile, effects=settings.effects.chosen,
-                        seed=settings.seed, name=settings.camera_name)
+        camera = Camera(
+            settings.usecase,
+            profile=self._profile,
+            effects=settings.effects.chosen,
+            seed=settings.seed,
+            name=settings.camera_name,
+        )
         mode = camera.mode
         if not mode.measured:
-            self._say_once(f'{mode.name}: its noise was not measured; it takes that of '
-                           f'{mode.noise_of}, the nearest measured mode of its family')
+            self._say_once(
+                f'{mode.name}: its noise was not measured; it takes that of '
+                f'{mode.noise_of}, the nearest measured mode of its family'
+            )
         return camera
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
@@ -226,17 +250,21 @@ class Flexx2Camera(SteadyNode):
         if not self._due(match.stamp):
             return False
         self._watch.look(image, match.image.encoding, self._camera.mode)
-        wanted = [publisher.get_subscription_count() > 0
-                  for publisher in (self._depth, self._cloud, self._gray, self._noise)]
-        head = messages.header(match.stamp,
-                               self.settings.frame_id or match.image.header.frame_id)
+        wanted = [
+            publisher.get_subscription_count() > 0
+            for publisher in (self._depth, self._cloud, self._gray, self._noise)
+        ]
+        head = messages.header(match.stamp, self.settings.frame_id or match.image.header.frame_id)
         self._place(head.frame_id)
         if any(wanted):
             # Parameters of effects are for the automatic exposure, or the longest.
             self._camera.exposure_share = self.settings.exposure_share or 1.0
             frame = self._camera.capture(
-                view.depth(image), self.settings.intrinsics.matrix, match.stamp,
-                None if reflectivity is None else view.reflectivity(reflectivity))
+                view.depth(image),
+                self.settings.intrinsics.matrix,
+                match.stamp,
+                None if reflectivity is None else view.reflectivity(reflectivity),
+            )
             self._publish(head, self._mask(frame, view), wanted)
         self._info.publish(messages.camera_info_message(head, self.settings.intrinsics))
         self._statistics.published += 1
@@ -244,13 +272,16 @@ class Flexx2Camera(SteadyNode):
 
     def _find_view(self, match: Match, image: np.ndarray) -> View:
         if match.info is None:
-            raise InputError('clean/camera_info: none has come, wanted one for every image of '
-                             'clean/depth_image (or one that stays)')
+            raise InputError(
+                'clean/camera_info: none has come, wanted one for every image of '
+                'clean/depth_image (or one that stays)'
+            )
         source = decode_camera_info(match.info, 'clean/camera_info')
         if (source.height, source.width) != image.shape:
             raise InputError(
                 f'clean/camera_info: size: found {source.width} x {source.height}, wanted that '
-                f'of clean/depth_image, {image.shape[1]} x {image.shape[0]}')
+                f'of clean/depth_image, {image.shape[1]} x {image.shape[0]}'
+            )
         radial = self.settings.radial
         view = self._view
         if view is None or view.source != source or view.radial != radial:
@@ -260,7 +291,8 @@ class Flexx2Camera(SteadyNode):
                 self._say_once(
                     f'{view.outside.mean():.0%} of the rays lie outside the view of '
                     'clean/depth_image and are invalid: render at least '
-                    f'{width:.0f} x {height:.0f} degrees')
+                    f'{width:.0f} x {height:.0f} degrees'
+                )
         return view
 
     def _find_reflectivity(self, match: Match, shape: tuple[int, ...]) -> np.ndarray | None:
@@ -271,7 +303,8 @@ class Flexx2Camera(SteadyNode):
             if image.shape != shape:
                 raise InputError(
                     f'clean/reflectivity: size: found {image.shape[1]} x {image.shape[0]}, wanted '
-                    f'that of clean/depth_image, {shape[1]} x {shape[0]}')
+                    f'that of clean/depth_image, {shape[1]} x {shape[0]}'
+                )
         except InputError as error:  # It is optional: the frame goes out without it.
             self._reject(error)
             return None
@@ -285,13 +318,15 @@ class Flexx2Camera(SteadyNode):
             if self._throttle.ready('repeated stamp'):
                 self.get_logger().warning(
                     f'clean/depth_image: header.stamp: found {stamp} ns again, wanted a new one '
-                    'for every image; the image is left out')
+                    'for every image; the image is left out'
+                )
             return False
         if gate.restarts > restarts:
             self._camera.reset()
             if self._throttle.ready('stamps went back'):
                 self.get_logger().warning(
-                    f'clean/depth_image: header.stamp went back to {stamp} ns: starting afresh')
+                    f'clean/depth_image: header.stamp went back to {stamp} ns: starting afresh'
+                )
         statistics.input_rate.add(stamp)
         if due:
             statistics.output_rate.add(stamp)
@@ -316,12 +351,20 @@ class Flexx2Camera(SteadyNode):
         if depth:
             self._depth.publish(messages.image_message(head, frame.depth, '32FC1'))
         if cloud:
-            self._cloud.publish(messages.cloud_message(
-                head, points(frame.depth, self._rays), frame.confidence,
-                swapped=self.settings.cloud_is_swapped))
+            self._cloud.publish(
+                messages.cloud_message(
+                    head,
+                    points(frame.depth, self._rays),
+                    frame.confidence,
+                    swapped=self.settings.cloud_is_swapped,
+                )
+            )
         if gray:
-            self._gray.publish(messages.image_message(
-                head, gray_image(frame.amplitude, self.settings.exposure_share), 'mono8'))
+            self._gray.publish(
+                messages.image_message(
+                    head, gray_image(frame.amplitude, self.settings.exposure_share), 'mono8'
+                )
+            )
         if noise:
             self._noise.publish(messages.image_message(head, frame.sigma, '32FC1'))
 
@@ -329,14 +372,22 @@ class Flexx2Camera(SteadyNode):
         mode, statistics = self._camera.mode, self._statistics
         remarks = self._watch.remarks()
         status = statistics.report(
-            self.get_fully_qualified_name().lstrip('/'), self.settings.serial, mode.name,
-            mode.rate_hz, self._gate, self._watch, remarks)
+            self.get_fully_qualified_name().lstrip('/'),
+            self.settings.serial,
+            mode.name,
+            mode.rate_hz,
+            self._gate,
+            self._watch,
+            remarks,
+        )
         array = DiagnosticArray(status=[status])
         array.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(array)
         if slow := statistics.slow(mode.rate_hz):
-            self._say_once(f'{mode.name} wants {mode.rate_hz:g} Hz: {slow} and is '
-                           'passed on at its own rate', key=f'slower than {mode.name}')
+            self._say_once(
+                f'{mode.name} wants {mode.rate_hz:g} Hz: {slow} and is passed on at its own rate',
+                key=f'slower than {mode.name}',
+            )
 
         self._say(remarks)
 

@@ -5,12 +5,12 @@ from contextlib import contextmanager, suppress
 import math
 from typing import Any
 
-from flexx2_sim_ros.camera.exposure import check_frequencies
-from flexx2_sim_ros.camera.intrinsics import Intrinsics
-from flexx2_sim_ros.camera.modes import Mode, Profile
 from flexx2_sim_ros.errors import InputError, shown
 from flexx2_sim_ros.nodes.effect_parameters import EffectParameters
 from flexx2_sim_ros.nodes.parameters import declare, declare_text
+from flexx2_sim_ros.physics.frame_state import check_frequencies
+from flexx2_sim_ros.profiles.intrinsics import Intrinsics
+from flexx2_sim_ros.profiles.modes import Mode, Profile
 from rcl_interfaces.msg import (
     IntegerRange,
     ParameterDescriptor,
@@ -25,8 +25,11 @@ _AUTO = 'auto_exposure_0'
 _EXPOSURE = 'exposure_time_0'
 # Of what goes into every message.
 _LONGEST_FRAME_ID = 255
-_CHOICES = {'invalid_value': ('nan', 'zero'), 'input_depth': ('planar', 'radial'),
-            'cloud_layout': ('organised', 'driver')}
+_CHOICES = {
+    'invalid_value': ('nan', 'zero'),
+    'input_depth': ('planar', 'radial'),
+    'cloud_layout': ('organised', 'driver'),
+}
 
 
 class CameraParameters:
@@ -61,36 +64,63 @@ class CameraParameters:
         self._node = node
         self._profile = profile
         declare = self._declare
-        given = declare(_USECASE, profile.default_usecase, "The camera's mode; one of "
-                        'available_usecases. Settable while streaming.')
+        given = declare(
+            _USECASE,
+            profile.default_usecase,
+            "The camera's mode; one of available_usecases. Settable while streaming.",
+        )
         mode = profile.mode(given)
         if given != mode.name:
             node.set_parameters([Parameter(_USECASE, value=mode.name)])
         self.usecase = mode.name
         self.effects = EffectParameters(node)
-        declare('available_usecases', profile.names, "The camera's modes.", read_only=True,
-                ignore_override=True)
-        declare('model', profile.model, "The camera's model.", read_only=True,
-                ignore_override=True)
+        declare(
+            'available_usecases',
+            profile.names,
+            "The camera's modes.",
+            read_only=True,
+            ignore_override=True,
+        )
+        declare(
+            'model', profile.model, "The camera's model.", read_only=True, ignore_override=True
+        )
         self.serial = declare_text(node, 'serial', 'SIM-0000', "The camera's serial number.")
         automatic = declare(_AUTO, True, 'Choose the exposure (of the gray image) automatically.')
         node.declare_parameter(_EXPOSURE, mode.exposure_us[1], self._exposure_descriptor())
         if automatic:
             node.set_parameters([Parameter(_EXPOSURE, value=mode.exposure_us[1])])
         self.seed: int = declare('seed', 0, 'Seed of the noise.', read_only=True)
-        self.camera_name = declare_text(
-            node, 'camera_name', '', 'Cameras of different names share no noise; empty: '
-            "the node's full name.") or node.get_fully_qualified_name()
-        declare('frame_id', '', 'frame_id of what is published; empty: that of the input, or '
-                '<node>_optical_frame where parent_frame is set.')
+        self.camera_name = (
+            declare_text(
+                node,
+                'camera_name',
+                '',
+                "Cameras of different names share no noise; empty: the node's full name.",
+            )
+            or node.get_fully_qualified_name()
+        )
+        declare(
+            'frame_id',
+            '',
+            'frame_id of what is published; empty: that of the input, or '
+            '<node>_optical_frame where parent_frame is set.',
+        )
         self._declare_mount()
         self._check('frame_id', self.frame_id)
-        declare('invalid_value', 'nan', 'How an invalid pixel is written: nan or zero.',
-                any_type=True)
-        declare('input_depth', 'planar', 'What the input holds: planar (along the optical axis) '
-                'or radial (along the ray).')
-        declare('cloud_layout', 'organised', "Size of the point cloud: organised (the image's "
-                "width and height) or driver (exchanged, as the vendor's driver has them).")
+        declare(
+            'invalid_value', 'nan', 'How an invalid pixel is written: nan or zero.', any_type=True
+        )
+        declare(
+            'input_depth',
+            'planar',
+            'What the input holds: planar (along the optical axis) or radial (along the ray).',
+        )
+        declare(
+            'cloud_layout',
+            'organised',
+            "Size of the point cloud: organised (the image's "
+            "width and height) or driver (exchanged, as the vendor's driver has them).",
+        )
         self.intrinsics = self._declare_intrinsics(profile.intrinsics)
         for parameter in self._canonical([node.get_parameter(name) for name in _CHOICES]):
             self._check(parameter.name, parameter.value)
@@ -134,27 +164,42 @@ class CameraParameters:
 
     def _declare_mount(self) -> None:
         self.parent_frame: str = self._declare(
-            'parent_frame', '', 'Frame that the camera is mounted on: its optical frame is '
-            'published on /tf_static; empty: it is not.', read_only=True)
+            'parent_frame',
+            '',
+            'Frame that the camera is mounted on: its optical frame is '
+            'published on /tf_static; empty: it is not.',
+            read_only=True,
+        )
         self.mount_position, degrees = (
             self._declare(f'mount.{name}', [0.0, 0.0, 0.0], text, read_only=True)
             for name, text in (
                 ('position', 'Lens in parent_frame, metres.'),
-                ('rpy_deg', 'Roll, pitch (down), yaw (left) in degrees; zero looks along the x '
-                 'axis of parent_frame, upright.')))
+                (
+                    'rpy_deg',
+                    'Roll, pitch (down), yaw (left) in degrees; zero looks along the x '
+                    'axis of parent_frame, upright.',
+                ),
+            )
+        )
         for name, values in (('position', self.mount_position), ('rpy_deg', degrees)):
             if len(values) != 3 or not all(map(math.isfinite, values)):
-                raise InputError(f'mount.{name}: must be three finite numbers, got '
-                                 f'{str(values)[:80]}')
+                raise InputError(
+                    f'mount.{name}: must be three finite numbers, got {str(values)[:80]}'
+                )
         self.mount_rpy = [math.radians(angle) for angle in degrees]
 
     def _declare_intrinsics(self, default: Intrinsics) -> Intrinsics:
         text = 'Intrinsics of the simulated camera, pixels'
-        fx, fy, cx, cy = (self._declare(name, getattr(default, name), f'{text}: {name}.',
-                                        read_only=True)
-                          for name in ('fx', 'fy', 'cx', 'cy'))
-        distortion = self._declare('distortion', list(default.distortion),
-                                   'plumb_bob distortion k1, k2, p1, p2, k3.', read_only=True)
+        fx, fy, cx, cy = (
+            self._declare(name, getattr(default, name), f'{text}: {name}.', read_only=True)
+            for name in ('fx', 'fy', 'cx', 'cy')
+        )
+        distortion = self._declare(
+            'distortion',
+            list(default.distortion),
+            'plumb_bob distortion k1, k2, p1, p2, k3.',
+            read_only=True,
+        )
         return Intrinsics(default.width, default.height, fx, fy, cx, cy, tuple(distortion))
 
     def _exposure_descriptor(self) -> ParameterDescriptor:
@@ -163,7 +208,8 @@ class CameraParameters:
             type=ParameterType.PARAMETER_INTEGER,
             description='Exposure time, microseconds; its range changes with the mode.',
             additional_constraints=f'Has no effect while {_AUTO} is true.',
-            integer_range=[IntegerRange(from_value=shortest, to_value=longest, step=1)])
+            integer_range=[IntegerRange(from_value=shortest, to_value=longest, step=1)],
+        )
 
     @contextmanager
     def exposure_of_any_mode(self) -> Iterator[None]:
@@ -174,7 +220,8 @@ class CameraParameters:
         well is judged here, as a whole.
         """
         self._node.set_descriptor(
-            _EXPOSURE, ParameterDescriptor(type=ParameterType.PARAMETER_INTEGER))
+            _EXPOSURE, ParameterDescriptor(type=ParameterType.PARAMETER_INTEGER)
+        )
         try:
             yield
         finally:
@@ -209,8 +256,10 @@ class CameraParameters:
             return parameters
         if not shortest <= given <= longest:
             return parameters  # Refused, automatic or not.
-        return [*(parameter for parameter in parameters if parameter.name != _EXPOSURE),
-                Parameter(_EXPOSURE, value=longest)]
+        return [
+            *(parameter for parameter in parameters if parameter.name != _EXPOSURE),
+            Parameter(_EXPOSURE, value=longest),
+        ]
 
     def _mode_of(self, values: Mapping[str, Any]) -> Mode | None:
         # The mode after a set; None when it asks for one that there is not.
@@ -226,8 +275,10 @@ class CameraParameters:
             mode = self._profile.mode(values.get(_USECASE, self.usecase))
             shortest, longest = mode.exposure_us
             if not shortest <= values.get(_EXPOSURE, longest) <= longest:
-                raise InputError(f'{_EXPOSURE}: must be {shortest} to {longest} in {mode.name}, '
-                                 f'got {values[_EXPOSURE]}')
+                raise InputError(
+                    f'{_EXPOSURE}: must be {shortest} to {longest} in {mode.name}, '
+                    f'got {values[_EXPOSURE]}'
+                )
             check_frequencies(self.effects.check(values), mode)
         except InputError as error:
             return SetParametersResult(successful=False, reason=str(error))
@@ -235,11 +286,13 @@ class CameraParameters:
 
     def _check(self, name: str, value: Any) -> None:
         if name in _CHOICES and value not in _CHOICES[name]:
-            raise InputError(f'{name}: found {shown(value)}, wanted one of '
-                             f'{", ".join(_CHOICES[name])}')
+            raise InputError(
+                f'{name}: found {shown(value)}, wanted one of {", ".join(_CHOICES[name])}'
+            )
         if name == 'frame_id' and len(value) > _LONGEST_FRAME_ID:
-            raise InputError(f'{name}: must be at most {_LONGEST_FRAME_ID} characters, got '
-                             f'{len(value)}')
+            raise InputError(
+                f'{name}: must be at most {_LONGEST_FRAME_ID} characters, got {len(value)}'
+            )
 
     def _apply(self, parameters: list[Parameter]) -> None:
         values = {parameter.name: parameter.value for parameter in parameters}

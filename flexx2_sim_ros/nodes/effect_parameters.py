@@ -55,12 +55,20 @@ class EffectParameters:
     def __init__(self, node: Node) -> None:
         """Declare all; the file first, then what is given beside it."""
         self._node = node
-        self._items = {f'effect.{kind.name}.{item.name}': item
-                       for kind in registry().values() for item in kind.parameters()}
-        text = declare(node, FILE, '', 'Effects beyond the noise model: path of a YAML file, or '
-                       'the name of a preset, e.g. typical; empty: none. Sets all effect.* '
-                       'parameters. Ends with * while one of them differs from the file; setting '
-                       'a name with * leaves them as they are.')
+        self._items = {
+            f'effect.{kind.name}.{item.name}': item
+            for kind in registry().values()
+            for item in kind.parameters()
+        }
+        text = declare(
+            node,
+            FILE,
+            '',
+            'Effects beyond the noise model: path of a YAML file, or '
+            'the name of a preset, e.g. typical; empty: none. Sets all effect.* '
+            'parameters. Ends with * while one of them differs from the file; setting '
+            'a name with * leaves them as they are.',
+        )
         self._source = _read(text.removesuffix(_CHANGED))
         start = _read('') if text.endswith(_CHANGED) else self._source
         # What `expand` read for the set in progress, or why it could not.
@@ -87,12 +95,17 @@ class EffectParameters:
                 self._next = error
                 return given  # `check` says why.
             if not texts[-1].endswith(_CHANGED):
-                loaded = {name: value for name, value in self._next.numbers.items()
-                          if name not in numbers}
+                loaded = {
+                    name: value
+                    for name, value in self._next.numbers.items()
+                    if name not in numbers
+                }
         text = self._text(self._next, {**self._numbers(), **loaded, **numbers})
-        return [*(p for p in given if p.name != FILE),
-                *(Parameter(name, value=value) for name, value in loaded.items()),
-                Parameter(FILE, value=text)]
+        return [
+            *(p for p in given if p.name != FILE),
+            *(Parameter(name, value=value) for name, value in loaded.items()),
+            Parameter(FILE, value=text),
+        ]
 
     def check(self, values: Mapping[str, Any]) -> tuple[Effect, ...]:
         """
@@ -106,8 +119,11 @@ class EffectParameters:
         """
         if FILE in values and isinstance(self._next, InputError):
             raise self._next
-        changed = {name: self._items[name].checked(value, name)
-                   for name, value in values.items() if name in self._items}
+        changed = {
+            name: self._items[name].checked(value, name)
+            for name, value in values.items()
+            if name in self._items
+        }
         return self._after(values, changed)
 
     def apply(self, values: Mapping[str, Any]) -> bool:
@@ -118,8 +134,9 @@ class EffectParameters:
             self._source = self._next
         return self.chosen != before
 
-    def _after(self, values: Mapping[str, Any], changed: Mapping[str, float]
-               ) -> tuple[Effect, ...]:
+    def _after(
+        self, values: Mapping[str, Any], changed: Mapping[str, float]
+    ) -> tuple[Effect, ...]:
         source = self._source
         if FILE in values and isinstance(self._next, _Source):
             source = self._next
@@ -141,17 +158,30 @@ class EffectParameters:
         text = f'{item.text}, {item.unit}' if item.unit else item.text
         # Of any type at first, since -p effect.offset.strength:=1 is a whole number.
         given = self._node.declare_parameter(
-            name, default, ParameterDescriptor(dynamic_typing=True)).value
+            name, default, ParameterDescriptor(dynamic_typing=True)
+        ).value
         value = item.checked(given, name)
         if not isinstance(given, float):
             self._node.set_parameters([Parameter(name, value=value)])
-        self._node.set_descriptor(name, ParameterDescriptor(
-            type=ParameterType.PARAMETER_DOUBLE, description=text,
-            floating_point_range=[FloatingPointRange(from_value=item.low, to_value=item.high)]))
+        self._node.set_descriptor(
+            name,
+            ParameterDescriptor(
+                type=ParameterType.PARAMETER_DOUBLE,
+                description=text,
+                floating_point_range=[FloatingPointRange(from_value=item.low, to_value=item.high)],
+            ),
+        )
 
     def _build(self, numbers: Mapping[str, float]) -> list[Effect]:
-        return [kind(**{item.name: numbers[f'effect.{kind.name}.{item.name}']
-                        for item in kind.parameters()}) for kind in registry().values()]
+        return [
+            kind(
+                **{
+                    item.name: numbers[f'effect.{kind.name}.{item.name}']
+                    for item in kind.parameters()
+                }
+            )
+            for kind in registry().values()
+        ]
 
 
 def _read(name: str) -> _Source:
@@ -166,5 +196,6 @@ def _read(name: str) -> _Source:
             off = 0.0 if item.name == 'strength' else item.default
             value = getattr(loaded[kind.name], item.name) if kind.name in loaded else off
             numbers[f'effect.{kind.name}.{item.name}'] = float(value)
-    return _Source(name, numbers,
-                   tuple(effect for effect in effects if effect.name not in registry()))
+    return _Source(
+        name, numbers, tuple(effect for effect in effects if effect.name not in registry())
+    )

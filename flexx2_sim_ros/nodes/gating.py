@@ -126,5 +126,5 @@ class RateMeter:
             pause = max(_NANOSECONDS, _PAUSE_PERIODS * median(periods))
             for index in reversed(range(len(periods))):
                 if periods[index] > pause:
-                    return stamps[index + 1:]
+                    return stamps[index + 1 :]
         return stamps

@@ -11,6 +11,7 @@ def main() -> int:
     leave_on_signals(status=lambda _number: 0)  # As a node that was told to end.
     # Imported here, since it takes a second in which a signal would leave a traceback.
     from flexx2_sim_ros.processes import end_with_parent
+
     end_with_parent()
     try:
         from flexx2_sim_ros.nodes.go1_node import Go1Cameras

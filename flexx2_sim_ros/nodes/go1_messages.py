@@ -8,8 +8,8 @@ from collections.abc import Mapping
 import math
 
 from flexx2_sim_ros.errors import InputError, shown
-from flexx2_sim_ros.go1.robot import plain_name
 from flexx2_sim_ros.nodes import messages
+from flexx2_sim_ros.robots.robot import plain_name
 from geometry_msgs.msg import Point, Pose, Twist, Vector3
 from nav_msgs.msg import Odometry
 import numpy as np
@@ -21,8 +21,11 @@ _NORM_TOLERANCE = 0.01
 
 def decode_twist(message: Twist, field: str) -> np.ndarray:
     """Return (3,) forward and left in m/s and the turn in rad/s, all finite."""
-    values = {'linear.x': message.linear.x, 'linear.y': message.linear.y,
-              'angular.z': message.angular.z}
+    values = {
+        'linear.x': message.linear.x,
+        'linear.y': message.linear.y,
+        'angular.z': message.angular.z,
+    }
     for name, value in values.items():
         if not math.isfinite(value):
             raise InputError(f'{field}: {name}: found {value}, wanted a finite number')
@@ -35,12 +38,15 @@ def decode_pose(message: Odometry, field: str) -> tuple[np.ndarray, np.ndarray]:
     position = np.array([point.x, point.y, point.z])
     quaternion = np.array([turn.w, turn.x, turn.y, turn.z])
     if not np.isfinite(position).all():
-        raise InputError(f'{field}: pose.pose.position: found {position.tolist()}, wanted three '
-                         'finite numbers')
+        raise InputError(
+            f'{field}: pose.pose.position: found {position.tolist()}, wanted three finite numbers'
+        )
     norm = float(np.linalg.norm(quaternion))
     if not abs(norm - 1.0) < _NORM_TOLERANCE:
-        raise InputError(f'{field}: pose.pose.orientation: found {quaternion.tolist()} (w, x, y, '
-                         'z), wanted a quaternion of norm 1')
+        raise InputError(
+            f'{field}: pose.pose.orientation: found {quaternion.tolist()} (w, x, y, '
+            'z), wanted a quaternion of norm 1'
+        )
     return position, quaternion / norm
 
 
@@ -55,24 +61,30 @@ def decode_joints(message: JointState, field: str) -> dict[str, float]:
 
     """
     if len(message.name) != len(message.position):
-        raise InputError(f'{field}: position: found {len(message.position)} values, wanted one '
-                         f'for each of the {len(message.name)} names')
+        raise InputError(
+            f'{field}: position: found {len(message.position)} values, wanted one '
+            f'for each of the {len(message.name)} names'
+        )
     found: dict[str, float] = {}
     given: dict[str, str] = {}
     for name, position in zip(message.name, message.position, strict=True):
         plain = plain_name(name)
         if plain in found:
-            raise InputError(f'{field}: name: found {shown(given[plain])} and {shown(name)}, '
-                             'which are one joint, wanted every joint once')
+            raise InputError(
+                f'{field}: name: found {shown(given[plain])} and {shown(name)}, '
+                'which are one joint, wanted every joint once'
+            )
         if not math.isfinite(position):
-            raise InputError(f'{field}: position of {shown(name)}: found {position}, wanted a '
-                             'finite number')
+            raise InputError(
+                f'{field}: position of {shown(name)}: found {position}, wanted a finite number'
+            )
         found[plain], given[plain] = float(position), name
     return found
 
 
-def joint_state(stamp: int, joints: Mapping[str, int], qpos: np.ndarray,
-                velocity: np.ndarray) -> JointState:
+def joint_state(
+    stamp: int, joints: Mapping[str, int], qpos: np.ndarray, velocity: np.ndarray
+) -> JointState:
     """
     Return the robot's joints as a message.
 
@@ -89,12 +101,22 @@ def joint_state(stamp: int, joints: Mapping[str, int], qpos: np.ndarray,
 
     """
     addresses = list(joints.values())
-    return JointState(header=messages.header(stamp, ''), name=list(joints),
-                      position=qpos[addresses].tolist(), velocity=velocity.tolist())
+    return JointState(
+        header=messages.header(stamp, ''),
+        name=list(joints),
+        position=qpos[addresses].tolist(),
+        velocity=velocity.tolist(),
+    )
 
 
-def odometry(stamp: int, frames: tuple[str, str], position: np.ndarray, quaternion: np.ndarray,
-             linear: np.ndarray, angular: np.ndarray) -> Odometry:
+def odometry(
+    stamp: int,
+    frames: tuple[str, str],
+    position: np.ndarray,
+    quaternion: np.ndarray,
+    linear: np.ndarray,
+    angular: np.ndarray,
+) -> Odometry:
     """
     Return the robot's true pose and velocity as a message.
 
@@ -111,8 +133,10 @@ def odometry(stamp: int, frames: tuple[str, str], position: np.ndarray, quaterni
 
     """
     message = Odometry(header=messages.header(stamp, frames[0]), child_frame_id=frames[1])
-    message.pose.pose = Pose(position=Point(**messages.xyz(position)),
-                             orientation=messages.quaternion(quaternion))
-    message.twist.twist = Twist(linear=Vector3(**messages.xyz(linear)),
-                                angular=Vector3(**messages.xyz(angular)))
+    message.pose.pose = Pose(
+        position=Point(**messages.xyz(position)), orientation=messages.quaternion(quaternion)
+    )
+    message.twist.twist = Twist(
+        linear=Vector3(**messages.xyz(linear)), angular=Vector3(**messages.xyz(angular))
+    )
     return message

@@ -5,15 +5,15 @@ import math
 from typing import Any, Protocol
 
 from flexx2_sim_ros.errors import InputError, unquoted
-from flexx2_sim_ros.go1 import gait
-from flexx2_sim_ros.go1.ground import SceneGround
-from flexx2_sim_ros.go1.kinematics import JOINTS, rotation
-from flexx2_sim_ros.go1.model import stand
-from flexx2_sim_ros.go1.robot import find_robot, plain_name
-from flexx2_sim_ros.nodes.decoding import stamp_nanoseconds
+from flexx2_sim_ros.messages.decoding import stamp_nanoseconds
 from flexx2_sim_ros.nodes.gating import FrameGate
 from flexx2_sim_ros.nodes.go1_messages import decode_joints, decode_pose, decode_twist
 from flexx2_sim_ros.nodes.runtime import Throttle
+from flexx2_sim_ros.rendering.ground import SceneGround
+from flexx2_sim_ros.robots import gait
+from flexx2_sim_ros.robots.kinematics import JOINTS, rotation
+from flexx2_sim_ros.robots.model import stand
+from flexx2_sim_ros.robots.robot import find_robot, plain_name
 from geometry_msgs.msg import Twist
 import mujoco
 from nav_msgs.msg import Odometry
@@ -75,15 +75,17 @@ class Walking:
 
     """
 
-    def __init__(self, node: Node, model: mujoco.MjModel, data: mujoco.MjData,
-                 how: gait.Gait) -> None:
+    def __init__(
+        self, node: Node, model: mujoco.MjModel, data: mujoco.MjData, how: gait.Gait
+    ) -> None:
         """Stand, and listen."""
         self._robot = robot = find_robot(model)
         if robot.legs is None or robot.free < 0:
             raise InputError(
                 "motion: 'cmd_vel' needs a robot that moves freely on legs like a Go1's, with the "
                 f'joints {JOINTS[0]} to {JOINTS[-1]}; wanted another robot_model, or stand or '
-                'external')
+                'external'
+            )
         self.how = how
         self._node, self._model, self._data, self._legs = node, model, data, robot.legs
         self._addresses = robot.leg_addresses()
@@ -91,9 +93,13 @@ class Walking:
         self._now = 0
         self._ground = SceneGround(model, data, robot.geoms)
         self.reset()
-        node.create_subscription(Twist, 'cmd_vel', self._on_command, 10,
-                                 qos_overriding_options=QoSOverridingOptions
-                                 .with_default_policies())
+        node.create_subscription(
+            Twist,
+            'cmd_vel',
+            self._on_command,
+            10,
+            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+        )
 
     def reset(self) -> None:
         """Stand where it started."""
@@ -101,8 +107,9 @@ class Walking:
         self._command, self._until = np.zeros(3), 0
         place = self._data.xpos[self._robot.trunk]
         axis = self._data.xmat[self._robot.trunk].reshape(3, 3)[:, 0]
-        self._state = gait.start(place[:2], math.atan2(axis[1], axis[0]), float(place[2]),
-                                 self._ground, self._legs)
+        self._state = gait.start(
+            place[:2], math.atan2(axis[1], axis[0]), float(place[2]), self._ground, self._legs
+        )
         self._pose()
 
     def _on_command(self, message: Twist) -> None:
@@ -119,8 +126,9 @@ class Walking:
         self._now = stamp
         if stamp > self._until:
             self._command = np.zeros(3)
-        self._state = gait.step(self._state, self._command, seconds, self._ground, self.how,
-                                self._legs)
+        self._state = gait.step(
+            self._state, self._command, seconds, self._ground, self.how, self._legs
+        )
         if self._state.blocked and self._throttle.ready('blocked'):
             self._node.get_logger().warning('cmd_vel: something is in the way: standing still')
         self._pose()
@@ -161,16 +169,25 @@ class Mirroring:
 
     """
 
-    def __init__(self, node: Node, model: mujoco.MjModel, data: mujoco.MjData, rate: float,
-                 show: Callable[[int, str], None]) -> None:
+    def __init__(
+        self,
+        node: Node,
+        model: mujoco.MjModel,
+        data: mujoco.MjData,
+        rate: float,
+        show: Callable[[int, str], None],
+    ) -> None:
         """Stand, and listen."""
         self._robot = find_robot(model)
         if self._robot.free < 0:
-            raise InputError("motion: 'external' needs a robot that moves freely: found no free "
-                             'joint above the trunk of robot_model')
+            raise InputError(
+                "motion: 'external' needs a robot that moves freely: found no free "
+                'joint above the trunk of robot_model'
+            )
         self._node, self._model, self._data, self._show = node, model, data, show
-        self._addresses = {plain_name(name): address
-                           for name, address in self._robot.joints.items()}
+        self._addresses = {
+            plain_name(name): address for name, address in self._robot.joints.items()
+        }
         self._gate = FrameGate(rate)
         self._throttle = Throttle()
         self._named: set[str] = set()
@@ -178,10 +195,17 @@ class Mirroring:
         self._waiting: tuple[int, str, np.ndarray, np.ndarray] | None = None
         stand(model, data)
         overridable = QoSOverridingOptions.with_default_policies()
-        for kind, topic, callback in ((JointState, 'joint_states', self._on_joints),
-                                      (Odometry, 'odom', self._on_odometry)):
-            node.create_subscription(kind, topic, self._guarded(topic, callback),
-                                     qos_profile_sensor_data, qos_overriding_options=overridable)
+        for kind, topic, callback in (
+            (JointState, 'joint_states', self._on_joints),
+            (Odometry, 'odom', self._on_odometry),
+        ):
+            node.create_subscription(
+                kind,
+                topic,
+                self._guarded(topic, callback),
+                qos_profile_sensor_data,
+                qos_overriding_options=overridable,
+            )
 
     def reset(self) -> None:
         """Refuse."""
@@ -197,13 +221,16 @@ class Mirroring:
             except InputError as error:
                 if self._throttle.ready(topic):
                     self._node.get_logger().error(f'{error}; the message is ignored')
+
         return receive
 
     def _on_joints(self, message: JointState) -> None:
         joints = decode_joints(message, 'joint_states')
         self._name_once('does not have', sorted(joints.keys() - self._addresses.keys()))
-        self._name_once('has, and which no message named so far',
-                        sorted(self._addresses.keys() - joints.keys()))
+        self._name_once(
+            'has, and which no message named so far',
+            sorted(self._addresses.keys() - joints.keys()),
+        )
         for name, position in joints.items():
             if name in self._addresses:
                 self._data.qpos[self._addresses[name]] = position
@@ -236,4 +263,5 @@ class Mirroring:
         if new and len(self._named) < _MOST_NAMES:
             self._named.update(new[:_MOST_NAMES])
             self._node.get_logger().warning(
-                f'joint_states: joints that the robot {what}: {unquoted(", ".join(new), 400)}')
+                f'joint_states: joints that the robot {what}: {unquoted(", ".join(new), 400)}'
+            )

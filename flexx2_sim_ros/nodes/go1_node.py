@@ -3,13 +3,7 @@
 import time
 from typing import Any
 
-from flexx2_sim_ros.camera.modes import flexx2
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.go1.description import BASE, Link, links_of, poses, urdf
-from flexx2_sim_ros.go1.model import build_model, load_mounts
-from flexx2_sim_ros.go1.rendering import open_renderer, reflectivity_table
-from flexx2_sim_ros.go1.robot import find_robot
-from flexx2_sim_ros.go1.scenes import place_board
 from flexx2_sim_ros.nodes import messages
 from flexx2_sim_ros.nodes.go1_messages import joint_state, odometry
 from flexx2_sim_ros.nodes.go1_motion import Mirroring, Motion, Standing, Walking
@@ -19,6 +13,12 @@ from flexx2_sim_ros.nodes.sim_clock import SimClock
 from flexx2_sim_ros.nodes.steady_node import SteadyNode
 from flexx2_sim_ros.nodes.transforms import camera_transforms, FramePublisher
 from flexx2_sim_ros.nodes.twins import claim_name, twin_text
+from flexx2_sim_ros.profiles.modes import flexx2
+from flexx2_sim_ros.rendering.renderer import open_renderer, reflectivity_table
+from flexx2_sim_ros.rendering.scenes import place_board
+from flexx2_sim_ros.robots.description import BASE, Link, links_of, poses, urdf
+from flexx2_sim_ros.robots.model import build_model, load_mounts
+from flexx2_sim_ros.robots.robot import find_robot
 from geometry_msgs.msg import TransformStamped
 import mujoco
 from nav_msgs.msg import Odometry
@@ -55,8 +55,12 @@ class Go1Cameras(SteadyNode):
         self._claim = claim_name(self)
         self.settings = settings = Go1Parameters(self, load_mounts())
         self._intrinsics = flexx2().intrinsics
-        self._model = build_model(settings.robot_model, settings.scene,
-                                  intrinsics=self._intrinsics, mounts=settings.mounts)
+        self._model = build_model(
+            settings.robot_model,
+            settings.scene,
+            intrinsics=self._intrinsics,
+            mounts=settings.mounts,
+        )
         self._data = mujoco.MjData(self._model)
         self._robot = find_robot(self._model)
         self._reflectivity = reflectivity_table(self._model)
@@ -77,8 +81,9 @@ class Go1Cameras(SteadyNode):
         self._started, self._warned = time.monotonic(), False
         settings.watch(self._on_change)
         if self._sim_clock is not None and not self._sim_clock.follows:
-            self._timer = self.create_timer(self._pacer.period, self._work,
-                                            clock=Clock(clock_type=_STEADY))
+            self._timer = self.create_timer(
+                self._pacer.period, self._work, clock=Clock(clock_type=_STEADY)
+            )
         self.create_timer(1.0, self._watch_names, clock=Clock(clock_type=_STEADY))
         self.say_unknown_parameters()
         self._say_hello()
@@ -95,13 +100,18 @@ class Go1Cameras(SteadyNode):
         overridable = QoSOverridingOptions.with_default_policies()
 
         def publisher(kind: type, topic: str) -> Any:
-            return self.create_publisher(kind, topic, QoSProfile(depth=10),
-                                         qos_overriding_options=overridable)
+            return self.create_publisher(
+                kind, topic, QoSProfile(depth=10), qos_overriding_options=overridable
+            )
 
         kinds = {'depth_image': Image, 'camera_info': CameraInfo, 'reflectivity': Image}
-        self._topics = {mount.name: {topic: publisher(kind, f'{mount.name}/clean/{topic}')
-                                     for topic, kind in kinds.items()}
-                        for mount in self.settings.mounts}
+        self._topics = {
+            mount.name: {
+                topic: publisher(kind, f'{mount.name}/clean/{topic}')
+                for topic, kind in kinds.items()
+            }
+            for mount in self.settings.mounts
+        }
         self._frames = FramePublisher(self)
         self._base = ''
         self._sim_clock: SimClock | None = None
@@ -114,8 +124,10 @@ class Go1Cameras(SteadyNode):
         self.settings.follows_clock = self._sim_clock.follows
         self._links = links_of(self._model)
         self._description = self.create_publisher(
-            String, 'robot_description',
-            QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL))
+            String,
+            'robot_description',
+            QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL),
+        )
         self._description.publish(String(data=urdf(self._model, self._links)))
         self._joint_topic = publisher(JointState, 'joint_states')
         self._odometry_topic = publisher(Odometry, 'odom')
@@ -124,12 +136,14 @@ class Go1Cameras(SteadyNode):
     def _say_hello(self) -> None:
         settings = self.settings
         cameras = ', '.join(mount.name for mount in settings.mounts)
-        inputs = {'stand': (), 'cmd_vel': ('cmd_vel',),
-                  'external': ('odom', 'joint_states')}[settings.motion]
+        inputs = {'stand': (), 'cmd_vel': ('cmd_vel',), 'external': ('odom', 'joint_states')}[
+            settings.motion
+        ]
         listens = ', '.join(self.resolve_topic_name(topic) for topic in inputs)
         self.get_logger().info(
             f'{cameras} at {settings.rate:g} Hz, rendered by {self._renderer.backend}; motion '
-            f'{settings.motion}' + (f', listening to {listens}' if listens else ''))
+            f'{settings.motion}' + (f', listening to {listens}' if listens else '')
+        )
 
     def _work(self) -> None:
         if self.settings.paused:
@@ -162,47 +176,59 @@ class Go1Cameras(SteadyNode):
         self._publish_images(stamp)
 
     def _publish_state(self, stamp: int, seconds: float) -> None:
-        position, quaternion = (values[self._robot.trunk]
-                                for values in (self._data.xpos, self._data.xquat))
+        position, quaternion = (
+            values[self._robot.trunk] for values in (self._data.xpos, self._data.xquat)
+        )
         frames = self._frame(_ODOM), self._frame(BASE)
         if self._frames.wanted:
-            self._frames.moving([messages.transform(stamp, frames, position, quaternion),
-                                 *self._link_transforms(stamp, moving=True)])
-        wanted = [topic.get_subscription_count() > 0
-                  for topic in (self._joint_topic, self._odometry_topic)]
+            self._frames.moving(
+                [
+                    messages.transform(stamp, frames, position, quaternion),
+                    *self._link_transforms(stamp, moving=True),
+                ]
+            )
+        wanted = [
+            topic.get_subscription_count() > 0
+            for topic in (self._joint_topic, self._odometry_topic)
+        ]
         if any(wanted):
             velocity = np.zeros(self._model.nv)
-            mujoco.mj_differentiatePos(self._model, velocity, seconds, self._before,
-                                       self._data.qpos)
+            mujoco.mj_differentiatePos(
+                self._model, velocity, seconds, self._before, self._data.qpos
+            )
             if wanted[0]:
                 joints = velocity[self._robot.velocities]
                 self._joint_topic.publish(
-                    joint_state(stamp, self._robot.joints, self._data.qpos, joints))
+                    joint_state(stamp, self._robot.joints, self._data.qpos, joints)
+                )
             if wanted[1]:
                 linear, angular = self._robot.twist(self._data, velocity)
                 self._odometry_topic.publish(
-                    odometry(stamp, frames, position, quaternion, linear, angular))
+                    odometry(stamp, frames, position, quaternion, linear, angular)
+                )
         np.copyto(self._before, self._data.qpos)
 
     def _publish_images(self, stamp: int) -> None:
         for name, topics in self._topics.items():
             head = messages.header(stamp, self._frame(f'{name}_optical_frame'))
             topics['camera_info'].publish(messages.camera_info_message(head, self._intrinsics))
-            wanted = {topic: topics[topic].get_subscription_count() > 0
-                      for topic in ('reflectivity', 'depth_image')}
+            wanted = {
+                topic: topics[topic].get_subscription_count() > 0
+                for topic in ('reflectivity', 'depth_image')
+            }
             if not any(wanted.values()):
                 continue
             depth, reflectivity = self._render(name)
             if wanted['reflectivity']:
-                topics['reflectivity'].publish(
-                    messages.image_message(head, reflectivity, '32FC1'))
+                topics['reflectivity'].publish(messages.image_message(head, reflectivity, '32FC1'))
             if wanted['depth_image']:
                 topics['depth_image'].publish(messages.image_message(head, depth, '32FC1'))
 
     def _render(self, name: str) -> tuple[np.ndarray, np.ndarray]:
         # What has not moved since it was rendered looks the same.
-        state = np.concatenate([self._data.qpos, self._data.mocap_pos.ravel(),
-                                self._data.mocap_quat.ravel()])
+        state = np.concatenate(
+            [self._data.qpos, self._data.mocap_pos.ravel(), self._data.mocap_quat.ravel()]
+        )
         last = self._rendered.get(name)
         if last is None or not np.array_equal(last[0], state):
             depth, geom_id = self._renderer.render(self._data, name)
@@ -218,18 +244,22 @@ class Go1Cameras(SteadyNode):
     def _name_base(self, frame: str) -> None:
         if frame != self._base:
             self._base = frame
-            self._frames.fixed([
-                *camera_transforms(frame, self.settings.mounts, self.settings.frame_prefix),
-                *self._link_transforms(0, moving=False)])
+            self._frames.fixed(
+                [
+                    *camera_transforms(frame, self.settings.mounts, self.settings.frame_prefix),
+                    *self._link_transforms(0, moving=False),
+                ]
+            )
 
     def _frame(self, name: str) -> str:
         return f'{self.settings.frame_prefix}{name}'
 
     def _link_transforms(self, stamp: int, *, moving: bool) -> list[TransformStamped]:
         links = [link for link in self._links if link.moves == moving]
-        return [messages.transform(
-            stamp, (self._frame(link.parent), self._frame(link.name)), *pose)
-                for link, pose in zip(links, poses(links, self._data.qpos), strict=True)]
+        return [
+            messages.transform(stamp, (self._frame(link.parent), self._frame(link.name)), *pose)
+            for link, pose in zip(links, poses(links, self._data.qpos), strict=True)
+        ]
 
     def _on_change(self) -> None:
         if self._sim_clock is not None and not self._sim_clock.follows:
@@ -253,9 +283,13 @@ class Go1Cameras(SteadyNode):
 
     def _place_board(self) -> None:
         if self.settings.scene == 'board':
-            place_board(self._model, self._data, self.settings.board_camera,
-                        self.settings.number('board_distance'),
-                        self.settings.number('board_angle_deg'))
+            place_board(
+                self._model,
+                self._data,
+                self.settings.board_camera,
+                self.settings.number('board_distance'),
+                self.settings.number('board_angle_deg'),
+            )
 
     def _watch_pace(self) -> None:
         passed = time.monotonic() - self._started
@@ -266,7 +300,8 @@ class Go1Cameras(SteadyNode):
         self.get_logger().warning(
             f'rendering is slower than the rate: simulated time runs at '
             f'{factor * (1 - self._pacer.lag / passed):.0%} of real time (lower the parameter '
-            'rate)')
+            'rate)'
+        )
 
     def _watch_names(self) -> None:
         # One on another machine, which takes some seconds to find.

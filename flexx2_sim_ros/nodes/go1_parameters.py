@@ -6,11 +6,11 @@ import re
 from typing import Any
 
 from flexx2_sim_ros.errors import InputError, shown
-from flexx2_sim_ros.go1.gait import Gait
-from flexx2_sim_ros.go1.model import CameraMount, ROBOTS
-from flexx2_sim_ros.go1.rendering import BACKENDS
-from flexx2_sim_ros.go1.scenes import BOARD_DISTANCES, LARGEST_BOARD_ANGLE, SCENES
 from flexx2_sim_ros.nodes.parameters import declare
+from flexx2_sim_ros.rendering.renderer import BACKENDS
+from flexx2_sim_ros.rendering.scenes import BOARD_DISTANCES, LARGEST_BOARD_ANGLE, SCENES
+from flexx2_sim_ros.robots.gait import Gait
+from flexx2_sim_ros.robots.model import CameraMount, ROBOTS
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -23,10 +23,17 @@ _NUMBERS = {
     'real_time_factor': (1.0, 0.01, 100.0, 'Simulated seconds in a second.'),
     'max_speed': (Gait.max_speed, 0.0, 1.2, 'Fastest walk in any direction, m/s.'),
     'max_turn': (Gait.max_turn, 0.0, 2.5, 'Fastest turn, rad/s.'),
-    'board_distance': (1.0, *BOARD_DISTANCES,
-                       'Of the board along the optical axis of board_camera, metres.'),
-    'board_angle_deg': (0.0, -LARGEST_BOARD_ANGLE, LARGEST_BOARD_ANGLE,
-                        'Incidence angle at the axis, degrees; above 0 the right edge is away.'),
+    'board_distance': (
+        1.0,
+        *BOARD_DISTANCES,
+        'Of the board along the optical axis of board_camera, metres.',
+    ),
+    'board_angle_deg': (
+        0.0,
+        -LARGEST_BOARD_ANGLE,
+        LARGEST_BOARD_ANGLE,
+        'Incidence angle at the axis, degrees; above 0 the right edge is away.',
+    ),
 }
 
 
@@ -71,18 +78,23 @@ class Go1Parameters:
             raise InputError(f'rate: found {self.rate}, wanted 0.001 to 1000 Hz')
         self.motion: str = self._choice('motion', MOTIONS, 'Where the pose comes from.')
         path = ', or the path of an MJCF file'
-        self.robot_model: str = self._fixed('robot_model', 'builtin',
-                                            f'{", ".join(ROBOTS)}{path} or URDF.')
+        self.robot_model: str = self._fixed(
+            'robot_model', 'builtin', f'{", ".join(ROBOTS)}{path} or URDF.'
+        )
         self.scene: str = self._fixed('scene', 'lab', f'{", ".join(SCENES)}{path}.')
         self.renderer: str = self._choice('renderer', BACKENDS, 'How to render.')
         self.publish_clock: bool = self._fixed(
-            'publish_clock', True, 'Whether to publish /clock; never when motion is external, and '
-            'where another robot publishes it this one follows.')
+            'publish_clock',
+            True,
+            'Whether to publish /clock; never when motion is external, and '
+            'where another robot publishes it this one follows.',
+        )
         self.frame_prefix: str = self._fixed('frame_prefix', '', 'What all frames begin with.')
         self.follows_clock = False
         self.mounts = self._declare_mounts(defaults)
         self.board_camera: str = self._fixed(
-            'board_camera', self.mounts[0].name, 'Camera that the board stands in front of.')
+            'board_camera', self.mounts[0].name, 'Camera that the board stands in front of.'
+        )
         self.paused: bool = declare(node, 'paused', False, 'Whether simulated time stands still.')
         for name, (default, least, most, text) in _NUMBERS.items():
             value = declare(node, name, default, f'{text} From {least:g} to {most:g}.')
@@ -90,6 +102,7 @@ class Go1Parameters:
 
     def watch(self, on_change: Callable[[], None]) -> None:
         """Check changes from now on, and call `on_change` after each that is made."""
+
         def apply(parameters: list[Parameter]) -> None:
             self.paused = bool(self._node.get_parameter('paused').value)
             if any(parameter.name in (*_NUMBERS, 'paused') for parameter in parameters):
@@ -112,14 +125,17 @@ class Go1Parameters:
                 if parameter.name in _NUMBERS:
                     _check_number(parameter.name, parameter.value)
                 if parameter.name.startswith('board_') and self.scene != 'board':
-                    raise InputError(f'{parameter.name}: the scene is {shown(self.scene)}, wanted '
-                                     'board')
+                    raise InputError(
+                        f'{parameter.name}: the scene is {shown(self.scene)}, wanted board'
+                    )
                 if parameter.name == 'real_time_factor' and self.motion == 'external':
-                    raise InputError('real_time_factor: time comes from outside when motion is '
-                                     'external')
+                    raise InputError(
+                        'real_time_factor: time comes from outside when motion is external'
+                    )
                 if parameter.name == 'real_time_factor' and self.follows_clock:
-                    raise InputError('real_time_factor: time comes from /clock: set it where that '
-                                     'is published')
+                    raise InputError(
+                        'real_time_factor: time comes from /clock: set it where that is published'
+                    )
         except InputError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
@@ -137,15 +153,23 @@ class Go1Parameters:
         poses = {mount.name: mount for mount in defaults}
         names = self._fixed('cameras', list(poses), 'Names of the cameras.')
         if not names or len(set(names)) != len(names) or not all(map(_NAME.fullmatch, names)):
-            raise InputError(f'cameras: found {list(names)}, wanted different names of letters, '
-                             'digits and underscores, that begin with no digit')
+            raise InputError(
+                f'cameras: found {list(names)}, wanted different names of letters, '
+                'digits and underscores, that begin with no digit'
+            )
         mounts = []
         for name in names:
             start = poses.get(name, CameraMount(name, (0.3, 0.0, 0.0), (0.0, 0.0, 0.0)))
-            position = self._fixed(f'{name}.position', list(start.position),
-                                   'Lens in the trunk frame (x forward, y left, z up), metres.')
-            rpy = self._fixed(f'{name}.rpy_deg', [math.degrees(a) for a in start.rpy],
-                              'Roll, pitch (down), yaw (left) in degrees.')
+            position = self._fixed(
+                f'{name}.position',
+                list(start.position),
+                'Lens in the trunk frame (x forward, y left, z up), metres.',
+            )
+            rpy = self._fixed(
+                f'{name}.rpy_deg',
+                [math.degrees(a) for a in start.rpy],
+                'Roll, pitch (down), yaw (left) in degrees.',
+            )
             for field, values in (('position', position), ('rpy_deg', rpy)):
                 if len(values) != 3:
                     raise InputError(f'{name}.{field}: found {list(values)}, wanted three numbers')
@@ -159,5 +183,6 @@ def _check_number(name: str, value: Any) -> None:
     _, least, most, _ = _NUMBERS[name]
     is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
     if not (is_number and least <= value <= most):
-        raise InputError(f'{name}: found {shown(value)}, wanted a number from {least:g} '
-                         f'to {most:g}')
+        raise InputError(
+            f'{name}: found {shown(value)}, wanted a number from {least:g} to {most:g}'
+        )

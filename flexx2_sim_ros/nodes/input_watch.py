@@ -4,10 +4,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 import time
 
-from flexx2_sim_ros.camera.modes import Mode
 from flexx2_sim_ros.nodes.pairing import StampPairing
 from flexx2_sim_ros.nodes.plausibility import explain, sees_something
 from flexx2_sim_ros.nodes.subscriptions import Input
+from flexx2_sim_ros.profiles.modes import Mode
 import numpy as np
 
 # How long a loss is told of.
@@ -67,10 +67,12 @@ class InputWatch:
 
     def values(self) -> dict[str, str]:
         """Return counters for the diagnostics."""
-        values = {f'messages lost ({name})': str(source.lost)
-                  for name, source in self._inputs.items()}
+        values = {
+            f'messages lost ({name})': str(source.lost) for name, source in self._inputs.items()
+        }
         values['reflectivity without a depth image of its stamp'] = str(
-            self._pairing.unpaired['reflectivity'])
+            self._pairing.unpaired['reflectivity']
+        )
         return values
 
     def publishers(self, name: str) -> int:
@@ -84,12 +86,16 @@ class InputWatch:
             if lost > self._lost[name]:
                 self._lost[name], self._lost_at[name] = lost, now
             if now - self._lost_at[name] < _LATELY_SECONDS:
-                remarks.append(Remark(
-                    f'{name} lost', f'{name}: messages are lost on the way here, or come faster '
-                    f'than this node takes them ({lost} so far): start the publisher with more '
-                    "shared memory (FASTRTPS_DEFAULT_PROFILES_FILE=this package's config/"
-                    'fastdds.xml), let it publish reliably, or send smaller images '
-                    '(docs/simulators.md)'))
+                remarks.append(
+                    Remark(
+                        f'{name} lost',
+                        f'{name}: messages are lost on the way here, or come faster '
+                        f'than this node takes them ({lost} so far): start the publisher with '
+                        "more shared memory (FASTRTPS_DEFAULT_PROFILES_FILE=this package's config/"
+                        'fastdds.xml), let it publish reliably, or send smaller images '
+                        '(docs/simulators.md)',
+                    )
+                )
         return remarks
 
     def _invisible(self) -> list[Remark]:
@@ -99,15 +105,27 @@ class InputWatch:
         finding = explain(depth, encoding, mode.range_min, mode.range_max)
         if finding is None:
             return []
-        return [Remark(
-            finding.kind, f'clean/depth_image: no pixel is within the {mode.range_min:g} to '
-            f'{mode.range_max:g} m of {mode.name}: {finding.text}', finding.wrong)]
+        return [
+            Remark(
+                finding.kind,
+                f'clean/depth_image: no pixel is within the {mode.range_min:g} to '
+                f'{mode.range_max:g} m of {mode.name}: {finding.text}',
+                finding.wrong,
+            )
+        ]
 
     def _unpaired(self) -> list[Remark]:
-        before, now = self._paired, (self._pairing.paired['reflectivity'],
-                                     self._pairing.unpaired['reflectivity'])
+        before, now = (
+            self._paired,
+            (self._pairing.paired['reflectivity'], self._pairing.unpaired['reflectivity']),
+        )
         self._paired = now
         if now[0] > before[0] or now[1] == before[1]:
             return []
-        return [Remark('reflectivity unpaired', 'clean/reflectivity: none has the stamp of a '
-                       'depth image: publish both with the same header.stamp')]
+        return [
+            Remark(
+                'reflectivity unpaired',
+                'clean/reflectivity: none has the stamp of a '
+                'depth image: publish both with the same header.stamp',
+            )
+        ]

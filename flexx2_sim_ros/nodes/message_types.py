@@ -31,8 +31,9 @@ def message_class(kind: str) -> type:
     """
     match = _TYPE.fullmatch(kind)
     if match is None:
-        raise InputError(f'type: must be a message type such as sensor_msgs/msg/Image, got '
-                         f'{kind[:80]!r}')
+        raise InputError(
+            f'type: must be a message type such as sensor_msgs/msg/Image, got {kind[:80]!r}'
+        )
     package, name = match.groups()
     if not _is_generated(package):
         raise InputError(f'{kind[:80]}: this message type is not installed here')
@@ -40,8 +41,11 @@ def message_class(kind: str) -> type:
         found = getattr(importlib.import_module(f'{package}.msg'), name, None)
     except ImportError as error:
         raise InputError(f'{kind[:80]}: this message type cannot be imported: {error}') from error
-    if not (isinstance(found, type) and hasattr(found, '_TYPE_SUPPORT')
-            and found.__module__.startswith(f'{package}.msg.')):
+    if not (
+        isinstance(found, type)
+        and hasattr(found, '_TYPE_SUPPORT')
+        and found.__module__.startswith(f'{package}.msg.')
+    ):
         raise InputError(f'{kind[:80]}: this message type is not installed here')
     return found
 
@@ -50,6 +54,8 @@ def _is_generated(package: str) -> bool:
     # A generated package has the library with the type support of its messages beside it.
     spec = PathFinder.find_spec(package)
     folders = [] if spec is None else spec.submodule_search_locations or []
-    return any((Path(folder) / 'msg' / '__init__.py').is_file()
-               and any(Path(folder).glob(f'{package}_s__rosidl_typesupport_c*'))
-               for folder in folders)
+    return any(
+        (Path(folder) / 'msg' / '__init__.py').is_file()
+        and any(Path(folder).glob(f'{package}_s__rosidl_typesupport_c*'))
+        for folder in folders
+    )

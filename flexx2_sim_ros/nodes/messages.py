@@ -3,8 +3,8 @@
 from typing import Any
 
 from builtin_interfaces.msg import Time
-from flexx2_sim_ros.camera.intrinsics import Intrinsics
-from flexx2_sim_ros.nodes.decoding import little_endian_bytes
+from flexx2_sim_ros.messages.decoding import little_endian_bytes
+from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from geometry_msgs.msg import Quaternion, Transform, TransformStamped, Vector3
 import numpy as np
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2, PointField
@@ -26,14 +26,21 @@ def header(stamp: int, frame_id: str) -> Header:
 
 def image_message(head: Header, array: np.ndarray, encoding: str) -> Image:
     """Return an (H, W) array as a little-endian image with unpadded rows."""
-    message = Image(header=head, height=array.shape[0], width=array.shape[1], encoding=encoding,
-                    is_bigendian=0, step=array.shape[1] * array.itemsize)
+    message = Image(
+        header=head,
+        height=array.shape[0],
+        width=array.shape[1],
+        encoding=encoding,
+        is_bigendian=0,
+        step=array.shape[1] * array.itemsize,
+    )
     _fill(message, array)
     return message
 
 
-def cloud_message(head: Header, points: np.ndarray, confidence: np.ndarray, *,
-                  swapped: bool = False) -> PointCloud2:
+def cloud_message(
+    head: Header, points: np.ndarray, confidence: np.ndarray, *, swapped: bool = False
+) -> PointCloud2:
     """
     Return a cloud of x, y, z, conf, one point for each pixel, row by row.
 
@@ -50,10 +57,20 @@ def cloud_message(head: Header, points: np.ndarray, confidence: np.ndarray, *,
 
     """
     height, width = confidence.shape[::-1] if swapped else confidence.shape
-    fields = [PointField(name=name, offset=4 * i, datatype=PointField.FLOAT32, count=1)
-              for i, name in enumerate(('x', 'y', 'z', 'conf'))]
-    message = PointCloud2(header=head, height=height, width=width, fields=fields,
-                          is_bigendian=False, is_dense=False, point_step=16, row_step=16 * width)
+    fields = [
+        PointField(name=name, offset=4 * i, datatype=PointField.FLOAT32, count=1)
+        for i, name in enumerate(('x', 'y', 'z', 'conf'))
+    ]
+    message = PointCloud2(
+        header=head,
+        height=height,
+        width=width,
+        fields=fields,
+        is_bigendian=False,
+        is_dense=False,
+        point_step=16,
+        row_step=16 * width,
+    )
     _fill(message, np.concatenate([points, confidence[..., None]], axis=2, dtype=np.float32))
     return message
 
@@ -62,13 +79,21 @@ def camera_info_message(head: Header, camera: Intrinsics) -> CameraInfo:
     """Return the camera info: plumb_bob, R = I, P = [K | 0]."""
     k = camera.matrix
     p = np.hstack([k, np.zeros((3, 1))])
-    return CameraInfo(header=head, height=camera.height, width=camera.width,
-                      distortion_model='plumb_bob', d=list(camera.distortion),
-                      k=k.ravel().tolist(), r=np.eye(3).ravel().tolist(), p=p.ravel().tolist())
+    return CameraInfo(
+        header=head,
+        height=camera.height,
+        width=camera.width,
+        distortion_model='plumb_bob',
+        d=list(camera.distortion),
+        k=k.ravel().tolist(),
+        r=np.eye(3).ravel().tolist(),
+        p=p.ravel().tolist(),
+    )
 
 
-def transform(stamp: int, frames: tuple[str, str], position: np.ndarray,
-              turn: np.ndarray) -> TransformStamped:
+def transform(
+    stamp: int, frames: tuple[str, str], position: np.ndarray, turn: np.ndarray
+) -> TransformStamped:
     """
     Return the pose of the second frame in the first.
 
@@ -83,8 +108,10 @@ def transform(stamp: int, frames: tuple[str, str], position: np.ndarray,
 
     """
     return TransformStamped(
-        header=header(stamp, frames[0]), child_frame_id=frames[1],
-        transform=Transform(translation=Vector3(**xyz(position)), rotation=quaternion(turn)))
+        header=header(stamp, frames[0]),
+        child_frame_id=frames[1],
+        transform=Transform(translation=Vector3(**xyz(position)), rotation=quaternion(turn)),
+    )
 
 
 def xyz(values: np.ndarray) -> dict[str, float]:

@@ -51,7 +51,8 @@ class StampPairing:
         """Start empty: the first image waits for a camera info, not for reflectivity."""
         self._expected = {'info': True, 'reflectivity': False}
         self._kept: dict[str, OrderedDict[int, Any]] = {
-            name: OrderedDict() for name in self._expected}
+            name: OrderedDict() for name in self._expected
+        }
         self._unused: dict[str, set[int]] = {name: set() for name in self._expected}
         self.paired = dict.fromkeys(self._expected, 0)
         self.unpaired = dict.fromkeys(self._expected, 0)
@@ -102,8 +103,11 @@ class StampPairing:
         return []
 
     def _missing(self, stamp: int) -> list[str]:
-        return [name for name, expected in self._expected.items()
-                if expected and stamp not in self._kept[name]]
+        return [
+            name
+            for name, expected in self._expected.items()
+            if expected and stamp not in self._kept[name]
+        ]
 
     def _forget(self, name: str) -> None:
         self._kept[name].clear()
@@ -122,5 +126,9 @@ class StampPairing:
                 self._unused[name].discard(stamp)
         self._pending = None
         self._released = stamp
-        return Match(stamp, image, self._kept['info'].get(stamp, self._last_info),
-                     self._kept['reflectivity'].get(stamp))
+        return Match(
+            stamp,
+            image,
+            self._kept['info'].get(stamp, self._last_info),
+            self._kept['reflectivity'].get(stamp),
+        )

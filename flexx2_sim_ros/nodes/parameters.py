@@ -9,8 +9,16 @@ from rclpy.exceptions import ParameterException
 from rclpy.node import Node
 
 
-def declare(node: Node, name: str, default: Any, description: str, *, read_only: bool = False,
-            ignore_override: bool = False, any_type: bool = False) -> Any:
+def declare(
+    node: Node,
+    name: str,
+    default: Any,
+    description: str,
+    *,
+    read_only: bool = False,
+    ignore_override: bool = False,
+    any_type: bool = False,
+) -> Any:
     """
     Declare a parameter and return its value.
 
@@ -42,17 +50,20 @@ def declare(node: Node, name: str, default: Any, description: str, *, read_only:
 
     """
     floats = isinstance(default, float) or (
-        isinstance(default, list) and isinstance(default[0], float))
-    descriptor = ParameterDescriptor(description=description, read_only=read_only,
-                                     dynamic_typing=floats or any_type)
+        isinstance(default, list) and isinstance(default[0], float)
+    )
+    descriptor = ParameterDescriptor(
+        description=description, read_only=read_only, dynamic_typing=floats or any_type
+    )
     try:
         value = node.declare_parameter(name, default, descriptor, ignore_override).value
         if isinstance(default, float):
             return float(value)
         return [float(item) for item in value] if floats else value
     except (ParameterException, TypeError, ValueError) as error:
-        raise InputError(f'{name}: {unquoted(str(error), 160)}; wanted something like '
-                         f'{default!r}') from error
+        raise InputError(
+            f'{name}: {unquoted(str(error), 160)}; wanted something like {default!r}'
+        ) from error
 
 
 def declare_text(node: Node, name: str, default: str, description: str) -> str:
@@ -87,7 +98,8 @@ def declare_text(node: Node, name: str, default: str, description: str) -> str:
         text = str(given.value)
         node.get_logger().warning(
             f'{name}: must be a text, got the number {text}; if something else was written, put '
-            f"it in quotes, e.g. {name}: '0123'")
+            f"it in quotes, e.g. {name}: '0123'"
+        )
     return str(declare(node, name, text, description, read_only=True, ignore_override=True))
 
 

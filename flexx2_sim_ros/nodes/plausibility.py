@@ -53,8 +53,7 @@ def sees_something(depth: np.ndarray, nearest: float, farthest: float) -> bool:
     return bool(((sample >= nearest) & (sample <= farthest)).any())
 
 
-def explain(depth: np.ndarray, encoding: str, nearest: float,
-            farthest: float) -> Finding | None:
+def explain(depth: np.ndarray, encoding: str, nearest: float, farthest: float) -> Finding | None:
     """
     Say why no pixel is within the range.
 
@@ -80,55 +79,84 @@ def explain(depth: np.ndarray, encoding: str, nearest: float,
         return _no_depth(depth)
     low, middle, high = (float(value) for value in (seen.min(), np.median(seen), seen.max()))
     return _wrong_unit(low, middle, high, encoding, nearest, farthest) or _out_of_range(
-        low, high, nearest, farthest)
+        low, high, nearest, farthest
+    )
 
 
 def _no_depth(depth: np.ndarray) -> Finding:
     negative = depth[np.isfinite(depth) & (depth < 0)]
     if negative.size:
-        return Finding('negative', f'values of about {_number(float(np.median(negative)))}: depth '
-                       "must be positive, along the optical frame's +z", True)
+        return Finding(
+            'negative',
+            f'values of about {_number(float(np.median(negative)))}: depth '
+            "must be positive, along the optical frame's +z",
+            True,
+        )
     if not depth.any():
-        return Finding('zero', "every pixel is 0: the renderer's depth buffer may be empty, or "
-                       'nothing is in view', True)
+        return Finding(
+            'zero',
+            "every pixel is 0: the renderer's depth buffer may be empty, or nothing is in view",
+            True,
+        )
     if (depth == -np.inf).all():
-        return Finding('too near', 'every pixel is -inf: something is nearer than the near plane',
-                       False)
-    counts = {'NaN': np.isnan(depth), '+inf': depth == np.inf, '-inf': depth == -np.inf,
-              '0': depth == 0}
+        return Finding(
+            'too near', 'every pixel is -inf: something is nearer than the near plane', False
+        )
+    counts = {
+        'NaN': np.isnan(depth),
+        '+inf': depth == np.inf,
+        '-inf': depth == -np.inf,
+        '0': depth == 0,
+    }
     found = ', '.join(f'{name} {mask.mean():.0%}' for name, mask in counts.items() if mask.any())
     return Finding('nothing', f'no pixel has a return ({found}): nothing is in view', False)
 
 
-def _wrong_unit(low: float, middle: float, high: float, encoding: str, nearest: float,
-                farthest: float) -> Finding | None:
+def _wrong_unit(
+    low: float, middle: float, high: float, encoding: str, nearest: float, farthest: float
+) -> Finding | None:
     if encoding == '16UC1':
         if nearest <= middle * _MILLI <= farthest:
-            return Finding('metres', f'values of about {_number(middle * _MILLI)}: looks like '
-                           'metres; 16UC1 must be millimetres (REP 118)', True)
+            return Finding(
+                'metres',
+                f'values of about {_number(middle * _MILLI)}: looks like '
+                'metres; 16UC1 must be millimetres (REP 118)',
+                True,
+            )
         return None
     if high < _SMALLEST or middle > _LARGEST:
-        return Finding('byte order', f'values of {_number(low)} to {_number(high)}: looks like '
-                       'the wrong byte order (is_bigendian)', True)
+        return Finding(
+            'byte order',
+            f'values of {_number(low)} to {_number(high)}: looks like '
+            'the wrong byte order (is_bigendian)',
+            True,
+        )
     if nearest <= middle / _MILLI <= farthest:
         text = f'looks like millimetres; {encoding} must be metres (REP 118)'
         if low == high:
             text += '; or the far plane, with nothing in view'
         return Finding('millimetres', f'values of about {_number(middle)}: {text}', True)
     if nearest <= middle * _MILLI <= farthest:
-        return Finding('kilometres', f'values of about {_number(middle)}: looks like metres '
-                       f'divided by 1000; {encoding} must be metres (REP 118)', True)
+        return Finding(
+            'kilometres',
+            f'values of about {_number(middle)}: looks like metres '
+            f'divided by 1000; {encoding} must be metres (REP 118)',
+            True,
+        )
     return None
 
 
 def _out_of_range(low: float, high: float, nearest: float, farthest: float) -> Finding:
     if low == high > farthest:
-        return Finding('far plane', f'every pixel is {_number(low)} m: nothing is in view before '
-                       'the far plane', False)
-    what = ('too far' if low > farthest else 'too near' if high < nearest
-            else 'too near or too far')
-    return Finding(what, f'depths of {_number(low)} to {_number(high)} m: all of them {what}',
-                   True)
+        return Finding(
+            'far plane',
+            f'every pixel is {_number(low)} m: nothing is in view before the far plane',
+            False,
+        )
+    what = 'too far' if low > farthest else 'too near' if high < nearest else 'too near or too far'
+    return Finding(
+        what, f'depths of {_number(low)} to {_number(high)} m: all of them {what}', True
+    )
 
 
 def _number(value: float) -> str:

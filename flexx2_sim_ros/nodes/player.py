@@ -74,33 +74,50 @@ class Player(Node):
         self._publishers_by_topic: dict[str, Any] = {}
         self._ahead: defaultdict[str, float] = defaultdict(float)
         for topic, kind in bag.topics.items():
-            if topic in _LEFT_OUT or topic.endswith(CARRIED) or (
-                    patterns and not any(fnmatchcase(topic, pattern) for pattern in patterns)):
+            if (
+                topic in _LEFT_OUT
+                or topic.endswith(CARRIED)
+                or (patterns and not any(fnmatchcase(topic, pattern) for pattern in patterns))
+            ):
                 continue
             try:
                 latched = topic in _LATCHED or topic in bag.latched
                 self._publishers_by_topic[topic] = self.create_publisher(
-                    message_class(kind), topic, QoSProfile(
-                        depth=_DEPTH, durability=(DurabilityPolicy.TRANSIENT_LOCAL if latched
-                                                  else DurabilityPolicy.VOLATILE)))
+                    message_class(kind),
+                    topic,
+                    QoSProfile(
+                        depth=_DEPTH,
+                        durability=(
+                            DurabilityPolicy.TRANSIENT_LOCAL
+                            if latched
+                            else DurabilityPolicy.VOLATILE
+                        ),
+                    ),
+                )
             except (InputError, InvalidTopicNameException, ValueError) as error:
                 self.get_logger().warning(printable(f'{topic}: left out: {error}'))
         if not self._publishers_by_topic:
-            raise InputError(f'{bag.path}: topics: found none that match, wanted some of '
-                             f'{", ".join(bag.topics)}')
+            raise InputError(
+                f'{bag.path}: topics: found none that match, wanted some of '
+                f'{", ".join(bag.topics)}'
+            )
         kinds = {bag.topics[topic] for topic in self._publishers_by_topic}
         # Without a camera's stamps there are the times at which the bag was written.
         self._timed = kinds & _TIMED
-        self._clock_topic = (self.create_publisher(Clock, _CLOCK, QoSProfile(depth=_DEPTH))
-                             if clock else None)
+        self._clock_topic = (
+            self.create_publisher(Clock, _CLOCK, QoSProfile(depth=_DEPTH)) if clock else None
+        )
         self._now: int | None = None
         self._origin = 0
         self._started = 0.0
 
     def unheard(self) -> list[str]:
         """Return the topics that nobody subscribes to."""
-        return [topic for topic, publisher in self._publishers_by_topic.items()
-                if not publisher.get_subscription_count()]
+        return [
+            topic
+            for topic, publisher in self._publishers_by_topic.items()
+            if not publisher.get_subscription_count()
+        ]
 
     def play(self, rate: float, stop: Callable[[], bool]) -> None:
         """
@@ -135,17 +152,19 @@ class Player(Node):
             self._ahead[topic] = 0
             if not publisher.wait_for_all_acked(Duration(seconds=_PATIENCE_SECONDS)):
                 self._ahead[topic] = -math.inf
-                self.get_logger().warning(f'{topic}: a subscriber has stopped listening: it is '
-                                          'not waited for any more')
+                self.get_logger().warning(
+                    f'{topic}: a subscriber has stopped listening: it is not waited for any more'
+                )
 
     def finish(self, seconds: float) -> bool:
         """Wait until all subscribers have everything; say whether they do in time."""
         # Best effort acknowledges nothing, and loses what is under way when the topic goes.
         time.sleep(min(_UNDER_WAY_SECONDS, seconds))
         deadline = time.monotonic() + seconds
-        return all(publisher.wait_for_all_acked(
-            Duration(seconds=max(0.0, deadline - time.monotonic())))
-            for publisher in self._publishers_by_topic.values())
+        return all(
+            publisher.wait_for_all_acked(Duration(seconds=max(0.0, deadline - time.monotonic())))
+            for publisher in self._publishers_by_topic.values()
+        )
 
     def _wait(self, stamp: int, rate: float, stop: Callable[[], bool]) -> None:
         # Time goes on with the first message of a new stamp. One that lags a little (another

@@ -5,7 +5,7 @@ import time
 from typing import Any
 
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.nodes.decoding import decode_image, stamp_nanoseconds
+from flexx2_sim_ros.messages.decoding import decode_image, stamp_nanoseconds
 import numpy as np
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
@@ -53,7 +53,7 @@ class Capture:
             self._reference = depth.astype(np.float64)
         error = depth - self._reference
         self._sum = self._sum + error
-        self._squares = self._squares + error ** 2
+        self._squares = self._squares + error**2
 
     def add_sigma(self, sigma: np.ndarray) -> None:
         """Take the model's sigma_z of a frame in."""
@@ -83,13 +83,18 @@ class Capture:
         if self._sigma is None or self.depth is None or len(self.stamps) < 3:
             return float('nan'), float('nan')
         count = len(self.stamps)
-        variance = (self._squares - self._sum ** 2 / count) / (count - 1)
-        use = (self._steady & np.isfinite(variance)
-               & (self._sigma < _LARGEST_SIGMA_SHARE * self.depth))
+        variance = (self._squares - self._sum**2 / count) / (count - 1)
+        use = (
+            self._steady
+            & np.isfinite(variance)
+            & (self._sigma < _LARGEST_SIGMA_SHARE * self.depth)
+        )
         if not use.any():
             return float('nan'), float('nan')
-        return (float(np.sqrt(variance[use].mean())),
-                float(np.sqrt((self._sigma[use].astype(np.float64) ** 2).mean())))
+        return (
+            float(np.sqrt(variance[use].mean())),
+            float(np.sqrt((self._sigma[use].astype(np.float64) ** 2).mean())),
+        )
 
 
 class Probe:
@@ -145,8 +150,11 @@ class Probe:
         if stamp < self._from[name] or received is None:
             return
         self.captures[name].add(
-            stamp, decode_image(message, 'depth_image_0', ('32FC1',)),
-            decode_image(received[1], 'clean/depth_image', ('32FC1',)), now - received[0])
+            stamp,
+            decode_image(message, 'depth_image_0', ('32FC1',)),
+            decode_image(received[1], 'clean/depth_image', ('32FC1',)),
+            now - received[0],
+        )
 
     def spin_until(self, condition: Any, seconds: float) -> bool:
         """Handle messages until the condition holds; say whether it did in time."""
@@ -161,8 +169,11 @@ class Probe:
     def streaming(self) -> bool:
         """Say whether simulated images of every camera arrive and its node answers."""
         # A node's services are there before it has compiled its camera, which takes a while.
-        return self._seen == self._clients.keys() and all(self._latest.values()) and all(
-            client.services_are_ready() for client in self._clients.values())
+        return (
+            self._seen == self._clients.keys()
+            and all(self._latest.values())
+            and all(client.services_are_ready() for client in self._clients.values())
+        )
 
     def start(self, usecase: str) -> None:
         """

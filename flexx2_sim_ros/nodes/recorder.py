@@ -140,10 +140,14 @@ class Recorder(Node):
         return 0.0 if self.started is None else time.monotonic() - self.started
 
     def _look(self) -> None:
-        there = {topic: kinds[0] for topic, kinds in self.get_topic_names_and_types()
-                 if len(kinds) == 1}
-        wanted = [topic for topic in there if topic in _BESIDE or any(
-            fnmatchcase(topic, name) for name in self._also)]
+        there = {
+            topic: kinds[0] for topic, kinds in self.get_topic_names_and_types() if len(kinds) == 1
+        }
+        wanted = [
+            topic
+            for topic in there
+            if topic in _BESIDE or any(fnmatchcase(topic, name) for name in self._also)
+        ]
         for topic in unknown_topics(there):
             self._probe(topic, there[topic])
         found = survey(there, self._samples)
@@ -168,8 +172,12 @@ class Recorder(Node):
         if topic in self._samples or topic in self._probes:
             return
         self._probes[topic] = self.create_subscription(
-            message_class(kind), topic, partial(self._on_probe, topic, kind),
-            qos_profile_sensor_data, raw=True)
+            message_class(kind),
+            topic,
+            partial(self._on_probe, topic, kind),
+            qos_profile_sensor_data,
+            raw=True,
+        )
 
     def _on_probe(self, topic: str, kind: str, data: bytes) -> None:
         if topic in self._samples:
@@ -180,8 +188,10 @@ class Recorder(Node):
 
     def _publisher(self, topic: str) -> str:
         # The full name of the node that publishes a topic, empty if there is not exactly one.
-        nodes = {f'{info.node_namespace.rstrip("/")}/{info.node_name}'
-                 for info in self.get_publishers_info_by_topic(topic)}
+        nodes = {
+            f'{info.node_namespace.rstrip("/")}/{info.node_name}'
+            for info in self.get_publishers_info_by_topic(topic)
+        }
         return nodes.pop() if len(nodes) == 1 else ''
 
     def _say_unclear(self, unclear: list[list[str]]) -> None:
@@ -190,7 +200,8 @@ class Recorder(Node):
                 self._said |= set(topics)
                 self.get_logger().warning(
                     f'{", ".join(topics)}: not recorded: one of them may be the depth of a '
-                    'camera, they have the same camera info; --also TOPIC records it')
+                    'camera, they have the same camera info; --also TOPIC records it'
+                )
 
     def _is_wanted(self, *names: str) -> bool:
         return not self._cameras or bool(self._cameras & {name.strip('/') for name in names})
@@ -214,14 +225,17 @@ class Recorder(Node):
             self.get_logger().warning(f'{topic}: is published best effort: messages can be lost')
         if offers:
             self._sink.offer(topic, [_offered(offer) for offer in offers])
-        self.create_subscription(message_type, topic, partial(self._on_message, topic), quality,
-                                 raw=True)
+        self.create_subscription(
+            message_type, topic, partial(self._on_message, topic), quality, raw=True
+        )
 
     def _on_message(self, topic: str, data: bytes, info: dict[str, Any]) -> None:
         self.taken += 1
         statistics = self.topics[topic]
-        statistics.numbers.count(info['publication_sequence_number'],
-                                 lambda: topic != EVENTS and self.count_publishers(topic) <= 1)
+        statistics.numbers.count(
+            info['publication_sequence_number'],
+            lambda: topic != EVENTS and self.count_publishers(topic) <= 1,
+        )
         if topic not in _BESIDE and self.started is None:
             self.started = time.monotonic()
         if not statistics.messages + statistics.refused:
@@ -258,17 +272,27 @@ class Recorder(Node):
         response = future.result()
         if response is None or not response.values or not response.values[0].string_value:
             return
-        self._put(EVENTS, messages.encode_usecase(
-            self.get_clock().now().nanoseconds, node, response.values[0].string_value))
+        self._put(
+            EVENTS,
+            messages.encode_usecase(
+                self.get_clock().now().nanoseconds, node, response.values[0].string_value
+            ),
+        )
 
 
 def _offered(profile: QoSProfile) -> Qos:
     # The same policies have the same numbers in both: those of rmw.
-    return Qos(QosHistory(profile.history), profile.depth, QosReliability(profile.reliability),
-               QosDurability(profile.durability), _period(profile.deadline),
-               _period(profile.lifespan), QosLiveliness(profile.liveliness),
-               _period(profile.liveliness_lease_duration),
-               profile.avoid_ros_namespace_conventions)
+    return Qos(
+        QosHistory(profile.history),
+        profile.depth,
+        QosReliability(profile.reliability),
+        QosDurability(profile.durability),
+        _period(profile.deadline),
+        _period(profile.lifespan),
+        QosLiveliness(profile.liveliness),
+        _period(profile.liveliness_lease_duration),
+        profile.avoid_ros_namespace_conventions,
+    )
 
 
 def _period(duration: Duration) -> QosTime:

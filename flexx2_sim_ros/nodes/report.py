@@ -53,8 +53,16 @@ class Statistics:
             return ''
         return f'input at {hz:.1f} Hz is slower than the mode'
 
-    def report(self, name: str, serial: str, usecase: str, rate_hz: float, gate: FrameGate,
-               watch: InputWatch, remarks: list[Remark]) -> DiagnosticStatus:
+    def report(
+        self,
+        name: str,
+        serial: str,
+        usecase: str,
+        rate_hz: float,
+        gate: FrameGate,
+        watch: InputWatch,
+        remarks: list[Remark],
+    ) -> DiagnosticStatus:
         """Return the status to publish and forget the latencies reported."""
         warnings, notes = self._find(rate_hz, watch, remarks)
         level = DiagnosticStatus.WARN if warnings else DiagnosticStatus.OK
@@ -79,18 +87,24 @@ class Statistics:
         self.latencies.clear()
         self.last_error = ''
         return DiagnosticStatus(
-            level=level, name=f'{name}: camera', hardware_id=serial, message=text,
-            values=[KeyValue(key=key, value=value) for key, value in values.items()])
+            level=level,
+            name=f'{name}: camera',
+            hardware_id=serial,
+            message=text,
+            values=[KeyValue(key=key, value=value) for key, value in values.items()],
+        )
 
-    def _find(self, rate_hz: float, watch: InputWatch,
-              remarks: list[Remark]) -> tuple[list[str], list[str]]:
+    def _find(
+        self, rate_hz: float, watch: InputWatch, remarks: list[Remark]
+    ) -> tuple[list[str], list[str]]:
         # What is to be warned of, and what is just so.
         warnings = [remark.text for remark in remarks if remark.warn]
         notes = [remark.text for remark in remarks if not remark.warn]
         if time.monotonic() - self.last_input > _SILENT_SECONDS:
             absent = watch.publishers('clean/depth_image') == 0
-            warnings.insert(0, 'no input' + (': nobody publishes clean/depth_image' if absent
-                                             else ''))
+            warnings.insert(
+                0, 'no input' + (': nobody publishes clean/depth_image' if absent else '')
+            )
         elif self.last_error:
             warnings.insert(0, f'input rejected: {self.last_error}')
         elif slow := self.slow(rate_hz):

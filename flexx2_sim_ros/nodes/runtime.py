@@ -85,8 +85,10 @@ def _spin(executor: Any, node: Any) -> None:
             if not executor.context.ok():
                 raise
             if throttle.ready(type(error).__name__):
-                node.get_logger().error('internal error, please report it: '
-                                        f'{unquoted("".join(format_exception(error)), 4000)}')
+                node.get_logger().error(
+                    'internal error, please report it: '
+                    f'{unquoted("".join(format_exception(error)), 4000)}'
+                )
 
 
 class Throttle:

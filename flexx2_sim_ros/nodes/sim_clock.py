@@ -51,11 +51,15 @@ class SimClock:
                 node.get_logger().warning(
                     f'{_TOPIC}: another robot publishes it already, this one follows it '
                     '(use_sim_time:=true says the same without this warning; publish_clock:=false '
-                    'keeps a time of its own)')
+                    'keeps a time of its own)'
+                )
         if self.follows:
             node.create_subscription(
-                Clock, _TOPIC, self._on_clock,
-                QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT))
+                Clock,
+                _TOPIC,
+                self._on_clock,
+                QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT),
+            )
         elif publish:
             self._publisher = node.create_publisher(Clock, _TOPIC, QoSProfile(depth=10))
 
@@ -70,16 +74,21 @@ class SimClock:
         others = []
         if self._publisher is not None:
             mine = self._node.get_name(), self._node.get_namespace()
-            others = [info for info in self._node.get_publishers_info_by_topic(_TOPIC)
-                      if (info.node_name, info.node_namespace) != mine]
+            others = [
+                info
+                for info in self._node.get_publishers_info_by_topic(_TOPIC)
+                if (info.node_name, info.node_namespace) != mine
+            ]
         if not self._warned and silent:
             self._node.get_logger().warning(
-                f'{_TOPIC}: nothing came for {_SILENT_SECONDS:g} s: simulated time stands still')
+                f'{_TOPIC}: nothing came for {_SILENT_SECONDS:g} s: simulated time stands still'
+            )
         if not self._warned and others:
             name = f'{others[0].node_namespace.rstrip("/")}/{others[0].node_name}'
             self._node.get_logger().error(
                 f'{_TOPIC}: {name[:80]!r} publishes it too, and time will jump: start this node '
-                'with use_sim_time:=true (it then follows) or publish_clock:=false')
+                'with use_sim_time:=true (it then follows) or publish_clock:=false'
+            )
         self._warned = bool(silent or others)
 
     def close(self) -> None:

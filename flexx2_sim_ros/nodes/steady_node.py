@@ -51,8 +51,9 @@ class SteadyNode(Node):
         self._service_errors = Throttle()
         super().__init__(name, **options)
 
-    def create_service(self, srv_type: Any, srv_name: str, callback: _Answer,
-                       **options: Any) -> Any:
+    def create_service(
+        self, srv_type: Any, srv_name: str, callback: _Answer, **options: Any
+    ) -> Any:
         """Create a service as `rclpy.node.Node` does; rclpy calls this for its own ones too."""
         node = ref(self)  # As rclpy's own: a node that nobody else holds is free at once.
 
@@ -75,7 +76,8 @@ class SteadyNode(Node):
             if self._service_errors.ready(service):
                 self.get_logger().error(
                     f'service {service}: internal error, please report it: '
-                    f'{unquoted("".join(format_exception(error)), 4000)}')
+                    f'{unquoted("".join(format_exception(error)), 4000)}'
+                )
             return _refusal(request, type(response)(), f'internal error: {shown(error)}')
 
     def say_unknown_parameters(self) -> None:
@@ -86,32 +88,43 @@ class SteadyNode(Node):
         if len(unknown) > _MOST_NAMES:
             self.get_logger().warning(
                 f'{len(unknown) - _MOST_NAMES} more parameters that this node does not have are '
-                'ignored')
+                'ignored'
+            )
 
     def _no_such(self, name: str) -> str:
         close = get_close_matches(name[:_LONGEST_NAME], self._parameters, 1)
         hint = f', did you mean {close[0]}?' if close else ''
         return f'{unquoted(name)}: this node has no such parameter{hint}'
 
-    def _set_parameters_service(self, request: SetParameters.Request,
-                                response: SetParameters.Response) -> SetParameters.Response:
+    def _set_parameters_service(
+        self, request: SetParameters.Request, response: SetParameters.Response
+    ) -> SetParameters.Response:
         results = [self._checked(message) for message in request.parameters]
-        wanted = {index: Parameter.from_parameter_msg(request.parameters[index])
-                  for index, result in enumerate(results) if result is None}
+        wanted = {
+            index: Parameter.from_parameter_msg(request.parameters[index])
+            for index, result in enumerate(results)
+            if result is None
+        }
         together = self._set_together(list(wanted.values()))
         for index in sorted(wanted, key=lambda i: wanted[i].name not in self.set_first):
-            results[index] = (together if together.successful or len(wanted) == 1
-                              else self.set_parameters_atomically([wanted[index]]))
+            results[index] = (
+                together
+                if together.successful or len(wanted) == 1
+                else self.set_parameters_atomically([wanted[index]])
+            )
         response.results = results
         return response
 
     def _set_atomically_service(
-            self, request: SetParametersAtomically.Request,
-            response: SetParametersAtomically.Response) -> SetParametersAtomically.Response:
+        self, request: SetParametersAtomically.Request, response: SetParametersAtomically.Response
+    ) -> SetParametersAtomically.Response:
         results = [self._checked(message) for message in request.parameters]
         refused = [result for result in results if result is not None and not result.successful]
-        wanted = [Parameter.from_parameter_msg(message) for message, result in
-                  zip(request.parameters, results, strict=True) if result is None]
+        wanted = [
+            Parameter.from_parameter_msg(message)
+            for message, result in zip(request.parameters, results, strict=True)
+            if result is None
+        ]
         response.result = refused[0] if refused else self._set_together(wanted)
         return response
 
@@ -127,8 +140,10 @@ class SteadyNode(Node):
     def _checked(self, message: ParameterMessage) -> SetParametersResult | None:
         # None: it is to be set.
         if message.value.type not in _TYPES:
-            return _refused(f'{unquoted(message.name)}: type: must be 0 to {max(_TYPES)}, got '
-                            f'{message.value.type}')
+            return _refused(
+                f'{unquoted(message.name)}: type: must be 0 to {max(_TYPES)}, got '
+                f'{message.value.type}'
+            )
         if not self.has_parameter(message.name):
             return _refused(self._no_such(message.name))
         if self.describe_parameter(message.name).read_only:

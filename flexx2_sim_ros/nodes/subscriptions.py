@@ -13,8 +13,12 @@ from rclpy.subscription import Subscription
 # As many as most publishers keep: a reliable message that was lost on the way is sent again as
 # long as both sides have room for those that came after it.
 _DEPTH = 10
-_OVERRIDABLE = (QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.RELIABILITY,
-                QoSPolicyKind.DURABILITY)
+_OVERRIDABLE = (
+    QoSPolicyKind.HISTORY,
+    QoSPolicyKind.DEPTH,
+    QoSPolicyKind.RELIABILITY,
+    QoSPolicyKind.DURABILITY,
+)
 
 
 def matching(offers: Sequence[QoSProfile]) -> tuple[ReliabilityPolicy, DurabilityPolicy]:
@@ -34,9 +38,12 @@ def matching(offers: Sequence[QoSProfile]) -> tuple[ReliabilityPolicy, Durabilit
     """
     reliable = all(offer.reliability == ReliabilityPolicy.RELIABLE for offer in offers)
     latched = bool(offers) and all(
-        offer.durability == DurabilityPolicy.TRANSIENT_LOCAL for offer in offers)
-    return (ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
-            DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE)
+        offer.durability == DurabilityPolicy.TRANSIENT_LOCAL for offer in offers
+    )
+    return (
+        ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+        DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+    )
 
 
 class LossCounter:
@@ -67,8 +74,7 @@ class LossCounter:
             Returns whether the topic has one publisher: numbers of several say nothing.
 
         """
-        if (number is not None and self._last is not None and number > self._last + 1
-                and alone()):
+        if number is not None and self._last is not None and number > self._last + 1 and alone():
             self.lost += number - self._last - 1
         self._last = number
 
@@ -101,8 +107,9 @@ class Input:
 
     """
 
-    def __init__(self, node: Node, kind: type, topic: str,
-                 callback: Callable[[Any], None]) -> None:
+    def __init__(
+        self, node: Node, kind: type, topic: str, callback: Callable[[Any], None]
+    ) -> None:
         """Subscribe."""
         self.topic = node.resolve_topic_name(topic)
         self._node, self._kind, self._name, self._callback = node, kind, topic, callback
@@ -139,14 +146,22 @@ class Input:
             return SetParametersResult(successful=True)
 
         def subscribe(**more: Any) -> Subscription:
-            wish = QoSProfile(depth=_DEPTH, reliability=ReliabilityPolicy.BEST_AVAILABLE,
-                              durability=DurabilityPolicy.BEST_AVAILABLE)
+            wish = QoSProfile(
+                depth=_DEPTH,
+                reliability=ReliabilityPolicy.BEST_AVAILABLE,
+                durability=DurabilityPolicy.BEST_AVAILABLE,
+            )
             # rclpy passes what is known of a message to callbacks of two arguments.
             return self._node.create_subscription(
-                self._kind, self._name, self._receive, wish,  # type: ignore[arg-type]
+                self._kind,
+                self._name,
+                self._receive,  # type: ignore[arg-type]
+                wish,
                 event_callbacks=SubscriptionEventCallbacks(
-                    incompatible_qos=self._on_incompatible, **more),
-                qos_overriding_options=QoSOverridingOptions(_OVERRIDABLE, callback=resolve))
+                    incompatible_qos=self._on_incompatible, **more
+                ),
+                qos_overriding_options=QoSOverridingOptions(_OVERRIDABLE, callback=resolve),
+            )
 
         try:
             return subscribe(message_lost=self._on_lost)
@@ -154,8 +169,9 @@ class Input:
             return subscribe()
 
     def _best(self) -> tuple[ReliabilityPolicy, DurabilityPolicy]:
-        reliability, durability = matching([
-            info.qos_profile for info in self._node.get_publishers_info_by_topic(self.topic)])
+        reliability, durability = matching(
+            [info.qos_profile for info in self._node.get_publishers_info_by_topic(self.topic)]
+        )
         asked_reliability, asked_durability = self._asked
         if asked_reliability != ReliabilityPolicy.BEST_AVAILABLE:
             reliability = asked_reliability
@@ -175,4 +191,5 @@ class Input:
         if self._asked != (ReliabilityPolicy.BEST_AVAILABLE, DurabilityPolicy.BEST_AVAILABLE):
             self._node.get_logger().warning(
                 f'{self.topic}: a publisher offers less than qos_overrides.{self.topic}.'
-                'subscription.* asks for: nothing comes from it')
+                'subscription.* asks for: nothing comes from it'
+            )

@@ -11,14 +11,15 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
 if TYPE_CHECKING:  # a camera node needs no MuJoCo
-    from flexx2_sim_ros.go1.model import CameraMount
+    from flexx2_sim_ros.robots.model import CameraMount
 
 # Of an optical frame (x right, y down, z forward) in a camera's own (x forward, y left, z up).
 _OPTICAL = np.array([0.5, -0.5, 0.5, -0.5])
 
 
-def camera_transforms(base: str, mounts: Iterable['CameraMount'],
-                      prefix: str = '') -> list[TransformStamped]:
+def camera_transforms(
+    base: str, mounts: Iterable['CameraMount'], prefix: str = ''
+) -> list[TransformStamped]:
     """
     Return the frames of cameras: ``<camera>_link`` in the base, ``<camera>_optical_frame`` in it.
 
@@ -35,15 +36,18 @@ def camera_transforms(base: str, mounts: Iterable['CameraMount'],
     result = []
     for mount in mounts:
         link = f'{prefix}{mount.name}_link'
-        result.append(transform(0, (base, link), np.array(mount.position),
-                                quaternion_of(mount.rpy)))
-        result.append(transform(0, (link, f'{prefix}{mount.name}_optical_frame'), np.zeros(3),
-                                _OPTICAL))
+        result.append(
+            transform(0, (base, link), np.array(mount.position), quaternion_of(mount.rpy))
+        )
+        result.append(
+            transform(0, (link, f'{prefix}{mount.name}_optical_frame'), np.zeros(3), _OPTICAL)
+        )
     return result
 
 
-def optical_transform(frames: tuple[str, str], position: Sequence[float],
-                      rpy: Sequence[float]) -> TransformStamped:
+def optical_transform(
+    frames: tuple[str, str], position: Sequence[float], rpy: Sequence[float]
+) -> TransformStamped:
     """
     Return a camera's optical frame in the frame that the camera is mounted on.
 
@@ -59,8 +63,10 @@ def optical_transform(frames: tuple[str, str], position: Sequence[float],
     """
     w, *v = quaternion_of(rpy)
     optical_w, *optical_v = _OPTICAL
-    turn = [w * optical_w - np.dot(v, optical_v),
-            *(w * np.array(optical_v) + optical_w * np.array(v) + np.cross(v, optical_v))]
+    turn = [
+        w * optical_w - np.dot(v, optical_v),
+        *(w * np.array(optical_v) + optical_w * np.array(v) + np.cross(v, optical_v)),
+    ]
     return transform(0, frames, np.array(position), np.array(turn))
 
 
@@ -79,10 +85,17 @@ def quaternion_of(rpy: Sequence[float]) -> np.ndarray:
         (4,) float64: w, x, y, z.
 
     """
-    (cr, cp, cy), (sr, sp, sy) = ([function(angle / 2) for angle in rpy]
-                                  for function in (math.cos, math.sin))
-    return np.array([cr * cp * cy + sr * sp * sy, sr * cp * cy - cr * sp * sy,
-                     cr * sp * cy + sr * cp * sy, cr * cp * sy - sr * sp * cy])
+    (cr, cp, cy), (sr, sp, sy) = (
+        [function(angle / 2) for angle in rpy] for function in (math.cos, math.sin)
+    )
+    return np.array(
+        [
+            cr * cp * cy + sr * sp * sy,
+            sr * cp * cy - cr * sp * sy,
+            cr * sp * cy + sr * cp * sy,
+            cr * cp * sy - sr * sp * cy,
+        ]
+    )
 
 
 class FramePublisher:
@@ -111,8 +124,10 @@ class FramePublisher:
         if moving:
             self._moving = node.create_publisher(TFMessage, '/tf', QoSProfile(depth=100))
         self._fixed = node.create_publisher(
-            TFMessage, '/tf_static',
-            QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL))
+            TFMessage,
+            '/tf_static',
+            QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL),
+        )
 
     @property
     def wanted(self) -> bool:

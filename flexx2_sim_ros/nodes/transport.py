@@ -4,8 +4,11 @@ import os
 
 from flexx2_sim_ros.paths import config_dir
 
-PROFILE_VARIABLES = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE',
-                     'FASTDDS_BUILTIN_TRANSPORTS')
+PROFILE_VARIABLES = (
+    'FASTRTPS_DEFAULT_PROFILES_FILE',
+    'FASTDDS_DEFAULT_PROFILES_FILE',
+    'FASTDDS_BUILTIN_TRANSPORTS',
+)
 
 
 def make_room_for_images() -> None:

@@ -9,9 +9,11 @@ from rclpy.node import Node
 
 def twin_text(node: Node) -> str:
     """Return what to say when there is another node of this one's name."""
-    return (f'node name: another {node.get_fully_qualified_name()} is running, and both would '
-            'publish the same topics; wanted another name or namespace, e.g. --ros-args -r '
-            '__node:=another')
+    return (
+        f'node name: another {node.get_fully_qualified_name()} is running, and both would '
+        'publish the same topics; wanted another name or namespace, e.g. --ros-args -r '
+        '__node:=another'
+    )
 
 
 def take(node: Node, name: str) -> socket.socket | None:

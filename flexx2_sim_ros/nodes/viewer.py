@@ -7,12 +7,12 @@ import statistics
 import time
 from typing import Any
 
-from flexx2_sim_ros.camera.geometry import View
-from flexx2_sim_ros.camera.intrinsics import Intrinsics
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.nodes.decoding import decode_camera_info, decode_image, stamp_nanoseconds
+from flexx2_sim_ros.messages.decoding import decode_camera_info, decode_image, stamp_nanoseconds
 from flexx2_sim_ros.nodes.gating import RateMeter
 from flexx2_sim_ros.nodes.runtime import Throttle
+from flexx2_sim_ros.physics.geometry import View
+from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from flexx2_sim_ros.recording.bag_cameras import CameraTopics, EVENTS, find_cameras
 from flexx2_sim_ros.view.driving import Driving, Velocity
 from flexx2_sim_ros.view.packing import Shot
@@ -78,7 +78,10 @@ class _Camera:
                 for kind, topic, callback in (
                     (CameraInfo, topics.info, self._on_info),
                     (CameraInfo, topics.clean_info, self._on_clean_info),
-                    (Image, topics.clean, self._on_clean), (Image, topics.depth, self._on_depth))]
+                    (Image, topics.clean, self._on_clean),
+                    (Image, topics.depth, self._on_depth),
+                )
+            ]
 
     def ask(self) -> None:
         """Ask for the mode, until it is known."""
@@ -142,8 +145,11 @@ class _Camera:
         if source == camera and not self._radial:
             return image
         view = self._view
-        if (view is None or (view.source, view.camera) != (source, camera)
-                or view.radial != self._radial):
+        if (
+            view is None
+            or (view.source, view.camera) != (source, camera)
+            or view.radial != self._radial
+        ):
             view = self._view = View(camera, source, self._radial)
         return np.where(view.outside, np.float32(0), view.depth(image))
 
@@ -158,14 +164,22 @@ class _Camera:
         elif stale and age is not None:
             problem = f'no image for {age:.0f} s'
         return {
-            'name': self.topics.name, 'node': self.topics.node,
-            'usecase': self.usecase, 'usecases': self.usecases,
+            'name': self.topics.name,
+            'node': self.topics.node,
+            'usecase': self.usecase,
+            'usecases': self.usecases,
             'clean_hz': round(self.clean_rate.hz if clean_age < _STALE_SECONDS else 0.0, 2),
             'hz': round(0.0 if stale else self.rate.hz, 2),
-            'latency_ms': (round(statistics.median(self._latencies) / 1e6, 2)
-                           if self._latencies and not stale else None),
+            'latency_ms': (
+                round(statistics.median(self._latencies) / 1e6, 2)
+                if self._latencies and not stale
+                else None
+            ),
             'invalid': None if self.shot is None else round(self.shot.invalid_share, 4),
-            'stale': stale, 'problem': problem, 'answer': self.answer}
+            'stale': stale,
+            'problem': problem,
+            'answer': self.answer,
+        }
 
 
 class Viewer(Node):
@@ -251,12 +265,16 @@ class Viewer(Node):
                 self._choose(name, self._chosen.pop(name))
 
     def _look(self) -> None:
-        there = {topic: kinds[0] for topic, kinds in self.get_topic_names_and_types()
-                 if len(kinds) == 1}
+        there = {
+            topic: kinds[0] for topic, kinds in self.get_topic_names_and_types() if len(kinds) == 1
+        }
         for topics in find_cameras(there).values():
             names = {topics.name.strip('/'), topics.node.strip('/')}
-            if (topics.name not in self._cameras and (not self._wanted or self._wanted & names)
-                    and self.count_publishers(topics.depth)):
+            if (
+                topics.name not in self._cameras
+                and (not self._wanted or self._wanted & names)
+                and self.count_publishers(topics.depth)
+            ):
                 self._cameras[topics.name] = _Camera(self, topics, self._show)
                 self._cameras[topics.name].listen(self._watched)
         for camera in self._cameras.values():
@@ -271,8 +289,9 @@ class Viewer(Node):
         self._tell()
 
     def _show(self) -> None:
-        self.shots = {name: camera.shot for name, camera in self._cameras.items()
-                      if camera.shot is not None}
+        self.shots = {
+            name: camera.shot for name, camera in self._cameras.items() if camera.shot is not None
+        }
         self.wake()
 
     def _tell(self) -> None:
@@ -280,10 +299,15 @@ class Viewer(Node):
         for camera in self._cameras.values():
             if camera.answer_by is not None and now > camera.answer_by:
                 self._answer(camera, False, f'no answer within {_ANSWER_SECONDS:g} s')
-        self.status = json.dumps({
-            'cameras': [camera.status() for _, camera in sorted(self._cameras.items())],
-            'drive': {'topic': self._twist.topic_name,
-                      'listeners': self._twist.get_subscription_count()}})
+        self.status = json.dumps(
+            {
+                'cameras': [camera.status() for _, camera in sorted(self._cameras.items())],
+                'drive': {
+                    'topic': self._twist.topic_name,
+                    'listeners': self._twist.get_subscription_count(),
+                },
+            }
+        )
         self.wake()
 
     def _on_event(self, event: ParameterEvent) -> None:
@@ -310,18 +334,24 @@ class Viewer(Node):
             text = f'{usecase} is set' if result.successful else result.reason
             self._answer(camera, result.successful, text or f'{usecase} was refused')
             self._tell()
+
         camera.client.set_parameters([Parameter('usecase', value=usecase)]).add_done_callback(
-            answered)
+            answered
+        )
 
     def _answer(self, camera: _Camera, successful: bool, text: str) -> None:
         camera.answer_by = None
-        camera.answer = {'number': camera.answer.get('number', 0) + 1, 'ok': successful,
-                         'text': text}
+        camera.answer = {
+            'number': camera.answer.get('number', 0) + 1,
+            'ok': successful,
+            'text': text,
+        }
         self._guard.trigger()
 
     def _publish(self, velocity: Velocity) -> None:
-        x, y, turn = (max(-most, min(most, value))
-                      for value, most in zip(velocity, _FASTEST, strict=True))
+        x, y, turn = (
+            max(-most, min(most, value)) for value, most in zip(velocity, _FASTEST, strict=True)
+        )
         message = Twist()
         message.linear.x, message.linear.y, message.angular.z = x, y, turn
         if self.context.ok():

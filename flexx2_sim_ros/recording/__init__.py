@@ -23,13 +23,16 @@ reads either in bounded memory, and `flexx2_sim_ros.recording.convert` goes betw
 """
 
 from flexx2_sim_ros.recording.npz import load_scene, RecordingWriter, Scene
-from flexx2_sim_ros.recording.recordings import (
-    load_recording,
-    open_recording,
-    Recording,
-    recording_cameras,
-    RecordingReader,
-)
+from flexx2_sim_ros.recording.opening import load_recording, open_recording, recording_cameras
+from flexx2_sim_ros.recording.reader import Recording, RecordingReader
 
-__all__ = ['Recording', 'RecordingReader', 'RecordingWriter', 'Scene', 'load_recording',
-           'load_scene', 'open_recording', 'recording_cameras']
+__all__ = [
+    'Recording',
+    'RecordingReader',
+    'RecordingWriter',
+    'Scene',
+    'load_recording',
+    'load_scene',
+    'open_recording',
+    'recording_cameras',
+]

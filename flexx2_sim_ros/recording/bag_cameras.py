@@ -128,8 +128,11 @@ def sample(kind: str, data: bytes, where: str) -> Sample:
 
     """
     message = messages.decode(kind, data, where)
-    return Sample((int(message.height), int(message.width)), str(message.header.frame_id),
-                  message.encoding if kind == messages.IMAGE else '')
+    return Sample(
+        (int(message.height), int(message.width)),
+        str(message.header.frame_id),
+        message.encoding if kind == messages.IMAGE else '',
+    )
 
 
 def topics_of(name: str) -> CameraTopics:
@@ -138,8 +141,15 @@ def topics_of(name: str) -> CameraTopics:
 
 
 def _of_node(name: str, node: str) -> CameraTopics:
-    return CameraTopics(name, node, node + _DEPTH, node + _INFO, node + _CLOUD, node + _GRAY,
-                        node.rpartition('/')[0])
+    return CameraTopics(
+        name,
+        node,
+        node + _DEPTH,
+        node + _INFO,
+        node + _CLOUD,
+        node + _GRAY,
+        node.rpartition('/')[0],
+    )
 
 
 def find_cameras(topics: dict[str, str]) -> dict[str, CameraTopics]:
@@ -158,13 +168,20 @@ def find_cameras(topics: dict[str, str]) -> dict[str, CameraTopics]:
 
     """
     kinds = {_DEPTH: messages.IMAGE, _CLOUD: messages.POINT_CLOUD}
-    nodes = sorted({topic.removesuffix(suffix) for topic, kind in topics.items()
-                    for suffix, wanted in kinds.items()
-                    if topic.endswith(suffix) and kind == wanted})
+    nodes = sorted(
+        {
+            topic.removesuffix(suffix)
+            for topic, kind in topics.items()
+            for suffix, wanted in kinds.items()
+            if topic.endswith(suffix) and kind == wanted
+        }
+    )
     names = [node.rpartition('/')[0].strip('/') or node.strip('/') for node in nodes]
     # Two nodes in one namespace go by their full names.
-    full = [name if names.count(name) == 1 else node.strip('/')
-            for name, node in zip(names, nodes, strict=True)]
+    full = [
+        name if names.count(name) == 1 else node.strip('/')
+        for name, node in zip(names, nodes, strict=True)
+    ]
     return {name: _of_node(name, node) for name, node in zip(full, nodes, strict=True)}
 
 
@@ -175,8 +192,11 @@ def unknown_topics(topics: dict[str, str]) -> list[str]:
     These are images that no name tells what they are, and then all camera infos.
     """
     named = {camera.depth for camera in find_cameras(topics).values()}
-    images = [topic for topic, kind in topics.items() if kind == messages.IMAGE
-              and topic not in named and not topic.endswith(_NOT_DEPTH)]
+    images = [
+        topic
+        for topic, kind in topics.items()
+        if kind == messages.IMAGE and topic not in named and not topic.endswith(_NOT_DEPTH)
+    ]
     infos = [topic for topic, kind in topics.items() if kind == messages.CAMERA_INFO]
     return images + infos if images else []
 
@@ -219,29 +239,41 @@ def _info_of(depth: str, samples: Mapping[str, Sample]) -> str | None:
     # The camera info of the same size and frame whose name is nearest. That of clean depth has
     # the same size and frame, too, and is the last choice.
     of_depth = samples[depth]
-    infos = [topic for topic, found in samples.items()
-             if not found.encoding and (found.size, found.frame_id) == (of_depth.size,
-                                                                        of_depth.frame_id)]
-    return max(sorted(infos), default=None, key=lambda topic: (
-        not topic.endswith(_CLEAN_INFO), len(commonprefix([depth, topic]))))
+    infos = [
+        topic
+        for topic, found in samples.items()
+        if not found.encoding
+        and (found.size, found.frame_id) == (of_depth.size, of_depth.frame_id)
+    ]
+    return max(
+        sorted(infos),
+        default=None,
+        key=lambda topic: (not topic.endswith(_CLEAN_INFO), len(commonprefix([depth, topic]))),
+    )
 
 
-def _by_shape(depth: str, info: str, topics: dict[str, str],
-              samples: Mapping[str, Sample]) -> CameraTopics:
-    grays = [topic for topic, found in samples.items()
-             if found.encoding in _GRAY_ENCODINGS
-             and (found.size, found.frame_id) == (samples[depth].size, samples[depth].frame_id)]
+def _by_shape(
+    depth: str, info: str, topics: dict[str, str], samples: Mapping[str, Sample]
+) -> CameraTopics:
+    grays = [
+        topic
+        for topic, found in samples.items()
+        if found.encoding in _GRAY_ENCODINGS
+        and (found.size, found.frame_id) == (samples[depth].size, samples[depth].frame_id)
+    ]
     space = depth.rpartition('/')[0]
     while space and space + _CLEAN not in topics:
         space = space.rpartition('/')[0]
     if space + _CLEAN not in topics:
         space = depth.rpartition('/')[0]
-    return CameraTopics(depth.strip('/'), '', depth, info, '',
-                        grays[0] if len(grays) == 1 else '', space)
+    return CameraTopics(
+        depth.strip('/'), '', depth, info, '', grays[0] if len(grays) == 1 else '', space
+    )
 
 
-def choose_camera(path: Path, topics: dict[str, str], samples: Mapping[str, Sample],
-                  camera: str | None) -> CameraTopics:
+def choose_camera(
+    path: Path, topics: dict[str, str], samples: Mapping[str, Sample], camera: str | None
+) -> CameraTopics:
     """Return the camera that is meant, or raise `InputError` with the names there are."""
     found = survey(topics, samples)
     cameras = found.cameras
@@ -259,4 +291,5 @@ def choose_camera(path: Path, topics: dict[str, str], samples: Mapping[str, Samp
     raise InputError(
         f'{path}: camera: found {got}, wanted one of its cameras: '
         f'{", ".join(cameras) or "none"}; or the topic of a depth image: '
-        f'{", ".join(images) or "none"} (flexx2 convert --camera chooses)')
+        f'{", ".join(images) or "none"} (flexx2 convert --camera chooses)'
+    )

@@ -19,15 +19,16 @@ from rosbags.rosbag2.reader import DirectoryReader
 # Key of a bag's custom data: what was lost while it was recorded, as text.
 LOST = 'flexx2_lost'
 _REMAINS: dict[str, type[McapRemains] | type[SqliteRemains]] = {
-    '.mcap': McapRemains, '.db3': SqliteRemains}
+    '.mcap': McapRemains,
+    '.db3': SqliteRemains,
+}
 
 
 class _Part(Protocol):
     topics: dict[str, str]
     latched: set[str]
 
-    def messages(self, topics: Collection[str]) -> Iterator[Message]:
-        ...
+    def messages(self, topics: Collection[str]) -> Iterator[Message]: ...
 
 
 class Bag:
@@ -71,8 +72,9 @@ class Bag:
         self.topics = {topic: kind for part in self._parts for topic, kind in part.topics.items()}
         self.latched = {topic for part in self._parts for topic in part.latched}
         if not self.topics:
-            raise InputError('; '.join([f'{path}: there is not one whole message in it',
-                                        *self.notes]))
+            raise InputError(
+                '; '.join([f'{path}: there is not one whole message in it', *self.notes])
+            )
 
     def messages(self, topics: Collection[str] | None = None) -> Iterator[Message]:
         """
@@ -104,14 +106,18 @@ class Bag:
     def _open(self) -> list[_Part]:
         if self.path.is_file():
             if self.path.suffix not in _REMAINS:
-                raise InputError(f'{self.path}: found a {self.path.suffix or "nameless"} file, '
-                                 'wanted a .mcap or .db3 file or the folder of a bag')
+                raise InputError(
+                    f'{self.path}: found a {self.path.suffix or "nameless"} file, '
+                    'wanted a .mcap or .db3 file or the folder of a bag'
+                )
             return [self._open_file(self.path, check_file(self.path))]
         if not self.path.is_dir():
-            raise InputError(f'{self.path}: not there, wanted a bag: a folder, or a .mcap or .db3 '
-                             'file')
-        files = sorted((file for file in self.path.iterdir() if file.suffix in _REMAINS),
-                       key=_natural)
+            raise InputError(
+                f'{self.path}: not there, wanted a bag: a folder, or a .mcap or .db3 file'
+            )
+        files = sorted(
+            (file for file in self.path.iterdir() if file.suffix in _REMAINS), key=_natural
+        )
         checks = {file: check_file(file) for file in files}
         if not (self.path / 'metadata.yaml').is_file():
             self.notes.append(f'{self.path}: was not closed: it has no metadata.yaml')
@@ -123,8 +129,9 @@ class Bag:
             except Exception as error:  # A damaged file breaks the reader in any way.
                 self.notes.append(f'{self.path}: not whole: {error}')
         if not files:
-            raise InputError('; '.join([f'{self.path}: no .mcap or .db3 file in this folder',
-                                        *self.notes]))
+            raise InputError(
+                '; '.join([f'{self.path}: no .mcap or .db3 file in this folder', *self.notes])
+            )
         return [self._open_file(file, check) for file, check in checks.items()]
 
     def _open_file(self, path: Path, check: Check) -> _Part:
@@ -140,8 +147,9 @@ class Bag:
 
     def _say_unprotected(self, checks: dict[Path, Check]) -> None:
         if not all(check.protected for check in checks.values()):
-            self.notes.append(f'{self.path}: has no checksums: damage inside of messages would '
-                              'not be noticed')
+            self.notes.append(
+                f'{self.path}: has no checksums: damage inside of messages would not be noticed'
+            )
 
 
 class _Whole:
@@ -151,10 +159,14 @@ class _Whole:
         self._path = path
         self._notes = notes
         with Reader(path) as reader:
-            self.topics = {connection.topic: connection.msgtype
-                           for connection in reader.connections if connection.msgcount}
-            self.latched = {connection.topic for connection in reader.connections
-                            if _is_latched(connection)}
+            self.topics = {
+                connection.topic: connection.msgtype
+                for connection in reader.connections
+                if connection.msgcount
+            }
+            self.latched = {
+                connection.topic for connection in reader.connections if _is_latched(connection)
+            }
             if isinstance(reader.storage, DirectoryReader):
                 _compare(reader.storage)
             lost = (reader.storage.metadata.custom or {}).get(LOST)
@@ -186,8 +198,9 @@ def _compare(bag: DirectoryReader) -> None:
     held: Counter[tuple[str, ...]] = Counter()
     for counter, connections in ((listed, bag.connections), (held, files)):
         for item in connections:
-            counter[item.topic, item.msgtype, repr(item.ext),
-                    item.digest if typed else ''] += item.msgcount
+            counter[item.topic, item.msgtype, repr(item.ext), item.digest if typed else ''] += (
+                item.msgcount
+            )
     if +listed != +held:
         raise ReaderError('metadata.yaml lists other topics than the files hold')
 
@@ -205,8 +218,10 @@ class _Remains:
             first = message.time if count == 0 else first
             last = message.time
             count += 1
-        notes.append(f'{path}: cut off or damaged ({reason.rstrip(".")}): {count} messages over '
-                     f'{max(last - first, 0) / 1e9:.3f} s are whole and are read')
+        notes.append(
+            f'{path}: cut off or damaged ({reason.rstrip(".")}): {count} messages over '
+            f'{max(last - first, 0) / 1e9:.3f} s are whole and are read'
+        )
 
     def messages(self, topics: Collection[str]) -> Iterator[Message]:
         return (message for message in self._remains.messages() if message.topic in topics)
@@ -215,7 +230,8 @@ class _Remains:
 def _is_latched(connection: Connection) -> bool:
     return isinstance(connection.ext, ConnectionExtRosbag2) and any(
         offer.durability == QosDurability.TRANSIENT_LOCAL
-        for offer in connection.ext.offered_qos_profiles)
+        for offer in connection.ext.offered_qos_profiles
+    )
 
 
 def _natural(path: Path) -> list[tuple[str, int]]:

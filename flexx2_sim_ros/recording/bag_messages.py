@@ -15,9 +15,17 @@ POINT_CLOUD = 'sensor_msgs/msg/PointCloud2'
 PARAMETER_EVENT = 'rcl_interfaces/msg/ParameterEvent'
 BYTES = 'std_msgs/msg/UInt8MultiArray'
 # Types that begin with a std_msgs/Header, as far as cameras and robots publish them.
-STAMPED = frozenset({IMAGE, CAMERA_INFO, POINT_CLOUD, 'sensor_msgs/msg/JointState',
-                     'nav_msgs/msg/Odometry', 'sensor_msgs/msg/Imu',
-                     'diagnostic_msgs/msg/DiagnosticArray'})
+STAMPED = frozenset(
+    {
+        IMAGE,
+        CAMERA_INFO,
+        POINT_CLOUD,
+        'sensor_msgs/msg/JointState',
+        'nav_msgs/msg/Odometry',
+        'sensor_msgs/msg/Imu',
+        'diagnostic_msgs/msg/DiagnosticArray',
+    }
+)
 
 _NANOSECONDS = 1_000_000_000
 _STRING_PARAMETER = 4
@@ -69,8 +77,10 @@ def header_stamp(data: bytes, where: str) -> int:
         sec, nanosec = struct.unpack_from('<iI' if data[1] & 1 else '>iI', data, 4)
         if nanosec < _NANOSECONDS:
             return int(sec) * _NANOSECONDS + int(nanosec)
-    raise InputError(f'{where}: header.stamp: found {bytes(data[:12])!r}, wanted a message that '
-                     'begins with a std_msgs/Header')
+    raise InputError(
+        f'{where}: header.stamp: found {bytes(data[:12])!r}, wanted a message that '
+        'begins with a std_msgs/Header'
+    )
 
 
 def encode(kind: str, message: Any) -> bytes:
@@ -95,27 +105,62 @@ def encode_image(stamp: int, frame_id: str, pixels: np.ndarray) -> bytes:
     kind = pixels.dtype.str[1:]
     rows = np.ascontiguousarray(pixels, dtype=f'<{kind}')
     height, width = rows.shape
-    return encode(IMAGE, _make(IMAGE, _header(stamp, frame_id), height, width, _PIXELS[kind], 0,
-                               width * rows.itemsize, rows.view(np.uint8).reshape(-1)))
+    return encode(
+        IMAGE,
+        _make(
+            IMAGE,
+            _header(stamp, frame_id),
+            height,
+            width,
+            _PIXELS[kind],
+            0,
+            width * rows.itemsize,
+            rows.view(np.uint8).reshape(-1),
+        ),
+    )
 
 
-def encode_camera_info(stamp: int, frame_id: str, size: tuple[int, int], matrix: np.ndarray,
-                       distortion: np.ndarray) -> bytes:
+def encode_camera_info(
+    stamp: int, frame_id: str, size: tuple[int, int], matrix: np.ndarray, distortion: np.ndarray
+) -> bytes:
     """Return a ``sensor_msgs/CameraInfo`` for (height, width) images: R = I, P = [K | 0]."""
     no_region = _make('sensor_msgs/msg/RegionOfInterest', 0, 0, 0, 0, False)
     projection = np.hstack([matrix, np.zeros((3, 1))])
-    return encode(CAMERA_INFO, _make(
-        CAMERA_INFO, _header(stamp, frame_id), *size, 'plumb_bob', distortion, matrix.ravel(),
-        np.eye(3).ravel(), projection.ravel(), 0, 0, no_region))
+    return encode(
+        CAMERA_INFO,
+        _make(
+            CAMERA_INFO,
+            _header(stamp, frame_id),
+            *size,
+            'plumb_bob',
+            distortion,
+            matrix.ravel(),
+            np.eye(3).ravel(),
+            projection.ravel(),
+            0,
+            0,
+            no_region,
+        ),
+    )
 
 
 def encode_usecase(stamp: int, node: str, usecase: str) -> bytes:
     """Return the ``rcl_interfaces/ParameterEvent`` of a node that starts in a mode."""
-    value = _make('rcl_interfaces/msg/ParameterValue', _STRING_PARAMETER, False, 0, 0.0, usecase,
-                  np.zeros(0, np.uint8), np.zeros(0, bool), np.zeros(0, np.int64), np.zeros(0), [])
+    value = _make(
+        'rcl_interfaces/msg/ParameterValue',
+        _STRING_PARAMETER,
+        False,
+        0,
+        0.0,
+        usecase,
+        np.zeros(0, np.uint8),
+        np.zeros(0, bool),
+        np.zeros(0, np.int64),
+        np.zeros(0),
+        [],
+    )
     parameter = _make('rcl_interfaces/msg/Parameter', 'usecase', value)
-    return encode(PARAMETER_EVENT,
-                  _make(PARAMETER_EVENT, _time(stamp), node, [parameter], [], []))
+    return encode(PARAMETER_EVENT, _make(PARAMETER_EVENT, _time(stamp), node, [parameter], [], []))
 
 
 def decode_usecase(data: bytes, where: str) -> tuple[str, str, bool] | None:
@@ -131,8 +176,10 @@ def decode_usecase(data: bytes, where: str) -> tuple[str, str, bool] | None:
 def encode_bytes(label: str, content: bytes) -> bytes:
     """Return labelled bytes as a ``std_msgs/UInt8MultiArray``."""
     if len(content) >= 1 << 32:
-        raise InputError(f'{label}: found {len(content)} bytes, wanted less than 4 GiB, the most '
-                         'that one message of a bag can hold')
+        raise InputError(
+            f'{label}: found {len(content)} bytes, wanted less than 4 GiB, the most '
+            'that one message of a bag can hold'
+        )
     dimension = _make('std_msgs/msg/MultiArrayDimension', label, len(content), len(content))
     layout = _make('std_msgs/msg/MultiArrayLayout', [dimension], 0)
     return encode(BYTES, _make(BYTES, layout, np.frombuffer(content, np.uint8)))
@@ -142,6 +189,8 @@ def decode_bytes(data: bytes, where: str) -> tuple[str, bytes]:
     """Return the label and the bytes of what `encode_bytes` made."""
     message = decode(BYTES, data, where)
     if len(message.layout.dim) != 1:
-        raise InputError(f'{where}: layout.dim: found {len(message.layout.dim)} of them, wanted '
-                         'one with a label')
+        raise InputError(
+            f'{where}: layout.dim: found {len(message.layout.dim)} of them, wanted '
+            'one with a label'
+        )
     return message.layout.dim[0].label, message.data.tobytes()

@@ -104,7 +104,7 @@ def _records(stream: BinaryIO, size: int) -> Iterator[tuple[int, bytes]]:
 def _chunk(body: bytes, whole: bool) -> bytes:
     size, checksum = struct.unpack_from('<QI', body, 16)
     compression, start = _text(body, 28)
-    data = body[start + 8:]
+    data = body[start + 8 :]
     if whole:
         return decompress(data, compression, size, checksum)
     return b'' if compression else data
@@ -117,7 +117,7 @@ def _number(body: bytes) -> int:
 def _text(body: bytes, start: int) -> tuple[str, int]:
     # The string at an offset, and where it ends.
     end = start + 4 + int(struct.unpack_from('<I', body, start)[0])
-    return body[start + 4:end].decode(), end
+    return body[start + 4 : end].decode(), end
 
 
 class SqliteRemains:

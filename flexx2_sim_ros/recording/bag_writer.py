@@ -13,7 +13,7 @@ from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.recording import bag_messages as messages
 from flexx2_sim_ros.recording.bag_cameras import CameraTopics, EVENTS, topics_of
 from flexx2_sim_ros.recording.checksums import CheckedWriter
-from flexx2_sim_ros.recording.recordings import RecordingReader
+from flexx2_sim_ros.recording.reader import RecordingReader
 import numpy as np
 from rosbags.interfaces import (
     Connection,
@@ -34,13 +34,26 @@ SUFFIXES = {'.mcap': 'mcap', '.db3': 'sqlite3'}
 _JAZZY: Literal[9] = 9  # version of metadata.yaml
 # What the driver and `flexx2_camera` offer, for topics that nothing else is known of.
 _FOREVER = QosTime(9223372036, 854775807)
-_OFFER = Qos(QosHistory.KEEP_LAST, 10, QosReliability.RELIABLE, QosDurability.VOLATILE, _FOREVER,
-             _FOREVER, QosLiveliness.AUTOMATIC, _FOREVER, False)
+_OFFER = Qos(
+    QosHistory.KEEP_LAST,
+    10,
+    QosReliability.RELIABLE,
+    QosDurability.VOLATILE,
+    _FOREVER,
+    _FOREVER,
+    QosLiveliness.AUTOMATIC,
+    _FOREVER,
+    False,
+)
 _LATEST = (1 << 31) * 1_000_000_000
 _NAME = re.compile(r'[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*')
 # What images carry exactly; stacks of other dtypes go along as arrays.
-_CARRIED_BY_IMAGES = {'depth': ('f4',), 'clean_depth': ('f4', 'f8'), 'reflectivity': ('f4',),
-                      'amplitude': ('u1', 'u2')}
+_CARRIED_BY_IMAGES = {
+    'depth': ('f4',),
+    'clean_depth': ('f4', 'f8'),
+    'reflectivity': ('f4',),
+    'amplitude': ('u1', 'u2'),
+}
 
 
 class BagWriter:
@@ -76,8 +89,9 @@ class BagWriter:
         check_new(Path(path))
         self.path = Path(path)
         with named(path):
-            self._writer = CheckedWriter(self.path, version=_JAZZY,
-                                         storage_plugin=STORAGES[storage])
+            self._writer = CheckedWriter(
+                self.path, version=_JAZZY, storage_plugin=STORAGES[storage]
+            )
         self.offers: dict[str, list[Qos]] = {}
         self._connections: dict[str, Connection] = {}
 
@@ -107,8 +121,11 @@ class BagWriter:
         connection = self._connections.get(topic)
         if connection is None:
             connection = self._connections[topic] = self._writer.add_connection(
-                topic, kind, typestore=messages.typestore(),
-                offered_qos_profiles=self.offers.get(topic, [_OFFER]))
+                topic,
+                kind,
+                typestore=messages.typestore(),
+                offered_qos_profiles=self.offers.get(topic, [_OFFER]),
+            )
         self._writer.write(connection, time, data)
 
     def note(self, key: str, value: str) -> None:
@@ -125,8 +142,12 @@ class BagWriter:
                 storage.close_chunk()
             storage.bio.flush()
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
-                 trace: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         """Close the bag: with index and metadata if all went well."""
         self._writer.__exit__(kind, error, trace)
 
@@ -138,8 +159,9 @@ def check_new(path: Path) -> None:
         raise InputError(f'{path}: exists already, wanted a new name: bags are not overwritten')
 
 
-def write_bag(reader: RecordingReader, path: Path, storage: str, camera: str | None = None,
-              ) -> None:
+def write_bag(
+    reader: RecordingReader, path: Path, storage: str, camera: str | None = None
+) -> None:
     """
     Write a recording as a bag on the topics of `flexx2_camera`.
 
@@ -167,12 +189,15 @@ def write_bag(reader: RecordingReader, path: Path, storage: str, camera: str | N
     """
     name = camera or str(reader.arrays.get('camera', 'camera'))
     if not _NAME.fullmatch(name):
-        raise InputError(f'--camera: found {name!r}, wanted letters, digits and _, as in '
-                         'front_left')
+        raise InputError(
+            f'--camera: found {name!r}, wanted letters, digits and _, as in front_left'
+        )
     low, high = int(reader.stamp_ns.min()), int(reader.stamp_ns.max())
     if low < 0 or high >= _LATEST:
-        raise InputError(f'{reader.path}: stamp: found {low / 1e9:g} to {high / 1e9:g} s, wanted '
-                         '0 to 2147483648, what messages can hold')
+        raise InputError(
+            f'{reader.path}: stamp: found {low / 1e9:g} to {high / 1e9:g} s, wanted '
+            '0 to 2147483648, what messages can hold'
+        )
     check_new(path)
     single = path.suffix in SUFFIXES
     with whole(path) as part:
@@ -185,31 +210,43 @@ def write_bag(reader: RecordingReader, path: Path, storage: str, camera: str | N
             (folder / f'{folder.name}{path.suffix}').rename(part)
 
 
-def _messages(reader: RecordingReader, where: CameraTopics,
-              ) -> Iterator[tuple[str, str, int, bytes]]:
+def _messages(
+    reader: RecordingReader, where: CameraTopics
+) -> Iterator[tuple[str, str, int, bytes]]:
     stamps = reader.stamp_ns.tolist()
     start = stamps[0]
     for key, array in _carried(reader).items():
         yield where.carried, messages.BYTES, start, messages.encode_bytes(key, array)
     if reader.usecase is not None:
-        yield (EVENTS, messages.PARAMETER_EVENT, start,
-               messages.encode_usecase(start, where.node, reader.usecase))
+        yield (
+            EVENTS,
+            messages.PARAMETER_EVENT,
+            start,
+            messages.encode_usecase(start, where.node, reader.usecase),
+        )
     given = reader.arrays.get('frame_id')
     frame_id = f'{where.name}_optical_frame' if given is None else str(given)
     distortion = np.asarray(reader.arrays.get('distortion', np.zeros(5)))
     if distortion.ndim != 1 or distortion.dtype.kind not in 'fiu':
         distortion = np.zeros(5)
-    images = {topic: _images(reader, key) for topic, key in (
-        (where.clean, 'clean_depth'), (where.reflectivity, 'reflectivity'),
-        (where.depth, 'depth'), (where.gray, 'amplitude'))
-        if key in reader.layouts or key in reader.arrays}
+    images = {
+        topic: _images(reader, key)
+        for topic, key in (
+            (where.clean, 'clean_depth'),
+            (where.reflectivity, 'reflectivity'),
+            (where.depth, 'depth'),
+            (where.gray, 'amplitude'),
+        )
+        if key in reader.layouts or key in reader.arrays
+    }
     infos = [where.info, *([where.clean_info] if where.clean in images else [])]
     time = start
     for stamp in stamps:
         # A bag is read by time: one that went back would change the order of the frames.
         time = max(time, stamp)
-        info = messages.encode_camera_info(stamp, frame_id, reader.shape[1:], reader.K,
-                                           distortion.astype(np.float64))
+        info = messages.encode_camera_info(
+            stamp, frame_id, reader.shape[1:], reader.K, distortion.astype(np.float64)
+        )
         for topic in infos:
             yield topic, messages.CAMERA_INFO, time, info
         for topic, source in images.items():

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.nodes.decoding import decode_image, image_pixels
+from flexx2_sim_ros.messages.decoding import decode_image, image_pixels
 from flexx2_sim_ros.recording import bag_messages as messages
 from flexx2_sim_ros.recording.bag_cameras import choose_camera, DEPTH_ENCODINGS, EVENTS
 from flexx2_sim_ros.recording.bag_files import Bag
-from flexx2_sim_ros.recording.recordings import Content, Layout, RecordingReader, STACKS
+from flexx2_sim_ros.recording.reader import Content, Layout, RecordingReader, STACKS
 import numpy as np
 
 _GRAYS = ('mono8', '8UC1', 'mono16', '16UC1', '32FC1')
@@ -78,8 +78,14 @@ class BagRecording(RecordingReader):
         where = self._where
         source = where.depth if where.depth in self._bag.topics else where.cloud
         self._source = source
-        stamped = {source, where.clean, where.clean_info, where.reflectivity, where.gray,
-                   where.info}
+        stamped = {
+            source,
+            where.clean,
+            where.clean_info,
+            where.reflectivity,
+            where.gray,
+            where.info,
+        }
         last_info = b''
         for topic, _, time, data in self._bag.messages({*stamped, where.carried, EVENTS}):
             label = f'{self._bag.path}: {topic}'
@@ -115,18 +121,24 @@ class BagRecording(RecordingReader):
         content = Content({}, {}, self._bag.notes)
         first = self._infos[0][1]
         self._size = int(first.height), int(first.width)
-        depth = partial(self._cloud_depth if self._source == where.cloud else self._depth,
-                        self._source)
+        depth = partial(
+            self._cloud_depth if self._source == where.cloud else self._depth, self._source
+        )
         self._add_stack(content, 'depth', self._source, depth)
         own = not self._carried
         if own or 'clean_depth' in self._carried:
             self._add_stack(content, 'clean_depth', where.clean, self._clean)
         if own or 'reflectivity' in self._carried:
-            self._add_stack(content, 'reflectivity', where.reflectivity,
-                            partial(self._image, where.reflectivity, ('32FC1',)))
+            self._add_stack(
+                content,
+                'reflectivity',
+                where.reflectivity,
+                partial(self._image, where.reflectivity, ('32FC1',)),
+            )
         if own or 'amplitude' in self._carried:
-            self._add_stack(content, 'amplitude', where.gray,
-                            partial(self._image, where.gray, _GRAYS))
+            self._add_stack(
+                content, 'amplitude', where.gray, partial(self._image, where.gray, _GRAYS)
+            )
         if own:
             self._add_own_arrays(content)
         else:
@@ -140,18 +152,23 @@ class BagRecording(RecordingReader):
         if key != 'depth' and image.shape != content.layouts['depth'].shape:
             content.notes.append(
                 f'{self._bag.path}: {key}: left out: {image.shape[1]} x {image.shape[0]} pixels '
-                'are another view than that of depth')
+                'are another view than that of depth'
+            )
             return
         stamps = self._found[self._source].stamps
         numbers = _match(stamps, self._found[topic].stamps)
         missing = int((numbers == _ABSENT).sum())
         if missing:
             if missing == len(numbers):
-                content.notes.append(f'{self._bag.path}: {key}: left out: no image of {topic} has '
-                                     'the stamp of a depth image')
+                content.notes.append(
+                    f'{self._bag.path}: {key}: left out: no image of {topic} has '
+                    'the stamp of a depth image'
+                )
                 return
-            content.notes.append(f'{self._bag.path}: {key}: {missing} of {len(numbers)} frames '
-                                 f'have none of their stamp in {topic}')
+            content.notes.append(
+                f'{self._bag.path}: {key}: {missing} of {len(numbers)} frames '
+                f'have none of their stamp in {topic}'
+            )
         content.layouts[key] = Layout(image.dtype, (image.shape[0], image.shape[1]))
         self._stacks[key] = _Stack(topic, decoder, numbers)
 
@@ -164,9 +181,11 @@ class BagRecording(RecordingReader):
             content.arrays['stamp_ns'] = stamps
         for time, info in self._infos[1:]:
             if not np.array_equal(info.k, first.k):
-                content.changes.append(f'{self._bag.path}: K: changes at frame '
-                                       f'{self._frame(time)} from {first.k.tolist()} to '
-                                       f'{info.k.tolist()}')
+                content.changes.append(
+                    f'{self._bag.path}: K: changes at frame '
+                    f'{self._frame(time)} from {first.k.tolist()} to '
+                    f'{info.k.tolist()}'
+                )
                 break
         self._add_usecases(content)
         content.notes.extend(content.changes)
@@ -178,8 +197,10 @@ class BagRecording(RecordingReader):
     def _add_usecases(self, content: Content) -> None:
         nodes = sorted({node for _, node, _, _ in self._usecases})
         if len(nodes) > 1:  # Of a camera whose node is not known.
-            content.notes.append(f'{self._bag.path}: usecase: left out: which of the nodes '
-                                 f'{", ".join(nodes)} is the camera is not known')
+            content.notes.append(
+                f'{self._bag.path}: usecase: left out: which of the nodes '
+                f'{", ".join(nodes)} is the camera is not known'
+            )
             return
         before = None
         for time, _, usecase, changed in self._usecases:
@@ -187,8 +208,9 @@ class BagRecording(RecordingReader):
             if before is None or not frame:
                 content.arrays['usecase'] = np.array(usecase)
             if frame and (changed if before is None else usecase != before):
-                content.changes.append(f'{self._bag.path}: usecase: {usecase} from about frame '
-                                       f'{frame} on')
+                content.changes.append(
+                    f'{self._bag.path}: usecase: {usecase} from about frame {frame} on'
+                )
             before = usecase
 
     def _add_carried_arrays(self, content: Content) -> None:
@@ -214,17 +236,20 @@ class BagRecording(RecordingReader):
             while number not in kept:
                 at, message = next(source, (0, None))
                 if message is None:
-                    raise InputError(f'{self.path}: {stack.topic}: ends at frame {index}, wanted '
-                                     f'{len(stack.numbers)}: the bag has changed')
+                    raise InputError(
+                        f'{self.path}: {stack.topic}: ends at frame {index}, wanted '
+                        f'{len(stack.numbers)}: the bag has changed'
+                    )
                 if at in wanted:
                     kept[at] = stack.decoder(message.data)
             image = kept[number]
             if image.shape != layout.shape or image.dtype != layout.dtype:
                 raise InputError(
                     f'{self.path}: {stack.topic}: frame {index}: found {image.shape} '
-                    f'{image.dtype}, wanted {layout.shape} {layout.dtype} as before')
+                    f'{image.dtype}, wanted {layout.shape} {layout.dtype} as before'
+                )
             yield image
-            if number != _ABSENT and number not in stack.numbers[index + 1:index + 2]:
+            if number != _ABSENT and number not in stack.numbers[index + 1 : index + 2]:
                 del kept[number]
 
     def _image(self, topic: str, encodings: tuple[str, ...], data: bytes) -> np.ndarray:
@@ -234,8 +259,9 @@ class BagRecording(RecordingReader):
 
     def _depth(self, topic: str, data: bytes) -> np.ndarray:
         label = f'{self._bag.path}: {topic}'
-        return self._valid(decode_image(messages.decode(messages.IMAGE, data, label), label,
-                                        DEPTH_ENCODINGS))
+        return self._valid(
+            decode_image(messages.decode(messages.IMAGE, data, label), label, DEPTH_ENCODINGS)
+        )
 
     def _clean(self, data: bytes) -> np.ndarray:
         # float64 stays float64: a recording may have it.
@@ -250,18 +276,29 @@ class BagRecording(RecordingReader):
         cloud = messages.decode(messages.POINT_CLOUD, data, label)
         field = next((field for field in cloud.fields if field.name == 'z'), None)
         if field is None or field.datatype not in _FLOATS:
-            raise InputError(f'{label}: fields: found {[each.name for each in cloud.fields]}, '
-                             'wanted a floating-point z')
+            raise InputError(
+                f'{label}: fields: found {[each.name for each in cloud.fields]}, '
+                'wanted a floating-point z'
+            )
         # The real driver swaps width and height (but not the points): the camera info is right.
         height, width = self._size
-        if (cloud.width * cloud.height != height * width
-                or len(cloud.data) != height * width * cloud.point_step):
-            raise InputError(f'{label}: size: found {cloud.width} x {cloud.height} points in '
-                             f'{len(cloud.data)} bytes, wanted {width} x {height} as in '
-                             'camera_info')
+        if (
+            cloud.width * cloud.height != height * width
+            or len(cloud.data) != height * width * cloud.point_step
+        ):
+            raise InputError(
+                f'{label}: size: found {cloud.width} x {cloud.height} points in '
+                f'{len(cloud.data)} bytes, wanted {width} x {height} as in '
+                'camera_info'
+            )
         dtype = np.dtype(('>' if cloud.is_bigendian else '<') + _FLOATS[field.datatype])
-        z: np.ndarray = np.ndarray((height, width), dtype, cloud.data, field.offset,
-                                   (width * cloud.point_step, cloud.point_step))
+        z: np.ndarray = np.ndarray(
+            (height, width),
+            dtype,
+            cloud.data,
+            field.offset,
+            (width * cloud.point_step, cloud.point_step),
+        )
         return self._valid(z.astype(np.float32))
 
     def _valid(self, depth: np.ndarray) -> np.ndarray:

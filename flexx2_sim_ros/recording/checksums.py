@@ -106,8 +106,10 @@ class _Sqlite(Sqlite3Writer):
     def write(self, connection: Connection, timestamp: int, data: bytes | memoryview) -> None:
         """Write a message and its checksum."""
         super().write(connection, timestamp, data)
-        self.cursor.execute(f'INSERT INTO {_TABLE} VALUES (last_insert_rowid(), ?)', (
-            message_checksum(connection.topic, connection.msgtype, timestamp, data),))
+        self.cursor.execute(
+            f'INSERT INTO {_TABLE} VALUES (last_insert_rowid(), ?)',
+            (message_checksum(connection.topic, connection.msgtype, timestamp, data),),
+        )
 
 
 class CheckedWriter(Writer):
@@ -177,7 +179,7 @@ def _has_checksums(file: BinaryIO, size: int) -> bool:
         if len(head) < _RECORD.size:
             break
         operation, length = _RECORD.unpack_from(head)
-        if operation == _MESSAGE or operation == _CHUNK and not any(head[-_CHECKSUM.size:]):
+        if operation == _MESSAGE or operation == _CHUNK and not any(head[-_CHECKSUM.size :]):
             return False
         at += _RECORD.size + length
     return True
@@ -193,11 +195,13 @@ def check_sqlite(path: Path) -> Check:
         if not _has_table(connection):
             return Check(None, False)
         wrong = sum(not row.intact for row in sqlite_rows(connection))
-        lost, = connection.execute(f'SELECT count(*) FROM {_TABLE} WHERE id NOT IN '
-                                   '(SELECT id FROM messages)').fetchone()
+        (lost,) = connection.execute(
+            f'SELECT count(*) FROM {_TABLE} WHERE id NOT IN (SELECT id FROM messages)'
+        ).fetchone()
         if wrong or lost:
-            return Check(f'the checksums of {wrong} messages are wrong, {lost} messages are '
-                         'missing', True)
+            return Check(
+                f'the checksums of {wrong} messages are wrong, {lost} messages are missing', True
+            )
         return Check(None, True)
     except (sqlite3.Error, KeyError, TypeError, ValueError) as error:
         return Check(str(error), False)
@@ -215,23 +219,33 @@ def sqlite_rows(connection: sqlite3.Connection) -> Iterator[Row]:
         When the file is damaged.
 
     """
-    topics = {number: (name, kind) for number, name, kind in
-              connection.execute('SELECT id, name, type FROM topics')}
+    topics = {
+        number: (name, kind)
+        for number, name, kind in connection.execute('SELECT id, name, type FROM topics')
+    }
     if not _has_table(connection):
         for number, time, data in connection.execute(
-                'SELECT topic_id, timestamp, data FROM messages ORDER BY id'):
+            'SELECT topic_id, timestamp, data FROM messages ORDER BY id'
+        ):
             if not isinstance(data, bytes):
                 return
             yield Row(*topics[number], time, data, True)
         return
     for number, time, data, checksum in connection.execute(
-            f'SELECT topic_id, timestamp, data, crc32 FROM messages LEFT JOIN {_TABLE} USING (id) '
-            'ORDER BY id'):
+        f'SELECT topic_id, timestamp, data, crc32 FROM messages LEFT JOIN {_TABLE} USING (id) '
+        'ORDER BY id'
+    ):
         topic, kind = topics.get(number, ('', ''))
-        yield Row(topic, kind, time, data, isinstance(data, bytes)
-                  and message_checksum(topic, kind, time, data) == checksum)
+        yield Row(
+            topic,
+            kind,
+            time,
+            data,
+            isinstance(data, bytes) and message_checksum(topic, kind, time, data) == checksum,
+        )
 
 
 def _has_table(connection: sqlite3.Connection) -> bool:
-    return connection.execute("SELECT count(*) FROM sqlite_master WHERE type='table' AND name=?",
-                              (_TABLE,)).fetchone() == (1,)
+    return connection.execute(
+        "SELECT count(*) FROM sqlite_master WHERE type='table' AND name=?", (_TABLE,)
+    ).fetchone() == (1,)

@@ -7,18 +7,16 @@ from pathlib import Path
 from flexx2_sim_ros.atomic import check_distinct
 from flexx2_sim_ros.recording.bag_writer import write_bag
 from flexx2_sim_ros.recording.npz import RecordingWriter
-from flexx2_sim_ros.recording.recordings import (
-    open_recording,
-    recording_cameras,
-    RecordingReader,
-)
+from flexx2_sim_ros.recording.opening import open_recording, recording_cameras
+from flexx2_sim_ros.recording.reader import RecordingReader
 import numpy as np
 
 _CHUNK = 64
 
 
-def convert(source: str | Path, target: str | Path, camera: str | None = None,
-            storage: str = 'mcap') -> list[tuple[RecordingReader, Path]]:
+def convert(
+    source: str | Path, target: str | Path, camera: str | None = None, storage: str = 'mcap'
+) -> list[tuple[RecordingReader, Path]]:
     """
     Write a recording in another format, without loss and in bounded memory.
 
@@ -50,10 +48,12 @@ def convert(source: str | Path, target: str | Path, camera: str | None = None,
     check_distinct(source, target)
     cameras = recording_cameras(source)
     if camera is None and len(cameras) > 1 and target.suffix == '.npz':
-        names = {name: target.with_stem(f'{target.stem}_{name.replace("/", "_")}')
-                 for name in cameras}
-        return [pair for name, path in names.items()
-                for pair in convert(source, path, name, storage)]
+        names = {
+            name: target.with_stem(f'{target.stem}_{name.replace("/", "_")}') for name in cameras
+        }
+        return [
+            pair for name, path in names.items() for pair in convert(source, path, name, storage)
+        ]
     reader = open_recording(source, None if source.suffix == '.npz' else camera)
     if target.suffix == '.npz':
         write_npz(reader, target)

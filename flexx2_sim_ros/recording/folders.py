@@ -32,8 +32,12 @@ def find_recordings(folder: str | Path) -> list[Path]:
     try:
         if not folder.is_dir():
             raise InputError(f'{folder}: not a folder, wanted one with recordings (.npz or bags)')
-        found = sorted(path for path in folder.iterdir() if not path.name.startswith('.')
-                       and (path.suffix in ('.npz', *BAG_FILES) or _is_bag(path)))
+        found = sorted(
+            path
+            for path in folder.iterdir()
+            if not path.name.startswith('.')
+            and (path.suffix in ('.npz', *BAG_FILES) or _is_bag(path))
+        )
     except OSError as error:
         raise InputError(f'{folder}: cannot be read: {error}') from error
     if not found:

@@ -55,7 +55,8 @@ def find_gaps(stamps: Sequence[int]) -> Gaps:
     if len(forward) < 3:
         return Gaps(returns=returns)
     around = np.lib.stride_tricks.sliding_window_view(
-        np.pad(forward, _NEIGHBOURS, mode='symmetric'), 2 * _NEIGHBOURS + 1)
+        np.pad(forward, _NEIGHBOURS, mode='symmetric'), 2 * _NEIGHBOURS + 1
+    )
     usual = np.sort(around, axis=1)[:, _QUARTILE]
     gaps = forward[forward > _GAP_PERIODS * usual]
     return Gaps(len(gaps), float(gaps.max(initial=0)) / 1e9, returns)

@@ -65,26 +65,36 @@ def load_scene(path: str | Path) -> Scene:
     for key in ('clean_depth', 'K'):
         if key not in arrays:
             found = ', '.join(arrays) or 'nothing'
-            raise InputError(f'{path}: {key}: not in the file, which has {found}; wanted'
-                             ' clean_depth (H, W) or (T, H, W) and K (3, 3)')
+            raise InputError(
+                f'{path}: {key}: not in the file, which has {found}; wanted'
+                ' clean_depth (H, W) or (T, H, W) and K (3, 3)'
+            )
     clean = _numbers(path, arrays, 'clean_depth')
     if clean.ndim not in (2, 3) or 0 in clean.shape:
-        raise InputError(f'{path}: clean_depth: found shape {clean.shape}, wanted (H, W) or '
-                         '(T, H, W), not empty')
+        raise InputError(
+            f'{path}: clean_depth: found shape {clean.shape}, wanted (H, W) or '
+            '(T, H, W), not empty'
+        )
     matrix = _numbers(path, arrays, 'K')
     if matrix.shape != (3, 3):
         raise InputError(f'{path}: K: found shape {matrix.shape}, wanted (3, 3)')
     reflectivity = _numbers(path, arrays, 'reflectivity') if 'reflectivity' in arrays else None
     if reflectivity is not None and reflectivity.shape not in (clean.shape, clean.shape[-2:]):
-        raise InputError(f'{path}: reflectivity: found shape {reflectivity.shape}, wanted that of '
-                         f'clean_depth, {clean.shape}')
+        raise InputError(
+            f'{path}: reflectivity: found shape {reflectivity.shape}, wanted that of '
+            f'clean_depth, {clean.shape}'
+        )
     stamp = _numbers(path, arrays, 'stamp') if 'stamp' in arrays else None
     if stamp is not None and (stamp.ndim != 1 or not np.isfinite(stamp).all()):
         raise InputError(f'{path}: stamp: found shape {stamp.shape}, wanted (T,) finite seconds')
     known = {'clean_depth', 'K', 'reflectivity', 'stamp'}
-    return Scene(clean, matrix.astype(np.float64), reflectivity,
-                 None if stamp is None else stamp.astype(np.float64),
-                 {key: value for key, value in arrays.items() if key not in known})
+    return Scene(
+        clean,
+        matrix.astype(np.float64),
+        reflectivity,
+        None if stamp is None else stamp.astype(np.float64),
+        {key: value for key, value in arrays.items() if key not in known},
+    )
 
 
 def _read(path: Path) -> dict[str, np.ndarray]:
@@ -147,8 +157,9 @@ class RecordingWriter:
     def add_depth(self, frames: np.ndarray) -> None:
         """Append (n, H, W) frames, metres, NaN where invalid."""
         if frames.shape[1:] != self._shape[1:] or len(frames) > self._left:
-            raise InputError(f'depth: found {frames.shape}, wanted at most '
-                             f'{(self._left, *self._shape[1:])}')
+            raise InputError(
+                f'depth: found {frames.shape}, wanted at most {(self._left, *self._shape[1:])}'
+            )
         with named(self._path):
             self._depth.write(np.ascontiguousarray(frames, dtype='<f4').data)
         self._left -= len(frames)
@@ -179,9 +190,14 @@ class RecordingWriter:
             raise InputError(f'depth: {self._left} frames are missing before {key!r}')
         self._end_depth()
         with named(self._path), self._archive.open(f'{key}.npy', 'w', force_zip64=True) as entry:
-            np.lib.format.write_array_header_1_0(entry, {
-                'descr': np.lib.format.dtype_to_descr(dtype), 'fortran_order': False,
-                'shape': self._shape})
+            np.lib.format.write_array_header_1_0(
+                entry,
+                {
+                    'descr': np.lib.format.dtype_to_descr(dtype),
+                    'fortran_order': False,
+                    'shape': self._shape,
+                },
+            )
             count = 0
             for frame in frames:
                 entry.write(np.ascontiguousarray(frame, dtype).data)
@@ -195,8 +211,12 @@ class RecordingWriter:
                 self._depth.close()
             self._depth = None
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
-                 trace: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         """Put the file in its place, or remove what there is of it."""
         if error is None and self._left:
             error = InputError(f'{self._path}: depth: {self._left} frames are missing')

@@ -19,9 +19,21 @@ LIMIT = 'FLEXX2_NPZ_LIMIT_MB'
 _LIMIT_MB = 512
 _EXPANSION = 20  # times a file's own size: depth with noise shrinks to a half
 _BLOCK = 1 << 20
-_UNREADABLE = (OSError, EOFError, ArithmeticError, LookupError, MemoryError, RuntimeError,
-               SyntaxError, TypeError, ValueError, TokenError, struct.error, zipfile.BadZipFile,
-               zlib.error)
+_UNREADABLE = (
+    OSError,
+    EOFError,
+    ArithmeticError,
+    LookupError,
+    MemoryError,
+    RuntimeError,
+    SyntaxError,
+    TypeError,
+    ValueError,
+    TokenError,
+    struct.error,
+    zipfile.BadZipFile,
+    zlib.error,
+)
 _PLAIN = {zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED}
 
 
@@ -77,15 +89,17 @@ class NpzFile:
         self._archive = archive
         _check_sizes(archive)
         self.headers: Mapping[str, Header] = {
-            info.filename.removesuffix('.npy'): self._header(info)
-            for info in archive.infolist()}
+            info.filename.removesuffix('.npy'): self._header(info) for info in archive.infolist()
+        }
 
     def _header(self, info: zipfile.ZipInfo) -> Header:
         with self._archive.open(info) as entry:
             header = _read_header(entry)
             if header.size != info.file_size - entry.tell():
-                raise ValueError(f'{info.filename} has {info.file_size - entry.tell()} bytes, '
-                                 f'must have {header.size} for its shape {header.shape}')
+                raise ValueError(
+                    f'{info.filename} has {info.file_size - entry.tell()} bytes, '
+                    f'must have {header.size} for its shape {header.shape}'
+                )
         return header
 
     def read(self, key: str) -> np.ndarray:
@@ -140,11 +154,14 @@ def open_npz(path: Path) -> Iterator[NpzFile]:
     except InputError:
         raise
     except _NoArrayError as error:
-        raise InputError(f'{path}: {_short(error)}: found a file that is no array, wanted arrays '
-                         'only') from error
+        raise InputError(
+            f'{path}: {_short(error)}: found a file that is no array, wanted arrays only'
+        ) from error
     except _UNREADABLE as error:
-        raise InputError(f'{path}: cannot be read as an .npz archive of plain arrays (damaged, '
-                         f'cut off, or pickled): {_short(error)}') from error
+        raise InputError(
+            f'{path}: cannot be read as an .npz archive of plain arrays (damaged, '
+            f'cut off, or pickled): {_short(error)}'
+        ) from error
 
 
 def _check_sizes(archive: zipfile.ZipFile) -> None:
@@ -153,8 +170,9 @@ def _check_sizes(archive: zipfile.ZipFile) -> None:
     most = max(_limit_mb() << 20, _EXPANSION * packed)
     if total > most:
         raise InputError(
-            f'{archive.filename}: must not decompress to more than {most / 2 ** 20:.0f} MB, got '
-            f'{total / 2 ** 20:.0f} MB; the environment variable {LIMIT} raises the limit')
+            f'{archive.filename}: must not decompress to more than {most / 2**20:.0f} MB, got '
+            f'{total / 2**20:.0f} MB; the environment variable {LIMIT} raises the limit'
+        )
     for info in archive.infolist():
         if not info.filename.endswith('.npy'):
             raise _NoArrayError(info.filename)
@@ -182,7 +200,7 @@ def _read_header(entry: IO[bytes]) -> Header:
         shape, fortran, dtype = np.lib.format.read_array_header_2_0(entry)
     else:
         raise ValueError(f'array format {version}')
-    if not all(type(n) is int and 0 <= n < 2 ** 62 for n in shape):
+    if not all(type(n) is int and 0 <= n < 2**62 for n in shape):
         raise ValueError(f'an array has the shape {_short(shape)}')
     if dtype.hasobject:
         raise ValueError('an array holds objects, which are pickled')
@@ -196,7 +214,7 @@ def _fill(entry: IO[bytes], array: np.ndarray) -> None:
         block = entry.read(min(_BLOCK, len(raw) - place))
         if not block:
             raise EOFError('ends too early')
-        raw[place:place + len(block)] = block
+        raw[place : place + len(block)] = block
         place += len(block)
 
 

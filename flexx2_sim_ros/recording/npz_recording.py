@@ -5,7 +5,7 @@ from pathlib import Path
 
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.recording.npz_arrays import open_npz
-from flexx2_sim_ros.recording.recordings import Content, Layout, RecordingReader, STACKS
+from flexx2_sim_ros.recording.reader import Content, Layout, RecordingReader, STACKS
 import numpy as np
 
 
@@ -32,8 +32,9 @@ class NpzRecording(RecordingReader):
         self._shapes: dict[str, tuple[int, ...]] = {}
         content = self._read(path)
         if 'depth' not in content.layouts or 0 in self._shapes['depth']:
-            raise InputError(f'{path}: depth: {self._found_depth(content)}, wanted (T, H, W) '
-                             'float32, not empty')
+            raise InputError(
+                f'{path}: depth: {self._found_depth(content)}, wanted (T, H, W) float32, not empty'
+            )
         content.frames = self._shapes['depth'][0]
         depth = content.layouts['depth']
         if depth.dtype != np.float32:
@@ -42,8 +43,10 @@ class NpzRecording(RecordingReader):
         super().__init__(path, None, content)
         for key, shape in self._shapes.items():
             if shape != self.shape:
-                raise InputError(f'{path}: {key}: found shape {shape}, wanted {self.shape}, one '
-                                 'image for each of stamp')
+                raise InputError(
+                    f'{path}: {key}: found shape {shape}, wanted {self.shape}, one '
+                    'image for each of stamp'
+                )
 
     def _read(self, path: Path) -> Content:
         content = Content({}, {})
@@ -51,8 +54,7 @@ class NpzRecording(RecordingReader):
             for key, header in archive.headers.items():
                 if key in STACKS and len(header.shape) == 3 and header.dtype.kind in 'fiu':
                     self._shapes[key] = header.shape
-                    content.layouts[key] = Layout(header.dtype.newbyteorder('='),
-                                                  header.shape[1:])
+                    content.layouts[key] = Layout(header.dtype.newbyteorder('='), header.shape[1:])
                     if header.fortran:
                         self._loaded[key] = archive.read(key)
                 else:

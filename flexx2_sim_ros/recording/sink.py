@@ -69,8 +69,12 @@ class BagSink:
         """Return itself."""
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
-                 trace: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         """Close the bag, however the block ends."""
         self.close()
 
@@ -98,8 +102,9 @@ class BagSink:
         except InputError as error:
             self.error = error
         except (OSError, sqlite3.Error) as error:
-            self.error = InputError(f'{self._writer.path}: {reason(error)}; what came before is '
-                                    'there')
+            self.error = InputError(
+                f'{self._writer.path}: {reason(error)}; what came before is there'
+            )
         except Exception as error:  # Whatever it is, the thread that records has to know.
             self.error = InputError(f'{self._writer.path}: cannot be written: {error!r}')
 

@@ -48,7 +48,8 @@ class Access:
     def admits(self, given: str | None) -> bool:
         """Say whether this is the token, in a time that does not tell how much of it is."""
         return not self.token or hmac.compare_digest(
-            (given or '').encode(errors='replace'), self.token.encode())
+            (given or '').encode(errors='replace'), self.token.encode()
+        )
 
 
 def new_token() -> str:

@@ -11,6 +11,7 @@ def depth_table() -> np.ndarray:
     """Return viridis, near to far: (256, 3) uint8, sRGB; no table is as easy for all to read."""
     # Half a second that only those wait for who look.
     import matplotlib
+
     colours = matplotlib.colormaps['viridis'](np.arange(256))
     return np.rint(255 * np.asarray(colours)[:, :3]).astype(np.uint8)
 
@@ -18,6 +19,7 @@ def depth_table() -> np.ndarray:
 def difference_table() -> np.ndarray:
     """Return blue (nearer) over dark to orange (farther): (256, 3) uint8, sRGB; 128 is zero."""
     knots = np.linspace(0, 256, len(_DIFFERENCE))
-    channels = [np.interp(np.arange(256), knots, values)
-                for values in zip(*_DIFFERENCE, strict=True)]
+    channels = [
+        np.interp(np.arange(256), knots, values) for values in zip(*_DIFFERENCE, strict=True)
+    ]
     return np.rint(np.stack(channels, axis=1)).astype(np.uint8)

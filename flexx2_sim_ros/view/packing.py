@@ -8,7 +8,7 @@ bytes), then simulated and, if there is one, clean depth: uint16, row by row. Al
 from dataclasses import dataclass
 import json
 
-from flexx2_sim_ros.camera.intrinsics import Intrinsics
+from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 import numpy as np
 
 # Metres; 0 is invalid, and what is too far for 16 bits is as far as they reach.
@@ -60,13 +60,23 @@ def pack_depth(depth: np.ndarray) -> np.ndarray:
 def pack(name: str, shot: Shot) -> bytes:
     """Return a camera's frame as a message."""
     camera = shot.intrinsics
-    head = json.dumps({
-        'camera': name, 'stamp': shot.stamp / 1e9, 'unit': UNIT,
-        'width': camera.width, 'height': camera.height,
-        'fx': camera.fx, 'fy': camera.fy, 'cx': camera.cx, 'cy': camera.cy,
-        'distortion': camera.distortion,
-        'clean': shot.clean is not None}).encode()
+    head = json.dumps(
+        {
+            'camera': name,
+            'stamp': shot.stamp / 1e9,
+            'unit': UNIT,
+            'width': camera.width,
+            'height': camera.height,
+            'fx': camera.fx,
+            'fy': camera.fy,
+            'cx': camera.cx,
+            'cy': camera.cy,
+            'distortion': camera.distortion,
+            'clean': shot.clean is not None,
+        }
+    ).encode()
     head += b' ' * (-len(head) % 4)
     images = [shot.simulated] + ([] if shot.clean is None else [shot.clean])
-    return b''.join([len(head).to_bytes(4, 'little'), head,
-                     *(pack_depth(image).tobytes() for image in images)])
+    return b''.join(
+        [len(head).to_bytes(4, 'little'), head, *(pack_depth(image).tobytes() for image in images)]
+    )

@@ -75,8 +75,9 @@ def parse(message: str | bytes) -> Drawn | Drive | Choose:
                 return Drawn(camera)
             case {'drive': [x, y, turn]}:
                 return Drive((_number(x), _number(y), _number(turn)))
-            case {'usecase': [str(camera), str(usecase)]} if _is_name(camera) \
-                    and _is_name(usecase):
+            case {'usecase': [str(camera), str(usecase)]} if _is_name(camera) and _is_name(
+                usecase
+            ):
                 return Choose(camera, usecase)
     # Of deep nesting and of whole numbers that no float holds.
     except (ValueError, RecursionError, OverflowError):

@@ -85,13 +85,16 @@ def bind(host: str, port: int) -> list[socket.socket]:
         return bind_sockets(port, host)
     except OSError as error:
         if error.errno == errno.EADDRINUSE:
-            raise InputError(f'--port: {port} is already taken on {host}, wanted one that is '
-                             'free, or 0 for any') from error
+            raise InputError(
+                f'--port: {port} is already taken on {host}, wanted one that is free, or 0 for any'
+            ) from error
         if error.errno in (errno.EACCES, errno.EPERM):
-            raise InputError(f'--port: {port} is not for every user, wanted 1024 or more, or 0 '
-                             'for any') from error
-        raise InputError(f'--host: found {host!r}, wanted an address of this machine: '
-                         f'{error.strerror or error}') from error
+            raise InputError(
+                f'--port: {port} is not for every user, wanted 1024 or more, or 0 for any'
+            ) from error
+        raise InputError(
+            f'--host: found {host!r}, wanted an address of this machine: {error.strerror or error}'
+        ) from error
 
 
 class Server:
@@ -185,13 +188,21 @@ class Server:
     async def _serve(self) -> None:
         self._loop, self._end = asyncio.get_running_loop(), asyncio.Event()
         routes: list[Any] = [
-            ('/' if name == 'index.html' else f'/{name}', File,
-             {'server': self, 'name': name, 'body': body}) for name, body in self._files.items()]
+            (
+                '/' if name == 'index.html' else f'/{name}',
+                File,
+                {'server': self, 'name': name, 'body': body},
+            )
+            for name, body in self._files.items()
+        ]
         application = Application(
-            [*routes, ('/live', Live, {'server': self})], default_handler_class=File,
+            [*routes, ('/live', Live, {'server': self})],
+            default_handler_class=File,
             default_handler_args={'server': self, 'name': '', 'body': b''},
-            log_function=lambda _: None, websocket_max_message_size=_LONGEST_MESSAGE,
-            websocket_ping_interval=10)
+            log_function=lambda _: None,
+            websocket_max_message_size=_LONGEST_MESSAGE,
+            websocket_ping_interval=10,
+        )
         server = HTTPServer(application, max_body_size=0)
         server.add_sockets(self._sockets)
         self._ready.set()
@@ -220,8 +231,11 @@ class _Guarded(RequestHandler):
         if access.token and access.admits(self.get_query_argument('token', '')):
             self.set_cookie(cookie, access.token, httponly=True, samesite='Strict')
         elif not access.admits(self.get_cookie(cookie)):
-            raise HTTPError(403, reason='open the address that flexx2 view has printed: its '
-                            'token is missing or wrong')
+            raise HTTPError(
+                403,
+                reason='open the address that flexx2 view has printed: its '
+                'token is missing or wrong',
+            )
 
     def write_error(self, status_code: int, **_: Any) -> None:
         self.set_header('Content-Type', 'text/plain; charset=utf-8')
@@ -233,12 +247,19 @@ class File(_Guarded):
 
     def set_default_headers(self) -> None:
         """Let the page load nothing from elsewhere, and be shown by nobody else."""
-        self.set_header('Content-Security-Policy', (
-            "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; "
-            "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"))
-        for name, value in (('Cache-Control', 'no-store'), ('Referrer-Policy', 'no-referrer'),
-                            ('Cross-Origin-Resource-Policy', 'same-origin'),
-                            ('X-Content-Type-Options', 'nosniff')):
+        self.set_header(
+            'Content-Security-Policy',
+            (
+                "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; "
+                "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+            ),
+        )
+        for name, value in (
+            ('Cache-Control', 'no-store'),
+            ('Referrer-Policy', 'no-referrer'),
+            ('Cross-Origin-Resource-Policy', 'same-origin'),
+            ('X-Content-Type-Options', 'nosniff'),
+        ):
             self.set_header(name, value)
         self.clear_header('Server')
 
@@ -337,8 +358,11 @@ class Live(_Guarded, WebSocketHandler):
 
     def _wants(self, name: str) -> bool:
         shot = self.server.source.shots.get(name)
-        return (shot is not None and shot is not self._sent.get(name)
-                and self._undrawn.get(name, 0) < _AHEAD)
+        return (
+            shot is not None
+            and shot is not self._sent.get(name)
+            and self._undrawn.get(name, 0) < _AHEAD
+        )
 
     async def _send(self, name: str) -> Any:
         # One frame in each round of the loop, however many pages there are: whatever else
@@ -351,7 +375,11 @@ class Live(_Guarded, WebSocketHandler):
 
 
 def _colours() -> bytes:
-    tables = {'DEPTH': depth_table().tolist(), 'DIFFERENCE': difference_table().tolist(),
-              'INVALID': INVALID}
-    return '\n'.join(f'export const {name} = {json.dumps(value)};'
-                     for name, value in tables.items()).encode()
+    tables = {
+        'DEPTH': depth_table().tolist(),
+        'DIFFERENCE': difference_table().tolist(),
+        'INVALID': INVALID,
+    }
+    return '\n'.join(
+        f'export const {name} = {json.dumps(value)};' for name, value in tables.items()
+    ).encode()

@@ -22,21 +22,30 @@ def lost(frame: Frame, base: Frame, where: np.ndarray) -> float:
     return float(np.isnan(frame.depth[valid]).mean())
 
 
-def check_amplitude(name: str, sign: int, half: float, slope: float, strength: float,
-                    **parameters: float) -> None:
+def check_amplitude(
+    name: str, sign: int, half: float, slope: float, strength: float, **parameters: float
+) -> None:
     """Assert a logistic in the logarithm of the amplitude, rising or falling with it."""
     logits = np.array([-2.0, -1.0, 0.0, 1.0, 2.0])
     off_axis = (np.hypot(RAY_X, RAY_Y) > math.tan(math.radians(14))) & (np.abs(U - 111) < 100)
-    flat = np.sqrt(1 + RAY_X ** 2 + RAY_Y ** 2)
+    flat = np.sqrt(1 + RAY_X**2 + RAY_Y**2)
     shares = []
     for logit in logits:
         amplitude = half * math.exp(sign * logit / slope)
         distance = min(2.0, 1 / math.sqrt(amplitude))
-        reflectivity = amplitude * distance ** 2 * flat
+        reflectivity = amplitude * distance**2 * flat
         assert (reflectivity[off_axis] <= 1.3).all()
         distance *= 0.8
-        frame, base = pair(name, wall(distance), 0, reflectivity * 0.64, half=half, slope=slope,
-                           strength=strength, **parameters)
+        frame, base = pair(
+            name,
+            wall(distance),
+            0,
+            reflectivity * 0.64,
+            half=half,
+            slope=slope,
+            strength=strength,
+            **parameters,
+        )
         shares.append(lost(frame, base, off_axis))
     close(shares, logistic(logits, strength))
 
@@ -61,10 +70,16 @@ def saturation() -> None:
         ring = (np.degrees(incidence) >= low) & (np.degrees(incidence) < high)
         shares, wanted = [], []
         for gloss in (0.0, 0.6):
-            frame, base = pair('saturation', wall(distance), np.arange(8), lobe_deg=12.0,
-                               gloss=gloss, usecase='Mode_9_30fps')
+            frame, base = pair(
+                'saturation',
+                wall(distance),
+                np.arange(8),
+                lobe_deg=12.0,
+                gloss=gloss,
+                usecase='Mode_9_30fps',
+            )
             shares.append(np.isnan(frame.depth[:, ring]).mean())
-            lobe = 1 + gloss * np.exp(-(np.degrees(incidence) / 12) ** 2)
+            lobe = 1 + gloss * np.exp(-((np.degrees(incidence) / 12) ** 2))
             logit = 6 * np.log(2.0 * np.cos(incidence) * lobe / 3.5)
             wanted.append(logistic(logit[ring], 1.0).mean())
         close(shares, wanted)
@@ -80,11 +95,19 @@ def grazing_dropout() -> None:
             shares, wanted = [], []
             for turn in (40, 55):
                 target = board(distance, turn)
-                frame, base = pair('grazing_dropout', target.depth, np.arange(6),
-                                   half_deg=half_deg, width_deg=width_deg, distance=1.0,
-                                   strength=strength, usecase='Mode_9_30fps')
-                logit = ((np.degrees(target.incidence) - half_deg) / width_deg
-                         + np.log(target.depth))
+                frame, base = pair(
+                    'grazing_dropout',
+                    target.depth,
+                    np.arange(6),
+                    half_deg=half_deg,
+                    width_deg=width_deg,
+                    distance=1.0,
+                    strength=strength,
+                    usecase='Mode_9_30fps',
+                )
+                logit = (np.degrees(target.incidence) - half_deg) / width_deg + np.log(
+                    target.depth
+                )
                 for middle in (-1.5, 0.0, 1.5):
                     there = np.abs(logit - middle) < 0.25
                     valid = there & np.isfinite(base.depth)

@@ -14,13 +14,16 @@ def neighbour_correlation(errors: np.ndarray) -> float:
 @signature
 def spatial_filter() -> None:
     for mix, strength in ((0.9, 1.0), (0.3, 2.0)):
-        smooth, plain = spread('spatial_filter', wall(1.0), frames=8, mix=mix, strength=strength,
-                               gate=12.0)
+        smooth, plain = spread(
+            'spatial_filter', wall(1.0), frames=8, mix=mix, strength=strength, gate=12.0
+        )
         weights = np.full((3, 3), mix * strength / 9)
         weights[1, 1] += 1 - mix * strength
-        close(smooth[:, 5:-5, 5:-5].var() / plain.var(), (weights ** 2).sum())
-        close(neighbour_correlation(smooth[:, 5:-5, 5:-5]),
-              (weights[:, 1:] * weights[:, :-1]).sum() / (weights ** 2).sum())
+        close(smooth[:, 5:-5, 5:-5].var() / plain.var(), (weights**2).sum())
+        close(
+            neighbour_correlation(smooth[:, 5:-5, 5:-5]),
+            (weights[:, 1:] * weights[:, :-1]).sum() / (weights**2).sum(),
+        )
     # Typical: as measured on a Kinect v2.
     smooth, plain = spread('spatial_filter', wall(1.0), frames=8)
     assert 0.6 < neighbour_correlation(smooth[:, 5:-5, 5:-5]) < 0.7
@@ -32,8 +35,9 @@ def spatial_filter() -> None:
 @signature
 def temporal_filter() -> None:
     for share, strength in ((0.4, 1.0), (0.2, 3.0)):
-        smooth, plain = spread('temporal_filter', wall(1.0), frames=80, share=share,
-                               strength=strength)
+        smooth, plain = spread(
+            'temporal_filter', wall(1.0), frames=80, share=share, strength=strength
+        )
         a, settled = share * strength, smooth[20:]
         close(np.mean(settled[1:] * settled[:-1]) / settled.var(), a, rel=0.03)
         close(settled.var() / plain.var(), (1 - a) / (1 + a), rel=0.03)

@@ -32,13 +32,16 @@ def flying_pixels() -> None:
         frame, _ = pair('flying_pixels', clean, profile=QUIET, strength=strength, share=0.3)
         both = frame.depth[10:-10, 111:113]
         assert ((both > near) & (both < far)).all()
-        np.testing.assert_array_equal(np.delete(frame.depth, (111, 112), axis=1),
-                                      np.delete(clean.astype(np.float32), (111, 112), axis=1))
+        np.testing.assert_array_equal(
+            np.delete(frame.depth, (111, 112), axis=1),
+            np.delete(clean.astype(np.float32), (111, 112), axis=1),
+        )
         share = 0.3 * strength
-        phasors = {z: np.exp(1j * k * z) / z ** 2 for z in (near, far)}
+        phasors = {z: np.exp(1j * k * z) / z**2 for z in (near, far)}
         for own, other, column in ((near, far, 0), (far, near, 1)):
-            mixed = (1 - share) * phasors[own] + share * (6 * phasors[own]
-                                                          + 3 * phasors[other]) / 9
+            mixed = (1 - share) * phasors[own] + share * (
+                6 * phasors[own] + 3 * phasors[other]
+            ) / 9
             turned = np.angle(mixed / phasors[own]) / k
             close(both[:, column] - own, turned)
             flat = np.hypot(1, np.hypot(RAY_X, RAY_Y))[10:-10, 111]
@@ -67,8 +70,12 @@ def bounce(clean: np.ndarray, reflectivity: float, columns: list[int], k: float)
         way = points - here
         length = np.linalg.norm(way, axis=-1)
         with np.errstate(invalid='ignore', divide='ignore'):
-            light = (power * np.maximum(way @ normal, 0) * np.maximum(-(way * normals).sum(-1), 0)
-                     / (math.pi * length ** 4))
+            light = (
+                power
+                * np.maximum(way @ normal, 0)
+                * np.maximum(-(way * normals).sum(-1), 0)
+                / (math.pi * length**4)
+            )
         light[86, column] = 0
         detour = ranges + length - ranges[86, column]
         direct = cosine[86, column] / ranges[86, column] ** 2
@@ -106,17 +113,26 @@ def stray_light() -> None:
     clean, k = step(0.8, 2.0), wave_number()
     reflectivity = np.where(U < 112, 0.9, 0.05)
     cosine = 1 / np.hypot(1, np.hypot(RAY_X, RAY_Y))
-    light = reflectivity * cosine / clean ** 2 * np.exp(1j * k * clean)
+    light = reflectivity * cosine / clean**2 * np.exp(1j * k * clean)
     width = 0.2 * SHAPE[1]
 
     def kernel(y: np.ndarray, x: np.ndarray) -> np.ndarray:
         """Return a kernel that is half its peak at `width`."""
-        return (1 + (2 ** (2 / 3) - 1) * (y ** 2 + x ** 2) / width ** 2) ** -1.5
-    every = np.mgrid[-SHAPE[0]:SHAPE[0], -SHAPE[1]:SHAPE[1]]
+        return (1 + (2 ** (2 / 3) - 1) * (y**2 + x**2) / width**2) ** -1.5
+
+    every = np.mgrid[-SHAPE[0] : SHAPE[0], -SHAPE[1] : SHAPE[1]]
     norm = kernel(*every).sum()
     for strength in (1.0, 2.0):
-        frame, base = pair('stray_light', clean, 0, reflectivity, profile=QUIET, share=0.02,
-                           width=0.2, strength=strength)
+        frame, base = pair(
+            'stray_light',
+            clean,
+            0,
+            reflectivity,
+            profile=QUIET,
+            share=0.02,
+            width=0.2,
+            strength=strength,
+        )
         error = frame.depth.astype(np.float64) - base.depth
         for y, x in ((40, 130), (86, 160), (86, 200), (150, 220), (86, 20)):
             scattered = (kernel(V - y, U - x) * light).sum() / norm

@@ -18,8 +18,9 @@ def time_offset() -> None:
     for speed in (-1.2, 0.7):
         clean, stamps = moving(speed, frames=10)
         for latency, strength in ((0.02, 1.0), (0.02, 4.0), (-0.02, 1.0), (0.12, 1.5)):
-            seen = shift('time_offset', clean, stamps, profile=QUIET, latency=latency,
-                         strength=strength)
+            seen = shift(
+                'time_offset', clean, stamps, profile=QUIET, latency=latency, strength=strength
+            )
             close(seen[-2:], -speed * latency * strength, rel=1e-3)
     # Before it has seen enough, it shows the first frame.
     frame, _ = pair('time_offset', clean, stamps, profile=QUIET, latency=0.1)
@@ -32,17 +33,35 @@ def motion_artefact() -> None:
     duration = mode.raw_frames * (mode.exposure_us[1] + 600) * 1e-6
     for speed in (-1.0, 1.5):  # Towards the camera, what was seen before is farther away.
         for strength, stretch in ((1.0, 1.0), (2.0, 1.5)):
-            errors = np.array([
-                shift('motion_artefact', *moving(speed, start, 2), profile=QUIET, stretch=stretch,
-                      strength=strength)[-1, 0, 0] for start in np.linspace(1.2, 2.2, 40)])
+            errors = np.array(
+                [
+                    shift(
+                        'motion_artefact',
+                        *moving(speed, start, 2),
+                        profile=QUIET,
+                        stretch=stretch,
+                        strength=strength,
+                    )[-1, 0, 0]
+                    for start in np.linspace(1.2, 2.2, 40)
+                ]
+            )
             # Its sign is certain; taps at four moments let it swing about half the time.
             assert (np.sign(errors) == -np.sign(speed)).all()
             close(errors.mean(), -0.5 * speed * strength * stretch * duration)
             close(np.ptp(errors), 0.25 * abs(speed) * strength * stretch * duration)
         # Stamped at the beginning, it is as much the other way.
-        errors = np.array([
-            shift('motion_artefact', *moving(speed, start, 2), profile=QUIET, strength=1.0,
-                  stamp_at=0.0)[-1, 0, 0] for start in np.linspace(1.2, 2.2, 40)])
+        errors = np.array(
+            [
+                shift(
+                    'motion_artefact',
+                    *moving(speed, start, 2),
+                    profile=QUIET,
+                    strength=1.0,
+                    stamp_at=0.0,
+                )[-1, 0, 0]
+                for start in np.linspace(1.2, 2.2, 40)
+            ]
+        )
         close(errors.mean(), 0.5 * speed * duration)
     assert not shift('motion_artefact', *moving(0.0), profile=QUIET).any()
     # A border between two colours that goes by on a wall: raw frames of both, here and there, in

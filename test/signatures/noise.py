@@ -9,8 +9,9 @@ from signatures.tools import close, pair, RAY_X, RAY_Y, SHAPE, signature, spread
 @signature
 def excess_noise() -> None:
     for factor, strength, wanted in ((1.3, 1.0, 1.3), (1.5, 2.0, 2.0), (0.5, 1.0, 0.5)):
-        noisy, plain = spread('excess_noise', wall(1.0), frames=4, factor=factor,
-                              strength=strength)
+        noisy, plain = spread(
+            'excess_noise', wall(1.0), frames=4, factor=factor, strength=strength
+        )
         close(noisy.std() / plain.std(), wanted, rel=0.01)
 
 
@@ -19,9 +20,9 @@ def ambient_light() -> None:
     levels = np.broadcast_to(np.repeat([1.0, 0.3, 0.1, 0.04], 56), SHAPE)
     for strength in (1.0, 2.0):
         noisy, plain = spread('ambient_light', wall(1.5), levels, k=0.0008, strength=strength)
-        amplitude = levels / np.sqrt(1 + RAY_X ** 2 + RAY_Y ** 2) / 1.5 ** 2
+        amplitude = levels / np.sqrt(1 + RAY_X**2 + RAY_Y**2) / 1.5**2
         for column in (20, 130, 190):
-            part = np.s_[40:130, column:column + 15]
+            part = np.s_[40:130, column : column + 15]
             extra = noisy[:, *part].var() - plain[:, *part].var()
             wanted = np.mean((strength * 0.8 / amplitude[part]) ** 2)
             # White: less than the noise there is already; 81,000 samples know that to 0.5 %.
@@ -31,12 +32,13 @@ def ambient_light() -> None:
 @signature
 def heavy_tails() -> None:
     for share, width, strength in ((0.02, 5.0, 1.0), (0.03, 4.0, 3.0)):
-        wild, plain = spread('heavy_tails', wall(1.0), frames=8, share=share, width=width,
-                             strength=strength)
+        wild, plain = spread(
+            'heavy_tails', wall(1.0), frames=8, share=share, width=width, strength=strength
+        )
         changed = np.abs(wild - plain) > 1e-3
         close(changed.mean(), share * strength, rel=0.05)
         close(wild[changed], width * plain[changed], rel=1e-3, within=1e-3)
-        close(wild.var() / plain.var(), 1 + share * strength * (width ** 2 - 1))
+        close(wild.var() / plain.var(), 1 + share * strength * (width**2 - 1))
 
 
 @signature
@@ -51,10 +53,11 @@ def lateral_noise() -> None:
         frame, _ = pair('lateral_noise', target.depth, np.arange(80), **parameters)
         assert edge_sigma(frame.depth, region) > 0
         return (frame.depth[:, :, region] < 1.5).sum(axis=2) - (right + 1.0 - region.start)
+
     for factor, strength, wanted in ((1.5, 1.0, 1.5), (1.5, 3.0, 2.5), (0.7, 1.0, 0.7)):
         moved = positions(factor=factor, laplace=0.0, strength=strength)
         close(moved.std(), 0.864 * wanted, rel=0.03)
-        close((moved ** 4).mean() / moved.var() ** 2, 3.0)
+        close((moved**4).mean() / moved.var() ** 2, 3.0)
     moved = positions(factor=2.5, laplace=1.0)
     close(moved.std(), 0.864 * 2.5, rel=0.04)
-    close((moved ** 4).mean() / moved.var() ** 2, 6.0)  # a Laplacian's
+    close((moved**4).mean() / moved.var() ** 2, 6.0)  # a Laplacian's

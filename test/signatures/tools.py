@@ -12,7 +12,7 @@ import numpy as np
 SPEED_OF_LIGHT = 299_792_458.0
 SHAPE = (172, 224)
 STEP_5 = 33_333_333
-V, U = np.mgrid[:SHAPE[0], :SHAPE[1]].astype(np.float64)
+V, U = np.mgrid[: SHAPE[0], : SHAPE[1]].astype(np.float64)
 RAY_X, RAY_Y = (U - K[0, 2]) / K[0, 0], (V - K[1, 2]) / K[1, 1]
 _NONE = NoiseModel(0.0, 0.0, 0.0, 0.0, 2.7, 0.0)
 QUIET = replace(flexx2(), modes=tuple(replace(mode, noise=_NONE) for mode in flexx2().modes))
@@ -25,30 +25,43 @@ def signature(function: Callable[[], None]) -> Callable[[], None]:
     return function
 
 
-def pair(name: str, clean: Any, stamp: Any = 0, reflectivity: Any = None, *,
-         usecase: str = 'Mode_5_30fps', profile: Profile | None = None,
-         **parameters: float) -> tuple[Frame, Frame]:
+def pair(
+    name: str,
+    clean: Any,
+    stamp: Any = 0,
+    reflectivity: Any = None,
+    *,
+    usecase: str = 'Mode_5_30fps',
+    profile: Profile | None = None,
+    **parameters: float,
+) -> tuple[Frame, Frame]:
     """Return what a camera with an effect and one without it see."""
     with_it, without = (
         Camera(usecase, profile=profile, effects=effects, seed=7).capture(
-            clean, K, stamp, reflectivity)
-        for effects in ({name: parameters}, ()))
+            clean, K, stamp, reflectivity
+        )
+        for effects in ({name: parameters}, ())
+    )
     return with_it, without
 
 
-def shift(name: str, clean: Any, stamp: Any = 0, reflectivity: Any = None,
-          **options: Any) -> np.ndarray:
+def shift(
+    name: str, clean: Any, stamp: Any = 0, reflectivity: Any = None, **options: Any
+) -> np.ndarray:
     """Return by how much an effect changes depth, metres."""
     with_it, without = pair(name, clean, stamp, reflectivity, **options)
     return with_it.depth.astype(np.float64) - without.depth
 
 
-def spread(name: str, clean: Any, reflectivity: Any = None, frames: int = 60,
-           **options: Any) -> tuple[np.ndarray, np.ndarray]:
+def spread(
+    name: str, clean: Any, reflectivity: Any = None, frames: int = 60, **options: Any
+) -> tuple[np.ndarray, np.ndarray]:
     """Return the errors of a still scene, with the effect and without, mm; (T, H, W)."""
     stamps = np.arange(frames)
-    return tuple((frame.depth.astype(np.float64) - clean) * 1e3  # type: ignore[return-value]
-                 for frame in pair(name, clean, stamps, reflectivity, **options))
+    return tuple(
+        (frame.depth.astype(np.float64) - clean) * 1e3  # type: ignore[return-value]
+        for frame in pair(name, clean, stamps, reflectivity, **options)
+    )
 
 
 def wave_number(frequency: float = 60e6) -> float:

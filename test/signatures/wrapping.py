@@ -21,18 +21,25 @@ def range_wrap() -> None:
     assert (round(d1, 2), round(d2, 2)) == (1.87, 2.5)
     shares = []
     for distance, strength in ((3.0, 1.0), (6.0, 1.0), (6.6, 1.0), (6.0, 2.0)):
-        frame, base = pair('range_wrap', wall(distance), np.arange(12), usecase='Mode_9_30fps',
-                           strength=strength)
+        frame, base = pair(
+            'range_wrap', wall(distance), np.arange(12), usecase='Mode_9_30fps', strength=strength
+        )
         jump = (frame.depth - base.depth)[np.isfinite(base.depth)]
         jumped = np.isfinite(jump) & (np.abs(jump) > 0.1)
         shares.append(jumped.mean())
         sigma = np.nanmean(base.sigma)
         # Errors e of f^-1 each; apart by more than half a step d1 d2 / 7.5 m.
-        apart = strength * sigma * math.sqrt((80 ** 2 + 60 ** 2) * (80 ** -2 + 60 ** -2))
+        apart = strength * sigma * math.sqrt((80**2 + 60**2) * (80**-2 + 60**-2))
         close(shares[-1], math.erfc(d1 * d2 / 7.495 / 2 / apart / math.sqrt(2)), within=1e-4)
         # By m steps: n wraps of each, weighted by f^2, less whole beats.
-        lattice = np.array([0.64 * d1 * a + 0.36 * d2 * b for a in range(-4, 5)
-                            for b in range(-3, 4) if abs(a * d1 - b * d2) < 1.3])
+        lattice = np.array(
+            [
+                0.64 * d1 * a + 0.36 * d2 * b
+                for a in range(-4, 5)
+                for b in range(-3, 4)
+                if abs(a * d1 - b * d2) < 1.3
+            ]
+        )
         assert all(np.abs(lattice - one).min() < 0.002 for one in np.unique(jump[jumped]))
     assert shares == sorted(shares)
     assert shares[0] == 0

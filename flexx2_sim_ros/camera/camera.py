@@ -1,0 +1,432 @@
+"""The camera: clean depth in, what a Flexx2 would have seen out."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+import math
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+from flexx2_sim_ros.camera.stages import run_stages
+from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.physics.axial import model_sigma, observe
+from flexx2_sim_ros.physics.frame_state import check_frequencies, Effect, FrameState, Memory
+from flexx2_sim_ros.physics.lateral import displaced_sources, pixel_sigma, upright_edges
+from flexx2_sim_ros.physics.philox import camera_key, fill_normals, stamp_words, STREAM_AXIAL
+from flexx2_sim_ros.physics.surface import analyse, Surface
+from flexx2_sim_ros.profiles.intrinsics import Intrinsics
+from flexx2_sim_ros.profiles.modes import camera_config, DEFAULT_USECASE, flexx2, Mode, Profile
+import numpy as np
+
+_GAUSSIAN = np.float32(0.0)  # share of Laplacian edges
+
+
+@dataclass(frozen=True)
+class Frame:
+    """
+    What the camera saw.
+
+    Attributes
+    ----------
+    depth : numpy.ndarray
+        (..., H, W) float32, metres along the optical axis, NaN where invalid.
+    sigma : numpy.ndarray
+        (..., H, W) float32, the model's sigma_z of what was seen, metres, NaN where invalid.
+    amplitude : numpy.ndarray
+        (..., H, W) float32, reflectivity * cos(incidence) / z^2, 1/m^2, 0 where invalid; but full
+        scale or more where it is too much light (the effect ``saturation``) that makes it so.
+    confidence : numpy.ndarray
+        (..., H, W) float32 in 0..1, 0 where invalid.
+    K : numpy.ndarray
+        The camera matrix that was given, float64.
+
+    """
+
+    depth: np.ndarray
+    sigma: np.ndarray
+    amplitude: np.ndarray
+    confidence: np.ndarray
+    K: np.ndarray  # noqa: N815
+
+
+class Camera:
+    """
+    A Flexx2 in one of its modes.
+
+    The noise is a pure function of (seed, name, stamp): the same frame gets the same noise
+    whatever was captured before it or beside it.
+
+    Parameters
+    ----------
+    usecase : str
+        A mode's name, whatever its case, e.g. ``Mode_9_30fps``.
+    profile : Profile, optional
+        Another camera than the Flexx2.
+    effects : sequence of Effect, mapping, str or pathlib.Path
+        Effects beyond the paper's model (see `flexx2_sim_ros.effects`): themselves, a table of
+        their parameters by name, or the path of a YAML file. Those of strength 0 are off.
+    seed : int
+        Seed of the noise.
+    name : str
+        Cameras of different names share no noise.
+
+    Attributes
+    ----------
+    exposure_share : float
+        Exposure time as a share of the one that the effects' parameters are for; 1 unless it is
+        set. It scales the light that effects see, not the frame's amplitude.
+
+    Raises
+    ------
+    InputError
+        When there is no such mode.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> camera = Camera('Mode_5_30fps', seed=1, name='front_left')
+    >>> K = np.array([[210.6, 0, 111.5], [0, 212.9, 85.5], [0, 0, 1]])
+    >>> frame = camera.capture(np.full((172, 224), 1.5), K, stamp=0.1)
+    >>> frame.depth.shape
+    (172, 224)
+
+    """
+
+    def __init__(
+        self,
+        usecase: str = DEFAULT_USECASE,
+        *,
+        profile: Profile | None = None,
+        effects: Any = (),
+        seed: int = 0,
+        name: str = '',
+    ) -> None:
+        """Look the mode up and derive the generator's key."""
+        self.profile = profile or flexx2()
+        self.mode: Mode = self.profile.mode(usecase)
+        if (
+            isinstance(seed, bool)
+            or not isinstance(seed, int | np.integer)
+            or not -(2**63) <= seed < 2**63
+        ):
+            raise InputError(f'seed: found {seed!r}, wanted a whole number of 64 bits')
+        if not isinstance(name, str):
+            raise InputError(f'name: found {name!r}, wanted a string')
+        self.seed = int(seed)
+        self.name = name
+        noise = self.mode.noise
+        config = camera_config()
+        self.exposure_share = 1.0
+        self._memories: dict[tuple[int, ...], Memory] = {}
+        self._environments: tuple[int, ...] = ()
+        self.effects = effects
+        self._key = camera_key(self.seed, name)
+        self._coefficients = np.array([noise.a, noise.b, noise.c, noise.d, noise.n], np.float32)
+        self._cap = np.float32(config.incidence_cap)
+        self._edge_sigma = np.float32(pixel_sigma(noise.sigma_x))
+        # Five standard deviations: 1 edge in 2 million would have gone further.
+        self._edge_limit = min(math.ceil(5 * noise.sigma_x), 127)
+        self._neighbourhood = config.neighbourhood_px
+        self._zero_confidence = np.float32(config.zero_at_sigma_m)
+
+    @property
+    def usecase(self) -> str:
+        """Return the mode's canonical name."""
+        return self.mode.name
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """Return the effects that are on; can be set, between frames, to what Camera takes."""
+        return self._effects
+
+    @effects.setter
+    def effects(self, effects: Any) -> None:
+        chosen = tuple(effect for effect in _as_effects(effects) if effect.strength)
+        names = [effect.name for effect in chosen]
+        for name in names:
+            if names.count(name) > 1:
+                raise InputError(
+                    f'effects: {name}: found it {names.count(name)} times, wanted it once'
+                )
+        check_frequencies(chosen, self.mode)
+        self._effects = chosen
+        for memory in self._memories.values():
+            memory.keep_only(names)
+
+    def capture(
+        self,
+        clean_depth: Any,
+        K: Any,
+        stamp: Any,  # noqa: N803
+        reflectivity: Any = None,
+    ) -> Frame:
+        """
+        Look at clean depth.
+
+        Leading dimensions of all arguments broadcast against each other: one (H, W) scene with
+        (T,) stamps gives T frames.
+
+        Some effects remember the frames before. With effects the last leading dimension is time
+        when ``stamp`` has dimensions, and those before it are environments: cameras of their own,
+        each with its own memory. With a scalar ``stamp`` all leading dimensions are environments.
+        The next call goes on where this one ended if its environments have the same shape; if
+        not, or where a stamp is earlier than the one before, it starts afresh. See `reset`.
+
+        Parameters
+        ----------
+        clean_depth : array_like
+            (..., H, W), metres along the optical axis, any real dtype. NaN, infinities, zero and
+            negative values mean that nothing is there.
+        K : array_like
+            (..., 3, 3) camera matrix of ``clean_depth``, pixels.
+        stamp : array_like
+            (...), the frame's time: whole numbers are nanoseconds, floating-point numbers are
+            seconds (taken to the nearest nanosecond).
+        reflectivity : array_like, optional
+            (..., H, W) in 0..1 at the camera's wavelength; 1 everywhere when left out.
+
+        Returns
+        -------
+        Frame
+
+        Raises
+        ------
+        InputError
+            For wrong shapes, dtypes or a matrix that is no camera's.
+
+        """
+        clean = _images('clean_depth', clean_depth)
+        matrices = _array('K', K)
+        if matrices.ndim < 2 or matrices.shape[-2:] != (3, 3):
+            raise InputError(f'K: found shape {matrices.shape}, wanted (..., 3, 3)')
+        stamps = _nanoseconds(stamp)
+        albedo = (
+            np.ones((1, 1), np.float32)
+            if reflectivity is None
+            else _images('reflectivity', reflectivity)
+        )
+        height, width = clean.shape[-2:]
+        if reflectivity is not None and albedo.shape[-2:] != (height, width):
+            raise InputError(
+                f'reflectivity: found size {albedo.shape[-2:]}, wanted that of '
+                f'clean_depth, {(height, width)}'
+            )
+        try:
+            leading = np.broadcast_shapes(
+                clean.shape[:-2], matrices.shape[:-2], stamps.shape, albedo.shape[:-2]
+            )
+        except ValueError as error:
+            raise InputError(
+                'leading dimensions do not broadcast: clean_depth '
+                f'{clean.shape[:-2]}, K {matrices.shape[:-2]}, stamp {stamps.shape}, '
+                f'reflectivity {albedo.shape[:-2]}'
+            ) from error
+        scenes = np.broadcast_to(clean, leading + clean.shape[-2:])
+        cameras = np.broadcast_to(matrices, leading + (3, 3))
+        times = np.broadcast_to(stamps, leading)
+        albedos = np.broadcast_to(albedo, leading + albedo.shape[-2:])
+        out = [np.empty(leading + (height, width), np.float32) for _ in range(4)]
+
+        if self.effects:
+            self._run_stages(scenes, cameras, times, albedos, out, stamps.ndim)
+            return _frame(out, matrices)
+        prepared: _Prepared | None = None
+        for index in np.ndindex(leading):
+            scene, matrix = scenes[index], cameras[index]
+            # A scene broadcast over many stamps is analysed once.
+            if prepared is None or not prepared.holds(scene, matrix):
+                prepared = self._prepare(scene, matrix)
+            self._expose(
+                prepared, int(times[index]), albedos[index], *(array[index] for array in out)
+            )
+        return _frame(out, matrices)
+
+    def reset(self, mask: Any = None) -> None:
+        """
+        Forget what effects keep between frames.
+
+        Parameters
+        ----------
+        mask : array_like, optional
+            Of bool, over the environments (see `capture`): which to reset. All when left out.
+
+        Raises
+        ------
+        InputError
+            When ``mask`` is not bool or not of the environments' shape.
+
+        """
+        if mask is None:
+            self._memories.clear()
+            return
+        chosen = np.asarray(mask)
+        if chosen.dtype != bool or (self._memories and chosen.shape != self._environments):
+            raise InputError(
+                f'mask: found {chosen.dtype} of shape {chosen.shape}, wanted bool of '
+                f'the shape of the environments, {self._environments}'
+            )
+        for index in list(self._memories):
+            if chosen[index]:
+                del self._memories[index]
+
+    def _run_stages(
+        self,
+        scenes: np.ndarray,
+        cameras: np.ndarray,
+        times: np.ndarray,
+        albedos: np.ndarray,
+        out: list[np.ndarray],
+        stamp_dimensions: int,
+    ) -> None:
+        height, width = scenes.shape[-2:]
+        # The last dimension is time if stamps have one; those before it are environments.
+        last = -1 if stamp_dimensions else times.ndim
+        if times.shape[:last] != self._environments:
+            self._memories.clear()
+            self._environments = times.shape[:last]
+        for index in np.ndindex(times.shape):
+            albedo = albedos[index]
+            state = FrameState(
+                self.mode,
+                Intrinsics.from_matrix(cameras[index], width, height),
+                int(times[index]),
+                self._key,
+                self._memories.setdefault(index[:last], Memory()),
+                scenes[index].copy(),
+                # NaN is no light, as in the base model.
+                np.where(albedo > 0, np.minimum(albedo, np.float32(1)), np.float32(0)),
+                self.exposure_share,
+            )
+            finished = run_stages(state, self.effects, self.mode.noise.sigma_x)
+            for array, image in zip(out, finished, strict=True):
+                array[index] = image
+
+    def _prepare(self, scene: np.ndarray, matrix: np.ndarray) -> '_Prepared':
+        height, width = scene.shape
+        surface = analyse(
+            np.ascontiguousarray(scene), Intrinsics.from_matrix(matrix, width, height)
+        )
+        sigma = np.empty((height, width), np.float32)
+        model_sigma(
+            surface.inverse_depth, surface.cos_incidence, self._coefficients, self._cap, sigma
+        )
+        rows = np.empty((height, width), np.uint8)
+        columns = np.empty((height, width), np.uint8)
+        edges = upright_edges(surface.row_jumps, surface.column_jumps, rows, columns)
+        if not edges or not self._edge_sigma:
+            rows = columns = np.zeros((0, 0), np.uint8)
+        return _Prepared(scene, matrix, surface, sigma, rows, columns)
+
+    def _expose(
+        self,
+        prepared: '_Prepared',
+        stamp: int,
+        albedo: np.ndarray,
+        depth: np.ndarray,
+        sigma: np.ndarray,
+        amplitude: np.ndarray,
+        confidence: np.ndarray,
+    ) -> None:
+        low, high = stamp_words(stamp)
+        pixels = depth.size
+        normals = np.empty(pixels, np.float32)
+        fill_normals(self._key, low, high, STREAM_AXIAL, normals)
+        source = np.empty(pixels if prepared.rows.size else 0, np.int32)
+        if source.size:
+            displaced_sources(
+                prepared.rows,
+                prepared.columns,
+                self._neighbourhood,
+                self._edge_sigma,
+                self._edge_limit,
+                self._key,
+                low,
+                high,
+                _GAUSSIAN,
+                source,
+            )
+        observe(
+            prepared.surface.inverse_depth,
+            prepared.surface.cos_incidence,
+            prepared.sigma,
+            np.ascontiguousarray(albedo),
+            source,
+            normals,
+            np.float32(self.mode.range_min),
+            np.float32(self.mode.range_max),
+            self._zero_confidence,
+            depth,
+            sigma,
+            amplitude,
+            confidence,
+        )
+
+
+@dataclass(frozen=True)
+class _Prepared:
+    # What the stamp does not change.
+    scene: np.ndarray
+    matrix: np.ndarray
+    surface: Surface
+    sigma: np.ndarray
+    rows: np.ndarray
+    columns: np.ndarray
+
+    def holds(self, scene: np.ndarray, matrix: np.ndarray) -> bool:
+        return _same_memory(scene, self.scene) and _same_memory(matrix, self.matrix)
+
+
+def _same_memory(one: np.ndarray, other: np.ndarray) -> bool:
+    return one.__array_interface__['data'] == other.__array_interface__['data']
+
+
+def _frame(images: list[np.ndarray], matrices: np.ndarray) -> Frame:
+    depth, sigma, amplitude, confidence = images
+    return Frame(depth, sigma, amplitude, confidence, matrices.astype(np.float64))
+
+
+def _as_effects(effects: Any) -> tuple[Effect, ...]:
+    if isinstance(effects, str | PathLike | Mapping):
+        # The effects build on the camera, so they are looked up here only when they are needed.
+        from flexx2_sim_ros.effects import load_effects, parse_effects
+
+        if isinstance(effects, Mapping):
+            return parse_effects(effects)
+        return load_effects(Path(effects))
+    chosen = tuple(effects) if isinstance(effects, Iterable) else (effects,)
+    if not all(hasattr(effect, 'apply') and not isinstance(effect, type) for effect in chosen):
+        raise InputError(
+            f'effects: found {effects!r}, wanted a sequence of effects, a table of '
+            'their parameters or the path of a file'
+        )
+    return chosen
+
+
+def _array(name: str, value: Any) -> np.ndarray:
+    try:
+        array = np.asarray(value)
+    except (TypeError, ValueError) as error:
+        raise InputError(f'{name}: not an array of numbers: {error}') from error
+    if array.dtype.kind not in 'fiu':
+        raise InputError(f'{name}: found dtype {array.dtype}, wanted real numbers')
+    return array
+
+
+def _images(name: str, value: Any) -> np.ndarray:
+    array = _array(name, value)
+    if array.ndim < 2 or 0 in array.shape[-2:]:
+        raise InputError(f'{name}: found shape {array.shape}, wanted (..., H, W), not empty')
+    # Values that float32 cannot hold become infinite, which is: nothing there.
+    with np.errstate(over='ignore'):
+        return array.astype(np.float32, copy=False)
+
+
+def _nanoseconds(stamp: Any) -> np.ndarray:
+    stamps = _array('stamp', stamp)
+    if stamps.dtype.kind == 'f':
+        if not np.isfinite(stamps).all():
+            raise InputError('stamp: found a value that is not finite, wanted seconds')
+        stamps = np.rint(stamps.astype(np.float64) * 1e9)
+        if np.abs(stamps).max(initial=0) > 2**62:
+            raise InputError('stamp: found a value beyond 146 years, wanted seconds')
+    return stamps.astype(np.int64)

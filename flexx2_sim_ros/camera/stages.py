@@ -1,0 +1,270 @@
+"""Make a frame with effects: the pipeline in the order of light."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import groupby
+import math
+from typing import Any
+
+from flexx2_sim_ros.physics.axial import add_noise, blank_invalid, blank_outside, model_sigma
+from flexx2_sim_ros.physics.frame_state import Common, Effect, FrameState, once, Stage
+from flexx2_sim_ros.physics.lateral import displaced_sources, pixel_sigma, upright_edges
+from flexx2_sim_ros.physics.philox import fill_normals, stamp_words, STREAM_AXIAL
+from flexx2_sim_ros.physics.surface import analyse, PAD, Surface
+from flexx2_sim_ros.profiles.modes import camera_config
+import numpy as np
+
+_NOWHERE = np.zeros(0, np.int64)
+
+
+def run_stages(
+    state: FrameState, effects: Sequence[Effect], edge_sigma: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """
+    Run the stages in order, each with its effects.
+
+    Parameters
+    ----------
+    state : FrameState
+        With depth and reflectivity.
+    effects : sequence of Effect
+        Those that are on.
+    edge_sigma : float
+        The mode's sigma_x, pixels.
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        Depth, sigma, amplitude and confidence, (H, W) float32, as in `Frame`. Without any effect
+        the base model's, up to float32 rounding.
+
+    """
+    measure(state, effects, edge_sigma)
+    return _finish(state)
+
+
+def measure(state: FrameState, effects: Sequence[Effect], edge_sigma: float) -> None:
+    """Run the stages like `develop`, up to ``state.measured``."""
+    ordered = sorted(effects, key=lambda effect: (effect.stage, effect.order, effect.name))
+    by_stage = {
+        stage: list(group) for stage, group in groupby(ordered, key=lambda effect: effect.stage)
+    }
+
+    def run(stage: Stage) -> None:
+        for effect in by_stage.get(stage, ()):
+            effect.apply(state)
+
+    wraps = bool(by_stage.get(Stage.WRAP))
+    common = state.common
+    state.memory.begin(state.stamp)
+    if common is None or any(stage < Stage.WRAP for stage in by_stage):
+        if common is None or Stage.GEOMETRY not in by_stage:
+            run(Stage.GEOMETRY)
+        else:
+            _see_another_scene(state, common, by_stage[Stage.GEOMETRY])
+        _light(state)
+        run(Stage.AMPLITUDE)
+        state.shifts = state.no_shifts()
+        run(Stage.PHASOR)
+        _expect_noise(state, edge_sigma)
+        run(Stage.NOISE)
+        _show_other_surfaces(state)
+        _measure(state, wraps)
+    else:
+        plain = once(common.frame, ('plain', wraps), lambda: _plain(state, edge_sigma, wraps))
+        for name, image in plain.items():
+            setattr(state, name, image)
+        state.measured = state.measured.copy()
+    run(Stage.WRAP)
+    _blank_outside(state)
+    run(Stage.FILTER)
+    if by_stage.get(Stage.STORAGE):
+        run(Stage.STORAGE)
+        _blank_outside(state)
+    run(Stage.DROPOUT)
+
+
+def _see_another_scene(state: FrameState, common: Common, effects: Sequence[Effect]) -> None:
+    # The random numbers are the same. What effects that keep nothing make of the scene is the same
+    # for all frames that share it; the latest of it is kept.
+    def make() -> tuple[np.ndarray, np.ndarray]:
+        state.depth, state.reflectivity = state.depth.copy(), state.reflectivity.copy()
+        for effect in effects:
+            effect.apply(state)
+        return state.depth, state.reflectivity
+
+    scene: dict[Any, Any] = {}
+    if not any(getattr(effect, 'keeps', True) for effect in effects):
+        key, kept = common.scene.get('other', (None, scene))
+        scene = kept if key == tuple(effects) else scene
+        common.scene['other'] = tuple(effects), scene
+    normals = once(common.frame, _NORMALS, lambda: _normals(state))
+    state.depth, state.reflectivity = once(scene, 'view', make)
+    state.common = Common(scene, {_NORMALS: normals})
+
+
+_NORMALS = 'normals'
+_UNTIL_WRAP = (
+    'surface',
+    'depth',
+    'amplitude',
+    'cosine',
+    'shifts',
+    'sigma',
+    'normals',
+    'edge_sigma',
+    'measured',
+)
+
+
+def _plain(state: FrameState, edge_sigma: float, wraps: bool) -> dict[str, Any]:
+    # All that there is of a frame without effects by the stage WRAP.
+    twin = replace(state)
+    _light(twin)
+    twin.shifts = twin.no_shifts()
+    _expect_noise(twin, edge_sigma)
+    _show_other_surfaces(twin)
+    _measure(twin, wraps)
+    return {name: getattr(twin, name) for name in _UNTIL_WRAP}
+
+
+def _blank_outside(state: FrameState) -> None:
+    state.measured = np.ascontiguousarray(state.measured)
+    blank_outside(
+        state.measured, np.float32(state.mode.range_min), np.float32(state.mode.range_max)
+    )
+
+
+def _light(state: FrameState) -> None:
+    # The light that comes back from each pixel's surface.
+    def make() -> tuple[Surface, np.ndarray, np.ndarray]:
+        depth = (
+            np.ascontiguousarray(state.depth)
+            if state.common is None
+            else np.array(state.depth, order='C')
+        )
+        surface = analyse(depth, state.intrinsics)
+        inverse = surface.inverse_depth[PAD:-PAD, PAD:-PAD]
+        depth[inverse == 0] = np.nan
+        return surface, depth, state.reflectivity * surface.cos_incidence * inverse * inverse
+
+    common = state.common
+    state.surface, depth, amplitude = once(_scene(common), 'light', make)
+    state.depth, state.amplitude = _own(common, depth), _own(common, amplitude)
+    state.cosine = state.surface.cos_incidence.copy()
+
+
+def _scene(common: Common | None) -> dict[Any, Any] | None:
+    return None if common is None else common.scene
+
+
+def _frame(common: Common | None) -> dict[Any, Any] | None:
+    return None if common is None else common.frame
+
+
+def _own(common: Common | None, image: np.ndarray) -> np.ndarray:
+    return image if common is None else image.copy()
+
+
+def _expect_noise(state: FrameState, edge_sigma: float) -> None:
+    def make() -> np.ndarray:
+        noise, surface = state.mode.noise, state.surface
+        sigma = np.empty(state.depth.shape, np.float32)
+        coefficients = np.array([noise.a, noise.b, noise.c, noise.d, noise.n], np.float32)
+        model_sigma(
+            surface.inverse_depth,
+            surface.cos_incidence,
+            coefficients,
+            np.float32(camera_config().incidence_cap),
+            sigma,
+        )
+        return sigma
+
+    common = state.common
+    state.sigma = _own(common, once(_scene(common), 'sigma', make))
+    state.normals = _own(common, once(_frame(common), _NORMALS, lambda: _normals(state)))
+    state.edge_sigma = edge_sigma
+
+
+def _normals(state: FrameState) -> np.ndarray:
+    normals = np.empty(state.depth.shape, np.float32)
+    low, high = stamp_words(state.stamp)
+    fill_normals(state.key, low, high, STREAM_AXIAL, normals.ravel())
+    return normals
+
+
+def _show_other_surfaces(state: FrameState) -> None:
+    # Lateral noise: near edges, pixels take over what another pixel sees.
+    common = state.common
+    moved, origin = once(
+        _frame(common), ('moved', state.edge_sigma, state.edge_laplace), lambda: _moved(state)
+    )
+    if not moved.size:
+        return
+    state.sigma = np.ascontiguousarray(state.sigma)
+    for image in (state.depth, state.amplitude, state.sigma, state.cosine, *state.shifts):
+        flat = image.reshape(-1)
+        flat[moved] = flat[origin]
+
+
+def _moved(state: FrameState) -> tuple[np.ndarray, np.ndarray]:
+    # Flat indices: which pixels see something else, and where that is.
+    surface = state.surface
+    common = state.common
+
+    def make() -> tuple[np.ndarray, np.ndarray, int]:
+        rows, columns = np.empty_like(surface.row_jumps), np.empty_like(surface.row_jumps)
+        return rows, columns, upright_edges(surface.row_jumps, surface.column_jumps, rows, columns)
+
+    rows, columns, edges = once(_scene(common), 'edges', make)
+    if not edges or state.edge_sigma <= 0:
+        return _NOWHERE, _NOWHERE
+    sigma = pixel_sigma(state.edge_sigma)
+    limit = min(math.ceil((5 + 5 * state.edge_laplace) * state.edge_sigma), 127)
+    source = np.empty(state.depth.size, np.int32)
+    low, high = stamp_words(state.stamp)
+    displaced_sources(
+        rows,
+        columns,
+        camera_config().neighbourhood_px,
+        np.float32(sigma),
+        limit,
+        state.key,
+        low,
+        high,
+        np.float32(state.edge_laplace),
+        source,
+    )
+    moved = np.flatnonzero(source != np.arange(source.size, dtype=np.int32))
+    return moved, source[moved]
+
+
+def _measure(state: FrameState, wraps: bool) -> None:
+    mode = state.mode
+    shift, *others = (
+        np.float32(weight) * one for weight, one in zip(state.weights, state.shifts, strict=True)
+    )
+    for one in others:
+        shift += one
+    low, high = np.float32(mode.range_min), np.float32(mode.range_max)
+    if wraps:
+        # What lies beyond the range is not recognised as such; see the effect range_wrap.
+        low, high = np.float32(0), np.float32(np.finfo(np.float32).max)
+    state.measured = np.empty_like(state.depth)
+    add_noise(state.depth, shift, state.sigma, state.normals, low, high, state.measured)
+
+
+def _finish(state: FrameState) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    sigma, amplitude, confidence = (np.empty_like(state.depth) for _ in range(3))
+    blank_invalid(
+        state.measured,
+        state.sigma,
+        state.amplitude,
+        np.float32(camera_config().zero_at_sigma_m),
+        sigma,
+        amplitude,
+        confidence,
+    )
+    if state.saturated is not None:
+        amplitude[state.saturated] = state.amplitude[state.saturated]
+    return state.measured, sigma, amplitude, confidence

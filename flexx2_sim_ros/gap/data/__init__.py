@@ -1,0 +1,1 @@
+"""Recordings of a campaign, checked, with the pose and covariates of each."""

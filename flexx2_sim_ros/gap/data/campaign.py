@@ -1,0 +1,320 @@
+"""A folder of recordings: found, checked, brought into the form the diagnosis works on."""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from flexx2_sim_ros.camera import flexx2, Intrinsics, Mode, Profile
+from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.gap.data.frames import choose_frames
+from flexx2_sim_ros.gap.data.registration import RecordingData
+from flexx2_sim_ros.physics.surface import analyse
+from flexx2_sim_ros.profiles.modes import camera_config
+from flexx2_sim_ros.recording import open_recording, Recording, RecordingReader
+import numpy as np
+
+_CHUNK = 32
+_BRIGHTEST = 2.0  # reflectivity: above it is another unit; between 1 and this a bad estimate
+_LONGEST = 1e6  # seconds of uptime
+_NEAR_1000 = 0.7  # logarithm: from half to twice
+_REFLECTIVITIES = 1e-3, 100.0  # that an amplitude may mean, as the median of an image
+
+
+@dataclass(frozen=True)
+class Found:
+    """
+    A recording of the campaign.
+
+    Attributes
+    ----------
+    path : pathlib.Path
+    mode : Mode
+    notes : tuple of str
+        What is not quite right about it.
+
+    """
+
+    path: Path
+    mode: Mode
+    notes: tuple[str, ...]
+
+
+def check(path: Path, profile: Profile | None) -> Found | str:
+    """Return a recording that may be used, or why it may not."""
+    try:
+        return _found(open_recording(path), profile)
+    except InputError as error:
+        return str(error)
+
+
+def of_one_mode(
+    folder: str | Path, paths: Sequence[Path], checked: Sequence[Found | str]
+) -> tuple[list[Found], list[tuple[str, str]]]:
+    """
+    Choose the recordings of the mode that most of them have.
+
+    Parameters
+    ----------
+    folder : str or pathlib.Path
+        The campaign.
+    paths : sequence of pathlib.Path
+        What is in it.
+    checked : sequence of Found or str
+        What `check` says of each.
+
+    Returns
+    -------
+    tuple
+        These recordings; names and reasons of those left out.
+
+    Raises
+    ------
+    InputError
+        When none can be used; the message names every file and what is wrong.
+
+    """
+    found = [one for one in checked if isinstance(one, Found)]
+    left_out = [
+        (path.name, one) for path, one in zip(paths, checked, strict=True) if isinstance(one, str)
+    ]
+    if not found:
+        raise nothing_left(Path(folder), left_out)
+    usual = Counter(one.mode.name for one in found).most_common(1)[0][0]
+    left_out += [
+        (
+            one.path.name,
+            f'{one.path}: usecase: found {one.mode.name}, wanted '
+            f'{usual}, as most recordings of the campaign have',
+        )
+        for one in found
+        if one.mode.name != usual
+    ]
+    return [one for one in found if one.mode.name == usual], left_out
+
+
+def nothing_left(folder: Path, left_out: list[tuple[str, str]]) -> InputError:
+    """Return the error that says why no recording can be used."""
+    return InputError(
+        f'{folder}: no recording can be used: ' + '; '.join(reason for _, reason in left_out)
+    )
+
+
+def _found(reader: RecordingReader, profile: Profile | None) -> Found:
+    path = reader.path
+    if reader.changes:
+        raise InputError(f'{reader.changes[0]}, wanted a recording without changes')
+    if 'clean_depth' not in reader.layouts and 'clean_depth' not in reader.arrays:
+        raise InputError(
+            f'{path}: clean_depth: not in the file, wanted metres (H, W) or '
+            '(T, H, W): what is really there'
+        )
+    if reader.usecase is None:
+        raise InputError(f'{path}: usecase: not in the file, wanted the mode')
+    try:
+        mode = (profile or flexx2()).mode(reader.usecase)
+    except InputError as error:
+        raise InputError(f'{path}: {error}') from error
+    if (np.diff(reader.stamp_ns) <= 0).any():
+        raise InputError(f'{path}: stamp: does not rise from frame to frame')
+    height, width = reader.shape[1:]
+    try:
+        Intrinsics.from_matrix(reader.K, width, height)
+    except InputError as error:
+        raise InputError(f'{path}: {error}') from error
+    notes = [note for note in reader.notes if ': stamp: not in the file' not in note]
+    if reader.assumed_stamps:
+        notes.append(
+            f'{path}: stamp: not in the file: taken for {mode.rate_hz:g} Hz, that of {mode.name}'
+        )
+    return Found(path, mode, tuple(notes))
+
+
+def read(found: Found, profile: Profile | None) -> RecordingData:
+    """
+    Read what the diagnosis needs of a recording: long ones only in part.
+
+    Raises
+    ------
+    InputError
+        When it cannot be read or compared; the message names the file and the key.
+
+    """
+    path = found.path
+    reader = open_recording(path)
+    chosen, fresh = choose_frames(len(reader.stamp))
+    parts, start = [], 0
+    for part in reader.chunks(_CHUNK):
+        inside = chosen[(chosen >= start) & (chosen < start + len(part.stamp))] - start
+        if len(inside):
+            parts.append((part, inside))
+        start += len(part.stamp)
+    depth = np.concatenate([part.depth[i] for part, i in parts])
+    clean = _stack('clean_depth', parts)
+    assert clean is not None
+    shape = depth.shape[1:]
+    if clean.shape[-2:] != shape:
+        raise InputError(
+            f'{path}: clean_depth: found size {clean.shape[-2:]}, wanted that of depth, {shape}'
+        )
+    with np.errstate(invalid='ignore', over='ignore'):
+        depth = np.where(depth > 0, depth, np.float32(np.nan))
+        clean = np.where((clean > 0) & (clean < 1e5), clean, np.nan).astype(np.float32)
+    notes: list[str] = []
+    depth, clean = _in_metres(path, depth, clean, found.mode, notes)
+    if not np.isfinite(depth).any():
+        raise InputError(f'{path}: depth: all pixels of all frames are invalid')
+    in_range = (clean >= found.mode.range_min) & (clean <= found.mode.range_max)
+    if not in_range.any():
+        raise InputError(
+            f'{path}: clean_depth: nothing lies within the range of '
+            f'{found.mode.name}, {found.mode.range_min:g} to '
+            f'{found.mode.range_max:g} m'
+        )
+    if not (np.isfinite(depth) & in_range).any():
+        raise InputError(f'{path}: depth, clean_depth: no pixel is valid in both')
+    if clean.ndim == 3 and (clean == clean[0]).all(where=np.isfinite(clean)):
+        clean = clean[0]
+    _check_distortion(reader)
+    reflectivity = _stack('reflectivity', parts)
+    if reflectivity is not None:
+        brightest = float(np.nanmax(reflectivity, initial=0))
+        if brightest > _BRIGHTEST:
+            raise InputError(f'{path}: reflectivity: found up to {brightest:g}, wanted 0 to 1')
+        reflectivity = np.clip(reflectivity, 0, 1)
+    if reflectivity is None:
+        amplitude = _stack('amplitude', parts)
+        reflectivity = (
+            None if amplitude is None else _from_amplitude(amplitude, clean, reader.K, path, notes)
+        )
+    if reflectivity is not None:
+        if reflectivity.shape[-2:] != shape:
+            raise InputError(
+                f'{path}: reflectivity: found size {reflectivity.shape[-2:]}, '
+                f'wanted that of depth, {shape}'
+            )
+        reflectivity = np.nan_to_num(reflectivity).astype(np.float32)
+        if clean.ndim == 2 and reflectivity.ndim == 3:
+            reflectivity = reflectivity.mean(axis=0)
+    stamps = reader.stamp_ns
+    if reader.assumed_stamps:  # The profile knows the rate of its own modes.
+        stamps = np.rint(np.arange(len(stamps)) * (1e9 / found.mode.rate_hz)).astype(np.int64)
+    return RecordingData(
+        path.name,
+        depth,
+        clean,
+        reflectivity,
+        reader.K,
+        stamps[chosen],
+        fresh,
+        _uptime(reader, chosen),
+        found.mode,
+        profile,
+        tuple(notes),
+    )
+
+
+def _check_distortion(reader: RecordingReader) -> None:
+    # Clean depth lies on the camera's own grid, distorted or not, so that nothing is bent here;
+    # what else depends on the lens (the incidence angles) stays far below what matters.
+    lens = reader.arrays.get('distortion')
+    if lens is not None and (
+        lens.dtype.kind not in 'fiu' or lens.shape != (5,) or not np.isfinite(lens).all()
+    ):
+        raise InputError(
+            f'{reader.path}: distortion: found shape {lens.shape} of {lens.dtype}, '
+            'wanted k1, k2, p1, p2, k3 (5,), finite'
+        )
+
+
+def _stack(key: str, parts: list[tuple[Recording, np.ndarray]]) -> np.ndarray | None:
+    first = getattr(parts[0][0], key)
+    if first is None or first.ndim == 2:
+        return first
+    return np.concatenate([getattr(part, key)[i] for part, i in parts])
+
+
+def _uptime(reader: RecordingReader, chosen: np.ndarray) -> float | None:
+    uptime = reader.arrays.get('uptime')
+    if uptime is None:
+        return None
+    if uptime.dtype.kind not in 'fiu' or uptime.shape not in ((), (len(reader.stamp),)):
+        raise InputError(
+            f'{reader.path}: uptime: found {uptime.dtype} of shape {uptime.shape}, '
+            f'wanted seconds since power-on ({len(reader.stamp)},)'
+        )
+    if not ((uptime >= 0) & (uptime <= _LONGEST)).all():
+        raise InputError(
+            f'{reader.path}: uptime: found {uptime.min():g} to {uptime.max():g}, '
+            f'wanted seconds since power-on, 0 to {_LONGEST:g}'
+        )
+    return float(uptime if uptime.ndim == 0 else uptime[chosen[0]])
+
+
+def _in_metres(
+    path: Path, depth: np.ndarray, clean: np.ndarray, mode: Mode, notes: list[str]
+) -> tuple[np.ndarray, np.ndarray]:
+    # Millimetres are known by the other's metres, or by all of it lying far beyond the range.
+    with np.errstate(invalid='ignore', divide='ignore'):
+        ratio = depth / clean
+    middle = {'depth': _median(depth), 'clean_depth': _median(clean)}
+    factor = _median(ratio)
+    wrong = (
+        ['depth']
+        if abs(np.log(factor / 1000)) < _NEAR_1000
+        else ['clean_depth']
+        if abs(np.log(factor * 1000)) < _NEAR_1000
+        else ['depth', 'clean_depth']
+        if middle['clean_depth'] > 100 * mode.range_max
+        else []
+    )
+    notes += [
+        f'{path}: {key}: its median is {middle[key]:.4g}: taken for millimetres' for key in wrong
+    ]
+    millimetre = np.float32(0.001)
+    return (
+        depth * millimetre if 'depth' in wrong else depth,
+        clean * millimetre if 'clean_depth' in wrong else clean,
+    )
+
+
+def _median(values: np.ndarray) -> float:
+    finite = values[np.isfinite(values)]
+    return float(np.median(finite[:: max(len(finite) // 100_000, 1)])) if len(finite) else 1.0
+
+
+def _from_amplitude(
+    amplitude: np.ndarray,
+    clean: np.ndarray,
+    K: np.ndarray,  # noqa: N803
+    path: Path,
+    notes: list[str],
+) -> np.ndarray | None:
+    # What the surface's reflectivity must be, if full scale (of 8 or 16 bits) is a white pixel of
+    # the camera's own gray image. May exceed 1: the unit is the camera's.
+    if amplitude.dtype.kind in 'iu':
+        full = 255.0 if amplitude.dtype.itemsize == 1 else 65535.0
+    else:
+        brightest = float(np.nanmax(amplitude, initial=0))
+        full = next((scale for scale in (1.0, 255.0) if brightest <= scale), 65535.0)
+        notes.append(f'{path}: amplitude: up to {brightest:.4g}: taken for 0 to {full:g}')
+    scale = np.float32(camera_config().full_scale_amplitude / full)
+    image = amplitude.astype(np.float32)
+    image = np.nanmean(image, axis=0) if image.ndim == 3 and clean.ndim == 2 else image
+    depths = clean if clean.ndim == 3 else clean[None]
+    images = image if image.ndim == 3 else np.broadcast_to(image, depths.shape)
+    out = []
+    for one, depth in zip(images, depths, strict=True):
+        lens = Intrinsics.from_matrix(K, depth.shape[1], depth.shape[0])
+        cosine = np.maximum(analyse(np.ascontiguousarray(depth), lens).cos_incidence, 0.05)
+        out.append(one * depth**2 / cosine)
+    reflectivity = np.nan_to_num(np.stack(out)) * scale
+    some = reflectivity[reflectivity > 0]
+    usual = _median(some)
+    if len(some) and not _REFLECTIVITIES[0] < usual < _REFLECTIVITIES[1]:
+        notes.append(
+            f'{path}: amplitude: not used: at this distance it means a reflectivity of '
+            f'{usual:.2g}, so it is on another scale; 8 or 16 bits or 0 to 1 are known'
+        )
+        return None
+    return np.clip(reflectivity, 0, 1e3).reshape(clean.shape)

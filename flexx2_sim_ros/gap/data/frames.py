@@ -1,0 +1,19 @@
+"""Which frames of a recording the diagnosis reads."""
+
+import numpy as np
+
+MOST_FRAMES = 48
+_SEGMENT = 12
+
+
+def choose_frames(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return which frames of a long recording are looked at, and which of these start afresh."""
+    if count <= MOST_FRAMES:
+        fresh = np.zeros(count, bool)
+        fresh[:1] = True
+        return np.arange(count), fresh
+    starts = np.linspace(0, count - _SEGMENT, MOST_FRAMES // _SEGMENT).astype(int)
+    chosen = np.unique(np.concatenate([np.arange(s, s + _SEGMENT) for s in starts]))
+    fresh = np.ones(len(chosen), bool)
+    fresh[1:] = np.diff(chosen) != 1
+    return chosen, fresh

@@ -1,0 +1,223 @@
+"""Where a recording's camera really was: pose errors, found and taken off."""
+
+import math
+
+from flexx2_sim_ros.camera import Camera, Intrinsics, Mode, Profile
+from flexx2_sim_ros.effects.geometry import PoseError
+from flexx2_sim_ros.effects.ray import ray_length
+from flexx2_sim_ros.physics.frame_state import FrameState, Memory
+from flexx2_sim_ros.physics.surface import tangents
+import numpy as np
+
+# The six small motions, in metres and degrees.
+NAMES = ('x', 'y', 'z', 'pitch_deg', 'yaw_deg', 'roll_deg')
+STEPS = np.array([0.002, 0.002, 0.002, 0.1, 0.1, 0.2])
+LIMITS = np.array([0.15] * 3 + [8.0] * 3)
+
+
+def moved(
+    clean: np.ndarray,
+    reflectivity: np.ndarray | None,
+    K: np.ndarray,  # noqa: N803
+    mode: Mode,
+    pose: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray | None]:
+    """
+    Return clean depth and reflectivity as seen from another pose.
+
+    Parameters
+    ----------
+    clean : numpy.ndarray
+        (H, W) or (T, H, W) float32 metres.
+    reflectivity : numpy.ndarray or None
+        The same shape.
+    K : numpy.ndarray
+        (3, 3) camera matrix.
+    mode : Mode
+        The camera's.
+    pose : numpy.ndarray
+        (6,) metres and degrees.
+
+    """
+    if not pose.any():
+        return clean, reflectivity
+    effect = PoseError(1.0, *(float(v) for v in np.clip(pose, -LIMITS, LIMITS)))
+    depths = clean if clean.ndim == 3 else clean[None]
+    albedos = (
+        [np.ones((1, 1), np.float32)] * len(depths)
+        if reflectivity is None
+        else reflectivity
+        if reflectivity.ndim == 3
+        else [reflectivity] * len(depths)
+    )
+    lens = Intrinsics.from_matrix(K, clean.shape[-1], clean.shape[-2])
+    out, rho = np.empty_like(depths), []
+    for t, (depth, albedo) in enumerate(zip(depths, albedos, strict=True)):
+        state = FrameState(
+            mode, lens, 0, np.zeros(2, np.uint32), Memory(), np.ascontiguousarray(depth), albedo
+        )
+        effect.apply(state)
+        out[t] = state.depth
+        rho.append(state.reflectivity)
+    if reflectivity is None:
+        return (out if clean.ndim == 3 else out[0]), None
+    return (out, np.stack(rho)) if clean.ndim == 3 else (out[0], np.asarray(rho[0]))
+
+
+def unknown_border(pose: np.ndarray, clean: np.ndarray, K: np.ndarray) -> int:  # noqa: N803
+    """
+    Return how wide a border of a moved image is made up, pixels.
+
+    Parameters
+    ----------
+    pose : numpy.ndarray
+        (6,) metres and degrees, as for `moved`.
+    clean : numpy.ndarray
+        (..., H, W) metres.
+    K : numpy.ndarray
+        (3, 3) camera matrix.
+
+    """
+    distance = clean[clean > 0]
+    if not pose.any() or not distance.size:
+        return 0
+    corner = math.hypot(clean.shape[-1], clean.shape[-2]) / 2
+    turn = np.radians(np.abs(pose[3:]))
+    step = np.abs(pose[:3]) / float(np.quantile(distance[::97], 0.02))
+    focal = float(K[0, 0])
+    shift = focal * (max(step[0], step[1]) + max(turn[0], turn[1])) + corner * (step[2] + turn[2])
+    return min(math.ceil(shift), min(clean.shape[-2:]) // 8) + 1
+
+
+def fit_plane_motion(
+    residual: np.ndarray,
+    clean: np.ndarray,
+    sigma: np.ndarray,
+    K: np.ndarray,
+    prior: np.ndarray,  # noqa: N803
+    others: np.ndarray,
+    before: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """
+    Fit the small motion that explains residuals on surfaces, robustly.
+
+    Parameters
+    ----------
+    residual : numpy.ndarray
+        (N, H, W) mean measured minus clean depth, metres, NaN where not to be used.
+    clean, sigma : numpy.ndarray
+        (N, H, W) the clean depth and its sigma_z, metres.
+    K : numpy.ndarray
+        (3, 3) camera matrix.
+    prior : numpy.ndarray
+        (6,) standard deviations, metres and degrees.
+    others : numpy.ndarray
+        (N, n, H, W) metres: what effects at their typical size would do, so that it is not taken
+        for a motion.
+    before : numpy.ndarray
+        (6,) metres and degrees by which the camera has been moved already.
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        (6,) metres and degrees, at most three standard deviations; (n,) how many times each of
+        ``others`` there is; (6,) what of the motion, with that before, is beyond doubt: with a
+        prior that counts ten times as much.
+
+    """
+    designs, values = [], []
+    for error, depth, spread, other in zip(residual, clean, sigma, others, strict=True):
+        error, spread = error[::2, ::2], spread[::2, ::2]
+        good = np.isfinite(error)
+        if not good.any():
+            continue
+        columns = np.concatenate([_design(depth, K), _others(depth, K), other[:, ::2, ::2]])
+        designs.append(columns[:, good] / spread[good])
+        values.append(error[good] / spread[good])
+    if not designs:
+        return np.zeros(6), np.zeros(others.shape[1]), before
+    A, b = np.concatenate(designs, axis=1), np.concatenate(values)  # noqa: N806
+    keep = np.isfinite(A).all(axis=0)
+    A, b = A[:, keep], b[keep]  # noqa: N806
+    prior = np.concatenate([prior, _OTHERS, np.full(len(A) - 6 - len(_OTHERS), 2.0)])
+    A = A * prior[:, None]  # noqa: N806
+    motion, scale, ridge = np.zeros(len(A)), 3.0, _RIDGE * len(b) * np.eye(len(A))
+    for _ in range(8):
+        weight = 1 / (1 + ((b - motion @ A) / scale) ** 2)
+        normal = (A * weight) @ A.T
+        motion = np.linalg.solve(normal + ridge, (A * weight) @ b)
+        scale = max(0.6 * scale, 0.5)
+    so_far, rest = np.zeros(len(A)), 6 + len(_OTHERS)
+    so_far[:6] = before / prior[:6]
+    sure = so_far + np.linalg.solve(normal + 10 * ridge, (A * weight) @ b - 10 * ridge @ so_far)
+    return (
+        np.clip(motion[:6], -3, 3) * prior[:6],
+        motion[rest:] * prior[rest:],
+        np.clip(sure[:6], -3, 3) * prior[:6],
+    )
+
+
+# How much the priors count, as a share of the pixels.
+_RIDGE = 0.003
+# Biases that are not a motion, so that they are not taken for one: the same everywhere, along the
+# axis and along the ray, growing with distance, two periods of the fourth harmonic; and how large
+# they may be, metres.
+_OTHERS = np.array([0.01, 0.01, 0.002, 0.004, 0.004, 0.004, 0.004])
+
+
+def _others(depth: np.ndarray, K: np.ndarray) -> np.ndarray:  # noqa: N803
+    # Of every other row and column, as below.
+    length, depth = ray_length(K, depth.shape)[::2, ::2], depth[::2, ::2]
+    turns = [2 * math.pi * depth * length / period for period in (0.6246, 0.4684)]
+    return np.stack(
+        [
+            np.ones_like(depth),
+            1 / length,
+            np.log(np.maximum(depth, 0.1)),
+            *(f(turn) for turn in turns for f in (np.sin, np.cos)),
+        ]
+    )
+
+
+def _design(depth: np.ndarray, K: np.ndarray) -> np.ndarray:  # noqa: N803
+    # (6, H, W) metres a metre and a degree: a plane n . X = 1 seen from t, turned by w, is at
+    # z - z n . t - z^2 w . (ray x n).
+    inverse, across, down = tangents(depth)
+    here, across, down = inverse[2:-2:2, 2:-2:2], across[::2, ::2], down[::2, ::2]
+    height, width = depth.shape
+    v, u = np.mgrid[:height:2, :width:2].astype(np.float32)
+    u, v = u - np.float32(K[0, 2]), v - np.float32(K[1, 2])
+    n = np.stack([K[0, 0] * across, K[1, 1] * down, here - u * across - v * down])
+    ray = np.stack([u / K[0, 0], v / K[1, 1], np.ones_like(u)])
+    with np.errstate(divide='ignore', invalid='ignore'):
+        z = 1 / here
+        turn = np.cross(ray, n, axis=0) * math.radians(1)
+        return np.concatenate([-z * n, -(z**2) * turn])
+
+
+def pose_effects(index: int, sign: int, size: float | None = None) -> tuple[PoseError]:
+    """Return the effect that moves the camera by one small step, or by a size of one's own."""
+    values = np.zeros(6)
+    values[index] = sign * (STEPS[index] if size is None else size)
+    return (PoseError(1.0, *(float(v) for v in values)),)
+
+
+def base_camera(mode: Mode, profile: Profile | None, seed: int, recording: str) -> Camera:
+    """
+    Return a simulated camera in a mode, with noise that no other recording's simulation has.
+
+    Parameters
+    ----------
+    mode : Mode
+        The camera's.
+    profile : Profile or None
+        The camera; the Flexx2 if None.
+    seed : int
+        Of the noise.
+    recording : str
+        The recording's name. The same recording as a file and as a bag has the same noise.
+
+    """
+    for suffix in ('.npz', '.mcap', '.db3'):
+        recording = recording.removesuffix(suffix)
+    return Camera(mode.name, profile=profile, seed=seed, name=f'gap {recording}')

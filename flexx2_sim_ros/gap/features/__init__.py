@@ -1,0 +1,1 @@
+"""A recording and its simulations, summarised as numbers."""

@@ -1,0 +1,142 @@
+"""A set of effects, really simulated: what is left of the gap then."""
+
+from dataclasses import dataclass
+from typing import Any
+
+from flexx2_sim_ros.gap.data.pose import moved, unknown_border
+from flexx2_sim_ros.gap.features.evidence import (
+    RecordingData,
+    scenes_of,
+    simulate,
+    warm_of,
+    with_uptime,
+)
+from flexx2_sim_ros.gap.features.features import (
+    accumulate,
+    EXPECT,
+    features,
+    lattice_spectrum,
+    Sums,
+)
+from flexx2_sim_ros.gap.features.physical import distances, histogram, Measures
+from flexx2_sim_ros.gap.features.pixel_groups import GroupSums, PixelGroups
+import numpy as np
+
+_SEEDS = 2
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """
+    A recording against the simulation without and with a set of effects.
+
+    Attributes
+    ----------
+    name : str
+    physical : dict
+        For each of `measures.UNITS`: before, after, null.
+    seen : numpy.ndarray
+        (3, SIZE) float32 features of the recording, and simulated without and with the effects.
+    counts : numpy.ndarray
+        (BINS,) float32 pixels looked at.
+    maps : dict of str to numpy.ndarray
+        (h, w) images for the report: mean error in sigma of real, before and after.
+    groups : PixelGroups
+        What differs in small groups of pixels.
+
+    """
+
+    name: str
+    physical: dict[str, list[float]]
+    seen: np.ndarray
+    counts: np.ndarray
+    maps: dict[str, np.ndarray]
+    groups: PixelGroups
+
+
+def confirm(
+    recording: RecordingData, pose: np.ndarray, effects: dict[str, Any], seed: int
+) -> Outcome:
+    """
+    Simulate a recording's scene with and without effects.
+
+    Parameters
+    ----------
+    recording : RecordingData
+        The recording.
+    pose : numpy.ndarray
+        (6,) where its camera really was, metres and degrees.
+    effects : dict
+        Parameters by effect.
+    seed : int
+        Of the simulations.
+
+    """
+    clean, reflectivity = moved(
+        recording.clean, recording.reflectivity, recording.K, recording.mode, pose
+    )
+    border = unknown_border(pose, clean, recording.K)
+    scenes = scenes_of(recording, clean, reflectivity, border)
+    warm = warm_of(recording.fresh)
+    grouped = GroupSums(recording, clean, reflectivity, scenes, border)
+
+    def look(depth: np.ndarray) -> tuple[Sums, Measures, np.ndarray]:
+        sums = accumulate(depth, scenes, recording.fresh, warm)
+        return sums, histogram(depth, scenes, sums), grouped.add(depth)
+
+    def several(table: dict[str, Any]) -> list[tuple[Sums, Measures, np.ndarray]]:
+        return [
+            look(
+                simulate(
+                    recording,
+                    clean,
+                    reflectivity,
+                    with_uptime(table, recording.uptime),
+                    seed * 1000 + 500 + k,
+                )
+            )
+            for k in range(_SEEDS)
+        ]
+
+    real, real_measures, real_groups = look(recording.depth)
+    before = several({})
+    after = several(effects) if effects else before
+    spectrum = np.mean([lattice_spectrum(sums) for sums, *_ in before], axis=0)
+    own, _ = features(real, spectrum)
+    means = [
+        np.mean([features(sums, spectrum)[0] for sums, *_ in some], axis=0)
+        for some in (before, after)
+    ]
+    physical = {}
+    gaps = [distances(real_measures, some[0][1]) for some in (before, after)]
+    null = distances(before[1][1], before[0][1])
+    for unit in null:
+        physical[unit] = [gaps[0][unit], gaps[1][unit], null[unit]]
+    return Outcome(
+        recording.name,
+        physical,
+        np.array([own, *means], np.float32),
+        real.bins[:, EXPECT].astype(np.float32),
+        {
+            name: _map(sums)
+            for name, sums in (('real', real), ('before', before[0][0]), ('after', after[0][0]))
+        },
+        grouped.groups(
+            real_groups,
+            [some[2] for some in before],
+            [some[2] for some in after],
+            len(recording.depth),
+        ),
+    )
+
+
+def _map(sums: Sums) -> np.ndarray:
+    # Mean error in sigma, at most 56 pixels wide.
+    with np.errstate(invalid='ignore', divide='ignore'):
+        step = max(sums.mean.shape[2] // 56, 1)
+        height, width = (n // step * step for n in sums.mean.shape[1:])
+        parts = [
+            a[:height, :width].reshape(height // step, step, width // step, step).sum((1, 3))
+            for a in (sums.mean[0], sums.sigma)
+        ]
+        return (parts[0] / parts[1]).astype(np.float16)

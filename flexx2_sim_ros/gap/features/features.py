@@ -1,0 +1,393 @@
+"""What a recording shows, as numbers: sums over pixels, and the features made of them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from flexx2_sim_ros.gap.data.covariates import AXES, BINS, Scene
+from flexx2_sim_ros.gap.features.kernels import (
+    ABS2,
+    count_depths,
+    ERROR,
+    EXPECT,
+    gather_rows,
+    grain_moments,
+    HIGH,
+    LATTICE_BIN,
+    LATTICE_RANGE,
+    less_around,
+    LOW,
+    N1,
+    N2,
+    N_NEIGHBOUR,
+    NEIGHBOUR,
+    SQUARE1,
+    SQUARE2,
+    TIME,
+    TIME2,
+    TREND,
+    VALID,
+    WIDTH,
+)
+import numpy as np
+
+ENOUGH = 150  # samples without which a bin says nothing
+# Steps in which depth may come, metres: a lattice shows at its own step and those of which it is
+# a multiple.
+_LATTICE_STEPS = {
+    'lattice_coarse': (0.006, 0.02),
+    'lattice_medium': (0.003, 0.006),
+    'lattice_small': (0.0015, 0.003),
+    'lattice_fine': (0.0006, 0.0015),
+}
+# Channel -> (what a difference must exceed to matter, unit).
+CHANNELS = {
+    'bias': (0.10, 'sigma'),
+    'invalid': (0.008, 'fraction'),
+    'high': (0.004, 'fraction'),
+    'low': (0.004, 'fraction'),
+    'log_variance': (0.10, 'ln'),
+    'kurtosis': (0.05, 'ln'),
+    'lag': (0.04, 'correlation'),
+    'neighbour': (0.04, 'correlation'),
+    'trend': (0.15, 'sigma'),
+}
+STRUCTURES = {
+    'frame_common': 0.01,
+    'row_common': 0.01,
+    'column_common': 0.01,
+    'row_invalid': 0.004,
+    'static_grain': 0.015,
+    'static_rows': 0.004,
+    'static_columns': 0.004,
+    'static_neighbour': 0.04,
+    'frame_spread': 0.04,
+    **dict.fromkeys(_LATTICE_STEPS, 0.5),
+    'repeat': 0.08,
+}
+STRUCTURE_UNITS = {
+    **dict.fromkeys(('frame_common', 'row_common', 'column_common'), 'fraction of variance'),
+    'row_invalid': 'fraction',
+    **dict.fromkeys(('static_grain', 'static_rows', 'static_columns'), 'sigma^2'),
+    'static_neighbour': 'correlation',
+    'frame_spread': 'ln',
+    **dict.fromkeys(_LATTICE_STEPS, 'log10'),
+    'repeat': 'correlation',
+}
+_FULL = ('bias', 'invalid', 'high', 'low', 'log_variance', 'kurtosis', 'lag', 'neighbour')
+_BRIEF = {
+    'beyond': ('invalid',),
+    'fine_distance': ('bias', 'high', 'low'),
+    'tile': ('bias', 'invalid'),
+}
+
+
+@dataclass(frozen=True)
+class Feature:
+    """One number: a channel in a bin of an axis."""
+
+    channel: str
+    axis: str
+    place: int
+
+
+def _layout() -> list[Feature]:
+    out = []
+    for axis in AXES.values():
+        channels = _FULL if axis.full else _BRIEF[axis.name]
+        if axis.name == 'all':
+            channels = (*channels, 'trend')
+        out += [Feature(channel, axis.name, i) for channel in channels for i in range(axis.bins)]
+    return out + [Feature(name, 'structure', 0) for name in STRUCTURES]
+
+
+LAYOUT = _layout()
+SIZE = len(LAYOUT)
+_CHANNEL_NAMES = list(CHANNELS)
+_PICK = np.array(
+    [
+        (_CHANNEL_NAMES.index(f.channel), AXES[f.axis].start + f.place)
+        for f in LAYOUT
+        if f.axis != 'structure'
+    ]
+).T
+TOLERANCE = np.array(
+    [CHANNELS[f.channel][0] if f.axis != 'structure' else STRUCTURES[f.channel] for f in LAYOUT]
+)
+
+
+@dataclass
+class Sums:
+    """
+    Sums over a recording's pixels and frames; those of two parts of it can be added.
+
+    Attributes
+    ----------
+    bins : numpy.ndarray
+        (BINS, 16) float64.
+    pairs : numpy.ndarray
+        (7,) float64: of differences between frames, sums over frames, rows and columns of
+        (sum^2 - sum of squares) and of pairs; and the sum of squares.
+    losses : numpy.ndarray
+        (2,) float64: excess of the change of invalid pixels a row, and pairs.
+    spread : numpy.ndarray
+        (3,) float64: sum, sum of squares and count of each frame's log mean squared difference.
+    mean : numpy.ndarray
+        (2, H, W) float32: per pixel the sum of errors (metres), and count.
+    sigma : numpy.ndarray
+        (H, W) float32, sum of sigma_z where ``mean`` counts.
+    lattice : numpy.ndarray or None
+        (2, N) histograms of depth and of distance along the ray: steps of a phase are steps of
+        the latter.
+
+    """
+
+    bins: np.ndarray
+    pairs: np.ndarray
+    losses: np.ndarray
+    spread: np.ndarray
+    mean: np.ndarray
+    sigma: np.ndarray
+    lattice: np.ndarray | None
+
+
+def accumulate(
+    depth: np.ndarray,
+    scenes: Sequence[Scene],
+    fresh: np.ndarray,
+    warm: int,
+    lattice: bool = True,
+    thin: bool = False,
+) -> Sums:
+    """
+    Sum a recording's frames up.
+
+    Parameters
+    ----------
+    depth : numpy.ndarray
+        (T, H, W) float32 metres, NaN where invalid.
+    scenes : sequence of Scene
+        One, or one a frame.
+    fresh : numpy.ndarray
+        (T,) bool, frames that do not follow the one before.
+    warm : int
+        How many frames after a fresh one are left out (a camera's filters settle).
+    lattice : bool
+        Whether to count how often which depth occurs.
+    thin : bool
+        Whether to look at every other row only.
+
+    Returns
+    -------
+    Sums
+
+    """
+    count, height, width = depth.shape
+    bins = np.zeros((BINS, WIDTH))
+    mean, sigma = np.zeros((2, height, width), np.float32), np.zeros((height, width), np.float32)
+    errors = np.empty((3, height, width), np.float32)
+    rows = np.zeros((count, 2, height), np.float32)
+    columns = np.zeros((count, 2, width), np.float32)
+    squares, invalid = np.zeros(count), np.zeros((count, height))
+    use, start = np.zeros(count, np.bool_), fresh.copy()
+    start[:1] = True
+    age = 0
+    for t in range(count):
+        age = 1 if start[t] else age + 1
+        use[t] = age > warm
+    times = ((np.arange(count) - (count - 1) / 2) / max(count - 1, 1)).astype(np.float32)
+    still = len(scenes) == 1
+    # A scene that stands still is gone through once, with all its frames.
+    for part in [slice(None)] if still else [slice(t, t + 1) for t in range(count)]:
+        scene = scenes[0] if still else scenes[part.start]
+        gather_rows(
+            depth[part],
+            scene.clean,
+            scene.sigma,
+            scene.inside,
+            scene.first,
+            scene.runs,
+            errors,
+            start[part],
+            use[part],
+            not still,
+            times[part],
+            bins,
+            rows[part],
+            columns[part],
+            squares[part],
+            invalid[part],
+            mean,
+            sigma,
+            2 if thin else 1,
+        )
+    histogram = np.zeros((2, int(LATTICE_RANGE / LATTICE_BIN))) if lattice else None
+    if histogram is not None:
+        for t in range(count):
+            if use[t]:
+                scene = scenes[0 if still else t]
+                count_depths(depth[t], scene.inside, scene.ray, histogram)
+    (row, row_number), (column, column_number) = (
+        image.astype(float).transpose(1, 0, 2) for image in (rows, columns)
+    )
+    number = row_number.sum(axis=1)
+    some = use & (number > 1)
+    value = np.log(np.maximum(squares[some] / number[some], 1e-9))
+    after = np.flatnonzero(use[1:] & use[:-1] & ~start[1:]) + 1
+    change = invalid[after] - invalid[after - 1]
+    return Sums(
+        bins,
+        np.array(
+            [
+                f[some].sum()
+                for f in (
+                    row.sum(axis=1) ** 2 - squares,
+                    number**2 - number,
+                    (row**2).sum(axis=1) - squares,
+                    (row_number**2).sum(axis=1) - number,
+                    (column**2).sum(axis=1) - squares,
+                    (column_number**2).sum(axis=1) - number,
+                    squares,
+                )
+            ]
+        ),
+        np.array(
+            [
+                (change**2 - invalid[after] - invalid[after - 1]).sum(),
+                float(width**2 * height * len(after)),
+            ]
+        ),
+        np.array([value.sum(), (value**2).sum(), len(value)]),
+        mean,
+        sigma,
+        histogram,
+    )
+
+
+def features(
+    sums: Sums, lattice_base: np.ndarray | None = None, enough: int = ENOUGH
+) -> tuple[np.ndarray, np.ndarray]:
+    """
+    Turn sums into features.
+
+    Parameters
+    ----------
+    sums : Sums
+        Of a recording.
+    lattice_base : numpy.ndarray, optional
+        Spectrum of the depths of the base simulator, to compare the lattice with.
+    enough : int
+        Samples without which a bin says nothing.
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        (SIZE,) values, NaN where there is too little to say, and the variance that independent
+        pixels would give them.
+
+    """
+    s = sums.bins.T
+    with np.errstate(invalid='ignore', divide='ignore'):
+        share = np.clip(s[VALID] / s[EXPECT], 0, 1)
+        bias, high, low = (s[k] / s[VALID] for k in (ERROR, HIGH, LOW))
+        several, several2 = s[VALID] >= enough, s[N2] >= enough
+        square = s[SQUARE2] / s[N2]
+        values = np.array(
+            [
+                bias,
+                np.where(s[EXPECT] >= enough, 1 - share, np.nan),
+                high,
+                low,
+                np.log(square / 2),
+                np.log(square) - 2 * np.log(s[ABS2] / s[N2]) - 0.4516,
+                np.log(s[SQUARE1] / s[N1] / square),
+                s[NEIGHBOUR] / s[N_NEIGHBOUR] / square,
+                (s[TREND] - bias * s[TIME]) / (s[TIME2] - s[TIME] ** 2 / s[VALID]),
+            ]
+        )
+        n, m = s[VALID], s[N2]
+        variances = np.array(
+            [
+                1 / n,
+                (share * (1 - share) + 1 / s[EXPECT]) / s[EXPECT],
+                (high + 1 / n) / n,
+                (low + 1 / n) / n,
+                3 / m,
+                1 / m,
+                3 / m,
+                1.5 / m,
+                1 / s[TIME2],
+            ]
+        )
+    values[[0, 2, 3, 8]] = np.where(several, values[[0, 2, 3, 8]], np.nan)
+    values[4:8] = np.where(several2, values[4:8], np.nan)
+    values[~np.isfinite(values)] = np.nan
+    structure, structure_variance = _structure(sums, lattice_base)
+    return (
+        np.concatenate([values[_PICK[0], _PICK[1]], structure]),
+        np.concatenate([variances[_PICK[0], _PICK[1]], structure_variance]),
+    )
+
+
+def likeness(lag: np.ndarray | float) -> np.ndarray:
+    """
+    Return the channel ``lag`` as people read it: the correlation with the frame before.
+
+    That of a recursive filter, whose correlation with the frame before that is its square.
+    """
+    return np.clip(np.exp(-np.asarray(lag)) - 1, -1, 1)
+
+
+def _structure(sums: Sums, lattice_base: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+    out = dict.fromkeys(STRUCTURES, np.nan)
+    p = sums.pairs
+    if p[1] > 0 and p[6] > 0:
+        spread = p[6] / max(sums.bins[AXES['all'].start, N1], 1)
+        for name, i in (('frame_common', 0), ('row_common', 2), ('column_common', 4)):
+            out[name] = p[i] / max(p[i + 1], 1) / spread
+    if sums.losses[1] > 0:
+        excess = sums.losses[0] / (2 * sums.losses[1])
+        out['row_invalid'] = np.sign(excess) * np.sqrt(abs(excess))
+    if sums.spread[2] > 3:
+        average = sums.spread[0] / sums.spread[2]
+        out['frame_spread'] = np.sqrt(max(sums.spread[1] / sums.spread[2] - average**2, 0))
+    number, square, rows, columns, product = grain_moments(static_grain(sums))
+    if number > ENOUGH:
+        out['static_grain'] = square / number
+        out['static_rows'], out['static_columns'] = rows, columns
+        # All that single frames say of a filter in the camera.
+        out['static_neighbour'] = product / max(out['static_grain'], 1e-9)
+    if lattice_base is not None and sums.lattice is not None:
+        spectrum = lattice_spectrum(sums)
+        for name, (shortest, longest) in _LATTICE_STEPS.items():
+            out[name] = max(lattice_peak(spectrum, lattice_base, shortest, longest)[0], 0.0)
+    values = np.array(list(out.values()))
+    return values, (0.3 * np.array(list(STRUCTURES.values()))) ** 2
+
+
+def static_grain(sums: Sums) -> np.ndarray:
+    """Return the mean error of each pixel less that of those around it, in sigma; (H, W)."""
+    count = sums.mean[1]
+    grain: np.ndarray = less_around(
+        sums.mean[0], sums.sigma, count, max(0.5 * float(count.max(initial=0)), 1.0)
+    )
+    return grain
+
+
+def lattice_spectrum(sums: Sums) -> np.ndarray:
+    """Return (2, N) squared shares of depths in step with 0, 1, 2, ... periods over the range."""
+    assert sums.lattice is not None
+    number = np.maximum(sums.lattice.sum(axis=1, keepdims=True), 1.0)
+    return np.abs(np.fft.rfft(sums.lattice)) ** 2 / number**2
+
+
+def lattice_peak(
+    spectrum: np.ndarray, base: np.ndarray, shortest: float = 0.0006, longest: float = 0.02
+) -> tuple[float, float]:
+    """Return how much (log) depth is more in step than the base's, and with which step, metres."""
+    low, high = round(LATTICE_RANGE / longest), round(LATTICE_RANGE / shortest)
+    both = np.log10((spectrum[:, low:high] + 3e-4) / (base[:, low:high] + 3e-4))
+    excess = both[int(np.argmax(both.max(axis=1)))]
+    best = int(np.argmax(excess))
+    # The longest step of those that do about as well: its fractions are its harmonics.
+    best = int(np.argmax(excess > 0.8 * excess[best]))
+    return float(excess[best]), LATTICE_RANGE / (low + best)

@@ -1,0 +1,351 @@
+"""Sums over the pixels of a recording, compiled."""
+
+from flexx2_sim_ros.physics.philox import FAST
+from numba import njit
+import numpy as np
+
+CLIP = np.float32(6.0)
+_CLIP2 = np.float32(8.5)  # differences of two
+LATTICE_BIN = 1e-4  # metres
+LATTICE_RANGE = 7.5
+WIDTH = 16
+# The last four do not come from running sums; three of them are of all surfaces only.
+(
+    VALID,
+    ERROR,
+    HIGH,
+    LOW,
+    N2,
+    ABS2,
+    SQUARE2,
+    N1,
+    SQUARE1,
+    NEIGHBOUR,
+    N_NEIGHBOUR,
+    INVERSE,
+    EXPECT,
+    TREND,
+    TIME2,
+    TIME,
+) = range(WIDTH)
+_RUNNING = 12
+# Of a group: pixels, valid ones, sum of errors, of squares, gross errors high and low; pairs with
+# the frame before and of neighbours (each: count, sums of both, of their squares, of their
+# products); errors that are no jump to another surface: count, sum in metres.
+SPOT_FRAMES, SPOT_NEIGHBOURS, SPOT_METRES, GROUP_WIDTH = 6, 12, 18, 20
+_JUMP = np.float32(0.25)  # metres
+
+
+@njit(cache=True, error_model='numpy', nogil=True, fastmath=FAST)
+def gather_rows(  # type: ignore[no-untyped-def]
+    depth,
+    clean,
+    sigma,
+    inside,
+    first,
+    runs,
+    errors,
+    start,
+    use,
+    passing,
+    times,
+    out,
+    rows,
+    columns,
+    squares,
+    invalid,
+    mean,
+    sigmas,
+    step,
+):
+    """
+    Add all frames of one clean image to the sums.
+
+    Row by row; loops are short so that they become vector code. A row's sums run on from pixel to
+    pixel, so that a bin's share is the difference between the ends of each run of pixels in it.
+    """
+    count, height, width = depth.shape
+    zero, one, nan = np.float32(0), np.float32(1), np.float32(np.nan)
+    used = np.float32(use.sum())
+    sums = np.empty((_RUNNING, width), np.float32)
+    running = np.zeros((width + 1, _RUNNING), np.float32)
+    mask, inner = np.empty(width, np.float32), np.empty(width, np.float32)
+    d1, d2 = np.empty(width, np.float32), np.empty(width, np.float32)
+    trend = out[0]  # the first bin is that of all surfaces
+    for y in range(0, height, step):
+        c, s = clean[y], sigma[y]
+        sums[:] = zero
+        for x in range(width):
+            mask[x] = one if inside[y, x] else zero
+        e, e1, e2 = errors[0, y], errors[1, y], errors[2, y]
+        for t in range(count):
+            z = depth[t, y]
+            if start[t]:
+                e[:] = nan
+                e1[:] = nan
+            for x in range(width):
+                e2[x] = e1[x]
+            for x in range(width):
+                e1[x] = e[x]
+            for x in range(width):
+                e[x] = _held((z[x] - c[x]) / s[x], _CLIP2)
+            if use[t]:
+                n, seen, total = _sum_errors(z, e, mask, sums)
+                invalid[t, y] = n
+                trend[TREND] += total * times[t]
+                trend[TIME2] += seen * times[t] * times[t]
+                trend[TIME] += seen * times[t]
+                _sum_mean(z, c, s, e, mask, mean[0, y], mean[1, y], sigmas[y])
+                n, total, square = _sum_changes(
+                    e, e1, mask, d1, sums[N1], sums[SQUARE1], columns[t, 0], columns[t, 1]
+                )
+                rows[t, 0, y] = total
+                rows[t, 1, y] = n
+                squares[t] += square
+                _sum_seconds(e, e2, mask, d2, inner, sums)
+            if passing:
+                # An edge of the frame before is no noise of this one's surface.
+                for x in range(width):
+                    e[x] = e[x] if mask[x] > zero else nan
+        if used == zero:
+            continue
+        for x in range(width):
+            # So far it is how many errors there are.
+            sums[INVERSE, x] = sums[INVERSE, x] / s[x] if s[x] > zero else zero
+        for x in range(width):
+            for k in range(_RUNNING):
+                running[x + 1, k] = running[x, k] + sums[k, x]
+        for r in range(first[y], first[y + 1]):
+            low, high, i = runs[r, 0], runs[r, 1], runs[r, 2]
+            after, before, total = running[high], running[low], out[i]
+            for k in range(_RUNNING):
+                total[k] += after[k] - before[k]
+            out[i, EXPECT] += used * np.float32(high - low)
+
+
+@njit(inline='always')
+def _held(value, limit):  # type: ignore[no-untyped-def]
+    # Within -limit..limit, or NaN.
+    value = limit if value > limit else value
+    return -limit if value < -limit else value
+
+
+# Inlined here: linked, they would be optimised otherwise when compiled than when cached.
+@njit(inline='always')
+def _sum_errors(z, e, mask, sums):  # type: ignore[no-untyped-def]
+    zero, one = np.float32(0), np.float32(1)
+    valid, error, high, low, number = (
+        sums[VALID],
+        sums[ERROR],
+        sums[HIGH],
+        sums[LOW],
+        sums[INVERSE],
+    )
+    lost, seen, total = zero, zero, zero
+    for x in range(e.size):
+        valid[x] += one if z[x] == z[x] else zero
+        lost += zero if z[x] == z[x] else mask[x]
+    for x in range(e.size):
+        value = _held(e[x], CLIP)
+        value = value if value == value else zero
+        error[x] += value
+        total += value * mask[x]
+    for x in range(e.size):
+        number[x] += one if e[x] == e[x] else zero
+        seen += mask[x] if e[x] == e[x] else zero
+    for x in range(e.size):
+        high[x] += one if e[x] > CLIP else zero
+    for x in range(e.size):
+        low[x] += one if e[x] < -CLIP else zero
+    return lost, seen, total
+
+
+@njit(inline='always')
+def _sum_mean(z, c, s, e, mask, total, number, sigmas):  # type: ignore[no-untyped-def]
+    zero = np.float32(0)
+    for x in range(e.size):
+        hit = mask[x] if abs(e[x]) < CLIP else zero
+        number[x] += hit
+        sigmas[x] += s[x] if hit > zero else zero
+    for x in range(e.size):
+        hit = mask[x] if abs(e[x]) < CLIP else zero
+        total[x] += z[x] - c[x] if hit > zero else zero
+
+
+@njit(inline='always')
+def _sum_changes(e, before, mask, d, number, square, column, column_number):  # type: ignore
+    # From frame to frame. Returns the row's pairs, sum and sum of squares.
+    zero, one = np.float32(0), np.float32(1)
+    n, total, squares = zero, zero, zero
+    for x in range(e.size):
+        d[x] = _held(e[x] - before[x], _CLIP2)
+    for x in range(e.size):
+        number[x] += one if d[x] == d[x] else zero
+    for x in range(e.size):
+        value = d[x] if d[x] == d[x] else zero
+        square[x] += value * value
+        squares += value * value * mask[x]
+    for x in range(e.size):
+        value = d[x] * mask[x] if d[x] == d[x] else zero
+        column[x] += value
+        total += value
+    for x in range(e.size):
+        value = mask[x] if d[x] == d[x] else zero
+        column_number[x] += value
+        n += value
+    return n, total, squares
+
+
+@njit(inline='always')
+def _sum_seconds(e, before, mask, d, inner, sums):  # type: ignore[no-untyped-def]
+    # From frame to the next but one, which no filter over two frames makes less than it is.
+    zero, one, nan = np.float32(0), np.float32(1), np.float32(np.nan)
+    number, size, square, product, pairs = (
+        sums[N2],
+        sums[ABS2],
+        sums[SQUARE2],
+        sums[NEIGHBOUR][1:],
+        sums[N_NEIGHBOUR][1:],
+    )
+    for x in range(e.size):
+        d[x] = _held(e[x] - before[x], _CLIP2)
+    for x in range(e.size):
+        inner[x] = d[x] if mask[x] > zero else nan
+    for x in range(e.size):
+        number[x] += one if d[x] == d[x] else zero
+    for x in range(e.size):
+        size[x] += abs(d[x]) if d[x] == d[x] else zero
+    for x in range(e.size):
+        square[x] += d[x] * d[x] if d[x] == d[x] else zero
+    left, right = inner[:-1], inner[1:]
+    for x in range(left.size):
+        both = left[x] * right[x]
+        product[x] += both if both == both else zero
+    for x in range(left.size):
+        both = left[x] * right[x]
+        pairs[x] += one if both == both else zero
+
+
+@njit(cache=True, nogil=True)
+def count_depths(depth, inside, ray, histogram):  # type: ignore[no-untyped-def]
+    """Count how often which depth occurs on surfaces, and which distance along the ray."""
+    for y in range(depth.shape[0]):
+        for x in range(depth.shape[1]):
+            z = depth[y, x]
+            if inside[y, x] and 0 < z < LATTICE_RANGE:
+                i = int(z / np.float32(LATTICE_BIN) + np.float32(0.5))
+                j = int(z * ray[y, x] / np.float32(LATTICE_BIN) + np.float32(0.5))
+                if i < histogram.shape[1]:
+                    histogram[0, i] += 1
+                if j < histogram.shape[1]:
+                    histogram[1, j] += 1
+
+
+@njit(cache=True, error_model='numpy', nogil=True)
+def less_around(total, sigma, count, least):  # type: ignore[no-untyped-def]
+    """Return total / sigma less its mean over 5 x 5 pixels, NaN where 12 or fewer count."""
+    height, width = total.shape
+    value, good = (np.zeros((height + 4, width + 4)), np.zeros((height + 4, width + 4)))
+    out = np.full((height, width), np.nan)
+    for y in range(height):
+        for x in range(width):
+            if count[y, x] >= least:
+                value[y + 2, x + 2] = total[y, x] / sigma[y, x]
+                good[y + 2, x + 2] = 1.0
+    around, number = np.zeros(width + 4), np.zeros(width + 4)
+    for y in range(height):
+        # Columns of five first.
+        around[:] = value[y] + value[y + 1] + value[y + 2] + value[y + 3] + value[y + 4]
+        number[:] = good[y] + good[y + 1] + good[y + 2] + good[y + 3] + good[y + 4]
+        for x in range(width):
+            near = number[x] + number[x + 1] + number[x + 2] + number[x + 3] + number[x + 4]
+            if good[y + 2, x + 2] > 0 and near > 12:
+                out[y, x] = (
+                    value[y + 2, x + 2]
+                    - (around[x] + around[x + 1] + around[x + 2] + around[x + 3] + around[x + 4])
+                    / near
+                )
+    return out
+
+
+@njit(cache=True, error_model='numpy', nogil=True)
+def grain_moments(grain):  # type: ignore[no-untyped-def]
+    """
+    Return what grain, clipped at 3 sigma, says.
+
+    Number of pixels, sum of squares; mean product of pairs in a row, in a column, side by side.
+    """
+    height, width = grain.shape
+    down = np.zeros((3, width))
+    number, square, rows, row_pairs, product, products = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for y in range(height):
+        n, line, squares, before = 0.0, 0.0, 0.0, np.nan
+        for x in range(width):
+            g = grain[y, x]
+            if g == g:
+                g = min(max(g, -3.0), 3.0)
+                n += 1
+                line += g
+                squares += g * g
+                down[0, x] += 1
+                down[1, x] += g
+                down[2, x] += g * g
+                if before == before:
+                    product += before * g
+                    products += 1
+            before = g
+        number += n
+        square += squares
+        rows += line * line - squares
+        row_pairs += n * n - n
+    columns = (down[1] ** 2 - down[2]).sum() / max((down[0] ** 2 - down[0]).sum(), 1.0)
+    return number, square, rows / max(row_pairs, 1.0), columns, product / products
+
+
+@njit(cache=True, error_model='numpy', nogil=True)
+def add_errors(depth, clean, sigma, cells, out):  # type: ignore[no-untyped-def]
+    """
+    Add up errors in sigma by the cell that each pixel belongs to (-1 for none).
+
+    The columns of ``out`` are those of a group, see above.
+    """
+    count, height, width = depth.shape
+    last = np.full((height, width), np.float32(np.nan))
+    for t in range(count):
+        i = t if clean.shape[0] > 1 else 0
+        for y in range(height):
+            left, left_cell = np.float32(np.nan), -1
+            for x in range(width):
+                cell = cells[i, y, x]
+                s = sigma[i, y, x]
+                metres = depth[t, y, x] - clean[i, y, x]
+                wrong = metres / s if s > 0 else np.float32(np.nan)
+                e = _held(wrong, CLIP)
+                if cell >= 0:
+                    row = out[cell]
+                    row[0] += 1
+                    if e == e:
+                        row[1] += 1
+                        row[2] += e
+                        row[3] += e * e
+                        row[4] += 1 if wrong > CLIP else 0
+                        row[5] += 1 if wrong < -CLIP else 0
+                        if abs(metres) < _JUMP or abs(wrong) < CLIP:
+                            row[SPOT_METRES] += 1
+                            row[SPOT_METRES + 1] += metres
+                        if last[y, x] == last[y, x]:
+                            _add_pair(e, last[y, x], row, SPOT_FRAMES)
+                        if left_cell == cell and left == left:
+                            _add_pair(e, left, row, SPOT_NEIGHBOURS)
+                left, left_cell = e, cell
+                last[y, x] = e
+
+
+@njit(inline='always')
+def _add_pair(one, other, row, start):  # type: ignore[no-untyped-def]
+    row[start] += 1
+    row[start + 1] += one
+    row[start + 2] += other
+    row[start + 3] += one * one
+    row[start + 4] += other * other
+    row[start + 5] += one * other

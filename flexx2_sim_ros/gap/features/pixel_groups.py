@@ -1,0 +1,246 @@
+"""Small groups of pixels that are alike, and what an effect changes in each."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+import math
+
+from flexx2_sim_ros.gap.data.covariates import AXES, ENDLESS, Scene, sort_everywhere
+from flexx2_sim_ros.gap.features.evidence import RecordingData
+from flexx2_sim_ros.gap.features.features import CHANNELS
+from flexx2_sim_ros.gap.features.kernels import (
+    add_errors,
+    GROUP_WIDTH,
+    SPOT_FRAMES,
+    SPOT_METRES,
+    SPOT_NEIGHBOURS,
+)
+import numpy as np
+
+GROUP_CHANNELS = ('bias', 'log_variance', 'invalid', 'high', 'low', 'lag', 'neighbour')
+GROUP_TOLERANCE = np.array([CHANNELS[name][0] for name in GROUP_CHANNELS])
+_SHARES = 6, 4, 12, 2, 2  # distance, incidence, region, edge, dark
+_STEEP = (20.0, 45.0, 65.0)  # degrees
+_FARTHEST = 5.0
+_DARK = 0.2
+_SAMPLES = 12
+_PER_FRAME, _FEWEST = 75, 300  # pixels that a group needs: a frame, in all
+SURE = 4.0  # standard deviations
+_SPREAD = 1e-4  # variance in sigma^2 below which nothing is said of correlations
+_EDGE_PIXELS = 12  # an edge moves as a whole: this many of its pixels count for one
+
+
+@dataclass(frozen=True)
+class PixelGroups:
+    """
+    The groups of a recording.
+
+    Attributes
+    ----------
+    count : numpy.ndarray
+        (N,) pixels, over all frames.
+    effect, real : numpy.ndarray
+        (N, 7) what effects change and what the real camera shows beyond the plain simulation;
+        `GROUP_CHANNELS`.
+    bias : numpy.ndarray
+        (N,) how much farther the real camera's mean depth is, metres.
+    limit, real_limit : numpy.ndarray
+        (N, 7) beyond which a difference matters and is no noise.
+    samples : numpy.ndarray
+        (N, 12, A) int16: bins of some of their pixels along `ENDLESS`, -1 where there are fewer.
+
+    """
+
+    count: np.ndarray
+    effect: np.ndarray
+    real: np.ndarray
+    bias: np.ndarray
+    limit: np.ndarray
+    real_limit: np.ndarray
+    samples: np.ndarray
+
+
+class GroupSums:
+    """
+    Which group each pixel belongs to, and sums over them.
+
+    Parameters
+    ----------
+    recording : RecordingData
+        The recording.
+    clean, reflectivity : numpy.ndarray
+        (H, W) or (T, H, W) as the camera really stood; reflectivity may be None.
+    scenes : sequence of Scene
+        Their covariates.
+    border : int
+        Pixels at the image's border that are not looked at.
+
+    """
+
+    def __init__(
+        self,
+        recording: RecordingData,
+        clean: np.ndarray,
+        reflectivity: np.ndarray | None,
+        scenes: Sequence[Scene],
+        border: int,
+    ) -> None:
+        """Sort the pixels."""
+        frames = clean if clean.ndim == 3 else clean[None]
+        self._clean = np.ascontiguousarray(frames)
+        self._sigma = np.array([scene.sigma for scene in scenes])
+        self._count = math.prod(_SHARES)
+        self.samples = np.full((self._count, _SAMPLES, len(ENDLESS)), -1, np.int16)
+        self._filled = np.zeros(self._count, np.int64)
+        self._cells = np.empty(frames.shape, np.int32)
+        rng = np.random.default_rng(0)
+        for t, image in enumerate(frames):
+            rho = (
+                reflectivity[t]
+                if reflectivity is not None and reflectivity.ndim == 3
+                else reflectivity
+            )
+            bins, incidence = sort_everywhere(image, rho, recording.K)
+            self._cells[t] = _cells(image, rho, incidence, bins, recording.mode.range_max, border)
+            if len(frames) == 1 or t % 3 == 0:
+                self._sample(
+                    self._cells[t], bins, rng, _SAMPLES if len(frames) == 1 else _SAMPLES // 4
+                )
+
+    def _sample(
+        self, cells: np.ndarray, bins: np.ndarray, rng: np.random.Generator, most: int
+    ) -> None:
+        # Pixels group by group, shuffled within each.
+        flat, rows = cells.ravel(), bins.reshape(len(bins), -1).T
+        order = np.lexsort((rng.random(flat.size), flat))
+        order = order[flat[order] >= 0]
+        groups, first, number = np.unique(flat[order], return_index=True, return_counts=True)
+        for i in range(most):
+            left = (number > i) & (self._filled[groups] < _SAMPLES)
+            self.samples[groups[left], self._filled[groups[left]]] = rows[order[first[left] + i]]
+            self._filled[groups[left]] += 1
+
+    def add(self, depth: np.ndarray) -> np.ndarray:
+        """Return sums of (T, H, W) depth, (groups, SPOT_WIDTH)."""
+        out = np.zeros((self._count, GROUP_WIDTH))
+        add_errors(depth, self._clean, self._sigma, self._cells, out)
+        return out
+
+    def groups(
+        self,
+        real: np.ndarray,
+        before: Sequence[np.ndarray],
+        after: Sequence[np.ndarray],
+        frames: int,
+    ) -> PixelGroups:
+        """
+        Compare.
+
+        Parameters
+        ----------
+        real : numpy.ndarray
+            Sums of the recording.
+        before, after : sequence of numpy.ndarray
+            Of simulations without and with effects, each pair with the same random numbers.
+        frames : int
+            That were summed up.
+
+        """
+        enough = real[:, 0] >= max(_PER_FRAME * frames, _FEWEST)
+        plain = [_features(sums[enough]) for sums in before]
+        some = [_features(sums[enough]) for sums in after]
+        own, number = _features(real[enough]), real[enough, 0]
+        base = np.mean(plain, axis=0)
+        edge = np.arange(self._count)[enough] // _SHARES[4] % _SHARES[3]
+        alone = np.sqrt(2 * (1 + (_EDGE_PIXELS - 1) * edge) / number)[:, None]
+        rates = base[:, 2:5]
+        deviation = np.hstack(
+            [
+                np.exp(base[:, 1:2] / 2),
+                np.full((len(base), 1), 1.5),
+                np.sqrt(np.clip(rates * (1 - rates), 0, 1) + 1 / number[:, None]),
+                np.ones((len(base), 2)),
+            ]
+        )
+        noise = np.nan_to_num(SURE * alone * deviation)
+        # The same random numbers: a share that is lost or wrong shows as it is.
+        seen = np.where(np.isin(GROUP_CHANNELS, ('invalid', 'high', 'low')), 0, noise)
+        few = (
+            np.minimum(real[enough, 1], np.mean([sums[enough, 1] for sums in before], axis=0))
+            < max(_PER_FRAME * frames, _FEWEST) / 3
+        )
+
+        def differences(values: np.ndarray, from_: np.ndarray) -> np.ndarray:
+            out = np.nan_to_num(values - from_)
+            # What is valid in one and not in the other: the share says so, the rest nothing.
+            out[few] *= np.array(GROUP_CHANNELS) == 'invalid'
+            return out
+
+        def metres(sums: np.ndarray) -> np.ndarray:
+            count, total = sums[enough, SPOT_METRES : SPOT_METRES + 2].T
+            return np.where(few, 0, total / np.maximum(count, 1))
+
+        return PixelGroups(
+            number,
+            np.mean([differences(a, b) for a, b in zip(some, plain, strict=True)], axis=0),
+            differences(own, base),
+            metres(real) - np.mean([metres(sums) for sums in before], axis=0),
+            np.maximum(GROUP_TOLERANCE, seen),
+            np.maximum(GROUP_TOLERANCE, noise),
+            self.samples[enough],
+        )
+
+
+def _cells(
+    clean: np.ndarray,
+    reflectivity: np.ndarray | None,
+    incidence: np.ndarray,
+    bins: np.ndarray,
+    farthest: float,
+    border: int,
+) -> np.ndarray:
+    # (H, W) int32, -1 where nothing is.
+    height, width = clean.shape
+    region = bins[ENDLESS.index('region')] - AXES['region'].start
+    edge = bins[ENDLESS.index('edge')] >= 0
+    dark = np.zeros(clean.shape, bool) if reflectivity is None else reflectivity < _DARK
+    far = np.clip(
+        np.nan_to_num(clean) / min(farthest, _FARTHEST) * _SHARES[0], 0, _SHARES[0] - 0.01
+    ).astype(int)
+    cell = np.zeros(clean.shape, int)
+    for index, count in zip(
+        (far, np.digitize(incidence, _STEEP), region, edge, dark), _SHARES, strict=True
+    ):
+        cell = cell * count + index
+    known = np.zeros(clean.shape, bool)
+    known[border : height - border, border : width - border] = True
+    with np.errstate(invalid='ignore'):
+        return np.where(known & np.isfinite(clean) & (clean > 0), cell, -1).astype(np.int32)
+
+
+def _features(sums: np.ndarray) -> np.ndarray:
+    # (N, 7), NaN for none.
+    number, valid, total, square, high, low = sums.T[:SPOT_FRAMES]
+    with np.errstate(divide='ignore', invalid='ignore'):
+        mean = total / valid
+        variance = np.maximum(square / valid - mean**2, 1e-4)
+        return np.stack(
+            [
+                mean,
+                np.log(variance),
+                1 - valid / number,
+                high / valid,
+                low / valid,
+                _correlation(sums, SPOT_FRAMES),
+                _correlation(sums, SPOT_NEIGHBOURS),
+            ],
+            axis=1,
+        )
+
+
+def _correlation(sums: np.ndarray, start: int) -> np.ndarray:
+    # Pearson's, (N,), of pairs; 0 where their errors are all alike.
+    count, one, other, one2, other2, product = sums.T[start : start + 6]
+    spread = np.sqrt(
+        np.maximum(one2 - one**2 / count, 0) * np.maximum(other2 - other**2 / count, 0)
+    )
+    return np.where(spread > _SPREAD * count, (product - one * other / count) / spread, 0)

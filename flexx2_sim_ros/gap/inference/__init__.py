@@ -1,0 +1,1 @@
+"""Which effects explain the gap, and where it lies."""

@@ -1,0 +1,158 @@
+"""The fewest conditions that single out the pixels in which real and simulated differ."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from flexx2_sim_ros.gap.data.covariates import AXES, ENDLESS
+from flexx2_sim_ros.gap.features.pixel_groups import GROUP_CHANNELS, PixelGroups, SURE
+import numpy as np
+
+_NOISE = GROUP_CHANNELS.index('log_variance')
+_MOST = 3  # axes
+_CLASSES = ('recording', 'region')  # whose bins are not in an order
+# What an axis must add to the intersection over union: the more, the finer it cuts.
+_WORTH = {
+    'all': 0.0,
+    'distance': 0.02,
+    'incidence': 0.02,
+    'radius': 0.02,
+    'edge': 0.02,
+    'log_amplitude': 0.02,
+    'region': 0.03,
+    'recording': 0.03,
+    'fine_distance': 0.03,
+}
+
+
+@dataclass(frozen=True)
+class Condition:
+    """
+    An interval of one covariate.
+
+    Attributes
+    ----------
+    axis : str
+        Of `ENDLESS`, or ``recording``.
+    first, last : int
+        Bins of it, inclusive.
+    difference : numpy.ndarray
+        (7,) mean over its pixels that differ.
+    noise : numpy.ndarray
+        (7,) what that is uncertain by.
+    size : numpy.ndarray
+        (7,) what the real camera shows there beyond the plain simulation.
+    bias : float
+        That of the mean depth, metres.
+
+    """
+
+    axis: str
+    first: int
+    last: int
+    difference: np.ndarray
+    noise: np.ndarray
+    size: np.ndarray
+    bias: float
+
+
+def cover(
+    recordings: Sequence[PixelGroups], real: bool, sigma_error: float = 0.0
+) -> list[Condition]:
+    """
+    Find conditions of which one holds for pixels that differ, and none for the others.
+
+    Axis by axis, that first with which the pixels singled out and those that differ have most in
+    common (intersection over union).
+
+    Parameters
+    ----------
+    recordings : sequence of Spots
+        Theirs.
+    real : bool
+        Whether the real camera's difference counts, or else that of the effects.
+    sigma_error : float
+        By which share sigma_z is wrong, which is no difference of the real camera's.
+
+    Returns
+    -------
+    list of Condition
+        Empty where nothing differs.
+
+    """
+    count = np.concatenate([groups.count for groups in recordings])
+    if not len(count):
+        return []
+    difference = np.concatenate([s.real if real else s.effect for s in recordings])
+    if real:
+        difference[:, _NOISE] -= 2 * np.log1p(sigma_error)
+    limit = np.concatenate([s.real_limit if real else s.limit for s in recordings])
+    shown = np.concatenate([groups.real for groups in recordings])
+    bias = np.concatenate([groups.bias for groups in recordings])
+    differs = (np.abs(difference) > limit).any(axis=1)
+    if not differs.any():
+        return []
+    samples = np.concatenate([groups.samples for groups in recordings]).astype(int)
+    known = samples[:, :, 0] >= 0
+    weight = known * (count / np.maximum(known.sum(axis=1), 1))[:, None]
+    bins = {name: samples[:, :, i] - AXES[name].start for i, name in enumerate(ENDLESS)}
+    bins['recording'] = np.repeat(np.arange(len(recordings)), [len(s.count) for s in recordings])[
+        :, None
+    ] + np.zeros(known.shape, int)
+    inside, outside = weight * differs[:, None], weight * ~differs[:, None]
+    named, best = np.zeros(known.shape, bool), 0.0
+    chosen: list[tuple[str, np.ndarray]] = []
+    for _ in range(_MOST):
+        tries = [(*_pick(place, inside, outside, named), name) for name, place in bins.items()]
+        value, some, name = max(tries, key=lambda one: one[0] - _WORTH[one[2]])
+        if value - _WORTH[name] <= best:
+            break
+        best = value
+        chosen.append((name, some))
+        named |= some[np.maximum(bins[name], 0)] & (bins[name] >= 0)
+    out = []
+    for name, some in chosen:
+        for first, last in _stretches(some, bins[name][known], name in _CLASSES):
+            here = (bins[name] >= first) & (bins[name] <= last)
+            share = (inside * here).sum(axis=1)
+            total = max(float(share.sum()), 1e-9)
+            out.append(
+                Condition(
+                    name,
+                    first,
+                    last,
+                    share @ difference / total,
+                    np.sqrt(np.square(share) @ np.square(limit / SURE)) / total,
+                    share @ shown / total,
+                    float(share @ bias / total),
+                )
+            )
+    return out
+
+
+def _pick(
+    place: np.ndarray, inside: np.ndarray, outside: np.ndarray, named: np.ndarray
+) -> tuple[float, np.ndarray]:
+    # The best set of an axis's bins: those in which most differs first, as long as it helps.
+    use = (place >= 0) & ~named
+    size = max(int(place.max(initial=0)) + 1, 1)
+    hits, misses = (np.bincount(place[use], w[use], minlength=size) for w in (inside, outside))
+    order = np.argsort(-hits / np.maximum(hits + misses, 1e-9), kind='stable')
+    both = np.cumsum(hits[order]) + (inside * named).sum()
+    either = inside.sum() + (outside * named).sum() + np.cumsum(misses[order])
+    value = both / np.maximum(either, 1e-9)
+    best = int(np.argmax(value))
+    some = np.zeros(size, bool)
+    some[order[: best + 1]] = hits[order[: best + 1]] > 0
+    return float(value[best]), some
+
+
+def _stretches(some: np.ndarray, present: np.ndarray, classes: bool) -> list[tuple[int, int]]:
+    # Chosen bins side by side, bins without any pixel between them included; classes one by one.
+    there = np.bincount(present[present >= 0], minlength=len(some)) > 0
+    out: list[tuple[int, int]] = []
+    for i in np.flatnonzero(some):
+        if out and not classes and not there[out[-1][1] + 1 : i].any():
+            out[-1] = out[-1][0], int(i)
+        else:
+            out.append((int(i), int(i)))
+    return out

@@ -1,0 +1,69 @@
+"""Fit a correction without a cause to what is left when no effect explains the gap."""
+
+from typing import Any
+
+from flexx2_sim_ros.effects import Effect
+from flexx2_sim_ros.effects.patch import COVARIATES, ResidualPatch
+from flexx2_sim_ros.gap.data.covariates import AXES
+from flexx2_sim_ros.gap.features.features import LAYOUT
+from flexx2_sim_ros.gap.inference.decide import FLOOR
+from flexx2_sim_ros.gap.inference.model import Model
+from flexx2_sim_ros.gap.inference.where import mean_sigma
+import numpy as np
+
+_CHANNELS = ('bias', 'log_variance', 'invalid')
+
+
+def fit_patch(model: Model, residual: np.ndarray) -> tuple[Effect, str, float]:
+    """
+    Fit the patch over the one covariate where that takes off most.
+
+    Parameters
+    ----------
+    model : Model
+        The recordings.
+    residual : numpy.ndarray
+        (R, SIZE) real less simulated features.
+
+    Returns
+    -------
+    tuple
+        The patch, its covariate, and the share of the gap in bias, noise and loss over all three
+        covariates that it takes off recordings it was not fitted to.
+
+    """
+    best, best_share = COVARIATES[0], -np.inf
+    everywhere = [i for name in COVARIATES for channel in _CHANNELS for i in _index(channel, name)]
+    for name in COVARIATES:
+        index = np.concatenate([_index(channel, name) for channel in _CHANNELS])
+        left = residual.copy()
+        for r in range(len(residual)):
+            rest = np.arange(len(residual)) != r if len(residual) > 1 else slice(None)
+            left[r, index] -= _mean(model, residual, rest)[index]
+        before, after = (
+            model.losses(np.where(np.isin(np.arange(one.shape[1]), everywhere), one, 0)).sum()
+            for one in (residual, left)
+        )
+        share = float((before - after) / max(before, FLOOR))
+        if share > best_share:
+            best, best_share = name, share
+    mean = _mean(model, residual, slice(None))
+    axis = AXES[best]
+    sigma = mean_sigma(model)[axis.start : axis.start + axis.bins]
+    values = {'covariate_index': float(COVARIATES.index(best))}
+    values.update({f'edge_{i}': edge for i, edge in enumerate(axis.edges)})
+    bias, variance, loss = (mean[_index(channel, best)] for channel in _CHANNELS)
+    for i in range(axis.bins):
+        values[f'bias_{i}'] = float(np.clip(bias[i] * sigma[i], -1, 1))
+        values[f'scale_{i}'] = float(np.clip(np.exp(variance[i] / 2), 0.1, 10))
+        values[f'loss_{i}'] = float(np.clip(loss[i], 0, 1))
+    return ResidualPatch(**values), best, float(np.clip(best_share, 0, 1))
+
+
+def _index(channel: str, axis: str) -> np.ndarray:
+    return np.array([i for i, f in enumerate(LAYOUT) if f.channel == channel and f.axis == axis])
+
+
+def _mean(model: Model, residual: np.ndarray, chosen: Any) -> np.ndarray:
+    good = model.good[chosen]
+    return np.where(good, residual[chosen], 0).sum(axis=0) / np.maximum(good.sum(axis=0), 1)

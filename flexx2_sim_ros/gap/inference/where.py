@@ -1,0 +1,342 @@
+"""Where the real camera and the simulation differ."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from flexx2_sim_ros.gap.data.covariates import AXES
+from flexx2_sim_ros.gap.features.features import (
+    CHANNELS,
+    LAYOUT,
+    likeness,
+    STRUCTURE_UNITS,
+    STRUCTURES,
+    TOLERANCE,
+)
+from flexx2_sim_ros.gap.features.pixel_groups import GROUP_CHANNELS, GROUP_TOLERANCE, PixelGroups
+from flexx2_sim_ros.gap.inference.cover import Condition, cover
+from flexx2_sim_ros.gap.inference.model import Model
+from flexx2_sim_ros.gap.inference.student import q_values, t_tail
+import numpy as np
+
+_MOST = 60
+_DEGREES = 100  # noise is known that well
+_ALL_OVER = 0.85  # of the pixels
+_SURE = 0.1  # false-discovery rate
+# Ways to cut the surfaces up, of which the one that shows a channel's differences best is told:
+# cut along any other, they are averaged with what does not differ. Finer ones must do better.
+_CUTS = {
+    'all': 1.0,
+    'distance': 0.9,
+    'incidence': 0.9,
+    'radius': 0.9,
+    'region': 0.8,
+    'log_amplitude': 0.9,
+    'fine_distance': 0.8,
+    'recording': 0.5,
+}
+_BESIDES = ('concavity', 'speed')  # told too where they show more
+_ALWAYS = ('edge', 'beyond', 'structure')  # no surfaces
+_EDGE = [
+    f'{side} side of a jump {where}, {near}'
+    for where in ('to the right', 'to the left', 'below', 'above')
+    for side in ('near', 'far')
+    for near in ('next to it', '2 to 3 px away')
+]
+# What surfaces cut up tell nothing of: kept beside conditions on pixels.
+_BESIDE = ('structure', 'nothing there', 'beyond the range', *_BESIDES)
+_AT_EDGES = np.array([f.axis == 'edge' for f in LAYOUT])
+_IN_SIGMA = np.array([f.axis != 'structure' and CHANNELS[f.channel][1] == 'sigma' for f in LAYOUT])
+_BINS = np.array([0 if f.axis == 'structure' else AXES[f.axis].start + f.place for f in LAYOUT])
+_INDEX = {(f.channel, f.axis, f.place): i for i, f in enumerate(LAYOUT)}
+
+
+def places(
+    model: Model,
+    difference: np.ndarray,
+    shown: np.ndarray,
+    groups: Sequence[PixelGroups],
+    exact: bool,
+    sigma_error: float,
+) -> list[dict[str, Any]]:
+    """
+    List where real and simulated differ by more than what matters.
+
+    Parameters
+    ----------
+    model : Model
+        The recordings.
+    difference : numpy.ndarray
+        (R, SIZE) real less simulated features, or what effects change of them if these explain it.
+    shown : numpy.ndarray
+        (R, SIZE) real less simulated features, whose size is told.
+    groups : sequence of Spots
+        Theirs, from simulating the outcome.
+    exact : bool
+        Whether effects explain the difference: what they change is told then, free of noise.
+    sigma_error : float
+        By which share sigma_z was found to be wrong.
+
+    Returns
+    -------
+    list of dict
+        Conditions that single out the pixels that differ, see `cover`, and what no condition on
+        pixels tells; as from `cells`. That alone where pixels are too few to be grouped.
+
+    """
+    binned = cells(model, difference, exact, shown)
+    conditions = cover(groups, not exact, sigma_error)
+    if not conditions:
+        return [row for _, row in binned]
+    names = [e.name for e in model.evidence]
+    rows = [row for one in conditions for row in _rows(one, names)]
+    q = q_values(np.array([row['q_value'] for _, row in rows]))
+    for (_, row), value in zip(rows, q, strict=True):
+        row['q_value'] = float(value)
+    rows += [item for item in binned if item[1]['covariate'] in _BESIDE]
+    return [row for _, row in sorted(rows, key=lambda item: -item[0])]
+
+
+def _rows(one: Condition, names: list[str]) -> list[tuple[float, dict[str, Any]]]:
+    # A condition, channel by channel, with how much what is there matters.
+    ratio = np.abs(one.difference) / GROUP_TOLERANCE
+    p = _tail(one.difference, GROUP_TOLERANCE, one.noise**2)
+    out = []
+    cell = _bounds(one.axis, one.first, one.last)
+    if one.axis == 'recording':
+        cell.update(low=one.first, high=one.first, detail=names[one.first])
+    for k in np.flatnonzero(ratio >= min(1.0, float(ratio.max()))):
+        size, unit = float(one.size[k]), CHANNELS[GROUP_CHANNELS[k]][1]
+        if unit == 'sigma':
+            size, unit = one.bias * 1000, 'mm'
+        out.append(
+            (
+                float(ratio[k]),
+                {
+                    **cell,
+                    'channel': GROUP_CHANNELS[k],
+                    'size': size,
+                    'unit_size': unit,
+                    'q_value': float(p[k]),
+                },
+            )
+        )
+    return out
+
+
+def cells(
+    model: Model, difference: np.ndarray, exact: bool = False, shown: np.ndarray | None = None
+) -> list[tuple[float, dict[str, Any]]]:
+    """
+    List the bins in which real and simulated differ by more than what matters.
+
+    Parameters
+    ----------
+    model : Model
+        The recordings.
+    difference : numpy.ndarray
+        (R, SIZE) real less simulated features.
+    exact : bool
+        Whether that is free of noise, as what effects change is. Where edges are is never known
+        exactly.
+    shown : numpy.ndarray, optional
+        (R, SIZE) of which the size is told; ``difference`` when left out.
+
+    Returns
+    -------
+    list of tuple
+        How large in units of what matters, largest first; and a dict of ``covariate, low, high,
+        unit, channel, size, unit_size, q_value, detail``.
+
+    """
+    count = model.good.sum(axis=0)
+    each = np.where(model.good, difference, 0)
+    # Of these recordings, not of others: what noise and edges known to a pixel leave open.
+    open_ = model.good & (_AT_EDGES | (not exact))
+    own = np.where(open_, model.scale2 - np.square(TOLERANCE), 0)
+    with np.errstate(invalid='ignore', divide='ignore'):
+        mean, variance = each.sum(axis=0) / count, own.sum(axis=0) / count**2
+    usable = count > 0
+    p = np.ones(len(mean))
+    p[usable] = _tail(mean[usable], TOLERANCE[usable], variance[usable])
+    q = np.ones(len(mean))
+    if usable.any():
+        q[usable] = q_values(p[usable])
+    weights = np.sum([e.counts for e in model.evidence], axis=0)
+    found: list[tuple[float, dict[str, Any]]] = []
+    physical, gross = _in_units(model, difference if shown is None else shown), False
+    with np.errstate(invalid='ignore', divide='ignore'):
+        sizes = physical.sum(axis=0) / count
+    for channel in CHANNELS:
+        best, *others = _axes_to_tell(
+            model, channel, np.where(usable, mean, 0), variance, weights, each, own
+        )
+        index = [i for i in _indices(channel, best) if usable[i] and q[i] < _SURE]
+        if best == 'recording':
+            found += _recordings(model, channel, each, own, physical)
+        elif sum(weights[_BINS[i]] for i in index) > _ALL_OVER * weights[0]:
+            index, others = _indices(channel, 'all'), []
+        if channel == 'kurtosis' and gross:
+            continue  # Gross errors make it so, wherever they are.
+        gross |= channel in ('high', 'low') and bool(index)
+        for name in others:
+            some = [i for i in _indices(channel, name) if usable[i] and q[i] < _SURE]
+            # Along these only what is found here and not there says anything.
+            if name in _ALWAYS or (
+                weights[_BINS[some]].sum() < 0.5 * weights[_BINS[_indices(channel, name)]].sum()
+            ):
+                index += some
+        found += [
+            (abs(mean[i]) / TOLERANCE[i], _cell(i, float(sizes[i]), float(q[i]))) for i in index
+        ]
+    for name in STRUCTURES:
+        i = _INDEX[name, 'structure', 0]
+        if usable[i] and q[i] < _SURE:
+            found.append((abs(mean[i]) / TOLERANCE[i], _cell(i, float(sizes[i]), float(q[i]))))
+    found.sort(key=lambda item: -item[0])
+    return found[:_MOST]
+
+
+def _axes_to_tell(
+    model: Model,
+    channel: str,
+    mean: np.ndarray,
+    variance: np.ndarray,
+    weights: np.ndarray,
+    each: np.ndarray,
+    own: np.ndarray,
+) -> list[str]:
+    # A channel's mean square difference, cut along each axis, less what noise gives.
+    power = {}
+    for name in (*_CUTS, *_BESIDES):
+        if name == 'recording':
+            i = _INDEX[channel, 'all', 0]
+            weight = np.array([e.counts[0] for e in model.evidence]) * model.good[:, i]
+            square = each[:, i] ** 2 - own[:, i]
+        else:
+            index = _indices(channel, name)
+            if not index:
+                continue
+            axis = AXES[name]
+            weight = weights[axis.start : axis.start + axis.bins]
+            square = mean[index] ** 2 - np.nan_to_num(variance[index], posinf=0.0)
+        power[name] = float((weight * square).sum() / max(weight.sum(), 1.0))
+    best = max(_CUTS, key=lambda name: _CUTS[name] * power.get(name, -np.inf))
+    return [
+        best,
+        *(name for name in _BESIDES if power.get(name, 0.0) > 1.2 * power[best]),
+        *(name for name in _ALWAYS if _indices(channel, name)),
+    ]
+
+
+def _indices(channel: str, axis: str) -> list[int]:
+    bins = AXES[axis].bins if axis in AXES else 0
+    return [_INDEX[channel, axis, i] for i in range(bins) if (channel, axis, i) in _INDEX]
+
+
+def _in_units(model: Model, shown: np.ndarray) -> np.ndarray:
+    # (R, SIZE) differences, in mm where they are in sigma, by each recording's own sigma_z.
+    sigma = np.nan_to_num([e.sigma for e in model.evidence], posinf=0.0)
+    return np.where(model.good, shown, 0) * np.where(_IN_SIGMA, 1000 * sigma[:, _BINS], 1.0)
+
+
+def _recordings(
+    model: Model, channel: str, each: np.ndarray, own: np.ndarray, physical: np.ndarray
+) -> list[tuple[float, dict[str, Any]]]:
+    i = _INDEX[channel, 'all', 0]
+    p = _tail(each[:, i], TOLERANCE[i], own[:, i])
+    out = []
+    for r, (size, q) in enumerate(zip(each[:, i], q_values(p), strict=True)):
+        if model.good[r, i] and q < _SURE:
+            cell = _cell(i, float(physical[r, i]), float(q))
+            cell.update(covariate='recording', low=r, high=r, detail=model.evidence[r].name)
+            out.append((abs(float(size)) / float(TOLERANCE[i]), cell))
+    return out
+
+
+def _tail(size: np.ndarray, limit: Any, variance: np.ndarray) -> np.ndarray:
+    # Probability of a difference so far beyond what matters.
+    return t_tail(
+        np.maximum(np.abs(size) - limit, 0) / np.sqrt(np.maximum(variance, 1e-12)), _DEGREES
+    )
+
+
+def mean_sigma(model: Model) -> np.ndarray:
+    """Return the mean sigma_z of each bin, (BINS,) metres; harmonic, 0 where nothing was seen."""
+    with np.errstate(invalid='ignore', divide='ignore'):
+        inverse = np.array([1 / e.sigma for e in model.evidence])
+        good = np.isfinite(inverse)
+        mean = np.where(good, inverse, 0).sum(axis=0) / good.sum(axis=0)
+        return np.asarray(np.nan_to_num(1 / mean))
+
+
+def _cell(index: int, size: float, q: float) -> dict[str, Any]:
+    feature = LAYOUT[index]
+    out = {
+        **_bounds(feature.axis, feature.place, feature.place),
+        'channel': feature.channel,
+        'size': size,
+        'unit_size': '',
+        'q_value': q,
+    }
+    if feature.axis == 'structure':
+        out['unit_size'] = STRUCTURE_UNITS[feature.channel]
+        return out
+    if feature.axis == 'edge':
+        out['detail'] = _EDGE[feature.place]
+    if feature.channel == 'lag':
+        out['size'] = float(likeness(size))
+    out['unit_size'] = 'mm' if _IN_SIGMA[index] else CHANNELS[feature.channel][1]
+    return out
+
+
+def _bounds(name: str, first: int, last: int) -> dict[str, Any]:
+    # Bins of an axis, from one to another, for people.
+    out: dict[str, Any] = {'covariate': name, 'low': None, 'high': None, 'unit': '', 'detail': ''}
+    edges = (None, *AXES[name].edges, None) if name in AXES else ()
+    if name == 'log_amplitude':
+        low, high = (
+            None if edge is None else float(np.exp(edge))
+            for edge in (edges[first], edges[last + 1])
+        )
+        out.update(covariate='amplitude', low=low, high=high, unit='1/m^2')
+    elif len(edges) > 2:
+        out.update(low=edges[first], high=edges[last + 1], unit=AXES[name].unit)
+    elif name == 'edge':
+        out.update(low=1, high=1)
+    elif name == 'region':
+        row, column = divmod(first, 4)
+        out['covariate'] = f'image region row {row + 1} of 3, column {column + 1} of 4'
+    elif name == 'beyond':
+        out['covariate'] = ('nothing there', 'beyond the range')[first]
+    return out
+
+
+def unexplained(model: Model, residual: np.ndarray, base: np.ndarray) -> list[dict[str, Any]]:
+    """
+    Sum up, channel by channel, what a residual leaves over.
+
+    Parameters
+    ----------
+    model : Model
+        The recordings.
+    residual, base : numpy.ndarray
+        (R, SIZE) what is left; the loss that noise alone gives.
+
+    Returns
+    -------
+    list of dict
+        ``structure``, ``loss`` (above the null's) and ``share`` of all that is left.
+
+    """
+    loss = (model.weights * np.log1p(residual**2 / model.scale2)).sum(axis=0) - base
+    names = [*CHANNELS, *STRUCTURES]
+    groups = {
+        name: sum(float(loss[i]) for i, f in enumerate(LAYOUT) if f.channel == name)
+        for name in names
+    }
+    total = max(sum(v for v in groups.values() if v > 0), 1e-9)
+    return [
+        {'structure': name, 'loss': value, 'share': value / total}
+        for name, value in sorted(groups.items(), key=lambda item: -item[1])
+        if value > 0.05 * total
+    ]

@@ -1,0 +1,188 @@
+"""What a report draws of the outcome: maps of the image, and curves along covariates."""
+
+from collections.abc import Sequence
+from html import escape
+
+from flexx2_sim_ros.gap.data.covariates import AXES, Axis, TILE_COLUMNS, TILE_ROWS
+from flexx2_sim_ros.gap.features.confirm import Outcome
+from flexx2_sim_ros.gap.features.features import CHANNELS, LAYOUT, likeness
+from flexx2_sim_ros.gap.report.drawing import curves, picture
+import numpy as np
+
+# What people read, and by which factor.
+_LABELS = {
+    'bias': ('bias, sigma', 1.0),
+    'log_variance': ('noise, log variance', 1.0),
+    'invalid': ('invalid, %', 100.0),
+    'high': ('outliers behind, %', 100.0),
+    'low': ('outliers in front, %', 100.0),
+    'kurtosis': ("noise's tails, kurtosis", 1.0),
+    'lag': ('likeness to the frame before', 1.0),
+    'neighbour': ('likeness of neighbouring pixels', 1.0),
+}
+_ALONG = (
+    'distance',
+    'incidence',
+    'log_amplitude',
+    'fine_distance',
+    'radius',
+    'speed',
+    'concavity',
+    'edge',
+)
+_CHARTS, _OF_ONE_CHANNEL = 4, 2
+_FEWEST = 500  # pixels, for a point of a curve
+_LIMIT = 15  # of a map's colours, in units of what matters
+# Of an edge's 16 bins (direction, side, how near) the four that differ by more than direction.
+_FROM_EDGE = {-2.0: 1, -1.0: 0, 1.0: 2, 2.0: 3}
+_FIRST = {(f.channel, f.axis): i for i, f in reversed(list(enumerate(LAYOUT)))}
+
+
+def maps(confirmed: Sequence[Outcome], explained: bool) -> str:
+    """
+    Return maps of the mean depth error, and of what else differs most on the image, as HTML.
+
+    Parameters
+    ----------
+    confirmed : sequence of Outcome
+        The recordings.
+    explained : bool
+        Whether effects were added, so that there is an image with them as well.
+
+    """
+    pairs = [(1, 'before', 'real less simulated')]
+    if explained:
+        pairs.append((2, 'after', 'real less simulated with the effects'))
+    size = confirmed[0].maps['real'].shape
+    stacks = {
+        name: np.array(
+            [
+                one.maps[name].astype(np.float32)
+                for one in confirmed
+                if one.maps[name].shape == size
+            ]
+        )
+        for name in ('real', 'before', 'after')
+    }
+    figures = []
+    for _, name, text in pairs:
+        difference = stacks['real'] - stacks[name]
+        good = np.isfinite(difference)
+        mean = np.where(good, difference, 0).sum(axis=0) / np.maximum(good.sum(axis=0), 1)
+        mean[~good.any(axis=0)] = np.nan
+        figures.append(_map(mean, 1.5, f'{text}: mean depth error', 'sigma'))
+    channel, size_there = max(
+        (
+            (name, _importance(_lines(confirmed, name, AXES['region']), name))
+            for name in _LABELS
+            if name != 'bias'
+        ),
+        key=lambda item: item[1],
+    )
+    if size_there > 1:
+        axis = AXES['tile' if (channel, 'tile') in _FIRST else 'region']
+        lines = _lines(confirmed, channel, axis)
+        label, factor = _LABELS[channel]
+        limit = _LIMIT * CHANNELS[channel][0] * factor
+        for i, _, text in pairs:
+            rows, columns = (TILE_ROWS, TILE_COLUMNS) if axis.name == 'tile' else (3, 4)
+            image = (lines[0] - lines[i]).reshape(rows, columns)
+            image = image.repeat(44 // rows, axis=0).repeat(56 // columns, axis=1)
+            figures.append(
+                _map(image, limit, f'{text}: {label.partition(",")[0]}', label.partition(', ')[2])
+            )
+    return f'<h2>On the image</h2><div class="row">{"".join(figures)}</div>'
+
+
+def _map(image: np.ndarray, limit: float, text: str, unit: str) -> str:
+    ends = f'blue {-limit:.2g} to red {limit:+.2g} {unit}'.strip()
+    return (
+        f'<figure><img alt="{escape(text)}" width="420" src="{picture(image, limit)}">'
+        f'<figcaption>{escape(text)}, {escape(ends)}, white none, gray unseen'
+        '</figcaption></figure>'
+    )
+
+
+def charts(confirmed: Sequence[Outcome], explained: bool) -> str:
+    """
+    Return real against simulated along the covariates that show the gap best, as HTML.
+
+    Parameters
+    ----------
+    confirmed : sequence of Outcome
+        The recordings.
+    explained : bool
+        Whether effects were added, so that there is a curve with them as well.
+
+    """
+    found = []
+    for name in _ALONG:
+        for channel in _LABELS:
+            if (channel, name) in _FIRST:
+                lines = _lines(confirmed, channel, AXES[name])
+                if np.isfinite(lines[0]).sum() >= 3:
+                    found.append((_importance(lines, channel), channel, name, lines))
+    found.sort(key=lambda item: -item[0])
+    chosen: list[tuple[str, str, np.ndarray]] = []
+    for _, channel, name, lines in found:
+        if sum(other == channel for other, *_ in chosen) < _OF_ONE_CHANNEL:
+            chosen.append((channel, name, lines))
+    names = ['real', 'simulated'] + (['with the effects'] if explained else [])
+    figures = []
+    for channel, name, lines in chosen[:_CHARTS]:
+        label, factor = _LABELS[channel]
+        axis = AXES[name]
+        unit = f' [{axis.unit}]' if axis.unit else ''
+        title = (
+            'pixels from a jump (left: near side)'
+            if name == 'edge'
+            else axis.name.replace('_', ' ') + unit
+        )
+        figures.append(
+            curves(
+                _middles(axis),
+                lines[: len(names)],
+                names,
+                title,
+                label,
+                6 * CHANNELS[channel][0] * factor,
+            )
+        )
+    return f'<h2>Real against simulated</h2><div class="row">{"".join(figures)}</div>'
+
+
+def _lines(confirmed: Sequence[Outcome], channel: str, axis: Axis) -> np.ndarray:
+    # Real, without and with the effects, mean over pixels; NaN where there are too few.
+    first = _FIRST[channel, axis.name]
+    values = np.array([one.seen[:, first : first + axis.bins] for one in confirmed], float)
+    pixels = np.array(
+        [one.counts[axis.start : axis.start + axis.bins] for one in confirmed], float
+    )
+    weights = np.where(np.isfinite(values), pixels[:, None], 0.0)
+    total, summed = weights.sum(axis=0), (np.nan_to_num(values) * weights).sum(axis=0)
+    if axis.name == 'edge':
+        total, summed = (
+            one.reshape(3, 4, 4).sum(axis=1)[:, list(_FROM_EDGE.values())]
+            for one in (total, summed)
+        )
+    fewest = 1 if axis.name == 'tile' else _FEWEST
+    lines = np.where(total >= fewest, _LABELS[channel][1] * summed / np.maximum(total, 1), np.nan)
+    return likeness(lines) if channel == 'lag' else lines
+
+
+def _importance(lines: np.ndarray, channel: str) -> float:
+    # RMS of what the simulation lacks, in units of what matters.
+    difference = lines[0] - lines[1]
+    good = np.isfinite(difference)
+    if not good.any():
+        return 0.0
+    matters = CHANNELS[channel][0] * _LABELS[channel][1]
+    return float(np.sqrt(np.square(difference[good]).mean())) / matters
+
+
+def _middles(axis: Axis) -> np.ndarray:
+    if axis.name == 'edge':
+        return np.array(list(_FROM_EDGE))
+    low, high = 2 * axis.edges[0] - axis.edges[1], 2 * axis.edges[-1] - axis.edges[-2]
+    ends = np.array([low, *axis.edges, high])
+    return np.asarray((ends[1:] + ends[:-1]) / 2)

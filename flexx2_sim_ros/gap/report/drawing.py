@@ -1,0 +1,131 @@
+"""Pictures inside a page: SVG curves and bars, PNG maps."""
+
+import base64
+from collections.abc import Sequence
+from html import escape
+import struct
+import zlib
+
+import numpy as np
+
+_COLOURS = ('#1c2733', '#d9480f', '#1f6feb')
+_DASHES = ('', '5 3', '')
+_WIDTH, _HEIGHT, _LEFT, _BOTTOM = 440, 230, 52, 38
+
+
+def picture(image: np.ndarray, limit: float) -> str:
+    """Return an (H, W) image as a data URL: blue to red within +-limit, gray for NaN."""
+    share = np.clip(np.nan_to_num(image / limit), -1, 1)[..., None]
+    red, blue = np.array([178, 24, 43]), np.array([33, 102, 172])
+    colour = np.where(share > 0, 255 + share * (red - 255), 255 - share * (blue - 255))
+    colour = np.where(np.isfinite(image)[..., None], colour, 205).astype(np.uint8)
+    colour = colour.repeat(4, axis=0).repeat(4, axis=1)
+    height, width, _ = colour.shape
+    rows = np.concatenate([np.zeros((height, 1), np.uint8), colour.reshape(height, -1)], axis=1)
+    data = b'\x89PNG\r\n\x1a\n' + b''.join(
+        struct.pack('>I', len(content))
+        + kind
+        + content
+        + struct.pack('>I', zlib.crc32(kind + content))
+        for kind, content in (
+            (b'IHDR', struct.pack('>IIBBBBB', width, height, 8, 2, 0, 0, 0)),
+            (b'IDAT', zlib.compress(rows.tobytes(), 9)),
+            (b'IEND', b''),
+        )
+    )
+    return 'data:image/png;base64,' + base64.b64encode(data).decode()
+
+
+def bar(before: float, after: float, null: float) -> str:
+    """Return a small SVG bar: before in gray, after in blue, a mark at what noise alone gives."""
+    top = max(before, after, null, 1e-12)
+    width = 160.0
+    return (
+        f'<svg width="{width:.0f}" height="16" role="img" aria-label="before and after">'
+        f'<rect y="2" height="5" width="{width * before / top:.1f}" fill="#b8c4cf"/>'
+        f'<rect y="8" height="5" width="{width * after / top:.1f}" fill="#1f6feb"/>'
+        f'<rect x="{max(width * null / top - 1, 0):.1f}" y="0" height="16" width="1.5" '
+        'fill="#1c2733"/></svg>'
+    )
+
+
+def _ticks(low: float, high: float) -> list[float]:
+    raw = (high - low) / 4
+    power = 10.0 ** np.floor(np.log10(raw))
+    step = next(float(power * m) for m in (1, 2, 5, 10) if power * m >= raw)
+    return [float(t) + 0.0 for t in np.arange(np.ceil(low / step), high / step + 1e-9) * step]
+
+
+def curves(
+    x: np.ndarray,
+    lines: np.ndarray,
+    names: Sequence[str],
+    x_label: str,
+    y_label: str,
+    least: float,
+) -> str:
+    """
+    Return curves as an SVG figure.
+
+    Parameters
+    ----------
+    x : numpy.ndarray
+        (N,).
+    lines : numpy.ndarray
+        (L, N), gaps where NaN.
+    names : sequence of str
+        Of the lines.
+    x_label, y_label : str
+        Of the axes.
+    least : float
+        Range of y at least, so that noise does not look like a finding.
+
+    """
+    seen = np.isfinite(lines).any(axis=0)
+    x, lines = x[seen], lines[:, seen]
+    low, high = float(np.nanmin(lines)), float(np.nanmax(lines))
+    pad = max(0.08 * (high - low), (least - (high - low)) / 2)
+    low, high = low - pad, high + pad
+    left, right = float(x.min()), float(x.max())
+
+    def at_x(value: float) -> float:
+        return _LEFT + (value - left) / max(right - left, 1e-9) * (_WIDTH - _LEFT - 10)
+
+    def at_y(value: float) -> float:
+        return _HEIGHT - _BOTTOM - (value - low) / (high - low) * (_HEIGHT - _BOTTOM - 24)
+
+    parts = [
+        f'<line x1="{_LEFT}" x2="{_WIDTH - 10}" y1="{at_y(tick):.1f}" '
+        f'y2="{at_y(tick):.1f}" stroke="#e3e8ed"/><text x="{_LEFT - 6}" '
+        f'y="{at_y(tick) + 4:.1f}" text-anchor="end">{tick:g}</text>'
+        for tick in _ticks(low, high)
+    ]
+    parts += [
+        f'<text x="{at_x(tick):.1f}" y="{_HEIGHT - _BOTTOM + 16}" '
+        f'text-anchor="middle">{tick:g}</text>'
+        for tick in _ticks(left, right)
+    ]
+    for i, line in enumerate(lines):
+        points = ' '.join(
+            f'{at_x(a):.1f},{at_y(b):.1f}' for a, b in zip(x, line, strict=True) if np.isfinite(b)
+        )
+        parts.append(
+            f'<polyline points="{points}" fill="none" stroke="{_COLOURS[i]}" '
+            f'stroke-width="2" stroke-dasharray="{_DASHES[i]}"/>'
+        )
+        start = _LEFT + 4 + 125 * i
+        parts.append(
+            f'<line x1="{start}" x2="{start + 18}" y1="10" y2="10" stroke="{_COLOURS[i]}"'
+            f' stroke-width="2" stroke-dasharray="{_DASHES[i]}"/>'
+            f'<text x="{start + 23}" y="14">{escape(names[i])}</text>'
+        )
+    parts.append(
+        f'<text x="{(_LEFT + _WIDTH) / 2}" y="{_HEIGHT - 4}" text-anchor="middle">'
+        f'{escape(x_label)}</text>'
+    )
+    return (
+        f'<figure><svg width="{_WIDTH}" height="{_HEIGHT}" font-size="12" fill="#1c2733" '
+        f'role="img" aria-label="{escape(y_label)} against {escape(x_label)}">'
+        f'{"".join(parts)}</svg><figcaption>{escape(y_label)} against {escape(x_label)}'
+        '</figcaption></figure>'
+    )

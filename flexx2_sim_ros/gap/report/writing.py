@@ -1,0 +1,92 @@
+"""The files of a diagnosis, written whole or not at all."""
+
+from collections.abc import Sequence
+import json
+from pathlib import Path
+from typing import Any
+
+from flexx2_sim_ros import atomic
+from flexx2_sim_ros.atomic import checked_target, output_folder, whole_files
+from flexx2_sim_ros.effects import Effect, save_effects
+from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.gap.features.confirm import Outcome
+from flexx2_sim_ros.gap.inference.decide import Decision
+from flexx2_sim_ros.gap.inference.model import Model
+from flexx2_sim_ros.gap.report.page import page
+
+FILES = ('diagnosis.json', 'effects.yaml', 'report.html')
+
+
+def check_folder(folder: Path) -> None:
+    """
+    Raise `InputError` where `write` could not write, before there is anything to be written.
+
+    Parameters
+    ----------
+    folder : pathlib.Path
+        It need not be there yet.
+
+    """
+    try:
+        atomic.check_folder(folder)
+        if folder.exists():
+            for name in FILES:
+                checked_target(folder / name)
+    except InputError as error:
+        raise InputError(f'--out: {error}') from error
+
+
+def write(
+    folder: Path,
+    table: dict[str, Any],
+    effects: Sequence[Effect],
+    model: Model,
+    decision: Decision,
+    confirmed: Sequence[Outcome],
+) -> None:
+    """
+    Write ``diagnosis.json``, ``effects.yaml`` and ``report.html``.
+
+    Parameters
+    ----------
+    folder : pathlib.Path
+        Made if it is not there; the three files in it are replaced.
+    table : dict
+        The diagnosis.
+    effects : sequence of Effect
+        What explains the gap.
+    model, decision, confirmed
+        For the report.
+
+    Raises
+    ------
+    InputError
+        When the folder cannot be written to.
+
+    """
+    with whole_files(output_folder(folder)) as part:
+        text = json.dumps(table, indent=2, allow_nan=False)
+        (part / FILES[0]).write_text(text + '\n', encoding='utf-8')
+        save_effects(part / FILES[1], effects, _comment(table))
+        (part / FILES[2]).write_text(
+            page(table, model, decision, confirmed), encoding='utf-8', errors='backslashreplace'
+        )
+
+
+def _comment(table: dict[str, Any]) -> str:
+    names = ', '.join(row['name'] for row in table['effects']) or 'no effect'
+    if 'patch' in table:
+        return (
+            'PATCH WITHOUT A CAUSE: flexx2 gap diagnose found a gap that no effect explains.\n'
+            f'Bias, noise and loss binned over {table["patch"]["covariate"]}; takes '
+            f'{table["patch"]["shrink"]:.0%} of the gap in these off'
+        )
+    gap = table['gap']
+    lines = [f'flexx2 gap diagnose: {table["verdict"]}: {names}']
+    if gap['held_out'] and table['effects']:
+        low, high = gap['interval']
+        lines.append(
+            f'takes {gap["shrink"]:.0%} of the gap off recordings it was not fitted to '
+            f'(90 % interval {low:.0%} to {high:.0%})'
+        )
+    return '\n'.join(lines)

@@ -1,1 +1,0 @@
-"""The simulated robot: model, scene and clean depth. No ROS."""

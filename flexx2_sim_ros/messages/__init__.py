@@ -1,0 +1,1 @@
+"""What ROS messages say, as arrays and values; imports no ROS."""

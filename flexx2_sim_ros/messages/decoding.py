@@ -1,0 +1,152 @@
+"""
+What comes in messages, as arrays and values.
+
+Nothing here imports ROS: the functions take messages (or anything with their fields) and raise
+`InputError` for whatever cannot be used.
+"""
+
+import sys
+from typing import Any
+
+from flexx2_sim_ros.errors import InputError, shown
+from flexx2_sim_ros.profiles.intrinsics import Intrinsics
+import numpy as np
+
+# dtype kind and size, and metres a unit (REP-118: 32FC1 in metres, 16UC1 in millimetres).
+_ENCODINGS = {
+    '32FC1': ('f4', 1.0),
+    '64FC1': ('f8', 1.0),
+    '16UC1': ('u2', 0.001),
+    'mono16': ('u2', 1.0),
+    '8UC1': ('u1', 1.0),
+    'mono8': ('u1', 1.0),
+}
+_NANOSECONDS = 1_000_000_000
+_LARGEST_SIDE = 1 << 14
+
+
+def stamp_nanoseconds(stamp: Any) -> int:
+    """Return a ``builtin_interfaces/Time`` as whole nanoseconds."""
+    return int(stamp.sec) * _NANOSECONDS + int(stamp.nanosec)
+
+
+def check_stamp(stamp: Any, field: str) -> None:
+    """Refuse a ``builtin_interfaces/Time`` that cannot be passed on as it is."""
+    if not 0 <= stamp.nanosec < _NANOSECONDS:
+        raise InputError(
+            f'{field}: header.stamp: found nanosec {stamp.nanosec}, wanted less than '
+            f'{_NANOSECONDS}'
+        )
+
+
+def decode_image(message: Any, field: str, encodings: tuple[str, ...]) -> np.ndarray:
+    """
+    Decode a single-channel ``sensor_msgs/Image``.
+
+    Parameters
+    ----------
+    message
+        The message; rows may be padded, bytes of either order.
+    field : str
+        What to call it in errors, e.g. its topic.
+    encodings : tuple of str
+        Which of 32FC1, 64FC1 and 16UC1 to accept.
+
+    Returns
+    -------
+    numpy.ndarray
+        (height, width) float32, C-contiguous; metres for depth (16UC1 is in millimetres). May
+        share the message's memory.
+
+    Raises
+    ------
+    InputError
+        When encoding, size, step or data length do not fit.
+
+    """
+    raw = image_pixels(message, field, encodings)
+    _, unit = _ENCODINGS[message.encoding]
+    # A double beyond float32's range becomes infinite, which is: nothing there.
+    with np.errstate(over='ignore', invalid='ignore'):
+        image = np.ascontiguousarray(raw, dtype=np.float32)
+    return image if unit == 1.0 else image * np.float32(unit)
+
+
+def image_pixels(message: Any, field: str, encodings: tuple[str, ...]) -> np.ndarray:
+    """
+    Return a single-channel ``sensor_msgs/Image``'s pixels as they are.
+
+    Parameters
+    ----------
+    message, field
+        As in `decode_image`.
+    encodings : tuple of str
+        Which of 32FC1, 64FC1, 16UC1, mono16, 8UC1 and mono8 to accept.
+
+    Returns
+    -------
+    numpy.ndarray
+        (height, width) of the encoding's dtype and the message's byte order, a view of the
+        message's memory.
+
+    Raises
+    ------
+    InputError
+        When encoding, size, step or data length do not fit.
+
+    """
+    if message.encoding not in encodings:
+        raise InputError(
+            f'{field}: encoding: found {shown(message.encoding)}, wanted {" or ".join(encodings)}'
+        )
+    height, width, step = int(message.height), int(message.width), int(message.step)
+    if not (1 <= height <= _LARGEST_SIDE and 1 <= width <= _LARGEST_SIDE):
+        raise InputError(
+            f'{field}: size: found {width} x {height}, wanted 1 x 1 to '
+            f'{_LARGEST_SIDE} x {_LARGEST_SIDE} pixels'
+        )
+    kind, _ = _ENCODINGS[message.encoding]
+    dtype = np.dtype(('>' if message.is_bigendian else '<') + kind)
+    if step < width * dtype.itemsize:
+        raise InputError(
+            f'{field}: step: found {step} bytes, wanted at least '
+            f'{width * dtype.itemsize} for {width} pixels of {message.encoding}'
+        )
+    if len(message.data) != step * height:
+        raise InputError(
+            f'{field}: data: found {len(message.data)} bytes, wanted '
+            f'{step * height} ({height} rows of step {step})'
+        )
+    return np.ndarray((height, width), dtype, message.data, strides=(step, dtype.itemsize))
+
+
+def decode_camera_info(message: Any, field: str = 'camera_info') -> Intrinsics:
+    """
+    Decode a ``sensor_msgs/CameraInfo``.
+
+    Raises
+    ------
+    InputError
+        When it cannot be a pinhole camera with plumb_bob distortion.
+
+    """
+    coefficients = [float(value) for value in message.d]
+    model = message.distortion_model
+    if model == 'equidistant' or (any(coefficients) and model != 'plumb_bob'):
+        raise InputError(
+            f'{field}: distortion_model: found {shown(model)} with coefficients '
+            f'{shown(coefficients)}, wanted plumb_bob, or no distortion'
+        )
+    if not any(coefficients):
+        coefficients = []  # However many zeros: no distortion.
+    try:
+        return Intrinsics.from_matrix(message.k, message.width, message.height, coefficients)
+    except InputError as error:
+        raise InputError(f'{field}: {error}') from error
+
+
+def little_endian_bytes(array: np.ndarray) -> memoryview:
+    """Return an array's bytes in little-endian order, without a copy where possible."""
+    if sys.byteorder == 'big':
+        array = array.astype(array.dtype.newbyteorder('<'))
+    return np.ascontiguousarray(array).data.cast('B')

@@ -1,0 +1,1 @@
+"""Geometry, noise and random numbers of one frame: functions over arrays."""

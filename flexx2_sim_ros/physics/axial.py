@@ -1,0 +1,164 @@
+"""Axial noise and what goes with it: sigma_z, amplitude, confidence, the mode's range."""
+
+import math
+
+from flexx2_sim_ros.physics.fastmath import arccos, power
+from flexx2_sim_ros.physics.philox import FAST
+from numba import njit
+import numpy as np
+
+_ZERO = np.float32(0.0)
+_ONE = np.float32(1.0)
+_HALF_PI = np.float32(math.pi / 2)
+_NAN = np.float32(np.nan)
+
+
+@njit(cache=True, error_model='numpy', fastmath=FAST)
+def model_sigma(p, cosine, coefficients, cap, out):  # type: ignore[no-untyped-def]
+    """
+    Write sigma_z of every pixel of a surface.
+
+    Parameters
+    ----------
+    p : numpy.ndarray
+        (H + 4, W + 4) float32 padded inverse depth, 0 for nothing.
+    cosine : numpy.ndarray
+        (H, W) float32 cosine of the incidence angle.
+    coefficients : numpy.ndarray
+        (5,) float32: a, b, c, d, n.
+    cap : float
+        Largest incidence angle, radians.
+    out : numpy.ndarray
+        (H, W) float32, metres; 0 where nothing is.
+
+    """
+    a, b, c, d, n = coefficients
+    for y in range(out.shape[0]):
+        for x in range(out.shape[1]):
+            inverse = p[y + 2, x + 2]
+            z = _ONE / inverse if inverse > _ZERO else _ONE
+            theta = min(arccos(cosine[y, x]), cap)
+            slant = theta / (_HALF_PI - theta)
+            sigma = a + z * (b + z * c) + d * power(z, n) * slant * slant
+            out[y, x] = max(sigma, _ZERO) if inverse > _ZERO else _ZERO
+
+
+@njit(cache=True, error_model='numpy', fastmath=FAST)
+def observe(  # type: ignore[no-untyped-def]
+    p,
+    cosine,
+    model,
+    reflectivity,
+    source,
+    normals,
+    range_min,
+    range_max,
+    zero_confidence,
+    depth,
+    sigma,
+    amplitude,
+    confidence,
+):
+    """
+    Write one frame: axial noise on what each pixel sees.
+
+    Parameters
+    ----------
+    p, cosine, model
+        Padded inverse depth, cosine of incidence and sigma_z of the surface, as above.
+    reflectivity : numpy.ndarray
+        (H, W) float32 in 0..1, or (1, 1) for one value everywhere.
+    source : numpy.ndarray
+        (H * W,) int32, where each pixel's value comes from; empty: from itself.
+    normals : numpy.ndarray
+        (H * W,) float32 standard normals.
+    range_min, range_max : float
+        Depths outside are invalid, before the noise and after it.
+    zero_confidence : float
+        sigma_z at which confidence reaches 0, metres.
+    depth, sigma, amplitude, confidence : numpy.ndarray
+        (H, W) float32 outputs; NaN, NaN, 0 and 0 where invalid.
+
+    """
+    height, width = depth.shape
+    uniform = reflectivity.size == 1
+    for y in range(height):
+        for x in range(width):
+            rho = reflectivity[0, 0] if uniform else reflectivity[y, x]
+            depth[y, x], sigma[y, x], amplitude[y, x], confidence[y, x] = _see(
+                p[y + 2, x + 2],
+                cosine[y, x],
+                model[y, x],
+                rho,
+                normals[y * width + x],
+                range_min,
+                range_max,
+                zero_confidence,
+            )
+    # The few pixels that see something else, again.
+    for pixel in range(source.size):
+        seen = source[pixel]
+        if seen != pixel:
+            y, x = pixel // width, pixel % width
+            sy, sx = seen // width, seen % width
+            rho = reflectivity[0, 0] if uniform else reflectivity[sy, sx]
+            depth[y, x], sigma[y, x], amplitude[y, x], confidence[y, x] = _see(
+                p[sy + 2, sx + 2],
+                cosine[sy, sx],
+                model[sy, sx],
+                rho,
+                normals[pixel],
+                range_min,
+                range_max,
+                zero_confidence,
+            )
+
+
+@njit(inline='always')
+def _see(  # type: ignore[no-untyped-def]
+    inverse, cosine, spread, rho, normal, range_min, range_max, zero_confidence
+):
+    z = _ONE / inverse if inverse > _ZERO else _ZERO
+    value = z + spread * normal
+    valid = (range_min <= z) & (z <= range_max) & (range_min <= value) & (value <= range_max)
+    confidence = max(_ONE - spread / zero_confidence, _ZERO)
+    rho = min(rho, _ONE) if rho > _ZERO else _ZERO  # NaN is no light.
+    return (
+        value if valid else _NAN,
+        spread if valid else _NAN,
+        rho * cosine * inverse * inverse if valid else _ZERO,
+        confidence if valid else _ZERO,
+    )
+
+
+@njit(cache=True)
+def add_noise(z, shift, sigma, normals, low, high, out):  # type: ignore[no-untyped-def]
+    """Write z + shift + sigma * normal where z + shift is in low..high, else NaN; all (H, W)."""
+    for y in range(out.shape[0]):
+        for x in range(out.shape[1]):
+            here = z[y, x] + shift[y, x]
+            value = here + sigma[y, x] * normals[y, x]
+            out[y, x] = value if (low <= here) & (here <= high) else _NAN
+
+
+@njit(cache=True)
+def blank_outside(depth, low, high):  # type: ignore[no-untyped-def]
+    """Set depths outside low..high to NaN, in place."""
+    for y in range(depth.shape[0]):
+        for x in range(depth.shape[1]):
+            here = depth[y, x]
+            depth[y, x] = here if (low <= here) & (here <= high) else _NAN
+
+
+@njit(cache=True, error_model='numpy')
+def blank_invalid(  # type: ignore[no-untyped-def]
+    depth, sigma, amplitude, zero_confidence, out_sigma, out_amplitude, out_confidence
+):
+    """Write sigma, amplitude and confidence; NaN, 0 and 0 where depth is NaN."""
+    for y in range(depth.shape[0]):
+        for x in range(depth.shape[1]):
+            valid = depth[y, x] == depth[y, x]
+            spread = sigma[y, x]
+            out_sigma[y, x] = spread if valid else _NAN
+            out_amplitude[y, x] = amplitude[y, x] if valid else _ZERO
+            out_confidence[y, x] = max(_ONE - spread / zero_confidence, _ZERO) if valid else _ZERO

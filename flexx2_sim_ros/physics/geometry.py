@@ -1,0 +1,211 @@
+"""
+From any depth image to the camera's own pixels.
+
+Each output pixel's ray is looked up in the input. It takes the tangent plane of the input pixel
+it falls into (in inverse depth, where planes are exact), never a mixture of two surfaces.
+"""
+
+from functools import cached_property, lru_cache
+
+from flexx2_sim_ros.physics.philox import FAST
+from flexx2_sim_ros.physics.surface import PAD, tangents
+from flexx2_sim_ros.profiles.intrinsics import Intrinsics
+from numba import njit
+import numpy as np
+
+_ITERATIONS = 30
+_TOLERANCE_PX = 0.01
+_ZERO = np.float32(0.0)
+_ONE = np.float32(1.0)
+_NAN = np.float32(np.nan)
+
+
+def pixel_rays(camera: Intrinsics) -> np.ndarray:
+    """
+    Return the ray of every pixel, distortion taken off.
+
+    Parameters
+    ----------
+    camera : Intrinsics
+        The camera, with its distortion.
+
+    Returns
+    -------
+    numpy.ndarray
+        (2, H, W) float64: x/z and y/z of the ray in the optical frame; NaN where the distortion
+        cannot be inverted.
+
+    """
+    return _pixel_rays(camera).copy()
+
+
+@lru_cache(maxsize=16)  # Inverting the distortion takes longer than all that is done with it.
+def _pixel_rays(camera: Intrinsics) -> np.ndarray:
+    v, u = np.mgrid[: camera.height, : camera.width].astype(np.float64)
+    target_x = (u - camera.cx) / camera.fx
+    target_y = (v - camera.cy) / camera.fy
+    if not any(camera.distortion):
+        return np.stack([target_x, target_y])
+    x, y = target_x.copy(), target_y.copy()
+    with np.errstate(over='ignore', invalid='ignore', divide='ignore'):
+        for _ in range(_ITERATIONS):
+            distorted_x, distorted_y = _distort(x, y, camera.distortion)
+            x += target_x - distorted_x
+            y += target_y - distorted_y
+        distorted_x, distorted_y = _distort(x, y, camera.distortion)
+        error = np.hypot(
+            (distorted_x - target_x) * camera.fx, (distorted_y - target_y) * camera.fy
+        )
+    rays = np.stack([x, y])
+    rays[:, ~(error < _TOLERANCE_PX)] = np.nan
+    return rays
+
+
+def _distort(
+    x: np.ndarray, y: np.ndarray, distortion: tuple[float, ...]
+) -> tuple[np.ndarray, np.ndarray]:
+    # The plumb_bob model of sensor_msgs/CameraInfo.
+    k1, k2, p1, p2, k3 = distortion
+    r2 = x * x + y * y
+    radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    return (
+        x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
+        y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
+    )
+
+
+class View:
+    """
+    How one camera looks through another's depth images.
+
+    Parameters
+    ----------
+    camera : Intrinsics
+        The camera to simulate.
+    source : Intrinsics
+        The camera that the depth images come from; both share one optical centre and axes.
+    radial : bool
+        Whether the depth images hold distances along the ray instead of along the axis.
+
+    Attributes
+    ----------
+    outside : numpy.ndarray
+        (H, W) bool, where the camera's ray leaves the source's image. `depth` and `reflectivity`
+        repeat the image's border there, so that its end is not taken for an edge; what is made
+        of them is to be masked.
+    identical : bool
+        Whether the pixels of both cameras are the same.
+
+    """
+
+    def __init__(self, camera: Intrinsics, source: Intrinsics, radial: bool = False) -> None:
+        """Look every ray up once."""
+        self.camera = camera
+        self.source = source
+        self.radial = radial
+        x, y = self.rays = pixel_rays(camera)
+        with np.errstate(invalid='ignore', over='ignore'):
+            x, y = _distort(x, y, source.distortion)
+            u = source.fx * x + source.cx
+            v = source.fy * y + source.cy
+            self.outside = ~(
+                (u > -0.5) & (u < source.width - 0.5) & (v > -0.5) & (v < source.height - 0.5)
+            )
+        u = np.clip(np.nan_to_num(u), 0, source.width - 1)
+        v = np.clip(np.nan_to_num(v), 0, source.height - 1)
+        column, row = np.rint(u), np.rint(v)
+        self._index = (row * source.width + column).astype(np.int32).ravel()
+        self._du = (u - column).astype(np.float32).ravel()
+        self._dv = (v - row).astype(np.float32).ravel()
+        self.identical = bool(
+            (camera.height, camera.width) == (source.height, source.width)
+            and (self._index == np.arange(self._index.size)).all()
+            and max(np.abs(self._du).max(), np.abs(self._dv).max()) < 1e-4
+        )
+
+    @property
+    def lines(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """
+        Return where in the source each pixel looks.
+
+        Returns
+        -------
+        tuple of numpy.ndarray
+            (H * W,) each: the source's pixel that its ray falls into (int32, flat; -1 where the
+            distortion cannot be inverted), and how far from its middle, columns and rows
+            (float32, pixels).
+
+        """
+        lost = np.isnan(self.rays[0]).ravel()
+        return np.where(lost, np.int32(-1), self._index), self._du, self._dv
+
+    @cached_property
+    def _ray_length(self) -> np.ndarray:
+        rays = pixel_rays(self.source)
+        return np.sqrt(1.0 + (rays**2).sum(axis=0)).astype(np.float32)
+
+    def depth(self, image: np.ndarray) -> np.ndarray:
+        """
+        Look a depth image up.
+
+        Parameters
+        ----------
+        image : numpy.ndarray
+            (source.height, source.width) float32, metres; whatever is no positive finite number
+            means nothing.
+
+        Returns
+        -------
+        numpy.ndarray
+            (H, W) float32, metres along the optical axis, NaN for nothing.
+
+        """
+        if self.radial:
+            image = image / self._ray_length
+        if self.identical:
+            return image
+        out = np.empty((self.camera.height, self.camera.width), np.float32)
+        _look_up(*tangents(image), self._index, self._du, self._dv, out.ravel())
+        return out
+
+    def reflectivity(self, image: np.ndarray) -> np.ndarray:
+        """Look a (source.height, source.width) reflectivity image up: the nearest pixel's."""
+        if self.identical:
+            return image
+        return image.ravel()[self._index].reshape(self.camera.height, self.camera.width)
+
+
+@njit(cache=True, error_model='numpy', fastmath=FAST)
+def _look_up(p, across, down, index, du, dv, out):  # type: ignore[no-untyped-def]
+    width = across.shape[1]
+    for pixel in range(out.size):
+        y = index[pixel] // width
+        x = index[pixel] % width
+        here = p[y + PAD, x + PAD]
+        value = here + du[pixel] * across[y, x] + dv[pixel] * down[y, x]
+        value = value if value > _ZERO else here
+        out[pixel] = _ONE / value if here > _ZERO else _NAN
+
+
+def points(depth: np.ndarray, rays: np.ndarray) -> np.ndarray:
+    """
+    Turn depth into points.
+
+    Parameters
+    ----------
+    depth : numpy.ndarray
+        (H, W) metres along the optical axis.
+    rays : numpy.ndarray
+        (2, H, W) from `pixel_rays`.
+
+    Returns
+    -------
+    numpy.ndarray
+        (H, W, 3) float32 x, y, z in the optical frame, NaN where depth is.
+
+    """
+    out = np.empty((*depth.shape, 3), np.float32)
+    out[..., 0] = rays[0] * depth
+    out[..., 1] = rays[1] * depth
+    out[..., 2] = depth
+    return out

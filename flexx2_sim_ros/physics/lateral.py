@@ -1,0 +1,129 @@
+"""
+Lateral noise: edges that jitter as a whole.
+
+An edge is moved by a Gaussian number of whole pixels, along the row where it runs more upright,
+along the column where it runs more level. Everything within reach of the edge in that row (or
+column) moves together; rows, columns and frames are independent. A pixel between the edge's old
+and new place takes the other surface's value; every other pixel keeps its own, so slanted
+surfaces get no extra axial noise.
+"""
+
+import math
+
+from flexx2_sim_ros.physics.philox import edge_draw, STREAM_COLUMN_EDGES, STREAM_ROW_EDGES
+from numba import njit
+import numpy as np
+
+_NEVER = np.uint8(255)
+WINDOW = 4  # An edge's direction is judged over 9 x 9 pixels.
+
+
+def pixel_sigma(sigma_x: float) -> float:
+    """
+    Return the standard deviation to draw before rounding to whole pixels.
+
+    Rounding adds 1/12 px^2 to the variance; it is taken off beforehand.
+    """
+    return math.sqrt(max(sigma_x**2 - 1.0 / 12.0, 0.0))
+
+
+@njit(cache=True)
+def upright_edges(row_jumps, column_jumps, rows, columns):  # type: ignore[no-untyped-def]
+    """
+    Sort jumps into edges that move along the row and edges that move along the column.
+
+    ``rows`` and ``columns`` (uint8, like the inputs) receive the row jumps of edges that run
+    nearer to vertical (or exactly diagonal) and the column jumps of the others. Returns how many
+    there are.
+    """
+    height, width = row_jumps.shape
+    count = 0
+    for y in range(height):
+        for x in range(width):
+            rows[y, x] = 0
+            columns[y, x] = 0
+            if row_jumps[y, x] == 0 and column_jumps[y, x] == 0:
+                continue
+            across = 0
+            down = 0
+            for yy in range(max(y - WINDOW, 0), min(y + WINDOW + 1, height)):
+                for xx in range(max(x - WINDOW, 0), min(x + WINDOW + 1, width)):
+                    across += row_jumps[yy, xx]
+                    down += column_jumps[yy, xx]
+            # One more or less is where the window happens to cut a diagonal.
+            if across + 1 >= down:
+                rows[y, x] = row_jumps[y, x]
+                count += row_jumps[y, x]
+            else:
+                columns[y, x] = column_jumps[y, x]
+                count += column_jumps[y, x]
+    return count
+
+
+@njit(inline='always')
+def _displace(source, distance, along, shift, last, first, pitch):  # type: ignore
+    # One edge, between positions `along` and `along + 1` of a line of `last + 1` pixels. Pixels
+    # are addressed as first + position * pitch. The nearest displaced edge wins.
+    for step in range(1, abs(shift) + 1):
+        position = along + step if shift > 0 else along + 1 - step
+        if position < 0 or position > last:
+            break
+        pixel = first + position * pitch
+        if step < distance[pixel]:
+            distance[pixel] = step
+            source[pixel] = first + min(max(position - shift, 0), last) * pitch
+
+
+@njit(cache=True)
+def displaced_sources(  # type: ignore[no-untyped-def]
+    rows, columns, neighbourhood, sigma, limit, key, stamp_low, stamp_high, laplace, source
+):
+    """
+    Say where each pixel's value comes from once the edges have moved.
+
+    Parameters
+    ----------
+    rows, columns : numpy.ndarray
+        (H, W) uint8 from `upright_edges`.
+    neighbourhood : int
+        Edges of one line no further apart than this move together.
+    sigma : float
+        Standard deviation before rounding, pixels.
+    limit : int
+        Largest displacement, pixels.
+    key, stamp_low, stamp_high
+        The counter-based generator's key and stamp.
+    laplace : float
+        Share of edges that move by a Laplacian of the same standard deviation.
+    source : numpy.ndarray
+        (H * W,) int32, receives flat pixel indices: the pixel's own, or another surface's.
+
+    """
+    height, width = rows.shape
+    distance = np.full(height * width, _NEVER, np.uint8)
+    for pixel in range(height * width):
+        source[pixel] = pixel
+    for y in range(height):
+        last_edge = -1 - neighbourhood
+        shift = 0
+        for x in range(width - 1):
+            if rows[y, x]:
+                if x - last_edge > neighbourhood:
+                    draw = edge_draw(
+                        key, y * width + x, STREAM_ROW_EDGES, stamp_low, stamp_high, laplace
+                    )
+                    shift = min(max(int(np.rint(sigma * draw)), -limit), limit)
+                last_edge = x
+                _displace(source, distance, x, shift, width - 1, y * width, 1)
+    for x in range(width):
+        last_edge = -1 - neighbourhood
+        shift = 0
+        for y in range(height - 1):
+            if columns[y, x]:
+                if y - last_edge > neighbourhood:
+                    draw = edge_draw(
+                        key, y * width + x, STREAM_COLUMN_EDGES, stamp_low, stamp_high, laplace
+                    )
+                    shift = min(max(int(np.rint(sigma * draw)), -limit), limit)
+                last_edge = y
+                _displace(source, distance, y, shift, height - 1, x, width)

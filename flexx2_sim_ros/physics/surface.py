@@ -1,0 +1,244 @@
+"""
+Surfaces in a depth image: where they break off, and how they are inclined.
+
+Everything works on inverse depth p = 1/z. A plane's inverse depth is an affine function of the
+pixel coordinates, so differences of p are exact on planes at any slant, and a jump is what the
+slopes on either side do not explain.
+"""
+
+from dataclasses import dataclass
+import math
+
+from flexx2_sim_ros.physics.philox import FAST
+from flexx2_sim_ros.profiles.intrinsics import Intrinsics
+from flexx2_sim_ros.profiles.modes import camera_config
+from numba import njit
+import numpy as np
+
+PAD = 2
+# Slopes on the two sides of a pixel that differ by more than this share of p belong to a crease:
+# the smoother side is taken. Below it their mean is, which halves the error of stored millimetres.
+CREASE_SHARE = np.float32(0.002)
+_HALF = np.float32(0.5)
+_ZERO = np.float32(0.0)
+_ONE = np.float32(1.0)
+# Beyond these (FLT_MAX for "none", a zero with a rounding error) nothing is there; between them
+# every product below stays within float32.
+NEAREST = np.float32(1e-3)
+FARTHEST = np.float32(1e5)
+
+
+@dataclass(frozen=True)
+class Surface:
+    """
+    What the camera model needs to know of a clean depth image.
+
+    Attributes
+    ----------
+    inverse_depth : numpy.ndarray
+        (H + 4, W + 4) float32, 1/m, 0 where nothing is, with a border of zeros two pixels wide.
+    row_jumps : numpy.ndarray
+        (H, W) uint8, 1 where a depth jump lies between pixels (y, x) and (y, x + 1).
+    column_jumps : numpy.ndarray
+        (H, W) uint8, 1 where a depth jump lies between pixels (y, x) and (y + 1, x).
+    cos_incidence : numpy.ndarray
+        (H, W) float32, cosine of the angle between a pixel's ray and its surface normal; 1 where
+        nothing is.
+
+    """
+
+    inverse_depth: np.ndarray
+    row_jumps: np.ndarray
+    column_jumps: np.ndarray
+    cos_incidence: np.ndarray
+
+    @property
+    def incidence(self) -> np.ndarray:
+        """Return the incidence angle, (H, W) float32, radians in [0, pi/2]."""
+        return np.arccos(np.clip(self.cos_incidence, 0.0, 1.0))
+
+
+def analyse(depth: np.ndarray, intrinsics: Intrinsics) -> Surface:
+    """
+    Find the depth jumps and incidence angles of a clean depth image.
+
+    Parameters
+    ----------
+    depth : numpy.ndarray
+        (H, W) float32, metres along the optical axis. NaN, infinities, zero and negative values
+        mean that nothing is there.
+    intrinsics : Intrinsics
+        The camera the depth image belongs to; its distortion is not used.
+
+    Returns
+    -------
+    Surface
+
+    """
+    height, width = depth.shape
+    config = camera_config()
+    inverse = np.zeros((height + 2 * PAD, width + 2 * PAD), np.float32)
+    invert(depth, inverse)
+    row_jumps = np.zeros((height, width), np.uint8)
+    column_jumps = np.zeros((height, width), np.uint8)
+    jump_share, steep_share = np.float32(config.jump_share), np.float32(config.steep_share)
+    find_jumps(inverse, jump_share, steep_share, row_jumps, column_jumps)
+    cosine = np.empty((height, width), np.float32)
+    find_incidence(
+        inverse,
+        jump_share,
+        steep_share,
+        np.float32(intrinsics.fx),
+        np.float32(intrinsics.fy),
+        np.float32(intrinsics.cx),
+        np.float32(intrinsics.cy),
+        cosine,
+    )
+    return Surface(inverse, row_jumps, column_jumps, cosine)
+
+
+@njit(cache=True)
+def invert(depth, out):  # type: ignore[no-untyped-def]
+    """Write 1/depth into the inside of the padded ``out``; 0 where depth is not a distance."""
+    for y in range(depth.shape[0]):
+        for x in range(depth.shape[1]):
+            z = depth[y, x]
+            out[y + PAD, x + PAD] = _ONE / z if NEAREST <= z <= FARTHEST else _ZERO
+
+
+@njit(inline='always')
+def is_jump(before, here, there, after, jump_share, steep_share):  # type: ignore[no-untyped-def]
+    """
+    Say whether a depth jump lies between two neighbours ``here`` and ``there``.
+
+    All four are inverse depths in a line, 0 for nothing. The difference between the neighbours
+    is a jump by as much as it lies outside the range of the slopes on either side: nothing on a
+    plane, nothing at a crease, the step's height at an edge.
+    """
+    step = there - here
+    slope_before = here - before
+    slope_after = after - there
+    slope_before = slope_before if before > _ZERO else (slope_after if after > _ZERO else _ZERO)
+    slope_after = slope_after if after > _ZERO else slope_before
+    low = min(slope_before, slope_after)
+    high = max(slope_before, slope_after)
+    excess = max(low - step, step - high)
+    scale = min(here, there)
+    # A small step is none, whatever lies beside it: the inside of a thin strip between jumps.
+    differs = (min(excess, abs(step)) > jump_share * scale) | (abs(step) > steep_share * scale)
+    return ((here > _ZERO) != (there > _ZERO)) | ((here > _ZERO) & differs)
+
+
+@njit(cache=True, error_model='numpy', fastmath=FAST)
+def find_jumps(p, jump_share, steep_share, row_jumps, column_jumps):  # type: ignore
+    """Flag the depth jumps to the right of and below every pixel (the image border is none)."""
+    height, width = row_jumps.shape
+    for y in range(height):
+        row = p[y + PAD]
+        for x in range(width - 1):
+            i = x + PAD
+            row_jumps[y, x] = is_jump(
+                row[i - 1], row[i], row[i + 1], row[i + 2], jump_share, steep_share
+            )
+    for y in range(height - 1):
+        j = y + PAD
+        for x in range(width):
+            i = x + PAD
+            column_jumps[y, x] = is_jump(
+                p[j - 1, i], p[j, i], p[j + 1, i], p[j + 2, i], jump_share, steep_share
+            )
+
+
+@njit(inline='always')
+def slope(p2, p1, p0, n1, n2, jump_share, steep_share):  # type: ignore[no-untyped-def]
+    """
+    Return the slope of inverse depth at the middle of five pixels in a line.
+
+    Never across a jump: there the other side is taken, and none at all between two jumps. At a
+    crease the side that goes on more evenly is taken.
+    """
+    jump_before = is_jump(p2, p1, p0, n1, jump_share, steep_share)
+    jump_after = is_jump(p1, p0, n1, n2, jump_share, steep_share)
+    before = p0 - p1
+    after = n1 - p0
+    bend_before = abs(before - (p1 - p2)) if p2 > _ZERO else abs(before)
+    bend_after = abs(after - (n2 - n1)) if n2 > _ZERO else abs(after)
+    smoother = before if bend_before < bend_after else after
+    mean = _HALF * (before + after)
+    both = mean if abs(before - after) <= CREASE_SHARE * p0 else smoother
+    first = _ZERO if jump_before else before
+    last = _ZERO if jump_after else after
+    return first + last if jump_before | jump_after else both
+
+
+@njit(cache=True, error_model='numpy', fastmath=FAST)
+def find_incidence(p, jump_share, steep_share, fx, fy, cx, cy, out):  # type: ignore
+    """Write the cosine of the incidence angle of every pixel."""
+    height, width = out.shape
+    for y in range(height):
+        j = y + PAD
+        v = np.float32(y) - cy
+        ry = v / fy
+        for x in range(width):
+            i = x + PAD
+            here = p[j, i]
+            du = slope(
+                p[j, i - 2], p[j, i - 1], here, p[j, i + 1], p[j, i + 2], jump_share, steep_share
+            )
+            dv = slope(
+                p[j - 2, i], p[j - 1, i], here, p[j + 1, i], p[j + 2, i], jump_share, steep_share
+            )
+            u = np.float32(x) - cx
+            # The plane through the pixel is n . X = 1 with n = (fx du, fy dv, p - u du - v dv),
+            # and n . ray = p for the pixel's ray (u / fx, v / fy, 1).
+            nx = fx * du
+            ny = fy * dv
+            nz = here - u * du - v * dv
+            rx = u / fx
+            norm = (nx * nx + ny * ny + nz * nz) * (rx * rx + ry * ry + _ONE)
+            cosine = min(here / math.sqrt(norm), _ONE)
+            out[y, x] = cosine if here > _ZERO else _ONE
+
+
+@njit(cache=True, error_model='numpy', fastmath=FAST)
+def find_slopes(p, jump_share, steep_share, across, down):  # type: ignore[no-untyped-def]
+    """Write the slopes of inverse depth, 1/m a pixel, along rows and along columns; (H, W)."""
+    height, width = across.shape
+    for y in range(height):
+        j = y + PAD
+        for x in range(width):
+            i = x + PAD
+            here = p[j, i]
+            across[y, x] = slope(
+                p[j, i - 2], p[j, i - 1], here, p[j, i + 1], p[j, i + 2], jump_share, steep_share
+            )
+            down[y, x] = slope(
+                p[j - 2, i], p[j - 1, i], here, p[j + 1, i], p[j + 2, i], jump_share, steep_share
+            )
+
+
+def tangents(depth: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """
+    Return the tangent plane of every pixel of a depth image.
+
+    Parameters
+    ----------
+    depth : numpy.ndarray
+        (H, W) float32, metres; whatever is no distance means nothing.
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        Inverse depth padded by a border of two pixels (0 for nothing), and its slopes along rows
+        and columns, (H, W) float32, 1/m and 1/m a pixel.
+
+    """
+    height, width = depth.shape
+    config = camera_config()
+    inverse = np.zeros((height + 2 * PAD, width + 2 * PAD), np.float32)
+    invert(np.ascontiguousarray(depth), inverse)
+    across, down = np.empty((height, width), np.float32), np.empty((height, width), np.float32)
+    find_slopes(
+        inverse, np.float32(config.jump_share), np.float32(config.steep_share), across, down
+    )
+    return inverse, across, down

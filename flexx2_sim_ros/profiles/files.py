@@ -1,0 +1,367 @@
+"""
+Camera profiles: another camera than the built-in Flexx2, as a YAML file.
+
+``flexx2 characterize fit`` writes them; `Camera`, ``flexx2 simulate`` and ``flexx2_camera`` run
+them. The fields are those of `MODE_FIELDS` and its neighbours here; ``null`` means not known.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+import math
+from pathlib import Path
+import re
+from typing import Any
+
+from flexx2_sim_ros.atomic import whole
+from flexx2_sim_ros.config_file import read_config
+from flexx2_sim_ros.errors import InputError, shown, shown_path, unquoted
+from flexx2_sim_ros.profiles.intrinsics import Intrinsics
+from flexx2_sim_ros.profiles.modes import Mode, NoiseModel, Profile
+import numpy as np
+import yaml
+
+SCHEMA = 1
+COEFFICIENTS = ('a', 'b', 'c', 'd', 'n', 'sigma_x')
+_TOP = ('schema', 'model', 'intrinsics', 'modes', 'provenance')
+_INTRINSICS = ('width', 'height', 'fx', 'fy', 'cx', 'cy', 'distortion')
+MODE_FIELDS = (
+    'rate_hz',
+    'range_m',
+    'modulation_hz',
+    'raw_frames',
+    'exposure_us',
+    'noise',
+    'standard_errors',
+    'measured',
+)
+_NAME = re.compile(r'[A-Za-z][A-Za-z0-9_.+-]{0,63}')
+# What no depth camera has: beyond these a field is taken for a mistake (design).
+_LARGEST = {
+    'pixels': 16384,
+    'focal': 1e6,
+    'rate_hz': 10_000.0,
+    'range_m': 1000.0,
+    'a': 1.0,
+    'b': 1.0,
+    'c': 1.0,
+    'd': 1.0,
+    'n': 10.0,
+    'sigma_x': 25.0,
+    'frequency': 1e10,
+    'raw_frames': 1000,
+    'exposure_us': 10_000_000,
+    'distortion': 100.0,
+}
+_STEEP = math.radians(60)  # the steepest incidence at which noise was measured
+
+
+@dataclass(frozen=True)
+class ProfileFile:
+    """
+    What a profile's file holds.
+
+    Attributes
+    ----------
+    profile : Profile
+        The camera.
+    standard_errors : mapping
+        By mode, then by coefficient (a, b, c, d, n, sigma_x): its standard error, None where it
+        was not estimated.
+    measured : mapping
+        By mode: on what the noise was measured, for people; plain YAML values.
+    provenance : mapping
+        Where the profile comes from, for people; plain YAML values.
+
+    """
+
+    profile: Profile
+    standard_errors: Mapping[str, Mapping[str, float | None]] = field(default_factory=dict)
+    measured: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+
+
+def load_profile(path: str | Path) -> Profile:
+    """
+    Read a camera profile.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        A YAML file as `save_profile` writes it.
+
+    Returns
+    -------
+    Profile
+        Ready for ``Camera(profile=...)``.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be read, or a field is missing, unknown, of the wrong type or
+        absurd; the message names the file and the field.
+
+    """
+    return read_profile(path).profile
+
+
+def read_profile(path: str | Path) -> ProfileFile:
+    """Read a camera profile and all that its file says; otherwise as `load_profile`."""
+    path = Path(path)
+    top = _Section(f'{shown_path(path)}: ', '', read_config(path), _TOP)
+    view = top.section('intrinsics', _INTRINSICS)
+    width, height = (view.whole(name, 1, _LARGEST['pixels']) for name in ('width', 'height'))
+    fx, fy = (view.number(name, 1e-3, _LARGEST['focal']) for name in ('fx', 'fy'))
+    cx, cy = (view.number(name, -_LARGEST['focal'], _LARGEST['focal']) for name in ('cx', 'cy'))
+    k1, k2, p1, p2, k3 = view.numbers(
+        'distortion', (5,), -_LARGEST['distortion'], _LARGEST['distortion']
+    )
+    modes = top.mapping('modes')
+    if not modes:
+        raise top.wrong('modes', 'at least one mode')
+    for name in modes:
+        if not is_mode_name(name):
+            raise InputError(
+                f'{shown_path(path)}: modes: found the name {shown(name)}, wanted a '
+                'letter, then letters, digits, _ . + -'
+            )
+    names = [name.lower() for name in modes]
+    if len(set(names)) != len(names):
+        raise top.wrong('modes', 'names that differ by more than their case')
+    errors, measured, all_modes = {}, {}, []
+    for name in modes:
+        row = top.section('modes', None).section(name, MODE_FIELDS)
+        all_modes.append(_read_mode(name, row))
+        errors[name] = row.section('standard_errors', COEFFICIENTS).errors()
+        measured[name] = row.mapping('measured')
+    profile = Profile(
+        top.text('model'),
+        Intrinsics(width, height, fx, fy, cx, cy, (k1, k2, p1, p2, k3)),
+        tuple(all_modes),
+    )
+    return ProfileFile(profile, errors, measured, top.mapping('provenance'))
+
+
+def save_profile(path: str | Path, content: ProfileFile) -> None:
+    """
+    Write a camera profile; the file is there whole or not at all.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        The YAML file, replaced if it exists.
+    content : ProfileFile
+        What to write.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be written, or `load_profile` would refuse it.
+
+    """
+    path = Path(path)
+    camera = content.profile.intrinsics
+    table = {
+        'schema': SCHEMA,
+        'model': content.profile.model,
+        'intrinsics': {name: getattr(camera, name) for name in _INTRINSICS[:-1]}
+        | {'distortion': list(camera.distortion)},
+        'modes': {mode.name: _mode_row(mode, content) for mode in content.profile.modes},
+        'provenance': dict(content.provenance),
+    }
+    text = (
+        '# A camera profile: what a camera measures, and with what noise (metres, radians, '
+        'pixels).\n# sigma_z = a + b z + c z^2 + d z^n theta^2 / (pi/2 - theta)^2; sigma_x: '
+        'of an edge.\n# null: not known.\n'
+        + yaml.safe_dump(
+            table, sort_keys=False, width=99, allow_unicode=True, default_flow_style=None
+        )
+    )
+    with whole(path) as part:
+        part.write_text(text, encoding='utf-8', errors='backslashreplace')
+        try:
+            read_profile(part)
+        except InputError as error:
+            raise InputError(str(error).replace(str(part), str(path))) from error
+
+
+def _mode_row(mode: Mode, content: ProfileFile) -> dict[str, Any]:
+    errors = content.standard_errors.get(mode.name, {})
+    return {
+        'rate_hz': mode.rate_hz,
+        'range_m': [mode.range_min, mode.range_max],
+        'modulation_hz': list(mode.modulation_hz) or None,
+        'raw_frames': mode.raw_frames or None,
+        'exposure_us': list(mode.exposure_us) if mode.raw_frames else None,
+        'noise': {name: getattr(mode.noise, name) for name in COEFFICIENTS},
+        'standard_errors': {name: errors.get(name) for name in COEFFICIENTS},
+        'measured': dict(content.measured.get(mode.name, {})),
+    }
+
+
+def _read_mode(name: str, row: '_Section') -> Mode:
+    rate = row.number('rate_hz', 1e-3, _LARGEST['rate_hz'])
+    near, far = row.numbers('range_m', (2,), 1e-3, _LARGEST['range_m'])
+    if near >= far:
+        raise row.wrong('range_m', 'the nearer limit before the farther one')
+    frequencies = row.numbers(
+        'modulation_hz', (1, 2, 3), 1.0, _LARGEST['frequency'], optional=True
+    )
+    raw_frames = row.whole('raw_frames', 1, _LARGEST['raw_frames'], optional=True)
+    exposure = row.numbers('exposure_us', (2,), 1, _LARGEST['exposure_us'], optional=True)
+    if exposure and not (exposure[0] <= exposure[1] and all(e == int(e) for e in exposure)):
+        raise row.wrong('exposure_us', 'two whole numbers, the shorter one first')
+    # Not known: no longer than a frame.
+    shortest, longest = exposure or (1.0, max(1.0, 1e6 / rate))
+    noise = row.section('noise', COEFFICIENTS)
+    values = {
+        key: noise.number(key, 0.0 if key in ('d', 'sigma_x') else -_LARGEST[key], _LARGEST[key])
+        for key in COEFFICIENTS
+    }
+    model = NoiseModel(**values)
+    problem = sigma_problem(model, near, far)
+    if problem:
+        raise InputError(f'{noise.label}: {problem}')
+    return Mode(
+        name,
+        rate,
+        near,
+        far,
+        tuple(frequencies),
+        raw_frames,
+        (int(shortest), int(longest)),
+        model,
+        name,
+        'profile',
+    )
+
+
+def is_mode_name(name: Any) -> bool:
+    """Say whether a mode can be called so: a letter, then letters, digits, _ . + -."""
+    return isinstance(name, str) and _NAME.fullmatch(name) is not None
+
+
+def sigma_problem(noise: NoiseModel, near: float, far: float) -> str | None:
+    """
+    Say what is wrong with a noise model in a range of depths.
+
+    Parameters
+    ----------
+    noise : NoiseModel
+        The model.
+    near, far : float
+        The range, metres.
+
+    Returns
+    -------
+    str or None
+        None when sigma_z is positive at all depths (then, d not being negative, at all angles
+        too), and below the depth itself up to 60 degrees.
+
+    """
+    z = np.geomspace(near, far, 2001)
+    if noise.c:
+        z = np.append(z, np.clip(-noise.b / (2 * noise.c), near, far))
+    facing = noise.a + noise.b * z + noise.c * z**2
+    lowest = int(facing.argmin())
+    if not facing[lowest] > 0:
+        return (
+            f'sigma_z is {facing[lowest]:.3g} m at {z[lowest]:.3g} m, wanted it positive '
+            f'from {near:g} to {far:g} m'
+        )
+    slant = (_STEEP / (math.pi / 2 - _STEEP)) ** 2
+    excess = (facing + noise.d * z**noise.n * slant) / z
+    worst = int(excess.argmax())
+    if not excess[worst] < 1:
+        return (
+            f'sigma_z is {excess[worst] * z[worst]:.3g} m at {z[worst]:.3g} m and 60 degrees, '
+            'wanted it below the distance'
+        )
+    return None
+
+
+class _Section:
+    # A mapping in the file, its fields read one by one. `label` is for messages: file and field.
+
+    def __init__(self, file: str, name: str, content: Any, fields: tuple[str, ...] | None) -> None:
+        self._file, self._name, self._content = file, name, content
+        if not isinstance(content, dict):
+            raise InputError(f'{self.label}: found {shown(content)}, wanted fields')
+        if fields is None:
+            return
+        for missing in fields:
+            if missing not in content:
+                raise InputError(
+                    f'{self._of(missing)}: not in the file, wanted {", ".join(fields)}'
+                )
+        for extra in content:
+            if extra not in fields:
+                raise InputError(
+                    f'{self._of(extra)}: not a field of a camera profile, wanted '
+                    f'{", ".join(fields)}'
+                )
+
+    @property
+    def label(self) -> str:
+        return f'{self._file}{self._name or "the file"}'
+
+    def _of(self, name: Any) -> str:
+        return f'{self._file}{self._name}{"." if self._name else ""}{unquoted(name)}'
+
+    def wrong(self, name: str, wanted: str) -> InputError:
+        return InputError(f'{self._of(name)}: found {shown(self._content[name])}, wanted {wanted}')
+
+    def section(self, name: str, fields: tuple[str, ...] | None) -> '_Section':
+        inner = f'{self._name}.{name}' if self._name else name
+        return _Section(self._file, inner, self._content[name], fields)
+
+    def mapping(self, name: str) -> dict[str, Any]:
+        if not isinstance(self._content[name], dict):
+            raise self.wrong(name, 'a mapping')
+        return dict(self._content[name])
+
+    def text(self, name: str) -> str:
+        value = self._content[name]
+        if not (isinstance(value, str) and value.strip() and value.isprintable()):
+            raise self.wrong(name, 'a text')
+        return value
+
+    def number(self, name: str, low: float, high: float) -> float:
+        value = self._content[name]
+        if not (_is_number(value) and low <= value <= high):
+            raise self.wrong(name, f'a number from {low:g} to {high:g}')
+        return float(value)
+
+    def whole(self, name: str, low: int, high: float, optional: bool = False) -> int:
+        value = self._content[name]
+        if optional and value is None:
+            return 0
+        if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
+            raise self.wrong(name, f'a whole number from {low} to {high:g}')
+        return value
+
+    def numbers(
+        self, name: str, lengths: tuple[int, ...], low: float, high: float, optional: bool = False
+    ) -> list[float]:
+        value = self._content[name]
+        if optional and value is None:
+            return []
+        if not (
+            isinstance(value, list)
+            and len(value) in lengths
+            and all(_is_number(item) and low <= item <= high for item in value)
+        ):
+            raise self.wrong(
+                name,
+                f'a list of {" or ".join(map(str, lengths))} numbers from {low:g} to {high:g}',
+            )
+        return [float(item) for item in value]
+
+    def errors(self) -> dict[str, float | None]:
+        for name, value in self._content.items():
+            if value is not None and not (_is_number(value) and value >= 0):
+                raise self.wrong(name, 'a number that is not negative, or null')
+        return dict(self._content)
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < math.inf

@@ -1,0 +1,282 @@
+"""The camera's modes (the driver's use cases) and the noise measured in them."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+import math
+from typing import Any
+
+from flexx2_sim_ros.config_file import read_config
+from flexx2_sim_ros.errors import InputError, shown
+from flexx2_sim_ros.paths import config_dir
+from flexx2_sim_ros.profiles.intrinsics import Intrinsics
+import numpy as np
+
+DEFAULT_USECASE = 'Mode_9_30fps'
+
+
+@dataclass(frozen=True)
+class NoiseModel:
+    """
+    Coefficients of the paper's noise model.
+
+    Attributes
+    ----------
+    a, b, c, d, n : float
+        ``sigma_z = a + b z + c z^2 + d z^n theta^2 / (pi/2 - theta)^2``, metres and radians.
+    sigma_x : float
+        Standard deviation of an edge's position, pixels.
+
+    """
+
+    a: float
+    b: float
+    c: float
+    d: float
+    n: float
+    sigma_x: float
+
+    def sigma_z(self, z: Any, theta: Any) -> np.ndarray:
+        """
+        Evaluate the axial standard deviation.
+
+        Parameters
+        ----------
+        z : array_like
+            Depth along the optical axis, metres.
+        theta : array_like
+            Incidence angle, radians; held at the configured cap near 90 degrees.
+
+        Returns
+        -------
+        numpy.ndarray
+            Standard deviation in metres, float64, never negative; NaN where an input is NaN.
+
+        """
+        z = np.asarray(z, dtype=np.float64)
+        theta = np.minimum(
+            np.abs(np.asarray(theta, dtype=np.float64)), camera_config().incidence_cap
+        )
+        slant = (theta / (math.pi / 2 - theta)) ** 2
+        sigma = self.a + self.b * z + self.c * z**2 + self.d * z**self.n * slant
+        return np.maximum(sigma, 0.0)
+
+
+@dataclass(frozen=True)
+class Mode:
+    """
+    One mode of the camera.
+
+    Attributes
+    ----------
+    name : str
+        The driver's name, e.g. ``Mode_9_30fps``.
+    rate_hz : float
+        Frames a second.
+    range_min, range_max : float
+        Depths the mode reports, metres.
+    modulation_hz : tuple of float
+        Modulation frequencies.
+    raw_frames : int
+        Raw exposures a depth frame.
+    exposure_us : tuple of int
+        Shortest and longest exposure, microseconds.
+    noise : NoiseModel
+    noise_of : str
+        The mode in which ``noise`` was measured.
+    source : str
+        Where rate and range come from (see ``config/modes.yaml``).
+
+    """
+
+    name: str
+    rate_hz: float
+    range_min: float
+    range_max: float
+    modulation_hz: tuple[float, ...]
+    raw_frames: int
+    exposure_us: tuple[int, int]
+    noise: NoiseModel
+    noise_of: str
+    source: str
+
+    @property
+    def measured(self) -> bool:
+        """Whether the noise was measured in this very mode."""
+        return self.noise_of == self.name
+
+
+@dataclass(frozen=True)
+class Profile:
+    """
+    A camera: its name, intrinsics and modes.
+
+    Attributes
+    ----------
+    model : str
+    intrinsics : Intrinsics
+    modes : tuple of Mode
+
+    """
+
+    model: str
+    intrinsics: Intrinsics
+    modes: tuple[Mode, ...]
+
+    @property
+    def names(self) -> list[str]:
+        """Return the modes' names in the profile's order."""
+        return [mode.name for mode in self.modes]
+
+    @property
+    def default_usecase(self) -> str:
+        """Return the mode to start in: the driver's default, or the first there is."""
+        return DEFAULT_USECASE if DEFAULT_USECASE in self.names else self.names[0]
+
+    def mode(self, usecase: str) -> Mode:
+        """
+        Look a mode up by name, whatever its case.
+
+        Raises
+        ------
+        InputError
+            When there is none; the message lists the valid names.
+
+        """
+        for mode in self.modes:
+            if isinstance(usecase, str) and mode.name.lower() == usecase.strip().lower():
+                return mode
+        raise InputError(f'usecase: found {shown(usecase)}, wanted one of {", ".join(self.names)}')
+
+
+@dataclass(frozen=True)
+class CameraConfig:
+    """
+    What does not change with the mode: ``config/flexx2.yaml``, which explains every number.
+
+    Attributes
+    ----------
+    model : str
+    width, height : int
+        Pixels.
+    field_of_view_deg : tuple of float
+        Horizontal and vertical.
+    jump_share, steep_share : float
+        When neighbours belong to different surfaces, as shares of the distance.
+    incidence_cap : float
+        Largest incidence angle the noise model is asked for, radians.
+    neighbourhood_px : int
+        Edges no further apart move together.
+    zero_at_sigma_m : float
+        sigma_z at which confidence is 0, metres.
+    full_scale_amplitude : float
+        Amplitude of a white gray pixel, 1/m^2.
+
+    """
+
+    model: str
+    width: int
+    height: int
+    field_of_view_deg: tuple[float, float]
+    jump_share: float
+    steep_share: float
+    incidence_cap: float
+    neighbourhood_px: int
+    zero_at_sigma_m: float
+    full_scale_amplitude: float
+
+
+@lru_cache(maxsize=1)
+def camera_config() -> CameraConfig:
+    """
+    Return ``config/flexx2.yaml``.
+
+    Raises
+    ------
+    InputError
+        When it is malformed; the message names the file and the field.
+
+    """
+    path = config_dir() / 'flexx2.yaml'
+    table = read_config(path)
+
+    def number(*keys: str) -> float:
+        value: Any = table
+        for key in keys:
+            value = value.get(key) if isinstance(value, dict) else None
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 < value < 1e9:
+            raise InputError(
+                f'{path}: {".".join(keys)}: found {shown(value)}, wanted a positive number'
+            )
+        return float(value)
+
+    view = table.get('field_of_view_deg')
+    if not (
+        isinstance(view, list)
+        and len(view) == 2
+        and all(isinstance(angle, (int, float)) and 0 < angle < 180 for angle in view)
+    ):
+        raise InputError(f'{path}: field_of_view_deg: found {shown(view)}, wanted two angles')
+    cap = number('axial', 'incidence_cap_deg')
+    if cap >= 90:
+        raise InputError(f'{path}: axial.incidence_cap_deg: found {cap}, wanted less than 90')
+    return CameraConfig(
+        str(table.get('model')),
+        int(number('width')),
+        int(number('height')),
+        (float(view[0]), float(view[1])),
+        number('surface', 'jump_share'),
+        number('surface', 'steep_share'),
+        math.radians(cap),
+        int(number('lateral', 'neighbourhood_px')),
+        number('confidence', 'zero_at_sigma_m'),
+        number('gray', 'full_scale_amplitude'),
+    )
+
+
+@lru_cache(maxsize=1)
+def flexx2() -> Profile:
+    """
+    Return the profile of the PMD Flexx2, from ``config/``.
+
+    Raises
+    ------
+    InputError
+        When a configuration file is malformed; the message names the file and field.
+
+    """
+    camera = camera_config()
+    table = read_config(config_dir() / 'modes.yaml')
+    try:
+        intrinsics = Intrinsics.from_field_of_view(
+            camera.width, camera.height, *camera.field_of_view_deg
+        )
+        measured = {
+            name: NoiseModel(
+                **{key: float(row[key]) for key in ('a', 'b', 'c', 'd', 'n', 'sigma_x')}
+            )
+            for name, row in table['noise'].items()
+        }
+        modes = tuple(_mode(name, row, measured) for name, row in table['modes'].items())
+        return Profile(camera.model, intrinsics, modes)
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise InputError(
+            f'{config_dir()}: modes.yaml or flexx2.yaml is malformed: {shown(error)}'
+        ) from error
+
+
+def _mode(name: str, row: Mapping[str, Any], measured: Mapping[str, NoiseModel]) -> Mode:
+    low, high = row['range_m']
+    shortest, longest = row['exposure_us']
+    return Mode(
+        name,
+        float(row['rate_hz']),
+        float(low),
+        float(high),
+        tuple(float(f) for f in row['modulation_hz']),
+        int(row['raw_frames']),
+        (int(shortest), int(longest)),
+        measured[row['noise']],
+        row['noise'],
+        str(row['source']),
+    )

@@ -1,0 +1,78 @@
+"""Open a recording, whichever file it lies in."""
+
+from pathlib import Path
+
+from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.recording.npz_recording import NpzRecording
+from flexx2_sim_ros.recording.reader import Recording, RecordingReader
+
+
+def open_recording(path: str | Path, camera: str | None = None) -> RecordingReader:
+    """
+    Open a recording without reading its frames.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        An ``.npz`` recording, or a rosbag2 bag: a folder, or a single ``.mcap`` or ``.db3``
+        file, of this package's nodes or of the real driver (pmd-royale-ros). A bag that was cut
+        off is read as far as it is whole; `RecordingReader.notes` says how far that is.
+    camera : str, optional
+        Which camera of a bag that has several: its name (`recording_cameras` lists them) or the
+        topic of any depth image, with its camera_info beside it.
+
+    Returns
+    -------
+    RecordingReader
+
+    Raises
+    ------
+    InputError
+        When there is no such file, or it is not a recording; the message names file and field.
+
+    """
+    path = Path(path)
+    try:
+        if path.suffix == '.npz':
+            return NpzRecording(path)
+        # Bags need the library rosbags, .npz files do not.
+        from flexx2_sim_ros.recording.bags import BagRecording
+
+        return BagRecording(path, camera)
+    except OSError as error:
+        raise InputError(f'{path}: cannot be read: {error.strerror or error}') from error
+
+
+def load_recording(path: str | Path, camera: str | None = None) -> Recording:
+    """
+    Read a whole recording into memory.
+
+    For long ones there is ``open_recording(path).chunks()``.
+
+    Parameters
+    ----------
+    path, camera
+        As for `open_recording`.
+
+    Returns
+    -------
+    Recording
+
+    Raises
+    ------
+    InputError
+        As `open_recording`, and when a frame cannot be read.
+
+    """
+    return open_recording(path, camera).load()
+
+
+def recording_cameras(path: str | Path) -> list[str]:
+    """Return the names of a bag's cameras; for an ``.npz`` nothing, since it has just one."""
+    if Path(path).suffix == '.npz':
+        return []
+    from flexx2_sim_ros.recording.bag_cameras import survey
+    from flexx2_sim_ros.recording.bag_files import Bag
+
+    bag = Bag(path)
+    return list(survey(bag.topics, bag.samples).cameras)

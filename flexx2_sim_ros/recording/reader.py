@@ -1,0 +1,302 @@
+"""A recording, whichever file it lies in: whole, or frame by frame in bounded memory."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+import itertools
+from pathlib import Path
+
+from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.profiles.modes import flexx2
+import numpy as np
+
+# Keys that can have one image a frame; all other arrays are the recording's as a whole.
+STACKS = ('depth', 'clean_depth', 'reflectivity', 'amplitude')
+_KNOWN = {*STACKS, 'K', 'stamp', 'stamp_ns', 'usecase'}
+_LONGEST = 9_000_000_000  # seconds that int64 nanoseconds can hold, rounded down
+_SAME_NANOSECONDS = 1000
+_USUAL_RATE = 30.0  # Hz
+
+
+@dataclass(frozen=True)
+class Recording:
+    """
+    What one camera recorded, or a part of it.
+
+    Attributes
+    ----------
+    depth : numpy.ndarray
+        (T, H, W) float32, metres along the optical axis, NaN where invalid.
+    K : numpy.ndarray
+        (3, 3) float64 camera matrix, pixels.
+    stamp : numpy.ndarray
+        (T,) float64, seconds.
+    stamp_ns : numpy.ndarray
+        (T,) int64, nanoseconds: exact where seconds since 1970 do not fit a float64.
+    usecase : str or None
+        The camera's mode, None where the file does not say.
+    clean_depth : numpy.ndarray or None
+        (H, W) or (T, H, W), metres, NaN where nothing is: what is really there.
+    reflectivity : numpy.ndarray or None
+        (H, W) or (T, H, W), 0 to 1.
+    amplitude : numpy.ndarray or None
+        (H, W) or (T, H, W): the camera's gray image, in its own units.
+    extra : dict of str to numpy.ndarray
+        All else that the file has, whole (never cut to the part). From a bag: ``camera``,
+        ``frame_id`` and, where it is not zero, ``distortion`` (k1, k2, p1, p2, k3).
+    path : pathlib.Path
+        Where it was read from.
+    camera : str or None
+        Which camera of a bag it is; None for ``.npz``.
+    notes : tuple of str
+        What a person should know: a bag that was cut off, frames without clean depth, a mode
+        that changed on the way.
+
+    """
+
+    depth: np.ndarray
+    K: np.ndarray  # noqa: N815
+    stamp: np.ndarray
+    stamp_ns: np.ndarray
+    usecase: str | None
+    clean_depth: np.ndarray | None
+    reflectivity: np.ndarray | None
+    amplitude: np.ndarray | None
+    extra: dict[str, np.ndarray]
+    path: Path
+    camera: str | None = None
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Dtype and (H, W) of the images of a stack."""
+
+    dtype: np.dtype
+    shape: tuple[int, int]
+
+
+@dataclass
+class Content:
+    """
+    What a file has.
+
+    Attributes
+    ----------
+    layouts : dict of str to Layout
+        The stacks: keys with one image a frame. ``depth`` is float32.
+    arrays : dict of str to numpy.ndarray
+        All other keys of the recording format.
+    notes : list of str
+        As in `Recording`.
+    changes : list of str
+        Those notes that say that the mode or the camera changes midway: ``usecase`` and ``K`` are
+        those at the start.
+    frames : int
+        How many images ``depth`` has; needed where there is no stamp.
+
+    """
+
+    layouts: dict[str, Layout]
+    arrays: dict[str, np.ndarray]
+    notes: list[str] = field(default_factory=list)
+    changes: list[str] = field(default_factory=list)
+    frames: int = 0
+
+
+class RecordingReader(ABC):
+    """
+    A recording that is read when it is asked for, in bounded memory.
+
+    Made by `open_recording`. Files are open only while they are read from.
+
+    Attributes
+    ----------
+    path : pathlib.Path
+        The file or folder.
+    camera : str or None
+        Which camera of a bag.
+    K, stamp, stamp_ns, usecase
+        As in `Recording`, of all frames.
+    layouts, arrays, notes, changes
+        As in `Content`.
+    assumed_stamps : bool
+        Whether the file has no stamps: those here are at the rate of the mode, from 0.
+
+    Examples
+    --------
+    >>> def brightest(path):
+    ...     reader = open_recording(path)
+    ...     return max(np.nanmax(part.depth) for part in reader.chunks(64))
+
+    """
+
+    def __init__(self, path: Path, camera: str | None, content: Content) -> None:
+        """Check what is there against the recording format."""
+        self.path = path
+        self.camera = camera
+        self.layouts = content.layouts
+        self.arrays = content.arrays
+        self.notes = content.notes
+        self.changes = content.changes
+        self.K = self._matrix()
+        usecase = self.arrays.get('usecase')
+        if usecase is not None and (usecase.dtype.kind != 'U' or usecase.ndim):
+            raise InputError(
+                f'{path}: usecase: found dtype {usecase.dtype} and shape '
+                f'{usecase.shape}, wanted a string'
+            )
+        self.usecase = None if usecase is None else str(usecase)
+        self.assumed_stamps = not {'stamp', 'stamp_ns'} & self.arrays.keys()
+        self.stamp, self.stamp_ns = (
+            self._usual_stamps(content.frames) if self.assumed_stamps else self._stamps()
+        )
+        self._check_images()
+
+    @abstractmethod
+    def frames(self, key: str) -> Iterator[np.ndarray]:
+        """
+        Iterate over the images of a stack.
+
+        Parameters
+        ----------
+        key : str
+            One of `layouts`.
+
+        Yields
+        ------
+        numpy.ndarray
+            (H, W) of the stack's dtype, one for each of `stamp`.
+
+        Raises
+        ------
+        InputError
+            When an image cannot be read.
+
+        """
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Return (T, H, W)."""
+        return len(self.stamp), *self.layouts['depth'].shape
+
+    def chunks(self, size: int = 64) -> Iterator[Recording]:
+        """Iterate over consecutive parts of up to `size` frames."""
+        images = {key: self.frames(key) for key in self.layouts}
+        for start in range(0, len(self.stamp), size):
+            count = min(size, len(self.stamp) - start)
+            yield self._recording(
+                start, {key: self._take(key, source, count) for key, source in images.items()}
+            )
+
+    def load(self) -> Recording:
+        """Return the whole recording."""
+        return self._recording(
+            0, {key: self._take(key, self.frames(key), len(self.stamp)) for key in self.layouts}
+        )
+
+    def _take(self, key: str, images: Iterator[np.ndarray], count: int) -> np.ndarray:
+        layout = self.layouts[key]
+        block = np.empty((count, *layout.shape), layout.dtype)
+        for index, image in enumerate(itertools.islice(images, count)):
+            block[index] = image
+        return block
+
+    def _recording(self, start: int, stacks: dict[str, np.ndarray]) -> Recording:
+        part = slice(start, start + len(stacks['depth']))
+
+        def image(key: str) -> np.ndarray | None:
+            array = self.arrays.get(key)
+            if array is None:
+                return stacks.get(key)
+            return array[part] if array.ndim == 3 else array
+
+        return Recording(
+            stacks['depth'],
+            self.K,
+            self.stamp[part],
+            self.stamp_ns[part],
+            self.usecase,
+            image('clean_depth'),
+            image('reflectivity'),
+            image('amplitude'),
+            {key: value for key, value in self.arrays.items() if key not in _KNOWN},
+            self.path,
+            self.camera,
+            tuple(self.notes),
+        )
+
+    def _matrix(self) -> np.ndarray:
+        matrix = self._numbers('K', 'a camera matrix (3, 3)')
+        if matrix.shape != (3, 3) or not np.isfinite(matrix).all():
+            raise InputError(
+                f'{self.path}: K: found shape {matrix.shape}, wanted a camera matrix '
+                '(3, 3) of finite numbers'
+            )
+        return matrix.astype(np.float64)
+
+    def _usual_stamps(self, frames: int) -> tuple[np.ndarray, np.ndarray]:
+        rate, whose = _USUAL_RATE, 'usual'
+        for mode in flexx2().modes:
+            if self.usecase is not None and mode.name.lower() == self.usecase.strip().lower():
+                rate, whose = mode.rate_hz, f'that of {mode.name}'
+        self.notes.append(f'{self.path}: stamp: not in the file: taken for {rate:g} Hz, {whose}')
+        exact = np.rint(np.arange(frames) * (1e9 / rate)).astype(np.int64)
+        return exact / 1e9, exact
+
+    def _stamps(self) -> tuple[np.ndarray, np.ndarray]:
+        given = {
+            key: self._numbers(key, 'numbers (T,), the times of frames')
+            for key in ('stamp', 'stamp_ns')
+            if key in self.arrays
+        }
+        for key, values in given.items():
+            if values.ndim != 1 or not np.isfinite(values).all():
+                raise InputError(
+                    f'{self.path}: {key}: found shape {values.shape}, wanted finite numbers (T,)'
+                )
+        if 'stamp_ns' not in given:
+            seconds = given['stamp'].astype(np.float64)
+            if (np.abs(seconds) > _LONGEST).any():
+                raise InputError(
+                    f'{self.path}: stamp: found {np.abs(seconds).max():g}, wanted '
+                    f'seconds, at most {_LONGEST:g}'
+                )
+            return seconds, np.rint(seconds * 1e9).astype(np.int64)
+        exact = given['stamp_ns']
+        if exact.dtype.kind not in 'iu':
+            raise InputError(
+                f'{self.path}: stamp_ns: found dtype {exact.dtype}, wanted whole numbers'
+            )
+        exact = exact.astype(np.int64)
+        stamp = given.get('stamp', exact / 1e9).astype(np.float64)
+        if stamp.shape != exact.shape or (np.abs(stamp * 1e9 - exact) > _SAME_NANOSECONDS).any():
+            raise InputError(
+                f'{self.path}: stamp: differs from stamp_ns, wanted the same in seconds'
+            )
+        return stamp, exact
+
+    def _numbers(self, key: str, wanted: str) -> np.ndarray:
+        found = self.arrays.get(key)
+        if found is None:
+            names = ', '.join([*self.layouts, *self.arrays]) or 'nothing'
+            raise InputError(
+                f'{self.path}: {key}: not in the file, which has {names}; wanted {wanted}'
+            )
+        if found.dtype.kind not in 'fiu':
+            raise InputError(f'{self.path}: {key}: found dtype {found.dtype}, wanted {wanted}')
+        return found
+
+    def _check_images(self) -> None:
+        for key in STACKS:
+            if key in self.arrays:
+                shape = self._numbers(key, 'numbers (H, W) or (T, H, W)').shape
+            elif key in self.layouts:
+                shape = (len(self.stamp), *self.layouts[key].shape)
+            else:
+                continue
+            if shape not in (self.shape, self.shape[1:]):
+                raise InputError(
+                    f'{self.path}: {key}: found shape {shape}, wanted that of depth, '
+                    f'{self.shape} or {self.shape[1:]}'
+                )

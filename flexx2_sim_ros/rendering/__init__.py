@@ -1,0 +1,1 @@
+"""Scenes and their clean depth, rendered with MuJoCo."""

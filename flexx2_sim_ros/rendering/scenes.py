@@ -1,0 +1,245 @@
+"""
+The scenes: from a file in ``config/models``, or built here.
+
+In all of them the robot stands at the origin and looks along +x, the ground under it at height 0.
+"""
+
+from pathlib import Path
+
+from flexx2_sim_ros.config_file import is_regular_file
+from flexx2_sim_ros.errors import InputError, shown, shown_path
+from flexx2_sim_ros.paths import config_dir
+import mujoco
+import numpy as np
+
+SCENES = ('lab', 'stairs', 'corner', 'board', 'rubble')
+# Names in a scene get this prefix in the whole model.
+PREFIX = 'scene/'
+# Half-sizes of the white board and what stands behind it: depth, width, height, metres.
+BOARD_HALF_SIZE = (0.01, 0.6, 0.45)
+_BACKDROP_HALF_SIZE = (0.02, 8.0, 8.0)
+BACKDROP_BEHIND = 1.5
+BOARD_DISTANCES = (0.1, 10.0)
+LARGEST_BOARD_ANGLE = 80.0
+
+_COLOURS = {
+    'floor': (0.46, 0.47, 0.48),
+    'wall_paint': (0.85, 0.84, 0.80),
+    'white_board': (0.95, 0.95, 0.95),
+    'concrete': (0.55, 0.55, 0.52),
+    'brick': (0.60, 0.30, 0.22),
+    'wood': (0.72, 0.53, 0.34),
+    'metal': (0.62, 0.65, 0.70),
+    'black': (0.05, 0.05, 0.05),
+}
+_BOX = mujoco.mjtGeom.mjGEOM_BOX
+
+
+def load_scene(scene: str) -> tuple[mujoco.MjSpec, str]:
+    """
+    Return a scene to be attached to a robot, and where it comes from.
+
+    Parameters
+    ----------
+    scene : str
+        One of `SCENES`, or the path of an MJCF file.
+
+    Returns
+    -------
+    spec : mujoco.MjSpec
+        Compiles by itself.
+    source : str
+        Its name or path, for messages.
+
+    Raises
+    ------
+    InputError
+        When there is no such scene or it does not compile.
+
+    """
+    builders = {'board': _board, 'rubble': _rubble}
+    if scene in builders:
+        return builders[scene](), f'the built-in scene {scene!r}'
+    path = config_dir() / 'models' / f'{scene}.xml' if scene in SCENES else Path(scene)
+    return read_model('scene', scene, path, SCENES), str(path)
+
+
+def read_model(parameter: str, value: str, path: Path, names: tuple[str, ...]) -> mujoco.MjSpec:
+    """Read an MJCF or URDF file and compile it alone: an error is laid at the right door."""
+    if not is_regular_file(path):
+        raise InputError(
+            f'{parameter}: found {shown_path(value)}, wanted '
+            f'{", ".join(map(repr, names))} or the path of an MJCF file'
+        )
+    try:
+        spec = mujoco.MjSpec.from_file(str(path))
+        if path.suffix.lower() == '.urdf':
+            _free_urdf(spec)
+        spec.compile()
+    except (ValueError, mujoco.FatalError) as error:
+        raise InputError(f'{parameter}: {path} does not compile: {error}') from error
+    return spec
+
+
+def _free_urdf(spec: mujoco.MjSpec) -> None:
+    # A URDF does not say whether its root moves; a robot's does. Links that are fixed to each
+    # other stay apart, or `trunk` would vanish in the link above it.
+    spec.compiler.fusestatic = False
+    for body in spec.worldbody.bodies:
+        if not body.joints:
+            body.add_freejoint()
+
+
+def place_board(
+    model: mujoco.MjModel, data: mujoco.MjData, camera: str, distance: float, angle: float
+) -> None:
+    """
+    Put the scene `board`'s board in front of a camera.
+
+    The board's front face crosses the camera's optical axis at `distance` and its normal there
+    makes the angle `angle` with the axis: it is turned about the image's vertical, its right
+    edge away from the camera. The face's depth at pixel (u, v) is exactly
+    ``distance / (1 - tan(angle) (u - cx) / fx)``. A backdrop stands 1.5 m behind it, square to the
+    axis. Other cameras see both from where they happen to be.
+
+    Parameters
+    ----------
+    model : mujoco.MjModel
+        Of the scene `board`; the board's place in it is changed for good.
+    data : mujoco.MjData
+        The robot in its pose, complete up to its positions; is brought up to date.
+    camera : str
+        The camera's name.
+    distance : float
+        Metres, 0.1 to 10.
+    angle : float
+        Degrees, -80 to 80.
+
+    Raises
+    ------
+    InputError
+        When the model has no board or no such camera, or a number is out of range.
+
+    """
+    near, far = BOARD_DISTANCES
+    if not near <= distance <= far:
+        raise InputError(f'board_distance: found {distance}, wanted {near:g} to {far:g} metres')
+    if not abs(angle) <= LARGEST_BOARD_ANGLE:
+        raise InputError(
+            f'board_angle_deg: found {angle}, wanted '
+            f'-{LARGEST_BOARD_ANGLE:g} to {LARGEST_BOARD_ANGLE:g}'
+        )
+    index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, camera)
+    if index < 0:
+        names = [model.cam(i).name for i in range(model.ncam)]
+        raise InputError(f'board_camera: found {shown(camera)}, wanted one of {", ".join(names)}')
+    if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, f'{PREFIX}board') < 0:
+        raise InputError("scene: this one has no board, wanted 'board'")
+    lens = data.cam_xpos[index]
+    right, up, back = data.cam_xmat[index].reshape(3, 3).T
+    turn = np.radians(angle)
+    normal = np.cos(turn) * back + np.sin(turn) * right
+    _move(model, data, 'board', lens - distance * back - BOARD_HALF_SIZE[0] * normal, normal, up)
+    behind = distance + BACKDROP_BEHIND + _BACKDROP_HALF_SIZE[0]
+    _move(model, data, 'backdrop', lens - behind * back, back, up)
+    mujoco.mj_forward(model, data)
+
+
+def _move(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    name: str,
+    position: np.ndarray,
+    normal: np.ndarray,
+    up: np.ndarray,
+) -> None:
+    body = model.body(f'{PREFIX}{name}').id
+    quaternion = np.empty(4)
+    mujoco.mju_mat2Quat(quaternion, np.stack([normal, np.cross(up, normal), up], axis=1).ravel())
+    mocap = model.body_mocapid[body]
+    data.mocap_pos[mocap], data.mocap_quat[mocap] = position, quaternion
+    # In the model and its keys as well, so that a reset keeps it.
+    model.body_pos[body], model.body_quat[body] = position, quaternion
+    model.key_mpos.reshape(model.nkey, -1, 3)[:, mocap] = position
+    model.key_mquat.reshape(model.nkey, -1, 4)[:, mocap] = quaternion
+
+
+def _empty(name: str) -> mujoco.MjSpec:
+    spec = mujoco.MjSpec()
+    spec.modelname = name
+    spec.visual.headlight.ambient = spec.visual.headlight.diffuse = [0.35] * 3
+    spec.worldbody.add_light(pos=[-1, 0, 4], dir=[0.4, 0, -1], diffuse=[0.7] * 3)
+    for material, colour in _COLOURS.items():
+        spec.add_material(name=material, rgba=[*colour, 1.0])
+    return spec
+
+
+def _board() -> mujoco.MjSpec:
+    """
+    Build the paper's white board, with nothing else in sight.
+
+    The cameras look down, and the board stands in their optical axes up to 10 m away: there is
+    no floor, and the robot stands on a pedestal that ends before the cameras can see it.
+    """
+    spec = _empty('board')
+    spec.worldbody.add_geom(
+        name='pedestal',
+        type=_BOX,
+        size=[0.45, 0.35, 2.0],
+        pos=[-0.05, 0.0, -2.0],
+        material='concrete',
+    )
+    for name, size, material, x in (
+        ('board', BOARD_HALF_SIZE, 'white_board', 1.3),
+        ('backdrop', _BACKDROP_HALF_SIZE, 'wall_paint', 2.8),
+    ):
+        body = spec.worldbody.add_body(name=name, pos=[x, 0.0, 0.3], mocap=True)
+        body.add_geom(name=name, type=_BOX, size=size, material=material)
+    return spec
+
+
+def _rubble() -> mujoco.MjSpec:
+    """Build a field of bricks, planks and pipes at all angles; the same one every time."""
+    spec = _empty('rubble')
+    world = spec.worldbody
+    world.add_geom(
+        name='floor', type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], material='floor'
+    )
+    for name, x, y, length, width in (
+        ('ahead', 5.05, 0.0, 0.05, 2.3),
+        ('left', 2.05, 2.25, 3.0, 0.05),
+        ('right', 2.05, -2.25, 3.0, 0.05),
+    ):
+        world.add_geom(
+            name=f'wall_{name}',
+            type=_BOX,
+            size=[length, width, 0.8],
+            pos=[x, y, 0.8],
+            material='wall_paint',
+        )
+    spec.compiler.degree = False
+    random = np.random.default_rng(940)
+    for number in range(80):
+        place = random.uniform((0.6, -1.4), (4.0, 1.4))
+        turn = random.uniform(-np.pi, np.pi)
+        if number % 5 == 4:
+            radius, half = random.uniform((0.015, 0.1), (0.03, 0.35))
+            along = half * np.array([np.cos(turn), np.sin(turn)])
+            world.add_geom(
+                name=f'pipe_{number}',
+                type=mujoco.mjtGeom.mjGEOM_CYLINDER,
+                fromto=[*(place - along), radius, *(place + along), radius],
+                size=[radius, 0, 0],
+                material=('metal', 'black')[number // 5 % 2],
+            )
+        else:
+            size = random.uniform((0.05, 0.03, 0.015), (0.20, 0.11, 0.05))
+            world.add_geom(
+                name=f'block_{number}',
+                type=_BOX,
+                size=size,
+                pos=[*place, size[2] * random.uniform(0.3, 1.0)],
+                euler=[*random.normal(0.0, 0.12, 2), turn],
+                material=('concrete', 'brick', 'wood')[number % 3],
+            )
+    return spec

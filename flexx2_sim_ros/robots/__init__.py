@@ -1,0 +1,1 @@
+"""Robots in a scene: model, legs and gait. No ROS."""

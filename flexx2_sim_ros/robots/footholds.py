@@ -1,0 +1,171 @@
+"""Where a foot can be put, how it gets there, and where there is no way on."""
+
+import math
+
+from flexx2_sim_ros.rendering.ground import Ground
+import numpy as np
+
+# The ground is even where it is within this of a plane, metres.
+EVEN = 0.006
+# No foothold, and nothing to step over, is farther above or below the mean of the feet, metres.
+REACH = 0.2
+
+_TURN = np.arange(8) * np.pi / 4
+_RING = np.stack([np.cos(_TURN), np.sin(_TURN)], axis=1)
+# Displacements to try for an even foothold, the nearest first, metres.
+_ASIDE = np.array(
+    sorted(
+        (
+            (x, y)
+            for x in (-0.12, -0.09, -0.06, -0.03, 0.0, 0.03, 0.06, 0.09, 0.12)
+            for y in (-0.06, -0.03, 0.0, 0.03, 0.06)
+        ),
+        key=lambda p: math.hypot(*p),
+    )
+)
+# One metre of roughness counts as much as this many metres aside.
+_ROUGHNESS_COST = 10.0
+# Where the way is judged, metres from the trunk's middle: as far as a stride and braking take.
+_AHEAD = np.linspace(0.2, 0.48, 6)
+_SIDES = np.array([-0.12, 0.0, 0.12])
+# More than this within two of those places stops the robot, metres.
+_LARGEST_EDGE = 0.14
+
+
+def rest_height(
+    place: np.ndarray, top: float, ground: Ground, radius: float
+) -> tuple[float, float]:
+    """
+    Return how a foot rests at a place.
+
+    Parameters
+    ----------
+    place : numpy.ndarray
+        (2,) metres in the world.
+    top : float
+        Where to look for the ground from, metres.
+    ground : Ground
+        The world.
+    radius : float
+        Of the foot, metres.
+
+    Returns
+    -------
+    height : float
+        Of the foot's middle when it touches the highest point below it; NaN without ground.
+    rough : float
+        By how much the ground around it differs from a plane, metres.
+
+    """
+    inner, outer = 0.7 * radius, 1.8 * radius
+    points = np.concatenate(
+        [place[None], place + inner * _RING, place + radius * _RING, place + outer * _RING]
+    )
+    heights = ground.heights(points, top)
+    lifts = np.repeat([radius, math.sqrt(radius**2 - inner**2), 0.0, -np.inf], [1, 8, 8, 8])
+    edge = heights[-8:]
+    # On an even slope the ring's heights are those of a plane: a constant and a first harmonic.
+    plane = edge.mean() + _RING @ (_RING.T @ edge / 4)
+    return float((heights + lifts).max()), float(np.abs(edge - plane).max())
+
+
+def way_height(
+    foot: np.ndarray, place: np.ndarray, top: float, ground: Ground, radius: float
+) -> float:
+    """Return how high the middle of a foot must go from place to place (3,); inf: no way."""
+    way = np.append(place[:2] - foot[:2], 0.0)
+    length = math.hypot(*way)
+    # Rays from above do not find what they start in: level ones do.
+    rays = [(np.append(place[:2], top), np.append(side, 0.0), 2 * radius) for side in _RING]
+    if length > 1e-6:
+        rays.append((np.append(foot[:2], top), way / length, length))
+    if any(ground.free(origin, direction) < least for origin, direction, least in rays):
+        return math.inf
+    points = np.linspace(foot[:2], place[:2], 9)[:, None]
+    passed = ground.heights(np.concatenate([points, points + radius * _RING], axis=1), top)
+    highest = float(passed.max()) + radius
+    return math.inf if math.isnan(highest) else max(highest, float(foot[2]), float(place[2]))
+
+
+def find_foothold(
+    foot: np.ndarray,
+    place: np.ndarray,
+    turn: np.ndarray,
+    level: float,
+    top: float,
+    ground: Ground,
+    radius: float,
+) -> tuple[np.ndarray, float] | None:
+    """
+    Find an even place near the one that is wanted.
+
+    Parameters
+    ----------
+    foot : numpy.ndarray
+        (3,) the foot's middle now.
+    place : numpy.ndarray
+        (2,) where it is wanted.
+    turn : numpy.ndarray
+        (2, 2) the robot's heading there, as a rotation.
+    level : float
+        Mean height of the feet's middles.
+    top : float
+        Where to look for the ground from.
+    ground : Ground
+        The world.
+    radius : float
+        Of the foot.
+
+    Returns
+    -------
+    tuple or None
+        Where the foot's middle goes (3,), and how high it must go on the way; None when there
+        is no place within reach.
+
+    """
+    best, best_cost = None, math.inf
+    for aside in _ASIDE:
+        point = place + turn @ aside
+        height, rough = rest_height(point, top, ground, radius)
+        cost = math.hypot(*aside) + _ROUGHNESS_COST * rough
+        if not (abs(height - level) < REACH and cost < best_cost):
+            continue
+        candidate = np.append(point, height)
+        highest = way_height(foot, candidate, top, ground, radius)
+        if highest - level < REACH:
+            best, best_cost = (candidate, highest), cost
+            if rough < EVEN:
+                break
+    return best
+
+
+def blocked(
+    position: np.ndarray, rotation: np.ndarray, course: np.ndarray, height: float, ground: Ground
+) -> bool:
+    """
+    Say whether a robot's way leads against something or over an edge.
+
+    Parameters
+    ----------
+    position, rotation : numpy.ndarray
+        (3,) and (3, 3), of the trunk.
+    course : numpy.ndarray
+        (2,) where it is going, in its own frame; not zero.
+    height : float
+        Of the trunk above the ground it stands on, metres.
+    ground : Ground
+        The world.
+
+    """
+    ahead = rotation @ np.append(course / math.hypot(*course), 0.0)
+    across = rotation @ np.append(np.array([-course[1], course[0]]) / math.hypot(*course), 0.0)
+    starts = position + _SIDES[:, None] * across
+    if any(ground.free(start, ahead) < _AHEAD[-1] for start in starts):
+        return True
+    places = starts[:, None] + _AHEAD[:, None] * ahead
+    found = ground.heights(places[..., :2], float(places[..., 2].max()))
+    # What is nearer than the first place was judged before: there the ground runs as the trunk.
+    spacing = (_AHEAD[1] - _AHEAD[0]) * ahead[2]
+    known = places[:, :1, 2] - height - spacing * np.array([2.0, 1.0])
+    heights = np.concatenate([known, found], axis=1)
+    return not bool((np.abs(heights[:, 2:] - heights[:, :-2]) < _LARGEST_EDGE).all())

@@ -1,0 +1,384 @@
+"""
+A trot, kinematic: commanded velocities in, the trunk's pose and twelve joint angles out.
+
+Functions from one state to the next. A foot on the ground does not move at all. A foot in the air
+goes up, over and down to a place that was found for it when it left the ground. The trunk's
+height and tilt follow the ground under the four feet, which changes smoothly with them.
+"""
+
+from dataclasses import dataclass, replace
+import math
+
+from flexx2_sim_ros.rendering.ground import Ground
+from flexx2_sim_ros.robots.footholds import (
+    blocked,
+    EVEN,
+    find_foothold,
+    REACH,
+    rest_height,
+    way_height,
+)
+from flexx2_sim_ros.robots.kinematics import feet, GO1, joint_angles, LegGeometry, rotation
+import numpy as np
+
+# Diagonal legs swing together: FR with RL, FL with RR.
+_OFFSET = np.array([0.0, 0.5, 0.5, 0.0])
+_LARGEST_STEP = 1.0 / 120.0
+# The share of a foot's time in the air after which it no longer changes its mind, and the least
+# change that it bothers with, metres.
+_CHANGEABLE = 0.7
+_WORTH_A_CHANGE = 0.002
+# A foot this far from below its hip has to come along, whatever it steps on, metres.
+_LEFT_BEHIND = 0.2
+# How far a standing foot may be dragged, metres.
+_SLIP = 0.002
+
+# Of one foot: where it left the ground (3,), where it comes down (3,), the height of its way, and
+# where it was wanted (2,).
+_Swing = tuple[np.ndarray, np.ndarray, float, np.ndarray]
+
+
+@dataclass(frozen=True)
+class Gait:
+    """
+    How to trot.
+
+    Attributes
+    ----------
+    max_speed : float
+        In any direction, m/s.
+    max_turn : float
+        About the vertical, rad/s.
+    period : float
+        Of one cycle, seconds.
+    duty : float
+        The share of it that a foot stands; above 0.5, so that at times all four do.
+    lift : float
+        How far a foot is raised above what it passes, metres.
+    acceleration, braking : float
+        m/s^2.
+    turn_acceleration : float
+        rad/s^2.
+
+    """
+
+    max_speed: float = 0.8
+    max_turn: float = 1.5
+    period: float = 0.44
+    duty: float = 0.56
+    lift: float = 0.05
+    acceleration: float = 2.0
+    braking: float = 4.0
+    turn_acceleration: float = 8.0
+
+
+@dataclass(frozen=True)
+class GaitState:
+    """
+    A moment of the walk.
+
+    Attributes
+    ----------
+    position : numpy.ndarray
+        (2,) of the trunk in the world, metres.
+    yaw : float
+        Its heading, radians.
+    velocity : numpy.ndarray
+        (3,) forward, to the left (m/s) and about the vertical (rad/s), in its own heading.
+    phase : float
+        0 to 1 of a cycle.
+    lifted, landed : numpy.ndarray
+        (4, 3) metres in the world: where the middle of each foot left the ground, and where it
+        comes down; the same for a foot that stands.
+    apex : numpy.ndarray
+        (4,) height of the way between them, metres.
+    wanted : numpy.ndarray
+        (4, 2) where it would come down if all places were equally good.
+    home : numpy.ndarray
+        (4,) bool: that the foot stands under its hip, with no need to be put there.
+    blocked : bool
+        That something too high or too deep to walk on lies where it was told to go.
+
+    """
+
+    position: np.ndarray
+    yaw: float
+    velocity: np.ndarray
+    phase: float
+    lifted: np.ndarray
+    landed: np.ndarray
+    apex: np.ndarray
+    wanted: np.ndarray
+    home: np.ndarray
+    blocked: bool = False
+
+
+@dataclass(frozen=True)
+class Pose:
+    """
+    What a state of the gait looks like.
+
+    Attributes
+    ----------
+    position, rpy : numpy.ndarray
+        (3,) of the trunk: metres, and roll, pitch, yaw in radians.
+    angles : numpy.ndarray
+        (4, 3) joint angles, radians.
+    feet : numpy.ndarray
+        (4, 3) metres in the world: where the feet are meant to be, which is where they are unless
+        that is out of reach.
+    standing : numpy.ndarray
+        (4,) bool: whether the foot is on the ground.
+    missed : numpy.ndarray
+        (4,) metres that the foot is away from where it is meant to be.
+
+    """
+
+    position: np.ndarray
+    rpy: np.ndarray
+    angles: np.ndarray
+    feet: np.ndarray
+    standing: np.ndarray
+    missed: np.ndarray
+
+
+def start(
+    position: np.ndarray, yaw: float, top: float, ground: Ground, legs: LegGeometry = GO1
+) -> GaitState:
+    """Return a robot that stands still at a place (2,), on the highest ground below `top`."""
+    places = position + legs.neutral @ _plane_rotation(yaw).T
+    heights = np.array([rest_height(place, top, ground, legs.foot_radius)[0] for place in places])
+    heights = np.where(np.isnan(heights), top - legs.standing_height + legs.foot_radius, heights)
+    landed = np.column_stack([places, heights])
+    return GaitState(
+        np.array(position, float),
+        float(yaw),
+        np.zeros(3),
+        0.0,
+        landed,
+        landed,
+        heights,
+        places,
+        np.ones(4, bool),
+    )
+
+
+def step(
+    state: GaitState,
+    command: np.ndarray,
+    seconds: float,
+    ground: Ground,
+    gait: Gait,
+    legs: LegGeometry = GO1,
+) -> GaitState:
+    """
+    Return the state some time later.
+
+    Parameters
+    ----------
+    state : GaitState
+        Now.
+    command : numpy.ndarray
+        (3,) finite: forward and to the left in m/s, turn in rad/s. Held for the whole time, and
+        to the limits of `gait`.
+    seconds : float
+        How long; not negative.
+    ground : Ground
+        The world.
+    gait : Gait
+        How to trot.
+    legs : LegGeometry
+        The robot's legs.
+
+    """
+    count = max(1, math.ceil(seconds / _LARGEST_STEP - 1e-9))
+    target = _limited(np.asarray(command, float), gait)
+    stopped = False
+    if target[:2].any():
+        position, rpy = _trunk(state, _feet(state, gait, legs)[1], legs)
+        stopped = blocked(position, rotation(rpy), target[:2], legs.standing_height, ground)
+        if stopped:
+            target = np.array([0.0, 0.0, target[2]])
+    state = replace(state, blocked=stopped)
+    for _ in range(count):
+        state = _small_step(state, target, seconds / count, ground, gait, legs)
+    return state
+
+
+def pose(state: GaitState, gait: Gait, legs: LegGeometry = GO1) -> Pose:
+    """Return the trunk's pose and the joint angles of a state."""
+    points, heights, swinging = _feet(state, gait, legs)
+    position, rpy = _trunk(state, heights, legs)
+    wanted = (points - position) @ rotation(rpy)
+    angles = joint_angles(wanted, legs)
+    missed = np.linalg.norm(feet(angles, legs) - wanted, axis=1)
+    return Pose(position, rpy, angles, points, ~swinging, missed)
+
+
+def _small_step(
+    state: GaitState,
+    target: np.ndarray,
+    seconds: float,
+    ground: Ground,
+    gait: Gait,
+    legs: LegGeometry,
+) -> GaitState:
+    velocity = _faster(state.velocity, target, seconds, gait)
+    yaw = state.yaw + seconds * velocity[2]
+    heading = _plane_rotation((state.yaw + yaw) / 2)
+    position = state.position + seconds * heading @ velocity[:2]
+    moving = bool(velocity.any() or target.any())
+    home = state.home & (not moving)
+    moved = replace(state, position=position, yaw=yaw, velocity=velocity)
+    phase = state.phase + seconds / gait.period
+    end = (math.floor(2 * state.phase) + 1) / 2
+    resting = state.phase in (0.0, 0.5)
+    if not moving and home.all():
+        # Legs are put down before it stands still; four feet stand at the end of a half cycle.
+        phase = state.phase if resting else min(phase, end)
+    before, now = (state.phase + _OFFSET) % 1.0, (phase + _OFFSET) % 1.0
+    swings = []
+    for leg in range(4):
+        if now[leg] < gait.duty:
+            foot = state.landed[leg]
+            swings.append((foot, foot, foot[2], foot[:2]))
+        elif before[leg] < gait.duty:
+            swings.append(_plan(moved, leg, ground, gait, legs))
+            home[leg] = not moving
+        elif now[leg] < gait.duty + _CHANGEABLE * (1 - gait.duty):
+            left = (1.0 - now[leg]) * gait.period
+            swings.append(_replan(moved, leg, left, ground, gait, legs))
+        else:
+            swings.append(
+                (state.lifted[leg], state.landed[leg], state.apex[leg], state.wanted[leg])
+            )
+    lifted, landed, apex, wanted = map(np.array, zip(*swings, strict=True))
+    moved = replace(
+        moved, phase=phase % 1.0, lifted=lifted, landed=landed, apex=apex, wanted=wanted, home=home
+    )
+    if velocity.any():
+        reached = pose(moved, gait, legs)
+        if (reached.missed[reached.standing] > _SLIP).any():
+            # The trunk waits rather than drag a foot along, until that foot's turn to step.
+            moved = replace(moved, position=state.position, yaw=state.yaw, velocity=np.zeros(3))
+    return moved
+
+
+def _limited(command: np.ndarray, gait: Gait) -> np.ndarray:
+    speed = math.hypot(command[0], command[1])
+    scale = min(1.0, gait.max_speed / speed) if speed > 0 else 1.0
+    turn = np.clip(command[2], -gait.max_turn, gait.max_turn)
+    return np.array([command[0] * scale, command[1] * scale, turn])
+
+
+def _faster(velocity: np.ndarray, target: np.ndarray, seconds: float, gait: Gait) -> np.ndarray:
+    change = target - velocity
+    slower = np.hypot(*target[:2]) < np.hypot(*velocity[:2])
+    most = seconds * (gait.braking if slower else gait.acceleration)
+    size = math.hypot(change[0], change[1])
+    if size > most:
+        change[:2] *= most / size
+    most = seconds * gait.turn_acceleration
+    change[2] = np.clip(change[2], -most, most)
+    # Exactly the target once it is reached, so that zero is zero.
+    return np.where(np.abs(target - velocity - change) < 1e-12, target, velocity + change)
+
+
+def _place(
+    state: GaitState, leg: int, seconds: float, gait: Gait, legs: LegGeometry
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return where a foot (2,) that lands after a time is best put, and the heading there."""
+    # Under the hip half-way through the stance that follows, if the velocity stays.
+    seconds += gait.period * gait.duty / 2
+    yaw = state.yaw + seconds * state.velocity[2]
+    heading, turn = _plane_rotation((state.yaw + yaw) / 2), _plane_rotation(yaw)
+    middle = state.position + seconds * heading @ state.velocity[:2]
+    return middle + turn @ legs.neutral[leg], turn
+
+
+def _plan(state: GaitState, leg: int, ground: Ground, gait: Gait, legs: LegGeometry) -> _Swing:
+    """Find where a foot that leaves the ground now comes down, and how high it goes."""
+    foot = state.landed[leg]
+    place, turn = _place(state, leg, gait.period * (1 - gait.duty), gait, legs)
+    level = float(state.landed[:, 2].mean())
+    found = find_foothold(
+        foot, place, turn, level, level + legs.standing_height, ground, legs.foot_radius
+    )
+    if found is None:
+        # It stays where it is, as long as it is not left behind.
+        hip = state.position + _plane_rotation(state.yaw) @ legs.neutral[leg]
+        if math.hypot(*(foot[:2] - hip)) > _LEFT_BEHIND:
+            found = np.append(hip, level), max(foot[2], level)
+        else:
+            found = foot, foot[2]
+    landed, highest = found
+    # A leg has to fold: over the highest steps a foot passes more closely.
+    apex = min(highest + gait.lift, max(level + REACH, highest + gait.lift / 2))
+    return foot, landed, apex, place
+
+
+def _replan(
+    state: GaitState, leg: int, seconds: float, ground: Ground, gait: Gait, legs: LegGeometry
+) -> _Swing:
+    """Move the place where a foot in the air will come down along with a changed velocity."""
+    foot, landed, apex, wanted = (
+        state.lifted[leg],
+        state.landed[leg],
+        float(state.apex[leg]),
+        state.wanted[leg],
+    )
+    place, _ = _place(state, leg, seconds, gait, legs)
+    if math.hypot(*(place - wanted)) > _WORTH_A_CHANGE:
+        point, top = landed[:2] + place - wanted, apex + gait.lift
+        height, rough = rest_height(point, top, ground, legs.foot_radius)
+        if abs(height - landed[2]) < EVEN and rough < EVEN:
+            moved = np.append(point, landed[2])
+            if way_height(foot, moved, top, ground, legs.foot_radius) <= apex - gait.lift / 2:
+                return foot, moved, apex, place
+    return foot, landed, apex, wanted
+
+
+def _feet(
+    state: GaitState, gait: Gait, legs: LegGeometry
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the feet's middles (4, 3), the ground (4,) for each, and which are in the air."""
+    phase = (state.phase + _OFFSET) % 1.0
+    swinging = phase >= gait.duty
+    along = np.where(swinging, (phase - gait.duty) / (1 - gait.duty), 1.0)
+    lifted, landed, apex = state.lifted, state.landed, state.apex
+    # Over a step the foot goes straight up before it goes over; on the level it may cut corners.
+    climb = apex - gait.lift - np.minimum(lifted[:, 2], landed[:, 2])
+    corner = 0.12 + 0.16 * np.clip(climb / 0.03, 0.0, 1.0)
+    over = _smooth((along - corner) / (1 - 2 * corner))
+    up, down = _smooth(along / 0.42), _smooth((along - 0.58) / 0.42)
+    points = lifted + over[:, None] * (landed - lifted)
+    points[:, 2] = lifted[:, 2] + up * (apex - lifted[:, 2]) + down * (landed[:, 2] - apex)
+    # The trunk takes the whole time in the air to follow, and so moves gently.
+    eased = along**2 * (3 - 2 * along)
+    ground = lifted[:, 2] + eased * (landed[:, 2] - lifted[:, 2]) - legs.foot_radius
+    return np.where(swinging[:, None], points, landed), ground, swinging
+
+
+def _trunk(
+    state: GaitState, ground: np.ndarray, legs: LegGeometry
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the trunk's position (3,) and roll, pitch, yaw (3,) over the ground."""
+    length = legs.hips[:2, 0].mean() - legs.hips[2:, 0].mean()
+    width = np.abs(legs.neutral[:, 1]).mean() * 2
+    front, left = ground[:2].mean() - ground[2:].mean(), ground[1::2].mean() - ground[::2].mean()
+    # Less than the ground tilts: the legs make up for the rest.
+    pitch = np.clip(-0.8 * np.arctan2(front, length), -0.4, 0.4)
+    roll = np.clip(0.5 * np.arctan2(left, width), -0.25, 0.25)
+    height = ground.mean() + legs.standing_height
+    return np.append(state.position, height), np.array([roll, pitch, state.yaw])
+
+
+def _smooth(x: np.ndarray) -> np.ndarray:
+    """Return 0 below 0, 1 above 1, and between them the curve without jumps in acceleration."""
+    x = np.clip(x, 0.0, 1.0)
+    return x**3 * (10 + x * (6 * x - 15))
+
+
+def _plane_rotation(yaw: float) -> np.ndarray:
+    cosine, sine = math.cos(yaw), math.sin(yaw)
+    return np.array([[cosine, -sine], [sine, cosine]])

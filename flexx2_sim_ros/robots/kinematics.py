@@ -1,0 +1,147 @@
+"""Where a Go1's feet are for its joint angles, and the other way round, in closed form."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+# The order of legs and joints everywhere in this package, Unitree's own.
+LEGS = ('FR', 'FL', 'RR', 'RL')
+PARTS = ('hip', 'thigh', 'calf')
+JOINTS = tuple(f'{leg}_{part}_joint' for leg in LEGS for part in PARTS)
+# (4, 3) radians: standing.
+HOME = np.tile([0.0, 0.9, -1.8], (4, 1))
+
+
+@dataclass(frozen=True)
+class LegGeometry:
+    """
+    Four legs that abduct about x and have hip and knee about y, with the knees to the back.
+
+    Attributes
+    ----------
+    hips : numpy.ndarray
+        (4, 3) float64 metres: the abduction joints in the trunk's frame.
+    offset : numpy.ndarray
+        (4,) metres from the abduction axis to the leg's plane, positive to the left.
+    thigh, calf : float
+        Lengths, metres; the calf's up to the middle of the foot.
+    lower, upper : numpy.ndarray
+        (3,) joint limits of hip, thigh and calf, radians.
+    foot_radius : float
+        Metres.
+
+    """
+
+    hips: np.ndarray
+    offset: np.ndarray
+    thigh: float
+    calf: float
+    lower: np.ndarray
+    upper: np.ndarray
+    foot_radius: float
+
+    @cached_property
+    def neutral(self) -> np.ndarray:
+        """Return (4, 2) metres: the point of the trunk's xy plane that a leg hangs from."""
+        return self.hips[:, :2] + np.stack([np.zeros(4), self.offset], axis=1)
+
+    @cached_property
+    def standing_height(self) -> float:
+        """Return the height of the trunk's middle above level ground, metres."""
+        return float(self.foot_radius - feet(HOME, self)[:, 2].mean())
+
+
+_X = np.array([1.0, 1.0, -1.0, -1.0])
+_Y = np.array([-1.0, 1.0, -1.0, 1.0])
+# Unitree's description of the robot; the foot's radius is this package's model's.
+GO1 = LegGeometry(
+    hips=np.stack([0.1881 * _X, 0.04675 * _Y, np.zeros(4)], axis=1),
+    offset=0.08 * _Y,
+    thigh=0.213,
+    calf=0.213,
+    lower=np.array([-0.863, -0.686, -2.818]),
+    upper=np.array([0.863, 4.501, -0.888]),
+    foot_radius=0.02,
+)
+
+
+def feet(angles: np.ndarray, legs: LegGeometry = GO1) -> np.ndarray:
+    """
+    Return where the feet are.
+
+    Parameters
+    ----------
+    angles : numpy.ndarray
+        (..., 4, 3) radians: hip, thigh and calf of each leg.
+    legs : LegGeometry
+        The robot's legs.
+
+    Returns
+    -------
+    numpy.ndarray
+        (..., 4, 3) metres in the trunk's frame (x forward, y left, z up): the feet's middles.
+
+    """
+    hip, thigh, calf = np.moveaxis(np.asarray(angles, float), -1, 0)
+    x = -legs.thigh * np.sin(thigh) - legs.calf * np.sin(thigh + calf)
+    down = legs.thigh * np.cos(thigh) + legs.calf * np.cos(thigh + calf)
+    y = legs.offset * np.cos(hip) + down * np.sin(hip)
+    z = legs.offset * np.sin(hip) - down * np.cos(hip)
+    return legs.hips + np.stack([x, y, z], axis=-1)
+
+
+def joint_angles(points: np.ndarray, legs: LegGeometry = GO1) -> np.ndarray:
+    """
+    Return the joint angles that put the feet at given points.
+
+    A point out of reach, or that only angles beyond the limits reach, gives angles within the
+    limits with the leg pointing at it.
+
+    Parameters
+    ----------
+    points : numpy.ndarray
+        (..., 4, 3) metres in the trunk's frame, all below the abduction axes.
+    legs : LegGeometry
+        The robot's legs.
+
+    Returns
+    -------
+    numpy.ndarray
+        (..., 4, 3) radians.
+
+    """
+    x, y, z = np.moveaxis(np.asarray(points, float) - legs.hips, -1, 0)
+    # In the leg's plane: `down` from the thigh's joint to the foot, along the hip's z axis.
+    down = np.sqrt(np.maximum(y**2 + z**2 - legs.offset**2, 1e-12))
+    hip = np.arctan2(z, y) - np.arctan2(-down, legs.offset)
+    hip = np.arctan2(np.sin(hip), np.cos(hip))
+    cosine = (x**2 + down**2 - legs.thigh**2 - legs.calf**2) / (2 * legs.thigh * legs.calf)
+    calf = np.clip(-np.arccos(np.clip(cosine, -1.0, 1.0)), legs.lower[2], legs.upper[2])
+    thigh = np.arctan2(-x, down) - np.arctan2(
+        legs.calf * np.sin(calf), legs.thigh + legs.calf * np.cos(calf)
+    )
+    return np.stack(
+        [
+            np.clip(hip, legs.lower[0], legs.upper[0]),
+            np.clip(thigh, legs.lower[1], legs.upper[1]),
+            calf,
+        ],
+        axis=-1,
+    )
+
+
+def rotation(rpy: np.ndarray | tuple[float, float, float]) -> np.ndarray:
+    """
+    Return the rotation matrix (3, 3) of roll, pitch and yaw.
+
+    In radians, about the fixed x, y and z axes in this order, as in ROS.
+    """
+    (sr, sp, sy), (cr, cp, cy) = np.sin(rpy), np.cos(rpy)
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )

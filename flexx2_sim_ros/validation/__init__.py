@@ -1,0 +1,1 @@
+"""How good a diagnosis is: a blind camera, and the benchmark that scores answers."""

@@ -1,0 +1,213 @@
+"""Make each case's recordings, have them diagnosed, keep the answer; case by case."""
+
+from collections.abc import Callable
+from concurrent.futures import as_completed
+import datetime
+import hashlib
+import importlib
+import json
+from pathlib import Path
+import time
+import traceback
+from typing import Any
+
+from flexx2_sim_ros import __version__, processes
+from flexx2_sim_ros.atomic import output_folder, scratch_folder, whole, write_text
+from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.validation.benchmark.baselines import all_baselines
+from flexx2_sim_ros.validation.benchmark.design import make_design, Planned
+from flexx2_sim_ros.validation.benchmark.realised import realised_gap
+from flexx2_sim_ros.validation.benchmark.scoring import score, Scores
+from flexx2_sim_ros.validation.benchmark.sealing import seal, Sealed
+from flexx2_sim_ros.validation.benchmark.seeds import seed_range
+from flexx2_sim_ros.validation.benchmark.truth import affected, Cells, undisturbed
+from flexx2_sim_ros.validation.blind import BlindCamera, SceneSet
+import numpy as np
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+DIAGNOSE = 'flexx2_sim_ros.gap:diagnose'
+MEASURE = 'flexx2_sim_ros.gap:measure'
+
+
+def run_benchmark(
+    out: Path,
+    *,
+    quick: bool = False,
+    seed_set: str = 'dev',
+    release: bool = False,
+    jobs: int = 1,
+    diagnoser: str = DIAGNOSE,
+    measurer: str = MEASURE,
+    limit: int | None = None,
+    console: Console | None = None,
+) -> Scores | None:
+    """
+    Run what is left of a benchmark, and score it when nothing is left.
+
+    Parameters
+    ----------
+    out : pathlib.Path
+        Results; ``out/sealed`` gets the labels, ``out/cache`` what scenes alone decide. A run
+        that was broken off goes on where it was.
+    quick : bool
+        A few small cases.
+    seed_set : str
+        ``dev`` or ``test``.
+    release : bool
+        Needed for the test seeds.
+    jobs : int
+        Processes.
+    diagnoser, measurer : str
+        ``module:function`` of `diagnose` and `measure`.
+    limit : int, optional
+        Stop after so many new cases.
+    console : rich.console.Console, optional
+        For the progress bar.
+
+    Returns
+    -------
+    Scores or None
+        None when cases are left.
+
+    Raises
+    ------
+    InputError
+        For test seeds without a release, or a folder of another benchmark.
+
+    """
+    if jobs < 1:
+        raise InputError(f'--jobs: found {jobs}, wanted at least 1')
+    design = make_design(seed_range(seed_set, release), quick)
+    results = output_folder(out / 'results')
+    sealed = seal(
+        design,
+        out / 'sealed',
+        out,
+        {
+            'seed_set': seed_set,
+            'quick': quick,
+            'version': __version__,
+            'date': datetime.datetime.now(datetime.UTC).strftime('%Y-%m-%d %H:%M UTC'),
+        },
+    )
+    left = [name for name in sealed.cases if not (results / f'{name}.json').is_file()]
+    left = left[:limit]
+    _run(out, sealed, left, jobs, diagnoser, measurer, console or Console(stderr=True))
+    if any(not (results / f'{name}.json').is_file() for name in sealed.cases):
+        return None
+    return score(out)
+
+
+def _run(
+    out: Path,
+    sealed: Sealed,
+    left: list[str],
+    jobs: int,
+    diagnoser: str,
+    measurer: str,
+    console: Console,
+) -> None:
+    bar = Progress(
+        TextColumn('diagnosing'),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeRemainingColumn(),
+        TextColumn('{task.fields[note]}'),
+        console=console,
+    )
+    done_before = sum((out / 'results' / f'{name}.json').is_file() for name in sealed.cases)
+    with bar:
+        task = bar.add_task('', total=len(sealed.cases), note='', completed=done_before)
+        failures = 0
+
+        def done(failed: bool) -> None:
+            nonlocal failures
+            failures += failed
+            bar.update(task, advance=1, note=f'{failures} failed' if failures else '')
+
+        calls = [(out, name, sealed.cases[name].to_json(), diagnoser, measurer) for name in left]
+        if jobs == 1:
+            for call in calls:
+                done(run_case(*call))
+            return
+        with processes.workers(jobs, one_thread=True) as submit:
+            for future in as_completed(submit(_run_call, calls)):
+                done(future.result())
+
+
+def _run_call(call: tuple[Path, str, dict[str, Any], str, str]) -> bool:
+    return run_case(*call)
+
+
+def run_case(out: Path, name: str, label: dict[str, Any], diagnoser: str, measurer: str) -> bool:
+    """
+    Make, diagnose and keep one case.
+
+    The diagnosis sees a folder of recordings under a meaningless name, and nothing else.
+
+    Returns
+    -------
+    bool
+        Whether the diagnosis broke off with an error (which is kept, and counts as wrong).
+
+    """
+    planned = Planned.from_json(label)
+    # The same in every run, unlike the salted name, and says nothing of the camera's own.
+    seed = int(hashlib.sha256(f'diagnosis/{planned.seed}'.encode()).hexdigest()[:7], 16)
+    cache = out / 'cache'
+    result: dict[str, Any] = {'error': None, 'diagnosis': None, 'baselines': {}, 'realised': None}
+    with scratch_folder() as scratch:
+        folder = scratch / f'campaign-{name}'
+        folder.mkdir()
+        _make(out, name, planned, folder, cache)
+        start = time.perf_counter()
+        try:
+            result['diagnosis'] = _function(diagnoser)(
+                folder, without=planned.without, seed=seed, jobs=1
+            )
+        except Exception:  # noqa: B902 - whatever goes wrong in there is its answer
+            result['error'] = traceback.format_exc(limit=20)
+        result['seconds'] = time.perf_counter() - start
+        if planned.baselines:
+            result['baselines'] = all_baselines(folder, seed)
+    if planned.realise and result['diagnosis'] and result['diagnosis'].get('effects'):
+        try:
+            result['realised'] = realised_gap(
+                planned, result['diagnosis'], cache, _function(measurer)
+            )
+        except Exception:  # noqa: B902 - effects that cannot be simulated are an answer as well
+            result['error'] = traceback.format_exc(limit=20)
+    _write(out / 'results' / f'{name}.json', result)
+    return result['error'] is not None
+
+
+def _make(out: Path, name: str, planned: Planned, folder: Path, cache: Path) -> None:
+    case = planned.case
+    scenes = SceneSet(case.scenes, cache)
+    plain = BlindCamera(type(case)(case.scenes, {}, case.seed), scenes)
+    without = undisturbed(plain)
+    camera = BlindCamera(case, scenes)
+    cells = Cells(scenes, camera.sigma_factor)
+    camera.record(folder, cells.watch)
+    truth = out / 'sealed' / 'truth'
+    output_folder(truth)
+    with whole(truth / f'{name}.npz') as part:
+        np.savez_compressed(part, **affected(cells, without))  # type: ignore[arg-type]
+    _write(
+        truth / f'{name}.json',
+        {
+            'parameters': {effect.name: effect.parameters for effect in camera.effects},
+            'sigma_factor': camera.sigma_factor,
+        },
+    )
+
+
+def _write(path: Path, value: dict[str, Any]) -> None:
+    # Whole or not at all: a file that exists is a case that is done.
+    write_text(path, json.dumps(value, default=float))
+
+
+def _function(reference: str) -> Callable[..., Any]:
+    module, name = reference.split(':')
+    return getattr(importlib.import_module(module), name)

@@ -1,0 +1,371 @@
+"""Open the labels and score the answers."""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+import json
+import math
+from pathlib import Path
+import re
+from typing import Any
+
+from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.validation.benchmark.design import Planned
+from flexx2_sim_ros.validation.benchmark.sealing import COMMITMENT, open_seal
+from flexx2_sim_ros.validation.benchmark.truth import COVARIATES
+from flexx2_sim_ros.validation.blind import CATALOGUE
+import numpy as np
+
+NONE, UNKNOWN = 'none', 'unknown'
+_SAID = ('identified', 'partly')
+_UNSURE = ('unknown', 'partly')
+# Other names for a covariate, and factors to the unit of `COVARIATES`.
+_ALIASES = {
+    'theta': 'incidence',
+    'angle': 'incidence',
+    'range': 'distance',
+    'depth': 'distance',
+    'z': 'distance',
+    'fine_distance': 'distance',
+}
+_REGION = re.compile(r'image region row (\d+) of (\d+), column (\d+) of (\d+)')
+_UNITS = {'mm': 1e-3, 'rad': 180 / math.pi, 'min': 60.0}
+# Parameters that a label and a diagnosis share: effect: (the diagnosis's name, the label's).
+_PARAMETERS = {
+    'offset': ('bias', 'bias'),
+    'warm_up_drift': ('bias', 'bias'),
+    'fixed_pattern': ('rms', 'rms'),
+    'stray_light': ('share', 'share'),
+    'temporal_filter': ('share', 'share'),
+    'excess_noise': ('factor', 'factor'),
+    'lateral_noise': ('factor', 'factor'),
+    'heavy_tails': ('share', 'share'),
+    'quantisation': ('step', 'step'),
+    'time_offset': ('latency', 'latency'),
+    'intrinsics_error': ('focal', 'focal'),
+    'multipath': ('gain', 'gain'),
+}
+
+
+@dataclass(frozen=True)
+class Answer:
+    """
+    One case and what was said about it.
+
+    Attributes
+    ----------
+    planned : Planned
+    verdict : str
+        As in the diagnosis, or ``error``.
+    effects, alternatives : tuple of str
+        Names in order of importance.
+    seconds, peak_mb : float
+    overlap : float
+        Intersection over union of the affected cells and those named, NaN where there is
+        nothing to find.
+    visible : bool
+        Whether the effect changes any cell by more than what matters.
+    parameter_error : float
+        Relative, of the first effect if it is right and comparable; NaN otherwise.
+    predicted, low, high, realised : float
+        Shrinkage, NaN where it was not checked.
+    baselines : dict of str to str
+
+    """
+
+    planned: Planned
+    verdict: str
+    effects: tuple[str, ...]
+    alternatives: tuple[str, ...]
+    seconds: float
+    peak_mb: float
+    overlap: float
+    visible: bool
+    parameter_error: float
+    predicted: float
+    low: float
+    high: float
+    realised: float
+    baselines: dict[str, str]
+
+    @property
+    def truth(self) -> set[str]:
+        """Return the true effects."""
+        return set(self.planned.effects)
+
+    @property
+    def first(self) -> str:
+        """Return the first effect, ``none`` or ``unknown``."""
+        if self.verdict == NONE:
+            return NONE
+        return self.effects[0] if self.verdict in _SAID and self.effects else UNKNOWN
+
+    @property
+    def right(self) -> bool:
+        """Whether the first answer is right; `partly` is, where something is left to know."""
+        if self.planned.group == 'none':
+            return self.verdict == NONE
+        if self.planned.group in ('novel', 'left_out'):
+            return self.verdict in _UNSURE
+        return self.first in self.truth
+
+    @property
+    def contains(self) -> bool:
+        """Whether it is right, or gives a set with a true effect in it."""
+        return self.right or bool(
+            self.truth & {*self.effects, *self.alternatives} and self.verdict in _SAID
+        )
+
+    @property
+    def both(self) -> bool:
+        """Whether all true effects are among those identified."""
+        return self.verdict in _SAID and self.truth <= set(self.effects)
+
+    @property
+    def wrong(self) -> bool:
+        """Whether it is neither right nor a set with the truth in it nor ``unknown``."""
+        return not self.contains and self.verdict != UNKNOWN
+
+    @property
+    def missed(self) -> bool:
+        """Whether there was an effect and the answer was ``none``."""
+        return bool(self.truth) and self.verdict == NONE
+
+
+@dataclass(frozen=True)
+class Scores:
+    """
+    All answers, with what the run was.
+
+    Attributes
+    ----------
+    answers : tuple of Answer
+    commitment : dict
+        What was published before the run.
+
+    """
+
+    answers: tuple[Answer, ...]
+    commitment: dict[str, Any]
+
+    def of(self, group: str, **wanted: Any) -> list[Answer]:
+        """Return the answers of a group with these attributes (strength, pose_mm, usecase)."""
+        return [
+            answer
+            for answer in self.answers
+            if answer.planned.group == group
+            and all(getattr(answer.planned, key) == value for key, value in wanted.items())
+        ]
+
+
+def score(out: Path, partly: bool = False) -> Scores:
+    """
+    Score a run.
+
+    Parameters
+    ----------
+    out : pathlib.Path
+        As given to `run_benchmark`.
+    partly : bool
+        Whether cases may be left; those that are done come in the sealed order, which is a random
+        one.
+
+    Returns
+    -------
+    Scores
+
+    Raises
+    ------
+    InputError
+        When the labels are not the ones committed to, or no case is done.
+
+    """
+    sealed = open_seal(out / 'sealed', out)
+    answers = []
+    for name, planned in sealed.cases.items():
+        file = out / 'results' / f'{name}.json'
+        if partly and not file.is_file():
+            continue
+        result = json.loads(file.read_text())
+        truth = out / 'sealed' / 'truth'
+        facts = json.loads((truth / f'{name}.json').read_text())
+        with np.load(truth / f'{name}.npz', allow_pickle=False) as cells:
+            answers.append(answer_of(planned, result, facts['parameters'], dict(cells)))
+    if not answers:
+        raise InputError(f'--out: {out} holds no case that is done, wanted at least one to score')
+    return Scores(tuple(answers), json.loads((out / COMMITMENT).read_text()))
+
+
+def answer_of(
+    planned: Planned,
+    result: dict[str, Any],
+    parameters: dict[str, dict[str, float]],
+    cells: dict[str, np.ndarray],
+) -> Answer:
+    """
+    Put one result beside its label.
+
+    Parameters
+    ----------
+    planned : Planned
+        The label.
+    result : dict
+        What the runner kept.
+    parameters : dict
+        The label's, by effect.
+    cells : dict of str to numpy.ndarray
+        From `truth.affected`.
+
+    Returns
+    -------
+    Answer
+
+    """
+    diagnosis = result['diagnosis'] or {'verdict': 'error'}
+    effects = diagnosis.get('effects') or []
+    names = tuple(effect['name'] for effect in effects)
+    gap = diagnosis.get('gap') or {}
+    realised = result.get('realised') or {}
+    interval = gap.get('interval') or (math.nan, math.nan)
+    error = math.nan
+    if effects and names[0] in planned.effects:
+        error = _parameter_error(effects[0], parameters.get(names[0], {}))
+    checked = bool(realised)
+    return Answer(
+        planned,
+        str(diagnosis['verdict']),
+        names,
+        tuple(effect['name'] for effect in diagnosis.get('alternatives') or []),
+        float(result['seconds']),
+        float(diagnosis.get('peak_mb') or math.nan),
+        overlap(diagnosis.get('where') or [], cells) if planned.effects else math.nan,
+        bool(planned.effects and cells['affected'].any()),
+        error,
+        _number(gap.get('shrink')) if checked else math.nan,
+        _number(interval[0]) if checked else math.nan,
+        _number(interval[1]) if checked else math.nan,
+        _number(realised.get('shrink')),
+        result.get('baselines') or {},
+    )
+
+
+def _number(value: Any) -> float:
+    return math.nan if value is None else float(value)
+
+
+def _parameter_error(effect: dict[str, Any], label: dict[str, float]) -> float:
+    theirs, ours = _PARAMETERS.get(effect['name'], ('', ''))
+    found, true = (effect.get('parameters') or {}).get(theirs), label.get(ours)
+    if found is None or not true:
+        return math.nan
+    # A factor of 1 is no effect.
+    neutral = 1.0 if ours == 'factor' else 0.0
+    return abs(float(found) - true) / abs(true - neutral)
+
+
+def overlap(where: Iterable[dict[str, Any]], cells: dict[str, np.ndarray]) -> float:
+    """
+    Return the intersection over union, in pixels, of affected cells and what was named.
+
+    Parameters
+    ----------
+    where : iterable of dict
+        The diagnosis's list: ``covariate``, ``low``, ``high``, ``unit``. A pixel is named when
+        its covariate lies in the interval of any entry; a cell as far as its pixels are.
+        ``all`` names everything, ``image region row 1 of 3, column 2 of 4`` that region; other
+        covariates that pixels do not have are ignored.
+    cells : dict of str to numpy.ndarray
+        From `truth.affected`.
+
+    Returns
+    -------
+    float
+        NaN where no cell is affected.
+
+    """
+    affected = cells['affected']
+    if not affected.any():
+        return math.nan
+    samples = cells['samples']
+    named = np.zeros(samples.shape[:2], bool)
+    for entry in where:
+        inside = np.ones_like(named)
+        for covariate, low, high in _intervals(entry):
+            values = samples[..., COVARIATES.index(covariate)]
+            inside &= (values >= low) & (values <= high)
+        if entry['covariate'] == 'all' or _intervals(entry):
+            named |= inside
+    known = np.isfinite(samples[..., 0])
+    share = (named & known).sum(axis=1) / np.maximum(known.sum(axis=1), 1)
+    weight = cells['count']
+    both = (weight * share)[affected].sum()
+    return float(both / (weight[affected].sum() + (weight * share)[~affected].sum()))
+
+
+def _intervals(entry: dict[str, Any]) -> list[tuple[str, float, float]]:
+    # Covariate, low and high, in the units of `COVARIATES`; empty for what pixels do not have.
+    region = _REGION.fullmatch(entry['covariate'])
+    if region:
+        row, rows, column, columns = map(int, region.groups())
+        return [
+            ('y', (row - 1) / rows, row / rows),
+            ('x', (column - 1) / columns, column / columns),
+        ]
+    covariate = _ALIASES.get(entry['covariate'], entry['covariate'])
+    if covariate not in COVARIATES:
+        return []
+    factor = _UNITS.get(entry.get('unit') or '', 1.0)
+    low, high = entry['low'], entry['high']
+    return [
+        (
+            covariate,
+            -math.inf if low is None else low * factor,
+            math.inf if high is None else high * factor,
+        )
+    ]
+
+
+def wilson(hits: int, count: int) -> tuple[float, float]:
+    """Return the 95 % Wilson interval of a share; 0 to 1 for none of none."""
+    if not count:
+        return 0.0, 1.0
+    z = 1.96
+    share = hits / count
+    middle = share + z * z / (2 * count)
+    half = z * math.sqrt(share * (1 - share) / count + z * z / (4 * count * count))
+    scale = 1 + z * z / count
+    return max((middle - half) / scale, 0.0), min((middle + half) / scale, 1.0)
+
+
+def share(answers: Sequence[Answer], of: Callable[[Answer], bool]) -> tuple[int, int]:
+    """Return how many, and of how many."""
+    return sum(of(answer) for answer in answers), len(answers)
+
+
+def macro_f1(pairs: Iterable[tuple[str, str]]) -> float:
+    """
+    Return the mean F1 over the catalogue's effects that occur.
+
+    Parameters
+    ----------
+    pairs : iterable of tuple of str
+        Truth and answer. Truths outside the catalogue (novel, none) are negatives for all.
+
+    """
+    pairs = list(pairs)
+    scores = []
+    for name in {truth for truth, _ in pairs} & set(CATALOGUE):
+        both = sum(truth == name == said for truth, said in pairs)
+        either = sum(truth == name for truth, _ in pairs) + sum(said == name for _, said in pairs)
+        scores.append(2 * both / either)
+    return float(np.mean(scores)) if scores else math.nan
+
+
+def f1_pairs(scores: Scores) -> list[tuple[str, str]]:
+    """Return truth and answer of singles, none and novel cases; `partly` counts for singles."""
+    pairs = []
+    for answer in scores.answers:
+        if answer.planned.group in ('single', 'none', 'novel'):
+            truth = next(iter(answer.planned.effects), NONE)
+            claims = answer.verdict == 'identified' or answer.planned.group == 'single'
+            pairs.append((truth, answer.first if claims else UNKNOWN))
+    return pairs

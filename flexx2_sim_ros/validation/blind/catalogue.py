@@ -1,0 +1,50 @@
+"""All effects by name."""
+
+from collections.abc import Mapping
+
+from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.validation.blind import electronics, geometry, lens, novel, processing
+from flexx2_sim_ros.validation.blind.frame import Effect
+from flexx2_sim_ros.validation.blind.views import Optics
+import numpy as np
+
+
+def _by_name(*modules: object) -> Mapping[str, type[Effect]]:
+    found = [
+        value
+        for module in modules
+        for value in vars(module).values()
+        if isinstance(value, type) and issubclass(value, Effect) and value.name
+    ]
+    return {effect.name: effect for effect in found}
+
+
+CATALOGUE = _by_name(geometry, lens, electronics, processing)
+NOVEL = _by_name(novel)
+
+
+def make_effect(name: str, strength: float, rng: np.random.Generator, optics: Optics) -> Effect:
+    """
+    Return an effect of either kind.
+
+    Parameters
+    ----------
+    name : str
+        A key of `CATALOGUE` or `NOVEL`.
+    strength : float
+        1 is the usual size.
+    rng : numpy.random.Generator
+        What differs from camera to camera is drawn from it.
+    optics : Optics
+        The camera.
+
+    Raises
+    ------
+    InputError
+        For a name that is neither's.
+
+    """
+    known = {**CATALOGUE, **NOVEL}
+    if name not in known:
+        raise InputError(f'effect: found {name!r}, wanted one of {", ".join(known)}')
+    return known[name](strength, rng, optics)

@@ -1,0 +1,250 @@
+"""One frame through the camera: light, taps, phasors, range, depth; effects act in between."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+from flexx2_sim_ros.validation.blind.edges import jitter_edges
+from flexx2_sim_ros.validation.blind.sensor import demodulate, expose, unwrap
+from flexx2_sim_ros.validation.blind.views import Optics, View
+import numpy as np
+
+
+@dataclass
+class Shot:
+    """
+    What is about to be looked at; effects on geometry change it.
+
+    Attributes
+    ----------
+    recording : int
+        Which of the campaign.
+    time : float
+        Seconds since the recording began.
+    twist : numpy.ndarray
+        (6,) motion in the camera's own frame: three turns (radians), three shifts (metres).
+    rays : numpy.ndarray or None
+        True rays, None for those the user believes in.
+
+    """
+
+    recording: int
+    time: float
+    twist: np.ndarray
+    rays: np.ndarray | None = None
+
+
+@dataclass
+class Frame:
+    """
+    A frame in the making. Arrays are (H, W) unless said otherwise.
+
+    Attributes
+    ----------
+    view : View
+    light : numpy.ndarray
+        (J, H, W) complex64 phasors on the sensor.
+    recording, index : int
+        Which recording, which of its frames.
+    uptime : float
+        Seconds since power-on.
+    dice : numpy.random.Generator
+        For effects; the base noise has its own.
+    look_later : callable
+        Seconds to a `View` of the scene that much later.
+    delay : numpy.ndarray or float
+        Extra path of each pixel, metres of range.
+    noise_gain : numpy.ndarray or float
+        Factor on the noise of the taps, of the surface that is seen.
+    edge_scale, edge_tails : float
+        See `jitter_edges`.
+    source : numpy.ndarray
+        (H * W,) int32, where each pixel's light comes from.
+    taps : numpy.ndarray
+        (J, 4, H, W) float32.
+    phasors : numpy.ndarray
+        (J, H, W) complex64, what the taps say.
+    reference : numpy.ndarray
+        Range near which the unwrapped one lies, metres.
+    disagreement : numpy.ndarray
+        Radians between the frequencies.
+    depth : numpy.ndarray
+        Metres, NaN where invalid.
+    invalid : numpy.ndarray
+        bool, set by effects before there is a depth.
+    past_gate : numpy.ndarray
+        bool, pixels whose light is not recognised as coming from outside the mode's range.
+
+    """
+
+    view: View
+    light: np.ndarray
+    recording: int
+    index: int
+    uptime: float
+    dice: np.random.Generator
+    look_later: Callable[[float], View]
+    delay: Any = 0.0
+    noise_gain: Any = 1.0
+    edge_scale: float = 1.0
+    edge_tails: float = 0.0
+    source: np.ndarray = field(default_factory=lambda: np.empty(0, np.int32))
+    taps: np.ndarray = field(default_factory=lambda: np.empty(0, np.float32))
+    phasors: np.ndarray = field(default_factory=lambda: np.empty(0, np.complex64))
+    jitter: np.ndarray = field(default_factory=lambda: np.empty(0, np.float32))
+    reference: np.ndarray = field(default_factory=lambda: np.empty(0, np.float32))
+    disagreement: np.ndarray = field(default_factory=lambda: np.empty(0, np.float32))
+    depth: np.ndarray = field(default_factory=lambda: np.empty(0, np.float32))
+    invalid: np.ndarray = field(default_factory=lambda: np.empty(0, bool))
+    past_gate: np.ndarray = field(default_factory=lambda: np.empty(0, bool))
+
+    @property
+    def optics(self) -> Optics:
+        """Return the camera."""
+        return self.view.optics
+
+    def seen(self, image: np.ndarray) -> np.ndarray:
+        """Return an image of the scene as the pixels see it, edges displaced."""
+        return image.reshape(-1)[self.source].reshape(image.shape)
+
+
+class Effect:
+    """
+    Something a real camera does beyond the paper's model; by default it does nothing.
+
+    Parameters
+    ----------
+    strength : float
+        1 is the usual size.
+    rng : numpy.random.Generator
+        What differs from camera to camera is drawn from it.
+    optics : Optics
+        The camera.
+
+    Attributes
+    ----------
+    name : str
+        Identifier.
+    parameters : dict
+        What the label keeps: physical sizes by name.
+
+    """
+
+    name: ClassVar[str] = ''
+
+    def __init__(self, strength: float, rng: np.random.Generator, optics: Optics) -> None:
+        """Keep the strength and draw the rest."""
+        self.strength = strength
+        self.optics = optics
+        self.parameters: dict[str, float] = {}
+        self.draw(rng)
+
+    def draw(self, rng: np.random.Generator) -> None:
+        """Draw what differs from camera to camera."""
+
+    def start(self, recording: int) -> None:
+        """Forget the recording before."""
+
+    def aim(self, shot: Shot) -> None:
+        """Change where and when the camera looks."""
+
+    def scatter(self, view: View, light: np.ndarray) -> np.ndarray:
+        """Return the light that reaches the sensor; called once for a view."""
+        return light
+
+    def before(self, frame: Frame) -> None:
+        """Act on light, delay, noise and edges of a frame."""
+
+    def charge(self, frame: Frame) -> None:
+        """Act on the taps."""
+
+    def mix(self, frame: Frame) -> None:
+        """Act on the phasors."""
+
+    def report(self, frame: Frame) -> None:
+        """Act on the depth."""
+
+
+def take(
+    frame: Frame, effects: Sequence[Effect], noise: np.random.Generator, sigma_factor: float = 1.0
+) -> Frame:
+    """
+    Take the frame.
+
+    Parameters
+    ----------
+    frame : Frame
+        With view and light; the rest is filled in.
+    effects : sequence of Effect
+        In the order in which they act.
+    noise : numpy.random.Generator
+        Draws the base noise.
+    sigma_factor : float
+        Of the base noise; 1 is the paper's.
+
+    Returns
+    -------
+    Frame
+        The same one.
+
+    """
+    view, optics = frame.view, frame.optics
+    shape, K = optics.shape, optics.wavenumbers
+    count = shape[0] * shape[1]
+    frame.invalid = np.zeros(shape, bool)
+    frame.past_gate = np.zeros(shape, bool)
+    frame.disagreement = np.zeros(shape, np.float32)
+    for effect in effects:
+        effect.before(frame)
+    rows, columns = view.edges
+    frame.source = jitter_edges(
+        rows, columns, optics.mode.noise.sigma_x, frame.edge_scale, noise, frame.edge_tails
+    )
+    normals = noise.standard_normal((1 + 4 * len(K), count), np.float32)
+    frame.jitter = np.empty(shape, np.float32)
+    frame.taps = np.empty((len(K), 4, *shape), np.float32)
+    phase_noise, path_noise = (np.float32(sigma_factor) * part for part in view.noise)
+    gain = np.broadcast_to(np.asarray(frame.noise_gain, np.float32), shape)
+    delay = np.broadcast_to(np.asarray(frame.delay, np.float32), shape)
+    expose(
+        frame.light.reshape(len(K), -1),
+        frame.source,
+        view.amplitude.ravel(),
+        phase_noise.ravel(),
+        path_noise.ravel(),
+        np.ascontiguousarray(gain).ravel(),
+        np.ascontiguousarray(delay).ravel(),
+        K,
+        normals,
+        frame.jitter.ravel(),
+        frame.taps.reshape(len(K), 4, -1),
+    )
+    for effect in effects:
+        effect.charge(frame)
+    frame.phasors = demodulate(frame.taps)
+    frame.reference = frame.seen(view.path) + frame.jitter
+    for effect in effects:
+        effect.mix(frame)
+    along = np.empty(count, np.float32)
+    unwrap(
+        np.ascontiguousarray(frame.phasors).reshape(len(K), -1),
+        K,
+        frame.reference.ravel(),
+        frame.disagreement.ravel(),
+        optics.period,
+        along,
+    )
+    frame.depth = along.reshape(shape) / view.ray_length
+    _gate(frame)
+    for effect in effects:
+        effect.report(frame)
+    return frame
+
+
+def _gate(frame: Frame) -> None:
+    mode = frame.optics.mode
+    true = frame.seen(frame.view.depth)
+    with np.errstate(invalid='ignore'):
+        inside = (true >= mode.range_min) & (true <= mode.range_max) | frame.past_gate
+        inside &= (frame.depth >= mode.range_min) & (frame.depth <= mode.range_max)
+    frame.depth[~inside | frame.invalid] = np.nan

@@ -1,0 +1,99 @@
+"""What happens to light before it reaches a pixel: footprints, bounces, scatter."""
+
+import math
+
+from flexx2_sim_ros.validation.blind.bounce import bounced_light
+from flexx2_sim_ros.validation.blind.frame import Effect
+from flexx2_sim_ros.validation.blind.views import cast_rays, phasors, View
+import numpy as np
+
+_SAMPLES = 4  # a side of the footprint
+
+
+class FlyingPixels(Effect):
+    """A pixel collects light from a footprint wider than itself, sampled 4 x 4 near edges."""
+
+    name = 'flying_pixels'
+
+    def draw(self, rng: np.random.Generator) -> None:
+        """Set the footprint's width, pixels."""
+        self._width = 1.5 * self.strength
+        self.parameters = {'width_px': self._width}
+
+    def scatter(self, view: View, light: np.ndarray) -> np.ndarray:
+        """Add up the footprint's phasors instead of taking its middle."""
+        chosen = np.flatnonzero(view.near_edge)
+        if not chosen.size:
+            return light
+        camera, K = self.optics.intrinsics, self.optics.wavenumbers
+        places = ((np.arange(_SAMPLES) + 0.5) / _SAMPLES - 0.5) * self._width
+        mean = np.zeros((len(K), chosen.size), np.complex64)
+        for down in places:
+            for across in places:
+                rays = view.rays[chosen] + (across / camera.fx, down / camera.fy)
+                depth, reflectivity, normal = cast_rays(view.solids, view.R, view.origin, rays)
+                length = np.sqrt(1 + (rays**2).sum(-1))
+                world = np.column_stack([rays, np.ones(len(rays))]) @ view.R.T
+                cosine = -(world * normal).sum(-1) / length
+                amplitude = np.nan_to_num(reflectivity * cosine / depth**2)
+                mean += phasors(
+                    amplitude.astype(np.float32),
+                    np.nan_to_num(depth * length).astype(np.float32),
+                    K,
+                )
+        out = light.copy()
+        # What other effects did to the middle ray, they do to the footprint.
+        before = view.light.reshape(len(K), -1)[:, chosen]
+        flat = out.reshape(len(K), -1)
+        flat[:, chosen] += mean / _SAMPLES**2 - before
+        return out
+
+
+class Multipath(Effect):
+    """Light that bounces once between surfaces before it comes back; see `bounce`."""
+
+    name = 'multipath'
+
+    def draw(self, rng: np.random.Generator) -> None:
+        """Keep the gain."""
+        self.parameters = {'gain': self.strength}
+
+    def scatter(self, view: View, light: np.ndarray) -> np.ndarray:
+        """Add what comes by way of other patches."""
+        return light + np.complex64(self.strength) * bounced_light(view)
+
+
+class StrayLight(Effect):
+    """A lens that scatters a share of the light over the whole picture, most of it nearby."""
+
+    name = 'stray_light'
+
+    def draw(self, rng: np.random.Generator) -> None:
+        """Build the scatter function at full resolution."""
+        height, width = self.optics.shape
+        core = 4.0 * width / 224
+        y = np.minimum(np.arange(2 * height), 2 * height - np.arange(2 * height))
+        x = np.minimum(np.arange(2 * width), 2 * width - np.arange(2 * width))
+        kernel = (1 + (y[:, None] ** 2 + x[None, :] ** 2) / core**2) ** -1.25
+        self._spectrum = np.fft.fft2(kernel / kernel.sum()).astype(np.complex64)
+        self._share = 0.02 * self.strength
+        self.parameters = {'share': self._share}
+
+    def scatter(self, view: View, light: np.ndarray) -> np.ndarray:
+        """Convolve."""
+        height, width = self.optics.shape
+        spectrum = np.fft.fft2(light, s=(2 * height, 2 * width))
+        spread = np.fft.ifft2(spectrum * self._spectrum)[:, :height, :width]
+        share = self._share
+        return ((1 - share) * light + share * spread).astype(np.complex64)
+
+
+def footprint_slope(view: View) -> np.ndarray:
+    """Return how much the range changes across a pixel, (H, W) float32 metres."""
+    tangent = np.tan(np.arccos(np.clip(view.cosine, math.cos(1.55), 1)))
+    return (view.path * tangent / _focal(view)).astype(np.float32)
+
+
+def _focal(view: View) -> float:
+    """Return the focal length the Flexx2's 224 pixels would have, whatever the resolution."""
+    return view.optics.intrinsics.fx * 224 / view.optics.intrinsics.width

@@ -1,0 +1,205 @@
+"""What depends on scenes alone: eight scenes, their true and nominal views. Cached on disk."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+import math
+from pathlib import Path
+
+from flexx2_sim_ros.atomic import output_folder, whole
+from flexx2_sim_ros.validation.blind.bounce import irradiance
+from flexx2_sim_ros.validation.blind.rooms import KINDS, make_scene, Scene
+from flexx2_sim_ros.validation.blind.shapes import rotation
+from flexx2_sim_ros.validation.blind.views import look, Optics, shared_optics, View
+import numpy as np
+
+# Change it whenever the same seed gives other scenes: old caches are then not used any more.
+VERSION = 3
+_DEGREES_PER_MM = 0.125 / 2
+
+
+@dataclass(frozen=True)
+class SceneKey:
+    """
+    What a set of scenes is made from.
+
+    Attributes
+    ----------
+    usecase : str
+        The mode's name.
+    seed : int
+    pose_mm : float
+        Standard deviation of each recording's pose error: this many millimetres along each
+        axis and 0.125 degrees for every two of them about each.
+    width, height : int
+        Image size, pixels.
+    recordings, frames : int
+        How many, and frames in each.
+
+    """
+
+    usecase: str
+    seed: int
+    pose_mm: float = 2.0
+    width: int = 224
+    height: int = 172
+    recordings: int = 8
+    frames: int = 20
+
+    @property
+    def file_name(self) -> str:
+        """Return a name for the cached file."""
+        return (
+            f'{self.usecase}-{self.seed}-{self.pose_mm:g}mm-{self.width}x{self.height}-'
+            f'{self.recordings}x{self.frames}-v{VERSION}.npz'
+        )
+
+
+class SceneSet:
+    """
+    Eight scenes seen from where the camera is, and from where the user believes it is.
+
+    Parameters
+    ----------
+    key : SceneKey
+    cache : pathlib.Path, optional
+        Folder for what is rendered; none: rendered anew.
+
+    Attributes
+    ----------
+    optics : Optics
+    scenes : tuple of Scene
+    twists : numpy.ndarray
+        (R, 6) the nuisance pose errors: turns in radians, shifts in metres.
+    uptimes : numpy.ndarray
+        (R,) seconds since power-on at which each recording begins.
+
+    """
+
+    def __init__(self, key: SceneKey, cache: Path | None = None) -> None:
+        """Draw scenes and nuisances; render nothing yet."""
+        self.key = key
+        self.optics: Optics = shared_optics(key.usecase, key.width, key.height)
+        rng = np.random.default_rng([key.seed, 1])
+        mode = self.optics.mode
+        self.scenes: tuple[Scene, ...] = tuple(
+            make_scene(KINDS[i % len(KINDS)], mode.range_max, rng) for i in range(key.recordings)
+        )
+        turn = math.radians(key.pose_mm * _DEGREES_PER_MM)
+        self.twists = rng.standard_normal((key.recordings, 6)) * (
+            3 * [turn] + 3 * [key.pose_mm / 1000]
+        )
+        spread = np.linspace(math.log(20), math.log(5000), key.recordings)
+        self.uptimes = np.exp(rng.permutation(spread) + rng.uniform(-0.2, 0.2, key.recordings))
+        self._cache = cache
+        self._bounced: np.ndarray | None = None
+
+    def times(self) -> np.ndarray:
+        """Return the (T,) frame times since a recording's begin, seconds."""
+        return np.arange(self.key.frames) / self.optics.mode.rate_hz
+
+    def view(
+        self, recording: int, time: float, twist: np.ndarray, rays: np.ndarray | None = None
+    ) -> View:
+        """Render from the nominal path, moved by a (6,) twist in the camera's frame."""
+        scene = self.scenes[recording]
+        R, origin = scene.path.pose(time)
+        pose = R @ rotation(twist[0], twist[1], twist[2]), origin + R @ twist[3:]
+        return look(scene.solids, pose, self.optics, rays)
+
+    @cached_property
+    def _nominal(self) -> dict[str, np.ndarray]:
+        # What the user believes does not depend on how wrong it is.
+        return self.cached('nominal', lambda: self._render(0.0), pose=False)
+
+    @cached_property
+    def _true(self) -> dict[str, np.ndarray]:
+        return self.cached('true', lambda: self._render(1.0))
+
+    def _render(self, wrong: float) -> dict[str, np.ndarray]:
+        views = [
+            self.view(i, time, wrong * self.twists[i])
+            for i in range(self.key.recordings)
+            for time in self._distinct(i)
+        ]
+        return {
+            'depth': np.stack([view.depth for view in views]),
+            'reflectivity': np.stack([view.reflectivity for view in views]),
+        }
+
+    def cached(
+        self, what: str, make: Callable[[], dict[str, np.ndarray]], *, pose: bool = True
+    ) -> dict[str, np.ndarray]:
+        """
+        Return arrays from the cache, made first if they are not in it.
+
+        ``pose`` says whether they depend on the pose error.
+        """
+        if self._cache is None:
+            return make()
+        key = self.key if pose else replace(self.key, pose_mm=0.0)
+        path = self._cache / f'{what}-{key.file_name}'
+        if path.is_file():
+            with np.load(path, allow_pickle=False) as archive:
+                return dict(archive)
+        arrays = make()
+        output_folder(self._cache)
+        # Two processes may make the same; the file appears whole or not at all.
+        with whole(path) as part:
+            np.savez(part, **arrays)  # type: ignore[arg-type]
+        return arrays
+
+    def _distinct(self, recording: int) -> np.ndarray:
+        return self.times() if self.scenes[recording].path.moving else self.times()[:1]
+
+    def _slot(self, recording: int, frame: int) -> int:
+        start = sum(len(self._distinct(i)) for i in range(recording))
+        return start + (frame if self.scenes[recording].path.moving else 0)
+
+    def clean(self, recording: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return the user's depth and reflectivity, (H, W) each or (T, H, W) if it moves."""
+        start = self._slot(recording, 0)
+        if not self.scenes[recording].path.moving:
+            return self._nominal['depth'][start], self._nominal['reflectivity'][start]
+        part = slice(start, start + self.key.frames)
+        return self._nominal['depth'][part], self._nominal['reflectivity'][part]
+
+    def true_view(self, recording: int, frame: int) -> View:
+        """Return what the camera looks at, nuisance pose error included."""
+        slot = self._slot(recording, frame)
+        if slot not in self._views:
+            scene, time = self.scenes[recording], float(self.times()[frame])
+            R, origin = scene.path.pose(time)
+            twist = self.twists[recording]
+            self._views.clear()  # One recording after the other, frame by frame.
+            self._views[slot] = View(
+                self.optics,
+                self._true['depth'][slot],
+                self._true['reflectivity'][slot],
+                scene.solids,
+                R @ rotation(twist[0], twist[1], twist[2]),
+                origin + R @ twist[3:],
+                self.optics.rays,
+                None if self._bounced is None else self._bounced[slot],
+            )
+        return self._views[slot]
+
+    def prepare_bounces(self) -> None:
+        """Have the indirect light of all true views at hand: slow when it is not cached."""
+        self._bounced = self.cached(
+            'bounce',
+            lambda: {
+                'irradiance': np.stack(
+                    [
+                        irradiance(self.true_view(i, frame))
+                        for i in range(self.key.recordings)
+                        for frame in range(len(self._distinct(i)))
+                    ]
+                )
+            },
+        )['irradiance']
+        self._views.clear()
+
+    @cached_property
+    def _views(self) -> dict[int, View]:
+        return {}
