@@ -1,0 +1,77 @@
+"""The structure that ARCHITECTURE.md draws: imports go down from room to room, in no circle."""
+
+import ast
+from graphlib import TopologicalSorter
+from pathlib import Path
+import re
+
+NAME = 'flexx2_sim_ros'
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGE = ROOT / NAME
+
+# From the lowest room to the highest; a room may import itself and the rooms before it.
+ROOMS = (
+    'base', 'profiles', 'physics', 'effects', 'camera', 'messages', 'recording', 'rendering',
+    'robots', 'batch', 'characterize', 'gap.data', 'gap.features', 'gap.inference', 'gap.report',
+    'gap', 'validation.blind', 'validation.benchmark', 'validation', 'view', 'nodes', 'cli',
+)  # fmt: skip
+
+
+def module_name(path: Path) -> str:
+    """Return a file's module name, without the package's."""
+    parts = path.relative_to(PACKAGE).with_suffix('').parts
+    return '.'.join(part for part in parts if part != '__init__')
+
+
+MODULES = {module_name(path): path for path in PACKAGE.rglob('*.py')}
+
+
+def imports(path: Path) -> set[str]:
+    """Return the modules of this package that a file imports, also inside its functions."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            # `from package import module` imports the module, `from module import name` does not.
+            names = [
+                one if one.removeprefix(f'{NAME}.') in MODULES else node.module
+                for one in (f'{node.module}.{alias.name}' for alias in node.names)
+            ]
+        else:
+            continue
+        found |= {name.removeprefix(f'{NAME}.') for name in names if name.startswith(f'{NAME}.')}
+    return found & MODULES.keys()
+
+
+def room(module: str) -> str:
+    """Return the room that a module is in."""
+    inside = [name for name in ROOMS if module == name or module.startswith(f'{name}.')]
+    return max(inside, key=len) if inside else 'base'
+
+
+def test_every_folder_is_a_room() -> None:
+    folders = {module_name(path) for path in PACKAGE.rglob('__init__.py')} - {''}
+    assert folders == set(ROOMS) - {'base'}
+
+
+def test_imports_go_down() -> None:
+    up = [
+        f'{module} -> {target}'
+        for module, path in MODULES.items()
+        for target in imports(path)
+        if ROOMS.index(room(target)) > ROOMS.index(room(module))
+    ]
+    assert not up
+
+
+def test_imports_go_in_no_circle() -> None:
+    # A package's own __init__ imports what it offers, and nothing in the package imports it back.
+    graph = {module: imports(path) - {module} for module, path in MODULES.items()}
+    assert list(TopologicalSorter(graph).static_order())  # raises CycleError with the circle
+
+
+def test_the_drawing_shows_every_room() -> None:
+    text = (ROOT / 'ARCHITECTURE.md').read_text()
+    drawn = set(re.findall(r'^\| `([\w/]+)/`', text, re.M))
+    assert drawn == {name.replace('.', '/') for name in ROOMS} - {'base', 'validation', 'gap'}
