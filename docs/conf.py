@@ -13,12 +13,7 @@ author = 'flexx2_sim_ros maintainers'
 copyright = author  # noqa: A001
 version = release = __version__
 
-extensions = [
-    'myst_parser',
-    'sphinx.ext.apidoc',
-    'sphinx.ext.autodoc',
-    'sphinx.ext.napoleon',
-]
+extensions = ['myst_parser', 'sphinx.ext.apidoc', 'sphinx.ext.autodoc', 'sphinx.ext.napoleon']
 html_theme = 'furo'
 html_title = 'flexx2_sim_ros'
 exclude_patterns = ['_build']

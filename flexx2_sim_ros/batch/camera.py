@@ -11,7 +11,6 @@ from flexx2_sim_ros.batch.images import Images, Rows
 from flexx2_sim_ros.batch.stages import Development
 from flexx2_sim_ros.camera import Intrinsics, Mode, Profile
 from flexx2_sim_ros.effects import Effect
-from flexx2_sim_ros.effects.noise import LateralNoise
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.physics.frame_state import check_frequencies
 from flexx2_sim_ros.physics.lateral import pixel_sigma
@@ -394,8 +393,8 @@ def _noise_row(mode: Mode, effects: Sequence[Effect]) -> tuple[float, ...]:
     check_frequencies(effects, mode)
     noise, edge_sigma, laplace = mode.noise, mode.noise.sigma_x, 0.0
     for effect in effects:
-        if isinstance(effect, LateralNoise):
-            edge_sigma, laplace = effect.edges(edge_sigma)
+        if 'edges' in (effect.batched or ()):
+            edge_sigma, laplace = effect.edges(edge_sigma)  # type: ignore[attr-defined]
     return (
         noise.a,
         noise.b,

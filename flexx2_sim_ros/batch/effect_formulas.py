@@ -16,18 +16,18 @@ from flexx2_sim_ros.batch.arithmetic import (
 from flexx2_sim_ros.batch.arrays import at, at_byte
 from flexx2_sim_ros.batch.effect_tables import Effects, Light
 from flexx2_sim_ros.batch.kernels import cos_incidence, Lens, padded
-from flexx2_sim_ros.effects import motion, wrapping
-from flexx2_sim_ros.effects import noise as noise_effects
-from flexx2_sim_ros.physics import philox
+from flexx2_sim_ros.effects.ambient_light import DARKEST
+from flexx2_sim_ros.effects.between import ALIKE_SHARE, ALIKE_SPEED
+from flexx2_sim_ros.effects.range_wrap import RangeWrap, RARE
 import warp as wp
 
-_WRAP = wp.constant(wp.uint32(philox.STREAM_WRAP))
+_WRAP = wp.constant(wp.uint32(RangeWrap.stream))
 _FLT_MAX = wp.constant(wp.float32(3.4028235e38))
 _TURN = wp.constant(wp.float32(2.0 * math.pi))
-_DARKEST = wp.constant(wp.float32(noise_effects.DARKEST))
-_RARE = wp.constant(wp.float32(wrapping.RARE))
-_ALIKE_SHARE = wp.constant(wp.float32(motion.ALIKE_SHARE))
-_ALIKE_SPEED = wp.constant(wp.float32(motion.ALIKE_SPEED))
+_DARKEST = wp.constant(wp.float32(DARKEST))
+_RARE = wp.constant(wp.float32(RARE))
+_ALIKE_SHARE = wp.constant(wp.float32(ALIKE_SHARE))
+_ALIKE_SPEED = wp.constant(wp.float32(ALIKE_SPEED))
 
 
 @wp.struct

@@ -34,25 +34,30 @@ from flexx2_sim_ros.batch.effect_formulas import (
 )
 from flexx2_sim_ros.batch.effect_tables import Effects, Light
 from flexx2_sim_ros.batch.kernels import blocks_of, Lens, Noise, OPTIONS, padded
-from flexx2_sim_ros.effects import filtering, motion
-from flexx2_sim_ros.physics import philox
+from flexx2_sim_ros.effects.grazing_dropout import GrazingDropout
+from flexx2_sim_ros.effects.heavy_tails import HeavyTails
+from flexx2_sim_ros.effects.low_signal_dropout import LowSignalDropout
+from flexx2_sim_ros.effects.motion_artefact import DARKEST, MotionArtefact
+from flexx2_sim_ros.effects.range_wrap import RangeWrap
+from flexx2_sim_ros.effects.saturation import Saturation
+from flexx2_sim_ros.effects.temporal_filter import RESET_SIGMAS
 import warp as wp
 
 wp.set_module_options(OPTIONS)
 
-_DARKEST = wp.constant(wp.float32(motion.DARKEST))
-_MOTION = wp.constant(wp.uint32(philox.STREAM_MOTION))
-_TAILS = wp.constant(wp.uint32(philox.STREAM_TAILS))
-_WRAP_SHARE = wp.constant(wp.uint32(philox.STREAM_WRAP_SHARE))
-_LOW_SIGNAL = wp.constant(wp.uint32(philox.STREAM_LOW_SIGNAL))
-_GRAZING = wp.constant(wp.uint32(philox.STREAM_GRAZING))
-_SATURATION = wp.constant(wp.uint32(philox.STREAM_SATURATION))
+_DARKEST = wp.constant(wp.float32(DARKEST))
+_MOTION = wp.constant(wp.uint32(MotionArtefact.stream))
+_TAILS = wp.constant(wp.uint32(HeavyTails.stream))
+_WRAP_SHARE = wp.constant(wp.uint32(RangeWrap.share_stream))
+_LOW_SIGNAL = wp.constant(wp.uint32(LowSignalDropout.stream))
+_GRAZING = wp.constant(wp.uint32(GrazingDropout.stream))
+_SATURATION = wp.constant(wp.uint32(Saturation.stream))
 _NAN = wp.constant(wp.float32(math.nan))
 _FLT_MAX = wp.constant(wp.float32(3.4028235e38))
 _DEGREES = wp.constant(wp.float32(180.0 / math.pi))
 _RADIANS = wp.constant(wp.float32(math.pi / 180.0))
 _PER_NANOSECOND = wp.constant(wp.float32(1e-9))
-_RESET_SIGMAS = wp.constant(wp.float32(filtering.RESET_SIGMAS))
+_RESET_SIGMAS = wp.constant(wp.float32(RESET_SIGMAS))
 
 
 @wp.struct

@@ -6,35 +6,14 @@ from typing import Any
 
 from flexx2_sim_ros.camera import Camera, Mode, Profile
 from flexx2_sim_ros.effects import Effect, registry
-from flexx2_sim_ros.effects.wrapping import lattice_step
+from flexx2_sim_ros.effects.range_wrap import lattice_step
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.physics.frame_state import FrameState, Memory
 import numpy as np
 import warp as wp
 
-# What is computed per pixel, or from a pixel's neighbours.
-BATCHED = (
-    'pose_error',
-    'intrinsics_error',
-    'flying_pixels',
-    'motion_artefact',
-    'wiggling',
-    'fixed_pattern',
-    'amplitude_bias',
-    'offset',
-    'warm_up_drift',
-    'excess_noise',
-    'ambient_light',
-    'heavy_tails',
-    'lateral_noise',
-    'range_wrap',
-    'spatial_filter',
-    'temporal_filter',
-    'quantisation',
-    'low_signal_dropout',
-    'grazing_dropout',
-    'saturation',
-)
+# Effects with a formula in the kernels.
+BATCHED = tuple(name for name, kind in registry().items() if kind.batched is not None)
 MOST_FREQUENCIES = 3
 
 

@@ -1,14 +1,14 @@
-"""The grain of the effect fixed_pattern, made once; see `effects.delay`."""
+"""The grain of the effect fixed_pattern, made once; see `effects.fixed_pattern`."""
 
 from flexx2_sim_ros.batch.arithmetic import counter_of, four_normals
 from flexx2_sim_ros.batch.arrays import at, put
 from flexx2_sim_ros.batch.kernels import Lens, OPTIONS
-from flexx2_sim_ros.physics import philox
+from flexx2_sim_ros.effects.fixed_pattern import FixedPattern
 import warp as wp
 
 wp.set_module_options(OPTIONS)
 
-_STREAM = wp.constant(wp.uint32(philox.STREAM_FIXED_PATTERN))
+_STREAM = wp.constant(wp.uint32(FixedPattern.stream))
 
 
 @wp.func

@@ -9,7 +9,6 @@ from flexx2_sim_ros.batch.effect_tables import Effects, effects_row, Light, ligh
 from flexx2_sim_ros.batch.images import Images, launch, Rows
 from flexx2_sim_ros.camera import Intrinsics, Mode, Profile
 from flexx2_sim_ros.effects import Effect
-from flexx2_sim_ros.effects.geometry import IntrinsicsError, PoseError, rotation_of
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.physics.geometry import View
 import numpy as np
@@ -51,9 +50,9 @@ class Development:
         self.images = images
         self._rows, self._profile = rows, profile
         num_envs, device = len(effects), rows.stamps.device
-        names = {effect.name for own in effects for effect in own}
-        self._keeps_surfaces = 'motion_artefact' in names
-        self._filters = 'spatial_filter' in names
+        needs = {need for own in effects for effect in own for need in effect.batched or ()}
+        self._keeps_surfaces = 'surfaces' in needs
+        self._filters = 'neighbours' in needs
         self._effects = wp.array(
             np.array([effects_row(own) for own in effects]), dtype=Effects, device=device
         )
@@ -71,8 +70,8 @@ class Development:
         )
         kept.depth = zeros(num_envs, self._keeps_surfaces)
         kept.reflectivity = zeros(num_envs, self._keeps_surfaces)
-        kept.measured = zeros(num_envs, 'temporal_filter' in names)
-        kept.grain = zeros(num_envs, 'fixed_pattern' in names)
+        kept.measured = zeros(num_envs, 'measured' in needs)
+        kept.grain = zeros(num_envs, 'grain' in needs)
         seen = self._seen = effect_kernels.Seen()
         (
             seen.facing,
@@ -84,8 +83,8 @@ class Development:
             seen.depth,
         ) = (zeros(images.count) for _ in range(7))
         seen.filtered = zeros(images.count, self._filters)
-        self._poses = _poses(effects, device) if 'pose_error' in names else None
-        self._views = _views(effects, camera, device) if 'intrinsics_error' in names else None
+        self._poses = _poses(effects, device) if 'pose' in needs else None
+        self._views = _views(effects, camera, device) if 'view' in needs else None
         # What the effects of geometry see: the first one and the second one.
         self._looked = [
             (zeros(images.count), zeros(images.count))
@@ -96,7 +95,7 @@ class Development:
         wp.load_module(effect_kernels, device=device)
         if self._looked:
             wp.load_module(geometry_kernels, device=device)
-        if 'fixed_pattern' in names:
+        if 'grain' in needs:
             self._make_grain(num_envs, images.height * images.width)
 
     def set_modes(self, modes: Sequence[Mode]) -> None:
@@ -254,11 +253,9 @@ def _poses(effects: Sequence[Sequence[Effect]], device: Any) -> wp.array:
     rows: Any = np.zeros(len(effects), layout)
     for row, own in zip(rows, effects, strict=True):
         for effect in own:
-            if isinstance(effect, PoseError):
-                turn = np.radians([effect.pitch_deg, effect.yaw_deg, effect.roll_deg])
+            if 'pose' in (effect.batched or ()):
                 row['moved'] = 1
-                row['rotation'] = rotation_of(turn * effect.strength)
-                row['step'] = np.array([effect.x, effect.y, effect.z]) * effect.strength
+                row['rotation'], row['step'] = effect.motion()  # type: ignore[attr-defined]
     return wp.array(rows, dtype=geometry_kernels.Pose, device=device)
 
 
@@ -266,16 +263,19 @@ def _views(
     effects: Sequence[Sequence[Effect]], camera: Intrinsics, device: Any
 ) -> tuple[wp.array, ...]:
     chosen = [
-        next((effect for effect in own if isinstance(effect, IntrinsicsError)), None)
+        next((effect for effect in own if 'view' in (effect.batched or ())), None)
         for own in effects
     ]
     different = list({effect: None for effect in chosen if effect is not None})
     if len(different) > _MOST_VIEWS:
         raise InputError(
-            f'effects: intrinsics_error: found {len(different)} different sets of '
+            f'effects: {different[0].name}: found {len(different)} different sets of '
             f'parameters, wanted at most {_MOST_VIEWS} in a batch'
         )
-    lines = [View(effect.true_camera(camera), camera).lines for effect in different]
+    lines = [
+        View(effect.true_camera(camera), camera).lines  # type: ignore[attr-defined]
+        for effect in different
+    ]
     index, du, dv = (np.concatenate(parts) for parts in zip(*lines, strict=True))
     views = np.array([-1 if effect is None else different.index(effect) for effect in chosen])
     return (

@@ -83,7 +83,7 @@ def draw(path: Path, kind: type[Effect]) -> None:
     bar.ax.set_yticklabels(['0.5', '1', '2', '4', '7 m'])
     scene.set_title('seen with the effect (dark: invalid)', fontsize=10)
     _draw_difference(figure, difference, view)
-    _PROFILES.get(kind.name, _by_covariate)(profile, view)
+    _PROFILES[kind.picture.profile_for(kind.covariate)](profile, view)
     for axis in (scene, difference):
         axis.set(xticks=[], yticks=[])
     profile.grid(alpha=0.3)
@@ -100,16 +100,16 @@ def draw(path: Path, kind: type[Effect]) -> None:
 
 def _look(kind: type[Effect]) -> _View:
     scene = room()
-    last = 3600.0 if kind.name == 'warm_up_drift' else (_FRAMES - 1) / 30
+    spec = kind.picture
+    last = (_FRAMES - 1) / 30 if spec.seconds is None else spec.seconds
     seconds = np.linspace(0, last, _FRAMES)
     moves = not kind.changes
     rooms = [room(float(forward)) for forward in way(seconds)] if moves else [scene]
     clean = np.stack([one.depth for one in rooms])
     shade = np.stack([one.reflectivity for one in rooms])
-    usecase = 'Mode_5_30fps' if kind.name in ('range_wrap', 'wiggling') else 'Mode_9_30fps'
     matrix = flexx2().intrinsics.matrix
     frame, rest = (
-        Camera(usecase, effects=effects, seed=1).capture(clean, matrix, seconds, shade)
+        Camera(spec.usecase, effects=effects, seed=1).capture(clean, matrix, seconds, shade)
         for effects in ({kind.name: None}, ())
     )
     surface = analyse(scene.depth.astype(np.float32), flexx2().intrinsics)
@@ -130,14 +130,14 @@ def _spread(frames: np.ndarray) -> np.ndarray:
 
 
 def _draw_difference(figure: Any, axis: Any, view: _View) -> None:
-    changes = view.kind.changes
-    if changes[:1] == ('validity',) and view.kind.name != 'range_wrap':
+    kind = view.kind.picture.difference_for(view.kind.changes)
+    if kind == 'lost':
         lost = np.isnan(view.frame.depth) & np.isfinite(view.rest.depth)
         shown = axis.imshow(
             100 * lost.mean(axis=0), cmap='magma', vmin=0, vmax=100, interpolation='nearest'
         )
         axis.set_title('pixels lost, % of frames', fontsize=10)
-    elif view.kind.name == 'range_wrap':
+    elif kind == 'beyond':
         new = np.where(
             np.isfinite(view.frame.depth[-1]) & np.isnan(view.rest.depth[-1]),
             view.frame.depth[-1] - view.clean[-1],
@@ -145,19 +145,18 @@ def _draw_difference(figure: Any, axis: Any, view: _View) -> None:
         )
         shown = axis.imshow(new, cmap='viridis', interpolation='nearest')
         axis.set_title('depth where there should be none, minus the true one, m', fontsize=10)
-    elif changes[:1] == ('noise',) and view.kind.name not in ('heavy_tails', 'quantisation'):
+    elif kind == 'spread':
         with np.errstate(divide='ignore', invalid='ignore'):
             ratio = np.log2(_spread(view.frame.depth) / _spread(view.rest.depth))
         limit = max(0.5, float(np.nanpercentile(np.abs(ratio), 98)))
         shown = axis.imshow(ratio, cmap='PuOr_r', vmin=-limit, vmax=limit, interpolation='nearest')
         axis.set_title('standard deviation over frames: log2 of with / without', fontsize=10)
     else:
-        still = changes[:1] == ('bias',) and view.kind.name != 'warm_up_drift'
         fastest = int(speed(view.seconds).argmax())
         image = (
             _mean(view.change)
-            if still
-            else view.change[0 if view.kind.name == 'warm_up_drift' else fastest]
+            if kind == 'mean'
+            else view.change[0 if kind == 'first' else fastest]
         )
         if view.kind.stage == Stage.GEOMETRY:
             image[_near_edges(view, 6)] = np.nan  # Edges that have moved hide the rest.
@@ -165,7 +164,9 @@ def _draw_difference(figure: Any, axis: Any, view: _View) -> None:
         shown = axis.imshow(
             image, cmap=_diverging(), vmin=-limit, vmax=limit, interpolation='nearest'
         )
-        axis.set_title(('mean' if still else 'one frame') + ' with minus without, mm', fontsize=10)
+        axis.set_title(
+            ('mean' if kind == 'mean' else 'one frame') + ' with minus without, mm', fontsize=10
+        )
     figure.colorbar(shown, ax=axis, shrink=0.75)
 
 
@@ -190,7 +191,6 @@ def _covariate(view: _View) -> tuple[str, np.ndarray, np.ndarray]:
     # Its name, its value in every pixel, and where bins begin and end.
     amplitude = view.scene.reflectivity * view.surface.cos_incidence / view.scene.depth**2
     return {
-        'none': ('distance, m', view.scene.depth, np.linspace(0.4, 6.8, 60)),
         'distance': ('distance, m', view.scene.depth, np.linspace(0.4, 2.5, 80)),
         'incidence': (
             'incidence, degrees',
@@ -198,7 +198,7 @@ def _covariate(view: _View) -> tuple[str, np.ndarray, np.ndarray]:
             np.arange(0, 91, 3.0),
         ),
         'amplitude': ('amplitude, 1/m²', amplitude, np.geomspace(3e-3, 5, 28)),
-    }[view.kind.covariate]
+    }.get(view.kind.covariate, ('distance, m', view.scene.depth, np.linspace(0.4, 6.8, 60)))
 
 
 def _binned(
@@ -218,9 +218,9 @@ def _binned(
 
 def _by_covariate(axis: Any, view: _View) -> None:
     label, x, edges = _covariate(view)
-    first = view.kind.changes[0]
+    first = (*view.kind.changes, '')[0]
     calm = view.calm(5, _STEEP if first == 'noise' else 90.0)
-    if view.kind.name == 'stray_light':
+    if view.kind.picture.at_chart:
         calm &= np.abs(view.scene.depth - CHART) < 0.01  # all at one distance
     middles = 0.5 * (edges[1:] + edges[:-1])
     if view.kind.covariate == 'amplitude':
@@ -328,28 +328,32 @@ def _histogram(axis: Any, view: _View) -> None:
     )
 
 
-def _edges(axis: Any, view: _View) -> None:
-    # Where the chart's left edge is in every row, and what is seen there.
-    rows, columns = slice(30, 70), slice(78, 108)
-    true = int((view.clean[0, 60, columns] > 1.8).sum())
-    if view.kind.name == 'flying_pixels':
-        for seen, name, colour, aside in (
-            (view.frame, 'with', 'C0', 0.0),
-            (view.rest, 'without', _GRAY, 0.3),
-        ):
-            depth = seen.depth[::8, rows, columns]
-            x = np.broadcast_to(np.arange(depth.shape[2]) - true + aside, depth.shape)
-            axis.plot(x.ravel(), depth.ravel(), '.', color=colour, markersize=3, label=name)
-        axis.set(
-            xlabel="columns from the chart's edge",
-            ylabel='depth, m',
-            xlim=(-9, 9),
-            ylim=(1.4, 2.3),
-        )
-        return
+# Where the chart's left edge is in every row.
+_EDGE_ROWS, _EDGE_COLUMNS = slice(30, 70), slice(78, 108)
+
+
+def _true_edge(view: _View) -> int:
+    return int((view.clean[0, 60, _EDGE_COLUMNS] > 1.8).sum())
+
+
+def _across_edge(axis: Any, view: _View) -> None:
+    for seen, name, colour, aside in (
+        (view.frame, 'with', 'C0', 0.0),
+        (view.rest, 'without', _GRAY, 0.3),
+    ):
+        depth = seen.depth[::8, _EDGE_ROWS, _EDGE_COLUMNS]
+        x = np.broadcast_to(np.arange(depth.shape[2]) - _true_edge(view) + aside, depth.shape)
+        axis.plot(x.ravel(), depth.ravel(), '.', color=colour, markersize=3, label=name)
+    axis.set(
+        xlabel="columns from the chart's edge", ylabel='depth, m', xlim=(-9, 9), ylim=(1.4, 2.3)
+    )
+
+
+def _edge_positions(axis: Any, view: _View) -> None:
     bins = np.arange(-12.5, 13.5)
     for seen, name, colour in ((view.frame, 'with', 'C0'), (view.rest, 'without', _GRAY)):
-        moved = (seen.depth[:, rows, columns] > 1.8).sum(axis=2) - true
+        far = seen.depth[:, _EDGE_ROWS, _EDGE_COLUMNS] > 1.8
+        moved = far.sum(axis=2) - _true_edge(view)
         axis.hist(
             moved.ravel(),
             bins,
@@ -361,11 +365,12 @@ def _edges(axis: Any, view: _View) -> None:
     axis.set(xlabel="columns by which the chart's edge has moved", ylabel='density', yscale='log')
 
 
-def _over_time(axis: Any, view: _View) -> None:
-    if view.kind.name == 'warm_up_drift':
-        axis.plot(view.seconds / 60, [np.nanmean(one) for one in view.change], '.-')
-        axis.set(xlabel='minutes since power-on', ylabel='with minus without, mm', ylim=(0, None))
-        return
+def _warming_up(axis: Any, view: _View) -> None:
+    axis.plot(view.seconds / 60, [np.nanmean(one) for one in view.change], '.-')
+    axis.set(xlabel='minutes since power-on', ylabel='with minus without, mm', ylim=(0, None))
+
+
+def _moving(axis: Any, view: _View) -> None:
     # The far wall and the chart come nearer and go away again.
     calm = ~_near_edges(view, 20) & (np.abs(view.surface.cos_incidence - 1) < 0.1)
     axis.plot(
@@ -387,45 +392,70 @@ def _correlation(pairs: Sequence[tuple[np.ndarray, np.ndarray]]) -> list[float]:
     return result
 
 
-def _correlations(axis: Any, view: _View) -> None:
+def _frames_alike(axis: Any, view: _View) -> None:
+    _correlations(
+        axis, view, 'frames', lambda noise, lag: (noise[lag + 5 :], noise[5 : len(noise) - lag])
+    )
+
+
+def _neighbours_alike(axis: Any, view: _View) -> None:
+    _correlations(
+        axis,
+        view,
+        'pixels',
+        lambda noise, lag: (noise[:, :, lag:], noise[:, :, : noise.shape[2] - lag]),
+    )
+
+
+def _correlations(
+    axis: Any,
+    view: _View,
+    what: str,
+    pair: Callable[[np.ndarray, int], tuple[np.ndarray, np.ndarray]],
+) -> None:
     calm = view.calm(12, 45.0)
     lags = range(6)
     for error, name, colour in zip(view.error, ('with', 'without'), ('C0', _GRAY), strict=True):
         noise = np.where(calm, error - _mean(error), np.nan) / (1e3 * view.rest.sigma)
-        if view.kind.name == 'temporal_filter':
-            pairs = [(noise[lag + 5 :], noise[5 : len(noise) - lag]) for lag in lags]
-        else:
-            pairs = [(noise[:, :, lag:], noise[:, :, : noise.shape[2] - lag]) for lag in lags]
-        axis.plot(lags, _correlation(pairs), 'o-', color=colour, label=name)
-    what = 'frames' if view.kind.name == 'temporal_filter' else 'pixels'
+        values = _correlation([pair(noise, lag) for lag in lags])
+        axis.plot(lags, values, 'o-', color=colour, label=name)
     axis.set(xlabel=f'{what} apart', ylabel='correlation of the noise')
 
 
-def _scatter(axis: Any, view: _View) -> None:
+def _wrapped(axis: Any, view: _View) -> None:
+    # With two frequencies, and with one.
     calm = view.calm(9, 78.0)
-    if view.kind.name == 'range_wrap':
-        x = np.broadcast_to(view.clean, view.frame.depth.shape)[-1][calm]
-        axis.plot(x, view.frame.depth[-1][calm], '.', markersize=2, label='Mode_5_30fps')
-        far = (
-            Camera('Mode_9_30fps', effects={'range_wrap': None}, seed=1)
-            .capture(view.scene.depth, flexx2().intrinsics.matrix, 0)
-            .depth
-        )
-        axis.plot(x, far[calm], '.', markersize=2, color='C1', zorder=1, label='Mode_9_30fps')
-        axis.set(xlabel='true distance, m', ylabel='depth, m')
-        return
+    x = np.broadcast_to(view.clean, view.frame.depth.shape)[-1][calm]
+    axis.plot(x, view.frame.depth[-1][calm], '.', markersize=2, label=view.kind.picture.usecase)
+    far = (
+        Camera('Mode_9_30fps', effects={view.kind.name: None}, seed=1)
+        .capture(view.scene.depth, flexx2().intrinsics.matrix, 0)
+        .depth
+    )
+    axis.plot(x, far[calm], '.', markersize=2, color='C1', zorder=1, label='Mode_9_30fps')
+    axis.set(xlabel='true distance, m', ylabel='depth, m')
+
+
+def _steps(axis: Any, view: _View) -> None:
+    calm = view.calm(9, 78.0)
     x = view.rest.depth[-1][calm]
     near = (x > 1.3) & (x < 1.33)
     axis.plot(x[near], view.change[-1][calm][near], '.', markersize=3)
     axis.set(xlabel='depth without, m', ylabel='with minus without, mm')
 
 
+# By the names in `flexx2_sim_ros.effects.picture`.
 _PROFILES: dict[str, Callable[[Any, _View], None]] = {
-    **dict.fromkeys(('pose_error', 'intrinsics_error', 'multipath'), _along_row),
-    'fixed_pattern': _two_scenes,
-    **dict.fromkeys(('excess_noise', 'heavy_tails'), _histogram),
-    **dict.fromkeys(('flying_pixels', 'lateral_noise'), _edges),
-    **dict.fromkeys(('warm_up_drift', 'time_offset', 'motion_artefact'), _over_time),
-    **dict.fromkeys(('temporal_filter', 'spatial_filter'), _correlations),
-    **dict.fromkeys(('range_wrap', 'quantisation'), _scatter),
+    'covariate': _by_covariate,
+    'along_row': _along_row,
+    'two_scenes': _two_scenes,
+    'histogram': _histogram,
+    'across_edge': _across_edge,
+    'edge_positions': _edge_positions,
+    'warming_up': _warming_up,
+    'moving': _moving,
+    'frames_alike': _frames_alike,
+    'neighbours_alike': _neighbours_alike,
+    'wrapped': _wrapped,
+    'steps': _steps,
 }

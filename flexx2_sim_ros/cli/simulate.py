@@ -8,8 +8,7 @@ import zlib
 from flexx2_sim_ros.atomic import check_distinct, checked_target
 from flexx2_sim_ros.camera.camera import Camera
 from flexx2_sim_ros.cli.argument_types import MOST_FRAMES, SEEDS, whole_number
-from flexx2_sim_ros.effects import load_effects
-from flexx2_sim_ros.effects.delay import WarmUpDrift
+from flexx2_sim_ros.effects import ageing, load_effects
 from flexx2_sim_ros.effects.registry import effects_yaml
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.profiles.files import load_profile
@@ -98,8 +97,9 @@ def run(arguments: argparse.Namespace) -> int:
     effects = load_effects(arguments.effects) if arguments.effects else ()
     uptime = _uptime(scene, arguments.uptime, arguments.input)
     if uptime is not None:
+        old = ageing(effect.name for effect in effects)
         effects = tuple(
-            replace(effect, uptime=uptime) if isinstance(effect, WarmUpDrift) else effect
+            replace(effect, uptime=uptime) if effect.name in old else effect  # type: ignore[call-arg]
             for effect in effects
         )
     camera = Camera(

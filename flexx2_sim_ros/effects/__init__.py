@@ -1,12 +1,29 @@
 """
 What a real camera does and the noise model leaves out, as effects to switch on.
 
-One module a family. An effect is a dataclass with one function; defining it in a module of this
-package is all it takes: the registry finds it, and files, node parameters, documentation and
-tests follow from it.
+One file an effect: a dataclass that says all that there is to say about it. The registry finds
+it; files, node parameters, documentation, pictures, the diagnosis and the benchmark follow.
 """
 
 from flexx2_sim_ros.effects.effect import Effect, Parameter
-from flexx2_sim_ros.effects.registry import load_effects, parse_effects, registry, save_effects
+from flexx2_sim_ros.effects.registry import (
+    ageing,
+    load_effects,
+    loadable,
+    of_role,
+    parse_effects,
+    registry,
+    save_effects,
+)
 
-__all__ = ['Effect', 'Parameter', 'load_effects', 'parse_effects', 'registry', 'save_effects']
+__all__ = [
+    'Effect',
+    'Parameter',
+    'ageing',
+    'load_effects',
+    'loadable',
+    'of_role',
+    'parse_effects',
+    'registry',
+    'save_effects',
+]

@@ -2,8 +2,11 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
+import hashlib
 from typing import Any, ClassVar
 
+from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis
+from flexx2_sim_ros.effects.picture import Picture
 from flexx2_sim_ros.errors import InputError, shown, unquoted
 from flexx2_sim_ros.physics.frame_state import FrameState, Stage
 import numpy as np
@@ -12,6 +15,10 @@ import numpy as np
 # standard deviation over frames, the share of gross outliers, correlation from frame to frame and
 # from pixel to pixel, where there is depth at all, amplitude, and what is seen at depth jumps.
 CHANNELS = ('bias', 'noise', 'outliers', 'frames', 'neighbours', 'validity', 'amplitude', 'edges')
+COVARIATES = ('distance', 'incidence', 'amplitude', 'image', 'edge', 'time', 'none')
+# What of a recording is known only roughly, and can hide an effect or look like it.
+NUISANCES = ('pose', 'reflectivity', 'sigma', 'edges', 'uptime')
+_OWN_STREAMS = 2**16  # those below are given by hand
 
 
 @dataclass(frozen=True)
@@ -69,7 +76,8 @@ class Effect:
     Base of all effects.
 
     A subclass is a frozen dataclass whose fields are made by `parameter`, with the class
-    attributes below and `apply`. Defining it in a module of this package registers it.
+    attributes below and `apply`. It says all that there is to say about the effect: files, node
+    parameters, documentation, pictures, the diagnosis and the benchmark follow from it.
 
     Attributes
     ----------
@@ -82,8 +90,7 @@ class Effect:
     title : str
         What it is and what it does to the data, in one line.
     covariate : str
-        What its signature depends on: ``distance``, ``incidence``, ``amplitude``, ``image``,
-        ``edge``, ``time`` or ``none``.
+        What its signature depends on, out of `COVARIATES`.
     changes : tuple of str
         The channels in which a still scene shows it, out of `CHANNELS`.
     typical : bool
@@ -96,6 +103,44 @@ class Effect:
         Whether it works on phases, for which the modulation frequencies must be known.
     listed : bool
         Whether it is in the registry; otherwise files alone can name it.
+    stream : int
+        Which random numbers are its own; derived from the name unless given. Never renumber.
+    picture : Picture
+        How it is drawn.
+    batched : tuple of str or None
+        Which memory and passes its formula needs in the kernels of `flexx2_sim_ros.batch`:
+        ``surfaces``, ``measured``, ``grain``, ``neighbours``, ``pose``, ``view``, ``edges``.
+        None: it has no kernel, and `apply` runs for one environment after the other.
+    hypotheses : tuple of Hypothesis
+        The variants in which a diagnosis looks for it.
+    nuisances : tuple of str
+        What can hide it or look like it, out of `NUISANCES`.
+    family : str
+        Which kind of function of the camera's internals is free in it.
+    smooth : bool
+        Whether it only shifts or loses pixels and adds neither noise nor grain, so that very few
+        frames show it.
+    needs_motion : bool
+        Whether only moving scenes show it.
+    filters : bool
+        Whether it averages, so that the noise before it must have been larger.
+    brightness : float
+        By which share its size varies when reflectivity is 20 % wrong.
+    like_a_pose : tuple of mapping
+        Parameters with which it is put beside a pose error when a recording's pose is looked for,
+        since it shifts whole surfaces, too.
+    role : str
+        Which of the diagnosis's own nuisances it is: ``bias``, ``sigma``, ``pose`` or none.
+    repeats : bool
+        Whether it leaves the same grain in every recording.
+    lattice : str
+        The parameter that is the step between depths, if depths come in steps.
+    doubt : float
+        Loss a recording that it has to earn beyond the usual, for errors that look like it.
+    compared : str
+        The parameter that the benchmark compares with the truth, if any.
+    reads_as : tuple of (str, str)
+        Channels and axes of a benchmark's baselines whose largest gap it is taken for.
     strength : float
         0 is off, 1 typical.
 
@@ -110,10 +155,35 @@ class Effect:
     typical: ClassVar[bool] = False
     source: ClassVar[str]
     keeps: ClassVar[bool] = False
-    needs_modulation: ClassVar[bool] = False
     listed: ClassVar[bool] = True
+    needs_modulation: ClassVar[bool] = False
+    stream: ClassVar[int]
+    picture: ClassVar[Picture] = Picture()
+    batched: ClassVar[tuple[str, ...] | None] = None
+    hypotheses: ClassVar[tuple[Hypothesis, ...]] = (
+        grid('strength', (0.5, 1.0, 2.0), 0.0, 4.0, few=False),
+    )
+    nuisances: ClassVar[tuple[str, ...]] = ()
+    family: ClassVar[str] = ''
+    smooth: ClassVar[bool] = False
+    needs_motion: ClassVar[bool] = False
+    filters: ClassVar[bool] = False
+    brightness: ClassVar[float] = 0.0
+    like_a_pose: ClassVar[tuple[Mapping[str, float], ...]] = ()
+    role: ClassVar[str] = ''
+    repeats: ClassVar[bool] = False
+    lattice: ClassVar[str] = ''
+    doubt: ClassVar[float] = 0.0
+    compared: ClassVar[str] = ''
+    reads_as: ClassVar[tuple[tuple[str, str], ...]] = ()
 
     strength: float = parameter(1.0, 0.0, 4.0, '', '0 is off, 1 is typical')
+
+    def __init_subclass__(cls) -> None:
+        """Give the effect random numbers of its own."""
+        super().__init_subclass__()
+        if 'name' in vars(cls) and 'stream' not in vars(cls):
+            cls.stream = stream_of(cls.name)
 
     def __post_init__(self) -> None:
         """Refuse what is no number or out of bounds; make all of them floats."""
@@ -162,3 +232,9 @@ class Effect:
     def apply(self, state: FrameState) -> None:
         """Change the frame in the making."""
         raise NotImplementedError
+
+
+def stream_of(name: str) -> int:
+    """Return the number of an effect's random stream, the same everywhere and always."""
+    digest = hashlib.blake2b(str(name).encode(), digest_size=4).digest()
+    return _OWN_STREAMS + int.from_bytes(digest, 'little') % (2**32 - _OWN_STREAMS)

@@ -10,7 +10,7 @@ import numpy as np
 
 COVARIATES = ('distance', 'incidence', 'log_amplitude')
 SLOTS = 14
-# Second counter words of its own, far from those in camera/philox.py.
+# Second counter words of its own, far from those in physics/philox.py.
 _STREAM_SCALE, _STREAM_LOSS = 1001, 1002
 _UNUSED = 1e6
 

@@ -4,8 +4,9 @@ from dataclasses import dataclass
 import math
 from typing import ClassVar
 
-from flexx2_sim_ros.effects.delay import Wiggling
 from flexx2_sim_ros.effects.effect import parameter
+from flexx2_sim_ros.effects.hypothesis import Hypothesis
+from flexx2_sim_ros.effects.wiggling import Wiggling
 from flexx2_sim_ros.physics.frame_state import FrameState, SPEED_OF_LIGHT
 import numpy as np
 
@@ -23,6 +24,9 @@ class AlongRay(Wiggling):
     typical: ClassVar[bool] = False
     title: ClassVar[str] = 'offset and harmonics along the line of sight'
     source: ClassVar[str] = 'phase is measured along the ray'
+    hypotheses: ClassVar[tuple[Hypothesis, ...]] = ()
+    reads_as: ClassVar[tuple[tuple[str, str], ...]] = ()
+    batched: ClassVar[tuple[str, ...] | None] = None
 
     bias: float = parameter(0.0, -0.5, 0.5, 'm', 'added to the distance along the ray')
     a4: float = parameter(0.0, -0.1, 0.1, 'm', 'sine, four periods per c/2f')

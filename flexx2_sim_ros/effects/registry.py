@@ -1,6 +1,6 @@
 """Find the effects there are; read and write sets of them."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
 from importlib import import_module
 from pathlib import Path
@@ -21,18 +21,18 @@ import yaml
 @lru_cache(maxsize=1)
 def registry() -> Mapping[str, type[Effect]]:
     """Return all effects by name, in the order of light."""
+    return MappingProxyType(_in_order(_own()))
+
+
+def _own() -> list[type[Effect]]:
     package = import_module('flexx2_sim_ros.effects')
     for module in pkgutil.iter_modules(package.__path__):
         import_module(f'{package.__name__}.{module.name}')
-    return MappingProxyType(
-        _in_order(
-            [
-                kind
-                for kind in Effect.__subclasses__()
-                if kind.__module__.startswith(__package__) and kind.listed
-            ]
-        )
-    )
+    return [
+        kind
+        for kind in Effect.__subclasses__()
+        if kind.__module__.startswith(f'{__package__}.') and kind.listed
+    ]
 
 
 def _in_order(kinds: Sequence[type[Effect]]) -> dict[str, type[Effect]]:
@@ -40,11 +40,24 @@ def _in_order(kinds: Sequence[type[Effect]]) -> dict[str, type[Effect]]:
     return {kind.name: kind for kind in found}
 
 
+# A diagnosis writes the patch where no effect explains the gap, and compares with the other.
+_UNLISTED: tuple[type[Effect], ...] = (ResidualPatch, AlongRay)
+
+
 @lru_cache(maxsize=1)
 def loadable() -> Mapping[str, type[Effect]]:
-    """Return all effects that a file can name: those of `registry`, and two of the diagnosis."""
-    # It writes the patch where no effect explains the gap, and compares with the other.
-    return _in_order([*registry().values(), ResidualPatch, AlongRay])
+    """Return the effects that files can name: the registry's, and those of a diagnosis."""
+    return MappingProxyType(_in_order([*registry().values(), *_UNLISTED]))
+
+
+def of_role(role: str) -> type[Effect]:
+    """Return the effect that is one of the diagnosis's own nuisances; see `Effect.role`."""
+    return next(kind for kind in registry().values() if kind.role == role)
+
+
+def ageing(names: Iterable[str]) -> list[str]:
+    """Return which of these effects depend on the time since power-on: they have ``uptime``."""
+    return [name for name in names if hasattr(loadable()[name], 'uptime')]
 
 
 def parse_effects(table: Any, where: str = 'effects') -> tuple[Effect, ...]:

@@ -143,7 +143,7 @@ def diagnose(
                 simulate_set,
                 profile=profile,
                 seed=seed,
-                effects={e.name: _plain(e) for e in effects if e.name != 'pose_error'},
+                effects={e.name: _plain(e) for e in effects if e.role != 'pose'},
             ),
             [(file, tuple(pose)) for file, pose in zip(used, poses, strict=True)],
             tick(0.15, 0.83, len(used), 'simulating the outcome'),
@@ -202,15 +202,15 @@ def _effects(model: Model, fit: Fit) -> list[Effect]:
 
 def _effect(model: Model, fit: Fit, candidate: Candidate, values: tuple[float, ...]) -> Effect:
     kind = registry()[candidate.effect]
-    if candidate.effect == 'pose_error':
+    if kind.role == 'pose':
         mean = (model.pose + fit.motion[:, :6]).mean(axis=0) * STEPS
         table = dict(zip(NAMES, (float(v) for v in mean), strict=True))
     else:
         table = dict(candidate.build(values))
-    if candidate.effect == 'quantisation':
+    if kind.lattice:
         step = float(np.median([e.step for e in model.evidence]))
-        if 0.5 < step / max(table['step'], 1e-6) < 2:
-            table['step'] = step
+        if 0.5 < step / max(table[kind.lattice], 1e-6) < 2:
+            table[kind.lattice] = step
     bounds = {p.name: p for p in kind.parameters()}
     table = {k: float(np.clip(v, bounds[k].low, bounds[k].high)) for k, v in table.items()}
     return kind.from_mapping(table)

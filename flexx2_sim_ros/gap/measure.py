@@ -5,10 +5,10 @@ from pathlib import Path
 from typing import Any
 
 from flexx2_sim_ros.camera import Profile
-from flexx2_sim_ros.effects import parse_effects
+from flexx2_sim_ros.effects import of_role, parse_effects
 from flexx2_sim_ros.gap.data.campaign import nothing_left
 from flexx2_sim_ros.gap.data.pose import NAMES
-from flexx2_sim_ros.gap.features.catalogue import Candidate, catalogue, Column, Term
+from flexx2_sim_ros.gap.features.catalogue import Candidate, catalogue, Column, nuisances, Term
 from flexx2_sim_ros.gap.features.evidence import Evidence
 from flexx2_sim_ros.gap.inference.decide import FLOOR
 from flexx2_sim_ros.gap.inference.model import Model
@@ -59,13 +59,13 @@ def measure(
         for effect in parse_effects(effects)
     }
     prior = np.array([pose_prior[0]] * 3 + [pose_prior[1]] * 3)
-    posed = table.pop('pose_error', None)
+    posed = table.pop(of_role('pose').name, None)
     with workers(jobs, None) as mapped:
         found, left_out = find(campaign_dir, profile, mapped)
         columns = [
             c
             for c in catalogue((), bool(found[0].mode.modulation_hz))[0]
-            if c.name in Model.NEEDED
+            if c.name in nuisances().columns
         ]
         if table:
             columns.append(Column('set', table, few=False))

@@ -15,18 +15,11 @@ from flexx2_sim_ros.physics.fastmath import cos_sin_turns, log
 from numba import njit
 import numpy as np
 
-# Second counter word: what the numbers are for. Never renumber; a new use takes a new number.
+# Second counter word: what the numbers are for. Never renumber. Effects say their own numbers:
+# `stream`, 3 to 10 and 1001 onwards.
 STREAM_AXIAL = 0
 STREAM_ROW_EDGES = 1
 STREAM_COLUMN_EDGES = 2
-STREAM_FIXED_PATTERN = 3
-STREAM_TAILS = 4
-STREAM_WRAP = 5
-STREAM_LOW_SIGNAL = 6
-STREAM_GRAZING = 7
-STREAM_SATURATION = 8
-STREAM_WRAP_SHARE = 9
-STREAM_MOTION = 10
 
 _UNIT = np.float32(2.0**-32)
 _HALF = np.float32(0.5)

@@ -3,7 +3,7 @@
 import math
 
 from flexx2_sim_ros.camera import Camera, Intrinsics, Mode, Profile
-from flexx2_sim_ros.effects.geometry import PoseError
+from flexx2_sim_ros.effects.pose_error import PoseError
 from flexx2_sim_ros.effects.ray import ray_length
 from flexx2_sim_ros.physics.frame_state import FrameState, Memory
 from flexx2_sim_ros.physics.surface import tangents

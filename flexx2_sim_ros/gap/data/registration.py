@@ -6,21 +6,11 @@ from dataclasses import dataclass
 from flexx2_sim_ros.camera import Mode, Profile
 from flexx2_sim_ros.camera.common_random_numbers import CommonRandomNumbers
 from flexx2_sim_ros.effects import registry
-from flexx2_sim_ros.effects.motion import between
+from flexx2_sim_ros.effects.between import between
 from flexx2_sim_ros.gap.data.covariates import look_at
 from flexx2_sim_ros.gap.data.pose import base_camera, fit_plane_motion, moved
 import numpy as np
 
-# What else shifts whole surfaces, when the pose is looked for.
-_LENS = dict.fromkeys(('focal', 'cx', 'cy', 'k1'), 0.0)
-_NOT_POSE: tuple[dict[str, dict[str, float]], ...] = (
-    {'multipath': {}},
-    {'stray_light': {}},
-    *(
-        {'intrinsics_error': {**_LENS, name: value}}
-        for name, value in (('focal', 0.005), ('cx', 0.7), ('cy', 0.7), ('k1', -0.01))
-    ),
-)
 _ROUNDS = 3
 # Seconds: enough for what moves to be taken for late rather than for being elsewhere all the time;
 # and at most. Frames that are left out at the start, of which it is not known what was before.
@@ -184,11 +174,19 @@ def _typical_biases(
         recording.stamp[list(chosen)],
         reflectivity,
     )
-    known = [
-        effects
-        for effects in _NOT_POSE
-        if recording.mode.modulation_hz
-        or not any(registry()[name].needs_modulation for name in effects)
-    ]
-    base, *changed = (common.depth(effects) for effects in ((), *known))
+    base, *changed = (
+        common.depth(effects)
+        for effects in ((), *_like_a_pose(bool(recording.mode.modulation_hz)))
+    )
     return [np.nan_to_num(one - base) for one in changed]
+
+
+def _like_a_pose(modulation: bool) -> list[dict[str, dict[str, float]]]:
+    # What else shifts whole surfaces: by light first, then by geometry.
+    kinds = sorted(registry().values(), key=lambda kind: -kind.stage)
+    return [
+        {kind.name: dict(values)}
+        for kind in kinds
+        if modulation or not kind.needs_modulation
+        for values in kind.like_a_pose
+    ]

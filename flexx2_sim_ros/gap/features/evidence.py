@@ -5,10 +5,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from flexx2_sim_ros.camera.common_random_numbers import CommonRandomNumbers
+from flexx2_sim_ros.effects import ageing, Effect, loadable
 from flexx2_sim_ros.gap.data.covariates import look_at, Scene
 from flexx2_sim_ros.gap.data.pose import base_camera, moved, pose_effects, unknown_border
 from flexx2_sim_ros.gap.data.registration import RecordingData, register
-from flexx2_sim_ros.gap.features.catalogue import Column, DRIFT_TAUS, NEEDS_MOTION
+from flexx2_sim_ros.gap.features.catalogue import Column
 from flexx2_sim_ros.gap.features.features import (
     accumulate,
     EXPECT,
@@ -37,21 +38,6 @@ _ENOUGH_ALIKE = 12  # samples, where the random numbers are the same
 # and need not settle; fewer for a bias or a loss, which add no noise.
 _FEW = 8, 5
 _FEWEST = 4, 3
-_BIASES = frozenset(
-    {
-        'along_ray',
-        'offset',
-        'wiggling',
-        'amplitude_bias',
-        'multipath',
-        'stray_light',
-        'intrinsics_error',
-        'pose_error',
-        'low_signal_dropout',
-        'grazing_dropout',
-        'saturation',
-    }
-)
 
 
 @dataclass
@@ -168,11 +154,10 @@ def simulate(
 
 def with_uptime(effects: dict[str, dict[str, float]], uptime: float | None) -> dict[str, Any]:
     """Return effects with the recording's own time since power-on."""
-    if 'warm_up_drift' not in effects:
-        return effects
-    if uptime is None:  # Nothing is known of it, so it explains nothing.
-        return {name: values for name, values in effects.items() if name != 'warm_up_drift'}
-    return {**effects, 'warm_up_drift': {**effects['warm_up_drift'], 'uptime': uptime}}
+    old = ageing(effects)
+    if uptime is None:  # Nothing is known of it, so they explain nothing.
+        return {name: values for name, values in effects.items() if name not in old}
+    return {**effects, **{name: {**effects[name], 'uptime': uptime} for name in old}}
 
 
 def gather(
@@ -226,7 +211,8 @@ def gather(
             recording, clean, reflectivity, scenes, frames, seed * 1000, spectrum, settling
         )
         for i, column in enumerate(columns):
-            if _kind(column) == kind and (moving or not column.effects.keys() <= NEEDS_MOTION):
+            still = not all(one.needs_motion for one in _definitions(column.effects))
+            if _kind(column) == kind and (moving or still):
                 shifts[i] = part.shift(with_uptime(column.effects, recording.uptime))
                 if kind == 1:  # Grain is noise that is left, and the more so the fewer frames.
                     less = nulls[0, _GRAIN] / max(part.base[_GRAIN], 1e-9)
@@ -276,9 +262,16 @@ def gather(
 
 def _kind(column: Column) -> int:
     # How many frames it takes: the fewest, a few, all.
-    if column.effects.keys() <= _BIASES:
+    kinds = _definitions(column.effects)
+    if all(kind.smooth for kind in kinds):
         return 0
-    return 1 if column.few and not NEEDS_MOTION & column.effects.keys() else 2
+    return 1 if column.few and not any(kind.needs_motion for kind in kinds) else 2
+
+
+def _definitions(effects: Any) -> list[type[Effect]]:
+    # Of effects by name, or of the effects themselves.
+    known = loadable()
+    return [known[one] if isinstance(one, str) else type(one) for one in effects]
 
 
 class _Part:
@@ -326,7 +319,7 @@ class _Part:
             for one, other in zip(depth, self._plain, strict=True)
         ):
             return np.zeros(SIZE)
-        lattice = isinstance(effects, dict) and 'quantisation' in effects
+        lattice = any(kind.lattice for kind in _definitions(effects))
         return np.nan_to_num(self._features(depth, lattice) - self.base)
 
 
@@ -338,11 +331,6 @@ def _displaced(edges: np.ndarray) -> np.ndarray:
     whole = scale * np.square(edges).mean(axis=(0, 1))
     even = scale * np.square(edges.mean(axis=1)).mean(axis=0)
     return np.where(_AT_EDGES, whole, np.where(_AT_BENDS, even, 0)).astype(np.float32)
-
-
-def drift_factors(uptime: float | None) -> list[float]:
-    """Return what share of the bias at power-on is left, for each of `DRIFT_TAUS`."""
-    return [0.0 if uptime is None else float(np.exp(-uptime / tau)) for tau in DRIFT_TAUS]
 
 
 def warm_of(fresh: np.ndarray) -> int:

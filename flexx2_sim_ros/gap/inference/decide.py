@@ -17,13 +17,10 @@ _AGREE = 0.97
 GAP = 5.5
 _BEYOND_DOUBT = 2.0  # times that
 MOST_EFFECTS = 6
-_FILTERS = frozenset({'spatial_filter', 'temporal_filter'})
 _FILTERED = (0.8, 1.5)  # how much of a filter, and of noise, to begin with
 NEXT_GAIN = 1.5
 _TERM_COST = 0.5  # a recording
 _WEAK_COST = 0.25  # a recording and factor of e below 0.4 of the usual strength
-# What edges that are known to a part of a pixel only may pretend, a recording.
-_DOUBT = {'lateral_noise': 0.5}
 _FROM_NODE = (3.0, 1.0, 1.0)
 _ALTERNATIVE = 0.8
 _UNKNOWN_SHARE = 0.08
@@ -139,7 +136,7 @@ def decide(
         scales: Sequence[float] = SCALES,
     ) -> Choice:
         fit = model.fit(parts, start, scales)
-        terms = len(fit.values) + 2 * any(c.effect == 'pose_error' for c in parts)
+        terms = len(fit.values) + 2 * any(c.kind.role == 'pose' for c in parts)
         return Choice(fit, base.total - fit.total - count * (_TERM_COST * terms + _oddity(fit)))
 
     def single(candidate: Candidate) -> Choice:
@@ -156,7 +153,7 @@ def decide(
     considered = _best_of_each(singles)
     chosen = considered[0] if considered else Choice(base, 0.0)
     rivals, gained = considered[1:], 0.0
-    next_share, posed = _NEXT_SHARE, [c for c in candidates if c.effect == 'pose_error']
+    next_share, posed = _NEXT_SHARE, [c for c in candidates if c.kind.role == 'pose']
     scattered = bool(posed) and model.pose_scatter() > _SCATTERED
     if scattered:
         chosen, next_share = choice(posed), _NEXT_TO_SCATTERED
@@ -259,15 +256,15 @@ def _together(
 ) -> list[Choice]:
     # A camera's noise is measured behind its filters: with a filter alone there is too little.
     taken = {c.effect for c in chosen.fit.candidates}
-    if 'excess_noise' in taken:
+    noise = [c for c in candidates if c.kind.role == 'sigma']
+    if any(one.effect in taken for one in noise):
         return []
-    noise = [c for c in candidates if c.effect == 'excess_noise']
     return [
         choice(
             [*chosen.fit.candidates, one, *noise], np.concatenate([chosen.fit.values, _FILTERED])
         )
         for one in candidates
-        if noise and one.effect in _FILTERS and one.effect not in taken
+        if noise and one.kind.filters and one.effect not in taken
     ]
 
 
@@ -275,7 +272,7 @@ def _oddity(fit: Fit) -> float:
     # An effect much weaker than usual is less likely than another one of usual strength.
     cost, i = 0.0, 0
     for candidate in fit.candidates:
-        cost += _DOUBT.get(candidate.effect, 0.0)
+        cost += candidate.kind.doubt
         if len(candidate.terms) == 1:
             term = candidate.terms[0]
             usual = abs(term.nodes[len(term.nodes) // 2][0] - term.neutral)
@@ -299,7 +296,7 @@ def _verdict(chosen: Choice, base: Fit, excess: float, left: float) -> str:
         return 'none' if excess < GAP * count else 'unknown'
     much = left > GAP * count
     # A pose error common to all recordings hides in their own: it takes little off the features.
-    posed = any(c.effect == 'pose_error' for c in chosen.fit.candidates)
+    posed = any(c.kind.role == 'pose' for c in chosen.fit.candidates)
     if much and base.total - chosen.fit.total < _UNKNOWN_SHARE * excess and not posed:
         return 'unknown'
     return 'partly' if much and left > _PARTLY_SHARE * excess else 'identified'

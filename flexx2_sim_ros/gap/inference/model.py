@@ -3,23 +3,15 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from flexx2_sim_ros.effects import loadable
 from flexx2_sim_ros.gap.data.covariates import AXES
 from flexx2_sim_ros.gap.data.pose import STEPS
-from flexx2_sim_ros.gap.features.catalogue import Candidate, Column, DRIFT_TAUS, Term
-from flexx2_sim_ros.gap.features.evidence import drift_factors, Evidence
+from flexx2_sim_ros.gap.features.catalogue import Candidate, Column, Decaying, nuisances, Term
+from flexx2_sim_ros.gap.features.evidence import Evidence
 from flexx2_sim_ros.gap.features.features import LAYOUT, SIZE, STRUCTURES, TOLERANCE
 from flexx2_sim_ros.gap.features.grain import repeats, same_noise
 import numpy as np
 
-# How much an effect's size varies between recordings as their reflectivity is 20 % wrong.
-_BRIGHTNESS = {
-    'multipath': 0.25,
-    'ambient_light': 0.3,
-    'low_signal_dropout': 0.5,
-    'saturation': 0.8,
-    'amplitude_bias': 0.1,
-    'stray_light': 0.1,
-}
 _BRIGHTNESS_WEIGHT = 1.5
 # The base sigma is wrong by some 5 %; what that costs at twice as much is four times this, so that
 # one wrong by less than 15 % is no finding.
@@ -117,14 +109,6 @@ class Model:
 
     """
 
-    # Names of the columns that stand for nuisances.
-    NEEDED = (
-        'offset:bias=0.005',
-        'excess_noise:factor=1.15',
-        'along_ray:bias=0.005',
-        'excess_noise:factor=0.8',
-    )
-
     def __init__(
         self, evidence: Sequence[Evidence], columns: Sequence[Column], prior: np.ndarray
     ) -> None:
@@ -168,17 +152,17 @@ class Model:
         self._repeat_shift(columns, base)
         for name in ('scale2', 'gap', 'weights', 'pose_columns', '_edges'):
             setattr(self, name, getattr(self, name).astype(np.float32))
-        self._drift = np.array([drift_factors(e.uptime) for e in evidence])
-        self._more = self._column(self.NEEDED[1]) / np.float32(0.15)
-        self._less = self._column(self.NEEDED[3]) / np.float32(-0.2)
+        wrong = nuisances()
+        self._more = self._column(wrong.more) / np.float32(wrong.more_by)
+        self._less = self._column(wrong.less) / np.float32(wrong.less_by)
         self.null_loss = self._null_loss()
 
     def _repeat_shift(self, columns: Sequence[Column], base: np.ndarray) -> None:
         # How alike a fixed pattern makes the grain of different recordings.
         grain, repeat = _STRUCTURE['static_grain'], _STRUCTURE['repeat']
-        others = max(len(base) - 1, 1)
+        others, known = max(len(base) - 1, 1), loadable()
         for i, column in enumerate(columns):
-            if 'fixed_pattern' in column.effects:
+            if any(known[effect].repeats for effect in column.effects):
                 signal = np.maximum(self._columns[:, i, grain], 0)
                 rest = np.maximum(np.nan_to_num(base[:, grain]), 1e-6)
                 self._columns[:, i, repeat] = signal / np.sqrt(
@@ -194,13 +178,15 @@ class Model:
                 out[r] += np.log1p(np.nan_to_num(gap) ** 2 / self.scale2[r]) / len(one.nulls)
         return out * self.weights
 
-    def _column(self, name: str) -> np.ndarray:
-        kind, _, tau = name.partition('drift:')
-        if tau:
-            factor = self._drift[:, DRIFT_TAUS.index(float(tau))]
-            offset = self._columns[:, self.index[self.NEEDED[2 if kind else 0]]]
-            return offset * (2 * factor[:, None]).astype(np.float32)
-        return self._columns[:, self.index[name]]
+    def _column(self, name: str | Decaying) -> np.ndarray:
+        if isinstance(name, str):
+            return self._columns[:, self.index[name]]
+        left = [
+            0.0 if one.uptime is None else float(np.exp(-one.uptime / name.tau))
+            for one in self.evidence
+        ]
+        share = (name.factor * np.array(left)[:, None]).astype(np.float32)
+        return self._columns[:, self.index[name.column]] * share
 
     def term(self, term: Term, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the shift of all features at (R,) values of a term, and its slope; (R, SIZE)."""
@@ -285,7 +271,7 @@ class Model:
             n = len(candidate.terms)
             shift, _ = self.predict([candidate], values[:, i : i + n])
             total += shift
-            bright += np.float32(_BRIGHTNESS.get(candidate.effect, 0.0)) * shift
+            bright += np.float32(candidate.kind.brightness) * shift
             i += n
         return np.concatenate([self.pose_columns, bright[:, None], self._edges], axis=1), total
 
@@ -328,9 +314,9 @@ class Model:
         """
         terms = [term for candidate in candidates for term in candidate.terms]
         low, high = np.array([t.low for t in terms]), np.array([t.high for t in terms])
-        common = any(c.effect == 'pose_error' for c in candidates)
+        common = any(c.kind.role == 'pose' for c in candidates)
         # Excess noise is a base sigma that is wrong: not both.
-        bound = 0.0 if any(c.effect == 'excess_noise' for c in candidates) else SIGMA_BOUND
+        bound = 0.0 if any(c.kind.role == 'sigma' for c in candidates) else SIGMA_BOUND
         number, count = len(terms), len(self.gap)
         values = np.array([t.neutral for t in terms]) if start is None else np.array(start, float)
         sigma, motion = 0.0, np.zeros((count, _OWN))

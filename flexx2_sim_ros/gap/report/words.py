@@ -2,6 +2,8 @@
 
 from typing import Any
 
+from flexx2_sim_ros.effects import of_role
+
 # What people call the channels.
 _CHANNELS = {
     'bias': 'depth',
@@ -53,7 +55,7 @@ def headline(table: dict[str, Any]) -> str:
         if gap['held_out']
         else 'of the gap on the one recording it was fitted to'
     )
-    if rows[0]['name'] == 'pose_error' and gap['shrink'] < 0.05:
+    if rows[0]['name'] == of_role('pose').name and gap['shrink'] < 0.05:
         return 'The cameras were not where they are believed to be: put that right first.' + (
             ' Something else is left over.' if table['verdict'] == 'partly' else ''
         )
@@ -72,7 +74,7 @@ def sentences(table: dict[str, Any]) -> list[str]:
         out.append(
             f'90 % interval of that share: {gap["interval"][0]:.0%} to {gap["interval"][1]:.0%}.'
         )
-    if any(row['name'] == 'pose_error' for row in table['effects']):
+    if any(row['name'] == of_role('pose').name for row in table['effects']):
         out.append(
             "The gap is what is left with each recording's camera where it was found to "
             'be; the recordings list how far that is from where it was believed to be.'

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from flexx2_sim_ros.camera import Camera
+from flexx2_sim_ros.effects import registry
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.physics.surface import analyse
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
@@ -29,27 +30,6 @@ _TOLERANCE = {
     'gross': 0.004,
     'frames': 0.04,
     'beside': 0.04,
-}
-# What a person would read off the largest gap alone, by channel and axis ('' for any other).
-_READING = {
-    ('bias', 'distance'): 'wiggling',
-    ('bias', 'amplitude'): 'amplitude_bias',
-    ('bias', 'uptime'): 'warm_up_drift',
-    ('bias', 'radius'): 'intrinsics_error',
-    ('bias', 'edge'): 'flying_pixels',
-    ('bias', ''): 'offset',
-    ('spread', 'amplitude'): 'ambient_light',
-    ('spread', 'edge'): 'lateral_noise',
-    ('spread', ''): 'excess_noise',
-    ('invalid', 'amplitude'): 'low_signal_dropout',
-    ('invalid', 'incidence'): 'grazing_dropout',
-    ('invalid', 'distance'): 'saturation',
-    ('invalid', ''): 'low_signal_dropout',
-    ('gross', 'edge'): 'flying_pixels',
-    ('gross', 'distance'): 'range_wrap',
-    ('gross', ''): 'heavy_tails',
-    ('frames', ''): 'temporal_filter',
-    ('beside', ''): 'spatial_filter',
 }
 # The largest gaps, in tolerances, that cameras without any effect show when the pose is off by
 # 2 mm and 0.125 degrees: upper end of twelve development campaigns. Smaller ones are none.
@@ -253,7 +233,9 @@ def _largest(gap: np.ndarray) -> str:
 
 
 def _read(channel: str, axis: str) -> str:
-    return _READING.get((channel, axis), _READING[(channel, '')])
+    # What a person would read off the largest gap alone.
+    said = {reading: kind.name for kind in registry().values() for reading in kind.reads_as}
+    return said.get((channel, axis), said[channel, ''])
 
 
 def _bic(gap: np.ndarray, templates: Iterable[tuple[str, np.ndarray]]) -> str:

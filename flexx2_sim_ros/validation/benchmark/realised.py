@@ -7,6 +7,7 @@ from typing import Any
 
 from flexx2_sim_ros.atomic import scratch_folder
 from flexx2_sim_ros.camera import Camera
+from flexx2_sim_ros.effects import ageing
 from flexx2_sim_ros.recording import load_recording
 from flexx2_sim_ros.validation.benchmark.design import Planned
 from flexx2_sim_ros.validation.blind import BlindCamera, SceneSet
@@ -85,12 +86,10 @@ def _distances(path: Path, effects: dict[str, Any]) -> tuple[float, float, float
 
 def _since(effects: dict[str, Any], uptime: np.ndarray | None) -> dict[str, Any]:
     # A camera that warms up counts from its own first frame: say how long it had been on.
-    if uptime is None or 'warm_up_drift' not in effects:
+    if uptime is None:
         return effects
-    return {
-        **effects,
-        'warm_up_drift': {**effects['warm_up_drift'], 'uptime': float(uptime.flat[0])},
-    }
+    since = {'uptime': float(uptime.flat[0])}
+    return {**effects, **{name: {**effects[name], **since} for name in ageing(effects)}}
 
 
 def _quantiles(residual: np.ndarray) -> np.ndarray:

@@ -8,6 +8,7 @@ from pathlib import Path
 import re
 from typing import Any
 
+from flexx2_sim_ros.effects import registry
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.validation.benchmark.design import Planned
 from flexx2_sim_ros.validation.benchmark.sealing import COMMITMENT, open_seal
@@ -29,21 +30,6 @@ _ALIASES = {
 }
 _REGION = re.compile(r'image region row (\d+) of (\d+), column (\d+) of (\d+)')
 _UNITS = {'mm': 1e-3, 'rad': 180 / math.pi, 'min': 60.0}
-# Parameters that a label and a diagnosis share: effect: (the diagnosis's name, the label's).
-_PARAMETERS = {
-    'offset': ('bias', 'bias'),
-    'warm_up_drift': ('bias', 'bias'),
-    'fixed_pattern': ('rms', 'rms'),
-    'stray_light': ('share', 'share'),
-    'temporal_filter': ('share', 'share'),
-    'excess_noise': ('factor', 'factor'),
-    'lateral_noise': ('factor', 'factor'),
-    'heavy_tails': ('share', 'share'),
-    'quantisation': ('step', 'step'),
-    'time_offset': ('latency', 'latency'),
-    'intrinsics_error': ('focal', 'focal'),
-    'multipath': ('gain', 'gain'),
-}
 
 
 @dataclass(frozen=True)
@@ -253,12 +239,14 @@ def _number(value: Any) -> float:
 
 
 def _parameter_error(effect: dict[str, Any], label: dict[str, float]) -> float:
-    theirs, ours = _PARAMETERS.get(effect['name'], ('', ''))
-    found, true = (effect.get('parameters') or {}).get(theirs), label.get(ours)
+    # Of the parameter that a label and a diagnosis share.
+    kind = registry().get(effect['name'])
+    compared = kind.compared if kind else ''
+    found, true = (effect.get('parameters') or {}).get(compared), label.get(compared)
     if found is None or not true:
         return math.nan
     # A factor of 1 is no effect.
-    neutral = 1.0 if ours == 'factor' else 0.0
+    neutral = 1.0 if compared == 'factor' else 0.0
     return abs(float(found) - true) / abs(true - neutral)
 
 

@@ -1,93 +1,24 @@
-"""Effects of a scene or camera that moves: wrong stamps, raw frames taken one after the other."""
+"""Motion artefact: raw frames taken one after the other."""
 
 from dataclasses import dataclass
 import math
 from typing import Any, ClassVar
 
+from flexx2_sim_ros.effects.between import ALIKE_SHARE, ALIKE_SPEED
 from flexx2_sim_ros.effects.effect import Effect, parameter
+from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis
+from flexx2_sim_ros.effects.picture import Picture
 from flexx2_sim_ros.physics.fastmath import arctan2, cos_sin_turns
 from flexx2_sim_ros.physics.frame_state import FrameState, Stage
-from flexx2_sim_ros.physics.philox import FAST, STREAM_MOTION
+from flexx2_sim_ros.physics.philox import FAST
 from numba import njit
 import numpy as np
 
-_FRAMES_KEPT = 128
 _TAPS = 4
-# A surface that is nearer or farther by less than the first, as a share of its distance, or than
-# the second would take it, m/s, is the same in two frames (design; twice a trotting Go1).
-ALIKE_SHARE = 0.05
-ALIKE_SPEED = 3.0
 DARKEST = np.float32(1e-3)  # reflectivity that the light of raw frames is compared with
 _ZERO = np.float32(0.0)
 _ONE = np.float32(1.0)
 _TWO_PI = np.float32(2.0 * math.pi)
-
-
-def between(early: np.ndarray, late: np.ndarray, share: float, seconds: float) -> np.ndarray:
-    """
-    Return what is seen at a moment between two frames, or a little after.
-
-    A surface moves evenly; where another one has come into view, the frame that is nearer in time
-    shows what there is.
-
-    Parameters
-    ----------
-    early, late : numpy.ndarray
-        (H, W) float32 metres.
-    share : float
-        0 at the time of ``early``, 1 at that of ``late``.
-    seconds : float
-        Between the two.
-
-    """
-    with np.errstate(invalid='ignore', over='ignore'):
-        change = late - early
-        same = np.abs(change) < np.maximum(
-            np.float32(ALIKE_SHARE) * late, np.float32(ALIKE_SPEED * seconds)
-        )
-        nearer = late if share >= 0.5 else early
-        return np.where(same, early + np.float32(share) * change, nearer)
-
-
-@dataclass(frozen=True)
-class TimeOffset(Effect):
-    """Stamps that are wrong."""
-
-    name: ClassVar[str] = 'time_offset'
-    stage: ClassVar[Stage] = Stage.GEOMETRY
-    order: ClassVar[int] = 2
-    title: ClassVar[str] = 'wrong stamps: the image shows the scene as it was earlier'
-    covariate: ClassVar[str] = 'time'
-    changes: ClassVar[tuple[str, ...]] = ()
-    source: ClassVar[str] = (
-        'a VL53L5CX on a drone: 78 ms, 46.4 to 25.1 mm once modelled; a '
-        'quarter of it here (design)'
-    )
-    keeps: ClassVar[bool] = True
-
-    latency: float = parameter(0.020, -0.1, 0.3, 's', 'how old the scene is at the stamp')
-
-    def apply(self, state: FrameState) -> None:
-        """Show the scene of an earlier moment, from the clean frames seen so far."""
-        kept: list[tuple[int, np.ndarray, np.ndarray]]
-        kept = state.memory.kept.setdefault(self.name, [])
-        if kept and kept[-1][1].shape != state.depth.shape:
-            kept.clear()
-        if kept and kept[-1][0] == state.stamp:
-            kept.pop()
-        kept.append((state.stamp, state.depth.copy(), state.reflectivity.copy()))
-        moment = state.stamp - round(self.strength * self.latency * 1e9)
-        while len(kept) > _FRAMES_KEPT or (len(kept) > 2 and kept[1][0] <= moment):
-            del kept[0]
-        if len(kept) < 2 or moment <= kept[0][0]:
-            _, depth, state.reflectivity = kept[0]
-            state.depth = depth.copy()
-            return
-        index = next((i for i in range(1, len(kept)) if kept[i][0] >= moment), len(kept) - 1)
-        (start, early, _), (end, late, _) = kept[index - 1 : index + 1]
-        share = (moment - start) / (end - start)
-        state.depth = between(early, late, share, (end - start) * 1e-9)
-        state.reflectivity = kept[index if share >= 0.5 else index - 1][2]
 
 
 @dataclass(frozen=True)
@@ -105,7 +36,18 @@ class MotionArtefact(Effect):
         'Drayton 2013: 44 mm RMS at 2 m/s and 125 ms; here 9 ms in Mode_9_30fps, 5 mm at 1 m/s'
     )
     keeps: ClassVar[bool] = True
+    hypotheses: ClassVar[tuple[Hypothesis, ...]] = tuple(
+        # What the driver stamps: the last raw frame, or the first.
+        grid('stretch', (1.0, 2.0), 0.0, 3.0, f'stamp at {stamp:g}', stamp_at=stamp)
+        for stamp in (1.0, 0.0)
+    )
+    needs_motion: ClassVar[bool] = True
     needs_modulation: ClassVar[bool] = True
+    nuisances: ClassVar[tuple[str, ...]] = ('pose', 'edges')
+    family: ClassVar[str] = 'sequence of raw frames'
+    picture: ClassVar[Picture] = Picture('moving')
+    stream: ClassVar[int] = 10
+    batched: ClassVar[tuple[str, ...] | None] = ('surfaces',)
 
     stretch: float = parameter(1.0, 0.0, 20.0, '', 'factor on the time that the raw frames take')
     stamp_at: float = parameter(
@@ -141,7 +83,7 @@ class MotionArtefact(Effect):
             1.0 - duration / interval * (self.stamp_at - (np.arange(taps) + 0.5) / taps), 0.0
         )
         # When another surface comes into view nobody knows: at any moment between two frames.
-        passing = state.uniforms(STREAM_MOTION)
+        passing = state.uniforms(self.stream)
         for index, (k, shift) in enumerate(zip(state.wave_numbers, state.shifts, strict=True)):
             own = moments[index * _TAPS : (index + 1) * _TAPS].astype(np.float32)
             _demodulate(

@@ -1,12 +1,14 @@
-"""The ambiguity of phase: wrapped and wrongly unwrapped distances."""
+"""Range wrap: the ambiguity of phase."""
 
 from dataclasses import dataclass
 import math
 from typing import ClassVar
 
 from flexx2_sim_ros.effects.effect import Effect, parameter
+from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis
+from flexx2_sim_ros.effects.picture import Picture
 from flexx2_sim_ros.physics.frame_state import FrameState, SPEED_OF_LIGHT, Stage
-from flexx2_sim_ros.physics.philox import fill_normals, stamp_words, STREAM_WRAP, STREAM_WRAP_SHARE
+from flexx2_sim_ros.physics.philox import fill_normals, stamp_words
 from numba import njit
 import numpy as np
 
@@ -31,7 +33,15 @@ class RangeWrap(Effect):
     changes: ClassVar[tuple[str, ...]] = ('validity', 'outliers')
     typical: ClassVar[bool] = True
     source: ClassVar[str] = 'c / 2f: 2.498 m at 60 MHz, 1.874 m at 80 MHz, 7.495 m at their beat'
+    hypotheses: ClassVar[tuple[Hypothesis, ...]] = (grid('strength', (0.5, 1.0, 2.0), 0.0, 3.0),)
     needs_modulation: ClassVar[bool] = True
+    nuisances: ClassVar[tuple[str, ...]] = ('sigma',)
+    family: ClassVar[str] = 'wraps of the phase'
+    reads_as: ClassVar[tuple[tuple[str, str], ...]] = (('gross', 'distance'),)
+    picture: ClassVar[Picture] = Picture('wrapped', 'beyond', usecase='Mode_5_30fps')
+    stream: ClassVar[int] = 5
+    share_stream: ClassVar[int] = 9
+    batched: ClassVar[tuple[str, ...] | None] = ()
 
     share: float = parameter(
         1.0,
@@ -57,7 +67,7 @@ class RangeWrap(Effect):
         if beyond.size:
             values = measured.reshape(-1)[beyond]
             wraps = np.floor(values / ambiguity)
-            noticed = state.uniforms(STREAM_WRAP_SHARE).reshape(-1)[beyond] > np.float32(
+            noticed = state.uniforms(self.share_stream).reshape(-1)[beyond] > np.float32(
                 min(self.strength * self.share, 1.0)
             )
             values = values - wraps * ambiguity
@@ -95,7 +105,7 @@ class RangeWrap(Effect):
         if not risky.size:
             return
         draws = np.empty((len(frequencies), state.depth.size), np.float32)
-        fill_normals(state.key, *stamp_words(state.stamp), STREAM_WRAP, draws.reshape(-1))
+        fill_normals(state.key, *stamp_words(state.stamp), self.stream, draws.reshape(-1))
         errors = spreads[:, None] * sigma[risky] * draws[:, risky] + np.stack(
             [shift[risky] for shift in shifts]
         )

@@ -1,15 +1,15 @@
-"""Effects of a camera that is not where, or not what, it is thought to be."""
+"""Pose error: a camera that is not where it is thought to be."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 import math
 from typing import ClassVar
 
 from flexx2_sim_ros.effects.effect import Effect, parameter
+from flexx2_sim_ros.effects.hypothesis import Hypothesis
+from flexx2_sim_ros.effects.picture import Picture
 from flexx2_sim_ros.physics.frame_state import FrameState, Stage
-from flexx2_sim_ros.physics.geometry import View
 from flexx2_sim_ros.physics.philox import FAST
 from flexx2_sim_ros.physics.surface import PAD, tangents
-from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from numba import njit
 import numpy as np
 
@@ -31,6 +31,12 @@ class PoseError(Effect):
     covariate: ClassVar[str] = 'image'
     changes: ClassVar[tuple[str, ...]] = ('bias', 'amplitude', 'edges')
     source: ClassVar[str] = 'the paper set distances to 10 mm; angles are design'
+    hypotheses: ClassVar[tuple[Hypothesis, ...]] = (Hypothesis('', ()),)
+    role: ClassVar[str] = 'pose'
+    smooth: ClassVar[bool] = True
+    family: ClassVar[str] = 'rigid motion'
+    picture: ClassVar[Picture] = Picture('along_row')
+    batched: ClassVar[tuple[str, ...] | None] = ('pose',)
 
     x: float = parameter(0.002, -0.2, 0.2, 'm', 'moved to the right')
     y: float = parameter(0.002, -0.2, 0.2, 'm', 'moved down')
@@ -39,10 +45,14 @@ class PoseError(Effect):
     yaw_deg: float = parameter(0.25, -10.0, 10.0, 'deg', 'turned about y')
     roll_deg: float = parameter(0.1, -10.0, 10.0, 'deg', 'turned about z')
 
+    def motion(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the (3, 3) rotation and the (3,) step in metres from where it should be."""
+        turn = np.radians([self.pitch_deg, self.yaw_deg, self.roll_deg]) * self.strength
+        return rotation_of(turn), np.array([self.x, self.y, self.z]) * self.strength
+
     def apply(self, state: FrameState) -> None:
         """See the scene from the other pose."""
-        turn = np.radians([self.pitch_deg, self.yaw_deg, self.roll_deg]) * self.strength
-        step = np.array([self.x, self.y, self.z]) * self.strength
+        rotation, step = self.motion()
         camera = state.intrinsics
         height, width = state.depth.shape
         depth = np.empty((height, width), np.float32)
@@ -50,7 +60,7 @@ class PoseError(Effect):
         _look_from(
             *tangents(state.depth),
             np.array([camera.fx, camera.fy, camera.cx, camera.cy], np.float32),
-            rotation_of(turn).astype(np.float32),
+            rotation.astype(np.float32),
             step.astype(np.float32),
             depth,
             index,
@@ -104,51 +114,3 @@ def _look_from(p, across, down, lens, rotation, step, depth, index):  # type: ig
                 left = _ONE - nx * step[0] - ny * step[1] - nz * step[2]
                 if seen > _ZERO and left > _ZERO:
                     depth[y, x] = left / seen
-
-
-@dataclass(frozen=True)
-class IntrinsicsError(Effect):
-    """A camera that is not what it is thought to be."""
-
-    name: ClassVar[str] = 'intrinsics_error'
-    stage: ClassVar[Stage] = Stage.GEOMETRY
-    order: ClassVar[int] = 1
-    title: ClassVar[str] = 'focal length, centre or distortion not as they are thought to be'
-    covariate: ClassVar[str] = 'image'
-    changes: ClassVar[tuple[str, ...]] = ('bias', 'amplitude', 'edges')
-    source: ClassVar[str] = (
-        "the driver's grid is distorted and its camera_info says how; magnitudes are design"
-    )
-
-    focal: float = parameter(0.005, -0.2, 0.2, '', 'share by which the focal lengths are longer')
-    cx: float = parameter(0.7, -20.0, 20.0, 'px', 'the true principal point lies right by')
-    cy: float = parameter(0.7, -20.0, 20.0, 'px', 'the true principal point lies down by')
-    k1: float = parameter(-0.01, -0.5, 0.5, '', 'plumb_bob, radial, r^2')
-    k2: float = parameter(0.0, -0.5, 0.5, '', 'plumb_bob, radial, r^4')
-    p1: float = parameter(0.0, -0.1, 0.1, '', 'plumb_bob, tangential, down')
-    p2: float = parameter(0.0, -0.1, 0.1, '', 'plumb_bob, tangential, across')
-    k3: float = parameter(0.0, -0.5, 0.5, '', 'plumb_bob, radial, r^6')
-
-    def true_camera(self, believed: Intrinsics) -> Intrinsics:
-        """Return what the camera is when it is thought to be ``believed``."""
-        s = self.strength
-        return replace(
-            believed,
-            fx=believed.fx * (1 + s * self.focal),
-            fy=believed.fy * (1 + s * self.focal),
-            cx=believed.cx + s * self.cx,
-            cy=believed.cy + s * self.cy,
-            distortion=(s * self.k1, s * self.k2, s * self.p1, s * self.p2, s * self.k3),
-        )
-
-    def apply(self, state: FrameState) -> None:
-        """See the scene along the true rays."""
-        believed = state.intrinsics
-        true = self.true_camera(believed)
-        kept = state.memory.kept.get(self.name)
-        if kept is None or kept.camera != true or kept.source != believed:
-            kept = state.memory.kept[self.name] = View(true, believed)
-        lost = np.isnan(kept.rays[0])  # Bent so much that no light comes there.
-        state.depth = np.where(lost, _NAN, kept.depth(state.depth))
-        if state.reflectivity.size > 1:
-            state.reflectivity = kept.reflectivity(state.reflectivity)

@@ -1,0 +1,39 @@
+"""Excess noise: more than the model says."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from flexx2_sim_ros.effects.effect import Effect, parameter
+from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis
+from flexx2_sim_ros.effects.picture import Picture
+from flexx2_sim_ros.physics.frame_state import FrameState, Stage
+import numpy as np
+
+
+@dataclass(frozen=True)
+class ExcessNoise(Effect):
+    """More noise than the model says."""
+
+    name: ClassVar[str] = 'excess_noise'
+    stage: ClassVar[Stage] = Stage.NOISE
+    order: ClassVar[int] = 0
+    title: ClassVar[str] = 'sigma mis-fitted, or another surface: more axial noise everywhere'
+    covariate: ClassVar[str] = 'none'
+    changes: ClassVar[tuple[str, ...]] = ('noise',)
+    source: ClassVar[str] = 'design: the paper measured one white board'
+    hypotheses: ClassVar[tuple[Hypothesis, ...]] = (
+        grid('factor', (0.8, 1.15, 1.3, 1.6), 0.4, 3.0, neutral=1.0),
+    )
+    role: ClassVar[str] = 'sigma'
+    nuisances: ClassVar[tuple[str, ...]] = ('sigma',)
+    family: ClassVar[str] = 'factor on the noise'
+    compared: ClassVar[str] = 'factor'
+    reads_as: ClassVar[tuple[tuple[str, str], ...]] = (('spread', ''),)
+    picture: ClassVar[Picture] = Picture('histogram')
+    batched: ClassVar[tuple[str, ...] | None] = ()
+
+    factor: float = parameter(1.3, 0.2, 5.0, '', 'on sigma_z, at strength 1')
+
+    def apply(self, state: FrameState) -> None:
+        """Scale sigma."""
+        state.sigma = state.sigma * np.float32(max(1.0 + self.strength * (self.factor - 1.0), 0.0))

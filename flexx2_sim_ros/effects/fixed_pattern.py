@@ -1,0 +1,62 @@
+"""Fixed pattern: a delay of each pixel's own."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import ClassVar
+
+from flexx2_sim_ros.effects.effect import Effect, parameter
+from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis
+from flexx2_sim_ros.effects.picture import Picture
+from flexx2_sim_ros.physics.frame_state import FrameState, Stage
+from flexx2_sim_ros.physics.philox import fill_normals
+import numpy as np
+
+
+@dataclass(frozen=True)
+class FixedPattern(Effect):
+    """A delay of each pixel's own."""
+
+    name: ClassVar[str] = 'fixed_pattern'
+    stage: ClassVar[Stage] = Stage.PHASOR
+    order: ClassVar[int] = 11
+    title: ClassVar[str] = "a delay of each pixel's own: the same grain in every scene"
+    covariate: ClassVar[str] = 'image'
+    changes: ClassVar[tuple[str, ...]] = ('bias',)
+    typical: ClassVar[bool] = True
+    source: ClassVar[str] = 'Azure Kinect: 0.9 mm, the same to 0.87 in two captures; 1-5 mm usual'
+    keeps: ClassVar[bool] = True
+    hypotheses: ClassVar[tuple[Hypothesis, ...]] = (
+        grid('rms', (0.0008, 0.0015, 0.003), 0.0, 0.02, few=False),
+    )
+    repeats: ClassVar[bool] = True
+    nuisances: ClassVar[tuple[str, ...]] = ('pose',)
+    family: ClassVar[str] = 'map of the image'
+    compared: ClassVar[str] = 'rms'
+    picture: ClassVar[Picture] = Picture('two_scenes')
+    stream: ClassVar[int] = 3
+    batched: ClassVar[tuple[str, ...] | None] = ('grain',)
+
+    rms: float = parameter(0.0015, 0.0, 0.1, 'm', 'root mean square over the pixels')
+
+    def apply(self, state: FrameState) -> None:
+        """Add the camera's pattern, made once from its key."""
+        pattern = state.memory.kept.get(self.name)
+        if pattern is None or pattern.shape != state.depth.shape:
+            pattern = _grain(state.key.tobytes(), state.depth.shape)
+            state.memory.kept[self.name] = pattern
+        state.add_shift(np.float32(self.strength * self.rms) * pattern)
+
+
+@lru_cache(maxsize=8)  # Environments of one camera share it.
+def _grain(key: bytes, shape: tuple[int, ...]) -> np.ndarray:
+    # White noise less its mean over 5 x 5 pixels, scaled to unit variance.
+    white = np.empty(shape, np.float32)
+    zero = np.uint32(0)
+    fill_normals(
+        np.frombuffer(key, np.uint32).copy(), zero, zero, FixedPattern.stream, white.ravel()
+    )
+    padded = np.pad(white, 2, mode='reflect' if min(shape) > 2 else 'edge')
+    windows = np.lib.stride_tricks.sliding_window_view(padded, (5, 5))
+    grain = white - windows.mean(axis=(-2, -1), dtype=np.float32)
+    spread = float(grain.std())
+    return (grain / spread if spread > 0 else grain).astype(np.float32)

@@ -1,0 +1,41 @@
+"""Heavy tails: outliers now and then."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from flexx2_sim_ros.effects.effect import Effect, parameter
+from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis
+from flexx2_sim_ros.effects.picture import Picture
+from flexx2_sim_ros.physics.frame_state import FrameState, Stage
+import numpy as np
+
+
+@dataclass(frozen=True)
+class HeavyTails(Effect):
+    """Outliers now and then."""
+
+    name: ClassVar[str] = 'heavy_tails'
+    stage: ClassVar[Stage] = Stage.NOISE
+    order: ClassVar[int] = 2
+    title: ClassVar[str] = 'outliers now and then: a share of the samples is much noisier'
+    covariate: ClassVar[str] = 'none'
+    changes: ClassVar[tuple[str, ...]] = ('noise', 'outliers')
+    source: ClassVar[str] = 'design: a share at 5 sigma'
+    hypotheses: ClassVar[tuple[Hypothesis, ...]] = (
+        grid('share', (0.005, 0.01, 0.02, 0.04), 0.0, 0.2),
+    )
+    nuisances: ClassVar[tuple[str, ...]] = ('sigma',)
+    family: ClassVar[str] = 'distribution of the noise'
+    compared: ClassVar[str] = 'share'
+    reads_as: ClassVar[tuple[tuple[str, str], ...]] = (('gross', ''),)
+    picture: ClassVar[Picture] = Picture('histogram', 'frame')
+    stream: ClassVar[int] = 4
+    batched: ClassVar[tuple[str, ...] | None] = ()
+
+    share: float = parameter(0.02, 0.0, 0.25, '', 'of the samples, at strength 1')
+    width: float = parameter(5.0, 1.0, 20.0, '', 'factor on their sigma')
+
+    def apply(self, state: FrameState) -> None:
+        """Widen some of the normals."""
+        wide = state.uniforms(self.stream) <= np.float32(self.strength * self.share)
+        state.normals = np.where(wide, state.normals * np.float32(self.width), state.normals)

@@ -1,0 +1,95 @@
+"""Multipath: light that bounced once more."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+import math
+from typing import Any, ClassVar
+
+from flexx2_sim_ros.effects.effect import Effect, parameter
+from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis
+from flexx2_sim_ros.effects.interreflection import bounce
+from flexx2_sim_ros.effects.picture import Picture
+from flexx2_sim_ros.physics.fastmath import arctan2
+from flexx2_sim_ros.physics.frame_state import FrameState, Stage
+from flexx2_sim_ros.physics.philox import FAST
+from flexx2_sim_ros.profiles.intrinsics import Intrinsics
+from numba import njit
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Multipath(Effect):
+    """Light that bounced once more."""
+
+    name: ClassVar[str] = 'multipath'
+    stage: ClassVar[Stage] = Stage.PHASOR
+    order: ClassVar[int] = 1
+    title: ClassVar[str] = 'light that bounced once more: positive bias in concave corners'
+    covariate: ClassVar[str] = 'image'
+    changes: ClassVar[tuple[str, ...]] = ('bias', 'amplitude')
+    typical: ClassVar[bool] = True
+    source: ClassVar[str] = (
+        'one diffuse bounce: Jimenez 2014, Bulczak 2018. Rises with the '
+        'distance from the apex, where the detour is nil, and falls again'
+    )
+    keeps: ClassVar[bool] = True
+    hypotheses: ClassVar[tuple[Hypothesis, ...]] = (grid('gain', (0.5, 1.0, 2.0), 0.0, 5.0),)
+    smooth: ClassVar[bool] = True
+    brightness: ClassVar[float] = 0.25
+    like_a_pose: ClassVar[tuple[Mapping[str, float], ...]] = ({},)
+    needs_modulation: ClassVar[bool] = True
+    nuisances: ClassVar[tuple[str, ...]] = ('pose', 'reflectivity')
+    family: ClassVar[str] = 'indirect light'
+    compared: ClassVar[str] = 'gain'
+    picture: ClassVar[Picture] = Picture('along_row')
+
+    gain: float = parameter(1.0, 0.0, 5.0, '', 'factor on the physical bounce')
+
+    def apply(self, state: FrameState) -> None:
+        """Add the indirect light's phasor; kept while the scene stands still."""
+        scene = (state.depth, state.reflectivity)
+        kept: Any = state.memory.kept.get(self.name)
+        if (
+            kept is None
+            or kept[0] != state.intrinsics
+            or not all(
+                one.shape == other.shape and np.array_equal(one, other, equal_nan=True)
+                for one, other in zip(kept[1], scene, strict=True)
+            )
+        ):
+            kept = (
+                state.intrinsics,
+                [image.copy() for image in scene],
+                bounce(state),
+                _depth_of_range(state.intrinsics),
+            )
+            state.memory.kept[self.name] = kept
+        factor = np.float32(self.strength * self.gain)
+        brighter = np.zeros_like(state.amplitude)
+        for k, weight, shift, indirect in zip(
+            state.wave_numbers, state.weights, state.shifts, kept[2], strict=True
+        ):
+            _add_bounce(
+                indirect, factor, np.float32(k), np.float32(weight), kept[3], shift, brighter
+            )
+        state.amplitude = state.amplitude * brighter
+
+
+def _depth_of_range(camera: Intrinsics) -> np.ndarray:
+    x = (np.arange(camera.width) - camera.cx) / camera.fx
+    y = (np.arange(camera.height) - camera.cy) / camera.fy
+    cosine: np.ndarray = (1.0 + x**2 + y[:, None] ** 2) ** -0.5
+    return cosine.astype(np.float32)
+
+
+@njit(cache=True, error_model='numpy', fastmath=FAST)
+def _add_bounce(  # type: ignore[no-untyped-def]
+    indirect, factor, wave_number, weight, depth_of_range, shift, brighter
+):
+    # The detour is along the ray.
+    for y in range(shift.shape[0]):
+        for x in range(shift.shape[1]):
+            real = np.float32(1.0) + factor * indirect[y, x].real
+            imaginary = factor * indirect[y, x].imag
+            shift[y, x] += arctan2(imaginary, real) / wave_number * depth_of_range[y, x]
+            brighter[y, x] += weight * math.sqrt(real * real + imaginary * imaginary)

@@ -1,0 +1,40 @@
+"""Offset: a delay in the electronics."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from flexx2_sim_ros.effects.effect import Effect, parameter
+from flexx2_sim_ros.effects.hypothesis import Hypothesis, Term
+from flexx2_sim_ros.physics.frame_state import FrameState, Stage
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Offset(Effect):
+    """A delay in the electronics."""
+
+    name: ClassVar[str] = 'offset'
+    stage: ClassVar[Stage] = Stage.PHASOR
+    order: ClassVar[int] = 13
+    title: ClassVar[str] = 'delay in the electronics: the same bias everywhere'
+    covariate: ClassVar[str] = 'none'
+    changes: ClassVar[tuple[str, ...]] = ('bias',)
+    typical: ClassVar[bool] = True
+    source: ClassVar[str] = 'design: the paper set distances to 10 mm and leaves bias out'
+    hypotheses: ClassVar[tuple[Hypothesis, ...]] = (
+        # One node: of a large bias the pose takes most, so that what is left is small, and linear.
+        Hypothesis('', (Term('bias', (0.005,), -0.1, 0.1, along_ray='bias'),)),
+    )
+    role: ClassVar[str] = 'bias'
+    smooth: ClassVar[bool] = True
+    nuisances: ClassVar[tuple[str, ...]] = ('pose',)
+    family: ClassVar[str] = 'constant'
+    compared: ClassVar[str] = 'bias'
+    reads_as: ClassVar[tuple[tuple[str, str], ...]] = (('bias', ''),)
+    batched: ClassVar[tuple[str, ...] | None] = ()
+
+    bias: float = parameter(0.005, -0.2, 0.2, 'm', 'added to every depth')
+
+    def apply(self, state: FrameState) -> None:
+        """Add the bias."""
+        state.add_shift(np.float32(self.strength * self.bias))

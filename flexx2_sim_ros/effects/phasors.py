@@ -1,0 +1,36 @@
+"""Light as complex numbers, whose angle is its phase."""
+
+import math
+
+from flexx2_sim_ros.physics.fastmath import arctan2, cos_sin_turns
+from flexx2_sim_ros.physics.frame_state import FrameState
+from flexx2_sim_ros.physics.philox import FAST
+from numba import njit
+import numpy as np
+
+
+@njit(cache=True, error_model='numpy', fastmath=FAST)
+def _directions(depth, shift, turns, out):  # type: ignore[no-untyped-def]
+    # What a pixel's phase is, as a complex number of magnitude 1; 0 where nothing is. `turns`: of
+    # phase a metre.
+    for y in range(depth.shape[0]):
+        for x in range(depth.shape[1]):
+            phase = turns * (depth[y, x] + shift[y, x])
+            phase = phase - np.floor(phase)
+            cosine, sine = cos_sin_turns(phase if phase == phase else np.float32(0.0))
+            out[y, x] = complex(cosine, sine) if depth[y, x] > 0 else complex(0.0, 0.0)
+
+
+@njit(cache=True, error_model='numpy', fastmath=FAST)
+def turn(before, after, wave_number, shift):  # type: ignore[no-untyped-def]
+    """Shift depth by what the phase has turned; all flat."""
+    for i in range(before.size):
+        turned = after[i] * before[i].conjugate()
+        shift[i] += arctan2(turned.imag, turned.real) / wave_number
+
+
+def phases(state: FrameState, wave_number: float, shift: np.ndarray) -> np.ndarray:
+    """Return (H, W) complex64 of magnitude 1, the phase of each pixel; 0 where nothing is."""
+    out = np.empty(state.depth.shape, np.complex64)
+    _directions(state.depth, shift, np.float32(wave_number / (2.0 * math.pi)), out)
+    return out

@@ -1,0 +1,114 @@
+"""Stray light: scatter in the lens."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import ClassVar
+
+from flexx2_sim_ros.effects.effect import Effect, parameter
+from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis
+from flexx2_sim_ros.effects.phasors import phases, turn
+from flexx2_sim_ros.effects.picture import Picture
+from flexx2_sim_ros.physics.frame_state import FrameState, Stage
+from numba import njit
+import numpy as np
+
+_COARSE = 4  # A wide kernel is applied to the image at a quarter of its resolution.
+
+
+@dataclass(frozen=True)
+class StrayLight(Effect):
+    """Scatter in the lens."""
+
+    name: ClassVar[str] = 'stray_light'
+    stage: ClassVar[Stage] = Stage.PHASOR
+    order: ClassVar[int] = 2
+    title: ClassVar[str] = 'scatter in the lens: dark and far pulled towards bright and near'
+    covariate: ClassVar[str] = 'amplitude'
+    changes: ClassVar[tuple[str, ...]] = ('bias', 'amplitude')
+    typical: ClassVar[bool] = True
+    source: ClassVar[str] = 'Schaefer 2014: 0.5 to 5 % of the light'
+    hypotheses: ClassVar[tuple[Hypothesis, ...]] = tuple(
+        grid('share', (0.02,), 0.0, 0.15, f'width {width:g}', width=width) for width in (0.1, 0.25)
+    )
+    smooth: ClassVar[bool] = True
+    brightness: ClassVar[float] = 0.1
+    like_a_pose: ClassVar[tuple[Mapping[str, float], ...]] = ({},)
+    needs_modulation: ClassVar[bool] = True
+    nuisances: ClassVar[tuple[str, ...]] = ('pose', 'reflectivity')
+    family: ClassVar[str] = 'kernel over the image'
+    compared: ClassVar[str] = 'share'
+    picture: ClassVar[Picture] = Picture(at_chart=True)
+
+    share: float = parameter(0.02, 0.0, 0.2, '', 'of the light that is scattered, at strength 1')
+    width: float = parameter(0.15, 0.02, 1.0, '', 'half-value radius, share of the width')
+
+    def apply(self, state: FrameState) -> None:
+        """Add the scattered phasor."""
+        share = np.float32(self.strength * self.share)
+        amplitude = np.zeros_like(state.amplitude)
+        for k, weight, shift in zip(state.wave_numbers, state.weights, state.shifts, strict=True):
+            direction = phases(state, k, shift)
+            light = state.amplitude * direction
+            light += share * _scatter(light, self.width)
+            turn(direction.reshape(-1), light.reshape(-1), np.float32(k), shift.reshape(-1))
+            amplitude += np.float32(weight) * np.abs(light)
+        state.amplitude = np.where(np.isfinite(state.depth), amplitude, np.float32(0))
+
+
+def _scatter(image: np.ndarray, width: float) -> np.ndarray:
+    # Convolve with a wide kernel of unit sum, on coarse blocks; nothing comes from outside.
+    height, wide = image.shape
+    rows, columns = -(-height // _COARSE), -(-wide // _COARSE)
+    blocks = np.zeros((rows, columns), np.complex64)
+    _gather(image, blocks)
+    spectrum = np.fft.fft2(blocks, s=(2 * rows, 2 * columns)) * _kernel(
+        rows, columns, width * wide / _COARSE
+    )
+    coarse = np.fft.ifft2(spectrum)[:rows, :columns].astype(np.complex64)
+    out = np.empty_like(image)
+    _interpolate(coarse, out)
+    return out
+
+
+@njit(cache=True)
+def _gather(image, blocks):  # type: ignore[no-untyped-def]
+    # Light of a block, as if it were a pixel's.
+    share = np.float32(1.0 / _COARSE**2)
+    for y in range(image.shape[0]):
+        for x in range(image.shape[1]):
+            blocks[y // _COARSE, x // _COARSE] += share * image[y, x]
+
+
+@njit(cache=True)
+def _interpolate(blocks, out):  # type: ignore[no-untyped-def]
+    # Linearly, from the blocks' centres to pixels.
+    rows, columns = blocks.shape
+    half, one, size = np.float32(0.5), np.float32(1.0), np.float32(_COARSE)
+    for y in range(out.shape[0]):
+        down = min(
+            max((np.float32(y) + half) / size - half, np.float32(0.0)), np.float32(rows - 1)
+        )
+        top = int(down)
+        low = min(top + 1, rows - 1)
+        sy = down - np.float32(top)
+        for x in range(out.shape[1]):
+            across = min(
+                max((np.float32(x) + half) / size - half, np.float32(0.0)), np.float32(columns - 1)
+            )
+            left = int(across)
+            right = min(left + 1, columns - 1)
+            sx = across - np.float32(left)
+            above = (one - sx) * blocks[top, left] + sx * blocks[top, right]
+            below = (one - sx) * blocks[low, left] + sx * blocks[low, right]
+            out[y, x] = (one - sy) * above + sy * below
+
+
+@lru_cache(maxsize=16)
+def _kernel(rows: int, columns: int, radius: float) -> np.ndarray:
+    # Spectrum of (1 + r^2 / w^2)^(-3/2), half its peak at r = radius, on a doubled grid.
+    w2 = radius**2 / (2.0 ** (2.0 / 3.0) - 1.0)
+    y = np.minimum(np.arange(2 * rows), 2 * rows - np.arange(2 * rows))
+    x = np.minimum(np.arange(2 * columns), 2 * columns - np.arange(2 * columns))
+    kernel = (1.0 + (y[:, None] ** 2 + x[None, :] ** 2) / w2) ** -1.5
+    return np.fft.fft2(kernel / kernel.sum()).astype(np.complex64)

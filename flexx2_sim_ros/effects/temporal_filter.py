@@ -1,0 +1,49 @@
+"""Temporal filter: a recursive filter in the camera."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from flexx2_sim_ros.effects.effect import Effect, parameter
+from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis
+from flexx2_sim_ros.effects.picture import Picture
+from flexx2_sim_ros.physics.frame_state import FrameState, Stage
+import numpy as np
+
+RESET_SIGMAS = np.float32(6.0)
+
+
+@dataclass(frozen=True)
+class TemporalFilter(Effect):
+    """A recursive filter in the camera."""
+
+    name: ClassVar[str] = 'temporal_filter'
+    stage: ClassVar[Stage] = Stage.FILTER
+    order: ClassVar[int] = 1
+    title: ClassVar[str] = 'recursive filter in the camera: less noise, frames alike'
+    covariate: ClassVar[str] = 'time'
+    changes: ClassVar[tuple[str, ...]] = ('noise', 'frames')
+    source: ClassVar[str] = "vendors' adaptive temporal filters; reset at 6 sigma; share is design"
+    keeps: ClassVar[bool] = True
+    hypotheses: ClassVar[tuple[Hypothesis, ...]] = (
+        grid('share', (0.2, 0.4, 0.6, 0.8), 0.0, 0.95, few=False),
+    )
+    filters: ClassVar[bool] = True
+    nuisances: ClassVar[tuple[str, ...]] = ('sigma',)
+    family: ClassVar[str] = 'filter over frames'
+    compared: ClassVar[str] = 'share'
+    reads_as: ClassVar[tuple[tuple[str, str], ...]] = (('frames', ''),)
+    picture: ClassVar[Picture] = Picture('frames_alike')
+    batched: ClassVar[tuple[str, ...] | None] = ('measured',)
+
+    share: float = parameter(0.4, 0.0, 0.98, '', 'of the frame before, at strength 1')
+
+    def apply(self, state: FrameState) -> None:
+        """Mix every pixel with the frame before, unless it has changed too much."""
+        share = np.float32(min(self.strength * self.share, 0.98))
+        before = state.memory.kept.get(self.name)
+        if before is not None and before.shape == state.measured.shape:
+            change = before - state.measured
+            with np.errstate(invalid='ignore'):
+                alike = np.abs(change) < RESET_SIGMAS * state.sigma
+            state.measured = np.where(alike, state.measured + share * change, state.measured)
+        state.memory.kept[self.name] = state.measured.copy()

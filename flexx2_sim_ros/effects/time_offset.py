@@ -1,0 +1,62 @@
+"""Time offset: stamps that are wrong."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from flexx2_sim_ros.effects.between import between
+from flexx2_sim_ros.effects.effect import Effect, parameter
+from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis
+from flexx2_sim_ros.effects.picture import Picture
+from flexx2_sim_ros.physics.frame_state import FrameState, Stage
+import numpy as np
+
+_FRAMES_KEPT = 128
+
+
+@dataclass(frozen=True)
+class TimeOffset(Effect):
+    """Stamps that are wrong."""
+
+    name: ClassVar[str] = 'time_offset'
+    stage: ClassVar[Stage] = Stage.GEOMETRY
+    order: ClassVar[int] = 2
+    title: ClassVar[str] = 'wrong stamps: the image shows the scene as it was earlier'
+    covariate: ClassVar[str] = 'time'
+    changes: ClassVar[tuple[str, ...]] = ()
+    source: ClassVar[str] = (
+        'a VL53L5CX on a drone: 78 ms, 46.4 to 25.1 mm once modelled; a '
+        'quarter of it here (design)'
+    )
+    keeps: ClassVar[bool] = True
+    hypotheses: ClassVar[tuple[Hypothesis, ...]] = (
+        grid('latency', (-0.02, 0.01, 0.02, 0.04), -0.08, 0.12),
+    )
+    needs_motion: ClassVar[bool] = True
+    nuisances: ClassVar[tuple[str, ...]] = ('pose', 'edges')
+    family: ClassVar[str] = 'delay in time'
+    compared: ClassVar[str] = 'latency'
+    picture: ClassVar[Picture] = Picture('moving')
+
+    latency: float = parameter(0.020, -0.1, 0.3, 's', 'how old the scene is at the stamp')
+
+    def apply(self, state: FrameState) -> None:
+        """Show the scene of an earlier moment, from the clean frames seen so far."""
+        kept: list[tuple[int, np.ndarray, np.ndarray]]
+        kept = state.memory.kept.setdefault(self.name, [])
+        if kept and kept[-1][1].shape != state.depth.shape:
+            kept.clear()
+        if kept and kept[-1][0] == state.stamp:
+            kept.pop()
+        kept.append((state.stamp, state.depth.copy(), state.reflectivity.copy()))
+        moment = state.stamp - round(self.strength * self.latency * 1e9)
+        while len(kept) > _FRAMES_KEPT or (len(kept) > 2 and kept[1][0] <= moment):
+            del kept[0]
+        if len(kept) < 2 or moment <= kept[0][0]:
+            _, depth, state.reflectivity = kept[0]
+            state.depth = depth.copy()
+            return
+        index = next((i for i in range(1, len(kept)) if kept[i][0] >= moment), len(kept) - 1)
+        (start, early, _), (end, late, _) = kept[index - 1 : index + 1]
+        share = (moment - start) / (end - start)
+        state.depth = between(early, late, share, (end - start) * 1e-9)
+        state.reflectivity = kept[index if share >= 0.5 else index - 1][2]
