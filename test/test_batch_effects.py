@@ -17,7 +17,7 @@ import warp as wp
 
 MODES = ['Mode_5_30fps', 'Mode_9_30fps', 'Mode_9_5fps']
 MATRIX = flexx2().intrinsics.matrix
-LEFT_OUT = ('time_offset', 'multipath', 'stray_light')
+WITHOUT_KERNEL = ('time_offset', 'multipath', 'stray_light')
 # Strong enough that every one shows in these scenes.
 STRONG = {
     'grazing_dropout': {'half_deg': 30.0},
@@ -161,16 +161,47 @@ def test_effects_and_modes_change_between_frames() -> None:
     )
 
 
-def test_every_effect_has_a_batched_form_or_is_named_before_the_first_step() -> None:
-    assert set(BATCHED) | set(LEFT_OUT) == set(registry())
-    for name in LEFT_OUT:
-        with pytest.raises(InputError, match=f'effects: {name}: has no batched form, wanted any'):
-            BatchCamera(2, effects={name: None}, device='cpu')
-    with pytest.raises(InputError, match='motion_artefact|multipath'):
-        BatchCamera(2, effects='typical', device='cpu')
+@pytest.mark.parametrize('name', WITHOUT_KERNEL)
+def test_effects_without_a_kernel_are_the_single_cameras(
+    name: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Assert it to the bit beside an environment that kernels compute, and that it is said."""
+    own = [{name: None, 'temporal_filter': None}, {'offset': {'bias': 0.05}}, ()]
+    other, changed = disagreement('cpu', own)
+    assert other <= 1e-4
+    assert changed > 0.3
+    assert f'{name}: no kernel, 1 environments' in caplog.text
+
+
+def test_an_environment_without_a_kernel_changes_between_frames() -> None:
+    clean = np.full((2, 20, 30), 1.5, np.float32)
+    clean[:, :, 20:] = np.nan
+    effects = {'stray_light': None, 'temporal_filter': {'share': 0.9}}
+    camera = BatchCamera(2, effects=effects, K=MATRIX, device='cpu', invalid_value='zero')
+    alone = [Camera(seed=i, effects=effects) for i in range(2)]
+    for step in range(5):
+        if step == 2:
+            camera.reset(np.array([False, True]))
+            alone[1].reset()
+        if step == 3:
+            camera.set_usecase('Mode_9_30fps', np.array([True, False]))  # starts afresh
+            alone[0].reset()
+        seen = camera(clean)
+        for i, one in enumerate(alone):
+            depth = one.capture(clean[i], MATRIX, step * round(1e9 / 30)).depth
+            np.testing.assert_array_equal(seen[i], np.nan_to_num(depth))
+    camera.set_effects(())
+    np.testing.assert_allclose(
+        camera(clean)[0],
+        np.nan_to_num(Camera().capture(clean[0], MATRIX, 5 * round(1e9 / 30)).depth),
+        rtol=0,
+        atol=2e-5,
+    )
+
+
+def test_sets_of_effects_that_cannot_be_used() -> None:
+    assert set(BATCHED) | set(WITHOUT_KERNEL) == set(registry())
     camera = BatchCamera(2, device='cpu')
-    with pytest.raises(InputError, match='stray_light: has no batched form'):
-        camera.set_effects([{'offset': None}, {'stray_light': None}])
     with pytest.raises(InputError, match='found 3 sets, wanted one, or one for each of the 2'):
         camera.set_effects([{}, {}, {}])
     with pytest.raises(InputError, match='offset.bias: found 9'):

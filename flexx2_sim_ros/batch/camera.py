@@ -7,6 +7,7 @@ from typing import Any
 from flexx2_sim_ros.batch import kernels
 from flexx2_sim_ros.batch.effect_tables import each_environment
 from flexx2_sim_ros.batch.exchange import checked, from_warp, stream_of, to_warp
+from flexx2_sim_ros.batch.host import HostCameras, put, without_kernel
 from flexx2_sim_ros.batch.images import Images, Rows
 from flexx2_sim_ros.batch.stages import Development
 from flexx2_sim_ros.camera import Intrinsics, Mode, Profile
@@ -39,7 +40,8 @@ class BatchCamera:
     profile : Profile, optional
         Another camera than the Flexx2.
     effects : see `Camera`, or a sequence of N such
-        Effects of all environments, or of each.
+        Effects of all environments, or of each. Environments with an effect that has no kernel
+        are computed one after the other on the CPU, with a warning.
     seed : int or sequence of int
         Environment i has the seed ``seed + i``, or ``seed[i]``.
     name : str
@@ -63,7 +65,7 @@ class BatchCamera:
     Raises
     ------
     InputError
-        For values that cannot be used, and effects that have no batched form.
+        For values that cannot be used.
 
     Examples
     --------
@@ -103,7 +105,8 @@ class BatchCamera:
             Intrinsics.from_matrix(K, 1, 1)  # complains
         self._matrix = K
         self._invalid = _INVALID[invalid_value]
-        keys = np.stack([camera_key(one, name) for one in self._each_seed(seed)])
+        self._seeds, self._name = self._each_seed(seed), name
+        keys = np.stack([camera_key(one, name) for one in self._seeds])
         self._noise = np.zeros(self.num_envs, kernels.Noise.numpy_dtype())  # type: ignore
         self._periods = np.zeros(self.num_envs, np.int64)
         self._rows = Rows(
@@ -120,6 +123,7 @@ class BatchCamera:
         self.stamps = self._rows.stamps
         self._images: Images | None = None
         self._development: Development | None = None
+        self._host: HostCameras | None = None
         self._modes: list[Mode] = [self.profile.modes[0]] * self.num_envs
         self._effects: list[tuple[Effect, ...]] = [()] * self.num_envs
         self._has_effects = False
@@ -173,15 +177,20 @@ class BatchCamera:
         Raises
         ------
         InputError
-            For effects that `Camera` does not take, or that have no batched form.
+            For effects that `Camera` does not take.
 
         """
         chosen = self._mask(env_mask)
         read = each_environment(effects, self.num_envs)
-        self._set(
-            self._modes, [read[i] if chosen[i] else own for i, own in enumerate(self._effects)]
-        )
+        every = [read[i] if chosen[i] else own for i, own in enumerate(self._effects)]
+        self._set(self._modes, every)
         self._development = None
+        on_host = {i: own for i, own in enumerate(every) if without_kernel(own)}
+        self._host = (
+            HostCameras(on_host, self._modes, self._seeds, self._name, self.profile)
+            if on_host
+            else None
+        )
 
     def reset(self, env_mask: Any = None) -> None:
         """
@@ -203,12 +212,15 @@ class BatchCamera:
         host = isinstance(env_mask, np.ndarray)
         place = wp.get_device('cpu') if host else self.device
         kind = checked('env_mask', env_mask, (self.num_envs,), np.bool_, place)
-        if self._development is not None:
+        if self._development is not None or self._host is not None:
             with stream_of(kind, self.device), wp.ScopedDevice(self.device):
                 mask = to_warp(
                     kind, env_mask, wp.empty(self.num_envs, dtype=wp.bool, device=place)
                 )
-                self._development.forget(mask.to(self.device))
+                if self._host is not None:
+                    self._host.forget(mask.numpy())
+                if self._development is not None:
+                    self._development.forget(mask.to(self.device))
             if host:
                 wp.synchronize_device(self.device)
 
@@ -272,6 +284,19 @@ class BatchCamera:
     def _look(
         self, images: Images, depth: wp.array, reflectivity: wp.array | None, out: wp.array
     ) -> None:
+        frames: dict[int, np.ndarray] = {}
+        if self._host is not None:  # first, since `out` may be the memory of `depth`
+            shape = (images.height, images.width)
+            matrix = self._intrinsics(*shape).matrix
+            frames = self._host.look(depth, reflectivity, self.stamps, matrix, shape)
+        if len(frames) < self.num_envs:
+            self._launch(images, depth, reflectivity, out)
+        put(frames, self._invalid, out)
+        wp.launch(kernels.tick, self.num_envs, [self._rows.periods, self.stamps])
+
+    def _launch(
+        self, images: Images, depth: wp.array, reflectivity: wp.array | None, out: wp.array
+    ) -> None:
         development = self._development_for(images) if self._has_effects else None
         if development is not None:
             development.begin()
@@ -283,12 +308,11 @@ class BatchCamera:
                 images.find_surfaces(depth, first, count)
                 images.move_edges(first, count, self._rows)
                 images.observe(first, count, self._rows, out)
-        wp.launch(kernels.tick, self.num_envs, [self._rows.periods, self.stamps])
 
     def _development_for(self, images: Images) -> Development:
         if self._development is None or self._development.images is not images:
             self._development = Development(
-                self._effects,
+                [() if without_kernel(own) else own for own in self._effects],
                 self.profile,
                 images,
                 self._rows,
@@ -306,12 +330,14 @@ class BatchCamera:
             self._noise[i] = rows[pair]
         self._periods[:] = [round(1e9 / mode.rate_hz) for mode in modes]
         self._modes, self._effects = modes, effects
-        self._has_effects = any(effects)
+        self._has_effects = any(own and not without_kernel(own) for own in effects)
         wp.synchronize_device(self.device)  # Frames may be in the making, on another stream.
         self._rows.noise.assign(self._noise)
         self._rows.periods.assign(self._periods)
         if self._development is not None:
             self._development.set_modes(modes)
+        if self._host is not None:
+            self._host.set_modes(modes)
         wp.synchronize_device(self.device)
 
     def _images_for(self, height: int, width: int) -> Images:

@@ -63,7 +63,7 @@ def each_environment(effects: Any, num_envs: int) -> list[tuple[Effect, ...]]:
     Raises
     ------
     InputError
-        For effects that `Camera` does not take, or that have no batched form.
+        For effects that `Camera` does not take.
 
     """
     several = (
@@ -87,13 +87,7 @@ def each_environment(effects: Any, num_envs: int) -> list[tuple[Effect, ...]]:
 
 
 def _checked(effects: Any) -> tuple[Effect, ...]:
-    chosen = Camera(effects=effects).effects
-    for effect in chosen:
-        if effect.name not in BATCHED:
-            raise InputError(
-                f'effects: {effect.name}: has no batched form, wanted any of {", ".join(BATCHED)}'
-            )
-    return chosen  # type: ignore[return-value]
+    return Camera(effects=effects).effects  # type: ignore[return-value]
 
 
 def effects_row(effects: Sequence[Effect]) -> np.ndarray:

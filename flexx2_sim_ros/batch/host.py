@@ -1,0 +1,133 @@
+"""Environments whose effects have no kernel: one `Camera` after the other, on the CPU."""
+
+from collections.abc import Mapping, Sequence
+import logging
+from typing import Any
+
+from flexx2_sim_ros.camera import Camera, Mode, Profile
+from flexx2_sim_ros.effects import Effect
+import numpy as np
+import warp as wp
+
+_log = logging.getLogger(__name__)
+
+
+def without_kernel(effects: Sequence[Effect]) -> list[str]:
+    """Return the names of the effects that no kernel computes."""
+    return [effect.name for effect in effects if effect.batched is None]
+
+
+class HostCameras:
+    """
+    The cameras of some environments.
+
+    Parameters
+    ----------
+    effects : mapping of int to sequence of Effect
+        By environment.
+    modes : sequence of Mode
+        Of all environments.
+    seeds : sequence of int
+        Of all environments.
+    name : str
+        The cameras'.
+    profile : Profile
+        The cameras'.
+
+    """
+
+    def __init__(
+        self,
+        effects: Mapping[int, Sequence[Effect]],
+        modes: Sequence[Mode],
+        seeds: Sequence[int],
+        name: str,
+        profile: Profile,
+    ) -> None:
+        """Make them, and say so."""
+        self._cameras = {
+            i: Camera(modes[i].name, profile=profile, effects=own, seed=seeds[i], name=name)
+            for i, own in effects.items()
+        }
+        names = {one for own in effects.values() for one in without_kernel(own)}
+        if names:
+            _log.warning(
+                'effects: %s: no kernel, %d environments are computed one after the other on the '
+                'CPU',
+                ', '.join(sorted(names)),
+                len(effects),
+            )
+
+    def __len__(self) -> int:
+        """Return how many environments these are."""
+        return len(self._cameras)
+
+    def set_modes(self, modes: Sequence[Mode]) -> None:
+        """Take the modes of all environments; a camera in another mode starts afresh."""
+        for i, camera in self._cameras.items():
+            if camera.mode != modes[i]:
+                self._cameras[i] = Camera(
+                    modes[i].name,
+                    profile=camera.profile,
+                    effects=camera.effects,
+                    seed=camera.seed,
+                    name=camera.name,
+                )
+
+    def forget(self, mask: np.ndarray) -> None:
+        """Forget what effects keep in the environments that a (N,) bool array says."""
+        for i, camera in self._cameras.items():
+            if mask[i]:
+                camera.reset()
+
+    def look(
+        self,
+        depth: wp.array,
+        reflectivity: wp.array | None,
+        stamps: wp.array,
+        K: np.ndarray,  # noqa: N803
+        shape: tuple[int, int],
+    ) -> dict[int, np.ndarray]:
+        """
+        Make the frames.
+
+        Parameters
+        ----------
+        depth, reflectivity : warp.array
+            (N * H * W,) float32, of all environments, on any device.
+        stamps : warp.array
+            (N,) int64, nanoseconds.
+        K : numpy.ndarray
+            (3, 3) camera matrix.
+        shape : tuple of int
+            H and W.
+
+        Returns
+        -------
+        dict of int to numpy.ndarray
+            By environment (H, W) float32 metres, NaN where invalid.
+
+        """
+        pixels = shape[0] * shape[1]
+        moments = stamps.numpy()
+
+        def image(of: Any, i: int) -> np.ndarray:
+            return of[i * pixels : (i + 1) * pixels].numpy().reshape(shape)  # type: ignore
+
+        return {
+            i: camera.capture(
+                image(depth, i),
+                K,
+                moments[i],
+                None if reflectivity is None else image(reflectivity, i),
+            ).depth
+            for i, camera in self._cameras.items()
+        }
+
+
+def put(frames: Mapping[int, np.ndarray], invalid: float, out: wp.array) -> None:
+    """Write frames of environments to (N * H * W,) float32 on any device."""
+    for i, frame in frames.items():
+        flat = np.where(np.isnan(frame), np.float32(invalid), frame).ravel()
+        source = wp.array(flat, dtype=wp.float32, device='cpu', copy=False)
+        wp.copy(out, source, dest_offset=i * flat.size, count=flat.size)
