@@ -2,7 +2,8 @@
 What a real camera does and the noise model leaves out, as effects to switch on.
 
 One file an effect: a dataclass that says all that there is to say about it. The registry finds
-it; files, node parameters, documentation, pictures, the diagnosis and the benchmark follow.
+those in this package, and those of other packages through the entry point group
+``flexx2_sim_ros.effects``; see ``docs/adding_an_effect.md``.
 """
 
 from flexx2_sim_ros.effects.effect import Effect, Parameter

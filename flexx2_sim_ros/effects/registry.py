@@ -12,6 +12,7 @@ from flexx2_sim_ros.atomic import write_text
 from flexx2_sim_ros.config_file import is_regular_file, read_config
 from flexx2_sim_ros.effects.effect import Effect
 from flexx2_sim_ros.effects.patch import ResidualPatch
+from flexx2_sim_ros.effects.plugins import plug_ins
 from flexx2_sim_ros.effects.ray import AlongRay
 from flexx2_sim_ros.errors import InputError, shown, shown_path, unquoted
 from flexx2_sim_ros.paths import config_dir
@@ -20,8 +21,10 @@ import yaml
 
 @lru_cache(maxsize=1)
 def registry() -> Mapping[str, type[Effect]]:
-    """Return all effects by name, in the order of light."""
-    return MappingProxyType(_in_order(_own()))
+    """Return all effects by name, in the order of light: this package's and plug-ins'."""
+    own = _own()
+    known = {kind.name for kind in (*own, *_UNLISTED)}
+    return MappingProxyType(_in_order([*own, *plug_ins(known)]))
 
 
 def _own() -> list[type[Effect]]:
@@ -104,7 +107,8 @@ def load_effects(path: str | Path) -> tuple[Effect, ...]:
     ----------
     path : str or pathlib.Path
         ``schema: 1`` and ``effects:``, a table of parameters by effect name. Or the name of a
-        preset, a file in ``config/effects`` without its ending: ``typical``.
+        preset, a file in ``config/effects`` without its ending: ``typical``. Or the name of an
+        effect: that one, at its typical values.
 
     Returns
     -------
@@ -121,6 +125,8 @@ def load_effects(path: str | Path) -> tuple[Effect, ...]:
     preset = config_dir() / 'effects' / f'{path}.yaml'
     if str(path) == path.stem and not is_regular_file(path) and is_regular_file(preset):
         path = preset
+    elif str(path) in registry() and not path.exists():
+        return (registry()[str(path)](),)
     content = read_config(path)
     if 'effects' not in content:
         raise InputError(
