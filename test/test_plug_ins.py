@@ -154,7 +154,7 @@ import numpy as np
 class Good(Effect):
     name: ClassVar[str] = 'good'
     stage: ClassVar[Stage] = Stage.FILTER
-    title: ClassVar[str] = 'a step'
+    title: ClassVar[str] = 'a step [/dim] [bold'
     covariate: ClassVar[str] = 'none'
     changes: ClassVar[tuple] = ('bias',)
     source: ClassVar[str] = 'a test'
@@ -251,6 +251,7 @@ def test_what_cannot_be_used_is_named_and_left_out(
 
 
 def test_the_command_line_goes_on_beside_them(bad_site: Path) -> None:
+    assert '[/dim] [bold' in command(bad_site, 'effects', '--sources').stdout
     done = command(bad_site, 'effects')
     assert done.returncode == 0
     assert 'wiggling' in done.stdout
@@ -312,6 +313,26 @@ def test_no_module_but_its_own_names_an_effect() -> None:
         }
         if not place.startswith(apart):
             assert texts & set(loadable()) <= {path.stem, own.get(path.name)}, place
+
+
+def test_effects_import_nothing_above_them() -> None:
+    below = {'config_file', 'effects', 'errors', 'paths', 'physics', 'profiles'}
+    for path in sorted((ROOT / 'flexx2_sim_ros' / 'effects').glob('*.py')):
+        rooms = set(re.findall(r'(?:from|import) flexx2_sim_ros\.(\w+)', path.read_text()))
+        assert rooms <= below, path.name
+
+
+def test_counts_in_the_documents() -> None:
+    """Assert that documents that count the effects count them right."""
+    count = len(registry())
+    said = []
+    for page in (ROOT / 'README.md', ROOT / 'docs' / 'nodes.md', ROOT / 'docs' / 'effects.md'):
+        said += re.findall(r'(\d+) (?:effects of|things) a real', page.read_text())
+    assert len(said) >= 3
+    assert set(map(int, said)) == {count}
+    kernels = sum(kind.batched is not None for kind in registry().values())
+    batch = (ROOT / 'docs' / 'batch.md').read_text()
+    assert f'{kernels} of the {count} effects run in kernels' in batch
 
 
 def test_random_numbers_are_each_effects_own() -> None:

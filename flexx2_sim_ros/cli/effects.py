@@ -10,6 +10,7 @@ from flexx2_sim_ros.effects.presets import bounds, markdown, preset_files
 from flexx2_sim_ros.errors import InputError
 from rich import box
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 
@@ -90,7 +91,8 @@ def _parameters() -> Table:
         for item in kind.parameters():
             if item.name != 'strength':
                 head = (kind.name, kind.stage.name.lower()) if first else ('', '')
-                table.add_row(*head, item.name, f'{item.default:g}', bounds(item), item.unit)
+                values = f'{item.default:g}', bounds(item), escape(item.unit)
+                table.add_row(*head, item.name, *values)
                 first = False
         if first:
             table.add_row(kind.name, kind.stage.name.lower())
@@ -100,7 +102,7 @@ def _parameters() -> Table:
 def _sources() -> Table:
     table = _table('effect', 'what it is, and where it is from')
     for kind in registry().values():
-        table.add_row(kind.name, f'{kind.title}\n[dim]{kind.source}[/dim]')
+        table.add_row(kind.name, f'{escape(kind.title)}\n[dim]{escape(kind.source)}[/dim]')
     return table
 
 

@@ -6,6 +6,7 @@ be kept from is ending or blocking the process from within its own code.
 """
 
 from collections.abc import Callable, Collection, Iterator
+from contextlib import suppress
 from dataclasses import fields, is_dataclass, replace
 from functools import wraps
 from importlib.metadata import distributions, EntryPoint
@@ -50,7 +51,13 @@ def plug_ins(taken: Collection[str]) -> list[type[Effect]]:
     """
     found: list[type[Effect]] = []
     names = set(taken)
-    for point in _entry_points():
+    points = list(_entry_points())
+    if points:
+        # numba reads all entry points when it first compiles. A ruined one makes it raise once:
+        # here, so that it is not taken for a fault of the first plug-in.
+        with suppress(Exception):
+            _small_frame(Memory(), 0)
+    for point in points:
         try:
             kind = _checked(point.load(), names)
         except KeyboardInterrupt:
@@ -74,7 +81,7 @@ def _entry_points() -> Iterator[EntryPoint]:
         except Exception as error:
             _leave_out(str(getattr(distribution, '_path', distribution)), error)
             continue
-        if name not in seen:
+        if name is None or name not in seen:
             yield from points
         seen.add(name)
 
@@ -176,6 +183,10 @@ def _check_hypotheses(kind: type[Effect]) -> None:
     ):
         raise InputError('hypotheses: must be a tuple of Hypothesis')
     for one in kind.hypotheses:
+        if one.label != '' and not _is_text(one.label):
+            raise InputError(
+                f'hypotheses: label must be a text of one line, got {one.label!r:.80}'
+            )
         kind.from_mapping(dict(one.fixed))
         for term in one.terms:
             if term.stand_in is not None or not term.values or not term.low < term.high:
@@ -192,20 +203,25 @@ def _check_hypotheses(kind: type[Effect]) -> None:
 
 
 def _try_out(kind: type[Effect]) -> None:
-    # On two frames of a small slanted wall.
+    memory = Memory()
+    for stamp in (0, 33_333_333):
+        memory.begin(stamp)
+        _run(kind(), kind.apply, _small_frame(memory, stamp))
+
+
+def _small_frame(memory: Memory, stamp: int) -> FrameState:
+    # A slanted wall, with the images of all stages.
     mode = flexx2().mode(DEFAULT_USECASE)
     camera = Intrinsics.from_field_of_view(16, 12, 56.0, 44.0)
-    memory, key = Memory(), np.array([1, 2], np.uint32)
-    for stamp in (0, 33_333_333):
-        wall = np.linspace(1.0, 1.2, 192, dtype=np.float32).reshape(12, 16)
-        surface = analyse(wall, camera)
-        full = np.full_like(wall, 0.5)
-        state = FrameState(mode, camera, stamp, key, memory, wall, full.copy(), surface=surface)
-        state.amplitude, state.sigma, state.normals = full.copy(), full * 0.01, full.copy()
-        state.cosine, state.measured = surface.cos_incidence.copy(), wall.copy()
-        state.shifts = [np.zeros_like(wall) for _ in mode.modulation_hz]
-        memory.begin(stamp)
-        _run(kind(), kind.apply, state)
+    wall = np.linspace(1.0, 1.2, 192, dtype=np.float32).reshape(12, 16)
+    surface = analyse(wall, camera)
+    half = np.full_like(wall, 0.5)
+    key = np.array([1, 2], np.uint32)
+    state = FrameState(mode, camera, stamp, key, memory, wall, half.copy(), surface=surface)
+    state.amplitude, state.sigma, state.normals = half.copy(), half * 0.01, half.copy()
+    state.cosine, state.measured = surface.cos_incidence.copy(), wall.copy()
+    state.shifts = [np.zeros_like(wall) for _ in mode.modulation_hz]
+    return state
 
 
 def _guarded(apply: Callable[[Any, FrameState], None]) -> Callable[[Any, FrameState], None]:

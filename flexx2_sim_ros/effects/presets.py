@@ -32,6 +32,30 @@ def _comment(kind: type[Effect]) -> str:
     return f'{title}\n{fill(f"Source: {kind.source}.", _WIDTH)}'
 
 
+def _nature(kind: type[Effect]) -> str:
+    words = [f'Form: {kind.family}.'] if kind.family else []
+    if kind.nuisances:
+        errors = [_NUISANCES[name] for name in kind.nuisances]
+        words.append(f'Errors that can hide it or look like it: {", ".join(errors)}.')
+    if kind.needs_frequencies:
+        words.append('It works on the phases of modulated light.')
+    words.append(
+        'In a batch: on the CPU, one environment after the other.'
+        if kind.batched is None
+        else 'In a batch: in the kernels.'
+    )
+    return ' '.join(words)
+
+
+_NUISANCES = {
+    'pose': 'the pose',
+    'reflectivity': 'reflectivity',
+    'sigma': "the base model's sigma",
+    'edges': 'where edges are',
+    'uptime': 'the time since power-on',
+}
+
+
 def bounds(item: Parameter) -> str:
     """Return a parameter's range for people."""
     return f'{item.low:g} to {item.high:g}'
@@ -69,6 +93,8 @@ def markdown() -> str:
     for kind in effects:
         lines += [
             f'### {kind.name}',
+            '',
+            *fill(_nature(kind), _WIDTH).splitlines(),
             '',
             '| parameter | typical | range | unit | |',
             '|---|---|---|---|---|',

@@ -2,7 +2,7 @@
 One function an effect: on a scene made for it, it changes what its parameters say.
 
 Direction and within 15 %, against formulas written here, not those of the effect; a file for each
-of `flexx2_sim_ros.effects`. Cameras with and without an effect share their noise, so differences
+family of effects. Cameras with and without an effect share their noise, so differences
 show the effect alone; `QUIET` has none at all. All is seeded; where something random is measured,
 the tolerance is at least 6 standard errors (false failure below 2e-9 were the seeds to change).
 """
