@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from flexx2_sim_ros.camera import Camera, flexx2, Intrinsics
-from flexx2_sim_ros.effects import registry
+from flexx2_sim_ros.effects import ageing, registry
 from flexx2_sim_ros.physics.geometry import pixel_rays
 import numpy as np
 
@@ -169,8 +169,8 @@ def write_campaign(
     for index, (content, true, albedo_true) in enumerate(views):
         stamps, uptime = content['stamp'], float(content['uptime'][0])
         table = {name: dict(values) for name, values in (effects or {}).items()}
-        if 'warm_up_drift' in table:
-            table['warm_up_drift']['uptime'] = uptime
+        for name in ageing(table):
+            table[name]['uptime'] = uptime
         own = tuple(registry()[name].from_mapping(values) for name, values in table.items())
         device = Camera(usecase, profile=profile, effects=own, seed=seed + 1_000_003, name='real')
         depth = device.capture(true, content['K'], stamps, albedo_true).depth

@@ -13,9 +13,12 @@ from bench.gap_campaigns import write_campaign
 from boards import K
 from flexx2_sim_ros.batch import BatchCamera
 from flexx2_sim_ros.camera import Camera
+from flexx2_sim_ros.cli.effects_picture import _PROFILES
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.effects import load_effects, loadable, parse_effects, registry
+from flexx2_sim_ros.effects.picture import Picture, PROFILES
 from flexx2_sim_ros.effects.presets import markdown
+from flexx2_sim_ros.errors import InputError
 import numpy as np
 from plug_in_sites import EXAMPLE, install_example, on_path, write_metadata
 import pytest
@@ -333,6 +336,12 @@ def test_counts_in_the_documents() -> None:
     kernels = sum(kind.batched is not None for kind in registry().values())
     batch = (ROOT / 'docs' / 'batch.md').read_text()
     assert f'{kernels} of the {count} effects run in kernels' in batch
+
+
+def test_every_kind_of_picture_can_be_drawn() -> None:
+    assert set(_PROFILES) == set(PROFILES)
+    with pytest.raises(InputError, match='picture.profile: must be one of covariate, .* got'):
+        Picture('oil on canvas')
 
 
 def test_random_numbers_are_each_effects_own() -> None:
