@@ -204,6 +204,7 @@ BAD = {
         'ValueError: no',
     ),
     'exits': (_CLASS + 'def apply(self, state):\n        raise SystemExit', 'SystemExit'),
+    'early': (_CLASS + 'stage: ClassVar[Stage] = Stage.PHASOR', 'TypeError'),
     'shape': (
         _CLASS + 'def apply(self, state):\n        state.measured = state.measured[1:]',
         'measured: must have shape (12, 16), got (11, 16)',

@@ -56,7 +56,7 @@ def plug_ins(taken: Collection[str]) -> list[type[Effect]]:
         # numba reads all entry points when it first compiles. A ruined one makes it raise once:
         # here, so that it is not taken for a fault of the first plug-in.
         with suppress(Exception):
-            _small_frame(Memory(), 0)
+            _small_frame(Memory(), 0, Stage.DROPOUT)
     for point in points:
         try:
             kind = _checked(point.load(), names)
@@ -206,21 +206,26 @@ def _try_out(kind: type[Effect]) -> None:
     memory = Memory()
     for stamp in (0, 33_333_333):
         memory.begin(stamp)
-        _run(kind(), kind.apply, _small_frame(memory, stamp))
+        _run(kind(), kind.apply, _small_frame(memory, stamp, kind.stage))
 
 
-def _small_frame(memory: Memory, stamp: int) -> FrameState:
-    # A slanted wall, with the images of all stages.
+def _small_frame(memory: Memory, stamp: int, stage: Stage) -> FrameState:
+    # A slanted wall, with the images that there are at a stage.
     mode = flexx2().mode(DEFAULT_USECASE)
     camera = Intrinsics.from_field_of_view(16, 12, 56.0, 44.0)
     wall = np.linspace(1.0, 1.2, 192, dtype=np.float32).reshape(12, 16)
-    surface = analyse(wall, camera)
     half = np.full_like(wall, 0.5)
     key = np.array([1, 2], np.uint32)
-    state = FrameState(mode, camera, stamp, key, memory, wall, half.copy(), surface=surface)
-    state.amplitude, state.sigma, state.normals = half.copy(), half * 0.01, half.copy()
-    state.cosine, state.measured = surface.cos_incidence.copy(), wall.copy()
-    state.shifts = [np.zeros_like(wall) for _ in mode.modulation_hz]
+    state = FrameState(mode, camera, stamp, key, memory, wall, half)
+    if stage > Stage.GEOMETRY:
+        state.surface, state.amplitude = analyse(wall, camera), half.copy()
+        state.cosine = state.surface.cos_incidence.copy()
+    if stage > Stage.AMPLITUDE:
+        state.shifts = [np.zeros_like(wall) for _ in mode.modulation_hz]
+    if stage > Stage.PHASOR:
+        state.sigma, state.normals = half * np.float32(0.01), half.copy()
+    if stage > Stage.NOISE:
+        state.measured = wall.copy()
     return state
 
 
