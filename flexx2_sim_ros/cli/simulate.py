@@ -98,9 +98,9 @@ def run(arguments: argparse.Namespace) -> int:
     uptime = _uptime(scene, arguments.uptime, arguments.input)
     if uptime is not None:
         old = ageing(effect.name for effect in effects)
+        since: Any = {'uptime': uptime}
         effects = tuple(
-            replace(effect, uptime=uptime) if effect.name in old else effect  # type: ignore[call-arg]
-            for effect in effects
+            replace(effect, **since) if effect.name in old else effect for effect in effects
         )
     camera = Camera(
         usecase, profile=profile, effects=effects, seed=arguments.seed, name=arguments.name

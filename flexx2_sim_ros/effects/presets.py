@@ -37,7 +37,7 @@ def _nature(kind: type[Effect]) -> str:
     if kind.nuisances:
         errors = [_NUISANCES[name] for name in kind.nuisances]
         words.append(f'Errors that can hide it or look like it: {", ".join(errors)}.')
-    if kind.needs_frequencies:
+    if kind.needs_modulation:
         words.append('It works on the phases of modulated light.')
     words.append(
         'In a batch: on the CPU, one environment after the other.'
