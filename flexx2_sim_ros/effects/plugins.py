@@ -12,6 +12,7 @@ from functools import wraps
 from importlib.metadata import distributions, EntryPoint
 import logging
 import math
+from pathlib import Path
 import re
 from typing import Any
 
@@ -79,7 +80,7 @@ def _entry_points() -> Iterator[EntryPoint]:
             name = distribution.metadata['Name']
             points = [point for point in distribution.entry_points if point.group == GROUP]
         except Exception as error:
-            _leave_out(str(getattr(distribution, '_path', distribution)), error)
+            _leave_out(Path(str(getattr(distribution, '_path', distribution))).name, error)
             continue
         if name is None or name not in seen:
             yield from points
@@ -93,16 +94,17 @@ def _leave_out(name: str, error: BaseException) -> None:
 def _said(error: BaseException) -> str:
     kind = type(error).__name__
     try:
-        text = _shown(str(error))
+        # What is refused here is in words of our own, with little of the plug-in's in it.
+        own = isinstance(error, InputError)
+        return _shown(str(error), 4 * _LONGEST) if own else f'{kind}: {_shown(str(error))}'
     except Exception:
         return kind
-    return text if isinstance(error, InputError) else f'{kind}: {text}'
 
 
-def _shown(text: str) -> str:
+def _shown(text: str, longest: int = _LONGEST) -> str:
     # In one line, not too long, without control characters.
-    plain = ''.join(c if c.isprintable() else repr(c)[1:-1] for c in text[: 2 * _LONGEST])
-    return plain if len(plain) <= 2 * _LONGEST else f'{plain[: 2 * _LONGEST]}...'
+    plain = ''.join(c if c.isprintable() else repr(c)[1:-1] for c in text[:longest])
+    return plain[:longest] + ('...' if len(text) > longest else '')
 
 
 def _checked(kind: Any, taken: Collection[str]) -> type[Effect]:
