@@ -146,7 +146,7 @@ def test_parameters_fix_the_quality(publish: Any) -> None:
 def test_latched_camera_info_sent_before_the_node_starts(publish: Any) -> None:
     """Assert one camera info, sent before there was a node, serves all images."""
     namespace = next(_SPACES)
-    process = publish(namespace, '--latched-info', '--rate', '10', '--count', '20')
+    process = publish(namespace, '--latched-info', '--rate', '10', '--count', '100')
     assert process.stdout.readline() == 'ready\n'
     fed = Fed(namespace)
     try:

@@ -8,6 +8,7 @@ import shutil
 import time
 from typing import Any
 
+from flexx2_sim_ros.atomic import check_folder
 from flexx2_sim_ros.cli.argument_types import number
 from flexx2_sim_ros.cli.ros import ros
 from flexx2_sim_ros.errors import InputError, printable
@@ -79,6 +80,7 @@ def run(arguments: argparse.Namespace) -> int:
     from flexx2_sim_ros.recording.sink import BagSink
 
     writer = BagWriter(path, arguments.storage)
+    check_folder(path)
     with ros() as stopped:
         from flexx2_sim_ros.nodes.recorder import Recorder
 

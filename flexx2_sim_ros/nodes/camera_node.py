@@ -46,6 +46,10 @@ _FOLLOW_SECONDS = 0.2
 _REMIND_SECONDS = 30.0
 
 
+class _NoCameraInfoError(InputError):
+    """No camera info has come so far."""
+
+
 class Flexx2Camera(SteadyNode):
     """
     A simulated Flexx2, on the topics and parameters of the vendor's driver.
@@ -240,7 +244,10 @@ class Flexx2Camera(SteadyNode):
         self._statistics.last_error = text
         # What was found may differ from message to message; what is wrong with it does not.
         if self._throttle.ready(text.partition(': found')[0].partition(' is ')[0]):
-            self.get_logger().error(f'input rejected: {text}')
+            # At the start an image often comes before the first camera info.
+            logger = self.get_logger()
+            log = logger.warning if isinstance(error, _NoCameraInfoError) else logger.error
+            log(f'input rejected: {text}')
 
     def _process(self, match: Match) -> bool:
         check_stamp(match.image.header.stamp, 'clean/depth_image')
@@ -272,7 +279,7 @@ class Flexx2Camera(SteadyNode):
 
     def _find_view(self, match: Match, image: np.ndarray) -> View:
         if match.info is None:
-            raise InputError(
+            raise _NoCameraInfoError(
                 'clean/camera_info: none has come, wanted one for every image of '
                 'clean/depth_image (or one that stays)'
             )

@@ -7,7 +7,7 @@ In all of them the robot stands at the origin and looks along +x, the ground und
 from pathlib import Path
 
 from flexx2_sim_ros.config_file import is_regular_file
-from flexx2_sim_ros.errors import InputError, shown, shown_path
+from flexx2_sim_ros.errors import InputError, shown
 from flexx2_sim_ros.paths import config_dir
 import mujoco
 import numpy as np
@@ -68,7 +68,7 @@ def read_model(parameter: str, value: str, path: Path, names: tuple[str, ...]) -
     """Read an MJCF or URDF file and compile it alone: an error is laid at the right door."""
     if not is_regular_file(path):
         raise InputError(
-            f'{parameter}: found {shown_path(value)}, wanted '
+            f'{parameter}: found {shown(value, 160)}, wanted '
             f'{", ".join(map(repr, names))} or the path of an MJCF file'
         )
     try:
