@@ -1,4 +1,4 @@
-"""Every command and program of the README does what it says."""
+"""Every command and program of the README and of the pages for users does what it says."""
 
 from pathlib import Path
 import re
@@ -13,7 +13,16 @@ import pytest
 ROOT = Path(__file__).parent.parent
 README = ''.join(
     (ROOT / name).read_text(encoding='utf-8')
-    for name in ('README.md', 'docs/nodes.md', 'docs/recordings.md')
+    for name in (
+        'README.md',
+        'docs/characterize.md',
+        'docs/command_line.md',
+        'docs/diagnosis.md',
+        'docs/install.md',
+        'docs/nodes.md',
+        'docs/recordings.md',
+        'docs/view.md',
+    )
 )
 EXECUTABLES = {
     'flexx2_camera': 'flexx2_sim_ros.nodes.flexx2_camera',
@@ -59,12 +68,12 @@ def blocks(language: str) -> list[str]:
     return re.findall(rf'```{language}\n(.*?)```', README, re.DOTALL)
 
 
-COMMANDS = [
+COMMANDS = dict.fromkeys(
     line.split('  #')[0].strip()
     for block in blocks('bash')
     for line in block.splitlines()
     if line.strip()
-]
+)
 
 
 def python(module: str) -> list[str]:
