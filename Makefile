@@ -1,4 +1,4 @@
-# make demo | shell | test | lint | bench | clean. Needs python3 (3.11 or 3.12) with venv, and make.
+# make demo | shell | test | lint | docs | bench | clean. Needs python3 (3.11 or 3.12) with venv, and make.
 PYTHON ?= python3
 BIN := .venv/bin
 STAMP := .venv/.complete
@@ -6,7 +6,7 @@ STAMP := .venv/.complete
 # A sourced ROS must not put its own packages before those of .venv.
 unexport PYTHONPATH AMENT_PREFIX_PATH
 
-.PHONY: demo shell test lint bench clean
+.PHONY: demo shell test lint docs bench clean
 
 demo: $(STAMP)
 	$(BIN)/flexx2 demo
@@ -29,11 +29,15 @@ lint: $(STAMP)
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
 
+docs: $(STAMP)
+	$(BIN)/python -m sphinx -q -W --keep-going -b html docs build/docs
+	@echo "Made build/docs/index.html."
+
 bench: $(STAMP)
 	$(BIN)/python -m bench
 
 clean:
-	rm -rf .venv build install log dist demo_output *.egg-info
+	rm -rf .venv build install log dist demo_output docs/api *.egg-info
 	rm -rf .hypothesis .mypy_cache .pytest_cache .ruff_cache
 	find . -name __pycache__ -prune -exec rm -rf {} +
 
