@@ -1,4 +1,4 @@
-# make demo | shell | test | lint | docs | bench | clean. Needs python3 (3.11 or 3.12) with venv, and make.
+# make demo | shell | test | lint | docs | bench | release | clean. Needs python3 (3.11 or 3.12) with venv, and make.
 PYTHON ?= python3
 BIN := .venv/bin
 STAMP := .venv/.complete
@@ -6,7 +6,7 @@ STAMP := .venv/.complete
 # A sourced ROS must not put its own packages before those of .venv.
 unexport PYTHONPATH AMENT_PREFIX_PATH
 
-.PHONY: demo shell test lint docs bench clean
+.PHONY: demo shell test lint docs bench release clean
 
 demo: $(STAMP)
 	$(BIN)/flexx2 demo
@@ -35,6 +35,12 @@ docs: $(STAMP)
 
 bench: $(STAMP)
 	$(BIN)/python -m bench
+
+# The sdist and the wheel, made from the sdist, in dist/. CONTRIBUTING.md says how to publish them.
+release: $(STAMP)
+	rm -rf dist
+	$(BIN)/python -m build --no-isolation
+	$(BIN)/twine check --strict dist/*
 
 clean:
 	rm -rf .venv build install log dist demo_output docs/api *.egg-info

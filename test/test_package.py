@@ -11,7 +11,9 @@ import signal
 import subprocess
 import sys
 import sysconfig
+import tarfile
 from xml.etree import ElementTree
+import zipfile
 
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.paths import executable
@@ -91,7 +93,16 @@ def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
     copy.mkdir()
     for folder in (NAME, 'config', 'launch', 'resource'):
         shutil.copytree(ROOT / folder, copy / folder, ignore=shutil.ignore_patterns('__pycache__'))
-    for file in ('LICENSE', 'package.xml', 'pyproject.toml', 'setup.cfg', 'setup.py'):
+    for file in (
+        'CHANGELOG.rst',
+        'LICENSE',
+        'MANIFEST.in',
+        'README.md',
+        'package.xml',
+        'pyproject.toml',
+        'setup.cfg',
+        'setup.py',
+    ):
         shutil.copy(ROOT / file, copy)
     return copy
 
@@ -171,6 +182,60 @@ def test_pip_install_runs(source: Path, tmp_path: Path) -> None:
         PYTHONPATH=path,
     )
     assert Path(used.strip()) == tmp_path / 'share' / NAME / 'config'
+
+
+@pytest.fixture(scope='module')
+def distributions(source: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """Build the source distribution and, from it, the wheel, as `make release` does."""
+    dist = tmp_path_factory.mktemp('dist')
+    run(sys.executable, '-m', 'build', '--no-isolation', '--outdir', dist, source, cwd=dist)
+    (sdist,), (wheel,) = dist.glob('*.tar.gz'), dist.glob('*.whl')
+    return sdist, wheel
+
+
+def test_a_release_holds_all_files(distributions: tuple[Path, Path]) -> None:
+    sdist, wheel = distributions
+    run(sys.executable, '-m', 'twine', 'check', '--strict', *distributions, cwd=sdist.parent)
+    data = Path(wheel.name.removesuffix('-py3-none-any.whl') + '.data', 'data', 'share', NAME)
+    code = {path for path in files_under(ROOT / NAME) if '__pycache__' not in path.parts}
+    assert {
+        Path('py.typed'),
+        *(Path('view/page') / page for page in files_under(ROOT / PAGE)),
+    } <= code
+    shared = {
+        Path(folder, path)
+        for folder in ('config', 'launch')
+        for path in files_under(ROOT / folder)
+        if '__pycache__' not in path.parts
+    }
+    with zipfile.ZipFile(wheel) as archive:
+        inside = {Path(name) for name in archive.namelist()}
+    assert {Path(NAME, path) for path in code} <= inside
+    assert {data / path for path in shared} <= inside
+    with tarfile.open(sdist) as packed:
+        inside = {Path(*Path(name).parts[1:]) for name in packed.getnames()}
+    assert {Path(NAME, path) for path in code} | shared <= inside
+    assert {Path('package.xml'), Path('CHANGELOG.rst'), Path('README.md')} <= inside
+
+
+def test_the_wheel_runs_in_a_clean_environment(
+    distributions: tuple[Path, Path], tmp_path: Path
+) -> None:
+    clean = tmp_path / 'clean'
+    run(sys.executable, '-m', 'venv', '--without-pip', clean, cwd=tmp_path)
+    python = clean / 'bin' / 'python'
+    install = ('install', '--no-index', '--no-deps', distributions[1])
+    run(sys.executable, '-m', 'pip', '--python', python, *install, cwd=tmp_path)
+    # What it depends on comes from the environment of the tests; an editable install of the
+    # package there is not seen, since its own .pth file is not read.
+    (site_packages(clean) / 'dependencies.pth').write_text(sysconfig.get_path('purelib'))
+    where = run(python, '-c', f'import {NAME}; print({NAME}.__file__)', cwd=tmp_path)
+    assert Path(where.strip()).is_relative_to(clean)
+    flexx2 = clean / 'bin' / 'flexx2'
+    version = ElementTree.parse(ROOT / 'package.xml').findtext('version')
+    assert run(flexx2, '--version', cwd=tmp_path).split()[-1] == version
+    assert set(re.findall(r'Mode_\w+', run(flexx2, 'modes', cwd=tmp_path))) == MODES
+    assert 'flying_pixels' in run(flexx2, 'effects', cwd=tmp_path)
 
 
 def test_library_imports_no_ros(tmp_path: Path) -> None:
@@ -298,3 +363,4 @@ def test_one_version_everywhere(workspace: Path) -> None:
     assert [found.version for found in installed] == [version]
     assert changes[0] == version
     assert __import__(NAME).__version__ == version
+    assert yaml.safe_load((ROOT / 'CITATION.cff').read_text())['version'] == version
