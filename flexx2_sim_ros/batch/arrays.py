@@ -13,36 +13,36 @@ _PUT = 'assert(i >= 0 && i < a.shape[0]); a.data[i] = v;'
 
 
 @wp.func_native(_GET)
-def at(a: wp.array(dtype=wp.float32), i: wp.int32) -> wp.float32:  # type: ignore
+def at(a: wp.array(dtype=wp.float32), i: wp.int32) -> wp.float32:
     """Return an element."""
     ...
 
 
 @wp.func_native(_GET)
-def at_byte(a: wp.array(dtype=wp.uint8), i: wp.int32) -> wp.uint8:  # type: ignore
+def at_byte(a: wp.array(dtype=wp.uint8), i: wp.int32) -> wp.uint8:
     """Return an element."""
     ...
 
 
 @wp.func_native(_GET)
-def at_word(a: wp.array(dtype=wp.uint16), i: wp.int32) -> wp.uint16:  # type: ignore
+def at_word(a: wp.array(dtype=wp.uint16), i: wp.int32) -> wp.uint16:
     """Return an element."""
     ...
 
 
 @wp.func_native(_PUT)
-def put(a: wp.array(dtype=wp.float32), i: wp.int32, v: wp.float32) -> None:  # type: ignore
+def put(a: wp.array(dtype=wp.float32), i: wp.int32, v: wp.float32) -> None:
     """Write an element."""
     ...
 
 
 @wp.func_native(_PUT)
-def put_byte(a: wp.array(dtype=wp.uint8), i: wp.int32, v: wp.uint8) -> None:  # type: ignore
+def put_byte(a: wp.array(dtype=wp.uint8), i: wp.int32, v: wp.uint8) -> None:
     """Write an element."""
     ...
 
 
 @wp.func_native(_PUT)
-def put_word(a: wp.array(dtype=wp.uint16), i: wp.int32, v: wp.uint16) -> None:  # type: ignore
+def put_word(a: wp.array(dtype=wp.uint16), i: wp.int32, v: wp.uint16) -> None:
     """Write an element."""
     ...

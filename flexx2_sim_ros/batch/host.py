@@ -112,7 +112,7 @@ class HostCameras:
         moments = stamps.numpy()
 
         def image(of: Any, i: int) -> np.ndarray:
-            return of[i * pixels : (i + 1) * pixels].numpy().reshape(shape)  # type: ignore
+            return of[i * pixels : (i + 1) * pixels].numpy().reshape(shape)
 
         return {
             i: camera.capture(

@@ -222,7 +222,7 @@ def edge_positions(depth: np.ndarray, site: EdgeSite) -> np.ndarray:
 
 
 @njit(cache=True)
-def _steepest(depth, rows, first, last, out):  # type: ignore[no-untyped-def]
+def _steepest(depth, rows, first, last, out):
     for t in range(depth.shape[0]):
         for i in range(rows.size):
             y = rows[i]
@@ -241,7 +241,7 @@ def _steepest(depth, rows, first, last, out):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _outline(depth, rows, first, last, right, out):  # type: ignore[no-untyped-def]
+def _outline(depth, rows, first, last, right, out):
     # The end that the fewest pixels contradict: invalid ones on the board, valid ones beyond.
     for t in range(depth.shape[0]):
         for i in range(rows.size):

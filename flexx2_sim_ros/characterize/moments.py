@@ -127,7 +127,7 @@ def _covariance(
 
 
 @njit(cache=True, error_model='numpy')
-def _add(depth, reference, last, sums):  # type: ignore[no-untyped-def]
+def _add(depth, reference, last, sums):
     # Row by row, so that a row's sums stay in the fastest memory over all frames. `sums` is
     # (H, fields, W); an invalid pixel is nothing in every sum.
     frames, height, width = depth.shape

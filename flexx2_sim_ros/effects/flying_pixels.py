@@ -57,7 +57,7 @@ class FlyingPixels(Effect):
 
 
 @njit(cache=True)
-def _near_jumps(row_jumps, column_jumps):  # type: ignore[no-untyped-def]
+def _near_jumps(row_jumps, column_jumps):
     # Pixels whose 3 x 3 neighbourhood has a depth jump in it.
     height, width = row_jumps.shape
     near = np.zeros((height, width), np.bool_)
@@ -71,7 +71,7 @@ def _near_jumps(row_jumps, column_jumps):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _mix_around(light, direction, pixels, share, out):  # type: ignore[no-untyped-def]
+def _mix_around(light, direction, pixels, share, out):
     # (1 - share) of a pixel's own light and `share` of the mean of the 3 x 3 around it, as far as
     # there is something.
     height, width = light.shape

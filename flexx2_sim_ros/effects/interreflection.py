@@ -63,7 +63,7 @@ def bounce(state: FrameState) -> list[np.ndarray]:
 
 
 @njit(cache=True, error_model='numpy', fastmath=FAST)
-def _patches(p, reflectivity, lens, jump_share, steep_share, size):  # type: ignore
+def _patches(p, reflectivity, lens, jump_share, steep_share, size):
     # A row a block, from its middle pixel: position, normal (towards the camera), range, radiosity
     # (reflectivity times irradiance times area), inverse depth, area, irradiance; 0 for nothing.
     height, width = reflectivity.shape
@@ -108,7 +108,7 @@ def _patches(p, reflectivity, lens, jump_share, steep_share, size):  # type: ign
 
 
 @njit(cache=True, error_model='numpy', fastmath=FAST)
-def _gather(senders, receivers, turns, out):  # type: ignore[no-untyped-def]
+def _gather(senders, receivers, turns, out):
     # turns: of phase a metre of light path, for each frequency. The path by way of a sender is
     # longer than the direct one by sender's range + distance - receiver's range.
     s = senders.T.copy()
@@ -140,7 +140,7 @@ def _gather(senders, receivers, turns, out):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model='numpy', fastmath=FAST)
-def _spread(p, patches, gamma, out):  # type: ignore[no-untyped-def]
+def _spread(p, patches, gamma, out):
     # From receivers to pixels: bilinear, among those of a like depth.
     height, width = out.shape[:2]
     rows, columns = patches.shape

@@ -100,9 +100,7 @@ class MotionArtefact(Effect):
 
 
 @njit(cache=True, error_model='numpy', fastmath=FAST)
-def _demodulate(  # type: ignore[no-untyped-def]
-    early, late, brighter, passing, moments, wave_number, alike, near, shift
-):
+def _demodulate(early, late, brighter, passing, moments, wave_number, alike, near, shift):
     # Four samples cos(phase - tap pi / 2), each at its moment, and the phase they give.
     turns = wave_number / _TWO_PI
     m0, m1, m2, m3 = moments
@@ -126,7 +124,7 @@ def _demodulate(  # type: ignore[no-untyped-def]
 
 
 @njit(inline='always')
-def _tap(here, start, same, change, light, moment, add, turns):  # type: ignore[no-untyped-def]
+def _tap(here, start, same, change, light, moment, add, turns):
     # Cosine and sine of the phase at a moment, times the light: a surface moves evenly, another
     # surface or colour comes at once.
     passed = abs(_ONE - moment) <= change

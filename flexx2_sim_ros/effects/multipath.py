@@ -83,9 +83,7 @@ def _depth_of_range(camera: Intrinsics) -> np.ndarray:
 
 
 @njit(cache=True, error_model='numpy', fastmath=FAST)
-def _add_bounce(  # type: ignore[no-untyped-def]
-    indirect, factor, wave_number, weight, depth_of_range, shift, brighter
-):
+def _add_bounce(indirect, factor, wave_number, weight, depth_of_range, shift, brighter):
     # The detour is along the ray.
     for y in range(shift.shape[0]):
         for x in range(shift.shape[1]):

@@ -10,7 +10,7 @@ import numpy as np
 
 
 @njit(cache=True, error_model='numpy', fastmath=FAST)
-def _directions(depth, shift, turns, out):  # type: ignore[no-untyped-def]
+def _directions(depth, shift, turns, out):
     # What a pixel's phase is, as a complex number of magnitude 1; 0 where nothing is. `turns`: of
     # phase a metre.
     for y in range(depth.shape[0]):
@@ -22,7 +22,7 @@ def _directions(depth, shift, turns, out):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model='numpy', fastmath=FAST)
-def turn(before, after, wave_number, shift):  # type: ignore[no-untyped-def]
+def turn(before, after, wave_number, shift):
     """Shift depth by what the phase has turned; all flat."""
     for i in range(before.size):
         turned = after[i] * before[i].conjugate()

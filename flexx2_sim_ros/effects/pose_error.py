@@ -81,7 +81,7 @@ def rotation_of(turn: np.ndarray) -> np.ndarray:
 
 
 @njit(cache=True, error_model='numpy', fastmath=FAST)
-def _look_from(p, across, down, lens, rotation, step, depth, index):  # type: ignore
+def _look_from(p, across, down, lens, rotation, step, depth, index):
     # A point X of the moved camera is rotation X + step in the old one, where the plane seen by a
     # pixel is n . X = 1. Which pixel that is, is found from the depth the ray had before.
     height, width = depth.shape

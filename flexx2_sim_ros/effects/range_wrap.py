@@ -129,7 +129,7 @@ def lattice_step(one: float, other: float) -> np.float32:
 
 
 @njit(cache=True)
-def _unwrap(errors, pixels, spans, weights, ambiguity, measured):  # type: ignore[no-untyped-def]
+def _unwrap(errors, pixels, spans, weights, ambiguity, measured):
     # For every whole wrap of the finest frequency the others' nearest; of all these the one at
     # which the distances agree best, within the ambiguity. errors: (frequencies, pixels).
     finest = int(np.argmin(spans))

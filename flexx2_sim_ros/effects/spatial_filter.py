@@ -48,7 +48,7 @@ class SpatialFilter(Effect):
 
 
 @njit(cache=True, error_model='numpy', fastmath=FAST)
-def _gated_mean(depth, sigma, gate, mix, out):  # type: ignore[no-untyped-def]
+def _gated_mean(depth, sigma, gate, mix, out):
     height, width = depth.shape
     for y in range(height):
         for x in range(width):

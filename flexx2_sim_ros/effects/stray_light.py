@@ -72,7 +72,7 @@ def _scatter(image: np.ndarray, width: float) -> np.ndarray:
 
 
 @njit(cache=True)
-def _gather(image, blocks):  # type: ignore[no-untyped-def]
+def _gather(image, blocks):
     # Light of a block, as if it were a pixel's.
     share = np.float32(1.0 / _COARSE**2)
     for y in range(image.shape[0]):
@@ -81,7 +81,7 @@ def _gather(image, blocks):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _interpolate(blocks, out):  # type: ignore[no-untyped-def]
+def _interpolate(blocks, out):
     # Linearly, from the blocks' centres to pixels.
     rows, columns = blocks.shape
     half, one, size = np.float32(0.5), np.float32(1.0), np.float32(_COARSE)

@@ -14,7 +14,7 @@ _NAN = np.float32(np.nan)
 
 
 @njit(cache=True, error_model='numpy', fastmath=FAST)
-def model_sigma(p, cosine, coefficients, cap, out):  # type: ignore[no-untyped-def]
+def model_sigma(p, cosine, coefficients, cap, out):
     """
     Write sigma_z of every pixel of a surface.
 
@@ -44,7 +44,7 @@ def model_sigma(p, cosine, coefficients, cap, out):  # type: ignore[no-untyped-d
 
 
 @njit(cache=True, error_model='numpy', fastmath=FAST)
-def observe(  # type: ignore[no-untyped-def]
+def observe(
     p,
     cosine,
     model,
@@ -115,9 +115,7 @@ def observe(  # type: ignore[no-untyped-def]
 
 
 @njit(inline='always')
-def _see(  # type: ignore[no-untyped-def]
-    inverse, cosine, spread, rho, normal, range_min, range_max, zero_confidence
-):
+def _see(inverse, cosine, spread, rho, normal, range_min, range_max, zero_confidence):
     z = _ONE / inverse if inverse > _ZERO else _ZERO
     value = z + spread * normal
     valid = (range_min <= z) & (z <= range_max) & (range_min <= value) & (value <= range_max)
@@ -132,7 +130,7 @@ def _see(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def add_noise(z, shift, sigma, normals, low, high, out):  # type: ignore[no-untyped-def]
+def add_noise(z, shift, sigma, normals, low, high, out):
     """Write z + shift + sigma * normal where z + shift is in low..high, else NaN; all (H, W)."""
     for y in range(out.shape[0]):
         for x in range(out.shape[1]):
@@ -142,7 +140,7 @@ def add_noise(z, shift, sigma, normals, low, high, out):  # type: ignore[no-unty
 
 
 @njit(cache=True)
-def blank_outside(depth, low, high):  # type: ignore[no-untyped-def]
+def blank_outside(depth, low, high):
     """Set depths outside low..high to NaN, in place."""
     for y in range(depth.shape[0]):
         for x in range(depth.shape[1]):
@@ -151,7 +149,7 @@ def blank_outside(depth, low, high):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model='numpy')
-def blank_invalid(  # type: ignore[no-untyped-def]
+def blank_invalid(
     depth, sigma, amplitude, zero_confidence, out_sigma, out_amplitude, out_confidence
 ):
     """Write sigma, amplitude and confidence; NaN, 0 and 0 where depth is NaN."""

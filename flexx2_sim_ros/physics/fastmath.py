@@ -57,7 +57,7 @@ _HALF_PI = _F(math.pi / 2)
 
 
 @njit(inline='always')
-def arccos(c):  # type: ignore[no-untyped-def]
+def arccos(c):
     """Return the arc cosine of a number in 0..1, radians."""
     a0, a1, a2, a3, a4, a5, a6, a7 = ARCCOS
     series = a0 + c * (a1 + c * (a2 + c * (a3 + c * (a4 + c * (a5 + c * (a6 + c * a7))))))
@@ -65,7 +65,7 @@ def arccos(c):  # type: ignore[no-untyped-def]
 
 
 @njit(inline='always')
-def log2(x):  # type: ignore[no-untyped-def]
+def log2(x):
     """Return the binary logarithm of a positive normal number."""
     bits = _F(x).view(np.int32)
     exponent = (bits >> 23) - 127
@@ -80,7 +80,7 @@ def log2(x):  # type: ignore[no-untyped-def]
 
 
 @njit(inline='always')
-def exp2(y):  # type: ignore[no-untyped-def]
+def exp2(y):
     """Return 2 to a power in -126..127."""
     y = min(max(y, _F(-126.0)), _F(127.0))
     whole = np.floor(y + _HALF)
@@ -91,19 +91,19 @@ def exp2(y):  # type: ignore[no-untyped-def]
 
 
 @njit(inline='always')
-def power(x, exponent):  # type: ignore[no-untyped-def]
+def power(x, exponent):
     """Return a positive number to a power."""
     return exp2(exponent * log2(x))
 
 
 @njit(inline='always')
-def log(x):  # type: ignore[no-untyped-def]
+def log(x):
     """Return the natural logarithm of a positive normal number."""
     return _LN2 * log2(x)
 
 
 @njit(inline='always')
-def cos_sin_turns(turns):  # type: ignore[no-untyped-def]
+def cos_sin_turns(turns):
     """Return cosine and sine of an angle given in turns, 0..1."""
     quarters = turns * _F(4.0)
     nearest = np.floor(quarters + _HALF)
@@ -123,7 +123,7 @@ def cos_sin_turns(turns):  # type: ignore[no-untyped-def]
 
 
 @njit(inline='always')
-def arctan2(y, x):  # type: ignore[no-untyped-def]
+def arctan2(y, x):
     """Return the angle of (x, y), radians in -pi..pi; 0 for (0, 0)."""
     large = max(abs(x), abs(y))
     small = min(abs(x), abs(y))

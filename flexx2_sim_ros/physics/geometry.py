@@ -176,7 +176,7 @@ class View:
 
 
 @njit(cache=True, error_model='numpy', fastmath=FAST)
-def _look_up(p, across, down, index, du, dv, out):  # type: ignore[no-untyped-def]
+def _look_up(p, across, down, index, du, dv, out):
     width = across.shape[1]
     for pixel in range(out.size):
         y = index[pixel] // width

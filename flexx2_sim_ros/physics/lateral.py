@@ -28,7 +28,7 @@ def pixel_sigma(sigma_x: float) -> float:
 
 
 @njit(cache=True)
-def upright_edges(row_jumps, column_jumps, rows, columns):  # type: ignore[no-untyped-def]
+def upright_edges(row_jumps, column_jumps, rows, columns):
     """
     Sort jumps into edges that move along the row and edges that move along the column.
 
@@ -61,7 +61,7 @@ def upright_edges(row_jumps, column_jumps, rows, columns):  # type: ignore[no-un
 
 
 @njit(inline='always')
-def _displace(source, distance, along, shift, last, first, pitch):  # type: ignore
+def _displace(source, distance, along, shift, last, first, pitch):
     # One edge, between positions `along` and `along + 1` of a line of `last + 1` pixels. Pixels
     # are addressed as first + position * pitch. The nearest displaced edge wins.
     for step in range(1, abs(shift) + 1):
@@ -75,7 +75,7 @@ def _displace(source, distance, along, shift, last, first, pitch):  # type: igno
 
 
 @njit(cache=True)
-def displaced_sources(  # type: ignore[no-untyped-def]
+def displaced_sources(
     rows, columns, neighbourhood, sigma, limit, key, stamp_low, stamp_high, laplace, source
 ):
     """

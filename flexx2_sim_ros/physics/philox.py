@@ -59,7 +59,7 @@ def stamp_words(stamp_ns: int) -> tuple[np.uint32, np.uint32]:
 
 
 @njit(inline='always')
-def philox4x32(c0, c1, c2, c3, k0, k1):  # type: ignore[no-untyped-def]
+def philox4x32(c0, c1, c2, c3, k0, k1):
     """Return four uint32 for a counter of four and a key of two uint32."""
     for _ in range(10):
         low = np.uint64(0xD2511F53) * np.uint64(c0)
@@ -74,7 +74,7 @@ def philox4x32(c0, c1, c2, c3, k0, k1):  # type: ignore[no-untyped-def]
 
 
 @njit(inline='always')
-def normal_pair(u0, u1):  # type: ignore[no-untyped-def]
+def normal_pair(u0, u1):
     """Turn two uint32 into two independent standard normals (float32, Box-Muller)."""
     radius = math.sqrt(_MINUS_TWO * log((np.float32(u0) + _HALF) * _UNIT))
     cosine, sine = cos_sin_turns(np.float32(u1) * _UNIT)
@@ -82,7 +82,7 @@ def normal_pair(u0, u1):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model='numpy', fastmath=FAST)
-def fill_normals(key, stamp_low, stamp_high, stream, out):  # type: ignore[no-untyped-def]
+def fill_normals(key, stamp_low, stamp_high, stream, out):
     """
     Fill a flat float32 array with standard normals.
 
@@ -108,7 +108,7 @@ def fill_normals(key, stamp_low, stamp_high, stream, out):  # type: ignore[no-un
 
 
 @njit(cache=True, error_model='numpy', fastmath=FAST)
-def fill_uniforms(key, stamp_low, stamp_high, stream, out):  # type: ignore[no-untyped-def]
+def fill_uniforms(key, stamp_low, stamp_high, stream, out):
     """Fill a flat float32 array with numbers in (0, 1], counted like `fill_normals`."""
     size = out.size
     blocks = size // 4
@@ -131,7 +131,7 @@ def fill_uniforms(key, stamp_low, stamp_high, stream, out):  # type: ignore[no-u
 
 
 @njit(inline='always')
-def edge_draw(key, index, stream, stamp_low, stamp_high, laplace):  # type: ignore
+def edge_draw(key, index, stream, stamp_low, stamp_high, laplace):
     """
     Return a draw of unit variance from the block with this counter.
 

@@ -98,7 +98,7 @@ def analyse(depth: np.ndarray, intrinsics: Intrinsics) -> Surface:
 
 
 @njit(cache=True)
-def invert(depth, out):  # type: ignore[no-untyped-def]
+def invert(depth, out):
     """Write 1/depth into the inside of the padded ``out``; 0 where depth is not a distance."""
     for y in range(depth.shape[0]):
         for x in range(depth.shape[1]):
@@ -107,7 +107,7 @@ def invert(depth, out):  # type: ignore[no-untyped-def]
 
 
 @njit(inline='always')
-def is_jump(before, here, there, after, jump_share, steep_share):  # type: ignore[no-untyped-def]
+def is_jump(before, here, there, after, jump_share, steep_share):
     """
     Say whether a depth jump lies between two neighbours ``here`` and ``there``.
 
@@ -130,7 +130,7 @@ def is_jump(before, here, there, after, jump_share, steep_share):  # type: ignor
 
 
 @njit(cache=True, error_model='numpy', fastmath=FAST)
-def find_jumps(p, jump_share, steep_share, row_jumps, column_jumps):  # type: ignore
+def find_jumps(p, jump_share, steep_share, row_jumps, column_jumps):
     """Flag the depth jumps to the right of and below every pixel (the image border is none)."""
     height, width = row_jumps.shape
     for y in range(height):
@@ -150,7 +150,7 @@ def find_jumps(p, jump_share, steep_share, row_jumps, column_jumps):  # type: ig
 
 
 @njit(inline='always')
-def slope(p2, p1, p0, n1, n2, jump_share, steep_share):  # type: ignore[no-untyped-def]
+def slope(p2, p1, p0, n1, n2, jump_share, steep_share):
     """
     Return the slope of inverse depth at the middle of five pixels in a line.
 
@@ -172,7 +172,7 @@ def slope(p2, p1, p0, n1, n2, jump_share, steep_share):  # type: ignore[no-untyp
 
 
 @njit(cache=True, error_model='numpy', fastmath=FAST)
-def find_incidence(p, jump_share, steep_share, fx, fy, cx, cy, out):  # type: ignore
+def find_incidence(p, jump_share, steep_share, fx, fy, cx, cy, out):
     """Write the cosine of the incidence angle of every pixel."""
     height, width = out.shape
     for y in range(height):
@@ -201,7 +201,7 @@ def find_incidence(p, jump_share, steep_share, fx, fy, cx, cy, out):  # type: ig
 
 
 @njit(cache=True, error_model='numpy', fastmath=FAST)
-def find_slopes(p, jump_share, steep_share, across, down):  # type: ignore[no-untyped-def]
+def find_slopes(p, jump_share, steep_share, across, down):
     """Write the slopes of inverse depth, 1/m a pixel, along rows and along columns; (H, W)."""
     height, width = across.shape
     for y in range(height):

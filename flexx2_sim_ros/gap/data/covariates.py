@@ -289,7 +289,7 @@ def _places(height: int, width: int) -> dict[str, np.ndarray]:
 
 
 @njit(cache=True)
-def _put(values, where, edges, start, out):  # type: ignore[no-untyped-def]
+def _put(values, where, edges, start, out):
     # Like numpy.searchsorted, NaN last; neighbours are mostly in the same bin.
     i = 0
     for y in range(out.shape[0]):
@@ -304,7 +304,7 @@ def _put(values, where, edges, start, out):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _runs(bins):  # type: ignore[no-untyped-def]
+def _runs(bins):
     axes, height, width = bins.shape
     first = np.zeros(height + 1, np.int32)
     out = np.empty((axes * height * width, 3), np.int16)
@@ -323,7 +323,7 @@ def _runs(bins):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _edges(p, row_jumps, column_jumps, edge, near):  # type: ignore[no-untyped-def]
+def _edges(p, row_jumps, column_jumps, edge, near):
     # Classes 4 x (0 near side, 1 far side) x 2 + (0 next to the jump, 1 two to three away),
     # for the four directions in which the other surface lies: right, left, below, above.
     height, width = edge.shape
@@ -351,7 +351,7 @@ def _edges(p, row_jumps, column_jumps, edge, near):  # type: ignore[no-untyped-d
 
 
 @njit(cache=True)
-def _creases(p, share, near):  # type: ignore[no-untyped-def]
+def _creases(p, share, near):
     # Where a surface bends so much from pixel to pixel that it depends on where between pixels it
     # does whether a jump is seen there.
     height, width = near.shape
@@ -374,13 +374,13 @@ def _creases(p, share, near):  # type: ignore[no-untyped-def]
 
 
 @njit(inline='always')
-def _mark(edge, y, x, direction, far, k, inverse):  # type: ignore[no-untyped-def]
+def _mark(edge, y, x, direction, far, k, inverse):
     if inverse > 0 and (edge[y, x] < 0 or (k == 0 and edge[y, x] % 2 == 1)):
         edge[y, x] = (direction * 2 + (1 if far else 0)) * 2 + (0 if k == 0 else 1)
 
 
 @njit(cache=True)
-def _bend(p, step):  # type: ignore[no-untyped-def]
+def _bend(p, step):
     # How much farther a pixel is than the middle between those `step` beside it, as a share of
     # its distance: positive in concave corners, 0 on planes.
     height, width = p.shape[0] - 2 * PAD, p.shape[1] - 2 * PAD

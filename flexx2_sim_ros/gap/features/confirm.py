@@ -11,13 +11,8 @@ from flexx2_sim_ros.gap.features.evidence import (
     warm_of,
     with_uptime,
 )
-from flexx2_sim_ros.gap.features.features import (
-    accumulate,
-    EXPECT,
-    features,
-    lattice_spectrum,
-    Sums,
-)
+from flexx2_sim_ros.gap.features.features import accumulate, features, lattice_spectrum, Sums
+from flexx2_sim_ros.gap.features.kernels import EXPECT
 from flexx2_sim_ros.gap.features.physical import distances, histogram, Measures
 from flexx2_sim_ros.gap.features.pixel_groups import GroupSums, PixelGroups
 import numpy as np

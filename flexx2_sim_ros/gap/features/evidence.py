@@ -12,7 +12,6 @@ from flexx2_sim_ros.gap.data.registration import RecordingData, register
 from flexx2_sim_ros.gap.features.catalogue import Column
 from flexx2_sim_ros.gap.features.features import (
     accumulate,
-    EXPECT,
     features,
     lattice_peak,
     lattice_spectrum,
@@ -20,10 +19,9 @@ from flexx2_sim_ros.gap.features.features import (
     SIZE,
     static_grain,
     Sums,
-    VALID,
 )
 from flexx2_sim_ros.gap.features.grain import fingerprint
-from flexx2_sim_ros.gap.features.kernels import INVERSE
+from flexx2_sim_ros.gap.features.kernels import EXPECT, INVERSE, VALID
 from flexx2_sim_ros.gap.features.physical import histogram, Measures
 import numpy as np
 

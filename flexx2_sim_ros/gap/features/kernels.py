@@ -37,7 +37,7 @@ _JUMP = np.float32(0.25)  # metres
 
 
 @njit(cache=True, error_model='numpy', nogil=True, fastmath=FAST)
-def gather_rows(  # type: ignore[no-untyped-def]
+def gather_rows(
     depth,
     clean,
     sigma,
@@ -124,7 +124,7 @@ def gather_rows(  # type: ignore[no-untyped-def]
 
 
 @njit(inline='always')
-def _held(value, limit):  # type: ignore[no-untyped-def]
+def _held(value, limit):
     # Within -limit..limit, or NaN.
     value = limit if value > limit else value
     return -limit if value < -limit else value
@@ -132,7 +132,7 @@ def _held(value, limit):  # type: ignore[no-untyped-def]
 
 # Inlined here: linked, they would be optimised otherwise when compiled than when cached.
 @njit(inline='always')
-def _sum_errors(z, e, mask, sums):  # type: ignore[no-untyped-def]
+def _sum_errors(z, e, mask, sums):
     zero, one = np.float32(0), np.float32(1)
     valid, error, high, low, number = (
         sums[VALID],
@@ -161,7 +161,7 @@ def _sum_errors(z, e, mask, sums):  # type: ignore[no-untyped-def]
 
 
 @njit(inline='always')
-def _sum_mean(z, c, s, e, mask, total, number, sigmas):  # type: ignore[no-untyped-def]
+def _sum_mean(z, c, s, e, mask, total, number, sigmas):
     zero = np.float32(0)
     for x in range(e.size):
         hit = mask[x] if abs(e[x]) < CLIP else zero
@@ -173,7 +173,7 @@ def _sum_mean(z, c, s, e, mask, total, number, sigmas):  # type: ignore[no-untyp
 
 
 @njit(inline='always')
-def _sum_changes(e, before, mask, d, number, square, column, column_number):  # type: ignore
+def _sum_changes(e, before, mask, d, number, square, column, column_number):
     # From frame to frame. Returns the row's pairs, sum and sum of squares.
     zero, one = np.float32(0), np.float32(1)
     n, total, squares = zero, zero, zero
@@ -197,7 +197,7 @@ def _sum_changes(e, before, mask, d, number, square, column, column_number):  # 
 
 
 @njit(inline='always')
-def _sum_seconds(e, before, mask, d, inner, sums):  # type: ignore[no-untyped-def]
+def _sum_seconds(e, before, mask, d, inner, sums):
     # From frame to the next but one, which no filter over two frames makes less than it is.
     zero, one, nan = np.float32(0), np.float32(1), np.float32(np.nan)
     number, size, square, product, pairs = (
@@ -227,7 +227,7 @@ def _sum_seconds(e, before, mask, d, inner, sums):  # type: ignore[no-untyped-de
 
 
 @njit(cache=True, nogil=True)
-def count_depths(depth, inside, ray, histogram):  # type: ignore[no-untyped-def]
+def count_depths(depth, inside, ray, histogram):
     """Count how often which depth occurs on surfaces, and which distance along the ray."""
     for y in range(depth.shape[0]):
         for x in range(depth.shape[1]):
@@ -242,7 +242,7 @@ def count_depths(depth, inside, ray, histogram):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model='numpy', nogil=True)
-def less_around(total, sigma, count, least):  # type: ignore[no-untyped-def]
+def less_around(total, sigma, count, least):
     """Return total / sigma less its mean over 5 x 5 pixels, NaN where 12 or fewer count."""
     height, width = total.shape
     value, good = (np.zeros((height + 4, width + 4)), np.zeros((height + 4, width + 4)))
@@ -269,7 +269,7 @@ def less_around(total, sigma, count, least):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model='numpy', nogil=True)
-def grain_moments(grain):  # type: ignore[no-untyped-def]
+def grain_moments(grain):
     """
     Return what grain, clipped at 3 sigma, says.
 
@@ -303,7 +303,7 @@ def grain_moments(grain):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model='numpy', nogil=True)
-def add_errors(depth, clean, sigma, cells, out):  # type: ignore[no-untyped-def]
+def add_errors(depth, clean, sigma, cells, out):
     """
     Add up errors in sigma by the cell that each pixel belongs to (-1 for none).
 
@@ -342,7 +342,7 @@ def add_errors(depth, clean, sigma, cells, out):  # type: ignore[no-untyped-def]
 
 
 @njit(inline='always')
-def _add_pair(one, other, row, start):  # type: ignore[no-untyped-def]
+def _add_pair(one, other, row, start):
     row[start] += 1
     row[start + 1] += one
     row[start + 2] += other

@@ -4,15 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from flexx2_sim_ros.gap.data.covariates import AXES, Scene
-from flexx2_sim_ros.gap.features.features import (
-    EXPECT,
-    N2,
-    N_NEIGHBOUR,
-    NEIGHBOUR,
-    SQUARE2,
-    Sums,
-    VALID,
-)
+from flexx2_sim_ros.gap.features.features import Sums
+from flexx2_sim_ros.gap.features.kernels import EXPECT, N2, N_NEIGHBOUR, NEIGHBOUR, SQUARE2, VALID
 import numpy as np
 
 _REGIONS = AXES['region'].bins

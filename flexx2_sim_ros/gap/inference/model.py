@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from flexx2_sim_ros.effects import loadable
 from flexx2_sim_ros.gap.data.covariates import AXES
@@ -115,7 +116,7 @@ class Model:
         """Stack the summaries."""
         self.evidence = list(evidence)
         self.pose_centre: np.ndarray | None = None
-        self._nodes: dict[tuple, tuple[np.ndarray, np.ndarray]] = {}
+        self._nodes: dict[tuple[Any, ...], tuple[np.ndarray, np.ndarray]] = {}
         self.index = {column.name: i for i, column in enumerate(columns)}
         real = np.array([e.real for e in evidence])
         base = np.array([e.base for e in evidence])

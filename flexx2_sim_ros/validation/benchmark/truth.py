@@ -148,7 +148,7 @@ class Cells:
 
 
 @njit(cache=True)
-def _add(residual, before, has_before, cells, sums):  # type: ignore[no-untyped-def]
+def _add(residual, before, has_before, cells, sums):
     height, width = residual.shape
     for y in range(height):
         for x in range(width):

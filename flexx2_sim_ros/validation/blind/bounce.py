@@ -103,9 +103,7 @@ def _points(view: View, step: int) -> tuple[np.ndarray, ...]:
 
 
 @njit(cache=True)
-def _gather(  # type: ignore[no-untyped-def]
-    kinds, placement, lit, lit_normal, radiant, lit_range, hit, hit_normal, K, out
-):
+def _gather(kinds, placement, lit, lit_normal, radiant, lit_range, hit, hit_normal, K, out):
     for i in range(len(hit)):
         if math.isnan(hit[i, 0]):
             continue
@@ -154,7 +152,7 @@ def _carry(
 
 
 @njit(cache=True)
-def _spread(arriving, points, normals, place, normal, width, step, out):  # type: ignore
+def _spread(arriving, points, normals, place, normal, width, step, out):
     rows, columns = points.shape[0], points.shape[1]
     for i in range(len(place)):
         y, x = (i // width - step // 2) / step, (i % width - step // 2) / step

@@ -90,7 +90,7 @@ def jitter_edges(
 
 
 @njit(cache=True)
-def _sweep(flags, turned, shifts, reach, source):  # type: ignore[no-untyped-def]
+def _sweep(flags, turned, shifts, reach, source):
     height, width = flags.shape
     lines, length = (width, height) if turned else (height, width)
     draw = 0

@@ -141,7 +141,7 @@ class SpatialFilter(Effect):
 
 
 @njit(cache=True, fastmath=True)
-def smooth(parts, width, gate, out):  # type: ignore[no-untyped-def]
+def smooth(parts, width, gate, out):
     """
     Average unit phasors of pixels near in place and phase.
 

@@ -51,7 +51,7 @@ def split_noise(
 
 
 @njit(cache=True)
-def expose(  # type: ignore[no-untyped-def]
+def expose(
     light, source, amplitude, phase_noise, path_noise, noise_gain, delay, K, normals, jitter, taps
 ):
     """
@@ -109,7 +109,7 @@ def demodulate(taps: np.ndarray) -> np.ndarray:
 
 
 @njit(cache=True)
-def unwrap(phasors, K, reference, disagreement, period, out):  # type: ignore[no-untyped-def]
+def unwrap(phasors, K, reference, disagreement, period, out):
     """
     Turn phases into range.
 

@@ -104,7 +104,7 @@ def pack(shapes: Sequence[Shape]) -> Solids:
 
 
 @njit(cache=True)
-def _local(o, placement):  # type: ignore[no-untyped-def]
+def _local(o, placement):
     # A world point in the shape's own axes.
     x, y, z = o[0] - placement[0], o[1] - placement[1], o[2] - placement[2]
     r = placement[6:]
@@ -116,7 +116,7 @@ def _local(o, placement):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _hit(kind, half, ox, oy, oz, dx, dy, dz):  # type: ignore[no-untyped-def]
+def _hit(kind, half, ox, oy, oz, dx, dy, dz):
     # Distance along the ray in units of its direction (inf for a miss) and which axis was hit.
     if kind == BALL:
         a = dx * dx + dy * dy + dz * dz
@@ -149,7 +149,7 @@ def _hit(kind, half, ox, oy, oz, dx, dy, dz):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _reflectivity(kind, axis, x, y, z, looks):  # type: ignore[no-untyped-def]
+def _reflectivity(kind, axis, x, y, z, looks):
     light, dark, texture, period = looks[0], looks[1], looks[2], looks[3]
     if kind == ROOM and axis == 1:
         return dark
@@ -165,7 +165,7 @@ def _reflectivity(kind, axis, x, y, z, looks):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def cast(kinds, placement, looks, R, origin, rays, depth, reflectivity, normal):  # type: ignore
+def cast(kinds, placement, looks, R, origin, rays, depth, reflectivity, normal):
     """
     Follow rays to the first surface.
 
@@ -240,7 +240,7 @@ def cast(kinds, placement, looks, R, origin, rays, depth, reflectivity, normal):
 
 
 @njit(cache=True)
-def in_sight(kinds, placement, one, other):  # type: ignore[no-untyped-def]
+def in_sight(kinds, placement, one, other):
     """Say whether nothing but the room lies between two world points."""
     dx, dy, dz = other[0] - one[0], other[1] - one[1], other[2] - one[2]
     for s in range(len(kinds)):

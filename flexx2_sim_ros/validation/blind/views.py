@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 
-from flexx2_sim_ros.physics.surface import analyse
+from flexx2_sim_ros.physics.surface import analyse, Surface
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from flexx2_sim_ros.profiles.modes import flexx2, Mode
 from flexx2_sim_ros.validation.blind.edges import edge_maps
@@ -134,7 +134,7 @@ class View:
         return np.sqrt(1 + (self.rays**2).sum(-1)).reshape(self.depth.shape).astype(np.float32)
 
     @cached_property
-    def _surface(self):  # type: ignore[no-untyped-def]
+    def _surface(self) -> Surface:
         return analyse(self.depth, self.optics.intrinsics)
 
     @property
