@@ -9,7 +9,6 @@ from flexx2_sim_ros.gap.data.pose import unknown_border
 from flexx2_sim_ros.gap.features.catalogue import catalogue
 from flexx2_sim_ros.gap.features.evidence import RecordingData, register
 from flexx2_sim_ros.gap.inference.decide import ratio_interval
-from flexx2_sim_ros.gap.inference.student import q_values, t_quantile, t_tail
 import numpy as np
 import pytest
 
@@ -26,16 +25,6 @@ def test_every_effect_is_in_the_catalogue_and_what_is_simulated_is_valid() -> No
             candidate.build(tuple(term.nodes[0][0] for term in candidate.terms))
         )
     assert not any(c.effect == 'offset' for c in catalogue(['offset'])[1])
-
-
-def test_student_and_false_discoveries() -> None:
-    # Tables of the t distribution.
-    assert t_tail(np.array([0.0]), 5)[0] == pytest.approx(0.5, abs=1e-4)
-    assert t_quantile(0.95, 7) == pytest.approx(1.8946, abs=2e-3)
-    assert t_quantile(0.95, 1) == pytest.approx(6.3138, abs=2e-2)
-    assert q_values(np.array([0.01, 0.04, 0.03, 0.5])) == pytest.approx(
-        [0.04, 0.16 / 3, 0.16 / 3, 0.5]
-    )
 
 
 def test_a_pose_error_is_found_to_a_fraction_of_a_millimetre() -> None:

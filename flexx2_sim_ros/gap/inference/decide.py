@@ -6,8 +6,8 @@ import math
 
 from flexx2_sim_ros.gap.features.catalogue import Candidate
 from flexx2_sim_ros.gap.inference.model import Fit, Model, SCALES
-from flexx2_sim_ros.gap.inference.student import t_quantile, t_tail
 import numpy as np
+from scipy import stats
 
 # Calibrated on campaigns of the base simulator with pose, reflectivity and sigma errors, and on
 # campaigns of the catalogue's and of made-up effects (bench/gap_development.py); a recording.
@@ -330,8 +330,7 @@ def _certainty(one: Fit, other: Fit) -> float:
         return 0.5
     error = float(difference.std(ddof=1)) / np.sqrt(count) + 0.25
     t = float(difference.mean()) / error
-    tail = float(t_tail(np.array([abs(t)]), count - 1)[0])
-    return 1 - tail if t > 0 else tail
+    return float(stats.t.cdf(t, count - 1))
 
 
 def interval(model: Model, without: Fit, chosen: Fit, base: Fit) -> list[float]:
@@ -365,5 +364,5 @@ def ratio_interval(top: np.ndarray, bottom: np.ndarray) -> list[float]:
         return [0.0, 1.0]
     rest = (top.sum() - top) / np.maximum(bottom.sum() - bottom, 1e-9)
     error = np.sqrt((count - 1) / count * np.square(rest - rest.mean()).sum())
-    reach = t_quantile(0.95, count - 1) * math.sqrt(2) * float(error)
+    reach = float(stats.t.ppf(0.95, count - 1)) * math.sqrt(2) * float(error)
     return [float(np.clip(whole - reach, 0, 1)), float(np.clip(whole + reach, 0, 1))]

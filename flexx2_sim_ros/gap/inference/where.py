@@ -15,8 +15,8 @@ from flexx2_sim_ros.gap.features.features import (
 from flexx2_sim_ros.gap.features.pixel_groups import GROUP_CHANNELS, GROUP_TOLERANCE, PixelGroups
 from flexx2_sim_ros.gap.inference.cover import Condition, cover
 from flexx2_sim_ros.gap.inference.model import Model
-from flexx2_sim_ros.gap.inference.student import q_values, t_tail
 import numpy as np
+from scipy import stats
 
 _MOST = 60
 _DEGREES = 100  # noise is known that well
@@ -89,7 +89,7 @@ def places(
         return [row for _, row in binned]
     names = [e.name for e in model.evidence]
     rows = [row for one in conditions for row in _rows(one, names)]
-    q = q_values(np.array([row['q_value'] for _, row in rows]))
+    q = stats.false_discovery_control(np.array([row['q_value'] for _, row in rows]))
     for (_, row), value in zip(rows, q, strict=True):
         row['q_value'] = float(value)
     rows += [item for item in binned if item[1]['covariate'] in _BESIDE]
@@ -160,7 +160,7 @@ def cells(
     p[usable] = _tail(mean[usable], TOLERANCE[usable], variance[usable])
     q = np.ones(len(mean))
     if usable.any():
-        q[usable] = q_values(p[usable])
+        q[usable] = stats.false_discovery_control(p[usable])
     weights = np.sum([e.counts for e in model.evidence], axis=0)
     found: list[tuple[float, dict[str, Any]]] = []
     physical, gross = _in_units(model, difference if shown is None else shown), False
@@ -245,7 +245,7 @@ def _recordings(
     i = _INDEX[channel, 'all', 0]
     p = _tail(each[:, i], TOLERANCE[i], own[:, i])
     out = []
-    for r, (size, q) in enumerate(zip(each[:, i], q_values(p), strict=True)):
+    for r, (size, q) in enumerate(zip(each[:, i], stats.false_discovery_control(p), strict=True)):
         if model.good[r, i] and q < _SURE:
             cell = _cell(i, float(physical[r, i]), float(q))
             cell.update(covariate='recording', low=r, high=r, detail=model.evidence[r].name)
@@ -255,9 +255,8 @@ def _recordings(
 
 def _tail(size: np.ndarray, limit: Any, variance: np.ndarray) -> np.ndarray:
     # Probability of a difference so far beyond what matters.
-    return t_tail(
-        np.maximum(np.abs(size) - limit, 0) / np.sqrt(np.maximum(variance, 1e-12)), _DEGREES
-    )
+    beyond = np.maximum(np.abs(size) - limit, 0) / np.sqrt(np.maximum(variance, 1e-12))
+    return np.asarray(stats.t.sf(beyond, _DEGREES))
 
 
 def mean_sigma(model: Model) -> np.ndarray:

@@ -3,9 +3,9 @@
 import base64
 from collections.abc import Sequence
 from html import escape
-import struct
-import zlib
+from io import BytesIO
 
+from matplotlib.image import imsave
 import numpy as np
 
 _COLOURS = ('#1c2733', '#d9480f', '#1f6feb')
@@ -20,20 +20,9 @@ def picture(image: np.ndarray, limit: float) -> str:
     colour = np.where(share > 0, 255 + share * (red - 255), 255 - share * (blue - 255))
     colour = np.where(np.isfinite(image)[..., None], colour, 205).astype(np.uint8)
     colour = colour.repeat(4, axis=0).repeat(4, axis=1)
-    height, width, _ = colour.shape
-    rows = np.concatenate([np.zeros((height, 1), np.uint8), colour.reshape(height, -1)], axis=1)
-    data = b'\x89PNG\r\n\x1a\n' + b''.join(
-        struct.pack('>I', len(content))
-        + kind
-        + content
-        + struct.pack('>I', zlib.crc32(kind + content))
-        for kind, content in (
-            (b'IHDR', struct.pack('>IIBBBBB', width, height, 8, 2, 0, 0, 0)),
-            (b'IDAT', zlib.compress(rows.tobytes(), 9)),
-            (b'IEND', b''),
-        )
-    )
-    return 'data:image/png;base64,' + base64.b64encode(data).decode()
+    file = BytesIO()
+    imsave(file, colour, format='png')
+    return 'data:image/png;base64,' + base64.b64encode(file.getvalue()).decode()
 
 
 def bar(before: float, after: float, null: float) -> str:
