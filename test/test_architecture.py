@@ -12,7 +12,7 @@ PACKAGE = ROOT / NAME
 # From the lowest room to the highest; a room may import itself and the rooms before it.
 ROOMS = (
     'base', 'profiles', 'physics', 'effects', 'camera', 'messages', 'recording', 'rendering',
-    'robots', 'batch', 'characterize', 'gap.data', 'gap.features', 'gap.inference', 'gap.report',
+    'characterize', 'robots', 'batch', 'gap.data', 'gap.features', 'gap.inference', 'gap.report',
     'gap', 'validation.blind', 'validation.benchmark', 'validation', 'view', 'nodes', 'cli',
 )  # fmt: skip
 

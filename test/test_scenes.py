@@ -1,9 +1,11 @@
 """The built-in scenes: the backends agree, the board is exact, nothing that matters is hidden."""
 
+from contextlib import closing
 import math
 
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.profiles.modes import flexx2
+from flexx2_sim_ros.rendering.cameras import board_model
 from flexx2_sim_ros.rendering.ground import SceneGround
 from flexx2_sim_ros.rendering.renderer import load_materials, open_renderer
 from flexx2_sim_ros.rendering.scenes import place_board, SCENES
@@ -134,6 +136,23 @@ def test_the_board_has_exactly_the_distance_and_angle_asked_for(camera, backend)
             np.testing.assert_allclose(depth[behind], distance + 1.5, rtol=1e-3)
             assert (on_board | behind).all()
     renderer.close()
+
+
+def test_the_board_needs_no_robot():
+    model = board_model(K, 'eye')
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    place_board(model, data, 'eye', 2.0, 30.0)
+    with closing(open_renderer(model, K, 'ray')) as renderer:
+        depth, geom_id = renderer.render(data, 'eye')
+    expected = 2.0 / (1 - math.tan(math.radians(30.0)) * (np.arange(K.width) - K.cx) / K.fx)
+    middle = slice(100, 124)
+    assert (geom_id[86, middle] == model.geom('scene/board').id).all()
+    np.testing.assert_allclose(depth[86, middle], expected[middle], atol=1e-6)
+    assert {model.body(body).name for body in range(1, model.nbody)} == {
+        'scene/board',
+        'scene/backdrop',
+    }
 
 
 def test_the_boards_place_survives_a_reset():

@@ -176,24 +176,22 @@ def _render(
     setups: Sequence[tuple[float, float]], camera: Intrinsics, renderer: str
 ) -> dict[tuple[float, float], np.ndarray]:
     # Imported here: planning and fitting need no MuJoCo.
+    from flexx2_sim_ros.rendering.cameras import board_model
     from flexx2_sim_ros.rendering.renderer import open_renderer
     from flexx2_sim_ros.rendering.scenes import place_board
-    from flexx2_sim_ros.robots.model import build_model, load_mounts, stand
     import mujoco
 
-    source = _centred(camera)
-    mount = load_mounts()[0]
-    model = build_model(scene='board', intrinsics=source, mounts=[mount])
+    source, name = _centred(camera), 'camera'
+    model = board_model(source, name)
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    stand(model, data)
     view = View(camera, source)
     eye = open_renderer(model, source, renderer)
     try:
         scenes = {}
         for distance, angle in setups:
-            place_board(model, data, mount.name, distance, angle)
-            clean = view.depth(eye.render(data, mount.name)[0])
+            place_board(model, data, name, distance, angle)
+            clean = view.depth(eye.render(data, name)[0])
             scenes[distance, angle] = np.where(view.outside, np.float32(np.nan), clean)
         return scenes
     finally:

@@ -160,8 +160,8 @@ def _move(
     data.mocap_pos[mocap], data.mocap_quat[mocap] = position, quaternion
     # In the model and its keys as well, so that a reset keeps it.
     model.body_pos[body], model.body_quat[body] = position, quaternion
-    model.key_mpos.reshape(model.nkey, -1, 3)[:, mocap] = position
-    model.key_mquat.reshape(model.nkey, -1, 4)[:, mocap] = quaternion
+    model.key_mpos.reshape(model.nkey, model.nmocap, 3)[:, mocap] = position
+    model.key_mquat.reshape(model.nkey, model.nmocap, 4)[:, mocap] = quaternion
 
 
 def _empty(name: str) -> mujoco.MjSpec:

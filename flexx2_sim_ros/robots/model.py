@@ -10,6 +10,7 @@ from flexx2_sim_ros.config_file import read_section
 from flexx2_sim_ros.errors import InputError, shown
 from flexx2_sim_ros.paths import config_dir
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
+from flexx2_sim_ros.rendering.cameras import add_camera, check_view, FAR, NEAR, set_view
 from flexx2_sim_ros.rendering.ground import SceneGround
 from flexx2_sim_ros.rendering.scenes import load_scene, PREFIX, read_model
 from flexx2_sim_ros.robots.kinematics import HOME, rotation
@@ -116,8 +117,8 @@ def build_model(
     *,
     intrinsics: Intrinsics,
     mounts: Sequence[CameraMount] | None = None,
-    near: float = 0.02,
-    far: float = 20.0,
+    near: float = NEAR,
+    far: float = FAR,
 ) -> mujoco.MjModel:
     """
     Compose robot, scene and cameras.
@@ -153,14 +154,7 @@ def build_model(
         and carries MuJoCo's own message.
 
     """
-    if not 0 < near < far < math.inf:
-        raise InputError(f'near, far: found {near}, {far}, wanted 0 < near < far in metres')
-    centre = ((intrinsics.width - 1) / 2, (intrinsics.height - 1) / 2)
-    if (intrinsics.cx, intrinsics.cy) != centre or any(intrinsics.distortion):
-        raise InputError(
-            f'intrinsics: found principal point ({intrinsics.cx}, {intrinsics.cy}) and distortion '
-            f'{intrinsics.distortion}, wanted {centre} and none: the renderer is a plain pinhole'
-        )
+    check_view(intrinsics, near, far)
     spec, robot_path = _load_robot(robot)
     room, scene_path = load_scene(scene)
     trunk = spec.body(ROOT_BODY)
@@ -171,15 +165,8 @@ def build_model(
         spec.attach(room, prefix=PREFIX, frame=spec.worldbody.add_frame())
         spec.add_material(name='flexx2_housing', rgba=[0.2, 0.21, 0.23, 1.0])
         for mount in load_mounts() if mounts is None else mounts:
-            _add_camera(spec, trunk, mount, intrinsics)
-        spec.stat.extent = 1.0  # MuJoCo multiplies znear and zfar by it
-        spec.visual.map.znear, spec.visual.map.zfar = near, far
-        buffer = spec.visual.global_
-        buffer.offwidth = max(buffer.offwidth, intrinsics.width)
-        buffer.offheight = max(buffer.offheight, intrinsics.height)
-        quality = spec.visual.quality
-        quality.offsamples = quality.shadowsize = 0
-        quality.numquads = 1  # flat faces need no subdivision for depth
+            _add_camera(trunk, mount, intrinsics)
+        set_view(spec, intrinsics, near, far)
         return spec.compile()
     except (ValueError, mujoco.FatalError) as error:
         raise InputError(
@@ -215,25 +202,11 @@ def _menagerie_go1() -> Path:
         ) from error
 
 
-def _add_camera(
-    spec: mujoco.MjSpec, trunk: Any, mount: CameraMount, intrinsics: Intrinsics
-) -> None:
-    # MuJoCo's cameras look along -z with y up.
-    quat = np.empty(4)
-    mujoco.mju_mat2Quat(quat, (mount.rotation * [1.0, -1.0, -1.0]).ravel())
-    size = [intrinsics.width, intrinsics.height]
-    trunk.add_camera(
-        name=mount.name,
-        pos=mount.position,
-        quat=quat,
-        resolution=size,
-        focal_pixel=[intrinsics.fx, intrinsics.fy],
-        # Any pixel pitch gives the same picture; the principal point is an offset from the middle.
-        sensor_size=[1e-3 * size[0], 1e-3 * size[1]],
-        principal_pixel=[0.0, 0.0],
-    )
+def _add_camera(trunk: Any, mount: CameraMount, intrinsics: Intrinsics) -> None:
+    add_camera(trunk, mount.name, mount.position, mount.rotation, intrinsics)
     look = mount.rotation[:, 2]
     axes = np.stack([look, -mount.rotation[:, 0], -mount.rotation[:, 1]], axis=1)
+    quat = np.empty(4)
     mujoco.mju_mat2Quat(quat, axes.ravel())
     trunk.add_geom(
         name=f'{mount.name}_housing',

@@ -1,0 +1,108 @@
+"""Put pinhole cameras into a MuJoCo model that is being composed."""
+
+import math
+from typing import Any
+
+from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.profiles.intrinsics import Intrinsics
+from flexx2_sim_ros.rendering.scenes import load_scene, PREFIX
+import mujoco
+import numpy as np
+
+NEAR, FAR = 0.02, 20.0  # clipping planes, metres
+
+
+def check_view(intrinsics: Intrinsics, near: float, far: float) -> None:
+    """Refuse clipping planes and intrinsics that the renderer cannot draw."""
+    if not 0 < near < far < math.inf:
+        raise InputError(f'near, far: found {near}, {far}, wanted 0 < near < far in metres')
+    centre = ((intrinsics.width - 1) / 2, (intrinsics.height - 1) / 2)
+    if (intrinsics.cx, intrinsics.cy) != centre or any(intrinsics.distortion):
+        raise InputError(
+            f'intrinsics: found principal point ({intrinsics.cx}, {intrinsics.cy}) and distortion '
+            f'{intrinsics.distortion}, wanted {centre} and none: the renderer is a plain pinhole'
+        )
+
+
+def add_camera(
+    body: Any,
+    name: str,
+    position: tuple[float, float, float],
+    rotation: np.ndarray,
+    intrinsics: Intrinsics,
+) -> None:
+    """
+    Attach a camera to a body.
+
+    Parameters
+    ----------
+    body : mujoco.MjsBody
+        Of the specification that is being composed.
+    name : str
+        The camera's name.
+    position : tuple of float
+        The lens in the body's frame, metres.
+    rotation : numpy.ndarray
+        (3, 3) float64: the optical axes x right, y down, z forward in the body's frame.
+    intrinsics : Intrinsics
+        With the principal point in the middle and no distortion.
+
+    """
+    quat = np.empty(4)
+    # MuJoCo's cameras look along -z with y up.
+    mujoco.mju_mat2Quat(quat, (rotation * [1.0, -1.0, -1.0]).ravel())
+    size = [intrinsics.width, intrinsics.height]
+    body.add_camera(
+        name=name,
+        pos=position,
+        quat=quat,
+        resolution=size,
+        focal_pixel=[intrinsics.fx, intrinsics.fy],
+        # Any pixel pitch gives the same picture; the principal point is an offset from the middle.
+        sensor_size=[1e-3 * size[0], 1e-3 * size[1]],
+        principal_pixel=[0.0, 0.0],
+    )
+
+
+def set_view(spec: mujoco.MjSpec, intrinsics: Intrinsics, near: float, far: float) -> None:
+    """Set clipping planes in metres, and make room for the cameras' images."""
+    spec.stat.extent = 1.0  # MuJoCo multiplies znear and zfar by it
+    spec.visual.map.znear, spec.visual.map.zfar = near, far
+    buffer = spec.visual.global_
+    buffer.offwidth = max(buffer.offwidth, intrinsics.width)
+    buffer.offheight = max(buffer.offheight, intrinsics.height)
+    quality = spec.visual.quality
+    quality.offsamples = quality.shadowsize = 0
+    quality.numquads = 1  # flat faces need no subdivision for depth
+
+
+def board_model(intrinsics: Intrinsics, camera: str = 'camera') -> mujoco.MjModel:
+    """
+    Return the scene ``board`` with one camera in front of it, and nothing else.
+
+    Parameters
+    ----------
+    intrinsics : Intrinsics
+        Of the camera; the principal point in the middle, no distortion.
+    camera : str
+        Its name, for `place_board`.
+
+    Returns
+    -------
+    mujoco.MjModel
+        The camera looks along +x, 1 m above the ground.
+
+    Raises
+    ------
+    InputError
+        When the intrinsics cannot be rendered.
+
+    """
+    check_view(intrinsics, NEAR, FAR)
+    spec, (scene, _) = mujoco.MjSpec(), load_scene('board')
+    spec.attach(scene, prefix=PREFIX, frame=spec.worldbody.add_frame())
+    # x right, y down, z forward for a camera that looks along x, with z up.
+    axes = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+    add_camera(spec.worldbody, camera, (0.0, 0.0, 1.0), axes, intrinsics)
+    set_view(spec, intrinsics, NEAR, FAR)
+    return spec.compile()
