@@ -4,7 +4,8 @@ from bench.timing import peak_megabytes, side_by_side
 from flexx2_sim_ros.camera import flexx2
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.rendering.renderer import open_renderer
-from flexx2_sim_ros.robots.model import build_model, load_mounts, stand
+from flexx2_sim_ros.robots.model import build_model, stand
+from flexx2_sim_ros.robots.robot import load_mounts
 import mujoco
 
 

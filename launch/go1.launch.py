@@ -1,4 +1,4 @@
-"""A Go1 with its two cameras and, if asked for, RViz."""
+"""A Go1 or Go2 with its two cameras and, if asked for, RViz."""
 
 from flexx2_sim_ros.paths import config_dir, executable
 from launch import LaunchDescription
@@ -7,8 +7,10 @@ from launch.conditions import IfCondition
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
+PASSED_ON = ('robot', 'motion', 'scene', 'renderer')  # to go1_cameras
 CAMERAS = ('front_left', 'front_right')
 ARGUMENTS = {
+    'robot': ('go1', 'go1, go2, or the path of a YAML file.'),
     'motion': ('cmd_vel', 'What moves the robot: stand, cmd_vel or external.'),
     'scene': ('lab', 'lab, stairs, corner, board, rubble, or the path of an MJCF file.'),
     'renderer': ('auto', 'auto, egl, osmesa or ray.'),
@@ -22,7 +24,7 @@ def generate_launch_description() -> LaunchDescription:
     robot = Node(
         executable=str(executable('go1_cameras')),
         output='screen',
-        parameters=[{name: LaunchConfiguration(name) for name in ('motion', 'scene', 'renderer')}],
+        parameters=[{name: LaunchConfiguration(name) for name in PASSED_ON}],
     )
     cameras = [
         Node(

@@ -14,7 +14,7 @@ except ImportError as error:
 
 from flexx2_sim_ros.nodes import go1_messages, transforms
 from flexx2_sim_ros.nodes.go1_node import Go1Cameras
-from flexx2_sim_ros.robots.kinematics import JOINTS
+from flexx2_sim_ros.robots.robot import load_robot
 from geometry_msgs.msg import Twist
 from nav_msgs.msg import Odometry
 import numpy as np
@@ -28,6 +28,7 @@ __all__ = [
     'Clock',
     'Go1',
     'Image',
+    'JOINTS',
     'JointState',
     'Odometry',
     'Twist',
@@ -43,6 +44,9 @@ __all__ = [
 # The scene with the least to draw, and rays: fast, and free of OpenGL.
 USUAL = {'scene': 'corner', 'renderer': 'ray'}
 _numbers = itertools.count()
+_legs = load_robot().legs
+assert _legs is not None
+JOINTS = _legs.all_names
 
 
 class Go1(Listener):

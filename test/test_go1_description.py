@@ -6,7 +6,8 @@ from xml.etree import ElementTree
 from flexx2_sim_ros.profiles.modes import flexx2
 from flexx2_sim_ros.robots.description import BASE, links_of, poses, urdf
 from flexx2_sim_ros.robots.model import build_model
-from flexx2_sim_ros.robots.robot import find_robot
+from flexx2_sim_ros.robots.parts import find_parts
+from flexx2_sim_ros.robots.robot import load_robot
 import mujoco
 import numpy as np
 import pytest
@@ -59,7 +60,7 @@ def model(
 
 
 def test_links_are_where_the_bodies_are(model: mujoco.MjModel) -> None:
-    random, data, robot = np.random.default_rng(3), mujoco.MjData(model), find_robot(model)
+    random, data, robot = np.random.default_rng(3), mujoco.MjData(model), find_parts(model)
     links = links_of(model)
     for _ in range(5):
         data.qpos = random.uniform(-0.8, 0.8, model.nq)
@@ -102,9 +103,13 @@ def test_the_urdf_says_the_same(model: mujoco.MjModel) -> None:
     assert {shape[0].tag for shape in robot.iter('geometry')} <= {'box', 'cylinder', 'sphere'}
 
 
-def test_a_go1_has_its_usual_links_and_joints() -> None:
-    model = build_model('builtin', 'corner', intrinsics=flexx2().intrinsics)
-    links = links_of(model)
+@pytest.mark.parametrize(
+    ('name', 'limits'), [('go1', ('-2.818', '-0.888')), ('go2', ('-2.7227', '-0.83776'))]
+)
+def test_a_robot_has_its_usual_links_and_joints(name: str, limits: tuple[str, str]) -> None:
+    kind = load_robot(name)
+    model = build_model('builtin', 'corner', intrinsics=flexx2().intrinsics, robot=kind)
+    links = links_of(model, kind)
     assert [link.name for link in links] == [
         'trunk',
         *(
@@ -118,5 +123,5 @@ def test_a_go1_has_its_usual_links_and_joints() -> None:
     limit = knee.find('limit')
     assert knee.get('type') == 'revolute'
     assert limit is not None
-    assert (limit.get('lower'), limit.get('upper')) == ('-2.818', '-0.888')
+    assert (limit.get('lower'), limit.get('upper')) == limits
     assert all(link.find('visual') is not None for link in robot.findall('link')[1:])

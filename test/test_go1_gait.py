@@ -8,15 +8,33 @@ from flexx2_sim_ros.profiles.modes import flexx2
 from flexx2_sim_ros.rendering.ground import SceneGround
 from flexx2_sim_ros.robots import gait as trot
 from flexx2_sim_ros.robots.gait import Gait, pose, start, step
-from flexx2_sim_ros.robots.kinematics import feet, GO1, joint_angles, LEGS, rotation
+from flexx2_sim_ros.robots.kinematics import feet, joint_angles, rotation
 from flexx2_sim_ros.robots.model import build_model, stand
-from flexx2_sim_ros.robots.robot import find_robot
+from flexx2_sim_ros.robots.parts import find_parts
+from flexx2_sim_ros.robots.robot import load_robot
 import mujoco
 import numpy as np
 import pytest
 
 RATE = 60
 GAIT = Gait()
+LEGS = ('FR', 'FL', 'RR', 'RL')
+
+
+def legs_of(name):
+    """Return the legs of a robot's built-in model."""
+    robot = load_robot(name)
+    model = build_model(scene='corner', intrinsics=flexx2().intrinsics, robot=robot)
+    return find_parts(model, robot).legs
+
+
+GO1 = legs_of('go1')
+
+
+@pytest.fixture(scope='module', params=['go1', 'go2'])
+def legs(request):
+    """Return the legs of each robot."""
+    return legs_of(request.param)
 
 
 class Flat:
@@ -35,11 +53,12 @@ class Flat:
 class World:
     """The robot in a MuJoCo scene, posed as the gait says."""
 
-    def __init__(self, scene, robot='builtin'):
-        self.model = build_model(robot, scene, intrinsics=flexx2().intrinsics)
+    def __init__(self, scene, robot='go1'):
+        kind = load_robot(robot)
+        self.model = build_model(scene=scene, intrinsics=flexx2().intrinsics, robot=kind)
         self.data = mujoco.MjData(self.model)
-        stand(self.model, self.data)
-        self.robot = find_robot(self.model)
+        stand(self.model, self.data, kind)
+        self.robot = find_parts(self.model, kind)
         self.feet = [self.model.geom(f'{leg}_foot').id for leg in LEGS]
         solid = (self.model.geom_contype | self.model.geom_conaffinity) != 0
         self.solid = np.flatnonzero(solid & ~self.robot.geoms)
@@ -53,7 +72,7 @@ class World:
         quaternion = np.empty(4)
         mujoco.mju_mat2Quat(quaternion, rotation(self.pose.rpy).ravel())
         self.robot.place(self.data, self.pose.position, quaternion)
-        self.data.qpos[self.robot.leg_addresses()] = self.pose.angles
+        self.data.qpos[self.robot.leg_addresses] = self.pose.angles
         mujoco.mj_kinematics(self.model, self.data)
 
     def depth_of_feet(self):
@@ -65,29 +84,29 @@ class World:
         )
 
 
-def walk(commands, rate=RATE, gait=GAIT, ground=None):
+def walk(commands, rate=RATE, legs=GO1):
     """Return the poses and states of a walk: (seconds, command) after (seconds, command)."""
-    ground = ground or Flat()
-    state = start(np.zeros(2), 0.0, 0.3, ground)
-    poses, states = [pose(state, gait)], [state]
+    ground = Flat()
+    state = start(np.zeros(2), 0.0, 0.3, ground, legs)
+    poses, states = [pose(state, GAIT, legs)], [state]
     for seconds, command in commands:
         for _ in range(round(seconds * rate)):
-            state = step(state, np.array(command, float), 1 / rate, ground, gait)
+            state = step(state, np.array(command, float), 1 / rate, ground, GAIT, legs)
             states.append(state)
-            poses.append(pose(state, gait))
+            poses.append(pose(state, GAIT, legs))
     return poses, states
 
 
-def true_feet(at):
+def true_feet(at, legs=GO1):
     """Return where the joint angles really put the feet, in the world."""
-    return at.position + feet(at.angles) @ rotation(at.rpy).T
+    return at.position + feet(at.angles, legs) @ rotation(at.rpy).T
 
 
-def slips(poses):
+def slips(poses, legs=GO1):
     """Return how far each foot strayed within each of its stances, metres."""
     result = []
     for leg in range(4):
-        places = [(bool(at.standing[leg]), true_feet(at)[leg]) for at in poses]
+        places = [(bool(at.standing[leg]), true_feet(at, legs)[leg]) for at in poses]
         for standing, group in itertools.groupby(places, key=operator.itemgetter(0)):
             if standing:
                 stance = np.array([place for _, place in group])
@@ -95,40 +114,40 @@ def slips(poses):
     return np.array(result)
 
 
-def test_angles_and_feet_are_each_others_inverse():
+def test_angles_and_feet_are_each_others_inverse(legs):
     random = np.random.default_rng(0)
-    angles = random.uniform(GO1.lower, GO1.upper, (2000, 4, 3))
-    points = feet(angles)
+    angles = random.uniform(legs.lower, legs.upper, (2000, 4, 3))
+    points = feet(angles, legs)
     # With the foot above its thigh joint another pose has it in the same place.
     below = np.cos(angles[..., 1]) + np.cos(angles[..., 1] + angles[..., 2]) > 0.1
-    np.testing.assert_allclose(joint_angles(points)[below], angles[below], atol=1e-9)
+    np.testing.assert_allclose(joint_angles(points, legs)[below], angles[below], atol=1e-9)
 
 
-def test_the_feet_are_those_of_the_model():
-    world = World('lab')
+@pytest.mark.parametrize('robot', ['go1', 'go2'])
+def test_the_feet_are_those_of_the_model(robot):
+    world = World('lab', robot)
     random = np.random.default_rng(1)
     legs = world.robot.legs
-    for field in fields(GO1):
-        np.testing.assert_allclose(getattr(legs, field.name), getattr(GO1, field.name), atol=1e-9)
     for _ in range(20):
         angles = random.uniform(legs.lower, legs.upper, (4, 3))
-        world.data.qpos[world.robot.leg_addresses()] = angles
+        world.data.qpos[world.robot.leg_addresses] = angles
         mujoco.mj_kinematics(world.model, world.data)
-        trunk = world.data.body('trunk')
-        seen = (world.data.geom_xpos[world.feet] - trunk.xpos) @ trunk.xmat.reshape(3, 3)
-        np.testing.assert_allclose(seen, feet(angles), atol=1e-9)
+        trunk = world.robot.trunk
+        turn = world.data.xmat[trunk].reshape(3, 3)
+        seen = (world.data.geom_xpos[world.feet] - world.data.xpos[trunk]) @ turn
+        np.testing.assert_allclose(seen, feet(angles, legs), atol=1e-9)
 
 
-def test_a_foot_out_of_reach_is_pointed_at_within_the_limits():
+def test_a_foot_out_of_reach_is_pointed_at_within_the_limits(legs):
     points = (
-        GO1.hips
+        legs.hips
         + [0.1, 0.0, -1.0]
-        + np.stack([0 * GO1.offset, GO1.offset, 0 * GO1.offset], axis=1)
+        + np.stack([0 * legs.offset, legs.offset, 0 * legs.offset], axis=1)
     )
-    angles = joint_angles(points)
-    assert (angles >= GO1.lower - 1e-12).all()
-    assert (angles <= GO1.upper + 1e-12).all()
-    reached = feet(angles) - GO1.hips
+    angles = joint_angles(points, legs)
+    assert (angles >= legs.lower - 1e-12).all()
+    assert (angles <= legs.upper + 1e-12).all()
+    reached = feet(angles, legs) - legs.hips
     assert (reached[:, 2] < -0.35).all()
 
 
@@ -151,19 +170,19 @@ COMMANDS = {
 
 
 @pytest.mark.parametrize('name', COMMANDS)
-def test_no_standing_foot_slips_on_the_level(name):
-    poses, _ = walk(COMMANDS[name])
-    assert slips(poses).max() < 0.005
-    heights = np.array([true_feet(at)[:, 2] for at in poses])
+def test_no_standing_foot_slips_on_the_level(name, legs):
+    poses, _ = walk(COMMANDS[name], legs=legs)
+    assert slips(poses, legs).max() < 0.005
+    heights = np.array([true_feet(at, legs)[:, 2] for at in poses])
     standing = np.array([at.standing for at in poses])
-    assert np.abs(heights[standing] - GO1.foot_radius).max() < 1e-3
-    assert heights.min() > GO1.foot_radius - 1e-3
+    assert np.abs(heights[standing] - legs.foot_radius).max() < 1e-3
+    assert heights.min() > legs.foot_radius - 1e-3
     # The trunk keeps its height and stays level.
     assert np.ptp([at.position[2] for at in poses]) < 1e-9
     assert np.abs([at.rpy[:2] for at in poses]).max() < 1e-9
     angles = np.array([at.angles for at in poses])
-    assert (angles >= GO1.lower - 1e-9).all()
-    assert (angles <= GO1.upper + 1e-9).all()
+    assert (angles >= legs.lower - 1e-9).all()
+    assert (angles <= legs.upper + 1e-9).all()
 
 
 def test_it_is_a_trot():
@@ -232,14 +251,15 @@ def test_a_step_is_a_function():
     _, states = walk([(0.9, (0.5, 0.1, 0.3))])
     before = states[-1]
     kept = {field.name: np.copy(getattr(before, field.name)) for field in fields(before)}
-    one, other = (step(before, np.array([0.3, 0, 0]), 0.5, Flat(), GAIT) for _ in range(2))
+    one, other = (step(before, np.array([0.3, 0, 0]), 0.5, Flat(), GAIT, GO1) for _ in range(2))
     for field in fields(before):
         np.testing.assert_array_equal(getattr(before, field.name), kept[field.name])
         np.testing.assert_array_equal(getattr(one, field.name), getattr(other, field.name))
 
 
-def test_thirty_seconds_over_the_stairs():
-    world = World('stairs')
+@pytest.mark.parametrize('robot', ['go1', 'go2'])
+def test_thirty_seconds_over_the_stairs(robot):
+    world = World('stairs', robot)
     deepest, tops, tilts, reached = 0.0, [], [], 0.0
     for _ in range(900):
         world.walk(np.array([0.25, 0.0, 0.0]))
@@ -257,7 +277,7 @@ def test_thirty_seconds_over_the_stairs():
     assert max(tilts) > 0.2  # nose down
     assert np.abs(tilts).max() < 0.41
     assert np.abs(np.diff(tilts)).max() < 0.06
-    assert world.pose.position[2] == pytest.approx(GO1.standing_height, abs=1e-6)
+    assert world.pose.position[2] == pytest.approx(world.robot.legs.standing_height, abs=1e-6)
 
 
 def test_it_keeps_its_feet_out_of_rubble_and_turns_on_stairs():
@@ -290,9 +310,9 @@ def test_walls_and_drops_stop_it(scene, most):
 
 def test_a_start_without_ground_keeps_its_height():
     nowhere = Flat(np.nan)
-    state = start(np.zeros(2), 0.0, 0.7, nowhere)
-    assert pose(state, GAIT).position[2] == pytest.approx(0.7)
-    state = step(state, np.array([0.5, 0, 0]), 1.0, nowhere, GAIT)
+    state = start(np.zeros(2), 0.0, 0.7, nowhere, GO1)
+    assert pose(state, GAIT, GO1).position[2] == pytest.approx(0.7)
+    state = step(state, np.array([0.5, 0, 0]), 1.0, nowhere, GAIT, GO1)
     assert state.blocked
-    assert pose(state, GAIT).position[2] == pytest.approx(0.7)
-    assert trot.step(state, np.zeros(3), 0.0, nowhere, GAIT).phase == state.phase
+    assert pose(state, GAIT, GO1).position[2] == pytest.approx(0.7)
+    assert trot.step(state, np.zeros(3), 0.0, nowhere, GAIT, GO1).phase == state.phase

@@ -1,10 +1,15 @@
 """The composed model: the robot's figures, the cameras' poses, and what bad files are told."""
 
+from contextlib import closing
 import math
 
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
-from flexx2_sim_ros.robots.model import build_model, CameraMount, load_mounts, stand
+from flexx2_sim_ros.rendering.renderer import open_renderer
+from flexx2_sim_ros.rendering.scenes import place_board
+from flexx2_sim_ros.robots.model import build_model, stand
+from flexx2_sim_ros.robots.parts import find_parts
+from flexx2_sim_ros.robots.robot import CameraMount, load_mounts, load_robot, robot_names
 import mujoco
 import numpy as np
 import pytest
@@ -37,20 +42,45 @@ def written(path, text):
     return str(path)
 
 
-def test_the_robot_has_the_published_figures(model):
-    assert model.body('trunk').mass[0] == pytest.approx(5.204, abs=1e-6)
-    assert model.body_subtreemass[model.body('trunk').id] == pytest.approx(12.74, abs=0.01)
+# Trunk, mass of it and of all; hips, length of a hip; limits and torque of hip, thighs, calf.
+FIGURES = {
+    'go1': (
+        ('trunk', 5.204, 12.743),
+        (0.1881, 0.04675, 0.08),
+        {
+            'hip': (-0.863, 0.863, 23.7),
+            'F thigh': (-0.686, 4.501, 23.7),
+            'R thigh': (-0.686, 4.501, 23.7),
+            'calf': (-2.818, -0.888, 35.55),
+        },
+    ),
+    'go2': (
+        ('base', 6.923, 15.019),
+        (0.1934, 0.0465, 0.0955),
+        {
+            'hip': (-1.0472, 1.0472, 23.7),
+            'F thigh': (-1.5708, 3.4907, 23.7),
+            'R thigh': (-0.5236, 4.5379, 23.7),
+            'calf': (-2.7227, -0.83776, 35.55),
+        },
+    ),
+}
+
+
+@pytest.mark.parametrize('name', FIGURES)
+def test_the_robot_has_the_published_figures(name):
+    (trunk, mass, total), (front, side, offset), joints = FIGURES[name]
+    model = build_model(intrinsics=K, robot=load_robot(name))
+    assert model.body(trunk).mass[0] == pytest.approx(mass, abs=1e-6)
+    assert model.body_subtreemass[model.body(trunk).id] == pytest.approx(total, abs=1e-3)
     for leg in LEGS:
         x, y = (1 if leg[0] == 'F' else -1), (1 if leg[1] == 'L' else -1)
-        np.testing.assert_allclose(model.body(f'{leg}_hip').pos, [0.1881 * x, 0.04675 * y, 0])
-        np.testing.assert_allclose(model.body(f'{leg}_thigh').pos, [0, 0.08 * y, 0])
+        np.testing.assert_allclose(model.body(f'{leg}_hip').pos, [front * x, side * y, 0])
+        np.testing.assert_allclose(model.body(f'{leg}_thigh').pos, [0, offset * y, 0])
         np.testing.assert_allclose(model.body(f'{leg}_calf').pos, [0, 0, -0.213])
         np.testing.assert_allclose(model.geom(f'{leg}_foot').pos, [0, 0, -0.213])
-        for part, axis, low, high, torque in (
-            ('hip', [1, 0, 0], -0.863, 0.863, 23.7),
-            ('thigh', [0, 1, 0], -0.686, 4.501, 23.7),
-            ('calf', [0, 1, 0], -2.818, -0.888, 35.55),
-        ):
+        for part, axis in (('hip', [1, 0, 0]), ('thigh', [0, 1, 0]), ('calf', [0, 1, 0])):
+            low, high, torque = joints.get(f'{leg[0]} {part}') or joints[part]
             joint = model.joint(f'{leg}_{part}_joint')
             np.testing.assert_allclose(joint.axis, axis)
             np.testing.assert_allclose(joint.range, [low, high])
@@ -70,11 +100,30 @@ def test_the_robot_stands_on_its_four_feet(model, standing):
     assert standing.geom_xpos[robot, 2].min() >= 0.0
 
 
-def test_the_robot_keeps_standing_when_the_simulation_runs(model, standing):
-    mujoco.mj_step(model, standing, 500)
-    trunk = standing.body('trunk')
+@pytest.mark.parametrize('name', robot_names())
+def test_the_robot_keeps_standing_when_the_simulation_runs(name):
+    robot = load_robot(name)
+    model = build_model(intrinsics=K, robot=robot)
+    data = mujoco.MjData(model)
+    stand(model, data, robot)
+    mujoco.mj_step(model, data, 500)
+    trunk = data.body(robot.trunk)
     assert trunk.xpos[2] > 0.22
     assert trunk.xmat[8] > math.cos(math.radians(5))
+
+
+@pytest.mark.parametrize('name', robot_names())
+def test_a_standing_robot_does_not_see_itself(name):
+    robot = load_robot(name)
+    model = build_model(intrinsics=K, robot=robot)
+    data = mujoco.MjData(model)
+    stand(model, data, robot)
+    own = np.flatnonzero(find_parts(model, robot).geoms)
+    with closing(open_renderer(model, K, 'ray')) as renderer:
+        for mount in robot.mounts:
+            depth, geom_id = renderer.render(data, mount.name)
+            assert not np.isin(geom_id, own).any()
+            assert np.isfinite(depth).all()
 
 
 def test_the_cameras_sit_where_the_configuration_says(model, standing):
@@ -121,7 +170,7 @@ def test_the_clip_planes_do_not_follow_the_scene(tmp_path, size):
 
 def test_a_robot_without_home_or_free_joint_keeps_its_pose(tmp_path):
     robot = written(tmp_path / 'robot.xml', TINY_ROBOT.replace('<freejoint/>', ''))
-    model = build_model(robot=robot, intrinsics=K)
+    model = build_model(robot_model=robot, intrinsics=K)
     data = mujoco.MjData(model)
     assert stand(model, data) == 'qpos0'
     assert data.body('trunk').xpos[2] == 0.5
@@ -139,7 +188,7 @@ def test_the_robot_stands_on_whatever_is_below_it(tmp_path):
         """,
     )
     robot = written(tmp_path / 'robot.xml', TINY_ROBOT)
-    model = build_model(robot=robot, scene=scene, intrinsics=K)
+    model = build_model(robot_model=robot, scene=scene, intrinsics=K)
     data = mujoco.MjData(model)
     stand(model, data)
     assert data.body('trunk').xpos[2] == pytest.approx(0.05)
@@ -178,7 +227,7 @@ BAD_MODELS = {
 }
 
 
-@pytest.mark.parametrize('parameter', ['robot', 'scene'])
+@pytest.mark.parametrize('parameter', ['robot_model', 'scene'])
 @pytest.mark.parametrize('case', BAD_MODELS)
 def test_a_bad_model_file_is_named(tmp_path, parameter, case):
     text, said = BAD_MODELS[case]
@@ -195,8 +244,8 @@ def test_a_bad_model_file_is_named(tmp_path, parameter, case):
 
 def test_a_robot_without_trunk_is_refused(tmp_path):
     path = written(tmp_path / 'r.xml', TINY_ROBOT.replace('trunk', 'torso'))
-    with pytest.raises(InputError, match="robot: .*no body named 'trunk'; found torso"):
-        build_model(robot=path, intrinsics=K)
+    with pytest.raises(InputError, match="robot_model: .*no body named 'trunk'; found torso"):
+        build_model(robot_model=path, intrinsics=K)
 
 
 def test_parts_that_do_not_fit_are_refused():
@@ -213,7 +262,7 @@ def test_parts_that_do_not_fit_are_refused():
         ('near, far', {'near': 0.0}),
         ('near, far', {'near': 2.0, 'far': 1.0}),
         ('near, far', {'far': math.nan}),
-        ('robot', {'robot': 'go2'}),
+        ('robot_model', {'robot_model': 'go2'}),
         ('scene', {'scene': ''}),
     ],
 )
@@ -253,3 +302,67 @@ def test_a_bad_camera_file_is_named(tmp_path, text, said):
     with pytest.raises(InputError, match=said) as caught:
         load_mounts(path)
     assert str(path) in str(caught.value)
+
+
+GOOD_ROBOT = """
+schema: 1
+models: {builtin: builtin.xml}
+trunk: trunk
+cameras: [{name: eye, position: [0.06, 0, 0], rpy_deg: [0, 0, 0]}]
+"""
+
+
+def test_a_robot_is_one_file_and_its_model(tmp_path):
+    written(tmp_path / 'builtin.xml', TINY_ROBOT)
+    robot = load_robot(written(tmp_path / 'ball.yaml', GOOD_ROBOT))
+    assert (robot.name, robot.legs, robot.menagerie) == ('ball', None, '')
+    model = build_model(scene='board', intrinsics=K, robot=robot)
+    data = mujoco.MjData(model)
+    assert stand(model, data, robot) == 'qpos0'
+    place_board(model, data, 'eye', 1.0, 0.0)
+    assert data.camera('eye').xpos[0] == pytest.approx(0.06)
+    with pytest.raises(InputError, match="robot_model: 'menagerie' has no ball"):
+        build_model('menagerie', intrinsics=K, robot=robot)
+
+
+@pytest.mark.parametrize(
+    ('good', 'bad', 'said'),
+    [
+        ('models: {builtin: builtin.xml}', 'models: 7', 'models: must be a mapping, got 7'),
+        ('builtin: builtin.xml', 'menagerie: a', 'models: builtin: must be a non-empty text'),
+        ('trunk: trunk', 'trunk: [7]', 'trunk: must be a non-empty text'),
+        ('trunk: trunk', 'trunk: a\nlegs: {home: 1}', 'legs: must have the fields home, joints'),
+        ('cameras:', 'eyes:', 'cameras is None'),
+    ],
+)
+def test_a_bad_robot_file_is_named(tmp_path, good, bad, said):
+    path = written(tmp_path / 'ball.yaml', GOOD_ROBOT.replace(good, bad))
+    with pytest.raises(InputError, match=said) as caught:
+        load_robot(path)
+    assert path in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ('field', 'value', 'said'),
+    [
+        ('joints', '[[a, b, c]]', 'joints: must be 4 x 3 names'),
+        ('home', '[0, 1, .nan]', 'home: must be 3 finite numbers'),
+        ('limits', '[[0, 1]]', 'limits: must be 3 pairs'),
+        ('limits', '[[0, 1], [0, 1], [0]]', 'limits: must be 2 finite numbers'),
+    ],
+)
+def test_bad_legs_are_named(tmp_path, field, value, said):
+    legs = {
+        'joints': str([['a', 'b', 'c']] * 4),
+        'home': '[0, 0, 0]',
+        'limits': '[[0, 1], [0, 1], [0, 1]]',
+        field: value,
+    }
+    text = ', '.join(f'{key}: {given}' for key, given in legs.items())
+    with pytest.raises(InputError, match=said):
+        load_robot(written(tmp_path / 'r.yaml', GOOD_ROBOT + f'legs: {{{text}}}'))
+
+
+def test_a_robot_that_is_not_there_is_named():
+    with pytest.raises(InputError, match=r'robot: must be go1, go2 or the path .*, got spot'):
+        load_robot('spot')

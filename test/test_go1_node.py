@@ -7,8 +7,8 @@ import types
 from xml.etree import ElementTree
 
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.robots.kinematics import feet, GO1, JOINTS, rotation
-from flexx2_sim_ros.robots.model import load_mounts
+from flexx2_sim_ros.robots.kinematics import feet, rotation
+from flexx2_sim_ros.robots.robot import load_mounts
 import mujoco
 import numpy as np
 import pytest
@@ -20,6 +20,7 @@ from robots import (
     go1,
     go1_messages,
     Image,
+    JOINTS,
     joints,
     JointState,
     Odometry,
@@ -43,8 +44,9 @@ def exact(stamps, rate=RATE):
     return stamps == [k * 10**9 // rate for k in range(first, first + len(stamps))]
 
 
-def test_standing_everything_has_one_time_and_nothing_moves():
-    with go1() as seen:
+@pytest.mark.parametrize('robot', ['go1', 'go2'])
+def test_standing_everything_has_one_time_and_nothing_moves(robot):
+    with go1(robot=robot) as seen:
         images = seen.hear('front_left/clean/depth_image', Image)
         infos = seen.hear('front_left/clean/camera_info', CameraInfo)
         clock = seen.hear('/clock', Clock)
@@ -60,12 +62,14 @@ def test_standing_everything_has_one_time_and_nothing_moves():
         np.testing.assert_allclose(states[-1].position, [0, 0.9, -1.8] * 4)
         np.testing.assert_allclose(states[-1].velocity, 0, atol=1e-12)
         position, yaw = place(poses[-1])
-        np.testing.assert_allclose([*position, yaw], [0, 0, GO1.standing_height, 0], atol=1e-6)
+        height = seen.robot._parts.legs.standing_height
+        np.testing.assert_allclose([*position, yaw], [0, 0, height, 0], atol=1e-6)
         assert poses[-1].twist.twist == Twist()
 
 
-def test_it_walks_as_told_and_stops_by_itself():
-    with go1(motion='cmd_vel') as seen:
+@pytest.mark.parametrize('robot', ['go1', 'go2'])
+def test_it_walks_as_told_and_stops_by_itself(robot):
+    with go1(robot=robot, motion='cmd_vel') as seen:
         drive = seen.to('cmd_vel', Twist)
         poses, states = seen.hear('odom', Odometry), seen.hear('joint_states', JointState)
         for _ in range(12):
@@ -92,8 +96,11 @@ def test_it_walks_as_told_and_stops_by_itself():
         angles = {nanoseconds(message): np.reshape(message.position, (4, 3)) for message in states}
         at = {nanoseconds(message): place(message) for message in poses}
         both = sorted(angles.keys() & at.keys())
-        world = np.array([at[s][0] + feet(angles[s]) @ rotation((0, 0, at[s][1])).T for s in both])
-        down = world[..., 2] < GO1.foot_radius + 1e-4
+        legs = seen.robot._parts.legs
+        world = np.array(
+            [at[s][0] + feet(angles[s], legs) @ rotation((0, 0, at[s][1])).T for s in both]
+        )
+        down = world[..., 2] < legs.foot_radius + 1e-4
         slid = np.linalg.norm(np.diff(world, axis=0)[..., :2], axis=-1)[down[1:] & down[:-1]]
         assert slid.max() < 0.002
         assert slid.size > 100
@@ -194,10 +201,11 @@ def test_the_board_moves_when_its_parameters_do():
         assert not seen.change(board_distance=99.0).successful
 
 
-def test_another_simulator_moves_it():
+@pytest.mark.parametrize('robot', ['go1', 'go2'])
+def test_another_simulator_moves_it(robot):
     stamp = 1_700_000_000 * 10**9 + 123_456_789
     angles = np.tile([0.1, 1.0, -1.7], 4)
-    with go1(motion='external') as seen:
+    with go1(robot=robot, motion='external') as seen:
         poses, states = seen.to('odom', Odometry), seen.to('joint_states', JointState)
         images = seen.hear('front_left/clean/depth_image', Image)
         infos = seen.hear('front_left/clean/camera_info', CameraInfo)
@@ -213,14 +221,14 @@ def test_another_simulator_moves_it():
         ]
         later = stamp + 20_000_000
         states.publish(joints(stamp, angles, JOINTS))
-        data = seen.robot._data
+        data, trunk = seen.robot._data, seen.robot._parts.trunk
         seen.spin_until(lambda: data.qpos[8] == 1.0, 'joints')
         poses.publish(odometry(later, (0.3, 0.1, 0.3), 0.2))
         states.publish(joints(later, angles[order] + 0.1, names))
         seen.spin_until(lambda: len(images) == len(infos) == 2, 'an image')
         assert [nanoseconds(message) for message in images] == [stamp, later]
         assert [nanoseconds(message) for message in infos] == [stamp, later]
-        np.testing.assert_allclose(data.body('trunk').xpos, [0.3, 0.1, 0.3], atol=1e-9)
+        np.testing.assert_allclose(data.xpos[trunk], [0.3, 0.1, 0.3], atol=1e-9)
         np.testing.assert_allclose(data.qpos[7:], angles + 0.1, atol=1e-12)
         expected, _ = seen.robot._renderer.render(data, 'front_left')
         np.testing.assert_array_equal(array_of(images[-1]), expected)
@@ -229,7 +237,7 @@ def test_another_simulator_moves_it():
             poses.publish(odometry(later + after, (x, 0.1, 0.3)))
         seen.spin_until(lambda: len(images) == 3, 'an image')
         assert nanoseconds(images[-1]) == later + 20_000_000
-        np.testing.assert_allclose(data.body('trunk').xpos, [0.4, 0.1, 0.3], atol=1e-9)
+        np.testing.assert_allclose(data.xpos[trunk], [0.4, 0.1, 0.3], atol=1e-9)
         # What is another simulator's to say is not said here.
         assert not [
             publisher
@@ -376,7 +384,8 @@ BAD_STARTS = {
     ),
     'unknown scene': ({'scene': 'moon'}, "scene: found 'moon', wanted 'lab', 'stairs'"),
     'long scene': ({'scene': 'x' * 300}, "scene: found 'xxx"),
-    'NUL in robot': ({'robot_model': 'a\0b'}, r"robot: found 'a.x00b'"),
+    'NUL in robot': ({'robot_model': 'a\0b'}, r"robot_model: found 'a.x00b'"),
+    'unknown robot': ({'robot': 'spot'}, 'robot: must be go1, go2 or the path of a YAML file'),
     'unknown motion': ({'motion': 'fly'}, "motion: found 'fly', wanted one of stand, cmd_vel"),
     'bad pace': ({'real_time_factor': 0.0}, 'real_time_factor: found 0.0, wanted a number from'),
     'board nowhere': ({'scene': 'board', 'board_camera': 'rear'}, "board_camera: found 'rear'"),
@@ -415,7 +424,7 @@ def test_the_process_ends_before_it_has_started_anything(child_env, tmp_path):
         check=False,
     )
     assert done.returncode == 1
-    assert done.stderr.startswith('error: robot: ')
+    assert done.stderr.startswith('error: robot_model: ')
     assert done.stderr.count('\n') == 1
 
 
@@ -446,8 +455,9 @@ def test_a_second_node_of_the_same_name_is_told(child_env):
             assert second.returncode != 1 or 'node name: another' in said
 
 
-def test_the_description_waits_for_whoever_comes_later():
-    with go1() as seen:
+@pytest.mark.parametrize('robot', ['go1', 'go2'])
+def test_the_description_waits_for_whoever_comes_later(robot):
+    with go1(robot=robot) as seen:
         seen.more(seen.hear('odom', Odometry), 2)
         described = []
         seen.node.create_subscription(
@@ -457,12 +467,12 @@ def test_the_description_waits_for_whoever_comes_later():
             QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL),
         )
         seen.spin_until(lambda: described, 'the description')
-        robot = ElementTree.fromstring(described[0].data)
-        names = {link.get('name') for link in robot.findall('link')}
+        shown = ElementTree.fromstring(described[0].data)
+        names = {link.get('name') for link in shown.findall('link')}
         assert {'base', 'trunk', 'FR_calf', 'RL_hip'} <= names
         moving = {
             joint.get('name')
-            for joint in robot.findall('joint')
+            for joint in shown.findall('joint')
             if joint.get('type') == 'revolute'
         }
         assert moving == set(JOINTS)

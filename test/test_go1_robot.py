@@ -4,11 +4,10 @@ import math
 import shutil
 
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.paths import config_dir
 from flexx2_sim_ros.profiles.modes import flexx2
-from flexx2_sim_ros.robots.kinematics import JOINTS
 from flexx2_sim_ros.robots.model import build_model, stand
-from flexx2_sim_ros.robots.robot import find_robot, plain_name
+from flexx2_sim_ros.robots.parts import find_parts, plain_name
+from flexx2_sim_ros.robots.robot import load_robot
 import mujoco
 import numpy as np
 import pytest
@@ -60,12 +59,13 @@ def test_a_joint_is_known_by_all_its_names(name, plain):
     assert plain_name(name) == plain
 
 
-def test_the_built_in_robot_has_its_twelve_joints():
-    model = build_model(intrinsics=K)
-    robot = find_robot(model)
-    assert tuple(robot.joints) == JOINTS
-    assert robot.free == 0
-    assert sorted(robot.leg_addresses().ravel()) == list(range(7, 19))
+@pytest.mark.parametrize('name', ['go1', 'go2'])
+def test_the_built_in_robot_has_its_twelve_joints(name):
+    robot = load_robot(name)
+    parts = find_parts(build_model(intrinsics=K, robot=robot), robot)
+    assert tuple(parts.joints) == robot.legs.all_names
+    assert parts.free == 0
+    assert sorted(parts.leg_addresses.ravel()) == list(range(7, 19))
 
 
 def test_a_urdf_moves_with_its_trunk_where_it_is_put(tmp_path):
@@ -76,7 +76,7 @@ def test_a_urdf_moves_with_its_trunk_where_it_is_put(tmp_path):
     stand(model, data)
     lowest = data.body('FR_hip').xpos[2] - 0.25
     assert lowest == pytest.approx(0.0, abs=1e-6)
-    robot = find_robot(model)
+    robot = find_parts(model)
     assert list(robot.joints) == ['FR_hip_joint']
     assert robot.legs is None
     position, quaternion = np.array([0.3, -0.2, 0.5]), np.array([0.8, 0.2, -0.4, 0.4])
@@ -92,7 +92,7 @@ def test_the_twist_is_that_of_the_trunk(tmp_path):
     for name in (str(path), 'builtin'):
         model = build_model(name, 'corner', intrinsics=K)
         data = mujoco.MjData(model)
-        robot = find_robot(model)
+        robot = find_parts(model)
         # Half a turn in a second on a circle of one metre, seen from the trunk.
         seconds, before = 1e-3, None
         for angle in (0.7, 0.7 + math.pi * seconds):
@@ -116,25 +116,26 @@ def test_a_robot_that_is_fixed_does_not_move(tmp_path):
         '<mujoco><worldbody><body name="trunk"><geom size="0.1"/></body></worldbody></mujoco>'
     )
     model = build_model(str(path), intrinsics=K)
-    robot = find_robot(model)
+    robot = find_parts(model)
     assert robot.free == -1
     linear, angular = robot.twist(mujoco.MjData(model), np.zeros(model.nv))
     assert not linear.any()
     assert not angular.any()
 
 
-def test_menagerie_is_taken_from_where_its_package_keeps_it(tmp_path, monkeypatch):
+@pytest.mark.parametrize(('name', 'radius'), [('go1', '0.02'), ('go2', '0.022')])
+def test_menagerie_is_taken_from_where_its_package_keeps_it(name, radius, tmp_path, monkeypatch):
     pytest.importorskip('mujoco_menagerie')
-    folder = tmp_path / 'unitree_go1'
+    folder, robot = tmp_path / f'unitree_{name}', load_robot(name)
     folder.mkdir()
-    text = (config_dir() / 'models' / 'go1.xml').read_text()
-    (folder / 'go1.xml').write_text(text.replace('size="0.02"', 'size="0.023"'))
+    text = robot.builtin.read_text()
+    (folder / f'{name}.xml').write_text(text.replace(f'size="{radius}"', 'size="0.023"'))
     monkeypatch.setenv('MENAGERIE_ROOT', str(tmp_path))
-    model = build_model('menagerie', intrinsics=K)
-    assert find_robot(model).legs.foot_radius == 0.023
+    model = build_model('menagerie', intrinsics=K, robot=robot)
+    assert find_parts(model, robot).legs.foot_radius == 0.023
     shutil.rmtree(folder)
-    with pytest.raises(InputError, match="robot: 'menagerie'.*MENAGERIE_ROOT"):
-        build_model('menagerie', intrinsics=K)
+    with pytest.raises(InputError, match="robot_model: 'menagerie'.*MENAGERIE_ROOT"):
+        build_model('menagerie', intrinsics=K, robot=robot)
 
 
 def test_menagerie_out_of_reach_is_said_plainly(tmp_path, monkeypatch):

@@ -8,8 +8,7 @@ from flexx2_sim_ros.nodes.camera_node import Flexx2Camera
 from flexx2_sim_ros.nodes.go1_node import Go1Cameras
 from flexx2_sim_ros.nodes.transforms import camera_transforms
 from flexx2_sim_ros.paths import config_dir
-from flexx2_sim_ros.robots.kinematics import JOINTS
-from flexx2_sim_ros.robots.model import load_mounts
+from flexx2_sim_ros.robots.robot import load_mounts, load_robot
 import pytest
 from streams import Listener, Parameter
 import yaml
@@ -131,9 +130,11 @@ def test_foxglove_places_every_panel_once() -> None:
 
 
 def test_foxglove_says_which_joints_it_shows() -> None:
+    legs = load_robot().legs
+    assert legs is not None
     for path in FOXGLOVE['configById']['Plot!joints']['paths']:
         number = int(path['value'].partition('[')[2].removesuffix(']'))
-        assert JOINTS[number] == f'{path["label"].replace(" ", "_")}_joint'
+        assert legs.all_names[number] == f'{path["label"].replace(" ", "_")}_joint'
 
 
 def test_foxglove_drives_within_the_limits() -> None:

@@ -12,8 +12,9 @@ from flexx2_sim_ros.rendering.scenes import place_board, SCENES
 from flexx2_sim_ros.rendering.visibility import unseen_geoms
 from flexx2_sim_ros.robots.gait import Gait, pose, start, step
 from flexx2_sim_ros.robots.kinematics import rotation
-from flexx2_sim_ros.robots.model import build_model, CameraMount, load_mounts, stand
-from flexx2_sim_ros.robots.robot import find_robot
+from flexx2_sim_ros.robots.model import build_model, stand
+from flexx2_sim_ros.robots.parts import find_parts
+from flexx2_sim_ros.robots.robot import CameraMount, load_mounts
 import mujoco
 import numpy as np
 import pytest
@@ -32,7 +33,7 @@ def standing(scene, **options):
 
 def walked(model, data, command, seconds):
     """Let the robot walk for some time."""
-    robot = find_robot(model)
+    robot = find_parts(model)
     ground = SceneGround(model, data, robot.geoms)
     trunk = data.xpos[robot.trunk]
     state = start(trunk[:2], 0.0, trunk[2], ground, robot.legs)
@@ -42,7 +43,7 @@ def walked(model, data, command, seconds):
     quaternion = np.empty(4)
     mujoco.mju_mat2Quat(quaternion, rotation(at.rpy).ravel())
     robot.place(data, at.position, quaternion)
-    data.qpos[robot.leg_addresses()] = at.angles
+    data.qpos[robot.leg_addresses] = at.angles
     mujoco.mj_forward(model, data)
 
 
@@ -55,7 +56,7 @@ def test_the_robot_stands_in_every_scene_and_sees_something(scene):
     assert used <= set(load_materials())  # no surface's reflectivity is left to a guess
     assert (model.geom_matid >= 0).all()
     renderer = open_renderer(model, K, 'ray')
-    own = find_robot(model).geoms
+    own = find_parts(model).geoms
     for camera in CAMERAS:
         depth, geom_id = renderer.render(data, camera)
         assert np.isfinite(depth).mean() > 0.99
@@ -85,7 +86,7 @@ def test_the_backends_agree(scene):
 
 def test_the_stairs_go_up_and_down():
     model, data = standing('stairs')
-    ground = SceneGround(model, data, find_robot(model).geoms)
+    ground = SceneGround(model, data, find_parts(model).geoms)
     x = np.arange(0.5, 5.5, 0.01)
     heights = ground.heights(np.stack([x, np.zeros(x.size)], axis=1), 2.0)
     rises = np.diff(heights)
@@ -102,7 +103,7 @@ def test_the_corner_is_of_two_bright_walls_at_a_right_angle():
     # Their inner faces: x of the one, y of the other, in the frame that both are in.
     axes = [data.geom_xmat[name].reshape(3, 3) for name in names]
     assert axes[0][:, 1] @ axes[1][:, 0] == pytest.approx(0, abs=1e-9)
-    corner = SceneGround(model, data, find_robot(model).geoms)
+    corner = SceneGround(model, data, find_parts(model).geoms)
     ahead = corner.free(np.array([0.0, 0.0, 0.5]), np.array([1.0, 0.0, 0.0]))
     assert ahead == pytest.approx(1.6, abs=1e-3)
 
@@ -225,7 +226,7 @@ def test_the_front_legs_stay_visible(backend):
         assert {'trunk', 'RR_calf', 'RL_calf'} <= bodies
     renderer = open_renderer(model, K, backend)
     # A foreleg stretched out ahead is in the picture.
-    data.qpos[find_robot(model).leg_addresses()[1]] = 0.1, -0.6, -0.9
+    data.qpos[find_parts(model).leg_addresses[1]] = 0.1, -0.6, -0.9
     mujoco.mj_forward(model, data)
     _, geom_id = renderer.render(data, 'front_left')
     seen = {model.body(model.geom_bodyid[geom]).name for geom in np.unique(geom_id[geom_id >= 0])}

@@ -11,7 +11,6 @@ from flexx2_sim_ros.batch import robot_kernels
 from flexx2_sim_ros.camera import Intrinsics
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.rendering.renderer import open_renderer
-from flexx2_sim_ros.robots.robot import find_robot
 import mujoco
 import numpy as np
 import warp as wp
@@ -95,7 +94,10 @@ def open_batch_renderer(
             'mujoco-warp) or another one'
         )
     scene = copy.copy(model)
-    scene.geom_group[find_robot(model).geoms] = 5
+    # The robot is what hangs from the same body as its cameras.
+    eye = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, cameras[0])
+    root = model.body_rootid[model.cam_bodyid[eye]]
+    scene.geom_group[model.body_rootid[model.geom_bodyid] == root] = 5
     if backend == 'mujoco-warp' or (backend == 'auto' and installed and device.is_cuda):
         return _OnDevice(scene, cameras, intrinsics, num_envs, device)
     return _InThreads(scene, cameras, intrinsics, num_envs, device, backend)

@@ -1,4 +1,4 @@
-"""Many Go1 that walk through a scene, each on its own, without physics."""
+"""Many robots that walk through a scene, each on its own, without physics."""
 
 from dataclasses import dataclass
 import math
@@ -7,7 +7,8 @@ from flexx2_sim_ros.batch.height_grid import AHEAD, LEFT
 from flexx2_sim_ros.rendering.ground import SceneGround
 from flexx2_sim_ros.robots import gait
 from flexx2_sim_ros.robots.kinematics import rotation
-from flexx2_sim_ros.robots.robot import find_robot
+from flexx2_sim_ros.robots.parts import find_parts
+from flexx2_sim_ros.robots.robot import Robot
 import mujoco
 import numpy as np
 
@@ -46,6 +47,7 @@ def walk(
     interval: float,
     speed: float = 0.7,
     seed: int = 0,
+    robot: Robot | None = None,
 ) -> Walk:
     """
     Let robots walk straight ahead, from random places on the scene's way along x.
@@ -53,7 +55,7 @@ def walk(
     Parameters
     ----------
     model : mujoco.MjModel
-        From `build_model`, with a Go1.
+        From `build_model`, of a robot with legs.
     cameras : tuple of str
         Their names, C.
     num_envs, frames : int
@@ -64,6 +66,8 @@ def walk(
         m/s.
     seed : int
         Of the places.
+    robot : Robot, optional
+        The one that the model was built with; default `load_robot()`.
 
     Returns
     -------
@@ -71,12 +75,12 @@ def walk(
 
     """
     data = mujoco.MjData(model)
-    robot = find_robot(model)
-    legs, how = robot.legs, gait.Gait()
+    parts = find_parts(model, robot)
+    legs, how = parts.legs, gait.Gait()
     assert legs is not None
     mujoco.mj_forward(model, data)
-    ground = SceneGround(model, data, robot.geoms)
-    addresses = robot.leg_addresses()
+    ground = SceneGround(model, data, parts.geoms)
+    addresses = parts.leg_addresses
     ids = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, name) for name in cameras]
     generator = np.random.default_rng(seed)
     qpos = np.empty((frames, num_envs, model.nq))
@@ -95,7 +99,7 @@ def walk(
             pose = gait.pose(state, how, legs)
             quaternion = np.empty(4)
             mujoco.mju_mat2Quat(quaternion, rotation(pose.rpy).ravel())
-            robot.place(data, pose.position, quaternion)
+            parts.place(data, pose.position, quaternion)
             data.qpos[addresses] = pose.angles
             mujoco.mj_kinematics(model, data)
             mujoco.mj_camlight(model, data)

@@ -75,7 +75,8 @@ def run(arguments: argparse.Namespace) -> int:
     from flexx2_sim_ros.batch.height_grid import HeightGrid
     from flexx2_sim_ros.batch.rendering import open_batch_renderer
     from flexx2_sim_ros.batch.walking import walk
-    from flexx2_sim_ros.robots.model import build_model, load_mounts
+    from flexx2_sim_ros.robots.model import build_model
+    from flexx2_sim_ros.robots.robot import load_mounts
 
     console, count = Console(markup=False), arguments.num_envs
     console.width = max(console.width, 90)

@@ -7,7 +7,7 @@ from flexx2_sim_ros.signals import leave_on_signals
 
 
 def main() -> int:
-    """Run the Go1 node until it is told to stop."""
+    """Run the robot node until it is told to stop."""
     leave_on_signals(status=lambda _number: 0)  # As a node that was told to end.
     # Imported here, since it takes a second in which a signal would leave a traceback.
     from flexx2_sim_ros.processes import end_with_parent

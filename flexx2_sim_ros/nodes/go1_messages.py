@@ -1,5 +1,5 @@
 """
-What the Go1 node receives, as arrays, and what it says of the robot, as messages.
+What the robot node receives, as arrays, and what it says of the robot, as messages.
 
 The functions that take messages raise `InputError` for whatever cannot be used.
 """
@@ -9,7 +9,7 @@ import math
 
 from flexx2_sim_ros.errors import InputError, shown
 from flexx2_sim_ros.nodes import messages
-from flexx2_sim_ros.robots.robot import plain_name
+from flexx2_sim_ros.robots.parts import plain_name
 from geometry_msgs.msg import Point, Pose, Twist, Vector3
 from nav_msgs.msg import Odometry
 import numpy as np

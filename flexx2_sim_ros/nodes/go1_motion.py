@@ -1,4 +1,4 @@
-"""What moves the robot of the Go1 node: nothing, commanded velocities, or another simulator."""
+"""What moves the robot: nothing, commanded velocities, or another simulator."""
 
 from collections.abc import Callable
 import math
@@ -11,9 +11,10 @@ from flexx2_sim_ros.nodes.go1_messages import decode_joints, decode_pose, decode
 from flexx2_sim_ros.nodes.runtime import Throttle
 from flexx2_sim_ros.rendering.ground import SceneGround
 from flexx2_sim_ros.robots import gait
-from flexx2_sim_ros.robots.kinematics import JOINTS, rotation
+from flexx2_sim_ros.robots.kinematics import rotation
 from flexx2_sim_ros.robots.model import stand
-from flexx2_sim_ros.robots.robot import find_robot, plain_name
+from flexx2_sim_ros.robots.parts import find_parts, plain_name
+from flexx2_sim_ros.robots.robot import Robot
 from geometry_msgs.msg import Twist
 import mujoco
 from nav_msgs.msg import Odometry
@@ -42,14 +43,14 @@ class Motion(Protocol):
 class Standing:
     """Stands."""
 
-    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, robot: Robot) -> None:
         """Stand."""
-        self._model, self._data = model, data
-        stand(model, data)
+        self._model, self._data, self._robot = model, data, robot
+        self.reset()
 
     def reset(self) -> None:
         """Stand where it started."""
-        stand(self._model, self._data)
+        stand(self._model, self._data, self._robot)
 
     def advance(self, stamp: int, seconds: float) -> None:
         """Do nothing."""
@@ -65,33 +66,36 @@ class Walking:
         The node to listen with.
     model, data : mujoco.MjModel, mujoco.MjData
         The robot in its scene.
+    robot : Robot
+        Which robot it is.
     how : gait.Gait
         Limits and timing; may be replaced while it walks.
 
     Raises
     ------
     InputError
-        When the robot's legs are not a Go1's.
+        When the model does not have the robot's legs.
 
     """
 
     def __init__(
-        self, node: Node, model: mujoco.MjModel, data: mujoco.MjData, how: gait.Gait
+        self, node: Node, model: mujoco.MjModel, data: mujoco.MjData, robot: Robot, how: gait.Gait
     ) -> None:
         """Stand, and listen."""
-        self._robot = robot = find_robot(model)
-        if robot.legs is None or robot.free < 0:
+        self._robot, self._parts = robot, find_parts(model, robot)
+        if self._parts.legs is None or self._parts.free < 0:
+            joints = robot.legs.all_names if robot.legs else ('none',)
             raise InputError(
-                "motion: 'cmd_vel' needs a robot that moves freely on legs like a Go1's, with the "
-                f'joints {JOINTS[0]} to {JOINTS[-1]}; wanted another robot_model, or stand or '
-                'external'
+                f"motion: 'cmd_vel' needs a robot that moves freely on the legs of {robot.name}, "
+                f'with the joints {joints[0]} to {joints[-1]}; wanted another robot_model, or '
+                'stand or external'
             )
         self.how = how
-        self._node, self._model, self._data, self._legs = node, model, data, robot.legs
-        self._addresses = robot.leg_addresses()
+        self._node, self._model, self._data, self._legs = node, model, data, self._parts.legs
+        self._addresses = self._parts.leg_addresses
         self._throttle = Throttle()
         self._now = 0
-        self._ground = SceneGround(model, data, robot.geoms)
+        self._ground = SceneGround(model, data, self._parts.geoms)
         self.reset()
         node.create_subscription(
             Twist,
@@ -103,10 +107,10 @@ class Walking:
 
     def reset(self) -> None:
         """Stand where it started."""
-        stand(self._model, self._data)
+        stand(self._model, self._data, self._robot)
         self._command, self._until = np.zeros(3), 0
-        place = self._data.xpos[self._robot.trunk]
-        axis = self._data.xmat[self._robot.trunk].reshape(3, 3)[:, 0]
+        place = self._data.xpos[self._parts.trunk]
+        axis = self._data.xmat[self._parts.trunk].reshape(3, 3)[:, 0]
         self._state = gait.start(
             place[:2], math.atan2(axis[1], axis[0]), float(place[2]), self._ground, self._legs
         )
@@ -137,7 +141,7 @@ class Walking:
         pose = gait.pose(self._state, self.how, self._legs)
         quaternion = np.empty(4)
         mujoco.mju_mat2Quat(quaternion, rotation(pose.rpy).ravel())
-        self._robot.place(self._data, pose.position, quaternion)
+        self._parts.place(self._data, pose.position, quaternion)
         self._data.qpos[self._addresses] = pose.angles
         mujoco.mj_kinematics(self._model, self._data)
         mujoco.mj_camlight(self._model, self._data)
@@ -156,6 +160,8 @@ class Mirroring:
         The node to listen with.
     model, data : mujoco.MjModel, mujoco.MjData
         The robot in its scene.
+    robot : Robot
+        Which robot it is.
     rate : float
         Poses that come faster are thinned out, Hz.
     show : callable
@@ -174,26 +180,27 @@ class Mirroring:
         node: Node,
         model: mujoco.MjModel,
         data: mujoco.MjData,
+        robot: Robot,
         rate: float,
         show: Callable[[int, str], None],
     ) -> None:
         """Stand, and listen."""
-        self._robot = find_robot(model)
-        if self._robot.free < 0:
+        self._parts = find_parts(model, robot)
+        if self._parts.free < 0:
             raise InputError(
                 "motion: 'external' needs a robot that moves freely: found no free "
                 'joint above the trunk of robot_model'
             )
         self._node, self._model, self._data, self._show = node, model, data, show
         self._addresses = {
-            plain_name(name): address for name, address in self._robot.joints.items()
+            plain_name(name): address for name, address in self._parts.joints.items()
         }
         self._gate = FrameGate(rate)
         self._throttle = Throttle()
         self._named: set[str] = set()
         self._joints_stamp: int | None = None
         self._waiting: tuple[int, str, np.ndarray, np.ndarray] | None = None
-        stand(model, data)
+        stand(model, data, robot)
         overridable = QoSOverridingOptions.with_default_policies()
         for kind, topic, callback in (
             (JointState, 'joint_states', self._on_joints),
@@ -253,7 +260,7 @@ class Mirroring:
         assert self._waiting is not None
         stamp, frame, position, quaternion = self._waiting
         self._waiting = None
-        self._robot.place(self._data, position, quaternion)
+        self._parts.place(self._data, position, quaternion)
         mujoco.mj_kinematics(self._model, self._data)
         mujoco.mj_camlight(self._model, self._data)
         self._show(stamp, frame)

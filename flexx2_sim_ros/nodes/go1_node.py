@@ -1,4 +1,4 @@
-"""The Go1 node: MuJoCo's view from the robot's front, as clean depth."""
+"""The robot node: MuJoCo's view from the robot's front, as clean depth."""
 
 import time
 from typing import Any
@@ -17,8 +17,8 @@ from flexx2_sim_ros.profiles.modes import flexx2
 from flexx2_sim_ros.rendering.renderer import open_renderer, reflectivity_table
 from flexx2_sim_ros.rendering.scenes import place_board
 from flexx2_sim_ros.robots.description import BASE, Link, links_of, poses, urdf
-from flexx2_sim_ros.robots.model import build_model, load_mounts
-from flexx2_sim_ros.robots.robot import find_robot
+from flexx2_sim_ros.robots.model import build_model
+from flexx2_sim_ros.robots.parts import find_parts
 from geometry_msgs.msg import TransformStamped
 import mujoco
 from nav_msgs.msg import Odometry
@@ -40,7 +40,7 @@ _CATCH_UP_SECONDS = 0.25
 
 class Go1Cameras(SteadyNode):
     """
-    A Unitree Go1 in MuJoCo with cameras on its front.
+    A robot in MuJoCo with cameras on its front, a Unitree Go1 unless ``robot`` says otherwise.
 
     Publishes for every camera ``<camera>/clean/depth_image``, ``<camera>/clean/camera_info`` and
     ``<camera>/clean/reflectivity``, all with the stamp of the state they show, and the robot's
@@ -53,16 +53,17 @@ class Go1Cameras(SteadyNode):
         """Build the model, open the renderer, then open the topics."""
         super().__init__('go1_cameras', **options)
         self._claim = claim_name(self)
-        self.settings = settings = Go1Parameters(self, load_mounts())
+        self.settings = settings = Go1Parameters(self)
         self._intrinsics = flexx2().intrinsics
         self._model = build_model(
             settings.robot_model,
             settings.scene,
             intrinsics=self._intrinsics,
+            robot=settings.robot,
             mounts=settings.mounts,
         )
         self._data = mujoco.MjData(self._model)
-        self._robot = find_robot(self._model)
+        self._parts = find_parts(self._model, settings.robot)
         self._reflectivity = reflectivity_table(self._model)
         try:
             self._renderer = open_renderer(self._model, self._intrinsics, settings.renderer)
@@ -90,11 +91,12 @@ class Go1Cameras(SteadyNode):
 
     def _make_motion(self) -> Motion:
         model, data, settings = self._model, self._data, self.settings
+        robot = settings.robot
         if settings.motion == 'cmd_vel':
-            return Walking(self, model, data, settings.gait())
+            return Walking(self, model, data, robot, settings.gait())
         if settings.motion == 'external':
-            return Mirroring(self, model, data, settings.rate, self._show_external)
-        return Standing(model, data)
+            return Mirroring(self, model, data, robot, settings.rate, self._show_external)
+        return Standing(model, data, robot)
 
     def _open_topics(self) -> None:
         overridable = QoSOverridingOptions.with_default_policies()
@@ -122,7 +124,7 @@ class Go1Cameras(SteadyNode):
         # From another simulator come the pose, the joints and the time: they are not ours to say.
         self._sim_clock = SimClock(self, self.settings.publish_clock, self._follow)
         self.settings.follows_clock = self._sim_clock.follows
-        self._links = links_of(self._model)
+        self._links = links_of(self._model, self.settings.robot)
         self._description = self.create_publisher(
             String,
             'robot_description',
@@ -177,7 +179,7 @@ class Go1Cameras(SteadyNode):
 
     def _publish_state(self, stamp: int, seconds: float) -> None:
         position, quaternion = (
-            values[self._robot.trunk] for values in (self._data.xpos, self._data.xquat)
+            values[self._parts.trunk] for values in (self._data.xpos, self._data.xquat)
         )
         frames = self._frame(_ODOM), self._frame(BASE)
         if self._frames.wanted:
@@ -197,12 +199,12 @@ class Go1Cameras(SteadyNode):
                 self._model, velocity, seconds, self._before, self._data.qpos
             )
             if wanted[0]:
-                joints = velocity[self._robot.velocities]
+                joints = velocity[self._parts.velocities]
                 self._joint_topic.publish(
-                    joint_state(stamp, self._robot.joints, self._data.qpos, joints)
+                    joint_state(stamp, self._parts.joints, self._data.qpos, joints)
                 )
             if wanted[1]:
-                linear, angular = self._robot.twist(self._data, velocity)
+                linear, angular = self._parts.twist(self._data, velocity)
                 self._odometry_topic.publish(
                     odometry(stamp, frames, position, quaternion, linear, angular)
                 )

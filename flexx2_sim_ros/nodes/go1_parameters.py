@@ -10,7 +10,8 @@ from flexx2_sim_ros.nodes.parameters import declare
 from flexx2_sim_ros.rendering.renderer import BACKENDS
 from flexx2_sim_ros.rendering.scenes import BOARD_DISTANCES, LARGEST_BOARD_ANGLE, SCENES
 from flexx2_sim_ros.robots.gait import Gait
-from flexx2_sim_ros.robots.model import CameraMount, ROBOTS
+from flexx2_sim_ros.robots.model import MODELS
+from flexx2_sim_ros.robots.robot import CameraMount, DEFAULT_ROBOT, load_robot, robot_names
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -39,19 +40,19 @@ _NUMBERS = {
 
 class Go1Parameters:
     """
-    Declare, check and hold the parameters of the Go1 node.
+    Declare, check and hold the parameters of the robot node.
 
     Parameters
     ----------
     node : rclpy.node.Node
         The node to declare them on.
-    defaults : sequence of CameraMount
-        The cameras, unless parameters say otherwise.
 
     Attributes
     ----------
     rate : float
         Hz of each camera.
+    robot : Robot
+        Which robot it is.
     motion, robot_model, scene, renderer, board_camera : str
         As given.
     publish_clock, paused : bool
@@ -70,16 +71,20 @@ class Go1Parameters:
 
     """
 
-    def __init__(self, node: Node, defaults: Sequence[CameraMount]) -> None:
+    def __init__(self, node: Node) -> None:
         """Declare all parameters; values given on the command line apply."""
         self._node = node
         self.rate: float = self._fixed('rate', 60.0, 'Frames a second of each camera, Hz.')
         if not 0.001 <= self.rate <= 1000:
             raise InputError(f'rate: found {self.rate}, wanted 0.001 to 1000 Hz')
         self.motion: str = self._choice('motion', MOTIONS, 'Where the pose comes from.')
+        names = ', '.join(robot_names())
+        self.robot = load_robot(
+            self._fixed('robot', DEFAULT_ROBOT, f'{names}, or the path of a YAML file.')
+        )
         path = ', or the path of an MJCF file'
         self.robot_model: str = self._fixed(
-            'robot_model', 'builtin', f'{", ".join(ROBOTS)}{path} or URDF.'
+            'robot_model', 'builtin', f'{", ".join(MODELS)}{path} or URDF.'
         )
         self.scene: str = self._fixed('scene', 'lab', f'{", ".join(SCENES)}{path}.')
         self.renderer: str = self._choice('renderer', BACKENDS, 'How to render.')
@@ -91,7 +96,7 @@ class Go1Parameters:
         )
         self.frame_prefix: str = self._fixed('frame_prefix', '', 'What all frames begin with.')
         self.follows_clock = False
-        self.mounts = self._declare_mounts(defaults)
+        self.mounts = self._declare_mounts(self.robot.mounts)
         self.board_camera: str = self._fixed(
             'board_camera', self.mounts[0].name, 'Camera that the board stands in front of.'
         )

@@ -11,7 +11,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
 if TYPE_CHECKING:  # a camera node needs no MuJoCo
-    from flexx2_sim_ros.robots.model import CameraMount
+    from flexx2_sim_ros.robots.robot import CameraMount
 
 # Of an optical frame (x right, y down, z forward) in a camera's own (x forward, y left, z up).
 _OPTICAL = np.array([0.5, -0.5, 0.5, -0.5])

@@ -3,11 +3,13 @@
 from dataclasses import dataclass
 from xml.etree import ElementTree
 
-from flexx2_sim_ros.robots.robot import find_robot, ROOT_BODY
+from flexx2_sim_ros.robots.parts import find_parts
+from flexx2_sim_ros.robots.robot import Robot
 import mujoco
 import numpy as np
 
-BASE = 'base'
+# The trunk's link, whatever its body is named, and the frame that it is fixed to.
+TRUNK, BASE = 'trunk', 'base'
 _HINGE, _SLIDE, _BALL = (
     int(kind)
     for kind in (
@@ -78,7 +80,7 @@ class Link:
         return self.kind >= 0
 
 
-def links_of(model: mujoco.MjModel) -> list[Link]:
+def links_of(model: mujoco.MjModel, robot: Robot | None = None) -> list[Link]:
     """
     Return the links of the robot's trunk and of all that hangs from it, parents first.
 
@@ -86,6 +88,8 @@ def links_of(model: mujoco.MjModel) -> list[Link]:
     ----------
     model : mujoco.MjModel
         From `build_model`.
+    robot : Robot, optional
+        The one that the model was built with; default `load_robot()`.
 
     Returns
     -------
@@ -93,12 +97,12 @@ def links_of(model: mujoco.MjModel) -> list[Link]:
         The first one is the trunk, fixed to the frame ``base``.
 
     """
-    trunk = find_robot(model).trunk
+    trunk = find_parts(model, robot).trunk
     links = [
         Link(
-            ROOT_BODY,
+            TRUNK,
             BASE,
-            f'{BASE}_{ROOT_BODY}',
+            f'{BASE}_{TRUNK}',
             -1,
             np.zeros(3),
             _UPRIGHT,

@@ -18,7 +18,7 @@ from flexx2_sim_ros.robots.footholds import (
     rest_height,
     way_height,
 )
-from flexx2_sim_ros.robots.kinematics import feet, GO1, joint_angles, LegGeometry, rotation
+from flexx2_sim_ros.robots.kinematics import feet, joint_angles, LegGeometry, rotation
 import numpy as np
 
 # Diagonal legs swing together: FR with RL, FL with RR.
@@ -143,7 +143,7 @@ class Pose:
 
 
 def start(
-    position: np.ndarray, yaw: float, top: float, ground: Ground, legs: LegGeometry = GO1
+    position: np.ndarray, yaw: float, top: float, ground: Ground, legs: LegGeometry
 ) -> GaitState:
     """Return a robot that stands still at a place (2,), on the highest ground below `top`."""
     places = position + legs.neutral @ _plane_rotation(yaw).T
@@ -169,7 +169,7 @@ def step(
     seconds: float,
     ground: Ground,
     gait: Gait,
-    legs: LegGeometry = GO1,
+    legs: LegGeometry,
 ) -> GaitState:
     """
     Return the state some time later.
@@ -205,7 +205,7 @@ def step(
     return state
 
 
-def pose(state: GaitState, gait: Gait, legs: LegGeometry = GO1) -> Pose:
+def pose(state: GaitState, gait: Gait, legs: LegGeometry) -> Pose:
     """Return the trunk's pose and the joint angles of a state."""
     points, heights, swinging = _feet(state, gait, legs)
     position, rpy = _trunk(state, heights, legs)

@@ -1,16 +1,12 @@
-"""Where a Go1's feet are for its joint angles, and the other way round, in closed form."""
+"""Where a robot's feet are for its joint angles, and the other way round, in closed form."""
 
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-# The order of legs and joints everywhere in this package, Unitree's own.
-LEGS = ('FR', 'FL', 'RR', 'RL')
-PARTS = ('hip', 'thigh', 'calf')
-JOINTS = tuple(f'{leg}_{part}_joint' for leg in LEGS for part in PARTS)
-# (4, 3) radians: standing.
-HOME = np.tile([0.0, 0.9, -1.8], (4, 1))
+# The order everywhere in this package: the legs front right, front left, rear right and rear left,
+# and of each its hip, thigh and calf.
 
 
 @dataclass(frozen=True)
@@ -27,9 +23,11 @@ class LegGeometry:
     thigh, calf : float
         Lengths, metres; the calf's up to the middle of the foot.
     lower, upper : numpy.ndarray
-        (3,) joint limits of hip, thigh and calf, radians.
+        (4, 3) joint limits of hip, thigh and calf, radians.
     foot_radius : float
         Metres.
+    home : numpy.ndarray
+        (3,) hip, thigh and calf of each leg at rest, radians.
 
     """
 
@@ -40,6 +38,7 @@ class LegGeometry:
     lower: np.ndarray
     upper: np.ndarray
     foot_radius: float
+    home: np.ndarray
 
     @cached_property
     def neutral(self) -> np.ndarray:
@@ -49,24 +48,10 @@ class LegGeometry:
     @cached_property
     def standing_height(self) -> float:
         """Return the height of the trunk's middle above level ground, metres."""
-        return float(self.foot_radius - feet(HOME, self)[:, 2].mean())
+        return float(self.foot_radius - feet(np.tile(self.home, (4, 1)), self)[:, 2].mean())
 
 
-_X = np.array([1.0, 1.0, -1.0, -1.0])
-_Y = np.array([-1.0, 1.0, -1.0, 1.0])
-# Unitree's description of the robot; the foot's radius is this package's model's.
-GO1 = LegGeometry(
-    hips=np.stack([0.1881 * _X, 0.04675 * _Y, np.zeros(4)], axis=1),
-    offset=0.08 * _Y,
-    thigh=0.213,
-    calf=0.213,
-    lower=np.array([-0.863, -0.686, -2.818]),
-    upper=np.array([0.863, 4.501, -0.888]),
-    foot_radius=0.02,
-)
-
-
-def feet(angles: np.ndarray, legs: LegGeometry = GO1) -> np.ndarray:
+def feet(angles: np.ndarray, legs: LegGeometry) -> np.ndarray:
     """
     Return where the feet are.
 
@@ -91,7 +76,7 @@ def feet(angles: np.ndarray, legs: LegGeometry = GO1) -> np.ndarray:
     return legs.hips + np.stack([x, y, z], axis=-1)
 
 
-def joint_angles(points: np.ndarray, legs: LegGeometry = GO1) -> np.ndarray:
+def joint_angles(points: np.ndarray, legs: LegGeometry) -> np.ndarray:
     """
     Return the joint angles that put the feet at given points.
 
@@ -117,14 +102,14 @@ def joint_angles(points: np.ndarray, legs: LegGeometry = GO1) -> np.ndarray:
     hip = np.arctan2(z, y) - np.arctan2(-down, legs.offset)
     hip = np.arctan2(np.sin(hip), np.cos(hip))
     cosine = (x**2 + down**2 - legs.thigh**2 - legs.calf**2) / (2 * legs.thigh * legs.calf)
-    calf = np.clip(-np.arccos(np.clip(cosine, -1.0, 1.0)), legs.lower[2], legs.upper[2])
+    calf = np.clip(-np.arccos(np.clip(cosine, -1.0, 1.0)), legs.lower[:, 2], legs.upper[:, 2])
     thigh = np.arctan2(-x, down) - np.arctan2(
         legs.calf * np.sin(calf), legs.thigh + legs.calf * np.cos(calf)
     )
     return np.stack(
         [
-            np.clip(hip, legs.lower[0], legs.upper[0]),
-            np.clip(thigh, legs.lower[1], legs.upper[1]),
+            np.clip(hip, legs.lower[:, 0], legs.upper[:, 0]),
+            np.clip(thigh, legs.lower[:, 1], legs.upper[:, 1]),
             calf,
         ],
         axis=-1,

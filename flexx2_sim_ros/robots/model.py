@@ -1,121 +1,32 @@
-"""The simulated robot: a Go1 in a scene with its two front cameras, as one MuJoCo model."""
+"""A robot in a scene with its cameras, as one MuJoCo model."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-import math
 from pathlib import Path
 from typing import Any
 
-from flexx2_sim_ros.config_file import read_section
-from flexx2_sim_ros.errors import InputError, shown
-from flexx2_sim_ros.paths import config_dir
+from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from flexx2_sim_ros.rendering.cameras import add_camera, check_view, FAR, NEAR, set_view
 from flexx2_sim_ros.rendering.ground import SceneGround
 from flexx2_sim_ros.rendering.scenes import load_scene, PREFIX, read_model
-from flexx2_sim_ros.robots.kinematics import HOME, rotation
-from flexx2_sim_ros.robots.robot import find_robot, ROOT_BODY
+from flexx2_sim_ros.robots.parts import find_parts
+from flexx2_sim_ros.robots.robot import CameraMount, load_robot, Robot
 import mujoco
 import numpy as np
 
 HOME_KEY = 'home'
-ROBOTS = ('builtin', 'menagerie')
+MODELS = ('builtin', 'menagerie')
 
 # Size of the camera, 71.9 x 19.2 x 10.6 mm (data sheet), as half-sizes: depth, width, height.
 _HOUSING = (0.0053, 0.03595, 0.0096)
 
 
-@dataclass(frozen=True)
-class CameraMount:
-    """
-    Where a camera sits on the robot.
-
-    Attributes
-    ----------
-    name : str
-        The camera's name in the model, e.g. ``front_left``.
-    position : tuple of float
-        The lens in the trunk's frame (x forward, y left, z up), metres.
-    rpy : tuple of float
-        Roll, pitch, yaw in radians, rotations about the fixed x, y and z axes in this order.
-        Zero looks along the trunk's x axis, upright; positive pitch looks down.
-
-    """
-
-    name: str
-    position: tuple[float, float, float]
-    rpy: tuple[float, float, float]
-
-    def __post_init__(self) -> None:
-        """Refuse what cannot be a pose."""
-        if not (isinstance(self.name, str) and self.name):
-            raise InputError(f'camera name: found {shown(self.name)}, wanted a non-empty string')
-        for field in ('position', 'rpy'):
-            value = getattr(self, field)
-            if len(value) != 3 or not all(
-                isinstance(v, (int, float)) and math.isfinite(v) for v in value
-            ):
-                raise InputError(
-                    f'camera {self.name}: {field} is {shown(value)}, wanted three finite numbers'
-                )
-
-    @property
-    def rotation(self) -> np.ndarray:
-        """Return (3, 3) float64: the optical axes x right, y down, z forward in the trunk."""
-        body = rotation(self.rpy)
-        return np.stack([-body[:, 1], -body[:, 2], body[:, 0]], axis=1)
-
-
-def load_mounts(path: str | Path | None = None) -> tuple[CameraMount, ...]:
-    """
-    Read the cameras' poses.
-
-    Parameters
-    ----------
-    path : str or pathlib.Path, optional
-        A file like ``config/go1.yaml``, which is the default.
-
-    Returns
-    -------
-    tuple of CameraMount
-        At least one, with distinct names.
-
-    Raises
-    ------
-    InputError
-        When the file cannot be read or a field is missing or wrong.
-
-    """
-    path = config_dir() / 'go1.yaml' if path is None else Path(path)
-    entries = read_section(path, 'cameras', list)
-    mounts = tuple(_mount(entry, f'{path}: cameras[{i}]') for i, entry in enumerate(entries))
-    names = [mount.name for mount in mounts]
-    if len(set(names)) != len(names):
-        raise InputError(f'{path}: camera names are {names}, wanted no name twice')
-    return mounts
-
-
-def _mount(entry: Any, where: str) -> CameraMount:
-    fields = {'name', 'position', 'rpy_deg'}
-    if not isinstance(entry, dict) or set(entry) != fields:
-        raise InputError(
-            f'{where} is {shown(entry)}, wanted the fields {", ".join(sorted(fields))}'
-        )
-    try:
-        x, y, z = entry['position']
-        roll, pitch, yaw = map(math.radians, entry['rpy_deg'])
-        return CameraMount(entry['name'], (x, y, z), (roll, pitch, yaw))
-    except (TypeError, ValueError) as error:
-        raise InputError(
-            f'{where} is {shown(entry)}, wanted a name and two triples of numbers: {error}'
-        ) from error
-
-
 def build_model(
-    robot: str = 'builtin',
+    robot_model: str = 'builtin',
     scene: str = 'lab',
     *,
     intrinsics: Intrinsics,
+    robot: Robot | None = None,
     mounts: Sequence[CameraMount] | None = None,
     near: float = NEAR,
     far: float = FAR,
@@ -128,43 +39,48 @@ def build_model(
 
     Parameters
     ----------
-    robot : str
-        ``builtin``, ``menagerie`` (the Go1 of the package mujoco-menagerie), or the path of an
-        MJCF or URDF file with a body ``trunk``.
+    robot_model : str
+        ``builtin``, ``menagerie`` (the robot's model in the package mujoco-menagerie), or the path
+        of an MJCF or URDF file with the robot's trunk.
     scene : str
         One of `flexx2_sim_ros.rendering.scenes.SCENES`, or the path of an MJCF file.
     intrinsics : Intrinsics
         Of every camera; the principal point in the middle, no distortion. These are the pictures
         that are rendered, not what the simulated camera makes of them.
+    robot : Robot, optional
+        Which robot it is; default `load_robot()`.
     mounts : sequence of CameraMount, optional
-        The cameras; default `load_mounts()`.
+        The cameras; default the robot's own.
     near, far : float
         Clipping planes in metres, whatever the scene's size.
 
     Returns
     -------
     mujoco.MjModel
-        With one camera a mount, attached to ``trunk``, and its housing as a massless shape.
+        With one camera a mount, attached to the trunk, and its housing as a massless shape.
 
     Raises
     ------
     InputError
-        When a file is missing, does not compile or has no ``trunk``, when the parts do not fit
+        When a file is missing, does not compile or has no trunk, when the parts do not fit
         together, or when the intrinsics cannot be rendered. It names the parameter and the path
         and carries MuJoCo's own message.
 
     """
     check_view(intrinsics, near, far)
-    spec, robot_path = _load_robot(robot)
+    robot = robot or load_robot()
+    spec, robot_path = _load_model(robot, robot_model)
     room, scene_path = load_scene(scene)
-    trunk = spec.body(ROOT_BODY)
+    trunk = spec.body(robot.trunk)
     if trunk is None:
         bodies = ', '.join(body.name for body in spec.bodies[1:9] if body.name) or 'none'
-        raise InputError(f'robot: {robot_path} has no body named {ROOT_BODY!r}; found {bodies}')
+        raise InputError(
+            f'robot_model: {robot_path} has no body named {robot.trunk!r}; found {bodies}'
+        )
     try:
         spec.attach(room, prefix=PREFIX, frame=spec.worldbody.add_frame())
         spec.add_material(name='flexx2_housing', rgba=[0.2, 0.21, 0.23, 1.0])
-        for mount in load_mounts() if mounts is None else mounts:
+        for mount in robot.mounts if mounts is None else mounts:
             _add_camera(trunk, mount, intrinsics)
         set_view(spec, intrinsics, near, far)
         return spec.compile()
@@ -174,31 +90,34 @@ def build_model(
         ) from error
 
 
-def _load_robot(value: str) -> tuple[mujoco.MjSpec, Path]:
+def _load_model(robot: Robot, value: str) -> tuple[mujoco.MjSpec, Path]:
     if value == 'builtin':
-        path = config_dir() / 'models' / 'go1.xml'
+        path = robot.builtin
     else:
-        path = _menagerie_go1() if value == 'menagerie' else Path(value)
-    return read_model('robot', value, path, ROBOTS), path
+        path = _from_menagerie(robot) if value == 'menagerie' else Path(value)
+    return read_model('robot_model', value, path, MODELS), path
 
 
-def _menagerie_go1() -> Path:
-    """Return the Go1 of MuJoCo Menagerie, which that package keeps or downloads."""
+def _from_menagerie(robot: Robot) -> Path:
+    """Return the robot of MuJoCo Menagerie, which that package keeps or downloads."""
+    name = robot.menagerie
+    if not name:
+        raise InputError(f"robot_model: 'menagerie' has no {robot.name}, wanted builtin or a path")
     try:
         import mujoco_menagerie
     except ImportError as error:
         raise InputError(
-            "robot: 'menagerie' needs the package mujoco-menagerie: pip install "
+            "robot_model: 'menagerie' needs the package mujoco-menagerie: pip install "
             'mujoco-menagerie, or take builtin'
         ) from error
-    robot = mujoco_menagerie.get('unitree_go1')
     try:
-        return Path(robot.xml(robot.default_model))
+        found = mujoco_menagerie.get(name)
+        return Path(found.xml(found.default_model))
     except (mujoco_menagerie.MenagerieError, OSError) as error:
         raise InputError(
-            f"robot: 'menagerie' has no unitree_go1 on this machine and cannot download it "
+            f"robot_model: 'menagerie' has no {name} on this machine and cannot download it "
             f'({error}); where there is a network, run: python -m mujoco_menagerie prefetch '
-            'unitree_go1; or set MENAGERIE_ROOT to a checkout of MuJoCo Menagerie'
+            f'{name}; or set MENAGERIE_ROOT to a checkout of MuJoCo Menagerie'
         ) from error
 
 
@@ -223,14 +142,14 @@ def _add_camera(trunk: Any, mount: CameraMount, intrinsics: Intrinsics) -> None:
     )
 
 
-def stand(model: mujoco.MjModel, data: mujoco.MjData) -> str:
+def stand(model: mujoco.MjModel, data: mujoco.MjData, robot: Robot | None = None) -> str:
     """
     Put the robot on its feet, at rest, and compute everything that follows from its pose.
 
     The pose is the key ``home`` with the trunk raised or lowered until the robot's lowest shape
     touches the ground below it; without such a key it is the model's initial pose ``qpos0``, with
-    a Go1's legs as in ``home``. A robot that cannot move freely, or that has no ground below it,
-    keeps its height.
+    the legs in the robot's pose at rest. A robot that cannot move freely, or that has no ground
+    below it, keeps its height.
 
     Parameters
     ----------
@@ -238,6 +157,8 @@ def stand(model: mujoco.MjModel, data: mujoco.MjData) -> str:
         From `build_model`.
     data : mujoco.MjData
         Reset and filled, as after ``mj_forward``.
+    robot : Robot, optional
+        The one that the model was built with; default `load_robot()`.
 
     Returns
     -------
@@ -245,19 +166,19 @@ def stand(model: mujoco.MjModel, data: mujoco.MjData) -> str:
         ``home`` or ``qpos0``: the pose that was taken.
 
     """
-    robot = find_robot(model)
+    parts = find_parts(model, robot)
     key = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_KEY, HOME_KEY)
     if key >= 0:
         mujoco.mj_resetDataKeyframe(model, data, key)
     else:
         mujoco.mj_resetData(model, data)
-        if robot.legs is not None:
-            data.qpos[robot.leg_addresses()] = HOME
+        if parts.legs is not None:
+            data.qpos[parts.leg_addresses] = parts.legs.home
     mujoco.mj_forward(model, data)
-    if robot.free >= 0:
-        data.qpos[robot.free + 2] += _lift(model, data, robot.geoms, robot.trunk)
+    if parts.free >= 0:
+        data.qpos[parts.free + 2] += _lift(model, data, parts.geoms, parts.trunk)
         mujoco.mj_forward(model, data)
-    return HOME_KEY if key >= 0 or robot.legs is not None else 'qpos0'
+    return HOME_KEY if key >= 0 or parts.legs is not None else 'qpos0'
 
 
 def _lift(model: mujoco.MjModel, data: mujoco.MjData, own: np.ndarray, trunk: int) -> float:

@@ -1,190 +1,251 @@
-"""The robot inside a model: its joints by name, its legs' figures, its trunk's pose."""
+"""What a robot is: its models, the names of its parts, its pose at rest, its cameras."""
 
 from dataclasses import dataclass
-import re
+import math
+from pathlib import Path
+from typing import Any
 
-from flexx2_sim_ros.robots.kinematics import GO1, LegGeometry, LEGS, PARTS
-import mujoco
+from flexx2_sim_ros.config_file import is_regular_file, read_config, read_section
+from flexx2_sim_ros.errors import InputError, shown, shown_path
+from flexx2_sim_ros.paths import config_dir
+from flexx2_sim_ros.robots.kinematics import rotation
 import numpy as np
 
-ROOT_BODY = 'trunk'
-_INDEX = {'0': 'hip', '1': 'thigh', '2': 'calf'}
-_SLIDING = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
+DEFAULT_ROBOT = 'go1'
+_LEGS, _PARTS = 4, 3
+
+
+@dataclass(frozen=True)
+class CameraMount:
+    """
+    Where a camera sits on the robot.
+
+    Attributes
+    ----------
+    name : str
+        The camera's name in the model, e.g. ``front_left``.
+    position : tuple of float
+        The lens in the trunk's frame (x forward, y left, z up), metres.
+    rpy : tuple of float
+        Roll, pitch, yaw in radians, rotations about the fixed x, y and z axes in this order.
+        Zero looks along the trunk's x axis, upright; positive pitch looks down.
+
+    """
+
+    name: str
+    position: tuple[float, float, float]
+    rpy: tuple[float, float, float]
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be a pose."""
+        if not (isinstance(self.name, str) and self.name):
+            raise InputError(f'camera name: found {shown(self.name)}, wanted a non-empty string')
+        for field in ('position', 'rpy'):
+            value = getattr(self, field)
+            if len(value) != 3 or not all(
+                isinstance(v, (int, float)) and math.isfinite(v) for v in value
+            ):
+                raise InputError(
+                    f'camera {self.name}: {field} is {shown(value)}, wanted three finite numbers'
+                )
+
+    @property
+    def rotation(self) -> np.ndarray:
+        """Return (3, 3) float64: the optical axes x right, y down, z forward in the trunk."""
+        body = rotation(self.rpy)
+        return np.stack([-body[:, 1], -body[:, 2], body[:, 0]], axis=1)
+
+
+@dataclass(frozen=True)
+class LegJoints:
+    """
+    The joints of four legs.
+
+    Attributes
+    ----------
+    names : tuple
+        (4, 3) names: hip, thigh and calf of the legs front right, front left, rear right and rear
+        left.
+    home : tuple of float
+        Hip, thigh and calf of a leg at rest, radians.
+    limits : tuple of tuple of float
+        Least and greatest angle of hip, thigh and calf, radians, where a model has no limits.
+
+    """
+
+    names: tuple[tuple[str, ...], ...]
+    home: tuple[float, ...]
+    limits: tuple[tuple[float, ...], ...]
+
+    @property
+    def all_names(self) -> tuple[str, ...]:
+        """Return the twelve names, leg by leg."""
+        return tuple(name for leg in self.names for name in leg)
 
 
 @dataclass(frozen=True)
 class Robot:
     """
-    Where a robot's parts are in a model.
+    A robot: everything that is its own and no other robot's.
+
+    Lengths, masses and shapes are in its models.
 
     Attributes
     ----------
-    trunk : int
-        Id of the body ``trunk``.
-    free : int
-        Address in ``qpos`` of the joint that lets the robot move freely; -1 without one.
-    free_velocity : int
-        Address of the same joint in ``qvel``.
-    offset : tuple of numpy.ndarray
-        Position (3,) and quaternion (4,) of the trunk in the body that this joint moves.
-    joints : dict of str to int
-        Address in ``qpos`` of every hinge and slide, by the joint's name in the model.
-    velocities : numpy.ndarray
-        (len(joints),) addresses of the same joints in ``qvel``.
-    geoms : numpy.ndarray
-        (ngeom,) bool: the robot's own shapes.
-    legs : LegGeometry or None
-        Its legs, when they are built like a Go1's and have its joints' names.
+    name : str
+        E.g. ``go1``.
+    builtin : pathlib.Path
+        The MJCF file of its built-in model.
+    menagerie : str
+        Its name in MuJoCo Menagerie; empty when it has none.
+    trunk : str
+        The body in its models that carries the cameras and whose pose is the robot's.
+    legs : LegJoints or None
+        None for a robot without legs that `flexx2_sim_ros.robots.gait` can move.
+    mounts : tuple of CameraMount
+        Its cameras, unless the user mounts others.
 
     """
 
-    trunk: int
-    free: int
-    free_velocity: int
-    offset: tuple[np.ndarray, np.ndarray]
-    joints: dict[str, int]
-    velocities: np.ndarray
-    geoms: np.ndarray
-    legs: LegGeometry | None
+    name: str
+    builtin: Path
+    menagerie: str
+    trunk: str
+    legs: LegJoints | None
+    mounts: tuple[CameraMount, ...]
 
-    def leg_addresses(self) -> np.ndarray:
-        """Return (4, 3) addresses in ``qpos`` of hip, thigh and calf, in the order of `LEGS`."""
-        found = {plain_name(name): address for name, address in self.joints.items()}
-        return np.array([[found[f'{leg}_{part}'.lower()] for part in PARTS] for leg in LEGS])
 
-    def place(self, data: mujoco.MjData, position: np.ndarray, quaternion: np.ndarray) -> None:
-        """Put the trunk at a position (3,) with an orientation (4,) (w, x, y, z) of norm 1."""
-        inverse, turn, moved = np.empty(4), np.empty(4), np.empty(3)
-        mujoco.mju_negQuat(inverse, self.offset[1])
-        mujoco.mju_mulQuat(turn, quaternion, inverse)
-        mujoco.mju_rotVecQuat(moved, self.offset[0], turn)
-        data.qpos[self.free : self.free + 3] = position - moved
-        data.qpos[self.free + 3 : self.free + 7] = turn
+def robot_names() -> tuple[str, ...]:
+    """Return the names of the robots in ``config/robots``."""
+    return tuple(sorted(path.stem for path in (config_dir() / 'robots').glob('*.yaml')))
 
-    def twist(self, data: mujoco.MjData, velocity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """
-        Return the trunk's velocity in its own frame.
 
-        Parameters
-        ----------
-        data : mujoco.MjData
-            The state, complete up to its positions.
-        velocity : numpy.ndarray
-            (nv,) as MuJoCo has it: of the free joint, linear in the world and angular in its body.
+def robot_path(name: str) -> Path:
+    """Return the file of a robot in ``config/robots``."""
+    return config_dir() / 'robots' / f'{name}.yaml'
 
-        Returns
-        -------
-        linear, angular : numpy.ndarray
-            (3,) m/s and rad/s; zeros for a robot that cannot move freely.
 
-        """
-        if self.free < 0:
-            return np.zeros(3), np.zeros(3)
-        turned = np.empty(9)
-        mujoco.mju_quat2Mat(turned, self.offset[1])
-        angular = (
-            turned.reshape(3, 3).T @ velocity[self.free_velocity + 3 : self.free_velocity + 6]
+def load_robot(robot: str | Path = DEFAULT_ROBOT) -> Robot:
+    """
+    Read what a robot is.
+
+    Parameters
+    ----------
+    robot : str or pathlib.Path
+        One of `robot_names`, or the path of a file like ``config/robots/go1.yaml``.
+
+    Returns
+    -------
+    Robot
+
+    Raises
+    ------
+    InputError
+        When there is no such robot, or a field of its file is missing or wrong.
+
+    """
+    names = robot_names()
+    path = robot_path(str(robot)) if robot in names else Path(robot)
+    if not is_regular_file(path):
+        raise InputError(
+            f'robot: must be {", ".join(names)} or the path of a YAML file, '
+            f'got {shown_path(robot)}'
         )
-        rotation = data.xmat[self.trunk].reshape(3, 3)
-        arm = turned.reshape(3, 3).T @ self.offset[0]
-        linear = velocity[self.free_velocity : self.free_velocity + 3] @ rotation
-        return linear + np.cross(angular, arm), angular
-
-
-def plain_name(name: str) -> str:
-    """
-    Return a joint's name without what differs between simulators.
-
-    ``FR_hip_joint``, ``fr_hip``, ``go1/FR_hip_joint`` and Unitree's ``FR_0`` are one joint.
-    """
-    plain = name.rsplit('/', 1)[-1].lower().removesuffix('_joint')
-    match = re.fullmatch(r'(f|r)(r|l)_([012])', plain)
-    return f'{plain[:3]}{_INDEX[match[3]]}' if match else plain
-
-
-def find_robot(model: mujoco.MjModel) -> Robot:
-    """Return where the parts of the robot are in a model that `build_model` made."""
-    trunk = model.body(ROOT_BODY).id
-    root = model.body_rootid[trunk]
-    bodies = model.body_rootid == root
-    free, free_velocity, joints, velocities = -1, -1, {}, []
-    for joint in range(model.njnt):
-        kind, body = int(model.jnt_type[joint]), model.jnt_bodyid[joint]
-        if kind == mujoco.mjtJoint.mjJNT_FREE and body == root:
-            free, free_velocity = int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint])
-        elif kind in _SLIDING and bodies[body]:
-            joints[model.joint(joint).name] = int(model.jnt_qposadr[joint])
-            velocities.append(int(model.jnt_dofadr[joint]))
+    found = read_config(path)
+    where = f'robot: {shown_path(path)}'
+    models = found.get('models')
+    if not isinstance(models, dict):
+        raise InputError(f'{where}: models: must be a mapping, got {shown(models)}')
     return Robot(
-        int(trunk),
-        free,
-        free_velocity,
-        _offset(model, int(trunk), int(root)),
-        joints,
-        np.array(velocities, int),
-        bodies[model.geom_bodyid],
-        _legs(model),
+        name=path.stem,
+        builtin=path.parent / _text(models, 'builtin', f'{where}: models'),
+        menagerie=_text(models, 'menagerie', f'{where}: models') if 'menagerie' in models else '',
+        trunk=_text(found, 'trunk', where),
+        legs=_legs(found['legs'], f'{where}: legs') if 'legs' in found else None,
+        mounts=load_mounts(path),
     )
 
 
-def _offset(model: mujoco.MjModel, trunk: int, root: int) -> tuple[np.ndarray, np.ndarray]:
-    position, quaternion = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
-    while trunk != root:
-        moved, turned = np.empty(3), np.empty(4)
-        mujoco.mju_rotVecQuat(moved, position, model.body_quat[trunk])
-        mujoco.mju_mulQuat(turned, model.body_quat[trunk], quaternion)
-        position, quaternion = model.body_pos[trunk] + moved, turned
-        trunk = int(model.body_parentid[trunk])
-    return position, quaternion
+def load_mounts(path: str | Path | None = None) -> tuple[CameraMount, ...]:
+    """
+    Read the cameras' poses.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path, optional
+        A robot's file; only its section ``cameras`` is read. Default: that of `DEFAULT_ROBOT`.
+
+    Returns
+    -------
+    tuple of CameraMount
+        At least one, with distinct names.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be read or a field is missing or wrong.
+
+    """
+    path = robot_path(DEFAULT_ROBOT) if path is None else Path(path)
+    entries = read_section(path, 'cameras', list)
+    mounts = tuple(_mount(entry, f'{path}: cameras[{i}]') for i, entry in enumerate(entries))
+    names = [mount.name for mount in mounts]
+    if len(set(names)) != len(names):
+        raise InputError(f'{path}: camera names are {names}, wanted no name twice')
+    return mounts
 
 
-def _legs(model: mujoco.MjModel) -> LegGeometry | None:
-    """Read the legs' figures from a model whose bodies and joints are named as a Go1's."""
-    bodies = {
-        (leg, part): mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, f'{leg}_{part}')
-        for leg in LEGS
-        for part in PARTS
-    }
-    joints = [model.body_jntadr[body] for body in bodies.values()]
-    if min(bodies.values()) < 0 or min(joints) < 0:
-        return None
-    names = [model.joint(joint).name for joint in joints]
-    if [plain_name(name) for name in names] != [f'{leg}_{part}'.lower() for leg, part in bodies]:
-        return None
-    hips, thighs, calves = (
-        np.array([model.body_pos[bodies[leg, part]] for leg in LEGS]) for part in PARTS
+def _mount(entry: Any, where: str) -> CameraMount:
+    fields = {'name', 'position', 'rpy_deg'}
+    if not isinstance(entry, dict) or set(entry) != fields:
+        raise InputError(
+            f'{where} is {shown(entry)}, wanted the fields {", ".join(sorted(fields))}'
+        )
+    try:
+        x, y, z = entry['position']
+        roll, pitch, yaw = map(math.radians, entry['rpy_deg'])
+        return CameraMount(entry['name'], (x, y, z), (roll, pitch, yaw))
+    except (TypeError, ValueError) as error:
+        raise InputError(
+            f'{where} is {shown(entry)}, wanted a name and two triples of numbers: {error}'
+        ) from error
+
+
+def _text(fields: dict[str, Any], key: str, where: str) -> str:
+    value = fields.get(key)
+    if not (isinstance(value, str) and value):
+        raise InputError(f'{where}: {key}: must be a non-empty text, got {shown(value)}')
+    return value
+
+
+def _legs(found: Any, where: str) -> LegJoints:
+    wanted = {'joints', 'home', 'limits'}
+    if not isinstance(found, dict) or set(found) != wanted:
+        raise InputError(
+            f'{where}: must have the fields {", ".join(sorted(wanted))}, got {shown(found)}'
+        )
+    names = found['joints']
+    if not (
+        isinstance(names, list)
+        and len(names) == _LEGS
+        and all(isinstance(leg, list) and len(leg) == _PARTS for leg in names)
+        and all(isinstance(name, str) for leg in names for name in leg)
+    ):
+        raise InputError(f'{where}: joints: must be {_LEGS} x {_PARTS} names, got {shown(names)}')
+    limits = found['limits']
+    if not (isinstance(limits, list) and len(limits) == _PARTS):
+        raise InputError(
+            f'{where}: limits: must be {_PARTS} pairs of numbers, got {shown(limits)}'
+        )
+    return LegJoints(
+        names=tuple(map(tuple, names)),
+        home=_numbers(found['home'], _PARTS, f'{where}: home'),
+        limits=tuple(_numbers(pair, 2, f'{where}: limits') for pair in limits),
     )
-    feet = [_foot(model, bodies[leg, 'calf']) for leg in LEGS]
-    tips, radii = np.array([tip for tip, _ in feet]), [radius for _, radius in feet]
-    ranges = model.jnt_range[joints].reshape(4, 3, 2)
-    axes = model.jnt_axis[joints].reshape(4, 3, 3)
-    straight = [
-        thighs[:, [0, 2]],
-        calves[:, :2],
-        tips[:, :2],
-        axes - [[1, 0, 0], [0, 1, 0], [0, 1, 0]],
-    ]
-    if not all(np.allclose(values, 0.0, atol=2e-3) for values in straight):
-        return None
-    limited = model.jnt_limited[joints].reshape(4, 3)[0] != 0
-    lower, upper = (
-        np.where(limited, given, usual)
-        for given, usual in ((ranges[0, :, 0], GO1.lower), (ranges[0, :, 1], GO1.upper))
-    )
-    return LegGeometry(
-        hips, thighs[:, 1], -float(calves[0, 2]), -float(tips[0, 2]), lower, upper, float(radii[0])
-    )
 
 
-def _foot(model: mujoco.MjModel, calf: int) -> tuple[np.ndarray, float]:
-    """Return the middle (3,), in the calf's frame, and the radius of a leg's lowest sphere."""
-    best, radius = np.full(3, np.inf), 0.0
-    for geom in range(model.ngeom):
-        body, place = model.geom_bodyid[geom], model.geom_pos[geom].copy()
-        while body not in (calf, 0):
-            place += model.body_pos[body]
-            body = model.body_parentid[body]
-        is_sphere = model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_SPHERE
-        if body == calf and is_sphere and place[2] < best[2]:
-            best, radius = place, float(model.geom_size[geom, 0])
-    return best, radius
+def _numbers(value: Any, count: int, where: str) -> tuple[float, ...]:
+    is_list = isinstance(value, list) and len(value) == count
+    if not (is_list and all(type(v) in (int, float) and math.isfinite(v) for v in value)):
+        raise InputError(f'{where}: must be {count} finite numbers, got {shown(value)}')
+    return tuple(map(float, value))

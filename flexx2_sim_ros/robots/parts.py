@@ -1,0 +1,209 @@
+"""Where a robot's parts are in a model: joints by name, the legs' figures, the trunk's pose."""
+
+from dataclasses import dataclass
+import re
+
+from flexx2_sim_ros.robots.kinematics import LegGeometry
+from flexx2_sim_ros.robots.robot import LegJoints, load_robot, Robot
+import mujoco
+import numpy as np
+
+_INDEX = {'0': 'hip', '1': 'thigh', '2': 'calf'}
+_SLIDING = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
+
+
+@dataclass(frozen=True)
+class RobotParts:
+    """
+    Where a robot's parts are in a model.
+
+    Attributes
+    ----------
+    trunk : int
+        Id of the trunk's body.
+    free : int
+        Address in ``qpos`` of the joint that lets the robot move freely; -1 without one.
+    free_velocity : int
+        Address of the same joint in ``qvel``.
+    offset : tuple of numpy.ndarray
+        Position (3,) and quaternion (4,) of the trunk in the body that this joint moves.
+    joints : dict of str to int
+        Address in ``qpos`` of every hinge and slide, by the joint's name in the model.
+    velocities : numpy.ndarray
+        (len(joints),) addresses of the same joints in ``qvel``.
+    geoms : numpy.ndarray
+        (ngeom,) bool: the robot's own shapes.
+    legs : LegGeometry or None
+        Its legs, when the model has the robot's joints in straight legs that hang from the trunk.
+    leg_addresses : numpy.ndarray
+        (4, 3) addresses in ``qpos`` of hip, thigh and calf of each leg; empty without legs.
+
+    """
+
+    trunk: int
+    free: int
+    free_velocity: int
+    offset: tuple[np.ndarray, np.ndarray]
+    joints: dict[str, int]
+    velocities: np.ndarray
+    geoms: np.ndarray
+    legs: LegGeometry | None
+    leg_addresses: np.ndarray
+
+    def place(self, data: mujoco.MjData, position: np.ndarray, quaternion: np.ndarray) -> None:
+        """Put the trunk at a position (3,) with an orientation (4,) (w, x, y, z) of norm 1."""
+        inverse, turn, moved = np.empty(4), np.empty(4), np.empty(3)
+        mujoco.mju_negQuat(inverse, self.offset[1])
+        mujoco.mju_mulQuat(turn, quaternion, inverse)
+        mujoco.mju_rotVecQuat(moved, self.offset[0], turn)
+        data.qpos[self.free : self.free + 3] = position - moved
+        data.qpos[self.free + 3 : self.free + 7] = turn
+
+    def twist(self, data: mujoco.MjData, velocity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """
+        Return the trunk's velocity in its own frame.
+
+        Parameters
+        ----------
+        data : mujoco.MjData
+            The state, complete up to its positions.
+        velocity : numpy.ndarray
+            (nv,) as MuJoCo has it: of the free joint, linear in the world and angular in its body.
+
+        Returns
+        -------
+        linear, angular : numpy.ndarray
+            (3,) m/s and rad/s; zeros for a robot that cannot move freely.
+
+        """
+        if self.free < 0:
+            return np.zeros(3), np.zeros(3)
+        turned = np.empty(9)
+        mujoco.mju_quat2Mat(turned, self.offset[1])
+        angular = (
+            turned.reshape(3, 3).T @ velocity[self.free_velocity + 3 : self.free_velocity + 6]
+        )
+        rotation = data.xmat[self.trunk].reshape(3, 3)
+        arm = turned.reshape(3, 3).T @ self.offset[0]
+        linear = velocity[self.free_velocity : self.free_velocity + 3] @ rotation
+        return linear + np.cross(angular, arm), angular
+
+
+def plain_name(name: str) -> str:
+    """
+    Return a joint's name without what differs between simulators.
+
+    ``FR_hip_joint``, ``fr_hip``, ``go1/FR_hip_joint`` and Unitree's ``FR_0`` are one joint.
+    """
+    plain = name.rsplit('/', 1)[-1].lower().removesuffix('_joint')
+    match = re.fullmatch(r'(f|r)(r|l)_([012])', plain)
+    return f'{plain[:3]}{_INDEX[match[3]]}' if match else plain
+
+
+def find_parts(model: mujoco.MjModel, robot: Robot | None = None) -> RobotParts:
+    """
+    Return where the parts of a robot are in a model.
+
+    Parameters
+    ----------
+    model : mujoco.MjModel
+        From `build_model`.
+    robot : Robot, optional
+        The one that it was built with; default `load_robot()`.
+
+    Returns
+    -------
+    RobotParts
+
+    """
+    robot = robot or load_robot()
+    trunk = model.body(robot.trunk).id
+    root = model.body_rootid[trunk]
+    bodies = model.body_rootid == root
+    free, free_velocity, joints, velocities = -1, -1, {}, []
+    for joint in range(model.njnt):
+        kind, body = int(model.jnt_type[joint]), model.jnt_bodyid[joint]
+        if kind == mujoco.mjtJoint.mjJNT_FREE and body == root:
+            free, free_velocity = int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint])
+        elif kind in _SLIDING and bodies[body]:
+            joints[model.joint(joint).name] = int(model.jnt_qposadr[joint])
+            velocities.append(int(model.jnt_dofadr[joint]))
+    legs, ids = _legs(model, int(trunk), robot.legs) or (None, np.empty((0, 3), int))
+    return RobotParts(
+        int(trunk),
+        free,
+        free_velocity,
+        _offset(model, int(trunk), int(root)),
+        joints,
+        np.array(velocities, int),
+        bodies[model.geom_bodyid],
+        legs,
+        model.jnt_qposadr[ids],
+    )
+
+
+def _offset(model: mujoco.MjModel, trunk: int, root: int) -> tuple[np.ndarray, np.ndarray]:
+    position, quaternion = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
+    while trunk != root:
+        moved, turned = np.empty(3), np.empty(4)
+        mujoco.mju_rotVecQuat(moved, position, model.body_quat[trunk])
+        mujoco.mju_mulQuat(turned, model.body_quat[trunk], quaternion)
+        position, quaternion = model.body_pos[trunk] + moved, turned
+        trunk = int(model.body_parentid[trunk])
+    return position, quaternion
+
+
+def _legs(
+    model: mujoco.MjModel, trunk: int, joints: LegJoints | None
+) -> tuple[LegGeometry, np.ndarray] | None:
+    """Read the legs' figures and the ids (4, 3) of their joints; None without such legs."""
+    own = model.body_rootid[model.jnt_bodyid] == model.body_rootid[trunk]
+    found = {plain_name(model.joint(joint).name): joint for joint in np.flatnonzero(own)}
+    wanted = [plain_name(name) for name in joints.all_names] if joints else []
+    if not joints or not found.keys() >= set(wanted):
+        return None
+    ids = np.array([found[name] for name in wanted]).reshape(4, 3)
+    bodies = model.jnt_bodyid[ids]
+    above = np.column_stack([np.full(4, trunk), bodies[:, :2]])
+    if (model.body_parentid[bodies] != above).any():
+        return None
+    hips, thighs, calves = np.moveaxis(model.body_pos[bodies], 1, 0)
+    feet = [_foot(model, int(calf)) for calf in bodies[:, 2]]
+    tips, radii = np.array([tip for tip, _ in feet]), [radius for _, radius in feet]
+    straight = [
+        thighs[:, [0, 2]],
+        calves[:, :2],
+        tips[:, :2],
+        model.jnt_axis[ids] - [[1, 0, 0], [0, 1, 0], [0, 1, 0]],
+    ]
+    if not all(np.allclose(values, 0.0, atol=2e-3) for values in straight):
+        return None
+    limited, usual = model.jnt_limited[ids] != 0, np.array(joints.limits)
+    lower, upper = (
+        np.where(limited, model.jnt_range[ids][..., end], usual[:, end]) for end in (0, 1)
+    )
+    geometry = LegGeometry(
+        hips,
+        thighs[:, 1],
+        -float(calves[0, 2]),
+        -float(tips[0, 2]),
+        lower,
+        upper,
+        float(radii[0]),
+        np.array(joints.home),
+    )
+    return geometry, ids
+
+
+def _foot(model: mujoco.MjModel, calf: int) -> tuple[np.ndarray, float]:
+    """Return the middle (3,), in the calf's frame, and the radius of a leg's lowest sphere."""
+    best, radius = np.full(3, np.inf), 0.0
+    for geom in range(model.ngeom):
+        body, place = model.geom_bodyid[geom], model.geom_pos[geom].copy()
+        while body not in (calf, 0):
+            place += model.body_pos[body]
+            body = model.body_parentid[body]
+        is_sphere = model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_SPHERE
+        if body == calf and is_sphere and place[2] < best[2]:
+            best, radius = place, float(model.geom_size[geom, 0])
+    return best, radius
