@@ -65,6 +65,7 @@ INPUT_HZ = 240
 BOARDS = {1.5: slice(12, 44), 3.0: slice(68, 100), 8.0: slice(124, 156), 0.05: slice(180, 212)}
 
 FLEXX2 = flexx2().intrinsics
+WHITE = flexx2().sensor.full_scale_amplitude
 DEPTH, INFO, CLOUD = 'depth_image_0', 'camera_info', 'point_cloud_0'
 GRAY, NOISE = 'gray_image_0', 'depth_noise_0'
 OUTPUTS = {DEPTH: Image, INFO: CameraInfo, CLOUD: PointCloud2, GRAY: Image, NOISE: Image}

@@ -29,6 +29,7 @@ from streams import (
     SECOND,
     START,
     stream,
+    WHITE,
 )
 
 MODES = flexx2().modes
@@ -174,7 +175,7 @@ def test_frames_are_the_librarys_to_the_last_bit() -> None:
         assert same(array_of(seen.messages(NOISE)[0]), frame.sigma)
         gray = seen.messages(GRAY)[0]
         assert gray.encoding == 'mono8'
-        assert same(array_of(gray), gray_image(frame.amplitude, None))
+        assert same(array_of(gray), gray_image(frame.amplitude, None, WHITE))
 
         cloud = seen.messages(CLOUD)[0]
         assert (cloud.width, cloud.height, cloud.point_step, cloud.row_step) == (
@@ -280,7 +281,7 @@ def test_exposure_darkens_the_gray_image() -> None:
         seen.show(boards(), START + SECOND)
         frame = library(seen, boards(), START + SECOND)
         bright, dark = (array_of(message).astype(float) for message in seen.messages(GRAY))
-        assert same(array_of(seen.messages(GRAY)[1]), gray_image(frame.amplitude, 92 / 370))
+        assert same(array_of(seen.messages(GRAY)[1]), gray_image(frame.amplitude, 92 / 370, WHITE))
         assert dark[:, BOARDS[1.5]].mean() == pytest.approx(
             bright[:, BOARDS[1.5]].mean() * math.sqrt(92 / 370), rel=0.02
         )

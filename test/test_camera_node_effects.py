@@ -13,7 +13,7 @@ from flexx2_sim_ros.profiles.files import ProfileFile, save_profile
 import numpy as np
 import pytest
 import streams
-from streams import array_of, CLOUD, DEPTH, Flexx2Camera, GRAY, nanoseconds, NOISE, stream
+from streams import array_of, CLOUD, DEPTH, Flexx2Camera, GRAY, nanoseconds, NOISE, stream, WHITE
 
 START, SECOND = 1_700_000_000 * 10**9, 10**9
 PERIOD = SECOND // 30
@@ -105,7 +105,7 @@ def test_a_file_at_the_start_and_numbers_beside_it(tmp_path: Path) -> None:
             assert same(seen.depths()[-1], frame.depth)
             assert same(array_of(seen.messages(NOISE)[-1]), frame.sigma)
             gray = array_of(seen.messages(GRAY)[-1])
-            assert same(gray, gray_image(frame.amplitude, 1.0))
+            assert same(gray, gray_image(frame.amplitude, 1.0, WHITE))
             lost = np.isnan(frame.depth[:, :40])
             assert 0.3 < lost.mean() < 1
             assert gray[:, :40][lost].min() == 255  # too much light is white

@@ -26,6 +26,7 @@ from streams import (
     SECOND,
     START,
     stream,
+    WHITE,
 )
 
 pytestmark = pytest.mark.usefixtures('ros')
@@ -194,8 +195,8 @@ def test_reflectivity_changes_the_gray_image_only() -> None:
             points = np.frombuffer(seen.messages(CLOUD)[index].data, '<f4')
             assert same(points[3::4].reshape(172, 224), plain.confidence)
             gray = array_of(seen.messages(GRAY)[index])
-            assert same(gray, gray_image(frame.amplitude, 1.0))
-            assert same(gray, gray_image(plain.amplitude, 1.0)) != with_paint
+            assert same(gray, gray_image(frame.amplitude, 1.0, WHITE))
+            assert same(gray, gray_image(plain.amplitude, 1.0, WHITE)) != with_paint
 
 
 def test_camera_info_may_come_late_or_only_once() -> None:

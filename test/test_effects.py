@@ -22,6 +22,8 @@ import pytest
 from signatures import pair, QUIET, SIGNATURES
 from small_scenes import capture, FIELDS, same, scenes, SHADES, SMALL
 
+WHITE = flexx2().sensor.full_scale_amplitude
+
 NAMES = list(registry())
 PERIOD = 33_333_333
 ORDER = [
@@ -409,7 +411,7 @@ def test_gray_and_confidence_follow_the_light() -> None:
     blinded, plain = pair('saturation', near)
     lost = np.isnan(blinded.depth)
     assert lost.mean() > 0.9
-    assert (gray_image(blinded.amplitude, 1.0)[lost] == 255).all()
+    assert (gray_image(blinded.amplitude, 1.0, WHITE)[lost] == 255).all()
     assert not blinded.confidence[lost].any()
     assert np.isnan(blinded.sigma[lost]).all()
     dark, plain = pair(
@@ -417,7 +419,7 @@ def test_gray_and_confidence_follow_the_light() -> None:
     )
     lost = np.isnan(dark.depth)
     assert lost[:, 120:].mean() > 0.9 > 0.1 > lost[:, :100].mean()
-    assert not gray_image(dark.amplitude, 1.0)[lost].any()
+    assert not gray_image(dark.amplitude, 1.0, WHITE)[lost].any()
     noisy, plain = pair(
         'ambient_light', far, 0, np.where(u < 112, 1.0, 0.2), usecase='Mode_9_30fps'
     )

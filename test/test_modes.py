@@ -118,11 +118,11 @@ def config(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
         shutil.copy(config_dir() / name, tmp_path)
     monkeypatch.setattr(modes, 'config_dir', lambda: tmp_path)
     flexx2.cache_clear()
-    modes.camera_config.cache_clear()
+    modes._camera_config.cache_clear()
     yield tmp_path
     monkeypatch.undo()
     flexx2.cache_clear()
-    modes.camera_config.cache_clear()
+    modes._camera_config.cache_clear()
 
 
 def test_a_good_configuration_is_used(config: Path) -> None:

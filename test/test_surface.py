@@ -39,7 +39,7 @@ def tilted(slopes: tuple, distance: float = 1.5, camera: Intrinsics = FLEXX2) ->
 
 
 def look(depth: np.ndarray, camera: Intrinsics = FLEXX2) -> Surface:
-    return analyse(np.ascontiguousarray(depth, np.float32), camera)
+    return analyse(np.ascontiguousarray(depth, np.float32), camera, flexx2().sensor)
 
 
 def worst(surface: Surface, truth: np.ndarray, where: np.ndarray) -> float:

@@ -291,6 +291,7 @@ class BatchCamera:
             frames = self._host.look(depth, reflectivity, self.stamps, matrix, shape)
         if len(frames) < self.num_envs:
             self._launch(images, depth, reflectivity, out)
+            images.blank_outside(out)
         put(frames, self._invalid, out)
         wp.launch(kernels.tick, self.num_envs, [self._rows.periods, self.stamps])
 
@@ -348,7 +349,11 @@ class BatchCamera:
                     f'wanted at most {_MOST_PIXELS} in all'
                 )
             self._images = Images(
-                self.num_envs, self._intrinsics(height, width), self._invalid, self.device
+                self.num_envs,
+                self._intrinsics(height, width),
+                self.profile,
+                self._invalid,
+                self.device,
             )
             wp.synchronize_device(self.device)  # Frames may be made on another stream.
         return self._images

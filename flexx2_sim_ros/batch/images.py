@@ -4,9 +4,9 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from flexx2_sim_ros.batch import edge_kernels, kernels
+from flexx2_sim_ros.batch import edge_kernels, kernels, region_kernels
 from flexx2_sim_ros.camera import Intrinsics
-from flexx2_sim_ros.profiles.modes import camera_config
+from flexx2_sim_ros.profiles.modes import Profile
 import warp as wp
 
 # Environments whose images are made at a time, so that they stay in the cache (measured on the
@@ -55,6 +55,8 @@ class Images:
         Number of environments.
     camera : Intrinsics
         Of the depth images; its distortion is not used.
+    profile : Profile
+        Of the cameras.
     invalid : float
         What invalid pixels are.
     device : warp.Device
@@ -74,12 +76,14 @@ class Images:
 
     """
 
-    def __init__(self, num_envs: int, camera: Intrinsics, invalid: float, device: Any) -> None:
+    def __init__(
+        self, num_envs: int, camera: Intrinsics, profile: Profile, invalid: float, device: Any
+    ) -> None:
         """Allocate it."""
         self.height, self.width = camera.height, camera.width
         self._many_threads = many_threads(device)
         self.count = min(num_envs, AT_A_TIME['cuda' if device.is_cuda else 'cpu'])
-        self.lens = _lens(camera, invalid)
+        self.lens = _lens(camera, profile, invalid)
         pixels = self.height * self.width
         bordered = (self.height + kernels.BORDER) * (self.width + kernels.BORDER)
 
@@ -95,7 +99,11 @@ class Images:
         self._pixel_list = zeros(pixels, wp.int32)
         self._shape = (num_envs, self.height, self.width)
         self.out = wp.zeros(self._shape, dtype=wp.float32, device=device)
-        for module in (kernels, edge_kernels):  # Not while a graph is captured.
+        outside = profile.sensor.outside(camera)
+        self._outside = (
+            None if outside is None else wp.array(outside.ravel(), dtype=wp.bool, device=device)
+        )
+        for module in (kernels, edge_kernels, region_kernels):  # Not while a graph is captured.
             wp.load_module(module, device=device)
 
     @cached_property
@@ -218,19 +226,25 @@ class Images:
             out,
         )
 
+    def blank_outside(self, out: wp.array) -> None:
+        """Blank all environments' (N * H * W,) float32 frames outside of the valid region."""
+        if self._outside is not None:
+            threads = (self._shape[0], self._outside.size)
+            launch(region_kernels.blank_outside, threads, self._outside, self.lens.invalid, out)
+
 
 def launch(kernel: Any, threads: Any, *values: Any) -> None:
     """Launch a kernel on the current device."""
     wp.launch(kernel, threads, values)
 
 
-def _lens(camera: Intrinsics, invalid: float) -> Any:
-    config = camera_config()
+def _lens(camera: Intrinsics, profile: Profile, invalid: float) -> Any:
+    sensor = profile.sensor
     lens = kernels.Lens()
     lens.fx, lens.fy, lens.cx, lens.cy = camera.fx, camera.fy, camera.cx, camera.cy
     lens.height, lens.width = camera.height, camera.width
-    lens.jump_share, lens.steep_share = config.jump_share, config.steep_share
-    lens.cap = config.incidence_cap
-    lens.neighbourhood = config.neighbourhood_px
+    lens.jump_share, lens.steep_share = sensor.jump_share, sensor.steep_share
+    lens.cap = profile.modes[0].noise.incidence_cap
+    lens.neighbourhood = sensor.neighbourhood_px
     lens.invalid = invalid
     return lens

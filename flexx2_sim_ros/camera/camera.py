@@ -15,7 +15,7 @@ from flexx2_sim_ros.physics.lateral import displaced_sources, pixel_sigma, uprig
 from flexx2_sim_ros.physics.philox import camera_key, fill_normals, stamp_words, STREAM_AXIAL
 from flexx2_sim_ros.physics.surface import analyse, Surface
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
-from flexx2_sim_ros.profiles.modes import camera_config, DEFAULT_USECASE, flexx2, Mode, Profile
+from flexx2_sim_ros.profiles.modes import DEFAULT_USECASE, flexx2, Mode, Profile
 import numpy as np
 
 _GAUSSIAN = np.float32(0.0)  # share of Laplacian edges
@@ -115,19 +115,19 @@ class Camera:
         self.seed = int(seed)
         self.name = name
         noise = self.mode.noise
-        config = camera_config()
+        sensor = self.mode.sensor
         self.exposure_share = 1.0
         self._memories: dict[tuple[int, ...], Memory] = {}
         self._environments: tuple[int, ...] = ()
         self.effects = effects
         self._key = camera_key(self.seed, name)
         self._coefficients = np.array([noise.a, noise.b, noise.c, noise.d, noise.n], np.float32)
-        self._cap = np.float32(config.incidence_cap)
+        self._cap = np.float32(noise.incidence_cap)
         self._edge_sigma = np.float32(pixel_sigma(noise.sigma_x))
         # Five standard deviations: 1 edge in 2 million would have gone further.
         self._edge_limit = min(math.ceil(5 * noise.sigma_x), 127)
-        self._neighbourhood = config.neighbourhood_px
-        self._zero_confidence = np.float32(config.zero_at_sigma_m)
+        self._neighbourhood = sensor.neighbourhood_px
+        self._zero_confidence = np.float32(sensor.zero_at_sigma_m)
 
     @property
     def usecase(self) -> str:
@@ -236,9 +236,10 @@ class Camera:
             # A scene broadcast over many stamps is analysed once.
             if prepared is None or not prepared.holds(scene, matrix):
                 prepared = self._prepare(scene, matrix)
-            self._expose(
-                prepared, int(times[index]), albedos[index], *(array[index] for array in out)
-            )
+            images = [array[index] for array in out]
+            self._expose(prepared, int(times[index]), albedos[index], *images)
+            if prepared.outside is not None:
+                _blank(images, prepared.outside)
         return _frame(out, matrices)
 
     def reset(self, mask: Any = None) -> None:
@@ -303,9 +304,8 @@ class Camera:
 
     def _prepare(self, scene: np.ndarray, matrix: np.ndarray) -> '_Prepared':
         height, width = scene.shape
-        surface = analyse(
-            np.ascontiguousarray(scene), Intrinsics.from_matrix(matrix, width, height)
-        )
+        camera = Intrinsics.from_matrix(matrix, width, height)
+        surface = analyse(np.ascontiguousarray(scene), camera, self.mode.sensor)
         sigma = np.empty((height, width), np.float32)
         model_sigma(
             surface.inverse_depth, surface.cos_incidence, self._coefficients, self._cap, sigma
@@ -315,7 +315,8 @@ class Camera:
         edges = upright_edges(surface.row_jumps, surface.column_jumps, rows, columns)
         if not edges or not self._edge_sigma:
             rows = columns = np.zeros((0, 0), np.uint8)
-        return _Prepared(scene, matrix, surface, sigma, rows, columns)
+        outside = self.mode.sensor.outside(camera)
+        return _Prepared(scene, matrix, surface, sigma, rows, columns, outside)
 
     def _expose(
         self,
@@ -371,9 +372,15 @@ class _Prepared:
     sigma: np.ndarray
     rows: np.ndarray
     columns: np.ndarray
+    outside: np.ndarray | None
 
     def holds(self, scene: np.ndarray, matrix: np.ndarray) -> bool:
         return _same_memory(scene, self.scene) and _same_memory(matrix, self.matrix)
+
+
+def _blank(images: list[np.ndarray], where: np.ndarray) -> None:
+    for image, invalid in zip(images, (np.nan, np.nan, 0, 0), strict=True):
+        image[where] = invalid
 
 
 def _same_memory(one: np.ndarray, other: np.ndarray) -> bool:

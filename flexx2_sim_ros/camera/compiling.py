@@ -66,4 +66,4 @@ def warm_up(camera: Camera, intrinsics: Intrinsics) -> None:
         np.stack([scene, scene * np.float32(1.01)]), intrinsics.matrix, np.arange(2) * 10**7
     )
     other = Intrinsics(8, 8, 4.0, 4.0, 3.5, 3.5)
-    View(intrinsics, other).depth(np.ones((8, 8), np.float32))
+    View(intrinsics, other, sensor=camera.mode.sensor).depth(np.ones((8, 8), np.float32))

@@ -1,10 +1,9 @@
 """The camera's gray image."""
 
-from flexx2_sim_ros.profiles.modes import camera_config
 import numpy as np
 
 
-def gray_image(amplitude: np.ndarray, exposure: float | None) -> np.ndarray:
+def gray_image(amplitude: np.ndarray, exposure: float | None, full_scale: float) -> np.ndarray:
     """
     Turn amplitude into an 8-bit picture.
 
@@ -15,6 +14,8 @@ def gray_image(amplitude: np.ndarray, exposure: float | None) -> np.ndarray:
     exposure : float or None
         Exposure as a share of the mode's longest; None chooses it automatically, so that no
         more than one pixel in a hundred saturates.
+    full_scale : float
+        Amplitude of a white pixel at the longest exposure, 1/m^2; see `Sensor`.
 
     Returns
     -------
@@ -22,7 +23,6 @@ def gray_image(amplitude: np.ndarray, exposure: float | None) -> np.ndarray:
         (H, W) uint8, square root of the amplitude, 255 at full scale.
 
     """
-    full_scale = camera_config().full_scale_amplitude
     if exposure is None:
         bright = float(np.percentile(amplitude, 99))
         exposure = min(1.0, full_scale / bright) if bright > 0 else 1.0

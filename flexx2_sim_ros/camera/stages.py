@@ -11,7 +11,6 @@ from flexx2_sim_ros.physics.frame_state import Common, Effect, FrameState, once,
 from flexx2_sim_ros.physics.lateral import displaced_sources, pixel_sigma, upright_edges
 from flexx2_sim_ros.physics.philox import fill_normals, stamp_words, STREAM_AXIAL
 from flexx2_sim_ros.physics.surface import analyse, PAD, Surface
-from flexx2_sim_ros.profiles.modes import camera_config
 import numpy as np
 
 _NOWHERE = np.zeros(0, np.int64)
@@ -133,6 +132,9 @@ def _blank_outside(state: FrameState) -> None:
     blank_outside(
         state.measured, np.float32(state.mode.range_min), np.float32(state.mode.range_max)
     )
+    outside = state.mode.sensor.outside(state.intrinsics)
+    if outside is not None:
+        state.measured[outside] = np.nan
 
 
 def _light(state: FrameState) -> None:
@@ -143,7 +145,7 @@ def _light(state: FrameState) -> None:
             if state.common is None
             else np.array(state.depth, order='C')
         )
-        surface = analyse(depth, state.intrinsics)
+        surface = analyse(depth, state.intrinsics, state.mode.sensor)
         inverse = surface.inverse_depth[PAD:-PAD, PAD:-PAD]
         depth[inverse == 0] = np.nan
         return surface, depth, state.reflectivity * surface.cos_incidence * inverse * inverse
@@ -175,7 +177,7 @@ def _expect_noise(state: FrameState, edge_sigma: float) -> None:
             surface.inverse_depth,
             surface.cos_incidence,
             coefficients,
-            np.float32(camera_config().incidence_cap),
+            np.float32(noise.incidence_cap),
             sigma,
         )
         return sigma
@@ -226,7 +228,7 @@ def _moved(state: FrameState) -> tuple[np.ndarray, np.ndarray]:
     displaced_sources(
         rows,
         columns,
-        camera_config().neighbourhood_px,
+        state.mode.sensor.neighbourhood_px,
         np.float32(sigma),
         limit,
         state.key,
@@ -260,7 +262,7 @@ def _finish(state: FrameState) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.n
         state.measured,
         state.sigma,
         state.amplitude,
-        np.float32(camera_config().zero_at_sigma_m),
+        np.float32(state.mode.sensor.zero_at_sigma_m),
         sigma,
         amplitude,
         confidence,

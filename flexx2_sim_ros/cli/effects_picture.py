@@ -107,12 +107,13 @@ def _look(kind: type[Effect]) -> _View:
     rooms = [room(float(forward)) for forward in way(seconds)] if moves else [scene]
     clean = np.stack([one.depth for one in rooms])
     shade = np.stack([one.reflectivity for one in rooms])
-    matrix = flexx2().intrinsics.matrix
+    camera = flexx2()
+    matrix = camera.intrinsics.matrix
     frame, rest = (
         Camera(spec.usecase, effects=effects, seed=1).capture(clean, matrix, seconds, shade)
         for effects in ({kind.name: None}, ())
     )
-    surface = analyse(scene.depth.astype(np.float32), flexx2().intrinsics)
+    surface = analyse(scene.depth.astype(np.float32), camera.intrinsics, camera.sensor)
     return _View(
         kind, scene, np.broadcast_to(clean, frame.depth.shape), surface, seconds, frame, rest
     )

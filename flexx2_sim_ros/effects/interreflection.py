@@ -6,7 +6,6 @@ from flexx2_sim_ros.physics.fastmath import cos_sin_turns
 from flexx2_sim_ros.physics.frame_state import FrameState
 from flexx2_sim_ros.physics.philox import FAST
 from flexx2_sim_ros.physics.surface import PAD, slope
-from flexx2_sim_ros.profiles.modes import camera_config
 from numba import njit
 import numpy as np
 
@@ -39,10 +38,10 @@ def bounce(state: FrameState) -> list[np.ndarray]:
     """
     inverse = state.surface.inverse_depth
     height, width = state.depth.shape
-    camera, config = state.intrinsics, camera_config()
+    camera, sensor = state.intrinsics, state.mode.sensor
     lens = np.array([camera.fx, camera.fy, camera.cx, camera.cy], np.float32)
     reflectivity = np.array(np.broadcast_to(state.reflectivity, (height, width)))
-    shares = np.float32(config.jump_share), np.float32(config.steep_share)
+    shares = np.float32(sensor.jump_share), np.float32(sensor.steep_share)
     senders = _patches(inverse, reflectivity, lens, *shares, _SENDER)
     receivers = _patches(inverse, reflectivity, lens, *shares, _RECEIVER)
     rows, columns = -(-height // _RECEIVER), -(-width // _RECEIVER)

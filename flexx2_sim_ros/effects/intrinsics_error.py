@@ -94,7 +94,7 @@ class IntrinsicsError(Effect):
         true = self.true_camera(believed)
         kept = state.memory.kept.get(self.name)
         if kept is None or kept.camera != true or kept.source != believed:
-            kept = state.memory.kept[self.name] = View(true, believed)
+            kept = state.memory.kept[self.name] = View(true, believed, sensor=state.mode.sensor)
         lost = np.isnan(kept.rays[0])  # Bent so much that no light comes there.
         state.depth = np.where(lost, _NAN, kept.depth(state.depth))
         if state.reflectivity.size > 1:

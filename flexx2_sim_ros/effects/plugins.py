@@ -220,7 +220,7 @@ def _small_frame(memory: Memory, stamp: int, stage: Stage) -> FrameState:
     key = np.array([1, 2], np.uint32)
     state = FrameState(mode, camera, stamp, key, memory, wall, half)
     if stage > Stage.GEOMETRY:
-        state.surface, state.amplitude = analyse(wall, camera), half.copy()
+        state.surface, state.amplitude = analyse(wall, camera, mode.sensor), half.copy()
         state.cosine = state.surface.cos_incidence.copy()
     if stage > Stage.AMPLITUDE:
         state.shifts = [np.zeros_like(wall) for _ in mode.modulation_hz]

@@ -58,7 +58,7 @@ class PoseError(Effect):
         depth = np.empty((height, width), np.float32)
         index = np.empty((height, width), np.int32)
         _look_from(
-            *tangents(state.depth),
+            *tangents(state.depth, state.mode.sensor),
             np.array([camera.fx, camera.fy, camera.cx, camera.cy], np.float32),
             rotation.astype(np.float32),
             step.astype(np.float32),

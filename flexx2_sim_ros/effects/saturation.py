@@ -8,7 +8,6 @@ from flexx2_sim_ros.effects.effect import Effect, parameter
 from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis
 from flexx2_sim_ros.effects.losing import log_signal, lose
 from flexx2_sim_ros.physics.frame_state import FrameState, Stage
-from flexx2_sim_ros.profiles.modes import camera_config
 import numpy as np
 
 
@@ -55,7 +54,7 @@ class Saturation(Effect):
         if state.saturated.any():
             # A full well says "at least this much": white in the gray image.
             light = state.amplitude * np.exp(gain)
-            full = np.float32(camera_config().full_scale_amplitude / state.exposure_share)
+            full = np.float32(state.mode.sensor.full_scale_amplitude / state.exposure_share)
             state.amplitude = np.where(
                 state.saturated, np.maximum(light[state.saturated].max(), full), state.amplitude
             )

@@ -292,7 +292,9 @@ class Flexx2Camera(SteadyNode):
         radial = self.settings.radial
         view = self._view
         if view is None or view.source != source or view.radial != radial:
-            view = self._view = View(self.settings.intrinsics, source, radial)
+            view = self._view = View(
+                self.settings.intrinsics, source, radial, self._profile.sensor
+            )
             if view.outside.any():
                 width, height = self.settings.intrinsics.field_of_view_deg
                 self._say_once(
@@ -369,7 +371,13 @@ class Flexx2Camera(SteadyNode):
         if gray:
             self._gray.publish(
                 messages.image_message(
-                    head, gray_image(frame.amplitude, self.settings.exposure_share), 'mono8'
+                    head,
+                    gray_image(
+                        frame.amplitude,
+                        self.settings.exposure_share,
+                        self._profile.sensor.full_scale_amplitude,
+                    ),
+                    'mono8',
                 )
             )
         if noise:

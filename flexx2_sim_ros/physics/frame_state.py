@@ -14,8 +14,6 @@ from flexx2_sim_ros.profiles.modes import Mode
 import numpy as np
 
 SPEED_OF_LIGHT = 299_792_458.0
-# Reading one raw frame out (design; not published).
-_READOUT_US = 600
 
 
 class Stage(IntEnum):
@@ -207,7 +205,8 @@ class FrameState:
     @property
     def acquisition_seconds(self) -> float:
         """Return how long the raw frames of one depth frame take."""
-        return self.mode.raw_frames * (self.mode.exposure_us[1] + _READOUT_US) * 1e-6
+        readout_us = self.mode.sensor.readout_us
+        return self.mode.raw_frames * (self.mode.exposure_us[1] + readout_us) * 1e-6
 
     def uniforms(self, stream: int) -> np.ndarray:
         """Return (H, W) float32 random numbers in (0, 1] that no other stream shares."""

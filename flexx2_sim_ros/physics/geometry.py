@@ -10,6 +10,7 @@ from functools import cached_property, lru_cache
 from flexx2_sim_ros.physics.philox import FAST
 from flexx2_sim_ros.physics.surface import PAD, tangents
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
+from flexx2_sim_ros.profiles.sensor import DEFAULT_SENSOR, Sensor
 from numba import njit
 import numpy as np
 
@@ -86,6 +87,8 @@ class View:
         The camera that the depth images come from; both share one optical centre and axes.
     radial : bool
         Whether the depth images hold distances along the ray instead of along the axis.
+    sensor : Sensor
+        For its thresholds of depth jumps, across which nothing is interpolated.
 
     Attributes
     ----------
@@ -98,11 +101,18 @@ class View:
 
     """
 
-    def __init__(self, camera: Intrinsics, source: Intrinsics, radial: bool = False) -> None:
+    def __init__(
+        self,
+        camera: Intrinsics,
+        source: Intrinsics,
+        radial: bool = False,
+        sensor: Sensor = DEFAULT_SENSOR,
+    ) -> None:
         """Look every ray up once."""
         self.camera = camera
         self.source = source
         self.radial = radial
+        self._sensor = sensor
         x, y = self.rays = pixel_rays(camera)
         with np.errstate(invalid='ignore', over='ignore'):
             x, y = _distort(x, y, source.distortion)
@@ -165,7 +175,7 @@ class View:
         if self.identical:
             return image
         out = np.empty((self.camera.height, self.camera.width), np.float32)
-        _look_up(*tangents(image), self._index, self._du, self._dv, out.ravel())
+        _look_up(*tangents(image, self._sensor), self._index, self._du, self._dv, out.ravel())
         return out
 
     def reflectivity(self, image: np.ndarray) -> np.ndarray:

@@ -11,7 +11,7 @@ import math
 
 from flexx2_sim_ros.physics.philox import FAST
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
-from flexx2_sim_ros.profiles.modes import camera_config
+from flexx2_sim_ros.profiles.sensor import Sensor
 from numba import njit
 import numpy as np
 
@@ -58,7 +58,7 @@ class Surface:
         return np.arccos(np.clip(self.cos_incidence, 0.0, 1.0))
 
 
-def analyse(depth: np.ndarray, intrinsics: Intrinsics) -> Surface:
+def analyse(depth: np.ndarray, intrinsics: Intrinsics, sensor: Sensor) -> Surface:
     """
     Find the depth jumps and incidence angles of a clean depth image.
 
@@ -69,6 +69,8 @@ def analyse(depth: np.ndarray, intrinsics: Intrinsics) -> Surface:
         mean that nothing is there.
     intrinsics : Intrinsics
         The camera the depth image belongs to; its distortion is not used.
+    sensor : Sensor
+        For its thresholds of depth jumps.
 
     Returns
     -------
@@ -76,12 +78,11 @@ def analyse(depth: np.ndarray, intrinsics: Intrinsics) -> Surface:
 
     """
     height, width = depth.shape
-    config = camera_config()
     inverse = np.zeros((height + 2 * PAD, width + 2 * PAD), np.float32)
     invert(depth, inverse)
     row_jumps = np.zeros((height, width), np.uint8)
     column_jumps = np.zeros((height, width), np.uint8)
-    jump_share, steep_share = np.float32(config.jump_share), np.float32(config.steep_share)
+    jump_share, steep_share = np.float32(sensor.jump_share), np.float32(sensor.steep_share)
     find_jumps(inverse, jump_share, steep_share, row_jumps, column_jumps)
     cosine = np.empty((height, width), np.float32)
     find_incidence(
@@ -217,7 +218,7 @@ def find_slopes(p, jump_share, steep_share, across, down):
             )
 
 
-def tangents(depth: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def tangents(depth: np.ndarray, sensor: Sensor) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """
     Return the tangent plane of every pixel of a depth image.
 
@@ -225,6 +226,8 @@ def tangents(depth: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     ----------
     depth : numpy.ndarray
         (H, W) float32, metres; whatever is no distance means nothing.
+    sensor : Sensor
+        For its thresholds of depth jumps.
 
     Returns
     -------
@@ -234,11 +237,10 @@ def tangents(depth: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
     """
     height, width = depth.shape
-    config = camera_config()
     inverse = np.zeros((height + 2 * PAD, width + 2 * PAD), np.float32)
     invert(np.ascontiguousarray(depth), inverse)
     across, down = np.empty((height, width), np.float32), np.empty((height, width), np.float32)
     find_slopes(
-        inverse, np.float32(config.jump_share), np.float32(config.steep_share), across, down
+        inverse, np.float32(sensor.jump_share), np.float32(sensor.steep_share), across, down
     )
     return inverse, across, down

@@ -10,6 +10,7 @@ from flexx2_sim_ros.config_file import read_config
 from flexx2_sim_ros.errors import InputError, shown
 from flexx2_sim_ros.paths import config_dir
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
+from flexx2_sim_ros.profiles.sensor import DEFAULT_SENSOR, Sensor
 import numpy as np
 
 DEFAULT_USECASE = 'Mode_9_30fps'
@@ -26,6 +27,8 @@ class NoiseModel:
         ``sigma_z = a + b z + c z^2 + d z^n theta^2 / (pi/2 - theta)^2``, metres and radians.
     sigma_x : float
         Standard deviation of an edge's position, pixels.
+    incidence_cap : float
+        The incidence angle beyond which sigma_z no longer grows, radians.
 
     """
 
@@ -35,6 +38,7 @@ class NoiseModel:
     d: float
     n: float
     sigma_x: float
+    incidence_cap: float = math.radians(85.0)
 
     def sigma_z(self, z: Any, theta: Any) -> np.ndarray:
         """
@@ -45,7 +49,7 @@ class NoiseModel:
         z : array_like
             Depth along the optical axis, metres.
         theta : array_like
-            Incidence angle, radians; held at the configured cap near 90 degrees.
+            Incidence angle, radians; held at ``incidence_cap`` near 90 degrees.
 
         Returns
         -------
@@ -54,9 +58,7 @@ class NoiseModel:
 
         """
         z = np.asarray(z, dtype=np.float64)
-        theta = np.minimum(
-            np.abs(np.asarray(theta, dtype=np.float64)), camera_config().incidence_cap
-        )
+        theta = np.minimum(np.abs(np.asarray(theta, dtype=np.float64)), self.incidence_cap)
         slant = (theta / (math.pi / 2 - theta)) ** 2
         sigma = self.a + self.b * z + self.c * z**2 + self.d * z**self.n * slant
         return np.maximum(sigma, 0.0)
@@ -86,6 +88,8 @@ class Mode:
         The mode in which ``noise`` was measured.
     source : str
         Where rate and range come from (see ``config/modes.yaml``).
+    sensor : Sensor
+        What it has in common with the camera's other modes.
 
     """
 
@@ -99,6 +103,7 @@ class Mode:
     noise: NoiseModel
     noise_of: str
     source: str
+    sensor: Sensor = DEFAULT_SENSOR
 
     @property
     def measured(self) -> bool:
@@ -122,6 +127,16 @@ class Profile:
     model: str
     intrinsics: Intrinsics
     modes: tuple[Mode, ...]
+
+    @property
+    def sensor(self) -> Sensor:
+        """Return what the modes have in common."""
+        return self.modes[0].sensor
+
+    @property
+    def modulation_hz(self) -> list[float]:
+        """Return the modulation frequencies of all modes, rising."""
+        return sorted({f for mode in self.modes for f in mode.modulation_hz})
 
     @property
     def names(self) -> list[str]:
@@ -150,9 +165,9 @@ class Profile:
 
 
 @dataclass(frozen=True)
-class CameraConfig:
+class _CameraConfig:
     """
-    What does not change with the mode: ``config/flexx2.yaml``, which explains every number.
+    The Flexx2 apart from its modes: ``config/flexx2.yaml``, which explains every number.
 
     Attributes
     ----------
@@ -161,16 +176,9 @@ class CameraConfig:
         Pixels.
     field_of_view_deg : tuple of float
         Horizontal and vertical.
-    jump_share, steep_share : float
-        When neighbours belong to different surfaces, as shares of the distance.
     incidence_cap : float
-        Largest incidence angle the noise model is asked for, radians.
-    neighbourhood_px : int
-        Edges no further apart move together.
-    zero_at_sigma_m : float
-        sigma_z at which confidence is 0, metres.
-    full_scale_amplitude : float
-        Amplitude of a white gray pixel, 1/m^2.
+        Of all noise models, radians.
+    sensor : Sensor
 
     """
 
@@ -178,16 +186,12 @@ class CameraConfig:
     width: int
     height: int
     field_of_view_deg: tuple[float, float]
-    jump_share: float
-    steep_share: float
     incidence_cap: float
-    neighbourhood_px: int
-    zero_at_sigma_m: float
-    full_scale_amplitude: float
+    sensor: Sensor
 
 
 @lru_cache(maxsize=1)
-def camera_config() -> CameraConfig:
+def _camera_config() -> _CameraConfig:
     """
     Return ``config/flexx2.yaml``.
 
@@ -220,17 +224,21 @@ def camera_config() -> CameraConfig:
     cap = number('axial', 'incidence_cap_deg')
     if cap >= 90:
         raise InputError(f'{path}: axial.incidence_cap_deg: found {cap}, wanted less than 90')
-    return CameraConfig(
+    return _CameraConfig(
         str(table.get('model')),
         int(number('width')),
         int(number('height')),
         (float(view[0]), float(view[1])),
-        number('surface', 'jump_share'),
-        number('surface', 'steep_share'),
         math.radians(cap),
-        int(number('lateral', 'neighbourhood_px')),
-        number('confidence', 'zero_at_sigma_m'),
-        number('gray', 'full_scale_amplitude'),
+        Sensor(
+            'tof',
+            number('surface', 'jump_share'),
+            number('surface', 'steep_share'),
+            int(number('lateral', 'neighbourhood_px')),
+            number('confidence', 'zero_at_sigma_m'),
+            number('gray', 'full_scale_amplitude'),
+            number('readout_us'),
+        ),
     )
 
 
@@ -245,7 +253,7 @@ def flexx2() -> Profile:
         When a configuration file is malformed; the message names the file and field.
 
     """
-    camera = camera_config()
+    camera = _camera_config()
     table = read_config(config_dir() / 'modes.yaml')
     try:
         intrinsics = Intrinsics.from_field_of_view(
@@ -253,11 +261,14 @@ def flexx2() -> Profile:
         )
         measured = {
             name: NoiseModel(
-                **{key: float(row[key]) for key in ('a', 'b', 'c', 'd', 'n', 'sigma_x')}
+                **{key: float(row[key]) for key in ('a', 'b', 'c', 'd', 'n', 'sigma_x')},
+                incidence_cap=camera.incidence_cap,
             )
             for name, row in table['noise'].items()
         }
-        modes = tuple(_mode(name, row, measured) for name, row in table['modes'].items())
+        modes = tuple(
+            _mode(name, row, measured, camera.sensor) for name, row in table['modes'].items()
+        )
         return Profile(camera.model, intrinsics, modes)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise InputError(
@@ -265,7 +276,9 @@ def flexx2() -> Profile:
         ) from error
 
 
-def _mode(name: str, row: Mapping[str, Any], measured: Mapping[str, NoiseModel]) -> Mode:
+def _mode(
+    name: str, row: Mapping[str, Any], measured: Mapping[str, NoiseModel], sensor: Sensor
+) -> Mode:
     low, high = row['range_m']
     shortest, longest = row['exposure_us']
     return Mode(
@@ -279,4 +292,5 @@ def _mode(name: str, row: Mapping[str, Any], measured: Mapping[str, NoiseModel])
         measured[row['noise']],
         row['noise'],
         str(row['source']),
+        sensor,
     )

@@ -10,7 +10,6 @@ from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap.data.frames import choose_frames
 from flexx2_sim_ros.gap.data.registration import RecordingData
 from flexx2_sim_ros.physics.surface import analyse
-from flexx2_sim_ros.profiles.modes import camera_config
 from flexx2_sim_ros.recording import open_recording, Recording, RecordingReader
 import numpy as np
 
@@ -185,7 +184,9 @@ def read(found: Found, profile: Profile | None) -> RecordingData:
     if reflectivity is None:
         amplitude = _stack('amplitude', parts)
         reflectivity = (
-            None if amplitude is None else _from_amplitude(amplitude, clean, reader.K, path, notes)
+            None
+            if amplitude is None
+            else _from_amplitude(amplitude, clean, reader.K, found, notes)
         )
     if reflectivity is not None:
         if reflectivity.shape[-2:] != shape:
@@ -287,18 +288,19 @@ def _from_amplitude(
     amplitude: np.ndarray,
     clean: np.ndarray,
     K: np.ndarray,  # noqa: N803
-    path: Path,
+    found: Found,
     notes: list[str],
 ) -> np.ndarray | None:
     # What the surface's reflectivity must be, if full scale (of 8 or 16 bits) is a white pixel of
     # the camera's own gray image. May exceed 1: the unit is the camera's.
+    path, sensor = found.path, found.mode.sensor
     if amplitude.dtype.kind in 'iu':
         full = 255.0 if amplitude.dtype.itemsize == 1 else 65535.0
     else:
         brightest = float(np.nanmax(amplitude, initial=0))
         full = next((scale for scale in (1.0, 255.0) if brightest <= scale), 65535.0)
         notes.append(f'{path}: amplitude: up to {brightest:.4g}: taken for 0 to {full:g}')
-    scale = np.float32(camera_config().full_scale_amplitude / full)
+    scale = np.float32(sensor.full_scale_amplitude / full)
     image = amplitude.astype(np.float32)
     image = np.nanmean(image, axis=0) if image.ndim == 3 and clean.ndim == 2 else image
     depths = clean if clean.ndim == 3 else clean[None]
@@ -306,7 +308,7 @@ def _from_amplitude(
     out = []
     for one, depth in zip(images, depths, strict=True):
         lens = Intrinsics.from_matrix(K, depth.shape[1], depth.shape[0])
-        cosine = np.maximum(analyse(np.ascontiguousarray(depth), lens).cos_incidence, 0.05)
+        cosine = np.maximum(analyse(np.ascontiguousarray(depth), lens, sensor).cos_incidence, 0.05)
         out.append(one * depth**2 / cosine)
     reflectivity = np.nan_to_num(np.stack(out)) * scale
     some = reflectivity[reflectivity > 0]

@@ -8,7 +8,8 @@ from flexx2_sim_ros.effects.ray import ray_length
 from flexx2_sim_ros.physics.axial import model_sigma
 from flexx2_sim_ros.physics.surface import analyse, PAD
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
-from flexx2_sim_ros.profiles.modes import camera_config, Mode
+from flexx2_sim_ros.profiles.modes import Mode
+from flexx2_sim_ros.profiles.sensor import Sensor
 from numba import njit
 import numpy as np
 
@@ -147,7 +148,7 @@ def look_at(
     K : numpy.ndarray
         (3, 3) camera matrix.
     mode : Mode
-        For its range and noise.
+        For its range, noise and sensor.
     border : int
         Pixels along the image's border that are not looked at.
 
@@ -158,14 +159,14 @@ def look_at(
     """
     height, width = clean.shape
     lens = Intrinsics.from_matrix(K, width, height)
-    surface = analyse(np.ascontiguousarray(clean), lens)
+    surface = analyse(np.ascontiguousarray(clean), lens, mode.sensor)
     noise = mode.noise
     sigma = np.empty((height, width), np.float32)
     model_sigma(
         surface.inverse_depth,
         surface.cos_incidence,
         np.array([noise.a, noise.b, noise.c, noise.d, noise.n], np.float32),
-        np.float32(camera_config().incidence_cap),
+        np.float32(noise.incidence_cap),
         sigma,
     )
     bins = np.full((len(AXES), height, width), -1, np.int16)
@@ -178,6 +179,9 @@ def look_at(
         _creases(surface.inverse_depth, CREASE_SHARE, near)
         known = np.zeros((height, width), bool)
         known[border : height - border, border : width - border] = True
+        outside = mode.sensor.outside(lens)
+        if outside is not None:
+            known &= ~outside
         seen &= known
         inside = seen & ~near
 
@@ -217,8 +221,11 @@ def look_at(
 
 
 def sort_everywhere(
-    clean: np.ndarray, reflectivity: np.ndarray | None, K: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:  # noqa: N803
+    clean: np.ndarray,
+    reflectivity: np.ndarray | None,
+    K: np.ndarray,  # noqa: N803
+    sensor: Sensor,
+) -> tuple[np.ndarray, np.ndarray]:
     """
     Sort all of a frame's pixels along `ENDLESS`, edges and what is out of range included.
 
@@ -230,6 +237,8 @@ def sort_everywhere(
         (H, W) in 0..1.
     K : numpy.ndarray
         (3, 3) camera matrix.
+    sensor : Sensor
+        For its thresholds of depth jumps.
 
     Returns
     -------
@@ -238,7 +247,9 @@ def sort_everywhere(
 
     """
     height, width = clean.shape
-    surface = analyse(np.ascontiguousarray(clean), Intrinsics.from_matrix(K, width, height))
+    surface = analyse(
+        np.ascontiguousarray(clean), Intrinsics.from_matrix(K, width, height), sensor
+    )
     bins = np.full((len(ENDLESS), height, width), -1, np.int16)
     incidence = np.degrees(surface.incidence)
     edge, near = np.full((height, width), -1, np.int16), np.zeros((height, width), np.bool_)

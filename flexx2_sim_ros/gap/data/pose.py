@@ -5,8 +5,9 @@ import math
 from flexx2_sim_ros.camera import Camera, Intrinsics, Mode, Profile
 from flexx2_sim_ros.effects.pose_error import PoseError
 from flexx2_sim_ros.effects.ray import ray_length
-from flexx2_sim_ros.physics.frame_state import FrameState, Memory
+from flexx2_sim_ros.physics.frame_state import FrameState, Memory, SPEED_OF_LIGHT
 from flexx2_sim_ros.physics.surface import tangents
+from flexx2_sim_ros.profiles.sensor import Sensor
 import numpy as np
 
 # The six small motions, in metres and degrees.
@@ -97,6 +98,7 @@ def fit_plane_motion(
     prior: np.ndarray,  # noqa: N803
     others: np.ndarray,
     before: np.ndarray,
+    profile: Profile,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """
     Fit the small motion that explains residuals on surfaces, robustly.
@@ -116,6 +118,8 @@ def fit_plane_motion(
         for a motion.
     before : numpy.ndarray
         (6,) metres and degrees by which the camera has been moved already.
+    profile : Profile
+        For its modulation frequencies and thresholds of depth jumps.
 
     Returns
     -------
@@ -126,12 +130,19 @@ def fit_plane_motion(
 
     """
     designs, values = [], []
+    sizes = np.concatenate([_SMOOTH, np.full(2 * len(profile.modulation_hz), _HARMONIC)])
     for error, depth, spread, other in zip(residual, clean, sigma, others, strict=True):
         error, spread = error[::2, ::2], spread[::2, ::2]
         good = np.isfinite(error)
         if not good.any():
             continue
-        columns = np.concatenate([_design(depth, K), _others(depth, K), other[:, ::2, ::2]])
+        columns = np.concatenate(
+            [
+                _design(depth, K, profile.sensor),
+                _others(depth, K, profile.modulation_hz),
+                other[:, ::2, ::2],
+            ]
+        )
         designs.append(columns[:, good] / spread[good])
         values.append(error[good] / spread[good])
     if not designs:
@@ -139,7 +150,7 @@ def fit_plane_motion(
     A, b = np.concatenate(designs, axis=1), np.concatenate(values)  # noqa: N806
     keep = np.isfinite(A).all(axis=0)
     A, b = A[:, keep], b[keep]  # noqa: N806
-    prior = np.concatenate([prior, _OTHERS, np.full(len(A) - 6 - len(_OTHERS), 2.0)])
+    prior = np.concatenate([prior, sizes, np.full(len(A) - 6 - len(sizes), 2.0)])
     A = A * prior[:, None]  # noqa: N806
     motion, scale, ridge = np.zeros(len(A)), 3.0, _RIDGE * len(b) * np.eye(len(A))
     for _ in range(8):
@@ -147,7 +158,7 @@ def fit_plane_motion(
         normal = (A * weight) @ A.T
         motion = np.linalg.solve(normal + ridge, (A * weight) @ b)
         scale = max(0.6 * scale, 0.5)
-    so_far, rest = np.zeros(len(A)), 6 + len(_OTHERS)
+    so_far, rest = np.zeros(len(A)), 6 + len(sizes)
     so_far[:6] = before / prior[:6]
     sure = so_far + np.linalg.solve(normal + 10 * ridge, (A * weight) @ b - 10 * ridge @ so_far)
     return (
@@ -160,15 +171,17 @@ def fit_plane_motion(
 # How much the priors count, as a share of the pixels.
 _RIDGE = 0.003
 # Biases that are not a motion, so that they are not taken for one: the same everywhere, along the
-# axis and along the ray, growing with distance, two periods of the fourth harmonic; and how large
-# they may be, metres.
-_OTHERS = np.array([0.01, 0.01, 0.002, 0.004, 0.004, 0.004, 0.004])
+# axis and along the ray, growing with distance; and how large they may be, metres. Besides, sine
+# and cosine of the fourth harmonic of each modulation frequency.
+_SMOOTH = np.array([0.01, 0.01, 0.002])
+_HARMONIC = 0.004
 
 
-def _others(depth: np.ndarray, K: np.ndarray) -> np.ndarray:  # noqa: N803
+def _others(depth: np.ndarray, K: np.ndarray, modulation_hz: list[float]) -> np.ndarray:  # noqa: N803
     # Of every other row and column, as below.
     length, depth = ray_length(K, depth.shape)[::2, ::2], depth[::2, ::2]
-    turns = [2 * math.pi * depth * length / period for period in (0.6246, 0.4684)]
+    periods = [round(SPEED_OF_LIGHT / (8 * f), 4) for f in modulation_hz]
+    turns = [2 * math.pi * depth * length / period for period in periods]
     return np.stack(
         [
             np.ones_like(depth),
@@ -179,10 +192,10 @@ def _others(depth: np.ndarray, K: np.ndarray) -> np.ndarray:  # noqa: N803
     )
 
 
-def _design(depth: np.ndarray, K: np.ndarray) -> np.ndarray:  # noqa: N803
+def _design(depth: np.ndarray, K: np.ndarray, sensor: Sensor) -> np.ndarray:  # noqa: N803
     # (6, H, W) metres a metre and a degree: a plane n . X = 1 seen from t, turned by w, is at
     # z - z n . t - z^2 w . (ray x n).
-    inverse, across, down = tangents(depth)
+    inverse, across, down = tangents(depth, sensor)
     here, across, down = inverse[2:-2:2, 2:-2:2], across[::2, ::2], down[::2, ::2]
     height, width = depth.shape
     v, u = np.mgrid[:height:2, :width:2].astype(np.float32)

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from flexx2_sim_ros.camera import Mode, Profile
+from flexx2_sim_ros.camera import flexx2, Mode, Profile
 from flexx2_sim_ros.camera.common_random_numbers import CommonRandomNumbers
 from flexx2_sim_ros.effects import registry
 from flexx2_sim_ros.effects.between import between
@@ -125,6 +125,7 @@ def register(recording: RecordingData, prior: np.ndarray) -> tuple[np.ndarray, n
             prior,
             np.stack([*others, *late], axis=1),
             pose,
+            recording.profile or flexx2(),
         )
         pose = np.clip(pose + step, -3 * prior, 3 * prior)
         if late:

@@ -128,7 +128,7 @@ def _scene(recording: Recording) -> _Scene:
     camera = Intrinsics.from_matrix(recording.K, width, height)
     mode = Camera(recording.usecase or '').mode
     first = np.ascontiguousarray(stack[0])
-    surface = analyse(first, camera)
+    surface = analyse(first, camera, mode.sensor)
     sigma = np.nan_to_num(mode.noise.sigma_z(first, surface.incidence), nan=1.0)
     y, x = np.mgrid[:height, :width]
     jump = (surface.row_jumps + surface.column_jumps) > 0

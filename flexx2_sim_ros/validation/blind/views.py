@@ -135,7 +135,7 @@ class View:
 
     @cached_property
     def _surface(self) -> Surface:
-        return analyse(self.depth, self.optics.intrinsics)
+        return analyse(self.depth, self.optics.intrinsics, self.optics.mode.sensor)
 
     @property
     def cosine(self) -> np.ndarray:
