@@ -1,4 +1,5 @@
-# make demo | shell | test | lint | docs | bench | release | clean. Needs python3 (3.11 or 3.12) with venv, and make.
+# make demo | shell | test | lint | docs | bench | torture | release | clean. Needs python3 (3.11 or
+# 3.12) with venv, and make.
 PYTHON ?= python3
 BIN := .venv/bin
 STAMP := .venv/.complete
@@ -6,7 +7,7 @@ STAMP := .venv/.complete
 # A sourced ROS must not put its own packages before those of .venv.
 unexport PYTHONPATH AMENT_PREFIX_PATH
 
-.PHONY: demo shell test lint docs bench release clean
+.PHONY: demo shell test lint docs bench torture release clean
 
 demo: $(STAMP)
 	$(BIN)/flexx2 demo
@@ -41,6 +42,10 @@ release: $(STAMP)
 	rm -rf dist
 	$(BIN)/python -m build --no-isolation
 	$(BIN)/twine check --strict dist/*
+
+# Two hours: hostile messages and files, kills, a soak. See CONTRIBUTING.md.
+torture: $(STAMP)
+	$(BIN)/python -m bench torture
 
 clean:
 	rm -rf .venv build install log dist demo_output docs/api *.egg-info

@@ -1,4 +1,8 @@
-"""Print all measurements, or the named ones: ``python -m bench [NAME ...]``."""
+"""
+Print all measurements, or the named ones: ``python -m bench [NAME ...]``.
+
+The measurements of `_LONG` run when they are named; ``torture`` is all of them.
+"""
 
 import sys
 
@@ -13,6 +17,11 @@ from bench import (
     model,
     nodes,
     rendering,
+    soak,
+    start,
+    torture_files,
+    torture_kill,
+    torture_node,
     view,
 )
 
@@ -25,22 +34,36 @@ _ALL = {
     'gap': gap.run,
     'rendering': rendering.run,
     'nodes': nodes.run,
+    'start': start.run,
     'input': arrival.run,
     'go1': go1.run,
     'view': view.run,
+}
+# Two hours together.
+_LONG = {
+    'torture_node': torture_node.run,
+    'torture_files': torture_files.run,
+    'torture_kill': torture_kill.run,
+    'soak': soak.run,
 }
 
 
 def main() -> int:
     """Run what was asked for."""
     names = sys.argv[1:] or list(_ALL)
-    unknown = [name for name in names if name not in _ALL]
+    if 'torture' in names:
+        names = [*(name for name in names if name != 'torture'), *_LONG]
+    known = {**_ALL, **_LONG}
+    unknown = [name for name in names if name not in known]
     if unknown:
-        print(f'unknown: {", ".join(unknown)}; wanted any of {", ".join(_ALL)}', file=sys.stderr)
+        print(
+            f'unknown: {", ".join(unknown)}; wanted any of {", ".join(known)}, torture',
+            file=sys.stderr,
+        )
         return 2
     for name in names:
         print(f'\n== {name}', flush=True)
-        _ALL[name]()
+        known[name]()
     return 0
 
 

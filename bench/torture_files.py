@@ -1,8 +1,12 @@
-"""Damaged and hostile recordings through every command that reads them."""
+"""
+Damaged and hostile files through every command that reads them.
+
+``python -m bench.torture_files [FILES [SEED]]`` goes on where an earlier run of the seed ended.
+"""
 
 from collections import Counter
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import as_completed, ProcessPoolExecutor
 from contextlib import redirect_stderr, redirect_stdout
 import io
 import multiprocessing
@@ -13,12 +17,16 @@ import shutil
 import signal
 import sys
 import tempfile
+import threading
 import time
 import traceback
 from types import FrameType
+from typing import Any
 import zipfile
 
+from bench.journal import FOLDER, Journal
 from flexx2_sim_ros.cli.main import main
+from flexx2_sim_ros.paths import config_dir
 from flexx2_sim_ros.recording import load_recording
 import numpy as np
 
@@ -26,7 +34,14 @@ sys.path.insert(0, str(Path(__file__).parent.parent / 'test'))
 
 from made_bags import every_kind, unlike  # noqa: E402, I100
 
+# A command that computes for longer hangs; one that waits may be on a busy machine.
 _HANG_SECONDS = 20
+_WAIT_SECONDS = 120
+_BAD = ('traceback', 'hang', 'wrong')
+# Small recordings are read fast, and damage hits their structure more often.
+_FRAMES = 4
+# More than cores: a process waits for the disk, and for subscribers.
+_PROCESSES = 4
 _SAID = ('damaged', 'cut off', 'not whole')
 _HOSTILE_SHAPES = (
     '(18446744073709551616, 1)',
@@ -113,10 +128,13 @@ def _hostile(path: Path, whole: Path, rng: np.random.Generator) -> None:
         new.writestr(f'{key}.npy', header + bytes(int(rng.choice([0, 1000, 1 << 26]))))
 
 
-def _words(index: int, path: Path, folder: Path) -> list[str]:
+def _words(index: int, kind: str, path: Path, whole: Path, folder: Path) -> list[str]:
     """Return the command that reads a file: every one, those that take seconds seldom."""
     out = folder / 'out'
-    if index % 60 == 7:
+    if path.suffix == '.yaml':
+        option = '--profile' if kind == 'profile' else '--effects'
+        return ['simulate', str(whole), f'{out}.npz', '--frames', '2', option, str(path)]
+    if index % 200 == 7:
         return ['gap', 'diagnose', str(path.parent), '--out', str(out), '--jobs', '1']
     if index % 30 == 11:
         return ['replay', str(path), '--wait', '0', '--rate', '100', '--no-clock']
@@ -124,15 +142,25 @@ def _words(index: int, path: Path, folder: Path) -> list[str]:
         return ['characterize', 'fit', str(path.parent), '--out', str(out), '--jobs', '1']
     if path.suffix == '.npz' and index % 4 == 1:
         return ['simulate', str(path), f'{out}.npz', '--frames', '2']
-    return ['convert', str(path), f'{out}{(".npz", ".mcap", ".db3")[index % 3]}']
+    return ['convert', str(path), f'{out}{(".npz", ".npz", ".mcap", ".npz", ".db3")[index % 5]}']
+
+
+class _Hang(BaseException):
+    # No command may catch it.
+    pass
 
 
 def _hang(number: int, frame: FrameType | None) -> None:
-    raise TimeoutError(f'more than {_HANG_SECONDS} s')
+    raise _Hang
 
 
-def _one(task: tuple[int, int, dict[str, Path]]) -> tuple[str, str, float, int]:
-    """Damage a file and read it; return outcome, details, seconds and peak memory (kB)."""
+def _limit(computing: float, waiting: float) -> None:
+    signal.setitimer(signal.ITIMER_PROF, computing)
+    signal.setitimer(signal.ITIMER_REAL, waiting)
+
+
+def _one(task: tuple[int, int, dict[str, Path]]) -> dict[str, Any]:
+    """Damage a file and read it; return the journal's entry."""
     index, seed, kinds = task
     rng = np.random.default_rng([seed, index])
     kind = list(kinds)[int(rng.integers(len(kinds)))]
@@ -153,39 +181,76 @@ def _one(task: tuple[int, int, dict[str, Path]]) -> tuple[str, str, float, int]:
             data = bytearray(file.read_bytes())
             _DAMAGES[int(rng.integers(len(_DAMAGES)))](data, rng)
             file.write_bytes(data)
-        words = _words(index, path, folder)
-        begun = time.monotonic()
+        words = _words(index, kind, path, kinds['stored'], folder)
+        begun, before = time.monotonic(), time.process_time()
         outcome, text = _call(words)
-        took = time.monotonic() - begun
+        took, computed = time.monotonic() - begun, time.process_time() - before
         if outcome == '0' and words[0] == 'convert' and not any(word in text for word in _SAID):
             found = unlike(load_recording(words[2]), load_recording(kinds[kind]))
             if found and not hostile:
                 outcome, text = 'wrong', f'{found}: {text}'
-    return (
-        outcome,
-        f'{index} {kind} {" ".join(words)}: {text}',
-        took,
-        resource.getrusage(resource.RUSAGE_SELF).ru_maxrss,
-    )
+    command = ' '.join(words[:2] if words[0] in ('gap', 'characterize') else words[:1])
+    if kind in ('effects', 'profile'):
+        command += f' --{kind}'
+    entry = {
+        'index': index,
+        'outcome': outcome,
+        'command': command,
+        'seconds': round(took, 2),
+        'computing': round(computed, 2),
+        'megabytes': round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1000, 1),
+    }
+    if outcome in _BAD:
+        entry['text'] = f'{index} {kind} {" ".join(words)}: {text}'
+    return entry
 
 
 def _call(words: list[str]) -> tuple[str, str]:
     said = io.StringIO()
-    signal.signal(signal.SIGALRM, _hang)
-    signal.alarm(_HANG_SECONDS)
+    for number in (signal.SIGALRM, signal.SIGPROF):
+        signal.signal(number, _hang)
+    _limit(_HANG_SECONDS, _WAIT_SECONDS)
     try:
         with redirect_stderr(said), redirect_stdout(said):
             outcome = str(main(words))
-    except TimeoutError:
+    except _Hang:
         return 'hang', said.getvalue()
     except BaseException:  # Whatever escapes a command is what is looked for.
         return 'traceback', traceback.format_exc()
     finally:
-        signal.alarm(0)
+        _limit(0, 0)
     return outcome, said.getvalue()
 
 
-def run(files: int = 300, seed: int = 0) -> dict[str, object]:
+def _end_with(parent: int) -> None:
+    # Forked processes hold one another's pipes open: a pipe would not tell that the parent ended.
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(0.5)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
+def _warm(kinds: dict[str, Path]) -> None:
+    # What the commands import, and compile, counts for no file. No `replay`: what it starts does
+    # not survive a fork.
+    with tempfile.TemporaryDirectory() as name:
+        for index, words in enumerate(
+            (
+                ['convert', str(kinds['stored']), f'{name}/a.mcap'],
+                ['convert', str(kinds['db3']), f'{name}/b.npz'],
+                ['simulate', str(kinds['stored']), f'{name}/c.npz', '--frames', '2'],
+                ['characterize', 'fit', str(kinds['folder'].parent), '--out', f'{name}/d'],
+                ['gap', 'diagnose', str(kinds['folder'].parent), '--out', f'{name}/e'],
+            )
+        ):
+            jobs = ['--jobs', '1'] if index > 2 else []
+            with redirect_stderr(io.StringIO()), redirect_stdout(io.StringIO()):
+                main([*words, *jobs])
+
+
+def run(files: int = 10_000, seed: int = 0, out: Path = FOLDER) -> dict[str, Any]:
     """
     Send damaged files through the commands, print what happened, and return it.
 
@@ -195,37 +260,66 @@ def run(files: int = 300, seed: int = 0) -> dict[str, object]:
         How many.
     seed : int
         Of the damage.
+    out : Path
+        Folder for ``files.jsonl``, a line for each file; files that are in it are left out.
 
     Returns
     -------
     dict
         Counts by outcome (exit codes, ``traceback``, ``hang``, ``wrong`` for other values without
-        a word), ``details`` of the bad ones, the longest time and the peak memory of a process.
+        a word), ``commands``, ``details`` of the bad ones, the longest time (``seconds``, and
+        ``computing`` of it) and the peak memory of a process.
 
     """
-    bad: list[str] = []
-    counts: Counter[str] = Counter()
-    longest, memory = 0.0, 0
+    journal = Journal(out / 'files.jsonl', seed=seed)
+    done = {entry['index'] for entry in journal}
     with tempfile.TemporaryDirectory() as name:
-        kinds = every_kind(Path(name))
+        kinds = _kinds(Path(name))
+        _warm(kinds)
         with ProcessPoolExecutor(
-            os.cpu_count(), multiprocessing.get_context('spawn'), max_tasks_per_child=200
+            _PROCESSES, multiprocessing.get_context('fork'), _end_with, (os.getpid(),)
         ) as pool:
-            for outcome, text, took, kilobytes in pool.map(
-                _one, ((index, seed, kinds) for index in range(files))
-            ):
-                counts[outcome] += 1
-                longest, memory = max(longest, took), max(memory, kilobytes)
-                if outcome in ('traceback', 'hang', 'wrong'):
-                    bad.append(text)
+            tasks = [
+                pool.submit(_one, (index, seed, kinds))
+                for index in range(files)
+                if index not in done
+            ]
+            for task in as_completed(tasks):
+                journal.add(task.result())
+    return _summary([entry for entry in journal if entry['index'] < files], seed)
+
+
+def _kinds(folder: Path) -> dict[str, Path]:
+    kinds = every_kind(folder, _FRAMES)
+    for name, source in (('effects', 'effects/typical.yaml'), ('profile', 'flexx2.yaml')):
+        kinds[name] = folder / f'{name}.yaml'
+        shutil.copyfile(config_dir() / source, kinds[name])
+    return kinds
+
+
+def _summary(entries: list[dict[str, Any]], seed: int) -> dict[str, Any]:
+    counts = Counter(entry['outcome'] for entry in entries)
+    commands = Counter(entry['command'] for entry in entries)
+    bad = [entry['text'] for entry in entries if entry['outcome'] in _BAD]
+    longest = max((entry['seconds'] for entry in entries), default=0.0)
+    computing = max((entry['computing'] for entry in entries), default=0.0)
+    memory = max((entry['megabytes'] for entry in entries), default=0.0)
     print(
-        f'{files} damaged files, seed {seed}: '
+        f'{len(entries)} damaged files, seed {seed}: '
         + ', '.join(f'{count} x {outcome}' for outcome, count in sorted(counts.items()))
-        + f'; longest {longest:.1f} s, peak {memory / 1000:.0f} MB'
+        + f'; longest {longest:.1f} s, {computing:.1f} s of computing; peak {memory:.0f} MB'
     )
+    print(', '.join(f'{count} x {command}' for command, count in commands.most_common()))
     for text in bad:
         print(text)
-    return {**counts, 'details': bad, 'seconds': longest, 'megabytes': memory / 1000}
+    return {
+        **counts,
+        'commands': dict(commands),
+        'details': bad,
+        'seconds': longest,
+        'computing': computing,
+        'megabytes': memory,
+    }
 
 
 if __name__ == '__main__':

@@ -1,5 +1,10 @@
-"""Kill every writer and every command with children, at random moments; say what is left."""
+"""
+Kill every writer and every command with children, at random moments; say what is left.
 
+``python -m bench.torture_kill [KILLS [SEED]]`` goes on where an earlier run of the seed ended.
+"""
+
+from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
 import os
@@ -14,12 +19,14 @@ import time
 from typing import Any
 import zipfile
 
+from bench.journal import FOLDER, Journal
 from flexx2_sim_ros.recording import open_recording
 import numpy as np
 
 _MARK = 'FLEXX2_TORTURE'
 _PATIENCE = 30.0  # seconds for children to end
 _SHARE_KILLED = 0.5  # the others get SIGINT or SIGTERM
+_WRONG = ('orphans', 'damaged', 'leftovers', 'loud')
 _QUIET = ('Traceback', 'Exception', 'Error', 'Warning')
 Check = Callable[[Path], object]
 
@@ -76,9 +83,9 @@ _COMMANDS: dict[str, tuple[tuple[str, ...], float, dict[str, Check]]] = {
 }
 
 
-def run(kills: int, seed: int) -> dict[str, Any]:
+def run(kills: int = 240, seed: int = 0, out: Path = FOLDER) -> dict[str, Any]:
     """
-    Start commands in turn and end each at a random moment, half of them with kill -9.
+    Start commands in turn, end each at a random moment, half of them with kill -9; print a table.
 
     Parameters
     ----------
@@ -86,6 +93,8 @@ def run(kills: int, seed: int) -> dict[str, Any]:
         How many.
     seed : int
         Decides moments and signals.
+    out : Path
+        Folder for ``kills.jsonl``, a line for each kill; kills that are in it are left out.
 
     Returns
     -------
@@ -95,28 +104,29 @@ def run(kills: int, seed: int) -> dict[str, Any]:
         (of SIGINT and SIGTERM), ``loud`` (wrong exit status or a traceback on these).
 
     """
-    rng = random.Random(seed)
-    result: dict[str, Any] = {
-        'kills': kills,
-        'by_command': {},
-        'by_signal': {},
-        'finished': 0,
-        'orphans': [],
-        'damaged': [],
-        'leftovers': [],
-        'loud': [],
-    }
+    journal = Journal(out / 'kills.jsonl', seed=seed)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         _write_inputs(folder, seed)
-        for index in range(kills):
+        for index in range(len(journal), kills):
+            rng = random.Random(f'{seed} {index}')
             command = list(_COMMANDS)[index % len(_COMMANDS)]
             number = (
                 signal.SIGKILL
                 if rng.random() < _SHARE_KILLED
                 else rng.choice((signal.SIGINT, signal.SIGTERM))
             )
-            _kill_one(folder, command, number, rng.random(), result)
+            journal.add(_kill_one(folder, command, number, rng.random()))
+    entries = list(journal)[:kills]
+    result = {
+        'kills': len(entries),
+        'by_command': dict(Counter(entry['command'] for entry in entries)),
+        'by_signal': dict(Counter(entry['signal'] for entry in entries)),
+        'finished': sum(entry['finished'] for entry in entries),
+        **{name: [text for entry in entries for text in entry[name]] for name in _WRONG},
+    }
+    for key, value in result.items():
+        print(f'{key:12s} {value}')
     return result
 
 
@@ -137,9 +147,7 @@ def _write_inputs(folder: Path, seed: int) -> None:
         )
 
 
-def _kill_one(
-    folder: Path, command: str, number: int, moment: float, result: dict[str, Any]
-) -> None:
+def _kill_one(folder: Path, command: str, number: int, moment: float) -> dict[str, Any]:
     words, seconds, checks = _COMMANDS[command]
     for path in folder.glob('out*'):
         shutil.rmtree(path) if path.is_dir() else path.unlink()
@@ -148,8 +156,7 @@ def _kill_one(
     env = {**os.environ, _MARK: str(folder), 'TMPDIR': str(scratch)}
     name = signal.Signals(number).name
     said = f'{command}, {name} after {moment * seconds:.2f} s'
-    for counts, key in ((result['by_command'], command), (result['by_signal'], name)):
-        counts[key] = counts.get(key, 0) + 1
+    result: dict[str, Any] = {'command': command, 'signal': name, **{key: [] for key in _WRONG}}
     with subprocess.Popen(
         [sys.executable, '-m', 'flexx2_sim_ros.cli.main', *words],
         env=env,
@@ -164,7 +171,7 @@ def _kill_one(
         finished = process.poll() is not None
         process.send_signal(number)
         _, errors = process.communicate()
-    result['finished'] += finished
+    result['finished'] = finished
     if not _wait(lambda: not _family(folder)):
         result['orphans'].append(said)
         for pid in _family(folder):
@@ -183,6 +190,7 @@ def _kill_one(
             result['leftovers'].append(f'{said}: {[path.name for path in left]}')
     for path in (*folder.glob('.flexx2-*'), *scratch.iterdir()):
         shutil.rmtree(path, ignore_errors=True)
+    return result
 
 
 def _family(folder: Path) -> list[int]:
@@ -212,4 +220,4 @@ def _wait(condition: Callable[[], bool]) -> bool:
 
 
 if __name__ == '__main__':
-    print(run(int(sys.argv[1]), int(sys.argv[2])))
+    run(*map(int, sys.argv[1:]))

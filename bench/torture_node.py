@@ -1,4 +1,8 @@
-"""A camera node under hostile messages and parameter calls, in a process of its own."""
+"""
+A camera node under hostile messages and parameter calls, in a process of its own.
+
+``python -m bench.torture_node [MESSAGES [SEED]]``
+"""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -11,7 +15,9 @@ import tempfile
 import time
 from typing import Any
 
+from bench.soak import resident_mb
 from flexx2_sim_ros.effects import registry
+from flexx2_sim_ros.processes import watched_environment
 from flexx2_sim_ros.profiles.modes import flexx2
 import numpy as np
 
@@ -19,7 +25,8 @@ _NODE = 'torture/flexx2_camera'
 # Requests under way at a time; an answer that takes longer than this is a frozen node.
 _WAITING = 8
 _ANSWER_SECONDS = 60.0
-_WARM_UP = 0.2
+# Memory is looked at so many times; that many of them are warm-up.
+_PARTS, _WARM_UP = 10, 2
 _ENCODINGS = ('32FC1', '64FC1', '16UC1', 'mono8', 'rgb8', '', 'x' * 300, '\x1b[31m', '32FC2')
 _SIZES = (0, 1, 2, 7, 172, 224, 4096, 2**16, 2**31, 2**32 - 1)
 _NUMBERS = (0.0, 1.0, -1.0, 1e-300, 1e300, float('nan'), float('inf'), -float('inf'), 111.5, 210.6)
@@ -69,8 +76,8 @@ def run(messages: int = 100_000, seed: int = 0) -> dict[str, Any]:
     dict
         ``sent`` messages, ``calls`` of parameter services among them and how many were
         ``answered``, ``received`` images, ``alive`` (whether the node still publishes),
-        ``resident_growth_mb`` (after the first fifth), ``tracebacks`` in the node's log, and
-        ``seconds``.
+        ``resident_mb`` at the start and after each tenth, ``resident_growth_mb`` (after the first
+        fifth), ``tracebacks`` in the node's log, and ``seconds``.
 
     """
     os.environ.setdefault('ROS_DOMAIN_ID', str(50 + os.getpid() % 50))
@@ -95,6 +102,8 @@ def _node(folder: Path) -> Iterator[tuple[subprocess.Popen[bytes], Path]]:
                 '-r',
                 '__ns:=/torture',
             ],
+            env=watched_environment(),
+            stdin=subprocess.PIPE,
             stdout=file,
             stderr=subprocess.STDOUT,
         )
@@ -195,22 +204,23 @@ def _torture(
     rclpy.init(args=[])
     user = _User(process)
     try:
-        start, sent, resident = time.monotonic(), 0, float('nan')
+        start, sent, resident = time.monotonic(), 0, [resident_mb(process.pid)]
         answers = any(user.ready() for _ in range(3))  # A busy machine starts slowly.
         while answers and sent < messages:
             user.send(sent, rng, str(folder))
             sent += 1
             answers = user.all_answered(_WAITING)
-            if sent == int(_WARM_UP * messages):
-                resident = _resident_mb(process.pid)
+            if sent >= len(resident) * messages / _PARTS:
+                resident.append(resident_mb(process.pid))
         user.all_answered(0)
-        grown = _resident_mb(process.pid) - resident
+        grown = resident[-1] - resident[min(_WARM_UP, len(resident) - 1)]
         return {
             'sent': sent,
             'calls': user.calls,
             'answered': user.answered,
             'received': user.received,
             'alive': user.still_publishes(),
+            'resident_mb': [round(value, 1) for value in resident],
             'resident_growth_mb': round(grown, 1),
             'seconds': round(time.monotonic() - start, 1),
         }
@@ -334,9 +344,5 @@ def _info(rng: random.Random) -> Any:
     return _header(rng, message)
 
 
-def _resident_mb(pid: int) -> float:
-    try:
-        pages = int(Path(f'/proc/{pid}/statm').read_text().split()[1])
-    except OSError:  # It has ended.
-        return float('nan')
-    return pages * os.sysconf('SC_PAGE_SIZE') / 2**20
+if __name__ == '__main__':
+    run(*map(int, sys.argv[1:]))

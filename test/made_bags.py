@@ -218,17 +218,17 @@ def same(a: np.ndarray | None, b: np.ndarray | None) -> bool:
     )
 
 
-def every_kind(folder: Path) -> dict[str, Path]:
-    """Write the same recording of 12 frames as bags and archives of every kind."""
+def every_kind(folder: Path, count: int = COUNT) -> dict[str, Path]:
+    """Write the same recording as bags and archives of every kind."""
     paths = {kind: folder / f'one.{kind}' for kind in ('mcap', 'db3', 'folder')}
     paths |= {kind: folder / f'{kind}.npz' for kind in ('stored', 'deflated')}
-    depth = depths(COUNT, 43, 56)
+    depth = depths(count, 43, 56)
     gray = np.random.default_rng(3).integers(0, 255, depth.shape, np.uint8)
     with RecordingWriter(paths['stored'], *depth.shape) as writer:
         writer.add_depth(depth)
         for key, value in {
             'K': np.diag([50.0, 50.0, 1.0]),
-            'stamp': np.arange(COUNT) / 8,
+            'stamp': np.arange(count) / 8,
             'amplitude': gray,
             'clean_depth': depth[0] + 1,
             'usecase': 'Mode_9_30fps',
