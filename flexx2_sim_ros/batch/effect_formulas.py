@@ -60,7 +60,8 @@ def draw_normal(
 @wp.func
 def phase_of(turns: wp.float32) -> wp.vec2f:
     """Return cosine and sine of any number of turns."""
-    return cos_sin_turns(turns - wp.floor(turns))
+    cosine, sine = cos_sin_turns(turns - wp.floor(turns))
+    return wp.vec2f(cosine, sine)
 
 
 @wp.func

@@ -1,0 +1,64 @@
+"""Formulas compiled for Warp's kernels."""
+
+from types import FunctionType, GenericAlias
+from typing import Any
+
+from flexx2_sim_ros.formulas import Backend
+import numpy as np
+import warp as wp
+
+_TYPES: dict[Any, Any] = {
+    bool: wp.bool,
+    int: wp.int32,
+    float: wp.float32,
+    np.int32: wp.int32,
+    np.uint32: wp.uint32,
+    np.uint64: wp.uint64,
+    np.float32: wp.float32,
+}
+
+
+@wp.func
+def _bits_of(x: wp.float32) -> wp.int32:
+    return wp.cast(x, wp.int32)
+
+
+@wp.func
+def _float_of(bits: wp.int32) -> wp.float32:
+    return wp.cast(bits, wp.float32)
+
+
+_NAMES: dict[str, Any] = {
+    'where': wp.where,
+    'least': wp.min,
+    'most': wp.max,
+    'size': wp.abs,
+    'root': wp.sqrt,
+    'floor': wp.floor,
+    'nearest': wp.rint,
+    'f32': wp.float32,
+    'i32': wp.int32,
+    'u32': wp.uint32,
+    'u64': wp.uint64,
+    'bits_of': _bits_of,
+    'float_of': _float_of,
+}
+
+
+def _constant(value: Any) -> Any:
+    if isinstance(value, tuple):
+        return wp.constant(wp.types.vector(len(value), wp.float32)(*map(float, value)))
+    return wp.constant(_TYPES[type(value)](value))
+
+
+def _finish(function: FunctionType) -> Any:
+    function.__annotations__ = {
+        name: GenericAlias(tuple, tuple(_TYPES[one] for one in kind.__args__))
+        if isinstance(kind, GenericAlias)
+        else _TYPES[kind]
+        for name, kind in function.__annotations__.items()
+    }
+    return wp.func(function)
+
+
+compiled = Backend(_NAMES, _constant, _finish)
