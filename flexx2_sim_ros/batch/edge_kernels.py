@@ -1,4 +1,4 @@
-"""Lateral noise as Warp kernels: edges that jitter as a whole; see `camera.lateral`."""
+"""Lateral noise as Warp kernels: edges that jitter as a whole; see `physics.lateral`."""
 
 from flexx2_sim_ros.batch.arithmetic import COLUMN_EDGES, counter_of, edge_draw, ROW_EDGES
 from flexx2_sim_ros.batch.arrays import at_byte, at_word, put_word

@@ -14,11 +14,13 @@ from flexx2_sim_ros.batch.arithmetic import (
     uniform,
 )
 from flexx2_sim_ros.batch.arrays import at, at_byte
+from flexx2_sim_ros.batch.compiled import compiled
 from flexx2_sim_ros.batch.effect_tables import Effects, Light
 from flexx2_sim_ros.batch.kernels import cos_incidence, Lens, padded
 from flexx2_sim_ros.effects.ambient_light import DARKEST
 from flexx2_sim_ros.effects.between import ALIKE_SHARE, ALIKE_SPEED
 from flexx2_sim_ros.effects.range_wrap import RangeWrap, RARE
+from flexx2_sim_ros.formulas import surfaces as surface_formulas
 import warp as wp
 
 _WRAP = wp.constant(wp.uint32(RangeWrap.stream))
@@ -28,6 +30,9 @@ _DARKEST = wp.constant(wp.float32(DARKEST))
 _RARE = wp.constant(wp.float32(RARE))
 _ALIKE_SHARE = wp.constant(wp.float32(ALIKE_SHARE))
 _ALIKE_SPEED = wp.constant(wp.float32(ALIKE_SPEED))
+
+returned_light = compiled(surface_formulas.returned_light)
+_usable_reflectivity = compiled(surface_formulas.usable_reflectivity)
 
 
 @wp.struct
@@ -75,7 +80,7 @@ def reflectivity_at(
             surfaces.reflectivity,
             ((surfaces.first_of_reflectivity + n) * lens.height + y) * lens.width + x,
         )
-        rho = wp.where(given > 0.0, wp.min(given, 1.0), 0.0)  # NaN is no light.
+        rho = _usable_reflectivity(given)
     return rho
 
 
@@ -86,11 +91,10 @@ def amplitude_at(
     """Return the light that comes back from a pixel's surface, 1/m^2."""
     i = padded(lens, n, y, x)
     inverse = at(surfaces.p, i)
-    return (
-        reflectivity_at(surfaces, lens, n, y, x)
-        * cos_incidence(surfaces.p, surfaces.jumps, lens, i, y, x)
-        * inverse
-        * inverse
+    return returned_light(
+        reflectivity_at(surfaces, lens, n, y, x),
+        cos_incidence(surfaces.p, surfaces.jumps, lens, i, y, x),
+        inverse,
     )
 
 

@@ -1,7 +1,7 @@
 """
 Effects that act on each pixel, as Warp kernels: from the surface to the finished frame.
 
-In the order of light, as `camera.development`, which says what happens where. What is seen of a
+In the order of light, as `camera.stages`, which says what happens where. What is seen of a
 displaced surface is computed at the pixel that it comes from, with the random numbers of the pixel
 that sees it.
 """
@@ -28,6 +28,7 @@ from flexx2_sim_ros.batch.effect_formulas import (
     near_jump,
     noise_at,
     reflectivity_at,
+    returned_light,
     Surfaces,
     unwrapped,
     wiggle,
@@ -174,7 +175,7 @@ def measure(
         inverse = at(surfaces.p, padded(lens, n, sy, sx))
         cosine = at(seen.facing, source)
         sigma = at(seen.expected, source)
-        amplitude = reflectivity_at(surfaces, lens, n, sy, sx) * cosine * inverse * inverse
+        amplitude = returned_light(reflectivity_at(surfaces, lens, n, sy, sx), cosine, inverse)
         z = wp.where(inverse > 0.0, 1.0 / inverse, _NAN)
         shifts = wp.vec3f()
         if (

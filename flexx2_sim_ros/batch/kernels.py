@@ -4,18 +4,17 @@ The base model as Warp kernels: one source for CPU and CUDA.
 Images are flat: frame after frame, row after row. Inverse depth (0 where nothing is) and jumps
 have a border of `PAD` zeros on each side, so that no pixel needs a case of its own. A thread
 takes ``chunk`` pixels of a row: all of them on the CPU, where the loop becomes vector
-instructions, a few on CUDA. `camera.surface` and `camera.axial` explain the model; edges move in
-`edge_kernels`.
+instructions, a few on CUDA. `formulas.surfaces` explains the model; edges move in `edge_kernels`.
 """
 
-import math
-
-from flexx2_sim_ros.batch.arithmetic import arccos, AXIAL, counter_of, four_normals, one_of, power
+from flexx2_sim_ros.batch.arithmetic import AXIAL, counter_of, four_normals, one_of
 from flexx2_sim_ros.batch.arrays import at, at_byte, at_word, put, put_byte, put_word
+from flexx2_sim_ros.batch.compiled import compiled
+from flexx2_sim_ros.formulas import surfaces
 from flexx2_sim_ros.physics import surface
 import warp as wp
 
-# What camera.philox.FAST allows there: all but assuming that there is no NaN and no infinity.
+# What physics.philox.FAST allows there: all but assuming that there is no NaN and no infinity.
 OPTIONS = {
     'enable_backward': False,
     'fast_math': True,
@@ -27,14 +26,17 @@ wp.set_module_options(OPTIONS)
 
 PAD = wp.constant(surface.PAD)
 BORDER = wp.constant(2 * surface.PAD)
-_CREASE = wp.constant(wp.float32(surface.CREASE_SHARE))
 _NEAREST = wp.constant(wp.float32(surface.NEAREST))
 _FARTHEST = wp.constant(wp.float32(surface.FARTHEST))
-_HALF_PI = wp.constant(wp.float32(math.pi / 2))
 _ROW = wp.constant(wp.uint8(1))
 _COLUMN = wp.constant(wp.uint8(2))
 _NONE = wp.constant(wp.uint8(0))
 _STILL = wp.constant(wp.uint16(0))
+
+_is_jump = compiled(surfaces.is_jump)
+_slope_between = compiled(surfaces.slope_between)
+_cos_incidence = compiled(surfaces.cos_incidence)
+_model_sigma = compiled(surfaces.model_sigma)
 
 
 @wp.struct
@@ -100,31 +102,6 @@ def invert(
         x += 1
 
 
-@wp.func
-def is_jump(
-    before: wp.float32,
-    here: wp.float32,
-    there: wp.float32,
-    after: wp.float32,
-    jump_share: wp.float32,
-    steep_share: wp.float32,
-) -> wp.bool:
-    """Say whether a depth jump lies between ``here`` and ``there``."""
-    step = there - here
-    slope_before = here - before
-    slope_after = after - there
-    slope_before = wp.where(before > 0.0, slope_before, wp.where(after > 0.0, slope_after, 0.0))
-    slope_after = wp.where(after > 0.0, slope_after, slope_before)
-    low = wp.min(slope_before, slope_after)
-    high = wp.max(slope_before, slope_after)
-    excess = wp.max(low - step, step - high)
-    scale = wp.min(here, there)
-    differs = (wp.min(excess, wp.abs(step)) > jump_share * scale) or (
-        wp.abs(step) > steep_share * scale
-    )
-    return ((here > 0.0) != (there > 0.0)) or ((here > 0.0) and differs)
-
-
 @wp.kernel
 def find_jumps(
     p: wp.array(dtype=wp.float32), lens: Lens, chunk: wp.int32, jumps: wp.array(dtype=wp.uint8)
@@ -140,10 +117,10 @@ def find_jumps(
     while x < end:
         i = row + x
         here = at(p, i)
-        across = is_jump(
+        across = _is_jump(
             at(p, i - 1), here, at(p, i + 1), at(p, i + 2), lens.jump_share, lens.steep_share
         )
-        down = is_jump(
+        down = _is_jump(
             at(p, i - pitch),
             here,
             at(p, i + pitch),
@@ -155,28 +132,6 @@ def find_jumps(
             jumps, i, (wp.where(across and x < last, _ROW, _NONE) | wp.where(down, below, _NONE))
         )
         x += 1
-
-
-@wp.func
-def slope(
-    p2: wp.float32,
-    p1: wp.float32,
-    p0: wp.float32,
-    n1: wp.float32,
-    n2: wp.float32,
-    jump_before: wp.bool,
-    jump_after: wp.bool,
-) -> wp.float32:
-    """Return the slope of inverse depth at the middle of five pixels in a line."""
-    before = p0 - p1
-    after = n1 - p0
-    bend_before = wp.where(p2 > 0.0, wp.abs(before - (p1 - p2)), wp.abs(before))
-    bend_after = wp.where(n2 > 0.0, wp.abs(after - (n2 - n1)), wp.abs(after))
-    smoother = wp.where(bend_before < bend_after, before, after)
-    even = wp.abs(before - after) <= _CREASE * p0
-    both = wp.where(even, 0.5 * (before + after), smoother)
-    one = wp.where(jump_before, 0.0, before) + wp.where(jump_after, 0.0, after)
-    return wp.where(jump_before or jump_after, one, both)
 
 
 @wp.func
@@ -192,7 +147,7 @@ def slopes(
     below = at(p, i + pitch)
     own = at_byte(jumps, i)
     # Where a line ends there is nothing to take a slope to.
-    du = slope(
+    du = _slope_between(
         at(p, i - 2),
         left,
         here,
@@ -201,7 +156,7 @@ def slopes(
         left <= 0.0 or (at_byte(jumps, i - 1) & _ROW) != _NONE,
         right <= 0.0 or (own & _ROW) != _NONE,
     )
-    dv = slope(
+    dv = _slope_between(
         at(p, i - 2 * pitch),
         above,
         here,
@@ -227,22 +182,14 @@ def cos_incidence(
     d = slopes(p, jumps, lens, i)
     u = wp.float32(x) - lens.cx
     v = wp.float32(y) - lens.cy
-    nx = lens.fx * d[0]
-    ny = lens.fy * d[1]
-    nz = here - u * d[0] - v * d[1]
-    rx = u / lens.fx
-    ry = v / lens.fy
-    norm = (nx * nx + ny * ny + nz * nz) * (rx * rx + ry * ry + 1.0)
-    return wp.where(here > 0.0, wp.min(here / wp.sqrt(norm), 1.0), 1.0)
+    return _cos_incidence(here, d[0], d[1], u, v, u / lens.fx, v / lens.fy, lens.fx, lens.fy)
 
 
 @wp.func
 def model_sigma(noise: Noise, lens: Lens, inverse: wp.float32, cosine: wp.float32) -> wp.float32:
     """Return sigma_z, metres; 0 where nothing is."""
     z = wp.where(inverse > 0.0, 1.0 / inverse, 1.0)
-    theta = wp.min(arccos(cosine), lens.cap)
-    slant = theta / (_HALF_PI - theta)
-    sigma = noise.a + z * (noise.b + z * noise.c) + noise.d * power(z, noise.n) * slant * slant
+    sigma = _model_sigma(z, cosine, noise.a, noise.b, noise.c, noise.d, noise.n, lens.cap)
     return wp.where(inverse > 0.0, wp.max(sigma, 0.0), 0.0)
 
 

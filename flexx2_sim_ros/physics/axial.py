@@ -1,16 +1,18 @@
 """Axial noise and what goes with it: sigma_z, amplitude, confidence, the mode's range."""
 
-import math
-
-from flexx2_sim_ros.physics.fastmath import arccos, power
+from flexx2_sim_ros.formulas import surfaces
+from flexx2_sim_ros.physics.compiled import compiled
 from flexx2_sim_ros.physics.philox import FAST
 from numba import njit
 import numpy as np
 
 _ZERO = np.float32(0.0)
 _ONE = np.float32(1.0)
-_HALF_PI = np.float32(math.pi / 2)
 _NAN = np.float32(np.nan)
+
+_model_sigma = compiled(surfaces.model_sigma)
+_returned_light = compiled(surfaces.returned_light)
+_usable_reflectivity = compiled(surfaces.usable_reflectivity)
 
 
 @njit(cache=True, error_model='numpy', fastmath=FAST)
@@ -37,9 +39,7 @@ def model_sigma(p, cosine, coefficients, cap, out):
         for x in range(out.shape[1]):
             inverse = p[y + 2, x + 2]
             z = _ONE / inverse if inverse > _ZERO else _ONE
-            theta = min(arccos(cosine[y, x]), cap)
-            slant = theta / (_HALF_PI - theta)
-            sigma = a + z * (b + z * c) + d * power(z, n) * slant * slant
+            sigma = _model_sigma(z, cosine[y, x], a, b, c, d, n, cap)
             out[y, x] = max(sigma, _ZERO) if inverse > _ZERO else _ZERO
 
 
@@ -120,11 +120,11 @@ def _see(inverse, cosine, spread, rho, normal, range_min, range_max, zero_confid
     value = z + spread * normal
     valid = (range_min <= z) & (z <= range_max) & (range_min <= value) & (value <= range_max)
     confidence = max(_ONE - spread / zero_confidence, _ZERO)
-    rho = min(rho, _ONE) if rho > _ZERO else _ZERO  # NaN is no light.
+    light = _returned_light(_usable_reflectivity(rho), cosine, inverse)
     return (
         value if valid else _NAN,
         spread if valid else _NAN,
-        rho * cosine * inverse * inverse if valid else _ZERO,
+        light if valid else _ZERO,
         confidence if valid else _ZERO,
     )
 

@@ -7,8 +7,9 @@ slopes on either side do not explain.
 """
 
 from dataclasses import dataclass
-import math
 
+from flexx2_sim_ros.formulas import surfaces
+from flexx2_sim_ros.physics.compiled import compiled
 from flexx2_sim_ros.physics.philox import FAST
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from flexx2_sim_ros.profiles.sensor import Sensor
@@ -16,16 +17,16 @@ from numba import njit
 import numpy as np
 
 PAD = 2
-# Slopes on the two sides of a pixel that differ by more than this share of p belong to a crease:
-# the smoother side is taken. Below it their mean is, which halves the error of stored millimetres.
-CREASE_SHARE = np.float32(0.002)
-_HALF = np.float32(0.5)
 _ZERO = np.float32(0.0)
 _ONE = np.float32(1.0)
 # Beyond these (FLT_MAX for "none", a zero with a rounding error) nothing is there; between them
 # every product below stays within float32.
 NEAREST = np.float32(1e-3)
 FARTHEST = np.float32(1e5)
+
+is_jump = compiled(surfaces.is_jump)
+_slope_between = compiled(surfaces.slope_between)
+_cos_incidence = compiled(surfaces.cos_incidence)
 
 
 @dataclass(frozen=True)
@@ -107,29 +108,6 @@ def invert(depth, out):
             out[y + PAD, x + PAD] = _ONE / z if NEAREST <= z <= FARTHEST else _ZERO
 
 
-@njit(inline='always')
-def is_jump(before, here, there, after, jump_share, steep_share):
-    """
-    Say whether a depth jump lies between two neighbours ``here`` and ``there``.
-
-    All four are inverse depths in a line, 0 for nothing. The difference between the neighbours
-    is a jump by as much as it lies outside the range of the slopes on either side: nothing on a
-    plane, nothing at a crease, the step's height at an edge.
-    """
-    step = there - here
-    slope_before = here - before
-    slope_after = after - there
-    slope_before = slope_before if before > _ZERO else (slope_after if after > _ZERO else _ZERO)
-    slope_after = slope_after if after > _ZERO else slope_before
-    low = min(slope_before, slope_after)
-    high = max(slope_before, slope_after)
-    excess = max(low - step, step - high)
-    scale = min(here, there)
-    # A small step is none, whatever lies beside it: the inside of a thin strip between jumps.
-    differs = (min(excess, abs(step)) > jump_share * scale) | (abs(step) > steep_share * scale)
-    return ((here > _ZERO) != (there > _ZERO)) | ((here > _ZERO) & differs)
-
-
 @njit(cache=True, error_model='numpy', fastmath=FAST)
 def find_jumps(p, jump_share, steep_share, row_jumps, column_jumps):
     """Flag the depth jumps to the right of and below every pixel (the image border is none)."""
@@ -152,24 +130,10 @@ def find_jumps(p, jump_share, steep_share, row_jumps, column_jumps):
 
 @njit(inline='always')
 def slope(p2, p1, p0, n1, n2, jump_share, steep_share):
-    """
-    Return the slope of inverse depth at the middle of five pixels in a line.
-
-    Never across a jump: there the other side is taken, and none at all between two jumps. At a
-    crease the side that goes on more evenly is taken.
-    """
+    """Return the slope of inverse depth at the middle of five pixels in a line."""
     jump_before = is_jump(p2, p1, p0, n1, jump_share, steep_share)
     jump_after = is_jump(p1, p0, n1, n2, jump_share, steep_share)
-    before = p0 - p1
-    after = n1 - p0
-    bend_before = abs(before - (p1 - p2)) if p2 > _ZERO else abs(before)
-    bend_after = abs(after - (n2 - n1)) if n2 > _ZERO else abs(after)
-    smoother = before if bend_before < bend_after else after
-    mean = _HALF * (before + after)
-    both = mean if abs(before - after) <= CREASE_SHARE * p0 else smoother
-    first = _ZERO if jump_before else before
-    last = _ZERO if jump_after else after
-    return first + last if jump_before | jump_after else both
+    return _slope_between(p2, p1, p0, n1, n2, jump_before, jump_after)
 
 
 @njit(cache=True, error_model='numpy', fastmath=FAST)
@@ -190,15 +154,7 @@ def find_incidence(p, jump_share, steep_share, fx, fy, cx, cy, out):
                 p[j - 2, i], p[j - 1, i], here, p[j + 1, i], p[j + 2, i], jump_share, steep_share
             )
             u = np.float32(x) - cx
-            # The plane through the pixel is n . X = 1 with n = (fx du, fy dv, p - u du - v dv),
-            # and n . ray = p for the pixel's ray (u / fx, v / fy, 1).
-            nx = fx * du
-            ny = fy * dv
-            nz = here - u * du - v * dv
-            rx = u / fx
-            norm = (nx * nx + ny * ny + nz * nz) * (rx * rx + ry * ry + _ONE)
-            cosine = min(here / math.sqrt(norm), _ONE)
-            out[y, x] = cosine if here > _ZERO else _ONE
+            out[y, x] = _cos_incidence(here, du, dv, u, v, u / fx, ry, fx, fy)
 
 
 @njit(cache=True, error_model='numpy', fastmath=FAST)

@@ -1,0 +1,135 @@
+"""
+Surfaces of inverse depth: where they break off, how they are inclined, and their noise.
+
+A plane's inverse depth is an affine function of the pixel coordinates, so differences of it are
+exact on planes at any slant, and a jump is what the slopes on either side do not explain.
+"""
+
+import math
+
+from flexx2_sim_ros.formulas.fastmath import arccos, power
+from flexx2_sim_ros.formulas.scalars import f32, least, most, root, size, where
+
+# Slopes on the two sides of a pixel that differ by more than this share of p belong to a crease:
+# the smoother side is taken. Below it their mean is, which halves the error of stored millimetres.
+_CREASE_SHARE = f32(0.002)
+_ZERO = f32(0.0)
+_HALF = f32(0.5)
+_ONE = f32(1.0)
+_HALF_PI = f32(math.pi / 2)
+
+
+def is_jump(
+    before: float, here: float, there: float, after: float, jump_share: float, steep_share: float
+) -> bool:
+    """
+    Say whether a depth jump lies between two neighbours ``here`` and ``there``.
+
+    All four are inverse depths in a line, 0 for nothing. The difference between the neighbours
+    is a jump by as much as it lies outside the range of the slopes on either side: nothing on a
+    plane, nothing at a crease, the step's height at an edge.
+    """
+    step = there - here
+    slope_before = here - before
+    slope_after = after - there
+    slope_before = where(before > _ZERO, slope_before, where(after > _ZERO, slope_after, _ZERO))
+    slope_after = where(after > _ZERO, slope_after, slope_before)
+    low = least(slope_before, slope_after)
+    high = most(slope_before, slope_after)
+    excess = most(low - step, step - high)
+    scale = least(here, there)
+    # A small step is none, whatever lies beside it: the inside of a thin strip between jumps.
+    differs = where(
+        least(excess, size(step)) > jump_share * scale, True, size(step) > steep_share * scale
+    )
+    return where((here > _ZERO) != (there > _ZERO), True, where(here > _ZERO, differs, False))
+
+
+def slope_between(
+    p2: float, p1: float, p0: float, n1: float, n2: float, jump_before: bool, jump_after: bool
+) -> float:
+    """
+    Return the slope of inverse depth at the middle of five pixels in a line.
+
+    Never across a jump: there the other side is taken, and none at all between two jumps. At a
+    crease the side that goes on more evenly is taken.
+    """
+    before = p0 - p1
+    after = n1 - p0
+    bend_before = where(p2 > _ZERO, size(before - (p1 - p2)), size(before))
+    bend_after = where(n2 > _ZERO, size(after - (n2 - n1)), size(after))
+    smoother = where(bend_before < bend_after, before, after)
+    even = size(before - after) <= _CREASE_SHARE * p0
+    both = where(even, _HALF * (before + after), smoother)
+    one = where(jump_before, _ZERO, before) + where(jump_after, _ZERO, after)
+    return where(jump_before, one, where(jump_after, one, both))
+
+
+def cos_incidence(
+    here: float,
+    du: float,
+    dv: float,
+    u: float,
+    v: float,
+    rx: float,
+    ry: float,
+    fx: float,
+    fy: float,
+) -> float:
+    """
+    Return the cosine of the angle between a pixel's ray and its surface's normal.
+
+    Parameters
+    ----------
+    here : float
+        Inverse depth; 1 is returned where it is 0.
+    du, dv : float
+        Its slopes along the row and the column, 1/m a pixel.
+    u, v : float
+        From the principal point to the pixel, pixels.
+    rx, ry : float
+        The same over the focal lengths: the pixel's ray is (rx, ry, 1).
+    fx, fy : float
+        Focal lengths, pixels.
+
+    """
+    # The plane through the pixel is n . X = 1 with n = (fx du, fy dv, p - u du - v dv), and
+    # n . ray = p for the pixel's ray.
+    nx = fx * du
+    ny = fy * dv
+    nz = here - u * du - v * dv
+    norm = (nx * nx + ny * ny + nz * nz) * (rx * rx + ry * ry + _ONE)
+    return where(here > _ZERO, least(here / root(norm), _ONE), _ONE)
+
+
+def model_sigma(
+    z: float, cosine: float, a: float, b: float, c: float, d: float, n: float, cap: float
+) -> float:
+    """
+    Return sigma_z, metres, of a surface; a fit may be negative somewhere, sigma_z is then 0.
+
+    Parameters
+    ----------
+    z : float
+        Depth, metres.
+    cosine : float
+        Of the incidence angle.
+    a, b, c, d, n : float
+        The mode's coefficients.
+    cap : float
+        Largest incidence angle, radians.
+
+    """
+    theta = least(arccos(cosine), cap)
+    slant = theta / (_HALF_PI - theta)
+    return a + z * (b + z * c) + d * power(z, n) * slant * slant
+
+
+def returned_light(reflectivity: float, cosine: float, inverse: float) -> float:
+    """Return the amplitude of the light that comes back from a surface, 1/m^2."""
+    return reflectivity * cosine * inverse * inverse
+
+
+def usable_reflectivity(given: float) -> float:
+    """Return a reflectivity within 0..1; NaN is no light."""
+    return where(given > _ZERO, least(given, _ONE), _ZERO)
