@@ -169,6 +169,19 @@ BAD = [
     (put(0.9, *MODE, 'noise', 'd'), 'modes.Narrow.noise: sigma_z'),
     (put(-1.0, *MODE, 'standard_errors', 'a'), 'modes.Narrow.standard_errors.a'),
     (put('small', *MODE, 'standard_errors', 'a'), 'modes.Narrow.standard_errors.a'),
+    (put([], 'sensor'), 'sensor'),
+    (put(1, 'sensor', 'colour'), 'sensor.colour'),
+    (put('radar', 'sensor', 'kind'), 'sensor.kind'),
+    (put([], 'sensor', 'kind'), 'sensor.kind'),
+    (put(0.0, 'sensor', 'jump_share'), 'sensor.jump_share'),
+    (put(2.0, 'sensor', 'steep_share'), 'sensor.steep_share'),
+    (put(90.0, 'sensor', 'incidence_cap_deg'), 'sensor.incidence_cap_deg'),
+    (put(1.5, 'sensor', 'neighbourhood_px'), 'sensor.neighbourhood_px'),
+    (put(0, 'sensor', 'zero_at_sigma_m'), 'sensor.zero_at_sigma_m'),
+    (put(math.inf, 'sensor', 'full_scale_amplitude'), 'sensor.full_scale_amplitude'),
+    (put(-1, 'sensor', 'readout_us'), 'sensor.readout_us'),
+    (put([[0, 0], [1, 1]], 'sensor', 'valid_region_px'), 'sensor.valid_region_px'),
+    (put([[0, 0], [1, 1], [1]], 'sensor', 'valid_region_px'), 'sensor.valid_region_px'),
 ]
 
 

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-import math
 from pathlib import Path
 
 from flexx2_sim_ros.atomic import output_folder
@@ -10,7 +9,7 @@ from flexx2_sim_ros.camera.camera import Camera
 from flexx2_sim_ros.characterize.conditions import Condition
 from flexx2_sim_ros.characterize.workers import in_processes
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.physics.geometry import pixel_rays, View
+from flexx2_sim_ros.physics.geometry import centred, View
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from flexx2_sim_ros.profiles.modes import Mode, Profile
 from flexx2_sim_ros.recording import open_recording, RecordingReader, RecordingWriter
@@ -181,7 +180,7 @@ def _render(
     from flexx2_sim_ros.rendering.scenes import place_board
     import mujoco
 
-    source, name = _centred(camera), 'camera'
+    source, name = centred(camera), 'camera'
     model = board_model(source, name)
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
@@ -196,18 +195,6 @@ def _render(
         return scenes
     finally:
         eye.close()
-
-
-def _centred(camera: Intrinsics) -> Intrinsics:
-    """Return the plain pinhole to render for a camera: itself, or one that sees as much."""
-    centre = (camera.width - 1) / 2, (camera.height - 1) / 2
-    if (camera.cx, camera.cy) == centre and not any(camera.distortion):
-        return camera
-    reach = np.nanmax(np.abs(pixel_rays(camera)), axis=(1, 2))
-    width, height = (
-        2 * math.ceil(f * r + 2) for f, r in zip((camera.fx, camera.fy), reach, strict=True)
-    )
-    return Intrinsics(width, height, camera.fx, camera.fy, (width - 1) / 2, (height - 1) / 2)
 
 
 def _why_not_recorded(task: _Task) -> str | None:

@@ -10,12 +10,15 @@ from flexx2_sim_ros.characterize.axial import NAMES
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.profiles.files import is_mode_name, ProfileFile, sigma_problem
 from flexx2_sim_ros.profiles.modes import flexx2, Mode, NoiseModel, Profile
+from flexx2_sim_ros.profiles.sensor import Sensor
 import numpy as np
 
 _ASSUMED_RATE = 30.0  # Hz, where single frames say nothing
 
 
-def to_profile(result: Characterization, model: str | None = None) -> ProfileFile:
+def to_profile(
+    result: Characterization, model: str | None = None, camera: Profile | None = None
+) -> ProfileFile:
     """
     Make a camera profile of what was found.
 
@@ -24,7 +27,11 @@ def to_profile(result: Characterization, model: str | None = None) -> ProfileFil
     result : Characterization
         From `characterize`.
     model : str, optional
-        The camera's name; by default Flexx2 if all modes are its own, else ``unnamed camera``.
+        The camera's name; by default that of ``camera`` if all modes are its own, else
+        ``unnamed camera``.
+    camera : Profile, optional
+        What is known of the camera (kind, thresholds, and by mode range, rate, frequencies and
+        exposure); the Flexx2 when left out.
 
     Returns
     -------
@@ -37,10 +44,10 @@ def to_profile(result: Characterization, model: str | None = None) -> ProfileFil
         When no mode's fit can be run as a camera.
 
     """
-    notes: list[str] = []
+    known, notes = camera or flexx2(), list[str]()
     modes, errors, measured = [], {}, {}
     for mode in result.modes:
-        made = _mode(mode, notes)
+        made = _mode(mode, known, notes)
         if made is None:
             continue
         modes.append(made)
@@ -55,8 +62,8 @@ def to_profile(result: Characterization, model: str | None = None) -> ProfileFil
             f'{result.folder}: no mode can be put into a profile:\n  ' + '\n  '.join(notes)
         )
     if model is None:
-        known = {mode.name for mode in flexx2().modes}
-        model = 'Flexx2' if {mode.name for mode in modes} <= known else 'unnamed camera'
+        own = {mode.name for mode in modes} <= set(known.names)
+        model = known.model if own else 'unnamed camera'
     if result.cropped:
         notes.append(
             "intrinsics: the recordings' images differ in size and principal point at "
@@ -78,7 +85,7 @@ def to_profile(result: Characterization, model: str | None = None) -> ProfileFil
     )
 
 
-def _mode(mode: ModeResult, notes: list[str]) -> Mode | None:
+def _mode(mode: ModeResult, camera: Profile, notes: list[str]) -> Mode | None:
     if not is_mode_name(mode.usecase):
         notes.append(
             f'{mode.usecase}: left out of the profile: wanted a name of a letter, then '
@@ -95,14 +102,15 @@ def _mode(mode: ModeResult, notes: list[str]) -> Mode | None:
     noise = NoiseModel(
         **{name: _significant(value) for name, value in mode.axial.coefficients.items()},
         sigma_x=_significant(sigma_x),
+        incidence_cap=camera.modes[0].noise.incidence_cap,
     )
     near, far = (_significant(distance) for distance in mode.axial.distances)
     if near == far:
         near, far = 0.9 * near, 1.1 * far
     try:
-        known = flexx2().mode(mode.usecase)
+        known = camera.mode(mode.usecase)
     except InputError:
-        return _unknown(mode, noise, near, far, notes)
+        return _unknown(mode, noise, near, far, camera.sensor, notes)
     problem = sigma_problem(noise, known.range_min, known.range_max)
     if problem is None:
         near, far = known.range_min, known.range_max
@@ -124,11 +132,12 @@ def _mode(mode: ModeResult, notes: list[str]) -> Mode | None:
         noise,
         known.name,
         'characterize',
+        camera.sensor,
     )
 
 
 def _unknown(
-    mode: ModeResult, noise: NoiseModel, near: float, far: float, notes: list[str]
+    mode: ModeResult, noise: NoiseModel, near: float, far: float, sensor: Sensor, notes: list[str]
 ) -> Mode | None:
     if _unusable(mode.usecase, noise, near, far, notes):
         return None
@@ -158,6 +167,7 @@ def _unknown(
         noise,
         mode.usecase,
         'characterize',
+        sensor,
     )
 
 

@@ -7,8 +7,8 @@ from typing import Any
 from flexx2_sim_ros.atomic import check_folder, output_folder
 from flexx2_sim_ros.cli.argument_types import MOST_FRAMES, MOST_JOBS, number, SEEDS, whole_number
 from flexx2_sim_ros.errors import printable
-from flexx2_sim_ros.profiles.files import load_profile, save_profile
-from flexx2_sim_ros.profiles.modes import flexx2, Profile
+from flexx2_sim_ros.profiles.files import find_profile, PROFILE_HELP, save_profile
+from flexx2_sim_ros.profiles.modes import Profile
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
@@ -70,7 +70,7 @@ def add_parser(commands: Any) -> None:
             default=300,
             help='frames a condition (default %(default)s)',
         )
-        step.add_argument('--profile', metavar='PATH', help='another camera than the Flexx2')
+        step.add_argument('--profile', metavar='NAME', default='', help=PROFILE_HELP)
     capture.add_argument(
         '--seed', type=whole_number(*SEEDS), default=0, help='seed of the noise (default 0)'
     )
@@ -102,6 +102,7 @@ def add_parser(commands: Any) -> None:
     )
     fit.add_argument('--camera', metavar='NAME', help='which camera of bags that have several')
     fit.add_argument('--model', metavar='NAME', help="the camera's name in the profile")
+    fit.add_argument('--profile', metavar='NAME', default='', help=PROFILE_HELP)
     for step in (capture, fit):
         step.add_argument(
             '--jobs',
@@ -115,7 +116,7 @@ def add_parser(commands: Any) -> None:
 
 
 def _profile(arguments: argparse.Namespace) -> Profile:
-    return load_profile(arguments.profile) if arguments.profile else flexx2()
+    return find_profile(arguments.profile)
 
 
 def _jobs(arguments: argparse.Namespace) -> int:
@@ -186,6 +187,7 @@ def _fit(arguments: argparse.Namespace) -> int:
 
     out = arguments.out or arguments.folder / _OUT
     check_folder(out)
+    camera = _profile(arguments)
     console = Console(stderr=True, markup=False)
     with _progress(console) as progress:
         task = progress.add_task('measuring', total=None)
@@ -196,7 +198,7 @@ def _fit(arguments: argparse.Namespace) -> int:
             workers=_jobs(arguments),
             on_done=lambda done, total: progress.update(task, completed=done, total=total),
         )
-    profile = to_profile(result, arguments.model)
+    profile = to_profile(result, arguments.model, camera)
     output_folder(out)
     page = write_report(result, profile, out, arguments.camera)
     save_profile(out / 'profile.yaml', profile)

@@ -8,6 +8,7 @@ from typing import Any
 
 from flexx2_sim_ros.cli.argument_types import MOST_JOBS, number, whole_number
 from flexx2_sim_ros.errors import printable
+from flexx2_sim_ros.profiles.files import PROFILE_HELP
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
@@ -30,11 +31,7 @@ def add_parser(commands: Any) -> None:
     )
     diagnose.add_argument('campaign', metavar='CAMPAIGN')
     diagnose.add_argument('--out', required=True, metavar='DIR')
-    diagnose.add_argument(
-        '--profile',
-        metavar='PATH',
-        help='another camera than the Flexx2: a profile as flexx2 characterize fit writes it',
-    )
+    diagnose.add_argument('--profile', metavar='NAME', default='', help=PROFILE_HELP)
     diagnose.add_argument(
         '--without',
         action='append',
@@ -75,7 +72,7 @@ def run_diagnose(arguments: argparse.Namespace) -> int:
     """Diagnose with a progress bar, and say the outcome in a few lines."""
     from flexx2_sim_ros.gap import diagnose
     from flexx2_sim_ros.gap.report.words import headline, remarks, sentences
-    from flexx2_sim_ros.profiles.files import load_profile
+    from flexx2_sim_ros.profiles.files import find_profile
 
     console = Console(stderr=True, markup=False)
     with Progress(
@@ -88,7 +85,7 @@ def run_diagnose(arguments: argparse.Namespace) -> int:
         task = progress.add_task('starting', total=1.0)
         table = diagnose(
             arguments.campaign,
-            profile=load_profile(arguments.profile) if arguments.profile else None,
+            profile=find_profile(arguments.profile) if arguments.profile else None,
             without=arguments.without,
             seed=arguments.seed,
             jobs=arguments.jobs,

@@ -4,7 +4,9 @@ import argparse
 import math
 from typing import Any
 
-from flexx2_sim_ros.profiles.modes import flexx2
+from flexx2_sim_ros.errors import printable
+from flexx2_sim_ros.profiles.files import BUILT_IN, find_profile, PROFILE_HELP, shipped
+from flexx2_sim_ros.profiles.sensor import KINDS
 from rich import box
 from rich.console import Console
 from rich.table import Table
@@ -18,24 +20,26 @@ def add_parser(commands: Any) -> None:
     parser = commands.add_parser(
         'modes',
         help="list the camera's modes",
-        epilog='example: flexx2 modes',
+        epilog='example: flexx2 modes --profile kinect_v2',
         description='List the modes: rate, range, modulation, raw frames, and the noise model '
-        'with its coefficients.',
+        f'with its coefficients. Shipped profiles: {", ".join(shipped())}.',
     )
+    parser.add_argument('--profile', metavar='NAME', default='', help=PROFILE_HELP)
     parser.set_defaults(run=run)
 
 
-def run(_arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> int:
     """Print the tables."""
-    modes = flexx2().modes
+    profile = find_profile(arguments.profile)
+    modes = profile.modes
     table = _table('mode', 'rate [Hz]', 'range [m]', 'MHz', 'raw frames', 'noise of', 'source')
     for mode in modes:
         table.add_row(
             mode.name,
             f'{mode.rate_hz:g}',
             f'{mode.range_min:g} - {mode.range_max:g}',
-            ' + '.join(f'{f / 1e6:g}' for f in mode.modulation_hz),
-            str(mode.raw_frames),
+            ' + '.join(f'{f / 1e6:g}' for f in mode.modulation_hz) or '-',
+            str(mode.raw_frames or '-'),
             'itself' if mode.measured else f'{mode.noise_of}*',
             mode.source,
         )
@@ -53,15 +57,23 @@ def run(_arguments: argparse.Namespace) -> int:
                 f'{model.sigma_x:.3f}',
                 f'{facing:.1f} / {slanted:.1f}',
             )
+    of_flexx2 = arguments.profile.lower() in ('', BUILT_IN)
+    source = 'Cai et al., COINS 2024' if of_flexx2 else 'see the profile'
     console = Console(markup=False)
+    if not of_flexx2:
+        console.print(printable(f'{profile.model}, a {KINDS[profile.sensor.kind]}\n'))
     console.print(table)
-    console.print(
-        '* not measured: takes the noise of the nearest measured mode of its family\n', style='dim'
-    )
+    if not all(mode.measured for mode in modes):
+        console.print(
+            '* not measured: takes the noise of the nearest measured mode of its family\n',
+            style='dim',
+        )
+    else:
+        console.print()
     console.print(noise)
     console.print(
         'sigma_z = a + b z + c z² + d zⁿ θ² / (π/2 - θ)², metres and radians; at '
-        '1 m: mm, at 0° / 60°.\nsigma_x in pixels. Source: Cai et al., COINS 2024.',
+        f'1 m: mm, at 0° / 60°.\nsigma_x in pixels. Source: {source}.',
         style='dim',
     )
     return 0

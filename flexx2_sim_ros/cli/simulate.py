@@ -11,8 +11,8 @@ from flexx2_sim_ros.cli.argument_types import MOST_FRAMES, SEEDS, whole_number
 from flexx2_sim_ros.effects import ageing, load_effects
 from flexx2_sim_ros.effects.registry import effects_yaml
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.profiles.files import load_profile
-from flexx2_sim_ros.profiles.modes import DEFAULT_USECASE, flexx2
+from flexx2_sim_ros.profiles.files import find_profile, PROFILE_HELP
+from flexx2_sim_ros.profiles.modes import DEFAULT_USECASE
 from flexx2_sim_ros.recording import load_scene, RecordingWriter, Scene
 import numpy as np
 from rich.console import Console
@@ -43,11 +43,7 @@ def add_parser(commands: Any) -> None:
         '--usecase',
         help=f'mode (default {DEFAULT_USECASE}, or the first of the profile); see flexx2 modes',
     )
-    parser.add_argument(
-        '--profile',
-        metavar='PATH',
-        help='another camera than the Flexx2: a profile as flexx2 characterize fit writes it',
-    )
+    parser.add_argument('--profile', metavar='NAME', default='', help=PROFILE_HELP)
     parser.add_argument(
         '--effects',
         metavar='FILE',
@@ -91,7 +87,7 @@ def run(arguments: argparse.Namespace) -> int:
         if source:
             check_distinct(source, arguments.output)
     checked_target(arguments.output)
-    profile = load_profile(arguments.profile) if arguments.profile else flexx2()
+    profile = find_profile(arguments.profile)
     usecase = profile.default_usecase if arguments.usecase is None else arguments.usecase
     scene = load_scene(arguments.input)
     effects = load_effects(arguments.effects) if arguments.effects else ()

@@ -29,11 +29,11 @@ from flexx2_sim_ros.gap.inference.model import Fit, Model
 from flexx2_sim_ros.gap.inference.patch import fit_patch
 from flexx2_sim_ros.gap.inference.where import places, unexplained
 from flexx2_sim_ros.gap.work import bind, find, simulate_set, summarise, workers
+from flexx2_sim_ros.physics.frame_state import why_no_phases
 import numpy as np
 
 Progress = Callable[[str, float], None]
 SCHEMA = 1
-NEEDS_MODULATION = 'needs the modulation frequencies, which the profile does not give'
 
 
 def diagnose(
@@ -109,8 +109,8 @@ def diagnose(
         campaign_dir = Path(campaign_dir).absolute()  # Workers run in other folders.
     with workers(jobs, scheduler) as mapped:
         found, left_out = find(campaign_dir, profile, mapped)
-        modulation = bool(found[0].mode.modulation_hz)
-        columns, candidates = catalogue(without, modulation)
+        no_phases = why_no_phases(found[0].mode)
+        columns, candidates = catalogue(without, not no_phases)
         text = 'simulating what could explain the recordings'
         outcomes = mapped(
             bind(summarise, profile=profile, columns=columns, seed=seed, prior=tuple(prior)),
@@ -150,7 +150,7 @@ def diagnose(
         )
     progress('writing', 0.98)
     table = _table(model, decision, effects, confirmed, used, left_out)
-    table['not_considered'] = _not_considered(without, modulation)
+    table['not_considered'] = _not_considered(without, no_phases)
     table['seconds'] = round(time.monotonic() - began, 2)
     table['peak_mb'] = round(_peak_mb(min(jobs, len(found))), 1)
     table['version'] = __version__
@@ -180,12 +180,10 @@ def _check(
         raise InputError(f'pose_prior: found {pose_prior!r}, wanted metres and degrees above 0')
 
 
-def _not_considered(without: Collection[str], modulation: bool) -> list[dict[str, str]]:
+def _not_considered(without: Collection[str], no_phases: str) -> list[dict[str, str]]:
     # Effects of the registry that are not in the catalogue, and why.
     reasons = {
-        name: NEEDS_MODULATION
-        for name, kind in registry().items()
-        if kind.needs_modulation and not modulation
+        name: no_phases for name, kind in registry().items() if kind.needs_modulation and no_phases
     }
     reasons.update(dict.fromkeys(without, 'left out as asked for'))
     return [{'name': name, 'reason': reasons[name]} for name in registry() if name in reasons]

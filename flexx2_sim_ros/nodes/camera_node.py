@@ -28,8 +28,8 @@ from flexx2_sim_ros.nodes.subscriptions import Input
 from flexx2_sim_ros.nodes.transforms import FramePublisher, optical_transform
 from flexx2_sim_ros.nodes.twins import claim_name
 from flexx2_sim_ros.physics.geometry import pixel_rays, points, View
-from flexx2_sim_ros.profiles.files import load_profile
-from flexx2_sim_ros.profiles.modes import flexx2, Profile
+from flexx2_sim_ros.profiles.files import find_profile, PROFILE_HELP
+from flexx2_sim_ros.profiles.modes import Profile
 import numpy as np
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
@@ -147,16 +147,11 @@ class Flexx2Camera(SteadyNode):
             )
 
     def _find_profile(self) -> Profile:
-        path = declare(
-            self,
-            'profile',
-            '',
-            'Path of a camera profile (YAML), as `flexx2 '
-            'characterize fit` writes it; empty: the Flexx2.',
-            read_only=True,
+        name = declare(
+            self, 'profile', '', f'{PROFILE_HELP[0].upper()}{PROFILE_HELP[1:]}.', read_only=True
         )
         try:
-            return load_profile(path) if path else flexx2()
+            return find_profile(name)
         except InputError as error:
             raise InputError(f'profile: {error}') from error
 

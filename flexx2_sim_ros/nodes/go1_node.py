@@ -13,7 +13,8 @@ from flexx2_sim_ros.nodes.sim_clock import SimClock
 from flexx2_sim_ros.nodes.steady_node import SteadyNode
 from flexx2_sim_ros.nodes.transforms import camera_transforms, FramePublisher
 from flexx2_sim_ros.nodes.twins import claim_name, twin_text
-from flexx2_sim_ros.profiles.modes import flexx2
+from flexx2_sim_ros.physics.geometry import centred
+from flexx2_sim_ros.profiles.files import find_profile
 from flexx2_sim_ros.rendering.renderer import open_renderer, reflectivity_table
 from flexx2_sim_ros.rendering.scenes import place_board
 from flexx2_sim_ros.robots.description import BASE, Link, links_of, poses, urdf
@@ -54,7 +55,10 @@ class Go1Cameras(SteadyNode):
         super().__init__('go1_cameras', **options)
         self._claim = claim_name(self)
         self.settings = settings = Go1Parameters(self)
-        self._intrinsics = flexx2().intrinsics
+        try:
+            self._intrinsics = centred(find_profile(settings.profile).intrinsics)
+        except InputError as error:
+            raise InputError(f'profile: {error}') from error
         self._model = build_model(
             settings.robot_model,
             settings.scene,

@@ -7,6 +7,7 @@ from typing import Any
 
 from flexx2_sim_ros.errors import InputError, shown
 from flexx2_sim_ros.nodes.parameters import declare
+from flexx2_sim_ros.profiles.files import PROFILE_HELP
 from flexx2_sim_ros.rendering.renderer import BACKENDS
 from flexx2_sim_ros.rendering.scenes import BOARD_DISTANCES, LARGEST_BOARD_ANGLE, SCENES
 from flexx2_sim_ros.robots.gait import Gait
@@ -53,7 +54,7 @@ class Go1Parameters:
         Hz of each camera.
     robot : Robot
         Which robot it is.
-    motion, robot_model, scene, renderer, board_camera : str
+    motion, profile, robot_model, scene, renderer, board_camera : str
         As given.
     publish_clock, paused : bool
         As given.
@@ -81,6 +82,9 @@ class Go1Parameters:
         names = ', '.join(robot_names())
         self.robot = load_robot(
             self._fixed('robot', DEFAULT_ROBOT, f'{names}, or the path of a YAML file.')
+        )
+        self.profile: str = self._fixed(
+            'profile', '', f'{PROFILE_HELP[0].upper()}{PROFILE_HELP[1:]}. For its intrinsics.'
         )
         path = ', or the path of an MJCF file'
         self.robot_model: str = self._fixed(

@@ -11,6 +11,7 @@ from flexx2_sim_ros.physics.philox import fill_uniforms, stamp_words
 from flexx2_sim_ros.physics.surface import Surface
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from flexx2_sim_ros.profiles.modes import Mode
+from flexx2_sim_ros.profiles.sensor import KINDS
 import numpy as np
 
 SPEED_OF_LIGHT = 299_792_458.0
@@ -242,9 +243,18 @@ class Effect(Protocol):
         """Change the frame in the making."""
 
 
+def why_no_phases(mode: Mode) -> str:
+    """Say why effects on the phases of modulated light cannot be on in a mode; empty: they can."""
+    if mode.modulation_hz:
+        return ''
+    if mode.sensor.kind != 'tof':
+        return f'does not apply to a {KINDS[mode.sensor.kind]}'
+    return 'needs the modulation frequencies, which the profile does not give'
+
+
 def check_frequencies(effects: Iterable[Effect], mode: Mode) -> None:
     """
-    Check that a mode's modulation frequencies are known where an effect works on them.
+    Check that a mode has modulation frequencies, and that they are known, where effects need them.
 
     Parameters
     ----------
@@ -256,15 +266,15 @@ def check_frequencies(effects: Iterable[Effect], mode: Mode) -> None:
     Raises
     ------
     InputError
-        Names the effects that need the frequencies, and the field of the profile.
+        Names the effects, and either the kind of camera or the field of the profile.
 
     """
-    if mode.modulation_hz:
+    reason = why_no_phases(mode)
+    if not reason:
         return
     names = [effect.name for effect in effects if effect.strength and effect.needs_modulation]
     if names:
+        field = f' (modes.{mode.name}.modulation_hz)' if mode.sensor.kind == 'tof' else ''
         raise InputError(
-            f'effects: {", ".join(names)}: must not be on in {mode.name}: needs the '
-            'modulation frequencies, which the profile does not give '
-            f'(modes.{mode.name}.modulation_hz)'
+            f'effects: {", ".join(names)}: must not be on in {mode.name}: {reason}{field}'
         )

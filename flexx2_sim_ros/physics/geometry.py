@@ -6,6 +6,7 @@ it falls into (in inverse depth, where planes are exact), never a mixture of two
 """
 
 from functools import cached_property, lru_cache
+import math
 
 from flexx2_sim_ros.physics.philox import FAST
 from flexx2_sim_ros.physics.surface import PAD, tangents
@@ -60,6 +61,26 @@ def _pixel_rays(camera: Intrinsics) -> np.ndarray:
     rays = np.stack([x, y])
     rays[:, ~(error < _TOLERANCE_PX)] = np.nan
     return rays
+
+
+def centred(camera: Intrinsics) -> Intrinsics:
+    """
+    Return the plain pinhole to render for a camera: itself, or one that sees as much.
+
+    Parameters
+    ----------
+    camera : Intrinsics
+        Any camera; a renderer takes neither distortion nor a principal point off the middle.
+
+    """
+    centre = (camera.width - 1) / 2, (camera.height - 1) / 2
+    if (camera.cx, camera.cy) == centre and not any(camera.distortion):
+        return camera
+    reach = np.nanmax(np.abs(pixel_rays(camera)), axis=(1, 2))
+    width, height = (
+        2 * math.ceil(f * r + 2) for f, r in zip((camera.fx, camera.fy), reach, strict=True)
+    )
+    return Intrinsics(width, height, camera.fx, camera.fy, (width - 1) / 2, (height - 1) / 2)
 
 
 def _distort(

@@ -6,23 +6,42 @@ them. The fields are those of `MODE_FIELDS` and its neighbours here; ``null`` me
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 import math
 from pathlib import Path
 import re
 from typing import Any
 
 from flexx2_sim_ros.atomic import whole
-from flexx2_sim_ros.config_file import read_config
+from flexx2_sim_ros.config_file import is_regular_file, read_config
 from flexx2_sim_ros.errors import InputError, shown, shown_path, unquoted
+from flexx2_sim_ros.paths import config_dir
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
-from flexx2_sim_ros.profiles.modes import Mode, NoiseModel, Profile
+from flexx2_sim_ros.profiles.modes import flexx2, Mode, NoiseModel, Profile
+from flexx2_sim_ros.profiles.sensor import DEFAULT_SENSOR, KINDS, MOST_CORNERS, Sensor
 import numpy as np
 import yaml
 
 SCHEMA = 1
 COEFFICIENTS = ('a', 'b', 'c', 'd', 'n', 'sigma_x')
+BUILT_IN = 'flexx2'
+# Of the option and the parameter `profile`.
+PROFILE_HELP = (
+    'another camera than the Flexx2: a shipped name (see flexx2 modes --profile) or the path of a '
+    'profile, as flexx2 characterize fit writes it'
+)
 _TOP = ('schema', 'model', 'intrinsics', 'modes', 'provenance')
+_SENSOR = (
+    'kind',
+    'jump_share',
+    'steep_share',
+    'incidence_cap_deg',
+    'neighbourhood_px',
+    'zero_at_sigma_m',
+    'full_scale_amplitude',
+    'readout_us',
+    'valid_region_px',
+)
 _INTRINSICS = ('width', 'height', 'fx', 'fy', 'cx', 'cy', 'distortion')
 MODE_FIELDS = (
     'rate_hz',
@@ -51,6 +70,11 @@ _LARGEST = {
     'raw_frames': 1000,
     'exposure_us': 10_000_000,
     'distortion': 100.0,
+    'share': 1.0,
+    'neighbourhood_px': 127,
+    'zero_at_sigma_m': 100.0,
+    'full_scale_amplitude': 1e9,
+    'readout_us': 10_000_000,
 }
 _STEEP = math.radians(60)  # the steepest incidence at which noise was measured
 
@@ -80,6 +104,40 @@ class ProfileFile:
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
 
+def shipped() -> list[str]:
+    """Return the names of the profiles in the package; the built-in Flexx2 first."""
+    return [BUILT_IN, *sorted(path.stem for path in (config_dir() / 'profiles').glob('*.yaml'))]
+
+
+def find_profile(name: str | Path) -> Profile:
+    """
+    Return a shipped profile by name, or read one from a file.
+
+    Parameters
+    ----------
+    name : str or pathlib.Path
+        A name out of `shipped`, whatever its case, or the path of a file; empty: the Flexx2. A
+        name goes before a file of the same name.
+
+    Raises
+    ------
+    InputError
+        As `load_profile`; for a name that is not shipped the message lists those that are.
+
+    """
+    known = str(name).lower()
+    if known in ('', BUILT_IN):
+        return flexx2()
+    if known in shipped():
+        return load_profile(config_dir() / 'profiles' / f'{known}.yaml')
+    looks_like_a_name = '/' not in known and '.' not in known
+    if looks_like_a_name and not is_regular_file(Path(name)):
+        raise InputError(
+            f'{shown_path(name)}: must be one of {", ".join(shipped())} or the path of a profile'
+        )
+    return load_profile(name)
+
+
 def load_profile(path: str | Path) -> Profile:
     """
     Read a camera profile.
@@ -107,7 +165,7 @@ def load_profile(path: str | Path) -> Profile:
 def read_profile(path: str | Path) -> ProfileFile:
     """Read a camera profile and all that its file says; otherwise as `load_profile`."""
     path = Path(path)
-    top = _Section(f'{shown_path(path)}: ', '', read_config(path), _TOP)
+    top = _Section(f'{shown_path(path)}: ', '', read_config(path), _TOP, ('sensor',))
     view = top.section('intrinsics', _INTRINSICS)
     width, height = (view.whole(name, 1, _LARGEST['pixels']) for name in ('width', 'height'))
     fx, fy = (view.number(name, 1e-3, _LARGEST['focal']) for name in ('fx', 'fy'))
@@ -115,6 +173,8 @@ def read_profile(path: str | Path) -> ProfileFile:
     k1, k2, p1, p2, k3 = view.numbers(
         'distortion', (5,), -_LARGEST['distortion'], _LARGEST['distortion']
     )
+    camera = Intrinsics(width, height, fx, fy, cx, cy, (k1, k2, p1, p2, k3))
+    sensor, cap = _read_sensor(top, camera)
     modes = top.mapping('modes')
     if not modes:
         raise top.wrong('modes', 'at least one mode')
@@ -130,14 +190,10 @@ def read_profile(path: str | Path) -> ProfileFile:
     errors, measured, all_modes = {}, {}, []
     for name in modes:
         row = top.section('modes', None).section(name, MODE_FIELDS)
-        all_modes.append(_read_mode(name, row))
+        all_modes.append(_read_mode(name, row, sensor, cap))
         errors[name] = row.section('standard_errors', COEFFICIENTS).errors()
         measured[name] = row.mapping('measured')
-    profile = Profile(
-        top.text('model'),
-        Intrinsics(width, height, fx, fy, cx, cy, (k1, k2, p1, p2, k3)),
-        tuple(all_modes),
-    )
+    profile = Profile(top.text('model'), camera, tuple(all_modes))
     return ProfileFile(profile, errors, measured, top.mapping('provenance'))
 
 
@@ -165,6 +221,7 @@ def save_profile(path: str | Path, content: ProfileFile) -> None:
         'model': content.profile.model,
         'intrinsics': {name: getattr(camera, name) for name in _INTRINSICS[:-1]}
         | {'distortion': list(camera.distortion)},
+        'sensor': _sensor_row(content.profile),
         'modes': {mode.name: _mode_row(mode, content) for mode in content.profile.modes},
         'provenance': dict(content.provenance),
     }
@@ -184,6 +241,48 @@ def save_profile(path: str | Path, content: ProfileFile) -> None:
             raise InputError(str(error).replace(str(part), str(path))) from error
 
 
+def _sensor_row(profile: Profile) -> dict[str, Any]:
+    sensor, camera = profile.sensor, profile.intrinsics
+    corners = [
+        [round(x * camera.fx + camera.cx, 6), round(y * camera.fy + camera.cy, 6)]
+        for x, y in sensor.valid_region
+    ]
+    own = {name: getattr(sensor, name) for name in _SENSOR if hasattr(sensor, name)}
+    return own | {
+        'incidence_cap_deg': round(math.degrees(profile.modes[0].noise.incidence_cap), 9),
+        'valid_region_px': corners or None,
+    }
+
+
+def _read_sensor(top: '_Section', camera: Intrinsics) -> tuple[Sensor, float]:
+    # And the incidence cap, radians. What the file does not give stays as it is by default.
+    cap = NoiseModel.incidence_cap
+    if not top.has('sensor'):
+        return DEFAULT_SENSOR, cap
+    row = top.section('sensor', (), _SENSOR)
+    given: dict[str, Any] = {}
+    if row.has('kind'):
+        given['kind'] = row.one_of('kind', tuple(KINDS))
+    for name in ('jump_share', 'steep_share'):
+        if row.has(name):
+            given[name] = row.number(name, 1e-6, _LARGEST['share'])
+    if row.has('neighbourhood_px'):
+        given['neighbourhood_px'] = row.whole('neighbourhood_px', 1, _LARGEST['neighbourhood_px'])
+    for name in ('zero_at_sigma_m', 'full_scale_amplitude'):
+        if row.has(name):
+            given[name] = row.number(name, 1e-6, _LARGEST[name])
+    if row.has('readout_us'):
+        given['readout_us'] = row.number('readout_us', 0, _LARGEST['readout_us'])
+    if row.has('incidence_cap_deg'):
+        cap = math.radians(row.number('incidence_cap_deg', 1.0, 89.9))
+    if row.has('valid_region_px'):
+        corners = row.corners('valid_region_px', _LARGEST['pixels'])
+        given['valid_region'] = tuple(
+            ((u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy) for u, v in corners
+        )
+    return replace(DEFAULT_SENSOR, **given), cap
+
+
 def _mode_row(mode: Mode, content: ProfileFile) -> dict[str, Any]:
     errors = content.standard_errors.get(mode.name, {})
     return {
@@ -198,7 +297,7 @@ def _mode_row(mode: Mode, content: ProfileFile) -> dict[str, Any]:
     }
 
 
-def _read_mode(name: str, row: '_Section') -> Mode:
+def _read_mode(name: str, row: '_Section', sensor: Sensor, cap: float) -> Mode:
     rate = row.number('rate_hz', 1e-3, _LARGEST['rate_hz'])
     near, far = row.numbers('range_m', (2,), 1e-3, _LARGEST['range_m'])
     if near >= far:
@@ -206,6 +305,8 @@ def _read_mode(name: str, row: '_Section') -> Mode:
     frequencies = row.numbers(
         'modulation_hz', (1, 2, 3), 1.0, _LARGEST['frequency'], optional=True
     )
+    if frequencies and sensor.kind != 'tof':
+        raise row.wrong('modulation_hz', f'null for a {KINDS[sensor.kind]}')
     raw_frames = row.whole('raw_frames', 1, _LARGEST['raw_frames'], optional=True)
     exposure = row.numbers('exposure_us', (2,), 1, _LARGEST['exposure_us'], optional=True)
     if exposure and not (exposure[0] <= exposure[1] and all(e == int(e) for e in exposure)):
@@ -217,7 +318,7 @@ def _read_mode(name: str, row: '_Section') -> Mode:
         key: noise.number(key, 0.0 if key in ('d', 'sigma_x') else -_LARGEST[key], _LARGEST[key])
         for key in COEFFICIENTS
     }
-    model = NoiseModel(**values)
+    model = NoiseModel(**values, incidence_cap=cap)
     problem = sigma_problem(model, near, far)
     if problem:
         raise InputError(f'{noise.label}: {problem}')
@@ -232,6 +333,7 @@ def _read_mode(name: str, row: '_Section') -> Mode:
         model,
         name,
         'profile',
+        sensor,
     )
 
 
@@ -282,7 +384,14 @@ def sigma_problem(noise: NoiseModel, near: float, far: float) -> str | None:
 class _Section:
     # A mapping in the file, its fields read one by one. `label` is for messages: file and field.
 
-    def __init__(self, file: str, name: str, content: Any, fields: tuple[str, ...] | None) -> None:
+    def __init__(
+        self,
+        file: str,
+        name: str,
+        content: Any,
+        fields: tuple[str, ...] | None,
+        optional: tuple[str, ...] = (),
+    ) -> None:
         self._file, self._name, self._content = file, name, content
         if not isinstance(content, dict):
             raise InputError(f'{self.label}: found {shown(content)}, wanted fields')
@@ -294,10 +403,10 @@ class _Section:
                     f'{self._of(missing)}: not in the file, wanted {", ".join(fields)}'
                 )
         for extra in content:
-            if extra not in fields:
+            if extra not in (*fields, *optional):
                 raise InputError(
                     f'{self._of(extra)}: not a field of a camera profile, wanted '
-                    f'{", ".join(fields)}'
+                    f'{", ".join((*fields, *optional))}'
                 )
 
     @property
@@ -310,9 +419,14 @@ class _Section:
     def wrong(self, name: str, wanted: str) -> InputError:
         return InputError(f'{self._of(name)}: found {shown(self._content[name])}, wanted {wanted}')
 
-    def section(self, name: str, fields: tuple[str, ...] | None) -> '_Section':
+    def has(self, name: str) -> bool:
+        return name in self._content
+
+    def section(
+        self, name: str, fields: tuple[str, ...] | None, optional: tuple[str, ...] = ()
+    ) -> '_Section':
         inner = f'{self._name}.{name}' if self._name else name
-        return _Section(self._file, inner, self._content[name], fields)
+        return _Section(self._file, inner, self._content[name], fields, optional)
 
     def mapping(self, name: str) -> dict[str, Any]:
         if not isinstance(self._content[name], dict):
@@ -323,6 +437,29 @@ class _Section:
         value = self._content[name]
         if not (isinstance(value, str) and value.strip() and value.isprintable()):
             raise self.wrong(name, 'a text')
+        return value
+
+    def one_of(self, name: str, choices: tuple[str, ...]) -> str:
+        value = self._content[name]
+        if not isinstance(value, str) or value not in choices:
+            raise self.wrong(name, f'one of {", ".join(choices)}')
+        return value
+
+    def corners(self, name: str, largest: float) -> list[list[float]]:
+        value = self._content[name]
+        if value is None:
+            return []
+        if not (
+            isinstance(value, list)
+            and 3 <= len(value) <= MOST_CORNERS
+            and all(
+                isinstance(corner, list)
+                and len(corner) == 2
+                and all(_is_number(at) and abs(at) <= largest for at in corner)
+                for corner in value
+            )
+        ):
+            raise self.wrong(name, f'3 to {MOST_CORNERS} corners [column, row] in pixels, or null')
         return value
 
     def number(self, name: str, low: float, high: float) -> float:

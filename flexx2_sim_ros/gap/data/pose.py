@@ -177,7 +177,11 @@ _SMOOTH = np.array([0.01, 0.01, 0.002])
 _HARMONIC = 0.004
 
 
-def _others(depth: np.ndarray, K: np.ndarray, modulation_hz: list[float]) -> np.ndarray:  # noqa: N803
+def _others(
+    depth: np.ndarray,
+    K: np.ndarray,  # noqa: N803
+    modulation_hz: list[float],
+) -> np.ndarray:
     # Of every other row and column, as below.
     length, depth = ray_length(K, depth.shape)[::2, ::2], depth[::2, ::2]
     periods = [round(SPEED_OF_LIGHT / (8 * f), 4) for f in modulation_hz]

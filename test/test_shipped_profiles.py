@@ -1,0 +1,202 @@
+"""Cameras other than the Flexx2, by name: simulated, measured, diagnosed, run by the nodes."""
+
+from dataclasses import replace
+import json
+from pathlib import Path
+from typing import Any
+
+from flexx2_sim_ros.batch import BatchCamera
+from flexx2_sim_ros.camera import Camera, flexx2
+from flexx2_sim_ros.cli.main import main
+from flexx2_sim_ros.effects import registry
+from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.profiles.files import (
+    find_profile,
+    load_profile,
+    ProfileFile,
+    save_profile,
+    shipped,
+)
+from flexx2_sim_ros.profiles.sensor import Sensor
+import numpy as np
+import pytest
+
+OTHERS = ['azure_kinect_nfov', 'kinect_v2', 'realsense_d435']
+SIZE = 48, 64
+K = np.array([[70.0, 0.0, 31.5], [0.0, 70.0, 23.5], [0.0, 0.0, 1.0]])
+BOARDS = ((0.6, 5), (0.9, 40), (1.3, 10), (1.8, 45), (2.2, 20), (2.6, 0))
+FACTOR = 1.5
+
+
+def wall(distance: float, angle_deg: float) -> np.ndarray:
+    """Return (H, W) metres of a wall turned about the vertical."""
+    u = np.mgrid[: SIZE[0], : SIZE[1]][1]
+    return distance / (1 - np.tan(np.radians(angle_deg)) * (u - K[0, 2]) / K[0, 0])
+
+
+def record(folder: Path, name: str, frames: int, *more: str) -> Path:
+    """Simulate walls with a shipped profile, by the command line."""
+    recordings = folder / 'recordings'
+    recordings.mkdir()
+    for i, (distance, angle) in enumerate(BOARDS):
+        scene = folder / f'scene{i}.npz'
+        np.savez(scene, clean_depth=wall(distance, angle), K=K)
+        out = str(recordings / f'wall{i}.npz')
+        call = ['simulate', str(scene), out, '--profile', name, '--frames', str(frames), *more]
+        assert main(call) == 0
+    return recordings
+
+
+def test_names_are_listed_and_found(capsys: pytest.CaptureFixture[str]) -> None:
+    assert set(shipped()) == {'flexx2', 'flexx2_exposure', *OTHERS}
+    assert find_profile('') is find_profile('Flexx2') is flexx2()
+    with pytest.raises(InputError, match='kinekt: must be one of flexx2, azure_kinect_nfov'):
+        find_profile('kinekt')
+    assert main(['modes', '--profile', 'realsense_d435']) == 0
+    said = capsys.readouterr().out
+    assert 'RealSense D435, a stereo camera' in said
+    assert 'depth_848x480_30fps' in said
+    assert main(['modes', '--profile', '/no/such.yaml']) == 2
+    assert '/no/such.yaml' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('name', shipped())
+def test_a_profile_is_read_back_as_it_was_written(name: str, tmp_path: Path) -> None:
+    camera = find_profile(name)
+    save_profile(tmp_path / 'copy.yaml', ProfileFile(camera))
+    copy = load_profile(tmp_path / 'copy.yaml')
+    assert (copy.intrinsics, copy.sensor) == (camera.intrinsics, camera.sensor)
+    for mode, own in zip(copy.modes, camera.modes, strict=True):
+        assert replace(mode, noise_of=own.noise_of, source=own.source) == own
+
+
+def test_a_profile_that_says_nothing_of_its_sensor_has_that_of_the_flexx2() -> None:
+    assert flexx2().sensor == Sensor()
+    assert {mode.noise.incidence_cap for mode in flexx2().modes} == {np.radians(85)}
+
+
+def test_stereo_noise_is_the_disparity_noise() -> None:
+    """Subpixel error 0.08 px, focal length 424 px, baseline 50 mm."""
+    (mode,) = find_profile('realsense_d435').modes
+    z = np.array([0.5, 1.0, 2.0, 4.0])
+    np.testing.assert_allclose(mode.noise.sigma_z(z, 0), z**2 * 0.08 / (424 * 0.05), rtol=1e-4)
+
+
+def test_effects_on_phases_do_not_apply_to_a_stereo_camera() -> None:
+    camera = find_profile('realsense_d435')
+    clean, stamps = wall(1.0, 30).astype(np.float32), np.arange(3) * 33_000_000
+    for name, kind in registry().items():
+
+        def shot(name: str = name) -> Any:
+            usecase = camera.default_usecase
+            return Camera(usecase, profile=camera, effects={name: {}}).capture(clean, K, stamps)
+
+        if kind.needs_modulation:
+            with pytest.raises(InputError, match=f'{name}: .*does not apply to a stereo camera'):
+                shot()
+        else:
+            assert np.isfinite(shot().depth).any(), name
+
+
+@pytest.mark.parametrize('name', OTHERS)
+def test_boards_give_the_profile_back(name: str, tmp_path: Path) -> None:
+    """Six boards, 60 frames of 3,000 pixels: sigma is known to well below 1 % at each board."""
+    recordings, out = record(tmp_path, name, 60), tmp_path / 'result'
+    call = ['characterize', 'fit', str(recordings), '--profile', name, '--out', str(out)]
+    assert main([*call, '--jobs', '1']) == 0
+    camera, measured = find_profile(name), load_profile(out / 'profile.yaml')
+    assert measured.model == camera.model
+    assert measured.sensor.kind == camera.sensor.kind
+    (mode,), (found,) = camera.modes, measured.modes
+    assert found.modulation_hz == mode.modulation_hz
+    z = np.array([0.7, 1.0, 1.5, 2.0, 2.5])
+    np.testing.assert_allclose(found.noise.sigma_z(z, 0), mode.noise.sigma_z(z, 0), rtol=0.05)
+
+
+@pytest.mark.parametrize('name', OTHERS)
+def test_excess_noise_is_diagnosed(name: str, tmp_path: Path) -> None:
+    effects = tmp_path / 'effects.yaml'
+    effects.write_text(f'schema: 1\neffects: {{excess_noise: {{factor: {FACTOR}}}}}\n')
+    recordings = record(tmp_path, name, 10, '--effects', str(effects))
+    out = tmp_path / 'out'
+    call = ['gap', 'diagnose', str(recordings), '--profile', name, '--out', str(out)]
+    assert main([*call, '--jobs', '1']) == 0
+    table = json.loads((out / 'diagnosis.json').read_text())
+    (mode,) = find_profile(name).modes
+    left_out = {row['name']: row['reason'] for row in table['not_considered']}
+    if mode.modulation_hz:
+        assert not left_out
+    else:
+        assert set(left_out) == {n for n, kind in registry().items() if kind.needs_modulation}
+    if mode.sensor.kind == 'stereo':
+        assert set(left_out.values()) == {'does not apply to a stereo camera'}
+    assert [effect['name'] for effect in table['effects']] == ['excess_noise']
+    assert table['effects'][0]['parameters']['factor'] == pytest.approx(FACTOR, rel=0.05)
+    assert table['gap']['shrink'] > 0.8
+
+
+@pytest.mark.parametrize('name', OTHERS)
+def test_the_node_runs_it(ros: None, name: str) -> None:
+    from flexx2_sim_ros.nodes.camera_node import Flexx2Camera
+    from rclpy.parameter import Parameter
+
+    camera = find_profile(name)
+    node = Flexx2Camera(parameter_overrides=[Parameter('profile', value=name)])
+    try:
+        assert node.get_parameter('model').value == camera.model
+        assert list(node.get_parameter('available_usecases').value) == camera.names
+        assert node.settings.intrinsics == camera.intrinsics
+    finally:
+        node.destroy_node()
+
+
+def test_no_depth_outside_the_valid_region() -> None:
+    """The region is a matter of rays, so that a crop at another resolution has the same one."""
+    camera = find_profile('azure_kinect_nfov')
+    whole = camera.sensor.outside(camera.intrinsics)
+    assert whole is not None
+    assert whole[0, 0]
+    assert whole[-1, -1]
+    assert not whole[288, 320]
+    small = camera.intrinsics.matrix * [[0.25], [0.25], [1]]
+    scene = np.full((144, 160), 1.5, np.float32)
+    frames = {}
+    for effects in ({}, {'offset': {'bias': 0.005}}):
+        frame = Camera(camera.default_usecase, profile=camera, effects=effects).capture(
+            scene, small, 0
+        )
+        lost = np.isnan(frame.depth)
+        assert lost.mean() == pytest.approx(whole.mean(), abs=0.01)
+        assert np.isnan(frame.sigma[lost]).all()
+        assert not frame.amplitude[lost].any()
+        assert not frame.confidence[lost].any()
+        assert (frame.confidence[~lost] > 0).all()
+        batch = BatchCamera(
+            1, usecase=camera.default_usecase, profile=camera, K=small, effects=effects
+        )
+        np.testing.assert_array_equal(np.isnan(batch(scene[None].copy())[0]), lost)
+        frames[bool(effects)] = lost
+    np.testing.assert_array_equal(frames[False], frames[True])
+
+
+def test_noise_that_follows_exposure() -> None:
+    """Predictions for the unmeasured modes from the measured pair; the rest is the Flexx2's."""
+    by_exposure, nearest = find_profile('flexx2_exposure'), flexx2()
+    assert by_exposure.intrinsics == nearest.intrinsics
+    assert by_exposure.sensor == nearest.sensor
+    for mode, own in zip(by_exposure.modes, nearest.modes, strict=True):
+        noise = own.noise if own.measured else mode.noise
+        assert replace(mode, noise_of=own.noise_of, source=own.source) == replace(own, noise=noise)
+    z = np.array([0.3, 0.7, 1.0, 1.5, 2.0, 2.4])
+    table = {
+        'Mode_5_45fps': [2.11, 2.15, 2.42, 3.31, 4.76, 6.32],
+        'Mode_5_15fps': [2.12, 1.91, 1.84, 1.86, 1.97, 2.13],
+    }
+    for usecase, wanted in table.items():
+        found = 1e3 * by_exposure.mode(usecase).noise.sigma_z(z, 0)
+        np.testing.assert_allclose(found, wanted, rtol=0.025)
+    far = [
+        by_exposure.mode(f'Mode_9_{rate}fps').noise.sigma_z(5.0, 0.5)
+        for rate in (5, 10, 15, 20, 30)
+    ]
+    assert (np.diff(far) > 0).all()
