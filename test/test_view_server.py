@@ -16,7 +16,7 @@ from flexx2_sim_ros.physics.geometry import pixel_rays
 from flexx2_sim_ros.view import server as server_module
 from flexx2_sim_ros.view.access import Access
 from flexx2_sim_ros.view.colours import depth_table, difference_table, INVALID
-from flexx2_sim_ros.view.packing import pack, pack_depth, Shot, UNIT
+from flexx2_sim_ros.view.packing import pack, pack_depth, UNIT, ViewedFrame
 from flexx2_sim_ros.view.server import bind, Server
 import numpy as np
 import pytest
@@ -27,16 +27,16 @@ from views import run
 CAMERA = Intrinsics(4, 3, 3.0, 3.0, 1.5, 1.0)
 
 
-def shot(number: int, metres: float = 1.5) -> Shot:
+def shot(number: int, metres: float = 1.5) -> ViewedFrame:
     depth = np.full((3, 4), metres, np.float32)
-    return Shot(number, number * 10**9, depth, depth, CAMERA)
+    return ViewedFrame(number, number * 10**9, depth, depth, CAMERA)
 
 
 class Source:
     """Something to show, which writes down what it is asked for."""
 
     def __init__(self) -> None:
-        self.shots: dict[str, Shot] = {}
+        self.shots: dict[str, ViewedFrame] = {}
         self.status = '{}'
         self.asked: list[Any] = []
         self.complaints: list[str] = []
@@ -352,7 +352,7 @@ def test_packing_keeps_what_is_valid() -> None:
 def test_a_frame_as_bytes(with_clean: bool) -> None:
     simulated, clean = (np.full((3, 4), value, np.float32) for value in (1.25, 1.5))
     message = pack(
-        'left', Shot(1, 1_500_000_000, simulated, clean if with_clean else None, CAMERA)
+        'left', ViewedFrame(1, 1_500_000_000, simulated, clean if with_clean else None, CAMERA)
     )
     length = int.from_bytes(message[:4], 'little')
     assert length % 4 == 0
@@ -383,7 +383,7 @@ def test_the_cloud_takes_the_lens_off(
     served: tuple[Server, Source], tmp_path: Path, distortion: tuple[float, ...]
 ) -> None:
     camera = Intrinsics(56, 43, 52.6, 53.2, 27.1, 21.4, distortion)
-    message = pack('left', Shot(1, 0, np.ones((43, 56), np.float32), None, camera))
+    message = pack('left', ViewedFrame(1, 0, np.ones((43, 56), np.float32), None, camera))
     head = message[4 : 4 + int.from_bytes(message[:4], 'little')].decode()
     with chromium(tmp_path) as page:
         page.open(f'http://127.0.0.1:{served[0].port}/')

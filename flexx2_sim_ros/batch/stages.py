@@ -10,7 +10,7 @@ from flexx2_sim_ros.batch.images import Images, launch, Rows
 from flexx2_sim_ros.camera import Intrinsics, Mode, Profile
 from flexx2_sim_ros.effects import Effect
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.physics.geometry import View
+from flexx2_sim_ros.physics.geometry import Reprojection
 import numpy as np
 import warp as wp
 
@@ -273,7 +273,7 @@ def _views(
             f'parameters, wanted at most {_MOST_VIEWS} in a batch'
         )
     lines = [
-        View(effect.true_camera(camera), camera).lines  # type: ignore[attr-defined]
+        Reprojection(effect.true_camera(camera), camera).lines  # type: ignore[attr-defined]
         for effect in different
     ]
     index, du, dv = (np.concatenate(parts) for parts in zip(*lines, strict=True))

@@ -10,7 +10,12 @@ from typing import Any
 from flexx2_sim_ros.camera.stages import run_stages
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.physics.axial import model_sigma, observe
-from flexx2_sim_ros.physics.frame_state import check_frequencies, Effect, FrameState, Memory
+from flexx2_sim_ros.physics.frame_state import (
+    check_frequencies,
+    EffectProtocol,
+    FrameState,
+    Memory,
+)
 from flexx2_sim_ros.physics.lateral import displaced_sources, pixel_sigma, upright_edges
 from flexx2_sim_ros.physics.philox import camera_key, fill_normals, stamp_words, STREAM_AXIAL
 from flexx2_sim_ros.physics.surface import analyse, Surface
@@ -135,7 +140,7 @@ class Camera:
         return self.mode.name
 
     @property
-    def effects(self) -> tuple[Effect, ...]:
+    def effects(self) -> tuple[EffectProtocol, ...]:
         """Return the effects that are on; can be set, between frames, to what Camera takes."""
         return self._effects
 
@@ -392,7 +397,7 @@ def _frame(images: list[np.ndarray], matrices: np.ndarray) -> Frame:
     return Frame(depth, sigma, amplitude, confidence, matrices.astype(np.float64))
 
 
-def _as_effects(effects: Any) -> tuple[Effect, ...]:
+def _as_effects(effects: Any) -> tuple[EffectProtocol, ...]:
     if isinstance(effects, str | PathLike | Mapping):
         # The effects build on the camera, so they are looked up here only when they are needed.
         from flexx2_sim_ros.effects import load_effects, parse_effects

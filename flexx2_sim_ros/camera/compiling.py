@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from flexx2_sim_ros.camera.camera import Camera
-from flexx2_sim_ros.physics.geometry import View
+from flexx2_sim_ros.physics.geometry import Reprojection
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from numba.core.event import Event, install_listener, Listener
 import numpy as np
@@ -66,4 +66,4 @@ def warm_up(camera: Camera, intrinsics: Intrinsics) -> None:
         np.stack([scene, scene * np.float32(1.01)]), intrinsics.matrix, np.arange(2) * 10**7
     )
     other = Intrinsics(8, 8, 4.0, 4.0, 3.5, 3.5)
-    View(intrinsics, other, sensor=camera.mode.sensor).depth(np.ones((8, 8), np.float32))
+    Reprojection(intrinsics, other, sensor=camera.mode.sensor).depth(np.ones((8, 8), np.float32))

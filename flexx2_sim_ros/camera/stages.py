@@ -7,7 +7,7 @@ import math
 from typing import Any
 
 from flexx2_sim_ros.physics.axial import add_noise, blank_invalid, blank_outside, model_sigma
-from flexx2_sim_ros.physics.frame_state import Common, Effect, FrameState, once, Stage
+from flexx2_sim_ros.physics.frame_state import Common, EffectProtocol, FrameState, once, Stage
 from flexx2_sim_ros.physics.lateral import displaced_sources, pixel_sigma, upright_edges
 from flexx2_sim_ros.physics.philox import fill_normals, stamp_words, STREAM_AXIAL
 from flexx2_sim_ros.physics.surface import analyse, PAD, Surface
@@ -17,7 +17,7 @@ _NOWHERE = np.zeros(0, np.int64)
 
 
 def run_stages(
-    state: FrameState, effects: Sequence[Effect], edge_sigma: float
+    state: FrameState, effects: Sequence[EffectProtocol], edge_sigma: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """
     Run the stages in order, each with its effects.
@@ -42,7 +42,7 @@ def run_stages(
     return _finish(state)
 
 
-def measure(state: FrameState, effects: Sequence[Effect], edge_sigma: float) -> None:
+def measure(state: FrameState, effects: Sequence[EffectProtocol], edge_sigma: float) -> None:
     """Run the stages like `develop`, up to ``state.measured``."""
     ordered = sorted(effects, key=lambda effect: (effect.stage, effect.order, effect.name))
     by_stage = {
@@ -83,7 +83,9 @@ def measure(state: FrameState, effects: Sequence[Effect], edge_sigma: float) -> 
     run(Stage.DROPOUT)
 
 
-def _see_another_scene(state: FrameState, common: Common, effects: Sequence[Effect]) -> None:
+def _see_another_scene(
+    state: FrameState, common: Common, effects: Sequence[EffectProtocol]
+) -> None:
     # The random numbers are the same. What effects that keep nothing make of the scene is the same
     # for all frames that share it; the latest of it is kept.
     def make() -> tuple[np.ndarray, np.ndarray]:

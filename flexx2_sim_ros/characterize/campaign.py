@@ -9,7 +9,7 @@ from flexx2_sim_ros.camera.camera import Camera
 from flexx2_sim_ros.characterize.conditions import Condition
 from flexx2_sim_ros.characterize.workers import in_processes
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.physics.geometry import centred, View
+from flexx2_sim_ros.physics.geometry import centred, Reprojection
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from flexx2_sim_ros.profiles.modes import Mode, Profile
 from flexx2_sim_ros.recording import open_recording, RecordingReader, RecordingWriter
@@ -184,7 +184,7 @@ def _render(
     model = board_model(source, name)
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    view = View(camera, source)
+    view = Reprojection(camera, source)
     eye = open_renderer(model, source, renderer)
     try:
         scenes = {}

@@ -8,7 +8,7 @@ from flexx2_sim_ros.effects.effect import Effect, parameter
 from flexx2_sim_ros.effects.hypothesis import Hypothesis, Term
 from flexx2_sim_ros.effects.picture import Picture
 from flexx2_sim_ros.physics.frame_state import FrameState, Stage
-from flexx2_sim_ros.physics.geometry import View
+from flexx2_sim_ros.physics.geometry import Reprojection
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 import numpy as np
 
@@ -94,7 +94,9 @@ class IntrinsicsError(Effect):
         true = self.true_camera(believed)
         kept = state.memory.kept.get(self.name)
         if kept is None or kept.camera != true or kept.source != believed:
-            kept = state.memory.kept[self.name] = View(true, believed, sensor=state.mode.sensor)
+            kept = state.memory.kept[self.name] = Reprojection(
+                true, believed, sensor=state.mode.sensor
+            )
         lost = np.isnan(kept.rays[0])  # Bent so much that no light comes there.
         state.depth = np.where(lost, _NAN, kept.depth(state.depth))
         if state.reflectivity.size > 1:

@@ -27,7 +27,7 @@ from flexx2_sim_ros.nodes.steady_node import SteadyNode
 from flexx2_sim_ros.nodes.subscriptions import Input
 from flexx2_sim_ros.nodes.transforms import FramePublisher, optical_transform
 from flexx2_sim_ros.nodes.twins import claim_name
-from flexx2_sim_ros.physics.geometry import pixel_rays, points, View
+from flexx2_sim_ros.physics.geometry import pixel_rays, points, Reprojection
 from flexx2_sim_ros.profiles.files import find_profile, PROFILE_HELP
 from flexx2_sim_ros.profiles.modes import Profile
 import numpy as np
@@ -74,7 +74,7 @@ class Flexx2Camera(SteadyNode):
         self.settings = CameraParameters(self, self._profile, self._on_change)
         self._statistics = Statistics()
         self._pairing = StampPairing()
-        self._view: View | None = None
+        self._view: Reprojection | None = None
         self._rays = pixel_rays(self.settings.intrinsics)
         self._camera = self._make_camera()
         self._gate = FrameGate(self._camera.mode.rate_hz)
@@ -272,7 +272,7 @@ class Flexx2Camera(SteadyNode):
         self._statistics.published += 1
         return True
 
-    def _find_view(self, match: Match, image: np.ndarray) -> View:
+    def _find_view(self, match: Match, image: np.ndarray) -> Reprojection:
         if match.info is None:
             raise _NoCameraInfoError(
                 'clean/camera_info: none has come, wanted one for every image of '
@@ -287,7 +287,7 @@ class Flexx2Camera(SteadyNode):
         radial = self.settings.radial
         view = self._view
         if view is None or view.source != source or view.radial != radial:
-            view = self._view = View(
+            view = self._view = Reprojection(
                 self.settings.intrinsics, source, radial, self._profile.sensor
             )
             if view.outside.any():
@@ -337,7 +337,7 @@ class Flexx2Camera(SteadyNode):
         return due
 
     @staticmethod
-    def _mask(frame: Frame, view: View) -> Frame:
+    def _mask(frame: Frame, view: Reprojection) -> Frame:
         if view.outside.any():
             frame.depth[view.outside] = np.nan
             frame.sigma[view.outside] = np.nan

@@ -11,11 +11,11 @@ from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.messages.decoding import decode_camera_info, decode_image, stamp_nanoseconds
 from flexx2_sim_ros.nodes.gating import RateMeter
 from flexx2_sim_ros.nodes.runtime import Throttle
-from flexx2_sim_ros.physics.geometry import View
+from flexx2_sim_ros.physics.geometry import Reprojection
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from flexx2_sim_ros.recording.bag_cameras import CameraTopics, EVENTS, find_cameras
 from flexx2_sim_ros.view.driving import Driving, Velocity
-from flexx2_sim_ros.view.packing import Shot
+from flexx2_sim_ros.view.packing import ViewedFrame
 from geometry_msgs.msg import Twist
 import numpy as np
 from rcl_interfaces.msg import ParameterEvent
@@ -46,7 +46,7 @@ class _Camera:
         self.answer: dict[str, Any] = {}
         self.answer_by: float | None = None
         self.asked: Any = None
-        self.shot: Shot | None = None
+        self.shot: ViewedFrame | None = None
         self._node, self._show = node, show
         self._radial = False
         self._listening: list[Any] = []
@@ -61,7 +61,7 @@ class _Camera:
         self._problem = ''
         self._info: CameraInfo | None = None
         self._clean_info: CameraInfo | None = None
-        self._view: View | None = None
+        self._view: Reprojection | None = None
 
     def listen(self, wanted: bool) -> None:
         """Subscribe, or no longer."""
@@ -128,7 +128,7 @@ class _Camera:
             if depth.shape != (camera.height, camera.width):
                 raise InputError(f'{self.topics.info}: its size is not that of the image')
             sequence = 0 if self.shot is None else self.shot.sequence + 1
-            self.shot = Shot(sequence, stamp, depth, self._cleaned(clean, camera), camera)
+            self.shot = ViewedFrame(sequence, stamp, depth, self._cleaned(clean, camera), camera)
             self._problem = ''
         except InputError as error:
             self._problem = str(error)
@@ -150,7 +150,7 @@ class _Camera:
             or (view.source, view.camera) != (source, camera)
             or view.radial != self._radial
         ):
-            view = self._view = View(camera, source, self._radial)
+            view = self._view = Reprojection(camera, source, self._radial)
         return np.where(view.outside, np.float32(0), view.depth(image))
 
     def status(self) -> dict[str, Any]:
@@ -208,7 +208,7 @@ class Viewer(Node):
     def __init__(self, cameras: Sequence[str], drive_topic: str) -> None:
         """Look for cameras now and every half second."""
         super().__init__('flexx2_view', start_parameter_services=False)
-        self.shots: dict[str, Shot] = {}
+        self.shots: dict[str, ViewedFrame] = {}
         self.status = '{}'
         self.wake: Callable[[], None] = lambda: None
         self._wanted = {name.strip('/') for name in cameras}

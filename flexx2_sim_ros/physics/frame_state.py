@@ -226,7 +226,7 @@ class FrameState:
             shift += metres
 
 
-class Effect(Protocol):
+class EffectProtocol(Protocol):
     """What the pipeline asks of an effect; see `flexx2_sim_ros.effects`."""
 
     name: ClassVar[str]
@@ -252,7 +252,7 @@ def why_no_phases(mode: Mode) -> str:
     return 'needs the modulation frequencies, which the profile does not give'
 
 
-def check_frequencies(effects: Iterable[Effect], mode: Mode) -> None:
+def check_frequencies(effects: Iterable[EffectProtocol], mode: Mode) -> None:
     """
     Check that a mode has modulation frequencies, and that they are known, where effects need them.
 

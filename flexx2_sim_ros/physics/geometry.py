@@ -96,7 +96,7 @@ def _distort(
     )
 
 
-class View:
+class Reprojection:
     """
     How one camera looks through another's depth images.
 

@@ -17,7 +17,7 @@ _FARTHEST = 65535
 
 
 @dataclass(frozen=True)
-class Shot:
+class ViewedFrame:
     """
     A frame of one camera.
 
@@ -57,7 +57,7 @@ def pack_depth(depth: np.ndarray) -> np.ndarray:
         return np.where(depth > 0, steps, 0).astype('<u2')
 
 
-def pack(name: str, shot: Shot) -> bytes:
+def pack(name: str, shot: ViewedFrame) -> bytes:
     """Return a camera's frame as a message."""
     camera = shot.intrinsics
     head = json.dumps(

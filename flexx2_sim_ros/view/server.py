@@ -17,7 +17,7 @@ from typing import Any, Protocol
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.view.access import Access
 from flexx2_sim_ros.view.colours import depth_table, difference_table, INVALID
-from flexx2_sim_ros.view.packing import pack, Shot
+from flexx2_sim_ros.view.packing import pack, ViewedFrame
 from flexx2_sim_ros.view.requests import Choose, Drawn, Drive, parse
 from tornado.httpserver import HTTPServer
 from tornado.iostream import StreamClosedError
@@ -39,14 +39,14 @@ class Source(Protocol):
 
     Attributes
     ----------
-    shots : dict of str to Shot
+    shots : dict of str to ViewedFrame
         The newest frame of every camera; replaced as a whole, never changed.
     status : str
         JSON for the page; replaced when there is something new.
 
     """
 
-    shots: dict[str, Shot]
+    shots: dict[str, ViewedFrame]
     status: str
 
     def watch(self, watched: bool) -> None:
@@ -125,7 +125,7 @@ class Server:
         self.turn = asyncio.Lock()
         self._sockets = sockets
         self._clients: set[Live] = set()
-        self._packed: dict[str, tuple[Shot, bytes]] = {}
+        self._packed: dict[str, tuple[ViewedFrame, bytes]] = {}
         self._awake = False
         self._ready = threading.Event()
         self._loop: asyncio.AbstractEventLoop | None = None
@@ -173,7 +173,7 @@ class Server:
             self.source.watch(False)
             self._packed.clear()
 
-    def packed(self, name: str, shot: Shot) -> bytes:
+    def packed(self, name: str, shot: ViewedFrame) -> bytes:
         """Return a frame as bytes, made once for all browsers."""
         done = self._packed.get(name)
         if done is None or done[0] is not shot:
@@ -291,7 +291,7 @@ class Live(_Guarded, WebSocketHandler):
         self._status = ''
         self._obeyed = self._said_obeyed = True
         # By camera, of those that there are: nothing that a page names is kept.
-        self._sent: dict[str, Shot] = {}
+        self._sent: dict[str, ViewedFrame] = {}
         self._undrawn: dict[str, int] = {}
 
     def prepare(self) -> None:

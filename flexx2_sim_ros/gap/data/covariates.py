@@ -93,7 +93,7 @@ BINS = sum(axis.bins for axis in AXES.values())
 
 
 @dataclass(frozen=True)
-class Scene:
+class PixelCovariates:
     """
     The covariates of one clean frame.
 
@@ -131,7 +131,7 @@ def look_at(
     K: np.ndarray,
     mode: Mode,  # noqa: N803
     border: int = 0,
-) -> Scene:
+) -> PixelCovariates:
     """
     Sort a frame's pixels along all axes.
 
@@ -154,7 +154,7 @@ def look_at(
 
     Returns
     -------
-    Scene
+    PixelCovariates
 
     """
     height, width = clean.shape
@@ -210,7 +210,7 @@ def look_at(
             where=(far | ~(clean > 0)) & (edge < 0) & known,
         )
     runs, first = _runs(bins)
-    return Scene(
+    return PixelCovariates(
         runs,
         first,
         sigma,

@@ -6,7 +6,7 @@ from typing import Any
 
 from flexx2_sim_ros.camera.common_random_numbers import CommonRandomNumbers
 from flexx2_sim_ros.effects import ageing, Effect, loadable
-from flexx2_sim_ros.gap.data.covariates import look_at, Scene
+from flexx2_sim_ros.gap.data.covariates import look_at, PixelCovariates
 from flexx2_sim_ros.gap.data.pose import base_camera, moved, pose_effects, unknown_border
 from flexx2_sim_ros.gap.data.registration import RecordingData, register
 from flexx2_sim_ros.gap.features.catalogue import Column
@@ -108,7 +108,7 @@ class Evidence:
 
 def scenes_of(
     recording: RecordingData, clean: np.ndarray, reflectivity: np.ndarray | None, border: int
-) -> list[Scene]:
+) -> list[PixelCovariates]:
     """Return the covariates of each frame, or of the one there is."""
     if clean.ndim == 2:
         return [look_at(clean, None, 0.0, reflectivity, recording.K, recording.mode, border)]
@@ -280,7 +280,7 @@ class _Part:
         recording: RecordingData,
         clean: np.ndarray,
         reflectivity: np.ndarray | None,
-        scenes: list[Scene],
+        scenes: list[PixelCovariates],
         frames: np.ndarray,
         seed: int,
         spectrum: np.ndarray,

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from flexx2_sim_ros.gap.data.covariates import AXES, BINS, Scene
+from flexx2_sim_ros.gap.data.covariates import AXES, BINS, PixelCovariates
 from flexx2_sim_ros.gap.features.kernels import (
     ABS2,
     count_depths,
@@ -152,7 +152,7 @@ class Sums:
 
 def accumulate(
     depth: np.ndarray,
-    scenes: Sequence[Scene],
+    scenes: Sequence[PixelCovariates],
     fresh: np.ndarray,
     warm: int,
     lattice: bool = True,
@@ -165,7 +165,7 @@ def accumulate(
     ----------
     depth : numpy.ndarray
         (T, H, W) float32 metres, NaN where invalid.
-    scenes : sequence of Scene
+    scenes : sequence of PixelCovariates
         One, or one a frame.
     fresh : numpy.ndarray
         (T,) bool, frames that do not follow the one before.

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from flexx2_sim_ros.gap.data.covariates import Scene
+from flexx2_sim_ros.gap.data.covariates import PixelCovariates
 import numpy as np
 
 _SAMPLES = 4096  # pixels whose noise is compared
@@ -33,7 +33,7 @@ def repeats(grains: Sequence[np.ndarray]) -> np.ndarray:
     return out
 
 
-def fingerprint(depth: np.ndarray, scenes: Sequence[Scene]) -> np.ndarray:
+def fingerprint(depth: np.ndarray, scenes: Sequence[PixelCovariates]) -> np.ndarray:
     """
     Return what the first frame's noise is, by which the same noise is known in another recording.
 
@@ -41,7 +41,7 @@ def fingerprint(depth: np.ndarray, scenes: Sequence[Scene]) -> np.ndarray:
     ----------
     depth : numpy.ndarray
         (T, H, W) float32 metres, NaN where invalid.
-    scenes : sequence of Scene
+    scenes : sequence of PixelCovariates
         One, or one a frame.
 
     Returns

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from flexx2_sim_ros.gap.data.covariates import AXES, Scene
+from flexx2_sim_ros.gap.data.covariates import AXES, PixelCovariates
 from flexx2_sim_ros.gap.features.features import Sums
 from flexx2_sim_ros.gap.features.kernels import EXPECT, N2, N_NEIGHBOUR, NEIGHBOUR, SQUARE2, VALID
 import numpy as np
@@ -39,7 +39,7 @@ class Measures:
     correlation: float
 
 
-def histogram(depth: np.ndarray, scenes: Sequence[Scene], sums: Sums) -> Measures:
+def histogram(depth: np.ndarray, scenes: Sequence[PixelCovariates], sums: Sums) -> Measures:
     """Count errors of a recording's frames (a third of them is enough)."""
     height, width = depth.shape[1:]
     v, u = np.mgrid[:height, :width]

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 import math
 
-from flexx2_sim_ros.gap.data.covariates import AXES, ENDLESS, Scene, sort_everywhere
+from flexx2_sim_ros.gap.data.covariates import AXES, ENDLESS, PixelCovariates, sort_everywhere
 from flexx2_sim_ros.gap.features.evidence import RecordingData
 from flexx2_sim_ros.gap.features.features import CHANNELS
 from flexx2_sim_ros.gap.features.kernels import (
@@ -69,7 +69,7 @@ class GroupSums:
         The recording.
     clean, reflectivity : numpy.ndarray
         (H, W) or (T, H, W) as the camera really stood; reflectivity may be None.
-    scenes : sequence of Scene
+    scenes : sequence of PixelCovariates
         Their covariates.
     border : int
         Pixels at the image's border that are not looked at.
@@ -81,7 +81,7 @@ class GroupSums:
         recording: RecordingData,
         clean: np.ndarray,
         reflectivity: np.ndarray | None,
-        scenes: Sequence[Scene],
+        scenes: Sequence[PixelCovariates],
         border: int,
     ) -> None:
         """Sort the pixels."""

@@ -25,7 +25,7 @@ _WORTH = {
 
 
 @dataclass(frozen=True)
-class Condition:
+class WhereCondition:
     """
     An interval of one covariate.
 
@@ -57,7 +57,7 @@ class Condition:
 
 def cover(
     recordings: Sequence[PixelGroups], real: bool, sigma_error: float = 0.0
-) -> list[Condition]:
+) -> list[WhereCondition]:
     """
     Find conditions of which one holds for pixels that differ, and none for the others.
 
@@ -75,7 +75,7 @@ def cover(
 
     Returns
     -------
-    list of Condition
+    list of WhereCondition
         Empty where nothing differs.
 
     """
@@ -116,7 +116,7 @@ def cover(
             share = (inside * here).sum(axis=1)
             total = max(float(share.sum()), 1e-9)
             out.append(
-                Condition(
+                WhereCondition(
                     name,
                     first,
                     last,

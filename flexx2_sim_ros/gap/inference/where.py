@@ -13,7 +13,7 @@ from flexx2_sim_ros.gap.features.features import (
     TOLERANCE,
 )
 from flexx2_sim_ros.gap.features.pixel_groups import GROUP_CHANNELS, GROUP_TOLERANCE, PixelGroups
-from flexx2_sim_ros.gap.inference.cover import Condition, cover
+from flexx2_sim_ros.gap.inference.cover import cover, WhereCondition
 from flexx2_sim_ros.gap.inference.model import Model
 import numpy as np
 from scipy import stats
@@ -96,7 +96,7 @@ def places(
     return [row for _, row in sorted(rows, key=lambda item: -item[0])]
 
 
-def _rows(one: Condition, names: list[str]) -> list[tuple[float, dict[str, Any]]]:
+def _rows(one: WhereCondition, names: list[str]) -> list[tuple[float, dict[str, Any]]]:
     # A condition, channel by channel, with how much what is there matters.
     ratio = np.abs(one.difference) / GROUP_TOLERANCE
     p = _tail(one.difference, GROUP_TOLERANCE, one.noise**2)
