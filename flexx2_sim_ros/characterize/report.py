@@ -13,6 +13,7 @@ from flexx2_sim_ros.characterize.analysis import Cell, Characterization
 from flexx2_sim_ros.characterize.assumptions import check_assumptions
 from flexx2_sim_ros.characterize.histogram import noise_histogram
 from flexx2_sim_ros.characterize.tables import DASH, divergence, four_tables, Row, Table
+from flexx2_sim_ros.html_page import html_page
 from flexx2_sim_ros.profiles.files import ProfileFile
 import numpy as np
 
@@ -20,23 +21,16 @@ _PAGE = 'report.html'
 _FIGURES = ('sigma_z', 'histogram', 'tables', 'lateral', 'bias', 'amplitude')
 _SHARPNESS = 1.45  # of the figures' pixels a pixel of the page
 _STYLE = """
-:root { color-scheme: light; }
-body { font: 15px/1.5 system-ui, "Segoe UI", Roboto, "DejaVu Sans", sans-serif; color: #1c1c1c;
-  background: #fff; max-width: 66rem; margin: 2rem auto; padding: 0 1.2rem; }
-h1 { font-size: 1.6rem; margin-bottom: .2rem; }
-h2 { font-size: 1.15rem; margin: 2.2rem 0 .5rem; border-bottom: 1px solid #ddd; }
-p { margin: .4rem 0; } .note { color: #555; font-size: .9rem; }
-table { border-collapse: collapse; margin: .6rem 0; font-size: .9rem; }
+.note { color: #555; font-size: .9rem; }
 th, td { padding: .22rem .55rem; text-align: right; white-space: nowrap; }
-th { border-bottom: 1.5px solid #444; font-weight: 600; }
-td { border-bottom: 1px solid #eee; font-variant-numeric: tabular-nums; }
+th { border-bottom: 1.5px solid #444; }
+td { border-bottom: 1px solid #eee; }
 th:first-child, td:first-child, .text { text-align: left; }
 td.text { white-space: normal; } td.yes, td.no, td.unknown { white-space: nowrap; }
-img { max-width: 100%; height: auto; }
 .paper td { color: #8a3324; } .no { color: #a40000; font-weight: 600; }
 .yes { color: #1b6e2d; } .unknown { color: #777; }
 details { margin: .6rem 0; } summary { cursor: pointer; color: #234; }
-.scroll { overflow-x: auto; } code { font-size: .92em; }
+.scroll { overflow-x: auto; }
 """
 
 
@@ -126,13 +120,7 @@ def _page(result: Characterization, profile: ProfileFile, pictures: dict[str, st
         *_left_out(result, profile),
         *_method(result),
     ]
-    return (
-        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f'<title>{escape(title)}</title><style>{_STYLE}</style></head><body>\n'
-        + '\n'.join(parts)
-        + '\n</body></html>\n'
-    )
+    return html_page(title, _STYLE, '\n'.join(parts))
 
 
 def _summary(result: Characterization) -> list[str]:

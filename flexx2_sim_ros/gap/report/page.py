@@ -11,18 +11,19 @@ from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.report.charts import charts, maps
 from flexx2_sim_ros.gap.report.drawing import bar
 from flexx2_sim_ros.gap.report.words import headline, not_considered, place, sentences
+from flexx2_sim_ros.html_page import html_page
 
 _STYLE = """
-body{font:16px/1.45 system-ui,sans-serif;color:#1c2733;background:#fff;max-width:60rem;
-margin:2rem auto;padding:0 1.2rem}h1{font-size:1.55rem;line-height:1.25;margin:.2rem 0 1rem}
-h2{font-size:1.1rem;margin:2rem 0 .5rem;border-top:1px solid #d8dfe6;padding-top:1rem}
-table{border-collapse:collapse;font-size:.92rem}td,th{padding:.18rem .9rem .18rem 0;
-text-align:left;vertical-align:top;font-variant-numeric:tabular-nums}th{color:#5a6b7b;
-font-weight:600}.tag{display:inline-block;padding:.1rem .6rem;border-radius:1rem;color:#fff;
-font-weight:600}.none{background:#2e7d4f}.identified{background:#1f6feb}.partly{background:#b7791f}
-.unknown{background:#a8324a}.row{display:flex;flex-wrap:wrap;gap:1.2rem}.row figure{margin:0;
-max-width:27.5rem}figcaption{font-size:.85rem;color:#5a6b7b}small,.dim{color:#5a6b7b}code{background:#f2f5f8;
-padding:0 .25rem}svg{max-width:100%}
+td, th { padding: .18rem .9rem .18rem 0; text-align: left; vertical-align: top; }
+th { color: #5a6b7b; }
+.tag { display: inline-block; padding: .1rem .6rem; border-radius: 1rem; color: #fff;
+  font-weight: 600; }
+.none { background: #2e7d4f; } .identified { background: #1f6feb; }
+.partly { background: #b7791f; } .unknown { background: #a8324a; }
+.row { display: flex; flex-wrap: wrap; gap: 1.2rem; }
+.row figure { margin: 0; max-width: 27.5rem; }
+figcaption { font-size: .85rem; } small, .dim, figcaption { color: #5a6b7b; }
+code { background: #f2f5f8; padding: 0 .25rem; }
 """
 _UNIT_NAMES = {
     'wasserstein_mm': ('distance of depth errors (Wasserstein-1)', 'mm', 1.0),
@@ -49,14 +50,12 @@ def page(
         _considered(table, decision),
         _recordings(table),
     ]
-    return (
-        '<!DOCTYPE html><html lang="en"><head><meta charset="utf-8">'
-        '<meta name="viewport" content="width=device-width">'
-        f'<title>Sim-to-real gap: {escape(table["verdict"])}</title><style>{_STYLE}</style>'
-        f'</head><body>{"".join(body)}<p class="dim">flexx2_sim_ros {table["version"]}, '
-        f'{table["seconds"]:.0f} s, {table["peak_mb"]:.0f} MB. Figures of the losses are in '
-        'units of what matters; see docs/diagnosis.md.</p></body></html>'
+    body.append(
+        f'<p class="dim">flexx2_sim_ros {table["version"]}, {table["seconds"]:.0f} s, '
+        f'{table["peak_mb"]:.0f} MB. Figures of the losses are in units of what matters; see '
+        'docs/diagnosis.md.</p>'
     )
+    return html_page(f'Sim-to-real gap: {table["verdict"]}', _STYLE, '\n'.join(body))
 
 
 def _effects(table: dict[str, Any]) -> str:
