@@ -55,7 +55,7 @@ def read_config(path: Path) -> dict[str, Any]:
     except Exception as error:  # PyYAML lets errors of all kinds out, e.g. of `!!bool x`.
         raise InputError(f'{name}: cannot be read as YAML: {_reason(error)}') from error
     if not isinstance(content, dict) or content.get('schema') != 1:
-        raise InputError(f'{name}: schema: wanted a mapping with schema 1')
+        raise InputError(f'{name}: schema: must be a mapping with schema 1')
     return content
 
 
@@ -128,7 +128,7 @@ def read_section(path: Path, section: str, kind: type) -> Any:
     found = read_config(path).get(section)
     if not (isinstance(found, kind) and found):
         raise InputError(
-            f'{shown_path(path)}: {section} is {shown(found)}, wanted a '
-            f'{kind.__name__} with something in it'
+            f'{shown_path(path)}: {section}: must be a {kind.__name__} that is not empty, got '
+            f'{shown(found)}'
         )
     return found

@@ -18,7 +18,7 @@ class InputError(ValueError):
     """
     Something given to the package cannot be used.
 
-    The message names the field, what was found and what is wanted, so that it can be shown to
+    The message names the field, what it must be and what it is, so that it can be shown to
     a person as it is: the command line prints it without a traceback, a node logs it. What it
     repeats from a file or a message cannot control the terminal.
     """

@@ -36,8 +36,8 @@ def config_dir() -> Path:
         if (candidate / _MARKER).is_file():
             return candidate
     raise InputError(
-        f'config folder: no {_MARKER} found near {package}; wanted config/ in a checkout or '
-        'share/flexx2_sim_ros/config in an install. Reinstall the package.'
+        'config folder: must be config/ in a checkout or share/flexx2_sim_ros/config in an '
+        f'install, got no {_MARKER} near {package}. Reinstall the package.'
     )
 
 

@@ -89,8 +89,8 @@ def workers(count: int, one_thread: bool = False) -> Iterator[Submit]:
         yield submit
     except BrokenProcessPool as error:
         raise InputError(
-            f'--jobs: found {count}, of which a process ended before its work did: out of '
-            "memory? (In a script, jobs need `if __name__ == '__main__':`.) Wanted fewer"
+            f'--jobs: must be fewer, got {count}, of which a process ended before its work did: '
+            "out of memory? (In a script, jobs need `if __name__ == '__main__':`.)"
         ) from error
     finally:
         pool.shutdown(cancel_futures=True)

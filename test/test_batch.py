@@ -199,16 +199,16 @@ CLEAN = np.ones((2, 4, 5), np.float32)
 @pytest.mark.parametrize(
     ('depth', 'said'),
     [
-        (CLEAN[0], r'depth: found shape \(4, 5\), wanted \(2, any, any\)'),
-        (CLEAN[:1], r'depth: found shape \(1, 4, 5\)'),
-        (CLEAN[:, :0], r'depth: found shape \(2, 0, 5\)'),
-        (CLEAN.astype(np.float64), 'depth: found float64, wanted float32'),
-        (CLEAN.astype('>f4'), 'wanted float32'),
-        (CLEAN.astype(np.uint16), 'depth: found uint16'),
-        (CLEAN.tolist(), 'depth: found list, wanted a torch tensor, a JAX array, a NumPy array'),
-        (None, 'depth: found NoneType'),
-        (wp.zeros((2, 4, 5), dtype=wp.float64, device='cpu'), 'depth: found .*float64'),
-        (wp.zeros((2, 4, 5), dtype=wp.vec3, device='cpu'), 'depth: found .*vec'),
+        (CLEAN[0], r'depth: must have shape \(2, any, any\), got \(4, 5\)'),
+        (CLEAN[:1], r'depth: must have shape .*, got \(1, 4, 5\)'),
+        (CLEAN[:, :0], r'depth: must have shape .*, got \(2, 0, 5\)'),
+        (CLEAN.astype(np.float64), 'depth: must be float32, got float64'),
+        (CLEAN.astype('>f4'), 'must be float32'),
+        (CLEAN.astype(np.uint16), 'depth: must be float32, got uint16'),
+        (CLEAN.tolist(), 'depth: must be a torch tensor, a JAX array, a NumPy array.*, got list'),
+        (None, 'depth: must be .*, got NoneType'),
+        (wp.zeros((2, 4, 5), dtype=wp.float64, device='cpu'), 'depth: must be .*, got .*float64'),
+        (wp.zeros((2, 4, 5), dtype=wp.vec3, device='cpu'), 'depth: must be .*, got .*vec'),
     ],
 )
 def test_depth_that_cannot_be_used(depth: object, said: str) -> None:
@@ -219,17 +219,17 @@ def test_depth_that_cannot_be_used(depth: object, said: str) -> None:
 @pytest.mark.parametrize(
     ('changes', 'said'),
     [
-        ({'num_envs': 0}, 'num_envs: found 0'),
-        ({'num_envs': True}, 'num_envs: found True'),
-        ({'num_envs': 2.0}, 'num_envs: found 2.0'),
-        ({'usecase': 'Mode_7'}, 'usecase: found .Mode_7., wanted one of Mode_5_15fps'),
+        ({'num_envs': 0}, 'num_envs: must be a whole number from 1, got 0'),
+        ({'num_envs': True}, 'num_envs: must be a whole number from 1, got True'),
+        ({'num_envs': 2.0}, 'num_envs: must be a whole number from 1, got 2.0'),
+        ({'usecase': 'Mode_7'}, 'usecase: must be one of Mode_5_15fps.*, got .Mode_7.'),
         ({'usecase': ['Mode_5_15fps']}, 'for each of the 2 environments'),
-        ({'seed': [1]}, 'seed: found .1., wanted one, or one for each of the 2'),
-        ({'seed': True}, 'seed: found True'),
-        ({'seed': 2**63 - 1}, 'wanted a whole number of 64 bits'),
-        ({'K': np.eye(2)}, 'K: found shape'),
-        ({'device': 'cuda:77'}, "device: found 'cuda:77', wanted one of cpu"),
-        ({'invalid_value': 'inf'}, "invalid_value: found 'inf', wanted nan or zero"),
+        ({'seed': [1]}, 'seed: must be one, or one for each of the 2 .*, got .1.'),
+        ({'seed': True}, 'seed: must be .*, got True'),
+        ({'seed': 2**63 - 1}, 'must be a whole number of 64 bits'),
+        ({'K': np.eye(2)}, 'K: must have shape'),
+        ({'device': 'cuda:77'}, "device: must be one of cpu.*, got 'cuda:77'"),
+        ({'invalid_value': 'inf'}, "invalid_value: must be nan or zero, got 'inf'"),
     ],
 )
 def test_cameras_that_cannot_be(changes: dict, said: str) -> None:
@@ -240,24 +240,24 @@ def test_cameras_that_cannot_be(changes: dict, said: str) -> None:
 def test_masks_and_outputs_that_cannot_be_used() -> None:
     camera = BatchCamera(2, device='cpu')
     for mask in (np.ones(2), np.ones(3, bool), np.ones((2, 1), bool)):
-        with pytest.raises(InputError, match=r'env_mask: found .* wanted bool of shape \(2,\)'):
+        with pytest.raises(InputError, match=r'env_mask: must be bool of shape \(2,\), got'):
             camera.set_usecase('Mode_5_30fps', mask)
     for out in (
         np.empty((2, 4, 6), np.float32),
         np.empty((2, 4, 10), np.float32)[:, :, ::2],
         wp.zeros((2, 4, 5), device='cpu'),
     ):
-        with pytest.raises(InputError, match='out: found'):
+        with pytest.raises(InputError, match='out: must be'):
             camera(CLEAN, out=out)
     huge = np.broadcast_to(np.float32(1), (2, 40_000, 40_000))
-    with pytest.raises(InputError, match='wanted at most 2147483647'):
+    with pytest.raises(InputError, match='must have at most 2147483647'):
         camera(huge)
 
 
 @pytest.mark.skipif(not wp.is_cuda_available(), reason='no GPU')
 def test_arrays_on_another_device() -> None:
     for one, other in (('cpu', 'cuda:0'), ('cuda:0', 'cpu')):
-        with pytest.raises(InputError, match=f'depth: found on {one}, wanted on {other}'):
+        with pytest.raises(InputError, match=f'depth: must be on {other}.*, got on {one}'):
             BatchCamera(2, device=other)(wp.array(CLEAN, device=one))
 
 

@@ -91,9 +91,9 @@ def test_flexx2_batch(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
     assert out.stat().st_size > 20_000
     for wrong, said in (
         (['--num-envs', '0'], '--num-envs: must be'),
-        (['--usecase', 'Mode_1'], 'usecase: found'),
-        (['--renderer', 'blender'], "renderer: found 'blender'"),
-        (['--device', 'cuda:9'], "device: found 'cuda:9'"),
+        (['--usecase', 'Mode_1'], 'usecase: must be'),
+        (['--renderer', 'blender'], "got 'blender'"),
+        (['--device', 'cuda:9'], "got 'cuda:9'"),
         (['--out', str(tmp_path / 'no' / 'grid.png')], 'there is no'),
     ):
         assert main([*arguments, *wrong]) == 2

@@ -231,7 +231,7 @@ def test_labels_are_sealed(tmp_path: Path, design: list[Planned]) -> None:
 def test_nothing_done_cannot_be_scored(tmp_path: Path, design: list[Planned]) -> None:
     (tmp_path / 'results').mkdir()
     seal(design, tmp_path / 'sealed', tmp_path, {})
-    with pytest.raises(InputError, match='no case that is done'):
+    with pytest.raises(InputError, match='at least one finished case'):
         score(tmp_path, partly=True)
 
 

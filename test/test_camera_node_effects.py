@@ -236,7 +236,7 @@ def test_a_bad_value_is_rejected_and_the_stream_goes_on(bad_file: Path) -> None:
             stamp = START + step * PERIOD
             assert seen.show(scene(), stamp)
             assert same(seen.depths()[-1], capture(camera, scene(), stamp).depth)
-        assert 'offset.bias: found 7' in seen.set(effects=str(bad_file)).reason
+        assert 'offset.bias: must be' in seen.set(effects=str(bad_file)).reason
         assert seen.get('effect.offset.bias') == 0.005
         assert seen.get('effects') == '*'  # No file, and a number that is not off.
         assert seen.set(**{'effect.offset.bias': 0}).successful  # a whole number will do

@@ -234,5 +234,5 @@ def test_stamps_that_repeat_or_go_back() -> None:
             5,
             5 + SECOND // 30,
         ]
-        assert len(seen.logged('header.stamp', str(START), 'wanted a new one')) == 1
+        assert len(seen.logged('header.stamp', str(START), 'must be new for every image')) == 1
         assert len(seen.logged('header.stamp went back to 5 ns')) == 1

@@ -225,7 +225,7 @@ def test_the_plan_is_the_captures_campaign(capsys: pytest.CaptureFixture[str]) -
     ('arguments', 'named'),
     [
         (['plan', '--usecase', 'Mode_7'], 'usecase'),
-        (['plan', '--distances', '3'], '--distances: found 3, wanted 0.1 to 2.4 m'),
+        (['plan', '--distances', '3'], '--distances: must be 0.1 to 2.4 m'),
         (['plan', '--distances', 'nan'], '--distances'),
         (['plan', '--angles', '85'], '--angles'),
         (['plan', '--angles', '-5'], '--angles'),
@@ -233,8 +233,8 @@ def test_the_plan_is_the_captures_campaign(capsys: pytest.CaptureFixture[str]) -
         (['capture', 'x', '--frames', '0'], '--frames'),
         (['capture', 'x', '--jobs', '0'], '--jobs'),
         (['capture', '/dev/null/x'], 'cannot be written'),
-        (['fit', 'no such folder'], 'not a folder'),
-        (['fit', '.', '--box', '5', '5', '1', '1'], 'no recording in it'),
+        (['fit', 'no such folder'], 'must be a folder'),
+        (['fit', '.', '--box', '5', '5', '1', '1'], 'must have recordings'),
     ],
 )
 def test_bad_arguments_are_named(

@@ -64,20 +64,29 @@ def tiny() -> np.ndarray:
 
 OTHER_K = np.array([[190.0, 0, 39.5], [0, 212.9, 29.5], [0, 0, 1]])
 WRONG = {
-    'other mode': ({'usecase': 'Mode_5_30fps'}, 'found Mode_5_30fps, wanted Mode_9_30fps'),
-    'other K': ({'K': OTHER_K}, 'K: found 80 x 60 pixels, fx 190'),
-    'other size': (content(1.0, 15, size=(50, 70)), 'wanted 80 x 60 pixels'),
-    'one frame': ({key: content()[key][:1] for key in ('depth', 'stamp')}, 'found 1 frame'),
-    'all invalid': ({'depth': np.full((12, 60, 80), np.nan, np.float32)}, 'every pixel is'),
-    'zeros': ({'depth': np.zeros((12, 60, 80), np.float32)}, 'every pixel is invalid'),
+    'other mode': (
+        {'usecase': 'Mode_5_30fps'},
+        'must be Mode_9_30fps, as the name says, got Mode_5_30fps',
+    ),
+    'other K': ({'K': OTHER_K}, 'got 80 x 60 pixels, fx 190'),
+    'other size': (content(1.0, 15, size=(50, 70)), 'must be 80 x 60 pixels'),
+    'one frame': (
+        {key: content()[key][:1] for key in ('depth', 'stamp')},
+        'must have several frames',
+    ),
+    'all invalid': (
+        {'depth': np.full((12, 60, 80), np.nan, np.float32)},
+        'got only invalid pixels',
+    ),
+    'zeros': ({'depth': np.zeros((12, 60, 80), np.float32)}, 'got only invalid pixels'),
     'millimetres': ({'depth': 1000 * content()['depth']}, 'are these millimetres'),
-    'a board that fills nothing': ({'depth': tiny()}, 'wanted at least 100'),
+    'a board that fills nothing': ({'depth': tiny()}, 'must have at least 100'),
     'no plane': (
         {'depth': np.random.default_rng(0).uniform(0.5, 5, (12, 60, 80)).astype('f4')},
         'board: ',
     ),
-    'elsewhere': (content(1.6, 15), 'board: found at 1.6'),
-    'another angle': (content(1.0, 40), 'wanted 15 as the name says'),
+    'elsewhere': (content(1.6, 15), 'as the name says, within'),
+    'another angle': (content(1.0, 40), 'must be at 15 degrees, as the name says'),
     'no stamp': ({'stamp': np.array(['a'] * 12)}, 'stamp'),
 }
 
@@ -91,7 +100,7 @@ def test_a_wrong_recording_is_left_out_and_the_rest_analysed(tmp_path: Path, kin
     assert len(result.left_out) == 1
     assert result.left_out[0].startswith(str(bad))
     assert named in result.left_out[0]
-    assert 'wanted' in result.left_out[0]
+    assert 'must ' in result.left_out[0]
     assert len(result.modes[0].cells) == 5
 
 
@@ -125,7 +134,7 @@ def test_nothing_that_can_be_used_is_said_with_every_reason(
     printed = capsys.readouterr().err
     assert 'none of its 2 recordings' in printed
     assert 'a.npz: cannot be read' in printed
-    assert 'b.npz: depth: every pixel is invalid' in printed
+    assert 'b.npz: depth: must have a board in view' in printed
     assert 'Traceback' not in printed
     assert not (tmp_path / 'characterization').exists()
 
@@ -197,7 +206,7 @@ def test_the_command_writes_a_page_figures_and_a_profile(
         '2 recordings were left out',
         'Left out: 2',
         'Every recording',
-        'found <b>x&y, wanted Mode_9_30fps',
+        'must be Mode_9_30fps, as the name says, got <b>x&y',
         '<b>x.npz: cannot be read',
         '<b>y&amp;.npz',
         'sigma_x: not measured',
@@ -317,8 +326,8 @@ def test_crops_of_one_image_are_one_camera(
     assert main(['characterize', 'fit', str(tmp_path), '--out', str(out), '--jobs', '1']) == 0
     printed = capsys.readouterr().err
     assert printed.count('left out') == 1
-    assert f'{other}: K: found 80 x 60 pixels, fx 190' in printed
-    assert 'wanted fx 210.6, fy 212.9 as 4 of the 5 recordings have' in printed
+    assert 'got 80 x 60 pixels, fx 190' in printed
+    assert f'{other}: K: must be fx 210.6, fy 212.9, as 4 of the 5 recordings have' in printed
     size = load_profile(out / 'profile.yaml').intrinsics
     assert (size.width, size.height, size.cx, size.cy) == (80, 60, 39.5, 29.5)
     page = (out / 'report.html').read_text(encoding='utf-8')
@@ -372,7 +381,7 @@ def test_a_box_says_where_the_board_is(tmp_path: Path) -> None:
     m = result.modes[0].measurements[0]
     assert m.pixels.count == 34 * 24
     assert m.distance == pytest.approx(1.0, rel=0.05)
-    with pytest.raises(InputError, match='box: found .* wanted x0 y0 x1 y1 within 80 x 60'):
+    with pytest.raises(InputError, match='box: must be x0 y0 x1 y1 within 80 x 60, got'):
         characterize(tmp_path, box=(2, 2, 90, 26))
 
 

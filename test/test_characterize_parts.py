@@ -95,7 +95,7 @@ def test_what_is_too_steep_is_left_out() -> None:
 def test_a_board_that_fills_nothing_is_refused(size: tuple[int, int]) -> None:
     depth = np.full((172, 224), np.nan)
     depth[80 : 80 + size[0], 100 : 100 + size[1]] = 1.0
-    with pytest.raises(InputError, match='wanted at least 100'):
+    with pytest.raises(InputError, match='must have at least 100'):
         find_board(depth, 0.001, K)
     scattered = np.random.default_rng(4).uniform(0.5, 5.0, (172, 224))
     with pytest.raises(InputError, match='board: '):
@@ -373,7 +373,7 @@ def test_names_state_conditions(name: str, found: Condition | None) -> None:
 
 
 def test_recordings_are_files_and_bags(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match='no recording in it'):
+    with pytest.raises(InputError, match='must have recordings'):
         find_recordings(tmp_path)
     for name in ('b.npz', 'a.mcap', 'c.db3', 'notes.txt', '.hidden.npz'):
         (tmp_path / name).touch()
@@ -387,5 +387,5 @@ def test_recordings_are_files_and_bags(tmp_path: Path) -> None:
         'c.db3',
         'cut',
     ]
-    with pytest.raises(InputError, match='not a folder'):
+    with pytest.raises(InputError, match='must be a folder'):
         find_recordings(tmp_path / 'b.npz')

@@ -55,14 +55,14 @@ def images(draw: Any) -> SimpleNamespace:
 def test_any_image_is_decoded_or_refused(
     message: SimpleNamespace, encodings: tuple[str, ...]
 ) -> None:
-    """Assert a right array or an InputError that names the field, what was found and wanted."""
+    """Assert a right array or an InputError that says field, must be and got."""
     try:
         image = decode_image(message, 'topic', encodings)
     except InputError as error:
         text = str(error)
         assert text.startswith('topic: ')
-        assert 'found' in text
-        assert 'wanted' in text
+        assert ', got ' in text
+        assert 'must be' in text
         return
     assert message.encoding in encodings
     assert image.dtype == np.float32
@@ -137,13 +137,13 @@ INFOS = st.builds(
 
 @given(INFOS)
 def test_any_camera_info_is_decoded_or_refused(message: SimpleNamespace) -> None:
-    """Assert a camera, or an InputError that names the topic and what is wanted."""
+    """Assert a camera, or an InputError that names the topic and what it must be."""
     try:
         camera = decode_camera_info(message, 'topic')
     except InputError as error:
         text = str(error)
         assert text.startswith('topic: ')
-        assert 'wanted' in text
+        assert 'must be' in text
         return
     assert isinstance(camera, Intrinsics)
     assert camera.matrix.ravel().tolist() == message.k
@@ -177,7 +177,9 @@ def test_camera_infos_of_pinholes() -> None:
     assert decode_camera_info(_info(distortion_model='')) == plain
     bent = decode_camera_info(_info(d=[0.1, -0.2, 0.01, 0.02, 0.3]))
     assert bent.distortion == (0.1, -0.2, 0.01, 0.02, 0.3)
-    with pytest.raises(InputError, match='distortion_model: found .equidistant.*plumb_bob'):
+    with pytest.raises(
+        InputError, match='distortion_model: must be plumb_bob.*, got .equidistant'
+    ):
         decode_camera_info(_info(d=[0.0] * 4, distortion_model='equidistant'))
 
 
@@ -189,7 +191,9 @@ def test_stamps(sec: int, nanosec: int) -> None:
     if nanosec < 10**9:
         check_stamp(stamp, 'topic')
     else:
-        with pytest.raises(InputError, match=f'topic: header.stamp: found nanosec {nanosec}, '):
+        with pytest.raises(
+            InputError, match=f'topic: header.stamp: must be .*, got nanosec {nanosec}'
+        ):
             check_stamp(stamp, 'topic')
 
 

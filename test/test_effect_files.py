@@ -71,9 +71,9 @@ def bad_tables() -> Iterator[tuple[Any, str]]:
     yield {'offset': {'bis': 0.1}}, r'offset\.bis.*bias'
     yield {'offset': {7: 0.1}}, r'offset\.7'
     for value in (0.3, -1, math.nan, math.inf, '0.1', None, True, [0.1], {}, 10**400):
-        yield {'offset': {'bias': value}}, r'offset\.bias: found .* -0.2 to 0.2 m'
+        yield {'offset': {'bias': value}}, r'offset\.bias: must be .* -0.2 to 0.2 m, got'
     for value in (-0.1, 4.1, 'on'):
-        yield {'range_wrap': {'strength': value}}, r'range_wrap\.strength: found .* 0 to 4'
+        yield {'range_wrap': {'strength': value}}, r'range_wrap\.strength: must be .* 0 to 4, got'
 
 
 @pytest.mark.parametrize(('table', 'named'), list(bad_tables()))
@@ -114,7 +114,7 @@ def test_a_ruined_file_is_named(text: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize('effects', [5, [5], ['offset'], None, [registry()['offset']]])
 def test_what_is_no_effect_is_refused(effects: Any) -> None:
-    with pytest.raises(InputError, match='^effects: found'):
+    with pytest.raises(InputError, match='^effects: must be'):
         Camera(effects=effects)
 
 

@@ -381,7 +381,7 @@ def test_effects_can_be_changed_between_two_frames() -> None:
     assert later == pytest.approx(1.1 + 0.02 / math.e, abs=1e-5)
     camera.effects = ()
     assert camera.capture(wall, SMALL, 901.0).depth[0, 0] == 1.0
-    with pytest.raises(InputError, match='^effects: offset: found it 2 times'):
+    with pytest.raises(InputError, match='^effects: must have offset once, got it 2 times'):
         camera.effects = parse_effects({'offset': None}) * 2
     assert camera.effects == ()
 

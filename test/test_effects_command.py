@@ -138,7 +138,7 @@ def test_simulate_with_effects(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ('words', 'named'),
     [
-        (('effects', 'show', 'blur'), "NAME: found 'blur', wanted one of pose_error"),
+        (('effects', 'show', 'blur'), 'NAME: must be one of pose_error'),
         (('effects', 'show', 'offset', '--out', '{folder}/no/where.png'), 'cannot be written'),
         (('effects', '--write-presets', '{folder}/in.npz'), 'must be a folder, got a file'),
         (
@@ -147,7 +147,7 @@ def test_simulate_with_effects(tmp_path: Path) -> None:
         ),
         (
             ('simulate', '{folder}/in.npz', '{folder}/out.npz', '--effects', '{folder}/bad.yaml'),
-            'bad.yaml: effects: offset.bias: found 3',
+            'bad.yaml: effects: offset.bias: must be',
         ),
         (('simulate', '{folder}/in.npz', '{folder}/out.npz', '--effects', 'typica'), 'typica'),
     ],

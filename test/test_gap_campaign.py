@@ -48,9 +48,12 @@ def test_bad_recordings_are_left_out_and_said(
             'no pixel is valid in both',
         ),
         ({'distortion': np.full(5, np.nan)}, 'distortion'),
-        ({'reflectivity': np.full(clean.shape, 200.0)}, 'reflectivity: found up to 200'),
-        ({'uptime': np.zeros(4)}, 'uptime: found float64 of shape (4,)'),
-        ({'uptime': np.array(1.7e9)}, 'uptime: found 1.7e+09'),
+        (
+            {'reflectivity': np.full(clean.shape, 200.0)},
+            'reflectivity: must be 0 to 1, got up to 200',
+        ),
+        ({'uptime': np.zeros(4)}, 'got float64 of shape (4,)'),
+        ({'uptime': np.array(1.7e9)}, 'got 1.7e+09'),
         ({'K': np.eye(3) * np.nan}, 'K'),
     ]
     for file, (changes, _) in zip(files, wrong, strict=False):

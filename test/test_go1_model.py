@@ -244,7 +244,7 @@ def test_a_bad_model_file_is_named(tmp_path, parameter, case):
 
 def test_a_robot_without_trunk_is_refused(tmp_path):
     path = written(tmp_path / 'r.xml', TINY_ROBOT.replace('trunk', 'torso'))
-    with pytest.raises(InputError, match="robot_model: .*no body named 'trunk'; found torso"):
+    with pytest.raises(InputError, match="robot_model: .*must have a body named 'trunk', got torso"):
         build_model(robot_model=path, intrinsics=K)
 
 
@@ -293,7 +293,7 @@ GOOD_MOUNT = '{name: a, position: [0, 0, 0], rpy_deg: [0, 0, 0]}'
             'cameras.0.',
         ),
         ('{schema: 1, cameras: [{name: 7, position: [0, 0, 0], rpy_deg: [0, 0, 0]}]}', 'name'),
-        (f'{{schema: 1, cameras: [{GOOD_MOUNT}, {GOOD_MOUNT}]}}', 'twice'),
+        (f'{{schema: 1, cameras: [{GOOD_MOUNT}, {GOOD_MOUNT}]}}', 'must be unique'),
     ],
 )
 def test_a_bad_camera_file_is_named(tmp_path, text, said):

@@ -131,7 +131,7 @@ def test_nonsense_on_cmd_vel_is_named_and_ignored():
         drive, poses = seen.to('cmd_vel', Twist), seen.hear('odom', Odometry)
         for bad in (twist(math.nan), twist(0.0, math.inf), twist(0.0, 0.0, -math.inf)):
             drive.publish(bad)
-        seen.spin_until(lambda: seen.logged('cmd_vel: linear.x: found nan, wanted a finite'))
+        seen.spin_until(lambda: seen.logged('cmd_vel: linear.x: must be a finite'))
         seen.more(poses, 5)
         np.testing.assert_allclose(place(poses[-1])[0][:2], 0, atol=1e-9)
         drive.publish(twist(0.4))
@@ -159,11 +159,11 @@ def test_limits_pause_and_pace_change_while_it_runs():
         # Whatever the pace and the pauses: one tick after the other.
         assert exact([nanoseconds(message) for message in poses], 30)
         for name, value, said in (
-            ('real_time_factor', 0.0, 'wanted a number from 0.01 to 100'),
-            ('real_time_factor', math.nan, 'found nan'),
-            ('max_speed', -1.0, 'wanted a number from 0 to 1.2'),
-            ('max_turn', 'fast', "found 'fast'"),
-            ('board_distance', 2.0, "scene is 'corner', wanted board"),
+            ('real_time_factor', 0.0, 'must be a number from 0.01 to 100'),
+            ('real_time_factor', math.nan, 'got nan'),
+            ('max_speed', -1.0, 'must be a number from 0 to 1.2'),
+            ('max_turn', 'fast', "got 'fast'"),
+            ('board_distance', 2.0, "scene must be board, got 'corner'"),
             ('motion', 'stand', 'read'),
         ):
             answer = seen.change(**{name: value})
@@ -261,7 +261,7 @@ def test_nonsense_from_another_simulator_is_named_and_ignored():
         states.publish(joints(3, (0.1, 0.2), ('FR_hip_joint', 'FR_0')))
         seen.spin_until(
             lambda: seen.logged(
-                "joint_states: name: found 'FR_hip_joint' and 'FR_0', which are one joint"
+                "joint_states: name: must have every joint once, got 'FR_hip_joint' and 'FR_0'"
             )
         )
         bad = odometry(10**9, (0.1, math.nan, 0.3))
@@ -279,9 +279,9 @@ def test_nonsense_from_another_simulator_is_named_and_ignored():
 @pytest.mark.parametrize(
     ('message', 'said'),
     [
-        (joints(0, (1.0,), ('a', 'b')), 'found 1 values, wanted one for each of the 2 names'),
-        (joints(0, (1.0, math.inf), ('a', 'b')), "position of 'b': found inf"),
-        (joints(0, (1.0, 1.0), ('x/FR_hip', 'fr_hip_joint')), 'one joint'),
+        (joints(0, (1.0,), ('a', 'b')), 'must have one value for each of the 2 names, got 1'),
+        (joints(0, (1.0, math.inf), ('a', 'b')), "position of 'b': must be .*, got inf"),
+        (joints(0, (1.0, 1.0), ('x/FR_hip', 'fr_hip_joint')), 'the same joint'),
     ],
 )
 def test_joints_that_cannot_be_used_are_named(message, said):
@@ -294,7 +294,7 @@ def test_orientations_that_are_none_are_named(quaternion):
     message = odometry(0, (0, 0, 0.3))
     turn = message.pose.pose.orientation
     turn.w, turn.x, turn.y, turn.z = map(float, quaternion)
-    with pytest.raises(InputError, match='orientation: found .*norm 1'):
+    with pytest.raises(InputError, match='orientation: must be .*norm 1, got'):
         go1_messages.decode_pose(message, 'odom')
 
 
@@ -372,7 +372,7 @@ TORSO = (
 )
 BLOCK = TORSO.replace('torso', 'trunk')
 BAD_STARTS = {
-    'no trunk': ({'robot_model': TORSO}, "no body named 'trunk'; found torso"),
+    'no trunk': ({'robot_model': TORSO}, "must have a body named 'trunk', got torso"),
     'no legs': ({'robot_model': BLOCK, 'motion': 'cmd_vel'}, "motion: 'cmd_vel' needs"),
     'no freedom': (
         {'robot_model': BLOCK.replace('<freejoint/>', ''), 'motion': 'external'},
@@ -382,13 +382,16 @@ BAD_STARTS = {
         {'scene': '<mujoco><worldbody><geom size="-1"/></worldbody></mujoco>'},
         'scene: .*does not compile',
     ),
-    'unknown scene': ({'scene': 'moon'}, "scene: found 'moon', wanted 'lab', 'stairs'"),
-    'long scene': ({'scene': 'x' * 300}, "scene: found 'xxx"),
-    'NUL in robot': ({'robot_model': 'a\0b'}, r"robot_model: found 'a.x00b'"),
+    'unknown scene': ({'scene': 'moon'}, "scene: must be 'lab', 'stairs'.*, got 'moon'"),
+    'long scene': ({'scene': 'x' * 300}, "scene: must be .*, got 'xxx"),
+    'NUL in robot': ({'robot_model': 'a\0b'}, r"robot_model: must be .*, got 'a.x00b'"),
     'unknown robot': ({'robot': 'spot'}, 'robot: must be go1, go2 or the path of a YAML file'),
-    'unknown motion': ({'motion': 'fly'}, "motion: found 'fly', wanted one of stand, cmd_vel"),
-    'bad pace': ({'real_time_factor': 0.0}, 'real_time_factor: found 0.0, wanted a number from'),
-    'board nowhere': ({'scene': 'board', 'board_camera': 'rear'}, "board_camera: found 'rear'"),
+    'unknown motion': ({'motion': 'fly'}, "motion: must be one of stand, cmd_vel.*, got 'fly'"),
+    'bad pace': ({'real_time_factor': 0.0}, 'real_time_factor: must be a number from .*, got 0.0'),
+    'board nowhere': (
+        {'scene': 'board', 'board_camera': 'rear'},
+        "board_camera: must be .*, got 'rear'",
+    ),
 }
 
 

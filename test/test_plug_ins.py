@@ -188,7 +188,7 @@ BAD = {
     'role': (_CLASS + 'role: ClassVar[str] = "pose"', "role: must be empty, got 'pose'"),
     'default': (
         _CLASS + 'step: float = parameter(2.0, 0.0, 1.0, "m", "added")',
-        'bad.step: found 2.0, wanted a number from 0 to 1 m',
+        'bad.step: must be a number from 0 to 1 m, got 2.0',
     ),
     'bare': (_CLASS + 'more: float = 1.0', 'more: must be made by parameter(...)'),
     'strong': (
@@ -197,7 +197,7 @@ BAD = {
     ),
     'grid': (
         _CLASS + 'hypotheses: ClassVar[tuple] = (grid("steps", (1.0,), 0.0, 2.0),)',
-        'bad.steps: no such parameter',
+        'bad.steps: must be one of',
     ),
     'throws': (
         _CLASS + 'def apply(self, state):\n        raise ValueError("no")',

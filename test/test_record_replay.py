@@ -433,10 +433,10 @@ def test_nothing_to_record(child_env: dict[str, str], tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ('words', 'message'),
     [
-        (['record', '{}'], 'exists already'),
+        (['record', '{}'], 'got one that exists'),
         (['record', '{}/a', '--seconds', '-1'], '--seconds'),
         (['record', '{}/a', '--queue', 'nan'], '--queue'),
-        (['replay', '{}/none'], 'not there'),
+        (['replay', '{}/none'], 'got nothing there'),
         (['replay', '{}', '--rate', '0'], '--rate: must be'),
         (['replay', '{}', '--wait', '-1'], '--wait'),
     ],
@@ -480,5 +480,5 @@ def test_replay_without_a_topic(tmp_path: Path) -> None:
 
     with BagWriter(tmp_path / 'bag') as writer:
         writer.write('/a', 'sensor_msgs/msg/Image', 0, b'\x00\x01\x00\x00' + bytes(40))
-    with pytest.raises(InputError, match='topics: found none that match.*/a'):
+    with pytest.raises(InputError, match='topics: must match .*/a.*, got none'):
         Player(Bag(tmp_path / 'bag'), ['/b'], True)

@@ -100,7 +100,7 @@ def test_frames_that_are_missing_or_do_not_fit_are_refused(tmp_path: Path) -> No
         writer.add_depth(np.ones((2, 5, 6)))
     for wrong in ((5, 5, 6), (1, 6, 5)):
         with (
-            pytest.raises(InputError, match='depth: found'),
+            pytest.raises(InputError, match='depth: must '),
             RecordingWriter(path, 4, 5, 6) as writer,
         ):
             writer.add_depth(np.ones(wrong))
@@ -127,10 +127,13 @@ def test_a_place_that_cannot_be_written(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ('arrays', 'parts'),
     [
-        ({'clean_depth': None}, ['clean_depth', 'not in the file', 'K', 'wanted']),
-        ({'K': None}, ['K', 'not in the file', 'clean_depth', 'wanted']),
+        ({'clean_depth': None}, ['clean_depth', 'must be in the file', 'K']),
+        ({'K': None}, ['K', 'must be in the file', 'clean_depth']),
         ({'clean_depth': np.ones(5)}, ['clean_depth', '(5,)', '(H, W) or (T, H, W)']),
-        ({'clean_depth': np.ones((1, 2, 3, 4))}, ['clean_depth', '(1, 2, 3, 4)', 'wanted']),
+        (
+            {'clean_depth': np.ones((1, 2, 3, 4))},
+            ['clean_depth', '(1, 2, 3, 4)', 'must have shape'],
+        ),
         ({'clean_depth': np.ones((0, 4))}, ['clean_depth', '(0, 4)', 'not empty']),
         ({'clean_depth': np.ones((0, 4, 4))}, ['clean_depth', '(0, 4, 4)', 'not empty']),
         ({'clean_depth': CLEAN.astype(str)}, ['clean_depth', '<U', 'numbers']),
@@ -152,7 +155,7 @@ def test_a_place_that_cannot_be_written(tmp_path: Path) -> None:
 def test_wrong_contents_are_named(
     tmp_path: Path, arrays: dict[str, Any], parts: list[str]
 ) -> None:
-    """Assert file, key, what was found and what is wanted."""
+    """Assert file, key, what it must be and what it is."""
     path = saved(tmp_path, **arrays)
     with pytest.raises(InputError) as raised:
         load_scene(path)
@@ -161,7 +164,7 @@ def test_wrong_contents_are_named(
 
 
 def test_what_is_no_archive(tmp_path: Path) -> None:
-    """Assert the path and what is wanted."""
+    """Assert the path and what it must be."""
     single, text = tmp_path / 'single.npy', tmp_path / 'text.npz'
     np.save(single, CLEAN)
     text.write_text('clean_depth = 1')
@@ -184,7 +187,9 @@ def test_what_is_no_array_in_an_archive(tmp_path: Path) -> None:
                 if member != name:
                     new.writestr(member, old.read(member))
             new.writestr(name, content)
-        with pytest.raises(InputError, match=f'{cut}: .*{name.removesuffix(".npy")}: .* no array'):
+        with pytest.raises(
+            InputError, match=f'{cut}: .*{name.removesuffix(".npy")}: must be an array'
+        ):
             load_scene(cut)
 
 

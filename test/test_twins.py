@@ -11,8 +11,8 @@ from streams import Listener
 
 PATIENCE = 60.0
 SAID = (
-    'error: node name: another /twins/{} is running, and both would publish the same topics; '
-    'wanted another name or namespace, e.g. --ros-args -r __node:=another\n'
+    'error: node name: must be unique, got /twins/{}, which is running already. '
+    'Choose another name or namespace, e.g. --ros-args -r __node:=another\n'
 )
 
 

@@ -308,7 +308,7 @@ def test_a_node_that_cannot_start_ends_the_demo_with_its_reason(ros: None, tmp_p
     view = View(tmp_path, '--demo', '--scene', 'moon')
     assert view.process.wait(PATIENCE) == 2
     assert view.errors.startswith('flexx2: error: go1_cameras ended with exit code 1')
-    assert "scene: found 'moon'" in view.errors
+    assert "got 'moon'" in view.errors
     assert view.errors.count('\n') == 1
 
 

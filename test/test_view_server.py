@@ -423,8 +423,8 @@ def test_a_port_that_is_taken_is_named_before_anything_starts(
     said = capsys.readouterr()
     assert said.out == ''
     assert said.err == (
-        f'flexx2: error: --port: {port} is already taken on 127.0.0.1, wanted one '
-        'that is free, or 0 for any\n'
+        f'flexx2: error: --port: must be free, or 0 for any, got {port}, which is in use '
+        'on 127.0.0.1\n'
     )
     assert list(tmp_path.iterdir()) == []
 
@@ -436,9 +436,12 @@ def test_a_port_that_is_taken_is_named_before_anything_starts(
         (['--port', '-1'], '--port: must be a whole number from 0 to 65535'),
         (
             ['--host', '203.0.113.1', '--port', '0'],
-            "--host: found '203.0.113.1', wanted an address",
+            "--host: must be an address of this machine, got '203.0.113.1'",
         ),
-        (['--host', 'no.such.host.invalid'], "--host: found 'no.such.host.invalid', wanted"),
+        (
+            ['--host', 'no.such.host.invalid'],
+            "--host: must be an address of this machine, got 'no.such.host.invalid'",
+        ),
     ],
 )
 def test_an_address_that_is_none_is_named(

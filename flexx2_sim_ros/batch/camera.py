@@ -95,9 +95,9 @@ class BatchCamera:
             or not isinstance(num_envs, int | np.integer)
             or num_envs < 1
         ):
-            raise InputError(f'num_envs: found {num_envs!r}, wanted a whole number from 1')
+            raise InputError(f'num_envs: must be a whole number from 1, got {num_envs!r}')
         if invalid_value not in _INVALID:
-            raise InputError(f'invalid_value: found {invalid_value!r}, wanted nan or zero')
+            raise InputError(f'invalid_value: must be nan or zero, got {invalid_value!r}')
         self.num_envs = int(num_envs)
         self.profile = profile or flexx2()
         self.device = _device(device)
@@ -259,15 +259,13 @@ class BatchCamera:
                 name, more, tuple(depth.shape), np.float32, self.device
             ):
                 raise InputError(
-                    f'{name}: found {type(more).__name__}, wanted '
-                    f'{type(depth).__name__}, as depth is'
+                    f'{name}: must be {type(depth).__name__}, as depth is, got '
+                    f'{type(more).__name__}'
                 )
         if out is not None:
             target = to_warp(kind, out, images.staging)
             if kind == 'jax' or target is images.staging:
-                raise InputError(
-                    'out: found an array that is not contiguous or that cannot be written to'
-                )
+                raise InputError('out: must be contiguous and writable, got an array that is not')
         else:
             target = wp.empty_like(images.out) if kind == 'jax' else images.out
         with stream_of(kind, self.device), wp.ScopedDevice(self.device):
@@ -345,8 +343,8 @@ class BatchCamera:
         if self._images is None or (self._images.height, self._images.width) != (height, width):
             if self.num_envs * height * width > _MOST_PIXELS:
                 raise InputError(
-                    f'depth: found {self.num_envs} x {height} x {width} pixels, '
-                    f'wanted at most {_MOST_PIXELS} in all'
+                    f'depth: must have at most {_MOST_PIXELS} pixels in all, got '
+                    f'{self.num_envs} x {height} x {width} pixels'
                 )
             self._images = Images(
                 self.num_envs,
@@ -381,7 +379,7 @@ class BatchCamera:
         )
         for value in seeds:
             if isinstance(value, bool) or not -(2**63) <= value < 2**63:
-                raise InputError(f'seed: found {value!r}, wanted a whole number of 64 bits')
+                raise InputError(f'seed: must be a whole number of 64 bits, got {value!r}')
         return seeds
 
     def _for_each(self, name: str, value: Any, kind: Any) -> list[Any]:
@@ -393,8 +391,8 @@ class BatchCamera:
             or not all(isinstance(one, kind) for one in value)
         ):
             raise InputError(
-                f'{name}: found {value!r}, wanted one, or one for each of the '
-                f'{self.num_envs} environments'
+                f'{name}: must be one, or one for each of the {self.num_envs} environments, '
+                f'got {value!r}'
             )
         return list(value)
 
@@ -405,8 +403,8 @@ class BatchCamera:
         mask = np.asarray(mask.cpu() if hasattr(mask, 'cpu') else mask)
         if mask.dtype != bool or mask.shape != (self.num_envs,):
             raise InputError(
-                f'env_mask: found {mask.dtype} of shape {mask.shape}, wanted bool of '
-                f'shape ({self.num_envs},)'
+                f'env_mask: must be bool of shape ({self.num_envs},), got {mask.dtype} of '
+                f'shape {mask.shape}'
             )
         return mask
 
@@ -416,7 +414,7 @@ def _device(name: str | None) -> Any:
         return wp.get_preferred_device() if name is None else wp.get_device(name)
     except (RuntimeError, ValueError) as error:
         known = ', '.join(device.alias for device in wp.get_devices())
-        raise InputError(f'device: found {name!r}, wanted one of {known}') from error
+        raise InputError(f'device: must be one of {known}, got {name!r}') from error
 
 
 def _noise_row(mode: Mode, effects: Sequence[Effect]) -> tuple[float, ...]:

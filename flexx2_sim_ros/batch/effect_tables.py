@@ -76,8 +76,8 @@ def each_environment(effects: Any, num_envs: int) -> list[tuple[Effect, ...]]:
         return [_checked(effects)] * num_envs
     if len(effects) != num_envs:
         raise InputError(
-            f'effects: found {len(effects)} sets, wanted one, or one for each of the '
-            f'{num_envs} environments'
+            f'effects: must be one set, or one for each of the {num_envs} environments, got '
+            f'{len(effects)}'
         )
     read: dict[int, tuple[Effect, ...]] = {}
     for one in effects:

@@ -30,7 +30,7 @@ def kind_of(name: str, value: Any) -> str:
     for library, class_name in (('torch', 'Tensor'), ('jax', 'Array')):
         if library in sys.modules and isinstance(value, getattr(sys.modules[library], class_name)):
             return library
-    raise InputError(f'{name}: found {type(value).__name__}, wanted {KINDS}')
+    raise InputError(f'{name}: must be {KINDS}, got {type(value).__name__}')
 
 
 def checked(name: str, value: Any, shape: tuple[int | None, ...], dtype: type, device: Any) -> str:
@@ -67,13 +67,13 @@ def checked(name: str, value: Any, shape: tuple[int | None, ...], dtype: type, d
         here != length if length else here < 1 for here, length in zip(found, shape, strict=True)
     ):
         wanted = ', '.join(str(length or 'any') for length in shape)
-        raise InputError(f'{name}: found shape {found}, wanted ({wanted})')
+        raise InputError(f'{name}: must have shape ({wanted}), got {found}')
     own = (value.dtype.__name__ if kind == 'warp' else str(value.dtype)).removeprefix('torch.')
     if own != np.dtype(dtype).name:
-        raise InputError(f'{name}: found {own}, wanted {np.dtype(dtype).name}')
+        raise InputError(f'{name}: must be {np.dtype(dtype).name}, got {own}')
     place = _device_of(kind, value)
     if place != device:
-        raise InputError(f'{name}: found on {place}, wanted on {device}, where the camera is')
+        raise InputError(f'{name}: must be on {device}, where the camera is, got on {place}')
     return kind
 
 

@@ -86,12 +86,12 @@ def open_batch_renderer(
 
     """
     if backend not in BACKENDS:
-        raise InputError(f'renderer: found {backend!r}, wanted one of {", ".join(BACKENDS)}')
+        raise InputError(f'renderer: must be one of {", ".join(BACKENDS)}, got {backend!r}')
     installed = importlib.util.find_spec('mujoco_warp') is not None
     if backend == 'mujoco-warp' and not installed:
         raise InputError(
-            'renderer: mujoco-warp is not installed, wanted it (pip install '
-            'mujoco-warp) or another one'
+            'renderer: mujoco-warp is not installed: pip install mujoco-warp, or choose '
+            'another renderer'
         )
     scene = copy.copy(model)
     # The robot is what hangs from the same body as its cameras.

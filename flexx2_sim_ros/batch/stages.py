@@ -269,8 +269,8 @@ def _views(
     different = list({effect: None for effect in chosen if effect is not None})
     if len(different) > _MOST_VIEWS:
         raise InputError(
-            f'effects: {different[0].name}: found {len(different)} different sets of '
-            f'parameters, wanted at most {_MOST_VIEWS} in a batch'
+            f'effects: {different[0].name}: must have at most {_MOST_VIEWS} different sets of '
+            f'parameters in a batch, got {len(different)}'
         )
     lines = [
         Reprojection(effect.true_camera(camera), camera).lines  # type: ignore[attr-defined]

@@ -114,9 +114,9 @@ class Camera:
             or not isinstance(seed, int | np.integer)
             or not -(2**63) <= seed < 2**63
         ):
-            raise InputError(f'seed: found {seed!r}, wanted a whole number of 64 bits')
+            raise InputError(f'seed: must be a whole number of 64 bits, got {seed!r}')
         if not isinstance(name, str):
-            raise InputError(f'name: found {name!r}, wanted a string')
+            raise InputError(f'name: must be a string, got {name!r}')
         self.seed = int(seed)
         self.name = name
         noise = self.mode.noise
@@ -151,7 +151,7 @@ class Camera:
         for name in names:
             if names.count(name) > 1:
                 raise InputError(
-                    f'effects: {name}: found it {names.count(name)} times, wanted it once'
+                    f'effects: must have {name} once, got it {names.count(name)} times'
                 )
         check_frequencies(chosen, self.mode)
         self._effects = chosen
@@ -203,7 +203,7 @@ class Camera:
         clean = _images('clean_depth', clean_depth)
         matrices = _array('K', K)
         if matrices.ndim < 2 or matrices.shape[-2:] != (3, 3):
-            raise InputError(f'K: found shape {matrices.shape}, wanted (..., 3, 3)')
+            raise InputError(f'K: must have shape (..., 3, 3), got {matrices.shape}')
         stamps = _nanoseconds(stamp)
         albedo = (
             np.ones((1, 1), np.float32)
@@ -213,8 +213,8 @@ class Camera:
         height, width = clean.shape[-2:]
         if reflectivity is not None and albedo.shape[-2:] != (height, width):
             raise InputError(
-                f'reflectivity: found size {albedo.shape[-2:]}, wanted that of '
-                f'clean_depth, {(height, width)}'
+                f'reflectivity: must have the size of clean_depth, {(height, width)}, got '
+                f'{albedo.shape[-2:]}'
             )
         try:
             leading = np.broadcast_shapes(
@@ -268,8 +268,8 @@ class Camera:
         chosen = np.asarray(mask)
         if chosen.dtype != bool or (self._memories and chosen.shape != self._environments):
             raise InputError(
-                f'mask: found {chosen.dtype} of shape {chosen.shape}, wanted bool of '
-                f'the shape of the environments, {self._environments}'
+                f'mask: must be bool of the shape of the environments, {self._environments}, '
+                f'got {chosen.dtype} of shape {chosen.shape}'
             )
         for index in list(self._memories):
             if chosen[index]:
@@ -408,8 +408,8 @@ def _as_effects(effects: Any) -> tuple[EffectProtocol, ...]:
     chosen = tuple(effects) if isinstance(effects, Iterable) else (effects,)
     if not all(hasattr(effect, 'apply') and not isinstance(effect, type) for effect in chosen):
         raise InputError(
-            f'effects: found {effects!r}, wanted a sequence of effects, a table of '
-            'their parameters or the path of a file'
+            'effects: must be a sequence of effects, a table of their parameters or the path '
+            f'of a file, got {effects!r}'
         )
     return chosen
 
@@ -420,14 +420,14 @@ def _array(name: str, value: Any) -> np.ndarray:
     except (TypeError, ValueError) as error:
         raise InputError(f'{name}: not an array of numbers: {error}') from error
     if array.dtype.kind not in 'fiu':
-        raise InputError(f'{name}: found dtype {array.dtype}, wanted real numbers')
+        raise InputError(f'{name}: must be real numbers, got dtype {array.dtype}')
     return array
 
 
 def _images(name: str, value: Any) -> np.ndarray:
     array = _array(name, value)
     if array.ndim < 2 or 0 in array.shape[-2:]:
-        raise InputError(f'{name}: found shape {array.shape}, wanted (..., H, W), not empty')
+        raise InputError(f'{name}: must have shape (..., H, W), not empty, got {array.shape}')
     # Values that float32 cannot hold become infinite, which is: nothing there.
     with np.errstate(over='ignore'):
         return array.astype(np.float32, copy=False)
@@ -437,8 +437,8 @@ def _nanoseconds(stamp: Any) -> np.ndarray:
     stamps = _array('stamp', stamp)
     if stamps.dtype.kind == 'f':
         if not np.isfinite(stamps).all():
-            raise InputError('stamp: found a value that is not finite, wanted seconds')
+            raise InputError('stamp: must be seconds, got a value that is not finite')
         stamps = np.rint(stamps.astype(np.float64) * 1e9)
         if np.abs(stamps).max(initial=0) > 2**62:
-            raise InputError('stamp: found a value beyond 146 years, wanted seconds')
+            raise InputError('stamp: must be seconds, got a value beyond 146 years')
     return stamps.astype(np.int64)

@@ -232,12 +232,12 @@ def _agreeing(measured: list[Measurement], left_out: list[str]) -> list[Measurem
     for m in measured:
         if _view(m)[: len(common)] != common:
             left_out.append(
-                f'{m.path}: K: found {_describe(_view(m))}, wanted {_describe(common)} as '
-                f'{number} of the {len(measured)} recordings have'
+                f'{m.path}: K: must be {_describe(common)}, as {number} of the '
+                f'{len(measured)} recordings have, got {_describe(_view(m))}'
             )
         elif m.spatial and not single:
             left_out.append(
-                f'{m.path}: depth: found 1 frame, wanted several as most of the recordings have'
+                f'{m.path}: depth: must have several frames, as most recordings have, got 1'
             )
         else:
             kept.append(m)

@@ -80,7 +80,7 @@ def _facing(mode: ModeResult) -> tuple[bool | None, str]:
     facing = [cell for cell in mode.cells if cell.measurement.angle_deg < _FACING]
     others = [cell for cell in mode.cells if cell.measurement.angle_deg >= _FACING]
     if not facing or not others:
-        return None, 'wanted recordings at 0 degrees and at other angles'
+        return None, 'needs recordings at 0 degrees and at other angles'
 
     def mean(cells: list[Cell], value: Callable[[Cell], float]) -> float:
         return float(np.mean([value(cell) for cell in cells]))
@@ -215,7 +215,7 @@ def _edges_gaussian(mode: ModeResult) -> tuple[bool | None, str]:
 def _edges_alike(mode: ModeResult) -> tuple[bool | None, str]:
     edges = [edge for _, edge in mode.edges]
     if len(edges) < 2:
-        return None, 'wanted edges at several distances and angles'
+        return None, 'needs edges at several distances and angles'
     sigmas = np.array([edge.sigma for edge in edges])
     errors = np.array([edge.error for edge in edges])
     spread = math.sqrt(max(float(sigmas.var(ddof=1) - np.mean(errors**2)), 0.0))

@@ -190,15 +190,15 @@ def _determined(
     free += ['b', 'c'][: min(distinct, 3) - 1]
     if distinct < 3:
         notes.append(
-            f'{"b and c" if distinct == 1 else "c"}: held at 0: the boards stood at '
-            f'{distinct} distinct distance{"s" if distinct > 1 else ""}, wanted 3'
+            f'{"b and c" if distinct == 1 else "c"}: held at 0: needs boards at 3 distinct '
+            f'distances, got {distinct}'
         )
     known = theta[np.isfinite(theta)]
     if not known.size or np.ptp(known) < _SLANT_SPAN:
         notes.append(
             "d: held at 0, n at the paper's 2.7: the incidence angles "
             + (
-                f'span {math.degrees(np.ptp(known)):.0f} degrees, wanted 15'
+                f'span {math.degrees(np.ptp(known)):.0f} degrees, must be 15'
                 if known.size
                 else 'are not known'
             )

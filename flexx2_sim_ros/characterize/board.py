@@ -121,9 +121,9 @@ def find_board(
         region[v, u] = plane.incidence(u, v, K) < STEEPEST
     if region.sum() < SMALLEST_REGION:
         raise InputError(
-            f'board: found {int(region.sum())} pixels of a plane in the '
-            f'{"middle" if box is None else "box"} of the image, wanted at least '
-            f'{SMALLEST_REGION}: a flat board that covers the middle, or --box'
+            f'board: must have at least {SMALLEST_REGION} pixels (a flat board that covers '
+            f'the middle, or --box), got {int(region.sum())} pixels of a plane in the '
+            f'{"middle" if box is None else "box"} of the image'
         )
     return Board(plane, mask, region, K)
 
@@ -131,7 +131,7 @@ def find_board(
 def _median(depth: np.ndarray, valid: np.ndarray) -> float:
     if valid.sum() < SMALLEST_REGION:
         raise InputError(
-            f'depth: found {int(valid.sum())} valid pixels, wanted at least {SMALLEST_REGION}'
+            f'depth: must have at least {SMALLEST_REGION} valid pixels, got {int(valid.sum())}'
         )
     return float(np.median(depth[valid]))
 
@@ -159,8 +159,8 @@ def _plane_of(
     v, u = np.nonzero(seed)
     if len(u) < 10:
         raise InputError(
-            f'board: found {len(u)} valid pixels where it should be, wanted a flat '
-            'board that covers the middle of the image, or --box'
+            'board: must be flat and cover the middle of the image (or give --box), got '
+            f'{len(u)} valid pixels where it should be'
         )
     thin = slice(None, None, math.ceil(len(u) / _MAX_SEEDS))
     plane = ransac_plane(u[thin], v[thin], depth[v, u][thin], tolerance, lens)
@@ -189,8 +189,8 @@ def _grow(
         inside = labels[window & near]
         if not inside.any():
             raise InputError(
-                'board: no plane in the middle of the image, wanted a flat board '
-                'that covers it, or --box'
+                'board: must be flat and cover the middle of the image (or give --box), got '
+                'no plane there'
             )
         mask = ndimage.binary_fill_holes(labels == np.bincount(inside[inside > 0]).argmax())
         v, u = np.nonzero(mask & near)

@@ -63,14 +63,14 @@ def conditions(
     )
     for angle in angles:
         if not 0 <= angle <= 80:
-            raise InputError(f'--angles: found {angle:g}, wanted 0 to 80 degrees')
+            raise InputError(f'--angles: must be 0 to 80 degrees, got {angle:g}')
     found = []
     for mode in modes:
         for distance in distances or _distances(mode):
             if not mode.range_min <= distance <= mode.range_max:
                 raise InputError(
-                    f'--distances: found {distance:g}, wanted {mode.range_min:g} to '
-                    f'{mode.range_max:g} m, the range of {mode.name}'
+                    f'--distances: must be {mode.range_min:g} to {mode.range_max:g} m, the '
+                    f'range of {mode.name}, got {distance:g}'
                 )
             # To the centimetre, as by tape and in the recordings' names.
             found += [
@@ -143,7 +143,7 @@ def capture(
 
     """
     if frames < 1:
-        raise InputError(f'--frames: found {frames}, wanted at least 1')
+        raise InputError(f'--frames: must be at least 1, got {frames}')
     output_folder(folder)
     scenes = _render(
         sorted({(c.distance, c.angle_deg) for c in wanted}), profile.intrinsics, renderer

@@ -88,7 +88,7 @@ def to_profile(
 def _mode(mode: ModeResult, camera: Profile, notes: list[str]) -> Mode | None:
     if not is_mode_name(mode.usecase):
         notes.append(
-            f'{mode.usecase}: left out of the profile: wanted a name of a letter, then '
+            f'{mode.usecase}: left out of the profile: its name must be a letter, then '
             'letters, digits, _ . + -'
         )
         return None

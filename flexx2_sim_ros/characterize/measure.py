@@ -148,7 +148,7 @@ def _measure(
     near, far = _range(usecase)
     frames, height, width = reader.shape
     if box is not None and not (0 <= box[0] < box[2] <= width and 0 <= box[1] < box[3] <= height):
-        raise InputError(f'box: found {box}, wanted x0 y0 x1 y1 within {width} x {height}')
+        raise InputError(f'box: must be x0 y0 x1 y1 within {width} x {height}, got {box}')
     x0, y0, x1, y1 = box or (0, 0, width, height)
     window = slice(y0, y1), slice(x0, x1)
     board: Board | None = None
@@ -194,8 +194,8 @@ def _measure(
     )
     if not len(tiles):
         raise InputError(
-            f'board: no {SPATIAL_SIDE} x {SPATIAL_SIDE} pixels of it are whole and '
-            'of one amplitude, wanted a plain board, nearer'
+            f'board: must be plain, and near enough for {SPATIAL_SIDE} x {SPATIAL_SIDE} valid '
+            'pixels of one amplitude, got none'
         )
     u, v = board.aim
     distance = float(board.plane.depth(u, v))
@@ -233,7 +233,7 @@ def _usecase(reader: RecordingReader, condition: Condition | None) -> str:
     stated = condition.usecase if condition is not None else None
     own = reader.usecase
     if own is not None and stated is not None and own.lower() != stated.lower():
-        raise InputError(f'{reader.path}: usecase: found {own}, wanted {stated} as the name says')
+        raise InputError(f'{reader.path}: usecase: must be {stated}, as the name says, got {own}')
     return own or stated or 'unknown'
 
 
@@ -258,7 +258,7 @@ def _typical(depth: np.ndarray) -> tuple[np.ndarray, float]:
     """Return the median over frames (NaN where most are invalid) and its standard deviation."""
     count = np.isfinite(depth).sum(axis=0)
     if not count.any():
-        raise InputError('depth: every pixel is invalid, wanted a board in sight')
+        raise InputError('depth: must have a board in view, got only invalid pixels')
     ordered = np.sort(depth, axis=0)  # NaN last
     middle = np.take_along_axis(ordered, np.maximum(count - 1, 0)[None] // 2, axis=0)[0]
     typical = np.where(2 * count >= len(depth), middle, np.nan).astype(np.float64)
@@ -276,8 +276,8 @@ def _check_units(typical: np.ndarray, far: float) -> None:
     middle = float(np.nanmedian(typical))
     if middle > min(_FAR, 3 * far):
         raise InputError(
-            f'depth: its median is {middle:.4g}, wanted metres'
-            f'{"" if math.isinf(far) else f" up to {far:g}"}; are these millimetres?'
+            f'depth: must be metres{"" if math.isinf(far) else f" up to {far:g}"}, got a '
+            f'median of {middle:.4g}; are these millimetres?'
         )
 
 
@@ -287,13 +287,13 @@ def _check_place(condition: Condition | None, distance: float, angle: float) -> 
     allowed = _TAPE[0] + _TAPE[1] * condition.distance
     if abs(distance - condition.distance) > allowed:
         raise InputError(
-            f'board: found at {distance:.3f} m, wanted {condition.distance:g} m as '
-            f'the name says, within {allowed:.2f} m'
+            f'board: must be at {condition.distance:g} m, as the name says, within '
+            f'{allowed:.2f} m, got {distance:.3f} m'
         )
     if abs(angle - condition.angle_deg) > _PROTRACTOR:
         raise InputError(
-            f'board: found at {angle:.1f} degrees, wanted {condition.angle_deg:g} as '
-            f'the name says, within {_PROTRACTOR:g}'
+            f'board: must be at {condition.angle_deg:g} degrees, as the name says, within '
+            f'{_PROTRACTOR:g}, got {angle:.1f}'
         )
 
 
@@ -313,9 +313,9 @@ def _settle(board: Board, moments: Moments, near: float, far: float) -> tuple[Bo
     v, u = np.nonzero(board.region & usable)
     if len(u) < boards.SMALLEST_REGION:
         raise InputError(
-            f'board: {len(u)} of the {int(board.region.sum())} pixels of its region can be used, '
-            f'wanted at least {boards.SMALLEST_REGION} that are valid in half of the frames and '
-            f"inside the mode's range by {_CUT_OFF:g} standard deviations"
+            f'board: must have at least {boards.SMALLEST_REGION} pixels that are valid in half of '
+            f"the frames and inside the mode's range by {_CUT_OFF:g} standard deviations, got "
+            f'{len(u)} of {int(board.region.sum())}'
         )
     plane = fit_plane(u, v, moments.mean[v, u], board.plane.lens)
     return Board(plane, board.mask, board.region, board.K), usable

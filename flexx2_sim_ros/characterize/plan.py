@@ -58,7 +58,7 @@ def checklist(wanted: Sequence[Condition], profile: Profile, frames: int) -> str
 
     """
     if frames < 1:
-        raise InputError(f'--frames: found {frames}, wanted at least 1')
+        raise InputError(f'--frames: must be at least 1, got {frames}')
     slowest = min(profile.mode(condition.usecase).rate_hz for condition in wanted)
     setups = [
         (place, list(same))

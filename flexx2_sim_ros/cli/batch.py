@@ -68,7 +68,7 @@ def run(arguments: argparse.Namespace) -> int:
         import warp as wp
     except ImportError as error:
         raise InputError(
-            'warp-lang is not installed, wanted it: pip install "flexx2_sim_ros[batch]"'
+            'warp-lang is not installed: pip install "flexx2_sim_ros[batch]"'
         ) from error
     wp.config.log_level = wp.LOG_WARNING
     from flexx2_sim_ros.batch import BatchCamera

@@ -110,7 +110,7 @@ def run_show(arguments: argparse.Namespace) -> int:
     """Write the picture of one effect, and print its parameters."""
     known = registry()
     if arguments.name not in known:
-        raise InputError(f'NAME: found {arguments.name!r}, wanted one of {", ".join(known)}')
+        raise InputError(f'NAME: must be one of {", ".join(known)}, got {arguments.name!r}')
     from flexx2_sim_ros.cli.effects_picture import draw
 
     kind: type[Effect] = known[arguments.name]

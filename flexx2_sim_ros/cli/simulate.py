@@ -174,14 +174,14 @@ def _stamps(
     if scene.stamp is not None:
         if available not in (None, len(scene.stamp)):
             raise InputError(
-                f'{path}: stamp: found {len(scene.stamp)}, wanted one for each of '
-                f'the {available} frames of clean_depth'
+                f'{path}: stamp: must have one value for each of the {available} frames of '
+                f'clean_depth, got {len(scene.stamp)}'
             )
         if available is not None or frames is None or frames <= len(scene.stamp):
             available = len(scene.stamp)
     count = frames if frames is not None else available or _DEFAULT_FRAMES
     if available is not None and count > available:
-        raise InputError(f'--frames: found {count}, wanted 1 to {available}')
+        raise InputError(f'--frames: must be 1 to {available}, got {count}')
     if scene.stamp is not None and count <= len(scene.stamp):
         if start is not None:
             raise InputError(f'--start: must not be given where {path} has stamps, got {start:g}')

@@ -79,7 +79,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Serve until told to stop."""
     if importlib.util.find_spec('tornado') is None:
         raise InputError(
-            'tornado is not there: wanted pip install "flexx2_sim_ros[view]", or '
+            'tornado is not installed: pip install "flexx2_sim_ros[view]", or '
             'apt install python3-tornado'
         )
     from flexx2_sim_ros.view.access import Access, is_loopback, new_token

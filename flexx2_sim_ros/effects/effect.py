@@ -60,8 +60,8 @@ class Parameter:
             return float(value)
         unit = f' {self.unit}' if self.unit else ''
         raise InputError(
-            f'{where}: found {shown(value)}, wanted a number from {self.low:g} to '
-            f'{self.high:g}{unit}'
+            f'{where}: must be a number from {self.low:g} to {self.high:g}{unit}, got '
+            f'{shown(value)}'
         )
 
 
@@ -219,13 +219,13 @@ class Effect:
         """
         values = {} if values is None else values
         if not isinstance(values, Mapping):
-            raise InputError(f'{cls.name}: found {shown(values)}, wanted a table of parameters')
+            raise InputError(f'{cls.name}: must be a table of parameters, got {shown(values)}')
         known = [item.name for item in cls.parameters()]
         for name in values:
             if name not in known:
                 raise InputError(
-                    f'{cls.name}.{unquoted(name)}: no such parameter, wanted one of '
-                    f'{", ".join(known)}'
+                    f'{cls.name}.{unquoted(name)}: must be one of {", ".join(known)}, got an '
+                    'unknown parameter'
                 )
         return cls(**values)
 

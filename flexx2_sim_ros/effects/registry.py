@@ -86,12 +86,13 @@ def parse_effects(table: Any, where: str = 'effects') -> tuple[Effect, ...]:
 
     """
     if not isinstance(table, Mapping):
-        raise InputError(f'{where}: found {shown(table)}, wanted a table of effects by name')
+        raise InputError(f'{where}: must be a table of effects by name, got {shown(table)}')
     known = loadable()
     for name in table:
         if name not in known:
             raise InputError(
-                f'{where}: {unquoted(name)}: no such effect, wanted one of {", ".join(registry())}'
+                f'{where}: {unquoted(name)}: must be one of {", ".join(registry())}, got an '
+                'unknown effect'
             )
     try:
         return tuple(known[name].from_mapping(table[name]) for name in known if name in table)
@@ -130,7 +131,7 @@ def load_effects(path: str | Path) -> tuple[Effect, ...]:
     content = read_config(path)
     if 'effects' not in content:
         raise InputError(
-            f'{shown_path(path)}: effects: not there, wanted a table of parameters by effect'
+            f'{shown_path(path)}: effects: must be a table of parameters by effect, got none'
         )
     table = content['effects']
     return parse_effects({} if table is None else table, f'{shown_path(path)}: effects')

@@ -169,15 +169,13 @@ def _check(
 ) -> None:
     for name in without:
         if name not in registry():
-            raise InputError(
-                f'without: {name}: no such effect, wanted some of {", ".join(registry())}'
-            )
+            raise InputError(f'without: must be among {", ".join(registry())}, got {name}')
     if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed < 10**9:
-        raise InputError(f'seed: found {seed!r}, wanted a whole number from 0')
+        raise InputError(f'seed: must be a whole number from 0, got {seed!r}')
     if isinstance(jobs, bool) or not isinstance(jobs, int) or jobs < 1:
-        raise InputError(f'jobs: found {jobs!r}, wanted a whole number from 1')
+        raise InputError(f'jobs: must be a whole number from 1, got {jobs!r}')
     if len(pose_prior) != 2 or not all(0 < value < 1e3 for value in pose_prior):
-        raise InputError(f'pose_prior: found {pose_prior!r}, wanted metres and degrees above 0')
+        raise InputError(f'pose_prior: must be metres and degrees above 0, got {pose_prior!r}')
 
 
 def _not_considered(without: Collection[str], no_phases: str) -> list[dict[str, str]]:

@@ -123,21 +123,21 @@ def _dask(address: str) -> Iterator[Map]:
         import distributed  # type: ignore[import-not-found,import-untyped,unused-ignore]
     except ImportError as error:
         raise InputError(
-            '--scheduler: Dask is not installed, wanted pip install flexx2_sim_ros[cluster]'
+            '--scheduler: needs Dask, which is not installed: pip install flexx2_sim_ros[cluster]'
         ) from error
     try:
         client = distributed.Client(address, timeout='10s', set_as_default=False)
     except (OSError, ValueError, TypeError, OverflowError) as error:
         raise InputError(
-            f'--scheduler: found {address!r}, where no scheduler answers: {error}'
+            f'--scheduler: must be the address of a running scheduler, got {address!r}: {error}'
         ) from error
     try:
         client.wait_for_workers(1, timeout=_PATIENCE)
     except TimeoutError as error:
         client.close()
         raise InputError(
-            f'--scheduler: found {address!r}, which has no workers after '
-            f'{_PATIENCE} s, wanted one at least'
+            f'--scheduler: must have at least one worker, got none at {address!r} after '
+            f'{_PATIENCE} s'
         ) from error
 
     def run(

@@ -34,8 +34,7 @@ def check_stamp(stamp: Any, field: str) -> None:
     """Refuse a ``builtin_interfaces/Time`` that cannot be passed on as it is."""
     if not 0 <= stamp.nanosec < _NANOSECONDS:
         raise InputError(
-            f'{field}: header.stamp: found nanosec {stamp.nanosec}, wanted less than '
-            f'{_NANOSECONDS}'
+            f'{field}: header.stamp: must be less than {_NANOSECONDS}, got nanosec {stamp.nanosec}'
         )
 
 
@@ -97,25 +96,25 @@ def image_pixels(message: Any, field: str, encodings: tuple[str, ...]) -> np.nda
     """
     if message.encoding not in encodings:
         raise InputError(
-            f'{field}: encoding: found {shown(message.encoding)}, wanted {" or ".join(encodings)}'
+            f'{field}: encoding: must be {" or ".join(encodings)}, got {shown(message.encoding)}'
         )
     height, width, step = int(message.height), int(message.width), int(message.step)
     if not (1 <= height <= _LARGEST_SIDE and 1 <= width <= _LARGEST_SIDE):
         raise InputError(
-            f'{field}: size: found {width} x {height}, wanted 1 x 1 to '
-            f'{_LARGEST_SIDE} x {_LARGEST_SIDE} pixels'
+            f'{field}: size: must be 1 x 1 to {_LARGEST_SIDE} x {_LARGEST_SIDE} pixels, got '
+            f'{width} x {height}'
         )
     kind, _ = _ENCODINGS[message.encoding]
     dtype = np.dtype(('>' if message.is_bigendian else '<') + kind)
     if step < width * dtype.itemsize:
         raise InputError(
-            f'{field}: step: found {step} bytes, wanted at least '
-            f'{width * dtype.itemsize} for {width} pixels of {message.encoding}'
+            f'{field}: step: must be at least {width * dtype.itemsize} bytes for {width} '
+            f'pixels of {message.encoding}, got {step}'
         )
     if len(message.data) != step * height:
         raise InputError(
-            f'{field}: data: found {len(message.data)} bytes, wanted '
-            f'{step * height} ({height} rows of step {step})'
+            f'{field}: data: must be {step * height} bytes ({height} rows of step {step}), '
+            f'got {len(message.data)}'
         )
     return np.ndarray((height, width), dtype, message.data, strides=(step, dtype.itemsize))
 
@@ -134,8 +133,8 @@ def decode_camera_info(message: Any, field: str = 'camera_info') -> Intrinsics:
     model = message.distortion_model
     if model == 'equidistant' or (any(coefficients) and model != 'plumb_bob'):
         raise InputError(
-            f'{field}: distortion_model: found {shown(model)} with coefficients '
-            f'{shown(coefficients)}, wanted plumb_bob, or no distortion'
+            f'{field}: distortion_model: must be plumb_bob, or no distortion, got '
+            f'{shown(model)} with coefficients {shown(coefficients)}'
         )
     if not any(coefficients):
         coefficients = []  # However many zeros: no distortion.

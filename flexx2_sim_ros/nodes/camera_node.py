@@ -237,8 +237,8 @@ class Flexx2Camera(SteadyNode):
         if not isinstance(error, InputError):
             text = f'internal error, please report it: {"".join(format_exception(error))}'
         self._statistics.last_error = text
-        # What was found may differ from message to message; what is wrong with it does not.
-        if self._throttle.ready(text.partition(': found')[0].partition(' is ')[0]):
+        # The value may differ from message to message; the field does not.
+        if self._throttle.ready(text.partition(': must')[0]):
             # At the start an image often comes before the first camera info.
             logger = self.get_logger()
             log = logger.warning if isinstance(error, _NoCameraInfoError) else logger.error
@@ -275,14 +275,14 @@ class Flexx2Camera(SteadyNode):
     def _find_view(self, match: Match, image: np.ndarray) -> Reprojection:
         if match.info is None:
             raise _NoCameraInfoError(
-                'clean/camera_info: none has come, wanted one for every image of '
-                'clean/depth_image (or one that stays)'
+                'clean/camera_info: must come with every image of clean/depth_image, or once '
+                'and latched, got none'
             )
         source = decode_camera_info(match.info, 'clean/camera_info')
         if (source.height, source.width) != image.shape:
             raise InputError(
-                f'clean/camera_info: size: found {source.width} x {source.height}, wanted that '
-                f'of clean/depth_image, {image.shape[1]} x {image.shape[0]}'
+                'clean/camera_info: size: must be that of clean/depth_image, '
+                f'{image.shape[1]} x {image.shape[0]}, got {source.width} x {source.height}'
             )
         radial = self.settings.radial
         view = self._view
@@ -306,8 +306,8 @@ class Flexx2Camera(SteadyNode):
             image = decode_image(match.reflectivity, 'clean/reflectivity', ('32FC1',))
             if image.shape != shape:
                 raise InputError(
-                    f'clean/reflectivity: size: found {image.shape[1]} x {image.shape[0]}, wanted '
-                    f'that of clean/depth_image, {shape[1]} x {shape[0]}'
+                    f'clean/reflectivity: size: must be that of clean/depth_image, {shape[1]} '
+                    f'x {shape[0]}, got {image.shape[1]} x {image.shape[0]}'
                 )
         except InputError as error:  # It is optional: the frame goes out without it.
             self._reject(error)
@@ -321,8 +321,8 @@ class Flexx2Camera(SteadyNode):
         if gate.repeats > repeats:
             if self._throttle.ready('repeated stamp'):
                 self.get_logger().warning(
-                    f'clean/depth_image: header.stamp: found {stamp} ns again, wanted a new one '
-                    'for every image; the image is left out'
+                    'clean/depth_image: header.stamp: must be new for every image, got '
+                    f'{stamp} ns again; the image is left out'
                 )
             return False
         if gate.restarts > restarts:

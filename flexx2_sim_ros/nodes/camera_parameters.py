@@ -287,7 +287,7 @@ class CameraParameters:
     def _check(self, name: str, value: Any) -> None:
         if name in _CHOICES and value not in _CHOICES[name]:
             raise InputError(
-                f'{name}: found {shown(value)}, wanted one of {", ".join(_CHOICES[name])}'
+                f'{name}: must be one of {", ".join(_CHOICES[name])}, got {shown(value)}'
             )
         if name == 'frame_id' and len(value) > _LONGEST_FRAME_ID:
             raise InputError(

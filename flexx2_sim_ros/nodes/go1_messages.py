@@ -28,7 +28,7 @@ def decode_twist(message: Twist, field: str) -> np.ndarray:
     }
     for name, value in values.items():
         if not math.isfinite(value):
-            raise InputError(f'{field}: {name}: found {value}, wanted a finite number')
+            raise InputError(f'{field}: {name}: must be a finite number, got {value}')
     return np.array(list(values.values()))
 
 
@@ -39,13 +39,13 @@ def decode_pose(message: Odometry, field: str) -> tuple[np.ndarray, np.ndarray]:
     quaternion = np.array([turn.w, turn.x, turn.y, turn.z])
     if not np.isfinite(position).all():
         raise InputError(
-            f'{field}: pose.pose.position: found {position.tolist()}, wanted three finite numbers'
+            f'{field}: pose.pose.position: must be three finite numbers, got {position.tolist()}'
         )
     norm = float(np.linalg.norm(quaternion))
     if not abs(norm - 1.0) < _NORM_TOLERANCE:
         raise InputError(
-            f'{field}: pose.pose.orientation: found {quaternion.tolist()} (w, x, y, '
-            'z), wanted a quaternion of norm 1'
+            f'{field}: pose.pose.orientation: must be a quaternion of norm 1, got '
+            f'{quaternion.tolist()} (w, x, y, z)'
         )
     return position, quaternion / norm
 
@@ -62,8 +62,8 @@ def decode_joints(message: JointState, field: str) -> dict[str, float]:
     """
     if len(message.name) != len(message.position):
         raise InputError(
-            f'{field}: position: found {len(message.position)} values, wanted one '
-            f'for each of the {len(message.name)} names'
+            f'{field}: position: must have one value for each of the {len(message.name)} '
+            f'names, got {len(message.position)}'
         )
     found: dict[str, float] = {}
     given: dict[str, str] = {}
@@ -71,12 +71,12 @@ def decode_joints(message: JointState, field: str) -> dict[str, float]:
         plain = plain_name(name)
         if plain in found:
             raise InputError(
-                f'{field}: name: found {shown(given[plain])} and {shown(name)}, '
-                'which are one joint, wanted every joint once'
+                f'{field}: name: must have every joint once, got {shown(given[plain])} and '
+                f'{shown(name)}, which are the same joint'
             )
         if not math.isfinite(position):
             raise InputError(
-                f'{field}: position of {shown(name)}: found {position}, wanted a finite number'
+                f'{field}: position of {shown(name)}: must be a finite number, got {position}'
             )
         found[plain], given[plain] = float(position), name
     return found

@@ -87,7 +87,7 @@ class Walking:
             joints = robot.legs.all_names if robot.legs else ('none',)
             raise InputError(
                 f"motion: 'cmd_vel' needs a robot that moves freely on the legs of {robot.name}, "
-                f'with the joints {joints[0]} to {joints[-1]}; wanted another robot_model, or '
+                f'with the joints {joints[0]} to {joints[-1]}. Choose another robot_model, or '
                 'stand or external'
             )
         self.how = how
@@ -188,7 +188,7 @@ class Mirroring:
         self._parts = find_parts(model, robot)
         if self._parts.free < 0:
             raise InputError(
-                "motion: 'external' needs a robot that moves freely: found no free "
+                "motion: 'external' needs a robot that moves freely, got no free "
                 'joint above the trunk of robot_model'
             )
         self._node, self._model, self._data, self._show = node, model, data, show

@@ -77,7 +77,7 @@ class Go1Parameters:
         self._node = node
         self.rate: float = self._fixed('rate', 60.0, 'Frames a second of each camera, Hz.')
         if not 0.001 <= self.rate <= 1000:
-            raise InputError(f'rate: found {self.rate}, wanted 0.001 to 1000 Hz')
+            raise InputError(f'rate: must be 0.001 to 1000 Hz, got {self.rate}')
         self.motion: str = self._choice('motion', MOTIONS, 'Where the pose comes from.')
         names = ', '.join(robot_names())
         self.robot = load_robot(
@@ -135,7 +135,7 @@ class Go1Parameters:
                     _check_number(parameter.name, parameter.value)
                 if parameter.name.startswith('board_') and self.scene != 'board':
                     raise InputError(
-                        f'{parameter.name}: the scene is {shown(self.scene)}, wanted board'
+                        f'{parameter.name}: the scene must be board, got {shown(self.scene)}'
                     )
                 if parameter.name == 'real_time_factor' and self.motion == 'external':
                     raise InputError(
@@ -155,7 +155,7 @@ class Go1Parameters:
     def _choice(self, name: str, choices: tuple[str, ...], description: str) -> str:
         value: str = self._fixed(name, choices[0], f'{description} One of {", ".join(choices)}.')
         if value not in choices:
-            raise InputError(f'{name}: found {shown(value)}, wanted one of {", ".join(choices)}')
+            raise InputError(f'{name}: must be one of {", ".join(choices)}, got {shown(value)}')
         return value
 
     def _declare_mounts(self, defaults: Sequence[CameraMount]) -> list[CameraMount]:
@@ -163,8 +163,8 @@ class Go1Parameters:
         names = self._fixed('cameras', list(poses), 'Names of the cameras.')
         if not names or len(set(names)) != len(names) or not all(map(_NAME.fullmatch, names)):
             raise InputError(
-                f'cameras: found {list(names)}, wanted different names of letters, '
-                'digits and underscores, that begin with no digit'
+                'cameras: must be unique names of letters, digits and underscores that do '
+                f'not begin with a digit, got {list(names)}'
             )
         mounts = []
         for name in names:
@@ -181,7 +181,7 @@ class Go1Parameters:
             )
             for field, values in (('position', position), ('rpy_deg', rpy)):
                 if len(values) != 3:
-                    raise InputError(f'{name}.{field}: found {list(values)}, wanted three numbers')
+                    raise InputError(f'{name}.{field}: must be three numbers, got {list(values)}')
             x, y, z = map(float, position)
             roll, pitch, yaw = map(math.radians, rpy)
             mounts.append(CameraMount(name, (x, y, z), (roll, pitch, yaw)))
@@ -193,5 +193,5 @@ def _check_number(name: str, value: Any) -> None:
     is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
     if not (is_number and least <= value <= most):
         raise InputError(
-            f'{name}: found {shown(value)}, wanted a number from {least:g} to {most:g}'
+            f'{name}: must be a number from {least:g} to {most:g}, got {shown(value)}'
         )

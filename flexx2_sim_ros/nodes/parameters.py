@@ -62,7 +62,7 @@ def declare(
         return [float(item) for item in value] if floats else value
     except (ParameterException, TypeError, ValueError) as error:
         raise InputError(
-            f'{name}: {unquoted(str(error), 160)}; wanted something like {default!r}'
+            f'{name}: must be like {default!r}, got: {unquoted(str(error), 160)}'
         ) from error
 
 

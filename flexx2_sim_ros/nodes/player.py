@@ -98,8 +98,7 @@ class Player(Node):
                 self.get_logger().warning(printable(f'{topic}: left out: {error}'))
         if not self._publishers_by_topic:
             raise InputError(
-                f'{bag.path}: topics: found none that match, wanted some of '
-                f'{", ".join(bag.topics)}'
+                f'{bag.path}: topics: must match some of {", ".join(bag.topics)}, got none'
             )
         kinds = {bag.topics[topic] for topic in self._publishers_by_topic}
         # Without a camera's stamps there are the times at which the bag was written.

@@ -10,9 +10,8 @@ from rclpy.node import Node
 def twin_text(node: Node) -> str:
     """Return what to say when there is another node of this one's name."""
     return (
-        f'node name: another {node.get_fully_qualified_name()} is running, and both would '
-        'publish the same topics; wanted another name or namespace, e.g. --ros-args -r '
-        '__node:=another'
+        f'node name: must be unique, got {node.get_fully_qualified_name()}, which is running '
+        'already. Choose another name or namespace, e.g. --ros-args -r __node:=another'
     )
 
 

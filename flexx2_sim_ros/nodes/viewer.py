@@ -122,7 +122,7 @@ class _Camera:
             self._latencies.append(now - came)
         try:
             if self._info is None:
-                raise InputError(f'{self.topics.info}: none has come')
+                raise InputError(f'{self.topics.info}: must come with the depth images, got none')
             camera = decode_camera_info(self._info, self.topics.info)
             depth = decode_image(message, self.topics.depth, _ENCODINGS)
             if depth.shape != (camera.height, camera.width):

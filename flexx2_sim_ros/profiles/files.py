@@ -181,8 +181,8 @@ def read_profile(path: str | Path) -> ProfileFile:
     for name in modes:
         if not is_mode_name(name):
             raise InputError(
-                f'{shown_path(path)}: modes: found the name {shown(name)}, wanted a '
-                'letter, then letters, digits, _ . + -'
+                f'{shown_path(path)}: modes: names must be a letter, then letters, digits, _ '
+                f'. + -, got {shown(name)}'
             )
     names = [name.lower() for name in modes]
     if len(set(names)) != len(names):
@@ -367,16 +367,16 @@ def sigma_problem(noise: NoiseModel, near: float, far: float) -> str | None:
     lowest = int(facing.argmin())
     if not facing[lowest] > 0:
         return (
-            f'sigma_z is {facing[lowest]:.3g} m at {z[lowest]:.3g} m, wanted it positive '
-            f'from {near:g} to {far:g} m'
+            f'sigma_z must be positive from {near:g} to {far:g} m, got {facing[lowest]:.3g} m '
+            f'at {z[lowest]:.3g} m'
         )
     slant = (_STEEP / (math.pi / 2 - _STEEP)) ** 2
     excess = (facing + noise.d * z**noise.n * slant) / z
     worst = int(excess.argmax())
     if not excess[worst] < 1:
         return (
-            f'sigma_z is {excess[worst] * z[worst]:.3g} m at {z[worst]:.3g} m and 60 degrees, '
-            'wanted it below the distance'
+            f'sigma_z must be below the distance, got {excess[worst] * z[worst]:.3g} m at '
+            f'{z[worst]:.3g} m and 60 degrees'
         )
     return None
 
@@ -394,19 +394,20 @@ class _Section:
     ) -> None:
         self._file, self._name, self._content = file, name, content
         if not isinstance(content, dict):
-            raise InputError(f'{self.label}: found {shown(content)}, wanted fields')
+            raise InputError(f'{self.label}: must be a mapping of fields, got {shown(content)}')
         if fields is None:
             return
         for missing in fields:
             if missing not in content:
                 raise InputError(
-                    f'{self._of(missing)}: not in the file, wanted {", ".join(fields)}'
+                    f'{self._of(missing)}: must be in the file, which must have '
+                    f'{", ".join(fields)}; got none'
                 )
         for extra in content:
             if extra not in (*fields, *optional):
                 raise InputError(
-                    f'{self._of(extra)}: not a field of a camera profile, wanted '
-                    f'{", ".join((*fields, *optional))}'
+                    f'{self._of(extra)}: must be one of {", ".join((*fields, *optional))}, got an '
+                    'unknown field'
                 )
 
     @property
@@ -416,8 +417,10 @@ class _Section:
     def _of(self, name: Any) -> str:
         return f'{self._file}{self._name}{"." if self._name else ""}{unquoted(name)}'
 
-    def wrong(self, name: str, wanted: str) -> InputError:
-        return InputError(f'{self._of(name)}: found {shown(self._content[name])}, wanted {wanted}')
+    def wrong(self, name: str, required: str) -> InputError:
+        return InputError(
+            f'{self._of(name)}: must be {required}, got {shown(self._content[name])}'
+        )
 
     def has(self, name: str) -> bool:
         return name in self._content

@@ -42,20 +42,20 @@ class Intrinsics:
         """Refuse what cannot be a camera."""
         if self.width < 1 or self.height < 1:
             raise InputError(
-                f'image size: found {self.width} x {self.height}, wanted at least 1 x 1'
+                f'image size: must be at least 1 x 1, got {self.width} x {self.height}'
             )
         for name in ('fx', 'fy'):
             value = getattr(self, name)
             if not 1e-3 <= value <= 1e6:
-                raise InputError(f'K: {name} is {value}, wanted 0.001 to 1,000,000 pixels')
+                raise InputError(f'K: {name}: must be 0.001 to 1,000,000 pixels, got {value}')
         for name in ('cx', 'cy'):
             value = getattr(self, name)
             if not abs(value) <= 1e6:
-                raise InputError(f'K: {name} is {value}, wanted at most 1,000,000 pixels')
+                raise InputError(f'K: {name}: must be at most 1,000,000 pixels, got {value}')
         if len(self.distortion) != 5 or not all(map(math.isfinite, self.distortion)):
             raise InputError(
-                f'distortion: found {self.distortion}, wanted five finite numbers '
-                '(k1, k2, p1, p2, k3)'
+                'distortion: must be five finite numbers (k1, k2, p1, p2, k3), got '
+                f'{self.distortion}'
             )
 
     @classmethod
@@ -91,19 +91,19 @@ class Intrinsics:
         try:
             matrix = np.asarray(K, dtype=np.float64)
         except (TypeError, ValueError) as error:
-            raise InputError(f'K: found {K!r}, wanted a 3 x 3 matrix of numbers') from error
+            raise InputError(f'K: must be a 3 x 3 matrix of numbers, got {K!r}') from error
         if matrix.size != 9:
-            raise InputError(f'K: found shape {matrix.shape}, wanted (3, 3)')
+            raise InputError(f'K: must have shape (3, 3), got {matrix.shape}')
         matrix = matrix.reshape(3, 3)
         if matrix[2, 2] != 1.0 or matrix[0, 1] or matrix[1, 0] or matrix[2, 0] or matrix[2, 1]:
             raise InputError(
-                f'K: found {matrix.tolist()}, wanted [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]'
+                f'K: must be [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], got {matrix.tolist()}'
             )
         coefficients = [float(value) for value in distortion]
         if len(coefficients) > 5:
             raise InputError(
-                f'distortion: found {len(coefficients)} coefficients, wanted at most five '
-                '(plumb_bob)'
+                'distortion: must have at most five coefficients (plumb_bob), got '
+                f'{len(coefficients)}'
             )
         coefficients += [0.0] * (5 - len(coefficients))
         return cls(

@@ -161,7 +161,7 @@ class Profile:
         for mode in self.modes:
             if isinstance(usecase, str) and mode.name.lower() == usecase.strip().lower():
                 return mode
-        raise InputError(f'usecase: found {shown(usecase)}, wanted one of {", ".join(self.names)}')
+        raise InputError(f'usecase: must be one of {", ".join(self.names)}, got {shown(usecase)}')
 
 
 @dataclass(frozen=True)
@@ -210,7 +210,7 @@ def _camera_config() -> _CameraConfig:
             value = value.get(key) if isinstance(value, dict) else None
         if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 < value < 1e9:
             raise InputError(
-                f'{path}: {".".join(keys)}: found {shown(value)}, wanted a positive number'
+                f'{path}: {".".join(keys)}: must be a positive number, got {shown(value)}'
             )
         return float(value)
 
@@ -220,10 +220,10 @@ def _camera_config() -> _CameraConfig:
         and len(view) == 2
         and all(isinstance(angle, (int, float)) and 0 < angle < 180 for angle in view)
     ):
-        raise InputError(f'{path}: field_of_view_deg: found {shown(view)}, wanted two angles')
+        raise InputError(f'{path}: field_of_view_deg: must be two angles, got {shown(view)}')
     cap = number('axial', 'incidence_cap_deg')
     if cap >= 90:
-        raise InputError(f'{path}: axial.incidence_cap_deg: found {cap}, wanted less than 90')
+        raise InputError(f'{path}: axial.incidence_cap_deg: must be less than 90, got {cap}')
     return _CameraConfig(
         str(table.get('model')),
         int(number('width')),

@@ -289,7 +289,7 @@ def choose_camera(
     several = camera is None and (cameras or found.unclear)
     got = 'several cameras' if several else repr(camera or 'no camera')
     raise InputError(
-        f'{path}: camera: found {got}, wanted one of its cameras: '
-        f'{", ".join(cameras) or "none"}; or the topic of a depth image: '
-        f'{", ".join(images) or "none"} (flexx2 convert --camera chooses)'
+        f'{path}: camera: must be one of its cameras ({", ".join(cameras) or "none"}) or the '
+        f'topic of a depth image ({", ".join(images) or "none"}) (flexx2 convert --camera '
+        f'selects one), got {got}'
     )

@@ -107,13 +107,14 @@ class Bag:
         if self.path.is_file():
             if self.path.suffix not in _REMAINS:
                 raise InputError(
-                    f'{self.path}: found a {self.path.suffix or "nameless"} file, '
-                    'wanted a .mcap or .db3 file or the folder of a bag'
+                    f'{self.path}: must be a .mcap or .db3 file or the folder of a bag, got a '
+                    f'{self.path.suffix or "nameless"} file'
                 )
             return [self._open_file(self.path, check_file(self.path))]
         if not self.path.is_dir():
             raise InputError(
-                f'{self.path}: not there, wanted a bag: a folder, or a .mcap or .db3 file'
+                f'{self.path}: must be a bag (a folder, or a .mcap or .db3 file), got '
+                'nothing there'
             )
         files = sorted(
             (file for file in self.path.iterdir() if file.suffix in _REMAINS), key=_natural

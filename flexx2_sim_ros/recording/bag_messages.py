@@ -78,8 +78,8 @@ def header_stamp(data: bytes, where: str) -> int:
         if nanosec < _NANOSECONDS:
             return int(sec) * _NANOSECONDS + int(nanosec)
     raise InputError(
-        f'{where}: header.stamp: found {bytes(data[:12])!r}, wanted a message that '
-        'begins with a std_msgs/Header'
+        f'{where}: header.stamp: must be in a message that begins with a std_msgs/Header, got '
+        f'{bytes(data[:12])!r}'
     )
 
 
@@ -177,8 +177,8 @@ def encode_bytes(label: str, content: bytes) -> bytes:
     """Return labelled bytes as a ``std_msgs/UInt8MultiArray``."""
     if len(content) >= 1 << 32:
         raise InputError(
-            f'{label}: found {len(content)} bytes, wanted less than 4 GiB, the most '
-            'that one message of a bag can hold'
+            f'{label}: must be less than 4 GiB, the limit of a message in a bag, got '
+            f'{len(content)} bytes'
         )
     dimension = _make('std_msgs/msg/MultiArrayDimension', label, len(content), len(content))
     layout = _make('std_msgs/msg/MultiArrayLayout', [dimension], 0)
@@ -190,7 +190,6 @@ def decode_bytes(data: bytes, where: str) -> tuple[str, bytes]:
     message = decode(BYTES, data, where)
     if len(message.layout.dim) != 1:
         raise InputError(
-            f'{where}: layout.dim: found {len(message.layout.dim)} of them, wanted '
-            'one with a label'
+            f'{where}: layout.dim: must have one entry with a label, got {len(message.layout.dim)}'
         )
     return message.layout.dim[0].label, message.data.tobytes()

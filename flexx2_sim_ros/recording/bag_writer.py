@@ -156,7 +156,9 @@ def check_new(path: Path) -> None:
     """Raise `InputError` when there is something at a path to write to."""
     with named(path), suppress(FileNotFoundError):
         path.lstat()
-        raise InputError(f'{path}: exists already, wanted a new name: bags are not overwritten')
+        raise InputError(
+            f'{path}: must be a new name, got one that exists: bags are not overwritten'
+        )
 
 
 def write_bag(
@@ -190,13 +192,13 @@ def write_bag(
     name = camera or str(reader.arrays.get('camera', 'camera'))
     if not _NAME.fullmatch(name):
         raise InputError(
-            f'--camera: found {name!r}, wanted letters, digits and _, as in front_left'
+            f'--camera: must be letters, digits and _, as in front_left, got {name!r}'
         )
     low, high = int(reader.stamp_ns.min()), int(reader.stamp_ns.max())
     if low < 0 or high >= _LATEST:
         raise InputError(
-            f'{reader.path}: stamp: found {low / 1e9:g} to {high / 1e9:g} s, wanted '
-            '0 to 2147483648, what messages can hold'
+            f'{reader.path}: stamp: must be 0 to 2147483648 s, the range of messages, got '
+            f'{low / 1e9:g} to {high / 1e9:g} s'
         )
     check_new(path)
     single = path.suffix in SUFFIXES

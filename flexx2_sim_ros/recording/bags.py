@@ -115,9 +115,13 @@ class BagRecording(RecordingReader):
     def _content(self, path: Path) -> Content:
         where = self._where
         if self._source not in self._found:
-            raise InputError(f'{path}: {self._source}: no whole message, wanted depth images')
+            raise InputError(
+                f'{path}: {self._source}: must have depth images, got no complete message'
+            )
         if not self._infos:
-            raise InputError(f'{path}: {where.info}: no whole message, wanted the camera matrix')
+            raise InputError(
+                f'{path}: {where.info}: must have the camera matrix, got no complete message'
+            )
         content = Content({}, {}, self._bag.notes)
         first = self._infos[0][1]
         self._size = int(first.height), int(first.width)
@@ -237,16 +241,16 @@ class BagRecording(RecordingReader):
                 at, message = next(source, (0, None))
                 if message is None:
                     raise InputError(
-                        f'{self.path}: {stack.topic}: ends at frame {index}, wanted '
-                        f'{len(stack.numbers)}: the bag has changed'
+                        f'{self.path}: {stack.topic}: must have {len(stack.numbers)} frames, '
+                        f'got {index}: the bag has changed'
                     )
                 if at in wanted:
                     kept[at] = stack.decoder(message.data)
             image = kept[number]
             if image.shape != layout.shape or image.dtype != layout.dtype:
                 raise InputError(
-                    f'{self.path}: {stack.topic}: frame {index}: found {image.shape} '
-                    f'{image.dtype}, wanted {layout.shape} {layout.dtype} as before'
+                    f'{self.path}: {stack.topic}: frame {index}: must be {layout.shape} '
+                    f'{layout.dtype} as before, got {image.shape} {image.dtype}'
                 )
             yield image
             if number != _ABSENT and number not in stack.numbers[index + 1 : index + 2]:
@@ -277,8 +281,8 @@ class BagRecording(RecordingReader):
         field = next((field for field in cloud.fields if field.name == 'z'), None)
         if field is None or field.datatype not in _FLOATS:
             raise InputError(
-                f'{label}: fields: found {[each.name for each in cloud.fields]}, '
-                'wanted a floating-point z'
+                f'{label}: fields: must include a floating-point z, got '
+                f'{[each.name for each in cloud.fields]}'
             )
         # The real driver swaps width and height (but not the points): the camera info is right.
         height, width = self._size
@@ -287,9 +291,8 @@ class BagRecording(RecordingReader):
             or len(cloud.data) != height * width * cloud.point_step
         ):
             raise InputError(
-                f'{label}: size: found {cloud.width} x {cloud.height} points in '
-                f'{len(cloud.data)} bytes, wanted {width} x {height} as in '
-                'camera_info'
+                f'{label}: size: must be {width} x {height} as in camera_info, got '
+                f'{cloud.width} x {cloud.height} points in {len(cloud.data)} bytes'
             )
         dtype = np.dtype(('>' if cloud.is_bigendian else '<') + _FLOATS[field.datatype])
         z: np.ndarray = np.ndarray(

@@ -31,7 +31,9 @@ def find_recordings(folder: str | Path) -> list[Path]:
     folder = Path(folder)
     try:
         if not folder.is_dir():
-            raise InputError(f'{folder}: not a folder, wanted one with recordings (.npz or bags)')
+            raise InputError(
+                f'{folder}: must be a folder with recordings (.npz or bags), got none'
+            )
         found = sorted(
             path
             for path in folder.iterdir()
@@ -41,7 +43,7 @@ def find_recordings(folder: str | Path) -> list[Path]:
     except OSError as error:
         raise InputError(f'{folder}: cannot be read: {error}') from error
     if not found:
-        raise InputError(f'{folder}: there is no recording in it, wanted .npz files or bags')
+        raise InputError(f'{folder}: must have recordings (.npz files or bags), got none')
     return found
 
 

@@ -66,27 +66,27 @@ def load_scene(path: str | Path) -> Scene:
         if key not in arrays:
             found = ', '.join(arrays) or 'nothing'
             raise InputError(
-                f'{path}: {key}: not in the file, which has {found}; wanted'
-                ' clean_depth (H, W) or (T, H, W) and K (3, 3)'
+                f'{path}: {key}: must be in the file, with clean_depth (H, W) or (T, H, W) '
+                f'and K (3, 3), got {found}'
             )
     clean = _numbers(path, arrays, 'clean_depth')
     if clean.ndim not in (2, 3) or 0 in clean.shape:
         raise InputError(
-            f'{path}: clean_depth: found shape {clean.shape}, wanted (H, W) or '
-            '(T, H, W), not empty'
+            f'{path}: clean_depth: must have shape (H, W) or (T, H, W), not empty, got '
+            f'{clean.shape}'
         )
     matrix = _numbers(path, arrays, 'K')
     if matrix.shape != (3, 3):
-        raise InputError(f'{path}: K: found shape {matrix.shape}, wanted (3, 3)')
+        raise InputError(f'{path}: K: must have shape (3, 3), got {matrix.shape}')
     reflectivity = _numbers(path, arrays, 'reflectivity') if 'reflectivity' in arrays else None
     if reflectivity is not None and reflectivity.shape not in (clean.shape, clean.shape[-2:]):
         raise InputError(
-            f'{path}: reflectivity: found shape {reflectivity.shape}, wanted that of '
-            f'clean_depth, {clean.shape}'
+            f'{path}: reflectivity: must have the size of clean_depth, {clean.shape}, got '
+            f'{reflectivity.shape}'
         )
     stamp = _numbers(path, arrays, 'stamp') if 'stamp' in arrays else None
     if stamp is not None and (stamp.ndim != 1 or not np.isfinite(stamp).all()):
-        raise InputError(f'{path}: stamp: found shape {stamp.shape}, wanted (T,) finite seconds')
+        raise InputError(f'{path}: stamp: must be finite seconds of shape (T,), got {stamp.shape}')
     known = {'clean_depth', 'K', 'reflectivity', 'stamp'}
     return Scene(
         clean,
@@ -104,7 +104,7 @@ def _read(path: Path) -> dict[str, np.ndarray]:
 
 def _numbers(path: str | Path, arrays: dict[str, np.ndarray], key: str) -> np.ndarray:
     if arrays[key].dtype.kind not in 'fiu':
-        raise InputError(f'{path}: {key}: found dtype {arrays[key].dtype}, wanted numbers')
+        raise InputError(f'{path}: {key}: must be numbers, got dtype {arrays[key].dtype}')
     return arrays[key]
 
 
@@ -158,7 +158,7 @@ class RecordingWriter:
         """Append (n, H, W) frames, metres, NaN where invalid."""
         if frames.shape[1:] != self._shape[1:] or len(frames) > self._left:
             raise InputError(
-                f'depth: found {frames.shape}, wanted at most {(self._left, *self._shape[1:])}'
+                f'depth: must be at most {(self._left, *self._shape[1:])}, got {frames.shape}'
             )
         with named(self._path):
             self._depth.write(np.ascontiguousarray(frames, dtype='<f4').data)
@@ -203,7 +203,7 @@ class RecordingWriter:
                 entry.write(np.ascontiguousarray(frame, dtype).data)
                 count += 1
         if count != self._shape[0]:
-            raise InputError(f'{key}: found {count} frames, wanted {self._shape[0]}')
+            raise InputError(f'{key}: must have {self._shape[0]} frames, got {count}')
 
     def _end_depth(self) -> None:
         if self._depth is not None:

@@ -148,14 +148,14 @@ def open_npz(path: Path) -> Iterator[NpzFile]:
     """
     try:
         if not path.is_file():
-            raise InputError(f'{path}: not a file, wanted an .npz archive')
+            raise InputError(f'{path}: must be an .npz archive, got no file')
         with zipfile.ZipFile(path) as archive:
             yield NpzFile(archive)
     except InputError:
         raise
     except _NoArrayError as error:
         raise InputError(
-            f'{path}: {_short(error)}: found a file that is no array, wanted arrays only'
+            f'{path}: {_short(error)}: must be an array, got another kind of file'
         ) from error
     except _UNREADABLE as error:
         raise InputError(

@@ -33,7 +33,8 @@ class NpzRecording(RecordingReader):
         content = self._read(path)
         if 'depth' not in content.layouts or 0 in self._shapes['depth']:
             raise InputError(
-                f'{path}: depth: {self._found_depth(content)}, wanted (T, H, W) float32, not empty'
+                f'{path}: depth: must be (T, H, W) float32, not empty, '
+                f'got {self._found_depth(content)}'
             )
         content.frames = self._shapes['depth'][0]
         depth = content.layouts['depth']
@@ -44,8 +45,8 @@ class NpzRecording(RecordingReader):
         for key, shape in self._shapes.items():
             if shape != self.shape:
                 raise InputError(
-                    f'{path}: {key}: found shape {shape}, wanted {self.shape}, one '
-                    'image for each of stamp'
+                    f'{path}: {key}: must have shape {self.shape}, one image for each of '
+                    f'stamp, got {shape}'
                 )
 
     def _read(self, path: Path) -> Content:
@@ -63,11 +64,11 @@ class NpzRecording(RecordingReader):
 
     def _found_depth(self, content: Content) -> str:
         if 'depth' in self._shapes:
-            return f'found shape {self._shapes["depth"]}'
+            return f'shape {self._shapes["depth"]}'
         if 'depth' in content.arrays:
             found = content.arrays['depth']
-            return f'found shape {found.shape} of {found.dtype}'
-        return f'not in the file, which has {", ".join(content.arrays) or "nothing"}'
+            return f'shape {found.shape} of {found.dtype}'
+        return f'none; the file has {", ".join(content.arrays) or "nothing"}'
 
     def frames(self, key: str) -> Iterator[np.ndarray]:
         """Iterate over the images of a stack; see `RecordingReader.frames`."""

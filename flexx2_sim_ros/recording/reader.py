@@ -143,8 +143,8 @@ class RecordingReader(ABC):
         usecase = self.arrays.get('usecase')
         if usecase is not None and (usecase.dtype.kind != 'U' or usecase.ndim):
             raise InputError(
-                f'{path}: usecase: found dtype {usecase.dtype} and shape '
-                f'{usecase.shape}, wanted a string'
+                f'{path}: usecase: must be a string, got dtype {usecase.dtype} and shape '
+                f'{usecase.shape}'
             )
         self.usecase = None if usecase is None else str(usecase)
         self.assumed_stamps = not {'stamp', 'stamp_ns'} & self.arrays.keys()
@@ -230,8 +230,8 @@ class RecordingReader(ABC):
         matrix = self._numbers('K', 'a camera matrix (3, 3)')
         if matrix.shape != (3, 3) or not np.isfinite(matrix).all():
             raise InputError(
-                f'{self.path}: K: found shape {matrix.shape}, wanted a camera matrix '
-                '(3, 3) of finite numbers'
+                f'{self.path}: K: must be a camera matrix (3, 3) of finite numbers, got shape '
+                f'{matrix.shape}'
             )
         return matrix.astype(np.float64)
 
@@ -253,27 +253,25 @@ class RecordingReader(ABC):
         for key, values in given.items():
             if values.ndim != 1 or not np.isfinite(values).all():
                 raise InputError(
-                    f'{self.path}: {key}: found shape {values.shape}, wanted finite numbers (T,)'
+                    f'{self.path}: {key}: must be finite numbers (T,), got shape {values.shape}'
                 )
         if 'stamp_ns' not in given:
             seconds = given['stamp'].astype(np.float64)
             if (np.abs(seconds) > _LONGEST).any():
                 raise InputError(
-                    f'{self.path}: stamp: found {np.abs(seconds).max():g}, wanted '
-                    f'seconds, at most {_LONGEST:g}'
+                    f'{self.path}: stamp: must be seconds, at most {_LONGEST:g}, got '
+                    f'{np.abs(seconds).max():g}'
                 )
             return seconds, np.rint(seconds * 1e9).astype(np.int64)
         exact = given['stamp_ns']
         if exact.dtype.kind not in 'iu':
             raise InputError(
-                f'{self.path}: stamp_ns: found dtype {exact.dtype}, wanted whole numbers'
+                f'{self.path}: stamp_ns: must be whole numbers, got dtype {exact.dtype}'
             )
         exact = exact.astype(np.int64)
         stamp = given.get('stamp', exact / 1e9).astype(np.float64)
         if stamp.shape != exact.shape or (np.abs(stamp * 1e9 - exact) > _SAME_NANOSECONDS).any():
-            raise InputError(
-                f'{self.path}: stamp: differs from stamp_ns, wanted the same in seconds'
-            )
+            raise InputError(f'{self.path}: stamp: must be stamp_ns in seconds, got other times')
         return stamp, exact
 
     def _numbers(self, key: str, wanted: str) -> np.ndarray:
@@ -281,10 +279,10 @@ class RecordingReader(ABC):
         if found is None:
             names = ', '.join([*self.layouts, *self.arrays]) or 'nothing'
             raise InputError(
-                f'{self.path}: {key}: not in the file, which has {names}; wanted {wanted}'
+                f'{self.path}: {key}: must be {wanted}, got none; the file has {names}'
             )
         if found.dtype.kind not in 'fiu':
-            raise InputError(f'{self.path}: {key}: found dtype {found.dtype}, wanted {wanted}')
+            raise InputError(f'{self.path}: {key}: must be {wanted}, got dtype {found.dtype}')
         return found
 
     def _check_images(self) -> None:
@@ -297,6 +295,6 @@ class RecordingReader(ABC):
                 continue
             if shape not in (self.shape, self.shape[1:]):
                 raise InputError(
-                    f'{self.path}: {key}: found shape {shape}, wanted that of depth, '
-                    f'{self.shape} or {self.shape[1:]}'
+                    f'{self.path}: {key}: must have the size of depth, {self.shape} or '
+                    f'{self.shape[1:]}, got {shape}'
                 )

@@ -115,7 +115,7 @@ def open_renderer(
 
     """
     if backend not in BACKENDS:
-        raise InputError(f'backend: found {backend!r}, wanted one of {", ".join(BACKENDS)}')
+        raise InputError(f'backend: must be one of {", ".join(BACKENDS)}, got {backend!r}')
     if backend == 'ray':
         return _RayRenderer(model, intrinsics, ())
     reasons: list[str] = []
@@ -128,7 +128,7 @@ def open_renderer(
                 f'[{type(error).__name__}: {error}]'
             )
     if backend != 'auto':
-        raise InputError(f'backend: {reasons[0]}; wanted one that works, or auto')
+        raise InputError(f'backend: must be one that works here, or auto, got {reasons[0]}')
     return _RayRenderer(model, intrinsics, tuple(reasons))
 
 
@@ -162,7 +162,7 @@ class _Cameras:
         index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, name)
         if index < 0:
             names = ', '.join(model.cam(i).name for i in range(model.ncam))
-            raise InputError(f'camera: found {name!r}, wanted one of {names or "none: no camera"}')
+            raise InputError(f'camera: must be one of {names or "none: no camera"}, got {name!r}')
         size = (wanted.width, wanted.height)
         focal = np.zeros(4)
         if all(model.cam_sensorsize[index]):
@@ -170,8 +170,8 @@ class _Cameras:
         asked = (wanted.fx, wanted.fy, 0.0, 0.0)
         if tuple(model.cam_resolution[index]) != size or not np.allclose(focal, asked, atol=1e-3):
             raise InputError(
-                f'camera {name}: its resolution is {tuple(model.cam_resolution[index])} and its '
-                f'focal length {focal[:2]} px, wanted {size} and {asked[:2]}, centred'
+                f'camera {name}: must have resolution {size} and focal length {asked[:2]} px, '
+                f'centred, got {tuple(model.cam_resolution[index])} and {focal[:2]}'
             )
         return index
 
@@ -384,7 +384,8 @@ def load_materials(path: str | Path | None = None) -> dict[str, float]:
         value = entry.get('reflectivity') if isinstance(entry, dict) else None
         if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 <= value <= 1:
             raise InputError(
-                f'{path}: materials.{name}.reflectivity is {value!r}, wanted a number from 0 to 1'
+                f'{path}: materials.{name}.reflectivity: must be a number from 0 to 1, '
+                f'got {value!r}'
             )
         table[str(name)] = float(value)
     return table

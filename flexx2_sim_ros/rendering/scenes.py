@@ -68,8 +68,8 @@ def read_model(parameter: str, value: str, path: Path, names: tuple[str, ...]) -
     """Read an MJCF or URDF file and compile it alone: an error is laid at the right door."""
     if not is_regular_file(path):
         raise InputError(
-            f'{parameter}: found {shown(value, 160)}, wanted '
-            f'{", ".join(map(repr, names))} or the path of an MJCF file'
+            f'{parameter}: must be {", ".join(map(repr, names))} or the path of an MJCF file, '
+            f'got {shown(value, 160)}'
         )
     try:
         spec = mujoco.MjSpec.from_file(str(path))
@@ -123,18 +123,18 @@ def place_board(
     """
     near, far = BOARD_DISTANCES
     if not near <= distance <= far:
-        raise InputError(f'board_distance: found {distance}, wanted {near:g} to {far:g} metres')
+        raise InputError(f'board_distance: must be {near:g} to {far:g} metres, got {distance}')
     if not abs(angle) <= LARGEST_BOARD_ANGLE:
         raise InputError(
-            f'board_angle_deg: found {angle}, wanted '
-            f'-{LARGEST_BOARD_ANGLE:g} to {LARGEST_BOARD_ANGLE:g}'
+            f'board_angle_deg: must be -{LARGEST_BOARD_ANGLE:g} to {LARGEST_BOARD_ANGLE:g}, '
+            f'got {angle}'
         )
     index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, camera)
     if index < 0:
         names = [model.cam(i).name for i in range(model.ncam)]
-        raise InputError(f'board_camera: found {shown(camera)}, wanted one of {", ".join(names)}')
+        raise InputError(f'board_camera: must be one of {", ".join(names)}, got {shown(camera)}')
     if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, f'{PREFIX}board') < 0:
-        raise InputError("scene: this one has no board, wanted 'board'")
+        raise InputError("scene: must be 'board', got one without a board")
     lens = data.cam_xpos[index]
     right, up, back = data.cam_xmat[index].reshape(3, 3).T
     turn = np.radians(angle)

@@ -75,7 +75,7 @@ def build_model(
     if trunk is None:
         bodies = ', '.join(body.name for body in spec.bodies[1:9] if body.name) or 'none'
         raise InputError(
-            f'robot_model: {robot_path} has no body named {robot.trunk!r}; found {bodies}'
+            f'robot_model: {robot_path}: must have a body named {robot.trunk!r}, got {bodies}'
         )
     try:
         spec.attach(room, prefix=PREFIX, frame=spec.worldbody.add_frame())

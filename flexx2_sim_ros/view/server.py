@@ -80,20 +80,20 @@ def bind(host: str, port: int) -> list[socket.socket]:
 
     """
     if not 0 <= port <= 65535:
-        raise InputError(f'--port: found {port}, wanted 0 to 65535')
+        raise InputError(f'--port: must be 0 to 65535, got {port}')
     try:
         return bind_sockets(port, host)
     except OSError as error:
         if error.errno == errno.EADDRINUSE:
             raise InputError(
-                f'--port: {port} is already taken on {host}, wanted one that is free, or 0 for any'
+                f'--port: must be free, or 0 for any, got {port}, which is in use on {host}'
             ) from error
         if error.errno in (errno.EACCES, errno.EPERM):
             raise InputError(
-                f'--port: {port} is not for every user, wanted 1024 or more, or 0 for any'
+                f'--port: must be 1024 or more for this user, or 0 for any, got {port}'
             ) from error
         raise InputError(
-            f'--host: found {host!r}, wanted an address of this machine: {error.strerror or error}'
+            f'--host: must be an address of this machine, got {host!r}: {error.strerror or error}'
         ) from error
 
 

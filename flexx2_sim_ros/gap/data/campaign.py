@@ -83,8 +83,8 @@ def of_one_mode(
     left_out += [
         (
             one.path.name,
-            f'{one.path}: usecase: found {one.mode.name}, wanted '
-            f'{usual}, as most recordings of the campaign have',
+            f'{one.path}: usecase: must be {usual}, as most recordings of the campaign have, '
+            f'got {one.mode.name}',
         )
         for one in found
         if one.mode.name != usual
@@ -102,14 +102,14 @@ def nothing_left(folder: Path, left_out: list[tuple[str, str]]) -> InputError:
 def _found(reader: RecordingReader, profile: Profile | None) -> Found:
     path = reader.path
     if reader.changes:
-        raise InputError(f'{reader.changes[0]}, wanted a recording without changes')
+        raise InputError(f'{reader.changes[0]}; a recording must not change')
     if 'clean_depth' not in reader.layouts and 'clean_depth' not in reader.arrays:
         raise InputError(
-            f'{path}: clean_depth: not in the file, wanted metres (H, W) or '
-            '(T, H, W): what is really there'
+            f'{path}: clean_depth: must be the ground truth in metres, (H, W) or (T, H, W), '
+            'got none'
         )
     if reader.usecase is None:
-        raise InputError(f'{path}: usecase: not in the file, wanted the mode')
+        raise InputError(f'{path}: usecase: must be the mode, got none')
     try:
         mode = (profile or flexx2()).mode(reader.usecase)
     except InputError as error:
@@ -154,7 +154,7 @@ def read(found: Found, profile: Profile | None) -> RecordingData:
     shape = depth.shape[1:]
     if clean.shape[-2:] != shape:
         raise InputError(
-            f'{path}: clean_depth: found size {clean.shape[-2:]}, wanted that of depth, {shape}'
+            f'{path}: clean_depth: must have the size of depth, {shape}, got {clean.shape[-2:]}'
         )
     with np.errstate(invalid='ignore', over='ignore'):
         depth = np.where(depth > 0, depth, np.float32(np.nan))
@@ -179,7 +179,7 @@ def read(found: Found, profile: Profile | None) -> RecordingData:
     if reflectivity is not None:
         brightest = float(np.nanmax(reflectivity, initial=0))
         if brightest > _BRIGHTEST:
-            raise InputError(f'{path}: reflectivity: found up to {brightest:g}, wanted 0 to 1')
+            raise InputError(f'{path}: reflectivity: must be 0 to 1, got up to {brightest:g}')
         reflectivity = np.clip(reflectivity, 0, 1)
     if reflectivity is None:
         amplitude = _stack('amplitude', parts)
@@ -191,8 +191,8 @@ def read(found: Found, profile: Profile | None) -> RecordingData:
     if reflectivity is not None:
         if reflectivity.shape[-2:] != shape:
             raise InputError(
-                f'{path}: reflectivity: found size {reflectivity.shape[-2:]}, '
-                f'wanted that of depth, {shape}'
+                f'{path}: reflectivity: must have the size of depth, {shape}, got '
+                f'{reflectivity.shape[-2:]}'
             )
         reflectivity = np.nan_to_num(reflectivity).astype(np.float32)
         if clean.ndim == 2 and reflectivity.ndim == 3:
@@ -223,8 +223,8 @@ def _check_distortion(reader: RecordingReader) -> None:
         lens.dtype.kind not in 'fiu' or lens.shape != (5,) or not np.isfinite(lens).all()
     ):
         raise InputError(
-            f'{reader.path}: distortion: found shape {lens.shape} of {lens.dtype}, '
-            'wanted k1, k2, p1, p2, k3 (5,), finite'
+            f'{reader.path}: distortion: must be k1, k2, p1, p2, k3 (5,), finite, got shape '
+            f'{lens.shape} of {lens.dtype}'
         )
 
 
@@ -241,13 +241,13 @@ def _uptime(reader: RecordingReader, chosen: np.ndarray) -> float | None:
         return None
     if uptime.dtype.kind not in 'fiu' or uptime.shape not in ((), (len(reader.stamp),)):
         raise InputError(
-            f'{reader.path}: uptime: found {uptime.dtype} of shape {uptime.shape}, '
-            f'wanted seconds since power-on ({len(reader.stamp)},)'
+            f'{reader.path}: uptime: must be seconds since power-on ({len(reader.stamp)},), '
+            f'got {uptime.dtype} of shape {uptime.shape}'
         )
     if not ((uptime >= 0) & (uptime <= _LONGEST)).all():
         raise InputError(
-            f'{reader.path}: uptime: found {uptime.min():g} to {uptime.max():g}, '
-            f'wanted seconds since power-on, 0 to {_LONGEST:g}'
+            f'{reader.path}: uptime: must be seconds since power-on, 0 to {_LONGEST:g}, got '
+            f'{uptime.min():g} to {uptime.max():g}'
         )
     return float(uptime if uptime.ndim == 0 else uptime[chosen[0]])
 

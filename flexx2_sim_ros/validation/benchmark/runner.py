@@ -77,7 +77,7 @@ def run_benchmark(
 
     """
     if jobs < 1:
-        raise InputError(f'--jobs: found {jobs}, wanted at least 1')
+        raise InputError(f'--jobs: must be at least 1, got {jobs}')
     design = make_design(seed_range(seed_set, release), quick)
     results = output_folder(out / 'results')
     sealed = seal(

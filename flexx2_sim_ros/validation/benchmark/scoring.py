@@ -177,7 +177,9 @@ def score(out: Path, partly: bool = False) -> Scores:
         with np.load(truth / f'{name}.npz', allow_pickle=False) as cells:
             answers.append(answer_of(planned, result, facts['parameters'], dict(cells)))
     if not answers:
-        raise InputError(f'--out: {out} holds no case that is done, wanted at least one to score')
+        raise InputError(
+            f'--out: must have at least one finished case to score, got none in {out}'
+        )
     return Scores(tuple(answers), json.loads((out / COMMITMENT).read_text()))
 
 

@@ -70,8 +70,8 @@ def seal(design: list[Planned], sealed: Path, public: Path, facts: dict[str, Any
         )
         if wanted != found:
             raise InputError(
-                f'{sealed}: holds the labels of another benchmark; wanted an empty '
-                '--out, or the one of a run with the same options'
+                f'{sealed}: --out must be empty or of a run with the same options, got the '
+                'labels of another benchmark'
             )
         return opened
     salt = secrets.token_hex(16)

@@ -34,7 +34,7 @@ class SeedRange:
 
         """
         if not 0 <= index < self._SIZE:
-            raise InputError(f'seed index: found {index}, wanted 0 to {self._SIZE - 1}')
+            raise InputError(f'seed index: must be 0 to {self._SIZE - 1}, got {index}')
         return self.block * self._SIZE + index
 
     def __contains__(self, seed: int) -> bool:
@@ -61,7 +61,7 @@ def seed_range(name: str, release: bool) -> SeedRange:
     if name == DEVELOPMENT.name:
         return DEVELOPMENT
     if name != TEST.name:
-        raise InputError(f'--seed-set: found {name!r}, wanted dev or test')
+        raise InputError(f'--seed-set: must be dev or test, got {name!r}')
     if not release:
         raise InputError(
             '--seed-set test: the test seeds are for a release: every look at them '

@@ -46,5 +46,5 @@ def make_effect(name: str, strength: float, rng: np.random.Generator, optics: Op
     """
     known = {**CATALOGUE, **NOVEL}
     if name not in known:
-        raise InputError(f'effect: found {name!r}, wanted one of {", ".join(known)}')
+        raise InputError(f'effect: must be one of {", ".join(known)}, got {name!r}')
     return known[name](strength, rng, optics)
