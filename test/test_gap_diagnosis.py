@@ -85,7 +85,7 @@ def test_finds_an_effect_and_writes_what_it_found(
     text = (out / 'report.html').read_text()
     check_page(text)
     # What a filter changes is drawn, not what it leaves alone.
-    assert 'likeness to the frame before against' in text
+    assert 'lag-1 correlation against' in text
 
 
 def test_the_page_in_a_browser(tmp_path: Path) -> None:

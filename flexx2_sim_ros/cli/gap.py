@@ -17,16 +17,16 @@ def add_parser(commands: Any) -> None:
     """Add the subcommands."""
     parser = commands.add_parser(
         'gap',
-        help='find what the simulation lacks compared with recordings',
+        help='find out why recordings differ from the simulation',
         description='Compare recordings of a real camera with the simulation of the same scenes.',
     )
     subcommands = parser.add_subparsers(dest='gap_command', required=True, metavar='COMMAND')
     diagnose = subcommands.add_parser(
         'diagnose',
-        help='say where the gap lies, which effect causes it, how far it shrinks',
+        help='find which effects cause the gap, where it lies and how much they explain',
         description='CAMPAIGN is a folder of recordings (.npz or bags), one scene each, with '
-        'clean_depth. Writes diagnosis.json (docs/diagnosis.md), effects.yaml (for flexx2 '
-        'simulate --effects and the node) and report.html to DIR.',
+        'their ground truth, clean_depth. Writes diagnosis.json (docs/diagnosis.md), effects.yaml '
+        '(for flexx2 simulate --effects and the node) and report.html to DIR.',
         epilog='example: flexx2 gap diagnose recordings/ --out diagnosis/',
     )
     diagnose.add_argument('campaign', metavar='CAMPAIGN')
@@ -40,18 +40,21 @@ def add_parser(commands: Any) -> None:
         help='leave an effect out of the catalogue (may be given again)',
     )
     diagnose.add_argument(
-        '--seed', type=whole_number(0, 10**9 - 1), default=0, help='of the simulations (default 0)'
+        '--seed',
+        type=whole_number(0, 10**9 - 1),
+        default=0,
+        help='seed of the simulations (default 0)',
     )
     diagnose.add_argument(
         '--jobs',
         type=whole_number(1, MOST_JOBS),
         default=os.cpu_count() or 1,
-        help='processes (default: one a core)',
+        help='number of processes (default: one per core)',
     )
     diagnose.add_argument(
         '--scheduler',
         metavar='ADDRESS',
-        help='work on the Dask cluster of '
+        help='use the Dask cluster of '
         'this scheduler, e.g. tcp://host:8786; its workers must see the '
         'recordings at the same paths',
     )
@@ -61,7 +64,7 @@ def add_parser(commands: Any) -> None:
         nargs=2,
         default=(0.010, 0.5),
         metavar=('METRES', 'DEGREES'),
-        help='how wrong the pose of a recording usually is (default 0.01 0.5)',
+        help='typical error of the given poses, as standard deviations (default 0.01 0.5)',
     )
     diagnose.set_defaults(run=run_diagnose)
     if find_spec('flexx2_sim_ros.cli.gap_benchmark'):
@@ -69,7 +72,7 @@ def add_parser(commands: Any) -> None:
 
 
 def run_diagnose(arguments: argparse.Namespace) -> int:
-    """Diagnose with a progress bar, and say the outcome in a few lines."""
+    """Diagnose with a progress bar, and print the result in a few lines."""
     from flexx2_sim_ros.gap import diagnose
     from flexx2_sim_ros.gap.report.words import headline, remarks, sentences
     from flexx2_sim_ros.profiles.files import find_profile

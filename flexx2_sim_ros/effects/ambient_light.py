@@ -22,7 +22,7 @@ class AmbientLight(Effect):
     covariate: ClassVar[str] = 'amplitude'
     changes: ClassVar[tuple[str, ...]] = ('noise',)
     typical: ClassVar[bool] = True
-    source: ClassVar[str] = 'shot-noise statistics: sigma^2 + k^2 / A^2; magnitude is design'
+    source: ClassVar[str] = 'shot-noise statistics: sigma^2 + k^2 / A^2; the magnitude is assumed'
     hypotheses: ClassVar[tuple[Hypothesis, ...]] = (
         grid('k', (0.0001, 0.0002, 0.0004, 0.0008, 0.0016), 0.0, 0.01),
     )

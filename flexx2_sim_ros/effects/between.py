@@ -2,8 +2,8 @@
 
 import numpy as np
 
-# A surface that is nearer or farther by less than the first, as a share of its distance, or than
-# the second would take it, m/s, is the same in two frames (design; twice a trotting Go1).
+# Two frames show the same surface if its distance changes by less than the first (as a fraction of
+# the distance), or more slowly than the second, m/s (assumed; twice a trotting Go1).
 ALIKE_SHARE = 0.05
 ALIKE_SPEED = 3.0
 

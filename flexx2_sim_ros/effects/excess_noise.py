@@ -17,10 +17,10 @@ class ExcessNoise(Effect):
     name: ClassVar[str] = 'excess_noise'
     stage: ClassVar[Stage] = Stage.NOISE
     order: ClassVar[int] = 0
-    title: ClassVar[str] = 'sigma mis-fitted, or another surface: more axial noise everywhere'
+    title: ClassVar[str] = 'wrong sigma, or another surface: more axial noise everywhere'
     covariate: ClassVar[str] = 'none'
     changes: ClassVar[tuple[str, ...]] = ('noise',)
-    source: ClassVar[str] = 'design: the paper measured one white board'
+    source: ClassVar[str] = 'assumed; the paper measured one white board'
     hypotheses: ClassVar[tuple[Hypothesis, ...]] = (
         grid('factor', (0.8, 1.15, 1.3, 1.6), 0.4, 3.0, neutral=1.0),
     )

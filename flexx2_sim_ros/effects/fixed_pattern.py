@@ -19,7 +19,7 @@ class FixedPattern(Effect):
     name: ClassVar[str] = 'fixed_pattern'
     stage: ClassVar[Stage] = Stage.PHASOR
     order: ClassVar[int] = 11
-    title: ClassVar[str] = "a delay of each pixel's own: the same grain in every scene"
+    title: ClassVar[str] = 'a delay of each pixel: the same fixed-pattern noise in every scene'
     covariate: ClassVar[str] = 'image'
     changes: ClassVar[tuple[str, ...]] = ('bias',)
     typical: ClassVar[bool] = True

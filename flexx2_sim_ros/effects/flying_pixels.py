@@ -23,7 +23,7 @@ class FlyingPixels(Effect):
     covariate: ClassVar[str] = 'edge'
     changes: ClassVar[tuple[str, ...]] = ('edges',)
     typical: ClassVar[bool] = True
-    source: ClassVar[str] = 'phasor mixing over the footprint; share is design'
+    source: ClassVar[str] = 'phasor mixing over the footprint; the fraction is assumed'
     hypotheses: ClassVar[tuple[Hypothesis, ...]] = (grid('share', (0.12, 0.3, 0.6), 0.0, 1.0),)
     needs_modulation: ClassVar[bool] = True
     nuisances: ClassVar[tuple[str, ...]] = ('edges', 'pose')
@@ -33,7 +33,11 @@ class FlyingPixels(Effect):
     batched: ClassVar[tuple[str, ...] | None] = ()
 
     share: float = parameter(
-        0.3, 0.0, 1.0, '', 'of the light that comes from the 3 x 3 pixels around, at strength 1'
+        0.3,
+        0.0,
+        1.0,
+        '',
+        'fraction of the light that comes from the 3 x 3 pixels around, at strength 1',
     )
 
     def apply(self, state: FrameState) -> None:

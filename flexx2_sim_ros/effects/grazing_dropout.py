@@ -17,11 +17,11 @@ class GrazingDropout(Effect):
     name: ClassVar[str] = 'grazing_dropout'
     stage: ClassVar[Stage] = Stage.DROPOUT
     order: ClassVar[int] = 1
-    title: ClassVar[str] = "the camera's gate on its noise: invalid pixels at slants"
+    title: ClassVar[str] = 'noise threshold of the camera: invalid pixels at grazing incidence'
     covariate: ClassVar[str] = 'incidence'
     changes: ClassVar[tuple[str, ...]] = ('validity',)
     typical: ClassVar[bool] = True
-    source: ClassVar[str] = 'pico driver: noise threshold 0.07 m; shape is design'
+    source: ClassVar[str] = 'pico driver: noise threshold 0.07 m; the shape is assumed'
     hypotheses: ClassVar[tuple[Hypothesis, ...]] = tuple(
         grid('strength', (0.4, 1.6), 0.0, 4.0, f'half {half:g}', half_deg=half)
         for half in (64.0, 70.0, 76.0, 82.0)

@@ -17,10 +17,10 @@ class HeavyTails(Effect):
     name: ClassVar[str] = 'heavy_tails'
     stage: ClassVar[Stage] = Stage.NOISE
     order: ClassVar[int] = 2
-    title: ClassVar[str] = 'outliers now and then: a share of the samples is much noisier'
+    title: ClassVar[str] = 'occasional outliers: a fraction of the samples is much noisier'
     covariate: ClassVar[str] = 'none'
     changes: ClassVar[tuple[str, ...]] = ('noise', 'outliers')
-    source: ClassVar[str] = 'design: a share at 5 sigma'
+    source: ClassVar[str] = 'assumed: a fraction at 5 sigma'
     hypotheses: ClassVar[tuple[Hypothesis, ...]] = (
         grid('share', (0.005, 0.01, 0.02, 0.04), 0.0, 0.2),
     )
@@ -32,7 +32,7 @@ class HeavyTails(Effect):
     stream: ClassVar[int] = 4
     batched: ClassVar[tuple[str, ...] | None] = ()
 
-    share: float = parameter(0.02, 0.0, 0.25, '', 'of the samples, at strength 1')
+    share: float = parameter(0.02, 0.0, 0.25, '', 'fraction of the samples, at strength 1')
     width: float = parameter(5.0, 1.0, 20.0, '', 'factor on their sigma')
 
     def apply(self, state: FrameState) -> None:

@@ -33,7 +33,7 @@ def bounce(state: FrameState) -> list[np.ndarray]:
     -------
     list of numpy.ndarray
         For each modulation frequency (H, W) complex64: amplitude relative to the direct light's,
-        phase relative to its, as seen in depth. 0 where nothing is.
+        phase relative to its, as seen in depth. 0 where there is no return.
 
     """
     inverse = state.surface.inverse_depth

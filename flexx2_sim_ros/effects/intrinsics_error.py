@@ -28,11 +28,11 @@ class IntrinsicsError(Effect):
     name: ClassVar[str] = 'intrinsics_error'
     stage: ClassVar[Stage] = Stage.GEOMETRY
     order: ClassVar[int] = 1
-    title: ClassVar[str] = 'focal length, centre or distortion not as they are thought to be'
+    title: ClassVar[str] = 'wrong calibration: focal length, centre or distortion'
     covariate: ClassVar[str] = 'image'
     changes: ClassVar[tuple[str, ...]] = ('bias', 'amplitude', 'edges')
     source: ClassVar[str] = (
-        "the driver's grid is distorted and its camera_info says how; magnitudes are design"
+        "the driver's grid is distorted and its camera_info says how; magnitudes are assumed"
     )
     hypotheses: ClassVar[tuple[Hypothesis, ...]] = tuple(
         Hypothesis(
@@ -67,7 +67,7 @@ class IntrinsicsError(Effect):
     picture: ClassVar[Picture] = Picture('along_row')
     batched: ClassVar[tuple[str, ...] | None] = ('view',)
 
-    focal: float = parameter(0.005, -0.2, 0.2, '', 'share by which the focal lengths are longer')
+    focal: float = parameter(0.005, -0.2, 0.2, '', 'relative error of the focal lengths')
     cx: float = parameter(0.7, -20.0, 20.0, 'px', 'the true principal point lies right by')
     cy: float = parameter(0.7, -20.0, 20.0, 'px', 'the true principal point lies down by')
     k1: float = parameter(-0.01, -0.5, 0.5, '', 'plumb_bob, radial, r^2')

@@ -16,10 +16,10 @@ class LateralNoise(Effect):
     name: ClassVar[str] = 'lateral_noise'
     stage: ClassVar[Stage] = Stage.NOISE
     order: ClassVar[int] = 3
-    title: ClassVar[str] = 'edges that jitter more, or not as a Gaussian'
+    title: ClassVar[str] = 'edges that jitter more, or with another distribution'
     covariate: ClassVar[str] = 'edge'
     changes: ClassVar[tuple[str, ...]] = ('edges',)
-    source: ClassVar[str] = 'design: the paper says that lateral noise is not Gaussian'
+    source: ClassVar[str] = 'assumed; the paper says that lateral noise is not Gaussian'
     hypotheses: ClassVar[tuple[Hypothesis, ...]] = (
         grid('strength', (0.5, 1.0, 2.0), 0.0, 4.0, few=False),
     )
@@ -33,10 +33,10 @@ class LateralNoise(Effect):
     batched: ClassVar[tuple[str, ...] | None] = ('edges',)
 
     factor: float = parameter(1.5, 0.0, 5.0, '', 'on sigma_x, at strength 1')
-    laplace: float = parameter(0.5, 0.0, 1.0, '', 'share of edges that move by a Laplacian')
+    laplace: float = parameter(0.5, 0.0, 1.0, '', 'fraction of edges that move by a Laplacian')
 
     def edges(self, sigma: float) -> tuple[float, float]:
-        """Return an edge's sigma (pixels) and the share of edges that are Laplacian."""
+        """Return an edge's sigma (pixels) and the fraction of edges that are Laplacian."""
         return (
             sigma * max(1.0 + self.strength * (self.factor - 1.0), 0.0),
             min(self.strength, 1.0) * self.laplace,

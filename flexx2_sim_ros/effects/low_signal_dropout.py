@@ -23,7 +23,7 @@ class LowSignalDropout(Effect):
     typical: ClassVar[bool] = True
     source: ClassVar[str] = (
         'Kinect v2: 99.8 % invalid below IR 50, 9 % at 400-800, < 1 % above '
-        '2000; level here is design'
+        '2000; the level here is assumed'
     )
     hypotheses: ClassVar[tuple[Hypothesis, ...]] = tuple(
         grid('strength', (0.4, 1.6), 0.0, 4.0, f'half {half:g}', half=half)

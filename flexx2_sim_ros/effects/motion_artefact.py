@@ -28,7 +28,7 @@ class MotionArtefact(Effect):
     name: ClassVar[str] = 'motion_artefact'
     stage: ClassVar[Stage] = Stage.PHASOR
     order: ClassVar[int] = 5
-    title: ClassVar[str] = 'raw frames one after the other: a bias that grows with speed'
+    title: ClassVar[str] = 'raw frames taken one after the other: a bias that grows with speed'
     covariate: ClassVar[str] = 'time'
     changes: ClassVar[tuple[str, ...]] = ()
     typical: ClassVar[bool] = True

@@ -24,7 +24,7 @@ class Multipath(Effect):
     name: ClassVar[str] = 'multipath'
     stage: ClassVar[Stage] = Stage.PHASOR
     order: ClassVar[int] = 1
-    title: ClassVar[str] = 'light that bounced once more: positive bias in concave corners'
+    title: ClassVar[str] = 'light that is reflected twice: positive bias in concave corners'
     covariate: ClassVar[str] = 'image'
     changes: ClassVar[tuple[str, ...]] = ('bias', 'amplitude')
     typical: ClassVar[bool] = True

@@ -20,7 +20,7 @@ class Offset(Effect):
     covariate: ClassVar[str] = 'none'
     changes: ClassVar[tuple[str, ...]] = ('bias',)
     typical: ClassVar[bool] = True
-    source: ClassVar[str] = 'design: the paper set distances to 10 mm and leaves bias out'
+    source: ClassVar[str] = 'assumed; the paper set distances to 10 mm and leaves bias out'
     hypotheses: ClassVar[tuple[Hypothesis, ...]] = (
         # One node: of a large bias the pose takes most, so that what is left is small, and linear.
         Hypothesis('', (Term('bias', (0.005,), -0.1, 0.1, along_ray='bias'),)),

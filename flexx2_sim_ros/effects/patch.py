@@ -64,7 +64,7 @@ def _fields() -> list[tuple[str, type, Any]]:
         ('edge', SLOTS - 1, _UNUSED, -100.0, _UNUSED, '', 'between bins'),
         ('bias', SLOTS, 0.0, -1.0, 1.0, 'm', 'added in the bin'),
         ('scale', SLOTS, 1.0, 0.1, 10.0, '', 'on the noise in the bin'),
-        ('loss', SLOTS, 0.0, 0.0, 1.0, '', 'share of pixels lost in the bin'),
+        ('loss', SLOTS, 0.0, 0.0, 1.0, '', 'fraction of pixels lost in the bin'),
     ):
         out += [
             (f'{name}_{i}', float, parameter(default, low, high, unit, what)) for i in range(count)

@@ -11,8 +11,8 @@ import numpy as np
 
 @njit(cache=True, error_model='numpy', fastmath=FAST)
 def _directions(depth, shift, turns, out):
-    # What a pixel's phase is, as a complex number of magnitude 1; 0 where nothing is. `turns`: of
-    # phase a metre.
+    # The phase of each pixel as a complex number of magnitude 1; 0 where there is no return.
+    # `turns`: turns of phase per metre.
     for y in range(depth.shape[0]):
         for x in range(depth.shape[1]):
             phase = turns * (depth[y, x] + shift[y, x])
@@ -30,7 +30,7 @@ def turn(before, after, wave_number, shift):
 
 
 def phases(state: FrameState, wave_number: float, shift: np.ndarray) -> np.ndarray:
-    """Return (H, W) complex64 of magnitude 1, the phase of each pixel; 0 where nothing is."""
+    """Return (H, W) complex64 of magnitude 1: the phase of each pixel, 0 without a return."""
     out = np.empty(state.depth.shape, np.complex64)
     _directions(state.depth, shift, np.float32(wave_number / (2.0 * math.pi)), out)
     return out

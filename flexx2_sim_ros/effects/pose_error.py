@@ -27,10 +27,10 @@ class PoseError(Effect):
     name: ClassVar[str] = 'pose_error'
     stage: ClassVar[Stage] = Stage.GEOMETRY
     order: ClassVar[int] = 0
-    title: ClassVar[str] = 'extrinsics, registration: the camera is not where it is thought to be'
+    title: ClassVar[str] = 'wrong extrinsics or registration: the camera is not at the given pose'
     covariate: ClassVar[str] = 'image'
     changes: ClassVar[tuple[str, ...]] = ('bias', 'amplitude', 'edges')
-    source: ClassVar[str] = 'the paper set distances to 10 mm; angles are design'
+    source: ClassVar[str] = 'the paper set distances to 10 mm; angles are assumed'
     hypotheses: ClassVar[tuple[Hypothesis, ...]] = (Hypothesis('', ()),)
     role: ClassVar[str] = 'pose'
     smooth: ClassVar[bool] = True

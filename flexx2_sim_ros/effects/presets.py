@@ -71,11 +71,11 @@ def markdown() -> str:
         '',
         *fill(
             f'{len(effects)} effects of a real time-of-flight camera that the noise model '
-            'leaves out, in the order in which they act on the light. Every one has a strength '
-            'from 0 (off) to 4; 1 is typical. *Shows in* says what of a still scene it changes. '
-            '● is in `config/effects/typical.yaml`; ↻ remembers the frames before; ∿ needs '
-            'the modulation frequencies, which a profile need not give. Values without a '
-            'public source are called design.',
+            'leaves out, in the order in which they act on the light. Each has a strength '
+            'from 0 (off) to 4; 1 is typical. *Shows in* says what it changes in a static scene. '
+            '● is in `config/effects/typical.yaml`; ↻ depends on earlier frames; ∿ needs '
+            'the modulation frequencies, which a profile may leave out. Values without a '
+            'public source are marked as assumed.',
             _WIDTH,
         ).splitlines(),
         '',

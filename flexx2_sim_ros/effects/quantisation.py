@@ -19,7 +19,7 @@ class Quantisation(Effect):
     title: ClassVar[str] = 'storage or fixed-point phase: depth in whole steps'
     covariate: ClassVar[str] = 'distance'
     changes: ClassVar[tuple[str, ...]] = ('noise',)
-    source: ClassVar[str] = 'drivers that store millimetres; step is design'
+    source: ClassVar[str] = 'drivers that store millimetres; the step is assumed'
     hypotheses: ClassVar[tuple[Hypothesis, ...]] = (
         grid('step', (0.001, 0.002, 0.004, 0.008), 0.0, 0.02),
     )

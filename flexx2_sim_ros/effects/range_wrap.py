@@ -48,7 +48,7 @@ class RangeWrap(Effect):
         0.0,
         1.0,
         '',
-        'of what lies beyond the range and is not recognised as such, at strength 1',
+        'fraction of returns from beyond the range that are not recognised, at strength 1',
     )
 
     def apply(self, state: FrameState) -> None:

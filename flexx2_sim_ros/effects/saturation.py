@@ -40,7 +40,9 @@ class Saturation(Effect):
 
     half: float = parameter(3.5, 1e-2, 1000.0, '1/m^2', 'amplitude at which half are lost')
     slope: float = parameter(6.0, 0.1, 50.0, '', 'of the logistic, per factor e of amplitude')
-    gloss: float = parameter(0.5, 0.0, 20.0, '', 'specular share added facing the camera')
+    gloss: float = parameter(
+        0.5, 0.0, 20.0, '', 'specular fraction added where a surface faces the camera'
+    )
     lobe_deg: float = parameter(4.0, 0.2, 45.0, 'deg', 'width of the specular lobe')
 
     def apply(self, state: FrameState) -> None:

@@ -19,7 +19,7 @@ class SpatialFilter(Effect):
     name: ClassVar[str] = 'spatial_filter'
     stage: ClassVar[Stage] = Stage.FILTER
     order: ClassVar[int] = 0
-    title: ClassVar[str] = 'bilateral filter in the camera: less noise, neighbours alike'
+    title: ClassVar[str] = 'bilateral filter in the camera: less noise, correlated neighbours'
     covariate: ClassVar[str] = 'none'
     changes: ClassVar[tuple[str, ...]] = ('noise', 'neighbours')
     source: ClassVar[str] = 'Kinect v2: correlation of neighbours 0.6 to 0.7'
@@ -31,7 +31,7 @@ class SpatialFilter(Effect):
     picture: ClassVar[Picture] = Picture('neighbours_alike')
     batched: ClassVar[tuple[str, ...] | None] = ('neighbours',)
 
-    mix: float = parameter(0.9, 0.0, 1.0, '', 'share of the 3 x 3 mean, at strength 1')
+    mix: float = parameter(0.9, 0.0, 1.0, '', 'weight of the 3 x 3 mean, at strength 1')
     gate: float = parameter(4.0, 0.5, 20.0, '', 'neighbours within this many sigma_z take part')
 
     def apply(self, state: FrameState) -> None:

@@ -23,7 +23,9 @@ class StrayLight(Effect):
     name: ClassVar[str] = 'stray_light'
     stage: ClassVar[Stage] = Stage.PHASOR
     order: ClassVar[int] = 2
-    title: ClassVar[str] = 'scatter in the lens: dark and far pulled towards bright and near'
+    title: ClassVar[str] = (
+        'scatter in the lens: dark and far surfaces shift towards bright and near ones'
+    )
     covariate: ClassVar[str] = 'amplitude'
     changes: ClassVar[tuple[str, ...]] = ('bias', 'amplitude')
     typical: ClassVar[bool] = True
@@ -40,8 +42,10 @@ class StrayLight(Effect):
     compared: ClassVar[str] = 'share'
     picture: ClassVar[Picture] = Picture(at_chart=True)
 
-    share: float = parameter(0.02, 0.0, 0.2, '', 'of the light that is scattered, at strength 1')
-    width: float = parameter(0.15, 0.02, 1.0, '', 'half-value radius, share of the width')
+    share: float = parameter(
+        0.02, 0.0, 0.2, '', 'fraction of the light that is scattered, at strength 1'
+    )
+    width: float = parameter(0.15, 0.02, 1.0, '', 'half-value radius, fraction of the image width')
 
     def apply(self, state: FrameState) -> None:
         """Add the scattered phasor."""

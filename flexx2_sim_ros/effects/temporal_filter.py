@@ -19,10 +19,12 @@ class TemporalFilter(Effect):
     name: ClassVar[str] = 'temporal_filter'
     stage: ClassVar[Stage] = Stage.FILTER
     order: ClassVar[int] = 1
-    title: ClassVar[str] = 'recursive filter in the camera: less noise, frames alike'
+    title: ClassVar[str] = 'recursive filter in the camera: less noise, correlated frames'
     covariate: ClassVar[str] = 'time'
     changes: ClassVar[tuple[str, ...]] = ('noise', 'frames')
-    source: ClassVar[str] = "vendors' adaptive temporal filters; reset at 6 sigma; share is design"
+    source: ClassVar[str] = (
+        "vendors' adaptive temporal filters; reset at 6 sigma; the fraction is assumed"
+    )
     keeps: ClassVar[bool] = True
     hypotheses: ClassVar[tuple[Hypothesis, ...]] = (
         grid('share', (0.2, 0.4, 0.6, 0.8), 0.0, 0.95, few=False),
@@ -35,7 +37,7 @@ class TemporalFilter(Effect):
     picture: ClassVar[Picture] = Picture('frames_alike')
     batched: ClassVar[tuple[str, ...] | None] = ('measured',)
 
-    share: float = parameter(0.4, 0.0, 0.98, '', 'of the frame before, at strength 1')
+    share: float = parameter(0.4, 0.0, 0.98, '', 'weight of the previous frame, at strength 1')
 
     def apply(self, state: FrameState) -> None:
         """Mix every pixel with the frame before, unless it has changed too much."""

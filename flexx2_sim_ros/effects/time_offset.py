@@ -25,7 +25,7 @@ class TimeOffset(Effect):
     changes: ClassVar[tuple[str, ...]] = ()
     source: ClassVar[str] = (
         'a VL53L5CX on a drone: 78 ms, 46.4 to 25.1 mm once modelled; a '
-        'quarter of it here (design)'
+        'quarter of it here (assumed)'
     )
     keeps: ClassVar[bool] = True
     hypotheses: ClassVar[tuple[Hypothesis, ...]] = (

@@ -17,8 +17,8 @@ _LABELS = {
     'high': ('outliers behind, %', 100.0),
     'low': ('outliers in front, %', 100.0),
     'kurtosis': ("noise's tails, kurtosis", 1.0),
-    'lag': ('likeness to the frame before', 1.0),
-    'neighbour': ('likeness of neighbouring pixels', 1.0),
+    'lag': ('lag-1 correlation', 1.0),
+    'neighbour': ('correlation of neighbouring pixels', 1.0),
 }
 _ALONG = (
     'distance',
@@ -32,7 +32,7 @@ _ALONG = (
 )
 _CHARTS, _OF_ONE_CHANNEL = 4, 2
 _FEWEST = 500  # pixels, for a point of a curve
-_LIMIT = 15  # of a map's colours, in units of what matters
+_LIMIT = 15  # of a map's colours, in units of the tolerance
 # Of an edge's 16 bins (direction, side, how near) the four that differ by more than direction.
 _FROM_EDGE = {-2.0: 1, -1.0: 0, 1.0: 2, 2.0: 3}
 _FIRST = {(f.channel, f.axis): i for i, f in reversed(list(enumerate(LAYOUT)))}
@@ -50,9 +50,9 @@ def maps(confirmed: Sequence[Outcome], explained: bool) -> str:
         Whether effects were added, so that there is an image with them as well.
 
     """
-    pairs = [(1, 'before', 'real less simulated')]
+    pairs = [(1, 'before', 'real minus simulated')]
     if explained:
-        pairs.append((2, 'after', 'real less simulated with the effects'))
+        pairs.append((2, 'after', 'real minus simulated, with the effects'))
     size = confirmed[0].maps['real'].shape
     stacks = {
         name: np.array(
@@ -171,7 +171,7 @@ def _lines(confirmed: Sequence[Outcome], channel: str, axis: Axis) -> np.ndarray
 
 
 def _importance(lines: np.ndarray, channel: str) -> float:
-    # RMS of what the simulation lacks, in units of what matters.
+    # RMS of what the simulation lacks, in units of the tolerance.
     difference = lines[0] - lines[1]
     good = np.isfinite(difference)
     if not good.any():

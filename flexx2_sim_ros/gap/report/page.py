@@ -1,4 +1,4 @@
-"""A diagnosis on one page that needs nothing else."""
+"""The report of a diagnosis: one HTML page that needs no other file."""
 
 from collections.abc import Sequence
 from html import escape
@@ -52,7 +52,7 @@ def page(
     ]
     body.append(
         f'<p class="dim">flexx2_sim_ros {table["version"]}, {table["seconds"]:.0f} s, '
-        f'{table["peak_mb"]:.0f} MB. Figures of the losses are in units of what matters; see '
+        f'{table["peak_mb"]:.0f} MB. Losses are in units of the tolerance; see '
         'docs/diagnosis.md.</p>'
     )
     return html_page(f'Sim-to-real gap: {table["verdict"]}', _STYLE, '\n'.join(body))
@@ -71,9 +71,9 @@ def _effects(table: dict[str, Any]) -> str:
             f'<td>{row["confidence"]:.0%}</td><td>{escape(values)}</td></tr>'
         )
     return (
-        '<h2>What causes it</h2><table><tr><th>effect</th><th>share of the gap</th>'
+        '<h2>What causes the gap</h2><table><tr><th>effect</th><th>fraction of the gap</th>'
         '<th>90 % interval</th><th>confidence</th><th>parameters</th></tr>'
-        f'{"".join(rows)}</table><p><small>effects.yaml holds these, ready for <code>flexx2 '
+        f'{"".join(rows)}</table><p><small>effects.yaml has these effects, for <code>flexx2 '
         'simulate --effects</code> and the camera node.</small></p>'
     )
 
@@ -89,23 +89,23 @@ def _shrinkage(table: dict[str, Any]) -> str:
             f'<td>{last:.3g} {symbol}</td><td>{least:.3g} {symbol}</td>'
             f'<td>{bar(first, last, least)}</td></tr>'
         )
-    after = 'with the effects' if table['effects'] else 'after (nothing added)'
+    after = 'with the effects' if table['effects'] else 'after (no effect added)'
     return (
-        f'<h2>How large it is</h2><table><tr><th></th><th>as simulated</th><th>{after}</th>'
-        '<th>noise alone</th><th></th></tr>' + ''.join(rows) + '</table>'
+        f'<h2>How large the gap is</h2><table><tr><th></th><th>as simulated</th><th>{after}</th>'
+        '<th>two simulations</th><th></th></tr>' + ''.join(rows) + '</table>'
     )
 
 
 def _where(table: dict[str, Any]) -> str:
     if not table['where']:
-        return '<h2>Where it lies</h2><p>Nowhere in particular, beyond what matters.</p>'
+        return '<h2>Where the gap lies</h2><p>No region differs by more than the tolerance.</p>'
     rows = ''.join(
         f'<tr><td>{escape(place(cell))}</td><td><small>q = {cell["q_value"]:.2g}</small></td></tr>'
         for cell in table['where'][:12]
     )
     more = len(table['where']) - 12
     note = f'<p><small>and {more} more, in diagnosis.json</small></p>' if more > 0 else ''
-    return f'<h2>Where it lies</h2><table>{rows}</table>{note}'
+    return f'<h2>Where the gap lies</h2><table>{rows}</table>{note}'
 
 
 def _considered(table: dict[str, Any], decision: Decision) -> str:
@@ -116,11 +116,11 @@ def _considered(table: dict[str, Any], decision: Decision) -> str:
         name = one.fit.candidates[0].effect
         share = max(decision.base.total - one.fit.total, 0) / decision.excess
         if name in taken:
-            why = 'chosen'
+            why = 'selected'
         elif name in ties and taken:
-            why = 'cannot be told apart from what was chosen'
+            why = 'alternative explanation: cannot be distinguished from a selected effect'
         elif one.gain <= 0:
-            why = 'explains nothing on recordings it was not fitted to'
+            why = 'explains nothing on recordings that were left out of the fit'
         else:
             why = 'explains less' if taken else 'explains too little'
         rows.append(
@@ -128,9 +128,9 @@ def _considered(table: dict[str, Any], decision: Decision) -> str:
             f'<td>{escape(why)}</td></tr>'
         )
     return (
-        '<h2>What else was considered</h2><table><tr><th>effect, alone</th><th>share of the '
-        f'gap</th><th></th></tr>{"".join(rows)}</table><p><small>The other effects explain '
-        'less still.</small></p>'
+        '<h2>Effects that were considered</h2><table><tr><th>effect, alone</th><th>fraction of '
+        f'the gap</th><th></th></tr>{"".join(rows)}</table><p><small>The other effects explain '
+        'even less.</small></p>'
         + ''.join(f'<p>{escape(line)}</p>' for line in not_considered(table))
     )
 
@@ -157,6 +157,6 @@ def _recordings(table: dict[str, Any]) -> str:
                 f'<td>{escape(row["reason"])}</td></tr>'
             )
     return (
-        '<h2>Recordings</h2><table><tr><th></th><th></th><th>pose error found (right, down, '
+        '<h2>Recordings</h2><table><tr><th></th><th></th><th>fitted pose error (right, down, '
         f'forward; pitch, yaw, roll)</th></tr>{"".join(rows)}</table>'
     )
