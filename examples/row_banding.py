@@ -21,7 +21,7 @@ class RowBanding(Effect):
     title: ClassVar[str] = 'readout: a bias that swings from row to row'
     covariate: ClassVar[str] = 'image'
     changes: ClassVar[tuple[str, ...]] = ('bias',)
-    source: ClassVar[str] = 'design: an example of a plug-in'
+    source: ClassVar[str] = 'assumed: an example of a plug-in'
     hypotheses: ClassVar[tuple[Hypothesis, ...]] = tuple(
         grid(
             'amplitude', (0.001, 0.002, 0.004), 0.0, 0.02, f'{rows:g} rows', few=False, period=rows

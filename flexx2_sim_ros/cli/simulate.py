@@ -31,10 +31,10 @@ def add_parser(commands: Any) -> None:
         'simulate',
         help='simulate the camera on a scene from a file',
         description='Read clean depth and write what the camera would have recorded. IN.npz has '
-        'clean_depth (H, W) or (T, H, W) in metres, NaN where nothing is, K (3, 3), optionally '
-        'reflectivity (0..1) and stamp (T,) in seconds. OUT.npz is a recording: depth (T, H, W) '
-        'float32 metres with NaN for invalid, clean_depth, K, stamp, usecase, seed, effects if '
-        'there are any, and whatever else IN had (docs/recordings.md).',
+        'clean_depth (H, W) or (T, H, W) in metres, NaN where there is no return, K (3, 3), '
+        'optionally reflectivity (0..1) and stamp (T,) in seconds. OUT.npz is a recording: '
+        'depth (T, H, W) float32 metres with NaN for invalid, clean_depth, K, stamp, usecase, '
+        'seed, effects if there are any, and whatever else IN had (docs/recordings.md).',
         epilog='example: flexx2 simulate scene.npz out.npz --usecase Mode_5_30fps --frames 300',
     )
     parser.add_argument('input', metavar='IN.npz')
