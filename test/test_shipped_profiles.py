@@ -150,6 +150,22 @@ def test_the_node_runs_it(ros: None, name: str) -> None:
         node.destroy_node()
 
 
+@pytest.mark.parametrize('name', OTHERS)
+def test_a_robots_cameras_are_rendered_with_its_intrinsics(ros: None, name: str) -> None:
+    from flexx2_sim_ros.nodes.go1_node import Go1Cameras
+    from rclpy.parameter import Parameter
+
+    camera = find_profile(name).intrinsics
+    node = Go1Cameras(parameter_overrides=[Parameter('profile', value=name)])
+    try:
+        rendered = node._intrinsics
+        assert (rendered.fx, rendered.fy) == (camera.fx, camera.fy)
+        assert rendered.width >= camera.width
+        assert rendered.height >= camera.height
+    finally:
+        node.destroy_node()
+
+
 def test_no_depth_outside_the_valid_region() -> None:
     """The region is a matter of rays, so that a crop at another resolution has the same one."""
     camera = find_profile('azure_kinect_nfov')
