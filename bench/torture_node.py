@@ -111,7 +111,11 @@ def _node(folder: Path) -> Iterator[tuple[subprocess.Popen[bytes], Path]]:
         yield process, log
     finally:
         process.terminate()
-        process.wait(30)
+        try:
+            process.wait(30)
+        except subprocess.TimeoutExpired:  # It is frozen, which the result says.
+            process.kill()
+            process.wait()
 
 
 class _User:
