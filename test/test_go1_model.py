@@ -244,7 +244,9 @@ def test_a_bad_model_file_is_named(tmp_path, parameter, case):
 
 def test_a_robot_without_trunk_is_refused(tmp_path):
     path = written(tmp_path / 'r.xml', TINY_ROBOT.replace('trunk', 'torso'))
-    with pytest.raises(InputError, match="robot_model: .*must have a body named 'trunk', got torso"):
+    with pytest.raises(
+        InputError, match="robot_model: .*must have a body named 'trunk', got torso"
+    ):
         build_model(robot_model=path, intrinsics=K)
 
 
