@@ -175,7 +175,7 @@ def test_scattered_poses_are_a_finding(tmp_path: Path) -> None:
     write_campaign(tmp_path, seed=6, pose=(0.012, 0.7), **SMALL)
     table = diagnose(tmp_path)
     assert table['effects'][0]['name'] == 'pose_error'
-    assert 'believed' in headline(table)
+    assert 'The poses of the cameras are wrong' in headline(table)
 
 
 def test_what_no_catalogue_has_is_unknown(tmp_path: Path) -> None:

@@ -212,7 +212,7 @@ def test_too_little_to_look_at_is_said(tmp_path: Path) -> None:
         )
     table = diagnose(tmp_path, out=tmp_path / 'out')
     assert table['verdict'] == 'too_little'
-    assert 'too little' in headline(table)
+    assert 'too few depths' in headline(table)
     assert table['effects'] == table['where'] == []
     assert all(
         'too little to look at: 128 depths' in ' '.join(row['notes'])

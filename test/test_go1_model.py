@@ -334,7 +334,7 @@ def test_a_robot_is_one_file_and_its_model(tmp_path):
         ('builtin: builtin.xml', 'menagerie: a', 'models: builtin: must be a non-empty text'),
         ('trunk: trunk', 'trunk: [7]', 'trunk: must be a non-empty text'),
         ('trunk: trunk', 'trunk: a\nlegs: {home: 1}', 'legs: must have the fields home, joints'),
-        ('cameras:', 'eyes:', 'cameras is None'),
+        ('cameras:', 'eyes:', 'cameras: must be a list'),
     ],
 )
 def test_a_bad_robot_file_is_named(tmp_path, good, bad, said):

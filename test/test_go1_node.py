@@ -1,5 +1,6 @@
 """The Go1 node over real DDS: driven, mirrored, paused, reset, and told nonsense."""
 
+import itertools
 import math
 import subprocess
 import sys
@@ -449,13 +450,14 @@ def test_a_second_node_of_the_same_name_is_told(child_env):
             stderr=subprocess.PIPE,
             text=True,
         ) as second:
+            unique = 'node name: must be unique'
             # Either it finds the first in time and ends, or both say so and go on.
-            seen.spin_until(lambda: second.poll() is not None or seen.logged('node name: another'))
+            seen.spin_until(lambda: second.poll() is not None or seen.logged(unique))
             if second.poll() is None:
                 second.terminate()
             said = second.communicate(timeout=30)[1]
-            assert second.returncode == 1 or seen.logged('node name: another')
-            assert second.returncode != 1 or 'node name: another' in said
+            assert second.returncode == 1 or seen.logged(unique)
+            assert second.returncode != 1 or unique in said
 
 
 @pytest.mark.parametrize('robot', ['go1', 'go2'])
@@ -527,7 +529,7 @@ def test_the_second_robot_follows_the_first_ones_clock():
 def test_a_robot_that_uses_sim_time_follows_any_clock():
     with go1(use_sim_time=True) as seen:
         time = seen.node.create_publisher(Clock, '/clock', 10)
-        poses = seen.listen(f'{seen.space}/odom', Odometry)
+        poses = seen.hear('odom', Odometry)
         seen.spin_until(lambda: time.get_subscription_count() >= 2, '/clock')
 
         def tell(tenths):
@@ -537,11 +539,13 @@ def test_a_robot_that_uses_sim_time_follows_any_clock():
             seen.spin_for_a_message()
             return poses
 
-        seen.spin_until(lambda: tell(500), 'the first pose')
-        for tenths in range(501, 505):
+        # The first ticks may come before somebody listens to the poses.
+        ticks = itertools.count(500)
+        seen.spin_until(lambda: tell(next(ticks)), 'the first pose')
+        for tenths in itertools.islice(ticks, 4):
             tell(tenths)
             seen.spin_until(lambda now=tenths * 10**8: nanoseconds(poses[-1]) == now, 'poses')
         # Six poses between two ticks of a clock of 10 Hz.
         stamps = [nanoseconds(message) for message in poses]
-        assert stamps[0] == 50 * 10**9
+        assert stamps[0] >= 50 * 10**9
         assert exact(stamps)

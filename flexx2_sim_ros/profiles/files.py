@@ -14,11 +14,12 @@ from typing import Any
 
 from flexx2_sim_ros.atomic import whole
 from flexx2_sim_ros.config_file import is_regular_file, read_config
-from flexx2_sim_ros.errors import InputError, shown, shown_path, unquoted
+from flexx2_sim_ros.errors import InputError, shown, shown_path
 from flexx2_sim_ros.paths import config_dir
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from flexx2_sim_ros.profiles.modes import flexx2, Mode, NoiseModel, Profile
-from flexx2_sim_ros.profiles.sensor import DEFAULT_SENSOR, KINDS, MOST_CORNERS, Sensor
+from flexx2_sim_ros.profiles.section import Section
+from flexx2_sim_ros.profiles.sensor import DEFAULT_SENSOR, KINDS, Sensor
 import numpy as np
 import yaml
 
@@ -165,7 +166,7 @@ def load_profile(path: str | Path) -> Profile:
 def read_profile(path: str | Path) -> ProfileFile:
     """Read a camera profile and all that its file says; otherwise as `load_profile`."""
     path = Path(path)
-    top = _Section(f'{shown_path(path)}: ', '', read_config(path), _TOP, ('sensor',))
+    top = Section(f'{shown_path(path)}: ', '', read_config(path), _TOP, ('sensor',))
     view = top.section('intrinsics', _INTRINSICS)
     width, height = (view.whole(name, 1, _LARGEST['pixels']) for name in ('width', 'height'))
     fx, fy = (view.number(name, 1e-3, _LARGEST['focal']) for name in ('fx', 'fy'))
@@ -254,7 +255,7 @@ def _sensor_row(profile: Profile) -> dict[str, Any]:
     }
 
 
-def _read_sensor(top: '_Section', camera: Intrinsics) -> tuple[Sensor, float]:
+def _read_sensor(top: 'Section', camera: Intrinsics) -> tuple[Sensor, float]:
     # And the incidence cap, radians. What the file does not give stays as it is by default.
     cap = NoiseModel.incidence_cap
     if not top.has('sensor'):
@@ -297,7 +298,7 @@ def _mode_row(mode: Mode, content: ProfileFile) -> dict[str, Any]:
     }
 
 
-def _read_mode(name: str, row: '_Section', sensor: Sensor, cap: float) -> Mode:
+def _read_mode(name: str, row: 'Section', sensor: Sensor, cap: float) -> Mode:
     rate = row.number('rate_hz', 1e-3, _LARGEST['rate_hz'])
     near, far = row.numbers('range_m', (2,), 1e-3, _LARGEST['range_m'])
     if near >= far:
@@ -379,129 +380,3 @@ def sigma_problem(noise: NoiseModel, near: float, far: float) -> str | None:
             f'{z[worst]:.3g} m and 60 degrees'
         )
     return None
-
-
-class _Section:
-    # A mapping in the file, its fields read one by one. `label` is for messages: file and field.
-
-    def __init__(
-        self,
-        file: str,
-        name: str,
-        content: Any,
-        fields: tuple[str, ...] | None,
-        optional: tuple[str, ...] = (),
-    ) -> None:
-        self._file, self._name, self._content = file, name, content
-        if not isinstance(content, dict):
-            raise InputError(f'{self.label}: must be a mapping of fields, got {shown(content)}')
-        if fields is None:
-            return
-        for missing in fields:
-            if missing not in content:
-                raise InputError(
-                    f'{self._of(missing)}: must be in the file, which must have '
-                    f'{", ".join(fields)}; got none'
-                )
-        for extra in content:
-            if extra not in (*fields, *optional):
-                raise InputError(
-                    f'{self._of(extra)}: must be one of {", ".join((*fields, *optional))}, got an '
-                    'unknown field'
-                )
-
-    @property
-    def label(self) -> str:
-        return f'{self._file}{self._name or "the file"}'
-
-    def _of(self, name: Any) -> str:
-        return f'{self._file}{self._name}{"." if self._name else ""}{unquoted(name)}'
-
-    def wrong(self, name: str, required: str) -> InputError:
-        return InputError(
-            f'{self._of(name)}: must be {required}, got {shown(self._content[name])}'
-        )
-
-    def has(self, name: str) -> bool:
-        return name in self._content
-
-    def section(
-        self, name: str, fields: tuple[str, ...] | None, optional: tuple[str, ...] = ()
-    ) -> '_Section':
-        inner = f'{self._name}.{name}' if self._name else name
-        return _Section(self._file, inner, self._content[name], fields, optional)
-
-    def mapping(self, name: str) -> dict[str, Any]:
-        if not isinstance(self._content[name], dict):
-            raise self.wrong(name, 'a mapping')
-        return dict(self._content[name])
-
-    def text(self, name: str) -> str:
-        value = self._content[name]
-        if not (isinstance(value, str) and value.strip() and value.isprintable()):
-            raise self.wrong(name, 'a text')
-        return value
-
-    def one_of(self, name: str, choices: tuple[str, ...]) -> str:
-        value = self._content[name]
-        if not isinstance(value, str) or value not in choices:
-            raise self.wrong(name, f'one of {", ".join(choices)}')
-        return value
-
-    def corners(self, name: str, largest: float) -> list[list[float]]:
-        value = self._content[name]
-        if value is None:
-            return []
-        if not (
-            isinstance(value, list)
-            and 3 <= len(value) <= MOST_CORNERS
-            and all(
-                isinstance(corner, list)
-                and len(corner) == 2
-                and all(_is_number(at) and abs(at) <= largest for at in corner)
-                for corner in value
-            )
-        ):
-            raise self.wrong(name, f'3 to {MOST_CORNERS} corners [column, row] in pixels, or null')
-        return value
-
-    def number(self, name: str, low: float, high: float) -> float:
-        value = self._content[name]
-        if not (_is_number(value) and low <= value <= high):
-            raise self.wrong(name, f'a number from {low:g} to {high:g}')
-        return float(value)
-
-    def whole(self, name: str, low: int, high: float, optional: bool = False) -> int:
-        value = self._content[name]
-        if optional and value is None:
-            return 0
-        if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
-            raise self.wrong(name, f'a whole number from {low} to {high:g}')
-        return value
-
-    def numbers(
-        self, name: str, lengths: tuple[int, ...], low: float, high: float, optional: bool = False
-    ) -> list[float]:
-        value = self._content[name]
-        if optional and value is None:
-            return []
-        if not (
-            isinstance(value, list)
-            and len(value) in lengths
-            and all(_is_number(item) and low <= item <= high for item in value)
-        ):
-            raise self.wrong(
-                name,
-                f'a list of {" or ".join(map(str, lengths))} numbers from {low:g} to {high:g}',
-            )
-        return [float(item) for item in value]
-
-    def errors(self) -> dict[str, float | None]:
-        for name, value in self._content.items():
-            if value is not None and not (_is_number(value) and value >= 0):
-                raise self.wrong(name, 'a number that is not negative, or null')
-        return dict(self._content)
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < math.inf

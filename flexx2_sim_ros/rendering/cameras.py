@@ -15,12 +15,13 @@ NEAR, FAR = 0.02, 20.0  # clipping planes, metres
 def check_view(intrinsics: Intrinsics, near: float, far: float) -> None:
     """Refuse clipping planes and intrinsics that the renderer cannot draw."""
     if not 0 < near < far < math.inf:
-        raise InputError(f'near, far: found {near}, {far}, wanted 0 < near < far in metres')
+        raise InputError(f'near, far: must be 0 < near < far in metres, got {near}, {far}')
     centre = ((intrinsics.width - 1) / 2, (intrinsics.height - 1) / 2)
     if (intrinsics.cx, intrinsics.cy) != centre or any(intrinsics.distortion):
         raise InputError(
-            f'intrinsics: found principal point ({intrinsics.cx}, {intrinsics.cy}) and distortion '
-            f'{intrinsics.distortion}, wanted {centre} and none: the renderer is a plain pinhole'
+            f'intrinsics: must have principal point {centre} and no distortion (the renderer '
+            f'is a pinhole), got ({intrinsics.cx}, {intrinsics.cy}) and '
+            f'{intrinsics.distortion}'
         )
 
 

@@ -39,14 +39,15 @@ class CameraMount:
     def __post_init__(self) -> None:
         """Refuse what cannot be a pose."""
         if not (isinstance(self.name, str) and self.name):
-            raise InputError(f'camera name: found {shown(self.name)}, wanted a non-empty string')
+            raise InputError(f'camera name: must be a non-empty string, got {shown(self.name)}')
         for field in ('position', 'rpy'):
             value = getattr(self, field)
             if len(value) != 3 or not all(
                 isinstance(v, (int, float)) and math.isfinite(v) for v in value
             ):
                 raise InputError(
-                    f'camera {self.name}: {field} is {shown(value)}, wanted three finite numbers'
+                    f'camera {self.name}: {field}: must be three finite numbers, got '
+                    f'{shown(value)}'
                 )
 
     @property
@@ -191,7 +192,7 @@ def load_mounts(path: str | Path | None = None) -> tuple[CameraMount, ...]:
     mounts = tuple(_mount(entry, f'{path}: cameras[{i}]') for i, entry in enumerate(entries))
     names = [mount.name for mount in mounts]
     if len(set(names)) != len(names):
-        raise InputError(f'{path}: camera names are {names}, wanted no name twice')
+        raise InputError(f'{path}: camera names: must be unique, got {names}')
     return mounts
 
 
@@ -199,7 +200,7 @@ def _mount(entry: Any, where: str) -> CameraMount:
     fields = {'name', 'position', 'rpy_deg'}
     if not isinstance(entry, dict) or set(entry) != fields:
         raise InputError(
-            f'{where} is {shown(entry)}, wanted the fields {", ".join(sorted(fields))}'
+            f'{where}: must have the fields {", ".join(sorted(fields))}, got {shown(entry)}'
         )
     try:
         x, y, z = entry['position']
@@ -207,7 +208,7 @@ def _mount(entry: Any, where: str) -> CameraMount:
         return CameraMount(entry['name'], (x, y, z), (roll, pitch, yaw))
     except (TypeError, ValueError) as error:
         raise InputError(
-            f'{where} is {shown(entry)}, wanted a name and two triples of numbers: {error}'
+            f'{where}: must be a name and two triples of numbers, got {shown(entry)}: {error}'
         ) from error
 
 

@@ -1,0 +1,134 @@
+"""Read a profile's file field by field; what cannot be used is refused by file and field."""
+
+import math
+from typing import Any
+
+from flexx2_sim_ros.errors import InputError, shown, unquoted
+from flexx2_sim_ros.profiles.sensor import MOST_CORNERS
+
+
+class Section:
+    """A mapping in the file, its fields read one by one; `label` names file and field."""
+
+    def __init__(
+        self,
+        file: str,
+        name: str,
+        content: Any,
+        fields: tuple[str, ...] | None,
+        optional: tuple[str, ...] = (),
+    ) -> None:
+        self._file, self._name, self._content = file, name, content
+        if not isinstance(content, dict):
+            raise InputError(f'{self.label}: must be a mapping of fields, got {shown(content)}')
+        if fields is None:
+            return
+        for missing in fields:
+            if missing not in content:
+                raise InputError(
+                    f'{self._of(missing)}: must be in the file, which must have '
+                    f'{", ".join(fields)}; got none'
+                )
+        for extra in content:
+            if extra not in (*fields, *optional):
+                raise InputError(
+                    f'{self._of(extra)}: must be one of {", ".join((*fields, *optional))}, got an '
+                    'unknown field'
+                )
+
+    @property
+    def label(self) -> str:
+        return f'{self._file}{self._name or "the file"}'
+
+    def _of(self, name: Any) -> str:
+        return f'{self._file}{self._name}{"." if self._name else ""}{unquoted(name)}'
+
+    def wrong(self, name: str, required: str) -> InputError:
+        return InputError(
+            f'{self._of(name)}: must be {required}, got {shown(self._content[name])}'
+        )
+
+    def has(self, name: str) -> bool:
+        return name in self._content
+
+    def section(
+        self, name: str, fields: tuple[str, ...] | None, optional: tuple[str, ...] = ()
+    ) -> 'Section':
+        inner = f'{self._name}.{name}' if self._name else name
+        return Section(self._file, inner, self._content[name], fields, optional)
+
+    def mapping(self, name: str) -> dict[str, Any]:
+        if not isinstance(self._content[name], dict):
+            raise self.wrong(name, 'a mapping')
+        return dict(self._content[name])
+
+    def text(self, name: str) -> str:
+        value = self._content[name]
+        if not (isinstance(value, str) and value.strip() and value.isprintable()):
+            raise self.wrong(name, 'a text')
+        return value
+
+    def one_of(self, name: str, choices: tuple[str, ...]) -> str:
+        value = self._content[name]
+        if not isinstance(value, str) or value not in choices:
+            raise self.wrong(name, f'one of {", ".join(choices)}')
+        return value
+
+    def corners(self, name: str, largest: float) -> list[list[float]]:
+        value = self._content[name]
+        if value is None:
+            return []
+        if not (
+            isinstance(value, list)
+            and 3 <= len(value) <= MOST_CORNERS
+            and all(
+                isinstance(corner, list)
+                and len(corner) == 2
+                and all(is_number(at) and abs(at) <= largest for at in corner)
+                for corner in value
+            )
+        ):
+            raise self.wrong(name, f'3 to {MOST_CORNERS} corners [column, row] in pixels, or null')
+        return value
+
+    def number(self, name: str, low: float, high: float) -> float:
+        value = self._content[name]
+        if not (is_number(value) and low <= value <= high):
+            raise self.wrong(name, f'a number from {low:g} to {high:g}')
+        return float(value)
+
+    def whole(self, name: str, low: int, high: float, optional: bool = False) -> int:
+        value = self._content[name]
+        if optional and value is None:
+            return 0
+        if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
+            raise self.wrong(name, f'a whole number from {low} to {high:g}')
+        return value
+
+    def numbers(
+        self, name: str, lengths: tuple[int, ...], low: float, high: float, optional: bool = False
+    ) -> list[float]:
+        value = self._content[name]
+        if optional and value is None:
+            return []
+        if not (
+            isinstance(value, list)
+            and len(value) in lengths
+            and all(is_number(item) and low <= item <= high for item in value)
+        ):
+            raise self.wrong(
+                name,
+                f'a list of {" or ".join(map(str, lengths))} numbers from {low:g} to {high:g}',
+            )
+        return [float(item) for item in value]
+
+    def errors(self) -> dict[str, float | None]:
+        for name, value in self._content.items():
+            if value is not None and not (is_number(value) and value >= 0):
+                raise self.wrong(name, 'a number that is not negative, or null')
+        return dict(self._content)
+
+
+def is_number(value: Any) -> bool:
+    """Say whether a value is a finite number."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < math.inf
