@@ -247,7 +247,7 @@ def test_masks_and_outputs_that_cannot_be_used() -> None:
         np.empty((2, 4, 10), np.float32)[:, :, ::2],
         wp.zeros((2, 4, 5), device='cpu'),
     ):
-        with pytest.raises(InputError, match='out: must have shape'):
+        with pytest.raises(InputError, match='out: must'):
             camera(CLEAN, out=out)
     huge = np.broadcast_to(np.float32(1), (2, 40_000, 40_000))
     with pytest.raises(InputError, match='must have at most 2147483647'):

@@ -238,7 +238,7 @@ def test_reflectivity_and_masks_that_cannot_be_used() -> None:
     with pytest.raises(InputError, match='reflectivity: must be ndarray, as depth is, got array'):
         camera(clean, wp.ones((2, 4, 5), device='cpu'))
     for mask in (np.ones(2), np.ones(3, bool)):
-        with pytest.raises(InputError, match='env_mask: must have shape'):
+        with pytest.raises(InputError, match='env_mask: must'):
             camera.reset(mask)
     with pytest.raises(InputError, match='env_mask: must be .*, got list'):
         camera.reset([True, False])
