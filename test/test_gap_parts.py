@@ -8,7 +8,7 @@ from flexx2_sim_ros.gap.data.covariates import look_at
 from flexx2_sim_ros.gap.data.pose import unknown_border
 from flexx2_sim_ros.gap.features.catalogue import catalogue
 from flexx2_sim_ros.gap.features.evidence import RecordingData, register
-from flexx2_sim_ros.gap.inference.decide import ratio_interval
+from flexx2_sim_ros.gap.inference.uncertainty import ratio_interval
 import numpy as np
 import pytest
 

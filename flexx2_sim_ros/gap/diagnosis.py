@@ -18,15 +18,12 @@ from flexx2_sim_ros.gap.features.confirm import Outcome
 from flexx2_sim_ros.gap.features.evidence import Evidence
 from flexx2_sim_ros.gap.features.features import ENOUGH, Feature, LAYOUT
 from flexx2_sim_ros.gap.features.physical import UNITS
-from flexx2_sim_ros.gap.inference.decide import (
-    Alternative,
-    decide,
-    Decision,
-    FLOOR,
-    ratio_interval,
-)
-from flexx2_sim_ros.gap.inference.model import Fit, Model
+from flexx2_sim_ros.gap.inference.decide import Alternative, decide, Decision
+from flexx2_sim_ros.gap.inference.fitting import Fit
+from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.inference.patch import fit_patch
+from flexx2_sim_ros.gap.inference.selection import FLOOR
+from flexx2_sim_ros.gap.inference.uncertainty import ratio_interval
 from flexx2_sim_ros.gap.inference.where import places, unexplained
 from flexx2_sim_ros.gap.work import bind, find, simulate_set, summarise, workers
 from flexx2_sim_ros.physics.frame_state import why_no_phases
@@ -136,7 +133,7 @@ def diagnose(
             decision = replace(decision, verdict='none')  # Told as `too_little`.
         chosen = decision.chosen if decision.verdict in ('identified', 'partly') else decision.base
         effects = _effects(model, chosen)
-        poses = (model.pose + chosen.motion[:, :6]) * STEPS
+        poses = (model.pose + chosen.nuisances[:, :6]) * STEPS
         poses = np.clip(poses, -LIMITS, LIMITS)
         confirmed: list[Outcome] = mapped(
             bind(
@@ -155,7 +152,7 @@ def diagnose(
     table['peak_mb'] = round(_peak_mb(min(jobs, len(found))), 1)
     table['version'] = __version__
     if decision.verdict == 'unknown':
-        patch, covariate, share = fit_patch(model, model.residual(decision.base))
+        patch, covariate, share = fit_patch(model, decision.base.residual(model))
         effects = [patch]
         table['patch'] = {'covariate': covariate, 'shrink': share, 'held_out': len(evidence) > 1}
     if out is not None:
@@ -199,7 +196,7 @@ def _effects(model: Model, fit: Fit) -> list[Effect]:
 def _effect(model: Model, fit: Fit, candidate: Candidate, values: tuple[float, ...]) -> Effect:
     kind = registry()[candidate.effect]
     if kind.role == 'pose':
-        mean = (model.pose + fit.motion[:, :6]).mean(axis=0) * STEPS
+        mean = (model.pose + fit.nuisances[:, :6]).mean(axis=0) * STEPS
         table = dict(zip(NAMES, (float(v) for v in mean), strict=True))
     else:
         table = dict(candidate.build(values))
@@ -226,10 +223,10 @@ def _table(
 ) -> dict[str, Any]:
     explained = decision.verdict in ('identified', 'partly')
     chosen = decision.chosen if explained else decision.base
-    residual = model.residual(chosen)
+    residual = chosen.residual(model)
     # What the effects change, and what is left, if that matters; not the recordings' own errors.
     difference = np.zeros_like(residual) if decision.verdict == 'identified' else residual
-    added = model.shift(chosen) if explained else np.zeros_like(residual)
+    added = chosen.shift(model) if explained else np.zeros_like(residual)
     seen = _seen(model)
     rows = []
     for effect, share, interval, confidence in zip(
@@ -288,7 +285,7 @@ def _table(
                     ],
                 }
                 for i, (e, p, m, file) in enumerate(
-                    zip(model.evidence, model.pose, chosen.motion, used, strict=True)
+                    zip(model.evidence, model.pose, chosen.nuisances, used, strict=True)
                 )
             ),
             *({'name': name, 'used': False, 'reason': reason} for name, reason in left_out),

@@ -10,8 +10,9 @@ from flexx2_sim_ros.gap.data.campaign import nothing_left
 from flexx2_sim_ros.gap.data.pose import NAMES
 from flexx2_sim_ros.gap.features.catalogue import Candidate, catalogue, Column, nuisances, Term
 from flexx2_sim_ros.gap.features.evidence import Evidence
-from flexx2_sim_ros.gap.inference.decide import FLOOR
+from flexx2_sim_ros.gap.inference.fitting import fit
 from flexx2_sim_ros.gap.inference.model import Model
+from flexx2_sim_ros.gap.inference.selection import FLOOR
 from flexx2_sim_ros.gap.work import bind, find, summarise, workers
 import numpy as np
 
@@ -86,12 +87,12 @@ def measure(
             ],
         )
     model = Model(evidence, columns, prior)
-    base = model.fit([])
+    base = fit(model, [])
     on = Term('on', ((1.0, 'set'),), 1.0, 1.0)
     parts = [Candidate('set', '', (on,), lambda values: {})] if table else []
     if posed is not None:
         model.pose_centre = np.array([posed[name] * posed['strength'] for name in NAMES])
-    with_effects = model.fit(parts, np.ones(len(parts)))
+    with_effects = fit(model, parts, np.ones(len(parts)))
     null = float(model.null_loss.sum()) + FLOOR * len(evidence) + with_effects.pose_loss
     before, after = base.inside, with_effects.inside
     return {

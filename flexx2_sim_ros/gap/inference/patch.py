@@ -6,8 +6,8 @@ from flexx2_sim_ros.effects import Effect
 from flexx2_sim_ros.effects.patch import COVARIATES, ResidualPatch
 from flexx2_sim_ros.gap.data.covariates import AXES
 from flexx2_sim_ros.gap.features.features import LAYOUT
-from flexx2_sim_ros.gap.inference.decide import FLOOR
 from flexx2_sim_ros.gap.inference.model import Model
+from flexx2_sim_ros.gap.inference.selection import FLOOR
 from flexx2_sim_ros.gap.inference.where import mean_sigma
 import numpy as np
 

@@ -1,0 +1,182 @@
+"""
+Weighted normal equations: values that recordings share, and nuisances of each recording's own.
+
+Arrays have these axes: R recordings, S shared values, N nuisances of each recording (its pose
+error, its brightness, its edges) and F features.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+_RIDGE = 1e-6  # Of the scaled matrix; keeps columns that are almost alike solvable.
+
+
+def cauchy_weights(weights: np.ndarray, residual: np.ndarray, scale2: np.ndarray) -> np.ndarray:
+    """
+    Return the weights of iteratively reweighted least squares for Cauchy's loss.
+
+    With the loss ``log(1 + r^2 / s^2)`` a feature counts ``1 / (s^2 + r^2)``, so that an outlier
+    hardly counts. Huber, Robust Statistics, 1981, chapter 7, defines M-estimators; Holland and
+    Welsch, Robust regression using iteratively reweighted least-squares, Communications in
+    Statistics 6(9), 1977, give the algorithm and the weights.
+
+    Parameters
+    ----------
+    weights : numpy.ndarray
+        (R, F) how much each feature counts; 0 where it is unknown.
+    residual : numpy.ndarray
+        (R, F).
+    scale2 : numpy.ndarray
+        (R, F) squared scale of the loss.
+
+    """
+    return weights / (scale2 + residual**2)
+
+
+def normal_equations(
+    design: np.ndarray, weight: np.ndarray, residual: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """
+    Return each recording's matrix and right side of the weighted normal equations, float64.
+
+    Parameters
+    ----------
+    design : numpy.ndarray
+        (R, P, F) change of the features with each of P parameters.
+    weight, residual : numpy.ndarray
+        (R, F).
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        (R, P, P) and (R, P).
+
+    """
+    weighted = design * weight[:, None]
+    normal = (weighted @ design.transpose(0, 2, 1)).astype(float)
+    right = (weighted @ residual[..., None])[..., 0].astype(float)
+    return normal, right
+
+
+@dataclass
+class SharedEquations:
+    """
+    Each recording's equations for the shared values alone, its nuisances eliminated.
+
+    Attributes
+    ----------
+    normal, right : numpy.ndarray
+        (R, S, S) and (R, S); the sum over recordings is the equations of the shared values.
+    inverse : numpy.ndarray
+        (R, N, N) inverse of the nuisances' own block.
+    mixed : numpy.ndarray
+        (R, N, S) block of nuisances by shared values.
+    nuisance_right : numpy.ndarray
+        (R, N) the nuisances' own right side.
+
+    """
+
+    normal: np.ndarray
+    right: np.ndarray
+    inverse: np.ndarray
+    mixed: np.ndarray
+    nuisance_right: np.ndarray
+
+    def nuisance_step(self, step: np.ndarray) -> np.ndarray:
+        """Return by how much the nuisances change, (R, N), with the shared values' step (S,)."""
+        return np.asarray(
+            (self.inverse @ (self.nuisance_right - self.mixed @ step)[..., None])[..., 0]
+        )
+
+
+def eliminate_nuisances(normal: np.ndarray, right: np.ndarray, shared: int) -> SharedEquations:
+    """
+    Eliminate each recording's nuisances by the Schur complement.
+
+    The matrix of all parameters is an arrow: nuisances of different recordings have nothing in
+    common. So each recording is reduced alone, as in bundle adjustment: Triggs et al., Bundle
+    adjustment - a modern synthesis, 2000, section 6.
+
+    Parameters
+    ----------
+    normal, right : numpy.ndarray
+        (R, S + N, S + N) and (R, S + N), shared values first.
+    shared : int
+        S.
+
+    """
+    inverse = np.linalg.inv(normal[:, shared:, shared:])
+    across = normal[:, :shared, shared:] @ inverse
+    mixed = normal[:, shared:, :shared]
+    return SharedEquations(
+        normal[:, :shared, :shared] - across @ mixed,
+        right[:, :shared] - (across @ right[:, shared:, None])[..., 0],
+        inverse,
+        mixed,
+        right[:, shared:],
+    )
+
+
+def solve(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """
+    Solve the normal equations after scaling the parameters alike.
+
+    Parameters
+    ----------
+    matrix, right : numpy.ndarray
+        (P, P) and (P,); P may be 0.
+
+    """
+    if not len(right):
+        return right
+    size = np.maximum(np.sqrt(np.diag(matrix)), 1e-12)
+    scaled = matrix / np.outer(size, size) + _RIDGE * np.eye(len(right))
+    return np.asarray(np.linalg.solve(scaled, right / size) / size)
+
+
+def solve_given_last(matrix: np.ndarray, right: np.ndarray, last: float) -> np.ndarray:
+    """
+    Solve for all parameters but the last one, whose value is given.
+
+    Parameters
+    ----------
+    matrix, right : numpy.ndarray
+        (P, P) and (P,).
+    last : float
+        Value of the last parameter.
+
+    """
+    rest = len(right) - 1
+    return solve(matrix[:rest, :rest], right[:rest] - matrix[:rest, rest] * last)
+
+
+def leave_one_out_steps(equations: SharedEquations, last: float) -> np.ndarray:
+    """
+    Return the step of the shared values without each recording, the last value given.
+
+    One step of the common fit with a recording's equations taken off stands for a whole fit
+    without that recording: Pregibon, Logistic regression diagnostics, Annals of Statistics 9(4),
+    1981, the one-step approximation.
+
+    Parameters
+    ----------
+    equations : SharedEquations
+        Of all recordings, in the last iteration of the common fit.
+    last : float
+        Step of the last shared value.
+
+    Returns
+    -------
+    numpy.ndarray
+        (R, S - 1).
+
+    """
+    normal, right = equations.normal, equations.right
+    all_normal, all_right = normal.sum(axis=0), right.sum(axis=0)
+    return np.array(
+        [
+            solve_given_last(all_normal - own, all_right - aim, last)
+            for own, aim in zip(normal, right, strict=True)
+        ]
+    )

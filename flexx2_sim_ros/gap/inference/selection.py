@@ -1,0 +1,295 @@
+"""
+Forward selection of effects by leave-one-out cross-validation.
+
+Effects are added one at a time, the one first that takes off most of the loss on recordings that
+it was not fitted to, and then removed where the others do without: stepwise selection, Hastie,
+Tibshirani and Friedman, The Elements of Statistical Learning, 2009, section 3.3.2.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+from flexx2_sim_ros.gap.features.catalogue import Candidate
+from flexx2_sim_ros.gap.inference.fitting import Fit, fit, SCALES
+from flexx2_sim_ros.gap.inference.model import Model
+from flexx2_sim_ros.gap.inference.uncertainty import certainty
+import numpy as np
+
+# Calibrated on campaigns of the base simulator with pose, reflectivity and sigma errors, and on
+# campaigns of the catalogue's and of made-up effects (bench/gap_development.py); a recording.
+GAIN = 1.0
+LEAST_GAIN = 0.5  # if the recordings agree, or there is a gap beyond doubt
+_AGREE = 0.97
+GAP = 5.5
+_BEYOND_DOUBT = 2.0  # times that
+MOST_EFFECTS = 6
+_FILTERED = (0.8, 1.5)  # how much of a filter, and of noise, to begin with
+NEXT_GAIN = 1.5
+_TERM_COST = 0.5  # a recording
+_WEAK_COST = 0.25  # a recording and factor of e below 0.4 of the usual strength
+_FROM_NODE = (3.0, 1.0, 1.0)
+_NEXT_SHARE = 0.04  # half of it while less than half is explained
+# Poses that scatter by more than this share of what is usual are a finding of their own.
+_SCATTERED = 0.48
+_NEXT_TO_SCATTERED = 0.15  # for they leave edges behind
+# Loss a recording that the base simulator with errors of pose and reflectivity leaves above that
+# of noise alone: edges are known to a pixel only.
+FLOOR = 4.0
+
+
+@dataclass(frozen=True)
+class Choice:
+    """
+    What one candidate set is worth.
+
+    Attributes
+    ----------
+    fit : Fit
+        The set, fitted.
+    gain : float
+        Loss on held-out recordings that it takes off, less a cost for each of its parameters.
+
+    """
+
+    fit: Fit
+    gain: float
+
+
+@dataclass(frozen=True)
+class Selection:
+    """
+    Effects selected so far.
+
+    Attributes
+    ----------
+    chosen : Choice
+        The set.
+    rivals : tuple of Choice
+        Sets with another effect in the place of the last one, best first.
+    gained : float
+        Gain without the last effect.
+
+    """
+
+    chosen: Choice
+    rivals: tuple[Choice, ...] = ()
+    gained: float = 0.0
+
+
+class Trials:
+    """
+    Fits of candidate sets, each weighed against the base simulator.
+
+    Parameters
+    ----------
+    model : Model
+        The recordings.
+
+    Attributes
+    ----------
+    model : Model
+        The recordings.
+    count : int
+        How many there are.
+    base : Fit
+        Without any effect.
+    null : float
+        Loss of recordings that are nothing but the base simulator's.
+
+    """
+
+    def __init__(self, model: Model) -> None:
+        """Fit the base simulator."""
+        self.model = model
+        self.count = len(model.gap)
+        self.base = fit(model, [])
+        self.null = float(model.null_loss.sum()) + FLOOR * self.count
+
+    def choice(
+        self,
+        parts: Sequence[Candidate],
+        start: np.ndarray | None = None,
+        scales: Sequence[float] = SCALES,
+    ) -> Choice:
+        """Fit a candidate set; arguments as for `fit`."""
+        one = fit(self.model, parts, start, scales)
+        terms = len(one.values) + 2 * any(c.kind.role == 'pose' for c in parts)
+        cost = self.count * (_TERM_COST * terms + _oddity(one))
+        return Choice(one, self.base.total - one.total - cost)
+
+    def single(self, candidate: Candidate) -> Choice:
+        """Fit one candidate: from nothing, and from a simulated value past a local optimum."""
+        tries = [self.choice([candidate])]
+        if len(candidate.terms) == 1 and len(candidate.terms[0].nodes) > 1:
+            value, _ = candidate.terms[0].nodes[len(candidate.terms[0].nodes) // 2]
+            tries.append(self.choice([candidate], np.array([value]), _FROM_NODE))
+        return max(tries, key=_gain)
+
+    def excess(self, chosen: Choice) -> float:
+        """Return the excess loss: that of the base simulator above noise alone."""
+        return max(self.base.inside - self.null - chosen.fit.pose_loss, 1e-9)
+
+    def counts(self, chosen: Choice, excess: float) -> bool:
+        """Return whether a set takes off enough to be a finding."""
+        return chosen.gain >= GAIN * self.count or (
+            chosen.gain >= LEAST_GAIN * self.count
+            and (
+                excess >= _BEYOND_DOUBT * GAP * self.count
+                or certainty(chosen.fit, self.base) >= _AGREE
+            )
+        )
+
+
+def select(
+    trials: Trials,
+    candidates: Sequence[Candidate],
+    singles: Sequence[Choice],
+    tick: Callable[[], None],
+) -> Selection:
+    """
+    Select effects that explain the gap.
+
+    Parameters
+    ----------
+    trials : Trials
+        Of the recordings.
+    candidates : sequence of Candidate
+        The catalogue.
+    singles : sequence of Choice
+        Each candidate alone.
+    tick : callable
+        Called now and then.
+
+    """
+    posed = [c for c in candidates if c.kind.role == 'pose']
+    scattered = bool(posed) and trials.model.pose_scatter() > _SCATTERED
+    considered = best_of_each(singles)
+    if scattered:
+        pose = trials.choice(posed)
+        first = Selection(Choice(pose.fit, max(pose.gain, GAIN * trials.count)))
+    else:
+        first = Selection(considered[0] if considered else Choice(trials.base, 0.0))
+        first = Selection(first.chosen, tuple(considered[1:]))
+    if not trials.counts(first.chosen, trials.excess(first.chosen)):
+        return first
+    own = {one.fit.candidates[0]: one.fit.values for one in singles}
+    least = (_NEXT_TO_SCATTERED if scattered else _NEXT_SHARE) * trials.excess(first.chosen)
+    grown = _grow(trials, candidates, first, own, least, tick)
+    return grown if scattered else _without_stand_ins(trials, grown, considered)
+
+
+def best_of_each(choices: Sequence[Choice], last: bool = False) -> list[Choice]:
+    """Return the best choice of each first (or last) effect, best first."""
+    best: dict[str, Choice] = {}
+    for one in sorted(choices, key=lambda c: -c.gain):
+        names = [c.effect for c in one.fit.candidates]
+        best.setdefault(names[-1 if last else 0], one)
+    return list(best.values())
+
+
+def _gain(one: Choice) -> float:
+    return one.gain
+
+
+def _grow(
+    trials: Trials,
+    candidates: Sequence[Candidate],
+    first: Selection,
+    own: Mapping[Candidate, np.ndarray],
+    least: float,
+    tick: Callable[[], None],
+) -> Selection:
+    # Add effects until none adds enough.
+    now, excess = first, trials.excess(first.chosen)
+    for _ in range(MOST_EFFECTS - 1):
+        little = trials.base.total - now.chosen.fit.total < 0.5 * excess
+        enough = max(NEXT_GAIN * trials.count, least * (0.5 if little else 1))
+        larger = _with_one_more(trials, candidates, now.chosen, own, enough, tick)
+        if larger is None:
+            break
+        now = larger
+    return now
+
+
+def _with_one_more(
+    trials: Trials,
+    candidates: Sequence[Candidate],
+    chosen: Choice,
+    own: Mapping[Candidate, np.ndarray],
+    enough: float,
+    tick: Callable[[], None],
+) -> Selection | None:
+    taken = {c.effect for c in chosen.fit.candidates}
+    more: list[Choice] = []
+    for candidate in candidates:
+        if candidate.effect not in taken:
+            start = np.concatenate([chosen.fit.values, own[candidate]])
+            more.append(trials.choice([*chosen.fit.candidates, candidate], start))
+            tick()
+    if not more:
+        return None
+    best = max(more, key=_gain)
+    if best.gain - chosen.gain < enough:
+        best = max(_filters_with_noise(trials, candidates, chosen), key=_gain, default=best)
+        if best.gain - chosen.gain < 2 * enough:
+            return None
+        more = [best]
+    rivals = tuple(c for c in best_of_each(more, last=True) if c is not best)
+    return Selection(best, rivals, chosen.gain)
+
+
+def _filters_with_noise(
+    trials: Trials, candidates: Sequence[Candidate], chosen: Choice
+) -> list[Choice]:
+    # A camera's noise is measured behind its filters: with a filter alone there is too little.
+    taken = {c.effect for c in chosen.fit.candidates}
+    noise = [c for c in candidates if c.kind.role == 'sigma']
+    if not noise or any(one.effect in taken for one in noise):
+        return []
+    start = np.concatenate([chosen.fit.values, _FILTERED])
+    return [
+        trials.choice([*chosen.fit.candidates, one, *noise], start)
+        for one in candidates
+        if one.kind.filters and one.effect not in taken
+    ]
+
+
+def _without_stand_ins(
+    trials: Trials, grown: Selection, considered: Sequence[Choice]
+) -> Selection:
+    # Remove effects that the others do without: what was picked first may have stood in for what
+    # came later.
+    chosen = grown.chosen
+    while len(chosen.fit.candidates) > 1:
+        best = max(without_each(trials, chosen), key=_gain)
+        if chosen.gain - best.gain >= NEXT_GAIN * trials.count:
+            break
+        chosen = best
+    if chosen is grown.chosen:
+        return grown
+    if len(chosen.fit.candidates) > 1:
+        return Selection(chosen)
+    effect = chosen.fit.candidates[0].effect
+    return Selection(chosen, tuple(c for c in considered if c.fit.candidates[0].effect != effect))
+
+
+def without_each(trials: Trials, chosen: Choice) -> list[Choice]:
+    """Return a set's fits without each of its effects."""
+    parts = chosen.fit.candidates
+    if len(parts) < 2:
+        return [Choice(trials.base, 0.0)] * len(parts)
+    return [trials.choice([c for c in parts if c is not part]) for part in parts]
+
+
+def _oddity(one: Fit) -> float:
+    # An effect much weaker than usual is less likely than another one of usual strength.
+    cost, i = 0.0, 0
+    for candidate in one.candidates:
+        cost += candidate.kind.doubt
+        if len(candidate.terms) == 1:
+            term = candidate.terms[0]
+            usual = abs(term.nodes[len(term.nodes) // 2][0] - term.neutral)
+            size = max(abs(float(one.values[i]) - term.neutral), 1e-3 * usual)
+            cost += _WEAK_COST * max(np.log(usual / size) - np.log(2.5), 0.0)
+        i += len(candidate.terms)
+    return cost

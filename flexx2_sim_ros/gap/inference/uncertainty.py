@@ -1,0 +1,60 @@
+"""How sure a comparison of fits is, judged by how it varies from recording to recording."""
+
+import math
+
+from flexx2_sim_ros.gap.inference.fitting import Fit
+import numpy as np
+from scipy import stats
+
+_LEAST_ERROR = 0.25  # of a mean difference of losses: few recordings may agree by chance
+_CONFIDENCE = 0.95  # one-sided; 90 % intervals
+
+
+def certainty(one: Fit, other: Fit) -> float:
+    """
+    Return the confidence that one fit explains new recordings better than another one.
+
+    A paired t-test on the losses of held-out recordings.
+
+    Parameters
+    ----------
+    one, other : Fit
+        Of the same recordings.
+
+    Returns
+    -------
+    float
+        0..1; 0.5 for a single recording.
+
+    """
+    count = len(one.held_out)
+    difference = other.held_out - one.held_out + (other.pose_held_out - one.pose_held_out) / count
+    if count < 2:
+        return 0.5
+    error = float(difference.std(ddof=1)) / np.sqrt(count) + _LEAST_ERROR
+    t = float(difference.mean()) / error
+    return float(stats.t.cdf(t, count - 1))
+
+
+def ratio_interval(top: np.ndarray, bottom: np.ndarray) -> list[float]:
+    """
+    Return the 90 % interval of sum(top) / sum(bottom) in as many new recordings, within 0..1.
+
+    The jackknife (Efron and Tibshirani, An Introduction to the Bootstrap, 1993, chapter 11) gives
+    the ratio's standard error over sets of recordings; it counts twice, because both what is
+    predicted and what is found in the new set vary.
+
+    Parameters
+    ----------
+    top, bottom : numpy.ndarray
+        (R,) one value a recording.
+
+    """
+    count = len(top)
+    whole = top.sum() / max(bottom.sum(), 1e-9)
+    if count < 3:
+        return [0.0, 1.0]
+    rest = (top.sum() - top) / np.maximum(bottom.sum() - bottom, 1e-9)
+    error = np.sqrt((count - 1) / count * np.square(rest - rest.mean()).sum())
+    reach = float(stats.t.ppf(_CONFIDENCE, count - 1)) * math.sqrt(2) * float(error)
+    return [float(np.clip(whole - reach, 0, 1)), float(np.clip(whole + reach, 0, 1))]
