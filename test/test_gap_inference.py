@@ -1,5 +1,11 @@
 """Statistics of the diagnosis, against solutions without any shortcut."""
 
+import ast
+from dataclasses import fields
+from pathlib import Path
+
+from flexx2_sim_ros import gap
+from flexx2_sim_ros.gap.calibration.constants import ASSUMED, DEFINITION, SECTIONS
 from flexx2_sim_ros.gap.inference.normal_equations import (
     cauchy_weights,
     eliminate_nuisances,
@@ -71,3 +77,22 @@ def test_outliers_hardly_count_in_reweighted_least_squares() -> None:
         estimate = estimate + solve(normal[0], right[0])
     # Standard error of 800 values: 0.0035; outliers alone would shift the mean by 9.6.
     assert estimate[0] == pytest.approx(2.0, abs=0.05)
+
+
+def test_every_constant_says_its_meaning_and_source() -> None:
+    for section in SECTIONS:
+        for one in fields(section):
+            assert one.metadata['meaning'], one.name
+            source = one.metadata['source']
+            commands = ('python -m bench.', 'flexx2 gap benchmark')
+            assert source in (ASSUMED, DEFINITION) or any(c in source for c in commands), one.name
+
+
+def test_no_constant_of_the_diagnosis_is_elsewhere() -> None:
+    package = Path(gap.__file__).parent
+    for room in ('data', 'features', 'inference'):
+        for path in (package / room).glob('*.py'):
+            for node in ast.parse(path.read_text()).body:
+                if isinstance(node, ast.Assign):
+                    values = [n.value for n in ast.walk(node) if isinstance(n, ast.Constant)]
+                    assert not any(isinstance(v, float) for v in values), (path, node.lineno)

@@ -11,6 +11,7 @@ from flexx2_sim_ros import __version__
 from flexx2_sim_ros.camera import Profile
 from flexx2_sim_ros.effects import Effect, registry
 from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.gap.calibration.constants import THRESHOLDS
 from flexx2_sim_ros.gap.data.campaign import Found, nothing_left
 from flexx2_sim_ros.gap.data.pose import LIMITS, NAMES, STEPS
 from flexx2_sim_ros.gap.features.catalogue import Candidate, catalogue
@@ -22,7 +23,6 @@ from flexx2_sim_ros.gap.inference.decide import Alternative, decide, Decision
 from flexx2_sim_ros.gap.inference.fitting import Fit
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.inference.patch import fit_patch
-from flexx2_sim_ros.gap.inference.selection import FLOOR
 from flexx2_sim_ros.gap.inference.uncertainty import ratio_interval
 from flexx2_sim_ros.gap.inference.where import places, unexplained
 from flexx2_sim_ros.gap.work import bind, find, simulate_set, summarise, workers
@@ -334,7 +334,7 @@ def _gap(model: Model, decision: Decision, confirmed: list[Outcome]) -> dict[str
     explained = decision.verdict in ('identified', 'partly')
     base, chosen = decision.base, decision.chosen if explained else decision.base
     count = len(base.loss)
-    null = model.null_loss.sum(axis=1) + FLOOR
+    null = model.null_loss.sum(axis=1) + THRESHOLDS.floor
     bottom = base.loss - null + (base.pose_loss - chosen.pose_held_out) / count
     held_out = count > 1
     top = (

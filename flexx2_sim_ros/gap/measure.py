@@ -6,13 +6,13 @@ from typing import Any
 
 from flexx2_sim_ros.camera import Profile
 from flexx2_sim_ros.effects import of_role, parse_effects
+from flexx2_sim_ros.gap.calibration.constants import THRESHOLDS
 from flexx2_sim_ros.gap.data.campaign import nothing_left
 from flexx2_sim_ros.gap.data.pose import NAMES
 from flexx2_sim_ros.gap.features.catalogue import Candidate, catalogue, Column, nuisances, Term
 from flexx2_sim_ros.gap.features.evidence import Evidence
 from flexx2_sim_ros.gap.inference.fitting import fit
 from flexx2_sim_ros.gap.inference.model import Model
-from flexx2_sim_ros.gap.inference.selection import FLOOR
 from flexx2_sim_ros.gap.work import bind, find, summarise, workers
 import numpy as np
 
@@ -93,7 +93,7 @@ def measure(
     if posed is not None:
         model.pose_centre = np.array([posed[name] * posed['strength'] for name in NAMES])
     with_effects = fit(model, parts, np.ones(len(parts)))
-    null = float(model.null_loss.sum()) + FLOOR * len(evidence) + with_effects.pose_loss
+    null = float(model.null_loss.sum()) + THRESHOLDS.floor * len(evidence) + with_effects.pose_loss
     before, after = base.inside, with_effects.inside
     return {
         'before': before,

@@ -7,17 +7,12 @@ from pathlib import Path
 
 from flexx2_sim_ros.camera import flexx2, Intrinsics, Mode, Profile
 from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.gap.calibration.constants import READING
 from flexx2_sim_ros.gap.data.frames import choose_frames
 from flexx2_sim_ros.gap.data.registration import RecordingData
 from flexx2_sim_ros.physics.surface import analyse
 from flexx2_sim_ros.recording import open_recording, Recording, RecordingReader
 import numpy as np
-
-_CHUNK = 32
-_BRIGHTEST = 2.0  # reflectivity: above it is another unit; between 1 and this a bad estimate
-_LONGEST = 1e6  # seconds of uptime
-_NEAR_1000 = 0.7  # logarithm: from half to twice
-_REFLECTIVITIES = 1e-3, 100.0  # that an amplitude may mean, as the median of an image
 
 
 @dataclass(frozen=True)
@@ -143,7 +138,7 @@ def read(found: Found, profile: Profile | None) -> RecordingData:
     reader = open_recording(path)
     chosen, fresh = choose_frames(len(reader.stamp))
     parts, start = [], 0
-    for part in reader.chunks(_CHUNK):
+    for part in reader.chunks(READING.chunk):
         inside = chosen[(chosen >= start) & (chosen < start + len(part.stamp))] - start
         if len(inside):
             parts.append((part, inside))
@@ -178,7 +173,7 @@ def read(found: Found, profile: Profile | None) -> RecordingData:
     reflectivity = _stack('reflectivity', parts)
     if reflectivity is not None:
         brightest = float(np.nanmax(reflectivity, initial=0))
-        if brightest > _BRIGHTEST:
+        if brightest > READING.brightest:
             raise InputError(f'{path}: reflectivity: must be 0 to 1, got up to {brightest:g}')
         reflectivity = np.clip(reflectivity, 0, 1)
     if reflectivity is None:
@@ -244,10 +239,10 @@ def _uptime(reader: RecordingReader, chosen: np.ndarray) -> float | None:
             f'{reader.path}: uptime: must be seconds since power-on ({len(reader.stamp)},), '
             f'got {uptime.dtype} of shape {uptime.shape}'
         )
-    if not ((uptime >= 0) & (uptime <= _LONGEST)).all():
+    if not ((uptime >= 0) & (uptime <= READING.longest_uptime)).all():
         raise InputError(
-            f'{reader.path}: uptime: must be seconds since power-on, 0 to {_LONGEST:g}, got '
-            f'{uptime.min():g} to {uptime.max():g}'
+            f'{reader.path}: uptime: must be seconds since power-on, 0 to '
+            f'{READING.longest_uptime:g}, got {uptime.min():g} to {uptime.max():g}'
         )
     return float(uptime if uptime.ndim == 0 else uptime[chosen[0]])
 
@@ -262,9 +257,9 @@ def _in_metres(
     factor = _median(ratio)
     wrong = (
         ['depth']
-        if abs(np.log(factor / 1000)) < _NEAR_1000
+        if abs(np.log(factor / 1000)) < READING.near_1000
         else ['clean_depth']
-        if abs(np.log(factor * 1000)) < _NEAR_1000
+        if abs(np.log(factor * 1000)) < READING.near_1000
         else ['depth', 'clean_depth']
         if middle['clean_depth'] > 100 * mode.range_max
         else []
@@ -313,7 +308,7 @@ def _from_amplitude(
     reflectivity = np.nan_to_num(np.stack(out)) * scale
     some = reflectivity[reflectivity > 0]
     usual = _median(some)
-    if len(some) and not _REFLECTIVITIES[0] < usual < _REFLECTIVITIES[1]:
+    if len(some) and not READING.reflectivities[0] < usual < READING.reflectivities[1]:
         notes.append(
             f'{path}: amplitude: not used: at this distance it means a reflectivity of '
             f'{usual:.2g}, so it is on another scale; 8 or 16 bits or 0 to 1 are known'

@@ -5,6 +5,7 @@ from functools import lru_cache
 import math
 
 from flexx2_sim_ros.effects.ray import ray_length
+from flexx2_sim_ros.gap.calibration.constants import BINNING
 from flexx2_sim_ros.physics.axial import model_sigma
 from flexx2_sim_ros.physics.surface import analyse, PAD
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
@@ -13,13 +14,11 @@ from flexx2_sim_ros.profiles.sensor import Sensor
 from numba import njit
 import numpy as np
 
-TILE_ROWS, TILE_COLUMNS = 22, 28
-FINE_STEP = 0.06  # metres; a fourth harmonic at 80 MHz has a period of 0.47 m
-FINE_BINS = 64
-EDGE_REACH = 3  # pixels from a jump that are looked at as edges
-CREASE_SHARE = 0.004
-CREASE_NEAR = 3
-NEAR = 5  # pixels from a jump that are not looked at as surfaces: lateral noise gets there
+TILE_ROWS, TILE_COLUMNS = BINNING.tiles
+FINE_STEP, FINE_BINS = BINNING.fine_step, BINNING.fine_bins
+# Compiled code takes constants from its module.
+EDGE_REACH, NEAR = BINNING.edge_reach, BINNING.near_jump
+CREASE_NEAR, _BEND = BINNING.near_crease, np.float32(BINNING.bend)
 
 
 @dataclass(frozen=True)
@@ -49,17 +48,24 @@ class Axis:
 
 
 def _axes() -> dict[str, Axis]:
-    log = tuple(float(x) for x in np.round(np.geomspace(0.3, 5.6, 11), 3))
+    first, step, number = BINNING.amplitudes
+    log = tuple(float(x) for x in np.round(np.geomspace(*BINNING.distances), 3))
     table: list[tuple[str, str, tuple[float, ...], int, bool]] = [
         ('all', '', (), 1, True),
-        ('distance', 'm', log, 12, True),
-        ('incidence', 'deg', (10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 68.0, 75.0), 9, True),
-        ('radius', '', (0.2, 0.4, 0.55, 0.7, 0.85), 6, True),
+        ('distance', 'm', log, len(log) + 1, True),
+        ('incidence', 'deg', BINNING.incidences, 9, True),
+        ('radius', '', BINNING.radii, 6, True),
         ('region', '', (), 12, True),
         ('edge', '', (), 16, True),
-        ('log_amplitude', 'ln 1/m^2', tuple(-6.0 + 0.75 * i for i in range(13)), 14, True),
-        ('concavity', '', (-0.02, -0.005, 0.005, 0.02, 0.05), 6, True),
-        ('speed', 'm/s', (-0.8, -0.4, -0.15, -0.03, 0.03, 0.15, 0.4, 0.8), 9, True),
+        (
+            'log_amplitude',
+            'ln 1/m^2',
+            tuple(first + step * i for i in range(number)),
+            number + 1,
+            True,
+        ),
+        ('concavity', '', BINNING.concavities, 6, True),
+        ('speed', 'm/s', BINNING.speeds, 9, True),
         ('beyond', '', (), 2, False),
         (
             'fine_distance',
@@ -176,7 +182,7 @@ def look_at(
         edge = np.full((height, width), -1, np.int16)
         near = np.zeros((height, width), np.bool_)
         _edges(surface.inverse_depth, surface.row_jumps, surface.column_jumps, edge, near)
-        _creases(surface.inverse_depth, CREASE_SHARE, near)
+        _creases(surface.inverse_depth, BINNING.crease, near)
         known = np.zeros((height, width), bool)
         known[border : height - border, border : width - border] = True
         outside = mode.sensor.outside(lens)
@@ -197,13 +203,13 @@ def look_at(
         np.copyto(bins[index['edge']], AXES['edge'].start + edge, where=seen & (edge >= 0))
         rho = np.float32(1) if reflectivity is None else reflectivity
         put('log_amplitude', np.log(rho * surface.cos_incidence / clean**2), inside)
-        bend = _bend(surface.inverse_depth, max(width // 28, 2))
+        bend = _bend(surface.inverse_depth, max(width // BINNING.bend_step, 2))
         put('concavity', bend, inside & np.isfinite(bend))
         if before is not None and interval > 0:
-            same = np.abs(clean - before) < 0.1 * clean
+            same = np.abs(clean - before) < BINNING.same_surface * clean
             put('speed', (clean - before) / np.float32(interval), inside & same)
         # Where the mode should see nothing: because nothing is there, or it is out of range.
-        far = (clean > 1.1 * mode.range_max) & (clean > 0)
+        far = (clean > BINNING.beyond * mode.range_max) & (clean > 0)
         np.copyto(
             bins[index['beyond']],
             AXES['beyond'].start + far.astype(np.int16),
@@ -403,7 +409,7 @@ def _bend(p, step):
             good = here > 0
             for dy, dx in ((0, step), (0, -step), (step, 0), (-step, 0)):
                 other = p[y + dy + PAD, x + dx + PAD]
-                good &= abs(other - here) < np.float32(0.3) * here
+                good &= abs(other - here) < _BEND * here
                 total += other - here
             if good:
                 out[y, x] = np.float32(0.25) * total / here

@@ -1,9 +1,9 @@
 """Which frames of a recording the diagnosis reads."""
 
+from flexx2_sim_ros.gap.calibration.constants import READING
 import numpy as np
 
-MOST_FRAMES = 48
-_SEGMENT = 12
+MOST_FRAMES, _SEGMENT = READING.most_frames, READING.segment
 
 
 def choose_frames(count: int) -> tuple[np.ndarray, np.ndarray]:

@@ -5,6 +5,7 @@ import math
 from flexx2_sim_ros.camera import Camera, Intrinsics, Mode, Profile
 from flexx2_sim_ros.effects.pose_error import PoseError
 from flexx2_sim_ros.effects.ray import ray_length
+from flexx2_sim_ros.gap.calibration.constants import REGISTRATION
 from flexx2_sim_ros.physics.frame_state import FrameState, Memory, SPEED_OF_LIGHT
 from flexx2_sim_ros.physics.surface import tangents
 from flexx2_sim_ros.profiles.sensor import Sensor
@@ -12,8 +13,7 @@ import numpy as np
 
 # The six small motions, in metres and degrees.
 NAMES = ('x', 'y', 'z', 'pitch_deg', 'yaw_deg', 'roll_deg')
-STEPS = np.array([0.002, 0.002, 0.002, 0.1, 0.1, 0.2])
-LIMITS = np.array([0.15] * 3 + [8.0] * 3)
+STEPS, LIMITS = np.array(REGISTRATION.steps), np.array(REGISTRATION.limits)
 
 
 def moved(
@@ -130,7 +130,9 @@ def fit_plane_motion(
 
     """
     designs, values = [], []
-    sizes = np.concatenate([_SMOOTH, np.full(2 * len(profile.modulation_hz), _HARMONIC)])
+    sizes = np.array(
+        [*REGISTRATION.smooth, *[REGISTRATION.harmonic] * (2 * len(profile.modulation_hz))]
+    )
     for error, depth, spread, other in zip(residual, clean, sigma, others, strict=True):
         error, spread = error[::2, ::2], spread[::2, ::2]
         good = np.isfinite(error)
@@ -150,31 +152,25 @@ def fit_plane_motion(
     A, b = np.concatenate(designs, axis=1), np.concatenate(values)  # noqa: N806
     keep = np.isfinite(A).all(axis=0)
     A, b = A[:, keep], b[keep]  # noqa: N806
-    prior = np.concatenate([prior, sizes, np.full(len(A) - 6 - len(sizes), 2.0)])
+    prior = np.concatenate([prior, sizes, np.full(len(A) - 6 - len(sizes), REGISTRATION.amounts)])
     A = A * prior[:, None]  # noqa: N806
-    motion, scale, ridge = np.zeros(len(A)), 3.0, _RIDGE * len(b) * np.eye(len(A))
-    for _ in range(8):
+    motion, ridge = np.zeros(len(A)), REGISTRATION.ridge * len(b) * np.eye(len(A))
+    scale, shrink, last = REGISTRATION.scales
+    for _ in range(REGISTRATION.iterations):
         weight = 1 / (1 + ((b - motion @ A) / scale) ** 2)
         normal = (A * weight) @ A.T
         motion = np.linalg.solve(normal + ridge, (A * weight) @ b)
-        scale = max(0.6 * scale, 0.5)
+        scale = max(shrink * scale, last)
     so_far, rest = np.zeros(len(A)), 6 + len(sizes)
     so_far[:6] = before / prior[:6]
-    sure = so_far + np.linalg.solve(normal + 10 * ridge, (A * weight) @ b - 10 * ridge @ so_far)
+    stiff = REGISTRATION.sure * ridge
+    sure = so_far + np.linalg.solve(normal + stiff, (A * weight) @ b - stiff @ so_far)
+    bound = REGISTRATION.bound
     return (
-        np.clip(motion[:6], -3, 3) * prior[:6],
+        np.clip(motion[:6], -bound, bound) * prior[:6],
         motion[rest:] * prior[rest:],
-        np.clip(sure[:6], -3, 3) * prior[:6],
+        np.clip(sure[:6], -bound, bound) * prior[:6],
     )
-
-
-# How much the priors count, as a share of the pixels.
-_RIDGE = 0.003
-# Biases that are not a motion, so that they are not taken for one: the same everywhere, along the
-# axis and along the ray, growing with distance; and how large they may be, metres. Besides, sine
-# and cosine of the fourth harmonic of each modulation frequency.
-_SMOOTH = np.array([0.01, 0.01, 0.002])
-_HARMONIC = 0.004
 
 
 def _others(

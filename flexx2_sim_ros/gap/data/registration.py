@@ -7,16 +7,12 @@ from flexx2_sim_ros.camera import flexx2, Mode, Profile
 from flexx2_sim_ros.camera.common_random_numbers import CommonRandomNumbers
 from flexx2_sim_ros.effects import registry
 from flexx2_sim_ros.effects.between import between
+from flexx2_sim_ros.gap.calibration.constants import REGISTRATION
 from flexx2_sim_ros.gap.data.covariates import look_at
 from flexx2_sim_ros.gap.data.pose import base_camera, fit_plane_motion, moved
 import numpy as np
 
-_ROUNDS = 3
-# Seconds: enough for what moves to be taken for late rather than for being elsewhere all the time;
-# and at most. Frames that are left out at the start, of which it is not known what was before.
-_LATE = 0.03
-_LATEST = 0.1
-_LEAD = 3
+_LATE, _LATEST = REGISTRATION.late, REGISTRATION.latest
 
 
 @dataclass(frozen=True)
@@ -83,11 +79,18 @@ def register(recording: RecordingData, prior: np.ndarray) -> tuple[np.ndarray, n
     chosen = (
         [0]
         if still
-        else sorted({round(x) for x in np.linspace(min(_LEAD, count - 1), max(count - 2, 0), 6)})
+        else sorted(
+            {
+                round(x)
+                for x in np.linspace(
+                    min(REGISTRATION.lead, count - 1), max(count - 2, 0), REGISTRATION.frames
+                )
+            }
+        )
     )
     pose, sure, lateness = np.zeros(6), np.zeros(6), 0.0
     others: list[np.ndarray] = []
-    for _ in range(_ROUNDS):
+    for _ in range(REGISTRATION.rounds):
         shown = recording.clean if still else _shown(recording, chosen, lateness)
         clean, reflectivity = moved(
             shown,
@@ -113,7 +116,7 @@ def register(recording: RecordingData, prior: np.ndarray) -> tuple[np.ndarray, n
                 else:
                     real = recording.depth[t]
                 error = real - image
-                limit = 8 * scene.sigma + 0.02
+                limit = REGISTRATION.outlier_sigmas * scene.sigma + REGISTRATION.outlier
                 errors.append(np.where(scene.inside & (np.abs(error) < limit), error, np.nan))
             depths.append(image)
             sigmas.append(scene.sigma)
@@ -127,7 +130,7 @@ def register(recording: RecordingData, prior: np.ndarray) -> tuple[np.ndarray, n
             pose,
             recording.profile or flexx2(),
         )
-        pose = np.clip(pose + step, -3 * prior, 3 * prior)
+        pose = np.clip(pose + step, -REGISTRATION.bound * prior, REGISTRATION.bound * prior)
         if late:
             lateness = float(np.clip(lateness + _LATE * amounts[-1], -_LATEST, _LATEST))
     return pose, sure
@@ -158,7 +161,7 @@ def _late(recording: RecordingData, chosen: Sequence[int], lateness: float) -> n
     before, after = (_shown(recording, chosen, lateness + sign * reach) for sign in (1, -1))
     with np.errstate(invalid='ignore'):
         change = before - after
-        return np.where(np.abs(change) < 0.1 * after, change, np.float32(0))
+        return np.where(np.abs(change) < REGISTRATION.same_surface * after, change, np.float32(0))
 
 
 def _typical_biases(

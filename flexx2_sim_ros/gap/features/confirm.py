@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import Any
 
+from flexx2_sim_ros.gap.calibration.constants import SIMULATION
 from flexx2_sim_ros.gap.data.pose import moved, unknown_border
 from flexx2_sim_ros.gap.features.evidence import (
     RecordingData,
@@ -16,8 +17,6 @@ from flexx2_sim_ros.gap.features.kernels import EXPECT
 from flexx2_sim_ros.gap.features.physical import distances, histogram, Measures
 from flexx2_sim_ros.gap.features.pixel_groups import GroupSums, PixelGroups
 import numpy as np
-
-_SEEDS = 2
 
 
 @dataclass(frozen=True)
@@ -90,7 +89,7 @@ def confirm(
                     seed * 1000 + 500 + k,
                 )
             )
-            for k in range(_SEEDS)
+            for k in range(SIMULATION.confirm_seeds)
         ]
 
     real, real_measures, real_groups = look(recording.depth)

@@ -6,6 +6,7 @@ from typing import Any
 
 from flexx2_sim_ros.camera.common_random_numbers import CommonRandomNumbers
 from flexx2_sim_ros.effects import ageing, Effect, loadable
+from flexx2_sim_ros.gap.calibration.constants import FEATURES, SIMULATION
 from flexx2_sim_ros.gap.data.covariates import look_at, PixelCovariates
 from flexx2_sim_ros.gap.data.pose import base_camera, moved, pose_effects, unknown_border
 from flexx2_sim_ros.gap.data.registration import RecordingData, register
@@ -25,17 +26,10 @@ from flexx2_sim_ros.gap.features.kernels import EXPECT, INVERSE, VALID
 from flexx2_sim_ros.gap.features.physical import histogram, Measures
 import numpy as np
 
-_EDGE_PIXELS = 0.4
 _AT_EDGES, _AT_BENDS = (
     np.array([f.axis == axis for f in LAYOUT]) for axis in ('edge', 'concavity')
 )
-NULL_SEEDS = 4
 _GRAIN = next(i for i, f in enumerate(LAYOUT) if f.channel == 'static_grain')
-_ENOUGH_ALIKE = 12  # samples, where the random numbers are the same
-# Frames of a still scene, and in each of two stretches of one that moves, where a few are enough
-# and need not settle; fewer for a bias or a loss, which add no noise.
-_FEW = 8, 5
-_FEWEST = 4, 3
 
 
 @dataclass
@@ -185,7 +179,7 @@ def gather(
     warm = warm_of(recording.fresh)
     real_sums = accumulate(recording.depth, scenes, recording.fresh, warm)
     null_sums, base_measures = [], []
-    for k in range(NULL_SEEDS):
+    for k in range(SIMULATION.null_seeds):
         depth = simulate(recording, clean, reflectivity, (), seed * 1000 + k)
         null_sums.append(accumulate(depth, scenes, recording.fresh, warm))
         base_measures.append(histogram(depth, scenes, null_sums[-1]))
@@ -200,8 +194,8 @@ def gather(
     shifts = np.zeros((len(columns), SIZE), np.float32)
     for kind, (frames, settling) in enumerate(
         (
-            (_few_frames(count, moving, *_FEWEST), 0),
-            (_few_frames(count, moving, *_FEW), 0),
+            (_few_frames(count, moving, *SIMULATION.fewest), 0),
+            (_few_frames(count, moving, *SIMULATION.few), 0),
             (np.arange(count), warm),
         )
     ):
@@ -232,7 +226,7 @@ def gather(
         recording.name,
         real,
         nulls.mean(axis=0),
-        noise / NULL_SEEDS,
+        noise / SIMULATION.null_seeds,
         noise,
         nulls,
         shifts,
@@ -307,7 +301,7 @@ class _Part:
         sums = accumulate(
             depth, self._scenes, self._fresh, self._warm, lattice, len(self._scenes) > 1
         )
-        return features(sums, self._spectrum, _ENOUGH_ALIKE)[0]
+        return features(sums, self._spectrum, FEATURES.enough_alike)[0]
 
     def shift(self, effects: Any) -> np.ndarray:
         """Return what the effects change, 0 where that cannot be said."""
@@ -325,7 +319,7 @@ def _displaced(edges: np.ndarray) -> np.ndarray:
     # Variance of features when each edge lies elsewhere by what no common motion takes off (warped
     # clean depth has no parallax): from what a pixel of pitch and yaw either way, (2, 2, SIZE),
     # changes. Near edges that nobody marked (sharp bends) only what is the same both ways.
-    scale = _EDGE_PIXELS**2
+    scale = SIMULATION.edge_error**2
     whole = scale * np.square(edges).mean(axis=(0, 1))
     even = scale * np.square(edges.mean(axis=1)).mean(axis=0)
     return np.where(_AT_EDGES, whole, np.where(_AT_BENDS, even, 0)).astype(np.float32)
@@ -333,7 +327,7 @@ def _displaced(edges: np.ndarray) -> np.ndarray:
 
 def warm_of(fresh: np.ndarray) -> int:
     """Return how many frames a camera gets to settle in after each gap."""
-    return 2 if len(fresh) >= 6 and fresh.sum() <= len(fresh) / 6 else 0
+    return SIMULATION.settling if len(fresh) >= 6 and fresh.sum() <= len(fresh) / 6 else 0
 
 
 def _mean_sigma(sums: Sums) -> np.ndarray:
@@ -345,10 +339,12 @@ def _mean_sigma(sums: Sums) -> np.ndarray:
 def _pooled_variance(nulls: np.ndarray, analytic: np.ndarray) -> np.ndarray:
     # Few seeds say little about one feature, and much about how far all of its kind are from
     # what independent pixels would give.
+    weight, least = SIMULATION.pooled
     found = nulls.var(axis=0, ddof=1)
     with np.errstate(invalid='ignore'):
-        blend = 0.5 * analytic + 0.5 * np.where(np.isfinite(found), found, analytic)
-    return np.maximum(blend, 0.25 * analytic)
+        found = np.where(np.isfinite(found), found, analytic)
+        blend = weight * analytic + (1 - weight) * found
+    return np.maximum(blend, least * analytic)
 
 
 def _few_frames(count: int, moving: bool, few: int, stretch: int) -> np.ndarray:

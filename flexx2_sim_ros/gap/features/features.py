@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from flexx2_sim_ros.gap.calibration.constants import FEATURES
 from flexx2_sim_ros.gap.data.covariates import AXES, BINS, PixelCovariates
 from flexx2_sim_ros.gap.features.kernels import (
     ABS2,
@@ -30,47 +31,26 @@ from flexx2_sim_ros.gap.features.kernels import (
 )
 import numpy as np
 
-ENOUGH = 150  # samples without which a bin says nothing
-# Steps in which depth may come, metres: a lattice shows at its own step and those of which it is
-# a multiple.
-_LATTICE_STEPS = {
-    'lattice_coarse': (0.006, 0.02),
-    'lattice_medium': (0.003, 0.006),
-    'lattice_small': (0.0015, 0.003),
-    'lattice_fine': (0.0006, 0.0015),
+ENOUGH = FEATURES.enough
+CHANNEL_UNITS = {
+    'bias': 'sigma',
+    'invalid': 'fraction',
+    'high': 'fraction',
+    'low': 'fraction',
+    'log_variance': 'ln',
+    'kurtosis': 'ln',
+    'lag': 'correlation',
+    'neighbour': 'correlation',
+    'trend': 'sigma',
 }
-# Channel -> (what a difference must exceed to matter, unit).
-CHANNELS = {
-    'bias': (0.10, 'sigma'),
-    'invalid': (0.008, 'fraction'),
-    'high': (0.004, 'fraction'),
-    'low': (0.004, 'fraction'),
-    'log_variance': (0.10, 'ln'),
-    'kurtosis': (0.05, 'ln'),
-    'lag': (0.04, 'correlation'),
-    'neighbour': (0.04, 'correlation'),
-    'trend': (0.15, 'sigma'),
-}
-STRUCTURES = {
-    'frame_common': 0.01,
-    'row_common': 0.01,
-    'column_common': 0.01,
-    'row_invalid': 0.004,
-    'static_grain': 0.015,
-    'static_rows': 0.004,
-    'static_columns': 0.004,
-    'static_neighbour': 0.04,
-    'frame_spread': 0.04,
-    **dict.fromkeys(_LATTICE_STEPS, 0.5),
-    'repeat': 0.08,
-}
+# Structure of a whole recording, in no bin of a covariate.
 STRUCTURE_UNITS = {
     **dict.fromkeys(('frame_common', 'row_common', 'column_common'), 'fraction of variance'),
     'row_invalid': 'fraction',
     **dict.fromkeys(('static_grain', 'static_rows', 'static_columns'), 'sigma^2'),
     'static_neighbour': 'correlation',
     'frame_spread': 'ln',
-    **dict.fromkeys(_LATTICE_STEPS, 'log10'),
+    **dict.fromkeys(FEATURES.lattice_steps, 'log10'),
     'repeat': 'correlation',
 }
 _FULL = ('bias', 'invalid', 'high', 'low', 'log_variance', 'kurtosis', 'lag', 'neighbour')
@@ -97,12 +77,12 @@ def _layout() -> list[Feature]:
         if axis.name == 'all':
             channels = (*channels, 'trend')
         out += [Feature(channel, axis.name, i) for channel in channels for i in range(axis.bins)]
-    return out + [Feature(name, 'structure', 0) for name in STRUCTURES]
+    return out + [Feature(name, 'structure', 0) for name in STRUCTURE_UNITS]
 
 
 LAYOUT = _layout()
 SIZE = len(LAYOUT)
-_CHANNEL_NAMES = list(CHANNELS)
+_CHANNEL_NAMES = list(CHANNEL_UNITS)
 _PICK = np.array(
     [
         (_CHANNEL_NAMES.index(f.channel), AXES[f.axis].start + f.place)
@@ -110,9 +90,7 @@ _PICK = np.array(
         if f.axis != 'structure'
     ]
 ).T
-TOLERANCE = np.array(
-    [CHANNELS[f.channel][0] if f.axis != 'structure' else STRUCTURES[f.channel] for f in LAYOUT]
-)
+TOLERANCE = np.array([FEATURES.tolerances[f.channel] for f in LAYOUT])
 
 
 @dataclass
@@ -338,7 +316,7 @@ def likeness(lag: np.ndarray | float) -> np.ndarray:
 
 
 def _structure(sums: Sums, lattice_base: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
-    out = dict.fromkeys(STRUCTURES, np.nan)
+    out = dict.fromkeys(STRUCTURE_UNITS, np.nan)
     p = sums.pairs
     if p[1] > 0 and p[6] > 0:
         spread = p[6] / max(sums.bins[AXES['all'].start, N1], 1)
@@ -358,10 +336,11 @@ def _structure(sums: Sums, lattice_base: np.ndarray | None) -> tuple[np.ndarray,
         out['static_neighbour'] = product / max(out['static_grain'], 1e-9)
     if lattice_base is not None and sums.lattice is not None:
         spectrum = lattice_spectrum(sums)
-        for name, (shortest, longest) in _LATTICE_STEPS.items():
+        for name, (shortest, longest) in FEATURES.lattice_steps.items():
             out[name] = max(lattice_peak(spectrum, lattice_base, shortest, longest)[0], 0.0)
     values = np.array(list(out.values()))
-    return values, (0.3 * np.array(list(STRUCTURES.values()))) ** 2
+    tolerances = np.array([FEATURES.tolerances[name] for name in STRUCTURE_UNITS])
+    return values, (FEATURES.structure_noise * tolerances) ** 2
 
 
 def static_grain(sums: Sums) -> np.ndarray:
@@ -385,9 +364,10 @@ def lattice_peak(
 ) -> tuple[float, float]:
     """Return how much (log) depth is more in step than the base's, and with which step, metres."""
     low, high = round(LATTICE_RANGE / longest), round(LATTICE_RANGE / shortest)
-    both = np.log10((spectrum[:, low:high] + 3e-4) / (base[:, low:high] + 3e-4))
+    noise = FEATURES.lattice_noise
+    both = np.log10((spectrum[:, low:high] + noise) / (base[:, low:high] + noise))
     excess = both[int(np.argmax(both.max(axis=1)))]
     best = int(np.argmax(excess))
     # The longest step of those that do about as well: its fractions are its harmonics.
-    best = int(np.argmax(excess > 0.8 * excess[best]))
+    best = int(np.argmax(excess > FEATURES.lattice_harmonic * excess[best]))
     return float(excess[best]), LATTICE_RANGE / (low + best)

@@ -2,12 +2,9 @@
 
 from collections.abc import Sequence
 
+from flexx2_sim_ros.gap.calibration.constants import FEATURES
 from flexx2_sim_ros.gap.data.covariates import PixelCovariates
 import numpy as np
-
-_SAMPLES = 4096  # pixels whose noise is compared
-_FEWEST = 100
-_SAME = 0.5  # correlation; of cameras' noise it is below 0.1, of one noise on two scenes above 0.9
 
 
 def repeats(grains: Sequence[np.ndarray]) -> np.ndarray:
@@ -57,7 +54,7 @@ def fingerprint(depth: np.ndarray, scenes: Sequence[PixelCovariates]) -> np.ndar
         noise = (error[0] - error.mean(axis=0)).ravel()
     if len(depth) < 2:
         noise = np.full_like(noise, np.nan)
-    noise = noise[:: max(noise.size // _SAMPLES, 1)]
+    noise = noise[:: max(noise.size // FEATURES.same_noise_samples, 1)]
     return np.clip(noise, -6, 6).astype(np.float16)
 
 
@@ -72,7 +69,9 @@ def same_noise(fingerprints: Sequence[np.ndarray]) -> list[int | None]:
         square = noise**2
         spread = np.sqrt((square @ known.T) * (known.astype(np.float32) @ square.T))
         number = known.astype(np.float32) @ known.T
-        alike = (noise @ noise.T > _SAME * spread) & (number >= _FEWEST)
+        alike = (noise @ noise.T > FEATURES.same_noise * spread) & (
+            number >= FEATURES.same_noise_fewest
+        )
         np.fill_diagonal(alike, False)
         for i, row in zip(index, alike, strict=True):
             if row.any():

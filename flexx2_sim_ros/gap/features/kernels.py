@@ -1,13 +1,13 @@
 """Sums over the pixels of a recording, compiled."""
 
+from flexx2_sim_ros.gap.calibration.constants import FEATURES
 from flexx2_sim_ros.physics.philox import FAST
 from numba import njit
 import numpy as np
 
-CLIP = np.float32(6.0)
-_CLIP2 = np.float32(8.5)  # differences of two
-LATTICE_BIN = 1e-4  # metres
-LATTICE_RANGE = 7.5
+# Compiled code takes constants from its module.
+CLIP, _CLIP2 = np.float32(FEATURES.gross), np.float32(FEATURES.gross_change)
+LATTICE_BIN, LATTICE_RANGE = FEATURES.lattice_bin, FEATURES.lattice_range
 WIDTH = 16
 # The last four do not come from running sums; three of them are of all surfaces only.
 (
@@ -33,7 +33,7 @@ _RUNNING = 12
 # the frame before and of neighbours (each: count, sums of both, of their squares, of their
 # products); errors that are no jump to another surface: count, sum in metres.
 SPOT_FRAMES, SPOT_NEIGHBOURS, SPOT_METRES, GROUP_WIDTH = 6, 12, 18, 20
-_JUMP = np.float32(0.25)  # metres
+_JUMP = np.float32(FEATURES.jump)
 
 
 @njit(cache=True, error_model='numpy', nogil=True, fastmath=FAST)

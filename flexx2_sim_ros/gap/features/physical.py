@@ -3,15 +3,14 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from flexx2_sim_ros.gap.calibration.constants import MEASURES
 from flexx2_sim_ros.gap.data.covariates import AXES, PixelCovariates
 from flexx2_sim_ros.gap.features.features import Sums
 from flexx2_sim_ros.gap.features.kernels import EXPECT, N2, N_NEIGHBOUR, NEIGHBOUR, SQUARE2, VALID
 import numpy as np
 
 _REGIONS = AXES['region'].bins
-_BIN_MM = 0.5
-_HALF = 300  # bins on either side of zero
-_NORMAL = 60  # bins of the normalised error, -6..6
+_BIN_MM, _HALF, _NORMAL = MEASURES.bin_mm, MEASURES.half, MEASURES.normal
 UNITS = ('wasserstein_mm', 'invalid_rate', 'kl_nats', 'correlation')
 
 
@@ -46,7 +45,7 @@ def histogram(depth: np.ndarray, scenes: Sequence[PixelCovariates], sums: Sums) 
     regions = (v * 3 // height) * 4 + u * 4 // width
     size = 2 * _HALF + 1
     counts, normal = np.zeros(_REGIONS * size), np.zeros(_NORMAL)
-    for t in range(0, len(depth), 3):
+    for t in range(0, len(depth), MEASURES.every):
         scene = scenes[t] if len(scenes) > 1 else scenes[0]
         with np.errstate(invalid='ignore'):
             inner = np.isfinite(depth[t]) & np.isfinite(scene.clean)
@@ -88,13 +87,13 @@ def distances(real: Measures, other: Measures) -> dict[str, float]:
     """
     total, weight = 0.0, 0.0
     for one, two in zip(real.millimetres, other.millimetres, strict=True):
-        if one.sum() > 50 and two.sum() > 50:
+        if one.sum() > MEASURES.fewest and two.sum() > MEASURES.fewest:
             gap = np.abs(np.cumsum(one / one.sum() - two / two.sum())).sum() * _BIN_MM
             total += gap * one.sum()
             weight += one.sum()
     seen, lost = real.invalid
     seen2, lost2 = other.invalid
-    good = (seen > 50) & (seen2 > 50)
+    good = (seen > MEASURES.fewest) & (seen2 > MEASURES.fewest)
     invalid = (
         float(
             np.average(

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 import math
 
+from flexx2_sim_ros.gap.calibration.constants import FEATURES, WHERE
 from flexx2_sim_ros.gap.data.covariates import AXES, ENDLESS, PixelCovariates, sort_everywhere
 from flexx2_sim_ros.gap.features.evidence import RecordingData
-from flexx2_sim_ros.gap.features.features import CHANNELS
 from flexx2_sim_ros.gap.features.kernels import (
     add_errors,
     GROUP_WIDTH,
@@ -17,16 +17,10 @@ from flexx2_sim_ros.gap.features.kernels import (
 import numpy as np
 
 GROUP_CHANNELS = ('bias', 'log_variance', 'invalid', 'high', 'low', 'lag', 'neighbour')
-GROUP_TOLERANCE = np.array([CHANNELS[name][0] for name in GROUP_CHANNELS])
-_SHARES = 6, 4, 12, 2, 2  # distance, incidence, region, edge, dark
-_STEEP = (20.0, 45.0, 65.0)  # degrees
-_FARTHEST = 5.0
-_DARK = 0.2
-_SAMPLES = 12
-_PER_FRAME, _FEWEST = 75, 300  # pixels that a group needs: a frame, in all
-SURE = 4.0  # standard deviations
-_SPREAD = 1e-4  # variance in sigma^2 below which nothing is said of correlations
-_EDGE_PIXELS = 12  # an edge moves as a whole: this many of its pixels count for one
+GROUP_TOLERANCE = np.array([FEATURES.tolerances[name] for name in GROUP_CHANNELS])
+_BINS = WHERE.groups  # distance, incidence, region, edge, dark
+_SAMPLES = WHERE.samples
+_PER_FRAME, _FEWEST = WHERE.pixels
 
 
 @dataclass(frozen=True)
@@ -88,7 +82,7 @@ class GroupSums:
         frames = clean if clean.ndim == 3 else clean[None]
         self._clean = np.ascontiguousarray(frames)
         self._sigma = np.array([scene.sigma for scene in scenes])
-        self._count = math.prod(_SHARES)
+        self._count = math.prod(_BINS)
         self.samples = np.full((self._count, _SAMPLES, len(ENDLESS)), -1, np.int16)
         self._filled = np.zeros(self._count, np.int64)
         self._cells = np.empty(frames.shape, np.int32)
@@ -150,18 +144,18 @@ class GroupSums:
         some = [_features(sums[enough]) for sums in after]
         own, number = _features(real[enough]), real[enough, 0]
         base = np.mean(plain, axis=0)
-        edge = np.arange(self._count)[enough] // _SHARES[4] % _SHARES[3]
-        alone = np.sqrt(2 * (1 + (_EDGE_PIXELS - 1) * edge) / number)[:, None]
+        edge = np.arange(self._count)[enough] // _BINS[4] % _BINS[3]
+        alone = np.sqrt(2 * (1 + (WHERE.edge_pixels - 1) * edge) / number)[:, None]
         rates = base[:, 2:5]
         deviation = np.hstack(
             [
                 np.exp(base[:, 1:2] / 2),
-                np.full((len(base), 1), 1.5),
+                np.full((len(base), 1), WHERE.deviation),
                 np.sqrt(np.clip(rates * (1 - rates), 0, 1) + 1 / number[:, None]),
                 np.ones((len(base), 2)),
             ]
         )
-        noise = np.nan_to_num(SURE * alone * deviation)
+        noise = np.nan_to_num(WHERE.standard_errors * alone * deviation)
         # The same random numbers: a share that is lost or wrong shows as it is.
         seen = np.where(np.isin(GROUP_CHANNELS, ('invalid', 'high', 'low')), 0, noise)
         few = (
@@ -202,13 +196,13 @@ def _cells(
     height, width = clean.shape
     region = bins[ENDLESS.index('region')] - AXES['region'].start
     edge = bins[ENDLESS.index('edge')] >= 0
-    dark = np.zeros(clean.shape, bool) if reflectivity is None else reflectivity < _DARK
+    dark = np.zeros(clean.shape, bool) if reflectivity is None else reflectivity < WHERE.dark
     far = np.clip(
-        np.nan_to_num(clean) / min(farthest, _FARTHEST) * _SHARES[0], 0, _SHARES[0] - 0.01
+        np.nan_to_num(clean) / min(farthest, WHERE.distances) * _BINS[0], 0, _BINS[0] - 0.01
     ).astype(int)
     cell = np.zeros(clean.shape, int)
     for index, count in zip(
-        (far, np.digitize(incidence, _STEEP), region, edge, dark), _SHARES, strict=True
+        (far, np.digitize(incidence, WHERE.steep), region, edge, dark), _BINS, strict=True
     ):
         cell = cell * count + index
     known = np.zeros(clean.shape, bool)
@@ -243,4 +237,6 @@ def _correlation(sums: np.ndarray, start: int) -> np.ndarray:
     spread = np.sqrt(
         np.maximum(one2 - one**2 / count, 0) * np.maximum(other2 - other**2 / count, 0)
     )
-    return np.where(spread > _SPREAD * count, (product - one * other / count) / spread, 0)
+    return np.where(
+        spread > WHERE.least_variance * count, (product - one * other / count) / spread, 0
+    )

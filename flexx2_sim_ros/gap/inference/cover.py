@@ -3,25 +3,13 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from flexx2_sim_ros.gap.calibration.constants import WHERE
 from flexx2_sim_ros.gap.data.covariates import AXES, ENDLESS
-from flexx2_sim_ros.gap.features.pixel_groups import GROUP_CHANNELS, PixelGroups, SURE
+from flexx2_sim_ros.gap.features.pixel_groups import GROUP_CHANNELS, PixelGroups
 import numpy as np
 
 _NOISE = GROUP_CHANNELS.index('log_variance')
-_MOST = 3  # axes
 _CLASSES = ('recording', 'region')  # whose bins are not in an order
-# What an axis must add to the intersection over union: the more, the finer it cuts.
-_WORTH = {
-    'all': 0.0,
-    'distance': 0.02,
-    'incidence': 0.02,
-    'radius': 0.02,
-    'edge': 0.02,
-    'log_amplitude': 0.02,
-    'region': 0.03,
-    'recording': 0.03,
-    'fine_distance': 0.03,
-}
 
 
 @dataclass(frozen=True)
@@ -101,10 +89,10 @@ def cover(
     inside, outside = weight * differs[:, None], weight * ~differs[:, None]
     named, best = np.zeros(known.shape, bool), 0.0
     chosen: list[tuple[str, np.ndarray]] = []
-    for _ in range(_MOST):
+    for _ in range(WHERE.most_conditions):
         tries = [(*_pick(place, inside, outside, named), name) for name, place in bins.items()]
-        value, some, name = max(tries, key=lambda one: one[0] - _WORTH[one[2]])
-        if value - _WORTH[name] <= best:
+        value, some, name = max(tries, key=lambda one: one[0] - WHERE.worth[one[2]])
+        if value - WHERE.worth[name] <= best:
             break
         best = value
         chosen.append((name, some))
@@ -121,7 +109,7 @@ def cover(
                     first,
                     last,
                     share @ difference / total,
-                    np.sqrt(np.square(share) @ np.square(limit / SURE)) / total,
+                    np.sqrt(np.square(share) @ np.square(limit / WHERE.standard_errors)) / total,
                     share @ shown / total,
                     float(share @ bias / total),
                 )

@@ -3,14 +3,13 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from flexx2_sim_ros.gap.calibration.constants import THRESHOLDS, Thresholds
 from flexx2_sim_ros.gap.features.catalogue import Candidate
 from flexx2_sim_ros.gap.inference.fitting import Fit
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.inference.selection import (
     best_of_each,
     Choice,
-    FLOOR,
-    GAP,
     select,
     Selection,
     Trials,
@@ -18,12 +17,6 @@ from flexx2_sim_ros.gap.inference.selection import (
 )
 from flexx2_sim_ros.gap.inference.uncertainty import certainty, ratio_interval
 import numpy as np
-
-_ALTERNATIVE = 0.8
-_SURE = 0.95  # of two explanations the better one
-_MOST_ALTERNATIVES, _NEAREST = 5, 3
-_UNKNOWN_SHARE = 0.08
-_PARTLY_SHARE = 0.5
 
 
 @dataclass(frozen=True)
@@ -89,7 +82,10 @@ class Decision:
 
 
 def decide(
-    model: Model, candidates: Sequence[Candidate], tick: Callable[[], None] = lambda: None
+    model: Model,
+    candidates: Sequence[Candidate],
+    tick: Callable[[], None] = lambda: None,
+    thresholds: Thresholds = THRESHOLDS,
 ) -> Decision:
     """
     Explain the gap.
@@ -102,9 +98,11 @@ def decide(
         The catalogue.
     tick : callable
         Called now and then.
+    thresholds : Thresholds
+        From when on an effect is a finding.
 
     """
-    trials = Trials(model)
+    trials = Trials(model, thresholds)
     singles = []
     for candidate in candidates:
         singles.append(trials.single(candidate))
@@ -116,10 +114,10 @@ def decide(
     without = without_each(trials, chosen)
     verdict = _verdict(trials, found, excess)
     if verdict == 'unknown':
-        nearest, instead = considered[:_NEAREST], trials.base
+        nearest, instead = considered[: thresholds.nearest], trials.base
     else:
-        nearest, instead = _equals(selection), chosen.fit
-    rivals = selection.rivals[:_MOST_ALTERNATIVES]
+        nearest, instead = _equals(selection, thresholds), chosen.fit
+    rivals = selection.rivals[: thresholds.most_alternatives]
     return Decision(
         verdict,
         trials.base,
@@ -141,15 +139,15 @@ def _as_in_catalogue(trials: Trials, found: Choice) -> Choice:
     return trials.choice([c.given or c for c in parts], found.fit.values)
 
 
-def _equals(selection: Selection) -> list[Choice]:
+def _equals(selection: Selection, about: Thresholds) -> list[Choice]:
     # Rivals of the last effect that explain about as much and cannot be told from it.
     added = selection.chosen.gain - selection.gained
     return [
         c
         for c in selection.rivals
-        if c.gain - selection.gained >= _ALTERNATIVE * added > 0
-        and certainty(selection.chosen.fit, c.fit) < _SURE
-    ][:_MOST_ALTERNATIVES]
+        if c.gain - selection.gained >= about.alternative * added > 0
+        and certainty(selection.chosen.fit, c.fit) < about.sure
+    ][: about.most_alternatives]
 
 
 def _alternative(trials: Trials, excess: float, one: Fit, chosen: Fit) -> Alternative:
@@ -167,15 +165,16 @@ def _alternative(trials: Trials, excess: float, one: Fit, chosen: Fit) -> Altern
 
 def _verdict(trials: Trials, chosen: Choice, excess: float) -> str:
     count, left = trials.count, chosen.fit.loss.sum() - trials.null
+    about = trials.thresholds
     if not trials.counts(chosen, excess):
-        return 'none' if excess < GAP * count else 'unknown'
-    much = left > GAP * count
+        return 'none' if excess < about.gap * count else 'unknown'
+    much = left > about.gap * count
     # A pose error common to all recordings hides in their own: it takes little off the features.
     posed = any(c.kind.role == 'pose' for c in chosen.fit.candidates)
     explained = trials.base.total - chosen.fit.total
-    if much and explained < _UNKNOWN_SHARE * excess and not posed:
+    if much and explained < about.unknown * excess and not posed:
         return 'unknown'
-    return 'partly' if much and left > _PARTLY_SHARE * excess else 'identified'
+    return 'partly' if much and left > about.partly * excess else 'identified'
 
 
 def _interval(trials: Trials, without: Fit, chosen: Fit) -> list[float]:
@@ -186,7 +185,7 @@ def _interval(trials: Trials, without: Fit, chosen: Fit) -> list[float]:
     bottom = (
         base.loss
         - trials.model.null_loss.sum(axis=1)
-        - FLOOR
+        - trials.thresholds.floor
         + (base.pose_loss - chosen.pose_loss) / count
     )
     return ratio_interval(top, bottom)

@@ -22,12 +22,6 @@ from flexx2_sim_ros.gap.inference.normal_equations import (
 )
 import numpy as np
 
-# The base sigma is wrong by some 5 %; what that costs at twice as much is four times this, so that
-# one wrong by less than 15 % is no finding.
-_SIGMA_SPREAD, _SIGMA_WEIGHT, SIGMA_BOUND = 0.05, 0.8, 0.16
-SCALES = (20.0, 6.0, 2.0, 1.0, 1.0, 1.0)
-_NUISANCE_STEPS = 2
-
 
 @dataclass
 class Fit:
@@ -110,7 +104,7 @@ def fit(
     model: Model,
     candidates: Sequence[Candidate],
     start: np.ndarray | None = None,
-    scales: Sequence[float] = SCALES,
+    scales: Sequence[float] | None = None,
 ) -> Fit:
     """
     Fit a set of candidates robustly, and again without each recording.
@@ -126,7 +120,7 @@ def fit(
         The set; empty for the base simulator alone.
     start : numpy.ndarray, optional
         (n,) values to start from; the neutral ones when left out.
-    scales : sequence of float
+    scales : sequence of float, optional
         Scale of the loss in each step, in units of the features' own; at least one.
 
     """
@@ -134,7 +128,8 @@ def fit(
     terms = [term for candidate in candidates for term in candidate.terms]
     values = np.array([t.neutral for t in terms]) if start is None else np.array(start, float)
     now = _Estimate(values, 0.0, np.zeros((len(model.gap), NUISANCES)))
-    for scale in scales:
+    about = model.constants
+    for scale in scales or about.scales:
         before, equations = now, _equations(problem, now, scale)
         now = _step(problem, before, equations)
     left_out = np.clip(
@@ -145,7 +140,7 @@ def fit(
     loss, nuisances = _refit_nuisances(problem, problem.tiled(now.values), now)
     now = _Estimate(now.values, now.sigma, nuisances)
     held_out, others = _refit_nuisances(problem, left_out, now)
-    sigma_loss = _SIGMA_WEIGHT * (now.sigma / _SIGMA_SPREAD) ** 2
+    sigma_loss = about.sigma_weight * (now.sigma / about.sigma_spread) ** 2
     common = problem.common_pose
     return Fit(
         problem.candidates,
@@ -169,7 +164,7 @@ def _problem(model: Model, candidates: Sequence[Candidate]) -> _Problem:
         np.array([t.low for t in terms]),
         np.array([t.high for t in terms]),
         # Excess noise and a wrong base sigma are the same thing: only one of them is free.
-        0.0 if 'sigma' in roles else SIGMA_BOUND,
+        0.0 if 'sigma' in roles else model.constants.sigma_bound,
         'pose' in roles,
     )
 
@@ -195,7 +190,8 @@ def _equations(problem: _Problem, now: _Estimate, scale: float) -> SharedEquatio
     right[:, shared:] -= stiff * off
     equations = eliminate_nuisances(normal, right, shared)
     # Sigma's prior is split among the recordings, so that fits without one of them have it too.
-    stiffness = _SIGMA_WEIGHT / _SIGMA_SPREAD**2 / len(model.gap)
+    about = model.constants
+    stiffness = about.sigma_weight / about.sigma_spread**2 / len(model.gap)
     equations.normal[:, terms, terms] += stiffness
     equations.right[:, terms] -= stiffness * now.sigma
     return equations
@@ -222,7 +218,7 @@ def _refit_nuisances(
     model, nuisances = problem.model, now.nuisances
     columns, shift = model.nuisance_columns(problem.candidates, values)
     gap, wide2 = model.gap - shift - model.sigma_shift(now.sigma), model.wide2(shift)
-    for _ in range(_NUISANCE_STEPS):
+    for _ in range(model.constants.nuisance_steps):
         residual = gap - combine(nuisances, columns)
         weight = cauchy_weights(model.weights, residual, wide2)
         stiff, off = model.nuisance_prior(nuisances, problem.common_pose)

@@ -4,41 +4,20 @@ from collections.abc import Sequence
 from typing import Any
 
 from flexx2_sim_ros.effects import loadable
+from flexx2_sim_ros.gap.calibration.constants import LOSS, Loss
 from flexx2_sim_ros.gap.data.covariates import AXES
 from flexx2_sim_ros.gap.data.pose import STEPS
 from flexx2_sim_ros.gap.features.catalogue import Candidate, Column, Decaying, nuisances, Term
 from flexx2_sim_ros.gap.features.evidence import Evidence
-from flexx2_sim_ros.gap.features.features import LAYOUT, SIZE, STRUCTURES, TOLERANCE
+from flexx2_sim_ros.gap.features.features import LAYOUT, SIZE, STRUCTURE_UNITS, TOLERANCE
 from flexx2_sim_ros.gap.features.grain import repeats, same_noise
 import numpy as np
 
-_BRIGHTNESS_WEIGHT = 1.5
-_POSE_WEIGHT = 0.5
-_POSE_FLOOR = np.array([0.25, 0.25, 0.25, 0.3, 0.3, 0.15])  # steps
-# Edges are known to a pixel only: those on each side may lie elsewhere by this much, pixels.
-_EDGE_SHIFT = 0.4
-_EDGE_WEIGHT = 0.5
-# Edges are known the worse the further the camera is from where it was believed to be: factor on
-# the variance for poses as wrong as usual.
-_EDGES_MOVED = 6.0
 NUISANCES = 11  # of each recording: pose (6), brightness, edges (4)
-_STRUCTURE = {name: SIZE - len(STRUCTURES) + i for i, name in enumerate(STRUCTURES)}
-# Share by which the number of pixels that are lost or grossly wrong may differ from what the
-# catalogue's model of an effect says: where that begins is no more than a form that fits, and next
-# to the tolerances large effects would never be explained.
-_MISMATCH2 = np.array(
-    [0.25**2 if f.channel in ('invalid', 'high', 'low') else 0.0 for f in LAYOUT], np.float32
-)
-# What edges show hangs together, for all of it shifts with where they are taken to be.
-_EDGE_SHARE = 1.0
-_WEIGHTS = np.array(
-    [
-        3.0
-        if f.axis == 'structure'
-        else (_EDGE_SHARE if f.axis == 'edge' else 1.0) / np.sqrt(AXES[f.axis].bins)
-        for f in LAYOUT
-    ]
-)
+_STRUCTURE = {name: SIZE - len(STRUCTURE_UNITS) + i for i, name in enumerate(STRUCTURE_UNITS)}
+_COUNTED = np.array([f.channel in ('invalid', 'high', 'low') for f in LAYOUT])
+_STRUCTURED = np.array([f.axis == 'structure' for f in LAYOUT])
+_BINS = np.array([1 if f.axis == 'structure' else AXES[f.axis].bins for f in LAYOUT])
 
 
 class Model:
@@ -52,6 +31,8 @@ class Model:
         Of the evidence.
     prior : numpy.ndarray
         (6,) standard deviations of pose errors, metres and degrees.
+    constants : Loss
+        Weights and priors.
 
     Attributes
     ----------
@@ -63,9 +44,14 @@ class Model:
     """
 
     def __init__(
-        self, evidence: Sequence[Evidence], columns: Sequence[Column], prior: np.ndarray
+        self,
+        evidence: Sequence[Evidence],
+        columns: Sequence[Column],
+        prior: np.ndarray,
+        constants: Loss = LOSS,
     ) -> None:
         """Stack the summaries."""
+        self.constants = constants
         self.evidence = list(evidence)
         self.pose_centre: np.ndarray | None = None
         self._nodes: dict[tuple[Any, ...], tuple[np.ndarray, np.ndarray]] = {}
@@ -79,11 +65,16 @@ class Model:
         real[[one is not None for one in self.same_noise], repeat] = np.nan
         base[:, repeat] = repeats([e.null_grain for e in evidence])
         noise = np.array([e.noise + e.base_variance for e in evidence])
-        self.scale2 = np.square(TOLERANCE) + 2 * np.nan_to_num(noise, posinf=0.0)
+        self.scale2 = np.square(TOLERANCE) + constants.noise_factor * np.nan_to_num(
+            noise, posinf=0.0
+        )
         gap = real - base
         self.good = np.isfinite(gap)
         self.gap = np.where(self.good, gap, 0.0)
-        self.weights = np.where(self.good, _WEIGHTS, 0.0)
+        self.weights = np.where(
+            self.good, np.where(_STRUCTURED, constants.structure_weight, 1 / np.sqrt(_BINS)), 0.0
+        )
+        self._mismatch2 = np.where(_COUNTED, constants.mismatch**2, 0.0).astype(np.float32)
         self.pose_columns = np.array([e.pose_columns for e in evidence])
         self.pose = np.array([e.pose for e in evidence]) / STEPS
         self.prior = prior / STEPS
@@ -97,9 +88,9 @@ class Model:
                 ],
                 axis=1,
             )
-            * _EDGE_SHIFT
+            * constants.edge_shift
         )
-        far = 1 + _EDGES_MOVED * np.square(self.pose / self.prior).mean(axis=1)
+        far = 1 + constants.edges_moved * np.square(self.pose / self.prior).mean(axis=1)
         self.scale2 += far[:, None] * np.array([e.displaced for e in evidence])
         self._columns = np.array([e.columns for e in evidence])
         self._repeat_shift(columns, base)
@@ -194,7 +185,7 @@ class Model:
 
     def wide2(self, shift: np.ndarray) -> np.ndarray:
         """Return the squared scale of the loss, (R, SIZE), where effects change ``shift``."""
-        return self.scale2 + _MISMATCH2 * shift**2
+        return self.scale2 + self._mismatch2 * shift**2
 
     def sigma_column(self, sigma: float) -> np.ndarray:
         """Return the features' slope, (R, SIZE), with the base sigma's relative error."""
@@ -251,16 +242,16 @@ class Model:
             Whether the common pose error is that of the other recordings.
 
         """
-        q = self.pose + nuisances[:, :6]
+        q, about = self.pose + nuisances[:, :6], self.constants
         if self.pose_centre is not None:
             q = q - self.pose_centre / STEPS
         elif common_pose:
             q = (q - q.mean(axis=0)) * (len(q) / max(len(q) - 1, 1) if held_out else 1.0)
         spread = (q**2).mean(axis=0)
         return float(
-            _POSE_WEIGHT * len(q) * np.log1p(spread / _POSE_FLOOR**2).sum()
-            + _BRIGHTNESS_WEIGHT * np.square(nuisances[:, 6]).sum()
-            + _EDGE_WEIGHT * np.square(nuisances[:, 7:]).sum()
+            about.pose_weight * len(q) * np.log1p(spread / np.array(about.pose_floor) ** 2).sum()
+            + about.brightness_weight * np.square(nuisances[:, 6]).sum()
+            + about.edge_weight * np.square(nuisances[:, 7:]).sum()
         )
 
     def nuisance_prior(
@@ -291,9 +282,10 @@ class Model:
             else 0.0
         )
         off = q - centre
-        stiff = _POSE_WEIGHT / (_POSE_FLOOR**2 + (off**2).mean(axis=0))
+        about = self.constants
+        stiff = about.pose_weight / (np.array(about.pose_floor) ** 2 + (off**2).mean(axis=0))
         return (
-            np.concatenate([stiff, [_BRIGHTNESS_WEIGHT], [_EDGE_WEIGHT] * 4]),
+            np.concatenate([stiff, [about.brightness_weight], [about.edge_weight] * 4]),
             np.concatenate([off, nuisances[:, 6:]], axis=1),
         )
 

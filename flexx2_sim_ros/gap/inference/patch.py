@@ -4,10 +4,10 @@ from typing import Any
 
 from flexx2_sim_ros.effects import Effect
 from flexx2_sim_ros.effects.patch import COVARIATES, ResidualPatch
+from flexx2_sim_ros.gap.calibration.constants import THRESHOLDS
 from flexx2_sim_ros.gap.data.covariates import AXES
 from flexx2_sim_ros.gap.features.features import LAYOUT
 from flexx2_sim_ros.gap.inference.model import Model
-from flexx2_sim_ros.gap.inference.selection import FLOOR
 from flexx2_sim_ros.gap.inference.where import mean_sigma
 import numpy as np
 
@@ -44,7 +44,7 @@ def fit_patch(model: Model, residual: np.ndarray) -> tuple[Effect, str, float]:
             model.losses(np.where(np.isin(np.arange(one.shape[1]), everywhere), one, 0)).sum()
             for one in (residual, left)
         )
-        share = float((before - after) / max(before, FLOOR))
+        share = float((before - after) / max(before, THRESHOLDS.floor))
         if share > best_share:
             best, best_share = name, share
     mean = _mean(model, residual, slice(None))

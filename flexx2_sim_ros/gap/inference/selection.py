@@ -9,32 +9,12 @@ Tibshirani and Friedman, The Elements of Statistical Learning, 2009, section 3.3
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
+from flexx2_sim_ros.gap.calibration.constants import THRESHOLDS, Thresholds
 from flexx2_sim_ros.gap.features.catalogue import Candidate
-from flexx2_sim_ros.gap.inference.fitting import Fit, fit, SCALES
+from flexx2_sim_ros.gap.inference.fitting import Fit, fit
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.inference.uncertainty import certainty
 import numpy as np
-
-# Calibrated on campaigns of the base simulator with pose, reflectivity and sigma errors, and on
-# campaigns of the catalogue's and of made-up effects (bench/gap_development.py); a recording.
-GAIN = 1.0
-LEAST_GAIN = 0.5  # if the recordings agree, or there is a gap beyond doubt
-_AGREE = 0.97
-GAP = 5.5
-_BEYOND_DOUBT = 2.0  # times that
-MOST_EFFECTS = 6
-_FILTERED = (0.8, 1.5)  # how much of a filter, and of noise, to begin with
-NEXT_GAIN = 1.5
-_TERM_COST = 0.5  # a recording
-_WEAK_COST = 0.25  # a recording and factor of e below 0.4 of the usual strength
-_FROM_NODE = (3.0, 1.0, 1.0)
-_NEXT_SHARE = 0.04  # half of it while less than half is explained
-# Poses that scatter by more than this share of what is usual are a finding of their own.
-_SCATTERED = 0.48
-_NEXT_TO_SCATTERED = 0.15  # for they leave edges behind
-# Loss a recording that the base simulator with errors of pose and reflectivity leaves above that
-# of noise alone: edges are known to a pixel only.
-FLOOR = 4.0
 
 
 @dataclass(frozen=True)
@@ -84,11 +64,15 @@ class Trials:
     ----------
     model : Model
         The recordings.
+    thresholds : Thresholds
+        From when on an effect is a finding.
 
     Attributes
     ----------
     model : Model
         The recordings.
+    thresholds : Thresholds
+        Likewise.
     count : int
         How many there are.
     base : Fit
@@ -98,23 +82,25 @@ class Trials:
 
     """
 
-    def __init__(self, model: Model) -> None:
+    def __init__(self, model: Model, thresholds: Thresholds = THRESHOLDS) -> None:
         """Fit the base simulator."""
-        self.model = model
+        self.model, self.thresholds = model, thresholds
         self.count = len(model.gap)
         self.base = fit(model, [])
-        self.null = float(model.null_loss.sum()) + FLOOR * self.count
+        self.null = float(model.null_loss.sum()) + thresholds.floor * self.count
 
     def choice(
         self,
         parts: Sequence[Candidate],
         start: np.ndarray | None = None,
-        scales: Sequence[float] = SCALES,
+        scales: Sequence[float] | None = None,
     ) -> Choice:
         """Fit a candidate set; arguments as for `fit`."""
         one = fit(self.model, parts, start, scales)
-        terms = len(one.values) + 2 * any(c.kind.role == 'pose' for c in parts)
-        cost = self.count * (_TERM_COST * terms + _oddity(one))
+        about = self.thresholds
+        posed = any(c.kind.role == 'pose' for c in parts)
+        terms = len(one.values) + about.pose_terms * posed
+        cost = self.count * (about.term_cost * terms + _oddity(one, about))
         return Choice(one, self.base.total - one.total - cost)
 
     def single(self, candidate: Candidate) -> Choice:
@@ -122,7 +108,9 @@ class Trials:
         tries = [self.choice([candidate])]
         if len(candidate.terms) == 1 and len(candidate.terms[0].nodes) > 1:
             value, _ = candidate.terms[0].nodes[len(candidate.terms[0].nodes) // 2]
-            tries.append(self.choice([candidate], np.array([value]), _FROM_NODE))
+            tries.append(
+                self.choice([candidate], np.array([value]), self.model.constants.scales_from_value)
+            )
         return max(tries, key=_gain)
 
     def excess(self, chosen: Choice) -> float:
@@ -131,11 +119,12 @@ class Trials:
 
     def counts(self, chosen: Choice, excess: float) -> bool:
         """Return whether a set takes off enough to be a finding."""
-        return chosen.gain >= GAIN * self.count or (
-            chosen.gain >= LEAST_GAIN * self.count
+        about = self.thresholds
+        return chosen.gain >= about.gain * self.count or (
+            chosen.gain >= about.least_gain * self.count
             and (
-                excess >= _BEYOND_DOUBT * GAP * self.count
-                or certainty(chosen.fit, self.base) >= _AGREE
+                excess >= about.beyond_doubt * about.gap * self.count
+                or certainty(chosen.fit, self.base) >= about.agree
             )
         )
 
@@ -161,19 +150,20 @@ def select(
         Called now and then.
 
     """
-    posed = [c for c in candidates if c.kind.role == 'pose']
-    scattered = bool(posed) and trials.model.pose_scatter() > _SCATTERED
+    about, posed = trials.thresholds, [c for c in candidates if c.kind.role == 'pose']
+    scattered = bool(posed) and trials.model.pose_scatter() > about.scattered
     considered = best_of_each(singles)
     if scattered:
         pose = trials.choice(posed)
-        first = Selection(Choice(pose.fit, max(pose.gain, GAIN * trials.count)))
+        first = Selection(Choice(pose.fit, max(pose.gain, about.gain * trials.count)))
     else:
         first = Selection(considered[0] if considered else Choice(trials.base, 0.0))
         first = Selection(first.chosen, tuple(considered[1:]))
     if not trials.counts(first.chosen, trials.excess(first.chosen)):
         return first
     own = {one.fit.candidates[0]: one.fit.values for one in singles}
-    least = (_NEXT_TO_SCATTERED if scattered else _NEXT_SHARE) * trials.excess(first.chosen)
+    fraction = about.next_to_scattered if scattered else about.next_fraction
+    least = fraction * trials.excess(first.chosen)
     grown = _grow(trials, candidates, first, own, least, tick)
     return grown if scattered else _without_stand_ins(trials, grown, considered)
 
@@ -200,10 +190,10 @@ def _grow(
     tick: Callable[[], None],
 ) -> Selection:
     # Add effects until none adds enough.
-    now, excess = first, trials.excess(first.chosen)
-    for _ in range(MOST_EFFECTS - 1):
-        little = trials.base.total - now.chosen.fit.total < 0.5 * excess
-        enough = max(NEXT_GAIN * trials.count, least * (0.5 if little else 1))
+    now, excess, about = first, trials.excess(first.chosen), trials.thresholds
+    for _ in range(about.most_effects - 1):
+        little = trials.base.total - now.chosen.fit.total < about.explained_little * excess
+        enough = max(about.next_gain * trials.count, least * (0.5 if little else 1))
         larger = _with_one_more(trials, candidates, now.chosen, own, enough, tick)
         if larger is None:
             break
@@ -231,7 +221,7 @@ def _with_one_more(
     best = max(more, key=_gain)
     if best.gain - chosen.gain < enough:
         best = max(_filters_with_noise(trials, candidates, chosen), key=_gain, default=best)
-        if best.gain - chosen.gain < 2 * enough:
+        if best.gain - chosen.gain < trials.thresholds.filter_gain * enough:
             return None
         more = [best]
     rivals = tuple(c for c in best_of_each(more, last=True) if c is not best)
@@ -246,7 +236,7 @@ def _filters_with_noise(
     noise = [c for c in candidates if c.kind.role == 'sigma']
     if not noise or any(one.effect in taken for one in noise):
         return []
-    start = np.concatenate([chosen.fit.values, _FILTERED])
+    start = np.concatenate([chosen.fit.values, trials.thresholds.filtered])
     return [
         trials.choice([*chosen.fit.candidates, one, *noise], start)
         for one in candidates
@@ -262,7 +252,7 @@ def _without_stand_ins(
     chosen = grown.chosen
     while len(chosen.fit.candidates) > 1:
         best = max(without_each(trials, chosen), key=_gain)
-        if chosen.gain - best.gain >= NEXT_GAIN * trials.count:
+        if chosen.gain - best.gain >= trials.thresholds.next_gain * trials.count:
             break
         chosen = best
     if chosen is grown.chosen:
@@ -281,7 +271,7 @@ def without_each(trials: Trials, chosen: Choice) -> list[Choice]:
     return [trials.choice([c for c in parts if c is not part]) for part in parts]
 
 
-def _oddity(one: Fit) -> float:
+def _oddity(one: Fit, about: Thresholds) -> float:
     # An effect much weaker than usual is less likely than another one of usual strength.
     cost, i = 0.0, 0
     for candidate in one.candidates:
@@ -290,6 +280,6 @@ def _oddity(one: Fit) -> float:
             term = candidate.terms[0]
             usual = abs(term.nodes[len(term.nodes) // 2][0] - term.neutral)
             size = max(abs(float(one.values[i]) - term.neutral), 1e-3 * usual)
-            cost += _WEAK_COST * max(np.log(usual / size) - np.log(2.5), 0.0)
+            cost += about.weak_cost * max(np.log(usual / size) - np.log(about.weak), 0.0)
         i += len(candidate.terms)
     return cost

@@ -2,11 +2,11 @@
 
 import math
 
+from flexx2_sim_ros.gap.calibration.constants import THRESHOLDS
 from flexx2_sim_ros.gap.inference.fitting import Fit
 import numpy as np
 from scipy import stats
 
-_LEAST_ERROR = 0.25  # of a mean difference of losses: few recordings may agree by chance
 _CONFIDENCE = 0.95  # one-sided; 90 % intervals
 
 
@@ -31,7 +31,7 @@ def certainty(one: Fit, other: Fit) -> float:
     difference = other.held_out - one.held_out + (other.pose_held_out - one.pose_held_out) / count
     if count < 2:
         return 0.5
-    error = float(difference.std(ddof=1)) / np.sqrt(count) + _LEAST_ERROR
+    error = float(difference.std(ddof=1)) / np.sqrt(count) + THRESHOLDS.least_error
     t = float(difference.mean()) / error
     return float(stats.t.cdf(t, count - 1))
 

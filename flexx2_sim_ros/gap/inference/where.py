@@ -3,13 +3,13 @@
 from collections.abc import Sequence
 from typing import Any
 
+from flexx2_sim_ros.gap.calibration.constants import WHERE
 from flexx2_sim_ros.gap.data.covariates import AXES
 from flexx2_sim_ros.gap.features.features import (
-    CHANNELS,
+    CHANNEL_UNITS,
     LAYOUT,
     likeness,
     STRUCTURE_UNITS,
-    STRUCTURES,
     TOLERANCE,
 )
 from flexx2_sim_ros.gap.features.pixel_groups import GROUP_CHANNELS, GROUP_TOLERANCE, PixelGroups
@@ -18,22 +18,6 @@ from flexx2_sim_ros.gap.inference.model import Model
 import numpy as np
 from scipy import stats
 
-_MOST = 60
-_DEGREES = 100  # noise is known that well
-_ALL_OVER = 0.85  # of the pixels
-_SURE = 0.1  # false-discovery rate
-# Ways to cut the surfaces up, of which the one that shows a channel's differences best is told:
-# cut along any other, they are averaged with what does not differ. Finer ones must do better.
-_CUTS = {
-    'all': 1.0,
-    'distance': 0.9,
-    'incidence': 0.9,
-    'radius': 0.9,
-    'region': 0.8,
-    'log_amplitude': 0.9,
-    'fine_distance': 0.8,
-    'recording': 0.5,
-}
 _BESIDES = ('concavity', 'speed')  # told too where they show more
 _ALWAYS = ('edge', 'beyond', 'structure')  # no surfaces
 _EDGE = [
@@ -45,7 +29,9 @@ _EDGE = [
 # What surfaces cut up tell nothing of: kept beside conditions on pixels.
 _BESIDE = ('structure', 'nothing there', 'beyond the range', *_BESIDES)
 _AT_EDGES = np.array([f.axis == 'edge' for f in LAYOUT])
-_IN_SIGMA = np.array([f.axis != 'structure' and CHANNELS[f.channel][1] == 'sigma' for f in LAYOUT])
+_IN_SIGMA = np.array(
+    [f.axis != 'structure' and CHANNEL_UNITS[f.channel] == 'sigma' for f in LAYOUT]
+)
 _BINS = np.array([0 if f.axis == 'structure' else AXES[f.axis].start + f.place for f in LAYOUT])
 _INDEX = {(f.channel, f.axis, f.place): i for i, f in enumerate(LAYOUT)}
 
@@ -105,7 +91,7 @@ def _rows(one: WhereCondition, names: list[str]) -> list[tuple[float, dict[str, 
     if one.axis == 'recording':
         cell.update(low=one.first, high=one.first, detail=names[one.first])
     for k in np.flatnonzero(ratio >= min(1.0, float(ratio.max()))):
-        size, unit = float(one.size[k]), CHANNELS[GROUP_CHANNELS[k]][1]
+        size, unit = float(one.size[k]), CHANNEL_UNITS[GROUP_CHANNELS[k]]
         if unit == 'sigma':
             size, unit = one.bias * 1000, 'mm'
         out.append(
@@ -166,34 +152,39 @@ def cells(
     physical, gross = _in_units(model, difference if shown is None else shown), False
     with np.errstate(invalid='ignore', divide='ignore'):
         sizes = physical.sum(axis=0) / count
-    for channel in CHANNELS:
+    for channel in CHANNEL_UNITS:
         best, *others = _axes_to_tell(
             model, channel, np.where(usable, mean, 0), variance, weights, each, own
         )
-        index = [i for i in _indices(channel, best) if usable[i] and q[i] < _SURE]
+        index = [
+            i for i in _indices(channel, best) if usable[i] and q[i] < WHERE.false_discoveries
+        ]
         if best == 'recording':
             found += _recordings(model, channel, each, own, physical)
-        elif sum(weights[_BINS[i]] for i in index) > _ALL_OVER * weights[0]:
+        elif sum(weights[_BINS[i]] for i in index) > WHERE.all_over * weights[0]:
             index, others = _indices(channel, 'all'), []
         if channel == 'kurtosis' and gross:
             continue  # Gross errors make it so, wherever they are.
         gross |= channel in ('high', 'low') and bool(index)
         for name in others:
-            some = [i for i in _indices(channel, name) if usable[i] and q[i] < _SURE]
+            some = [
+                i for i in _indices(channel, name) if usable[i] and q[i] < WHERE.false_discoveries
+            ]
             # Along these only what is found here and not there says anything.
             if name in _ALWAYS or (
-                weights[_BINS[some]].sum() < 0.5 * weights[_BINS[_indices(channel, name)]].sum()
+                weights[_BINS[some]].sum()
+                < WHERE.selective * weights[_BINS[_indices(channel, name)]].sum()
             ):
                 index += some
         found += [
             (abs(mean[i]) / TOLERANCE[i], _cell(i, float(sizes[i]), float(q[i]))) for i in index
         ]
-    for name in STRUCTURES:
+    for name in STRUCTURE_UNITS:
         i = _INDEX[name, 'structure', 0]
-        if usable[i] and q[i] < _SURE:
+        if usable[i] and q[i] < WHERE.false_discoveries:
             found.append((abs(mean[i]) / TOLERANCE[i], _cell(i, float(sizes[i]), float(q[i]))))
     found.sort(key=lambda item: -item[0])
-    return found[:_MOST]
+    return found[: WHERE.most]
 
 
 def _axes_to_tell(
@@ -207,7 +198,7 @@ def _axes_to_tell(
 ) -> list[str]:
     # A channel's mean square difference, cut along each axis, less what noise gives.
     power = {}
-    for name in (*_CUTS, *_BESIDES):
+    for name in (*WHERE.cuts, *_BESIDES):
         if name == 'recording':
             i = _INDEX[channel, 'all', 0]
             weight = np.array([e.counts[0] for e in model.evidence]) * model.good[:, i]
@@ -220,10 +211,10 @@ def _axes_to_tell(
             weight = weights[axis.start : axis.start + axis.bins]
             square = mean[index] ** 2 - np.nan_to_num(variance[index], posinf=0.0)
         power[name] = float((weight * square).sum() / max(weight.sum(), 1.0))
-    best = max(_CUTS, key=lambda name: _CUTS[name] * power.get(name, -np.inf))
+    best = max(WHERE.cuts, key=lambda name: WHERE.cuts[name] * power.get(name, -np.inf))
     return [
         best,
-        *(name for name in _BESIDES if power.get(name, 0.0) > 1.2 * power[best]),
+        *(name for name in _BESIDES if power.get(name, 0.0) > WHERE.besides * power[best]),
         *(name for name in _ALWAYS if _indices(channel, name)),
     ]
 
@@ -246,7 +237,7 @@ def _recordings(
     p = _tail(each[:, i], TOLERANCE[i], own[:, i])
     out = []
     for r, (size, q) in enumerate(zip(each[:, i], stats.false_discovery_control(p), strict=True)):
-        if model.good[r, i] and q < _SURE:
+        if model.good[r, i] and q < WHERE.false_discoveries:
             cell = _cell(i, float(physical[r, i]), float(q))
             cell.update(covariate='recording', low=r, high=r, detail=model.evidence[r].name)
             out.append((abs(float(size)) / float(TOLERANCE[i]), cell))
@@ -256,7 +247,7 @@ def _recordings(
 def _tail(size: np.ndarray, limit: Any, variance: np.ndarray) -> np.ndarray:
     # Probability of a difference so far beyond what matters.
     beyond = np.maximum(np.abs(size) - limit, 0) / np.sqrt(np.maximum(variance, 1e-12))
-    return np.asarray(stats.t.sf(beyond, _DEGREES))
+    return np.asarray(stats.t.sf(beyond, WHERE.degrees))
 
 
 def mean_sigma(model: Model) -> np.ndarray:
@@ -284,7 +275,7 @@ def _cell(index: int, size: float, q: float) -> dict[str, Any]:
         out['detail'] = _EDGE[feature.place]
     if feature.channel == 'lag':
         out['size'] = float(likeness(size))
-    out['unit_size'] = 'mm' if _IN_SIGMA[index] else CHANNELS[feature.channel][1]
+    out['unit_size'] = 'mm' if _IN_SIGMA[index] else CHANNEL_UNITS[feature.channel]
     return out
 
 
@@ -328,7 +319,7 @@ def unexplained(model: Model, residual: np.ndarray, base: np.ndarray) -> list[di
 
     """
     loss = (model.weights * np.log1p(residual**2 / model.scale2)).sum(axis=0) - base
-    names = [*CHANNELS, *STRUCTURES]
+    names = [*CHANNEL_UNITS, *STRUCTURE_UNITS]
     groups = {
         name: sum(float(loss[i]) for i, f in enumerate(LAYOUT) if f.channel == name)
         for name in names
@@ -337,5 +328,5 @@ def unexplained(model: Model, residual: np.ndarray, base: np.ndarray) -> list[di
     return [
         {'structure': name, 'loss': value, 'share': value / total}
         for name, value in sorted(groups.items(), key=lambda item: -item[1])
-        if value > 0.05 * total
+        if value > WHERE.others * total
     ]

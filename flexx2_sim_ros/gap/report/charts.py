@@ -3,9 +3,10 @@
 from collections.abc import Sequence
 from html import escape
 
+from flexx2_sim_ros.gap.calibration.constants import FEATURES
 from flexx2_sim_ros.gap.data.covariates import AXES, Axis, TILE_COLUMNS, TILE_ROWS
 from flexx2_sim_ros.gap.features.confirm import Outcome
-from flexx2_sim_ros.gap.features.features import CHANNELS, LAYOUT, likeness
+from flexx2_sim_ros.gap.features.features import LAYOUT, likeness
 from flexx2_sim_ros.gap.report.drawing import curves, picture
 import numpy as np
 
@@ -83,7 +84,7 @@ def maps(confirmed: Sequence[Outcome], explained: bool) -> str:
         axis = AXES['tile' if (channel, 'tile') in _FIRST else 'region']
         lines = _lines(confirmed, channel, axis)
         label, factor = _LABELS[channel]
-        limit = _LIMIT * CHANNELS[channel][0] * factor
+        limit = _LIMIT * FEATURES.tolerances[channel] * factor
         for i, _, text in pairs:
             rows, columns = (TILE_ROWS, TILE_COLUMNS) if axis.name == 'tile' else (3, 4)
             image = (lines[0] - lines[i]).reshape(rows, columns)
@@ -145,7 +146,7 @@ def charts(confirmed: Sequence[Outcome], explained: bool) -> str:
                 names,
                 title,
                 label,
-                6 * CHANNELS[channel][0] * factor,
+                6 * FEATURES.tolerances[channel] * factor,
             )
         )
     return f'<h2>Real against simulated</h2><div class="row">{"".join(figures)}</div>'
@@ -176,7 +177,7 @@ def _importance(lines: np.ndarray, channel: str) -> float:
     good = np.isfinite(difference)
     if not good.any():
         return 0.0
-    matters = CHANNELS[channel][0] * _LABELS[channel][1]
+    matters = FEATURES.tolerances[channel] * _LABELS[channel][1]
     return float(np.sqrt(np.square(difference[good]).mean())) / matters
 
 
