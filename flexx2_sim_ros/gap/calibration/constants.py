@@ -256,6 +256,7 @@ class Loss:
     scales_from_value: tuple[float, ...] = _constant(
         (3.0, 1.0, 1.0), 'feature scales', 'the same from a simulated value'
     )
+    ridge: float = _constant(1e-6, '', 'on the scaled matrix: columns may be almost alike')
     nuisance_steps: int = _constant(2, '', 'steps of the last fit of nuisances')
 
 
@@ -303,6 +304,7 @@ class Thresholds:
     sure: float = _constant(0.95, 'confidence', 'unless the chosen one is better for sure')
     most_alternatives: int = _constant(5, '', 'that are listed')
     nearest: int = _constant(3, '', 'that are listed if nothing explains the gap')
+    quantile: float = _constant(0.95, '', 'upper end of 90 % intervals', DEFINITION)
     least_error: float = _constant(0.25, 'loss', 'of a mean difference of few recordings')
 
 

@@ -80,6 +80,8 @@ def _layout() -> list[Feature]:
     return out + [Feature(name, 'structure', 0) for name in STRUCTURE_UNITS]
 
 
+_SHORTEST = min(shortest for shortest, _ in FEATURES.lattice_steps.values())
+_LONGEST = max(longest for _, longest in FEATURES.lattice_steps.values())
 LAYOUT = _layout()
 SIZE = len(LAYOUT)
 _CHANNEL_NAMES = list(CHANNEL_UNITS)
@@ -360,7 +362,7 @@ def lattice_spectrum(sums: Sums) -> np.ndarray:
 
 
 def lattice_peak(
-    spectrum: np.ndarray, base: np.ndarray, shortest: float = 0.0006, longest: float = 0.02
+    spectrum: np.ndarray, base: np.ndarray, shortest: float = _SHORTEST, longest: float = _LONGEST
 ) -> tuple[float, float]:
     """Return how much (log) depth is more in step than the base's, and with which step, metres."""
     low, high = round(LATTICE_RANGE / longest), round(LATTICE_RANGE / shortest)

@@ -7,9 +7,8 @@ error, its brightness, its edges) and F features.
 
 from dataclasses import dataclass
 
+from flexx2_sim_ros.gap.calibration.constants import LOSS
 import numpy as np
-
-_RIDGE = 1e-6  # Of the scaled matrix; keeps columns that are almost alike solvable.
 
 
 def cauchy_weights(weights: np.ndarray, residual: np.ndarray, scale2: np.ndarray) -> np.ndarray:
@@ -131,7 +130,7 @@ def solve(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
     if not len(right):
         return right
     size = np.maximum(np.sqrt(np.diag(matrix)), 1e-12)
-    scaled = matrix / np.outer(size, size) + _RIDGE * np.eye(len(right))
+    scaled = matrix / np.outer(size, size) + LOSS.ridge * np.eye(len(right))
     return np.asarray(np.linalg.solve(scaled, right / size) / size)
 
 

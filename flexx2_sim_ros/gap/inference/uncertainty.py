@@ -7,8 +7,6 @@ from flexx2_sim_ros.gap.inference.fitting import Fit
 import numpy as np
 from scipy import stats
 
-_CONFIDENCE = 0.95  # one-sided; 90 % intervals
-
 
 def certainty(one: Fit, other: Fit) -> float:
     """
@@ -56,5 +54,5 @@ def ratio_interval(top: np.ndarray, bottom: np.ndarray) -> list[float]:
         return [0.0, 1.0]
     rest = (top.sum() - top) / np.maximum(bottom.sum() - bottom, 1e-9)
     error = np.sqrt((count - 1) / count * np.square(rest - rest.mean()).sum())
-    reach = float(stats.t.ppf(_CONFIDENCE, count - 1)) * math.sqrt(2) * float(error)
+    reach = float(stats.t.ppf(THRESHOLDS.quantile, count - 1)) * math.sqrt(2) * float(error)
     return [float(np.clip(whole - reach, 0, 1)), float(np.clip(whole + reach, 0, 1))]
