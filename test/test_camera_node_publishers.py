@@ -135,7 +135,7 @@ def test_parameters_fix_the_quality(publish: Any) -> None:
     try:
         assert fed.get(f'{name}.durability') == 'best_available'
         publish(namespace, '--best-effort')
-        fed.spin_until(lambda: fed.logged('qos_overrides', 'nothing comes from it'))
+        fed.spin_until(lambda: fed.logged('qos_overrides', 'no message of it arrives'))
         fed.spin_until(lambda: fed.quality('clean/camera_info')[0] == 'BEST_EFFORT')
         assert fed.quality('clean/depth_image')[0] == 'RELIABLE'
         assert fed.received == 0

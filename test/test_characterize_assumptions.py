@@ -1,4 +1,4 @@
-"""What the model assumes is found out where it does not hold, and only there."""
+"""Assumptions of the model that do not hold are found, and no others."""
 
 from pathlib import Path
 from typing import Any
@@ -88,10 +88,14 @@ def crooked(distance: float, angle: float, seed: int) -> np.ndarray:
     return clean + sigma * noise * (1.0 + 0.2 * np.sin(9 * distance + angle))
 
 
-FORM, ZERO = 'sigma_z depends on distance', 'nothing special happens at 0'
-TIME, NEIGHBOURS, WHOLE = 'frames are independent', 'neighbouring', 'pixels err independently'
-GAUSSIAN, UNBIASED, PATTERN = 'axial noise is Gaussian', 'depth is unbiased', 'no pixel has an'
-DROPOUT = 'no pixel of the board is invalid'
+FORM, ZERO = 'sigma_z follows the formula', '0 degrees is like other angles'
+TIME, NEIGHBOURS, WHOLE = 'frames are independent', 'neighbouring', 'errors are not common'
+GAUSSIAN, UNBIASED, PATTERN = (
+    'axial noise is Gaussian',
+    'depth is unbiased',
+    'there is no fixed-pattern',
+)
+DROPOUT = 'there are no invalid pixels'
 # What is made, what has to be found, and what comes along with it by itself.
 CASES = [
     (ideal, '', ()),

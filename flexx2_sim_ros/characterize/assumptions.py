@@ -1,4 +1,4 @@
-"""What the noise model assumes, and whether the recordings bear it out."""
+"""Assumptions of the noise model, tested on the recordings."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ from flexx2_sim_ros.characterize.analysis import Cell, ModeResult
 from flexx2_sim_ros.characterize.measure import Measurement
 import numpy as np
 
-# From here on a deviation matters to somebody who simulates the camera (design).
+# Deviations below these do not matter to somebody who simulates the camera (assumed).
 _CORRELATION = 0.04
 _INVALID = 0.008
 _BIAS_SHARE = 0.10  # of sigma_z
@@ -26,18 +26,18 @@ _SURE = 5.0  # standard errors
 @dataclass(frozen=True)
 class Finding:
     """
-    One assumption, held against one mode's recordings.
+    One assumption, tested on the recordings of one mode.
 
     Attributes
     ----------
     usecase : str
         The mode.
     assumption : str
-        What the model takes for granted.
+        What the model assumes.
     holds : bool or None
         None when the recordings cannot say.
     evidence : str
-        The figures it rests on.
+        The measured figures.
 
     """
 
@@ -48,17 +48,17 @@ class Finding:
 
 
 def check_assumptions(mode: ModeResult) -> list[Finding]:
-    """Hold a mode's recordings against every assumption of the model."""
+    """Test every assumption of the model on the recordings of a mode."""
     checks: dict[str, Callable[[ModeResult], tuple[bool | None, str]]] = {
-        'sigma_z depends on distance and incidence as the formula says': _form,
-        'nothing special happens at 0 degrees': _facing,
+        'sigma_z follows the formula': _form,
+        '0 degrees is like other angles': _facing,
         'frames are independent': _time,
         'neighbouring pixels are independent': _neighbours,
-        'pixels err independently, not the frame as a whole': _whole_frames,
+        'errors are not common to a whole frame': _whole_frames,
         'axial noise is Gaussian': _gaussian,
         'depth is unbiased': _unbiased,
-        'no pixel has an error of its own that stays': _pattern,
-        'no pixel of the board is invalid': _dropout,
+        'there is no fixed-pattern noise': _pattern,
+        'there are no invalid pixels on the board': _dropout,
         'lateral noise is Gaussian': _edges_gaussian,
         'lateral noise is the same at all distances and angles': _edges_alike,
     }
@@ -67,11 +67,11 @@ def check_assumptions(mode: ModeResult) -> list[Finding]:
 
 def _form(mode: ModeResult) -> tuple[bool | None, str]:
     if mode.axial.freedom < 1:
-        return None, f'{len(mode.cells)} recordings, no more than coefficients'
+        return None, f'{len(mode.cells)} recordings are too few for the number of coefficients'
     worst = max(mode.cells, key=lambda cell: abs(math.log(cell.sigma / cell.modelled)))
     return (
         2 * mode.axial.scatter < _VARIANCE_SHARE,
-        f'recordings deviate from the fit by {mode.axial.scatter:.1%} (root mean square), '
+        f'recordings deviate from the fit by {mode.axial.scatter:.1%} (RMS), '
         f'{_where(worst.measurement)} by {worst.sigma / worst.modelled - 1:+z.1%}',
     )
 
@@ -94,7 +94,7 @@ def _facing(mode: ModeResult) -> tuple[bool | None, str]:
         and divergence[0] - divergence[1] < _VARIANCE_SHARE**2
     )
     return holds, (
-        f'at 0 degrees sigma_z is {math.sqrt(ratio):.3f} of the model, divergence '
+        f'at 0 degrees sigma_z is {math.sqrt(ratio):.3f} x the model, divergence '
         f'{divergence[0]:z.4f} nats (elsewhere {divergence[1]:z.4f}), invalid '
         f'{invalid[0]:.2%} (elsewhere {invalid[1]:.2%})'
     )
@@ -114,7 +114,7 @@ def _neighbours(mode: ModeResult) -> tuple[bool | None, str]:
         'correlation with the next pixel',
         measured,
     )
-    return holds, text + (' (of what one frame leaves of a plane)' if mode.spatial else '')
+    return holds, text + (' (of the deviation from fitted planes)' if mode.spatial else '')
 
 
 def _correlated(
@@ -141,7 +141,7 @@ def _whole_frames(mode: ModeResult) -> tuple[bool | None, str]:
     drift = abs(drifting.pixels.drift) / _sigma(drifting)
     return (
         spread < 1.5 + sure and drift < _BIAS_SHARE,
-        f"the frames' means vary {spread:.2f} times as much as independent pixels make them; "
+        f'frame means vary {spread:.2f} times as much as with independent pixels; '
         f'the largest drift is {1e3 * drifting.pixels.drift:+z.2f} mm over '
         f'{drifting.frames} frames at {_where(drifting)}',
     )
@@ -166,7 +166,10 @@ def _gaussian(mode: ModeResult) -> tuple[bool | None, str]:
 def _unbiased(mode: ModeResult) -> tuple[bool | None, str]:
     known = [m for m in mode.measurements if m.bias_of]
     if not known:
-        return None, 'the true distance is not known: no clean depth, no distance in the names'
+        return (
+            None,
+            'the true distance is not known: no clean depth and no distance in the file names',
+        )
     bias = np.array([m.bias for m in known])
     text = (
         f'bias {1e3 * bias.mean():+z.2f} mm on average, '
@@ -174,9 +177,12 @@ def _unbiased(mode: ModeResult) -> tuple[bool | None, str]:
     )
     if all(m.bias_of == 'clean depth' for m in known):
         share = float(np.sqrt(np.mean((bias / [_sigma(m) for m in known]) ** 2)))
-        return share < _BIAS_SHARE, f'{text}; {share:.3f} of sigma_z (root mean square)'
+        return share < _BIAS_SHARE, f'{text}; {share:.3f} of sigma_z (RMS)'
     rms = float(np.sqrt(np.mean(bias**2)))
-    return (None if rms < _TAPE else False, f'{text} against the tape, which is good to 10 mm')
+    return (
+        None if rms < _TAPE else False,
+        f'{text} relative to the tape, which is accurate to 10 mm',
+    )
 
 
 def _pattern(mode: ModeResult) -> tuple[bool | None, str]:
@@ -187,8 +193,8 @@ def _pattern(mode: ModeResult) -> tuple[bool | None, str]:
     worst = max(measured, key=lambda m: m.pixels.pattern)
     return (
         share < 1.5 * _BIAS_SHARE,
-        f"pixels' means scatter about a smooth surface by {share:.3f} of sigma_z (root mean "
-        f'square), {1e3 * worst.pixels.pattern:.2f} mm at {_where(worst)}',
+        f'pixel means scatter about a smooth surface by {share:.3f} of sigma_z (RMS), '
+        f'{1e3 * worst.pixels.pattern:.2f} mm at {_where(worst)}',
     )
 
 
@@ -203,12 +209,12 @@ def _dropout(mode: ModeResult) -> tuple[bool | None, str]:
 def _edges_gaussian(mode: ModeResult) -> tuple[bool | None, str]:
     edges = [edge for _, edge in mode.edges]
     if not edges:
-        return None, 'no upright edge of a board was seen'
+        return None, 'no vertical edge of a board was seen'
     weights = [edge.rows * edge.frames for edge in edges]
     kurtosis = float(np.average([edge.kurtosis for edge in edges], weights=weights))
     return (
         abs(kurtosis) < _EDGE_KURTOSIS + _SURE * math.sqrt(24 / sum(weights)),
-        f"excess kurtosis {kurtosis:+z.2f} of {len(edges)} edges' displacement",
+        f'excess kurtosis {kurtosis:+z.2f} of the displacement of {len(edges)} edges',
     )
 
 
@@ -222,7 +228,7 @@ def _edges_alike(mode: ModeResult) -> tuple[bool | None, str]:
     return (
         spread < _EDGE_SPREAD * float(sigmas.mean()),
         f'{len(edges)} edges: {sigmas.min():.2f} to {sigmas.max():.2f} px, scatter beyond '
-        f'chance {spread:.3f} px',
+        f'chance: {spread:.3f} px',
     )
 
 
@@ -232,7 +238,7 @@ def _several(mode: ModeResult) -> list[Measurement]:
 
 def _too_few(mode: ModeResult) -> str:
     most = max(m.frames for m in mode.measurements)
-    return f'{most} frame{"s" if most > 1 else ""} a recording cannot say'
+    return f'needs recordings of at least {_FEWEST_FRAMES} frames, got {most}'
 
 
 def _mean(measured: list[Measurement], value: Callable[[Measurement], float]) -> float:

@@ -66,9 +66,9 @@ def to_profile(
         model = known.model if own else 'unnamed camera'
     if result.cropped:
         notes.append(
-            "intrinsics: the recordings' images differ in size and principal point at "
-            'the same focal lengths: taken for crops of one image, the smallest that '
-            'holds them all is put'
+            'intrinsics: the images differ in size and principal point, at the same focal '
+            'lengths. They are taken as crops of one image, and the profile has the smallest '
+            'image that contains them all'
         )
     provenance = {
         'made_by': f'flexx2_sim_ros {__version__}, flexx2 characterize fit',
@@ -96,7 +96,7 @@ def _mode(mode: ModeResult, camera: Profile, notes: list[str]) -> Mode | None:
     if math.isnan(sigma_x):
         notes.append(
             f'{mode.usecase}: sigma_x: not measured, no upright edge of the board was '
-            'seen; 0 is put'
+            'seen; the profile has 0'
         )
         sigma_x = 0.0
     noise = NoiseModel(
@@ -116,8 +116,8 @@ def _mode(mode: ModeResult, camera: Profile, notes: list[str]) -> Mode | None:
         near, far = known.range_min, known.range_max
     else:
         notes.append(
-            f"{mode.usecase}: range_m: in the mode's own range {problem}; what was "
-            f'measured, {near:g} to {far:g} m, is put'
+            f"{mode.usecase}: range_m: in the mode's own range {problem}; the profile has the "
+            f'measured range, {near:g} to {far:g} m'
         )
     if _unusable(mode.usecase, noise, near, far, notes):
         return None
@@ -148,11 +148,11 @@ def _unknown(
     )
     if math.isnan(rate):
         notes.append(
-            f'{mode.usecase}: rate_hz: single frames do not say; {_ASSUMED_RATE:g} is put'
+            f'{mode.usecase}: rate_hz: unknown from single frames; assumed {_ASSUMED_RATE:g}'
         )
         rate = _ASSUMED_RATE
     notes.append(
-        f'{mode.usecase}: range_m: what was measured; modulation, raw frames and '
+        f'{mode.usecase}: range_m: the measured range; modulation, raw frames and '
         'exposure are not known'
     )
     rate = _significant(rate)
@@ -190,7 +190,7 @@ def _measured(mode: ModeResult) -> dict[str, Any]:
         'n_interval_95': None if fit.interval_n is None else [_rounded(n) for n in fit.interval_n],
         'axial_kl_nats': _rounded(float(np.mean([cell.axial.raw for cell in mode.cells]))),
         'noise': (
-            'what one frame leaves of a plane'
+            'the deviation of each frame from fitted planes'
             if mode.spatial
             else 'standard deviation over frames'
         ),

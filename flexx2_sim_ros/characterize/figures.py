@@ -15,7 +15,7 @@ import numpy as np
 
 _CORE = math.radians(2.5)
 _GREY = '#555555'
-_FEW = 100  # pixels in a bin that are enough for a share
+_FEW = 100  # pixels in a bin that are enough for a fraction
 
 
 def axial_figure(result: Characterization, path: Path) -> None:
@@ -131,7 +131,7 @@ def histogram_figure(histogram: Histogram, path: Path) -> None:
     distance, angle = histogram.measurement.label
     axis.set(
         title=f'{_text(histogram.measurement.usecase)}, {distance:g} m, {angle:g}°',
-        xlabel='depth less plane [mm]',
+        xlabel='depth minus fitted plane [mm]',
         ylabel='density [1/mm]',
     )
     axis.set_ylim(top=1.28 * axis.get_ylim()[1])
@@ -173,7 +173,7 @@ def lateral_figure(result: Characterization, path: Path) -> bool:
             [mode.sigma_x] * 2,
             color='black',
             linewidth=1.6,
-            label='90th percentile: sigma_x' if place == 0 else None,
+            label='sigma_x (90th percentile)' if place == 0 else None,
         )
         noise = paper_noise(mode.usecase)
         if noise is not None:
@@ -183,16 +183,18 @@ def lateral_figure(result: Characterization, path: Path) -> bool:
                 '--',
                 color='#b30000',
                 linewidth=1.2,
-                label='the paper' if place == 0 else None,
+                label='paper' if place == 0 else None,
             )
     for angle in angles:
         axis.plot([], [], 'o', color=colours[angle], markersize=4, label=f'{angle:g}°')
     if any(edge.method == 'outline' for mode in modes for _, edge in mode.edges):
-        axis.plot([], [], 'o', color=_GREY, mfc='white', markersize=4, label='nothing behind')
+        axis.plot(
+            [], [], 'o', color=_GREY, mfc='white', markersize=4, label='no return behind the edge'
+        )
     axis.set(
         xticks=range(len(modes)),
         xticklabels=[_text(mode.usecase) for mode in modes],
-        ylabel='sigma of the edge [px]',
+        ylabel='standard deviation of the edge [px]',
         xlim=(-0.55, len(modes) - 0.45),
     )
     axis.set_ylim(bottom=0)
@@ -226,7 +228,7 @@ def bias_figure(result: Characterization, path: Path) -> bool:
     truth = ' / '.join(
         sorted({m.bias_of for mode in modes for m in mode.measurements if m.bias_of})
     )
-    axis.set(xlabel='distance [m]', ylabel='bias [mm]', title=f'measured depth less {truth}')
+    axis.set(xlabel='distance [m]', ylabel='bias [mm]', title=f'measured depth minus {truth}')
     axis.grid(True, alpha=0.25)
     axis.margins(y=0.15)
     figure.legend(loc='outside right center', frameon=False)
@@ -298,7 +300,7 @@ def amplitude_figure(result: Characterization, path: Path) -> bool:
         curve = sigma_against(join([m.tiles for m in mode.measurements]))
         label = _text(mode.usecase)
         if math.isfinite(curve.exponent):
-            label += f': amplitude^{curve.exponent:.2f} above its floor'
+            label += f': proportional to amplitude^{curve.exponent:.2f} above the floor'
         noise.plot(
             curve.amplitude, 1e3 * curve.sigma, 'o-', color=colour, markersize=4, label=label
         )

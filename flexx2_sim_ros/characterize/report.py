@@ -19,18 +19,17 @@ import numpy as np
 
 _PAGE = 'report.html'
 _FIGURES = ('sigma_z', 'histogram', 'tables', 'lateral', 'bias', 'amplitude')
-_SHARPNESS = 1.45  # of the figures' pixels a pixel of the page
+_SHARPNESS = 1.45  # pixels of a figure for each pixel of the page
 _STYLE = """
-.note { color: #555; font-size: .9rem; }
+.note { color: var(--dim); font-size: .9rem; }
 th, td { padding: .22rem .55rem; text-align: right; white-space: nowrap; }
-th { border-bottom: 1.5px solid #444; }
-td { border-bottom: 1px solid #eee; }
+th { border-bottom: 1.5px solid var(--dim); }
+td { border-bottom: 1px solid var(--line); }
 th:first-child, td:first-child, .text { text-align: left; }
 td.text { white-space: normal; } td.yes, td.no, td.unknown { white-space: nowrap; }
-.paper td { color: #8a3324; } .no { color: #a40000; font-weight: 600; }
-.yes { color: #1b6e2d; } .unknown { color: #777; }
-details { margin: .6rem 0; } summary { cursor: pointer; color: #234; }
-.scroll { overflow-x: auto; }
+.paper td { color: var(--orange); } .no { color: var(--red); font-weight: 600; }
+.yes { color: var(--green); } .unknown { color: var(--dim); }
+details { margin: .6rem 0; } summary { cursor: pointer; } figure { margin: .8rem 0; }
 """
 
 
@@ -97,7 +96,7 @@ def _page(result: Characterization, profile: ProfileFile, pictures: dict[str, st
     view = profile.profile.intrinsics
     size = f'{"crops of " if result.cropped else ""}{view.width} x {view.height} pixels'
     modes, axial, axial_divergence, lateral = four_tables(result)
-    title = f'{profile.profile.model}: noise of its depth'
+    title = f'{profile.profile.model}: depth noise'
     several = f'{len(result.modes)} modes' if len(result.modes) > 1 else 'one mode'
     parts = [
         f'<h1>{escape(title)}</h1>',
@@ -142,9 +141,9 @@ def _summary(result: Characterization) -> list[str]:
         lines.append(f'<li>{escape(text)}</li>')
     if any(mode.spatial for mode in result.modes):
         lines.append(
-            '<li class="no">Single frames: noise is what one frame leaves of a plane, '
-            'not what changes from frame to frame. Correlated neighbours hide some of '
-            'it, a fixed pattern adds to it.</li>'
+            '<li class="no">Single frames: the noise is the deviation of each frame from fitted '
+            'planes, not the change from frame to frame. Correlation between neighbours '
+            'lowers this estimate, and fixed-pattern noise raises it.</li>'
         )
     if result.left_out:
         lines.append(
@@ -162,19 +161,19 @@ def _axial(table: Table, result: Characterization, pictures: dict[str, str]) -> 
         _image(
             pictures,
             'sigma_z',
-            'sigma_z against distance, by incidence angle; lines and '
-            'bands: the model; points: recordings, at the optical axis',
+            'sigma_z against distance, by incidence angle. Lines and bands: the fitted model and '
+            'its 95 % band. Points: the recordings, at the optical axis',
         ),
     ]
 
 
 def _histogram(result: Characterization, pictures: dict[str, str]) -> list[str]:
     caption = (
-        'Depth less the fitted plane, all pixels and frames of one recording around the '
-        'optical axis'
+        'Depth minus the fitted plane: all pixels around the optical axis and all frames of one '
+        'recording'
     )
     if any(mode.spatial for mode in result.modes):
-        caption += "; with what the image is not flat by, which is not in the model's sigma"
+        caption += '. It includes deviations of the image from a plane, which the model leaves out'
     return [_image(pictures, 'histogram', caption)]
 
 
@@ -185,8 +184,8 @@ def _lateral(table: Table, pictures: dict[str, str]) -> list[str]:
             _image(
                 pictures,
                 'lateral',
-                'Every edge, by distance and angle from left to '
-                'right; bars are two standard errors',
+                'Each edge, in order of distance and angle from left to '
+                'right. Bars: two standard errors',
             )
         )
     return parts
@@ -196,9 +195,9 @@ def _assumptions(result: Characterization) -> list[str]:
     words = {
         True: ('yes', 'holds'),
         False: ('no', 'does not hold'),
-        None: ('unknown', 'cannot be told'),
+        None: ('unknown', 'cannot be checked'),
     }
-    parts = ['<h2>What the model assumes</h2>']
+    parts = ['<h2>Assumptions of the model</h2>']
     for mode in result.modes:
         rows = []
         for finding in check_assumptions(mode):
@@ -209,9 +208,9 @@ def _assumptions(result: Characterization) -> list[str]:
                 f'<td class="text">{escape(finding.evidence)}</td></tr>'
             )
         parts += [
-            f'<h3>{escape(mode.usecase)}</h3><table><tr><th>assumption</th>'
+            f'<h3>{escape(mode.usecase)}</h3><div class="scroll"><table><tr><th>assumption</th>'
             '<th class="text"></th><th class="text">evidence</th></tr>'
-            f'{"".join(rows)}</table>'
+            f'{"".join(rows)}</table></div>'
         ]
     return parts
 
@@ -219,14 +218,14 @@ def _assumptions(result: Characterization) -> list[str]:
 def _bias_and_amplitude(pictures: dict[str, str]) -> list[str]:
     parts = []
     if 'bias' in pictures:
-        parts += ['<h2>Bias</h2>', _image(pictures, 'bias', 'Bias of every recording')]
+        parts += ['<h2>Bias</h2>', _image(pictures, 'bias', 'Bias of each recording')]
     if 'amplitude' in pictures:
         parts += [
             '<h2>Amplitude</h2>',
             _image(
                 pictures,
                 'amplitude',
-                'Noise and share of invalid pixels against the amplitude '
+                'Noise and fraction of invalid pixels against the amplitude '
                 "image, in the camera's units",
             ),
         ]
@@ -234,7 +233,7 @@ def _bias_and_amplitude(pictures: dict[str, str]) -> list[str]:
 
 
 def _details(result: Characterization) -> list[str]:
-    parts = ['<h2>Every recording</h2>']
+    parts = ['<h2>All recordings</h2>']
     for mode in result.modes:
         rows = [_detail(cell) for cell in mode.cells]
         parts.append(
@@ -247,11 +246,11 @@ def _details(result: Characterization) -> list[str]:
                     'bias [mm]',
                     'invalid',
                     'sigma_z [mm]',
-                    '/ model',
+                    'measured / model',
                     'KL [nats]',
-                    'lag 1',
-                    'right',
-                    'down',
+                    'lag-1 corr.',
+                    'corr. right',
+                    'corr. down',
                     'kurtosis',
                     'edges [px]',
                     'KL',
@@ -307,14 +306,14 @@ def _method(result: Characterization) -> list[str]:
     return [
         '<h2>How it was measured</h2>',
         _paragraph(
-            'The board is the plane in the middle of the image, found by RANSAC and followed to '
-            'its edges; a margin there and incidence beyond 70° are left out. Distance and angle '
-            "are the plane's. sigma_z is each pixel's standard deviation over the frames, invalid "
-            'pixels left out; a, b, c, d by least squares of relative residuals for every n from '
-            '-1 to 3 in steps of 0.1, each recording weighing the same; standard errors by '
-            'leaving out one recording after another. Lateral noise: per row the largest step of '
-            'depth is the edge pixel; a line is fitted to the edge pixels of a frame; what counts '
-            'is what is left.',
+            'The board is the plane in the middle of the image. RANSAC finds it, and it is '
+            'extended to its edges; a margin at the edges and incidence beyond 70° are left out. '
+            'Distance and angle are those of the plane. sigma_z is the standard deviation of each '
+            'pixel over the frames, without invalid pixels. a, b, c and d are fitted by least '
+            'squares of relative residuals for each n from -1 to 3 in steps of 0.1; all '
+            'recordings have the same weight. Standard errors are a jackknife over recordings. '
+            'Lateral noise: in each row, the edge pixel is the largest step in depth. A line is '
+            'fitted to the edge pixels of each frame, and the residuals give sigma_x.',
             'note',
         ),
         _paragraph(
@@ -352,7 +351,7 @@ def _image(pictures: dict[str, str], name: str, caption: str) -> str:
     # A PNG's width is in its header; a figure is shown as large as its text asks for.
     width = int.from_bytes(base64.b64decode(pictures[name][:32])[16:20], 'big')
     return (
-        f'<figure style="margin:.8rem 0"><img width="{round(width / _SHARPNESS)}" '
+        f'<figure><img width="{round(width / _SHARPNESS)}" '
         f'alt="{escape(caption)}" src="data:image/png;base64,{pictures[name]}">'
         f'<figcaption class="note">{escape(caption)}</figcaption></figure>'
     )

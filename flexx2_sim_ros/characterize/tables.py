@@ -14,7 +14,7 @@ from flexx2_sim_ros.profiles.modes import flexx2, Mode, NoiseModel
 import numpy as np
 
 DASH = '–'
-_MOST_DIGITS = 4  # after the point: more of a millimetre or pixel nobody wants to know
+_MOST_DIGITS = 4  # after the point, of a millimetre or pixel
 
 
 @dataclass(frozen=True)
@@ -119,7 +119,7 @@ def _axial(result: Characterization) -> Table:
             rows.append(
                 Row(
                     (
-                        'the paper',
+                        'paper',
                         *(f'{_shown(name, getattr(noise, name)):g}' for name in NAMES),
                         '',
                         '',
@@ -131,9 +131,9 @@ def _axial(result: Characterization) -> Table:
         'Axial noise',
         'sigma_z = a + b z + c z² + d zⁿ θ² / (π/2 − θ)², metres and radians; θ is the angle '
         "between a pixel's ray and the surface's normal. ± is one standard error, the interval "
-        'of n and the bands are 95 %; scatter is how far recordings deviate from the fit (root '
-        'mean square).',
-        ('mode', 'a [mm]', 'b [mm/m]', 'c [mm/m²]', 'd [mm/mⁿ]', 'n', 'n is in', 'scatter'),
+        'of n and the bands are 95 %; scatter is the RMS relative deviation of the recordings '
+        'from the fit.',
+        ('mode', 'a [mm]', 'b [mm/m]', 'c [mm/m²]', 'd [mm/mⁿ]', 'n', '95 % of n', 'scatter'),
         tuple(rows),
     )
 
@@ -162,7 +162,7 @@ def _axial_divergence(result: Characterization) -> Table:
             rows.append(
                 Row(
                     (
-                        'the paper',
+                        'paper',
                         *(f'{table[angle]:.3f}' if angle in table else '' for angle in angles),
                         '',
                     ),
@@ -171,8 +171,8 @@ def _axial_divergence(result: Characterization) -> Table:
             )
     return Table(
         'Divergence of the measured noise from the model [nats]',
-        'Mean over pixels of the Kullback-Leibler divergence; in brackets without what so many '
-        'frames give a perfect model (about 1 / frames).',
+        'Kullback-Leibler divergence, mean over pixels. In brackets: without the finite-sample '
+        'bias (about 1 / frames).',
         ('mode', *(f'{angle:g}°' for angle in angles), 'all'),
         tuple(rows),
     )
@@ -201,23 +201,16 @@ def _lateral(result: Characterization) -> Table:
             kl = paper.get(mode.usecase, {}).get('lateral_kl')
             rows.append(
                 Row(
-                    (
-                        'the paper',
-                        '',
-                        f'{noise.sigma_x:g}',
-                        '',
-                        '',
-                        '' if kl is None else f'{kl:g}',
-                    ),
+                    ('paper', '', f'{noise.sigma_x:g}', '', '', '' if kl is None else f'{kl:g}'),
                     True,
                 )
             )
     return Table(
         'Lateral noise',
-        "sigma_x: the 90th percentile of all edges' standard deviations about their own lines, in "
-        'pixels. An edge is found to whole pixels: that alone is 0.29 px, and it is in these '
-        'figures.',
-        ('mode', 'edges', 'sigma_x [px]', 'median', 'from, to', 'divergence [nats]'),
+        "sigma_x is the 90th percentile of the edges' standard deviations about their fitted "
+        'lines, in pixels. Edges are located to whole pixels; these figures include this '
+        'rounding, 0.29 px by itself.',
+        ('mode', 'edges', 'sigma_x [px]', 'median', 'smallest to largest', 'divergence [nats]'),
         tuple(rows),
     )
 
@@ -234,7 +227,7 @@ def with_error(value: float, error: float | None) -> str:
 
 
 def divergence(found: Sequence[Divergence]) -> str:
-    """Write the mean of divergences, as it is and without its floor."""
+    """Write the mean of divergences, as it is and without its finite-sample bias."""
     if not found:
         return DASH
     raw, debiased = (

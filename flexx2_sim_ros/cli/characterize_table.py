@@ -13,7 +13,7 @@ from rich.table import Table
 
 
 def print_result(result: Characterization, console: Console | None = None) -> None:
-    """Print one table, with the paper's figures below each mode that it measured."""
+    """Print one table; below each mode that the paper measured are its figures."""
     console = console or Console(markup=False)
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0), show_edge=False)
     for name in ('mode', *NAMES, 'sigma_x', 'KL'):
@@ -39,7 +39,7 @@ def print_result(result: Characterization, console: Console | None = None) -> No
         noise = paper_noise(mode.usecase)
         if noise is not None:
             table.add_row(
-                '  the paper',
+                '  paper',
                 *(f'{getattr(noise, name):.6f}' for name in NAMES[:4]),
                 f'{noise.n:.1f}',
                 f'{noise.sigma_x:.3f}',
@@ -53,7 +53,8 @@ def print_result(result: Characterization, console: Console | None = None) -> No
         for finding in check_assumptions(mode):
             if finding.holds is False:
                 console.print(
-                    f'{mode.usecase}: does not hold: {finding.assumption}: {finding.evidence}',
+                    f'{mode.usecase}: assumption does not hold: {finding.assumption}: '
+                    f'{finding.evidence}',
                     style='yellow',
                     highlight=False,
                     markup=False,

@@ -127,7 +127,7 @@ class Flexx2Camera(SteadyNode):
     def _compile(self, what: str) -> None:
         with compiling_said(
             lambda: self.get_logger().info(
-                f'compiling {what}: takes about ten seconds, once (`flexx2 compile` does it ahead '
+                f'compiling {what}, once: takes about ten seconds (`flexx2 compile` does it ahead '
                 'of time)'
             )
         ):
@@ -329,7 +329,8 @@ class Flexx2Camera(SteadyNode):
             self._camera.reset()
             if self._throttle.ready('stamps went back'):
                 self.get_logger().warning(
-                    f'clean/depth_image: header.stamp went back to {stamp} ns: starting afresh'
+                    f'clean/depth_image: header.stamp went back to {stamp} ns: the camera '
+                    'starts anew'
                 )
         statistics.input_rate.add(stamp)
         if due:

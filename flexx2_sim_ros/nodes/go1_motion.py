@@ -134,7 +134,9 @@ class Walking:
             self._state, self._command, seconds, self._ground, self.how, self._legs
         )
         if self._state.blocked and self._throttle.ready('blocked'):
-            self._node.get_logger().warning('cmd_vel: something is in the way: standing still')
+            self._node.get_logger().warning(
+                'cmd_vel: an obstacle is in the way: the robot stands still'
+            )
         self._pose()
 
     def _pose(self) -> None:

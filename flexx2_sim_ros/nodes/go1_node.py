@@ -74,7 +74,7 @@ class Go1Cameras(SteadyNode):
         except InputError as error:
             raise InputError(f'renderer: {error}') from error
         for reason in self._renderer.reasons:
-            self.get_logger().warning(f'renderer passed over: {reason}')
+            self.get_logger().warning(f'renderer not usable: {reason}')
         self._rendered: dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
         self._alone = True
         self._motion = self._make_motion()

@@ -152,7 +152,8 @@ class Player(Node):
             if not publisher.wait_for_all_acked(Duration(seconds=_PATIENCE_SECONDS)):
                 self._ahead[topic] = -math.inf
                 self.get_logger().warning(
-                    f'{topic}: a subscriber has stopped listening: it is not waited for any more'
+                    f'{topic}: a subscriber no longer acknowledges messages: replay goes on '
+                    'without it'
                 )
 
     def finish(self, seconds: float) -> bool:

@@ -199,8 +199,8 @@ class Recorder(Node):
             if not self._said & set(topics):
                 self._said |= set(topics)
                 self.get_logger().warning(
-                    f'{", ".join(topics)}: not recorded: one of them may be the depth of a '
-                    'camera, they have the same camera info; --also TOPIC records it'
+                    f'{", ".join(topics)}: not recorded: they have the same camera info, so it is '
+                    'not clear which one is the depth of the camera; --also TOPIC records one'
                 )
 
     def _is_wanted(self, *names: str) -> bool:
@@ -222,7 +222,9 @@ class Recorder(Node):
             self.get_logger().warning(f'{topic}: not recorded: {kind} is not in ROS 2 Jazzy')
             return
         if reliability == ReliabilityPolicy.BEST_EFFORT:
-            self.get_logger().warning(f'{topic}: is published best effort: messages can be lost')
+            self.get_logger().warning(
+                f'{topic}: is published as best effort: messages can be lost'
+            )
         if offers:
             self._sink.offer(topic, [_offered(offer) for offer in offers])
         self.create_subscription(

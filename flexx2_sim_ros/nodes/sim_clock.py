@@ -49,9 +49,9 @@ class SimClock:
             except OSError:
                 self.follows = True
                 node.get_logger().warning(
-                    f'{_TOPIC}: another robot publishes it already, this one follows it '
-                    '(use_sim_time:=true says the same without this warning; publish_clock:=false '
-                    'keeps a time of its own)'
+                    f'{_TOPIC}: another robot publishes it already; this one follows it '
+                    '(use_sim_time:=true avoids this warning; publish_clock:=false keeps '
+                    'a time of its own)'
                 )
         if self.follows:
             node.create_subscription(
@@ -81,7 +81,7 @@ class SimClock:
             ]
         if not self._warned and silent:
             self._node.get_logger().warning(
-                f'{_TOPIC}: nothing came for {_SILENT_SECONDS:g} s: simulated time stands still'
+                f'{_TOPIC}: no message for {_SILENT_SECONDS:g} s: simulated time stands still'
             )
         if not self._warned and others:
             name = f'{others[0].node_namespace.rstrip("/")}/{others[0].node_name}'

@@ -191,5 +191,5 @@ class Input:
         if self._asked != (ReliabilityPolicy.BEST_AVAILABLE, DurabilityPolicy.BEST_AVAILABLE):
             self._node.get_logger().warning(
                 f'{self.topic}: a publisher offers less than qos_overrides.{self.topic}.'
-                'subscription.* asks for: nothing comes from it'
+                'subscription.* asks for: no message of it arrives'
             )

@@ -10,14 +10,14 @@ from flexx2_sim_ros.gap.features.features import LAYOUT, likeness
 from flexx2_sim_ros.gap.report.drawing import curves, picture
 import numpy as np
 
-# What people read, and by which factor.
+# Label of each channel, and the factor to its unit.
 _LABELS = {
     'bias': ('bias, sigma', 1.0),
     'log_variance': ('noise, log variance', 1.0),
-    'invalid': ('invalid, %', 100.0),
+    'invalid': ('invalid pixels, %', 100.0),
     'high': ('outliers behind, %', 100.0),
     'low': ('outliers in front, %', 100.0),
-    'kurtosis': ("noise's tails, kurtosis", 1.0),
+    'kurtosis': ('kurtosis of the noise', 1.0),
     'lag': ('lag-1 correlation', 1.0),
     'neighbour': ('correlation of neighbouring pixels', 1.0),
 }
@@ -99,8 +99,8 @@ def _map(image: np.ndarray, limit: float, text: str, unit: str) -> str:
     ends = f'blue {-limit:.2g} to red {limit:+.2g} {unit}'.strip()
     return (
         f'<figure><img alt="{escape(text)}" width="420" src="{picture(image, limit)}">'
-        f'<figcaption>{escape(text)}, {escape(ends)}, white none, gray unseen'
-        '</figcaption></figure>'
+        f'<figcaption>{escape(text)}, {escape(ends)}; white: no difference, '
+        'gray: not seen</figcaption></figure>'
     )
 
 
@@ -135,7 +135,7 @@ def charts(confirmed: Sequence[Outcome], explained: bool) -> str:
         axis = AXES[name]
         unit = f' [{axis.unit}]' if axis.unit else ''
         title = (
-            'pixels from a jump (left: near side)'
+            'pixels from a depth jump (negative: near side)'
             if name == 'edge'
             else axis.name.replace('_', ' ') + unit
         )

@@ -8,8 +8,8 @@ from io import BytesIO
 from matplotlib.image import imsave
 import numpy as np
 
-_COLOURS = ('#1c2733', '#d9480f', '#1f6feb')
-_DASHES = ('', '5 3', '')
+# Classes of the page's style: real, simulated, simulated with the effects.
+_KINDS = ('real', 'simulated', 'effects')
 _WIDTH, _HEIGHT, _LEFT, _BOTTOM = 440, 230, 52, 38
 
 
@@ -26,15 +26,15 @@ def picture(image: np.ndarray, limit: float) -> str:
 
 
 def bar(before: float, after: float, null: float) -> str:
-    """Return a small SVG bar: before in gray, after in blue, a mark at what noise alone gives."""
+    """Return a small SVG bar: before, after, and a mark at what two simulations differ by."""
     top = max(before, after, null, 1e-12)
     width = 160.0
     return (
         f'<svg width="{width:.0f}" height="16" role="img" aria-label="before and after">'
-        f'<rect y="2" height="5" width="{width * before / top:.1f}" fill="#b8c4cf"/>'
-        f'<rect y="8" height="5" width="{width * after / top:.1f}" fill="#1f6feb"/>'
+        f'<rect y="2" height="5" width="{width * before / top:.1f}" class="before"/>'
+        f'<rect y="8" height="5" width="{width * after / top:.1f}" class="after"/>'
         f'<rect x="{max(width * null / top - 1, 0):.1f}" y="0" height="16" width="1.5" '
-        'fill="#1c2733"/></svg>'
+        'class="null"/></svg>'
     )
 
 
@@ -85,7 +85,7 @@ def curves(
 
     parts = [
         f'<line x1="{_LEFT}" x2="{_WIDTH - 10}" y1="{at_y(tick):.1f}" '
-        f'y2="{at_y(tick):.1f}" stroke="#e3e8ed"/><text x="{_LEFT - 6}" '
+        f'y2="{at_y(tick):.1f}" class="grid"/><text x="{_LEFT - 6}" '
         f'y="{at_y(tick) + 4:.1f}" text-anchor="end">{tick:g}</text>'
         for tick in _ticks(low, high)
     ]
@@ -98,14 +98,10 @@ def curves(
         points = ' '.join(
             f'{at_x(a):.1f},{at_y(b):.1f}' for a, b in zip(x, line, strict=True) if np.isfinite(b)
         )
-        parts.append(
-            f'<polyline points="{points}" fill="none" stroke="{_COLOURS[i]}" '
-            f'stroke-width="2" stroke-dasharray="{_DASHES[i]}"/>'
-        )
+        parts.append(f'<polyline points="{points}" class="curve {_KINDS[i]}"/>')
         start = _LEFT + 4 + 125 * i
         parts.append(
-            f'<line x1="{start}" x2="{start + 18}" y1="10" y2="10" stroke="{_COLOURS[i]}"'
-            f' stroke-width="2" stroke-dasharray="{_DASHES[i]}"/>'
+            f'<line x1="{start}" x2="{start + 18}" y1="10" y2="10" class="curve {_KINDS[i]}"/>'
             f'<text x="{start + 23}" y="14">{escape(names[i])}</text>'
         )
     parts.append(
@@ -113,7 +109,7 @@ def curves(
         f'{escape(x_label)}</text>'
     )
     return (
-        f'<figure><svg width="{_WIDTH}" height="{_HEIGHT}" font-size="12" fill="#1c2733" '
+        f'<figure><svg viewBox="0 0 {_WIDTH} {_HEIGHT}" width="{_WIDTH}" font-size="12" '
         f'role="img" aria-label="{escape(y_label)} against {escape(x_label)}">'
         f'{"".join(parts)}</svg><figcaption>{escape(y_label)} against {escape(x_label)}'
         '</figcaption></figure>'

@@ -15,15 +15,18 @@ from flexx2_sim_ros.html_page import html_page
 
 _STYLE = """
 td, th { padding: .18rem .9rem .18rem 0; text-align: left; vertical-align: top; }
-th { color: #5a6b7b; }
+th, small, .dim, figcaption { color: var(--dim); } figcaption { font-size: .85rem; }
+td.q { white-space: nowrap; }
 .tag { display: inline-block; padding: .1rem .6rem; border-radius: 1rem; color: #fff;
-  font-weight: 600; }
+  font-weight: 600; background: #5a6b7b; }
 .none { background: #2e7d4f; } .identified { background: #1f6feb; }
 .partly { background: #b7791f; } .unknown { background: #a8324a; }
 .row { display: flex; flex-wrap: wrap; gap: 1.2rem; }
-.row figure { margin: 0; max-width: 27.5rem; }
-figcaption { font-size: .85rem; } small, .dim, figcaption { color: #5a6b7b; }
-code { background: #f2f5f8; padding: 0 .25rem; }
+.row figure { max-width: 27.5rem; }
+.curve { fill: none; stroke-width: 2; } .grid { stroke: var(--line); }
+.real { stroke: var(--ink); } .simulated { stroke: var(--orange); stroke-dasharray: 5 3; }
+.effects { stroke: var(--blue); } svg text { fill: var(--ink); }
+.before { fill: var(--gray); } .after { fill: var(--blue); } .null { fill: var(--ink); }
 """
 _UNIT_NAMES = {
     'wasserstein_mm': ('distance of depth errors (Wasserstein-1)', 'mm', 1.0),
@@ -39,7 +42,7 @@ def page(
     """Return the page as HTML, all text escaped and all pictures inside."""
     body = [
         f'<p><span class="tag {escape(table["verdict"])}">{escape(table["verdict"])}</span> '
-        f'<small>{sum(r["used"] for r in table["recordings"])} recordings</small></p>',
+        f'<small>from {sum(r["used"] for r in table["recordings"])} recordings</small></p>',
         f'<h1>{escape(headline(table))}</h1>',
         ''.join(f'<p>{escape(line)}</p>' for line in sentences(table)),
         _effects(table),
@@ -51,9 +54,9 @@ def page(
         _recordings(table),
     ]
     body.append(
-        f'<p class="dim">flexx2_sim_ros {table["version"]}, {table["seconds"]:.0f} s, '
-        f'{table["peak_mb"]:.0f} MB. Losses are in units of the tolerance; see '
-        'docs/diagnosis.md.</p>'
+        f'<p class="dim">Made by flexx2_sim_ros {escape(table["version"])} in '
+        f'{table["seconds"]:.0f} s with {table["peak_mb"]:.0f} MB. docs/diagnosis.md says how '
+        'each number is computed.</p>'
     )
     return html_page(f'Sim-to-real gap: {table["verdict"]}', _STYLE, '\n'.join(body))
 
@@ -71,10 +74,13 @@ def _effects(table: dict[str, Any]) -> str:
             f'<td>{row["confidence"]:.0%}</td><td>{escape(values)}</td></tr>'
         )
     return (
-        '<h2>What causes the gap</h2><table><tr><th>effect</th><th>fraction of the gap</th>'
-        '<th>90 % interval</th><th>confidence</th><th>parameters</th></tr>'
-        f'{"".join(rows)}</table><p><small>effects.yaml has these effects, for <code>flexx2 '
-        'simulate --effects</code> and the camera node.</small></p>'
+        '<h2>What causes the gap</h2><div class="scroll"><table><tr><th>effect</th>'
+        '<th>fraction of the gap</th><th>90 % interval</th><th>confidence</th>'
+        f'<th>parameters</th></tr>{"".join(rows)}</table></div><p><small>The fraction is how much '
+        'of the gap goes away when this effect is added to the others. The confidence is the '
+        'probability that the effect explains new recordings better than the next best '
+        'explanation. effects.yaml has these effects, for <code>flexx2 simulate --effects</code> '
+        'and the camera node.</small></p>'
     )
 
 
@@ -91,8 +97,12 @@ def _shrinkage(table: dict[str, Any]) -> str:
         )
     after = 'with the effects' if table['effects'] else 'after (no effect added)'
     return (
-        f'<h2>How large the gap is</h2><table><tr><th></th><th>as simulated</th><th>{after}</th>'
-        '<th>two simulations</th><th></th></tr>' + ''.join(rows) + '</table>'
+        '<h2>How large the gap is</h2><div class="scroll"><table><tr><th></th>'
+        f'<th>as simulated</th><th>{after}</th><th>two simulations</th><th></th></tr>'
+        f'{"".join(rows)}</table></div><p><small>Difference between the recordings and their '
+        'simulation. Bars: gray as simulated, blue after. The mark, and the column "two '
+        'simulations", is the difference between two runs of the simulator: a perfect '
+        'simulation would still show it.</small></p>'
     )
 
 
@@ -100,12 +110,17 @@ def _where(table: dict[str, Any]) -> str:
     if not table['where']:
         return '<h2>Where the gap lies</h2><p>No region differs by more than the tolerance.</p>'
     rows = ''.join(
-        f'<tr><td>{escape(place(cell))}</td><td><small>q = {cell["q_value"]:.2g}</small></td></tr>'
+        f'<tr><td>{escape(place(cell))}</td><td class="q"><small>q = '
+        f'{cell["q_value"]:.2g}</small></td></tr>'
         for cell in table['where'][:12]
     )
     more = len(table['where']) - 12
-    note = f'<p><small>and {more} more, in diagnosis.json</small></p>' if more > 0 else ''
-    return f'<h2>Where the gap lies</h2><table>{rows}</table>{note}'
+    others = f' diagnosis.json has {more} more.' if more > 0 else ''
+    return (
+        f'<h2>Where the gap lies</h2><div class="scroll"><table>{rows}</table></div>'
+        '<p><small>Real minus simulated, mean over the pixels that differ. q is the expected '
+        f'fraction of false findings (Benjamini and Hochberg).{others}</small></p>'
+    )
 
 
 def _considered(table: dict[str, Any], decision: Decision) -> str:
@@ -128,9 +143,9 @@ def _considered(table: dict[str, Any], decision: Decision) -> str:
             f'<td>{escape(why)}</td></tr>'
         )
     return (
-        '<h2>Effects that were considered</h2><table><tr><th>effect, alone</th><th>fraction of '
-        f'the gap</th><th></th></tr>{"".join(rows)}</table><p><small>The other effects explain '
-        'even less.</small></p>'
+        '<h2>Effects that were considered</h2><div class="scroll"><table><tr><th>effect</th>'
+        '<th>fraction of the gap that it explains alone</th><th></th></tr>'
+        f'{"".join(rows)}</table></div><p><small>The other effects explain even less.</small></p>'
         + ''.join(f'<p>{escape(line)}</p>' for line in not_considered(table))
     )
 
@@ -157,6 +172,6 @@ def _recordings(table: dict[str, Any]) -> str:
                 f'<td>{escape(row["reason"])}</td></tr>'
             )
     return (
-        '<h2>Recordings</h2><table><tr><th></th><th></th><th>fitted pose error (right, down, '
-        f'forward; pitch, yaw, roll)</th></tr>{"".join(rows)}</table>'
+        '<h2>Recordings</h2><div class="scroll"><table><tr><th>file</th><th></th><th>fitted pose '
+        f'error (right, down, forward; pitch, yaw, roll)</th></tr>{"".join(rows)}</table></div>'
     )

@@ -130,6 +130,8 @@ def place(cell: dict[str, Any]) -> str:
         where = 'on all surfaces'
     if where == 'edge' and not cell['detail']:
         where = 'at edges'
+    elif where == 'recording':
+        where = f'in recording {cell["detail"]}'
     elif cell['detail']:
         where += f' ({cell["detail"]})'
     elif low is not None and high is not None:

@@ -62,7 +62,7 @@ class Camera {
   readOut() {
     for (const kind of ['clean', 'simulated', 'difference']) {
       const canvas = this.part[kind];
-      let text = kind === 'simulated' || !this.frame || this.frame.clean ? '' : 'none';
+      let text = kind === 'simulated' || !this.frame || this.frame.clean ? '' : 'not available';
       if (this.pointer?.kind === kind && this.frame) {
         const u = Math.floor(this.pointer.x / canvas.clientWidth * this.frame.width);
         const v = Math.floor(this.pointer.y / canvas.clientHeight * this.frame.height);
@@ -132,8 +132,8 @@ function tell(status) {
   find('drive-topic').textContent = status.drive.topic;
   const state = find('drive-state');
   state.classList.toggle('moving', Boolean(moving) && status.drive.listeners > 0);
-  const held = obeyed ? 'driving' : 'stopped by another page: release the keys';
-  state.textContent = status.drive.listeners ? (moving ? held : '') : 'nobody listens (go1_cameras: motion:=cmd_vel)';
+  const held = obeyed ? 'driving' : 'stopped by another page: release the key to drive on';
+  state.textContent = status.drive.listeners ? (moving ? held : '') : 'no robot subscribes (start go1_cameras with motion:=cmd_vel)';
 }
 
 function connect() {
@@ -156,7 +156,7 @@ function connect() {
     }
   };
   socket.onclose = () => {
-    state.textContent = 'connection lost, trying again';
+    state.textContent = 'connection lost, reconnecting';
     state.className = 'off';
     document.body.classList.add('lost');
     drive.stop();
