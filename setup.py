@@ -40,7 +40,7 @@ class Install(install):
 setup(
     name=NAME,
     version='0.1.0',
-    description='A simulated PMD Flexx2 time-of-flight camera for ROS 2 and MuJoCo',
+    description='A simulated PMD Flexx2 time-of-flight camera for ROS 2, and tools for its noise',
     long_description=Path('README.md').read_text(encoding='utf-8'),
     long_description_content_type='text/markdown',
     author='flexx2_sim_ros maintainers',

@@ -25,7 +25,7 @@ def generate_launch_description() -> LaunchDescription:
                 DeclareLaunchArgument(
                     topic,
                     default_value=f'clean/{topic}',
-                    description=f'Topic of the simulator that clean/{topic} is remapped to.',
+                    description=f'Topic of the simulator for the input clean/{topic}.',
                 )
                 for topic in INPUTS
             ),

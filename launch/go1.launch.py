@@ -1,4 +1,4 @@
-"""A Go1 or Go2 with its two cameras and, if asked for, RViz."""
+"""A Go1 or Go2 with its two cameras and, on request, RViz."""
 
 from flexx2_sim_ros.paths import config_dir, executable
 from launch import LaunchDescription
@@ -10,17 +10,20 @@ from launch_ros.actions import Node
 PASSED_ON = ('robot', 'motion', 'scene', 'renderer')  # to go1_cameras
 CAMERAS = ('front_left', 'front_right')
 ARGUMENTS = {
-    'robot': ('go1', 'go1, go2, or the path of a YAML file.'),
+    'robot': ('go1', 'The robot: go1, go2, or the path of a YAML file.'),
     'motion': ('cmd_vel', 'What moves the robot: stand, cmd_vel or external.'),
-    'scene': ('lab', 'lab, stairs, corner, board, rubble, or the path of an MJCF file.'),
-    'renderer': ('auto', 'auto, egl, osmesa or ray.'),
+    'scene': (
+        'lab',
+        'The scene: lab, stairs, corner, board, rubble, or the path of an MJCF file.',
+    ),
+    'renderer': ('auto', 'How images are rendered: auto, egl, osmesa or ray.'),
     'usecase': ('Mode_9_30fps', 'Mode of both cameras.'),
-    'rviz': ('false', 'Whether to start RViz.'),
+    'rviz': ('false', 'Whether to start RViz: true or false.'),
 }
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Start go1_cameras, a flexx2_camera for each of its cameras, and RViz if asked for."""
+    """Start go1_cameras, a flexx2_camera for each of its cameras, and RViz on request."""
     robot = Node(
         executable=str(executable('go1_cameras')),
         output='screen',

@@ -22,7 +22,7 @@ def view(ros: None, tmp_path_factory: pytest.TempPathFactory) -> Iterator[View]:
     yield made
     assert made.end() == 130
     assert made.errors == (
-        'warning: --host 0.0.0.0: whoever has this address can drive the robot\n'
+        'warning: --host 0.0.0.0: everybody who has this address can drive the robot\n'
     )
 
 
@@ -88,7 +88,7 @@ def test_no_token_is_asked_for_when_told_so(ros: None, tmp_path: Path) -> None:
     assert code_of(view.url) == 200
     assert view.end() == 130
     assert view.errors == (
-        'warning: --host 0.0.0.0: whoever reaches this machine can drive the robot\n'
+        'warning: --host 0.0.0.0: everybody who reaches this machine can drive the robot\n'
     )
 
 

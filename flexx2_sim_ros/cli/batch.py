@@ -24,27 +24,30 @@ def add_parser(commands: Any) -> None:
     """Add the subcommand."""
     parser = commands.add_parser(
         'batch',
-        help='many robots at once: what the noise does to their height grids',
-        description='Let Go1 walk over the stairs, each with two cameras, render all of them, add '
-        'the noise in one batch (flexx2_sim_ros.batch), project it to the height grid around each '
-        'robot (x +-0.5 m, y +-0.3 m, every 0.1 m), and print and draw the error of that grid '
-        'with and without the noise. Needs pip install "flexx2_sim_ros[batch]".',
-        epilog='example, on a GPU with mujoco-warp: flexx2 batch --num-envs 4096 --device cuda',
+        help='simulate the cameras of many robots at once, and draw their height grids',
+        description='Simulate Go1 robots that walk over stairs, each with two cameras. All images '
+        'get their noise in one batch (flexx2_sim_ros.batch) and are projected to the height '
+        'grid around each robot (x +-0.5 m, y +-0.3 m, every 0.1 m). Prints and draws the '
+        'errors of the grids with and without noise. Needs pip install "flexx2_sim_ros[batch]".',
+        epilog='examples: flexx2 batch; on a GPU with mujoco-warp: flexx2 batch --num-envs 4096 '
+        '--device cuda',
     )
     parser.add_argument(
         '--num-envs',
         type=whole_number(1, 1_000_000),
         default=64,
-        help='robots (default %(default)s)',
+        help='number of robots (default %(default)s)',
     )
     parser.add_argument(
         '--frames',
         type=whole_number(1, 100_000),
         default=8,
-        help=f'frames in a grid, {_INTERVAL} s apart (default %(default)s)',
+        help=f'frames for each grid, {_INTERVAL} s apart (default %(default)s)',
     )
-    parser.add_argument('--usecase', default=DEFAULT_USECASE, help='default %(default)s')
-    parser.add_argument('--seed', type=whole_number(*SEEDS), default=0)
+    parser.add_argument('--usecase', default=DEFAULT_USECASE, help='mode (default %(default)s)')
+    parser.add_argument(
+        '--seed', type=whole_number(*SEEDS), default=0, help='seed of the noise (default 0)'
+    )
     parser.add_argument('--device', help='cpu, cuda, cuda:1, ...; default: a GPU if there is one')
     parser.add_argument(
         '--renderer',

@@ -21,8 +21,10 @@ def add_parser(commands: Any) -> None:
     parser = commands.add_parser(
         'characterize',
         help='measure the noise of a depth camera with a flat board',
-        description="The paper's measurement: capture (or record) a flat board at several "
-        'distances and angles, fit the noise model, and get a report and a camera profile.',
+        description='Measure noise as the paper did: record a flat board at several distances '
+        'and angles (plan, or capture with the simulated camera), then fit the noise model '
+        '(fit). The results are a report and a camera profile.',
+        epilog='example: flexx2 characterize fit campaign --out result',
     )
     steps = parser.add_subparsers(dest='step', required=True, metavar='STEP')
 
@@ -31,30 +33,30 @@ def add_parser(commands: Any) -> None:
         help='print the campaign as a checklist',
         epilog='example: flexx2 characterize plan --usecase Mode_9_30fps > checklist.md',
         description='Print the campaign as a checklist (Markdown) for a person with a camera, a '
-        'tape and a board, with the name that each recording is expected to have.',
+        'tape and a board. It says what to call each recording.',
     )
     capture = steps.add_parser(
         'capture',
         help='record the campaign with the simulated camera',
         epilog='example: flexx2 characterize capture campaign --frames 300',
-        description='Record the campaign with the simulated camera: the scene `board`, one .npz '
-        'a condition (46 MB for 300 frames of 224 x 172). Started again, it goes on where it '
-        'was.',
+        description='Record the campaign with the simulated camera in the scene `board`: one .npz '
+        'file for each mode, distance and angle (46 MB for 300 frames of 224 x 172). Resumes '
+        'after an interruption.',
     )
-    capture.add_argument('folder', type=Path, metavar='FOLDER')
+    capture.add_argument('folder', type=Path, metavar='FOLDER', help='for the recordings')
     for step in (plan, capture):
         step.add_argument(
             '--usecase',
             action='append',
             metavar='MODE',
-            help='a mode; can be repeated (default: the modes whose noise was measured)',
+            help='a mode; may be repeated (default: the modes whose noise was measured)',
         )
         step.add_argument(
             '--distances',
             type=number(0, 1e3, above=True),
             nargs='+',
             metavar='M',
-            help="metres (default: eight that suit each mode's range)",
+            help="of the board, metres (default: eight that suit each mode's range)",
         )
         step.add_argument(
             '--angles',
@@ -62,13 +64,13 @@ def add_parser(commands: Any) -> None:
             nargs='+',
             metavar='DEG',
             default=[0.0, 15.0, 30.0, 45.0, 60.0],
-            help='degrees (default: 0 15 30 45 60)',
+            help='of the board, degrees (default: 0 15 30 45 60)',
         )
         step.add_argument(
             '--frames',
             type=whole_number(1, MOST_FRAMES),
             default=300,
-            help='frames a condition (default %(default)s)',
+            help='frames in each recording (default %(default)s)',
         )
         step.add_argument('--profile', metavar='NAME', default='', help=PROFILE_HELP)
     capture.add_argument(
@@ -87,9 +89,9 @@ def add_parser(commands: Any) -> None:
         epilog='example: flexx2 characterize fit campaign --out result',
         description='Analyse a folder of recordings (.npz or bags) of one camera that looks at a '
         'flat board. Writes report.html, figures and profile.yaml. Recordings called '
-        'MODE_DISTANCEm_ANGLEdeg are held against what their names say.',
+        'MODE_DISTANCEm_ANGLEdeg are checked against their names.',
     )
-    fit.add_argument('folder', type=Path, metavar='FOLDER')
+    fit.add_argument('folder', type=Path, metavar='FOLDER', help='of recordings')
     fit.add_argument(
         '--out', type=Path, metavar='DIR', help=f'where to write (default: FOLDER/{_OUT})'
     )
@@ -98,9 +100,9 @@ def add_parser(commands: Any) -> None:
         type=whole_number(0, 1_000_000),
         nargs=4,
         metavar=('X0', 'Y0', 'X1', 'Y1'),
-        help='the board in every image, pixels (default: found)',
+        help='region of the board in each image, pixels (default: detected)',
     )
-    fit.add_argument('--camera', metavar='NAME', help='which camera of bags that have several')
+    fit.add_argument('--camera', metavar='NAME', help='which camera, if bags have several')
     fit.add_argument('--model', metavar='NAME', help="the camera's name in the profile")
     fit.add_argument('--profile', metavar='NAME', default='', help=PROFILE_HELP)
     for step in (capture, fit):
@@ -108,7 +110,7 @@ def add_parser(commands: Any) -> None:
             '--jobs',
             type=whole_number(1, MOST_JOBS),
             metavar='N',
-            help='processes (default: one a core)',
+            help='number of processes (default: one per core)',
         )
     plan.set_defaults(run=_plan)
     capture.set_defaults(run=_capture)

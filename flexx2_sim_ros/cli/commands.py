@@ -32,7 +32,9 @@ def make_parser() -> argparse.ArgumentParser:
     """Return the parser of the command line, with all subcommands."""
     parser = _Parser(
         prog='flexx2',
-        description='A simulated PMD Flexx2 time-of-flight camera.',
+        description='A simulated PMD Flexx2 time-of-flight camera, and tools that measure a depth '
+        "camera's noise and find out why it differs from its simulation. flexx2 COMMAND --help "
+        'explains a command.',
         epilog='For RViz and Foxglove there are layouts in config/ (in an install: '
         'share/flexx2_sim_ros/config): flexx2.rviz and foxglove.json.',
     )

@@ -14,12 +14,12 @@ def add_parser(commands: Any) -> None:
     """Add the subcommand."""
     parser = commands.add_parser(
         'compile',
-        help='compile the camera ahead of its first start',
+        help='compile the camera before its first start',
         epilog='example: flexx2 compile',
-        description='Compile the camera model and all effects, so that the first start of a '
-        'camera and the first use of an effect need not. The result is kept beside the package, '
-        "or in the user's cache folder where the package cannot be written (each user then runs "
-        'this command once). It is needed again after an update of the package or of numba.',
+        description='Compile the camera model and all effects, so that a camera starts at once. '
+        'The result is kept in the folder of the package, or in the cache folder of the user if '
+        'that is not writable (then each user runs this command once). Run it again after an '
+        'update of the package or of numba.',
     )
     parser.add_argument(
         '--no-effects',

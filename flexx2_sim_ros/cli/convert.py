@@ -11,25 +11,25 @@ def add_parser(commands: Any) -> None:
     """Add the subcommand."""
     parser = commands.add_parser(
         'convert',
-        help='convert a recording between bag and .npz',
+        help='convert a recording between a bag and .npz',
         description='Write a recording in another format, without loss. A and B are an .npz '
         'recording, or a rosbag2 bag: a folder, or a single .mcap or .db3 file. Bags of the real '
-        'driver (pmd-royale-ros) are understood; one that was cut off is read as far as it is '
-        'whole. From a bag with several cameras, B.npz becomes B_<camera>.npz for each.',
+        'driver (pmd-royale-ros) work, too; a damaged bag is read up to the damage. '
+        'From a bag with several cameras, B.npz becomes B_<camera>.npz for each.',
         epilog='example: flexx2 convert walk walk.npz --camera front_left',
     )
-    parser.add_argument('source', metavar='A')
-    parser.add_argument('target', metavar='B')
+    parser.add_argument('source', metavar='A', help='recording to read')
+    parser.add_argument('target', metavar='B', help='recording to write')
     parser.add_argument(
         '--camera',
-        help='which camera of a bag, by its name or by the topic of '
-        'its depth image; into a bag: what to call it',
+        help='from a bag: which camera, by its name or by the topic of '
+        'its depth image; to a bag: name of the camera',
     )
     parser.add_argument(
         '--storage',
         choices=('mcap', 'sqlite3'),
         default='mcap',
-        help='of a folder (default %(default)s)',
+        help='format of a bag in a folder (default %(default)s)',
     )
     parser.set_defaults(run=run)
 

@@ -30,7 +30,7 @@ def add_parser(commands: Any) -> None:
         'demo',
         help='run a Go1 with two cameras and show what they see',
         description='Start go1_cameras and two flexx2_camera nodes as processes, switch through '
-        'the modes that were measured while they stream, print what comes out, and write a '
+        'the measured modes while they stream, print rates, latency and noise, and write a '
         'picture. Needs ROS 2 (pip install "flexx2_sim_ros[ros]", or a sourced ROS 2 Jazzy).',
         epilog='example: flexx2 demo --seconds 5 --out demo_output',
     )
@@ -46,7 +46,9 @@ def add_parser(commands: Any) -> None:
         default=Path('demo_output'),
         help="folder for the picture and the nodes' logs (default %(default)s)",
     )
-    parser.add_argument('--renderer', default='auto', help='auto, egl, osmesa or ray')
+    parser.add_argument(
+        '--renderer', default='auto', help='auto, egl, osmesa or ray (default %(default)s)'
+    )
     parser.set_defaults(run=run)
 
 

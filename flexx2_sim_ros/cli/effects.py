@@ -18,19 +18,19 @@ def add_parser(commands: Any) -> None:
     """Add the subcommand."""
     parser = commands.add_parser(
         'effects',
-        help='list the effects beyond the noise model, show what one does',
-        description='List the effects that a real camera shows and the noise model leaves out: '
-        'their stage in the order of light, parameters, typical values, ranges and units. They '
-        'are switched on with flexx2 simulate --effects, or with parameters of the camera node.',
+        help='list the effects beyond the noise model, or draw one of them',
+        description='List the effects of a real camera that the noise model leaves out, in the '
+        'order in which they act on the light: parameters, typical values, ranges and units. '
+        'flexx2 simulate --effects or the parameters of the camera node switch them on.',
         epilog='examples: flexx2 effects --sources, flexx2 effects show multipath',
     )
     form = parser.add_mutually_exclusive_group()
     form.add_argument(
         '--sources',
         action='store_true',
-        help='what each is and where model and values come from, instead of its parameters',
+        help='list the source of each effect instead of its parameters',
     )
-    form.add_argument('--markdown', action='store_true', help='both as the page docs/effects.md')
+    form.add_argument('--markdown', action='store_true', help='print the page docs/effects.md')
     form.add_argument(
         '--write-presets',
         metavar='DIR',
@@ -41,12 +41,15 @@ def add_parser(commands: Any) -> None:
     actions = parser.add_subparsers(metavar='show', dest='action')
     show = actions.add_parser(
         'show',
-        help="write a picture of an effect's signature",
+        help='draw what an effect does',
         description='Write a picture: a fixed scene with the effect, what the effect changes in '
-        'it, and that against what it depends on.',
+        'it, and this change as a curve against the quantity that it depends on.',
+        epilog='example: flexx2 effects show multipath --out multipath.png',
     )
-    show.add_argument('name', metavar='NAME')
-    show.add_argument('--out', metavar='PNG', type=Path, help='default: NAME.png')
+    show.add_argument('name', metavar='NAME', help='an effect, see flexx2 effects')
+    show.add_argument(
+        '--out', metavar='PNG', type=Path, help='picture to write (default: NAME.png)'
+    )
     show.set_defaults(run=run_show)
 
 
@@ -65,7 +68,7 @@ def run(arguments: argparse.Namespace) -> int:
         Console().print(_sources() if arguments.sources else _parameters())
         Console().print(
             'In the order of light. Each has a strength, too: 0 is off, 1 typical, 4 the most.\n'
-            'Shown by: flexx2 effects --sources, flexx2 effects show NAME',
+            'See also: flexx2 effects --sources, flexx2 effects show NAME',
             style='dim',
             highlight=False,
         )

@@ -18,26 +18,32 @@ def add_parser(commands: Any) -> None:
     parser = commands.add_parser(
         'gap',
         help='find out why recordings differ from the simulation',
-        description='Compare recordings of a real camera with the simulation of the same scenes.',
+        description='Compare recordings of a real camera with the simulation of the same scenes. '
+        'The gap is the difference between the two.',
+        epilog='example: flexx2 gap diagnose recordings --out diagnosis',
     )
     subcommands = parser.add_subparsers(dest='gap_command', required=True, metavar='COMMAND')
     diagnose = subcommands.add_parser(
         'diagnose',
         help='find which effects cause the gap, where it lies and how much they explain',
-        description='CAMPAIGN is a folder of recordings (.npz or bags), one scene each, with '
-        'their ground truth, clean_depth. Writes diagnosis.json (docs/diagnosis.md), effects.yaml '
-        '(for flexx2 simulate --effects and the node) and report.html to DIR.',
-        epilog='example: flexx2 gap diagnose recordings/ --out diagnosis/',
+        description='Find the effects that explain the gap. The result says for example that '
+        'an effect removes 61 % of the gap: this fraction of the difference goes away, on '
+        'recordings that were not used for the fit, once the effect is simulated. An '
+        'alternative explanation is an effect that explains the recordings equally well. '
+        'CAMPAIGN is a folder of recordings (.npz or bags) with their ground truth, '
+        'clean_depth; each shows one scene. DIR gets report.html, diagnosis.json '
+        '(docs/diagnosis.md) and effects.yaml (for flexx2 simulate --effects and the node).',
+        epilog='example: flexx2 gap diagnose recordings --out diagnosis --pose-prior 0.005 0.25',
     )
-    diagnose.add_argument('campaign', metavar='CAMPAIGN')
-    diagnose.add_argument('--out', required=True, metavar='DIR')
+    diagnose.add_argument('campaign', metavar='CAMPAIGN', help='folder of recordings')
+    diagnose.add_argument('--out', required=True, metavar='DIR', help='folder for the results')
     diagnose.add_argument('--profile', metavar='NAME', default='', help=PROFILE_HELP)
     diagnose.add_argument(
         '--without',
         action='append',
         default=[],
         metavar='NAME',
-        help='leave an effect out of the catalogue (may be given again)',
+        help='do not consider this effect (may be repeated)',
     )
     diagnose.add_argument(
         '--seed',
@@ -64,7 +70,8 @@ def add_parser(commands: Any) -> None:
         nargs=2,
         default=(0.010, 0.5),
         metavar=('METRES', 'DEGREES'),
-        help='typical error of the given poses, as standard deviations (default 0.01 0.5)',
+        help='how inaccurate the given camera poses are: standard deviations of position and '
+        'angle (default 0.01 0.5)',
     )
     diagnose.set_defaults(run=run_diagnose)
     if find_spec('flexx2_sim_ros.cli.gap_benchmark'):

@@ -1,4 +1,4 @@
-"""`flexx2 gap benchmark`: the diagnosis against a camera it knows nothing of."""
+"""`flexx2 gap benchmark`: the diagnosis tested on an independent camera."""
 
 import argparse
 from pathlib import Path
@@ -16,10 +16,10 @@ def add_parser(commands: Any) -> None:
     """Add the subcommand."""
     parser = commands.add_parser(
         'benchmark',
-        help='score the diagnosis on a camera it knows nothing of',
-        description='Record campaigns with a blind camera (raw correlation samples, effects on '
-        'phasors and taps), have each diagnosed, and score the answers against labels that were '
-        'sealed before the run. Goes on where it was broken off. Prints the tables and writes '
+        help='measure how often the diagnosis is right',
+        description='Record campaigns with a blind camera, whose physics is separate from the '
+        'simulator, diagnose each, and score the answers against labels that were sealed before '
+        'the run. Resumes after an interruption. Prints the tables and writes '
         f'benchmark.md and {_CONFUSION} to --out.',
         epilog='example: flexx2 gap benchmark --quick --out /tmp/benchmark',
     )
@@ -28,18 +28,18 @@ def add_parser(commands: Any) -> None:
         '--seed-set',
         choices=('dev', 'test'),
         default='dev',
-        help='seeds of scenes and cameras (default %(default)s)',
+        help='which seeds of scenes and cameras (default %(default)s)',
     )
     parser.add_argument(
         '--release',
         action='store_true',
-        help='allow the test seeds: for the run that is published',
+        help='allow the test seeds; for the published run of a release only',
     )
     parser.add_argument(
         '--jobs',
         type=whole_number(1, MOST_JOBS),
         default=2,
-        help='processes (default %(default)s)',
+        help='number of processes (default %(default)s)',
     )
     parser.add_argument(
         '--out',
@@ -49,7 +49,7 @@ def add_parser(commands: Any) -> None:
     parser.add_argument(
         '--score',
         action='store_true',
-        help='run nothing: score what is done of a run that was broken off',
+        help='run nothing: score the finished cases of an interrupted run',
     )
     parser.set_defaults(run=run)
 

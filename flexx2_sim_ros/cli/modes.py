@@ -65,7 +65,7 @@ def run(arguments: argparse.Namespace) -> int:
     console.print(table)
     if not all(mode.measured for mode in modes):
         console.print(
-            '* not measured: takes the noise of the nearest measured mode of its family\n',
+            '* not measured: it takes the noise of the nearest measured mode of its family\n',
             style='dim',
         )
     else:

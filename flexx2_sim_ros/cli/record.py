@@ -28,7 +28,7 @@ def add_parser(commands: Any) -> None:
         help='record all cameras into a bag',
         description='Record clean and simulated depth, reflectivity, gray images, camera infos '
         'and modes of all cameras, simulated or real, with /tf, /tf_static and /clock, into a '
-        'rosbag2 bag, until Ctrl-C. What is lost is counted and shown. Needs ROS 2.',
+        'rosbag2 bag, until Ctrl-C. Lost messages are counted and shown. Needs ROS 2.',
         epilog='example: flexx2 record walk --seconds 10',
     )
     parser.add_argument(
@@ -36,39 +36,46 @@ def add_parser(commands: Any) -> None:
         nargs='?',
         type=Path,
         metavar='BAG',
-        help='folder to make (default: flexx2_ and the time)',
+        help='new folder (default: flexx2_ and the time)',
     )
     parser.add_argument(
         '--seconds',
         type=number(0, 1e9, above=True),
-        help='end after so long, from the first message on',
+        help='stop this long after the first message (default: record until Ctrl-C)',
     )
     parser.add_argument(
         '--wait',
         type=number(0, 1e9, above=True),
         default=30.0,
         metavar='SECONDS',
-        help='for the first message, at most (default %(default)s)',
+        help='longest time to wait for the first message (default %(default)s)',
     )
     parser.add_argument(
-        '--storage', choices=('mcap', 'sqlite3'), default='mcap', help='default %(default)s'
+        '--storage',
+        choices=('mcap', 'sqlite3'),
+        default='mcap',
+        help='format of the bag (default %(default)s)',
     )
     parser.add_argument(
-        '--cameras', nargs='+', default=[], metavar='NAME', help='only these (namespaces or nodes)'
+        '--cameras',
+        nargs='+',
+        default=[],
+        metavar='NAME',
+        help='record only these (namespaces or nodes)',
     )
     parser.add_argument(
         '--also',
         nargs='+',
         default=[],
         metavar='TOPIC',
-        help="more topics, wildcards allowed: '*/point_cloud_0' '*/depth_noise_0' /odom",
+        help="record more topics; wildcards allowed: '*/point_cloud_0' '*/depth_noise_0' /odom",
     )
     parser.add_argument(
         '--queue',
         type=number(0, 1e6, above=True),
         default=256.0,
         metavar='MB',
-        help='that wait for the disk at most (default %(default)g)',
+        help='memory for messages that wait for the disk (default %(default)g)',
     )
     parser.set_defaults(run=run)
 
@@ -184,7 +191,7 @@ def _report(recorder: Any, path: Path) -> None:
     console.print(
         f'{path}: {recorder.seconds:.1f} s, {lost} messages lost'
         + (
-            f' ({refused} here, the disk was too slow; {lost - refused} on the way)'
+            f' ({refused} because the disk was too slow, {lost - refused} in transport)'
             if lost
             else ''
         ),

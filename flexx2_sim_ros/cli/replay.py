@@ -18,9 +18,9 @@ def add_parser(commands: Any) -> None:
     """Add the subcommand."""
     parser = commands.add_parser(
         'replay',
-        help='publish a bag again',
-        description='Publish the messages of a rosbag2 bag with their own stamps, at the pace of '
-        'these stamps, and /clock with them. Ends at the end of the bag. Needs ROS 2.',
+        help='publish the messages of a bag',
+        description='Publish the messages of a rosbag2 bag at the pace of their stamps, and a '
+        '/clock that fits them. Ends at the end of the bag. Needs ROS 2.',
         epilog="example: flexx2 replay walk --rate 0.5 --topics '*/clean/*'",
     )
     parser.add_argument('bag', metavar='BAG', help='a folder, or a .mcap or .db3 file')
@@ -30,16 +30,20 @@ def add_parser(commands: Any) -> None:
         default=1.0,
         help='real-time factor (default %(default)s)',
     )
-    parser.add_argument('--loop', action='store_true', help='begin again at the end, until Ctrl-C')
+    parser.add_argument('--loop', action='store_true', help='start again at the end, until Ctrl-C')
     parser.add_argument(
-        '--topics', nargs='+', default=[], metavar='TOPIC', help='only these, wildcards allowed'
+        '--topics',
+        nargs='+',
+        default=[],
+        metavar='TOPIC',
+        help='publish only these; wildcards allowed',
     )
     parser.add_argument(
         '--wait',
         type=number(0, 1e6),
         default=2.0,
         metavar='SECONDS',
-        help='at most, until every topic has a subscriber (default %(default)s)',
+        help='longest time to wait until every topic has a subscriber (default %(default)s)',
     )
     parser.add_argument('--no-clock', action='store_true', help='do not publish /clock')
     parser.set_defaults(run=run)
@@ -68,7 +72,7 @@ def run(arguments: argparse.Namespace) -> int:
                     player.play(arguments.rate, stopped)
             seconds = time.monotonic() - begun
             if not stopped() and not player.finish(_ACKNOWLEDGE_SECONDS):
-                console.print('a subscriber has not acknowledged everything', style='yellow')
+                console.print('a subscriber has not acknowledged all messages', style='yellow')
         finally:
             player.destroy_node()
     for note in bag.notes[known:]:
@@ -90,4 +94,4 @@ def _wait(player: Any, seconds: float, stopped: Callable[[], bool], console: Con
         if seconds:
             time.sleep(_DISCOVERY_SECONDS)
     if unheard := player.unheard():
-        console.print(printable(f'nobody subscribes to {", ".join(unheard)}'), style='dim')
+        console.print(printable(f'no subscriber: {", ".join(unheard)}'), style='dim')

@@ -34,11 +34,11 @@ def add_parser(commands: Any) -> None:
         'clean_depth (H, W) or (T, H, W) in metres, NaN where there is no return, K (3, 3), '
         'optionally reflectivity (0..1) and stamp (T,) in seconds. OUT.npz is a recording: '
         'depth (T, H, W) float32 metres with NaN for invalid, clean_depth, K, stamp, usecase, '
-        'seed, effects if there are any, and whatever else IN had (docs/recordings.md).',
+        'seed, effects if any, and all other keys of IN (docs/recordings.md).',
         epilog='example: flexx2 simulate scene.npz out.npz --usecase Mode_5_30fps --frames 300',
     )
-    parser.add_argument('input', metavar='IN.npz')
-    parser.add_argument('output', metavar='OUT.npz')
+    parser.add_argument('input', metavar='IN.npz', help='scene to read')
+    parser.add_argument('output', metavar='OUT.npz', help='recording to write')
     parser.add_argument(
         '--usecase',
         help=f'mode (default {DEFAULT_USECASE}, or the first of the profile); see flexx2 modes',
@@ -53,30 +53,32 @@ def add_parser(commands: Any) -> None:
     parser.add_argument(
         '--frames',
         type=whole_number(1, MOST_FRAMES),
-        help='how many frames (default: as many as clean_depth or stamp has, '
+        help='number of frames (default: as many as clean_depth or stamp has, '
         f'else {_DEFAULT_FRAMES})',
     )
     parser.add_argument(
         '--seed', type=whole_number(*SEEDS), default=0, help='seed of the noise (default 0)'
     )
     parser.add_argument(
-        '--name', default='', help='camera name: cameras of different names share no noise'
+        '--name',
+        default='',
+        help='camera name; cameras with different names have independent noise',
     )
     parser.add_argument(
         '--start',
         type=float,
         metavar='SECONDS',
         help='stamp of the first frame, '
-        'where IN has none; noise depends on seed, name and stamp (default: whole '
-        'seconds made of what the scene shows, so that scenes differ in noise)',
+        'if IN has no stamps; noise depends on seed, name and stamp (default: whole '
+        'seconds from a checksum of the scene, so that scenes get different noise)',
     )
     parser.add_argument(
         '--uptime',
         type=float,
         metavar='SECONDS',
-        help='since power-on at the '
-        'first frame, for warm_up_drift (default: uptime of IN, else what the '
-        'effect says)',
+        help='time since power-on at '
+        'the first frame, for warm_up_drift (default: uptime of IN, else the '
+        'parameter of the effect)',
     )
     parser.set_defaults(run=run)
 
@@ -145,7 +147,7 @@ def run(arguments: argparse.Namespace) -> int:
     )
     if not camera.mode.measured:
         console.print(
-            f'{camera.usecase} was not measured: noise of {camera.mode.noise_of}',
+            f'{camera.usecase} was not measured; it takes the noise of {camera.mode.noise_of}',
             style='yellow',
             highlight=False,
         )

@@ -27,14 +27,14 @@ def add_parser(commands: Any) -> None:
     """Add the subcommand."""
     parser = commands.add_parser(
         'view',
-        help='look at all cameras in a browser, switch modes, drive the robot',
+        help='show all cameras in a browser, switch modes, drive the robot',
         description='Serve a page that shows clean and simulated depth, their difference and the '
-        "point cloud of all cameras while they stream, sets the cameras' modes, and drives the "
-        'robot with W A S D. Needs ROS 2.',
+        'point cloud of all cameras while they stream. On the page you switch modes and drive '
+        'the robot with W A S D. Needs ROS 2.',
         epilog='example: flexx2 view --demo',
     )
     parser.add_argument(
-        '--demo', action='store_true', help='start a Go1 to drive and two camera nodes as well'
+        '--demo', action='store_true', help='also start a Go1 with two camera nodes'
     )
     parser.add_argument(
         '--scene',
@@ -48,30 +48,39 @@ def add_parser(commands: Any) -> None:
         help='of the demo: auto, egl, osmesa or ray (default %(default)s)',
     )
     parser.add_argument(
-        '--cameras', nargs='+', default=[], metavar='NAME', help='only these (namespaces or nodes)'
+        '--cameras',
+        nargs='+',
+        default=[],
+        metavar='NAME',
+        help='show only these (namespaces or nodes)',
     )
     parser.add_argument(
-        '--cmd-vel', default='/cmd_vel', metavar='TOPIC', help='to drive on (default %(default)s)'
+        '--cmd-vel',
+        default='/cmd_vel',
+        metavar='TOPIC',
+        help='topic for driving (default %(default)s)',
     )
     parser.add_argument(
         '--host',
         default='127.0.0.1',
-        help='address to serve on (default %(default)s: this machine alone); '
-        'for any other one the page asks for a token, which is part of the '
+        help='address to serve on (default %(default)s: this machine only); '
+        'for any other address the page asks for a token, which is part of the '
         'printed URL',
     )
     parser.add_argument(
         '--no-token',
         action='store_true',
-        help='ask for no token: whoever reaches the address can drive the robot',
+        help='do not ask for a token: everybody who reaches the address can drive the robot',
     )
     parser.add_argument(
         '--port',
         type=whole_number(0, 65535),
         default=8172,
-        help='default %(default)s; 0 for any that is free',
+        help='default %(default)s; 0 chooses a free one',
     )
-    parser.add_argument('--no-browser', action='store_true', help='only print the address')
+    parser.add_argument(
+        '--no-browser', action='store_true', help='print the address without opening a browser'
+    )
     parser.set_defaults(run=run)
 
 
@@ -150,7 +159,10 @@ def _say_where(access: Any, port: int, with_browser: bool) -> None:
         )
     if not is_loopback(access.host):
         who = 'has this address' if access.token else 'reaches this machine'
-        print(f'warning: --host {access.host}: whoever {who} can drive the robot', file=sys.stderr)
+        print(
+            f'warning: --host {access.host}: everybody who {who} can drive the robot',
+            file=sys.stderr,
+        )
     # Elsewhere it would open one in this terminal.
     has_screen = (
         sys.platform != 'linux' or os.environ.get('DISPLAY') or os.environ.get('WAYLAND_DISPLAY')

@@ -55,7 +55,7 @@ MODE_FIELDS = (
     'measured',
 )
 _NAME = re.compile(r'[A-Za-z][A-Za-z0-9_.+-]{0,63}')
-# What no depth camera has: beyond these a field is taken for a mistake (design).
+# No depth camera has values beyond these; such a field is taken as a mistake (assumed).
 _LARGEST = {
     'pixels': 16384,
     'focal': 1e6,
