@@ -103,7 +103,7 @@ class Statistics:
         if time.monotonic() - self.last_input > _SILENT_SECONDS:
             absent = watch.publishers('clean/depth_image') == 0
             warnings.insert(
-                0, 'no input' + (': nobody publishes clean/depth_image' if absent else '')
+                0, 'no input' + (': clean/depth_image has no publisher' if absent else '')
             )
         elif self.last_error:
             warnings.insert(0, f'input rejected: {self.last_error}')
