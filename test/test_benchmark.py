@@ -287,7 +287,7 @@ def test_the_report_shows_every_row(tmp_path: Path, design: list[Planned]) -> No
         assert words in page
     with (tmp_path / 'printed').open('w') as file:
         print_report(scores, Console(file=file, width=200))
-    assert 'Reach' in (tmp_path / 'printed').read_text()
+    assert 'Goals' in (tmp_path / 'printed').read_text()
     assert all(len(row) == len(sheet.columns) for sheet in sheets(scores) for row in sheet.rows)
 
 

@@ -67,15 +67,14 @@ def write_page(scores: Scores, path: Path, command: str, picture: str) -> None:
     """
     facts = scores.commitment
     lines = [
-        '# The check on withheld effects',
+        '# Benchmark of the diagnosis',
         '',
-        'A diagnosis against a camera it knows nothing of; see '
-        '[blind_camera.md](blind_camera.md) for the camera. Brackets are 95 % Wilson '
-        'intervals. A row that fails stays.',
+        "The diagnosis was tested on a camera whose physics is separate from the simulator's "
+        '([blind_camera.md](blind_camera.md)). Brackets are 95 % Wilson intervals.',
         '',
         f'`{command}`, {facts["date"]}, {facts["seed_set"]} seeds, '
-        f'version {facts["version"]}, {_cases(scores)}; labels committed to before '
-        f'the run as SHA-256 `{facts["sha256"]}`.',
+        f'version {facts["version"]}, {_cases(scores)}; the labels were sealed before '
+        f'the run (SHA-256 `{facts["sha256"]}`).',
         '',
     ]
     for sheet in sheets(scores):
@@ -86,7 +85,7 @@ def write_page(scores: Scores, path: Path, command: str, picture: str) -> None:
             '|' + '|'.join('---' if not k else '---:' for k in range(len(sheet.columns))) + '|',
         ]
         lines += ['| ' + ' | '.join(row) + ' |' for row in sheet.rows] + ['']
-    lines += ['## What was said for what', '', f'![confusion]({picture})', '']
+    lines += ['## Confusion matrix', '', f'![confusion]({picture})', '']
     write_text(path, '\n'.join(lines))
 
 
@@ -98,7 +97,7 @@ def _cases(scores: Scores) -> str:
 
 
 def draw_confusion(scores: Scores, path: Path) -> None:
-    """Write a PNG: the truth down, the first answer across, all strengths; shares of a row."""
+    """Write a PNG of the confusion matrix over all strengths, as fractions of each row."""
     from matplotlib import pyplot
 
     truths = [*sorted(CATALOGUE), *sorted(NOVEL), NONE]
@@ -135,7 +134,7 @@ def draw_confusion(scores: Scores, path: Path) -> None:
         )
     axes.set_xlabel('first answer')
     axes.set_ylabel('truth (cases)')
-    figure.colorbar(image, label='share of the row', shrink=0.6)
+    figure.colorbar(image, label='fraction of the row', shrink=0.6)
     with whole(path) as part:
         figure.savefig(part, dpi=100, format='png')
     pyplot.close(figure)
@@ -154,7 +153,7 @@ def _mean(values: Sequence[float], form: str = '.2f') -> str:
 
 
 def _reach(scores: Scores) -> Sheet:
-    # What the project wants, on the usual nuisance.
+    # The goals of the project, at the usual pose error.
     usual = Scores(
         tuple(answer for answer in scores.answers if answer.planned.pose_mm == 2.0),
         scores.commitment,
@@ -175,19 +174,19 @@ def _reach(scores: Scores) -> Sheet:
         rows.append((what, wanted, _percent(*count), reached))
 
     add(
-        'single effects, strength 1: right',
+        'single effects, strength 1: correct',
         '95 %',
         share(usual.of('single', strength=1.0), lambda a: a.right),
         lambda s: s >= 0.95,
     )
     add(
-        'single effects, strength 0.5: right',
+        'single effects, strength 0.5: correct',
         '85 %',
         share(usual.of('single', strength=0.5), lambda a: a.right),
         lambda s: s >= 0.85,
     )
     add(
-        '... wrong (not right, not in the set, not unknown)',
+        '... wrong: missed, or another effect named',
         '< 3 %',
         share(singles, lambda a: a.wrong),
         lambda s: s < 0.03,
@@ -199,28 +198,33 @@ def _reach(scores: Scores) -> Sheet:
         lambda s: s <= 0.03,
     )
     add(
-        'novel effects: unknown or partly',
+        'effects outside the catalogue: unknown or partly',
         '90 %',
         share(usual.of('novel'), lambda a: a.right),
         lambda s: s >= 0.9,
     )
     add(
-        'true effect left out: unknown or partly',
+        'true effect removed from the catalogue: unknown or partly',
         '80 %',
         share(usual.of('left_out'), lambda a: a.right),
         lambda s: s >= 0.8,
     )
     add(
-        'pairs: first in the pair',
+        'two effects: one of them named first',
         '95 %',
         share(usual.of('pair'), lambda a: a.right),
         lambda s: s >= 0.95,
     )
-    add('pairs: both', '85 %', share(usual.of('pair'), lambda a: a.both), lambda s: s >= 0.85)
+    add(
+        'two effects: both named',
+        '85 %',
+        share(usual.of('pair'), lambda a: a.both),
+        lambda s: s >= 0.85,
+    )
     overlaps = [a.overlap for a in singles if not math.isnan(a.overlap)]
     rows.append(
         (
-            'localisation, mean IoU of single effects',
+            'localisation of single effects: mean IoU',
             '0.6',
             _mean(overlaps),
             '-' if not overlaps else 'yes' if np.mean(overlaps) >= 0.6 else 'NO',
@@ -228,14 +232,14 @@ def _reach(scores: Scores) -> Sheet:
     )
     rows.append(
         (
-            'shrinkage: |predicted - realised|, mean',
+            'predicted reduction of the gap: mean absolute error',
             '<= 0.06',
             _mean(off),
             '-' if not off else 'yes' if np.mean(off) <= 0.06 else 'NO',
         )
     )
     add(
-        'shrinkage: 90 % interval holds the realised',
+        'predicted reduction: empirical coverage of 90 % intervals',
         '85-95 %',
         share(checked, lambda a: a.low <= a.realised <= a.high),
         lambda s: 0.85 <= s <= 0.95,
@@ -244,7 +248,7 @@ def _reach(scores: Scores) -> Sheet:
     slowest = max(seconds)
     rows.append(
         (
-            'one diagnosis, median / slowest',
+            'time of one diagnosis, median / slowest',
             '< 30 s',
             f'{np.median(seconds):.1f} / {slowest:.1f} s',
             'yes' if slowest < 30 else 'NO',
@@ -253,13 +257,13 @@ def _reach(scores: Scores) -> Sheet:
     peak = [a.peak_mb for a in scores.answers if not math.isnan(a.peak_mb)]
     rows.append(
         (
-            'memory, largest',
+            'memory of one diagnosis, largest',
             '< 2 GB',
             f'{max(peak):.0f} MB' if peak else '-',
             '-' if not peak else 'yes' if max(peak) < 2000 else 'NO',
         )
     )
-    return Sheet('Reach', ('what', 'wanted', 'found', 'reached'), rows)
+    return Sheet('Goals', ('what', 'goal', 'result', 'reached'), rows)
 
 
 def _row(name: str, answers: Sequence[Answer]) -> tuple[str, ...]:
@@ -306,15 +310,15 @@ def _groups(scores: Scores) -> Sheet:
     rows = [row for row in rows if row[1] != '-']
     f1 = macro_f1(f1_pairs(scores))
     return Sheet(
-        f'By strength and kind (macro-F1, novel as negatives: {f1:.2f})',
+        f'By strength and kind (macro-F1, with novel effects as negatives: {f1:.2f})',
         (
             'cases',
-            'right',
-            'in the set',
+            'correct',
+            'named, but not first',
             'unknown',
             'wrong',
             'of which missed',
-            'too weak to see',
+            'not detectable',
             'IoU',
             'parameter error',
         ),
@@ -341,8 +345,13 @@ def _effects(scores: Scores) -> Sheet:
         if mine:
             rows.append((name, *cells, f'{hits}/{count}' if count else '-', common))
     return Sheet(
-        'By effect: right answers (novel: unknown or partly)',
-        ('effect', *(f'{strength:g}' for strength in STRENGTHS), 'left out', 'taken for'),
+        'By effect: correct answers (novel effects: unknown or partly)',
+        (
+            'effect',
+            *(f'{strength:g}' for strength in STRENGTHS),
+            'left out',
+            'most common wrong answer',
+        ),
         rows,
     )
 
@@ -372,7 +381,7 @@ def _baselines(scores: Scores) -> Sheet:
         f1 = macro_f1([(next(iter(answer.planned.effects), NONE), said) for answer, said in pairs])
         rows.append((name, *cells, f'{f1:.2f}'))
     return Sheet(
-        'Baselines, on the cases they were given',
+        'Baselines, on the cases that they were run on',
         ('method', 'single, strength 1', 'none', 'novel', 'macro-F1'),
         rows,
     )
