@@ -142,7 +142,9 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _table(grids: dict[str, np.ndarray]) -> Table:
-    table = Table(title='error of the heights where both see, millimetres', box=box.HORIZONTALS)
+    table = Table(
+        title='height error in cells seen with and without noise, mm', box=box.HORIZONTALS
+    )
     for heading in ('grid', 'cells seen', 'mean', 'median size', '95 %', 'RMS'):
         table.add_column(heading, justify='left' if heading == 'grid' else 'right')
     difference = grids['with noise'] - grids['without noise']
@@ -190,7 +192,7 @@ def _draw(
             interpolation='nearest',
         )
         axis.set(xticks=[], yticks=[], title=f'robot {one}, left: {title}')
-    figure.colorbar(depth, ax=axes[0, 1], label='m')
+    figure.colorbar(depth, ax=axes[0, 1], label='depth [m]')
     extent = (-0.35, 0.35, -0.55, 0.55)
 
     def show(axis: Any, image: np.ndarray, title: str, **how: Any) -> Any:
@@ -204,12 +206,12 @@ def _draw(
         (axes[0, 3], truth[one] + grids['with noise'][one], f'robot {one}: seen with noise'),
     ):
         shown = show(axis, image, title, cmap=heights, vmin=low, vmax=high)
-    figure.colorbar(shown, ax=axes[0, 3], label='m')
+    figure.colorbar(shown, ax=axes[0, 3], label='height [m]')
     for axis, (name, error) in zip(axes[1, :2], grids.items(), strict=True):
         shown = show(
             axis, 1e3 * error[one], f'robot {one}: error {name}', cmap=errors, vmin=-20, vmax=20
         )
-    figure.colorbar(shown, ax=axes[1, 1], label='mm')
+    figure.colorbar(shown, ax=axes[1, 1], label='height error [mm]')
     difference = 1e3 * (grids['with noise'] - grids['without noise'])
     valid = np.isfinite(difference)
     spread = np.sqrt(
@@ -223,24 +225,24 @@ def _draw(
     shown = show(
         axes[1, 2],
         spread,
-        'all robots: RMS of with - without',
+        'all robots: change by noise',
         cmap=pyplot.get_cmap('magma').with_extremes(bad=_INVALID),
     )
-    figure.colorbar(shown, ax=axes[1, 2], label='mm')
+    figure.colorbar(shown, ax=axes[1, 2], label='RMS [mm]')
     steps = np.geomspace(0.05, 300, 200)
     for name, error in grids.items():
         size = np.sort(1e3 * np.abs(error[valid]))
         axes[1, 3].plot(steps, np.searchsorted(size, steps) / max(size.size, 1), label=name)
     axes[1, 3].set(
         xscale='log',
-        xlabel='size of the error [mm]',
-        ylabel='share of cells below',
-        title='all robots',
+        xlabel='absolute error [mm]',
+        ylabel='fraction of cells below',
+        title='all robots: height error',
         ylim=(0, 1),
     )
     axes[1, 3].legend(loc='lower right')
     axes[1, 3].grid(alpha=0.3)
-    figure.suptitle(f'Height grids of {len(truth)} Go1 on stairs (grey: not seen)')
+    figure.suptitle(f'Height grids of {len(truth)} Go1 on stairs (gray: not seen)')
     with whole(path) as part:
         figure.savefig(part, dpi=100, format='png')
     pyplot.close(figure)

@@ -60,15 +60,15 @@ def draw(
                 if row == 0:
                     axis.set_title(f'{camera}: {title}', fontsize=11)
         axes[row, 0].set_ylabel(
-            f'{mode.name}\n{mode.range_min:g} to {mode.range_max:g} m, '
-            f'edges {mode.noise.sigma_x:.2f} px',
+            f'{mode.name}\n{mode.range_min:g} to {mode.range_max:g} m\n'
+            f'sigma_x {mode.noise.sigma_x:.2f} px',
             fontsize=11,
         )
     bar = figure.colorbar(depth, ax=axes[:, -1], shrink=0.9, ticks=[0.3, 0.5, 1, 2, 3, 5])
     bar.ax.minorticks_off()
     bar.ax.set_yticklabels(['0.3', '0.5', '1', '2', '3', '5 m'])
     figure.colorbar(difference, ax=axes[:, -1], shrink=0.9, label='difference [mm]')
-    figure.suptitle('Two simulated Flexx2 on a Go1 (grey: invalid)', fontsize=13)
+    figure.suptitle('Two simulated Flexx2 on a Go1 (gray: invalid)', fontsize=13)
     with whole(path) as part:
         figure.savefig(part, dpi=100, format='png')
     pyplot.close(figure)

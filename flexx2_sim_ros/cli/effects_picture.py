@@ -137,7 +137,7 @@ def _draw_difference(figure: Any, axis: Any, view: _View) -> None:
         shown = axis.imshow(
             100 * lost.mean(axis=0), cmap='magma', vmin=0, vmax=100, interpolation='nearest'
         )
-        axis.set_title('pixels lost, % of frames', fontsize=10)
+        axis.set_title('invalid pixels, % of frames', fontsize=10)
     elif kind == 'beyond':
         new = np.where(
             np.isfinite(view.frame.depth[-1]) & np.isnan(view.rest.depth[-1]),
@@ -145,7 +145,7 @@ def _draw_difference(figure: Any, axis: Any, view: _View) -> None:
             np.nan,
         )
         shown = axis.imshow(new, cmap='viridis', interpolation='nearest')
-        axis.set_title('depth where there should be none, minus the true one, m', fontsize=10)
+        axis.set_title('depth of pixels that should be invalid, minus true depth, m', fontsize=10)
     elif kind == 'spread':
         with np.errstate(divide='ignore', invalid='ignore'):
             ratio = np.log2(_spread(view.frame.depth) / _spread(view.rest.depth))
@@ -300,7 +300,7 @@ def _two_scenes(axis: Any, view: _View) -> None:
         color='C1',
         zorder=3,
         markersize=4,
-        label='of a plain wall',
+        label='on a plain wall',
     )
     axis.axhline(0, color=_GRAY, linewidth=1)
     axis.set(xlabel='column', ylabel='with minus without, mm')
@@ -346,7 +346,10 @@ def _across_edge(axis: Any, view: _View) -> None:
         x = np.broadcast_to(np.arange(depth.shape[2]) - _true_edge(view) + aside, depth.shape)
         axis.plot(x.ravel(), depth.ravel(), '.', color=colour, markersize=3, label=name)
     axis.set(
-        xlabel="columns from the chart's edge", ylabel='depth, m', xlim=(-9, 9), ylim=(1.4, 2.3)
+        xlabel='columns from the edge of the chart',
+        ylabel='depth, m',
+        xlim=(-9, 9),
+        ylim=(1.4, 2.3),
     )
 
 
@@ -363,7 +366,9 @@ def _edge_positions(axis: Any, view: _View) -> None:
             color=colour,
             label=f'{name}: {moved.std():.2f} px',
         )
-    axis.set(xlabel="columns by which the chart's edge has moved", ylabel='density', yscale='log')
+    axis.set(
+        xlabel='displacement of the edge of the chart, columns', ylabel='density', yscale='log'
+    )
 
 
 def _warming_up(axis: Any, view: _View) -> None:
@@ -382,7 +387,7 @@ def _moving(axis: Any, view: _View) -> None:
     )
     axis.plot(view.seconds, 10 * speed(view.seconds), color=_GRAY, label='speed forward, 0.1 m/s')
     axis.axhline(0, color=_GRAY, linewidth=0.5)
-    axis.set(xlabel='s', ylabel='median over what faces the camera')
+    axis.set(xlabel='time, s', ylabel='median over surfaces that face the camera')
 
 
 def _correlation(pairs: Sequence[tuple[np.ndarray, np.ndarray]]) -> list[float]:

@@ -50,9 +50,9 @@ class AmplitudeBias(Effect):
     batched: ClassVar[tuple[str, ...] | None] = ()
 
     intercept: float = parameter(0.0, -0.1, 0.1, 'm', 'added to every depth')
-    slope: float = parameter(-0.003, -0.1, 0.1, 'm', 'bias a factor e below the knee')
-    knee: float = parameter(1.0, 1e-3, 100.0, '1/m^2', 'amplitude above which there is none')
-    span: float = parameter(3.0, 0.1, 10.0, '', 'factors of e after which it is held')
+    slope: float = parameter(-0.003, -0.1, 0.1, 'm', 'bias at a factor of e below the knee')
+    knee: float = parameter(1.0, 1e-3, 100.0, '1/m^2', 'amplitude above which there is no bias')
+    span: float = parameter(3.0, 0.1, 10.0, '', 'constant bias from this many factors of e on')
 
     def apply(self, state: FrameState) -> None:
         """Add the clipped hinge in the logarithm of the amplitude."""

@@ -32,7 +32,7 @@ class ExcessNoise(Effect):
     picture: ClassVar[Picture] = Picture('histogram')
     batched: ClassVar[tuple[str, ...] | None] = ()
 
-    factor: float = parameter(1.3, 0.2, 5.0, '', 'on sigma_z, at strength 1')
+    factor: float = parameter(1.3, 0.2, 5.0, '', 'factor on sigma_z, at strength 1')
 
     def apply(self, state: FrameState) -> None:
         """Scale sigma."""

@@ -23,7 +23,9 @@ class FixedPattern(Effect):
     covariate: ClassVar[str] = 'image'
     changes: ClassVar[tuple[str, ...]] = ('bias',)
     typical: ClassVar[bool] = True
-    source: ClassVar[str] = 'Azure Kinect: 0.9 mm, the same to 0.87 in two captures; 1-5 mm usual'
+    source: ClassVar[str] = (
+        'Azure Kinect: 0.9 mm, correlation 0.87 between two captures; 1-5 mm usual'
+    )
     keeps: ClassVar[bool] = True
     hypotheses: ClassVar[tuple[Hypothesis, ...]] = (
         grid('rms', (0.0008, 0.0015, 0.003), 0.0, 0.02, few=False),

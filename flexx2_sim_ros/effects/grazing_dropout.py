@@ -33,8 +33,8 @@ class GrazingDropout(Effect):
     stream: ClassVar[int] = 7
     batched: ClassVar[tuple[str, ...] | None] = ()
 
-    half_deg: float = parameter(76.0, 20.0, 90.0, 'deg', 'incidence at which half are lost at 1 m')
-    width_deg: float = parameter(3.0, 0.2, 20.0, 'deg', 'of the logistic')
+    half_deg: float = parameter(76.0, 20.0, 90.0, 'deg', 'incidence with half invalid at 1 m')
+    width_deg: float = parameter(3.0, 0.2, 20.0, 'deg', 'width of the logistic function')
     distance: float = parameter(1.0, 0.0, 10.0, '', 'logit added per factor e of distance')
 
     def apply(self, state: FrameState) -> None:

@@ -33,7 +33,7 @@ class HeavyTails(Effect):
     batched: ClassVar[tuple[str, ...] | None] = ()
 
     share: float = parameter(0.02, 0.0, 0.25, '', 'fraction of the samples, at strength 1')
-    width: float = parameter(5.0, 1.0, 20.0, '', 'factor on their sigma')
+    width: float = parameter(5.0, 1.0, 20.0, '', 'factor on the sigma of these samples')
 
     def apply(self, state: FrameState) -> None:
         """Widen some of the normals."""

@@ -68,8 +68,8 @@ class IntrinsicsError(Effect):
     batched: ClassVar[tuple[str, ...] | None] = ('view',)
 
     focal: float = parameter(0.005, -0.2, 0.2, '', 'relative error of the focal lengths')
-    cx: float = parameter(0.7, -20.0, 20.0, 'px', 'the true principal point lies right by')
-    cy: float = parameter(0.7, -20.0, 20.0, 'px', 'the true principal point lies down by')
+    cx: float = parameter(0.7, -20.0, 20.0, 'px', 'true principal point, to the right')
+    cy: float = parameter(0.7, -20.0, 20.0, 'px', 'true principal point, down')
     k1: float = parameter(-0.01, -0.5, 0.5, '', 'plumb_bob, radial, r^2')
     k2: float = parameter(0.0, -0.5, 0.5, '', 'plumb_bob, radial, r^4')
     p1: float = parameter(0.0, -0.1, 0.1, '', 'plumb_bob, tangential, down')

@@ -32,8 +32,8 @@ class LateralNoise(Effect):
     picture: ClassVar[Picture] = Picture('edge_positions')
     batched: ClassVar[tuple[str, ...] | None] = ('edges',)
 
-    factor: float = parameter(1.5, 0.0, 5.0, '', 'on sigma_x, at strength 1')
-    laplace: float = parameter(0.5, 0.0, 1.0, '', 'fraction of edges that move by a Laplacian')
+    factor: float = parameter(1.5, 0.0, 5.0, '', 'factor on sigma_x, at strength 1')
+    laplace: float = parameter(0.5, 0.0, 1.0, '', 'fraction of edges with Laplacian displacement')
 
     def edges(self, sigma: float) -> tuple[float, float]:
         """Return an edge's sigma (pixels) and the fraction of edges that are Laplacian."""

@@ -37,8 +37,8 @@ class LowSignalDropout(Effect):
     stream: ClassVar[int] = 6
     batched: ClassVar[tuple[str, ...] | None] = ()
 
-    half: float = parameter(0.012, 1e-5, 10.0, '1/m^2', 'amplitude at which half are lost')
-    slope: float = parameter(3.0, 0.1, 20.0, '', 'of the logistic, per factor e of amplitude')
+    half: float = parameter(0.012, 1e-5, 10.0, '1/m^2', 'amplitude at which half are invalid')
+    slope: float = parameter(3.0, 0.1, 20.0, '', 'slope of the logistic function, per factor e')
 
     def apply(self, state: FrameState) -> None:
         """Lose pixels by a logistic in the logarithm of the amplitude, falling."""

@@ -33,7 +33,7 @@ class MotionArtefact(Effect):
     changes: ClassVar[tuple[str, ...]] = ()
     typical: ClassVar[bool] = True
     source: ClassVar[str] = (
-        'Drayton 2013: 44 mm RMS at 2 m/s and 125 ms; here 9 ms in Mode_9_30fps, 5 mm at 1 m/s'
+        'Drayton 2013: 44 mm RMS at 2 m/s and 125 ms; here 9 ms in Mode_9_30fps: 5 mm at 1 m/s'
     )
     keeps: ClassVar[bool] = True
     hypotheses: ClassVar[tuple[Hypothesis, ...]] = tuple(
@@ -49,7 +49,7 @@ class MotionArtefact(Effect):
     stream: ClassVar[int] = 10
     batched: ClassVar[tuple[str, ...] | None] = ('surfaces',)
 
-    stretch: float = parameter(1.0, 0.0, 20.0, '', 'factor on the time that the raw frames take')
+    stretch: float = parameter(1.0, 0.0, 20.0, '', 'factor on the duration of the raw frames')
     stamp_at: float = parameter(
         1.0,
         0.0,

@@ -29,8 +29,8 @@ class Multipath(Effect):
     changes: ClassVar[tuple[str, ...]] = ('bias', 'amplitude')
     typical: ClassVar[bool] = True
     source: ClassVar[str] = (
-        'one diffuse bounce: Jimenez 2014, Bulczak 2018. Rises with the '
-        'distance from the apex, where the detour is nil, and falls again'
+        'one diffuse bounce: Jimenez 2014, Bulczak 2018. The bias is zero at the '
+        'corner, rises with the distance from it and falls again'
     )
     keeps: ClassVar[bool] = True
     hypotheses: ClassVar[tuple[Hypothesis, ...]] = (grid('gain', (0.5, 1.0, 2.0), 0.0, 5.0),)
@@ -43,7 +43,7 @@ class Multipath(Effect):
     compared: ClassVar[str] = 'gain'
     picture: ClassVar[Picture] = Picture('along_row')
 
-    gain: float = parameter(1.0, 0.0, 5.0, '', 'factor on the physical bounce')
+    gain: float = parameter(1.0, 0.0, 5.0, '', 'factor on the physical strength of the bounce')
 
     def apply(self, state: FrameState) -> None:
         """Add the indirect light's phasor; kept while the scene stands still."""

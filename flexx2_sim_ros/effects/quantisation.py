@@ -30,7 +30,7 @@ class Quantisation(Effect):
     picture: ClassVar[Picture] = Picture('steps', 'frame')
     batched: ClassVar[tuple[str, ...] | None] = ()
 
-    step: float = parameter(0.004, 1e-5, 0.2, 'm', 'between stored depths, at strength 1')
+    step: float = parameter(0.004, 1e-5, 0.2, 'm', 'step between stored depths, at strength 1')
 
     def apply(self, state: FrameState) -> None:
         """Round to whole steps."""

@@ -38,8 +38,8 @@ class Saturation(Effect):
     stream: ClassVar[int] = 8
     batched: ClassVar[tuple[str, ...] | None] = ()
 
-    half: float = parameter(3.5, 1e-2, 1000.0, '1/m^2', 'amplitude at which half are lost')
-    slope: float = parameter(6.0, 0.1, 50.0, '', 'of the logistic, per factor e of amplitude')
+    half: float = parameter(3.5, 1e-2, 1000.0, '1/m^2', 'amplitude at which half are invalid')
+    slope: float = parameter(6.0, 0.1, 50.0, '', 'slope of the logistic function, per factor e')
     gloss: float = parameter(
         0.5, 0.0, 20.0, '', 'specular fraction added where a surface faces the camera'
     )

@@ -32,7 +32,7 @@ class SpatialFilter(Effect):
     batched: ClassVar[tuple[str, ...] | None] = ('neighbours',)
 
     mix: float = parameter(0.9, 0.0, 1.0, '', 'weight of the 3 x 3 mean, at strength 1')
-    gate: float = parameter(4.0, 0.5, 20.0, '', 'neighbours within this many sigma_z take part')
+    gate: float = parameter(4.0, 0.5, 20.0, '', 'only neighbours within this many sigma_z count')
 
     def apply(self, state: FrameState) -> None:
         """Mix every pixel with those neighbours that are alike."""

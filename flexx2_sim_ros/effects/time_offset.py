@@ -24,8 +24,8 @@ class TimeOffset(Effect):
     covariate: ClassVar[str] = 'time'
     changes: ClassVar[tuple[str, ...]] = ()
     source: ClassVar[str] = (
-        'a VL53L5CX on a drone: 78 ms, 46.4 to 25.1 mm once modelled; a '
-        'quarter of it here (assumed)'
+        'a VL53L5CX on a drone: 78 ms; modelling it reduced the error from 46.4 to '
+        '25.1 mm. Here a quarter of it (assumed)'
     )
     keeps: ClassVar[bool] = True
     hypotheses: ClassVar[tuple[Hypothesis, ...]] = (
@@ -37,7 +37,7 @@ class TimeOffset(Effect):
     compared: ClassVar[str] = 'latency'
     picture: ClassVar[Picture] = Picture('moving')
 
-    latency: float = parameter(0.020, -0.1, 0.3, 's', 'how old the scene is at the stamp')
+    latency: float = parameter(0.020, -0.1, 0.3, 's', 'age of the scene at the stamp')
 
     def apply(self, state: FrameState) -> None:
         """Show the scene of an earlier moment, from the clean frames seen so far."""

@@ -52,9 +52,9 @@ class WarmUpDrift(Effect):
     picture: ClassVar[Picture] = Picture('warming_up', 'first', seconds=3600.0)
     batched: ClassVar[tuple[str, ...] | None] = ()
 
-    bias: float = parameter(0.010, -0.2, 0.2, 'm', 'at power-on')
+    bias: float = parameter(0.010, -0.2, 0.2, 'm', 'bias at power-on')
     tau: float = parameter(900.0, 1.0, 36000.0, 's', 'time constant')
-    uptime: float = parameter(0.0, 0.0, 1e6, 's', 'already on for this long at the first frame')
+    uptime: float = parameter(0.0, 0.0, 1e6, 's', 'time since power-on at the first frame')
 
     def apply(self, state: FrameState) -> None:
         """Add the bias of this moment."""

@@ -24,7 +24,7 @@ class Wiggling(Effect):
     typical: ClassVar[bool] = True
     source: ClassVar[str] = (
         'Drayton 2013: 18 mm RMS uncalibrated, 3 mm corrected; Lindner 2010. '
-        'Four taps leave the fourth harmonic'
+        'With four taps the fourth harmonic remains'
     )
     hypotheses: ClassVar[tuple[Hypothesis, ...]] = tuple(
         Hypothesis(

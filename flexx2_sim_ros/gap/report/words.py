@@ -128,6 +128,8 @@ def place(cell: dict[str, Any]) -> str:
         where = 'everywhere'
     if where == 'all':
         where = 'on all surfaces'
+    if where == 'nothing there':
+        where = 'where there is no return'
     if where == 'edge' and not cell['detail']:
         where = 'at edges'
     elif where == 'recording':
