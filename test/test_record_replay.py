@@ -363,7 +363,7 @@ def test_losses_are_counted_in_the_table_and_in_the_bag(
             expected = ('10', '0') if topic.endswith('info') else ('0', '10')
             assert (cells[0], cells[4]) == expected, topic
     images = sum(not topic.endswith('info') for topic in source.publishers)
-    assert f'{10 * images} messages lost ({10 * images} here' in text
+    assert f'{10 * images} messages lost ({10 * images} because' in text
     note = next(note for note in Bag(bag).notes if 'lost while it was recorded' in note)
     assert f'10 of {source.cameras[0]}/clean/depth_image' in note
 
