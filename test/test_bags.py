@@ -346,7 +346,7 @@ def test_chunks_of_stacks_that_no_image_holds(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ('name', 'content', 'message'),
     [
-        ('nothing', None, 'got nothing there'),
+        ('nothing', None, 'got a path that does not exist'),
         ('a.mcap', b'', 'not one whole message'),
         ('a.db3', b'', 'not one whole message'),
         ('a.mcap', b'text', 'not one whole message'),

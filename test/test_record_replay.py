@@ -436,7 +436,7 @@ def test_nothing_to_record(child_env: dict[str, str], tmp_path: Path) -> None:
         (['record', '{}'], 'got one that exists'),
         (['record', '{}/a', '--seconds', '-1'], '--seconds'),
         (['record', '{}/a', '--queue', 'nan'], '--queue'),
-        (['replay', '{}/none'], 'got nothing there'),
+        (['replay', '{}/none'], 'got a path that does not exist'),
         (['replay', '{}', '--rate', '0'], '--rate: must be'),
         (['replay', '{}', '--wait', '-1'], '--wait'),
     ],

@@ -218,7 +218,7 @@ class Mirroring:
 
     def reset(self) -> None:
         """Refuse."""
-        raise InputError('the pose comes from outside (motion is external): reset it there')
+        raise InputError('another simulator sets the pose (motion is external): reset it there')
 
     def advance(self, stamp: int, seconds: float) -> None:
         """Do nothing: time comes with the messages."""

@@ -139,7 +139,7 @@ class Go1Parameters:
                     )
                 if parameter.name == 'real_time_factor' and self.motion == 'external':
                     raise InputError(
-                        'real_time_factor: time comes from outside when motion is external'
+                        'real_time_factor: another simulator sets the time when motion is external'
                     )
                 if parameter.name == 'real_time_factor' and self.follows_clock:
                     raise InputError(

@@ -126,7 +126,7 @@ class _Camera:
             camera = decode_camera_info(self._info, self.topics.info)
             depth = decode_image(message, self.topics.depth, _ENCODINGS)
             if depth.shape != (camera.height, camera.width):
-                raise InputError(f'{self.topics.info}: its size is not that of the image')
+                raise InputError(f'{self.topics.info}: must have the size of the image')
             sequence = 0 if self.shot is None else self.shot.sequence + 1
             self.shot = ViewedFrame(sequence, stamp, depth, self._cleaned(clean, camera), camera)
             self._problem = ''

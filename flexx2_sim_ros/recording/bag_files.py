@@ -72,9 +72,7 @@ class Bag:
         self.topics = {topic: kind for part in self._parts for topic, kind in part.topics.items()}
         self.latched = {topic for part in self._parts for topic in part.latched}
         if not self.topics:
-            raise InputError(
-                '; '.join([f'{path}: there is not one whole message in it', *self.notes])
-            )
+            raise InputError('; '.join([f'{path}: it contains no complete message', *self.notes]))
 
     def messages(self, topics: Collection[str] | None = None) -> Iterator[Message]:
         """
@@ -114,7 +112,7 @@ class Bag:
         if not self.path.is_dir():
             raise InputError(
                 f'{self.path}: must be a bag (a folder, or a .mcap or .db3 file), got '
-                'nothing there'
+                'a path that does not exist'
             )
         files = sorted(
             (file for file in self.path.iterdir() if file.suffix in _REMAINS), key=_natural

@@ -103,7 +103,7 @@ class BagSink:
             self.error = error
         except (OSError, sqlite3.Error) as error:
             self.error = InputError(
-                f'{self._writer.path}: {reason(error)}; what came before is there'
+                f'{self._writer.path}: {reason(error)}; earlier messages are in the bag'
             )
         except Exception as error:  # Whatever it is, the thread that records has to know.
             self.error = InputError(f'{self._writer.path}: cannot be written: {error!r}')

@@ -102,7 +102,9 @@ def _from_menagerie(robot: Robot) -> Path:
     """Return the robot of MuJoCo Menagerie, which that package keeps or downloads."""
     name = robot.menagerie
     if not name:
-        raise InputError(f"robot_model: 'menagerie' has no {robot.name}, wanted builtin or a path")
+        raise InputError(
+            f"robot_model: 'menagerie' has no {robot.name}; must be builtin or a path"
+        )
     try:
         import mujoco_menagerie
     except ImportError as error:

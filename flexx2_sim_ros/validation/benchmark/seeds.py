@@ -64,8 +64,7 @@ def seed_range(name: str, release: bool) -> SeedRange:
         raise InputError(f'--seed-set: must be dev or test, got {name!r}')
     if not release:
         raise InputError(
-            '--seed-set test: the test seeds are for a release: every look at them '
-            'makes them less of a test. Wanted --release with them, or '
-            '--seed-set dev'
+            '--seed-set: must be dev, got test without --release. The test seeds are for the run '
+            'of a release only: each further run makes the test less independent'
         )
     return TEST
