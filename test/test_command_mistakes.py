@@ -2,9 +2,9 @@
 
 import argparse
 from collections.abc import Iterator
+import json
 import os
 from pathlib import Path
-import resource
 import subprocess
 import sys
 
@@ -170,30 +170,43 @@ def test_the_output_is_the_input(
     assert Path('in.npz').read_bytes() == before
 
 
-def _small_files() -> None:
-    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
+# Calls commands one after the other where no file may grow beyond 4 KB; prints how each ended.
+SMALL_FILES = """
+import contextlib, io, json, resource, sys
+from flexx2_sim_ros.cli.main import main
+resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
+ends = []
+for words in json.loads(sys.argv[1]):
+    with contextlib.redirect_stderr(io.StringIO()) as said:
+        ends.append((main(words), said.getvalue()))
+print(json.dumps(ends))
+"""
 
 
-@pytest.mark.parametrize(
-    'words',
-    [
+def test_a_file_that_cannot_grow(folder: Path) -> None:
+    """Assert one sentence and no output where the file system takes no more."""
+    commands = [
         ['simulate', 'in.npz', 'out.npz', '--frames', '9'],
         ['convert', 'campaign/a.npz', 'out.mcap'],
         ['convert', 'campaign/a.npz', 'out.db3'],
         ['convert', 'campaign/a.npz', 'out'],
         ['effects', 'show', 'offset', '--out', 'out.png'],
         ['convert', 'campaign/a.npz', 'out', '--storage', 'sqlite3'],
-    ],
-    ids=str,
-)
-def test_a_file_that_cannot_grow(folder: Path, words: list[str]) -> None:
-    """Assert one sentence and no output where the file system takes no more."""
-    words = [sys.executable, '-m', 'flexx2_sim_ros.cli.main', *words]
-    done = subprocess.run(words, capture_output=True, text=True, preexec_fn=_small_files)
-    lines = [line for line in done.stderr.splitlines() if line.strip()]
-    assert done.returncode == 2, done.stderr
-    assert len(lines) == 1, done.stderr
-    assert lines[0].startswith('flexx2: error: ')
+    ]
+    done = subprocess.run(
+        [sys.executable, '-c', SMALL_FILES, json.dumps(commands)],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    ends = json.loads(done.stdout)
+    assert len(ends) == len(commands)
+    for words, (status, said) in zip(commands, ends, strict=True):
+        lines = [line for line in said.splitlines() if line.strip()]
+        assert status == 2, (words, said)
+        assert len(lines) == 1, (words, said)
+        assert lines[0].startswith('flexx2: error: '), words
+    assert done.stderr == ''
     assert not list(Path().glob('out*'))
     assert not list(Path().rglob('.flexx2-*'))
 

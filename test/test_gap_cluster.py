@@ -1,7 +1,7 @@
 """The diagnosis on a Dask cluster: a real scheduler, two workers, one of which is killed."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 import json
 import os
 from pathlib import Path
@@ -45,6 +45,49 @@ def process(*arguments: str) -> Iterator[subprocess.Popen[str]]:
         started.stderr.close()
 
 
+@pytest.fixture(scope='module')
+def campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder of four small recordings with too much noise."""
+    folder = tmp_path_factory.mktemp('cluster') / 'campaign'
+    write_campaign(
+        folder, seed=12, scale=0.25, recordings=4, frames=6, moving=0, effects={'excess_noise': {}}
+    )
+    return folder
+
+
+@contextmanager
+def scheduler(folder: Path) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """Run a scheduler that writes its address to ``scheduler.json`` in a folder; return both."""
+    ready = folder / 'scheduler.json'
+    with process(
+        'distributed.cli.dask_scheduler',
+        '--host',
+        '127.0.0.1',
+        '--port',
+        '0',
+        '--no-dashboard',
+        '--scheduler-file',
+        str(ready),
+    ) as started:
+        wait_for(ready.exists)
+        yield started, json.loads(ready.read_text())['address']
+
+
+def worker(folder: Path) -> AbstractContextManager[subprocess.Popen[str]]:
+    """Run a worker of the scheduler whose address is in a folder."""
+    return process(
+        'distributed.cli.dask_worker',
+        '--scheduler-file',
+        str(folder / 'scheduler.json'),
+        '--nthreads',
+        '1',
+        '--no-nanny',
+        '--no-dashboard',
+        '--local-directory',
+        str(folder),
+    )
+
+
 def wait_for(condition, seconds: float = 60.0) -> None:  # type: ignore[no-untyped-def]
     """Poll until something is true."""
     deadline = time.monotonic() + seconds
@@ -53,135 +96,52 @@ def wait_for(condition, seconds: float = 60.0) -> None:  # type: ignore[no-untyp
         threading.Event().wait(0.05)
 
 
-def test_a_lost_worker_changes_nothing(tmp_path: Path) -> None:
-    campaign = tmp_path / 'campaign'
-    write_campaign(
-        campaign,
-        seed=12,
-        scale=0.25,
-        recordings=4,
-        frames=6,
-        moving=0,
-        effects={'excess_noise': {}},
-    )
+def test_what_a_cluster_lacks_or_loses(
+    campaign: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Assert an error without workers, no change by a lost one, an error by a lost scheduler."""
+    lost: list[float] = []
+
+    def lose(process: subprocess.Popen[str]) -> Callable[[str, float], None]:
+        lost.clear()
+
+        def progress(_text: str, share: float) -> None:
+            # After the first recording, while others are being worked on.
+            if share > 0.1 and not lost:
+                lost.append(share)
+                os.killpg(process.pid, signal.SIGKILL)
+
+        return progress
+
+    # The workers know the campaign only by a path that this process's folder explains.
+    monkeypatch.chdir(campaign.parent)
     local = diagnose(campaign)
-    ready = tmp_path / 'scheduler.json'
-    workers = [
-        'distributed.cli.dask_worker',
-        '--scheduler-file',
-        str(ready),
-        '--nthreads',
-        '1',
-        '--no-nanny',
-        '--no-dashboard',
-        '--local-directory',
-        str(tmp_path),
-    ]
-    with process(
-        'distributed.cli.dask_scheduler',
-        '--host',
-        '127.0.0.1',
-        '--port',
-        '0',
-        '--no-dashboard',
-        '--scheduler-file',
-        str(ready),
-    ):
-        wait_for(ready.exists)
-        with process(*workers) as doomed, process(*workers):
-            with distributed.Client(scheduler_file=str(ready), set_as_default=False) as client:
+    with scheduler(tmp_path) as (leader, address):
+        with monkeypatch.context() as patch:
+            patch.setattr(work, '_PATIENCE', 1)
+            with pytest.raises(InputError, match='--scheduler: must have at least one worker'):
+                diagnose(campaign.name, scheduler=address)
+        with worker(tmp_path) as doomed, worker(tmp_path):
+            with distributed.Client(address, set_as_default=False) as client:
                 client.wait_for_workers(2, timeout=60)
-                address = client.scheduler.address
-            killed = []
-
-            def kill(text: str, share: float) -> None:
-                # After the first recording, while others are being worked on.
-                if share > 0.1 and not killed:
-                    killed.append(share)
-                    os.killpg(doomed.pid, signal.SIGKILL)
-
-            spread = diagnose(campaign, scheduler=address, progress=kill)
-    assert killed
-    assert killed[0] < 0.72  # while recordings were still being simulated
+            spread = diagnose(campaign.name, scheduler=address, progress=lose(doomed))
+            assert lost[0] < 0.72  # while recordings were still being simulated
+            with pytest.raises(InputError, match='--scheduler: .* the connection was lost'):
+                diagnose(campaign.name, scheduler=address, progress=lose(leader), out='out')
+            assert lost
+    assert not Path('out').exists() or not list(Path('out').iterdir())
     for table in (local, spread):
         for key in ('seconds', 'peak_mb'):
             del table[key]
     assert spread == local
 
 
-def test_a_scheduler_without_workers_is_said(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(
+    'address', ['', 'nonsense', 'no://such', 'tcp://127.0.0.1:99999999', 'tcp://127.0.0.1:9']
+)
+def test_no_scheduler_there_is_said(
+    campaign: Path, monkeypatch: pytest.MonkeyPatch, address: str
 ) -> None:
-    write_campaign(tmp_path / 'campaign', seed=13, scale=0.25, recordings=1, frames=4, moving=0)
-    ready = tmp_path / 'scheduler.json'
-    monkeypatch.setattr(work, '_PATIENCE', 1)
-    with process(
-        'distributed.cli.dask_scheduler',
-        '--host',
-        '127.0.0.1',
-        '--port',
-        '0',
-        '--no-dashboard',
-        '--scheduler-file',
-        str(ready),
-    ):
-        wait_for(ready.exists)
-        address = json.loads(ready.read_text())['address']
-        with pytest.raises(InputError, match='--scheduler: must have at least one worker'):
-            diagnose(tmp_path / 'campaign', scheduler=address)
-
-
-def test_a_scheduler_that_ends_midway_is_said(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Assert one sentence and no output; by a path that only this process's folder explains."""
-    write_campaign(tmp_path / 'campaign', seed=14, scale=0.25, recordings=4, frames=6, moving=0)
-    ready = tmp_path / 'scheduler.json'
-    monkeypatch.chdir(tmp_path)
-    with process(
-        'distributed.cli.dask_scheduler',
-        '--host',
-        '127.0.0.1',
-        '--port',
-        '0',
-        '--no-dashboard',
-        '--scheduler-file',
-        str(ready),
-    ) as scheduler:
-        wait_for(ready.exists)
-        address = json.loads(ready.read_text())['address']
-        with process(
-            'distributed.cli.dask_worker',
-            '--scheduler-file',
-            str(ready),
-            '--nthreads',
-            '1',
-            '--no-nanny',
-            '--no-dashboard',
-            '--local-directory',
-            str(tmp_path),
-        ):
-            seen = []
-
-            def kill(text: str, share: float) -> None:
-                if share > 0.1 and not seen:
-                    seen.append(share)
-                    os.killpg(scheduler.pid, signal.SIGKILL)
-
-            with pytest.raises(InputError, match='--scheduler: .* the connection was lost'):
-                diagnose('campaign', scheduler=address, progress=kill, out='out')
-    assert seen
-    assert not list(tmp_path.glob('out/*'))
-
-
-@pytest.mark.parametrize('address', ['', 'nonsense', 'no://such', 'tcp://127.0.0.1:99999999'])
-def test_no_address_is_said(tmp_path: Path, address: str) -> None:
-    write_campaign(tmp_path, seed=13, scale=0.25, recordings=1, frames=4, moving=0)
-    with pytest.raises(InputError, match='scheduler'):
-        diagnose(tmp_path, scheduler=address)
-
-
-def test_no_scheduler_there_is_said(tmp_path: Path) -> None:
-    write_campaign(tmp_path, seed=13, scale=0.25, recordings=1, frames=4, moving=0)
-    with pytest.raises(InputError, match='scheduler'):
-        diagnose(tmp_path, scheduler='tcp://127.0.0.1:9')
+    monkeypatch.setattr(work, '_CONNECT_SECONDS', 0.5)
+    with pytest.raises(InputError, match='--scheduler: must be the address of a running'):
+        diagnose(campaign, scheduler=address)

@@ -2,6 +2,7 @@
 
 import asyncio
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 import json
 from pathlib import Path
 import socket
@@ -191,15 +192,9 @@ def test_nonsense_ends_the_connection_and_no_more(
     assert caplog.records == []
 
 
-@pytest.mark.parametrize(
-    'part',
-    [b'\xc3\x28', 5000 * b'x', b'{"drawn": "left"}'],
-    ids=['not UTF-8', 'too long', 'not masked'],
-)
-def test_broken_frames_end_the_connection_quietly(
-    served: tuple[Server, Source], caplog: pytest.LogCaptureFixture, part: bytes
-) -> None:
-    server, _ = served
+@contextmanager
+def silent_page(server: Server) -> Iterator[socket.socket]:
+    """Yield a socket that has opened a websocket; it answers nothing, pings included."""
     address = f'127.0.0.1:{server.port}'
     with socket.create_connection(('127.0.0.1', server.port), 60) as client:
         client.sendall(
@@ -208,18 +203,41 @@ def test_broken_frames_end_the_connection_quietly(
             'Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n'.encode()
         )
         assert client.recv(4096).startswith(b'HTTP/1.1 101')
-        masked = 0 if part.startswith(b'{') else 0x80
+        yield client
+
+
+@pytest.mark.parametrize('part', [b'\xc3\x28', 5000 * b'x'], ids=['not UTF-8', 'too long'])
+def test_broken_frames_end_the_connection_quietly(
+    served: tuple[Server, Source], caplog: pytest.LogCaptureFixture, part: bytes
+) -> None:
+    server, _ = served
+    with silent_page(server) as client:
         size = (
-            bytes([masked | 126]) + len(part).to_bytes(2, 'big')
+            bytes([0x80 | 126]) + len(part).to_bytes(2, 'big')
             if len(part) > 125
-            else bytes([masked | len(part)])
+            else bytes([0x80 | len(part)])
         )
         # A mask of zeros leaves the text as it is.
-        client.sendall(b'\x81' + size + (bytes(4) if masked else b'') + part)
+        client.sendall(b'\x81' + size + bytes(4) + part)
         while client.recv(4096):
             pass
     assert [record for record in caplog.records if record.levelname == 'ERROR'] == []
     assert caplog.text.count('Traceback') == 0
+
+
+def test_a_page_that_answers_no_ping_is_gone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Assert it of a browser whose machine or network is lost; the robot is then stopped."""
+    monkeypatch.setattr(server_module, '_PING_SECONDS', 0.1)
+    source = Source()
+    server = Server(bind('127.0.0.1', 0), Access('127.0.0.1'), source)
+    server.start()
+    try:
+        with silent_page(server) as client:
+            while client.recv(4096):
+                pass
+            run(until(lambda: 'leave' in source.asked))
+    finally:
+        server.stop()
 
 
 def test_a_page_cannot_make_the_server_keep_things(

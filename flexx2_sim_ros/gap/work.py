@@ -17,6 +17,7 @@ from flexx2_sim_ros.gap.features.evidence import Evidence, gather
 from flexx2_sim_ros.recording.folders import find_recordings
 import numpy as np
 
+_CONNECT_SECONDS = 10.0
 _PATIENCE = 30  # seconds
 Map = Callable[[Callable[[Any], Any], Sequence[Any], Callable[[], None]], list[Any]]
 
@@ -126,7 +127,7 @@ def _dask(address: str) -> Iterator[Map]:
             '--scheduler: needs Dask, which is not installed: pip install flexx2_sim_ros[cluster]'
         ) from error
     try:
-        client = distributed.Client(address, timeout='10s', set_as_default=False)
+        client = distributed.Client(address, timeout=_CONNECT_SECONDS, set_as_default=False)
     except (OSError, ValueError, TypeError, OverflowError) as error:
         raise InputError(
             f'--scheduler: must be the address of a running scheduler, got {address!r}: {error}'

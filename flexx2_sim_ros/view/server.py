@@ -30,6 +30,8 @@ _TYPES = {'html': 'text/html', 'css': 'text/css', 'js': 'text/javascript', 'svg'
 _AHEAD = 2
 _LONGEST_MESSAGE = 4096
 _MOST_PAGES = 100
+# A page that has not answered a ping when the next one is due is gone.
+_PING_SECONDS = 10.0
 _STOP_SECONDS = 3.0
 
 
@@ -201,7 +203,7 @@ class Server:
             default_handler_args={'server': self, 'name': '', 'body': b''},
             log_function=lambda _: None,
             websocket_max_message_size=_LONGEST_MESSAGE,
-            websocket_ping_interval=10,
+            websocket_ping_interval=_PING_SECONDS,
         )
         server = HTTPServer(application, max_body_size=0)
         server.add_sockets(self._sockets)
