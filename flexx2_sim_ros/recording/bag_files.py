@@ -92,11 +92,17 @@ class Bag:
         """Return what the first messages say of images and camera infos of unknown names."""
         wanted = set(unknown_topics(self.topics))
         found: dict[str, Sample] = {}
+        broken: set[str] = set()
         if not wanted:
             return found
         for topic, kind, _, data in self.messages(wanted):
             if topic not in found:
-                found[topic] = sample(kind, data, f'{self.path}: {topic}')
+                try:
+                    found[topic] = sample(kind, data, f'{self.path}: {topic}')
+                except InputError as error:  # The next message may be whole.
+                    if topic not in broken:
+                        broken.add(topic)
+                        self.notes.append(str(error))
                 if len(found) == len(wanted):
                     break
         return found
@@ -117,6 +123,9 @@ class Bag:
         files = sorted(
             (file for file in self.path.iterdir() if file.suffix in _REMAINS), key=_natural
         )
+        for file in files:
+            if not file.is_file():
+                raise InputError(f'{file}: must be a file, got something else')
         checks = {file: check_file(file) for file in files}
         if not (self.path / 'metadata.yaml').is_file():
             self.notes.append(f'{self.path}: was not closed: it has no metadata.yaml')

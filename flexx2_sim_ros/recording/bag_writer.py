@@ -9,7 +9,7 @@ from types import TracebackType
 from typing import Literal
 
 from flexx2_sim_ros.atomic import named, whole
-from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.errors import InputError, shown
 from flexx2_sim_ros.recording import bag_messages as messages
 from flexx2_sim_ros.recording.bag_cameras import CameraTopics, EVENTS, topics_of
 from flexx2_sim_ros.recording.checksums import CheckedWriter
@@ -192,7 +192,7 @@ def write_bag(
     name = camera or str(reader.arrays.get('camera', 'camera'))
     if not _NAME.fullmatch(name):
         raise InputError(
-            f'--camera: must be letters, digits and _, as in front_left, got {name!r}'
+            f'--camera: must be letters, digits and _, as in front_left, got {shown(name)}'
         )
     low, high = int(reader.stamp_ns.min()), int(reader.stamp_ns.max())
     if low < 0 or high >= _LATEST:

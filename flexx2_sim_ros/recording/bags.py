@@ -3,15 +3,15 @@
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
-import io
 from pathlib import Path
 from typing import Any
 
-from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.errors import InputError, unquoted
 from flexx2_sim_ros.messages.decoding import decode_image, image_pixels
 from flexx2_sim_ros.recording import bag_messages as messages
 from flexx2_sim_ros.recording.bag_cameras import choose_camera, DEPTH_ENCODINGS, EVENTS
 from flexx2_sim_ros.recording.bag_files import Bag
+from flexx2_sim_ros.recording.npz_arrays import decode_npy
 from flexx2_sim_ros.recording.reader import Content, Layout, RecordingReader, STACKS
 import numpy as np
 
@@ -91,7 +91,9 @@ class BagRecording(RecordingReader):
             label = f'{self._bag.path}: {topic}'
             if topic == where.carried:
                 key, content = messages.decode_bytes(data, label)
-                self._carried[key] = _array(content, f'{label}: {key}') if content else None
+                self._carried[key] = (
+                    decode_npy(content, f'{label}: {unquoted(key)}') if content else None
+                )
             elif topic == EVENTS:
                 self._take_event(time, data, label)
             else:
@@ -121,6 +123,11 @@ class BagRecording(RecordingReader):
         if not self._infos:
             raise InputError(
                 f'{path}: {where.info}: must have the camera matrix, got no complete message'
+            )
+        if self._carried.get('depth') is not None:
+            raise InputError(
+                f'{path}: depth: must be the images of {self._source}, got an array on '
+                f'{where.carried}'
             )
         content = Content({}, {}, self._bag.notes)
         first = self._infos[0][1]
@@ -222,7 +229,9 @@ class BagRecording(RecordingReader):
         for key, array in self._carried.items():
             if array is not None:
                 # Of a bag that was cut off there are fewer frames than stamps.
-                one_each = key in ('stamp', 'stamp_ns') or (key in STACKS and array.ndim == 3)
+                one_each = (key in ('stamp', 'stamp_ns') and array.ndim == 1) or (
+                    key in STACKS and array.ndim == 3
+                )
                 content.arrays[key] = array[:count] if one_each else array
 
     def _frame(self, time: int) -> int:
@@ -295,6 +304,11 @@ class BagRecording(RecordingReader):
                 f'{cloud.width} x {cloud.height} points in {len(cloud.data)} bytes'
             )
         dtype = np.dtype(('>' if cloud.is_bigendian else '<') + _FLOATS[field.datatype])
+        if field.offset + dtype.itemsize > cloud.point_step:
+            raise InputError(
+                f'{label}: fields: z must end within the point_step of {cloud.point_step} bytes, '
+                f'got it at {field.offset}'
+            )
         z: np.ndarray = np.ndarray(
             (height, width),
             dtype,
@@ -326,10 +340,3 @@ def _places(stamps: list[int]) -> Iterator[tuple[int, int, int]]:
         repeats = repeats + 1 if stamp == last else 0
         last = stamp
         yield passes, stamp, repeats
-
-
-def _array(content: bytes, label: str) -> np.ndarray:
-    try:
-        return np.load(io.BytesIO(content), allow_pickle=False)
-    except (ValueError, EOFError, OSError) as error:
-        raise InputError(f'{label}: cannot be read as an array: {error}') from error

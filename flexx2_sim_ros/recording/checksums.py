@@ -192,6 +192,7 @@ def check_sqlite(path: Path) -> Check:
         found = connection.execute('PRAGMA integrity_check(1)').fetchone()[0]
         if found != 'ok':
             return Check(f'its structure is damaged: {found}', False)
+        _check_content(connection)
         if not _has_table(connection):
             return Check(None, False)
         wrong = sum(not row.intact for row in sqlite_rows(connection))
@@ -219,15 +220,17 @@ def sqlite_rows(connection: sqlite3.Connection) -> Iterator[Row]:
         When the file is damaged.
 
     """
+    _check_tables(connection)
     topics = {
         number: (name, kind)
         for number, name, kind in connection.execute('SELECT id, name, type FROM topics')
+        if isinstance(name, str) and isinstance(kind, str)
     }
     if not _has_table(connection):
         for number, time, data in connection.execute(
             'SELECT topic_id, timestamp, data FROM messages ORDER BY id'
         ):
-            if not isinstance(data, bytes):
+            if not isinstance(data, bytes) or not isinstance(time, int):
                 return
             yield Row(*topics[number], time, data, True)
         return
@@ -241,8 +244,36 @@ def sqlite_rows(connection: sqlite3.Connection) -> Iterator[Row]:
             kind,
             time,
             data,
-            isinstance(data, bytes) and message_checksum(topic, kind, time, data) == checksum,
+            isinstance(data, bytes)
+            and isinstance(time, int)
+            and message_checksum(topic, kind, time, data) == checksum,
         )
+
+
+def _check_tables(connection: sqlite3.Connection) -> None:
+    # A view may compute rows without end.
+    kinds = connection.execute(
+        "SELECT type FROM sqlite_master WHERE name IN ('topics', 'messages')"
+    ).fetchall()
+    if any(kind != ('table',) for kind in kinds):
+        raise sqlite3.DatabaseError('topics and messages must be tables, got something else')
+
+
+def _check_content(connection: sqlite3.Connection) -> None:
+    # SQLite lets a column hold values of any type.
+    _check_tables(connection)
+    for table, types in (
+        ('topics', {'name': 'text', 'type': 'text'}),
+        ('messages', {'timestamp': 'integer', 'data': 'blob'}),
+    ):
+        for column, wanted in types.items():
+            (wrong,) = connection.execute(
+                f"SELECT count(*) FROM {table} WHERE typeof({column}) <> '{wanted}'"
+            ).fetchone()
+            if wrong:
+                raise sqlite3.DatabaseError(
+                    f'{table}: {column}: must be {wanted}, got another type in {wrong} rows'
+                )
 
 
 def _has_table(connection: sqlite3.Connection) -> bool:

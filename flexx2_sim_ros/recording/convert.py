@@ -5,6 +5,7 @@ import itertools
 from pathlib import Path
 
 from flexx2_sim_ros.atomic import check_distinct
+from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.recording.bag_writer import write_bag
 from flexx2_sim_ros.recording.npz import RecordingWriter
 from flexx2_sim_ros.recording.opening import open_recording, recording_cameras
@@ -48,11 +49,9 @@ def convert(
     check_distinct(source, target)
     cameras = recording_cameras(source)
     if camera is None and len(cameras) > 1 and target.suffix == '.npz':
-        names = {
-            name: target.with_stem(f'{target.stem}_{name.replace("/", "_")}') for name in cameras
-        }
+        paths = _path_by_camera(target, cameras)
         return [
-            pair for name, path in names.items() for pair in convert(source, path, name, storage)
+            pair for name, path in paths.items() for pair in convert(source, path, name, storage)
         ]
     reader = open_recording(source, None if source.suffix == '.npz' else camera)
     if target.suffix == '.npz':
@@ -60,6 +59,20 @@ def convert(
     else:
         write_bag(reader, target, storage, camera)
     return [(reader, target)]
+
+
+def _path_by_camera(target: Path, cameras: list[str]) -> dict[str, Path]:
+    cameras_by_path: dict[Path, list[str]] = {}
+    for name in cameras:
+        path = target.with_stem(f'{target.stem}_{name.replace("/", "_")}')
+        cameras_by_path.setdefault(path, []).append(name)
+    for path, names in cameras_by_path.items():
+        if len(names) > 1:
+            raise InputError(
+                f'--camera: must be one of {", ".join(names)}, whose file would be {path} each, '
+                'got none'
+            )
+    return {names[0]: path for path, names in cameras_by_path.items()}
 
 
 def write_npz(reader: RecordingReader, path: Path) -> None:

@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+import io
 import math
 import os
 from pathlib import Path
@@ -94,31 +95,19 @@ class NpzFile:
 
     def _header(self, info: zipfile.ZipInfo) -> Header:
         with self._archive.open(info) as entry:
-            header = _read_header(entry)
-            if header.size != info.file_size - entry.tell():
-                raise ValueError(
-                    f'{info.filename} has {info.file_size - entry.tell()} bytes, '
-                    f'must have {header.size} for its shape {header.shape}'
-                )
-        return header
+            return _checked_header(entry, info.filename.removesuffix('.npy'), info.file_size)
 
     def read(self, key: str) -> np.ndarray:
         """Return an array."""
-        header = self.headers[key]
-        array = np.empty(math.prod(header.shape), header.dtype)
-        if header.size:
-            with self._archive.open(f'{key}.npy') as entry:
-                _read_header(entry)
-                _fill(entry, array)
-        if header.dtype.kind == 'U':
-            _check_text(key, array)
-        return array.reshape(header.shape, order='F' if header.fortran else 'C')
+        with self._archive.open(f'{key}.npy') as entry:
+            _read_header(entry, key)
+            return _content(entry, key, self.headers[key])
 
     def images(self, key: str) -> Iterator[np.ndarray]:
         """Iterate over an array's first index, which must change slowest."""
         header = self.headers[key]
         with self._archive.open(f'{key}.npy') as entry:
-            _read_header(entry)
+            _read_header(entry, key)
             for _ in range(header.shape[0]):
                 image = np.empty(math.prod(header.shape[1:]), header.dtype)
                 _fill(entry, image)
@@ -164,6 +153,33 @@ def open_npz(path: Path) -> Iterator[NpzFile]:
         ) from error
 
 
+def decode_npy(content: bytes, where: str) -> np.ndarray:
+    """
+    Return the array of an ``.npy`` file.
+
+    Parameters
+    ----------
+    content : bytes
+        The file; nothing in it is unpickled.
+    where : str
+        What to call it in errors.
+
+    Raises
+    ------
+    InputError
+        When it is no such file, damaged or pickled.
+
+    """
+    entry = io.BytesIO(content)
+    try:
+        return _content(entry, where, _checked_header(entry, where, len(content)))
+    except _UNREADABLE as error:
+        raise InputError(
+            f'{where}: cannot be read as a plain array (damaged, cut off, or pickled): '
+            f'{_short(error)}'
+        ) from error
+
+
 def _check_sizes(archive: zipfile.ZipFile) -> None:
     total = sum(info.file_size for info in archive.infolist())
     packed = Path(str(archive.filename)).stat().st_size
@@ -189,11 +205,22 @@ def _limit_mb() -> int:
     return int(text)
 
 
-def _read_header(entry: IO[bytes]) -> Header:
+def _checked_header(entry: IO[bytes], key: str, size: int) -> Header:
+    # Of a file of so many bytes, which the header must explain.
+    header = _read_header(entry, key)
+    left = size - entry.tell()
+    if header.size != left:
+        raise ValueError(
+            f'{key} has {left} bytes, must have {header.size} for its shape {header.shape}'
+        )
+    return header
+
+
+def _read_header(entry: IO[bytes], key: str) -> Header:
     try:
         version = np.lib.format.read_magic(entry)
     except ValueError as error:
-        raise _NoArrayError(entry.name.removesuffix('.npy')) from error
+        raise _NoArrayError(key) from error
     if version == (1, 0):
         shape, fortran, dtype = np.lib.format.read_array_header_1_0(entry)
     elif version == (2, 0):
@@ -205,6 +232,16 @@ def _read_header(entry: IO[bytes]) -> Header:
     if dtype.hasobject:
         raise ValueError('an array holds objects, which are pickled')
     return Header(shape, fortran, dtype)
+
+
+def _content(entry: IO[bytes], key: str, header: Header) -> np.ndarray:
+    # What follows the header.
+    array = np.empty(math.prod(header.shape), header.dtype)
+    if header.size:
+        _fill(entry, array)
+    if header.dtype.kind == 'U':
+        _check_text(key, array)
+    return array.reshape(header.shape, order='F' if header.fortran else 'C')
 
 
 def _fill(entry: IO[bytes], array: np.ndarray) -> None:

@@ -1,0 +1,175 @@
+"""Bags whose files are whole and whose content lies: an error that names it, or all else read."""
+
+from collections.abc import Callable, Iterable
+import io
+import os
+from pathlib import Path
+import sqlite3
+from typing import Any
+
+from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.recording import load_recording
+from flexx2_sim_ros.recording.bag_messages import BYTES, encode_bytes
+from flexx2_sim_ros.recording.convert import convert
+from made_bags import (
+    depths,
+    DRIVER,
+    driver_cloud,
+    driver_entries,
+    Entry,
+    EPOCH,
+    IMAGE,
+    info,
+    PLUGINS,
+    same,
+    TYPES,
+    write,
+)
+import numpy as np
+import pytest
+from rosbags.rosbag2 import Writer
+
+COUNT = 3
+DEPTH = depths(COUNT, 6, 8)
+CARRIED = '/recording'
+
+
+def npy(array: Any) -> bytes:
+    """Return an array as a file."""
+    buffer = io.BytesIO()
+    np.save(buffer, array)
+    return buffer.getvalue()
+
+
+def header(shape: str, descr: str = '|u1') -> bytes:
+    """Return the header of an array's file."""
+    text = f"{{'descr': {descr!r}, 'fortran_order': False, 'shape': {shape}, }}\n".encode()
+    return b'\x93NUMPY\x01\x00' + len(text).to_bytes(2, 'little') + text
+
+
+def write_raw(path: Path, first: Iterable[tuple[str, str, bytes]]) -> Path:
+    """Write the driver's bag with other messages, given as bytes, before its own."""
+    with Writer(path, version=9, storage_plugin=PLUGINS['mcap']) as writer:
+        connections: dict[str, Any] = {}
+        rows = [(topic, kind, EPOCH, data) for topic, kind, data in first]
+        rows += [
+            (topic, kind, time, bytes(TYPES.serialize_cdr(message, kind)))
+            for topic, kind, time, message in driver_entries(DEPTH)[1:]
+        ]
+        for topic, kind, time, data in rows:
+            if topic not in connections:
+                connections[topic] = writer.add_connection(topic, kind, typestore=TYPES)
+            writer.write(connections[topic], time, data)
+    return path
+
+
+@pytest.mark.parametrize(('offset', 'step'), [(16, 16), (14, 16), (100_000, 16), (0, 0)])
+def test_a_cloud_whose_depth_is_outside_of_its_points(
+    tmp_path: Path, offset: int, step: int
+) -> None:
+    entry: Entry = driver_cloud(f'{DRIVER}/point_cloud_0', EPOCH, DEPTH[0])
+    cloud = entry[3]
+    for field in cloud.fields:
+        field.offset = offset
+    cloud.point_step = step
+    cloud.data = cloud.data[: step * DEPTH[0].size]
+    bag = write(tmp_path / 'bag', [info(f'{DRIVER}/camera_info', EPOCH, (6, 8)), entry])
+    with pytest.raises(InputError, match='fields: z must end within the point_step'):
+        load_recording(bag)
+
+
+@pytest.mark.parametrize(
+    ('key', 'content', 'said'),
+    [
+        ('x', header('(1000000000000,)'), 'x: cannot be read as a plain array'),
+        ('x', header('(' * 3000 + ')' * 3000), 'x: cannot be read as a plain array'),
+        ('x', b'PK\x03\x04 another kind of file', 'x: cannot be read as a plain array'),
+        ('usecase', header('()', '<U1') + b'\xff\xff\xff\x7f', 'usecase: cannot be read'),
+        ('stamp', npy(np.float64(3)), r'stamp: must be finite numbers \(T,\)'),
+        ('depth', npy(DEPTH), 'depth: must be the images of '),
+    ],
+    ids=['huge', 'deep', 'archive', 'text', 'one stamp', 'depth'],
+)
+def test_an_array_that_lies(tmp_path: Path, key: str, content: bytes, said: str) -> None:
+    arrays = {'depth': b'', 'K': npy(np.eye(3)), 'stamp': npy(np.arange(3.0)), key: content}
+    bag = write_raw(
+        tmp_path / 'bag', [(CARRIED, BYTES, encode_bytes(*item)) for item in arrays.items()]
+    )
+    with pytest.raises(InputError, match=said) as error:
+        load_recording(bag)
+    assert str(bag) in str(error.value)
+    assert len(str(error.value)) < 600
+
+
+def test_a_broken_image_of_another_topic_is_noted(tmp_path: Path) -> None:
+    bag = write_raw(tmp_path / 'bag', 2 * [('/other/image', IMAGE, b'\0\1\0\0abc')])
+    recording = load_recording(bag)
+    assert same(recording.depth, DEPTH)
+    assert sum('/other/image: cannot be decoded' in note for note in recording.notes) == 1
+
+
+@pytest.mark.parametrize('make', [os.mkfifo, os.mkdir])
+def test_what_is_no_file_is_named(tmp_path: Path, make: Callable[[Path], None]) -> None:
+    make(tmp_path / 'a.mcap')
+    with pytest.raises(InputError, match='a.mcap: must be a file, got something else'):
+        load_recording(tmp_path)
+
+
+ENDLESS = """
+    ALTER TABLE messages RENAME TO other;
+    CREATE VIEW messages AS WITH RECURSIVE row(x) AS (SELECT 1 UNION ALL SELECT x + 1 FROM row)
+        SELECT x AS id, 1 AS topic_id, x AS timestamp, x'00' AS data FROM row;
+"""
+
+
+@pytest.mark.parametrize(
+    ('change', 'frames'),
+    [
+        ("UPDATE topics SET name = x'00ff' WHERE id = 1", 0),
+        ("UPDATE messages SET timestamp = 'abc' WHERE id = 9", 1),
+        ('UPDATE messages SET data = 5000000000 WHERE id = 9', 1),
+        (ENDLESS, 0),
+    ],
+    ids=['topic', 'time', 'data', 'endless'],
+)
+@pytest.mark.parametrize('cut', [False, True])
+def test_values_that_sqlite_does_not_check(
+    tmp_path: Path, change: str, frames: int, cut: bool
+) -> None:
+    path = write(tmp_path / 'bag', driver_entries(DEPTH)[1:], 'sqlite3') / 'bag.db3'
+    connection = sqlite3.connect(path)
+    connection.executescript(change)
+    connection.close()
+    if cut:
+        with path.open('ab') as file:
+            file.write(bytes(100))
+    if not frames:
+        with pytest.raises(InputError, match='not one whole message'):
+            load_recording(path)
+        return
+    recording = load_recording(path)
+    assert same(recording.depth, DEPTH[: len(recording.depth)])
+    assert frames <= len(recording.depth) < COUNT
+    assert any('cut off or damaged' in note for note in recording.notes)
+
+
+def test_cameras_that_would_be_one_file_are_named(tmp_path: Path) -> None:
+    entries = [
+        entry
+        for number, node in enumerate(('/front/left/flexx2_camera', '/front_left/flexx2_camera'))
+        for entry in driver_entries(DEPTH + number, node)[1:]
+    ]
+    bag = write(tmp_path / 'bag', sorted(entries, key=lambda entry: entry[2]))
+    with pytest.raises(InputError, match='--camera: must be one of front/left, front_left'):
+        convert(bag, tmp_path / 'out.npz')
+    assert not list(tmp_path.glob('out*'))
+    convert(bag, tmp_path / 'out.npz', 'front/left')
+    assert same(load_recording(tmp_path / 'out.npz').depth, DEPTH)
+
+
+def test_a_long_name_is_shown_in_part(tmp_path: Path) -> None:
+    path = tmp_path / 'long.npz'
+    np.savez(path, depth=DEPTH, K=np.eye(3), stamp=np.arange(3.0), camera=np.array('x ' * 5000))
+    with pytest.raises(InputError, match='--camera: must be letters') as error:
+        convert(path, tmp_path / 'bag')
+    assert len(str(error.value)) < 200
