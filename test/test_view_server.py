@@ -3,6 +3,7 @@
 import asyncio
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from itertools import count
 import json
 from pathlib import Path
 import socket
@@ -123,6 +124,30 @@ def test_a_slow_browser_gets_the_newest_frame_and_no_others(served: tuple[Server
         ('watch', False),
     ]
     assert source.asked.count('leave') == 2
+
+
+def test_a_camera_that_goes_while_a_frame_waits_ends_no_page(
+    served: tuple[Server, Source],
+) -> None:
+    server, source = served
+
+    async def work() -> None:
+        client = await connect(server)
+        assert await client.read_message() == '{}'
+        frames = {'left': shot(1)}
+        # Every third look finds the frames gone: the one that is to send them.
+        looks = (frames if look % 3 else {} for look in count(1))
+        type(source).shots = property(lambda _: next(looks))  # type: ignore[assignment]
+        try:
+            server.wake()
+            source.status = '{"cameras": []}'
+            server.wake()
+            assert await client.read_message() == '{"cameras": []}'
+        finally:
+            del type(source).shots
+        client.close()
+
+    run(work())
 
 
 def test_status_and_wishes(served: tuple[Server, Source]) -> None:

@@ -18,7 +18,7 @@ from flexx2_sim_ros.view.driving import Driving, Velocity
 from flexx2_sim_ros.view.packing import ViewedFrame
 from geometry_msgs.msg import Twist
 import numpy as np
-from rcl_interfaces.msg import ParameterEvent
+from rcl_interfaces.msg import ParameterEvent, SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
@@ -92,9 +92,11 @@ class _Camera:
             self.client.get_parameters(['input_depth']).add_done_callback(self._on_input)
 
     def _on_modes(self, future: Any) -> None:
+        # What any node answers: it may have parameters of these names and of other types.
         values = [parameter_value_to_python(value) for value in future.result().values]
-        if len(values) == 2 and values[0] and values[1]:
-            self.usecase, self.usecases = values[0], list(values[1])
+        match values:
+            case [str(usecase), [str(), *_] as usecases] if usecase:
+                self.usecase, self.usecases = usecase, usecases
 
     def _on_input(self, future: Any) -> None:
         values = [parameter_value_to_python(value) for value in future.result().values]
@@ -330,7 +332,7 @@ class Viewer(Node):
         camera.answer_by = time.monotonic() + _ANSWER_SECONDS
 
         def answered(future: Any) -> None:
-            result = future.result().results[0]
+            result = next(iter(future.result().results), SetParametersResult())
             text = f'{usecase} is set' if result.successful else result.reason
             self._answer(camera, result.successful, text or f'{usecase} was refused')
             self._tell()

@@ -353,8 +353,7 @@ class Live(_Guarded, WebSocketHandler):
                     await self.write_message(json.dumps({'obeyed': self._obeyed}))
                 for name in source.shots:
                     if self._wants(name):
-                        # Waits until the bytes have left: none pile up here.
-                        await (await self._send(name))
+                        await self._send(name)
         except (WebSocketClosedError, StreamClosedError):
             pass
 
@@ -366,14 +365,18 @@ class Live(_Guarded, WebSocketHandler):
             and self._undrawn.get(name, 0) < _AHEAD
         )
 
-    async def _send(self, name: str) -> Any:
+    async def _send(self, name: str) -> None:
         # One frame in each round of the loop, however many pages there are: whatever else
         # comes, a command to drive above all, is dealt with in between.
         async with self.server.turn:
             await asyncio.sleep(0)
-            shot = self.server.source.shots[name]
+            shot = self.server.source.shots.get(name)
+            if shot is None:  # The camera's frames were given up meanwhile.
+                return
             self._sent[name], self._undrawn[name] = shot, self._undrawn.get(name, 0) + 1
-            return self.write_message(self.server.packed(name, shot), binary=True)
+            sent = self.write_message(self.server.packed(name, shot), binary=True)
+        # Waits until the bytes have left: none pile up here.
+        await sent
 
 
 def _colours() -> bytes:
