@@ -551,3 +551,32 @@ def test_a_robot_that_uses_sim_time_follows_any_clock():
         stamps = [nanoseconds(message) for message in poses]
         assert stamps[0] >= 50 * 10**9
         assert exact(stamps)
+
+
+def test_a_clock_that_goes_back_ends_a_command():
+    with go1(motion='cmd_vel', use_sim_time=True) as seen:
+        time = seen.node.create_publisher(Clock, '/clock', 10)
+        drive = seen.to('cmd_vel', Twist)
+        poses = seen.hear('odom', Odometry)
+        seen.spin_until(lambda: time.get_subscription_count() >= 2, '/clock')
+
+        def speed_at(tenths):
+            message = Clock()
+            message.clock.sec, message.clock.nanosec = divmod(tenths * 10**8, 10**9)
+            time.publish(message)
+            for _ in range(20):
+                seen.spin_for_a_message()
+            return poses[-1].twist.twist.linear.x if poses else 0.0
+
+        def walks():
+            drive.publish(twist(0.3))
+            return speed_at(next(ticks)) > 0.2
+
+        ticks = itertools.count(500)
+        seen.spin_until(walks, 'the robot walks')
+        # Nobody says stop. The command was to hold until 50 s, which are far ahead now.
+        before = len(poses)
+        ticks = itertools.count(1)
+        seen.spin_until(lambda: abs(speed_at(next(ticks))) < 0.01, 'the robot stands')
+        assert next(ticks) < 50
+        assert nanoseconds(poses[before]) < 10**9

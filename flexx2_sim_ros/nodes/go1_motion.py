@@ -127,9 +127,10 @@ class Walking:
 
     def advance(self, stamp: int, seconds: float) -> None:
         """Walk for some time."""
-        self._now = stamp
-        if stamp > self._until:
+        # A clock that goes back says nothing of how long the command still holds.
+        if stamp > self._until or stamp < self._now:
             self._command = np.zeros(3)
+        self._now = stamp
         self._state = gait.step(
             self._state, self._command, seconds, self._ground, self.how, self._legs
         )
