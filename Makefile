@@ -56,7 +56,7 @@ clean:
 $(STAMP): setup.py constraints.txt
 	@$(PYTHON) -c 'import sys; sys.version_info[:2] in ((3, 11), (3, 12)) or sys.exit("needs \
 	Python 3.11 or 3.12, found %d.%d: try make PYTHON=python3.12" % sys.version_info[:2])'
-	@echo "Making .venv with $$($(PYTHON) --version): downloads about 360 MB, needs 1.5 GB" \
+	@echo "Making .venv with $$($(PYTHON) --version): downloads about 450 MB, needs 1.6 GB" \
 	"of disk and takes two to four minutes ..."
 	$(PYTHON) -m venv --clear .venv
 	@touch .venv/COLCON_IGNORE
