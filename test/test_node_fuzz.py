@@ -1,40 +1,24 @@
 """Nodes under messages and requests that nobody sends on purpose; the long run is in `bench`."""
 
-import json
 import math
-from pathlib import Path
 import random
 import subprocess
 import sys
 
 from diagnostic_msgs.msg import DiagnosticArray
+from programs import measured
 import pytest
 from robots import Clock, go1, Image, joints, JointState, Odometry, odometry, Twist, twist
 from streams import Listener
 
 pytestmark = pytest.mark.usefixtures('ros')
 
-ROOT = Path(__file__).resolve().parents[1]
 ODD = (0.0, 1.0, -1.0, 1e-300, 1e300, math.nan, math.inf, -math.inf)
 
 
 def test_a_camera_goes_on_whatever_it_is_sent(child_env: dict[str, str]) -> None:
     """Assert every request is answered and a good image comes out after all the bad ones."""
-    code = (
-        'import json; from bench.torture_node import run; '
-        'print(json.dumps(run(messages=600, seed=13)))'
-    )
-    done = subprocess.run(
-        [sys.executable, '-c', code],
-        env=child_env,
-        cwd=ROOT,
-        text=True,
-        capture_output=True,
-        timeout=300,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    result = json.loads(done.stdout.splitlines()[-1])
+    result = measured('bench.torture_node.run(messages=600, seed=13)', child_env)
     assert result['sent'] == 600
     assert result['answered'] == result['calls'] == 200
     assert result['alive']

@@ -3,11 +3,11 @@
 from pathlib import Path
 import re
 import shlex
-import signal
 import subprocess
 import sys
 
 import numpy as np
+from programs import first_line
 import pytest
 
 ROOT = Path(__file__).parent.parent
@@ -89,19 +89,7 @@ def test_command(command: str, tmp_path: Path) -> None:
         assert 'flexx2 demo' in recipe
     elif words[:3] == ['ros2', 'run', 'flexx2_sim_ros']:
         pytest.importorskip('rclpy')
-        with subprocess.Popen(
-            python(EXECUTABLES[words[3]]) + words[4:],
-            cwd=tmp_path,
-            stderr=subprocess.PIPE,
-            text=True,
-        ) as process:
-            assert process.stderr is not None
-            line = process.stderr.readline()
-            process.send_signal(signal.SIGINT)
-            rest = process.stderr.read()
-            assert process.wait(30) == 0, line + rest
-            assert '[INFO]' in line
-            assert 'Traceback' not in rest
+        assert '[INFO]' in first_line(python(EXECUTABLES[words[3]]) + words[4:], tmp_path)
     else:
         assert words[0] == 'flexx2'
         if words[1] == 'demo':

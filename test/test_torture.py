@@ -1,13 +1,9 @@
 """The long measurements of `bench`, for a moment."""
 
-import json
 from pathlib import Path
-import subprocess
-import sys
 
 from bench.journal import Journal
-
-ROOT = Path(__file__).resolve().parents[1]
+from programs import measured
 
 
 def test_a_journal_goes_on_where_it_was_interrupted(tmp_path: Path) -> None:
@@ -29,21 +25,9 @@ def test_a_journal_of_other_settings_begins_anew(tmp_path: Path) -> None:
 
 def test_two_cameras_lose_no_image_silently(child_env: dict[str, str], tmp_path: Path) -> None:
     """Assert every image is received or counted as lost, and published or counted as dropped."""
-    code = (
-        'import json; from pathlib import Path; from bench.soak import run; '
-        f'print(json.dumps(run(minutes=0.1, seed=5, out=Path({str(tmp_path)!r}))))'
+    result = measured(
+        f'bench.soak.run(minutes=0.1, seed=5, out=Path({str(tmp_path)!r}))', child_env
     )
-    done = subprocess.run(
-        [sys.executable, '-c', code],
-        env=child_env,
-        cwd=ROOT,
-        text=True,
-        capture_output=True,
-        timeout=300,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    result = json.loads(done.stdout.splitlines()[-1])
     for name in ('left', 'right'):
         camera = result[name]
         assert camera['sent'] > 0, (tmp_path / f'{name}.log').read_text()
