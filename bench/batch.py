@@ -14,6 +14,8 @@ import numpy as np
 import warp as wp
 
 _MODE = 'Mode_9_30fps'
+_LARGE = ('time_offset', 'multipath', 'stray_light')  # effects on light of other pixels or times
+_PERIOD = 33_333_333
 _ON_GPU = (64, 1024, 8192)
 _WANTED_SHARE = 0.25
 
@@ -35,13 +37,28 @@ def _cpu(num_envs: int, rounds: int) -> None:
     batch = BatchCamera(num_envs, _MODE, device='cpu')
     offset = BatchCamera(num_envs, _MODE, effects={'offset': None}, device='cpu')
     everything = BatchCamera(num_envs, _MODE, effects=dict.fromkeys(BATCHED), device='cpu')
-    ticks = count()
+    moving = [scenes, scenes - np.float32(0.01)]
+    large = {
+        name: BatchCamera(num_envs, _MODE, effects={name: None}, device='cpu') for name in _LARGE
+    }
+    small = {name: Camera(_MODE, effects={name: None}, seed=1) for name in _LARGE}
+
+    def one_by_one(camera: Camera) -> None:
+        for i in range(num_envs):
+            camera.capture(moving[next(turns) % 2][i], matrix, next(ticks) * _PERIOD)
+
+    ticks, turns = count(), count()
     functions: dict[str, Callable[[], object]] = {
         'one': lambda: [single.capture(scene, matrix, next(ticks)) for scene in scenes],
         'batch': lambda: batch(scenes),
         'offset': lambda: offset(scenes),
         'everything': lambda: everything(scenes),
     }
+    for name in _LARGE:
+        functions[f'{name}, one'] = lambda name=name: one_by_one(small[name])  # type: ignore
+        functions[f'{name}, batch'] = lambda name=name: large[name](  # type: ignore
+            moving[next(turns) % 2]
+        )
     torch = _torch()
     if torch:
         torch.set_num_threads(1)
@@ -60,7 +77,11 @@ def _cpu(num_envs: int, rounds: int) -> None:
     ):
         if name in times:
             print(f'{text:58s} {times[name] / num_envs:10.2f} {times[name] / times["one"]:16.2f}')
-    print('wanted: at once at most 1 x one at a time')
+    for name in _LARGE:
+        at_once, alone = times[f'{name}, batch'], times[f'{name}, one']
+        text = f'at once, {name}, in scenes that move'
+        print(f'{text:58s} {at_once / num_envs:10.2f} {at_once / alone:16.2f}')
+    print('wanted: at once at most 1 x one at a time, each with the same effects')
 
 
 def _gpu(rounds: int) -> None:

@@ -8,7 +8,16 @@ import sys
 
 from batches import DEVICES, look, scenes
 from boards import board, edge_sigma, K, mean_kl
-from flexx2_sim_ros.batch import BatchCamera, edge_kernels, geometry_kernels, images, kernels
+from flexx2_sim_ros.batch import (
+    BatchCamera,
+    bounce_kernels,
+    edge_kernels,
+    geometry_kernels,
+    history_kernels,
+    images,
+    kernels,
+    scatter_kernels,
+)
 from flexx2_sim_ros.camera import Camera, flexx2
 from flexx2_sim_ros.errors import InputError
 import numpy as np
@@ -274,7 +283,10 @@ def test_a_captured_graph_goes_on_as_calls_do() -> None:
         np.testing.assert_array_equal(seen.numpy(), wanted.numpy())
 
 
-@pytest.mark.parametrize('module', [kernels, edge_kernels, geometry_kernels])
+@pytest.mark.parametrize(
+    'module',
+    [kernels, edge_kernels, geometry_kernels, history_kernels, bounce_kernels, scatter_kernels],
+)
 def test_kernels_compile_for_cuda(module: object, tmp_path: Path) -> None:
     """Without a GPU this is all that can be said; effect_kernels takes 5 s and is left out."""
     wp.compile_aot_module(module, arch=90, module_dir=tmp_path, use_ptx=True)

@@ -298,7 +298,7 @@ class BatchCamera:
     ) -> None:
         development = self._development_for(images) if self._has_effects else None
         if development is not None:
-            development.begin()
+            development.begin(reflectivity is not None)
         for first in range(0, self.num_envs, images.count):
             count = min(images.count, self.num_envs - first)
             if development is not None:

@@ -48,7 +48,9 @@ _NAMES: dict[str, Any] = {
 def _constant(value: Any) -> Any:
     if isinstance(value, tuple):
         return wp.constant(wp.types.vector(len(value), wp.float32)(*map(float, value)))
-    return wp.constant(_TYPES[type(value)](value))
+    # As Python's own numbers: Warp writes NumPy's NaN in a way that does not compile.
+    plain = value.item() if isinstance(value, np.generic) else value
+    return wp.constant(_TYPES[type(value)](plain))
 
 
 def _finish(function: FunctionType) -> Any:

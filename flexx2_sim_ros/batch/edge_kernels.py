@@ -2,13 +2,19 @@
 
 from flexx2_sim_ros.batch.arithmetic import COLUMN_EDGES, counter_of, edge_draw, ROW_EDGES
 from flexx2_sim_ros.batch.arrays import at_byte, at_word, put_word
+from flexx2_sim_ros.batch.compiled import compiled
 from flexx2_sim_ros.batch.kernels import BORDER, Lens, Noise, OPTIONS, padded
+from flexx2_sim_ros.formulas import edges
 from flexx2_sim_ros.physics import lateral
 import warp as wp
 
 wp.set_module_options(OPTIONS)
 
 _WINDOW = wp.constant(lateral.WINDOW)
+
+_is_upright = compiled(edges.is_upright)
+_pixels_moved = compiled(edges.pixels_moved)
+_source_of = compiled(edges.source_of)
 
 
 @wp.func
@@ -28,7 +34,7 @@ def is_upright(
             down += jump >> 1
             xx += 1
         yy += 1
-    return across + 1 >= down
+    return _is_upright(across, down)
 
 
 @wp.func
@@ -59,7 +65,7 @@ def displace(
         pixel = first + position * pitch
         before = wp.int32(at_word(moved, pixel))
         if before == 0 or step < (before >> 9):
-            offset = wp.min(wp.max(position - shift, 0), last) - position
+            offset = _source_of(position, shift, last) - position
             put_word(moved, pixel, wp.uint16((step << 9) | (column << 8) | (offset + 128)))
         if before == 0:
             place = wp.atomic_add(moved_pixels, n, 1)
@@ -72,9 +78,8 @@ def edge_shift(
     noise: Noise, index: wp.int32, stream: wp.uint32, stamp: wp.int64, key: wp.vec2ui
 ) -> wp.int32:
     """Return by how many pixels an edge moves."""
-    draw = noise.edge_sigma * edge_draw(counter_of(index, stream, stamp), key, noise.edge_laplace)
-    limit = wp.float32(noise.edge_limit)
-    return wp.int32(wp.rint(wp.min(wp.max(draw, -limit), limit)))
+    draw = edge_draw(counter_of(index, stream, stamp), key, noise.edge_laplace)
+    return _pixels_moved(draw, noise.edge_sigma, noise.edge_limit)
 
 
 @wp.kernel

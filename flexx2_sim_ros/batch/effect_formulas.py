@@ -18,7 +18,6 @@ from flexx2_sim_ros.batch.compiled import compiled
 from flexx2_sim_ros.batch.effect_tables import Effects, Light
 from flexx2_sim_ros.batch.kernels import cos_incidence, Lens, padded
 from flexx2_sim_ros.effects.ambient_light import DARKEST
-from flexx2_sim_ros.effects.between import ALIKE_SHARE, ALIKE_SPEED
 from flexx2_sim_ros.effects.range_wrap import RangeWrap, RARE
 from flexx2_sim_ros.formulas import surfaces as surface_formulas
 import warp as wp
@@ -28,8 +27,6 @@ _FLT_MAX = wp.constant(wp.float32(3.4028235e38))
 _TURN = wp.constant(wp.float32(2.0 * math.pi))
 _DARKEST = wp.constant(wp.float32(DARKEST))
 _RARE = wp.constant(wp.float32(RARE))
-_ALIKE_SHARE = wp.constant(wp.float32(ALIKE_SHARE))
-_ALIKE_SPEED = wp.constant(wp.float32(ALIKE_SPEED))
 
 returned_light = compiled(surface_formulas.returned_light)
 _usable_reflectivity = compiled(surface_formulas.usable_reflectivity)
@@ -150,63 +147,6 @@ def mix_neighbours(
             out[f] = arctan2(imaginary, real) / (_TURN * turns)
             out[3] += light.weights[f] * wp.length(mixed)
     return out
-
-
-@wp.func
-def tap(
-    here: wp.float32,
-    start: wp.float32,
-    same: wp.bool,
-    change: wp.float32,
-    light: wp.float32,
-    moment: wp.float32,
-    add: wp.float32,
-    turns: wp.float32,
-) -> wp.vec2f:
-    """Return cosine and sine of the phase at a moment between two frames, times the light."""
-    passed = wp.abs(1.0 - moment) <= change
-    even = here + start * (1.0 - moment)
-    seen = wp.where(passed, here, here + start)
-    return wp.where(passed, 1.0, light) * phase_of(turns * (wp.where(same, even, seen) + add))
-
-
-@wp.func
-def alike(here: wp.float32, start: wp.float32, interval: wp.float32) -> wp.bool:
-    """Say whether a pixel saw the same surface in the frame before."""
-    return wp.abs(start) < wp.max(_ALIKE_SHARE * here, _ALIKE_SPEED * interval)
-
-
-@wp.func
-def motion_shift(
-    here: wp.float32,
-    start: wp.float32,
-    brighter: wp.float32,
-    change: wp.float32,
-    interval: wp.float32,
-    duration: wp.float32,
-    stamp: wp.float32,
-    light: Light,
-    f: wp.int32,
-    add: wp.float32,
-) -> wp.float32:
-    """Return the shift of a frequency whose four taps are taken one after the other."""
-    same = alike(here, start, interval)
-    further = here / (here + start)
-    gain = brighter * wp.where(same, 1.0, further * further)
-    taps = wp.float32(4 * light.frequencies)
-    turns = light.turns[f]
-    real = wp.float32(0.0)
-    imaginary = wp.float32(0.0)
-    for k in range(4):
-        moment = 1.0 - duration / interval * (stamp - (wp.float32(4 * f + k) + 0.5) / taps)
-        sample = tap(here, start, same, change, gain, wp.max(moment, 0.0), add, turns)
-        if k % 2 == 0:
-            real += sample[0]
-        else:
-            imaginary += sample[1]
-    last = tap(here, start, same, change, gain, 1.0, add, turns)
-    error = arctan2(imaginary * last[0] - real * last[1], real * last[0] + imaginary * last[1])
-    return error / (_TURN * turns)
 
 
 @wp.func

@@ -19,22 +19,20 @@ from flexx2_sim_ros.batch.arithmetic import (
     power,
 )
 from flexx2_sim_ros.batch.arrays import at, at_word, put, put_word
+from flexx2_sim_ros.batch.compiled import compiled
 from flexx2_sim_ros.batch.effect_formulas import (
-    alike,
     common_shift,
     draw,
-    mix_neighbours,
-    motion_shift,
-    near_jump,
     noise_at,
     reflectivity_at,
-    returned_light,
     Surfaces,
     unwrapped,
     wiggle,
 )
 from flexx2_sim_ros.batch.effect_tables import Effects, Light
 from flexx2_sim_ros.batch.kernels import blocks_of, Lens, Noise, OPTIONS, padded
+from flexx2_sim_ros.batch.light_kernels import motion_shift, Phasors
+from flexx2_sim_ros.effects import between
 from flexx2_sim_ros.effects.grazing_dropout import GrazingDropout
 from flexx2_sim_ros.effects.heavy_tails import HeavyTails
 from flexx2_sim_ros.effects.low_signal_dropout import LowSignalDropout
@@ -59,6 +57,8 @@ _DEGREES = wp.constant(wp.float32(180.0 / math.pi))
 _RADIANS = wp.constant(wp.float32(math.pi / 180.0))
 _PER_NANOSECOND = wp.constant(wp.float32(1e-9))
 _RESET_SIGMAS = wp.constant(wp.float32(RESET_SIGMAS))
+
+_alike = compiled(between.alike)
 
 
 @wp.struct
@@ -132,6 +132,7 @@ def measure(
     stamps: wp.array(dtype=wp.int64),
     kept: Kept,
     moved: wp.array(dtype=wp.uint16),
+    phasors: Phasors,
     seen: Seen,
 ):
     """Write measured depth, and what later kernels need to know of what is seen."""
@@ -150,7 +151,6 @@ def measure(
         and interval > 0.0
     )
     duration = e.motion_artefact_strength * e.motion_artefact_stretch * light.acquisition
-    mixes = wp.min(e.flying_pixels_strength * e.flying_pixels_share, 1.0)
     wraps = e.range_wrap_strength > 0.0
     low = wp.where(wraps, 0.0, noise.range_min)
     high = wp.where(wraps, _FLT_MAX, noise.range_max)
@@ -175,17 +175,9 @@ def measure(
         inverse = at(surfaces.p, padded(lens, n, sy, sx))
         cosine = at(seen.facing, source)
         sigma = at(seen.expected, source)
-        amplitude = returned_light(reflectivity_at(surfaces, lens, n, sy, sx), cosine, inverse)
         z = wp.where(inverse > 0.0, 1.0 / inverse, _NAN)
+        amplitude = at(phasors.amplitude, source)
         shifts = wp.vec3f()
-        if (
-            e.flying_pixels_strength > 0.0
-            and inverse > 0.0
-            and near_jump(surfaces, lens, n, sy, sx)
-        ):
-            mixed = mix_neighbours(surfaces, lens, light, mixes, n, sy, sx)
-            shifts = wp.vec3f(mixed[0], mixed[1], mixed[2])
-            amplitude = mixed[3]
         start = wp.float32(0.0)
         brighter = wp.float32(1.0)
         if moves:
@@ -195,7 +187,7 @@ def measure(
                 reflectivity_at(surfaces, lens, n, sy, sx), _DARKEST
             )
         passes = start == start and (
-            brighter != 1.0 or (start != 0.0 and not alike(z, start, interval))
+            brighter != 1.0 or (start != 0.0 and not _alike(start, z, interval))
         )
         change = wp.float32(0.0)
         if passes:
@@ -207,7 +199,7 @@ def measure(
         total = wp.float32(0.0)
         for f in range(3):
             if f < light.frequencies:
-                shift = shifts[f]
+                shift = at(phasors.shifts, f * phasors.pitch + source)
                 if moves and start == start and (start != 0.0 or passes):
                     shift += motion_shift(
                         z,
@@ -215,7 +207,7 @@ def measure(
                         brighter,
                         change,
                         interval,
-                        duration,
+                        duration / interval,
                         e.motion_artefact_stamp_at,
                         light,
                         f,

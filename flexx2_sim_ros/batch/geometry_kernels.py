@@ -3,14 +3,22 @@
 import math
 
 from flexx2_sim_ros.batch.arrays import at, put
+from flexx2_sim_ros.batch.compiled import compiled
 from flexx2_sim_ros.batch.effect_formulas import Surfaces
 from flexx2_sim_ros.batch.kernels import Lens, OPTIONS, padded, slopes
+from flexx2_sim_ros.effects import pose_error
+from flexx2_sim_ros.formulas import surfaces as surface_formulas
 import warp as wp
 
 wp.set_module_options(OPTIONS)
 
 _NAN = wp.constant(wp.float32(math.nan))
-_NEAREST = wp.constant(wp.float32(1e-3))
+_NEAREST = wp.constant(wp.float32(pose_error.NEAREST))
+
+_pixel_at = compiled(pose_error.pixel_at)
+_depth_of_plane = compiled(pose_error.depth_of_plane)
+_plane_normal = compiled(surface_formulas.plane_normal)
+_beside = compiled(surface_formulas.beside)
 
 
 @wp.struct
@@ -69,26 +77,21 @@ def look_from(
         out = _NAN
         source = wp.int32(0)
         if far >= _NEAREST:
-            u = lens.fx * (ray[0] + pose.step[0] * inverse) / far + lens.cx
-            v = lens.fy * (ray[1] + pose.step[1] * inverse) / far + lens.cy
-            column = wp.int32(wp.min(wp.max(wp.floor(u + 0.5), 0.0), wp.float32(lens.width - 1)))
-            row = wp.int32(wp.min(wp.max(wp.floor(v + 0.5), 0.0), wp.float32(lens.height - 1)))
+            column = _pixel_at(
+                ray[0], pose.step[0], inverse, far, lens.fx, lens.cx, lens.width - 1
+            )
+            row = _pixel_at(ray[1], pose.step[1], inverse, far, lens.fy, lens.cy, lens.height - 1)
             source = row * lens.width + column
             i = padded(lens, n, row, column)
             here = at(surfaces.p, i)
             if here > 0.0:
                 d = slopes(surfaces.p, surfaces.jumps, lens, i)
-                normal = wp.vec3f(
-                    lens.fx * d[0],
-                    lens.fy * d[1],
-                    here
-                    - (wp.float32(column) - lens.cx) * d[0]
-                    - (wp.float32(row) - lens.cy) * d[1],
+                u = wp.float32(column) - lens.cx
+                v = wp.float32(row) - lens.cy
+                nx, ny, nz = _plane_normal(here, d[0], d[1], u, v, lens.fx, lens.fy)
+                out = _depth_of_plane(
+                    nx, ny, nz, ray[0], ray[1], ray[2], pose.step[0], pose.step[1], pose.step[2]
                 )
-                seen = wp.dot(normal, ray)
-                left = 1.0 - wp.dot(normal, pose.step)
-                if seen > 0.0 and left > 0.0:
-                    out = left / seen
     show(surfaces, lens, n, pixel, source, out, depth, reflectivity)
 
 
@@ -119,9 +122,8 @@ def look_up(
             i = padded(lens, n, row, source - row * lens.width)
             here = at(surfaces.p, i)
             d = slopes(surfaces.p, surfaces.jumps, lens, i)
-            inverse = here + at(du, entry) * d[0] + at(dv, entry) * d[1]
-            if inverse <= 0.0 or here <= 0.0:
-                inverse = here
+            if here > 0.0:
+                inverse = _beside(here, d[0], d[1], at(du, entry), at(dv, entry))
     show(
         surfaces,
         lens,

@@ -2,21 +2,17 @@
 
 from flexx2_sim_ros.batch.arithmetic import counter_of, four_normals
 from flexx2_sim_ros.batch.arrays import at, put
+from flexx2_sim_ros.batch.compiled import compiled
 from flexx2_sim_ros.batch.kernels import Lens, OPTIONS
-from flexx2_sim_ros.effects.fixed_pattern import FixedPattern
+from flexx2_sim_ros.effects import fixed_pattern
 import warp as wp
 
 wp.set_module_options(OPTIONS)
 
-_STREAM = wp.constant(wp.uint32(FixedPattern.stream))
+_STREAM = wp.constant(wp.uint32(fixed_pattern.FixedPattern.stream))
+_AROUND = wp.constant(fixed_pattern.AROUND)
 
-
-@wp.func
-def mirrored(i: wp.int32, size: wp.int32, smallest: wp.int32) -> wp.int32:
-    """Return an index beyond a line's end as one within it; the end itself in tiny images."""
-    if smallest > 2:
-        return wp.where(i < 0, -i, wp.where(i >= size, 2 * (size - 1) - i, i))
-    return wp.min(wp.max(i, 0), size - 1)
+_mirrored = compiled(fixed_pattern.mirrored)
 
 
 @wp.kernel
@@ -38,12 +34,13 @@ def less_its_mean(white: wp.array(dtype=wp.float32), lens: Lens, out: wp.array(d
     frame = n * lens.height * lens.width
     smallest = wp.min(lens.height, lens.width)
     total = wp.float32(0.0)
-    for k in range(5):
-        row = frame + mirrored(y + k - 2, lens.height, smallest) * lens.width
-        for j in range(5):
-            total += at(white, row + mirrored(x + j - 2, lens.width, smallest))
+    around = 2 * _AROUND + 1
+    for k in range(around):
+        row = frame + _mirrored(y + k - _AROUND, lens.height, smallest) * lens.width
+        for j in range(around):
+            total += at(white, row + _mirrored(x + j - _AROUND, lens.width, smallest))
     pixel = frame + y * lens.width + x
-    put(out, pixel, at(white, pixel) - total / 25.0)
+    put(out, pixel, at(white, pixel) - total / wp.float32(around * around))
 
 
 @wp.kernel

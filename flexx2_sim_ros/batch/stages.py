@@ -6,7 +6,9 @@ from typing import Any
 from flexx2_sim_ros.batch import effect_kernels, geometry_kernels, grain_kernels, kernels
 from flexx2_sim_ros.batch.effect_formulas import Surfaces
 from flexx2_sim_ros.batch.effect_tables import Effects, effects_row, Light, light_row
+from flexx2_sim_ros.batch.history import each_with, FrameHistory
 from flexx2_sim_ros.batch.images import Images, launch, Rows
+from flexx2_sim_ros.batch.light import PixelLight
 from flexx2_sim_ros.camera import Intrinsics, Mode, Profile
 from flexx2_sim_ros.effects import Effect
 from flexx2_sim_ros.errors import InputError
@@ -91,6 +93,10 @@ class Development:
             for used in (self._poses, self._views)
             if used
         ]
+        self._history = (
+            FrameHistory(effects, profile, images, device) if 'history' in needs else None
+        )
+        self._light = PixelLight(effects, profile, images, device)
         self._nothing = zeros(0)
         wp.load_module(effect_kernels, device=device)
         if self._looked:
@@ -107,9 +113,13 @@ class Development:
         """Start the environments afresh that a (N,) bool array on the device says."""
         launch(effect_kernels.forget, mask.size, mask, self._kept.fresh)
 
-    def begin(self) -> None:
-        """Take notice of a new frame in all environments."""
-        launch(effect_kernels.begin, self._rows.stamps.size, self._kept, self._rows.stamps)
+    def begin(self, with_reflectivity: bool) -> None:
+        """Take notice of a new frame in all environments, and whether it has reflectivity."""
+        stamps = self._rows.stamps
+        launch(effect_kernels.begin, stamps.size, self._kept, stamps)
+        if self._history is not None:
+            self._history.begin(self._kept.young, stamps, with_reflectivity)
+        self._light.begin(self._kept.young)
 
     def observe(
         self, depth: wp.array, reflectivity: wp.array | None, first: int, count: int, out: wp.array
@@ -134,7 +144,9 @@ class Development:
         surfaces.p, surfaces.jumps = images.surfaces
         surfaces.reflectivity = self._nothing if reflectivity is None else reflectivity
         surfaces.first_of_reflectivity = first
-        images.find_surfaces(depth, first, count)
+        first_of_depth = first
+        if self._looked or self._history is None:
+            images.find_surfaces(depth, first, count)
         looked = iter(self._looked)
         if self._poses:
             seen_depth, seen_reflectivity = next(looked)
@@ -149,6 +161,7 @@ class Development:
                 seen_reflectivity,
             )
             self._look_again(surfaces, seen_depth, seen_reflectivity, count)
+            depth, first_of_depth = seen_depth, 0
         if self._views:
             seen_depth, seen_reflectivity = next(looked)
             launch(
@@ -162,6 +175,14 @@ class Development:
                 seen_reflectivity,
             )
             self._look_again(surfaces, seen_depth, seen_reflectivity, count)
+            depth, first_of_depth = seen_depth, 0
+        if self._history is not None:
+            depth, seen_reflectivity = self._history.look_back(
+                depth, first_of_depth, surfaces, first, count
+            )
+            images.find_surfaces(depth, 0, count)
+            if seen_reflectivity.size:
+                surfaces.reflectivity, surfaces.first_of_reflectivity = seen_reflectivity, 0
         images.move_edges(first, count, rows)
         launch(
             kernels.describe,
@@ -174,6 +195,7 @@ class Development:
             seen.facing,
             seen.expected,
         )
+        self._light.find(surfaces, first, count, seen.facing, self._effects, self._lights)
         seen.normals = images.draw_normals(first, count, rows)
         launch(
             effect_kernels.measure,
@@ -189,6 +211,7 @@ class Development:
             rows.stamps,
             kept,
             images.moved,
+            self._light.phasors,
             seen,
         )
         if self._filters:
@@ -262,20 +285,14 @@ def _poses(effects: Sequence[Sequence[Effect]], device: Any) -> wp.array:
 def _views(
     effects: Sequence[Sequence[Effect]], camera: Intrinsics, device: Any
 ) -> tuple[wp.array, ...]:
-    chosen = [
-        next((effect for effect in own if 'view' in (effect.batched or ())), None)
-        for own in effects
-    ]
+    chosen = each_with('view', effects)
     different = list({effect: None for effect in chosen if effect is not None})
     if len(different) > _MOST_VIEWS:
         raise InputError(
             f'effects: {different[0].name}: must have at most {_MOST_VIEWS} different sets of '
             f'parameters in a batch, got {len(different)}'
         )
-    lines = [
-        Reprojection(effect.true_camera(camera), camera).lines  # type: ignore[attr-defined]
-        for effect in different
-    ]
+    lines = [Reprojection(effect.true_camera(camera), camera).lines for effect in different]
     index, du, dv = (np.concatenate(parts) for parts in zip(*lines, strict=True))
     views = np.array([-1 if effect is None else different.index(effect) for effect in chosen])
     return (

@@ -7,9 +7,34 @@ from typing import ClassVar
 from flexx2_sim_ros.effects.effect import Effect, parameter
 from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis
 from flexx2_sim_ros.effects.picture import Picture
+from flexx2_sim_ros.formulas.scalars import i32, least, most, where
+from flexx2_sim_ros.physics.compiled import compiled
 from flexx2_sim_ros.physics.frame_state import FrameState, Stage
 from flexx2_sim_ros.physics.philox import fill_normals
+from numba import njit
 import numpy as np
+
+AROUND = 2  # The mean that is taken off is over 5 x 5 pixels.
+
+
+def mirrored(i: int, size: int, smallest: int) -> int:
+    """
+    Return an index beyond a line's end as one within it, mirrored at the end.
+
+    Parameters
+    ----------
+    i, size : int
+        The index, at most two beyond 0..size - 1.
+    smallest : int
+        The image's smaller side; in tiny images an index beyond the end is the end.
+
+    """
+    inside = least(most(i, i32(0)), size - 1)
+    beyond = where(i < 0, -i, where(i >= size, 2 * (size - 1) - i, i))
+    return where(smallest > AROUND, beyond, inside)
+
+
+_mirrored = compiled(mirrored)
 
 
 @dataclass(frozen=True)
@@ -57,8 +82,22 @@ def _grain(key: bytes, shape: tuple[int, ...]) -> np.ndarray:
     fill_normals(
         np.frombuffer(key, np.uint32).copy(), zero, zero, FixedPattern.stream, white.ravel()
     )
-    padded = np.pad(white, 2, mode='reflect' if min(shape) > 2 else 'edge')
-    windows = np.lib.stride_tricks.sliding_window_view(padded, (5, 5))
-    grain = white - windows.mean(axis=(-2, -1), dtype=np.float32)
+    grain = np.empty_like(white)
+    _less_its_mean(white, grain)
     spread = float(grain.std())
     return (grain / spread if spread > 0 else grain).astype(np.float32)
+
+
+@njit(cache=True)
+def _less_its_mean(white, grain):
+    height, width = white.shape
+    smallest = min(height, width)
+    around = 2 * AROUND + 1
+    for y in range(height):
+        for x in range(width):
+            total = np.float32(0.0)
+            for k in range(around):
+                row = _mirrored(y + k - AROUND, height, smallest)
+                for j in range(around):
+                    total += white[row, _mirrored(x + j - AROUND, width, smallest)]
+            grain[y, x] = white[y, x] - total / np.float32(around * around)

@@ -1,20 +1,172 @@
-"""One diffuse bounce between the patches of a depth image."""
+"""
+One diffuse bounce between the patches of a depth image.
+
+Formulas on single numbers first; the loops over images are this module's, and those of
+`batch.bounce_kernels`.
+"""
 
 import math
 
-from flexx2_sim_ros.physics.fastmath import cos_sin_turns
+from flexx2_sim_ros.formulas import phases
+from flexx2_sim_ros.formulas.fastmath import arctan2
+from flexx2_sim_ros.formulas.scalars import f32, floor, i32, least, most, root, size, where
+from flexx2_sim_ros.formulas.surfaces import plane_normal
+from flexx2_sim_ros.physics.compiled import compiled
 from flexx2_sim_ros.physics.frame_state import FrameState
 from flexx2_sim_ros.physics.philox import FAST
 from flexx2_sim_ros.physics.surface import PAD, slope
 from numba import njit
 import numpy as np
 
-_SENDER = 16  # Pixels a side of the patches that light others,
-_RECEIVER = 4  # and of those that are lit: the bounce is smooth.
-_ALIKE = np.float32(0.03)  # Receivers within this share in inverse depth share a surface.
-_PI = np.float32(math.pi)
-_ZERO = np.float32(0.0)
-_ONE = np.float32(1.0)
+SENDER = 16  # Pixels a side of the patches that light others,
+RECEIVER = 4  # and of those that are lit: the bounce is smooth.
+PATCH_FIELDS = 11  # what `patch` returns
+_RECEIVER_PIXELS = f32(RECEIVER)
+_RECEIVER_MIDDLE = f32(RECEIVER // 2)
+_ALIKE = f32(0.03)  # Receivers within this fraction in inverse depth share a surface.
+_LEAST_COSINE = f32(0.02)
+_LEAST_WEIGHT = f32(1e-3)
+_NEAREST_SQUARED = f32(1e-12)
+_PI = f32(math.pi)
+_ZERO = f32(0.0)
+_ONE = f32(1.0)
+
+
+def patch(
+    here: float,
+    du: float,
+    dv: float,
+    u: float,
+    v: float,
+    fx: float,
+    fy: float,
+    pixels: float,
+    reflectivity: float,
+) -> tuple[float, float, float, float, float, float, float, float, float, float, float]:
+    """
+    Describe a patch by the pixel in its middle.
+
+    Parameters
+    ----------
+    here, du, dv, u, v, fx, fy : float
+        See `plane_normal`; ``here`` above 0.
+    pixels : float
+        How many pixels the patch has.
+    reflectivity : float
+        0..1.
+
+    Returns
+    -------
+    tuple of float
+        Position (x, y, z, metres), normal towards the camera (x, y, z), range (metres), radiosity
+        (reflectivity times irradiance times area), inverse depth, area (m^2), irradiance.
+
+    """
+    rx = u / fx
+    ry = v / fy
+    nx, ny, nz = plane_normal(here, du, dv, u, v, fx, fy)
+    norm = root(nx * nx + ny * ny + nz * nz)
+    z = _ONE / here
+    ray = root(rx * rx + ry * ry + _ONE)
+    reach = z * ray
+    cosine = most(here / (norm * ray), _LEAST_COSINE)
+    area = pixels * z * z / (fx * fy * ray * cosine)
+    irradiance = cosine / (reach * reach)
+    radiosity = reflectivity * irradiance * area
+    return (
+        rx * z,
+        ry * z,
+        z,
+        -nx / norm,
+        -ny / norm,
+        -nz / norm,
+        reach,
+        radiosity,
+        here,
+        area,
+        irradiance,
+    )
+
+
+def light_from(
+    dx: float,
+    dy: float,
+    dz: float,
+    sender_x: float,
+    sender_y: float,
+    sender_z: float,
+    radiosity: float,
+    area: float,
+    normal_x: float,
+    normal_y: float,
+    normal_z: float,
+) -> tuple[float, float]:
+    """
+    Return the light that a receiver gets from a sender, and the distance between them, metres.
+
+    Parameters
+    ----------
+    dx, dy, dz : float
+        From the receiver to the sender, metres.
+    sender_x, sender_y, sender_z, radiosity, area : float
+        The sender's normal, radiosity and area.
+    normal_x, normal_y, normal_z : float
+        The receiver's normal.
+
+    """
+    d2 = dx * dx + dy * dy + dz * dz
+    d = root(most(d2, _NEAREST_SQUARED))
+    arrives = most(normal_x * dx + normal_y * dy + normal_z * dz, _ZERO) / d
+    leaves = most(-(sender_x * dx + sender_y * dy + sender_z * dz), _ZERO) / d
+    # A patch is not a point: up close it fills no more than the half-space.
+    return radiosity * arrives * leaves / (_PI * d2 + area), d
+
+
+def receiver_before(pixel: int, receivers: int) -> tuple[int, float]:
+    """Return the receiver before a pixel of a line, and the pixel's way to the next one, 0..1."""
+    place = (f32(pixel) - _RECEIVER_MIDDLE) / _RECEIVER_PIXELS
+    before = least(most(i32(floor(place)), i32(0)), most(receivers - i32(2), i32(0)))
+    return before, least(most(place - f32(before), _ZERO), _ONE)
+
+
+def receiver_weight(share: float, here: float, other: float) -> float:
+    """
+    Return a receiver's weight for a pixel.
+
+    Parameters
+    ----------
+    share : float
+        Its bilinear weight.
+    here, other : float
+        Inverse depth of the pixel and of the receiver; 0 for nothing.
+
+    """
+    alike = _ALIKE * here / (size(other - here) + _ALIKE * here)
+    return where(other > _ZERO, (share + _LEAST_WEIGHT) * alike * alike * alike, _ZERO)
+
+
+def with_bounce(factor: float, real: float, imaginary: float) -> tuple[float, float]:
+    """
+    Return the phase, radians, and the light of direct and indirect light over the direct one's.
+
+    Parameters
+    ----------
+    factor : float
+        On the indirect light.
+    real, imaginary : float
+        The indirect light over the direct one.
+
+    """
+    both = _ONE + factor * real
+    across = factor * imaginary
+    return arctan2(across, both), root(both * both + across * across)
+
+
+_patch = compiled(patch)
+_light_from = compiled(light_from)
+_direction = compiled(phases.direction)
+_receiver_before = compiled(receiver_before)
+_receiver_weight = compiled(receiver_weight)
 
 
 def bounce(state: FrameState) -> list[np.ndarray]:
@@ -42,9 +194,9 @@ def bounce(state: FrameState) -> list[np.ndarray]:
     lens = np.array([camera.fx, camera.fy, camera.cx, camera.cy], np.float32)
     reflectivity = np.array(np.broadcast_to(state.reflectivity, (height, width)))
     shares = np.float32(sensor.jump_share), np.float32(sensor.steep_share)
-    senders = _patches(inverse, reflectivity, lens, *shares, _SENDER)
-    receivers = _patches(inverse, reflectivity, lens, *shares, _RECEIVER)
-    rows, columns = -(-height // _RECEIVER), -(-width // _RECEIVER)
+    senders = _patches(inverse, reflectivity, lens, *shares, SENDER)
+    receivers = _patches(inverse, reflectivity, lens, *shares, RECEIVER)
+    rows, columns = -(-height // RECEIVER), -(-width // RECEIVER)
     turns = np.array([k / (4.0 * math.pi) for k in state.wave_numbers], np.float32)
     gamma = np.zeros((len(turns), rows * columns, 2), np.float32)
     _gather(senders, receivers, turns, gamma)
@@ -63,11 +215,10 @@ def bounce(state: FrameState) -> list[np.ndarray]:
 
 @njit(cache=True, error_model='numpy', fastmath=FAST)
 def _patches(p, reflectivity, lens, jump_share, steep_share, size):
-    # A row a block, from its middle pixel: position, normal (towards the camera), range, radiosity
-    # (reflectivity times irradiance times area), inverse depth, area, irradiance; 0 for nothing.
+    # A row a block, see `patch`; 0 for nothing.
     height, width = reflectivity.shape
     rows, columns = -(-height // size), -(-width // size)
-    out = np.zeros((rows * columns, 11), np.float32)
+    out = np.zeros((rows * columns, PATCH_FIELDS), np.float32)
     fx, fy, cx, cy = lens
     for row in range(rows):
         for column in range(columns):
@@ -83,26 +234,11 @@ def _patches(p, reflectivity, lens, jump_share, steep_share, size):
             dv = slope(
                 p[j - 2, i], p[j - 1, i], here, p[j + 1, i], p[j + 2, i], jump_share, steep_share
             )
+            pixels = np.float32(min(size, height - row * size) * min(size, width - column * size))
             u, v = np.float32(x) - cx, np.float32(y) - cy
-            rx, ry = u / fx, v / fy
-            nx, ny, nz = fx * du, fy * dv, here - u * du - v * dv
-            norm = math.sqrt(nx * nx + ny * ny + nz * nz)
-            z = _ONE / here
-            ray = math.sqrt(rx * rx + ry * ry + _ONE)
-            reach = z * ray
-            cosine = max(here / (norm * ray), np.float32(0.02))
-            tall = min(size, height - row * size)
-            wide = min(size, width - column * size)
-            area = np.float32(tall * wide) * z * z / (fx * fy * ray * cosine)
-            irradiance = cosine / (reach * reach)
-            patch = out[row * columns + column]
-            patch[0], patch[1], patch[2] = rx * z, ry * z, z
-            patch[3], patch[4], patch[5] = -nx / norm, -ny / norm, -nz / norm
-            patch[6] = reach
-            patch[7] = reflectivity[y, x] * irradiance * area
-            patch[8] = here
-            patch[9] = area
-            patch[10] = irradiance
+            fields = _patch(here, du, dv, u, v, fx, fy, pixels, reflectivity[y, x])
+            for k in range(PATCH_FIELDS):
+                out[row * columns + column, k] = fields[k]
     return out
 
 
@@ -118,20 +254,25 @@ def _gather(senders, receivers, turns, out):
         if here <= _ZERO:
             continue
         for i in range(s.shape[1]):
-            dx, dy, dz = s[0, i] - x, s[1, i] - y, s[2, i] - z
-            d2 = dx * dx + dy * dy + dz * dz
-            d = math.sqrt(max(d2, np.float32(1e-12)))
-            arrives = max(nx * dx + ny * dy + nz * dz, _ZERO) / d
-            leaves = max(-(s[3, i] * dx + s[4, i] * dy + s[5, i] * dz), _ZERO) / d
-            # A patch is not a point: up close it fills no more than the half-space.
-            light[i] = s[7, i] * arrives * leaves / (_PI * d2 + s[9, i])
+            light[i], d = _light_from(
+                s[0, i] - x,
+                s[1, i] - y,
+                s[2, i] - z,
+                s[3, i],
+                s[4, i],
+                s[5, i],
+                s[7, i],
+                s[9, i],
+                nx,
+                ny,
+                nz,
+            )
             path[i] = s[6, i] + d - reach
         for f in range(turns.size):
             real = _ZERO
             imaginary = _ZERO
             for i in range(s.shape[1]):
-                turn = turns[f] * path[i]
-                cosine, sine = cos_sin_turns(turn - np.floor(turn))
+                cosine, sine = _direction(turns[f] * path[i])
                 real += light[i] * cosine
                 imaginary += light[i] * sine
             out[f, r, 0] = real / irradiance
@@ -144,27 +285,20 @@ def _spread(p, patches, gamma, out):
     height, width = out.shape[:2]
     rows, columns = patches.shape
     for y in range(height):
-        fy = (np.float32(y) - np.float32(_RECEIVER // 2)) / np.float32(_RECEIVER)
-        row = min(max(int(np.floor(fy)), 0), max(rows - 2, 0))
-        sy = min(max(fy - np.float32(row), _ZERO), _ONE)
+        row, sy = _receiver_before(np.int32(y), np.int32(rows))
         for x in range(width):
             here = p[y + PAD, x + PAD]
             out[y, x, 0] = _ZERO
             out[y, x, 1] = _ZERO
             if here <= _ZERO:
                 continue
-            fx = (np.float32(x) - np.float32(_RECEIVER // 2)) / np.float32(_RECEIVER)
-            column = min(max(int(np.floor(fx)), 0), max(columns - 2, 0))
-            sx = min(max(fx - np.float32(column), _ZERO), _ONE)
+            column, sx = _receiver_before(np.int32(x), np.int32(columns))
             total = _ZERO
             for b in range(min(2, rows)):
                 for a in range(min(2, columns)):
                     wy = sy if b else _ONE - sy
                     wx = sx if a else _ONE - sx
-                    other = patches[row + b, column + a]
-                    alike = _ALIKE * here / (abs(other - here) + _ALIKE * here)
-                    weight = (wx * wy + np.float32(1e-3)) * alike * alike * alike
-                    weight = weight if other > _ZERO else _ZERO
+                    weight = _receiver_weight(wx * wy, here, patches[row + b, column + a])
                     total += weight
                     out[y, x, 0] += weight * gamma[row + b, column + a, 0]
                     out[y, x, 1] += weight * gamma[row + b, column + a, 1]

@@ -4,21 +4,118 @@ from dataclasses import dataclass
 import math
 from typing import Any, ClassVar
 
-from flexx2_sim_ros.effects.between import ALIKE_SHARE, ALIKE_SPEED
+from flexx2_sim_ros.effects.between import alike
 from flexx2_sim_ros.effects.effect import Effect, parameter
 from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis
 from flexx2_sim_ros.effects.picture import Picture
-from flexx2_sim_ros.physics.fastmath import arctan2, cos_sin_turns
+from flexx2_sim_ros.formulas.phases import angle_between, direction
+from flexx2_sim_ros.formulas.scalars import f32, most, size, where
+from flexx2_sim_ros.physics.compiled import compiled
 from flexx2_sim_ros.physics.frame_state import FrameState, Stage
 from flexx2_sim_ros.physics.philox import FAST
 from numba import njit
 import numpy as np
 
-_TAPS = 4
-DARKEST = np.float32(1e-3)  # reflectivity that the light of raw frames is compared with
-_ZERO = np.float32(0.0)
-_ONE = np.float32(1.0)
-_TWO_PI = np.float32(2.0 * math.pi)
+TAPS = 4
+DARKEST = f32(1e-3)  # reflectivity that the light of raw frames is compared with
+_ZERO = f32(0.0)
+_HALF = f32(0.5)
+_ONE = f32(1.0)
+_TWO_PI = f32(2.0 * math.pi)
+
+
+def tap_moment(tap: float, taps: float, acquisition: float, stamp_at: float) -> float:
+    """
+    Return when a raw frame is taken: 0 at the frame before, 1 at this one; never before 0.
+
+    Parameters
+    ----------
+    tap, taps : float
+        Which raw frame out of how many.
+    acquisition : float
+        The time that all of them take, over the time between two frames.
+    stamp_at : float
+        When in that time the stamp is, 0..1.
+
+    """
+    return most(_ONE - acquisition * (stamp_at - (tap + _HALF) / taps), _ZERO)
+
+
+def tap_at(
+    here: float,
+    start: float,
+    same: bool,
+    change: float,
+    light: float,
+    moment: float,
+    add: float,
+    turns: float,
+) -> tuple[float, float]:
+    """
+    Return cosine and sine of the phase at a moment, times the light.
+
+    A surface moves evenly, another surface or colour comes at once.
+    """
+    passed = size(_ONE - moment) <= change
+    even = here + start * (_ONE - moment)
+    seen = where(same, even, where(passed, here, here + start))
+    cosine, sine = direction(turns * (seen + add))
+    gain = where(passed, _ONE, light)
+    return gain * cosine, gain * sine
+
+
+def motion_shift(
+    here: float,
+    start: float,
+    brighter: float,
+    change: float,
+    seconds: float,
+    m0: float,
+    m1: float,
+    m2: float,
+    m3: float,
+    wave_number: float,
+    add: float,
+) -> float:
+    """
+    Return the shift of a frequency whose four taps are taken one after the other, metres.
+
+    The taps are cos(phase - k pi / 2); they give the phase.
+
+    Parameters
+    ----------
+    here : float
+        Depth, metres.
+    start : float
+        What was to be added to it in the frame before, metres.
+    brighter : float
+        Reflectivity in the frame before over the one in this frame.
+    change : float
+        How long before this frame another surface comes into view; 1 is the frame before.
+    seconds : float
+        Between the frames.
+    m0, m1, m2, m3 : float
+        When the taps are taken, see `tap_moment`.
+    wave_number : float
+        Radians of phase a metre.
+    add : float
+        The pixel's shift so far, metres.
+
+    """
+    same = alike(start, here, seconds)
+    # Nearer is brighter; the same surface may have another colour there.
+    further = here / (here + start)
+    light = brighter * where(same, _ONE, further * further)
+    turns = wave_number / _TWO_PI
+    c0, _0 = tap_at(here, start, same, change, light, m0, add, turns)
+    _1, s1 = tap_at(here, start, same, change, light, m1, add, turns)
+    c2, _2 = tap_at(here, start, same, change, light, m2, add, turns)
+    _3, s3 = tap_at(here, start, same, change, light, m3, add, turns)
+    cosine, sine = tap_at(here, start, same, change, light, _ONE, add, turns)
+    return angle_between(c0 + c2, s1 + s3, cosine, sine) / wave_number
+
+
+_motion_shift = compiled(motion_shift)
 
 
 @dataclass(frozen=True)
@@ -77,15 +174,13 @@ class MotionArtefact(Effect):
         brighter = np.ascontiguousarray(np.broadcast_to(before[2] / rho, shown))
         interval = (state.stamp - before[0]) * 1e-9
         duration = self.strength * self.stretch * state.acquisition_seconds
-        taps = _TAPS * len(state.shifts)
-        # How far between the frame before (0) and this one (1), or after it, each was taken.
-        moments = np.maximum(
-            1.0 - duration / interval * (self.stamp_at - (np.arange(taps) + 0.5) / taps), 0.0
-        )
+        taps = TAPS * len(state.shifts)
+        every: Any = np.arange(taps)
+        moments: Any = tap_moment(every, taps, duration / interval, self.stamp_at)
         # When another surface comes into view nobody knows: at any moment between two frames.
         passing = state.uniforms(self.stream)
         for index, (k, shift) in enumerate(zip(state.wave_numbers, state.shifts, strict=True)):
-            own = moments[index * _TAPS : (index + 1) * _TAPS].astype(np.float32)
+            own = moments[index * TAPS : (index + 1) * TAPS].astype(np.float32)
             _demodulate(
                 before[1],
                 state.depth,
@@ -93,43 +188,30 @@ class MotionArtefact(Effect):
                 passing,
                 own,
                 np.float32(k),
-                np.float32(ALIKE_SHARE),
-                np.float32(ALIKE_SPEED * interval),
+                np.float32(interval),
                 shift,
             )
 
 
 @njit(cache=True, error_model='numpy', fastmath=FAST)
-def _demodulate(early, late, brighter, passing, moments, wave_number, alike, near, shift):
-    # Four samples cos(phase - tap pi / 2), each at its moment, and the phase they give.
-    turns = wave_number / _TWO_PI
+def _demodulate(early, late, brighter, passing, moments, wave_number, seconds, shift):
     m0, m1, m2, m3 = moments
     for y in range(late.shape[0]):
         for x in range(late.shape[1]):
             here = late[y, x]
             start = early[y, x] - here
-            same = abs(start) < max(alike * here, near)
             add = shift[y, x]
-            change = passing[y, x]
-            # Nearer is brighter; the same surface may have another colour there.
-            light = brighter[y, x] * (_ONE if same else (here / early[y, x]) ** 2)
-            c0, _ = _tap(here, start, same, change, light, m0, add, turns)
-            _, s1 = _tap(here, start, same, change, light, m1, add, turns)
-            c2, _ = _tap(here, start, same, change, light, m2, add, turns)
-            _, s3 = _tap(here, start, same, change, light, m3, add, turns)
-            real, imaginary = c0 + c2, s1 + s3
-            cosine, sine = _tap(here, start, same, change, light, _ONE, add, turns)
-            error = arctan2(imaginary * cosine - real * sine, real * cosine + imaginary * sine)
-            shift[y, x] = add + error / wave_number if here > _ZERO and start == start else add
-
-
-@njit(inline='always')
-def _tap(here, start, same, change, light, moment, add, turns):
-    # Cosine and sine of the phase at a moment, times the light: a surface moves evenly, another
-    # surface or colour comes at once.
-    passed = abs(_ONE - moment) <= change
-    even = here + start * (_ONE - moment)
-    phase = turns * ((even if same else here if passed else here + start) + add)
-    cosine, sine = cos_sin_turns(phase - np.floor(phase))
-    gain = _ONE if passed else light
-    return gain * cosine, gain * sine
+            more = _motion_shift(
+                here,
+                start,
+                brighter[y, x],
+                passing[y, x],
+                seconds,
+                m0,
+                m1,
+                m2,
+                m3,
+                wave_number,
+                add,
+            )
+            shift[y, x] = add + more if here > _ZERO and start == start else add

@@ -2,19 +2,29 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-import math
 from typing import Any, ClassVar
 
 from flexx2_sim_ros.effects.effect import Effect, parameter
 from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis
-from flexx2_sim_ros.effects.interreflection import bounce
+from flexx2_sim_ros.effects.interreflection import bounce, with_bounce
 from flexx2_sim_ros.effects.picture import Picture
-from flexx2_sim_ros.physics.fastmath import arctan2
+from flexx2_sim_ros.formulas.scalars import f32, root
+from flexx2_sim_ros.physics.compiled import compiled
 from flexx2_sim_ros.physics.frame_state import FrameState, Stage
 from flexx2_sim_ros.physics.philox import FAST
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from numba import njit
 import numpy as np
+
+_ONE = f32(1.0)
+
+
+def depth_of_range(rx: float, ry: float) -> float:
+    """Return the depth of a point at range 1 on the ray (rx, ry, 1)."""
+    return _ONE / root(_ONE + rx * rx + ry * ry)
+
+
+_with_bounce = compiled(with_bounce)
 
 
 @dataclass(frozen=True)
@@ -42,6 +52,7 @@ class Multipath(Effect):
     family: ClassVar[str] = 'indirect light'
     compared: ClassVar[str] = 'gain'
     picture: ClassVar[Picture] = Picture('along_row')
+    batched: ClassVar[tuple[str, ...] | None] = ('bounce',)
 
     gain: float = parameter(1.0, 0.0, 5.0, '', 'factor on the physical strength of the bounce')
 
@@ -61,7 +72,7 @@ class Multipath(Effect):
                 state.intrinsics,
                 [image.copy() for image in scene],
                 bounce(state),
-                _depth_of_range(state.intrinsics),
+                _depths_of_ranges(state.intrinsics),
             )
             state.memory.kept[self.name] = kept
         factor = np.float32(self.strength * self.gain)
@@ -75,11 +86,11 @@ class Multipath(Effect):
         state.amplitude = state.amplitude * brighter
 
 
-def _depth_of_range(camera: Intrinsics) -> np.ndarray:
+def _depths_of_ranges(camera: Intrinsics) -> np.ndarray:
     x = (np.arange(camera.width) - camera.cx) / camera.fx
     y = (np.arange(camera.height) - camera.cy) / camera.fy
-    cosine: np.ndarray = (1.0 + x**2 + y[:, None] ** 2) ** -0.5
-    return cosine.astype(np.float32)
+    cosine: Any = depth_of_range(x, y[:, None])  # type: ignore[arg-type]
+    return np.asarray(cosine, np.float32)
 
 
 @njit(cache=True, error_model='numpy', fastmath=FAST)
@@ -87,7 +98,6 @@ def _add_bounce(indirect, factor, wave_number, weight, depth_of_range, shift, br
     # The detour is along the ray.
     for y in range(shift.shape[0]):
         for x in range(shift.shape[1]):
-            real = np.float32(1.0) + factor * indirect[y, x].real
-            imaginary = factor * indirect[y, x].imag
-            shift[y, x] += arctan2(imaginary, real) / wave_number * depth_of_range[y, x]
-            brighter[y, x] += weight * math.sqrt(real * real + imaginary * imaginary)
+            angle, gain = _with_bounce(factor, indirect[y, x].real, indirect[y, x].imag)
+            shift[y, x] += angle / wave_number * depth_of_range[y, x]
+            brighter[y, x] += weight * gain

@@ -7,17 +7,74 @@ from typing import ClassVar
 from flexx2_sim_ros.effects.effect import Effect, parameter
 from flexx2_sim_ros.effects.hypothesis import Hypothesis
 from flexx2_sim_ros.effects.picture import Picture
+from flexx2_sim_ros.formulas import surfaces
+from flexx2_sim_ros.formulas.scalars import f32, floor, i32, least, most, where
+from flexx2_sim_ros.physics.compiled import compiled
 from flexx2_sim_ros.physics.frame_state import FrameState, Stage
 from flexx2_sim_ros.physics.philox import FAST
 from flexx2_sim_ros.physics.surface import PAD, tangents
 from numba import njit
 import numpy as np
 
-_ZERO = np.float32(0.0)
-_ONE = np.float32(1.0)
-_NAN = np.float32(np.nan)
-_HALF = np.float32(0.5)
-_NEAREST = np.float32(1e-3)
+NEAREST = f32(1e-3)  # depth of a point that the other camera can see, over its depth in this one
+_ZERO = f32(0.0)
+_HALF = f32(0.5)
+_ONE = f32(1.0)
+_NAN = f32(math.nan)
+
+
+def pixel_at(
+    direction: float,
+    step: float,
+    inverse: float,
+    far: float,
+    focal: float,
+    centre: float,
+    last: int,
+) -> int:
+    """
+    Return the row or column, 0..last, in which the other camera sees a point.
+
+    Parameters
+    ----------
+    direction : float
+        Of the ray to the point in the other camera's frame, along the row or column.
+    step : float
+        From one camera to the other in this direction, metres.
+    inverse : float
+        The point's inverse depth in this camera, 1/m.
+    far : float
+        Its depth in the other camera over that in this one.
+    focal, centre : float
+        Focal length and principal point, pixels.
+    last : int
+        What lies outside the image goes on as at its border.
+
+    """
+    place = focal * (direction + step * inverse) / far + centre
+    return i32(least(most(floor(place + _HALF), _ZERO), f32(last)))
+
+
+def depth_of_plane(
+    nx: float,
+    ny: float,
+    nz: float,
+    dx: float,
+    dy: float,
+    dz: float,
+    step_x: float,
+    step_y: float,
+    step_z: float,
+) -> float:
+    """Return the depth at which a ray d from a step hits the plane n . X = 1, NaN if not."""
+    seen = nx * dx + ny * dy + nz * dz
+    left = _ONE - nx * step_x - ny * step_y - nz * step_z
+    return where(least(seen, left) > _ZERO, left / seen, _NAN)
+
+
+_pixel_at = compiled(pixel_at)
+_depth_of_plane = compiled(depth_of_plane)
+_plane_normal = compiled(surfaces.plane_normal)
 
 
 @dataclass(frozen=True)
@@ -97,20 +154,15 @@ def _look_from(p, across, down, lens, rotation, step, depth, index):
             far = dz + step[2] * inverse
             index[y, x] = 0
             depth[y, x] = _NAN
-            if far < _NEAREST:
+            if far < NEAREST:
                 continue  # Behind the camera it was.
-            u = fx * (dx + step[0] * inverse) / far + cx
-            v = fy * (dy + step[1] * inverse) / far + cy
-            # What lies outside the image goes on as at its border.
-            column = int(min(max(np.floor(u + _HALF), _ZERO), np.float32(width - 1)))
-            row = int(min(max(np.floor(v + _HALF), _ZERO), np.float32(height - 1)))
+            column = _pixel_at(dx, step[0], inverse, far, fx, cx, np.int32(width - 1))
+            row = _pixel_at(dy, step[1], inverse, far, fy, cy, np.int32(height - 1))
             index[y, x] = row * width + column
             here = p[row + PAD, column + PAD]
             if here > _ZERO:
-                du, dv = across[row, column], down[row, column]
-                nx, ny = fx * du, fy * dv
-                nz = here - (np.float32(column) - cx) * du - (np.float32(row) - cy) * dv
-                seen = nx * dx + ny * dy + nz * dz
-                left = _ONE - nx * step[0] - ny * step[1] - nz * step[2]
-                if seen > _ZERO and left > _ZERO:
-                    depth[y, x] = left / seen
+                u, v = np.float32(column) - cx, np.float32(row) - cy
+                nx, ny, nz = _plane_normal(
+                    here, across[row, column], down[row, column], u, v, fx, fy
+                )
+                depth[y, x] = _depth_of_plane(nx, ny, nz, dx, dy, dz, step[0], step[1], step[2])

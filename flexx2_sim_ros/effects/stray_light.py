@@ -9,11 +9,34 @@ from flexx2_sim_ros.effects.effect import Effect, parameter
 from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis
 from flexx2_sim_ros.effects.phasors import phases, turn
 from flexx2_sim_ros.effects.picture import Picture
+from flexx2_sim_ros.formulas.scalars import f32, i32, least, most
+from flexx2_sim_ros.physics.compiled import compiled
 from flexx2_sim_ros.physics.frame_state import FrameState, Stage
 from numba import njit
 import numpy as np
 
-_COARSE = 4  # A wide kernel is applied to the image at a quarter of its resolution.
+BLOCK = 4  # A wide kernel is applied to the image at a quarter of its resolution.
+_BLOCK_PIXELS = f32(BLOCK)
+_ZERO = f32(0.0)
+_HALF = f32(0.5)
+_ONE = f32(1.0)
+
+
+def block_before(pixel: int, blocks: int) -> tuple[int, float]:
+    """Return the block before a pixel of a line, and the pixel's way to the next one, 0..1."""
+    last = f32(blocks - i32(1))
+    place = least(most((f32(pixel) + _HALF) / _BLOCK_PIXELS - _HALF, _ZERO), last)
+    before = i32(place)
+    return before, place - f32(before)
+
+
+def mixed(first: float, second: float, share: float) -> float:
+    """Return what is between two values, ``share`` of the way from the first to the second."""
+    return (_ONE - share) * first + share * second
+
+
+_block_before = compiled(block_before)
+_mixed = compiled(mixed)
 
 
 @dataclass(frozen=True)
@@ -41,6 +64,7 @@ class StrayLight(Effect):
     family: ClassVar[str] = 'kernel over the image'
     compared: ClassVar[str] = 'share'
     picture: ClassVar[Picture] = Picture(at_chart=True)
+    batched: ClassVar[tuple[str, ...] | None] = ('scatter',)
 
     share: float = parameter(
         0.02, 0.0, 0.2, '', 'fraction of the light that is scattered, at strength 1'
@@ -60,14 +84,39 @@ class StrayLight(Effect):
         state.amplitude = np.where(np.isfinite(state.depth), amplitude, np.float32(0))
 
 
+def spread_of(rows: int, columns: int, radius: float) -> np.ndarray:
+    """
+    Return how light spreads from one block to all others.
+
+    Parameters
+    ----------
+    rows, columns : int
+        Blocks of the image.
+    radius : float
+        Where half of the peak is left, blocks.
+
+    Returns
+    -------
+    numpy.ndarray
+        (2 * rows, 2 * columns) float64 of sum 1, (1 + r^2 / w^2)^(-3/2); rows and columns beyond
+        the middle are distances to the other side.
+
+    """
+    w2 = radius**2 / (2.0 ** (2.0 / 3.0) - 1.0)
+    y = np.minimum(np.arange(2 * rows), 2 * rows - np.arange(2 * rows))
+    x = np.minimum(np.arange(2 * columns), 2 * columns - np.arange(2 * columns))
+    kernel: np.ndarray = (1.0 + (y[:, None] ** 2 + x[None, :] ** 2) / w2) ** -1.5
+    return kernel / kernel.sum()
+
+
 def _scatter(image: np.ndarray, width: float) -> np.ndarray:
     # Convolve with a wide kernel of unit sum, on coarse blocks; nothing comes from outside.
     height, wide = image.shape
-    rows, columns = -(-height // _COARSE), -(-wide // _COARSE)
+    rows, columns = -(-height // BLOCK), -(-wide // BLOCK)
     blocks = np.zeros((rows, columns), np.complex64)
     _gather(image, blocks)
-    spectrum = np.fft.fft2(blocks, s=(2 * rows, 2 * columns)) * _kernel(
-        rows, columns, width * wide / _COARSE
+    spectrum = np.fft.fft2(blocks, s=(2 * rows, 2 * columns)) * _spectrum(
+        rows, columns, width * wide / BLOCK
     )
     coarse = np.fft.ifft2(spectrum)[:rows, :columns].astype(np.complex64)
     out = np.empty_like(image)
@@ -75,44 +124,30 @@ def _scatter(image: np.ndarray, width: float) -> np.ndarray:
     return out
 
 
+@lru_cache(maxsize=16)
+def _spectrum(rows: int, columns: int, radius: float) -> np.ndarray:
+    return np.fft.fft2(spread_of(rows, columns, radius)).astype(np.complex64)
+
+
 @njit(cache=True)
 def _gather(image, blocks):
     # Light of a block, as if it were a pixel's.
-    share = np.float32(1.0 / _COARSE**2)
+    share = np.float32(1.0 / BLOCK**2)
     for y in range(image.shape[0]):
         for x in range(image.shape[1]):
-            blocks[y // _COARSE, x // _COARSE] += share * image[y, x]
+            blocks[y // BLOCK, x // BLOCK] += share * image[y, x]
 
 
 @njit(cache=True)
 def _interpolate(blocks, out):
     # Linearly, from the blocks' centres to pixels.
     rows, columns = blocks.shape
-    half, one, size = np.float32(0.5), np.float32(1.0), np.float32(_COARSE)
     for y in range(out.shape[0]):
-        down = min(
-            max((np.float32(y) + half) / size - half, np.float32(0.0)), np.float32(rows - 1)
-        )
-        top = int(down)
+        top, down = _block_before(np.int32(y), np.int32(rows))
         low = min(top + 1, rows - 1)
-        sy = down - np.float32(top)
         for x in range(out.shape[1]):
-            across = min(
-                max((np.float32(x) + half) / size - half, np.float32(0.0)), np.float32(columns - 1)
-            )
-            left = int(across)
-            right = min(left + 1, columns - 1)
-            sx = across - np.float32(left)
-            above = (one - sx) * blocks[top, left] + sx * blocks[top, right]
-            below = (one - sx) * blocks[low, left] + sx * blocks[low, right]
-            out[y, x] = (one - sy) * above + sy * below
-
-
-@lru_cache(maxsize=16)
-def _kernel(rows: int, columns: int, radius: float) -> np.ndarray:
-    # Spectrum of (1 + r^2 / w^2)^(-3/2), half its peak at r = radius, on a doubled grid.
-    w2 = radius**2 / (2.0 ** (2.0 / 3.0) - 1.0)
-    y = np.minimum(np.arange(2 * rows), 2 * rows - np.arange(2 * rows))
-    x = np.minimum(np.arange(2 * columns), 2 * columns - np.arange(2 * columns))
-    kernel = (1.0 + (y[:, None] ** 2 + x[None, :] ** 2) / w2) ** -1.5
-    return np.fft.fft2(kernel / kernel.sum()).astype(np.complex64)
+            left, right = _block_before(np.int32(x), np.int32(columns))
+            other = min(left + 1, columns - 1)
+            above = _mixed(blocks[top, left], blocks[top, other], right)
+            below = _mixed(blocks[low, left], blocks[low, other], right)
+            out[y, x] = _mixed(above, below, down)

@@ -10,7 +10,7 @@ from flexx2_sim_ros.effects.picture import Picture
 from flexx2_sim_ros.physics.frame_state import FrameState, Stage
 import numpy as np
 
-_FRAMES_KEPT = 128
+FRAMES_KEPT = 128
 
 
 @dataclass(frozen=True)
@@ -36,8 +36,14 @@ class TimeOffset(Effect):
     family: ClassVar[str] = 'delay in time'
     compared: ClassVar[str] = 'latency'
     picture: ClassVar[Picture] = Picture('moving')
+    batched: ClassVar[tuple[str, ...] | None] = ('history',)
 
     latency: float = parameter(0.020, -0.1, 0.3, 's', 'age of the scene at the stamp')
+
+    @property
+    def delay(self) -> int:
+        """Return by how much the scene is older than the stamp, nanoseconds."""
+        return round(self.strength * self.latency * 1e9)
 
     def apply(self, state: FrameState) -> None:
         """Show the scene of an earlier moment, from the clean frames seen so far."""
@@ -48,8 +54,8 @@ class TimeOffset(Effect):
         if kept and kept[-1][0] == state.stamp:
             kept.pop()
         kept.append((state.stamp, state.depth.copy(), state.reflectivity.copy()))
-        moment = state.stamp - round(self.strength * self.latency * 1e9)
-        while len(kept) > _FRAMES_KEPT or (len(kept) > 2 and kept[1][0] <= moment):
+        moment = state.stamp - self.delay
+        while len(kept) > FRAMES_KEPT or (len(kept) > 2 and kept[1][0] <= moment):
             del kept[0]
         if len(kept) < 2 or moment <= kept[0][0]:
             _, depth, state.reflectivity = kept[0]

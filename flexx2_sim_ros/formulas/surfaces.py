@@ -65,6 +65,27 @@ def slope_between(
     return where(jump_before, one, where(jump_after, one, both))
 
 
+def plane_normal(
+    here: float, du: float, dv: float, u: float, v: float, fx: float, fy: float
+) -> tuple[float, float, float]:
+    """
+    Return the normal n, 1/m, of the plane n . X = 1 that a pixel sees.
+
+    Parameters
+    ----------
+    here : float
+        Inverse depth, 1/m.
+    du, dv : float
+        Its slopes along the row and the column, 1/m a pixel.
+    u, v : float
+        From the principal point to the pixel, pixels.
+    fx, fy : float
+        Focal lengths, pixels.
+
+    """
+    return fx * du, fy * dv, here - u * du - v * dv
+
+
 def cos_incidence(
     here: float,
     du: float,
@@ -93,13 +114,26 @@ def cos_incidence(
         Focal lengths, pixels.
 
     """
-    # The plane through the pixel is n . X = 1 with n = (fx du, fy dv, p - u du - v dv), and
+    nx, ny, nz = plane_normal(here, du, dv, u, v, fx, fy)
     # n . ray = p for the pixel's ray.
-    nx = fx * du
-    ny = fy * dv
-    nz = here - u * du - v * dv
     norm = (nx * nx + ny * ny + nz * nz) * (rx * rx + ry * ry + _ONE)
     return where(here > _ZERO, least(here / root(norm), _ONE), _ONE)
+
+
+def beside(here: float, du: float, dv: float, across: float, down: float) -> float:
+    """
+    Return the inverse depth of a surface a fraction of a pixel beside a pixel's middle.
+
+    Parameters
+    ----------
+    here, du, dv : float
+        Inverse depth in the middle, and its slopes; see `plane_normal`.
+    across, down : float
+        How far beside, pixels.
+
+    """
+    value = here + across * du + down * dv
+    return where(value > _ZERO, value, here)
 
 
 def model_sigma(

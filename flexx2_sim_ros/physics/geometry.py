@@ -8,6 +8,8 @@ it falls into (in inverse depth, where planes are exact), never a mixture of two
 from functools import cached_property, lru_cache
 import math
 
+from flexx2_sim_ros.formulas import surfaces
+from flexx2_sim_ros.physics.compiled import compiled
 from flexx2_sim_ros.physics.philox import FAST
 from flexx2_sim_ros.physics.surface import PAD, tangents
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
@@ -20,6 +22,8 @@ _TOLERANCE_PX = 0.01
 _ZERO = np.float32(0.0)
 _ONE = np.float32(1.0)
 _NAN = np.float32(np.nan)
+
+_beside = compiled(surfaces.beside)
 
 
 def pixel_rays(camera: Intrinsics) -> np.ndarray:
@@ -213,8 +217,7 @@ def _look_up(p, across, down, index, du, dv, out):
         y = index[pixel] // width
         x = index[pixel] % width
         here = p[y + PAD, x + PAD]
-        value = here + du[pixel] * across[y, x] + dv[pixel] * down[y, x]
-        value = value if value > _ZERO else here
+        value = _beside(here, across[y, x], down[y, x], du[pixel], dv[pixel])
         out[pixel] = _ONE / value if here > _ZERO else _NAN
 
 

@@ -10,12 +10,18 @@ surfaces get no extra axial noise.
 
 import math
 
+from flexx2_sim_ros.formulas import edges
+from flexx2_sim_ros.physics.compiled import compiled
 from flexx2_sim_ros.physics.philox import edge_draw, STREAM_COLUMN_EDGES, STREAM_ROW_EDGES
 from numba import njit
 import numpy as np
 
 _NEVER = np.uint8(255)
 WINDOW = 4  # An edge's direction is judged over 9 x 9 pixels.
+
+_is_upright = compiled(edges.is_upright)
+_pixels_moved = compiled(edges.pixels_moved)
+_source_of = compiled(edges.source_of)
 
 
 def pixel_sigma(sigma_x: float) -> float:
@@ -50,8 +56,7 @@ def upright_edges(row_jumps, column_jumps, rows, columns):
                 for xx in range(max(x - WINDOW, 0), min(x + WINDOW + 1, width)):
                     across += row_jumps[yy, xx]
                     down += column_jumps[yy, xx]
-            # One more or less is where the window happens to cut a diagonal.
-            if across + 1 >= down:
+            if _is_upright(across, down):
                 rows[y, x] = row_jumps[y, x]
                 count += row_jumps[y, x]
             else:
@@ -71,7 +76,7 @@ def _displace(source, distance, along, shift, last, first, pitch):
         pixel = first + position * pitch
         if step < distance[pixel]:
             distance[pixel] = step
-            source[pixel] = first + min(max(position - shift, 0), last) * pitch
+            source[pixel] = first + _source_of(position, shift, last) * pitch
 
 
 @njit(cache=True)
@@ -112,7 +117,7 @@ def displaced_sources(
                     draw = edge_draw(
                         key, y * width + x, STREAM_ROW_EDGES, stamp_low, stamp_high, laplace
                     )
-                    shift = min(max(int(np.rint(sigma * draw)), -limit), limit)
+                    shift = _pixels_moved(draw, sigma, limit)
                 last_edge = x
                 _displace(source, distance, x, shift, width - 1, y * width, 1)
     for x in range(width):
@@ -124,6 +129,6 @@ def displaced_sources(
                     draw = edge_draw(
                         key, y * width + x, STREAM_COLUMN_EDGES, stamp_low, stamp_high, laplace
                     )
-                    shift = min(max(int(np.rint(sigma * draw)), -limit), limit)
+                    shift = _pixels_moved(draw, sigma, limit)
                 last_edge = y
                 _displace(source, distance, y, shift, height - 1, x, width)

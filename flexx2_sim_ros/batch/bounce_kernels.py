@@ -1,0 +1,296 @@
+"""
+The effect multipath as Warp kernels; see `effects.interreflection`.
+
+What patches get from each other is kept: it changes only when a patch does.
+"""
+
+from flexx2_sim_ros.batch.arrays import at, put
+from flexx2_sim_ros.batch.compiled import compiled
+from flexx2_sim_ros.batch.effect_formulas import reflectivity_at, Surfaces
+from flexx2_sim_ros.batch.effect_tables import Effects, Light
+from flexx2_sim_ros.batch.kernels import Lens, OPTIONS, padded, slopes
+from flexx2_sim_ros.batch.light_kernels import Phasors, TURN
+from flexx2_sim_ros.effects import interreflection
+from flexx2_sim_ros.effects.interreflection import PATCH_FIELDS, RECEIVER
+from flexx2_sim_ros.effects.multipath import depth_of_range
+from flexx2_sim_ros.formulas import phases
+import warp as wp
+
+wp.set_module_options(OPTIONS)
+
+_FIELDS = wp.constant(PATCH_FIELDS)
+_RECEIVER = wp.constant(RECEIVER)
+_YES = wp.constant(wp.uint8(1))
+_NO = wp.constant(wp.uint8(0))
+
+_patch = compiled(interreflection.patch)
+_light_from = compiled(interreflection.light_from)
+_receiver_before = compiled(interreflection.receiver_before)
+_receiver_weight = compiled(interreflection.receiver_weight)
+_with_bounce = compiled(interreflection.with_bounce)
+_depth_of_range = compiled(depth_of_range)
+_direction = compiled(phases.direction)
+
+
+@wp.struct
+class Bounce:
+    """What is kept of environments with indirect light: arrays of images, one for each."""
+
+    places: wp.array(dtype=wp.int32)  # of each environment in the arrays below; -1 for none
+    changed: wp.array(dtype=wp.uint8)  # 1: a patch is not what it was in the frame before
+    senders: wp.array(dtype=wp.float32)  # `patch`, one field of all patches after the other
+    receivers: wp.array(dtype=wp.float32)
+    indirect: wp.array(dtype=wp.float32)  # by frequency, of receivers: real, then imaginary
+    wide: wp.array(dtype=wp.float32)  # of the pass, see `widen`: depth, then as `indirect`
+    fields: wp.int32  # in `wide`, left and right each
+    sender_count: wp.int32
+    receiver_count: wp.int32
+    frequencies: wp.int32  # that there is room for
+
+
+@wp.kernel
+def begin(young: wp.array(dtype=wp.uint8), bounce: Bounce):
+    """Take notice of a new frame; after a reset all is to be made anew."""
+    n = wp.tid()
+    place = bounce.places[n]
+    if place >= 0:
+        bounce.changed[place] = young[n]
+
+
+@wp.func
+def keep(values: wp.array(dtype=wp.float32), i: wp.int32, value: wp.float32) -> wp.int32:
+    """Write a value, and return 1 if it is new."""
+    new = wp.int32(0)
+    if at(values, i) != value:
+        put(values, i, value)
+        new = wp.int32(1)
+    return new
+
+
+@wp.kernel
+def find_patches(
+    surfaces: Surfaces,
+    lens: Lens,
+    first: wp.int32,
+    side: wp.int32,
+    bounce: Bounce,
+    patches: wp.array(dtype=wp.float32),
+):
+    """Describe the patches of one size."""
+    n, row, column = wp.tid()
+    place = bounce.places[first + n]
+    if place < 0:
+        return
+    columns = (lens.width + side - 1) / side
+    count = (lens.height + side - 1) / side * columns
+    y = wp.min(row * side + side / 2, lens.height - 1)
+    x = wp.min(column * side + side / 2, lens.width - 1)
+    i = padded(lens, n, y, x)
+    here = at(surfaces.p, i)
+    k = place * _FIELDS * count + row * columns + column
+    if here <= 0.0:
+        # Senders without radiosity and receivers without depth: the rest is not looked at.
+        if keep(patches, k + 7 * count, 0.0) + keep(patches, k + 8 * count, 0.0) > 0:
+            bounce.changed[place] = _YES
+        return
+    d = slopes(surfaces.p, surfaces.jumps, lens, i)
+    tall = wp.min(side, lens.height - row * side)
+    wide = wp.min(side, lens.width - column * side)
+    px, py, pz, nx, ny, nz, reach, radiosity, inverse, area, irradiance = _patch(
+        here,
+        d[0],
+        d[1],
+        wp.float32(x) - lens.cx,
+        wp.float32(y) - lens.cy,
+        lens.fx,
+        lens.fy,
+        wp.float32(tall * wide),
+        reflectivity_at(surfaces, lens, n, y, x),
+    )
+    new = keep(patches, k, px)
+    new += keep(patches, k + count, py)
+    new += keep(patches, k + 2 * count, pz)
+    new += keep(patches, k + 3 * count, nx)
+    new += keep(patches, k + 4 * count, ny)
+    new += keep(patches, k + 5 * count, nz)
+    new += keep(patches, k + 6 * count, reach)
+    new += keep(patches, k + 7 * count, radiosity)
+    new += keep(patches, k + 8 * count, inverse)
+    new += keep(patches, k + 9 * count, area)
+    new += keep(patches, k + 10 * count, irradiance)
+    if new > 0:
+        bounce.changed[place] = _YES
+
+
+@wp.kernel
+def gather(first: wp.int32, lights: wp.array(dtype=Light), bounce: Bounce):
+    """Write what a receiver gets from all senders at a frequency, over the direct light."""
+    n, receiver, f = wp.tid()
+    place = bounce.places[first + n]
+    if place < 0 or f >= lights[first + n].frequencies:
+        return
+    if bounce.changed[place] == _NO:
+        return
+    count = bounce.receiver_count
+    r = place * _FIELDS * count + receiver
+    out = (place * bounce.frequencies + f) * 2 * count + receiver
+    real = wp.float32(0.0)
+    imaginary = wp.float32(0.0)
+    if at(bounce.receivers, r + 8 * count) > 0.0:
+        x = at(bounce.receivers, r)
+        y = at(bounce.receivers, r + count)
+        z = at(bounce.receivers, r + 2 * count)
+        nx = at(bounce.receivers, r + 3 * count)
+        ny = at(bounce.receivers, r + 4 * count)
+        nz = at(bounce.receivers, r + 5 * count)
+        reach = at(bounce.receivers, r + 6 * count)
+        # The path by way of a sender is longer than the direct one, there and back.
+        turns = 0.5 * lights[first + n].turns[f]
+        senders = bounce.sender_count
+        s = place * _FIELDS * senders
+        i = wp.int32(0)
+        while i < senders:
+            k = s + i
+            light, distance = _light_from(
+                at(bounce.senders, k) - x,
+                at(bounce.senders, k + senders) - y,
+                at(bounce.senders, k + 2 * senders) - z,
+                at(bounce.senders, k + 3 * senders),
+                at(bounce.senders, k + 4 * senders),
+                at(bounce.senders, k + 5 * senders),
+                at(bounce.senders, k + 7 * senders),
+                at(bounce.senders, k + 9 * senders),
+                nx,
+                ny,
+                nz,
+            )
+            path = at(bounce.senders, k + 6 * senders) + distance - reach
+            cosine, sine = _direction(turns * path)
+            real += light * cosine
+            imaginary += light * sine
+            i += 1
+        irradiance = at(bounce.receivers, r + 10 * count)
+        real = real / irradiance
+        imaginary = imaginary / irradiance
+    put(bounce.indirect, out, real)
+    put(bounce.indirect, out + count, imaginary)
+
+
+@wp.kernel
+def widen(
+    lens: Lens, first: wp.int32, chunk: wp.int32, lights: wp.array(dtype=Light), bounce: Bounce
+):
+    """Write for each pixel of a row of receivers what is to its left and to its right."""
+    n, row, c = wp.tid()
+    place = bounce.places[first + n]
+    if place < 0:
+        return
+    count = bounce.receiver_count
+    columns = (lens.width + _RECEIVER - 1) / _RECEIVER
+    depths = (place * _FIELDS + 8) * count + row * columns
+    indirect = place * bounce.frequencies * 2 * count + row * columns
+    size = lens.width * count / columns
+    out = n * bounce.fields * size + row * lens.width
+    values = 2 * lights[first + n].frequencies
+    x = c * chunk
+    end = wp.min(x + chunk, lens.width)
+    while x < end:
+        left, _share = _receiver_before(x, columns)
+        right = wp.min(left + 1, columns - 1)
+        put(bounce.wide, out + x, at(bounce.receivers, depths + left))
+        put(bounce.wide, out + size + x, at(bounce.receivers, depths + right))
+        k = wp.int32(0)
+        while k < values:
+            field = out + (2 + 2 * k) * size + x
+            put(bounce.wide, field, at(bounce.indirect, indirect + k * count + left))
+            put(bounce.wide, field + size, at(bounce.indirect, indirect + k * count + right))
+            k += 1
+        x += 1
+
+
+@wp.kernel
+def add_bounce(
+    surfaces: Surfaces,
+    lens: Lens,
+    first: wp.int32,
+    chunk: wp.int32,
+    effects: wp.array(dtype=Effects),
+    lights: wp.array(dtype=Light),
+    bounce: Bounce,
+    phasors: Phasors,
+):
+    """Add to each pixel the indirect light of the receivers around it: bilinear, of like depth."""
+    n, y, c = wp.tid()
+    if bounce.places[first + n] < 0:
+        return
+    light = lights[first + n]
+    factor = effects[first + n].multipath_strength * effects[first + n].multipath_gain
+    columns = (lens.width + _RECEIVER - 1) / _RECEIVER
+    rows = bounce.receiver_count / columns
+    row, down = _receiver_before(y, rows)
+    size = rows * lens.width
+    above = n * bounce.fields * size + row * lens.width
+    below = n * bounce.fields * size + wp.min(row + 1, rows - 1) * lens.width
+    other_row = wp.where(rows > 1, 1.0, 0.0)
+    other_column = wp.where(columns > 1, 1.0, 0.0)
+    ry = (wp.float32(y) - lens.cy) / lens.fy
+    start = c * chunk
+    end = wp.min(start + chunk, lens.width)
+    pixel = (n * lens.height + y) * lens.width
+    i = padded(lens, n, y, 0)
+    x = wp.int32(0)
+    f = wp.int32(0)
+    while f < light.frequencies:
+        wave_number = TURN * light.turns[f]
+        weight = light.weights[f]
+        shift = f * phasors.pitch + pixel
+        real = (2 + 4 * f) * size
+        imaginary = real + 2 * size
+        x = wp.int32(start)
+        while x < end:
+            here = at(surfaces.p, i + x)
+            _left, right = _receiver_before(x, columns)
+            a = above + x
+            b = below + x
+            w0 = _receiver_weight((1.0 - right) * (1.0 - down), here, at(bounce.wide, a))
+            w1 = _receiver_weight(right * (1.0 - down), here, at(bounce.wide, a + size))
+            w2 = _receiver_weight((1.0 - right) * down, here, at(bounce.wide, b))
+            w3 = _receiver_weight(right * down, here, at(bounce.wide, b + size))
+            w1 = w1 * other_column
+            w2 = w2 * other_row
+            w3 = w3 * other_column * other_row
+            total = w0 + w1 + w2 + w3
+            scale = wp.where(total > 0.0, 1.0 / wp.where(total > 0.0, total, 1.0), 0.0)
+            angle, gain = _with_bounce(
+                factor,
+                scale
+                * (
+                    w0 * at(bounce.wide, a + real)
+                    + w1 * at(bounce.wide, a + real + size)
+                    + w2 * at(bounce.wide, b + real)
+                    + w3 * at(bounce.wide, b + real + size)
+                ),
+                scale
+                * (
+                    w0 * at(bounce.wide, a + imaginary)
+                    + w1 * at(bounce.wide, a + imaginary + size)
+                    + w2 * at(bounce.wide, b + imaginary)
+                    + w3 * at(bounce.wide, b + imaginary + size)
+                ),
+            )
+            # The detour is along the ray.
+            along = _depth_of_range((wp.float32(x) - lens.cx) / lens.fx, ry)
+            put(
+                phasors.shifts,
+                shift + x,
+                at(phasors.shifts, shift + x) + angle / wave_number * along,
+            )
+            before = wp.where(f == 0, 0.0, at(phasors.total, pixel + x))
+            put(phasors.total, pixel + x, before + weight * gain)
+            x += 1
+        f += 1
+    x = wp.int32(start)
+    while x < end:
+        brighter = at(phasors.total, pixel + x)
+        put(phasors.amplitude, pixel + x, at(phasors.amplitude, pixel + x) * brighter)
+        x += 1

@@ -1,0 +1,131 @@
+"""The effect time_offset in a batch: earlier frames of the environments that have it."""
+
+from collections.abc import Sequence
+import math
+from typing import Any
+
+from flexx2_sim_ros.batch import history_kernels
+from flexx2_sim_ros.batch.images import Images, launch
+from flexx2_sim_ros.camera import Profile
+from flexx2_sim_ros.effects import Effect
+from flexx2_sim_ros.effects.time_offset import FRAMES_KEPT
+import numpy as np
+import warp as wp
+
+
+class FrameHistory:
+    """
+    Memory for earlier frames, as many as the longest delay needs in the fastest mode.
+
+    Parameters
+    ----------
+    effects : sequence of sequence of Effect
+        Of every environment.
+    profile : Profile
+        For the time between frames.
+    images : Images
+    device : warp.Device
+
+    """
+
+    def __init__(
+        self, effects: Sequence[Sequence[Effect]], profile: Profile, images: Images, device: Any
+    ) -> None:
+        """Allocate it, but not for reflectivity, which may never be given."""
+        self._images = images
+        self._pixels = images.height * images.width
+        delays = [None if one is None else one.delay for one in each_with('history', effects)]
+        known = [delay for delay in delays if delay is not None]
+        interval = 1e9 / max(mode.rate_hz for mode in profile.modes)
+        slots = min(max(math.ceil(max(known) / interval) + 1, 2), FRAMES_KEPT)
+        self._frames = slots * len(known)
+
+        def array(values: Any, dtype: Any) -> wp.array:
+            return wp.array(values, dtype=dtype, device=device)
+
+        history = self._history = history_kernels.History()
+        history.places = array(places_of([delay is not None for delay in delays]), wp.int32)
+        history.delays = array(known, wp.int64)
+        history.slots = slots
+        history.stamps = array(np.zeros(self._frames), wp.int64)
+        for name in ('count', 'newest', 'early', 'late'):
+            setattr(history, name, array(np.zeros(len(known)), wp.int32))
+        for name in ('share', 'seconds'):
+            setattr(history, name, array(np.zeros(len(known)), wp.float32))
+        history.depth = wp.zeros(self._frames * self._pixels, dtype=wp.float32, device=device)
+        history.reflectivity = wp.zeros(0, dtype=wp.float32, device=device)
+        self._depth = wp.zeros(images.count * self._pixels, dtype=wp.float32, device=device)
+        self._reflectivity = wp.zeros(0, dtype=wp.float32, device=device)
+        wp.load_module(history_kernels, device=device)
+
+    def begin(self, young: wp.array, stamps: wp.array, with_reflectivity: bool) -> None:
+        """
+        Take notice of a new frame in all environments.
+
+        Parameters
+        ----------
+        young : warp.array
+            (N,) uint8, 1 for the first frame after a reset.
+        stamps : warp.array
+            (N,) int64, nanoseconds.
+        with_reflectivity : bool
+            Whether reflectivity is given.
+
+        """
+        history = self._history
+        if with_reflectivity and not history.reflectivity.size:
+            history.reflectivity = wp.full_like(history.depth, 1.0)
+            self._reflectivity = wp.full_like(self._depth, 1.0)
+        launch(history_kernels.find_moment, stamps.size, young, stamps, history)
+
+    def look_back(
+        self, depth: wp.array, first_of_depth: int, surfaces: Any, first: int, count: int
+    ) -> tuple[wp.array, wp.array]:
+        """
+        Keep the frames of some environments, and return what they see.
+
+        Parameters
+        ----------
+        depth : warp.array
+            Flat float32 depth images.
+        first_of_depth : int
+            Which of them is the first environment's.
+        surfaces : Surfaces
+            With reflectivity.
+        first, count : int
+            Which environments.
+
+        Returns
+        -------
+        tuple of warp.array
+            Flat float32 depth and reflectivity images of these environments; the latter is empty
+            while reflectivity was never given.
+
+        """
+        grid, chunk = self._images.grid(count)
+        launch(
+            history_kernels.look_back,
+            grid,
+            depth,
+            first_of_depth,
+            surfaces,
+            self._images.lens,
+            first,
+            chunk,
+            self._history,
+            self._depth,
+            self._reflectivity,
+        )
+        return self._depth, self._reflectivity
+
+
+def each_with(need: str, effects: Sequence[Sequence[Effect]]) -> list[Any]:
+    """Return of every environment the effect with this entry in ``batched``, or None."""
+    return [
+        next((effect for effect in own if need in (effect.batched or ())), None) for own in effects
+    ]
+
+
+def places_of(chosen: Sequence[bool]) -> np.ndarray:
+    """Return the place of each environment among the chosen ones, -1 for the others; int32."""
+    return np.where(chosen, np.cumsum(chosen) - 1, -1).astype(np.int32)

@@ -1,0 +1,111 @@
+"""The light of each pixel, between the kernels; and what motion makes of it."""
+
+import math
+
+from flexx2_sim_ros.batch.arrays import at, put
+from flexx2_sim_ros.batch.compiled import compiled
+from flexx2_sim_ros.batch.effect_formulas import (
+    mix_neighbours,
+    near_jump,
+    reflectivity_at,
+    returned_light,
+    Surfaces,
+)
+from flexx2_sim_ros.batch.effect_tables import Effects, Light
+from flexx2_sim_ros.batch.kernels import Lens, OPTIONS, padded
+from flexx2_sim_ros.effects import motion_artefact
+import warp as wp
+
+wp.set_module_options(OPTIONS)
+
+TURN = wp.constant(wp.float32(2.0 * math.pi))
+_TAPS = wp.constant(motion_artefact.TAPS)
+
+_tap_moment = compiled(motion_artefact.tap_moment)
+_motion_shift = compiled(motion_artefact.motion_shift)
+
+
+@wp.struct
+class Phasors:
+    """The light of the pixels of a pass, flat images."""
+
+    amplitude: wp.array(dtype=wp.float32)
+    shifts: wp.array(dtype=wp.float32)  # of each frequency, one image after the other
+    total: wp.array(dtype=wp.float32)  # sum over the frequencies so far, of what becomes amplitude
+    pitch: wp.int32  # from one frequency's shifts to the next one's
+
+
+@wp.kernel
+def find_light(
+    surfaces: Surfaces,
+    lens: Lens,
+    first: wp.int32,
+    chunk: wp.int32,
+    effects: wp.array(dtype=Effects),
+    lights: wp.array(dtype=Light),
+    facing: wp.array(dtype=wp.float32),
+    phasors: Phasors,
+):
+    """Write the light of every pixel and, next to depth jumps, of its footprint."""
+    n, y, c = wp.tid()
+    e = effects[first + n]
+    light = lights[first + n]
+    i = padded(lens, n, y, 0)
+    row = (n * lens.height + y) * lens.width
+    start = c * chunk
+    end = wp.min(start + chunk, lens.width)
+    x = wp.int32(start)
+    while x < end:
+        rho = reflectivity_at(surfaces, lens, n, y, x)
+        amplitude = returned_light(rho, at(facing, row + x), at(surfaces.p, i + x))
+        put(phasors.amplitude, row + x, amplitude)
+        x += 1
+    f = wp.int32(0)
+    while f < light.frequencies:
+        x = wp.int32(start)
+        while x < end:
+            put(phasors.shifts, f * phasors.pitch + row + x, 0.0)
+            x += 1
+        f += 1
+    if e.flying_pixels_strength > 0.0:
+        share = wp.min(e.flying_pixels_strength * e.flying_pixels_share, 1.0)
+        x = wp.int32(start)
+        while x < end:
+            if at(surfaces.p, i + x) > 0.0 and near_jump(surfaces, lens, n, y, x):
+                mixed = mix_neighbours(surfaces, lens, light, share, n, y, x)
+                put(phasors.amplitude, row + x, mixed[3])
+                for k in range(3):
+                    if k < light.frequencies:
+                        put(phasors.shifts, k * phasors.pitch + row + x, mixed[k])
+            x += 1
+
+
+@wp.func
+def motion_shift(
+    here: wp.float32,
+    start: wp.float32,
+    brighter: wp.float32,
+    change: wp.float32,
+    seconds: wp.float32,
+    acquisition: wp.float32,
+    stamp_at: wp.float32,
+    light: Light,
+    f: wp.int32,
+    add: wp.float32,
+) -> wp.float32:
+    """Return `motion_artefact.motion_shift` of a frequency."""
+    taps = wp.float32(_TAPS * light.frequencies)
+    tap = wp.float32(_TAPS * f)
+    return _motion_shift(
+        here,
+        start,
+        brighter,
+        change,
+        seconds,
+        _tap_moment(tap, taps, acquisition, stamp_at),
+        _tap_moment(tap + 1.0, taps, acquisition, stamp_at),
+        _tap_moment(tap + 2.0, taps, acquisition, stamp_at),
+        _tap_moment(tap + 3.0, taps, acquisition, stamp_at),
+        TURN * light.turns[f],
+        add,
+    )

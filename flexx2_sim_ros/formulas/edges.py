@@ -1,0 +1,39 @@
+"""Edges that move by whole pixels: which way, how far, and what pixels see then."""
+
+from flexx2_sim_ros.formulas.scalars import f32, i32, least, most, nearest
+
+
+def is_upright(across: int, down: int) -> bool:
+    """
+    Say whether an edge runs nearer to vertical, or diagonally.
+
+    Parameters
+    ----------
+    across, down : int
+        Depth jumps along rows and along columns in the window around it.
+
+    """
+    # One more or less is where the window happens to cut a diagonal.
+    return across + 1 >= down
+
+
+def pixels_moved(draw: float, sigma: float, limit: int) -> int:
+    """
+    Return by how many pixels an edge moves.
+
+    Parameters
+    ----------
+    draw : float
+        A random number of unit variance.
+    sigma : float
+        Standard deviation before rounding, pixels.
+    limit : int
+        Largest displacement, pixels.
+
+    """
+    return i32(nearest(least(most(sigma * draw, -f32(limit)), f32(limit))))
+
+
+def source_of(position: int, shift: int, last: int) -> int:
+    """Return the position on a line, 0..last, that a pixel takes its value from."""
+    return least(most(position - shift, i32(0)), last)
