@@ -12,6 +12,7 @@ from bench import (
     characterize,
     closed_loop,
     effects,
+    exposure,
     gap,
     go1,
     model,
@@ -28,6 +29,7 @@ from bench import (
 _ALL = {
     'model': model.run,
     'effects': effects.run,
+    'exposure': exposure.run,
     'batch': batch.run,
     'closed_loop': closed_loop.run,
     'characterize': characterize.run,

@@ -4,11 +4,12 @@ from bench.gap_campaigns import look, make_room, optical
 from flexx2_sim_ros.camera import Camera, flexx2
 from flexx2_sim_ros.effects import parse_effects, registry
 from flexx2_sim_ros.effects.patch import ResidualPatch
-from flexx2_sim_ros.gap.data.covariates import look_at
+from flexx2_sim_ros.gap.data.covariates import axes_of, look_at
 from flexx2_sim_ros.gap.data.pose import unknown_border
 from flexx2_sim_ros.gap.features.catalogue import catalogue
 from flexx2_sim_ros.gap.features.evidence import RecordingData, register
 from flexx2_sim_ros.gap.inference.uncertainty import ratio_interval
+from flexx2_sim_ros.profiles.files import find_profile
 import numpy as np
 import pytest
 
@@ -88,11 +89,32 @@ def test_what_is_late_is_not_taken_for_a_pose() -> None:
     assert np.linalg.norm(found[:3]) < 0.012
 
 
+@pytest.mark.parametrize(
+    ('name', 'ends', 'step'),
+    [
+        ('flexx2', (0.3, 5.6), 0.06),
+        ('kinect_v2', (0.75, 3.6), 0.04),
+        ('realsense_d435', (0.429, 8.0), 0.12),
+    ],
+)
+def test_bins_of_distance_suit_the_cameras_range(
+    name: str, ends: tuple[float, float], step: float
+) -> None:
+    axes = axes_of(find_profile(name))
+    distances = axes['distance'].edges
+    assert len(distances) == axes['distance'].bins - 1
+    assert (distances[0], distances[-1]) == ends
+    assert axes['fine_distance'].edges[0] == step
+    assert axes['incidence'] == axes_of(flexx2())['incidence']
+
+
 def test_borders_and_bends_are_not_looked_at() -> None:
     K = np.array([[70.0, 0, 40], [0, 70, 30], [0, 0, 1]])  # noqa: N806
     floor = np.maximum(np.arange(60) - 40.0, 0)[:, None]
     clean = (1 / (0.5 + 0.02 * floor) + np.zeros(80)).astype(np.float32)
-    scene = look_at(clean, None, 0.0, None, K, flexx2().mode('Mode_9_30fps'), border=2)
+    camera = flexx2()
+    mode = camera.mode('Mode_9_30fps')
+    scene = look_at(clean, None, 0.0, None, K, mode, axes_of(camera), border=2)
     assert not scene.inside[38:43].any()
     assert not scene.inside[:2].any()
     assert not scene.inside[:, -2:].any()

@@ -5,7 +5,7 @@ from typing import Any
 
 from bench.gap_campaigns import look, make_room, optical
 from flexx2_sim_ros.camera import Camera, flexx2
-from flexx2_sim_ros.gap.data.covariates import AXES, ENDLESS
+from flexx2_sim_ros.gap.data.covariates import AXES, axes_of, ENDLESS
 from flexx2_sim_ros.gap.features.evidence import RecordingData, scenes_of
 from flexx2_sim_ros.gap.features.features import LAYOUT, SIZE, TOLERANCE
 from flexx2_sim_ros.gap.features.pixel_groups import (
@@ -25,7 +25,12 @@ def made_up(count: int, noise: float) -> Any:
     shape = (count, SIZE)
     counts = np.concatenate([np.full(axis.bins, 1e4 / axis.bins) for axis in AXES.values()])
     evidence = [
-        SimpleNamespace(counts=counts, sigma=np.full(len(counts), 0.002), name=f'{r}.npz')
+        SimpleNamespace(
+            counts=counts,
+            sigma=np.full(len(counts), 0.002),
+            name=f'{r}.npz',
+            axes=axes_of(flexx2()),
+        )
         for r in range(count)
     ]
     return SimpleNamespace(

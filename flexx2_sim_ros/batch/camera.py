@@ -10,6 +10,7 @@ from flexx2_sim_ros.batch.exchange import checked, from_warp, stream_of, to_warp
 from flexx2_sim_ros.batch.host import HostCameras, put, without_kernel
 from flexx2_sim_ros.batch.images import Images, Rows
 from flexx2_sim_ros.batch.stages import Development
+from flexx2_sim_ros.batch.surface_kernels import depends_on_surfaces
 from flexx2_sim_ros.camera import Intrinsics, Mode, Profile
 from flexx2_sim_ros.effects import Effect
 from flexx2_sim_ros.errors import InputError
@@ -234,8 +235,8 @@ class BatchCamera:
             (N, H, W) float32 on the camera's device, metres along the optical axis; need not be
             contiguous. NaN, infinities, zero and negative values mean that nothing is there.
         reflectivity : array, optional
-            As ``depth``, 0..1 at the camera's wavelength, which effects look at; 1 everywhere
-            when left out.
+            As ``depth``, 0..1 at the camera's wavelength, which effects look at, and the noise
+            if the profile says how (``modes.*.surfaces``); 1 everywhere when left out.
         out : array, optional
             Where to write, like ``depth`` and contiguous.
 
@@ -296,7 +297,11 @@ class BatchCamera:
     def _launch(
         self, images: Images, depth: wp.array, reflectivity: wp.array | None, out: wp.array
     ) -> None:
-        development = self._development_for(images) if self._has_effects else None
+        # Noise that depends on reflectivity needs the path of effects; the plain one is faster.
+        staged = self._has_effects or (
+            reflectivity is not None and depends_on_surfaces(self._modes)
+        )
+        development = self._development_for(images) if staged else None
         if development is not None:
             development.begin(reflectivity is not None)
         for first in range(0, self.num_envs, images.count):

@@ -9,6 +9,11 @@ from flexx2_sim_ros.batch.effect_tables import Effects, effects_row, Light, ligh
 from flexx2_sim_ros.batch.history import each_with, FrameHistory
 from flexx2_sim_ros.batch.images import Images, launch, Rows
 from flexx2_sim_ros.batch.light import PixelLight
+from flexx2_sim_ros.batch.surface_kernels import (
+    depends_on_surfaces,
+    scale_by_surface,
+    surface_rows,
+)
 from flexx2_sim_ros.camera import Intrinsics, Mode, Profile
 from flexx2_sim_ros.effects import Effect
 from flexx2_sim_ros.errors import InputError
@@ -59,6 +64,7 @@ class Development:
             np.array([effects_row(own) for own in effects]), dtype=Effects, device=device
         )
         self._lights = wp.empty(num_envs, dtype=Light, device=device)
+        self._surface_noise: wp.array | None = None
 
         def zeros(envs: int, used: bool = True, dtype: Any = wp.float32) -> wp.array:
             size = images.height * images.width
@@ -108,6 +114,9 @@ class Development:
         """Take notice of the mode of every environment."""
         rows = {mode.name: light_row(mode, self._profile) for mode in set(modes)}
         self._lights.assign(np.array([rows[mode.name] for mode in modes]))
+        self._surface_noise = (
+            surface_rows(modes, self._lights.device) if depends_on_surfaces(modes) else None
+        )
 
     def forget(self, mask: wp.array) -> None:
         """Start the environments afresh that a (N,) bool array on the device says."""
@@ -196,6 +205,18 @@ class Development:
             seen.expected,
         )
         self._light.find(surfaces, first, count, seen.facing, self._effects, self._lights)
+        if self._surface_noise is not None and reflectivity is not None:
+            launch(
+                scale_by_surface,
+                grid,
+                surfaces,
+                images.lens,
+                first,
+                chunk,
+                self._surface_noise,
+                seen.facing,
+                seen.expected,
+            )
         seen.normals = images.draw_normals(first, count, rows)
         launch(
             effect_kernels.measure,

@@ -9,7 +9,7 @@ from typing import Any
 
 from flexx2_sim_ros.camera.stages import run_stages
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.physics.axial import model_sigma, observe
+from flexx2_sim_ros.physics.axial import model_sigma, observe, scale_by_surface
 from flexx2_sim_ros.physics.frame_state import (
     check_frequencies,
     EffectProtocol,
@@ -188,7 +188,8 @@ class Camera:
             (...), the frame's time: whole numbers are nanoseconds, floating-point numbers are
             seconds (taken to the nearest nanosecond).
         reflectivity : array_like, optional
-            (..., H, W) in 0..1 at the camera's wavelength; 1 everywhere when left out.
+            (..., H, W) in 0..1 at the camera's wavelength; 1 everywhere when left out. sigma_z
+            depends on it if the profile says how (``modes.*.surfaces``).
 
         Returns
         -------
@@ -351,11 +352,22 @@ class Camera:
                 _GAUSSIAN,
                 source,
             )
+        model, reflectivity = prepared.sigma, np.ascontiguousarray(albedo)
+        surfaces = self.mode.noise.surfaces
+        if surfaces is not None and reflectivity.size > 1:
+            model = model.copy()
+            scale_by_surface(
+                prepared.surface.inverse_depth,
+                prepared.surface.cos_incidence,
+                reflectivity,
+                surfaces.coefficients,
+                model,
+            )
         observe(
             prepared.surface.inverse_depth,
             prepared.surface.cos_incidence,
-            prepared.sigma,
-            np.ascontiguousarray(albedo),
+            model,
+            reflectivity,
             source,
             normals,
             np.float32(self.mode.range_min),

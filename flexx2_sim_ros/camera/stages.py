@@ -6,7 +6,13 @@ from itertools import groupby
 import math
 from typing import Any
 
-from flexx2_sim_ros.physics.axial import add_noise, blank_invalid, blank_outside, model_sigma
+from flexx2_sim_ros.physics.axial import (
+    add_noise,
+    blank_invalid,
+    blank_outside,
+    model_sigma,
+    scale_by_surface,
+)
 from flexx2_sim_ros.physics.frame_state import Common, EffectProtocol, FrameState, once, Stage
 from flexx2_sim_ros.physics.lateral import displaced_sources, pixel_sigma, upright_edges
 from flexx2_sim_ros.physics.philox import fill_normals, stamp_words, STREAM_AXIAL
@@ -182,6 +188,14 @@ def _expect_noise(state: FrameState, edge_sigma: float) -> None:
             np.float32(noise.incidence_cap),
             sigma,
         )
+        if noise.surfaces is not None and state.reflectivity.size > 1:
+            scale_by_surface(
+                surface.inverse_depth,
+                surface.cos_incidence,
+                np.ascontiguousarray(state.reflectivity),
+                noise.surfaces.coefficients,
+                sigma,
+            )
         return sigma
 
     common = state.common

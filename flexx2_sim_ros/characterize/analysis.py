@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 import math
 from pathlib import Path
@@ -11,9 +11,11 @@ from flexx2_sim_ros.characterize.axial import AxialFit, fit_axial
 from flexx2_sim_ros.characterize.divergence import gaussian_kl
 from flexx2_sim_ros.characterize.lateral import Edge
 from flexx2_sim_ros.characterize.measure import measure, Measurement
+from flexx2_sim_ros.characterize.surfaces import FEWEST_BOARDS, fit_surfaces, SurfaceFit
 from flexx2_sim_ros.characterize.workers import in_processes
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
+from flexx2_sim_ros.profiles.modes import flexx2, Profile
 from flexx2_sim_ros.recording.folders import find_recordings
 import numpy as np
 
@@ -93,6 +95,8 @@ class ModeResult:
         was measured.
     cells : tuple of Cell
         One a recording, by distance and angle.
+    surfaces : SurfaceFit or None
+        How sigma_z depends on reflectivity; None without boards of several reflectivities.
 
     """
 
@@ -101,6 +105,13 @@ class ModeResult:
     sigma_x: float
     sigma_x_error: float
     cells: tuple[Cell, ...]
+    surfaces: SurfaceFit | None = None
+
+    @property
+    def white(self) -> list[Cell]:
+        """Return the recordings of the brightest board, to which `axial` is fitted."""
+        brightest = max(cell.measurement.reflectivity for cell in self.cells)
+        return [cell for cell in self.cells if cell.measurement.reflectivity == brightest]
 
     @property
     def measurements(self) -> list[Measurement]:
@@ -131,12 +142,15 @@ class Characterization:
         By name.
     left_out : tuple of str
         Why each recording that could not be used was left out; each names its file.
+    camera : Profile
+        What was known of the camera before.
 
     """
 
     folder: Path
     modes: tuple[ModeResult, ...]
     left_out: tuple[str, ...]
+    camera: Profile
 
     @property
     def intrinsics(self) -> Intrinsics:
@@ -170,6 +184,7 @@ def characterize(
     *,
     box: tuple[int, int, int, int] | None = None,
     camera: str | None = None,
+    profile: Profile | None = None,
     workers: int = 1,
     on_done: Callable[[int, int], None] = lambda done, total: None,
 ) -> Characterization:
@@ -184,6 +199,8 @@ def characterize(
         x0, y0, x1, y1 of the board in every image; found when left out.
     camera : str, optional
         Which camera of bags that have several.
+    profile : Profile, optional
+        What is known of the camera: range and rate of its modes; the Flexx2 when left out.
     workers : int
         Processes.
     on_done : callable
@@ -199,10 +216,11 @@ def characterize(
         When there is no recording that can be used; the message gives each one's reason.
 
     """
+    known = profile or flexx2()
     paths = find_recordings(folder)
     measured, left_out = [], []
     on_done(0, len(paths))
-    results = in_processes(partial(measure, box=box, camera=camera), paths, workers)
+    results = in_processes(partial(measure, box=box, camera=camera, profile=known), paths, workers)
     for done, result in enumerate(results, 1):
         if isinstance(result, InputError):
             left_out.append(str(result))
@@ -220,7 +238,7 @@ def characterize(
         evaluate(usecase, [m for m in kept if m.usecase == usecase])
         for usecase in sorted({m.usecase for m in kept})
     )
-    return Characterization(folder, modes, tuple(sorted(left_out)))
+    return Characterization(folder, modes, tuple(sorted(left_out)), known)
 
 
 def _agreeing(measured: list[Measurement], left_out: list[str]) -> list[Measurement]:
@@ -269,7 +287,13 @@ def _describe(view: tuple[float, ...]) -> str:
 def evaluate(usecase: str, measurements: list[Measurement]) -> ModeResult:
     """Fit one mode and hold its recordings against the fit."""
     several = [m for m in measurements if not m.spatial] or measurements
-    axial = fit_axial([m.tiles for m in several])
+    boards = sorted({m.reflectivity for m in several}, reverse=True)
+    axial = fit_axial([m.tiles for m in several if m.reflectivity == boards[0]])
+    surfaces = None
+    if len(boards) >= FEWEST_BOARDS:
+        surfaces = fit_surfaces(
+            [m.tiles for m in several], [m.reflectivity for m in several], axial
+        )
     sigmas = np.array([edge.sigma for m in several for edge in m.edges])
     sigma_x = float(np.percentile(sigmas, LATERAL_PERCENTILE)) if sigmas.size else math.nan
     return ModeResult(
@@ -277,7 +301,8 @@ def evaluate(usecase: str, measurements: list[Measurement]) -> ModeResult:
         axial,
         sigma_x,
         _percentile_error(sigmas),
-        tuple(_cell(m, axial, sigma_x) for m in several),
+        tuple(_cell(m, axial, surfaces, sigma_x) for m in several),
+        surfaces,
     )
 
 
@@ -288,10 +313,13 @@ def _percentile_error(sigmas: np.ndarray) -> float:
     return float(np.percentile(draws, LATERAL_PERCENTILE, axis=1).std(ddof=1))
 
 
-def _cell(measurement: Measurement, axial: AxialFit, sigma_x: float) -> Cell:
+def _cell(
+    measurement: Measurement, axial: AxialFit, surfaces: SurfaceFit | None, sigma_x: float
+) -> Cell:
     tiles = measurement.tiles
     theta = np.where(np.isfinite(tiles.theta), tiles.theta, 0.0)
-    sigma = axial.model().sigma_z(tiles.z, theta)
+    model = replace(axial.model(), surfaces=None if surfaces is None else surfaces.noise)
+    sigma = model.sigma_z(tiles.z, theta, measurement.reflectivity)
 
     def mean(values: np.ndarray) -> float:
         return float(np.average(values, weights=tiles.pixels))

@@ -51,6 +51,7 @@ def check_assumptions(mode: ModeResult) -> list[Finding]:
     """Test every assumption of the model on the recordings of a mode."""
     checks: dict[str, Callable[[ModeResult], tuple[bool | None, str]]] = {
         'sigma_z follows the formula': _form,
+        'sigma_z depends on reflectivity as the profile says': _surfaces,
         '0 degrees is like other angles': _facing,
         'frames are independent': _time,
         'neighbouring pixels are independent': _neighbours,
@@ -67,8 +68,8 @@ def check_assumptions(mode: ModeResult) -> list[Finding]:
 
 def _form(mode: ModeResult) -> tuple[bool | None, str]:
     if mode.axial.freedom < 1:
-        return None, f'{len(mode.cells)} recordings are too few for the number of coefficients'
-    worst = max(mode.cells, key=lambda cell: abs(math.log(cell.sigma / cell.modelled)))
+        return None, f'{len(mode.white)} recordings are too few for the number of coefficients'
+    worst = max(mode.white, key=lambda cell: abs(math.log(cell.sigma / cell.modelled)))
     return (
         2 * mode.axial.scatter < _VARIANCE_SHARE,
         f'recordings deviate from the fit by {mode.axial.scatter:.1%} (RMS), '
@@ -76,9 +77,26 @@ def _form(mode: ModeResult) -> tuple[bool | None, str]:
     )
 
 
+def _surfaces(mode: ModeResult) -> tuple[bool | None, str]:
+    if mode.surfaces is None:
+        boards = {cell.measurement.reflectivity for cell in mode.cells}
+        return None, (
+            ('one white board was recorded' if len(boards) == 1 else 'two boards are too few')
+            + '; the profile gives surfaces of every reflectivity the noise of the '
+            + ('board' if len(boards) == 1 else 'brighter board')
+        )
+    fit = mode.surfaces
+    return (
+        2 * fit.scatter < _VARIANCE_SHARE,
+        f'{len(fit.reflectivities)} boards of {fit.reflectivities[0]:.0%} to '
+        f'{fit.reflectivities[-1]:.0%}; recordings of the darker ones deviate from the fit by '
+        f'{fit.scatter:.1%} (root mean square)',
+    )
+
+
 def _facing(mode: ModeResult) -> tuple[bool | None, str]:
-    facing = [cell for cell in mode.cells if cell.measurement.angle_deg < _FACING]
-    others = [cell for cell in mode.cells if cell.measurement.angle_deg >= _FACING]
+    facing = [cell for cell in mode.white if cell.measurement.angle_deg < _FACING]
+    others = [cell for cell in mode.white if cell.measurement.angle_deg >= _FACING]
     if not facing or not others:
         return None, 'needs recordings at 0 degrees and at other angles'
 

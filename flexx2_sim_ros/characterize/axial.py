@@ -64,7 +64,7 @@ class AxialFit:
 
     def model(self, sigma_x: float = 0.0) -> NoiseModel:
         """Return it as a camera's noise model."""
-        return NoiseModel(**self.coefficients, sigma_x=sigma_x)
+        return NoiseModel(**self.coefficients, sigma_x=sigma_x, surfaces=None)
 
     def band(self, z: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from flexx2_sim_ros.atomic import output_folder
 from flexx2_sim_ros.camera.camera import Camera
-from flexx2_sim_ros.characterize.conditions import Condition
+from flexx2_sim_ros.characterize.conditions import Condition, LEAST_PERCENT
 from flexx2_sim_ros.characterize.workers import in_processes
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.physics.geometry import centred, Reprojection
@@ -30,6 +30,7 @@ def conditions(
     usecases: Sequence[str] | None = None,
     distances: Sequence[float] | None = None,
     angles: Sequence[float] = ANGLES,
+    percents: Sequence[float | None] = (None,),
 ) -> list[Condition]:
     """
     List a campaign's conditions in the order in which a person would set them up.
@@ -39,11 +40,13 @@ def conditions(
     profile : Profile
         The camera.
     usecases : sequence of str, optional
-        Modes; those whose noise was measured when left out.
+        Modes; those whose noise was measured (all, if none was) when left out.
     distances : sequence of float, optional
         Metres; eight that suit each mode's range when left out.
     angles : sequence of float
         Degrees.
+    percents : sequence of float or None
+        Reflectivities of the boards; None: one white board.
 
     Returns
     -------
@@ -53,17 +56,23 @@ def conditions(
     Raises
     ------
     InputError
-        For an unknown mode, a distance outside a mode's range or an angle beyond 80 degrees.
+        For an unknown mode, a distance outside a mode's range, an angle beyond 80 degrees or a
+        reflectivity outside 1 to 100 %.
 
     """
     modes = (
-        [mode for mode in profile.modes if mode.measured]
+        [mode for mode in profile.modes if mode.measured] or list(profile.modes)
         if usecases is None
         else [profile.mode(usecase) for usecase in usecases]
     )
     for angle in angles:
         if not 0 <= angle <= 80:
             raise InputError(f'--angles: must be 0 to 80 degrees, got {angle:g}')
+    for percent in percents:
+        if percent is not None and not LEAST_PERCENT <= percent <= 100:
+            raise InputError(
+                f'--reflectivities: must be {LEAST_PERCENT} to 100 %, got {percent:g}'
+            )
     found = []
     for mode in modes:
         for distance in distances or _distances(mode):
@@ -74,10 +83,14 @@ def conditions(
                 )
             # To the centimetre, as by tape and in the recordings' names.
             found += [
-                Condition(mode.name, round(float(distance), 2), float(angle)) for angle in angles
+                Condition(mode.name, round(float(distance), 2), float(angle), percent)
+                for angle in angles
+                for percent in percents
             ]
     order = {mode.name: number for number, mode in enumerate(modes)}
-    return sorted(set(found), key=lambda c: (c.distance, c.angle_deg, order[c.usecase]))
+    return sorted(
+        set(found), key=lambda c: (c.distance, c.angle_deg, -c.reflectivity, order[c.usecase])
+    )
 
 
 def _distances(mode: Mode) -> tuple[float, ...]:
@@ -246,7 +259,7 @@ def _difference(reader: RecordingReader, task: _Task) -> str | None:
         found = reader.arrays.get(key)
         if found is None or not np.array_equal(found, value, equal_nan=value.dtype.kind == 'f'):
             return f'{key}: differs from what this capture records'
-    first = camera.capture(task.clean, wanted['K'], stamps[:1]).depth[0]
+    first = camera.capture(task.clean, wanted['K'], stamps[:1], _board(task)).depth[0]
     for index, frame in enumerate(reader.frames('depth')):
         if index == 0 and not np.array_equal(frame, first, equal_nan=True):
             return 'depth: differs from what this camera profile gives'
@@ -259,6 +272,13 @@ def _camera(task: _Task) -> Camera:
     )
 
 
+def _board(task: _Task) -> np.ndarray | None:
+    # The whole scene has the board's reflectivity.
+    if task.condition.percent is None:
+        return None
+    return np.full(task.clean.shape, task.condition.reflectivity, np.float32)
+
+
 def _stamps(task: _Task, camera: Camera) -> np.ndarray:
     # Whole nanoseconds, so that a frame's stamp does not depend on how it is computed.
     stamps: np.ndarray = np.rint(np.arange(task.frames) * (1e9 / camera.mode.rate_hz)) / 1e9
@@ -268,10 +288,10 @@ def _stamps(task: _Task, camera: Camera) -> np.ndarray:
 def _record(task: _Task) -> Path:
     camera = _camera(task)
     stamps = _stamps(task, camera)
-    matrix = task.profile.intrinsics.matrix
+    matrix, board = task.profile.intrinsics.matrix, _board(task)
     with RecordingWriter(task.path, task.frames, *task.clean.shape) as writer:
         for start in range(0, task.frames, _CHUNK):
-            frame = camera.capture(task.clean, matrix, stamps[start : start + _CHUNK])
+            frame = camera.capture(task.clean, matrix, stamps[start : start + _CHUNK], board)
             writer.add_depth(frame.depth)
         for key, value in {
             'clean_depth': task.clean,

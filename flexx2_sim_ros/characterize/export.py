@@ -7,18 +7,17 @@ from typing import Any
 from flexx2_sim_ros import __version__
 from flexx2_sim_ros.characterize.analysis import Characterization, LATERAL_PERCENTILE, ModeResult
 from flexx2_sim_ros.characterize.axial import NAMES
+from flexx2_sim_ros.characterize.surfaces import FEWEST_BOARDS
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.profiles.files import is_mode_name, ProfileFile, sigma_problem
-from flexx2_sim_ros.profiles.modes import flexx2, Mode, NoiseModel, Profile
+from flexx2_sim_ros.profiles.modes import Mode, NoiseModel, Profile
 from flexx2_sim_ros.profiles.sensor import Sensor
 import numpy as np
 
 _ASSUMED_RATE = 30.0  # Hz, where single frames say nothing
 
 
-def to_profile(
-    result: Characterization, model: str | None = None, camera: Profile | None = None
-) -> ProfileFile:
+def to_profile(result: Characterization, model: str | None = None) -> ProfileFile:
     """
     Make a camera profile of what was found.
 
@@ -27,11 +26,9 @@ def to_profile(
     result : Characterization
         From `characterize`.
     model : str, optional
-        The camera's name; by default that of ``camera`` if all modes are its own, else
-        ``unnamed camera``.
-    camera : Profile, optional
-        What is known of the camera (kind, thresholds, and by mode range, rate, frequencies and
-        exposure); the Flexx2 when left out.
+        The camera's name; by default that of ``result.camera`` if all modes are its own, else
+        ``unnamed camera``. What recordings cannot say (kind, thresholds, and by mode range, rate,
+        frequencies and exposure) is that camera's, too.
 
     Returns
     -------
@@ -44,7 +41,7 @@ def to_profile(
         When no mode's fit can be run as a camera.
 
     """
-    known, notes = camera or flexx2(), list[str]()
+    known, notes = result.camera, list[str]()
     modes, errors, measured = [], {}, {}
     for mode in result.modes:
         made = _mode(mode, known, notes)
@@ -55,6 +52,14 @@ def to_profile(
         errors[mode.usecase] = {name: _rounded(fit.errors[name]) for name in NAMES} | {
             'sigma_x': _rounded(mode.sigma_x_error)
         }
+        if mode.surfaces is not None:
+            errors[mode.usecase] |= {k: _rounded(e) for k, e in mode.surfaces.errors.items()}
+            notes += [f'{mode.usecase}: surfaces: {note}' for note in mode.surfaces.notes]
+        else:
+            notes.append(
+                f'{mode.usecase}: surfaces: not known, needs boards of {FEWEST_BOARDS} '
+                'reflectivities; all surfaces are assumed to have the noise of the white board'
+            )
         measured[mode.usecase] = _measured(mode)
         notes += [f'{mode.usecase}: {note}' for note in fit.notes]
     if not modes:
@@ -103,6 +108,7 @@ def _mode(mode: ModeResult, camera: Profile, notes: list[str]) -> Mode | None:
         **{name: _significant(value) for name, value in mode.axial.coefficients.items()},
         sigma_x=_significant(sigma_x),
         incidence_cap=camera.modes[0].noise.incidence_cap,
+        surfaces=None if mode.surfaces is None else mode.surfaces.noise,
     )
     near, far = (_significant(distance) for distance in mode.axial.distances)
     if near == far:

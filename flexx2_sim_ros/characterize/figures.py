@@ -40,7 +40,7 @@ def axial_figure(result: Characterization, path: Path) -> None:
         )
         z = np.linspace(near, far, 200)
         for angle, colour in zip(angles, colours, strict=True):
-            cells = [cell for cell in mode.cells if cell.angle_group == angle]
+            cells = [cell for cell in mode.white if cell.angle_group == angle]
             if not cells:
                 continue
             theta = np.full_like(z, math.radians(angle))
@@ -175,7 +175,7 @@ def lateral_figure(result: Characterization, path: Path) -> bool:
             linewidth=1.6,
             label='sigma_x (90th percentile)' if place == 0 else None,
         )
-        noise = paper_noise(mode.usecase)
+        noise = paper_noise(result, mode.usecase)
         if noise is not None:
             axis.plot(
                 [place - 0.4, place + 0.4],

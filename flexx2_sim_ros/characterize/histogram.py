@@ -53,7 +53,7 @@ def noise_histogram(result: Characterization, camera: str | None = None) -> Hist
     """
     mode = max(result.modes, key=lambda m: m.axial.distances[1])
     cell = min(
-        mode.cells,
+        mode.white,
         key=lambda c: (
             abs(math.log(c.measurement.distance / _CONDITION[0]))
             + abs(c.measurement.angle_deg - _CONDITION[1]) / 15

@@ -14,7 +14,7 @@ from flexx2_sim_ros.characterize.pixels import FrameMeans, pixel_statistics, Pix
 from flexx2_sim_ros.characterize.plane import fit_plane, Plane
 from flexx2_sim_ros.characterize.tiles import SPATIAL_SIDE, spatial_tiles, temporal_tiles, Tiles
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.profiles.modes import flexx2
+from flexx2_sim_ros.profiles.modes import flexx2, Profile
 from flexx2_sim_ros.recording import open_recording, RecordingReader
 import numpy as np
 
@@ -101,6 +101,11 @@ class Measurement:
         return self.frames == 1
 
     @property
+    def reflectivity(self) -> float:
+        """Return the board's reflectivity, 0..1, by its name; 1 where that does not say."""
+        return 1.0 if self.condition is None else self.condition.reflectivity
+
+    @property
     def label(self) -> tuple[float, float]:
         """Return distance and angle by which a person knows the recording."""
         if self.condition is not None:
@@ -109,7 +114,10 @@ class Measurement:
 
 
 def measure(
-    path: Path, box: tuple[int, int, int, int] | None = None, camera: str | None = None
+    path: Path,
+    box: tuple[int, int, int, int] | None = None,
+    camera: str | None = None,
+    profile: Profile | None = None,
 ) -> Measurement:
     """
     Measure a recording.
@@ -122,6 +130,8 @@ def measure(
         x0, y0, x1, y1 of the region; found when left out.
     camera : str, optional
         Which camera of a bag that has several.
+    profile : Profile, optional
+        The camera whose modes say range and rate; the Flexx2 when left out.
 
     Returns
     -------
@@ -133,19 +143,23 @@ def measure(
         When it cannot be read or measured; the message names the file and what was expected.
 
     """
-    reader = open_recording(path, camera)
+    profile = profile or flexx2()
+    reader = open_recording(path, camera, profile)
     try:
-        return _measure(reader, parse_name(Path(path)), box)
+        return _measure(reader, parse_name(Path(path)), box, profile)
     except InputError as error:
         text = str(error)
         raise InputError(text if str(path) in text else f'{path}: {text}') from error
 
 
 def _measure(
-    reader: RecordingReader, condition: Condition | None, box: tuple[int, int, int, int] | None
+    reader: RecordingReader,
+    condition: Condition | None,
+    box: tuple[int, int, int, int] | None,
+    profile: Profile,
 ) -> Measurement:
     usecase = _usecase(reader, condition)
-    near, far = _range(usecase)
+    near, far = _range(profile, usecase)
     frames, height, width = reader.shape
     if box is not None and not (0 <= box[0] < box[2] <= width and 0 <= box[1] < box[3] <= height):
         raise InputError(f'box: must be x0 y0 x1 y1 within {width} x {height}, got {box}')
@@ -237,9 +251,9 @@ def _usecase(reader: RecordingReader, condition: Condition | None) -> str:
     return own or stated or 'unknown'
 
 
-def _range(usecase: str) -> tuple[float, float]:
+def _range(profile: Profile, usecase: str) -> tuple[float, float]:
     try:
-        mode = flexx2().mode(usecase)
+        mode = profile.mode(usecase)
     except InputError:
         return 0.0, math.inf
     return mode.range_min, mode.range_max

@@ -13,8 +13,8 @@ _INTRODUCTION = """\
 
 {count} recordings of {frames} frames, {setups} set-ups of the board.
 
-You need: the camera on a tripod, warm (switched on for 20 minutes), a tape, a protractor, and a
-white, matt, flat board, about 1.2 x 0.9 m, with its left and right edges upright. Daylight kept
+You need: the camera on a tripod, warm (switched on for 20 minutes), a tape, a protractor, and
+{boards}, about 1.2 x 0.9 m, with its left and right edges upright. Daylight kept
 out, nothing else near the board, and a wall or a screen behind it, at least 0.5 m away and within
 the mode's range, so that its edges are seen.
 
@@ -62,7 +62,7 @@ def checklist(wanted: Sequence[Condition], profile: Profile, frames: int) -> str
     slowest = min(profile.mode(condition.usecase).rate_hz for condition in wanted)
     setups = [
         (place, list(same))
-        for place, same in groupby(wanted, key=lambda c: (c.distance, c.angle_deg))
+        for place, same in groupby(wanted, key=lambda c: (c.distance, c.angle_deg, c.percent))
     ]
     lines = [
         _INTRODUCTION.format(
@@ -72,11 +72,23 @@ def checklist(wanted: Sequence[Condition], profile: Profile, frames: int) -> str
             setups=len(setups),
             usecase=wanted[0].usecase,
             name=wanted[0].name,
+            boards=_boards(wanted),
             node=_NODE,
             seconds=round(frames / slowest + 1),
         )
     ]
-    for (distance, angle), same in setups:
-        lines.append(f'\n## {distance:g} m, {angle:g} degrees\n\n')
+    for (distance, angle, percent), same in setups:
+        board = '' if percent is None else f', board of {percent:g} %'
+        lines.append(f'\n## {distance:g} m, {angle:g} degrees{board}\n\n')
         lines += [f'- [ ] `{condition.name}`\n' for condition in same]
     return ''.join(lines)
+
+
+def _boards(wanted: Sequence[Condition]) -> str:
+    percents = sorted({c.percent for c in wanted if c.percent is not None}, reverse=True)
+    if not percents:
+        return 'a white, matt, flat board'
+    return (
+        f'a matt, flat board of each reflectivity ({", ".join(f"{p:g} %" for p in percents)} at '
+        "the camera's wavelength, by the board's data sheet)"
+    )

@@ -12,7 +12,14 @@ from flexx2_sim_ros.characterize import figures
 from flexx2_sim_ros.characterize.analysis import Cell, Characterization
 from flexx2_sim_ros.characterize.assumptions import check_assumptions
 from flexx2_sim_ros.characterize.histogram import noise_histogram
-from flexx2_sim_ros.characterize.tables import DASH, divergence, four_tables, Row, Table
+from flexx2_sim_ros.characterize.tables import (
+    DASH,
+    divergence,
+    four_tables,
+    Row,
+    surfaces_table,
+    Table,
+)
 from flexx2_sim_ros.html_page import html_page
 from flexx2_sim_ros.profiles.files import ProfileFile
 import numpy as np
@@ -111,6 +118,7 @@ def _page(result: Characterization, profile: ProfileFile, pictures: dict[str, st
         *_section(modes),
         *_axial(axial, result, pictures),
         *_section(axial_divergence, 'h3'),
+        *_surfaces(result),
         *_histogram(result, pictures),
         *_lateral(lateral, pictures),
         *_assumptions(result),
@@ -164,6 +172,19 @@ def _axial(table: Table, result: Characterization, pictures: dict[str, str]) -> 
             'sigma_z against distance, by incidence angle. Lines and bands: the fitted model and '
             'its 95 % band. Points: the recordings, at the optical axis',
         ),
+    ]
+
+
+def _surfaces(result: Characterization) -> list[str]:
+    table = surfaces_table(result)
+    if table.rows:
+        return _section(table)
+    return [
+        _paragraph(
+            'Assumed: one white board. How noise depends on reflectivity was not measured; it '
+            'needs boards of three reflectivities.',
+            'note',
+        )
     ]
 
 

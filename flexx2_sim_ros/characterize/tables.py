@@ -7,10 +7,11 @@ from typing import Any
 
 from flexx2_sim_ros.characterize.analysis import Characterization, Divergence, ModeResult
 from flexx2_sim_ros.characterize.axial import NAMES
+from flexx2_sim_ros.characterize.surfaces import NAMES as SHARES
 from flexx2_sim_ros.config_file import read_section
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.paths import config_dir
-from flexx2_sim_ros.profiles.modes import flexx2, Mode, NoiseModel
+from flexx2_sim_ros.profiles.modes import flexx2, Mode, NoiseModel, Profile
 import numpy as np
 
 DASH = '–'
@@ -45,16 +46,19 @@ def angle_groups(modes: Sequence[ModeResult]) -> list[float]:
     return sorted({cell.angle_group for mode in modes for cell in mode.cells})
 
 
-def paper_noise(usecase: str) -> NoiseModel | None:
-    """Return the paper's noise of a mode, None for one that it did not measure."""
-    mode = _known(usecase)
+def paper_noise(result: Characterization, usecase: str) -> NoiseModel | None:
+    """Return the paper's noise of a mode; None for another camera and for unmeasured modes."""
+    paper = flexx2()
+    if result.camera.model != paper.model:
+        return None
+    mode = _known(paper, usecase)
     return mode.noise if mode is not None and mode.measured else None
 
 
 def _modes(result: Characterization) -> Table:
     rows = []
     for mode in result.modes:
-        known = _known(mode.usecase)
+        known = _known(result.camera, mode.usecase)
         near, far = _ends([m.distance for m in mode.measurements])
         low, high = _ends([m.angle_deg for m in mode.measurements])
         rates = [m.rate_hz for m in mode.measurements if math.isfinite(m.rate_hz)]
@@ -114,7 +118,7 @@ def _axial(result: Characterization) -> Table:
                 )
             )
         )
-        noise = paper_noise(mode.usecase)
+        noise = paper_noise(result, mode.usecase)
         if noise is not None:
             rows.append(
                 Row(
@@ -139,7 +143,7 @@ def _axial(result: Characterization) -> Table:
 
 
 def _axial_divergence(result: Characterization) -> Table:
-    paper = read_section(config_dir() / 'paper.yaml', 'divergence', dict)
+    paper = _paper_divergence(result)
     angles = angle_groups(result.modes)
     rows = []
     for mode in result.modes:
@@ -178,8 +182,14 @@ def _axial_divergence(result: Characterization) -> Table:
     )
 
 
+def _paper_divergence(result: Characterization) -> dict[str, Any]:
+    if result.camera.model != flexx2().model:
+        return {}
+    return read_section(config_dir() / 'paper.yaml', 'divergence', dict)
+
+
 def _lateral(result: Characterization) -> Table:
-    paper = read_section(config_dir() / 'paper.yaml', 'divergence', dict)
+    paper = _paper_divergence(result)
     rows = []
     for mode in result.modes:
         sigmas = [edge.sigma for _, edge in mode.edges]
@@ -196,7 +206,7 @@ def _lateral(result: Characterization) -> Table:
                 )
             )
         )
-        noise = paper_noise(mode.usecase)
+        noise = paper_noise(result, mode.usecase)
         if noise is not None:
             kl = paper.get(mode.usecase, {}).get('lateral_kl')
             rows.append(
@@ -211,6 +221,31 @@ def _lateral(result: Characterization) -> Table:
         'lines, in pixels. Edges are located to whole pixels; these figures include this '
         'rounding, 0.29 px by itself.',
         ('mode', 'edges', 'sigma_x [px]', 'median', 'smallest to largest', 'divergence [nats]'),
+        tuple(rows),
+    )
+
+
+def surfaces_table(result: Characterization) -> Table:
+    """Return how noise depends on reflectivity; without rows where nobody measured it."""
+    rows = [
+        Row(
+            (
+                mode.usecase,
+                ', '.join(f'{rho:.0%}' for rho in fit.reflectivities),
+                *(with_error(getattr(fit.noise, name), fit.errors[name]) for name in SHARES),
+                f'{fit.scatter:.1%}',
+            )
+        )
+        for mode in result.modes
+        if (fit := mode.surfaces) is not None
+    ]
+    return Table(
+        'Noise and reflectivity',
+        'sigma_z² of a surface over that of the white board in its place: c + (1 − c) q (s + r q) '
+        '/ (s + r), with q the ratio of the reflectivities, s = (1 − r) A, A the amplitude of the '
+        'white board in 1/m²; c is what does not depend on light, r the fraction of read noise '
+        'at A = 1/m².',
+        ('mode', 'boards', 'constant share c', 'read share r', 'scatter'),
         tuple(rows),
     )
 
@@ -236,9 +271,9 @@ def divergence(found: Sequence[Divergence]) -> str:
     return f'{raw:.4f} ({debiased:z.4f})'
 
 
-def _known(usecase: str) -> Mode | None:
+def _known(camera: Profile, usecase: str) -> Mode | None:
     try:
-        return flexx2().mode(usecase)
+        return camera.mode(usecase)
     except InputError:
         return None
 

@@ -6,10 +6,10 @@ import time
 from typing import Any
 
 from flexx2_sim_ros.atomic import checked_target, whole
-from flexx2_sim_ros.camera import Camera, flexx2
 from flexx2_sim_ros.cli.argument_types import SEEDS, whole_number
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.profiles.modes import DEFAULT_USECASE
+from flexx2_sim_ros.physics.geometry import centred
+from flexx2_sim_ros.profiles.files import find_profile, PROFILE_HELP
 import numpy as np
 from rich import box
 from rich.console import Console
@@ -44,7 +44,8 @@ def add_parser(commands: Any) -> None:
         default=8,
         help=f'frames for each grid, {_INTERVAL} s apart (default %(default)s)',
     )
-    parser.add_argument('--usecase', default=DEFAULT_USECASE, help='mode (default %(default)s)')
+    parser.add_argument('--profile', metavar='NAME', default='', help=PROFILE_HELP)
+    parser.add_argument('--usecase', metavar='MODE', help="mode (default: the camera's usual one)")
     parser.add_argument(
         '--seed', type=whole_number(*SEEDS), default=0, help='seed of the noise (default 0)'
     )
@@ -66,7 +67,8 @@ def add_parser(commands: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Run the example."""
     checked_target(arguments.out)
-    Camera(arguments.usecase)  # complains before the work
+    profile = find_profile(arguments.profile)
+    usecase = profile.mode(arguments.usecase or profile.default_usecase).name
     try:
         import warp as wp
     except ImportError as error:
@@ -83,11 +85,17 @@ def run(arguments: argparse.Namespace) -> int:
 
     console, count = Console(markup=False), arguments.num_envs
     console.width = max(console.width, 90)
-    intrinsics = flexx2().intrinsics
+    intrinsics = centred(profile.intrinsics)
     names = tuple(mount.name for mount in load_mounts())
     cameras = [
         BatchCamera(
-            count, arguments.usecase, seed=arguments.seed, name=name, device=arguments.device
+            count,
+            usecase,
+            profile=profile,
+            seed=arguments.seed,
+            name=name,
+            K=intrinsics.matrix,
+            device=arguments.device,
         )
         for name in names
     ]

@@ -67,6 +67,15 @@ def add_parser(commands: Any) -> None:
             help='of the board, degrees (default: 0 15 30 45 60)',
         )
         step.add_argument(
+            '--reflectivities',
+            type=number(1, 100),
+            nargs='+',
+            metavar='%',
+            default=[None],
+            help="the boards' reflectivities at the camera's wavelength, percent; three or more "
+            'tell how noise depends on reflectivity (default: one white board)',
+        )
+        step.add_argument(
             '--frames',
             type=whole_number(1, MOST_FRAMES),
             default=300,
@@ -89,7 +98,8 @@ def add_parser(commands: Any) -> None:
         epilog='example: flexx2 characterize fit campaign --out result',
         description='Analyse a folder of recordings (.npz or bags) of one camera that looks at a '
         'flat board. Writes report.html, figures and profile.yaml. Recordings called '
-        'MODE_DISTANCEm_ANGLEdeg are checked against their names.',
+        'MODE_DISTANCEm_ANGLEdeg are checked against their names; _PERCENTpct at the end is the '
+        "board's reflectivity.",
     )
     fit.add_argument('folder', type=Path, metavar='FOLDER', help='of recordings')
     fit.add_argument(
@@ -143,7 +153,9 @@ def _plan(arguments: argparse.Namespace) -> int:
     from flexx2_sim_ros.characterize.plan import checklist
 
     profile = _profile(arguments)
-    wanted = conditions(profile, arguments.usecase, arguments.distances, arguments.angles)
+    wanted = conditions(
+        profile, arguments.usecase, arguments.distances, arguments.angles, arguments.reflectivities
+    )
     print(checklist(wanted, profile, arguments.frames), end='')
     return 0
 
@@ -152,7 +164,9 @@ def _capture(arguments: argparse.Namespace) -> int:
     from flexx2_sim_ros.characterize.campaign import capture, conditions
 
     profile = _profile(arguments)
-    wanted = conditions(profile, arguments.usecase, arguments.distances, arguments.angles)
+    wanted = conditions(
+        profile, arguments.usecase, arguments.distances, arguments.angles, arguments.reflectivities
+    )
     console = Console(stderr=True, markup=False)
     recorded = 0
     with _progress(console) as progress:
@@ -197,10 +211,11 @@ def _fit(arguments: argparse.Namespace) -> int:
             arguments.folder,
             box=None if arguments.box is None else tuple(arguments.box),
             camera=arguments.camera,
+            profile=camera,
             workers=_jobs(arguments),
             on_done=lambda done, total: progress.update(task, completed=done, total=total),
         )
-    profile = to_profile(result, arguments.model, camera)
+    profile = to_profile(result, arguments.model)
     output_folder(out)
     page = write_report(result, profile, out, arguments.camera)
     save_profile(out / 'profile.yaml', profile)

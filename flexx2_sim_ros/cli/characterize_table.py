@@ -5,7 +5,7 @@ import math
 from flexx2_sim_ros.characterize.analysis import Characterization
 from flexx2_sim_ros.characterize.assumptions import check_assumptions
 from flexx2_sim_ros.characterize.axial import NAMES
-from flexx2_sim_ros.characterize.tables import paper_noise
+from flexx2_sim_ros.characterize.tables import paper_noise, with_error
 import numpy as np
 from rich import box
 from rich.console import Console
@@ -36,7 +36,7 @@ def print_result(result: Characterization, console: Console | None = None) -> No
             '',
             style='dim',
         )
-        noise = paper_noise(mode.usecase)
+        noise = paper_noise(result, mode.usecase)
         if noise is not None:
             table.add_row(
                 '  paper',
@@ -48,6 +48,12 @@ def print_result(result: Characterization, console: Console | None = None) -> No
             )
     console.print(table)
     for mode in result.modes:
+        if mode.surfaces is not None:
+            shares = ', '.join(
+                f'{name} {with_error(getattr(mode.surfaces.noise, name), error)}'
+                for name, error in mode.surfaces.errors.items()
+            )
+            console.print(f'{mode.usecase}: surfaces: {shares}', highlight=False, markup=False)
         for note in mode.axial.notes:
             console.print(f'{mode.usecase}: {note}', highlight=False, markup=False, soft_wrap=True)
         for finding in check_assumptions(mode):

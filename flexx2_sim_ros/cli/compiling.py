@@ -6,8 +6,9 @@ from typing import Any
 
 from flexx2_sim_ros.camera.camera import Camera
 from flexx2_sim_ros.camera.compiling import compiling_said, warm_up
-from flexx2_sim_ros.effects import registry
-from flexx2_sim_ros.profiles.modes import flexx2
+from flexx2_sim_ros.effects import Effect, registry
+from flexx2_sim_ros.physics.frame_state import why_no_phases
+from flexx2_sim_ros.profiles.files import find_profile, PROFILE_HELP
 
 
 def add_parser(commands: Any) -> None:
@@ -26,6 +27,7 @@ def add_parser(commands: Any) -> None:
         action='store_true',
         help='leave out the effects, which take most of the time',
     )
+    parser.add_argument('--profile', metavar='NAME', default='', help=PROFILE_HELP)
     parser.set_defaults(run=run)
 
 
@@ -38,15 +40,22 @@ def run(arguments: argparse.Namespace) -> int:
         compiled.append(True)
         print('compiling ...', flush=True)
 
-    profile = flexx2()
-    chosen = () if arguments.no_effects else [effect() for effect in registry().values()]
+    profile = find_profile(arguments.profile)
+    camera = Camera(profile.default_usecase, profile=profile)
+    chosen = () if arguments.no_effects else _that_apply(camera)
     with compiling_said(say):
-        warm_up(Camera(profile=profile), profile.intrinsics)
+        warm_up(camera, profile.intrinsics)
         for effect in chosen:
-            warm_up(Camera(profile=profile, effects=[effect]), profile.intrinsics)
+            own = Camera(camera.usecase, profile=profile, effects=[effect])
+            warm_up(own, profile.intrinsics)
     print(
         f'compiled in {time.monotonic() - start:.0f} s'
         if compiled
         else 'everything was compiled before'
     )
     return 0
+
+
+def _that_apply(camera: Camera) -> list[Effect]:
+    phases = not why_no_phases(camera.mode)
+    return [kind() for kind in registry().values() if phases or not kind.needs_modulation]

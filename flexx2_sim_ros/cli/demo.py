@@ -12,7 +12,7 @@ from flexx2_sim_ros.cli.children import camera_command, check, nodes, Processes
 from flexx2_sim_ros.cli.demo_picture import draw
 from flexx2_sim_ros.cli.ros import ros
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.profiles.modes import flexx2
+from flexx2_sim_ros.profiles.files import find_profile, PROFILE_HELP
 import numpy as np
 from rich import box
 from rich.console import Console
@@ -30,7 +30,8 @@ def add_parser(commands: Any) -> None:
         'demo',
         help='run a Go1 with two cameras and show what they see',
         description='Start go1_cameras and two flexx2_camera nodes as processes, switch through '
-        'the measured modes while they stream, print rates, latency and noise, and write a '
+        'the measured modes (all modes, if none was measured) while they stream, print rates, '
+        'latency and noise, and write a '
         'picture. Needs ROS 2 (pip install "flexx2_sim_ros[ros]", or a sourced ROS 2 Jazzy).',
         epilog='example: flexx2 demo --seconds 5 --out demo_output',
     )
@@ -49,13 +50,15 @@ def add_parser(commands: Any) -> None:
     parser.add_argument(
         '--renderer', default='auto', help='auto, egl, osmesa or ray (default %(default)s)'
     )
+    parser.add_argument('--profile', metavar='NAME', default='', help=PROFILE_HELP)
     parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the demo."""
     output_folder(arguments.out)
-    modes = [mode for mode in flexx2().modes if mode.measured]
+    profile = find_profile(arguments.profile)
+    modes = [mode for mode in profile.modes if mode.measured] or list(profile.modes)
     console = Console(markup=False)
     # Figures of a busy machine are wider; they are not to be cut off.
     console.width = max(console.width, 100)
@@ -107,7 +110,7 @@ def run(arguments: argparse.Namespace) -> int:
         style='dim',
     )
     path = arguments.out / 'demo.png'
-    draw(path, pictures, modes)
+    draw(path, pictures, modes, profile.model)
     console.print(f'picture: {path}', highlight=False)
     return 0
 
@@ -174,8 +177,10 @@ def _add_row(table: Table, camera: str, usecase: str, capture: Any) -> None:
 
 
 def _commands(arguments: argparse.Namespace) -> dict[str, list[str]]:
-    go1 = ['go1_cameras', '--ros-args', '-p', f'renderer:={arguments.renderer}']
-    return {'go1_cameras': go1} | {camera: camera_command(camera) for camera in _CAMERAS}
+    own = ['-p', f'profile:={arguments.profile}'] if arguments.profile else []
+    go1 = ['go1_cameras', '--ros-args', '-p', f'renderer:={arguments.renderer}', *own]
+    cameras = {camera: [*camera_command(camera), *own] for camera in _CAMERAS}
+    return {'go1_cameras': go1} | cameras
 
 
 def _wait_for_streams(

@@ -14,6 +14,7 @@ def draw(
     path: Path,
     pictures: Mapping[tuple[str, str], tuple[np.ndarray, np.ndarray]],
     modes: list[Mode],
+    model: str,
 ) -> None:
     """
     Write the picture.
@@ -26,6 +27,8 @@ def draw(
         By (camera, usecase): clean and simulated depth, (H, W) metres, NaN for invalid.
     modes : list of Mode
         One row each.
+    model : str
+        The camera's name.
 
     """
     import matplotlib
@@ -68,7 +71,7 @@ def draw(
     bar.ax.minorticks_off()
     bar.ax.set_yticklabels(['0.3', '0.5', '1', '2', '3', '5 m'])
     figure.colorbar(difference, ax=axes[:, -1], shrink=0.9, label='difference [mm]')
-    figure.suptitle('Two simulated Flexx2 on a Go1 (gray: invalid)', fontsize=13)
+    figure.suptitle(f'Two simulated {model} on a Go1 (gray: invalid)', fontsize=13)
     with whole(path) as part:
         figure.savefig(part, dpi=100, format='png')
     pyplot.close(figure)

@@ -6,13 +6,14 @@ from typing import Any
 
 from flexx2_sim_ros.errors import printable
 from flexx2_sim_ros.profiles.files import BUILT_IN, find_profile, PROFILE_HELP, shipped
+from flexx2_sim_ros.profiles.modes import Mode
 from flexx2_sim_ros.profiles.sensor import KINDS
 from rich import box
 from rich.console import Console
 from rich.table import Table
 
-_TEXT = ('mode', 'noise of', 'measured in', 'source')
-_WHOLE = ('mode', 'noise of', 'range [m]', 'MHz', 'measured in')
+_TEXT = ('mode', 'noise of', 'source')
+_WHOLE = ('mode', 'noise of', 'range [m]', 'MHz')
 
 
 def add_parser(commands: Any) -> None:
@@ -40,12 +41,12 @@ def run(arguments: argparse.Namespace) -> int:
             f'{mode.range_min:g} - {mode.range_max:g}',
             ' + '.join(f'{f / 1e6:g}' for f in mode.modulation_hz) or '-',
             str(mode.raw_frames or '-'),
-            'itself' if mode.measured else f'{mode.noise_of}*',
+            _noise_of(mode),
             mode.source,
         )
-    noise = _table('measured in', 'a', 'b', 'c', 'd', 'n', 'sigma_x', 'sigma_z')
+    noise = _table('noise of', 'a', 'b', 'c', 'd', 'n', 'sigma_x', 'sigma_z')
     for mode in modes:
-        if mode.measured:
+        if mode.noise_of == mode.name:
             model = mode.noise
             facing, slanted = (
                 1e3 * float(model.sigma_z(1.0, math.radians(angle))) for angle in (0.0, 60.0)
@@ -65,7 +66,12 @@ def run(arguments: argparse.Namespace) -> int:
     console.print(table)
     if not all(mode.measured for mode in modes):
         console.print(
-            '* not measured: it takes the noise of the nearest measured mode of its family\n',
+            '* not measured in this mode'
+            + (
+                ': takes the noise of the nearest measured mode of its family\n'
+                if of_flexx2
+                else '\n'
+            ),
             style='dim',
         )
     else:
@@ -77,6 +83,12 @@ def run(arguments: argparse.Namespace) -> int:
         style='dim',
     )
     return 0
+
+
+def _noise_of(mode: Mode) -> str:
+    if mode.measured:
+        return 'itself'
+    return f'{mode.noise_from.replace("_", " ") if mode.noise_of == mode.name else mode.noise_of}*'
 
 
 def _table(*names: str) -> Table:

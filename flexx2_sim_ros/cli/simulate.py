@@ -147,7 +147,7 @@ def run(arguments: argparse.Namespace) -> int:
     )
     if not camera.mode.measured:
         console.print(
-            f'{camera.usecase} was not measured; it takes the noise of {camera.mode.noise_of}',
+            f'{camera.usecase} was not measured: its noise is {camera.mode.noise_words}',
             style='yellow',
             highlight=False,
         )

@@ -6,7 +6,7 @@ from typing import ClassVar
 
 from flexx2_sim_ros.effects.effect import Effect, parameter
 from flexx2_sim_ros.effects.hypothesis import Hypothesis, StandIn, Term
-from flexx2_sim_ros.effects.offset import Offset
+from flexx2_sim_ros.effects.offset import Offset, SIMULATED_BIAS
 from flexx2_sim_ros.physics.frame_state import FrameState, Stage
 import numpy as np
 
@@ -30,10 +30,10 @@ class AmplitudeBias(Effect):
                 # Without its slope it is an offset.
                 Term(
                     'intercept',
-                    (0.005,),
+                    (SIMULATED_BIAS,),
                     -0.05,
                     0.05,
-                    stand_in=StandIn(Offset.name, 'bias', 0.005),
+                    stand_in=StandIn(Offset.name, 'bias', SIMULATED_BIAS),
                     along_ray='bias',
                 ),
                 Term('slope', (-0.003,), -0.05, 0.05, fixed={'knee': knee, 'span': span}),

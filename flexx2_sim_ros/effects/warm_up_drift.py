@@ -6,7 +6,7 @@ from typing import ClassVar
 
 from flexx2_sim_ros.effects.effect import Effect, parameter
 from flexx2_sim_ros.effects.hypothesis import Hypothesis, StandIn, Term
-from flexx2_sim_ros.effects.offset import Offset
+from flexx2_sim_ros.effects.offset import Offset, SIMULATED_BIAS
 from flexx2_sim_ros.effects.picture import Picture
 from flexx2_sim_ros.physics.frame_state import FrameState, Stage
 import numpy as np
@@ -37,7 +37,7 @@ class WarmUpDrift(Effect):
                     (0.010,),
                     -0.1,
                     0.1,
-                    stand_in=StandIn(Offset.name, 'bias', 0.005, decay=tau),
+                    stand_in=StandIn(Offset.name, 'bias', SIMULATED_BIAS, decay=tau),
                     along_ray='bias',
                 ),
             ),

@@ -17,6 +17,9 @@ _ZERO = f32(0.0)
 _HALF = f32(0.5)
 _ONE = f32(1.0)
 _HALF_PI = f32(math.pi / 2)
+# Surfaces darker than this share of the white board have the noise of this one.
+_DARKEST = f32(1e-3)
+_TINY = f32(1e-30)
 
 
 def is_jump(
@@ -167,3 +170,41 @@ def returned_light(reflectivity: float, cosine: float, inverse: float) -> float:
 def usable_reflectivity(given: float) -> float:
     """Return a reflectivity within 0..1; NaN is no light."""
     return where(given > _ZERO, least(given, _ONE), _ZERO)
+
+
+def surface_factor(
+    reflectivity: float,
+    cosine: float,
+    inverse: float,
+    white: float,
+    constant_share: float,
+    read_share: float,
+) -> float:
+    """
+    Return by what a surface's sigma_z differs from that of the white board in its place.
+
+    The raw frames' noise is read noise, which is the same for all surfaces, and shot noise, whose
+    variance grows with the light A (EMVA Standard 1288, the linear camera model; Falie and
+    Buzuloiu, "Noise characteristics of 3D time-of-flight cameras", arXiv 0705.2673). The phase's
+    error is that noise over A (Lange, "3D time-of-flight distance measurement with custom
+    solid-state image sensors in CMOS/CCD-technology", Siegen 2000), so the variance of depth goes
+    as (R + S A) / A^2. A part of the variance may not depend on light at all.
+
+    Parameters
+    ----------
+    reflectivity : float
+        Of the surface, 0..1.
+    cosine, inverse : float
+        Cosine of the incidence angle; inverse depth, 1/m.
+    white : float
+        Reflectivity of the board on which the model's coefficients were measured.
+    constant_share : float
+        Fraction of the board's variance that does not depend on light; 1: the factor is 1.
+    read_share : float
+        R / (R + S): fraction of read noise in the rest of the variance at an amplitude of 1/m^2.
+
+    """
+    ratio = white / most(usable_reflectivity(reflectivity), _DARKEST * white)
+    shot = (_ONE - read_share) * returned_light(white, cosine, inverse)
+    light = ratio * (shot + ratio * read_share) / most(shot + read_share, _TINY)
+    return root(constant_share + (_ONE - constant_share) * light)

@@ -167,8 +167,7 @@ class Flexx2Camera(SteadyNode):
         mode = camera.mode
         if not mode.measured:
             self._say_once(
-                f'{mode.name}: its noise was not measured; it takes that of '
-                f'{mode.noise_of}, the nearest measured mode of its family'
+                f'{mode.name}: its noise was not measured in this mode; it is {mode.noise_words}'
             )
         return camera
 

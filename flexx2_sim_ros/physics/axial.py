@@ -13,6 +13,7 @@ _NAN = np.float32(np.nan)
 _model_sigma = compiled(surfaces.model_sigma)
 _returned_light = compiled(surfaces.returned_light)
 _usable_reflectivity = compiled(surfaces.usable_reflectivity)
+_surface_factor = compiled(surfaces.surface_factor)
 
 
 @njit(cache=True, error_model='numpy', fastmath=FAST)
@@ -41,6 +42,36 @@ def model_sigma(p, cosine, coefficients, cap, out):
             z = _ONE / inverse if inverse > _ZERO else _ONE
             sigma = _model_sigma(z, cosine[y, x], a, b, c, d, n, cap)
             out[y, x] = max(sigma, _ZERO) if inverse > _ZERO else _ZERO
+
+
+@njit(cache=True, error_model='numpy', fastmath=FAST)
+def scale_by_surface(p, cosine, reflectivity, coefficients, sigma):
+    """
+    Scale sigma_z by what each pixel's reflectivity makes of it.
+
+    Parameters
+    ----------
+    p, cosine : numpy.ndarray
+        Padded inverse depth and cosine of incidence, as above.
+    reflectivity : numpy.ndarray
+        (H, W) float32 in 0..1.
+    coefficients : numpy.ndarray
+        (3,) float32: white, constant_share, read_share; see `formulas.surfaces.surface_factor`.
+    sigma : numpy.ndarray
+        (H, W) float32, metres; changed in place.
+
+    """
+    white, constant_share, read_share = coefficients
+    for y in range(sigma.shape[0]):
+        for x in range(sigma.shape[1]):
+            sigma[y, x] *= _surface_factor(
+                reflectivity[y, x],
+                cosine[y, x],
+                p[y + 2, x + 2],
+                white,
+                constant_share,
+                read_share,
+            )
 
 
 @njit(cache=True, error_model='numpy', fastmath=FAST)

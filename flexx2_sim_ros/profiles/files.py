@@ -6,7 +6,7 @@ them. The fields are those of `MODE_FIELDS` and its neighbours here; ``null`` me
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 import math
 from pathlib import Path
 import re
@@ -17,9 +17,18 @@ from flexx2_sim_ros.config_file import is_regular_file, read_config
 from flexx2_sim_ros.errors import InputError, shown, shown_path
 from flexx2_sim_ros.paths import config_dir
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
-from flexx2_sim_ros.profiles.modes import flexx2, Mode, NoiseModel, Profile
+from flexx2_sim_ros.profiles.modes import (
+    flexx2,
+    Mode,
+    NOISE_FROM,
+    NoiseModel,
+    Profile,
+    SurfaceNoise,
+)
 from flexx2_sim_ros.profiles.section import Section
-from flexx2_sim_ros.profiles.sensor import DEFAULT_SENSOR, KINDS, Sensor
+from flexx2_sim_ros.profiles.sensor import KINDS, Sensor
+from flexx2_sim_ros.profiles.sensor_section import read_sensor, sensor_row
+from flexx2_sim_ros.profiles.valid_mask import write_mask
 import numpy as np
 import yaml
 
@@ -32,17 +41,6 @@ PROFILE_HELP = (
     'profile, as flexx2 characterize fit writes it'
 )
 _TOP = ('schema', 'model', 'intrinsics', 'modes', 'provenance')
-_SENSOR = (
-    'kind',
-    'jump_share',
-    'steep_share',
-    'incidence_cap_deg',
-    'neighbourhood_px',
-    'zero_at_sigma_m',
-    'full_scale_amplitude',
-    'readout_us',
-    'valid_region_px',
-)
 _INTRINSICS = ('width', 'height', 'fx', 'fy', 'cx', 'cy', 'distortion')
 MODE_FIELDS = (
     'rate_hz',
@@ -54,6 +52,8 @@ MODE_FIELDS = (
     'standard_errors',
     'measured',
 )
+SURFACE_SHARES = ('constant_share', 'read_share')
+_SURFACES = ('white', *SURFACE_SHARES, 'standard_errors')
 _NAME = re.compile(r'[A-Za-z][A-Za-z0-9_.+-]{0,63}')
 # No depth camera has values beyond these; such a field is taken as a mistake (assumed).
 _LARGEST = {
@@ -71,11 +71,6 @@ _LARGEST = {
     'raw_frames': 1000,
     'exposure_us': 10_000_000,
     'distortion': 100.0,
-    'share': 1.0,
-    'neighbourhood_px': 127,
-    'zero_at_sigma_m': 100.0,
-    'full_scale_amplitude': 1e9,
-    'readout_us': 10_000_000,
 }
 _STEEP = math.radians(60)  # the steepest incidence at which noise was measured
 
@@ -90,8 +85,8 @@ class ProfileFile:
     profile : Profile
         The camera.
     standard_errors : mapping
-        By mode, then by coefficient (a, b, c, d, n, sigma_x): its standard error, None where it
-        was not estimated.
+        By mode, then by coefficient (a, b, c, d, n, sigma_x, and those of `SURFACE_SHARES`): its
+        standard error, None where it was not estimated.
     measured : mapping
         By mode: on what the noise was measured, for people; plain YAML values.
     provenance : mapping
@@ -175,7 +170,7 @@ def read_profile(path: str | Path) -> ProfileFile:
         'distortion', (5,), -_LARGEST['distortion'], _LARGEST['distortion']
     )
     camera = Intrinsics(width, height, fx, fy, cx, cy, (k1, k2, p1, p2, k3))
-    sensor, cap = _read_sensor(top, camera)
+    sensor, cap = read_sensor(top, camera, path.parent)
     modes = top.mapping('modes')
     if not modes:
         raise top.wrong('modes', 'at least one mode')
@@ -190,9 +185,10 @@ def read_profile(path: str | Path) -> ProfileFile:
         raise top.wrong('modes', 'names that differ by more than their case')
     errors, measured, all_modes = {}, {}, []
     for name in modes:
-        row = top.section('modes', None).section(name, MODE_FIELDS)
-        all_modes.append(_read_mode(name, row, sensor, cap))
-        errors[name] = row.section('standard_errors', COEFFICIENTS).errors()
+        row = top.section('modes', None).section(name, MODE_FIELDS, ('noise_from', 'surfaces'))
+        surfaces, surface_errors = _read_surfaces(row)
+        all_modes.append(_read_mode(name, row, sensor, cap, surfaces))
+        errors[name] = row.section('standard_errors', COEFFICIENTS).errors() | surface_errors
         measured[name] = row.mapping('measured')
     profile = Profile(top.text('model'), camera, tuple(all_modes))
     return ProfileFile(profile, errors, measured, top.mapping('provenance'))
@@ -201,6 +197,8 @@ def read_profile(path: str | Path) -> ProfileFile:
 def save_profile(path: str | Path, content: ProfileFile) -> None:
     """
     Write a camera profile; the file is there whole or not at all.
+
+    A mask of valid pixels is written beside it, as ``<name>_valid.npy``.
 
     Parameters
     ----------
@@ -216,13 +214,14 @@ def save_profile(path: str | Path, content: ProfileFile) -> None:
 
     """
     path = Path(path)
-    camera = content.profile.intrinsics
+    camera, mask = content.profile.intrinsics, content.profile.sensor.valid_mask
+    mask_name = None if mask is None else f'{path.stem}_valid.npy'
     table = {
         'schema': SCHEMA,
         'model': content.profile.model,
         'intrinsics': {name: getattr(camera, name) for name in _INTRINSICS[:-1]}
         | {'distortion': list(camera.distortion)},
-        'sensor': _sensor_row(content.profile),
+        'sensor': sensor_row(content.profile, mask_name),
         'modes': {mode.name: _mode_row(mode, content) for mode in content.profile.modes},
         'provenance': dict(content.provenance),
     }
@@ -235,58 +234,21 @@ def save_profile(path: str | Path, content: ProfileFile) -> None:
         )
     )
     with whole(path) as part:
+        if mask is not None and mask_name is not None:
+            write_mask(part.with_name(mask_name), mask)
         part.write_text(text, encoding='utf-8', errors='backslashreplace')
         try:
             read_profile(part)
         except InputError as error:
             raise InputError(str(error).replace(str(part), str(path))) from error
-
-
-def _sensor_row(profile: Profile) -> dict[str, Any]:
-    sensor, camera = profile.sensor, profile.intrinsics
-    corners = [
-        [round(x * camera.fx + camera.cx, 6), round(y * camera.fy + camera.cy, 6)]
-        for x, y in sensor.valid_region
-    ]
-    own = {name: getattr(sensor, name) for name in _SENSOR if hasattr(sensor, name)}
-    return own | {
-        'incidence_cap_deg': round(math.degrees(profile.modes[0].noise.incidence_cap), 9),
-        'valid_region_px': corners or None,
-    }
-
-
-def _read_sensor(top: 'Section', camera: Intrinsics) -> tuple[Sensor, float]:
-    # And the incidence cap, radians. What the file does not give stays as it is by default.
-    cap = NoiseModel.incidence_cap
-    if not top.has('sensor'):
-        return DEFAULT_SENSOR, cap
-    row = top.section('sensor', (), _SENSOR)
-    given: dict[str, Any] = {}
-    if row.has('kind'):
-        given['kind'] = row.one_of('kind', tuple(KINDS))
-    for name in ('jump_share', 'steep_share'):
-        if row.has(name):
-            given[name] = row.number(name, 1e-6, _LARGEST['share'])
-    if row.has('neighbourhood_px'):
-        given['neighbourhood_px'] = row.whole('neighbourhood_px', 1, _LARGEST['neighbourhood_px'])
-    for name in ('zero_at_sigma_m', 'full_scale_amplitude'):
-        if row.has(name):
-            given[name] = row.number(name, 1e-6, _LARGEST[name])
-    if row.has('readout_us'):
-        given['readout_us'] = row.number('readout_us', 0, _LARGEST['readout_us'])
-    if row.has('incidence_cap_deg'):
-        cap = math.radians(row.number('incidence_cap_deg', 1.0, 89.9))
-    if row.has('valid_region_px'):
-        corners = row.corners('valid_region_px', _LARGEST['pixels'])
-        given['valid_region'] = tuple(
-            ((u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy) for u, v in corners
-        )
-    return replace(DEFAULT_SENSOR, **given), cap
+        if mask is not None and mask_name is not None:
+            write_mask(path.with_name(mask_name), mask)
 
 
 def _mode_row(mode: Mode, content: ProfileFile) -> dict[str, Any]:
     errors = content.standard_errors.get(mode.name, {})
-    return {
+    surfaces = mode.noise.surfaces
+    row: dict[str, Any] = {
         'rate_hz': mode.rate_hz,
         'range_m': [mode.range_min, mode.range_max],
         'modulation_hz': list(mode.modulation_hz) or None,
@@ -294,11 +256,29 @@ def _mode_row(mode: Mode, content: ProfileFile) -> dict[str, Any]:
         'exposure_us': list(mode.exposure_us) if mode.raw_frames else None,
         'noise': {name: getattr(mode.noise, name) for name in COEFFICIENTS},
         'standard_errors': {name: errors.get(name) for name in COEFFICIENTS},
+        'noise_from': mode.noise_from,
         'measured': dict(content.measured.get(mode.name, {})),
     }
+    if surfaces is not None:
+        row['surfaces'] = {name: getattr(surfaces, name) for name in _SURFACES[:-1]} | {
+            'standard_errors': {name: errors.get(name) for name in SURFACE_SHARES}
+        }
+    return row
 
 
-def _read_mode(name: str, row: 'Section', sensor: Sensor, cap: float) -> Mode:
+def _read_surfaces(mode: 'Section') -> tuple[SurfaceNoise | None, dict[str, float | None]]:
+    # And the standard errors.
+    if not mode.has('surfaces'):
+        return None, {}
+    row = mode.section('surfaces', _SURFACES)
+    white = row.number('white', 0.01, 1.0)
+    shares = (row.number(name, 0.0, 1.0) for name in SURFACE_SHARES)
+    return SurfaceNoise(white, *shares), row.section('standard_errors', SURFACE_SHARES).errors()
+
+
+def _read_mode(
+    name: str, row: 'Section', sensor: Sensor, cap: float, surfaces: SurfaceNoise | None
+) -> Mode:
     rate = row.number('rate_hz', 1e-3, _LARGEST['rate_hz'])
     near, far = row.numbers('range_m', (2,), 1e-3, _LARGEST['range_m'])
     if near >= far:
@@ -319,7 +299,7 @@ def _read_mode(name: str, row: 'Section', sensor: Sensor, cap: float) -> Mode:
         key: noise.number(key, 0.0 if key in ('d', 'sigma_x') else -_LARGEST[key], _LARGEST[key])
         for key in COEFFICIENTS
     }
-    model = NoiseModel(**values, incidence_cap=cap)
+    model = NoiseModel(**values, incidence_cap=cap, surfaces=surfaces)
     problem = sigma_problem(model, near, far)
     if problem:
         raise InputError(f'{noise.label}: {problem}')
@@ -335,6 +315,7 @@ def _read_mode(name: str, row: 'Section', sensor: Sensor, cap: float) -> Mode:
         name,
         'profile',
         sensor,
+        row.one_of('noise_from', tuple(NOISE_FROM)) if row.has('noise_from') else 'not_stated',
     )
 
 

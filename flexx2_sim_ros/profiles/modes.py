@@ -8,12 +8,47 @@ from typing import Any
 
 from flexx2_sim_ros.config_file import read_config
 from flexx2_sim_ros.errors import InputError, shown
+from flexx2_sim_ros.formulas.surfaces import surface_factor
 from flexx2_sim_ros.paths import config_dir
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from flexx2_sim_ros.profiles.sensor import DEFAULT_SENSOR, Sensor
 import numpy as np
 
 DEFAULT_USECASE = 'Mode_9_30fps'
+# Where a mode's noise comes from.
+NOISE_FROM = {
+    'measured': 'measured in this mode',
+    'other_mode': 'derived from that of another mode',
+    'data_sheet': 'from a data sheet',
+    'assumed': 'assumed',
+    'not_stated': 'of an origin that the profile does not state',
+}
+
+
+@dataclass(frozen=True)
+class SurfaceNoise:
+    """
+    How sigma_z depends on reflectivity; see `flexx2_sim_ros.formulas.surfaces.surface_factor`.
+
+    Attributes
+    ----------
+    white : float
+        Reflectivity of the board on which a, b, c, d and n were measured.
+    constant_share : float
+        Fraction of the board's variance that does not depend on light, 0..1.
+    read_share : float
+        Fraction of read noise in the rest of the variance at an amplitude of 1/m^2, 0..1.
+
+    """
+
+    white: float
+    constant_share: float
+    read_share: float
+
+    @property
+    def coefficients(self) -> np.ndarray:
+        """Return the three, (3,) float32."""
+        return np.array([self.white, self.constant_share, self.read_share], np.float32)
 
 
 @dataclass(frozen=True)
@@ -29,6 +64,8 @@ class NoiseModel:
         Standard deviation of an edge's position, pixels.
     incidence_cap : float
         The incidence angle beyond which sigma_z no longer grows, radians.
+    surfaces : SurfaceNoise or None
+        How sigma_z depends on reflectivity; None: not known, all surfaces have the same noise.
 
     """
 
@@ -39,8 +76,9 @@ class NoiseModel:
     n: float
     sigma_x: float
     incidence_cap: float = math.radians(85.0)
+    surfaces: SurfaceNoise | None = None
 
-    def sigma_z(self, z: Any, theta: Any) -> np.ndarray:
+    def sigma_z(self, z: Any, theta: Any, reflectivity: Any = None) -> np.ndarray:
         """
         Evaluate the axial standard deviation.
 
@@ -50,6 +88,8 @@ class NoiseModel:
             Depth along the optical axis, metres.
         theta : array_like
             Incidence angle, radians; held at ``incidence_cap`` near 90 degrees.
+        reflectivity : array_like, optional
+            0..1; that of the white board when left out. It matters only with ``surfaces``.
 
         Returns
         -------
@@ -61,7 +101,17 @@ class NoiseModel:
         theta = np.minimum(np.abs(np.asarray(theta, dtype=np.float64)), self.incidence_cap)
         slant = (theta / (math.pi / 2 - theta)) ** 2
         sigma = self.a + self.b * z + self.c * z**2 + self.d * z**self.n * slant
-        return np.maximum(sigma, 0.0)
+        sigma = np.maximum(sigma, 0.0)
+        own = self.surfaces
+        if own is None or reflectivity is None:
+            return sigma
+        rho: Any = np.asarray(reflectivity, np.float64)
+        return sigma * surface_factor(
+            rho,
+            np.cos(theta),
+            1 / z,
+            *(np.float64(x) for x in (own.white, own.constant_share, own.read_share)),
+        )
 
 
 @dataclass(frozen=True)
@@ -85,11 +135,13 @@ class Mode:
         Shortest and longest exposure, microseconds.
     noise : NoiseModel
     noise_of : str
-        The mode in which ``noise`` was measured.
+        The mode whose noise it is: its own name, or that of the mode it was taken over from.
     source : str
         Where rate and range come from (see ``config/modes.yaml``).
     sensor : Sensor
         What it has in common with the camera's other modes.
+    noise_from : str
+        Where ``noise`` comes from, out of `NOISE_FROM`.
 
     """
 
@@ -104,11 +156,19 @@ class Mode:
     noise_of: str
     source: str
     sensor: Sensor = DEFAULT_SENSOR
+    noise_from: str = 'measured'
 
     @property
     def measured(self) -> bool:
         """Whether the noise was measured in this very mode."""
-        return self.noise_of == self.name
+        return self.noise_from == 'measured'
+
+    @property
+    def noise_words(self) -> str:
+        """Say where the noise comes from: what follows "its noise is"."""
+        if self.noise_of != self.name:
+            return f'that of {self.noise_of}, the nearest measured mode of its family'
+        return NOISE_FROM[self.noise_from]
 
 
 @dataclass(frozen=True)
@@ -263,6 +323,7 @@ def flexx2() -> Profile:
             name: NoiseModel(
                 **{key: float(row[key]) for key in ('a', 'b', 'c', 'd', 'n', 'sigma_x')},
                 incidence_cap=camera.incidence_cap,
+                surfaces=None,
             )
             for name, row in table['noise'].items()
         }
@@ -293,4 +354,5 @@ def _mode(
         row['noise'],
         str(row['source']),
         sensor,
+        'measured' if row['noise'] == name else 'other_mode',
     )

@@ -51,6 +51,9 @@ class Section:
     def has(self, name: str) -> bool:
         return name in self._content
 
+    def is_null(self, name: str) -> bool:
+        return self._content[name] is None
+
     def section(
         self, name: str, fields: tuple[str, ...] | None, optional: tuple[str, ...] = ()
     ) -> 'Section':

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
+from flexx2_sim_ros.profiles.valid_mask import ValidMask
 import numpy as np
 
 # How a camera measures depth, and what people call it.
@@ -40,6 +41,8 @@ class Sensor:
     valid_region : tuple of (float, float)
         Corners of the polygon outside of which the camera gives no depth, as slopes of rays
         (X/Z, Y/Z); empty where the whole image is valid. Slopes hold for any resolution and crop.
+    valid_mask : ValidMask or None
+        Pixels that may have depth, for patterns that are no polygon; both must allow a pixel.
 
     """
 
@@ -51,6 +54,7 @@ class Sensor:
     full_scale_amplitude: float = 4.0
     readout_us: float = 600.0
     valid_region: tuple[tuple[float, float], ...] = ()
+    valid_mask: ValidMask | None = None
 
     def outside(self, camera: Intrinsics) -> np.ndarray | None:
         """
@@ -67,14 +71,28 @@ class Sensor:
             (H, W) bool, not to be changed; None where every pixel may have depth.
 
         """
-        return _outside(self.valid_region, camera) if self.valid_region else None
+        if not self.valid_region and self.valid_mask is None:
+            return None
+        return _outside(self.valid_region, self.valid_mask, camera)
 
 
 DEFAULT_SENSOR = Sensor()
 
 
 @lru_cache(maxsize=8)
-def _outside(corners: tuple[tuple[float, float], ...], camera: Intrinsics) -> np.ndarray:
+def _outside(
+    corners: tuple[tuple[float, float], ...], mask: ValidMask | None, camera: Intrinsics
+) -> np.ndarray:
+    outside = np.zeros((camera.height, camera.width), bool)
+    if corners:
+        outside |= _outside_polygon(corners, camera)
+    if mask is not None:
+        outside |= mask.outside(camera)
+    outside.flags.writeable = False
+    return outside
+
+
+def _outside_polygon(corners: tuple[tuple[float, float], ...], camera: Intrinsics) -> np.ndarray:
     # A line from a pixel to the right crosses the polygon's sides an even number of times exactly
     # if the pixel lies outside.
     y, x = np.mgrid[: camera.height, : camera.width].astype(np.float64)
@@ -84,5 +102,4 @@ def _outside(corners: tuple[tuple[float, float], ...], camera: Intrinsics) -> np
         if y0 != y1:
             crosses = ((y0 > y) != (y1 > y)) & (x < x0 + (y - y0) * (x1 - x0) / (y1 - y0))
             outside ^= crosses
-    outside.flags.writeable = False
     return outside

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.profiles.modes import Profile
 from flexx2_sim_ros.recording.npz_arrays import open_npz
 from flexx2_sim_ros.recording.reader import Content, Layout, RecordingReader, STACKS
 import numpy as np
@@ -25,7 +26,7 @@ class NpzRecording(RecordingReader):
 
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, profile: Profile) -> None:
         """Read all but the stacks."""
         # Stacks whose frames do not lie one after the other.
         self._loaded: dict[str, np.ndarray] = {}
@@ -41,7 +42,7 @@ class NpzRecording(RecordingReader):
         if depth.dtype != np.float32:
             content.notes.append(f'{path}: depth: {depth.dtype} is rounded to float32')
             content.layouts['depth'] = Layout(np.dtype(np.float32), depth.shape)
-        super().__init__(path, None, content)
+        super().__init__(path, None, content, profile)
         for key, shape in self._shapes.items():
             if shape != self.shape:
                 raise InputError(

@@ -3,11 +3,14 @@
 from pathlib import Path
 
 from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.profiles.modes import flexx2, Profile
 from flexx2_sim_ros.recording.npz_recording import NpzRecording
 from flexx2_sim_ros.recording.reader import Recording, RecordingReader
 
 
-def open_recording(path: str | Path, camera: str | None = None) -> RecordingReader:
+def open_recording(
+    path: str | Path, camera: str | None = None, profile: Profile | None = None
+) -> RecordingReader:
     """
     Open a recording without reading its frames.
 
@@ -20,6 +23,8 @@ def open_recording(path: str | Path, camera: str | None = None) -> RecordingRead
     camera : str, optional
         Which camera of a bag that has several: its name (`recording_cameras` lists them) or the
         topic of any depth image, with its camera_info beside it.
+    profile : Profile, optional
+        The camera whose modes say the rate of a file without stamps; the Flexx2 when left out.
 
     Returns
     -------
@@ -34,7 +39,7 @@ def open_recording(path: str | Path, camera: str | None = None) -> RecordingRead
     path = Path(path)
     try:
         if path.suffix == '.npz':
-            return NpzRecording(path)
+            return NpzRecording(path, profile or flexx2())
         # Bags need the library rosbags, .npz files do not.
         from flexx2_sim_ros.recording.bags import BagRecording
 

@@ -7,7 +7,7 @@ import itertools
 from pathlib import Path
 
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.profiles.modes import flexx2
+from flexx2_sim_ros.profiles.modes import Profile
 import numpy as np
 
 # Keys that can have one image a frame; all other arrays are the recording's as a whole.
@@ -131,7 +131,9 @@ class RecordingReader(ABC):
 
     """
 
-    def __init__(self, path: Path, camera: str | None, content: Content) -> None:
+    def __init__(
+        self, path: Path, camera: str | None, content: Content, profile: Profile | None = None
+    ) -> None:
         """Check what is there against the recording format."""
         self.path = path
         self.camera = camera
@@ -149,7 +151,7 @@ class RecordingReader(ABC):
         self.usecase = None if usecase is None else str(usecase)
         self.assumed_stamps = not {'stamp', 'stamp_ns'} & self.arrays.keys()
         self.stamp, self.stamp_ns = (
-            self._usual_stamps(content.frames) if self.assumed_stamps else self._stamps()
+            self._usual_stamps(content.frames, profile) if self.assumed_stamps else self._stamps()
         )
         self._check_images()
 
@@ -235,9 +237,9 @@ class RecordingReader(ABC):
             )
         return matrix.astype(np.float64)
 
-    def _usual_stamps(self, frames: int) -> tuple[np.ndarray, np.ndarray]:
+    def _usual_stamps(self, frames: int, profile: Profile | None) -> tuple[np.ndarray, np.ndarray]:
         rate, whose = _USUAL_RATE, 'usual'
-        for mode in flexx2().modes:
+        for mode in profile.modes if profile is not None else ():
             if self.usecase is not None and mode.name.lower() == self.usecase.strip().lower():
                 rate, whose = mode.rate_hz, f'that of {mode.name}'
         self.notes.append(f'{self.path}: stamp: not in the file: taken for {rate:g} Hz, {whose}')

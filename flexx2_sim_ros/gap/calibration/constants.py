@@ -93,9 +93,10 @@ class Registration:
 class Binning:
     """Bins of the covariates, and which pixels count as surface."""
 
-    distances: tuple[float, float, int] = _constant(
-        (0.3, 5.6, 11), 'm', 'first and last edge of geometric bins, number of edges', DEFINITION
-    )
+    distance_edges: int = _constant(11, '', 'number of edges of geometric bins', DEFINITION)
+    farthest_share: float = _constant(0.8, "the camera's longest range", 'last edge', DEFINITION)
+    nearest_share: float = _constant(1.5, "the camera's shortest range", 'first edge', DEFINITION)
+    span: float = _constant(56 / 3, '', 'last over first edge, at most', DEFINITION)
     incidences: tuple[float, ...] = _constant(
         (10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 68.0, 75.0), 'deg', 'edges of bins', DEFINITION
     )
@@ -112,8 +113,8 @@ class Binning:
         (-0.8, -0.4, -0.15, -0.03, 0.03, 0.15, 0.4, 0.8), 'm/s', 'edges of bins', DEFINITION
     )
     tiles: tuple[int, int] = _constant((22, 28), '', 'rows and columns of tiles', DEFINITION)
-    fine_step: float = _constant(
-        0.06, 'm', 'fine bins of distance; a fourth harmonic at 80 MHz has 0.47 m', DEFINITION
+    fine_a_period: float = _constant(
+        31.2, '', 'fine bins in c / 2f of the highest frequency: 8 a fourth harmonic', DEFINITION
     )
     fine_bins: int = _constant(64, '', 'number of fine bins', DEFINITION)
     edge_reach: int = _constant(3, 'px', 'from a jump, looked at as edge')

@@ -37,7 +37,7 @@ class Found:
 def check(path: Path, profile: Profile | None) -> Found | str:
     """Return a recording that may be used, or why it may not."""
     try:
-        return _found(open_recording(path), profile)
+        return _found(open_recording(path, profile=profile), profile)
     except InputError as error:
         return str(error)
 
@@ -116,12 +116,7 @@ def _found(reader: RecordingReader, profile: Profile | None) -> Found:
         Intrinsics.from_matrix(reader.K, width, height)
     except InputError as error:
         raise InputError(f'{path}: {error}') from error
-    notes = [note for note in reader.notes if ': stamp: not in the file' not in note]
-    if reader.assumed_stamps:
-        notes.append(
-            f'{path}: stamp: not in the file: taken for {mode.rate_hz:g} Hz, that of {mode.name}'
-        )
-    return Found(path, mode, tuple(notes))
+    return Found(path, mode, tuple(reader.notes))
 
 
 def read(found: Found, profile: Profile | None) -> RecordingData:
@@ -135,7 +130,7 @@ def read(found: Found, profile: Profile | None) -> RecordingData:
 
     """
     path = found.path
-    reader = open_recording(path)
+    reader = open_recording(path, profile=profile)
     chosen, fresh = choose_frames(len(reader.stamp))
     parts, start = [], 0
     for part in reader.chunks(READING.chunk):
@@ -192,16 +187,13 @@ def read(found: Found, profile: Profile | None) -> RecordingData:
         reflectivity = np.nan_to_num(reflectivity).astype(np.float32)
         if clean.ndim == 2 and reflectivity.ndim == 3:
             reflectivity = reflectivity.mean(axis=0)
-    stamps = reader.stamp_ns
-    if reader.assumed_stamps:  # The profile knows the rate of its own modes.
-        stamps = np.rint(np.arange(len(stamps)) * (1e9 / found.mode.rate_hz)).astype(np.int64)
     return RecordingData(
         path.name,
         depth,
         clean,
         reflectivity,
         reader.K,
-        stamps[chosen],
+        reader.stamp_ns[chosen],
         fresh,
         _uptime(reader, chosen),
         found.mode,

@@ -6,16 +6,16 @@ import math
 
 from flexx2_sim_ros.effects.ray import ray_length
 from flexx2_sim_ros.gap.calibration.constants import BINNING
-from flexx2_sim_ros.physics.axial import model_sigma
+from flexx2_sim_ros.physics.axial import model_sigma, scale_by_surface
+from flexx2_sim_ros.physics.frame_state import SPEED_OF_LIGHT
 from flexx2_sim_ros.physics.surface import analyse, PAD
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
-from flexx2_sim_ros.profiles.modes import Mode
+from flexx2_sim_ros.profiles.modes import Mode, Profile
 from flexx2_sim_ros.profiles.sensor import Sensor
 from numba import njit
 import numpy as np
 
 TILE_ROWS, TILE_COLUMNS = BINNING.tiles
-FINE_STEP, FINE_BINS = BINNING.fine_step, BINNING.fine_bins
 # Compiled code takes constants from its module.
 EDGE_REACH, NEAR = BINNING.edge_reach, BINNING.near_jump
 CREASE_NEAR, _BEND = BINNING.near_crease, np.float32(BINNING.bend)
@@ -30,7 +30,8 @@ class Axis:
     ----------
     name, unit : str
     edges : tuple of float
-        Between bins, one fewer than there are; empty where bins are classes.
+        Between bins, one fewer than there are; empty where bins are classes, and in `AXES` where
+        they depend on the camera.
     bins : int
     start : int
         Index of its first bin among those of all axes.
@@ -47,12 +48,14 @@ class Axis:
     full: bool
 
 
-def _axes() -> dict[str, Axis]:
+Axes = dict[str, Axis]
+
+
+def _axes(distances: tuple[float, ...], fine: tuple[float, ...]) -> Axes:
     first, step, number = BINNING.amplitudes
-    log = tuple(float(x) for x in np.round(np.geomspace(*BINNING.distances), 3))
     table: list[tuple[str, str, tuple[float, ...], int, bool]] = [
         ('all', '', (), 1, True),
-        ('distance', 'm', log, len(log) + 1, True),
+        ('distance', 'm', distances, BINNING.distance_edges + 1, True),
         ('incidence', 'deg', BINNING.incidences, 9, True),
         ('radius', '', BINNING.radii, 6, True),
         ('region', '', (), 12, True),
@@ -67,13 +70,7 @@ def _axes() -> dict[str, Axis]:
         ('concavity', '', BINNING.concavities, 6, True),
         ('speed', 'm/s', BINNING.speeds, 9, True),
         ('beyond', '', (), 2, False),
-        (
-            'fine_distance',
-            'm',
-            tuple(FINE_STEP * i for i in range(1, FINE_BINS)),
-            FINE_BINS,
-            False,
-        ),
+        ('fine_distance', 'm', fine, BINNING.fine_bins, False),
         ('tile', '', (), TILE_ROWS * TILE_COLUMNS, False),
     ]
     axes, start = {}, 0
@@ -83,7 +80,8 @@ def _axes() -> dict[str, Axis]:
     return axes
 
 
-AXES = _axes()
+# What is the same for all cameras: names and numbers of bins.
+AXES = _axes((), ())
 # Those along which every pixel with a distance has its place.
 ENDLESS = (
     'all',
@@ -96,6 +94,38 @@ ENDLESS = (
     'edge',
 )
 BINS = sum(axis.bins for axis in AXES.values())
+
+
+def axes_of(camera: Profile) -> Axes:
+    """
+    Return all axes for a camera.
+
+    Parameters
+    ----------
+    camera : Profile
+        Its range, over all modes, gives the bins of distance; its highest modulation frequency
+        those of fine distance, its range where there is none.
+
+    """
+    return _axes_between(
+        min(mode.range_min for mode in camera.modes),
+        max(mode.range_max for mode in camera.modes),
+        max(camera.modulation_hz, default=0.0),
+    )
+
+
+@lru_cache(maxsize=8)
+def _axes_between(nearest: float, farthest: float, frequency: float) -> Axes:
+    last = BINNING.farthest_share * farthest
+    first = min(max(BINNING.nearest_share * nearest, last / BINNING.span), 0.9 * last)
+    log = tuple(float(x) for x in np.round(np.geomspace(first, last, BINNING.distance_edges), 3))
+    step = (
+        SPEED_OF_LIGHT / (2 * frequency) / BINNING.fine_a_period
+        if frequency
+        else last / BINNING.fine_bins
+    )
+    step = max(round(step, 2), 0.01)
+    return _axes(log, tuple(step * i for i in range(1, BINNING.fine_bins)))
 
 
 @dataclass(frozen=True)
@@ -136,6 +166,7 @@ def look_at(
     reflectivity: np.ndarray | None,
     K: np.ndarray,
     mode: Mode,  # noqa: N803
+    axes: Axes,
     border: int = 0,
 ) -> PixelCovariates:
     """
@@ -155,6 +186,8 @@ def look_at(
         (3, 3) camera matrix.
     mode : Mode
         For its range, noise and sensor.
+    axes : dict of str to Axis
+        The camera's.
     border : int
         Pixels along the image's border that are not looked at.
 
@@ -175,6 +208,14 @@ def look_at(
         np.float32(noise.incidence_cap),
         sigma,
     )
+    if noise.surfaces is not None and reflectivity is not None:
+        scale_by_surface(
+            surface.inverse_depth,
+            surface.cos_incidence,
+            np.ascontiguousarray(reflectivity, np.float32),
+            noise.surfaces.coefficients,
+            sigma,
+        )
     bins = np.full((len(AXES), height, width), -1, np.int16)
     index = {name: i for i, name in enumerate(AXES)}
     with np.errstate(invalid='ignore', divide='ignore'):
@@ -192,11 +233,12 @@ def look_at(
         inside = seen & ~near
 
         def put(name: str, values: np.ndarray, where: np.ndarray) -> None:
-            axis = AXES[name]
+            axis = axes[name]
             _put(values, where, np.array(axis.edges), axis.start, bins[index[name]])
 
+        fine = axes['fine_distance'].edges
         put('distance', clean, inside)
-        put('fine_distance', clean, inside & (clean < FINE_STEP * FINE_BINS))
+        put('fine_distance', clean, inside & (clean < fine[-1] + fine[0]))
         put('incidence', np.degrees(surface.incidence), inside)
         for name, places in _places(height, width).items():
             np.copyto(bins[index[name]], places, where=inside)
@@ -231,6 +273,7 @@ def sort_everywhere(
     reflectivity: np.ndarray | None,
     K: np.ndarray,  # noqa: N803
     sensor: Sensor,
+    axes: Axes,
 ) -> tuple[np.ndarray, np.ndarray]:
     """
     Sort all of a frame's pixels along `ENDLESS`, edges and what is out of range included.
@@ -245,6 +288,8 @@ def sort_everywhere(
         (3, 3) camera matrix.
     sensor : Sensor
         For its thresholds of depth jumps.
+    axes : dict of str to Axis
+        The camera's.
 
     Returns
     -------
@@ -271,7 +316,7 @@ def sort_everywhere(
         }
     places = _places(height, width)
     for out, name in zip(bins, ENDLESS, strict=True):
-        axis = AXES[name]
+        axis = axes[name]
         if name == 'edge':
             np.copyto(out, axis.start, where=seen & (edge >= 0))
         elif name in places:

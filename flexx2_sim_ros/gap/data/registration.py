@@ -8,7 +8,7 @@ from flexx2_sim_ros.camera.common_random_numbers import CommonRandomNumbers
 from flexx2_sim_ros.effects import registry
 from flexx2_sim_ros.effects.between import between
 from flexx2_sim_ros.gap.calibration.constants import REGISTRATION
-from flexx2_sim_ros.gap.data.covariates import look_at
+from flexx2_sim_ros.gap.data.covariates import Axes, axes_of, look_at
 from flexx2_sim_ros.gap.data.pose import base_camera, fit_plane_motion, moved
 import numpy as np
 
@@ -55,6 +55,11 @@ class RecordingData:
     mode: Mode
     profile: Profile | None
     notes: tuple[str, ...] = ()
+
+    @property
+    def axes(self) -> Axes:
+        """Return the camera's axes."""
+        return axes_of(self.profile or flexx2())
 
 
 def register(recording: RecordingData, prior: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -107,7 +112,7 @@ def register(recording: RecordingData, prior: np.ndarray) -> tuple[np.ndarray, n
         errors, depths, sigmas = [], [], []
         for i, t in enumerate(chosen):
             image = clean if still else clean[i]
-            scene = look_at(image, None, 0.0, None, recording.K, recording.mode)
+            scene = look_at(image, None, 0.0, None, recording.K, recording.mode, recording.axes)
             with np.errstate(invalid='ignore'):
                 if still:
                     valid = np.isfinite(recording.depth).sum(axis=0)

@@ -7,7 +7,7 @@ from typing import Any
 from flexx2_sim_ros.camera.common_random_numbers import CommonRandomNumbers
 from flexx2_sim_ros.effects import ageing, Effect, loadable
 from flexx2_sim_ros.gap.calibration.constants import FEATURES, SIMULATION
-from flexx2_sim_ros.gap.data.covariates import look_at, PixelCovariates
+from flexx2_sim_ros.gap.data.covariates import Axes, look_at, PixelCovariates
 from flexx2_sim_ros.gap.data.pose import base_camera, moved, pose_effects, unknown_border
 from flexx2_sim_ros.gap.data.registration import RecordingData, register
 from flexx2_sim_ros.gap.features.catalogue import Column
@@ -71,6 +71,8 @@ class Evidence:
     frames, moving : int, bool
     notes : tuple of str
         What of the recording was converted or assumed.
+    axes : dict of str to Axis
+        The camera's.
 
     """
 
@@ -98,6 +100,7 @@ class Evidence:
     frames: int
     moving: bool
     notes: tuple[str, ...]
+    axes: Axes
 
 
 def scenes_of(
@@ -105,7 +108,8 @@ def scenes_of(
 ) -> list[PixelCovariates]:
     """Return the covariates of each frame, or of the one there is."""
     if clean.ndim == 2:
-        return [look_at(clean, None, 0.0, reflectivity, recording.K, recording.mode, border)]
+        still = clean, None, 0.0, reflectivity, recording.K
+        return [look_at(*still, recording.mode, recording.axes, border)]
     out = []
     for t, image in enumerate(clean):
         # The first of a segment has none before it.
@@ -122,6 +126,7 @@ def scenes_of(
                 else reflectivity[t],
                 recording.K,
                 recording.mode,
+                recording.axes,
                 border,
             )
         )
@@ -249,6 +254,7 @@ def gather(
         len(recording.depth),
         moving,
         recording.notes,
+        recording.axes,
     )
 
 

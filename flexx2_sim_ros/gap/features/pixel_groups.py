@@ -93,7 +93,9 @@ class GroupSums:
                 if reflectivity is not None and reflectivity.ndim == 3
                 else reflectivity
             )
-            bins, incidence = sort_everywhere(image, rho, recording.K, recording.mode.sensor)
+            bins, incidence = sort_everywhere(
+                image, rho, recording.K, recording.mode.sensor, recording.axes
+            )
             self._cells[t] = _cells(image, rho, incidence, bins, recording.mode.range_max, border)
             if len(frames) == 1 or t % 3 == 0:
                 self._sample(

@@ -5,7 +5,6 @@ from typing import Any
 from flexx2_sim_ros.effects import Effect
 from flexx2_sim_ros.effects.patch import COVARIATES, ResidualPatch
 from flexx2_sim_ros.gap.calibration.constants import THRESHOLDS
-from flexx2_sim_ros.gap.data.covariates import AXES
 from flexx2_sim_ros.gap.features.features import LAYOUT
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.inference.where import mean_sigma
@@ -48,7 +47,7 @@ def fit_patch(model: Model, residual: np.ndarray) -> tuple[Effect, str, float]:
         if share > best_share:
             best, best_share = name, share
     mean = _mean(model, residual, slice(None))
-    axis = AXES[best]
+    axis = model.evidence[0].axes[best]
     sigma = mean_sigma(model)[axis.start : axis.start + axis.bins]
     values = {'covariate_index': float(COVARIATES.index(best))}
     values.update({f'edge_{i}': edge for i, edge in enumerate(axis.edges)})

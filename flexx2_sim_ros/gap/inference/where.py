@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from flexx2_sim_ros.gap.calibration.constants import WHERE
-from flexx2_sim_ros.gap.data.covariates import AXES
+from flexx2_sim_ros.gap.data.covariates import AXES, Axes
 from flexx2_sim_ros.gap.features.features import (
     CHANNEL_UNITS,
     LAYOUT,
@@ -73,8 +73,8 @@ def places(
     conditions = cover(groups, not exact, sigma_error)
     if not conditions:
         return [row for _, row in binned]
-    names = [e.name for e in model.evidence]
-    rows = [row for one in conditions for row in _rows(one, names)]
+    names, axes = [e.name for e in model.evidence], model.evidence[0].axes
+    rows = [row for one in conditions for row in _rows(one, names, axes)]
     q = stats.false_discovery_control(np.array([row['q_value'] for _, row in rows]))
     for (_, row), value in zip(rows, q, strict=True):
         row['q_value'] = float(value)
@@ -82,12 +82,12 @@ def places(
     return [row for _, row in sorted(rows, key=lambda item: -item[0])]
 
 
-def _rows(one: WhereCondition, names: list[str]) -> list[tuple[float, dict[str, Any]]]:
+def _rows(one: WhereCondition, names: list[str], axes: Axes) -> list[tuple[float, dict[str, Any]]]:
     # A condition, channel by channel, with how much what is there matters.
     ratio = np.abs(one.difference) / GROUP_TOLERANCE
     p = _tail(one.difference, GROUP_TOLERANCE, one.noise**2)
     out = []
-    cell = _bounds(one.axis, one.first, one.last)
+    cell = _bounds(axes, one.axis, one.first, one.last)
     if one.axis == 'recording':
         cell.update(low=one.first, high=one.first, detail=names[one.first])
     for k in np.flatnonzero(ratio >= min(1.0, float(ratio.max()))):
@@ -149,6 +149,7 @@ def cells(
         q[usable] = stats.false_discovery_control(p[usable])
     weights = np.sum([e.counts for e in model.evidence], axis=0)
     found: list[tuple[float, dict[str, Any]]] = []
+    axes = model.evidence[0].axes
     physical, gross = _in_units(model, difference if shown is None else shown), False
     with np.errstate(invalid='ignore', divide='ignore'):
         sizes = physical.sum(axis=0) / count
@@ -177,12 +178,15 @@ def cells(
             ):
                 index += some
         found += [
-            (abs(mean[i]) / TOLERANCE[i], _cell(i, float(sizes[i]), float(q[i]))) for i in index
+            (abs(mean[i]) / TOLERANCE[i], _cell(axes, i, float(sizes[i]), float(q[i])))
+            for i in index
         ]
     for name in STRUCTURE_UNITS:
         i = _INDEX[name, 'structure', 0]
         if usable[i] and q[i] < WHERE.false_discoveries:
-            found.append((abs(mean[i]) / TOLERANCE[i], _cell(i, float(sizes[i]), float(q[i]))))
+            found.append(
+                (abs(mean[i]) / TOLERANCE[i], _cell(axes, i, float(sizes[i]), float(q[i])))
+            )
     found.sort(key=lambda item: -item[0])
     return found[: WHERE.most]
 
@@ -238,7 +242,7 @@ def _recordings(
     out = []
     for r, (size, q) in enumerate(zip(each[:, i], stats.false_discovery_control(p), strict=True)):
         if model.good[r, i] and q < WHERE.false_discoveries:
-            cell = _cell(i, float(physical[r, i]), float(q))
+            cell = _cell(model.evidence[r].axes, i, float(physical[r, i]), float(q))
             cell.update(covariate='recording', low=r, high=r, detail=model.evidence[r].name)
             out.append((abs(float(size)) / float(TOLERANCE[i]), cell))
     return out
@@ -259,10 +263,10 @@ def mean_sigma(model: Model) -> np.ndarray:
         return np.asarray(np.nan_to_num(1 / mean))
 
 
-def _cell(index: int, size: float, q: float) -> dict[str, Any]:
+def _cell(axes: Axes, index: int, size: float, q: float) -> dict[str, Any]:
     feature = LAYOUT[index]
     out = {
-        **_bounds(feature.axis, feature.place, feature.place),
+        **_bounds(axes, feature.axis, feature.place, feature.place),
         'channel': feature.channel,
         'size': size,
         'unit_size': '',
@@ -279,10 +283,10 @@ def _cell(index: int, size: float, q: float) -> dict[str, Any]:
     return out
 
 
-def _bounds(name: str, first: int, last: int) -> dict[str, Any]:
+def _bounds(axes: Axes, name: str, first: int, last: int) -> dict[str, Any]:
     # Bins of an axis, from one to another, for people.
     out: dict[str, Any] = {'covariate': name, 'low': None, 'high': None, 'unit': '', 'detail': ''}
-    edges = (None, *AXES[name].edges, None) if name in AXES else ()
+    edges = (None, *axes[name].edges, None) if name in axes else ()
     if name == 'log_amplitude':
         low, high = (
             None if edge is None else float(np.exp(edge))
@@ -290,7 +294,7 @@ def _bounds(name: str, first: int, last: int) -> dict[str, Any]:
         )
         out.update(covariate='amplitude', low=low, high=high, unit='1/m^2')
     elif len(edges) > 2:
-        out.update(low=edges[first], high=edges[last + 1], unit=AXES[name].unit)
+        out.update(low=edges[first], high=edges[last + 1], unit=axes[name].unit)
     elif name == 'edge':
         out.update(low=1, high=1)
     elif name == 'region':

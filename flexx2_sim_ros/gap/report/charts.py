@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from html import escape
 
 from flexx2_sim_ros.gap.calibration.constants import FEATURES
-from flexx2_sim_ros.gap.data.covariates import AXES, Axis, TILE_COLUMNS, TILE_ROWS
+from flexx2_sim_ros.gap.data.covariates import AXES, Axes, Axis, TILE_COLUMNS, TILE_ROWS
 from flexx2_sim_ros.gap.features.confirm import Outcome
 from flexx2_sim_ros.gap.features.features import LAYOUT, likeness
 from flexx2_sim_ros.gap.report.drawing import curves, picture
@@ -104,7 +104,7 @@ def _map(image: np.ndarray, limit: float, text: str, unit: str) -> str:
     )
 
 
-def charts(confirmed: Sequence[Outcome], explained: bool) -> str:
+def charts(confirmed: Sequence[Outcome], explained: bool, axes: Axes) -> str:
     """
     Return real against simulated along the covariates that show the gap best, as HTML.
 
@@ -114,6 +114,8 @@ def charts(confirmed: Sequence[Outcome], explained: bool) -> str:
         The recordings.
     explained : bool
         Whether effects were added, so that there is a curve with them as well.
+    axes : dict of str to Axis
+        The camera's.
 
     """
     found = []
@@ -132,7 +134,7 @@ def charts(confirmed: Sequence[Outcome], explained: bool) -> str:
     figures = []
     for channel, name, lines in chosen[:_CHARTS]:
         label, factor = _LABELS[channel]
-        axis = AXES[name]
+        axis = axes[name]
         unit = f' [{axis.unit}]' if axis.unit else ''
         title = (
             'pixels from a depth jump (negative: near side)'

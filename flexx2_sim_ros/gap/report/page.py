@@ -49,7 +49,7 @@ def page(
         _shrinkage(table),
         _where(table),
         maps(confirmed, bool(table['effects'])),
-        charts(confirmed, bool(table['effects'])),
+        charts(confirmed, bool(table['effects']), model.evidence[0].axes),
         _considered(table, decision),
         _recordings(table),
     ]
