@@ -10,6 +10,8 @@ from flexx2_sim_ros.gap.features.kernels import (
     count_depths,
     ERROR,
     EXPECT,
+    FrameSums,
+    FrameTimes,
     gather_rows,
     grain_moments,
     HIGH,
@@ -21,8 +23,10 @@ from flexx2_sim_ros.gap.features.kernels import (
     N2,
     N_NEIGHBOUR,
     NEIGHBOUR,
+    PixelSums,
     SQUARE1,
     SQUARE2,
+    Surfaces,
     TIME,
     TIME2,
     TREND,
@@ -156,91 +160,111 @@ def accumulate(
     thin : bool
         Whether to look at every other row only.
 
-    Returns
-    -------
-    Sums
-
     """
-    count, height, width = depth.shape
-    bins = np.zeros((BINS, WIDTH))
-    mean, sigma = np.zeros((2, height, width), np.float32), np.zeros((height, width), np.float32)
-    errors = np.empty((3, height, width), np.float32)
-    rows = np.zeros((count, 2, height), np.float32)
-    columns = np.zeros((count, 2, width), np.float32)
-    squares, invalid = np.zeros(count), np.zeros((count, height))
-    use, start = np.zeros(count, np.bool_), fresh.copy()
+    frames = _frame_times(fresh, warm)
+    frame_sums, pixel_sums = _sum_frames(depth, scenes, frames, thin)
+    return Sums(
+        pixel_sums.bins,
+        _pairs(frame_sums, frames),
+        _lost_rows(frame_sums, frames),
+        _frame_spread(frame_sums, frames),
+        pixel_sums.mean,
+        pixel_sums.sigma,
+        _depth_histogram(depth, scenes, frames) if lattice else None,
+    )
+
+
+def _frame_times(fresh: np.ndarray, warm: int) -> FrameTimes:
+    count, start = len(fresh), fresh.copy()
     start[:1] = True
-    age = 0
+    use, age = np.zeros(count, np.bool_), 0
     for t in range(count):
         age = 1 if start[t] else age + 1
         use[t] = age > warm
     times = ((np.arange(count) - (count - 1) / 2) / max(count - 1, 1)).astype(np.float32)
+    return FrameTimes(start, use, times)
+
+
+def _sum_frames(
+    depth: np.ndarray, scenes: Sequence[PixelCovariates], frames: FrameTimes, thin: bool
+) -> tuple[FrameSums, PixelSums]:
+    count, height, width = depth.shape
+    frame_sums = FrameSums(
+        rows=np.zeros((count, 2, height), np.float32),
+        columns=np.zeros((count, 2, width), np.float32),
+        squares=np.zeros(count),
+        invalid=np.zeros((count, height)),
+    )
+    pixel_sums = PixelSums(
+        bins=np.zeros((BINS, WIDTH)),
+        mean=np.zeros((2, height, width), np.float32),
+        sigma=np.zeros((height, width), np.float32),
+        errors=np.empty((3, height, width), np.float32),
+    )
     still = len(scenes) == 1
-    # A scene that stands still is gone through once, with all its frames.
+    # A still scene is summed at once, with all its frames.
     for part in [slice(None)] if still else [slice(t, t + 1) for t in range(count)]:
         scene = scenes[0] if still else scenes[part.start]
         gather_rows(
             depth[part],
-            scene.clean,
-            scene.sigma,
-            scene.inside,
-            scene.first,
-            scene.runs,
-            errors,
-            start[part],
-            use[part],
+            Surfaces(scene.clean, scene.sigma, scene.inside, scene.first, scene.runs),
+            FrameTimes(*(one[part] for one in frames)),
+            FrameSums(*(one[part] for one in frame_sums)),
+            pixel_sums,
             not still,
-            times[part],
-            bins,
-            rows[part],
-            columns[part],
-            squares[part],
-            invalid[part],
-            mean,
-            sigma,
             2 if thin else 1,
         )
-    histogram = np.zeros((2, int(LATTICE_RANGE / LATTICE_BIN))) if lattice else None
-    if histogram is not None:
-        for t in range(count):
-            if use[t]:
-                scene = scenes[0 if still else t]
-                count_depths(depth[t], scene.inside, scene.ray, histogram)
+    return frame_sums, pixel_sums
+
+
+def _depth_histogram(
+    depth: np.ndarray, scenes: Sequence[PixelCovariates], frames: FrameTimes
+) -> np.ndarray:
+    histogram = np.zeros((2, int(LATTICE_RANGE / LATTICE_BIN)))
+    for t in np.flatnonzero(frames.use).tolist():
+        scene = scenes[0 if len(scenes) == 1 else t]
+        count_depths(depth[t], scene.inside, scene.ray, histogram)
+    return histogram
+
+
+def _pairs(sums: FrameSums, frames: FrameTimes) -> np.ndarray:
+    # (7,) see `Sums`; (sum^2 - sum of squares) is twice the sum of products of pairs.
     (row, row_number), (column, column_number) = (
-        image.astype(float).transpose(1, 0, 2) for image in (rows, columns)
+        image.astype(float).transpose(1, 0, 2) for image in (sums.rows, sums.columns)
     )
-    number = row_number.sum(axis=1)
-    some = use & (number > 1)
-    value = np.log(np.maximum(squares[some] / number[some], 1e-9))
-    after = np.flatnonzero(use[1:] & use[:-1] & ~start[1:]) + 1
-    change = invalid[after] - invalid[after - 1]
-    return Sums(
-        bins,
-        np.array(
-            [
-                f[some].sum()
-                for f in (
-                    row.sum(axis=1) ** 2 - squares,
-                    number**2 - number,
-                    (row**2).sum(axis=1) - squares,
-                    (row_number**2).sum(axis=1) - number,
-                    (column**2).sum(axis=1) - squares,
-                    (column_number**2).sum(axis=1) - number,
-                    squares,
-                )
-            ]
-        ),
-        np.array(
-            [
-                (change**2 - invalid[after] - invalid[after - 1]).sum(),
-                float(width**2 * height * len(after)),
-            ]
-        ),
-        np.array([value.sum(), (value**2).sum(), len(value)]),
-        mean,
-        sigma,
-        histogram,
+    number, squares = row_number.sum(axis=1), sums.squares
+    some = frames.use & (number > 1)
+    return np.array(
+        [
+            f[some].sum()
+            for f in (
+                row.sum(axis=1) ** 2 - squares,
+                number**2 - number,
+                (row**2).sum(axis=1) - squares,
+                (row_number**2).sum(axis=1) - number,
+                (column**2).sum(axis=1) - squares,
+                (column_number**2).sum(axis=1) - number,
+                squares,
+            )
+        ]
     )
+
+
+def _lost_rows(sums: FrameSums, frames: FrameTimes) -> np.ndarray:
+    # (2,) see `Sums`: independent pixels change as often as they are invalid.
+    use, (_, height), width = frames.use, sums.invalid.shape, sums.columns.shape[2]
+    after = np.flatnonzero(use[1:] & use[:-1] & ~frames.start[1:]) + 1
+    invalid, before = sums.invalid[after], sums.invalid[after - 1]
+    excess = ((invalid - before) ** 2 - invalid - before).sum()
+    return np.array([excess, float(width**2 * height * len(after))])
+
+
+def _frame_spread(sums: FrameSums, frames: FrameTimes) -> np.ndarray:
+    # (3,) see `Sums`.
+    number = sums.rows[:, 1].astype(float).sum(axis=1)
+    some = frames.use & (number > 1)
+    value = np.log(np.maximum(sums.squares[some] / number[some], 1e-9))
+    return np.array([value.sum(), (value**2).sum(), len(value)])
 
 
 def features(

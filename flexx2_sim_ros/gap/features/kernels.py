@@ -1,5 +1,7 @@
 """Sums over the pixels of a recording, compiled."""
 
+from typing import NamedTuple
+
 from flexx2_sim_ros.gap.calibration.constants import FEATURES
 from flexx2_sim_ros.physics.philox import FAST
 from numba import njit
@@ -36,91 +38,191 @@ SPOT_FRAMES, SPOT_NEIGHBOURS, SPOT_METRES, GROUP_WIDTH = 6, 12, 18, 20
 _JUMP = np.float32(FEATURES.jump)
 
 
+class Surfaces(NamedTuple):
+    """
+    What of a clean image the sums need; see `PixelCovariates`.
+
+    Attributes
+    ----------
+    clean, sigma : numpy.ndarray
+        (H, W) float32 metres.
+    inside : numpy.ndarray
+        (H, W) bool, surfaces away from jumps.
+    first, runs : numpy.ndarray
+        (H + 1,) int32 and (N, 3) int16: runs of pixels in one bin, row by row.
+
+    """
+
+    clean: np.ndarray
+    sigma: np.ndarray
+    inside: np.ndarray
+    first: np.ndarray
+    runs: np.ndarray
+
+
+class FrameTimes(NamedTuple):
+    """
+    Which frames are summed.
+
+    Attributes
+    ----------
+    start : numpy.ndarray
+        (T,) bool, frames that do not follow the one before.
+    use : numpy.ndarray
+        (T,) bool, frames that are summed.
+    times : numpy.ndarray
+        (T,) float32, -0.5 to 0.5 over the recording.
+
+    """
+
+    start: np.ndarray
+    use: np.ndarray
+    times: np.ndarray
+
+
+class FrameSums(NamedTuple):
+    """
+    Sums of each frame's surfaces, of differences to the frame before unless it says otherwise.
+
+    Attributes
+    ----------
+    rows, columns : numpy.ndarray
+        (T, 2, H) and (T, 2, W) float32: sum and number in each row and column.
+    squares : numpy.ndarray
+        (T,) float64 sum of squares.
+    invalid : numpy.ndarray
+        (T, H) float64 invalid pixels of the frame itself.
+
+    """
+
+    rows: np.ndarray
+    columns: np.ndarray
+    squares: np.ndarray
+    invalid: np.ndarray
+
+
+class PixelSums(NamedTuple):
+    """
+    Sums over all frames.
+
+    Attributes
+    ----------
+    bins : numpy.ndarray
+        (BINS, WIDTH) float64, columns as numbered above.
+    mean : numpy.ndarray
+        (2, H, W) float32: per pixel the sum of errors (metres), and their number.
+    sigma : numpy.ndarray
+        (H, W) float32 sum of sigma_z.
+    errors : numpy.ndarray
+        (3, H, W) float32 memory: errors in sigma of the last frame and the two before.
+
+    """
+
+    bins: np.ndarray
+    mean: np.ndarray
+    sigma: np.ndarray
+    errors: np.ndarray
+
+
 @njit(cache=True, error_model='numpy', nogil=True, fastmath=FAST)
-def gather_rows(
-    depth,
-    clean,
-    sigma,
-    inside,
-    first,
-    runs,
-    errors,
-    start,
-    use,
-    passing,
-    times,
-    out,
-    rows,
-    columns,
-    squares,
-    invalid,
-    mean,
-    sigmas,
-    step,
-):
+def gather_rows(depth, surfaces, frames, frame_sums, pixel_sums, passing, step):
     """
     Add all frames of one clean image to the sums.
 
     Row by row; loops are short so that they become vector code. A row's sums run on from pixel to
-    pixel, so that a bin's share is the difference between the ends of each run of pixels in it.
+    pixel, so that a bin's part is the difference between the ends of each run of pixels in it.
+
+    Parameters
+    ----------
+    depth : numpy.ndarray
+        (T, H, W) float32 metres, NaN where invalid.
+    surfaces : Surfaces
+        The clean image.
+    frames : FrameTimes
+        Which frames count.
+    frame_sums : FrameSums
+        Added to.
+    pixel_sums : PixelSums
+        Added to.
+    passing : bool
+        Whether the next frame has another clean image.
+    step : int
+        Every which row is summed.
+
     """
-    count, height, width = depth.shape
-    zero, one, nan = np.float32(0), np.float32(1), np.float32(np.nan)
-    used = np.float32(use.sum())
+    _, height, width = depth.shape
+    zero = np.float32(0)
+    used = np.float32(frames.use.sum())
     sums = np.empty((_RUNNING, width), np.float32)
     running = np.zeros((width + 1, _RUNNING), np.float32)
-    mask, inner = np.empty(width, np.float32), np.empty(width, np.float32)
-    d1, d2 = np.empty(width, np.float32), np.empty(width, np.float32)
-    trend = out[0]  # the first bin is that of all surfaces
+    scratch = np.empty((4, width), np.float32)
     for y in range(0, height, step):
-        c, s = clean[y], sigma[y]
         sums[:] = zero
+        _sum_row(depth, surfaces, frames, frame_sums, pixel_sums, passing, y, sums, scratch)
+        if used > zero:
+            _add_runs(surfaces, pixel_sums.bins, used, y, sums, running)
+
+
+@njit(inline='always')
+def _sum_row(depth, surfaces, frames, frame_sums, pixel_sums, passing, y, sums, scratch):
+    # One row of all frames.
+    zero, one, nan = np.float32(0), np.float32(1), np.float32(np.nan)
+    count, _, width = depth.shape
+    mask, inner, d1, d2 = scratch[0], scratch[1], scratch[2], scratch[3]
+    c, s = surfaces.clean[y], surfaces.sigma[y]
+    trend = pixel_sums.bins[0]  # the first bin is that of all surfaces
+    mean, sigmas, times = pixel_sums.mean, pixel_sums.sigma, frames.times
+    rows, columns = frame_sums.rows, frame_sums.columns
+    for x in range(width):
+        mask[x] = one if surfaces.inside[y, x] else zero
+    e, e1, e2 = pixel_sums.errors[0, y], pixel_sums.errors[1, y], pixel_sums.errors[2, y]
+    for t in range(count):
+        z = depth[t, y]
+        if frames.start[t]:
+            e[:] = nan
+            e1[:] = nan
         for x in range(width):
-            mask[x] = one if inside[y, x] else zero
-        e, e1, e2 = errors[0, y], errors[1, y], errors[2, y]
-        for t in range(count):
-            z = depth[t, y]
-            if start[t]:
-                e[:] = nan
-                e1[:] = nan
-            for x in range(width):
-                e2[x] = e1[x]
-            for x in range(width):
-                e1[x] = e[x]
-            for x in range(width):
-                e[x] = _held((z[x] - c[x]) / s[x], _CLIP2)
-            if use[t]:
-                n, seen, total = _sum_errors(z, e, mask, sums)
-                invalid[t, y] = n
-                trend[TREND] += total * times[t]
-                trend[TIME2] += seen * times[t] * times[t]
-                trend[TIME] += seen * times[t]
-                _sum_mean(z, c, s, e, mask, mean[0, y], mean[1, y], sigmas[y])
-                n, total, square = _sum_changes(
-                    e, e1, mask, d1, sums[N1], sums[SQUARE1], columns[t, 0], columns[t, 1]
-                )
-                rows[t, 0, y] = total
-                rows[t, 1, y] = n
-                squares[t] += square
-                _sum_seconds(e, e2, mask, d2, inner, sums)
-            if passing:
-                # An edge of the frame before is no noise of this one's surface.
-                for x in range(width):
-                    e[x] = e[x] if mask[x] > zero else nan
-        if used == zero:
-            continue
+            e2[x] = e1[x]
         for x in range(width):
-            # So far it is how many errors there are.
-            sums[INVERSE, x] = sums[INVERSE, x] / s[x] if s[x] > zero else zero
+            e1[x] = e[x]
         for x in range(width):
-            for k in range(_RUNNING):
-                running[x + 1, k] = running[x, k] + sums[k, x]
-        for r in range(first[y], first[y + 1]):
-            low, high, i = runs[r, 0], runs[r, 1], runs[r, 2]
-            after, before, total = running[high], running[low], out[i]
-            for k in range(_RUNNING):
-                total[k] += after[k] - before[k]
-            out[i, EXPECT] += used * np.float32(high - low)
+            e[x] = _held((z[x] - c[x]) / s[x], _CLIP2)
+        if frames.use[t]:
+            n, seen, total = _sum_errors(z, e, mask, sums)
+            frame_sums.invalid[t, y] = n
+            trend[TREND] += total * times[t]
+            trend[TIME2] += seen * times[t] * times[t]
+            trend[TIME] += seen * times[t]
+            _sum_mean(z, c, s, e, mask, mean[0, y], mean[1, y], sigmas[y])
+            n, total, square = _sum_changes(
+                e, e1, mask, d1, sums[N1], sums[SQUARE1], columns[t, 0], columns[t, 1]
+            )
+            rows[t, 0, y] = total
+            rows[t, 1, y] = n
+            frame_sums.squares[t] += square
+            _sum_seconds(e, e2, mask, d2, inner, sums)
+        if passing:
+            # An edge of the frame before is no noise of this one's surface.
+            for x in range(width):
+                e[x] = e[x] if mask[x] > zero else nan
+
+
+@njit(inline='always')
+def _add_runs(surfaces, bins, used, y, sums, running):
+    # Add one row's sums to the bins of its runs of pixels.
+    zero, s, width = np.float32(0), surfaces.sigma[y], sums.shape[1]
+    for x in range(width):
+        # So far it is how many errors there are.
+        sums[INVERSE, x] = sums[INVERSE, x] / s[x] if s[x] > zero else zero
+    for x in range(width):
+        for k in range(_RUNNING):
+            running[x + 1, k] = running[x, k] + sums[k, x]
+    for r in range(surfaces.first[y], surfaces.first[y + 1]):
+        low, high, i = surfaces.runs[r, 0], surfaces.runs[r, 1], surfaces.runs[r, 2]
+        after, before, total = running[high], running[low], bins[i]
+        for k in range(_RUNNING):
+            total[k] += after[k] - before[k]
+        bins[i, EXPECT] += used * np.float32(high - low)
 
 
 @njit(inline='always')
