@@ -23,6 +23,7 @@ KEYS = [
     'verdict',
     'effects',
     'alternatives',
+    'not_decidable',
     'unexplained',
     'where',
     'gap',

@@ -6,7 +6,8 @@ from typing import Any
 from bench.gap_campaigns import look, make_room, optical
 from flexx2_sim_ros.camera import Camera, flexx2
 from flexx2_sim_ros.gap.data.covariates import AXES, axes_of, ENDLESS
-from flexx2_sim_ros.gap.features.evidence import RecordingData, scenes_of
+from flexx2_sim_ros.gap.data.registration import Placed, RecordingData
+from flexx2_sim_ros.gap.features.evidence import scenes_of
 from flexx2_sim_ros.gap.features.features import LAYOUT, SIZE, TOLERANCE
 from flexx2_sim_ros.gap.features.pixel_groups import (
     GROUP_CHANNELS,
@@ -132,7 +133,8 @@ def test_spots_show_what_an_effect_changes_and_where() -> None:
         flexx2().mode('Mode_9_30fps'),
         None,
     )
-    sums = GroupSums(recording, clean, rho, scenes_of(recording, clean, rho, 0), 0)
+    placed = Placed(clean, rho, None, 0)
+    sums = GroupSums(recording, clean, rho, scenes_of(recording, placed))
     before, after = sums.add(plain), sums.add(real)
     groups = sums.groups(after, [before], [after], 12)
     # Of the sums themselves: each pixel once a frame.

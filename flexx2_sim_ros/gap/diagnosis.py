@@ -1,7 +1,7 @@
 """Diagnose a campaign: where the gap lies, what causes it, how far it shrinks."""
 
 from collections.abc import Callable, Collection
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 import resource
 import time
@@ -13,7 +13,8 @@ from flexx2_sim_ros.effects import Effect, registry
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap.calibration.constants import THRESHOLDS
 from flexx2_sim_ros.gap.data.campaign import Found, nothing_left
-from flexx2_sim_ros.gap.data.pose import LIMITS, NAMES, STEPS
+from flexx2_sim_ros.gap.data.pose import NAMES
+from flexx2_sim_ros.gap.data.prior import POSE
 from flexx2_sim_ros.gap.features.catalogue import Candidate, catalogue
 from flexx2_sim_ros.gap.features.confirm import Outcome
 from flexx2_sim_ros.gap.features.evidence import Evidence
@@ -127,14 +128,13 @@ def diagnose(
             raise nothing_left(Path(campaign_dir), left_out)
         model = Model(evidence, columns, prior)
         decision = decide(
-            model, candidates, tick(0.1, 0.72, 3 * len(candidates), 'comparing explanations')
+            model, candidates, tick(0.1, 0.72, 4 * len(candidates), 'comparing explanations')
         )
         if not _seen(model).any():
             decision = replace(decision, verdict='none')  # Told as `too_little`.
         chosen = decision.chosen if decision.verdict in ('identified', 'partly') else decision.base
         effects = _effects(model, chosen)
-        poses = (model.pose + chosen.nuisances[:, :6]) * STEPS
-        poses = np.clip(poses, -LIMITS, LIMITS)
+        motions = model.own.found(chosen.nuisances)
         confirmed: list[Outcome] = mapped(
             bind(
                 simulate_set,
@@ -142,7 +142,7 @@ def diagnose(
                 seed=seed,
                 effects={e.name: _plain(e) for e in effects if e.role != 'pose'},
             ),
-            [(file, tuple(pose)) for file, pose in zip(used, poses, strict=True)],
+            [(file, tuple(motion)) for file, motion in zip(used, motions, strict=True)],
             tick(0.15, 0.83, len(used), 'simulating the outcome'),
         )
     progress('writing', 0.98)
@@ -196,7 +196,7 @@ def _effects(model: Model, fit: Fit) -> list[Effect]:
 def _effect(model: Model, fit: Fit, candidate: Candidate, values: tuple[float, ...]) -> Effect:
     kind = registry()[candidate.effect]
     if kind.role == 'pose':
-        mean = (model.pose + fit.nuisances[:, :6]).mean(axis=0) * STEPS
+        mean = np.mean([one[:POSE] for one in model.own.found(fit.nuisances)], axis=0)
         table = dict(zip(NAMES, (float(v) for v in mean), strict=True))
     else:
         table = dict(candidate.build(values))
@@ -247,13 +247,15 @@ def _table(
         'effects': rows,
         'alternatives': (
             [_alternative(model, one) for one in decision.alternatives]
-            if decision.verdict != 'none'
+            if decision.finds_gap
             else []
         ),
+        'not_decidable': [
+            {'name': one.effect, 'absorbed': one.absorbed, 'settled_by': one.settled_by}
+            for one in decision.undecided
+        ],
         'unexplained': (
-            unexplained(model, residual, model.null_loss.sum(axis=0))
-            if decision.verdict != 'none'
-            else []
+            unexplained(model, residual, model.null_loss.sum(axis=0)) if decision.finds_gap else []
         ),
         'where': (
             places(
@@ -264,7 +266,7 @@ def _table(
                 decision.verdict == 'identified',
                 chosen.sigma,
             )
-            if decision.verdict != 'none'
+            if decision.finds_gap
             else []
         ),
         'gap': _gap(model, decision, confirmed),
@@ -276,7 +278,8 @@ def _table(
                     'reason': '',
                     'frames': e.frames,
                     'moving': e.moving,
-                    'pose': [float(v) for v in (p + m[:6]) * STEPS],
+                    'pose': [float(v) for v in m[:POSE]],
+                    'truth': asdict(e.accuracy),
                     'notes': [
                         *file.notes,
                         *e.notes,
@@ -284,8 +287,8 @@ def _table(
                         *_same_noise(model, i),
                     ],
                 }
-                for i, (e, p, m, file) in enumerate(
-                    zip(model.evidence, model.pose, chosen.nuisances, used, strict=True)
+                for i, (e, m, file) in enumerate(
+                    zip(model.evidence, model.own.found(chosen.nuisances), used, strict=True)
                 )
             ),
             *({'name': name, 'used': False, 'reason': reason} for name, reason in left_out),

@@ -8,7 +8,7 @@ from flexx2_sim_ros.camera import Profile
 from flexx2_sim_ros.effects import of_role, parse_effects
 from flexx2_sim_ros.gap.calibration.constants import THRESHOLDS
 from flexx2_sim_ros.gap.data.campaign import nothing_left
-from flexx2_sim_ros.gap.data.pose import NAMES
+from flexx2_sim_ros.gap.data.pose import NAMES, STEPS
 from flexx2_sim_ros.gap.features.catalogue import Candidate, catalogue, Column, nuisances, Term
 from flexx2_sim_ros.gap.features.evidence import Evidence
 from flexx2_sim_ros.gap.inference.fitting import fit
@@ -91,7 +91,8 @@ def measure(
     on = Term('on', ((1.0, 'set'),), 1.0, 1.0)
     parts = [Candidate('set', '', (on,), lambda values: {})] if table else []
     if posed is not None:
-        model.pose_centre = np.array([posed[name] * posed['strength'] for name in NAMES])
+        centre = np.array([posed[name] * posed['strength'] for name in NAMES])
+        model.own.centre = centre / STEPS
     with_effects = fit(model, parts, np.ones(len(parts)))
     null = float(model.null_loss.sum()) + THRESHOLDS.floor * len(evidence) + with_effects.pose_loss
     before, after = base.inside, with_effects.inside

@@ -67,8 +67,8 @@ def simulate_set(
     seed: int,
 ) -> Outcome:
     """Return a recording against the simulation with a set of effects."""
-    found, pose = job
-    return confirm(read(found, profile), np.array(pose), effects, seed)
+    found, motion = job
+    return confirm(read(found, profile), np.array(motion), effects, seed)
 
 
 @contextmanager

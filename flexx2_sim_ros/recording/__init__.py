@@ -15,7 +15,8 @@ key             shape               dtype    meaning
 ``amplitude``   (T, H, W)           uint8    the gray image, where it was recorded
 =============== =================== ======== ============================================
 
-plus whatever else came with the scene (``reflectivity`` (H, W) or (T, H, W) in 0..1, for one).
+plus how well `clean_depth` is known (`flexx2_sim_ros.recording.truth`)
+and whatever else came with the scene (``reflectivity`` (H, W) or (T, H, W) in 0..1, for one).
 A *scene* is the same without ``depth`` and ``usecase``, and ``stamp`` is optional.
 
 The same recording can lie in a rosbag2 bag: `load_recording` reads either, `open_recording`

@@ -90,6 +90,37 @@ class Registration:
 
 
 @dataclass(frozen=True)
+class GroundTruth:
+    """What is not known of the ground truth: filled, tolerated, fitted, measured by people."""
+
+    continued: int = _constant(12, 'px', 'a surface is continued with its slope into the unknown')
+    inverse_depths: tuple[float, float] = _constant(
+        (0.5, 2.0), 'of that at the border', 'limits of 1/depth of a continued surface'
+    )
+    narrow: int = _constant(3, 'px', 'an unknown area at least this wide may hide an object')
+    reach: float = _constant(2.0, 'clean_sigma', 'a difference within is no gap')
+    plane_steps: tuple[float, float, float] = _constant(
+        (0.002, 1.75e-3, 1.75e-3), 'm, rad', 'unit in which planes are fitted', DEFINITION
+    )
+    plane_floor: float = _constant(0.25, 'plane steps', 'to which a plane is known at best')
+    least_cosine: float = _constant(0.02, '', 'of a ray to a normal; below, a plane is edge-on')
+    along: float = _constant(0.995, '', 'cosine; x axis and normal of a plane are the same')
+    fixed: float = _constant(1e-12, 'variance', 'of the largest; a direction is fixed', DEFINITION)
+    margin: float = _constant(
+        1.5, '', 'factor on the loss of a finding that a decidable effect must leave'
+    )
+    scales: tuple[float, ...] = _constant(
+        (6.0, 1.0, 1.0), 'feature scales', 'of the loss when only nuisances are fitted'
+    )
+    tape: float = _constant(0.003, 'm', 'standard deviation of a tape measure')
+    laser: float = _constant(0.001, 'm', 'the same of a laser distance meter')
+    square: float = _constant(5.2e-3, 'rad', 'the same of a set square, 0.3 degrees')
+    pose: tuple[float, ...] = _constant(
+        (0.001, 0.001, 0.001, 0.1, 0.1, 0.1), 'm, deg', 'the same of a pose from a board or scan'
+    )
+
+
+@dataclass(frozen=True)
 class Binning:
     """Bins of the covariates, and which pixels count as surface."""
 
@@ -368,6 +399,7 @@ class Where:
 
 READING = Reading()
 REGISTRATION = Registration()
+GROUND_TRUTH = GroundTruth()
 BINNING = Binning()
 FEATURES = Features()
 MEASURES = Measures()
@@ -378,6 +410,7 @@ WHERE = Where()
 SECTIONS = (
     READING,
     REGISTRATION,
+    GROUND_TRUTH,
     BINNING,
     FEATURES,
     MEASURES,

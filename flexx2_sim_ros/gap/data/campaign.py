@@ -2,16 +2,19 @@
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from flexx2_sim_ros.camera import flexx2, Intrinsics, Mode, Profile
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap.calibration.constants import READING
 from flexx2_sim_ros.gap.data.frames import choose_frames
+from flexx2_sim_ros.gap.data.planes import plane_shifts
 from flexx2_sim_ros.gap.data.registration import RecordingData
+from flexx2_sim_ros.gap.data.unknown import fill, nearest
 from flexx2_sim_ros.physics.surface import analyse
 from flexx2_sim_ros.recording import open_recording, Recording, RecordingReader
+from flexx2_sim_ros.recording.truth import read_truth, Truth
 import numpy as np
 
 
@@ -116,6 +119,7 @@ def _found(reader: RecordingReader, profile: Profile | None) -> Found:
         Intrinsics.from_matrix(reader.K, width, height)
     except InputError as error:
         raise InputError(f'{path}: {error}') from error
+    read_truth(path, reader.arrays, reader.shape)
     return Found(path, mode, tuple(reader.notes))
 
 
@@ -138,55 +142,14 @@ def read(found: Found, profile: Profile | None) -> RecordingData:
         if len(inside):
             parts.append((part, inside))
         start += len(part.stamp)
-    depth = np.concatenate([part.depth[i] for part, i in parts])
-    clean = _stack('clean_depth', parts)
-    assert clean is not None
-    shape = depth.shape[1:]
-    if clean.shape[-2:] != shape:
-        raise InputError(
-            f'{path}: clean_depth: must have the size of depth, {shape}, got {clean.shape[-2:]}'
-        )
-    with np.errstate(invalid='ignore', over='ignore'):
-        depth = np.where(depth > 0, depth, np.float32(np.nan))
-        clean = np.where((clean > 0) & (clean < 1e5), clean, np.nan).astype(np.float32)
+    truth = _of_frames(read_truth(path, reader.arrays, reader.shape), chosen)
     notes: list[str] = []
-    depth, clean = _in_metres(path, depth, clean, found.mode, notes)
-    if not np.isfinite(depth).any():
-        raise InputError(f'{path}: depth: all pixels of all frames are invalid')
-    in_range = (clean >= found.mode.range_min) & (clean <= found.mode.range_max)
-    if not in_range.any():
-        raise InputError(
-            f'{path}: clean_depth: nothing lies within the range of '
-            f'{found.mode.name}, {found.mode.range_min:g} to '
-            f'{found.mode.range_max:g} m'
-        )
-    if not (np.isfinite(depth) & in_range).any():
-        raise InputError(f'{path}: depth, clean_depth: no pixel is valid in both')
+    depth, clean = _depths(found, parts, truth.known, notes)
     if clean.ndim == 3 and (clean == clean[0]).all(where=np.isfinite(clean)):
-        clean = clean[0]
+        clean, truth = clean[0], _still(truth)
     _check_distortion(reader)
-    reflectivity = _stack('reflectivity', parts)
-    if reflectivity is not None:
-        brightest = float(np.nanmax(reflectivity, initial=0))
-        if brightest > READING.brightest:
-            raise InputError(f'{path}: reflectivity: must be 0 to 1, got up to {brightest:g}')
-        reflectivity = np.clip(reflectivity, 0, 1)
-    if reflectivity is None:
-        amplitude = _stack('amplitude', parts)
-        reflectivity = (
-            None
-            if amplitude is None
-            else _from_amplitude(amplitude, clean, reader.K, found, notes)
-        )
-    if reflectivity is not None:
-        if reflectivity.shape[-2:] != shape:
-            raise InputError(
-                f'{path}: reflectivity: must have the size of depth, {shape}, got '
-                f'{reflectivity.shape[-2:]}'
-            )
-        reflectivity = np.nan_to_num(reflectivity).astype(np.float32)
-        if clean.ndim == 2 and reflectivity.ndim == 3:
-            reflectivity = reflectivity.mean(axis=0)
+    reflectivity = _reflectivity(found, reader.K, parts, clean, notes)
+    clean, reflectivity = _filled(found, clean, reflectivity, truth.known)
     return RecordingData(
         path.name,
         depth,
@@ -199,7 +162,128 @@ def read(found: Found, profile: Profile | None) -> RecordingData:
         found.mode,
         profile,
         tuple(notes),
+        truth,
+        _plane_shifts(path, clean, truth, reader.K),
     )
+
+
+def _of_frames(truth: Truth, chosen: np.ndarray) -> Truth:
+    # Of these frames only; a mask that masks nothing is none.
+    known, sigma = (
+        one if one is None or one.ndim < 3 else one[chosen]
+        for one in (truth.known, truth.clean_sigma)
+    )
+    return replace(truth, known=None if known is None or known.all() else known, clean_sigma=sigma)
+
+
+def _still(truth: Truth) -> Truth:
+    # Of a scene that stands still: known in all frames, as inaccurate as in the worst.
+    known, sigma = truth.known, truth.clean_sigma
+    return replace(
+        truth,
+        known=np.asarray(known.all(axis=0)) if known is not None and known.ndim == 3 else known,
+        clean_sigma=sigma.max(axis=0) if sigma is not None and sigma.ndim == 3 else sigma,
+    )
+
+
+def _depths(
+    found: Found,
+    parts: list[tuple[Recording, np.ndarray]],
+    known: np.ndarray | None,
+    notes: list[str],
+) -> tuple[np.ndarray, np.ndarray]:
+    # Measured and clean depth in metres, NaN for what is no distance or unknown.
+    path, mode = found.path, found.mode
+    depth = np.concatenate([part.depth[i] for part, i in parts])
+    clean = _stack('clean_depth', parts)
+    assert clean is not None
+    shape = depth.shape[1:]
+    if clean.shape[-2:] != shape:
+        raise InputError(
+            f'{path}: clean_depth: must have the size of depth, {shape}, got {clean.shape[-2:]}'
+        )
+    with np.errstate(invalid='ignore', over='ignore'):
+        depth = np.where(depth > 0, depth, np.float32(np.nan))
+        clean = np.where((clean > 0) & (clean < 1e5), clean, np.nan).astype(np.float32)
+    if known is not None:
+        if known.ndim > clean.ndim:
+            clean = np.broadcast_to(clean, known.shape)
+        clean = np.where(known, clean, np.float32(np.nan))
+    depth, clean = _in_metres(path, depth, clean, mode, notes)
+    if not np.isfinite(depth).any():
+        raise InputError(f'{path}: depth: all pixels of all frames are invalid')
+    in_range = (clean >= mode.range_min) & (clean <= mode.range_max)
+    if not in_range.any():
+        raise InputError(
+            f'{path}: clean_depth: nothing lies within the range of '
+            f'{mode.name}, {mode.range_min:g} to '
+            f'{mode.range_max:g} m'
+        )
+    if not (np.isfinite(depth) & in_range).any():
+        raise InputError(f'{path}: depth, clean_depth: no pixel is valid in both')
+    return depth, clean
+
+
+def _reflectivity(
+    found: Found,
+    K: np.ndarray,  # noqa: N803
+    parts: list[tuple[Recording, np.ndarray]],
+    clean: np.ndarray,
+    notes: list[str],
+) -> np.ndarray | None:
+    # As given, else from the amplitude; 0 where neither says.
+    path, shape = found.path, clean.shape[-2:]
+    reflectivity = _stack('reflectivity', parts)
+    if reflectivity is not None:
+        brightest = float(np.nanmax(reflectivity, initial=0))
+        if brightest > READING.brightest:
+            raise InputError(f'{path}: reflectivity: must be 0 to 1, got up to {brightest:g}')
+        reflectivity = np.clip(reflectivity, 0, 1)
+    else:
+        amplitude = _stack('amplitude', parts)
+        if amplitude is not None:
+            reflectivity = _from_amplitude(amplitude, clean, K, found, notes)
+    if reflectivity is None:
+        return None
+    if reflectivity.shape[-2:] != shape:
+        raise InputError(
+            f'{path}: reflectivity: must have the size of depth, {shape}, got '
+            f'{reflectivity.shape[-2:]}'
+        )
+    reflectivity = np.nan_to_num(reflectivity).astype(np.float32)
+    return reflectivity.mean(axis=0) if clean.ndim == 2 < reflectivity.ndim else reflectivity
+
+
+def _filled(
+    found: Found, clean: np.ndarray, reflectivity: np.ndarray | None, known: np.ndarray | None
+) -> tuple[np.ndarray, np.ndarray | None]:
+    # With something in place of what is unknown, to simulate.
+    if known is None:
+        return clean, reflectivity
+    clean = fill(clean, known, found.mode.sensor)
+    if reflectivity is not None:
+        masks = np.broadcast_to(known, clean.shape)
+        if reflectivity.ndim < masks.ndim:
+            masks = np.asarray(masks.any(axis=0))
+        reflectivity = nearest(reflectivity, masks)
+    return clean, reflectivity
+
+
+def _plane_shifts(
+    path: Path,
+    clean: np.ndarray,
+    truth: Truth,
+    K: np.ndarray,  # noqa: N803
+) -> np.ndarray | None:
+    if truth.plane is None or truth.plane_covariance is None:
+        return None
+    if clean.ndim == 3:
+        raise InputError(
+            f'{path}: plane: must come with the clean_depth (H, W) of a still scene, got '
+            f'one of shape {clean.shape}'
+        )
+    known = np.ones(clean.shape, bool) if truth.known is None else truth.known
+    return plane_shifts(clean, truth.plane, K, len(truth.plane_covariance) // 3, known)
 
 
 def _check_distortion(reader: RecordingReader) -> None:

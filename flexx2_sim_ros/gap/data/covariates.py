@@ -6,6 +6,7 @@ import math
 
 from flexx2_sim_ros.effects.ray import ray_length
 from flexx2_sim_ros.gap.calibration.constants import BINNING
+from flexx2_sim_ros.gap.data.unknown import away, judged
 from flexx2_sim_ros.physics.axial import model_sigma, scale_by_surface
 from flexx2_sim_ros.physics.frame_state import SPEED_OF_LIGHT
 from flexx2_sim_ros.physics.surface import analyse, PAD
@@ -148,6 +149,8 @@ class PixelCovariates:
         (H, W) bool, surfaces away from jumps.
     ray : numpy.ndarray
         (H, W) float32, how much longer the rays are than depth.
+    compared : numpy.ndarray
+        (H, W) bool, pixels that are looked at: their ground truth and that around them is known.
 
     """
 
@@ -157,6 +160,7 @@ class PixelCovariates:
     clean: np.ndarray
     inside: np.ndarray
     ray: np.ndarray
+    compared: np.ndarray
 
 
 def look_at(
@@ -168,6 +172,7 @@ def look_at(
     mode: Mode,  # noqa: N803
     axes: Axes,
     border: int = 0,
+    known: np.ndarray | None = None,
 ) -> PixelCovariates:
     """
     Sort a frame's pixels along all axes.
@@ -190,6 +195,9 @@ def look_at(
         The camera's.
     border : int
         Pixels along the image's border that are not looked at.
+    known : numpy.ndarray, optional
+        (H, W) bool, where ``clean`` is known; elsewhere it only stands in. Everywhere when left
+        out.
 
     Returns
     -------
@@ -224,12 +232,16 @@ def look_at(
         near = np.zeros((height, width), np.bool_)
         _edges(surface.inverse_depth, surface.row_jumps, surface.column_jumps, edge, near)
         _creases(surface.inverse_depth, BINNING.crease, near)
-        known = np.zeros((height, width), bool)
-        known[border : height - border, border : width - border] = True
+        compared = np.zeros((height, width), bool)
+        compared[border : height - border, border : width - border] = True
         outside = mode.sensor.outside(lens)
         if outside is not None:
-            known &= ~outside
-        seen &= known
+            compared &= ~outside
+        if known is not None:
+            compared &= judged(known, NEAR)
+            # A jump beside the unknown may be that of what only stands in.
+            edge[~away(known, EDGE_REACH + 1)] = -1
+        seen &= compared
         inside = seen & ~near
 
         def put(name: str, values: np.ndarray, where: np.ndarray) -> None:
@@ -255,7 +267,7 @@ def look_at(
         np.copyto(
             bins[index['beyond']],
             AXES['beyond'].start + far.astype(np.int16),
-            where=(far | ~(clean > 0)) & (edge < 0) & known,
+            where=(far | ~(clean > 0)) & (edge < 0) & compared,
         )
     runs, first = _runs(bins)
     return PixelCovariates(
@@ -265,6 +277,7 @@ def look_at(
         np.where(seen, clean, np.float32(np.nan)),
         inside,
         _rays(*(float(v) for v in K[:2].ravel()), height, width),
+        compared,
     )
 
 

@@ -94,66 +94,73 @@ def fit_plane_motion(
     residual: np.ndarray,
     clean: np.ndarray,
     sigma: np.ndarray,
-    K: np.ndarray,
-    prior: np.ndarray,  # noqa: N803
+    K: np.ndarray,  # noqa: N803
+    spread: np.ndarray,
+    shifts: np.ndarray,
     others: np.ndarray,
     before: np.ndarray,
     profile: Profile,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """
-    Fit the small motion that explains residuals on surfaces, robustly.
+    Fit the small motion of camera and planes that explains residuals on surfaces, robustly.
 
     Parameters
     ----------
     residual : numpy.ndarray
         (N, H, W) mean measured minus clean depth, metres, NaN where not to be used.
     clean, sigma : numpy.ndarray
-        (N, H, W) the clean depth and its sigma_z, metres.
+        (N, H, W) the clean depth and the standard deviation of residuals, metres.
     K : numpy.ndarray
         (3, 3) camera matrix.
-    prior : numpy.ndarray
-        (6,) standard deviations, metres and degrees.
+    spread : numpy.ndarray
+        (n, n), as from `prior.factor`, of the motion: six of the camera, metres and degrees, and
+        three for each plane.
+    shifts : numpy.ndarray
+        (n - 6, H, W), as from `planes.plane_shifts`.
     others : numpy.ndarray
-        (N, n, H, W) metres: what effects at their typical size would do, so that it is not taken
+        (N, m, H, W) metres: what effects at their typical size would do, so that it is not taken
         for a motion.
     before : numpy.ndarray
-        (6,) metres and degrees by which the camera has been moved already.
+        (n,) the motion that has been found already.
     profile : Profile
         For its modulation frequencies and thresholds of depth jumps.
 
     Returns
     -------
     tuple of numpy.ndarray
-        (6,) metres and degrees, at most three standard deviations; (n,) how many times each of
-        ``others`` there is; (6,) what of the motion, with that before, is beyond doubt: with a
-        prior that counts ten times as much.
+        (n,) motion, at most three standard deviations; (m,) how many times each of ``others``
+        there is; (n,) what of the motion, with that before, is beyond doubt: with a prior that
+        counts ten times as much.
 
     """
     designs, values = [], []
+    number = len(spread)
     sizes = np.array(
         [*REGISTRATION.smooth, *[REGISTRATION.harmonic] * (2 * len(profile.modulation_hz))]
     )
-    for error, depth, spread, other in zip(residual, clean, sigma, others, strict=True):
-        error, spread = error[::2, ::2], spread[::2, ::2]
+    for error, depth, noise, other in zip(residual, clean, sigma, others, strict=True):
+        error, noise = error[::2, ::2], noise[::2, ::2]
         good = np.isfinite(error)
         if not good.any():
             continue
         columns = np.concatenate(
             [
                 _design(depth, K, profile.sensor),
+                shifts[:, ::2, ::2],
                 _others(depth, K, profile.modulation_hz),
                 other[:, ::2, ::2],
             ]
         )
-        designs.append(columns[:, good] / spread[good])
-        values.append(error[good] / spread[good])
+        designs.append(columns[:, good] / noise[good])
+        values.append(error[good] / noise[good])
     if not designs:
-        return np.zeros(6), np.zeros(others.shape[1]), before
+        return np.zeros(number), np.zeros(others.shape[1]), before
     A, b = np.concatenate(designs, axis=1), np.concatenate(values)  # noqa: N806
     keep = np.isfinite(A).all(axis=0)
     A, b = A[:, keep], b[keep]  # noqa: N806
-    prior = np.concatenate([prior, sizes, np.full(len(A) - 6 - len(sizes), REGISTRATION.amounts)])
-    A = A * prior[:, None]  # noqa: N806
+    rest = number + len(sizes)
+    usual = np.concatenate([sizes, np.full(len(A) - rest, REGISTRATION.amounts)])
+    A = np.concatenate([spread.T @ A[:number], A[number:] * usual[:, None]])  # noqa: N806
     motion, ridge = np.zeros(len(A)), REGISTRATION.ridge * len(b) * np.eye(len(A))
     scale, shrink, last = REGISTRATION.scales
     for _ in range(REGISTRATION.iterations):
@@ -161,15 +168,14 @@ def fit_plane_motion(
         normal = (A * weight) @ A.T
         motion = np.linalg.solve(normal + ridge, (A * weight) @ b)
         scale = max(shrink * scale, last)
-    so_far, rest = np.zeros(len(A)), 6 + len(sizes)
-    so_far[:6] = before / prior[:6]
-    stiff = REGISTRATION.sure * ridge
+    so_far, stiff = np.zeros(len(A)), REGISTRATION.sure * ridge
+    so_far[:number] = np.linalg.pinv(spread) @ before
     sure = so_far + np.linalg.solve(normal + stiff, (A * weight) @ b - stiff @ so_far)
     bound = REGISTRATION.bound
     return (
-        np.clip(motion[:6], -bound, bound) * prior[:6],
-        motion[rest:] * prior[rest:],
-        np.clip(sure[:6], -bound, bound) * prior[:6],
+        spread @ np.clip(motion[:number], -bound, bound),
+        motion[rest:] * usual[len(sizes) :],
+        spread @ np.clip(sure[:number], -bound, bound),
     )
 
 

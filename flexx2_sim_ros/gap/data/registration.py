@@ -9,7 +9,9 @@ from flexx2_sim_ros.effects import registry
 from flexx2_sim_ros.effects.between import between
 from flexx2_sim_ros.gap.calibration.constants import REGISTRATION
 from flexx2_sim_ros.gap.data.covariates import Axes, axes_of, look_at
-from flexx2_sim_ros.gap.data.pose import base_camera, fit_plane_motion, moved
+from flexx2_sim_ros.gap.data.pose import base_camera, fit_plane_motion, moved, unknown_border
+from flexx2_sim_ros.gap.data.prior import covariance_of, factor, POSE
+from flexx2_sim_ros.recording.truth import Truth
 import numpy as np
 
 _LATE, _LATEST = REGISTRATION.late, REGISTRATION.latest
@@ -41,6 +43,10 @@ class RecordingData:
     profile : Profile or None
     notes : tuple of str
         What was converted or assumed.
+    truth : Truth
+        How well ``clean`` is known. Where it is not (``truth.known``), it only stands in.
+    plane_shifts : numpy.ndarray or None
+        As from `planes.plane_shifts`, where there are planes.
 
     """
 
@@ -55,6 +61,8 @@ class RecordingData:
     mode: Mode
     profile: Profile | None
     notes: tuple[str, ...] = ()
+    truth: Truth = Truth()
+    plane_shifts: np.ndarray | None = None
 
     @property
     def axes(self) -> Axes:
@@ -62,21 +70,90 @@ class RecordingData:
         return axes_of(self.profile or flexx2())
 
 
+@dataclass(frozen=True)
+class Placed:
+    """
+    A recording's scene as its camera saw it from where it really was.
+
+    Attributes
+    ----------
+    clean : numpy.ndarray
+        (H, W) or (T, H, W) float32 metres.
+    reflectivity : numpy.ndarray or None
+        Like ``clean``.
+    known : numpy.ndarray or None
+        (H, W) or (T, H, W) bool, where ``clean`` is known; None for everywhere.
+    border : int
+        Pixels at the image's border that only stand in.
+
+    """
+
+    clean: np.ndarray
+    reflectivity: np.ndarray | None
+    known: np.ndarray | None
+    border: int
+
+
+def place(recording: RecordingData, motion: np.ndarray) -> Placed:
+    """
+    Return a recording's scene from another pose, its planes where they really are.
+
+    Parameters
+    ----------
+    recording : RecordingData
+        The recording.
+    motion : numpy.ndarray
+        (6 + 3 P,) metres and degrees by which its camera really was moved; metres and radians by
+        which its planes were.
+
+    """
+    K, mode, pose = recording.K, recording.mode, motion[:POSE]  # noqa: N806
+    shown = _with_planes(recording, motion)
+    clean, reflectivity = moved(shown, recording.reflectivity, K, mode, pose)
+    return Placed(
+        clean,
+        reflectivity,
+        _known_from(recording.truth.known, recording.clean, recording, pose),
+        unknown_border(pose, clean, K),
+    )
+
+
+def _with_planes(recording: RecordingData, motion: np.ndarray) -> np.ndarray:
+    # Clean depth with the planes moved.
+    if recording.plane_shifts is None or not motion[POSE:].any():
+        return recording.clean
+    shift = np.tensordot(motion[POSE:], recording.plane_shifts, axes=1)
+    return np.asarray(recording.clean + shift.astype(np.float32))
+
+
+def _known_from(
+    known: np.ndarray | None, clean: np.ndarray, recording: RecordingData, pose: np.ndarray
+) -> np.ndarray | None:
+    # A mask moves with the surfaces, as reflectivity does.
+    if known is None or not pose.any():
+        return known
+    mask = np.broadcast_to(known, clean.shape).astype(np.float32)
+    _, there = moved(clean, mask, recording.K, recording.mode, pose)
+    return np.asarray(there) > 0.5
+
+
 def register(recording: RecordingData, prior: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """
-    Find the small motion that best explains a recording.
+    Find the small motion of the camera, and of planes, that best explains a recording.
 
     Parameters
     ----------
     recording : RecordingData
         The recording.
     prior : numpy.ndarray
-        (6,) standard deviations, metres and degrees.
+        (6,) standard deviations of a pose whose covariance the recording does not give, metres
+        and degrees.
 
     Returns
     -------
     tuple of numpy.ndarray
-        (6,) metres and degrees; and what of it is beyond doubt.
+        (6 + 3 P,) metres and degrees of the camera, metres and radians of the P planes; and what
+        of it is beyond doubt.
 
     """
     still = recording.clean.ndim == 2
@@ -93,10 +170,15 @@ def register(recording: RecordingData, prior: np.ndarray) -> tuple[np.ndarray, n
             }
         )
     )
-    pose, sure, lateness = np.zeros(6), np.zeros(6), 0.0
+    covariance = covariance_of(recording.truth, prior)
+    spread = np.diag(prior) if covariance is None else factor(covariance)
+    whiten = np.linalg.pinv(spread)
+    shifts = recording.plane_shifts
+    shifts = np.zeros((0, *recording.clean.shape[-2:])) if shifts is None else shifts
+    motion, sure, lateness = np.zeros(len(spread)), np.zeros(len(spread)), 0.0
     others: list[np.ndarray] = []
     for _ in range(REGISTRATION.rounds):
-        shown = recording.clean if still else _shown(recording, chosen, lateness)
+        shown = _with_planes(recording, motion) if still else _shown(recording, chosen, lateness)
         clean, reflectivity = moved(
             shown,
             recording.reflectivity
@@ -104,41 +186,64 @@ def register(recording: RecordingData, prior: np.ndarray) -> tuple[np.ndarray, n
             else recording.reflectivity[chosen],
             recording.K,
             recording.mode,
-            pose,
+            motion[:POSE],
         )
         if not others:  # A small motion hardly changes them.
             others = _typical_biases(recording, clean, reflectivity, chosen)
         late = [] if still else [_late(recording, chosen, lateness)]
-        errors, depths, sigmas = [], [], []
-        for i, t in enumerate(chosen):
-            image = clean if still else clean[i]
-            scene = look_at(image, None, 0.0, None, recording.K, recording.mode, recording.axes)
-            with np.errstate(invalid='ignore'):
-                if still:
-                    valid = np.isfinite(recording.depth).sum(axis=0)
-                    real = np.nansum(recording.depth, axis=0) / np.maximum(valid, 1)
-                    real = np.where(valid > 0.5 * count, real, np.nan)
-                else:
-                    real = recording.depth[t]
-                error = real - image
-                limit = REGISTRATION.outlier_sigmas * scene.sigma + REGISTRATION.outlier
-                errors.append(np.where(scene.inside & (np.abs(error) < limit), error, np.nan))
-            depths.append(image)
-            sigmas.append(scene.sigma)
         step, amounts, sure = fit_plane_motion(
-            np.array(errors),
-            np.array(depths),
-            np.array(sigmas),
+            *_residuals(recording, shown, clean, chosen, motion),
             recording.K,
-            prior,
+            spread,
+            shifts,
             np.stack([*others, *late], axis=1),
-            pose,
+            motion,
             recording.profile or flexx2(),
         )
-        pose = np.clip(pose + step, -REGISTRATION.bound * prior, REGISTRATION.bound * prior)
+        bound = REGISTRATION.bound
+        motion = spread @ np.clip(whiten @ (motion + step), -bound, bound)
         if late:
             lateness = float(np.clip(lateness + _LATE * amounts[-1], -_LATEST, _LATEST))
-    return pose, sure
+    return motion, sure
+
+
+def _residuals(
+    recording: RecordingData,
+    shown: np.ndarray,
+    clean: np.ndarray,
+    chosen: Sequence[int],
+    motion: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    # (N, H, W) each: measured less clean depth, NaN where not to be used; clean depth; sigma.
+    still, count = clean.ndim == 2, len(recording.depth)
+    known, accuracy = (
+        one if one is None or one.ndim < 3 else one[list(chosen)]
+        for one in (recording.truth.known, recording.truth.clean_sigma)
+    )
+    known = _known_from(known, shown, recording, motion[:POSE])
+    errors, depths, sigmas = [], [], []
+    for i, t in enumerate(chosen):
+        image = clean if still else clean[i]
+        mask = known if known is None or known.ndim == 2 else known[i]
+        scene = look_at(
+            image, None, 0.0, None, recording.K, recording.mode, recording.axes, known=mask
+        )
+        with np.errstate(invalid='ignore'):
+            if still:
+                valid = np.isfinite(recording.depth).sum(axis=0)
+                real = np.nansum(recording.depth, axis=0) / np.maximum(valid, 1)
+                real = np.where(valid > 0.5 * count, real, np.nan)
+            else:
+                real = recording.depth[t]
+            sigma = scene.sigma
+            if accuracy is not None:
+                sigma = np.hypot(sigma, accuracy[i] if accuracy.ndim == 3 else accuracy)
+            error = real - image
+            limit = REGISTRATION.outlier_sigmas * sigma + REGISTRATION.outlier
+            errors.append(np.where(scene.inside & (np.abs(error) < limit), error, np.nan))
+        depths.append(image)
+        sigmas.append(sigma)
+    return np.array(errors), np.array(depths), np.array(sigmas)
 
 
 def _shown(recording: RecordingData, chosen: Sequence[int], lateness: float) -> np.ndarray:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from flexx2_sim_ros.gap.calibration.constants import SIMULATION
-from flexx2_sim_ros.gap.data.pose import moved, unknown_border
+from flexx2_sim_ros.gap.data.registration import place
 from flexx2_sim_ros.gap.features.evidence import (
     RecordingData,
     scenes_of,
@@ -49,7 +49,7 @@ class Outcome:
 
 
 def confirm(
-    recording: RecordingData, pose: np.ndarray, effects: dict[str, Any], seed: int
+    recording: RecordingData, motion: np.ndarray, effects: dict[str, Any], seed: int
 ) -> Outcome:
     """
     Simulate a recording's scene with and without effects.
@@ -58,21 +58,19 @@ def confirm(
     ----------
     recording : RecordingData
         The recording.
-    pose : numpy.ndarray
-        (6,) where its camera really was, metres and degrees.
+    motion : numpy.ndarray
+        (6 + 3 P,) where its camera and its planes really were, as for `registration.place`.
     effects : dict
         Parameters by effect.
     seed : int
         Of the simulations.
 
     """
-    clean, reflectivity = moved(
-        recording.clean, recording.reflectivity, recording.K, recording.mode, pose
-    )
-    border = unknown_border(pose, clean, recording.K)
-    scenes = scenes_of(recording, clean, reflectivity, border)
+    placed = place(recording, motion)
+    clean, reflectivity = placed.clean, placed.reflectivity
+    scenes = scenes_of(recording, placed)
     warm = warm_of(recording.fresh)
-    grouped = GroupSums(recording, clean, reflectivity, scenes, border)
+    grouped = GroupSums(recording, clean, reflectivity, scenes)
 
     def look(depth: np.ndarray) -> tuple[Sums, Measures, np.ndarray]:
         sums = accumulate(depth, scenes, recording.fresh, warm)

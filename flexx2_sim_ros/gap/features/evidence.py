@@ -8,8 +8,10 @@ from flexx2_sim_ros.camera.common_random_numbers import CommonRandomNumbers
 from flexx2_sim_ros.effects import ageing, Effect, loadable
 from flexx2_sim_ros.gap.calibration.constants import FEATURES, SIMULATION
 from flexx2_sim_ros.gap.data.covariates import Axes, look_at, PixelCovariates
-from flexx2_sim_ros.gap.data.pose import base_camera, moved, pose_effects, unknown_border
-from flexx2_sim_ros.gap.data.registration import RecordingData, register
+from flexx2_sim_ros.gap.data.planes import PLANE_STEPS
+from flexx2_sim_ros.gap.data.pose import base_camera, pose_effects
+from flexx2_sim_ros.gap.data.prior import covariance_of, POSE
+from flexx2_sim_ros.gap.data.registration import place, Placed, RecordingData, register
 from flexx2_sim_ros.gap.features.catalogue import Column
 from flexx2_sim_ros.gap.features.features import (
     accumulate,
@@ -24,6 +26,7 @@ from flexx2_sim_ros.gap.features.features import (
 from flexx2_sim_ros.gap.features.grain import fingerprint
 from flexx2_sim_ros.gap.features.kernels import EXPECT, INVERSE, VALID
 from flexx2_sim_ros.gap.features.physical import histogram, Measures
+from flexx2_sim_ros.recording.truth import Accuracy, accuracy_of
 import numpy as np
 
 _AT_EDGES, _AT_BENDS = (
@@ -53,10 +56,18 @@ class Evidence:
         (2, SIZE) per pixel by which edges lie lower (as with pitch) or farther right (yaw).
     displaced : numpy.ndarray
         (SIZE,) variance from edges that are known to a part of a pixel only.
+    plane_columns : numpy.ndarray
+        (3 P, SIZE) per step of `planes.PLANE_STEPS`, of planes known within bounds only.
+    truth_spread : numpy.ndarray
+        (SIZE,) what errors of the ground truth as large as its standard deviation change.
     pose : numpy.ndarray
         (6,) metres and degrees: how the real camera was moved, as first fitted.
     sure_pose : numpy.ndarray
         (6,) what of it is beyond doubt.
+    planes : numpy.ndarray
+        (3 P,) metres and radians: how the planes were moved, as first fitted.
+    covariance : numpy.ndarray or None
+        Of both, as from `prior.covariance_of`.
     uptime : float or None
         Mean seconds since power-on.
     step : float
@@ -73,6 +84,8 @@ class Evidence:
         What of the recording was converted or assumed.
     axes : dict of str to Axis
         The camera's.
+    accuracy : Accuracy
+        Of its ground truth.
 
     """
 
@@ -86,8 +99,12 @@ class Evidence:
     pose_columns: np.ndarray
     edge_columns: np.ndarray
     displaced: np.ndarray
+    plane_columns: np.ndarray
+    truth_spread: np.ndarray
     pose: np.ndarray
     sure_pose: np.ndarray
+    planes: np.ndarray
+    covariance: np.ndarray | None
     uptime: float | None
     step: float
     grain: np.ndarray
@@ -101,35 +118,22 @@ class Evidence:
     moving: bool
     notes: tuple[str, ...]
     axes: Axes
+    accuracy: Accuracy
 
 
-def scenes_of(
-    recording: RecordingData, clean: np.ndarray, reflectivity: np.ndarray | None, border: int
-) -> list[PixelCovariates]:
+def scenes_of(recording: RecordingData, placed: Placed) -> list[PixelCovariates]:
     """Return the covariates of each frame, or of the one there is."""
+    K, mode = recording.K, recording.mode  # noqa: N806
+    clean, rho, known, border = placed.clean, placed.reflectivity, placed.known, placed.border
     if clean.ndim == 2:
-        still = clean, None, 0.0, reflectivity, recording.K
-        return [look_at(*still, recording.mode, recording.axes, border)]
+        return [look_at(clean, None, 0.0, rho, K, mode, recording.axes, border, known)]
     out = []
     for t, image in enumerate(clean):
         # The first of a segment has none before it.
         before = None if recording.fresh[t] or t == 0 else clean[t - 1]
-        out.append(
-            look_at(
-                image,
-                before,
-                float(recording.stamp[t] - recording.stamp[t - 1]) * 1e-9,
-                None
-                if reflectivity is None
-                else reflectivity
-                if reflectivity.ndim == 2
-                else reflectivity[t],
-                recording.K,
-                recording.mode,
-                recording.axes,
-                border,
-            )
-        )
+        interval = float(recording.stamp[t] - recording.stamp[t - 1]) * 1e-9
+        albedo, mask = (one if one is None or one.ndim == 2 else one[t] for one in (rho, known))
+        out.append(look_at(image, before, interval, albedo, K, mode, recording.axes, border, mask))
     return out
 
 
@@ -175,11 +179,10 @@ def gather(
         (6,) standard deviations of the pose error, metres and degrees.
 
     """
-    pose, sure_pose = register(recording, prior)
-    clean, reflectivity = moved(
-        recording.clean, recording.reflectivity, recording.K, recording.mode, pose
-    )
-    scenes = scenes_of(recording, clean, reflectivity, unknown_border(pose, clean, recording.K))
+    motion, sure = register(recording, prior)
+    placed = place(recording, motion)
+    clean, reflectivity = placed.clean, placed.reflectivity
+    scenes = scenes_of(recording, placed)
     moving = clean.ndim == 3
     warm = warm_of(recording.fresh)
     real_sums = accumulate(recording.depth, scenes, recording.fresh, warm)
@@ -188,12 +191,17 @@ def gather(
         depth = simulate(recording, clean, reflectivity, (), seed * 1000 + k)
         null_sums.append(accumulate(depth, scenes, recording.fresh, warm))
         base_measures.append(histogram(depth, scenes, null_sums[-1]))
+    plain = depth
     spectrum = np.mean([lattice_spectrum(one) for one in null_sums], axis=0)
     real, _ = features(real_sums, spectrum)
     pairs = [features(one, spectrum) for one in null_sums]
     nulls = np.array([values for values, _ in pairs])
     analytic = np.mean([variance for _, variance in pairs], axis=0)
     noise = _pooled_variance(nulls, analytic)
+    wrong = [
+        features(accumulate(one, scenes, recording.fresh, warm), spectrum)[0] - nulls[-1]
+        for one in _wrong_truth(plain, recording.truth.clean_sigma, moving, seed)
+    ]
 
     count = len(recording.depth)
     shifts = np.zeros((len(columns), SIZE), np.float32)
@@ -215,6 +223,7 @@ def gather(
                     less = nulls[0, _GRAIN] / max(part.base[_GRAIN], 1e-9)
                     shifts[i, _GRAIN] *= less if np.isfinite(less) else 0  # too few pixels
         if kind == 0:
+            plane_columns = part.plane_columns(recording.plane_shifts)
             steps = np.array(
                 [[part.shift(pose_effects(i, sign)) for sign in (1, -1)] for i in range(6)]
             )
@@ -238,8 +247,12 @@ def gather(
         pose_columns,
         (edges[:, 0] - edges[:, 1]) / 2,
         _displaced(edges),
-        pose,
-        sure_pose,
+        plane_columns,
+        np.sqrt(np.square(np.nan_to_num(wrong)).sum(axis=0, initial=0) + np.zeros(SIZE)),
+        motion[:POSE],
+        sure[:POSE],
+        motion[POSE:],
+        covariance_of(recording.truth, prior),
         None
         if recording.uptime is None
         else recording.uptime + float((recording.stamp - recording.stamp[0]).mean()) * 1e-9,
@@ -255,6 +268,7 @@ def gather(
         moving,
         recording.notes,
         recording.axes,
+        accuracy_of(recording.truth),
     )
 
 
@@ -320,6 +334,19 @@ class _Part:
         lattice = any(kind.lattice for kind in _definitions(effects))
         return np.nan_to_num(self._features(depth, lattice) - self.base)
 
+    def plane_columns(self, shifts: np.ndarray | None) -> np.ndarray:
+        """Return what steps of planes change, (3 P, SIZE); so small, they leave noise as it is."""
+        if shifts is None:
+            return np.zeros((0, SIZE))
+        steps = np.resize(PLANE_STEPS, len(shifts)).astype(np.float32)
+        both = np.array(
+            [
+                [self._features(self._plain + sign * shift, False) for sign in (1, -1)]
+                for shift in steps[:, None, None] * shifts
+            ]
+        )
+        return np.nan_to_num((both[:, 0] - both[:, 1]) / 2)
+
 
 def _displaced(edges: np.ndarray) -> np.ndarray:
     # Variance of features when each edge lies elsewhere by what no common motion takes off (warped
@@ -329,6 +356,18 @@ def _displaced(edges: np.ndarray) -> np.ndarray:
     whole = scale * np.square(edges).mean(axis=(0, 1))
     even = scale * np.square(edges.mean(axis=1)).mean(axis=0)
     return np.where(_AT_EDGES, whole, np.where(_AT_BENDS, even, 0)).astype(np.float32)
+
+
+def _wrong_truth(
+    depth: np.ndarray, sigma: np.ndarray | None, moving: bool, seed: int
+) -> list[np.ndarray]:
+    # Depth as measured where the truth is wrong by one standard deviation: all of it to one side,
+    # and each pixel by itself (of a scene that stands still, the same in all frames).
+    if sigma is None or not sigma.any():
+        return []
+    shape = depth.shape if moving else depth.shape[1:]
+    draw = np.random.default_rng(seed).standard_normal(shape, np.float32)
+    return [depth + sigma, depth + draw * sigma]
 
 
 def warm_of(fresh: np.ndarray) -> int:

@@ -65,8 +65,6 @@ class GroupSums:
         (H, W) or (T, H, W) as the camera really stood; reflectivity may be None.
     scenes : sequence of PixelCovariates
         Their covariates.
-    border : int
-        Pixels at the image's border that are not looked at.
 
     """
 
@@ -76,7 +74,6 @@ class GroupSums:
         clean: np.ndarray,
         reflectivity: np.ndarray | None,
         scenes: Sequence[PixelCovariates],
-        border: int,
     ) -> None:
         """Sort the pixels."""
         frames = clean if clean.ndim == 3 else clean[None]
@@ -96,7 +93,9 @@ class GroupSums:
             bins, incidence = sort_everywhere(
                 image, rho, recording.K, recording.mode.sensor, recording.axes
             )
-            self._cells[t] = _cells(image, rho, incidence, bins, recording.mode.range_max, border)
+            self._cells[t] = _cells(
+                image, rho, incidence, bins, recording.mode.range_max, scenes[t].compared
+            )
             if len(frames) == 1 or t % 3 == 0:
                 self._sample(
                     self._cells[t], bins, rng, _SAMPLES if len(frames) == 1 else _SAMPLES // 4
@@ -192,10 +191,9 @@ def _cells(
     incidence: np.ndarray,
     bins: np.ndarray,
     farthest: float,
-    border: int,
+    compared: np.ndarray,
 ) -> np.ndarray:
-    # (H, W) int32, -1 where nothing is.
-    height, width = clean.shape
+    # (H, W) int32, -1 where nothing is or nothing is known.
     region = bins[ENDLESS.index('region')] - AXES['region'].start
     edge = bins[ENDLESS.index('edge')] >= 0
     dark = np.zeros(clean.shape, bool) if reflectivity is None else reflectivity < WHERE.dark
@@ -207,10 +205,8 @@ def _cells(
         (far, np.digitize(incidence, WHERE.steep), region, edge, dark), _BINS, strict=True
     ):
         cell = cell * count + index
-    known = np.zeros(clean.shape, bool)
-    known[border : height - border, border : width - border] = True
     with np.errstate(invalid='ignore'):
-        return np.where(known & np.isfinite(clean) & (clean > 0), cell, -1).astype(np.int32)
+        return np.where(compared & np.isfinite(clean) & (clean > 0), cell, -1).astype(np.int32)
 
 
 def _features(sums: np.ndarray) -> np.ndarray:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from flexx2_sim_ros.gap.calibration.constants import THRESHOLDS, Thresholds
 from flexx2_sim_ros.gap.features.catalogue import Candidate
+from flexx2_sim_ros.gap.inference.decidable import Undecided, undecided
 from flexx2_sim_ros.gap.inference.fitting import Fit
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.inference.selection import (
@@ -54,7 +55,8 @@ class Decision:
     Attributes
     ----------
     verdict : str
-        ``none``, ``identified``, ``partly`` or ``unknown``.
+        ``none``, ``not_decidable`` (no gap, but this ground truth would hide some effects),
+        ``identified``, ``partly`` or ``unknown``.
     base, chosen : Fit
         Without any effect; with those chosen (the best found, if the verdict is ``unknown``).
     shares, intervals, confidences : list
@@ -67,6 +69,8 @@ class Decision:
         The best variant of each single effect, best first.
     excess : float
         Excess loss: that of the base simulator above noise alone.
+    undecided : list of Undecided
+        Effects that the ground truth says nothing about; they are not among the candidates.
 
     """
 
@@ -79,6 +83,12 @@ class Decision:
     alternatives: list[Alternative]
     considered: list[Choice]
     excess: float
+    undecided: list[Undecided]
+
+    @property
+    def finds_gap(self) -> bool:
+        """Return whether there is a gap, explained or not."""
+        return self.verdict not in ('none', 'not_decidable')
 
 
 def decide(
@@ -102,6 +112,9 @@ def decide(
         From when on an effect is a finding.
 
     """
+    hidden = undecided(model, candidates, thresholds, tick)
+    names = {one.effect for one in hidden}
+    candidates = [one for one in candidates if one.effect not in names]
     trials = Trials(model, thresholds)
     singles = []
     for candidate in candidates:
@@ -113,6 +126,8 @@ def decide(
     chosen = _as_in_catalogue(trials, found)
     without = without_each(trials, chosen)
     verdict = _verdict(trials, found, excess)
+    if verdict == 'none' and hidden:
+        verdict = 'not_decidable'
     if verdict == 'unknown':
         nearest, instead = considered[: thresholds.nearest], trials.base
     else:
@@ -128,6 +143,7 @@ def decide(
         [_alternative(trials, excess, one.fit, instead) for one in nearest],
         considered,
         excess,
+        hidden,
     )
 
 

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from flexx2_sim_ros.gap.features.catalogue import Candidate
-from flexx2_sim_ros.gap.inference.model import combine, Model, NUISANCES
+from flexx2_sim_ros.gap.inference.model import combine, Model
 from flexx2_sim_ros.gap.inference.normal_equations import (
     cauchy_weights,
     eliminate_nuisances,
@@ -39,7 +39,8 @@ class Fit:
     sigma : float
         Relative error of the base sigma_z.
     nuisances : numpy.ndarray
-        (R, 11) each recording's pose beyond its registration, in steps; brightness; edges.
+        (R, N) each recording's pose beyond its registration, in steps; brightness; edges;
+        planes beyond their registration, in steps.
     loss, held_out : numpy.ndarray
         (R,) loss of each recording's features, with ``values`` and with ``left_out``.
     pose_loss, pose_held_out : float
@@ -127,7 +128,7 @@ def fit(
     problem = _problem(model, candidates)
     terms = [term for candidate in candidates for term in candidate.terms]
     values = np.array([t.neutral for t in terms]) if start is None else np.array(start, float)
-    now = _Estimate(values, 0.0, np.zeros((len(model.gap), NUISANCES)))
+    now = _Estimate(values, 0.0, np.zeros((len(model.gap), model.own.count)))
     about = model.constants
     for scale in scales or about.scales:
         before, equations = now, _equations(problem, now, scale)
@@ -150,8 +151,8 @@ def fit(
         nuisances,
         loss,
         held_out,
-        model.nuisance_loss(nuisances, common) + sigma_loss,
-        model.nuisance_loss(others, common, held_out=True) + sigma_loss,
+        model.own.loss(nuisances, common) + sigma_loss,
+        model.own.loss(others, common, held_out=True) + sigma_loss,
     )
 
 
@@ -184,16 +185,15 @@ def _equations(problem: _Problem, now: _Estimate, scale: float) -> SharedEquatio
     weight = cauchy_weights(model.weights, residual, wide2)
     normal, right = normal_equations(design, weight, residual)
     terms, shared = slopes.shape[1], slopes.shape[1] + 1
-    stiff, off = model.nuisance_prior(now.nuisances, problem.common_pose)
-    index = shared + np.arange(NUISANCES)
-    normal[:, index, index] += stiff
-    right[:, shared:] -= stiff * off
+    stiffness, pull = model.own.prior(now.nuisances, problem.common_pose)
+    normal[:, shared:, shared:] += stiffness
+    right[:, shared:] -= pull
     equations = eliminate_nuisances(normal, right, shared)
     # Sigma's prior is split among the recordings, so that fits without one of them have it too.
     about = model.constants
-    stiffness = about.sigma_weight / about.sigma_spread**2 / len(model.gap)
-    equations.normal[:, terms, terms] += stiffness
-    equations.right[:, terms] -= stiffness * now.sigma
+    sigma_stiffness = about.sigma_weight / about.sigma_spread**2 / len(model.gap)
+    equations.normal[:, terms, terms] += sigma_stiffness
+    equations.right[:, terms] -= sigma_stiffness * now.sigma
     return equations
 
 
@@ -221,8 +221,8 @@ def _refit_nuisances(
     for _ in range(model.constants.nuisance_steps):
         residual = gap - combine(nuisances, columns)
         weight = cauchy_weights(model.weights, residual, wide2)
-        stiff, off = model.nuisance_prior(nuisances, problem.common_pose)
+        stiffness, pull = model.own.prior(nuisances, problem.common_pose)
         normal, right = normal_equations(columns, weight, residual)
-        step = np.linalg.solve(normal + np.diag(stiff), (right - stiff * off)[..., None])
+        step = np.linalg.solve(normal + stiffness, (right - pull)[..., None])
         nuisances = nuisances + step[..., 0]
     return model.losses(gap - combine(nuisances, columns), shift), nuisances

@@ -1,19 +1,21 @@
 """The joint model of all recordings: effects that they share, a pose error of each one's own."""
 
 from collections.abc import Sequence
+from copy import copy
 from typing import Any
 
 from flexx2_sim_ros.effects import loadable
-from flexx2_sim_ros.gap.calibration.constants import LOSS, Loss
+from flexx2_sim_ros.gap.calibration.constants import GROUND_TRUTH, LOSS, Loss
 from flexx2_sim_ros.gap.data.covariates import AXES
 from flexx2_sim_ros.gap.data.pose import STEPS
+from flexx2_sim_ros.gap.data.prior import POSE
 from flexx2_sim_ros.gap.features.catalogue import Candidate, Column, Decaying, nuisances, Term
 from flexx2_sim_ros.gap.features.evidence import Evidence
 from flexx2_sim_ros.gap.features.features import LAYOUT, SIZE, STRUCTURE_UNITS, TOLERANCE
 from flexx2_sim_ros.gap.features.grain import repeats, same_noise
+from flexx2_sim_ros.gap.inference.own_errors import COMMON, OwnErrors
 import numpy as np
 
-NUISANCES = 11  # of each recording: pose (6), brightness, edges (4)
 _STRUCTURE = {name: SIZE - len(STRUCTURE_UNITS) + i for i, name in enumerate(STRUCTURE_UNITS)}
 _COUNTED = np.array([f.channel in ('invalid', 'high', 'low') for f in LAYOUT])
 _STRUCTURED = np.array([f.axis == 'structure' for f in LAYOUT])
@@ -38,8 +40,8 @@ class Model:
     ----------
     same_noise : list of int or None
         For each recording another one that has the very same noise.
-    pose_centre : numpy.ndarray or None
-        (6,) metres and degrees about which the poses are taken to lie, if that is known.
+    own : OwnErrors
+        The recordings' nuisances and their prior.
 
     """
 
@@ -53,7 +55,6 @@ class Model:
         """Stack the summaries."""
         self.constants = constants
         self.evidence = list(evidence)
-        self.pose_centre: np.ndarray | None = None
         self._nodes: dict[tuple[Any, ...], tuple[np.ndarray, np.ndarray]] = {}
         self.index = {column.name: i for i, column in enumerate(columns)}
         real = np.array([e.real for e in evidence])
@@ -75,9 +76,12 @@ class Model:
             self.good, np.where(_STRUCTURED, constants.structure_weight, 1 / np.sqrt(_BINS)), 0.0
         )
         self._mismatch2 = np.where(_COUNTED, constants.mismatch**2, 0.0).astype(np.float32)
-        self.pose_columns = np.array([e.pose_columns for e in evidence])
-        self.pose = np.array([e.pose for e in evidence]) / STEPS
-        self.prior = prior / STEPS
+        self.own = OwnErrors(evidence, [e.covariance for e in evidence], constants)
+        self._pose_columns = np.array([e.pose_columns for e in evidence])
+        self._plane_columns = np.zeros((len(gap), self.own.count - COMMON, SIZE))
+        for columns_of, e in zip(self._plane_columns, evidence, strict=True):
+            columns_of[: len(e.plane_columns)] = e.plane_columns
+        self._prior = prior / STEPS
         # Pixels beside jumps to the right and left shift with yaw, below and above with pitch.
         self._edges = (
             np.stack(
@@ -90,11 +94,13 @@ class Model:
             )
             * constants.edge_shift
         )
-        far = 1 + constants.edges_moved * np.square(self.pose / self.prior).mean(axis=1)
+        far = 1 + constants.edges_moved * np.square(self.own.pose / self._prior).mean(axis=1)
         self.scale2 += far[:, None] * np.array([e.displaced for e in evidence])
+        self._truth2 = np.square(GROUND_TRUTH.reach * np.array([e.truth_spread for e in evidence]))
+        self.scale2 += self._truth2
         self._columns = np.array([e.columns for e in evidence])
         self._repeat_shift(columns, base)
-        for name in ('scale2', 'gap', 'weights', 'pose_columns', '_edges'):
+        for name in ('scale2', 'gap', 'weights', '_pose_columns', '_plane_columns', '_edges'):
             setattr(self, name, getattr(self, name).astype(np.float32))
         wrong = nuisances()
         self._more = self._column(wrong.more) / np.float32(wrong.more_by)
@@ -201,8 +207,8 @@ class Model:
         """
         Return what each recording's nuisances change.
 
-        These are its pose error, its brightness, which scales what depends on amplitude, and its
-        edges.
+        These are its pose error, its brightness, which scales what depends on amplitude, its
+        edges, and its planes, where they are known within bounds only.
 
         Parameters
         ----------
@@ -214,7 +220,7 @@ class Model:
         Returns
         -------
         tuple of numpy.ndarray
-            (R, NUISANCES, SIZE); and what the candidates change in all, (R, SIZE).
+            (R, N, SIZE); and what the candidates change in all, (R, SIZE).
 
         """
         total, bright, i = np.zeros_like(self.gap), np.zeros_like(self.gap), 0
@@ -224,76 +230,49 @@ class Model:
             total += shift
             bright += np.float32(candidate.kind.brightness) * shift
             i += n
-        return np.concatenate([self.pose_columns, bright[:, None], self._edges], axis=1), total
-
-    def nuisance_loss(
-        self, nuisances: np.ndarray, common_pose: bool, held_out: bool = False
-    ) -> float:
-        """
-        Return what the recordings' nuisances cost: the logarithm of the poses' spread.
-
-        Parameters
-        ----------
-        nuisances : numpy.ndarray
-            (R, NUISANCES).
-        common_pose : bool
-            Whether all recordings may have a pose error in common, which costs nothing.
-        held_out : bool
-            Whether the common pose error is that of the other recordings.
-
-        """
-        q, about = self.pose + nuisances[:, :6], self.constants
-        if self.pose_centre is not None:
-            q = q - self.pose_centre / STEPS
-        elif common_pose:
-            q = (q - q.mean(axis=0)) * (len(q) / max(len(q) - 1, 1) if held_out else 1.0)
-        spread = (q**2).mean(axis=0)
-        return float(
-            about.pose_weight * len(q) * np.log1p(spread / np.array(about.pose_floor) ** 2).sum()
-            + about.brightness_weight * np.square(nuisances[:, 6]).sum()
-            + about.edge_weight * np.square(nuisances[:, 7:]).sum()
-        )
-
-    def nuisance_prior(
-        self, nuisances: np.ndarray, common_pose: bool
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """
-        Return the prior of the nuisances, linearised for one step of least squares.
-
-        Parameters
-        ----------
-        nuisances : numpy.ndarray
-            (R, NUISANCES) the present ones.
-        common_pose : bool
-            Whether all recordings may have a pose error in common.
-
-        Returns
-        -------
-        tuple of numpy.ndarray
-            (NUISANCES,) stiffness; (R, NUISANCES) distance from the prior's centre.
-
-        """
-        q = self.pose + nuisances[:, :6]
-        centre = (
-            self.pose_centre / STEPS
-            if self.pose_centre is not None
-            else q.mean(axis=0)
-            if common_pose
-            else 0.0
-        )
-        off = q - centre
-        about = self.constants
-        stiff = about.pose_weight / (np.array(about.pose_floor) ** 2 + (off**2).mean(axis=0))
-        return (
-            np.concatenate([stiff, [about.brightness_weight], [about.edge_weight] * 4]),
-            np.concatenate([off, nuisances[:, 6:]], axis=1),
-        )
+        own = [self._pose_columns, bright[:, None], self._edges, self._plane_columns]
+        return np.concatenate(own, axis=1), total
 
     def pose_scatter(self) -> float:
         """Return the spread of the recordings' poses, as a fraction of the usual spread."""
         still = np.array([not e.moving for e in self.evidence])
-        pose = np.array([e.sure_pose for e in self.evidence]) / STEPS / self.prior
+        usual = np.array([self._usual_pose(e) for e in self.evidence])
+        pose = np.array([e.sure_pose for e in self.evidence]) / STEPS / usual
         return float((pose[still] if still.sum() > 2 else pose).std(axis=0).mean())
+
+    def _usual_pose(self, one: Evidence) -> np.ndarray:
+        # (6,) standard deviations of a recording's pose, in steps.
+        if one.covariance is None:
+            return self._prior
+        own = np.sqrt(np.diag(one.covariance)[:POSE]) / STEPS
+        return np.asarray(np.hypot(own, self.constants.pose_floor))
+
+    def as_if(
+        self,
+        gap: np.ndarray,
+        covariances: Sequence[np.ndarray | None] | None = None,
+        exact: bool = False,
+    ) -> 'Model':
+        """
+        Return the model of recordings that have another gap.
+
+        Parameters
+        ----------
+        gap : numpy.ndarray
+            (R, SIZE).
+        covariances : sequence of numpy.ndarray or None, optional
+            What is known of the recordings' own errors; as it is when left out.
+        exact : bool
+            Whether the depth of the ground truth is known without error.
+
+        """
+        other = copy(self)
+        other.gap = np.where(self.good, gap, 0).astype(np.float32)
+        known = [e.covariance for e in self.evidence] if covariances is None else covariances
+        other.own = OwnErrors(self.evidence, known, self.constants, registered=False)
+        if exact:
+            other.scale2 = self.scale2 - self._truth2.astype(np.float32)
+        return other
 
 
 def combine(amounts: np.ndarray, columns: np.ndarray) -> np.ndarray:

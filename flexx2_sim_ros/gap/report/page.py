@@ -10,7 +10,7 @@ from flexx2_sim_ros.gap.inference.decide import Decision
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.report.charts import charts, maps
 from flexx2_sim_ros.gap.report.drawing import bar
-from flexx2_sim_ros.gap.report.words import headline, not_considered, place, sentences
+from flexx2_sim_ros.gap.report.words import accuracy, headline, not_considered, place, sentences
 from flexx2_sim_ros.html_page import html_page
 
 _STYLE = """
@@ -20,7 +20,7 @@ td.q { white-space: nowrap; }
 .tag { display: inline-block; padding: .1rem .6rem; border-radius: 1rem; color: #fff;
   font-weight: 600; background: #5a6b7b; }
 .none { background: #2e7d4f; } .identified { background: #1f6feb; }
-.partly { background: #b7791f; } .unknown { background: #a8324a; }
+.partly, .not_decidable { background: #b7791f; } .unknown { background: #a8324a; }
 .row { display: flex; flex-wrap: wrap; gap: 1.2rem; }
 .row figure { max-width: 27.5rem; }
 .curve { fill: none; stroke-width: 2; } .grid { stroke: var(--line); }
@@ -41,7 +41,8 @@ def page(
 ) -> str:
     """Return the page as HTML, all text escaped and all pictures inside."""
     body = [
-        f'<p><span class="tag {escape(table["verdict"])}">{escape(table["verdict"])}</span> '
+        f'<p><span class="tag {escape(table["verdict"])}">'
+        f'{escape(table["verdict"].replace("_", " "))}</span> '
         f'<small>from {sum(r["used"] for r in table["recordings"])} recordings</small></p>',
         f'<h1>{escape(headline(table))}</h1>',
         ''.join(f'<p>{escape(line)}</p>' for line in sentences(table)),
@@ -161,7 +162,9 @@ def _recordings(table: dict[str, Any]) -> str:
                 + ' deg'
             )
             kind = 'moving' if row['moving'] else 'still'
-            notes = ''.join(f'<br><small>{escape(note)}</small>' for note in row['notes'])
+            truth = accuracy([row['truth']])
+            lines = [f'ground truth: {truth}'] * bool(truth) + row['notes']
+            notes = ''.join(f'<br><small>{escape(line)}</small>' for line in lines)
             rows.append(
                 f'<tr><td>{escape(row["name"])}</td><td>{row["frames"]} frames, {kind}'
                 f'</td><td>{pose}{notes}</td></tr>'

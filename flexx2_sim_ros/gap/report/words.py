@@ -46,6 +46,11 @@ def headline(table: dict[str, Any]) -> str:
     gap, rows = table['gap'], table['effects']
     if table['verdict'] == 'none':
         return 'No gap above the tolerance: the recordings look like the simulation.'
+    if table['verdict'] == 'not_decidable':
+        return (
+            'No gap above the tolerance, but the ground truth is not accurate enough to decide '
+            f'on {_names(table["not_decidable"])}.'
+        )
     if table['verdict'] == 'too_little':
         return 'The recordings have too few depths on surfaces to say whether there is a gap.'
     if table['verdict'] == 'unknown':
@@ -97,9 +102,47 @@ def sentences(table: dict[str, Any]) -> list[str]:
             f'{table["patch"]["covariate"].replace("_", " ")}: it removes '
             f'{table["patch"]["shrink"]:.0%} of the gap in bias, noise and invalid pixels.'
         )
+    out += not_decidable(table) + ground_truth(table)
     if table['where'] and table['verdict'] != 'none':
         out.append(f'The gap is largest here: {place(table["where"][0])}.')
     return out
+
+
+def not_decidable(table: dict[str, Any]) -> list[str]:
+    """Return which effects the ground truth leaves open, a line for what would decide them."""
+    by: dict[str, list[str]] = {}
+    for row in table['not_decidable']:
+        by.setdefault(row['settled_by'], []).append(row['name'])
+    return [
+        f'Not decidable with this ground truth: {_list(names)}. This would decide: {what}.'
+        for what, names in by.items()
+    ]
+
+
+def ground_truth(table: dict[str, Any]) -> list[str]:
+    """Return how accurate the ground truth is, in a line; none where it is taken for exact."""
+    said = accuracy([row['truth'] for row in table['recordings'] if row['used']])
+    return [f'Accuracy of the ground truth: {said}.'] if said else []
+
+
+def accuracy(truths: list[dict[str, Any]]) -> str:
+    """Return how accurate the ground truth of recordings is; empty where it is taken for exact."""
+
+    def span(key: str, factor: float) -> str:
+        values = [factor * one[key] for one in truths if one[key] is not None]
+        low, high = f'{min(values):.2g}', f'{max(values):.2g}'
+        return low if low == high else f'{low} to {high}'
+
+    parts = []
+    if any(one['unknown'] for one in truths):
+        parts.append(f'{span("unknown", 100)} % of the pixels unknown')
+    if any(one['sigma'] is not None for one in truths):
+        parts.append(f'depth known to {span("sigma", 1000)} mm')
+    if any(one['pose'] is not None for one in truths):
+        parts.append(f'pose to {span("pose", 1000)} mm and {span("turn", 1)} deg')
+    if any(one['planes'] for one in truths):
+        parts.append(f'planes to {span("offset", 1000)} mm and {span("tilt", 1)} deg')
+    return ', '.join(parts)
 
 
 def remarks(table: dict[str, Any]) -> list[str]:

@@ -1,0 +1,110 @@
+"""Pixels whose ground truth is unknown: filled for simulation, never judged."""
+
+from flexx2_sim_ros.gap.calibration.constants import GROUND_TRUTH
+from flexx2_sim_ros.physics.surface import NEAREST, PAD, tangents
+from flexx2_sim_ros.profiles.sensor import Sensor
+import numpy as np
+from scipy import ndimage
+
+
+def fill(clean: np.ndarray, known: np.ndarray, sensor: Sensor) -> np.ndarray:
+    """
+    Continue the nearest known surface, or no return, into the unknown.
+
+    Parameters
+    ----------
+    clean : numpy.ndarray
+        (H, W) or (T, H, W) float32 metres, NaN for no return.
+    known : numpy.ndarray
+        (H, W) or (T, H, W) bool.
+    sensor : Sensor
+        For its thresholds of depth jumps.
+
+    Returns
+    -------
+    numpy.ndarray
+        Like ``clean``; unchanged where known.
+
+    """
+    if clean.ndim == 2:
+        return _fill(clean, known, sensor)
+    masks = np.broadcast_to(known, clean.shape)
+    return np.stack([_fill(*one, sensor) for one in zip(clean, masks, strict=True)])
+
+
+def nearest(values: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """Return (..., H, W) values in which an unknown pixel has that of the nearest known one."""
+    if values.ndim == 3:
+        masks = np.broadcast_to(known, values.shape)
+        return np.stack([nearest(*one) for one in zip(values, masks, strict=True)])
+    if known.all() or not known.any():
+        return values
+    return np.asarray(values[_nearest(known)])
+
+
+def _nearest(known: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    # Row and column of the nearest known pixel, (H, W) each.
+    row, column = ndimage.distance_transform_edt(
+        ~known, return_distances=False, return_indices=True
+    )
+    return row, column
+
+
+def _fill(clean: np.ndarray, known: np.ndarray, sensor: Sensor) -> np.ndarray:
+    if known.all() or not known.any():
+        return clean
+    seen = np.where(known, clean, np.float32(np.nan))
+    inverse, across, down = tangents(seen, sensor)
+    row, column = _nearest(known)
+    v, u = np.mgrid[: clean.shape[0], : clean.shape[1]]
+    # Not farther: the slope at a border is known from a few pixels only.
+    reach = GROUND_TRUTH.continued
+    here = inverse[PAD:-PAD, PAD:-PAD][row, column]
+    step_x, step_y = (np.clip(n, -reach, reach) for n in (u - column, v - row))
+    there = here + across[row, column] * step_x + down[row, column] * step_y
+    low, high = GROUND_TRUTH.inverse_depths
+    there = np.clip(there, low * here, high * here)
+    with np.errstate(divide='ignore'):
+        filled = np.where(there > NEAREST, 1 / there, np.nan)
+    return np.where(known, clean, filled).astype(np.float32)
+
+
+def judged(known: np.ndarray, near: int) -> np.ndarray:
+    """
+    Return the pixels that may be compared: known, with nothing unknown where it matters.
+
+    Around an unknown pixel its 8 neighbours are left out; around unknown areas 3 pixels wide or
+    more, in which an object could be, ``near`` pixels, as around depth jumps.
+
+    Parameters
+    ----------
+    known : numpy.ndarray
+        (H, W) bool.
+    near : int
+        Pixels from a depth jump that are not looked at as surfaces.
+
+    Returns
+    -------
+    numpy.ndarray
+        (H, W) bool.
+
+    """
+    if known.all():
+        return known
+    square = np.ones((3, 3), bool)
+    unknown = ~known
+    wide = ndimage.binary_opening(
+        unknown, np.ones((GROUND_TRUTH.narrow, GROUND_TRUTH.narrow), bool)
+    )
+    left_out = ndimage.binary_dilation(unknown, square)
+    if wide.any():
+        left_out |= ndimage.binary_dilation(wide, square, iterations=near)
+    return np.asarray(~left_out)
+
+
+def away(known: np.ndarray, reach: int) -> np.ndarray:
+    """Return the (H, W) pixels that have nothing unknown within ``reach`` pixels."""
+    if known.all():
+        return known
+    square = np.ones((3, 3), bool)
+    return np.asarray(~ndimage.binary_dilation(~known, square, iterations=reach))

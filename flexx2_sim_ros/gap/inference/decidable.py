@@ -1,0 +1,176 @@
+"""
+Which effects the ground truth leaves undecided: its own errors look the same.
+
+The gap that an effect of typical strength would cause, without noise, is fitted with the errors
+that the ground truth may have. If too little is left to be a finding, but an exact ground truth
+would show it, the effect is not decidable. The same test with measurements that people can add
+says what would decide it.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from flexx2_sim_ros.effects import registry
+from flexx2_sim_ros.gap.calibration.constants import GROUND_TRUTH, THRESHOLDS, Thresholds
+from flexx2_sim_ros.gap.data.planes import PLANE_STEPS
+from flexx2_sim_ros.gap.data.pose import NAMES, STEPS
+from flexx2_sim_ros.gap.data.prior import POSE
+from flexx2_sim_ros.gap.features.catalogue import Candidate
+from flexx2_sim_ros.gap.inference.fitting import fit
+from flexx2_sim_ros.gap.inference.model import combine, Model
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Undecided:
+    """
+    An effect that cannot be decided with this ground truth.
+
+    Attributes
+    ----------
+    effect : str
+        Its name.
+    absorbed : float
+        Fraction of what it changes that errors of the ground truth take away.
+    settled_by : str
+        What would decide it.
+
+    """
+
+    effect: str
+    absorbed: float
+    settled_by: str
+
+
+def undecided(
+    model: Model,
+    candidates: Sequence[Candidate],
+    thresholds: Thresholds = THRESHOLDS,
+    tick: Callable[[], None] = lambda: None,
+) -> list[Undecided]:
+    """
+    List the effects that this ground truth leaves undecided.
+
+    Parameters
+    ----------
+    model : Model
+        The recordings. Where none of them says that its ground truth has errors, all is decidable.
+    candidates : sequence of Candidate
+        The catalogue.
+    thresholds : Thresholds
+        From when on an effect is a finding.
+    tick : callable
+        Called for each candidate.
+
+    Returns
+    -------
+    list of Undecided
+        One for each effect, in the order of the catalogue.
+
+    """
+    covariances = [e.covariance for e in model.evidence]
+    inexact = any(e.truth_spread.any() for e in model.evidence)
+    if not inexact and all(c is None for c in covariances):
+        return []
+    exact = [None if c is None else np.zeros_like(c) for c in covariances]
+    worst: dict[str, tuple[float, Candidate]] = {}
+    for candidate in candidates:
+        tick()
+        shift, least = _typical(model, candidate), _least(model, candidate, thresholds)
+        if float(model.losses(shift).sum()) < least:
+            continue  # Nothing to be seen of it in these recordings.
+        left = _left(model.as_if(shift))
+        if left >= least:
+            continue
+        whole = _left(model.as_if(shift, exact, exact=True))
+        absorbed = float(np.clip(1 - left / max(whole, 1e-9), 0, 1))
+        if whole >= least and absorbed > worst.get(candidate.effect, (0.0,))[0]:
+            worst[candidate.effect] = absorbed, candidate
+    return [
+        Undecided(effect, absorbed, _settled_by(model, candidate, covariances, thresholds))
+        for effect, (absorbed, candidate) in worst.items()
+    ]
+
+
+def _least(model: Model, candidate: Candidate, about: Thresholds) -> float:
+    terms = len(candidate.terms) + about.pose_terms * (candidate.kind.role == 'pose')
+    return GROUND_TRUTH.margin * len(model.gap) * (about.gain + about.term_cost * terms)
+
+
+def _left(model: Model) -> float:
+    # Loss that the recordings' own errors do not take off.
+    return fit(model, [], scales=GROUND_TRUTH.scales).inside
+
+
+def _typical(model: Model, candidate: Candidate) -> np.ndarray:
+    # (R, SIZE) what an effect of typical strength changes.
+    count = len(model.gap)
+    if candidate.kind.role == 'pose':
+        usual = {p.name: p.default for p in registry()[candidate.effect].parameters()}
+        amounts = np.zeros((count, model.own.count))
+        amounts[:, :POSE] = np.array([usual[name] for name in NAMES]) / STEPS
+        columns, _ = model.nuisance_columns([], np.zeros((count, 0)))
+        return combine(amounts, columns)
+    values = [term.nodes[len(term.nodes) // 2][0] for term in candidate.terms]
+    return model.predict([candidate], np.tile(values, (count, 1)))[0]
+
+
+def _settled_by(
+    model: Model,
+    candidate: Candidate,
+    covariances: Sequence[np.ndarray | None],
+    thresholds: Thresholds,
+) -> str:
+    # The first measurement with which enough of the effect is left.
+    shift, least = _typical(model, candidate), _least(model, candidate, thresholds)
+    about = GROUND_TRUTH
+    given = [c for c in covariances if c is not None]
+    planes = any(len(c) > POSE for c in given)
+    posed = any(c[:POSE, :POSE].any() for c in given)
+    for words, possible, measured in (
+        ('a tape measure (distance of each plane)', planes, _Measured(offset=about.tape)),
+        ('a set square (angles between planes)', planes, _Measured(tilt=about.square)),
+        (
+            'a tape measure and a set square',
+            planes,
+            _Measured(offset=about.tape, tilt=about.square),
+        ),
+        (
+            'a laser distance meter and a set square',
+            planes,
+            _Measured(offset=about.laser, tilt=about.square),
+        ),
+        ('a more accurate camera pose', posed, _Measured(pose=np.array(about.pose))),
+    ):
+        if possible:
+            better = [None if c is None else _with(c, measured) for c in covariances]
+            if _left(model.as_if(shift, better)) >= least:
+                return words
+    return 'a more accurate ground truth, such as a scan'
+
+
+@dataclass(frozen=True)
+class _Measured:
+    # Standard deviations of what is measured besides; None where nothing is.
+    pose: np.ndarray | None = None
+    offset: float | None = None
+    tilt: float | None = None
+
+
+def _with(covariance: np.ndarray, measured: _Measured) -> np.ndarray:
+    # A covariance after these have been measured.
+    size = len(covariance)
+    seen = np.full(size, np.inf)
+    if measured.pose is not None:
+        seen[:POSE] = measured.pose
+    planes = seen[POSE:].reshape(-1, len(PLANE_STEPS))
+    if measured.offset is not None:
+        planes[:, 0] = measured.offset
+    if measured.tilt is not None:
+        planes[:, 1:] = measured.tilt
+    some = np.flatnonzero(np.isfinite(seen))
+    # The Kalman update.
+    across = covariance[:, some]
+    gain = across @ np.linalg.inv(covariance[np.ix_(some, some)] + np.diag(seen[some] ** 2))
+    after = covariance - gain @ across.T
+    return np.asarray((after + after.T) / 2)

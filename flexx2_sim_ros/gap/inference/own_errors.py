@@ -1,0 +1,162 @@
+"""
+Errors of each recording's own: its pose, brightness, edges, and planes known within bounds only.
+
+They are nuisances of the fit. Each has a prior: a pose or plane whose covariance the recording
+gives is held by that, the poses of the other recordings by the spread that they turn out to have.
+"""
+
+from collections.abc import Sequence
+
+from flexx2_sim_ros.gap.calibration.constants import GROUND_TRUTH, Loss
+from flexx2_sim_ros.gap.data.planes import PLANE_STEPS
+from flexx2_sim_ros.gap.data.pose import STEPS
+from flexx2_sim_ros.gap.data.prior import POSE
+from flexx2_sim_ros.gap.features.evidence import Evidence
+import numpy as np
+
+COMMON = 11  # of every recording: pose (6), brightness, edges (4); planes come after them
+
+
+class OwnErrors:
+    """
+    The recordings' own errors, and what is known of them beforehand.
+
+    Parameters
+    ----------
+    evidence : sequence of Evidence
+        The recordings.
+    covariances : sequence of numpy.ndarray or None
+        For each, as from `prior.covariance_of`.
+    constants : Loss
+        Weights and priors.
+    registered : bool
+        Whether registration has taken something off.
+
+    Attributes
+    ----------
+    count : int
+        N, of each recording; those with fewer planes have some that change nothing.
+    pose : numpy.ndarray
+        (R, 6) what registration has taken off, in steps.
+    planes : numpy.ndarray
+        (R, N - 11) likewise.
+    centre : numpy.ndarray or None
+        (6,) about which the poses lie, in steps, if that is known.
+
+    """
+
+    def __init__(
+        self,
+        evidence: Sequence[Evidence],
+        covariances: Sequence[np.ndarray | None],
+        constants: Loss,
+        registered: bool = True,
+    ) -> None:
+        """Invert the covariances."""
+        self._about, self._floor = constants, np.array(constants.pose_floor)
+        number = max(len(e.planes) for e in evidence)
+        self.count = COMMON + number
+        self.centre: np.ndarray | None = None
+        self.pose = np.array([e.pose for e in evidence]) / STEPS
+        self.planes = np.zeros((len(evidence), number))
+        for row, e in zip(self.planes, evidence, strict=True):
+            row[: len(e.planes)] = e.planes / np.resize(PLANE_STEPS, len(e.planes))
+        if not registered:
+            self.pose, self.planes = 0 * self.pose, 0 * self.planes
+        self._precision = [None if c is None else self._inverse(c) for c in covariances]
+        self._usual = np.array([c is None for c in covariances])
+
+    def found(self, amounts: np.ndarray) -> list[np.ndarray]:
+        """
+        Return each recording's pose and planes in all, as `registration.place` takes them.
+
+        Parameters
+        ----------
+        amounts : numpy.ndarray
+            (R, N) beyond registration, in steps.
+
+        """
+        pose = (self.pose + amounts[:, :POSE]) * STEPS
+        steps = np.resize(PLANE_STEPS, self.planes.shape[1])
+        planes = (self.planes + amounts[:, COMMON:]) * steps
+        return [
+            np.concatenate([one, other[: 0 if p is None else len(p) - POSE]])
+            for one, other, p in zip(pose, planes, self._precision, strict=True)
+        ]
+
+    def loss(self, amounts: np.ndarray, common_pose: bool, held_out: bool = False) -> float:
+        """
+        Return what the errors cost; of poses without a covariance, the logarithm of their spread.
+
+        Parameters
+        ----------
+        amounts : numpy.ndarray
+            (R, N).
+        common_pose : bool
+            Whether all recordings may have a pose error in common, which costs nothing.
+        held_out : bool
+            Whether the common pose error is that of the other recordings.
+
+        """
+        q, about = self._off(amounts, common_pose), self._about
+        if common_pose and held_out and self.centre is None:
+            q = q * (len(q) / max(len(q) - 1, 1))
+        usual = q[self._usual]
+        spread = (usual**2).mean(axis=0) if len(usual) else np.zeros(POSE)
+        total = (
+            about.pose_weight * len(usual) * np.log1p(spread / self._floor**2).sum()
+            + about.brightness_weight * np.square(amounts[:, POSE]).sum()
+            + about.edge_weight * np.square(amounts[:, POSE + 1 : COMMON]).sum()
+        )
+        planes = self.planes + amounts[:, COMMON:]
+        for one, other, precision in zip(q, planes, self._precision, strict=True):
+            if precision is not None:
+                both = np.concatenate([one, other])[: len(precision)]
+                total += about.pose_weight * both @ precision @ both
+        return float(total)
+
+    def prior(self, amounts: np.ndarray, common_pose: bool) -> tuple[np.ndarray, np.ndarray]:
+        """
+        Return the prior, linearised for one step of least squares.
+
+        Parameters
+        ----------
+        amounts : numpy.ndarray
+            (R, N) the present ones.
+        common_pose : bool
+            Whether all recordings may have a pose error in common.
+
+        Returns
+        -------
+        tuple of numpy.ndarray
+            (R, N, N) stiffness, and (R, N) by how much it pulls back, for the right side.
+
+        """
+        q = self._off(amounts, common_pose)
+        usual = q[self._usual]
+        spread = (usual**2).mean(axis=0) if len(usual) else np.zeros(POSE)
+        stiff, about = np.ones(self.count), self._about
+        stiff[:POSE] = about.pose_weight / (self._floor**2 + spread)
+        stiff[POSE:COMMON] = [about.brightness_weight] + [about.edge_weight] * 4
+        off = np.concatenate([q, amounts[:, POSE:COMMON], self.planes + amounts[:, COMMON:]], 1)
+        matrices = np.tile(np.diag(stiff), (len(amounts), 1, 1))
+        for matrix, precision in zip(matrices, self._precision, strict=True):
+            if precision is not None:
+                planes = COMMON + np.arange(len(precision) - POSE)
+                index = np.concatenate([np.arange(POSE), planes])
+                matrix[np.ix_(index, index)] = about.pose_weight * precision
+        return matrices, (matrices @ off[..., None])[..., 0]
+
+    def _off(self, amounts: np.ndarray, common_pose: bool) -> np.ndarray:
+        # (R, 6) how far the poses are from where they are believed to lie.
+        q = self.pose + amounts[:, :POSE]
+        if self.centre is not None:
+            return np.asarray(q - self.centre)
+        return np.asarray(q - q.mean(axis=0)) if common_pose else q
+
+    def _inverse(self, covariance: np.ndarray) -> np.ndarray:
+        # In steps, of a covariance that is never less than what features can tell.
+        planes = len(covariance) - POSE
+        steps = np.concatenate([STEPS, np.resize(PLANE_STEPS, planes)])
+        floor = np.concatenate([self._floor, np.full(planes, GROUND_TRUTH.plane_floor)])
+        return np.linalg.inv(covariance / np.outer(steps, steps) + np.diag(floor**2))
