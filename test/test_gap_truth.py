@@ -1,0 +1,122 @@
+"""Control experiments: the same rooms with exact, partly unknown, and constrained ground truth."""
+
+import json
+from pathlib import Path
+import shutil
+from typing import Any
+
+from bench.gap_campaigns import write_campaign
+from bench.gap_truth import rewrite
+from flexx2_sim_ros.camera import Camera, flexx2
+from flexx2_sim_ros.cli.main import main
+from flexx2_sim_ros.gap import diagnose
+import numpy as np
+import pytest
+
+SMALL: dict[str, Any] = {'scale': 0.5, 'recordings': 4, 'frames': 8, 'moving': 0}
+SEED = 101
+MODE = 'Mode_9_30fps'
+
+
+@pytest.fixture(scope='module')
+def campaigns(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """Write a campaign without an effect and one for each of three, with exact truth."""
+    out = {}
+    for name in ('none', 'offset', 'multipath', 'amplitude_bias'):
+        out[name] = tmp_path_factory.mktemp(name)
+        effects = None if name == 'none' else {name: {}}
+        write_campaign(out[name], seed=SEED, effects=effects, **SMALL)
+    return out
+
+
+def with_truth(campaign: Path, folder: Path, truth: str) -> Path:
+    """Copy a campaign and give it another kind of ground truth."""
+    shutil.copytree(campaign, folder)
+    rewrite(folder, truth, SEED)
+    return folder
+
+
+def test_no_effect_stays_none_where_part_is_unknown(
+    campaigns: dict[str, Path], tmp_path: Path
+) -> None:
+    table = diagnose(with_truth(campaigns['none'], tmp_path / 'masked', 'masked'))
+    assert table['verdict'] == 'none'
+    assert table['not_decidable'] == []
+    for row in table['recordings']:
+        assert 0.25 < row['truth']['unknown'] < 0.75
+
+
+@pytest.mark.parametrize('truth', ['masked', 'constrained'])
+@pytest.mark.parametrize('effect', ['offset', 'multipath', 'amplitude_bias'])
+def test_an_effect_is_found_with_less_ground_truth(
+    campaigns: dict[str, Path], tmp_path: Path, effect: str, truth: str
+) -> None:
+    """Assert the verdict of the exact truth, `identified`."""
+    table = diagnose(with_truth(campaigns[effect], tmp_path / truth, truth))
+    assert table['verdict'] == 'identified'
+    assert [row['name'] for row in table['effects']] == [effect]
+    assert effect not in [row['name'] for row in table['not_decidable']]
+
+
+@pytest.mark.parametrize('effect', ['none', 'offset'])
+def test_planes_fitted_to_the_frames_decide_nothing_that_moves_them(
+    campaigns: dict[str, Path], tmp_path: Path, effect: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder, out = with_truth(campaigns[effect], tmp_path / 'fitted', 'fitted'), tmp_path / 'out'
+    assert main(['gap', 'diagnose', str(folder), '--out', str(out), '--jobs', '1']) == 0
+    table = json.loads((out / 'diagnosis.json').read_text())
+    assert table['verdict'] == 'not_decidable'
+    assert table['effects'] == []
+    rows = {row['name']: row for row in table['not_decidable']}
+    assert {'offset', 'pose_error'} <= set(rows)
+    assert rows['offset']['absorbed'] > 0.9
+    assert (
+        'tape measure' in rows['offset']['settled_by'] or 'laser' in rows['offset']['settled_by']
+    )
+    said = ' '.join(capsys.readouterr().err.split())
+    assert 'not accurate enough to decide' in said
+    assert 'planes to 100 mm and 5 deg' in said
+    page = (out / 'report.html').read_text()
+    assert 'Not decidable with this ground truth' in page
+
+
+def write_walls(folder: Path, **truth: Any) -> Path:
+    """Write walls whose ground truth is wrong by up to 5 mm, each otherwise."""
+    folder.mkdir()
+    K = flexx2().intrinsics.matrix.copy()  # noqa: N806
+    K[:2] *= 0.5
+    stamp = np.arange(8) / 30
+    for i, wrong in enumerate((0.005, -0.004, 0.003, -0.005)):
+        clean = np.full((86, 112), 0.9 + 0.4 * i, np.float32)
+        depth = Camera(MODE, seed=i).capture(clean, K, stamp).depth
+        np.savez(
+            folder / f'wall{i}.npz',
+            depth=depth,
+            clean_depth=clean + np.float32(wrong),
+            K=K,
+            stamp=stamp,
+            usecase=MODE,
+            **truth,
+        )
+    return folder
+
+
+def test_an_error_within_the_accuracy_of_the_truth_is_no_gap(tmp_path: Path) -> None:
+    """Assert it where the pose is exact, so that nothing else can take the error."""
+    exact = {'pose_covariance': np.zeros((6, 6))}
+    wrong = diagnose(write_walls(tmp_path / 'exact', **exact))
+    assert wrong['verdict'] != 'none'
+    inexact = write_walls(tmp_path / 'inexact', clean_sigma=np.array(0.004), **exact)
+    table = diagnose(inexact)
+    assert table['verdict'] in ('none', 'not_decidable')
+    assert table['effects'] == []
+    assert table['recordings'][0]['truth']['sigma'] == pytest.approx(0.004)
+
+
+def test_a_pose_is_held_by_its_covariance(tmp_path: Path) -> None:
+    """Assert that errors of the walls are taken for the pose as far as that may be wrong."""
+    tight = diagnose(write_walls(tmp_path / 'tight', pose_covariance=1e-8 * np.eye(6)))
+    loose = diagnose(write_walls(tmp_path / 'loose', pose_covariance=1e-4 * np.eye(6)))
+    assert all(abs(row['pose'][2]) < 0.001 for row in tight['recordings'])
+    assert max(abs(row['pose'][2]) for row in loose['recordings']) > 0.002
+    assert loose['gap']['before'] < 0.5 * tight['gap']['before']
