@@ -65,6 +65,8 @@ class OwnErrors:
             self.pose, self.planes = 0 * self.pose, 0 * self.planes
         self._precision = [None if c is None else self._inverse(c) for c in covariances]
         self._usual = np.array([c is None for c in covariances])
+        # Planes are measured from the camera: no pose error is common to such recordings.
+        self._posed = np.array([c is None or bool(c[:POSE, :POSE].any()) for c in covariances])
 
     def found(self, amounts: np.ndarray) -> list[np.ndarray]:
         """
@@ -100,7 +102,8 @@ class OwnErrors:
         """
         q, about = self._off(amounts, common_pose), self._about
         if common_pose and held_out and self.centre is None:
-            q = q * (len(q) / max(len(q) - 1, 1))
+            number = self._posed.sum()
+            q[self._posed] *= number / max(number - 1, 1)
         usual = q[self._usual]
         spread = (usual**2).mean(axis=0) if len(usual) else np.zeros(POSE)
         total = (
@@ -152,7 +155,9 @@ class OwnErrors:
         q = self.pose + amounts[:, :POSE]
         if self.centre is not None:
             return np.asarray(q - self.centre)
-        return np.asarray(q - q.mean(axis=0)) if common_pose else q
+        if common_pose and self._posed.any():
+            q[self._posed] -= q[self._posed].mean(axis=0)
+        return np.asarray(q)
 
     def _inverse(self, covariance: np.ndarray) -> np.ndarray:
         # In steps, of a covariance that is never less than what features can tell.
