@@ -13,7 +13,7 @@ from flexx2_sim_ros.gap import diagnose
 import numpy as np
 import pytest
 
-SMALL: dict[str, Any] = {'scale': 0.5, 'recordings': 4, 'frames': 8, 'moving': 0}
+SMALL: dict[str, Any] = {'scale': 0.5, 'recordings': 6, 'frames': 8, 'moving': 0}
 SEED = 101
 MODE = 'Mode_9_30fps'
 
