@@ -9,7 +9,7 @@ from typing import Any
 
 from flexx2_sim_ros import __version__
 from flexx2_sim_ros.camera import Profile
-from flexx2_sim_ros.effects import Effect, registry
+from flexx2_sim_ros.effects import Effect, of_role, registry
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap.calibration.constants import THRESHOLDS
 from flexx2_sim_ros.gap.data.campaign import Found, nothing_left
@@ -127,6 +127,8 @@ def diagnose(
         if not evidence:
             raise nothing_left(Path(campaign_dir), left_out)
         model = Model(evidence, columns, prior)
+        if not model.own.posed.any():
+            candidates = [one for one in candidates if one.kind.role != 'pose']
         decision = decide(
             model, candidates, tick(0.1, 0.72, 4 * len(candidates), 'comparing explanations')
         )
@@ -147,7 +149,7 @@ def diagnose(
         )
     progress('writing', 0.98)
     table = _table(model, decision, effects, confirmed, used, left_out)
-    table['not_considered'] = _not_considered(without, no_phases)
+    table['not_considered'] = _not_considered(without, no_phases, bool(model.own.posed.any()))
     table['seconds'] = round(time.monotonic() - began, 2)
     table['peak_mb'] = round(_peak_mb(min(jobs, len(found))), 1)
     table['version'] = __version__
@@ -175,11 +177,13 @@ def _check(
         raise InputError(f'pose_prior: must be metres and degrees above 0, got {pose_prior!r}')
 
 
-def _not_considered(without: Collection[str], no_phases: str) -> list[dict[str, str]]:
+def _not_considered(without: Collection[str], no_phases: str, posed: bool) -> list[dict[str, str]]:
     # Effects of the registry that are not in the catalogue, and why.
     reasons = {
         name: no_phases for name, kind in registry().items() if kind.needs_modulation and no_phases
     }
+    if not posed:
+        reasons[of_role('pose').name] = 'the ground truth gives all poses as exact'
     reasons.update(dict.fromkeys(without, 'left out as asked for'))
     return [{'name': name, 'reason': reasons[name]} for name in registry() if name in reasons]
 

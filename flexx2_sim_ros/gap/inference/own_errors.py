@@ -40,6 +40,8 @@ class OwnErrors:
         (R, 6) what registration has taken off, in steps.
     planes : numpy.ndarray
         (R, N - 11) likewise.
+    posed : numpy.ndarray
+        (R,) bool, whether a recording's pose may be wrong.
     centre : numpy.ndarray or None
         (6,) about which the poses lie, in steps, if that is known.
 
@@ -65,8 +67,8 @@ class OwnErrors:
             self.pose, self.planes = 0 * self.pose, 0 * self.planes
         self._precision = [None if c is None else self._inverse(c) for c in covariances]
         self._usual = np.array([c is None for c in covariances])
-        # Planes are measured from the camera: no pose error is common to such recordings.
-        self._posed = np.array([c is None or bool(c[:POSE, :POSE].any()) for c in covariances])
+        # Not where it is given as exact, as with planes, which are measured from the camera.
+        self.posed = np.array([c is None or bool(c[:POSE, :POSE].any()) for c in covariances])
 
     def found(self, amounts: np.ndarray) -> list[np.ndarray]:
         """
@@ -102,8 +104,8 @@ class OwnErrors:
         """
         q, about = self._off(amounts, common_pose), self._about
         if common_pose and held_out and self.centre is None:
-            number = self._posed.sum()
-            q[self._posed] *= number / max(number - 1, 1)
+            number = self.posed.sum()
+            q[self.posed] *= number / max(number - 1, 1)
         usual = q[self._usual]
         spread = (usual**2).mean(axis=0) if len(usual) else np.zeros(POSE)
         total = (
@@ -155,8 +157,8 @@ class OwnErrors:
         q = self.pose + amounts[:, :POSE]
         if self.centre is not None:
             return np.asarray(q - self.centre)
-        if common_pose and self._posed.any():
-            q[self._posed] -= q[self._posed].mean(axis=0)
+        if common_pose and self.posed.any():
+            q[self.posed] -= q[self.posed].mean(axis=0)
         return np.asarray(q)
 
     def _inverse(self, covariance: np.ndarray) -> np.ndarray:
