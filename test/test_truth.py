@@ -6,7 +6,7 @@ from typing import Any
 from flexx2_sim_ros.camera import flexx2
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap.data.campaign import check, Found, read
-from flexx2_sim_ros.gap.data.covariates import AXES, look_at
+from flexx2_sim_ros.gap.data.covariates import AXES, axes_of, look_at
 from flexx2_sim_ros.gap.data.planes import plane_shifts
 from flexx2_sim_ros.gap.data.prior import covariance_of, factor
 from flexx2_sim_ros.gap.data.unknown import fill
@@ -120,7 +120,9 @@ def test_the_unknown_is_filled_and_never_judged(tmp_path: Path) -> None:
     path = write(tmp_path / 'one.npz', clean_depth=np.where(known, SLANTED, np.nan), known=known)
     recording = read(Found(path, MODE, ()), None)
     assert recording.clean == pytest.approx(SLANTED, rel=1e-4)
-    scene = look_at(recording.clean, None, 0.0, None, K, MODE, known=recording.truth.known)
+    scene = look_at(
+        recording.clean, None, 0.0, None, K, MODE, axes_of(flexx2()), known=recording.truth.known
+    )
     assert not scene.inside[5:35, 15:35].any()  # An object may be there: its edges reach 5 px.
     assert not scene.inside[4:7, 49:52].any()
     assert scene.inside[5, 48]  # But nothing hides in a single pixel.
@@ -139,7 +141,7 @@ def test_what_is_known_to_return_nothing_is_that() -> None:
     filled = fill(clean, known, MODE.sensor)
     assert np.isfinite(filled[:, :35]).all()
     assert np.isnan(filled[:, 35:]).all()
-    scene = look_at(filled, None, 0.0, None, K, MODE, known=known)
+    scene = look_at(filled, None, 0.0, None, K, MODE, axes_of(flexx2()), known=known)
     beyond = scene.runs[scene.runs[:, 2] == AXES['beyond'].start]
     assert len(beyond)
     assert (beyond[:, 0] >= 45).all()
