@@ -8,7 +8,7 @@ from bench.gap_campaigns import write_campaign
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap import diagnose
-from flexx2_sim_ros.gap.features.evidence import with_uptime
+from flexx2_sim_ros.gap.features.simulation import with_uptime
 from flexx2_sim_ros.recording.convert import convert
 from made_bags import camera_entries, depths, SECOND, usecase, write
 import numpy as np

@@ -6,8 +6,8 @@ from flexx2_sim_ros.effects import parse_effects, registry
 from flexx2_sim_ros.effects.patch import ResidualPatch
 from flexx2_sim_ros.gap.data.covariates import axes_of, look_at
 from flexx2_sim_ros.gap.data.pose import unknown_border
+from flexx2_sim_ros.gap.data.registration import RecordingData, register
 from flexx2_sim_ros.gap.features.catalogue import catalogue
-from flexx2_sim_ros.gap.features.evidence import RecordingData, register
 from flexx2_sim_ros.gap.inference.uncertainty import ratio_interval
 from flexx2_sim_ros.profiles.files import find_profile
 import numpy as np

@@ -7,7 +7,6 @@ from bench.gap_campaigns import look, make_room, optical
 from flexx2_sim_ros.camera import Camera, flexx2
 from flexx2_sim_ros.gap.data.covariates import AXES, axes_of, ENDLESS
 from flexx2_sim_ros.gap.data.registration import Placed, RecordingData
-from flexx2_sim_ros.gap.features.evidence import scenes_of
 from flexx2_sim_ros.gap.features.features import LAYOUT, SIZE, TOLERANCE
 from flexx2_sim_ros.gap.features.pixel_groups import (
     GROUP_CHANNELS,
@@ -15,6 +14,7 @@ from flexx2_sim_ros.gap.features.pixel_groups import (
     GroupSums,
     PixelGroups,
 )
+from flexx2_sim_ros.gap.features.simulation import scenes_of
 from flexx2_sim_ros.gap.inference.cover import cover
 from flexx2_sim_ros.gap.inference.where import cells
 import numpy as np

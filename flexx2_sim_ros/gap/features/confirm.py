@@ -4,18 +4,12 @@ from dataclasses import dataclass
 from typing import Any
 
 from flexx2_sim_ros.gap.calibration.constants import SIMULATION
-from flexx2_sim_ros.gap.data.registration import place
-from flexx2_sim_ros.gap.features.evidence import (
-    RecordingData,
-    scenes_of,
-    simulate,
-    warm_of,
-    with_uptime,
-)
-from flexx2_sim_ros.gap.features.features import accumulate, features, lattice_spectrum, Sums
+from flexx2_sim_ros.gap.data.registration import RecordingData
+from flexx2_sim_ros.gap.features.features import features, lattice_spectrum, Sums
 from flexx2_sim_ros.gap.features.kernels import EXPECT
 from flexx2_sim_ros.gap.features.physical import distances, histogram, Measures
 from flexx2_sim_ros.gap.features.pixel_groups import GroupSums, PixelGroups
+from flexx2_sim_ros.gap.features.simulation import PlacedScene, with_uptime
 import numpy as np
 
 
@@ -66,29 +60,18 @@ def confirm(
         Of the simulations.
 
     """
-    placed = place(recording, motion)
-    clean, reflectivity = placed.clean, placed.reflectivity
-    scenes = scenes_of(recording, placed)
-    warm = warm_of(recording.fresh)
-    grouped = GroupSums(recording, clean, reflectivity, scenes)
+    scene = PlacedScene.at(recording, motion)
+    placed, scenes = scene.placed, scene.covariates
+    grouped = GroupSums(recording, placed.clean, placed.reflectivity, scenes)
 
     def look(depth: np.ndarray) -> tuple[Sums, Measures, np.ndarray]:
-        sums = accumulate(depth, scenes, recording.fresh, warm)
+        sums = scene.sums(depth)
         return sums, histogram(depth, scenes, sums), grouped.add(depth)
 
     def several(table: dict[str, Any]) -> list[tuple[Sums, Measures, np.ndarray]]:
-        return [
-            look(
-                simulate(
-                    recording,
-                    clean,
-                    reflectivity,
-                    with_uptime(table, recording.uptime),
-                    seed * 1000 + 500 + k,
-                )
-            )
-            for k in range(SIMULATION.confirm_seeds)
-        ]
+        own = with_uptime(table, recording.uptime)
+        seeds = range(SIMULATION.confirm_seeds)
+        return [look(scene.simulate(own, seed * 1000 + 500 + k)) for k in seeds]
 
     real, real_measures, real_groups = look(recording.depth)
     before = several({})

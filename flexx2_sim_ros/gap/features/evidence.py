@@ -1,20 +1,15 @@
-"""One recording boiled down: what it shows, what the simulator shows, what each effect changes."""
+"""One recording as numbers: what it shows, what the simulator shows, what each effect changes."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
-from flexx2_sim_ros.camera.common_random_numbers import CommonRandomNumbers
-from flexx2_sim_ros.effects import ageing, Effect, loadable
-from flexx2_sim_ros.gap.calibration.constants import FEATURES, SIMULATION
-from flexx2_sim_ros.gap.data.covariates import Axes, look_at, PixelCovariates
-from flexx2_sim_ros.gap.data.planes import PLANE_STEPS
-from flexx2_sim_ros.gap.data.pose import base_camera, pose_effects
+from flexx2_sim_ros.gap.calibration.constants import SIMULATION
+from flexx2_sim_ros.gap.data.covariates import Axes
+from flexx2_sim_ros.gap.data.pose import pose_effects
 from flexx2_sim_ros.gap.data.prior import covariance_of, POSE
-from flexx2_sim_ros.gap.data.registration import place, Placed, RecordingData, register
+from flexx2_sim_ros.gap.data.registration import RecordingData, register
 from flexx2_sim_ros.gap.features.catalogue import Column
 from flexx2_sim_ros.gap.features.features import (
-    accumulate,
     features,
     lattice_peak,
     lattice_spectrum,
@@ -26,6 +21,13 @@ from flexx2_sim_ros.gap.features.features import (
 from flexx2_sim_ros.gap.features.grain import fingerprint
 from flexx2_sim_ros.gap.features.kernels import EXPECT, INVERSE, VALID
 from flexx2_sim_ros.gap.features.physical import histogram, Measures
+from flexx2_sim_ros.gap.features.simulation import (
+    definitions,
+    few_frames,
+    PartialSimulation,
+    PlacedScene,
+    with_uptime,
+)
 from flexx2_sim_ros.recording.truth import Accuracy, accuracy_of
 import numpy as np
 
@@ -33,6 +35,8 @@ _AT_EDGES, _AT_BENDS = (
     np.array([f.axis == axis for f in LAYOUT]) for axis in ('edge', 'concavity')
 )
 _GRAIN = next(i for i, f in enumerate(LAYOUT) if f.channel == 'static_grain')
+# How many frames a simulated effect takes.
+_FEWEST, _FEW, _ALL = range(3)
 
 
 @dataclass
@@ -121,44 +125,26 @@ class Evidence:
     accuracy: Accuracy
 
 
-def scenes_of(recording: RecordingData, placed: Placed) -> list[PixelCovariates]:
-    """Return the covariates of each frame, or of the one there is."""
-    K, mode = recording.K, recording.mode  # noqa: N806
-    clean, rho, known, border = placed.clean, placed.reflectivity, placed.known, placed.border
-    if clean.ndim == 2:
-        return [look_at(clean, None, 0.0, rho, K, mode, recording.axes, border, known)]
-    out = []
-    for t, image in enumerate(clean):
-        # The first of a segment has none before it.
-        before = None if recording.fresh[t] or t == 0 else clean[t - 1]
-        interval = float(recording.stamp[t] - recording.stamp[t - 1]) * 1e-9
-        albedo, mask = (one if one is None or one.ndim == 2 else one[t] for one in (rho, known))
-        out.append(look_at(image, before, interval, albedo, K, mode, recording.axes, border, mask))
-    return out
+@dataclass(frozen=True)
+class _Base:
+    # Simulations without effects: depth of the last one, sums, measures, the mean spectrum of
+    # depths; (S, SIZE) features, and (SIZE,) their variance from one simulation to another.
+    depth: np.ndarray
+    sums: list[Sums]
+    measures: list[Measures]
+    spectrum: np.ndarray
+    features: np.ndarray
+    noise: np.ndarray
 
 
-def simulate(
-    recording: RecordingData,
-    clean: np.ndarray,
-    reflectivity: np.ndarray | None,
-    effects: Any,
-    seed: int,
-) -> np.ndarray:
-    """Return (T, H, W) depth as the simulator sees the recording's scene."""
-    camera = base_camera(recording.mode, recording.profile, seed, recording.name)
-    if effects:  # The frames of a still scene have a lot in common.
-        return CommonRandomNumbers(
-            camera, clean, recording.K, recording.stamp, reflectivity
-        ).depth(effects)
-    return camera.capture(clean, recording.K, recording.stamp, reflectivity).depth
-
-
-def with_uptime(effects: dict[str, dict[str, float]], uptime: float | None) -> dict[str, Any]:
-    """Return effects with the recording's own time since power-on."""
-    old = ageing(effects)
-    if uptime is None:  # Nothing is known of it, so they explain nothing.
-        return {name: values for name, values in effects.items() if name not in old}
-    return {**effects, **{name: {**effects[name], 'uptime': uptime} for name in old}}
+@dataclass(frozen=True)
+class _Changes:
+    # What effects, steps of the pose, shifts of edges either way (2, 2, SIZE) and steps of planes
+    # change.
+    columns: np.ndarray
+    poses: np.ndarray
+    edges: np.ndarray
+    planes: np.ndarray
 
 
 def gather(
@@ -180,172 +166,114 @@ def gather(
 
     """
     motion, sure = register(recording, prior)
-    placed = place(recording, motion)
-    clean, reflectivity = placed.clean, placed.reflectivity
-    scenes = scenes_of(recording, placed)
-    moving = clean.ndim == 3
-    warm = warm_of(recording.fresh)
-    real_sums = accumulate(recording.depth, scenes, recording.fresh, warm)
-    null_sums, base_measures = [], []
-    for k in range(SIMULATION.null_seeds):
-        depth = simulate(recording, clean, reflectivity, (), seed * 1000 + k)
-        null_sums.append(accumulate(depth, scenes, recording.fresh, warm))
-        base_measures.append(histogram(depth, scenes, null_sums[-1]))
-    plain = depth
-    spectrum = np.mean([lattice_spectrum(one) for one in null_sums], axis=0)
-    real, _ = features(real_sums, spectrum)
-    pairs = [features(one, spectrum) for one in null_sums]
-    nulls = np.array([values for values, _ in pairs])
-    analytic = np.mean([variance for _, variance in pairs], axis=0)
-    noise = _pooled_variance(nulls, analytic)
-    wrong = [
-        features(accumulate(one, scenes, recording.fresh, warm), spectrum)[0] - nulls[-1]
-        for one in _wrong_truth(plain, recording.truth.clean_sigma, moving, seed)
-    ]
-
-    count = len(recording.depth)
-    shifts = np.zeros((len(columns), SIZE), np.float32)
-    for kind, (frames, settling) in enumerate(
-        (
-            (_few_frames(count, moving, *SIMULATION.fewest), 0),
-            (_few_frames(count, moving, *SIMULATION.few), 0),
-            (np.arange(count), warm),
-        )
-    ):
-        part = _Part(
-            recording, clean, reflectivity, scenes, frames, seed * 1000, spectrum, settling
-        )
-        for i, column in enumerate(columns):
-            still = not all(one.needs_motion for one in _definitions(column.effects))
-            if _kind(column) == kind and (moving or still):
-                shifts[i] = part.shift(with_uptime(column.effects, recording.uptime))
-                if kind == 1:  # Grain is noise that is left, and the more so the fewer frames.
-                    less = nulls[0, _GRAIN] / max(part.base[_GRAIN], 1e-9)
-                    shifts[i, _GRAIN] *= less if np.isfinite(less) else 0  # too few pixels
-        if kind == 0:
-            plane_columns = part.plane_columns(recording.plane_shifts)
-            steps = np.array(
-                [[part.shift(pose_effects(i, sign)) for sign in (1, -1)] for i in range(6)]
-            )
-            # By a whole pixel: nothing less moves an edge that lies between pixels.
-            pixel = np.degrees(1 / np.array([recording.K[1, 1], recording.K[0, 0]]))
-            edges = np.array(
-                [
-                    [part.shift(pose_effects(3 + i, sign, pixel[i])) for sign in (1, -1)]
-                    for i in range(2)
-                ]
-            )
-    pose_columns = (steps[:, 0] - steps[:, 1]) / 2
+    scene = PlacedScene.at(recording, motion)
+    sums = scene.sums(recording.depth)
+    base = _simulate_base(scene, seed)
+    changes = _simulate_changes(scene, columns, seed, base)
     return Evidence(
-        recording.name,
-        real,
-        nulls.mean(axis=0),
-        noise / SIMULATION.null_seeds,
-        noise,
-        nulls,
-        shifts,
-        pose_columns,
-        (edges[:, 0] - edges[:, 1]) / 2,
-        _displaced(edges),
-        plane_columns,
-        np.sqrt(np.square(np.nan_to_num(wrong)).sum(axis=0, initial=0) + np.zeros(SIZE)),
-        motion[:POSE],
-        sure[:POSE],
-        motion[POSE:],
-        covariance_of(recording.truth, prior),
-        None
-        if recording.uptime is None
-        else recording.uptime + float((recording.stamp - recording.stamp[0]).mean()) * 1e-9,
-        lattice_peak(lattice_spectrum(real_sums), spectrum)[1],
-        static_grain(real_sums).astype(np.float16),
-        static_grain(null_sums[0]).astype(np.float16),
-        fingerprint(recording.depth, scenes),
-        histogram(recording.depth, scenes, real_sums),
-        base_measures,
-        _mean_sigma(real_sums),
-        real_sums.bins[:, EXPECT].astype(np.float32),
-        len(recording.depth),
-        moving,
-        recording.notes,
-        recording.axes,
-        accuracy_of(recording.truth),
+        name=recording.name,
+        real=features(sums, base.spectrum)[0],
+        base=base.features.mean(axis=0),
+        base_variance=base.noise / SIMULATION.null_seeds,
+        noise=base.noise,
+        nulls=base.features,
+        columns=changes.columns,
+        pose_columns=changes.poses,
+        edge_columns=(changes.edges[:, 0] - changes.edges[:, 1]) / 2,
+        displaced=_displaced(changes.edges),
+        plane_columns=changes.planes,
+        truth_spread=_truth_spread(scene, base, seed),
+        pose=motion[:POSE],
+        sure_pose=sure[:POSE],
+        planes=motion[POSE:],
+        covariance=covariance_of(recording.truth, prior),
+        uptime=_mean_uptime(recording),
+        step=lattice_peak(lattice_spectrum(sums), base.spectrum)[1],
+        grain=static_grain(sums).astype(np.float16),
+        null_grain=static_grain(base.sums[0]).astype(np.float16),
+        fingerprint=fingerprint(recording.depth, scene.covariates),
+        measures=histogram(recording.depth, scene.covariates, sums),
+        base_measures=base.measures,
+        sigma=_mean_sigma(sums),
+        counts=sums.bins[:, EXPECT].astype(np.float32),
+        frames=len(recording.depth),
+        moving=scene.moving,
+        notes=recording.notes,
+        axes=recording.axes,
+        accuracy=accuracy_of(recording.truth),
     )
 
 
+def _simulate_base(scene: PlacedScene, seed: int) -> _Base:
+    sums, measures = [], []
+    for k in range(SIMULATION.null_seeds):
+        depth = scene.simulate((), seed * 1000 + k)
+        sums.append(scene.sums(depth))
+        measures.append(histogram(depth, scene.covariates, sums[-1]))
+    spectrum = np.mean([lattice_spectrum(one) for one in sums], axis=0)
+    pairs = [features(one, spectrum) for one in sums]
+    values = np.array([one for one, _ in pairs])
+    analytic = np.mean([variance for _, variance in pairs], axis=0)
+    return _Base(depth, sums, measures, spectrum, values, _pooled_variance(values, analytic))
+
+
+def _simulate_changes(
+    scene: PlacedScene, columns: Sequence[Column], seed: int, base: _Base
+) -> _Changes:
+    recording, moving = scene.recording, scene.moving
+    count = len(recording.depth)
+    shifts = np.zeros((len(columns), SIZE), np.float32)
+    for kind, frames, settling in (
+        (_ALL, np.arange(count), scene.warm),
+        (_FEW, few_frames(count, moving, *SIMULATION.few), 0),
+        (_FEWEST, few_frames(count, moving, *SIMULATION.fewest), 0),
+    ):
+        part = PartialSimulation(scene, frames, seed * 1000, base.spectrum, settling)
+        for i, column in enumerate(columns):
+            still = not all(one.needs_motion for one in definitions(column.effects))
+            if _kind(column) == kind and (moving or still):
+                shifts[i] = part.shift(with_uptime(column.effects, recording.uptime))
+                if kind == _FEW:  # Grain is noise that is left, and the more so the fewer frames.
+                    less = base.features[0, _GRAIN] / max(part.base[_GRAIN], 1e-9)
+                    shifts[i, _GRAIN] *= less if np.isfinite(less) else 0  # too few pixels
+    # The last part has the fewest frames, which a change of geometry takes.
+    poses, edges = _pose_changes(part, recording)
+    return _Changes(shifts, poses, edges, part.plane_columns(recording.plane_shifts))
+
+
+def _pose_changes(
+    part: PartialSimulation, recording: RecordingData
+) -> tuple[np.ndarray, np.ndarray]:
+    # (6, SIZE) per step of the pose; (2, 2, SIZE) a pixel of pitch and of yaw, either way.
+    steps = np.array([[part.shift(pose_effects(i, sign)) for sign in (1, -1)] for i in range(6)])
+    # By a whole pixel: nothing less moves an edge that lies between pixels.
+    pixel = np.degrees(1 / np.array([recording.K[1, 1], recording.K[0, 0]]))
+    edges = np.array(
+        [[part.shift(pose_effects(3 + i, sign, pixel[i])) for sign in (1, -1)] for i in range(2)]
+    )
+    return (steps[:, 0] - steps[:, 1]) / 2, edges
+
+
+def _truth_spread(scene: PlacedScene, base: _Base, seed: int) -> np.ndarray:
+    # (SIZE,) what errors of the ground truth change.
+    wrong = [
+        features(scene.sums(one), base.spectrum)[0] - base.features[-1]
+        for one in _wrong_truth(base.depth, scene.recording.truth.clean_sigma, scene.moving, seed)
+    ]
+    return np.sqrt(np.square(np.nan_to_num(wrong)).sum(axis=0, initial=0) + np.zeros(SIZE))
+
+
+def _mean_uptime(recording: RecordingData) -> float | None:
+    if recording.uptime is None:
+        return None
+    return recording.uptime + float((recording.stamp - recording.stamp[0]).mean()) * 1e-9
+
+
 def _kind(column: Column) -> int:
-    # How many frames it takes: the fewest, a few, all.
-    kinds = _definitions(column.effects)
+    kinds = definitions(column.effects)
     if all(kind.smooth for kind in kinds):
-        return 0
-    return 1 if column.few and not any(kind.needs_motion for kind in kinds) else 2
-
-
-def _definitions(effects: Any) -> list[type[Effect]]:
-    # Of effects by name, or of the effects themselves.
-    known = loadable()
-    return [known[one] if isinstance(one, str) else type(one) for one in effects]
-
-
-class _Part:
-    """Some of a recording's frames, to simulate effects on with the same random numbers."""
-
-    def __init__(
-        self,
-        recording: RecordingData,
-        clean: np.ndarray,
-        reflectivity: np.ndarray | None,
-        scenes: list[PixelCovariates],
-        frames: np.ndarray,
-        seed: int,
-        spectrum: np.ndarray,
-        warm: int,
-    ) -> None:
-        if reflectivity is not None and reflectivity.ndim == 3:
-            reflectivity = reflectivity[frames]
-        self._retakes = CommonRandomNumbers(
-            base_camera(recording.mode, recording.profile, seed, recording.name),
-            clean if clean.ndim == 2 else clean[frames],
-            recording.K,
-            recording.stamp[frames],
-            reflectivity,
-        )
-        self._scenes = [scenes[t] for t in frames] if len(scenes) > 1 else scenes
-        self._fresh = recording.fresh[frames].copy()
-        self._fresh[1:] |= np.diff(frames) != 1
-        self._spectrum = spectrum
-        self._warm = warm
-        self._plain = self._retakes.depth(())
-        self.base = self._features(self._plain, True)
-
-    def _features(self, depth: np.ndarray, lattice: bool) -> np.ndarray:
-        sums = accumulate(
-            depth, self._scenes, self._fresh, self._warm, lattice, len(self._scenes) > 1
-        )
-        return features(sums, self._spectrum, FEATURES.enough_alike)[0]
-
-    def shift(self, effects: Any) -> np.ndarray:
-        """Return what the effects change, 0 where that cannot be said."""
-        depth = self._retakes.depth(effects)
-        if all(
-            np.array_equal(one.view(np.int32), other.view(np.int32))
-            for one, other in zip(depth, self._plain, strict=True)
-        ):
-            return np.zeros(SIZE)
-        lattice = any(kind.lattice for kind in _definitions(effects))
-        return np.nan_to_num(self._features(depth, lattice) - self.base)
-
-    def plane_columns(self, shifts: np.ndarray | None) -> np.ndarray:
-        """Return what steps of planes change, (3 P, SIZE); so small, they leave noise as it is."""
-        if shifts is None:
-            return np.zeros((0, SIZE))
-        steps = np.resize(PLANE_STEPS, len(shifts)).astype(np.float32)
-        both = np.array(
-            [
-                [self._features(self._plain + sign * shift, False) for sign in (1, -1)]
-                for shift in steps[:, None, None] * shifts
-            ]
-        )
-        return np.nan_to_num((both[:, 0] - both[:, 1]) / 2)
+        return _FEWEST
+    return _FEW if column.few and not any(kind.needs_motion for kind in kinds) else _ALL
 
 
 def _displaced(edges: np.ndarray) -> np.ndarray:
@@ -370,11 +298,6 @@ def _wrong_truth(
     return [depth + sigma, depth + draw * sigma]
 
 
-def warm_of(fresh: np.ndarray) -> int:
-    """Return how many frames a camera gets to settle in after each gap."""
-    return SIMULATION.settling if len(fresh) >= 6 and fresh.sum() <= len(fresh) / 6 else 0
-
-
 def _mean_sigma(sums: Sums) -> np.ndarray:
     with np.errstate(invalid='ignore', divide='ignore'):
         # Harmonic: a bias in metres is this times its mean in sigma.
@@ -390,15 +313,3 @@ def _pooled_variance(nulls: np.ndarray, analytic: np.ndarray) -> np.ndarray:
         found = np.where(np.isfinite(found), found, analytic)
         blend = weight * analytic + (1 - weight) * found
     return np.maximum(blend, least * analytic)
-
-
-def _few_frames(count: int, moving: bool, few: int, stretch: int) -> np.ndarray:
-    if count <= 2 * stretch:
-        return np.arange(count)
-    if not moving:
-        return np.arange(few)
-    starts = count // 4, min(3 * count // 4, count - stretch)
-    return np.unique([np.arange(start, start + stretch) for start in starts])
-
-
-__all__ = ['Evidence', 'Sums', 'RecordingData', 'gather', 'register', 'simulate']

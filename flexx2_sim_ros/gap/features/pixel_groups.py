@@ -6,7 +6,7 @@ import math
 
 from flexx2_sim_ros.gap.calibration.constants import FEATURES, WHERE
 from flexx2_sim_ros.gap.data.covariates import AXES, ENDLESS, PixelCovariates, sort_everywhere
-from flexx2_sim_ros.gap.features.evidence import RecordingData
+from flexx2_sim_ros.gap.data.registration import RecordingData
 from flexx2_sim_ros.gap.features.kernels import (
     add_errors,
     GROUP_WIDTH,

@@ -1,0 +1,197 @@
+"""A recording's scene, simulated: the base camera, and effects with common random numbers."""
+
+from dataclasses import dataclass
+from typing import Any
+
+from flexx2_sim_ros.camera.common_random_numbers import CommonRandomNumbers
+from flexx2_sim_ros.effects import ageing, Effect, loadable
+from flexx2_sim_ros.gap.calibration.constants import FEATURES, SIMULATION
+from flexx2_sim_ros.gap.data.covariates import look_at, PixelCovariates
+from flexx2_sim_ros.gap.data.planes import PLANE_STEPS
+from flexx2_sim_ros.gap.data.pose import base_camera
+from flexx2_sim_ros.gap.data.registration import place, Placed, RecordingData
+from flexx2_sim_ros.gap.features.features import accumulate, features, SIZE, Sums
+import numpy as np
+
+
+@dataclass(frozen=True)
+class PlacedScene:
+    """
+    A recording with its registered scene.
+
+    Attributes
+    ----------
+    recording : RecordingData
+        The recording.
+    placed : Placed
+        Clean depth and reflectivity as its camera really stood.
+    covariates : list of PixelCovariates
+        One, or one a frame.
+    warm : int
+        How many frames after a gap are left out.
+
+    """
+
+    recording: RecordingData
+    placed: Placed
+    covariates: list[PixelCovariates]
+    warm: int
+
+    @classmethod
+    def at(cls, recording: RecordingData, motion: np.ndarray) -> 'PlacedScene':
+        """Return the scene where the camera was moved by ``motion``, as for `place`."""
+        placed = place(recording, motion)
+        return cls(recording, placed, scenes_of(recording, placed), warm_of(recording.fresh))
+
+    @property
+    def moving(self) -> bool:
+        """Return whether each frame has a clean image of its own."""
+        return self.placed.clean.ndim == 3
+
+    def sums(self, depth: np.ndarray) -> Sums:
+        """Return the sums over (T, H, W) depth of this scene, metres."""
+        return accumulate(depth, self.covariates, self.recording.fresh, self.warm)
+
+    def simulate(self, effects: Any, seed: int) -> np.ndarray:
+        """Return (T, H, W) depth as the simulator sees the scene with effects, metres."""
+        return simulate(self.recording, self.placed.clean, self.placed.reflectivity, effects, seed)
+
+
+def scenes_of(recording: RecordingData, placed: Placed) -> list[PixelCovariates]:
+    """Return the covariates of each frame, or of the one there is."""
+    K, mode = recording.K, recording.mode  # noqa: N806
+    clean, rho, known, border = placed.clean, placed.reflectivity, placed.known, placed.border
+    if clean.ndim == 2:
+        return [look_at(clean, None, 0.0, rho, K, mode, recording.axes, border, known)]
+    out = []
+    for t, image in enumerate(clean):
+        # The first of a segment has none before it.
+        before = None if recording.fresh[t] or t == 0 else clean[t - 1]
+        interval = float(recording.stamp[t] - recording.stamp[t - 1]) * 1e-9
+        albedo, mask = (one if one is None or one.ndim == 2 else one[t] for one in (rho, known))
+        out.append(look_at(image, before, interval, albedo, K, mode, recording.axes, border, mask))
+    return out
+
+
+def simulate(
+    recording: RecordingData,
+    clean: np.ndarray,
+    reflectivity: np.ndarray | None,
+    effects: Any,
+    seed: int,
+) -> np.ndarray:
+    """Return (T, H, W) depth as the simulator sees the recording's scene."""
+    camera = base_camera(recording.mode, recording.profile, seed, recording.name)
+    if effects:  # Faster for a still scene, whose frames have much in common.
+        return CommonRandomNumbers(
+            camera, clean, recording.K, recording.stamp, reflectivity
+        ).depth(effects)
+    return camera.capture(clean, recording.K, recording.stamp, reflectivity).depth
+
+
+def with_uptime(effects: dict[str, dict[str, float]], uptime: float | None) -> dict[str, Any]:
+    """Return effects with the recording's own time since power-on."""
+    old = ageing(effects)
+    if uptime is None:  # Nothing is known of it, so they explain nothing.
+        return {name: values for name, values in effects.items() if name not in old}
+    return {**effects, **{name: {**effects[name], 'uptime': uptime} for name in old}}
+
+
+def warm_of(fresh: np.ndarray) -> int:
+    """Return how many frames a camera gets to settle in after each gap."""
+    return SIMULATION.settling if len(fresh) >= 6 and fresh.sum() <= len(fresh) / 6 else 0
+
+
+def few_frames(count: int, moving: bool, few: int, stretch: int) -> np.ndarray:
+    """Return some of a recording's frames: the first ones, or two stretches of a moving scene."""
+    if count <= 2 * stretch:
+        return np.arange(count)
+    if not moving:
+        return np.arange(few)
+    starts = count // 4, min(3 * count // 4, count - stretch)
+    return np.unique([np.arange(start, start + stretch) for start in starts])
+
+
+def definitions(effects: Any) -> list[type[Effect]]:
+    """Return the definitions of effects that are given by name or as they are."""
+    known = loadable()
+    return [known[one] if isinstance(one, str) else type(one) for one in effects]
+
+
+class PartialSimulation:
+    """
+    Some of a recording's frames, simulated with common random numbers.
+
+    Parameters
+    ----------
+    scene : PlacedScene
+        The recording's.
+    frames : numpy.ndarray
+        (N,) which frames.
+    seed : int
+        Of the simulation.
+    spectrum : numpy.ndarray
+        Of the base simulator's depths; see `features`.
+    warm : int
+        How many frames after a gap are left out.
+
+    Attributes
+    ----------
+    base : numpy.ndarray
+        (SIZE,) features without effects.
+
+    """
+
+    def __init__(
+        self, scene: PlacedScene, frames: np.ndarray, seed: int, spectrum: np.ndarray, warm: int
+    ) -> None:
+        """Simulate without effects."""
+        recording, clean = scene.recording, scene.placed.clean
+        reflectivity = scene.placed.reflectivity
+        if reflectivity is not None and reflectivity.ndim == 3:
+            reflectivity = reflectivity[frames]
+        self._common = CommonRandomNumbers(
+            base_camera(recording.mode, recording.profile, seed, recording.name),
+            clean if clean.ndim == 2 else clean[frames],
+            recording.K,
+            recording.stamp[frames],
+            reflectivity,
+        )
+        scenes = scene.covariates
+        self._scenes = [scenes[t] for t in frames] if len(scenes) > 1 else scenes
+        self._fresh = recording.fresh[frames].copy()
+        self._fresh[1:] |= np.diff(frames) != 1
+        self._spectrum = spectrum
+        self._warm = warm
+        self._plain = self._common.depth(())
+        self.base = self._features(self._plain, True)
+
+    def _features(self, depth: np.ndarray, lattice: bool) -> np.ndarray:
+        sums = accumulate(
+            depth, self._scenes, self._fresh, self._warm, lattice, len(self._scenes) > 1
+        )
+        return features(sums, self._spectrum, FEATURES.enough_alike)[0]
+
+    def shift(self, effects: Any) -> np.ndarray:
+        """Return what the effects change, 0 where that cannot be said."""
+        depth = self._common.depth(effects)
+        if all(
+            np.array_equal(one.view(np.int32), other.view(np.int32))
+            for one, other in zip(depth, self._plain, strict=True)
+        ):
+            return np.zeros(SIZE)
+        lattice = any(kind.lattice for kind in definitions(effects))
+        return np.nan_to_num(self._features(depth, lattice) - self.base)
+
+    def plane_columns(self, shifts: np.ndarray | None) -> np.ndarray:
+        """Return what steps of planes change, (3 P, SIZE); so small, they leave noise as it is."""
+        if shifts is None:
+            return np.zeros((0, SIZE))
+        steps = np.resize(PLANE_STEPS, len(shifts)).astype(np.float32)
+        both = np.array(
+            [
+                [self._features(self._plain + sign * shift, False) for sign in (1, -1)]
+                for shift in steps[:, None, None] * shifts
+            ]
+        )
+        return np.nan_to_num((both[:, 0] - both[:, 1]) / 2)
