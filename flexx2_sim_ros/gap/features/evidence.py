@@ -19,8 +19,8 @@ from flexx2_sim_ros.gap.features.features import (
     Sums,
 )
 from flexx2_sim_ros.gap.features.grain import fingerprint
-from flexx2_sim_ros.gap.features.kernels import EXPECT, INVERSE, VALID
 from flexx2_sim_ros.gap.features.physical import histogram, Measures
+from flexx2_sim_ros.gap.features.row_sums import EXPECT, INVERSE, VALID
 from flexx2_sim_ros.gap.features.simulation import (
     definitions,
     few_frames,

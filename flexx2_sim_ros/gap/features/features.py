@@ -5,19 +5,21 @@ from dataclasses import dataclass
 
 from flexx2_sim_ros.gap.calibration.constants import FEATURES
 from flexx2_sim_ros.gap.data.covariates import AXES, BINS, PixelCovariates
-from flexx2_sim_ros.gap.features.kernels import (
-    ABS2,
+from flexx2_sim_ros.gap.features.pixel_patterns import (
     count_depths,
+    grain_moments,
+    LATTICE_BIN,
+    LATTICE_RANGE,
+    less_around,
+)
+from flexx2_sim_ros.gap.features.row_sums import (
+    ABS2,
     ERROR,
     EXPECT,
     FrameSums,
     FrameTimes,
     gather_rows,
-    grain_moments,
     HIGH,
-    LATTICE_BIN,
-    LATTICE_RANGE,
-    less_around,
     LOW,
     N1,
     N2,

@@ -7,12 +7,12 @@ import math
 from flexx2_sim_ros.gap.calibration.constants import FEATURES, WHERE
 from flexx2_sim_ros.gap.data.covariates import AXES, ENDLESS, PixelCovariates, sort_everywhere
 from flexx2_sim_ros.gap.data.registration import RecordingData
-from flexx2_sim_ros.gap.features.kernels import (
+from flexx2_sim_ros.gap.features.pixel_patterns import (
     add_errors,
+    GROUP_FRAMES,
+    GROUP_METRES,
+    GROUP_NEIGHBOURS,
     GROUP_WIDTH,
-    SPOT_FRAMES,
-    SPOT_METRES,
-    SPOT_NEIGHBOURS,
 )
 import numpy as np
 
@@ -115,7 +115,7 @@ class GroupSums:
             self._filled[groups[left]] += 1
 
     def add(self, depth: np.ndarray) -> np.ndarray:
-        """Return sums of (T, H, W) depth, (groups, SPOT_WIDTH)."""
+        """Return sums of (T, H, W) depth, (groups, GROUP_WIDTH)."""
         out = np.zeros((self._count, GROUP_WIDTH))
         add_errors(depth, self._clean, self._sigma, self._cells, out)
         return out
@@ -171,7 +171,7 @@ class GroupSums:
             return out
 
         def metres(sums: np.ndarray) -> np.ndarray:
-            count, total = sums[enough, SPOT_METRES : SPOT_METRES + 2].T
+            count, total = sums[enough, GROUP_METRES : GROUP_METRES + 2].T
             return np.where(few, 0, total / np.maximum(count, 1))
 
         return PixelGroups(
@@ -211,7 +211,7 @@ def _cells(
 
 def _features(sums: np.ndarray) -> np.ndarray:
     # (N, 7), NaN for none.
-    number, valid, total, square, high, low = sums.T[:SPOT_FRAMES]
+    number, valid, total, square, high, low = sums.T[:GROUP_FRAMES]
     with np.errstate(divide='ignore', invalid='ignore'):
         mean = total / valid
         variance = np.maximum(square / valid - mean**2, 1e-4)
@@ -222,8 +222,8 @@ def _features(sums: np.ndarray) -> np.ndarray:
                 1 - valid / number,
                 high / valid,
                 low / valid,
-                _correlation(sums, SPOT_FRAMES),
-                _correlation(sums, SPOT_NEIGHBOURS),
+                _correlation(sums, GROUP_FRAMES),
+                _correlation(sums, GROUP_NEIGHBOURS),
             ],
             axis=1,
         )
