@@ -12,8 +12,9 @@ import threading
 import time
 
 from bench.gap_campaigns import write_campaign
+from flexx2_sim_ros import jobs
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.gap import diagnose, work
+from flexx2_sim_ros.gap import diagnose
 import pytest
 
 distributed = pytest.importorskip('distributed', reason='extra cluster is not installed')
@@ -118,7 +119,7 @@ def test_what_a_cluster_lacks_or_loses(
     local = diagnose(campaign)
     with scheduler(tmp_path) as (leader, address):
         with monkeypatch.context() as patch:
-            patch.setattr(work, '_PATIENCE', 1)
+            patch.setattr(jobs, '_PATIENCE', 1)
             with pytest.raises(InputError, match='--scheduler: must have at least one worker'):
                 diagnose(campaign.name, scheduler=address)
         with worker(tmp_path) as doomed, worker(tmp_path):
@@ -142,6 +143,6 @@ def test_what_a_cluster_lacks_or_loses(
 def test_no_scheduler_there_is_said(
     campaign: Path, monkeypatch: pytest.MonkeyPatch, address: str
 ) -> None:
-    monkeypatch.setattr(work, '_CONNECT_SECONDS', 0.5)
+    monkeypatch.setattr(jobs, '_CONNECT_SECONDS', 0.5)
     with pytest.raises(InputError, match='--scheduler: must be the address of a running'):
         diagnose(campaign, scheduler=address)

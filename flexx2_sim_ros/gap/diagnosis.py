@@ -26,7 +26,8 @@ from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.inference.patch import fit_patch
 from flexx2_sim_ros.gap.inference.uncertainty import ratio_interval
 from flexx2_sim_ros.gap.inference.where import places, unexplained
-from flexx2_sim_ros.gap.work import bind, find, simulate_set, summarise, workers
+from flexx2_sim_ros.gap.work import find, simulate_set, summarise
+from flexx2_sim_ros.jobs import bind, workers
 from flexx2_sim_ros.physics.frame_state import why_no_phases
 import numpy as np
 

@@ -13,7 +13,8 @@ from flexx2_sim_ros.gap.features.catalogue import Candidate, catalogue, Column, 
 from flexx2_sim_ros.gap.features.evidence import Evidence
 from flexx2_sim_ros.gap.inference.fitting import fit
 from flexx2_sim_ros.gap.inference.model import Model
-from flexx2_sim_ros.gap.work import bind, find, summarise, workers
+from flexx2_sim_ros.gap.work import find, summarise
+from flexx2_sim_ros.jobs import bind, workers
 import numpy as np
 
 

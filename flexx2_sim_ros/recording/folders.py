@@ -38,7 +38,7 @@ def find_recordings(folder: str | Path) -> list[Path]:
             path
             for path in folder.iterdir()
             if not path.name.startswith('.')
-            and (path.suffix in ('.npz', *BAG_FILES) or _is_bag(path))
+            and (path.suffix in ('.npz', *BAG_FILES) or is_bag(path))
         )
     except OSError as error:
         raise InputError(f'{folder}: cannot be read: {error}') from error
@@ -47,7 +47,8 @@ def find_recordings(folder: str | Path) -> list[Path]:
     return found
 
 
-def _is_bag(path: Path) -> bool:
+def is_bag(path: Path) -> bool:
+    """Say whether a path is a folder that is one rosbag2 bag, or cannot be looked into."""
     if not path.is_dir():
         return False
     try:

@@ -7,7 +7,7 @@ from flexx2_sim_ros.gap.calibration.constants import FEATURES
 from flexx2_sim_ros.gap.data.covariates import AXES, Axes, Axis, TILE_COLUMNS, TILE_ROWS
 from flexx2_sim_ros.gap.features.confirm import Outcome
 from flexx2_sim_ros.gap.features.features import LAYOUT, likeness
-from flexx2_sim_ros.gap.report.drawing import curves, picture
+from flexx2_sim_ros.html_drawing import curves, picture
 import numpy as np
 
 # Label of each channel, and the factor to its unit.

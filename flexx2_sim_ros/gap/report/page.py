@@ -9,8 +9,8 @@ from flexx2_sim_ros.gap.features.physical import UNITS
 from flexx2_sim_ros.gap.inference.decide import Decision
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.report.charts import charts, maps
-from flexx2_sim_ros.gap.report.drawing import bar
 from flexx2_sim_ros.gap.report.words import accuracy, headline, not_considered, place, sentences
+from flexx2_sim_ros.html_drawing import bar
 from flexx2_sim_ros.html_page import html_page
 
 _STYLE = """

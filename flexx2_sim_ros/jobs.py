@@ -1,0 +1,116 @@
+"""Map a function over items: here, in local processes or on a Dask cluster."""
+
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import as_completed, CancelledError
+from contextlib import contextmanager
+from functools import partial
+from typing import Any
+
+from flexx2_sim_ros import processes
+from flexx2_sim_ros.errors import InputError
+
+_CONNECT_SECONDS = 10.0
+_PATIENCE = 30  # seconds
+Map = Callable[[Callable[[Any], Any], Sequence[Any], Callable[[], None]], list[Any]]
+
+
+@contextmanager
+def workers(jobs: int, scheduler: str | None) -> Iterator[Map]:
+    """
+    Yield a function that maps a function over items, in order.
+
+    Parameters
+    ----------
+    jobs : int
+        Local processes.
+    scheduler : str or None
+        Address of a Dask scheduler, whose workers read the recordings by the same paths.
+
+    Raises
+    ------
+    InputError
+        When the scheduler cannot be reached or Dask is not installed.
+
+    """
+    if scheduler is not None:
+        with _dask(scheduler) as mapped:
+            yield mapped
+    elif jobs > 1:
+        with processes.workers(jobs) as submit:
+
+            def run(
+                function: Callable[[Any], Any], items: Sequence[Any], tick: Callable[[], None]
+            ) -> list[Any]:
+                futures = submit(function, items)
+                for _ in as_completed(futures):
+                    tick()
+                return [future.result() for future in futures]
+
+            yield run
+    else:
+
+        def here(
+            function: Callable[[Any], Any], items: Sequence[Any], tick: Callable[[], None]
+        ) -> list[Any]:
+            out = []
+            for item in items:
+                out.append(function(item))
+                tick()
+            return out
+
+        yield here
+
+
+@contextmanager
+def _dask(address: str) -> Iterator[Map]:
+    try:
+        import distributed  # type: ignore[import-not-found,import-untyped,unused-ignore]
+    except ImportError as error:
+        raise InputError(
+            '--scheduler: needs Dask, which is not installed: pip install flexx2_sim_ros[cluster]'
+        ) from error
+    try:
+        client = distributed.Client(address, timeout=_CONNECT_SECONDS, set_as_default=False)
+    except (OSError, ValueError, TypeError, OverflowError) as error:
+        raise InputError(
+            f'--scheduler: must be the address of a running scheduler, got {address!r}: {error}'
+        ) from error
+    try:
+        client.wait_for_workers(1, timeout=_PATIENCE)
+    except TimeoutError as error:
+        client.close()
+        raise InputError(
+            f'--scheduler: must have at least one worker, got none at {address!r} after '
+            f'{_PATIENCE} s'
+        ) from error
+
+    def run(
+        function: Callable[[Any], Any], items: Sequence[Any], tick: Callable[[], None]
+    ) -> list[Any]:
+        # Pure: what was lost with a worker is done again, with the same outcome.
+        with client.as_current():
+            futures = client.map(function, list(items), pure=False, retries=3)
+            for _ in distributed.as_completed(futures):
+                tick()
+            return list(client.gather(futures))
+
+    try:
+        yield run
+    except distributed.KilledWorker as error:
+        raise InputError(
+            f'--scheduler: {address}: its workers were lost again and again: {error}'
+        ) from error
+    except (CancelledError, RuntimeError, OSError) as error:
+        # Whatever breaks on the way when the scheduler goes, the client is then not connected.
+        if client.status == 'running':
+            raise
+        raise InputError(
+            f'--scheduler: {address}: the connection was lost; nothing was written'
+        ) from error
+    finally:
+        client.close()
+
+
+def bind(function: Callable[..., Any], **fixed: Any) -> Callable[[Any], Any]:
+    """Return a function of one argument that other processes can be sent."""
+    return partial(function, **fixed)
