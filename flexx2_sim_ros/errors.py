@@ -5,11 +5,13 @@ from typing import Any
 
 # Import name: what pip installs. Not every command and node needs these.
 _OPTIONAL = {
+    'embreex': 'embreex',
     'matplotlib': 'matplotlib',
     'mujoco': '"mujoco>=4.0"',
     'rosbags': '"rosbags>=0.11"',
     'scipy': 'scipy',
     'sklearn': 'scikit-learn',
+    'trimesh': 'trimesh',
     'warp': 'warp-lang',
 }
 

@@ -12,9 +12,9 @@ PACKAGE = ROOT / NAME
 # From the lowest room to the highest; a room may import itself and the rooms before it.
 ROOMS = (
     'base', 'formulas', 'profiles', 'physics', 'effects', 'camera', 'messages', 'recording',
-    'rendering', 'characterize', 'robots', 'batch', 'gap.calibration', 'gap.data', 'gap.features',
-    'gap.inference', 'gap.report', 'gap', 'validation.blind', 'validation.benchmark',
-    'validation', 'view', 'nodes', 'cli',
+    'rendering', 'truth', 'characterize', 'robots', 'batch', 'gap.calibration', 'gap.data',
+    'gap.features', 'gap.inference', 'gap.report', 'gap', 'validation.blind',
+    'validation.benchmark', 'validation', 'view', 'nodes', 'cli',
 )  # fmt: skip
 
 

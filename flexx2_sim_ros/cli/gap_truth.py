@@ -1,0 +1,148 @@
+"""`flexx2 gap truth`: ground truth for recordings of a real camera."""
+
+import argparse
+import math
+import os
+from pathlib import Path
+import shlex
+import sys
+from typing import Any
+
+from flexx2_sim_ros.cli.argument_types import MOST_JOBS, number, whole_number
+from flexx2_sim_ros.errors import InputError, printable, shown
+from flexx2_sim_ros.profiles.files import PROFILE_HELP
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+_UPS = '+x', '-x', '+y', '-y', '+z', '-z'
+
+
+def add_parser(commands: Any) -> None:
+    """Add the subcommand."""
+    parser = commands.add_parser(
+        'truth',
+        help='make ground truth for recordings of a real camera',
+        description='Register each RECORDING (.npz, a bag, or a folder of them) to a room, and '
+        'write it to DIR with clean_depth and how well it is known. Writes truth.yaml and '
+        'truth.html as well. An interrupted run goes on where it was. See docs/truth.md.',
+        epilog='example: flexx2 gap truth bags/ --scan room.ply --out campaign/',
+    )
+    parser.add_argument('recordings', nargs='+', metavar='RECORDING')
+    room = parser.add_mutually_exclusive_group(required=True)
+    room.add_argument(
+        '--scan',
+        metavar='MESH',
+        help='the room as a triangle mesh in metres: .ply, .obj, .glb or .stl',
+    )
+    room.add_argument(
+        '--scene', metavar='FILE', help='the room as a MuJoCo model: MJCF (.xml) or .urdf'
+    )
+    parser.add_argument('--out', required=True, metavar='DIR')
+    parser.add_argument(
+        '--pose',
+        action='append',
+        default=[],
+        metavar='X,Y,Z,QX,QY,QZ,QW',
+        help='rough pose of the camera in the room (optical frame; metres), within 0.3 m and 20 '
+        'degrees: of the first frame; once for all recordings or once for each. Write '
+        '--pose=-1,... where the first number is negative. Left out: found',
+    )
+    parser.add_argument(
+        '--up',
+        choices=_UPS,
+        metavar='AXIS',
+        help="the room's axis that points up, for finding poses: +z, or +y for .glb (default)",
+    )
+    parser.add_argument('--camera', metavar='NAME', help='the camera of a bag that has several')
+    parser.add_argument('--profile', metavar='NAME', default='', help=PROFILE_HELP)
+    parser.add_argument(
+        '--motion',
+        choices=('auto', 'still', 'moving'),
+        default='auto',
+        help='whether the camera moved (default: find out)',
+    )
+    parser.add_argument(
+        '--room-error',
+        type=number(0, 1),
+        default=0.003,
+        metavar='METRES',
+        help="standard deviation of the room's surfaces (default %(default)s)",
+    )
+    parser.add_argument(
+        '--jobs',
+        type=whole_number(1, MOST_JOBS),
+        default=os.cpu_count() or 1,
+        help='number of processes (default: one per core)',
+    )
+    parser.add_argument(
+        '--scheduler',
+        metavar='ADDRESS',
+        help='use the Dask cluster of this scheduler; its workers must see the same paths',
+    )
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Make ground truth with a progress bar, and print the verdicts."""
+    from flexx2_sim_ros.profiles.files import find_profile
+    from flexx2_sim_ros.truth import make_truth, Request
+
+    room = Path(arguments.scan or arguments.scene)
+    _check_suffix(room, arguments.scan is not None)
+    words = sys.argv[1:] if sys.argv[1:2] == ['gap'] else ['gap', 'truth']
+    request = Request(
+        tuple(map(Path, arguments.recordings)),
+        room,
+        Path(arguments.out),
+        tuple(_pose(text) for text in arguments.pose),
+        arguments.up or ('+y' if room.suffix.lower() == '.glb' else '+z'),
+        arguments.camera,
+        find_profile(arguments.profile) if arguments.profile else None,
+        arguments.motion,
+        arguments.room_error,
+        arguments.jobs,
+        arguments.scheduler,
+        shlex.join(['flexx2', *words]),
+    )
+    console = Console(stderr=True, markup=False)
+    with Progress(
+        TextColumn('{task.description}', markup=False),
+        BarColumn(),
+        TimeElapsedColumn(),
+        console=console,
+        transient=True,
+    ) as progress:
+        task = progress.add_task('starting', total=1.0)
+        table = make_truth(
+            request, lambda text, share: progress.update(task, description=text, completed=share)
+        )
+    for row in table['recordings']:
+        reasons = f': {"; ".join(row["reasons"])}' if row['reasons'] else ''
+        console.print(printable(f'{row["name"]}: {row["verdict"]}{reasons}'), highlight=False)
+    for row in table['cannot_decide']:
+        console.print(
+            printable(f'cannot decide {row["effect"]}: {row["reason"]}'), highlight=False
+        )
+    console.print(f'{arguments.out}: truth.yaml, truth.html', highlight=False)
+    return 0
+
+
+def _check_suffix(room: Path, scan: bool) -> None:
+    meshes = '.ply', '.obj', '.glb', '.stl'
+    wanted = meshes if scan else ('.xml', '.mjcf', '.urdf')
+    if room.suffix.lower() not in wanted:
+        name = '--scan' if scan else '--scene'
+        raise InputError(f'{name}: must be one of {", ".join(wanted)}, got {shown(room.name)}')
+
+
+def _pose(text: str) -> tuple[float, ...]:
+    try:
+        numbers = tuple(float(word) for word in text.split(','))
+    except ValueError:
+        numbers = ()
+    good = len(numbers) == 7 and all(math.isfinite(n) and abs(n) < 1e6 for n in numbers)
+    if not good or math.hypot(*numbers[3:]) < 1e-6:
+        raise InputError(
+            f'--pose: must be x,y,z,qx,qy,qz,qw: three metres and a quaternion, got {shown(text)}'
+        )
+    return numbers

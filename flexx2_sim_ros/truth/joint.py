@@ -1,0 +1,343 @@
+"""
+Poses of many recordings and the errors that they share, estimated together.
+
+A pose fitted alone takes most of a bias and of wiggling for itself. Columns of the same camera are
+the same in all recordings, poses are not: with four recordings or more that tells them apart.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from flexx2_sim_ros.truth.alignment import (
+    clamped,
+    facing,
+    jacobian,
+    residuals,
+    robust_weights,
+    Target,
+    TRUNCATION,
+)
+from flexx2_sim_ros.truth.meshes import load_room
+from flexx2_sim_ros.truth.poses import Pose
+from flexx2_sim_ros.truth.rooms import Hits
+import numpy as np
+
+# Standard deviations of the priors: bias and amplitudes in metres, gain of the bounce.
+_PRIOR = 0.02
+_PRIOR_GAIN = 1.0
+_ROUNDS = 6
+_CONVERGED = 1e-6
+_POSE_PRIOR = 1.0  # 1/m2: keeps a pose that nothing holds from making the equations singular
+
+
+@dataclass(frozen=True)
+class View:
+    """
+    One image with its pose.
+
+    Attributes
+    ----------
+    recording : int
+        Number of its recording.
+    room : pathlib.Path
+        The room's file; see `load_room`.
+    target : Target
+        Its pixels.
+    pose : Pose
+    bounce : numpy.ndarray
+        (N,) metres that light which bounced once adds to each pixel's depth, by simulation.
+
+    """
+
+    recording: int
+    room: Path
+    target: Target
+    pose: Pose
+    bounce: np.ndarray
+
+
+@dataclass(frozen=True)
+class Columns:
+    """
+    The errors that all recordings share, in the order of the coefficients.
+
+    Attributes
+    ----------
+    bias : bool
+        A constant along the ray, metres.
+    periods : tuple of float
+        Of wiggling along the range, metres: a sine and a cosine each.
+    bounce : bool
+        A gain on the light that bounced once.
+
+    """
+
+    bias: bool = True
+    periods: tuple[float, ...] = ()
+    bounce: bool = True
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Return the names of the coefficients."""
+        waves = [
+            f'{part} {period:.3f} m' for period in self.periods for part in ('sine', 'cosine')
+        ]
+        return (*['bias'] * self.bias, *waves, *['bounce'] * self.bounce)
+
+    @property
+    def precision(self) -> np.ndarray:
+        """Return the priors' inverse variances."""
+        deviations = [_PRIOR_GAIN if name == 'bounce' else _PRIOR for name in self.names]
+        return np.array(deviations, float) ** -2.0
+
+    def matrix(self, view: View, depth: np.ndarray) -> np.ndarray:
+        """Return (N, k) metres along the optical axis for (N,) expected depths."""
+        return error_columns(self, depth, view.target.length, view.bounce)
+
+
+def error_columns(
+    columns: Columns, depth: np.ndarray, length: np.ndarray, bounce: np.ndarray
+) -> np.ndarray:
+    """Return (N, k) metres along the optical axis that each coefficient's unit adds."""
+    parts = [1 / length] if columns.bias else []
+    for period in columns.periods:
+        turn = 2 * np.pi * depth * length / period
+        parts += [np.sin(turn) / length, np.cos(turn) / length]
+    if columns.bounce:
+        parts.append(bounce)
+    return np.stack(parts, axis=-1) if parts else np.zeros((len(depth), 0))
+
+
+@dataclass(frozen=True)
+class Linear:
+    """
+    A view's weighted linear equations: y = J motion + A coefficients.
+
+    Attributes
+    ----------
+    J, A, y, weight : numpy.ndarray
+        (N, 6), (N, k), (N,), (N,).
+    tile : numpy.ndarray
+        (N,) see `Target`.
+    bias : numpy.ndarray
+        (N,) what a bias of 1 m along the ray adds to depth.
+
+    """
+
+    J: np.ndarray
+    A: np.ndarray
+    y: np.ndarray
+    weight: np.ndarray
+    tile: np.ndarray
+    bias: np.ndarray
+
+    @property
+    def H(self) -> np.ndarray:  # noqa: N802
+        """Return the (6, 6) information of the pose alone."""
+        return (self.J * self.weight[:, None]).T @ self.J + _POSE_PRIOR * np.eye(6)
+
+    @property
+    def B(self) -> np.ndarray:  # noqa: N802
+        """Return (6, k), pose against coefficients."""
+        return (self.J * self.weight[:, None]).T @ self.A
+
+    @property
+    def g(self) -> np.ndarray:
+        """Return (6,), the right side of the pose."""
+        return self.J.T @ (self.weight * self.y)
+
+    def free(self, columns: np.ndarray) -> np.ndarray:
+        """Return (N, m) columns less what a motion of the camera explains of them."""
+        return columns - self.J @ np.linalg.solve(
+            self.H, (self.J * self.weight[:, None]).T @ columns
+        )
+
+
+@dataclass(frozen=True)
+class Solution:
+    """
+    What came out for all recordings.
+
+    Attributes
+    ----------
+    columns : Columns
+    values : numpy.ndarray
+        (k,) coefficients.
+    deviations : numpy.ndarray
+        (k,) standard deviations: the greater of that from the pixels and that from leaving out
+        one recording at a time.
+    condition : float
+        Condition number of the coefficients' equations, scaled to a unit diagonal.
+    views : tuple of View
+        With their new poses.
+    covariances : tuple of numpy.ndarray
+        (6, 6) each, of the views' motions (metres, radians).
+    drags : tuple of numpy.ndarray
+        (6,) each: the motion that a bias of one prior standard deviation would feign where the
+        bias is not estimated.
+    left_out : numpy.ndarray
+        (R, k) coefficients without each recording.
+
+    """
+
+    columns: Columns
+    values: np.ndarray
+    deviations: np.ndarray
+    condition: float
+    views: tuple[View, ...]
+    covariances: tuple[np.ndarray, ...]
+    drags: tuple[np.ndarray, ...]
+    left_out: np.ndarray
+
+    def full_covariance(self, view: int) -> np.ndarray:
+        """Return (6, 6) of a view's pose, with the bias that may be there and is not estimated."""
+        drag = self.drags[view] * (not self.columns.bias)
+        return self.covariances[view] + np.outer(drag, drag)
+
+
+def linearise(
+    view: View, columns: Columns, values: np.ndarray
+) -> tuple[Linear, Target, np.ndarray]:
+    """
+    Return a view's equations at its pose, weighted with the residuals that are left.
+
+    Parameters
+    ----------
+    view : View
+        The view.
+    columns : Columns
+        Which errors are shared.
+    values : numpy.ndarray
+        (k,) coefficients so far.
+
+    Returns
+    -------
+    tuple
+        The equations, the pixels in them, and the depth expected at each, metres.
+
+    """
+    hits = load_room(view.room).cast(view.pose, view.target.rays)
+    y = residuals(hits, view.target)
+    use = facing(hits, view.target) & np.isfinite(y)
+    chosen = replace_target(view.target, use)
+    y = y[use]
+    J = jacobian(_pick(hits, use), chosen.rays)
+    A = columns.matrix(replace(view, target=chosen, bounce=view.bounce[use]), hits.depth[use])
+    weight = robust_weights(y - A @ values, chosen.sigma**2, TRUNCATION)
+    return Linear(J, A, y, weight, chosen.tile, 1 / chosen.length), chosen, hits.depth[use]
+
+
+def replace_target(target: Target, use: np.ndarray) -> Target:
+    """Return the pixels of a target that an (N,) bool array picks."""
+    picked = {
+        name: getattr(target, name)[use]
+        for name in ('rays', 'depth', 'sigma', 'length', 'pixel', 'tile')
+    }
+    return replace(target, **picked)
+
+
+def _pick(hits: Hits, use: np.ndarray) -> Hits:
+    return Hits(hits.depth[use], hits.normal[use], None, hits.border[use])
+
+
+def solve(views: Sequence[View], columns: Columns, rounds: int = _ROUNDS) -> Solution:
+    """
+    Estimate poses and shared coefficients together.
+
+    Parameters
+    ----------
+    views : sequence of View
+        With poses that are about right.
+    columns : Columns
+        Which errors are shared.
+    rounds : int
+        Steps of Gauss-Newton at most.
+
+    Returns
+    -------
+    Solution
+
+    """
+    values = np.zeros(len(columns.names))
+    current = list(views)
+    for _ in range(rounds):
+        equations = [linearise(view, columns, values)[0] for view in current]
+        S, s = reduced(equations, columns)
+        values = np.linalg.solve(S, s)
+        longest = 0.0
+        for i, one in enumerate(equations):
+            step = clamped(np.linalg.solve(one.H, one.g - one.B @ values))
+            current[i] = replace(current[i], pose=current[i].pose.moved(step))
+            longest = max(longest, float(np.abs(step).max()))
+        if longest < _CONVERGED:
+            break
+    return _finish(current, columns, values)
+
+
+def reduced(equations: Sequence[Linear], columns: Columns) -> tuple[np.ndarray, np.ndarray]:
+    """Return the coefficients' normal equations, poses eliminated (Schur complement)."""
+    S, s = np.diag(columns.precision), np.zeros(len(columns.names))
+    for one in equations:
+        part, side = _share(one)
+        S, s = S + part, s + side
+    return S, s
+
+
+def _share(one: Linear) -> tuple[np.ndarray, np.ndarray]:
+    free = one.free(one.A)
+    return (free * one.weight[:, None]).T @ one.A, free.T @ (one.weight * one.y)
+
+
+def _finish(views: list[View], columns: Columns, values: np.ndarray) -> Solution:
+    equations = [linearise(view, columns, values)[0] for view in views]
+    shares = [_share(one) for one in equations]
+    k = len(values)
+    prior = np.diag(columns.precision)
+    S = prior + sum((part for part, _ in shares), np.zeros((k, k)))
+    s = sum((side for _, side in shares), np.zeros(k))
+    inverse = np.linalg.inv(S) if k else S
+    owners = np.array([view.recording for view in views])
+    left_out = []
+    for recording in np.unique(owners):
+        mine = [shares[i] for i in np.flatnonzero(owners == recording)]
+        S_rest = S - sum((part for part, _ in mine), np.zeros((k, k)))
+        left_out.append(np.linalg.solve(S_rest, s - sum((side for _, side in mine), np.zeros(k))))
+    apart = np.array(left_out).reshape(len(left_out), k)
+    count = len(apart)
+    jackknife = np.sqrt((count - 1) / count * ((apart - apart.mean(axis=0)) ** 2).sum(axis=0))
+    scores = [_tile_scores(one, values) for one in equations]
+    meat = prior + sum((own.T @ own for _, own in scores), np.zeros((k, k)))
+    spread = inverse @ meat @ inverse
+    poses, drags = [], []
+    for one, (g, own) in zip(equations, scores, strict=True):
+        H_inverse = np.linalg.inv(one.H)
+        pull = H_inverse @ one.B
+        here = g @ H_inverse - own @ inverse @ pull.T
+        others = spread - inverse @ (own.T @ own) @ inverse
+        poses.append(here.T @ here + pull @ others @ pull.T)
+        drags.append(_PRIOR * H_inverse @ (one.J.T @ (one.weight * one.bias)))
+    data = S - prior
+    scale = np.sqrt(np.maximum(np.diag(data), 1e-30))
+    condition = float(np.linalg.cond(data / np.outer(scale, scale))) if k else 1.0
+    return Solution(
+        columns,
+        values,
+        np.maximum(jackknife, np.sqrt(np.diag(spread))),
+        condition,
+        tuple(views),
+        tuple(poses),
+        tuple(drags),
+        apart,
+    )
+
+
+def _tile_scores(one: Linear, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    # Sums over each tile: (tiles, 6) for the pose, (tiles, k) for the coefficients.
+    motion = np.linalg.solve(one.H, one.g - one.B @ values)
+    left = one.weight * (one.y - one.A @ values - one.J @ motion)
+    tiles = int(one.tile.max(initial=-1)) + 1
+    g, own = np.zeros((tiles, 6)), np.zeros((tiles, len(values)))
+    np.add.at(g, one.tile, one.J * left[:, None])
+    np.add.at(own, one.tile, one.free(one.A) * left[:, None])
+    return g, own

@@ -1,0 +1,149 @@
+"""Read a room from a file, and say in one sentence what is wrong with it."""
+
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+from flexx2_sim_ros.config_file import is_regular_file
+from flexx2_sim_ros.errors import InputError, shown_path, unquoted
+from flexx2_sim_ros.rendering.scenes import read_model
+from flexx2_sim_ros.truth.rooms import MeshRoom, MujocoRoom, Room
+import numpy as np
+import trimesh
+
+SUFFIXES = ('.ply', '.obj', '.glb', '.stl')
+SCENE_SUFFIXES = ('.xml', '.mjcf', '.urdf')
+# A triangle takes about 0.5 kB and 5 us to load and to build (python -m bench.truth).
+MOST_TRIANGLES = 5_000_000
+_MOST_BYTES = 4 << 30
+# Metres. A ToF camera sees about 10 m; a scan in millimetres is 1000 times as large.
+_SMALLEST, _LARGEST = 0.2, 200.0
+_LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)  # Rec. 709
+
+
+@lru_cache(maxsize=2)  # A worker process registers many recordings to the same room.
+def load_room(path: Path) -> Room:
+    """
+    Load a room.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        A mesh in metres (one of `SUFFIXES`), or a model that MuJoCo reads (`SCENE_SUFFIXES`).
+
+    Returns
+    -------
+    Room
+
+    Raises
+    ------
+    InputError
+        When there is no such file or it cannot be the mesh of a room in metres.
+
+    """
+    if path.suffix.lower() in SCENE_SUFFIXES:
+        if not is_regular_file(path):
+            raise InputError(f'--scene: {shown_path(path)}: must be a file, got none')
+        return MujocoRoom(read_model('--scene', str(path), path, ()).compile())
+    return read_mesh(path)
+
+
+def read_mesh(path: Path) -> MeshRoom:
+    """
+    Read a mesh and check it.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        One of `SUFFIXES`. Colours of vertices, faces or textures become reflectivity: the
+        Rec. 709 luminance.
+
+    Returns
+    -------
+    MeshRoom
+
+    Raises
+    ------
+    InputError
+        As `load_room`.
+
+    """
+    name = f'--scan: {shown_path(path)}'
+    if path.suffix.lower() not in SUFFIXES or not is_regular_file(path):
+        raise InputError(f'{name}: must be a mesh file ({", ".join(SUFFIXES)}), got no such file')
+    if path.stat().st_size > _MOST_BYTES:
+        raise InputError(f'{name}: must be at most 4 GiB, got {path.stat().st_size / 2**30:.1f}')
+    mesh = _load(name, path)
+    faces = np.asarray(mesh.faces)
+    if len(faces) > MOST_TRIANGLES:
+        raise InputError(
+            f'{name}: must have at most {MOST_TRIANGLES:,} triangles, got {len(faces):,}; '
+            'simplify the mesh'
+        )
+    vertices = np.asarray(mesh.vertices, np.float64)
+    if not np.isfinite(vertices).all():
+        raise InputError(f'{name}: vertices: must be finite numbers, got NaN or infinity')
+    if faces.min() < 0 or faces.max() >= len(vertices):
+        raise InputError(f'{name}: faces: must name vertices 0 to {len(vertices) - 1}')
+    triangles = vertices[faces]
+    _check_size(name, triangles)
+    return MeshRoom(triangles, _luminance(mesh, faces), _at_border(vertices, faces))
+
+
+def _load(name: str, path: Path) -> trimesh.Trimesh:
+    try:
+        scene = trimesh.load_scene(path, process=False)
+    except Exception as error:  # Its readers let errors of all kinds out.
+        reason = unquoted(str(error)) or type(error).__name__
+        raise InputError(f'{name}: cannot be read as a mesh: {reason}') from error
+    meshes = [one for one in scene.dump() if isinstance(one, trimesh.Trimesh) and len(one.faces)]
+    if not meshes:
+        points = sum(len(getattr(one, 'vertices', ())) for one in scene.geometry.values())
+        raise InputError(
+            f'{name}: must have triangles, got {points} points and no faces; make a mesh of the '
+            'point cloud first'
+        )
+    whole: Any = trimesh.util.concatenate(meshes)
+    return whole
+
+
+def _check_size(name: str, triangles: np.ndarray) -> None:
+    corners = triangles.reshape(-1, 3)
+    extent = corners.max(axis=0) - corners.min(axis=0)
+    size = ' x '.join(f'{value:.3g}' for value in extent)
+    if extent.max() > _LARGEST:
+        raise InputError(
+            f'{name}: must be a room in metres, got {size} m; it looks like millimetres: scale '
+            'it by 0.001'
+        )
+    if extent.max() < _SMALLEST:
+        raise InputError(f'{name}: must be a room in metres, got {size} m; scale it to metres')
+
+
+def _luminance(mesh: trimesh.Trimesh, faces: np.ndarray) -> np.ndarray | None:
+    # (F, 3) at the corners of each triangle; None without colours.
+    visual: Any = mesh.visual
+    if visual.kind == 'texture':
+        visual = visual.to_color()
+    if visual.kind == 'face':
+        light = _gray(visual.face_colors)
+        return np.repeat(light[:, None], 3, axis=1) if len(light) == len(faces) else None
+    if visual.kind == 'vertex':
+        light = _gray(visual.vertex_colors)
+        return light[faces] if len(light) == len(mesh.vertices) else None
+    return None
+
+
+def _gray(colours: np.ndarray) -> np.ndarray:
+    return np.asarray(colours)[:, :3].astype(np.float32) @ _LUMINANCE / np.float32(255)
+
+
+def _at_border(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    # Triangles with a side that no other triangle has. Vertices at the same place count as one:
+    # an .stl has three of its own for each triangle.
+    _, same = np.unique(vertices, axis=0, return_inverse=True)
+    corners = same.reshape(-1)[faces]
+    sides = np.sort(np.stack([corners, np.roll(corners, -1, axis=1)], axis=-1), axis=-1)
+    keys = sides[..., 0].astype(np.int64) * (len(vertices) + 1) + sides[..., 1]
+    _, index, count = np.unique(keys, return_inverse=True, return_counts=True)
+    return (count[index.reshape(keys.shape)] == 1).any(axis=1)

@@ -1,0 +1,259 @@
+"""What a recording shows: the median of a still one, frames of a moving one."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+from flexx2_sim_ros.camera import flexx2, Intrinsics, Mode, Profile
+from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.physics.frame_state import SPEED_OF_LIGHT
+from flexx2_sim_ros.physics.geometry import pixel_rays
+from flexx2_sim_ros.profiles.modes import DEFAULT_USECASE
+from flexx2_sim_ros.recording import RecordingReader
+import numpy as np
+
+_MOST_FRAMES = 40  # of a still recording: more do not make its median better than the mesh
+_NEAREST = 0.02  # metres
+# A recording moves where more than this share of its blocks of pixels changes by more than this
+# many metres (and sigmas of a pixel), from its first to its middle or last frames. Warm-up changes
+# depth by less.
+_MOVED_SHARE, _MOVED, _TILE_NOISE = 0.1, 0.02, 1.5
+_TILE = 6
+# An edge: depth bends by more than this share of itself and this many sigmas of noise, which is
+# four of those of a second difference.
+_BEND, _BEND_NOISE = 0.02, 10.0
+_LONGEST_GAP = 1000.0  # seconds between two frames; more are two clocks
+
+
+@dataclass(frozen=True)
+class Observation:
+    """
+    One depth image to be registered.
+
+    Attributes
+    ----------
+    rays : numpy.ndarray
+        (H, W, 2) x/z and y/z of each pixel, lens distortion taken off; NaN where it cannot be.
+    depth : numpy.ndarray
+        (H, W) float64 metres along the optical axis, NaN where invalid.
+    sigma : numpy.ndarray
+        (H, W) float64 metres, standard deviation of `depth`.
+    wraps : tuple of float
+        Metres: range is known up to multiples of each, most likely first.
+
+    """
+
+    rays: np.ndarray
+    depth: np.ndarray
+    sigma: np.ndarray
+    wraps: tuple[float, ...]
+
+    @cached_property
+    def smooth(self) -> np.ndarray:
+        """Return (H, W) bool: valid, and on one surface with all eight neighbours."""
+        jumps = _jumps(self.depth, self.sigma)
+        return np.isfinite(self.depth) & np.isfinite(self.rays[..., 0]) & ~jumps
+
+    @cached_property
+    def length(self) -> np.ndarray:
+        """Return (H, W) length of a ray per metre of depth."""
+        return np.sqrt(1 + (self.rays**2).sum(axis=-1))
+
+    def mirrored(self) -> 'Observation':
+        """Return what a camera would see in the mirror image of the room."""
+        return replace(self, rays=self.rays * (-1, 1))
+
+
+def grow(mask: np.ndarray, times: int = 1) -> np.ndarray:
+    """Return an (H, W) bool mask with the neighbours of its pixels, so many times."""
+    for _ in range(times):
+        wide = mask.copy()
+        wide[1:] |= mask[:-1]
+        wide[:-1] |= mask[1:]
+        mask = wide.copy()
+        mask[:, 1:] |= wide[:, :-1]
+        mask[:, :-1] |= wide[:, 1:]
+    return mask
+
+
+def _jumps(depth: np.ndarray, sigma: np.ndarray) -> np.ndarray:
+    # Where depth bends from pixel to pixel by more than noise and a steep surface make it.
+    bend = np.zeros(depth.shape)
+    with np.errstate(invalid='ignore'):
+        for image, out in ((depth, bend), (depth.T, bend.T)):
+            out[1:-1] = np.fmax(out[1:-1], np.abs(image[2:] - 2 * image[1:-1] + image[:-2]))
+        return grow(bend > _BEND * depth + _BEND_NOISE * sigma)
+
+
+@dataclass(frozen=True)
+class Footage:
+    """
+    A recording as registration needs it.
+
+    Attributes
+    ----------
+    reader : RecordingReader
+        Where its frames are.
+    still : Observation
+        The median of a still recording, the first frame of a moving one.
+    moving : bool
+        Whether the camera moved.
+    mode : Mode or None
+        None where the file does not say, or names one that the profile lacks.
+
+    """
+
+    reader: RecordingReader
+    still: Observation
+    moving: bool
+    mode: Mode | None
+
+    def observe(self, depth: np.ndarray) -> Observation:
+        """Return one (H, W) frame of it."""
+        good = np.where(depth > _NEAREST, depth, np.nan).astype(np.float64)
+        return Observation(
+            self.still.rays, good, _typical_sigma(good, self.mode), self.still.wraps
+        )
+
+
+def observe(reader: RecordingReader, profile: Profile | None, motion: str = 'auto') -> Footage:
+    """
+    Look at a recording.
+
+    Parameters
+    ----------
+    reader : RecordingReader
+        Opened.
+    profile : Profile or None
+        The camera, the Flexx2 if None.
+    motion : str
+        ``still``, ``moving``, or ``auto``: find out.
+
+    Returns
+    -------
+    Footage
+
+    Raises
+    ------
+    InputError
+        When the recording cannot be registered; the message names file and key.
+
+    """
+    path = reader.path
+    _check_stamps(reader)
+    rays = _rays(reader)
+    mode = _mode(reader, profile or flexx2())
+    frames = _chosen_frames(reader)
+    if not np.isfinite(frames).any():
+        raise InputError(f'{path}: depth: all pixels of all frames are invalid')
+    moving = motion == 'moving' or (motion == 'auto' and _moved(frames, mode))
+    if moving:
+        depth, sigma = frames[0], _typical_sigma(frames[0], mode)
+    else:
+        depth, sigma = _median(frames, mode)
+    still = Observation(rays, depth, sigma, _wraps(mode))
+    return Footage(reader, still, moving, mode)
+
+
+def _check_stamps(reader: RecordingReader) -> None:
+    steps = np.diff(reader.stamp_ns) / 1e9
+    if len(steps) and np.abs(steps).max() > _LONGEST_GAP:
+        raise InputError(
+            f'{reader.path}: stamp: must be of one clock, got a jump of '
+            f'{steps[np.abs(steps).argmax()]:+.6g} s between two frames'
+        )
+    if (steps <= 0).any():
+        raise InputError(f'{reader.path}: stamp: must rise from frame to frame')
+
+
+def _rays(reader: RecordingReader) -> np.ndarray:
+    height, width = reader.shape[1:]
+    lens = reader.arrays.get('distortion', np.zeros(5))
+    if lens.dtype.kind not in 'fiu' or lens.shape != (5,) or not np.isfinite(lens).all():
+        raise InputError(
+            f'{reader.path}: distortion: must be k1, k2, p1, p2, k3 (5,), finite, got shape '
+            f'{lens.shape}'
+        )
+    try:
+        camera = Intrinsics.from_matrix(reader.K, width, height, lens)
+    except InputError as error:
+        raise InputError(f'{reader.path}: {error}') from error
+    return np.moveaxis(pixel_rays(camera), 0, -1)
+
+
+def _mode(reader: RecordingReader, profile: Profile) -> Mode | None:
+    try:
+        return profile.mode(reader.usecase) if reader.usecase else None
+    except InputError:
+        return None
+
+
+def _wraps(mode: Mode | None) -> tuple[float, ...]:
+    # The range at which all frequencies repeat, then those of each: a wrong choice of the whole
+    # number of wraps at one frequency leaves a multiple of that frequency's.
+    if mode is None or not mode.modulation_hz:
+        return ()
+    single = [SPEED_OF_LIGHT / (2 * frequency) for frequency in mode.modulation_hz]
+    common = SPEED_OF_LIGHT / (2 * float(np.gcd.reduce(np.array(mode.modulation_hz, np.int64))))
+    return tuple(dict.fromkeys([common, *single]))
+
+
+def _chosen_frames(reader: RecordingReader) -> np.ndarray:
+    count = len(reader.stamp)
+    wanted = np.unique(np.linspace(0, count - 1, min(count, _MOST_FRAMES)).round().astype(int))
+    out = np.empty((len(wanted), *reader.shape[1:]))
+    places = {frame: place for place, frame in enumerate(wanted.tolist())}
+    for number, image in enumerate(reader.frames('depth')):
+        if number in places:
+            out[places[number]] = image
+    with np.errstate(invalid='ignore'):
+        return np.where((out > _NEAREST) & np.isfinite(out), out, np.nan)
+
+
+def _moved(frames: np.ndarray, mode: Mode | None) -> bool:
+    few = max(len(frames) // 8, 1)
+    if len(frames) < 2:
+        return False
+    middle = len(frames) // 2
+    parts = frames[:few], frames[middle : middle + few], frames[-few:]
+    first, *others = (np.median(part, axis=0) for part in parts)
+    noise = _tiles(_typical_sigma(first, mode)) * _TILE_NOISE
+    shares = []
+    for other in others:
+        change = np.abs(_tiles(other - first))
+        good = np.isfinite(change + noise)
+        shares.append((change > _MOVED + noise)[good].mean() if good.any() else 0.0)
+    return bool(max(shares) > _MOVED_SHARE)
+
+
+def _tiles(image: np.ndarray) -> np.ndarray:
+    # Medians of blocks, NaN where most of one is: less noise than single pixels.
+    height, width = (side - side % _TILE for side in image.shape)
+    if not height or not width:
+        return image
+    blocks = image[:height, :width].reshape(height // _TILE, _TILE, width // _TILE, _TILE)
+    return np.median(blocks.swapaxes(1, 2).reshape(-1, _TILE * _TILE), axis=1)
+
+
+def _median(frames: np.ndarray, mode: Mode | None) -> tuple[np.ndarray, np.ndarray]:
+    # Sorted with NaN last: quantiles of the valid ones, without the cost of nanquantile.
+    ordered = np.sort(frames, axis=0)
+    valid = np.isfinite(ordered).sum(axis=0)
+
+    def take(share: float) -> np.ndarray:
+        place = np.maximum(share * (valid - 1), 0)
+        low, high = (
+            np.take_along_axis(ordered, index.astype(int)[None], axis=0)[0]
+            for index in (np.floor(place), np.ceil(place))
+        )
+        return low + (place - np.floor(place)) * (high - low)
+
+    median = np.where(valid > len(frames) // 2, take(0.5), np.nan)
+    spread = (take(0.84) - take(0.16)) / 2
+    if len(frames) < 8:
+        return median, _typical_sigma(median, mode)
+    return median, np.maximum(spread, 1e-4) * 1.25 / np.sqrt(np.maximum(valid, 1))
+
+
+def _typical_sigma(depth: np.ndarray, mode: Mode | None) -> np.ndarray:
+    noise = (mode or flexx2().mode(DEFAULT_USECASE)).noise
+    return np.maximum(noise.sigma_z(depth, 0.0), 1e-4)

@@ -1,0 +1,155 @@
+"""The page of a campaign: where each recording was placed, and how well that fits."""
+
+import base64
+from collections.abc import Mapping, Sequence
+from html import escape
+from io import BytesIO
+from typing import Any
+
+from flexx2_sim_ros.html_drawing import curves, picture
+from flexx2_sim_ros.html_page import html_page
+from flexx2_sim_ros.truth.registration import Registered
+from flexx2_sim_ros.truth.writing import Picture
+from matplotlib.image import imsave
+import numpy as np
+
+_STYLE = """
+td, th { padding: .18rem .9rem .18rem 0; text-align: left; vertical-align: top; }
+th { color: #5a6b7b; }
+.tag { display: inline-block; padding: 0 .6rem; border-radius: 1rem; color: #fff; }
+.used { background: #2e7d4f; } .doubtful { background: #b7791f; } .refused { background: #a8324a; }
+.row { display: flex; flex-wrap: wrap; gap: 1.2rem; }
+.row figure { margin: 0; max-width: 27.5rem; }
+figcaption, small { color: #5a6b7b; font-size: .85rem; }
+code { background: #f2f5f8; padding: 0 .25rem; }
+"""
+_LIMIT = 0.03  # metres, of the residual map's colours
+
+
+def page(
+    table: dict[str, Any], registered: Sequence[Registered], pictures: Mapping[int, Picture]
+) -> str:
+    """
+    Return the page as HTML, all text escaped and all pictures inside.
+
+    Parameters
+    ----------
+    table : dict
+        What ``truth.yaml`` says.
+    registered : sequence of Registered
+        By number of recording.
+    pictures : mapping of int to Picture
+        Of the recordings that are not refused.
+
+    """
+    rows = table['recordings']
+    count = {state: sum(r['verdict'] == state for r in rows) for state in _STATES}
+    words = ', '.join(f'{number} {state}' for state, number in count.items() if number)
+    body = [
+        f'<h1>Ground truth of {len(rows)} recordings: {escape(words)}</h1>',
+        f'<p>Room: <code>{escape(table["room"])}</code>, '
+        f'{" x ".join(f"{value:g}" for value in table["room_size_m"])} m, accuracy '
+        f'{table["room_error_mm"]:g} mm (given).</p>',
+        _shared(table),
+        _recordings(rows),
+    ]
+    for i, row in enumerate(rows):
+        if i in pictures:
+            body.append(_pictures(row, registered[i], pictures[i]))
+    body.append(f'<p><small>{escape(table["command"])}</small></p>')
+    return html_page('Ground truth', _STYLE, '\n'.join(body))
+
+
+_STATES = 'used', 'doubtful', 'refused'
+
+
+def _shared(table: dict[str, Any]) -> str:
+    lines = []
+    for effect, found in table['shared'].items():
+        lines.append(
+            f'<tr><td>{escape(effect)}</td><td>{escape(str(found["verdict"]))}</td>'
+            f'<td>{escape(_sizes(found))}</td><td>{escape(str(found.get("reason", "")))}</td></tr>'
+        )
+    undecided = ''.join(
+        f'<tr><td>{escape(row["effect"])}</td><td>{escape(row["reason"])}</td></tr>'
+        for row in table['cannot_decide']
+    )
+    return (
+        '<h2>Errors that the recordings share</h2><p>Fitted together with the poses, so that the '
+        'poses do not hide them. They are not part of clean_depth.</p>'
+        f'<table><tr><th>effect</th><th></th><th>size</th><th></th></tr>{"".join(lines)}</table>'
+        f'<h2>What this ground truth cannot decide</h2><table>{undecided}</table>'
+    )
+
+
+def _sizes(found: Mapping[str, Any]) -> str:
+    if 'waves' in found:
+        return '; '.join(
+            f'{wave["amplitude"] * 1e3:.1f} mm every {wave["period"]:.3f} m'
+            for wave in found['waves']
+        )
+    deviation = found['standard_deviation']
+    if 'metres' in found:
+        return f'{found["metres"] * 1e3:+.2f} mm, standard deviation {deviation * 1e3:.2f} mm'
+    return f'gain {found["gain"]:.2f}, standard deviation {deviation:.2f}'
+
+
+def _recordings(rows: Sequence[Mapping[str, Any]]) -> str:
+    lines = []
+    for row in rows:
+        sizes = ''
+        if 'pose' in row:
+            sizes = (
+                f'<td>{row["pose_sigma_mm"]:.2f} mm, {row["pose_sigma_deg"]:.3f} deg</td>'
+                f'<td>{row["residual_mm"]:.1f} mm</td><td>{row["known"]:.0%}</td>'
+            )
+        lines.append(
+            f'<tr><td>{escape(row["name"])}</td><td><span class="tag {row["verdict"]}">'
+            f'{row["verdict"]}</span></td><td>{row["motion"]}</td><td>{row["fitting"]:.0%}</td>'
+            f'{sizes or "<td></td><td></td><td></td>"}'
+            f'<td><small>{escape("; ".join(row["reasons"]))}</small></td></tr>'
+        )
+    return (
+        '<h2>Recordings</h2><table><tr><th></th><th></th><th></th><th>pixels that fit</th>'
+        '<th>pose, standard deviation</th><th>median residual</th><th>known</th><th></th></tr>'
+        f'{"".join(lines)}</table>'
+    )
+
+
+def _pictures(row: Mapping[str, Any], where: Registered, shown: Picture) -> str:
+    name = escape(row['name'])
+    history = np.array([where.history or (0.0,)])
+    if where.moving and len(where.costs) > 1:
+        steps, label = np.array([where.costs]), 'frame'
+    else:
+        steps, label = history, 'step of the alignment'
+    curve = curves(
+        np.arange(steps.shape[1], dtype=float), steps, ['cost'], label, 'truncated residual', 0.02
+    )
+    return (
+        f'<h2>{name}</h2><div class="row">'
+        f'<figure><img alt="edges of {name}" width="420" src="{overlay(shown)}"><figcaption>'
+        'measured depth (dark is near), edges of the room in orange</figcaption></figure>'
+        f'<figure><img alt="residual of {name}" width="420" '
+        f'src="{picture(shown.residual, _LIMIT)}"><figcaption>measured minus clean depth, blue '
+        f'{-_LIMIT * 1e3:.0f} to red {_LIMIT * 1e3:+.0f} mm, gray unknown or invalid</figcaption>'
+        f'</figure>{curve}</div>'
+    )
+
+
+def overlay(shown: Picture) -> str:
+    """Return measured depth with the edges of clean depth on it, as a data URL."""
+    depth = shown.depth
+    good = np.isfinite(depth)
+    low, high = np.percentile(depth[good], [2, 98]) if good.any() else (0.0, 1.0)
+    gray = np.clip((depth - low) / max(high - low, 1e-6), 0, 1) * 200 + 30
+    image = np.repeat(np.where(good, gray, 255)[..., None], 3, axis=2)
+    image = image.astype(np.uint8).repeat(4, axis=0).repeat(4, axis=1)
+    # Thin lines: an edge is drawn on one of the four rows and columns that a pixel has.
+    lines = shown.edges.repeat(4, axis=0).repeat(4, axis=1)
+    inner = lines.copy()
+    inner[1:-1, 1:-1] = lines[:-2, 1:-1] & lines[2:, 1:-1] & lines[1:-1, :-2] & lines[1:-1, 2:]
+    image[lines & ~inner] = (217, 72, 15)
+    file = BytesIO()
+    imsave(file, image, format='png')
+    return 'data:image/png;base64,' + base64.b64encode(file.getvalue()).decode()

@@ -1,0 +1,43 @@
+"""Where a camera is in a room: rigid poses and small motions of them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+
+@dataclass(frozen=True)
+class Pose:
+    """
+    A camera's pose in a room.
+
+    Attributes
+    ----------
+    R : numpy.ndarray
+        (3, 3) rotation from the optical frame (x right, y down, z forward) to the room's.
+    t : numpy.ndarray
+        (3,) position in the room, metres.
+
+    """
+
+    R: np.ndarray  # noqa: N815
+    t: np.ndarray
+
+    def moved(self, twist: np.ndarray) -> 'Pose':
+        """Return the pose after a (6,) motion: metres and a rotation vector, optical frame."""
+        turn = Rotation.from_rotvec(twist[3:]).as_matrix()
+        return Pose(self.R @ turn, self.t + self.R @ twist[:3])
+
+    def motion_to(self, other: 'Pose') -> np.ndarray:
+        """Return the (6,) motion that leads from here to another pose; see `moved`."""
+        turn = Rotation.from_matrix(self.R.T @ other.R).as_rotvec()
+        return np.concatenate([self.R.T @ (other.t - self.t), turn])
+
+    def numbers(self) -> list[float]:
+        """Return x, y, z (metres) and the quaternion qx, qy, qz, qw."""
+        return [*map(float, self.t), *map(float, Rotation.from_matrix(self.R).as_quat())]
+
+    @classmethod
+    def from_numbers(cls, numbers: np.ndarray) -> 'Pose':
+        """Build from x, y, z (metres) and a quaternion qx, qy, qz, qw of any length but 0."""
+        return cls(Rotation.from_quat(numbers[3:]).as_matrix(), np.array(numbers[:3], float))

@@ -1,0 +1,253 @@
+"""Register one recording to a room: a pose for each of its frames, and views for the joint fit."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+import json
+from pathlib import Path
+import time
+from typing import Any
+
+from flexx2_sim_ros.camera import Camera, Mode, Profile
+from flexx2_sim_ros.camera.common_random_numbers import CommonRandomNumbers
+from flexx2_sim_ros.recording import open_recording
+from flexx2_sim_ros.truth.alignment import align, choose
+from flexx2_sim_ros.truth.clean import render
+from flexx2_sim_ros.truth.joint import View
+from flexx2_sim_ros.truth.meshes import load_room
+from flexx2_sim_ros.truth.observation import Footage, Observation, observe
+from flexx2_sim_ros.truth.poses import Pose
+from flexx2_sim_ros.truth.rooms import Room
+from flexx2_sim_ros.truth.search import find, Found, look_around, Panoramas
+import numpy as np
+
+_KEY_FRAMES = 6  # of a moving recording, that take part in the joint fit
+_PIXELS, _TRACKED = 5000, 2000
+# Cost above which a frame is searched anew around where the last one was.
+_LOST = 0.6
+_PLAIN = 0.5  # reflectivity where nothing is known
+
+
+@dataclass(frozen=True)
+class Job:
+    """
+    What to register, and how; the same for all recordings but for `path` and `guess`.
+
+    Attributes
+    ----------
+    path, room : pathlib.Path
+    camera : str or None
+        Of a bag that has several.
+    profile : Profile or None
+    motion : str
+        ``auto``, ``still`` or ``moving``.
+    guess : tuple of float or None
+        x, y, z (metres), qx, qy, qz, qw.
+    up : str
+        One of `search.UPS`.
+
+    """
+
+    path: Path
+    room: Path
+    camera: str | None
+    profile: Profile | None
+    motion: str
+    guess: tuple[float, ...] | None
+    up: str
+
+
+@dataclass(frozen=True)
+class Registered:
+    """
+    Where a recording's camera was, each frame alone.
+
+    Attributes
+    ----------
+    poses : tuple of tuple of float
+        One for a still recording, one a frame for a moving one; see `Pose.numbers`.
+    costs : tuple of float
+        Mean truncated residual of each.
+    history : tuple of float
+        How the first frame converged.
+    rival : float
+        Cost of the best other pose.
+    moving : bool
+    mirrored : float
+        Cost of the best pose in the mirror image of the room; infinite where not tried.
+    seconds : float
+
+    """
+
+    poses: tuple[tuple[float, ...], ...]
+    costs: tuple[float, ...]
+    history: tuple[float, ...]
+    rival: float
+    moving: bool
+    mirrored: float
+    seconds: float
+
+    def to_json(self) -> str:
+        """Return it as text."""
+        return json.dumps(vars(self))
+
+    @classmethod
+    def from_json(cls, text: str) -> 'Registered':
+        """Return what `to_json` wrote."""
+        table: dict[str, Any] = json.loads(text)
+        for name in ('costs', 'history'):
+            table[name] = tuple(table[name])
+        table['poses'] = tuple(map(tuple, table['poses']))
+        return cls(**table)
+
+
+def register(job: Job) -> Registered:
+    """
+    Register a recording.
+
+    Raises
+    ------
+    InputError
+        When the recording or the room cannot be read.
+
+    """
+    room = load_room(job.room)
+    begin = time.perf_counter()
+    footage = observe(open_recording(job.path, job.camera), job.profile, job.motion)
+    guess = None if job.guess is None else Pose.from_numbers(np.array(job.guess))
+    found, first, mirrored = _search(job, footage, guess)
+    if footage.moving:
+        fits = _track(room, footage, found.fit.pose, first)
+    else:
+        fits = [(found.fit.pose, found.fit.cost)]
+    return Registered(
+        tuple(tuple(pose.numbers()) for pose, _ in fits),
+        tuple(cost for _, cost in fits),
+        found.fit.history,
+        found.rival,
+        footage.moving,
+        mirrored,
+        time.perf_counter() - begin,
+    )
+
+
+@lru_cache(maxsize=1)
+def _panoramas(path: Path) -> Panoramas:
+    return look_around(load_room(path))
+
+
+def _search(job: Job, footage: Footage, guess: Pose | None) -> tuple[Found, int, float]:
+    # The pose of the frame that is found best, its number, and what a mirrored room would cost.
+    room, up = load_room(job.room), job.up
+    panoramas = _panoramas(job.room) if guess is None else None
+    tried: list[tuple[Found, int]] = []
+    count = len(footage.reader.stamp)
+    # With a guess, it is one of the first frame's pose.
+    for number in (0, count // 2, count - 1) if footage.moving and guess is None else (0,):
+        image = frame(footage, number) if footage.moving else footage.still
+        tried.append((find(room, image, guess, panoramas, up), number))
+        if tried[-1][0].fit.cost < 0.5 * min(tried[-1][0].rival, _LOST):
+            break
+    best, number = min(tried, key=lambda one: one[0].fit.cost)
+    mirrored = float('inf')
+    if best.fit.cost > 0.5 * _LOST:
+        panoramas = _panoramas(job.room)
+        image = frame(footage, number) if footage.moving else footage.still
+        mirrored = find(room, image.mirrored(), None, panoramas, up).fit.cost
+    return best, number, mirrored
+
+
+def frame(footage: Footage, number: int) -> Observation:
+    """Return one frame of a recording."""
+    for index, image in enumerate(footage.reader.frames('depth')):
+        if index == number:
+            return footage.observe(image)
+    raise IndexError(number)
+
+
+def _track(room: Room, footage: Footage, start: Pose, first: int) -> list[tuple[Pose, float]]:
+    # From the frame that was found, forwards to the end, then backwards to the beginning.
+    images = list(footage.reader.frames('depth'))
+    fits: dict[int, tuple[Pose, float]] = {}
+    for order in (range(first, len(images)), range(first - 1, -1, -1)):
+        sign = 1 if order.step > 0 else -1
+        for number in order:
+            pose = start if number == first else fits[number - sign][0]
+            if number - 2 * sign in fits and number != first:  # At the same velocity.
+                pose = pose.moved(fits[number - 2 * sign][0].motion_to(pose))
+            fits[number] = follow(room, footage.observe(images[number]), pose)
+    return [fits[number] for number in range(len(images))]
+
+
+def follow(room: Room, image: Observation, start: Pose) -> tuple[Pose, float]:
+    """Return the pose of a frame and its cost, from where it is expected to be."""
+    fit = align(room, choose(image, _TRACKED), start, 6)
+    if fit.cost > _LOST:
+        again = find(room, image, start, None, '+z').fit
+        if again.cost < fit.cost:
+            fit = again
+    return fit.pose, fit.cost
+
+
+def views_of(job: tuple[int, Job, Registered], bounce: bool = True) -> list[View]:
+    """
+    Return a recording's part of the joint fit.
+
+    Parameters
+    ----------
+    job : tuple
+        The recording's number, its job and where it was found.
+    bounce : bool
+        Whether to simulate light that bounces once.
+
+    """
+    recording, how, where = job
+    room = load_room(how.room)
+    footage = observe(
+        open_recording(how.path, how.camera), how.profile, 'moving' if where.moving else 'still'
+    )
+    if where.moving:
+        chosen = np.unique(np.linspace(0, len(where.poses) - 1, _KEY_FRAMES).round().astype(int))
+        images = dict.fromkeys(chosen.tolist())
+        pictures = {
+            number: footage.observe(image)
+            for number, image in enumerate(footage.reader.frames('depth'))
+            if number in images and where.costs[number] < _LOST
+        }
+    else:
+        pictures = {0: footage.still}
+    out = []
+    for number, image in pictures.items():
+        pose = Pose.from_numbers(np.array(where.poses[number]))
+        target = choose(image, _PIXELS)
+        shape = np.zeros(len(target.depth))
+        if bounce and footage.mode is not None and footage.mode.modulation_hz:
+            added = bounced(room, pose, image, footage.reader.K, footage.mode, how.profile)
+            shape = added.ravel()[target.pixel]
+        out.append(View(recording, how.room, target, pose, shape))
+    return out
+
+
+def bounced(
+    room: Room,
+    pose: Pose,
+    image: Observation,
+    K: np.ndarray,  # noqa: N803
+    mode: Mode,
+    profile: Profile | None,
+) -> np.ndarray:
+    """Return (H, W) metres that light which bounces once adds to depth, simulated; 0 for none."""
+    clean = render(room, pose, image.rays, 0.0)
+    reflectivity = clean.reflectivity
+    if reflectivity is None:
+        reflectivity = np.full(clean.depth.shape, _PLAIN, np.float32)
+    simulated = CommonRandomNumbers(
+        Camera(mode.name, profile=profile, name='truth'),
+        clean.depth,
+        K,
+        np.zeros(1, np.int64),
+        reflectivity,
+    )
+    base = simulated.depth(())[0]
+    with_bounce = simulated.depth({'multipath': {}})[0]
+    change = with_bounce.astype(np.float64) - base
+    return np.where(np.isfinite(change) & (np.abs(change) < 0.3), change, 0.0)

@@ -1,0 +1,259 @@
+"""Find a camera's pose in a room, from a rough guess or from none."""
+
+from dataclasses import dataclass
+import math
+
+from flexx2_sim_ros.truth.alignment import align, choose, Fit
+from flexx2_sim_ros.truth.observation import Observation
+from flexx2_sim_ros.truth.poses import Pose
+from flexx2_sim_ros.truth.rooms import Room
+from numba import njit
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+UPS = {
+    sign + axis: (1 if sign == '+' else -1) * np.eye(3)[i]
+    for sign in '+-'
+    for i, axis in enumerate('xyz')
+}
+_CELLS = 9, 12  # rows and columns of the thumbnail that is looked up
+_PLACES = 500  # at most
+_SPACING = 0.4  # metres between places, at least
+_SKY = 30, 60  # elevation and azimuth of a panorama
+_NEAREST = 0.1  # metres from a surface that a camera is
+_YAWS, _PITCHES, _ROLLS = 24, np.radians(np.arange(-75, 76, 15)), np.radians([-20, 0, 20])
+_TRUNCATION = 0.5  # metres
+_KEPT = 200  # candidates that are aligned
+# Rounds of alignment: pixels, steps, reach in metres, poses that go on to the next round.
+_ROUNDS = (120, 4, 0.5, 50), (400, 8, 0.3, 8), (4000, 15, 0.1, 3)
+_SHAKE = 400, 8, 0.1  # pixels, steps, reach
+# Around a rough pose: shifts (metres) and turns (radians).
+_SHIFT, _TURN = 0.15, math.radians(10)
+_AS_GOOD = 1.03  # times the least cost
+_FAR = 0.5, math.radians(30)  # from a rough pose, that it cannot have meant
+# Poses closer than this are the same one.
+_SAME_PLACE, _SAME_TURN = 0.03, math.radians(1.5)
+# Poses farther apart than this contradict each other, those between are on their way.
+_ELSEWHERE = 0.2, math.radians(10)
+
+
+@dataclass(frozen=True)
+class Found:
+    """
+    The best pose, and how much better it is than another one.
+
+    Attributes
+    ----------
+    fit : Fit
+        The best.
+    rival : float
+        Cost of the best pose elsewhere; infinite where there is none.
+
+    """
+
+    fit: Fit
+    rival: float
+
+
+@dataclass(frozen=True)
+class Panoramas:
+    """
+    Distances in all directions, from places all over a room.
+
+    Attributes
+    ----------
+    places : numpy.ndarray
+        (P, 3) metres.
+    distance : numpy.ndarray
+        (P, elevation, azimuth) float32 metres, inf for nothing.
+
+    """
+
+    places: np.ndarray
+    distance: np.ndarray
+
+
+def look_around(room: Room) -> Panoramas:
+    """Return panoramas from a grid of places in free space."""
+    low, high = room.bounds
+    size = np.maximum(high - low, 1e-3)
+    spacing = max(_SPACING, float((np.prod(np.maximum(size, _SPACING)) / _PLACES) ** (1 / 3)))
+    axes = [
+        a + (np.arange(max(int(s / spacing), 1)) + 0.5) * s / max(int(s / spacing), 1)
+        for a, s in zip(low, size, strict=True)
+    ]
+    places = np.stack(np.meshgrid(*axes, indexing='ij'), axis=-1).reshape(-1, 3)
+    rows, columns = _SKY
+    elevation = (np.arange(rows) + 0.5) / rows * np.pi - np.pi / 2
+    azimuth = (np.arange(columns) + 0.5) / columns * 2 * np.pi - np.pi
+    e, a = np.meshgrid(elevation, azimuth, indexing='ij')
+    sky = np.stack([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)], -1).reshape(-1, 3)
+    distance = room.distances(
+        np.repeat(places, len(sky), axis=0), np.tile(sky, (len(places), 1))
+    ).reshape(len(places), rows, columns)
+    free = np.percentile(distance.reshape(len(places), -1), 5, axis=1) > _NEAREST
+    return Panoramas(places[free], np.ascontiguousarray(distance[free], np.float32))
+
+
+def find(
+    room: Room, observation: Observation, guess: Pose | None, panoramas: Panoramas | None, up: str
+) -> Found:
+    """
+    Find the pose of a depth image.
+
+    Parameters
+    ----------
+    room : Room
+        Where it is looked for.
+    observation : Observation
+        The image.
+    guess : Pose or None
+        A rough pose, within about 0.3 m and 20 degrees.
+    panoramas : Panoramas or None
+        Of the room; needed without a guess.
+    up : str
+        The direction of the room that is up, one of `UPS`; needed without a guess.
+
+    Returns
+    -------
+    Found
+
+    """
+    if guess is not None:
+        starts = [guess.moved(motion) for motion in _around()]
+    else:
+        assert panoramas is not None
+        starts = _candidates(observation, panoramas, up)
+    fits = [Fit(start, 0.0, ()) for start in starts]
+    for pixels, steps, reach, kept in _ROUNDS:
+        target = choose(observation, pixels)
+        fits = [align(room, target, one.pose, steps, reach) for one in fits]
+        if guess is not None:
+            fits = [fit for fit in fits if not _differ(fit.pose, guess, *_FAR)] or fits[:1]
+        fits = _distinct(sorted(fits, key=lambda fit: fit.cost), kept)
+    fits[0] = _shaken(room, observation, fits[0])
+    if guess is not None:
+        # Where what is seen does not hold the pose, the guess does.
+        limit = _AS_GOOD * fits[0].cost
+        fits.sort(key=lambda fit: (fit.cost > limit, _distance(fit.pose, guess)))
+    rivals = [one.cost for one in fits[1:] if _differ(one.pose, fits[0].pose, *_ELSEWHERE)]
+    return Found(fits[0], min(rivals, default=math.inf))
+
+
+def _shaken(room: Room, observation: Observation, best: Fit) -> Fit:
+    # From around the best pose again: it may have come to rest on the way.
+    pixels, steps, reach = _SHAKE
+    target = choose(observation, pixels)
+    starts = [best.pose.moved(motion / 2) for motion in _around()]
+    fits = [align(room, target, start, steps, reach) for start in starts]
+    first = min(fits, key=lambda fit: fit.cost)
+    pixels, steps, reach, _ = _ROUNDS[-1]
+    again = align(room, choose(observation, pixels), first.pose, steps, reach)
+    return again if again.cost < best.cost else best
+
+
+def _distance(one: Pose, other: Pose) -> float:
+    motion = one.motion_to(other)
+    return float(np.linalg.norm(motion[:3]) / _SHIFT + np.linalg.norm(motion[3:]) / _TURN)
+
+
+def _distinct(fits: list[Fit], most: int) -> list[Fit]:
+    # The first ones that are not the same pose.
+    out: list[Fit] = []
+    for fit in fits:
+        if all(_differ(fit.pose, other.pose) for other in out):
+            out.append(fit)
+        if len(out) == most:
+            break
+    return out
+
+
+def _around() -> list[np.ndarray]:
+    # The guess itself, then shifted and turned along each axis.
+    motions = [np.zeros(6)]
+    for axis in range(6):
+        for sign in (-1, 1):
+            motion = np.zeros(6)
+            motion[axis] = sign * (_SHIFT if axis < 3 else _TURN)
+            motions.append(motion)
+    return motions
+
+
+def _differ(one: Pose, other: Pose, place: float = _SAME_PLACE, turn: float = _SAME_TURN) -> bool:
+    motion = one.motion_to(other)
+    return bool(np.linalg.norm(motion[:3]) > place or np.linalg.norm(motion[3:]) > turn)
+
+
+def _candidates(observation: Observation, panoramas: Panoramas, up: str) -> list[Pose]:
+    rays, ranges = _thumbnail(observation)
+    turns = _orientations(UPS[up])
+    scores = np.empty((len(panoramas.places), len(turns)), np.float32)
+    _score(panoramas.distance, turns, rays, ranges, np.float32(_TRUNCATION), scores)
+    # The best orientations of each place first, so that one place does not take all.
+    order = np.argsort(scores, axis=None)[: 20 * _KEPT]
+    kept: list[Pose] = []
+    for index in order:
+        place, turn = divmod(int(index), len(turns))
+        pose = Pose(turns[turn].astype(float), panoramas.places[place])
+        if all(
+            np.linalg.norm(one.t - pose.t) > _SPACING * 1.5
+            or np.trace(one.R.T @ pose.R) < 1 + 2 * math.cos(math.radians(25))
+            for one in kept
+        ):
+            kept.append(pose)
+        if len(kept) == _KEPT:
+            break
+    return kept
+
+
+def _thumbnail(observation: Observation) -> tuple[np.ndarray, np.ndarray]:
+    # (N, 3) unit rays and (N,) median ranges of the image's cells.
+    height, width = observation.depth.shape
+    rays, ranges = [], []
+    reach = observation.depth * observation.length
+    for row in np.array_split(np.arange(height), min(_CELLS[0], height)):
+        for column in np.array_split(np.arange(width), min(_CELLS[1], width)):
+            cell = np.ix_(row, column)
+            good = np.isfinite(reach[cell]) & np.isfinite(observation.rays[cell][..., 0])
+            if good.mean() > 0.3:
+                x, y = observation.rays[cell][good].mean(axis=0)
+                ray = np.array([x, y, 1.0])
+                rays.append(ray / np.linalg.norm(ray))
+                ranges.append(np.median(reach[cell][good]))
+    return np.array(rays, np.float32).reshape(-1, 3), np.array(ranges, np.float32)
+
+
+def _orientations(up: np.ndarray) -> np.ndarray:
+    # (N, 3, 3) float32: yaw all around, pitch and roll of a camera that is held upright.
+    across = np.eye(3)[np.argmin(np.abs(up))]
+    ahead = np.cross(up, across)
+    base = np.stack([np.cross(ahead, up), -up, ahead], axis=1)  # right, down, forward
+    turns = [
+        base @ Rotation.from_euler('yxz', [yaw, pitch, roll]).as_matrix()
+        for yaw in np.arange(_YAWS) * 2 * np.pi / _YAWS
+        for pitch in _PITCHES
+        for roll in _ROLLS
+    ]
+    return np.array(turns, np.float32)
+
+
+@njit(cache=True, fastmath=True)
+def _score(distance, turns, rays, ranges, truncation, out):
+    # Mean truncated difference of ranges, for each place and orientation.
+    rows, columns = distance.shape[1:]
+    index = np.empty(len(rays), np.int64)
+    flat = distance.reshape(len(distance), rows * columns)
+    for turn in range(len(turns)):
+        R = turns[turn]
+        for i in range(len(rays)):
+            x = R[0, 0] * rays[i, 0] + R[0, 1] * rays[i, 1] + R[0, 2] * rays[i, 2]
+            y = R[1, 0] * rays[i, 0] + R[1, 1] * rays[i, 1] + R[1, 2] * rays[i, 2]
+            z = R[2, 0] * rays[i, 0] + R[2, 1] * rays[i, 1] + R[2, 2] * rays[i, 2]
+            row = int((math.asin(min(max(z, -1.0), 1.0)) / math.pi + 0.5) * rows)
+            column = int((math.atan2(y, x) / (2 * math.pi) + 0.5) * columns)
+            index[i] = min(row, rows - 1) * columns + min(column, columns - 1)
+        for place in range(len(distance)):
+            total = np.float32(0)
+            for i in range(len(rays)):
+                total += min(abs(flat[place, index[i]] - ranges[i]), truncation)
+            out[place, turn] = total

@@ -1,0 +1,228 @@
+"""Which errors the recordings share, and which of them these recordings can tell apart."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+import math
+
+from flexx2_sim_ros.truth.joint import (
+    Columns,
+    Linear,
+    linearise,
+    reduced,
+    replace_target,
+    Solution,
+    solve,
+    View,
+)
+import numpy as np
+
+# Periods that are tried, metres: c/16f of 100 MHz to c/2f of 40 MHz.
+_PERIODS = np.geomspace(0.18, 3.75, 90)
+_FINER = np.linspace(0.96, 1.04, 17)
+_MOST_PERIODS = 4
+_SCAN_PIXELS = 1500
+# A wave is taken where it explains this many times what noise does (two coefficients, 90 periods
+# tried: by chance once in a million), and leaving out recordings changes it less than this share.
+_LEAST_GAIN, _STABLE = 40.0, 0.5
+# Refusals; python -m bench.truth shows what they let through.
+MOST_BIAS = 0.08  # metres: calibrated cameras are off by less than 50 mm
+MOST_DEVIATION = 0.002  # metres, of the bias
+MOST_CONDITION = 300.0
+LEAST_RECORDINGS = 3
+_CLEAR = 3.0  # standard deviations of the bounce's gain
+
+
+@dataclass(frozen=True)
+class Shared:
+    """
+    The joint estimate and what can be said about each error.
+
+    Attributes
+    ----------
+    solution : Solution
+        With the columns that are decidable.
+    findings : dict of str to dict
+        By effect (``offset``, ``wiggling``, ``multipath``): ``verdict`` (``identified`` or
+        ``confounded``), ``reason``, and the values with their standard deviations.
+
+    """
+
+    solution: Solution
+    findings: dict[str, dict[str, object]]
+
+
+def estimate(views: Sequence[View]) -> Shared:
+    """
+    Estimate poses and shared errors; refuse those that these recordings cannot tell apart.
+
+    Parameters
+    ----------
+    views : sequence of View
+        Of all recordings, with poses that are about right.
+
+    Returns
+    -------
+    Shared
+
+    """
+    bounce = any(view.bounce.any() for view in views)
+    columns = Columns(True, (), bounce)
+    solution = solve(views, columns)
+    for _ in range(_MOST_PERIODS):
+        period, gain = _best_period(solution)
+        if gain < _LEAST_GAIN:
+            break
+        trial = solve(solution.views, replace(columns, periods=(*columns.periods, period)))
+        place = 1 + 2 * len(columns.periods)
+        size = math.hypot(*trial.values[place : place + 2])
+        if math.hypot(*trial.deviations[place : place + 2]) > _STABLE * size:
+            break
+        columns, solution = trial.columns, trial
+    why = refusal(solution)
+    full = solution
+    clear = columns.bounce and _clear(solution)
+    if clear and not why:
+        why = _hidden_by_bounce(solution)
+    if why or (columns.bounce and not clear):
+        # What cannot be told from the poses is not taken off; the other errors are those that fit
+        # best without it.
+        columns = replace(columns, bias=not why, bounce=clear)
+        solution = solve(solution.views, columns)
+    return Shared(solution, _findings(full, solution, why))
+
+
+def _clear(solution: Solution) -> bool:
+    gain, deviation = float(solution.values[-1]), float(solution.deviations[-1])
+    return len(solution.left_out) >= LEAST_RECORDINGS and gain > _CLEAR * deviation
+
+
+def refusal(solution: Solution) -> str:
+    """Return why an estimate of the bias cannot be trusted; empty where it can."""
+    recordings = len(solution.left_out)
+    if recordings < LEAST_RECORDINGS:
+        return f'needs at least {LEAST_RECORDINGS} recordings, got {recordings}'
+    bias, deviation = float(solution.values[0]), float(solution.deviations[0])
+    if solution.condition > MOST_CONDITION:
+        return (
+            f'the recordings cannot tell it from their poses (condition number '
+            f'{solution.condition:.0f}, must be at most {MOST_CONDITION:.0f})'
+        )
+    if abs(bias) > MOST_BIAS:
+        return f'{bias * 1e3:+.0f} mm is more than {MOST_BIAS * 1e3:.0f} mm, which is implausible'
+    if deviation > MOST_DEVIATION:
+        return (
+            f'recordings disagree: leaving one out changes it by {deviation * 1e3:.1f} mm '
+            f'(at most {MOST_DEVIATION * 1e3:.0f} mm)'
+        )
+    return ''
+
+
+def _hidden_by_bounce(solution: Solution) -> str:
+    # The shape of bounced light is simulated, and about as uncertain as it is large.
+    size = np.mean([np.abs(view.bounce).mean() for view in solution.views])
+    least = float(solution.values[-1] * size)
+    if abs(float(solution.values[0])) > least:
+        return ''
+    return (
+        f'light that bounces adds {least * 1e3:.0f} mm, and a smaller offset cannot be told from it'
+    )
+
+
+def _best_period(solution: Solution) -> tuple[float, float]:
+    # The period that explains most of what is left, and how many times what noise would.
+    scanned = [_Scan.of(view, solution) for view in solution.views]
+    gains = _gains(scanned, solution.columns, _PERIODS)
+    best = float(_PERIODS[int(gains.argmax())])
+    finer = best * _FINER
+    gains = _gains(scanned, solution.columns, finer)
+    return float(finer[int(gains.argmax())]), float(gains.max())
+
+
+@dataclass(frozen=True)
+class _Scan:
+    # A view thinned out: its equations, and depth and ray length of the pixels in them.
+    equations: Linear
+    view: View
+    depth: np.ndarray
+
+    @classmethod
+    def of(cls, view: View, solution: Solution) -> '_Scan':
+        step = max(len(view.target.depth) // _SCAN_PIXELS, 1)
+        use = np.zeros(len(view.target.depth), bool)
+        use[::step] = True
+        thin = replace(view, target=replace_target(view.target, use), bounce=view.bounce[use])
+        equations, kept, depth = linearise(thin, solution.columns, solution.values)
+        return cls(equations, replace(thin, target=kept), depth)
+
+
+def _gains(scanned: Sequence[_Scan], columns: Columns, periods: np.ndarray) -> np.ndarray:
+    S, s = reduced([one.equations for one in scanned], columns)
+    k, count = len(s), len(periods)
+    cross = np.zeros((count, k, 2))
+    own = np.tile(np.eye(2) * 1e-12, (count, 1, 1))
+    side = np.zeros((count, 2))
+    for one in scanned:
+        length = one.view.target.length
+        turn = 2 * np.pi * (one.depth * length)[:, None] / periods
+        wave = np.concatenate([np.sin(turn), np.cos(turn)], axis=1) / length[:, None]
+        free = one.equations.free(wave)
+        weighted = free * one.equations.weight[:, None]
+        pairs = weighted.reshape(-1, 2, count)
+        cross += np.einsum('npc,nk->ckp', pairs, one.equations.A, optimize=True)
+        own += np.einsum('npc,nqc->cpq', pairs, wave.reshape(-1, 2, count), optimize=True)
+        side += (weighted.T @ one.equations.y).reshape(2, count).T
+    # Less what the columns that are there already explain.
+    through = np.linalg.solve(np.broadcast_to(S, (count, k, k)), cross)
+    left = own - cross.transpose(0, 2, 1) @ through
+    rest = side - np.einsum('ckp,k->cp', through, s)
+    amplitudes = np.linalg.solve(left + 1e-9 * np.eye(2), rest[..., None])[..., 0]
+    gain = np.einsum('cp,cp->c', amplitudes, rest)
+    return gain / _noise(scanned, np.linalg.solve(S, s))
+
+
+def _noise(scanned: Sequence[_Scan], values: np.ndarray) -> float:
+    # What one coefficient explains of noise alone: residuals of one tile are not independent.
+    total, squares = 0.0, 0.0
+    for one in scanned:
+        equations = one.equations
+        left = equations.free((equations.y - equations.A @ values)[:, None])[:, 0]
+        tiles = np.bincount(equations.tile, equations.weight * left)
+        squares += float((tiles**2).sum())
+        total += float(equations.weight.sum())
+    return max(squares / max(total, 1e-30), 1e-30)
+
+
+def _findings(full: Solution, used: Solution, why: str) -> dict[str, dict[str, object]]:
+    offset: dict[str, object] = {
+        'verdict': 'confounded' if why else 'identified',
+        'metres': float(full.values[0]),
+        'standard_deviation': float(full.deviations[0]),
+    }
+    if why:
+        offset['reason'] = why
+    found: dict[str, dict[str, object]] = {'offset': offset}
+    names = used.columns.names
+    waves = []
+    for period in used.columns.periods:
+        place = names.index(f'sine {period:.3f} m')
+        sine, cosine = used.values[place : place + 2]
+        waves.append(
+            {
+                'period': period,
+                'amplitude': math.hypot(sine, cosine),
+                'standard_deviation': float(np.max(used.deviations[place : place + 2])),
+            }
+        )
+    if waves:
+        found['wiggling'] = {'verdict': 'identified', 'waves': waves}
+    if full.columns.bounce:
+        found['multipath'] = {
+            'verdict': 'identified' if used.columns.bounce else 'confounded',
+            'gain': float(full.values[-1]),
+            'standard_deviation': float(full.deviations[-1]),
+        }
+        if not used.columns.bounce:
+            found['multipath']['reason'] = (
+                f'its gain is within {_CLEAR:.0f} standard deviations of none'
+            )
+    return found

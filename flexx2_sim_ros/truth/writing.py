@@ -1,0 +1,179 @@
+"""Write a recording with its ground truth."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from flexx2_sim_ros.recording import open_recording, RecordingReader, RecordingWriter
+from flexx2_sim_ros.truth.alignment import align, choose
+from flexx2_sim_ros.truth.clean import Clean, difference, edges, render, strange
+from flexx2_sim_ros.truth.joint import Columns, error_columns
+from flexx2_sim_ros.truth.meshes import load_room
+from flexx2_sim_ros.truth.observation import Footage, Observation, observe
+from flexx2_sim_ros.truth.poses import Pose
+from flexx2_sim_ros.truth.registration import bounced, Job, Registered
+from flexx2_sim_ros.truth.rooms import Room
+import numpy as np
+
+_WRITTEN = {'clean_depth', 'known', 'clean_sigma', 'pose_covariance', 'incidence', 'depth'}
+_PIXELS = 2000
+_REFINEMENTS = 4
+
+
+@dataclass(frozen=True)
+class Writing:
+    """
+    What to write of one recording.
+
+    Attributes
+    ----------
+    job : Job
+    registered : Registered
+    pose : tuple of float
+        Of a still recording, from the joint fit; see `Pose.numbers`.
+    columns : Columns
+        The errors that all recordings share.
+    values : tuple of float
+        Their coefficients.
+    covariance : numpy.ndarray
+        (6, 6) of the pose.
+    room_error : float
+        As for `render`.
+    target : pathlib.Path
+        The file to write.
+
+    """
+
+    job: Job
+    registered: Registered
+    pose: tuple[float, ...]
+    columns: Columns
+    values: tuple[float, ...]
+    covariance: np.ndarray
+    room_error: float
+    target: Path
+
+
+@dataclass(frozen=True)
+class Picture:
+    """
+    What the page shows of a recording: its first frame or median.
+
+    Attributes
+    ----------
+    depth : numpy.ndarray
+        (H, W) float32 measured metres.
+    edges : numpy.ndarray
+        (H, W) bool, where clean depth jumps.
+    residual : numpy.ndarray
+        (H, W) float32 metres, measured minus clean; NaN where unknown or invalid.
+    known : float
+        Fraction of the pixels.
+
+    """
+
+    depth: np.ndarray
+    edges: np.ndarray
+    residual: np.ndarray
+    known: float
+
+
+def write_recording(what: Writing) -> Picture:
+    """
+    Write a recording with `clean_depth` and how well it is known; whole or not at all.
+
+    Raises
+    ------
+    InputError
+        When the recording cannot be read or the file cannot be written.
+
+    """
+    room = load_room(what.job.room)
+    reader = open_recording(what.job.path, what.job.camera)
+    moving = what.registered.moving
+    footage = observe(reader, what.job.profile, 'moving' if moving else 'still')
+    count, height, width = reader.shape
+    if moving:
+        truths = [
+            _finished(_of_frame(room, what, footage, image, number), footage.observe(image))
+            for number, image in enumerate(reader.frames('depth'))
+        ]
+    else:
+        clean = render(
+            room, Pose.from_numbers(np.array(what.pose)), footage.still.rays, what.room_error
+        )
+        truths = [_finished(clean, footage.still)]
+    with RecordingWriter(what.target, count, height, width) as file:
+        for image in reader.frames('depth'):
+            file.add_depth(image[None])
+        for key, value in _arrays(truths, moving).items():
+            file.add_array(key, value)
+        file.add_array('pose_covariance', what.covariance)
+        for key, value in _copied(reader, truths[0].reflectivity is not None):
+            if isinstance(value, np.ndarray):
+                file.add_array(key, value)
+            else:
+                file.add_frames(key, reader.layouts[key].dtype, value)
+    residual = np.where(truths[0].known, difference(truths[0], footage.still), np.nan)
+    known = float(np.mean([truth.known.mean() for truth in truths]))
+    return Picture(
+        footage.still.depth.astype(np.float32),
+        edges(truths[0]),
+        residual.astype(np.float32),
+        known,
+    )
+
+
+def _of_frame(
+    room: Room, what: Writing, footage: Footage, image: np.ndarray, number: int
+) -> Clean:
+    # The pose again, without the errors that all recordings share.
+    pose = Pose.from_numbers(np.array(what.registered.poses[number]))
+    frame = footage.observe(image)
+    if what.values:
+        added = np.zeros(frame.depth.shape)
+        if what.columns.bounce and footage.mode is not None:
+            added = bounced(room, pose, frame, footage.reader.K, footage.mode, what.job.profile)
+        errors = error_columns(
+            what.columns, frame.depth.ravel(), frame.length.ravel(), added.ravel()
+        ) @ np.array(what.values)
+        right = frame.depth - errors.reshape(frame.depth.shape)
+        corrected = Observation(frame.rays, right, frame.sigma, frame.wraps)
+        pose = align(room, choose(corrected, _PIXELS), pose, _REFINEMENTS).pose
+    return render(room, pose, frame.rays, what.room_error)
+
+
+def _finished(clean: Clean, image: Observation) -> Clean:
+    known = clean.known & ~strange(clean, image)
+    return Clean(clean.depth, clean.incidence, clean.reflectivity, known, clean.sigma)
+
+
+def _arrays(truths: list[Clean], moving: bool) -> dict[str, np.ndarray]:
+    def stack(name: str) -> np.ndarray:
+        images = [getattr(truth, name) for truth in truths]
+        return np.stack(images) if moving else images[0]
+
+    out = {
+        'clean_depth': stack('depth'),
+        'incidence': stack('incidence'),
+        'known': stack('known'),
+        'clean_sigma': stack('sigma'),
+    }
+    if truths[0].reflectivity is not None:
+        out['reflectivity'] = stack('reflectivity')
+    return out
+
+
+def _copied(reader: RecordingReader, has_reflectivity: bool) -> Iterator[tuple[str, Any]]:
+    # Everything else that the recording has, as arrays or as iterators over frames.
+    left = _WRITTEN | ({'reflectivity'} if has_reflectivity else set())
+    yield 'K', reader.K
+    yield 'stamp', reader.stamp
+    yield 'stamp_ns', reader.stamp_ns
+    for key, value in reader.arrays.items():
+        if key not in left | {'K', 'stamp', 'stamp_ns'}:
+            yield key, value
+    for key in reader.layouts:
+        if key not in left:
+            yield key, reader.frames(key)

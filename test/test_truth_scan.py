@@ -1,0 +1,336 @@
+"""Ground truth from a scan: real files of a blind camera, in a room that is known as a mesh."""
+
+from pathlib import Path
+from typing import Any
+
+from flexx2_sim_ros.cli.main import main
+from flexx2_sim_ros.recording import open_recording
+from flexx2_sim_ros.truth import make_truth, Request
+from flexx2_sim_ros.truth.clean import render
+from flexx2_sim_ros.truth.meshes import load_room
+from flexx2_sim_ros.truth.observation import observe
+from flexx2_sim_ros.truth.poses import Pose
+from flexx2_sim_ros.truth.registration import Job, register, views_of
+from flexx2_sim_ros.truth.shared import estimate, Shared
+from flexx2_sim_ros.validation.blind.meshes import write_mesh
+from flexx2_sim_ros.validation.blind.scanned import off, ScannedCamera
+import numpy as np
+import pytest
+import trimesh
+import yaml
+
+SEED, WIDTH, HEIGHT, RECORDINGS = 2, 112, 86, 4
+SMALL = {'frames': 8, 'width': WIDTH, 'height': HEIGHT}
+
+
+@pytest.fixture(scope='module')
+def rough() -> np.random.Generator:
+    return np.random.default_rng(5)
+
+
+def record(folder: Path, effects: dict[str, float], **changes: Any) -> ScannedCamera:
+    camera = ScannedCamera(SEED, effects, **{'recordings': RECORDINGS, **SMALL, **changes})
+    (folder / 'in').mkdir(parents=True)
+    camera.record(folder / 'in')
+    write_mesh(camera.solids, folder / 'room.ply')
+    return camera
+
+
+@pytest.fixture(scope='module')
+def plain(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, ScannedCamera]:
+    """Return a folder with `in/` and `room.ply` of a camera without effects."""
+    folder = tmp_path_factory.mktemp('plain')
+    return folder, record(folder, {})
+
+
+def job(folder: Path, number: int, guess: Pose | None, motion: str = 'auto') -> Job:
+    numbers = None if guess is None else tuple(guess.numbers())
+    path = folder / 'in' / f'{number}.npz'
+    return Job(path, folder / 'room.ply', None, None, motion, numbers, '+z')
+
+
+def joint(
+    folder: Path, camera: ScannedCamera, rng: np.random.Generator
+) -> tuple[Shared, np.ndarray]:
+    """Return the joint fit from 5 cm and 3 degrees off, and its pose errors in metres."""
+    views, true = [], []
+    for i in range(camera.camera.case.scenes.recordings):
+        pose = camera.poses(i)[0]
+        one = job(folder, i, Pose(*off(pose, 0.05, 3.0, rng)))
+        views += views_of((i, one, register(one)))
+        true.append(Pose(*pose))
+    shared = estimate(views)
+    motions = [true[view.recording].motion_to(view.pose) for view in shared.solution.views]
+    return shared, np.linalg.norm([motion[:3] for motion in motions], axis=1)
+
+
+# Metres: the median of four recordings at a quarter of the camera's pixels. Multipath and
+# wiggling bend whole surfaces; a pose that is fitted alone is off by 5 to 40 mm there.
+@pytest.mark.parametrize(
+    ('effects', 'most'),
+    [
+        ({'flying_pixels': 1.0}, 0.003),
+        ({'offset': 5.0}, 0.003),
+        ({'wiggling': 3.0}, 0.008),
+        ({'multipath': 1.0}, 0.010),
+        ({'range_wrap': 1.0}, 0.003),
+    ],
+)
+def test_poses_are_right_whatever_the_camera_does_wrong(
+    tmp_path: Path, rough: np.random.Generator, effects: dict[str, float], most: float
+) -> None:
+    camera = record(tmp_path, effects)
+    shared, errors = joint(tmp_path, camera, rough)
+    assert np.median(errors) < most
+    offset = shared.findings['offset']
+    if offset['verdict'] == 'identified':
+        bias = camera.camera.effects[0].parameters.get('bias', 0.0)
+        assert offset['metres'] == pytest.approx(bias, abs=0.004)
+
+
+def test_a_third_of_the_pixels_missing_changes_little(
+    tmp_path: Path, plain: tuple[Path, ScannedCamera], rough: np.random.Generator
+) -> None:
+    folder, camera = plain
+    (tmp_path / 'in').mkdir()
+    (tmp_path / 'room.ply').write_bytes((folder / 'room.ply').read_bytes())
+    for file in (folder / 'in').glob('*.npz'):
+        with np.load(file) as archive:
+            arrays = dict(archive)
+        arrays['depth'][:, rough.random((HEIGHT, WIDTH)) < 0.3] = np.nan
+        np.savez(tmp_path / 'in' / file.name, **arrays)
+    _, errors = joint(tmp_path, camera, rough)
+    assert np.median(errors) < 0.003
+
+
+def test_without_a_pose_it_is_right_or_doubtful(
+    tmp_path: Path, plain: tuple[Path, ScannedCamera]
+) -> None:
+    folder, camera = plain
+    table = make_truth(Request((folder / 'in',), folder / 'room.ply', tmp_path / 'out'))
+    right = 0
+    for i, row in enumerate(table['recordings']):
+        true = Pose(*camera.poses(i)[0])
+        motion = true.motion_to(Pose.from_numbers(np.array(row['pose'])))
+        good = bool(np.linalg.norm(motion[:3]) < 0.01)
+        assert good or row['verdict'] != 'used'
+        right += good
+    assert right >= 2
+
+
+def test_a_campaign_is_written_with_what_is_known_of_it(
+    tmp_path: Path, plain: tuple[Path, ScannedCamera], rough: np.random.Generator
+) -> None:
+    folder, camera = plain
+    out = tmp_path / 'out'
+    poses = [Pose(*off(camera.poses(i)[0], 0.05, 3.0, rough)) for i in range(RECORDINGS)]
+    words = [f'--pose={",".join(map(str, pose.numbers()))}' for pose in poses]
+    scan = str(folder / 'room.ply')
+    assert (
+        main(['gap', 'truth', str(folder / 'in'), '--scan', scan, '--out', str(out), *words]) == 0
+    )
+    table = yaml.safe_load((out / 'truth.yaml').read_text())
+    assert [row['verdict'] for row in table['recordings']] == ['used'] * RECORDINGS
+    assert {'pose_error', 'time_offset'} <= {row['effect'] for row in table['cannot_decide']}
+    for i in range(RECORDINGS):
+        recording = open_recording(out / f'{i}.npz').load()
+        told = camera.camera.scenes.clean(i)[0]
+        known = recording.extra['known']
+        assert recording.clean_depth is not None
+        assert known.dtype == bool
+        assert known.mean() > 0.9
+        error = np.abs(recording.clean_depth - told)[known]
+        assert np.nanmedian(error) < 0.002
+        assert np.nanpercentile(error, 95) < 0.02  # Beside the edges.
+        assert recording.extra['clean_sigma'].shape == (HEIGHT, WIDTH)
+        covariance = recording.extra['pose_covariance']
+        assert np.allclose(covariance, covariance.T)
+        assert np.linalg.eigvalsh(covariance)[0] > 0
+        with np.load(folder / 'in' / f'{i}.npz') as source:
+            assert np.array_equal(recording.depth, source['depth'], equal_nan=True)
+            assert np.array_equal(recording.stamp, source['stamp'])
+    html = (out / 'truth.html').read_text()
+    assert html.count('data:image/png') == 2 * RECORDINGS
+
+
+def test_a_moving_camera_is_followed(tmp_path: Path, rough: np.random.Generator) -> None:
+    camera = record(tmp_path, {}, recordings=1, moving=True)
+    assert observe(open_recording(tmp_path / 'in' / '0.npz'), None).moving
+    guess = tuple(Pose(*off(camera.poses(0)[0], 0.05, 3.0, rough)).numbers())
+    room, out = tmp_path / 'room.ply', tmp_path / 'out'
+    make_truth(Request((tmp_path / 'in',), room, out, (guess,)))
+    written = open_recording(out / '0.npz').load()
+    told = camera.camera.scenes.clean(0)[0]
+    assert written.clean_depth is not None
+    assert written.clean_depth.shape == told.shape
+    # Every frame: a camera that stood still would be off by 10 cm at the end.
+    errors = np.nanmedian(np.abs(written.clean_depth - told), axis=(1, 2))
+    assert errors.max() < 0.01
+
+
+def test_a_camera_that_stands_still_does_not_move(plain: tuple[Path, ScannedCamera]) -> None:
+    for i in range(RECORDINGS):
+        assert not observe(open_recording(plain[0] / 'in' / f'{i}.npz'), None).moving
+
+
+def test_an_interrupted_run_goes_on_where_it_was(
+    tmp_path: Path, plain: tuple[Path, ScannedCamera]
+) -> None:
+    folder, _ = plain
+    request = Request((folder / 'in' / '0.npz',), folder / 'room.ply', tmp_path / 'out')
+
+    def stop(text: str, share: float) -> None:
+        if text.startswith('fitting'):
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        make_truth(request, stop)
+    assert not list((tmp_path / 'out').glob('[!.]*'))
+    seen: list[str] = []
+    make_truth(request, lambda text, share: seen.append(text))
+    assert 'registering' not in seen
+    assert sorted(path.name for path in (tmp_path / 'out').iterdir()) == [
+        '0.npz',
+        'truth.html',
+        'truth.yaml',
+    ]
+
+
+def test_nothing_is_known_where_the_mesh_has_a_hole(
+    tmp_path: Path, plain: tuple[Path, ScannedCamera]
+) -> None:
+    folder, camera = plain
+    pose = Pose(*camera.poses(0)[0])
+    rays = observe(open_recording(folder / 'in' / '0.npz'), None).still.rays
+    whole = render(load_room(folder / 'room.ply'), pose, rays, 0.003)
+    write_mesh(camera.solids, tmp_path / 'fine.ply', 0.2)
+    mesh = trimesh.load_mesh(tmp_path / 'fine.ply', process=False)
+    # What the middle of the image shows is cut out.
+    ahead = pose.t + pose.R[:, 2] * whole.depth[HEIGHT // 2, WIDTH // 2]
+    far = np.linalg.norm(mesh.triangles_center - ahead, axis=1) > 0.4
+    trimesh.Trimesh(mesh.vertices, mesh.faces[far], process=False).export(tmp_path / 'hole.ply')
+    holed = render(load_room(tmp_path / 'hole.ply'), pose, rays, 0.003)
+    gone = ~np.isfinite(holed.depth)
+    assert gone[HEIGHT // 2, WIDTH // 2]
+    assert not holed.known[gone].any()
+    assert holed.known[~gone].mean() > 0.8
+    assert whole.known.all()
+
+
+def test_colours_of_the_mesh_become_reflectivity(tmp_path: Path) -> None:
+    box = trimesh.creation.box((4, 4, 4))
+    box.visual.face_colors = [128, 128, 128, 255]
+    for name in ('room.ply', 'room.glb'):
+        box.export(tmp_path / name)
+        hits = load_room(tmp_path / name).cast(Pose(np.eye(3), np.zeros(3)), np.zeros((1, 2)))
+        assert hits.depth[0] == pytest.approx(2.0, abs=1e-6)
+        assert hits.reflectivity is not None
+        assert hits.reflectivity[0] == pytest.approx(128 / 255, abs=0.01)
+
+
+def test_a_mujoco_scene_is_a_room_too(tmp_path: Path, plain: tuple[Path, ScannedCamera]) -> None:
+    geoms = '<geom type="box" size="2 2.5 .1" pos="0 0 {}"/>'.format
+    walls = ''.join(
+        f'<geom type="box" size="{size}" pos="{pos}"/>'
+        for size, pos in (
+            ('.1 2.5 1.3', '2 0 1.2'),
+            ('2 .1 1.3', '0 2.5 1.2'),
+            ('.3 .2 .4', '1.2 1.0 .4'),
+            ('.2 .3 .2', '1.5 -.4 1.2'),
+        )
+    )
+    path = tmp_path / 'room.xml'
+    path.write_text(
+        f'<mujoco><worldbody>{geoms(-0.1)}{walls}'
+        '<geom type="sphere" size=".3" pos="1.3 .3 .3"/></worldbody></mujoco>'
+    )
+    room = load_room(path)
+    R = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])  # along +x
+    pose = Pose(R, np.array([-1.0, 0.2, 0.9])).moved(np.array([0, 0, 0, -0.2, 0.2, 0]))
+    rays = observe(open_recording(plain[0] / 'in' / '0.npz'), None).still.rays
+    clean = render(room, pose, rays, 0.0)
+    assert clean.known.all()  # A model has no holes: nothing is nothing.
+    noise = np.random.default_rng(0).normal(0, 0.005, (8, HEIGHT, WIDTH))
+    K = open_recording(plain[0] / 'in' / '0.npz').K
+    depth = (clean.depth + noise).astype(np.float32)
+    np.savez(tmp_path / 'r.npz', depth=depth, K=K, stamp=np.arange(8) / 10, usecase='Mode_9_10fps')
+    wrong = ','.join(map(str, pose.moved(np.array([0.03, -0.03, 0.03, 0.03, 0, 0.03])).numbers()))
+    out = tmp_path / 'out'
+    words = ['gap', 'truth', str(tmp_path / 'r.npz'), '--scene', str(path), f'--pose={wrong}']
+    assert main([*words, '--out', str(out), '--jobs', '1']) == 0
+    written = open_recording(out / 'r.npz').load()
+    assert written.reflectivity is not None
+    assert written.clean_depth is not None
+    error = np.abs(written.clean_depth - clean.depth)
+    assert np.nanmedian(error) < 0.001
+
+
+def scaled(mesh: trimesh.Trimesh, factor: float) -> trimesh.Trimesh:
+    mesh.apply_scale(factor)
+    return mesh
+
+
+def mirrored(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
+    return trimesh.Trimesh(mesh.vertices * (-1, 1, 1), mesh.faces, process=False)
+
+
+BAD_ROOMS = {
+    'millimetres': (lambda mesh: scaled(mesh, 1000.0), 'looks like millimetres'),
+    'no faces': (lambda mesh: trimesh.PointCloud(mesh.vertices), 'no faces'),
+    'another room': (lambda mesh: trimesh.creation.icosphere(radius=3.0), 'must be the room of'),
+    'mirrored': (mirrored, 'must not be mirrored'),
+}
+
+
+@pytest.mark.parametrize('kind', BAD_ROOMS)
+def test_a_mesh_that_cannot_be_used_is_one_sentence(
+    tmp_path: Path,
+    plain: tuple[Path, ScannedCamera],
+    capsys: pytest.CaptureFixture[str],
+    kind: str,
+) -> None:
+    folder, _ = plain
+    change, words = BAD_ROOMS[kind]
+    change(trimesh.load_mesh(folder / 'room.ply', process=False)).export(tmp_path / 'bad.ply')
+    out = tmp_path / 'out'
+    files = [str(folder / 'in' / f'{i}.npz') for i in range(3)]
+    scan = ['--scan', str(tmp_path / 'bad.ply'), '--out', str(out), '--jobs', '1']
+    assert main(['gap', 'truth', *files, *scan]) == 2
+    error = capsys.readouterr().err.strip().splitlines()[-1]
+    assert error.startswith('flexx2: error: ')
+    assert words in error
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ('change', 'words'),
+    [
+        ({'stamp': np.array([0, 1, 2, 3, 5e8, 5e8 + 1, 5e8 + 2, 5e8 + 3])}, 'of one clock'),
+        ({'stamp': np.array([0, 1, 2, 2, 4, 5, 6, 7.0])}, 'must rise'),
+        ({'depth': np.full((8, HEIGHT, WIDTH), np.nan, np.float32)}, 'all pixels'),
+        ({'distortion': np.zeros(3)}, 'k1, k2, p1, p2, k3'),
+    ],
+)
+def test_a_recording_that_cannot_be_used_is_one_sentence(
+    tmp_path: Path,
+    plain: tuple[Path, ScannedCamera],
+    capsys: pytest.CaptureFixture[str],
+    change: dict[str, np.ndarray],
+    words: str,
+) -> None:
+    folder, _ = plain
+    with np.load(folder / 'in' / '0.npz') as archive:
+        arrays = {**archive, **change}
+    np.savez(tmp_path / 'bad.npz', **arrays)
+    out = tmp_path / 'out'
+    room = ['--scan', str(folder / 'room.ply'), '--out', str(out), '--jobs', '1']
+    assert main(['gap', 'truth', str(tmp_path / 'bad.npz'), *room]) == 2
+    assert words in capsys.readouterr().err
+    assert not out.exists()
+
+
+@pytest.mark.parametrize('pose', ['1,2,3', '0,0,0,0,0,0,0', 'a,b,c,d,e,f,g', 'nan,0,0,0,0,0,1'])
+def test_a_pose_that_is_none_is_refused(pose: str, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ['gap', 'truth', 'x.npz', '--scan', 'room.ply', '--out', 'out', f'--pose={pose}']
+    assert main(words) == 2
+    assert '--pose: must be' in capsys.readouterr().err
