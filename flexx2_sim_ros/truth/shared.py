@@ -123,9 +123,7 @@ def _hidden_by_bounce(solution: Solution) -> str:
     least = float(solution.values[-1] * size)
     if abs(float(solution.values[0])) > least:
         return ''
-    return (
-        f'light that bounces adds {least * 1e3:.0f} mm, and a smaller offset cannot be told from it'
-    )
+    return f'bounced light adds {least * 1e3:.0f} mm; a smaller offset cannot be told from it'
 
 
 def _best_period(solution: Solution) -> tuple[float, float]:
