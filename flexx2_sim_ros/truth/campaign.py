@@ -240,10 +240,13 @@ def _fit(views: Sequence[View], registered: Sequence[Registered]) -> tuple[Share
 def _check_room(
     request: Request, registered: Sequence[Registered], verdicts: Sequence[Verdict]
 ) -> None:
-    refused = [i for i, verdict in enumerate(verdicts) if verdict.state == 'refused']
-    used = sum(verdict.state == 'used' for verdict in verdicts)
-    mirrored = sum(registered[i].mirrored < _MIRRORED * min(registered[i].costs) for i in refused)
-    if mirrored > used:
+    refused = [verdict for verdict in verdicts if verdict.state == 'refused']
+    better = [one.mirrored < _MIRRORED * min(one.costs) for one in registered]
+    used = sum(
+        verdict.state == 'used' and not other
+        for verdict, other in zip(verdicts, better, strict=True)
+    )
+    if sum(better) > used:
         raise InputError(
             f'{request.room}: must not be mirrored: the recordings fit its mirror image; negate '
             'one coordinate of the mesh'

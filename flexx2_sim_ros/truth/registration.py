@@ -24,6 +24,8 @@ _KEY_FRAMES = 6  # of a moving recording, that take part in the joint fit
 _PIXELS, _TRACKED = 5000, 2000
 # Cost above which a frame is searched anew around where the last one was.
 _LOST = 0.6
+# Cost above which the mirror image of the room is tried as well.
+_SUSPECT = 0.12
 _PLAIN = 0.5  # reflectivity where nothing is known
 
 
@@ -149,7 +151,7 @@ def _search(job: Job, footage: Footage, guess: Pose | None) -> tuple[Found, int,
             break
     best, number = min(tried, key=lambda one: one[0].fit.cost)
     mirrored = float('inf')
-    if best.fit.cost > 0.5 * _LOST:
+    if best.fit.cost > _SUSPECT:
         panoramas = _panoramas(job.room)
         image = frame(footage, number) if footage.moving else footage.still
         mirrored = find(room, image.mirrored(), None, panoramas, up).fit.cost
