@@ -120,13 +120,14 @@ def test_command(command: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize('program', blocks('python'))
-def test_program(program: str) -> None:
+def test_program(program: str, tmp_path: Path) -> None:
     done = subprocess.run(
-        [sys.executable, '-c', program], capture_output=True, text=True, cwd=ROOT, timeout=120
+        [sys.executable, '-c', program], capture_output=True, text=True, cwd=tmp_path, timeout=120
     )
     assert done.returncode == 0, done.stderr
-    measured, modelled = map(float, done.stdout.split())
-    assert measured == pytest.approx(modelled, rel=0.01)
+    if 'print(' in program:
+        measured, modelled = map(float, done.stdout.split())
+        assert measured == pytest.approx(modelled, rel=0.01)
 
 
 @pytest.mark.parametrize(
