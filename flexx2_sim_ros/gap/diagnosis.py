@@ -1,7 +1,7 @@
 """Diagnose a campaign: where the gap lies, what causes it, how far it shrinks."""
 
 from collections.abc import Callable, Collection
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 import resource
 import time
@@ -11,28 +11,21 @@ from flexx2_sim_ros import __version__
 from flexx2_sim_ros.camera import Profile
 from flexx2_sim_ros.effects import Effect, of_role, registry
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.gap.calibration.constants import THRESHOLDS
-from flexx2_sim_ros.gap.data.campaign import Found, nothing_left
-from flexx2_sim_ros.gap.data.pose import NAMES
-from flexx2_sim_ros.gap.data.prior import POSE
+from flexx2_sim_ros.gap.data.campaign import Found
 from flexx2_sim_ros.gap.features.catalogue import Candidate, catalogue
 from flexx2_sim_ros.gap.features.confirm import Outcome
-from flexx2_sim_ros.gap.features.evidence import Evidence
-from flexx2_sim_ros.gap.features.features import ENOUGH, Feature, LAYOUT
-from flexx2_sim_ros.gap.features.physical import UNITS
-from flexx2_sim_ros.gap.inference.decide import Alternative, decide, Decision
-from flexx2_sim_ros.gap.inference.fitting import Fit
+from flexx2_sim_ros.gap.inference.decide import decide, Decision
+from flexx2_sim_ros.gap.inference.effects import fitted_effects, parameters_of
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.inference.patch import fit_patch
-from flexx2_sim_ros.gap.inference.uncertainty import ratio_interval
-from flexx2_sim_ros.gap.inference.where import places, unexplained
-from flexx2_sim_ros.gap.work import find, simulate_set, summarise
-from flexx2_sim_ros.jobs import bind, workers
+from flexx2_sim_ros.gap.report.table import diagnosis_table
+from flexx2_sim_ros.gap.report.writing import check_folder, write
+from flexx2_sim_ros.gap.work import find, simulate_set, summarise_all
+from flexx2_sim_ros.jobs import bind, Map, workers
 from flexx2_sim_ros.physics.frame_state import why_no_phases
 import numpy as np
 
 Progress = Callable[[str, float], None]
-SCHEMA = 1
 
 
 def diagnose(
@@ -67,7 +60,7 @@ def diagnose(
     pose_prior : tuple of float
         How wrong a recording's pose usually is: standard deviations in metres and degrees.
     progress : callable, optional
-        Called with what is being done, and the share that is done.
+        Called with what is being done, and the fraction that is done.
     scheduler : str, optional
         Address of a Dask scheduler to work on.
 
@@ -84,80 +77,37 @@ def diagnose(
     """
     began = time.monotonic()
     _check(without, seed, jobs, pose_prior)
-    progress = progress or (lambda text, share: None)
+    progress = progress or (lambda text, fraction: None)
     if out is not None:
-        from flexx2_sim_ros.gap.report.writing import check_folder, write
-
         check_folder(Path(out))
-    progress('looking for recordings', 0.0)
-    prior = np.array([pose_prior[0]] * 3 + [pose_prior[1]] * 3)
-    done = 0
-
-    def tick(weight: float, start: float, total: int, text: str) -> Callable[[], None]:
-        nonlocal done
-        done = 0
-
-        def step() -> None:
-            nonlocal done
-            done += 1
-            progress(text, min(start + weight * done / max(total, 1), start + weight))
-
-        return step
-
     if scheduler is not None:
         campaign_dir = Path(campaign_dir).absolute()  # Workers run in other folders.
+    progress('looking for recordings', 0.0)
+    prior = np.array([pose_prior[0]] * 3 + [pose_prior[1]] * 3)
     with workers(jobs, scheduler) as mapped:
         found, left_out = find(campaign_dir, profile, mapped)
         no_phases = why_no_phases(found[0].mode)
         columns, candidates = catalogue(without, not no_phases)
         text = 'simulating what could explain the recordings'
-        outcomes = mapped(
-            bind(summarise, profile=profile, columns=columns, seed=seed, prior=tuple(prior)),
-            found,
-            tick(0.7, 0.02, len(found), text),
+        step = _stepper(progress, text, 0.02, 0.7, len(found))
+        used, evidence, unusable = summarise_all(
+            campaign_dir, found, left_out, profile, columns, seed, prior, mapped, step
         )
-        evidence = [one for one in outcomes if isinstance(one, Evidence)]
-        left_out += [
-            (file.path.name, one)
-            for file, one in zip(found, outcomes, strict=True)
-            if isinstance(one, str)
-        ]
-        used = [
-            file for file, one in zip(found, outcomes, strict=True) if isinstance(one, Evidence)
-        ]
-        if not evidence:
-            raise nothing_left(Path(campaign_dir), left_out)
         model = Model(evidence, columns, prior)
-        if not model.own.posed.any():
-            candidates = [one for one in candidates if one.kind.role != 'pose']
-        decision = decide(
-            model, candidates, tick(0.1, 0.72, 4 * len(candidates), 'comparing explanations')
-        )
-        if not _seen(model).any():
-            decision = replace(decision, verdict='none')  # Told as `too_little`.
-        chosen = decision.chosen if decision.verdict in ('identified', 'partly') else decision.base
-        effects = _effects(model, chosen)
-        motions = model.own.found(chosen.nuisances)
-        confirmed: list[Outcome] = mapped(
-            bind(
-                simulate_set,
-                profile=profile,
-                seed=seed,
-                effects={e.name: _plain(e) for e in effects if e.role != 'pose'},
-            ),
-            [(file, tuple(motion)) for file, motion in zip(used, motions, strict=True)],
-            tick(0.15, 0.83, len(used), 'simulating the outcome'),
-        )
+        decision = _decide(model, candidates, progress)
+        effects = fitted_effects(model, decision.accepted)
+        step = _stepper(progress, 'simulating the outcome', 0.83, 0.15, len(used))
+        confirmed = _confirm(model, decision, effects, used, profile, seed, mapped, step)
     progress('writing', 0.98)
-    table = _table(model, decision, effects, confirmed, used, left_out)
+    table = diagnosis_table(model, decision, effects, confirmed, used, [*left_out, *unusable])
     table['not_considered'] = _not_considered(without, no_phases, bool(model.own.posed.any()))
     table['seconds'] = round(time.monotonic() - began, 2)
     table['peak_mb'] = round(_peak_mb(min(jobs, len(found))), 1)
     table['version'] = __version__
     if decision.verdict == 'unknown':
-        patch, covariate, share = fit_patch(model, decision.base.residual(model))
+        patch, covariate, shrink = fit_patch(model, decision.base.residual(model))
         effects = [patch]
-        table['patch'] = {'covariate': covariate, 'shrink': share, 'held_out': len(evidence) > 1}
+        table['patch'] = {'covariate': covariate, 'shrink': shrink, 'held_out': len(evidence) > 1}
     if out is not None:
         write(Path(out), table, effects, model, decision, confirmed)
     progress('done', 1.0)
@@ -178,6 +128,47 @@ def _check(
         raise InputError(f'pose_prior: must be metres and degrees above 0, got {pose_prior!r}')
 
 
+def _stepper(
+    progress: Progress, text: str, start: float, weight: float, total: int
+) -> Callable[[], None]:
+    # To be called after each of `total` steps, which are `weight` of the whole work.
+    done = 0
+
+    def step() -> None:
+        nonlocal done
+        done += 1
+        progress(text, min(start + weight * done / max(total, 1), start + weight))
+
+    return step
+
+
+def _decide(model: Model, candidates: list[Candidate], progress: Progress) -> Decision:
+    if not model.own.posed.any():
+        candidates = [one for one in candidates if one.kind.role != 'pose']
+    step = _stepper(progress, 'comparing explanations', 0.72, 0.1, 4 * len(candidates))
+    decision = decide(model, candidates, step)
+    if not model.seen.any():
+        return replace(decision, verdict='none')  # The table says `too_little`.
+    return decision
+
+
+def _confirm(
+    model: Model,
+    decision: Decision,
+    effects: list[Effect],
+    used: list[Found],
+    profile: Profile | None,
+    seed: int,
+    mapped: Map,
+    step: Callable[[], None],
+) -> list[Outcome]:
+    # Simulates each recording at the pose that was found, with the effects of the camera.
+    motions = model.own.found(decision.accepted.nuisances)
+    of_camera = {one.name: parameters_of(one) for one in effects if one.role != 'pose'}
+    jobs = [(file, tuple(motion)) for file, motion in zip(used, motions, strict=True)]
+    return mapped(bind(simulate_set, profile=profile, seed=seed, effects=of_camera), jobs, step)
+
+
 def _not_considered(without: Collection[str], no_phases: str, posed: bool) -> list[dict[str, str]]:
     # Effects of the registry that are not in the catalogue, and why.
     reasons = {
@@ -187,200 +178,6 @@ def _not_considered(without: Collection[str], no_phases: str, posed: bool) -> li
         reasons[of_role('pose').name] = 'the ground truth gives all poses as exact'
     reasons.update(dict.fromkeys(without, 'left out as asked for'))
     return [{'name': name, 'reason': reasons[name]} for name in registry() if name in reasons]
-
-
-def _effects(model: Model, fit: Fit) -> list[Effect]:
-    out, start = [], 0
-    for candidate in fit.candidates:
-        values = fit.values[start : start + len(candidate.terms)]
-        start += len(candidate.terms)
-        out.append(_effect(model, fit, candidate, tuple(float(v) for v in values)))
-    return out
-
-
-def _effect(model: Model, fit: Fit, candidate: Candidate, values: tuple[float, ...]) -> Effect:
-    kind = registry()[candidate.effect]
-    if kind.role == 'pose':
-        mean = np.mean([one[:POSE] for one in model.own.found(fit.nuisances)], axis=0)
-        table = dict(zip(NAMES, (float(v) for v in mean), strict=True))
-    else:
-        table = dict(candidate.build(values))
-    if kind.lattice:
-        step = float(np.median([e.step for e in model.evidence]))
-        if 0.5 < step / max(table[kind.lattice], 1e-6) < 2:
-            table[kind.lattice] = step
-    bounds = {p.name: p for p in kind.parameters()}
-    table = {k: float(np.clip(v, bounds[k].low, bounds[k].high)) for k, v in table.items()}
-    return kind.from_mapping(table)
-
-
-def _plain(effect: Effect) -> dict[str, float]:
-    return {p.name: float(getattr(effect, p.name)) for p in effect.parameters()}
-
-
-def _table(
-    model: Model,
-    decision: Decision,
-    effects: list[Effect],
-    confirmed: list[Outcome],
-    used: list[Found],
-    left_out: list[tuple[str, str]],
-) -> dict[str, Any]:
-    explained = decision.verdict in ('identified', 'partly')
-    chosen = decision.chosen if explained else decision.base
-    residual = chosen.residual(model)
-    # What the effects change, and what is left, if that matters; not the recordings' own errors.
-    difference = np.zeros_like(residual) if decision.verdict == 'identified' else residual
-    added = chosen.shift(model) if explained else np.zeros_like(residual)
-    seen = _seen(model)
-    rows = []
-    for effect, share, interval, confidence in zip(
-        effects, decision.shares, decision.intervals, decision.confidences, strict=False
-    ):
-        rows.append(
-            {
-                'name': effect.name,
-                'parameters': _plain(effect),
-                'share': share,
-                'interval': interval,
-                'confidence': confidence,
-            }
-        )
-    return {
-        'schema': SCHEMA,
-        'verdict': decision.verdict if seen.any() else 'too_little',
-        'effects': rows,
-        'alternatives': (
-            [_alternative(model, one) for one in decision.alternatives]
-            if decision.finds_gap
-            else []
-        ),
-        'not_decidable': [
-            {'name': one.effect, 'absorbed': one.absorbed, 'settled_by': one.settled_by}
-            for one in decision.undecided
-        ],
-        'unexplained': (
-            unexplained(model, residual, model.null_loss.sum(axis=0)) if decision.finds_gap else []
-        ),
-        'where': (
-            places(
-                model,
-                difference + added,
-                residual + added,
-                [one.groups for one in confirmed],
-                decision.verdict == 'identified',
-                chosen.sigma,
-            )
-            if decision.finds_gap
-            else []
-        ),
-        'gap': _gap(model, decision, confirmed),
-        'recordings': [
-            *(
-                {
-                    'name': e.name,
-                    'used': True,
-                    'reason': '',
-                    'frames': e.frames,
-                    'moving': e.moving,
-                    'pose': [float(v) for v in m[:POSE]],
-                    'truth': asdict(e.accuracy),
-                    'notes': [
-                        *file.notes,
-                        *e.notes,
-                        *_too_little(e, seen[i]),
-                        *_same_noise(model, i),
-                    ],
-                }
-                for i, (e, m, file) in enumerate(
-                    zip(model.evidence, model.own.found(chosen.nuisances), used, strict=True)
-                )
-            ),
-            *({'name': name, 'used': False, 'reason': reason} for name, reason in left_out),
-        ],
-    }
-
-
-def _seen(model: Model) -> np.ndarray:
-    # (R,) whether there are enough surfaces in a recording to say anything.
-    return model.good[:, LAYOUT.index(Feature('bias', 'all', 0))]
-
-
-def _too_little(one: Evidence, seen: bool) -> list[str]:
-    if seen:
-        return []
-    return [
-        f'{one.name}: too little to look at: {one.counts[0]:.0f} depths of surfaces away from '
-        f'edges, must be at least {ENOUGH}'
-    ]
-
-
-def _same_noise(model: Model, index: int) -> list[str]:
-    other = model.same_noise[index]
-    if other is None:
-        return []
-    one, other_name = model.evidence[index].name, model.evidence[other].name
-    return [
-        f'{one}: has the very same noise as {other_name}, as simulations with the same seed '
-        'and stamps have; a pattern that stays is not looked for in what recordings share'
-    ]
-
-
-def _alternative(model: Model, one: Alternative) -> dict[str, Any]:
-    effect = _effects(model, one.fit)[-1]
-    return {
-        'name': effect.name,
-        'parameters': _plain(effect),
-        'share': one.share,
-        'interval': one.interval,
-        'confidence': one.confidence,
-        'instead_of': list(one.instead_of),
-    }
-
-
-def _gap(model: Model, decision: Decision, confirmed: list[Outcome]) -> dict[str, Any]:
-    explained = decision.verdict in ('identified', 'partly')
-    base, chosen = decision.base, decision.chosen if explained else decision.base
-    count = len(base.loss)
-    null = model.null_loss.sum(axis=1) + THRESHOLDS.floor
-    bottom = base.loss - null + (base.pose_loss - chosen.pose_held_out) / count
-    held_out = count > 1
-    top = (
-        base.loss
-        - (chosen.held_out if held_out else chosen.loss)
-        + (base.pose_loss - chosen.pose_held_out) / count
-    )
-    before = float(base.loss.sum() + base.pose_loss)
-    after = before - float(top.sum())
-    out: dict[str, Any] = {
-        'before': before,
-        'after': after,
-        'null': before - float(bottom.sum()),
-        'shrink': float(np.clip(top.sum() / max(bottom.sum(), 1e-9), 0, 1)) if explained else 0.0,
-        'interval': ratio_interval(top, bottom) if explained else [0.0, 0.0],
-        'held_out': held_out,
-    }
-    if not held_out:
-        out['note'] = (
-            'one recording only: nothing was left out to check on, so shrink is that '
-            'of the data the effects were fitted to'
-        )
-        out['interval'] = None
-    for unit in UNITS:
-        values = np.array([one.physical[unit] for one in confirmed])
-        first, last, least = (float(v) for v in values.mean(axis=0))
-        out[unit] = {
-            'before': first,
-            'after': last,
-            'null': least,
-            'shrink': float(np.clip((first - last) / (first - least), -1, 1))
-            if first > least
-            else 0.0,
-            'interval': ratio_interval(values[:, 0] - values[:, 1], values[:, 0] - values[:, 2])
-            if held_out
-            else None,
-        }
-    return out
 
 
 def _peak_mb(processes: int) -> float:

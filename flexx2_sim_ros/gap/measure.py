@@ -7,14 +7,12 @@ from typing import Any
 from flexx2_sim_ros.camera import Profile
 from flexx2_sim_ros.effects import of_role, parse_effects
 from flexx2_sim_ros.gap.calibration.constants import THRESHOLDS
-from flexx2_sim_ros.gap.data.campaign import nothing_left
 from flexx2_sim_ros.gap.data.pose import NAMES, STEPS
 from flexx2_sim_ros.gap.features.catalogue import Candidate, catalogue, Column, nuisances, Term
-from flexx2_sim_ros.gap.features.evidence import Evidence
 from flexx2_sim_ros.gap.inference.fitting import fit
 from flexx2_sim_ros.gap.inference.model import Model
-from flexx2_sim_ros.gap.work import find, summarise
-from flexx2_sim_ros.jobs import bind, workers
+from flexx2_sim_ros.gap.work import find, summarise_all
+from flexx2_sim_ros.jobs import workers
 import numpy as np
 
 
@@ -71,21 +69,8 @@ def measure(
         ]
         if table:
             columns.append(Column('set', table, few=False))
-        outcomes = mapped(
-            bind(summarise, profile=profile, columns=columns, seed=seed, prior=tuple(prior)),
-            found,
-            lambda: None,
-        )
-    evidence = [one for one in outcomes if isinstance(one, Evidence)]
-    if not evidence:
-        raise nothing_left(
-            Path(campaign_dir),
-            left_out
-            + [
-                (file.path.name, one)
-                for file, one in zip(found, outcomes, strict=True)
-                if isinstance(one, str)
-            ],
+        _, evidence, _ = summarise_all(
+            campaign_dir, found, left_out, profile, columns, seed, prior, mapped, lambda: None
         )
     model = Model(evidence, columns, prior)
     base = fit(model, [])

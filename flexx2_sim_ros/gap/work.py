@@ -1,12 +1,12 @@
 """The work on single recordings."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 from flexx2_sim_ros.camera import Profile
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.gap.data.campaign import check, Found, of_one_mode, read
+from flexx2_sim_ros.gap.data.campaign import check, Found, nothing_left, of_one_mode, read
 from flexx2_sim_ros.gap.features.catalogue import Column
 from flexx2_sim_ros.gap.features.confirm import confirm, Outcome
 from flexx2_sim_ros.gap.features.evidence import Evidence, gather
@@ -51,6 +51,70 @@ def summarise(
         return gather(recording, columns, seed, np.array(prior))
     except InputError as error:
         return f'{found.path}: {error}'
+
+
+def summarise_all(
+    folder: str | Path,
+    found: Sequence[Found],
+    left_out: Sequence[tuple[str, str]],
+    profile: Profile | None,
+    columns: Sequence[Column],
+    seed: int,
+    prior: np.ndarray,
+    mapped: Map,
+    step: Callable[[], None],
+) -> tuple[list[Found], list[Evidence], list[tuple[str, str]]]:
+    """
+    Summarise all recordings of a campaign.
+
+    Parameters
+    ----------
+    folder : str or pathlib.Path
+        The campaign, for errors.
+    found : sequence of Found
+        Its recordings.
+    left_out : sequence of tuple of str
+        Name of each recording that was left out before, and the reason; for errors.
+    profile : Profile or None
+        The camera, the Flexx2 when None.
+    columns : sequence of Column
+        What is simulated of each recording.
+    seed : int
+        Of the simulations.
+    prior : numpy.ndarray
+        (6,) standard deviations of a pose error, metres and degrees.
+    mapped : callable
+        As from `workers`.
+    step : callable
+        Called after each recording.
+
+    Returns
+    -------
+    tuple of list
+        The recordings that can be used, their summaries, and the name of each other one with the
+        reason.
+
+    Raises
+    ------
+    InputError
+        When no recording can be used.
+
+    """
+    outcomes = mapped(
+        bind(summarise, profile=profile, columns=columns, seed=seed, prior=tuple(prior)),
+        found,
+        step,
+    )
+    used, evidence, unusable = [], [], []
+    for file, one in zip(found, outcomes, strict=True):
+        if isinstance(one, Evidence):
+            used.append(file)
+            evidence.append(one)
+        else:
+            unusable.append((file.path.name, one))
+    if not evidence:
+        raise nothing_left(Path(folder), [*left_out, *unusable])
+    return used, evidence, unusable
 
 
 def simulate_set(

@@ -86,6 +86,16 @@ class Decision:
     undecided: list[Undecided]
 
     @property
+    def explains_gap(self) -> bool:
+        """Whether the effects chosen explain the gap, or a part of it."""
+        return self.verdict in ('identified', 'partly')
+
+    @property
+    def accepted(self) -> Fit:
+        """Return the fit with the effects if they explain the gap, otherwise without any."""
+        return self.chosen if self.explains_gap else self.base
+
+    @property
     def finds_gap(self) -> bool:
         """Return whether there is a gap, explained or not."""
         return self.verdict not in ('none', 'not_decidable')

@@ -11,7 +11,7 @@ from flexx2_sim_ros.gap.data.pose import STEPS
 from flexx2_sim_ros.gap.data.prior import POSE
 from flexx2_sim_ros.gap.features.catalogue import Candidate, Column, Decaying, nuisances, Term
 from flexx2_sim_ros.gap.features.evidence import Evidence
-from flexx2_sim_ros.gap.features.features import LAYOUT, SIZE, STRUCTURE_UNITS, TOLERANCE
+from flexx2_sim_ros.gap.features.features import Feature, LAYOUT, SIZE, STRUCTURE_UNITS, TOLERANCE
 from flexx2_sim_ros.gap.features.grain import repeats, same_noise
 from flexx2_sim_ros.gap.inference.own_errors import COMMON, OwnErrors
 import numpy as np
@@ -106,6 +106,11 @@ class Model:
         self._more = self._column(wrong.more) / np.float32(wrong.more_by)
         self._less = self._column(wrong.less) / np.float32(wrong.less_by)
         self.null_loss = self._null_loss()
+
+    @property
+    def seen(self) -> np.ndarray:
+        """Return (R,) bool, whether a recording has enough surfaces to say anything."""
+        return np.asarray(self.good[:, LAYOUT.index(Feature('bias', 'all', 0))])
 
     def _repeat_shift(self, columns: Sequence[Column], base: np.ndarray) -> None:
         # How alike a fixed pattern makes the grain of different recordings.

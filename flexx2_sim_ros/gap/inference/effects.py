@@ -1,0 +1,57 @@
+"""The effects of a fit, with the parameters that it found."""
+
+from flexx2_sim_ros.effects import Effect, registry
+from flexx2_sim_ros.gap.data.pose import NAMES
+from flexx2_sim_ros.gap.data.prior import POSE
+from flexx2_sim_ros.gap.features.catalogue import Candidate
+from flexx2_sim_ros.gap.inference.fitting import Fit
+from flexx2_sim_ros.gap.inference.model import Model
+import numpy as np
+
+
+def fitted_effects(model: Model, fit: Fit) -> list[Effect]:
+    """
+    Return the effects of a fit.
+
+    Parameters
+    ----------
+    model : Model
+        The recordings.
+    fit : Fit
+        Its candidates and their values.
+
+    Returns
+    -------
+    list of Effect
+        One for each candidate, in the same order. Parameters are clipped to the bounds of the
+        effect.
+
+    """
+    out, start = [], 0
+    for candidate in fit.candidates:
+        values = fit.values[start : start + len(candidate.terms)]
+        start += len(candidate.terms)
+        out.append(_effect(model, fit, candidate, tuple(float(v) for v in values)))
+    return out
+
+
+def _effect(model: Model, fit: Fit, candidate: Candidate, values: tuple[float, ...]) -> Effect:
+    kind = registry()[candidate.effect]
+    if kind.role == 'pose':
+        mean = np.mean([one[:POSE] for one in model.own.found(fit.nuisances)], axis=0)
+        table = dict(zip(NAMES, (float(v) for v in mean), strict=True))
+    else:
+        table = dict(candidate.build(values))
+    if kind.lattice:
+        # The histogram of depths gives the step more exactly than the fit, if both agree.
+        step = float(np.median([e.step for e in model.evidence]))
+        if 0.5 < step / max(table[kind.lattice], 1e-6) < 2:
+            table[kind.lattice] = step
+    bounds = {p.name: p for p in kind.parameters()}
+    table = {k: float(np.clip(v, bounds[k].low, bounds[k].high)) for k, v in table.items()}
+    return kind.from_mapping(table)
+
+
+def parameters_of(effect: Effect) -> dict[str, float]:
+    """Return the parameters of an effect by name."""
+    return {p.name: float(getattr(effect, p.name)) for p in effect.parameters()}
