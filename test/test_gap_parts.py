@@ -4,7 +4,8 @@ from bench.gap_campaigns import look, make_room, optical
 from flexx2_sim_ros.camera import Camera, flexx2
 from flexx2_sim_ros.effects import parse_effects, registry
 from flexx2_sim_ros.effects.patch import ResidualPatch
-from flexx2_sim_ros.gap.data.covariates import axes_of, look_at
+from flexx2_sim_ros.gap.data.axes import axes_of
+from flexx2_sim_ros.gap.data.covariates import look_at
 from flexx2_sim_ros.gap.data.pose import unknown_border
 from flexx2_sim_ros.gap.data.registration import RecordingData, register
 from flexx2_sim_ros.gap.features.catalogue import catalogue

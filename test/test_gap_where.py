@@ -5,7 +5,7 @@ from typing import Any
 
 from bench.gap_campaigns import look, make_room, optical
 from flexx2_sim_ros.camera import Camera, flexx2
-from flexx2_sim_ros.gap.data.covariates import AXES, axes_of, ENDLESS
+from flexx2_sim_ros.gap.data.axes import AXES, axes_of, ENDLESS
 from flexx2_sim_ros.gap.data.registration import Placed, RecordingData
 from flexx2_sim_ros.gap.features.features import LAYOUT, SIZE, TOLERANCE
 from flexx2_sim_ros.gap.features.pixel_groups import (

@@ -5,8 +5,9 @@ from typing import Any
 
 from flexx2_sim_ros.camera import flexx2
 from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.gap.data.axes import AXES, axes_of
 from flexx2_sim_ros.gap.data.campaign import check, Found, read
-from flexx2_sim_ros.gap.data.covariates import AXES, axes_of, look_at
+from flexx2_sim_ros.gap.data.covariates import look_at
 from flexx2_sim_ros.gap.data.planes import plane_shifts
 from flexx2_sim_ros.gap.data.prior import covariance_of, factor
 from flexx2_sim_ros.gap.data.unknown import fill

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from flexx2_sim_ros.gap.calibration.constants import SIMULATION
-from flexx2_sim_ros.gap.data.covariates import Axes
+from flexx2_sim_ros.gap.data.axes import Axes
 from flexx2_sim_ros.gap.data.pose import pose_effects
 from flexx2_sim_ros.gap.data.prior import covariance_of, POSE
 from flexx2_sim_ros.gap.data.registration import RecordingData, register

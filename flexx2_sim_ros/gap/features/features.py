@@ -4,7 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from flexx2_sim_ros.gap.calibration.constants import FEATURES
-from flexx2_sim_ros.gap.data.covariates import AXES, BINS, PixelCovariates
+from flexx2_sim_ros.gap.data.axes import AXES, BINS
+from flexx2_sim_ros.gap.data.covariates import PixelCovariates
 from flexx2_sim_ros.gap.features.pixel_patterns import (
     count_depths,
     grain_moments,

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import math
 
 from flexx2_sim_ros.gap.calibration.constants import FEATURES, WHERE
-from flexx2_sim_ros.gap.data.covariates import AXES, ENDLESS, PixelCovariates, sort_everywhere
+from flexx2_sim_ros.gap.data.axes import AXES, ENDLESS
+from flexx2_sim_ros.gap.data.covariates import PixelCovariates, sort_everywhere
 from flexx2_sim_ros.gap.data.registration import RecordingData
 from flexx2_sim_ros.gap.features.pixel_patterns import (
     add_errors,

@@ -6,7 +6,7 @@ from typing import Any
 
 from flexx2_sim_ros.effects import loadable
 from flexx2_sim_ros.gap.calibration.constants import GROUND_TRUTH, LOSS, Loss
-from flexx2_sim_ros.gap.data.covariates import AXES
+from flexx2_sim_ros.gap.data.axes import AXES
 from flexx2_sim_ros.gap.data.pose import STEPS
 from flexx2_sim_ros.gap.data.prior import POSE
 from flexx2_sim_ros.gap.features.catalogue import Candidate, Column, Decaying, nuisances, Term
