@@ -133,11 +133,42 @@ def fit_plane_motion(
         counts ten times as much.
 
     """
-    designs, values = [], []
     number = len(spread)
     sizes = np.array(
         [*REGISTRATION.smooth, *[REGISTRATION.harmonic] * (2 * len(profile.modulation_hz))]
     )
+    A, b = _weighted_design(residual, clean, sigma, K, shifts, others, profile)  # noqa: N806
+    if not len(b):
+        return np.zeros(number), np.zeros(others.shape[1]), before
+    rest = number + len(sizes)
+    usual = np.concatenate([sizes, np.full(len(A) - rest, REGISTRATION.amounts)])
+    # In units of the priors' standard deviations, so that one ridge holds all of them.
+    A = np.concatenate([spread.T @ A[:number], A[number:] * usual[:, None]])  # noqa: N806
+    ridge = REGISTRATION.ridge * len(b) * np.eye(len(A))
+    motion, weight, normal = _reweighted_least_squares(A, b, ridge)
+    so_far, stiff = np.zeros(len(A)), REGISTRATION.sure * ridge
+    so_far[:number] = np.linalg.pinv(spread) @ before
+    sure = so_far + np.linalg.solve(normal + stiff, (A * weight) @ b - stiff @ so_far)
+    bound = REGISTRATION.bound
+    return (
+        spread @ np.clip(motion[:number], -bound, bound),
+        motion[rest:] * usual[len(sizes) :],
+        spread @ np.clip(sure[:number], -bound, bound),
+    )
+
+
+def _weighted_design(
+    residual: np.ndarray,
+    clean: np.ndarray,
+    sigma: np.ndarray,
+    K: np.ndarray,  # noqa: N803
+    shifts: np.ndarray,
+    others: np.ndarray,
+    profile: Profile,
+) -> tuple[np.ndarray, np.ndarray]:
+    # (columns, pixels) design and (pixels,) residuals of every second pixel, in sigma.
+    designs: list[np.ndarray] = []
+    values: list[np.ndarray] = []
     for error, depth, noise, other in zip(residual, clean, sigma, others, strict=True):
         error, noise = error[::2, ::2], noise[::2, ::2]
         good = np.isfinite(error)
@@ -154,29 +185,26 @@ def fit_plane_motion(
         designs.append(columns[:, good] / noise[good])
         values.append(error[good] / noise[good])
     if not designs:
-        return np.zeros(number), np.zeros(others.shape[1]), before
+        return np.empty((0, 0)), np.empty(0)
     A, b = np.concatenate(designs, axis=1), np.concatenate(values)  # noqa: N806
     keep = np.isfinite(A).all(axis=0)
-    A, b = A[:, keep], b[keep]  # noqa: N806
-    rest = number + len(sizes)
-    usual = np.concatenate([sizes, np.full(len(A) - rest, REGISTRATION.amounts)])
-    A = np.concatenate([spread.T @ A[:number], A[number:] * usual[:, None]])  # noqa: N806
-    motion, ridge = np.zeros(len(A)), REGISTRATION.ridge * len(b) * np.eye(len(A))
+    return A[:, keep], b[keep]
+
+
+def _reweighted_least_squares(
+    A: np.ndarray,  # noqa: N803
+    b: np.ndarray,
+    ridge: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    # Coefficients with a Cauchy loss that narrows; the last weights and normal matrix.
+    coefficients = np.zeros(len(A))
     scale, shrink, last = REGISTRATION.scales
     for _ in range(REGISTRATION.iterations):
-        weight = 1 / (1 + ((b - motion @ A) / scale) ** 2)
+        weight = 1 / (1 + ((b - coefficients @ A) / scale) ** 2)
         normal = (A * weight) @ A.T
-        motion = np.linalg.solve(normal + ridge, (A * weight) @ b)
+        coefficients = np.linalg.solve(normal + ridge, (A * weight) @ b)
         scale = max(shrink * scale, last)
-    so_far, stiff = np.zeros(len(A)), REGISTRATION.sure * ridge
-    so_far[:number] = np.linalg.pinv(spread) @ before
-    sure = so_far + np.linalg.solve(normal + stiff, (A * weight) @ b - stiff @ so_far)
-    bound = REGISTRATION.bound
-    return (
-        spread @ np.clip(motion[:number], -bound, bound),
-        motion[rest:] * usual[len(sizes) :],
-        spread @ np.clip(sure[:number], -bound, bound),
-    )
+    return coefficients, weight, normal
 
 
 def _others(
