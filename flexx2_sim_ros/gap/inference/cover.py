@@ -47,19 +47,19 @@ def cover(
     recordings: Sequence[PixelGroups], real: bool, sigma_error: float = 0.0
 ) -> list[WhereCondition]:
     """
-    Find conditions of which one holds for pixels that differ, and none for the others.
+    Find conditions on covariates that select the pixels that differ, and few others.
 
-    Axis by axis, that first with which the pixels singled out and those that differ have most in
-    common (intersection over union).
+    Covariates are added one by one. Each time the one is taken with which the selected pixels
+    have the largest intersection over union with the pixels that differ.
 
     Parameters
     ----------
-    recordings : sequence of Spots
-        Theirs.
+    recordings : sequence of PixelGroups
+        One for each recording.
     real : bool
-        Whether the real camera's difference counts, or else that of the effects.
+        Whether to use the difference of the real camera. Otherwise that of the effects.
     sigma_error : float
-        By which share sigma_z is wrong, which is no difference of the real camera's.
+        Fraction by which sigma_z is wrong. It is taken off the real camera's difference.
 
     Returns
     -------
@@ -87,7 +87,31 @@ def cover(
         :, None
     ] + np.zeros(known.shape, int)
     inside, outside = weight * differs[:, None], weight * ~differs[:, None]
-    named, best = np.zeros(known.shape, bool), 0.0
+    out = []
+    for name, some in _select(bins, inside, outside):
+        for first, last in _stretches(some, bins[name][known], name in _CLASSES):
+            here = (bins[name] >= first) & (bins[name] <= last)
+            part = (inside * here).sum(axis=1)  # of each group's pixels, in this interval
+            total = max(float(part.sum()), 1e-9)
+            out.append(
+                WhereCondition(
+                    name,
+                    first,
+                    last,
+                    part @ difference / total,
+                    np.sqrt(np.square(part) @ np.square(limit / WHERE.standard_errors)) / total,
+                    part @ shown / total,
+                    float(part @ bias / total),
+                )
+            )
+    return out
+
+
+def _select(
+    bins: dict[str, np.ndarray], inside: np.ndarray, outside: np.ndarray
+) -> list[tuple[str, np.ndarray]]:
+    # Forward selection of covariates: name of each, and which of its bins are selected.
+    named, best = np.zeros(inside.shape, bool), 0.0
     chosen: list[tuple[str, np.ndarray]] = []
     for _ in range(WHERE.most_conditions):
         tries = [(*_pick(place, inside, outside, named), name) for name, place in bins.items()]
@@ -97,30 +121,14 @@ def cover(
         best = value
         chosen.append((name, some))
         named |= some[np.maximum(bins[name], 0)] & (bins[name] >= 0)
-    out = []
-    for name, some in chosen:
-        for first, last in _stretches(some, bins[name][known], name in _CLASSES):
-            here = (bins[name] >= first) & (bins[name] <= last)
-            share = (inside * here).sum(axis=1)
-            total = max(float(share.sum()), 1e-9)
-            out.append(
-                WhereCondition(
-                    name,
-                    first,
-                    last,
-                    share @ difference / total,
-                    np.sqrt(np.square(share) @ np.square(limit / WHERE.standard_errors)) / total,
-                    share @ shown / total,
-                    float(share @ bias / total),
-                )
-            )
-    return out
+    return chosen
 
 
 def _pick(
     place: np.ndarray, inside: np.ndarray, outside: np.ndarray, named: np.ndarray
 ) -> tuple[float, np.ndarray]:
-    # The best set of an axis's bins: those in which most differs first, as long as it helps.
+    # Intersection over union, and the set of an axis's bins that makes it largest. Bins are added
+    # in the order of the fraction of their pixels that differs.
     use = (place >= 0) & ~named
     size = max(int(place.max(initial=0)) + 1, 1)
     hits, misses = (np.bincount(place[use], w[use], minlength=size) for w in (inside, outside))
@@ -135,7 +143,8 @@ def _pick(
 
 
 def _stretches(some: np.ndarray, present: np.ndarray, classes: bool) -> list[tuple[int, int]]:
-    # Chosen bins side by side, bins without any pixel between them included; classes one by one.
+    # First and last bin of each interval of selected bins. Bins without pixels do not interrupt
+    # an interval. Each class is an interval of its own.
     there = np.bincount(present[present >= 0], minlength=len(some)) > 0
     out: list[tuple[int, int]] = []
     for i in np.flatnonzero(some):

@@ -18,15 +18,15 @@ from flexx2_sim_ros.gap.inference.model import Model
 import numpy as np
 from scipy import stats
 
-_BESIDES = ('concavity', 'speed')  # told too where they show more
-_ALWAYS = ('edge', 'beyond', 'structure')  # no surfaces
+_BESIDES = ('concavity', 'speed')  # listed in addition, where they show more
+_ALWAYS = ('edge', 'beyond', 'structure')  # are not about surfaces
 _EDGE = [
     f'{side} side of a jump {where}, {near}'
     for where in ('to the right', 'to the left', 'below', 'above')
     for side in ('near', 'far')
     for near in ('next to it', '2 to 3 px away')
 ]
-# What surfaces cut up tell nothing of: kept beside conditions on pixels.
+# Groups of surface pixels do not contain these: listed beside the conditions on pixels.
 _BESIDE = ('structure', 'nothing there', 'beyond the range', *_BESIDES)
 _AT_EDGES = np.array([f.axis == 'edge' for f in LAYOUT])
 _IN_SIGMA = np.array(
@@ -52,21 +52,21 @@ def places(
     model : Model
         The recordings.
     difference : numpy.ndarray
-        (R, SIZE) real less simulated features, or what effects change of them if these explain it.
+        (R, SIZE) real minus simulated features, or the change by the effects if they explain it.
     shown : numpy.ndarray
-        (R, SIZE) real less simulated features, whose size is told.
-    groups : sequence of Spots
-        Theirs, from simulating the outcome.
+        (R, SIZE) real minus simulated features, from which the listed sizes come.
+    groups : sequence of PixelGroups
+        One for each recording, from the simulation with the effects found.
     exact : bool
-        Whether effects explain the difference: what they change is told then, free of noise.
+        Whether effects explain the difference. Then their change is listed, which has no noise.
     sigma_error : float
-        By which share sigma_z was found to be wrong.
+        Fraction by which sigma_z was found to be wrong.
 
     Returns
     -------
     list of dict
-        Conditions that single out the pixels that differ, see `cover`, and what no condition on
-        pixels tells; as from `cells`. That alone where pixels are too few to be grouped.
+        Conditions that select the pixels that differ, see `cover`, and the rows of `cells` that
+        are not about surface pixels. All rows of `cells` where pixels are too few to be grouped.
 
     """
     binned = cells(model, difference, exact, shown)
@@ -83,7 +83,7 @@ def places(
 
 
 def _rows(one: WhereCondition, names: list[str], axes: Axes) -> list[tuple[float, dict[str, Any]]]:
-    # A condition, channel by channel, with how much what is there matters.
+    # One row for each channel that differs, with the difference as a multiple of its tolerance.
     ratio = np.abs(one.difference) / GROUP_TOLERANCE
     p = _tail(one.difference, GROUP_TOLERANCE, one.noise**2)
     out = []
@@ -113,40 +113,40 @@ def cells(
     model: Model, difference: np.ndarray, exact: bool = False, shown: np.ndarray | None = None
 ) -> list[tuple[float, dict[str, Any]]]:
     """
-    List the bins in which real and simulated differ by more than what matters.
+    List the bins in which real and simulated differ by more than the tolerance.
 
     Parameters
     ----------
     model : Model
         The recordings.
     difference : numpy.ndarray
-        (R, SIZE) real less simulated features.
+        (R, SIZE) real minus simulated features.
     exact : bool
-        Whether that is free of noise, as what effects change is. Where edges are is never known
-        exactly.
+        Whether the difference has no noise, as the change by effects. The places of edges are
+        never known exactly.
     shown : numpy.ndarray, optional
-        (R, SIZE) of which the size is told; ``difference`` when left out.
+        (R, SIZE) from which the listed sizes come; ``difference`` when left out.
 
     Returns
     -------
     list of tuple
-        How large in units of what matters, largest first; and a dict of ``covariate, low, high,
-        unit, channel, size, unit_size, q_value, detail``.
+        The difference as a multiple of the tolerance, largest first; and a dict of ``covariate,
+        low, high, unit, channel, size, unit_size, q_value, detail``.
 
     """
     count = model.good.sum(axis=0)
     each = np.where(model.good, difference, 0)
-    # Of these recordings, not of others: what noise and edges known to a pixel leave open.
-    open_ = model.good & (_AT_EDGES | (not exact))
-    own = np.where(open_, model.scale2 - np.square(TOLERANCE), 0)
+    # Variance that noise, and edges known to a pixel only, leave in these recordings.
+    uncertain = model.good & (_AT_EDGES | (not exact))
+    own = np.where(uncertain, model.scale2 - np.square(TOLERANCE), 0)
     with np.errstate(invalid='ignore', divide='ignore'):
         mean, variance = each.sum(axis=0) / count, own.sum(axis=0) / count**2
     usable = count > 0
-    p = np.ones(len(mean))
-    p[usable] = _tail(mean[usable], TOLERANCE[usable], variance[usable])
     q = np.ones(len(mean))
     if usable.any():
-        q[usable] = stats.false_discovery_control(p[usable])
+        p = _tail(mean[usable], TOLERANCE[usable], variance[usable])
+        q[usable] = stats.false_discovery_control(p)
+    significant = usable & (q < WHERE.false_discoveries)
     weights = np.sum([e.counts for e in model.evidence], axis=0)
     found: list[tuple[float, dict[str, Any]]] = []
     axes = model.evidence[0].axes
@@ -154,36 +154,26 @@ def cells(
     with np.errstate(invalid='ignore', divide='ignore'):
         sizes = physical.sum(axis=0) / count
     for channel in CHANNEL_UNITS:
-        best, *others = _axes_to_tell(
+        best, *others = _axes_to_list(
             model, channel, np.where(usable, mean, 0), variance, weights, each, own
         )
-        index = [
-            i for i in _indices(channel, best) if usable[i] and q[i] < WHERE.false_discoveries
-        ]
+        index = [i for i in _indices(channel, best) if significant[i]]
         if best == 'recording':
             found += _recordings(model, channel, each, own, physical)
         elif sum(weights[_BINS[i]] for i in index) > WHERE.all_over * weights[0]:
             index, others = _indices(channel, 'all'), []
         if channel == 'kurtosis' and gross:
-            continue  # Gross errors make it so, wherever they are.
+            continue  # Gross errors change the kurtosis wherever they are.
         gross |= channel in ('high', 'low') and bool(index)
         for name in others:
-            some = [
-                i for i in _indices(channel, name) if usable[i] and q[i] < WHERE.false_discoveries
-            ]
-            # Along these only what is found here and not there says anything.
-            if name in _ALWAYS or (
-                weights[_BINS[some]].sum()
-                < WHERE.selective * weights[_BINS[_indices(channel, name)]].sum()
-            ):
-                index += some
+            index += _along(channel, name, significant, weights)
         found += [
             (abs(mean[i]) / TOLERANCE[i], _cell(axes, i, float(sizes[i]), float(q[i])))
             for i in index
         ]
     for name in STRUCTURE_UNITS:
         i = _INDEX[name, 'structure', 0]
-        if usable[i] and q[i] < WHERE.false_discoveries:
+        if significant[i]:
             found.append(
                 (abs(mean[i]) / TOLERANCE[i], _cell(axes, i, float(sizes[i]), float(q[i])))
             )
@@ -191,7 +181,16 @@ def cells(
     return found[: WHERE.most]
 
 
-def _axes_to_tell(
+def _along(channel: str, name: str, significant: np.ndarray, weights: np.ndarray) -> list[int]:
+    # Features that differ along another axis. If most pixels along it differ, the axis does not
+    # say where the difference is, and none is listed.
+    index = _indices(channel, name)
+    some = [i for i in index if significant[i]]
+    selective = weights[_BINS[some]].sum() < WHERE.selective * weights[_BINS[index]].sum()
+    return some if name in _ALWAYS or selective else []
+
+
+def _axes_to_list(
     model: Model,
     channel: str,
     mean: np.ndarray,
@@ -200,7 +199,8 @@ def _axes_to_tell(
     each: np.ndarray,
     own: np.ndarray,
 ) -> list[str]:
-    # A channel's mean square difference, cut along each axis, less what noise gives.
+    # The best axis is the one with the largest mean square difference of a channel, averaged over
+    # its bins, minus the part that noise causes; then other axes that are listed, too.
     power = {}
     for name in (*WHERE.cuts, *_BESIDES):
         if name == 'recording':
@@ -249,7 +249,7 @@ def _recordings(
 
 
 def _tail(size: np.ndarray, limit: Any, variance: np.ndarray) -> np.ndarray:
-    # Probability of a difference so far beyond what matters.
+    # Probability of a difference this far beyond the tolerance by noise alone.
     beyond = np.maximum(np.abs(size) - limit, 0) / np.sqrt(np.maximum(variance, 1e-12))
     return np.asarray(stats.t.sf(beyond, WHERE.degrees))
 
@@ -284,7 +284,7 @@ def _cell(axes: Axes, index: int, size: float, q: float) -> dict[str, Any]:
 
 
 def _bounds(axes: Axes, name: str, first: int, last: int) -> dict[str, Any]:
-    # Bins of an axis, from one to another, for people.
+    # Columns of a row that describe the bins of an axis from first to last.
     out: dict[str, Any] = {'covariate': name, 'low': None, 'high': None, 'unit': '', 'detail': ''}
     edges = (None, *axes[name].edges, None) if name in axes else ()
     if name == 'log_amplitude':
@@ -307,19 +307,20 @@ def _bounds(axes: Axes, name: str, first: int, last: int) -> dict[str, Any]:
 
 def unexplained(model: Model, residual: np.ndarray, base: np.ndarray) -> list[dict[str, Any]]:
     """
-    Sum up, channel by channel, what a residual leaves over.
+    Sum the remaining loss of each channel.
 
     Parameters
     ----------
     model : Model
         The recordings.
     residual, base : numpy.ndarray
-        (R, SIZE) what is left; the loss that noise alone gives.
+        (R, SIZE) remaining difference; (SIZE,) loss by noise alone.
 
     Returns
     -------
     list of dict
-        ``structure``, ``loss`` (above the null's) and ``share`` of all that is left.
+        ``structure`` (the channel), ``loss`` above that of noise, and ``share``, its fraction of
+        the whole remaining loss.
 
     """
     loss = (model.weights * np.log1p(residual**2 / model.scale2)).sum(axis=0) - base
