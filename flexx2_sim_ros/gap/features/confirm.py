@@ -5,11 +5,12 @@ from typing import Any
 
 from flexx2_sim_ros.gap.calibration.constants import SIMULATION
 from flexx2_sim_ros.gap.data.registration import RecordingData
-from flexx2_sim_ros.gap.features.features import features, lattice_spectrum, Sums
+from flexx2_sim_ros.gap.features.features import features, lattice_spectrum
 from flexx2_sim_ros.gap.features.physical import distances, histogram, Measures
 from flexx2_sim_ros.gap.features.pixel_groups import GroupSums, PixelGroups
 from flexx2_sim_ros.gap.features.row_sums import EXPECT
 from flexx2_sim_ros.gap.features.simulation import PlacedScene, with_uptime
+from flexx2_sim_ros.gap.features.sums import Sums
 import numpy as np
 
 

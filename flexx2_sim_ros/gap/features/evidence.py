@@ -16,7 +16,6 @@ from flexx2_sim_ros.gap.features.features import (
     LAYOUT,
     SIZE,
     static_grain,
-    Sums,
 )
 from flexx2_sim_ros.gap.features.grain import fingerprint
 from flexx2_sim_ros.gap.features.physical import histogram, Measures
@@ -28,6 +27,7 @@ from flexx2_sim_ros.gap.features.simulation import (
     PlacedScene,
     with_uptime,
 )
+from flexx2_sim_ros.gap.features.sums import Sums
 from flexx2_sim_ros.recording.truth import Accuracy, accuracy_of
 import numpy as np
 

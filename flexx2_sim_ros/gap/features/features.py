@@ -1,41 +1,28 @@
-"""What a recording shows, as numbers: sums over pixels, and the features made of them."""
+"""The features of a recording, from its sums over pixels and frames."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 from flexx2_sim_ros.gap.calibration.constants import FEATURES
-from flexx2_sim_ros.gap.data.axes import AXES, BINS
-from flexx2_sim_ros.gap.data.covariates import PixelCovariates
-from flexx2_sim_ros.gap.features.pixel_patterns import (
-    count_depths,
-    grain_moments,
-    LATTICE_BIN,
-    LATTICE_RANGE,
-    less_around,
-)
+from flexx2_sim_ros.gap.data.axes import AXES
+from flexx2_sim_ros.gap.features.pixel_patterns import grain_moments, LATTICE_RANGE, less_around
 from flexx2_sim_ros.gap.features.row_sums import (
     ABS2,
     ERROR,
     EXPECT,
-    FrameSums,
-    FrameTimes,
-    gather_rows,
     HIGH,
     LOW,
     N1,
     N2,
     N_NEIGHBOUR,
     NEIGHBOUR,
-    PixelSums,
     SQUARE1,
     SQUARE2,
-    Surfaces,
     TIME,
     TIME2,
     TREND,
     VALID,
-    WIDTH,
 )
+from flexx2_sim_ros.gap.features.sums import Sums
 import numpy as np
 
 ENOUGH = FEATURES.enough
@@ -50,7 +37,7 @@ CHANNEL_UNITS = {
     'neighbour': 'correlation',
     'trend': 'sigma',
 }
-# Structure of a whole recording, in no bin of a covariate.
+# Features of a whole recording, without bins.
 STRUCTURE_UNITS = {
     **dict.fromkeys(('frame_common', 'row_common', 'column_common'), 'fraction of variance'),
     'row_invalid': 'fraction',
@@ -102,174 +89,6 @@ _PICK = np.array(
 TOLERANCE = np.array([FEATURES.tolerances[f.channel] for f in LAYOUT])
 
 
-@dataclass
-class Sums:
-    """
-    Sums over a recording's pixels and frames; those of two parts of it can be added.
-
-    Attributes
-    ----------
-    bins : numpy.ndarray
-        (BINS, 16) float64.
-    pairs : numpy.ndarray
-        (7,) float64: of differences between frames, sums over frames, rows and columns of
-        (sum^2 - sum of squares) and of pairs; and the sum of squares.
-    losses : numpy.ndarray
-        (2,) float64: excess of the change of invalid pixels a row, and pairs.
-    spread : numpy.ndarray
-        (3,) float64: sum, sum of squares and count of each frame's log mean squared difference.
-    mean : numpy.ndarray
-        (2, H, W) float32: per pixel the sum of errors (metres), and count.
-    sigma : numpy.ndarray
-        (H, W) float32, sum of sigma_z where ``mean`` counts.
-    lattice : numpy.ndarray or None
-        (2, N) histograms of depth and of distance along the ray: steps of a phase are steps of
-        the latter.
-
-    """
-
-    bins: np.ndarray
-    pairs: np.ndarray
-    losses: np.ndarray
-    spread: np.ndarray
-    mean: np.ndarray
-    sigma: np.ndarray
-    lattice: np.ndarray | None
-
-
-def accumulate(
-    depth: np.ndarray,
-    scenes: Sequence[PixelCovariates],
-    fresh: np.ndarray,
-    warm: int,
-    lattice: bool = True,
-    thin: bool = False,
-) -> Sums:
-    """
-    Sum a recording's frames up.
-
-    Parameters
-    ----------
-    depth : numpy.ndarray
-        (T, H, W) float32 metres, NaN where invalid.
-    scenes : sequence of PixelCovariates
-        One, or one a frame.
-    fresh : numpy.ndarray
-        (T,) bool, frames that do not follow the one before.
-    warm : int
-        How many frames after a fresh one are left out (a camera's filters settle).
-    lattice : bool
-        Whether to count how often which depth occurs.
-    thin : bool
-        Whether to look at every other row only.
-
-    """
-    frames = _frame_times(fresh, warm)
-    frame_sums, pixel_sums = _sum_frames(depth, scenes, frames, thin)
-    return Sums(
-        pixel_sums.bins,
-        _pairs(frame_sums, frames),
-        _lost_rows(frame_sums, frames),
-        _frame_spread(frame_sums, frames),
-        pixel_sums.mean,
-        pixel_sums.sigma,
-        _depth_histogram(depth, scenes, frames) if lattice else None,
-    )
-
-
-def _frame_times(fresh: np.ndarray, warm: int) -> FrameTimes:
-    count, start = len(fresh), fresh.copy()
-    start[:1] = True
-    use, age = np.zeros(count, np.bool_), 0
-    for t in range(count):
-        age = 1 if start[t] else age + 1
-        use[t] = age > warm
-    times = ((np.arange(count) - (count - 1) / 2) / max(count - 1, 1)).astype(np.float32)
-    return FrameTimes(start, use, times)
-
-
-def _sum_frames(
-    depth: np.ndarray, scenes: Sequence[PixelCovariates], frames: FrameTimes, thin: bool
-) -> tuple[FrameSums, PixelSums]:
-    count, height, width = depth.shape
-    frame_sums = FrameSums(
-        rows=np.zeros((count, 2, height), np.float32),
-        columns=np.zeros((count, 2, width), np.float32),
-        squares=np.zeros(count),
-        invalid=np.zeros((count, height)),
-    )
-    pixel_sums = PixelSums(
-        bins=np.zeros((BINS, WIDTH)),
-        mean=np.zeros((2, height, width), np.float32),
-        sigma=np.zeros((height, width), np.float32),
-        errors=np.empty((3, height, width), np.float32),
-    )
-    still = len(scenes) == 1
-    # A still scene is summed at once, with all its frames.
-    for part in [slice(None)] if still else [slice(t, t + 1) for t in range(count)]:
-        scene = scenes[0] if still else scenes[part.start]
-        gather_rows(
-            depth[part],
-            Surfaces(scene.clean, scene.sigma, scene.inside, scene.first, scene.runs),
-            FrameTimes(*(one[part] for one in frames)),
-            FrameSums(*(one[part] for one in frame_sums)),
-            pixel_sums,
-            not still,
-            2 if thin else 1,
-        )
-    return frame_sums, pixel_sums
-
-
-def _depth_histogram(
-    depth: np.ndarray, scenes: Sequence[PixelCovariates], frames: FrameTimes
-) -> np.ndarray:
-    histogram = np.zeros((2, int(LATTICE_RANGE / LATTICE_BIN)))
-    for t in np.flatnonzero(frames.use).tolist():
-        scene = scenes[0 if len(scenes) == 1 else t]
-        count_depths(depth[t], scene.inside, scene.ray, histogram)
-    return histogram
-
-
-def _pairs(sums: FrameSums, frames: FrameTimes) -> np.ndarray:
-    # (7,) see `Sums`; (sum^2 - sum of squares) is twice the sum of products of pairs.
-    (row, row_number), (column, column_number) = (
-        image.astype(float).transpose(1, 0, 2) for image in (sums.rows, sums.columns)
-    )
-    number, squares = row_number.sum(axis=1), sums.squares
-    some = frames.use & (number > 1)
-    return np.array(
-        [
-            f[some].sum()
-            for f in (
-                row.sum(axis=1) ** 2 - squares,
-                number**2 - number,
-                (row**2).sum(axis=1) - squares,
-                (row_number**2).sum(axis=1) - number,
-                (column**2).sum(axis=1) - squares,
-                (column_number**2).sum(axis=1) - number,
-                squares,
-            )
-        ]
-    )
-
-
-def _lost_rows(sums: FrameSums, frames: FrameTimes) -> np.ndarray:
-    # (2,) see `Sums`: independent pixels change as often as they are invalid.
-    use, (_, height), width = frames.use, sums.invalid.shape, sums.columns.shape[2]
-    after = np.flatnonzero(use[1:] & use[:-1] & ~frames.start[1:]) + 1
-    invalid, before = sums.invalid[after], sums.invalid[after - 1]
-    excess = ((invalid - before) ** 2 - invalid - before).sum()
-    return np.array([excess, float(width**2 * height * len(after))])
-
-
-def _frame_spread(sums: FrameSums, frames: FrameTimes) -> np.ndarray:
-    # (3,) see `Sums`.
-    number = sums.rows[:, 1].astype(float).sum(axis=1)
-    some = frames.use & (number > 1)
-    value = np.log(np.maximum(sums.squares[some] / number[some], 1e-9))
-    return np.array([value.sum(), (value**2).sum(), len(value)])
-
-
 def features(
     sums: Sums, lattice_base: np.ndarray | None = None, enough: int = ENOUGH
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -281,27 +100,27 @@ def features(
     sums : Sums
         Of a recording.
     lattice_base : numpy.ndarray, optional
-        Spectrum of the depths of the base simulator, to compare the lattice with.
+        Spectrum of the depths of the base simulator, with which the lattice is compared.
     enough : int
-        Samples without which a bin says nothing.
+        A bin with fewer samples is unknown.
 
     Returns
     -------
     tuple of numpy.ndarray
-        (SIZE,) values, NaN where there is too little to say, and the variance that independent
-        pixels would give them.
+        (SIZE,) values, NaN where there are too few samples, and their variance if pixels are
+        independent.
 
     """
     s = sums.bins.T
     with np.errstate(invalid='ignore', divide='ignore'):
-        share = np.clip(s[VALID] / s[EXPECT], 0, 1)
+        valid = np.clip(s[VALID] / s[EXPECT], 0, 1)
         bias, high, low = (s[k] / s[VALID] for k in (ERROR, HIGH, LOW))
         several, several2 = s[VALID] >= enough, s[N2] >= enough
         square = s[SQUARE2] / s[N2]
         values = np.array(
             [
                 bias,
-                np.where(s[EXPECT] >= enough, 1 - share, np.nan),
+                np.where(s[EXPECT] >= enough, 1 - valid, np.nan),
                 high,
                 low,
                 np.log(square / 2),
@@ -315,7 +134,7 @@ def features(
         variances = np.array(
             [
                 1 / n,
-                (share * (1 - share) + 1 / s[EXPECT]) / s[EXPECT],
+                (valid * (1 - valid) + 1 / s[EXPECT]) / s[EXPECT],
                 (high + 1 / n) / n,
                 (low + 1 / n) / n,
                 3 / m,
@@ -337,9 +156,9 @@ def features(
 
 def likeness(lag: np.ndarray | float) -> np.ndarray:
     """
-    Return the channel ``lag`` as people read it: the correlation with the frame before.
+    Return the channel ``lag`` as the correlation with the frame before.
 
-    That of a recursive filter, whose correlation with the frame before that is its square.
+    It is that of a recursive filter: the correlation over two frames is its square.
     """
     return np.clip(np.exp(-np.asarray(lag)) - 1, -1, 1)
 
@@ -373,7 +192,7 @@ def _structure(sums: Sums, lattice_base: np.ndarray | None) -> tuple[np.ndarray,
 
 
 def static_grain(sums: Sums) -> np.ndarray:
-    """Return the mean error of each pixel less that of those around it, in sigma; (H, W)."""
+    """Return (H, W) mean error of each pixel minus that of its neighbours, in sigma."""
     count = sums.mean[1]
     grain: np.ndarray = less_around(
         sums.mean[0], sums.sigma, count, max(0.5 * float(count.max(initial=0)), 1.0)
@@ -382,7 +201,7 @@ def static_grain(sums: Sums) -> np.ndarray:
 
 
 def lattice_spectrum(sums: Sums) -> np.ndarray:
-    """Return (2, N) squared shares of depths in step with 0, 1, 2, ... periods over the range."""
+    """Return (2, N) the power spectra of both histograms, by periods over their range."""
     assert sums.lattice is not None
     number = np.maximum(sums.lattice.sum(axis=1, keepdims=True), 1.0)
     return np.abs(np.fft.rfft(sums.lattice)) ** 2 / number**2
@@ -391,12 +210,12 @@ def lattice_spectrum(sums: Sums) -> np.ndarray:
 def lattice_peak(
     spectrum: np.ndarray, base: np.ndarray, shortest: float = _SHORTEST, longest: float = _LONGEST
 ) -> tuple[float, float]:
-    """Return how much (log) depth is more in step than the base's, and with which step, metres."""
+    """Return the largest log10 ratio of a spectrum to the base's, and its step in metres."""
     low, high = round(LATTICE_RANGE / longest), round(LATTICE_RANGE / shortest)
     noise = FEATURES.lattice_noise
     both = np.log10((spectrum[:, low:high] + noise) / (base[:, low:high] + noise))
     excess = both[int(np.argmax(both.max(axis=1)))]
     best = int(np.argmax(excess))
-    # The longest step of those that do about as well: its fractions are its harmonics.
+    # The longest step with about the same ratio: the shorter ones are its harmonics.
     best = int(np.argmax(excess > FEATURES.lattice_harmonic * excess[best]))
     return float(excess[best]), LATTICE_RANGE / (low + best)

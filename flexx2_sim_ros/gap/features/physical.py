@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from flexx2_sim_ros.gap.calibration.constants import MEASURES
 from flexx2_sim_ros.gap.data.axes import AXES
 from flexx2_sim_ros.gap.data.covariates import PixelCovariates
-from flexx2_sim_ros.gap.features.features import Sums
 from flexx2_sim_ros.gap.features.row_sums import EXPECT, N2, N_NEIGHBOUR, NEIGHBOUR, SQUARE2, VALID
+from flexx2_sim_ros.gap.features.sums import Sums
 import numpy as np
 
 _REGIONS = AXES['region'].bins

@@ -1,0 +1,191 @@
+"""Sums over the pixels and frames of a recording."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from flexx2_sim_ros.gap.data.axes import BINS
+from flexx2_sim_ros.gap.data.covariates import PixelCovariates
+from flexx2_sim_ros.gap.features.pixel_patterns import count_depths, LATTICE_BIN, LATTICE_RANGE
+from flexx2_sim_ros.gap.features.row_sums import (
+    FrameSums,
+    FrameTimes,
+    gather_rows,
+    PixelSums,
+    Surfaces,
+    WIDTH,
+)
+import numpy as np
+
+
+@dataclass
+class Sums:
+    """
+    Sums over the pixels and frames of a recording. Sums of two parts of it can be added.
+
+    Attributes
+    ----------
+    bins : numpy.ndarray
+        (BINS, 16) float64.
+    pairs : numpy.ndarray
+        (7,) float64, of the differences between frames: (sum^2 - sum of squares) and the number
+        of pairs, over whole frames, rows and columns; and the sum of squares.
+    losses : numpy.ndarray
+        (2,) float64: how much the squared change of the number of invalid pixels in a row exceeds
+        that of independent pixels, and the number of pairs of pixels.
+    spread : numpy.ndarray
+        (3,) float64: sum, sum of squares and count of each frame's log mean squared difference.
+    mean : numpy.ndarray
+        (2, H, W) float32: per pixel the sum of errors (metres), and count.
+    sigma : numpy.ndarray
+        (H, W) float32, sum of sigma_z where ``mean`` counts.
+    lattice : numpy.ndarray or None
+        (2, N) histograms of depth and of distance along the ray. Steps of a phase are steps of
+        that distance.
+
+    """
+
+    bins: np.ndarray
+    pairs: np.ndarray
+    losses: np.ndarray
+    spread: np.ndarray
+    mean: np.ndarray
+    sigma: np.ndarray
+    lattice: np.ndarray | None
+
+
+def accumulate(
+    depth: np.ndarray,
+    scenes: Sequence[PixelCovariates],
+    fresh: np.ndarray,
+    warm: int,
+    lattice: bool = True,
+    thin: bool = False,
+) -> Sums:
+    """
+    Sum the frames of a recording.
+
+    Parameters
+    ----------
+    depth : numpy.ndarray
+        (T, H, W) float32 metres, NaN where invalid.
+    scenes : sequence of PixelCovariates
+        One, or one a frame.
+    fresh : numpy.ndarray
+        (T,) bool, frames that do not directly follow the one before.
+    warm : int
+        How many frames after a fresh one are left out, while filters of the camera settle.
+    lattice : bool
+        Whether to make the histograms of depth.
+    thin : bool
+        Whether to use every second row only.
+
+    Returns
+    -------
+    Sums
+        Of these frames.
+
+    """
+    frames = _frame_times(fresh, warm)
+    frame_sums, pixel_sums = _sum_frames(depth, scenes, frames, thin)
+    return Sums(
+        pixel_sums.bins,
+        _pairs(frame_sums, frames),
+        _lost_rows(frame_sums, frames),
+        _frame_spread(frame_sums, frames),
+        pixel_sums.mean,
+        pixel_sums.sigma,
+        _depth_histogram(depth, scenes, frames) if lattice else None,
+    )
+
+
+def _frame_times(fresh: np.ndarray, warm: int) -> FrameTimes:
+    count, start = len(fresh), fresh.copy()
+    start[:1] = True
+    use, age = np.zeros(count, np.bool_), 0
+    for t in range(count):
+        age = 1 if start[t] else age + 1
+        use[t] = age > warm
+    times = ((np.arange(count) - (count - 1) / 2) / max(count - 1, 1)).astype(np.float32)
+    return FrameTimes(start, use, times)
+
+
+def _sum_frames(
+    depth: np.ndarray, scenes: Sequence[PixelCovariates], frames: FrameTimes, thin: bool
+) -> tuple[FrameSums, PixelSums]:
+    count, height, width = depth.shape
+    frame_sums = FrameSums(
+        rows=np.zeros((count, 2, height), np.float32),
+        columns=np.zeros((count, 2, width), np.float32),
+        squares=np.zeros(count),
+        invalid=np.zeros((count, height)),
+    )
+    pixel_sums = PixelSums(
+        bins=np.zeros((BINS, WIDTH)),
+        mean=np.zeros((2, height, width), np.float32),
+        sigma=np.zeros((height, width), np.float32),
+        errors=np.empty((3, height, width), np.float32),
+    )
+    still = len(scenes) == 1
+    # A still scene is summed at once, with all its frames.
+    for part in [slice(None)] if still else [slice(t, t + 1) for t in range(count)]:
+        scene = scenes[0] if still else scenes[part.start]
+        gather_rows(
+            depth[part],
+            Surfaces(scene.clean, scene.sigma, scene.inside, scene.first, scene.runs),
+            FrameTimes(*(one[part] for one in frames)),
+            FrameSums(*(one[part] for one in frame_sums)),
+            pixel_sums,
+            not still,
+            2 if thin else 1,
+        )
+    return frame_sums, pixel_sums
+
+
+def _depth_histogram(
+    depth: np.ndarray, scenes: Sequence[PixelCovariates], frames: FrameTimes
+) -> np.ndarray:
+    histogram = np.zeros((2, int(LATTICE_RANGE / LATTICE_BIN)))
+    for t in np.flatnonzero(frames.use).tolist():
+        scene = scenes[0 if len(scenes) == 1 else t]
+        count_depths(depth[t], scene.inside, scene.ray, histogram)
+    return histogram
+
+
+def _pairs(sums: FrameSums, frames: FrameTimes) -> np.ndarray:
+    # (7,) see `Sums`; (sum^2 - sum of squares) is twice the sum of products of pairs.
+    (row, row_number), (column, column_number) = (
+        image.astype(float).transpose(1, 0, 2) for image in (sums.rows, sums.columns)
+    )
+    number, squares = row_number.sum(axis=1), sums.squares
+    some = frames.use & (number > 1)
+    return np.array(
+        [
+            f[some].sum()
+            for f in (
+                row.sum(axis=1) ** 2 - squares,
+                number**2 - number,
+                (row**2).sum(axis=1) - squares,
+                (row_number**2).sum(axis=1) - number,
+                (column**2).sum(axis=1) - squares,
+                (column_number**2).sum(axis=1) - number,
+                squares,
+            )
+        ]
+    )
+
+
+def _lost_rows(sums: FrameSums, frames: FrameTimes) -> np.ndarray:
+    # (2,) see `Sums`: independent pixels change as often as they are invalid.
+    use, (_, height), width = frames.use, sums.invalid.shape, sums.columns.shape[2]
+    after = np.flatnonzero(use[1:] & use[:-1] & ~frames.start[1:]) + 1
+    invalid, before = sums.invalid[after], sums.invalid[after - 1]
+    excess = ((invalid - before) ** 2 - invalid - before).sum()
+    return np.array([excess, float(width**2 * height * len(after))])
+
+
+def _frame_spread(sums: FrameSums, frames: FrameTimes) -> np.ndarray:
+    # (3,) see `Sums`.
+    number = sums.rows[:, 1].astype(float).sum(axis=1)
+    some = frames.use & (number > 1)
+    value = np.log(np.maximum(sums.squares[some] / number[some], 1e-9))
+    return np.array([value.sum(), (value**2).sum(), len(value)])
