@@ -159,111 +159,126 @@ def _reach(scores: Scores) -> Sheet:
         scores.commitment,
     )
     singles = [*usual.of('single', strength=1.0), *usual.of('single', strength=0.5)]
+    rows = [
+        *_answer_goals(usual, singles),
+        _overlap_goal(singles),
+        *_prediction_goals(usual),
+        *_cost_goals(scores),
+    ]
+    return Sheet('Goals', ('what', 'goal', 'result', 'reached'), rows)
+
+
+def _goal(
+    what: str, wanted: str, count: tuple[int, int], holds: Callable[[float], bool]
+) -> tuple[str, ...]:
+    reached = '-' if not count[1] else 'yes' if holds(count[0] / count[1]) else 'NO'
+    return what, wanted, _percent(*count), reached
+
+
+def _answer_goals(usual: Scores, singles: Sequence[Answer]) -> list[tuple[str, ...]]:
+    return [
+        _goal(
+            'single effects, strength 1: correct',
+            '95 %',
+            share(usual.of('single', strength=1.0), lambda a: a.right),
+            lambda s: s >= 0.95,
+        ),
+        _goal(
+            'single effects, strength 0.5: correct',
+            '85 %',
+            share(usual.of('single', strength=0.5), lambda a: a.right),
+            lambda s: s >= 0.85,
+        ),
+        _goal(
+            '... wrong: missed, or another effect named',
+            '< 3 %',
+            share(singles, lambda a: a.wrong),
+            lambda s: s < 0.03,
+        ),
+        _goal(
+            'no effect: false alarms',
+            '<= 3 %',
+            share(usual.of('none'), lambda a: not a.right),
+            lambda s: s <= 0.03,
+        ),
+        _goal(
+            'effects outside the catalogue: unknown or partly',
+            '90 %',
+            share(usual.of('novel'), lambda a: a.right),
+            lambda s: s >= 0.9,
+        ),
+        _goal(
+            'true effect removed from the catalogue: unknown or partly',
+            '80 %',
+            share(usual.of('left_out'), lambda a: a.right),
+            lambda s: s >= 0.8,
+        ),
+        _goal(
+            'two effects: one of them named first',
+            '95 %',
+            share(usual.of('pair'), lambda a: a.right),
+            lambda s: s >= 0.95,
+        ),
+        _goal(
+            'two effects: both named',
+            '85 %',
+            share(usual.of('pair'), lambda a: a.both),
+            lambda s: s >= 0.85,
+        ),
+    ]
+
+
+def _overlap_goal(singles: Sequence[Answer]) -> tuple[str, ...]:
+    overlaps = [a.overlap for a in singles if not math.isnan(a.overlap)]
+    return (
+        'localisation of single effects: mean IoU',
+        '0.6',
+        _mean(overlaps),
+        '-' if not overlaps else 'yes' if np.mean(overlaps) >= 0.6 else 'NO',
+    )
+
+
+def _prediction_goals(usual: Scores) -> list[tuple[str, ...]]:
     checked = [
         answer
         for answer in usual.answers
         if not math.isnan(answer.realised) and not math.isnan(answer.predicted)
     ]
     off = [abs(answer.predicted - answer.realised) for answer in checked]
-    rows: list[tuple[str, ...]] = []
-
-    def add(
-        what: str, wanted: str, count: tuple[int, int], holds: Callable[[float], bool]
-    ) -> None:
-        reached = '-' if not count[1] else 'yes' if holds(count[0] / count[1]) else 'NO'
-        rows.append((what, wanted, _percent(*count), reached))
-
-    add(
-        'single effects, strength 1: correct',
-        '95 %',
-        share(usual.of('single', strength=1.0), lambda a: a.right),
-        lambda s: s >= 0.95,
-    )
-    add(
-        'single effects, strength 0.5: correct',
-        '85 %',
-        share(usual.of('single', strength=0.5), lambda a: a.right),
-        lambda s: s >= 0.85,
-    )
-    add(
-        '... wrong: missed, or another effect named',
-        '< 3 %',
-        share(singles, lambda a: a.wrong),
-        lambda s: s < 0.03,
-    )
-    add(
-        'no effect: false alarms',
-        '<= 3 %',
-        share(usual.of('none'), lambda a: not a.right),
-        lambda s: s <= 0.03,
-    )
-    add(
-        'effects outside the catalogue: unknown or partly',
-        '90 %',
-        share(usual.of('novel'), lambda a: a.right),
-        lambda s: s >= 0.9,
-    )
-    add(
-        'true effect removed from the catalogue: unknown or partly',
-        '80 %',
-        share(usual.of('left_out'), lambda a: a.right),
-        lambda s: s >= 0.8,
-    )
-    add(
-        'two effects: one of them named first',
-        '95 %',
-        share(usual.of('pair'), lambda a: a.right),
-        lambda s: s >= 0.95,
-    )
-    add(
-        'two effects: both named',
-        '85 %',
-        share(usual.of('pair'), lambda a: a.both),
-        lambda s: s >= 0.85,
-    )
-    overlaps = [a.overlap for a in singles if not math.isnan(a.overlap)]
-    rows.append(
-        (
-            'localisation of single effects: mean IoU',
-            '0.6',
-            _mean(overlaps),
-            '-' if not overlaps else 'yes' if np.mean(overlaps) >= 0.6 else 'NO',
-        )
-    )
-    rows.append(
+    return [
         (
             'predicted reduction of the gap: mean absolute error',
             '<= 0.06',
             _mean(off),
             '-' if not off else 'yes' if np.mean(off) <= 0.06 else 'NO',
-        )
-    )
-    add(
-        'predicted reduction: empirical coverage of 90 % intervals',
-        '85-95 %',
-        share(checked, lambda a: a.low <= a.realised <= a.high),
-        lambda s: 0.85 <= s <= 0.95,
-    )
+        ),
+        _goal(
+            'predicted reduction: empirical coverage of 90 % intervals',
+            '85-95 %',
+            share(checked, lambda a: a.low <= a.realised <= a.high),
+            lambda s: 0.85 <= s <= 0.95,
+        ),
+    ]
+
+
+def _cost_goals(scores: Scores) -> list[tuple[str, ...]]:
     seconds = [a.seconds for a in scores.answers]
     slowest = max(seconds)
-    rows.append(
+    peak = [a.peak_mb for a in scores.answers if not math.isnan(a.peak_mb)]
+    return [
         (
             'time of one diagnosis, median / slowest',
             '< 30 s',
             f'{np.median(seconds):.1f} / {slowest:.1f} s',
             'yes' if slowest < 30 else 'NO',
-        )
-    )
-    peak = [a.peak_mb for a in scores.answers if not math.isnan(a.peak_mb)]
-    rows.append(
+        ),
         (
             'memory of one diagnosis, largest',
             '< 2 GB',
             f'{max(peak):.0f} MB' if peak else '-',
             '-' if not peak else 'yes' if max(peak) < 2000 else 'NO',
-        )
-    )
-    return Sheet('Goals', ('what', 'goal', 'result', 'reached'), rows)
+        ),
+    ]
 
 
 def _row(name: str, answers: Sequence[Answer]) -> tuple[str, ...]:
