@@ -254,12 +254,12 @@ def _shown(recording: RecordingData, chosen: Sequence[int], lateness: float) -> 
         moment = int(recording.stamp[t]) - round(lateness * 1e9)
         i = int(np.clip(np.searchsorted(recording.stamp, moment), 1, len(recording.stamp) - 1))
         start, end = int(recording.stamp[i - 1]), int(recording.stamp[i])
-        share = (moment - start) / max(end - start, 1)
+        fraction = (moment - start) / max(end - start, 1)
         out.append(
             between(
                 recording.clean[i - 1],
                 recording.clean[i],
-                float(np.clip(share, 0, 1.5)),
+                float(np.clip(fraction, 0, 1.5)),
                 (end - start) * 1e-9,
             )
         )

@@ -113,7 +113,7 @@ class Column:
 @dataclass(frozen=True)
 class Nuisances:
     """
-    Columns of what is a little wrong in any campaign, and the values they are simulated at.
+    Columns of the errors that any campaign has, and the values at which they are simulated.
 
     Attributes
     ----------
@@ -122,7 +122,7 @@ class Nuisances:
     more, less : str
         A base sigma that is too small, and one that is too large.
     more_by, less_by : float
-        By which share.
+        Fraction by which it is too small, or too large.
 
     """
 

@@ -158,7 +158,7 @@ class GroupSums:
             ]
         )
         noise = np.nan_to_num(WHERE.standard_errors * alone * deviation)
-        # The same random numbers: a share that is lost or wrong shows as it is.
+        # Common random numbers: fractions of lost or gross pixels have no noise.
         seen = np.where(np.isin(GROUP_CHANNELS, ('invalid', 'high', 'low')), 0, noise)
         few = (
             np.minimum(real[enough, 1], np.mean([sums[enough, 1] for sums in before], axis=0))
@@ -167,7 +167,7 @@ class GroupSums:
 
         def differences(values: np.ndarray, from_: np.ndarray) -> np.ndarray:
             out = np.nan_to_num(values - from_)
-            # What is valid in one and not in the other: the share says so, the rest nothing.
+            # Too few valid pixels in one of them: only the fraction of invalid ones is compared.
             out[few] *= np.array(GROUP_CHANNELS) == 'invalid'
             return out
 

@@ -140,8 +140,8 @@ class Model:
             0.0 if one.uptime is None else float(np.exp(-one.uptime / name.tau))
             for one in self.evidence
         ]
-        share = (name.factor * np.array(left)[:, None]).astype(np.float32)
-        return self._columns[:, self.index[name.column]] * share
+        remaining = (name.factor * np.array(left)[:, None]).astype(np.float32)
+        return self._columns[:, self.index[name.column]] * remaining
 
     def term(self, term: Term, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the shift of all features at (R,) values of a term, and its slope; (R, SIZE)."""

@@ -15,23 +15,23 @@ _CHANNELS = ('bias', 'log_variance', 'invalid')
 
 def fit_patch(model: Model, residual: np.ndarray) -> tuple[Effect, str, float]:
     """
-    Fit the patch over the one covariate where that takes off most.
+    Fit the patch over the one covariate with which it reduces the gap most.
 
     Parameters
     ----------
     model : Model
         The recordings.
     residual : numpy.ndarray
-        (R, SIZE) real less simulated features.
+        (R, SIZE) real minus simulated features.
 
     Returns
     -------
     tuple
-        The patch, its covariate, and the share of the gap in bias, noise and loss over all three
-        covariates that it takes off recordings it was not fitted to.
+        The patch, its covariate, and the fraction by which it reduces the gap in bias, noise and
+        invalid pixels of recordings that it was not fitted to, over all three covariates.
 
     """
-    best, best_share = COVARIATES[0], -np.inf
+    best, best_fraction = COVARIATES[0], -np.inf
     everywhere = [i for name in COVARIATES for channel in _CHANNELS for i in _index(channel, name)]
     for name in COVARIATES:
         index = np.concatenate([_index(channel, name) for channel in _CHANNELS])
@@ -43,9 +43,9 @@ def fit_patch(model: Model, residual: np.ndarray) -> tuple[Effect, str, float]:
             model.losses(np.where(np.isin(np.arange(one.shape[1]), everywhere), one, 0)).sum()
             for one in (residual, left)
         )
-        share = float((before - after) / max(before, THRESHOLDS.floor))
-        if share > best_share:
-            best, best_share = name, share
+        fraction = float((before - after) / max(before, THRESHOLDS.floor))
+        if fraction > best_fraction:
+            best, best_fraction = name, fraction
     mean = _mean(model, residual, slice(None))
     axis = model.evidence[0].axes[best]
     sigma = mean_sigma(model)[axis.start : axis.start + axis.bins]
@@ -56,7 +56,7 @@ def fit_patch(model: Model, residual: np.ndarray) -> tuple[Effect, str, float]:
         values[f'bias_{i}'] = float(np.clip(bias[i] * sigma[i], -1, 1))
         values[f'scale_{i}'] = float(np.clip(np.exp(variance[i] / 2), 0.1, 10))
         values[f'loss_{i}'] = float(np.clip(loss[i], 0, 1))
-    return ResidualPatch(**values), best, float(np.clip(best_share, 0, 1))
+    return ResidualPatch(**values), best, float(np.clip(best_fraction, 0, 1))
 
 
 def _index(channel: str, axis: str) -> np.ndarray:

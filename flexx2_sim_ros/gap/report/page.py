@@ -130,7 +130,7 @@ def _considered(table: dict[str, Any], decision: Decision) -> str:
     ties = {other['name'] for other in table['alternatives']}
     for one in decision.considered[:10]:
         name = one.fit.candidates[0].effect
-        share = max(decision.base.total - one.fit.total, 0) / decision.excess
+        fraction = max(decision.base.total - one.fit.total, 0) / decision.excess
         if name in taken:
             why = 'selected'
         elif name in ties and taken:
@@ -140,7 +140,7 @@ def _considered(table: dict[str, Any], decision: Decision) -> str:
         else:
             why = 'explains less' if taken else 'explains too little'
         rows.append(
-            f'<tr><td>{escape(name.replace("_", " "))}</td><td>{min(share, 1):.0%}</td>'
+            f'<tr><td>{escape(name.replace("_", " "))}</td><td>{min(fraction, 1):.0%}</td>'
             f'<td>{escape(why)}</td></tr>'
         )
     return (
