@@ -1,4 +1,4 @@
-"""The Go1 node in this process, and what drives it and listens to it, over real DDS."""
+"""A robot node in this process, and what drives it and listens to it, over real DDS."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -12,8 +12,8 @@ try:
 except ImportError as error:
     raise unittest.SkipTest('ROS 2 is not installed: rclpy cannot be imported') from error
 
-from flexx2_sim_ros.nodes import go1_messages, transforms
-from flexx2_sim_ros.nodes.go1_node import Go1Cameras
+from flexx2_sim_ros.nodes import robot_messages, transforms
+from flexx2_sim_ros.nodes.robot_node import RobotCameras
 from flexx2_sim_ros.robots.robot import load_robot
 from geometry_msgs.msg import Twist
 from nav_msgs.msg import Odometry
@@ -26,17 +26,17 @@ from streams import CameraInfo, Clock, Image, Listener, Parameter
 __all__ = [
     'CameraInfo',
     'Clock',
-    'Go1',
     'Image',
     'JOINTS',
     'JointState',
     'Odometry',
+    'RobotUnderTest',
     'Twist',
-    'go1',
-    'go1_messages',
     'joints',
     'odometry',
     'place',
+    'robot_messages',
+    'robot_node',
     'transforms',
     'twist',
 ]
@@ -49,14 +49,14 @@ assert _legs is not None
 JOINTS = _legs.all_names
 
 
-class Go1(Listener):
+class RobotUnderTest(Listener):
     """The node under test in a namespace of its own, and a user of its topics."""
 
     def __init__(self, **values: Any) -> None:
         """Start the node; values are of its parameters."""
         super().__init__()
-        self.space = f'/go1_{next(_numbers)}'
-        self.robot = Go1Cameras(
+        self.space = f'/robot_{next(_numbers)}'
+        self.robot = RobotCameras(
             namespace=self.space,
             parameter_overrides=[
                 Parameter(name, value=value) for name, value in {**USUAL, **values}.items()
@@ -119,9 +119,9 @@ class Go1(Listener):
 
 
 @contextmanager
-def go1(**values: Any) -> Iterator[Go1]:
-    """Return a `Go1` that is closed at the end of the block."""
-    made = Go1(**values)
+def robot_node(**values: Any) -> Iterator[RobotUnderTest]:
+    """Return a `RobotUnderTest` that is closed at the end of the block."""
+    made = RobotUnderTest(**values)
     try:
         yield made
     finally:

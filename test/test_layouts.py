@@ -5,7 +5,7 @@ import json
 from typing import Any
 
 from flexx2_sim_ros.nodes.camera_node import Flexx2Camera
-from flexx2_sim_ros.nodes.go1_node import Go1Cameras
+from flexx2_sim_ros.nodes.robot_node import RobotCameras
 from flexx2_sim_ros.nodes.transforms import camera_transforms
 from flexx2_sim_ros.paths import config_dir
 from flexx2_sim_ros.robots.robot import load_mounts, load_robot
@@ -57,7 +57,7 @@ def there(ros: None) -> Iterator[dict[str, list[str]]]:
     """Start the nodes in a namespace of this test's own; return types by topic without it."""
     user = Listener()
     nodes: list[Any] = [
-        Go1Cameras(
+        RobotCameras(
             namespace=SPACE,
             parameter_overrides=[
                 Parameter(name, value=value)

@@ -8,7 +8,7 @@ import sys
 from diagnostic_msgs.msg import DiagnosticArray
 from programs import measured
 import pytest
-from robots import Clock, go1, Image, joints, JointState, Odometry, odometry, Twist, twist
+from robots import Clock, Image, joints, JointState, Odometry, odometry, robot_node, Twist, twist
 from streams import Listener
 
 pytestmark = pytest.mark.usefixtures('ros')
@@ -27,7 +27,7 @@ def test_a_camera_goes_on_whatever_it_is_sent(child_env: dict[str, str]) -> None
 
 def test_a_walking_robot_goes_on_whatever_it_is_sent() -> None:
     rng = random.Random(13)
-    with go1(motion='cmd_vel') as seen:
+    with robot_node(motion='cmd_vel') as seen:
         drive, poses = seen.to('cmd_vel', Twist), seen.hear('odom', Odometry)
         for _ in range(100):
             drive.publish(twist(*rng.choices(ODD, k=3)))
@@ -39,7 +39,7 @@ def test_a_walking_robot_goes_on_whatever_it_is_sent() -> None:
 def test_a_mirroring_robot_goes_on_whatever_it_is_sent() -> None:
     rng = random.Random(13)
     names = ('FR_hip_joint', 'FR_hip', 'x' * 3000, '', '\x1b[31m', 'FL_calf_joint')
-    with go1(motion='external') as seen:
+    with robot_node(motion='external') as seen:
         poses, states = seen.to('odom', Odometry), seen.to('joint_states', JointState)
         images = seen.hear('front_left/clean/depth_image', Image)
         for step in range(100):

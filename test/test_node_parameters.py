@@ -15,7 +15,7 @@ from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterType
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.parameter_client import AsyncParameterClient
-from robots import go1
+from robots import robot_node
 from streams import DEPTH, Flexx2Camera, Parameter, Stream, stream
 
 pytestmark = pytest.mark.usefixtures('ros')
@@ -319,7 +319,7 @@ def test_a_type_that_is_none_is_refused(seen: Stream, kind: int) -> None:
 
 
 def test_the_go1_goes_on_after_a_bad_request() -> None:
-    with go1() as robot:
+    with robot_node() as robot:
         robot.spin_until(robot.clients.services_are_ready, 'services')
         client = robot.node.create_client(
             SetParameters, f'{robot.space}/go1_cameras/set_parameters'
@@ -407,7 +407,7 @@ def test_misspelt_parameters_are_named() -> None:
         camera.spin_until(lambda: camera.logged('did you mean effect.offset.bias?'))
         assert camera.get('usecase') == 'Mode_9_30fps'
         assert len(camera.logged('no such parameter')) == 2
-    with go1(max_sped=0.1) as robot:
+    with robot_node(max_sped=0.1) as robot:
         robot.spin_until(lambda: robot.logged('max_sped: ', 'did you mean max_speed?'))
     with stream(usecase='Mode_5_60fps', **{'effect.offset.bias': 0.1}) as camera:
         camera.next_diagnostics()

@@ -210,7 +210,7 @@ ONE_BOARD = """
     ],
     ids=['lab', 'own scene'],
 )
-def test_the_go1_node(
+def test_the_robot_node(
     start: Any, tmp_path: Path, number: signal.Signals, rate: int, parameters: list[str]
 ) -> None:
     """Assert what both cameras publish, all with the state's time, and the clock."""

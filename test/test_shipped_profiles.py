@@ -208,11 +208,11 @@ def test_the_node_runs_it(ros: None, name: str) -> None:
 
 @pytest.mark.parametrize('name', [*OTHERS, 'flexx2_exposure'])
 def test_a_robots_cameras_are_rendered_with_its_intrinsics(ros: None, name: str) -> None:
-    from flexx2_sim_ros.nodes.go1_node import Go1Cameras
+    from flexx2_sim_ros.nodes.robot_node import RobotCameras
     from rclpy.parameter import Parameter
 
     camera = find_profile(name).intrinsics
-    node = Go1Cameras(parameter_overrides=[Parameter('profile', value=name)])
+    node = RobotCameras(parameter_overrides=[Parameter('profile', value=name)])
     try:
         rendered = node._intrinsics
         assert (rendered.fx, rendered.fy) == (camera.fx, camera.fy)

@@ -14,12 +14,12 @@ def main() -> int:
 
     end_with_parent()
     try:
-        from flexx2_sim_ros.nodes.go1_node import Go1Cameras
+        from flexx2_sim_ros.nodes.robot_node import RobotCameras
         from flexx2_sim_ros.nodes.runtime import run_node
     except ModuleNotFoundError as error:
         print(f'error: {missing_library(error)}', file=sys.stderr)
         return 1
-    return run_node(Go1Cameras)
+    return run_node(RobotCameras)
 
 
 if __name__ == '__main__':

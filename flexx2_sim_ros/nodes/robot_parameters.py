@@ -39,7 +39,7 @@ _NUMBERS = {
 }
 
 
-class Go1Parameters:
+class RobotParameters:
     """
     Declare, check and hold the parameters of the robot node.
 

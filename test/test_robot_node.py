@@ -1,4 +1,4 @@
-"""The Go1 node over real DDS: driven, mirrored, paused, reset, and told nonsense."""
+"""The robot node over real DDS: driven, mirrored, paused, reset, and told nonsense."""
 
 import itertools
 import math
@@ -17,9 +17,6 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from robots import (
     CameraInfo,
     Clock,
-    Go1,
-    go1,
-    go1_messages,
     Image,
     JOINTS,
     joints,
@@ -27,6 +24,9 @@ from robots import (
     Odometry,
     odometry,
     place,
+    robot_messages,
+    robot_node,
+    RobotUnderTest,
     transforms,
     Twist,
     twist,
@@ -47,7 +47,7 @@ def exact(stamps, rate=RATE):
 
 @pytest.mark.parametrize('robot', ['go1', 'go2'])
 def test_standing_everything_has_one_time_and_nothing_moves(robot):
-    with go1(robot=robot) as seen:
+    with robot_node(robot=robot) as seen:
         images = seen.hear('front_left/clean/depth_image', Image)
         infos = seen.hear('front_left/clean/camera_info', CameraInfo)
         clock = seen.hear('/clock', Clock)
@@ -70,7 +70,7 @@ def test_standing_everything_has_one_time_and_nothing_moves(robot):
 
 @pytest.mark.parametrize('robot', ['go1', 'go2'])
 def test_it_walks_as_told_and_stops_by_itself(robot):
-    with go1(robot=robot, motion='cmd_vel') as seen:
+    with robot_node(robot=robot, motion='cmd_vel') as seen:
         drive = seen.to('cmd_vel', Twist)
         poses, states = seen.hear('odom', Odometry), seen.hear('joint_states', JointState)
         for _ in range(12):
@@ -113,7 +113,7 @@ def test_it_walks_as_told_and_stops_by_itself(robot):
 
 
 def test_images_follow_the_walk():
-    with go1(motion='cmd_vel') as seen:
+    with robot_node(motion='cmd_vel') as seen:
         drive = seen.to('cmd_vel', Twist)
         images = seen.hear('front_left/clean/depth_image', Image)
         seen.more(images, 2)
@@ -128,7 +128,7 @@ def test_images_follow_the_walk():
 
 
 def test_nonsense_on_cmd_vel_is_named_and_ignored():
-    with go1(motion='cmd_vel', scene='rubble') as seen:
+    with robot_node(motion='cmd_vel', scene='rubble') as seen:
         drive, poses = seen.to('cmd_vel', Twist), seen.hear('odom', Odometry)
         for bad in (twist(math.nan), twist(0.0, math.inf), twist(0.0, 0.0, -math.inf)):
             drive.publish(bad)
@@ -140,7 +140,7 @@ def test_nonsense_on_cmd_vel_is_named_and_ignored():
 
 
 def test_limits_pause_and_pace_change_while_it_runs():
-    with go1(motion='cmd_vel', rate=30.0) as seen:
+    with robot_node(motion='cmd_vel', rate=30.0) as seen:
         drive, poses = seen.to('cmd_vel', Twist), seen.hear('odom', Odometry)
         assert seen.change(max_speed=0.1).successful
         for _ in range(6):
@@ -174,7 +174,7 @@ def test_limits_pause_and_pace_change_while_it_runs():
 
 
 def test_reset_puts_it_back_and_time_goes_on():
-    with go1(motion='cmd_vel') as seen:
+    with robot_node(motion='cmd_vel') as seen:
         drive, poses = seen.to('cmd_vel', Twist), seen.hear('odom', Odometry)
         for _ in range(5):
             drive.publish(twist(0.5))
@@ -190,7 +190,7 @@ def test_reset_puts_it_back_and_time_goes_on():
 
 
 def test_the_board_moves_when_its_parameters_do():
-    with go1(scene='board', board_distance=1.5) as seen:
+    with robot_node(scene='board', board_distance=1.5) as seen:
         images = seen.hear('front_left/clean/depth_image', Image)
         middle = (86, 112)
         seen.more(images, 1)
@@ -206,7 +206,7 @@ def test_the_board_moves_when_its_parameters_do():
 def test_another_simulator_moves_it(robot):
     stamp = 1_700_000_000 * 10**9 + 123_456_789
     angles = np.tile([0.1, 1.0, -1.7], 4)
-    with go1(robot=robot, motion='external') as seen:
+    with robot_node(robot=robot, motion='external') as seen:
         poses, states = seen.to('odom', Odometry), seen.to('joint_states', JointState)
         images = seen.hear('front_left/clean/depth_image', Image)
         infos = seen.hear('front_left/clean/camera_info', CameraInfo)
@@ -252,7 +252,7 @@ def test_another_simulator_moves_it(robot):
 
 
 def test_nonsense_from_another_simulator_is_named_and_ignored():
-    with go1(motion='external') as seen:
+    with robot_node(motion='external') as seen:
         poses, states = seen.to('odom', Odometry), seen.to('joint_states', JointState)
         images = seen.hear('front_left/clean/depth_image', Image)
         some = ('FR_hip_joint', 'FR_tail_joint', 'arm')
@@ -287,7 +287,7 @@ def test_nonsense_from_another_simulator_is_named_and_ignored():
 )
 def test_joints_that_cannot_be_used_are_named(message, said):
     with pytest.raises(InputError, match=said):
-        go1_messages.decode_joints(message, 'joint_states')
+        robot_messages.decode_joints(message, 'joint_states')
 
 
 @pytest.mark.parametrize('quaternion', [(0, 0, 0, 0), (2, 0, 0, 0), (math.nan, 0, 0, 1)])
@@ -296,7 +296,7 @@ def test_orientations_that_are_none_are_named(quaternion):
     turn = message.pose.pose.orientation
     turn.w, turn.x, turn.y, turn.z = map(float, quaternion)
     with pytest.raises(InputError, match='orientation: must be .*norm 1, got'):
-        go1_messages.decode_pose(message, 'odom')
+        robot_messages.decode_pose(message, 'odom')
 
 
 def test_frames_are_those_of_ros():
@@ -360,7 +360,7 @@ def test_frames_are_published_where_their_message_is_there(monkeypatch):
 
 def test_without_tf2_the_log_says_so_once(monkeypatch):
     monkeypatch.setitem(sys.modules, 'tf2_msgs', None)
-    with go1() as seen:
+    with robot_node() as seen:
         poses = seen.hear('odom', Odometry)
         seen.more(poses, 5)
         seen.spin_until(lambda: seen.logged('tf2_msgs is not installed'))
@@ -406,7 +406,7 @@ def test_a_start_that_cannot_work_says_why(tmp_path, case):
             path.write_text(value)
             files[name] = str(path)
     with pytest.raises(InputError, match=said):
-        Go1(**{**values, **files})
+        RobotUnderTest(**{**values, **files})
 
 
 def test_the_process_ends_before_it_has_started_anything(child_env, tmp_path):
@@ -433,7 +433,7 @@ def test_the_process_ends_before_it_has_started_anything(child_env, tmp_path):
 
 
 def test_a_second_node_of_the_same_name_is_told(child_env):
-    with go1() as seen:
+    with robot_node() as seen:
         seen.hear('odom', Odometry)
         with subprocess.Popen(
             [
@@ -462,7 +462,7 @@ def test_a_second_node_of_the_same_name_is_told(child_env):
 
 @pytest.mark.parametrize('robot', ['go1', 'go2'])
 def test_the_description_waits_for_whoever_comes_later(robot):
-    with go1(robot=robot) as seen:
+    with robot_node(robot=robot) as seen:
         seen.more(seen.hear('odom', Odometry), 2)
         described = []
         seen.node.create_subscription(
@@ -484,7 +484,7 @@ def test_the_description_waits_for_whoever_comes_later(robot):
 
 
 def test_a_prefix_is_in_every_frame():
-    with go1(frame_prefix='left/') as seen:
+    with robot_node(frame_prefix='left/') as seen:
         images = seen.hear('front_left/clean/depth_image', Image)
         poses = seen.hear('odom', Odometry)
         seen.more(images, 1)
@@ -500,10 +500,10 @@ def test_a_prefix_is_in_every_frame():
 
 
 def test_the_second_robot_follows_the_first_ones_clock():
-    with go1(rate=30.0) as first:
+    with robot_node(rate=30.0) as first:
         clock = first.hear('/clock', Clock)
         first.more(clock, 5)
-        with go1(rate=60.0, frame_prefix='second/') as second:
+        with robot_node(rate=60.0, frame_prefix='second/') as second:
             second.add(first.robot)
             second.spin_until(lambda: second.logged('/clock: another robot publishes it'))
             assert second.node.count_publishers('/clock') == 1
@@ -527,7 +527,7 @@ def test_the_second_robot_follows_the_first_ones_clock():
 
 
 def test_a_robot_that_uses_sim_time_follows_any_clock():
-    with go1(use_sim_time=True) as seen:
+    with robot_node(use_sim_time=True) as seen:
         time = seen.node.create_publisher(Clock, '/clock', 10)
         poses = seen.hear('odom', Odometry)
         seen.spin_until(lambda: time.get_subscription_count() >= 2, '/clock')
@@ -554,7 +554,7 @@ def test_a_robot_that_uses_sim_time_follows_any_clock():
 
 
 def test_a_clock_that_goes_back_ends_a_command():
-    with go1(motion='cmd_vel', use_sim_time=True) as seen:
+    with robot_node(motion='cmd_vel', use_sim_time=True) as seen:
         time = seen.node.create_publisher(Clock, '/clock', 10)
         drive = seen.to('cmd_vel', Twist)
         poses = seen.hear('odom', Odometry)

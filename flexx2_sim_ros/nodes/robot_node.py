@@ -5,10 +5,10 @@ from typing import Any
 
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.nodes import messages
-from flexx2_sim_ros.nodes.go1_messages import joint_state, odometry
-from flexx2_sim_ros.nodes.go1_motion import Mirroring, Motion, Standing, Walking
-from flexx2_sim_ros.nodes.go1_parameters import Go1Parameters
 from flexx2_sim_ros.nodes.pacing import Pacer
+from flexx2_sim_ros.nodes.robot_messages import joint_state, odometry
+from flexx2_sim_ros.nodes.robot_motion import Mirroring, Motion, Standing, Walking
+from flexx2_sim_ros.nodes.robot_parameters import RobotParameters
 from flexx2_sim_ros.nodes.sim_clock import SimClock
 from flexx2_sim_ros.nodes.steady_node import SteadyNode
 from flexx2_sim_ros.nodes.transforms import camera_transforms, FramePublisher
@@ -39,7 +39,7 @@ _LAG_SHARE = 0.02
 _CATCH_UP_SECONDS = 0.25
 
 
-class Go1Cameras(SteadyNode):
+class RobotCameras(SteadyNode):
     """
     A robot in MuJoCo with cameras on its front, a Unitree Go1 unless ``robot`` says otherwise.
 
@@ -54,7 +54,7 @@ class Go1Cameras(SteadyNode):
         """Build the model, open the renderer, then open the topics."""
         super().__init__('go1_cameras', **options)
         self._claim = claim_name(self)
-        self.settings = settings = Go1Parameters(self)
+        self.settings = settings = RobotParameters(self)
         try:
             self._intrinsics = centred(find_profile(settings.profile).intrinsics)
         except InputError as error:
