@@ -247,8 +247,8 @@ def test_another_simulator_moves_it(robot):
         ]
         answer = seen.reset()
         assert not answer.success
-        assert 'outside' in answer.message
-        assert 'outside' in seen.change(real_time_factor=2.0).reason
+        assert 'reset it there' in answer.message
+        assert 'another simulator' in seen.change(real_time_factor=2.0).reason
 
 
 def test_nonsense_from_another_simulator_is_named_and_ignored():
