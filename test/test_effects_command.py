@@ -5,7 +5,7 @@ import re
 from typing import Any
 
 from flexx2_sim_ros.camera import Camera
-from flexx2_sim_ros.cli import effects_picture
+from flexx2_sim_ros.cli import effects_view
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.effects import load_effects, parse_effects, registry, save_effects
 from flexx2_sim_ros.effects.presets import markdown, preset_files
@@ -84,7 +84,7 @@ def test_the_page_and_the_presets(printed: Any, tmp_path: Path) -> None:
 def test_show_writes_a_picture(
     name: str, printed: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(effects_picture, '_FRAMES', 9)
+    monkeypatch.setattr(effects_view, '_FRAMES', 9)
     monkeypatch.chdir(tmp_path)
     out = () if name == 'offset' else ('--out', 'picture')
     text = printed('effects', 'show', name, *out)

@@ -13,7 +13,7 @@ from bench.gap_campaigns import write_campaign
 from boards import K
 from flexx2_sim_ros.batch import BatchCamera
 from flexx2_sim_ros.camera import Camera
-from flexx2_sim_ros.cli.effects_picture import _PROFILES
+from flexx2_sim_ros.cli.effects_profiles import DRAW_PROFILE
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.effects import load_effects, loadable, parse_effects, registry
 from flexx2_sim_ros.effects.picture import Picture, PROFILES
@@ -341,7 +341,7 @@ def test_counts_in_the_documents() -> None:
 
 
 def test_every_kind_of_picture_can_be_drawn() -> None:
-    assert set(_PROFILES) == set(PROFILES)
+    assert set(DRAW_PROFILE) == set(PROFILES)
     with pytest.raises(InputError, match='picture.profile: must be one of covariate, .* got'):
         Picture('oil on canvas')
 

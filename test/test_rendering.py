@@ -6,7 +6,8 @@ import sys
 
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
-from flexx2_sim_ros.rendering.renderer import load_materials, open_renderer, reflectivity_table
+from flexx2_sim_ros.rendering.materials import load_materials, reflectivity_table
+from flexx2_sim_ros.rendering.renderer import open_renderer
 from flexx2_sim_ros.robots.model import build_model, stand
 from flexx2_sim_ros.robots.robot import CameraMount, load_mounts
 import mujoco

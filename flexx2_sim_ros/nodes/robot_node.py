@@ -15,7 +15,8 @@ from flexx2_sim_ros.nodes.transforms import camera_transforms, FramePublisher
 from flexx2_sim_ros.nodes.twins import claim_name, twin_text
 from flexx2_sim_ros.physics.geometry import centred
 from flexx2_sim_ros.profiles.files import find_profile
-from flexx2_sim_ros.rendering.renderer import open_renderer, reflectivity_table
+from flexx2_sim_ros.rendering.materials import reflectivity_table
+from flexx2_sim_ros.rendering.renderer import open_renderer
 from flexx2_sim_ros.rendering.scenes import place_board
 from flexx2_sim_ros.robots.description import BASE, Link, links_of, poses, urdf
 from flexx2_sim_ros.robots.model import build_model

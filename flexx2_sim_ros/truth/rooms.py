@@ -5,7 +5,8 @@ from typing import Protocol
 
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
-from flexx2_sim_ros.rendering.renderer import reflectivity_table, VISIBLE_GROUPS
+from flexx2_sim_ros.rendering.materials import reflectivity_table
+from flexx2_sim_ros.rendering.model_cameras import VISIBLE_GROUPS
 from flexx2_sim_ros.truth.poses import Pose
 import mujoco
 import numpy as np

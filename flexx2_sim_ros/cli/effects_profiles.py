@@ -1,0 +1,302 @@
+"""The third panel of an effect's picture: how the change depends on what drives it."""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from flexx2_sim_ros.camera import Camera, flexx2
+from flexx2_sim_ros.cli.effects_scene import CHART, speed
+from flexx2_sim_ros.cli.effects_view import (
+    deviation_over_time,
+    EffectView,
+    mean_over_time,
+    near_edges,
+    STEEP,
+)
+import numpy as np
+
+GRAY = '#8a8a8a'
+
+
+def _covariate(view: EffectView) -> tuple[str, np.ndarray, np.ndarray]:
+    # Its name, its value in every pixel, and where bins begin and end.
+    amplitude = view.scene.reflectivity * view.surface.cos_incidence / view.scene.depth**2
+    return {
+        'distance': ('distance, m', view.scene.depth, np.linspace(0.4, 2.5, 80)),
+        'incidence': (
+            'incidence, degrees',
+            np.degrees(view.surface.incidence),
+            np.arange(0, 91, 3.0),
+        ),
+        'amplitude': ('amplitude, 1/m²', amplitude, np.geomspace(3e-3, 5, 28)),
+    }.get(view.kind.covariate, ('distance, m', view.scene.depth, np.linspace(0.4, 6.8, 60)))
+
+
+def _binned(
+    values: np.ndarray,
+    x: np.ndarray,
+    edges: np.ndarray,
+    reduce: Callable[[np.ndarray], float] = np.nanmean,
+) -> np.ndarray:
+    index = np.digitize(x, edges) - 1
+    out = np.full(len(edges) - 1, np.nan)
+    for i in range(len(out)):
+        chosen = values[index == i]
+        if np.isfinite(chosen).sum() >= 20:
+            out[i] = reduce(chosen[np.isfinite(chosen)])
+    return out
+
+
+def _by_covariate(axis: Any, view: EffectView) -> None:
+    label, x, edges = _covariate(view)
+    first = (*view.kind.changes, '')[0]
+    calm = view.calm(5, STEEP if first == 'noise' else 90.0)
+    if view.kind.picture.at_chart:
+        calm &= np.abs(view.scene.depth - CHART) < 0.01  # all at one distance
+    middles = 0.5 * (edges[1:] + edges[:-1])
+    if view.kind.covariate == 'amplitude':
+        axis.set_xscale('log')
+        middles = np.sqrt(edges[1:] * edges[:-1])
+    if first == 'validity':
+        lines = [100 * np.isnan(seen.depth).mean(axis=0) for seen in (view.frame, view.rest)]
+        text, styles = 'invalid, %', ('with', 'without')
+    elif first == 'noise':
+        lines = [deviation_over_time(1e3 * seen.depth) for seen in (view.frame, view.rest)]
+        text, styles = 'standard deviation over frames, mm', ('with', 'without')
+        axis.set_yscale('log')
+    else:
+        lines, text, styles = (
+            [mean_over_time(view.change)],
+            'with minus without, mm',
+            ('median', ''),
+        )
+        low, high = (
+            _binned(
+                lines[0][calm],
+                x[calm],
+                edges,
+                lambda part, q=q: float(np.percentile(part, q)),  # type: ignore[misc]
+            )
+            for q in (10, 90)
+        )
+        known = np.isfinite(low)
+        axis.fill_between(
+            middles[known],
+            low[known],
+            high[known],
+            alpha=0.2,
+            linewidth=0,
+            label='10 to 90 % of the pixels',
+        )
+        axis.axhline(0, color=GRAY, linewidth=1)
+    for values, name in zip(lines, styles, strict=False):
+        mean = _binned(values[calm], x[calm], edges, np.median if name == 'median' else np.mean)
+        known = np.isfinite(mean)
+        axis.plot(
+            middles[known],
+            mean[known],
+            '.-',
+            label=name,
+            color=GRAY if name == 'without' else 'C0',
+        )
+    axis.set(xlabel=label, ylabel=text)
+
+
+def _along_row(axis: Any, view: EffectView) -> None:
+    row = 14  # across the corner
+    axis.plot(
+        np.where(near_edges(view, 6), np.nan, mean_over_time(view.change))[row],
+        '.-',
+        label=f'row {row}',
+    )
+    axis.axhline(0, color=GRAY, linewidth=1)
+    axis.set(xlabel='column', ylabel='with minus without, mm')
+
+
+def _two_scenes(axis: Any, view: EffectView) -> None:
+    row, columns = 86, np.arange(90, 150)
+    wall = np.full(view.scene.depth.shape, 1.0)
+    with_it, without = (
+        Camera('Mode_9_30fps', effects=effects, seed=1)
+        .capture(wall, flexx2().intrinsics.matrix, 0)
+        .depth
+        for effects in ({view.kind.name: None}, ())
+    )
+    axis.plot(
+        columns,
+        mean_over_time(view.change)[row, columns],
+        'o-',
+        markersize=3,
+        label=f'row {row} of this scene',
+    )
+    axis.plot(
+        columns,
+        1e3 * (with_it - without)[row, columns],
+        '.',
+        color='C1',
+        zorder=3,
+        markersize=4,
+        label='on a plain wall',
+    )
+    axis.axhline(0, color=GRAY, linewidth=1)
+    axis.set(xlabel='column', ylabel='with minus without, mm')
+
+
+def _histogram(axis: Any, view: EffectView) -> None:
+    calm = view.calm(9)
+    scale = 1e3 * view.rest.sigma[:, calm]
+    limit = 8.0
+    for error, name, colour in zip(view.error, ('with', 'without'), ('C0', GRAY), strict=True):
+        values = error[:, calm] / scale
+        axis.hist(
+            values[np.isfinite(values)],
+            np.linspace(-limit, limit, 161),
+            density=True,
+            histtype='step',
+            color=colour,
+            label=name,
+        )
+    axis.set(
+        xlabel='error / modelled sigma',
+        ylabel='density',
+        yscale='log',
+        ylim=(1e-5, 1),
+        xlim=(-limit, limit),
+    )
+
+
+# Where the chart's left edge is in every row.
+_EDGE_ROWS, _EDGE_COLUMNS = slice(30, 70), slice(78, 108)
+
+
+def _true_edge(view: EffectView) -> int:
+    return int((view.clean[0, 60, _EDGE_COLUMNS] > 1.8).sum())
+
+
+def _across_edge(axis: Any, view: EffectView) -> None:
+    for seen, name, colour, aside in (
+        (view.frame, 'with', 'C0', 0.0),
+        (view.rest, 'without', GRAY, 0.3),
+    ):
+        depth = seen.depth[::8, _EDGE_ROWS, _EDGE_COLUMNS]
+        x = np.broadcast_to(np.arange(depth.shape[2]) - _true_edge(view) + aside, depth.shape)
+        axis.plot(x.ravel(), depth.ravel(), '.', color=colour, markersize=3, label=name)
+    axis.set(
+        xlabel='columns from the edge of the chart',
+        ylabel='depth, m',
+        xlim=(-9, 9),
+        ylim=(1.4, 2.3),
+    )
+
+
+def _edge_positions(axis: Any, view: EffectView) -> None:
+    bins = np.arange(-12.5, 13.5)
+    for seen, name, colour in ((view.frame, 'with', 'C0'), (view.rest, 'without', GRAY)):
+        far = seen.depth[:, _EDGE_ROWS, _EDGE_COLUMNS] > 1.8
+        moved = far.sum(axis=2) - _true_edge(view)
+        axis.hist(
+            moved.ravel(),
+            bins,
+            density=True,
+            histtype='step',
+            color=colour,
+            label=f'{name}: {moved.std():.2f} px',
+        )
+    axis.set(
+        xlabel='displacement of the edge of the chart, columns', ylabel='density', yscale='log'
+    )
+
+
+def _warming_up(axis: Any, view: EffectView) -> None:
+    axis.plot(view.seconds / 60, [np.nanmean(one) for one in view.change], '.-')
+    axis.set(xlabel='minutes since power-on', ylabel='with minus without, mm', ylim=(0, None))
+
+
+def _moving(axis: Any, view: EffectView) -> None:
+    # The far wall and the chart come nearer and go away again.
+    calm = ~near_edges(view, 20) & (np.abs(view.surface.cos_incidence - 1) < 0.1)
+    axis.plot(
+        view.seconds,
+        [np.nanmedian(one[calm]) for one in view.change],
+        '.-',
+        label='with minus without, mm',
+    )
+    axis.plot(view.seconds, 10 * speed(view.seconds), color=GRAY, label='speed forward, 0.1 m/s')
+    axis.axhline(0, color=GRAY, linewidth=0.5)
+    axis.set(xlabel='time, s', ylabel='median over surfaces that face the camera')
+
+
+def _correlation(pairs: Sequence[tuple[np.ndarray, np.ndarray]]) -> list[float]:
+    result = []
+    for one, other in pairs:
+        both = np.isfinite(one) & np.isfinite(other)
+        result.append(float(np.corrcoef(one[both], other[both])[0, 1]))
+    return result
+
+
+def _frames_alike(axis: Any, view: EffectView) -> None:
+    _correlations(
+        axis, view, 'frames', lambda noise, lag: (noise[lag + 5 :], noise[5 : len(noise) - lag])
+    )
+
+
+def _neighbours_alike(axis: Any, view: EffectView) -> None:
+    _correlations(
+        axis,
+        view,
+        'pixels',
+        lambda noise, lag: (noise[:, :, lag:], noise[:, :, : noise.shape[2] - lag]),
+    )
+
+
+def _correlations(
+    axis: Any,
+    view: EffectView,
+    what: str,
+    pair: Callable[[np.ndarray, int], tuple[np.ndarray, np.ndarray]],
+) -> None:
+    calm = view.calm(12, 45.0)
+    lags = range(6)
+    for error, name, colour in zip(view.error, ('with', 'without'), ('C0', GRAY), strict=True):
+        noise = np.where(calm, error - mean_over_time(error), np.nan) / (1e3 * view.rest.sigma)
+        values = _correlation([pair(noise, lag) for lag in lags])
+        axis.plot(lags, values, 'o-', color=colour, label=name)
+    axis.set(xlabel=f'{what} apart', ylabel='correlation of the noise')
+
+
+def _wrapped(axis: Any, view: EffectView) -> None:
+    # With two frequencies, and with one.
+    calm = view.calm(9, 78.0)
+    x = np.broadcast_to(view.clean, view.frame.depth.shape)[-1][calm]
+    axis.plot(x, view.frame.depth[-1][calm], '.', markersize=2, label=view.kind.picture.usecase)
+    far = (
+        Camera('Mode_9_30fps', effects={view.kind.name: None}, seed=1)
+        .capture(view.scene.depth, flexx2().intrinsics.matrix, 0)
+        .depth
+    )
+    axis.plot(x, far[calm], '.', markersize=2, color='C1', zorder=1, label='Mode_9_30fps')
+    axis.set(xlabel='true distance, m', ylabel='depth, m')
+
+
+def _steps(axis: Any, view: EffectView) -> None:
+    calm = view.calm(9, 78.0)
+    x = view.rest.depth[-1][calm]
+    near = (x > 1.3) & (x < 1.33)
+    axis.plot(x[near], view.change[-1][calm][near], '.', markersize=3)
+    axis.set(xlabel='depth without, m', ylabel='with minus without, mm')
+
+
+# By the names in `flexx2_sim_ros.effects.picture`.
+DRAW_PROFILE: dict[str, Callable[[Any, EffectView], None]] = {
+    'covariate': _by_covariate,
+    'along_row': _along_row,
+    'two_scenes': _two_scenes,
+    'histogram': _histogram,
+    'across_edge': _across_edge,
+    'edge_positions': _edge_positions,
+    'warming_up': _warming_up,
+    'moving': _moving,
+    'frames_alike': _frames_alike,
+    'neighbours_alike': _neighbours_alike,
+    'wrapped': _wrapped,
+    'steps': _steps,
+}
