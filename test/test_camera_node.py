@@ -226,7 +226,7 @@ def test_heavy_topics_are_filled_only_for_subscribers(monkeypatch: pytest.Monkey
     called = []
     for name in ('points', 'gray_image'):
         monkeypatch.setattr(
-            f'flexx2_sim_ros.nodes.camera_node.{name}', lambda *_: called.append('heavy')
+            f'flexx2_sim_ros.nodes.camera_outputs.{name}', lambda *_: called.append('heavy')
         )
     monkeypatch.setattr('flexx2_sim_ros.camera.camera.Camera.capture', _counted(called))
     with stream(INFO) as seen:

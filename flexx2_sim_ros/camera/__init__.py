@@ -1,6 +1,7 @@
 """The camera model: modes, geometry, noise. No ROS in here."""
 
-from flexx2_sim_ros.camera.camera import Camera, Frame
+from flexx2_sim_ros.camera.camera import Camera
+from flexx2_sim_ros.camera.frame import Frame
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from flexx2_sim_ros.profiles.modes import flexx2, Mode, NoiseModel, Profile
 

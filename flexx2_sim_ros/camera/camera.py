@@ -1,12 +1,11 @@
 """The camera: clean depth in, what a Flexx2 would have seen out."""
 
-from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 import math
-from os import PathLike
-from pathlib import Path
 from typing import Any
 
+from flexx2_sim_ros.camera.arguments import as_array, as_effects, as_images, as_nanoseconds
+from flexx2_sim_ros.camera.frame import Frame
 from flexx2_sim_ros.camera.stages import run_stages
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.physics.axial import model_sigma, observe, scale_by_surface
@@ -24,34 +23,6 @@ from flexx2_sim_ros.profiles.modes import DEFAULT_USECASE, flexx2, Mode, Profile
 import numpy as np
 
 _GAUSSIAN = np.float32(0.0)  # share of Laplacian edges
-
-
-@dataclass(frozen=True)
-class Frame:
-    """
-    What the camera saw.
-
-    Attributes
-    ----------
-    depth : numpy.ndarray
-        (..., H, W) float32, metres along the optical axis, NaN where invalid.
-    sigma : numpy.ndarray
-        (..., H, W) float32, the model's sigma_z of what was seen, metres, NaN where invalid.
-    amplitude : numpy.ndarray
-        (..., H, W) float32, reflectivity * cos(incidence) / z^2, 1/m^2, 0 where invalid; but full
-        scale or more where it is too much light (the effect ``saturation``) that makes it so.
-    confidence : numpy.ndarray
-        (..., H, W) float32 in 0..1, 0 where invalid.
-    K : numpy.ndarray
-        The camera matrix that was given, float64.
-
-    """
-
-    depth: np.ndarray
-    sigma: np.ndarray
-    amplitude: np.ndarray
-    confidence: np.ndarray
-    K: np.ndarray  # noqa: N815
 
 
 class Camera:
@@ -146,7 +117,7 @@ class Camera:
 
     @effects.setter
     def effects(self, effects: Any) -> None:
-        chosen = tuple(effect for effect in _as_effects(effects) if effect.strength)
+        chosen = tuple(effect for effect in as_effects(effects) if effect.strength)
         names = [effect.name for effect in chosen]
         for name in names:
             if names.count(name) > 1:
@@ -201,15 +172,15 @@ class Camera:
             For wrong shapes, dtypes or a matrix that is no camera's.
 
         """
-        clean = _images('clean_depth', clean_depth)
-        matrices = _array('K', K)
+        clean = as_images('clean_depth', clean_depth)
+        matrices = as_array('K', K)
         if matrices.ndim < 2 or matrices.shape[-2:] != (3, 3):
             raise InputError(f'K: must have shape (..., 3, 3), got {matrices.shape}')
-        stamps = _nanoseconds(stamp)
+        stamps = as_nanoseconds(stamp)
         albedo = (
             np.ones((1, 1), np.float32)
             if reflectivity is None
-            else _images('reflectivity', reflectivity)
+            else as_images('reflectivity', reflectivity)
         )
         height, width = clean.shape[-2:]
         if reflectivity is not None and albedo.shape[-2:] != (height, width):
@@ -407,50 +378,3 @@ def _same_memory(one: np.ndarray, other: np.ndarray) -> bool:
 def _frame(images: list[np.ndarray], matrices: np.ndarray) -> Frame:
     depth, sigma, amplitude, confidence = images
     return Frame(depth, sigma, amplitude, confidence, matrices.astype(np.float64))
-
-
-def _as_effects(effects: Any) -> tuple[EffectProtocol, ...]:
-    if isinstance(effects, str | PathLike | Mapping):
-        # The effects build on the camera, so they are looked up here only when they are needed.
-        from flexx2_sim_ros.effects import load_effects, parse_effects
-
-        if isinstance(effects, Mapping):
-            return parse_effects(effects)
-        return load_effects(Path(effects))
-    chosen = tuple(effects) if isinstance(effects, Iterable) else (effects,)
-    if not all(hasattr(effect, 'apply') and not isinstance(effect, type) for effect in chosen):
-        raise InputError(
-            'effects: must be a sequence of effects, a table of their parameters or the path '
-            f'of a file, got {effects!r}'
-        )
-    return chosen
-
-
-def _array(name: str, value: Any) -> np.ndarray:
-    try:
-        array = np.asarray(value)
-    except (TypeError, ValueError) as error:
-        raise InputError(f'{name}: not an array of numbers: {error}') from error
-    if array.dtype.kind not in 'fiu':
-        raise InputError(f'{name}: must be real numbers, got dtype {array.dtype}')
-    return array
-
-
-def _images(name: str, value: Any) -> np.ndarray:
-    array = _array(name, value)
-    if array.ndim < 2 or 0 in array.shape[-2:]:
-        raise InputError(f'{name}: must have shape (..., H, W), not empty, got {array.shape}')
-    # Values that float32 cannot hold become infinite, which is: nothing there.
-    with np.errstate(over='ignore'):
-        return array.astype(np.float32, copy=False)
-
-
-def _nanoseconds(stamp: Any) -> np.ndarray:
-    stamps = _array('stamp', stamp)
-    if stamps.dtype.kind == 'f':
-        if not np.isfinite(stamps).all():
-            raise InputError('stamp: must be seconds, got a value that is not finite')
-        stamps = np.rint(stamps.astype(np.float64) * 1e9)
-        if np.abs(stamps).max(initial=0) > 2**62:
-            raise InputError('stamp: must be seconds, got a value beyond 146 years')
-    return stamps.astype(np.int64)

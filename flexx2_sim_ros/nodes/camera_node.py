@@ -5,9 +5,9 @@ from traceback import format_exception
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
-from flexx2_sim_ros.camera.camera import Camera, Frame
+from flexx2_sim_ros.camera.camera import Camera
 from flexx2_sim_ros.camera.compiling import compiling_said, warm_up
-from flexx2_sim_ros.camera.gray import gray_image
+from flexx2_sim_ros.camera.frame import Frame
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.messages.decoding import (
     check_stamp,
@@ -16,6 +16,7 @@ from flexx2_sim_ros.messages.decoding import (
     stamp_nanoseconds,
 )
 from flexx2_sim_ros.nodes import messages
+from flexx2_sim_ros.nodes.camera_outputs import CameraOutputs
 from flexx2_sim_ros.nodes.camera_parameters import CameraParameters
 from flexx2_sim_ros.nodes.gating import FrameGate
 from flexx2_sim_ros.nodes.input_watch import InputWatch, Remark
@@ -27,17 +28,14 @@ from flexx2_sim_ros.nodes.steady_node import SteadyNode
 from flexx2_sim_ros.nodes.subscriptions import Input
 from flexx2_sim_ros.nodes.transforms import FramePublisher, optical_transform
 from flexx2_sim_ros.nodes.twins import claim_name
-from flexx2_sim_ros.physics.geometry import pixel_rays, points, Reprojection
+from flexx2_sim_ros.physics.geometry import Reprojection
 from flexx2_sim_ros.profiles.files import find_profile, PROFILE_HELP
 from flexx2_sim_ros.profiles.modes import Profile
 import numpy as np
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.parameter import Parameter
-from rclpy.qos import QoSProfile, ReliabilityPolicy
-from rclpy.qos_overriding_options import QoSOverridingOptions
-from sensor_msgs.msg import CameraInfo, Image, PointCloud2
-from std_msgs.msg import Header
+from sensor_msgs.msg import CameraInfo, Image
 
 _DEPTH_ENCODINGS = ('32FC1', '64FC1', '16UC1')
 # How soon a publisher that appears, or changes, is followed.
@@ -75,7 +73,6 @@ class Flexx2Camera(SteadyNode):
         self._statistics = Statistics()
         self._pairing = StampPairing()
         self._view: Reprojection | None = None
-        self._rays = pixel_rays(self.settings.intrinsics)
         self._camera = self._make_camera()
         self._gate = FrameGate(self._camera.mode.rate_hz)
         self._compile('the camera model')
@@ -91,18 +88,7 @@ class Flexx2Camera(SteadyNode):
         )
 
     def _open_topics(self) -> None:
-        overridable = QoSOverridingOptions.with_default_policies()
-
-        def publisher(kind: type, topic: str) -> Any:
-            # A profile of its own: rclpy writes a topic's override into what it is given.
-            reliable = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
-            return self.create_publisher(kind, topic, reliable, qos_overriding_options=overridable)
-
-        self._depth = publisher(Image, '~/depth_image_0')
-        self._info = publisher(CameraInfo, '~/camera_info')
-        self._cloud = publisher(PointCloud2, '~/point_cloud_0')
-        self._gray = publisher(Image, '~/gray_image_0')
-        self._noise = publisher(Image, '~/depth_noise_0')
+        self._outputs = CameraOutputs(self, self.settings, self._profile.sensor)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         # Companions first: of messages that wait together they are then taken before the image.
         self._inputs = {
@@ -251,13 +237,9 @@ class Flexx2Camera(SteadyNode):
         if not self._due(match.stamp):
             return False
         self._watch.look(image, match.image.encoding, self._camera.mode)
-        wanted = [
-            publisher.get_subscription_count() > 0
-            for publisher in (self._depth, self._cloud, self._gray, self._noise)
-        ]
         head = messages.header(match.stamp, self.settings.frame_id or match.image.header.frame_id)
         self._place(head.frame_id)
-        if any(wanted):
+        if self._outputs.wanted:
             # Parameters of effects are for the automatic exposure, or the longest.
             self._camera.exposure_share = self.settings.exposure_share or 1.0
             frame = self._camera.capture(
@@ -266,8 +248,10 @@ class Flexx2Camera(SteadyNode):
                 match.stamp,
                 None if reflectivity is None else view.reflectivity(reflectivity),
             )
-            self._publish(head, self._mask(frame, view), wanted)
-        self._info.publish(messages.camera_info_message(head, self.settings.intrinsics))
+            _make_invalid(frame, view.outside)
+            self._statistics.invalid_share = float(np.isnan(frame.depth).mean())
+            self._outputs.publish_frame(head, frame)
+        self._outputs.publish_info(head)
         self._statistics.published += 1
         return True
 
@@ -336,48 +320,6 @@ class Flexx2Camera(SteadyNode):
             statistics.output_rate.add(stamp)
         return due
 
-    @staticmethod
-    def _mask(frame: Frame, view: Reprojection) -> Frame:
-        if view.outside.any():
-            frame.depth[view.outside] = np.nan
-            frame.sigma[view.outside] = np.nan
-            frame.amplitude[view.outside] = 0.0
-            frame.confidence[view.outside] = 0.0
-        return frame
-
-    def _publish(self, head: Header, frame: Frame, wanted: list[bool]) -> None:
-        invalid = np.isnan(frame.depth)
-        self._statistics.invalid_share = float(invalid.mean())
-        if self.settings.invalid_is_zero:
-            frame.depth[invalid] = 0.0
-            frame.sigma[invalid] = 0.0
-        depth, cloud, gray, noise = wanted
-        if depth:
-            self._depth.publish(messages.image_message(head, frame.depth, '32FC1'))
-        if cloud:
-            self._cloud.publish(
-                messages.cloud_message(
-                    head,
-                    points(frame.depth, self._rays),
-                    frame.confidence,
-                    swapped=self.settings.cloud_is_swapped,
-                )
-            )
-        if gray:
-            self._gray.publish(
-                messages.image_message(
-                    head,
-                    gray_image(
-                        frame.amplitude,
-                        self.settings.exposure_share,
-                        self._profile.sensor.full_scale_amplitude,
-                    ),
-                    'mono8',
-                )
-            )
-        if noise:
-            self._noise.publish(messages.image_message(head, frame.sigma, '32FC1'))
-
     def _report(self) -> None:
         mode, statistics = self._camera.mode, self._statistics
         remarks = self._watch.remarks()
@@ -426,3 +368,11 @@ class Flexx2Camera(SteadyNode):
         super().destroy_node()
         if self._claim is not None:
             self._claim.close()
+
+
+def _make_invalid(frame: Frame, where: np.ndarray) -> None:
+    if where.any():
+        frame.depth[where] = np.nan
+        frame.sigma[where] = np.nan
+        frame.amplitude[where] = 0.0
+        frame.confidence[where] = 0.0
