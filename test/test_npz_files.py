@@ -196,7 +196,7 @@ def test_what_decompresses_to_too_much_is_refused_unread(
     monkeypatch.setenv(LIMIT, '50')
     assert load_recording(path).extra['more'].shape == (40 << 20,)
     monkeypatch.setenv(LIMIT, 'much')
-    with pytest.raises(InputError, match=f'{LIMIT}: must be a whole number of MB, got much'):
+    with pytest.raises(InputError, match=f"{LIMIT}: must be a whole number of MB, got 'much'"):
         load_recording(path)
     monkeypatch.delenv(LIMIT)
     claim(path, 'more', 700 << 20)

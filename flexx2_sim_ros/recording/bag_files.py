@@ -11,6 +11,7 @@ from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.recording.bag_cameras import Sample, sample, unknown_topics
 from flexx2_sim_ros.recording.bag_remains import check_file, McapRemains, Message, SqliteRemains
 from flexx2_sim_ros.recording.checksums import Check
+from flexx2_sim_ros.recording.chunks import naming
 from rosbags.interfaces import Connection, ConnectionExtRosbag2, QosDurability
 from rosbags.rosbag2 import Reader
 from rosbags.rosbag2.errors import ReaderError
@@ -134,6 +135,8 @@ class Bag:
                 whole = _Whole(self.path, self.notes)
                 self._say_unprotected(checks)
                 return [whole]
+            except InputError:
+                raise
             except Exception as error:  # A damaged file breaks the reader in any way.
                 self.notes.append(f'{self.path}: not whole: {error}')
         if not files:
@@ -149,6 +152,8 @@ class Bag:
                 whole = _Whole(path, self.notes)
                 self._say_unprotected({path: check})
                 return whole
+            except InputError:
+                raise
             except Exception as error:  # A damaged file breaks the reader in any way.
                 reason = str(error)
         return _Remains(path, reason, self.notes)
@@ -166,7 +171,7 @@ class _Whole:
     def __init__(self, path: Path, notes: list[str]) -> None:
         self._path = path
         self._notes = notes
-        with Reader(path) as reader:
+        with naming(path), Reader(path) as reader:
             self.topics = {
                 connection.topic: connection.msgtype
                 for connection in reader.connections
@@ -182,15 +187,15 @@ class _Whole:
             notes.append(f'{path}: lost while it was recorded: {lost}')
 
     def messages(self, topics: Collection[str]) -> Iterator[Message]:
-        count = 0
         try:
-            with Reader(self._path) as reader:
+            with naming(self._path), Reader(self._path) as reader:
                 wanted = [item for item in reader.connections if item.topic in topics]
                 if not wanted:
                     return
                 for connection, time, data in reader.messages(wanted):
                     yield Message(connection.topic, connection.msgtype, time, bytes(data))
-                    count += 1
+        except InputError:
+            raise
         except Exception as error:  # A damaged file breaks the reader in any way.
             note = f'{self._path}: damaged: {error}; read up to there'
             if note not in self._notes:

@@ -14,7 +14,7 @@ import weakref
 from flexx2_sim_ros.atomic import scratch_folder
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.recording.checksums import Check, check_mcap, check_sqlite, sqlite_rows
-from rosbags.rosbag2.storage_mcap import decompress
+from flexx2_sim_ros.recording.chunks import ChunkLimitError, decompress, naming
 
 # The format: https://mcap.dev/spec. Operation codes of the records that matter here.
 _MAGIC = b'\x89MCAP0\r\n'
@@ -65,7 +65,7 @@ class McapRemains:
         """Iterate over the messages, in the order of the file, as far as they are whole."""
         schemas: dict[int, str] = {}
         channels: dict[int, tuple[str, str]] = {}
-        with self._path.open('rb') as stream:
+        with naming(self._path), self._path.open('rb') as stream:
             if stream.read(len(_MAGIC)) != _MAGIC:
                 return
             for operation, body in _records(stream, self._path.stat().st_size):
@@ -83,8 +83,8 @@ class McapRemains:
                     return
 
 
-def _records(stream: BinaryIO, size: int) -> Iterator[tuple[int, bytes]]:
-    # Records as (operation, content), those inside of chunks included. Ends where they do.
+def _records(stream: BinaryIO, size: int, in_chunk: bool = False) -> Iterator[tuple[int, bytes]]:
+    # Records as (operation, content), those inside chunks included, up to the first broken one.
     while len(head := stream.read(_RECORD.size)) == _RECORD.size:
         operation, length = _RECORD.unpack(head)
         body = stream.read(min(length, size))
@@ -92,11 +92,15 @@ def _records(stream: BinaryIO, size: int) -> Iterator[tuple[int, bytes]]:
         if not 0 < operation <= _LAST or not (whole or operation == _CHUNK):
             return
         if operation == _CHUNK:
+            if in_chunk:
+                return
             try:
                 content = _chunk(body, whole)
+            except ChunkLimitError:
+                raise
             except Exception:  # Damaged data breaks a decompressor in any way.
                 return
-            yield from _records(io.BytesIO(content), len(content))
+            yield from _records(io.BytesIO(content), len(content), in_chunk=True)
         else:
             yield operation, body
 

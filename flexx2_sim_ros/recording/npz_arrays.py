@@ -5,7 +5,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 import io
 import math
-import os
 from pathlib import Path
 import struct
 from tokenize import TokenError
@@ -14,6 +13,7 @@ import zipfile
 import zlib
 
 from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.recording.limits import limit_bytes
 import numpy as np
 
 LIMIT = 'FLEXX2_NPZ_LIMIT_MB'
@@ -183,7 +183,7 @@ def decode_npy(content: bytes, where: str) -> np.ndarray:
 def _check_sizes(archive: zipfile.ZipFile) -> None:
     total = sum(info.file_size for info in archive.infolist())
     packed = Path(str(archive.filename)).stat().st_size
-    most = max(_limit_mb() << 20, _EXPANSION * packed)
+    most = max(limit_bytes(LIMIT, _LIMIT_MB), _EXPANSION * packed)
     if total > most:
         raise InputError(
             f'{archive.filename}: must not decompress to more than {most / 2**20:.0f} MB, got '
@@ -194,15 +194,6 @@ def _check_sizes(archive: zipfile.ZipFile) -> None:
             raise _NoArrayError(info.filename)
         if info.compress_type not in _PLAIN:
             raise ValueError(f'{_short(info.filename)} is compressed, but not by deflate')
-
-
-def _limit_mb() -> int:
-    text = os.environ.get(LIMIT, '')
-    if not text:
-        return _LIMIT_MB
-    if not (text.isdecimal() and len(text) < 9 and int(text)):
-        raise InputError(f'{LIMIT}: must be a whole number of MB, got {_short(text)}')
-    return int(text)
 
 
 def _checked_header(entry: IO[bytes], key: str, size: int) -> Header:

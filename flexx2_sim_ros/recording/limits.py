@@ -1,0 +1,30 @@
+"""How much a file may expand to in memory when it is decompressed."""
+
+import os
+
+from flexx2_sim_ros.errors import InputError, shown
+
+
+def limit_bytes(variable: str, default_mb: int) -> int:
+    """
+    Return a limit in bytes.
+
+    Parameters
+    ----------
+    variable : str
+        The environment variable that sets it, in MB.
+    default_mb : int
+        Where that is not set.
+
+    Raises
+    ------
+    InputError
+        When the variable is not a whole number of MB.
+
+    """
+    text = os.environ.get(variable, '')
+    if not text:
+        return default_mb << 20
+    if not (text.isdecimal() and len(text) < 9 and int(text)):
+        raise InputError(f'{variable}: must be a whole number of MB, got {shown(text)}')
+    return int(text) << 20

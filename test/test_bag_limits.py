@@ -1,0 +1,92 @@
+"""Bags that expand to far more than their size: refused, or read within bounds."""
+
+from collections.abc import Callable
+from pathlib import Path
+import struct
+import sys
+import tracemalloc
+from zlib import crc32
+
+from flexx2_sim_ros.cli.main import main
+from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.recording import load_recording
+from flexx2_sim_ros.recording.chunks import LIMIT
+import lz4.frame
+from made_bags import depths, driver_bag
+import pytest
+
+if sys.version_info >= (3, 14):
+    from compression import zstd
+else:
+    from backports import zstd
+
+MB = 1 << 20
+COMPRESSORS: dict[str, Callable[[bytes], bytes]] = {
+    'zstd': zstd.compress,
+    'lz4': lz4.frame.compress,
+}
+
+
+def bomb(path: Path, compression: str, content: bytes, declared: int) -> Path:
+    """Write an MCAP file without an index, whose only chunk expands to `content`."""
+    data = COMPRESSORS[compression](content)
+    name = compression.encode()
+    chunk = struct.pack('<QQQI', 0, 0, declared, crc32(content))
+    chunk += struct.pack('<I', len(name)) + name + struct.pack('<Q', len(data)) + data
+    header = struct.pack('<II', 0, 0)
+    path.write_bytes(
+        b'\x89MCAP0\r\n'
+        + struct.pack('<BQ', 0x01, len(header))
+        + header
+        + struct.pack('<BQ', 0x06, len(chunk))
+        + chunk
+        + struct.pack('<BQ', 0x0F, 4)
+        + bytes(4)
+        + struct.pack('<BQ', 0x02, 20)
+        + bytes(20)
+        + b'\x89MCAP0\r\n'
+    )
+    return path
+
+
+@pytest.mark.parametrize('compression', list(COMPRESSORS))
+def test_a_chunk_over_the_limit_is_refused(
+    compression: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setenv(LIMIT, '4')
+    path = bomb(tmp_path / 'bomb.mcap', compression, bytes(64 * MB), 64 * MB)
+    assert path.stat().st_size < MB
+    tracemalloc.start()
+    assert main(['convert', str(path), str(tmp_path / 'out.npz')]) == 2
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 30 * MB
+    said = ' '.join(capsys.readouterr().err.split())
+    assert 'bomb.mcap: a chunk must not decompress to more than 4 MB, got 64 MB' in said
+    assert LIMIT in said
+
+
+@pytest.mark.parametrize('compression', list(COMPRESSORS))
+def test_a_chunk_that_declares_too_little_is_read_no_further(
+    compression: str, tmp_path: Path
+) -> None:
+    path = bomb(tmp_path / 'lies.mcap', compression, bytes(64 * MB), 100)
+    tracemalloc.start()
+    with pytest.raises(InputError, match='lies.mcap: it contains no complete message'):
+        load_recording(path)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 30 * MB
+
+
+def test_a_limit_that_is_no_number_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bag = driver_bag(tmp_path / 'bag', depths(3, 8, 8), compress=True)
+    assert len(load_recording(bag).depth) == 3
+    monkeypatch.setenv(LIMIT, 'much')
+    with pytest.raises(InputError, match=f"{LIMIT}: must be a whole number of MB, got 'much'"):
+        load_recording(bag)
