@@ -144,7 +144,7 @@ def test_values_that_sqlite_does_not_check(
         with path.open('ab') as file:
             file.write(bytes(100))
     if not frames:
-        with pytest.raises(InputError, match='not one whole message'):
+        with pytest.raises(InputError, match='no complete message'):
             load_recording(path)
         return
     recording = load_recording(path)

@@ -58,7 +58,7 @@ class Bag:
     Raises
     ------
     InputError
-        When there is no bag, or not one whole message in it.
+        When there is no bag, or it has no complete message.
 
     """
 
