@@ -262,3 +262,39 @@ def test_a_full_disk(full: Path, capsys: pytest.CaptureFixture[str], words: list
     assert 'Traceback' not in ''.join(said)
     assert not list(full.glob('a*'))
     assert not list(full.rglob('.flexx2-*'))
+
+
+COMMAND = [sys.executable, '-m', 'flexx2_sim_ros.cli.main']
+
+
+def test_output_that_cannot_be_written() -> None:
+    with Path('/dev/full').open('wb') as full:
+        done = subprocess.run(
+            [*COMMAND, 'modes'], stdout=full, stderr=subprocess.PIPE, text=True, check=False
+        )
+    assert done.returncode == 2
+    assert done.stderr == (
+        'flexx2: error: standard output: cannot be written: no space left on device\n'
+    )
+
+
+def test_too_many_open_files_are_not_blamed_on_the_output(folder: Path) -> None:
+    # Pipes need two file descriptors and have no file name; this leaves room for one.
+    program = (
+        'import os, resource, sys\n'
+        'from flexx2_sim_ros.cli import commands\n'
+        'from flexx2_sim_ros.cli.main import main\n'
+        'def run(argv):\n'
+        '    spare = os.dup(0)\n'
+        '    resource.setrlimit(resource.RLIMIT_NOFILE, (spare + 1, spare + 1))\n'
+        '    return os.pipe()\n'
+        'commands.run = run\n'
+        "sys.exit(main(['modes']))\n"
+    )
+    done = subprocess.run(
+        [sys.executable, '-c', program], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 2
+    assert done.stderr == (
+        'flexx2: error: the operating system refused a request: too many open files\n'
+    )

@@ -1,11 +1,15 @@
 """The command `flexx2`. Handles signals first; everything else is imported later."""
 
+import errno
 import os
 import signal
 import sys
 
-from flexx2_sim_ros.errors import InputError, missing_library
+from flexx2_sim_ros.errors import InputError, missing_library, shown_path
 from flexx2_sim_ros.signals import exit_status, leave_on_signals
+
+# Of a full disk or quota, a file size limit, and a device that fails or is gone.
+_WRITE_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF)
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -29,7 +33,6 @@ def main(argv: list[str] | None = None) -> int:
         for stream in (sys.stdout, sys.stderr):
             # Names of files may hold what no text can.
             stream.reconfigure(errors='backslashreplace')  # type: ignore[union-attr]
-    from flexx2_sim_ros.atomic import reason
     from flexx2_sim_ros.cli.commands import run
 
     try:
@@ -45,8 +48,7 @@ def main(argv: list[str] | None = None) -> int:
         _drop_output()
         return exit_status(signal.SIGPIPE)
     except OSError as error:
-        _drop_output()
-        return _say(f'{error.filename or "standard output"}: {reason(error)}')
+        return _say(_describe(error))
 
 
 def _say(error: str) -> int:
@@ -54,8 +56,20 @@ def _say(error: str) -> int:
     return 2
 
 
+def _describe(error: OSError) -> str:
+    # An error of writing to standard output names no file, but neither do many others.
+    cause = error.strerror or str(error) or type(error).__name__
+    cause = f'{cause[:1].lower()}{cause[1:]}'
+    if error.filename is not None:
+        return f'{shown_path(error.filename)}: {cause}'
+    if error.errno in _WRITE_ERRORS:  # Files are written inside `atomic.named`.
+        _drop_output()
+        return f'standard output: cannot be written: {cause}'
+    return f'the operating system refused a request: {cause}'
+
+
 def _drop_output() -> None:
-    # What waits in the buffer cannot be written at the end either.
+    # Python writes the buffer again at exit, and would print a second error.
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
