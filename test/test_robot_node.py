@@ -251,6 +251,30 @@ def test_another_simulator_moves_it(robot):
         assert 'another simulator' in seen.change(real_time_factor=2.0).reason
 
 
+def test_after_a_reset_of_the_other_simulator_a_pose_waits_for_new_joints():
+    before, after = np.tile([0.1, 1.0, -1.7], 4), np.tile([0.2, 0.8, -1.5], 4)
+    with robot_node(motion='external') as seen:
+        poses, states = seen.to('odom', Odometry), seen.to('joint_states', JointState)
+        images = seen.hear('front_left/clean/depth_image', Image)
+        data = seen.robot._data
+        states.publish(joints(9 * 10**9, before))
+        seen.spin_until(lambda: data.qpos[8] == before[1], 'joints')
+        poses.publish(odometry(9 * 10**9, (0.3, 0.1, 0.3)))
+        seen.spin_until(lambda: images, 'an image')
+        poses.publish(odometry(10**9, (0.1, 0.1, 0.3)))
+        seen.spin_until(lambda: seen.robot._motion._waiting, 'a pose that waits')
+        states.publish(joints(10**9, after))
+        seen.spin_until(lambda: len(images) == 2, 'an image')
+        assert nanoseconds(images[1]) == 10**9
+        np.testing.assert_allclose(data.qpos[7:], after, atol=1e-12)
+        # The simulator may send the joints first.
+        states.publish(joints(10**8, before))
+        seen.spin_until(lambda: data.qpos[8] == before[1], 'joints')
+        poses.publish(odometry(10**8, (0.2, 0.1, 0.3)))
+        seen.spin_until(lambda: len(images) == 3, 'an image')
+        assert nanoseconds(images[2]) == 10**8
+
+
 def test_nonsense_from_another_simulator_is_named_and_ignored():
     with robot_node(motion='external') as seen:
         poses, states = seen.to('odom', Odometry), seen.to('joint_states', JointState)

@@ -26,6 +26,8 @@ from sensor_msgs.msg import JointState
 
 # A command holds this long, in simulated nanoseconds.
 _COMMAND_HOLDS = 500_000_000
+# A stamp earlier than any other, nanoseconds.
+_BEFORE_ALL = -(2**63)
 # So many unknown joints are named in the log; more are not remembered.
 _MOST_NAMES = 200
 
@@ -202,6 +204,7 @@ class Mirroring:
         self._throttle = Throttle()
         self._named: set[str] = set()
         self._joints_stamp: int | None = None
+        self._pose_stamp = 0
         self._waiting: tuple[int, str, np.ndarray, np.ndarray] | None = None
         stand(model, data, robot)
         overridable = QoSOverridingOptions.with_default_policies()
@@ -251,13 +254,25 @@ class Mirroring:
     def _on_odometry(self, message: Odometry) -> None:
         position, quaternion = decode_pose(message, 'odom')
         stamp = stamp_nanoseconds(message.header.stamp)
-        if not self._gate.accept(stamp):
+        restarts = self._gate.restarts
+        due = self._gate.accept(stamp)
+        if self._gate.restarts > restarts:
+            self._forget_old_joints(stamp)
+        self._pose_stamp = stamp
+        if not due:
             return
         if self._waiting is not None:
             self._complete()
         self._waiting = stamp, message.child_frame_id, position, quaternion
         if self._joints_stamp is None or self._joints_stamp >= stamp:
             self._complete()
+
+    def _forget_old_joints(self, stamp: int) -> None:
+        # The simulation was reset to `stamp`. Joints whose stamp is nearer to the time before are
+        # from before: the pose must wait for new ones, whatever their stamp.
+        joints = self._joints_stamp
+        if joints is not None and abs(joints - self._pose_stamp) < abs(joints - stamp):
+            self._joints_stamp = _BEFORE_ALL
 
     def _complete(self) -> None:
         assert self._waiting is not None
