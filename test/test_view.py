@@ -8,7 +8,6 @@ import time
 from typing import Any
 
 from browser import Browser, chromium
-from flexx2_sim_ros.nodes.viewer import Viewer
 from flexx2_sim_ros.view.colours import depth_table, difference_table, INVALID
 from geometry_msgs.msg import Twist
 from nav_msgs.msg import Odometry
@@ -16,7 +15,7 @@ import numpy as np
 import pytest
 from rclpy.parameter import parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
-from streams import CameraInfo, FLEXX2, Image, image_message, info_message, Listener, Parameter
+from streams import Listener, Parameter
 from views import PATIENCE, View
 
 CAMERAS = ('front_left', 'front_right')
@@ -320,87 +319,3 @@ def test_a_node_that_cannot_start_ends_the_demo_with_its_reason(ros: None, tmp_p
     assert view.errors.startswith('flexx2: error: go1_cameras ended with exit code 1')
     assert "got 'moon'" in view.errors
     assert view.errors.count('\n') == 1
-
-
-def test_frames_are_paired_and_looked_up_as_the_camera_does(ros: None) -> None:
-    wide = FLEXX2.from_field_of_view(80, 60, 100.0, 80.0)
-    user, viewer = Listener(), Viewer(['left'], '/view_parts/cmd_vel')
-    user.add(viewer)
-    try:
-        send = {
-            topic: user.node.create_publisher(kind, f'/view_parts/left/{topic}', 10)
-            for topic, kind in (
-                ('clean/depth_image', Image),
-                ('clean/camera_info', CameraInfo),
-                ('flexx2_camera/depth_image_0', Image),
-                ('flexx2_camera/camera_info', CameraInfo),
-            )
-        }
-        other = user.node.create_publisher(
-            Image, '/view_parts/right/flexx2_camera/depth_image_0', 10
-        )
-        # Whoever is not asked for is not shown; nobody looks yet, so nothing is taken.
-        viewer._wanted = {'view_parts/left'}
-        user.spin_until(lambda: 'view_parts/left' in viewer._cameras, 'the camera')
-        assert not any(publisher.get_subscription_count() for publisher in send.values())
-        viewer.watch(True)
-        user.spin_until(
-            lambda: all(publisher.get_subscription_count() for publisher in send.values()),
-            'subscriptions',
-        )
-        assert other.get_subscription_count() == 0
-
-        def show(stamp: int, clean: bool) -> Any:
-            if clean:
-                send['clean/camera_info'].publish(info_message(wide, stamp))
-                send['clean/depth_image'].publish(
-                    image_message(np.full((60, 80), 1.5, np.float32), stamp)
-                )
-            send['flexx2_camera/camera_info'].publish(info_message(FLEXX2, stamp))
-            image = np.full((172, 224), 1.25, np.float32)
-            image[:86] = np.nan
-            send['flexx2_camera/depth_image_0'].publish(image_message(image, stamp))
-            user.spin_until(
-                lambda: (
-                    (shots := viewer.shots) and all(shot.stamp == stamp for shot in shots.values())
-                ),
-                'the frame',
-            )
-            return viewer.shots['view_parts/left']
-
-        # Both ends know each other at different times: best effort may miss the first.
-        for stamp in range(1, 200):
-            shot = show(stamp, clean=True)
-            if shot.clean is not None:
-                break
-        assert shot.clean.shape == shot.simulated.shape == (172, 224)
-        np.testing.assert_allclose(shot.clean, 1.5, rtol=1e-5)
-        assert shot.invalid_share == 0.5
-        # The real driver has no clean depth.
-        assert show(10_000, clean=False).clean is None
-        viewer.watch(False)
-        user.spin_until(lambda: not viewer.shots, 'rest')
-    finally:
-        user.close()
-        viewer.destroy_node()
-
-
-def test_a_browser_that_falls_silent_stops_the_robot(ros: None) -> None:
-    user, viewer = Listener(), Viewer(['none'], '/view_silent/cmd_vel')
-    user.add(viewer)
-    try:
-        heard = user.listen('/view_silent/cmd_vel', Twist)
-        user.spin_until(lambda: viewer._twist.get_subscription_count(), 'a listener')
-        viewer.drive('me', (9.0, -9.0, 99.0))
-        user.spin_until(lambda: len(heard) == 2, 'the stop')
-        assert (heard[0].linear.x, heard[0].linear.y, heard[0].angular.z) == (1.2, -1.2, 2.5)
-        assert heard[1] == Twist()
-        # A page that closes stops what it drives, and nothing else.
-        viewer.drive('me', (0.1, 0.0, 0.0))
-        viewer.leave('another')
-        viewer.drive('me', (0.2, 0.0, 0.0))
-        user.spin_until(lambda: len(heard) == 5, 'commands')
-        assert [message.linear.x for message in heard[2:]] == [0.1, 0.2, 0.0]
-    finally:
-        user.close()
-        viewer.destroy_node()

@@ -18,7 +18,7 @@ from flexx2_sim_ros.view.driving import Driving, Velocity
 from flexx2_sim_ros.view.packing import ViewedFrame
 from geometry_msgs.msg import Twist
 import numpy as np
-from rcl_interfaces.msg import ParameterEvent, SetParametersResult
+from rcl_interfaces.msg import ParameterEvent, ParameterValue, SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
@@ -99,8 +99,12 @@ class _Camera:
                 self.usecase, self.usecases = usecase, usecases
 
     def _on_input(self, future: Any) -> None:
-        values = [parameter_value_to_python(value) for value in future.result().values]
-        self._radial = values == ['radial']
+        for value in future.result().values:
+            self.take_input(value)
+
+    def take_input(self, value: ParameterValue) -> None:
+        """Take the value of ``input_depth``: how the clean depth is to be read."""
+        self._radial = parameter_value_to_python(value) == 'radial'
 
     def _on_info(self, message: CameraInfo) -> None:
         self._info = message
@@ -323,6 +327,8 @@ class Viewer(Node):
                     camera.usecase = parameter.value.string_value
                     camera.rate.clear()
                     self._tell()
+                elif parameter.name == 'input_depth':
+                    camera.take_input(parameter.value)
 
     def _choose(self, name: str, usecase: str) -> None:
         camera = self._cameras[name]

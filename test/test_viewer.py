@@ -1,0 +1,138 @@
+"""The node of `flexx2 view` over real DDS: the frames that it pairs, and driving."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from flexx2_sim_ros.nodes.viewer import Viewer
+from geometry_msgs.msg import Twist
+import numpy as np
+import pytest
+from rcl_interfaces.msg import ParameterEvent
+from streams import CameraInfo, FLEXX2, Image, image_message, info_message, Listener, Parameter
+
+
+@dataclass
+class Watched:
+    """A viewer of one of two cameras, and what publishes for that camera."""
+
+    user: Listener
+    viewer: Viewer
+    send: dict[str, Any]
+    other: Any
+
+    def watch(self) -> None:
+        """Open a page, as far as the viewer can see."""
+        self.viewer.watch(True)
+        self.user.spin_until(
+            lambda: all(publisher.get_subscription_count() for publisher in self.send.values()),
+            'subscriptions',
+        )
+
+    def show(self, stamp: int, clean: bool) -> Any:
+        """Publish a frame, return what the viewer makes of it."""
+        if clean:
+            wide = FLEXX2.from_field_of_view(80, 60, 100.0, 80.0)
+            self.send['clean/camera_info'].publish(info_message(wide, stamp))
+            self.send['clean/depth_image'].publish(
+                image_message(np.full((60, 80), 1.5, np.float32), stamp)
+            )
+        self.send['flexx2_camera/camera_info'].publish(info_message(FLEXX2, stamp))
+        image = np.full((172, 224), 1.25, np.float32)
+        image[:86] = np.nan
+        self.send['flexx2_camera/depth_image_0'].publish(image_message(image, stamp))
+        self.user.spin_until(
+            lambda: (
+                (shots := self.viewer.shots)
+                and all(shot.stamp == stamp for shot in shots.values())
+            ),
+            'the frame',
+        )
+        return self.viewer.shots['view_parts/left']
+
+    def show_until(self, fits: Callable[[Any], bool], first: int) -> Any:
+        """Show frames with clean depth until the viewer has one that fits."""
+        for stamp in range(first, first + 200):
+            shot = self.show(stamp, clean=True)
+            if shot.clean is not None and fits(shot):
+                return shot
+        raise AssertionError('no such frame')
+
+
+@pytest.fixture
+def watched(ros: None) -> Iterator[Watched]:
+    """Return a viewer that looks for the camera view_parts/left, not yet at it."""
+    user, viewer = Listener(), Viewer(['left'], '/view_parts/cmd_vel')
+    user.add(viewer)
+    try:
+        send = {
+            topic: user.node.create_publisher(kind, f'/view_parts/left/{topic}', 10)
+            for topic, kind in (
+                ('clean/depth_image', Image),
+                ('clean/camera_info', CameraInfo),
+                ('flexx2_camera/depth_image_0', Image),
+                ('flexx2_camera/camera_info', CameraInfo),
+            )
+        }
+        other = user.node.create_publisher(
+            Image, '/view_parts/right/flexx2_camera/depth_image_0', 10
+        )
+        viewer._wanted = {'view_parts/left'}
+        user.spin_until(lambda: 'view_parts/left' in viewer._cameras, 'the camera')
+        yield Watched(user, viewer, send, other)
+    finally:
+        user.close()
+        viewer.destroy_node()
+
+
+def test_frames_are_paired_and_looked_up_as_the_camera_does(watched: Watched) -> None:
+    user, viewer, send = watched.user, watched.viewer, watched.send
+    # Cameras that were not asked for are not shown. Without a page, nothing is subscribed.
+    assert not any(publisher.get_subscription_count() for publisher in send.values())
+    watched.watch()
+    assert watched.other.get_subscription_count() == 0
+    # Both ends discover each other at different times: best effort may miss the first frames.
+    shot = watched.show_until(lambda shot: True, 1)
+    assert shot.clean.shape == shot.simulated.shape == (172, 224)
+    np.testing.assert_allclose(shot.clean, 1.5, rtol=1e-5)
+    assert shot.invalid_share == 0.5
+    # The real driver has no clean depth.
+    assert watched.show(10_000, clean=False).clean is None
+    viewer.watch(False)
+    user.spin_until(lambda: not viewer.shots, 'rest')
+
+
+def test_clean_depth_follows_the_parameter_input_depth(watched: Watched) -> None:
+    user = watched.user
+    events = user.node.create_publisher(ParameterEvent, '/parameter_events', 10)
+    user.spin_until(events.get_subscription_count, 'a subscription to parameter events')
+    watched.watch()
+    first = 1
+    for value, corner in (('radial', 1.249), ('planar', 1.5)):
+        event = ParameterEvent(node='/view_parts/left/flexx2_camera')
+        event.changed_parameters = [Parameter('input_depth', value=value).to_parameter_msg()]
+        events.publish(event)
+        shot = watched.show_until(lambda shot, z=corner: abs(shot.clean[0, 0] - z) < 1e-3, first)
+        assert shot.clean[86, 112] == pytest.approx(1.5, abs=1e-3)
+        first += 1000
+
+
+def test_a_browser_that_falls_silent_stops_the_robot(ros: None) -> None:
+    user, viewer = Listener(), Viewer(['none'], '/view_silent/cmd_vel')
+    user.add(viewer)
+    try:
+        heard = user.listen('/view_silent/cmd_vel', Twist)
+        user.spin_until(lambda: viewer._twist.get_subscription_count(), 'a listener')
+        viewer.drive('me', (9.0, -9.0, 99.0))
+        user.spin_until(lambda: len(heard) == 2, 'the stop')
+        assert (heard[0].linear.x, heard[0].linear.y, heard[0].angular.z) == (1.2, -1.2, 2.5)
+        assert heard[1] == Twist()
+        # A page that closes stops what it drives, and nothing else.
+        viewer.drive('me', (0.1, 0.0, 0.0))
+        viewer.leave('another')
+        viewer.drive('me', (0.2, 0.0, 0.0))
+        user.spin_until(lambda: len(heard) == 5, 'commands')
+        assert [message.linear.x for message in heard[2:]] == [0.1, 0.2, 0.0]
+    finally:
+        user.close()
+        viewer.destroy_node()
