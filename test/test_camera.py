@@ -1,10 +1,11 @@
 """The camera as a whole: what its users rely on."""
 
+from collections.abc import Callable
 import doctest
 import math
 
 from boards import board, K
-from flexx2_sim_ros.camera import Camera, flexx2
+from flexx2_sim_ros.camera import Camera, flexx2, Intrinsics
 from flexx2_sim_ros.camera import camera as pipeline
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.physics.philox import camera_key, fill_normals, stamp_words, STREAM_AXIAL
@@ -373,6 +374,24 @@ def test_what_cannot_be_used_is_named(field: str, value: object) -> None:
 def test_a_camera_that_cannot_be_is_refused(field: str, value: object) -> None:
     with pytest.raises(InputError, match=f'^{field}'):
         Camera(**{field: value})
+
+
+@pytest.mark.parametrize(
+    ('make', 'field'),
+    [
+        (lambda long: Camera(seed=long), 'seed'),
+        (lambda long: Camera(name=[long]), 'name'),
+        (lambda long: Camera(effects=[long]), 'effects'),
+        (lambda long: Intrinsics.from_matrix(long, 8, 8), 'K'),
+    ],
+    ids=['seed', 'name', 'effects', 'K'],
+)
+def test_errors_show_only_the_ends_of_long_values(
+    make: Callable[[str], object], field: str
+) -> None:
+    with pytest.raises(InputError, match=rf'^{field}: must be .*x\.\.\.x') as caught:
+        make('x' * 100_000)
+    assert len(str(caught.value)) < 200
 
 
 def test_the_docstrings_example_runs() -> None:

@@ -261,6 +261,21 @@ def test_an_unknown_backend_is_refused():
         open_renderer(mujoco.MjModel.from_xml_string('<mujoco/>'), ODD, 'cuda')
 
 
+def test_errors_show_only_the_ends_of_long_values(tmp_path):
+    empty = mujoco.MjModel.from_xml_string('<mujoco/>')
+    materials = tmp_path / 'm.yaml'
+    long = 'x' * 9000
+    materials.write_text(f'schema: 1\nmaterials: {{wall: {{reflectivity: {long}}}}}\n')
+    for use in (
+        lambda: open_renderer(empty, ODD, long),
+        lambda: open_renderer(empty, ODD, 'ray').render(mujoco.MjData(empty), long),
+        lambda: load_materials(materials),
+    ):
+        with pytest.raises(InputError, match=r'must be .*x\.\.\.x') as caught:
+            use()
+        assert len(str(caught.value).replace(str(materials), '')) < 200
+
+
 OPEN = """
 import mujoco
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics

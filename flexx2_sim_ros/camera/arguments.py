@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from flexx2_sim_ros.effects import load_effects, parse_effects
-from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.errors import InputError, shown
 from flexx2_sim_ros.physics.frame_state import EffectProtocol
 import numpy as np
 
@@ -34,7 +34,7 @@ def as_effects(effects: Any) -> tuple[EffectProtocol, ...]:
     if not all(hasattr(effect, 'apply') and not isinstance(effect, type) for effect in chosen):
         raise InputError(
             'effects: must be a sequence of effects, a table of their parameters or the path '
-            f'of a file, got {effects!r}'
+            f'of a file, got {shown(effects)}'
         )
     return chosen
 

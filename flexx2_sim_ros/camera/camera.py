@@ -7,7 +7,7 @@ from typing import Any
 from flexx2_sim_ros.camera.arguments import as_array, as_effects, as_images, as_nanoseconds
 from flexx2_sim_ros.camera.frame import Frame
 from flexx2_sim_ros.camera.stages import run_stages
-from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.errors import InputError, shown
 from flexx2_sim_ros.physics.axial import model_sigma, observe, scale_by_surface
 from flexx2_sim_ros.physics.frame_state import (
     check_frequencies,
@@ -85,9 +85,9 @@ class Camera:
             or not isinstance(seed, int | np.integer)
             or not -(2**63) <= seed < 2**63
         ):
-            raise InputError(f'seed: must be a whole number of 64 bits, got {seed!r}')
+            raise InputError(f'seed: must be a whole number of 64 bits, got {shown(seed)}')
         if not isinstance(name, str):
-            raise InputError(f'name: must be a string, got {name!r}')
+            raise InputError(f'name: must be a string, got {shown(name)}')
         self.seed = int(seed)
         self.name = name
         noise = self.mode.noise

@@ -7,7 +7,7 @@ from typing import Any
 from flexx2_sim_ros.atomic import checked_target, output_folder, whole_files
 from flexx2_sim_ros.effects import Effect, registry
 from flexx2_sim_ros.effects.presets import bounds, markdown, preset_files
-from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.errors import InputError, shown
 from rich import box
 from rich.console import Console
 from rich.markup import escape
@@ -113,7 +113,7 @@ def run_show(arguments: argparse.Namespace) -> int:
     """Write the picture of one effect, and print its parameters."""
     known = registry()
     if arguments.name not in known:
-        raise InputError(f'NAME: must be one of {", ".join(known)}, got {arguments.name!r}')
+        raise InputError(f'NAME: must be one of {", ".join(known)}, got {shown(arguments.name)}')
     from flexx2_sim_ros.cli.effects_picture import draw
 
     kind: type[Effect] = known[arguments.name]

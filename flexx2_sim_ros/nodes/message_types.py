@@ -5,7 +5,7 @@ from importlib.machinery import PathFinder
 from pathlib import Path
 import re
 
-from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.errors import InputError, shown
 
 # https://design.ros2.org/articles/legacy_interface_definition.html
 _TYPE = re.compile(r'([a-z][a-z0-9_]*)/msg/([A-Z][A-Za-z0-9]*)', re.ASCII)
@@ -32,7 +32,7 @@ def message_class(kind: str) -> type:
     match = _TYPE.fullmatch(kind)
     if match is None:
         raise InputError(
-            f'type: must be a message type such as sensor_msgs/msg/Image, got {kind[:80]!r}'
+            f'type: must be a message type such as sensor_msgs/msg/Image, got {shown(kind)}'
         )
     package, name = match.groups()
     if not _is_generated(package):

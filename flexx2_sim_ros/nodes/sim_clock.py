@@ -4,6 +4,7 @@ from collections.abc import Callable
 import time
 from typing import Any
 
+from flexx2_sim_ros.errors import shown
 from flexx2_sim_ros.nodes import messages
 from flexx2_sim_ros.nodes.twins import take
 from rclpy.node import Node
@@ -86,7 +87,7 @@ class SimClock:
         if not self._warned and others:
             name = f'{others[0].node_namespace.rstrip("/")}/{others[0].node_name}'
             self._node.get_logger().error(
-                f'{_TOPIC}: {name[:80]!r} publishes it too, and time will jump: start this node '
+                f'{_TOPIC}: {shown(name)} publishes it too, and time will jump: start this node '
                 'with use_sim_time:=true (it then follows) or publish_clock:=false'
             )
         self._warned = bool(silent or others)

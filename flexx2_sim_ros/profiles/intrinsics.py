@@ -4,7 +4,7 @@ from dataclasses import dataclass
 import math
 from typing import Any
 
-from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.errors import InputError, shown
 import numpy as np
 
 
@@ -91,7 +91,7 @@ class Intrinsics:
         try:
             matrix = np.asarray(K, dtype=np.float64)
         except (TypeError, ValueError) as error:
-            raise InputError(f'K: must be a 3 x 3 matrix of numbers, got {K!r}') from error
+            raise InputError(f'K: must be a 3 x 3 matrix of numbers, got {shown(K)}') from error
         if matrix.size != 9:
             raise InputError(f'K: must have shape (3, 3), got {matrix.shape}')
         matrix = matrix.reshape(3, 3)

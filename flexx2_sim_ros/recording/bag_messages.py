@@ -4,7 +4,7 @@ from functools import cache
 import struct
 from typing import Any
 
-from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.errors import InputError, shown
 import numpy as np
 from rosbags.typesys import get_typestore, Stores
 from rosbags.typesys.store import Typestore
@@ -60,7 +60,7 @@ def decode(kind: str, data: bytes, where: str) -> Any:
     try:
         return typestore().deserialize_cdr(data, kind)
     except Exception as error:  # Bytes that are something else break it in any way.
-        raise InputError(f'{where}: cannot be decoded as {kind}: {error!r}') from error
+        raise InputError(f'{where}: cannot be decoded as {kind}: {shown(error)}') from error
 
 
 def header_stamp(data: bytes, where: str) -> int:

@@ -7,7 +7,7 @@ import time
 from types import TracebackType
 
 from flexx2_sim_ros.atomic import reason
-from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.errors import InputError, shown
 from flexx2_sim_ros.recording.bag_remains import Message
 from flexx2_sim_ros.recording.bag_writer import BagWriter
 from rosbags.interfaces import Qos
@@ -106,7 +106,7 @@ class BagSink:
                 f'{self._writer.path}: {reason(error)}; earlier messages are in the bag'
             )
         except Exception as error:  # Whatever it is, the thread that records has to know.
-            self.error = InputError(f'{self._writer.path}: cannot be written: {error!r}')
+            self.error = InputError(f'{self._writer.path}: cannot be written: {shown(error, 200)}')
 
     def _write(self, writer: BagWriter) -> None:
         flushed = time.monotonic()

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from flexx2_sim_ros.config_file import read_section
-from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.errors import InputError, shown
 from flexx2_sim_ros.paths import config_dir
 import mujoco
 import numpy as np
@@ -40,7 +40,7 @@ def load_materials(path: str | Path | None = None) -> dict[str, float]:
         if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 <= value <= 1:
             raise InputError(
                 f'{path}: materials.{name}.reflectivity: must be a number from 0 to 1, '
-                f'got {value!r}'
+                f'got {shown(value)}'
             )
         table[str(name)] = float(value)
     return table

@@ -2,7 +2,7 @@
 
 import copy
 
-from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.errors import InputError, shown, unquoted
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from flexx2_sim_ros.rendering.visibility import unseen_geoms
 import mujoco
@@ -61,7 +61,10 @@ class ModelCameras:
         index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, name)
         if index < 0:
             names = ', '.join(model.cam(i).name for i in range(model.ncam))
-            raise InputError(f'camera: must be one of {names or "none: no camera"}, got {name!r}')
+            raise InputError(
+                f'camera: must be one of {unquoted(names, 400) or "none: no camera"}, got '
+                f'{shown(name)}'
+            )
         size = (wanted.width, wanted.height)
         focal = np.zeros(4)
         if all(model.cam_sensorsize[index]):

@@ -2,7 +2,7 @@
 
 from typing import Protocol
 
-from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.errors import InputError, shown
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from flexx2_sim_ros.rendering.opengl import OpenGlRenderer
 from flexx2_sim_ros.rendering.ray_caster import RayCaster
@@ -97,7 +97,7 @@ def open_renderer(
 
     """
     if backend not in BACKENDS:
-        raise InputError(f'backend: must be one of {", ".join(BACKENDS)}, got {backend!r}')
+        raise InputError(f'backend: must be one of {", ".join(BACKENDS)}, got {shown(backend)}')
     if backend == 'ray':
         return RayCaster(model, intrinsics, ())
     reasons: list[str] = []

@@ -4,11 +4,10 @@ from dataclasses import dataclass
 import json
 import math
 
-from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.errors import InputError, shown
 
 # In characters. Camera names are ROS names, modes are shorter.
 _LONGEST_NAME = 256
-_SHOWN = 60
 
 
 @dataclass(frozen=True)
@@ -82,8 +81,7 @@ def parse(message: str | bytes) -> Drawn | Drive | Choose:
     # Of deep nesting and of whole numbers that no float holds.
     except (ValueError, RecursionError, OverflowError):
         pass
-    shown = repr(message[:_SHOWN]) + ('...' if len(message) > _SHOWN else '')
-    raise InputError(f'message: must be JSON as the page sends it, got {shown}')
+    raise InputError(f'message: must be JSON as the page sends it, got {shown(message)}')
 
 
 def _is_name(text: str) -> bool:

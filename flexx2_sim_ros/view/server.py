@@ -14,7 +14,7 @@ import socket
 import threading
 from typing import Any, Protocol
 
-from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.errors import InputError, shown
 from flexx2_sim_ros.view.access import Access
 from flexx2_sim_ros.view.colours import depth_table, difference_table, INVALID
 from flexx2_sim_ros.view.packing import pack, ViewedFrame
@@ -95,7 +95,8 @@ def bind(host: str, port: int) -> list[socket.socket]:
                 f'--port: must be 1024 or more for this user, or 0 for any, got {port}'
             ) from error
         raise InputError(
-            f'--host: must be an address of this machine, got {host!r}: {error.strerror or error}'
+            f'--host: must be an address of this machine, got {shown(host)}: '
+            f'{error.strerror or error}'
         ) from error
 
 

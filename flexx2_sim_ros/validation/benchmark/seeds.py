@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.errors import InputError, shown
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ def seed_range(name: str, release: bool) -> SeedRange:
     if name == DEVELOPMENT.name:
         return DEVELOPMENT
     if name != TEST.name:
-        raise InputError(f'--seed-set: must be dev or test, got {name!r}')
+        raise InputError(f'--seed-set: must be dev or test, got {shown(name)}')
     if not release:
         raise InputError(
             '--seed-set: must be dev, got test without --release. The test seeds are for the run '

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.errors import InputError, shown
 from flexx2_sim_ros.validation.blind import electronics, geometry, lens, novel, processing
 from flexx2_sim_ros.validation.blind.frame import Effect
 from flexx2_sim_ros.validation.blind.views import Optics
@@ -46,5 +46,5 @@ def make_effect(name: str, strength: float, rng: np.random.Generator, optics: Op
     """
     known = {**CATALOGUE, **NOVEL}
     if name not in known:
-        raise InputError(f'effect: must be one of {", ".join(known)}, got {name!r}')
+        raise InputError(f'effect: must be one of {", ".join(known)}, got {shown(name)}')
     return known[name](strength, rng, optics)
