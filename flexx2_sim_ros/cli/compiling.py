@@ -20,7 +20,8 @@ def add_parser(commands: Any) -> None:
         description='Compile the camera model and all effects, so that a camera starts at once. '
         'The result is kept in the folder of the package, or in the cache folder of the user if '
         'that is not writable (then each user runs this command once). Run it again after an '
-        'update of the package or of numba.',
+        'update of the package or of numba. The commands characterize and gap have compiled loops '
+        'of their own. They are compiled when these commands run for the first time.',
     )
     parser.add_argument(
         '--no-effects',
