@@ -95,7 +95,7 @@ def test_frames_are_paired_and_looked_up_as_the_camera_does(watched: Watched) ->
     shot = watched.show_until(lambda shot: True, 1)
     assert shot.clean.shape == shot.simulated.shape == (172, 224)
     np.testing.assert_allclose(shot.clean, 1.5, rtol=1e-5)
-    assert shot.invalid_share == 0.5
+    assert shot.invalid_fraction == 0.5
     # The real driver has no clean depth.
     assert watched.show(10_000, clean=False).clean is None
     viewer.watch(False)

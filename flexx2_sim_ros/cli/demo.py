@@ -169,7 +169,7 @@ def _add_row(table: Table, camera: str, usecase: str, capture: Any) -> None:
         f'{capture.rate_hz:.2f}',
         f'{latency[len(latency) // 2]:.1f}',
         f'{latency[int(0.99 * (len(latency) - 1))]:.1f}',
-        f'{100 * capture.invalid_share:.1f}',
+        f'{100 * capture.invalid_fraction:.1f}',
         f'{1e3 * realised:.2f}',
         f'{1e3 * modelled:.2f}',
         f'{realised / modelled:.3f}',

@@ -1,4 +1,4 @@
-"""The camera node: clean depth in, what a Flexx2 would have seen out."""
+"""The camera node: takes clean depth, publishes what a Flexx2 would have seen."""
 
 import time
 from traceback import format_exception
@@ -38,27 +38,27 @@ from rclpy.parameter import Parameter
 from sensor_msgs.msg import CameraInfo, Image
 
 _DEPTH_ENCODINGS = ('32FC1', '64FC1', '16UC1')
-# How soon a publisher that appears, or changes, is followed.
+# Period of the check for publishers that are new or have changed.
 _FOLLOW_SECONDS = 0.2
-# How often what is the matter with the input is logged again.
+# Time after which the same problem of the input is logged again.
 _REMIND_SECONDS = 30.0
 
 
 class _NoCameraInfoError(InputError):
-    """No camera info has come so far."""
+    """No camera info has arrived yet."""
 
 
 class Flexx2Camera(SteadyNode):
     """
     A simulated Flexx2, on the topics and parameters of the vendor's driver.
 
-    Subscribes ``clean/depth_image``, ``clean/camera_info`` and, when somebody publishes it,
-    ``clean/reflectivity``; publishes under ``~/``: ``depth_image_0``, ``camera_info``,
-    ``point_cloud_0``, ``gray_image_0``, ``depth_noise_0``; ``/diagnostics``; and, where
-    ``parent_frame`` is set, the camera's frame on ``/tf_static``.
+    It subscribes to ``clean/depth_image``, ``clean/camera_info`` and ``clean/reflectivity``, which
+    is optional. It publishes ``depth_image_0``, ``camera_info``, ``point_cloud_0``,
+    ``gray_image_0`` and ``depth_noise_0`` under ``~/``, and ``/diagnostics``. If the parameter
+    ``parent_frame`` is set, it publishes the camera's frame on ``/tf_static``.
     """
 
-    # Effects and exposures depend on the mode, single effects on the file.
+    # Effects and exposures depend on the mode, and single effects depend on the file of effects.
     set_first = frozenset({'effects', 'usecase', 'auto_exposure_0'})
 
     def __init__(self, **options: Any) -> None:
@@ -90,7 +90,7 @@ class Flexx2Camera(SteadyNode):
     def _open_topics(self) -> None:
         self._outputs = CameraOutputs(self, self.settings, self._profile.sensor)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
-        # Companions first: of messages that wait together they are then taken before the image.
+        # The image is last: of messages that wait together, it is then handled after the others.
         self._inputs = {
             topic: Input(self, kind, topic, callback)
             for topic, kind, callback in (
@@ -101,7 +101,7 @@ class Flexx2Camera(SteadyNode):
         }
         self._watch = InputWatch(self._inputs, self._pairing)
         self._warned = False
-        # A steady clock: diagnostics go on when a simulation's /clock stands still.
+        # A steady clock, because diagnostics must continue while /clock stands still.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(1.0, self._report, clock=steady)
         self.create_timer(_FOLLOW_SECONDS, self._follow, clock=steady)
@@ -120,7 +120,7 @@ class Flexx2Camera(SteadyNode):
             warm_up(self._camera, self.settings.intrinsics)
 
     def _place(self, frame: str) -> None:
-        # `frame_id` can be set while streaming.
+        # `frame_id` can change while the node runs.
         if self._frames is not None and frame != self._placed:
             self._placed = frame
             settings = self.settings
@@ -158,18 +158,18 @@ class Flexx2Camera(SteadyNode):
         return camera
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
-        """Set parameters, all or none of them, judged together: the mode with its exposure."""
+        """Set all parameters or none. The mode and its exposure are checked together."""
         if not hasattr(self, 'settings'):  # They are being declared.
             return super().set_parameters_atomically(parameter_list)
         with self.settings.exposure_of_any_mode():
             return super().set_parameters_atomically(parameter_list)
 
     def set_parameters(self, parameter_list: list[Parameter]) -> list[SetParametersResult]:
-        """Set parameters one by one, as `set_parameters_atomically` sets each."""
+        """Set parameters one by one, each with `set_parameters_atomically`."""
         return [self.set_parameters_atomically([parameter]) for parameter in parameter_list]
 
     def _on_change(self, new_mode: bool) -> None:
-        # Called between two frames: callbacks of this node never run side by side.
+        # Called between two frames: callbacks of this node never run at the same time.
         were_on = {effect.name for effect in self._camera.effects}
         if new_mode:
             self._camera = self._make_camera()
@@ -177,7 +177,7 @@ class Flexx2Camera(SteadyNode):
             self._statistics.output_rate.clear()
             self.get_logger().info(f'usecase is now {self._camera.usecase}')
         else:
-            # What goes on being on keeps its memory.
+            # Effects that stay on keep their memory.
             self._camera.effects = self.settings.effects.chosen
         if any(effect.name not in were_on for effect in self._camera.effects):
             self._compile('the camera model')
@@ -208,8 +208,8 @@ class Flexx2Camera(SteadyNode):
             start = time.perf_counter()
             try:
                 published = self._process(match)
-            except Exception as error:  # A node never dies of a message.
-                # Once the node has been told to stop, what it publishes on is gone.
+            except Exception as error:  # A message must not end the node.
+                # After the node was told to stop, its publishers do not exist any more.
                 if self.context.ok():
                     self._reject(error)
             else:
@@ -222,9 +222,9 @@ class Flexx2Camera(SteadyNode):
         if not isinstance(error, InputError):
             text = f'internal error, please report it: {"".join(format_exception(error))}'
         self._statistics.last_error = text
-        # The value may differ from message to message; the field does not.
+        # Throttle by field: the value may differ in each message.
         if self._throttle.ready(text.partition(': must')[0]):
-            # At the start an image often comes before the first camera info.
+            # At the start, an image often arrives before the first camera info.
             logger = self.get_logger()
             log = logger.warning if isinstance(error, _NoCameraInfoError) else logger.error
             log(f'input rejected: {text}')
@@ -240,7 +240,7 @@ class Flexx2Camera(SteadyNode):
         head = messages.header(match.stamp, self.settings.frame_id or match.image.header.frame_id)
         self._place(head.frame_id)
         if self._outputs.wanted:
-            # Parameters of effects are for the automatic exposure, or the longest.
+            # Parameters of effects hold for the automatic or the longest exposure.
             self._camera.exposure_share = self.settings.exposure_share or 1.0
             frame = self._camera.capture(
                 view.depth(image),
@@ -249,7 +249,7 @@ class Flexx2Camera(SteadyNode):
                 None if reflectivity is None else view.reflectivity(reflectivity),
             )
             _make_invalid(frame, view.outside)
-            self._statistics.invalid_share = float(np.isnan(frame.depth).mean())
+            self._statistics.invalid_fraction = float(np.isnan(frame.depth).mean())
             self._outputs.publish_frame(head, frame)
         self._outputs.publish_info(head)
         self._statistics.published += 1
@@ -292,7 +292,7 @@ class Flexx2Camera(SteadyNode):
                     f'clean/reflectivity: size: must be that of clean/depth_image, {shape[1]} '
                     f'x {shape[0]}, got {image.shape[1]} x {image.shape[0]}'
                 )
-        except InputError as error:  # It is optional: the frame goes out without it.
+        except InputError as error:  # It is optional: the frame is published without it.
             self._reject(error)
             return None
         return np.clip(np.nan_to_num(image), 0.0, 1.0)
@@ -348,7 +348,7 @@ class Flexx2Camera(SteadyNode):
         for remark in remarks:
             if not self._throttle.ready(remark.kind, _REMIND_SECONDS):
                 continue
-            # rclpy wants one severity for a line of code.
+            # rclpy allows only one severity for each line of code that logs.
             if remark.warn:
                 logger.warning(remark.text)
             else:
@@ -364,7 +364,7 @@ class Flexx2Camera(SteadyNode):
             self.get_logger().warning(text)
 
     def destroy_node(self) -> None:
-        """Close the node and give its name free."""
+        """Close the node and release its name."""
         super().destroy_node()
         if self._claim is not None:
             self._claim.close()

@@ -1,4 +1,4 @@
-"""The parameters of `flexx2_camera`: the vendor driver's, and this camera's own."""
+"""The parameters of `flexx2_camera`: those of the vendor's driver and additional ones."""
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -23,7 +23,7 @@ from rclpy.parameter import Parameter
 _USECASE = 'usecase'
 _AUTO = 'auto_exposure_0'
 _EXPOSURE = 'exposure_time_0'
-# Of what goes into every message.
+# Names that go into every message.
 _LONGEST_FRAME_ID = 255
 _CHOICES = {
     'invalid_value': ('nan', 'zero'),
@@ -43,14 +43,14 @@ class CameraParameters:
     profile : Profile
         The camera; gives modes and default intrinsics.
     on_change : callable
-        Called once after a set that changed mode or effects, with whether the mode is another.
+        Called after a change of the mode or the effects, with whether the mode has changed.
 
     Attributes
     ----------
     parent_frame : str
-        Frame that the camera is mounted on; empty when nobody said.
+        Frame that the camera is mounted on; empty if it was not given.
     mount_position, mount_rpy : list of float
-        Of the lens in it: metres; roll, pitch, yaw in radians.
+        Pose of the lens in that frame: metres; roll, pitch, yaw in radians.
 
     Raises
     ------
@@ -132,28 +132,28 @@ class CameraParameters:
 
     @property
     def frame_id(self) -> str:
-        """Return the frame to publish in; empty for the input's."""
+        """Return the frame to publish in; empty to take the frame of the input."""
         usual = f'{self._node.get_name()}_optical_frame' if self.parent_frame else ''
         return str(self._node.get_parameter('frame_id').value) or usual
 
     @property
     def radial(self) -> bool:
-        """Say whether the input holds distances along the ray."""
+        """Return whether the input contains distances along the ray."""
         return bool(self._node.get_parameter('input_depth').value == 'radial')
 
     @property
     def invalid_is_zero(self) -> bool:
-        """Say whether an invalid pixel is written as 0 instead of NaN."""
+        """Return whether an invalid pixel is written as 0 instead of NaN."""
         return bool(self._node.get_parameter('invalid_value').value == 'zero')
 
     @property
     def cloud_is_swapped(self) -> bool:
-        """Say whether the point cloud has width and height exchanged."""
+        """Return whether width and height of the point cloud are exchanged."""
         return bool(self._node.get_parameter('cloud_layout').value == 'driver')
 
     @property
     def exposure_share(self) -> float | None:
-        """Return exposure as a share of the mode's longest; None for automatic."""
+        """Return the exposure as a fraction of the mode's longest; None for automatic."""
         if self._node.get_parameter(_AUTO).value:
             return None
         longest = self._profile.mode(self.usecase).exposure_us[1]
@@ -214,10 +214,10 @@ class CameraParameters:
     @contextmanager
     def exposure_of_any_mode(self) -> Iterator[None]:
         """
-        Let rclpy take any exposure time for a while.
+        Let rclpy accept any exposure time inside the block.
 
-        rclpy checks it against the range of the present mode. A set that changes the mode as
-        well is judged here, as a whole.
+        rclpy checks it against the range of the present mode. If the mode changes in the same
+        request, mode and exposure are checked together here.
         """
         self._node.set_descriptor(
             _EXPOSURE, ParameterDescriptor(type=ParameterType.PARAMETER_INTEGER)
@@ -228,11 +228,11 @@ class CameraParameters:
             self._node.set_descriptor(_EXPOSURE, self._exposure_descriptor())
 
     def _canonical(self, parameters: list[Parameter]) -> list[Parameter]:
-        # What is stored and reported is the driver's spelling, whatever was typed.
+        # The driver's spelling is stored and reported, not the user's.
         result = []
         for parameter in parameters:
             if parameter.name == _USECASE:
-                with suppress(InputError):  # `_validate` says why.
+                with suppress(InputError):  # `_validate` returns the reason.
                     name = self._profile.mode(parameter.value).name
                     parameter = Parameter(_USECASE, value=name)
             if parameter.name == 'invalid_value' and parameter.value != parameter.value:
@@ -242,7 +242,7 @@ class CameraParameters:
         return self.effects.expand(self._with_exposure(result))
 
     def _with_exposure(self, parameters: list[Parameter]) -> list[Parameter]:
-        # As the driver does: another mode starts at its longest exposure, and an automatic
+        # Like the driver: a new mode starts at its longest exposure. An automatic
         # exposure, which is the longest here, cannot be set.
         values = {parameter.name: parameter.value for parameter in parameters}
         mode = self._mode_of(values)
@@ -262,7 +262,7 @@ class CameraParameters:
         ]
 
     def _mode_of(self, values: Mapping[str, Any]) -> Mode | None:
-        # The mode after a set; None when it asks for one that there is not.
+        # The mode after the change; None if there is no such mode.
         with suppress(InputError):
             return self._profile.mode(values.get(_USECASE, self.usecase))
         return None

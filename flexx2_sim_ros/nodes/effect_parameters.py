@@ -1,4 +1,4 @@
-"""The parameters of `flexx2_camera` that switch effects: a file, and each number by itself."""
+"""The parameters of `flexx2_camera` for effects: a file, and each number of each effect."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -12,14 +12,14 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 FILE = 'effects'
-# Ends the name of a file whose numbers are not those of the camera.
+# Suffix of the file's name when the camera's numbers differ from the file's.
 _CHANGED = '*'
 
 
 @dataclass(frozen=True)
 class _Source:
-    # What a file says: the value of every effect.* parameter (strength 0 for what it does not
-    # name), and the effects that are no parameters, which come and go with the file.
+    # The content of a file: the value of every effect.* parameter (strength 0 for effects that it
+    # does not name), and the effects without parameters, which are on only with the file.
     name: str
     numbers: Mapping[str, float]
     others: tuple[Effect, ...]
@@ -29,11 +29,11 @@ class EffectParameters:
     """
     Declare, check and hold ``effects`` and ``effect.<name>.<parameter>``.
 
-    ``effects`` is the path of a YAML file (or a preset's name). Setting it sets all the others:
-    to what the file says, and off where it says nothing; numbers that come in the same set win.
-    Its value ends with ``*`` while a number differs from the file's. Setting a name that ends
-    with ``*`` leaves the numbers as they are: so the parameters can be written down and set
-    again in any order.
+    ``effects`` is the path of a YAML file (or a preset's name). Setting it sets all other
+    parameters to the values in the file. Effects that the file does not name are switched off.
+    Numbers in the same request have priority over the file. The value of ``effects`` ends with
+    ``*`` while a number differs from the file's. Setting a value that ends with ``*`` does not
+    change the numbers, so parameters can be saved and set again in any order.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ class EffectParameters:
     """
 
     def __init__(self, node: Node) -> None:
-        """Declare all; the file first, then what is given beside it."""
+        """Declare all parameters: the file first, then the single numbers."""
         self._node = node
         self._items = {
             f'effect.{kind.name}.{item.name}': item
@@ -71,7 +71,7 @@ class EffectParameters:
         )
         self._source = _read(text.removesuffix(_CHANGED))
         start = _read('') if text.endswith(_CHANGED) else self._source
-        # What `expand` read for the set in progress, or why it could not.
+        # What `expand` read for the present request, or its error.
         self._next: _Source | InputError = self._source
         for name, value in start.numbers.items():
             self._declare(name, value)
@@ -79,7 +79,7 @@ class EffectParameters:
         self.chosen = (*self._build(self._numbers()), *self._source.others)
 
     def expand(self, parameters: Sequence[Parameter]) -> list[Parameter]:
-        """Return what is to be set: whole numbers as floats, and all that a file says."""
+        """Return the parameters to set: whole numbers as floats, and all numbers of a file."""
         given = [self._as_float(parameter) for parameter in parameters]
         numbers = {p.name: p.value for p in given if p.name in self._items}
         texts = [p.value for p in given if p.name == FILE]
@@ -88,12 +88,12 @@ class EffectParameters:
         self._next, loaded = self._source, dict[str, float]()
         if texts:
             if not isinstance(texts[-1], str):
-                return given  # Refused for its type.
+                return given  # The type check refuses it.
             try:
                 self._next = _read(texts[-1].removesuffix(_CHANGED))
             except InputError as error:
                 self._next = error
-                return given  # `check` says why.
+                return given  # `check` raises the reason.
             if not texts[-1].endswith(_CHANGED):
                 loaded = {
                     name: value
@@ -109,7 +109,7 @@ class EffectParameters:
 
     def check(self, values: Mapping[str, Any]) -> tuple[Effect, ...]:
         """
-        Check what is to be set, by name; return all effects as they are then.
+        Check new values by name; return all effects with these values.
 
         Raises
         ------
@@ -127,7 +127,7 @@ class EffectParameters:
         return self._after(values, changed)
 
     def apply(self, values: Mapping[str, Any]) -> bool:
-        """Take over what has been set, by name; say whether the effects have changed."""
+        """Apply new values by name; return whether the effects have changed."""
         before = self.chosen
         self.chosen = self._after(values, {})
         if FILE in values and isinstance(self._next, _Source):
@@ -156,7 +156,7 @@ class EffectParameters:
     def _declare(self, name: str, default: float) -> None:
         item = self._items[name]
         text = f'{item.text}, {item.unit}' if item.unit else item.text
-        # Of any type at first, since -p effect.offset.strength:=1 is a whole number.
+        # Declared with any type, because -p effect.offset.strength:=1 is a whole number.
         given = self._node.declare_parameter(
             name, default, ParameterDescriptor(dynamic_typing=True)
         ).value

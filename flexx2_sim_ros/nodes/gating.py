@@ -1,22 +1,22 @@
-"""Frame timing by header stamps: which inputs become frames, and how fast they come."""
+"""Frame timing by header stamps: which inputs become frames, and at what rate they arrive."""
 
 from collections import deque
 from itertools import pairwise
 from statistics import median
 
 _NANOSECONDS = 1_000_000_000
-# So many usual periods without a stamp are a pause, if they last a second.
+# A gap of this many usual periods, and of at least a second, is a pause.
 _PAUSE_PERIODS = 5
 
 
 class FrameGate:
     """
-    Let frames through at a mode's rate, by their stamps.
+    Select the inputs that become frames at a mode's rate, by their stamps.
 
     Frames are due at ``origin + k / rate`` in whole nanoseconds, so there is no drift. An input
-    up to a fifth of a period early is let through, since stamps are rounded and jitter, unless
-    the next one will be nearer to the due time. Input slower than the rate passes whole. A stamp
-    that goes back (a simulation was reset) starts afresh.
+    may be up to a fifth of a period early, because stamps are rounded and jitter, unless the next
+    input will be nearer to the due time. If the input is slower than the rate, all of it is
+    accepted. A stamp that goes back (a simulation was reset) restarts the timing.
 
     Parameters
     ----------
@@ -26,8 +26,8 @@ class FrameGate:
     Attributes
     ----------
     early, repeats, restarts : int
-        Inputs that were not due yet, that had the stamp of the one before, and times that the
-        stamps went back.
+        Number of inputs that were not due yet, of inputs with the stamp of the one before, and of
+        stamps that went back.
 
     """
 
@@ -50,9 +50,9 @@ class FrameGate:
 
     def accept(self, stamp: int) -> bool:
         """
-        Say whether the input with this stamp (nanoseconds) is a frame.
+        Return whether the input with this stamp (nanoseconds) becomes a frame.
 
-        A stamp equal to the last one is a repetition and is not.
+        An input with the same stamp as the last one does not.
         """
         tolerance = self._tolerance
         if self._last_input is not None:
@@ -73,7 +73,7 @@ class FrameGate:
             self.early += 1
             return False
         if stamp >= self._due(self._next + 1):
-            # Due times have passed without an input: leave them out.
+            # Skip due times that passed without an input.
             elapsed = stamp + tolerance - self._origin
             self._next = elapsed * self._millihertz // (1000 * _NANOSECONDS)
         self._next += 1
@@ -87,33 +87,33 @@ class FrameGate:
 
 class RateMeter:
     """
-    Measure a rate from stamps, over the last 120 of them.
+    Measure a rate from the last 120 stamps.
 
-    A pause, or a clock that was set forward, is no part of a rate: only the stamps after it count.
+    Only stamps after the last pause (or jump of the clock) count.
     """
 
     def __init__(self) -> None:
-        """Start empty."""
+        """Start without stamps."""
         self._stamps: deque[int] = deque(maxlen=120)
 
     def add(self, stamp: int) -> None:
-        """Take a stamp (nanoseconds) in; one that goes back starts afresh."""
+        """Add a stamp (nanoseconds); a stamp that goes back discards the earlier ones."""
         if self._stamps and stamp < self._stamps[-1]:
             self._stamps.clear()
         self._stamps.append(stamp)
 
     def clear(self) -> None:
-        """Start afresh."""
+        """Discard all stamps."""
         self._stamps.clear()
 
     @property
     def samples(self) -> int:
-        """How many stamps the rate rests on."""
+        """Return the number of stamps that the rate is computed from."""
         return len(self._recent())
 
     @property
     def hz(self) -> float:
-        """Return the rate in Hz; 0 before there are two stamps."""
+        """Return the rate in Hz; 0 with fewer than two stamps."""
         recent = self._recent()
         if len(recent) < 2 or recent[-1] == recent[0]:
             return 0.0

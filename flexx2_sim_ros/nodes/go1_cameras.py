@@ -8,8 +8,9 @@ from flexx2_sim_ros.signals import leave_on_signals
 
 def main() -> int:
     """Run the robot node until it is told to stop."""
-    leave_on_signals(status=lambda _number: 0)  # As a node that was told to end.
-    # Imported here, since it takes a second in which a signal would leave a traceback.
+    leave_on_signals(status=lambda _number: 0)  # A node that was told to stop exits with 0.
+    # Imported after the signal handlers are set: it takes a second, and a signal would print a
+    # traceback.
     from flexx2_sim_ros.processes import end_with_parent
 
     end_with_parent()

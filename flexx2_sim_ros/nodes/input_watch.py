@@ -1,4 +1,4 @@
-"""What is the matter with a camera node's input, for the log and the diagnostics."""
+"""Problems of a camera node's input, for the log and the diagnostics."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -10,23 +10,23 @@ from flexx2_sim_ros.nodes.subscriptions import Input
 from flexx2_sim_ros.profiles.modes import Mode
 import numpy as np
 
-# How long a loss is told of.
+# How long a loss is reported.
 _LATELY_SECONDS = 5.0
 
 
 @dataclass(frozen=True)
 class Remark:
     """
-    Something to say about the input.
+    A remark about the input.
 
     Attributes
     ----------
     kind : str
-        The same for the same reason, whatever the values.
+        Identifies the reason; independent of values in the text.
     text : str
-        For people.
+        The remark, for users.
     warn : bool
-        Whether somebody should do something about it.
+        Whether the user should act on it.
 
     """
 
@@ -37,19 +37,19 @@ class Remark:
 
 class InputWatch:
     """
-    Watch what comes in: what is lost on the way, unpaired, or nowhere within the range.
+    Watch the input for lost messages, unpaired messages and images without a pixel in range.
 
     Parameters
     ----------
     inputs : mapping of str to Input
         By name (``clean/depth_image``).
     pairing : StampPairing
-        What brings images and companions together.
+        Pairs images with their companions.
 
     """
 
     def __init__(self, inputs: Mapping[str, Input], pairing: StampPairing) -> None:
-        """Start with nothing to say."""
+        """Start without remarks."""
         self._inputs, self._pairing = inputs, pairing
         self._suspect: tuple[np.ndarray, str, Mode] | None = None
         self._lost = dict.fromkeys(inputs, 0)
@@ -57,12 +57,12 @@ class InputWatch:
         self._paired = (0, 0)
 
     def look(self, depth: np.ndarray, encoding: str, mode: Mode) -> None:
-        """Look at a decoded depth image (H, W), metres; keep it if it may show nothing."""
+        """Check a decoded depth image (H, W) in metres; keep it if no pixel seems in range."""
         fine = sees_something(depth, mode.range_min, mode.range_max)
         self._suspect = None if fine else (depth, encoding, mode)
 
     def remarks(self) -> list[Remark]:
-        """Return what there is to say now, the most important first."""
+        """Return the present remarks, the most important first."""
         return [*self._losses(), *self._invisible(), *self._unpaired()]
 
     def values(self) -> dict[str, str]:

@@ -127,6 +127,6 @@ def quaternion(values: np.ndarray) -> Quaternion:
 
 
 def _fill(message: Any, array: np.ndarray) -> None:
-    # Appending to the field's own array is the fastest way in; assigning an ndarray is 2,000
-    # times slower.
+    # Extending the field's own array is the fastest way; assigning an ndarray is 2,000 times
+    # slower.
     message.data.frombytes(little_endian_bytes(array))

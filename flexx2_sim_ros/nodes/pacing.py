@@ -1,34 +1,34 @@
-"""Which simulated moments are due, at a factor of real time."""
+"""Ticks of simulated time that are due, at a factor of real time."""
 
 import time
 
 _NANOSECONDS = 1_000_000_000
-# What is this late (in real seconds) is given up: time then goes on from here.
+# A delay of more than this (real seconds) is given up: time continues from now.
 _PATIENCE = 0.25
-# Ticks made at once to catch up.
+# Most ticks made at once to catch up.
 _AT_ONCE = 2
 
 
 class Pacer:
     """
-    Count ticks; tick k is the simulated moment k / rate, whatever the pace and the pauses.
+    Count ticks. Tick k is at the simulated time k / rate, independent of pace and pauses.
 
     Parameters
     ----------
     rate_hz : float
-        Ticks a simulated second.
+        Ticks per simulated second.
 
     Attributes
     ----------
     tick : int
-        How many there were.
+        Number of ticks so far.
     lag : float
         Real seconds given up so far because ticks took too long.
 
     """
 
     def __init__(self, rate_hz: float) -> None:
-        """Start at tick 0, now, at real time."""
+        """Start at tick 0, now, in real time."""
         # Rates are exact in milli-hertz.
         self._millihertz = round(rate_hz * 1000)
         self.tick = 0
@@ -36,13 +36,13 @@ class Pacer:
         self.restart(1.0)
 
     def restart(self, factor: float) -> None:
-        """Go on from here and now, at a factor of real time."""
+        """Continue from now at a factor of real time."""
         self._factor = factor
         self._origin = time.monotonic(), self.tick
 
     @property
     def period(self) -> float:
-        """Return the real seconds from tick to tick."""
+        """Return the real time between ticks, seconds."""
         return 1000.0 / (self._millihertz * self._factor)
 
     @property
@@ -51,7 +51,7 @@ class Pacer:
         return self.tick * 1000 * _NANOSECONDS // self._millihertz
 
     def tick_at(self, stamp: int) -> int:
-        """Return the last tick at or before a simulated moment, nanoseconds."""
+        """Return the last tick at or before a simulated time in nanoseconds."""
         return ((stamp + 1) * self._millihertz - 1) // (1000 * _NANOSECONDS)
 
     def due(self) -> int:
@@ -59,7 +59,7 @@ class Pacer:
         start, tick = self._origin
         late = (time.monotonic() - start) / self.period - (self.tick - tick)
         if late * self.period > _PATIENCE + self.period:
-            # One of them is made now, the rest never.
+            # One of them is made now, the others are given up.
             self.lag += (late - 1) * self.period
             self._origin = time.monotonic(), self.tick + 1
             return 1

@@ -1,4 +1,4 @@
-"""Bring a depth image together with what was published for the same stamp."""
+"""Pair a depth image with the messages that have the same stamp."""
 
 from collections import OrderedDict
 from dataclasses import dataclass
@@ -33,22 +33,22 @@ class StampPairing:
     """
     Pair depth images with camera infos and reflectivity images by stamp.
 
-    Messages of one stamp arrive on their topics in any order. An image waits for a companion
-    that had come with the image before, and no longer than until the next image: one that has
-    stopped coming holds nothing up, and one of another rate (a latched camera info) costs one
-    frame's delay, once. When stamps go back (a simulation was reset), what came before is not
-    paired with what comes after, but for the last camera info.
+    Messages of one stamp arrive on their topics in any order. An image waits for a companion only
+    if the image before had one, and at most until the next image. So a companion that is no
+    longer published does not stop the stream, and a latched camera info delays one frame once.
+    When stamps go back (a simulation was reset), messages from before are not paired with
+    messages from after, except for the last camera info.
 
     Attributes
     ----------
     paired, unpaired : dict of str to int
-        By name of companion: images that found theirs, and companions that were dropped because
-        no image of their stamp came.
+        By name of companion: number of images with this companion, and of companions that were
+        dropped because no image had their stamp.
 
     """
 
     def __init__(self) -> None:
-        """Start empty: the first image waits for a camera info, not for reflectivity."""
+        """Start without messages: the first image waits for a camera info only."""
         self._expected = {'info': True, 'reflectivity': False}
         self._kept: dict[str, OrderedDict[int, Any]] = {
             name: OrderedDict() for name in self._expected
@@ -56,7 +56,7 @@ class StampPairing:
         self._unused: dict[str, set[int]] = {name: set() for name in self._expected}
         self.paired = dict.fromkeys(self._expected, 0)
         self.unpaired = dict.fromkeys(self._expected, 0)
-        # Companions that have gone back ahead of the image.
+        # Companions whose stamps went back before the image's did.
         self._gone_back: set[str] = set()
         self._pending: tuple[int, Any] | None = None
         self._released: int | None = None
@@ -64,7 +64,7 @@ class StampPairing:
         self._last_info: Any = None
 
     def image(self, stamp: int, message: Any) -> list[Match]:
-        """Take an image in; return the matches that are now complete, in order."""
+        """Add an image; return the matches that are now complete, in order."""
         matches = []
         if self._pending is not None:
             for name in self._missing(self._pending[0]):
@@ -82,7 +82,7 @@ class StampPairing:
         return matches
 
     def companion(self, name: str, stamp: int, message: Any) -> list[Match]:
-        """Take an ``info`` or ``reflectivity`` in; return what is now complete."""
+        """Add an ``info`` or ``reflectivity``; return the matches that are now complete."""
         if name == 'info':
             self._last_info = message
         kept = self._kept[name]

@@ -1,4 +1,4 @@
-"""Declare ROS parameters so that what is typed on a command line is understood."""
+"""Declare ROS parameters that accept the values that users type on a command line."""
 
 import sys
 from typing import Any
@@ -29,14 +29,14 @@ def declare(
     name, description : str
         For people.
     default
-        A value of the parameter's type. Where it is a float (or a list of them), whole numbers
-        are taken as well: ``-p rate:=30`` is what people type.
+        A value of the parameter's type. If it is a float or a list of floats, whole numbers are
+        accepted too (``-p rate:=30``).
     read_only : bool
         Whether it can be set at the start only.
     ignore_override : bool
         Whether it cannot even be set at the start.
     any_type : bool
-        Whether values of every type are taken, for the caller to check.
+        Whether values of every type are accepted; the caller checks them.
 
     Returns
     -------
@@ -70,8 +70,8 @@ def declare_text(node: Node, name: str, default: str, description: str) -> str:
     """
     Declare a read-only text that may look like a number, and return it.
 
-    ROS makes a number of ``-p serial:=0123``, which is 83: the text is taken from this process's
-    command line then. In a parameter file it is lost, and the log says what to write.
+    ROS reads ``-p serial:=0123`` as the octal number 83. The text is then taken from the command
+    line of this process. In a parameter file the text is lost, and the log says what to write.
 
     Parameters
     ----------

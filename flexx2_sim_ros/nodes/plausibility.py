@@ -1,11 +1,11 @@
-"""Why no pixel of a depth image can be seen: the likely reason, in words."""
+"""The likely reason why no pixel of a depth image is in range, in words."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
 _MILLI = 1000.0
-# Beyond these, metres that are read in the wrong byte order.
+# Values outside these limits are likely metres read in the wrong byte order.
 _SMALLEST, _LARGEST = 1e-6, 1e6
 _SAMPLES = 64
 
@@ -13,16 +13,16 @@ _SAMPLES = 64
 @dataclass(frozen=True)
 class Finding:
     """
-    What is the matter with input of which nothing can be seen.
+    The likely reason why an image has no pixel in range.
 
     Attributes
     ----------
     kind : str
-        The same for the same reason, whatever the values.
+        Identifies the reason; independent of values in the text.
     text : str
-        For people.
+        The reason, for users.
     wrong : bool
-        Whether the input is likely wrong; otherwise the camera looks at nothing.
+        Whether the input is likely wrong; otherwise nothing is in front of the camera.
 
     """
 
@@ -33,7 +33,7 @@ class Finding:
 
 def sees_something(depth: np.ndarray, nearest: float, farthest: float) -> bool:
     """
-    Look quickly whether some pixel is within the range.
+    Return whether some pixel is within the range, by a quick check.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ def sees_something(depth: np.ndarray, nearest: float, farthest: float) -> bool:
     Returns
     -------
     bool
-        True if a pixel of a coarse grid is in range; False may be wrong, see `explain`.
+        True if a pixel of a coarse grid is in range. False is no proof; see `explain`.
 
     """
     rows, columns = (max(1, size // _SAMPLES) for size in depth.shape)
@@ -55,7 +55,7 @@ def sees_something(depth: np.ndarray, nearest: float, farthest: float) -> bool:
 
 def explain(depth: np.ndarray, encoding: str, nearest: float, farthest: float) -> Finding | None:
     """
-    Say why no pixel is within the range.
+    Return why no pixel is within the range.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Publish a bag again, at the times of its own stamps."""
+"""Play a bag: publish its messages at the times of their stamps."""
 
 from collections import defaultdict
 from collections.abc import Callable, Sequence
@@ -21,16 +21,16 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from rosgraph_msgs.msg import Clock
 
 _CLOCK = '/clock'
-# Not the bag's own: the clock is made here, and the others speak of nodes that are not there.
+# Not played: the clock is published by this node, and the others are about absent nodes.
 _LEFT_OUT = {_CLOCK, EVENTS, '/rosout'}
-# By its meaning, whatever the bag says of its publisher.
+# Latched by definition, even if the bag gives another QoS.
 _LATCHED = {'/tf_static'}
 _TIMED = {messages.IMAGE, messages.CAMERA_INFO, messages.POINT_CLOUD}
 _RESET_NANOSECONDS = 1_000_000_000
 _NAP_SECONDS = 0.05
-# How far a subscriber may lag: a hundred messages, and a megabyte of a topic of large ones. Then
-# the player waits for it, but for one that has stopped listening not again and again. Fast DDS
-# acknowledges messages that are sent in fragments at once, and others every three seconds only.
+# How far a subscriber may lag: a hundred messages, or a megabyte of large ones. Then the player
+# waits for it; for a subscriber that does not respond it waits only once. Fast DDS acknowledges
+# fragmented messages at once, and others only every three seconds.
 _DEPTH = 100
 _AHEAD_BYTES = 1_000_000
 _FRAGMENTED_BYTES = 65_536
@@ -56,12 +56,12 @@ class Player(Node):
     sent : int
         Messages published.
     late : float
-        The most that a message was behind its time, seconds.
+        Largest delay of a message, seconds.
 
     Raises
     ------
     InputError
-        When no topic is left.
+        When no topic remains to play.
 
     """
 
@@ -101,7 +101,7 @@ class Player(Node):
                 f'{bag.path}: topics: must match some of {", ".join(bag.topics)}, got none'
             )
         kinds = {bag.topics[topic] for topic in self._publishers_by_topic}
-        # Without a camera's stamps there are the times at which the bag was written.
+        # Without stamps of a camera, the times at which messages were received are used.
         self._timed = kinds & _TIMED
         self._clock_topic = (
             self.create_publisher(Clock, _CLOCK, QoSProfile(depth=_DEPTH)) if clock else None
@@ -111,7 +111,7 @@ class Player(Node):
         self._started = 0.0
 
     def unheard(self) -> list[str]:
-        """Return the topics that nobody subscribes to."""
+        """Return the topics without a subscription."""
         return [
             topic
             for topic, publisher in self._publishers_by_topic.items()
@@ -120,20 +120,20 @@ class Player(Node):
 
     def play(self, rate: float, stop: Callable[[], bool]) -> None:
         """
-        Publish everything once.
+        Play the bag once.
 
         Parameters
         ----------
         rate : float
-            Seconds of the bag in one of real time.
+            Seconds of the bag per second of real time.
         stop : callable
-            Asked often; ends it when true.
+            Called often; playing ends when it returns true.
 
         """
         self._now = None
         for topic, kind, received, data in self._bag.messages(self._publishers_by_topic):
             if kind in self._timed:
-                with suppress(InputError):  # Whatever it is, it is sent.
+                with suppress(InputError):  # Messages of every type are sent.
                     self._wait(messages.header_stamp(data, topic), rate, stop)
             elif not self._timed:
                 self._wait(received, rate, stop)
@@ -157,8 +157,8 @@ class Player(Node):
                 )
 
     def finish(self, seconds: float) -> bool:
-        """Wait until all subscribers have everything; say whether they do in time."""
-        # Best effort acknowledges nothing, and loses what is under way when the topic goes.
+        """Wait until subscribers have all messages; return whether they have them in time."""
+        # Best-effort topics acknowledge nothing and lose what is in transit when they close.
         time.sleep(min(_UNDER_WAY_SECONDS, seconds))
         deadline = time.monotonic() + seconds
         return all(
@@ -167,8 +167,8 @@ class Player(Node):
         )
 
     def _wait(self, stamp: int, rate: float, stop: Callable[[], bool]) -> None:
-        # Time goes on with the first message of a new stamp. One that lags a little (another
-        # topic's) is sent at once; a stamp that goes far back is a simulation that was reset.
+        # Time advances with the first message of a new stamp. A message of another topic with a
+        # slightly older stamp is sent at once. A stamp that goes far back is a reset simulation.
         if self._now is not None and self._now - _RESET_NANOSECONDS < stamp <= self._now:
             return
         if self._now is None or stamp < self._now:

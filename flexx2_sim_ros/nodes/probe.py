@@ -14,7 +14,8 @@ from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
 from sensor_msgs.msg import Image
 
-# Grazing views end in noise as large as the distance, cut off by the range: no fair comparison.
+# At grazing incidence the noise is as large as the distance and clipped by the range: no fair
+# comparison.
 _LARGEST_SIGMA_SHARE = 0.05
 
 
@@ -26,11 +27,11 @@ class Capture:
     Attributes
     ----------
     clean, depth : numpy.ndarray
-        The last clean image and what was made of it, metres.
+        The last clean image and the simulated one, metres.
     stamps : list of int
         Of the simulated frames, nanoseconds.
     latencies : list of float
-        Seconds from receiving the clean image to receiving the simulated one, both here.
+        Seconds from the arrival of the clean image here to the arrival of the simulated one.
 
     """
 
@@ -45,7 +46,7 @@ class Capture:
     _sigma: Any = None
 
     def add(self, stamp: int, depth: np.ndarray, clean: np.ndarray, latency: float) -> None:
-        """Take a frame in."""
+        """Add a frame."""
         self.clean, self.depth = clean, depth
         self.stamps.append(stamp)
         self.latencies.append(latency)
@@ -56,7 +57,7 @@ class Capture:
         self._squares = self._squares + error**2
 
     def add_sigma(self, sigma: np.ndarray) -> None:
-        """Take the model's sigma_z of a frame in."""
+        """Add the model's sigma_z of a frame."""
         same = np.isfinite(sigma) if self._sigma is None else sigma == self._sigma
         self._steady = same if self._steady is None else self._steady & same
         self._sigma = sigma
@@ -69,7 +70,7 @@ class Capture:
         return (len(self.stamps) - 1) * 1e9 / (self.stamps[-1] - self.stamps[0])
 
     @property
-    def invalid_share(self) -> float:
+    def invalid_fraction(self) -> float:
         """Of the last frame."""
         return float('nan') if self.depth is None else float(np.isnan(self.depth).mean())
 
@@ -77,8 +78,8 @@ class Capture:
         """
         Return the realised and the modelled sigma_z, root mean square, metres.
 
-        Over the pixels that were valid in every frame and away from edges (where the lateral
-        noise shows another surface now and then).
+        Over pixels that were valid in every frame and away from edges (there, lateral noise
+        sometimes shows another surface).
         """
         if self._sigma is None or self.depth is None or len(self.stamps) < 3:
             return float('nan'), float('nan')
@@ -127,7 +128,7 @@ class Probe:
             self._subscribe(f'{node}/depth_image_0', name, self._on_depth)
 
     def _subscribe(self, topic: str, name: str, callback: Any) -> None:
-        # Reliable: a frame that is missing here was never published.
+        # Reliable, so that a missing frame was not published.
         self._node.create_subscription(Image, topic, lambda message: callback(name, message), 10)
 
     def _on_clean(self, name: str, message: Image) -> None:
@@ -157,7 +158,7 @@ class Probe:
         )
 
     def spin_until(self, condition: Any, seconds: float) -> bool:
-        """Handle messages until the condition holds; say whether it did in time."""
+        """Handle messages until the condition holds; return whether it did in time."""
         deadline = time.monotonic() + seconds
         while not condition():
             left = deadline - time.monotonic()
@@ -167,8 +168,8 @@ class Probe:
         return True
 
     def streaming(self) -> bool:
-        """Say whether simulated images of every camera arrive and its node answers."""
-        # A node's services are there before it has compiled its camera, which takes a while.
+        """Return whether images of every camera arrive and its node answers."""
+        # A node's services exist before its camera is compiled, which takes seconds.
         return (
             self._seen == self._clients.keys()
             and all(self._latest.values())
@@ -177,7 +178,7 @@ class Probe:
 
     def start(self, usecase: str) -> None:
         """
-        Switch every camera to a mode and start measuring afresh.
+        Switch every camera to a mode and restart the measurement.
 
         Raises
         ------
@@ -194,7 +195,7 @@ class Probe:
             if not result.successful:
                 raise InputError(f'{name}: {result.reason}')
         self.captures = {name: Capture() for name in self._clients}
-        # What was sent after the answer is taken in the new mode.
+        # Images sent after the answer are of the new mode.
         self._from = {name: stamp + 1 for name, stamp in self._latest.items()}
 
     def close(self) -> None:

@@ -1,4 +1,4 @@
-"""Record the topics of all cameras that there are, as they come."""
+"""Record the topics of all cameras, including cameras that appear later."""
 
 from array import array
 from collections.abc import Sequence
@@ -34,32 +34,32 @@ from rosbags.interfaces import (
 
 _CLEAN = '/clean/depth_image'
 _CLEAN_TOPICS = ('depth_image', 'camera_info', 'reflectivity')
-# Long enough for a second of 60 Hz in which this process does not run.
+# Holds one second at 60 Hz, for times in which this process does not run.
 _DEPTH = 60
 _LOOK_SECONDS = 0.5
-# What cameras need beside their own topics to be played back. Alone they are no recording.
+# Topics that are needed to play cameras back. Without cameras they are not recorded.
 _BESIDE = {EVENTS, '/tf', '/tf_static', '/clock'}
 
 
 @dataclass
 class TopicStatistics:
     """
-    What has come on a topic.
+    What was received on a topic.
 
     Attributes
     ----------
     kind : str
         Its type.
     messages, size : int
-        Recorded, and how many bytes.
+        Number of recorded messages and bytes.
     first : float
-        When the first one came, seconds after the first one of all.
+        Arrival of the first message, seconds after the first message of any topic.
     refused : int
-        Lost here, because the queue was full.
+        Messages lost because the queue was full.
     numbers : LossCounter
-        Of what was lost on the way here, by the publisher's own count of its messages.
+        Messages lost in transit, by the publisher's sequence numbers.
     stamps : array of int
-        Nanoseconds, of all that came here; empty where messages have none.
+        Stamps of all messages that arrived, nanoseconds; empty for types without a stamp.
 
     """
 
@@ -73,27 +73,26 @@ class TopicStatistics:
 
     @property
     def lost(self) -> int:
-        """Return how many messages were lost in all."""
+        """Return the number of lost messages."""
         return self.refused + self.numbers.lost
 
     @property
     def rate_hz(self) -> float:
-        """Return the rate by stamps (0 before there are two)."""
+        """Return the rate by stamps; 0 with fewer than two."""
         if len(self.stamps) < 2 or self.stamps[-1] <= self.stamps[0]:
             return 0.0
         return (len(self.stamps) - 1) * 1e9 / (self.stamps[-1] - self.stamps[0])
 
     def gaps(self) -> Gaps:
-        """Return what the stamps leave out."""
+        """Return the gaps in the stamps."""
         return find_gaps(self.stamps)
 
 
 class Recorder(Node):
     """
-    Subscribe to all cameras, those that appear later included, and hand messages to a sink.
+    Subscribe to all cameras, including those that appear later, and pass messages to a sink.
 
-    Messages are taken as bytes and not decoded. Subscriptions are reliable where the publisher
-    is.
+    Messages are not decoded. A subscription is reliable if the publisher is.
 
     Parameters
     ----------
@@ -111,7 +110,7 @@ class Recorder(Node):
     started : float or None
         When the first message came, by the monotonic clock.
     taken : int
-        How many messages have come here.
+        Number of messages received.
 
     """
 
@@ -153,7 +152,7 @@ class Recorder(Node):
         found = survey(there, self._samples)
         for camera in found.cameras.values():
             node = camera.node or self._publisher(camera.depth)
-            # Of a camera that goes by the topic of its depth any namespace is a name.
+            # A camera of an unknown node is named by its depth topic: match any namespace.
             spaces = [] if camera.node else list(map(str, PurePosixPath(camera.name).parents))
             if self._is_wanted(camera.name, node, *spaces):
                 wanted += [camera.depth, camera.info, camera.gray]
@@ -168,7 +167,7 @@ class Recorder(Node):
                 self._subscribe(topic, there[topic])
 
     def _probe(self, topic: str, kind: str) -> None:
-        # One message tells whether a topic of an unknown name is a camera's.
+        # One message shows whether a topic with an unknown name belongs to a camera.
         if topic in self._samples or topic in self._probes:
             return
         self._probes[topic] = self.create_subscription(
@@ -187,7 +186,7 @@ class Recorder(Node):
             self.destroy_subscription(self._probes[topic])
 
     def _publisher(self, topic: str) -> str:
-        # The full name of the node that publishes a topic, empty if there is not exactly one.
+        # The full name of the one node that publishes a topic, else an empty text.
         nodes = {
             f'{info.node_namespace.rstrip("/")}/{info.node_name}'
             for info in self.get_publishers_info_by_topic(topic)
@@ -209,7 +208,7 @@ class Recorder(Node):
     def _subscribe(self, topic: str, kind: str) -> None:
         offers = [info.qos_profile for info in self.get_publishers_info_by_topic(topic)]
         if topic != EVENTS and not offers:
-            return  # Somebody else subscribes, and nobody publishes yet.
+            return  # Another node subscribes, but no node publishes yet.
         self.topics[topic] = TopicStatistics(kind)
         reliability, durability = matching(offers)
         quality = QoSProfile(depth=_DEPTH, reliability=reliability, durability=durability)
@@ -243,13 +242,13 @@ class Recorder(Node):
         if not statistics.messages + statistics.refused:
             statistics.first = self.seconds
         if statistics.kind in messages.STAMPED:
-            with suppress(InputError):  # Whatever it is, it is recorded.
+            with suppress(InputError):  # Messages of every type are recorded.
                 statistics.stamps.append(messages.header_stamp(data, topic))
         self._put(topic, data)
 
     def _put(self, topic: str, data: bytes) -> None:
         statistics = self.topics[topic]
-        # A bag is read by time: one that goes back (somebody sets the clock) would mix it up.
+        # A bag is read in order of time. If the clock is set back, times must still not go back.
         self._time = max(self._time, time.time_ns())
         if self._sink.put(Message(topic, statistics.kind, self._time, data)):
             statistics.messages += 1
@@ -258,7 +257,7 @@ class Recorder(Node):
             statistics.refused += 1
 
     def _ask(self, node: str) -> None:
-        # The mode a camera is in is no message; ask for it once and write it down as one.
+        # No message gives the present mode: ask for it once and record it as a message.
         if not node:
             return
         client = self._questions.get(node)
@@ -283,7 +282,7 @@ class Recorder(Node):
 
 
 def _offered(profile: QoSProfile) -> Qos:
-    # The same policies have the same numbers in both: those of rmw.
+    # rosbags and rclpy both number the policies as rmw does.
     return Qos(
         QosHistory(profile.history),
         profile.depth,

@@ -1,4 +1,4 @@
-"""What a camera node has done lately, as diagnostics."""
+"""The diagnostics of a camera node."""
 
 from dataclasses import dataclass, field
 import time
@@ -9,15 +9,15 @@ from flexx2_sim_ros.nodes.input_watch import InputWatch, Remark
 import numpy as np
 
 _SILENT_SECONDS = 3.0
-# A rate counts as reached within this share: stamps jitter and are rounded.
-_RATE_SHARE = 0.95
+# A rate counts as reached above this fraction of it: stamps jitter and are rounded.
+_RATE_FRACTION = 0.95
 _ENOUGH = 10
 
 
 @dataclass
 class Statistics:
     """
-    Counters and meters of one camera node; latency since the last report.
+    Counters and rates of one camera node, and latencies since the last report.
 
     Attributes
     ----------
@@ -25,14 +25,14 @@ class Statistics:
         By stamps.
     received, published, rejected : int
         Inputs received, frames published, inputs that could not be used.
-    invalid_share : float
-        Of the last frame computed, NaN before there is one.
+    invalid_fraction : float
+        Fraction of invalid pixels of the last frame; NaN before the first frame.
     last_error : str
-        Why the last input was rejected, empty when none was since the last report.
+        Why the last input was rejected; empty if none was since the last report.
     last_input : float
         When the last input came, by the monotonic clock, seconds.
     latencies : list of float
-        Seconds from taking an input up to having published its frame.
+        Seconds from the arrival of an input to the publication of its frame.
 
     """
 
@@ -41,15 +41,15 @@ class Statistics:
     received: int = 0
     published: int = 0
     rejected: int = 0
-    invalid_share: float = float('nan')
+    invalid_fraction: float = float('nan')
     last_error: str = ''
     last_input: float = float('-inf')
     latencies: list[float] = field(default_factory=list)
 
     def slow(self, rate_hz: float) -> str:
-        """Return that the input is slower than a rate in Hz, empty when it is not."""
+        """Return a text if the input is slower than a rate in Hz, else an empty one."""
         hz = self.input_rate.hz
-        if self.input_rate.samples < _ENOUGH or hz >= _RATE_SHARE * rate_hz:
+        if self.input_rate.samples < _ENOUGH or hz >= _RATE_FRACTION * rate_hz:
             return ''
         return f'input at {hz:.1f} Hz is slower than the mode'
 
@@ -63,7 +63,7 @@ class Statistics:
         watch: InputWatch,
         remarks: list[Remark],
     ) -> DiagnosticStatus:
-        """Return the status to publish and forget the latencies reported."""
+        """Return the status to publish, and discard the latencies."""
         warnings, notes = self._find(rate_hz, watch, remarks)
         level = DiagnosticStatus.WARN if warnings else DiagnosticStatus.OK
         text = '; '.join(warnings + notes) if warnings else '; '.join(['streaming', *notes])
@@ -80,7 +80,7 @@ class Statistics:
             'inputs rejected': str(self.rejected),
             'stamps went back': str(gate.restarts),
             **watch.values(),
-            'invalid share': f'{self.invalid_share:.4f}',
+            'invalid share': f'{self.invalid_fraction:.4f}',
             'latency mean [ms]': f'{latency.mean():.2f}',
             'latency max [ms]': f'{latency.max():.2f}',
         }
@@ -97,7 +97,7 @@ class Statistics:
     def _find(
         self, rate_hz: float, watch: InputWatch, remarks: list[Remark]
     ) -> tuple[list[str], list[str]]:
-        # What is to be warned of, and what is just so.
+        # Warnings, and notes that need no action.
         warnings = [remark.text for remark in remarks if remark.warn]
         notes = [remark.text for remark in remarks if not remark.warn]
         if time.monotonic() - self.last_input > _SILENT_SECONDS:

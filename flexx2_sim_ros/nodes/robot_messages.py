@@ -1,7 +1,7 @@
 """
-What the robot node receives, as arrays, and what it says of the robot, as messages.
+Messages of the robot node: received ones as arrays, and its own made from arrays.
 
-The functions that take messages raise `InputError` for whatever cannot be used.
+The functions that take messages raise `InputError` for messages that cannot be used.
 """
 
 from collections.abc import Mapping
@@ -15,7 +15,7 @@ from nav_msgs.msg import Odometry
 import numpy as np
 from sensor_msgs.msg import JointState
 
-# A quaternion's norm may be this far from 1: some send it in single precision.
+# Tolerance of a quaternion's norm: some simulators send single precision.
 _NORM_TOLERANCE = 0.01
 
 
@@ -97,7 +97,7 @@ def joint_state(
     qpos : numpy.ndarray
         The model's positions.
     velocity : numpy.ndarray
-        Of the joints, in their order.
+        Velocities of the joints, in the order of `joints`.
 
     """
     addresses = list(joints.values())

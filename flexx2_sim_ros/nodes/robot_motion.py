@@ -24,29 +24,29 @@ from rclpy.qos import qos_profile_sensor_data
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import JointState
 
-# A command holds this long, in simulated nanoseconds.
+# A command is valid for this time, in simulated nanoseconds.
 _COMMAND_HOLDS = 500_000_000
 # A stamp earlier than any other, nanoseconds.
 _BEFORE_ALL = -(2**63)
-# So many unknown joints are named in the log; more are not remembered.
+# The log names at most this many unknown joints.
 _MOST_NAMES = 200
 
 
 class Motion(Protocol):
-    """What moves the robot: writes the pose into the model's state."""
+    """What moves the robot: it writes the pose into the model's state."""
 
     def reset(self) -> None:
-        """Put the robot back to where it started."""
+        """Put the robot back to its start."""
 
     def advance(self, stamp: int, seconds: float) -> None:
-        """Move on by some time, to the stamp (simulated nanoseconds)."""
+        """Move for `seconds`, up to the time `stamp` (simulated nanoseconds)."""
 
 
 class Standing:
-    """Stands."""
+    """The robot stands still."""
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, robot: Robot) -> None:
-        """Stand."""
+        """Put the robot at its start."""
         self._model, self._data, self._robot = model, data, robot
         self.reset()
 
@@ -60,7 +60,7 @@ class Standing:
 
 class Walking:
     """
-    Trots as ``cmd_vel`` says; stands half a second after the last command.
+    The robot trots as ``cmd_vel`` commands; half a second after the last command it stands.
 
     Parameters
     ----------
@@ -129,7 +129,7 @@ class Walking:
 
     def advance(self, stamp: int, seconds: float) -> None:
         """Walk for some time."""
-        # A clock that goes back says nothing of how long the command still holds.
+        # After a clock went back, the validity of the command is unknown.
         if stamp > self._until or stamp < self._now:
             self._command = np.zeros(3)
         self._now = stamp
@@ -154,10 +154,10 @@ class Walking:
 
 class Mirroring:
     """
-    Takes the pose from ``odom`` and ``joint_states``, with their stamps.
+    The robot takes its pose from ``odom`` and ``joint_states`` of another simulator.
 
-    A pose is shown once the joints of the same moment are known: at the next message of joints
-    with its stamp or a later one, or, when none comes in between, at the next pose.
+    A pose is shown when the joints of the same time are known: at the next joint message with its
+    stamp or a later one, or at the next pose if no such message arrives before it.
 
     Parameters
     ----------
@@ -168,7 +168,7 @@ class Mirroring:
     robot : Robot
         Which robot it is.
     rate : float
-        Poses that come faster are thinned out, Hz.
+        Most poses shown per second, Hz.
     show : callable
         Called with the stamp (nanoseconds) and the frame of the trunk (or an empty string) when
         the state is complete.
@@ -221,11 +221,11 @@ class Mirroring:
             )
 
     def reset(self) -> None:
-        """Refuse."""
+        """Refuse: the other simulator sets the pose."""
         raise InputError('another simulator sets the pose (motion is external): reset it there')
 
     def advance(self, stamp: int, seconds: float) -> None:
-        """Do nothing: time comes with the messages."""
+        """Do nothing: the messages set the time."""
 
     def _guarded(self, topic: str, callback: Callable[[Any], None]) -> Callable[[Any], None]:
         def receive(message: Any) -> None:
@@ -268,8 +268,8 @@ class Mirroring:
             self._complete()
 
     def _forget_old_joints(self, stamp: int) -> None:
-        # The simulation was reset to `stamp`. Joints whose stamp is nearer to the time before are
-        # from before: the pose must wait for new ones, whatever their stamp.
+        # The simulation was reset to `stamp`. Joints with a stamp nearer to the last pose are from
+        # before the reset. The new pose must wait for the next joints.
         joints = self._joints_stamp
         if joints is not None and abs(joints - self._pose_stamp) < abs(joints - stamp):
             self._joints_stamp = _BEFORE_ALL

@@ -1,4 +1,4 @@
-"""The robot node: MuJoCo's view from the robot's front, as clean depth."""
+"""The robot node: clean depth of a robot's cameras, rendered with MuJoCo."""
 
 import time
 from typing import Any
@@ -34,21 +34,21 @@ from std_srvs.srv import Trigger
 
 _ODOM = 'odom'
 _STEADY = ClockType.STEADY_TIME
-# Being a little late is forgiven; more than this share of the time is said.
-_LAG_SHARE = 0.02
-# Of a followed clock that jumps, at most this many seconds are made up for.
+# A lag of more than this fraction of the time is logged.
+_LAG_FRACTION = 0.02
+# After a jump of a followed clock, at most this many seconds are simulated.
 _CATCH_UP_SECONDS = 0.25
 
 
 class RobotCameras(SteadyNode):
     """
-    A robot in MuJoCo with cameras on its front, a Unitree Go1 unless ``robot`` says otherwise.
+    A robot with cameras in MuJoCo. The parameter ``robot`` selects it; the default is a Go1.
 
-    Publishes for every camera ``<camera>/clean/depth_image``, ``<camera>/clean/camera_info`` and
-    ``<camera>/clean/reflectivity``, all with the stamp of the state they show, and the robot's
-    true ``joint_states``, ``odom`` and frames, ``robot_description`` and ``/clock``. The parameter
-    ``motion`` says what moves it: nothing, ``cmd_vel``, or another simulator's ``odom`` and
-    ``joint_states``.
+    For each camera it publishes ``<camera>/clean/depth_image``, ``<camera>/clean/camera_info`` and
+    ``<camera>/clean/reflectivity``, with the stamp of the state that they show. It also publishes
+    the robot's true ``joint_states``, ``odom`` and frames, ``robot_description`` and ``/clock``.
+    The parameter ``motion`` selects what moves the robot: nothing, ``cmd_vel``, or ``odom`` and
+    ``joint_states`` of another simulator.
     """
 
     def __init__(self, **options: Any) -> None:
@@ -126,7 +126,7 @@ class RobotCameras(SteadyNode):
         self.create_service(Trigger, '~/reset', self._on_reset)
         if self.settings.motion == 'external':
             return
-        # From another simulator come the pose, the joints and the time: they are not ours to say.
+        # The other simulator publishes the pose, the joints and the time.
         self._sim_clock = SimClock(self, self.settings.publish_clock, self._follow)
         self.settings.follows_clock = self._sim_clock.follows
         self._links = links_of(self._model, self.settings.robot)
@@ -232,7 +232,7 @@ class RobotCameras(SteadyNode):
                 topics['depth_image'].publish(messages.image_message(head, depth, '32FC1'))
 
     def _render(self, name: str) -> tuple[np.ndarray, np.ndarray]:
-        # What has not moved since it was rendered looks the same.
+        # If nothing has moved, the last images are still right.
         state = np.concatenate(
             [self._data.qpos, self._data.mocap_pos.ravel(), self._data.mocap_quat.ravel()]
         )
@@ -300,7 +300,7 @@ class RobotCameras(SteadyNode):
 
     def _watch_pace(self) -> None:
         passed = time.monotonic() - self._started
-        if self._warned or passed < 2.0 or self._pacer.lag < _LAG_SHARE * passed:
+        if self._warned or passed < 2.0 or self._pacer.lag < _LAG_FRACTION * passed:
             return
         self._warned = True
         factor = self.settings.number('real_time_factor')
@@ -311,7 +311,7 @@ class RobotCameras(SteadyNode):
         )
 
     def _watch_names(self) -> None:
-        # One on another machine, which takes some seconds to find.
+        # A node of this name on another machine is discovered only after some seconds.
         mine = self.get_name(), self.get_namespace()
         alone = self.get_node_names_and_namespaces().count(mine) < 2
         if self._alone and not alone:
@@ -321,7 +321,7 @@ class RobotCameras(SteadyNode):
             self._sim_clock.watch()
 
     def destroy_node(self) -> None:
-        """Close the renderer, then the node, and give its name free."""
+        """Close the renderer and the node, and release its name."""
         renderer = getattr(self, '_renderer', None)
         if renderer is not None:
             renderer.close()

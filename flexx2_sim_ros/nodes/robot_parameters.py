@@ -20,7 +20,7 @@ from rclpy.parameter import Parameter
 MOTIONS = ('stand', 'cmd_vel', 'external')
 
 _NAME = re.compile('[A-Za-z_][A-Za-z0-9_]*')
-# What can be changed while it runs: default, least, greatest, description.
+# Parameters that can change while the node runs: default, least, greatest, description.
 _NUMBERS = {
     'real_time_factor': (1.0, 0.01, 100.0, 'Simulated seconds in a second.'),
     'max_speed': (Gait.max_speed, 0.0, 1.2, 'Fastest walk in any direction, m/s.'),
@@ -61,7 +61,7 @@ class RobotParameters:
     frame_prefix : str
         As given.
     follows_clock : bool
-        Whether time comes from another node's ``/clock``; for the node to say.
+        Whether time comes from another node's ``/clock``; the node sets it.
     mounts : list of CameraMount
         The cameras.
 
@@ -110,7 +110,7 @@ class RobotParameters:
             _check_number(name, value)
 
     def watch(self, on_change: Callable[[], None]) -> None:
-        """Check changes from now on, and call `on_change` after each that is made."""
+        """Check changes from now on, and call `on_change` after each change."""
 
         def apply(parameters: list[Parameter]) -> None:
             self.paused = bool(self._node.get_parameter('paused').value)
@@ -121,11 +121,11 @@ class RobotParameters:
         self._node.add_post_set_parameters_callback(apply)
 
     def number(self, name: str) -> float:
-        """Return one of the numbers that can be changed, as it is now."""
+        """Return the present value of a number that can change."""
         return float(self._node.get_parameter(name).value)
 
     def gait(self) -> Gait:
-        """Return how to trot, as it is now."""
+        """Return the present limits and timing of the gait."""
         return Gait(max_speed=self.number('max_speed'), max_turn=self.number('max_turn'))
 
     def _validate(self, parameters: list[Parameter]) -> SetParametersResult:

@@ -41,14 +41,14 @@ def run_node(make_node: Callable[[], Any], args: list[str] | None = None) -> int
     make_room_for_images()
     told: list[int] = []
     try:
-        # rclpy handles signals only once there is something to close: see the end of this block.
+        # rclpy's signal handlers are installed at the end of this block, when a node exists.
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
         node = make_node()
         executor = SingleThreadedExecutor()
         executor.add_node(node)
         for number in SIGNALS:
             signal.signal(number, lambda number, _frame: told.append(number))
-        # From here on a signal ends spin(), so that the node can take leave of its peers; one
+        # From here on a signal ends spin(), so that the node can leave the ROS graph. A signal
         # that came between these lines is in `told`.
         install_signal_handlers(SignalHandlerOptions.ALL)
         if not told:
@@ -62,7 +62,7 @@ def run_node(make_node: Callable[[], Any], args: list[str] | None = None) -> int
         if node is None and not rclpy.ok():
             print(f'error: ROS arguments: {error}', file=sys.stderr)
             return 1
-        # A signal that arrives inside a callback invalidates what the callback is using.
+        # A signal inside a callback invalidates the context that the callback uses.
         if rclpy.ok():
             raise
     finally:
@@ -75,13 +75,13 @@ def run_node(make_node: Callable[[], Any], args: list[str] | None = None) -> int
 
 
 def _spin(executor: Any, node: Any) -> None:
-    """Run a node's callbacks until it is told to stop; an error in one ends no other."""
+    """Run a node's callbacks until it is told to stop; an error in one does not end the node."""
     throttle = Throttle()
     while executor.context.ok():
         try:
             executor.spin()
         except Exception as error:
-            # Ctrl-C and SIGTERM; one inside a callback invalidates what the callback is using.
+            # Ctrl-C and SIGTERM; inside a callback they invalidate the context that it uses.
             if not executor.context.ok():
                 raise
             if throttle.ready(type(error).__name__):
@@ -92,14 +92,14 @@ def _spin(executor: Any, node: Any) -> None:
 
 
 class Throttle:
-    """Let a message with a given key through once in a while."""
+    """Limit how often messages with the same key are logged."""
 
     def __init__(self) -> None:
-        """Start with nothing said."""
+        """Start without messages."""
         self._said: dict[str, float] = {}
 
     def ready(self, key: str, every: float = _REPEAT_SECONDS) -> bool:
-        """Say whether the message may be logged now, and remember it; ``every`` in seconds."""
+        """Return whether a message may be logged now, at most once in ``every`` seconds."""
         now = time.monotonic()
         if now - self._said.get(key, float('-inf')) < every:
             return False

@@ -17,16 +17,16 @@ _SILENT_SECONDS = 3.0
 
 class SimClock:
     """
-    Publish ``/clock``, or follow it where another node of this machine publishes it already.
+    Publish ``/clock``, or follow it if another node of this machine already publishes it.
 
     Parameters
     ----------
     node : rclpy.node.Node
-        With the parameter ``use_sim_time``, which asks to follow.
+        The node; its parameter ``use_sim_time`` makes it follow.
     publish : bool
         Whether to publish unless it follows.
     on_time : callable
-        Called with each time that is followed, nanoseconds.
+        Called with each time of the followed clock, nanoseconds.
 
     Attributes
     ----------
@@ -36,7 +36,7 @@ class SimClock:
     """
 
     def __init__(self, node: Node, publish: bool, on_time: Callable[[int], None]) -> None:
-        """Take the clock or follow it."""
+        """Become the publisher of the clock, or follow it."""
         self._node = node
         self._on_time = on_time
         self._publisher: Any = None
@@ -65,7 +65,7 @@ class SimClock:
             self._publisher = node.create_publisher(Clock, _TOPIC, QoSProfile(depth=10))
 
     def publish(self, stamp: int) -> None:
-        """Publish a time in nanoseconds, where this node publishes it."""
+        """Publish a time in nanoseconds, unless this node follows."""
         if self._publisher is not None:
             self._publisher.publish(Clock(clock=messages.time_message(stamp)))
 
@@ -93,7 +93,7 @@ class SimClock:
         self._warned = bool(silent or others)
 
     def close(self) -> None:
-        """Let another node publish."""
+        """Allow another node to publish the clock."""
         if self._claim is not None:
             self._claim.close()
 

@@ -1,4 +1,4 @@
-"""A node that no service request ends, and that says which of its parameters are misspelt."""
+"""A node that survives every service request and warns of misspelt parameters."""
 
 from collections.abc import Callable
 from difflib import get_close_matches
@@ -23,12 +23,12 @@ _LONGEST_NAME = 100
 
 class SteadyNode(Node):
     """
-    A node whose services, rclpy's own ones included, answer whatever they are asked.
+    A node whose services, including those of rclpy, answer every request.
 
-    An error in a service callback is logged and answered by a refusal. Parameters that come in
-    one request are set together, in any order, as `set_parameters_atomically` sets them; when
-    that is refused, each is set by itself. Setting a read-only parameter to the value that it has
-    is no error, so that what ``ros2 param dump`` wrote can be loaded again.
+    An error in a service callback is logged, and the request is refused. Parameters of one
+    request are set together with `set_parameters_atomically`; if that is refused, each is set
+    alone. A read-only parameter may be set to its present value, so that a file of
+    ``ros2 param dump`` can be loaded.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ class SteadyNode(Node):
     Attributes
     ----------
     set_first : frozenset of str
-        Parameters that others depend on: of those set one by one they come first.
+        Parameters that others depend on: they are set before the others.
 
     """
 
@@ -54,7 +54,7 @@ class SteadyNode(Node):
     def create_service(
         self, srv_type: Any, srv_name: str, callback: _Answer, **options: Any
     ) -> Any:
-        """Create a service as `rclpy.node.Node` does; rclpy calls this for its own ones too."""
+        """Create a service like `rclpy.node.Node`; rclpy calls this for its own services too."""
         node = ref(self)  # As rclpy's own: a node that nobody else holds is free at once.
 
         def answer(request: Any, response: Any) -> Any:
@@ -72,7 +72,7 @@ class SteadyNode(Node):
             return callback(request, response)
         except InputError as error:
             return _refusal(request, type(response)(), str(error))
-        except Exception as error:  # A node never dies of a request.
+        except Exception as error:  # A request must not end the node.
             if self._service_errors.ready(service):
                 self.get_logger().error(
                     f'service {service}: internal error, please report it: '
@@ -81,7 +81,7 @@ class SteadyNode(Node):
             return _refusal(request, type(response)(), f'internal error: {shown(error)}')
 
     def say_unknown_parameters(self) -> None:
-        """Warn of parameters given at the start that the node does not have."""
+        """Warn of parameters that were given at the start but do not exist."""
         unknown = [name for name in self._parameter_overrides if not self.has_parameter(name)]
         for name in unknown[:_MOST_NAMES]:
             self.get_logger().warning(f'parameter {self._no_such(name)}; it is ignored')
@@ -155,7 +155,7 @@ class SteadyNode(Node):
 
 
 def _check_length(request: Any) -> None:
-    # A node has some hundred parameters; what asks for a million of them would hold it up.
+    # A node has some hundred parameters; a request for a million would block it.
     for field in ('names', 'parameters', 'prefixes', 'levels'):
         length = len(getattr(request, field, ()))
         if length > _MOST_ITEMS:

@@ -1,4 +1,4 @@
-"""Subscriptions that fit whatever publishes, and that count what they lose."""
+"""Subscriptions that adapt to the QoS of publishers and count lost messages."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -10,8 +10,8 @@ from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile, ReliabilityPo
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.subscription import Subscription
 
-# As many as most publishers keep: a reliable message that was lost on the way is sent again as
-# long as both sides have room for those that came after it.
+# The depth of most publishers. A lost reliable message is sent again as long as both sides have
+# room for the messages after it.
 _DEPTH = 10
 _OVERRIDABLE = (
     QoSPolicyKind.HISTORY,
@@ -28,12 +28,12 @@ def matching(offers: Sequence[QoSProfile]) -> tuple[ReliabilityPolicy, Durabilit
     Parameters
     ----------
     offers : sequence of QoSProfile
-        What the topic's publishers offer.
+        QoS that the topic's publishers offer.
 
     Returns
     -------
     ReliabilityPolicy, DurabilityPolicy
-        Reliable unless a publisher is not; transient local if there are publishers and all are.
+        Reliable unless a publisher is not; transient local only if all publishers are.
 
     """
     reliable = all(offer.reliability == ReliabilityPolicy.RELIABLE for offer in offers)
@@ -48,30 +48,30 @@ def matching(offers: Sequence[QoSProfile]) -> tuple[ReliabilityPolicy, Durabilit
 
 class LossCounter:
     """
-    Count lost messages by the numbers that a publisher gives its messages.
+    Count lost messages by the publisher's sequence numbers.
 
     Attributes
     ----------
     lost : int
-        Messages that are missing between those that came.
+        Messages missing between those that arrived.
 
     """
 
     def __init__(self) -> None:
-        """Start with nothing lost."""
+        """Start without lost messages."""
         self.lost = 0
         self._last: int | None = None
 
     def count(self, number: int | None, alone: Callable[[], bool]) -> None:
         """
-        Take the number of a message that has come.
+        Add the sequence number of a message.
 
         Parameters
         ----------
         number : int or None
-            The publisher's number, None where the middleware has none.
+            The sequence number; None if the middleware has none.
         alone : callable
-            Returns whether the topic has one publisher: numbers of several say nothing.
+            Returns whether the topic has one publisher; numbers of several are not comparable.
 
         """
         if number is not None and self._last is not None and number > self._last + 1 and alone():
@@ -81,13 +81,13 @@ class LossCounter:
 
 class Input:
     """
-    A subscription that follows what its topic's publishers offer.
+    A subscription that follows the QoS of its topic's publishers.
 
-    A reliable subscription gets nothing from a best-effort publisher, a best-effort one loses
-    what is larger than the publisher's shared memory, and a volatile one misses what was
-    latched before. So the subscription asks for the most that all publishers offer, and is
-    made again when that changes. ROS parameters (``qos_overrides.<topic>.subscription.*``) fix
-    what they set; their default is ``best_available``.
+    A reliable subscription receives nothing from a best-effort publisher. A best-effort one loses
+    messages larger than the publisher's shared memory. A volatile one misses latched messages.
+    So the subscription requests the strongest QoS that all publishers offer, and it is created
+    again when that changes. ROS parameters (``qos_overrides.<topic>.subscription.*``) override
+    this; their default is ``best_available``.
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ class Input:
 
     @property
     def lost(self) -> int:
-        """Return how many messages did not arrive, as far as the middleware can tell."""
+        """Return the number of lost messages, if the middleware reports it."""
         return self._lost_before + max(self._reported, self._numbers.lost)
 
     @property
@@ -128,9 +128,9 @@ class Input:
         return self._node.count_publishers(self.topic)
 
     def follow(self) -> None:
-        """Subscribe again if the publishers now offer more, or less, than is asked for."""
+        """Subscribe again if the publishers now offer another QoS than is requested."""
         current = self._subscription.qos_profile
-        # While nobody publishes, what was right stays: the same publisher may come back.
+        # Without publishers, keep the QoS: the same publisher may come back.
         if not self.publishers or self._best() == (current.reliability, current.durability):
             return
         self._lost_before = self.lost
@@ -151,7 +151,7 @@ class Input:
                 reliability=ReliabilityPolicy.BEST_AVAILABLE,
                 durability=DurabilityPolicy.BEST_AVAILABLE,
             )
-            # rclpy passes what is known of a message to callbacks of two arguments.
+            # rclpy passes the message info to callbacks with two arguments.
             return self._node.create_subscription(
                 self._kind,
                 self._name,
@@ -165,7 +165,7 @@ class Input:
 
         try:
             return subscribe(message_lost=self._on_lost)
-        except UnsupportedEventTypeError:  # Then the numbers of messages have to do.
+        except UnsupportedEventTypeError:  # Then only sequence numbers count the losses.
             return subscribe()
 
     def _best(self) -> tuple[ReliabilityPolicy, DurabilityPolicy]:
@@ -187,7 +187,7 @@ class Input:
         self._reported = event.total_count
 
     def _on_incompatible(self, _event: Any) -> None:
-        # Without parameters, `follow` is about to ask for less.
+        # Without parameters, `follow` will request a weaker QoS.
         if self._asked != (ReliabilityPolicy.BEST_AVAILABLE, DurabilityPolicy.BEST_AVAILABLE):
             self._node.get_logger().warning(
                 f'{self.topic}: a publisher offers less than qos_overrides.{self.topic}.'

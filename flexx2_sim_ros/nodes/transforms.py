@@ -13,7 +13,8 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 if TYPE_CHECKING:  # a camera node needs no MuJoCo
     from flexx2_sim_ros.robots.robot import CameraMount
 
-# Of an optical frame (x right, y down, z forward) in a camera's own (x forward, y left, z up).
+# Rotation of the optical frame (x right, y down, z forward) in the camera's frame (x forward,
+# y left, z up).
 _OPTICAL = np.array([0.5, -0.5, 0.5, -0.5])
 
 
@@ -21,7 +22,7 @@ def camera_transforms(
     base: str, mounts: Iterable['CameraMount'], prefix: str = ''
 ) -> list[TransformStamped]:
     """
-    Return the frames of cameras: ``<camera>_link`` in the base, ``<camera>_optical_frame`` in it.
+    Return transforms of ``<camera>_link`` in the base and ``<camera>_optical_frame`` in the link.
 
     Parameters
     ----------
@@ -30,7 +31,7 @@ def camera_transforms(
     mounts : iterable of CameraMount
         The cameras.
     prefix : str
-        What the cameras' frames begin with.
+        Prefix of the cameras' frames.
 
     """
     result = []
@@ -100,19 +101,19 @@ def quaternion_of(rpy: Sequence[float]) -> np.ndarray:
 
 class FramePublisher:
     """
-    Publish transforms; without tf2_msgs do nothing and say so once in the log.
+    Publish transforms; without tf2_msgs, log that once and do nothing.
 
     Parameters
     ----------
     node : rclpy.node.Node
         To publish with.
     moving : bool
-        Whether there are frames that move.
+        Whether any frames move.
 
     """
 
     def __init__(self, node: Node, *, moving: bool = True) -> None:
-        """Open the topics if there is a message type for them."""
+        """Open the topics if tf2_msgs is installed."""
         self._message: Any = None
         self._moving: Any = None
         try:
@@ -131,15 +132,15 @@ class FramePublisher:
 
     @property
     def wanted(self) -> bool:
-        """Say whether somebody listens to the frames that move."""
+        """Return whether the topic of moving frames has a subscription."""
         return self._moving is not None and self._moving.get_subscription_count() > 0
 
     def fixed(self, transforms: list[TransformStamped]) -> None:
-        """Publish all transforms that stay: they replace those of the last call."""
+        """Publish all fixed transforms; they replace those of the last call."""
         if self._message is not None:
             self._fixed.publish(self._message(transforms=transforms))
 
     def moving(self, transforms: list[TransformStamped]) -> None:
-        """Publish the transforms of one moment."""
+        """Publish moving transforms of one time."""
         if self._moving is not None:
             self._moving.publish(self._message(transforms=transforms))

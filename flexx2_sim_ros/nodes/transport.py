@@ -1,4 +1,4 @@
-"""Room for large messages."""
+"""Shared memory for large messages."""
 
 import os
 
@@ -13,10 +13,10 @@ PROFILE_VARIABLES = (
 
 def make_room_for_images() -> None:
     """
-    Give what this process publishes more shared memory, before ``rclpy.init``.
+    Give the publishers of this process more shared memory; to be called before ``rclpy.init``.
 
-    Why is said in ``config/fastdds.xml``. Somebody's own configuration of Fast DDS, in any of its
-    environment variables, is left as it is; other middleware does not look at it.
+    ``config/fastdds.xml`` explains why. A user's own configuration of Fast DDS, in any of its
+    environment variables, has priority. Other middleware ignores it.
     """
     if not any(os.environ.get(name) for name in PROFILE_VARIABLES):
         os.environ[PROFILE_VARIABLES[0]] = str(config_dir() / 'fastdds.xml')

@@ -1,4 +1,4 @@
-"""Two nodes of one name would publish on the same topics: the second one is not to start."""
+"""Prevent two nodes of the same name: they would publish on the same topics."""
 
 import socket
 import sys
@@ -8,7 +8,7 @@ from rclpy.node import Node
 
 
 def twin_text(node: Node) -> str:
-    """Return what to say when there is another node of this one's name."""
+    """Return the error for a second node of the same name."""
     return (
         f'node name: must be unique, got {node.get_fully_qualified_name()}, which is running '
         'already. Choose another name or namespace, e.g. --ros-args -r __node:=another'
@@ -17,20 +17,20 @@ def twin_text(node: Node) -> str:
 
 def take(node: Node, name: str) -> socket.socket | None:
     """
-    Take a name in the node's ROS domain for this process, at once.
+    Claim a name in the node's ROS domain for this process.
 
-    What is taken is a socket's name without a file, which Linux gives free when the process ends,
-    however it ends. Elsewhere nothing is taken.
+    The claim is an abstract socket name, which Linux releases when the process ends, even after a
+    crash. On other systems nothing is claimed.
 
     Returns
     -------
     socket.socket or None
-        To be kept, and closed to give the name free.
+        Must be kept; closing it releases the name.
 
     Raises
     ------
     OSError
-        When it is taken.
+        When the name is claimed.
 
     """
     if sys.platform != 'linux':
@@ -38,7 +38,7 @@ def take(node: Node, name: str) -> socket.socket | None:
     claim = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
     whole = f'ros/{node.context.get_domain_id()}{name}'
     try:
-        # At most 108 bytes: the end of a name is what differs.
+        # At most 108 bytes: names differ at their end.
         claim.bind('\0' + whole[-100:])
     except OSError:
         claim.close()
@@ -48,17 +48,17 @@ def take(node: Node, name: str) -> socket.socket | None:
 
 def claim_name(node: Node) -> socket.socket | None:
     """
-    Take a node's name on this machine, at once: in the graph a twin takes up to 3 s to appear.
+    Claim a node's name on this machine: in the graph, a second node appears only after 3 s.
 
     Returns
     -------
     socket.socket or None
-        To be kept while the node runs.
+        Must be kept while the node runs.
 
     Raises
     ------
     InputError
-        When another process has it.
+        When another process has claimed it.
 
     """
     try:

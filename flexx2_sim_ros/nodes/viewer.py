@@ -1,4 +1,4 @@
-"""What `flexx2 view` shows, and what it does: cameras found, frames paired, modes, driving."""
+"""The node of `flexx2 view`: finds cameras, pairs frames, sets modes, drives the robot."""
 
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -26,7 +26,7 @@ from rclpy.parameter_client import AsyncParameterClient
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import CameraInfo, Image
 
-# Of what the page may ask for: m/s and rad/s.
+# Largest velocities that the page may request: m/s and rad/s.
 _FASTEST = (1.2, 1.2, 2.5)
 _STALE_SECONDS = 1.0
 _ANSWER_SECONDS = 3.0
@@ -37,7 +37,7 @@ _ENCODINGS = ('32FC1', '64FC1', '16UC1')
 
 
 class _Camera:
-    # What is known of one camera, and what listens to it while somebody looks.
+    # The state of one camera, and its subscriptions while a page is open.
 
     def __init__(self, node: Node, topics: CameraTopics, show: Callable[[], None]) -> None:
         self.topics = topics
@@ -53,7 +53,7 @@ class _Camera:
         self.forget()
 
     def forget(self) -> None:
-        """Measure afresh."""
+        """Discard all measurements."""
         self.clean_rate, self.rate = RateMeter(), RateMeter()
         self._latencies: deque[int] = deque(maxlen=120)
         self._clean: dict[int, tuple[int, Image]] = {}
@@ -64,7 +64,7 @@ class _Camera:
         self._view: Reprojection | None = None
 
     def listen(self, wanted: bool) -> None:
-        """Subscribe, or no longer."""
+        """Subscribe or unsubscribe."""
         if wanted == bool(self._listening):
             return
         for subscription in self._listening:
@@ -84,15 +84,16 @@ class _Camera:
             ]
 
     def ask(self) -> None:
-        """Ask for the mode, until it is known."""
+        """Ask the camera's node for its mode, until it has answered."""
         if self.asked is None and self.client.services_are_ready():
             self.asked = self.client.get_parameters(['usecase', 'available_usecases'])
             self.asked.add_done_callback(self._on_modes)
-            # By itself: the real driver does not have it, and answers nothing then.
+            # In its own request: the real driver does not have this parameter and would return no
+            # values.
             self.client.get_parameters(['input_depth']).add_done_callback(self._on_input)
 
     def _on_modes(self, future: Any) -> None:
-        # What any node answers: it may have parameters of these names and of other types.
+        # Another node may have parameters of these names with other types.
         values = [parameter_value_to_python(value) for value in future.result().values]
         match values:
             case [str(usecase), [str(), *_] as usecases] if usecase:
@@ -103,7 +104,7 @@ class _Camera:
             self.take_input(value)
 
     def take_input(self, value: ParameterValue) -> None:
-        """Take the value of ``input_depth``: how the clean depth is to be read."""
+        """Set how clean depth is interpreted, from a value of the parameter ``input_depth``."""
         self._radial = parameter_value_to_python(value) == 'radial'
 
     def _on_info(self, message: CameraInfo) -> None:
@@ -141,7 +142,7 @@ class _Camera:
         self._show()
 
     def _cleaned(self, message: Image | None, camera: Intrinsics) -> Any:
-        # As the camera sees it: its pixels, along its axis.
+        # Clean depth at the camera's pixels, along its optical axis.
         if message is None or self._clean_info is None:
             return None
         source = decode_camera_info(self._clean_info, self.topics.clean_info)
@@ -160,7 +161,7 @@ class _Camera:
         return np.where(view.outside, np.float32(0), view.depth(image))
 
     def status(self) -> dict[str, Any]:
-        """Return what the page shows beside the images."""
+        """Return the values that the page shows beside the images."""
         age = (time.monotonic_ns() - self._last) / 1e9 if self._last else None
         clean_age = (time.monotonic_ns() - self._last_clean) / 1e9
         stale = age is None or age > _STALE_SECONDS
@@ -181,7 +182,7 @@ class _Camera:
                 if self._latencies and not stale
                 else None
             ),
-            'invalid': None if self.shot is None else round(self.shot.invalid_share, 4),
+            'invalid': None if self.shot is None else round(self.shot.invalid_fraction, 4),
             'stale': stale,
             'problem': problem,
             'answer': self.answer,
@@ -192,8 +193,8 @@ class Viewer(Node):
     """
     What the page's server shows: a `flexx2_sim_ros.view.server.Source`.
 
-    Cameras are found by their topics, those that appear later included, and are only subscribed
-    to while somebody looks. Subscriptions are best effort: viewers never block the stream.
+    Cameras are found by their topics, including cameras that appear later. They are subscribed to
+    only while a page is open. Subscriptions are best effort: viewers never block the stream.
 
     Parameters
     ----------
@@ -207,7 +208,7 @@ class Viewer(Node):
     shots, status
         As in `Source`.
     wake : callable
-        Called when one of these is new.
+        Called when `shots` or `status` has changed.
 
     """
 
@@ -223,7 +224,7 @@ class Viewer(Node):
         self._throttle = Throttle()
         self._twist = self.create_publisher(Twist, drive_topic, 10)
         self._driving = Driving(self._publish)
-        # What the server's thread asks for is done in this node's; only the newest is kept.
+        # Requests of the server's thread are handled in this node's; only the newest is kept.
         self._watch_asked = False
         self._chosen: dict[str, str] = {}
         self._guard = self.create_guard_condition(self._work)
@@ -234,31 +235,31 @@ class Viewer(Node):
         self._look()
 
     def watch(self, watched: bool) -> None:
-        """Begin or end to take frames."""
+        """Start or stop receiving frames."""
         self._watch_asked = watched
         self._guard.trigger()
 
     def drive(self, page: object, velocity: Velocity) -> bool:
-        """Drive, see `Driving.drive`, without waiting for this node's executor."""
+        """Drive (see `Driving.drive`); does not wait for this node's executor."""
         return self._driving.drive(page, velocity)
 
     def leave(self, page: object) -> None:
-        """Stop what a page has begun."""
+        """Stop the robot if this page drives it."""
         self._driving.leave(page)
 
     def choose(self, camera: str, usecase: str) -> None:
-        """Ask a camera for a mode; of several requests before the node's turn the last counts."""
+        """Request a mode of a camera; a later request replaces one that was not sent yet."""
         if camera in self._cameras:
             self._chosen[camera] = usecase
             self._guard.trigger()
 
     def complain(self, text: str) -> None:
-        """Log it, unless something like it has just been logged."""
+        """Log a problem of a page, at a limited rate."""
         if self._throttle.ready('page'):
             self.get_logger().warning(text)
 
     def destroy_node(self) -> None:
-        """Leave no robot moving."""
+        """Stop the robot, then close the node."""
         self._driving.close()
         super().destroy_node()
 
@@ -266,7 +267,7 @@ class Viewer(Node):
         if self._watch_asked != self._watched:
             self._watch(self._watch_asked)
         for name in list(self._chosen):
-            # One request at a time: a node that does not answer gathers none.
+            # One request at a time, so that requests to a silent node do not pile up.
             if self._cameras[name].answer_by is None:
                 self._choose(name, self._chosen.pop(name))
 
@@ -320,7 +321,7 @@ class Viewer(Node):
         for camera in self._cameras.values():
             if event.node != camera.topics.node:
                 continue
-            if event.new_parameters:  # It was started again.
+            if event.new_parameters:  # The node was restarted.
                 camera.usecases, camera.asked = [], None
             for parameter in event.changed_parameters:
                 if parameter.name == 'usecase':
@@ -367,7 +368,7 @@ class Viewer(Node):
 
 
 def _meter(meter: RateMeter, last: int, now: int) -> int:
-    # After a pause a rate is that of what came since.
+    # After a pause, only messages since then count.
     if now - last > _STALE_SECONDS * 1e9:
         meter.clear()
     meter.add(now)

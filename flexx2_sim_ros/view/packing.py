@@ -43,7 +43,7 @@ class ViewedFrame:
     intrinsics: Intrinsics
 
     @property
-    def invalid_share(self) -> float:
+    def invalid_fraction(self) -> float:
         """Return the share of simulated pixels that are invalid."""
         return float(1.0 - np.mean(self.simulated > 0))
 
