@@ -1,4 +1,4 @@
-"""Which topics of a bag, or of a running system, are a camera's."""
+"""Find the topics of cameras in a bag or in a running system."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -13,7 +13,7 @@ CARRIED = '/recording'
 DEPTH_ENCODINGS = ('32FC1', '64FC1', '16UC1')
 _DEPTH, _CLOUD, _INFO, _GRAY = '/depth_image_0', '/point_cloud_0', '/camera_info', '/gray_image_0'
 _CLEAN, _CLEAN_INFO = '/clean/depth_image', '/clean/camera_info'
-# Images of a camera that are no depth of their own, by the names that our nodes give them.
+# Names that our nodes give to images other than the camera's own depth.
 _NOT_DEPTH = (_CLEAN, '/clean/reflectivity', '/depth_noise_0', _GRAY)
 _GRAY_ENCODINGS = ('mono8', '8UC1', 'mono16')
 
@@ -21,17 +21,17 @@ _GRAY_ENCODINGS = ('mono8', '8UC1', 'mono16')
 @dataclass(frozen=True)
 class CameraTopics:
     """
-    Where a camera publishes.
+    The topics of a camera.
 
     Attributes
     ----------
     name : str
-        The namespace, or the node's name where it is in none; of a camera that was not recognised
-        by its names the topic of its depth, without the first slash.
+        The namespace, or the node's name if it has no namespace. If the topics' names do not tell
+        the node: the topic of the depth image, without the first slash.
     node : str
-        Full name, empty where it is not known.
+        Full name of the node; empty if unknown.
     depth : str
-        Topic of the depth image (or where it would be, if there is only the cloud).
+        Topic of the depth image, also if only the cloud is published.
     info, cloud, gray : str
         Topics of the camera info, the point cloud and the gray image.
     space : str
@@ -64,14 +64,14 @@ class CameraTopics:
 
     @property
     def carried(self) -> str:
-        """Return the topic of a recording's arrays that are no messages of the camera."""
+        """Return the topic of the recording's other arrays."""
         return self.space + CARRIED
 
 
 @dataclass(frozen=True)
 class Sample:
     """
-    What the first message of an image or a camera info says of its topic.
+    Properties of an image or camera info topic, from its first message.
 
     Attributes
     ----------
@@ -99,8 +99,8 @@ class Survey:
     cameras : dict of str to CameraTopics
         By name.
     unclear : list of list of str
-        Topics of depth images that belong to one camera info: which of them is the camera's depth
-        cannot be told.
+        Topics of depth images that share one camera info, so that the camera's depth is not
+        known.
 
     """
 
@@ -110,7 +110,7 @@ class Survey:
 
 def sample(kind: str, data: bytes, where: str) -> Sample:
     """
-    Return what a message says of its topic.
+    Return the properties of a topic from one of its messages.
 
     Parameters
     ----------
@@ -177,7 +177,7 @@ def find_cameras(topics: dict[str, str]) -> dict[str, CameraTopics]:
         }
     )
     names = [node.rpartition('/')[0].strip('/') or node.strip('/') for node in nodes]
-    # Two nodes in one namespace go by their full names.
+    # Two nodes in one namespace have their full names.
     full = [
         name if names.count(name) == 1 else node.strip('/')
         for name, node in zip(names, nodes, strict=True)
@@ -189,7 +189,7 @@ def unknown_topics(topics: dict[str, str]) -> list[str]:
     """
     Return the topics that `survey` needs samples of.
 
-    These are images that no name tells what they are, and then all camera infos.
+    These are images with unknown names and, if there are any, all camera infos.
     """
     named = {camera.depth for camera in find_cameras(topics).values()}
     images = [
@@ -203,7 +203,7 @@ def unknown_topics(topics: dict[str, str]) -> list[str]:
 
 def survey(topics: dict[str, str], samples: Mapping[str, Sample]) -> Survey:
     """
-    Find the cameras among topics, by their names, and else by what they publish.
+    Find the cameras among topics, by names or else by the content of messages.
 
     A depth image of any name is a camera if a camera info has its size and frame, and no other
     depth image has the same camera info.
@@ -213,7 +213,7 @@ def survey(topics: dict[str, str], samples: Mapping[str, Sample]) -> Survey:
     topics : dict of str to str
         Types by topic.
     samples : mapping of str to Sample
-        What is known of the `unknown_topics`.
+        Properties of the `unknown_topics`.
 
     Returns
     -------
@@ -236,8 +236,8 @@ def survey(topics: dict[str, str], samples: Mapping[str, Sample]) -> Survey:
 
 
 def _info_of(depth: str, samples: Mapping[str, Sample]) -> str | None:
-    # The camera info of the same size and frame whose name is nearest. That of clean depth has
-    # the same size and frame, too, and is the last choice.
+    # The camera info of the same size and frame with the most similar name. That of clean depth
+    # also has this size and frame; it is the last choice.
     of_depth = samples[depth]
     infos = [
         topic
@@ -274,7 +274,7 @@ def _by_shape(
 def choose_camera(
     path: Path, topics: dict[str, str], samples: Mapping[str, Sample], camera: str | None
 ) -> CameraTopics:
-    """Return the camera that is meant, or raise `InputError` with the names there are."""
+    """Return the camera with a name or topic, or raise `InputError` with all names."""
     found = survey(topics, samples)
     cameras = found.cameras
     if camera is None and len(cameras) == 1 and not found.unclear:

@@ -1,4 +1,4 @@
-"""A bag's files: opened whole, or read as far as they are whole."""
+"""The files of a bag: complete ones, and the intact part of damaged ones."""
 
 from collections import Counter
 from collections.abc import Collection, Iterator
@@ -36,8 +36,8 @@ class Bag:
     """
     A rosbag2 bag: a folder, or a single ``.mcap`` or ``.db3`` file.
 
-    One that was cut off (no end, no ``metadata.yaml``, a journal left behind) is read as far as
-    it is whole, and `notes` says how far that is. No file is changed.
+    Of a bag that was cut off (no end, no ``metadata.yaml``, a journal left behind), the intact
+    messages are read, and `notes` says how many. No file is changed.
 
     Parameters
     ----------
@@ -51,9 +51,9 @@ class Bag:
     topics : dict of str to str
         Types, as ``sensor_msgs/msg/Image``, by topic; topics without messages are left out.
     latched : set of str
-        Topics whose publishers were transient local, as far as the bag says.
+        Topics whose publishers were transient local according to the bag.
     notes : list of str
-        What a person should know; reading can add to it.
+        Notes for the user; reading can add to them.
 
     Raises
     ------
@@ -63,7 +63,7 @@ class Bag:
     """
 
     def __init__(self, path: str | Path) -> None:
-        """Open the bag, and close it again."""
+        """Open and check the bag, and close it again."""
         self.path = Path(path)
         self.notes: list[str] = []
         try:
@@ -90,7 +90,7 @@ class Bag:
 
     @cached_property
     def samples(self) -> dict[str, Sample]:
-        """Return what the first messages say of images and camera infos of unknown names."""
+        """Return the properties of images and camera infos with unknown names."""
         wanted = set(unknown_topics(self.topics))
         found: dict[str, Sample] = {}
         broken: set[str] = set()
@@ -100,7 +100,7 @@ class Bag:
             if topic not in found:
                 try:
                     found[topic] = sample(kind, data, f'{self.path}: {topic}')
-                except InputError as error:  # The next message may be whole.
+                except InputError as error:  # The next message may be intact.
                     if topic not in broken:
                         broken.add(topic)
                         self.notes.append(str(error))
@@ -166,7 +166,7 @@ class Bag:
 
 
 class _Whole:
-    """What rosbags reads: a folder with its metadata, or a file with its end."""
+    """A complete bag, read by rosbags: a folder with its metadata, or a file with its end."""
 
     def __init__(self, path: Path, notes: list[str]) -> None:
         self._path = path
@@ -203,8 +203,8 @@ class _Whole:
 
 
 def _compare(bag: DirectoryReader) -> None:
-    # What metadata.yaml says of topics, their QoS included, must be what the files hold: else
-    # rosbags leaves their messages out.
+    # Topics and QoS in metadata.yaml must match the files. Otherwise rosbags leaves messages
+    # out.
     files = [item for file in bag.storages for item in file.connections]
     typed = all(item.digest for item in [*bag.connections, *files])  # MCAP files have none.
     listed: Counter[tuple[str, ...]] = Counter()
@@ -219,7 +219,7 @@ def _compare(bag: DirectoryReader) -> None:
 
 
 class _Remains:
-    """What is left of one file."""
+    """The intact messages of one damaged file."""
 
     def __init__(self, path: Path, reason: str, notes: list[str]) -> None:
         self._remains = _REMAINS[path.suffix](path)

@@ -1,4 +1,4 @@
-"""Messages as they lie in a bag: bytes to values and back, without ROS."""
+"""Messages of a bag: decoded and encoded without ROS."""
 
 from functools import cache
 import struct
@@ -14,7 +14,7 @@ CAMERA_INFO = 'sensor_msgs/msg/CameraInfo'
 POINT_CLOUD = 'sensor_msgs/msg/PointCloud2'
 PARAMETER_EVENT = 'rcl_interfaces/msg/ParameterEvent'
 BYTES = 'std_msgs/msg/UInt8MultiArray'
-# Types that begin with a std_msgs/Header, as far as cameras and robots publish them.
+# Types of cameras and robots that begin with a std_msgs/Header.
 STAMPED = frozenset(
     {
         IMAGE,
@@ -59,7 +59,7 @@ def decode(kind: str, data: bytes, where: str) -> Any:
     """
     try:
         return typestore().deserialize_cdr(data, kind)
-    except Exception as error:  # Bytes that are something else break it in any way.
+    except Exception as error:  # Wrong bytes can raise any error.
         raise InputError(f'{where}: cannot be decoded as {kind}: {shown(error)}') from error
 
 
@@ -174,7 +174,7 @@ def decode_usecase(data: bytes, where: str) -> tuple[str, str, bool] | None:
 
 
 def encode_bytes(label: str, content: bytes) -> bytes:
-    """Return labelled bytes as a ``std_msgs/UInt8MultiArray``."""
+    """Return bytes with a label as a ``std_msgs/UInt8MultiArray``."""
     if len(content) >= 1 << 32:
         raise InputError(
             f'{label}: must be less than 4 GiB, the limit of a message in a bag, got '

@@ -1,4 +1,4 @@
-"""What there is of a bag that was cut off, read without an index."""
+"""The intact messages of a bag that was cut off, read without an index."""
 
 from collections.abc import Iterator
 from contextlib import ExitStack
@@ -48,7 +48,7 @@ class McapRemains:
     """
     An MCAP file without its end.
 
-    Whole messages of the chunk that was being written are read where chunks are not compressed.
+    Of the last, incomplete chunk, intact messages are read if chunks are not compressed.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ class McapRemains:
         self._path = path
 
     def messages(self) -> Iterator[Message]:
-        """Iterate over the messages, in the order of the file, as far as they are whole."""
+        """Iterate over messages in the order of the file, up to the first broken one."""
         schemas: dict[int, str] = {}
         channels: dict[int, tuple[str, str]] = {}
         with naming(self._path), self._path.open('rb') as stream:
@@ -98,7 +98,7 @@ def _records(stream: BinaryIO, size: int, in_chunk: bool = False) -> Iterator[tu
                 content = _chunk(body, whole)
             except ChunkLimitError:
                 raise
-            except Exception:  # Damaged data breaks a decompressor in any way.
+            except Exception:  # Damaged data can raise any error.
                 return
             yield from _records(io.BytesIO(content), len(content), in_chunk=True)
         else:
@@ -126,9 +126,9 @@ def _text(body: bytes, start: int) -> tuple[str, int]:
 
 class SqliteRemains:
     """
-    An SQLite file that was not closed, or lacks its end.
+    An SQLite file that was not closed or was cut off.
 
-    What a journal beside it says is applied first, to a copy: the bag stays as it is.
+    A journal beside it is applied first, to a copy. The bag is not changed.
 
     Parameters
     ----------
@@ -159,7 +159,7 @@ class SqliteRemains:
             raise InputError(f'{path}: cannot be copied to {folder}: {error}') from error
 
     def messages(self) -> Iterator[Message]:
-        """Iterate over the messages, in the order of writing, as far as they are whole."""
+        """Iterate over messages in the order of writing, up to the first broken one."""
         connection = sqlite3.connect(self._copy)
         try:
             # Without this, SQLite refuses a file that is shorter than its header says.
@@ -174,7 +174,7 @@ class SqliteRemains:
 
 
 def check_file(path: Path) -> Check:
-    """Say whether a bag's file can be read as it is, and what its checksums protect."""
+    """Check whether a bag's file is complete and its checksums are right."""
     if path.suffix == '.mcap':
         return check_mcap(path)
     journals = (path.with_name(path.name + suffix) for suffix in ('-journal', '-wal'))
@@ -196,7 +196,7 @@ def _page_size(path: Path) -> int:
 
 
 def _cut_to_whole_pages(path: Path) -> None:
-    # SQLite takes the missing end of a page for zeros, and would hand them out as data.
+    # SQLite would return the missing end of a page as zeros.
     page = _page_size(path)
     if page:
         os.truncate(path, path.stat().st_size // page * page)

@@ -1,4 +1,4 @@
-"""Write bags: message by message, or a recording as a whole."""
+"""Write bags: single messages, or a whole recording."""
 
 from collections.abc import Iterator
 from contextlib import suppress
@@ -32,7 +32,7 @@ from rosbags.rosbag2.storage_sqlite3 import Sqlite3Writer
 STORAGES = {'mcap': StoragePlugin.MCAP, 'sqlite3': StoragePlugin.SQLITE3}
 SUFFIXES = {'.mcap': 'mcap', '.db3': 'sqlite3'}
 _JAZZY: Literal[9] = 9  # version of metadata.yaml
-# What the driver and `flexx2_camera` offer, for topics that nothing else is known of.
+# The QoS of the driver and `flexx2_camera`, for topics whose QoS is not known.
 _FOREVER = QosTime(9223372036, 854775807)
 _OFFER = Qos(
     QosHistory.KEEP_LAST,
@@ -47,7 +47,7 @@ _OFFER = Qos(
 )
 _LATEST = (1 << 31) * 1_000_000_000
 _NAME = re.compile(r'[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*')
-# What images carry exactly; stacks of other dtypes go along as arrays.
+# Types that images carry exactly; stacks of other types are stored as arrays.
 _CARRIED_BY_IMAGES = {
     'depth': ('f4',),
     'clean_depth': ('f4', 'f8'),
@@ -60,12 +60,12 @@ class BagWriter:
     """
     A bag that is being written.
 
-    All calls have to come from one thread (SQLite wants it so).
+    All calls must come from one thread (a requirement of SQLite).
 
     Parameters
     ----------
     path : str or pathlib.Path
-        The folder to make; there must be nothing of that name.
+        The folder to make; the name must be free.
     storage : str
         ``mcap`` or ``sqlite3``.
 
@@ -74,18 +74,18 @@ class BagWriter:
     path : pathlib.Path
         The folder.
     offers : dict of str to list of rosbags.interfaces.Qos
-        By topic, what its publishers offer: for programs that play the bag, to be set before the
-        topic's first message. Reliable and volatile, as the driver does, when left out.
+        QoS of each topic's publishers, for programs that play the bag; to be set before the
+        topic's first message. Default: reliable and volatile, as the driver.
 
     Raises
     ------
     InputError
-        When something of that name is there, or the folder cannot be made.
+        When the name is taken or the folder cannot be made.
 
     """
 
     def __init__(self, path: str | Path, storage: str = 'mcap') -> None:
-        """Check the path; nothing is made yet."""
+        """Check the path; the folder is made later."""
         check_new(Path(path))
         self.path = Path(path)
         with named(path):
@@ -113,7 +113,7 @@ class BagWriter:
         topic, kind : str
             Its topic and type, as ``sensor_msgs/msg/Image``.
         time : int
-            When it was received, nanoseconds, not before the one added last.
+            When it was received, nanoseconds; not before the last message.
         data : bytes
             The message, CDR.
 
@@ -133,7 +133,7 @@ class BagWriter:
         self._writer.set_custom_data(key, value)
 
     def flush(self) -> None:
-        """Bring what has been written to the file, so that it is there if this process dies."""
+        """Flush to the file, so that messages survive a crash of this process."""
         storage = self._writer.storage
         if isinstance(storage, Sqlite3Writer):
             storage.conn.commit()
@@ -148,12 +148,12 @@ class BagWriter:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Close the bag: with index and metadata if all went well."""
+        """Close the bag, with index and metadata if there was no error."""
         self._writer.__exit__(kind, error, trace)
 
 
 def check_new(path: Path) -> None:
-    """Raise `InputError` when there is something at a path to write to."""
+    """Raise `InputError` when the path to write to exists."""
     with named(path), suppress(FileNotFoundError):
         path.lstat()
         raise InputError(
@@ -167,26 +167,25 @@ def write_bag(
     """
     Write a recording as a bag on the topics of `flexx2_camera`.
 
-    Every key of the recording comes back exactly, by `open_recording`: images as messages, all
-    other arrays on the topic ``/<camera>/recording``. The bag appears under its name when it is
-    complete.
+    Images are stored as messages, and all other arrays on the topic ``/<camera>/recording``, so
+    that `open_recording` returns every key exactly. The bag gets its name when it is complete.
 
     Parameters
     ----------
     reader : RecordingReader
         What to write.
     path : pathlib.Path
-        The folder, or a single file where it ends in ``.mcap`` or ``.db3``.
+        The folder, or a single file if the name ends in ``.mcap`` or ``.db3``.
     storage : str
-        ``mcap`` or ``sqlite3``; the suffix of a single file goes before it.
+        ``mcap`` or ``sqlite3``; the suffix of a single file has priority.
     camera : str, optional
-        The camera's name (namespace); the recording's own, else ``camera``, when left out.
+        The camera's name (namespace). Default: the recording's name, else ``camera``.
 
     Raises
     ------
     InputError
-        When the recording has stamps that messages cannot have, the name is no name, something
-        is at the path already, or it cannot be written.
+        When messages cannot have the recording's stamps, the name is not a ROS name, the path
+        exists, or it cannot be written.
 
     """
     name = camera or str(reader.arrays.get('camera', 'camera'))
@@ -203,7 +202,7 @@ def write_bag(
     check_new(path)
     single = path.suffix in SUFFIXES
     with whole(path) as part:
-        # The writer makes a folder; of a single file only what is in it is kept.
+        # The writer makes a folder. For a single file, only the file in it is kept.
         folder = part.with_name('bag') if single else part
         with BagWriter(folder, SUFFIXES.get(path.suffix, storage)) as writer:
             for topic, kind, time, data in _messages(reader, topics_of(name)):
@@ -244,7 +243,7 @@ def _messages(
     infos = [where.info, *([where.clean_info] if where.clean in images else [])]
     time = start
     for stamp in stamps:
-        # A bag is read by time: one that went back would change the order of the frames.
+        # A bag is read in order of time: a time that goes back would reorder the frames.
         time = max(time, stamp)
         info = messages.encode_camera_info(
             stamp, frame_id, reader.shape[1:], reader.K, distortion.astype(np.float64)
@@ -271,7 +270,7 @@ def _npy(array: np.ndarray) -> bytes:
 
 
 def _images(reader: RecordingReader, key: str) -> Iterator[np.ndarray]:
-    # One image a frame; a single one for all of them is repeated.
+    # One image per frame; a single image for all frames is repeated.
     if key in reader.layouts:
         source = reader.frames(key)
     else:

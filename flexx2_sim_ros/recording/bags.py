@@ -1,4 +1,4 @@
-"""Recordings in bags: of this package's nodes, of the real driver, and of `flexx2 convert`."""
+"""Recordings in bags, made with our nodes, the real driver or `flexx2 convert`."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ Decoder = Callable[[bytes], np.ndarray]
 
 @dataclass
 class _Topic:
-    """What the first pass over the bag finds of a topic, message by message."""
+    """What the first pass over the bag finds about the messages of a topic."""
 
     first: bytes
     stamps: list[int]
@@ -33,7 +33,7 @@ class _Topic:
 
 @dataclass(frozen=True)
 class _Stack:
-    """Where the images of a stack come from: which message of a topic is each frame's."""
+    """The source of a stack's images: a topic, and the number of its message for each frame."""
 
     topic: str
     decoder: Decoder
@@ -44,9 +44,9 @@ class BagRecording(RecordingReader):
     """
     A camera's recording in a rosbag2 bag.
 
-    Frames are the messages of the depth image (or of the cloud, where there is no image); the
-    other images belong to the frame of their stamp. Zero, negative and infinite depths are
-    invalid: NaN. In a bag that `flexx2 convert` made everything is as it was in the recording.
+    Frames are the messages of the depth image, or of the cloud if there is no image. Other
+    images belong to the frame with their stamp. Zero, negative and infinite depths become NaN
+    (invalid). A bag from `flexx2 convert` returns the original recording exactly.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ class BagRecording(RecordingReader):
     def _take_event(self, time: int, data: bytes, label: str) -> None:
         try:
             usecase = messages.decode_usecase(data, label)
-        except InputError as error:  # Frames are worth reading without it.
+        except InputError as error:  # Frames are useful without it.
             if str(error) not in self._bag.notes:
                 self._bag.notes.append(str(error))
             return
@@ -207,7 +207,7 @@ class BagRecording(RecordingReader):
 
     def _add_usecases(self, content: Content) -> None:
         nodes = sorted({node for _, node, _, _ in self._usecases})
-        if len(nodes) > 1:  # Of a camera whose node is not known.
+        if len(nodes) > 1:  # The camera's node is not known.
             content.notes.append(
                 f'{self._bag.path}: usecase: left out: which of the nodes '
                 f'{", ".join(nodes)} is the camera is not known'
@@ -228,7 +228,7 @@ class BagRecording(RecordingReader):
         count = len(self._found[self._source].stamps)
         for key, array in self._carried.items():
             if array is not None:
-                # Of a bag that was cut off there are fewer frames than stamps.
+                # A bag that was cut off has fewer frames than stamps.
                 one_each = (key in ('stamp', 'stamp_ns') and array.ndim == 1) or (
                     key in STACKS and array.ndim == 3
                 )
@@ -293,7 +293,8 @@ class BagRecording(RecordingReader):
                 f'{label}: fields: must include a floating-point z, got '
                 f'{[each.name for each in cloud.fields]}'
             )
-        # The real driver swaps width and height (but not the points): the camera info is right.
+        # The real driver exchanges width and height of the cloud, but not its points. The camera
+        # info is right.
         height, width = self._size
         if (
             cloud.width * cloud.height != height * width
@@ -326,7 +327,7 @@ class BagRecording(RecordingReader):
 
 
 def _match(stamps: list[int], others: list[int]) -> np.ndarray:
-    # For each stamp the number of the other message of that stamp.
+    # For each stamp, the number of the other topic's message with that stamp.
     numbers = {key: number for number, key in enumerate(_places(others))}
     return np.array([numbers.get(key, _ABSENT) for key in _places(stamps)], np.int64)
 

@@ -1,5 +1,5 @@
 """
-Checksums of bags: written into every bag of this package, and verified before one is read.
+Checksums of bags: written into every bag of this package, and verified before reading.
 
 MCAP has fields for them (https://mcap.dev/spec), which rosbags leaves empty. SQLite bags have no
 such fields, so a table beside the messages holds one for each. Other programs ignore that table.
@@ -33,14 +33,14 @@ _TABLE = 'flexx2_checksums'
 @dataclass(frozen=True)
 class Check:
     """
-    What a file's checksums say.
+    Result of the verification of a file's checksums.
 
     Attributes
     ----------
     problem : str or None
-        What does not match; None where nothing was found.
+        What is wrong; None if nothing was found.
     protected : bool
-        Whether all messages have checksums: else damage can stay unnoticed.
+        Whether all messages have checksums. Otherwise damage may not be noticed.
 
     """
 
@@ -127,7 +127,7 @@ def check_mcap(path: Path) -> Check:
     """
     Verify the checksums of an MCAP file, except those of its chunks.
 
-    Whoever reads a chunk verifies it.
+    Chunks are verified when they are read.
     """
     with path.open('rb') as file:
         size = file.seek(0, os.SEEK_END)
@@ -251,7 +251,7 @@ def sqlite_rows(connection: sqlite3.Connection) -> Iterator[Row]:
 
 
 def _check_tables(connection: sqlite3.Connection) -> None:
-    # A view may compute rows without end.
+    # A view could return endless rows.
     kinds = connection.execute(
         "SELECT type FROM sqlite_master WHERE name IN ('topics', 'messages')"
     ).fetchall()
@@ -260,7 +260,7 @@ def _check_tables(connection: sqlite3.Connection) -> None:
 
 
 def _check_content(connection: sqlite3.Connection) -> None:
-    # SQLite lets a column hold values of any type.
+    # SQLite allows values of any type in a column.
     _check_tables(connection)
     for table, types in (
         ('topics', {'name': 'text', 'type': 'text'}),

@@ -1,4 +1,4 @@
-"""Recordings from one kind of file to another."""
+"""Convert recordings from one file format to another."""
 
 from collections.abc import Iterator
 import itertools
@@ -30,9 +30,9 @@ def convert(
         bag. From a bag with several cameras, if none is chosen, ``out.npz`` becomes
         ``out_<camera>.npz`` for each.
     camera : str, optional
-        Which camera of the bag; for an ``.npz`` source what to call it in the bag.
+        Which camera of the bag; for an ``.npz`` source, its name in the bag.
     storage : str
-        ``mcap`` or ``sqlite3``, where the target is a folder.
+        ``mcap`` or ``sqlite3``, if the target is a folder.
 
     Returns
     -------

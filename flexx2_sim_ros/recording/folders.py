@@ -19,8 +19,8 @@ def find_recordings(folder: str | Path) -> list[Path]:
     Returns
     -------
     list of pathlib.Path
-        In the order of their names; at least one. What cannot be looked into is among them, so
-        that whoever opens it says why it is left out; hidden files are not.
+        Sorted by name; at least one. Unreadable folders are included, so that opening them gives
+        the reason; hidden files are not.
 
     Raises
     ------
@@ -48,7 +48,7 @@ def find_recordings(folder: str | Path) -> list[Path]:
 
 
 def is_bag(path: Path) -> bool:
-    """Say whether a path is a folder that is one rosbag2 bag, or cannot be looked into."""
+    """Return whether a path is a folder that is a rosbag2 bag or cannot be read."""
     if not path.is_dir():
         return False
     try:

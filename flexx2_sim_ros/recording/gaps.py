@@ -1,4 +1,4 @@
-"""Frames that are missing from a stream, by its stamps."""
+"""Find missing frames of a stream by its stamps."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,16 +14,16 @@ _GAP_PERIODS = 1.5
 @dataclass(frozen=True)
 class Gaps:
     """
-    Where a stream's stamps leave something out.
+    Gaps in the stamps of a stream.
 
     Attributes
     ----------
     count : int
-        How many gaps there are.
+        Number of gaps.
     longest : float
         The longest one, seconds; 0 without gaps.
     returns : int
-        How often stamps went back or stood still.
+        Number of stamps that went back or repeated.
 
     """
 
@@ -36,8 +36,8 @@ def find_gaps(stamps: Sequence[int]) -> Gaps:
     """
     Compare each step between stamps with those around it.
 
-    The rate is what the eight steps before and after say (their upper quartile, so that a mode
-    of 45 Hz out of 60 Hz, whose steps alternate, has no gaps): one that changes is no gap.
+    The usual step is the upper quartile of the eight steps before and after. So a change of the
+    rate is no gap, nor are the alternating steps of a 45 Hz mode with 60 Hz input.
 
     Parameters
     ----------

@@ -17,12 +17,12 @@ import numpy as np
 @dataclass(frozen=True)
 class Scene:
     """
-    What is really there, and what came with it.
+    A scene: its clean depth and the other arrays of its file.
 
     Attributes
     ----------
     clean_depth : numpy.ndarray
-        (H, W) or (T, H, W), metres, NaN where nothing is.
+        (H, W) or (T, H, W), metres, NaN where there is no return.
     K : numpy.ndarray
         (3, 3) float64 camera matrix.
     reflectivity : numpy.ndarray or None
@@ -112,7 +112,7 @@ class RecordingWriter:
     """
     Write a recording frame by frame, in bounded memory.
 
-    The file appears under its name when the ``with`` block ends well, and not at all otherwise.
+    The file gets its name when the ``with`` block ends without an error; otherwise there is none.
 
     Parameters
     ----------
@@ -134,7 +134,7 @@ class RecordingWriter:
     """
 
     def __init__(self, path: str | Path, frames: int, height: int, width: int) -> None:
-        """Check the path; nothing is made yet."""
+        """Check the path; the file is made later."""
         checked_target(path)
         self._path = Path(path)
         self._shape = (frames, height, width)
@@ -143,7 +143,7 @@ class RecordingWriter:
         self._depth: Any = None
 
     def __enter__(self) -> 'RecordingWriter':
-        """Open a file beside the target and start ``depth``."""
+        """Open a scratch file beside the target and start ``depth``."""
         with ExitStack() as opening:
             part = opening.enter_context(whole(self._path))
             self._archive = opening.enter_context(zipfile.ZipFile(part, 'w'))
@@ -181,7 +181,7 @@ class RecordingWriter:
         key : str
             Its name.
         dtype : numpy.dtype
-            What each (H, W) frame is stored as.
+            Type in which each (H, W) frame is stored.
         frames : iterable of numpy.ndarray
             As many as `depth` has.
 
@@ -217,7 +217,7 @@ class RecordingWriter:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Put the file in its place, or remove what there is of it."""
+        """Move the file to its place, or remove it after an error."""
         if error is None and self._left:
             error = InputError(f'{self._path}: depth: {self._left} frames are missing')
         with self._closing:  # All that is open, whatever fails.

@@ -1,4 +1,4 @@
-"""The arrays of an ``.npz`` file that nobody vouches for: checked first, then read in bounds."""
+"""Arrays of an untrusted ``.npz`` file: checked before they are read, in bounded memory."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -18,7 +18,7 @@ import numpy as np
 
 LIMIT = 'FLEXX2_NPZ_LIMIT_MB'
 _LIMIT_MB = 512
-_EXPANSION = 20  # times a file's own size: depth with noise shrinks to a half
+_EXPANSION = 20  # times the file's size; noisy depth compresses by a factor of 2
 _BLOCK = 1 << 20
 _UNREADABLE = (
     OSError,
@@ -41,7 +41,7 @@ _PLAIN = {zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED}
 @dataclass(frozen=True)
 class Header:
     """
-    What an array in the file says of itself.
+    The header of an array in the file.
 
     Attributes
     ----------
@@ -70,8 +70,8 @@ class NpzFile:
     """
     An open ``.npz`` file.
 
-    Made by `open_npz`. Nothing in it is unpickled, and no more is read of an array than its
-    header and the archive's both say.
+    Made by `open_npz`. Nothing is unpickled. An array is read only up to the size on which its
+    header and the archive's agree.
 
     Parameters
     ----------
@@ -131,8 +131,8 @@ def open_npz(path: Path) -> Iterator[NpzFile]:
     Raises
     ------
     InputError
-        When it is no such file, damaged, pickled, or decompresses to more than it may; also
-        for what goes wrong with it inside the ``with`` block. The message names the file.
+        When it is no such file, damaged, pickled, or over the limit of decompressed size; also
+        for errors of reading inside the ``with`` block. The message names the file.
 
     """
     try:
@@ -197,7 +197,7 @@ def _check_sizes(archive: zipfile.ZipFile) -> None:
 
 
 def _checked_header(entry: IO[bytes], key: str, size: int) -> Header:
-    # Of a file of so many bytes, which the header must explain.
+    # The header must match `size`, the bytes of the file.
     header = _read_header(entry, key)
     left = size - entry.tell()
     if header.size != left:
@@ -226,7 +226,7 @@ def _read_header(entry: IO[bytes], key: str) -> Header:
 
 
 def _content(entry: IO[bytes], key: str, header: Header) -> np.ndarray:
-    # What follows the header.
+    # The data after the header.
     array = np.empty(math.prod(header.shape), header.dtype)
     if header.size:
         _fill(entry, array)

@@ -27,8 +27,8 @@ class NpzRecording(RecordingReader):
     """
 
     def __init__(self, path: Path, profile: Profile) -> None:
-        """Read all but the stacks."""
-        # Stacks whose frames do not lie one after the other.
+        """Read everything except the stacks."""
+        # Stacks whose frames are not contiguous.
         self._loaded: dict[str, np.ndarray] = {}
         self._shapes: dict[str, tuple[int, ...]] = {}
         content = self._read(path)

@@ -1,4 +1,4 @@
-"""Open a recording, whichever file it lies in."""
+"""Open a recording of any file format."""
 
 from pathlib import Path
 
@@ -18,13 +18,13 @@ def open_recording(
     ----------
     path : str or pathlib.Path
         An ``.npz`` recording, or a rosbag2 bag: a folder, or a single ``.mcap`` or ``.db3``
-        file, of this package's nodes or of the real driver (pmd-royale-ros). A bag that was cut
-        off is read as far as it is whole; `RecordingReader.notes` says how far that is.
+        file, of this package's nodes or of the real driver (pmd-royale-ros). The intact
+        messages of a bag that was cut off are read; see `RecordingReader.notes`.
     camera : str, optional
         Which camera of a bag that has several: its name (`recording_cameras` lists them) or the
         topic of any depth image, with its camera_info beside it.
     profile : Profile, optional
-        The camera whose modes say the rate of a file without stamps; the Flexx2 when left out.
+        The camera whose modes give the rate of a file without stamps. Default: the Flexx2.
 
     Returns
     -------
@@ -52,7 +52,7 @@ def load_recording(path: str | Path, camera: str | None = None) -> Recording:
     """
     Read a whole recording into memory.
 
-    For long ones there is ``open_recording(path).chunks()``.
+    For long recordings, use ``open_recording(path).chunks()``.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ def load_recording(path: str | Path, camera: str | None = None) -> Recording:
 
 
 def recording_cameras(path: str | Path) -> list[str]:
-    """Return the names of a bag's cameras; for an ``.npz`` nothing, since it has just one."""
+    """Return the names of a bag's cameras; an empty list for an ``.npz``, which has one."""
     if Path(path).suffix == '.npz':
         return []
     from flexx2_sim_ros.recording.bag_cameras import survey

@@ -1,4 +1,4 @@
-"""Messages into a bag from a thread of its own."""
+"""Write messages into a bag in a separate thread."""
 
 import queue
 import sqlite3
@@ -17,26 +17,26 @@ _FLUSH_SECONDS = 1.0
 
 class BagSink:
     """
-    Write messages while they come, through a queue of bounded size.
+    Write messages as they arrive, through a queue of bounded size.
 
-    `put` never waits: what does not fit is refused, for the caller to count. When this process
-    dies, at most the last second is missing from the bag.
+    `put` never waits: it refuses messages when the queue is full. If this process crashes, the
+    bag lacks at most the last second.
 
     Parameters
     ----------
     writer : BagWriter
         The bag; it is opened and closed by the thread.
     capacity : int
-        How many bytes of messages wait at most.
+        Largest size of the queue, bytes.
 
     Attributes
     ----------
     error : InputError or None
-        Why writing has ended early; what comes after it is refused.
+        Why writing ended early; later messages are refused.
     waiting : int
-        Bytes that wait.
+        Bytes in the queue.
     remarks : dict of str to str
-        What goes into the bag's custom data at its end.
+        Remarks that are added to the bag's custom data at its end.
 
     """
 
@@ -53,11 +53,11 @@ class BagSink:
         self._thread.start()
 
     def offer(self, topic: str, offers: list[Qos]) -> None:
-        """Say what a topic's publishers offer, before its first message; see `BagWriter`."""
+        """Set the QoS of a topic's publishers, before its first message; see `BagWriter`."""
         self._writer.offers[topic] = offers
 
     def put(self, message: Message) -> bool:
-        """Take a message; say whether there was room for it."""
+        """Add a message; return whether there was room for it."""
         with self._lock:
             if self.error is not None or self.waiting + len(message.data) > self._capacity:
                 return False
@@ -75,12 +75,12 @@ class BagSink:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Close the bag, however the block ends."""
+        """Close the bag, also after an error."""
         self.close()
 
     def close(self) -> None:
         """
-        Write what waits, and close the bag.
+        Write the queue, and close the bag.
 
         Raises
         ------
@@ -105,7 +105,7 @@ class BagSink:
             self.error = InputError(
                 f'{self._writer.path}: {reason(error)}; earlier messages are in the bag'
             )
-        except Exception as error:  # Whatever it is, the thread that records has to know.
+        except Exception as error:  # The recording thread must learn of every error.
             self.error = InputError(f'{self._writer.path}: cannot be written: {shown(error, 200)}')
 
     def _write(self, writer: BagWriter) -> None:
