@@ -1,4 +1,4 @@
-"""Put pinhole cameras into a MuJoCo model that is being composed."""
+"""Add pinhole cameras to a MuJoCo model."""
 
 import math
 from typing import Any
@@ -38,7 +38,7 @@ def add_camera(
     Parameters
     ----------
     body : mujoco.MjsBody
-        Of the specification that is being composed.
+        A body of the specification.
     name : str
         The camera's name.
     position : tuple of float
@@ -59,14 +59,14 @@ def add_camera(
         quat=quat,
         resolution=size,
         focal_pixel=[intrinsics.fx, intrinsics.fy],
-        # Any pixel pitch gives the same picture; the principal point is an offset from the middle.
+        # Any pixel pitch gives the same image. The principal point is an offset from the middle.
         sensor_size=[1e-3 * size[0], 1e-3 * size[1]],
         principal_pixel=[0.0, 0.0],
     )
 
 
 def set_view(spec: mujoco.MjSpec, intrinsics: Intrinsics, near: float, far: float) -> None:
-    """Set clipping planes in metres, and make room for the cameras' images."""
+    """Set the clipping planes (metres) and the size of the off-screen buffer."""
     spec.stat.extent = 1.0  # MuJoCo multiplies znear and zfar by it
     spec.visual.map.znear, spec.visual.map.zfar = near, far
     buffer = spec.visual.global_
@@ -79,7 +79,7 @@ def set_view(spec: mujoco.MjSpec, intrinsics: Intrinsics, near: float, far: floa
 
 def board_model(intrinsics: Intrinsics, camera: str = 'camera') -> mujoco.MjModel:
     """
-    Return the scene ``board`` with one camera in front of it, and nothing else.
+    Return the scene ``board`` with one camera in front of it, without a robot.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What a walking robot's feet find: the scene's solid shapes, asked with rays."""
+"""The ground under a walking robot: the scene's solid shapes, found with rays."""
 
 import copy
 from typing import Protocol
@@ -11,7 +11,7 @@ _DOWN = np.array([0.0, 0.0, -1.0])
 
 
 class Ground(Protocol):
-    """What the gait asks of the world."""
+    """What the gait needs to know about the scene."""
 
     def heights(self, points: np.ndarray, top: float) -> np.ndarray:
         """Return (...) metres, the highest ground not above `top` at (..., 2) points, or NaN."""

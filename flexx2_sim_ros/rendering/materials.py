@@ -8,7 +8,7 @@ from flexx2_sim_ros.paths import config_dir
 import mujoco
 import numpy as np
 
-# The colour of a geom that leaves it to its material, by MuJoCo's rule.
+# MuJoCo's default colour: a geom of this colour takes the colour of its material.
 _NO_COLOUR = np.array([0.5, 0.5, 0.5, 1.0], np.float32)
 
 
@@ -55,7 +55,7 @@ def reflectivity_table(
     Parameters
     ----------
     model : mujoco.MjModel
-        Any model. A material's name counts after its last ``/``.
+        Any model. Only the part of a material's name after the last ``/`` counts.
     materials : dict of str to float, optional
         Reflectivity by material name; default `load_materials()`.
 

@@ -8,8 +8,8 @@ from flexx2_sim_ros.rendering.visibility import unseen_geoms
 import mujoco
 import numpy as np
 
-# Geom groups that are seen, as in MuJoCo's viewer: 0 to 2. By convention 3 and up hold collision
-# shapes that stand inside the visible ones.
+# Visible geom groups, as in MuJoCo's viewer: 0 to 2. By convention, groups from 3 on hold
+# collision shapes, which are inside the visible ones.
 VISIBLE_GROUPS = np.array([1, 1, 1, 0, 0, 0], np.uint8)
 _INVISIBLE = 5
 

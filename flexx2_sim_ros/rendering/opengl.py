@@ -12,8 +12,8 @@ from flexx2_sim_ros.rendering.model_cameras import clip_planes, ModelCameras, VI
 import mujoco
 import numpy as np
 
-# OpenGL would draw an infinite plane as thousands of squares: it gets one with sides of this
-# many metres.
+# An infinite plane is drawn with sides of this many metres: otherwise OpenGL draws it as thousands
+# of squares.
 _PLANE_SIZE = 1000.0
 
 
@@ -53,8 +53,8 @@ class OpenGlRenderer:
         self._gl = _gl_context(backend, intrinsics.width, intrinsics.height)
         try:
             self._gl.make_current()
-            # MuJoCo looks OpenGL up once a process and would prefer EGL's when that library is
-            # loaded, even where it did not work; in this variable it takes a hint.
+            # MuJoCo loads OpenGL once per process. Without this variable it prefers EGL if that
+            # library is loaded, even when it does not work.
             with _environment('MUJOCO_GL', backend):
                 self._context = mujoco.MjrContext(self._model, mujoco.mjtFontScale.mjFONTSCALE_50)
         except BaseException:
@@ -63,7 +63,7 @@ class OpenGlRenderer:
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._context)
         self._context.readDepthMap = mujoco.mjtDepthMap.mjDEPTH_ZEROFAR
         self._scene = mujoco.MjvScene(self._model, maxgeom=max(model.ngeom, 1))
-        # No sky, haze, shadow or reflection. Back faces are drawn: the ray caster sees them too.
+        # No sky, haze, shadow or reflection. Back faces are drawn: the ray caster sees them.
         self._scene.flags[:] = 0
         self._scene.flags[mujoco.mjtRndFlag.mjRND_SEGMENT] = 1
         self._scene.flags[mujoco.mjtRndFlag.mjRND_IDCOLOR] = 1
@@ -97,14 +97,14 @@ class OpenGlRenderer:
         )
         geom_of = self._geom_of.get(camera)
         if geom_of is None or self._scene.ngeom != geom_of.size - 1:
-            # Position in the scene to geom id: changes only when geoms appear or vanish.
+            # Geom id by position in the scene; changes only when geoms appear or vanish.
             geom_of = self._geom_of[camera] = np.array(
                 [-1] + [geom.objid for geom in self._scene.geoms[: self._scene.ngeom]], np.int32
             )
         mujoco.mjr_render(self._rect, self._scene, self._context)
         mujoco.mjr_readPixels(self._rgb, self._buffer, self._rect, self._context)
-        # The image is upside down. A pixel's colour is 1 + its geom's position in the scene, red
-        # lowest; 0 is nothing.
+        # The image is upside down. A pixel's colour is 1 + its geom's position in the scene, with
+        # red as the lowest byte; 0 is background.
         rgb, index = self._rgb[::-1], self._index
         np.copyto(index, rgb[..., 0])
         if geom_of.size > 256:
@@ -130,7 +130,7 @@ class OpenGlRenderer:
 
 @contextmanager
 def _environment(name: str, value: str) -> Iterator[None]:
-    """Set an environment variable for the length of a block."""
+    """Set an environment variable inside a block."""
     before = os.environ.get(name)
     os.environ[name] = value
     try:
@@ -146,9 +146,9 @@ def _gl_context(backend: str, width: int, height: int) -> Any:
     """
     Create an off-screen OpenGL context.
 
-    PyOpenGL binds itself to one platform when it is first imported. When that was another one
-    (perhaps one that failed), its modules are dropped so that it starts afresh; contexts that
-    are in use keep the modules they hold.
+    PyOpenGL chooses its platform when it is first imported. If that was another one (perhaps one
+    that failed), its modules are removed so that they are imported again. Contexts in use keep
+    their modules.
     """
     loaded = sys.modules.get('OpenGL.platform')
     bound = getattr(getattr(loaded, 'PLATFORM', None), '__module__', '')

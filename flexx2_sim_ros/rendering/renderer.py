@@ -26,7 +26,7 @@ class DepthRenderer(Protocol):
     backend : str
         ``egl``, ``osmesa`` or ``ray``.
     reasons : tuple of str
-        Why each better backend was passed over; empty when there is nothing to say.
+        Why each better backend cannot be used; empty if this is the best one.
 
     """
 
@@ -47,10 +47,10 @@ class DepthRenderer(Protocol):
         Returns
         -------
         depth : np.ndarray
-            (H, W) float32, metres along the optical axis; NaN where nothing is hit before the
-            far plane.
+            (H, W) float32, metres along the optical axis; NaN where there is no return before
+            the far plane.
         geom_id : np.ndarray
-            (H, W) int32, the geom that is seen, -1 for nothing.
+            (H, W) int32, the visible geom, -1 for background.
 
         Raises
         ------
@@ -67,24 +67,24 @@ def open_renderer(
     model: mujoco.MjModel, intrinsics: Intrinsics, backend: str = 'auto'
 ) -> DepthRenderer:
     """
-    Open the best renderer there is.
+    Open the best renderer that works here.
 
-    What of the robot a camera can never see (`unseen_geoms`) is left out of its pictures.
-    An OpenGL renderer belongs to the thread that opened it, and should be closed there. It draws
-    round shapes with facets (``visual/quality`` in the model), so its depth is off by up to 0.6 %
-    of their radius there; the ray caster's is exact. An object that reaches nearer than the near
-    plane is seen through by OpenGL, while the ray caster sees nothing there.
+    Parts of the robot that a camera can never see (`unseen_geoms`) are not rendered for it. An
+    OpenGL renderer belongs to the thread that opened it and should be closed there. OpenGL draws
+    round shapes with facets (``visual/quality`` in the model), so their depth is off by up to
+    0.6 % of their radius; the ray caster is exact. Where an object is nearer than the near plane,
+    OpenGL sees through it, and the ray caster has no return.
 
     Parameters
     ----------
     model : mujoco.MjModel
-        From `flexx2_sim_ros.robots.model.build_model`; copied: later changes to it are not seen,
-        other than through the states of it that are rendered.
+        From `flexx2_sim_ros.robots.model.build_model`; copied, so later changes to it have no
+        effect.
     intrinsics : Intrinsics
-        The ones the model was built with.
+        Those that the model was built with.
     backend : str
         ``egl``, ``osmesa``, ``ray`` (``mj_multiRay``; no graphics library needed), or ``auto``:
-        the first of them that works. No environment variable has a say.
+        the first of them that works. Environment variables have no influence.
 
     Returns
     -------
@@ -93,7 +93,7 @@ def open_renderer(
     Raises
     ------
     InputError
-        For an unknown backend, or when the one that was asked for does not work here.
+        For an unknown backend, or one that does not work here.
 
     """
     if backend not in BACKENDS:

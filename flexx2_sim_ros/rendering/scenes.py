@@ -1,7 +1,7 @@
 """
-The scenes: from a file in ``config/models``, or built here.
+Scenes, from files in ``config/models`` or built here.
 
-In all of them the robot stands at the origin and looks along +x, the ground under it at height 0.
+In each scene the robot stands at the origin and faces +x. The ground below it is at height 0.
 """
 
 from pathlib import Path
@@ -15,7 +15,7 @@ import numpy as np
 SCENES = ('lab', 'stairs', 'corner', 'board', 'rubble')
 # Names in a scene get this prefix in the whole model.
 PREFIX = 'scene/'
-# Half-sizes of the white board and what stands behind it: depth, width, height, metres.
+# Half-sizes of the white board and of the backdrop: depth, width, height, metres.
 BOARD_HALF_SIZE = (0.01, 0.6, 0.45)
 _BACKDROP_HALF_SIZE = (0.02, 8.0, 8.0)
 BACKDROP_BEHIND = 1.5
@@ -37,7 +37,7 @@ _BOX = mujoco.mjtGeom.mjGEOM_BOX
 
 def load_scene(scene: str) -> tuple[mujoco.MjSpec, str]:
     """
-    Return a scene to be attached to a robot, and where it comes from.
+    Return a scene to attach to a robot, and its source.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ def load_scene(scene: str) -> tuple[mujoco.MjSpec, str]:
     Returns
     -------
     spec : mujoco.MjSpec
-        Compiles by itself.
+        The scene; it compiles without a robot.
     source : str
         Its name or path, for messages.
 
@@ -65,7 +65,7 @@ def load_scene(scene: str) -> tuple[mujoco.MjSpec, str]:
 
 
 def read_model(parameter: str, value: str, path: Path, names: tuple[str, ...]) -> mujoco.MjSpec:
-    """Read an MJCF or URDF file and compile it alone: an error is laid at the right door."""
+    """Read an MJCF or URDF file and compile it alone, so that errors name the right file."""
     if not is_regular_file(path):
         raise InputError(
             f'{parameter}: must be {", ".join(map(repr, names))} or the path of an MJCF file, '
@@ -94,20 +94,20 @@ def place_board(
     model: mujoco.MjModel, data: mujoco.MjData, camera: str, distance: float, angle: float
 ) -> None:
     """
-    Put the scene `board`'s board in front of a camera.
+    Place the board of the scene `board` in front of a camera.
 
-    The board's front face crosses the camera's optical axis at `distance` and its normal there
-    makes the angle `angle` with the axis: it is turned about the image's vertical, its right
-    edge away from the camera. The face's depth at pixel (u, v) is exactly
+    The board's front face crosses the camera's optical axis at `distance`, and the angle between
+    its normal and the axis is `angle`. The board is turned about the image's vertical, with the
+    right edge away from the camera. The face's depth at pixel (u, v) is exactly
     ``distance / (1 - tan(angle) (u - cx) / fx)``. A backdrop stands 1.5 m behind it, square to the
-    axis. Other cameras see both from where they happen to be.
+    axis. Other cameras see both from their own positions.
 
     Parameters
     ----------
     model : mujoco.MjModel
-        Of the scene `board`; the board's place in it is changed for good.
+        Model with the scene `board`; the board's place in it is changed permanently.
     data : mujoco.MjData
-        The robot in its pose, complete up to its positions; is brought up to date.
+        The robot in its pose, complete up to its positions; it is updated.
     camera : str
         The camera's name.
     distance : float
@@ -158,7 +158,7 @@ def _move(
     mujoco.mju_mat2Quat(quaternion, np.stack([normal, np.cross(up, normal), up], axis=1).ravel())
     mocap = model.body_mocapid[body]
     data.mocap_pos[mocap], data.mocap_quat[mocap] = position, quaternion
-    # In the model and its keys as well, so that a reset keeps it.
+    # Also in the model and its keyframes, so that a reset keeps it.
     model.body_pos[body], model.body_quat[body] = position, quaternion
     model.key_mpos.reshape(model.nkey, model.nmocap, 3)[:, mocap] = position
     model.key_mquat.reshape(model.nkey, model.nmocap, 4)[:, mocap] = quaternion
@@ -176,10 +176,10 @@ def _empty(name: str) -> mujoco.MjSpec:
 
 def _board() -> mujoco.MjSpec:
     """
-    Build the paper's white board, with nothing else in sight.
+    Build the paper's white board, with nothing else in view.
 
-    The cameras look down, and the board stands in their optical axes up to 10 m away: there is
-    no floor, and the robot stands on a pedestal that ends before the cameras can see it.
+    The cameras look down, and the board may be 10 m away on their optical axes. So there is no
+    floor, and the robot stands on a pedestal that is too small for the cameras to see.
     """
     spec = _empty('board')
     spec.worldbody.add_geom(
@@ -199,7 +199,7 @@ def _board() -> mujoco.MjSpec:
 
 
 def _rubble() -> mujoco.MjSpec:
-    """Build a field of bricks, planks and pipes at all angles; the same one every time."""
+    """Build a field of bricks, planks and pipes at random angles with a fixed seed."""
     spec = _empty('rubble')
     world = spec.worldbody
     world.add_geom(

@@ -1,4 +1,4 @@
-"""Which of the robot's own shapes a camera on it can never see, so that none is drawn in vain."""
+"""Find the robot's own shapes that its camera can never see; they need not be rendered."""
 
 import copy
 
@@ -12,10 +12,10 @@ _ONLY = np.array([1, 0, 0, 0, 0, 0], np.uint8)
 
 def unseen_geoms(model: mujoco.MjModel, camera: int, intrinsics: Intrinsics) -> np.ndarray:
     """
-    Return which shapes of the robot that carries a camera are out of that camera's view.
+    Return which shapes of a robot are always outside the view of a camera on it.
 
-    Shapes that are fixed to the camera are judged by its rays, those that move by where they are
-    in many poses, drawn from the whole range of the joints. Nothing but the robot is judged.
+    Shapes that are fixed to the camera are tested with its rays. Shapes that move are tested in
+    many poses from the whole range of the joints. Only shapes of the robot are tested.
 
     Parameters
     ----------
@@ -29,7 +29,7 @@ def unseen_geoms(model: mujoco.MjModel, camera: int, intrinsics: Intrinsics) -> 
     Returns
     -------
     numpy.ndarray
-        (ngeom,) bool; all False for a camera that stands in the world.
+        (ngeom,) bool; all False for a camera that is fixed to the world.
 
     """
     body = model.cam_bodyid[camera]
@@ -42,14 +42,14 @@ def unseen_geoms(model: mujoco.MjModel, camera: int, intrinsics: Intrinsics) -> 
     seen = _hit_by_rays(model, data, camera, intrinsics, fixed)
     moving = own & ~fixed
     seen[moving] = _crossing(model, data, camera, intrinsics, moving)
-    # Of a leg that can come into view, all of it is kept: not every pose was tried.
+    # If part of a leg can come into view, the whole leg is kept: not every pose was tested.
     limbs = np.array([_limb(model, int(part), int(body)) for part in bodies])
     seen |= np.isin(limbs, limbs[seen & moving])
     return own & ~seen
 
 
 def _limb(model: mujoco.MjModel, body: int, trunk: int) -> int:
-    """Return the body next to the trunk (and what is fixed to it) that a body hangs from."""
+    """Return the ancestor of a body that is attached to the trunk (or to parts fixed to it)."""
     parent = int(model.body_parentid[body])
     while parent and model.body_weldid[parent] != model.body_weldid[trunk]:
         body, parent = parent, int(model.body_parentid[parent])
@@ -72,7 +72,7 @@ def _hit_by_rays(
     intrinsics: Intrinsics,
     geoms: np.ndarray,
 ) -> np.ndarray:
-    """Return (ngeom,) bool: those of `geoms` that a pixel's ray meets, with nothing else there."""
+    """Return (ngeom,) bool: those of `geoms` that a pixel's ray hits, without other geoms."""
     only = copy.copy(model)
     only.geom_group[:] = np.where(geoms, 0, 5)
     mujoco.mj_kinematics(model, data)
@@ -106,7 +106,7 @@ def _crossing(
     intrinsics: Intrinsics,
     geoms: np.ndarray,
 ) -> np.ndarray:
-    """Return which of `geoms` reach, with their bounding spheres, into the view in some pose."""
+    """Return which of `geoms` have a bounding sphere that reaches into the view in some pose."""
     inward = _view_planes(intrinsics)
     low, high = model.jnt_range.T.copy()
     free = model.jnt_limited == 0

@@ -1,1 +1,1 @@
-"""A page in the browser that shows cameras live: what is drawn, how it is sent, who may look."""
+"""The browser page that shows cameras live: server, access, images, driving."""

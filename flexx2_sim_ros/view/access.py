@@ -1,10 +1,10 @@
 """
-Who may open the page: whoever has it can drive a robot.
+Control who may open the page, because a page can drive a robot.
 
-The Host of a request has to be an address or a name of this machine (another name can be made to
-point here by whoever owns it), and the Origin of a websocket has to be that host. Beyond this
-machine a token is asked for as well: the address that `flexx2 view` prints carries it, and a
-cookie keeps it for what the page loads.
+The Host of a request must be an address or a name of this machine, since the owner of another
+name can let it point here (DNS rebinding). The Origin of a websocket must be that host. From other
+machines a token is required, too: the address that `flexx2 view` prints contains it, and a cookie
+keeps it for the files that the page loads.
 """
 
 from dataclasses import dataclass
@@ -20,14 +20,14 @@ _TOKEN_BYTES = 16
 @dataclass(frozen=True)
 class Access:
     """
-    What a request has to bring.
+    The conditions that a request must meet.
 
     Attributes
     ----------
     host : str
-        What the server is bound to.
+        The address that the server is bound to.
     token : str
-        What has to be in the query or the cookie; empty when nothing has to.
+        Token required in the query or the cookie; empty if none is required.
 
     """
 
@@ -35,7 +35,7 @@ class Access:
     token: str = ''
 
     def is_own(self, host: str) -> bool:
-        """Say whether a request's Host is this machine, by an address or a name of its own."""
+        """Return whether a request's Host is an address or a name of this machine."""
         try:
             name = (urlsplit(f'//{host}').hostname or '').lower()
             if name in ('localhost', socket.gethostname().lower(), self.host.lower()):
@@ -46,19 +46,19 @@ class Access:
         return True
 
     def admits(self, given: str | None) -> bool:
-        """Say whether this is the token, in a time that does not tell how much of it is."""
+        """Return whether this is the token; the comparison takes constant time."""
         return not self.token or hmac.compare_digest(
             (given or '').encode(errors='replace'), self.token.encode()
         )
 
 
 def new_token() -> str:
-    """Return a token that nobody can guess, of characters that need no quoting in an address."""
+    """Return a random token of characters that need no quoting in an address."""
     return secrets.token_urlsafe(_TOKEN_BYTES)
 
 
 def is_loopback(host: str) -> bool:
-    """Say whether a name or an address is reached from this machine alone."""
+    """Return whether a name or an address is reachable only from this machine."""
     try:
         return host == 'localhost' or ipaddress.ip_address(host).is_loopback
     except ValueError:

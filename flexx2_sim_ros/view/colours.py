@@ -1,15 +1,15 @@
-"""Colour tables of the page."""
+"""Colour tables for the page."""
 
 import numpy as np
 
 INVALID = (62, 66, 74)
-# Light at both ends, dark where nothing differs; blue and orange differ for all kinds of sight.
+# Light at both ends and dark at zero. Blue and orange are safe for colour-blind users.
 _DIFFERENCE = ((163, 216, 255), (38, 122, 214), (17, 19, 23), (222, 112, 20), (255, 219, 138))
 
 
 def depth_table() -> np.ndarray:
-    """Return viridis, near to far: (256, 3) uint8, sRGB; no table is as easy for all to read."""
-    # Half a second that only those wait for who look.
+    """Return viridis, near to far: (256, 3) uint8, sRGB; safe for colour-blind users."""
+    # Imported here: it takes half a second, which only the page needs.
     import matplotlib
 
     colours = matplotlib.colormaps['viridis'](np.arange(256))

@@ -1,8 +1,8 @@
 """
-Who drives the robot, how fast, and until when.
+Drive the robot from a page, with a heartbeat.
 
-A page repeats its velocity while a key is held. The watch over that heartbeat has a thread of its
-own, so that images that are packed or sent do not delay the stop.
+A page repeats its velocity while a key is held. A separate thread watches this heartbeat, so that
+packing and sending images do not delay the stop.
 """
 
 from collections.abc import Callable
@@ -18,10 +18,10 @@ STOP: Velocity = (0.0, 0.0, 0.0)
 
 class Driving:
     """
-    Pass on what pages drive; stop when one says so, leaves, or misses its heartbeat.
+    Publish the velocity of a page; stop when the page stops, closes, or misses its heartbeat.
 
-    One page drives at a time. A page that is stopped or replaced by another one is ignored until
-    it has released its keys, that is, until it has sent a stop itself.
+    One page drives at a time. A page that another page stopped or replaced is ignored until it
+    has released its keys, that is, until it has sent a stop.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ class Driving:
     """
 
     def __init__(self, publish: Callable[[Velocity], None]) -> None:
-        """Start to watch; nobody drives."""
+        """Start the thread; no page drives."""
         self._publish = publish
         self._page: object = None
         self._deadline = 0.0
@@ -44,12 +44,12 @@ class Driving:
 
     def drive(self, page: object, velocity: Velocity) -> bool:
         """
-        Take a page's heartbeat.
+        Handle a page's heartbeat.
 
         Returns
         -------
         bool
-            Whether the robot obeys: False for a page that has to release its keys first.
+            Whether the robot follows; False for a page that must release its keys first.
 
         """
         with self._changed:
@@ -66,14 +66,14 @@ class Driving:
             return True
 
     def leave(self, page: object) -> None:
-        """Forget a page that is gone; stop if it drives."""
+        """Remove a page that was closed; stop if it drives."""
         with self._changed:
             self._ignored.discard(page)
             if page is self._page:
                 self._stop()
 
     def close(self) -> None:
-        """Stop if somebody drives, and end the thread."""
+        """Stop if a page drives, and end the thread."""
         with self._changed:
             self._closed = True
             if self._page is not None:

@@ -1,8 +1,9 @@
 """
-What the page is sent: a frame as bytes.
+Frames as bytes for the page.
 
-A message is the length of its head (uint32), the head (JSON, filled up with spaces to whole four
-bytes), then simulated and, if there is one, clean depth: uint16, row by row. All little-endian.
+A message has the length of its head (uint32), the head (JSON, padded with spaces to a multiple of
+four bytes), the simulated depth and, if there is one, the clean depth (uint16, row by row). All
+numbers are little-endian.
 """
 
 from dataclasses import dataclass
@@ -11,7 +12,7 @@ import json
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 import numpy as np
 
-# Metres; 0 is invalid, and what is too far for 16 bits is as far as they reach.
+# Metres. 0 is invalid; distances that exceed 16 bits are clipped.
 UNIT = 0.00025
 _FARTHEST = 65535
 
@@ -24,15 +25,15 @@ class ViewedFrame:
     Attributes
     ----------
     sequence : int
-        Another one for every frame.
+        Number of the frame.
     stamp : int
         Nanoseconds.
     simulated : numpy.ndarray
         (H, W) float32 metres; NaN, 0 and less are invalid.
     clean : numpy.ndarray or None
-        The same of what it was made of.
+        The same for the clean depth that it was simulated from.
     intrinsics : Intrinsics
-        Of both.
+        Of both images.
 
     """
 
@@ -44,7 +45,7 @@ class ViewedFrame:
 
     @property
     def invalid_fraction(self) -> float:
-        """Return the share of simulated pixels that are invalid."""
+        """Return the fraction of simulated pixels that are invalid."""
         return float(1.0 - np.mean(self.simulated > 0))
 
 
@@ -52,7 +53,7 @@ def pack_depth(depth: np.ndarray) -> np.ndarray:
     """Return (H, W) float32 metres as little-endian uint16 of `UNIT`, 0 where invalid."""
     with np.errstate(invalid='ignore', over='ignore'):
         steps = np.rint(depth * np.float32(1 / UNIT))
-        # Whatever is valid is never 0.
+        # A valid pixel is never 0.
         steps = np.clip(steps, 1, _FARTHEST)
         return np.where(depth > 0, steps, 0).astype('<u2')
 

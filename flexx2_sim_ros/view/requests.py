@@ -1,4 +1,4 @@
-"""What a page may ask for: its messages, decoded and checked."""
+"""The messages of a page, decoded and checked."""
 
 from dataclasses import dataclass
 import json
@@ -28,7 +28,7 @@ class Drawn:
 @dataclass(frozen=True)
 class Drive:
     """
-    A page drives.
+    A page drives the robot.
 
     Attributes
     ----------
@@ -43,7 +43,7 @@ class Drive:
 @dataclass(frozen=True)
 class Choose:
     """
-    A page asks for a mode.
+    A page requests a mode.
 
     Attributes
     ----------
@@ -65,7 +65,7 @@ def parse(message: str | bytes) -> Drawn | Drive | Choose:
     Raises
     ------
     InputError
-        When it is none of the page's, in one line.
+        When it is not a message of the page. The text has one line.
 
     """
     try:
@@ -78,7 +78,7 @@ def parse(message: str | bytes) -> Drawn | Drive | Choose:
                 usecase
             ):
                 return Choose(camera, usecase)
-    # Of deep nesting and of whole numbers that no float holds.
+    # Raised for deep nesting, and for whole numbers too large for a float.
     except (ValueError, RecursionError, OverflowError):
         pass
     raise InputError(f'message: must be JSON as the page sends it, got {shown(message)}')

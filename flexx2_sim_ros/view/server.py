@@ -1,8 +1,8 @@
 """
 The server of the page: its files, and a websocket for each browser.
 
-A browser is sent a camera's newest frame when it has drawn all but one of those before: a slow
-one, or a tab that nobody looks at, gets fewer frames and holds nothing up. Who may connect is in
+A browser gets a camera's newest frame when at most one earlier frame is not drawn yet. A slow
+browser or a hidden tab gets fewer frames and does not delay the others. Access is controlled in
 `flexx2_sim_ros.view.access`.
 """
 
@@ -26,25 +26,25 @@ from tornado.web import Application, HTTPError, RequestHandler
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
 _TYPES = {'html': 'text/html', 'css': 'text/css', 'js': 'text/javascript', 'svg': 'image/svg+xml'}
-# Frames of a camera on their way: one that is being drawn, and one that comes meanwhile.
+# Frames of a camera in transit: one that is being drawn, and one that arrives meanwhile.
 _AHEAD = 2
 _LONGEST_MESSAGE = 4096
 _MOST_PAGES = 100
-# A page that has not answered a ping when the next one is due is gone.
+# A page that has not answered a ping before the next one is closed.
 _PING_SECONDS = 10.0
 _STOP_SECONDS = 3.0
 
 
 class Source(Protocol):
     """
-    What the page shows, and what it can do; called from the server's thread.
+    The images and actions behind the page; called from the server's thread.
 
     Attributes
     ----------
     shots : dict of str to ViewedFrame
         The newest frame of every camera; replaced as a whole, never changed.
     status : str
-        JSON for the page; replaced when there is something new.
+        JSON for the page; replaced when it changes.
 
     """
 
@@ -52,33 +52,33 @@ class Source(Protocol):
     status: str
 
     def watch(self, watched: bool) -> None:
-        """Begin or end to take frames: somebody looks, or nobody."""
+        """Start or stop receiving frames, when the first page opens or the last one closes."""
 
     def drive(self, page: object, velocity: tuple[float, float, float]) -> bool:
         """
         Drive: forward and to the left in m/s, turn to the left in rad/s; zeros stop.
 
-        Returns whether the robot obeys: another page may have stopped it.
+        Returns whether the robot follows: another page may have stopped it.
         """
 
     def leave(self, page: object) -> None:
-        """Stop what a page has begun: it is gone."""
+        """Stop the robot if this page, which was closed, drives it."""
 
     def choose(self, camera: str, usecase: str) -> None:
-        """Ask a camera for a mode; the answer comes in the status."""
+        """Request a mode of a camera; the answer is in the status."""
 
     def complain(self, text: str) -> None:
-        """Log that a page has sent what it should not."""
+        """Log that a page has sent a wrong message."""
 
 
 def bind(host: str, port: int) -> list[socket.socket]:
     """
-    Take the port, before anything else is started.
+    Bind the port, before anything else is started.
 
     Raises
     ------
     InputError
-        When it is taken, or there is no such address here.
+        When the port is in use, or the address does not exist here.
 
     """
     if not 0 <= port <= 65535:
@@ -102,7 +102,7 @@ def bind(host: str, port: int) -> list[socket.socket]:
 
 class Server:
     """
-    Serve the page from a thread of its own.
+    Serve the page from a separate thread.
 
     Parameters
     ----------
@@ -118,12 +118,12 @@ class Server:
     access, source
         As given.
     turn : asyncio.Lock
-        To be held while a frame is sent.
+        Held while a frame is sent.
 
     """
 
     def __init__(self, sockets: list[socket.socket], access: Access, source: Source) -> None:
-        """Read the page."""
+        """Read the files of the page."""
         self.access, self.source = access, source
         self.turn = asyncio.Lock()
         self._sockets = sockets
@@ -141,35 +141,35 @@ class Server:
 
     @property
     def port(self) -> int:
-        """Return the port, which is another one when 0 was asked for."""
+        """Return the port; for 0, the one that the system chose."""
         return int(self._sockets[0].getsockname()[1])
 
     def start(self) -> None:
-        """Answer from now on."""
+        """Start to answer requests."""
         self._thread.start()
         self._ready.wait()
 
     def wake(self) -> None:
-        """Look at the source: there is something new. Called from any thread."""
-        # At most one call waits in the loop, however busy that is.
+        """Send what is new in the source. May be called from any thread."""
+        # At most one call waits in the loop.
         if self._loop is not None and not self._awake:
             self._awake = True
             self._loop.call_soon_threadsafe(self._wake_all)
 
     def stop(self) -> None:
-        """Say goodbye to all browsers and end the thread."""
+        """Close all connections and end the thread."""
         if self._loop is not None:
             self._loop.call_soon_threadsafe(self._end.set)
             self._thread.join(_STOP_SECONDS)
 
     def enter(self, client: 'Live') -> None:
-        """Take a browser in."""
+        """Add a browser."""
         self._clients.add(client)
         if len(self._clients) == 1:
             self.source.watch(True)
 
     def leave(self, client: 'Live') -> None:
-        """Forget a browser."""
+        """Remove a browser."""
         self._clients.discard(client)
         self.source.leave(client)
         if not self._clients:
@@ -177,7 +177,7 @@ class Server:
             self._packed.clear()
 
     def packed(self, name: str, shot: ViewedFrame) -> bytes:
-        """Return a frame as bytes, made once for all browsers."""
+        """Return a frame as bytes; computed once for all browsers."""
         done = self._packed.get(name)
         if done is None or done[0] is not shot:
             done = self._packed[name] = shot, pack(name, shot)
@@ -185,7 +185,7 @@ class Server:
 
     @property
     def is_full(self) -> bool:
-        """Return whether no more browsers are taken in."""
+        """Return whether the limit of browsers is reached."""
         return len(self._clients) >= _MOST_PAGES
 
     async def _serve(self) -> None:
@@ -222,7 +222,7 @@ class Server:
 
 
 class _Guarded(RequestHandler):
-    # What is the same for the page and for the websocket.
+    # Settings of both the page and the websocket.
 
     def initialize(self, server: Server, **given: Any) -> None:
         self.server, self.given = server, given
@@ -249,7 +249,7 @@ class File(_Guarded):
     """A file of the page."""
 
     def set_default_headers(self) -> None:
-        """Let the page load nothing from elsewhere, and be shown by nobody else."""
+        """Forbid the page to load from other hosts, and other pages to embed it."""
         self.set_header(
             'Content-Security-Policy',
             (
@@ -288,39 +288,39 @@ class Live(_Guarded, WebSocketHandler):
     """
 
     def initialize(self, server: Server, **given: Any) -> None:
-        """Begin with nothing sent."""
+        """Start without frames in transit."""
         super().initialize(server, **given)
         self.news = asyncio.Event()
         self._status = ''
         self._obeyed = self._said_obeyed = True
-        # By camera, of those that there are: nothing that a page names is kept.
+        # By existing camera; names that a page sends are not stored.
         self._sent: dict[str, ViewedFrame] = {}
         self._undrawn: dict[str, int] = {}
 
     def prepare(self) -> None:
-        """Let in whoever may, as long as there is room."""
+        """Accept allowed connections up to the limit."""
         super().prepare()
         if self.server.is_full:
             raise HTTPError(503, reason=f'{_MOST_PAGES} pages are open: close one')
 
     def check_origin(self, origin: str) -> bool:
-        """Say whether the page is from here."""
+        """Return whether the page was served by this server."""
         return origin == f'http://{self.request.host}'
 
     def open(self, *_: str, **__: str) -> None:  # noqa: A003
-        """Begin to send."""
+        """Start to send."""
         self.set_nodelay(True)
         self.server.enter(self)
         self.news.set()
         self._task = asyncio.create_task(self._feed())
 
     def on_close(self) -> None:
-        """End."""
+        """Remove the browser."""
         self._task.cancel()
         self.server.leave(self)
 
     def on_message(self, message: str | bytes) -> None:
-        """Do what the page asks for."""
+        """Handle a message of the page."""
         source = self.server.source
         try:
             asked = parse(message)
@@ -367,16 +367,16 @@ class Live(_Guarded, WebSocketHandler):
         )
 
     async def _send(self, name: str) -> None:
-        # One frame in each round of the loop, however many pages there are: whatever else
-        # comes, a command to drive above all, is dealt with in between.
+        # One frame per round of the loop, for any number of pages, so that other
+        # messages, above all commands to drive, are handled in between.
         async with self.server.turn:
             await asyncio.sleep(0)
             shot = self.server.source.shots.get(name)
-            if shot is None:  # The camera's frames were given up meanwhile.
+            if shot is None:  # The camera's frames were discarded meanwhile.
                 return
             self._sent[name], self._undrawn[name] = shot, self._undrawn.get(name, 0) + 1
             sent = self.write_message(self.server.packed(name, shot), binary=True)
-        # Waits until the bytes have left: none pile up here.
+        # Waits until the bytes are sent, so that they do not pile up.
         await sent
 
 
