@@ -1,9 +1,9 @@
 """
-Output that appears whole or not at all.
+Atomic output: a file is written completely or not at all.
 
-Everything is written into a hidden scratch folder beside its target and moved into place when it
-is complete. The scratch folder is locked while its process lives: what a killed process left
-behind has no lock, and the next run that writes into the same folder removes it.
+Files are written into a hidden scratch folder beside the target and moved to their place when they
+are complete. A process locks its scratch folder. The folder of a killed process has no lock, and
+the next run that writes beside it removes it.
 """
 
 from collections.abc import Iterator
@@ -20,7 +20,7 @@ import tempfile
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.signals import before_leaving
 
-if sys.platform != 'win32':  # There, leftovers stay.
+if sys.platform != 'win32':  # On Windows, leftovers are not removed.
     import fcntl
 
 _PREFIX, _SUFFIX = '.flexx2-', '.part'
@@ -33,7 +33,7 @@ _scratch: dict[Path, int | None] = {}
 @contextmanager
 def whole(path: str | Path) -> Iterator[Path]:
     """
-    Yield where to write a file (or a folder); it gets its name when the block ends well.
+    Yield a scratch path for a file or folder; it gets its name when the block ends without error.
 
     Parameters
     ----------
@@ -43,14 +43,14 @@ def whole(path: str | Path) -> Iterator[Path]:
     Yields
     ------
     pathlib.Path
-        A path of the same file name in a scratch folder. The block writes to it with ordinary
-        means, so that the umask decides who may read it.
+        A path of the same file name in a scratch folder. The block creates it in the
+        usual way, so that the umask sets its permissions.
 
     Raises
     ------
     InputError
         When the target cannot be written, and for every `OSError` and `sqlite3.Error` in the
-        block. The old file, if there is one, is then as it was.
+        block. An existing file is then unchanged.
 
     """
     target = checked_target(path)
@@ -63,7 +63,7 @@ def whole(path: str | Path) -> Iterator[Path]:
 @contextmanager
 def whole_files(folder: str | Path) -> Iterator[Path]:
     """
-    Yield a folder to write files to; they move to their place together when the block ends well.
+    Yield a scratch folder; its files move to their place when the block ends without error.
 
     Parameters
     ----------
@@ -86,16 +86,16 @@ def whole_files(folder: str | Path) -> Iterator[Path]:
 
 
 def write_text(path: str | Path, text: str) -> None:
-    """Write a text file in UTF-8, whole or not at all; see `whole`."""
+    """Write a text file in UTF-8, completely or not at all; see `whole`."""
     with whole(path) as part:
         part.write_text(text, encoding='utf-8', errors='backslashreplace')
 
 
 def checked_target(path: str | Path) -> Path:
     """
-    Return the file that a path to write to stands for, links followed.
+    Return the path to write to, with links resolved.
 
-    Commands call this before a long computation, so that it is not in vain.
+    Commands call this before a long computation, so that they fail early.
 
     Raises
     ------
@@ -118,14 +118,14 @@ def checked_target(path: str | Path) -> Path:
 
 
 def check_distinct(source: str | Path, target: str | Path) -> None:
-    """Raise `InputError` when the target is the source, under whatever name."""
+    """Raise `InputError` when the target is the source, also by another path."""
     with suppress(OSError):
         if Path(source).samefile(target):
             raise InputError(f'{target}: must be another file than the input, got the same')
 
 
 def check_folder(path: str | Path) -> None:
-    """Raise `InputError` where `output_folder` would; makes nothing."""
+    """Raise `InputError` where `output_folder` would, without making a folder."""
     path = Path(path)
     with named(path):
         with suppress(FileNotFoundError):
@@ -139,7 +139,7 @@ def check_folder(path: str | Path) -> None:
 
 def output_folder(path: str | Path) -> Path:
     """
-    Make a folder for results, with the folders above it, unless it is there.
+    Make a folder for results and its parents, unless it exists.
 
     Raises
     ------
@@ -177,7 +177,7 @@ def reason(error: OSError | sqlite3.Error) -> str:
 @contextmanager
 def scratch_folder(parent: str | Path | None = None) -> Iterator[Path]:
     """
-    Yield a new hidden folder that is removed when the block ends, however it ends.
+    Yield a new hidden folder that is removed when the block ends, also after an error.
 
     Parameters
     ----------
@@ -195,7 +195,7 @@ def scratch_folder(parent: str | Path | None = None) -> Iterator[Path]:
 
 
 def discard_scratch() -> None:
-    """Remove all scratch folders of this process: it is about to end."""
+    """Remove all scratch folders of this process before it ends."""
     for folder in list(_scratch):
         _discard(folder)
 
@@ -206,7 +206,7 @@ before_leaving(discard_scratch)
 def _make(parent: Path) -> Path:
     while True:
         folder = parent / f'{_PREFIX}{secrets.token_hex(8)}{_SUFFIX}'
-        # Noted first: a signal may come at any moment.
+        # Registered first, because a signal may arrive at any time.
         _scratch[folder] = None
         try:
             folder.mkdir(mode=0o700)
@@ -219,7 +219,7 @@ def _make(parent: Path) -> Path:
         except OSError:
             del _scratch[folder]
             raise
-        # Another process may have taken it for a leftover before it was locked.
+        # Another process may have removed it as a leftover before it was locked.
         if folder.is_dir():
             return folder
         _discard(folder)
@@ -242,7 +242,7 @@ def _remove_leftovers(parent: Path) -> None:
 
 
 def _lock(folder: Path, wait: bool) -> int | None:
-    # A lock that ends with the process, however it ends. None where there are no such locks.
+    # A lock that the system releases when the process ends. None if such locks do not exist.
     if sys.platform == 'win32':
         return None
     descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)

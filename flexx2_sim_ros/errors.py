@@ -1,4 +1,4 @@
-"""The errors this package raises on purpose, and text from outside that is safe to show."""
+"""The error for wrong input, and functions that make text from outside safe to show."""
 
 from os import PathLike
 from typing import Any
@@ -32,7 +32,7 @@ class InputError(ValueError):
 
 def printable(text: str) -> str:
     """
-    Return text with terminal escapes and all that is not visible as escape sequences.
+    Return text with terminal escapes and other invisible characters as escape sequences.
 
     Line ends and tabs stay. Names in files, notes and messages of others go through this before
     they are shown.
@@ -86,7 +86,7 @@ def shown_path(path: str | PathLike[str]) -> str:
 
 def missing_library(error: ModuleNotFoundError) -> InputError:
     """
-    Return what to tell a user whose command needs a library that is not installed.
+    Return the error for a command that needs a library that is not installed.
 
     Raises
     ------

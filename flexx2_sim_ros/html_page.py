@@ -1,4 +1,4 @@
-"""What all reports in HTML share: the frame of a page, its colours and its basic style."""
+"""The common parts of all HTML reports: page, colours and basic style."""
 
 from html import escape
 from string import Template
@@ -44,7 +44,7 @@ def html_page(title: str, style: str, body: str) -> str:
     title : str
         Plain text; escaped here.
     style : str
-        CSS of this page, after the style that all pages have.
+        CSS of this page, added to the common style.
     body : str
         HTML.
 

@@ -1,4 +1,4 @@
-"""Where the package's data files and executables are, in a checkout and in every install."""
+"""Find the package's data files and executables, in a checkout and in every install."""
 
 from functools import lru_cache
 from pathlib import Path

@@ -1,8 +1,8 @@
 """
 Processes that a command starts: workers and nodes.
 
-They end with the command, however it ends: each holds one end of a pipe whose other end only the
-command has.
+They end when the command ends, even after a crash: each has one end of a pipe whose other end only
+the command has.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -24,7 +24,7 @@ from flexx2_sim_ros.signals import exit_status, leave, leave_on_signals, SIGNALS
 _THREADS = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS', 'NUMBA_NUM_THREADS')
 _NO_WARNING = 'ignore:resource_tracker:UserWarning'
 _GRACE_SECONDS = 5.0
-# Set in the environment of a process whose standard input is a pipe from its parent.
+# Environment variable of a process whose standard input is a pipe from its parent.
 _WATCH = 'FLEXX2_ENDS_WITH_STDIN'
 
 Submit = Callable[[Callable[[Any], Any], Sequence[Any]], list['Future[Any]']]
@@ -36,8 +36,8 @@ def watched_environment() -> dict[str, str]:
 
 
 def end_with_parent() -> None:
-    """End this process, like SIGTERM does, when the process that has started it has ended."""
-    # Not for processes that this one starts.
+    """End this process as SIGTERM does, when its parent has ended."""
+    # Processes that this one starts must not inherit it.
     if os.environ.pop(_WATCH, None):
         threading.Thread(target=_watch_stdin, name='parent watch', daemon=True).start()
 
@@ -53,12 +53,12 @@ def _watch_stdin() -> None:
 @contextmanager
 def workers(count: int, one_thread: bool = False) -> Iterator[Submit]:
     """
-    Run processes for the block; they end with it, and with this process.
+    Run processes that end with the block and with this process.
 
     Parameters
     ----------
     count : int
-        How many, at most.
+        Largest number of processes.
     one_thread : bool
         Whether numeric libraries in a worker use one thread only.
 
@@ -74,7 +74,7 @@ def workers(count: int, one_thread: bool = False) -> Iterator[Submit]:
 
     """
     if sys.platform != 'win32':
-        _start_resource_tracker()  # Starting it later would let signals through.
+        _start_resource_tracker()  # Started here, because a later start would not block signals.
     # Spawned, not forked: this process has threads, whose locks would stay locked.
     context = multiprocessing.get_context('spawn')
     pool = ProcessPoolExecutor(
@@ -98,7 +98,7 @@ def workers(count: int, one_thread: bool = False) -> Iterator[Submit]:
 
 @contextmanager
 def _signals_later() -> Iterator[None]:
-    # Workers are started in here, and keep signals waiting until they can handle them.
+    # Workers start inside this block with signals blocked until they can handle them.
     if sys.platform == 'win32':
         yield
         return
@@ -110,7 +110,7 @@ def _signals_later() -> Iterator[None]:
 
 
 def _start_resource_tracker() -> None:
-    # It frees the semaphores of a process that was told to end, which is no reason to warn.
+    # It frees the semaphores of a terminated process, which needs no warning.
     from multiprocessing import resource_tracker
 
     before = os.environ.get('PYTHONWARNINGS')
@@ -125,7 +125,7 @@ def _start_resource_tracker() -> None:
 
 
 def _begin_worker(one_thread: bool) -> None:
-    # Of a terminal's Ctrl-C the parent takes care.
+    # The parent handles Ctrl-C of the terminal.
     leave_on_signals()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if sys.platform != 'win32':

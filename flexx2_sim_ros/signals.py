@@ -1,7 +1,7 @@
 """
-How a process ends on Ctrl-C and SIGTERM.
+End a process on Ctrl-C and SIGTERM.
 
-Imports next to nothing, so that a command can handle signals before it imports all else.
+Imports little, so that a command can handle signals before its other imports.
 """
 
 from collections.abc import Callable
@@ -21,7 +21,7 @@ def exit_status(number: int) -> int:
 
 
 def before_leaving(clean: Callable[[], None]) -> None:
-    """Have a function called before `leave` ends the process."""
+    """Register a function that is called before the process ends."""
     _cleaning.append(clean)
 
 
@@ -29,8 +29,8 @@ def leave_on_signals(status: Callable[[int], int] = exit_status) -> None:
     """
     Let Ctrl-C and SIGTERM end this process at once, quietly and without leftovers.
 
-    The handler cleans up itself and raises nothing: an exception could come out of any line of
-    any library, as a traceback or not at all.
+    The handler cleans up and does not raise: a library could print an exception as a traceback or
+    hide it.
 
     Parameters
     ----------

@@ -1,1 +1,1 @@
-"""What ROS messages say, as arrays and values; imports no ROS."""
+"""The content of ROS messages as arrays and values; imports no ROS."""

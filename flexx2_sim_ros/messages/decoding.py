@@ -1,8 +1,8 @@
 """
-What comes in messages, as arrays and values.
+Decode messages into arrays and values.
 
 Nothing here imports ROS: the functions take messages (or anything with their fields) and raise
-`InputError` for whatever cannot be used.
+`InputError` for messages that cannot be used.
 """
 
 import sys
@@ -31,7 +31,7 @@ def stamp_nanoseconds(stamp: Any) -> int:
 
 
 def check_stamp(stamp: Any, field: str) -> None:
-    """Refuse a ``builtin_interfaces/Time`` that cannot be passed on as it is."""
+    """Refuse a ``builtin_interfaces/Time`` that is out of range."""
     if not 0 <= stamp.nanosec < _NANOSECONDS:
         raise InputError(
             f'{field}: header.stamp: must be less than {_NANOSECONDS}, got nanosec {stamp.nanosec}'
@@ -65,7 +65,7 @@ def decode_image(message: Any, field: str, encodings: tuple[str, ...]) -> np.nda
     """
     raw = image_pixels(message, field, encodings)
     _, unit = _ENCODINGS[message.encoding]
-    # A double beyond float32's range becomes infinite, which is: nothing there.
+    # A double beyond the range of float32 becomes infinite: no return.
     with np.errstate(over='ignore', invalid='ignore'):
         image = np.ascontiguousarray(raw, dtype=np.float32)
     return image if unit == 1.0 else image * np.float32(unit)
@@ -73,7 +73,7 @@ def decode_image(message: Any, field: str, encodings: tuple[str, ...]) -> np.nda
 
 def image_pixels(message: Any, field: str, encodings: tuple[str, ...]) -> np.ndarray:
     """
-    Return a single-channel ``sensor_msgs/Image``'s pixels as they are.
+    Return the pixels of a single-channel ``sensor_msgs/Image`` without conversion.
 
     Parameters
     ----------
@@ -137,7 +137,7 @@ def decode_camera_info(message: Any, field: str = 'camera_info') -> Intrinsics:
             f'{shown(model)} with coefficients {shown(coefficients)}'
         )
     if not any(coefficients):
-        coefficients = []  # However many zeros: no distortion.
+        coefficients = []  # Any number of zeros means no distortion.
     try:
         return Intrinsics.from_matrix(message.k, message.width, message.height, coefficients)
     except InputError as error:

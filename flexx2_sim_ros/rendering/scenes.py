@@ -82,8 +82,8 @@ def read_model(parameter: str, value: str, path: Path, names: tuple[str, ...]) -
 
 
 def _free_urdf(spec: mujoco.MjSpec) -> None:
-    # A URDF does not say whether its root moves; a robot's does. Links that are fixed to each
-    # other stay apart, or `trunk` would vanish in the link above it.
+    # A URDF does not tell whether its root is free; a robot's is. Links that are fixed to each
+    # other must stay separate: otherwise `trunk` is merged into its parent.
     spec.compiler.fusestatic = False
     for body in spec.worldbody.bodies:
         if not body.joints:

@@ -1,4 +1,4 @@
-"""The robot as links and joints: a URDF for RViz, and where each link is in a state."""
+"""The robot as links and joints: its URDF, and the pose of each link in a state."""
 
 from dataclasses import dataclass
 from xml.etree import ElementTree
@@ -29,13 +29,13 @@ _SPHERE, _CAPSULE, _ELLIPSOID, _CYLINDER, _BOX = (
         mujoco.mjtGeom.mjGEOM_BOX,
     )
 )
-_VISIBLE_GROUPS = 3  # what MuJoCo's own viewer shows by default: 0, 1 and 2
+_VISIBLE_GROUPS = 3  # MuJoCo's viewer shows groups 0, 1 and 2 by default
 
 
 @dataclass(frozen=True)
 class Link:
     """
-    A body of the robot and the joint that it hangs from.
+    A body of the robot and the joint that connects it to its parent.
 
     A body with several joints has a link for each: all but the last are empty.
 
@@ -76,13 +76,13 @@ class Link:
 
     @property
     def moves(self) -> bool:
-        """Say whether the link has a joint."""
+        """Return whether the link has a joint."""
         return self.kind >= 0
 
 
 def links_of(model: mujoco.MjModel, robot: Robot | None = None) -> list[Link]:
     """
-    Return the links of the robot's trunk and of all that hangs from it, parents first.
+    Return the links of the robot's trunk and its descendants, parents first.
 
     Parameters
     ----------
@@ -145,7 +145,7 @@ def _links_of_body(model: mujoco.MjModel, body: int, above: Link) -> list[Link]:
         ]
     links, parent, anchor = [], above.name, np.zeros(3)
     for joint in range(first, first + count):
-        # A link's origin is at its joint, as URDF wants it; MuJoCo's is the body's.
+        # In URDF a link's origin is at its joint; in MuJoCo it is the body's.
         place = position + _rotated(model.jnt_pos[joint] - anchor, quaternion)
         joint_name = model.joint(joint).name or f'{name}_joint_{joint}'
         kind, axis = int(model.jnt_type[joint]), model.jnt_axis[joint]
@@ -186,7 +186,7 @@ def _at_zero(
 
 def poses(links: list[Link], qpos: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
     """
-    Return where links are in their parents.
+    Return the poses of links in their parents.
 
     Parameters
     ----------

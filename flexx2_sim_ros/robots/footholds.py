@@ -1,13 +1,13 @@
-"""Where a foot can be put, how it gets there, and where there is no way on."""
+"""Find footholds, the height of a foot's way to them, and obstacles."""
 
 import math
 
 from flexx2_sim_ros.rendering.ground import Ground
 import numpy as np
 
-# The ground is even where it is within this of a plane, metres.
+# The ground is even if it deviates from a plane by less than this, metres.
 EVEN = 0.006
-# No foothold, and nothing to step over, is farther above or below the mean of the feet, metres.
+# Largest height of a foothold or an obstacle above or below the mean of the feet, metres.
 REACH = 0.2
 
 _TURN = np.arange(8) * np.pi / 4
@@ -23,12 +23,12 @@ _ASIDE = np.array(
         key=lambda p: math.hypot(*p),
     )
 )
-# One metre of roughness counts as much as this many metres aside.
+# One metre of roughness costs as much as this many metres of displacement.
 _ROUGHNESS_COST = 10.0
-# Where the way is judged, metres from the trunk's middle: as far as a stride and braking take.
+# Places where the way is checked, metres from the trunk's centre: a stride and braking distance.
 _AHEAD = np.linspace(0.2, 0.48, 6)
 _SIDES = np.array([-0.12, 0.0, 0.12])
-# More than this within two of those places stops the robot, metres.
+# A height difference above this between two of these places stops the robot, metres.
 _LARGEST_EDGE = 0.14
 
 
@@ -36,7 +36,7 @@ def rest_height(
     place: np.ndarray, top: float, ground: Ground, radius: float
 ) -> tuple[float, float]:
     """
-    Return how a foot rests at a place.
+    Return the height and the roughness of a foothold.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ def rest_height(
     heights = ground.heights(points, top)
     lifts = np.repeat([radius, math.sqrt(radius**2 - inner**2), 0.0, -np.inf], [1, 8, 8, 8])
     edge = heights[-8:]
-    # On an even slope the ring's heights are those of a plane: a constant and a first harmonic.
+    # On an even slope, the heights of the ring are a constant plus a first harmonic.
     plane = edge.mean() + _RING @ (_RING.T @ edge / 4)
     return float((heights + lifts).max()), float(np.abs(edge - plane).max())
 
@@ -72,10 +72,10 @@ def rest_height(
 def way_height(
     foot: np.ndarray, place: np.ndarray, top: float, ground: Ground, radius: float
 ) -> float:
-    """Return how high the middle of a foot must go from place to place (3,); inf: no way."""
+    """Return the height that a foot's centre needs between two places (3,); inf if blocked."""
     way = np.append(place[:2] - foot[:2], 0.0)
     length = math.hypot(*way)
-    # Rays from above do not find what they start in: level ones do.
+    # Rays from above miss a shape that they start in; level rays hit it.
     rays = [(np.append(place[:2], top), np.append(side, 0.0), 2 * radius) for side in _RING]
     if length > 1e-6:
         rays.append((np.append(foot[:2], top), way / length, length))
@@ -97,7 +97,7 @@ def find_foothold(
     radius: float,
 ) -> tuple[np.ndarray, float] | None:
     """
-    Find an even place near the one that is wanted.
+    Find an even place near the wanted one.
 
     Parameters
     ----------
@@ -119,8 +119,8 @@ def find_foothold(
     Returns
     -------
     tuple or None
-        Where the foot's middle goes (3,), and how high it must go on the way; None when there
-        is no place within reach.
+        The place of the foot's centre (3,) and the height that it needs on the way; None when no
+        place is within reach.
 
     """
     best, best_cost = None, math.inf
@@ -143,7 +143,7 @@ def blocked(
     position: np.ndarray, rotation: np.ndarray, course: np.ndarray, height: float, ground: Ground
 ) -> bool:
     """
-    Say whether a robot's way leads against something or over an edge.
+    Return whether an obstacle or an edge is in the robot's way.
 
     Parameters
     ----------
@@ -164,7 +164,7 @@ def blocked(
         return True
     places = starts[:, None] + _AHEAD[:, None] * ahead
     found = ground.heights(places[..., :2], float(places[..., 2].max()))
-    # What is nearer than the first place was judged before: there the ground runs as the trunk.
+    # Nearer ground was checked before: it is taken as parallel to the trunk.
     spacing = (_AHEAD[1] - _AHEAD[0]) * ahead[2]
     known = places[:, :1, 2] - height - spacing * np.array([2.0, 1.0])
     heights = np.concatenate([known, found], axis=1)

@@ -1,9 +1,9 @@
 """
-A trot, kinematic: commanded velocities in, the trunk's pose and twelve joint angles out.
+A kinematic trot: from commanded velocities to the trunk's pose and twelve joint angles.
 
-Functions from one state to the next. A foot on the ground does not move at all. A foot in the air
-goes up, over and down to a place that was found for it when it left the ground. The trunk's
-height and tilt follow the ground under the four feet, which changes smoothly with them.
+Functions map one state to the next. A foot on the ground does not move. A foot in the air goes up,
+over and down to a foothold that was chosen when it left the ground. The trunk's height and tilt
+follow the ground under the four feet smoothly.
 """
 
 from dataclasses import dataclass, replace
@@ -24,11 +24,11 @@ import numpy as np
 # Diagonal legs swing together: FR with RL, FL with RR.
 _OFFSET = np.array([0.0, 0.5, 0.5, 0.0])
 _LARGEST_STEP = 1.0 / 120.0
-# The share of a foot's time in the air after which it no longer changes its mind, and the least
-# change that it bothers with, metres.
+# The fraction of a foot's time in the air after which its foothold no longer changes, and the
+# smallest change, metres.
 _CHANGEABLE = 0.7
 _WORTH_A_CHANGE = 0.002
-# A foot this far from below its hip has to come along, whatever it steps on, metres.
+# A foot farther than this from the point below its hip must step, even to a poor foothold, metres.
 _LEFT_BEHIND = 0.2
 # How far a standing foot may be dragged, metres.
 _SLIP = 0.002
@@ -41,7 +41,7 @@ _Swing = tuple[np.ndarray, np.ndarray, float, np.ndarray]
 @dataclass(frozen=True)
 class Gait:
     """
-    How to trot.
+    Limits and timing of the trot.
 
     Attributes
     ----------
@@ -52,9 +52,9 @@ class Gait:
     period : float
         Of one cycle, seconds.
     duty : float
-        The share of it that a foot stands; above 0.5, so that at times all four do.
+        The fraction of a cycle that a foot stands; above 0.5, so that at times all four stand.
     lift : float
-        How far a foot is raised above what it passes, metres.
+        Clearance of a foot above what it passes, metres.
     acceleration, braking : float
         m/s^2.
     turn_acceleration : float
@@ -75,7 +75,7 @@ class Gait:
 @dataclass(frozen=True)
 class GaitState:
     """
-    A moment of the walk.
+    The state of the gait at one time.
 
     Attributes
     ----------
@@ -97,7 +97,7 @@ class GaitState:
     home : numpy.ndarray
         (4,) bool: that the foot stands under its hip, with no need to be put there.
     blocked : bool
-        That something too high or too deep to walk on lies where it was told to go.
+        Whether the commanded way leads over ground that is too high or too deep.
 
     """
 
@@ -116,7 +116,7 @@ class GaitState:
 @dataclass(frozen=True)
 class Pose:
     """
-    What a state of the gait looks like.
+    The pose of the robot in a state of the gait.
 
     Attributes
     ----------
@@ -172,7 +172,7 @@ def step(
     legs: LegGeometry,
 ) -> GaitState:
     """
-    Return the state some time later.
+    Return the state after a time step.
 
     Parameters
     ----------
@@ -234,7 +234,7 @@ def _small_step(
     end = (math.floor(2 * state.phase) + 1) / 2
     resting = state.phase in (0.0, 0.5)
     if not moving and home.all():
-        # Legs are put down before it stands still; four feet stand at the end of a half cycle.
+        # The feet land before the robot stands still; all four stand at the end of a half cycle.
         phase = state.phase if resting else min(phase, end)
     before, now = (state.phase + _OFFSET) % 1.0, (phase + _OFFSET) % 1.0
     swings = []
@@ -259,7 +259,7 @@ def _small_step(
     if velocity.any():
         reached = pose(moved, gait, legs)
         if (reached.missed[reached.standing] > _SLIP).any():
-            # The trunk waits rather than drag a foot along, until that foot's turn to step.
+            # The trunk waits until a foot steps, instead of dragging the foot.
             moved = replace(moved, position=state.position, yaw=state.yaw, velocity=np.zeros(3))
     return moved
 
@@ -280,7 +280,7 @@ def _faster(velocity: np.ndarray, target: np.ndarray, seconds: float, gait: Gait
         change[:2] *= most / size
     most = seconds * gait.turn_acceleration
     change[2] = np.clip(change[2], -most, most)
-    # Exactly the target once it is reached, so that zero is zero.
+    # End exactly at the target, so that zero is reached.
     return np.where(np.abs(target - velocity - change) < 1e-12, target, velocity + change)
 
 
@@ -305,14 +305,14 @@ def _plan(state: GaitState, leg: int, ground: Ground, gait: Gait, legs: LegGeome
         foot, place, turn, level, level + legs.standing_height, ground, legs.foot_radius
     )
     if found is None:
-        # It stays where it is, as long as it is not left behind.
+        # The foot stays, unless it is too far from its hip.
         hip = state.position + _plane_rotation(state.yaw) @ legs.neutral[leg]
         if math.hypot(*(foot[:2] - hip)) > _LEFT_BEHIND:
             found = np.append(hip, level), max(foot[2], level)
         else:
             found = foot, foot[2]
     landed, highest = found
-    # A leg has to fold: over the highest steps a foot passes more closely.
+    # A leg can only fold so far: over the highest steps the clearance is smaller.
     apex = min(highest + gait.lift, max(level + REACH, highest + gait.lift / 2))
     return foot, landed, apex, place
 
@@ -320,7 +320,7 @@ def _plan(state: GaitState, leg: int, ground: Ground, gait: Gait, legs: LegGeome
 def _replan(
     state: GaitState, leg: int, seconds: float, ground: Ground, gait: Gait, legs: LegGeometry
 ) -> _Swing:
-    """Move the place where a foot in the air will come down along with a changed velocity."""
+    """Adapt the foothold of a foot in the air to a changed velocity."""
     foot, landed, apex, wanted = (
         state.lifted[leg],
         state.landed[leg],
@@ -346,14 +346,14 @@ def _feet(
     swinging = phase >= gait.duty
     along = np.where(swinging, (phase - gait.duty) / (1 - gait.duty), 1.0)
     lifted, landed, apex = state.lifted, state.landed, state.apex
-    # Over a step the foot goes straight up before it goes over; on the level it may cut corners.
+    # At a step the foot first goes straight up; on level ground it may move on a curve.
     climb = apex - gait.lift - np.minimum(lifted[:, 2], landed[:, 2])
     corner = 0.12 + 0.16 * np.clip(climb / 0.03, 0.0, 1.0)
     over = _smooth((along - corner) / (1 - 2 * corner))
     up, down = _smooth(along / 0.42), _smooth((along - 0.58) / 0.42)
     points = lifted + over[:, None] * (landed - lifted)
     points[:, 2] = lifted[:, 2] + up * (apex - lifted[:, 2]) + down * (landed[:, 2] - apex)
-    # The trunk takes the whole time in the air to follow, and so moves gently.
+    # The trunk follows during the whole time in the air, so that it moves smoothly.
     eased = along**2 * (3 - 2 * along)
     ground = lifted[:, 2] + eased * (landed[:, 2] - lifted[:, 2]) - legs.foot_radius
     return np.where(swinging[:, None], points, landed), ground, swinging
@@ -366,7 +366,7 @@ def _trunk(
     length = legs.hips[:2, 0].mean() - legs.hips[2:, 0].mean()
     width = np.abs(legs.neutral[:, 1]).mean() * 2
     front, left = ground[:2].mean() - ground[2:].mean(), ground[1::2].mean() - ground[::2].mean()
-    # Less than the ground tilts: the legs make up for the rest.
+    # The trunk tilts less than the ground; the legs compensate for the rest.
     pitch = np.clip(-0.8 * np.arctan2(front, length), -0.4, 0.4)
     roll = np.clip(0.5 * np.arctan2(left, width), -0.25, 0.25)
     height = ground.mean() + legs.standing_height

@@ -1,12 +1,12 @@
-"""Where a robot's feet are for its joint angles, and the other way round, in closed form."""
+"""Forward and inverse kinematics of a robot's legs, in closed form."""
 
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-# The order everywhere in this package: the legs front right, front left, rear right and rear left,
-# and of each its hip, thigh and calf.
+# Order in this package: legs front right, front left, rear right, rear left; joints hip, thigh,
+# calf.
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class LegGeometry:
 
     @cached_property
     def neutral(self) -> np.ndarray:
-        """Return (4, 2) metres: the point of the trunk's xy plane that a leg hangs from."""
+        """Return (4, 2) metres: the point of the trunk's xy plane that a leg is attached to."""
         return self.hips[:, :2] + np.stack([np.zeros(4), self.offset], axis=1)
 
     @cached_property
@@ -80,8 +80,8 @@ def joint_angles(points: np.ndarray, legs: LegGeometry) -> np.ndarray:
     """
     Return the joint angles that put the feet at given points.
 
-    A point out of reach, or that only angles beyond the limits reach, gives angles within the
-    limits with the leg pointing at it.
+    For a point out of reach or beyond the joint limits, the leg points at it with angles within
+    the limits.
 
     Parameters
     ----------

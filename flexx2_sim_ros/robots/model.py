@@ -34,8 +34,8 @@ def build_model(
     """
     Compose robot, scene and cameras.
 
-    The robot's file leads: its names, options and keys stay as they are. The scene's names get
-    the prefix ``scene/``.
+    The robot's names, options and keyframes are kept. The scene's names get the prefix
+    ``scene/``.
 
     Parameters
     ----------
@@ -45,26 +45,26 @@ def build_model(
     scene : str
         One of `flexx2_sim_ros.rendering.scenes.SCENES`, or the path of an MJCF file.
     intrinsics : Intrinsics
-        Of every camera; the principal point in the middle, no distortion. These are the pictures
-        that are rendered, not what the simulated camera makes of them.
+        Of every camera; the principal point in the middle, no distortion. They are those
+        of the rendered images, not of the simulated camera.
     robot : Robot, optional
         Which robot it is; default `load_robot()`.
     mounts : sequence of CameraMount, optional
         The cameras; default the robot's own.
     near, far : float
-        Clipping planes in metres, whatever the scene's size.
+        Clipping planes in metres, independent of the scene's size.
 
     Returns
     -------
     mujoco.MjModel
-        With one camera a mount, attached to the trunk, and its housing as a massless shape.
+        With one camera for each mount, attached to the trunk, and a massless housing.
 
     Raises
     ------
     InputError
         When a file is missing, does not compile or has no trunk, when the parts do not fit
-        together, or when the intrinsics cannot be rendered. It names the parameter and the path
-        and carries MuJoCo's own message.
+        together, or when the intrinsics cannot be rendered. The message has the parameter, the
+        path and MuJoCo's message.
 
     """
     check_view(intrinsics, near, far)
@@ -134,7 +134,7 @@ def _add_camera(trunk: Any, mount: CameraMount, intrinsics: Intrinsics) -> None:
         type=mujoco.mjtGeom.mjGEOM_BOX,
         size=_HOUSING,
         quat=quat,
-        # The lens is 1 mm in front of the housing, which therefore never is in its own view.
+        # The lens is 1 mm in front of the housing, so the camera does not see its housing.
         pos=np.asarray(mount.position) - (_HOUSING[0] + 0.001) * look,
         mass=0.0,
         contype=0,
@@ -146,7 +146,7 @@ def _add_camera(trunk: Any, mount: CameraMount, intrinsics: Intrinsics) -> None:
 
 def stand(model: mujoco.MjModel, data: mujoco.MjData, robot: Robot | None = None) -> str:
     """
-    Put the robot on its feet, at rest, and compute everything that follows from its pose.
+    Put the robot on its feet, at rest, and compute the state that depends on its pose.
 
     The pose is the key ``home`` with the trunk raised or lowered until the robot's lowest shape
     touches the ground below it; without such a key it is the model's initial pose ``qpos0``, with
@@ -165,7 +165,7 @@ def stand(model: mujoco.MjModel, data: mujoco.MjData, robot: Robot | None = None
     Returns
     -------
     str
-        ``home`` or ``qpos0``: the pose that was taken.
+        ``home`` or ``qpos0``: the pose that was used.
 
     """
     parts = find_parts(model, robot)
@@ -184,11 +184,11 @@ def stand(model: mujoco.MjModel, data: mujoco.MjData, robot: Robot | None = None
 
 
 def _lift(model: mujoco.MjModel, data: mujoco.MjData, own: np.ndarray, trunk: int) -> float:
-    """Return by how much the robot must rise for its lowest shape to touch the ground."""
+    """Return how far the robot must rise so that its lowest shape touches the ground."""
     solid = (model.geom_contype | model.geom_conaffinity) != 0
     geoms = np.flatnonzero(own & solid)
     bottoms = np.array([_bottom(model, data, int(geom)) for geom in geoms])
-    # The ground is what lies below the trunk, wherever the robot's file put its feet.
+    # The ground is below the trunk; the initial height of the feet does not matter.
     ground = SceneGround(model, data, own)
     heights = ground.heights(data.geom_xpos[geoms, :2], float(data.xpos[trunk, 2]))
     lifts = (heights - bottoms)[~np.isnan(heights)]

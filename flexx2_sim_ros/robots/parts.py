@@ -1,4 +1,4 @@
-"""Where a robot's parts are in a model: joints by name, the legs' figures, the trunk's pose."""
+"""Find a robot's parts in a model: its joints, leg geometry and trunk."""
 
 from dataclasses import dataclass
 import re
@@ -15,7 +15,7 @@ _SLIDING = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
 @dataclass(frozen=True)
 class RobotParts:
     """
-    Where a robot's parts are in a model.
+    The indices of a robot's parts in a model.
 
     Attributes
     ----------
@@ -34,7 +34,7 @@ class RobotParts:
     geoms : numpy.ndarray
         (ngeom,) bool: the robot's own shapes.
     legs : LegGeometry or None
-        Its legs, when the model has the robot's joints in straight legs that hang from the trunk.
+        Its legs, if the model has the robot's joints in straight legs on the trunk.
     leg_addresses : numpy.ndarray
         (4, 3) addresses in ``qpos`` of hip, thigh and calf of each leg; empty without legs.
 
@@ -91,7 +91,7 @@ class RobotParts:
 
 def plain_name(name: str) -> str:
     """
-    Return a joint's name without what differs between simulators.
+    Return a joint's name without the differences between simulators.
 
     ``FR_hip_joint``, ``fr_hip``, ``go1/FR_hip_joint`` and Unitree's ``FR_0`` are one joint.
     """
@@ -102,7 +102,7 @@ def plain_name(name: str) -> str:
 
 def find_parts(model: mujoco.MjModel, robot: Robot | None = None) -> RobotParts:
     """
-    Return where the parts of a robot are in a model.
+    Return the indices of a robot's parts in a model.
 
     Parameters
     ----------
@@ -156,7 +156,7 @@ def _offset(model: mujoco.MjModel, trunk: int, root: int) -> tuple[np.ndarray, n
 def _legs(
     model: mujoco.MjModel, trunk: int, joints: LegJoints | None
 ) -> tuple[LegGeometry, np.ndarray] | None:
-    """Read the legs' figures and the ids (4, 3) of their joints; None without such legs."""
+    """Return the leg geometry and the ids (4, 3) of the joints; None without such legs."""
     own = model.body_rootid[model.jnt_bodyid] == model.body_rootid[trunk]
     found = {plain_name(model.joint(joint).name): joint for joint in np.flatnonzero(own)}
     wanted = [plain_name(name) for name in joints.all_names] if joints else []

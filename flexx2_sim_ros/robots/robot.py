@@ -1,4 +1,4 @@
-"""What a robot is: its models, the names of its parts, its pose at rest, its cameras."""
+"""A robot: its models, the names of its parts, its pose at rest and its cameras."""
 
 from dataclasses import dataclass
 import math
@@ -18,7 +18,7 @@ _LEGS, _PARTS = 4, 3
 @dataclass(frozen=True)
 class CameraMount:
     """
-    Where a camera sits on the robot.
+    The pose of a camera on the robot.
 
     Attributes
     ----------
@@ -37,7 +37,7 @@ class CameraMount:
     rpy: tuple[float, float, float]
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be a pose."""
+        """Refuse values that are not a pose."""
         if not (isinstance(self.name, str) and self.name):
             raise InputError(f'camera name: must be a non-empty string, got {shown(self.name)}')
         for field in ('position', 'rpy'):
@@ -87,7 +87,7 @@ class LegJoints:
 @dataclass(frozen=True)
 class Robot:
     """
-    A robot: everything that is its own and no other robot's.
+    A robot: everything that differs between robots.
 
     Lengths, masses and shapes are in its models.
 
@@ -104,7 +104,7 @@ class Robot:
     legs : LegJoints or None
         None for a robot without legs that `flexx2_sim_ros.robots.gait` can move.
     mounts : tuple of CameraMount
-        Its cameras, unless the user mounts others.
+        Its default cameras.
 
     """
 
@@ -128,7 +128,7 @@ def robot_path(name: str) -> Path:
 
 def load_robot(robot: str | Path = DEFAULT_ROBOT) -> Robot:
     """
-    Read what a robot is.
+    Read a robot's file.
 
     Parameters
     ----------
