@@ -7,7 +7,7 @@ import math
 SEEDS = -(2**63), 2**63 - 1
 MOST_JOBS = 1024
 MOST_FRAMES = 10_000_000  # Four days at 30 Hz.
-_LONGEST = 20  # characters of what was given that an error repeats
+_LONGEST = 20  # characters of a value that an error repeats
 
 
 def whole_number(low: int, high: int | None = None) -> Callable[[str], int]:

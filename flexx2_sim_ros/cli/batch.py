@@ -1,4 +1,4 @@
-"""`flexx2 batch`: many Go1 on stairs, their cameras in one batch, the heights they see."""
+"""`flexx2 batch`: many robots on stairs, their cameras in one batch, and height grids."""
 
 import argparse
 from pathlib import Path
@@ -15,7 +15,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-_MOST_WALKS = 256  # Walking is not batched: more robots share these.
+_MOST_WALKS = 256  # Walking is not batched: if there are more robots, several have the same walk.
 _INTERVAL = 0.2  # seconds between the frames that go into the grid
 _INVALID = '#3a3a3a'
 

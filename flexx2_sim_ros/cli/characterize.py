@@ -195,7 +195,7 @@ def _capture(arguments: argparse.Namespace) -> int:
 
 
 def _fit(arguments: argparse.Namespace) -> int:
-    # Imported here: SciPy and scikit-learn take a second, which other commands need not wait for.
+    # Imported here: SciPy and scikit-learn take a second, which other commands should not wait.
     from flexx2_sim_ros.characterize.analysis import characterize
     from flexx2_sim_ros.characterize.export import to_profile
     from flexx2_sim_ros.characterize.report import write_report

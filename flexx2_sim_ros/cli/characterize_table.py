@@ -1,4 +1,4 @@
-"""What `flexx2 characterize fit` prints: coefficients, errors and checks."""
+"""The tables of `flexx2 characterize fit`: coefficients, errors and checks."""
 
 import math
 
@@ -13,7 +13,7 @@ from rich.table import Table
 
 
 def print_result(result: Characterization, console: Console | None = None) -> None:
-    """Print one table; below each mode that the paper measured are its figures."""
+    """Print one table, with the paper's figures below each mode that the paper measured."""
     console = console or Console(markup=False)
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0), show_edge=False)
     for name in ('mode', *NAMES, 'sigma_x', 'KL'):

@@ -14,16 +14,16 @@ Processes = dict[str, 'subprocess.Popen[bytes]']
 
 
 def camera_command(camera: str) -> list[str]:
-    """Return what starts the camera node of a camera of the Go1."""
+    """Return the command that starts the camera node of a robot's camera."""
     return ['flexx2_camera', '--ros-args', '-r', f'__ns:=/{camera}']
 
 
 @contextmanager
 def nodes(commands: Mapping[str, Sequence[str]], folder: Path) -> Iterator[Processes]:
     """
-    Run nodes, each a process of its own with its log in a folder.
+    Run nodes as separate processes, with their logs in a folder.
 
-    All end with the block, and with this process, even if it is killed.
+    All end with the block and with this process, even if it is killed.
 
     Parameters
     ----------
@@ -42,8 +42,8 @@ def nodes(commands: Mapping[str, Sequence[str]], folder: Path) -> Iterator[Proce
     try:
         for name, (module, *rest) in commands.items():
             with (folder / f'{name}.log').open('wb') as log:
-                # Nothing is written to stdin: it ends with this process, and the node with it.
-                # In a session of its own: a terminal's Ctrl-C goes to this process alone.
+                # Nothing is written to stdin. It closes with this process, which ends the node.
+                # In a separate session, so that a terminal's Ctrl-C goes only to this process.
                 processes[name] = subprocess.Popen(
                     [sys.executable, '-m', f'flexx2_sim_ros.nodes.{module}', *rest],
                     stdin=subprocess.PIPE,
@@ -68,7 +68,7 @@ def nodes(commands: Mapping[str, Sequence[str]], folder: Path) -> Iterator[Proce
 
 
 def check(processes: Processes, folder: Path) -> None:
-    """Raise `InputError` with the last line of its log when one has ended."""
+    """Raise `InputError` with the last line of the log if a process has ended."""
     for name, process in processes.items():
         if process.poll() is not None:
             log = (folder / f'{name}.log').read_text(errors='replace').strip().splitlines()

@@ -22,7 +22,7 @@ from flexx2_sim_ros.errors import InputError
 
 
 class _Parser(argparse.ArgumentParser):
-    # Says what is wrong in one sentence, as the commands do.
+    # Prints errors in one sentence, like the commands.
 
     def error(self, message: str) -> NoReturn:
         raise InputError(f'{message.removeprefix("argument ")} (see {self.prog} --help)')
@@ -59,6 +59,6 @@ def make_parser() -> argparse.ArgumentParser:
 
 
 def run(argv: list[str] | None) -> int:
-    """Run the subcommand that the arguments name; see `flexx2_sim_ros.cli.main`."""
+    """Run the subcommand in the arguments; see `flexx2_sim_ros.cli.main`."""
     arguments = make_parser().parse_args(argv)
     return int(arguments.run(arguments))

@@ -33,7 +33,7 @@ def add_parser(commands: Any) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Compile, and say how long it took."""
+    """Compile, and print how long it took."""
     start = time.monotonic()
     compiled: list[bool] = []
 

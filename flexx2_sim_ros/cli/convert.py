@@ -35,7 +35,7 @@ def add_parser(commands: Any) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Convert, and say what there was."""
+    """Convert, and print what was converted."""
     from flexx2_sim_ros.recording.convert import convert
 
     console = Console(stderr=True, soft_wrap=True, highlight=False, markup=False)

@@ -1,4 +1,4 @@
-"""`flexx2 demo`: the whole chain on real topics, measured and pictured."""
+"""`flexx2 demo`: run the whole chain on real topics, measure it and draw a picture."""
 
 import argparse
 from collections.abc import Callable
@@ -60,7 +60,7 @@ def run(arguments: argparse.Namespace) -> int:
     profile = find_profile(arguments.profile)
     modes = [mode for mode in profile.modes if mode.measured] or list(profile.modes)
     console = Console(markup=False)
-    # Figures of a busy machine are wider; they are not to be cut off.
+    # On a busy machine the numbers are wider and must not be cut off.
     console.width = max(console.width, 100)
     pictures: Pictures = {}
     table = _table()

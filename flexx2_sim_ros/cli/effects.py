@@ -1,4 +1,4 @@
-"""`flexx2 effects`: what there is to switch on, and what it does."""
+"""`flexx2 effects`: list the effects, write presets, draw an effect."""
 
 import argparse
 from pathlib import Path

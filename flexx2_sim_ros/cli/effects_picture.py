@@ -1,4 +1,4 @@
-"""The picture of one effect: a scene, what changes in it, and what that depends on."""
+"""The picture of one effect: the scene, the change, and how the change depends on a covariate."""
 
 from pathlib import Path
 from textwrap import fill
@@ -30,7 +30,7 @@ def draw(path: Path, kind: type[Effect]) -> None:
     path : pathlib.Path
         PNG to write.
     kind : type of Effect
-        One of the registry's.
+        One of the registry.
 
     Raises
     ------
@@ -104,7 +104,7 @@ def _draw_difference(figure: Any, axis: Any, view: EffectView) -> None:
             else view.change[0 if kind == 'first' else fastest]
         )
         if view.kind.stage == Stage.GEOMETRY:
-            image[near_edges(view, 6)] = np.nan  # Edges that have moved hide the rest.
+            image[near_edges(view, 6)] = np.nan  # Moved edges would hide the other changes.
         limit = max(0.5, float(np.nanpercentile(np.abs(image[np.abs(image) > 1e-3]), 97)))
         shown = axis.imshow(
             image, cmap=_diverging(), vmin=-limit, vmax=limit, interpolation='nearest'

@@ -1,4 +1,4 @@
-"""The third panel of an effect's picture: how the change depends on what drives it."""
+"""The third panel of an effect's picture: the change over distance, time or another covariate."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -18,7 +18,7 @@ GRAY = '#8a8a8a'
 
 
 def _covariate(view: EffectView) -> tuple[str, np.ndarray, np.ndarray]:
-    # Its name, its value in every pixel, and where bins begin and end.
+    # The covariate's label, its value in every pixel, and the edges of bins.
     amplitude = view.scene.reflectivity * view.surface.cos_incidence / view.scene.depth**2
     return {
         'distance': ('distance, m', view.scene.depth, np.linspace(0.4, 2.5, 80)),
@@ -164,7 +164,7 @@ def _histogram(axis: Any, view: EffectView) -> None:
     )
 
 
-# Where the chart's left edge is in every row.
+# Rows and columns that contain the chart's left edge.
 _EDGE_ROWS, _EDGE_COLUMNS = slice(30, 70), slice(78, 108)
 
 
@@ -212,7 +212,7 @@ def _warming_up(axis: Any, view: EffectView) -> None:
 
 
 def _moving(axis: Any, view: EffectView) -> None:
-    # The far wall and the chart come nearer and go away again.
+    # The camera moves towards the far wall and the chart and back.
     calm = ~near_edges(view, 20) & (np.abs(view.surface.cos_incidence - 1) < 0.1)
     axis.plot(
         view.seconds,

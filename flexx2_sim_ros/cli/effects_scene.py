@@ -1,4 +1,4 @@
-"""The scene that `flexx2 effects show` looks at: something for every effect."""
+"""The scene of `flexx2 effects show`, in which every effect is visible."""
 
 from dataclasses import dataclass
 import math
@@ -10,13 +10,13 @@ import numpy as np
 _WALL, _FLOOR, _SIDE, _FAR = 3.4, 0.42, 1.0, 6.7  # metres: behind, below, right, through the door
 _SHADES = 0.9, 0.01  # reflectivity of the chart, left and right
 CHART = 1.5  # metres
-PANEL = 2.2  # behind it, by less than c / 4f, so that phases mix to what lies between
+PANEL = 2.2  # behind it by less than c / 4f, so that mixed phases give a depth in between
 
 
 @dataclass(frozen=True)
 class Room:
     """
-    A room, computed.
+    Depth and reflectivity of the room.
 
     Attributes
     ----------
@@ -33,7 +33,7 @@ class Room:
 
 def room(forward: float = 0.0) -> Room:
     """
-    Return what a camera sees that has gone forward.
+    Return the view of a camera that has moved forward.
 
     A bright wall with a door to a far one, a wall at a right angle to it, a floor, a chart of
     gray shades before a panel, a column, and a white ball close by.
@@ -85,10 +85,10 @@ def room(forward: float = 0.0) -> Room:
 
 
 def speed(seconds: np.ndarray) -> np.ndarray:
-    """Return how fast the camera goes forward in the moving scene, m/s: there and back."""
+    """Return the forward speed of the moving camera, m/s."""
     return 0.9 * np.sin(2 * math.pi * seconds / 0.8)
 
 
 def way(seconds: np.ndarray) -> np.ndarray:
-    """Return how far it has gone, metres."""
+    """Return how far the moving camera has moved forward, metres."""
     return 0.9 * 0.8 / (2 * math.pi) * (1 - np.cos(2 * math.pi * seconds / 0.8))

@@ -9,7 +9,7 @@ from flexx2_sim_ros.physics.surface import analyse, Surface
 import numpy as np
 
 _FRAMES = 80
-STEEP = 40.0  # degrees: beyond it the noise drowns all else
+STEEP = 40.0  # degrees; at steeper incidence, noise hides the effects
 
 
 @dataclass(frozen=True)
@@ -22,7 +22,7 @@ class EffectView:
     kind : type of Effect
         The effect, at its typical strength.
     scene : Room
-        The scene; of a camera that moves, where it starts.
+        The scene, from the start of a moving camera.
     clean : numpy.ndarray
         (T, H, W) clean depth, metres.
     surface : Surface

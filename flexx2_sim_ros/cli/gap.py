@@ -81,7 +81,7 @@ def add_parser(commands: Any) -> None:
 
 
 def run_diagnose(arguments: argparse.Namespace) -> int:
-    """Diagnose with a progress bar, and print the result in a few lines."""
+    """Diagnose with a progress bar, and print a short result."""
     from flexx2_sim_ros.gap import diagnose
     from flexx2_sim_ros.gap.report.words import headline, remarks, sentences
     from flexx2_sim_ros.profiles.files import find_profile

@@ -8,7 +8,7 @@ import sys
 from flexx2_sim_ros.errors import InputError, missing_library, shown_path
 from flexx2_sim_ros.signals import exit_status, leave_on_signals
 
-# Of a full disk or quota, a file size limit, and a device that fails or is gone.
+# Full disk or quota, file size limit, failed or closed device.
 _WRITE_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF)
 
 
@@ -19,19 +19,19 @@ def main(argv: list[str] | None = None) -> int:
     Parameters
     ----------
     argv : list of str, optional
-        Arguments, the process's when left out. Only then are signals handled.
+        Arguments; default those of the process. Signals are handled only with the default.
 
     Returns
     -------
     int
-        Exit status: 0 for success, 2 for something given that cannot be used. Ctrl-C and SIGTERM
+        Exit status: 0 for success, 2 for input that cannot be used. Ctrl-C and SIGTERM
         end the process with 130 and 143.
 
     """
     if argv is None:
         leave_on_signals()
         for stream in (sys.stdout, sys.stderr):
-            # Names of files may hold what no text can.
+            # Names of files may have bytes that are not text.
             stream.reconfigure(errors='backslashreplace')  # type: ignore[union-attr]
     from flexx2_sim_ros.cli.commands import run
 
@@ -44,7 +44,7 @@ def main(argv: list[str] | None = None) -> int:
             sys.stdout.flush()
     except InputError as error:
         return _say(str(error))
-    except BrokenPipeError:  # As of `flexx2 modes | head -1`.
+    except BrokenPipeError:  # For example with `flexx2 modes | head -1`.
         _drop_output()
         return exit_status(signal.SIGPIPE)
     except OSError as error:

@@ -1,4 +1,4 @@
-"""`flexx2 record`: all cameras into a bag."""
+"""`flexx2 record`: record all cameras into a bag."""
 
 import argparse
 from collections.abc import Callable
@@ -133,7 +133,7 @@ def _spin(
 
 
 def _drain(recorder: Any, executor: Any) -> None:
-    # What has come here before the end and has not been looked at yet belongs to the bag.
+    # Messages that arrived before the end but were not handled yet belong to the bag.
     end = time.monotonic() + _DRAIN_SECONDS
     idle = 0
     while idle < _IDLE and time.monotonic() < end:

@@ -1,4 +1,4 @@
-"""`flexx2 replay`: a bag's messages again."""
+"""`flexx2 replay`: publish the messages of a bag."""
 
 import argparse
 from collections.abc import Callable
@@ -89,8 +89,8 @@ def _wait(player: Any, seconds: float, stopped: Callable[[], bool], console: Con
     with console.status('waiting for subscribers'):
         while player.unheard() and time.monotonic() < deadline and not stopped():
             time.sleep(0.02)
-        # A subscriber that is seen here need not have seen this publisher yet, and what is
-        # published before that is lost to one that asks for best effort.
+        # A subscriber discovered here may not have discovered this publisher yet. If it is best
+        # effort, it loses the messages published before that.
         if seconds:
             time.sleep(_DISCOVERY_SECONDS)
     if unheard := player.unheard():

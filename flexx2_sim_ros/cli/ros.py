@@ -1,4 +1,4 @@
-"""What the subcommands that need ROS share."""
+"""Common parts of the subcommands that need ROS."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -14,19 +14,19 @@ from flexx2_sim_ros.signals import exit_status, SIGNALS
 @dataclass
 class Stop:
     """
-    Whether this process was told to stop; call it to ask.
+    Whether this process was told to stop; a callable.
 
     Attributes
     ----------
     signals : list of int
-        The signals that have come.
+        The signals received.
 
     """
 
     signals: list[int] = field(default_factory=list)
 
     def __call__(self) -> bool:
-        """Say whether a signal has come."""
+        """Return whether a signal was received."""
         return bool(self.signals)
 
     @property
@@ -38,12 +38,12 @@ class Stop:
 @contextmanager
 def ros() -> Iterator[Stop]:
     """
-    Start ROS for the block, with Ctrl-C and SIGTERM as a question instead of an interruption.
+    Start ROS for the block. Ctrl-C and SIGTERM do not interrupt it but are reported.
 
     Yields
     ------
     Stop
-        Says whether the process was told to stop.
+        Returns whether the process was told to stop.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""`flexx2 simulate`: a scene in, a recording out."""
+"""`flexx2 simulate`: make a recording of a scene."""
 
 import argparse
 from dataclasses import replace
@@ -197,8 +197,8 @@ def _stamps(
 
 
 def _own_start(scene: Scene) -> float:
-    # Always the same for a scene, another one for each: recordings of several scenes would have
-    # the very same noise otherwise, which no camera's have.
+    # Fixed for each scene but different between scenes. Otherwise recordings of several scenes
+    # would have the same noise.
     checksum = zlib.crc32(np.ascontiguousarray(scene.clean_depth).data)
     if scene.reflectivity is not None:
         checksum = zlib.crc32(np.ascontiguousarray(scene.reflectivity).data, checksum)

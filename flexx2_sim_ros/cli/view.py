@@ -1,4 +1,4 @@
-"""`flexx2 view`: the cameras live in a browser."""
+"""`flexx2 view`: show the cameras live in a browser."""
 
 import argparse
 from collections.abc import Callable, Iterator
@@ -94,7 +94,7 @@ def run(arguments: argparse.Namespace) -> int:
     from flexx2_sim_ros.view.access import Access, is_loopback, new_token
     from flexx2_sim_ros.view.server import bind, Server
 
-    # The port comes first: without it nothing is started.
+    # The port is bound first: if that fails, nothing is started.
     sockets = bind(arguments.host, arguments.port)
     is_open = is_loopback(arguments.host) or arguments.no_token
     access = Access(arguments.host, '' if is_open else new_token())
@@ -120,7 +120,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 @contextmanager
 def _demo(arguments: argparse.Namespace) -> Iterator[Callable[[], None]]:
-    # Run the demo's nodes, if it is wanted; yields what raises when one has ended.
+    # Run the demo's nodes if wanted; yield a function that raises when a node has ended.
     if not arguments.demo:
         yield lambda: None
         return
@@ -142,7 +142,7 @@ def _demo(arguments: argparse.Namespace) -> Iterator[Callable[[], None]]:
     folder = Path(tempfile.mkdtemp(prefix='flexx2_view_'))
     with nodes(commands, folder) as processes:
         yield partial(check, processes, folder)
-    # After an error it stays: there are the nodes' logs.
+    # After an error the folder stays, because it has the nodes' logs.
     shutil.rmtree(folder)
 
 
@@ -163,7 +163,7 @@ def _say_where(access: Any, port: int, with_browser: bool) -> None:
             f'warning: --host {access.host}: everybody who {who} can drive the robot',
             file=sys.stderr,
         )
-    # Elsewhere it would open one in this terminal.
+    # Without a display, a text browser would open in this terminal.
     has_screen = (
         sys.platform != 'linux' or os.environ.get('DISPLAY') or os.environ.get('WAYLAND_DISPLAY')
     )

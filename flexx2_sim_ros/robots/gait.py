@@ -186,7 +186,7 @@ def step(
     ground : Ground
         The world.
     gait : Gait
-        How to trot.
+        Limits and timing.
     legs : LegGeometry
         The robot's legs.
 
