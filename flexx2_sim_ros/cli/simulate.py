@@ -8,7 +8,7 @@ import zlib
 from flexx2_sim_ros.atomic import check_distinct, checked_target
 from flexx2_sim_ros.camera.camera import Camera
 from flexx2_sim_ros.cli.argument_types import MOST_FRAMES, SEEDS, whole_number
-from flexx2_sim_ros.effects import ageing, load_effects
+from flexx2_sim_ros.effects import ageing, Effect, load_effects
 from flexx2_sim_ros.effects.registry import effects_yaml
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.profiles.files import find_profile, PROFILE_HELP
@@ -89,20 +89,8 @@ def run(arguments: argparse.Namespace) -> int:
         if source:
             check_distinct(source, arguments.output)
     checked_target(arguments.output)
-    profile = find_profile(arguments.profile)
-    usecase = profile.default_usecase if arguments.usecase is None else arguments.usecase
     scene = load_scene(arguments.input)
-    effects = load_effects(arguments.effects) if arguments.effects else ()
-    uptime = _uptime(scene, arguments.uptime, arguments.input)
-    if uptime is not None:
-        old = ageing(effect.name for effect in effects)
-        since: Any = {'uptime': uptime}
-        effects = tuple(
-            replace(effect, **since) if effect.name in old else effect for effect in effects
-        )
-    camera = Camera(
-        usecase, profile=profile, effects=effects, seed=arguments.seed, name=arguments.name
-    )
+    camera, effects = _make_camera(arguments, scene)
     stamps = _stamps(
         scene, arguments.frames, arguments.start, camera.mode.rate_hz, arguments.input
     )
@@ -123,17 +111,7 @@ def run(arguments: argparse.Namespace) -> int:
             )
             writer.add_depth(frame.depth)
             invalid += int(np.isnan(frame.depth).sum())
-        own = {'depth', 'usecase', 'seed', 'effects'}
-        if arguments.uptime is not None:
-            own.add('uptime')
-            writer.add_array('uptime', arguments.uptime)
-        for key, value in scene.extra.items():
-            if key not in own:
-                writer.add_array(key, value)
-        writer.add_array('clean_depth', _up_to(scene.clean_depth, count))
-        writer.add_array('K', scene.K)
-        if scene.reflectivity is not None:
-            writer.add_array('reflectivity', _up_to(scene.reflectivity, count))
+        _write_scene(writer, scene, count, arguments.uptime)
         writer.add_array('stamp', stamps)
         writer.add_array('usecase', camera.usecase)
         writer.add_array('seed', arguments.seed)
@@ -152,6 +130,37 @@ def run(arguments: argparse.Namespace) -> int:
             highlight=False,
         )
     return 0
+
+
+def _make_camera(arguments: argparse.Namespace, scene: Scene) -> tuple[Camera, tuple[Effect, ...]]:
+    profile = find_profile(arguments.profile)
+    usecase = profile.default_usecase if arguments.usecase is None else arguments.usecase
+    effects = load_effects(arguments.effects) if arguments.effects else ()
+    uptime = _uptime(scene, arguments.uptime, arguments.input)
+    if uptime is not None:
+        old = ageing(effect.name for effect in effects)
+        since: Any = {'uptime': uptime}
+        effects = tuple(
+            replace(effect, **since) if effect.name in old else effect for effect in effects
+        )
+    camera = Camera(
+        usecase, profile=profile, effects=effects, seed=arguments.seed, name=arguments.name
+    )
+    return camera, effects
+
+
+def _write_scene(writer: RecordingWriter, scene: Scene, count: int, uptime: float | None) -> None:
+    replaced = {'depth', 'usecase', 'seed', 'effects'}
+    if uptime is not None:
+        replaced.add('uptime')
+        writer.add_array('uptime', uptime)
+    for key, value in scene.extra.items():
+        if key not in replaced:
+            writer.add_array(key, value)
+    writer.add_array('clean_depth', _up_to(scene.clean_depth, count))
+    writer.add_array('K', scene.K)
+    if scene.reflectivity is not None:
+        writer.add_array('reflectivity', _up_to(scene.reflectivity, count))
 
 
 def _uptime(scene: Scene, given: float | None, path: str) -> float | None:

@@ -63,33 +63,16 @@ class CameraParameters:
         """Declare all parameters; values given on the command line apply."""
         self._node = node
         self._profile = profile
-        declare = self._declare
-        given = declare(
-            _USECASE,
-            profile.default_usecase,
-            "The camera's mode; one of available_usecases. Settable while streaming.",
-        )
-        mode = profile.mode(given)
-        if given != mode.name:
-            node.set_parameters([Parameter(_USECASE, value=mode.name)])
-        self.usecase = mode.name
+        mode = self._declare_mode()
         self.effects = EffectParameters(node)
-        declare(
-            'available_usecases',
-            profile.names,
-            "The camera's modes.",
-            read_only=True,
-            ignore_override=True,
-        )
-        declare(
-            'model', profile.model, "The camera's model.", read_only=True, ignore_override=True
-        )
         self.serial = declare_text(node, 'serial', 'SIM-0000', "The camera's serial number.")
-        automatic = declare(_AUTO, True, 'Choose the exposure (of the gray image) automatically.')
+        automatic = self._declare(
+            _AUTO, True, 'Choose the exposure (of the gray image) automatically.'
+        )
         node.declare_parameter(_EXPOSURE, mode.exposure_us[1], self._exposure_descriptor())
         if automatic:
             node.set_parameters([Parameter(_EXPOSURE, value=mode.exposure_us[1])])
-        self.seed: int = declare('seed', 0, 'Seed of the noise.', read_only=True)
+        self.seed: int = self._declare('seed', 0, 'Seed of the noise.', read_only=True)
         self.camera_name = (
             declare_text(
                 node,
@@ -99,28 +82,10 @@ class CameraParameters:
             )
             or node.get_fully_qualified_name()
         )
-        declare(
-            'frame_id',
-            '',
-            'frame_id of what is published; empty: that of the input, or '
-            '<node>_optical_frame where parent_frame is set.',
-        )
+        self._declare_frame_id()
         self._declare_mount()
         self._check('frame_id', self.frame_id)
-        declare(
-            'invalid_value', 'nan', 'How an invalid pixel is written: nan or zero.', any_type=True
-        )
-        declare(
-            'input_depth',
-            'planar',
-            'What the input holds: planar (along the optical axis) or radial (along the ray).',
-        )
-        declare(
-            'cloud_layout',
-            'organised',
-            "Size of the point cloud: organised (the image's "
-            "width and height) or driver (exchanged, as the vendor's driver has them).",
-        )
+        self._declare_formats()
         self.intrinsics = self._declare_intrinsics(profile.intrinsics)
         for parameter in self._canonical([node.get_parameter(name) for name in _CHOICES]):
             self._check(parameter.name, parameter.value)
@@ -129,6 +94,53 @@ class CameraParameters:
         node.add_pre_set_parameters_callback(self._canonical)
         node.add_on_set_parameters_callback(self._validate)
         node.add_post_set_parameters_callback(self._apply)
+
+    def _declare_mode(self) -> Mode:
+        node, profile = self._node, self._profile
+        given = self._declare(
+            _USECASE,
+            profile.default_usecase,
+            "The camera's mode; one of available_usecases. Settable while streaming.",
+        )
+        mode = profile.mode(given)
+        if given != mode.name:
+            node.set_parameters([Parameter(_USECASE, value=mode.name)])
+        self.usecase = mode.name
+        self._declare(
+            'available_usecases',
+            profile.names,
+            "The camera's modes.",
+            read_only=True,
+            ignore_override=True,
+        )
+        self._declare(
+            'model', profile.model, "The camera's model.", read_only=True, ignore_override=True
+        )
+        return mode
+
+    def _declare_frame_id(self) -> None:
+        self._declare(
+            'frame_id',
+            '',
+            'frame_id of what is published; empty: that of the input, or '
+            '<node>_optical_frame where parent_frame is set.',
+        )
+
+    def _declare_formats(self) -> None:
+        self._declare(
+            'invalid_value', 'nan', 'How an invalid pixel is written: nan or zero.', any_type=True
+        )
+        self._declare(
+            'input_depth',
+            'planar',
+            'What the input holds: planar (along the optical axis) or radial (along the ray).',
+        )
+        self._declare(
+            'cloud_layout',
+            'organised',
+            "Size of the point cloud: organised (the image's "
+            "width and height) or driver (exchanged, as the vendor's driver has them).",
+        )
 
     @property
     def frame_id(self) -> str:
