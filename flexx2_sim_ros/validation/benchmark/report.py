@@ -1,12 +1,11 @@
 """The benchmark's result: a table in the terminal, a page, a picture."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-import math
+from collections.abc import Sequence
 from pathlib import Path
 
 from flexx2_sim_ros.atomic import whole, write_text
 from flexx2_sim_ros.validation.benchmark.design import STRENGTHS
+from flexx2_sim_ros.validation.benchmark.goals import reach
 from flexx2_sim_ros.validation.benchmark.scoring import (
     Answer,
     f1_pairs,
@@ -15,8 +14,8 @@ from flexx2_sim_ros.validation.benchmark.scoring import (
     Scores,
     share,
     UNKNOWN,
-    wilson,
 )
+from flexx2_sim_ros.validation.benchmark.sheets import mean, percent, Sheet
 from flexx2_sim_ros.validation.blind import CATALOGUE, NOVEL
 import numpy as np
 from rich import box
@@ -24,18 +23,9 @@ from rich.console import Console
 from rich.table import Table
 
 
-@dataclass(frozen=True)
-class Sheet:
-    """A table: title, column names, rows of text."""
-
-    title: str
-    columns: tuple[str, ...]
-    rows: list[tuple[str, ...]]
-
-
 def sheets(scores: Scores) -> list[Sheet]:
     """Return all tables of a run."""
-    return [_reach(scores), _groups(scores), _effects(scores), _baselines(scores)]
+    return [reach(scores), _groups(scores), _effects(scores), _baselines(scores)]
 
 
 def print_report(scores: Scores, console: Console) -> None:
@@ -140,151 +130,10 @@ def draw_confusion(scores: Scores, path: Path) -> None:
     pyplot.close(figure)
 
 
-def _percent(hits: int, count: int) -> str:
-    if not count:
-        return '-'
-    low, high = wilson(hits, count)
-    return f'{100 * hits / count:.0f} % [{100 * low:.0f}-{100 * high:.0f}] of {count}'
-
-
-def _mean(values: Sequence[float], form: str = '.2f') -> str:
-    known = [value for value in values if not math.isnan(value)]
-    return f'{np.mean(known):{form}} ({len(known)})' if known else '-'
-
-
-def _reach(scores: Scores) -> Sheet:
-    # The goals of the project, at the usual pose error.
-    usual = Scores(
-        tuple(answer for answer in scores.answers if answer.planned.pose_mm == 2.0),
-        scores.commitment,
-    )
-    singles = [*usual.of('single', strength=1.0), *usual.of('single', strength=0.5)]
-    rows = [
-        *_answer_goals(usual, singles),
-        _overlap_goal(singles),
-        *_prediction_goals(usual),
-        *_cost_goals(scores),
-    ]
-    return Sheet('Goals', ('what', 'goal', 'result', 'reached'), rows)
-
-
-def _goal(
-    what: str, wanted: str, count: tuple[int, int], holds: Callable[[float], bool]
-) -> tuple[str, ...]:
-    reached = '-' if not count[1] else 'yes' if holds(count[0] / count[1]) else 'NO'
-    return what, wanted, _percent(*count), reached
-
-
-def _answer_goals(usual: Scores, singles: Sequence[Answer]) -> list[tuple[str, ...]]:
-    return [
-        _goal(
-            'single effects, strength 1: correct',
-            '95 %',
-            share(usual.of('single', strength=1.0), lambda a: a.right),
-            lambda s: s >= 0.95,
-        ),
-        _goal(
-            'single effects, strength 0.5: correct',
-            '85 %',
-            share(usual.of('single', strength=0.5), lambda a: a.right),
-            lambda s: s >= 0.85,
-        ),
-        _goal(
-            '... wrong: missed, or another effect named',
-            '< 3 %',
-            share(singles, lambda a: a.wrong),
-            lambda s: s < 0.03,
-        ),
-        _goal(
-            'no effect: false alarms',
-            '<= 3 %',
-            share(usual.of('none'), lambda a: not a.right),
-            lambda s: s <= 0.03,
-        ),
-        _goal(
-            'effects outside the catalogue: unknown or partly',
-            '90 %',
-            share(usual.of('novel'), lambda a: a.right),
-            lambda s: s >= 0.9,
-        ),
-        _goal(
-            'true effect removed from the catalogue: unknown or partly',
-            '80 %',
-            share(usual.of('left_out'), lambda a: a.right),
-            lambda s: s >= 0.8,
-        ),
-        _goal(
-            'two effects: one of them named first',
-            '95 %',
-            share(usual.of('pair'), lambda a: a.right),
-            lambda s: s >= 0.95,
-        ),
-        _goal(
-            'two effects: both named',
-            '85 %',
-            share(usual.of('pair'), lambda a: a.both),
-            lambda s: s >= 0.85,
-        ),
-    ]
-
-
-def _overlap_goal(singles: Sequence[Answer]) -> tuple[str, ...]:
-    overlaps = [a.overlap for a in singles if not math.isnan(a.overlap)]
-    return (
-        'localisation of single effects: mean IoU',
-        '0.6',
-        _mean(overlaps),
-        '-' if not overlaps else 'yes' if np.mean(overlaps) >= 0.6 else 'NO',
-    )
-
-
-def _prediction_goals(usual: Scores) -> list[tuple[str, ...]]:
-    checked = [
-        answer
-        for answer in usual.answers
-        if not math.isnan(answer.realised) and not math.isnan(answer.predicted)
-    ]
-    off = [abs(answer.predicted - answer.realised) for answer in checked]
-    return [
-        (
-            'predicted reduction of the gap: mean absolute error',
-            '<= 0.06',
-            _mean(off),
-            '-' if not off else 'yes' if np.mean(off) <= 0.06 else 'NO',
-        ),
-        _goal(
-            'predicted reduction: empirical coverage of 90 % intervals',
-            '85-95 %',
-            share(checked, lambda a: a.low <= a.realised <= a.high),
-            lambda s: 0.85 <= s <= 0.95,
-        ),
-    ]
-
-
-def _cost_goals(scores: Scores) -> list[tuple[str, ...]]:
-    seconds = [a.seconds for a in scores.answers]
-    slowest = max(seconds)
-    peak = [a.peak_mb for a in scores.answers if not math.isnan(a.peak_mb)]
-    return [
-        (
-            'time of one diagnosis, median / slowest',
-            '< 30 s',
-            f'{np.median(seconds):.1f} / {slowest:.1f} s',
-            'yes' if slowest < 30 else 'NO',
-        ),
-        (
-            'memory of one diagnosis, largest',
-            '< 2 GB',
-            f'{max(peak):.0f} MB' if peak else '-',
-            '-' if not peak else 'yes' if max(peak) < 2000 else 'NO',
-        ),
-    ]
-
-
 def _row(name: str, answers: Sequence[Answer]) -> tuple[str, ...]:
     return (
         name,
-        _percent(*share(answers, lambda a: a.right)),
+        percent(*share(answers, lambda a: a.right)),
         *(
             f'{share(answers, of)[0]}'
             for of in (
@@ -295,8 +144,8 @@ def _row(name: str, answers: Sequence[Answer]) -> tuple[str, ...]:
                 lambda a: not a.visible,
             )
         ),
-        _mean([a.overlap for a in answers]),
-        _mean([a.parameter_error for a in answers]),
+        mean([a.overlap for a in answers]),
+        mean([a.parameter_error for a in answers]),
     )
 
 
@@ -392,7 +241,7 @@ def _baselines(scores: Scores) -> Sheet:
                 )
                 for answer, said in some
             )
-            cells.append(_percent(hits, len(some)))
+            cells.append(percent(hits, len(some)))
         f1 = macro_f1([(next(iter(answer.planned.effects), NONE), said) for answer, said in pairs])
         rows.append((name, *cells, f'{f1:.2f}'))
     return Sheet(

@@ -1,0 +1,31 @@
+"""Tables of text, and numbers as the tables show them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+import math
+
+from flexx2_sim_ros.validation.benchmark.scoring import wilson
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """A table: title, column names, rows of text."""
+
+    title: str
+    columns: tuple[str, ...]
+    rows: list[tuple[str, ...]]
+
+
+def percent(hits: int, count: int) -> str:
+    """Return a rate with its 95 % interval and the count, as text."""
+    if not count:
+        return '-'
+    low, high = wilson(hits, count)
+    return f'{100 * hits / count:.0f} % [{100 * low:.0f}-{100 * high:.0f}] of {count}'
+
+
+def mean(values: Sequence[float], form: str = '.2f') -> str:
+    """Return the mean of the values that are not NaN, and their count, as text."""
+    known = [value for value in values if not math.isnan(value)]
+    return f'{np.mean(known):{form}} ({len(known)})' if known else '-'
