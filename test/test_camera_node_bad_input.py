@@ -145,7 +145,7 @@ CASES = {
     'coefficients': (
         'info',
         _changed(d=[0.1] * 8),
-        ['clean/camera_info: distortion', 'got 8', 'at most five'],
+        ['clean/camera_info: distortion', 'got 8', 'at most 5'],
     ),
     'no info': (
         'info',

@@ -150,9 +150,10 @@ def test_any_camera_info_is_decoded_or_refused(message: SimpleNamespace) -> None
     assert (camera.width, camera.height) == (message.width, message.height)
     assert camera.fx > 0
     assert camera.fy > 0
-    given_ = [*message.d, *[0.0] * 5][:5]
-    assert list(camera.distortion) == given_
-    assert message.distortion_model == 'plumb_bob' or not any(message.d)
+    most = len(camera.distortion)
+    assert list(camera.distortion) == [*message.d, *[0.0] * most][:most]
+    assert not any(message.d[most:])
+    assert not any(message.d) or message.distortion_model in ('plumb_bob', 'rational_polynomial')
 
 
 def _info(**fields: Any) -> SimpleNamespace:
@@ -177,6 +178,13 @@ def test_camera_infos_of_pinholes() -> None:
     assert decode_camera_info(_info(distortion_model='')) == plain
     bent = decode_camera_info(_info(d=[0.1, -0.2, 0.01, 0.02, 0.3]))
     assert bent.distortion == (0.1, -0.2, 0.01, 0.02, 0.3)
+    assert bent.distortion_model == 'plumb_bob'
+    eight = (0.1, -0.2, 0.01, 0.02, 0.3, 0.4, 0.5, 0.6)
+    rational = decode_camera_info(_info(d=eight, distortion_model='rational_polynomial'))
+    assert rational.distortion == eight
+    assert rational.distortion_model == 'rational_polynomial'
+    with pytest.raises(InputError, match='at most 8 coefficients .rational_polynomial., got 12'):
+        decode_camera_info(_info(d=[0.1] * 12, distortion_model='rational_polynomial'))
     with pytest.raises(
         InputError, match='distortion_model: must be plumb_bob.*, got .equidistant'
     ):

@@ -420,8 +420,14 @@ def test_a_frame_as_bytes(with_clean: bool) -> None:
 
 
 @pytest.mark.parametrize(
-    'distortion', [(0.0,) * 5, (-0.25, 0.05, 0.001, -0.002, 0.0), (2.0, 0.0, 0.0, 0.0, 0.0)]
-)  # Of the last one the corners cannot be inverted.
+    'distortion',
+    [
+        (0.0,) * 5,
+        (-0.25, 0.05, 0.001, -0.002, 0.0),
+        (2.0, 0.0, 0.0, 0.0, 0.0),  # The corners cannot be inverted.
+        (2.0, 1.3, 0.001, -0.002, 0.07, 2.4, 2.0, 0.37),
+    ],
+)
 def test_the_cloud_takes_the_lens_off(
     served: tuple[Server, Source], tmp_path: Path, distortion: tuple[float, ...]
 ) -> None:

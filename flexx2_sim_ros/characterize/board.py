@@ -82,7 +82,7 @@ def find_board(
         How many pixels before the plane's edges the region ends; by default as far as edges jump
         about over many frames.
     distortion : tuple of float
-        The camera's, plumb_bob; none when left out.
+        The camera's, as in `Intrinsics.distortion`; none when left out.
 
     Returns
     -------

@@ -48,7 +48,7 @@ class Measurement:
     K : numpy.ndarray
         (3, 3) camera matrix.
     distortion : tuple of float
-        plumb_bob; zeros where the recording has none.
+        Of the lens; zeros where the recording has none.
     rate_hz : float
         Frames a second; NaN for a single frame.
     distance, angle_deg : float
@@ -173,7 +173,7 @@ def _measure(
             _check_units(first, far)
             # One frame has no jumping edges yet.
             margin = boards.SMALLEST_MARGIN if frames == 1 else None
-            board = find_board(first, noise, reader.K, box, margin, _distortion(reader))
+            board = find_board(first, noise, reader.K, box, margin, reader.distortion)
             # The outline of valid pixels in one frame may be no more than where it was cropped.
             sites = [
                 site
@@ -227,7 +227,7 @@ def _measure(
         frames,
         (width, height),
         reader.K,
-        _distortion(reader),
+        reader.distortion,
         _rate(reader),
         distance,
         angle,
@@ -371,11 +371,6 @@ def _window(board: Board) -> tuple[int, int, int, int]:
         if inside > 0.99 or max(half_width, half_height) <= 1:
             return box
         half_width, half_height = max(1, half_width * 9 // 10), max(1, half_height * 9 // 10)
-
-
-def _distortion(reader: RecordingReader) -> tuple[float, ...]:
-    found = np.ravel(reader.arrays.get('distortion', np.zeros(5))).astype(np.float64)
-    return (*found[:5], *[0.0] * (5 - len(found)))
 
 
 def _rate(reader: RecordingReader) -> float:

@@ -5,11 +5,12 @@ Nothing here imports ROS: the functions take messages (or anything with their fi
 `InputError` for messages that cannot be used.
 """
 
+from collections.abc import Iterable
 import sys
 from typing import Any
 
 from flexx2_sim_ros.errors import InputError, shown
-from flexx2_sim_ros.profiles.intrinsics import Intrinsics
+from flexx2_sim_ros.profiles.intrinsics import DISTORTION_MODELS, full_distortion, Intrinsics
 import numpy as np
 
 # dtype kind and size, and metres a unit (REP-118: 32FC1 in metres, 16UC1 in millimetres).
@@ -23,6 +24,8 @@ _ENCODINGS = {
 }
 _NANOSECONDS = 1_000_000_000
 _LARGEST_SIDE = 1 << 14
+# Without coefficients, they are no pinhole cameras either.
+_FISHEYES = ('equidistant', 'fisheye')
 
 
 def stamp_nanoseconds(stamp: Any) -> int:
@@ -126,22 +129,59 @@ def decode_camera_info(message: Any, field: str = 'camera_info') -> Intrinsics:
     Raises
     ------
     InputError
-        When it cannot be a pinhole camera with plumb_bob distortion.
+        When it cannot be a pinhole camera with plumb_bob or rational_polynomial distortion.
 
     """
-    coefficients = [float(value) for value in message.d]
-    model = message.distortion_model
-    if model == 'equidistant' or (any(coefficients) and model != 'plumb_bob'):
-        raise InputError(
-            f'{field}: distortion_model: must be plumb_bob, or no distortion, got '
-            f'{shown(model)} with coefficients {shown(coefficients)}'
-        )
-    if not any(coefficients):
-        coefficients = []  # Any number of zeros means no distortion.
+    distortion = decode_distortion(message.distortion_model, message.d, field)
     try:
-        return Intrinsics.from_matrix(message.k, message.width, message.height, coefficients)
+        return Intrinsics.from_matrix(message.k, message.width, message.height, distortion)
     except InputError as error:
         raise InputError(f'{field}: {error}') from error
+
+
+def decode_distortion(
+    model: str, coefficients: Iterable[float], field: str = 'camera_info'
+) -> tuple[float, ...]:
+    """
+    Return the distortion of a camera info or of a calibration file.
+
+    Parameters
+    ----------
+    model : str
+        ``plumb_bob`` or ``rational_polynomial``; any other, except that of a fisheye lens, if all
+        coefficients are 0.
+    coefficients : iterable of float
+        In the order of `Intrinsics.distortion`; zeros at the end may be left out.
+    field : str
+        What to call the message or file in errors.
+
+    Returns
+    -------
+    tuple of float
+        As `Intrinsics.distortion`; five zeros for no distortion.
+
+    Raises
+    ------
+    InputError
+        For another model, or too many coefficients.
+
+    """
+    given = [float(value) for value in coefficients]
+    known = model in DISTORTION_MODELS.values()
+    if model in _FISHEYES or (any(given) and not known):
+        raise InputError(
+            f'{field}: distortion_model: must be {" or ".join(DISTORTION_MODELS.values())}, or no '
+            f'distortion, got {shown(model)} with coefficients {shown(given)}'
+        )
+    if not any(given):
+        given = []  # However many zeros: no distortion.
+    most = max((size for size, name in DISTORTION_MODELS.items() if name == model), default=0)
+    if len(given) > most:
+        raise InputError(
+            f'{field}: distortion: must have at most {most} coefficients ({model}), got '
+            f'{len(given)}'
+        )
+    return full_distortion(given)
 
 
 def little_endian_bytes(array: np.ndarray) -> memoryview:

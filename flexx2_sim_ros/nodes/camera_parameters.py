@@ -209,7 +209,7 @@ class CameraParameters:
         distortion = self._declare(
             'distortion',
             list(default.distortion),
-            'plumb_bob distortion k1, k2, p1, p2, k3.',
+            'Distortion k1, k2, p1, p2, k3, or these and k4, k5, k6 of a rational lens.',
             read_only=True,
         )
         return Intrinsics(default.width, default.height, fx, fy, cx, cy, tuple(distortion))

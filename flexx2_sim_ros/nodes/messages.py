@@ -76,14 +76,14 @@ def cloud_message(
 
 
 def camera_info_message(head: Header, camera: Intrinsics) -> CameraInfo:
-    """Return the camera info: plumb_bob, R = I, P = [K | 0]."""
+    """Return the camera info: R = I, P = [K | 0]."""
     k = camera.matrix
     p = np.hstack([k, np.zeros((3, 1))])
     return CameraInfo(
         header=head,
         height=camera.height,
         width=camera.width,
-        distortion_model='plumb_bob',
+        distortion_model=camera.distortion_model,
         d=list(camera.distortion),
         k=k.ravel().tolist(),
         r=np.eye(3).ravel().tolist(),

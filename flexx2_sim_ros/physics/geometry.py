@@ -17,7 +17,7 @@ from flexx2_sim_ros.profiles.sensor import DEFAULT_SENSOR, Sensor
 from numba import njit
 import numpy as np
 
-_ITERATIONS = 30
+_ITERATIONS = {5: 30, 8: 100}  # by the number of coefficients: rational lenses are wide
 _TOLERANCE_PX = 0.01
 _ZERO = np.float32(0.0)
 _ONE = np.float32(1.0)
@@ -54,7 +54,7 @@ def _pixel_rays(camera: Intrinsics) -> np.ndarray:
         return np.stack([target_x, target_y])
     x, y = target_x.copy(), target_y.copy()
     with np.errstate(over='ignore', invalid='ignore', divide='ignore'):
-        for _ in range(_ITERATIONS):
+        for _ in range(_ITERATIONS[len(camera.distortion)]):
             distorted_x, distorted_y = _distort(x, y, camera.distortion)
             x += target_x - distorted_x
             y += target_y - distorted_y
@@ -90,10 +90,13 @@ def centred(camera: Intrinsics) -> Intrinsics:
 def _distort(
     x: np.ndarray, y: np.ndarray, distortion: tuple[float, ...]
 ) -> tuple[np.ndarray, np.ndarray]:
-    # The plumb_bob model of sensor_msgs/CameraInfo.
-    k1, k2, p1, p2, k3 = distortion
+    # The models plumb_bob and rational_polynomial of sensor_msgs/CameraInfo.
+    k1, k2, p1, p2, k3, *divisor = distortion
     r2 = x * x + y * y
     radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    if divisor:
+        k4, k5, k6 = divisor
+        radial = radial / (1.0 + r2 * (k4 + r2 * (k5 + r2 * k6)))
     return (
         x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
         y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,

@@ -16,7 +16,7 @@ from flexx2_sim_ros.atomic import whole
 from flexx2_sim_ros.config_file import is_regular_file, read_config
 from flexx2_sim_ros.errors import InputError, shown, shown_path
 from flexx2_sim_ros.paths import config_dir
-from flexx2_sim_ros.profiles.intrinsics import Intrinsics
+from flexx2_sim_ros.profiles.intrinsics import DISTORTION_MODELS, Intrinsics
 from flexx2_sim_ros.profiles.modes import (
     flexx2,
     Mode,
@@ -166,10 +166,10 @@ def read_profile(path: str | Path) -> ProfileFile:
     width, height = (view.whole(name, 1, _LARGEST['pixels']) for name in ('width', 'height'))
     fx, fy = (view.number(name, 1e-3, _LARGEST['focal']) for name in ('fx', 'fy'))
     cx, cy = (view.number(name, -_LARGEST['focal'], _LARGEST['focal']) for name in ('cx', 'cy'))
-    k1, k2, p1, p2, k3 = view.numbers(
-        'distortion', (5,), -_LARGEST['distortion'], _LARGEST['distortion']
+    distortion = view.numbers(
+        'distortion', tuple(DISTORTION_MODELS), -_LARGEST['distortion'], _LARGEST['distortion']
     )
-    camera = Intrinsics(width, height, fx, fy, cx, cy, (k1, k2, p1, p2, k3))
+    camera = Intrinsics(width, height, fx, fy, cx, cy, tuple(distortion))
     sensor, cap = read_sensor(top, camera, path.parent)
     modes = top.mapping('modes')
     if not modes:

@@ -1,5 +1,6 @@
 """A pinhole camera's intrinsic parameters."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 import math
 from typing import Any
@@ -7,11 +8,14 @@ from typing import Any
 from flexx2_sim_ros.errors import InputError, shown
 import numpy as np
 
+# By the number of coefficients; names of sensor_msgs/CameraInfo.
+DISTORTION_MODELS = {5: 'plumb_bob', 8: 'rational_polynomial'}
+
 
 @dataclass(frozen=True)
 class Intrinsics:
     """
-    Pinhole intrinsics with optional ``plumb_bob`` distortion.
+    Pinhole intrinsics with an optional ``plumb_bob`` or ``rational_polynomial`` distortion.
 
     Pixel centres have whole-number coordinates, so the principal point of a symmetric camera is
     ``((width - 1) / 2, (height - 1) / 2)``. The camera frame is optical: x right, y down,
@@ -26,7 +30,8 @@ class Intrinsics:
     cx, cy : float
         Principal point in pixels.
     distortion : tuple of float
-        ``(k1, k2, p1, p2, k3)`` as in ``sensor_msgs/CameraInfo``; zeros for none.
+        As in ``sensor_msgs/CameraInfo``: ``(k1, k2, p1, p2, k3)`` of a ``plumb_bob`` lens, or
+        ``(k1, k2, p1, p2, k3, k4, k5, k6)`` of a ``rational_polynomial`` lens; zeros for none.
 
     """
 
@@ -36,7 +41,7 @@ class Intrinsics:
     fy: float
     cx: float
     cy: float
-    distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
+    distortion: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
         """Refuse what cannot be a camera."""
@@ -52,10 +57,12 @@ class Intrinsics:
             value = getattr(self, name)
             if not abs(value) <= 1e6:
                 raise InputError(f'K: {name}: must be at most 1,000,000 pixels, got {value}')
-        if len(self.distortion) != 5 or not all(map(math.isfinite, self.distortion)):
+        if len(self.distortion) not in DISTORTION_MODELS or not all(
+            map(math.isfinite, self.distortion)
+        ):
             raise InputError(
-                'distortion: must be five finite numbers (k1, k2, p1, p2, k3), got '
-                f'{self.distortion}'
+                'distortion: must be five finite numbers (k1, k2, p1, p2, k3), or eight with k4, '
+                f'k5, k6, got {shown(self.distortion)}'
             )
 
     @classmethod
@@ -76,7 +83,8 @@ class Intrinsics:
         width, height : int
             Image size in pixels.
         distortion : sequence of float
-            Up to five ``plumb_bob`` coefficients; missing ones are zero.
+            Up to five ``plumb_bob`` or six to eight ``rational_polynomial`` coefficients; missing
+            ones are zero.
 
         Returns
         -------
@@ -99,13 +107,6 @@ class Intrinsics:
             raise InputError(
                 f'K: must be [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], got {matrix.tolist()}'
             )
-        coefficients = [float(value) for value in distortion]
-        if len(coefficients) > 5:
-            raise InputError(
-                'distortion: must have at most five coefficients (plumb_bob), got '
-                f'{len(coefficients)}'
-            )
-        coefficients += [0.0] * (5 - len(coefficients))
         return cls(
             int(width),
             int(height),
@@ -113,7 +114,7 @@ class Intrinsics:
             float(matrix[1, 1]),
             float(matrix[0, 2]),
             float(matrix[1, 2]),
-            tuple(coefficients),  # type: ignore[arg-type]
+            full_distortion(distortion),
         )
 
     @classmethod
@@ -142,3 +143,37 @@ class Intrinsics:
     def matrix(self) -> np.ndarray:
         """Return K as a (3, 3) float64 array."""
         return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
+
+    @property
+    def distortion_model(self) -> str:
+        """Return the distortion's name in ``sensor_msgs/CameraInfo``."""
+        return DISTORTION_MODELS[len(self.distortion)]
+
+
+def full_distortion(coefficients: Iterable[float]) -> tuple[float, ...]:
+    """
+    Return distortion coefficients with the zeros that were left out at their end.
+
+    Parameters
+    ----------
+    coefficients : iterable of float
+        Up to eight, in the order of `Intrinsics.distortion`.
+
+    Returns
+    -------
+    tuple of float
+        Five, or eight if there are more than five.
+
+    Raises
+    ------
+    InputError
+        When there are more than eight.
+
+    """
+    given = [float(value) for value in coefficients]
+    for length in DISTORTION_MODELS:
+        if len(given) <= length:
+            return (*given, *[0.0] * (length - len(given)))
+    raise InputError(
+        f'distortion: must have at most eight coefficients (rational_polynomial), got {len(given)}'
+    )

@@ -5,6 +5,7 @@ import struct
 from typing import Any
 
 from flexx2_sim_ros.errors import InputError, shown
+from flexx2_sim_ros.profiles.intrinsics import DISTORTION_MODELS
 import numpy as np
 from rosbags.typesys import get_typestore, Stores
 from rosbags.typesys.store import Typestore
@@ -132,7 +133,7 @@ def encode_camera_info(
             CAMERA_INFO,
             _header(stamp, frame_id),
             *size,
-            'plumb_bob',
+            DISTORTION_MODELS[len(distortion)],
             distortion,
             matrix.ravel(),
             np.eye(3).ravel(),

@@ -227,9 +227,6 @@ def _messages(
         )
     given = reader.arrays.get('frame_id')
     frame_id = f'{where.name}_optical_frame' if given is None else str(given)
-    distortion = np.asarray(reader.arrays.get('distortion', np.zeros(5)))
-    if distortion.ndim != 1 or distortion.dtype.kind not in 'fiu':
-        distortion = np.zeros(5)
     images = {
         topic: _images(reader, key)
         for topic, key in (
@@ -246,7 +243,7 @@ def _messages(
         # A bag is read in order of time: a time that goes back would reorder the frames.
         time = max(time, stamp)
         info = messages.encode_camera_info(
-            stamp, frame_id, reader.shape[1:], reader.K, distortion.astype(np.float64)
+            stamp, frame_id, reader.shape[1:], reader.K, np.array(reader.distortion)
         )
         for topic in infos:
             yield topic, messages.CAMERA_INFO, time, info

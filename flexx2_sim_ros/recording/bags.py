@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from flexx2_sim_ros.errors import InputError, unquoted
-from flexx2_sim_ros.messages.decoding import decode_image, image_pixels
+from flexx2_sim_ros.messages.decoding import decode_distortion, decode_image, image_pixels
 from flexx2_sim_ros.recording import bag_messages as messages
 from flexx2_sim_ros.recording.bag_cameras import choose_camera, DEPTH_ENCODINGS, EVENTS
 from flexx2_sim_ros.recording.bag_files import Bag
@@ -202,8 +202,11 @@ class BagRecording(RecordingReader):
         content.notes.extend(content.changes)
         content.arrays['camera'] = np.array(self._where.name)
         content.arrays['frame_id'] = np.array(str(first.header.frame_id))
-        if np.any(first.d):
-            content.arrays['distortion'] = np.array(first.d, np.float64)
+        distortion = decode_distortion(
+            first.distortion_model, first.d, f'{self._bag.path}: {self._where.info}'
+        )
+        if any(distortion):
+            content.arrays['distortion'] = np.array(distortion)
 
     def _add_usecases(self, content: Content) -> None:
         nodes = sorted({node for _, node, _, _ in self._usecases})

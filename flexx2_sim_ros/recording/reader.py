@@ -7,6 +7,7 @@ import itertools
 from pathlib import Path
 
 from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.profiles.intrinsics import DISTORTION_MODELS, full_distortion
 from flexx2_sim_ros.profiles.modes import Profile
 import numpy as np
 
@@ -43,7 +44,7 @@ class Recording:
         (H, W) or (T, H, W): the camera's gray image, in its own units.
     extra : dict of str to numpy.ndarray
         All else that the file has, whole (never cut to the part). From a bag: ``camera``,
-        ``frame_id`` and, where it is not zero, ``distortion`` (k1, k2, p1, p2, k3).
+        ``frame_id`` and, where it is not zero, ``distortion`` as in `Intrinsics.distortion`.
     path : pathlib.Path
         Where it was read from.
     camera : str or None
@@ -118,6 +119,8 @@ class RecordingReader(ABC):
         Which camera of a bag.
     K, stamp, stamp_ns, usecase
         As in `Recording`, of all frames.
+    distortion : tuple of float
+        Of the lens, as in `Intrinsics.distortion`; zeros where the file has none.
     layouts, arrays, notes, changes
         As in `Content`.
     assumed_stamps : bool
@@ -142,6 +145,7 @@ class RecordingReader(ABC):
         self.notes = content.notes
         self.changes = content.changes
         self.K = self._matrix()
+        self.distortion = self._lens()
         usecase = self.arrays.get('usecase')
         if usecase is not None and (usecase.dtype.kind != 'U' or usecase.ndim):
             raise InputError(
@@ -236,6 +240,18 @@ class RecordingReader(ABC):
                 f'{matrix.shape}'
             )
         return matrix.astype(np.float64)
+
+    def _lens(self) -> tuple[float, ...]:
+        if 'distortion' not in self.arrays:
+            return full_distortion(())
+        wanted = 'k1, k2, p1, p2, k3 (5,) or these and k4, k5, k6 (8,), finite'
+        found = self._numbers('distortion', wanted)
+        if found.size > max(DISTORTION_MODELS) or not np.isfinite(found).all():
+            raise InputError(
+                f'{self.path}: distortion: must be {wanted}, got {found.dtype} of shape '
+                f'{found.shape}'
+            )
+        return full_distortion(found.ravel())
 
     def _usual_stamps(self, frames: int, profile: Profile | None) -> tuple[np.ndarray, np.ndarray]:
         rate, whose = _USUAL_RATE, 'usual'

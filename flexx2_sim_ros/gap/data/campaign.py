@@ -147,7 +147,6 @@ def read(found: Found, profile: Profile | None) -> RecordingData:
     depth, clean = _depths(found, parts, truth.known, notes)
     if clean.ndim == 3 and (clean == clean[0]).all(where=np.isfinite(clean)):
         clean, truth = clean[0], _still(truth)
-    _check_distortion(reader)
     reflectivity = _reflectivity(found, reader.K, parts, clean, notes)
     clean, reflectivity = _filled(found, clean, reflectivity, truth.known)
     return RecordingData(
@@ -284,19 +283,6 @@ def _plane_shifts(
         )
     known = np.ones(clean.shape, bool) if truth.known is None else truth.known
     return plane_shifts(clean, truth.plane, K, len(truth.plane_covariance) // 3, known)
-
-
-def _check_distortion(reader: RecordingReader) -> None:
-    # Clean depth lies on the camera's own grid, distorted or not, so that nothing is bent here;
-    # what else depends on the lens (the incidence angles) stays far below what matters.
-    lens = reader.arrays.get('distortion')
-    if lens is not None and (
-        lens.dtype.kind not in 'fiu' or lens.shape != (5,) or not np.isfinite(lens).all()
-    ):
-        raise InputError(
-            f'{reader.path}: distortion: must be k1, k2, p1, p2, k3 (5,), finite, got shape '
-            f'{lens.shape} of {lens.dtype}'
-        )
 
 
 def _stack(key: str, parts: list[tuple[Recording, np.ndarray]]) -> np.ndarray | None:

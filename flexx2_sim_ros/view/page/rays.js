@@ -1,6 +1,6 @@
 // The rays of a camera's pixels: x/z and y/z in the optical frame, row by row, what the lens
-// distorts (plumb_bob) taken off; NaN where that cannot be inverted.
-const ITERATIONS = 30, TOLERANCE_PX = 0.01;
+// distorts (plumb_bob, rational_polynomial) taken off; NaN where that cannot be inverted.
+const ITERATIONS = { 5: 30, 8: 100 }, TOLERANCE_PX = 0.01;
 
 export class Rays {
   // Computed anew only when the camera changes.
@@ -23,7 +23,7 @@ export class Rays {
 function straighten(u, v, distortion, focal) {
   if (!distortion.some((coefficient) => coefficient)) return [u, v];
   let x = u, y = v;
-  for (let n = 0; n < ITERATIONS; n++) {
+  for (let n = 0; n < ITERATIONS[distortion.length]; n++) {
     const [bentX, bentY] = bend(x, y, distortion);
     x += u - bentX;
     y += v - bentY;
@@ -32,8 +32,9 @@ function straighten(u, v, distortion, focal) {
   return Math.hypot(bentX - u, bentY - v) * focal < TOLERANCE_PX ? [x, y] : [NaN, NaN];
 }
 
-function bend(x, y, [k1, k2, p1, p2, k3]) {
-  const r2 = x * x + y * y, radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3));
+function bend(x, y, [k1, k2, p1, p2, k3, k4 = 0, k5 = 0, k6 = 0]) {
+  const r2 = x * x + y * y;
+  const radial = (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1 + r2 * (k4 + r2 * (k5 + r2 * k6)));
   return [x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
     y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y];
 }
