@@ -59,6 +59,7 @@ setup(
         'mujoco>=4.0',
         'numba>=0.59',
         'numpy>=1.26',
+        'pillow>=10.0',
         'PyYAML>=6.0.1',
         'rich>=13.0',
         'rosbags>=0.11',

@@ -45,6 +45,22 @@ def read_config(path: Path) -> dict[str, Any]:
         When the file cannot be read or is not a YAML mapping of schema 1.
 
     """
+    content = read_mapping(path)
+    if content.get('schema') != 1:
+        raise InputError(f'{shown_path(path)}: schema: must be a mapping with schema 1')
+    return content
+
+
+def read_mapping(path: Path) -> dict[str, Any]:
+    """
+    Return a YAML file of any content; otherwise as `read_config`.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be read or is not a YAML mapping.
+
+    """
     name = shown_path(path)
     try:
         text = _read_bytes(path).decode('utf-8')
@@ -54,8 +70,8 @@ def read_config(path: Path) -> dict[str, Any]:
         raise InputError(f'{name}: {error}') from error
     except Exception as error:  # PyYAML lets errors of all kinds out, e.g. of `!!bool x`.
         raise InputError(f'{name}: cannot be read as YAML: {_reason(error)}') from error
-    if not isinstance(content, dict) or content.get('schema') != 1:
-        raise InputError(f'{name}: schema: must be a mapping with schema 1')
+    if not isinstance(content, dict):
+        raise InputError(f'{name}: must be a YAML mapping, got {shown(content)}')
     return content
 
 

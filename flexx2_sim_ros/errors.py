@@ -8,6 +8,7 @@ _OPTIONAL = {
     'embreex': 'embreex',
     'matplotlib': 'matplotlib',
     'mujoco': '"mujoco>=4.0"',
+    'PIL': 'pillow',
     'rosbags': '"rosbags>=0.11"',
     'scipy': 'scipy',
     'sklearn': 'scikit-learn',

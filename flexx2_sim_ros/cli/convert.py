@@ -1,22 +1,35 @@
-"""`flexx2 convert`: recordings between bags and NumPy archives."""
+"""`flexx2 convert`: recordings of all kinds into NumPy archives and bags."""
 
 import argparse
+from pathlib import Path
 from typing import Any
 
-from flexx2_sim_ros.errors import printable
+from flexx2_sim_ros.cli.argument_types import number
+from flexx2_sim_ros.errors import InputError, printable, shown
 from rich.console import Console
+
+_EXAMPLES = """examples:
+  flexx2 convert walk walk.npz --camera front_left
+  flexx2 convert pico_flexx.bag wall.npz --usecase MODE_9_5FPS_2000
+  flexx2 convert realsense_bag wall.npz --camera /camera/camera/depth/image_rect_raw
+  flexx2 convert images/ wall.npz --calibration ost.yaml --rate 15 --mask known.png
+  flexx2 convert frame.png frame.npz --calibration ost.yaml --unit 0.0002
+  flexx2 convert sdk.npz wall.npz --key depth=depth_mm --key amplitude=ir16"""
 
 
 def add_parser(commands: Any) -> None:
     """Add the subcommand."""
     parser = commands.add_parser(
         'convert',
-        help='convert a recording between a bag and .npz',
+        help='convert bags, images and .npz of any depth camera to a recording',
         description='Write a recording in another format, without loss. A and B are an .npz '
-        'recording, or a rosbag2 bag: a folder, or a single .mcap or .db3 file. Bags of the real '
-        'driver (pmd-royale-ros) work, too; a damaged bag is read up to the damage. '
+        'recording, or a rosbag2 bag: a folder, or a single .mcap or .db3 file. A can also be a '
+        '.bag file of ROS 1, a folder of 16-bit PNG files or one of them, or an .npz file of '
+        'another program. Bags of pmd-royale-ros, pico_flexx_driver, realsense-ros and Azure '
+        'Kinect work without options; a damaged bag is read up to the damage. '
         'From a bag with several cameras, B.npz becomes B_<camera>.npz for each.',
-        epilog='example: flexx2 convert walk walk.npz --camera front_left',
+        epilog=_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument('source', metavar='A', help='recording to read')
     parser.add_argument('target', metavar='B', help='recording to write')
@@ -31,17 +44,79 @@ def add_parser(commands: Any) -> None:
         default='mcap',
         help='format of a bag in a folder (default %(default)s)',
     )
+    _add_given(parser)
     parser.set_defaults(run=run)
+
+
+def _add_given(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument('--usecase', metavar='MODE', help="the camera's mode, if A does not say")
+    parser.add_argument(
+        '--calibration',
+        type=Path,
+        metavar='FILE',
+        help='for images and other .npz: YAML of camera_calibration with camera matrix and '
+        'distortion (default: the only YAML file in the folder)',
+    )
+    parser.add_argument(
+        '--mask',
+        type=Path,
+        metavar='FILE',
+        help='PNG of the size of the images: the ground truth of its black pixels is unknown '
+        '(default: mask.png in a folder of images)',
+    )
+    parser.add_argument(
+        '--unit',
+        type=number(0, 1000, above=True),
+        metavar='METRES',
+        help='for images and other .npz: metres of a count of depth (default 0.001; 1 for .npz '
+        'of floating-point numbers)',
+    )
+    parser.add_argument(
+        '--rate',
+        type=number(0, 1e6, above=True),
+        metavar='HZ',
+        help='frames a second, if A has no stamps (default: that of the mode, or 30)',
+    )
+    parser.add_argument(
+        '--key',
+        action='append',
+        default=[],
+        metavar='NAME=OTHER',
+        help='for other .npz: OTHER in A is NAME in a recording; can be repeated',
+    )
+
+
+def _keys(pairs: list[str]) -> dict[str, str]:
+    keys: dict[str, str] = {}
+    for pair in pairs:
+        name, sign, other = pair.partition('=')
+        if not (name.isidentifier() and sign and other) or name in keys:
+            raise InputError(
+                f'--key: must be NAME=OTHER, each NAME once, as depth=depth_mm, got {shown(pair)}'
+            )
+        keys[name] = other
+    return keys
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Convert, and print what was converted."""
     from flexx2_sim_ros.recording.convert import convert
+    from flexx2_sim_ros.recording.given import Given
 
+    given = Given(
+        arguments.usecase,
+        arguments.mask,
+        arguments.rate,
+        arguments.calibration,
+        arguments.unit,
+        _keys(arguments.key),
+    )
     console = Console(stderr=True, soft_wrap=True, highlight=False, markup=False)
-    for reader, path in convert(
-        arguments.source, arguments.target, arguments.camera, arguments.storage
-    ):
+    with console.status('converting'):
+        written = convert(
+            arguments.source, arguments.target, arguments.camera, arguments.storage, given
+        )
+    for reader, path in written:
         for note in dict.fromkeys(reader.notes):
             console.print(printable(note), style='yellow')
         count, height, width = reader.shape

@@ -1,22 +1,31 @@
 """Convert recordings from one file format to another."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 import itertools
 from pathlib import Path
 
 from flexx2_sim_ros.atomic import check_distinct
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.recording.bag_writer import write_bag
+from flexx2_sim_ros.recording.given import complete, Given
+from flexx2_sim_ros.recording.images import has_images, ImageRecording, mask_beside
 from flexx2_sim_ros.recording.npz import RecordingWriter
 from flexx2_sim_ros.recording.opening import open_recording, recording_cameras
+from flexx2_sim_ros.recording.other_archive import OtherArchive
 from flexx2_sim_ros.recording.reader import RecordingReader
 import numpy as np
 
 _CHUNK = 64
+NOTHING = Given()
 
 
 def convert(
-    source: str | Path, target: str | Path, camera: str | None = None, storage: str = 'mcap'
+    source: str | Path,
+    target: str | Path,
+    camera: str | None = None,
+    storage: str = 'mcap',
+    given: Given = NOTHING,
 ) -> list[tuple[RecordingReader, Path]]:
     """
     Write a recording in another format, without loss and in bounded memory.
@@ -24,7 +33,8 @@ def convert(
     Parameters
     ----------
     source : str or pathlib.Path
-        As for `open_recording`.
+        As for `open_recording`, or a folder of 16-bit PNG files, or one of them; see
+        `ImageRecording`.
     target : str or pathlib.Path
         An ``.npz`` file (replaced if it exists), a ``.mcap`` or ``.db3`` file, or a folder for a
         bag. From a bag with several cameras, if none is chosen, ``out.npz`` becomes
@@ -32,7 +42,9 @@ def convert(
     camera : str, optional
         Which camera of the bag; for an ``.npz`` source, its name in the bag.
     storage : str
-        ``mcap`` or ``sqlite3``, if the target is a folder.
+        ``mcap`` or ``sqlite3``, where the target is a folder.
+    given : Given
+        What the file does not say.
 
     Returns
     -------
@@ -42,23 +54,51 @@ def convert(
     Raises
     ------
     InputError
-        As `open_recording` and `write_bag`.
+        As `open_recording`, `ImageRecording`, `OtherArchive`, `complete` and `write_bag`.
 
     """
     source, target = Path(source), Path(target)
     check_distinct(source, target)
-    cameras = recording_cameras(source)
+    if target.suffix in ('.bag', '.png'):
+        raise InputError(
+            f'{target}: must be an .npz, .mcap or .db3 file or a folder, got a {target.suffix} '
+            'file: bags of ROS 1 and images are only read'
+        )
+    images = has_images(source)
+    cameras = [] if images else recording_cameras(source)
     if camera is None and len(cameras) > 1 and target.suffix == '.npz':
         paths = _path_by_camera(target, cameras)
         return [
-            pair for name, path in paths.items() for pair in convert(source, path, name, storage)
+            pair
+            for name, path in paths.items()
+            for pair in convert(source, path, name, storage, given)
         ]
-    reader = open_recording(source, None if source.suffix == '.npz' else camera)
+    reader = complete(*_open(source, camera, given, images))
     if target.suffix == '.npz':
         write_npz(reader, target)
     else:
         write_bag(reader, target, storage, camera)
     return [(reader, target)]
+
+
+def _open(
+    source: Path, camera: str | None, given: Given, images: bool
+) -> tuple[RecordingReader, Given]:
+    if images:
+        if given.keys:
+            raise InputError('--key: must be left out for images, got some')
+        return ImageRecording(source, given), replace(
+            given, mask=given.mask or mask_beside(source)
+        )
+    if source.suffix == '.npz':
+        if given.of_files:
+            return OtherArchive(source, given), given
+        return open_recording(source), given
+    if given.of_files:
+        raise InputError(
+            f'{given.of_files[0]}: must be left out for a bag, whose messages say it, got some'
+        )
+    return open_recording(source, camera), given
 
 
 def _path_by_camera(target: Path, cameras: list[str]) -> dict[str, Path]:

@@ -59,6 +59,10 @@ class NpzRecording(RecordingReader):
                     content.layouts[key] = Layout(header.dtype.newbyteorder('='), header.shape[1:])
                     if header.fortran:
                         self._loaded[key] = archive.read(key)
+                elif key == 'depth' and len(header.shape) == 2 and header.dtype.kind in 'fiu':
+                    self._loaded[key] = archive.read(key)[None]  # A single frame.
+                    self._shapes[key] = (1, *header.shape)
+                    content.layouts[key] = Layout(header.dtype.newbyteorder('='), header.shape)
                 else:
                     content.arrays[key] = archive.read(key)
         return content

@@ -17,9 +17,10 @@ def open_recording(
     Parameters
     ----------
     path : str or pathlib.Path
-        An ``.npz`` recording, or a rosbag2 bag: a folder, or a single ``.mcap`` or ``.db3``
-        file, of this package's nodes or of the real driver (pmd-royale-ros). The intact
-        messages of a bag that was cut off are read; see `RecordingReader.notes`.
+        An ``.npz`` recording, or a bag: a folder, or a single ``.mcap`` or ``.db3`` file, or a
+        ``.bag`` file of ROS 1, of this package's nodes or of a camera's driver (pmd-royale-ros,
+        pico_flexx_driver, realsense-ros, Azure Kinect). A bag that was cut off is read as far as
+        it is whole; `RecordingReader.notes` says how far that is.
     camera : str, optional
         Which camera of a bag that has several: its name (`recording_cameras` lists them) or the
         topic of any depth image, with its camera_info beside it.

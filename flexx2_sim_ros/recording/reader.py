@@ -17,6 +17,7 @@ _KNOWN = {*STACKS, 'K', 'stamp', 'stamp_ns', 'usecase'}
 _LONGEST = 9_000_000_000  # seconds that int64 nanoseconds can hold, rounded down
 _SAME_NANOSECONDS = 1000
 _USUAL_RATE = 30.0  # Hz
+ASSUMED = 'stamp: not in the file'  # part of a note
 
 
 @dataclass(frozen=True)
@@ -258,7 +259,7 @@ class RecordingReader(ABC):
         for mode in profile.modes if profile is not None else ():
             if self.usecase is not None and mode.name.lower() == self.usecase.strip().lower():
                 rate, whose = mode.rate_hz, f'that of {mode.name}'
-        self.notes.append(f'{self.path}: stamp: not in the file: taken for {rate:g} Hz, {whose}')
+        self.notes.append(f'{self.path}: {ASSUMED}: taken for {rate:g} Hz, {whose}')
         exact = np.rint(np.arange(frames) * (1e9 / rate)).astype(np.int64)
         return exact / 1e9, exact
 

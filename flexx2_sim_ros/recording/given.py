@@ -1,0 +1,127 @@
+"""What a user says of a recording, where its file does not."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from flexx2_sim_ros.errors import InputError, shown_path
+from flexx2_sim_ros.recording.png import read_png
+from flexx2_sim_ros.recording.reader import ASSUMED, Content, RecordingReader
+import numpy as np
+
+MILLIMETRE = 0.001
+
+
+@dataclass(frozen=True)
+class Given:
+    """
+    What a user says of a recording.
+
+    Attributes
+    ----------
+    usecase : str or None
+        The camera's mode.
+    mask : pathlib.Path or None
+        A PNG of the images' size: the ground truth of its black pixels is unknown.
+    rate_hz : float or None
+        Frames a second, for files without stamps.
+    calibration : pathlib.Path or None
+        A YAML file of camera_calibration, for images and ``.npz`` files of other programs.
+    unit : float or None
+        Metres of a count of depth, for images and ``.npz`` files of other programs.
+    keys : mapping of str to str
+        Keys of the recording format, and what an ``.npz`` file of another program calls them.
+
+    """
+
+    usecase: str | None = None
+    mask: Path | None = None
+    rate_hz: float | None = None
+    calibration: Path | None = None
+    unit: float | None = None
+    keys: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def of_files(self) -> list[str]:
+        """Return the options that only images and ``.npz`` files of other programs have."""
+        values = {'--calibration': self.calibration, '--unit': self.unit, '--key': self.keys}
+        return [name for name, value in values.items() if value]
+
+
+class CompletedRecording(RecordingReader):
+    """
+    A recording with more or other arrays than its file has.
+
+    Parameters
+    ----------
+    source : RecordingReader
+        The file.
+    arrays : mapping of str to numpy.ndarray
+        Arrays of the recording format that are not stacks.
+
+    Raises
+    ------
+    InputError
+        When they do not fit the recording.
+
+    """
+
+    def __init__(self, source: RecordingReader, arrays: Mapping[str, np.ndarray]) -> None:
+        """Check them."""
+        self._source = source
+        content = Content(
+            source.layouts,
+            {**source.arrays, **arrays},
+            [note for note in source.notes if ASSUMED not in note],
+            source.changes,
+            len(source.stamp),
+        )
+        super().__init__(source.path, source.camera, content)
+
+    def frames(self, key: str) -> Iterator[np.ndarray]:
+        """Iterate over the images of a stack; see `RecordingReader.frames`."""
+        return self._source.frames(key)
+
+
+def complete(reader: RecordingReader, given: Given) -> RecordingReader:
+    """
+    Return a recording with what a user says of it.
+
+    Parameters
+    ----------
+    reader : RecordingReader
+        The file.
+    given : Given
+        Its mode, mask and rate are used.
+
+    Raises
+    ------
+    InputError
+        When the mask cannot be read or has another size, or the file has stamps and a rate is
+        given.
+
+    """
+    arrays: dict[str, np.ndarray] = {}
+    if given.usecase is not None:
+        arrays['usecase'] = np.array(given.usecase)
+    if given.mask is not None:
+        arrays['known'] = _read_mask(given.mask, reader.shape[1:])
+    if given.rate_hz is not None:
+        if not reader.assumed_stamps:
+            raise InputError(
+                f'--rate: must be left out for a recording with stamps, got {given.rate_hz:g}'
+            )
+        arrays['stamp'] = np.arange(len(reader.stamp)) / given.rate_hz
+    return CompletedRecording(reader, arrays) if arrays else reader
+
+
+def _read_mask(path: Path, size: tuple[int, int]) -> np.ndarray:
+    known = read_png(path, (1, 8, 16)) != 0
+    if known.shape != size:
+        raise InputError(
+            f'{shown_path(path)}: must have the size of depth, {size[1]} x {size[0]}, got '
+            f'{known.shape[1]} x {known.shape[0]}'
+        )
+    if not known.any():
+        raise InputError(f'{shown_path(path)}: must have a pixel that is not black, got none')
+    return known

@@ -1,0 +1,171 @@
+"""Recordings in PNG files: one image a frame, with a calibration file."""
+
+from collections.abc import Iterator
+from pathlib import Path
+import re
+
+from flexx2_sim_ros.errors import InputError, shown, shown_path
+from flexx2_sim_ros.recording.calibration import read_calibration
+from flexx2_sim_ros.recording.given import Given, MILLIMETRE
+from flexx2_sim_ros.recording.png import check_png, read_png
+from flexx2_sim_ros.recording.reader import Content, Layout, RecordingReader
+import numpy as np
+
+MASK = 'mask.png'
+_DEPTH = 'depth'
+_GRAYS = ('gray', 'ir', 'infra', 'amplitude')
+_YAML = ('.yaml', '.yml')
+_STAMP = re.compile(r'(\d+)(?:\.(\d{1,9}))?$')
+_NANOSECONDS = {19: 1, 16: 1_000, 13: 1_000_000}  # of a unit, by the digits since 1970
+
+
+class ImageRecording(RecordingReader):
+    """
+    A folder of 16-bit PNG files, or a single one.
+
+    Depth is in the folder or in its folder ``depth``, gray images of the same names in ``gray``,
+    ``ir``, ``infra`` or ``amplitude``. Stamps come from the names: seconds with a decimal point,
+    or milliseconds, microseconds or nanoseconds since 1970. Without them frames are in the order
+    of the names' numbers.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        The folder or file.
+    given : Given
+        Its calibration (else the folder's only YAML file) and unit (else millimetres) are used.
+
+    Raises
+    ------
+    InputError
+        When there are no such images, one of them is of another kind or size, or there is no
+        calibration for them.
+
+    """
+
+    def __init__(self, path: Path, given: Given) -> None:
+        """Check all images, reading no pixels."""
+        self._unit = np.float32(given.unit or MILLIMETRE)
+        root = path if path.is_dir() else path.parent
+        files, stamps = _in_order([path] if path.is_file() else _depth_files(path))
+        size = _common_size(files, (16,))
+        camera = read_calibration(given.calibration or _only_yaml(root)).intrinsics(size)
+        content = Content({}, {'K': camera.matrix}, frames=len(files))
+        if any(camera.distortion):
+            content.arrays['distortion'] = np.array(camera.distortion)
+        if stamps is not None:
+            content.arrays['stamp_ns'] = np.array(stamps, np.int64)
+        self._files = {'depth': files}
+        content.layouts['depth'] = Layout(np.dtype(np.float32), size)
+        self._add_gray(path, root, content)
+        super().__init__(path, None, content)
+
+    def _add_gray(self, path: Path, root: Path, content: Content) -> None:
+        folders = [root / name for name in _GRAYS if path.is_dir() and (root / name).is_dir()]
+        if not folders:
+            return
+        files = [folders[0] / file.name for file in self._files['depth']]
+        missing = sum(not file.is_file() for file in files)
+        if missing:
+            content.notes.append(
+                f'{path}: amplitude: left out: {missing} of {len(files)} depth images have none '
+                f'of their name in {folders[0].name}'
+            )
+            return
+        size = _common_size([self._files['depth'][0], *files], (8, 16))
+        self._files['amplitude'] = files
+        bits = read_png(files[0], (8, 16)).dtype
+        content.layouts['amplitude'] = Layout(bits, size)
+
+    def frames(self, key: str) -> Iterator[np.ndarray]:
+        """Iterate over the images of a stack; see `RecordingReader.frames`."""
+        layout = self.layouts[key]
+        for file in self._files[key]:
+            image = read_png(file, (16,) if key == 'depth' else (8 * layout.dtype.itemsize,))
+            if image.shape != layout.shape:
+                raise InputError(f'{shown_path(file)}: has changed since it was opened')
+            if key == 'depth':
+                image = np.where(image > 0, image * self._unit, np.float32(np.nan))
+            yield image
+
+
+def has_images(path: Path) -> bool:
+    """Say whether a path is a PNG file or a folder of them."""
+    if path.suffix.lower() == '.png':
+        return True
+    return path.is_dir() and bool(_pngs(path) or _pngs(path / _DEPTH))
+
+
+def mask_beside(path: Path) -> Path | None:
+    """Return the mask in a folder of images, or None."""
+    mask = path / MASK
+    return mask if path.is_dir() and mask.is_file() else None
+
+
+def _pngs(folder: Path) -> list[Path]:
+    if not folder.is_dir():
+        return []
+    return [
+        file
+        for file in folder.iterdir()
+        if file.suffix.lower() == '.png' and file.name != MASK and not file.name.startswith('.')
+    ]
+
+
+def _depth_files(folder: Path) -> list[Path]:
+    return _pngs(folder) or _pngs(folder / _DEPTH)
+
+
+def _in_order(files: list[Path]) -> tuple[list[Path], list[int] | None]:
+    stamps = [_stamp(file) for file in files]
+    known = [stamp for stamp in stamps if stamp is not None]
+    if len(known) < len(files):
+        return sorted(files, key=_natural), None
+    both = sorted(zip(known, files, strict=True))
+    for (one, file), (other, _) in zip(both[1:], both, strict=False):
+        if one == other:
+            raise InputError(
+                f'{shown_path(file)}: must have a stamp of its own in its name, got that of '
+                'another image'
+            )
+    return [file for _, file in both], [stamp for stamp, _ in both]
+
+
+def _stamp(file: Path) -> int | None:
+    # Nanoseconds, or None for a name that has only a frame's number, or none.
+    found = _STAMP.search(file.stem)
+    if found is None:
+        return None
+    whole, fraction = found.groups()
+    if fraction is not None:
+        return int(whole[-10:]) * 1_000_000_000 + int(fraction.ljust(9, '0'))
+    return int(whole) * _NANOSECONDS[len(whole)] if len(whole) in _NANOSECONDS else None
+
+
+def _natural(file: Path) -> list[tuple[str, int]]:
+    # frame2 comes before frame10.
+    parts = re.findall(r'(\D*)(\d{0,18})', file.stem)
+    return [(text, int(digits or 0)) for text, digits in parts]
+
+
+def _common_size(files: list[Path], bits: tuple[int, ...]) -> tuple[int, int]:
+    size = check_png(files[0], bits if files[0].parent == files[-1].parent else (8, 16))
+    for file in files[1:]:
+        other = check_png(file, bits)
+        if other != size:
+            raise InputError(
+                f'{shown_path(file)}: must be {size[1]} x {size[0]} pixels as {files[0].name}, '
+                f'got {other[1]} x {other[0]}'
+            )
+    return size
+
+
+def _only_yaml(folder: Path) -> Path:
+    found = sorted(file for file in folder.iterdir() if file.suffix in _YAML)
+    if len(found) != 1:
+        names = shown(', '.join(file.name for file in found)) if found else 'none'
+        raise InputError(
+            f'--calibration: must be a YAML file of camera_calibration, or the only one in '
+            f'{shown_path(folder)}, got {names}'
+        )
+    return found[0]

@@ -1,0 +1,88 @@
+"""Recordings in ``.npz`` files of other programs: other keys, units and shapes."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from flexx2_sim_ros.errors import InputError, shown, unquoted
+from flexx2_sim_ros.recording.calibration import read_calibration
+from flexx2_sim_ros.recording.given import Given, MILLIMETRE
+from flexx2_sim_ros.recording.npz_arrays import open_npz
+from flexx2_sim_ros.recording.reader import Content, Layout, RecordingReader, STACKS
+import numpy as np
+
+
+class OtherArchive(RecordingReader):
+    """
+    An ``.npz`` file of another program, held in memory.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        The file; nothing in it is unpickled.
+    given : Given
+        Its keys, unit (else millimetres for whole numbers, and metres) and calibration are used.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be read, lacks a key, or is not a recording with these options.
+
+    """
+
+    def __init__(self, path: Path, given: Given) -> None:
+        """Read the file."""
+        with open_npz(path) as archive:
+            for ours, theirs in given.keys.items():
+                if theirs not in archive.headers:
+                    raise InputError(
+                        f'--key: must name a key of {path}, got {unquoted(f"{ours}={theirs}")}; '
+                        f'the file has {unquoted(", ".join(archive.headers) or "nothing")}'
+                    )
+            names = {
+                key: key
+                for key in archive.headers
+                if key not in given.keys and key not in given.keys.values()
+            }
+            arrays = {key: archive.read(name) for key, name in {**names, **given.keys}.items()}
+        depth = _metres(path, arrays, given.unit)
+        if given.calibration is not None:
+            camera = read_calibration(given.calibration).intrinsics(depth.shape[1:])
+            arrays |= {'K': camera.matrix, 'distortion': np.array(camera.distortion)}
+        self._stacks = {'depth': depth}
+        for key in STACKS:
+            if key in arrays and arrays[key].ndim == 3 and arrays[key].dtype.kind in 'fiu':
+                self._stacks[key] = arrays.pop(key)
+        layouts = {
+            key: Layout(stack.dtype, stack.shape[1:]) for key, stack in self._stacks.items()
+        }
+        super().__init__(path, None, Content(layouts, arrays, frames=len(depth)))
+        for key, stack in self._stacks.items():
+            if stack.shape != self.shape:
+                raise InputError(
+                    f'{path}: {key}: must have shape {self.shape}, one image for each of stamp, '
+                    f'got {stack.shape}'
+                )
+
+    def frames(self, key: str) -> Iterator[np.ndarray]:
+        """Iterate over the images of a stack; see `RecordingReader.frames`."""
+        return iter(self._stacks[key])
+
+
+def _metres(path: Path, arrays: dict[str, np.ndarray], unit: float | None) -> np.ndarray:
+    found = arrays.pop('depth', None)
+    if found is None:
+        raise InputError(
+            f'{path}: depth: must be in the file, or named with --key depth=NAME, got '
+            f'{shown(", ".join(arrays))}'
+        )
+    if found.dtype.kind not in 'fiu' or found.ndim not in (2, 3) or not found.size:
+        raise InputError(
+            f'{path}: depth: must be numbers (H, W) or (T, H, W), got {found.dtype} of shape '
+            f'{found.shape}'
+        )
+    stack = found if found.ndim == 3 else found[None]
+    if unit is None:
+        unit = MILLIMETRE if stack.dtype.kind in 'iu' else 1.0
+    with np.errstate(invalid='ignore', over='ignore'):
+        depth = stack.astype(np.float32) * np.float32(unit)
+        return np.where((depth > 0) & (depth < np.inf), depth, np.float32(np.nan))

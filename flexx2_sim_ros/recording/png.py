@@ -1,0 +1,95 @@
+"""Images in PNG files that nobody vouches for."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+import warnings
+
+from flexx2_sim_ros.config_file import is_regular_file
+from flexx2_sim_ros.errors import InputError, shown, shown_path
+import numpy as np
+from PIL import Image
+
+_MOST_PIXELS = 1 << 25
+_BITS = {'1': 1, 'L': 8, 'I;16': 16, 'I;16B': 16, 'I': 16}  # of Pillow's modes for PNG
+
+
+def check_png(path: Path, bits: tuple[int, ...]) -> tuple[int, int]:
+    """
+    Return the size of a gray PNG without reading its pixels.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        The file.
+    bits : tuple of int
+        Which of 1, 8 and 16 bits a pixel may have.
+
+    Returns
+    -------
+    tuple of int
+        Height and width.
+
+    Raises
+    ------
+    InputError
+        When it is no PNG, too large, not gray, or has other bits.
+
+    """
+    with _opened(path) as image:
+        return _checked(path, image, bits)
+
+
+def read_png(path: Path, bits: tuple[int, ...]) -> np.ndarray:
+    """
+    Read a gray PNG; parameters and errors as `check_png`.
+
+    Returns
+    -------
+    numpy.ndarray
+        (H, W) bool, uint8 or uint16.
+
+    """
+    with _opened(path) as image:
+        _checked(path, image, bits)
+        dtype = {1: bool, 8: np.uint8, 16: np.uint16}[_BITS[image.mode]]
+        return np.array(image).astype(dtype)
+
+
+def _checked(path: Path, image: Image.Image, bits: tuple[int, ...]) -> tuple[int, int]:
+    if image.width * image.height > _MOST_PIXELS:
+        raise _too_large(path, f'{image.width} x {image.height}')
+    if _BITS.get(image.mode) not in bits:
+        kinds = {'RGB': 'colours', 'RGBA': 'colours', 'P': 'a palette', 'LA': 'transparency'}
+        got = kinds.get(image.mode, f'{_BITS.get(image.mode, "unknown")} bits')
+        raise InputError(
+            f'{shown_path(path)}: must be a gray PNG of {" or ".join(map(str, bits))} bits a '
+            f'pixel, got {got}'
+        )
+    return image.height, image.width
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[Image.Image]:
+    if not is_regular_file(path):
+        raise InputError(f'{shown_path(path)}: must be a PNG file, got none')
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter('error', Image.DecompressionBombWarning)
+            with Image.open(path, formats=['PNG']) as image:
+                yield image
+    except InputError:
+        raise
+    except (Image.DecompressionBombWarning, Image.DecompressionBombError) as error:
+        raise _too_large(path, 'more') from error
+    except Exception as error:  # Pillow lets errors of all kinds out.
+        raise InputError(
+            f'{shown_path(path)}: must be a PNG, got a file that is none or is damaged '
+            f'({shown(type(error).__name__)})'
+        ) from error
+
+
+def _too_large(path: Path, got: str) -> InputError:
+    return InputError(
+        f'{shown_path(path)}: must be an image of at most {_MOST_PIXELS} pixels, got {got}'
+    )

@@ -1,0 +1,213 @@
+"""Recordings from PNG files and from archives of other programs."""
+
+from pathlib import Path
+import struct
+from typing import Any
+import zlib
+
+from flexx2_sim_ros.cli.main import main
+from flexx2_sim_ros.recording import load_recording
+import numpy as np
+from PIL import Image
+import pytest
+import yaml
+
+SIZE = 8, 10
+K = [60.0, 0.0, 4.5, 0.0, 61.0, 3.5, 0.0, 0.0, 1.0]
+EIGHT = [0.1, -0.2, 0.001, 0.002, 0.05, 0.3, 0.2, 0.1]
+COUNT = 3
+
+
+def counts() -> np.ndarray:
+    """Return (COUNT, H, W) uint16 millimetres, 0 for invalid."""
+    images = np.random.default_rng(1).integers(300, 4000, (COUNT, *SIZE)).astype(np.uint16)
+    images[:, 2, 3] = 0
+    return images
+
+
+def metres(unit: float = 0.001) -> np.ndarray:
+    return np.where(counts() > 0, counts() * np.float32(unit), np.nan)
+
+
+def ost(**changes: Any) -> str:
+    """Return a file as camera_calibration writes it."""
+    height, width = SIZE
+    content = {
+        'image_width': width,
+        'image_height': height,
+        'camera_name': 'flexx',
+        'camera_matrix': {'rows': 3, 'cols': 3, 'data': K},
+        'distortion_model': 'plumb_bob',
+        'distortion_coefficients': {'rows': 1, 'cols': 5, 'data': EIGHT[:5]},
+        'rectification_matrix': {'rows': 3, 'cols': 3, 'data': [1, 0, 0, 0, 1, 0, 0, 0, 1]},
+        'projection_matrix': {'rows': 3, 'cols': 4, 'data': [60.0] * 12},
+    }
+    return yaml.safe_dump({k: v for k, v in (content | changes).items() if v is not None})
+
+
+def save(path: Path, pixels: np.ndarray) -> None:
+    path.parent.mkdir(exist_ok=True, parents=True)
+    Image.fromarray(pixels).save(path)
+
+
+def folder_of(path: Path, names: list[str]) -> Path:
+    for name, image in zip(names, counts(), strict=True):
+        save(path / name, image)
+    (path / 'ost.yaml').write_text(ost())
+    return path
+
+
+def convert(*arguments: Any) -> int:
+    return main(['convert', *map(str, arguments)])
+
+
+@pytest.mark.parametrize(
+    ('names', 'stamps'),
+    [
+        (
+            ['depth_1305031102.160407.png', 'depth_1305031102.2.png', 'depth_1305031103.5.png'],
+            [1305031102160407000, 1305031102200000000, 1305031103500000000],
+        ),
+        (
+            ['1700000000123.png', '1700000000456.png', '1700000001000.png'],
+            [1700000000123000000, 1700000000456000000, 1700000001000000000],
+        ),
+        (['frame2.png', 'frame9.png', 'frame10.png'], [0, 40_000_000, 80_000_000]),
+    ],
+)
+def test_a_folder_becomes_a_recording(names: list[str], stamps: list[int], tmp_path: Path) -> None:
+    folder = folder_of(tmp_path / 'in', names)
+    for name, image in zip(names, counts(), strict=True):
+        save(folder / 'ir' / name, image // 2)
+    known = np.ones(SIZE, np.uint8) * 255
+    known[:, :4] = 0
+    save(folder / 'mask.png', known)
+    out = tmp_path / 'out.npz'
+    rate = ['--rate', '25'] if stamps[0] == 0 else []
+    assert convert(folder, out, '--usecase', 'm', *rate) == 0
+    found = load_recording(out)
+    np.testing.assert_array_equal(found.depth, metres())
+    np.testing.assert_array_equal(found.K.ravel(), K)
+    np.testing.assert_array_equal(found.extra['distortion'], EIGHT[:5])
+    np.testing.assert_array_equal(found.amplitude, counts() // 2)
+    np.testing.assert_array_equal(found.extra['known'], known > 0)
+    assert found.extra['known'].dtype == bool
+    assert found.stamp_ns.tolist() == stamps
+    assert found.usecase == 'm'
+
+
+def test_a_single_image_in_other_units_with_a_rational_lens(tmp_path: Path) -> None:
+    save(tmp_path / 'one.png', counts()[0])
+    model = {'distortion_model': 'rational_polynomial'}
+    lens = {'distortion_coefficients': {'rows': 1, 'cols': 8, 'data': EIGHT}}
+    (tmp_path / 'my.yaml').write_text(ost(**model, **lens))
+    mask = tmp_path / 'my_mask.png'
+    save(mask, np.eye(*SIZE, dtype=bool))
+    out = tmp_path / 'out.npz'
+    options = ['--calibration', tmp_path / 'my.yaml', '--unit', '0.0002', '--mask', mask]
+    assert convert(tmp_path / 'one.png', out, *options) == 0
+    found = load_recording(out)
+    np.testing.assert_array_equal(found.depth, metres(0.0002)[:1])
+    np.testing.assert_array_equal(found.extra['distortion'], EIGHT)
+    np.testing.assert_array_equal(found.extra['known'], np.eye(*SIZE, dtype=bool))
+
+
+def test_an_archive_with_other_keys(tmp_path: Path) -> None:
+    source, out = tmp_path / 'sdk.npz', tmp_path / 'out.npz'
+    np.savez(source, depth_mm=counts(), ir16=counts() // 2, serial=np.array('x'))
+    (tmp_path / 'my.yaml').write_text(ost())
+    calibration = ['--calibration', tmp_path / 'my.yaml']
+    assert (
+        convert(source, out, '--key', 'depth=depth_mm', '--key', 'amplitude=ir16', *calibration)
+        == 0
+    )
+    found = load_recording(out)
+    np.testing.assert_array_equal(found.depth, metres())
+    np.testing.assert_array_equal(found.amplitude, counts() // 2)
+    assert found.extra['serial'] == 'x'
+    # A single frame needs no third dimension.
+    np.savez(source, z=metres()[0], K=np.reshape(K, (3, 3)))
+    assert convert(source, out, '--key', 'depth=z') == 0
+    np.testing.assert_array_equal(load_recording(out).depth, metres()[:1])
+
+
+def huge() -> bytes:
+    """Return a PNG that says it has 60,000 x 60,000 pixels."""
+
+    def chunk(kind: bytes, content: bytes) -> bytes:
+        checksum = struct.pack('>I', zlib.crc32(kind + content))
+        return struct.pack('>I', len(content)) + kind + content + checksum
+
+    head = struct.pack('>IIBBBBB', 60_000, 60_000, 16, 0, 0, 0, 0)
+    data = zlib.compress(bytes(1000))
+    return b'\x89PNG\r\n\x1a\n' + chunk(b'IHDR', head) + chunk(b'IDAT', data) + chunk(b'IEND', b'')
+
+
+def _image(name: str, pixels: Any) -> Any:
+    return lambda folder: save(folder / name, np.asarray(pixels))
+
+
+def _bytes(name: str, content: bytes) -> Any:
+    return lambda folder: (folder / name).write_bytes(content)
+
+
+def _ost(**changes: Any) -> Any:
+    return lambda folder: (folder / 'ost.yaml').write_text(ost(**changes))
+
+
+@pytest.mark.parametrize(
+    ('spoil', 'said'),
+    [
+        (_image('2.png', np.ones(SIZE, np.uint8)), '2.png: must be a gray PNG of 16 bits'),
+        (_image('2.png', np.ones((*SIZE, 3), np.uint8)), 'got colours'),
+        (_image('2.png', np.ones((9, 10), np.uint16)), '2.png: must be 10 x 8 pixels as 1.png'),
+        (_bytes('2.png', huge()), 'must be an image of at most'),
+        (_bytes('2.png', b''), '2.png: must be a PNG, got'),
+        (_bytes('2.png', huge()[:20]), '2.png: must be a PNG, got'),
+        (_bytes('ost.yaml', b'a: b'), 'ost.yaml: camera_matrix: must have data'),
+        (_bytes('ost.yaml', b'- 1'), 'ost.yaml: must be a YAML mapping'),
+        (_bytes('ost.yaml', b'!!python/object:os.system x'), 'cannot be read as YAML'),
+        (_bytes('b.yaml', b'a: b'), '--calibration: must be a YAML file'),
+        (_ost(camera_matrix=None), 'camera_matrix: must have data'),
+        (_ost(camera_matrix={'data': [0.0] * 9}), 'camera_matrix: K: must be'),
+        (_ost(image_width=640), 'image_width, image_height: must be 10 x 8'),
+        (_ost(image_width='x'), 'image_width, image_height: must be whole'),
+        (_ost(distortion_model='equidistant'), 'distortion_model: must be plumb_bob or rational'),
+        (_ost(distortion_coefficients={'data': 'x'}), 'distortion_coefficients: must have data'),
+        (_image('mask.png', np.ones((9, 9), np.uint8)), 'mask.png: must have the size of depth'),
+        (_image('mask.png', np.zeros(SIZE, np.uint8)), 'mask.png: must have a pixel'),
+        (lambda folder: (folder / 'ost.yaml').unlink(), '--calibration: must be a YAML file'),
+    ],
+)
+def test_bad_folders_are_refused_in_one_sentence(
+    spoil: Any, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = folder_of(tmp_path / 'in', ['1.png', '2.png', '3.png'])
+    spoil(folder)
+    out = tmp_path / 'out.npz'
+    assert convert(folder, out) == 2
+    error = ' '.join(capsys.readouterr().err.split())
+    assert said in error
+    assert 'Traceback' not in error
+    assert sorted(path.name for path in tmp_path.iterdir()) == ['in']
+
+
+@pytest.mark.parametrize(
+    ('options', 'said'),
+    [
+        (['--key', 'depth'], '--key: must be NAME=OTHER'),
+        (['--key', 'depth=z'], '--key: must name a key of'),
+        (['--key', 'amplitude=d'], 'depth: must be in the file'),
+        (['--key', 'depth=d'], 'K: must be a camera matrix'),
+        (['--key', 'depth=text'], 'depth: must be numbers'),
+        (['--key', 'depth=d', '--calibration', 'none.yaml'], 'none.yaml: cannot be read'),
+    ],
+)
+def test_bad_archives_are_refused_in_one_sentence(
+    options: list[str], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source, out = tmp_path / 'sdk.npz', tmp_path / 'out.npz'
+    np.savez(source, d=counts(), text=np.array('x'))
+    assert convert(source, out, *options) == 2
+    assert said in ' '.join(capsys.readouterr().err.split())
+    assert not out.exists()
