@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from os.path import commonprefix
 from pathlib import Path
+import re
 
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.recording import bag_messages as messages
@@ -13,9 +14,15 @@ CARRIED = '/recording'
 DEPTH_ENCODINGS = ('32FC1', '64FC1', '16UC1')
 _DEPTH, _CLOUD, _INFO, _GRAY = '/depth_image_0', '/point_cloud_0', '/camera_info', '/gray_image_0'
 _CLEAN, _CLEAN_INFO = '/clean/depth_image', '/clean/camera_info'
-# Names that our nodes give to images other than the camera's own depth.
-_NOT_DEPTH = (_CLEAN, '/clean/reflectivity', '/depth_noise_0', _GRAY)
-_GRAY_ENCODINGS = ('mono8', '8UC1', 'mono16')
+# Images of a camera that are no depth of their own, by the names that our nodes and
+# pico_flexx_driver give them.
+_NOT_DEPTH = (_CLEAN, '/clean/reflectivity', '/depth_noise_0', _GRAY, '/image_noise')
+_EIGHT_BITS = ('mono8', '8UC1')
+_GRAY_ENCODINGS = (*_EIGHT_BITS, 'mono16', '16UC1')
+# Infrared images: of realsense-ros (the left one has depth's pixels, in a frame of its own) and of
+# the driver of Azure Kinect.
+_INFRARED = re.compile(r'/(infra[12]?|ir)/')
+_SAME_PIXELS = ('/infra1/', '/infra/')
 
 
 @dataclass(frozen=True)
@@ -224,7 +231,7 @@ def survey(topics: dict[str, str], samples: Mapping[str, Sample]) -> Survey:
     taken = {camera.info for camera in cameras.values()}
     groups: dict[str, list[str]] = {}
     for topic in unknown_topics(topics):
-        if topic in samples and samples[topic].encoding in DEPTH_ENCODINGS:
+        if _may_be_depth(topic, samples):
             info = _info_of(topic, samples)
             if info is not None and info not in taken:
                 groups.setdefault(info, []).append(topic)
@@ -255,20 +262,38 @@ def _info_of(depth: str, samples: Mapping[str, Sample]) -> str | None:
 def _by_shape(
     depth: str, info: str, topics: dict[str, str], samples: Mapping[str, Sample]
 ) -> CameraTopics:
-    grays = [
-        topic
-        for topic, found in samples.items()
-        if found.encoding in _GRAY_ENCODINGS
-        and (found.size, found.frame_id) == (samples[depth].size, samples[depth].frame_id)
-    ]
     space = depth.rpartition('/')[0]
     while space and space + _CLEAN not in topics:
         space = space.rpartition('/')[0]
     if space + _CLEAN not in topics:
         space = depth.rpartition('/')[0]
-    return CameraTopics(
-        depth.strip('/'), '', depth, info, '', grays[0] if len(grays) == 1 else '', space
+    return CameraTopics(depth.strip('/'), '', depth, info, '', _gray_of(depth, samples), space)
+
+
+def _may_be_depth(topic: str, samples: Mapping[str, Sample]) -> bool:
+    found = samples.get(topic)
+    return (
+        found is not None and found.encoding in DEPTH_ENCODINGS and _INFRARED.search(topic) is None
     )
+
+
+def _gray_of(depth: str, samples: Mapping[str, Sample]) -> str:
+    # Of the same size and frame, or by its name; in depth's own namespace if there is one; of
+    # 16 bits rather than of 8. Empty where it is not clear.
+    of_depth = samples[depth]
+    siblings = {depth.replace('/depth/', name, 1) for name in _SAME_PIXELS} - {depth}
+    grays = [
+        topic
+        for topic, found in samples.items()
+        if found.encoding in _GRAY_ENCODINGS
+        and found.size == of_depth.size
+        and (found.frame_id == of_depth.frame_id or topic in siblings)
+        and not _may_be_depth(topic, samples)
+    ]
+    space = depth.rpartition('/')[0]
+    grays = [topic for topic in grays if topic.rpartition('/')[0] == space] or grays
+    grays = [topic for topic in grays if samples[topic].encoding not in _EIGHT_BITS] or grays
+    return grays[0] if len(grays) == 1 else ''
 
 
 def choose_camera(

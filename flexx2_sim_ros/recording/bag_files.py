@@ -7,9 +7,10 @@ from pathlib import Path
 import re
 from typing import Protocol
 
-from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.errors import InputError, unquoted
 from flexx2_sim_ros.recording.bag_cameras import Sample, sample, unknown_topics
 from flexx2_sim_ros.recording.bag_remains import check_file, McapRemains, Message, SqliteRemains
+from flexx2_sim_ros.recording.bag_ros1 import Ros1Bag
 from flexx2_sim_ros.recording.checksums import Check
 from flexx2_sim_ros.recording.chunks import naming
 from rosbags.interfaces import Connection, ConnectionExtRosbag2, QosDurability
@@ -34,7 +35,7 @@ class _Part(Protocol):
 
 class Bag:
     """
-    A rosbag2 bag: a folder, or a single ``.mcap`` or ``.db3`` file.
+    A rosbag2 bag (a folder, or a single ``.mcap`` or ``.db3`` file), or a ``.bag`` file of ROS 1.
 
     Of a bag that was cut off (no end, no ``metadata.yaml``, a journal left behind), the intact
     messages are read, and `notes` says how many. No file is changed.
@@ -110,15 +111,17 @@ class Bag:
 
     def _open(self) -> list[_Part]:
         if self.path.is_file():
+            if self.path.suffix == '.bag':
+                return [Ros1Bag(self.path, self.notes)]
             if self.path.suffix not in _REMAINS:
                 raise InputError(
-                    f'{self.path}: must be a .mcap or .db3 file or the folder of a bag, got a '
-                    f'{self.path.suffix or "nameless"} file'
+                    f'{self.path}: must be a .mcap, .db3 or .bag file or the folder of a bag, got '
+                    f'a {unquoted(self.path.suffix) or "nameless"} file'
                 )
             return [self._open_file(self.path, check_file(self.path))]
         if not self.path.is_dir():
             raise InputError(
-                f'{self.path}: must be a bag (a folder, or a .mcap or .db3 file), got '
+                f'{self.path}: must be a bag (a folder, or a .mcap, .db3 or .bag file), got '
                 'a path that does not exist'
             )
         files = sorted(

@@ -4,7 +4,8 @@ from pathlib import Path
 
 from flexx2_sim_ros.errors import InputError
 
-BAG_FILES = ('.mcap', '.db3')
+_ROS2_FILES = ('.mcap', '.db3')
+BAG_FILES = (*_ROS2_FILES, '.bag')
 
 
 def find_recordings(folder: str | Path) -> list[Path]:
@@ -14,7 +15,7 @@ def find_recordings(folder: str | Path) -> list[Path]:
     Parameters
     ----------
     folder : str or pathlib.Path
-        With ``.npz`` files and bags (folders, ``.mcap`` or ``.db3`` files).
+        With ``.npz`` files and bags (folders, ``.mcap``, ``.db3`` or ``.bag`` files).
 
     Returns
     -------
@@ -52,6 +53,6 @@ def is_bag(path: Path) -> bool:
     if not path.is_dir():
         return False
     try:
-        return any(p.suffix in BAG_FILES or p.name == 'metadata.yaml' for p in path.iterdir())
+        return any(p.suffix in _ROS2_FILES or p.name == 'metadata.yaml' for p in path.iterdir())
     except OSError:
         return True

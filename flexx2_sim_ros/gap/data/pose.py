@@ -9,6 +9,7 @@ from flexx2_sim_ros.gap.calibration.constants import REGISTRATION
 from flexx2_sim_ros.physics.frame_state import FrameState, Memory, SPEED_OF_LIGHT
 from flexx2_sim_ros.physics.surface import tangents
 from flexx2_sim_ros.profiles.sensor import Sensor
+from flexx2_sim_ros.recording.folders import BAG_FILES
 import numpy as np
 
 # The six small motions, in metres and degrees.
@@ -265,6 +266,6 @@ def base_camera(mode: Mode, profile: Profile | None, seed: int, recording: str) 
         The recording's name. The same recording as a file and as a bag has the same noise.
 
     """
-    for suffix in ('.npz', '.mcap', '.db3'):
+    for suffix in ('.npz', *BAG_FILES):
         recording = recording.removesuffix(suffix)
     return Camera(mode.name, profile=profile, seed=seed, name=f'gap {recording}')
