@@ -251,6 +251,7 @@ def synthetic(
                     0 * z,
                     0 * z,
                     np.full(60, math.nan),
+                    np.full(60, math.nan),
                 )
             )
     return tiles

@@ -12,6 +12,7 @@ from flexx2_sim_ros.characterize.divergence import gaussian_kl
 from flexx2_sim_ros.characterize.lateral import Edge
 from flexx2_sim_ros.characterize.measure import measure, Measurement
 from flexx2_sim_ros.characterize.surfaces import FEWEST_BOARDS, fit_surfaces, SurfaceFit
+from flexx2_sim_ros.characterize.tiles import whole_noise
 from flexx2_sim_ros.characterize.workers import in_processes
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
@@ -225,7 +226,7 @@ def characterize(
         if isinstance(result, InputError):
             left_out.append(str(result))
         else:
-            measured.append(result)
+            measured.append(_with_hidden_noise(result))
         on_done(done, len(paths))
     measured.sort(key=lambda m: (m.usecase, m.label, str(m.path)))
     kept = _agreeing(measured, left_out)
@@ -239,6 +240,12 @@ def characterize(
         for usecase in sorted({m.usecase for m in kept})
     )
     return Characterization(folder, modes, tuple(sorted(left_out)), known)
+
+
+def _with_hidden_noise(measurement: Measurement) -> Measurement:
+    if not measurement.spatial:
+        return measurement
+    return replace(measurement, tiles=whole_noise(measurement.tiles))
 
 
 def _agreeing(measured: list[Measurement], left_out: list[str]) -> list[Measurement]:

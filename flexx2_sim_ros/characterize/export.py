@@ -196,7 +196,7 @@ def _measured(mode: ModeResult) -> dict[str, Any]:
         'n_interval_95': None if fit.interval_n is None else [_rounded(n) for n in fit.interval_n],
         'axial_kl_nats': _rounded(float(np.mean([cell.axial.raw for cell in mode.cells]))),
         'noise': (
-            'the deviation of each frame from fitted planes'
+            'the deviation of each frame from fitted planes, with what correlated neighbours hide'
             if mode.spatial
             else 'standard deviation over frames'
         ),

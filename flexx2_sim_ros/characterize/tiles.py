@@ -4,8 +4,10 @@ A region's noise in small tiles: what the fit is made of.
 Within a tile distance and incidence are as good as the same, so a few sums say all about it.
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
+from functools import cache
 import math
+from typing import NamedTuple
 
 from flexx2_sim_ros.characterize.board import Board
 from flexx2_sim_ros.characterize.divergence import kl_floor
@@ -17,6 +19,7 @@ _SIDE = 4
 SPATIAL_SIDE = 8
 _WHOLE_SHARE = 0.9  # of a spatial tile that must be valid
 _EVEN_RATIO = 1.5  # of the 95th to the 5th percentile of amplitude in a spatial tile
+_MOST_CORRELATION = 0.9  # of neighbours; beyond that a tile shows too little (design)
 _SMALLEST_VARIANCE = 1e-16  # (10 nm)^2, for the logarithm of what never changed
 
 
@@ -45,6 +48,9 @@ class Tiles:
         Mean over pixels of `kl_floor`, nats.
     amplitude : numpy.ndarray
         Median amplitude, in the camera's units; NaN where there is none.
+    neighbours : numpy.ndarray
+        Mean product of what the tile's plane leaves of neighbouring pixels, m^2; NaN for tiles
+        over frames.
 
     """
 
@@ -57,6 +63,7 @@ class Tiles:
     mean_square: np.ndarray
     floor: np.ndarray
     amplitude: np.ndarray
+    neighbours: np.ndarray
 
     def __len__(self) -> int:
         """Return how many tiles there are."""
@@ -117,6 +124,7 @@ def temporal_tiles(
         mean((moments.mean[v, u] - plane) ** 2),
         mean(kl_floor(count)),
         mean(level),
+        np.full(len(pixels), np.nan),
     )
 
 
@@ -124,8 +132,8 @@ def spatial_tiles(board: Board, depth: np.ndarray, amplitude: np.ndarray | None)
     """
     Gather noise within one frame: what is left of a small plane fitted to each tile.
 
-    Correlated neighbours hide noise from it, and a fixed pattern counts as noise. Tiles of uneven
-    amplitude are left out: their surface is not one.
+    A fixed pattern counts as noise. Correlated neighbours hide noise from it, see `whole_noise`.
+    Tiles of uneven amplitude are left out: their surface is not one.
 
     Parameters
     ----------
@@ -146,6 +154,70 @@ def spatial_tiles(board: Board, depth: np.ndarray, amplitude: np.ndarray | None)
             for right in (0, half)
         ]
     )
+
+
+def whole_noise(tiles: Tiles) -> Tiles:
+    """
+    Return spatial tiles with the noise that a plane fitted to correlated pixels hides.
+
+    The correlation is assumed to fall with distance like that of noise behind a Gaussian filter,
+    the same in all directions: of pixels u columns and v rows apart it is r ** (u * u + v * v).
+    The r that leaves the measured correlation of neighbours in the tiles is taken.
+
+    Parameters
+    ----------
+    tiles : Tiles
+        As `spatial_tiles` makes them, of one recording.
+
+    Returns
+    -------
+    Tiles
+        With another variance, and the degrees of freedom that correlated pixels have
+        (Satterthwaite's approximation).
+
+    """
+    table = _correlated()
+    measured = float(np.sum(tiles.neighbours) / np.sum(tiles.variance))
+    seen, effective = (
+        float(np.interp(measured, table.neighbours, column))
+        for column in (table.seen, table.effective)
+    )
+    return replace(
+        tiles,
+        variance=tiles.variance / seen,
+        log_variance=tiles.log_variance - math.log(seen),
+        freedom=tiles.freedom * effective,
+    )
+
+
+class _Correlated(NamedTuple):
+    # What planes fitted to tiles leave of noise of variance 1, (N,) each by its correlation:
+    # covariance of neighbours relative to the variance that is left, that variance, and its
+    # degrees of freedom relative to those of independent pixels.
+    neighbours: np.ndarray
+    seen: np.ndarray
+    effective: np.ndarray
+
+
+@cache
+def _correlated() -> _Correlated:
+    rows, columns = np.mgrid[:SPATIAL_SIDE, :SPATIAL_SIDE].reshape(2, -1)
+    apart = sum(np.subtract.outer(place, place) ** 2 for place in (rows, columns))
+    design = np.stack([np.ones_like(rows), rows, columns], axis=1).astype(np.float64)
+    residual = np.eye(len(design)) - design @ np.linalg.pinv(design)
+    freedom = len(design) - design.shape[1]
+    found = []
+    for correlation in np.linspace(0.0, _MOST_CORRELATION, 46):
+        left = residual @ correlation**apart @ residual
+        variance = np.trace(left) / freedom
+        found.append(
+            (
+                left[apart == 1].mean() / variance,
+                variance,
+                np.trace(left) ** 2 / np.trace(left @ left) / freedom,
+            )
+        )
+    return _Correlated(*np.array(found).T)
 
 
 def _spatial_grid(
@@ -173,7 +245,7 @@ def _spatial_grid(
     residual = np.where(valid, blocks - fitted @ design.T, 0.0)
     freedom = weights.sum(axis=1) - 3.0
     variance = np.maximum((residual**2).sum(axis=1) / freedom, _SMALLEST_VARIANCE)
-    rows, columns = np.nonzero(good.reshape(region.shape[0] // side, -1))
+    rows, columns = np.nonzero(good.reshape([length // side for length in region.shape]))
     middle_u = (columns + 0.5) * side - 0.5 + along
     middle_v = (rows + 0.5) * side - 0.5 + down
     theta = (
@@ -191,7 +263,21 @@ def _spatial_grid(
         np.zeros(len(blocks)),
         kl_floor(freedom + 1.0) - 0.5 / (freedom + 1.0),
         level,
+        _products(residual, weights),
     )
+
+
+def _products(residual: np.ndarray, valid: np.ndarray) -> np.ndarray:
+    # Mean over neighbours in a row or a column, both valid; (N, side * side) each.
+    shape = len(residual), SPATIAL_SIDE, SPATIAL_SIDE
+    residual, valid = residual.reshape(shape), valid.reshape(shape)
+    pairs = [(np.s_[:, :, 1:], np.s_[:, :, :-1]), (np.s_[:, 1:], np.s_[:, :-1])]
+    total, count = (
+        sum((image[one] * image[other]).sum(axis=(1, 2)) for one, other in pairs)
+        for image in (residual, valid)
+    )
+    products: np.ndarray = total / count
+    return products
 
 
 def _blocks(image: np.ndarray, side: int) -> np.ndarray:
