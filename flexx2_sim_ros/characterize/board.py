@@ -9,14 +9,17 @@ from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 import numpy as np
 from scipy import ndimage
 
-# Fewer pixels than this say nothing about a plane or its noise (design).
-SMALLEST_REGION = 100
+# Fewer pixels than this say nothing about a plane or its noise; of a small image, 8 x 8 for
+# instance, this share of its pixels does (design).
+_SMALLEST_REGION = 100
+_SMALLEST_SHARE = 0.4
 # The paper measured up to 60 degrees; the outer part of a board at 60 degrees is steeper (design).
 STEEPEST = math.radians(70)
 _SEED_SHARE = 0.12  # of the image's width and height: where the board is looked for first
 _TOLERANCE_SHARE = 0.01  # of the distance: the camera's depth resolution (paper)
 MARGIN_SHARE = 8 / 224  # of the image's width: edges move by up to 5 sigma_x = 8 px (paper)
 SMALLEST_MARGIN = 3
+_LARGEST_MARGIN = 1 / 8  # of the image's width, for small images (design)
 _MAX_SEEDS = 4000
 
 
@@ -52,6 +55,11 @@ class Board:
         away = np.hypot(u - cx, v - cy)
         nearest = int(np.argmin(away))
         return (cx, cy) if away[nearest] < 1 else (float(u[nearest]), float(v[nearest]))
+
+
+def smallest_region(shape: tuple[int, ...]) -> int:
+    """Return how many pixels of an image (H, W) a board must have."""
+    return min(_SMALLEST_REGION, math.ceil(_SMALLEST_SHARE * math.prod(shape)))
 
 
 def find_board(
@@ -119,9 +127,9 @@ def find_board(
     v, u = np.nonzero(region)
     if K is not None and len(u):
         region[v, u] = plane.incidence(u, v, K) < STEEPEST
-    if region.sum() < SMALLEST_REGION:
+    if region.sum() < smallest_region(depth.shape):
         raise InputError(
-            f'board: must have at least {SMALLEST_REGION} pixels (a flat board that covers '
+            f'board: must have at least {smallest_region(depth.shape)} pixels (a flat board that covers '
             f'the middle, or --box), got {int(region.sum())} pixels of a plane in the '
             f'{"middle" if box is None else "box"} of the image'
         )
@@ -129,9 +137,10 @@ def find_board(
 
 
 def _median(depth: np.ndarray, valid: np.ndarray) -> float:
-    if valid.sum() < SMALLEST_REGION:
+    least = smallest_region(depth.shape)
+    if valid.sum() < least:
         raise InputError(
-            f'depth: must have at least {SMALLEST_REGION} valid pixels, got {int(valid.sum())}'
+            f'depth: must have at least {least} valid pixels, got {int(valid.sum())}'
         )
     return float(np.median(depth[valid]))
 
@@ -148,7 +157,7 @@ def _middle(valid: np.ndarray) -> np.ndarray:
             max(row - half[0], 0) : row + half[0] + 1,
             max(column - half[1], 0) : column + half[1] + 1,
         ] = True
-        if (valid & window).sum() >= SMALLEST_REGION / 2 or share >= 2.0:
+        if (valid & window).sum() >= smallest_region(valid.shape) / 2 or share >= 2.0:
             return window
         share *= 1.5
 
@@ -203,6 +212,7 @@ def _inner(mask: np.ndarray, margin: int | None) -> np.ndarray:
     """Return the mask without a margin; where it runs out of the image there is no edge."""
     if margin is None:
         margin = max(SMALLEST_MARGIN, round(MARGIN_SHARE * mask.shape[1]))
+    margin = min(margin, int(_LARGEST_MARGIN * mask.shape[1]))
     # A square: edges move along rows and columns.
     square = np.ones((2 * margin + 1, 2 * margin + 1), bool)
     return ndimage.binary_erosion(mask, square, border_value=1)

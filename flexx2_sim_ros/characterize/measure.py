@@ -16,6 +16,7 @@ from flexx2_sim_ros.characterize.tiles import SPATIAL_SIDE, spatial_tiles, tempo
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.profiles.modes import flexx2, Profile
 from flexx2_sim_ros.recording import open_recording, RecordingReader
+from flexx2_sim_ros.recording.truth import read_truth
 import numpy as np
 
 _CHUNK = 60
@@ -166,8 +167,14 @@ def _measure(
     x0, y0, x1, y1 = box or (0, 0, width, height)
     window = slice(y0, y1), slice(x0, x1)
     board: Board | None = None
+    known = read_truth(reader.path, reader.arrays, reader.shape).known
+    start = 0
     for part in reader.chunks(_CHUNK):
         depth = only_valid(part.depth)
+        if known is not None:
+            here = known if known.ndim == 2 else known[start : start + len(depth)]
+            depth = np.where(here, depth, np.float32(np.nan))
+            start += len(depth)
         if board is None:
             first, noise = _typical(depth[:_FIRST])
             _check_units(first, far)
@@ -325,9 +332,10 @@ def _settle(board: Board, moments: Moments, near: float, far: float) -> tuple[Bo
         )
     usable = enough & whole
     v, u = np.nonzero(board.region & usable)
-    if len(u) < boards.SMALLEST_REGION:
+    least = boards.smallest_region(board.mask.shape)
+    if len(u) < least:
         raise InputError(
-            f'board: must have at least {boards.SMALLEST_REGION} pixels that are valid in half of '
+            f'board: must have at least {least} pixels that are valid in half of '
             f"the frames and inside the mode's range by {_CUT_OFF:g} standard deviations, got "
             f'{len(u)} of {int(board.region.sum())}'
         )

@@ -1,0 +1,115 @@
+"""Cameras of 8 x 8 pixels, and masks, through every command up to the diagnosis."""
+
+import json
+from pathlib import Path
+
+from flexx2_sim_ros.characterize.measure import measure
+from flexx2_sim_ros.cli.main import main
+from flexx2_sim_ros.recording import load_recording
+import numpy as np
+from PIL import Image
+import pytest
+from real_frames import DATA
+
+K = np.array([[9.6, 0.0, 3.5], [0.0, 9.6, 3.5], [0.0, 0.0, 1.0]])
+FRAMES = 20
+
+
+def wall(distance: float, angle_deg: float, K: np.ndarray = K, side: int = 8) -> np.ndarray:
+    """Return (side, side) metres of a wall turned about the vertical."""
+    u = np.mgrid[:side, :side][1]
+    return distance / (1 - np.tan(np.radians(angle_deg)) * (u - K[0, 2]) / K[0, 0])
+
+
+def record(folder: Path, walls: list[tuple[float, float]], frames: int, bias: float) -> None:
+    """Write an SDK's archives with noise of 2 mm + 2 mm/m^2 z^2, and convert them."""
+    rng = np.random.default_rng(3)
+    folder.mkdir()
+    for i, (distance, angle) in enumerate(walls):
+        clean = wall(distance, angle)
+        noise = (0.002 + 0.002 * clean**2) * rng.standard_normal((frames, 8, 8))
+        sdk = folder.parent / 'sdk.npz'
+        np.savez(
+            sdk,
+            distance_mm=np.rint(1000 * (clean + bias + noise)).astype(np.uint16),
+            t=np.arange(frames) / 15,
+            clean_depth=clean,
+            K=K,
+        )
+        keys = ['--key', 'depth=distance_mm', '--key', 'stamp=t', '--usecase', 'tof8']
+        assert main(['convert', str(sdk), str(folder / f'wall{i}.npz'), *keys]) == 0
+
+
+def fit(folder: Path) -> Path:
+    out = folder.with_name(f'{folder.name}_fit')
+    assert main(['characterize', 'fit', str(folder), '--out', str(out), '--jobs', '1']) == 0
+    return out / 'profile.yaml'
+
+
+BOARDS = [(0.6, 5.0), (0.9, 40.0), (1.3, 10.0), (1.8, 45.0), (2.2, 20.0)]
+WALLS = [(0.7, 10.0), (0.9, 30.0), (1.1, 0.0), (1.4, 40.0), (1.6, 20.0), (1.8, 5.0)]
+
+
+def test_a_camera_of_64_pixels_is_measured_and_diagnosed(tmp_path: Path) -> None:
+    record(tmp_path / 'boards', BOARDS, FRAMES, 0.0)
+    record(tmp_path / 'campaign', WALLS, FRAMES, 0.03)
+    profile = fit(tmp_path / 'boards')
+    out = tmp_path / 'out'
+    campaign = str(tmp_path / 'campaign')
+    options = ['--profile', str(profile), '--out', str(out), '--jobs', '1']
+    assert main(['gap', 'diagnose', campaign, *options]) == 0
+    table = json.loads((out / 'diagnosis.json').read_text())
+    effects = {row['name']: row['parameters'] for row in table['effects']}
+    assert effects['offset']['bias'] == pytest.approx(0.03, rel=0.1)
+    # The SDK's whole millimetres may be found, too.
+    assert set(effects) <= {'offset', 'quantisation'}
+
+
+def test_single_frames_of_64_pixels(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Assert a profile, and that so few pixels are too few for a diagnosis: no false alarm."""
+    record(tmp_path / 'boards', BOARDS, 1, 0.0)
+    record(tmp_path / 'campaign', WALLS, 1, 0.03)
+    profile = fit(tmp_path / 'boards')
+    out = tmp_path / 'out'
+    campaign = str(tmp_path / 'campaign')
+    options = ['--profile', str(profile), '--out', str(out), '--jobs', '1']
+    capsys.readouterr()
+    assert main(['gap', 'diagnose', campaign, *options]) == 0
+    assert 'too few depths on surfaces' in ' '.join(capsys.readouterr().err.split())
+    assert not json.loads((out / 'diagnosis.json').read_text())['effects']
+
+
+def test_masked_pixels_are_left_out_of_a_measurement(tmp_path: Path) -> None:
+    matrix, side = np.array([[60.0, 0, 29.5], [0, 60.0, 29.5], [0, 0, 1]]), 60
+    rng = np.random.default_rng(0)
+    depth = wall(1.0, 10, matrix, side) + 0.003 * rng.standard_normal((12, side, side))
+    known = np.ones((side, side), bool)
+    known[:, 40:] = False
+    depth[:, :, 40:] += 0.004 * (rng.random((side, 20)) > 0.5)
+    np.savez(tmp_path / 'in.npz', depth=depth.astype(np.float32), K=matrix, stamp=np.arange(12.0))
+    Image.fromarray(known).save(tmp_path / 'mask.png')
+    out = tmp_path / 'out.npz'
+    mask = ['--mask', str(tmp_path / 'mask.png')]
+    assert main(['convert', str(tmp_path / 'in.npz'), str(out), *mask]) == 0
+    np.testing.assert_array_equal(load_recording(out).extra['known'], known)
+    found = measure(out)
+    assert found.window[2] <= 40
+    assert found.pixels.count <= known.sum()
+    assert measure(tmp_path / 'in.npz').pixels.count > known.sum()
+
+
+def test_flights_of_a_real_sensor_of_64_pixels(tmp_path: Path) -> None:
+    source = DATA / 'vl53l5cx_flights.npz'
+    if not source.is_file():
+        pytest.skip(f'{source} is not there')
+    out = tmp_path / 'out.npz'
+    keys = [f'{ours}=A0_{ours}' for ours in ('depth', 'clean_depth', 'stamp')]
+    options = [text for key in keys for text in ('--key', key)]
+    assert main(['convert', str(source), str(out), *options, '--usecase', 'vl53l5cx']) == 0
+    found = load_recording(out)
+    with np.load(source, allow_pickle=False) as data:
+        np.testing.assert_array_equal(found.depth, data['A0_depth'].astype(np.float32))
+        np.testing.assert_array_equal(found.stamp, data['A0_stamp'])
+    assert found.depth.shape[1:] == (8, 8)
