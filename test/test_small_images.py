@@ -3,9 +3,12 @@
 import json
 from pathlib import Path
 
+from flexx2_sim_ros.camera import Intrinsics
 from flexx2_sim_ros.characterize.measure import measure
 from flexx2_sim_ros.cli.main import main
-from flexx2_sim_ros.recording import load_recording
+from flexx2_sim_ros.physics.geometry import pixel_rays
+from flexx2_sim_ros.recording import load_recording, open_recording
+from flexx2_sim_ros.truth.observation import observe
 import numpy as np
 from PIL import Image
 import pytest
@@ -113,3 +116,19 @@ def test_flights_of_a_real_sensor_of_64_pixels(tmp_path: Path) -> None:
         np.testing.assert_array_equal(found.depth, data['A0_depth'].astype(np.float32))
         np.testing.assert_array_equal(found.stamp, data['A0_stamp'])
     assert found.depth.shape[1:] == (8, 8)
+
+
+def test_masked_pixels_get_no_ground_truth(tmp_path: Path) -> None:
+    """Assert this also for a lens of eight coefficients, whose rays are otherwise all there."""
+    known = np.ones((8, 8), bool)
+    known[:, :3] = False
+    lens = np.array([0.5, 0.3, 0.0, 0.0, 0.02, 0.6, 0.4, 0.08])
+    arrays = {'depth': np.stack([wall(1.0, 5)] * 3).astype(np.float32), 'K': K, 'distortion': lens}
+    for name, extra in (('masked', {}), ('with truth', {'clean_depth': wall(1.0, 5)})):
+        path = tmp_path / f'{name}.npz'
+        np.savez(path, **arrays, known=known, **extra)
+        rays = observe(open_recording(path), None).still.rays
+        seen = known if name == 'masked' else np.ones_like(known)
+        np.testing.assert_array_equal(np.isfinite(rays).all(axis=-1), seen)
+        camera = Intrinsics.from_matrix(K, 8, 8, lens)
+        np.testing.assert_array_equal(rays[seen], np.moveaxis(pixel_rays(camera), 0, -1)[seen])

@@ -12,7 +12,7 @@ from flexx2_sim_ros.camera import Profile
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.jobs import Map, workers
 from flexx2_sim_ros.recording import open_recording
-from flexx2_sim_ros.recording.folders import find_recordings, is_bag
+from flexx2_sim_ros.recording.folders import BAG_FILES, find_recordings, is_bag
 from flexx2_sim_ros.truth.joint import Columns, solve, View
 from flexx2_sim_ros.truth.meshes import load_room
 from flexx2_sim_ros.truth.page import page
@@ -185,8 +185,9 @@ def _check(request: Request, jobs: Sequence[Job]) -> None:
 def _names(jobs: Sequence[Job]) -> list[str]:
     names: list[str] = []
     for job in jobs:
-        stem, number = job.path.name.removesuffix('.npz'), 1
-        stem = stem.removesuffix('.mcap').removesuffix('.db3')
+        stem, number = job.path.name, 1
+        if job.path.suffix in ('.npz', *BAG_FILES):
+            stem = job.path.stem
         name = f'{stem}.npz'
         while name in names:
             number += 1

@@ -9,6 +9,7 @@ from flexx2_sim_ros.physics.frame_state import SPEED_OF_LIGHT
 from flexx2_sim_ros.physics.geometry import pixel_rays
 from flexx2_sim_ros.profiles.modes import DEFAULT_USECASE
 from flexx2_sim_ros.recording import RecordingReader
+from flexx2_sim_ros.recording.truth import read_truth
 import numpy as np
 
 _MOST_FRAMES = 40  # of a still recording: more do not make its median better than the mesh
@@ -32,7 +33,8 @@ class Observation:
     Attributes
     ----------
     rays : numpy.ndarray
-        (H, W, 2) x/z and y/z of each pixel, lens distortion taken off; NaN where it cannot be.
+        (H, W, 2) x/z and y/z of each pixel, lens distortion taken off; NaN where it cannot be,
+        and where a mask says that nothing is known.
     depth : numpy.ndarray
         (H, W) float64 metres along the optical axis, NaN where invalid.
     sigma : numpy.ndarray
@@ -167,17 +169,19 @@ def _check_stamps(reader: RecordingReader) -> None:
 
 def _rays(reader: RecordingReader) -> np.ndarray:
     height, width = reader.shape[1:]
-    lens = reader.arrays.get('distortion', np.zeros(5))
-    if lens.dtype.kind not in 'fiu' or lens.shape != (5,) or not np.isfinite(lens).all():
-        raise InputError(
-            f'{reader.path}: distortion: must be k1, k2, p1, p2, k3 (5,), finite, got shape '
-            f'{lens.shape}'
-        )
     try:
-        camera = Intrinsics.from_matrix(reader.K, width, height, lens)
+        camera = Intrinsics.from_matrix(reader.K, width, height, reader.distortion)
     except InputError as error:
         raise InputError(f'{reader.path}: {error}') from error
-    return np.moveaxis(pixel_rays(camera), 0, -1)
+    rays = np.moveaxis(pixel_rays(camera), 0, -1)
+    known = read_truth(reader.path, reader.arrays, reader.shape).known
+    if known is not None and known.ndim == 2 and not _has_truth(reader):
+        rays[~known] = np.nan  # A mask of the user's, not what an earlier truth knew.
+    return rays
+
+
+def _has_truth(reader: RecordingReader) -> bool:
+    return 'clean_depth' in reader.layouts or 'clean_depth' in reader.arrays
 
 
 def _mode(reader: RecordingReader, profile: Profile) -> Mode | None:
