@@ -68,9 +68,7 @@ def test_a_camera_of_64_pixels_is_measured_and_diagnosed(tmp_path: Path) -> None
     assert set(effects) <= {'offset', 'quantisation'}
 
 
-def test_single_frames_of_64_pixels(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_single_frames_of_64_pixels(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Assert a profile, and that so few pixels are too few for a diagnosis: no false alarm."""
     record(tmp_path / 'boards', BOARDS, 1, 0.0)
     record(tmp_path / 'campaign', WALLS, 1, 0.03)

@@ -129,8 +129,8 @@ def find_board(
         region[v, u] = plane.incidence(u, v, K) < STEEPEST
     if region.sum() < smallest_region(depth.shape):
         raise InputError(
-            f'board: must have at least {smallest_region(depth.shape)} pixels (a flat board that covers '
-            f'the middle, or --box), got {int(region.sum())} pixels of a plane in the '
+            f'board: must have at least {smallest_region(depth.shape)} pixels (a flat board that '
+            f'covers the middle, or --box), got {int(region.sum())} pixels of a plane in the '
             f'{"middle" if box is None else "box"} of the image'
         )
     return Board(plane, mask, region, K)
@@ -139,9 +139,7 @@ def find_board(
 def _median(depth: np.ndarray, valid: np.ndarray) -> float:
     least = smallest_region(depth.shape)
     if valid.sum() < least:
-        raise InputError(
-            f'depth: must have at least {least} valid pixels, got {int(valid.sum())}'
-        )
+        raise InputError(f'depth: must have at least {least} valid pixels, got {int(valid.sum())}')
     return float(np.median(depth[valid]))
 
 

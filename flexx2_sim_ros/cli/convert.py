@@ -112,11 +112,9 @@ def run(arguments: argparse.Namespace) -> int:
         _keys(arguments.key),
     )
     console = Console(stderr=True, soft_wrap=True, highlight=False, markup=False)
-    with console.status('converting'):
-        written = convert(
-            arguments.source, arguments.target, arguments.camera, arguments.storage, given
-        )
-    for reader, path in written:
+    for reader, path in convert(
+        arguments.source, arguments.target, arguments.camera, arguments.storage, given
+    ):
         for note in dict.fromkeys(reader.notes):
             console.print(printable(note), style='yellow')
         count, height, width = reader.shape
