@@ -1,6 +1,9 @@
-"""Formulas compiled for loops over images on the CPU."""
+"""Formulas, and loops over images that use them, compiled for the CPU."""
 
+from collections.abc import Callable
+import hashlib
 import math
+from types import CodeType, FunctionType
 from typing import Any
 
 from flexx2_sim_ros.formulas import Backend
@@ -11,6 +14,11 @@ import numpy as np
 @njit(inline='always')
 def _where(condition, first, second):  # type: ignore[no-untyped-def]
     return first if condition else second
+
+
+@njit(inline='always')
+def _both(first, second):  # type: ignore[no-untyped-def]
+    return first & second
 
 
 @njit(inline='always')
@@ -25,11 +33,13 @@ def _float_of(bits):  # type: ignore[no-untyped-def]
 
 _NAMES: dict[str, Any] = {
     'where': _where,
+    'both': _both,
     'least': min,
     'most': max,
     'size': abs,
     'root': math.sqrt,
     'floor': np.floor,
+    'ceiling': np.ceil,
     'nearest': np.rint,
     'f32': np.float32,
     'i32': np.int32,
@@ -41,3 +51,48 @@ _NAMES: dict[str, Any] = {
 
 # Inlined where it is called: loops over images become vector instructions.
 compiled = Backend(_NAMES, lambda value: value, njit(inline='always'))
+
+
+def loop(**options: Any) -> Callable[[Callable[..., Any]], Any]:
+    """
+    Compile a loop over images, to be kept on disk until its code or that of a formula changes.
+
+    numba itself compares the file of the loop alone. So the name under which it keeps the loop
+    gets a digest of all that the loop calls.
+
+    Parameters
+    ----------
+    **options
+        Of `numba.njit`.
+
+    Returns
+    -------
+    callable
+        Decorator of a function.
+
+    """
+
+    def compile_loop(function: Callable[..., Any]) -> Any:
+        function.__qualname__ += f'_{digest_of(function)}'
+        return njit(cache=True, **options)(function)
+
+    return compile_loop
+
+
+def digest_of(function: Any) -> str:
+    """Return eight characters that change with the code of a function or of what it calls."""
+    digest, known, left = hashlib.sha256(), set(), [function]
+    while left:
+        code = left[-1].__code__
+        names = left.pop().__globals__
+        constants = [one for one in code.co_consts if not isinstance(one, CodeType)]
+        digest.update(code.co_code + repr((code.co_names, constants)).encode())
+        for name in code.co_names:
+            value = names.get(name)
+            called = getattr(value, 'py_func', None)
+            if isinstance(called, FunctionType) and called not in known:
+                known.add(called)
+                left.append(called)
+            elif isinstance(value, int | float | tuple | np.generic):
+                digest.update(repr(value).encode())
+    return digest.hexdigest()[:8]

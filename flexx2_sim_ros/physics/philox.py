@@ -9,7 +9,7 @@ beside it, and another implementation, on another device, can repeat it.
 import hashlib
 
 from flexx2_sim_ros.formulas import random_numbers
-from flexx2_sim_ros.physics.compiled import compiled
+from flexx2_sim_ros.physics.compiled import compiled, loop
 from numba import njit
 import numpy as np
 
@@ -56,7 +56,7 @@ def stamp_words(stamp_ns: int) -> tuple[np.uint32, np.uint32]:
     return np.uint32(wrapped & 0xFFFFFFFF), np.uint32(wrapped >> 32)
 
 
-@njit(cache=True, error_model='numpy', fastmath=FAST)
+@loop(error_model='numpy', fastmath=FAST)
 def fill_normals(key, stamp_low, stamp_high, stream, out):
     """
     Fill a flat float32 array with standard normals.
@@ -82,7 +82,7 @@ def fill_normals(key, stamp_low, stamp_high, stream, out):
             out[i + 2], second = normal_pair(u2, u3)
 
 
-@njit(cache=True, error_model='numpy', fastmath=FAST)
+@loop(error_model='numpy', fastmath=FAST)
 def fill_uniforms(key, stamp_low, stamp_high, stream, out):
     """Fill a flat float32 array with numbers in (0, 1], counted like `fill_normals`."""
     size = out.size
