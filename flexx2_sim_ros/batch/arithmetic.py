@@ -6,11 +6,7 @@ from flexx2_sim_ros.physics import philox
 import warp as wp
 
 arccos = compiled(fastmath.arccos)
-power = compiled(fastmath.power)
-log = compiled(fastmath.log)
-exp = compiled(fastmath.exp)
-cos_sin_turns = compiled(fastmath.cos_sin_turns)
-arctan2 = compiled(fastmath.arctan2)
+log_from_zero = compiled(fastmath.log_from_zero)
 uniform = compiled(random_numbers.uniform)
 _philox4x32 = compiled(random_numbers.philox4x32)
 _normal_pair = compiled(random_numbers.normal_pair)

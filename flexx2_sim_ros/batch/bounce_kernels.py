@@ -6,10 +6,10 @@ What patches get from each other is kept: it changes only when a patch does.
 
 from flexx2_sim_ros.batch.arrays import at, put
 from flexx2_sim_ros.batch.compiled import compiled
-from flexx2_sim_ros.batch.effect_formulas import reflectivity_at, Surfaces
+from flexx2_sim_ros.batch.effect_formulas import reflectivity_at, Surfaces, TURN
 from flexx2_sim_ros.batch.effect_tables import Effects, Light
 from flexx2_sim_ros.batch.kernels import Lens, OPTIONS, padded, slopes
-from flexx2_sim_ros.batch.light_kernels import Phasors, TURN
+from flexx2_sim_ros.batch.light_kernels import Phasors
 from flexx2_sim_ros.effects import interreflection
 from flexx2_sim_ros.effects.interreflection import PATCH_FIELDS, RECEIVER
 from flexx2_sim_ros.effects.multipath import depth_of_range

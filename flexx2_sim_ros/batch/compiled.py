@@ -15,7 +15,13 @@ _TYPES: dict[Any, Any] = {
     np.uint32: wp.uint32,
     np.uint64: wp.uint64,
     np.float32: wp.float32,
+    np.ndarray: wp.vec3f,  # one number for each modulation frequency
 }
+
+
+@wp.func
+def _both(first: wp.bool, second: wp.bool) -> wp.bool:
+    return first and second
 
 
 @wp.func
@@ -30,11 +36,13 @@ def _float_of(bits: wp.int32) -> wp.float32:
 
 _NAMES: dict[str, Any] = {
     'where': wp.where,
+    'both': _both,
     'least': wp.min,
     'most': wp.max,
     'size': wp.abs,
     'root': wp.sqrt,
     'floor': wp.floor,
+    'ceiling': wp.ceil,
     'nearest': wp.rint,
     'f32': wp.float32,
     'i32': wp.int32,

@@ -1,35 +1,45 @@
-"""The formulas of `effects` once more, as functions of Warp's kernels."""
+"""What the formulas of effects need to know of a pixel and its neighbours, in Warp's kernels."""
 
 import math
 
-from flexx2_sim_ros.batch.arithmetic import (
-    arctan2,
-    cos_sin_turns,
-    counter_of,
-    exp,
-    four_normals,
-    log,
-    one_of,
-    philox4x32,
-    uniform,
-)
+from flexx2_sim_ros.batch.arithmetic import counter_of, four_normals, one_of, philox4x32, uniform
 from flexx2_sim_ros.batch.arrays import at, at_byte
 from flexx2_sim_ros.batch.compiled import compiled
 from flexx2_sim_ros.batch.effect_tables import Effects, Light
-from flexx2_sim_ros.batch.kernels import cos_incidence, Lens, padded
-from flexx2_sim_ros.effects.ambient_light import DARKEST
-from flexx2_sim_ros.effects.range_wrap import RangeWrap, RARE
+from flexx2_sim_ros.batch.kernels import cos_incidence, Lens, Noise, padded
+from flexx2_sim_ros.effects import (
+    ambient_light,
+    amplitude_bias,
+    excess_noise,
+    flying_pixels,
+    range_wrap,
+    warm_up_drift,
+    wiggling,
+)
+from flexx2_sim_ros.formulas import phases
 from flexx2_sim_ros.formulas import surfaces as surface_formulas
 import warp as wp
 
-_WRAP = wp.constant(wp.uint32(RangeWrap.stream))
-_FLT_MAX = wp.constant(wp.float32(3.4028235e38))
-_TURN = wp.constant(wp.float32(2.0 * math.pi))
-_DARKEST = wp.constant(wp.float32(DARKEST))
-_RARE = wp.constant(wp.float32(RARE))
+_WRAP = wp.constant(wp.uint32(range_wrap.RangeWrap.stream))
+_WRAP_SHARE = wp.constant(wp.uint32(range_wrap.RangeWrap.share_stream))
+TURN = wp.constant(wp.float32(2.0 * math.pi))
 
 returned_light = compiled(surface_formulas.returned_light)
 _usable_reflectivity = compiled(surface_formulas.usable_reflectivity)
+_direction = compiled(phases.direction)
+_angle_between = compiled(phases.angle_between)
+_footprint = compiled(flying_pixels.footprint)
+_harmonics = compiled(wiggling.harmonics)
+_dark_bias = compiled(amplitude_bias.dark_bias)
+_drift = compiled(warm_up_drift.drift)
+_scaled_noise = compiled(excess_noise.scaled_noise)
+_with_shot_noise = compiled(ambient_light.with_shot_noise)
+_widest_apart = compiled(range_wrap.widest_apart)
+_is_apart = compiled(range_wrap.is_apart)
+_misread = compiled(range_wrap.misread)
+_wrong_jump = compiled(range_wrap.wrong_jump)
+_is_beyond = compiled(range_wrap.is_beyond)
+_folded = compiled(range_wrap.folded)
 
 
 @wp.struct
@@ -43,11 +53,16 @@ class Surfaces:
 
 
 @wp.func
+def draw_four(block: wp.int32, stream: wp.uint32, stamp: wp.int64, key: wp.vec2ui) -> wp.vec4f:
+    """Return the random numbers of a stream, in (0, 1], of the four pixels from 4 * block on."""
+    u = philox4x32(counter_of(block, stream, stamp), key)
+    return wp.vec4f(uniform(u[0]), uniform(u[1]), uniform(u[2]), uniform(u[3]))
+
+
+@wp.func
 def draw(pixel: wp.int32, stream: wp.uint32, stamp: wp.int64, key: wp.vec2ui) -> wp.float32:
     """Return a pixel's random number of a stream, in (0, 1]."""
-    u = philox4x32(counter_of(pixel / 4, stream, stamp), key)
-    four = wp.vec4f(uniform(u[0]), uniform(u[1]), uniform(u[2]), uniform(u[3]))
-    return one_of(four, pixel % 4)
+    return one_of(draw_four(pixel / 4, stream, stamp, key), pixel % 4)
 
 
 @wp.func
@@ -57,13 +72,6 @@ def draw_normal(
     """Return a standard normal of a stream."""
     four = four_normals(counter_of(number / 4, stream, stamp), key)
     return one_of(four, number % 4)
-
-
-@wp.func
-def phase_of(turns: wp.float32) -> wp.vec2f:
-    """Return cosine and sine of any number of turns."""
-    cosine, sine = cos_sin_turns(turns - wp.floor(turns))
-    return wp.vec2f(cosine, sine)
 
 
 @wp.func
@@ -111,6 +119,24 @@ def near_jump(surfaces: Surfaces, lens: Lens, n: wp.int32, y: wp.int32, x: wp.in
 
 
 @wp.func
+def light_around(
+    surfaces: Surfaces, lens: Lens, turns: wp.float32, n: wp.int32, y: wp.int32, x: wp.int32
+) -> wp.vec3f:
+    """Return the sum of the light of the 3 x 3 pixels, as a phasor, and of how many it is."""
+    around = wp.vec3f()
+    for k in range(9):
+        yy = y + k // 3 - 1
+        xx = x + k % 3 - 1
+        if yy >= 0 and yy < lens.height and xx >= 0 and xx < lens.width:
+            inverse = at(surfaces.p, padded(lens, n, yy, xx))
+            if inverse > 0.0:
+                cosine, sine = _direction(turns / inverse)
+                amplitude = amplitude_at(surfaces, lens, n, yy, xx)
+                around += wp.vec3f(amplitude * cosine, amplitude * sine, 1.0)
+    return around
+
+
+@wp.func
 def mix_neighbours(
     surfaces: Surfaces,
     lens: Lens,
@@ -123,48 +149,32 @@ def mix_neighbours(
     """Return the shift of each frequency, and the amplitude, of a footprint across an edge."""
     out = wp.vec4f()
     z = 1.0 / at(surfaces.p, padded(lens, n, y, x))
-    own_amplitude = amplitude_at(surfaces, lens, n, y, x)
+    amplitude = amplitude_at(surfaces, lens, n, y, x)
     for f in range(3):
         if f < light.frequencies:
             turns = light.turns[f]
-            total = wp.vec2f()
-            count = wp.float32(0.0)
-            for k in range(9):
-                yy = y + k // 3 - 1
-                xx = x + k % 3 - 1
-                if yy >= 0 and yy < lens.height and xx >= 0 and xx < lens.width:
-                    inverse = at(surfaces.p, padded(lens, n, yy, xx))
-                    if inverse > 0.0:
-                        count += 1.0
-                        total += amplitude_at(surfaces, lens, n, yy, xx) * phase_of(
-                            turns / inverse
-                        )
-            direction = phase_of(turns * z)
-            own = own_amplitude * direction
-            mixed = own + share * (total / count - own)
-            real = mixed[0] * direction[0] + mixed[1] * direction[1]
-            imaginary = mixed[1] * direction[0] - mixed[0] * direction[1]
-            out[f] = arctan2(imaginary, real) / (_TURN * turns)
-            out[3] += light.weights[f] * wp.length(mixed)
+            around = light_around(surfaces, lens, turns, n, y, x)
+            cosine, sine = _direction(turns * z)
+            real = _footprint(amplitude * cosine, around[0], around[2], share)
+            imaginary = _footprint(amplitude * sine, around[1], around[2], share)
+            out[f] = _angle_between(real, imaginary, cosine, sine) / (TURN * turns)
+            out[3] += light.weights[f] * wp.length(wp.vec2f(real, imaginary))
     return out
 
 
 @wp.func
 def wiggle(e: Effects, turns: wp.float32) -> wp.float32:
-    """Return the harmonics of the modulation at a phase."""
-    one = phase_of(turns)
-    two = phase_of(2.0 * turns)
-    three = phase_of(3.0 * turns)
-    four = phase_of(4.0 * turns)
-    return e.wiggling_strength * (
-        e.wiggling_a1 * one[1]
-        + e.wiggling_b1 * one[0]
-        + e.wiggling_a2 * two[1]
-        + e.wiggling_b2 * two[0]
-        + e.wiggling_a3 * three[1]
-        + e.wiggling_b3 * three[0]
-        + e.wiggling_a4 * four[1]
-        + e.wiggling_b4 * four[0]
+    """Return `wiggling.harmonics` of an environment."""
+    return _harmonics(
+        turns,
+        e.wiggling_a1,
+        e.wiggling_b1,
+        e.wiggling_a2,
+        e.wiggling_b2,
+        e.wiggling_a3,
+        e.wiggling_b3,
+        e.wiggling_a4,
+        e.wiggling_b4,
     )
 
 
@@ -173,17 +183,17 @@ def common_shift(
     e: Effects, grain: wp.float32, amplitude: wp.float32, seconds: wp.float32
 ) -> wp.float32:
     """Return the shift that all frequencies have alike."""
-    shift = e.fixed_pattern_strength * e.fixed_pattern_rms * grain
+    shift = e.fixed_pattern_strength * e.fixed_pattern_rms * grain + e.offset_bias
     if e.amplitude_bias_strength > 0.0:
-        below = log(wp.max(amplitude, 1.0e-37)) - log(e.amplitude_bias_knee)
-        hinge = wp.min(wp.max(below, -e.amplitude_bias_span), 0.0)
-        shift += e.amplitude_bias_strength * (
-            e.amplitude_bias_intercept + e.amplitude_bias_slope * hinge
+        shift += _dark_bias(
+            amplitude,
+            e.amplitude_bias_intercept,
+            e.amplitude_bias_slope,
+            e.amplitude_bias_log_knee,
+            e.amplitude_bias_span,
         )
-    shift += e.offset_strength * e.offset_bias
     if e.warm_up_drift_strength > 0.0:
-        age = e.warm_up_drift_uptime + seconds
-        shift += e.warm_up_drift_strength * e.warm_up_drift_bias * exp(-age / e.warm_up_drift_tau)
+        shift += _drift(seconds, e.warm_up_drift_bias, e.warm_up_drift_tau, e.warm_up_drift_uptime)
     return shift
 
 
@@ -192,45 +202,24 @@ def noise_at(e: Effects, sigma: wp.float32, amplitude: wp.float32) -> wp.float32
     """Return the sigma of the axial noise."""
     out = sigma
     if e.excess_noise_strength > 0.0:
-        out = sigma * wp.max(1.0 + e.excess_noise_strength * (e.excess_noise_factor - 1.0), 0.0)
+        out = _scaled_noise(out, e.excess_noise_factor)
     if e.ambient_light_strength > 0.0:
-        extra = e.ambient_light_strength * e.ambient_light_k / wp.max(amplitude, _DARKEST)
-        out = wp.sqrt(out * out + extra * extra)
+        out = _with_shot_noise(out, amplitude, e.ambient_light_k)
     return out
 
 
 @wp.func
-def wrong_jump(light: Light, errors: wp.vec3f, here: wp.float32) -> wp.float32:
-    """Return the jump to those whole wraps at which the frequencies' distances agree best."""
-    finest = wp.int32(0)
-    for f in range(3):
-        if f < light.frequencies and light.spans[f] < light.spans[finest]:
-            finest = f
-    most = wp.int32(wp.ceil(light.ambiguity / light.spans[finest]))
-    best = wp.float32(_FLT_MAX)
-    jump = wp.float32(0.0)
-    wrap = -most
-    while wrap <= most:
-        first = errors[finest] + wp.float32(wrap) * light.spans[finest]
-        mean = wp.float32(0.0)
-        mean_jump = wp.float32(0.0)
-        squares = wp.float32(0.0)
-        for f in range(3):
-            if f < light.frequencies:
-                wrapped = wp.rint((first - errors[f]) / light.spans[f]) * light.spans[f]
-                mean += light.weights[f] * (errors[f] + wrapped)
-                mean_jump += light.weights[f] * wrapped
-        for f in range(3):
-            if f < light.frequencies:
-                wrapped = wp.rint((first - errors[f]) / light.spans[f]) * light.spans[f]
-                off = errors[f] + wrapped - mean
-                squares += light.weights[f] * off * off
-        fits = wrap == 0 or (here + mean_jump >= 0.0 and here + mean_jump < light.ambiguity)
-        if fits and squares < best:
-            best = squares
-            jump = mean_jump
-        wrap += 1
-    return jump
+def any_apart(light: Light, errors: wp.vec3f, sigma: wp.float32) -> wp.bool:
+    """Say whether two frequencies' distances, and their noise, are apart by half a step."""
+    found = wp.bool(False)
+    for k in range(3):
+        i = k // 2
+        j = wp.min(k + 1, 2)
+        if j < light.frequencies:
+            more = _widest_apart(light.spreads[i], light.spreads[j], sigma)
+            if _is_apart(errors[i], errors[j], more, light.steps[k]):
+                found = True
+    return found
 
 
 @wp.func
@@ -246,31 +235,35 @@ def unwrapped(
     here: wp.float32,
 ) -> wp.float32:
     """Return the measured depth after unwrapping, which noise can lead astray."""
-    spread = e.range_wrap_strength * sigma
-    risky = wp.bool(False)
-    for k in range(3):
-        i = k // 2
-        j = wp.min(k + 1, 2)
-        if j < light.frequencies:
-            both = wp.sqrt(
-                light.spreads[i] * light.spreads[i] + light.spreads[j] * light.spreads[j]
-            )
-            if wp.abs(shifts[i] - shifts[j]) + _RARE * both * spread > light.steps[k] / 2.0:
-                risky = True
+    spread = e.range_wrap_noise * sigma
     out = here
-    if risky:
+    if light.frequencies > 1 and any_apart(light, shifts, spread):
         errors = wp.vec3f()
         for f in range(3):
             if f < light.frequencies:
-                errors[f] = shifts[f] + light.spreads[f] * spread * draw_normal(
-                    f * pixels + pixel, _WRAP, stamp, key
-                )
-        apart = wp.bool(False)
-        for k in range(3):
-            i = k // 2
-            j = wp.min(k + 1, 2)
-            if j < light.frequencies and wp.abs(errors[i] - errors[j]) > light.steps[k] / 2.0:
-                apart = True
-        if apart:
-            out = here + wrong_jump(light, errors, here)
+                normal = draw_normal(f * pixels + pixel, _WRAP, stamp, key)
+                errors[f] = _misread(shifts[f], light.spreads[f], spread, normal)
+        if any_apart(light, errors, 0.0):
+            out = here + _wrong_jump(
+                errors, light.spans, light.weights, light.frequencies, light.ambiguity, here
+            )
+    return out
+
+
+@wp.func
+def wrapped(
+    e: Effects,
+    light: Light,
+    z: wp.float32,
+    noise: Noise,
+    pixel: wp.int32,
+    stamp: wp.int64,
+    key: wp.vec2ui,
+    here: wp.float32,
+) -> wp.float32:
+    """Return a measured depth modulo the ambiguity; NaN where the camera notices."""
+    out = here
+    if _is_beyond(here, z, light.ambiguity, noise.range_max):
+        chance = draw(pixel, _WRAP_SHARE, stamp, key)
+        out = _folded(here, light.ambiguity, chance, e.range_wrap_share)
     return out

@@ -12,53 +12,64 @@ from flexx2_sim_ros.batch.arithmetic import (
     arccos,
     AXIAL,
     counter_of,
-    exp,
     four_normals,
-    log,
+    log_from_zero,
     one_of,
-    power,
 )
 from flexx2_sim_ros.batch.arrays import at, at_word, put, put_word
 from flexx2_sim_ros.batch.compiled import compiled
 from flexx2_sim_ros.batch.effect_formulas import (
     common_shift,
     draw,
+    draw_four,
     noise_at,
     reflectivity_at,
     Surfaces,
     unwrapped,
     wiggle,
+    wrapped,
 )
 from flexx2_sim_ros.batch.effect_tables import Effects, Light
-from flexx2_sim_ros.batch.kernels import blocks_of, Lens, Noise, OPTIONS, padded
+from flexx2_sim_ros.batch.kernels import blocks_of, distance, Lens, Noise, OPTIONS, padded
 from flexx2_sim_ros.batch.light_kernels import motion_shift, Phasors
-from flexx2_sim_ros.effects import between
-from flexx2_sim_ros.effects.grazing_dropout import GrazingDropout
-from flexx2_sim_ros.effects.heavy_tails import HeavyTails
-from flexx2_sim_ros.effects.low_signal_dropout import LowSignalDropout
-from flexx2_sim_ros.effects.motion_artefact import DARKEST, MotionArtefact
-from flexx2_sim_ros.effects.range_wrap import RangeWrap
-from flexx2_sim_ros.effects.saturation import Saturation
-from flexx2_sim_ros.effects.temporal_filter import RESET_SIGMAS
+from flexx2_sim_ros.effects import (
+    between,
+    grazing_dropout,
+    heavy_tails,
+    low_signal_dropout,
+    motion_artefact,
+    quantisation,
+    saturation,
+    spatial_filter,
+    temporal_filter,
+)
+from flexx2_sim_ros.formulas import pixels as pixel_formulas
 import warp as wp
 
 wp.set_module_options(OPTIONS)
 
-_DARKEST = wp.constant(wp.float32(DARKEST))
-_MOTION = wp.constant(wp.uint32(MotionArtefact.stream))
-_TAILS = wp.constant(wp.uint32(HeavyTails.stream))
-_WRAP_SHARE = wp.constant(wp.uint32(RangeWrap.share_stream))
-_LOW_SIGNAL = wp.constant(wp.uint32(LowSignalDropout.stream))
-_GRAZING = wp.constant(wp.uint32(GrazingDropout.stream))
-_SATURATION = wp.constant(wp.uint32(Saturation.stream))
+_DARKEST = wp.constant(wp.float32(motion_artefact.DARKEST))
+_MOTION = wp.constant(wp.uint32(motion_artefact.MotionArtefact.stream))
+_TAILS = wp.constant(wp.uint32(heavy_tails.HeavyTails.stream))
+_LOW_SIGNAL = wp.constant(wp.uint32(low_signal_dropout.LowSignalDropout.stream))
+_GRAZING = wp.constant(wp.uint32(grazing_dropout.GrazingDropout.stream))
+_SATURATION = wp.constant(wp.uint32(saturation.Saturation.stream))
 _NAN = wp.constant(wp.float32(math.nan))
 _FLT_MAX = wp.constant(wp.float32(3.4028235e38))
-_DEGREES = wp.constant(wp.float32(180.0 / math.pi))
-_RADIANS = wp.constant(wp.float32(math.pi / 180.0))
 _PER_NANOSECOND = wp.constant(wp.float32(1e-9))
-_RESET_SIGMAS = wp.constant(wp.float32(RESET_SIGMAS))
 
 _alike = compiled(between.alike)
+_measured = compiled(pixel_formulas.measured)
+_kept_within = compiled(pixel_formulas.kept_within)
+_with_tails = compiled(heavy_tails.with_tails)
+_is_alike = compiled(spatial_filter.is_alike)
+_smoothed = compiled(spatial_filter.smoothed)
+_filtered = compiled(temporal_filter.filtered)
+_stored = compiled(quantisation.stored)
+_survives_darkness = compiled(low_signal_dropout.survives_darkness)
+_survives_grazing = compiled(grazing_dropout.survives_grazing)
+_specular_gain = compiled(saturation.specular_gain)
+_survives_light = compiled(saturation.survives_light)
 
 
 @wp.struct
@@ -113,10 +124,105 @@ def forget(mask: wp.array(dtype=wp.bool), fresh: wp.array(dtype=wp.uint8)):
         fresh[n] = wp.uint8(1)
 
 
+@wp.struct
+class Moving:
+    """How an environment's scene moves between two frames, for the effect motion_artefact."""
+
+    on: wp.bool
+    interval: wp.float32  # seconds between the frames
+    acquisition: wp.float32  # the time that all raw frames take, over the interval
+
+
+@wp.struct
+class Motion:
+    """What of a pixel's motion its frequencies have in common."""
+
+    on: wp.bool
+    start: wp.float32
+    brighter: wp.float32
+    change: wp.float32
+
+
 @wp.func
-def inside(value: wp.float32, noise: Noise) -> wp.float32:
-    """Return a depth, NaN outside the mode's range."""
-    return wp.where(value >= noise.range_min and value <= noise.range_max, value, _NAN)
+def moving_at(
+    e: Effects, light: Light, young: wp.uint8, before: wp.int64, stamp: wp.int64
+) -> Moving:
+    """Return how an environment's scene moves; not at all in its first frame."""
+    out = Moving()
+    out.interval = wp.float32(stamp - before) * _PER_NANOSECOND
+    out.on = e.motion_artefact_strength > 0.0 and young == wp.uint8(0) and out.interval > 0.0
+    if out.on:
+        duration = e.motion_artefact_strength * e.motion_artefact_stretch * light.acquisition
+        out.acquisition = duration / out.interval
+    return out
+
+
+@wp.func
+def motion_at(
+    moving: Moving,
+    z: wp.float32,
+    depth_before: wp.float32,
+    brighter: wp.float32,
+    pixel: wp.int32,
+    stamp: wp.int64,
+    key: wp.vec2ui,
+) -> Motion:
+    """Return a pixel's motion since the frame before."""
+    out = Motion()
+    out.start = depth_before - z
+    out.brighter = brighter
+    passes = out.start == out.start and (
+        brighter != 1.0 or (out.start != 0.0 and not _alike(out.start, z, moving.interval))
+    )
+    if passes:
+        out.change = draw(pixel, _MOTION, stamp, key)
+    out.on = out.start == out.start and (out.start != 0.0 or passes)
+    return out
+
+
+@wp.func
+def shifted(
+    e: Effects,
+    light: Light,
+    phasors: Phasors,
+    source: wp.int32,
+    moving: Moving,
+    motion: Motion,
+    z: wp.float32,
+    common: wp.float32,
+) -> wp.vec3f:
+    """Return the shift of each frequency, from that of its light."""
+    out = wp.vec3f()
+    for f in range(3):
+        if f < light.frequencies:
+            shift = at(phasors.shifts, f * phasors.pitch + source)
+            if motion.on:
+                shift += motion_shift(
+                    z,
+                    motion.start,
+                    motion.brighter,
+                    motion.change,
+                    moving.interval,
+                    moving.acquisition,
+                    e.motion_artefact_stamp_at,
+                    light,
+                    f,
+                    shift,
+                )
+            if e.wiggling_strength > 0.0:
+                shift += wiggle(e, light.turns[f] * (z + shift))
+            out[f] = shift + common
+    return out
+
+
+@wp.func
+def source_of(code: wp.int32, y: wp.int32, x: wp.int32) -> wp.vec2i:
+    """Return row and column of the pixel whose surface another one sees, from `Images.moved`."""
+    offset = (code & 255) - 128
+    down = (code >> 8) & 1
+    if code == 0:
+        offset = 0
+    return wp.vec2i(y + offset * down, x + offset * (1 - down))
 
 
 @wp.kernel
@@ -144,19 +250,13 @@ def measure(
     stamp = stamps[first + n]
     pixels = lens.height * lens.width
     elapsed = wp.float32(stamp - kept.started[first + n]) * _PER_NANOSECOND
-    interval = wp.float32(stamp - kept.before[first + n]) * _PER_NANOSECOND
-    moves = (
-        e.motion_artefact_strength > 0.0
-        and kept.young[first + n] == wp.uint8(0)
-        and interval > 0.0
-    )
-    duration = e.motion_artefact_strength * e.motion_artefact_stretch * light.acquisition
+    moving = moving_at(e, light, kept.young[first + n], kept.before[first + n], stamp)
     wraps = e.range_wrap_strength > 0.0
     low = wp.where(wraps, 0.0, noise.range_min)
     high = wp.where(wraps, _FLT_MAX, noise.range_max)
     drawn = n * blocks_of(pixels) * 4
     block = wp.int32(-1)
-    four = wp.vec4f()
+    normals = wp.vec4f()
     x = c * chunk
     end = wp.min(x + chunk, lens.width)
     while x < end:
@@ -166,84 +266,46 @@ def measure(
         sx = wp.int32(x)
         if code != 0:
             put_word(moved, n * pixels + pixel, wp.uint16(0))
-            offset = (code & 255) - 128
-            if ((code >> 8) & 1) == 1:
-                sy = y + offset
-            else:
-                sx = x + offset
-        source = (n * lens.height + sy) * lens.width + sx
+            source = source_of(code, y, x)
+            sy = source[0]
+            sx = source[1]
+        seen_pixel = sy * lens.width + sx
+        place = (first + n) * pixels + seen_pixel
         inverse = at(surfaces.p, padded(lens, n, sy, sx))
-        cosine = at(seen.facing, source)
-        sigma = at(seen.expected, source)
-        z = wp.where(inverse > 0.0, 1.0 / inverse, _NAN)
-        amplitude = at(phasors.amplitude, source)
-        shifts = wp.vec3f()
-        start = wp.float32(0.0)
-        brighter = wp.float32(1.0)
-        if moves:
-            place = (first + n) * pixels + sy * lens.width + sx
-            start = at(kept.depth, place) - z
-            brighter = at(kept.reflectivity, place) / wp.max(
-                reflectivity_at(surfaces, lens, n, sy, sx), _DARKEST
-            )
-        passes = start == start and (
-            brighter != 1.0 or (start != 0.0 and not _alike(start, z, interval))
-        )
-        change = wp.float32(0.0)
-        if passes:
-            change = draw(sy * lens.width + sx, _MOTION, stamp, key)
+        cosine = at(seen.facing, n * pixels + seen_pixel)
+        z = distance(inverse, _NAN)
+        amplitude = at(phasors.amplitude, n * pixels + seen_pixel)
+        motion = Motion()
+        if moving.on:
+            rho = reflectivity_at(surfaces, lens, n, sy, sx)
+            brighter = at(kept.reflectivity, place) / wp.max(rho, _DARKEST)
+            motion = motion_at(moving, z, at(kept.depth, place), brighter, seen_pixel, stamp, key)
         grain = wp.float32(0.0)
         if e.fixed_pattern_strength > 0.0:
-            grain = at(kept.grain, (first + n) * pixels + sy * lens.width + sx)
+            grain = at(kept.grain, place)
         common = common_shift(e, grain, amplitude, elapsed)
-        total = wp.float32(0.0)
-        for f in range(3):
-            if f < light.frequencies:
-                shift = at(phasors.shifts, f * phasors.pitch + source)
-                if moves and start == start and (start != 0.0 or passes):
-                    shift += motion_shift(
-                        z,
-                        start,
-                        brighter,
-                        change,
-                        interval,
-                        duration / interval,
-                        e.motion_artefact_stamp_at,
-                        light,
-                        f,
-                        shift,
-                    )
-                if e.wiggling_strength > 0.0:
-                    shift += wiggle(e, light.turns[f] * (z + shift))
-                shift += common
-                shifts[f] = shift
-                total += light.weights[f] * shift
-        sigma = noise_at(e, sigma, amplitude)
+        shifts = shifted(e, light, phasors, n * pixels + seen_pixel, moving, motion, z, common)
+        sigma = noise_at(e, at(seen.expected, n * pixels + seen_pixel), amplitude)
         normal = wp.float32(0.0)
         if seen.normals.shape[0] > 0:
             normal = at(seen.normals, drawn + pixel)
         else:
             if pixel / 4 != block:
                 block = pixel / 4
-                four = four_normals(counter_of(block, AXIAL, stamp), key)
-            normal = one_of(four, pixel % 4)
-        tails = e.heavy_tails_strength * e.heavy_tails_share
-        if tails > 0.0 and draw(pixel, _TAILS, stamp, key) <= tails:
-            normal = normal * e.heavy_tails_width
-        here = z + total
-        value = here + sigma * normal
-        value = wp.where(here >= low and here <= high, value, _NAN)
+                normals = four_normals(counter_of(block, AXIAL, stamp), key)
+            normal = one_of(normals, pixel % 4)
+        if e.heavy_tails_share > 0.0:
+            chance = draw(pixel, _TAILS, stamp, key)
+            normal = _with_tails(normal, chance, e.heavy_tails_share, e.heavy_tails_width)
+        value = _measured(z + wp.dot(light.weights, shifts), sigma, normal, low, high)
         if wraps and value == value:
-            if light.frequencies > 1:
-                value = unwrapped(e, light, shifts, sigma, pixel, pixels, stamp, key, value)
-            if value < 0.0 or value >= light.ambiguity or z > noise.range_max:
-                wraps_whole = wp.floor(value / light.ambiguity)
-                share = wp.min(e.range_wrap_strength * e.range_wrap_share, 1.0)
-                noticed = draw(pixel, _WRAP_SHARE, stamp, key) > share
-                value = value - wraps_whole * light.ambiguity
-                if noticed or wraps_whole == 0.0:
-                    value = _NAN
-        put(seen.measured, n * pixels + pixel, inside(value, noise))
+            value = unwrapped(e, light, shifts, sigma, pixel, pixels, stamp, key, value)
+            value = wrapped(e, light, z, noise, pixel, stamp, key, value)
+        put(
+            seen.measured,
+            n * pixels + pixel,
+            _kept_within(value, noise.range_min, noise.range_max),
+        )
         put(seen.sigma, n * pixels + pixel, sigma)
         put(seen.cosine, n * pixels + pixel, cosine)
         put(seen.amplitude, n * pixels + pixel, amplitude)
@@ -258,7 +320,6 @@ def filter_neighbours(
     """Mix every pixel with those neighbours that are alike: the effect spatial_filter."""
     n, y, c = wp.tid()
     e = effects[first + n]
-    mix = wp.min(e.spatial_filter_strength * e.spatial_filter_mix, 1.0)
     frame = n * lens.height * lens.width
     x = c * chunk
     end = wp.min(x + chunk, lens.width)
@@ -275,19 +336,50 @@ def filter_neighbours(
                 xx = x + k % 3 - 1
                 if yy >= 0 and yy < lens.height and xx >= 0 and xx < lens.width:
                     difference = at(seen.measured, frame + yy * lens.width + xx) - here
-                    if wp.abs(difference) <= limit:  # never true of NaN
+                    if _is_alike(difference, limit):
                         total += difference
                         count += 1.0
-            if count > 0.0:
-                out = here + mix * total / count
+            out = _smoothed(here, total, count, e.spatial_filter_mix)
         put(seen.filtered, pixel, out)
         x += 1
 
 
 @wp.func
-def lost(logit: wp.float32, strength: wp.float32, chance: wp.float32) -> wp.bool:
-    """Say whether a pixel is lost: with 1 - (1 - p)^strength, p a logistic."""
-    return chance > power(1.0 + exp(logit), -strength)
+def too_dark(e: Effects, amplitude: wp.float32, chance: wp.float32) -> wp.bool:
+    """Say whether the effect low_signal_dropout loses a pixel."""
+    return chance > _survives_darkness(
+        log_from_zero(amplitude),
+        e.low_signal_dropout_log_half,
+        e.low_signal_dropout_slope,
+        e.low_signal_dropout_strength,
+    )
+
+
+@wp.func
+def too_slanted(e: Effects, incidence: wp.float32, z: wp.float32, chance: wp.float32) -> wp.bool:
+    """Say whether the effect grazing_dropout loses a pixel."""
+    return chance > _survives_grazing(
+        incidence,
+        z,
+        e.grazing_dropout_half,
+        e.grazing_dropout_width,
+        e.grazing_dropout_distance,
+        e.grazing_dropout_strength,
+    )
+
+
+@wp.func
+def too_bright(
+    e: Effects, amplitude: wp.float32, incidence: wp.float32, chance: wp.float32
+) -> wp.bool:
+    """Say whether the effect saturation loses a pixel."""
+    return chance > _survives_light(
+        log_from_zero(amplitude),
+        _specular_gain(incidence, e.saturation_gloss, e.saturation_lobe),
+        e.saturation_log_half,
+        e.saturation_slope,
+        e.saturation_strength,
+    )
 
 
 @wp.kernel
@@ -311,39 +403,49 @@ def finish(
     key = keys[first + n]
     stamp = stamps[first + n]
     pixels = lens.height * lens.width
-    share = wp.min(e.temporal_filter_strength * e.temporal_filter_share, 0.98)
+    block = wp.int32(-1)
+    dark = wp.vec4f()
+    grazing = wp.vec4f()
+    bright = wp.vec4f()
     x = c * chunk
     end = wp.min(x + chunk, lens.width)
     while x < end:
         pixel = y * lens.width + x
+        if pixel / 4 != block:
+            block = pixel / 4
+            if e.low_signal_dropout_strength > 0.0:
+                dark = draw_four(block, _LOW_SIGNAL, stamp, key)
+            if e.grazing_dropout_strength > 0.0:
+                grazing = draw_four(block, _GRAZING, stamp, key)
+            if e.saturation_strength > 0.0:
+                bright = draw_four(block, _SATURATION, stamp, key)
         place = n * pixels + pixel
         target = (first + n) * pixels + pixel
         value = at(filtered, place)
-        amplitude = wp.max(at(seen.amplitude, place), 1.0e-37)
         if e.temporal_filter_strength > 0.0:
             if kept.young[first + n] == wp.uint8(0):
-                change = at(kept.measured, target) - value
-                if wp.abs(change) < _RESET_SIGMAS * at(seen.sigma, place):
-                    value = value + share * change
+                value = _filtered(
+                    value,
+                    at(kept.measured, target),
+                    at(seen.sigma, place),
+                    e.temporal_filter_share,
+                )
             put(kept.measured, target, value)
         if e.quantisation_strength > 0.0:
-            step = e.quantisation_strength * e.quantisation_step
-            value = inside(wp.rint(value / step) * step, noise)
-        if e.low_signal_dropout_strength > 0.0:
-            logit = -e.low_signal_dropout_slope * (log(amplitude) - log(e.low_signal_dropout_half))
-            if lost(logit, e.low_signal_dropout_strength, draw(pixel, _LOW_SIGNAL, stamp, key)):
+            value = _stored(value, e.quantisation_step)
+            value = _kept_within(value, noise.range_min, noise.range_max)
+        # Warp's `and` computes both sides: hence an `if` in an `if`.
+        amplitude = at(seen.amplitude, place)
+        incidence = arccos(at(seen.cosine, place))
+        if e.low_signal_dropout_strength > 0.0:  # noqa: SIM102
+            if too_dark(e, amplitude, one_of(dark, pixel % 4)):
                 value = _NAN
-        theta = arccos(at(seen.cosine, place))
-        if e.grazing_dropout_strength > 0.0:
-            logit = (theta * _DEGREES - e.grazing_dropout_half_deg) / e.grazing_dropout_width_deg
-            logit += e.grazing_dropout_distance * log(wp.max(at(seen.depth, place), 1.0e-37))
-            if lost(logit, e.grazing_dropout_strength, draw(pixel, _GRAZING, stamp, key)):
+        if e.grazing_dropout_strength > 0.0:  # noqa: SIM102
+            z = at(seen.depth, place)
+            if too_slanted(e, incidence, z, one_of(grazing, pixel % 4)):
                 value = _NAN
-        if e.saturation_strength > 0.0:
-            lobe = theta / (e.saturation_lobe_deg * _RADIANS)
-            gain = log(1.0 + e.saturation_gloss * exp(-lobe * lobe))
-            logit = e.saturation_slope * (log(amplitude) - log(e.saturation_half) + gain)
-            if lost(logit, e.saturation_strength, draw(pixel, _SATURATION, stamp, key)):
+        if e.saturation_strength > 0.0:  # noqa: SIM102
+            if too_bright(e, amplitude, incidence, one_of(bright, pixel % 4)):
                 value = _NAN
         put(out, target, wp.where(value == value, value, lens.invalid))
         x += 1
@@ -357,7 +459,6 @@ def keep_surfaces(surfaces: Surfaces, lens: Lens, first: wp.int32, chunk: wp.int
     end = wp.min(x + chunk, lens.width)
     row = ((first + n) * lens.height + y) * lens.width
     while x < end:
-        inverse = at(surfaces.p, padded(lens, n, y, x))
-        put(kept.depth, row + x, wp.where(inverse > 0.0, 1.0 / inverse, _NAN))
+        put(kept.depth, row + x, distance(at(surfaces.p, padded(lens, n, y, x)), _NAN))
         put(kept.reflectivity, row + x, wp.max(reflectivity_at(surfaces, lens, n, y, x), _DARKEST))
         x += 1

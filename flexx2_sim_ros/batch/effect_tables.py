@@ -1,4 +1,4 @@
-"""The parameters of effects, one row for each environment, as Warp's kernels read them."""
+"""The numbers of effects' formulas, one row for each environment, as Warp's kernels read them."""
 
 from collections.abc import Mapping, Sequence
 from os import PathLike
@@ -6,7 +6,7 @@ from typing import Any
 
 from flexx2_sim_ros.camera import Camera, Mode, Profile
 from flexx2_sim_ros.effects import Effect, registry
-from flexx2_sim_ros.effects.range_wrap import lattice_step
+from flexx2_sim_ros.effects.range_wrap import lattice_step, noise_shares
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.physics.frame_state import FrameState, Memory
 import numpy as np
@@ -18,7 +18,11 @@ MOST_FREQUENCIES = 3
 
 
 def _parameters() -> Any:
-    names = [f'{name}_{item.name}' for name in BATCHED for item in registry()[name].parameters()]
+    names = [
+        f'{name}_{number}'
+        for name in BATCHED
+        for number in {'strength': 0.0, **registry()[name]().constants()}
+    ]
     return type(
         'Effects',
         (),
@@ -26,7 +30,7 @@ def _parameters() -> Any:
     )
 
 
-# One number for each parameter of each effect: `offset_strength`, `offset_bias`, ...
+# Of each effect `Effect.constants` and its strength, 0 for off: `offset_strength`, ...
 Effects = wp.struct(_parameters())
 
 
@@ -94,8 +98,8 @@ def effects_row(effects: Sequence[Effect]) -> np.ndarray:
     """Return the row of an environment, of `Effects`; all else is off."""
     row: Any = np.zeros((), np.dtype(Effects.numpy_dtype()))
     for effect in effects:
-        for item in effect.parameters():
-            row[f'{effect.name}_{item.name}'] = getattr(effect, item.name)
+        for name, number in {'strength': effect.strength, **effect.constants()}.items():
+            row[f'{effect.name}_{name}'] = number
     return row
 
 
@@ -111,12 +115,12 @@ def light_row(mode: Mode, profile: Profile) -> np.ndarray:
     exposure = FrameState(
         mode, profile.intrinsics, 0, np.zeros(2, np.uint32), Memory(), nothing, nothing
     )
-    frequencies = np.array(mode.modulation_hz)
+    frequencies = mode.modulation_hz
     row['frequencies'] = count
     row['turns'][:count] = np.array(exposure.wave_numbers) / (2 * np.pi)
     row['weights'][:count] = exposure.weights
     row['spans'][:count] = exposure.spans
-    row['spreads'][:count] = np.sqrt((frequencies**2).sum()) / frequencies
+    row['spreads'][:count] = noise_shares(frequencies)
     for place, (i, j) in enumerate(((0, 1), (0, 2), (1, 2))):
         if j < count:
             row['steps'][place] = lattice_step(frequencies[i], frequencies[j])

@@ -10,7 +10,7 @@ instructions, a few on CUDA. `formulas.surfaces` explains the model; edges move 
 from flexx2_sim_ros.batch.arithmetic import AXIAL, counter_of, four_normals, one_of
 from flexx2_sim_ros.batch.arrays import at, at_byte, at_word, put, put_byte, put_word
 from flexx2_sim_ros.batch.compiled import compiled
-from flexx2_sim_ros.formulas import surfaces
+from flexx2_sim_ros.formulas import pixels, surfaces
 from flexx2_sim_ros.physics import surface
 import warp as wp
 
@@ -37,6 +37,8 @@ _is_jump = compiled(surfaces.is_jump)
 _slope_between = compiled(surfaces.slope_between)
 _cos_incidence = compiled(surfaces.cos_incidence)
 _model_sigma = compiled(surfaces.model_sigma)
+_is_seen = compiled(pixels.is_seen)
+distance = compiled(surfaces.distance)
 
 
 @wp.struct
@@ -188,7 +190,7 @@ def cos_incidence(
 @wp.func
 def model_sigma(noise: Noise, lens: Lens, inverse: wp.float32, cosine: wp.float32) -> wp.float32:
     """Return sigma_z, metres; 0 where nothing is."""
-    z = wp.where(inverse > 0.0, 1.0 / inverse, 1.0)
+    z = distance(inverse, 1.0)
     sigma = _model_sigma(z, cosine, noise.a, noise.b, noise.c, noise.d, noise.n, lens.cap)
     return wp.where(inverse > 0.0, wp.max(sigma, 0.0), 0.0)
 
@@ -233,10 +235,10 @@ def noisy(
     i = padded(lens, n, y, x)
     inverse = at(p, i)
     sigma = model_sigma(noise, lens, inverse, cos_incidence(p, jumps, lens, i, y, x))
-    z = wp.where(inverse > 0.0, 1.0 / inverse, 0.0)
+    z = distance(inverse, 0.0)
     value = z + sigma * normal
-    low = wp.min(z, value) >= noise.range_min
-    return wp.where(low and wp.max(z, value) <= noise.range_max, value, lens.invalid)
+    seen = _is_seen(z, value, noise.range_min, noise.range_max)
+    return wp.where(seen, value, lens.invalid)
 
 
 @wp.func

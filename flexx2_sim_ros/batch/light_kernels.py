@@ -1,7 +1,5 @@
 """The light of each pixel, between the kernels; and what motion makes of it."""
 
-import math
-
 from flexx2_sim_ros.batch.arrays import at, put
 from flexx2_sim_ros.batch.compiled import compiled
 from flexx2_sim_ros.batch.effect_formulas import (
@@ -10,6 +8,7 @@ from flexx2_sim_ros.batch.effect_formulas import (
     reflectivity_at,
     returned_light,
     Surfaces,
+    TURN,
 )
 from flexx2_sim_ros.batch.effect_tables import Effects, Light
 from flexx2_sim_ros.batch.kernels import Lens, OPTIONS, padded
@@ -18,7 +17,6 @@ import warp as wp
 
 wp.set_module_options(OPTIONS)
 
-TURN = wp.constant(wp.float32(2.0 * math.pi))
 _TAPS = wp.constant(motion_artefact.TAPS)
 
 _tap_moment = compiled(motion_artefact.tap_moment)
@@ -68,11 +66,10 @@ def find_light(
             x += 1
         f += 1
     if e.flying_pixels_strength > 0.0:
-        share = wp.min(e.flying_pixels_strength * e.flying_pixels_share, 1.0)
         x = wp.int32(start)
         while x < end:
             if at(surfaces.p, i + x) > 0.0 and near_jump(surfaces, lens, n, y, x):
-                mixed = mix_neighbours(surfaces, lens, light, share, n, y, x)
+                mixed = mix_neighbours(surfaces, lens, light, e.flying_pixels_from_around, n, y, x)
                 put(phasors.amplitude, row + x, mixed[3])
                 for k in range(3):
                     if k < light.frequencies:

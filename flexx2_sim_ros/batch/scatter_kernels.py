@@ -7,9 +7,10 @@ The kernel over the image is a sum of products of a function of the row and one 
 
 from flexx2_sim_ros.batch.arrays import at, put
 from flexx2_sim_ros.batch.compiled import compiled
+from flexx2_sim_ros.batch.effect_formulas import TURN
 from flexx2_sim_ros.batch.effect_tables import Effects, Light
 from flexx2_sim_ros.batch.kernels import Lens, OPTIONS, padded
-from flexx2_sim_ros.batch.light_kernels import Phasors, TURN
+from flexx2_sim_ros.batch.light_kernels import Phasors
 from flexx2_sim_ros.effects import stray_light
 from flexx2_sim_ros.effects.stray_light import BLOCK
 from flexx2_sim_ros.formulas import phases

@@ -6,6 +6,8 @@ from itertools import groupby
 import math
 from typing import Any
 
+from flexx2_sim_ros.formulas import on_images
+from flexx2_sim_ros.formulas.surfaces import returned_light
 from flexx2_sim_ros.physics.axial import (
     add_noise,
     blank_invalid,
@@ -156,7 +158,11 @@ def _light(state: FrameState) -> None:
         surface = analyse(depth, state.intrinsics, state.mode.sensor)
         inverse = surface.inverse_depth[PAD:-PAD, PAD:-PAD]
         depth[inverse == 0] = np.nan
-        return surface, depth, state.reflectivity * surface.cos_incidence * inverse * inverse
+        return (
+            surface,
+            depth,
+            on_images(returned_light)(state.reflectivity, surface.cos_incidence, inverse),
+        )
 
     common = state.common
     state.surface, depth, amplitude = once(_scene(common), 'light', make)

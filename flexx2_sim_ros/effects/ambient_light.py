@@ -5,10 +5,17 @@ from typing import ClassVar
 
 from flexx2_sim_ros.effects.effect import Effect, parameter
 from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis
+from flexx2_sim_ros.formulas import on_images
+from flexx2_sim_ros.formulas.scalars import f32, most, root
 from flexx2_sim_ros.physics.frame_state import FrameState, Stage
-import numpy as np
 
-DARKEST = np.float32(1e-6)  # 1/m^2; the noise is beyond every range.
+_DARKEST = f32(1e-6)  # 1/m^2; the noise is beyond every range.
+
+
+def with_shot_noise(sigma: float, amplitude: float, k: float) -> float:
+    """Return sigma_z with the background's shot noise, which falls with the amplitude."""
+    extra = k / most(amplitude, _DARKEST)
+    return root(sigma * sigma + extra * extra)
 
 
 @dataclass(frozen=True)
@@ -34,7 +41,10 @@ class AmbientLight(Effect):
 
     k: float = parameter(0.0008, 0.0, 0.1, '1/m', 'noise at unit amplitude')
 
+    def constants(self) -> dict[str, float]:
+        """Return the noise at unit amplitude, 1/m."""
+        return {'k': self.strength * self.k}
+
     def apply(self, state: FrameState) -> None:
         """Add the variance."""
-        extra = np.float32(self.strength * self.k) / np.maximum(state.signal, DARKEST)
-        state.sigma = np.hypot(state.sigma, extra)
+        state.sigma = on_images(with_shot_noise)(state.sigma, state.signal, *self.rounded)

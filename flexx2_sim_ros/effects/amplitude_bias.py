@@ -7,8 +7,22 @@ from typing import ClassVar
 from flexx2_sim_ros.effects.effect import Effect, parameter
 from flexx2_sim_ros.effects.hypothesis import Hypothesis, StandIn, Term
 from flexx2_sim_ros.effects.offset import Offset, SIMULATED_BIAS
+from flexx2_sim_ros.formulas.fastmath import log_from_zero
+from flexx2_sim_ros.formulas.scalars import f32, least, most
+from flexx2_sim_ros.physics.compiled import compiled, loop
 from flexx2_sim_ros.physics.frame_state import FrameState, Stage
+from flexx2_sim_ros.physics.philox import FAST
 import numpy as np
+
+_ZERO = f32(0.0)
+
+
+def dark_bias(
+    amplitude: float, intercept: float, slope: float, log_knee: float, span: float
+) -> float:
+    """Return the shift of a pixel, metres: a hinge in the logarithm of its amplitude."""
+    below = log_from_zero(amplitude) - log_knee
+    return intercept + slope * least(most(below, -span), _ZERO)
 
 
 @dataclass(frozen=True)
@@ -54,12 +68,27 @@ class AmplitudeBias(Effect):
     knee: float = parameter(1.0, 1e-3, 100.0, '1/m^2', 'amplitude above which there is no bias')
     span: float = parameter(3.0, 0.1, 10.0, '', 'constant bias from this many factors of e on')
 
+    def constants(self) -> dict[str, float]:
+        """Return intercept and slope, metres, the knee's logarithm, and the span."""
+        return {
+            'intercept': self.strength * self.intercept,
+            'slope': self.strength * self.slope,
+            'log_knee': math.log(self.knee),
+            'span': self.span,
+        }
+
     def apply(self, state: FrameState) -> None:
         """Add the clipped hinge in the logarithm of the amplitude."""
-        with np.errstate(divide='ignore'):
-            below = np.log(state.signal) - np.float32(math.log(self.knee))
-        hinge = np.clip(below, np.float32(-self.span), np.float32(0))
-        state.add_shift(
-            np.float32(self.strength * self.intercept)
-            + np.float32(self.strength * self.slope) * hinge
-        )
+        shift = np.empty_like(state.depth)
+        _biases(state.signal, *self.rounded, shift)
+        state.add_shift(shift)
+
+
+_dark_bias = compiled(dark_bias)
+
+
+@loop(error_model='numpy', fastmath=FAST)
+def _biases(amplitude, intercept, slope, log_knee, span, out):
+    for y in range(out.shape[0]):
+        for x in range(out.shape[1]):
+            out[y, x] = _dark_bias(amplitude[y, x], intercept, slope, log_knee, span)

@@ -230,6 +230,20 @@ class Effect:
                 )
         return cls(**values)
 
+    def constants(self) -> dict[str, float]:
+        """
+        Return the numbers that the effect's formulas take, by name and in their order.
+
+        They are made of the parameters once a frame, or once a batch. By default they are the
+        parameters.
+        """
+        return {item.name: getattr(self, item.name) for item in self.parameters()}
+
+    @property
+    def rounded(self) -> tuple[np.float32, ...]:
+        """Return the numbers of `constants` as float32."""
+        return tuple(map(np.float32, self.constants().values()))
+
     def apply(self, state: FrameState) -> None:
         """Change the frame in the making."""
         raise NotImplementedError

@@ -6,8 +6,13 @@ from typing import ClassVar
 from flexx2_sim_ros.effects.effect import Effect, parameter
 from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis
 from flexx2_sim_ros.effects.picture import Picture
+from flexx2_sim_ros.formulas import on_images
 from flexx2_sim_ros.physics.frame_state import FrameState, Stage
-import numpy as np
+
+
+def scaled_noise(sigma: float, factor: float) -> float:
+    """Return sigma_z times a factor."""
+    return sigma * factor
 
 
 @dataclass(frozen=True)
@@ -34,6 +39,10 @@ class ExcessNoise(Effect):
 
     factor: float = parameter(1.3, 0.2, 5.0, '', 'factor on sigma_z, at strength 1')
 
+    def constants(self) -> dict[str, float]:
+        """Return the factor on sigma_z."""
+        return {'factor': max(1.0 + self.strength * (self.factor - 1.0), 0.0)}
+
     def apply(self, state: FrameState) -> None:
         """Scale sigma."""
-        state.sigma = state.sigma * np.float32(max(1.0 + self.strength * (self.factor - 1.0), 0.0))
+        state.sigma = on_images(scaled_noise)(state.sigma, *self.rounded)

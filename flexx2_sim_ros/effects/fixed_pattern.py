@@ -8,10 +8,9 @@ from flexx2_sim_ros.effects.effect import Effect, parameter
 from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis
 from flexx2_sim_ros.effects.picture import Picture
 from flexx2_sim_ros.formulas.scalars import i32, least, most, where
-from flexx2_sim_ros.physics.compiled import compiled
+from flexx2_sim_ros.physics.compiled import compiled, loop
 from flexx2_sim_ros.physics.frame_state import FrameState, Stage
 from flexx2_sim_ros.physics.philox import fill_normals
-from numba import njit
 import numpy as np
 
 AROUND = 2  # The mean that is taken off is over 5 x 5 pixels.
@@ -88,7 +87,7 @@ def _grain(key: bytes, shape: tuple[int, ...]) -> np.ndarray:
     return (grain / spread if spread > 0 else grain).astype(np.float32)
 
 
-@njit(cache=True)
+@loop()
 def _less_its_mean(white, grain):
     height, width = white.shape
     smallest = min(height, width)

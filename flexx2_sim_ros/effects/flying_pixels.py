@@ -7,9 +7,28 @@ from flexx2_sim_ros.effects.effect import Effect, parameter
 from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis
 from flexx2_sim_ros.effects.phasors import phases, turn
 from flexx2_sim_ros.effects.picture import Picture
+from flexx2_sim_ros.physics.compiled import compiled, loop
 from flexx2_sim_ros.physics.frame_state import FrameState, Stage
-from numba import njit
 import numpy as np
+
+
+def footprint(own: float, total: float, count: float, share: float) -> float:
+    """
+    Return a pixel's light: a share of it is the mean of the 3 x 3 pixels around.
+
+    It holds for the real and for the imaginary part.
+
+    Parameters
+    ----------
+    own, total : float
+        The light of the pixel, and the sum over those of the 3 x 3 that have a return.
+    count : float
+        How many these are, the pixel included.
+    share : float
+        0..1.
+
+    """
+    return own + share * (total / count - own)
 
 
 @dataclass(frozen=True)
@@ -40,6 +59,10 @@ class FlyingPixels(Effect):
         'fraction of the light that comes from the 3 x 3 pixels around, at strength 1',
     )
 
+    def constants(self) -> dict[str, float]:
+        """Return the fraction of the light that comes from around."""
+        return {'from_around': min(self.strength * self.share, 1.0)}
+
     def apply(self, state: FrameState) -> None:
         """Mix the phasors of neighbours, next to depth jumps."""
         surface = state.surface
@@ -47,12 +70,11 @@ class FlyingPixels(Effect):
         near = near[np.isfinite(state.depth.reshape(-1)[near])]
         if not near.size:
             return
-        share = np.float32(min(self.strength * self.share, 1.0))
         amplitude = np.zeros(near.size, np.float32)
         for k, weight, shift in zip(state.wave_numbers, state.weights, state.shifts, strict=True):
             direction = phases(state, k, shift)
             mixed = np.empty(near.size, np.complex64)
-            _mix_around(state.amplitude * direction, direction, near, share, mixed)
+            _mix_around(state.amplitude * direction, direction, near, *self.rounded, mixed)
             turned = np.zeros(near.size, np.float32)
             turn(direction.reshape(-1)[near], mixed, np.float32(k), turned)
             shift.reshape(-1)[near] += turned
@@ -60,7 +82,10 @@ class FlyingPixels(Effect):
         state.amplitude.reshape(-1)[near] = amplitude
 
 
-@njit(cache=True)
+_footprint = compiled(footprint)
+
+
+@loop()
 def _near_jumps(row_jumps, column_jumps):
     # Pixels whose 3 x 3 neighbourhood has a depth jump in it.
     height, width = row_jumps.shape
@@ -74,7 +99,7 @@ def _near_jumps(row_jumps, column_jumps):
     return near
 
 
-@njit(cache=True)
+@loop(error_model='numpy')
 def _mix_around(light, direction, pixels, share, out):
     # (1 - share) of a pixel's own light and `share` of the mean of the 3 x 3 around it, as far as
     # there is something.
@@ -87,5 +112,8 @@ def _mix_around(light, direction, pixels, share, out):
             for xx in range(max(x - 1, 0), min(x + 2, width)):
                 total += light[yy, xx]
                 count += direction[yy, xx] != 0
-        own = light[y, x]
-        out[n] = own + share * (total / np.float32(count) - own)
+        own, number = light[y, x], np.float32(count)
+        out[n] = complex(
+            _footprint(own.real, total.real, number, share),
+            _footprint(own.imag, total.imag, number, share),
+        )

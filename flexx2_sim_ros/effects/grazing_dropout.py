@@ -1,13 +1,39 @@
 """Grazing dropout: too slanted."""
 
 from dataclasses import dataclass
+import math
 from typing import ClassVar
 
 from flexx2_sim_ros.effects.effect import Effect, parameter
 from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis
-from flexx2_sim_ros.effects.losing import lose
+from flexx2_sim_ros.effects.losing import lose, survival
+from flexx2_sim_ros.formulas.fastmath import arccos, log_from_zero
+from flexx2_sim_ros.physics.compiled import compiled, loop
 from flexx2_sim_ros.physics.frame_state import FrameState, Stage
+from flexx2_sim_ros.physics.philox import FAST
 import numpy as np
+
+
+def survives_grazing(
+    incidence: float, z: float, half: float, width: float, distance: float, strength: float
+) -> float:
+    """
+    Return the chance that a pixel stays valid.
+
+    Parameters
+    ----------
+    incidence, z : float
+        Incidence angle, radians, and depth, metres.
+    half, width : float
+        The angle at which half are lost at 1 m, and the logistic's width, radians.
+    distance : float
+        Logit added per factor e of depth.
+    strength : float
+        How often the chance to be lost is taken.
+
+    """
+    logit = (incidence - half) / width + distance * log_from_zero(z)
+    return survival(logit, strength)
 
 
 @dataclass(frozen=True)
@@ -37,11 +63,30 @@ class GrazingDropout(Effect):
     width_deg: float = parameter(3.0, 0.2, 20.0, 'deg', 'width of the logistic function')
     distance: float = parameter(1.0, 0.0, 10.0, '', 'logit added per factor e of distance')
 
+    def constants(self) -> dict[str, float]:
+        """Return half and width in radians, the part of distance, and strength."""
+        return {
+            'half': math.radians(self.half_deg),
+            'width': math.radians(self.width_deg),
+            'distance': self.distance,
+            'strength': self.strength,
+        }
+
     def apply(self, state: FrameState) -> None:
         """Lose pixels by a logistic in incidence and in the logarithm of the distance."""
-        incidence = np.degrees(np.arccos(np.clip(state.cosine, 0, 1)))
-        with np.errstate(invalid='ignore'):
-            logit = (incidence - np.float32(self.half_deg)) / np.float32(
-                self.width_deg
-            ) + np.float32(self.distance) * np.log(state.depth)
-        lose(state, logit, self.strength, self.stream)
+        survives = np.empty_like(state.depth)
+        _survives(state.cosine, state.depth, *self.rounded, survives)
+        lose(state, survives, self.stream)
+
+
+_arccos = compiled(arccos)
+_survives_grazing = compiled(survives_grazing)
+
+
+@loop(error_model='numpy', fastmath=FAST)
+def _survives(cosine, depth, half, width, distance, strength, out):
+    for y in range(out.shape[0]):
+        for x in range(out.shape[1]):
+            out[y, x] = _survives_grazing(
+                _arccos(cosine[y, x]), depth[y, x], half, width, distance, strength
+            )

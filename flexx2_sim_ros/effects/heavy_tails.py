@@ -6,8 +6,14 @@ from typing import ClassVar
 from flexx2_sim_ros.effects.effect import Effect, parameter
 from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis
 from flexx2_sim_ros.effects.picture import Picture
+from flexx2_sim_ros.formulas import on_images
+from flexx2_sim_ros.formulas.scalars import where
 from flexx2_sim_ros.physics.frame_state import FrameState, Stage
-import numpy as np
+
+
+def with_tails(normal: float, chance: float, share: float, width: float) -> float:
+    """Return a pixel's normal draw, wider where its ``chance`` (0..1) is within ``share``."""
+    return where(chance <= share, normal * width, normal)
 
 
 @dataclass(frozen=True)
@@ -35,7 +41,12 @@ class HeavyTails(Effect):
     share: float = parameter(0.02, 0.0, 0.25, '', 'fraction of the samples, at strength 1')
     width: float = parameter(5.0, 1.0, 20.0, '', 'factor on the sigma of these samples')
 
+    def constants(self) -> dict[str, float]:
+        """Return the fraction of noisier samples and the factor on their sigma."""
+        return {'share': self.strength * self.share, 'width': self.width}
+
     def apply(self, state: FrameState) -> None:
         """Widen some of the normals."""
-        wide = state.uniforms(self.stream) <= np.float32(self.strength * self.share)
-        state.normals = np.where(wide, state.normals * np.float32(self.width), state.normals)
+        state.normals = on_images(with_tails)(
+            state.normals, state.uniforms(self.stream), *self.rounded
+        )

@@ -11,11 +11,10 @@ from flexx2_sim_ros.formulas import phases
 from flexx2_sim_ros.formulas.fastmath import arctan2
 from flexx2_sim_ros.formulas.scalars import f32, floor, i32, least, most, root, size, where
 from flexx2_sim_ros.formulas.surfaces import plane_normal
-from flexx2_sim_ros.physics.compiled import compiled
+from flexx2_sim_ros.physics.compiled import compiled, loop
 from flexx2_sim_ros.physics.frame_state import FrameState
 from flexx2_sim_ros.physics.philox import FAST
 from flexx2_sim_ros.physics.surface import PAD, slope
-from numba import njit
 import numpy as np
 
 SENDER = 16  # Pixels a side of the patches that light others,
@@ -213,7 +212,7 @@ def bounce(state: FrameState) -> list[np.ndarray]:
     return out
 
 
-@njit(cache=True, error_model='numpy', fastmath=FAST)
+@loop(error_model='numpy', fastmath=FAST)
 def _patches(p, reflectivity, lens, jump_share, steep_share, size):
     # A row a block, see `patch`; 0 for nothing.
     height, width = reflectivity.shape
@@ -242,7 +241,7 @@ def _patches(p, reflectivity, lens, jump_share, steep_share, size):
     return out
 
 
-@njit(cache=True, error_model='numpy', fastmath=FAST)
+@loop(error_model='numpy', fastmath=FAST)
 def _gather(senders, receivers, turns, out):
     # turns: of phase a metre of light path, for each frequency. The path by way of a sender is
     # longer than the direct one by sender's range + distance - receiver's range.
@@ -279,7 +278,7 @@ def _gather(senders, receivers, turns, out):
             out[f, r, 1] = imaginary / irradiance
 
 
-@njit(cache=True, error_model='numpy', fastmath=FAST)
+@loop(error_model='numpy', fastmath=FAST)
 def _spread(p, patches, gamma, out):
     # From receivers to pixels: bilinear, among those of a like depth.
     height, width = out.shape[:2]

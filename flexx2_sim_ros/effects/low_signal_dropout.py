@@ -1,13 +1,24 @@
 """Low-signal dropout: too little light."""
 
 from dataclasses import dataclass
+import math
 from typing import ClassVar
 
 from flexx2_sim_ros.effects.effect import Effect, parameter
 from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis
-from flexx2_sim_ros.effects.losing import log_signal, lose
+from flexx2_sim_ros.effects.losing import lose, survival
+from flexx2_sim_ros.formulas.fastmath import log_from_zero
+from flexx2_sim_ros.physics.compiled import compiled, loop
 from flexx2_sim_ros.physics.frame_state import FrameState, Stage
+from flexx2_sim_ros.physics.philox import FAST
 import numpy as np
+
+
+def survives_darkness(
+    log_amplitude: float, log_half: float, slope: float, strength: float
+) -> float:
+    """Return the chance that a pixel of this amplitude stays valid."""
+    return survival(slope * (log_half - log_amplitude), strength)
 
 
 @dataclass(frozen=True)
@@ -40,7 +51,24 @@ class LowSignalDropout(Effect):
     half: float = parameter(0.012, 1e-5, 10.0, '1/m^2', 'amplitude at which half are invalid')
     slope: float = parameter(3.0, 0.1, 20.0, '', 'slope of the logistic function, per factor e')
 
+    def constants(self) -> dict[str, float]:
+        """Return the logarithm of the amplitude at which half are lost, slope and strength."""
+        return {'log_half': math.log(self.half), 'slope': self.slope, 'strength': self.strength}
+
     def apply(self, state: FrameState) -> None:
         """Lose pixels by a logistic in the logarithm of the amplitude, falling."""
-        logit = np.float32(-self.slope) * log_signal(state, self.half)
-        lose(state, logit, self.strength, self.stream)
+        survives = np.empty_like(state.depth)
+        _survives(state.signal, *self.rounded, survives)
+        lose(state, survives, self.stream)
+
+
+_log_from_zero = compiled(log_from_zero)
+_survives_darkness = compiled(survives_darkness)
+
+
+@loop(error_model='numpy', fastmath=FAST)
+def _survives(amplitude, log_half, slope, strength, out):
+    for y in range(out.shape[0]):
+        for x in range(out.shape[1]):
+            light = _log_from_zero(amplitude[y, x])
+            out[y, x] = _survives_darkness(light, log_half, slope, strength)

@@ -8,12 +8,12 @@ from flexx2_sim_ros.effects.between import alike
 from flexx2_sim_ros.effects.effect import Effect, parameter
 from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis
 from flexx2_sim_ros.effects.picture import Picture
+from flexx2_sim_ros.formulas import on_images
 from flexx2_sim_ros.formulas.phases import angle_between, direction
 from flexx2_sim_ros.formulas.scalars import f32, most, size, where
-from flexx2_sim_ros.physics.compiled import compiled
+from flexx2_sim_ros.physics.compiled import compiled, loop
 from flexx2_sim_ros.physics.frame_state import FrameState, Stage
 from flexx2_sim_ros.physics.philox import FAST
-from numba import njit
 import numpy as np
 
 TAPS = 4
@@ -175,8 +175,7 @@ class MotionArtefact(Effect):
         interval = (state.stamp - before[0]) * 1e-9
         duration = self.strength * self.stretch * state.acquisition_seconds
         taps = TAPS * len(state.shifts)
-        every: Any = np.arange(taps)
-        moments: Any = tap_moment(every, taps, duration / interval, self.stamp_at)
+        moments = on_images(tap_moment)(np.arange(taps), taps, duration / interval, self.stamp_at)
         # When another surface comes into view nobody knows: at any moment between two frames.
         passing = state.uniforms(self.stream)
         for index, (k, shift) in enumerate(zip(state.wave_numbers, state.shifts, strict=True)):
@@ -193,7 +192,7 @@ class MotionArtefact(Effect):
             )
 
 
-@njit(cache=True, error_model='numpy', fastmath=FAST)
+@loop(error_model='numpy', fastmath=FAST)
 def _demodulate(early, late, brighter, passing, moments, wave_number, seconds, shift):
     m0, m1, m2, m3 = moments
     for y in range(late.shape[0]):

@@ -9,11 +9,10 @@ from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis
 from flexx2_sim_ros.effects.interreflection import bounce, with_bounce
 from flexx2_sim_ros.effects.picture import Picture
 from flexx2_sim_ros.formulas.scalars import f32, root
-from flexx2_sim_ros.physics.compiled import compiled
+from flexx2_sim_ros.physics.compiled import compiled, loop
 from flexx2_sim_ros.physics.frame_state import FrameState, Stage
 from flexx2_sim_ros.physics.philox import FAST
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
-from numba import njit
 import numpy as np
 
 _ONE = f32(1.0)
@@ -93,7 +92,7 @@ def _depths_of_ranges(camera: Intrinsics) -> np.ndarray:
     return np.asarray(cosine, np.float32)
 
 
-@njit(cache=True, error_model='numpy', fastmath=FAST)
+@loop(error_model='numpy', fastmath=FAST)
 def _add_bounce(indirect, factor, wave_number, weight, depth_of_range, shift, brighter):
     # The detour is along the ray.
     for y in range(shift.shape[0]):

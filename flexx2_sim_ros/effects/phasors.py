@@ -2,31 +2,33 @@
 
 import math
 
-from flexx2_sim_ros.physics.fastmath import arctan2, cos_sin_turns
+from flexx2_sim_ros.formulas import phases as formulas
+from flexx2_sim_ros.physics.compiled import compiled, loop
 from flexx2_sim_ros.physics.frame_state import FrameState
 from flexx2_sim_ros.physics.philox import FAST
-from numba import njit
 import numpy as np
 
+_direction = compiled(formulas.direction)
+_angle_between = compiled(formulas.angle_between)
 
-@njit(cache=True, error_model='numpy', fastmath=FAST)
+
+@loop(error_model='numpy', fastmath=FAST)
 def _directions(depth, shift, turns, out):
     # The phase of each pixel as a complex number of magnitude 1; 0 where there is no return.
     # `turns`: turns of phase per metre.
     for y in range(depth.shape[0]):
         for x in range(depth.shape[1]):
             phase = turns * (depth[y, x] + shift[y, x])
-            phase = phase - np.floor(phase)
-            cosine, sine = cos_sin_turns(phase if phase == phase else np.float32(0.0))
+            cosine, sine = _direction(phase if phase == phase else np.float32(0.0))
             out[y, x] = complex(cosine, sine) if depth[y, x] > 0 else complex(0.0, 0.0)
 
 
-@njit(cache=True, error_model='numpy', fastmath=FAST)
+@loop(error_model='numpy', fastmath=FAST)
 def turn(before, after, wave_number, shift):
     """Shift depth by what the phase has turned; all flat."""
     for i in range(before.size):
-        turned = after[i] * before[i].conjugate()
-        shift[i] += arctan2(turned.imag, turned.real) / wave_number
+        angle = _angle_between(after[i].real, after[i].imag, before[i].real, before[i].imag)
+        shift[i] += angle / wave_number
 
 
 def phases(state: FrameState, wave_number: float, shift: np.ndarray) -> np.ndarray:

@@ -9,11 +9,10 @@ from flexx2_sim_ros.effects.hypothesis import Hypothesis
 from flexx2_sim_ros.effects.picture import Picture
 from flexx2_sim_ros.formulas import surfaces
 from flexx2_sim_ros.formulas.scalars import f32, floor, i32, least, most, where
-from flexx2_sim_ros.physics.compiled import compiled
+from flexx2_sim_ros.physics.compiled import compiled, loop
 from flexx2_sim_ros.physics.frame_state import FrameState, Stage
 from flexx2_sim_ros.physics.philox import FAST
 from flexx2_sim_ros.physics.surface import PAD, tangents
-from numba import njit
 import numpy as np
 
 NEAREST = f32(1e-3)  # depth of a point that the other camera can see, over its depth in this one
@@ -137,7 +136,7 @@ def rotation_of(turn: np.ndarray) -> np.ndarray:
     return np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * cross @ cross
 
 
-@njit(cache=True, error_model='numpy', fastmath=FAST)
+@loop(error_model='numpy', fastmath=FAST)
 def _look_from(p, across, down, lens, rotation, step, depth, index):
     # A point X of the moved camera is rotation X + step in the old one, where the plane seen by a
     # pixel is n . X = 1. Which pixel that is, is found from the depth the ray had before.

@@ -6,8 +6,14 @@ from typing import ClassVar
 from flexx2_sim_ros.effects.effect import Effect, parameter
 from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis
 from flexx2_sim_ros.effects.picture import Picture
+from flexx2_sim_ros.formulas import on_images
+from flexx2_sim_ros.formulas.scalars import nearest
 from flexx2_sim_ros.physics.frame_state import FrameState, Stage
-import numpy as np
+
+
+def stored(depth: float, step: float) -> float:
+    """Return a depth in whole steps."""
+    return nearest(depth / step) * step
 
 
 @dataclass(frozen=True)
@@ -32,7 +38,10 @@ class Quantisation(Effect):
 
     step: float = parameter(0.004, 1e-5, 0.2, 'm', 'step between stored depths, at strength 1')
 
+    def constants(self) -> dict[str, float]:
+        """Return the step, metres."""
+        return {'step': self.strength * self.step}
+
     def apply(self, state: FrameState) -> None:
         """Round to whole steps."""
-        step = np.float32(self.strength * self.step)
-        state.measured = np.rint(state.measured / step) * step
+        state.measured = on_images(stored)(state.measured, *self.rounded)

@@ -1,5 +1,6 @@
 """Range wrap: the ambiguity of phase."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 import math
 from typing import ClassVar
@@ -7,12 +8,131 @@ from typing import ClassVar
 from flexx2_sim_ros.effects.effect import Effect, parameter
 from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis
 from flexx2_sim_ros.effects.picture import Picture
+from flexx2_sim_ros.formulas import on_images
+from flexx2_sim_ros.formulas.scalars import (
+    both,
+    ceiling,
+    f32,
+    floor,
+    i32,
+    nearest,
+    root,
+    size,
+    where,
+)
+from flexx2_sim_ros.physics.compiled import compiled, loop
 from flexx2_sim_ros.physics.frame_state import FrameState, SPEED_OF_LIGHT, Stage
 from flexx2_sim_ros.physics.philox import fill_normals, stamp_words
-from numba import njit
 import numpy as np
 
-RARE = 6.0  # sigmas of noise that are not looked into
+_RARE = f32(6.0)  # sigmas of noise that are not looked into
+_ZERO = f32(0.0)
+_HALF = f32(0.5)
+_NAN = f32(math.nan)
+_LARGEST = f32(np.finfo(np.float32).max)
+
+
+def widest_apart(spread: float, other: float, sigma: float) -> float:
+    """
+    Return how far noise may put the distances of two frequencies apart, metres.
+
+    Parameters
+    ----------
+    spread, other : float
+        The noise of each frequency's distance, in sigmas of their mean.
+    sigma : float
+        Of their mean, metres.
+
+    """
+    return _RARE * root(spread * spread + other * other) * sigma
+
+
+def is_apart(one: float, other: float, more: float, step: float) -> bool:
+    """Say whether two distances, and ``more`` between them, are apart by half a lattice step."""
+    return size(one - other) + more > _HALF * step
+
+
+def misread(shift: float, spread: float, sigma: float, normal: float) -> float:
+    """Return how far a frequency's distance is from the mean, metres, with its own noise."""
+    return spread * sigma * normal + shift
+
+
+def wrong_jump(
+    errors: np.ndarray,
+    spans: np.ndarray,
+    weights: np.ndarray,
+    count: int,
+    ambiguity: float,
+    here: float,
+) -> float:
+    """
+    Return the jump to those whole wraps at which the frequencies' distances agree best, metres.
+
+    For every whole wrap of the finest frequency the others' nearest wraps are taken.
+
+    Parameters
+    ----------
+    errors : numpy.ndarray
+        How far each frequency's distance is from the mean, metres.
+    spans, weights : numpy.ndarray
+        Depth after which each phase repeats, metres, and weight in the mean.
+    count : int
+        How many frequencies there are.
+    ambiguity : float
+        Depth after which all phases together repeat, metres; the jump stays within it.
+    here : float
+        The mean, metres.
+
+    """
+    finest = i32(0)
+    for f in range(count):
+        if spans[f] < spans[finest]:
+            finest = f
+    last = i32(ceiling(ambiguity / spans[finest]))
+    best = f32(_LARGEST)
+    jump = f32(0.0)
+    for wrap in range(-last, last + 1):
+        first = errors[finest] + f32(wrap) * spans[finest]
+        mean = f32(0.0)
+        mean_jump = f32(0.0)
+        for f in range(count):
+            wrapped = nearest((first - errors[f]) / spans[f]) * spans[f]
+            mean += weights[f] * (errors[f] + wrapped)
+            mean_jump += weights[f] * wrapped
+        misfit = f32(0.0)
+        for f in range(count):
+            wrapped = nearest((first - errors[f]) / spans[f]) * spans[f]
+            off = errors[f] + wrapped - mean
+            misfit += weights[f] * (off * off)
+        there = here + mean_jump
+        # No jump at all needs no room.
+        fits = where(wrap == 0, True, both(there >= _ZERO, there < ambiguity))
+        better = both(fits, misfit < best)
+        best = where(better, misfit, best)
+        jump = where(better, mean_jump, jump)
+    return jump
+
+
+def is_beyond(depth: float, z: float, ambiguity: float, range_max: float) -> bool:
+    """Say whether a depth cannot be told from one within the ambiguity, or should not be there."""
+    return where(depth < _ZERO, True, where(depth >= ambiguity, True, z > range_max))
+
+
+def folded(depth: float, ambiguity: float, chance: float, share: float) -> float:
+    """
+    Return a depth modulo the ambiguity; NaN where there is nothing to wrap, or it is noticed.
+
+    Parameters
+    ----------
+    depth, ambiguity : float
+        Metres.
+    chance, share : float
+        The pixel's random number, 0..1, and the fraction that is not noticed.
+
+    """
+    wraps = floor(depth / ambiguity)
+    wrapped = where(wraps == _ZERO, _NAN, depth - wraps * ambiguity)
+    return where(chance > share, _NAN, wrapped)
 
 
 @dataclass(frozen=True)
@@ -51,53 +171,52 @@ class RangeWrap(Effect):
         'fraction of returns from beyond the range that are not recognised, at strength 1',
     )
 
+    def constants(self) -> dict[str, float]:
+        """Return the factor on sigma_z, and the fraction of wrapped returns."""
+        return {'noise': self.strength, 'share': min(self.strength * self.share, 1.0)}
+
     def apply(self, state: FrameState) -> None:
         """Take depth modulo the ambiguity; with several frequencies, unwrap wrongly first."""
+        noise, share = self.rounded
         if len(state.mode.modulation_hz) > 1:
-            self._unwrap_wrongly(state)
+            self._unwrap_wrongly(state, noise)
         ambiguity = np.float32(state.ambiguity)
         measured = state.measured
         with np.errstate(invalid='ignore'):
-            unseen = (
-                (measured < 0)
-                | (measured >= ambiguity)
-                | (state.depth > np.float32(state.mode.range_max))
+            beyond = np.flatnonzero(
+                on_images(is_beyond)(
+                    measured, state.depth, ambiguity, np.float32(state.mode.range_max)
+                )
             )
-        beyond = np.flatnonzero(unseen)
         if beyond.size:
-            values = measured.reshape(-1)[beyond]
-            wraps = np.floor(values / ambiguity)
-            noticed = state.uniforms(self.share_stream).reshape(-1)[beyond] > np.float32(
-                min(self.strength * self.share, 1.0)
+            chances = state.uniforms(self.share_stream).reshape(-1)[beyond]
+            measured.reshape(-1)[beyond] = on_images(folded)(
+                measured.reshape(-1)[beyond], ambiguity, chances, share
             )
-            values = values - wraps * ambiguity
-            values[noticed | (wraps == 0)] = np.nan
-            measured.reshape(-1)[beyond] = values
 
-    def _unwrap_wrongly(self, state: FrameState) -> None:
+    def _unwrap_wrongly(self, state: FrameState, noise: np.float32) -> None:
         # How far each frequency's distance is from their weighted mean: by unequal shifts, and by
         # noise that falls as 1/f and leaves the mean's sigma as it is.
         frequencies = state.mode.modulation_hz
-        norm = math.sqrt(sum(f * f for f in frequencies))
-        spreads = np.array([norm / f for f in frequencies], np.float32)
+        spreads = noise_shares(frequencies)
         pairs = [
-            (
-                i,
-                j,
-                math.hypot(spreads[i], spreads[j]),
-                lattice_step(frequencies[i], frequencies[j]),
-            )
+            (i, j, lattice_step(frequencies[i], frequencies[j]))
             for i in range(len(frequencies))
             for j in range(i)
         ]
-        sigma = np.float32(self.strength) * state.sigma.reshape(-1)
+        sigma = noise * state.sigma.reshape(-1)
         shifts = [shift.reshape(-1) for shift in state.shifts]
         # As long as no two of them are apart by half a step, all is well.
         risky = np.flatnonzero(
             np.any(
                 [
-                    np.abs(shifts[i] - shifts[j]) + np.float32(RARE * spread) * sigma > step / 2
-                    for i, j, spread, step in pairs
+                    on_images(is_apart)(
+                        shifts[i],
+                        shifts[j],
+                        on_images(widest_apart)(spreads[i], spreads[j], sigma),
+                        step,
+                    )
+                    for i, j, step in pairs
                 ],
                 axis=0,
             )
@@ -106,14 +225,18 @@ class RangeWrap(Effect):
             return
         draws = np.empty((len(frequencies), state.depth.size), np.float32)
         fill_normals(state.key, *stamp_words(state.stamp), self.stream, draws.reshape(-1))
-        errors = spreads[:, None] * sigma[risky] * draws[:, risky] + np.stack(
-            [shift[risky] for shift in shifts]
+        errors = on_images(misread)(
+            np.stack([shift[risky] for shift in shifts]),
+            spreads[:, None],
+            sigma[risky],
+            draws[:, risky],
         )
         apart = np.any(
-            [np.abs(errors[i] - errors[j]) > step / 2 for i, j, _, step in pairs], axis=0
+            [on_images(is_apart)(errors[i], errors[j], _ZERO, step) for i, j, step in pairs],
+            axis=0,
         )
         _unwrap(
-            errors[:, apart],
+            errors[:, apart].T.copy(),
             risky[apart],
             np.array(state.spans, np.float32),
             np.array(state.weights, np.float32),
@@ -122,34 +245,26 @@ class RangeWrap(Effect):
         )
 
 
+def noise_shares(frequencies: Sequence[float]) -> np.ndarray:
+    """Return the noise of each frequency's distance, in sigmas of their mean, float32."""
+    hertz = np.array(frequencies)
+    return (np.sqrt((hertz**2).sum()) / hertz).astype(np.float32)
+
+
 def lattice_step(one: float, other: float) -> np.float32:
     """Return the lattice of distances that repeat after c/2f1 and c/2f2: c gcd / (2 f1 f2)."""
     common = math.gcd(round(one / 1e6), round(other / 1e6)) * 1e6
     return np.float32(SPEED_OF_LIGHT * common / (2.0 * one * other))
 
 
-@njit(cache=True)
+_wrong_jump = compiled(wrong_jump)
+
+
+@loop(error_model='numpy')
 def _unwrap(errors, pixels, spans, weights, ambiguity, measured):
-    # For every whole wrap of the finest frequency the others' nearest; of all these the one at
-    # which the distances agree best, within the ambiguity. errors: (frequencies, pixels).
-    finest = int(np.argmin(spans))
-    most = int(np.ceil(ambiguity / spans[finest]))
+    # errors: (pixels, frequencies).
     for i in range(pixels.size):
         here = measured[pixels[i]]
-        best, jump = np.float32(np.inf), np.float32(0.0)
-        for wrap in range(-most, most + 1):
-            first = errors[finest, i] + np.float32(wrap) * spans[finest]
-            mean, mean_jump = np.float32(0.0), np.float32(0.0)
-            for f in range(spans.size):
-                wrapped = np.rint((first - errors[f, i]) / spans[f]) * spans[f]
-                mean += weights[f] * (errors[f, i] + wrapped)
-                mean_jump += weights[f] * wrapped
-            misfit = np.float32(0.0)
-            for f in range(spans.size):
-                wrapped = np.rint((first - errors[f, i]) / spans[f]) * spans[f]
-                misfit += weights[f] * (errors[f, i] + wrapped - mean) ** 2
-            # No jump at all needs no room.
-            fits = wrap == 0 or 0 <= here + mean_jump < ambiguity
-            if fits and misfit < best:
-                best, jump = misfit, mean_jump
-        measured[pixels[i]] = here + jump
+        measured[pixels[i]] = here + _wrong_jump(
+            errors[i], spans, weights, spans.size, ambiguity, here
+        )

@@ -1,13 +1,14 @@
 """Delays along the line of sight: what a diagnosis compares a camera with; not listed."""
 
 from dataclasses import dataclass
-import math
 from typing import ClassVar
 
 from flexx2_sim_ros.effects.effect import parameter
 from flexx2_sim_ros.effects.hypothesis import Hypothesis
-from flexx2_sim_ros.effects.wiggling import Wiggling
+from flexx2_sim_ros.effects.wiggling import harmonics, Wiggling
+from flexx2_sim_ros.physics.compiled import compiled, loop
 from flexx2_sim_ros.physics.frame_state import FrameState, SPEED_OF_LIGHT
+from flexx2_sim_ros.physics.philox import FAST
 import numpy as np
 
 
@@ -31,20 +32,29 @@ class AlongRay(Wiggling):
     bias: float = parameter(0.0, -0.5, 0.5, 'm', 'added to the distance along the ray')
     a4: float = parameter(0.0, -0.1, 0.1, 'm', 'sine, four periods per c/2f')
 
+    def constants(self) -> dict[str, float]:
+        """Return the offset and the coefficients of the harmonics, metres."""
+        return {'bias': self.strength * self.bias, **super().constants()}
+
     def apply(self, state: FrameState) -> None:
         """Add them at every modulation frequency."""
         length = ray_length(state.intrinsics.matrix, state.depth.shape)
         for frequency, shift in zip(state.mode.modulation_hz, state.shifts, strict=True):
-            step = np.float32(4.0 * math.pi * frequency / SPEED_OF_LIGHT)
-            phase = step * (state.depth + shift) * length
-            total = np.full_like(phase, self.bias)
-            for k in (1, 2, 3, 4):
-                a, b = getattr(self, f'a{k}'), getattr(self, f'b{k}')
-                if a:
-                    total += np.float32(a) * np.sin(np.float32(k) * phase)
-                if b:
-                    total += np.float32(b) * np.cos(np.float32(k) * phase)
-            shift += np.float32(self.strength) * total / length
+            turns = np.float32(2.0 * frequency / SPEED_OF_LIGHT)
+            _add_along_ray(state.depth, length, turns, *self.rounded, shift)
+
+
+_harmonics = compiled(harmonics)
+
+
+@loop(error_model='numpy', fastmath=FAST)
+def _add_along_ray(depth, length, turns, bias, a1, b1, a2, b2, a3, b3, a4, b4, shift):
+    # turns: of phase a metre along the ray.
+    for y in range(depth.shape[0]):
+        for x in range(depth.shape[1]):
+            phase = turns * (depth[y, x] + shift[y, x]) * length[y, x]
+            added = bias + _harmonics(phase, a1, b1, a2, b2, a3, b3, a4, b4)
+            shift[y, x] += added / length[y, x]
 
 
 def ray_length(K: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:  # noqa: N803

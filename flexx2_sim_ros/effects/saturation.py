@@ -6,9 +6,28 @@ from typing import ClassVar
 
 from flexx2_sim_ros.effects.effect import Effect, parameter
 from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis
-from flexx2_sim_ros.effects.losing import log_signal, lose
+from flexx2_sim_ros.effects.losing import lose, survival
+from flexx2_sim_ros.formulas.fastmath import arccos, exp, log, log_from_zero
+from flexx2_sim_ros.formulas.scalars import f32
+from flexx2_sim_ros.physics.compiled import compiled, loop
 from flexx2_sim_ros.physics.frame_state import FrameState, Stage
+from flexx2_sim_ros.physics.philox import FAST
 import numpy as np
+
+_ONE = f32(1.0)
+
+
+def specular_gain(incidence: float, gloss: float, lobe: float) -> float:
+    """Return the factor on a glossy surface's light; ``lobe``: how wide it is, radians."""
+    angle = incidence / lobe
+    return _ONE + gloss * exp(-angle * angle)
+
+
+def survives_light(
+    log_amplitude: float, gain: float, log_half: float, slope: float, strength: float
+) -> float:
+    """Return the chance that a pixel of this amplitude, times a gain, stays valid."""
+    return survival(slope * (log_amplitude + log(gain) - log_half), strength)
 
 
 @dataclass(frozen=True)
@@ -45,18 +64,41 @@ class Saturation(Effect):
     )
     lobe_deg: float = parameter(4.0, 0.2, 45.0, 'deg', 'width of the specular lobe')
 
+    def constants(self) -> dict[str, float]:
+        """Return gloss and lobe (radians), then the logistic's half, slope and strength."""
+        return {
+            'gloss': self.gloss,
+            'lobe': math.radians(self.lobe_deg),
+            'log_half': math.log(self.half),
+            'slope': self.slope,
+            'strength': self.strength,
+        }
+
     def apply(self, state: FrameState) -> None:
         """Lose pixels by a logistic in the logarithm of the amplitude, rising."""
-        incidence = np.arccos(np.clip(state.cosine, 0, 1))
-        lobe = np.exp(-((incidence / np.float32(math.radians(self.lobe_deg))) ** 2))
-        gain = np.log(np.float32(1) + np.float32(self.gloss) * lobe)
-        logit = np.float32(self.slope) * (log_signal(state, self.half) + gain)
-        lost = lose(state, logit, self.strength, self.stream)
+        gain, survives = np.empty_like(state.depth), np.empty_like(state.depth)
+        _survives(state.signal, state.cosine, *self.rounded, gain, survives)
+        lost = lose(state, survives, self.stream)
         state.saturated = lost & np.isfinite(state.depth)
         if state.saturated.any():
             # A full well says "at least this much": white in the gray image.
-            light = state.amplitude * np.exp(gain)
+            light = state.amplitude[state.saturated] * gain[state.saturated]
             full = np.float32(state.mode.sensor.full_scale_amplitude / state.exposure_share)
             state.amplitude = np.where(
-                state.saturated, np.maximum(light[state.saturated].max(), full), state.amplitude
+                state.saturated, np.maximum(light.max(), full), state.amplitude
             )
+
+
+_arccos = compiled(arccos)
+_specular_gain = compiled(specular_gain)
+_log_from_zero = compiled(log_from_zero)
+_survives_light = compiled(survives_light)
+
+
+@loop(error_model='numpy', fastmath=FAST)
+def _survives(amplitude, cosine, gloss, lobe, log_half, slope, strength, gain, out):
+    for y in range(out.shape[0]):
+        for x in range(out.shape[1]):
+            gain[y, x] = _specular_gain(_arccos(cosine[y, x]), gloss, lobe)
+            light = _log_from_zero(amplitude[y, x])
+            out[y, x] = _survives_light(light, gain[y, x], log_half, slope, strength)

@@ -6,10 +6,24 @@ from typing import ClassVar
 from flexx2_sim_ros.effects.effect import Effect, parameter
 from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis
 from flexx2_sim_ros.effects.picture import Picture
+from flexx2_sim_ros.formulas.scalars import f32, most, size, where
+from flexx2_sim_ros.physics.compiled import compiled, loop
 from flexx2_sim_ros.physics.frame_state import FrameState, Stage
 from flexx2_sim_ros.physics.philox import FAST
-from numba import njit
 import numpy as np
+
+_ZERO = f32(0.0)
+_ONE = f32(1.0)
+
+
+def is_alike(difference: float, limit: float) -> bool:
+    """Say whether a neighbour at this difference of depth takes part; never true of NaN."""
+    return size(difference) <= limit
+
+
+def smoothed(here: float, differences: float, count: float, mix: float) -> float:
+    """Return a depth mixed with the mean over ``count`` neighbours that are alike."""
+    return where(count > _ZERO, here + mix * differences / most(count, _ONE), here)
 
 
 @dataclass(frozen=True)
@@ -34,20 +48,22 @@ class SpatialFilter(Effect):
     mix: float = parameter(0.9, 0.0, 1.0, '', 'weight of the 3 x 3 mean, at strength 1')
     gate: float = parameter(4.0, 0.5, 20.0, '', 'only neighbours within this many sigma_z count')
 
+    def constants(self) -> dict[str, float]:
+        """Return the gate, in sigma_z, and the weight of the mean."""
+        return {'gate': self.gate, 'mix': min(self.strength * self.mix, 1.0)}
+
     def apply(self, state: FrameState) -> None:
         """Mix every pixel with those neighbours that are alike."""
         out = np.empty_like(state.measured)
-        _gated_mean(
-            state.measured,
-            state.sigma,
-            np.float32(self.gate),
-            np.float32(min(self.strength * self.mix, 1.0)),
-            out,
-        )
+        _gated_mean(state.measured, state.sigma, *self.rounded, out)
         state.measured = out
 
 
-@njit(cache=True, error_model='numpy', fastmath=FAST)
+_is_alike = compiled(is_alike)
+_smoothed = compiled(smoothed)
+
+
+@loop(error_model='numpy', fastmath=FAST)
 def _gated_mean(depth, sigma, gate, mix, out):
     height, width = depth.shape
     for y in range(height):
@@ -59,7 +75,7 @@ def _gated_mean(depth, sigma, gate, mix, out):
             for yy in range(max(y - 1, 0), min(y + 2, height)):
                 for xx in range(max(x - 1, 0), min(x + 2, width)):
                     difference = depth[yy, xx] - here
-                    if abs(difference) <= limit:  # never true of NaN
+                    if _is_alike(difference, limit):
                         total += difference
                         count += np.float32(1.0)
-            out[y, x] = here + mix * total / count if count > 0 else here
+            out[y, x] = _smoothed(here, total, count, mix)

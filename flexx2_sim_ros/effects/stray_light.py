@@ -10,9 +10,8 @@ from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis
 from flexx2_sim_ros.effects.phasors import phases, turn
 from flexx2_sim_ros.effects.picture import Picture
 from flexx2_sim_ros.formulas.scalars import f32, i32, least, most
-from flexx2_sim_ros.physics.compiled import compiled
+from flexx2_sim_ros.physics.compiled import compiled, loop
 from flexx2_sim_ros.physics.frame_state import FrameState, Stage
-from numba import njit
 import numpy as np
 
 BLOCK = 4  # A wide kernel is applied to the image at a quarter of its resolution.
@@ -129,7 +128,7 @@ def _spectrum(rows: int, columns: int, radius: float) -> np.ndarray:
     return np.fft.fft2(spread_of(rows, columns, radius)).astype(np.complex64)
 
 
-@njit(cache=True)
+@loop()
 def _gather(image, blocks):
     # Light of a block, as if it were a pixel's.
     share = np.float32(1.0 / BLOCK**2)
@@ -138,7 +137,7 @@ def _gather(image, blocks):
             blocks[y // BLOCK, x // BLOCK] += share * image[y, x]
 
 
-@njit(cache=True)
+@loop()
 def _interpolate(blocks, out):
     # Linearly, from the blocks' centres to pixels.
     rows, columns = blocks.shape

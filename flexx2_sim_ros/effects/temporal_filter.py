@@ -6,10 +6,18 @@ from typing import ClassVar
 from flexx2_sim_ros.effects.effect import Effect, parameter
 from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis
 from flexx2_sim_ros.effects.picture import Picture
+from flexx2_sim_ros.formulas import on_images
+from flexx2_sim_ros.formulas.scalars import f32, size, where
 from flexx2_sim_ros.physics.frame_state import FrameState, Stage
 import numpy as np
 
-RESET_SIGMAS = np.float32(6.0)
+_RESET_SIGMAS = f32(6.0)
+
+
+def filtered(depth: float, before: float, sigma: float, share: float) -> float:
+    """Return a depth mixed with that of the frame before, unless they are 6 sigma apart."""
+    change = before - depth
+    return where(size(change) < _RESET_SIGMAS * sigma, depth + share * change, depth)
 
 
 @dataclass(frozen=True)
@@ -39,13 +47,16 @@ class TemporalFilter(Effect):
 
     share: float = parameter(0.4, 0.0, 0.98, '', 'weight of the previous frame, at strength 1')
 
+    def constants(self) -> dict[str, float]:
+        """Return the weight of the frame before."""
+        return {'share': min(self.strength * self.share, 0.98)}
+
     def apply(self, state: FrameState) -> None:
         """Mix every pixel with the frame before, unless it has changed too much."""
-        share = np.float32(min(self.strength * self.share, 0.98))
         before = state.memory.kept.get(self.name)
         if before is not None and before.shape == state.measured.shape:
-            change = before - state.measured
             with np.errstate(invalid='ignore'):
-                alike = np.abs(change) < RESET_SIGMAS * state.sigma
-            state.measured = np.where(alike, state.measured + share * change, state.measured)
+                state.measured = on_images(filtered)(
+                    state.measured, before, state.sigma, *self.rounded
+                )
         state.memory.kept[self.name] = state.measured.copy()

@@ -1,15 +1,21 @@
 """Warm-up drift: temperature after power-on."""
 
 from dataclasses import dataclass
-import math
 from typing import ClassVar
 
 from flexx2_sim_ros.effects.effect import Effect, parameter
 from flexx2_sim_ros.effects.hypothesis import Hypothesis, StandIn, Term
 from flexx2_sim_ros.effects.offset import Offset, SIMULATED_BIAS
 from flexx2_sim_ros.effects.picture import Picture
+from flexx2_sim_ros.formulas import on_images
+from flexx2_sim_ros.formulas.fastmath import exp
 from flexx2_sim_ros.physics.frame_state import FrameState, Stage
 import numpy as np
+
+
+def drift(seconds: float, bias: float, tau: float, uptime: float) -> float:
+    """Return the shift, metres, this long after the first frame."""
+    return bias * exp(-(uptime + seconds) / tau)
 
 
 @dataclass(frozen=True)
@@ -56,7 +62,11 @@ class WarmUpDrift(Effect):
     tau: float = parameter(900.0, 1.0, 36000.0, 's', 'time constant')
     uptime: float = parameter(0.0, 0.0, 1e6, 's', 'time since power-on at the first frame')
 
+    def constants(self) -> dict[str, float]:
+        """Return the shift at power-on, metres, the time constant and the time before."""
+        return {'bias': self.strength * self.bias, 'tau': self.tau, 'uptime': self.uptime}
+
     def apply(self, state: FrameState) -> None:
         """Add the bias of this moment."""
-        seconds = self.uptime + (state.stamp - state.memory.first_stamp) * 1e-9
-        state.add_shift(np.float32(self.strength * self.bias * math.exp(-seconds / self.tau)))
+        seconds = np.float32((state.stamp - state.memory.first_stamp) * 1e-9)
+        state.add_shift(on_images(drift)(seconds, *self.rounded))

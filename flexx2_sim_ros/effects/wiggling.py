@@ -1,14 +1,51 @@
 """Wiggling: harmonics of the modulation."""
 
 from dataclasses import dataclass
-import math
 from typing import ClassVar
 
 from flexx2_sim_ros.effects.effect import Effect, parameter
 from flexx2_sim_ros.effects.hypothesis import Hypothesis, Term
 from flexx2_sim_ros.effects.picture import Picture
+from flexx2_sim_ros.formulas.phases import direction
+from flexx2_sim_ros.formulas.scalars import f32
+from flexx2_sim_ros.physics.compiled import compiled, loop
 from flexx2_sim_ros.physics.frame_state import FrameState, SPEED_OF_LIGHT, Stage
+from flexx2_sim_ros.physics.philox import FAST
 import numpy as np
+
+_TWO = f32(2.0)
+
+
+def harmonics(
+    turns: float,
+    a1: float,
+    b1: float,
+    a2: float,
+    b2: float,
+    a3: float,
+    b3: float,
+    a4: float,
+    b4: float,
+) -> float:
+    """
+    Return the shift by four harmonics of the modulation.
+
+    Parameters
+    ----------
+    turns : float
+        Of phase.
+    a1, b1, a2, b2, a3, b3, a4, b4 : float
+        Of the sine (a) and the cosine (b) of one to four times the phase, metres.
+
+    """
+    c1, s1 = direction(turns)
+    c2 = c1 * c1 - s1 * s1
+    s2 = _TWO * s1 * c1
+    c3 = c2 * c1 - s2 * s1
+    s3 = s2 * c1 + c2 * s1
+    c4 = c2 * c2 - s2 * s2
+    s4 = _TWO * s2 * c2
+    return a1 * s1 + b1 * c1 + a2 * s2 + b2 * c2 + a3 * s3 + b3 * c3 + a4 * s4 + b4 * c4
 
 
 @dataclass(frozen=True)
@@ -66,14 +103,25 @@ class Wiggling(Effect):
     a4: float = parameter(0.0042, -0.1, 0.1, 'm', 'sine, four periods per c/2f')
     b4: float = parameter(0.0, -0.1, 0.1, 'm', 'cosine, four periods per c/2f')
 
+    def constants(self) -> dict[str, float]:
+        """Return the coefficients of the harmonics, metres."""
+        names = ('a1', 'b1', 'a2', 'b2', 'a3', 'b3', 'a4', 'b4')
+        return {name: self.strength * getattr(self, name) for name in names}
+
     def apply(self, state: FrameState) -> None:
         """Add the harmonics of what has been mixed so far, at every modulation frequency."""
         for frequency, shift in zip(state.mode.modulation_hz, state.shifts, strict=True):
-            step = np.float32(2.0 * math.pi * 2.0 * frequency / SPEED_OF_LIGHT)
-            phase = step * (state.depth + shift)
-            for k in (1, 2, 3, 4):
-                a, b = getattr(self, f'a{k}'), getattr(self, f'b{k}')
-                if a:
-                    shift += np.float32(self.strength * a) * np.sin(np.float32(k) * phase)
-                if b:
-                    shift += np.float32(self.strength * b) * np.cos(np.float32(k) * phase)
+            turns = np.float32(2.0 * frequency / SPEED_OF_LIGHT)
+            _add_harmonics(state.depth, turns, *self.rounded, shift)
+
+
+_harmonics = compiled(harmonics)
+
+
+@loop(error_model='numpy', fastmath=FAST)
+def _add_harmonics(depth, turns, a1, b1, a2, b2, a3, b3, a4, b4, shift):
+    # turns: of phase a metre of depth.
+    for y in range(depth.shape[0]):
+        for x in range(depth.shape[1]):
+            phase = turns * (depth[y, x] + shift[y, x])
+            shift[y, x] += _harmonics(phase, a1, b1, a2, b2, a3, b3, a4, b4)

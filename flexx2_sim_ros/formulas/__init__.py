@@ -7,6 +7,6 @@ NumPy numbers and arrays. `physics.compiled` compiles it for loops over images o
 `batch.compiled` for Warp's kernels; `Backend` is what the two share.
 """
 
-from flexx2_sim_ros.formulas.backend import Backend
+from flexx2_sim_ros.formulas.backend import Backend, on_images
 
-__all__ = ['Backend']
+__all__ = ['Backend', 'on_images']

@@ -40,6 +40,7 @@ _SIN = tuple(
     f32((-1) ** k * (math.pi / 2) ** (2 * k + 1) / math.factorial(2 * k + 1)) for k in range(5)
 )
 _COS = tuple(f32((-1) ** k * (math.pi / 2) ** (2 * k) / math.factorial(2 * k)) for k in range(6))
+_LEAST = f32(1e-37)  # close to the smallest normal number
 _ARCCOS = tuple(
     f32(value)
     for value in (
@@ -111,6 +112,11 @@ def power(x: float, exponent: float) -> float:
 def log(x: float) -> float:
     """Return the natural logarithm of a positive normal number."""
     return _LN2 * log2(x)
+
+
+def log_from_zero(x: float) -> float:
+    """Return the natural logarithm of a number from 0 on; below 1e-37 that of 1e-37."""
+    return log(most(x, _LEAST))
 
 
 def exp(x: float) -> float:

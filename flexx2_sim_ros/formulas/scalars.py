@@ -11,11 +11,13 @@ from typing import Any
 import numpy as np
 
 where: Any = np.where
+both: Any = np.logical_and
 least: Any = np.minimum
 most: Any = np.maximum
 size: Any = np.abs
 root: Any = np.sqrt
 floor: Any = np.floor
+ceiling: Any = np.ceil
 nearest: Any = np.rint
 f32: Any = np.float32
 i32: Any = np.int32

@@ -162,6 +162,11 @@ def model_sigma(
     return a + z * (b + z * c) + d * power(z, n) * slant * slant
 
 
+def distance(inverse: float, otherwise: float) -> float:
+    """Return the depth of an inverse depth, metres; ``otherwise`` where nothing is."""
+    return where(inverse > _ZERO, _ONE / inverse, otherwise)
+
+
 def returned_light(reflectivity: float, cosine: float, inverse: float) -> float:
     """Return the amplitude of the light that comes back from a surface, 1/m^2."""
     return reflectivity * cosine * inverse * inverse

@@ -1,7 +1,7 @@
 """Axial noise and what goes with it: sigma_z, amplitude, confidence, the mode's range."""
 
-from flexx2_sim_ros.formulas import surfaces
-from flexx2_sim_ros.physics.compiled import compiled
+from flexx2_sim_ros.formulas import pixels, surfaces
+from flexx2_sim_ros.physics.compiled import compiled, loop
 from flexx2_sim_ros.physics.philox import FAST
 from numba import njit
 import numpy as np
@@ -11,12 +11,17 @@ _ONE = np.float32(1.0)
 _NAN = np.float32(np.nan)
 
 _model_sigma = compiled(surfaces.model_sigma)
+_distance = compiled(surfaces.distance)
 _returned_light = compiled(surfaces.returned_light)
 _usable_reflectivity = compiled(surfaces.usable_reflectivity)
 _surface_factor = compiled(surfaces.surface_factor)
+_is_seen = compiled(pixels.is_seen)
+_measured = compiled(pixels.measured)
+_kept_within = compiled(pixels.kept_within)
+_confidence = compiled(pixels.confidence)
 
 
-@njit(cache=True, error_model='numpy', fastmath=FAST)
+@loop(error_model='numpy', fastmath=FAST)
 def model_sigma(p, cosine, coefficients, cap, out):
     """
     Write sigma_z of every pixel of a surface.
@@ -39,12 +44,12 @@ def model_sigma(p, cosine, coefficients, cap, out):
     for y in range(out.shape[0]):
         for x in range(out.shape[1]):
             inverse = p[y + 2, x + 2]
-            z = _ONE / inverse if inverse > _ZERO else _ONE
+            z = _distance(inverse, _ONE)
             sigma = _model_sigma(z, cosine[y, x], a, b, c, d, n, cap)
             out[y, x] = max(sigma, _ZERO) if inverse > _ZERO else _ZERO
 
 
-@njit(cache=True, error_model='numpy', fastmath=FAST)
+@loop(error_model='numpy', fastmath=FAST)
 def scale_by_surface(p, cosine, reflectivity, coefficients, sigma):
     """
     Scale sigma_z by what each pixel's reflectivity makes of it.
@@ -74,7 +79,7 @@ def scale_by_surface(p, cosine, reflectivity, coefficients, sigma):
             )
 
 
-@njit(cache=True, error_model='numpy', fastmath=FAST)
+@loop(error_model='numpy', fastmath=FAST)
 def observe(
     p,
     cosine,
@@ -147,39 +152,37 @@ def observe(
 
 @njit(inline='always')
 def _see(inverse, cosine, spread, rho, normal, range_min, range_max, zero_confidence):
-    z = _ONE / inverse if inverse > _ZERO else _ZERO
+    z = _distance(inverse, _ZERO)
     value = z + spread * normal
-    valid = (range_min <= z) & (z <= range_max) & (range_min <= value) & (value <= range_max)
-    confidence = max(_ONE - spread / zero_confidence, _ZERO)
+    valid = _is_seen(z, value, range_min, range_max)
+    share = _confidence(spread, zero_confidence)
     light = _returned_light(_usable_reflectivity(rho), cosine, inverse)
     return (
         value if valid else _NAN,
         spread if valid else _NAN,
         light if valid else _ZERO,
-        confidence if valid else _ZERO,
+        share if valid else _ZERO,
     )
 
 
-@njit(cache=True)
+@loop()
 def add_noise(z, shift, sigma, normals, low, high, out):
     """Write z + shift + sigma * normal where z + shift is in low..high, else NaN; all (H, W)."""
     for y in range(out.shape[0]):
         for x in range(out.shape[1]):
             here = z[y, x] + shift[y, x]
-            value = here + sigma[y, x] * normals[y, x]
-            out[y, x] = value if (low <= here) & (here <= high) else _NAN
+            out[y, x] = _measured(here, sigma[y, x], normals[y, x], low, high)
 
 
-@njit(cache=True)
+@loop()
 def blank_outside(depth, low, high):
     """Set depths outside low..high to NaN, in place."""
     for y in range(depth.shape[0]):
         for x in range(depth.shape[1]):
-            here = depth[y, x]
-            depth[y, x] = here if (low <= here) & (here <= high) else _NAN
+            depth[y, x] = _kept_within(depth[y, x], low, high)
 
 
-@njit(cache=True, error_model='numpy')
+@loop(error_model='numpy')
 def blank_invalid(
     depth, sigma, amplitude, zero_confidence, out_sigma, out_amplitude, out_confidence
 ):
@@ -190,4 +193,4 @@ def blank_invalid(
             spread = sigma[y, x]
             out_sigma[y, x] = spread if valid else _NAN
             out_amplitude[y, x] = amplitude[y, x] if valid else _ZERO
-            out_confidence[y, x] = max(_ONE - spread / zero_confidence, _ZERO) if valid else _ZERO
+            out_confidence[y, x] = _confidence(spread, zero_confidence) if valid else _ZERO

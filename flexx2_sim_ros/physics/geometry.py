@@ -9,12 +9,11 @@ from functools import cached_property, lru_cache
 import math
 
 from flexx2_sim_ros.formulas import surfaces
-from flexx2_sim_ros.physics.compiled import compiled
+from flexx2_sim_ros.physics.compiled import compiled, loop
 from flexx2_sim_ros.physics.philox import FAST
 from flexx2_sim_ros.physics.surface import PAD, tangents
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from flexx2_sim_ros.profiles.sensor import DEFAULT_SENSOR, Sensor
-from numba import njit
 import numpy as np
 
 _ITERATIONS = {5: 30, 8: 100}  # by the number of coefficients: rational lenses are wide
@@ -213,7 +212,7 @@ class Reprojection:
         return image.ravel()[self._index].reshape(self.camera.height, self.camera.width)
 
 
-@njit(cache=True, error_model='numpy', fastmath=FAST)
+@loop(error_model='numpy', fastmath=FAST)
 def _look_up(p, across, down, index, du, dv, out):
     width = across.shape[1]
     for pixel in range(out.size):

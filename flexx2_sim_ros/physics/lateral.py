@@ -11,7 +11,7 @@ surfaces get no extra axial noise.
 import math
 
 from flexx2_sim_ros.formulas import edges
-from flexx2_sim_ros.physics.compiled import compiled
+from flexx2_sim_ros.physics.compiled import compiled, loop
 from flexx2_sim_ros.physics.philox import edge_draw, STREAM_COLUMN_EDGES, STREAM_ROW_EDGES
 from numba import njit
 import numpy as np
@@ -33,7 +33,7 @@ def pixel_sigma(sigma_x: float) -> float:
     return math.sqrt(max(sigma_x**2 - 1.0 / 12.0, 0.0))
 
 
-@njit(cache=True)
+@loop()
 def upright_edges(row_jumps, column_jumps, rows, columns):
     """
     Sort jumps into edges that move along the row and edges that move along the column.
@@ -79,7 +79,7 @@ def _displace(source, distance, along, shift, last, first, pitch):
             source[pixel] = first + _source_of(position, shift, last) * pitch
 
 
-@njit(cache=True)
+@loop()
 def displaced_sources(
     rows, columns, neighbourhood, sigma, limit, key, stamp_low, stamp_high, laplace, source
 ):

@@ -9,7 +9,7 @@ slopes on either side do not explain.
 from dataclasses import dataclass
 
 from flexx2_sim_ros.formulas import surfaces
-from flexx2_sim_ros.physics.compiled import compiled
+from flexx2_sim_ros.physics.compiled import compiled, loop
 from flexx2_sim_ros.physics.philox import FAST
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from flexx2_sim_ros.profiles.sensor import Sensor
@@ -99,7 +99,7 @@ def analyse(depth: np.ndarray, intrinsics: Intrinsics, sensor: Sensor) -> Surfac
     return Surface(inverse, row_jumps, column_jumps, cosine)
 
 
-@njit(cache=True)
+@loop()
 def invert(depth, out):
     """Write 1/depth into the inside of the padded ``out``; 0 where depth is not a distance."""
     for y in range(depth.shape[0]):
@@ -108,7 +108,7 @@ def invert(depth, out):
             out[y + PAD, x + PAD] = _ONE / z if NEAREST <= z <= FARTHEST else _ZERO
 
 
-@njit(cache=True, error_model='numpy', fastmath=FAST)
+@loop(error_model='numpy', fastmath=FAST)
 def find_jumps(p, jump_share, steep_share, row_jumps, column_jumps):
     """Flag the depth jumps to the right of and below every pixel (the image border is none)."""
     height, width = row_jumps.shape
@@ -136,7 +136,7 @@ def slope(p2, p1, p0, n1, n2, jump_share, steep_share):
     return _slope_between(p2, p1, p0, n1, n2, jump_before, jump_after)
 
 
-@njit(cache=True, error_model='numpy', fastmath=FAST)
+@loop(error_model='numpy', fastmath=FAST)
 def find_incidence(p, jump_share, steep_share, fx, fy, cx, cy, out):
     """Write the cosine of the incidence angle of every pixel."""
     height, width = out.shape
@@ -157,7 +157,7 @@ def find_incidence(p, jump_share, steep_share, fx, fy, cx, cy, out):
             out[y, x] = _cos_incidence(here, du, dv, u, v, u / fx, ry, fx, fy)
 
 
-@njit(cache=True, error_model='numpy', fastmath=FAST)
+@loop(error_model='numpy', fastmath=FAST)
 def find_slopes(p, jump_share, steep_share, across, down):
     """Write the slopes of inverse depth, 1/m a pixel, along rows and along columns; (H, W)."""
     height, width = across.shape
