@@ -9,7 +9,7 @@ from flexx2_sim_ros.batch.effect_tables import each_environment
 from flexx2_sim_ros.batch.exchange import checked, from_warp, stream_of, to_warp
 from flexx2_sim_ros.batch.host import HostCameras, put, without_kernel
 from flexx2_sim_ros.batch.images import Images, Rows
-from flexx2_sim_ros.batch.stages import Development
+from flexx2_sim_ros.batch.stages import BatchStages
 from flexx2_sim_ros.batch.surface_kernels import depends_on_surfaces
 from flexx2_sim_ros.camera import Intrinsics, Mode, Profile
 from flexx2_sim_ros.effects import Effect
@@ -123,7 +123,7 @@ class BatchCamera:
         )
         self.stamps = self._rows.stamps
         self._images: Images | None = None
-        self._development: Development | None = None
+        self._stages: BatchStages | None = None
         self._host: HostCameras | None = None
         self._modes: list[Mode] = [self.profile.modes[0]] * self.num_envs
         self._effects: list[tuple[Effect, ...]] = [()] * self.num_envs
@@ -185,7 +185,7 @@ class BatchCamera:
         read = each_environment(effects, self.num_envs)
         every = [read[i] if chosen[i] else own for i, own in enumerate(self._effects)]
         self._set(self._modes, every)
-        self._development = None
+        self._stages = None
         on_host = {i: own for i, own in enumerate(every) if without_kernel(own)}
         self._host = (
             HostCameras(on_host, self._modes, self._seeds, self._name, self.profile)
@@ -213,15 +213,15 @@ class BatchCamera:
         host = isinstance(env_mask, np.ndarray)
         place = wp.get_device('cpu') if host else self.device
         kind = checked('env_mask', env_mask, (self.num_envs,), np.bool_, place)
-        if self._development is not None or self._host is not None:
+        if self._stages is not None or self._host is not None:
             with stream_of(kind, self.device), wp.ScopedDevice(self.device):
                 mask = to_warp(
                     kind, env_mask, wp.empty(self.num_envs, dtype=wp.bool, device=place)
                 )
                 if self._host is not None:
                     self._host.forget(mask.numpy())
-                if self._development is not None:
-                    self._development.forget(mask.to(self.device))
+                if self._stages is not None:
+                    self._stages.forget(mask.to(self.device))
             if host:
                 wp.synchronize_device(self.device)
 
@@ -298,32 +298,32 @@ class BatchCamera:
         self, images: Images, depth: wp.array, reflectivity: wp.array | None, out: wp.array
     ) -> None:
         # Noise that depends on reflectivity needs the path of effects; the plain one is faster.
-        staged = self._has_effects or (
+        with_stages = self._has_effects or (
             reflectivity is not None and depends_on_surfaces(self._modes)
         )
-        development = self._development_for(images) if staged else None
-        if development is not None:
-            development.begin(reflectivity is not None)
+        stages = self._stages_for(images) if with_stages else None
+        if stages is not None:
+            stages.begin(reflectivity is not None)
         for first in range(0, self.num_envs, images.count):
             count = min(images.count, self.num_envs - first)
-            if development is not None:
-                development.observe(depth, reflectivity, first, count, out)
+            if stages is not None:
+                stages.observe(depth, reflectivity, first, count, out)
             else:
                 images.find_surfaces(depth, first, count)
                 images.move_edges(first, count, self._rows)
                 images.observe(first, count, self._rows, out)
 
-    def _development_for(self, images: Images) -> Development:
-        if self._development is None or self._development.images is not images:
-            self._development = Development(
+    def _stages_for(self, images: Images) -> BatchStages:
+        if self._stages is None or self._stages.images is not images:
+            self._stages = BatchStages(
                 [() if without_kernel(own) else own for own in self._effects],
                 self.profile,
                 images,
                 self._rows,
                 self._intrinsics(images.height, images.width),
             )
-            self._development.set_modes(self._modes)
-        return self._development
+            self._stages.set_modes(self._modes)
+        return self._stages
 
     def _set(self, modes: list[Mode], effects: list[tuple[Effect, ...]]) -> None:
         rows = {
@@ -338,8 +338,8 @@ class BatchCamera:
         wp.synchronize_device(self.device)  # Frames may be in the making, on another stream.
         self._rows.noise.assign(self._noise)
         self._rows.periods.assign(self._periods)
-        if self._development is not None:
-            self._development.set_modes(modes)
+        if self._stages is not None:
+            self._stages.set_modes(modes)
         if self._host is not None:
             self._host.set_modes(modes)
         wp.synchronize_device(self.device)

@@ -7,15 +7,7 @@ from flexx2_sim_ros.batch.arrays import at, at_byte
 from flexx2_sim_ros.batch.compiled import compiled
 from flexx2_sim_ros.batch.effect_tables import Effects, Light
 from flexx2_sim_ros.batch.kernels import cos_incidence, Lens, Noise, padded
-from flexx2_sim_ros.effects import (
-    ambient_light,
-    amplitude_bias,
-    excess_noise,
-    flying_pixels,
-    range_wrap,
-    warm_up_drift,
-    wiggling,
-)
+from flexx2_sim_ros.effects import flying_pixels, range_wrap
 from flexx2_sim_ros.formulas import phases
 from flexx2_sim_ros.formulas import surfaces as surface_formulas
 import warp as wp
@@ -29,11 +21,6 @@ _usable_reflectivity = compiled(surface_formulas.usable_reflectivity)
 _direction = compiled(phases.direction)
 _angle_between = compiled(phases.angle_between)
 _footprint = compiled(flying_pixels.footprint)
-_harmonics = compiled(wiggling.harmonics)
-_dark_bias = compiled(amplitude_bias.dark_bias)
-_drift = compiled(warm_up_drift.drift)
-_scaled_noise = compiled(excess_noise.scaled_noise)
-_with_shot_noise = compiled(ambient_light.with_shot_noise)
 _widest_apart = compiled(range_wrap.widest_apart)
 _is_apart = compiled(range_wrap.is_apart)
 _misread = compiled(range_wrap.misread)
@@ -159,52 +146,6 @@ def mix_neighbours(
             imaginary = _footprint(amplitude * sine, around[1], around[2], share)
             out[f] = _angle_between(real, imaginary, cosine, sine) / (TURN * turns)
             out[3] += light.weights[f] * wp.length(wp.vec2f(real, imaginary))
-    return out
-
-
-@wp.func
-def wiggle(e: Effects, turns: wp.float32) -> wp.float32:
-    """Return `wiggling.harmonics` of an environment."""
-    return _harmonics(
-        turns,
-        e.wiggling_a1,
-        e.wiggling_b1,
-        e.wiggling_a2,
-        e.wiggling_b2,
-        e.wiggling_a3,
-        e.wiggling_b3,
-        e.wiggling_a4,
-        e.wiggling_b4,
-    )
-
-
-@wp.func
-def common_shift(
-    e: Effects, grain: wp.float32, amplitude: wp.float32, seconds: wp.float32
-) -> wp.float32:
-    """Return the shift that all frequencies have alike."""
-    shift = e.fixed_pattern_strength * e.fixed_pattern_rms * grain + e.offset_bias
-    if e.amplitude_bias_strength > 0.0:
-        shift += _dark_bias(
-            amplitude,
-            e.amplitude_bias_intercept,
-            e.amplitude_bias_slope,
-            e.amplitude_bias_log_knee,
-            e.amplitude_bias_span,
-        )
-    if e.warm_up_drift_strength > 0.0:
-        shift += _drift(seconds, e.warm_up_drift_bias, e.warm_up_drift_tau, e.warm_up_drift_uptime)
-    return shift
-
-
-@wp.func
-def noise_at(e: Effects, sigma: wp.float32, amplitude: wp.float32) -> wp.float32:
-    """Return the sigma of the axial noise."""
-    out = sigma
-    if e.excess_noise_strength > 0.0:
-        out = _scaled_noise(out, e.excess_noise_factor)
-    if e.ambient_light_strength > 0.0:
-        out = _with_shot_noise(out, amplitude, e.ambient_light_k)
     return out
 
 

@@ -93,7 +93,6 @@ class Images:
         # The borders stay zero.
         self._p = zeros(bordered, wp.float32)
         self._jumps = zeros(bordered, wp.uint8)
-        self._normals = zeros(0 if self._many_threads else (pixels + 3) // 4 * 4, wp.float32)
         self.moved = zeros(pixels, wp.uint16)
         self._moved_pixels = zeros(1, wp.int32)
         self._pixel_list = zeros(pixels, wp.int32)
@@ -116,6 +115,17 @@ class Images:
         """Return the same for reflectivity."""
         return wp.zeros(self._shape, dtype=wp.float32, device=self.out.device)
 
+    @cached_property
+    def normals(self) -> wp.array:
+        """Return memory for the axial noise's normals of a pass, whole blocks of four."""
+        size = self.count * self.blocks * 4
+        return wp.zeros(size, dtype=wp.float32, device=self.out.device)
+
+    @property
+    def blocks(self) -> int:
+        """Return how many blocks of four random numbers the pixels of a frame need."""
+        return -(-self.height * self.width // 4)
+
     @property
     def surfaces(self) -> tuple[wp.array, wp.array]:
         """Return inverse depth and jumps of the environments at hand, with borders."""
@@ -125,6 +135,11 @@ class Images:
         """Return the threads for the pixels of some environments, and the pixels of each."""
         chunk = min(_PIXELS_A_THREAD, self.width) if self._many_threads else self.width
         return (count, self.height, -(-self.width // chunk)), chunk
+
+    def block_grid(self, count: int) -> tuple[tuple[int, int], int]:
+        """Return the threads for random numbers of some environments, and the blocks of each."""
+        chunk = 1 if self._many_threads else self.blocks
+        return (count, self.blocks // chunk), chunk
 
     def find_surfaces(self, depth: wp.array, first: int, count: int) -> None:
         """
@@ -161,18 +176,19 @@ class Images:
             )
 
     def draw_normals(self, first: int, count: int, rows: Rows) -> wp.array:
-        """Return the axial noise's normals; empty where kernels draw their own."""
-        if not self._many_threads:
-            launch(
-                kernels.draw_normals,
-                count,
-                self.height * self.width,
-                first,
-                rows.keys,
-                rows.stamps,
-                self._normals,
-            )
-        return self._normals
+        """Return the axial noise's normals of some environments, in `normals`."""
+        grid, chunk = self.block_grid(count)
+        launch(
+            kernels.draw_normals,
+            grid,
+            self.height * self.width,
+            first,
+            chunk,
+            rows.keys,
+            rows.stamps,
+            self.normals,
+        )
+        return self.normals
 
     def observe(self, first: int, count: int, rows: Rows, out: wp.array) -> None:
         """

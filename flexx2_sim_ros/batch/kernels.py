@@ -251,18 +251,20 @@ def blocks_of(pixels: wp.int32) -> wp.int32:
 def draw_normals(
     pixels: wp.int32,
     first: wp.int32,
+    chunk: wp.int32,
     keys: wp.array(dtype=wp.vec2ui),
     stamps: wp.array(dtype=wp.int64),
     out: wp.array(dtype=wp.float32),
 ):
-    """Write one frame's normals; ``out`` has room for whole blocks of four."""
-    n = wp.tid()
+    """Write normals, ``chunk`` blocks of four a thread; ``out`` has room for whole blocks."""
+    n, c = wp.tid()
     key = keys[first + n]
     stamp = stamps[first + n]
     blocks = blocks_of(pixels)
     base = n * 4 * blocks
-    block = wp.int32(0)
-    while block < blocks:
+    block = c * chunk
+    end = wp.min(block + chunk, blocks)
+    while block < end:
         four = four_normals(counter_of(block, AXIAL, stamp), key)
         i = base + 4 * block
         put(out, i, four[0])

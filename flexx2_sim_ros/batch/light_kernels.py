@@ -1,26 +1,18 @@
-"""The light of each pixel, between the kernels; and what motion makes of it."""
+"""The light of each pixel, as Warp kernels."""
 
 from flexx2_sim_ros.batch.arrays import at, put
-from flexx2_sim_ros.batch.compiled import compiled
 from flexx2_sim_ros.batch.effect_formulas import (
     mix_neighbours,
     near_jump,
     reflectivity_at,
     returned_light,
     Surfaces,
-    TURN,
 )
 from flexx2_sim_ros.batch.effect_tables import Effects, Light
 from flexx2_sim_ros.batch.kernels import Lens, OPTIONS, padded
-from flexx2_sim_ros.effects import motion_artefact
 import warp as wp
 
 wp.set_module_options(OPTIONS)
-
-_TAPS = wp.constant(motion_artefact.TAPS)
-
-_tap_moment = compiled(motion_artefact.tap_moment)
-_motion_shift = compiled(motion_artefact.motion_shift)
 
 
 @wp.struct
@@ -75,34 +67,3 @@ def find_light(
                     if k < light.frequencies:
                         put(phasors.shifts, k * phasors.pitch + row + x, mixed[k])
             x += 1
-
-
-@wp.func
-def motion_shift(
-    here: wp.float32,
-    start: wp.float32,
-    brighter: wp.float32,
-    change: wp.float32,
-    seconds: wp.float32,
-    acquisition: wp.float32,
-    stamp_at: wp.float32,
-    light: Light,
-    f: wp.int32,
-    add: wp.float32,
-) -> wp.float32:
-    """Return `motion_artefact.motion_shift` of a frequency."""
-    taps = wp.float32(_TAPS * light.frequencies)
-    tap = wp.float32(_TAPS * f)
-    return _motion_shift(
-        here,
-        start,
-        brighter,
-        change,
-        seconds,
-        _tap_moment(tap, taps, acquisition, stamp_at),
-        _tap_moment(tap + 1.0, taps, acquisition, stamp_at),
-        _tap_moment(tap + 2.0, taps, acquisition, stamp_at),
-        _tap_moment(tap + 3.0, taps, acquisition, stamp_at),
-        TURN * light.turns[f],
-        add,
-    )

@@ -3,12 +3,19 @@
 from collections.abc import Sequence
 from typing import Any
 
-from flexx2_sim_ros.batch import effect_kernels, geometry_kernels, grain_kernels, kernels
-from flexx2_sim_ros.batch.effect_formulas import Surfaces
+from flexx2_sim_ros.batch import (
+    dropout_kernels,
+    effect_kernels,
+    grain_kernels,
+    kernels,
+    memory_kernels,
+    shift_kernels,
+)
 from flexx2_sim_ros.batch.effect_tables import Effects, effects_row, Light, light_row
-from flexx2_sim_ros.batch.history import each_with, FrameHistory
+from flexx2_sim_ros.batch.geometry import SceneGeometry
 from flexx2_sim_ros.batch.images import Images, launch, Rows
 from flexx2_sim_ros.batch.light import PixelLight
+from flexx2_sim_ros.batch.motion import SceneMotion
 from flexx2_sim_ros.batch.surface_kernels import (
     depends_on_surfaces,
     scale_by_surface,
@@ -16,17 +23,22 @@ from flexx2_sim_ros.batch.surface_kernels import (
 )
 from flexx2_sim_ros.camera import Intrinsics, Mode, Profile
 from flexx2_sim_ros.effects import Effect
-from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.physics.geometry import Reprojection
 import numpy as np
 import warp as wp
 
-_MOST_VIEWS = 64  # of intrinsics_error; each takes three numbers a pixel
+# Effects whose kernels run only where an environment has one of them.
+_SHIFTS_ALIKE = {'offset', 'warm_up_drift', 'fixed_pattern', 'amplitude_bias'}
+_CHANGES_NOISE = {'excess_noise', 'ambient_light'}
+_LOSES = {
+    'low_signal_dropout': dropout_kernels.lose_dark,
+    'grazing_dropout': dropout_kernels.lose_slanted,
+    'saturation': dropout_kernels.lose_bright,
+}
 
 
-class Development:
+class BatchStages:
     """
-    The effects of all environments, for images of one size.
+    The stages of frames with effects, of all environments, for images of one size.
 
     Parameters
     ----------
@@ -57,61 +69,54 @@ class Development:
         self.images = images
         self._rows, self._profile = rows, profile
         num_envs, device = len(effects), rows.stamps.device
-        needs = {need for own in effects for effect in own for need in effect.batched or ()}
-        self._keeps_surfaces = 'surfaces' in needs
-        self._filters = 'neighbours' in needs
+        self._names = {effect.name for own in effects for effect in own}
         self._effects = wp.array(
             np.array([effects_row(own) for own in effects]), dtype=Effects, device=device
         )
         self._lights = wp.empty(num_envs, dtype=Light, device=device)
         self._surface_noise: wp.array | None = None
+        self._kept = self._memory(num_envs, device)
+        self._seen = self._images_between(device)
+        self._geometry = SceneGeometry(effects, profile, images, camera, device)
+        self._light = PixelLight(effects, profile, images, device)
+        self._motion = (
+            SceneMotion(num_envs, images, device) if 'motion_artefact' in self._names else None
+        )
+        for module in (dropout_kernels, effect_kernels, memory_kernels, shift_kernels):
+            wp.load_module(module, device=device)
+        if 'fixed_pattern' in self._names:
+            self._make_grain(num_envs, images.height * images.width)
 
-        def zeros(envs: int, used: bool = True, dtype: Any = wp.float32) -> wp.array:
-            size = images.height * images.width
-            return wp.zeros(envs * size if used else 0, dtype=dtype, device=device)
-
-        kept = self._kept = effect_kernels.Kept()
+    def _memory(self, num_envs: int, device: Any) -> Any:
+        kept = memory_kernels.Kept()
         kept.fresh = wp.ones(num_envs, dtype=wp.uint8, device=device)
         kept.young = wp.zeros(num_envs, dtype=wp.uint8, device=device)
         kept.started, kept.last, kept.before = (
             wp.zeros(num_envs, dtype=wp.int64, device=device) for _ in range(3)
         )
-        kept.depth = zeros(num_envs, self._keeps_surfaces)
-        kept.reflectivity = zeros(num_envs, self._keeps_surfaces)
-        kept.measured = zeros(num_envs, 'measured' in needs)
-        kept.grain = zeros(num_envs, 'grain' in needs)
-        seen = self._seen = effect_kernels.Seen()
-        (
-            seen.facing,
-            seen.expected,
-            seen.measured,
-            seen.sigma,
-            seen.cosine,
-            seen.amplitude,
-            seen.depth,
-        ) = (zeros(images.count) for _ in range(7))
-        seen.filtered = zeros(images.count, self._filters)
-        self._poses = _poses(effects, device) if 'pose' in needs else None
-        self._views = _views(effects, camera, device) if 'view' in needs else None
-        # What the effects of geometry see: the first one and the second one.
-        self._looked = [
-            (zeros(images.count), zeros(images.count))
-            for used in (self._poses, self._views)
-            if used
-        ]
-        self._history = (
-            FrameHistory(effects, profile, images, device) if 'history' in needs else None
+        size = num_envs * self.images.height * self.images.width
+        kept.measured, kept.grain = (
+            wp.zeros(size if name in self._names else 0, dtype=wp.float32, device=device)
+            for name in ('temporal_filter', 'fixed_pattern')
         )
-        self._light = PixelLight(effects, profile, images, device)
-        self._nothing = zeros(0)
-        wp.load_module(effect_kernels, device=device)
-        if self._looked:
-            wp.load_module(geometry_kernels, device=device)
-        if 'grain' in needs:
-            self._make_grain(num_envs, images.height * images.width)
+        return kept
+
+    def _images_between(self, device: Any) -> Any:
+        images, seen = self.images, memory_kernels.Seen()
+        pixels = images.count * images.height * images.width
+
+        def zeros(size: int, used: bool = True) -> wp.array:
+            return wp.zeros(size if used else 0, dtype=wp.float32, device=device)
+
+        for name in ('facing', 'expected', 'measured', 'sigma', 'cosine', 'amplitude', 'depth'):
+            setattr(seen, name, zeros(pixels))
+        seen.filtered = zeros(pixels, 'spatial_filter' in self._names)
+        seen.chances = zeros(images.count * images.blocks * 4, bool(self._names & set(_LOSES)))
+        seen.normals = images.normals
+        return seen
 
     def set_modes(self, modes: Sequence[Mode]) -> None:
-        """Take notice of the mode of every environment."""
+        """Put the numbers of the mode of every environment on the device."""
         rows = {mode.name: light_row(mode, self._profile) for mode in set(modes)}
         self._lights.assign(np.array([rows[mode.name] for mode in modes]))
         self._surface_noise = (
@@ -119,15 +124,14 @@ class Development:
         )
 
     def forget(self, mask: wp.array) -> None:
-        """Start the environments afresh that a (N,) bool array on the device says."""
-        launch(effect_kernels.forget, mask.size, mask, self._kept.fresh)
+        """Reset the environments that a (N,) bool array on the device chooses."""
+        launch(memory_kernels.forget, mask.size, mask, self._kept.fresh)
 
     def begin(self, with_reflectivity: bool) -> None:
-        """Take notice of a new frame in all environments, and whether it has reflectivity."""
+        """Register a new frame in all environments, and whether it has reflectivity."""
         stamps = self._rows.stamps
-        launch(effect_kernels.begin, stamps.size, self._kept, stamps)
-        if self._history is not None:
-            self._history.begin(self._kept.young, stamps, with_reflectivity)
+        launch(memory_kernels.begin, stamps.size, self._kept, stamps)
+        self._geometry.begin(self._kept.young, stamps, with_reflectivity)
         self._light.begin(self._kept.young)
 
     def observe(
@@ -146,130 +150,81 @@ class Development:
             (N * H * W,) float32, of all environments.
 
         """
-        images, rows, kept, seen = self.images, self._rows, self._kept, self._seen
+        surfaces = self._geometry.look(depth, reflectivity, first, count)
+        self._find_light(surfaces, reflectivity is not None, first, count)
+        self._shift(surfaces, first, count)
+        self._measure(surfaces, first, count)
+        self._finish(first, count, out)
+
+    def _find_light(self, surfaces: Any, with_reflectivity: bool, first: int, count: int) -> None:
+        images, seen = self.images, self._seen
         grid, chunk = images.grid(count)
-        threads = (count, images.height, images.width)
-        surfaces = Surfaces()
-        surfaces.p, surfaces.jumps = images.surfaces
-        surfaces.reflectivity = self._nothing if reflectivity is None else reflectivity
-        surfaces.first_of_reflectivity = first
-        first_of_depth = first
-        if self._looked or self._history is None:
-            images.find_surfaces(depth, first, count)
-        looked = iter(self._looked)
-        if self._poses:
-            seen_depth, seen_reflectivity = next(looked)
-            launch(
-                geometry_kernels.look_from,
-                threads,
-                surfaces,
-                images.lens,
-                first,
-                self._poses,
-                seen_depth,
-                seen_reflectivity,
-            )
-            self._look_again(surfaces, seen_depth, seen_reflectivity, count)
-            depth, first_of_depth = seen_depth, 0
-        if self._views:
-            seen_depth, seen_reflectivity = next(looked)
-            launch(
-                geometry_kernels.look_up,
-                threads,
-                surfaces,
-                images.lens,
-                first,
-                *self._views,
-                seen_depth,
-                seen_reflectivity,
-            )
-            self._look_again(surfaces, seen_depth, seen_reflectivity, count)
-            depth, first_of_depth = seen_depth, 0
-        if self._history is not None:
-            depth, seen_reflectivity = self._history.look_back(
-                depth, first_of_depth, surfaces, first, count
-            )
-            images.find_surfaces(depth, 0, count)
-            if seen_reflectivity.size:
-                surfaces.reflectivity, surfaces.first_of_reflectivity = seen_reflectivity, 0
-        images.move_edges(first, count, rows)
-        launch(
-            kernels.describe,
-            grid,
-            *images.surfaces,
-            images.lens,
-            first,
-            chunk,
-            rows.noise,
-            seen.facing,
-            seen.expected,
-        )
+        part = images.lens, first, chunk
+        images.move_edges(first, count, self._rows)
+        model = (self._rows.noise, seen.facing, seen.expected)
+        launch(kernels.describe, grid, *images.surfaces, *part, *model)
         self._light.find(surfaces, first, count, seen.facing, self._effects, self._lights)
-        if self._surface_noise is not None and reflectivity is not None:
-            launch(
-                scale_by_surface,
-                grid,
-                surfaces,
-                images.lens,
-                first,
-                chunk,
-                self._surface_noise,
-                seen.facing,
-                seen.expected,
+        if self._surface_noise is not None and with_reflectivity:
+            factors = (self._surface_noise, seen.facing, seen.expected)
+            launch(scale_by_surface, grid, surfaces, *part, *factors)
+
+    def _shift(self, surfaces: Any, first: int, count: int) -> None:
+        # What effects add to the light and the noise of each pixel's own surface.
+        kept, seen, phasors = self._kept, self._seen, self._light.phasors
+        grid, chunk = self.images.grid(count)
+        part = self.images.lens, first, chunk, self._effects
+        if self._motion is not None:
+            self._motion.shift_phases(
+                surfaces, first, count, self._effects, self._lights, self._rows.keys, kept, phasors
             )
-        seen.normals = images.draw_normals(first, count, rows)
+        if 'wiggling' in self._names:
+            launch(shift_kernels.wiggle, grid, surfaces.p, *part, self._lights, phasors)
+        if self._names & _SHIFTS_ALIKE:
+            launch(shift_kernels.shift_alike, grid, *part, self._lights, kept, phasors)
+        if self._names & _CHANGES_NOISE:
+            launch(shift_kernels.change_noise, grid, *part, phasors, seen)
+
+    def _measure(self, surfaces: Any, first: int, count: int) -> None:
+        images, rows, seen = self.images, self._rows, self._seen
+        images.draw_normals(first, count, rows)
+        random = rows.keys, rows.stamps
+        if 'heavy_tails' in self._names:
+            blocks, chunk = images.block_grid(count)
+            pixels = images.height * images.width
+            part = pixels, first, chunk, self._effects
+            launch(shift_kernels.widen_tails, blocks, *part, *random, seen)
+        grid, chunk = images.grid(count)
         launch(
             effect_kernels.measure,
             grid,
-            surfaces,
+            surfaces.p,
             images.lens,
             first,
             chunk,
             rows.noise,
             self._effects,
             self._lights,
-            rows.keys,
-            rows.stamps,
-            kept,
+            *random,
             images.moved,
             self._light.phasors,
             seen,
         )
-        if self._filters:
-            launch(
-                effect_kernels.filter_neighbours,
-                grid,
-                images.lens,
-                first,
-                chunk,
-                self._effects,
-                seen,
-            )
-        launch(
-            effect_kernels.finish,
-            grid,
-            images.lens,
-            first,
-            chunk,
-            rows.noise,
-            self._effects,
-            rows.keys,
-            rows.stamps,
-            kept,
-            seen.filtered if self._filters else seen.measured,
-            seen,
-            out,
-        )
-        if self._keeps_surfaces:
-            launch(effect_kernels.keep_surfaces, grid, surfaces, images.lens, first, chunk, kept)
 
-    def _look_again(
-        self, surfaces: Any, depth: wp.array, reflectivity: wp.array, count: int
-    ) -> None:
-        self.images.find_surfaces(depth, 0, count)
-        if surfaces.reflectivity.size:
-            surfaces.reflectivity = reflectivity
-            surfaces.first_of_reflectivity = 0
+    def _finish(self, first: int, count: int, out: wp.array) -> None:
+        rows, seen = self._rows, self._seen
+        grid, chunk = self.images.grid(count)
+        part = self.images.lens, first, chunk
+        filtered = seen.measured
+        if 'spatial_filter' in self._names:
+            launch(effect_kernels.filter_neighbours, grid, *part, self._effects, seen)
+            filtered = seen.filtered
+        if 'temporal_filter' in self._names:
+            images = self._kept, filtered, seen
+            launch(effect_kernels.filter_in_time, grid, *part, self._effects, *images)
+        launch(effect_kernels.finish, grid, *part, rows.noise, self._effects, filtered, out)
+        for name, lose in _LOSES.items():
+            if name in self._names:
+                launch(lose, grid, *part, self._effects, rows.keys, rows.stamps, seen, out)
 
     def _make_grain(self, num_envs: int, pixels: int) -> None:
         images, grain = self.images, self._kept.grain
@@ -290,34 +245,3 @@ class Development:
                 grain,
             )
             launch(grain_kernels.to_unit_variance, num_envs, pixels, grain)
-
-
-def _poses(effects: Sequence[Sequence[Effect]], device: Any) -> wp.array:
-    layout = np.dtype(geometry_kernels.Pose.numpy_dtype())  # type: ignore
-    rows: Any = np.zeros(len(effects), layout)
-    for row, own in zip(rows, effects, strict=True):
-        for effect in own:
-            if 'pose' in (effect.batched or ()):
-                row['moved'] = 1
-                row['rotation'], row['step'] = effect.motion()  # type: ignore[attr-defined]
-    return wp.array(rows, dtype=geometry_kernels.Pose, device=device)
-
-
-def _views(
-    effects: Sequence[Sequence[Effect]], camera: Intrinsics, device: Any
-) -> tuple[wp.array, ...]:
-    chosen = each_with('view', effects)
-    different = list({effect: None for effect in chosen if effect is not None})
-    if len(different) > _MOST_VIEWS:
-        raise InputError(
-            f'effects: {different[0].name}: must have at most {_MOST_VIEWS} different sets of '
-            f'parameters in a batch, got {len(different)}'
-        )
-    lines = [Reprojection(effect.true_camera(camera), camera).lines for effect in different]
-    index, du, dv = (np.concatenate(parts) for parts in zip(*lines, strict=True))
-    views = np.array([-1 if effect is None else different.index(effect) for effect in chosen])
-    return (
-        wp.array(views, dtype=wp.int32, device=device),
-        wp.array(index, dtype=wp.int32, device=device),
-        *(wp.array(part, dtype=wp.float32, device=device) for part in (du, dv)),
-    )

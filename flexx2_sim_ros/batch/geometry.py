@@ -1,0 +1,138 @@
+"""Effects in a batch on what each pixel sees: pose_error, intrinsics_error and time_offset."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from flexx2_sim_ros.batch import geometry_kernels
+from flexx2_sim_ros.batch.effect_formulas import Surfaces
+from flexx2_sim_ros.batch.history import each_with, FrameHistory
+from flexx2_sim_ros.batch.images import Images, launch
+from flexx2_sim_ros.camera import Intrinsics, Profile
+from flexx2_sim_ros.effects import Effect
+from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.physics.geometry import Reprojection
+import numpy as np
+import warp as wp
+
+_MOST_VIEWS = 64  # of intrinsics_error; each takes three numbers a pixel
+
+
+class SceneGeometry:
+    """
+    What the environments of a pass see, after the effects of geometry and time.
+
+    Parameters
+    ----------
+    effects : sequence of sequence of Effect
+        Of every environment, those that are on.
+    profile : Profile
+    images : Images
+    camera : Intrinsics
+        Of the depth images.
+    device : warp.Device
+
+    """
+
+    def __init__(
+        self,
+        effects: Sequence[Sequence[Effect]],
+        profile: Profile,
+        images: Images,
+        camera: Intrinsics,
+        device: Any,
+    ) -> None:
+        """Put the parameters on the device and allocate the images."""
+        self._images = images
+        needs = {need for own in effects for effect in own for need in effect.batched or ()}
+        size = images.count * images.height * images.width
+
+        def image() -> wp.array:
+            return wp.zeros(size, dtype=wp.float32, device=device)
+
+        # Each kernel with its parameters, and its own images of depth and reflectivity.
+        self._steps: list[tuple[Any, tuple[Any, ...], wp.array, wp.array]] = []
+        if 'pose' in needs:
+            poses = (_poses(effects, device),)
+            self._steps.append((geometry_kernels.look_from, poses, image(), image()))
+        if 'view' in needs:
+            views = _views(effects, camera, device)
+            self._steps.append((geometry_kernels.look_up, views, image(), image()))
+        self._history = (
+            FrameHistory(effects, profile, images, device) if 'history' in needs else None
+        )
+        self._nothing = wp.zeros(0, dtype=wp.float32, device=device)
+        if self._steps:
+            wp.load_module(geometry_kernels, device=device)
+
+    def begin(self, young: wp.array, stamps: wp.array, with_reflectivity: bool) -> None:
+        """Register a new frame in all environments; see `FrameHistory.begin`."""
+        if self._history is not None:
+            self._history.begin(young, stamps, with_reflectivity)
+
+    def look(self, depth: wp.array, reflectivity: wp.array | None, first: int, count: int) -> Any:
+        """
+        Return the `Surfaces` that some environments see.
+
+        Parameters
+        ----------
+        depth, reflectivity : warp.array
+            (N * H * W,) float32, of all environments.
+        first, count : int
+            Which environments.
+
+        """
+        images = self._images
+        surfaces = Surfaces()
+        surfaces.p, surfaces.jumps = images.surfaces
+        surfaces.reflectivity = self._nothing if reflectivity is None else reflectivity
+        surfaces.first_of_reflectivity = first
+        first_of_depth = first
+        if self._steps or self._history is None:
+            images.find_surfaces(depth, first, count)
+        threads = (count, images.height, images.width)
+        for kernel, parameters, seen_depth, seen_reflectivity in self._steps:
+            seen = seen_depth, seen_reflectivity
+            launch(kernel, threads, surfaces, images.lens, first, *parameters, *seen)
+            images.find_surfaces(seen_depth, 0, count)
+            depth, first_of_depth = seen_depth, 0
+            if surfaces.reflectivity.size:
+                surfaces.reflectivity, surfaces.first_of_reflectivity = seen_reflectivity, 0
+        if self._history is not None:
+            depth, seen_reflectivity = self._history.look_back(
+                depth, first_of_depth, surfaces, first, count
+            )
+            images.find_surfaces(depth, 0, count)
+            if seen_reflectivity.size:
+                surfaces.reflectivity, surfaces.first_of_reflectivity = seen_reflectivity, 0
+        return surfaces
+
+
+def _poses(effects: Sequence[Sequence[Effect]], device: Any) -> wp.array:
+    layout = np.dtype(geometry_kernels.Pose.numpy_dtype())  # type: ignore
+    rows: Any = np.zeros(len(effects), layout)
+    for row, own in zip(rows, effects, strict=True):
+        for effect in own:
+            if 'pose' in (effect.batched or ()):
+                row['moved'] = 1
+                row['rotation'], row['step'] = effect.motion()  # type: ignore[attr-defined]
+    return wp.array(rows, dtype=geometry_kernels.Pose, device=device)
+
+
+def _views(
+    effects: Sequence[Sequence[Effect]], camera: Intrinsics, device: Any
+) -> tuple[wp.array, ...]:
+    chosen = each_with('view', effects)
+    different = list({effect: None for effect in chosen if effect is not None})
+    if len(different) > _MOST_VIEWS:
+        raise InputError(
+            f'effects: {different[0].name}: must have at most {_MOST_VIEWS} different sets of '
+            f'parameters in a batch, got {len(different)}'
+        )
+    lines = [Reprojection(effect.true_camera(camera), camera).lines for effect in different]
+    index, du, dv = (np.concatenate(parts) for parts in zip(*lines, strict=True))
+    views = np.array([-1 if effect is None else different.index(effect) for effect in chosen])
+    return (
+        wp.array(views, dtype=wp.int32, device=device),
+        wp.array(index, dtype=wp.int32, device=device),
+        *(wp.array(part, dtype=wp.float32, device=device) for part in (du, dv)),
+    )
