@@ -52,7 +52,7 @@ class IndirectLight:
         wp.load_module(bounce_kernels, device=device)
 
     def begin(self, young: wp.array) -> None:
-        """Take notice of a new frame in all environments; ``young`` is (N,) uint8."""
+        """Register a new frame in all environments; ``young`` is (N,) uint8."""
         launch(bounce_kernels.begin, young.size, young, self._bounce)
 
     def add(

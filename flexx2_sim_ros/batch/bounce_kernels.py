@@ -50,7 +50,7 @@ class Bounce:
 
 @wp.kernel
 def begin(young: wp.array(dtype=wp.uint8), bounce: Bounce):
-    """Take notice of a new frame; after a reset all is to be made anew."""
+    """Register a new frame; after a reset everything is computed again."""
     n = wp.tid()
     place = bounce.places[n]
     if place >= 0:
@@ -89,7 +89,7 @@ def find_patches(
     here = at(surfaces.p, i)
     k = place * _FIELDS * count + row * columns + column
     if here <= 0.0:
-        # Senders without radiosity and receivers without depth: the rest is not looked at.
+        # Radiosity and depth 0: the other fields are not read.
         if keep(patches, k + 7 * count, 0.0) + keep(patches, k + 8 * count, 0.0) > 0:
             bounce.changed[place] = _YES
         return
@@ -208,6 +208,36 @@ def widen(
         x += 1
 
 
+@wp.func
+def weights_around(
+    wide: wp.array(dtype=wp.float32),
+    a: wp.int32,
+    b: wp.int32,
+    size: wp.int32,
+    here: wp.float32,
+    right: wp.float32,
+    down: wp.float32,
+    others: wp.vec2f,
+) -> wp.vec4f:
+    """Return the weights, sum 1 or 0, of the four receivers around a pixel."""
+    w0 = _receiver_weight((1.0 - right) * (1.0 - down), here, at(wide, a))
+    w1 = _receiver_weight(right * (1.0 - down), here, at(wide, a + size)) * others[0]
+    w2 = _receiver_weight((1.0 - right) * down, here, at(wide, b)) * others[1]
+    w3 = _receiver_weight(right * down, here, at(wide, b + size)) * others[0] * others[1]
+    total = w0 + w1 + w2 + w3
+    scale = wp.where(total > 0.0, 1.0 / wp.where(total > 0.0, total, 1.0), 0.0)
+    return wp.vec4f(scale * w0, scale * w1, scale * w2, scale * w3)
+
+
+@wp.func
+def mixed_around(
+    wide: wp.array(dtype=wp.float32), a: wp.int32, b: wp.int32, size: wp.int32, w: wp.vec4f
+) -> wp.float32:
+    """Return a value between the four receivers around a pixel."""
+    above = w[0] * at(wide, a) + w[1] * at(wide, a + size)
+    return above + w[2] * at(wide, b) + w[3] * at(wide, b + size)
+
+
 @wp.kernel
 def add_bounce(
     surfaces: Surfaces,
@@ -231,60 +261,35 @@ def add_bounce(
     size = rows * lens.width
     above = n * bounce.fields * size + row * lens.width
     below = n * bounce.fields * size + wp.min(row + 1, rows - 1) * lens.width
-    other_row = wp.where(rows > 1, 1.0, 0.0)
-    other_column = wp.where(columns > 1, 1.0, 0.0)
+    # 0 where the image has one column or one row of receivers.
+    others = wp.vec2f(wp.where(columns > 1, 1.0, 0.0), wp.where(rows > 1, 1.0, 0.0))
     ry = (wp.float32(y) - lens.cy) / lens.fy
     start = c * chunk
     end = wp.min(start + chunk, lens.width)
     pixel = (n * lens.height + y) * lens.width
     i = padded(lens, n, y, 0)
-    x = wp.int32(0)
     f = wp.int32(0)
     while f < light.frequencies:
         wave_number = TURN * light.turns[f]
         weight = light.weights[f]
         shift = f * phasors.pitch + pixel
         real = (2 + 4 * f) * size
-        imaginary = real + 2 * size
         x = wp.int32(start)
         while x < end:
             here = at(surfaces.p, i + x)
             _left, right = _receiver_before(x, columns)
             a = above + x
             b = below + x
-            w0 = _receiver_weight((1.0 - right) * (1.0 - down), here, at(bounce.wide, a))
-            w1 = _receiver_weight(right * (1.0 - down), here, at(bounce.wide, a + size))
-            w2 = _receiver_weight((1.0 - right) * down, here, at(bounce.wide, b))
-            w3 = _receiver_weight(right * down, here, at(bounce.wide, b + size))
-            w1 = w1 * other_column
-            w2 = w2 * other_row
-            w3 = w3 * other_column * other_row
-            total = w0 + w1 + w2 + w3
-            scale = wp.where(total > 0.0, 1.0 / wp.where(total > 0.0, total, 1.0), 0.0)
+            w = weights_around(bounce.wide, a, b, size, here, right, down, others)
             angle, gain = _with_bounce(
                 factor,
-                scale
-                * (
-                    w0 * at(bounce.wide, a + real)
-                    + w1 * at(bounce.wide, a + real + size)
-                    + w2 * at(bounce.wide, b + real)
-                    + w3 * at(bounce.wide, b + real + size)
-                ),
-                scale
-                * (
-                    w0 * at(bounce.wide, a + imaginary)
-                    + w1 * at(bounce.wide, a + imaginary + size)
-                    + w2 * at(bounce.wide, b + imaginary)
-                    + w3 * at(bounce.wide, b + imaginary + size)
-                ),
+                mixed_around(bounce.wide, a + real, b + real, size, w),
+                mixed_around(bounce.wide, a + real + 2 * size, b + real + 2 * size, size, w),
             )
             # The detour is along the ray.
             along = _depth_of_range((wp.float32(x) - lens.cx) / lens.fx, ry)
-            put(
-                phasors.shifts,
-                shift + x,
-                at(phasors.shifts, shift + x) + angle / wave_number * along,
-            )
+            add = angle / wave_number * along
+            put(phasors.shifts, shift + x, at(phasors.shifts, shift + x) + add)
             before = wp.where(f == 0, 0.0, at(phasors.total, pixel + x))
             put(phasors.total, pixel + x, before + weight * gain)
             x += 1

@@ -227,13 +227,13 @@ class BatchCamera:
 
     def __call__(self, depth: Any, reflectivity: Any = None, *, out: Any = None) -> Any:
         """
-        Look at clean depth, once in every environment.
+        Return a frame of every environment from its clean depth.
 
         Parameters
         ----------
         depth : torch tensor, JAX array, NumPy array or Warp array
             (N, H, W) float32 on the camera's device, metres along the optical axis; need not be
-            contiguous. NaN, infinities, zero and negative values mean that nothing is there.
+            contiguous. NaN, infinities, zero and negative values mean no return.
         reflectivity : array, optional
             As ``depth``, 0..1 at the camera's wavelength, which effects look at, and the noise
             if the profile says how (``modes.*.surfaces``); 1 everywhere when left out.

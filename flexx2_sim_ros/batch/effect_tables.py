@@ -112,18 +112,18 @@ def light_row(mode: Mode, profile: Profile) -> np.ndarray:
     if not 0 < count <= MOST_FREQUENCIES:
         return row
     nothing = np.zeros((1, 1), np.float32)
-    exposure = FrameState(
+    state = FrameState(
         mode, profile.intrinsics, 0, np.zeros(2, np.uint32), Memory(), nothing, nothing
     )
     frequencies = mode.modulation_hz
     row['frequencies'] = count
-    row['turns'][:count] = np.array(exposure.wave_numbers) / (2 * np.pi)
-    row['weights'][:count] = exposure.weights
-    row['spans'][:count] = exposure.spans
+    row['turns'][:count] = np.array(state.wave_numbers) / (2 * np.pi)
+    row['weights'][:count] = state.weights
+    row['spans'][:count] = state.spans
     row['spreads'][:count] = noise_shares(frequencies)
     for place, (i, j) in enumerate(((0, 1), (0, 2), (1, 2))):
         if j < count:
             row['steps'][place] = lattice_step(frequencies[i], frequencies[j])
-    row['ambiguity'] = exposure.ambiguity
-    row['acquisition'] = exposure.acquisition_seconds
+    row['ambiguity'] = state.ambiguity
+    row['acquisition'] = state.acquisition_seconds
     return row

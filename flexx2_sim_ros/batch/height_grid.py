@@ -74,7 +74,7 @@ class HeightGrid:
         )
 
     def heights(self) -> wp.array:
-        """Return (N, 11, 7) float32 metres over `AHEAD` and `LEFT`, NaN where nothing is seen."""
+        """Return (N, 11, 7) float32 metres over `AHEAD` and `LEFT`, NaN without a measurement."""
         wp.launch(
             robot_kernels.mean,
             self._total.shape,

@@ -60,7 +60,7 @@ class FrameHistory:
 
     def begin(self, young: wp.array, stamps: wp.array, with_reflectivity: bool) -> None:
         """
-        Take notice of a new frame in all environments.
+        Register a new frame in all environments.
 
         Parameters
         ----------

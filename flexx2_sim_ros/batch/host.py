@@ -63,7 +63,7 @@ class HostCameras:
         return len(self._cameras)
 
     def set_modes(self, modes: Sequence[Mode]) -> None:
-        """Take the modes of all environments; a camera in another mode starts afresh."""
+        """Set the modes of all environments; a camera whose mode changes is reset."""
         for i, camera in self._cameras.items():
             if camera.mode != modes[i]:
                 self._cameras[i] = Camera(
@@ -75,7 +75,7 @@ class HostCameras:
                 )
 
     def forget(self, mask: np.ndarray) -> None:
-        """Forget what effects keep in the environments that a (N,) bool array says."""
+        """Forget what effects keep in the environments that a (N,) bool array chooses."""
         for i, camera in self._cameras.items():
             if mask[i]:
                 camera.reset()

@@ -1,7 +1,7 @@
 """
 The base model as Warp kernels: one source for CPU and CUDA.
 
-Images are flat: frame after frame, row after row. Inverse depth (0 where nothing is) and jumps
+Images are flat: frame after frame, row after row. Inverse depth (0 without a return) and jumps
 have a border of `PAD` zeros on each side, so that no pixel needs a case of its own. A thread
 takes ``chunk`` pixels of a row: all of them on the CPU, where the loop becomes vector
 instructions, a few on CUDA. `formulas.surfaces` explains the model; edges move in `edge_kernels`.
@@ -179,7 +179,7 @@ def cos_incidence(
     y: wp.int32,
     x: wp.int32,
 ) -> wp.float32:
-    """Return the cosine between a pixel's ray and its surface's normal; 1 where nothing is."""
+    """Return the cosine between a pixel's ray and its surface's normal; 1 without a return."""
     here = at(p, i)
     d = slopes(p, jumps, lens, i)
     u = wp.float32(x) - lens.cx
@@ -189,7 +189,7 @@ def cos_incidence(
 
 @wp.func
 def model_sigma(noise: Noise, lens: Lens, inverse: wp.float32, cosine: wp.float32) -> wp.float32:
-    """Return sigma_z, metres; 0 where nothing is."""
+    """Return sigma_z, metres; 0 without a return."""
     z = distance(inverse, 1.0)
     sigma = _model_sigma(z, cosine, noise.a, noise.b, noise.c, noise.d, noise.n, lens.cap)
     return wp.where(inverse > 0.0, wp.max(sigma, 0.0), 0.0)

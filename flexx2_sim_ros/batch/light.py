@@ -16,7 +16,7 @@ import warp as wp
 
 class PixelLight:
     """
-    The light of the pixels of a pass, before what effects make of each frequency's phase.
+    The light of the pixels of a pass, before effects change the phase of each frequency.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ class PixelLight:
         wp.load_module(light_kernels, device=device)
 
     def begin(self, young: wp.array) -> None:
-        """Take notice of a new frame in all environments; ``young`` is (N,) uint8."""
+        """Register a new frame in all environments; ``young`` is (N,) uint8."""
         if self._indirect is not None:
             self._indirect.begin(young)
 

@@ -10,7 +10,7 @@ wp.set_module_options(OPTIONS)
 def blank_outside(
     outside: wp.array(dtype=wp.bool), invalid: wp.float32, out: wp.array(dtype=wp.float32)
 ):
-    """Write ``invalid`` where ``outside``, (H * W,), says so, in every environment."""
+    """Write ``invalid`` where ``outside``, (H * W,), is true, in every environment."""
     n, i = wp.tid()
     if outside[i]:
         out[n * outside.shape[0] + i] = invalid

@@ -58,6 +58,6 @@ def mean(
 def unpack(
     images: wp.array2d(dtype=wp.float32), offset: wp.int32, out: wp.array3d(dtype=wp.float32)
 ):
-    """Take one camera's images out of what all cameras of an environment see."""
+    """Copy one camera's images from those of all cameras of an environment."""
     n, v, u = wp.tid()
     out[n, v, u] = images[n, offset + v * out.shape[2] + u]

@@ -28,7 +28,7 @@ def scale_by_surface(
     cosine: wp.array(dtype=wp.float32),
     sigma: wp.array(dtype=wp.float32),
 ):
-    """Scale sigma_z by what each pixel's reflectivity makes of it."""
+    """Scale sigma_z by a factor that depends on each pixel's reflectivity."""
     n, y, c = wp.tid()
     own = coefficients[first + n]
     row = (n * lens.height + y) * lens.width

@@ -22,7 +22,7 @@ from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from flexx2_sim_ros.profiles.modes import DEFAULT_USECASE, flexx2, Mode, Profile
 import numpy as np
 
-_GAUSSIAN = np.float32(0.0)  # share of Laplacian edges
+_GAUSSIAN = np.float32(0.0)  # fraction of Laplacian edges
 
 
 class Camera:
@@ -49,7 +49,7 @@ class Camera:
     Attributes
     ----------
     exposure_share : float
-        Exposure time as a share of the one that the effects' parameters are for; 1 unless it is
+        Exposure time as a fraction of the one that the effects' parameters are for; 1 unless it is
         set. It scales the light that effects see, not the frame's amplitude.
 
     Raises
@@ -152,7 +152,7 @@ class Camera:
         ----------
         clean_depth : array_like
             (..., H, W), metres along the optical axis, any real dtype. NaN, infinities, zero and
-            negative values mean that nothing is there.
+            negative values mean no return.
         K : array_like
             (..., 3, 3) camera matrix of ``clean_depth``, pixels.
         stamp : array_like

@@ -12,7 +12,7 @@ def gray_image(amplitude: np.ndarray, exposure: float | None, full_scale: float)
     amplitude : numpy.ndarray
         (H, W) float32, 1/m^2, 0 where invalid.
     exposure : float or None
-        Exposure as a share of the mode's longest; None chooses it automatically, so that no
+        Exposure as a fraction of the mode's longest; None chooses it automatically, so that no
         more than one pixel in a hundred saturates.
     full_scale : float
         Amplitude of a white pixel at the longest exposure, 1/m^2; see `Sensor`.

@@ -51,7 +51,7 @@ def run_stages(
 
 
 def measure(state: FrameState, effects: Sequence[EffectProtocol], edge_sigma: float) -> None:
-    """Run the stages like `develop`, up to ``state.measured``."""
+    """Run the stages like `run_stages`, up to ``state.measured``."""
     ordered = sorted(effects, key=lambda effect: (effect.stage, effect.order, effect.name))
     by_stage = {
         stage: list(group) for stage, group in groupby(ordered, key=lambda effect: effect.stage)

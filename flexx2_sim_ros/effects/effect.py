@@ -12,8 +12,8 @@ from flexx2_sim_ros.physics.frame_state import FrameState, Stage
 import numpy as np
 
 # What can be measured of a still scene, away from its edges but for `edges`: mean depth, its
-# standard deviation over frames, the share of gross outliers, correlation from frame to frame and
-# from pixel to pixel, where there is depth at all, amplitude, and what is seen at depth jumps.
+# standard deviation over frames, the fraction of gross outliers, correlation from frame to frame
+# and from pixel to pixel, where there is depth at all, amplitude, and what is seen at depth jumps.
 CHANNELS = ('bias', 'noise', 'outliers', 'frames', 'neighbours', 'validity', 'amplitude', 'edges')
 COVARIATES = ('distance', 'incidence', 'amplitude', 'image', 'edge', 'time', 'none')
 # What of a recording is known only roughly, and can hide an effect or look like it.
@@ -126,7 +126,7 @@ class Effect:
     filters : bool
         Whether it averages, so that the noise before it must have been larger.
     brightness : float
-        By which share its size varies when reflectivity is 20 % wrong.
+        By which fraction its size varies when reflectivity is 20 % wrong.
     like_a_pose : tuple of mapping
         Parameters with which it is put beside a pose error when a recording's pose is looked for,
         since it shifts whole surfaces, too.

@@ -14,7 +14,7 @@ import numpy as np
 
 def footprint(own: float, total: float, count: float, share: float) -> float:
     """
-    Return a pixel's light: a share of it is the mean of the 3 x 3 pixels around.
+    Return a pixel's light: a fraction of it is the mean of the 3 x 3 pixels around.
 
     It holds for the real and for the imaginary part.
 

@@ -12,7 +12,7 @@ from flexx2_sim_ros.physics.frame_state import FrameState, Stage
 
 
 def with_tails(normal: float, chance: float, share: float, width: float) -> float:
-    """Return a pixel's normal draw, wider where its ``chance`` (0..1) is within ``share``."""
+    """Return a pixel's normal draw, wider where ``chance`` (0..1) is at most ``share``."""
     return where(chance <= share, normal * width, normal)
 
 

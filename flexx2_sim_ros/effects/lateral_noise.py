@@ -43,5 +43,5 @@ class LateralNoise(Effect):
         )
 
     def apply(self, state: FrameState) -> None:
-        """Scale the edges' sigma and share them out."""
+        """Scale the edges' sigma, and set the fraction with Laplacian displacements."""
         state.edge_sigma, state.edge_laplace = self.edges(state.edge_sigma)

@@ -176,7 +176,7 @@ class MotionArtefact(Effect):
         duration = self.strength * self.stretch * state.acquisition_seconds
         taps = TAPS * len(state.shifts)
         moments = on_images(tap_moment)(np.arange(taps), taps, duration / interval, self.stamp_at)
-        # When another surface comes into view nobody knows: at any moment between two frames.
+        # Another surface comes into view at an unknown moment between two frames: a random one.
         passing = state.uniforms(self.stream)
         for index, (k, shift) in enumerate(zip(state.wave_numbers, state.shifts, strict=True)):
             own = moments[index * TAPS : (index + 1) * TAPS].astype(np.float32)

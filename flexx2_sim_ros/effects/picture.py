@@ -54,7 +54,7 @@ class Picture:
     at_chart: bool = False
 
     def __post_init__(self) -> None:
-        """Refuse what nobody can draw."""
+        """Reject kinds of pictures that do not exist."""
         for name, known in (('profile', PROFILES), ('difference', DIFFERENCES)):
             value = getattr(self, name)
             if value and value not in known:

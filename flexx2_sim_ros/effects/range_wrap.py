@@ -114,7 +114,7 @@ def wrong_jump(
 
 
 def is_beyond(depth: float, z: float, ambiguity: float, range_max: float) -> bool:
-    """Say whether a depth cannot be told from one within the ambiguity, or should not be there."""
+    """Say whether a depth is outside the ambiguity range, or its surface outside the mode's."""
     return where(depth < _ZERO, True, where(depth >= ambiguity, True, z > range_max))
 
 

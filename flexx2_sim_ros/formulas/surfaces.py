@@ -10,14 +10,15 @@ import math
 from flexx2_sim_ros.formulas.fastmath import arccos, power
 from flexx2_sim_ros.formulas.scalars import f32, least, most, root, size, where
 
-# Slopes on the two sides of a pixel that differ by more than this share of p belong to a crease:
-# the smoother side is taken. Below it their mean is, which halves the error of stored millimetres.
+# Slopes on the two sides of a pixel that differ by more than this fraction of p belong to a
+# crease: the smoother side is used. Below it the mean of the two sides is used, which halves the
+# error of depth stored in millimetres.
 _CREASE_SHARE = f32(0.002)
 _ZERO = f32(0.0)
 _HALF = f32(0.5)
 _ONE = f32(1.0)
 _HALF_PI = f32(math.pi / 2)
-# Surfaces darker than this share of the white board have the noise of this one.
+# Surfaces darker than this fraction of the white board have the noise of this one.
 _DARKEST = f32(1e-3)
 _TINY = f32(1e-30)
 
@@ -163,7 +164,7 @@ def model_sigma(
 
 
 def distance(inverse: float, otherwise: float) -> float:
-    """Return the depth of an inverse depth, metres; ``otherwise`` where nothing is."""
+    """Return the depth of an inverse depth, metres; ``otherwise`` without a return."""
     return where(inverse > _ZERO, _ONE / inverse, otherwise)
 
 

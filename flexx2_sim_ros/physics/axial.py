@@ -37,7 +37,7 @@ def model_sigma(p, cosine, coefficients, cap, out):
     cap : float
         Largest incidence angle, radians.
     out : numpy.ndarray
-        (H, W) float32, metres; 0 where nothing is.
+        (H, W) float32, metres; 0 without a return.
 
     """
     a, b, c, d, n = coefficients
@@ -52,7 +52,7 @@ def model_sigma(p, cosine, coefficients, cap, out):
 @loop(error_model='numpy', fastmath=FAST)
 def scale_by_surface(p, cosine, reflectivity, coefficients, sigma):
     """
-    Scale sigma_z by what each pixel's reflectivity makes of it.
+    Scale sigma_z by a factor that depends on each pixel's reflectivity.
 
     Parameters
     ----------

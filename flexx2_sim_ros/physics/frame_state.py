@@ -50,7 +50,7 @@ class Memory:
     last_stamp: int | None = None
 
     def begin(self, stamp: int) -> None:
-        """Take notice of a new frame; one from before the latest is another start."""
+        """Register a new frame; a stamp earlier than the latest one starts again."""
         if self.last_stamp is None or stamp < self.last_stamp:
             self.kept.clear()
             self.first_stamp = stamp
@@ -69,11 +69,11 @@ class Common:
     Attributes
     ----------
     scene : dict
-        By what it is: what the light and the model's noise are. Exposures that share it have the
-        same clean depth, reflectivity and intrinsics.
+        The light and the noise of the model, by name. States that share it have the same clean
+        depth, reflectivity and intrinsics.
     frame : dict
-        The random numbers and what they do. Exposures that share it also have the same stamp, key
-        and ``exposure_share``.
+        The random numbers and what depends on them. States that share it also have the same
+        stamp, key and ``exposure_share``.
 
     """
 
@@ -116,7 +116,7 @@ class FrameState:
     reflectivity : numpy.ndarray
         GEOMETRY: float32 in 0..1, (H, W) or (1, 1).
     exposure_share : float
-        Exposure time as a share of the one that the effects' parameters are for.
+        Exposure time as a fraction of the one that the effects' parameters are for.
     surface : Surface
         AMPLITUDE: jumps and incidence of ``depth``.
     amplitude : numpy.ndarray
@@ -133,7 +133,7 @@ class FrameState:
     cosine : numpy.ndarray
         AMPLITUDE: float32 cosine of the incidence angle; from WRAP on of what is seen.
     edge_laplace : float
-        NOISE: share of edges that move by a Laplacian instead of a Gaussian.
+        NOISE: fraction of edges that move by a Laplacian instead of a Gaussian.
     measured : numpy.ndarray
         WRAP and later: float32 depth with noise, metres, NaN where invalid.
     saturated : numpy.ndarray or None

@@ -99,7 +99,7 @@ def displaced_sources(
     key, stamp_low, stamp_high
         The counter-based generator's key and stamp.
     laplace : float
-        Share of edges that move by a Laplacian of the same standard deviation.
+        Fraction of edges that move by a Laplacian of the same standard deviation.
     source : numpy.ndarray
         (H * W,) int32, receives flat pixel indices: the pixel's own, or another surface's.
 

@@ -19,8 +19,8 @@ import numpy as np
 PAD = 2
 _ZERO = np.float32(0.0)
 _ONE = np.float32(1.0)
-# Beyond these (FLT_MAX for "none", a zero with a rounding error) nothing is there; between them
-# every product below stays within float32.
+# Depths beyond these (FLT_MAX for "none", a zero with a rounding error) mean no return; between
+# them every product below stays within float32.
 NEAREST = np.float32(1e-3)
 FARTHEST = np.float32(1e5)
 
@@ -37,14 +37,14 @@ class Surface:
     Attributes
     ----------
     inverse_depth : numpy.ndarray
-        (H + 4, W + 4) float32, 1/m, 0 where nothing is, with a border of zeros two pixels wide.
+        (H + 4, W + 4) float32, 1/m, 0 without a return, with a border of zeros two pixels wide.
     row_jumps : numpy.ndarray
         (H, W) uint8, 1 where a depth jump lies between pixels (y, x) and (y, x + 1).
     column_jumps : numpy.ndarray
         (H, W) uint8, 1 where a depth jump lies between pixels (y, x) and (y + 1, x).
     cos_incidence : numpy.ndarray
-        (H, W) float32, cosine of the angle between a pixel's ray and its surface normal; 1 where
-        nothing is.
+        (H, W) float32, cosine of the angle between a pixel's ray and its surface normal; 1
+        without a return.
 
     """
 
@@ -67,7 +67,7 @@ def analyse(depth: np.ndarray, intrinsics: Intrinsics, sensor: Sensor) -> Surfac
     ----------
     depth : numpy.ndarray
         (H, W) float32, metres along the optical axis. NaN, infinities, zero and negative values
-        mean that nothing is there.
+        mean no return.
     intrinsics : Intrinsics
         The camera the depth image belongs to; its distortion is not used.
     sensor : Sensor
