@@ -36,7 +36,8 @@ _STILL = wp.constant(wp.uint16(0))
 _is_jump = compiled(surfaces.is_jump)
 _slope_between = compiled(surfaces.slope_between)
 _cos_incidence = compiled(surfaces.cos_incidence)
-_model_sigma = compiled(surfaces.model_sigma)
+_sigma_of_surface = compiled(surfaces.sigma_of_surface)
+_inverse_depth = compiled(surfaces.inverse_depth)
 _is_seen = compiled(pixels.is_seen)
 distance = compiled(surfaces.distance)
 
@@ -98,9 +99,7 @@ def invert(
     source = ((first + n) * lens.height + y) * lens.width
     target = padded(lens, n, y, 0)
     while x < end:
-        z = at(depth, source + x)
-        there = (z >= _NEAREST) and (z <= _FARTHEST)
-        put(p, target + x, wp.where(there, 1.0 / z, 0.0))
+        put(p, target + x, _inverse_depth(at(depth, source + x), _NEAREST, _FARTHEST))
         x += 1
 
 
@@ -190,9 +189,9 @@ def cos_incidence(
 @wp.func
 def model_sigma(noise: Noise, lens: Lens, inverse: wp.float32, cosine: wp.float32) -> wp.float32:
     """Return sigma_z, metres; 0 without a return."""
-    z = distance(inverse, 1.0)
-    sigma = _model_sigma(z, cosine, noise.a, noise.b, noise.c, noise.d, noise.n, lens.cap)
-    return wp.where(inverse > 0.0, wp.max(sigma, 0.0), 0.0)
+    return _sigma_of_surface(
+        inverse, cosine, noise.a, noise.b, noise.c, noise.d, noise.n, lens.cap
+    )
 
 
 @wp.kernel

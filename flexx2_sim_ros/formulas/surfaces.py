@@ -8,7 +8,7 @@ exact on planes at any slant, and a jump is what the slopes on either side do no
 import math
 
 from flexx2_sim_ros.formulas.fastmath import arccos, power
-from flexx2_sim_ros.formulas.scalars import f32, least, most, root, size, where
+from flexx2_sim_ros.formulas.scalars import both, f32, least, most, root, size, where
 
 # Slopes on the two sides of a pixel that differ by more than this fraction of p belong to a
 # crease: the smoother side is used. Below it the mean of the two sides is used, which halves the
@@ -144,7 +144,7 @@ def model_sigma(
     z: float, cosine: float, a: float, b: float, c: float, d: float, n: float, cap: float
 ) -> float:
     """
-    Return sigma_z, metres, of a surface; a fit may be negative somewhere, sigma_z is then 0.
+    Return the model's sigma_z of a surface, metres; a fit may be negative somewhere.
 
     Parameters
     ----------
@@ -161,6 +161,19 @@ def model_sigma(
     theta = least(arccos(cosine), cap)
     slant = theta / (_HALF_PI - theta)
     return a + z * (b + z * c) + d * power(z, n) * slant * slant
+
+
+def sigma_of_surface(
+    inverse: float, cosine: float, a: float, b: float, c: float, d: float, n: float, cap: float
+) -> float:
+    """Return `model_sigma` of an inverse depth; 0 without a return and where a fit is negative."""
+    sigma = model_sigma(distance(inverse, _ONE), cosine, a, b, c, d, n, cap)
+    return where(inverse > _ZERO, most(sigma, _ZERO), _ZERO)
+
+
+def inverse_depth(z: float, nearest: float, farthest: float) -> float:
+    """Return the inverse of a depth, 1/m; 0, for no return, of a depth outside the limits."""
+    return where(both(nearest <= z, z <= farthest), _ONE / z, _ZERO)
 
 
 def distance(inverse: float, otherwise: float) -> float:

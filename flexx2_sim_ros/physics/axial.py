@@ -10,7 +10,7 @@ _ZERO = np.float32(0.0)
 _ONE = np.float32(1.0)
 _NAN = np.float32(np.nan)
 
-_model_sigma = compiled(surfaces.model_sigma)
+_sigma_of_surface = compiled(surfaces.sigma_of_surface)
 _distance = compiled(surfaces.distance)
 _returned_light = compiled(surfaces.returned_light)
 _usable_reflectivity = compiled(surfaces.usable_reflectivity)
@@ -43,10 +43,7 @@ def model_sigma(p, cosine, coefficients, cap, out):
     a, b, c, d, n = coefficients
     for y in range(out.shape[0]):
         for x in range(out.shape[1]):
-            inverse = p[y + 2, x + 2]
-            z = _distance(inverse, _ONE)
-            sigma = _model_sigma(z, cosine[y, x], a, b, c, d, n, cap)
-            out[y, x] = max(sigma, _ZERO) if inverse > _ZERO else _ZERO
+            out[y, x] = _sigma_of_surface(p[y + 2, x + 2], cosine[y, x], a, b, c, d, n, cap)
 
 
 @loop(error_model='numpy', fastmath=FAST)

@@ -25,6 +25,7 @@ NEAREST = np.float32(1e-3)
 FARTHEST = np.float32(1e5)
 
 is_jump = compiled(surfaces.is_jump)
+_inverse_depth = compiled(surfaces.inverse_depth)
 _slope_between = compiled(surfaces.slope_between)
 _cos_incidence = compiled(surfaces.cos_incidence)
 
@@ -99,13 +100,12 @@ def analyse(depth: np.ndarray, intrinsics: Intrinsics, sensor: Sensor) -> Surfac
     return Surface(inverse, row_jumps, column_jumps, cosine)
 
 
-@loop()
+@loop(error_model='numpy')
 def invert(depth, out):
     """Write 1/depth into the inside of the padded ``out``; 0 where depth is not a distance."""
     for y in range(depth.shape[0]):
         for x in range(depth.shape[1]):
-            z = depth[y, x]
-            out[y + PAD, x + PAD] = _ONE / z if NEAREST <= z <= FARTHEST else _ZERO
+            out[y + PAD, x + PAD] = _inverse_depth(depth[y, x], NEAREST, FARTHEST)
 
 
 @loop(error_model='numpy', fastmath=FAST)
