@@ -1,0 +1,262 @@
+"""Find a printed target in a gray image, and look at it as at a room of one plane."""
+
+from collections.abc import Iterator
+from itertools import product
+
+import cv2
+from flexx2_sim_ros.truth.gray import align_gray, Gray, GrayFit, POWERS, with_scale_error
+from flexx2_sim_ros.truth.poses import Pose
+from flexx2_sim_ros.truth.rooms import Hits
+from flexx2_sim_ros.truth.target import Target
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+_BRIGHT, _DARK = 99.0, 1.0  # percentiles
+# Modules are a few pixels wide, and blurred: their edges do not count, and the image is enlarged.
+# Beyond 1.5 m tags are found by their contrast to what is within so many pixels.
+_EDGE_OF_MODULE = 0.3
+_NEAR_BY, _CONTRASTS = 12.0, 2.0
+_SATURATED = 0.002  # share of pixels at the largest gray value
+_WORST_COST = 0.12  # as a fraction of white: whatever fits worse is not this board
+_FIRST_BLUR = 0.5  # pixels
+_ROUGH_STEPS, _STEPS = 10, 25
+_TILT, _SAME = np.radians(15), np.radians(3)
+_SMALL_TAG = 16  # pixels
+_ALONG = 0.995  # cosine between normal and x axis, as the diagnosis has it
+
+
+class BoardRoom:
+    """
+    A board as a room: its plane inside its outline, and nothing known elsewhere.
+
+    Parameters
+    ----------
+    target : Target
+        The board.
+
+    """
+
+    complete = False
+
+    def __init__(self, target: Target) -> None:
+        """Remember its size."""
+        self._reach = np.array([target.width, target.height]) / 2
+        self.bounds = np.array([[*-self._reach, 0.0], [*self._reach, 0.0]])
+
+    def cast(self, pose: Pose, rays: np.ndarray) -> Hits:
+        """Follow a camera's rays to the board; see `Room.cast`."""
+        direction = rays @ pose.R[:, :2].T + pose.R[:, 2]
+        with np.errstate(invalid='ignore', divide='ignore'):
+            depth = -pose.t[2] / direction[:, 2]
+            place = pose.t[:2] + depth[:, None] * direction[:, :2]
+            on_it = (np.abs(place) < self._reach).all(axis=1) & (depth > 0)
+        normal = np.broadcast_to(-pose.R[2], (len(rays), 3)).copy()
+        hits = Hits(np.where(on_it, depth, np.nan), normal, None, np.zeros(len(rays), bool))
+        normal[hits.slant(rays) > 0] *= -1
+        return hits
+
+    def distances(self, origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
+        """Return distances along rays; see `Room.distances`."""
+        with np.errstate(invalid='ignore', divide='ignore'):
+            reach = -origins[:, 2] / directions[:, 2]
+            place = origins[:, :2] + reach[:, None] * directions[:, :2]
+            on_it = (np.abs(place) < self._reach).all(axis=1) & (reach > 0)
+        return np.where(on_it, reach, np.inf).astype(np.float32)
+
+
+def find_tags(target: Target, image: np.ndarray) -> dict[int, np.ndarray]:
+    """
+    Find a target's tags.
+
+    Parameters
+    ----------
+    target : Target
+        The board.
+    image : numpy.ndarray
+        (H, W) gray values.
+
+    Returns
+    -------
+    dict of int to numpy.ndarray
+        By place on the board: (4, 2) corners, pixels.
+
+    """
+    settings = cv2.aruco.DetectorParameters()
+    settings.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
+    settings.adaptiveThreshWinSizeMax = 53
+    settings.perspectiveRemoveIgnoredMarginPerCell = _EDGE_OF_MODULE
+    detector = cv2.aruco.ArucoDetector(target.codes(), settings)
+    best: dict[int, np.ndarray] = {}
+    count = target.columns * target.rows
+    for picture, factor in _pictures(image):
+        corners, numbers, _ = detector.detectMarkers(picture)
+        found: dict[int, np.ndarray] = {}
+        twice = set()
+        for quad, number in zip(corners, () if numbers is None else numbers.ravel(), strict=False):
+            place = int(number) - target.first_id
+            if 0 <= place < count:
+                twice |= {place} & found.keys()
+                # Pixel centres are whole numbers in both images.
+                found[place] = (quad.reshape(4, 2) + 0.5) / factor - 0.5
+        found = {place: quad for place, quad in found.items() if place not in twice}
+        if len(found) > len(best):
+            best = found
+        if len(best) == count:
+            break
+    return best
+
+
+def _pictures(image: np.ndarray) -> Iterator[tuple[np.ndarray, int]]:
+    good = image[np.isfinite(image)]
+    if not good.size:
+        return
+    low, high = np.percentile(good, [_DARK, _BRIGHT])
+    even = np.clip((np.nan_to_num(image, nan=low) - low) / max(high - low, 1e-12), 0, 1)
+    filled = np.nan_to_num(image, nan=low).astype(np.float32)
+    mean = cv2.GaussianBlur(filled, (0, 0), _NEAR_BY)
+    variance = cv2.GaussianBlur(filled**2, (0, 0), _NEAR_BY) - mean**2
+    local = (filled - mean) / (2 * _CONTRASTS * np.sqrt(np.maximum(variance, 1e-12))) + 0.5
+    for shade, factor in ((even, 4), (local, 6), (even, 2)):
+        picture = (np.clip(shade, 0, 1) * 255).astype(np.uint8)
+        size = picture.shape[1] * factor, picture.shape[0] * factor
+        yield cv2.resize(picture, size, interpolation=cv2.INTER_CUBIC), factor
+
+
+def unsaturated(image: np.ndarray) -> np.ndarray:
+    """Return a gray image with NaN where it is saturated: many pixels at its largest value."""
+    full = image >= np.nanmax(image, initial=0.0)
+    return np.where(full & (full.mean() > _SATURATED), np.nan, image)
+
+
+def poses_from(target: Target, tags: dict[int, np.ndarray], rays: np.ndarray) -> list[Pose]:
+    """
+    Return the camera's poses in the target's frame that explain the corners of tags.
+
+    Parameters
+    ----------
+    target : Target
+        The board.
+    tags : dict of int to numpy.ndarray
+        As `find_tags` returns.
+    rays : numpy.ndarray
+        (H, W, 2) of each pixel, lens distortion taken off.
+
+    Returns
+    -------
+    list of Pose
+        Up to two, the better one first: a plane that is far off can be mistaken for its mirror
+        image.
+
+    """
+    places = sorted(tags)
+    on_board = target.corners()[places].reshape(-1, 3)
+    pixels = np.concatenate([tags[place] for place in places]).astype(np.float32)
+    seen = cv2.remap(
+        rays.astype(np.float32), pixels[None], None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+    )[0].astype(np.float64)
+    good = np.isfinite(seen).all(axis=1)
+    if good.sum() < 4:
+        return []
+    _, turns, moves, _ = cv2.solvePnPGeneric(
+        on_board[good], seen[good], np.eye(3), None, flags=cv2.SOLVEPNP_IPPE
+    )
+    out = []
+    for turn, move in zip(turns, moves, strict=True):
+        turn, move = cv2.solvePnPRefineLM(on_board[good], seen[good], np.eye(3), None, turn, move)
+        R = cv2.Rodrigues(turn)[0]
+        pose = Pose(R.T, -R.T @ move.ravel())
+        if np.isfinite(pose.t).all() and pose.t[2] < 0:
+            out.append(pose)
+    return out
+
+
+def find_board(
+    target: Target, gray: Gray, scale_error: float, start: GrayFit | None = None
+) -> GrayFit | None:
+    """
+    Find a board in a gray image, and align it.
+
+    Parameters
+    ----------
+    target : Target
+        The board.
+    gray : Gray
+        The image.
+    scale_error : float
+        Standard deviation of the focal length, as a fraction.
+    start : GrayFit, optional
+        Where it was in a similar image: only its power is used, which saves time.
+
+    Returns
+    -------
+    GrayFit or None
+        None where no tag is found, or what is found does not look like this board.
+
+    """
+    tags = find_tags(target, gray.image)
+    gray = Gray(unsaturated(gray.image), gray.rays)
+    starts = poses_from(target, tags, gray.rays) if tags else []
+    if not starts:
+        return None
+    powers = POWERS if start is None else (start.power,)
+    rough = [
+        fit
+        for pose, power in product(_starts(starts, tags), powers)
+        if (fit := align_gray(target, gray, pose, power, _FIRST_BLUR, _ROUGH_STEPS)) is not None
+    ]
+    if not rough:
+        return None
+    best = min(rough, key=lambda fit: fit.cost)
+    # Again, with pixels chosen and the sheet painted from where it has been found.
+    fit = align_gray(target, gray, best.pose, best.power, best.blur, _STEPS)
+    if fit is None or fit.cost > _WORST_COST or fit.pose.t[2] > 0:
+        return None
+    return with_scale_error(fit, float(np.hypot(scale_error, target.scale_error)))
+
+
+def _starts(starts: list[Pose], tags: dict[int, np.ndarray]) -> list[Pose]:
+    # Corners hardly show the tilt of a small board.
+    first, *others = starts
+    side = np.median([np.linalg.norm(quad - np.roll(quad, 1, axis=0), axis=1) for quad in tags.values()])
+    out = [first, *(o for o in others if np.abs(first.motion_to(o)[3:]).max() > _SAME)]
+    if side < _SMALL_TAG:
+        out += [_tilted(first, axis, angle) for axis in (0, 1) for angle in (-_TILT, _TILT)]
+    return out
+
+
+def _tilted(pose: Pose, axis: int, angle: float) -> Pose:
+    # Turned about the board's middle.
+    turn = Rotation.from_rotvec(np.eye(3)[axis] * angle).as_matrix()
+    return Pose(turn @ pose.R, turn @ pose.t)
+
+
+def plane_covariance(pose: Pose, covariance: np.ndarray, middle: np.ndarray) -> np.ndarray:
+    """
+    Return the covariance of the board's plane, as recordings write it down.
+
+    Parameters
+    ----------
+    pose : Pose
+        The camera's in the board's frame.
+    covariance : numpy.ndarray
+        (6, 6) of its motion.
+    middle : numpy.ndarray
+        (3,) mean of the plane's known points, optical frame, metres.
+
+    Returns
+    -------
+    numpy.ndarray
+        (3, 3): an offset along the normal that points away from the camera, metres; turns about
+        the image's x axis on the plane and about normal x that axis, radians.
+
+    """
+    normal = pose.R[2] * (1.0 if pose.R[2] @ middle >= 0 else -1.0)
+    axis = np.eye(3)[0 if abs(normal[0]) < _ALONG else 1]
+    first = axis - (axis @ normal) * normal
+    first /= np.linalg.norm(first)
+    second = np.cross(normal, first)
+    # A motion of the camera moves the board by the opposite.
+    change = np.zeros((3, 6))
+    change[0] = -np.concatenate([normal, np.cross(middle, normal)])
+    change[1, 3:], change[2, 3:] = -first, -second
+    return np.asarray(change @ covariance @ change.T)

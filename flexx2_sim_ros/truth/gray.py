@@ -1,0 +1,333 @@
+"""
+Align a printed target to a gray image.
+
+The sheet is painted, seen from a pose, blurred and lit; pose, blur and light are fitted to the gray
+values of all pixels inside it (Gauss-Newton, Huber loss). Blur shifts the corners of dark squares
+inwards, so that a pose from corners is too far. A fit of gray values with a free blur is not.
+"""
+
+from dataclasses import dataclass, replace
+
+import cv2
+from flexx2_sim_ros.truth.poses import Pose
+from flexx2_sim_ros.truth.target import Target
+import numpy as np
+
+_FINER, _COARSER = 4, 2  # points a pixel and axis, of a small and of a large sheet
+_LARGE = 6000  # pixels
+_MARGIN = 3  # pixels around the sheet that blur reaches
+_BLURS = 2.5  # standard deviations of blur from the sheet's edge: what lies there is not known
+_TILE = 4  # pixels whose errors count as one
+_HUBER = 1.5  # times the scale
+_CONVERGED = 1e-5
+_LEAST_PIXELS = 150
+_BLUR_RANGE = np.log([0.15, 4.0])  # pixels
+_FIRST_CONTRAST = 0.1
+_COST_LIMIT = 0.15  # of white
+_FITTED = 14  # pose 6, blur, contrast, light 6
+# How gray values follow the light: straight, or as a square root (the driver's 8-bit image).
+POWERS = 1.0, 0.5
+
+
+@dataclass(frozen=True)
+class Gray:
+    """
+    A gray image to align to.
+
+    Attributes
+    ----------
+    image : numpy.ndarray
+        (H, W) float64, any unit.
+    rays : numpy.ndarray
+        (H, W, 2) x/z and y/z of each pixel, lens distortion taken off; NaN where there is none.
+
+    """
+
+    image: np.ndarray
+    rays: np.ndarray
+
+
+@dataclass(frozen=True)
+class GrayFit:
+    """
+    An aligned sheet.
+
+    Attributes
+    ----------
+    pose : Pose
+        Of the camera in the sheet's frame.
+    covariance : numpy.ndarray
+        (6, 6) of a motion of the camera, see `Pose.moved`; noise only.
+    scale_shift : numpy.ndarray
+        (6,) motion of the camera for a focal length that is larger by 100 %, linearised.
+    blur : float
+        Standard deviation, pixels.
+    contrast : float
+        Reflectivity of black as a fraction of that of white.
+    power : float
+        One of `POWERS`.
+    cost : float
+        Mean Huber loss of gray values, as a fraction of white, without the square.
+    history : tuple of float
+        The cost after each step.
+    white : numpy.ndarray
+        (H, W) the white fraction of each pixel, NaN outside of the sheet.
+
+    """
+
+    pose: Pose
+    covariance: np.ndarray
+    scale_shift: np.ndarray
+    blur: float
+    contrast: float
+    power: float
+    cost: float
+    history: tuple[float, ...]
+    white: np.ndarray
+
+
+@dataclass(frozen=True)
+class _State:
+    pose: Pose
+    log_blur: float
+    contrast: float
+    light: np.ndarray  # (6,) of the logarithm of the light on white
+
+
+class _View:
+    """The part of an image around the sheet, and its points between pixels."""
+
+    def __init__(self, target: Target, gray: Gray, pose: Pose) -> None:
+        self.target = target
+        height, width = gray.image.shape
+        inside = _inside(target, pose, gray.rays, 0.0)
+        rows, columns = (np.flatnonzero(inside.any(axis=axis)) for axis in (1, 0))
+        if len(rows) < 3 or len(columns) < 3:
+            self.window = slice(0), slice(0)
+            return
+        self.window = tuple(
+            slice(max(int(some[0]) - _MARGIN, 0), min(int(some[-1]) + _MARGIN + 1, size))
+            for some, size in ((rows, height), (columns, width))
+        )
+        self.image = gray.image[self.window]
+        self.rays = gray.rays[self.window]
+        self.finer = _FINER if inside.sum() < _LARGE else _COARSER
+        self.fine = _finer(self.rays, self.finer)
+        distance = float(np.linalg.norm(pose.t))
+        pixel = float(np.nanmedian(np.abs(np.diff(self.rays[..., 0], axis=1)))) * distance
+        self.step = max(pixel / self.finer, 1e-4)
+        self.paint = target.paint(self.step)
+        v, u = np.mgrid[: self.image.shape[0], : self.image.shape[1]]
+        u = 2 * u / max(u.max(), 1) - 1
+        v = 2 * v / max(v.max(), 1) - 1
+        self.light = np.stack([np.ones(u.shape), u, v, u * u, u * v, v * v], axis=-1)
+
+    def blurred(self, pose: Pose, log_blur: float) -> np.ndarray:
+        """Return the white fraction at all points between pixels."""
+        x, y = _on_sheet(pose, self.fine)
+        height, width = self.paint.shape
+        seen = cv2.remap(
+            self.paint,
+            (x / self.step + (width / 2 - 0.5)).astype(np.float32),
+            (y / self.step + (height / 2 - 0.5)).astype(np.float32),
+            cv2.INTER_LINEAR,
+            borderMode=cv2.BORDER_CONSTANT,
+            borderValue=1.0,
+        )
+        return np.asarray(cv2.GaussianBlur(seen, (0, 0), float(np.exp(log_blur)) * self.finer))
+
+    def pixels(self, fine: np.ndarray) -> np.ndarray:
+        """Return (h, w) means over the area of each pixel."""
+        height, width = self.image.shape
+        small = fine.reshape(height, self.finer, width, self.finer)
+        return np.asarray(small.mean(axis=(1, 3)), np.float64)
+
+    def flow(self, pose: Pose) -> np.ndarray:
+        """Return (h, w, 2, 7): pixels that the sheet moves by, a motion of the camera and zoom."""
+        normal = pose.R[2]
+        point = np.concatenate([self.rays, np.ones((*self.rays.shape[:2], 1))], axis=-1)
+        point *= (-pose.t[2] / (point @ normal))[..., None]
+        depth = point[..., 2]
+        # Of points on the sheet in the camera's frame: -dt - w x point.
+        moved = np.zeros((*depth.shape, 3, 6))
+        moved[..., :3] = -np.eye(3)
+        x, y, z = np.moveaxis(point, -1, 0)
+        moved[..., 0, 4], moved[..., 0, 5] = -z, y
+        moved[..., 1, 3], moved[..., 1, 5] = z, -x
+        moved[..., 2, 3], moved[..., 2, 4] = -y, x
+        ray = np.empty((*depth.shape, 2, 7))
+        ray[..., :6] = moved[..., :2, :] - self.rays[..., None] * moved[..., 2:, :]
+        ray[..., :6] /= depth[..., None, None]
+        ray[..., 6] = self.rays
+        change = np.stack([np.gradient(self.rays, axis=axis) for axis in (1, 0)], axis=-1)
+        return np.asarray(np.linalg.solve(change, ray))
+
+
+def _finer(rays: np.ndarray, times: int) -> np.ndarray:
+    # Rays of points between pixels; straight on beyond the last ones.
+    wide = np.pad(rays, ((1, 1), (1, 1), (0, 0)), mode='reflect', reflect_type='odd')
+    height, width = rays.shape[:2]
+    u, v = ((np.arange(n * times) + 0.5) / times + 0.5 for n in (width, height))
+    maps = np.meshgrid(u, v)
+    column, row = (np.floor(m).astype(int) for m in maps)
+    a, b = ((m - np.floor(m))[..., None] for m in maps)
+    top = wide[row, column] * (1 - a) + wide[row, column + 1] * a
+    low = wide[row + 1, column] * (1 - a) + wide[row + 1, column + 1] * a
+    return np.asarray(top * (1 - b) + low * b)
+
+
+def _on_sheet(pose: Pose, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    # Where rays meet the sheet's plane, metres; NaN behind the camera.
+    direction = rays @ pose.R[:, :2].T + pose.R[:, 2]
+    with np.errstate(invalid='ignore', divide='ignore'):
+        reach = -pose.t[2] / direction[..., 2]
+        reach = np.where(reach > 0, reach, np.nan)
+        return pose.t[0] + reach * direction[..., 0], pose.t[1] + reach * direction[..., 1]
+
+
+def _inside(target: Target, pose: Pose, rays: np.ndarray, border: float) -> np.ndarray:
+    x, y = _on_sheet(pose, rays)
+    with np.errstate(invalid='ignore'):
+        return (np.abs(x) < target.width / 2 - border) & (np.abs(y) < target.height / 2 - border)
+
+
+def align_gray(
+    target: Target, gray: Gray, start: Pose, power: float, blur: float, steps: int
+) -> GrayFit | None:
+    """
+    Align a target to a gray image from a pose nearby.
+
+    Parameters
+    ----------
+    target : Target
+        What is on the sheet.
+    gray : Gray
+        The image.
+    start : Pose
+        Of the camera in the sheet's frame, so that the sheet's edges are within a few pixels.
+    power : float
+        One of `POWERS`.
+    blur : float
+        Pixels, to start from.
+    steps : int
+        At most.
+
+    Returns
+    -------
+    GrayFit or None
+        None where too little of the sheet is in the image.
+
+    """
+    view = _View(target, gray, start)
+    if view.window[0].stop == 0:
+        return None
+    border = (1 + _BLURS * blur) * view.step * view.finer
+    use = _inside(target, start, view.rays, border) & (np.nan_to_num(view.image) > 0)
+    if use.sum() < _LEAST_PIXELS:
+        return None
+    level = view.image[use] ** (1 / power)
+    level /= np.percentile(level, 90)
+    state = _State(start, float(np.log(blur)), _FIRST_CONTRAST, np.zeros(6))
+    model, J = _model(view, state, use)
+    history, damping = [_cost(level, model, power)], 1e-3
+    for _ in range(steps):
+        residual = level - model
+        limit = _HUBER * _scale(residual)
+        weight = limit / np.maximum(np.abs(residual), limit)
+        H = (J * weight[:, None]).T @ J
+        step = np.linalg.solve(H + damping * np.diag(np.diag(H) + 1e-9), J.T @ (weight * residual))
+        trial = _moved(state, step)
+        model_there, J_there = _model(view, trial, use)
+        if _loss(level - model_there, limit) <= _loss(residual, limit):
+            state, model, J = trial, model_there, J_there
+            damping = max(damping / 10, 1e-7)
+        else:
+            damping *= 10
+        history.append(_cost(level, model, power))
+        if np.abs(step[:6]).max() < _CONVERGED or damping > 1e4:
+            break
+    covariance, shift = _accuracy(view, state, use, J, level - model)
+    whole = np.full(gray.image.shape, np.nan)
+    white = view.pixels(view.blurred(state.pose, state.log_blur))
+    whole[view.window] = np.where(_inside(target, state.pose, view.rays, 0.0), white, np.nan)
+    found = float(np.exp(state.log_blur))
+    return GrayFit(
+        state.pose, covariance, shift, found, state.contrast, power, history[-1],
+        tuple(history), whole,
+    )  # fmt: skip
+
+
+def _moved(state: _State, step: np.ndarray) -> _State:
+    size = max(np.linalg.norm(step[:3]) / 0.05, np.linalg.norm(step[3:6]) / 0.1, 1.0)
+    step = step / size
+    return _State(
+        state.pose.moved(step[:6]),
+        float(np.clip(state.log_blur + np.clip(step[6], -0.5, 0.5), *_BLUR_RANGE)),
+        float(np.clip(state.contrast + step[7], 0.0, 0.95)),
+        state.light + np.clip(step[8:], -1, 1),
+    )
+
+
+def _model(view: _View, state: _State, use: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    # What the pixels should be, (N,), and how that changes with all that is fitted, (N, 14).
+    fine = view.blurred(state.pose, state.log_blur)
+    white = view.pixels(fine)[use]
+    slopes = np.stack([view.pixels(np.gradient(fine, axis=axis))[use] for axis in (1, 0)], axis=1)
+    basis = view.light[use]
+    light = np.exp(np.clip(basis @ state.light, -20, 20))
+    mixed = state.contrast + (1 - state.contrast) * white
+    flow = view.flow(state.pose)[use]
+    J = np.empty((len(white), _FITTED))
+    span = light * (1 - state.contrast)
+    J[:, :6] = -span[:, None] * np.einsum('ni,nij->nj', slopes * view.finer, flow[..., :6])
+    # Blur spreads as heat does: more of it adds the Laplacian.
+    bend = view.pixels(cv2.Laplacian(fine, cv2.CV_32F))[use]
+    J[:, 6] = span * bend * (np.exp(state.log_blur) * view.finer) ** 2
+    J[:, 7] = light * (1 - white)
+    J[:, 8:] = (light * mixed)[:, None] * basis
+    return light * mixed, J
+
+
+def _scale(residual: np.ndarray) -> float:
+    return max(1.4826 * float(np.median(np.abs(residual))), 1e-4)
+
+
+def _loss(residual: np.ndarray, limit: float) -> float:
+    size = np.abs(residual)
+    return float(np.where(size < limit, size**2, 2 * limit * size - limit**2).mean())
+
+
+def _cost(level: np.ndarray, model: np.ndarray, power: float) -> float:
+    # Of gray values and with a fixed limit: costs of different poses and powers are compared.
+    residual = level**power - np.clip(model, 0, None) ** power
+    return float(np.sqrt(_loss(residual, _COST_LIMIT)))
+
+
+def _accuracy(
+    view: _View, state: _State, use: np.ndarray, J: np.ndarray, residual: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    # Covariance of the motion that allows errors to be alike within tiles, and the motion that a
+    # wrong focal length makes.
+    limit = _HUBER * _scale(residual)
+    weight = limit / np.maximum(np.abs(residual), limit)
+    inverse = np.linalg.pinv((J * weight[:, None]).T @ J, hermitian=True)
+    row, column = np.nonzero(use)
+    tile = np.unique((row // _TILE) * 10_000 + column // _TILE, return_inverse=True)[1]
+    count = int(tile.max()) + 1
+    score = np.zeros((count, _FITTED))
+    np.add.at(score, tile, J * (weight * residual)[:, None])
+    few = count / max(count - _FITTED, 1)
+    covariance = inverse @ (score.T @ score) @ inverse * few
+    fine = view.blurred(state.pose, state.log_blur)
+    slopes = np.stack([view.pixels(np.gradient(fine, axis=axis))[use] for axis in (1, 0)], axis=1)
+    light = np.exp(np.clip(view.light[use] @ state.light, -20, 20)) * (1 - state.contrast)
+    # A longer focal length than assumed shows the sheet larger.
+    larger = -light * np.einsum('ni,ni->n', slopes * view.finer, view.flow(state.pose)[use][..., 6])
+    shift = inverse @ (J.T @ (weight * larger))
+    return covariance[:6, :6], -shift[:6]
+
+
+def with_scale_error(fit: GrayFit, relative: float) -> GrayFit:
+    """Return a fit whose covariance counts an error of focal length or printed size."""
+    shift = fit.scale_shift * relative
+    return replace(fit, covariance=fit.covariance + np.outer(shift, shift))
