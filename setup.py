@@ -91,7 +91,9 @@ setup(
             'mujoco-menagerie',
             'mypy',
             'myst-parser',
+            'opencv-python-headless>=4.7',
             'pydocstyle',
+            'pypdfium2',
             'pytest',
             'pytest-xdist',
             'ruff',
@@ -102,7 +104,7 @@ setup(
             'types-PyYAML',
             'warp-lang>=1.19',
         ],
-        'truth': ['embreex>=2.17', 'trimesh>=4.5'],
+        'truth': ['embreex>=2.17', 'opencv-python-headless>=4.7', 'trimesh>=4.5'],
         'view': ['tornado>=6.4'],
     },
     entry_points={

@@ -5,6 +5,7 @@ from typing import Any
 
 # Import name: what pip installs. Not every command and node needs these.
 _OPTIONAL = {
+    'cv2': 'opencv-python-headless',
     'embreex': 'embreex',
     'matplotlib': 'matplotlib',
     'mujoco': '"mujoco>=4.0"',

@@ -1,6 +1,8 @@
 """`flexx2 gap truth`: ground truth for recordings of a real camera."""
 
 import argparse
+from collections.abc import Callable
+from functools import partial
 import math
 import os
 from pathlib import Path
@@ -22,9 +24,9 @@ def add_parser(commands: Any) -> None:
     parser = commands.add_parser(
         'truth',
         help='make ground truth for recordings of a real camera',
-        description='Register each RECORDING (.npz, a bag, or a folder of them) to a room, and '
-        'write it to DIR with clean_depth and how well it is known. Writes truth.yaml and '
-        'truth.html as well. An interrupted run goes on where it was. See docs/truth.md.',
+        description='Register each RECORDING (.npz, a bag, or a folder of them) to a room or a '
+        'printed board, and write it to DIR with clean_depth and how well it is known. Writes '
+        'truth.yaml and truth.html as well. An interrupted run resumes. See docs/truth.md.',
         epilog='example: flexx2 gap truth bags/ --scan room.ply --out campaign/',
     )
     parser.add_argument('recordings', nargs='+', metavar='RECORDING')
@@ -36,6 +38,12 @@ def add_parser(commands: Any) -> None:
     )
     room.add_argument(
         '--scene', metavar='FILE', help='the room as a MuJoCo model: MJCF (.xml) or .urdf'
+    )
+    room.add_argument(
+        '--board',
+        metavar='FILE',
+        help='a printed target that the gray images show, as flexx2 gap target describes it '
+        '(target.yaml)',
     )
     parser.add_argument('--out', required=True, metavar='DIR')
     parser.add_argument(
@@ -64,9 +72,14 @@ def add_parser(commands: Any) -> None:
     parser.add_argument(
         '--room-error',
         type=number(0, 1),
-        default=0.003,
         metavar='METRES',
-        help="standard deviation of the room's surfaces (default %(default)s)",
+        help="standard deviation of the room's surfaces (default 0.003)",
+    )
+    parser.add_argument(
+        '--lens-error',
+        type=number(0, 0.1),
+        metavar='FRACTION',
+        help='standard deviation of the focal length, with --board (default 0.003)',
     )
     parser.add_argument(
         '--jobs',
@@ -84,26 +97,7 @@ def add_parser(commands: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Make ground truth with a progress bar, and print the verdicts."""
-    from flexx2_sim_ros.profiles.files import find_profile
-    from flexx2_sim_ros.truth import make_truth, Request
-
-    room = Path(arguments.scan or arguments.scene)
-    _check_suffix(room, arguments.scan is not None)
-    words = sys.argv[1:] if sys.argv[1:2] == ['gap'] else ['gap', 'truth']
-    request = Request(
-        tuple(map(Path, arguments.recordings)),
-        room,
-        Path(arguments.out),
-        tuple(_pose(text) for text in arguments.pose),
-        arguments.up or ('+y' if room.suffix.lower() == '.glb' else '+z'),
-        arguments.camera,
-        find_profile(arguments.profile) if arguments.profile else None,
-        arguments.motion,
-        arguments.room_error,
-        arguments.jobs,
-        arguments.scheduler,
-        shlex.join(['flexx2', *words]),
-    )
+    make = _board_maker(arguments) if arguments.board else _room_maker(arguments)
     console = Console(stderr=True, markup=False)
     with Progress(
         TextColumn('{task.description}', markup=False),
@@ -113,9 +107,7 @@ def run(arguments: argparse.Namespace) -> int:
         transient=True,
     ) as progress:
         task = progress.add_task('starting', total=1.0)
-        table = make_truth(
-            request, lambda text, share: progress.update(task, description=text, completed=share)
-        )
+        table = make(lambda text, share: progress.update(task, description=text, completed=share))
     for row in table['recordings']:
         reasons = f': {"; ".join(row["reasons"])}' if row['reasons'] else ''
         console.print(printable(f'{row["name"]}: {row["verdict"]}{reasons}'), highlight=False)
@@ -125,6 +117,66 @@ def run(arguments: argparse.Namespace) -> int:
         )
     console.print(f'{arguments.out}: truth.yaml, truth.html', highlight=False)
     return 0
+
+
+_Maker = Callable[[Callable[[str, float], None]], dict[str, Any]]
+
+
+def _room_maker(arguments: argparse.Namespace) -> _Maker:
+    from flexx2_sim_ros.truth import make_truth, Request
+
+    room = Path(arguments.scan or arguments.scene)
+    _check_suffix(room, arguments.scan is not None)
+    if arguments.lens_error is not None:
+        raise InputError('--lens-error: must be given with --board only')
+    request = Request(
+        tuple(map(Path, arguments.recordings)),
+        room,
+        Path(arguments.out),
+        tuple(_pose(text) for text in arguments.pose),
+        arguments.up or ('+y' if room.suffix.lower() == '.glb' else '+z'),
+        arguments.camera,
+        _profile(arguments),
+        arguments.motion,
+        0.003 if arguments.room_error is None else arguments.room_error,
+        arguments.jobs,
+        arguments.scheduler,
+        _command(),
+    )
+    return partial(make_truth, request)
+
+
+def _board_maker(arguments: argparse.Namespace) -> _Maker:
+    from flexx2_sim_ros.truth import BoardRequest, make_board_truth
+
+    for name in ('pose', 'up', 'room_error'):
+        if getattr(arguments, name) not in (None, []):
+            option = f'--{name.replace("_", "-")}'
+            raise InputError(f'{option}: must be given with --scan or --scene only')
+    request = BoardRequest(
+        tuple(map(Path, arguments.recordings)),
+        Path(arguments.board),
+        Path(arguments.out),
+        arguments.camera,
+        _profile(arguments),
+        arguments.motion,
+        0.003 if arguments.lens_error is None else arguments.lens_error,
+        arguments.jobs,
+        arguments.scheduler,
+        _command(),
+    )
+    return partial(make_board_truth, request)
+
+
+def _profile(arguments: argparse.Namespace) -> Any:
+    from flexx2_sim_ros.profiles.files import find_profile
+
+    return find_profile(arguments.profile) if arguments.profile else None
+
+
+def _command() -> str:
+    words = sys.argv[1:] if sys.argv[1:2] == ['gap'] else ['gap', 'truth']
+    return shlex.join(['flexx2', *words])
 
 
 def _check_suffix(room: Path, scan: bool) -> None:

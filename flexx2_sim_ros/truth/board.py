@@ -9,6 +9,7 @@ from flexx2_sim_ros.truth.poses import Pose
 from flexx2_sim_ros.truth.rooms import Hits
 from flexx2_sim_ros.truth.target import Target
 import numpy as np
+from scipy.ndimage import map_coordinates
 from scipy.spatial.transform import Rotation
 
 _BRIGHT, _DARK = 99.0, 1.0  # percentiles
@@ -16,7 +17,7 @@ _BRIGHT, _DARK = 99.0, 1.0  # percentiles
 # Beyond 1.5 m tags are found by their contrast to what is within so many pixels.
 _EDGE_OF_MODULE = 0.3
 _NEAR_BY, _CONTRASTS = 12.0, 2.0
-_SATURATED = 0.002  # share of pixels at the largest gray value
+_LOST = 1.5  # times the cost of the frame before
 _WORST_COST = 0.12  # as a fraction of white: whatever fits worse is not this board
 _FIRST_BLUR = 0.5  # pixels
 _ROUGH_STEPS, _STEPS = 10, 25
@@ -122,12 +123,6 @@ def _pictures(image: np.ndarray) -> Iterator[tuple[np.ndarray, int]]:
         yield cv2.resize(picture, size, interpolation=cv2.INTER_CUBIC), factor
 
 
-def unsaturated(image: np.ndarray) -> np.ndarray:
-    """Return a gray image with NaN where it is saturated: many pixels at its largest value."""
-    full = image >= np.nanmax(image, initial=0.0)
-    return np.where(full & (full.mean() > _SATURATED), np.nan, image)
-
-
 def poses_from(target: Target, tags: dict[int, np.ndarray], rays: np.ndarray) -> list[Pose]:
     """
     Return the camera's poses in the target's frame that explain the corners of tags.
@@ -150,10 +145,14 @@ def poses_from(target: Target, tags: dict[int, np.ndarray], rays: np.ndarray) ->
     """
     places = sorted(tags)
     on_board = target.corners()[places].reshape(-1, 3)
-    pixels = np.concatenate([tags[place] for place in places]).astype(np.float32)
-    seen = cv2.remap(
-        rays.astype(np.float32), pixels[None], None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
-    )[0].astype(np.float64)
+    pixels = np.concatenate([tags[place] for place in places])
+    seen = np.stack(
+        [
+            map_coordinates(rays[..., k], pixels[:, ::-1].T, order=1, mode='nearest')
+            for k in (0, 1)
+        ],
+        axis=1,
+    )
     good = np.isfinite(seen).all(axis=1)
     if good.sum() < 4:
         return []
@@ -171,8 +170,8 @@ def poses_from(target: Target, tags: dict[int, np.ndarray], rays: np.ndarray) ->
 
 
 def find_board(
-    target: Target, gray: Gray, scale_error: float, start: GrayFit | None = None
-) -> GrayFit | None:
+    target: Target, gray: Gray, scale_error: float, before: GrayFit | None = None
+) -> GrayFit | str:
     """
     Find a board in a gray image, and align it.
 
@@ -181,43 +180,54 @@ def find_board(
     target : Target
         The board.
     gray : Gray
-        The image.
+        The image, NaN where it is saturated.
     scale_error : float
         Standard deviation of the focal length, as a fraction.
-    start : GrayFit, optional
-        Where it was in a similar image: only its power is used, which saves time.
+    before : GrayFit, optional
+        Where it was a moment ago: tried first.
 
     Returns
     -------
-    GrayFit or None
-        None where no tag is found, or what is found does not look like this board.
+    GrayFit or str
+        Why it is not found.
 
     """
+    powers: tuple[float, ...] = POWERS
+    if before is not None:
+        powers = (before.power,)
+        best = align_gray(target, gray, before.pose, before.power, before.blur, _ROUGH_STEPS)
+        if best is not None and best.cost < _LOST * before.cost:
+            return _refined(target, gray, best, scale_error)
     tags = find_tags(target, gray.image)
-    gray = Gray(unsaturated(gray.image), gray.rays)
     starts = poses_from(target, tags, gray.rays) if tags else []
     if not starts:
-        return None
-    powers = POWERS if start is None else (start.power,)
+        return 'no tag of the board is found in its gray image'
     rough = [
         fit
         for pose, power in product(_starts(starts, tags), powers)
         if (fit := align_gray(target, gray, pose, power, _FIRST_BLUR, _ROUGH_STEPS)) is not None
     ]
     if not rough:
-        return None
-    best = min(rough, key=lambda fit: fit.cost)
+        return 'too little of the board is in its gray image'
+    return _refined(target, gray, min(rough, key=lambda fit: fit.cost), scale_error)
+
+
+def _refined(target: Target, gray: Gray, rough: GrayFit, scale_error: float) -> GrayFit | str:
     # Again, with pixels chosen and the sheet painted from where it has been found.
-    fit = align_gray(target, gray, best.pose, best.power, best.blur, _STEPS)
-    if fit is None or fit.cost > _WORST_COST or fit.pose.t[2] > 0:
-        return None
+    fit = align_gray(target, gray, rough.pose, rough.power, rough.blur, _STEPS)
+    if fit is None or fit.pose.t[2] > 0:
+        return 'too little of the board is in its gray image'
+    if fit.cost > _WORST_COST:
+        return 'its gray image has tags, but not where the description of the board has them'
     return with_scale_error(fit, float(np.hypot(scale_error, target.scale_error)))
 
 
 def _starts(starts: list[Pose], tags: dict[int, np.ndarray]) -> list[Pose]:
     # Corners hardly show the tilt of a small board.
     first, *others = starts
-    side = np.median([np.linalg.norm(quad - np.roll(quad, 1, axis=0), axis=1) for quad in tags.values()])
+    side = np.median(
+        [np.linalg.norm(quad - np.roll(quad, 1, axis=0), axis=1) for quad in tags.values()]
+    )
     out = [first, *(o for o in others if np.abs(first.motion_to(o)[3:]).max() > _SAME)]
     if side < _SMALL_TAG:
         out += [_tilted(first, axis, angle) for axis in (0, 1) for angle in (-_TILT, _TILT)]

@@ -1,33 +1,37 @@
 """From recordings and a room to a campaign with ground truth."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-import hashlib
 from pathlib import Path
 import shutil
 from typing import Any
 
-from flexx2_sim_ros import __version__, atomic
+from flexx2_sim_ros import __version__
 from flexx2_sim_ros.camera import Profile
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.jobs import Map, workers
-from flexx2_sim_ros.recording import open_recording
-from flexx2_sim_ros.recording.folders import BAG_FILES, find_recordings, is_bag
+from flexx2_sim_ros.truth.files import (
+    CACHE,
+    check_files,
+    digest,
+    names_of,
+    Progress,
+    recordings_of,
+    remembered,
+    Steps,
+    write_results,
+)
 from flexx2_sim_ros.truth.joint import Columns, solve, View
 from flexx2_sim_ros.truth.meshes import load_room
 from flexx2_sim_ros.truth.page import page
 from flexx2_sim_ros.truth.registration import Job, register, Registered, views_of
 from flexx2_sim_ros.truth.shared import estimate, Shared
-from flexx2_sim_ros.truth.verdict import judge, Verdict
+from flexx2_sim_ros.truth.verdict import judge, NEVER_DECIDED, Verdict
 from flexx2_sim_ros.truth.writing import Picture, write_recording, Writing
 import numpy as np
-import yaml
 
-FILES = 'truth.yaml', 'truth.html'
-_CACHE = '.truth'
 # Cost of the best pose in the mirror image of the room, as a share of that in the room.
 _MIRRORED = 0.4
-Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)
@@ -101,7 +105,7 @@ def make_truth(request: Request, progress: Progress = lambda text, share: None) 
 
     """
     jobs = _jobs(request)
-    _check(request, jobs)
+    check_files(request.out, [job.path for job in jobs], request.camera)
     progress('loading the room', 0.0)
     room = load_room(request.room)
     new = not request.out.exists()
@@ -109,13 +113,13 @@ def make_truth(request: Request, progress: Progress = lambda text, share: None) 
         with workers(request.jobs, request.scheduler) as mapped:
             registered = _register(request, jobs, mapped, progress)
             numbered = [(i, *pair) for i, pair in enumerate(zip(jobs, registered, strict=True))]
-            steps = _Steps(progress, 'simulating bounces', 0.55, 0.1, len(jobs))
+            steps = Steps(progress, 'simulating bounces', 0.55, 0.1, len(jobs))
             views = [one for part in mapped(views_of, numbered, steps.tick) for one in part]
             progress('fitting poses and shared errors', 0.65)
             shared, verdicts = _fit(views, registered)
             _check_room(request, registered, verdicts)
             writings = _writings(request, jobs, registered, shared, verdicts)
-            steps = _Steps(progress, 'writing', 0.7, 0.25, len(writings))
+            steps = Steps(progress, 'writing', 0.7, 0.25, len(writings))
             pictures = dict(
                 zip(
                     writings,
@@ -128,34 +132,13 @@ def make_truth(request: Request, progress: Progress = lambda text, share: None) 
             shutil.rmtree(request.out, ignore_errors=True)
         raise
     table = _table(request, room.bounds, jobs, registered, shared, verdicts, writings, pictures)
-    with atomic.whole_files(atomic.output_folder(request.out)) as part:
-        text = yaml.safe_dump(table, sort_keys=False, allow_unicode=True)
-        (part / FILES[0]).write_text(text, encoding='utf-8')
-        html = page(table, registered, pictures)
-        (part / FILES[1]).write_text(html, encoding='utf-8', errors='backslashreplace')
-    shutil.rmtree(request.out / _CACHE, ignore_errors=True)
+    write_results(request.out, table, page(table, registered, pictures))
+    shutil.rmtree(request.out / CACHE, ignore_errors=True)
     return table
 
 
-@dataclass
-class _Steps:
-    progress: Progress
-    text: str
-    start: float
-    share: float
-    count: int
-    done: int = 0
-
-    def tick(self) -> None:
-        self.done += 1
-        self.progress(self.text, self.start + self.share * self.done / max(self.count, 1))
-
-
 def _jobs(request: Request) -> list[Job]:
-    paths: list[Path] = []
-    for path in request.recordings:
-        folder = path.is_dir() and not is_bag(path)
-        paths += find_recordings(path) if folder else [path]
+    paths = recordings_of(request.recordings)
     if len(request.poses) not in (0, 1, len(paths)):
         raise InputError(
             f'--pose: must be given once or once for each of {len(paths)} recordings, got '
@@ -170,57 +153,20 @@ def _jobs(request: Request) -> list[Job]:
     ]
 
 
-def _check(request: Request, jobs: Sequence[Job]) -> None:
-    # Before anything is computed.
-    try:
-        atomic.check_folder(request.out)
-    except InputError as error:
-        raise InputError(f'--out: {error}') from error
-    names = _names(jobs)
-    for job, name in zip(jobs, names, strict=True):
-        open_recording(job.path, job.camera)
-        atomic.check_distinct(job.path, request.out / name)
-
-
-def _names(jobs: Sequence[Job]) -> list[str]:
-    names: list[str] = []
-    for job in jobs:
-        stem, number = job.path.name, 1
-        if job.path.suffix in ('.npz', *BAG_FILES):
-            stem = job.path.stem
-        name = f'{stem}.npz'
-        while name in names:
-            number += 1
-            name = f'{stem}-{number}.npz'
-        names.append(name)
-    return names
-
-
 def _register(
     request: Request, jobs: Sequence[Job], mapped: Map, progress: Progress
 ) -> list[Registered]:
-    # What an earlier run has found is taken from its files.
-    folder = request.out / _CACHE
-    files = [folder / f'{_digest(job)}.json' for job in jobs]
-    missing = [(job, file) for job, file in zip(jobs, files, strict=True) if not file.is_file()]
-    steps = _Steps(progress, 'registering', 0.05, 0.5, len(missing))
-    if missing:
-        atomic.output_folder(folder)
-        mapped(_register_one, missing, steps.tick)
-    return [Registered.from_json(file.read_text(encoding='utf-8')) for file in files]
+    names = [
+        digest((job.path, job.room), (job.camera, job.motion, job.guess, job.up, job.profile))
+        for job in jobs
+    ]
+    steps = Steps(progress, 'registering', 0.05, 0.5, len(jobs))
+    texts = remembered(request.out / CACHE, names, jobs, _register_one, mapped, steps.tick)
+    return [Registered.from_json(text) for text in texts]
 
 
-def _register_one(item: tuple[Job, Path]) -> None:
-    job, file = item
-    atomic.write_text(file, register(job).to_json())
-
-
-def _digest(job: Job) -> str:
-    words: list[Any] = [__version__, job.camera, job.motion, job.guess, job.up, job.profile]
-    for path in (job.path, job.room):
-        files = sorted(path.iterdir()) if path.is_dir() else [path]
-        words += [(str(f.resolve()), f.stat().st_size, f.stat().st_mtime_ns) for f in files]
-    return hashlib.sha256(repr(words).encode('utf-8', 'surrogatepass')).hexdigest()[:32]
+def _register_one(job: Job) -> str:
+    return register(job).to_json()
 
 
 def _fit(views: Sequence[View], registered: Sequence[Registered]) -> tuple[Shared, list[Verdict]]:
@@ -271,7 +217,7 @@ def _writings(
 ) -> dict[int, Writing]:
     solution = shared.solution
     out = {}
-    for i, name in enumerate(_names(jobs)):
+    for i, name in enumerate(names_of([job.path for job in jobs])):
         mine = [k for k, view in enumerate(solution.views) if view.recording == i]
         if verdicts[i].state != 'refused' and mine:
             out[i] = Writing(
@@ -298,9 +244,10 @@ def _table(
     pictures: dict[int, Picture],
 ) -> dict[str, Any]:
     rows = []
+    names = names_of([job.path for job in jobs])
     for i, (job, where, verdict) in enumerate(zip(jobs, registered, verdicts, strict=True)):
         row: dict[str, Any] = {
-            'name': _names(jobs)[i],
+            'name': names[i],
             'source': str(job.path),
             'verdict': verdict.state,
             'reasons': list(verdict.reasons),
@@ -334,17 +281,7 @@ def _table(
 
 
 def _cannot_decide(shared: Shared) -> list[dict[str, str]]:
-    out = [
-        {
-            'effect': 'pose_error',
-            'reason': 'the poses are fitted to these recordings; motion capture would decide it',
-        },
-        {
-            'effect': 'time_offset',
-            'reason': 'each frame is placed where it was taken, whatever its stamp says; motion '
-            'capture would decide it',
-        },
-    ]
+    out = list(NEVER_DECIDED)
     for effect, finding in shared.findings.items():
         if finding['verdict'] == 'confounded':
             remedy = (

@@ -1,9 +1,9 @@
 """
 Align a printed target to a gray image.
 
-The sheet is painted, seen from a pose, blurred and lit; pose, blur and light are fitted to the gray
-values of all pixels inside it (Gauss-Newton, Huber loss). Blur shifts the corners of dark squares
-inwards, so that a pose from corners is too far. A fit of gray values with a free blur is not.
+The sheet is painted, seen from a pose, blurred and lit. Pose, blur and light are fitted to the
+gray values of all pixels inside it (Gauss-Newton, Huber loss). Blur moves the corners of dark
+squares inwards, so that a pose from corners is too far; a fit with a free blur is not.
 """
 
 from dataclasses import dataclass, replace
@@ -70,8 +70,6 @@ class GrayFit:
         Mean Huber loss of gray values, as a fraction of white, without the square.
     history : tuple of float
         The cost after each step.
-    white : numpy.ndarray
-        (H, W) the white fraction of each pixel, NaN outside of the sheet.
 
     """
 
@@ -83,7 +81,6 @@ class GrayFit:
     power: float
     cost: float
     history: tuple[float, ...]
-    white: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -105,10 +102,7 @@ class _View:
         if len(rows) < 3 or len(columns) < 3:
             self.window = slice(0), slice(0)
             return
-        self.window = tuple(
-            slice(max(int(some[0]) - _MARGIN, 0), min(int(some[-1]) + _MARGIN + 1, size))
-            for some, size in ((rows, height), (columns, width))
-        )
+        self.window = _around(rows, height), _around(columns, width)
         self.image = gray.image[self.window]
         self.rays = gray.rays[self.window]
         self.finer = _FINER if inside.sum() < _LARGE else _COARSER
@@ -161,6 +155,10 @@ class _View:
         ray[..., 6] = self.rays
         change = np.stack([np.gradient(self.rays, axis=axis) for axis in (1, 0)], axis=-1)
         return np.asarray(np.linalg.solve(change, ray))
+
+
+def _around(places: np.ndarray, size: int) -> slice:
+    return slice(max(int(places[0]) - _MARGIN, 0), min(int(places[-1]) + _MARGIN + 1, size))
 
 
 def _finer(rays: np.ndarray, times: int) -> np.ndarray:
@@ -247,14 +245,10 @@ def align_gray(
         if np.abs(step[:6]).max() < _CONVERGED or damping > 1e4:
             break
     covariance, shift = _accuracy(view, state, use, J, level - model)
-    whole = np.full(gray.image.shape, np.nan)
-    white = view.pixels(view.blurred(state.pose, state.log_blur))
-    whole[view.window] = np.where(_inside(target, state.pose, view.rays, 0.0), white, np.nan)
     found = float(np.exp(state.log_blur))
     return GrayFit(
-        state.pose, covariance, shift, found, state.contrast, power, history[-1],
-        tuple(history), whole,
-    )  # fmt: skip
+        state.pose, covariance, shift, found, state.contrast, power, history[-1], tuple(history)
+    )
 
 
 def _moved(state: _State, step: np.ndarray) -> _State:
@@ -322,7 +316,9 @@ def _accuracy(
     slopes = np.stack([view.pixels(np.gradient(fine, axis=axis))[use] for axis in (1, 0)], axis=1)
     light = np.exp(np.clip(view.light[use] @ state.light, -20, 20)) * (1 - state.contrast)
     # A longer focal length than assumed shows the sheet larger.
-    larger = -light * np.einsum('ni,ni->n', slopes * view.finer, view.flow(state.pose)[use][..., 6])
+    larger = -light * np.einsum(
+        'ni,ni->n', slopes * view.finer, view.flow(state.pose)[use][..., 6]
+    )
     shift = inverse @ (J.T @ (weight * larger))
     return covariance[:6, :6], -shift[:6]
 
@@ -331,3 +327,14 @@ def with_scale_error(fit: GrayFit, relative: float) -> GrayFit:
     """Return a fit whose covariance counts an error of focal length or printed size."""
     shift = fit.scale_shift * relative
     return replace(fit, covariance=fit.covariance + np.outer(shift, shift))
+
+
+def white_fraction(target: Target, gray: Gray, pose: Pose, blur: float) -> np.ndarray:
+    """Return (H, W) the white fraction of each pixel, blurred; NaN outside of the sheet."""
+    out = np.full(gray.image.shape, np.nan)
+    view = _View(target, gray, pose)
+    if view.window[0].stop:
+        inside = _inside(target, pose, view.rays, 0.0)
+        white = view.pixels(view.blurred(pose, float(np.log(blur))))
+        out[view.window] = np.where(inside, white, np.nan)
+    return out

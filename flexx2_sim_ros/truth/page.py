@@ -43,20 +43,41 @@ def page(
 
     """
     rows = table['recordings']
+    about = (
+        f'Room: <code>{escape(table["room"])}</code>, '
+        f'{" x ".join(f"{value:g}" for value in table["room_size_m"])} m, accuracy '
+        f'{table["room_error_mm"]:g} mm (given).'
+    )
+    body = [_shared(table), undecided(table['cannot_decide']), recordings_table(rows)]
+    for i, row in enumerate(rows):
+        if i in pictures:
+            body.append(_pictures(row, registered[i], pictures[i]))
+    return whole_page(table, about, body)
+
+
+def whole_page(table: Mapping[str, Any], about: str, parts: Sequence[str]) -> str:
+    """
+    Return the page of a campaign with its parts.
+
+    Parameters
+    ----------
+    table : dict
+        What ``truth.yaml`` says.
+    about : str
+        What the truth was made from, as HTML.
+    parts : sequence of str
+        HTML.
+
+    """
+    rows = table['recordings']
     count = {state: sum(r['verdict'] == state for r in rows) for state in _STATES}
     words = ', '.join(f'{number} {state}' for state, number in count.items() if number)
     body = [
         f'<h1>Ground truth of {len(rows)} recordings: {escape(words)}</h1>',
-        f'<p>Room: <code>{escape(table["room"])}</code>, '
-        f'{" x ".join(f"{value:g}" for value in table["room_size_m"])} m, accuracy '
-        f'{table["room_error_mm"]:g} mm (given).</p>',
-        _shared(table),
-        _recordings(rows),
+        f'<p>{about}</p>',
+        *parts,
+        f'<p><small>{escape(table["command"])}</small></p>',
     ]
-    for i, row in enumerate(rows):
-        if i in pictures:
-            body.append(_pictures(row, registered[i], pictures[i]))
-    body.append(f'<p><small>{escape(table["command"])}</small></p>')
     return html_page('Ground truth', _STYLE, '\n'.join(body))
 
 
@@ -70,16 +91,20 @@ def _shared(table: dict[str, Any]) -> str:
             f'<tr><td>{escape(effect)}</td><td>{escape(str(found["verdict"]))}</td>'
             f'<td>{escape(_sizes(found))}</td><td>{escape(str(found.get("reason", "")))}</td></tr>'
         )
-    undecided = ''.join(
-        f'<tr><td>{escape(row["effect"])}</td><td>{escape(row["reason"])}</td></tr>'
-        for row in table['cannot_decide']
-    )
     return (
         '<h2>Errors that the recordings share</h2><p>Fitted together with the poses, so that the '
         'poses do not hide them. They are not part of clean_depth.</p>'
         f'<table><tr><th>effect</th><th></th><th>size</th><th></th></tr>{"".join(lines)}</table>'
-        f'<h2>What this ground truth cannot decide</h2><table>{undecided}</table>'
     )
+
+
+def undecided(rows: Sequence[Mapping[str, str]]) -> str:
+    """Return a table of what a ground truth cannot decide."""
+    lines = ''.join(
+        f'<tr><td>{escape(row["effect"])}</td><td>{escape(row["reason"])}</td></tr>'
+        for row in rows
+    )
+    return f'<h2>What this ground truth cannot decide</h2><table>{lines}</table>'
 
 
 def _sizes(found: Mapping[str, Any]) -> str:
@@ -94,14 +119,15 @@ def _sizes(found: Mapping[str, Any]) -> str:
     return f'gain {found["gain"]:.2f}, standard deviation {deviation:.2f}'
 
 
-def _recordings(rows: Sequence[Mapping[str, Any]]) -> str:
+def recordings_table(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Return a table of the rows of ``truth.yaml``."""
     lines = []
     for row in rows:
         sizes = ''
         if 'pose' in row:
             sizes = (
                 f'<td>{row["pose_sigma_mm"]:.2f} mm, {row["pose_sigma_deg"]:.3f} deg</td>'
-                f'<td>{row["residual_mm"]:.1f} mm</td><td>{row["known"]:.0%}</td>'
+                f'<td>{_millimetres(row["residual_mm"])}</td><td>{row["known"]:.0%}</td>'
             )
         lines.append(
             f'<tr><td>{escape(row["name"])}</td><td><span class="tag {row["verdict"]}">'
@@ -116,20 +142,48 @@ def _recordings(rows: Sequence[Mapping[str, Any]]) -> str:
     )
 
 
+def _millimetres(value: float | None) -> str:
+    return 'no depth' if value is None else f'{value:.1f} mm'
+
+
 def _pictures(row: Mapping[str, Any], where: Registered, shown: Picture) -> str:
-    name = escape(row['name'])
-    history = np.array([where.history or (0.0,)])
+    history = where.history or (0.0,)
     if where.moving and len(where.costs) > 1:
-        steps, label = np.array([where.costs]), 'frame'
+        steps, label = where.costs, 'frame'
     else:
         steps, label = history, 'step of the alignment'
+    caption = 'measured depth (dark is near), edges of the room in orange'
+    return figures(row['name'], shown, caption, steps, label, 'truncated residual')
+
+
+def figures(
+    name: str, shown: Picture, caption: str, costs: Sequence[float], axis: str, cost: str
+) -> str:
+    """
+    Return what a page shows of one recording.
+
+    Parameters
+    ----------
+    name : str
+        Of the recording.
+    shown : Picture
+        Its images.
+    caption : str
+        Of the overlay.
+    costs : sequence of float
+        How the alignment went.
+    axis, cost : str
+        What `costs` is along and of.
+
+    """
+    name = escape(name)
     curve = curves(
-        np.arange(steps.shape[1], dtype=float), steps, ['cost'], label, 'truncated residual', 0.02
+        np.arange(len(costs), dtype=float), np.array([costs]), ['cost'], axis, cost, 0.02
     )
     return (
         f'<h2>{name}</h2><div class="row">'
         f'<figure><img alt="edges of {name}" width="420" src="{overlay(shown)}"><figcaption>'
-        'measured depth (dark is near), edges of the room in orange</figcaption></figure>'
+        f'{escape(caption)}</figcaption></figure>'
         f'<figure><img alt="residual of {name}" width="420" '
         f'src="{picture(shown.residual, _LIMIT)}"><figcaption>measured minus clean depth, blue '
         f'{-_LIMIT * 1e3:.0f} to red {_LIMIT * 1e3:+.0f} mm, gray unknown or invalid</figcaption>'
@@ -138,8 +192,8 @@ def _pictures(row: Mapping[str, Any], where: Registered, shown: Picture) -> str:
 
 
 def overlay(shown: Picture) -> str:
-    """Return measured depth with the edges of clean depth on it, as a data URL."""
-    depth = shown.depth
+    """Return an image with the edges of clean depth on it, as a data URL."""
+    depth = shown.image
     good = np.isfinite(depth)
     low, high = np.percentile(depth[good], [2, 98]) if good.any() else (0.0, 1.0)
     gray = np.clip((depth - low) / max(high - low, 1e-6), 0, 1) * 200 + 30

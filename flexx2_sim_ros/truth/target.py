@@ -10,7 +10,6 @@ from typing import Any
 import cv2
 from flexx2_sim_ros.config_file import read_section
 from flexx2_sim_ros.errors import InputError, shown, shown_path
-from matplotlib.backends.backend_pdf import FigureCanvasPdf
 from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path as Outline
@@ -85,7 +84,9 @@ class Target:
             good = isinstance(value, int if whole else int | float) and value is not True
             if not good or value is False or not low <= value <= high:
                 kind = 'a whole number' if whole else 'a number'
-                raise InputError(f'{name}: must be {kind}, {low:g} to {high:g}, got {shown(value)}')
+                raise InputError(
+                    f'{name}: must be {kind}, {low:g} to {high:g}, got {shown(value)}'
+                )
         if self.dictionary not in DICTIONARIES:
             raise InputError(
                 f'dictionary: must be one of {", ".join(DICTIONARIES)}, got '
@@ -259,7 +260,7 @@ def draw_pdf(target: Target) -> bytes:
         _draw_ruler(axes, target, axis, reach)
     file = BytesIO()
     # Without a date, the same target is the same file.
-    FigureCanvasPdf(page).print_pdf(file, metadata={'CreationDate': None})
+    page.savefig(file, format='pdf', metadata={'CreationDate': None})
     return file.getvalue()
 
 

@@ -1,11 +1,12 @@
 """Write a recording with its ground truth."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from flexx2_sim_ros.recording import open_recording, RecordingReader, RecordingWriter
+from flexx2_sim_ros.recording.truth import KEYS
 from flexx2_sim_ros.truth.alignment import align, choose
 from flexx2_sim_ros.truth.clean import Clean, difference, edges, render, strange
 from flexx2_sim_ros.truth.joint import Columns, error_columns
@@ -16,7 +17,7 @@ from flexx2_sim_ros.truth.registration import bounced, Job, Registered
 from flexx2_sim_ros.truth.rooms import Room
 import numpy as np
 
-_WRITTEN = {'clean_depth', 'known', 'clean_sigma', 'pose_covariance', 'incidence', 'depth'}
+_WRITTEN = {'clean_depth', 'incidence', 'depth', *KEYS}
 _PIXELS = 2000
 _REFINEMENTS = 4
 
@@ -62,8 +63,8 @@ class Picture:
 
     Attributes
     ----------
-    depth : numpy.ndarray
-        (H, W) float32 measured metres.
+    image : numpy.ndarray
+        (H, W) float32: measured depth, or gray values.
     edges : numpy.ndarray
         (H, W) bool, where clean depth jumps.
     residual : numpy.ndarray
@@ -73,7 +74,7 @@ class Picture:
 
     """
 
-    depth: np.ndarray
+    image: np.ndarray
     edges: np.ndarray
     residual: np.ndarray
     known: float
@@ -93,35 +94,69 @@ def write_recording(what: Writing) -> Picture:
     reader = open_recording(what.job.path, what.job.camera)
     moving = what.registered.moving
     footage = observe(reader, what.job.profile, 'moving' if moving else 'still')
-    count, height, width = reader.shape
     if moving:
         truths = [
-            _finished(_of_frame(room, what, footage, image, number), footage.observe(image))
+            without_strangers(
+                _of_frame(room, what, footage, image, number), footage.observe(image)
+            )
             for number, image in enumerate(reader.frames('depth'))
         ]
     else:
         clean = render(
             room, Pose.from_numbers(np.array(what.pose)), footage.still.rays, what.room_error
         )
-        truths = [_finished(clean, footage.still)]
-    with RecordingWriter(what.target, count, height, width) as file:
+        truths = [without_strangers(clean, footage.still)]
+    write_truth(reader, what.target, truths, moving, {'pose_covariance': what.covariance})
+    return picture_of(truths, footage.still)
+
+
+def write_truth(
+    reader: RecordingReader,
+    target: Path,
+    truths: Sequence[Clean],
+    moving: bool,
+    accuracy: Mapping[str, np.ndarray],
+) -> None:
+    """
+    Write a recording with ground truth; whole or not at all.
+
+    Parameters
+    ----------
+    reader : RecordingReader
+        The recording.
+    target : pathlib.Path
+        The file to write.
+    truths : sequence of Clean
+        One for each frame if it moves, else one.
+    moving : bool
+        Whether the camera moved.
+    accuracy : mapping of str to numpy.ndarray
+        Further keys that say how well the ground truth is known.
+
+    Raises
+    ------
+    InputError
+        When the recording cannot be read or the file cannot be written.
+
+    """
+    with RecordingWriter(target, *reader.shape) as file:
         for image in reader.frames('depth'):
             file.add_depth(image[None])
-        for key, value in _arrays(truths, moving).items():
+        for key, value in {**_arrays(truths, moving), **accuracy}.items():
             file.add_array(key, value)
-        file.add_array('pose_covariance', what.covariance)
         for key, value in _copied(reader, truths[0].reflectivity is not None):
             if isinstance(value, np.ndarray):
                 file.add_array(key, value)
             else:
                 file.add_frames(key, reader.layouts[key].dtype, value)
-    residual = np.where(truths[0].known, difference(truths[0], footage.still), np.nan)
+
+
+def picture_of(truths: Sequence[Clean], first: Observation) -> Picture:
+    """Return what the page shows of a recording, of its first frame or median."""
+    residual = np.where(truths[0].known, difference(truths[0], first), np.nan)
     known = float(np.mean([truth.known.mean() for truth in truths]))
     return Picture(
-        footage.still.depth.astype(np.float32),
-        edges(truths[0]),
-        residual.astype(np.float32),
-        known,
+        first.depth.astype(np.float32), edges(truths[0]), residual.astype(np.float32), known
     )
 
 
@@ -144,12 +179,13 @@ def _of_frame(
     return render(room, pose, frame.rays, what.room_error)
 
 
-def _finished(clean: Clean, image: Observation) -> Clean:
+def without_strangers(clean: Clean, image: Observation) -> Clean:
+    """Return ground truth that is unknown where a whole patch is elsewhere than it says."""
     known = clean.known & ~strange(clean, image)
     return Clean(clean.depth, clean.incidence, clean.reflectivity, known, clean.sigma)
 
 
-def _arrays(truths: list[Clean], moving: bool) -> dict[str, np.ndarray]:
+def _arrays(truths: Sequence[Clean], moving: bool) -> dict[str, np.ndarray]:
     def stack(name: str) -> np.ndarray:
         images = [getattr(truth, name) for truth in truths]
         return np.stack(images) if moving else images[0]

@@ -1,0 +1,47 @@
+"""`flexx2 gap target`: a printable target for ground truth."""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from flexx2_sim_ros import atomic
+from flexx2_sim_ros.errors import InputError, shown_path
+
+SIZES = 'A4', 'A3', 'A2'
+
+
+def add_parser(commands: Any) -> None:
+    """Add the subcommand."""
+    parser = commands.add_parser(
+        'target',
+        help='draw a target to print, for ground truth from gray images',
+        description='Write a PDF to print at 100 % on a sheet of the given size, and beside it a '
+        '.yaml that describes it for flexx2 gap truth --board. Two rulers on the sheet show '
+        'whether the print is true to scale. See docs/truth.md.',
+        epilog='example: flexx2 gap target --out target.pdf --size A3',
+    )
+    parser.add_argument('--out', required=True, metavar='PDF')
+    parser.add_argument(
+        '--size',
+        choices=SIZES,
+        default='A3',
+        help='of the sheet (default A3: up to 2 m; A2 beyond)',
+    )
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Write the PDF and its description."""
+    from flexx2_sim_ros.truth.target import draw_pdf, target_of
+
+    out = Path(arguments.out)
+    if out.suffix.lower() != '.pdf':
+        raise InputError(f'--out: must end with .pdf, got {shown_path(out)}')
+    target = target_of(arguments.size)
+    description = out.with_suffix('.yaml')
+    with atomic.whole(out) as part:
+        part.write_bytes(draw_pdf(target))
+    atomic.write_text(description, target.to_yaml())
+    print(f'{out}: print at 100 %, then measure its rulers')
+    print(f'{description}: describes it for flexx2 gap truth --board')
+    return 0

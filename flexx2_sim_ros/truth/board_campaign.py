@@ -1,0 +1,255 @@
+"""From recordings of a printed board to a campaign with ground truth."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from html import escape
+from pathlib import Path
+import shutil
+from typing import Any
+
+from flexx2_sim_ros import __version__
+from flexx2_sim_ros.camera import Profile
+from flexx2_sim_ros.errors import InputError, shown_path
+from flexx2_sim_ros.jobs import workers
+from flexx2_sim_ros.truth.board_placing import BoardJob, place_board, Placed
+from flexx2_sim_ros.truth.board_writing import BoardWriting, OnBoard, write_board
+from flexx2_sim_ros.truth.files import (
+    CACHE,
+    check_files,
+    digest,
+    names_of,
+    Progress,
+    recordings_of,
+    remembered,
+    Steps,
+    write_results,
+)
+from flexx2_sim_ros.truth.page import figures, recordings_table, undecided, whole_page
+from flexx2_sim_ros.truth.shared import MOST_BIAS
+from flexx2_sim_ros.truth.target import read_target, Target
+from flexx2_sim_ros.truth.verdict import NEVER_DECIDED
+import numpy as np
+
+_MOST_METRES, _MOST_DEGREES = 0.01, 2.0  # standard deviation of the plane
+_LEAST_FITTING = 0.5
+# Depth that grows with the board's distance by more than this share is no offset. Prints that were
+# scaled to fit the page are off by 3 to 6 %; a calibrated camera's scale is right to 0.5 %.
+_MOST_SCALE = 0.02
+_LEAST_SPREAD = 0.2  # metres between the nearest and the farthest board, to tell the two apart
+
+
+@dataclass(frozen=True)
+class BoardRequest:
+    """
+    What to make ground truth from.
+
+    Attributes
+    ----------
+    recordings : tuple of pathlib.Path
+        Bags, ``.npz`` files, or folders of them, with gray images.
+    board : pathlib.Path
+        ``target.yaml``; see `read_target`.
+    out : pathlib.Path
+        The campaign's folder.
+    camera : str or None
+        Of bags that have several.
+    profile : Profile or None
+    motion : str
+        ``auto``, ``still`` or ``moving``: the camera, as seen from the board.
+    lens_error : float
+        Standard deviation of the focal length, as a fraction.
+    jobs : int
+        Processes.
+    scheduler : str or None
+        Address of a Dask scheduler.
+    command : str
+        How it was asked for, to be written down.
+
+    """
+
+    recordings: tuple[Path, ...]
+    board: Path
+    out: Path
+    camera: str | None = None
+    profile: Profile | None = None
+    motion: str = 'auto'
+    lens_error: float = 0.003
+    jobs: int = 1
+    scheduler: str | None = None
+    command: str = ''
+
+
+def make_board_truth(
+    request: BoardRequest, progress: Progress = lambda text, share: None
+) -> dict[str, Any]:
+    """
+    Find a board in recordings and write them with ground truth on it.
+
+    Parameters
+    ----------
+    request : BoardRequest
+        What to make it from.
+    progress : callable
+        Called with what is done and the fraction of all that is done.
+
+    Returns
+    -------
+    dict
+        What ``truth.yaml`` says.
+
+    Raises
+    ------
+    InputError
+        When something given cannot be used, or no recording shows the board. Nothing is written
+        then.
+
+    """
+    target = read_target(request.board)
+    paths = recordings_of(request.recordings)
+    check_files(request.out, paths, request.camera)
+    jobs = [
+        BoardJob(path, target, request.camera, request.profile, request.motion, request.lens_error)
+        for path in paths
+    ]
+    new = not request.out.exists()
+    try:
+        with workers(request.jobs, request.scheduler) as mapped:
+            steps = Steps(progress, 'finding the board', 0.0, 0.7, len(jobs))
+            names = [digest((job.path,), list(vars(job).values())[1:]) for job in jobs]
+            texts = remembered(request.out / CACHE, names, jobs, place_board, mapped, steps.tick)
+            placed = [Placed.from_json(text) for text in texts]
+            if all(one.reason for one in placed):
+                raise InputError(f'{shown_path(paths[0])}: {placed[0].reason}')
+            writings = {
+                i: BoardWriting(job, one, request.out / name)
+                for i, (job, one, name) in enumerate(
+                    zip(jobs, placed, names_of(paths), strict=True)
+                )
+                if not one.reason
+            }
+            steps = Steps(progress, 'writing', 0.7, 0.25, len(writings))
+            found = mapped(write_board, list(writings.values()), steps.tick)
+            boards: dict[int, OnBoard] = dict(zip(writings, found, strict=True))
+    except InputError:
+        if new:
+            shutil.rmtree(request.out, ignore_errors=True)
+        raise
+    table = _table(request, target, paths, placed, boards)
+    write_results(request.out, table, _page(table, placed, boards))
+    shutil.rmtree(request.out / CACHE, ignore_errors=True)
+    return table
+
+
+def _table(
+    request: BoardRequest,
+    target: Target,
+    paths: Sequence[Path],
+    placed: Sequence[Placed],
+    boards: Mapping[int, OnBoard],
+) -> dict[str, Any]:
+    scale = _scale(list(boards.values()))
+    rows = []
+    for i, (path, name, one) in enumerate(zip(paths, names_of(paths), placed, strict=True)):
+        row: dict[str, Any] = {
+            'name': name,
+            'source': str(path),
+            'verdict': 'refused',
+            'reasons': [one.reason],
+            'motion': 'moving' if one.moving else 'still',
+            'frames': len(one.poses) if one.moving else 1,
+            'fitting': 0.0,
+        }
+        if i in boards:
+            row |= _numbers(boards[i], one, scale)
+        rows.append(row)
+    table: dict[str, Any] = {
+        'schema': 1,
+        'kind': 'board',
+        'version': __version__,
+        'command': request.command,
+        'board': str(request.board),
+        'board_size_m': [target.width, target.height],
+        'lens_error': request.lens_error,
+        'recordings': rows,
+        'cannot_decide': list(NEVER_DECIDED),
+    }
+    if scale is not None:
+        table['depth_scale'] = round(scale, 5)
+    return table
+
+
+def _numbers(board: OnBoard, placed: Placed, scale: float | None) -> dict[str, Any]:
+    doubts = _doubts(board, scale)
+    numbers: dict[str, Any] = {
+        'verdict': 'doubtful' if doubts else 'used',
+        'reasons': doubts,
+        'frames_with_board': board.frames,
+        'fitting': round(board.fitting, 4),
+        'pose': [round(value, 6) for value in board.pose],
+        'pose_sigma_mm': round(board.deviation[0] * 1e3, 3),
+        'pose_sigma_deg': round(board.deviation[1], 4),
+        'distance_m': round(board.distance, 4),
+        'known': round(board.picture.known, 4),
+        'blur_px': round(placed.blur, 3),
+        'black_to_white': round(placed.contrast, 4),
+    }
+    if np.isfinite(board.difference):
+        numbers['residual_mm'] = round(board.difference * 1e3, 3)
+    else:
+        numbers['residual_mm'] = None
+    return numbers
+
+
+def _doubts(board: OnBoard, scale: float | None) -> list[str]:
+    doubts = []
+    if board.deviation[0] > _MOST_METRES or board.deviation[1] > _MOST_DEGREES:
+        doubts.append(
+            f'its gray image does not hold the board: {board.deviation[0] * 1e3:.0f} mm and '
+            f'{board.deviation[1]:.1f} degrees; bring the board nearer or tilt it'
+        )
+    if board.fitting < _LEAST_FITTING:
+        doubts.append(f'only {board.fitting:.0%} of the board has depth on one plane')
+    if np.isfinite(board.difference) and abs(board.difference) > MOST_BIAS:
+        doubts.append(
+            f'measured depth is {board.difference * 1e3:+.0f} mm off the board, more than an '
+            'offset is: measure the rulers on the print; the lens can be wrong, too'
+        )
+    elif scale is not None and abs(scale) > _MOST_SCALE:
+        doubts.append(
+            f'measured depth grows by {scale:+.1%} of distance, which no offset does: measure the '
+            "rulers on the print; the lens or the depth's own scale can be wrong, too"
+        )
+    return doubts
+
+
+def _scale(boards: Sequence[OnBoard]) -> float | None:
+    # How much of the difference between depth and board grows with distance.
+    good = [board for board in boards if np.isfinite(board.difference)]
+    distance = np.array([board.distance for board in good])
+    if len(good) < 2 or np.ptp(distance) < _LEAST_SPREAD:
+        return None
+    slope, _ = np.polyfit(distance, [board.difference for board in good], 1)
+    return float(slope)
+
+
+def _page(table: dict[str, Any], placed: Sequence[Placed], boards: Mapping[int, OnBoard]) -> str:
+    size = ' x '.join(f'{value * 1e3:g}' for value in table['board_size_m'])
+    about = (
+        f'Board: <code>{escape(table["board"])}</code>, {size} mm; focal length within '
+        f'{table["lens_error"]:.1%} (given).'
+    )
+    parts = [undecided(table['cannot_decide']), recordings_table(table['recordings'])]
+    for i, board in boards.items():
+        one = placed[i]
+        frames = one.moving and len(one.costs) > 1
+        parts.append(
+            figures(
+                table['recordings'][i]['name'],
+                board.picture,
+                'gray image, outline of the board as it was found in orange',
+                one.costs if frames else one.history,
+                'frame' if frames else 'step of the alignment',
+                'misfit of gray values',
+            )
+        )
+    return whole_page(table, about, parts)

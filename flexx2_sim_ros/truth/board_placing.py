@@ -1,0 +1,191 @@
+"""Where the board is in each frame of a recording."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+import json
+from pathlib import Path
+from typing import Any
+
+from flexx2_sim_ros.camera import Profile
+from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.recording import open_recording, RecordingReader
+from flexx2_sim_ros.truth.board import find_board
+from flexx2_sim_ros.truth.gray import Gray, GrayFit
+from flexx2_sim_ros.truth.observation import observe
+from flexx2_sim_ros.truth.target import Target
+import numpy as np
+
+_SATURATED = 0.002  # share of pixels at the largest gray value
+
+
+@dataclass(frozen=True)
+class BoardJob:
+    """
+    A recording and the board in it.
+
+    Attributes
+    ----------
+    path : pathlib.Path
+    target : Target
+    camera : str or None
+        Of a bag that has several.
+    profile : Profile or None
+    motion : str
+        ``auto``, ``still`` or ``moving``.
+    lens_error : float
+        Standard deviation of the focal length, as a fraction.
+
+    """
+
+    path: Path
+    target: Target
+    camera: str | None
+    profile: Profile | None
+    motion: str
+    lens_error: float
+
+
+@dataclass(frozen=True)
+class Placed:
+    """
+    Where the board was.
+
+    Attributes
+    ----------
+    moving : bool
+    poses : tuple
+        The camera's in the board's frame, as `Pose.numbers`: one of a still recording, one a
+        frame of a moving one; None where the board is not found.
+    covariances : tuple
+        (6, 6) nested tuples of their motions, or None.
+    costs : tuple of float
+        How well gray values fit, of each frame that has a pose.
+    history : tuple of float
+        How the first alignment converged.
+    blur, contrast, power : float
+        As in `GrayFit`, medians.
+    reason : str
+        Why it is not found; empty where it is found at least once.
+
+    """
+
+    moving: bool
+    poses: tuple[tuple[float, ...] | None, ...]
+    covariances: tuple[Any, ...]
+    costs: tuple[float, ...]
+    history: tuple[float, ...]
+    blur: float
+    contrast: float
+    power: float
+    reason: str
+
+    def to_json(self) -> str:
+        """Return it as text."""
+        return json.dumps(vars(self))
+
+    @classmethod
+    def from_json(cls, text: str) -> 'Placed':
+        """Return what `to_json` wrote."""
+        table: dict[str, Any] = json.loads(text)
+        for name in ('poses', 'covariances', 'costs', 'history'):
+            table[name] = tuple(table[name])
+        return cls(**table)
+
+
+def place_board(job: BoardJob) -> str:
+    """
+    Find the board in a recording.
+
+    Returns
+    -------
+    str
+        A `Placed` as text.
+
+    Raises
+    ------
+    InputError
+        When the recording cannot be read.
+
+    """
+    reader = open_recording(job.path, job.camera)
+    footage = observe(reader, job.profile, job.motion)
+    moving, rays = footage.moving, footage.still.rays
+    if not has_gray(reader):
+        return _placed(moving, ['it has no gray image (amplitude)']).to_json()
+    if moving and 'amplitude' not in reader.layouts and reader.arrays['amplitude'].ndim < 3:
+        return _placed(moving, ['it has one gray image for all frames, but moves']).to_json()
+    found: list[GrayFit | str] = []
+    before = None
+    for image in gray_images(reader, moving):
+        fit = find_board(job.target, Gray(image, rays), job.lens_error, before)
+        found.append(fit)
+        before = None if isinstance(fit, str) else fit
+    return _placed(moving, found).to_json()
+
+
+def has_gray(reader: RecordingReader) -> bool:
+    """Return whether a recording has gray images."""
+    return 'amplitude' in reader.layouts or 'amplitude' in reader.arrays
+
+
+def gray_images(reader: RecordingReader, moving: bool) -> Iterator[np.ndarray]:
+    """
+    Iterate over gray images: the mean of a still recording, or all of a moving one.
+
+    Yields
+    ------
+    numpy.ndarray
+        (H, W) float64, NaN where saturated or not a number.
+
+    """
+    images: Any = reader.arrays.get('amplitude')
+    if images is None:
+        images = reader.frames('amplitude')
+    elif images.ndim == 2:
+        images = [images]
+    if moving:
+        for image in images:
+            yield _unsaturated(image.astype(np.float64), image)
+        return
+    total = top = None
+    count = 0
+    for image in images:
+        image = image.astype(np.float64)
+        total = image if total is None else total + image
+        top = image if top is None else np.maximum(top, image)
+        count += 1
+    if total is None or top is None:
+        raise InputError(f'{reader.path}: amplitude: must have an image, got none')
+    yield _unsaturated(total / count, top)
+
+
+def _unsaturated(image: np.ndarray, brightest: np.ndarray) -> np.ndarray:
+    # Many pixels at the largest value there is.
+    with np.errstate(invalid='ignore'):
+        full = brightest >= np.nanmax(brightest, initial=0)
+    return np.where((full & (full.mean() > _SATURATED)) | ~np.isfinite(image), np.nan, image)
+
+
+def _placed(moving: bool, found: list[Any]) -> Placed:
+    fits = [fit for fit in found if isinstance(fit, GrayFit)]
+    reasons = [fit for fit in found if isinstance(fit, str)]
+    good = [isinstance(fit, GrayFit) for fit in found]
+
+    def middle(name: str) -> float:
+        return float(np.median([getattr(fit, name) for fit in fits])) if fits else 0.0
+
+    return Placed(
+        moving,
+        tuple(
+            tuple(fit.pose.numbers()) if ok else None for fit, ok in zip(found, good, strict=True)
+        ),
+        tuple(
+            fit.covariance.tolist() if ok else None for fit, ok in zip(found, good, strict=True)
+        ),
+        tuple(fit.cost for fit in fits),
+        fits[0].history if fits else (),
+        middle('blur'),
+        middle('contrast'),
+        middle('power'),
+        '' if fits else max(set(reasons), key=reasons.count),
+    )

@@ -1,0 +1,154 @@
+"""Which recordings ground truth is made for, and the files that it is written to."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+import hashlib
+from pathlib import Path
+from typing import Any, TypeVar
+
+from flexx2_sim_ros import __version__, atomic
+from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.jobs import Map
+from flexx2_sim_ros.recording import open_recording
+from flexx2_sim_ros.recording.folders import BAG_FILES, find_recordings, is_bag
+import yaml
+
+FILES = 'truth.yaml', 'truth.html'
+CACHE = '.truth'  # folder of what an interrupted run has found
+# Called with what is done and the fraction of all that is done.
+Progress = Callable[[str, float], None]
+_Job = TypeVar('_Job')
+
+
+@dataclass
+class Steps:
+    """
+    One of the stages of the work, of `count` steps, as a part of the whole progress.
+
+    Attributes
+    ----------
+    progress : callable
+    text : str
+        What is done.
+    start, share : float
+        Fractions of all that is done: at the start of the stage, and by it.
+    count : int
+    done : int
+
+    """
+
+    progress: Progress
+    text: str
+    start: float
+    share: float
+    count: int
+    done: int = 0
+
+    def tick(self) -> None:
+        """Count a step."""
+        self.done += 1
+        self.progress(self.text, self.start + self.share * self.done / max(self.count, 1))
+
+
+def recordings_of(given: Sequence[Path]) -> list[Path]:
+    """Return the recordings among paths to recordings and to folders of them."""
+    paths: list[Path] = []
+    for path in given:
+        folder = path.is_dir() and not is_bag(path)
+        paths += find_recordings(path) if folder else [path]
+    return paths
+
+
+def names_of(paths: Sequence[Path]) -> list[str]:
+    """Return the names of the files that recordings with ground truth are written to."""
+    names: list[str] = []
+    for path in paths:
+        stem, number = path.name, 1
+        if path.suffix in ('.npz', *BAG_FILES):
+            stem = path.stem
+        name = f'{stem}.npz'
+        while name in names:
+            number += 1
+            name = f'{stem}-{number}.npz'
+        names.append(name)
+    return names
+
+
+def check_files(out: Path, paths: Sequence[Path], camera: str | None) -> None:
+    """
+    Check that recordings can be read and their ground truth can be written.
+
+    Raises
+    ------
+    InputError
+        When one of them cannot, before anything is computed.
+
+    """
+    try:
+        atomic.check_folder(out)
+    except InputError as error:
+        raise InputError(f'--out: {error}') from error
+    for path, name in zip(paths, names_of(paths), strict=True):
+        open_recording(path, camera)
+        atomic.check_distinct(path, out / name)
+
+
+def write_results(out: Path, table: dict[str, Any], html: str) -> None:
+    """Write ``truth.yaml`` and ``truth.html``, both or none."""
+    with atomic.whole_files(atomic.output_folder(out)) as part:
+        text = yaml.safe_dump(table, sort_keys=False, allow_unicode=True)
+        (part / FILES[0]).write_text(text, encoding='utf-8')
+        (part / FILES[1]).write_text(html, encoding='utf-8', errors='backslashreplace')
+
+
+def digest(paths: Sequence[Path], words: Sequence[Any]) -> str:
+    """Return a name for what is made of files, as they are now, and of other values."""
+    parts: list[Any] = [__version__, *words]
+    for path in paths:
+        files = sorted(path.iterdir()) if path.is_dir() else [path]
+        parts += [(str(f.resolve()), f.stat().st_size, f.stat().st_mtime_ns) for f in files]
+    return hashlib.sha256(repr(parts).encode('utf-8', 'surrogatepass')).hexdigest()[:32]
+
+
+def remembered(
+    folder: Path,
+    names: Sequence[str],
+    jobs: Sequence[_Job],
+    work: Callable[[_Job], str],
+    mapped: Map,
+    tick: Callable[[], None],
+) -> list[str]:
+    """
+    Return the results of jobs; those that an earlier run has written down are read.
+
+    Parameters
+    ----------
+    folder : pathlib.Path
+        Where results are written, each whole or not at all.
+    names : sequence of str
+        The `digest` of each job.
+    jobs : sequence of object
+        What `work` takes.
+    work : callable
+        What makes a text of a job; a function of a module, for other processes.
+    mapped : callable
+        As `jobs.workers` yields it.
+    tick : callable
+        Called after each job, for progress.
+
+    """
+    files = [folder / f'{name}.json' for name in names]
+    missing = [
+        (work, job, file) for file, job in zip(files, jobs, strict=True) if not file.is_file()
+    ]
+    if missing:
+        atomic.output_folder(folder)
+        mapped(_write_result, missing, tick)
+    for _ in range(len(files) - len(missing)):
+        tick()
+    return [file.read_text(encoding='utf-8') for file in files]
+
+
+def _write_result(item: tuple[Callable[[_Job], str], _Job, Path]) -> None:
+    work, job, file = item
+    atomic.write_text(file, work(job))

@@ -1,0 +1,236 @@
+"""Ground truth from a printed board: sheets to print, and recordings that show one."""
+
+from pathlib import Path
+import re
+from typing import Any
+
+from flexx2_sim_ros.camera import Camera
+from flexx2_sim_ros.cli.main import main
+from flexx2_sim_ros.recording import open_recording
+from flexx2_sim_ros.recording.truth import read_truth
+from flexx2_sim_ros.truth.poses import Pose
+from flexx2_sim_ros.truth.target import draw_pdf, read_target, SHEETS, Target, target_of
+import numpy as np
+from printed_board import Board, HEIGHT, K, WIDTH
+import pytest
+import yaml
+
+FRAMES, BIAS = 8, 0.008
+LENS = np.array([-0.2, 0.05, 0.001, -0.001, 0.01])
+
+
+def record(path: Path, boards: list[Board], rng: np.random.Generator, **changes: Any) -> Board:
+    """Write a recording of a camera with an offset: of one board, or of one a frame."""
+    lens = changes.pop('distortion', None)
+    seen = [board.look(rng, lens=lens) for board in boards]
+    light = np.stack([image for image, _ in seen])
+    depth = np.stack([image for _, image in seen])
+    if len(boards) == 1:
+        light, depth = (np.repeat(image, FRAMES, axis=0) for image in (light, depth))
+    light = light * (1 + 0.02 * rng.standard_normal(light.shape))
+    # The driver's gray image: 8 bit, a root of the light; saturated next to the camera.
+    gray = np.clip(150 * np.sqrt(np.clip(light, 0, None)), 0, 255).astype(np.uint8)
+    stamp = 1000 + np.arange(len(depth)) / 5
+    camera = Camera('Mode_9_5fps', effects={'offset': {'bias': BIAS}}, seed=3)
+    arrays: dict[str, Any] = {
+        'depth': camera.capture(depth, K, stamp).depth,
+        'K': K,
+        'stamp': stamp,
+        'usecase': 'Mode_9_5fps',
+        'amplitude': gray,
+        **({} if lens is None else {'distortion': lens}),
+        **changes,
+    }
+    np.savez(path, **{key: value for key, value in arrays.items() if value is not None})
+    return boards[0]
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    return np.random.default_rng(7)
+
+
+@pytest.fixture
+def board_yaml(tmp_path: Path) -> Path:
+    path = tmp_path / 'target.yaml'
+    path.write_text(target_of('A3').to_yaml())
+    return path
+
+
+def truth(tmp_path: Path, board: Path, *options: str) -> dict[str, Any]:
+    out = tmp_path / 'campaign'
+    command = ['gap', 'truth', str(tmp_path / 'in'), '--board', str(board), '--out', str(out)]
+    assert main([*command, '--jobs', '1', *options]) == 0
+    return dict(yaml.safe_load((out / 'truth.yaml').read_text()))
+
+
+def place_in_camera(row: dict[str, Any]) -> np.ndarray:
+    """Return where a recording's board is, in the camera's frame."""
+    pose = Pose.from_numbers(np.array(row['pose']))
+    return -pose.R.T @ pose.t
+
+
+def test_the_offset_of_depth_does_not_move_the_board(
+    tmp_path: Path, board_yaml: Path, rng: np.random.Generator
+) -> None:
+    (tmp_path / 'in').mkdir()
+    boards = {
+        'far.npz': record(tmp_path / 'in' / 'far.npz', [Board(1.5, -15, 20)], rng),
+        'one.npz': record(tmp_path / 'in' / 'one.npz', [Board(1.0, 10, -25)], rng),
+        'skew.npz': record(
+            tmp_path / 'in' / 'skew.npz', [Board(0.8, 0, 15)], rng, distortion=LENS
+        ),
+    }
+    table = truth(tmp_path, board_yaml)
+    for row in table['recordings']:
+        board = boards[row['name']]
+        assert row['verdict'] == 'used', row['reasons']
+        # Gray values alone say where it is: the offset stays in the difference.
+        assert np.linalg.norm(place_in_camera(row) - board.t) < 0.002
+        turned = Pose.from_numbers(np.array(row['pose'])).R @ board.R
+        assert np.degrees(np.arccos((np.trace(turned) - 1) / 2)) < 0.3
+        assert row['residual_mm'] == pytest.approx(BIAS * 1e3, abs=3)
+    page = (tmp_path / 'campaign' / 'truth.html').read_text()
+    assert 'outline of the board' in page
+
+
+def test_truth_is_on_the_board_and_unknown_elsewhere(
+    tmp_path: Path, board_yaml: Path, rng: np.random.Generator
+) -> None:
+    (tmp_path / 'in').mkdir()
+    board = record(tmp_path / 'in' / 'one.npz', [Board(1.0, 10, -25)], rng)
+    truth(tmp_path, board_yaml)
+    reader = open_recording(tmp_path / 'campaign' / 'one.npz')
+    said = read_truth(reader.path, reader.arrays, reader.shape)
+    clean, real = reader.load().clean_depth, board.look(rng)[1]
+    on_board = real < board.t[2] + 0.3
+    assert said.known is not None
+    assert clean is not None
+    assert said.plane is not None
+    assert not said.known[~on_board].any()
+    assert said.known[on_board].mean() > 0.85
+    assert np.abs(clean - real)[said.known].max() < 0.002
+    assert (said.plane == said.known).all()
+    # With a focal length within 0.3 % the board is known to 3 mm, and its size to 1 mm.
+    assert said.plane_names == ('board',)
+    assert said.plane_covariance is not None
+    assert 0.0025 < np.sqrt(said.plane_covariance[0, 0]) < 0.004
+    reflectivity = reader.load().reflectivity
+    assert reflectivity is not None
+    assert np.percentile(reflectivity[said.known], [2, 98]) == pytest.approx([0.06, 0.8], abs=0.04)
+
+
+def test_a_moving_camera_has_a_board_in_each_frame_that_shows_it(
+    tmp_path: Path, board_yaml: Path, rng: np.random.Generator
+) -> None:
+    (tmp_path / 'in').mkdir()
+    distances = [0.9, 0.94, 0.98, 1.02]
+    record(tmp_path / 'in' / 'walk.npz', [Board(d, 5, -10) for d in distances], rng)
+    with np.load(tmp_path / 'in' / 'walk.npz') as file:
+        arrays = dict(file)
+    arrays['amplitude'][2] = 20  # a frame without light
+    np.savez(tmp_path / 'in' / 'walk.npz', **arrays)
+    (row,) = truth(tmp_path, board_yaml, '--motion', 'moving')['recordings']
+    assert (row['frames'], row['frames_with_board']) == (4, 3)
+    with np.load(tmp_path / 'campaign' / 'walk.npz') as file:
+        known, clean = file['known'], file['clean_depth']
+        assert file['pose_covariance'].shape == (6, 6)
+    assert [bool(one.any()) for one in known] == [True, True, False, True]
+    assert np.median(clean[3][known[3]]) - np.median(clean[0][known[0]]) == pytest.approx(
+        0.12, abs=0.004
+    )
+
+
+def test_a_print_of_the_wrong_size_is_doubtful(
+    tmp_path: Path, board_yaml: Path, rng: np.random.Generator
+) -> None:
+    (tmp_path / 'in').mkdir()
+    for distance in (0.7, 1.1):
+        board = Board(distance, 10, -20, size=0.95)
+        record(tmp_path / 'in' / f'{distance}.npz', [board], rng)
+    table = truth(tmp_path, board_yaml)
+    assert table['depth_scale'] == pytest.approx(-0.05, abs=0.01)
+    for row in table['recordings']:
+        assert row['verdict'] == 'doubtful'
+        assert 'measure the rulers' in row['reasons'][0]
+
+
+@pytest.mark.parametrize(
+    ('amplitude', 'words'),
+    [
+        (None, 'it has no gray image (amplitude)'),
+        (np.full((FRAMES, HEIGHT, WIDTH), 90, np.uint8), 'no tag of the board is found'),
+    ],
+)
+def test_says_why_there_is_no_board(
+    tmp_path: Path,
+    board_yaml: Path,
+    rng: np.random.Generator,
+    capsys: pytest.CaptureFixture[str],
+    amplitude: np.ndarray | None,
+    words: str,
+) -> None:
+    depth = np.full((FRAMES, HEIGHT, WIDTH), 1.2, np.float32)
+    arrays = {'depth': depth, 'K': K, 'stamp': np.arange(FRAMES) / 5}
+    arrays |= {} if amplitude is None else {'amplitude': amplitude}
+    np.savez(tmp_path / 'one.npz', **arrays)
+    out = tmp_path / 'out'
+    command = ['gap', 'truth', str(tmp_path / 'one.npz'), '--board', str(board_yaml)]
+    assert main([*command, '--out', str(out), '--jobs', '1']) == 2
+    assert words in capsys.readouterr().err
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ('changes', 'words'),
+    [
+        ({'tag': 0.2}, 'width: must be at least 0.66 m'),
+        ({'tag': 115}, 'tag: must be a number, 0.01 to 2'),
+        ({'columns': 2.5}, 'columns: must be a whole number'),
+        ({'dictionary': 'DICT_7X7'}, 'dictionary: must be one of'),
+        ({'colour': 'red'}, 'target: must have the fields'),
+        ({'gap': 0.005}, 'gap: must be at least half a module'),
+        ({'first_id': 48}, 'first_id: must be at most 44'),
+    ],
+)
+def test_refuses_targets_that_cannot_be(
+    tmp_path: Path, changes: dict[str, Any], words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    table = yaml.safe_load(target_of('A3').to_yaml())
+    table['target'] |= changes
+    path = tmp_path / 'target.yaml'
+    path.write_text(yaml.safe_dump(table))
+    command = ['gap', 'truth', 'x.npz', '--board', str(path), '--out', str(tmp_path / 'out')]
+    assert main(command) == 2
+    assert words in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('size', SHEETS)
+def test_a_target_is_printed_true_to_scale(tmp_path: Path, size: str) -> None:
+    out = tmp_path / 'target.pdf'
+    assert main(['gap', 'target', '--out', str(out), '--size', size]) == 0
+    box = re.search(rb'/MediaBox ?\[ ?0 0 ([\d.]+) ([\d.]+) ?\]', out.read_bytes())
+    assert box is not None
+    points = [float(side) for side in box.groups()]
+    assert np.array(points) * 0.0254 / 72 == pytest.approx(np.array(SHEETS[size][:2]), abs=1e-6)
+    assert read_target(tmp_path / 'target.yaml') == target_of(size)
+
+
+def test_the_pdf_shows_what_the_description_says() -> None:
+    pdfium = pytest.importorskip('pypdfium2', reason='rasterises PDF')
+    target = target_of('A3')
+    step = 0.0254 / 72  # one pixel a point
+    page = pdfium.PdfDocument(draw_pdf(target))[0].render(scale=1).to_numpy()[..., 0] / 255
+    painted = target.paint(step)
+    height, width = (min(a, b) for a, b in zip(page.shape, painted.shape, strict=True))
+    apart = np.abs(page[:height, :width] - painted[:height, :width])
+    # All but the edges of modules and the thin lines of the rulers.
+    assert np.mean(apart > 0.5) < 0.005
+
+
+def test_a_painted_sheet_has_the_area_of_its_tags() -> None:
+    target = Target()
+    step = 0.0007
+    black = (1 - target.paint(step)).sum() * step**2
+    modules = sum(target.modules(number).sum() for number in range(6))
+    assert black == pytest.approx(modules * (target.tag / 6) ** 2, rel=1e-4)
