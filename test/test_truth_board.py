@@ -4,6 +4,7 @@ from pathlib import Path
 import re
 from typing import Any
 
+from bench.printed_board import Board, gray_of, HEIGHT, K, WIDTH
 from flexx2_sim_ros.camera import Camera
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.recording import open_recording
@@ -11,7 +12,6 @@ from flexx2_sim_ros.recording.truth import read_truth
 from flexx2_sim_ros.truth.poses import Pose
 from flexx2_sim_ros.truth.target import draw_pdf, read_target, SHEETS, Target, target_of
 import numpy as np
-from printed_board import Board, HEIGHT, K, WIDTH
 import pytest
 import yaml
 
@@ -27,9 +27,6 @@ def record(path: Path, boards: list[Board], rng: np.random.Generator, **changes:
     depth = np.stack([image for _, image in seen])
     if len(boards) == 1:
         light, depth = (np.repeat(image, FRAMES, axis=0) for image in (light, depth))
-    light = light * (1 + 0.02 * rng.standard_normal(light.shape))
-    # The driver's gray image: 8 bit, a root of the light; saturated next to the camera.
-    gray = np.clip(150 * np.sqrt(np.clip(light, 0, None)), 0, 255).astype(np.uint8)
     stamp = 1000 + np.arange(len(depth)) / 5
     camera = Camera('Mode_9_5fps', effects={'offset': {'bias': BIAS}}, seed=3)
     arrays: dict[str, Any] = {
@@ -37,7 +34,7 @@ def record(path: Path, boards: list[Board], rng: np.random.Generator, **changes:
         'K': K,
         'stamp': stamp,
         'usecase': 'Mode_9_5fps',
-        'amplitude': gray,
+        'amplitude': gray_of(light, 0.02, rng),
         **({} if lens is None else {'distortion': lens}),
         **changes,
     }

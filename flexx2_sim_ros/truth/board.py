@@ -112,8 +112,9 @@ def _pictures(image: np.ndarray) -> Iterator[tuple[np.ndarray, int]]:
     if not good.size:
         return
     low, high = np.percentile(good, [_DARK, _BRIGHT])
-    even = np.clip((np.nan_to_num(image, nan=low) - low) / max(high - low, 1e-12), 0, 1)
-    filled = np.nan_to_num(image, nan=low).astype(np.float32)
+    even = np.clip((np.nan_to_num(image, nan=high) - low) / max(high - low, 1e-12), 0, 1)
+    # What is saturated is bright.
+    filled = np.nan_to_num(image, nan=high).astype(np.float32)
     mean = cv2.GaussianBlur(filled, (0, 0), _NEAR_BY)
     variance = cv2.GaussianBlur(filled**2, (0, 0), _NEAR_BY) - mean**2
     local = (filled - mean) / (2 * _CONTRASTS * np.sqrt(np.maximum(variance, 1e-12))) + 0.5

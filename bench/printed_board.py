@@ -6,18 +6,18 @@ from scipy.spatial.transform import Rotation
 
 WIDTH, HEIGHT, FOCAL = 224, 172, 186.0
 K = np.array([[FOCAL, 0, 111.2], [0, FOCAL, 86.1], [0, 0, 1]])
-SHEET = np.array([0.420, 0.297])
-TAG, GAP = 0.115, 0.025
+# Width and height of the sheet, side of a tag and gap between tags, metres.
+SHEETS = {'A3': (0.420, 0.297, 0.115, 0.025), 'A2': (0.594, 0.420, 0.165, 0.030)}
 _FINE = 2000  # pixels a metre of the drawing
 _RAYS = 8  # a pixel and axis
 _WALL = 0.4  # metres behind the board
 
 
-def sheet() -> np.ndarray:
-    """Return the A3 sheet with 3 x 2 tags as an image, 1 for white."""
-    width, height = (round(side * _FINE) for side in SHEET)
+def sheet(name: str) -> np.ndarray:
+    """Return a sheet with 3 x 2 tags as an image, 1 for white."""
+    width, height, tag, gap = (round(side * _FINE) for side in SHEETS[name])
     image = np.ones((height, width), np.float32)
-    side, step = round(TAG * _FINE), round((TAG + GAP) * _FINE)
+    side, step = tag, tag + gap
     left, top = (width - 2 * step - side) // 2, (height - step - side) // 2
     codes = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
     for number in range(6):
@@ -38,15 +38,20 @@ class Board:
         Degrees about x and y.
     size : float
         How much larger it was printed.
+    name : str
+        One of `SHEETS`.
 
     """
 
-    def __init__(self, distance: float, tilt: float, turn: float, size: float = 1.0) -> None:
+    def __init__(
+        self, distance: float, tilt: float, turn: float, size: float = 1.0, name: str = 'A3'
+    ) -> None:
         """Place it."""
         self.R = Rotation.from_euler('zxy', [3, tilt, turn], degrees=True).as_matrix()
         self.t = np.array([0.03, -0.02, distance])
         self.size = size
-        self._picture = sheet()
+        self._picture = sheet(name)
+        self._sides = np.array(SHEETS[name][:2])
 
     def look(
         self, rng: np.random.Generator, blur: float = 0.6, lens: np.ndarray | None = None
@@ -71,8 +76,8 @@ class Board:
         normal = self.R[:, 2]
         depth = (normal @ self.t) / (direction @ normal)
         place = (direction * depth[..., None] - self.t) @ self.R[:, :2] / self.size
-        inside = (np.abs(place) < SHEET / 2).all(axis=-1)
-        index = ((place + SHEET / 2) * _FINE).astype(int)
+        inside = (np.abs(place) < self._sides / 2).all(axis=-1)
+        index = ((place + self._sides / 2) * _FINE).astype(int)
         row = np.clip(index[..., 1], 0, self._picture.shape[0] - 1)
         column = np.clip(index[..., 0], 0, self._picture.shape[1] - 1)
         depth = np.where(inside, depth, self.t[2] + _WALL)
@@ -82,6 +87,12 @@ class Board:
         # Light falls off with distance and towards the image's corners, and not evenly.
         lamp = (1.2 - 0.9 * (rays**2).sum(axis=-1)) * (1 + 0.2 * rays[..., 0])
         return colour * cosine * lamp / (depth * length) ** 2, depth
+
+
+def gray_of(light: np.ndarray, noise: float, rng: np.random.Generator) -> np.ndarray:
+    """Return the driver's gray image: 8 bit, a root of the light, saturated next to the camera."""
+    light = light * (1 + noise * rng.standard_normal(light.shape))
+    return np.clip(150 * np.sqrt(np.clip(light, 0, None)), 0, 255).astype(np.uint8)
 
 
 def _rays(lens: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
