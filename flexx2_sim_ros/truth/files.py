@@ -134,7 +134,7 @@ def remembered(
     mapped : callable
         As `jobs.workers` yields it.
     tick : callable
-        Called after each job, for progress.
+        Called after each job that is done now, for progress.
 
     """
     files = [folder / f'{name}.json' for name in names]
@@ -144,8 +144,6 @@ def remembered(
     if missing:
         atomic.output_folder(folder)
         mapped(_write_result, missing, tick)
-    for _ in range(len(files) - len(missing)):
-        tick()
     return [file.read_text(encoding='utf-8') for file in files]
 
 
