@@ -17,6 +17,7 @@ _FINER, _COARSER = 4, 2  # points a pixel and axis, of a small and of a large sh
 _LARGE = 6000  # pixels
 _MARGIN = 3  # pixels around the sheet that blur reaches
 _BLURS = 2.5  # standard deviations of blur from the sheet's edge: what lies there is not known
+_BESIDE = 100.0  # metres from the middle of the sheet
 _TILE = 4  # pixels whose errors count as one
 _HUBER = 1.5  # times the scale
 _CONVERGED = 1e-5
@@ -118,7 +119,8 @@ class _View:
 
     def blurred(self, pose: Pose, log_blur: float) -> np.ndarray:
         """Return the white fraction at all points between pixels."""
-        x, y = _on_sheet(pose, self.fine)
+        # Points without a ray see white, as those beside the sheet do.
+        x, y = (np.nan_to_num(one, nan=_BESIDE) for one in _on_sheet(pose, self.fine))
         height, width = self.paint.shape
         seen = cv2.remap(
             self.paint,
@@ -221,6 +223,8 @@ def align_gray(
         return None
     border = (1 + _BLURS * blur) * view.step * view.finer
     use = _inside(target, start, view.rays, border) & (np.nan_to_num(view.image) > 0)
+    # Next to pixels without a ray nothing is known of how the sheet moves.
+    use &= np.isfinite(view.flow(start)).all(axis=(2, 3))
     if use.sum() < _LEAST_PIXELS:
         return None
     level = view.image[use] ** (1 / power)
