@@ -24,9 +24,9 @@ def add_parser(commands: Any) -> None:
     parser = commands.add_parser(
         'truth',
         help='make ground truth for recordings of a real camera',
-        description='Register each RECORDING (.npz, a bag, or a folder of them) to a room or a '
-        'printed board, and write it to DIR with clean_depth and how well it is known. Writes '
-        'truth.yaml and truth.html as well. An interrupted run resumes. See docs/truth.md.',
+        description='Register each RECORDING (.npz, a bag, or a folder of them) to a room, a '
+        'printed board or planes, and write it to DIR with clean_depth and how well it is known. '
+        'Writes truth.yaml and truth.html as well. An interrupted run resumes. See docs/truth.md.',
         epilog='example: flexx2 gap truth bags/ --scan room.ply --out campaign/',
     )
     parser.add_argument('recordings', nargs='+', metavar='RECORDING')
@@ -44,6 +44,12 @@ def add_parser(commands: Any) -> None:
         metavar='FILE',
         help='a printed target that the gray images show, as flexx2 gap target describes it '
         '(target.yaml)',
+    )
+    room.add_argument(
+        '--planes',
+        metavar='FILE',
+        help='planes of the room and what a tape measure and a set square say of them '
+        '(planes.yaml)',
     )
     parser.add_argument('--out', required=True, metavar='DIR')
     parser.add_argument(
@@ -73,7 +79,7 @@ def add_parser(commands: Any) -> None:
         '--room-error',
         type=number(0, 1),
         metavar='METRES',
-        help="standard deviation of the room's surfaces (default 0.003)",
+        help="standard deviation of the room's surfaces (default 0.003; 0 with --planes)",
     )
     parser.add_argument(
         '--lens-error',
@@ -97,7 +103,7 @@ def add_parser(commands: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Make ground truth with a progress bar, and print the verdicts."""
-    make = _board_maker(arguments) if arguments.board else _room_maker(arguments)
+    make = _maker(arguments)
     console = Console(stderr=True, markup=False)
     with Progress(
         TextColumn('{task.description}', markup=False),
@@ -120,6 +126,12 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 _Maker = Callable[[Callable[[str, float], None]], dict[str, Any]]
+
+
+def _maker(arguments: argparse.Namespace) -> _Maker:
+    if arguments.board:
+        return _board_maker(arguments)
+    return _plane_maker(arguments) if arguments.planes else _room_maker(arguments)
 
 
 def _room_maker(arguments: argparse.Namespace) -> _Maker:
@@ -166,6 +178,29 @@ def _board_maker(arguments: argparse.Namespace) -> _Maker:
         _command(),
     )
     return partial(make_board_truth, request)
+
+
+def _plane_maker(arguments: argparse.Namespace) -> _Maker:
+    from flexx2_sim_ros.truth import make_plane_truth, PlaneRequest
+
+    for name in ('pose', 'up'):
+        if getattr(arguments, name) not in (None, []):
+            raise InputError(f'--{name}: must be given with --scan or --scene only')
+    if arguments.lens_error is not None:
+        raise InputError('--lens-error: must be given with --board only')
+    request = PlaneRequest(
+        tuple(map(Path, arguments.recordings)),
+        Path(arguments.planes),
+        Path(arguments.out),
+        arguments.camera,
+        _profile(arguments),
+        arguments.motion,
+        arguments.room_error or 0.0,
+        arguments.jobs,
+        arguments.scheduler,
+        _command(),
+    )
+    return partial(make_plane_truth, request)
 
 
 def _profile(arguments: argparse.Namespace) -> Any:

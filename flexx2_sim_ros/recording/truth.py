@@ -9,6 +9,7 @@ import numpy as np
 
 _ROUNDING = 1e-6  # relative asymmetry, and negative eigenvalues, that rounding leaves
 _MOST_METRES = 10.0
+_ALONG = 0.995  # cosine: a plane's normal and the image's x axis are the same
 KEYS = ('known', 'clean_sigma', 'pose_covariance', 'plane', 'plane_covariance', 'plane_names')
 
 
@@ -80,6 +81,28 @@ class Accuracy:
     planes: int = 0
     offset: float | None = None
     tilt: float | None = None
+
+
+def plane_axes(normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """
+    Return the axes that a plane's two tilts are about.
+
+    Parameters
+    ----------
+    normal : numpy.ndarray
+        (3,) unit normal that points away from the camera, optical frame.
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        (3,) the image's x axis projected onto the plane (its y axis, where the plane faces along
+        x); (3,) normal x the first. Tilts are right-handed.
+
+    """
+    axis = np.eye(3)[0 if abs(normal[0]) < _ALONG else 1]
+    first = axis - (axis @ normal) * normal
+    first = first / np.linalg.norm(first)
+    return first, np.cross(normal, first)
 
 
 def accuracy_of(truth: Truth) -> Accuracy:

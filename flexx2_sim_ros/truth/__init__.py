@@ -3,10 +3,19 @@ Ground truth for real recordings: where the camera was, and what it should have 
 
 `make_truth` registers recordings to a room (a mesh or a MuJoCo model). Poses are fitted together
 with the errors that all recordings share, so that the poses do not hide them. `make_board_truth`
-finds a printed target in gray images instead.
+finds a printed target in gray images instead; `make_plane_truth` needs some planes of the room and
+what was measured of them.
 """
 
 from flexx2_sim_ros.truth.board_campaign import BoardRequest, make_board_truth
 from flexx2_sim_ros.truth.campaign import make_truth, Request
+from flexx2_sim_ros.truth.plane_campaign import make_plane_truth, PlaneRequest
 
-__all__ = ['BoardRequest', 'Request', 'make_board_truth', 'make_truth']
+__all__ = [
+    'BoardRequest',
+    'PlaneRequest',
+    'Request',
+    'make_board_truth',
+    'make_plane_truth',
+    'make_truth',
+]

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from itertools import product
 
 import cv2
+from flexx2_sim_ros.recording.truth import plane_axes
 from flexx2_sim_ros.truth.gray import align_gray, Gray, GrayFit, POWERS, with_scale_error
 from flexx2_sim_ros.truth.poses import Pose
 from flexx2_sim_ros.truth.rooms import Hits
@@ -23,7 +24,6 @@ _FIRST_BLUR = 0.5  # pixels
 _ROUGH_STEPS, _STEPS = 10, 25
 _TILT, _SAME = np.radians(15), np.radians(3)
 _SMALL_TAG = 16  # pixels
-_ALONG = 0.995  # cosine between normal and x axis, as the diagnosis has it
 
 
 class BoardRoom:
@@ -262,10 +262,7 @@ def plane_covariance(pose: Pose, covariance: np.ndarray, middle: np.ndarray) -> 
 
     """
     normal = pose.R[2] * (1.0 if pose.R[2] @ middle >= 0 else -1.0)
-    axis = np.eye(3)[0 if abs(normal[0]) < _ALONG else 1]
-    first = axis - (axis @ normal) * normal
-    first /= np.linalg.norm(first)
-    second = np.cross(normal, first)
+    first, second = plane_axes(normal)
     # A motion of the camera moves the board by the opposite.
     change = np.zeros((3, 6))
     change[0] = -np.concatenate([normal, np.cross(middle, normal)])

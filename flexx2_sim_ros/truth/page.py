@@ -157,7 +157,12 @@ def _pictures(row: Mapping[str, Any], where: Registered, shown: Picture) -> str:
 
 
 def figures(
-    name: str, shown: Picture, caption: str, costs: Sequence[float], axis: str, cost: str
+    name: str,
+    shown: Picture,
+    caption: str,
+    costs: Sequence[float] = (),
+    axis: str = '',
+    cost: str = '',
 ) -> str:
     """
     Return what a page shows of one recording.
@@ -171,15 +176,16 @@ def figures(
     caption : str
         Of the overlay.
     costs : sequence of float
-        How the alignment went.
+        How the alignment went; empty where there was none.
     axis, cost : str
         What `costs` is along and of.
 
     """
     name = escape(name)
-    curve = curves(
-        np.arange(len(costs), dtype=float), np.array([costs]), ['cost'], axis, cost, 0.02
-    )
+    curve = ''
+    if costs:
+        steps = np.arange(len(costs), dtype=float)
+        curve = curves(steps, np.array([costs]), ['cost'], axis, cost, 0.02)
     return (
         f'<h2>{name}</h2><div class="row">'
         f'<figure><img alt="edges of {name}" width="420" src="{overlay(shown)}"><figcaption>'

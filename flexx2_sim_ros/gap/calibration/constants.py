@@ -104,7 +104,6 @@ class GroundTruth:
     )
     plane_floor: float = _constant(0.25, 'plane steps', 'to which a plane is known at best')
     least_cosine: float = _constant(0.02, '', 'of a ray to a normal; below, a plane is edge-on')
-    along: float = _constant(0.995, '', 'cosine; x axis and normal of a plane are the same')
     fixed: float = _constant(1e-12, 'variance', 'of the largest; a direction is fixed', DEFINITION)
     margin: float = _constant(
         1.5, '', 'factor on the loss of a finding that a decidable effect must leave'

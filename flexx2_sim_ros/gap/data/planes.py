@@ -2,6 +2,7 @@
 
 from flexx2_sim_ros.gap.calibration.constants import GROUND_TRUTH
 from flexx2_sim_ros.gap.data.unknown import nearest
+from flexx2_sim_ros.recording.truth import plane_axes
 import numpy as np
 
 # Steps of a plane's three parameters for finite differences: metres, radians.
@@ -56,19 +57,12 @@ def plane_shifts(
         centre = points.mean(axis=0)
         normal = np.linalg.eigh(np.cov((points - centre).T))[1][:, 0]
         normal *= 1.0 if normal @ centre >= 0 else -1.0
-        first = _first_axis(normal)
+        first, second = plane_axes(normal)
         moving = (wider == k + 1) & np.isfinite(clean)
         arm = rays[moving] * clean[moving][:, None] - centre
         facing = rays[moving] @ normal
-        along = np.stack([np.ones(len(arm)), arm @ np.cross(normal, first), -(arm @ first)])
+        along = np.stack([np.ones(len(arm)), arm @ second, -(arm @ first)])
         out[3 * k : 3 * k + 3, moving] = np.where(
             facing > GROUND_TRUTH.least_cosine, along / facing, 0
         )
     return out
-
-
-def _first_axis(normal: np.ndarray) -> np.ndarray:
-    # The image's x axis projected onto the plane; its y axis where too little is left of that.
-    axis = np.eye(3)[0 if abs(normal[0]) < GROUND_TRUTH.along else 1]
-    flat = axis - (axis @ normal) * normal
-    return np.asarray(flat / np.linalg.norm(flat))

@@ -1,0 +1,178 @@
+"""Planes where a tape measure and a set square say, and how accurately those say it."""
+
+from dataclasses import dataclass
+
+from flexx2_sim_ros.recording.truth import plane_axes
+from flexx2_sim_ros.truth.plane_file import Angle, Measured
+import numpy as np
+
+# Standard deviations of a plane that nothing was measured of: metres, radians. Large, because a
+# plane that is fitted to the recording is wrong by what the camera does wrong.
+FREE_OFFSET, FREE_TILT = 0.1, np.radians(5.0)
+# A recording shows the tilt of a plane better than its distance: planes are moved to a measured
+# distance rather than turned to it.
+_FITTED_TILT = np.radians(0.3)
+_PARALLEL = np.radians(3.0)  # from 0 or 180 degrees
+_ITERATIONS = 8
+_STEP = 1e-6
+
+
+@dataclass(frozen=True)
+class Placed:
+    """
+    Planes of one recording.
+
+    Attributes
+    ----------
+    normals : numpy.ndarray
+        (P, 3) unit normals that point away from the camera, optical frame.
+    distances : numpy.ndarray
+        (P,) metres from the optical centre, perpendicular.
+    pivots : numpy.ndarray
+        (P, 3) metres: what tilts turn a plane about.
+
+    """
+
+    normals: np.ndarray
+    distances: np.ndarray
+    pivots: np.ndarray
+
+    def moved(self, change: np.ndarray) -> 'Placed':
+        """
+        Return the planes moved.
+
+        Parameters
+        ----------
+        change : numpy.ndarray
+            (3 P,) an offset in metres and two tilts in radians for each, as recordings have them.
+
+        """
+        normals, distances = self.normals.copy(), self.distances.copy()
+        for k, (offset, *tilts) in enumerate(change.reshape(-1, 3)):
+            normal = self.normals[k]
+            turned = normal + np.cross(np.array(tilts) @ np.stack(plane_axes(normal)), normal)
+            normals[k] = turned / np.linalg.norm(turned)
+            distances[k] = normals[k] @ (self.pivots[k] + offset * normal)
+        pivots = self.pivots + (distances - (normals * self.pivots).sum(axis=1))[:, None] * normals
+        return Placed(normals, distances, pivots)
+
+
+@dataclass(frozen=True)
+class Constraints:
+    """
+    What was measured of the planes of one recording.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Of the P planes.
+    distances : tuple of Measured or None
+        Of each, metres from the origin.
+    angles : tuple of Angle
+        Between them.
+    origin : tuple of float
+        Where distances are measured from, optical frame, metres.
+
+    """
+
+    names: tuple[str, ...]
+    distances: tuple[Measured | None, ...]
+    angles: tuple[Angle, ...]
+    origin: tuple[float, float, float]
+
+    def errors(self, placed: Placed) -> tuple[np.ndarray, list[str]]:
+        """
+        Return how far planes are from what was measured.
+
+        Parameters
+        ----------
+        placed : Placed
+            The planes.
+
+        Returns
+        -------
+        tuple
+            (C,) errors in standard deviations; what each is of, in words.
+
+        """
+        errors, words = [], []
+        for name, found, told in zip(
+            self.names, self.tape_errors(placed), self.distances, strict=True
+        ):
+            if told is not None:
+                errors.append(found / told.deviation)
+                words.append(f'distance of {name}')
+        for angle in self.angles:
+            one, other = (
+                placed.normals[self.names.index(name)] for name in (angle.first, angle.second)
+            )
+            parts = _angle_errors(one, other, np.radians(angle.degrees.value))
+            errors += list(parts / np.radians(angle.degrees.deviation))
+            words += [f'angle between {angle.first} and {angle.second}'] * len(parts)
+        return np.array(errors), words
+
+    def tape_errors(self, placed: Placed) -> np.ndarray:
+        """Return (P,) how much farther planes are than was measured, metres; NaN if it was not."""
+        told = np.array([np.nan if d is None else d.value for d in self.distances])
+        return np.asarray(placed.distances - placed.normals @ np.array(self.origin) - told)
+
+
+def seen_angle(one: np.ndarray, other: np.ndarray) -> float:
+    """Return the angle between two planes on the camera's side, radians, from their normals."""
+    across = float(np.linalg.norm(np.cross(one, other)))
+    return float(np.pi - np.arctan2(across, one @ other))
+
+
+def _angle_errors(one: np.ndarray, other: np.ndarray, told: float) -> np.ndarray:
+    # The angle itself has no derivative where planes are parallel.
+    if min(told, np.pi - told) > _PARALLEL:
+        return np.array([seen_angle(one, other) - told])
+    return np.asarray(np.stack(plane_axes(one)) @ other)
+
+
+def settle(placed: Placed, constraints: Constraints) -> tuple[Placed, np.ndarray]:
+    """
+    Move planes to where measurements say, by generalised least squares.
+
+    Parameters
+    ----------
+    placed : Placed
+        As fitted to the recording: where they roughly are.
+    constraints : Constraints
+        What was measured.
+
+    Returns
+    -------
+    tuple
+        The planes moved; (3 P, 3 P) covariance of their parameters, from the measurements alone:
+        what was not measured has `FREE_OFFSET` and `FREE_TILT`. Angles count where a distance was
+        measured besides: alone they make the diagnosis take an offset for wiggling.
+
+    """
+    count = len(placed.distances)
+    stiff = np.tile([FREE_OFFSET, _FITTED_TILT, _FITTED_TILT], count) ** -2.0
+    change = np.zeros(len(stiff))
+    for _ in range(_ITERATIONS):
+        slope, errors = _slope(placed, change, constraints), _errors(placed, change, constraints)
+        normal = np.diag(stiff) + slope.T @ slope
+        change = change - np.linalg.solve(normal, stiff * change + slope.T @ errors)
+    moved = placed.moved(change)
+    free = np.tile([FREE_OFFSET, FREE_TILT, FREE_TILT], count) ** -2.0
+    if all(told is None for told in constraints.distances):
+        return moved, np.diag(1 / free)
+    # Of parameters about where the planes are now.
+    slope = _slope(moved, np.zeros(len(stiff)), constraints)
+    covariance = np.linalg.inv(np.diag(free) + slope.T @ slope)
+    return moved, (covariance + covariance.T) / 2
+
+
+def _errors(placed: Placed, change: np.ndarray, constraints: Constraints) -> np.ndarray:
+    return constraints.errors(placed.moved(change))[0]
+
+
+def _slope(placed: Placed, change: np.ndarray, constraints: Constraints) -> np.ndarray:
+    columns = [
+        _errors(placed, change + step, constraints) - _errors(placed, change - step, constraints)
+        for step in _STEP * np.eye(len(change))
+    ]
+    return np.stack(columns, axis=1) / (2 * _STEP)

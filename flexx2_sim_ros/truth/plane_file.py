@@ -1,0 +1,275 @@
+"""What people measured of a room's planes: `planes.yaml`."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+import math
+from pathlib import Path
+import re
+from typing import Any
+
+from flexx2_sim_ros.config_file import read_config
+from flexx2_sim_ros.errors import InputError, shown, shown_path
+import numpy as np
+
+_KEYS = {'schema', 'origin', 'planes', 'recordings'}
+_OF_PLANE = {'name', 'seed', 'box', 'distance', 'angles', 'flat'}
+_OF_RECORDING = {'seed', 'box', 'distance'}
+_MOST_PLANES, _LONGEST_NAME = 20, 60
+# What a measurement is worth that comes without its standard deviation: metres, degrees.
+_TAPE, _SQUARE = 0.005, 0.5
+_NEAREST, _FARTHEST, _MOST_ERROR = 0.05, 20.0, 1.0  # metres
+_NUMBER = r'([+-]?\d*\.?\d+(?:[eE][+-]?\d+)?)'
+_MEASURED = re.compile(rf'\s*{_NUMBER}\s*(?:(?:\+-|\+/-|±)\s*{_NUMBER}\s*)?')
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A measurement and its standard deviation, in metres or degrees."""
+
+    value: float
+    deviation: float
+
+
+@dataclass(frozen=True)
+class PlaneHint:
+    """
+    How to find a plane in a recording, and what was measured of it.
+
+    Attributes
+    ----------
+    name : str
+    box : tuple of float
+        Left, top, right and bottom pixel of a part of it; empty where it is found by its size.
+    distance : Measured or None
+        Perpendicular distance from the origin, metres.
+    flat : float or None
+        Standard deviation of the surface, metres.
+
+    """
+
+    name: str
+    box: tuple[float, ...] = ()
+    distance: Measured | None = None
+    flat: float | None = None
+
+
+@dataclass(frozen=True)
+class Angle:
+    """
+    An angle between two planes, on the camera's side: 180 degrees where they are one flat surface.
+
+    Attributes
+    ----------
+    first, second : str
+        Their names.
+    degrees : Measured
+
+    """
+
+    first: str
+    second: str
+    degrees: Measured
+
+
+@dataclass(frozen=True)
+class PlaneFile:
+    """
+    What ``planes.yaml`` says.
+
+    Attributes
+    ----------
+    planes : tuple of PlaneHint
+    angles : tuple of Angle
+    origin : tuple of float
+        Where distances are measured from: x, y, z in the optical frame, metres.
+    changes : mapping of str to mapping
+        By name of recording, without its suffix, then by name of plane: what is different there;
+        None where it is not in view.
+
+    """
+
+    planes: tuple[PlaneHint, ...]
+    angles: tuple[Angle, ...]
+    origin: tuple[float, float, float]
+    changes: Mapping[str, Mapping[str, PlaneHint | None]]
+
+    def seen_in(self, recording: str) -> tuple[PlaneHint, ...]:
+        """Return the planes of a recording, by its name without the suffix."""
+        changes = self.changes.get(recording, {})
+        hints = [changes.get(plane.name, plane) for plane in self.planes]
+        return tuple(hint for hint in hints if hint is not None)
+
+
+def read_planes(path: Path) -> PlaneFile:
+    """
+    Read ``planes.yaml``.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        The file; docs/truth.md has its keys.
+
+    Raises
+    ------
+    InputError
+        When it cannot be read, has an unknown key or plane, or a value that cannot be; the
+        message names file and key.
+
+    """
+    content = read_config(path)
+    try:
+        _check_keys('', content, _KEYS)
+        rows = content.get('planes')
+        if not isinstance(rows, list) or not 0 < len(rows) <= _MOST_PLANES:
+            raise InputError(
+                f'planes: must be a list of 1 to {_MOST_PLANES} planes, got {shown(rows)}'
+            )
+        planes = [_plane(f'planes[{i}]', row) for i, row in enumerate(rows)]
+        names = [plane.name for plane in planes]
+        for i, name in enumerate(names):
+            if name in names[:i]:
+                raise InputError(f'planes[{i}]: name: must be unique, got {shown(name)} twice')
+        return PlaneFile(
+            tuple(planes),
+            _angles(rows, names),
+            _origin(content.get('origin', 0.0)),
+            _changes(content.get('recordings', {}), planes),
+        )
+    except InputError as error:
+        raise InputError(f'{shown_path(path)}: {error}') from error
+
+
+def _check_keys(field: str, found: Any, known: set[str]) -> None:
+    where = f'{field}: ' if field else ''
+    if not isinstance(found, dict):
+        raise InputError(f'{where}must be a mapping, got {shown(found)}')
+    for key in found:
+        if key not in known:
+            raise InputError(
+                f'{where}must have the keys {", ".join(sorted(known))} only, got {shown(key)}'
+            )
+
+
+def _plane(field: str, row: Any) -> PlaneHint:
+    _check_keys(field, row, _OF_PLANE)
+    name = row.get('name')
+    if not isinstance(name, str) or not 0 < len(name) <= _LONGEST_NAME or not name.isprintable():
+        raise InputError(
+            f'{field}: name: must be a text of 1 to {_LONGEST_NAME} letters, got {shown(name)}'
+        )
+    flat = row.get('flat')
+    if flat is not None and not (_is_number(flat) and 0 <= flat <= _MOST_ERROR):
+        raise InputError(f'{name}: flat: must be metres, 0 to {_MOST_ERROR:g}, got {shown(flat)}')
+    return _hint(name, PlaneHint(name, flat=flat), row)
+
+
+def _hint(field: str, plane: PlaneHint, row: Mapping[str, Any]) -> PlaneHint:
+    # The plane as a mapping changes it.
+    seed, box = row.get('seed'), row.get('box')
+    if seed is not None and box is not None:
+        raise InputError(f'{field}: must have a seed or a box, got both')
+    if seed is not None:
+        box = _numbers(f'{field}: seed', seed, 'a pixel [u, v]', 2) * 2
+    elif box is not None:
+        box = _numbers(f'{field}: box', box, 'pixels [left, top, right, bottom]', 4)
+        if box[0] > box[2] or box[1] > box[3]:
+            raise InputError(
+                f'{field}: box: must be [left, top, right, bottom] with left <= right and top <= '
+                f'bottom, got {shown(list(box))}'
+            )
+    distance = row.get('distance')
+    return PlaneHint(
+        plane.name,
+        plane.box if box is None else box,
+        plane.distance if distance is None else _distance(f'{field}: distance', distance),
+        plane.flat,
+    )
+
+
+def _distance(field: str, value: Any) -> Measured:
+    found = _measured(field, value, _TAPE)
+    if found.value > _FARTHEST:
+        raise InputError(
+            f'{field}: must be metres, {_NEAREST:g} to {_FARTHEST:g}, got {found.value:g}; it '
+            'looks like millimetres'
+        )
+    if not (found.value >= _NEAREST and 0 < found.deviation <= _MOST_ERROR):
+        raise InputError(
+            f'{field}: must be metres, {_NEAREST:g} to {_FARTHEST:g}, with a standard deviation '
+            f'above 0 and up to {_MOST_ERROR:g}, got {shown(value)}'
+        )
+    return found
+
+
+def _angles(rows: list[dict[str, Any]], names: list[str]) -> tuple[Angle, ...]:
+    out: dict[frozenset[str], Angle] = {}
+    for row, name in zip(rows, names, strict=True):
+        angles = row.get('angles', {})
+        _check_keys(f'{name}: angles', angles, set(names) - {name})
+        for other, value in angles.items():
+            field = f'{name}: angles: {other}'
+            found = _measured(field, value, _SQUARE)
+            if not (0 <= found.value <= 180 and 0 < found.deviation <= 90):
+                raise InputError(
+                    f'{field}: must be degrees, 0 to 180, with a standard deviation above 0, got '
+                    f'{shown(value)}'
+                )
+            before = out.setdefault(frozenset((name, other)), Angle(name, other, found))
+            if before.degrees != found:
+                raise InputError(
+                    f'{field}: must be the same in both planes, got {found.value:g} and '
+                    f'{before.degrees.value:g} degrees'
+                )
+    return tuple(out.values())
+
+
+def _origin(value: Any) -> tuple[float, float, float]:
+    ahead = [0.0, 0.0, value] if _is_number(value) else value
+    x, y, z = _numbers('origin', ahead, 'metres ahead of the optical centre, or [x, y, z]', 3)
+    if max(abs(x), abs(y), abs(z)) > _MOST_ERROR:
+        raise InputError(
+            f'origin: must be metres, at most {_MOST_ERROR:g} from the optical centre, got '
+            f'{shown(value)}'
+        )
+    return x, y, z
+
+
+def _changes(given: Any, planes: list[PlaneHint]) -> dict[str, dict[str, PlaneHint | None]]:
+    by_name = {plane.name: plane for plane in planes}
+    if not isinstance(given, dict):
+        raise InputError(f'recordings: must be a mapping, got {shown(given)}')
+    out: dict[str, dict[str, PlaneHint | None]] = {}
+    for recording, rows in given.items():
+        field = f'recordings: {shown(recording)}'
+        if not isinstance(recording, str):
+            raise InputError(f'{field}: must be the name of a recording')
+        _check_keys(field, rows, set(by_name))
+        mine = out.setdefault(recording.removesuffix('.npz'), {})
+        for name, row in rows.items():
+            if row is None:
+                mine[name] = None
+                continue
+            _check_keys(f'{field}: {name}', row, _OF_RECORDING)
+            mine[name] = _hint(f'{field}: {name}', by_name[name], row)
+    return out
+
+
+def _measured(field: str, value: Any, usual: float) -> Measured:
+    # A number, or a text such as `1.20 +- 0.01`.
+    if _is_number(value):
+        return Measured(float(value), usual)
+    match = _MEASURED.fullmatch(value) if isinstance(value, str) and len(value) < 80 else None
+    if match is None:
+        raise InputError(f'{field}: must be a number, or text as 1.20 +- 0.01, got {shown(value)}')
+    number, deviation = match.groups()
+    return Measured(float(number), usual if deviation is None else abs(float(deviation)))
+
+
+def _numbers(field: str, value: Any, wanted: str, count: int) -> tuple[float, ...]:
+    if not (isinstance(value, list) and len(value) == count and all(map(_is_number, value))):
+        raise InputError(f'{field}: must be {wanted}, got {shown(value)}')
+    return tuple(np.array(value, float).tolist())
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)

@@ -1,0 +1,270 @@
+"""Place the planes of one recording, and write it with ground truth on them."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from flexx2_sim_ros.camera import Profile
+from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.recording import open_recording
+from flexx2_sim_ros.truth.clean import Clean
+from flexx2_sim_ros.truth.observation import Observation, observe
+from flexx2_sim_ros.truth.plane_constraints import Constraints, Placed, seen_angle, settle
+from flexx2_sim_ros.truth.plane_file import Angle, PlaneHint
+from flexx2_sim_ros.truth.plane_finding import find_planes, Surface
+from flexx2_sim_ros.truth.writing import Picture, picture_of, write_truth
+import numpy as np
+
+_LARGEST_DEPTH = 100.0  # metres; more are millimetres
+_MOST_TURN = 10.0  # degrees that what the camera does wrong turns a plane by
+_CONTRADICTION = 5.0  # standard deviations
+# Metres that an offset and bounced light may make of a distance.
+_MOST_OFFSET = 0.1
+
+
+@dataclass(frozen=True)
+class PlaneJob:
+    """
+    Planes to find in a recording.
+
+    Attributes
+    ----------
+    path, target : pathlib.Path
+        The recording, and the file to write.
+    hints : tuple of PlaneHint
+        Its planes.
+    angles : tuple of Angle
+        Between planes, also some that it does not show.
+    origin : tuple of float
+        Where distances are measured from, optical frame, metres.
+    camera : str or None
+    profile : Profile or None
+    motion : str
+    room_error : float
+        Standard deviation of surfaces whose flatness is not told, metres.
+
+    """
+
+    path: Path
+    target: Path
+    hints: tuple[PlaneHint, ...]
+    angles: tuple[Angle, ...]
+    origin: tuple[float, float, float]
+    camera: str | None
+    profile: Profile | None
+    motion: str
+    room_error: float
+
+
+@dataclass(frozen=True)
+class Nominal:
+    """
+    The planes of a recording.
+
+    Attributes
+    ----------
+    surfaces : tuple of Surface
+        As fitted to the recording.
+    placed : Placed
+        Where measurements say.
+    covariance : numpy.ndarray
+        (3 P, 3 P), as recordings have it.
+
+    """
+
+    surfaces: tuple[Surface, ...]
+    placed: Placed
+    covariance: np.ndarray
+
+
+@dataclass(frozen=True)
+class Judged:
+    """
+    Whether a recording's planes can be trusted.
+
+    Attributes
+    ----------
+    state : str
+        ``used``, ``doubtful`` or ``refused``.
+    reasons : tuple of str
+        Why it is not simply used, and what is missing.
+    planes : Nominal or None
+        None where it is refused.
+    taped : bool
+        Whether a distance of one of them was measured.
+
+    """
+
+    state: str
+    reasons: tuple[str, ...]
+    planes: Nominal | None = None
+    taped: bool = False
+
+    @property
+    def frontal(self) -> float:
+        """Return the angle between optical axis and normal of the only plane, degrees; or inf."""
+        if self.planes is None or len(self.planes.surfaces) > 1:
+            return float('inf')
+        return float(np.degrees(np.arccos(np.clip(self.planes.placed.normals[0, 2], -1, 1))))
+
+    def table(self) -> list[dict[str, Any]]:
+        """Return what ``truth.yaml`` says of the planes."""
+        if self.planes is None:
+            return []
+        placed, spread = self.planes.placed, np.sqrt(np.diag(self.planes.covariance))
+        return [
+            {
+                'name': surface.name,
+                'distance_m': round(float(placed.distances[k]), 5),
+                'normal': [round(float(value), 5) for value in placed.normals[k]],
+                'sigma_mm': round(float(spread[3 * k]) * 1e3, 2),
+                'sigma_deg': round(float(np.degrees(spread[3 * k + 1 : 3 * k + 3].max())), 3),
+                'residual_mm': round((surface.distance - float(placed.distances[k])) * 1e3, 2),
+            }
+            for k, surface in enumerate(self.planes.surfaces)
+        ]
+
+
+def place_planes(job: PlaneJob) -> Judged:
+    """
+    Find a recording's planes and move them to where measurements say.
+
+    Raises
+    ------
+    InputError
+        When the recording cannot be read.
+
+    """
+    footage = observe(open_recording(job.path, job.camera), job.profile, job.motion)
+    if footage.moving:
+        return Judged('refused', ('the camera moves; planes need one that stands still',))
+    middle = float(np.nanmedian(footage.still.depth))
+    if middle > _LARGEST_DEPTH:
+        return Judged('refused', (f'depth: must be metres, got {middle:.0f}: millimetres',))
+    surfaces = find_planes(footage.still, job.hints)
+    names = [surface.name for surface in surfaces]
+    missing = [hint for hint in job.hints if hint.name not in names]
+    for hint in missing:
+        if hint.box:
+            return Judged('refused', (f'{hint.name}: no plane is found where the file says',))
+    if not surfaces:
+        return Judged('refused', ('no plane is found in it',))
+    constraints = _constraints(job, names)
+    reason = _turned(surfaces, constraints)
+    if reason:
+        return Judged('refused', (reason,))
+    placed, covariance = settle(_fitted(surfaces, footage.still), constraints)
+    reason = _contradiction(placed, constraints)
+    if reason:
+        return Judged('refused', (reason,))
+    doubts = _doubts(surfaces, constraints)
+    notes = [f'{hint.name}: not found' for hint in missing]
+    return Judged(
+        'doubtful' if doubts else 'used',
+        tuple(doubts + notes),
+        Nominal(tuple(surfaces), placed, covariance),
+        any(told is not None for told in constraints.distances),
+    )
+
+
+def _constraints(job: PlaneJob, names: list[str]) -> Constraints:
+    told = {hint.name: hint.distance for hint in job.hints}
+    angles = tuple(a for a in job.angles if a.first in names and a.second in names)
+    return Constraints(tuple(names), tuple(told[name] for name in names), angles, job.origin)
+
+
+def _fitted(surfaces: list[Surface], image: Observation) -> Placed:
+    pivots = []
+    for surface in surfaces:
+        rays = _rays(image)[surface.mask]
+        pivots.append((rays / (rays @ surface.inverse)[:, None]).mean(axis=0))
+    return Placed(
+        np.stack([surface.normal for surface in surfaces]),
+        np.array([surface.distance for surface in surfaces]),
+        np.stack(pivots),
+    )
+
+
+def _turned(surfaces: list[Surface], constraints: Constraints) -> str:
+    # An angle that the recording does not show at all.
+    normals = {surface.name: surface.normal for surface in surfaces}
+    for angle in constraints.angles:
+        seen = np.degrees(seen_angle(normals[angle.first], normals[angle.second]))
+        allowed = _MOST_TURN + _CONTRADICTION * angle.degrees.deviation
+        if abs(seen - angle.degrees.value) > allowed:
+            return (
+                f'the angle between {angle.first} and {angle.second} must be that of the planes '
+                f'found, {seen:.0f} degrees, got {angle.degrees.value:g}'
+            )
+    return ''
+
+
+def _contradiction(placed: Placed, constraints: Constraints) -> str:
+    errors, words = constraints.errors(placed)
+    if not len(errors) or np.abs(errors).max() <= _CONTRADICTION:
+        return ''
+    worst = int(np.abs(errors).argmax())
+    return (
+        f'the {words[worst]} must agree with the other measurements, got one that is '
+        f'{abs(errors[worst]):.0f} standard deviations off'
+    )
+
+
+def _doubts(surfaces: list[Surface], constraints: Constraints) -> list[str]:
+    doubts = []
+    for surface, told in zip(surfaces, constraints.distances, strict=True):
+        if told is None:
+            continue
+        seen = surface.distance - float(surface.normal @ np.array(constraints.origin))
+        if abs(seen - told.value) > _MOST_OFFSET + _CONTRADICTION * told.deviation:
+            doubts.append(
+                f'{surface.name}: the recording shows it at {seen:.2f} m, the file says '
+                f'{told.value:g} m, which is more than an offset can be'
+            )
+    return doubts
+
+
+def write_planes(item: tuple[PlaneJob, Judged]) -> Picture:
+    """
+    Write a recording with `clean_depth` on its planes; whole or not at all.
+
+    Raises
+    ------
+    InputError
+        When the recording cannot be read or the file cannot be written.
+
+    """
+    job, judged = item
+    if judged.planes is None:
+        raise InputError(f'{job.path}: {judged.reasons[0]}')
+    reader = open_recording(job.path, job.camera)
+    image = observe(reader, job.profile, 'still').still
+    truth, plane = _render(job, judged.planes, image)
+    accuracy = {
+        'plane': plane,
+        'plane_covariance': judged.planes.covariance,
+        'plane_names': np.array([surface.name for surface in judged.planes.surfaces]),
+    }
+    write_truth(reader, job.target, [truth], False, accuracy)
+    return picture_of([truth], image)
+
+
+def _render(job: PlaneJob, planes: Nominal, image: Observation) -> tuple[Clean, np.ndarray]:
+    # Nothing is known off the planes.
+    rays, shape = _rays(image), image.depth.shape
+    depth, incidence = np.full(shape, np.nan, np.float32), np.full(shape, np.nan, np.float32)
+    sigma, plane = np.zeros(shape, np.float32), np.zeros(shape, np.uint8)
+    flat = {hint.name: hint.flat for hint in job.hints}
+    for k, surface in enumerate(planes.surfaces):
+        mask = surface.mask
+        along = rays[mask] @ planes.placed.normals[k]
+        told = flat[surface.name]
+        depth[mask] = planes.placed.distances[k] / along
+        incidence[mask] = np.arccos(np.clip(along / image.length[mask], 0, 1))
+        sigma[mask] = (job.room_error if told is None else told) / along
+        plane[mask] = k + 1
+    return Clean(depth, incidence, None, plane > 0, sigma), plane
+
+
+def _rays(image: Observation) -> np.ndarray:
+    return np.concatenate([image.rays, np.ones((*image.depth.shape, 1))], axis=-1)

@@ -1,0 +1,264 @@
+"""Ground truth from planes: what a tape measure and a set square say of a corner."""
+
+from pathlib import Path
+import re
+from typing import Any
+
+from flexx2_sim_ros.camera import Camera, flexx2
+from flexx2_sim_ros.cli.main import main
+from flexx2_sim_ros.effects import registry
+from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.gap import diagnose
+from flexx2_sim_ros.truth import make_plane_truth, PlaneRequest
+from flexx2_sim_ros.truth.plane_constraints import Constraints, Placed, settle
+from flexx2_sim_ros.truth.plane_file import Angle, Measured
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+import yaml
+
+MODE = 'Mode_9_30fps'
+WIDTH, HEIGHT, FRAMES = 112, 86, 8
+K = flexx2().intrinsics.matrix.copy()
+K[:2] *= 0.5
+V, U = np.mgrid[:HEIGHT, :WIDTH]
+RAYS = np.stack([U, V, np.ones_like(U)], axis=-1) @ np.linalg.inv(K).T
+# Where the camera stands and looks: turn, tilt and roll in degrees; distances of left wall, right
+# wall and floor in metres.
+VIEWS = (
+    ((5, -22, 2), (0.9, 1.0, 0.6)),
+    ((-6, -30, -4), (1.1, 1.2, 0.7)),
+    ((12, -26, 5), (1.2, 1.5, 0.9)),
+    ((0, -35, 0), (1.6, 1.4, 1.0)),
+    ((-8, -24, 8), (0.7, 0.9, 0.5)),
+)
+NAMES = 'left', 'right', 'floor'
+KEPT = 'offset', 'wiggling', 'multipath', 'pose_error'
+# Few effects make a diagnosis short.
+WITHOUT = [name for name in registry() if name not in KEPT]
+LASER = 0.001  # metres
+
+
+def corner(turn: float, tilt: float, roll: float) -> np.ndarray:
+    """Return the (3, 3) normals of a room's corner that the camera looks into."""
+    half = np.sqrt(0.5)
+    normals = np.array([[-half, 0, half], [half, 0, half], [0, 1, 0]])
+    turned = Rotation.from_euler('yxz', [turn, -tilt, roll], degrees=True).as_matrix()
+    return np.asarray(normals @ turned.T)
+
+
+def seen(normals: np.ndarray, distances: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Return depth and which plane it is of, (H, W) each."""
+    along = RAYS @ normals.T
+    with np.errstate(divide='ignore'):
+        depth = np.where(along > 0, np.array(distances) / along, np.inf)
+    return depth.min(axis=-1).astype(np.float32), depth.argmin(axis=-1)
+
+
+def record(
+    folder: Path, offset: float = 0.0, views: Any = VIEWS, reflectivity: float = 0.6
+) -> Path:
+    """Write a recording of each view."""
+    folder.mkdir()
+    effects = (registry()['offset'].from_mapping({'bias': offset}),) if offset else ()
+    for i, (turns, distances) in enumerate(views):
+        clean, _ = seen(corner(*turns), distances)
+        camera = Camera(MODE, effects=effects, seed=i)
+        albedo = np.full_like(clean, reflectivity)
+        stamp = np.arange(FRAMES) / 30
+        depth = camera.capture(clean, K, stamp, albedo).depth
+        content = {'depth': depth, 'K': K, 'stamp': stamp, 'usecase': MODE}
+        np.savez(folder / f'corner{i}.npz', **content, reflectivity=albedo)
+    return folder
+
+
+def boxes(normals: np.ndarray, distances: Any) -> list[list[int]]:
+    """Return a part of each plane, as a person would draw it."""
+    _, which = seen(normals, distances)
+    out = []
+    for k in range(len(normals)):
+        v, u = (round(float(np.median(side[which == k]))) for side in (V, U))
+        out.append([u - 3, v - 3, u + 3, v + 3])
+    return out
+
+
+def describe(path: Path, taped: bool, square: bool = True, **changes: Any) -> Path:
+    """Write what people measured of all views; the laser is wrong by its standard deviation."""
+    rng = np.random.default_rng(3)
+    recordings = {}
+    for i, (turns, distances) in enumerate(VIEWS):
+        rows = {}
+        for name, box, distance in zip(
+            NAMES, boxes(corner(*turns), distances), distances, strict=True
+        ):
+            rows[name] = {'box': box}
+            if taped:
+                told = distance + LASER * rng.standard_normal()
+                rows[name]['distance'] = f'{told:.4f} +- {LASER}'
+        recordings[f'corner{i}'] = rows
+    planes: list[dict[str, Any]] = [{'name': name, 'flat': 0} for name in NAMES]
+    if square:
+        planes[0]['angles'] = {'right': '90 +- 0.2', 'floor': '90 +- 0.2'}
+        planes[1]['angles'] = {'floor': '90 +- 0.2'}
+    content = {'schema': 1, 'planes': planes, 'recordings': recordings, **changes}
+    path.write_text(yaml.safe_dump(content))
+    return path
+
+
+def make(recordings: Path, planes: Path, out: Path) -> dict[str, Any]:
+    return make_plane_truth(PlaneRequest((recordings,), planes, out))
+
+
+@pytest.fixture(scope='module')
+def plain(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return recordings of a camera without an effect."""
+    return record(tmp_path_factory.mktemp('plain') / 'in')
+
+
+@pytest.fixture(scope='module')
+def biased(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return recordings of a camera with an offset of 8 mm."""
+    return record(tmp_path_factory.mktemp('biased') / 'in', 0.008)
+
+
+def test_measured_planes_decide_an_offset(biased: Path, tmp_path: Path) -> None:
+    table = make(biased, describe(tmp_path / 'planes.yaml', taped=True), tmp_path / 'out')
+    assert table['kind'] == 'planes'
+    assert [row['verdict'] for row in table['recordings']] == ['used'] * len(VIEWS)
+    assert 'offset' not in [row['effect'] for row in table['cannot_decide']]
+    found = diagnose(tmp_path / 'out', without=WITHOUT)
+    assert found['verdict'] in ('identified', 'partly')
+    assert [row['name'] for row in found['effects']] == ['offset']
+
+
+@pytest.mark.parametrize('camera', ['plain', 'biased'])
+def test_planes_without_a_distance_leave_the_offset_open(
+    camera: str, tmp_path: Path, request: pytest.FixtureRequest
+) -> None:
+    folder = request.getfixturevalue(camera)
+    table = make(folder, describe(tmp_path / 'planes.yaml', taped=False), tmp_path / 'out')
+    assert {'offset', 'pose_error'} <= {row['effect'] for row in table['cannot_decide']}
+    found = diagnose(tmp_path / 'out', without=WITHOUT)
+    assert found['verdict'] == 'not_decidable'
+    assert found['effects'] == []
+    assert 'offset' in [row['name'] for row in found['not_decidable']]
+
+
+def test_measured_planes_of_a_right_camera_are_no_false_alarm(plain: Path, tmp_path: Path) -> None:
+    make(plain, describe(tmp_path / 'planes.yaml', taped=True), tmp_path / 'out')
+    found = diagnose(tmp_path / 'out', without=WITHOUT)
+    assert found['verdict'] in ('none', 'not_decidable')
+    assert found['effects'] == []
+
+
+def test_planes_are_labelled_and_lie_where_the_laser_says(biased: Path, tmp_path: Path) -> None:
+    make(biased, describe(tmp_path / 'planes.yaml', taped=True), tmp_path / 'out')
+    for i, (turns, distances) in enumerate(VIEWS):
+        clean, which = seen(corner(*turns), distances)
+        with np.load(tmp_path / 'out' / f'corner{i}.npz') as file:
+            known, plane, depth = file['known'], file['plane'], file['clean_depth']
+            assert list(file['plane_names']) == list(NAMES)
+            assert file['plane_covariance'].shape == (9, 9)
+            assert file['depth'].shape == (FRAMES, HEIGHT, WIDTH)
+        assert known.mean() > 0.85
+        assert np.array_equal(plane[known] - 1, which[known])
+        assert np.isnan(depth[~known]).all()
+        # The camera's offset turns what is fitted by half a degree; 6 sigma of the laser besides.
+        assert np.abs(depth - clean)[known].max() < 6 * LASER + 0.01
+        assert abs(np.median((depth - clean)[known])) < 6 * LASER
+
+
+def test_the_largest_planes_are_found_without_a_hint(plain: Path, tmp_path: Path) -> None:
+    planes = [{'name': name} for name in ('first', 'second', 'third', 'fourth')]
+    path = tmp_path / 'planes.yaml'
+    path.write_text(yaml.safe_dump({'schema': 1, 'planes': planes}))
+    table = make(plain, path, tmp_path / 'out')
+    for row, (_, distances) in zip(table['recordings'], VIEWS, strict=True):
+        assert row['verdict'] == 'used'
+        assert row['reasons'] == ['fourth: not found']
+        found = sorted(plane['distance_m'] for plane in row['planes'])
+        assert found == pytest.approx(sorted(distances), abs=0.003)
+
+
+def test_the_command_warns_of_a_frontal_wall(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    recordings = tmp_path / 'in'
+    recordings.mkdir()
+    clean = np.full((HEIGHT, WIDTH), 1.2, np.float32)
+    stamp = np.arange(FRAMES) / 30
+    depth = Camera(MODE, seed=1).capture(clean, K, stamp).depth
+    np.savez(recordings / 'wall.npz', depth=depth, K=K, stamp=stamp, usecase=MODE)
+    planes, out = tmp_path / 'planes.yaml', tmp_path / 'out'
+    # Distances are measured from the front of the housing, 12 mm ahead of the optical centre.
+    text = 'schema: 1\norigin: 0.012\nplanes:\n- name: wall\n  distance: {} +- 0.003\n'
+    planes.write_text(text.format(1.188))
+    assert main(['gap', 'truth', str(recordings), '--planes', str(planes), '--out', str(out)]) == 0
+    said = ' '.join(capsys.readouterr().err.split())
+    assert 'wall.npz: used' in said
+    assert 'tilted by 40 degrees' in said
+    table = yaml.safe_load((out / 'truth.yaml').read_text())
+    assert table['recordings'][0]['planes'][0]['distance_m'] == pytest.approx(1.2, abs=0.001)
+    assert 'data:image/png' in (out / 'truth.html').read_text()
+    planes.write_text(text.format(1.5))
+    table = make(recordings, planes, tmp_path / 'far')
+    assert table['recordings'][0]['verdict'] == 'doubtful'
+    assert 'more than an offset can be' in table['recordings'][0]['reasons'][0]
+
+
+def test_planes_settle_where_measurements_agree() -> None:
+    normals, distances = corner(5, -22, 2), np.array([0.9, 1.0, 0.6])
+    wrong = Rotation.from_rotvec([0.01, -0.004, 0.006]).as_matrix()
+    placed = Placed(
+        np.stack([normals[0] @ wrong, normals[1], normals[2] @ wrong.T]),
+        distances + 0.02,
+        normals * (distances[:, None] + 0.02) + 0.1,
+    )
+    told = Constraints(
+        NAMES,
+        tuple(Measured(distance, 0.001) for distance in distances),
+        tuple(
+            Angle(one, other, Measured(90, 0.1))
+            for one, other in (('left', 'right'), ('left', 'floor'), ('right', 'floor'))
+        ),
+        (0.0, 0.0, 0.0),
+    )
+    moved, covariance = settle(placed, told)
+    assert np.abs(told.errors(moved)[0]).max() < 1
+    assert moved.distances == pytest.approx(distances, abs=0.0005)
+    assert np.abs(moved.normals @ moved.normals.T - np.eye(3)).max() < np.radians(0.1)
+    assert np.linalg.eigvalsh(covariance).min() > 0
+    # Turned together by some degrees: only that is free, and it moves no right angle.
+    assert (np.linalg.eigvalsh(covariance) > np.radians(1) ** 2).sum() == 3
+
+
+@pytest.mark.parametrize(
+    ('planes', 'changes', 'words'),
+    [
+        ([{'name': 'a', 'distance': 1200}], {}, 'looks like millimetres'),
+        ([{'name': 'a', 'distance': '1.2 m'}], {}, 'must be a number, or text as 1.20 +- 0.01'),
+        ([{'name': 'a', 'angles': {'b': 90}}], {}, "got 'b'"),
+        ([{'name': 'a', 'colour': 1}], {}, "got 'colour'"),
+        ([{'name': 'a'}, {'name': 'a'}], {}, 'must be unique'),
+        ([], {}, 'must be a list of 1 to 20 planes'),
+        ([{'name': 'a', 'seed': [1, 2], 'box': [1, 2, 3, 4]}], {}, 'a seed or a box'),
+        ([{'name': 'a'}], {'recordings': {'corner0': {'b': None}}}, "got 'b'"),
+        ([{'name': 'a'}], {'recordings': {'kitchen': {}}}, 'must name recordings that are given'),
+        ([{'name': 'a'}], {'origin': 12}, 'at most 1 from the optical centre'),
+        ([{'name': 'a', 'seed': [900, 900]}], {}, 'no plane is found where the file says'),
+        (
+            [{'name': 'a', 'angles': {'b': 90}}, {'name': 'b', 'angles': {'a': 80}}],
+            {},
+            'must be the same in both planes',
+        ),
+        ([{'name': 'a', 'angles': {'b': 45}}, {'name': 'b'}], {}, 'must be that of the planes'),
+    ],
+)
+def test_what_cannot_be_is_one_sentence_and_nothing_is_written(
+    plain: Path, tmp_path: Path, planes: Any, changes: dict[str, Any], words: str
+) -> None:
+    path = tmp_path / 'planes.yaml'
+    path.write_text(yaml.safe_dump({'schema': 1, 'planes': planes, **changes}))
+    with pytest.raises(InputError, match=re.escape(words)):
+        make(plain / 'corner0.npz', path, tmp_path / 'out')
+    assert not (tmp_path / 'out').exists()
