@@ -23,6 +23,8 @@ NEEDS = {
     'record': ['out'],
     'convert': ['in.npz', 'out.npz'],
     'gap diagnose': ['campaign', '--out', 'out'],
+    'gap check': ['diagnosis', 'fresh'],
+    'gap next': ['diagnosis'],
     'gap truth': ['in.npz', '--scan', 'room.ply', '--out', 'out'],
 }
 NUMBERS = ['nan', 'inf', '-inf', '-1e30', '1e400', '', 'x', '\udcff', '9' * 5000]

@@ -28,6 +28,7 @@ KEYS = [
     'where',
     'gap',
     'recordings',
+    'settings',
     'not_considered',
     'seconds',
     'peak_mb',

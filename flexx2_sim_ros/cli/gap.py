@@ -6,7 +6,7 @@ from importlib.util import find_spec
 import os
 from typing import Any
 
-from flexx2_sim_ros.cli import gap_target, gap_truth
+from flexx2_sim_ros.cli import gap_check, gap_next, gap_target, gap_truth
 from flexx2_sim_ros.cli.argument_types import MOST_JOBS, number, whole_number
 from flexx2_sim_ros.errors import printable
 from flexx2_sim_ros.profiles.files import PROFILE_HELP
@@ -74,7 +74,10 @@ def add_parser(commands: Any) -> None:
         help='how inaccurate the given camera poses are: standard deviations of position and '
         'angle (default 0.01 0.5)',
     )
+    diagnose.add_argument('--known', metavar='FILE', help=gap_check.KNOWN_HELP)
     diagnose.set_defaults(run=run_diagnose)
+    gap_check.add_parser(subcommands)
+    gap_next.add_parser(subcommands)
     gap_target.add_parser(subcommands)
     gap_truth.add_parser(subcommands)
     if find_spec('flexx2_sim_ros.cli.gap_benchmark'):
@@ -105,6 +108,7 @@ def run_diagnose(arguments: argparse.Namespace) -> int:
             out=arguments.out,
             pose_prior=tuple(arguments.pose_prior),
             scheduler=arguments.scheduler,
+            known=gap_check.read_known(arguments.known),
             progress=lambda text, share: progress.update(task, description=text, completed=share),
         )
     console.print(headline(table), style='bold', highlight=False)

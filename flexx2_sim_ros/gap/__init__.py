@@ -2,11 +2,12 @@
 Diagnose the gap between recordings of a real camera and the simulation of the same scenes.
 
 `diagnose` says where the two differ, which effects explain it, and how much of the gap goes away
-on recordings that were not used to decide. `measure` says how much of a gap given effects take
-off.
+on recordings that were not used to decide. `check` says whether this holds on recordings that the
+diagnosis has never seen. `measure` says how much of a gap given effects take off.
 """
 
+from flexx2_sim_ros.gap.check import check
 from flexx2_sim_ros.gap.diagnosis import diagnose
 from flexx2_sim_ros.gap.measure import measure
 
-__all__ = ['diagnose', 'measure']
+__all__ = ['check', 'diagnose', 'measure']

@@ -12,6 +12,7 @@ from flexx2_sim_ros.camera import Profile
 from flexx2_sim_ros.effects import Effect, of_role, registry
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap.data.campaign import Found
+from flexx2_sim_ros.gap.data.given import given_effects, Table
 from flexx2_sim_ros.gap.features.catalogue import Candidate, catalogue
 from flexx2_sim_ros.gap.features.confirm import Outcome
 from flexx2_sim_ros.gap.inference.decide import decide, Decision
@@ -39,6 +40,7 @@ def diagnose(
     pose_prior: tuple[float, float] = (0.010, 0.5),
     progress: Progress | None = None,
     scheduler: str | None = None,
+    known: Table | None = None,
 ) -> dict[str, Any]:
     """
     Diagnose the gap between recordings and the simulation of their scenes.
@@ -63,6 +65,9 @@ def diagnose(
         Called with what is being done, and the fraction that is done.
     scheduler : str, optional
         Address of a Dask scheduler to work on.
+    known : mapping, optional
+        Effects taken as given, parameters by name: the base simulator has them, and the diagnosis
+        looks for others.
 
     Returns
     -------
@@ -77,6 +82,7 @@ def diagnose(
     """
     began = time.monotonic()
     _check(without, seed, jobs, pose_prior)
+    known = {effect.name: parameters_of(effect) for effect in given_effects(known or {})}
     progress = progress or (lambda text, fraction: None)
     if out is not None:
         check_folder(Path(out))
@@ -87,20 +93,28 @@ def diagnose(
     with workers(jobs, scheduler) as mapped:
         found, left_out = find(campaign_dir, profile, mapped)
         no_phases = why_no_phases(found[0].mode)
-        columns, candidates = catalogue(without, not no_phases)
+        columns, candidates = catalogue({*without, *known}, not no_phases)
         text = 'simulating what could explain the recordings'
         step = _stepper(progress, text, 0.02, 0.7, len(found))
         used, evidence, unusable = summarise_all(
-            campaign_dir, found, left_out, profile, columns, seed, prior, mapped, step
+            campaign_dir, found, left_out, profile, columns, seed, prior, mapped, step, known
         )
         model = Model(evidence, columns, prior)
         decision = _decide(model, candidates, progress)
         effects = fitted_effects(model, decision.accepted)
         step = _stepper(progress, 'simulating the outcome', 0.83, 0.15, len(used))
-        confirmed = _confirm(model, decision, effects, used, profile, seed, mapped, step)
+        confirmed = _confirm(model, decision, effects, used, profile, seed, known, mapped, step)
     progress('writing', 0.98)
     table = diagnosis_table(model, decision, effects, confirmed, used, [*left_out, *unusable])
-    table['not_considered'] = _not_considered(without, no_phases, bool(model.own.posed.any()))
+    table['settings'] = {
+        'usecase': found[0].mode.name,
+        'seed': seed,
+        'pose_prior': list(pose_prior),
+        'known': known,
+    }
+    table['not_considered'] = _not_considered(
+        without, known, no_phases, bool(model.own.posed.any())
+    )
     table['seconds'] = round(time.monotonic() - began, 2)
     table['peak_mb'] = round(_peak_mb(min(jobs, len(found))), 1)
     table['version'] = __version__
@@ -159,6 +173,7 @@ def _confirm(
     used: list[Found],
     profile: Profile | None,
     seed: int,
+    known: Table,
     mapped: Map,
     step: Callable[[], None],
 ) -> list[Outcome]:
@@ -166,10 +181,14 @@ def _confirm(
     motions = model.own.found(decision.accepted.nuisances)
     of_camera = {one.name: parameters_of(one) for one in effects if one.role != 'pose'}
     jobs = [(file, tuple(motion)) for file, motion in zip(used, motions, strict=True)]
-    return mapped(bind(simulate_set, profile=profile, seed=seed, effects=of_camera), jobs, step)
+    return mapped(
+        bind(simulate_set, profile=profile, seed=seed, effects=of_camera, known=known), jobs, step
+    )
 
 
-def _not_considered(without: Collection[str], no_phases: str, posed: bool) -> list[dict[str, str]]:
+def _not_considered(
+    without: Collection[str], known: Collection[str], no_phases: str, posed: bool
+) -> list[dict[str, str]]:
     # Effects of the registry that are not in the catalogue, and why.
     reasons = {
         name: no_phases for name, kind in registry().items() if kind.needs_modulation and no_phases
@@ -177,6 +196,7 @@ def _not_considered(without: Collection[str], no_phases: str, posed: bool) -> li
     if not posed:
         reasons[of_role('pose').name] = 'the ground truth gives all poses as exact'
     reasons.update(dict.fromkeys(without, 'left out as asked for'))
+    reasons.update(dict.fromkeys(known, 'taken as given'))
     return [{'name': name, 'reason': reasons[name]} for name in registry() if name in reasons]
 
 

@@ -7,6 +7,7 @@ from typing import Any
 from flexx2_sim_ros.camera import Profile
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap.data.campaign import check, Found, nothing_left, of_one_mode, read
+from flexx2_sim_ros.gap.data.given import Table
 from flexx2_sim_ros.gap.features.catalogue import Column
 from flexx2_sim_ros.gap.features.confirm import confirm, Outcome
 from flexx2_sim_ros.gap.features.evidence import Evidence, gather
@@ -41,10 +42,11 @@ def summarise(
     columns: Sequence[Column],
     seed: int,
     prior: tuple[float, ...],
+    known: Table | None = None,
 ) -> Evidence | str:
     """Return a recording's summary, or why there is none."""
     try:
-        recording = read(found, profile)
+        recording = read(found, profile, known)
     except InputError as error:
         return str(error)
     try:
@@ -63,6 +65,7 @@ def summarise_all(
     prior: np.ndarray,
     mapped: Map,
     step: Callable[[], None],
+    known: Table | None = None,
 ) -> tuple[list[Found], list[Evidence], list[tuple[str, str]]]:
     """
     Summarise all recordings of a campaign.
@@ -87,6 +90,8 @@ def summarise_all(
         As from `workers`.
     step : callable
         Called after each recording.
+    known : mapping, optional
+        Effects that the base simulator has: parameters by name.
 
     Returns
     -------
@@ -101,7 +106,9 @@ def summarise_all(
 
     """
     outcomes = mapped(
-        bind(summarise, profile=profile, columns=columns, seed=seed, prior=tuple(prior)),
+        bind(
+            summarise, profile=profile, columns=columns, seed=seed, prior=tuple(prior), known=known
+        ),
         found,
         step,
     )
@@ -122,7 +129,8 @@ def simulate_set(
     profile: Profile | None,
     effects: dict[str, Any],
     seed: int,
+    known: Table | None = None,
 ) -> Outcome:
     """Return a recording against the simulation with a set of effects."""
     found, motion = job
-    return confirm(read(found, profile), np.array(motion), effects, seed)
+    return confirm(read(found, profile, known), np.array(motion), effects, seed)

@@ -9,6 +9,7 @@ from flexx2_sim_ros.camera import flexx2, Intrinsics, Mode, Profile
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap.calibration.constants import READING
 from flexx2_sim_ros.gap.data.frames import choose_frames
+from flexx2_sim_ros.gap.data.given import given_effects, Table
 from flexx2_sim_ros.gap.data.planes import plane_shifts
 from flexx2_sim_ros.gap.data.registration import RecordingData
 from flexx2_sim_ros.gap.data.unknown import fill, nearest
@@ -123,9 +124,18 @@ def _found(reader: RecordingReader, profile: Profile | None) -> Found:
     return Found(path, mode, tuple(reader.notes))
 
 
-def read(found: Found, profile: Profile | None) -> RecordingData:
+def read(found: Found, profile: Profile | None, known: Table | None = None) -> RecordingData:
     """
     Read what the diagnosis needs of a recording: long ones only in part.
+
+    Parameters
+    ----------
+    found : Found
+        The recording.
+    profile : Profile or None
+        The camera, the Flexx2 if None.
+    known : mapping, optional
+        Effects that the base simulator has: parameters by name.
 
     Raises
     ------
@@ -149,6 +159,7 @@ def read(found: Found, profile: Profile | None) -> RecordingData:
         clean, truth = clean[0], _still(truth)
     reflectivity = _reflectivity(found, reader.K, parts, clean, notes)
     clean, reflectivity = _filled(found, clean, reflectivity, truth.known)
+    uptime = _uptime(reader, chosen)
     return RecordingData(
         path.name,
         depth,
@@ -157,12 +168,13 @@ def read(found: Found, profile: Profile | None) -> RecordingData:
         reader.K,
         reader.stamp_ns[chosen],
         fresh,
-        _uptime(reader, chosen),
+        uptime,
         found.mode,
         profile,
         tuple(notes),
         truth,
         _plane_shifts(path, clean, truth, reader.K),
+        given_effects(known or {}, uptime),
     )
 
 

@@ -2,10 +2,11 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from hashlib import sha256
 
 from flexx2_sim_ros.camera import flexx2, Mode, Profile
 from flexx2_sim_ros.camera.common_random_numbers import CommonRandomNumbers
-from flexx2_sim_ros.effects import registry
+from flexx2_sim_ros.effects import Effect, registry
 from flexx2_sim_ros.effects.between import between
 from flexx2_sim_ros.gap.calibration.constants import REGISTRATION
 from flexx2_sim_ros.gap.data.axes import Axes, axes_of
@@ -48,6 +49,8 @@ class RecordingData:
         How well ``clean`` is known. Where it is not (``truth.known``), it only stands in.
     plane_shifts : numpy.ndarray or None
         As from `planes.plane_shifts`, where there are planes.
+    given : tuple of Effect
+        Effects that the base simulator has, as from `given.given_effects`.
 
     """
 
@@ -64,11 +67,17 @@ class RecordingData:
     notes: tuple[str, ...] = ()
     truth: Truth = Truth()
     plane_shifts: np.ndarray | None = None
+    given: tuple[Effect, ...] = ()
 
     @property
     def axes(self) -> Axes:
         """Return the camera's axes."""
         return axes_of(self.profile or flexx2())
+
+    @property
+    def checksum(self) -> str:
+        """Return the SHA-256 of the measured depth, whatever the file's name and format are."""
+        return sha256(np.nan_to_num(self.depth).astype('<f4').tobytes()).hexdigest()
 
 
 @dataclass(frozen=True)
@@ -178,6 +187,7 @@ def register(recording: RecordingData, prior: np.ndarray) -> tuple[np.ndarray, n
     shifts = np.zeros((0, *recording.clean.shape[-2:])) if shifts is None else shifts
     motion, sure, lateness = np.zeros(len(spread)), np.zeros(len(spread)), 0.0
     others: list[np.ndarray] = []
+    given = np.zeros((len(chosen), 1, 1), np.float32)
     for _ in range(REGISTRATION.rounds):
         shown = _with_planes(recording, motion) if still else _shown(recording, chosen, lateness)
         clean, reflectivity = moved(
@@ -190,10 +200,10 @@ def register(recording: RecordingData, prior: np.ndarray) -> tuple[np.ndarray, n
             motion[:POSE],
         )
         if not others:  # A small motion hardly changes them.
-            others = _typical_biases(recording, clean, reflectivity, chosen)
+            others, given = _typical_biases(recording, clean, reflectivity, chosen)
         late = [] if still else [_late(recording, chosen, lateness)]
         step, amounts, sure = fit_plane_motion(
-            *_residuals(recording, shown, clean, chosen, motion),
+            *_residuals(recording, shown, clean, chosen, motion, given),
             recording.K,
             spread,
             shifts,
@@ -214,8 +224,10 @@ def _residuals(
     clean: np.ndarray,
     chosen: Sequence[int],
     motion: np.ndarray,
+    given: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     # (N, H, W) each: measured less clean depth, NaN where not to be used; clean depth; sigma.
+    # What the given effects change, (N, H, W), is no error.
     still, count = clean.ndim == 2, len(recording.depth)
     known, accuracy = (
         one if one is None or one.ndim < 3 else one[list(chosen)]
@@ -239,7 +251,7 @@ def _residuals(
             sigma = scene.sigma
             if accuracy is not None:
                 sigma = np.hypot(sigma, accuracy[i] if accuracy.ndim == 3 else accuracy)
-            error = real - image
+            error = real - image - given[i]
             limit = REGISTRATION.outlier_sigmas * sigma + REGISTRATION.outlier
             errors.append(np.where(scene.inside & (np.abs(error) < limit), error, np.nan))
         depths.append(image)
@@ -280,8 +292,8 @@ def _typical_biases(
     clean: np.ndarray,
     reflectivity: np.ndarray | None,
     chosen: Sequence[int],
-) -> list[np.ndarray]:
-    # (N, H, W) metres each, without any noise of their own.
+) -> tuple[list[np.ndarray], np.ndarray]:
+    # (N, H, W) metres each, without any noise of their own; and what the given effects change.
     common = CommonRandomNumbers(
         base_camera(recording.mode, recording.profile, 0, recording.name),
         clean,
@@ -293,7 +305,8 @@ def _typical_biases(
         common.depth(effects)
         for effects in ((), *_like_a_pose(bool(recording.mode.modulation_hz)))
     )
-    return [np.nan_to_num(one - base) for one in changed]
+    given = common.depth(recording.given) if recording.given else base
+    return [np.nan_to_num(one - base) for one in changed], np.nan_to_num(given - base)
 
 
 def _like_a_pose(modulation: bool) -> list[dict[str, dict[str, float]]]:

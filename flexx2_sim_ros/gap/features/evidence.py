@@ -90,6 +90,8 @@ class Evidence:
         The camera's.
     accuracy : Accuracy
         Of its ground truth.
+    checksum : str
+        SHA-256 of its measured depth.
 
     """
 
@@ -123,6 +125,7 @@ class Evidence:
     notes: tuple[str, ...]
     axes: Axes
     accuracy: Accuracy
+    checksum: str
 
 
 @dataclass(frozen=True)
@@ -201,6 +204,7 @@ def gather(
         notes=recording.notes,
         axes=recording.axes,
         accuracy=accuracy_of(recording.truth),
+        checksum=recording.checksum,
     )
 
 

@@ -7,6 +7,7 @@ from flexx2_sim_ros.camera.common_random_numbers import CommonRandomNumbers
 from flexx2_sim_ros.effects import ageing, Effect, loadable
 from flexx2_sim_ros.gap.calibration.constants import FEATURES, SIMULATION
 from flexx2_sim_ros.gap.data.covariates import look_at, PixelCovariates
+from flexx2_sim_ros.gap.data.given import together
 from flexx2_sim_ros.gap.data.planes import PLANE_STEPS
 from flexx2_sim_ros.gap.data.pose import base_camera
 from flexx2_sim_ros.gap.data.registration import place, Placed, RecordingData
@@ -81,8 +82,10 @@ def simulate(
     effects: Any,
     seed: int,
 ) -> np.ndarray:
-    """Return (T, H, W) depth as the simulator sees the recording's scene."""
+    """Return (T, H, W) depth as the simulator with given and other effects sees the scene."""
     camera = base_camera(recording.mode, recording.profile, seed, recording.name)
+    if recording.given:
+        effects = together(recording.given, effects)
     if effects:  # Faster for a still scene, whose frames have much in common.
         return CommonRandomNumbers(
             camera, clean, recording.K, recording.stamp, reflectivity
@@ -139,7 +142,7 @@ class PartialSimulation:
     Attributes
     ----------
     base : numpy.ndarray
-        (SIZE,) features without effects.
+        (SIZE,) features without effects but the given ones.
 
     """
 
@@ -164,7 +167,8 @@ class PartialSimulation:
         self._fresh[1:] |= np.diff(frames) != 1
         self._spectrum = spectrum
         self._warm = warm
-        self._plain = self._common.depth(())
+        self._given = recording.given
+        self._plain = self._common.depth(self._given)
         self.base = self._features(self._plain, True)
 
     def _features(self, depth: np.ndarray, lattice: bool) -> np.ndarray:
@@ -175,7 +179,7 @@ class PartialSimulation:
 
     def shift(self, effects: Any) -> np.ndarray:
         """Return what the effects change, 0 where that cannot be said."""
-        depth = self._common.depth(effects)
+        depth = self._common.depth(together(self._given, effects) if self._given else effects)
         if all(
             np.array_equal(one.view(np.int32), other.view(np.int32))
             for one, other in zip(depth, self._plain, strict=True)

@@ -56,3 +56,26 @@ def ratio_interval(top: np.ndarray, bottom: np.ndarray) -> list[float]:
     error = np.sqrt((count - 1) / count * np.square(rest - rest.mean()).sum())
     reach = float(stats.t.ppf(THRESHOLDS.quantile, count - 1)) * math.sqrt(2) * float(error)
     return [float(np.clip(whole - reach, 0, 1)), float(np.clip(whole + reach, 0, 1))]
+
+
+def mean_interval(values: np.ndarray) -> list[float] | None:
+    """
+    Return the 90 % interval of the mean over recordings, by Student's t.
+
+    Parameters
+    ----------
+    values : numpy.ndarray
+        (R,) one value a recording.
+
+    Returns
+    -------
+    list of float or None
+        Lower and upper end; None with one recording.
+
+    """
+    count = len(values)
+    if count < 2:
+        return None
+    error = float(values.std(ddof=1)) / math.sqrt(count)
+    reach = float(stats.t.ppf(THRESHOLDS.quantile, count - 1)) * error
+    return [float(values.mean()) - reach, float(values.mean()) + reach]

@@ -134,6 +134,7 @@ def _recordings(
                 'moving': one.moving,
                 'pose': [float(v) for v in motion[:POSE]],
                 'truth': asdict(one.accuracy),
+                'checksum': one.checksum,
                 'notes': [
                     *file.notes,
                     *one.notes,

@@ -1,0 +1,354 @@
+"""Check a diagnosis on recordings that it has never seen."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+import time
+from typing import Any
+
+from flexx2_sim_ros import __version__
+from flexx2_sim_ros.camera import Profile
+from flexx2_sim_ros.errors import InputError, unquoted
+from flexx2_sim_ros.gap.calibration.constants import FEATURES, THRESHOLDS
+from flexx2_sim_ros.gap.data.axes import AXES
+from flexx2_sim_ros.gap.data.campaign import Found, read
+from flexx2_sim_ros.gap.data.given import given_effects, Table, together
+from flexx2_sim_ros.gap.features.before_after import before_after
+from flexx2_sim_ros.gap.features.catalogue import Candidate, catalogue, Column, nuisances, Term
+from flexx2_sim_ros.gap.features.evidence import Evidence
+from flexx2_sim_ros.gap.features.physical import UNITS
+from flexx2_sim_ros.gap.inference.effects import parameters_of
+from flexx2_sim_ros.gap.inference.fitting import Fit, fit
+from flexx2_sim_ros.gap.inference.model import Model
+from flexx2_sim_ros.gap.inference.uncertainty import mean_interval, ratio_interval
+from flexx2_sim_ros.gap.report.check_page import check_writable, write_check
+from flexx2_sim_ros.gap.report.reading import Diagnosed, read_diagnosis
+from flexx2_sim_ros.gap.work import find, summarise_all
+from flexx2_sim_ros.jobs import bind, Map, workers
+import numpy as np
+
+Progress = Callable[[str, float], None]
+SCHEMA = 1
+_SET = 'set'
+
+
+def check(
+    diagnosis: str | Path,
+    fresh: str | Path,
+    *,
+    profile: Profile | None = None,
+    seed: int = 0,
+    jobs: int = 1,
+    out: str | Path | None = None,
+    pose_prior: tuple[float, float] | None = None,
+    progress: Progress | None = None,
+    scheduler: str | None = None,
+    known: Table | None = None,
+) -> dict[str, Any]:
+    """
+    Measure the gap of fresh recordings before and after the diagnosed effects are simulated.
+
+    Parameters
+    ----------
+    diagnosis : str or pathlib.Path
+        A folder that `diagnose` has written. The effects are those of its ``effects.yaml``.
+    fresh : str or pathlib.Path
+        A folder of recordings with ``clean_depth``, none of which was part of the diagnosis.
+    profile : Profile, optional
+        The camera; the Flexx2 when left out.
+    seed : int
+        Of the simulations.
+    jobs : int
+        Processes.
+    out : str or pathlib.Path, optional
+        Folder to write ``check.json`` and ``check.html`` to.
+    pose_prior : tuple of float, optional
+        How wrong a recording's pose usually is, metres and degrees; as in the diagnosis when left
+        out.
+    progress : callable, optional
+        Called with what is being done, and the fraction that is done.
+    scheduler : str, optional
+        Address of a Dask scheduler to work on.
+    known : mapping, optional
+        Effects taken as given, parameters by name; those of the diagnosis when left out.
+
+    Returns
+    -------
+    dict
+        As in ``docs/diagnosis.md``.
+
+    Raises
+    ------
+    InputError
+        When something given cannot be used or a recording was part of the diagnosis; nothing is
+        written then.
+
+    """
+    began = time.monotonic()
+    if out is not None:
+        check_writable(Path(out))
+    before = read_diagnosis(Path(diagnosis))
+    effects = before.effects_to_check()
+    given = before.known if known is None else known
+    together(given_effects(given), effects)  # Refuses effects that are in both.
+    metres, degrees = before.pose_prior if pose_prior is None else pose_prior
+    request = _Request(
+        {one.name: parameters_of(one) for one in effects},
+        {name: dict(values) for name, values in given.items()},
+        profile,
+        seed,
+        (metres,) * 3 + (degrees,) * 3,
+        progress or (lambda text, fraction: None),
+    )
+    request.progress('looking for recordings', 0.0)
+    folder = Path(fresh).absolute() if scheduler is not None else Path(fresh)
+    with workers(jobs, scheduler) as mapped:
+        found, left_out = find(folder, profile, mapped)
+        _refuse_seen(before, found, profile, mapped)
+        columns = _columns(found[0], request.effects)
+        step = _stepper(request.progress, 'simulating the recordings', 0.05, 0.6, len(found))
+        prior = np.array(request.prior)
+        files, evidence, unusable = summarise_all(
+            folder, found, left_out, profile, columns, seed, prior, mapped, step, request.known
+        )
+        used = list(zip(files, evidence, strict=True))
+        left_out += unusable
+        values = _compare(request, used, mapped)
+    table = _table(request, used, left_out, values)
+    table['seconds'] = round(time.monotonic() - began, 2)
+    table['version'] = __version__
+    if out is not None:
+        request.progress('writing', 0.99)
+        write_check(Path(out), table)
+    request.progress('done', 1.0)
+    return table
+
+
+@dataclass(frozen=True)
+class _Request:
+    # What to check: the diagnosed and the given effects, the camera, seed and the pose prior.
+    effects: dict[str, dict[str, float]]
+    known: dict[str, dict[str, float]]
+    profile: Profile | None
+    seed: int
+    prior: tuple[float, ...]
+    progress: Progress
+
+
+@dataclass(frozen=True)
+class _Values:
+    # (R, 3) before, after, null of each measure; and from which change on it matters.
+    values: dict[str, np.ndarray]
+    tolerances: dict[str, float]
+
+
+Used = list[tuple[Found, Evidence]]
+
+
+def _compare(request: _Request, used: Used, mapped: Map) -> _Values:
+    evidence = [one for _, one in used]
+    model = Model(evidence, _columns(used[0][0], request.effects), np.array(request.prior))
+    base, with_effects = _fits(model)
+    motions = [model.own.found(one.nuisances) for one in (base, with_effects)]
+    work = bind(
+        _physical,
+        profile=request.profile,
+        effects=request.effects,
+        seed=request.seed,
+        known=request.known,
+    )
+    physical = mapped(
+        work,
+        [(file, tuple(m), tuple(n)) for (file, _), m, n in zip(used, *motions, strict=True)],
+        _stepper(request.progress, 'measuring in physical units', 0.65, 0.33, len(used)),
+    )
+    values = {'loss': _losses(model, base, with_effects)}
+    values.update({unit: np.array([one[unit] for one in physical]) for unit in UNITS})
+    return _Values(values, {name: _tolerance(name, model) for name in values})
+
+
+def _table(
+    request: _Request, used: Used, left_out: list[tuple[str, str]], found: _Values
+) -> dict[str, Any]:
+    measures = {
+        name: measured(values, found.tolerances[name]) for name, values in found.values.items()
+    }
+    holds, reasons = judged(measures)
+    rows: list[dict[str, Any]] = [
+        {
+            'name': one.name,
+            'used': True,
+            'reason': '',
+            'checksum': one.checksum,
+            'frames': one.frames,
+            'notes': [*file.notes, *one.notes],
+            **{name: [float(v) for v in values[i]] for name, values in found.values.items()},
+        }
+        for i, (file, one) in enumerate(used)
+    ]
+    rows += [{'name': name, 'used': False, 'reason': reason} for name, reason in left_out]
+    return {
+        'schema': SCHEMA,
+        'holds': holds,
+        'reasons': reasons,
+        'effects': request.effects,
+        'known': request.known,
+        'measures': measures,
+        'recordings': rows,
+    }
+
+
+def measured(values: np.ndarray, tolerance: float) -> dict[str, Any]:
+    """
+    Summarise one measure of all recordings.
+
+    Parameters
+    ----------
+    values : numpy.ndarray
+        (R, 3) before, after, and of two simulations.
+    tolerance : float
+        A smaller change of the mean does not matter.
+
+    Returns
+    -------
+    dict
+        Means ``before``, ``after``, ``null`` and ``change`` (after less before), each with a 90 %
+        interval over recordings (None with one recording); ``shrink``, the fraction of the gap
+        that goes away; ``tolerance``; ``better`` and ``worse``: whether the change is significant
+        and matters.
+
+    """
+    columns = {
+        'before': values[:, 0],
+        'after': values[:, 1],
+        'null': values[:, 2],
+        'change': values[:, 1] - values[:, 0],
+    }
+    out: dict[str, Any] = {}
+    for name, column in columns.items():
+        out[name] = float(column.mean())
+        interval = mean_interval(column)
+        if interval is not None and name != 'change':
+            interval[0] = max(interval[0], 0.0)  # No measure is negative.
+        out[f'{name}_interval'] = interval
+    top, bottom = values[:, 0] - values[:, 1], values[:, 0] - values[:, 2]
+    gap = bottom.sum() > 0
+    out['shrink'] = float(np.clip(top.sum() / bottom.sum(), -1, 1)) if gap else 0.0
+    out['shrink_interval'] = ratio_interval(top, bottom) if gap and len(values) > 2 else None
+    low, high = out['change_interval'] or [out['change']] * 2
+    out['tolerance'] = tolerance
+    out['better'] = bool(high < 0 and out['change'] < -tolerance)
+    out['worse'] = bool(low > 0 and out['change'] > tolerance)
+    return out
+
+
+def judged(measures: Mapping[str, Mapping[str, Any]]) -> tuple[bool, list[str]]:
+    """
+    Return whether a diagnosis holds, and why not, in sentences.
+
+    It holds where the mean loss shrinks by what the diagnosis calls a finding, and no physical
+    measure gets significantly worse.
+    """
+    reasons = []
+    loss = measures['loss']
+    if loss['change'] > -loss['tolerance']:
+        reasons.append(
+            f'The loss of the diagnosis changes by {loss["change"]:+.3g} per recording; the gap '
+            f'shrinks if it changes by less than {-loss["tolerance"]:g}.'
+        )
+    reasons += [
+        f'{unit} gets significantly worse: {measures[unit]["before"]:.3g} to '
+        f'{measures[unit]["after"]:.3g}.'
+        for unit in UNITS
+        if measures[unit]['worse']
+    ]
+    return not reasons, reasons
+
+
+def _refuse_seen(
+    before: Diagnosed, found: Sequence[Found], profile: Profile | None, mapped: Map
+) -> None:
+    # By checksum; by name where the diagnosis has no checksums. The same name is no proof.
+    sums = mapped(bind(_checksum, profile=profile), found, lambda: None)
+    seen = []
+    for file, checksum in zip(found, sums, strict=True):
+        name = file.path.name
+        if checksum in before.checksums:
+            seen.append(f'{unquoted(name)} (there {unquoted(before.checksums[checksum])})')
+        elif name in before.unsummed:
+            seen.append(f'{unquoted(name)} (by its name; the diagnosis has no checksums)')
+    if seen:
+        more = f' and {len(seen) - 3} more' if len(seen) > 3 else ''
+        raise InputError(
+            'FRESH: must be recordings that the diagnosis has not seen, got '
+            f'{", ".join(seen[:3])}{more}'
+        )
+
+
+def _checksum(found: Found, profile: Profile | None) -> str:
+    try:
+        return read(found, profile).checksum
+    except InputError:  # `summarise` says why it cannot be used.
+        return ''
+
+
+def _physical(
+    job: tuple[Found, tuple[float, ...], tuple[float, ...]],
+    profile: Profile | None,
+    effects: dict[str, dict[str, float]],
+    seed: int,
+    known: Table,
+) -> dict[str, list[float]]:
+    found, without, with_effects = job
+    recording = read(found, profile, known)
+    return before_after(recording, (np.array(without), np.array(with_effects)), effects, seed)
+
+
+def _columns(one: Found, table: dict[str, dict[str, float]]) -> list[Column]:
+    wanted = nuisances().columns
+    columns = catalogue((), bool(one.mode.modulation_hz))[0]
+    return [*(c for c in columns if c.name in wanted), Column(_SET, table, few=False)]
+
+
+def _fits(model: Model) -> tuple[Fit, Fit]:
+    # Without and with the effects, as they are.
+    on = Term('on', ((1.0, _SET),), 1.0, 1.0)
+    part = Candidate(_SET, '', (on,), lambda values: {})
+    return fit(model, []), fit(model, [part], np.ones(1))
+
+
+def _losses(model: Model, base: Fit, with_effects: Fit) -> np.ndarray:
+    # (R, 3) before, after, null; poses and other nuisances are shared out evenly.
+    count = len(base.loss)
+    null = model.null_loss.sum(axis=1) + THRESHOLDS.floor
+    return np.stack(
+        [*(one.loss + one.pose_loss / count for one in (base, with_effects)), null], axis=1
+    )
+
+
+def _tolerance(name: str, model: Model) -> float:
+    # What the diagnosis does not call a finding either; a bias of so many sigma in millimetres,
+    # and as the divergence of two normal distributions.
+    bias = FEATURES.tolerances['bias']
+    everywhere = AXES['all'].start
+    sigma = np.nanmean([one.sigma[everywhere] for one in model.evidence])
+    return {
+        'loss': THRESHOLDS.gain,
+        'wasserstein_mm': 1000 * bias * float(np.nan_to_num(sigma)),
+        'invalid_rate': FEATURES.tolerances['invalid'],
+        'kl_nats': bias**2 / 2,
+        'correlation': FEATURES.tolerances['neighbour'],
+    }[name]
+
+
+def _stepper(
+    progress: Progress, text: str, start: float, weight: float, total: int
+) -> Callable[[], None]:
+    done = 0
+
+    def step() -> None:
+        nonlocal done
+        done += 1
+        progress(text, start + weight * done / total)
+
+    return step

@@ -1,0 +1,86 @@
+"""Effects taken as given: the base simulator has them, and the diagnosis looks for others."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+from flexx2_sim_ros.effects import ageing, Effect, loadable, parse_effects
+from flexx2_sim_ros.errors import InputError
+
+Table = Mapping[str, Mapping[str, float]]
+
+
+def given_effects(known: Table, uptime: float | None = None) -> tuple[Effect, ...]:
+    """
+    Return the effects that the base simulator has.
+
+    Parameters
+    ----------
+    known : mapping
+        Parameters by effect.
+    uptime : float or None
+        A recording's time since power-on, seconds; effects keep their own if None.
+
+    Returns
+    -------
+    tuple of Effect
+        In the order of light.
+
+    Raises
+    ------
+    InputError
+        When an effect or a parameter cannot be used, or is a pose error.
+
+    """
+    table = {name: dict(values) for name, values in known.items()}
+    if uptime is not None:
+        for name in ageing(table):
+            table[name]['uptime'] = uptime
+    effects = parse_effects(table, 'known')
+    for effect in effects:
+        if effect.role == 'pose':
+            raise InputError(
+                f'known: must be effects of the camera, got {effect.name}: correct the poses of '
+                'the recordings'
+            )
+    return effects
+
+
+def together(given: tuple[Effect, ...], effects: Any) -> tuple[Effect, ...]:
+    """
+    Return effects of a simulation with those that are given.
+
+    Parameters
+    ----------
+    given : tuple of Effect
+        From `given_effects`.
+    effects : mapping or iterable of Effect
+        What the simulation adds. A bias or a factor on sigma_z that is given as well counts twice:
+        the biases are added, the factors multiplied.
+
+    Returns
+    -------
+    tuple of Effect
+        In the order of light.
+
+    """
+    if isinstance(effects, Mapping):
+        effects = parse_effects(effects)
+    by_name = {effect.name: effect for effect in given}
+    for effect in effects:
+        other = by_name.get(effect.name)
+        by_name[effect.name] = effect if other is None else _both(other, effect)
+    return tuple(by_name[name] for name in loadable() if name in by_name)
+
+
+def _both(one: Effect, other: Effect) -> Effect:
+    if one.role not in ('bias', 'sigma'):
+        raise InputError(
+            f'known: must not have an effect that is looked for as well, got {one.name}'
+        )
+    (name,) = (p.name for p in one.parameters() if p.name != 'strength')
+    a, b = (getattr(effect, name) for effect in (one, other))
+    if one.role == 'bias':
+        return replace(other, strength=1.0, **{name: one.strength * a + other.strength * b})
+    factor = (1 + one.strength * (a - 1)) * (1 + other.strength * (b - 1))
+    return replace(other, strength=1.0, **{name: factor})

@@ -1,0 +1,56 @@
+"""Physical measures of the gap of one recording, without and with effects."""
+
+from typing import Any
+
+from flexx2_sim_ros.gap.calibration.constants import SIMULATION
+from flexx2_sim_ros.gap.data.registration import RecordingData
+from flexx2_sim_ros.gap.features.physical import distances, histogram, UNITS
+from flexx2_sim_ros.gap.features.simulation import PlacedScene, with_uptime
+import numpy as np
+
+
+def before_after(
+    recording: RecordingData,
+    motions: tuple[np.ndarray, np.ndarray],
+    effects: dict[str, dict[str, float]],
+    seed: int,
+) -> dict[str, list[float]]:
+    """
+    Compare a recording with the simulation of its scene, without and with effects.
+
+    Parameters
+    ----------
+    recording : RecordingData
+        The recording.
+    motions : tuple of numpy.ndarray
+        (6 + 3 P,) where its camera and its planes are, fitted without and with the effects, as for
+        `registration.place`. Neither simulation is compared at the pose that suits the other one.
+    effects : dict
+        Parameters by effect.
+    seed : int
+        Of the simulations, which have common random numbers.
+
+    Returns
+    -------
+    dict
+        For each of `physical.UNITS`: before, after, and the difference of two simulations.
+
+    """
+    seeds = [seed * 1000 + 500 + k for k in range(SIMULATION.confirm_seeds)]
+    simulated = []
+    gaps = []
+    for motion, table in zip(motions, ({}, effects), strict=True):
+        scene = PlacedScene.at(recording, motion)
+
+        def look(depth: np.ndarray, scene: PlacedScene = scene) -> Any:
+            return histogram(depth, scene.covariates, scene.sums(depth))
+
+        real = look(recording.depth)
+        own = with_uptime(table, recording.uptime)
+        simulated = [look(scene.simulate(own, one)) for one in seeds]
+        gaps.append([distances(real, one) for one in simulated])
+    null = distances(simulated[1], simulated[0])
+    return {
+        unit: [*(float(np.mean([one[unit] for one in some])) for some in gaps), null[unit]]
+        for unit in UNITS
+    }

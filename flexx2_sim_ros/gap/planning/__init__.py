@@ -1,0 +1,1 @@
+"""Scenes that can be recorded to learn more about a camera."""

@@ -1,0 +1,237 @@
+"""
+Scenes that anyone can record, as words and as exact depth.
+
+Each scene is a few flat panels in front of the camera. Depth and reflectivity are computed
+analytically, so a scene needs no mesh and no renderer.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+import math
+
+from flexx2_sim_ros.camera import Intrinsics, Profile
+from flexx2_sim_ros.physics.geometry import pixel_rays
+import numpy as np
+
+Vector = tuple[float, float, float]
+_WHITE, _DARK, _SKIN, _CARD = 0.85, 0.05, 0.5, 0.6  # reflectivities, assumed
+_LARGE = 20.0  # metres, half the side of a wall that fills the image
+_WARM, _COLD = 1800.0, 5.0  # seconds since power-on
+
+
+@dataclass(frozen=True)
+class Panel:
+    """
+    A flat rectangle, in the optical frame at the first stamp: x right, y down, z forward.
+
+    Attributes
+    ----------
+    centre : tuple of float
+        Metres.
+    across, along : tuple of float
+        From the centre to the middle of two neighbouring sides, metres; perpendicular.
+    reflectivity : float
+        0 to 1.
+    velocity : tuple of float
+        Metres per second.
+
+    """
+
+    centre: Vector
+    across: Vector
+    along: Vector
+    reflectivity: float
+    velocity: Vector = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Scene:
+    """
+    A scene to record.
+
+    Attributes
+    ----------
+    name : str
+        For files and tables.
+    words : str
+        What to set up, as a part of a sentence: "a white wall at 3 m, seen straight on".
+    panels : tuple of Panel
+        What is in it.
+    turn_rate : float
+        How fast the camera pans to the right, degrees per second.
+    uptime : float
+        Seconds since power-on at the first frame.
+
+    """
+
+    name: str
+    words: str
+    panels: tuple[Panel, ...]
+    turn_rate: float = 0.0
+    uptime: float = _WARM
+
+    @cached_property
+    def moving(self) -> bool:
+        """Return whether the image changes from frame to frame."""
+        return bool(self.turn_rate) or any(any(panel.velocity) for panel in self.panels)
+
+
+def standard_scenes(profile: Profile, range_max: float) -> list[Scene]:
+    """
+    Return the scenes that a camera can record with a wall, a card, a box and a hand.
+
+    Parameters
+    ----------
+    profile : Profile
+        The camera, whose field of view decides how far aside things stand.
+    range_max : float
+        Metres; walls beyond are left out.
+
+    Returns
+    -------
+    list of Scene
+        At least one; names are unique.
+
+    """
+    lens = profile.intrinsics
+    half = lens.width / 2 / lens.fx  # half the width of the image at 1 m
+    walls = [d for d in (0.5, 1.0, 2.0, 3.0, 4.0) if d <= range_max] or [range_max / 2]
+    middle = min(1.0, range_max / 3)
+    scenes = [
+        Scene(f'wall_{d:g}m', f'a white wall at {d:g} m, seen straight on', (wall(d),))
+        for d in walls
+    ]
+    for d in (walls[0], walls[-2] if len(walls) > 1 else walls[-1]):
+        words = f'a white wall at {d:g} m, tilted by 40 degrees'
+        scenes.append(Scene(f'tilted_wall_{d:g}m', words, (wall(d, tilt=40.0),)))
+    scenes += [
+        Scene(
+            'corner',
+            f'the corner of two white walls, {1.5 * middle:g} m away',
+            (wall(1.5 * middle, tilt=45.0), wall(1.5 * middle, tilt=-45.0)),
+        ),
+        Scene(
+            'dark_card',
+            f'a black card at {middle:g} m before a white wall at {2 * middle:g} m',
+            (wall(2 * middle), card(middle, 0.0, 0.4 * half * middle, _DARK)),
+        ),
+    ]
+    for gap in (0.05, 0.3, 1.0):
+        words = f'the edge of a box at {middle:g} m, {100 * gap:g} cm before a white wall'
+        box = card(middle, -half * middle, half * middle, _CARD)
+        scenes.append(Scene(f'box_{100 * gap:g}cm', words, (wall(middle + gap), box)))
+    hand = card(0.6 * middle, -0.25 * half * middle, 0.08, _SKIN, velocity=(0.5, 0.0, 0.0))
+    before = f'before a white wall at {1.5 * middle:g} m'
+    scenes += [
+        Scene(
+            'moving_hand',
+            f'a hand that moves sideways at 0.5 m/s {before}',
+            (wall(1.5 * middle), hand),
+        ),
+        Scene(
+            'panning',
+            f'a box {before}, while the camera pans at 40 degrees per second',
+            (wall(1.5 * middle), card(0.8 * middle, 0.0, 0.15, _CARD)),
+            turn_rate=40.0,
+        ),
+        Scene(
+            'cold_start',
+            f'a white wall at {middle:g} m, seen straight on, directly after power-on',
+            (wall(middle),),
+            uptime=_COLD,
+        ),
+    ]
+    return scenes
+
+
+def wall(distance: float, tilt: float = 0.0, reflectivity: float = _WHITE) -> Panel:
+    """
+    Return a wall that fills the image.
+
+    Parameters
+    ----------
+    distance : float
+        Along the optical axis, metres.
+    tilt : float
+        About the vertical, degrees; positive: the right side is farther.
+    reflectivity : float
+        0 to 1.
+
+    """
+    turn = math.radians(tilt)
+    across = (_LARGE * math.cos(turn), 0.0, _LARGE * math.sin(turn))
+    return Panel((0.0, 0.0, distance), across, (0.0, _LARGE, 0.0), reflectivity)
+
+
+def card(
+    distance: float, x: float, half: float, reflectivity: float, velocity: Vector = (0.0, 0.0, 0.0)
+) -> Panel:
+    """Return an upright square with its centre ``x`` metres right of the optical axis."""
+    return Panel(
+        (x, 0.0, distance), (half, 0.0, 0.0), (0.0, half, 0.0), reflectivity, velocity=velocity
+    )
+
+
+def render(
+    scene: Scene, lens: Intrinsics, stamp: Sequence[float] | np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """
+    Return what a camera without any noise sees.
+
+    Parameters
+    ----------
+    scene : Scene
+        What it looks at.
+    lens : Intrinsics
+        The camera.
+    stamp : sequence of float
+        (T,) seconds; the scene is as described at the first one.
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        Depth in metres along the optical axis, NaN where there is no return, and reflectivity
+        (0 where there is no return): float32, (H, W), or (T, H, W) of a moving scene.
+
+    """
+    seconds = np.asarray(stamp, float)
+    seconds = seconds - seconds[0] if scene.moving else np.zeros(1)
+    rays = np.concatenate([pixel_rays(lens), np.ones((1, lens.height, lens.width))])
+    depth = np.full((len(seconds), lens.height, lens.width), np.inf)
+    reflectivity = np.zeros(depth.shape)
+    for t, second in enumerate(seconds):
+        angle = math.radians(scene.turn_rate * second)
+        for panel in scene.panels:
+            own = _at_time(panel, second, angle)
+            hit = _distance(own, rays)
+            nearer = hit < depth[t]
+            depth[t][nearer] = hit[nearer]
+            reflectivity[t][nearer] = panel.reflectivity
+    depth[np.isinf(depth)] = np.nan
+    if not scene.moving:
+        depth, reflectivity = depth[0], reflectivity[0]
+    return depth.astype(np.float32), reflectivity.astype(np.float32)
+
+
+def _at_time(panel: Panel, second: float, angle: float) -> np.ndarray:
+    # (3, 3) centre, across and along in the frame of a camera that has turned to the right.
+    cosine, sine = math.cos(angle), math.sin(angle)
+    turn = np.array([[cosine, 0, -sine], [0, 1, 0], [sine, 0, cosine]])
+    centre = np.array(panel.centre) + second * np.array(panel.velocity)
+    return np.array([centre, panel.across, panel.along]) @ turn.T
+
+
+def _distance(panel: np.ndarray, rays: np.ndarray) -> np.ndarray:
+    # (H, W) depth at which the (3, H, W) rays meet the panel, inf where they do not.
+    centre, across, along = panel
+    normal = np.cross(across, along)
+    with np.errstate(divide='ignore', invalid='ignore'):
+        depth = (normal @ centre) / np.tensordot(normal, rays, 1)
+        points = depth * rays - centre[:, None, None]
+        inside = (
+            (depth > 0)
+            & (np.abs(np.tensordot(across, points, 1)) <= across @ across)
+            & (np.abs(np.tensordot(along, points, 1)) <= along @ along)
+        )
+    return np.where(inside, depth, np.inf)

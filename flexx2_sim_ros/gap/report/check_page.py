@@ -1,0 +1,176 @@
+"""The files of a check, written whole or not at all, and its page."""
+
+from collections.abc import Iterator
+from html import escape
+import json
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from flexx2_sim_ros import atomic
+from flexx2_sim_ros.atomic import checked_target, output_folder, whole_files
+from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.html_drawing import bar
+from flexx2_sim_ros.html_page import html_page
+
+FILES = ('check.json', 'check.html')
+_STYLE = """
+td, th { padding: .18rem .9rem .18rem 0; text-align: left; vertical-align: top; }
+td svg { max-width: none; }
+th, small, .dim { color: var(--dim); }
+.tag { display: inline-block; padding: .1rem .6rem; border-radius: 1rem; color: #fff;
+  font-weight: 600; background: #a8324a; }
+.holds { background: #2e7d4f; }
+.before { fill: var(--gray); } .after { fill: var(--blue); } .null { fill: var(--ink); }
+"""
+# Name, unit and factor to it.
+_MEASURES = {
+    'loss': ('loss per recording', '', 1.0),
+    'wasserstein_mm': ('distance of depth errors', 'mm', 1.0),
+    'invalid_rate': ('invalid pixels', '%', 100.0),
+    'kl_nats': ('normalised errors', 'nats', 1.0),
+    'correlation': ('correlation of neighbours', '', 1.0),
+}
+
+
+class Line(NamedTuple):
+    """
+    One measure as text, for a table.
+
+    Attributes
+    ----------
+    name, before, after, null, change, verdict : str
+        Values with their 90 % intervals; ``null`` is the difference of two simulations.
+
+    """
+
+    name: str
+    before: str
+    after: str
+    null: str
+    change: str
+    verdict: str
+
+
+def check_writable(folder: Path) -> None:
+    """Raise `InputError` where `write_check` could not write, before a long computation."""
+    try:
+        atomic.check_folder(folder)
+        if folder.exists():
+            for name in FILES:
+                checked_target(folder / name)
+    except InputError as error:
+        raise InputError(f'--out: {error}') from error
+
+
+def write_check(folder: Path, table: dict[str, Any]) -> None:
+    """
+    Write ``check.json`` and ``check.html``.
+
+    Parameters
+    ----------
+    folder : pathlib.Path
+        Made if it is not there; the two files in it are replaced.
+    table : dict
+        What `flexx2_sim_ros.gap.check` returns.
+
+    """
+    with whole_files(output_folder(folder)) as part:
+        text = json.dumps(table, indent=2, allow_nan=False)
+        (part / FILES[0]).write_text(text + '\n', encoding='utf-8')
+        (part / FILES[1]).write_text(page(table), encoding='utf-8', errors='backslashreplace')
+
+
+def headline(table: dict[str, Any]) -> str:
+    """Return the result in one sentence."""
+    names = ' and '.join(name.replace('_', ' ') for name in table['effects'])
+    loss = table['measures']['loss']
+    if table['holds']:
+        return f'The diagnosis holds: {names} removes {loss["shrink"]:.0%} of the gap.'
+    return f'The diagnosis ({names}) does not hold on these recordings.'
+
+
+def sentences(table: dict[str, Any]) -> list[str]:
+    """Return why a diagnosis does not hold, and notes on the recordings, a line each."""
+    rows = table['recordings']
+    used = [row for row in rows if row['used']]
+    out = list(table['reasons'])
+    if len(used) == 1:
+        out.append('With one recording there are no intervals: the result is a single value.')
+    elif not table['measures']['loss']['better'] and not table['reasons']:
+        out.append(
+            'The 90 % interval of the change of the loss contains zero: the recordings differ '
+            'much. More recordings would make it narrower.'
+        )
+    if table['known']:
+        out.append(f'Taken as given: {", ".join(table["known"]).replace("_", " ")}.')
+    out += [f'Left out: {row["reason"]}.' for row in rows if not row['used']]
+    return out + [f'Note: {note}.' for row in used for note in row['notes']]
+
+
+def lines(table: dict[str, Any]) -> Iterator[Line]:
+    """Yield each measure as text, the loss first."""
+    for key, (name, unit, factor) in _MEASURES.items():
+        one = table['measures'][key]
+        change = 'better' if one['better'] else 'worse' if one['worse'] else 'not significant'
+        before, after, null, moved = (
+            _text(one, part, unit, factor) for part in ('before', 'after', 'null', 'change')
+        )
+        yield Line(name, before, after, null, moved, change)
+
+
+def _text(one: dict[str, Any], part: str, unit: str, factor: float) -> str:
+    sign = '+' if part == 'change' else ''
+    value = f'{one[part] * factor:{sign}.3g}'
+    interval = one[f'{part}_interval']
+    if interval is not None and part != 'null':
+        low, high = (f'{end * factor:{sign}.3g}' for end in interval)
+        value += f' ({low} to {high})'
+    return f'{value} {unit}'.strip()
+
+
+def page(table: dict[str, Any]) -> str:
+    """Return the page as HTML, all text escaped."""
+    rows = []
+    for key, line in zip(_MEASURES, lines(table), strict=True):
+        one = table['measures'][key]
+        cells = ''.join(f'<td>{escape(text)}</td>' for text in line)
+        rows.append(f'<tr>{cells}<td>{bar(one["before"], one["after"], one["null"])}</td></tr>')
+    used = [row for row in table['recordings'] if row['used']]
+    tag, word = ('holds', 'holds') if table['holds'] else ('', 'does not hold')
+    body = [
+        f'<p><span class="tag {tag}">{word}</span> <small>on {len(used)} recordings that the '
+        'diagnosis has not seen</small></p>',
+        f'<h1>{escape(headline(table))}</h1>',
+        ''.join(f'<p>{escape(line)}</p>' for line in sentences(table)),
+        '<h2>The gap before and after the effects are simulated</h2><div class="scroll"><table>'
+        '<tr><th></th><th>before</th><th>after</th><th>two simulations</th><th>change</th>'
+        f'<th></th><th></th></tr>{"".join(rows)}</table></div><p><small>Means over recordings '
+        'with 90 % intervals; the distance of depth errors is the Wasserstein-1 distance. Bars: '
+        'gray before, blue after; the mark is the difference of two simulations,'
+        ' which a perfect simulation would still show. "Better" and "worse": the '
+        'interval of the change does not contain zero, and the change is larger than the '
+        'tolerance of the diagnosis.'
+        '</small></p>',
+        _recordings(used),
+        f'<p class="dim">Made by flexx2_sim_ros {escape(table["version"])} in '
+        f'{table["seconds"]:.0f} s. docs/diagnosis.md says how each number is computed.</p>',
+    ]
+    return html_page('Check of a diagnosis', _STYLE, '\n'.join(body))
+
+
+def _recordings(used: list[dict[str, Any]]) -> str:
+    head = ''.join(
+        f'<th>{escape(name)}{f", {unit}" if unit else ""}</th>'
+        for name, unit, _ in _MEASURES.values()
+    )
+    rows = []
+    for row in used:
+        cells = ''.join(
+            f'<td>{row[key][0] * factor:.3g} to {row[key][1] * factor:.3g} {bar(*row[key])}</td>'
+            for key, (_, _, factor) in _MEASURES.items()
+        )
+        rows.append(f'<tr><td>{escape(row["name"])}</td>{cells}</tr>')
+    return (
+        '<h2>Each recording</h2><div class="scroll"><table>'
+        f'<tr><th>file</th>{head}</tr>{"".join(rows)}</table></div>'
+    )

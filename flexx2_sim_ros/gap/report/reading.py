@@ -1,0 +1,141 @@
+"""Read what a diagnosis has written."""
+
+from dataclasses import dataclass
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+from flexx2_sim_ros.effects import Effect, load_effects
+from flexx2_sim_ros.errors import InputError, shown, shown_path
+from flexx2_sim_ros.gap.data.given import given_effects, Table
+
+_SCHEMA = 1
+_LARGEST = 50_000_000  # bytes of a diagnosis.json
+_POSE_PRIOR = 0.010, 0.5
+
+
+@dataclass(frozen=True)
+class Diagnosed:
+    """
+    An earlier diagnosis.
+
+    Attributes
+    ----------
+    verdict : str
+        As in ``diagnosis.json``.
+    effects : tuple of Effect
+        Of ``effects.yaml``.
+    known : dict
+        Effects that were taken as given: parameters by name.
+    pose_prior : tuple of float
+        Metres and degrees.
+    checksums : dict of str to str
+        Names of the recordings that were used, by checksum.
+    unsummed : frozenset of str
+        Names of recordings without a checksum, as older versions have written them.
+    table : dict
+        All of ``diagnosis.json``.
+
+    """
+
+    verdict: str
+    effects: tuple[Effect, ...]
+    known: Table
+    pose_prior: tuple[float, float]
+    checksums: dict[str, str]
+    unsummed: frozenset[str]
+    table: dict[str, Any]
+
+    def effects_to_check(self) -> tuple[Effect, ...]:
+        """
+        Return the effects that change images: all but an error of the poses.
+
+        Raises
+        ------
+        InputError
+            When there is none.
+
+        """
+        effects = tuple(effect for effect in self.effects if effect.role != 'pose')
+        if not effects:
+            why = (
+                'only an error of the poses, which belongs to its recordings'
+                if self.effects
+                else f'none: its verdict is {shown(self.verdict)}'
+            )
+            raise InputError(f'DIAGNOSIS: must have effects to check, got {why}')
+        return effects
+
+
+def read_diagnosis(folder: Path) -> Diagnosed:
+    """
+    Read ``diagnosis.json`` and ``effects.yaml``.
+
+    Parameters
+    ----------
+    folder : pathlib.Path
+        As `flexx2 gap diagnose` has written it.
+
+    Raises
+    ------
+    InputError
+        When a file is missing, cannot be read, or is not what a diagnosis writes.
+
+    """
+    path = folder / 'diagnosis.json'
+    table = _read_json(path)
+    if not isinstance(table, dict) or table.get('schema') != _SCHEMA:
+        got = table.get('schema') if isinstance(table, dict) else table
+        raise InputError(f'{shown_path(path)}: schema: must be {_SCHEMA}, got {shown(got)}')
+    rows = table.get('recordings')
+    if not isinstance(rows, list) or not all(
+        isinstance(row, dict) and isinstance(row.get('name'), str) for row in rows
+    ):
+        raise InputError(f'{shown_path(path)}: recordings: must be a list of tables with a name')
+    used = [row for row in rows if row.get('used')]
+    settings = table.get('settings', {})
+    if not isinstance(settings, dict):
+        raise InputError(f'{shown_path(path)}: settings: must be a table, got {shown(settings)}')
+    known = settings.get('known', {})
+    try:
+        given_effects(known)
+    except (InputError, AttributeError, TypeError, ValueError) as error:
+        raise InputError(f'{shown_path(path)}: settings: {error}') from error
+    return Diagnosed(
+        str(table.get('verdict', '')),
+        load_effects(folder / 'effects.yaml'),
+        known,
+        _pose_prior(path, settings.get('pose_prior', _POSE_PRIOR)),
+        {str(row['checksum']): row['name'] for row in used if 'checksum' in row},
+        frozenset(row['name'] for row in used if 'checksum' not in row),
+        table,
+    )
+
+
+def _read_json(path: Path) -> Any:
+    try:
+        if path.stat().st_size > _LARGEST:
+            raise InputError(f'{shown_path(path)}: must be at most {_LARGEST} bytes')
+        return json.loads(path.read_text(encoding='utf-8'))
+    except FileNotFoundError as error:
+        raise InputError(
+            f'DIAGNOSIS: must be a folder that flexx2 gap diagnose has written, got no '
+            f'{shown_path(path)}'
+        ) from error
+    except (OSError, ValueError, RecursionError) as error:
+        raise InputError(f'{shown_path(path)}: cannot be read: {shown(str(error))}') from error
+
+
+def _pose_prior(path: Path, value: Any) -> tuple[float, float]:
+    good = (
+        isinstance(value, list | tuple)
+        and len(value) == 2
+        and all(type(one) in (int, float) and math.isfinite(one) and one > 0 for one in value)
+    )
+    if not good:
+        raise InputError(
+            f'{shown_path(path)}: settings: pose_prior: must be metres and degrees above 0, got '
+            f'{shown(value)}'
+        )
+    return float(value[0]), float(value[1])

@@ -1,0 +1,191 @@
+"""A diagnosis is checked on recordings that it has never seen, from files to files."""
+
+import json
+from pathlib import Path
+import shutil
+
+from bench.gap_campaigns import write_campaign
+from flexx2_sim_ros.cli.main import main
+from flexx2_sim_ros.effects import load_effects, parse_effects, save_effects
+from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.gap import check, diagnose
+from flexx2_sim_ros.gap.check import judged, measured
+import numpy as np
+import pytest
+from test_gap_truth import LEFT_OUT, SMALL, WITHOUT
+
+FEW = {**SMALL, 'recordings': 3}
+UNITS = ('wasserstein_mm', 'invalid_rate', 'kl_nats', 'correlation')
+
+
+@pytest.fixture(scope='module')
+def diagnosis(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Diagnose a camera with multipath; the campaign is kept beside it."""
+    folder = tmp_path_factory.mktemp('diagnosed')
+    write_campaign(folder / 'campaign', seed=101, effects={'multipath': {}}, **SMALL)
+    arguments = ['gap', 'diagnose', str(folder / 'campaign'), '--out', str(folder / 'out')]
+    assert main([*arguments, '--jobs', '1', *LEFT_OUT]) == 0
+    return folder / 'out'
+
+
+@pytest.fixture(scope='module')
+def fresh(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Record other rooms with the same camera."""
+    folder = tmp_path_factory.mktemp('fresh') / 'recordings'
+    write_campaign(folder, seed=102, effects={'multipath': {}}, **FEW)
+    return folder
+
+
+def test_a_right_diagnosis_holds(
+    diagnosis: Path, fresh: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = ['gap', 'check', str(diagnosis), str(fresh), '--out', str(tmp_path), '--jobs', '1']
+    assert main(command) == 0
+    said = capsys.readouterr().err
+    assert 'The diagnosis holds' in said
+    assert 'nats' in said
+    assert sorted(path.name for path in tmp_path.iterdir()) == ['check.html', 'check.json']
+    table = json.loads((tmp_path / 'check.json').read_text())
+    assert table['holds']
+    assert table['reasons'] == []
+    assert list(table['effects']) == ['multipath']
+    loss = table['measures']['loss']
+    assert loss['change'] < -1
+    assert loss['shrink'] > 0.5
+    assert loss['null'] < loss['after'] < loss['before']
+    assert not any(table['measures'][unit]['worse'] for unit in UNITS)
+    assert table['measures']['wasserstein_mm']['change'] < 0
+    for name in ('loss', *UNITS):
+        one = table['measures'][name]
+        for part in ('before', 'after', 'change'):
+            low, high = one[f'{part}_interval']
+            assert low <= one[part] <= high
+        assert [len(row[name]) for row in table['recordings']] == [3, 3, 3]
+    page = (tmp_path / 'check.html').read_text()
+    assert page.count('<svg') == 5 + 3 * 5
+    assert 'nan' not in page.split('</style>')[1]
+
+
+def test_a_wrong_diagnosis_does_not_hold(
+    diagnosis: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Assert it on a camera without any effect: what was diagnosed makes it worse."""
+    write_campaign(tmp_path / 'fresh', seed=103, **FEW)
+    command = ['gap', 'check', str(diagnosis), str(tmp_path / 'fresh'), '--json', '--jobs', '1']
+    assert main([*command, '--out', str(tmp_path / 'out')]) == 1
+    table = json.loads(capsys.readouterr().out)
+    assert not table['holds']
+    assert table['measures']['loss']['change'] > 0
+    assert table['measures']['wasserstein_mm']['change'] > 0
+    assert table['reasons']
+    assert table == json.loads((tmp_path / 'out' / 'check.json').read_text())
+
+
+def test_recordings_of_the_diagnosis_are_refused(
+    diagnosis: Path, fresh: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Assert it for a recording under another name and with other ground truth."""
+    used = diagnosis.parent / 'campaign' / 'scene_01.npz'
+    mixed = tmp_path / 'mixed'
+    shutil.copytree(fresh, mixed)
+    with np.load(used) as content:
+        changed = {**content, 'clean_depth': content['clean_depth'] + 0.001}
+    np.savez_compressed(mixed / 'renamed.npz', **changed)
+    out = tmp_path / 'out'
+    command = ['gap', 'check', str(diagnosis), str(mixed), '--out', str(out), '--jobs', '1']
+    assert main(command) == 2
+    said = capsys.readouterr().err
+    assert 'renamed.npz (there scene_01.npz)' in said
+    # The others only have the names of recordings of the diagnosis.
+    assert said.count('scene_') == 1
+    assert not out.exists()
+
+
+def test_an_older_diagnosis_knows_its_recordings_by_name(
+    diagnosis: Path, fresh: Path, tmp_path: Path
+) -> None:
+    shutil.copytree(diagnosis, tmp_path / 'old')
+    table = json.loads((diagnosis / 'diagnosis.json').read_text())
+    for row in table['recordings']:
+        del row['checksum']
+    del table['settings']
+    (tmp_path / 'old' / 'diagnosis.json').write_text(json.dumps(table))
+    with pytest.raises(InputError, match=r'scene_00\.npz \(by its name'):
+        check(tmp_path / 'old', fresh)
+
+
+@pytest.mark.parametrize(
+    ('text', 'match'),
+    [
+        ('{', 'cannot be read'),
+        ('[]', 'schema: must be 1'),
+        ('{"schema": 2}', 'schema: must be 1, got 2'),
+        ('{"schema": 1}', 'recordings: must be a list'),
+        ('{"schema": 1, "recordings": [], "settings": {"pose_prior": [0]}}', 'pose_prior'),
+        ('{"schema": 1, "recordings": [], "settings": {"known": {"x": {}}}}', 'known: x: must be'),
+        ('{"schema": 1, "recordings": [], "verdict": "none"}', 'effects to check, got none'),
+    ],
+)
+def test_what_is_no_diagnosis_is_refused(
+    text: str, match: str, fresh: Path, tmp_path: Path
+) -> None:
+    (tmp_path / 'diagnosis.json').write_text(text)
+    (tmp_path / 'effects.yaml').write_text('schema: 1\neffects: {}\n')
+    with pytest.raises(InputError, match=match):
+        check(tmp_path, fresh, out=tmp_path / 'out')
+    assert not (tmp_path / 'out').exists()
+
+
+def test_a_folder_without_a_diagnosis_is_refused(fresh: Path, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match='DIAGNOSIS: must be a folder that flexx2 gap diagnose'):
+        check(tmp_path, fresh)
+
+
+def test_effects_taken_as_given_leave_the_rest(tmp_path: Path) -> None:
+    """Assert that a known offset of 3 cm hides nothing, and is not reported."""
+    effects = {'offset': {'bias': 0.03}, 'multipath': {}}
+    write_campaign(tmp_path / 'campaign', seed=101, effects=effects, **SMALL)
+    save_effects(tmp_path / 'known.yaml', parse_effects({'offset': {'bias': 0.03}}))
+    out = tmp_path / 'out'
+    known = ['--known', str(tmp_path / 'known.yaml'), '--jobs', '1']
+    arguments = ['gap', 'diagnose', str(tmp_path / 'campaign'), '--out', str(out)]
+    assert main([*arguments, *known, *LEFT_OUT]) == 0
+    table = json.loads((out / 'diagnosis.json').read_text())
+    assert table['verdict'] == 'identified'
+    assert [row['name'] for row in table['effects']] == ['multipath']
+    assert table['settings']['known']['offset']['bias'] == 0.03
+    assert {'name': 'offset', 'reason': 'taken as given'} in table['not_considered']
+    assert [effect.name for effect in load_effects(out / 'effects.yaml')] == ['multipath']
+    # The check takes the same as given, unless it is told otherwise.
+    write_campaign(tmp_path / 'fresh', seed=102, effects=effects, **FEW)
+    assert check(out, tmp_path / 'fresh')['holds']
+    without = check(out, tmp_path / 'fresh', known={})
+    assert without['measures']['loss']['after'] > 2 * without['measures']['loss']['null']
+    with pytest.raises(InputError, match='looked for as well, got multipath'):
+        check(out, tmp_path / 'fresh', known={'multipath': {}})
+
+
+def test_a_pose_error_cannot_be_given(tmp_path: Path) -> None:
+    write_campaign(tmp_path, seed=101, **{**SMALL, 'recordings': 1})
+    with pytest.raises(InputError, match='known: must be effects of the camera, got pose_error'):
+        diagnose(tmp_path, known={'pose_error': {}}, without=WITHOUT)
+
+
+def test_only_a_change_that_is_significant_and_matters_counts() -> None:
+    none = np.zeros(4)
+    scattered = np.array([[1.0, 2.0, 0.1], [2.0, 1.0, 0.1], [1.0, 1.5, 0.1], [2.0, 1.6, 0.1]])
+    small = np.stack([none + 1, none + 1.01 + 0.001 * np.arange(4), none], axis=1)
+    large = np.stack([none + 1, none + 1.5 + 0.001 * np.arange(4), none], axis=1)
+    better = np.stack([none + 1, none + 0.5 + 0.001 * np.arange(4), none], axis=1)
+    results = [measured(values, 0.1) for values in (scattered, small, large, better)]
+    assert [one['worse'] for one in results] == [False, False, True, False]
+    assert [one['better'] for one in results] == [False, False, False, True]
+    results[3]['tolerance'] = 0.4
+    good = {'loss': results[3], **dict.fromkeys(UNITS, results[1])}
+    assert judged(good) == (True, [])
+    holds, reasons = judged({**good, 'kl_nats': results[2]})
+    assert not holds
+    assert reasons == ['kl_nats gets significantly worse: 1 to 1.5.']
+    single = measured(better[:1], 0.1)
+    assert single['better']
+    assert single['change_interval'] is None
