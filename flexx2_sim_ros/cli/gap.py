@@ -6,7 +6,7 @@ from importlib.util import find_spec
 import os
 from typing import Any
 
-from flexx2_sim_ros.cli import gap_check, gap_next, gap_target, gap_truth
+from flexx2_sim_ros.cli import gap_check, gap_next, gap_plan, gap_target, gap_truth
 from flexx2_sim_ros.cli.argument_types import MOST_JOBS, number, whole_number
 from flexx2_sim_ros.errors import printable
 from flexx2_sim_ros.profiles.files import PROFILE_HELP
@@ -76,9 +76,10 @@ def add_parser(commands: Any) -> None:
     )
     diagnose.add_argument('--known', metavar='FILE', help=gap_check.KNOWN_HELP)
     diagnose.set_defaults(run=run_diagnose)
+    gap_plan.add_parser(subcommands)
+    gap_target.add_parser(subcommands)
     gap_check.add_parser(subcommands)
     gap_next.add_parser(subcommands)
-    gap_target.add_parser(subcommands)
     gap_truth.add_parser(subcommands)
     if find_spec('flexx2_sim_ros.cli.gap_benchmark'):
         import_module('flexx2_sim_ros.cli.gap_benchmark').add_parser(subcommands)

@@ -1,0 +1,100 @@
+"""`flexx2 gap plan`: what to record, and what it will be able to find."""
+
+import argparse
+import os
+from pathlib import Path
+import shlex
+import sys
+from typing import Any
+
+from flexx2_sim_ros.cli.argument_types import MOST_JOBS, whole_number
+from flexx2_sim_ros.profiles.files import PROFILE_HELP
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+CHECKLIST, PAGE, TABLE = 'checklist.md', 'plan.html', 'table.yaml'
+
+
+def add_parser(commands: Any) -> None:
+    """Add the subcommand."""
+    parser = commands.add_parser(
+        'plan',
+        help='write a checklist of what to record, and what it will be able to find',
+        description='Write a checklist for one hour with a camera: what to set up, which command '
+        'records it, and what ground truth it needs; and a table of how weak an effect may be and '
+        'still be found. See docs/planning.md.',
+        epilog='example: flexx2 gap plan --out plan/',
+    )
+    parser.add_argument('--out', required=True, metavar='DIR', help=f'gets {CHECKLIST} and {PAGE}')
+    parser.add_argument(
+        '--plan', metavar='FILE', help='your own plan (default: config/gap_plan.yaml)'
+    )
+    parser.add_argument(
+        '--compute',
+        action='store_true',
+        help=f'compute the table for this plan and camera, and write it to {TABLE}. Takes about '
+        'ten minutes; an interrupted run resumes',
+    )
+    parser.add_argument('--profile', metavar='NAME', default='', help=PROFILE_HELP)
+    parser.add_argument(
+        '--seed',
+        type=whole_number(0, 10**6),
+        default=0,
+        help='seed of the simulations (default 0)',
+    )
+    parser.add_argument(
+        '--jobs',
+        type=whole_number(1, MOST_JOBS),
+        default=os.cpu_count() or 1,
+        help='number of processes (default: one per core)',
+    )
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Write the checklist, the page and, if asked for, the table."""
+    # Imported here: matplotlib and the compiled camera take seconds to load.
+    from flexx2_sim_ros import atomic
+    from flexx2_sim_ros.camera import flexx2
+    from flexx2_sim_ros.gap.planning.page import Checklist, markdown, page
+    from flexx2_sim_ros.gap.planning.plan import default_plan, read_plan
+    from flexx2_sim_ros.gap.planning.table import (
+        compute,
+        read_table,
+        Request,
+        shipped_table,
+        to_yaml,
+    )
+    from flexx2_sim_ros.profiles.files import find_profile
+
+    plan = read_plan(Path(arguments.plan) if arguments.plan else default_plan())
+    profile = find_profile(arguments.profile) if arguments.profile else flexx2()
+    profile.mode(plan.usecase)
+    out = atomic.output_folder(arguments.out)
+    console = Console(stderr=True, markup=False)
+    if arguments.compute:
+        request = Request(plan, profile, out, arguments.seed, jobs=arguments.jobs)
+        words = sys.argv[1:] if sys.argv[1:2] == ['gap'] else ['gap', 'plan']
+        with Progress(
+            TextColumn('{task.description}', markup=False),
+            BarColumn(),
+            TimeElapsedColumn(),
+            console=console,
+            transient=True,
+        ) as progress:
+            task = progress.add_task('starting', total=1.0)
+            table = compute(
+                request,
+                shlex.join(['flexx2', *words]),
+                lambda text, share: progress.update(task, description=text, completed=share),
+            )
+        atomic.write_text(out / TABLE, to_yaml(table))
+    else:
+        table = read_table(shipped_table())
+    shipped = not arguments.plan and not arguments.profile
+    told = Checklist(plan, profile, table, shipped or arguments.compute)
+    atomic.write_text(out / CHECKLIST, markdown(told))
+    atomic.write_text(out / PAGE, page(told))
+    written = [CHECKLIST, PAGE, *([TABLE] if arguments.compute else [])]
+    console.print(f'{out}: {", ".join(written)}', highlight=False)
+    return 0

@@ -1,0 +1,132 @@
+"""Small drawings of the set-ups: from above, and as the camera sees them."""
+
+import base64
+from io import BytesIO
+from typing import Any
+
+from flexx2_sim_ros.camera import Intrinsics
+from flexx2_sim_ros.gap.planning.plan import PlannedRecording
+from flexx2_sim_ros.gap.planning.scenes import render
+from flexx2_sim_ros.gap.planning.truths import labels, smaller
+from matplotlib.figure import Figure
+import numpy as np
+
+_INK, _BLUE, _ORANGE = '#1c2733', '#1f6feb', '#d9480f'
+_SCALE = 0.5  # of the camera's image
+_FARTHEST = 3.0  # medians of the distance, that are drawn from above
+
+
+def drawing(planned: PlannedRecording, lens: Intrinsics) -> bytes:
+    """
+    Draw a set-up.
+
+    Parameters
+    ----------
+    planned : PlannedRecording
+        What is recorded.
+    lens : Intrinsics
+        The camera.
+
+    Returns
+    -------
+    bytes
+        A PNG: left the set-up from above, right its depth.
+
+    """
+    small = smaller(lens, _SCALE)
+    stamp = np.zeros(1)
+    depth, _ = render(planned.scene, small, stamp)
+    shown = labels(planned, small, stamp)
+    if depth.ndim == 3:
+        depth, shown = depth[0], shown[0]
+    figure = Figure(figsize=(5.0, 2.3), dpi=110, layout='constrained')
+    above, image = figure.subplots(1, 2, width_ratios=[1.25, 1])
+    _from_above(above, planned, depth, shown, small)
+    mapped = image.imshow(depth, cmap='viridis')
+    image.set(xticks=[], yticks=[])
+    image.set_title('depth image, m', fontsize=8, color=_INK)
+    bar = figure.colorbar(mapped, ax=image, shrink=0.8)
+    bar.ax.tick_params(labelsize=7)
+    file = BytesIO()
+    figure.savefig(file, format='png')
+    return file.getvalue()
+
+
+def as_data_url(png: bytes) -> str:
+    """Return a PNG as a data URL."""
+    return 'data:image/png;base64,' + base64.b64encode(png).decode()
+
+
+def _from_above(
+    ax: Any, planned: PlannedRecording, depth: np.ndarray, shown: np.ndarray, lens: Intrinsics
+) -> None:
+    # What the image's middle row hits, one line a panel; the camera at the origin looks up.
+    row = lens.height // 2
+    z, panel = depth[row].astype(float), shown[row]
+    x = (np.arange(lens.width) - lens.cx) / lens.fx * z
+    # Seen along a wall, the far end would leave nothing of the rest.
+    z = np.where(z <= _FARTHEST * np.nanmedian(z), z, np.nan)
+    x = np.where(np.isfinite(z), x, np.nan)
+    top, half = float(np.nanmax(z)), float(np.nanmax(np.abs(x)))
+    for side in (0, -1):
+        if np.isfinite(z[side]):
+            ax.plot([0, x[side]], [0, z[side]], color=_INK, lw=0.6, ls=':')
+    for k, one in enumerate(planned.scene.panels, 1):
+        own = panel == k
+        if not own.any():
+            continue
+        moving = any(one.velocity)
+        # A gap where something nearer hides a part.
+        ax.plot(
+            np.where(own, x, np.nan),
+            np.where(own, z, np.nan),
+            color=_ORANGE if moving else _shade(one.reflectivity),
+            lw=4,
+            solid_capstyle='butt',
+        )
+        if moving:
+            ax.annotate(
+                '',
+                xy=(float(x[own].mean()) + 0.3 * top * np.sign(one.velocity[0]), z[own].mean()),
+                xytext=(float(x[own].mean()), z[own].mean()),
+                arrowprops={'arrowstyle': '->', 'color': _ORANGE},
+            )
+    _camera(ax, planned, top)
+    middle = lens.width // 2
+    if np.isfinite(z[middle]):
+        ax.annotate(
+            '', xy=(0, z[middle]), xytext=(0, 0), arrowprops={'arrowstyle': '<->', 'color': _BLUE}
+        )
+        ax.text(0.04 * half, 0.45 * z[middle], f'{z[middle]:.2g} m', color=_BLUE, fontsize=8)
+    ax.set_aspect('equal')
+    ax.set(
+        xlim=(-1.1 * max(half, 0.45 * top), 1.1 * max(half, 0.45 * top)),
+        ylim=(-0.14 * top, 1.08 * top),
+        xticks=[],
+        yticks=[],
+    )
+    for spine in ax.spines.values():
+        spine.set_visible(False)
+    ax.set_title('from above', fontsize=8, color=_INK)
+
+
+def _camera(ax: Any, planned: PlannedRecording, top: float) -> None:
+    size = 0.05 * top
+    ax.fill([-size, size, size, -size], [-1.6 * size, -1.6 * size, 0, 0], color=_INK, linewidth=0)
+    if planned.scene.turn_rate:
+        way = np.sign(planned.scene.turn_rate)
+        ax.annotate(
+            '',
+            xy=(way * 0.25 * top, 0.1 * top),
+            xytext=(-way * 0.12 * top, 0.2 * top),
+            arrowprops={
+                'arrowstyle': '->',
+                'color': _ORANGE,
+                'connectionstyle': f'arc3,rad={-0.3 * way}',
+            },
+        )
+
+
+def _shade(reflectivity: float) -> str:
+    # Dark surfaces are drawn dark; white ones stay visible on white.
+    return str(round(float(0.1 + 0.65 * reflectivity), 3))

@@ -1,0 +1,212 @@
+"""
+How weak an effect may be and still be found: a power calculation from the shifts of features.
+
+An effect's shift of all features is simulated once at each strength. Noise of the features comes
+from the simulations without effects, errors of the ground truth from its covariance. The fit and
+the thresholds of the diagnosis then decide on many draws, without any further simulation.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from flexx2_sim_ros.effects import registry
+from flexx2_sim_ros.gap.data.planes import PLANE_STEPS
+from flexx2_sim_ros.gap.data.pose import STEPS
+from flexx2_sim_ros.gap.data.prior import POSE
+from flexx2_sim_ros.gap.features.catalogue import Candidate, Column
+from flexx2_sim_ros.gap.inference.decidable import undecided
+from flexx2_sim_ros.gap.inference.model import combine, Model
+from flexx2_sim_ros.gap.inference.own_errors import COMMON
+from flexx2_sim_ros.gap.inference.selection import best_of_each, Trials
+from flexx2_sim_ros.gap.planning.truths import Kind
+import numpy as np
+
+STRENGTHS = (0.1, 0.25, 0.5, 1.0, 2.0)
+_WANTED = 0.9
+_TYPICAL = 0.5  # strength at which it is looked what else would explain the gap
+_DRAWS = 6
+_RIVALS = 3
+
+
+@dataclass(frozen=True)
+class Power:
+    """
+    What a plan can say of one effect, with one kind of ground truth.
+
+    Attributes
+    ----------
+    effect : str
+        Its name.
+    found : dict of float to float
+        Fraction of the draws in which it is named first, by strength; those that were tried.
+    undecided : bool
+        Whether the ground truth leaves it open at any strength.
+
+    """
+
+    effect: str
+    found: dict[float, float]
+    undecided: bool = False
+
+    @property
+    def smallest(self) -> float | None:
+        """Return the smallest strength from which on it is found with 90 %; None for none."""
+        least = None
+        for strength in sorted(self.found, reverse=True):
+            if self.found[strength] < _WANTED:
+                break
+            least = strength
+        return least
+
+
+def planned_columns(modulation: bool = True) -> list[Column]:
+    """
+    Return the simulations of all effects at all strengths, besides those of the catalogue.
+
+    Parameters
+    ----------
+    modulation : bool
+        Whether the modulation frequencies are known; as for `catalogue`.
+
+    """
+    return [
+        Column(
+            column_name(name, strength),
+            {name: {'strength': strength}},
+            all(term.few for one in kind.hypotheses for term in one.terms),
+        )
+        for name, kind in registry().items()
+        if modulation or not kind.needs_modulation
+        for strength in STRENGTHS
+    ]
+
+
+def column_name(effect: str, strength: float) -> str:
+    """Return the name of the simulation of an effect at a strength."""
+    return f'plan:{effect}:{strength:g}'
+
+
+def left_open(model: Model, candidates: Sequence[Candidate], kind: Kind) -> set[str]:
+    """Return the effects that the ground truth leaves undecided."""
+    return {one.effect for one in undecided(model, candidates)} | set(kind.never)
+
+
+def power(
+    effect: str,
+    model: Model,
+    candidates: Sequence[Candidate],
+    hidden: set[str],
+    kind: Kind,
+    seed: int,
+    draws: int = _DRAWS,
+) -> Power:
+    """
+    Find out how often an effect is named first.
+
+    Parameters
+    ----------
+    effect : str
+        Its name.
+    model : Model
+        The recordings without effects, with the columns of `planned_columns`.
+    candidates : sequence of Candidate
+        The catalogue.
+    hidden : set of str
+        As from `left_open`.
+    kind : Kind
+        Of ground truth.
+    seed : int
+        Of the draws.
+    draws : int
+        How many at each strength.
+
+    """
+    if effect in hidden:
+        return Power(effect, {}, True)
+    open_to = [one for one in candidates if one.effect not in hidden]
+    if not model.own.posed.any():
+        open_to = [one for one in open_to if one.kind.role != 'pose']
+    if not any(one.effect == effect for one in open_to):
+        return Power(effect, {}, True)
+    considered = _considered(model, open_to, effect)
+    found: dict[float, float] = {}
+    # From typical strengths outwards: where one is found, weaker ones matter, else stronger ones.
+    middle = len(STRENGTHS) // 2
+    for strengths, going_on in ((STRENGTHS[middle::-1], True), (STRENGTHS[middle + 1 :], False)):
+        if not going_on and found[STRENGTHS[middle]] >= _WANTED:
+            break
+        for strength in strengths:
+            found[strength] = _fraction(model, considered, effect, strength, kind, seed, draws)
+            if (found[strength] >= _WANTED) != going_on:
+                break
+    return Power(effect, found)
+
+
+def _considered(model: Model, candidates: Sequence[Candidate], effect: str) -> list[Candidate]:
+    # The effect in its best variant, and those that explain its gap next best, without noise.
+    trials = Trials(model.as_if(_shift(model, effect, _TYPICAL)))
+    singles = best_of_each([trials.choice([one]) for one in candidates])
+    best = [one.fit.candidates[0] for one in singles]
+    own = [one for one in best if one.effect == effect]
+    return own + [one for one in best if one.effect != effect][:_RIVALS]
+
+
+def _fraction(
+    model: Model,
+    considered: Sequence[Candidate],
+    effect: str,
+    strength: float,
+    kind: Kind,
+    seed: int,
+    draws: int,
+) -> float:
+    shift = _shift(model, effect, strength)
+    if not _named_first(model.as_if(shift), considered, effect):
+        return 0.0  # Not even without noise.
+    count = misses = 0
+    for draw in range(draws):
+        rng = np.random.default_rng([seed, draw])
+        gap = shift + _noise(model, rng) + _wrong_truth(model, kind, rng)
+        misses += not _named_first(model.as_if(gap), considered, effect)
+        count += 1
+        if misses > (1 - _WANTED) * draws:
+            break  # It cannot reach 90 % any more.
+    return 1 - misses / count
+
+
+def _named_first(model: Model, considered: Sequence[Candidate], effect: str) -> bool:
+    trials = Trials(model)
+    first = max((trials.single(one) for one in considered), key=lambda one: one.gain)
+    counts = trials.counts(first, trials.excess(first))
+    return counts and first.fit.candidates[0].effect == effect
+
+
+def _shift(model: Model, effect: str, strength: float) -> np.ndarray:
+    # (R, SIZE) what the effect changes.
+    index = model.index[column_name(effect, strength)]
+    return np.array([e.columns[index] for e in model.evidence])
+
+
+def _noise(model: Model, rng: np.random.Generator) -> np.ndarray:
+    # (R, SIZE) of features: of a simulation drawn for each recording against the others.
+    out = []
+    for one in model.evidence:
+        k = int(rng.integers(len(one.nulls)))
+        out.append(one.nulls[k] - np.delete(one.nulls, k, axis=0).mean(axis=0))
+    return np.nan_to_num(np.array(out))
+
+
+def _wrong_truth(model: Model, kind: Kind, rng: np.random.Generator) -> np.ndarray:
+    # (R, SIZE) what errors of the ground truth change, linearly. Planes that are fitted to the
+    # recordings are where these have them.
+    amounts = np.zeros((len(model.gap), model.own.count))
+    for row, one in zip(amounts, model.evidence, strict=True):
+        covariance = one.covariance
+        if covariance is None or kind.fitted:
+            continue
+        deviation = np.sqrt(np.diag(covariance)) * rng.standard_normal(len(covariance))
+        row[:POSE] = deviation[:POSE] / STEPS
+        planes = deviation[POSE:] / np.resize(PLANE_STEPS, len(covariance) - POSE)
+        row[COMMON : COMMON + len(planes)] = planes
+    columns, _ = model.nuisance_columns([], np.zeros((len(amounts), 0)))
+    return combine(amounts, columns)

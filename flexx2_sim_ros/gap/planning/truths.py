@@ -1,0 +1,218 @@
+"""The planned recordings as a camera would deliver them, with each kind of ground truth."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from flexx2_sim_ros.camera import Camera, Intrinsics, Profile
+from flexx2_sim_ros.effects import ageing, registry
+from flexx2_sim_ros.gap.calibration.constants import GROUND_TRUTH
+from flexx2_sim_ros.gap.data.planes import plane_shifts
+from flexx2_sim_ros.gap.data.pose import moved
+from flexx2_sim_ros.gap.planning.plan import Plan, PlannedRecording
+from flexx2_sim_ros.gap.planning.scenes import render
+import numpy as np
+
+_SCAN_ERROR = 0.003  # metres: the default of `flexx2 gap truth --room-error`
+_LOOSE = 0.1, 5.0  # metres, degrees: planes of which nothing was measured
+_LEAST_PLANE = 0.01  # of the image, that a plane must cover
+
+
+@dataclass(frozen=True)
+class Kind:
+    """
+    A kind of ground truth.
+
+    Attributes
+    ----------
+    name, words : str
+        For tables; what it is.
+    pose : bool
+        Whether it knows the pose with the accuracy of a registration, and surfaces as a scan does.
+    plane : tuple of float or None
+        Standard deviations of planes, if it knows planes only: metres and radians.
+    fitted : bool
+        Whether the planes are fitted to the recording itself.
+    never : tuple of str
+        Effects that it takes away by the way it is made.
+
+    """
+
+    name: str
+    words: str
+    pose: bool = False
+    plane: tuple[float, float] | None = None
+    fitted: bool = False
+    never: tuple[str, ...] = ()
+
+
+KINDS = (
+    Kind('exact', 'clean depth without errors, as of a simulated camera or of motion capture'),
+    Kind(
+        'scan',
+        'flexx2 gap truth --scan, of a room known to 3 mm',
+        pose=True,
+        never=('pose_error', 'time_offset'),
+    ),
+    Kind(
+        'tape',
+        'planes, measured with a tape (3 mm) and a set square (0.3 degrees)',
+        plane=(GROUND_TRUTH.tape, GROUND_TRUTH.square),
+    ),
+    Kind(
+        'planes',
+        'planes fitted to the recordings, nothing measured',
+        plane=(_LOOSE[0], float(np.radians(_LOOSE[1]))),
+        fitted=True,
+    ),
+)
+
+
+def write_campaign(
+    folder: Path,
+    plan: Plan,
+    profile: Profile,
+    kind: Kind,
+    effects: Mapping[str, Mapping[str, float]] | None = None,
+    seed: int = 0,
+    wrong: bool = False,
+) -> None:
+    """
+    Write the plan's recordings with one kind of ground truth as ``.npz``.
+
+    Parameters
+    ----------
+    folder : pathlib.Path
+        An existing folder.
+    plan : Plan
+        What is recorded. Moving scenes are left out where the truth consists of planes.
+    profile : Profile
+        The camera.
+    kind : Kind
+        Of ground truth.
+    effects : mapping, optional
+        Of the camera: parameters by effect.
+    seed : int
+        Of the camera's noise and of the errors of the truth.
+    wrong : bool
+        Whether the truth has errors as large as it says.
+
+    """
+    for i, planned in enumerate(plan.recordings):
+        if kind.plane is not None and planned.scene.moving:
+            continue
+        content: dict[str, Any] = _recording(
+            plan, planned, profile, kind, effects or {}, [seed, i], wrong
+        )
+        np.savez(folder / f'{planned.name}.npz', **content)
+
+
+def _recording(
+    plan: Plan,
+    planned: PlannedRecording,
+    profile: Profile,
+    kind: Kind,
+    effects: Mapping[str, Mapping[str, float]],
+    seed: list[int],
+    wrong: bool,
+) -> dict[str, np.ndarray]:
+    lens = smaller(profile.intrinsics, plan.scale)
+    mode = profile.mode(plan.usecase)
+    start = 100.0 + planned.scene.uptime
+    stamp = start + np.rint(np.arange(plan.frames) * 1e9 / mode.rate_hz) / 1e9
+    clean, reflectivity = render(planned.scene, lens, stamp)
+    rng = np.random.default_rng(seed)
+    truth = _truth(planned, lens, stamp, clean, kind)
+    real, shade = clean, reflectivity
+    if wrong and kind.pose:
+        step = np.array(GROUND_TRUTH.pose) * rng.standard_normal(6)
+        real, moved_shade = moved(clean, reflectivity, lens.matrix, mode, step)
+        shade = reflectivity if moved_shade is None else moved_shade
+    table: dict[str, Any] = {name: dict(values) for name, values in effects.items()}
+    for name in ageing(table):
+        table[name]['uptime'] = planned.scene.uptime
+    own = tuple(registry()[name].from_mapping(values) for name, values in table.items())
+    device = Camera(plan.usecase, profile=profile, effects=own, seed=seed[0] + 77, name='real')
+    depth = device.capture(real, lens.matrix, stamp, shade).depth
+    believed = _believed(clean, depth, truth, lens, kind, rng) if wrong else clean
+    if 'known' in truth:
+        believed = np.where(truth['known'], believed, np.float32(np.nan))
+    return {
+        'depth': depth.astype(np.float32),
+        'clean_depth': believed.astype(np.float32),
+        'reflectivity': reflectivity,
+        'K': lens.matrix,
+        'stamp': stamp,
+        'uptime': planned.scene.uptime + stamp - stamp[0],
+        'usecase': np.array(plan.usecase),
+        **truth,
+    }
+
+
+def smaller(lens: Intrinsics, scale: float) -> Intrinsics:
+    """Return the lens of a camera whose image is smaller by a factor."""
+    matrix = lens.matrix.copy()
+    matrix[:2] *= scale
+    matrix[:2, 2] += (scale - 1) / 2
+    size = round(lens.width * scale), round(lens.height * scale)
+    return Intrinsics.from_matrix(matrix, *size)
+
+
+def labels(planned: PlannedRecording, lens: Intrinsics, stamp: np.ndarray) -> np.ndarray:
+    """Return which panel each pixel shows: 0 for none, k for the k-th; like clean depth."""
+    scene = planned.scene
+    clean, _ = render(scene, lens, stamp)
+    out = np.zeros(clean.shape, np.uint8)
+    for k, panel in enumerate(scene.panels, 1):
+        alone, _ = render(replace(scene, panels=(panel,)), lens, stamp)
+        # A panel that stands still gives one image, also in a scene with others that move.
+        out[np.broadcast_to(alone, clean.shape) == clean] = k
+    return out
+
+
+def _truth(
+    planned: PlannedRecording, lens: Intrinsics, stamp: np.ndarray, clean: np.ndarray, kind: Kind
+) -> dict[str, np.ndarray]:
+    if kind.pose:
+        deviation = np.array(GROUND_TRUTH.pose)
+        deviation[3:] = np.radians(deviation[3:])
+        truth = {'pose_covariance': np.diag(deviation**2), 'clean_sigma': np.array(_SCAN_ERROR)}
+        if not all(planned.fixed):  # A scan does not have what moves.
+            shown = labels(planned, lens, stamp)
+            moving = [k for k, fixed in enumerate(planned.fixed, 1) if not fixed]
+            truth['known'] = ~np.isin(shown, moving)
+        return truth
+    if kind.plane is None:
+        return {}
+    plane = labels(planned, lens, stamp)
+    for k in range(1, len(planned.scene.panels) + 1):
+        if (plane == k).mean() < _LEAST_PLANE:
+            plane[plane == k] = 0
+    offset, tilt = kind.plane
+    deviation = np.tile([offset, tilt, tilt], len(planned.scene.panels))
+    return {'plane': plane, 'plane_covariance': np.diag(deviation**2), 'known': plane > 0}
+
+
+def _believed(
+    clean: np.ndarray,
+    depth: np.ndarray,
+    truth: Mapping[str, np.ndarray],
+    lens: Intrinsics,
+    kind: Kind,
+    rng: np.random.Generator,
+) -> np.ndarray:
+    # Clean depth with the planes where somebody has measured them, or fitted them to depth.
+    if kind.plane is None:
+        return clean
+    covariance, known = truth['plane_covariance'], truth['known']
+    count = len(covariance) // 3
+    shifts = plane_shifts(clean, truth['plane'], lens.matrix, count, known)
+    if not kind.fitted:
+        amounts = rng.standard_normal(len(covariance)) * np.sqrt(np.diag(covariance))
+    else:
+        median = np.median(depth, axis=0)  # NaN where a frame has no depth
+        # Gross errors are no points of a plane.
+        good = known & (np.abs(median - clean) < 0.25)
+        amounts = np.linalg.lstsq(shifts[:, good].T, (median - clean)[good], rcond=None)[0]
+    return np.asarray(clean + np.tensordot(amounts, shifts, axes=1))

@@ -1,0 +1,148 @@
+"""`flexx2 gap plan`: the checklist, the page, and the table of what a plan can find."""
+
+from collections.abc import Callable
+from pathlib import Path
+import re
+import subprocess
+
+from flexx2_sim_ros.camera import flexx2
+from flexx2_sim_ros.effects import registry
+from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.gap.planning.plan import default_plan, Plan, read_plan
+from flexx2_sim_ros.gap.planning.power import power
+from flexx2_sim_ros.gap.planning.table import compute, read_table, Request, shipped_table
+from flexx2_sim_ros.gap.planning.truths import KINDS, smaller, write_campaign
+from flexx2_sim_ros.paths import executable
+from flexx2_sim_ros.recording.truth import read_truth
+import numpy as np
+import pytest
+
+TWO = """\
+schema: 1
+title: Two walls
+usecase: Mode_9_30fps
+simulation: {scale: 0.2, frames: 6}
+recordings:
+  - {name: near, title: Near, set_up: A wall., seconds: 5, for: [offset], walls: [[1.0, 40, 0.8]]}
+  - {name: far, title: Far, set_up: A hand., seconds: 5, for: [multipath],
+     walls: [[2.0, -40, 0.8]], cards: [[0.8, 0, 0.15, 0.5, 0.5]]}
+"""
+
+
+@pytest.fixture
+def two(tmp_path: Path) -> Path:
+    file = tmp_path / 'two.yaml'
+    file.write_text(TWO)
+    return file
+
+
+def test_command_writes_a_checklist_with_every_recording_and_effect(tmp_path: Path) -> None:
+    out = tmp_path / 'plan'
+    done = subprocess.run(
+        [executable('flexx2'), 'gap', 'plan', '--out', out],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    text, page = (out / 'checklist.md').read_text(), (out / 'plan.html').read_text()
+    plan = read_plan(default_plan())
+    for planned in plan.recordings:
+        command = f'flexx2 record recordings/{planned.name} --seconds {planned.seconds:g}'
+        assert command in text
+        assert command in page
+    assert page.count('data:image/png;base64,') == len(plan.recordings)
+    for name in registry():
+        assert re.search(rf'^\| {name} \|', text, re.M)
+    # In an hour, with time to set up: three minutes each.
+    assert len(plan.recordings) <= 20
+    assert {name for one in plan.recordings for name in one.effects} | {'pose_error'} == set(
+        registry()
+    )
+
+
+def test_shipped_table_says_what_made_it() -> None:
+    table = read_table(shipped_table())
+    assert table['command'].startswith('flexx2 gap plan')
+    assert re.fullmatch(r'\d{4}-\d\d-\d\d', table['date'])
+    assert set(table['kinds']) == {kind.name for kind in KINDS}
+    assert set(table['effects']) == set(registry())
+    for row in table['effects'].values():
+        assert set(row) == set(table['kinds'])
+    # A plane that is fitted to the recording takes an offset for itself.
+    assert table['effects']['offset']['planes']['open']
+    assert not table['effects']['offset']['exact']['open']
+
+
+@pytest.mark.parametrize(
+    ('before', 'after', 'says'),
+    [
+        ('for: [offset]', 'for: [offsets]', 'recording 1: for: must be among'),
+        ('name: near', 'name: ../near', 'recording 1: name: must be letters'),
+        ('name: near', 'name: far', 'name: must be unique'),
+        ('[[1.0, 40, 0.8]]', '[[1.0, 40]]', 'walls: must be \\[distance, tilt, reflectivity\\]'),
+        ('[[1.0, 40, 0.8]]', '[[.nan, 40, 0.8]]', 'walls: distance: must be 0.05 to 100'),
+        ('scale: 0.2', 'scale: 7', 'simulation: scale: must be 0.1 to 1, got 7'),
+        ('schema: 1', 'schema: 2', 'schema'),
+    ],
+)
+def test_a_wrong_plan_is_refused_with_its_key(
+    two: Path, before: str, after: str, says: str
+) -> None:
+    two.write_text(TWO.replace(before, after))
+    with pytest.raises(InputError, match=says):
+        read_plan(two)
+
+
+def test_truth_has_the_errors_that_it_admits(two: Path, tmp_path: Path) -> None:
+    plan, lens = read_plan(two), smaller(flexx2().intrinsics, 0.2)
+    shape = (plan.frames, lens.height, lens.width)
+    for kind in KINDS:
+        folder = tmp_path / kind.name
+        folder.mkdir()
+        write_campaign(folder, plan, flexx2(), kind, seed=1, wrong=True)
+        for file in folder.glob('*.npz'):
+            with np.load(file) as archive:
+                content = dict(archive)
+            read_truth(file, content, shape)
+            assert content['depth'].shape == shape
+            exact = kind.name == 'exact'
+            assert exact == (not {'pose_covariance', 'plane_covariance'} & set(content))
+        # Planes do not move, and a scan does not have the hand.
+        assert (folder / 'far.npz').exists() == (kind.plane is None)
+    with np.load(tmp_path / 'scan' / 'far.npz') as archive:
+        hidden = ~archive['known']
+        assert 0 < hidden.mean() < 0.2
+        assert np.isnan(archive['clean_depth'][hidden]).all()
+
+
+def test_an_interrupted_calculation_resumes(
+    two: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plan: Plan = read_plan(two)
+    request = Request(plan, flexx2(), tmp_path, draws=2, kinds=KINDS[:1])
+    # Of two walls in 30 columns nothing but a few effects is found; what counts is that it ends.
+    asked: list[str] = []
+    interrupt = 3
+
+    def counted(effect: str, *rest: object, **more: object) -> object:
+        asked.append(effect)
+        if len(asked) == interrupt:
+            raise KeyboardInterrupt
+        return real(effect, *rest, **more)
+
+    real: Callable[..., object] = power
+    monkeypatch.setattr('flexx2_sim_ros.gap.planning.table.power', counted)
+    with pytest.raises(KeyboardInterrupt):
+        compute(request, 'x', lambda text, share: None)
+    first = list(asked)
+    interrupt = 10**6
+    asked.clear()
+    shares: list[float] = []
+    table = compute(request, 'x', lambda text, share: shares.append(share))
+    assert shares == sorted(shares)
+    assert asked == [name for name in registry() if name not in first[:2]]
+    assert set(table['effects']) == set(registry())
+    asked.clear()
+    assert compute(request, 'x', lambda text, share: None) == table
+    assert not asked
