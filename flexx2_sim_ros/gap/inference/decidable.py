@@ -114,7 +114,10 @@ def _typical(model: Model, candidate: Candidate) -> np.ndarray:
         amounts[:, :POSE] = np.array([usual[name] for name in NAMES]) / STEPS
         columns, _ = model.nuisance_columns([], np.zeros((count, 0)))
         return combine(amounts, columns)
-    values = [term.nodes[len(term.nodes) // 2][0] for term in candidate.terms]
+    usual = {p.name: p.default for p in candidate.kind.parameters()}
+    values = [
+        usual.get(term.name) or term.nodes[len(term.nodes) // 2][0] for term in candidate.terms
+    ]
     return model.predict([candidate], np.tile(values, (count, 1)))[0]
 
 

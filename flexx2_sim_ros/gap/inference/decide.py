@@ -70,7 +70,9 @@ class Decision:
     excess : float
         Excess loss: that of the base simulator above noise alone.
     undecided : list of Undecided
-        Effects that the ground truth says nothing about; they are not among the candidates.
+        Effects that the ground truth says nothing about. They are not chosen. If one of them
+        explains about as much as the effects that were found, the verdict is ``unknown`` and
+        ``alternatives`` has them all.
 
     """
 
@@ -124,6 +126,7 @@ def decide(
     """
     hidden = undecided(model, candidates, thresholds, tick)
     names = {one.effect for one in hidden}
+    open_ones = [one for one in candidates if one.effect in names]
     candidates = [one for one in candidates if one.effect not in names]
     trials = Trials(model, thresholds)
     singles = []
@@ -138,6 +141,11 @@ def decide(
     verdict = _verdict(trials, found, excess)
     if verdict == 'none' and hidden:
         verdict = 'not_decidable'
+    if open_ones and verdict in ('identified', 'partly'):
+        more = [*singles, *(trials.single(candidate) for candidate in open_ones)]
+        if _hidden_could_explain(trials, found, [*candidates, *open_ones], more, names, tick):
+            # What was found may only look like an effect that the ground truth hides.
+            verdict, considered = 'unknown', best_of_each(more)
     if verdict == 'unknown':
         nearest, instead = considered[: thresholds.nearest], trials.base
     else:
@@ -155,6 +163,25 @@ def decide(
         excess,
         hidden,
     )
+
+
+def _hidden_could_explain(
+    trials: Trials,
+    found: Choice,
+    candidates: Sequence[Candidate],
+    singles: Sequence[Choice],
+    hidden: set[str],
+    tick: Callable[[], None],
+) -> bool:
+    # Whether an undecided effect explains about as much as those found: alone, or in a selection
+    # from the whole catalogue.
+    enough = trials.thresholds.alternative * found.gain
+    if any(
+        one.gain >= enough and {c.effect for c in one.fit.candidates} & hidden for one in singles
+    ):
+        return True
+    best = select(trials, candidates, singles, tick).chosen
+    return bool({c.effect for c in best.fit.candidates} & hidden)
 
 
 def _as_in_catalogue(trials: Trials, found: Choice) -> Choice:

@@ -54,6 +54,12 @@ def headline(table: dict[str, Any]) -> str:
     if table['verdict'] == 'too_little':
         return 'The recordings have too few depths on surfaces to say whether there is a gap.'
     if table['verdict'] == 'unknown':
+        hidden = {row['name'] for row in table['not_decidable']}
+        if hidden & {row['name'] for row in table['alternatives']}:
+            return (
+                'There is a gap, but the ground truth is not accurate enough to tell its cause. '
+                f'Nearest explanations: {_names(table["alternatives"])}.'
+            )
         return 'There is a gap, and no effect of the catalogue explains it.'
     held = (
         'of the gap on recordings that were not used for the fit'
