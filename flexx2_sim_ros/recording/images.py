@@ -48,6 +48,10 @@ class ImageRecording(RecordingReader):
         self._unit = np.float32(given.unit or MILLIMETRE)
         root = path if path.is_dir() else path.parent
         files, stamps = _in_order([path] if path.is_file() else _depth_files(path))
+        if not files:
+            raise InputError(
+                f'{shown_path(path)}: must be a PNG image or a folder of them, got none'
+            )
         size = _common_size(files, (16,))
         camera = read_calibration(given.calibration or _only_yaml(root)).intrinsics(size)
         content = Content({}, {'K': camera.matrix}, frames=len(files))
