@@ -6,7 +6,7 @@ from typing import Any
 
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.gap.next_recording import information, suggest
+from flexx2_sim_ros.gap.planning.next_recording import information, suggest
 import numpy as np
 import pytest
 

@@ -27,6 +27,7 @@ PAGE = Path(NAME, 'view', 'page')
 MODES = set(yaml.safe_load((ROOT / 'config' / 'modes.yaml').read_text())['modes'])
 # Import name: (rosdep key, name on the Python package index). Any other name is a ROS package.
 LIBRARIES = {
+    'PIL': ('python3-pil', 'pillow'),
     'matplotlib': ('python3-matplotlib', 'matplotlib'),
     'mujoco': ('python3-mujoco-pip', 'mujoco'),
     'numba': ('python3-numba', 'numba'),
@@ -40,9 +41,16 @@ LIBRARIES = {
 }
 # Extras of pip's, with no key in rosdep: import name, name on the Python package index.
 EXTRAS = {
+    'cv2': 'opencv-python-headless',
     'distributed': 'distributed',
+    'embreex': 'embreex',
     'mujoco_menagerie': 'mujoco-menagerie',
+    'trimesh': 'trimesh',
     'warp': 'warp-lang',
+    # rosbags brings its decompressors.
+    'backports': 'rosbags',
+    'compression': 'rosbags',
+    'lz4': 'rosbags',
 }
 
 

@@ -301,12 +301,16 @@ def test_the_page_shows_the_example() -> None:
 
 def test_no_module_but_its_own_names_an_effect() -> None:
     """
-    Assert it of strings; kernels hold their formulas.
+    Assert it of strings.
 
-    The blind camera is another camera, on purpose, and the benchmark's plan names its cases.
+    Kernels of the batch are launched for the effects that they compute. Ground truth names the
+    effects that it fits or takes away. The blind camera is another camera, on purpose, and the
+    benchmark's plan names its cases.
     """
-    apart = 'validation/blind/', 'validation/benchmark/design.py'
-    own = {'patch.py': 'residual_patch', 'ray.py': 'along_ray'}
+    apart = 'batch/', 'truth/', 'gap/planning/truths.py', 'validation/blind/'
+    apart += ('validation/benchmark/design.py',)
+    # The offset of a plane is no effect.
+    own = {'patch.py': 'residual_patch', 'ray.py': 'along_ray', 'words.py': 'offset'}
     package = ROOT / 'flexx2_sim_ros'
     for path in sorted(package.rglob('*.py')):
         place = path.relative_to(package).as_posix()

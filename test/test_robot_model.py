@@ -280,7 +280,7 @@ GOOD_MOUNT = '{name: a, position: [0, 0, 0], rpy_deg: [0, 0, 0]}'
     ('text', 'said'),
     [
         ('cameras: [', 'YAML'),
-        ('[]', 'schema'),
+        ('[]', 'must be a YAML mapping'),
         ('schema: 1', 'cameras'),
         ('{schema: 1, cameras: []}', 'cameras'),
         ('{schema: 1, cameras: [front]}', 'cameras.0.'),

@@ -308,7 +308,7 @@ def test_a_mesh_that_cannot_be_used_is_one_sentence(
         ({'stamp': np.array([0, 1, 2, 3, 5e8, 5e8 + 1, 5e8 + 2, 5e8 + 3])}, 'of one clock'),
         ({'stamp': np.array([0, 1, 2, 2, 4, 5, 6, 7.0])}, 'must rise'),
         ({'depth': np.full((8, HEIGHT, WIDTH), np.nan, np.float32)}, 'all pixels'),
-        ({'distortion': np.zeros(3)}, 'k1, k2, p1, p2, k3'),
+        ({'distortion': np.zeros(9)}, 'distortion: must be'),
     ],
 )
 def test_a_recording_that_cannot_be_used_is_one_sentence(

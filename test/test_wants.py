@@ -38,14 +38,14 @@ def run_where_no_browser_is(**env: str) -> 'subprocess.CompletedProcess[str]':
 def test_skipped_tests_are_summed_up_with_how_to_get_what_they_want() -> None:
     done = run_where_no_browser_is(FLEXX2_REQUIRE='')
     assert done.returncode == 0, done.stdout + done.stderr
-    assert 'skipped for want of something: 3' in done.stdout
-    assert re.search(r'^ +3  browser: apt install chromium$', done.stdout, re.M)
+    assert 'skipped for want of something: 4' in done.stdout
+    assert re.search(r'^ +4  browser: apt install chromium$', done.stdout, re.M)
 
 
 def test_what_is_required_fails_instead() -> None:
     done = run_where_no_browser_is(FLEXX2_REQUIRE='browser,shared')
     assert done.returncode == 1
-    assert '3 failed' in done.stdout
+    assert '4 failed' in done.stdout
     assert 'FLEXX2_REQUIRE asks for "browser": apt install chromium' in done.stdout
     done = run_where_no_browser_is(FLEXX2_REQUIRE='brwser')
     assert done.returncode != 0

@@ -49,7 +49,7 @@ def add_parser(commands: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Rank scenes with a progress bar, and print the ranking."""
-    from flexx2_sim_ros.gap.next_recording import suggest
+    from flexx2_sim_ros.gap.planning.next_recording import suggest
     from flexx2_sim_ros.profiles.files import find_profile
 
     console = Console(stderr=True, markup=False)
