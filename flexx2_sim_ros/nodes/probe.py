@@ -16,7 +16,8 @@ from sensor_msgs.msg import Image
 
 # At grazing incidence the noise is as large as the distance and clipped by the range: no fair
 # comparison.
-_LARGEST_SIGMA_SHARE = 0.05
+_LARGEST_SIGMA_FRACTION = 0.05
+_MOST_WAITING = 60  # images of a stamp whose partner may still come
 
 
 @dataclass
@@ -39,6 +40,11 @@ class Capture:
     depth: np.ndarray | None = None
     stamps: list[int] = field(default_factory=list)
     latencies: list[float] = field(default_factory=list)
+    # Images whose partner of the same stamp has not come yet.
+    _depths: dict[int, np.ndarray] = field(default_factory=dict)
+    _sigmas: dict[int, np.ndarray] = field(default_factory=dict)
+    # Of the frames of which both came.
+    _count: int = 0
     _sum: Any = 0.0
     _squares: Any = 0.0
     _reference: Any = None
@@ -50,14 +56,29 @@ class Capture:
         self.clean, self.depth = clean, depth
         self.stamps.append(stamp)
         self.latencies.append(latency)
+        self._depths[stamp] = depth
+        self._pair(stamp)
+
+    def add_sigma(self, stamp: int, sigma: np.ndarray) -> None:
+        """Add the model's sigma_z of a frame."""
+        self._sigmas[stamp] = sigma
+        self._pair(stamp)
+
+    def _pair(self, stamp: int) -> None:
+        # Sum up a frame once both images are here. Pixels whose sigma_z changes show another
+        # surface, so that a frame whose sigma_z is lost must not count.
+        if stamp not in self._depths or stamp not in self._sigmas:
+            for waiting in (self._depths, self._sigmas):
+                while len(waiting) > _MOST_WAITING:
+                    del waiting[next(iter(waiting))]
+            return
+        depth, sigma = self._depths.pop(stamp), self._sigmas.pop(stamp)
         if self._reference is None:
             self._reference = depth.astype(np.float64)
         error = depth - self._reference
+        self._count += 1
         self._sum = self._sum + error
         self._squares = self._squares + error**2
-
-    def add_sigma(self, sigma: np.ndarray) -> None:
-        """Add the model's sigma_z of a frame."""
         same = np.isfinite(sigma) if self._sigma is None else sigma == self._sigma
         self._steady = same if self._steady is None else self._steady & same
         self._sigma = sigma
@@ -81,14 +102,14 @@ class Capture:
         Over pixels that were valid in every frame and away from edges (there, lateral noise
         sometimes shows another surface).
         """
-        if self._sigma is None or self.depth is None or len(self.stamps) < 3:
+        count = self._count
+        if count < 3 or self.depth is None:
             return float('nan'), float('nan')
-        count = len(self.stamps)
         variance = (self._squares - self._sum**2 / count) / (count - 1)
         use = (
             self._steady
             & np.isfinite(variance)
-            & (self._sigma < _LARGEST_SIGMA_SHARE * self.depth)
+            & (self._sigma < _LARGEST_SIGMA_FRACTION * self.depth)
         )
         if not use.any():
             return float('nan'), float('nan')
@@ -140,8 +161,10 @@ class Probe:
             del kept[next(iter(kept))]
 
     def _on_sigma(self, name: str, message: Image) -> None:
-        if stamp_nanoseconds(message.header.stamp) >= self._from[name]:
-            self.captures[name].add_sigma(decode_image(message, 'depth_noise_0', ('32FC1',)))
+        stamp = stamp_nanoseconds(message.header.stamp)
+        if stamp >= self._from[name]:
+            sigma = decode_image(message, 'depth_noise_0', ('32FC1',))
+            self.captures[name].add_sigma(stamp, sigma)
 
     def _on_depth(self, name: str, message: Image) -> None:
         now = time.perf_counter()
