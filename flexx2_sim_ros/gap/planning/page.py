@@ -37,8 +37,9 @@ _PREPARE = (
     'first, and move only the camera afterwards: what the scan does not show becomes unknown.',
 )
 _TILT = (
-    'A tilted plane shows a bias of the camera without a tape (to 0.6 mm in a test with a plane '
-    'at 40 degrees); a wall seen straight on does not, because the distance could be wrong, too.'
+    'Without a scan, measure the distance of each plane: in a wall seen straight on, a bias of the '
+    'camera and a wrong distance look the same. Tilted views tell a bias from other errors that '
+    'depend on distance.'
 )
 
 
