@@ -37,9 +37,9 @@ _PREPARE = (
     'first, and move only the camera afterwards: what the scan does not show becomes unknown.',
 )
 _TILT = (
-    'Without a scan, measure the distance of each plane: in a wall seen straight on, a bias of the '
-    'camera and a wrong distance look the same. Tilted views tell a bias from other errors that '
-    'depend on distance.'
+    'Without a scan, measure the distance of each plane: in a wall seen straight on, a bias of '
+    'the camera and a wrong distance look the same. Tilted views tell a bias from other errors '
+    'that depend on distance.'
 )
 
 
