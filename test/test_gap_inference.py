@@ -5,7 +5,8 @@ from dataclasses import fields
 from pathlib import Path
 
 from flexx2_sim_ros import gap
-from flexx2_sim_ros.gap.calibration.constants import ASSUMED, DEFINITION, SECTIONS
+from flexx2_sim_ros.gap.calibration import SECTIONS
+from flexx2_sim_ros.gap.calibration.about import ASSUMED, DEFINITION
 from flexx2_sim_ros.gap.inference.normal_equations import (
     cauchy_weights,
     eliminate_nuisances,

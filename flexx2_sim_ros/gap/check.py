@@ -9,7 +9,8 @@ from typing import Any
 from flexx2_sim_ros import __version__
 from flexx2_sim_ros.camera import Profile
 from flexx2_sim_ros.errors import InputError, unquoted
-from flexx2_sim_ros.gap.calibration.constants import FEATURES, THRESHOLDS
+from flexx2_sim_ros.gap.calibration.features import FEATURES
+from flexx2_sim_ros.gap.calibration.inference import THRESHOLDS
 from flexx2_sim_ros.gap.data.axes import AXES
 from flexx2_sim_ros.gap.data.campaign import Found, read
 from flexx2_sim_ros.gap.data.given import given_effects, Table, together

@@ -6,7 +6,7 @@ from typing import Any
 
 from flexx2_sim_ros.camera import Profile
 from flexx2_sim_ros.effects import of_role, parse_effects
-from flexx2_sim_ros.gap.calibration.constants import THRESHOLDS
+from flexx2_sim_ros.gap.calibration.inference import THRESHOLDS
 from flexx2_sim_ros.gap.data.pose import NAMES, STEPS
 from flexx2_sim_ros.gap.features.catalogue import Candidate, catalogue, Column, nuisances, Term
 from flexx2_sim_ros.gap.inference.fitting import fit

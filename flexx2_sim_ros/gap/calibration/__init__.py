@@ -1,1 +1,18 @@
-"""The constants of the diagnosis."""
+"""The constants of the diagnosis, in sections."""
+
+from flexx2_sim_ros.gap.calibration.data import BINNING, GROUND_TRUTH, READING, REGISTRATION
+from flexx2_sim_ros.gap.calibration.features import FEATURES, MEASURES, SIMULATION
+from flexx2_sim_ros.gap.calibration.inference import LOSS, THRESHOLDS, WHERE
+
+SECTIONS = (
+    READING,
+    REGISTRATION,
+    GROUND_TRUTH,
+    BINNING,
+    FEATURES,
+    MEASURES,
+    SIMULATION,
+    LOSS,
+    THRESHOLDS,
+    WHERE,
+)

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from functools import lru_cache
 
-from flexx2_sim_ros.gap.calibration.constants import BINNING
+from flexx2_sim_ros.gap.calibration.data import BINNING
 from flexx2_sim_ros.physics.frame_state import SPEED_OF_LIGHT
 from flexx2_sim_ros.profiles.modes import Profile
 import numpy as np

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from flexx2_sim_ros.camera import flexx2, Intrinsics, Mode, Profile
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.gap.calibration.constants import READING
+from flexx2_sim_ros.gap.calibration.data import READING
 from flexx2_sim_ros.gap.data.frames import choose_frames
 from flexx2_sim_ros.gap.data.given import given_effects, Table
 from flexx2_sim_ros.gap.data.planes import plane_shifts

@@ -5,7 +5,7 @@ from functools import lru_cache
 import math
 
 from flexx2_sim_ros.effects.ray import ray_length
-from flexx2_sim_ros.gap.calibration.constants import BINNING
+from flexx2_sim_ros.gap.calibration.data import BINNING
 from flexx2_sim_ros.gap.data.axes import AXES, Axes, ENDLESS, TILE_COLUMNS, TILE_ROWS
 from flexx2_sim_ros.gap.data.pixel_kernels import (
     concavity,

@@ -1,6 +1,6 @@
 """Which frames of a recording the diagnosis reads."""
 
-from flexx2_sim_ros.gap.calibration.constants import READING
+from flexx2_sim_ros.gap.calibration.data import READING
 import numpy as np
 
 MOST_FRAMES, _SEGMENT = READING.most_frames, READING.segment

@@ -1,6 +1,6 @@
 """Compiled loops that sort the pixels of a clean frame into bins."""
 
-from flexx2_sim_ros.gap.calibration.constants import BINNING
+from flexx2_sim_ros.gap.calibration.data import BINNING
 from flexx2_sim_ros.physics.surface import PAD
 from numba import njit
 import numpy as np

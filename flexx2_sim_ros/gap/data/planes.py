@@ -1,6 +1,6 @@
 """Planes whose place is known within bounds only: how depth changes with their parameters."""
 
-from flexx2_sim_ros.gap.calibration.constants import GROUND_TRUTH
+from flexx2_sim_ros.gap.calibration.data import GROUND_TRUTH
 from flexx2_sim_ros.gap.data.unknown import nearest
 from flexx2_sim_ros.recording.truth import plane_axes
 import numpy as np

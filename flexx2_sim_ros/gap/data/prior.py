@@ -1,6 +1,6 @@
 """What is known beforehand of a recording's own errors: its pose and its planes."""
 
-from flexx2_sim_ros.gap.calibration.constants import GROUND_TRUTH
+from flexx2_sim_ros.gap.calibration.data import GROUND_TRUTH
 from flexx2_sim_ros.recording.truth import Truth
 import numpy as np
 

@@ -8,7 +8,7 @@ from flexx2_sim_ros.camera import flexx2, Mode, Profile
 from flexx2_sim_ros.camera.common_random_numbers import CommonRandomNumbers
 from flexx2_sim_ros.effects import Effect, registry
 from flexx2_sim_ros.effects.between import between
-from flexx2_sim_ros.gap.calibration.constants import REGISTRATION
+from flexx2_sim_ros.gap.calibration.data import REGISTRATION
 from flexx2_sim_ros.gap.data.axes import Axes, axes_of
 from flexx2_sim_ros.gap.data.covariates import look_at
 from flexx2_sim_ros.gap.data.pose import base_camera, fit_plane_motion, moved, unknown_border

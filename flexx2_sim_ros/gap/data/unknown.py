@@ -1,6 +1,6 @@
 """Pixels whose ground truth is unknown: filled for simulation, never judged."""
 
-from flexx2_sim_ros.gap.calibration.constants import GROUND_TRUTH
+from flexx2_sim_ros.gap.calibration.data import GROUND_TRUTH
 from flexx2_sim_ros.physics.surface import NEAREST, PAD, tangents
 from flexx2_sim_ros.profiles.sensor import Sensor
 import numpy as np

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from flexx2_sim_ros.gap.calibration.constants import SIMULATION
+from flexx2_sim_ros.gap.calibration.features import SIMULATION
 from flexx2_sim_ros.gap.data.registration import RecordingData
 from flexx2_sim_ros.gap.features.physical import distances, histogram, UNITS
 from flexx2_sim_ros.gap.features.simulation import PlacedScene, with_uptime

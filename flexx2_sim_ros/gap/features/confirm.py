@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Any
 
-from flexx2_sim_ros.gap.calibration.constants import SIMULATION
+from flexx2_sim_ros.gap.calibration.features import SIMULATION
 from flexx2_sim_ros.gap.data.registration import RecordingData
 from flexx2_sim_ros.gap.features.features import features, lattice_spectrum
 from flexx2_sim_ros.gap.features.physical import distances, histogram, Measures

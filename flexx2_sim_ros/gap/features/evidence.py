@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from flexx2_sim_ros.gap.calibration.constants import SIMULATION
+from flexx2_sim_ros.gap.calibration.features import SIMULATION
 from flexx2_sim_ros.gap.data.axes import Axes
 from flexx2_sim_ros.gap.data.pose import pose_effects
 from flexx2_sim_ros.gap.data.prior import covariance_of, POSE

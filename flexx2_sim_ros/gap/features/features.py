@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from flexx2_sim_ros.gap.calibration.constants import FEATURES
+from flexx2_sim_ros.gap.calibration.features import FEATURES
 from flexx2_sim_ros.gap.data.axes import AXES
 from flexx2_sim_ros.gap.features.pixel_patterns import grain_moments, LATTICE_RANGE, less_around
 from flexx2_sim_ros.gap.features.row_sums import (

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from flexx2_sim_ros.gap.calibration.constants import FEATURES
+from flexx2_sim_ros.gap.calibration.features import FEATURES
 from flexx2_sim_ros.gap.data.covariates import PixelCovariates
 import numpy as np
 

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from flexx2_sim_ros.gap.calibration.constants import MEASURES
+from flexx2_sim_ros.gap.calibration.features import MEASURES
 from flexx2_sim_ros.gap.data.axes import AXES
 from flexx2_sim_ros.gap.data.covariates import PixelCovariates
 from flexx2_sim_ros.gap.features.row_sums import EXPECT, N2, N_NEIGHBOUR, NEIGHBOUR, SQUARE2, VALID

@@ -4,7 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 import math
 
-from flexx2_sim_ros.gap.calibration.constants import FEATURES, WHERE
+from flexx2_sim_ros.gap.calibration.features import FEATURES
+from flexx2_sim_ros.gap.calibration.inference import WHERE
 from flexx2_sim_ros.gap.data.axes import AXES, ENDLESS
 from flexx2_sim_ros.gap.data.covariates import PixelCovariates, sort_everywhere
 from flexx2_sim_ros.gap.data.registration import RecordingData

@@ -1,6 +1,6 @@
 """Patterns of pixels, compiled: lattices of depth, fixed-pattern noise, sums over groups."""
 
-from flexx2_sim_ros.gap.calibration.constants import FEATURES
+from flexx2_sim_ros.gap.calibration.features import FEATURES
 from flexx2_sim_ros.gap.features.row_sums import CLIP, held
 from numba import njit
 import numpy as np

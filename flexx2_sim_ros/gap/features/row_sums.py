@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from flexx2_sim_ros.gap.calibration.constants import FEATURES
+from flexx2_sim_ros.gap.calibration.features import FEATURES
 from flexx2_sim_ros.physics.philox import FAST
 from numba import njit
 import numpy as np

@@ -5,7 +5,7 @@ from typing import Any
 
 from flexx2_sim_ros.camera.common_random_numbers import CommonRandomNumbers
 from flexx2_sim_ros.effects import ageing, Effect, loadable
-from flexx2_sim_ros.gap.calibration.constants import FEATURES, SIMULATION
+from flexx2_sim_ros.gap.calibration.features import FEATURES, SIMULATION
 from flexx2_sim_ros.gap.data.covariates import look_at, PixelCovariates
 from flexx2_sim_ros.gap.data.given import together
 from flexx2_sim_ros.gap.data.planes import PLANE_STEPS

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from flexx2_sim_ros.gap.calibration.constants import WHERE
+from flexx2_sim_ros.gap.calibration.inference import WHERE
 from flexx2_sim_ros.gap.data.axes import AXES, ENDLESS
 from flexx2_sim_ros.gap.features.pixel_groups import GROUP_CHANNELS, PixelGroups
 import numpy as np

@@ -11,7 +11,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from flexx2_sim_ros.effects import registry
-from flexx2_sim_ros.gap.calibration.constants import GROUND_TRUTH, THRESHOLDS, Thresholds
+from flexx2_sim_ros.gap.calibration.data import GROUND_TRUTH
+from flexx2_sim_ros.gap.calibration.inference import THRESHOLDS, Thresholds
 from flexx2_sim_ros.gap.data.planes import PLANE_STEPS
 from flexx2_sim_ros.gap.data.pose import NAMES, STEPS
 from flexx2_sim_ros.gap.data.prior import POSE

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from flexx2_sim_ros.gap.calibration.constants import THRESHOLDS, Thresholds
+from flexx2_sim_ros.gap.calibration.inference import THRESHOLDS, Thresholds
 from flexx2_sim_ros.gap.features.catalogue import Candidate
 from flexx2_sim_ros.gap.inference.decidable import Undecided, undecided
 from flexx2_sim_ros.gap.inference.fitting import Fit

@@ -5,7 +5,8 @@ from copy import copy
 from typing import Any
 
 from flexx2_sim_ros.effects import loadable
-from flexx2_sim_ros.gap.calibration.constants import GROUND_TRUTH, LOSS, Loss
+from flexx2_sim_ros.gap.calibration.data import GROUND_TRUTH
+from flexx2_sim_ros.gap.calibration.inference import LOSS, Loss
 from flexx2_sim_ros.gap.data.axes import AXES
 from flexx2_sim_ros.gap.data.pose import STEPS
 from flexx2_sim_ros.gap.data.prior import POSE

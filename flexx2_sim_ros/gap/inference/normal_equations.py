@@ -7,7 +7,7 @@ error, its brightness, its edges) and F features.
 
 from dataclasses import dataclass
 
-from flexx2_sim_ros.gap.calibration.constants import LOSS
+from flexx2_sim_ros.gap.calibration.inference import LOSS
 import numpy as np
 
 

@@ -7,7 +7,8 @@ gives is held by that, the poses of the other recordings by the spread that they
 
 from collections.abc import Sequence
 
-from flexx2_sim_ros.gap.calibration.constants import GROUND_TRUTH, Loss
+from flexx2_sim_ros.gap.calibration.data import GROUND_TRUTH
+from flexx2_sim_ros.gap.calibration.inference import Loss
 from flexx2_sim_ros.gap.data.planes import PLANE_STEPS
 from flexx2_sim_ros.gap.data.pose import STEPS
 from flexx2_sim_ros.gap.data.prior import POSE

@@ -4,7 +4,7 @@ from typing import Any
 
 from flexx2_sim_ros.effects import Effect
 from flexx2_sim_ros.effects.patch import COVARIATES, ResidualPatch
-from flexx2_sim_ros.gap.calibration.constants import THRESHOLDS
+from flexx2_sim_ros.gap.calibration.inference import THRESHOLDS
 from flexx2_sim_ros.gap.features.features import LAYOUT
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.inference.where import mean_sigma

@@ -9,7 +9,7 @@ Tibshirani and Friedman, The Elements of Statistical Learning, 2009, section 3.3
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-from flexx2_sim_ros.gap.calibration.constants import THRESHOLDS, Thresholds
+from flexx2_sim_ros.gap.calibration.inference import THRESHOLDS, Thresholds
 from flexx2_sim_ros.gap.features.catalogue import Candidate
 from flexx2_sim_ros.gap.inference.fitting import Fit, fit
 from flexx2_sim_ros.gap.inference.model import Model

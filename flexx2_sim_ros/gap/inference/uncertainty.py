@@ -2,7 +2,7 @@
 
 import math
 
-from flexx2_sim_ros.gap.calibration.constants import THRESHOLDS
+from flexx2_sim_ros.gap.calibration.inference import THRESHOLDS
 from flexx2_sim_ros.gap.inference.fitting import Fit
 import numpy as np
 from scipy import stats

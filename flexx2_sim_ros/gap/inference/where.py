@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Any
 
-from flexx2_sim_ros.gap.calibration.constants import WHERE
+from flexx2_sim_ros.gap.calibration.inference import WHERE
 from flexx2_sim_ros.gap.data.axes import AXES, Axes
 from flexx2_sim_ros.gap.features.features import (
     CHANNEL_UNITS,

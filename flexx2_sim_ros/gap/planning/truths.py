@@ -7,7 +7,7 @@ from typing import Any
 
 from flexx2_sim_ros.camera import Camera, Intrinsics, Profile
 from flexx2_sim_ros.effects import ageing, registry
-from flexx2_sim_ros.gap.calibration.constants import GROUND_TRUTH
+from flexx2_sim_ros.gap.calibration.data import GROUND_TRUTH
 from flexx2_sim_ros.gap.data.planes import plane_shifts
 from flexx2_sim_ros.gap.data.pose import moved
 from flexx2_sim_ros.gap.planning.plan import Plan, PlannedRecording

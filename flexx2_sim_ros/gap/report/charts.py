@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from html import escape
 
-from flexx2_sim_ros.gap.calibration.constants import FEATURES
+from flexx2_sim_ros.gap.calibration.features import FEATURES
 from flexx2_sim_ros.gap.data.axes import AXES, Axes, Axis, TILE_COLUMNS, TILE_ROWS
 from flexx2_sim_ros.gap.features.confirm import Outcome
 from flexx2_sim_ros.gap.features.features import LAYOUT, likeness

@@ -4,7 +4,7 @@ from dataclasses import asdict
 from typing import Any
 
 from flexx2_sim_ros.effects import Effect
-from flexx2_sim_ros.gap.calibration.constants import THRESHOLDS
+from flexx2_sim_ros.gap.calibration.inference import THRESHOLDS
 from flexx2_sim_ros.gap.data.campaign import Found
 from flexx2_sim_ros.gap.data.prior import POSE
 from flexx2_sim_ros.gap.features.confirm import Outcome

@@ -1,0 +1,161 @@
+"""Weights of the fit, thresholds of the verdict, and how differences are located."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from flexx2_sim_ros.gap.calibration.about import (
+    ASSUMED,
+    constant,
+    DEFINITION,
+    DEVELOPMENT,
+    FIRST_RELEASE,
+    table,
+)
+
+
+@dataclass(frozen=True)
+class Loss:
+    """Weights of features and priors of nuisances."""
+
+    structure_weight: float = constant(3.0, '', 'of a feature that is not binned')
+    noise_factor: float = constant(2.0, '', 'on the variance of features')
+    mismatch: float = constant(
+        0.25,
+        'fraction of the shift',
+        'by which the number of lost or gross pixels may differ from an effect: its onset is '
+        'only a form that fits',
+        ASSUMED,
+    )
+    pose_weight: float = constant(0.5, 'loss', "of the logarithm of the poses' spread")
+    pose_floor: tuple[float, ...] = constant(
+        (0.25, 0.25, 0.25, 0.3, 0.3, 0.15), 'pose steps', 'a smaller spread costs nothing'
+    )
+    brightness_weight: float = constant(1.5, 'loss', "of a recording's relative brightness")
+    edge_weight: float = constant(0.5, 'loss', "of a recording's shift of edges")
+    edge_shift: float = constant(0.4, 'px', 'unit of that shift')
+    edges_moved: float = constant(
+        6.0, '', 'factor on the variance of edges at poses as wrong as usual', ASSUMED
+    )
+    sigma_spread: float = constant(0.05, 'fraction', 'usual error of the base sigma_z')
+    sigma_weight: float = constant(0.8, 'loss', 'of such an error')
+    sigma_bound: float = constant(
+        0.16, 'fraction', 'largest error; below 0.15 it is no finding', ASSUMED
+    )
+    scales: tuple[float, ...] = constant(
+        (20.0, 6.0, 2.0, 1.0, 1.0, 1.0), 'feature scales', 'of the loss, from step to step'
+    )
+    scales_from_value: tuple[float, ...] = constant(
+        (3.0, 1.0, 1.0), 'feature scales', 'the same from a simulated value'
+    )
+    ridge: float = constant(1e-6, '', 'on the scaled matrix: columns may be almost alike')
+    nuisance_steps: int = constant(2, '', 'steps of the last fit of nuisances')
+
+
+@dataclass(frozen=True)
+class Thresholds:
+    """From when on an effect is a finding. Losses and gains are per recording."""
+
+    gap: float = constant(5.5, 'loss', 'excess loss of a gap', FIRST_RELEASE)
+    floor: float = constant(
+        4.0, 'loss', 'that errors of pose and reflectivity leave above noise', DEVELOPMENT
+    )
+    gain: float = constant(1.0, 'loss', 'an effect that takes off this is found', DEVELOPMENT)
+    least_gain: float = constant(
+        0.5, 'loss', 'enough if recordings agree or the gap is beyond doubt', DEVELOPMENT
+    )
+    agree: float = constant(0.97, 'confidence', 'recordings agree', DEVELOPMENT)
+    beyond_doubt: float = constant(2.0, 'gaps', 'a gap beyond doubt', DEVELOPMENT)
+    next_gain: float = constant(1.5, 'loss', 'the next effect must take off', DEVELOPMENT)
+    next_fraction: float = constant(
+        0.04, 'excess loss', 'as well; half of it below explained_little', DEVELOPMENT
+    )
+    explained_little: float = constant(0.5, 'excess loss', 'see next_fraction', DEVELOPMENT)
+    most_effects: int = constant(6, '', 'that are named together')
+    term_cost: float = constant(0.5, 'loss', 'of each fitted parameter', DEVELOPMENT)
+    pose_terms: int = constant(2, '', 'parameters that a common pose error counts for, besides')
+    weak_cost: float = constant(
+        0.25, 'loss', 'of each factor of e below 1 / weak of the typical strength', DEVELOPMENT
+    )
+    weak: float = constant(2.5, '', 'see weak_cost', DEVELOPMENT)
+    filtered: tuple[float, float] = constant(
+        (0.8, 1.5), '', 'filter and noise to start from when both are fitted'
+    )
+    filter_gain: float = constant(2.0, '', 'factor on the gain for a filter with noise')
+    scattered: float = constant(
+        0.48, 'usual spread', 'poses that scatter more are a finding', DEVELOPMENT
+    )
+    next_to_scattered: float = constant(
+        0.15, 'excess loss', 'next_fraction with scattered poses, which leave edges', DEVELOPMENT
+    )
+    unknown: float = constant(
+        0.08, 'excess loss', 'effects that explain less are not named', DEVELOPMENT
+    )
+    partly: float = constant(0.5, 'excess loss', 'more left than this is partly explained')
+    alternative: float = constant(0.8, 'gain', 'a rival with this much is an alternative')
+    sure: float = constant(0.95, 'confidence', 'unless the chosen one is better for sure')
+    most_alternatives: int = constant(5, '', 'that are listed')
+    nearest: int = constant(3, '', 'that are listed if nothing explains the gap')
+    quantile: float = constant(0.95, '', 'upper end of 90 % intervals', DEFINITION)
+    least_error: float = constant(0.25, 'loss', 'of a mean difference of few recordings')
+
+
+@dataclass(frozen=True)
+class Where:
+    """How differences are located."""
+
+    most: int = constant(60, 'rows', 'that are listed')
+    degrees: int = constant(100, '', 'of freedom of the noise of features')
+    all_over: float = constant(0.85, 'fraction of pixels', 'a difference in more is everywhere')
+    false_discoveries: float = constant(0.1, 'rate', 'of listed differences')
+    besides: float = constant(1.2, '', 'power along another covariate that is listed, too')
+    selective: float = constant(0.5, 'fraction', 'of such a covariate that may differ')
+    cuts: Mapping[str, float] = table(
+        {
+            'all': 1.0,
+            'distance': 0.9,
+            'incidence': 0.9,
+            'radius': 0.9,
+            'region': 0.8,
+            'log_amplitude': 0.9,
+            'fine_distance': 0.8,
+            'recording': 0.5,
+        },
+        'factor',
+        'on the power of differences along a covariate: finer ones must do better',
+        ASSUMED,
+    )
+    most_conditions: int = constant(3, '', 'covariates that select pixels')
+    worth: Mapping[str, float] = table(
+        {
+            'all': 0.0,
+            'distance': 0.02,
+            'incidence': 0.02,
+            'radius': 0.02,
+            'edge': 0.02,
+            'log_amplitude': 0.02,
+            'region': 0.03,
+            'recording': 0.03,
+            'fine_distance': 0.03,
+        },
+        'intersection over union',
+        'that a covariate must add',
+        ASSUMED,
+    )
+    distances: float = constant(5.0, 'm', 'farther pixels are in the last group', DEFINITION)
+    groups: tuple[int, ...] = constant(
+        (6, 4, 12, 2, 2), '', 'groups by distance, incidence, region, edge, dark', DEFINITION
+    )
+    steep: tuple[float, ...] = constant((20.0, 45.0, 65.0), 'deg', 'incidences', DEFINITION)
+    dark: float = constant(0.2, 'reflectivity', 'below is dark', DEFINITION)
+    samples: int = constant(12, 'px', 'of each group whose covariates are kept', DEFINITION)
+    pixels: tuple[int, int] = constant((75, 300), 'px', 'of a group: a frame, in all')
+    standard_errors: float = constant(4.0, '', 'a smaller difference is noise')
+    deviation: float = constant(1.5, 'ln', 'standard deviation of one log squared error')
+    edge_pixels: int = constant(12, 'px', 'of an edge count for one: it moves as a whole')
+    least_variance: float = constant(1e-4, 'sigma_z^2', 'below, correlations are unknown')
+    others: float = constant(0.05, 'of what is left', 'a channel with less is not listed')
+
+
+LOSS = Loss()
+THRESHOLDS = Thresholds()
+WHERE = Where()
