@@ -6,7 +6,7 @@ are complete. A process locks its scratch folder. The folder of a killed process
 the next run that writes beside it removes it.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 import errno
 import os
@@ -135,6 +135,34 @@ def check_folder(path: str | Path) -> None:
             raise InputError(f'{path}: cannot be written: must be a folder, got a file')
         if not os.access(there, os.W_OK | os.X_OK):
             raise InputError(f'{path}: cannot be written: the folder is read-only')
+
+
+def check_outputs(option: str, folder: str | Path, names: Iterable[str]) -> None:
+    """
+    Check that files can be written to a folder, before a long computation.
+
+    Parameters
+    ----------
+    option : str
+        The option that names the folder, for errors.
+    folder : str or pathlib.Path
+        It need not exist.
+    names : iterable of str
+        The files.
+
+    Raises
+    ------
+    InputError
+        Where `output_folder` or `whole_files` would.
+
+    """
+    try:
+        check_folder(folder)
+        if Path(folder).exists():
+            for name in names:
+                checked_target(Path(folder) / name)
+    except InputError as error:
+        raise InputError(f'{option}: {error}') from error
 
 
 def output_folder(path: str | Path) -> Path:

@@ -7,9 +7,10 @@ from typing import Any
 
 from flexx2_sim_ros.atomic import checked_target, whole
 from flexx2_sim_ros.cli.argument_types import SEEDS, whole_number
+from flexx2_sim_ros.cli.common import add_profile
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.physics.geometry import centred
-from flexx2_sim_ros.profiles.files import find_profile, PROFILE_HELP
+from flexx2_sim_ros.profiles.files import find_profile
 import numpy as np
 from rich import box
 from rich.console import Console
@@ -44,7 +45,7 @@ def add_parser(commands: Any) -> None:
         default=8,
         help=f'frames for each grid, {_INTERVAL} s apart (default %(default)s)',
     )
-    parser.add_argument('--profile', metavar='NAME', default='', help=PROFILE_HELP)
+    add_profile(parser)
     parser.add_argument('--usecase', metavar='MODE', help="mode (default: the camera's usual one)")
     parser.add_argument(
         '--seed', type=whole_number(*SEEDS), default=0, help='seed of the noise (default 0)'

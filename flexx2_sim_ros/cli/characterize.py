@@ -6,8 +6,9 @@ from typing import Any
 
 from flexx2_sim_ros.atomic import check_folder, output_folder
 from flexx2_sim_ros.cli.argument_types import MOST_FRAMES, MOST_JOBS, number, SEEDS, whole_number
+from flexx2_sim_ros.cli.common import add_profile
 from flexx2_sim_ros.errors import printable
-from flexx2_sim_ros.profiles.files import find_profile, PROFILE_HELP, save_profile
+from flexx2_sim_ros.profiles.files import find_profile, save_profile
 from flexx2_sim_ros.profiles.modes import Profile
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
@@ -81,7 +82,7 @@ def add_parser(commands: Any) -> None:
             default=300,
             help='frames in each recording (default %(default)s)',
         )
-        step.add_argument('--profile', metavar='NAME', default='', help=PROFILE_HELP)
+        add_profile(step)
     capture.add_argument(
         '--seed', type=whole_number(*SEEDS), default=0, help='seed of the noise (default 0)'
     )
@@ -114,7 +115,7 @@ def add_parser(commands: Any) -> None:
     )
     fit.add_argument('--camera', metavar='NAME', help='which camera, if bags have several')
     fit.add_argument('--model', metavar='NAME', help="the camera's name in the profile")
-    fit.add_argument('--profile', metavar='NAME', default='', help=PROFILE_HELP)
+    add_profile(fit)
     for step in (capture, fit):
         step.add_argument(
             '--jobs',

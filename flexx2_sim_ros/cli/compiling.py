@@ -6,9 +6,10 @@ from typing import Any
 
 from flexx2_sim_ros.camera.camera import Camera
 from flexx2_sim_ros.camera.compiling import compiling_said, warm_up
+from flexx2_sim_ros.cli.common import add_profile
 from flexx2_sim_ros.effects import Effect, registry
 from flexx2_sim_ros.physics.frame_state import why_no_phases
-from flexx2_sim_ros.profiles.files import find_profile, PROFILE_HELP
+from flexx2_sim_ros.profiles.files import find_profile
 
 
 def add_parser(commands: Any) -> None:
@@ -28,7 +29,7 @@ def add_parser(commands: Any) -> None:
         action='store_true',
         help='leave out the effects, which take most of the time',
     )
-    parser.add_argument('--profile', metavar='NAME', default='', help=PROFILE_HELP)
+    add_profile(parser)
     parser.set_defaults(run=run)
 
 

@@ -9,10 +9,11 @@ from typing import Any
 from flexx2_sim_ros.atomic import output_folder
 from flexx2_sim_ros.cli.argument_types import number
 from flexx2_sim_ros.cli.children import camera_command, check, nodes, Processes
+from flexx2_sim_ros.cli.common import add_profile
 from flexx2_sim_ros.cli.demo_picture import draw
 from flexx2_sim_ros.cli.ros import ros
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.profiles.files import find_profile, PROFILE_HELP
+from flexx2_sim_ros.profiles.files import find_profile
 import numpy as np
 from rich import box
 from rich.console import Console
@@ -50,7 +51,7 @@ def add_parser(commands: Any) -> None:
     parser.add_argument(
         '--renderer', default='auto', help='auto, egl, osmesa or ray (default %(default)s)'
     )
-    parser.add_argument('--profile', metavar='NAME', default='', help=PROFILE_HELP)
+    add_profile(parser)
     parser.set_defaults(run=run)
 
 

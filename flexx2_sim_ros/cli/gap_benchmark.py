@@ -2,11 +2,10 @@
 
 import argparse
 from pathlib import Path
-import shlex
-import sys
 from typing import Any
 
 from flexx2_sim_ros.cli.argument_types import MOST_JOBS, whole_number
+from flexx2_sim_ros.cli.common import command_line
 from rich.console import Console
 
 _CONFUSION = 'benchmark_confusion.png'
@@ -77,6 +76,5 @@ def run(arguments: argparse.Namespace) -> int:
         return 1
     print_report(scores, Console(markup=False))
     draw_confusion(scores, out / _CONFUSION)
-    words = sys.argv[1:] or ['gap', 'benchmark']
-    write_page(scores, out / 'benchmark.md', shlex.join(['flexx2', *words]), _CONFUSION)
+    write_page(scores, out / 'benchmark.md', command_line('gap', 'benchmark'), _CONFUSION)
     return 0

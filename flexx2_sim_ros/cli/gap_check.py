@@ -2,21 +2,21 @@
 
 import argparse
 import json
-import os
 from typing import Any
 
-from flexx2_sim_ros.cli.argument_types import MOST_JOBS, number, whole_number
-from flexx2_sim_ros.errors import printable
-from flexx2_sim_ros.profiles.files import PROFILE_HELP
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-from rich.table import Table
-
-KNOWN_HELP = (
-    'effects taken as given (a file as for flexx2 simulate --effects): the simulation has them, '
-    'and only the rest of the gap is looked at, e.g. after a firmware update or with a filter '
-    'switched on'
+from flexx2_sim_ros.cli.common import (
+    add_jobs,
+    add_known,
+    add_pose_prior,
+    add_profile,
+    add_scheduler,
+    add_seed,
+    progress_bar,
+    read_known,
 )
+from flexx2_sim_ros.errors import printable
+from rich.console import Console
+from rich.table import Table
 
 
 def add_parser(commands: Any) -> None:
@@ -41,47 +41,13 @@ def add_parser(commands: Any) -> None:
     parser.add_argument(
         '--json', action='store_true', help='print check.json to standard output, and no table'
     )
-    parser.add_argument(
-        '--known', metavar='FILE', help=f'{KNOWN_HELP} (default: as in the diagnosis)'
-    )
-    parser.add_argument('--profile', metavar='NAME', default='', help=PROFILE_HELP)
-    parser.add_argument(
-        '--seed',
-        type=whole_number(0, 10**9 - 1),
-        default=0,
-        help='seed of the simulations (default 0)',
-    )
-    parser.add_argument(
-        '--jobs',
-        type=whole_number(1, MOST_JOBS),
-        default=os.cpu_count() or 1,
-        help='number of processes (default: one per core)',
-    )
-    parser.add_argument(
-        '--scheduler',
-        metavar='ADDRESS',
-        help='use the Dask cluster of this scheduler; its workers must see the same paths',
-    )
-    parser.add_argument(
-        '--pose-prior',
-        type=number(0, 1e3, above=True),
-        nargs=2,
-        metavar=('METRES', 'DEGREES'),
-        help='how inaccurate the given camera poses are (default: as in the diagnosis)',
-    )
+    add_known(parser, 'as in the diagnosis')
+    add_profile(parser)
+    add_seed(parser)
+    add_jobs(parser)
+    add_scheduler(parser)
+    add_pose_prior(parser, None, 'as in the diagnosis')
     parser.set_defaults(run=run)
-
-
-def read_known(path: str | None) -> dict[str, dict[str, float]] | None:
-    """Return the parameters by effect of a file of effects; None for no file."""
-    from flexx2_sim_ros.effects import load_effects
-
-    if path is None:
-        return None
-    return {
-        effect.name: {p.name: float(getattr(effect, p.name)) for p in effect.parameters()}
-        for effect in load_effects(path)
-    }
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -92,25 +58,18 @@ def run(arguments: argparse.Namespace) -> int:
     console = Console(stderr=True, markup=False)
     out = arguments.out or arguments.diagnosis
     prior = arguments.pose_prior
-    with Progress(
-        TextColumn('{task.description}', markup=False),
-        BarColumn(),
-        TimeElapsedColumn(),
-        console=console,
-        transient=True,
-    ) as progress:
-        task = progress.add_task('starting', total=1.0)
+    with progress_bar(console) as progress:
         table = check(
             arguments.diagnosis,
             arguments.fresh,
-            profile=find_profile(arguments.profile) if arguments.profile else None,
+            profile=find_profile(arguments.profile),
             seed=arguments.seed,
             jobs=arguments.jobs,
             out=out,
             pose_prior=(prior[0], prior[1]) if prior else None,
             scheduler=arguments.scheduler,
             known=read_known(arguments.known),
-            progress=lambda text, share: progress.update(task, description=text, completed=share),
+            progress=progress,
         )
     if arguments.json:
         print(json.dumps(table, indent=2, allow_nan=False))

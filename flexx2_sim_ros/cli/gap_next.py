@@ -2,16 +2,13 @@
 
 import argparse
 import json
-import os
 from pathlib import Path
 from typing import Any
 
-from flexx2_sim_ros.atomic import check_folder, output_folder, write_text
-from flexx2_sim_ros.cli.argument_types import MOST_JOBS, whole_number
+from flexx2_sim_ros.atomic import check_outputs, output_folder, write_text
+from flexx2_sim_ros.cli.common import add_jobs, add_profile, add_seed, progress_bar
 from flexx2_sim_ros.errors import printable
-from flexx2_sim_ros.profiles.files import PROFILE_HELP
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 _FILE = 'next.json'
@@ -31,19 +28,9 @@ def add_parser(commands: Any) -> None:
         'diagnosis', metavar='DIAGNOSIS', help='folder that flexx2 gap diagnose has written'
     )
     parser.add_argument('--out', metavar='DIR', help='folder for next.json (default: DIAGNOSIS)')
-    parser.add_argument('--profile', metavar='NAME', default='', help=PROFILE_HELP)
-    parser.add_argument(
-        '--seed',
-        type=whole_number(0, 10**9 - 1),
-        default=0,
-        help='seed of the simulations (default 0)',
-    )
-    parser.add_argument(
-        '--jobs',
-        type=whole_number(1, MOST_JOBS),
-        default=os.cpu_count() or 1,
-        help='number of processes (default: one per core)',
-    )
+    add_profile(parser)
+    add_seed(parser)
+    add_jobs(parser)
     parser.set_defaults(run=run)
 
 
@@ -54,21 +41,14 @@ def run(arguments: argparse.Namespace) -> int:
 
     console = Console(stderr=True, markup=False)
     out = Path(arguments.out or arguments.diagnosis)
-    check_folder(out)
-    with Progress(
-        TextColumn('{task.description}', markup=False),
-        BarColumn(),
-        TimeElapsedColumn(),
-        console=console,
-        transient=True,
-    ) as progress:
-        task = progress.add_task('starting', total=1.0)
+    check_outputs('--out', out, [_FILE])
+    with progress_bar(console) as progress:
         table = suggest(
             arguments.diagnosis,
-            profile=find_profile(arguments.profile) if arguments.profile else None,
+            profile=find_profile(arguments.profile),
             seed=arguments.seed,
             jobs=arguments.jobs,
-            progress=lambda text, share: progress.update(task, description=text, completed=share),
+            progress=progress,
         )
     write_text(output_folder(out) / _FILE, json.dumps(table, indent=2, allow_nan=False) + '\n')
     shown = Table('bits', 'record', 'tells apart best')

@@ -1,16 +1,11 @@
 """`flexx2 gap plan`: what to record, and what it will be able to find."""
 
 import argparse
-import os
 from pathlib import Path
-import shlex
-import sys
 from typing import Any
 
-from flexx2_sim_ros.cli.argument_types import MOST_JOBS, whole_number
-from flexx2_sim_ros.profiles.files import PROFILE_HELP
+from flexx2_sim_ros.cli.common import add_jobs, add_profile, add_seed, command_line, progress_bar
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 CHECKLIST, PAGE, TABLE = 'checklist.md', 'plan.html', 'table.yaml'
 
@@ -35,19 +30,9 @@ def add_parser(commands: Any) -> None:
         help=f'compute the table for this plan and camera, and write it to {TABLE}. Takes about '
         'ten minutes; an interrupted run resumes',
     )
-    parser.add_argument('--profile', metavar='NAME', default='', help=PROFILE_HELP)
-    parser.add_argument(
-        '--seed',
-        type=whole_number(0, 10**6),
-        default=0,
-        help='seed of the simulations (default 0)',
-    )
-    parser.add_argument(
-        '--jobs',
-        type=whole_number(1, MOST_JOBS),
-        default=os.cpu_count() or 1,
-        help='number of processes (default: one per core)',
-    )
+    add_profile(parser)
+    add_seed(parser, most=10**6)
+    add_jobs(parser)
     parser.set_defaults(run=run)
 
 
@@ -55,7 +40,6 @@ def run(arguments: argparse.Namespace) -> int:
     """Write the checklist, the page and, if asked for, the table."""
     # Imported here: matplotlib and the compiled camera take seconds to load.
     from flexx2_sim_ros import atomic
-    from flexx2_sim_ros.camera import flexx2
     from flexx2_sim_ros.gap.planning.page import Checklist, markdown, page
     from flexx2_sim_ros.gap.planning.plan import default_plan, read_plan
     from flexx2_sim_ros.gap.planning.table import (
@@ -68,26 +52,14 @@ def run(arguments: argparse.Namespace) -> int:
     from flexx2_sim_ros.profiles.files import find_profile
 
     plan = read_plan(Path(arguments.plan) if arguments.plan else default_plan())
-    profile = find_profile(arguments.profile) if arguments.profile else flexx2()
+    profile = find_profile(arguments.profile)
     profile.mode(plan.usecase)
     out = atomic.output_folder(arguments.out)
     console = Console(stderr=True, markup=False)
     if arguments.compute:
         request = Request(plan, profile, out, arguments.seed, jobs=arguments.jobs)
-        words = sys.argv[1:] if sys.argv[1:2] == ['gap'] else ['gap', 'plan']
-        with Progress(
-            TextColumn('{task.description}', markup=False),
-            BarColumn(),
-            TimeElapsedColumn(),
-            console=console,
-            transient=True,
-        ) as progress:
-            task = progress.add_task('starting', total=1.0)
-            table = compute(
-                request,
-                shlex.join(['flexx2', *words]),
-                lambda text, share: progress.update(task, description=text, completed=share),
-            )
+        with progress_bar(console) as progress:
+            table = compute(request, command_line('gap', 'plan'), progress)
         atomic.write_text(out / TABLE, to_yaml(table))
     else:
         table = read_table(shipped_table())

@@ -4,17 +4,20 @@ import argparse
 from collections.abc import Callable
 from functools import partial
 import math
-import os
 from pathlib import Path
-import shlex
-import sys
 from typing import Any
 
-from flexx2_sim_ros.cli.argument_types import MOST_JOBS, number, whole_number
+from flexx2_sim_ros.cli.argument_types import number
+from flexx2_sim_ros.cli.common import (
+    add_jobs,
+    add_profile,
+    add_scheduler,
+    command_line,
+    progress_bar,
+)
 from flexx2_sim_ros.errors import InputError, printable, shown
-from flexx2_sim_ros.profiles.files import PROFILE_HELP
+from flexx2_sim_ros.profiles.files import find_profile
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 _UPS = '+x', '-x', '+y', '-y', '+z', '-z'
 
@@ -68,7 +71,7 @@ def add_parser(commands: Any) -> None:
         help="the room's axis that points up, for finding poses: +z, or +y for .glb (default)",
     )
     parser.add_argument('--camera', metavar='NAME', help='the camera of a bag that has several')
-    parser.add_argument('--profile', metavar='NAME', default='', help=PROFILE_HELP)
+    add_profile(parser)
     parser.add_argument(
         '--motion',
         choices=('auto', 'still', 'moving'),
@@ -87,17 +90,8 @@ def add_parser(commands: Any) -> None:
         metavar='FRACTION',
         help='standard deviation of the focal length, with --board (default 0.003)',
     )
-    parser.add_argument(
-        '--jobs',
-        type=whole_number(1, MOST_JOBS),
-        default=os.cpu_count() or 1,
-        help='number of processes (default: one per core)',
-    )
-    parser.add_argument(
-        '--scheduler',
-        metavar='ADDRESS',
-        help='use the Dask cluster of this scheduler; its workers must see the same paths',
-    )
+    add_jobs(parser)
+    add_scheduler(parser)
     parser.set_defaults(run=run)
 
 
@@ -105,15 +99,8 @@ def run(arguments: argparse.Namespace) -> int:
     """Make ground truth with a progress bar, and print the verdicts."""
     make = _maker(arguments)
     console = Console(stderr=True, markup=False)
-    with Progress(
-        TextColumn('{task.description}', markup=False),
-        BarColumn(),
-        TimeElapsedColumn(),
-        console=console,
-        transient=True,
-    ) as progress:
-        task = progress.add_task('starting', total=1.0)
-        table = make(lambda text, share: progress.update(task, description=text, completed=share))
+    with progress_bar(console) as progress:
+        table = make(progress)
     for row in table['recordings']:
         reasons = f': {"; ".join(row["reasons"])}' if row['reasons'] else ''
         console.print(printable(f'{row["name"]}: {row["verdict"]}{reasons}'), highlight=False)
@@ -148,12 +135,12 @@ def _room_maker(arguments: argparse.Namespace) -> _Maker:
         tuple(_pose(text) for text in arguments.pose),
         arguments.up or ('+y' if room.suffix.lower() == '.glb' else '+z'),
         arguments.camera,
-        _profile(arguments),
+        find_profile(arguments.profile),
         arguments.motion,
         0.003 if arguments.room_error is None else arguments.room_error,
         arguments.jobs,
         arguments.scheduler,
-        _command(),
+        command_line('gap', 'truth'),
     )
     return partial(make_truth, request)
 
@@ -170,12 +157,12 @@ def _board_maker(arguments: argparse.Namespace) -> _Maker:
         Path(arguments.board),
         Path(arguments.out),
         arguments.camera,
-        _profile(arguments),
+        find_profile(arguments.profile),
         arguments.motion,
         0.003 if arguments.lens_error is None else arguments.lens_error,
         arguments.jobs,
         arguments.scheduler,
-        _command(),
+        command_line('gap', 'truth'),
     )
     return partial(make_board_truth, request)
 
@@ -193,25 +180,14 @@ def _plane_maker(arguments: argparse.Namespace) -> _Maker:
         Path(arguments.planes),
         Path(arguments.out),
         arguments.camera,
-        _profile(arguments),
+        find_profile(arguments.profile),
         arguments.motion,
         arguments.room_error or 0.0,
         arguments.jobs,
         arguments.scheduler,
-        _command(),
+        command_line('gap', 'truth'),
     )
     return partial(make_plane_truth, request)
-
-
-def _profile(arguments: argparse.Namespace) -> Any:
-    from flexx2_sim_ros.profiles.files import find_profile
-
-    return find_profile(arguments.profile) if arguments.profile else None
-
-
-def _command() -> str:
-    words = sys.argv[1:] if sys.argv[1:2] == ['gap'] else ['gap', 'truth']
-    return shlex.join(['flexx2', *words])
 
 
 def _check_suffix(room: Path, scan: bool) -> None:

@@ -4,8 +4,9 @@ import argparse
 import math
 from typing import Any
 
+from flexx2_sim_ros.cli.common import add_profile
 from flexx2_sim_ros.errors import printable
-from flexx2_sim_ros.profiles.files import BUILT_IN, find_profile, PROFILE_HELP, shipped
+from flexx2_sim_ros.profiles.files import BUILT_IN, find_profile, shipped
 from flexx2_sim_ros.profiles.modes import Mode
 from flexx2_sim_ros.profiles.sensor import KINDS
 from rich import box
@@ -25,7 +26,7 @@ def add_parser(commands: Any) -> None:
         description='List the modes: rate, range, modulation, raw frames, and the noise model '
         f'with its coefficients. Shipped profiles: {", ".join(shipped())}.',
     )
-    parser.add_argument('--profile', metavar='NAME', default='', help=PROFILE_HELP)
+    add_profile(parser)
     parser.set_defaults(run=run)
 
 

@@ -8,10 +8,11 @@ import zlib
 from flexx2_sim_ros.atomic import check_distinct, checked_target
 from flexx2_sim_ros.camera.camera import Camera
 from flexx2_sim_ros.cli.argument_types import MOST_FRAMES, SEEDS, whole_number
+from flexx2_sim_ros.cli.common import add_profile
 from flexx2_sim_ros.effects import ageing, Effect, load_effects
 from flexx2_sim_ros.effects.registry import effects_yaml
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.profiles.files import find_profile, PROFILE_HELP
+from flexx2_sim_ros.profiles.files import find_profile
 from flexx2_sim_ros.profiles.modes import DEFAULT_USECASE
 from flexx2_sim_ros.recording import load_scene, RecordingWriter, Scene
 import numpy as np
@@ -43,7 +44,7 @@ def add_parser(commands: Any) -> None:
         '--usecase',
         help=f'mode (default {DEFAULT_USECASE}, or the first of the profile); see flexx2 modes',
     )
-    parser.add_argument('--profile', metavar='NAME', default='', help=PROFILE_HELP)
+    add_profile(parser)
     parser.add_argument(
         '--effects',
         metavar='FILE',

@@ -1,12 +1,13 @@
 """Check a diagnosis on recordings that it has never seen."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 import time
 from typing import Any
 
 from flexx2_sim_ros import __version__
+from flexx2_sim_ros.atomic import check_outputs
 from flexx2_sim_ros.camera import Profile
 from flexx2_sim_ros.errors import InputError, unquoted
 from flexx2_sim_ros.gap.calibration.features import FEATURES
@@ -18,17 +19,16 @@ from flexx2_sim_ros.gap.features.before_after import before_after
 from flexx2_sim_ros.gap.features.catalogue import Candidate, catalogue, Column, nuisances, Term
 from flexx2_sim_ros.gap.features.evidence import Evidence
 from flexx2_sim_ros.gap.features.physical import UNITS
-from flexx2_sim_ros.gap.inference.effects import parameters_of
+from flexx2_sim_ros.gap.inference.effects import table_of
 from flexx2_sim_ros.gap.inference.fitting import Fit, fit
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.inference.uncertainty import mean_interval, ratio_interval
-from flexx2_sim_ros.gap.report.check_page import check_writable, write_check
+from flexx2_sim_ros.gap.report.check_page import FILES, write_check
 from flexx2_sim_ros.gap.report.reading import Diagnosed, read_diagnosis
-from flexx2_sim_ros.gap.work import find, summarise_all
+from flexx2_sim_ros.gap.work import find, Progress, stepper, summarise_all
 from flexx2_sim_ros.jobs import bind, Map, workers
 import numpy as np
 
-Progress = Callable[[str, float], None]
 SCHEMA = 1
 _SET = 'set'
 
@@ -87,14 +87,14 @@ def check(
     """
     began = time.monotonic()
     if out is not None:
-        check_writable(Path(out))
+        check_outputs('--out', out, FILES)
     before = read_diagnosis(Path(diagnosis))
     effects = before.effects_to_check()
     given = before.known if known is None else known
     together(given_effects(given), effects)  # Refuses effects that are in both.
     metres, degrees = before.pose_prior if pose_prior is None else pose_prior
     request = _Request(
-        {one.name: parameters_of(one) for one in effects},
+        table_of(effects),
         {name: dict(values) for name, values in given.items()},
         profile,
         seed,
@@ -107,7 +107,7 @@ def check(
         found, left_out = find(folder, profile, mapped)
         _refuse_seen(before, found, profile, mapped)
         columns = _columns(found[0], request.effects)
-        step = _stepper(request.progress, 'simulating the recordings', 0.05, 0.6, len(found))
+        step = stepper(request.progress, 'simulating the recordings', 0.05, 0.6, len(found))
         prior = np.array(request.prior)
         files, evidence, unusable = summarise_all(
             folder, found, left_out, profile, columns, seed, prior, mapped, step, request.known
@@ -161,7 +161,7 @@ def _compare(request: _Request, used: Used, mapped: Map) -> _Values:
     physical = mapped(
         work,
         [(file, tuple(m), tuple(n)) for (file, _), m, n in zip(used, *motions, strict=True)],
-        _stepper(request.progress, 'measuring in physical units', 0.65, 0.33, len(used)),
+        stepper(request.progress, 'measuring in physical units', 0.65, 0.33, len(used)),
     )
     values = {'loss': _losses(model, base, with_effects)}
     values.update({unit: np.array([one[unit] for one in physical]) for unit in UNITS})
@@ -340,16 +340,3 @@ def _tolerance(name: str, model: Model) -> float:
         'kl_nats': bias**2 / 2,
         'correlation': FEATURES.tolerances['neighbour'],
     }[name]
-
-
-def _stepper(
-    progress: Progress, text: str, start: float, weight: float, total: int
-) -> Callable[[], None]:
-    done = 0
-
-    def step() -> None:
-        nonlocal done
-        done += 1
-        progress(text, start + weight * done / total)
-
-    return step

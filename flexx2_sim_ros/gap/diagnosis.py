@@ -8,6 +8,7 @@ import time
 from typing import Any
 
 from flexx2_sim_ros import __version__
+from flexx2_sim_ros.atomic import check_outputs
 from flexx2_sim_ros.camera import Profile
 from flexx2_sim_ros.effects import Effect, of_role, registry
 from flexx2_sim_ros.errors import InputError
@@ -16,17 +17,15 @@ from flexx2_sim_ros.gap.data.given import given_effects, Table
 from flexx2_sim_ros.gap.features.catalogue import Candidate, catalogue
 from flexx2_sim_ros.gap.features.confirm import Outcome
 from flexx2_sim_ros.gap.inference.decide import decide, Decision
-from flexx2_sim_ros.gap.inference.effects import fitted_effects, parameters_of
+from flexx2_sim_ros.gap.inference.effects import fitted_effects, table_of
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.inference.patch import fit_patch
 from flexx2_sim_ros.gap.report.table import diagnosis_table
-from flexx2_sim_ros.gap.report.writing import check_folder, write
-from flexx2_sim_ros.gap.work import find, simulate_set, summarise_all
+from flexx2_sim_ros.gap.report.writing import FILES, write
+from flexx2_sim_ros.gap.work import find, Progress, simulate_set, stepper, summarise_all
 from flexx2_sim_ros.jobs import bind, Map, workers
 from flexx2_sim_ros.physics.frame_state import why_no_phases
 import numpy as np
-
-Progress = Callable[[str, float], None]
 
 
 def diagnose(
@@ -82,10 +81,10 @@ def diagnose(
     """
     began = time.monotonic()
     _check(without, seed, jobs, pose_prior)
-    known = {effect.name: parameters_of(effect) for effect in given_effects(known or {})}
+    known = table_of(given_effects(known or {}))
     progress = progress or (lambda text, fraction: None)
     if out is not None:
-        check_folder(Path(out))
+        check_outputs('--out', out, FILES)
     if scheduler is not None:
         campaign_dir = Path(campaign_dir).absolute()  # Workers run in other folders.
     progress('looking for recordings', 0.0)
@@ -95,14 +94,14 @@ def diagnose(
         no_phases = why_no_phases(found[0].mode)
         columns, candidates = catalogue({*without, *known}, not no_phases)
         text = 'simulating what could explain the recordings'
-        step = _stepper(progress, text, 0.02, 0.7, len(found))
+        step = stepper(progress, text, 0.02, 0.7, len(found))
         used, evidence, unusable = summarise_all(
             campaign_dir, found, left_out, profile, columns, seed, prior, mapped, step, known
         )
         model = Model(evidence, columns, prior)
         decision = _decide(model, candidates, progress)
         effects = fitted_effects(model, decision.accepted)
-        step = _stepper(progress, 'simulating the outcome', 0.83, 0.15, len(used))
+        step = stepper(progress, 'simulating the outcome', 0.83, 0.15, len(used))
         confirmed = _confirm(model, decision, effects, used, profile, seed, known, mapped, step)
     progress('writing', 0.98)
     table = diagnosis_table(model, decision, effects, confirmed, used, [*left_out, *unusable])
@@ -142,24 +141,10 @@ def _check(
         raise InputError(f'pose_prior: must be metres and degrees above 0, got {pose_prior!r}')
 
 
-def _stepper(
-    progress: Progress, text: str, start: float, weight: float, total: int
-) -> Callable[[], None]:
-    # To be called after each of `total` steps, which are `weight` of the whole work.
-    done = 0
-
-    def step() -> None:
-        nonlocal done
-        done += 1
-        progress(text, min(start + weight * done / max(total, 1), start + weight))
-
-    return step
-
-
 def _decide(model: Model, candidates: list[Candidate], progress: Progress) -> Decision:
     if not model.own.posed.any():
         candidates = [one for one in candidates if one.kind.role != 'pose']
-    step = _stepper(progress, 'comparing explanations', 0.72, 0.1, 4 * len(candidates))
+    step = stepper(progress, 'comparing explanations', 0.72, 0.1, 4 * len(candidates))
     decision = decide(model, candidates, step)
     if not model.seen.any():
         return replace(decision, verdict='none')  # The table says `too_little`.
@@ -179,7 +164,7 @@ def _confirm(
 ) -> list[Outcome]:
     # Simulates each recording at the pose that was found, with the effects of the camera.
     motions = model.own.found(decision.accepted.nuisances)
-    of_camera = {one.name: parameters_of(one) for one in effects if one.role != 'pose'}
+    of_camera = table_of(one for one in effects if one.role != 'pose')
     jobs = [(file, tuple(motion)) for file, motion in zip(used, motions, strict=True)]
     return mapped(
         bind(simulate_set, profile=profile, seed=seed, effects=of_camera, known=known), jobs, step

@@ -9,6 +9,7 @@ from flexx2_sim_ros.effects import of_role, parse_effects
 from flexx2_sim_ros.gap.calibration.inference import THRESHOLDS
 from flexx2_sim_ros.gap.data.pose import NAMES, STEPS
 from flexx2_sim_ros.gap.features.catalogue import Candidate, catalogue, Column, nuisances, Term
+from flexx2_sim_ros.gap.inference.effects import table_of
 from flexx2_sim_ros.gap.inference.fitting import fit
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.work import find, summarise_all
@@ -54,10 +55,7 @@ def measure(
         When no recording or effect can be used.
 
     """
-    table: dict[str, dict[str, float]] = {
-        effect.name: {p.name: float(getattr(effect, p.name)) for p in effect.parameters()}
-        for effect in parse_effects(effects)
-    }
+    table = table_of(parse_effects(effects))
     prior = np.array([pose_prior[0]] * 3 + [pose_prior[1]] * 3)
     posed = table.pop(of_role('pose').name, None)
     with workers(jobs, None) as mapped:

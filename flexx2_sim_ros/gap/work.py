@@ -15,6 +15,36 @@ from flexx2_sim_ros.jobs import bind, Map
 from flexx2_sim_ros.recording.folders import find_recordings
 import numpy as np
 
+Progress = Callable[[str, float], None]
+
+
+def stepper(
+    progress: Progress, text: str, start: float, weight: float, total: int
+) -> Callable[[], None]:
+    """
+    Return a function that reports progress each time it is called.
+
+    Parameters
+    ----------
+    progress : callable
+        Called with what is being done, and the fraction of the whole work that is done.
+    text : str
+        What is being done.
+    start, weight : float
+        The fraction of the whole work that is done before, and the fraction that this is.
+    total : int
+        How often the function will be called. More calls report no more progress.
+
+    """
+    done = 0
+
+    def step() -> None:
+        nonlocal done
+        done += 1
+        progress(text, start + weight * min(done / max(total, 1), 1.0))
+
+    return step
+
 
 def find(
     folder: str | Path, profile: Profile | None, mapped: Map

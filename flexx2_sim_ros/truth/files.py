@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from flexx2_sim_ros import __version__, atomic
-from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.jobs import Map
 from flexx2_sim_ros.recording import open_recording
 from flexx2_sim_ros.recording.folders import BAG_FILES, find_recordings, is_bag
@@ -84,10 +83,7 @@ def check_files(out: Path, paths: Sequence[Path], camera: str | None) -> None:
         When one of them cannot, before anything is computed.
 
     """
-    try:
-        atomic.check_folder(out)
-    except InputError as error:
-        raise InputError(f'--out: {error}') from error
+    atomic.check_outputs('--out', out, FILES)
     for path, name in zip(paths, names_of(paths), strict=True):
         open_recording(path, camera)
         atomic.check_distinct(path, out / name)

@@ -1,5 +1,7 @@
 """The effects of a fit, with the parameters that it found."""
 
+from collections.abc import Iterable
+
 from flexx2_sim_ros.effects import Effect, registry
 from flexx2_sim_ros.gap.data.pose import NAMES
 from flexx2_sim_ros.gap.data.prior import POSE
@@ -55,3 +57,8 @@ def _effect(model: Model, fit: Fit, candidate: Candidate, values: tuple[float, .
 def parameters_of(effect: Effect) -> dict[str, float]:
     """Return the parameters of an effect by name."""
     return {p.name: float(getattr(effect, p.name)) for p in effect.parameters()}
+
+
+def table_of(effects: Iterable[Effect]) -> dict[str, dict[str, float]]:
+    """Return the parameters by effect, as `parse_effects` reads them."""
+    return {effect.name: parameters_of(effect) for effect in effects}

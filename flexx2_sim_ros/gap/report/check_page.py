@@ -6,9 +6,7 @@ import json
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from flexx2_sim_ros import atomic
-from flexx2_sim_ros.atomic import checked_target, output_folder, whole_files
-from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.atomic import output_folder, whole_files
 from flexx2_sim_ros.html_drawing import bar
 from flexx2_sim_ros.html_page import html_page
 
@@ -49,17 +47,6 @@ class Line(NamedTuple):
     null: str
     change: str
     verdict: str
-
-
-def check_writable(folder: Path) -> None:
-    """Raise `InputError` where `write_check` could not write, before a long computation."""
-    try:
-        atomic.check_folder(folder)
-        if folder.exists():
-            for name in FILES:
-                checked_target(folder / name)
-    except InputError as error:
-        raise InputError(f'--out: {error}') from error
 
 
 def write_check(folder: Path, table: dict[str, Any]) -> None:

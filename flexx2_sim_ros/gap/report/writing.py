@@ -5,35 +5,14 @@ import json
 from pathlib import Path
 from typing import Any
 
-from flexx2_sim_ros import atomic
-from flexx2_sim_ros.atomic import checked_target, output_folder, whole_files
+from flexx2_sim_ros.atomic import output_folder, whole_files
 from flexx2_sim_ros.effects import Effect, save_effects
-from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap.features.confirm import Outcome
 from flexx2_sim_ros.gap.inference.decide import Decision
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.report.page import page
 
 FILES = ('diagnosis.json', 'effects.yaml', 'report.html')
-
-
-def check_folder(folder: Path) -> None:
-    """
-    Raise `InputError` where `write` could not write, before there is anything to be written.
-
-    Parameters
-    ----------
-    folder : pathlib.Path
-        It need not be there yet.
-
-    """
-    try:
-        atomic.check_folder(folder)
-        if folder.exists():
-            for name in FILES:
-                checked_target(folder / name)
-    except InputError as error:
-        raise InputError(f'--out: {error}') from error
 
 
 def write(

@@ -1,0 +1,110 @@
+"""What several commands share: options, a progress bar, the command as it was typed."""
+
+import argparse
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+import os
+import shlex
+import sys
+
+from flexx2_sim_ros.cli.argument_types import MOST_JOBS, number, whole_number
+from flexx2_sim_ros.profiles.files import PROFILE_HELP
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+MOST_SEED = 10**9 - 1  # of the diagnosis
+
+
+def add_profile(parser: argparse.ArgumentParser) -> None:
+    """Add ``--profile``; `find_profile` reads it."""
+    parser.add_argument('--profile', metavar='NAME', default='', help=PROFILE_HELP)
+
+
+def add_seed(parser: argparse.ArgumentParser, most: int = MOST_SEED) -> None:
+    """Add ``--seed`` of the simulations of a diagnosis."""
+    parser.add_argument(
+        '--seed', type=whole_number(0, most), default=0, help='seed of the simulations (default 0)'
+    )
+
+
+def add_jobs(parser: argparse.ArgumentParser) -> None:
+    """Add ``--jobs``, by default one process per core."""
+    parser.add_argument(
+        '--jobs',
+        type=whole_number(1, MOST_JOBS),
+        default=os.cpu_count() or 1,
+        help='number of processes (default: one per core)',
+    )
+
+
+def add_scheduler(parser: argparse.ArgumentParser) -> None:
+    """Add ``--scheduler``, the address of a Dask cluster."""
+    parser.add_argument(
+        '--scheduler',
+        metavar='ADDRESS',
+        help='use the Dask cluster of this scheduler, e.g. tcp://host:8786; its workers must see '
+        'the recordings at the same paths',
+    )
+
+
+def add_pose_prior(
+    parser: argparse.ArgumentParser, default: tuple[float, float] | None, text: str
+) -> None:
+    """Add ``--pose-prior``; `text` says what its default is."""
+    parser.add_argument(
+        '--pose-prior',
+        type=number(0, 1e3, above=True),
+        nargs=2,
+        default=default,
+        metavar=('METRES', 'DEGREES'),
+        help='how inaccurate the given camera poses are: standard deviations of position and '
+        f'angle (default: {text})',
+    )
+
+
+def add_known(parser: argparse.ArgumentParser, text: str = 'none') -> None:
+    """Add ``--known``; `text` says what its default is."""
+    parser.add_argument(
+        '--known',
+        metavar='FILE',
+        help='effects taken as given (a file as for flexx2 simulate --effects): the simulation '
+        'has them, and only the rest of the gap is looked at, e.g. after a firmware update or '
+        f'with a filter switched on (default: {text})',
+    )
+
+
+def read_known(path: str | None) -> dict[str, dict[str, float]] | None:
+    """Return the parameters by effect of a file of effects; None for no file."""
+    # Imported here: the diagnosis takes seconds to load.
+    from flexx2_sim_ros.effects import load_effects
+    from flexx2_sim_ros.gap.inference.effects import table_of
+
+    return None if path is None else table_of(load_effects(path))
+
+
+@contextmanager
+def progress_bar(console: Console) -> Iterator[Callable[[str, float], None]]:
+    """
+    Show a progress bar while the block runs.
+
+    Yields
+    ------
+    callable
+        To be called with what is being done, and the fraction that is done.
+
+    """
+    with Progress(
+        TextColumn('{task.description}', markup=False),
+        BarColumn(),
+        TimeElapsedColumn(),
+        console=console,
+        transient=True,
+    ) as progress:
+        task = progress.add_task('starting', total=1.0)
+        yield lambda text, done: progress.update(task, description=text, completed=done)
+
+
+def command_line(*words: str) -> str:
+    """Return the command as it was typed, or `words` where Python code calls it."""
+    typed = sys.argv[1:] if sys.argv[1:2] == list(words[:1]) else words
+    return shlex.join(['flexx2', *typed])

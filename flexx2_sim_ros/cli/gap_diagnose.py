@@ -1,0 +1,79 @@
+"""`flexx2 gap diagnose`: find out why recordings differ from the simulation."""
+
+import argparse
+from typing import Any
+
+from flexx2_sim_ros.cli.common import (
+    add_jobs,
+    add_known,
+    add_pose_prior,
+    add_profile,
+    add_scheduler,
+    add_seed,
+    progress_bar,
+    read_known,
+)
+from flexx2_sim_ros.errors import printable
+from rich.console import Console
+
+
+def add_parser(commands: Any) -> None:
+    """Add the subcommand."""
+    parser = commands.add_parser(
+        'diagnose',
+        help='find which effects cause the gap, where it lies and how much they explain',
+        description='Find the effects that explain the gap. The result says for example that '
+        'an effect removes 61 % of the gap: this fraction of the difference goes away, on '
+        'recordings that were not used for the fit, once the effect is simulated. An '
+        'alternative explanation is an effect that explains the recordings equally well. '
+        'CAMPAIGN is a folder of recordings (.npz or bags) with their ground truth, '
+        'clean_depth; each shows one scene. DIR gets report.html, diagnosis.json '
+        '(docs/diagnosis.md) and effects.yaml (for flexx2 simulate --effects and the node).',
+        epilog='example: flexx2 gap diagnose recordings --out diagnosis --pose-prior 0.005 0.25',
+    )
+    parser.add_argument('campaign', metavar='CAMPAIGN', help='folder of recordings')
+    parser.add_argument('--out', required=True, metavar='DIR', help='folder for the results')
+    add_profile(parser)
+    parser.add_argument(
+        '--without',
+        action='append',
+        default=[],
+        metavar='NAME',
+        help='do not consider this effect (may be repeated)',
+    )
+    add_seed(parser)
+    add_jobs(parser)
+    add_scheduler(parser)
+    add_pose_prior(parser, (0.010, 0.5), '0.01 0.5')
+    add_known(parser)
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Diagnose with a progress bar, and print a short result."""
+    from flexx2_sim_ros.gap import diagnose
+    from flexx2_sim_ros.gap.report.words import headline, remarks, sentences
+    from flexx2_sim_ros.profiles.files import find_profile
+
+    console = Console(stderr=True, markup=False)
+    with progress_bar(console) as progress:
+        table = diagnose(
+            arguments.campaign,
+            profile=find_profile(arguments.profile),
+            without=arguments.without,
+            seed=arguments.seed,
+            jobs=arguments.jobs,
+            out=arguments.out,
+            pose_prior=tuple(arguments.pose_prior),
+            scheduler=arguments.scheduler,
+            known=read_known(arguments.known),
+            progress=progress,
+        )
+    console.print(headline(table), style='bold', highlight=False)
+    for line in sentences(table) + remarks(table):
+        console.print(printable(line), highlight=False)
+    console.print(
+        f'{arguments.out}: diagnosis.json, effects.yaml, report.html ({table["seconds"]:.0f} s)',
+        highlight=False,
+    )
+    return 0
