@@ -1,0 +1,97 @@
+"""Frames and their times, asked for line by line: the processes of `bench.versions`."""
+
+from collections.abc import Callable, Iterator
+from functools import partial
+from itertools import count
+from pathlib import Path
+import sys
+import tempfile
+import time
+from typing import Any
+
+from bench.scenes import room
+from bench.timing import one_core
+from flexx2_sim_ros.batch import BatchCamera
+from flexx2_sim_ros.camera import Camera, flexx2
+from flexx2_sim_ros.effects import registry
+import numpy as np
+import warp as wp
+
+_PERIOD = 33_333_333  # nanoseconds
+_ENVS = 8
+_COMPARED_MODES = 'Mode_9_30fps', 'Mode_5_30fps'
+_COMPARED_FRAMES = 4
+
+
+def main() -> None:
+    """Answer ``cases``, ``time`` and ``frames`` (a case each, after a tab) until input ends."""
+    wp.config.log_level = wp.LOG_ERROR
+    makers = dict(_makers())
+    running: dict[str, Callable[[], object]] = {}
+    with one_core(), tempfile.TemporaryDirectory() as folder:
+        for line in sys.stdin:
+            what, case = line.rstrip('\n').split('\t')
+            if what == 'cases':
+                answer = '\t'.join(makers)
+            elif what == 'time':
+                if case not in running:
+                    running[case] = makers[case]('Mode_9_30fps')
+                start = time.process_time()
+                running[case]()
+                answer = str(time.process_time() - start)
+            else:
+                answer = str(Path(folder) / 'frames.npy')
+                np.save(answer, _frames(makers[case]))
+            print(answer, flush=True)
+
+
+def _makers() -> Iterator[tuple[str, Callable[[str], Callable[[], np.ndarray]]]]:
+    # What makes, for a mode, a function that returns one frame after the other.
+    names = list(registry())
+    sets: dict[str, dict[str, Any]] = {'no effects': {}, **{name: {name: None} for name in names}}
+    for name, effects in {**sets, 'all effects': dict.fromkeys(names)}.items():
+        yield f'Camera: {name}', partial(_one, effects)
+        yield f'BatchCamera: {name}', partial(_many, effects)
+
+
+def _scenes() -> tuple[list[np.ndarray], np.ndarray]:
+    # A scene at two moments, so that effects of motion have something to do, and reflectivity.
+    scene = room()
+    shades = np.random.default_rng(1).uniform(0.2, 0.9, scene.shape).astype(np.float32)
+    return [scene, scene - np.float32(0.01)], shades
+
+
+def _one(effects: dict[str, Any], mode: str) -> Callable[[], np.ndarray]:
+    camera, matrix = Camera(mode, effects=effects, seed=1), flexx2().intrinsics.matrix
+    (scenes, shades), ticks = _scenes(), count()
+
+    def frame() -> np.ndarray:
+        tick = next(ticks)
+        return camera.capture(scenes[tick % 2], matrix, tick * _PERIOD, shades).depth
+
+    return frame
+
+
+def _many(effects: dict[str, Any], mode: str) -> Callable[[], np.ndarray]:
+    camera = BatchCamera(_ENVS, mode, effects=effects, seed=1, device='cpu')
+    (scenes, shades), ticks = _scenes(), count()
+    depth = [np.repeat(scene[None], _ENVS, axis=0) for scene in scenes]
+    reflectivity = np.repeat(shades[None], _ENVS, axis=0)
+
+    def frames() -> np.ndarray:
+        seen: np.ndarray = camera(depth[next(ticks) % 2], reflectivity)
+        return seen
+
+    return frames
+
+
+def _frames(make: Callable[[str], Callable[[], np.ndarray]]) -> np.ndarray:
+    made = []
+    for mode in _COMPARED_MODES:
+        look = make(mode)
+        made += [look().copy() for _ in range(_COMPARED_FRAMES)]
+    return np.stack(made)
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,124 @@
+"""
+Compare the frames of this version with those of another one: their time and their depths.
+
+The other version is a Git revision. Its package runs in a process of its own, this one's in
+another, and the two take turns on one core. Effects that only one of them has are left out.
+``BatchCamera`` makes 8 frames at a time; its times are for all 8.
+
+python -m bench.versions REVISION
+python -m bench.versions REVISION --cases 'Camera: multipath,BatchCamera: multipath' --rounds 60
+"""
+
+import argparse
+from contextlib import ExitStack
+import io
+from pathlib import Path
+import shutil
+import statistics
+import subprocess
+import sys
+import tarfile
+import tempfile
+from typing import IO
+
+import numpy as np
+
+_BENCH = Path(__file__).resolve().parent
+_SAME = 1e-6  # metres
+
+
+def main() -> None:
+    """Print a line for each case."""
+    parser = argparse.ArgumentParser(description='Compare the frames of two versions.')
+    parser.add_argument('revision', help='the other version, e.g. HEAD~1')
+    parser.add_argument('--cases', default='', help='separated by commas; default: all')
+    parser.add_argument('--rounds', type=int, default=40)
+    arguments = parser.parse_args()
+    with ExitStack() as stack:
+        tree = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+        _export(arguments.revision, tree)
+        before, after = (stack.enter_context(_Version(folder)) for folder in (tree, _BENCH.parent))
+        theirs = before.ask('cases').split('\t')
+        cases = [case for case in after.ask('cases').split('\t') if case in theirs]
+        if arguments.cases:
+            cases = [case for case in cases if case in arguments.cases.split(',')]
+        print('224 x 172 pixels, Mode_9_30fps, one core; medians of CPU time in milliseconds')
+        print(
+            f'{"":32s}  before   after  / before   largest difference (m)   pixels beyond '
+            f'{_SAME:g} m'
+        )
+        for case in cases:
+            _compare(case, before, after, arguments.rounds)
+
+
+def _compare(case: str, before: '_Version', after: '_Version', rounds: int) -> None:
+    times: dict[_Version, list[float]] = {before: [], after: []}
+    for turn in range(rounds + 2):
+        for version, taken in times.items():
+            seconds = float(version.ask('time', case))
+            if turn >= 2:  # The first ones compile and allocate.
+                taken.append(1e3 * seconds)
+    old, new = (statistics.median(taken) for taken in times.values())
+    largest, beyond = _difference(*(np.load(one.ask('frames', case)) for one in times))
+    print(
+        f'{case:32s} {old:7.2f} {new:7.2f} {new / old:9.2f} {largest:24.1e} {beyond:22d}',
+        flush=True,
+    )
+
+
+def _difference(before: np.ndarray, after: np.ndarray) -> tuple[float, int]:
+    # In pixels that both see; and how many differ by more than `_SAME`, or in validity.
+    seen = np.isfinite(before)
+    apart = np.abs(np.where(seen & np.isfinite(after), before - after, 0))
+    return float(apart.max()), int(((apart > _SAME) | (seen != np.isfinite(after))).sum())
+
+
+def _export(revision: str, tree: Path) -> None:
+    # The other version's package, with the measurements of this one.
+    archive = subprocess.run(
+        ['git', 'archive', revision, 'flexx2_sim_ros', 'config'],
+        cwd=_BENCH.parent,
+        check=True,
+        stdout=subprocess.PIPE,
+    ).stdout
+    with tarfile.open(fileobj=io.BytesIO(archive)) as files:
+        files.extractall(tree, filter='data')
+    shutil.copytree(_BENCH, tree / 'bench')
+
+
+class _Version:
+    # A process that runs the package in a folder.
+
+    def __init__(self, folder: Path) -> None:
+        self._process = subprocess.Popen(
+            [sys.executable, '-m', 'bench.version_frames'],
+            cwd=folder,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+
+    def __enter__(self) -> '_Version':
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        _opened(self._process.stdin).close()
+        self._process.wait()
+
+    def ask(self, what: str, case: str = '') -> str:
+        questions = _opened(self._process.stdin)
+        questions.write(f'{what}\t{case}\n')
+        questions.flush()
+        answer = _opened(self._process.stdout).readline().rstrip('\n')
+        if not answer:
+            raise SystemExit(f'{what} {case}: the process ended')
+        return answer
+
+
+def _opened(pipe: IO[str] | None) -> IO[str]:
+    assert pipe is not None
+    return pipe
+
+
+if __name__ == '__main__':
+    main()
