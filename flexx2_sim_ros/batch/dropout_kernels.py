@@ -1,5 +1,7 @@
 """Effects that lose pixels of the finished frame, as Warp kernels."""
 
+from typing import Any
+
 from flexx2_sim_ros.batch.arithmetic import arccos, log_from_zero
 from flexx2_sim_ros.batch.arrays import at, put
 from flexx2_sim_ros.batch.compiled import compiled
@@ -46,104 +48,87 @@ def draw_between(
     return last
 
 
-@wp.kernel
-def lose_dark(
-    lens: Lens,
-    first: wp.int32,
-    chunk: wp.int32,
-    effects: wp.array(dtype=Effects),
-    keys: wp.array(dtype=wp.vec2ui),
-    stamps: wp.array(dtype=wp.int64),
-    seen: Seen,
-    out: wp.array(dtype=wp.float32),
-):
-    """Lose pixels with little light: the effect low_signal_dropout."""
-    n, y, c = wp.tid()
-    e = effects[first + n]
-    if e.low_signal_dropout_strength <= 0.0:
-        return
-    pixels = lens.height * lens.width
-    drawn = n * blocks_of(pixels) * 4
-    x = y * lens.width + c * chunk
-    end = wp.min(x + chunk, (y + 1) * lens.width)
-    draw_between(x, end, drawn, _LOW_SIGNAL, stamps[first + n], keys[first + n], seen.chances)
-    while x < end:
-        survives = _survives_darkness(
-            log_from_zero(at(seen.amplitude, n * pixels + x)),
-            e.low_signal_dropout_log_half,
-            e.low_signal_dropout_slope,
-            e.low_signal_dropout_strength,
-        )
-        i = (first + n) * pixels + x
-        put(out, i, wp.where(at(seen.chances, drawn + x) > survives, lens.invalid, at(out, i)))
-        x += 1
+@wp.func
+def _darkness_strength(e: Effects) -> wp.float32:
+    return e.low_signal_dropout_strength
 
 
-@wp.kernel
-def lose_slanted(
-    lens: Lens,
-    first: wp.int32,
-    chunk: wp.int32,
-    effects: wp.array(dtype=Effects),
-    keys: wp.array(dtype=wp.vec2ui),
-    stamps: wp.array(dtype=wp.int64),
-    seen: Seen,
-    out: wp.array(dtype=wp.float32),
-):
-    """Lose pixels of slanted surfaces: the effect grazing_dropout."""
-    n, y, c = wp.tid()
-    e = effects[first + n]
-    if e.grazing_dropout_strength <= 0.0:
-        return
-    pixels = lens.height * lens.width
-    drawn = n * blocks_of(pixels) * 4
-    x = y * lens.width + c * chunk
-    end = wp.min(x + chunk, (y + 1) * lens.width)
-    draw_between(x, end, drawn, _GRAZING, stamps[first + n], keys[first + n], seen.chances)
-    while x < end:
-        survives = _survives_grazing(
-            arccos(at(seen.cosine, n * pixels + x)),
-            at(seen.depth, n * pixels + x),
-            e.grazing_dropout_half,
-            e.grazing_dropout_width,
-            e.grazing_dropout_distance,
-            e.grazing_dropout_strength,
-        )
-        i = (first + n) * pixels + x
-        put(out, i, wp.where(at(seen.chances, drawn + x) > survives, lens.invalid, at(out, i)))
-        x += 1
+@wp.func
+def _chance_in_darkness(e: Effects, seen: Seen, i: wp.int32) -> wp.float32:
+    return _survives_darkness(
+        log_from_zero(at(seen.amplitude, i)),
+        e.low_signal_dropout_log_half,
+        e.low_signal_dropout_slope,
+        e.low_signal_dropout_strength,
+    )
 
 
-@wp.kernel
-def lose_bright(
-    lens: Lens,
-    first: wp.int32,
-    chunk: wp.int32,
-    effects: wp.array(dtype=Effects),
-    keys: wp.array(dtype=wp.vec2ui),
-    stamps: wp.array(dtype=wp.int64),
-    seen: Seen,
-    out: wp.array(dtype=wp.float32),
-):
-    """Lose pixels with much light: the effect saturation."""
-    n, y, c = wp.tid()
-    e = effects[first + n]
-    if e.saturation_strength <= 0.0:
-        return
-    pixels = lens.height * lens.width
-    drawn = n * blocks_of(pixels) * 4
-    x = y * lens.width + c * chunk
-    end = wp.min(x + chunk, (y + 1) * lens.width)
-    draw_between(x, end, drawn, _SATURATION, stamps[first + n], keys[first + n], seen.chances)
-    while x < end:
-        incidence = arccos(at(seen.cosine, n * pixels + x))
-        survives = _survives_light(
-            log_from_zero(at(seen.amplitude, n * pixels + x)),
-            _specular_gain(incidence, e.saturation_gloss, e.saturation_lobe),
-            e.saturation_log_half,
-            e.saturation_slope,
-            e.saturation_strength,
-        )
-        i = (first + n) * pixels + x
-        put(out, i, wp.where(at(seen.chances, drawn + x) > survives, lens.invalid, at(out, i)))
-        x += 1
+@wp.func
+def _grazing_strength(e: Effects) -> wp.float32:
+    return e.grazing_dropout_strength
+
+
+@wp.func
+def _chance_at_grazing(e: Effects, seen: Seen, i: wp.int32) -> wp.float32:
+    return _survives_grazing(
+        arccos(at(seen.cosine, i)),
+        at(seen.depth, i),
+        e.grazing_dropout_half,
+        e.grazing_dropout_width,
+        e.grazing_dropout_distance,
+        e.grazing_dropout_strength,
+    )
+
+
+@wp.func
+def _saturation_strength(e: Effects) -> wp.float32:
+    return e.saturation_strength
+
+
+@wp.func
+def _chance_in_light(e: Effects, seen: Seen, i: wp.int32) -> wp.float32:
+    incidence = arccos(at(seen.cosine, i))
+    return _survives_light(
+        log_from_zero(at(seen.amplitude, i)),
+        _specular_gain(incidence, e.saturation_gloss, e.saturation_lobe),
+        e.saturation_log_half,
+        e.saturation_slope,
+        e.saturation_strength,
+    )
+
+
+def _kernel(stream: Any, strength_of: Any, chance_of: Any) -> Any:
+    # The kernel of an effect, which compares each pixel's chance to stay valid with its random
+    # number. `strength_of` and `chance_of` are Warp functions of the effect's parameters.
+    @wp.kernel
+    def lose(
+        lens: Lens,
+        first: wp.int32,
+        chunk: wp.int32,
+        effects: wp.array(dtype=Effects),
+        keys: wp.array(dtype=wp.vec2ui),
+        stamps: wp.array(dtype=wp.int64),
+        seen: Seen,
+        out: wp.array(dtype=wp.float32),
+    ):
+        n, y, c = wp.tid()
+        e = effects[first + n]
+        if strength_of(e) <= 0.0:
+            return
+        pixels = lens.height * lens.width
+        drawn = n * blocks_of(pixels) * 4
+        x = y * lens.width + c * chunk
+        end = wp.min(x + chunk, (y + 1) * lens.width)
+        draw_between(x, end, drawn, stream, stamps[first + n], keys[first + n], seen.chances)
+        while x < end:
+            survives = chance_of(e, seen, n * pixels + x)
+            i = (first + n) * pixels + x
+            put(out, i, wp.where(at(seen.chances, drawn + x) > survives, lens.invalid, at(out, i)))
+            x += 1
+
+    return lose
+
+
+lose_dark = _kernel(_LOW_SIGNAL, _darkness_strength, _chance_in_darkness)
+lose_slanted = _kernel(_GRAZING, _grazing_strength, _chance_at_grazing)
+lose_bright = _kernel(_SATURATION, _saturation_strength, _chance_in_light)
