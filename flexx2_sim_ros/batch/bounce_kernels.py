@@ -26,7 +26,7 @@ _NO = wp.constant(wp.uint8(0))
 _patch = compiled(interreflection.patch)
 _light_from = compiled(interreflection.light_from)
 _receiver_before = compiled(interreflection.receiver_before)
-_receiver_weight = compiled(interreflection.receiver_weight)
+_receiver_weights = compiled(interreflection.receiver_weights)
 _with_bounce = compiled(interreflection.with_bounce)
 _depth_of_range = compiled(depth_of_range)
 _direction = compiled(phases.direction)
@@ -144,14 +144,14 @@ def gather(first: wp.int32, lights: wp.array(dtype=Light), bounce: Bounce):
         ny = at(bounce.receivers, r + 4 * count)
         nz = at(bounce.receivers, r + 5 * count)
         reach = at(bounce.receivers, r + 6 * count)
-        # The path by way of a sender is longer than the direct one, there and back.
+        # The longer path is passed once, the direct one there and back.
         turns = 0.5 * lights[first + n].turns[f]
         senders = bounce.sender_count
         s = place * _FIELDS * senders
         i = wp.int32(0)
         while i < senders:
             k = s + i
-            light, distance = _light_from(
+            light, path = _light_from(
                 at(bounce.senders, k) - x,
                 at(bounce.senders, k + senders) - y,
                 at(bounce.senders, k + 2 * senders) - z,
@@ -160,11 +160,12 @@ def gather(first: wp.int32, lights: wp.array(dtype=Light), bounce: Bounce):
                 at(bounce.senders, k + 5 * senders),
                 at(bounce.senders, k + 7 * senders),
                 at(bounce.senders, k + 9 * senders),
+                at(bounce.senders, k + 6 * senders),
                 nx,
                 ny,
                 nz,
+                reach,
             )
-            path = at(bounce.senders, k + 6 * senders) + distance - reach
             cosine, sine = _direction(turns * path)
             real += light * cosine
             imaginary += light * sine
@@ -220,13 +221,16 @@ def weights_around(
     others: wp.vec2f,
 ) -> wp.vec4f:
     """Return the weights, sum 1 or 0, of the four receivers around a pixel."""
-    w0 = _receiver_weight((1.0 - right) * (1.0 - down), here, at(wide, a))
-    w1 = _receiver_weight(right * (1.0 - down), here, at(wide, a + size)) * others[0]
-    w2 = _receiver_weight((1.0 - right) * down, here, at(wide, b)) * others[1]
-    w3 = _receiver_weight(right * down, here, at(wide, b + size)) * others[0] * others[1]
-    total = w0 + w1 + w2 + w3
-    scale = wp.where(total > 0.0, 1.0 / wp.where(total > 0.0, total, 1.0), 0.0)
-    return wp.vec4f(scale * w0, scale * w1, scale * w2, scale * w3)
+    w0, w1, w2, w3 = _receiver_weights(
+        here,
+        right,
+        down,
+        at(wide, a),
+        at(wide, a + size) * others[0],
+        at(wide, b) * others[1],
+        at(wide, b + size) * others[0] * others[1],
+    )
+    return wp.vec4f(w0, w1, w2, w3)
 
 
 @wp.func
@@ -281,15 +285,14 @@ def add_bounce(
             a = above + x
             b = below + x
             w = weights_around(bounce.wide, a, b, size, here, right, down, others)
-            angle, gain = _with_bounce(
+            more, gain = _with_bounce(
                 factor,
                 mixed_around(bounce.wide, a + real, b + real, size, w),
                 mixed_around(bounce.wide, a + real + 2 * size, b + real + 2 * size, size, w),
+                wave_number,
+                _depth_of_range((wp.float32(x) - lens.cx) / lens.fx, ry),
             )
-            # The detour is along the ray.
-            along = _depth_of_range((wp.float32(x) - lens.cx) / lens.fx, ry)
-            add = angle / wave_number * along
-            put(phasors.shifts, shift + x, at(phasors.shifts, shift + x) + add)
+            put(phasors.shifts, shift + x, at(phasors.shifts, shift + x) + more)
             before = wp.where(f == 0, 0.0, at(phasors.total, pixel + x))
             put(phasors.total, pixel + x, before + weight * gain)
             x += 1

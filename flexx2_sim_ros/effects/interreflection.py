@@ -96,21 +96,23 @@ def light_from(
     sender_z: float,
     radiosity: float,
     area: float,
+    sender_reach: float,
     normal_x: float,
     normal_y: float,
     normal_z: float,
+    reach: float,
 ) -> tuple[float, float]:
     """
-    Return the light that a receiver gets from a sender, and the distance between them, metres.
+    Return the light that a receiver gets from a sender, and how much longer its path is, metres.
 
     Parameters
     ----------
     dx, dy, dz : float
         From the receiver to the sender, metres.
-    sender_x, sender_y, sender_z, radiosity, area : float
-        The sender's normal, radiosity and area.
-    normal_x, normal_y, normal_z : float
-        The receiver's normal.
+    sender_x, sender_y, sender_z, radiosity, area, sender_reach : float
+        The sender's normal, radiosity, area and range.
+    normal_x, normal_y, normal_z, reach : float
+        The receiver's normal and range.
 
     """
     d2 = dx * dx + dy * dy + dz * dz
@@ -118,7 +120,8 @@ def light_from(
     arrives = most(normal_x * dx + normal_y * dy + normal_z * dz, _ZERO) / d
     leaves = most(-(sender_x * dx + sender_y * dy + sender_z * dz), _ZERO) / d
     # A patch is not a point: up close it fills no more than the half-space.
-    return radiosity * arrives * leaves / (_PI * d2 + area), d
+    light = radiosity * arrives * leaves / (_PI * d2 + area)
+    return light, sender_reach + d - reach
 
 
 def receiver_before(pixel: int, receivers: int) -> tuple[int, float]:
@@ -144,9 +147,42 @@ def receiver_weight(share: float, here: float, other: float) -> float:
     return where(other > _ZERO, (share + _LEAST_WEIGHT) * alike * alike * alike, _ZERO)
 
 
-def with_bounce(factor: float, real: float, imaginary: float) -> tuple[float, float]:
+def receiver_weights(
+    here: float,
+    right: float,
+    down: float,
+    above_left: float,
+    above_right: float,
+    below_left: float,
+    below_right: float,
+) -> tuple[float, float, float, float]:
     """
-    Return the phase, radians, and the light of direct and indirect light over the direct one's.
+    Return the weights of the four receivers around a pixel, in this order; their sum is 1 or 0.
+
+    Parameters
+    ----------
+    here : float
+        Inverse depth of the pixel; 0 for no return.
+    right, down : float
+        The pixel's way from the receivers above and left to the others, 0..1.
+    above_left, above_right, below_left, below_right : float
+        Inverse depths of the receivers; 0 for no return, and where there is no receiver.
+
+    """
+    w0 = receiver_weight((_ONE - right) * (_ONE - down), here, above_left)
+    w1 = receiver_weight(right * (_ONE - down), here, above_right)
+    w2 = receiver_weight((_ONE - right) * down, here, below_left)
+    w3 = receiver_weight(right * down, here, below_right)
+    total = w0 + w1 + w2 + w3
+    scale = where(total > _ZERO, _ONE / where(total > _ZERO, total, _ONE), _ZERO)
+    return scale * w0, scale * w1, scale * w2, scale * w3
+
+
+def with_bounce(
+    factor: float, real: float, imaginary: float, wave_number: float, along: float
+) -> tuple[float, float]:
+    """
+    Return the shift, metres, by indirect light, and all light over the direct one.
 
     Parameters
     ----------
@@ -154,18 +190,22 @@ def with_bounce(factor: float, real: float, imaginary: float) -> tuple[float, fl
         On the indirect light.
     real, imaginary : float
         The indirect light over the direct one.
+    wave_number : float
+        Radians of phase a metre.
+    along : float
+        Depth over range of the pixel: the longer path is along the ray.
 
     """
     both = _ONE + factor * real
     across = factor * imaginary
-    return arctan2(across, both), root(both * both + across * across)
+    return arctan2(across, both) / wave_number * along, root(both * both + across * across)
 
 
 _patch = compiled(patch)
 _light_from = compiled(light_from)
 _direction = compiled(phases.direction)
 _receiver_before = compiled(receiver_before)
-_receiver_weight = compiled(receiver_weight)
+_receiver_weights = compiled(receiver_weights)
 
 
 def bounce(state: FrameState) -> list[np.ndarray]:
@@ -199,17 +239,10 @@ def bounce(state: FrameState) -> list[np.ndarray]:
     turns = np.array([k / (4.0 * math.pi) for k in state.wave_numbers], np.float32)
     gamma = np.zeros((len(turns), rows * columns, 2), np.float32)
     _gather(senders, receivers, turns, gamma)
-    out = []
-    for one in gamma:
-        image = np.empty((height, width, 2), np.float32)
-        _spread(
-            inverse,
-            receivers[:, 8].copy().reshape(rows, columns),
-            one.reshape(rows, columns, 2),
-            image,
-        )
-        out.append(image.view(np.complex64)[..., 0])
-    return out
+    out = np.empty((len(turns), height, width, 2), np.float32)
+    depths = receivers[:, 8].copy().reshape(rows, columns)
+    _spread(inverse, depths, gamma.reshape(-1, rows, columns, 2), out)
+    return list(out.view(np.complex64)[..., 0])
 
 
 @loop(error_model='numpy', fastmath=FAST)
@@ -243,8 +276,7 @@ def _patches(p, reflectivity, lens, jump_share, steep_share, size):
 
 @loop(error_model='numpy', fastmath=FAST)
 def _gather(senders, receivers, turns, out):
-    # turns: of phase a metre of light path, for each frequency. The path by way of a sender is
-    # longer than the direct one by sender's range + distance - receiver's range.
+    # turns: of phase a metre of light path, for each frequency.
     s = senders.T.copy()
     light = np.empty(s.shape[1], np.float32)
     path = np.empty(s.shape[1], np.float32)
@@ -253,7 +285,7 @@ def _gather(senders, receivers, turns, out):
         if here <= _ZERO:
             continue
         for i in range(s.shape[1]):
-            light[i], d = _light_from(
+            light[i], path[i] = _light_from(
                 s[0, i] - x,
                 s[1, i] - y,
                 s[2, i] - z,
@@ -262,11 +294,12 @@ def _gather(senders, receivers, turns, out):
                 s[5, i],
                 s[7, i],
                 s[9, i],
+                s[6, i],
                 nx,
                 ny,
                 nz,
+                reach,
             )
-            path[i] = s[6, i] + d - reach
         for f in range(turns.size):
             real = _ZERO
             imaginary = _ZERO
@@ -279,28 +312,27 @@ def _gather(senders, receivers, turns, out):
 
 
 @loop(error_model='numpy', fastmath=FAST)
-def _spread(p, patches, gamma, out):
-    # From receivers to pixels: bilinear, among those of a like depth.
-    height, width = out.shape[:2]
-    rows, columns = patches.shape
+def _spread(p, receivers, gamma, out):
+    # From receivers to pixels, at all frequencies: bilinear, among receivers of a like depth.
+    height, width = out.shape[1:3]
+    rows, columns = receivers.shape
     for y in range(height):
-        row, sy = _receiver_before(np.int32(y), np.int32(rows))
+        row, down = _receiver_before(np.int32(y), np.int32(rows))
+        below = min(row + 1, rows - 1)
         for x in range(width):
-            here = p[y + PAD, x + PAD]
-            out[y, x, 0] = _ZERO
-            out[y, x, 1] = _ZERO
-            if here <= _ZERO:
-                continue
-            column, sx = _receiver_before(np.int32(x), np.int32(columns))
-            total = _ZERO
-            for b in range(min(2, rows)):
-                for a in range(min(2, columns)):
-                    wy = sy if b else _ONE - sy
-                    wx = sx if a else _ONE - sx
-                    weight = _receiver_weight(wx * wy, here, patches[row + b, column + a])
-                    total += weight
-                    out[y, x, 0] += weight * gamma[row + b, column + a, 0]
-                    out[y, x, 1] += weight * gamma[row + b, column + a, 1]
-            if total > _ZERO:
-                out[y, x, 0] /= total
-                out[y, x, 1] /= total
+            column, right = _receiver_before(np.int32(x), np.int32(columns))
+            beside = min(column + 1, columns - 1)
+            w0, w1, w2, w3 = _receiver_weights(
+                p[y + PAD, x + PAD],
+                right,
+                down,
+                receivers[row, column],
+                receivers[row, beside] if beside > column else _ZERO,
+                receivers[below, column] if below > row else _ZERO,
+                receivers[below, beside] if below > row and beside > column else _ZERO,
+            )
+            for f in range(gamma.shape[0]):
+                for part in range(2):
+                    above = w0 * gamma[f, row, column, part] + w1 * gamma[f, row, beside, part]
+                    under = w2 * gamma[f, below, column, part] + w3 * gamma[f, below, beside, part]
+                    out[f, y, x, part] = above + under

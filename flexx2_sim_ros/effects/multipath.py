@@ -94,9 +94,11 @@ def _depths_of_ranges(camera: Intrinsics) -> np.ndarray:
 
 @loop(error_model='numpy', fastmath=FAST)
 def _add_bounce(indirect, factor, wave_number, weight, depth_of_range, shift, brighter):
-    # The detour is along the ray.
     for y in range(shift.shape[0]):
         for x in range(shift.shape[1]):
-            angle, gain = _with_bounce(factor, indirect[y, x].real, indirect[y, x].imag)
-            shift[y, x] += angle / wave_number * depth_of_range[y, x]
+            light = indirect[y, x]
+            more, gain = _with_bounce(
+                factor, light.real, light.imag, wave_number, depth_of_range[y, x]
+            )
+            shift[y, x] += more
             brighter[y, x] += weight * gain
