@@ -19,7 +19,7 @@ TURN = wp.constant(wp.float32(2.0 * math.pi))
 returned_light = compiled(surface_formulas.returned_light)
 _usable_reflectivity = compiled(surface_formulas.usable_reflectivity)
 _direction = compiled(phases.direction)
-_angle_between = compiled(phases.angle_between)
+_shift_between = compiled(phases.shift_between)
 _footprint = compiled(flying_pixels.footprint)
 _widest_apart = compiled(range_wrap.widest_apart)
 _is_apart = compiled(range_wrap.is_apart)
@@ -144,7 +144,7 @@ def mix_neighbours(
             cosine, sine = _direction(turns * z)
             real = _footprint(amplitude * cosine, around[0], around[2], share)
             imaginary = _footprint(amplitude * sine, around[1], around[2], share)
-            out[f] = _angle_between(real, imaginary, cosine, sine) / (TURN * turns)
+            out[f] = _shift_between(real, imaginary, cosine, sine, TURN * turns)
             out[3] += light.weights[f] * wp.length(wp.vec2f(real, imaginary))
     return out
 

@@ -24,7 +24,7 @@ _OF_BLOCK = wp.constant(wp.float32(1.0 / BLOCK**2))
 _block_before = compiled(stray_light.block_before)
 _mixed = compiled(stray_light.mixed)
 _direction = compiled(phases.direction)
-_angle_between = compiled(phases.angle_between)
+_shift_between = compiled(phases.shift_between)
 
 
 @wp.struct
@@ -251,8 +251,8 @@ def add_scattered(
             at(scatter.wide, other_wide + below + x),
             down,
         )
-        turned = _angle_between(real, imaginary, cosine, sine) / wave_number
-        put(phasors.shifts, shift + x, at(phasors.shifts, shift + x) + turned)
+        more = _shift_between(real, imaginary, cosine, sine, wave_number)
+        put(phasors.shifts, shift + x, at(phasors.shifts, shift + x) + more)
         # Where there is no return, there is no amplitude either.
         there = wp.where(cosine * cosine + sine * sine > 0.0, weight, 0.0)
         before = wp.where(f == 0, 0.0, at(phasors.total, row + x))

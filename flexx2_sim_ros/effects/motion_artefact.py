@@ -9,7 +9,7 @@ from flexx2_sim_ros.effects.effect import Effect, parameter
 from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis
 from flexx2_sim_ros.effects.picture import Picture
 from flexx2_sim_ros.formulas import on_images
-from flexx2_sim_ros.formulas.phases import angle_between, direction
+from flexx2_sim_ros.formulas.phases import direction, shift_between
 from flexx2_sim_ros.formulas.scalars import f32, most, size, where
 from flexx2_sim_ros.physics.compiled import compiled, loop
 from flexx2_sim_ros.physics.frame_state import FrameState, Stage
@@ -112,7 +112,7 @@ def motion_shift(
     c2, _2 = tap_at(here, start, same, change, light, m2, add, turns)
     _3, s3 = tap_at(here, start, same, change, light, m3, add, turns)
     cosine, sine = tap_at(here, start, same, change, light, _ONE, add, turns)
-    return angle_between(c0 + c2, s1 + s3, cosine, sine) / wave_number
+    return shift_between(c0 + c2, s1 + s3, cosine, sine, wave_number)
 
 
 _motion_shift = compiled(motion_shift)

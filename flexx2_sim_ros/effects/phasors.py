@@ -9,7 +9,7 @@ from flexx2_sim_ros.physics.philox import FAST
 import numpy as np
 
 _direction = compiled(formulas.direction)
-_angle_between = compiled(formulas.angle_between)
+_shift_between = compiled(formulas.shift_between)
 
 
 @loop(error_model='numpy', fastmath=FAST)
@@ -27,8 +27,8 @@ def _directions(depth, shift, turns, out):
 def turn(before, after, wave_number, shift):
     """Shift depth by what the phase has turned; all flat."""
     for i in range(before.size):
-        angle = _angle_between(after[i].real, after[i].imag, before[i].real, before[i].imag)
-        shift[i] += angle / wave_number
+        now, was = after[i], before[i]
+        shift[i] += _shift_between(now.real, now.imag, was.real, was.imag, wave_number)
 
 
 def phases(state: FrameState, wave_number: float, shift: np.ndarray) -> np.ndarray:

@@ -9,11 +9,22 @@ def direction(turns: float) -> tuple[float, float]:
     return cos_sin_turns(turns - floor(turns))
 
 
-def angle_between(
-    real: float, imaginary: float, first_real: float, first_imaginary: float
+def shift_between(
+    real: float, imaginary: float, first_real: float, first_imaginary: float, wave_number: float
 ) -> float:
-    """Return by which angle, radians, a complex number is ahead of the first; 0 if one is 0."""
-    return arctan2(
+    """
+    Return the distance, metres, by which the phase of light is ahead of that of the first light.
+
+    Parameters
+    ----------
+    real, imaginary, first_real, first_imaginary : float
+        The two as complex numbers; 0 is returned if one of them is 0.
+    wave_number : float
+        Radians of phase a metre.
+
+    """
+    ahead = arctan2(
         imaginary * first_real - real * first_imaginary,
         real * first_real + imaginary * first_imaginary,
     )
+    return ahead / wave_number
