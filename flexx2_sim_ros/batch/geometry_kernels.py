@@ -15,6 +15,8 @@ wp.set_module_options(OPTIONS)
 _NAN = wp.constant(wp.float32(math.nan))
 _NEAREST = wp.constant(wp.float32(pose_error.NEAREST))
 
+_turned_ray = compiled(pose_error.turned_ray)
+_depth_ratio = compiled(pose_error.depth_ratio)
 _pixel_at = compiled(pose_error.pixel_at)
 _depth_of_plane = compiled(pose_error.depth_of_plane)
 _plane_normal = compiled(surface_formulas.plane_normal)
@@ -69,18 +71,19 @@ def look_from(
     source = wp.int32(pixel)
     out = wp.where(inverse > 0.0, 1.0 / inverse, _NAN)
     if pose.moved == 1:
-        ray = pose.rotation * wp.vec3f(
-            (wp.float32(x) - lens.cx) / lens.fx, (wp.float32(y) - lens.cy) / lens.fy, 1.0
+        dx, dy, dz = _turned_ray(
+            pose.rotation[0],
+            pose.rotation[1],
+            pose.rotation[2],
+            (wp.float32(x) - lens.cx) / lens.fx,
+            (wp.float32(y) - lens.cy) / lens.fy,
         )
-        # Divided by depth, so that nothing (infinitely far) needs no case of its own.
-        far = ray[2] + pose.step[2] * inverse
+        far = _depth_ratio(dz, pose.step[2], inverse)
         out = _NAN
         source = wp.int32(0)
         if far >= _NEAREST:
-            column = _pixel_at(
-                ray[0], pose.step[0], inverse, far, lens.fx, lens.cx, lens.width - 1
-            )
-            row = _pixel_at(ray[1], pose.step[1], inverse, far, lens.fy, lens.cy, lens.height - 1)
+            column = _pixel_at(dx, pose.step[0], inverse, far, lens.fx, lens.cx, lens.width - 1)
+            row = _pixel_at(dy, pose.step[1], inverse, far, lens.fy, lens.cy, lens.height - 1)
             source = row * lens.width + column
             i = padded(lens, n, row, column)
             here = at(surfaces.p, i)
@@ -90,7 +93,7 @@ def look_from(
                 v = wp.float32(row) - lens.cy
                 nx, ny, nz = _plane_normal(here, d[0], d[1], u, v, lens.fx, lens.fy)
                 out = _depth_of_plane(
-                    nx, ny, nz, ray[0], ray[1], ray[2], pose.step[0], pose.step[1], pose.step[2]
+                    nx, ny, nz, dx, dy, dz, pose.step[0], pose.step[1], pose.step[2]
                 )
     show(surfaces, lens, n, pixel, source, out, depth, reflectivity)
 

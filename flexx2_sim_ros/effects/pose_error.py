@@ -22,6 +22,34 @@ _ONE = f32(1.0)
 _NAN = f32(math.nan)
 
 
+def turned_ray(
+    first: np.ndarray, second: np.ndarray, third: np.ndarray, x: float, y: float
+) -> tuple[float, float, float]:
+    """Return the ray (x, y, 1) turned by the rotation with these three rows."""
+    return (
+        first[0] * x + first[1] * y + first[2],
+        second[0] * x + second[1] * y + second[2],
+        third[0] * x + third[1] * y + third[2],
+    )
+
+
+def depth_ratio(dz: float, step_z: float, inverse: float) -> float:
+    """
+    Return a point's depth in the other camera over its depth in this one.
+
+    Parameters
+    ----------
+    dz : float
+        Of the turned ray to the point.
+    step_z : float
+        From one camera to the other, metres.
+    inverse : float
+        The point's inverse depth in this camera, 1/m; 0, infinitely far, needs no special case.
+
+    """
+    return dz + step_z * inverse
+
+
 def pixel_at(
     direction: float,
     step: float,
@@ -71,6 +99,8 @@ def depth_of_plane(
     return where(least(seen, left) > _ZERO, left / seen, _NAN)
 
 
+_turned_ray = compiled(turned_ray)
+_depth_ratio = compiled(depth_ratio)
 _pixel_at = compiled(pixel_at)
 _depth_of_plane = compiled(depth_of_plane)
 _plane_normal = compiled(surfaces.plane_normal)
@@ -142,15 +172,13 @@ def _look_from(p, across, down, lens, rotation, step, depth, index):
     # pixel is n . X = 1. Which pixel that is, is found from the depth the ray had before.
     height, width = depth.shape
     fx, fy, cx, cy = lens
+    first, second, third = rotation
     for y in range(height):
         for x in range(width):
             ray_x, ray_y = (np.float32(x) - cx) / fx, (np.float32(y) - cy) / fy
-            dx = rotation[0, 0] * ray_x + rotation[0, 1] * ray_y + rotation[0, 2]
-            dy = rotation[1, 0] * ray_x + rotation[1, 1] * ray_y + rotation[1, 2]
-            dz = rotation[2, 0] * ray_x + rotation[2, 1] * ray_y + rotation[2, 2]
+            dx, dy, dz = _turned_ray(first, second, third, ray_x, ray_y)
             inverse = p[y + PAD, x + PAD]
-            # Divided by depth, so that nothing (infinitely far) needs no case of its own.
-            far = dz + step[2] * inverse
+            far = _depth_ratio(dz, step[2], inverse)
             index[y, x] = 0
             depth[y, x] = _NAN
             if far < NEAREST:
