@@ -5,6 +5,7 @@ from typing import Any
 
 from flexx2_sim_ros.formulas import Backend
 import numpy as np
+from numpy.typing import NDArray
 import warp as wp
 
 _TYPES: dict[Any, Any] = {
@@ -12,10 +13,13 @@ _TYPES: dict[Any, Any] = {
     int: wp.int32,
     float: wp.float32,
     np.int32: wp.int32,
+    np.int64: wp.int64,
     np.uint32: wp.uint32,
     np.uint64: wp.uint64,
     np.float32: wp.float32,
-    np.ndarray: wp.vec3f,  # one number for each modulation frequency
+    np.float64: wp.float64,
+    np.ndarray: wp.vec3f,  # e.g. one number for each modulation frequency
+    NDArray[np.int64]: wp.array(dtype=wp.int64),
 }
 
 
@@ -45,6 +49,7 @@ _NAMES: dict[str, Any] = {
     'ceiling': wp.ceil,
     'nearest': wp.rint,
     'f32': wp.float32,
+    'f64': wp.float64,
     'i32': wp.int32,
     'u32': wp.uint32,
     'u64': wp.uint64,
@@ -63,9 +68,9 @@ def _constant(value: Any) -> Any:
 
 def _finish(function: FunctionType) -> Any:
     function.__annotations__ = {
-        name: GenericAlias(tuple, tuple(_TYPES[one] for one in kind.__args__))
-        if isinstance(kind, GenericAlias)
-        else _TYPES[kind]
+        name: _TYPES[kind]
+        if kind in _TYPES
+        else GenericAlias(tuple, tuple(_TYPES[one] for one in kind.__args__))
         for name, kind in function.__annotations__.items()
     }
     return wp.func(function)

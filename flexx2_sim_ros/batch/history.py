@@ -48,7 +48,7 @@ class FrameHistory:
         history.delays = array(known, wp.int64)
         history.slots = slots
         history.stamps = array(np.zeros(self._frames), wp.int64)
-        for name in ('count', 'newest', 'early', 'late'):
+        for name in ('count', 'newest', 'early', 'late', 'nearer'):
             setattr(history, name, array(np.zeros(len(known)), wp.int32))
         for name in ('share', 'seconds'):
             setattr(history, name, array(np.zeros(len(known)), wp.float32))

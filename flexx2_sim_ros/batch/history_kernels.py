@@ -4,7 +4,7 @@ from flexx2_sim_ros.batch.arrays import at, put
 from flexx2_sim_ros.batch.compiled import compiled
 from flexx2_sim_ros.batch.effect_formulas import Surfaces
 from flexx2_sim_ros.batch.kernels import Lens, OPTIONS
-from flexx2_sim_ros.effects.between import seen_between
+from flexx2_sim_ros.effects import between
 import warp as wp
 
 wp.set_module_options(OPTIONS)
@@ -12,7 +12,10 @@ wp.set_module_options(OPTIONS)
 _PER_NANOSECOND = wp.constant(wp.float32(1e-9))
 _YES = wp.constant(wp.uint8(1))
 
-_seen_between = compiled(seen_between)
+_frames_around = compiled(between.frames_around)
+_share_of = compiled(between.share_of)
+_is_late_nearer = compiled(between.is_late_nearer)
+_seen_between = compiled(between.seen_between)
 
 
 @wp.struct
@@ -27,6 +30,7 @@ class History:
     stamps: wp.array(dtype=wp.int64)  # by slot
     early: wp.array(dtype=wp.int32)  # slots of the frames before and after the moment shown,
     late: wp.array(dtype=wp.int32)
+    nearer: wp.array(dtype=wp.int32)  # which of the two is nearer to it,
     share: wp.array(dtype=wp.float32)  # where it is between them, 0..1,
     seconds: wp.array(dtype=wp.float32)  # and the time between them
     depth: wp.array(dtype=wp.float32)  # by slot
@@ -53,24 +57,21 @@ def find_moment(
     history.newest[k] = newest
     history.count[k] = count
     moment = stamp - history.delays[k]
-    late = (newest + slots - count + 1) % slots
-    early = wp.int32(late)
-    i = wp.int32(1)
-    while i < count and (i == 1 or history.stamps[k * slots + late] < moment):
-        early = late
-        late = (late + 1) % slots
-        i += 1
-    if moment <= history.stamps[k * slots + early]:
-        late = early
+    oldest = (newest + slots - count + 1) % slots
+    early, late = _frames_around(history.stamps, k * slots, slots, oldest, count, moment)
+    nearer = wp.int32(late)
     share = wp.float32(1.0)
     seconds = wp.float32(0.0)
     if late != early:
         start = history.stamps[k * slots + early]
-        length = wp.float32(history.stamps[k * slots + late] - start)
-        share = wp.float32(moment - start) / length
-        seconds = length * _PER_NANOSECOND
+        interval = history.stamps[k * slots + late] - start
+        exact = _share_of(moment - start, interval)
+        nearer = wp.where(_is_late_nearer(exact), late, early)
+        share = wp.float32(exact)
+        seconds = wp.float32(interval) * _PER_NANOSECOND
     history.early[k] = early
     history.late[k] = late
+    history.nearer[k] = nearer
     history.share[k] = share
     history.seconds[k] = seconds
 
@@ -99,6 +100,7 @@ def look_back(
     newest = wp.int32(0)
     early = wp.int32(0)
     late = wp.int32(0)
+    nearer = wp.int32(0)
     share = wp.float32(1.0)
     seconds = wp.float32(0.0)
     if k >= 0:
@@ -106,9 +108,9 @@ def look_back(
         newest = (frames + history.newest[k]) * pixels + y * lens.width
         early = (frames + history.early[k]) * pixels + y * lens.width
         late = (frames + history.late[k]) * pixels + y * lens.width
+        nearer = (frames + history.nearer[k]) * pixels + y * lens.width
         share = history.share[k]
         seconds = history.seconds[k]
-    nearer = wp.where(share >= 0.5, late, early)
     while x < end:
         z = at(given, source + x)
         if k >= 0:

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-from flexx2_sim_ros.effects.between import between
+from flexx2_sim_ros.effects.between import between, frames_around, is_late_nearer, share_of
 from flexx2_sim_ros.effects.effect import Effect, parameter
 from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis
 from flexx2_sim_ros.effects.picture import Picture
@@ -57,12 +57,9 @@ class TimeOffset(Effect):
         moment = state.stamp - self.delay
         while len(kept) > FRAMES_KEPT or (len(kept) > 2 and kept[1][0] <= moment):
             del kept[0]
-        if len(kept) < 2 or moment <= kept[0][0]:
-            _, depth, state.reflectivity = kept[0]
-            state.depth = depth.copy()
-            return
-        index = next((i for i in range(1, len(kept)) if kept[i][0] >= moment), len(kept) - 1)
-        (start, early, _), (end, late, _) = kept[index - 1 : index + 1]
-        share = (moment - start) / (end - start)
-        state.depth = between(early, late, share, (end - start) * 1e-9)
-        state.reflectivity = kept[index if share >= 0.5 else index - 1][2]
+        stamps = np.array([stamp for stamp, *_ in kept])
+        early, late = frames_around(stamps, 0, len(kept), 0, len(kept), np.int64(moment))
+        (start, depth, _), (end, other, _) = kept[early], kept[late]
+        share = share_of(np.int64(moment - start), np.int64(end - start or 1))
+        state.depth = between(depth, other, float(share), (end - start) * 1e-9)
+        state.reflectivity = kept[late if is_late_nearer(share) else early][2]

@@ -20,6 +20,7 @@ floor: Any = np.floor
 ceiling: Any = np.ceil
 nearest: Any = np.rint
 f32: Any = np.float32
+f64: Any = np.float64
 i32: Any = np.int32
 u32: Any = np.uint32
 u64: Any = np.uint64

@@ -42,6 +42,7 @@ _NAMES: dict[str, Any] = {
     'ceiling': np.ceil,
     'nearest': np.rint,
     'f32': np.float32,
+    'f64': np.float64,
     'i32': np.int32,
     'u32': np.uint32,
     'u64': np.uint64,
