@@ -13,6 +13,8 @@ _STREAM = wp.constant(wp.uint32(fixed_pattern.FixedPattern.stream))
 _AROUND = wp.constant(fixed_pattern.AROUND)
 
 _mirrored = compiled(fixed_pattern.mirrored)
+_less_mean = compiled(fixed_pattern.less_mean)
+_to_unit_variance = compiled(fixed_pattern.to_unit_variance)
 
 
 @wp.kernel
@@ -40,7 +42,7 @@ def less_its_mean(white: wp.array(dtype=wp.float32), lens: Lens, out: wp.array(d
         for j in range(around):
             total += at(white, row + _mirrored(x + j - _AROUND, lens.width, smallest))
     pixel = frame + y * lens.width + x
-    put(out, pixel, at(white, pixel) - total / wp.float32(around * around))
+    put(out, pixel, _less_mean(at(white, pixel), total))
 
 
 @wp.kernel
@@ -55,11 +57,8 @@ def to_unit_variance(pixels: wp.int32, grain: wp.array(dtype=wp.float32)):
         total += value
         squares += value * value
         i += 1
-    mean = total / wp.float64(pixels)
-    variance = squares / wp.float64(pixels) - mean * mean
-    if variance > wp.float64(1.0e-12):
-        scale = wp.float32(wp.float64(1.0) / wp.sqrt(variance))
-        i = n * pixels
-        while i < (n + 1) * pixels:
-            put(grain, i, at(grain, i) * scale)
-            i += 1
+    scale = wp.float32(_to_unit_variance(total, squares, wp.float64(pixels)))
+    i = n * pixels
+    while i < (n + 1) * pixels:
+        put(grain, i, at(grain, i) * scale)
+        i += 1

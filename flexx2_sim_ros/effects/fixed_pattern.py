@@ -7,13 +7,16 @@ from typing import ClassVar
 from flexx2_sim_ros.effects.effect import Effect, parameter
 from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis
 from flexx2_sim_ros.effects.picture import Picture
-from flexx2_sim_ros.formulas.scalars import i32, least, most, where
+from flexx2_sim_ros.formulas.scalars import f32, f64, i32, least, most, root, where
 from flexx2_sim_ros.physics.compiled import compiled, loop
 from flexx2_sim_ros.physics.frame_state import FrameState, Stage
 from flexx2_sim_ros.physics.philox import fill_normals
 import numpy as np
 
 AROUND = 2  # The mean that is taken off is over 5 x 5 pixels.
+_PIXELS_AROUND = f32((2 * AROUND + 1) ** 2)
+_LEAST_VARIANCE = f64(1e-12)
+_ONE = f64(1.0)
 
 
 def mirrored(i: int, size: int, smallest: int) -> int:
@@ -33,7 +36,31 @@ def mirrored(i: int, size: int, smallest: int) -> int:
     return where(smallest > AROUND, beyond, inside)
 
 
+def less_mean(here: float, total: float) -> float:
+    """Return a pixel's noise less the mean over the pixels around, whose sum is given."""
+    return here - total / _PIXELS_AROUND
+
+
+def to_unit_variance(total: np.float64, squares: np.float64, pixels: np.float64) -> np.float64:
+    """
+    Return the factor that gives noise unit variance; 1 if it has none.
+
+    Parameters
+    ----------
+    total, squares : float
+        Sum of the noise and of its squares.
+    pixels : float
+        How many pixels that is.
+
+    """
+    mean = total / pixels
+    variance = squares / pixels - mean * mean
+    varies = variance > _LEAST_VARIANCE
+    return where(varies, _ONE / root(where(varies, variance, _ONE)), _ONE)
+
+
 _mirrored = compiled(mirrored)
+_less_mean = compiled(less_mean)
 
 
 @dataclass(frozen=True)
@@ -83,8 +110,9 @@ def _grain(key: bytes, shape: tuple[int, ...]) -> np.ndarray:
     )
     grain = np.empty_like(white)
     _less_its_mean(white, grain)
-    spread = float(grain.std())
-    return (grain / spread if spread > 0 else grain).astype(np.float32)
+    wide = grain.astype(np.float64)
+    scale = to_unit_variance(wide.sum(), np.square(wide).sum(), np.float64(wide.size))
+    return grain * np.float32(scale)
 
 
 @loop()
@@ -99,4 +127,4 @@ def _less_its_mean(white, grain):
                 row = _mirrored(y + k - AROUND, height, smallest)
                 for j in range(around):
                     total += white[row, _mirrored(x + j - AROUND, width, smallest)]
-            grain[y, x] = white[y, x] - total / np.float32(around * around)
+            grain[y, x] = _less_mean(white[y, x], total)
