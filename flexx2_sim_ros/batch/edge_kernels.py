@@ -13,6 +13,8 @@ wp.set_module_options(OPTIONS)
 _WINDOW = wp.constant(lateral.WINDOW)
 
 _is_upright = compiled(edges.is_upright)
+_is_apart = compiled(edges.is_apart)
+_passed_pixel = compiled(edges.passed_pixel)
 _pixels_moved = compiled(edges.pixels_moved)
 _source_of = compiled(edges.source_of)
 
@@ -59,7 +61,7 @@ def displace(
     """
     step = wp.int32(1)
     while step <= wp.abs(shift):
-        position = wp.where(shift > 0, along + step, along + 1 - step)
+        position = _passed_pixel(along, step, shift)
         if position < 0 or position > last:
             break
         pixel = first + position * pitch
@@ -113,7 +115,7 @@ def move_edges(
             y = wp.where(column == 1, at_line, line)
             x = wp.where(column == 1, line, at_line)
             if is_upright(jumps, lens, n, y, x) == (column == 0):
-                if at_line - last_edge > lens.neighbourhood:
+                if _is_apart(at_line, last_edge, lens.neighbourhood):
                     shift = edge_shift(
                         noise,
                         y * lens.width + x,

@@ -1,13 +1,14 @@
 """The camera: clean depth in, what a Flexx2 would have seen out."""
 
 from dataclasses import dataclass
-import math
 from typing import Any
 
 from flexx2_sim_ros.camera.arguments import as_array, as_effects, as_images, as_nanoseconds
 from flexx2_sim_ros.camera.frame import Frame
 from flexx2_sim_ros.camera.stages import run_stages
 from flexx2_sim_ros.errors import InputError, shown
+from flexx2_sim_ros.formulas import on_images
+from flexx2_sim_ros.formulas.surfaces import usable_reflectivity
 from flexx2_sim_ros.physics.axial import model_sigma, observe, scale_by_surface
 from flexx2_sim_ros.physics.frame_state import (
     check_frequencies,
@@ -15,7 +16,12 @@ from flexx2_sim_ros.physics.frame_state import (
     FrameState,
     Memory,
 )
-from flexx2_sim_ros.physics.lateral import displaced_sources, pixel_sigma, upright_edges
+from flexx2_sim_ros.physics.lateral import (
+    displaced_sources,
+    edge_limit,
+    pixel_sigma,
+    upright_edges,
+)
 from flexx2_sim_ros.physics.philox import camera_key, fill_normals, stamp_words, STREAM_AXIAL
 from flexx2_sim_ros.physics.surface import analyse, Surface
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
@@ -100,8 +106,7 @@ class Camera:
         self._coefficients = np.array([noise.a, noise.b, noise.c, noise.d, noise.n], np.float32)
         self._cap = np.float32(noise.incidence_cap)
         self._edge_sigma = np.float32(pixel_sigma(noise.sigma_x))
-        # Five standard deviations: 1 edge in 2 million would have gone further.
-        self._edge_limit = min(math.ceil(5 * noise.sigma_x), 127)
+        self._edge_limit = edge_limit(noise.sigma_x)
         self._neighbourhood = sensor.neighbourhood_px
         self._zero_confidence = np.float32(sensor.zero_at_sigma_m)
 
@@ -271,8 +276,7 @@ class Camera:
                 self._key,
                 self._memories.setdefault(index[:last], Memory()),
                 scenes[index].copy(),
-                # NaN is no light, as in the base model.
-                np.where(albedo > 0, np.minimum(albedo, np.float32(1)), np.float32(0)),
+                on_images(usable_reflectivity)(albedo),
                 self.exposure_share,
             )
             finished = run_stages(state, self.effects, self.mode.noise.sigma_x)

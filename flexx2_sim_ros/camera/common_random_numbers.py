@@ -4,6 +4,8 @@ from typing import Any
 
 from flexx2_sim_ros.camera.camera import Camera
 from flexx2_sim_ros.camera.stages import measure
+from flexx2_sim_ros.formulas import on_images
+from flexx2_sim_ros.formulas.surfaces import usable_reflectivity
 from flexx2_sim_ros.physics.frame_state import Common, FrameState, Memory
 from flexx2_sim_ros.physics.philox import camera_key
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
@@ -47,8 +49,7 @@ class CommonRandomNumbers:
         self._key = camera_key(camera.seed, camera.name)
         self._lens = Intrinsics.from_matrix(K, clean.shape[-1], clean.shape[-2])
         albedo = np.ones((1, 1), np.float32) if reflectivity is None else reflectivity
-        # NaN is no light.
-        albedo = np.where(albedo > 0, np.minimum(albedo, np.float32(1)), np.float32(0))
+        albedo = on_images(usable_reflectivity)(albedo)
         still = clean.ndim == 2 and albedo.ndim == 2
         scene: dict[Any, Any] = {}
         self._frames = [

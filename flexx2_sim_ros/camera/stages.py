@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import groupby
-import math
 from typing import Any
 
 from flexx2_sim_ros.formulas import on_images
@@ -16,7 +15,12 @@ from flexx2_sim_ros.physics.axial import (
     scale_by_surface,
 )
 from flexx2_sim_ros.physics.frame_state import Common, EffectProtocol, FrameState, once, Stage
-from flexx2_sim_ros.physics.lateral import displaced_sources, pixel_sigma, upright_edges
+from flexx2_sim_ros.physics.lateral import (
+    displaced_sources,
+    edge_limit,
+    pixel_sigma,
+    upright_edges,
+)
 from flexx2_sim_ros.physics.philox import fill_normals, stamp_words, STREAM_AXIAL
 from flexx2_sim_ros.physics.surface import analyse, PAD, Surface
 import numpy as np
@@ -244,7 +248,7 @@ def _moved(state: FrameState) -> tuple[np.ndarray, np.ndarray]:
     if not edges or state.edge_sigma <= 0:
         return _NOWHERE, _NOWHERE
     sigma = pixel_sigma(state.edge_sigma)
-    limit = min(math.ceil((5 + 5 * state.edge_laplace) * state.edge_sigma), 127)
+    limit = edge_limit(state.edge_sigma, state.edge_laplace)
     source = np.empty(state.depth.size, np.int32)
     low, high = stamp_words(state.stamp)
     displaced_sources(

@@ -1,6 +1,6 @@
 """Edges that move by whole pixels: which way, how far, and what pixels see then."""
 
-from flexx2_sim_ros.formulas.scalars import f32, i32, least, most, nearest
+from flexx2_sim_ros.formulas.scalars import f32, i32, least, most, nearest, where
 
 
 def is_upright(across: int, down: int) -> bool:
@@ -32,6 +32,28 @@ def pixels_moved(draw: float, sigma: float, limit: int) -> int:
 
     """
     return i32(nearest(least(most(sigma * draw, -f32(limit)), f32(limit))))
+
+
+def is_apart(position: int, last_edge: int, neighbourhood: int) -> bool:
+    """Say whether an edge moves on its own: more than ``neighbourhood`` pixels from the last."""
+    return position - last_edge > neighbourhood
+
+
+def passed_pixel(along: int, step: int, shift: int) -> int:
+    """
+    Return the position of a pixel that an edge passes when it moves.
+
+    Parameters
+    ----------
+    along : int
+        The edge is between the positions ``along`` and ``along + 1`` of a line.
+    step : int
+        Which pixel it passes: 1 for the first.
+    shift : int
+        By how many pixels it moves; below 0 it moves towards position 0.
+
+    """
+    return where(shift > 0, along + step, along + 1 - step)
 
 
 def source_of(position: int, shift: int, last: int) -> int:
