@@ -99,9 +99,10 @@ def read_mask(path: Path, camera: Intrinsics) -> ValidMask:
     if path.stat().st_size > _MOST_BYTES:
         raise InputError(f'{name}: must be at most {_MOST_BYTES} bytes long')
     try:
-        image = _read_png(path) if path.suffix == '.png' else np.load(path, allow_pickle=False)
-        image = np.asarray(image)
-    except Exception as error:  # Pillow lets errors of all kinds out.
+        image = _read_image(path)
+    except InputError:
+        raise
+    except Exception as error:  # A damaged .npy file raises errors of all kinds.
         raise InputError(f'{name}: cannot be read as an image: {shown(error)}') from error
     wanted = camera.height, camera.width
     if image.shape != wanted or image.dtype.kind not in 'biu':
@@ -120,10 +121,10 @@ def write_mask(path: Path, mask: ValidMask) -> None:
         np.save(file, mask.image)
 
 
-def _read_png(path: Path) -> np.ndarray:
+def _read_image(path: Path) -> np.ndarray:
+    if path.suffix == '.npy':
+        return np.asarray(np.load(path, allow_pickle=False))
     # Imported here: few profiles have a PNG, and all commands read a profile.
-    from matplotlib.image import imread
+    from flexx2_sim_ros.png import read_mask_png
 
-    image = imread(path, format='png')
-    bright: np.ndarray = image[..., :3].max(axis=-1) > 0 if image.ndim == 3 else image > 0
-    return bright
+    return read_mask_png(path)

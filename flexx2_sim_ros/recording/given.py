@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from flexx2_sim_ros.errors import InputError, shown_path
-from flexx2_sim_ros.recording.png import read_png
+from flexx2_sim_ros.png import read_mask_png
 from flexx2_sim_ros.recording.reader import ASSUMED, Content, RecordingReader
 import numpy as np
 
@@ -116,7 +116,7 @@ def complete(reader: RecordingReader, given: Given) -> RecordingReader:
 
 
 def _read_mask(path: Path, size: tuple[int, int]) -> np.ndarray:
-    known = read_png(path, (1, 8, 16)) != 0
+    known = read_mask_png(path)
     if known.shape != size:
         raise InputError(
             f'{shown_path(path)}: must have the size of depth, {size[1]} x {size[0]}, got '

@@ -5,9 +5,9 @@ from pathlib import Path
 import re
 
 from flexx2_sim_ros.errors import InputError, shown, shown_path
+from flexx2_sim_ros.png import check_png, read_png
 from flexx2_sim_ros.recording.calibration import read_calibration
 from flexx2_sim_ros.recording.given import Given, MILLIMETRE
-from flexx2_sim_ros.recording.png import check_png, read_png
 from flexx2_sim_ros.recording.reader import Content, Layout, RecordingReader
 import numpy as np
 

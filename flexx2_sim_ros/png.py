@@ -1,4 +1,4 @@
-"""Images in PNG files that nobody vouches for."""
+"""Read PNG files: gray images and masks, within a limit of size."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -56,9 +56,34 @@ def read_png(path: Path, bits: tuple[int, ...]) -> np.ndarray:
         return np.array(image).astype(dtype)
 
 
+def read_mask_png(path: Path) -> np.ndarray:
+    """
+    Read a PNG of any kind as a mask.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        The file; transparency is not used.
+
+    Returns
+    -------
+    numpy.ndarray
+        (H, W) bool, False where the image is black.
+
+    Raises
+    ------
+    InputError
+        When it is no PNG or too large.
+
+    """
+    with _opened(path) as image:
+        _check_size(path, image)
+        pixels = np.asarray(image if image.mode in _BITS else image.convert('RGB'))
+        return np.asarray((pixels.reshape(*pixels.shape[:2], -1) > 0).any(axis=-1))
+
+
 def _checked(path: Path, image: Image.Image, bits: tuple[int, ...]) -> tuple[int, int]:
-    if image.width * image.height > _MOST_PIXELS:
-        raise _too_large(path, f'{image.width} x {image.height}')
+    _check_size(path, image)
     if _BITS.get(image.mode) not in bits:
         kinds = {'RGB': 'colours', 'RGBA': 'colours', 'P': 'a palette', 'LA': 'transparency'}
         got = kinds.get(image.mode, f'{_BITS.get(image.mode, "unknown")} bits')
@@ -67,6 +92,11 @@ def _checked(path: Path, image: Image.Image, bits: tuple[int, ...]) -> tuple[int
             f'pixel, got {got}'
         )
     return image.height, image.width
+
+
+def _check_size(path: Path, image: Image.Image) -> None:
+    if image.width * image.height > _MOST_PIXELS:
+        raise _too_large(path, f'{image.width} x {image.height}')
 
 
 @contextmanager
