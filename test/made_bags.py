@@ -147,12 +147,14 @@ def usecase(node: str, received: int, value: str, changed: bool = False) -> Entr
 
 
 def write(
-    path: Path, entries: Iterable[Entry], storage: str = 'mcap', compress: bool = False
+    path: Path,
+    entries: Iterable[Entry],
+    storage: str = 'mcap',
+    compression: CompressionMode = CompressionMode.NONE,
 ) -> Path:
     """Write a bag."""
     writer = Writer(path, version=9, storage_plugin=PLUGINS[storage])
-    if compress:
-        writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+    writer.set_compression(compression, CompressionFormat.ZSTD)
     connections: dict[str, Any] = {}
     with writer:
         for topic, kind, received, message in entries:

@@ -10,10 +10,13 @@ from zlib import crc32
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.recording import load_recording
-from flexx2_sim_ros.recording.chunks import LIMIT
+from flexx2_sim_ros.recording.chunks import FILE_LIMIT, LIMIT
+from flexx2_sim_ros.recording.convert import convert
 import lz4.frame
 from made_bags import depths, driver_bag
+import numpy as np
 import pytest
+from rosbags.rosbag2 import CompressionMode
 
 if sys.version_info >= (3, 14):
     from compression import zstd
@@ -60,10 +63,12 @@ def test_a_chunk_over_the_limit_is_refused(
     path = bomb(tmp_path / 'bomb.mcap', compression, bytes(64 * MB), 64 * MB)
     assert path.stat().st_size < MB
     tracemalloc.start()
-    assert main(['convert', str(path), str(tmp_path / 'out.npz')]) == 2
+    with pytest.raises(InputError):
+        convert(path, tmp_path / 'out.npz')
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 30 * MB
+    assert main(['convert', str(path), str(tmp_path / 'out.npz')]) == 2
     said = ' '.join(capsys.readouterr().err.split())
     assert 'bomb.mcap: a chunk must not decompress to more than 4 MB, got 64 MB' in said
     assert LIMIT in said
@@ -85,8 +90,40 @@ def test_a_chunk_that_declares_too_little_is_read_no_further(
 def test_a_limit_that_is_no_number_is_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    bag = driver_bag(tmp_path / 'bag', depths(3, 8, 8), compress=True)
+    bag = driver_bag(tmp_path / 'bag', depths(3, 8, 8), compression=CompressionMode.STORAGE)
     assert len(load_recording(bag).depth) == 3
     monkeypatch.setenv(LIMIT, 'much')
     with pytest.raises(InputError, match=f"{LIMIT}: must be a whole number of MB, got 'much'"):
         load_recording(bag)
+
+
+@pytest.mark.parametrize('storage', ['sqlite3', 'mcap'])
+@pytest.mark.parametrize(
+    ('mode', 'variable', 'what'),
+    [
+        (CompressionMode.MESSAGE, LIMIT, 'a message'),
+        (CompressionMode.FILE, FILE_LIMIT, 'a file of the bag'),
+    ],
+)
+def test_compressed_messages_and_files_keep_to_a_limit(
+    mode: CompressionMode,
+    variable: str,
+    what: str,
+    storage: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    frames = depths(3, 8, 8)
+    bag = driver_bag(tmp_path / 'bag', frames, storage, compression=mode)
+    np.testing.assert_array_equal(load_recording(bag).depth, frames)
+    monkeypatch.setenv(variable, '4')
+    bomb = driver_bag(
+        tmp_path / 'bomb', np.zeros((1, 2048, 2048), 'f4'), storage, compression=mode
+    )
+    assert sum(file.stat().st_size for file in bomb.iterdir()) < MB
+    tracemalloc.start()
+    with pytest.raises(InputError, match=f'bomb: {what} must not decompress to more than 4 MB'):
+        load_recording(bomb)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 30 * MB

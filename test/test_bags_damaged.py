@@ -12,6 +12,7 @@ from flexx2_sim_ros.recording.bag_files import Bag
 from made_bags import depths, driver_bag, driver_entries, EPOCH, MATRIX, same, STORAGES, write
 import numpy as np
 import pytest
+from rosbags.rosbag2 import CompressionMode
 
 COUNT = 12
 
@@ -23,7 +24,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     depth = depths(COUNT, 86, 112)
     return {
         'mcap': driver_bag(folder / 'm', depth) / 'm.mcap',
-        'zstd': driver_bag(folder / 'z', depth, compress=True) / 'z.mcap',
+        'zstd': driver_bag(folder / 'z', depth, compression=CompressionMode.STORAGE) / 'z.mcap',
         'sqlite3': driver_bag(folder / 's', depth, 'sqlite3') / 's.db3',
     }
 

@@ -4,6 +4,8 @@ import os
 
 from flexx2_sim_ros.errors import InputError, shown
 
+_EXPANSION = 20  # times the size of a file; noisy depth compresses by a factor of 2
+
 
 def limit_bytes(variable: str, default_mb: int) -> int:
     """
@@ -28,3 +30,8 @@ def limit_bytes(variable: str, default_mb: int) -> int:
     if not (text.isdecimal() and len(text) < 9 and int(text)):
         raise InputError(f'{variable}: must be a whole number of MB, got {shown(text)}')
     return int(text) << 20
+
+
+def file_limit_bytes(variable: str, default_mb: int, packed: int) -> int:
+    """Return `limit_bytes`, or 20 times the `packed` bytes of a whole file if that is more."""
+    return max(limit_bytes(variable, default_mb), _EXPANSION * packed)

@@ -13,12 +13,11 @@ import zipfile
 import zlib
 
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.recording.limits import limit_bytes
+from flexx2_sim_ros.recording.limits import file_limit_bytes
 import numpy as np
 
 LIMIT = 'FLEXX2_NPZ_LIMIT_MB'
 _LIMIT_MB = 512
-_EXPANSION = 20  # times the file's size; noisy depth compresses by a factor of 2
 _BLOCK = 1 << 20
 _UNREADABLE = (
     OSError,
@@ -183,7 +182,7 @@ def decode_npy(content: bytes, where: str) -> np.ndarray:
 def _check_sizes(archive: zipfile.ZipFile) -> None:
     total = sum(info.file_size for info in archive.infolist())
     packed = Path(str(archive.filename)).stat().st_size
-    most = max(limit_bytes(LIMIT, _LIMIT_MB), _EXPANSION * packed)
+    most = file_limit_bytes(LIMIT, _LIMIT_MB, packed)
     if total > most:
         raise InputError(
             f'{archive.filename}: must not decompress to more than {most / 2**20:.0f} MB, got '
