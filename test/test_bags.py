@@ -90,9 +90,18 @@ def contents(count: int = 5, height: int = 9, width: int = 7) -> dict[str, dict[
 def test_recordings_survive_a_bag_to_the_last_bit(kind: str, target: str, tmp_path: Path) -> None:
     np.savez(tmp_path / 'in.npz', **contents()[kind])
     storage = 'sqlite3' if target.endswith('sqlite3') else 'mcap'
-    convert(tmp_path / 'in.npz', tmp_path / target, storage=storage)
-    ((reader, _),) = convert(tmp_path / target, tmp_path / 'out.npz')
+    steps: list[tuple[str, float]] = []
 
+    def note(text: str, share: float) -> None:
+        steps.append((text, share))
+
+    convert(tmp_path / 'in.npz', tmp_path / target, storage=storage, progress=note)
+    ((reader, _),) = convert(tmp_path / target, tmp_path / 'out.npz', progress=note)
+
+    for name in (target, 'out.npz'):
+        shares = [share for text, share in steps if text == f'writing {name}']
+        assert sorted(shares) == shares
+        assert shares[-1] == 1.0
     assert reader.notes == []
     assert (tmp_path / target).is_dir() == target.startswith('folder')
     assert not list(tmp_path.glob('.*')), 'nothing is left over'

@@ -7,13 +7,14 @@ from typing import Any
 from flexx2_sim_ros.cli.argument_types import number
 from flexx2_sim_ros.errors import InputError, printable, shown
 from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 _EXAMPLES = """examples:
   flexx2 convert walk walk.npz --camera front_left
   flexx2 convert pico_flexx.bag wall.npz --usecase MODE_9_5FPS_2000
-  flexx2 convert realsense_bag wall.npz --camera /camera/camera/depth/image_rect_raw
-  flexx2 convert images/ wall.npz --calibration ost.yaml --rate 15 --mask known.png
-  flexx2 convert frame.png frame.npz --calibration ost.yaml --unit 0.0002
+  flexx2 convert realsense_bag wall.npz --usecase depth
+  flexx2 convert images/ wall.npz --usecase NFOV_UNBINNED --rate 15
+  flexx2 convert frame.png frame.npz --calibration ost.yaml --unit 0.0002 --mask known.png
   flexx2 convert sdk.npz wall.npz --key depth=depth_mm --key amplitude=ir16"""
 
 
@@ -99,7 +100,7 @@ def _keys(pairs: list[str]) -> dict[str, str]:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Convert, and print what was converted."""
+    """Convert with a progress bar, and print what was converted."""
     from flexx2_sim_ros.recording.convert import convert
     from flexx2_sim_ros.recording.given import Given
 
@@ -112,9 +113,24 @@ def run(arguments: argparse.Namespace) -> int:
         _keys(arguments.key),
     )
     console = Console(stderr=True, soft_wrap=True, highlight=False, markup=False)
-    for reader, path in convert(
-        arguments.source, arguments.target, arguments.camera, arguments.storage, given
-    ):
+    with Progress(
+        TextColumn('{task.description}', markup=False),
+        BarColumn(),
+        TimeElapsedColumn(),
+        console=console,
+        transient=True,
+    ) as progress:
+        task = progress.add_task('starting', total=None)
+
+        def show(text: str, share: float) -> None:
+            # How long reading takes is not known: the bar pulses until images are written.
+            total = 1.0 if share else None
+            progress.update(task, description=printable(text), total=total, completed=share)
+
+        written = convert(
+            arguments.source, arguments.target, arguments.camera, arguments.storage, given, show
+        )
+    for reader, path in written:
         for note in dict.fromkeys(reader.notes):
             console.print(printable(note), style='yellow')
         count, height, width = reader.shape

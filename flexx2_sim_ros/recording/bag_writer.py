@@ -1,6 +1,6 @@
 """Write bags: single messages, or a whole recording."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 import io
 from pathlib import Path
@@ -162,7 +162,11 @@ def check_new(path: Path) -> None:
 
 
 def write_bag(
-    reader: RecordingReader, path: Path, storage: str, camera: str | None = None
+    reader: RecordingReader,
+    path: Path,
+    storage: str,
+    camera: str | None = None,
+    progress: Callable[[float], None] = lambda share: None,
 ) -> None:
     """
     Write a recording as a bag on the topics of `flexx2_camera`.
@@ -180,6 +184,8 @@ def write_bag(
         ``mcap`` or ``sqlite3``; the suffix of a single file has priority.
     camera : str, optional
         The camera's name (namespace). Default: the recording's name, else ``camera``.
+    progress : callable
+        Called with the fraction of the frames that are written.
 
     Raises
     ------
@@ -204,9 +210,13 @@ def write_bag(
     with whole(path) as part:
         # The writer makes a folder. For a single file, only the file in it is kept.
         folder = part.with_name('bag') if single else part
+        where, frames = topics_of(name), 0
         with BagWriter(folder, SUFFIXES.get(path.suffix, storage)) as writer:
-            for topic, kind, time, data in _messages(reader, topics_of(name)):
+            for topic, kind, time, data in _messages(reader, where):
                 writer.write(topic, kind, time, data)
+                if topic == where.depth:
+                    frames += 1
+                    progress(frames / len(reader.stamp))
         if single:
             (folder / f'{folder.name}{path.suffix}').rename(part)
 

@@ -1,7 +1,8 @@
 """Convert recordings from one file format to another."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 import itertools
 from pathlib import Path
 
@@ -19,6 +20,8 @@ import numpy as np
 _CHUNK = 64
 NOTHING = Given()
 
+Progress = Callable[[str, float], None]
+
 
 def convert(
     source: str | Path,
@@ -26,6 +29,7 @@ def convert(
     camera: str | None = None,
     storage: str = 'mcap',
     given: Given = NOTHING,
+    progress: Progress = lambda text, share: None,
 ) -> list[tuple[RecordingReader, Path]]:
     """
     Write a recording in another format, without loss and in bounded memory.
@@ -45,6 +49,8 @@ def convert(
         ``mcap`` or ``sqlite3``, where the target is a folder.
     given : Given
         What the file does not say.
+    progress : callable
+        Called with what is being done, and the fraction of it that is done.
 
     Returns
     -------
@@ -71,13 +77,15 @@ def convert(
         return [
             pair
             for name, path in paths.items()
-            for pair in convert(source, path, name, storage, given)
+            for pair in convert(source, path, name, storage, given, progress)
         ]
+    progress(f'reading {source.name}', 0.0)
     reader = complete(*_open(source, camera, given, images))
+    written = partial(progress, f'writing {target.name}')
     if target.suffix == '.npz':
-        write_npz(reader, target)
+        write_npz(reader, target, written)
     else:
-        write_bag(reader, target, storage, camera)
+        write_bag(reader, target, storage, camera, written)
     return [(reader, target)]
 
 
@@ -115,7 +123,9 @@ def _path_by_camera(target: Path, cameras: list[str]) -> dict[str, Path]:
     return {names[0]: path for path, names in cameras_by_path.items()}
 
 
-def write_npz(reader: RecordingReader, path: Path) -> None:
+def write_npz(
+    reader: RecordingReader, path: Path, progress: Callable[[float], None] = lambda share: None
+) -> None:
     """
     Write a recording as a NumPy archive.
 
@@ -125,14 +135,23 @@ def write_npz(reader: RecordingReader, path: Path) -> None:
         What to write.
     path : pathlib.Path
         The file; it appears when it is complete, and replaces one of that name.
+    progress : callable
+        Called with the fraction of all images that are written.
 
     """
+    done, total = itertools.count(1), len(reader.layouts) * len(reader.stamp)
+
+    def images(key: str) -> Iterator[np.ndarray]:
+        for image in reader.frames(key):
+            yield image
+            progress(next(done) / total)
+
     with RecordingWriter(path, *reader.shape) as writer:
-        for block in _blocks(reader.frames('depth')):
+        for block in _blocks(images('depth')):
             writer.add_depth(block)
         for key, layout in reader.layouts.items():
             if key != 'depth':
-                writer.add_frames(key, layout.dtype, reader.frames(key))
+                writer.add_frames(key, layout.dtype, images(key))
         for key, array in reader.arrays.items():
             writer.add_array(key, array)
 
