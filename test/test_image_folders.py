@@ -7,54 +7,9 @@ import zlib
 
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.recording import load_recording
+from made_images import counts, EIGHT, folder_of, K, metres, ost, save, SIZE
 import numpy as np
-from PIL import Image
 import pytest
-import yaml
-
-SIZE = 8, 10
-K = [60.0, 0.0, 4.5, 0.0, 61.0, 3.5, 0.0, 0.0, 1.0]
-EIGHT = [0.1, -0.2, 0.001, 0.002, 0.05, 0.3, 0.2, 0.1]
-COUNT = 3
-
-
-def counts() -> np.ndarray:
-    """Return (COUNT, H, W) uint16 millimetres, 0 for invalid."""
-    images = np.random.default_rng(1).integers(300, 4000, (COUNT, *SIZE)).astype(np.uint16)
-    images[:, 2, 3] = 0
-    return images
-
-
-def metres(unit: float = 0.001) -> np.ndarray:
-    return np.where(counts() > 0, counts() * np.float32(unit), np.nan)
-
-
-def ost(**changes: Any) -> str:
-    """Return a file as camera_calibration writes it."""
-    height, width = SIZE
-    content = {
-        'image_width': width,
-        'image_height': height,
-        'camera_name': 'flexx',
-        'camera_matrix': {'rows': 3, 'cols': 3, 'data': K},
-        'distortion_model': 'plumb_bob',
-        'distortion_coefficients': {'rows': 1, 'cols': 5, 'data': EIGHT[:5]},
-        'rectification_matrix': {'rows': 3, 'cols': 3, 'data': [1, 0, 0, 0, 1, 0, 0, 0, 1]},
-        'projection_matrix': {'rows': 3, 'cols': 4, 'data': [60.0] * 12},
-    }
-    return yaml.safe_dump({k: v for k, v in (content | changes).items() if v is not None})
-
-
-def save(path: Path, pixels: np.ndarray) -> None:
-    path.parent.mkdir(exist_ok=True, parents=True)
-    Image.fromarray(pixels).save(path)
-
-
-def folder_of(path: Path, names: list[str]) -> Path:
-    for name, image in zip(names, counts(), strict=True):
-        save(path / name, image)
-    (path / 'ost.yaml').write_text(ost())
-    return path
 
 
 def convert(*arguments: Any) -> int:

@@ -1,120 +1,26 @@
-"""Bags of other cameras' drivers, as these write them: topics, encodings, frames and lenses."""
+"""Bags of other cameras' drivers become recordings."""
 
 from pathlib import Path
 from typing import Any
 
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.recording import load_recording
-from made_bags import DISTORTION, Entry, EPOCH, IMAGE, image, info, MATRIX, SECOND, write
+from flexx2_sim_ros.recording import load_recording, recording_cameras
+from made_bags import DISTORTION, IMAGE, MATRIX, write
+from made_driver_bags import (
+    azure_kinect,
+    depths,
+    INFO,
+    millimetres,
+    pico_flexx,
+    RATIONAL,
+    realsense,
+    ros1_bag,
+    stamps,
+    with_frame,
+)
 import numpy as np
 import pytest
-from rosbags.rosbag1 import Writer
-from rosbags.typesys import get_typestore, Stores
-
-ROS1 = get_typestore(Stores.ROS1_NOETIC)
-INFO = 'sensor_msgs/msg/CameraInfo'
-SIZE = 12, 16
-RATIONAL = np.array([2.09, 1.36, 1e-4, -2e-5, 0.07, 2.42, 2.05, 0.37])
-COUNT = 3
-
-
-def depths() -> np.ndarray:
-    """Return (COUNT, H, W) float32 metres with zeros for invalid, whole millimetres."""
-    metres = np.random.default_rng(0).integers(300, 4000, (COUNT, *SIZE)) / 1000
-    metres[:, 0, :3] = 0
-    return metres.astype(np.float32)
-
-
-def millimetres(metres: np.ndarray) -> np.ndarray:
-    return np.rint(1000 * metres).astype(np.uint16)
-
-
-def ros1_bag(path: Path, entries: list[Entry]) -> Path:
-    """Write the same messages as ROS 1 does."""
-    with Writer(path) as writer:
-        connections: dict[str, Any] = {}
-        for topic, kind, received, message in entries:
-            if topic not in connections:
-                connections[topic] = writer.add_connection(topic, kind, typestore=ROS1)
-            head = message.header
-            fields = {name: getattr(message, name) for name in message.__dataclass_fields__} | {
-                'header': ROS1.types['std_msgs/msg/Header'](
-                    7,
-                    ROS1.types['builtin_interfaces/msg/Time'](head.stamp.sec, head.stamp.nanosec),
-                    head.frame_id,
-                )
-            }
-            if kind == INFO:
-                region = ROS1.types['sensor_msgs/msg/RegionOfInterest'](0, 0, 0, 0, False)
-                fields |= {'roi': region}
-                fields |= {name.upper(): fields.pop(name) for name in 'dkrp'}
-            data = ROS1.serialize_ros1(ROS1.types[kind](**fields), kind)
-            writer.write(connections[topic], received, data)
-    return path
-
-
-def with_frame(entry: Entry, frame_id: str, **changes: Any) -> Entry:
-    """Change a message's frame and other fields."""
-    entry[3].header.frame_id = frame_id
-    for name, value in changes.items():
-        setattr(entry[3], name, value)
-    return entry
-
-
-def stamps() -> list[int]:
-    return [EPOCH + index * SECOND // 30 for index in range(COUNT)]
-
-
-def pico_flexx() -> list[Entry]:
-    """Return what pico_flexx_driver publishes: metres, 0 for invalid, raw and shown gray."""
-    entries = []
-    for stamp, depth in zip(stamps(), depths(), strict=True):
-        raw = millimetres(depth)
-        for name, pixels, encoding in (
-            ('image_mono16', raw, 'mono16'),
-            ('image_mono8', (raw // 16).astype(np.uint8), 'mono8'),
-            ('image_depth', depth, '32FC1'),
-            ('image_noise', depth / 1000, '32FC1'),
-        ):
-            entries.append(image(f'/pico_flexx/{name}', stamp, pixels, encoding))
-        entries.append(info('/pico_flexx/camera_info', stamp, SIZE))
-    return [with_frame(entry, 'pico_flexx_optical_frame') for entry in entries]
-
-
-def realsense() -> list[Entry]:
-    """Return what realsense-ros publishes: millimetres, the left infrared image in its frame."""
-    entries = []
-    for stamp, depth in zip(stamps(), depths(), strict=True):
-        raw = millimetres(depth)
-        for name, pixels, encoding in (
-            ('depth', raw, '16UC1'),
-            ('infra1', (raw // 16).astype(np.uint8), 'mono8'),
-            ('infra2', (raw // 32).astype(np.uint8), 'mono8'),
-        ):
-            frame = f'camera_{name}_optical_frame'
-            space = f'/camera/camera/{name}'
-            entries += [
-                with_frame(image(f'{space}/image_rect_raw', stamp, pixels, encoding), frame),
-                with_frame(
-                    info(f'{space}/camera_info', stamp, SIZE, distortion=np.zeros(5)), frame
-                ),
-            ]
-    return entries
-
-
-def azure_kinect() -> list[Entry]:
-    """Return what the driver of Azure Kinect publishes: millimetres, a rational lens."""
-    entries = []
-    for stamp, depth in zip(stamps(), depths(), strict=True):
-        raw = millimetres(depth)
-        for name, encoding in (('depth', '16UC1'), ('ir', 'mono16')):
-            lens = {'distortion_model': 'rational_polynomial', 'd': RATIONAL}
-            entries += [
-                image(f'/{name}/image_raw', stamp, raw, encoding),
-                with_frame(info(f'/{name}/camera_info', stamp, SIZE), '', **lens),
-            ]
-    return [with_frame(entry, 'depth_camera_link') for entry in entries]
 
 
 @pytest.mark.parametrize('ros', [1, 2])
@@ -190,3 +96,16 @@ def test_ros_1_bags_are_not_written(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert main(['convert', str(bag), str(tmp_path / 'out.bag')]) == 2
     assert 'ROS 1' in capsys.readouterr().err
     assert not (tmp_path / 'out.bag').exists()
+
+
+def test_depth_in_the_pixels_of_colour_is_no_second_camera(tmp_path: Path) -> None:
+    for driver, copy in (
+        (realsense, '/camera/camera/aligned_depth_to_color/image_raw'),
+        (azure_kinect, '/depth_to_rgb/image_raw'),
+    ):
+        bag = write(tmp_path / driver.__name__, driver())
+        assert len(recording_cameras(bag)) == 1
+        np.testing.assert_array_equal(load_recording(bag, copy).K, 2 * MATRIX)
+        # A bag that has the copy alone can be read, too.
+        alone = [entry for entry in driver() if 'rgb' in entry[0] or 'color' in entry[0]]
+        assert recording_cameras(write(tmp_path / f'{driver.__name__}2', alone)) == [copy[1:]]

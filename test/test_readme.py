@@ -6,6 +6,10 @@ import shlex
 import subprocess
 import sys
 
+from flexx2_sim_ros.recording import load_recording
+from made_bags import write
+from made_driver_bags import azure_kinect, pico_flexx, realsense, ros1_bag
+from made_images import counts, folder_of, metres, ost, save, SIZE
 import numpy as np
 from programs import first_line
 import pytest
@@ -74,6 +78,18 @@ COMMANDS = dict.fromkeys(
 )
 
 
+def write_files_of_other_cameras(folder: Path) -> None:
+    """Write what the page about recordings converts, by its names."""
+    ros1_bag(folder / 'pico_flexx.bag', pico_flexx())
+    write(folder / 'realsense_bag', realsense())
+    ros1_bag(folder / 'azure_kinect.bag', azure_kinect())
+    folder_of(folder / 'images', ['1.png', '2.png', '3.png'])
+    save(folder / 'frame.png', counts()[0])
+    save(folder / 'known.png', np.eye(*SIZE, dtype=bool))
+    (folder / 'ost.yaml').write_text(ost())
+    np.savez(folder / 'sdk.npz', depth_mm=counts(), ir16=counts() // 2)
+
+
 def python(module: str) -> list[str]:
     return [sys.executable, '-m', module]
 
@@ -98,6 +114,8 @@ def test_command(command: str, tmp_path: Path) -> None:
         camera = np.array([[210.6, 0, 111.5], [0, 212.9, 85.5], [0, 0, 1]])
         np.savez(tmp_path / 'scene.npz', clean_depth=scene, K=camera)
         (tmp_path / 'config').symlink_to(ROOT / 'config')
+        if words[1] == 'convert':
+            write_files_of_other_cameras(tmp_path)
         done = subprocess.run(
             python(EXECUTABLES['flexx2']) + words[1:],
             cwd=tmp_path,
@@ -110,6 +128,15 @@ def test_command(command: str, tmp_path: Path) -> None:
             with np.load(tmp_path / words[3], allow_pickle=False) as recording:
                 assert recording['depth'].shape == (300, 172, 224)
                 assert recording['usecase'] == 'Mode_9_30fps'
+        if words[1] == 'convert':
+            found = load_recording(tmp_path / words[3])
+            if '--usecase' in words:
+                assert found.usecase == words[words.index('--usecase') + 1]
+            if words[2] == 'frame.png':
+                np.testing.assert_array_equal(found.depth, metres(0.0002)[:1])
+                np.testing.assert_array_equal(found.extra['known'], np.eye(*SIZE, dtype=bool))
+            else:
+                assert 0.3 <= np.nanmin(found.depth) < np.nanmax(found.depth) <= 4
         if words[1] == 'demo':
             assert (tmp_path / 'demo_output' / 'demo.png').read_bytes().startswith(b'\x89PNG')
             for name in ('front_left', 'front_right'):

@@ -23,6 +23,9 @@ _GRAY_ENCODINGS = (*_EIGHT_BITS, 'mono16', '16UC1')
 # the driver of Azure Kinect.
 _INFRARED = re.compile(r'/(infra[12]?|ir)/')
 _SAME_PIXELS = ('/infra1/', '/infra/')
+# Copies of depth in the pixels of a colour image: of realsense-ros and of the driver of Azure
+# Kinect.
+_COPY = re.compile(r'/(aligned_depth_to_\w+|depth_to_rgb)/')
 
 
 @dataclass(frozen=True)
@@ -213,7 +216,8 @@ def survey(topics: dict[str, str], samples: Mapping[str, Sample]) -> Survey:
     Find the cameras among topics, by names or else by the content of messages.
 
     A depth image of any name is a camera if a camera info has its size and frame, and no other
-    depth image has the same camera info.
+    depth image has the same camera info. Copies of depth in the pixels of a colour image are left
+    out if the depth image itself is there.
 
     Parameters
     ----------
@@ -230,16 +234,24 @@ def survey(topics: dict[str, str], samples: Mapping[str, Sample]) -> Survey:
     cameras = find_cameras(topics)
     taken = {camera.info for camera in cameras.values()}
     groups: dict[str, list[str]] = {}
-    for topic in unknown_topics(topics):
-        if _may_be_depth(topic, samples):
-            info = _info_of(topic, samples)
-            if info is not None and info not in taken:
-                groups.setdefault(info, []).append(topic)
-    for info, depths in groups.items():
-        if len(depths) == 1:
-            camera = _by_shape(depths[0], info, topics, samples)
+    depths = [topic for topic in unknown_topics(topics) if _may_be_depth(topic, samples)]
+    for topic in depths:
+        info = _info_of(topic, samples)
+        if info is not None and info not in taken and not _is_copy(topic, depths):
+            groups.setdefault(info, []).append(topic)
+    for info, images in groups.items():
+        if len(images) == 1:
+            camera = _by_shape(images[0], info, topics, samples)
             cameras[camera.name] = camera
-    return Survey(cameras, [depths for depths in groups.values() if len(depths) > 1])
+    return Survey(cameras, [images for images in groups.values() if len(images) > 1])
+
+
+def _is_copy(topic: str, depths: list[str]) -> bool:
+    found = _COPY.search(topic)
+    return found is not None and any(
+        other.startswith(topic[: found.start() + 1]) and not _COPY.search(other)
+        for other in depths
+    )
 
 
 def _info_of(depth: str, samples: Mapping[str, Sample]) -> str | None:
