@@ -30,6 +30,11 @@ _WATCH = 'FLEXX2_ENDS_WITH_STDIN'
 Submit = Callable[[Callable[[Any], Any], Sequence[Any]], list['Future[Any]']]
 
 
+def available_cores() -> int:
+    """Return how many cores this process may use, which may be fewer than the machine has."""
+    return len(os.sched_getaffinity(0))
+
+
 def watched_environment() -> dict[str, str]:
     """Return the environment for a child that ends when its standard input does."""
     return {**os.environ, _WATCH: '1'}

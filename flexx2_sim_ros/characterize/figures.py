@@ -33,40 +33,8 @@ def axial_figure(result: Characterization, path: Path) -> None:
     angles = angle_groups(result.modes)
     colours = _colours(len(angles))
     for axis, mode in zip(axes.flat, result.modes, strict=False):
-        # No curve beyond what was measured.
-        near, far = (
-            min(m.distance for m in mode.measurements),
-            max(m.distance for m in mode.measurements),
-        )
-        z = np.linspace(near, far, 200)
         for angle, colour in zip(angles, colours, strict=True):
-            cells = [cell for cell in mode.white if cell.angle_group == angle]
-            if not cells:
-                continue
-            theta = np.full_like(z, math.radians(angle))
-            curve = mode.axial.model().sigma_z(z, theta)
-            half = mode.axial.band(z, theta)
-            if len(cells) > 1 or near < far:
-                axis.plot(z, 1e3 * curve, color=colour, linewidth=1.3)
-                axis.fill_between(
-                    z,
-                    1e3 * np.maximum(curve - half, 1e-6),
-                    1e3 * (curve + half),
-                    color=colour,
-                    alpha=0.25,
-                    linewidth=0,
-                )
-            points = np.array([_at_axis(cell, mode.axial.model()) for cell in cells])
-            axis.plot(
-                points[:, 0],
-                1e3 * points[:, 1],
-                'o',
-                color=colour,
-                markersize=4.5,
-                markeredgecolor='white',
-                markeredgewidth=0.5,
-                label=f'{angle:g}°',
-            )
+            _draw_angle(axis, mode, angle, colour)
         axis.set(title=_text(mode.usecase), xlabel='distance [m]', yscale='log')
         _plain_log(axis.yaxis)
         axis.grid(True, which='both', alpha=0.25)
@@ -90,6 +58,40 @@ def axial_figure(result: Characterization, path: Path) -> None:
     )
     figure.savefig(path, dpi=130)
     pyplot.close(figure)
+
+
+def _draw_angle(axis: Any, mode: ModeResult, angle: float, colour: Any) -> None:
+    # Measured points of one mode at one angle, and the model with its band.
+    cells = [cell for cell in mode.white if cell.angle_group == angle]
+    if not cells:
+        return
+    distances = [m.distance for m in mode.measurements]
+    near, far = min(distances), max(distances)  # No curve beyond what was measured.
+    z = np.linspace(near, far, 200)
+    theta = np.full_like(z, math.radians(angle))
+    curve = mode.axial.model().sigma_z(z, theta)
+    half = mode.axial.band(z, theta)
+    if len(cells) > 1 or near < far:
+        axis.plot(z, 1e3 * curve, color=colour, linewidth=1.3)
+        axis.fill_between(
+            z,
+            1e3 * np.maximum(curve - half, 1e-6),
+            1e3 * (curve + half),
+            color=colour,
+            alpha=0.25,
+            linewidth=0,
+        )
+    points = np.array([_at_axis(cell, mode.axial.model()) for cell in cells])
+    axis.plot(
+        points[:, 0],
+        1e3 * points[:, 1],
+        'o',
+        color=colour,
+        markersize=4.5,
+        markeredgecolor='white',
+        markeredgewidth=0.5,
+        label=f'{angle:g}°',
+    )
 
 
 def _at_axis(cell: Cell, model: NoiseModel) -> tuple[float, float]:
@@ -153,21 +155,7 @@ def lateral_figure(result: Characterization, path: Path) -> bool:
     angles = angle_groups(modes)
     colours = dict(zip(angles, _colours(len(angles)), strict=True))
     for place, mode in enumerate(modes):
-        pairs = [
-            (cell.angle_group, edge) for cell in mode.cells for edge in cell.measurement.edges
-        ]
-        spread = np.linspace(-0.28, 0.28, len(pairs)) if len(pairs) > 1 else np.zeros(1)
-        for offset, (angle, edge) in zip(spread, pairs, strict=True):
-            axis.errorbar(
-                place + offset,
-                edge.sigma,
-                2 * edge.error,
-                color=colours[angle],
-                fmt='o',
-                markersize=3.5,
-                elinewidth=0.8,
-                mfc=colours[angle] if edge.method == 'gradient' else 'white',
-            )
+        _draw_edges(axis, mode, place, colours)
         axis.plot(
             [place - 0.4, place + 0.4],
             [mode.sigma_x] * 2,
@@ -203,6 +191,23 @@ def lateral_figure(result: Characterization, path: Path) -> bool:
     figure.savefig(path, dpi=130)
     pyplot.close(figure)
     return True
+
+
+def _draw_edges(axis: Any, mode: ModeResult, place: int, colours: dict[float, Any]) -> None:
+    # The sigma of each edge with its error, side by side around the mode's place on the axis.
+    pairs = [(cell.angle_group, edge) for cell in mode.cells for edge in cell.measurement.edges]
+    spread = np.linspace(-0.28, 0.28, len(pairs)) if len(pairs) > 1 else np.zeros(1)
+    for offset, (angle, edge) in zip(spread, pairs, strict=True):
+        axis.errorbar(
+            place + offset,
+            edge.sigma,
+            2 * edge.error,
+            color=colours[angle],
+            fmt='o',
+            markersize=3.5,
+            elinewidth=0.8,
+            mfc=colours[angle] if edge.method == 'gradient' else 'white',
+        )
 
 
 def bias_figure(result: Characterization, path: Path) -> bool:

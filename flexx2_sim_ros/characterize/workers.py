@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import as_completed
-import os
 from typing import TypeVar
 
 from flexx2_sim_ros import processes
@@ -10,11 +9,6 @@ from flexx2_sim_ros.errors import InputError
 
 Task = TypeVar('Task')
 Result = TypeVar('Result')
-
-
-def available_cores() -> int:
-    """Return how many cores this process may use."""
-    return len(os.sched_getaffinity(0))
 
 
 def in_processes(

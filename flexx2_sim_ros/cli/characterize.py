@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import Any
 
 from flexx2_sim_ros.atomic import check_folder, output_folder
-from flexx2_sim_ros.cli.argument_types import MOST_FRAMES, MOST_JOBS, number, SEEDS, whole_number
-from flexx2_sim_ros.cli.common import add_profile
+from flexx2_sim_ros.cli.argument_types import MOST_FRAMES, number, SEEDS, whole_number
+from flexx2_sim_ros.cli.common import add_jobs, add_profile
 from flexx2_sim_ros.errors import printable
 from flexx2_sim_ros.profiles.files import find_profile, save_profile
 from flexx2_sim_ros.profiles.modes import Profile
@@ -28,15 +28,25 @@ def add_parser(commands: Any) -> None:
         epilog='example: flexx2 characterize fit campaign --out result',
     )
     steps = parser.add_subparsers(dest='step', required=True, metavar='STEP')
+    _add_plan(steps)
+    _add_capture(steps)
+    _add_fit(steps)
 
-    plan = steps.add_parser(
+
+def _add_plan(steps: Any) -> None:
+    parser = steps.add_parser(
         'plan',
         help='print the campaign as a checklist',
         epilog='example: flexx2 characterize plan --usecase Mode_9_30fps > checklist.md',
         description='Print the campaign as a checklist (Markdown) for a person with a camera, a '
         'tape and a board. It says what to call each recording.',
     )
-    capture = steps.add_parser(
+    _add_conditions(parser)
+    parser.set_defaults(run=_plan)
+
+
+def _add_capture(steps: Any) -> None:
+    parser = steps.add_parser(
         'capture',
         help='record the campaign with the simulated camera',
         epilog='example: flexx2 characterize capture campaign --frames 300',
@@ -44,56 +54,64 @@ def add_parser(commands: Any) -> None:
         'file for each mode, distance and angle (46 MB for 300 frames of 224 x 172). Resumes '
         'after an interruption.',
     )
-    capture.add_argument('folder', type=Path, metavar='FOLDER', help='for the recordings')
-    for step in (plan, capture):
-        step.add_argument(
-            '--usecase',
-            action='append',
-            metavar='MODE',
-            help='a mode; may be repeated (default: the modes whose noise was measured)',
-        )
-        step.add_argument(
-            '--distances',
-            type=number(0, 1e3, above=True),
-            nargs='+',
-            metavar='M',
-            help="of the board, metres (default: eight that suit each mode's range)",
-        )
-        step.add_argument(
-            '--angles',
-            type=number(0, 80),
-            nargs='+',
-            metavar='DEG',
-            default=[0.0, 15.0, 30.0, 45.0, 60.0],
-            help='of the board, degrees (default: 0 15 30 45 60)',
-        )
-        step.add_argument(
-            '--reflectivities',
-            type=number(1, 100),
-            nargs='+',
-            metavar='%',
-            default=[None],
-            help="the boards' reflectivities at the camera's wavelength, percent; three or more "
-            'tell how noise depends on reflectivity (default: one white board)',
-        )
-        step.add_argument(
-            '--frames',
-            type=whole_number(1, MOST_FRAMES),
-            default=300,
-            help='frames in each recording (default %(default)s)',
-        )
-        add_profile(step)
-    capture.add_argument(
+    parser.add_argument('folder', type=Path, metavar='FOLDER', help='for the recordings')
+    _add_conditions(parser)
+    parser.add_argument(
         '--seed', type=whole_number(*SEEDS), default=0, help='seed of the noise (default 0)'
     )
-    capture.add_argument(
+    parser.add_argument(
         '--renderer',
         choices=_BACKENDS,
         default='auto',
         help='how the board is rendered (default %(default)s)',
     )
+    add_jobs(parser)
+    parser.set_defaults(run=_capture)
 
-    fit = steps.add_parser(
+
+def _add_conditions(parser: argparse.ArgumentParser) -> None:
+    # What is recorded: modes, poses and boards, and how many frames.
+    parser.add_argument(
+        '--usecase',
+        action='append',
+        metavar='MODE',
+        help='a mode; may be repeated (default: the modes whose noise was measured)',
+    )
+    parser.add_argument(
+        '--distances',
+        type=number(0, 1e3, above=True),
+        nargs='+',
+        metavar='M',
+        help="of the board, metres (default: eight that suit each mode's range)",
+    )
+    parser.add_argument(
+        '--angles',
+        type=number(0, 80),
+        nargs='+',
+        metavar='DEG',
+        default=[0.0, 15.0, 30.0, 45.0, 60.0],
+        help='of the board, degrees (default: 0 15 30 45 60)',
+    )
+    parser.add_argument(
+        '--reflectivities',
+        type=number(1, 100),
+        nargs='+',
+        metavar='%',
+        default=[None],
+        help="the boards' reflectivities at the camera's wavelength, percent; three or more "
+        'tell how noise depends on reflectivity (default: one white board)',
+    )
+    parser.add_argument(
+        '--frames',
+        type=whole_number(1, MOST_FRAMES),
+        default=300,
+        help='frames in each recording (default %(default)s)',
+    )
+    add_profile(parser)
+
+
+def _add_fit(steps: Any) -> None:
+    parser = steps.add_parser(
         'fit',
         help='analyse recordings: report and camera profile',
         epilog='example: flexx2 characterize fit campaign --out result',
@@ -102,40 +120,26 @@ def add_parser(commands: Any) -> None:
         'MODE_DISTANCEm_ANGLEdeg are checked against their names; _PERCENTpct at the end is the '
         "board's reflectivity.",
     )
-    fit.add_argument('folder', type=Path, metavar='FOLDER', help='of recordings')
-    fit.add_argument(
+    parser.add_argument('folder', type=Path, metavar='FOLDER', help='of recordings')
+    parser.add_argument(
         '--out', type=Path, metavar='DIR', help=f'where to write (default: FOLDER/{_OUT})'
     )
-    fit.add_argument(
+    parser.add_argument(
         '--box',
         type=whole_number(0, 1_000_000),
         nargs=4,
         metavar=('X0', 'Y0', 'X1', 'Y1'),
         help='region of the board in each image, pixels (default: detected)',
     )
-    fit.add_argument('--camera', metavar='NAME', help='which camera, if bags have several')
-    fit.add_argument('--model', metavar='NAME', help="the camera's name in the profile")
-    add_profile(fit)
-    for step in (capture, fit):
-        step.add_argument(
-            '--jobs',
-            type=whole_number(1, MOST_JOBS),
-            metavar='N',
-            help='number of processes (default: one per core)',
-        )
-    plan.set_defaults(run=_plan)
-    capture.set_defaults(run=_capture)
-    fit.set_defaults(run=_fit)
+    parser.add_argument('--camera', metavar='NAME', help='which camera, if bags have several')
+    parser.add_argument('--model', metavar='NAME', help="the camera's name in the profile")
+    add_profile(parser)
+    add_jobs(parser)
+    parser.set_defaults(run=_fit)
 
 
 def _profile(arguments: argparse.Namespace) -> Profile:
     return find_profile(arguments.profile)
-
-
-def _jobs(arguments: argparse.Namespace) -> int:
-    from flexx2_sim_ros.characterize.workers import available_cores
-
-    return arguments.jobs or available_cores()
 
 
 def _progress(console: Console) -> Progress:
@@ -179,7 +183,7 @@ def _capture(arguments: argparse.Namespace) -> int:
             frames=arguments.frames,
             seed=arguments.seed,
             renderer=arguments.renderer,
-            workers=_jobs(arguments),
+            workers=arguments.jobs,
             say=lambda text: console.print(
                 printable(text), style='yellow', highlight=False, soft_wrap=True
             ),
@@ -213,7 +217,7 @@ def _fit(arguments: argparse.Namespace) -> int:
             box=None if arguments.box is None else tuple(arguments.box),
             camera=arguments.camera,
             profile=camera,
-            workers=_jobs(arguments),
+            workers=arguments.jobs,
             on_done=lambda done, total: progress.update(task, completed=done, total=total),
         )
     profile = to_profile(result, arguments.model)

@@ -3,11 +3,11 @@
 import argparse
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-import os
 import shlex
 import sys
 
 from flexx2_sim_ros.cli.argument_types import MOST_JOBS, number, whole_number
+from flexx2_sim_ros.processes import available_cores
 from flexx2_sim_ros.profiles.files import PROFILE_HELP
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
@@ -32,7 +32,7 @@ def add_jobs(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--jobs',
         type=whole_number(1, MOST_JOBS),
-        default=os.cpu_count() or 1,
+        default=available_cores(),
         help='number of processes (default: one per core)',
     )
 

@@ -33,27 +33,7 @@ def add_parser(commands: Any) -> None:
         epilog='example: flexx2 gap truth bags/ --scan room.ply --out campaign/',
     )
     parser.add_argument('recordings', nargs='+', metavar='RECORDING')
-    room = parser.add_mutually_exclusive_group(required=True)
-    room.add_argument(
-        '--scan',
-        metavar='MESH',
-        help='the room as a triangle mesh in metres: .ply, .obj, .glb or .stl',
-    )
-    room.add_argument(
-        '--scene', metavar='FILE', help='the room as a MuJoCo model: MJCF (.xml) or .urdf'
-    )
-    room.add_argument(
-        '--board',
-        metavar='FILE',
-        help='a printed target that the gray images show, as flexx2 gap target describes it '
-        '(target.yaml)',
-    )
-    room.add_argument(
-        '--planes',
-        metavar='FILE',
-        help='planes of the room and what a tape measure and a set square say of them '
-        '(planes.yaml)',
-    )
+    _add_rooms(parser)
     parser.add_argument('--out', required=True, metavar='DIR')
     parser.add_argument(
         '--pose',
@@ -93,6 +73,30 @@ def add_parser(commands: Any) -> None:
     add_jobs(parser)
     add_scheduler(parser)
     parser.set_defaults(run=run)
+
+
+def _add_rooms(parser: argparse.ArgumentParser) -> None:
+    room = parser.add_mutually_exclusive_group(required=True)
+    room.add_argument(
+        '--scan',
+        metavar='MESH',
+        help='the room as a triangle mesh in metres: .ply, .obj, .glb or .stl',
+    )
+    room.add_argument(
+        '--scene', metavar='FILE', help='the room as a MuJoCo model: MJCF (.xml) or .urdf'
+    )
+    room.add_argument(
+        '--board',
+        metavar='FILE',
+        help='a printed target that the gray images show, as flexx2 gap target describes it '
+        '(target.yaml)',
+    )
+    room.add_argument(
+        '--planes',
+        metavar='FILE',
+        help='planes of the room and what a tape measure and a set square say of them '
+        '(planes.yaml)',
+    )
 
 
 def run(arguments: argparse.Namespace) -> int:
