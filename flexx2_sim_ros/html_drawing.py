@@ -10,14 +10,15 @@ import numpy as np
 
 # Classes of the page's style: real, simulated, simulated with the effects.
 _KINDS = ('real', 'simulated', 'effects')
+_BAR_WIDTH = 160
 _WIDTH, _HEIGHT, _LEFT, _BOTTOM = 440, 230, 52, 38
 
 
 def picture(image: np.ndarray, limit: float) -> str:
     """Return an (H, W) image as a data URL: blue to red within +-limit, gray for NaN."""
-    share = np.clip(np.nan_to_num(image / limit), -1, 1)[..., None]
+    part = np.clip(np.nan_to_num(image / limit), -1, 1)[..., None]
     red, blue = np.array([178, 24, 43]), np.array([33, 102, 172])
-    colour = np.where(share > 0, 255 + share * (red - 255), 255 - share * (blue - 255))
+    colour = np.where(part > 0, 255 + part * (red - 255), 255 - part * (blue - 255))
     colour = np.where(np.isfinite(image)[..., None], colour, 205).astype(np.uint8)
     colour = colour.repeat(4, axis=0).repeat(4, axis=1)
     file = BytesIO()
@@ -26,14 +27,18 @@ def picture(image: np.ndarray, limit: float) -> str:
 
 
 def bar(before: float, after: float, null: float) -> str:
-    """Return a small SVG bar: before, after, and a mark at what two simulations differ by."""
-    top = max(before, after, null, 1e-12)
-    width = 160.0
+    """
+    Return a small SVG bar: before, after, and a mark at what two simulations differ by.
+
+    Its class is ``bar``: the style of the page gives its size.
+    """
+    top = max(before, after, null, 1e-12) / _BAR_WIDTH
     return (
-        f'<svg width="{width:.0f}" height="16" role="img" aria-label="before and after">'
-        f'<rect y="2" height="5" width="{width * before / top:.1f}" class="before"/>'
-        f'<rect y="8" height="5" width="{width * after / top:.1f}" class="after"/>'
-        f'<rect x="{max(width * null / top - 1, 0):.1f}" y="0" height="16" width="1.5" '
+        f'<svg class="bar" viewBox="0 0 {_BAR_WIDTH} 16" preserveAspectRatio="none" role="img" '
+        'aria-label="before and after">'
+        f'<rect y="2" height="5" width="{before / top:.1f}" class="before"/>'
+        f'<rect y="8" height="5" width="{after / top:.1f}" class="after"/>'
+        f'<rect x="{max(null / top - 1, 0):.1f}" y="0" height="16" width="1.5" '
         'class="null"/></svg>'
     )
 

@@ -90,6 +90,16 @@ def test_finds_an_effect_and_writes_what_it_found(
     assert 'lag-1 correlation against' in text
 
 
+# Whether all bars of a page lie inside their pictures, and the pictures can be seen.
+BARS_FIT = """[...document.querySelectorAll("svg.bar")].every((svg) => {
+  const outer = svg.getBoundingClientRect();
+  return outer.width > 50 && [...svg.children].every((one) => {
+    const inner = one.getBoundingClientRect();
+    return inner.left >= outer.left - 1 && inner.right <= outer.right + 1;
+  });
+})"""
+
+
 def test_the_page_in_a_browser(tmp_path: Path) -> None:
     write_campaign(
         tmp_path / 'campaign',
@@ -108,6 +118,16 @@ def test_the_page_in_a_browser(tmp_path: Path) -> None:
         assert browser.evaluate('document.querySelector("h1").textContent').startswith(
             'The gap is due to'
         )
+        # On a phone tables scroll, the page does not, and no bar is cut off.
+        browser.call(
+            'Emulation.setDeviceMetricsOverride',
+            width=390,
+            height=800,
+            deviceScaleFactor=1,
+            mobile=True,
+        )
+        assert browser.evaluate('document.documentElement.scrollWidth') == 390
+        assert browser.evaluate(BARS_FIT)
 
 
 def check_page(text: str) -> None:

@@ -7,19 +7,20 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from flexx2_sim_ros.atomic import output_folder, whole_files
+from flexx2_sim_ros.gap.report.style import STYLE
+from flexx2_sim_ros.gap.report.words import percent
 from flexx2_sim_ros.html_drawing import bar
 from flexx2_sim_ros.html_page import html_page
 
 FILES = ('check.json', 'check.html')
-_STYLE = """
-td, th { padding: .18rem .9rem .18rem 0; text-align: left; vertical-align: top; }
-td svg { max-width: none; }
-th, small, .dim { color: var(--dim); }
-.tag { display: inline-block; padding: .1rem .6rem; border-radius: 1rem; color: #fff;
-  font-weight: 600; background: #a8324a; }
-.holds { background: #2e7d4f; }
-.before { fill: var(--gray); } .after { fill: var(--blue); } .null { fill: var(--ink); }
+_STYLE = (
+    STYLE
+    + """
+.fails { background: #a8324a; } .holds { background: #2e7d4f; }
+td + td, .recordings td { white-space: nowrap; }
+.bar { width: 8rem; } .recordings .bar { width: 6rem; }
 """
+)
 # Name, unit and factor to it.
 _MEASURES = {
     'loss': ('loss per recording', '', 1.0),
@@ -72,7 +73,8 @@ def headline(table: dict[str, Any]) -> str:
     names = ' and '.join(name.replace('_', ' ') for name in table['effects'])
     loss = table['measures']['loss']
     if table['holds']:
-        return f'The diagnosis holds: {names} removes {loss["shrink"]:.0%} of the gap.'
+        remove = 'removes' if len(table['effects']) == 1 else 'remove'
+        return f'The diagnosis holds: {names} {remove} {percent(loss["shrink"])} of the gap.'
     return f'The diagnosis ({names}) does not hold on these recordings.'
 
 
@@ -107,12 +109,12 @@ def lines(table: dict[str, Any]) -> Iterator[Line]:
 
 def _text(one: dict[str, Any], part: str, unit: str, factor: float) -> str:
     sign = '+' if part == 'change' else ''
-    value = f'{one[part] * factor:{sign}.3g}'
+    value = f'{one[part] * factor:{sign}.3g} {unit}'.strip()
     interval = one[f'{part}_interval']
     if interval is not None and part != 'null':
         low, high = (f'{end * factor:{sign}.3g}' for end in interval)
         value += f' ({low} to {high})'
-    return f'{value} {unit}'.strip()
+    return value
 
 
 def page(table: dict[str, Any]) -> str:
@@ -120,10 +122,15 @@ def page(table: dict[str, Any]) -> str:
     rows = []
     for key, line in zip(_MEASURES, lines(table), strict=True):
         one = table['measures'][key]
-        cells = ''.join(f'<td>{escape(text)}</td>' for text in line)
+        cells = ''.join(
+            f'<td>{escape(text).replace(" (", "<br><small>(", 1)}</small></td>'
+            if ' (' in text
+            else f'<td>{escape(text)}</td>'
+            for text in line
+        )
         rows.append(f'<tr>{cells}<td>{bar(one["before"], one["after"], one["null"])}</td></tr>')
     used = [row for row in table['recordings'] if row['used']]
-    tag, word = ('holds', 'holds') if table['holds'] else ('', 'does not hold')
+    tag, word = ('holds', 'holds') if table['holds'] else ('fails', 'does not hold')
     body = [
         f'<p><span class="tag {tag}">{word}</span> <small>on {len(used)} recordings that the '
         'diagnosis has not seen</small></p>',
@@ -153,11 +160,11 @@ def _recordings(used: list[dict[str, Any]]) -> str:
     rows = []
     for row in used:
         cells = ''.join(
-            f'<td>{row[key][0] * factor:.3g} to {row[key][1] * factor:.3g} {bar(*row[key])}</td>'
+            f'<td>{row[key][0] * factor:.3g} to {row[key][1] * factor:.3g}{bar(*row[key])}</td>'
             for key, (_, _, factor) in _MEASURES.items()
         )
         rows.append(f'<tr><td>{escape(row["name"])}</td>{cells}</tr>')
     return (
-        '<h2>Each recording</h2><div class="scroll"><table>'
+        '<h2>Each recording, before to after</h2><div class="scroll"><table class="recordings">'
         f'<tr><th>file</th>{head}</tr>{"".join(rows)}</table></div>'
     )

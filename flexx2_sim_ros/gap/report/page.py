@@ -9,16 +9,23 @@ from flexx2_sim_ros.gap.features.physical import UNITS
 from flexx2_sim_ros.gap.inference.decide import Decision
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.report.charts import charts, maps
-from flexx2_sim_ros.gap.report.words import accuracy, headline, not_considered, place, sentences
+from flexx2_sim_ros.gap.report.style import STYLE
+from flexx2_sim_ros.gap.report.words import (
+    accuracy,
+    headline,
+    not_considered,
+    percent,
+    place,
+    sentences,
+)
 from flexx2_sim_ros.html_drawing import bar
 from flexx2_sim_ros.html_page import html_page
 
-_STYLE = """
-td, th { padding: .18rem .9rem .18rem 0; text-align: left; vertical-align: top; }
-th, small, .dim, figcaption { color: var(--dim); } figcaption { font-size: .85rem; }
-td.q { white-space: nowrap; }
-.tag { display: inline-block; padding: .1rem .6rem; border-radius: 1rem; color: #fff;
-  font-weight: 600; background: #5a6b7b; }
+_STYLE = (
+    STYLE
+    + """
+figcaption { font-size: .85rem; }
+td.number { white-space: nowrap; }
 .none { background: #2e7d4f; } .identified { background: #1f6feb; }
 .partly, .not_decidable { background: #b7791f; } .unknown { background: #a8324a; }
 .row { display: flex; flex-wrap: wrap; gap: 1.2rem; }
@@ -26,8 +33,8 @@ td.q { white-space: nowrap; }
 .curve { fill: none; stroke-width: 2; } .grid { stroke: var(--line); }
 .real { stroke: var(--ink); } .simulated { stroke: var(--orange); stroke-dasharray: 5 3; }
 .effects { stroke: var(--blue); } svg text { fill: var(--ink); }
-.before { fill: var(--gray); } .after { fill: var(--blue); } .null { fill: var(--ink); }
 """
+)
 _UNIT_NAMES = {
     'wasserstein_mm': ('distance of depth errors (Wasserstein-1)', 'mm', 1.0),
     'invalid_rate': ('difference in invalid pixels', '%', 100.0),
@@ -62,17 +69,21 @@ def page(
     return html_page(f'Sim-to-real gap: {table["verdict"]}', _STYLE, '\n'.join(body))
 
 
+def _numbers(*texts: str) -> str:
+    return ''.join(f'<td class="number">{escape(text)}</td>' for text in texts)
+
+
 def _effects(table: dict[str, Any]) -> str:
     if not table['effects']:
         return ''
     rows = []
     for row in table['effects']:
         values = ', '.join(f'{name} {value:.4g}' for name, value in row['parameters'].items())
-        low, high = row['interval']
+        low, high = map(percent, row['interval'])
+        numbers = percent(row['share']), f'{low} to {high}', percent(row['confidence'])
         rows.append(
             f'<tr><td><b>{escape(row["name"].replace("_", " "))}</b></td>'
-            f'<td>{row["share"]:.0%}</td><td>{low:.0%} to {high:.0%}</td>'
-            f'<td>{row["confidence"]:.0%}</td><td>{escape(values)}</td></tr>'
+            f'{_numbers(*numbers)}<td>{escape(values)}</td></tr>'
         )
     return (
         '<h2>What causes the gap</h2><div class="scroll"><table><tr><th>effect</th>'
@@ -92,8 +103,8 @@ def _shrinkage(table: dict[str, Any]) -> str:
         gap = table['gap'][unit]
         first, last, least = (gap[k] * factor for k in ('before', 'after', 'null'))
         rows.append(
-            f'<tr><td>{escape(name)}</td><td>{first:.3g} {symbol}</td>'
-            f'<td>{last:.3g} {symbol}</td><td>{least:.3g} {symbol}</td>'
+            f'<tr><td>{escape(name)}</td>'
+            f'{_numbers(*(f"{one:.3g} {symbol}" for one in (first, last, least)))}'
             f'<td>{bar(first, last, least)}</td></tr>'
         )
     after = 'with the effects' if table['effects'] else 'after (no effect added)'
@@ -111,7 +122,7 @@ def _where(table: dict[str, Any]) -> str:
     if not table['where']:
         return '<h2>Where the gap lies</h2><p>No region differs by more than the tolerance.</p>'
     rows = ''.join(
-        f'<tr><td>{escape(place(cell))}</td><td class="q"><small>q = '
+        f'<tr><td>{escape(place(cell))}</td><td class="number"><small>q = '
         f'{cell["q_value"]:.2g}</small></td></tr>'
         for cell in table['where'][:12]
     )
@@ -140,7 +151,7 @@ def _considered(table: dict[str, Any], decision: Decision) -> str:
         else:
             why = 'explains less' if taken else 'explains too little'
         rows.append(
-            f'<tr><td>{escape(name.replace("_", " "))}</td><td>{min(fraction, 1):.0%}</td>'
+            f'<tr><td>{escape(name.replace("_", " "))}</td><td>{percent(min(fraction, 1))}</td>'
             f'<td>{escape(why)}</td></tr>'
         )
     return (

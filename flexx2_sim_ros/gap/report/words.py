@@ -41,6 +41,11 @@ def _list(names: list[str]) -> str:
     return ' and '.join(filter(None, [', '.join(names[:-1]), names[-1]])) if names else ''
 
 
+def percent(fraction: float) -> str:
+    """Return a fraction in percent, as text."""
+    return f'{100 * fraction:.0f} %'
+
+
 def headline(table: dict[str, Any]) -> str:
     """Return the verdict in one sentence."""
     gap, rows = table['gap'], table['effects']
@@ -73,7 +78,7 @@ def headline(table: dict[str, Any]) -> str:
     rest = ' Another cause remains.' if table['verdict'] == 'partly' else ''
     return (
         f'The gap is due to {_names(rows)}: adding {"it" if len(rows) == 1 else "them"} '
-        f'to the simulation removes {gap["shrink"]:.0%} {held}.{rest}'
+        f'to the simulation removes {percent(gap["shrink"])} {held}.{rest}'
     )
 
 
@@ -83,8 +88,8 @@ def sentences(table: dict[str, Any]) -> list[str]:
     gap = table['gap']
     if table['effects'] and gap['interval'] is not None:
         out.append(
-            f'90 % interval of this reduction: {gap["interval"][0]:.0%} to '
-            f'{gap["interval"][1]:.0%} of the gap.'
+            f'90 % interval of this reduction: {percent(gap["interval"][0])} to '
+            f'{percent(gap["interval"][1])} of the gap.'
         )
     if any(row['name'] == of_role('pose').name for row in table['effects']):
         out.append(
@@ -106,7 +111,7 @@ def sentences(table: dict[str, Any]) -> list[str]:
         out.append(
             f'effects.yaml has a correction without a cause, over '
             f'{table["patch"]["covariate"].replace("_", " ")}: it removes '
-            f'{table["patch"]["shrink"]:.0%} of the gap in bias, noise and invalid pixels.'
+            f'{percent(table["patch"]["shrink"])} of the gap in bias, noise and invalid pixels.'
         )
     out += not_decidable(table) + ground_truth(table)
     if table['where'] and table['verdict'] != 'none':

@@ -11,6 +11,7 @@ from flexx2_sim_ros.gap.features.confirm import Outcome
 from flexx2_sim_ros.gap.inference.decide import Decision
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.report.page import page
+from flexx2_sim_ros.gap.report.words import percent
 
 FILES = ('diagnosis.json', 'effects.yaml', 'report.html')
 
@@ -58,14 +59,14 @@ def _comment(table: dict[str, Any]) -> str:
         return (
             'PATCH WITHOUT A CAUSE: flexx2 gap diagnose found a gap that no effect explains.\n'
             f'Bias, noise and loss binned over {table["patch"]["covariate"]}; takes '
-            f'{table["patch"]["shrink"]:.0%} of the gap in these off'
+            f'{percent(table["patch"]["shrink"])} of the gap in these off'
         )
     gap = table['gap']
     lines = [f'flexx2 gap diagnose: {table["verdict"]}: {names}']
     if gap['held_out'] and table['effects']:
         low, high = gap['interval']
         lines.append(
-            f'takes {gap["shrink"]:.0%} of the gap off recordings it was not fitted to '
-            f'(90 % interval {low:.0%} to {high:.0%})'
+            f'takes {percent(gap["shrink"])} of the gap off recordings it was not fitted to '
+            f'(90 % interval {percent(low)} to {percent(high)})'
         )
     return '\n'.join(lines)
