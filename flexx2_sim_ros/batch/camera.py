@@ -5,7 +5,8 @@ import math
 from typing import Any
 
 from flexx2_sim_ros.batch import kernels
-from flexx2_sim_ros.batch.effect_tables import each_environment
+from flexx2_sim_ros.batch.arguments import device_named, environments, mask_of, one_for_each, seeds
+from flexx2_sim_ros.batch.effect_tables import each_environment, noise_row
 from flexx2_sim_ros.batch.exchange import checked, from_warp, stream_of, to_warp
 from flexx2_sim_ros.batch.host import HostCameras, put, without_kernel
 from flexx2_sim_ros.batch.images import Images, Rows
@@ -13,9 +14,7 @@ from flexx2_sim_ros.batch.stages import BatchStages
 from flexx2_sim_ros.batch.surface_kernels import depends_on_surfaces
 from flexx2_sim_ros.camera import Intrinsics, Mode, Profile
 from flexx2_sim_ros.effects import Effect
-from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.physics.frame_state import check_frequencies
-from flexx2_sim_ros.physics.lateral import pixel_sigma
+from flexx2_sim_ros.errors import InputError, shown
 from flexx2_sim_ros.physics.philox import camera_key
 from flexx2_sim_ros.profiles.modes import DEFAULT_USECASE, flexx2
 import numpy as np
@@ -91,22 +90,16 @@ class BatchCamera:
         invalid_value: str = 'nan',
     ) -> None:
         """Look the modes up and put them on the device."""
-        if (
-            isinstance(num_envs, bool)
-            or not isinstance(num_envs, int | np.integer)
-            or num_envs < 1
-        ):
-            raise InputError(f'num_envs: must be a whole number from 1, got {num_envs!r}')
+        self.num_envs = environments(num_envs)
         if invalid_value not in _INVALID:
-            raise InputError(f'invalid_value: must be nan or zero, got {invalid_value!r}')
-        self.num_envs = int(num_envs)
+            raise InputError(f'invalid_value: must be nan or zero, got {shown(invalid_value)}')
         self.profile = profile or flexx2()
-        self.device = _device(device)
+        self.device = device_named(device)
         if K is not None:
             Intrinsics.from_matrix(K, 1, 1)  # complains
         self._matrix = K
         self._invalid = _INVALID[invalid_value]
-        self._seeds, self._name = self._each_seed(seed), name
+        self._seeds, self._name = seeds(seed, self.num_envs), name
         keys = np.stack([camera_key(one, name) for one in self._seeds])
         self._noise = np.zeros(self.num_envs, kernels.Noise.numpy_dtype())  # type: ignore
         self._periods = np.zeros(self.num_envs, np.int64)
@@ -153,8 +146,8 @@ class BatchCamera:
             When there is no such mode, or the number of modes is not N.
 
         """
-        names = self._for_each('usecase', usecase, str)
-        chosen = self._mask(env_mask)
+        names = one_for_each('usecase', usecase, str, self.num_envs)
+        chosen = mask_of(env_mask, self.num_envs)
         modes = {one: self.profile.mode(one) for one in set(names)}
         self._set(
             [modes[names[i]] if chosen[i] else mode for i, mode in enumerate(self._modes)],
@@ -181,7 +174,7 @@ class BatchCamera:
             For effects that `Camera` does not take.
 
         """
-        chosen = self._mask(env_mask)
+        chosen = mask_of(env_mask, self.num_envs)
         read = each_environment(effects, self.num_envs)
         every = [read[i] if chosen[i] else own for i, own in enumerate(self._effects)]
         self._set(self._modes, every)
@@ -327,7 +320,7 @@ class BatchCamera:
 
     def _set(self, modes: list[Mode], effects: list[tuple[Effect, ...]]) -> None:
         rows = {
-            (mode, own): _noise_row(mode, own)
+            (mode, own): noise_row(mode, own)
             for mode, own in set(zip(modes, effects, strict=True))
         }
         for i, pair in enumerate(zip(modes, effects, strict=True)):
@@ -374,70 +367,3 @@ class BatchCamera:
             (own.cx + 0.5) * across - 0.5,
             (own.cy + 0.5) * down - 0.5,
         )
-
-    def _each_seed(self, seed: int | Sequence[int]) -> list[int]:
-        one = isinstance(seed, int | np.integer) and not isinstance(seed, bool)
-        seeds = (
-            [int(seed) + i for i in range(self.num_envs)]  # type: ignore[arg-type]
-            if one
-            else self._for_each('seed', seed, int | np.integer)
-        )
-        for value in seeds:
-            if isinstance(value, bool) or not -(2**63) <= value < 2**63:
-                raise InputError(f'seed: must be a whole number of 64 bits, got {value!r}')
-        return seeds
-
-    def _for_each(self, name: str, value: Any, kind: Any) -> list[Any]:
-        if isinstance(value, kind):
-            return [value] * self.num_envs
-        if (
-            not isinstance(value, Sequence | np.ndarray)
-            or len(value) != self.num_envs
-            or not all(isinstance(one, kind) for one in value)
-        ):
-            raise InputError(
-                f'{name}: must be one, or one for each of the {self.num_envs} environments, '
-                f'got {value!r}'
-            )
-        return list(value)
-
-    def _mask(self, env_mask: Any) -> np.ndarray:
-        if env_mask is None:
-            return np.ones(self.num_envs, bool)
-        mask = env_mask.numpy() if isinstance(env_mask, wp.array) else env_mask
-        mask = np.asarray(mask.cpu() if hasattr(mask, 'cpu') else mask)
-        if mask.dtype != bool or mask.shape != (self.num_envs,):
-            raise InputError(
-                f'env_mask: must be bool of shape ({self.num_envs},), got {mask.dtype} of '
-                f'shape {mask.shape}'
-            )
-        return mask
-
-
-def _device(name: str | None) -> Any:
-    try:
-        return wp.get_preferred_device() if name is None else wp.get_device(name)
-    except (RuntimeError, ValueError) as error:
-        known = ', '.join(device.alias for device in wp.get_devices())
-        raise InputError(f'device: must be one of {known}, got {name!r}') from error
-
-
-def _noise_row(mode: Mode, effects: Sequence[Effect]) -> tuple[float, ...]:
-    # In the order of kernels.Noise.
-    check_frequencies(effects, mode)
-    noise, edge_sigma, laplace = mode.noise, mode.noise.sigma_x, 0.0
-    for effect in effects:
-        if 'edges' in (effect.batched or ()):
-            edge_sigma, laplace = effect.edges(edge_sigma)  # type: ignore[attr-defined]
-    return (
-        noise.a,
-        noise.b,
-        noise.c,
-        noise.d,
-        noise.n,
-        mode.range_min,
-        mode.range_max,
-        pixel_sigma(edge_sigma),
-        laplace,
-        min(math.ceil((5 + 5 * laplace) * edge_sigma), 127),
-    )

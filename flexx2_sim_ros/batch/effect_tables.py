@@ -8,7 +8,8 @@ from flexx2_sim_ros.camera import Camera, Mode, Profile
 from flexx2_sim_ros.effects import Effect, registry
 from flexx2_sim_ros.effects.range_wrap import lattice_step, noise_shares
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.physics.frame_state import FrameState, Memory
+from flexx2_sim_ros.physics.frame_state import check_frequencies, FrameState, Memory
+from flexx2_sim_ros.physics.lateral import edge_limit, pixel_sigma
 import numpy as np
 import warp as wp
 
@@ -101,6 +102,27 @@ def effects_row(effects: Sequence[Effect]) -> np.ndarray:
         for name, number in {'strength': effect.strength, **effect.constants()}.items():
             row[f'{effect.name}_{name}'] = number
     return row
+
+
+def noise_row(mode: Mode, effects: Sequence[Effect]) -> tuple[float, ...]:
+    """Return the row of an environment, of `kernels.Noise`, or raise `InputError`."""
+    check_frequencies(effects, mode)
+    noise, edge_sigma, laplace = mode.noise, mode.noise.sigma_x, 0.0
+    for effect in effects:
+        if 'edges' in (effect.batched or ()):
+            edge_sigma, laplace = effect.edges(edge_sigma)  # type: ignore[attr-defined]
+    return (
+        noise.a,
+        noise.b,
+        noise.c,
+        noise.d,
+        noise.n,
+        mode.range_min,
+        mode.range_max,
+        pixel_sigma(edge_sigma),
+        laplace,
+        edge_limit(edge_sigma, laplace),
+    )
 
 
 def light_row(mode: Mode, profile: Profile) -> np.ndarray:
