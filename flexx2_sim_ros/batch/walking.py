@@ -7,7 +7,7 @@ from flexx2_sim_ros.batch.height_grid import AHEAD, LEFT
 from flexx2_sim_ros.rendering.ground import SceneGround
 from flexx2_sim_ros.robots import gait
 from flexx2_sim_ros.robots.kinematics import rotation
-from flexx2_sim_ros.robots.parts import find_parts
+from flexx2_sim_ros.robots.parts import find_parts, RobotParts
 from flexx2_sim_ros.robots.robot import Robot
 import mujoco
 import numpy as np
@@ -76,40 +76,57 @@ def walk(
     """
     data = mujoco.MjData(model)
     parts = find_parts(model, robot)
-    legs, how = parts.legs, gait.Gait()
-    assert legs is not None
     mujoco.mj_forward(model, data)
-    ground = SceneGround(model, data, parts.geoms)
-    addresses = parts.leg_addresses
     ids = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, name) for name in cameras]
+    walker = _Walker(model, data, parts, SceneGround(model, data, parts.geoms), ids)
     generator = np.random.default_rng(seed)
-    qpos = np.empty((frames, num_envs, model.nq))
-    position = np.empty((frames, num_envs, len(ids), 3))
-    turn = np.empty((frames, num_envs, len(ids), 3, 3))
-    heights = np.empty((num_envs, len(AHEAD), len(LEFT)))
-    grid = np.stack(np.meshgrid(AHEAD, LEFT, indexing='ij'), axis=-1)
+    walks = []
     for env in range(num_envs):
         back = env % 2  # Half of them walk the other way.
         place = np.array([generator.uniform(0.0, 3.3) + 1.7 * back, generator.uniform(-0.3, 0.3)])
         yaw = math.pi * back + generator.uniform(-0.15, 0.15)
-        state = gait.start(place, yaw, _TOP, ground, legs)
-        command = np.array([speed, 0.0, 0.0])
-        for frame in range(frames):
-            state = gait.step(state, command, interval, ground, how, legs)
-            pose = gait.pose(state, how, legs)
-            quaternion = np.empty(4)
-            mujoco.mju_mat2Quat(quaternion, rotation(pose.rpy).ravel())
-            parts.place(data, pose.position, quaternion)
-            data.qpos[addresses] = pose.angles
-            mujoco.mj_kinematics(model, data)
-            mujoco.mj_camlight(model, data)
-            qpos[frame, env] = data.qpos
-            position[frame, env] = data.cam_xpos[ids]
-            # MuJoCo's cameras look along -z with y up.
-            turn[frame, env] = data.cam_xmat[ids].reshape(-1, 3, 3) * [1.0, -1.0, -1.0]
-        level = rotation((0.0, 0.0, float(pose.rpy[2])))
-        origin = np.array([*pose.position[:2], 0.0])
-        position[:, env] = (position[:, env] - origin) @ level
-        turn[:, env] = level.T @ turn[:, env]
-        heights[env] = ground.heights(origin[:2] + grid @ level[:2, :2].T, _TOP)
-    return Walk(qpos, position, turn, heights)
+        walks.append(_walk_alone(walker, place, yaw, speed, frames, interval))
+    qpos, position, turn, heights = zip(*walks, strict=True)
+    return Walk(*(np.stack(one, axis=1) for one in (qpos, position, turn)), np.stack(heights))
+
+
+@dataclass(frozen=True)
+class _Walker:
+    # One robot in its scene, and the numbers of its cameras.
+    model: mujoco.MjModel
+    data: mujoco.MjData
+    parts: RobotParts
+    ground: SceneGround
+    cameras: list[int]
+
+
+def _walk_alone(
+    walker: _Walker, place: np.ndarray, yaw: float, speed: float, frames: int, interval: float
+) -> tuple[np.ndarray, ...]:
+    # The fields of `Walk`, of one robot.
+    model, data, parts, ground = walker.model, walker.data, walker.parts, walker.ground
+    legs, how = parts.legs, gait.Gait()
+    assert legs is not None
+    state = gait.start(place, yaw, _TOP, ground, legs)
+    command = np.array([speed, 0.0, 0.0])
+    qpos = np.empty((frames, model.nq))
+    position = np.empty((frames, len(walker.cameras), 3))
+    turn = np.empty((frames, len(walker.cameras), 3, 3))
+    for frame in range(frames):
+        state = gait.step(state, command, interval, ground, how, legs)
+        pose = gait.pose(state, how, legs)
+        quaternion = np.empty(4)
+        mujoco.mju_mat2Quat(quaternion, rotation(pose.rpy).ravel())
+        parts.place(data, pose.position, quaternion)
+        data.qpos[parts.leg_addresses] = pose.angles
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_camlight(model, data)
+        qpos[frame] = data.qpos
+        position[frame] = data.cam_xpos[walker.cameras]
+        # MuJoCo's cameras look along -z with y up.
+        turn[frame] = data.cam_xmat[walker.cameras].reshape(-1, 3, 3) * [1.0, -1.0, -1.0]
+    level = rotation((0.0, 0.0, float(pose.rpy[2])))
+    origin = np.array([*pose.position[:2], 0.0])
+    grid = np.stack(np.meshgrid(AHEAD, LEFT, indexing='ij'), axis=-1)
+    heights = ground.heights(origin[:2] + grid @ level[:2, :2].T, _TOP)
+    return qpos, (position - origin) @ level, level.T @ turn, heights
