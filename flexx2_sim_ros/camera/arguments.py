@@ -1,6 +1,7 @@
 """What `Camera` is called with: effects, images, matrices and stamps, checked and converted."""
 
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -70,3 +71,69 @@ def as_nanoseconds(stamp: Any) -> np.ndarray:
         if np.abs(stamps).max(initial=0) > 2**62:
             raise InputError('stamp: must be seconds, got a value beyond 146 years')
     return stamps.astype(np.int64)
+
+
+@dataclass(frozen=True)
+class Views:
+    """
+    What one call of `Camera.capture` looks at, broadcast to common leading dimensions.
+
+    Attributes
+    ----------
+    clean : numpy.ndarray
+        (..., H, W) float32, metres.
+    matrices : numpy.ndarray
+        (..., 3, 3) camera matrices, pixels.
+    stamps : numpy.ndarray
+        (...) int64, nanoseconds.
+    reflectivity : numpy.ndarray
+        (..., H, W) float32, or (..., 1, 1) where none is given.
+    matrices_given : numpy.ndarray
+        The matrices with their own leading dimensions.
+    stamps_have_dimensions : bool
+        Whether stamps were given as more than one number.
+
+    """
+
+    clean: np.ndarray
+    matrices: np.ndarray
+    stamps: np.ndarray
+    reflectivity: np.ndarray
+    matrices_given: np.ndarray
+    stamps_have_dimensions: bool
+
+
+def as_views(clean_depth: Any, matrix: Any, stamp: Any, reflectivity: Any) -> Views:
+    """Return the arguments of `Camera.capture`; raise `InputError` if they cannot be used."""
+    clean = as_images('clean_depth', clean_depth)
+    matrices = as_array('K', matrix)
+    if matrices.ndim < 2 or matrices.shape[-2:] != (3, 3):
+        raise InputError(f'K: must have shape (..., 3, 3), got {matrices.shape}')
+    stamps = as_nanoseconds(stamp)
+    if reflectivity is None:
+        albedo = np.ones((1, 1), np.float32)
+    else:
+        albedo = as_images('reflectivity', reflectivity)
+        if albedo.shape[-2:] != clean.shape[-2:]:
+            raise InputError(
+                f'reflectivity: must have the size of clean_depth, {clean.shape[-2:]}, got '
+                f'{albedo.shape[-2:]}'
+            )
+    try:
+        leading = np.broadcast_shapes(
+            clean.shape[:-2], matrices.shape[:-2], stamps.shape, albedo.shape[:-2]
+        )
+    except ValueError as error:
+        raise InputError(
+            'leading dimensions do not broadcast: clean_depth '
+            f'{clean.shape[:-2]}, K {matrices.shape[:-2]}, stamp {stamps.shape}, '
+            f'reflectivity {albedo.shape[:-2]}'
+        ) from error
+    return Views(
+        np.broadcast_to(clean, leading + clean.shape[-2:]),
+        np.broadcast_to(matrices, leading + (3, 3)),
+        np.broadcast_to(stamps, leading),
+        np.broadcast_to(albedo, leading + albedo.shape[-2:]),
+        matrices,
+        stamps.ndim > 0,
+    )

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Any
 
-from flexx2_sim_ros.camera.arguments import as_array, as_effects, as_images, as_nanoseconds
+from flexx2_sim_ros.camera.arguments import as_effects, as_views, Views
 from flexx2_sim_ros.camera.frame import Frame
 from flexx2_sim_ros.camera.stages import run_stages
 from flexx2_sim_ros.errors import InputError, shown
@@ -177,52 +177,13 @@ class Camera:
             For wrong shapes, dtypes or a matrix that is no camera's.
 
         """
-        clean = as_images('clean_depth', clean_depth)
-        matrices = as_array('K', K)
-        if matrices.ndim < 2 or matrices.shape[-2:] != (3, 3):
-            raise InputError(f'K: must have shape (..., 3, 3), got {matrices.shape}')
-        stamps = as_nanoseconds(stamp)
-        albedo = (
-            np.ones((1, 1), np.float32)
-            if reflectivity is None
-            else as_images('reflectivity', reflectivity)
-        )
-        height, width = clean.shape[-2:]
-        if reflectivity is not None and albedo.shape[-2:] != (height, width):
-            raise InputError(
-                f'reflectivity: must have the size of clean_depth, {(height, width)}, got '
-                f'{albedo.shape[-2:]}'
-            )
-        try:
-            leading = np.broadcast_shapes(
-                clean.shape[:-2], matrices.shape[:-2], stamps.shape, albedo.shape[:-2]
-            )
-        except ValueError as error:
-            raise InputError(
-                'leading dimensions do not broadcast: clean_depth '
-                f'{clean.shape[:-2]}, K {matrices.shape[:-2]}, stamp {stamps.shape}, '
-                f'reflectivity {albedo.shape[:-2]}'
-            ) from error
-        scenes = np.broadcast_to(clean, leading + clean.shape[-2:])
-        cameras = np.broadcast_to(matrices, leading + (3, 3))
-        times = np.broadcast_to(stamps, leading)
-        albedos = np.broadcast_to(albedo, leading + albedo.shape[-2:])
-        out = [np.empty(leading + (height, width), np.float32) for _ in range(4)]
-
+        views = as_views(clean_depth, K, stamp, reflectivity)
+        out = [np.empty(views.clean.shape, np.float32) for _ in range(4)]
         if self.effects:
-            self._run_stages(scenes, cameras, times, albedos, out, stamps.ndim)
-            return _frame(out, matrices)
-        prepared: _Prepared | None = None
-        for index in np.ndindex(leading):
-            scene, matrix = scenes[index], cameras[index]
-            # A scene broadcast over many stamps is analysed once.
-            if prepared is None or not prepared.holds(scene, matrix):
-                prepared = self._prepare(scene, matrix)
-            images = [array[index] for array in out]
-            self._expose(prepared, int(times[index]), albedos[index], *images)
-            if prepared.outside is not None:
-                _blank(images, prepared.outside)
-        return _frame(out, matrices)
+            self._run_stages(views, out)
+        else:
+            self._run_base_model(views, out)
+        return Frame(*out, views.matrices_given.astype(np.float64))
 
     def reset(self, mask: Any = None) -> None:
         """
@@ -252,31 +213,35 @@ class Camera:
             if chosen[index]:
                 del self._memories[index]
 
-    def _run_stages(
-        self,
-        scenes: np.ndarray,
-        cameras: np.ndarray,
-        times: np.ndarray,
-        albedos: np.ndarray,
-        out: list[np.ndarray],
-        stamp_dimensions: int,
-    ) -> None:
-        height, width = scenes.shape[-2:]
+    def _run_base_model(self, views: Views, out: list[np.ndarray]) -> None:
+        prepared: _Prepared | None = None
+        for index in np.ndindex(views.stamps.shape):
+            scene, matrix = views.clean[index], views.matrices[index]
+            # A scene broadcast over many stamps is analysed once.
+            if prepared is None or not prepared.holds(scene, matrix):
+                prepared = self._prepare(scene, matrix)
+            images = [array[index] for array in out]
+            self._expose(prepared, int(views.stamps[index]), views.reflectivity[index], *images)
+            if prepared.outside is not None:
+                _blank(images, prepared.outside)
+
+    def _run_stages(self, views: Views, out: list[np.ndarray]) -> None:
+        height, width = views.clean.shape[-2:]
+        times = views.stamps
         # The last dimension is time if stamps have one; those before it are environments.
-        last = -1 if stamp_dimensions else times.ndim
+        last = -1 if views.stamps_have_dimensions else times.ndim
         if times.shape[:last] != self._environments:
             self._memories.clear()
             self._environments = times.shape[:last]
         for index in np.ndindex(times.shape):
-            albedo = albedos[index]
             state = FrameState(
                 self.mode,
-                Intrinsics.from_matrix(cameras[index], width, height),
+                Intrinsics.from_matrix(views.matrices[index], width, height),
                 int(times[index]),
                 self._key,
                 self._memories.setdefault(index[:last], Memory()),
-                scenes[index].copy(),
-                on_images(usable_reflectivity)(albedo),
+                views.clean[index].copy(),
+                on_images(usable_reflectivity)(views.reflectivity[index]),
                 self.exposure_share,
             )
             finished = run_stages(state, self.effects, self.mode.noise.sigma_x)
@@ -377,8 +342,3 @@ def _blank(images: list[np.ndarray], where: np.ndarray) -> None:
 
 def _same_memory(one: np.ndarray, other: np.ndarray) -> bool:
     return one.__array_interface__['data'] == other.__array_interface__['data']
-
-
-def _frame(images: list[np.ndarray], matrices: np.ndarray) -> Frame:
-    depth, sigma, amplitude, confidence = images
-    return Frame(depth, sigma, amplitude, confidence, matrices.astype(np.float64))
