@@ -9,6 +9,7 @@ from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.effects import registry
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap import diagnose
+from flexx2_sim_ros.recording import open_recording
 from flexx2_sim_ros.truth import make_plane_truth, PlaneRequest
 from flexx2_sim_ros.truth.plane_constraints import Constraints, Placed, settle
 from flexx2_sim_ros.truth.plane_file import Angle, Measured
@@ -106,7 +107,7 @@ def describe(path: Path, taped: bool, square: bool = True, **changes: Any) -> Pa
 
 
 def make(recordings: Path, planes: Path, out: Path) -> dict[str, Any]:
-    return make_plane_truth(PlaneRequest((recordings,), planes, out))
+    return make_plane_truth(PlaneRequest(recordings=(recordings,), planes=planes, out=out))
 
 
 @pytest.fixture(scope='module')
@@ -204,6 +205,31 @@ def test_the_command_warns_of_a_frontal_wall(
     table = make(recordings, planes, tmp_path / 'far')
     assert table['recordings'][0]['verdict'] == 'doubtful'
     assert 'more than an offset can be' in table['recordings'][0]['reasons'][0]
+
+
+def test_planes_that_were_found_before_an_interruption_are_not_searched_again(
+    plain: Path, tmp_path: Path
+) -> None:
+    planes = describe(tmp_path / 'planes.yaml', taped=True)
+    out = tmp_path / 'out'
+    request = PlaneRequest(recordings=(plain,), planes=planes, out=out)
+
+    def stop(text: str, fraction: float) -> None:
+        if text == 'writing':
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        make_plane_truth(request, stop)
+    seen: list[str] = []
+    table = make_plane_truth(request, lambda text, fraction: seen.append(text))
+    assert set(seen) == {'writing'}
+    assert table['recordings'] == make(plain, planes, tmp_path / 'again')['recordings']
+    for i in range(len(VIEWS)):
+        resumed, again = (
+            open_recording(folder / f'corner{i}.npz').load()
+            for folder in (out, tmp_path / 'again')
+        )
+        assert np.array_equal(resumed.clean_depth, again.clean_depth, equal_nan=True)
 
 
 def test_planes_settle_where_measurements_agree() -> None:

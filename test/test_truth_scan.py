@@ -107,7 +107,9 @@ def test_without_a_pose_it_is_right_or_doubtful(
     tmp_path: Path, plain: tuple[Path, ScannedCamera]
 ) -> None:
     folder, camera = plain
-    table = make_truth(Request((folder / 'in',), folder / 'room.ply', tmp_path / 'out'))
+    table = make_truth(
+        Request(recordings=(folder / 'in',), room=folder / 'room.ply', out=tmp_path / 'out')
+    )
     right = 0
     for i, row in enumerate(table['recordings']):
         true = Pose(*camera.poses(i)[0])
@@ -158,7 +160,7 @@ def test_a_moving_camera_is_followed(tmp_path: Path, rough: np.random.Generator)
     assert observe(open_recording(tmp_path / 'in' / '0.npz'), None).moving
     guess = tuple(Pose(*off(camera.poses(0)[0], 0.05, 3.0, rough)).numbers())
     room, out = tmp_path / 'room.ply', tmp_path / 'out'
-    make_truth(Request((tmp_path / 'in',), room, out, (guess,)))
+    make_truth(Request(recordings=(tmp_path / 'in',), room=room, out=out, poses=(guess,)))
     written = open_recording(out / '0.npz').load()
     told = camera.camera.scenes.clean(0)[0]
     assert written.clean_depth is not None
@@ -177,7 +179,9 @@ def test_an_interrupted_run_goes_on_where_it_was(
     tmp_path: Path, plain: tuple[Path, ScannedCamera]
 ) -> None:
     folder, _ = plain
-    request = Request((folder / 'in' / '0.npz',), folder / 'room.ply', tmp_path / 'out')
+    request = Request(
+        recordings=(folder / 'in' / '0.npz',), room=folder / 'room.ply', out=tmp_path / 'out'
+    )
 
     def stop(text: str, share: float) -> None:
         if text.startswith('fitting'):

@@ -133,18 +133,11 @@ def _room_maker(arguments: argparse.Namespace) -> _Maker:
     if arguments.lens_error is not None:
         raise InputError('--lens-error: must be given with --board only')
     request = Request(
-        tuple(map(Path, arguments.recordings)),
-        room,
-        Path(arguments.out),
-        tuple(_pose(text) for text in arguments.pose),
-        arguments.up or ('+y' if room.suffix.lower() == '.glb' else '+z'),
-        arguments.camera,
-        find_profile(arguments.profile),
-        arguments.motion,
-        0.003 if arguments.room_error is None else arguments.room_error,
-        arguments.jobs,
-        arguments.scheduler,
-        command_line('gap', 'truth'),
+        **_common(arguments),
+        room=room,
+        poses=tuple(_pose(text) for text in arguments.pose),
+        up=arguments.up or ('+y' if room.suffix.lower() == '.glb' else '+z'),
+        room_error=0.003 if arguments.room_error is None else arguments.room_error,
     )
     return partial(make_truth, request)
 
@@ -157,16 +150,9 @@ def _board_maker(arguments: argparse.Namespace) -> _Maker:
             option = f'--{name.replace("_", "-")}'
             raise InputError(f'{option}: must be given with --scan or --scene only')
     request = BoardRequest(
-        tuple(map(Path, arguments.recordings)),
-        Path(arguments.board),
-        Path(arguments.out),
-        arguments.camera,
-        find_profile(arguments.profile),
-        arguments.motion,
-        0.003 if arguments.lens_error is None else arguments.lens_error,
-        arguments.jobs,
-        arguments.scheduler,
-        command_line('gap', 'truth'),
+        **_common(arguments),
+        board=Path(arguments.board),
+        lens_error=0.003 if arguments.lens_error is None else arguments.lens_error,
     )
     return partial(make_board_truth, request)
 
@@ -180,18 +166,24 @@ def _plane_maker(arguments: argparse.Namespace) -> _Maker:
     if arguments.lens_error is not None:
         raise InputError('--lens-error: must be given with --board only')
     request = PlaneRequest(
-        tuple(map(Path, arguments.recordings)),
-        Path(arguments.planes),
-        Path(arguments.out),
-        arguments.camera,
-        find_profile(arguments.profile),
-        arguments.motion,
-        arguments.room_error or 0.0,
-        arguments.jobs,
-        arguments.scheduler,
-        command_line('gap', 'truth'),
+        **_common(arguments),
+        planes=Path(arguments.planes),
+        room_error=arguments.room_error or 0.0,
     )
     return partial(make_plane_truth, request)
+
+
+def _common(arguments: argparse.Namespace) -> dict[str, Any]:
+    return {
+        'recordings': tuple(map(Path, arguments.recordings)),
+        'out': Path(arguments.out),
+        'camera': arguments.camera,
+        'profile': find_profile(arguments.profile),
+        'motion': arguments.motion,
+        'jobs': arguments.jobs,
+        'scheduler': arguments.scheduler,
+        'command': command_line('gap', 'truth'),
+    }
 
 
 def _check_suffix(room: Path, scan: bool) -> None:

@@ -4,27 +4,22 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
-import shutil
 from typing import Any
 
-from flexx2_sim_ros import __version__
-from flexx2_sim_ros.camera import Profile
 from flexx2_sim_ros.errors import InputError, shown_path
-from flexx2_sim_ros.jobs import workers
 from flexx2_sim_ros.truth.board_placing import BoardJob, place_board, Placed
 from flexx2_sim_ros.truth.board_writing import BoardWriting, OnBoard, write_board
-from flexx2_sim_ros.truth.files import (
-    CACHE,
-    check_files,
-    digest,
-    names_of,
-    Progress,
-    recordings_of,
-    remembered,
-    Steps,
-    write_results,
-)
+from flexx2_sim_ros.truth.files import digest
 from flexx2_sim_ros.truth.page import figures, recordings_table, undecided, whole_page
+from flexx2_sim_ros.truth.run import (
+    no_progress,
+    Progress,
+    running,
+    Source,
+    sources_of,
+    TruthRequest,
+    write_table,
+)
 from flexx2_sim_ros.truth.shared import MOST_BIAS
 from flexx2_sim_ros.truth.target import read_target, Target
 from flexx2_sim_ros.truth.verdict import NEVER_DECIDED
@@ -38,50 +33,27 @@ _MOST_SCALE = 0.02
 _LEAST_SPREAD = 0.2  # metres between the nearest and the farthest board, to tell the two apart
 
 
-@dataclass(frozen=True)
-class BoardRequest:
+@dataclass(frozen=True, kw_only=True)
+class BoardRequest(TruthRequest):
     """
-    What to make ground truth from.
+    What to make ground truth from, and a printed board.
+
+    The recordings have gray images; ``motion`` is that of the camera as seen from the board.
 
     Attributes
     ----------
-    recordings : tuple of pathlib.Path
-        Bags, ``.npz`` files, or folders of them, with gray images.
     board : pathlib.Path
         ``target.yaml``; see `read_target`.
-    out : pathlib.Path
-        The campaign's folder.
-    camera : str or None
-        Of bags that have several.
-    profile : Profile or None
-    motion : str
-        ``auto``, ``still`` or ``moving``: the camera, as seen from the board.
     lens_error : float
         Standard deviation of the focal length, as a fraction.
-    jobs : int
-        Processes.
-    scheduler : str or None
-        Address of a Dask scheduler.
-    command : str
-        How it was asked for, to be written down.
 
     """
 
-    recordings: tuple[Path, ...]
     board: Path
-    out: Path
-    camera: str | None = None
-    profile: Profile | None = None
-    motion: str = 'auto'
     lens_error: float = 0.003
-    jobs: int = 1
-    scheduler: str | None = None
-    command: str = ''
 
 
-def make_board_truth(
-    request: BoardRequest, progress: Progress = lambda text, share: None
-) -> dict[str, Any]:
+def make_board_truth(request: BoardRequest, progress: Progress = no_progress) -> dict[str, Any]:
     """
     Find a board in recordings and write them with ground truth on it.
 
@@ -105,77 +77,59 @@ def make_board_truth(
 
     """
     target = read_target(request.board)
-    paths = recordings_of(request.recordings)
-    check_files(request.out, paths, request.camera)
-    jobs = [
-        BoardJob(path, target, request.camera, request.profile, request.motion, request.lens_error)
-        for path in paths
-    ]
-    new = not request.out.exists()
-    try:
-        with workers(request.jobs, request.scheduler) as mapped:
-            steps = Steps(progress, 'finding the board', 0.0, 0.7, len(jobs))
-            names = [digest((job.path,), list(vars(job).values())[1:]) for job in jobs]
-            texts = remembered(request.out / CACHE, names, jobs, place_board, mapped, steps.tick)
-            placed = [Placed.from_json(text) for text in texts]
-            if all(one.reason for one in placed):
-                raise InputError(f'{shown_path(paths[0])}: {placed[0].reason}')
-            writings = {
-                i: BoardWriting(job, one, request.out / name)
-                for i, (job, one, name) in enumerate(
-                    zip(jobs, placed, names_of(paths), strict=True)
-                )
-                if not one.reason
-            }
-            steps = Steps(progress, 'writing', 0.7, 0.25, len(writings))
-            found = mapped(write_board, list(writings.values()), steps.tick)
-            boards: dict[int, OnBoard] = dict(zip(writings, found, strict=True))
-    except InputError:
-        if new:
-            shutil.rmtree(request.out, ignore_errors=True)
-        raise
-    table = _table(request, target, paths, placed, boards)
-    write_results(request.out, table, _page(table, placed, boards))
-    shutil.rmtree(request.out / CACHE, ignore_errors=True)
-    return table
-
-
-def _table(
-    request: BoardRequest,
-    target: Target,
-    paths: Sequence[Path],
-    placed: Sequence[Placed],
-    boards: Mapping[int, OnBoard],
-) -> dict[str, Any]:
-    scale = _scale(list(boards.values()))
-    rows = []
-    for i, (path, name, one) in enumerate(zip(paths, names_of(paths), placed, strict=True)):
-        row: dict[str, Any] = {
-            'name': name,
-            'source': str(path),
-            'verdict': 'refused',
-            'reasons': [one.reason],
-            'motion': 'moving' if one.moving else 'still',
-            'frames': len(one.poses) if one.moving else 1,
-            'fitting': 0.0,
+    sources = sources_of(request)
+    with running(request, progress) as run:
+        jobs = [_job(request, target, source) for source in sources]
+        digests = [digest((job.path,), list(vars(job).values())[1:]) for job in jobs]
+        texts = run.each_once('finding the board', (0.0, 0.7), place_board, jobs, digests)
+        placed = [Placed.from_json(text) for text in texts]
+        if all(one.reason for one in placed):
+            raise InputError(f'{shown_path(sources[0].path)}: {placed[0].reason}')
+        writings = {
+            i: BoardWriting(jobs[i], one, sources[i].target)
+            for i, one in enumerate(placed)
+            if not one.reason
         }
-        if i in boards:
-            row |= _numbers(boards[i], one, scale)
-        rows.append(row)
-    table: dict[str, Any] = {
-        'schema': 1,
-        'kind': 'board',
-        'version': __version__,
-        'command': request.command,
-        'board': str(request.board),
-        'board_size_m': [target.width, target.height],
-        'lens_error': request.lens_error,
-        'recordings': rows,
-        'cannot_decide': list(NEVER_DECIDED),
-    }
-    if scale is not None:
-        table['depth_scale'] = round(scale, 5)
-    return table
+        found = run.each('writing', (0.7, 0.95), write_board, list(writings.values()))
+        boards: dict[int, OnBoard] = dict(zip(writings, found, strict=True))
+        scale = _scale(found)
+        findings: dict[str, Any] = {'cannot_decide': list(NEVER_DECIDED)}
+        if scale is not None:
+            findings['depth_scale'] = round(scale, 5)
+        return write_table(
+            request,
+            'board',
+            {
+                'board': str(request.board),
+                'board_size_m': [target.width, target.height],
+                'lens_error': request.lens_error,
+            },
+            [
+                _row(source, one, boards.get(i), scale)
+                for i, (source, one) in enumerate(zip(sources, placed, strict=True))
+            ],
+            findings,
+            lambda table: _page(table, placed, boards),
+        )
+
+
+def _job(request: BoardRequest, target: Target, source: Source) -> BoardJob:
+    return BoardJob(
+        source.path, target, request.camera, request.profile, request.motion, request.lens_error
+    )
+
+
+def _row(
+    source: Source, one: Placed, board: OnBoard | None, scale: float | None
+) -> dict[str, Any]:
+    row = source.row(
+        'refused',
+        [one.reason],
+        motion='moving' if one.moving else 'still',
+        frames=len(one.poses) if one.moving else 1,
+        fitting=0.0,
+    )
+    return row if board is None else row | _numbers(board, one, scale)
 
 
 def _numbers(board: OnBoard, placed: Placed, scale: float | None) -> dict[str, Any]:

@@ -3,28 +3,24 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-import shutil
 from typing import Any
 
-from flexx2_sim_ros import __version__
-from flexx2_sim_ros.camera import Profile
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.jobs import Map, workers
-from flexx2_sim_ros.truth.files import (
-    CACHE,
-    check_files,
-    digest,
-    names_of,
-    Progress,
-    recordings_of,
-    remembered,
-    Steps,
-    write_results,
-)
+from flexx2_sim_ros.truth.files import digest
 from flexx2_sim_ros.truth.joint import Columns, solve, View
 from flexx2_sim_ros.truth.meshes import load_room
 from flexx2_sim_ros.truth.page import page
 from flexx2_sim_ros.truth.registration import Job, register, Registered, views_of
+from flexx2_sim_ros.truth.run import (
+    no_progress,
+    Progress,
+    Run,
+    running,
+    Source,
+    sources_of,
+    TruthRequest,
+    write_table,
+)
 from flexx2_sim_ros.truth.shared import estimate, Shared
 from flexx2_sim_ros.truth.verdict import judge, NEVER_DECIDED, Verdict
 from flexx2_sim_ros.truth.writing import Picture, write_recording, Writing
@@ -34,54 +30,31 @@ import numpy as np
 _MIRRORED = 0.4
 
 
-@dataclass(frozen=True)
-class Request:
+@dataclass(frozen=True, kw_only=True)
+class Request(TruthRequest):
     """
-    What to make ground truth from.
+    What to make ground truth from, and a room.
 
     Attributes
     ----------
-    recordings : tuple of pathlib.Path
-        Bags, ``.npz`` files, or folders of them.
     room : pathlib.Path
         A mesh or a MuJoCo model; see `load_room`.
-    out : pathlib.Path
-        The campaign's folder.
     poses : tuple of tuple of float
         Rough poses: none, one for all recordings, or one for each.
     up : str
         Direction of the room that is up; see `search.UPS`.
-    camera : str or None
-        Of bags that have several.
-    profile : Profile or None
-    motion : str
-        ``auto``, ``still`` or ``moving``.
     room_error : float
         Standard deviation of the room's surfaces along their normals, metres.
-    jobs : int
-        Processes.
-    scheduler : str or None
-        Address of a Dask scheduler.
-    command : str
-        How it was asked for, to be written down.
 
     """
 
-    recordings: tuple[Path, ...]
     room: Path
-    out: Path
     poses: tuple[tuple[float, ...], ...] = ()
     up: str = '+z'
-    camera: str | None = None
-    profile: Profile | None = None
-    motion: str = 'auto'
     room_error: float = 0.003
-    jobs: int = 1
-    scheduler: str | None = None
-    command: str = ''
 
 
-def make_truth(request: Request, progress: Progress = lambda text, share: None) -> dict[str, Any]:
+def make_truth(request: Request, progress: Progress = no_progress) -> dict[str, Any]:
     """
     Register recordings to a room and write them with their ground truth.
 
@@ -104,64 +77,68 @@ def make_truth(request: Request, progress: Progress = lambda text, share: None) 
         then.
 
     """
-    jobs = _jobs(request)
-    check_files(request.out, [job.path for job in jobs], request.camera)
+    sources = sources_of(request)
+    jobs = _jobs(request, sources)
     progress('loading the room', 0.0)
     room = load_room(request.room)
-    new = not request.out.exists()
-    try:
-        with workers(request.jobs, request.scheduler) as mapped:
-            registered = _register(request, jobs, mapped, progress)
-            numbered = [(i, *pair) for i, pair in enumerate(zip(jobs, registered, strict=True))]
-            steps = Steps(progress, 'simulating bounces', 0.55, 0.1, len(jobs))
-            views = [one for part in mapped(views_of, numbered, steps.tick) for one in part]
-            progress('fitting poses and shared errors', 0.65)
-            shared, verdicts = _fit(views, registered)
-            _check_room(request, registered, verdicts)
-            writings = _writings(request, jobs, registered, shared, verdicts)
-            steps = Steps(progress, 'writing', 0.7, 0.25, len(writings))
-            pictures = dict(
-                zip(
-                    writings,
-                    mapped(write_recording, list(writings.values()), steps.tick),
-                    strict=True,
+    with running(request, progress) as run:
+        registered = _register(run, jobs)
+        numbered = [(i, *pair) for i, pair in enumerate(zip(jobs, registered, strict=True))]
+        parts = run.each('simulating bounces', (0.55, 0.65), views_of, numbered)
+        progress('fitting poses and shared errors', 0.65)
+        shared, verdicts = _fit([view for part in parts for view in part], registered)
+        _check_room(request, registered, verdicts)
+        writings = _writings(request, jobs, sources, registered, shared, verdicts)
+        written = run.each('writing', (0.7, 0.95), write_recording, list(writings.values()))
+        pictures = dict(zip(writings, written, strict=True))
+        return write_table(
+            request,
+            'scan',
+            {
+                'room': str(request.room),
+                'room_size_m': [round(float(size), 3) for size in np.ptp(room.bounds, axis=0)],
+                'room_error_mm': request.room_error * 1e3,
+            },
+            [
+                _row(source, where, verdict, writings.get(i), pictures.get(i))
+                for i, (source, where, verdict) in enumerate(
+                    zip(sources, registered, verdicts, strict=True)
                 )
-            )
-    except InputError:
-        if new:
-            shutil.rmtree(request.out, ignore_errors=True)
-        raise
-    table = _table(request, room.bounds, jobs, registered, shared, verdicts, writings, pictures)
-    write_results(request.out, table, page(table, registered, pictures))
-    shutil.rmtree(request.out / CACHE, ignore_errors=True)
-    return table
+            ],
+            {'shared': shared.findings, 'cannot_decide': _cannot_decide(shared)},
+            lambda table: page(table, registered, pictures),
+        )
 
 
-def _jobs(request: Request) -> list[Job]:
-    paths = recordings_of(request.recordings)
-    if len(request.poses) not in (0, 1, len(paths)):
+def _jobs(request: Request, sources: Sequence[Source]) -> list[Job]:
+    if len(request.poses) not in (0, 1, len(sources)):
         raise InputError(
-            f'--pose: must be given once or once for each of {len(paths)} recordings, got '
+            f'--pose: must be given once or once for each of {len(sources)} recordings, got '
             f'{len(request.poses)}'
         )
     guesses: Sequence[tuple[float, ...] | None] = request.poses or [None]
     if len(guesses) == 1:
-        guesses = list(guesses) * len(paths)
+        guesses = list(guesses) * len(sources)
     return [
-        Job(path, request.room, request.camera, request.profile, request.motion, guess, request.up)
-        for path, guess in zip(paths, guesses, strict=True)
+        Job(
+            source.path,
+            request.room,
+            request.camera,
+            request.profile,
+            request.motion,
+            guess,
+            request.up,
+        )
+        for source, guess in zip(sources, guesses, strict=True)
     ]
 
 
-def _register(
-    request: Request, jobs: Sequence[Job], mapped: Map, progress: Progress
-) -> list[Registered]:
-    names = [
+def _register(run: Run, jobs: Sequence[Job]) -> list[Registered]:
+    digests = [
         digest((job.path, job.room), (job.camera, job.motion, job.guess, job.up, job.profile))
         for job in jobs
     ]
-    steps = Steps(progress, 'registering', 0.05, 0.5, len(jobs))
-    texts = remembered(request.out / CACHE, names, jobs, _register_one, mapped, steps.tick)
+    texts = run.each_once('registering', (0.05, 0.55), _register_one, jobs, digests)
     return [Registered.from_json(text) for text in texts]
 
 
@@ -211,13 +188,14 @@ def _check_room(
 def _writings(
     request: Request,
     jobs: Sequence[Job],
+    sources: Sequence[Source],
     registered: Sequence[Registered],
     shared: Shared,
     verdicts: Sequence[Verdict],
 ) -> dict[int, Writing]:
     solution = shared.solution
     out = {}
-    for i, name in enumerate(names_of([job.path for job in jobs])):
+    for i, source in enumerate(sources):
         mine = [k for k, view in enumerate(solution.views) if view.recording == i]
         if verdicts[i].state != 'refused' and mine:
             out[i] = Writing(
@@ -228,56 +206,35 @@ def _writings(
                 tuple(map(float, solution.values)),
                 np.mean([solution.full_covariance(k) for k in mine], axis=0),
                 request.room_error,
-                request.out / name,
+                source.target,
             )
     return out
 
 
-def _table(
-    request: Request,
-    bounds: np.ndarray,
-    jobs: Sequence[Job],
-    registered: Sequence[Registered],
-    shared: Shared,
-    verdicts: Sequence[Verdict],
-    writings: dict[int, Writing],
-    pictures: dict[int, Picture],
+def _row(
+    source: Source,
+    where: Registered,
+    verdict: Verdict,
+    writing: Writing | None,
+    picture: Picture | None,
 ) -> dict[str, Any]:
-    rows = []
-    names = names_of([job.path for job in jobs])
-    for i, (job, where, verdict) in enumerate(zip(jobs, registered, verdicts, strict=True)):
-        row: dict[str, Any] = {
-            'name': names[i],
-            'source': str(job.path),
-            'verdict': verdict.state,
-            'reasons': list(verdict.reasons),
-            'motion': 'moving' if where.moving else 'still',
-            'frames': len(where.poses) if where.moving else 1,
-            'fitting': round(verdict.fitting, 4),
-            'seconds': round(where.seconds, 2),
+    row = source.row(
+        verdict.state,
+        verdict.reasons,
+        motion='moving' if where.moving else 'still',
+        frames=len(where.poses) if where.moving else 1,
+        fitting=round(verdict.fitting, 4),
+        seconds=round(where.seconds, 2),
+    )
+    if writing is not None and picture is not None:
+        row |= {
+            'pose': [round(value, 6) for value in writing.pose],
+            'pose_sigma_mm': round(verdict.deviation[0] * 1e3, 3),
+            'pose_sigma_deg': round(verdict.deviation[1], 4),
+            'residual_mm': round(verdict.residual * 1e3, 3),
+            'known': round(picture.known, 4),
         }
-        if i in writings:
-            numbers = writings[i].pose
-            row |= {
-                'pose': [round(value, 6) for value in numbers],
-                'pose_sigma_mm': round(verdict.deviation[0] * 1e3, 3),
-                'pose_sigma_deg': round(verdict.deviation[1], 4),
-                'residual_mm': round(verdict.residual * 1e3, 3),
-                'known': round(pictures[i].known, 4),
-            }
-        rows.append(row)
-    return {
-        'schema': 1,
-        'kind': 'scan',
-        'version': __version__,
-        'command': request.command,
-        'room': str(request.room),
-        'room_size_m': [round(float(value), 3) for value in bounds[1] - bounds[0]],
-        'room_error_mm': request.room_error * 1e3,
-        'recordings': rows,
-        'shared': shared.findings,
-        'cannot_decide': _cannot_decide(shared),
-    }
+    return row
 
 
 def _cannot_decide(shared: Shared) -> list[dict[str, str]]:

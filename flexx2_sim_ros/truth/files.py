@@ -1,7 +1,6 @@
 """Which recordings ground truth is made for, and the files that it is written to."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 import hashlib
 from pathlib import Path
 from typing import Any, TypeVar
@@ -14,39 +13,7 @@ import yaml
 
 FILES = 'truth.yaml', 'truth.html'
 CACHE = '.truth'  # folder of what an interrupted run has found
-# Called with what is done and the fraction of all that is done.
-Progress = Callable[[str, float], None]
 _Job = TypeVar('_Job')
-
-
-@dataclass
-class Steps:
-    """
-    One of the stages of the work, of `count` steps, as a part of the whole progress.
-
-    Attributes
-    ----------
-    progress : callable
-    text : str
-        What is done.
-    start, share : float
-        Fractions of all that is done: at the start of the stage, and by it.
-    count : int
-    done : int
-
-    """
-
-    progress: Progress
-    text: str
-    start: float
-    share: float
-    count: int
-    done: int = 0
-
-    def tick(self) -> None:
-        """Count a step."""
-        self.done += 1
-        self.progress(self.text, self.start + self.share * self.done / max(self.count, 1))
 
 
 def recordings_of(given: Sequence[Path]) -> list[Path]:

@@ -4,24 +4,22 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
-import shutil
 from typing import Any
 
-from flexx2_sim_ros import __version__, atomic
-from flexx2_sim_ros.camera import Profile
 from flexx2_sim_ros.errors import InputError, shown_path
-from flexx2_sim_ros.jobs import workers
-from flexx2_sim_ros.truth.files import (
-    check_files,
-    names_of,
-    Progress,
-    recordings_of,
-    Steps,
-    write_results,
-)
+from flexx2_sim_ros.truth.files import digest
 from flexx2_sim_ros.truth.page import figures, undecided, whole_page
 from flexx2_sim_ros.truth.plane_file import PlaneFile, read_planes
 from flexx2_sim_ros.truth.plane_writing import Judged, place_planes, PlaneJob, write_planes
+from flexx2_sim_ros.truth.run import (
+    no_progress,
+    Progress,
+    running,
+    Source,
+    sources_of,
+    TruthRequest,
+    write_table,
+)
 from flexx2_sim_ros.truth.writing import Picture
 
 _FRONTAL = 20.0  # degrees between the normal and the optical axis
@@ -32,50 +30,25 @@ _POSE = {
 }
 
 
-@dataclass(frozen=True)
-class PlaneRequest:
+@dataclass(frozen=True, kw_only=True)
+class PlaneRequest(TruthRequest):
     """
-    What to make ground truth from.
+    What to make ground truth from, and planes; the camera stands still in each recording.
 
     Attributes
     ----------
-    recordings : tuple of pathlib.Path
-        Bags, ``.npz`` files, or folders of them; the camera stands still.
     planes : pathlib.Path
         ``planes.yaml``; see `read_planes`.
-    out : pathlib.Path
-        The campaign's folder.
-    camera : str or None
-        Of bags that have several.
-    profile : Profile or None
-    motion : str
-        ``auto`` or ``still``.
     room_error : float
         Standard deviation of surfaces whose flatness the file does not say, metres.
-    jobs : int
-        Processes.
-    scheduler : str or None
-        Address of a Dask scheduler.
-    command : str
-        How it was asked for, to be written down.
 
     """
 
-    recordings: tuple[Path, ...]
     planes: Path
-    out: Path
-    camera: str | None = None
-    profile: Profile | None = None
-    motion: str = 'auto'
     room_error: float = 0.0
-    jobs: int = 1
-    scheduler: str | None = None
-    command: str = ''
 
 
-def make_plane_truth(
-    request: PlaneRequest, progress: Progress = lambda text, share: None
-) -> dict[str, Any]:
+def make_plane_truth(request: PlaneRequest, progress: Progress = no_progress) -> dict[str, Any]:
     """
     Find planes in recordings and write them with ground truth on these planes.
 
@@ -99,44 +72,48 @@ def make_plane_truth(
 
     """
     plan = read_planes(request.planes)
-    paths = recordings_of(request.recordings)
-    check_files(request.out, paths, request.camera)
-    jobs = _jobs(request, plan, paths)
-    new = not request.out.exists()
-    try:
-        with workers(request.jobs, request.scheduler) as mapped:
-            steps = Steps(progress, 'finding planes', 0.0, 0.5, len(jobs))
-            judged = mapped(place_planes, jobs, steps.tick)
-            refused = [one for one in judged if one.planes is None]
-            if len(refused) == len(judged):
-                raise InputError(f'{shown_path(paths[0])}: {refused[0].reasons[0]}')
-            good = {i: (jobs[i], one) for i, one in enumerate(judged) if one.planes is not None}
-            atomic.output_folder(request.out)
-            steps = Steps(progress, 'writing', 0.5, 0.45, len(good))
-            written = mapped(write_planes, list(good.values()), steps.tick)
-            pictures = dict(zip(good, written, strict=True))
-    except InputError:
-        if new:
-            shutil.rmtree(request.out, ignore_errors=True)
-        raise
-    table = _table(request, plan, paths, judged, pictures)
-    write_results(request.out, table, _page(table, pictures))
-    return table
+    sources = sources_of(request)
+    jobs = _jobs(request, plan, sources)
+    with running(request, progress) as run:
+        digests = [digest((job.path,), list(vars(job).values())[1:]) for job in jobs]
+        texts = run.each_once('finding planes', (0.0, 0.5), place_planes, jobs, digests)
+        judged = [Judged.from_json(text) for text in texts]
+        refused = [one for one in judged if one.planes is None]
+        if len(refused) == len(judged):
+            raise InputError(f'{shown_path(sources[0].path)}: {refused[0].reasons[0]}')
+        good = {i: (jobs[i], one) for i, one in enumerate(judged) if one.planes is not None}
+        written = run.each('writing', (0.5, 0.95), write_planes, list(good.values()))
+        pictures = dict(zip(good, written, strict=True))
+        return write_table(
+            request,
+            'planes',
+            {
+                'planes': str(request.planes),
+                'origin_m': list(plan.origin),
+                'room_error_mm': request.room_error * 1e3,
+            },
+            [
+                _row(source, one, pictures.get(i))
+                for i, (source, one) in enumerate(zip(sources, judged, strict=True))
+            ],
+            {'cannot_decide': _cannot_decide(judged)},
+            lambda table: _page(table, pictures),
+        )
 
 
-def _jobs(request: PlaneRequest, plan: PlaneFile, paths: Sequence[Path]) -> list[PlaneJob]:
-    names = names_of(paths)
+def _jobs(request: PlaneRequest, plan: PlaneFile, sources: Sequence[Source]) -> list[PlaneJob]:
+    names = [source.target.stem for source in sources]
     for name in plan.changes:
-        if f'{name}.npz' not in names:
+        if name not in names:
             raise InputError(
                 f'{shown_path(request.planes)}: recordings: must name recordings that are given, '
                 f'got {name!r:.80}'
             )
     return [
         PlaneJob(
-            path,
-            request.out / name,
-            plan.seen_in(name.removesuffix('.npz')),
+            source.path,
+            source.target,
+            plan.seen_in(name),
             plan.angles,
             plan.origin,
             request.camera,
@@ -144,39 +121,15 @@ def _jobs(request: PlaneRequest, plan: PlaneFile, paths: Sequence[Path]) -> list
             request.motion,
             request.room_error,
         )
-        for path, name in zip(paths, names, strict=True)
+        for source, name in zip(sources, names, strict=True)
     ]
 
 
-def _table(
-    request: PlaneRequest,
-    plan: PlaneFile,
-    paths: Sequence[Path],
-    judged: Sequence[Judged],
-    pictures: Mapping[int, Picture],
-) -> dict[str, Any]:
-    rows = []
-    for i, (path, name, one) in enumerate(zip(paths, names_of(paths), judged, strict=True)):
-        row: dict[str, Any] = {
-            'name': name,
-            'source': str(path),
-            'verdict': one.state,
-            'reasons': list(one.reasons),
-        }
-        if i in pictures:
-            row |= {'known': round(pictures[i].known, 4), 'planes': one.table()}
-        rows.append(row)
-    return {
-        'schema': 1,
-        'kind': 'planes',
-        'version': __version__,
-        'command': request.command,
-        'planes': str(request.planes),
-        'origin_m': list(plan.origin),
-        'room_error_mm': request.room_error * 1e3,
-        'recordings': rows,
-        'cannot_decide': _cannot_decide(judged),
-    }
+def _row(source: Source, one: Judged, picture: Picture | None) -> dict[str, Any]:
+    row = source.row(one.state, one.reasons)
+    if picture is not None:
+        row |= {'known': round(picture.known, 4), 'planes': one.table()}
+    return row
 
 
 def _cannot_decide(judged: Sequence[Judged]) -> list[dict[str, str]]:

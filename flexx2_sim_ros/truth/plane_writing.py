@@ -1,6 +1,8 @@
 """Place the planes of one recording, and write it with ground truth on them."""
 
-from dataclasses import dataclass
+from base64 import b64decode, b64encode
+from dataclasses import dataclass, fields
+import json
 from pathlib import Path
 from typing import Any
 
@@ -124,10 +126,56 @@ class Judged:
             for k, surface in enumerate(self.planes.surfaces)
         ]
 
+    def to_json(self) -> str:
+        """Return it as text."""
+        table = {**vars(self), 'planes': None}
+        if self.planes is not None:
+            placed = self.planes.placed
+            table['planes'] = {
+                'surfaces': [
+                    (one.name, one.inverse.tolist(), _packed(one.mask), one.mask.shape)
+                    for one in self.planes.surfaces
+                ],
+                'placed': [getattr(placed, field.name).tolist() for field in fields(placed)],
+                'covariance': self.planes.covariance.tolist(),
+            }
+        return json.dumps(table)
 
-def place_planes(job: PlaneJob) -> Judged:
+    @classmethod
+    def from_json(cls, text: str) -> 'Judged':
+        """Return what `to_json` wrote."""
+        table: dict[str, Any] = json.loads(text)
+        table['reasons'] = tuple(table['reasons'])
+        planes = table['planes']
+        if planes is not None:
+            table['planes'] = Nominal(
+                tuple(
+                    Surface(name, np.array(inverse), _unpacked(mask, shape))
+                    for name, inverse, mask, shape in planes['surfaces']
+                ),
+                Placed(*map(np.array, planes['placed'])),
+                np.array(planes['covariance']),
+            )
+        return cls(**table)
+
+
+def _packed(mask: np.ndarray) -> str:
+    return b64encode(np.packbits(mask).tobytes()).decode()
+
+
+def _unpacked(text: str, shape: tuple[int, int]) -> np.ndarray:
+    bits = np.frombuffer(b64decode(text), np.uint8)
+    return np.unpackbits(bits, count=shape[0] * shape[1]).reshape(shape).astype(bool)
+
+
+def place_planes(job: PlaneJob) -> str:
     """
     Find a recording's planes and move them to where measurements say.
+
+    Returns
+    -------
+    str
+        A `Judged` as text.
 
     Raises
     ------
@@ -135,6 +183,10 @@ def place_planes(job: PlaneJob) -> Judged:
         When the recording cannot be read.
 
     """
+    return _judged(job).to_json()
+
+
+def _judged(job: PlaneJob) -> Judged:
     footage = observe(open_recording(job.path, job.camera), job.profile, job.motion)
     if footage.moving:
         return Judged('refused', ('the camera moves; planes need one that stands still',))

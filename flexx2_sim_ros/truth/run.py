@@ -1,0 +1,244 @@
+"""What every run of `flexx2 gap truth` does: check the request, share the work out, resume."""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+import shutil
+from typing import Any, TypeVar
+
+from flexx2_sim_ros import __version__
+from flexx2_sim_ros.camera import Profile
+from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.jobs import Map, workers
+from flexx2_sim_ros.truth.files import (
+    CACHE,
+    check_files,
+    names_of,
+    recordings_of,
+    remembered,
+    write_results,
+)
+
+# Called with what is done and the fraction of all that is done.
+Progress = Callable[[str, float], None]
+_Item = TypeVar('_Item')
+
+
+def no_progress(text: str, fraction: float) -> None:
+    """Ignore progress."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TruthRequest:
+    """
+    What every kind of ground truth needs.
+
+    Attributes
+    ----------
+    recordings : tuple of pathlib.Path
+        Bags, ``.npz`` files, or folders of them.
+    out : pathlib.Path
+        The campaign's folder.
+    camera : str or None
+        Of bags that have several.
+    profile : Profile or None
+        The camera, the Flexx2 if None.
+    motion : str
+        ``auto``, ``still`` or ``moving``.
+    jobs : int
+        Processes.
+    scheduler : str or None
+        Address of a Dask scheduler.
+    command : str
+        How it was asked for, to be written down.
+
+    """
+
+    recordings: tuple[Path, ...]
+    out: Path
+    camera: str | None = None
+    profile: Profile | None = None
+    motion: str = 'auto'
+    jobs: int = 1
+    scheduler: str | None = None
+    command: str = ''
+
+
+@dataclass(frozen=True)
+class Source:
+    """
+    One of the recordings.
+
+    Attributes
+    ----------
+    path : pathlib.Path
+        Where it is.
+    target : pathlib.Path
+        The file that it is written to with its ground truth.
+
+    """
+
+    path: Path
+    target: Path
+
+    def row(self, verdict: str, reasons: Sequence[str], **more: Any) -> dict[str, Any]:
+        """Return what ``truth.yaml`` says of the recording."""
+        return {
+            'name': self.target.name,
+            'source': str(self.path),
+            'verdict': verdict,
+            'reasons': list(reasons),
+            **more,
+        }
+
+
+def sources_of(request: TruthRequest) -> list[Source]:
+    """
+    Return the recordings of a request.
+
+    Raises
+    ------
+    InputError
+        When a folder has none, one of them cannot be read, or its file cannot be written.
+
+    """
+    paths = recordings_of(request.recordings)
+    check_files(request.out, paths, request.camera)
+    names = names_of(paths)
+    return [Source(path, request.out / name) for path, name in zip(paths, names, strict=True)]
+
+
+@dataclass(frozen=True)
+class Run:
+    """
+    A run in progress.
+
+    Attributes
+    ----------
+    request : TruthRequest
+    progress : callable
+    mapped : callable
+        As `jobs.workers` yields it.
+
+    """
+
+    request: TruthRequest
+    progress: Progress
+    mapped: Map
+
+    def each(
+        self,
+        text: str,
+        span: tuple[float, float],
+        work: Callable[[_Item], Any],
+        items: Sequence[_Item],
+    ) -> list[Any]:
+        """
+        Return what a function makes of items, in order.
+
+        Parameters
+        ----------
+        text : str
+            What is done.
+        span : tuple of float
+            Fractions of the whole run: at the start and at the end of this stage.
+        work : callable
+            A function of a module, for other processes.
+        items : sequence of object
+            What `work` takes.
+
+        """
+        return self.mapped(work, items, self._ticks(text, span, len(items)))
+
+    def each_once(
+        self,
+        text: str,
+        span: tuple[float, float],
+        work: Callable[[_Item], str],
+        items: Sequence[_Item],
+        digests: Sequence[str],
+    ) -> list[str]:
+        """
+        Return texts that a function makes of items; those of an interrupted run are read.
+
+        Parameters
+        ----------
+        text, span, work, items
+            As for `each`.
+        digests : sequence of str
+            The `files.digest` of each item.
+
+        """
+        ticks = self._ticks(text, span, len(items))
+        return remembered(self.request.out / CACHE, digests, items, work, self.mapped, ticks)
+
+    def _ticks(self, text: str, span: tuple[float, float], count: int) -> Callable[[], None]:
+        done = 0
+
+        def tick() -> None:
+            nonlocal done
+            done += 1
+            self.progress(text, span[0] + (span[1] - span[0]) * done / max(count, 1))
+
+        return tick
+
+
+@contextmanager
+def running(request: TruthRequest, progress: Progress) -> Iterator[Run]:
+    """
+    Yield a run; a folder that it made is removed again when the request turns out to be wrong.
+
+    What a run has found stays in the folder when it is interrupted. It is removed when the run
+    ends.
+
+    """
+    new = not request.out.exists()
+    try:
+        with workers(request.jobs, request.scheduler) as mapped:
+            yield Run(request, progress, mapped)
+    except InputError:
+        if new:
+            shutil.rmtree(request.out, ignore_errors=True)
+        raise
+    shutil.rmtree(request.out / CACHE, ignore_errors=True)
+
+
+def write_table(
+    request: TruthRequest,
+    kind: str,
+    about: dict[str, Any],
+    rows: Sequence[dict[str, Any]],
+    findings: dict[str, Any],
+    page: Callable[[dict[str, Any]], str],
+) -> dict[str, Any]:
+    """
+    Write ``truth.yaml`` and ``truth.html``, and return what the first one says.
+
+    Parameters
+    ----------
+    request : TruthRequest
+        Of the run.
+    kind : str
+        Of ground truth: ``scan``, ``board`` or ``planes``.
+    about : dict
+        What the ground truth was made from.
+    rows : sequence of dict
+        See `Source.row`.
+    findings : dict
+        What holds for all recordings.
+    page : callable
+        Makes the HTML from the table.
+
+    """
+    table = {
+        'schema': 1,
+        'kind': kind,
+        'version': __version__,
+        'command': request.command,
+        **about,
+        'recordings': list(rows),
+        **findings,
+    }
+    write_results(request.out, table, page(table))
+    return table
