@@ -119,6 +119,7 @@ def run(arguments: argparse.Namespace) -> int:
         TimeElapsedColumn(),
         console=console,
         transient=True,
+        disable=not console.is_terminal,
     ) as progress:
         task = progress.add_task('starting', total=None)
 
