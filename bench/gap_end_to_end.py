@@ -1,0 +1,218 @@
+"""
+What ground truth from a scan costs the diagnosis: ``python -m bench.gap_end_to_end --out DIR``.
+
+A blind camera records one furnished room from several places, with one effect of strength 1 or
+none. Its recordings become bags as a real camera's: depth, gray image, camera info and mode,
+without the truth. `flexx2 gap truth` makes the ground truth from the room's mesh. It is told poses
+that are wrong by 5 cm and 3 degrees, or none. `flexx2 gap diagnose` then diagnoses each of the two
+campaigns, and the same recordings with the true clean depth. An interrupted run resumes.
+
+``--over-topics N`` sends the recordings of the first N cameras over real topics (`bench.stand_in`
+and `flexx2 record`) and checks that the bags have the same frames as those that were written.
+"""
+
+import argparse
+from collections.abc import Sequence
+import contextlib
+import io
+import json
+from pathlib import Path
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from typing import Any
+
+from bench.journal import Journal
+from bench.stand_in import DRIVER
+from flexx2_sim_ros.cli.main import main as flexx2
+from flexx2_sim_ros.recording import load_recording
+from flexx2_sim_ros.truth.poses import Pose
+from flexx2_sim_ros.validation.blind import CATALOGUE
+from flexx2_sim_ros.validation.blind.meshes import write_mesh
+from flexx2_sim_ros.validation.blind.scanned import off, ScannedCamera
+import numpy as np
+import yaml
+
+TRUTHS = 'exact', 'told', 'found'
+# The poses are fitted to the recordings, so a scan cannot show these.
+OPEN = 'pose_error', 'time_offset'
+_METRES, _DEGREES = 0.05, 3.0
+_MOVING = 'motion_artefact', 'time_offset'
+_KEPT = 'depth', 'K', 'stamp', 'usecase', 'uptime'
+
+
+def make(folder: Path, name: str, seed: int, recordings: int, frames: int) -> ScannedCamera:
+    """Write ``exact/`` with the truth, ``bags/`` without it, and the room as a mesh."""
+    effects = {} if name == 'none' else {name: 1.0}
+    camera = ScannedCamera(
+        seed, effects, recordings, frames, width=112, height=86, moving=name in _MOVING
+    )
+    (folder / 'exact').mkdir()
+    (folder / 'bags').mkdir()
+    camera.record(folder / 'exact', told=True)
+    for path in sorted((folder / 'exact').glob('*.npz')):
+        with np.load(path, allow_pickle=False) as archive:
+            arrays = dict(archive)
+        # The driver's gray images have eight bits.
+        gray = np.clip(np.rint(arrays.pop('amplitude')), 0, 255).astype(np.uint8)
+        gray = np.broadcast_to(gray, arrays['depth'].shape)
+        np.savez(path, **arrays, amplitude=gray)
+        told = folder / 'untold.npz'
+        np.savez(told, **{key: arrays[key] for key in _KEPT}, amplitude=gray)
+        run('convert', told, folder / 'bags' / path.stem, '--camera', DRIVER)
+    write_mesh(camera.solids, folder / 'room.ply', 0.1)
+    return camera
+
+
+def run(*words: object) -> None:
+    """Run a command of the package in this process; all has to be well."""
+    said = io.StringIO()
+    with contextlib.redirect_stderr(said):
+        status = flexx2([str(word) for word in words])
+    if status:
+        raise RuntimeError(f'flexx2 {words[0]}: {said.getvalue()[-500:]}')
+
+
+def over_topics(folder: Path) -> None:
+    """Record each bag anew from a stand-in's topics, compare, and put it in the bag's place."""
+    for bag in sorted((folder / 'bags').iterdir()):
+        new = folder / f'new_{bag.name}'
+        record(folder / 'exact' / f'{bag.name}.npz', new)
+        written, recorded = load_recording(bag), load_recording(new)
+        assert np.array_equal(written.depth, recorded.depth, equal_nan=True), bag
+        assert recorded.usecase == written.usecase, bag
+        for key in ('amplitude', 'K', 'stamp_ns'):
+            assert np.array_equal(getattr(written, key), getattr(recorded, key)), (bag, key)
+        shutil.rmtree(bag)
+        new.rename(bag)
+
+
+def record(source: Path, bag: Path) -> None:
+    """Record a bag while a stand-in of the driver publishes a recording."""
+    program = [sys.executable, '-m']
+    with subprocess.Popen([*program, 'bench.stand_in', str(source)]) as driver:
+        words = ['record', str(bag), '--seconds', '2']
+        subprocess.run(
+            [*program, 'flexx2_sim_ros.cli.main', *words], check=True, capture_output=True
+        )
+        driver.wait()
+
+
+def guesses(camera: ScannedCamera, seed: int) -> list[str]:
+    """Return options that tell each recording's pose wrongly."""
+    rng = np.random.default_rng(seed)
+    words = []
+    for i in range(camera.camera.case.scenes.recordings):
+        pose = Pose(*off(camera.poses(i)[0], _METRES, _DEGREES, rng))
+        words.append('--pose=' + ','.join(f'{number:.6f}' for number in pose.numbers()))
+    return words
+
+
+def diagnosed(folder: Path, truth: str, told: Sequence[str]) -> dict[str, Any]:
+    """Return what the diagnosis says with one kind of ground truth."""
+    begin = time.perf_counter()
+    campaign, verdicts = folder / truth, []
+    if truth != 'exact':
+        words = ['--scan', folder / 'room.ply', '--out', campaign, '--jobs', 1, *told]
+        run('gap', 'truth', folder / 'bags', *words)
+        rows = yaml.safe_load((campaign / 'truth.yaml').read_text())['recordings']
+        verdicts = [row['verdict'] for row in rows]
+    out = folder / f'diagnosis_{truth}'
+    run('gap', 'diagnose', campaign, '--out', out, '--jobs', 1)
+    table = json.loads((out / 'diagnosis.json').read_text())
+    return {
+        'verdict': table['verdict'],
+        'effects': [row['name'] for row in table['effects']],
+        'alternatives': [row['name'] for row in table['alternatives']],
+        'not_decidable': [row['name'] for row in table['not_decidable']],
+        'truth': verdicts,
+        'seconds': round(time.perf_counter() - begin, 1),
+    }
+
+
+def first(row: dict[str, Any]) -> str:
+    """Return the first effect that is named, or the verdict where none is."""
+    named = row['verdict'] in ('identified', 'partly') and row['effects']
+    return str(row['effects'][0] if named else row['verdict'])
+
+
+def right(name: str, row: dict[str, Any]) -> bool:
+    """Whether a diagnosis names the effect first, or nothing where there is none."""
+    if name == 'none':
+        return row['verdict'] in ('none', 'not_decidable')
+    return first(row) == name
+
+
+def table(entries: Sequence[dict[str, Any]]) -> str:
+    """Return the results as Markdown."""
+    lines = [
+        '| effect | seed | true depth | poses told wrongly | poses found |',
+        '|---|---|---|---|---|',
+    ]
+    for entry in sorted(entries, key=lambda e: (e['effect'], e['seed'])):
+        cells = []
+        for truth in TRUTHS:
+            row = entry[truth]
+            text = first(row)
+            if entry['effect'] in row['not_decidable']:
+                text += ', lists it as open'
+            cells.append(text)
+        lines.append(f'| {entry["effect"]} | {entry["seed"]} | ' + ' | '.join(cells) + ' |')
+    own = [e for e in entries if e['effect'] not in ('none', *OPEN)]
+    for truth in TRUTHS[1:]:
+        some = [e for e in own if right(e['effect'], e['exact'])]
+        good = sum(right(e['effect'], e[truth]) for e in some)
+        none = [e for e in entries if e['effect'] == 'none']
+        alarms = sum(not right('none', e[truth]) for e in none)
+        before = sum(not right('none', e['exact']) for e in none)
+        lines.append(
+            f'\n{truth}: {good} of {len(some)} that are right with true depth; '
+            f'{alarms} false alarms in {len(none)} ({before} with true depth)'
+        )
+    return '\n'.join(lines)
+
+
+def main() -> None:
+    """Run what is left, and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--out', type=Path, required=True)
+    parser.add_argument('--effects', default='none,all', help='names; all: the whole catalogue')
+    parser.add_argument('--seeds', default='101')
+    parser.add_argument('--recordings', type=int, default=6)
+    parser.add_argument('--frames', type=int, default=10)
+    parser.add_argument('--over-topics', type=int, default=1, metavar='N')
+    arguments = parser.parse_args()
+    names: list[str] = []
+    for name in arguments.effects.split(','):
+        names += sorted(CATALOGUE) if name == 'all' else [name]
+    journal = Journal(
+        arguments.out / 'results.jsonl', recordings=arguments.recordings, frames=arguments.frames
+    )
+    done = {(entry['effect'], entry['seed']) for entry in journal}
+    for seed in map(int, arguments.seeds.split(',')):
+        for name in dict.fromkeys(names):
+            if (name, seed) in done:
+                continue
+            with tempfile.TemporaryDirectory() as text:
+                folder = Path(text)
+                camera = make(folder, name, seed, arguments.recordings, arguments.frames)
+                if topics := len(journal) < arguments.over_topics:
+                    over_topics(folder)
+                entry: dict[str, Any] = {'effect': name, 'seed': seed, 'over_topics': topics}
+                for truth in TRUTHS:
+                    told = guesses(camera, seed) if truth == 'told' else []
+                    entry[truth] = diagnosed(folder, truth, told)
+                journal.add(entry)
+                print(
+                    name,
+                    seed,
+                    *(f'{truth}: {first(entry[truth])}' for truth in TRUTHS),
+                    flush=True,
+                )
+    print(table(list(journal)))
+
+
+if __name__ == '__main__':
+    main()
