@@ -218,11 +218,12 @@ def test_every_effect_of_the_registry_has_a_kernel() -> None:
 
 def test_effects_without_a_kernel_are_the_single_cameras(caplog: pytest.LogCaptureFixture) -> None:
     """Assert it to the bit beside an environment that kernels compute, and that it is said."""
-    patch = {'residual_patch': {'bias_0': 0.02}}
+    curve = {'knots': [0.5, 2.0], 'values': [0.01, 0.03]}
+    patch = {'residual_patch': {'bias_0': 0.02}, 'offset': {'curve': curve}}
     other, changed = disagreement('cpu', [{**patch, 'temporal_filter': None}, OFFSET, ()])
     assert other <= 1e-4
     assert changed > 0.3
-    assert 'residual_patch: no kernel, 1 environments' in caplog.text
+    assert 'offset, residual_patch: no kernel, 1 environments' in caplog.text
 
 
 def test_an_environment_without_a_kernel_changes_between_frames() -> None:

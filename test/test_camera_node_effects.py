@@ -17,6 +17,7 @@ from streams import array_of, CLOUD, DEPTH, Flexx2Camera, GRAY, nanoseconds, NOI
 
 START, SECOND = 1_700_000_000 * 10**9, 10**9
 PERIOD = SECOND // 30
+WARM = {'knots': [0.0, 600.0], 'values': [0.02, 0.0]}
 KEEPS = ('warm_up_drift', 'temporal_filter', 'multipath', 'fixed_pattern', 'time_offset')
 
 pytestmark = pytest.mark.usefixtures('ros')
@@ -56,7 +57,7 @@ def test_a_file_at_the_start_and_numbers_beside_it(tmp_path: Path) -> None:
         path,
         parse_effects(
             {
-                'warm_up_drift': {'bias': 0.03},
+                'warm_up_drift': {'bias': 0.03, 'curve': WARM},
                 'saturation': None,
                 'ambient_light': None,
                 'temporal_filter': None,
@@ -91,7 +92,7 @@ def test_a_file_at_the_start_and_numbers_beside_it(tmp_path: Path) -> None:
         camera = twin(
             seen,
             {
-                'warm_up_drift': {'bias': 0.03, 'strength': 2},
+                'warm_up_drift': {'bias': 0.03, 'strength': 2, 'curve': WARM},
                 'saturation': None,
                 'ambient_light': None,
                 'temporal_filter': None,

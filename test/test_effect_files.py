@@ -10,6 +10,7 @@ from flexx2_sim_ros.effects import Effect, load_effects, parse_effects, registry
 from flexx2_sim_ros.effects.presets import markdown, preset_files
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.paths import config_dir
+from flexx2_sim_ros.physics.geometry import ray_length
 import numpy as np
 import pytest
 from small_scenes import capture, same, scenes, SHADES, SMALL
@@ -125,3 +126,129 @@ def test_numbers_are_made_floats() -> None:
         assert type(effect.bias) is float
         assert effect == offset(bias=0.0)
     assert isinstance(offset(), Effect)
+
+
+CURVES = {
+    'offset': {'curve': {'knots': [0.0, 4.0], 'values': [0.01, 0.03]}},
+    'wiggling': {'curve': {'knots': [0, 0.5, 1.0], 'values': [0, 1e-5, 0.004], 'period': 2.5}},
+    'amplitude_bias': {'curve': {'knots': [-4.0, 0.0], 'values': [-0.02, 0.0]}},
+    'warm_up_drift': {'curve': {'knots': [0.0, 600.0], 'values': [0.02, 0.0]}},
+    'fixed_pattern': {'pattern': np.linspace(-0.01, 0.01, SHADES.size).reshape(SHADES.shape)},
+    'low_signal_dropout': {'curve': {'knots': [-4.0, -3.0], 'values': [0.9, 0.0]}},
+    'grazing_dropout': {'curve': {'knots': [10.0, 60.0], 'values': [0.0, 0.6]}},
+    'saturation': {'curve': {'knots': [-1.0, 0.0], 'values': [0.0, 0.7]}},
+}
+
+
+@pytest.mark.parametrize('name', list(CURVES))
+def test_a_curve_or_map_takes_the_place_of_the_formula(name: str, tmp_path: Path) -> None:
+    own = parse_effects({name: CURVES[name]})
+    path = tmp_path / 'calibrated.yaml'
+    save_effects(path, own)
+    assert load_effects(path) == own
+    seen = capture(path, scenes(1), 0)
+    assert same(seen, capture({name: CURVES[name]}, scenes(1), 0))
+    for other in ((), (registry()[name](),)):
+        assert not same(seen, capture(other, scenes(1), 0))
+    assert own[0].settings == registry()[name].from_mapping(own[0].settings).settings
+
+
+def test_curves_are_metres_along_the_ray_and_maps_metres_of_depth() -> None:
+    clean = np.linspace(1.0, 1.4, 32) * np.ones((24, 1))
+    length = ray_length(SMALL, clean.shape)
+
+    def shifts_by(table: dict[str, Any], wanted: np.ndarray) -> bool:
+        change = capture(table, clean, 0).depth - capture((), clean, 0).depth
+        return np.allclose(change, wanted, atol=1e-6)
+
+    there = clean * length
+    flat = {'curve': {'knots': [1.0], 'values': [0.02]}}
+    assert shifts_by({'offset': flat}, 0.02 / length)
+    rising = (0.01 + 0.005 * np.minimum(there, 4.0)) / length
+    assert shifts_by({'offset': CURVES['offset']}, rising)
+    assert shifts_by({'offset': {**flat, 'strength': 0.5}}, 0.01 / length)
+    assert shifts_by(
+        {'fixed_pattern': CURVES['fixed_pattern']}, CURVES['fixed_pattern']['pattern']
+    )
+    warm = {'warm_up_drift': {**CURVES['warm_up_drift'], 'uptime': 300.0}}
+    assert shifts_by(warm, 0.01 / length)
+
+
+def test_curves_of_dropouts_are_chances() -> None:
+    """200 frames of 100 or more pixels: the share is known to 0.005, 8 of these are 0.04."""
+    clean = np.full(SHADES.shape, 1.0, np.float32)
+    stamps = np.arange(200) / 30.0
+    for strength, wanted in ((1.0, 0.6), (2.0, 0.84)):
+        table = {
+            'low_signal_dropout': {
+                'curve': {'knots': [-3.0, -2.99], 'values': [0.6, 0.0]},
+                'strength': strength,
+            }
+        }
+        lost = np.isnan(capture(table, clean, stamps).depth).mean(axis=0)
+        assert lost[:, 0].mean() == pytest.approx(wanted, abs=0.04)
+        assert lost[:, -1].max() == 0
+
+
+def bad_curves() -> Iterator[tuple[Any, str]]:
+    """Return curves and maps that cannot be used, and what the error must name."""
+    good = CURVES['wiggling']['curve']
+    for value in (3, [1, 2], {}, {'knots': [1]}, {**good, 'more': 1}):
+        yield {'wiggling': {'curve': value}}, r'wiggling\.curve: must be a table of knots'
+    for knots in ([0, 0, 1], [1, 0, 2]):
+        yield {'wiggling': {'curve': {**good, 'knots': knots}}}, r'wiggling\.curve\.knots: must r'
+    for knots in ([], 'abc', [0, 'x', 2], [0, math.nan, 1], [True, 2, 3], list(range(401))):
+        yield {'wiggling': {'curve': {**good, 'knots': knots}}}, r'wiggling\.curve\.knots: must be'
+    yield {'wiggling': {'curve': {**good, 'values': [0, 1]}}}, r'wiggling\.curve\.values: .* 3,'
+    yield {'wiggling': {'curve': {**good, 'values': [0, 1, 0]}}}, r'wiggling\..* -0.2 to 0.2 m,'
+    yield {'wiggling': {'curve': {**good, 'period': 0.9}}}, r'wiggling\.curve\.period: must be'
+    yield {'saturation': {'curve': {'knots': [1], 'values': [1.1]}}}, r'saturation\..* 0 to 1, go'
+    yield {'along_ray': {'curve': good}}, r'along_ray\.curve: must be one of'
+
+
+@pytest.mark.parametrize(('table', 'named'), list(bad_curves()))
+def test_a_curve_that_cannot_be_used_is_named(table: Any, named: str) -> None:
+    with pytest.raises(InputError, match=f'^effects: {named}') as error:
+        parse_effects(table)
+    assert len(str(error.value)) < 300
+
+
+@pytest.mark.parametrize(
+    'value', [np.zeros(3), np.zeros((2, 2), int), np.full((2, 2), 0.3), np.full((2, 2), np.nan)]
+)
+def test_a_map_that_cannot_be_used_is_named(value: Any) -> None:
+    with pytest.raises(InputError, match=r'^effects: fixed_pattern\.pattern: must be'):
+        parse_effects({'fixed_pattern': {'pattern': value}})
+
+
+def test_a_map_comes_from_one_array_beside_the_file(tmp_path: Path) -> None:
+    path, side = tmp_path / 'some.yaml', tmp_path / 'pattern.npz'
+
+    def refused(name: Any) -> str:
+        table = {'schema': 1, 'effects': {'fixed_pattern': {'pattern': name}}}
+        path.write_text(yaml.safe_dump(table))
+        with pytest.raises(
+            InputError, match=r'some\.yaml: effects: fixed_pattern\.pattern: '
+        ) as error:
+            load_effects(path)
+        return str(error.value)
+
+    for name in ('../pattern.npz', 'pattern.txt', 5, str(side)):
+        assert 'must be the name of an .npz file beside this file' in refused(name)
+    assert 'there is no such file' in refused(side.name)
+    side.write_bytes(b'no archive')
+    assert 'cannot be read' in refused(side.name)
+    np.savez(side, map=np.array([{}], object))
+    assert 'cannot be read' in refused(side.name)
+    np.savez(side, map=np.zeros((2, 2)), more=np.zeros(1))
+    assert 'must have one array, map' in refused(side.name)
+    np.savez_compressed(side, map=np.zeros((4000, 4000)))
+    assert 'must be at most' in refused(side.name)
+
+
+def test_a_map_of_another_size_than_the_image_is_named() -> None:
+    effects = parse_effects({'fixed_pattern': {'pattern': np.zeros((5, 4))}})
+    with pytest.raises(
+        InputError, match=r'fixed_pattern\.pattern: must have the size.*\(24, 32\)'
+    ):
+        capture(effects, scenes(1), 0)

@@ -14,7 +14,7 @@ _log = logging.getLogger(__name__)
 
 def without_kernel(effects: Sequence[Effect]) -> list[str]:
     """Return the names of the effects that no kernel computes."""
-    return [effect.name for effect in effects if effect.batched is None]
+    return [effect.name for effect in effects if not effect.has_kernel]
 
 
 class HostCameras:

@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 import shlex
 import sys
+from typing import Any
 
 from flexx2_sim_ros.cli.argument_types import MOST_JOBS, number, whole_number
 from flexx2_sim_ros.processes import available_cores
@@ -73,7 +74,7 @@ def add_known(parser: argparse.ArgumentParser, text: str = 'none') -> None:
     )
 
 
-def read_known(path: str | None) -> dict[str, dict[str, float]] | None:
+def read_known(path: str | None) -> dict[str, dict[str, Any]] | None:
     """Return the parameters by effect of a file of effects; None for no file."""
     # Imported here: the diagnosis takes seconds to load.
     from flexx2_sim_ros.effects import load_effects

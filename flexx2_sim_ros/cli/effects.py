@@ -5,9 +5,9 @@ from pathlib import Path
 from typing import Any
 
 from flexx2_sim_ros.atomic import checked_target, output_folder, whole_files
-from flexx2_sim_ros.effects import Effect, registry
+from flexx2_sim_ros.effects import Effect, load_effects, registry
 from flexx2_sim_ros.effects.presets import bounds, markdown, preset_files
-from flexx2_sim_ros.errors import InputError, shown
+from flexx2_sim_ros.errors import InputError, shown, shown_path
 from rich import box
 from rich.console import Console
 from rich.markup import escape
@@ -49,6 +49,11 @@ def add_parser(commands: Any) -> None:
     show.add_argument('name', metavar='NAME', help='an effect, see flexx2 effects')
     show.add_argument(
         '--out', metavar='PNG', type=Path, help='picture to write (default: NAME.png)'
+    )
+    show.add_argument(
+        '--effects',
+        metavar='FILE',
+        help='draw the effect as a file has it (default: at its typical strength)',
     )
     show.set_defaults(run=run_show)
 
@@ -116,10 +121,11 @@ def run_show(arguments: argparse.Namespace) -> int:
         raise InputError(f'NAME: must be one of {", ".join(known)}, got {shown(arguments.name)}')
     from flexx2_sim_ros.cli.effects_picture import draw
 
-    kind: type[Effect] = known[arguments.name]
+    effect = _effect_of(arguments.effects, arguments.name)
+    kind = type(effect)
     path = arguments.out or Path(f'{kind.name}.png')
     checked_target(path)
-    draw(path, kind)
+    draw(path, effect)
     console = Console(markup=False)
     console.print(f'{kind.name}: {kind.title}', highlight=False)
     console.print(kind.source, style='dim', highlight=False)
@@ -129,3 +135,13 @@ def run_show(arguments: argparse.Namespace) -> int:
     console.print(table)
     console.print(f'{path}: written', highlight=False)
     return 0
+
+
+def _effect_of(file: str | None, name: str) -> Effect:
+    # As a file has it, or at its typical strength.
+    if file is None:
+        return registry()[name]()
+    for effect in load_effects(file):
+        if effect.name == name:
+            return effect
+    raise InputError(f'--effects: {shown_path(file)}: must have {name}, got no such effect')

@@ -21,16 +21,16 @@ import numpy as np
 _INVALID = '#3a3a3a'
 
 
-def draw(path: Path, kind: type[Effect]) -> None:
+def draw(path: Path, effect: Effect) -> None:
     """
-    Write the picture of an effect at its typical strength.
+    Write the picture of an effect.
 
     Parameters
     ----------
     path : pathlib.Path
         PNG to write.
-    kind : type of Effect
-        One of the registry.
+    effect : Effect
+        One of the registry, with its parameters.
 
     Raises
     ------
@@ -43,7 +43,7 @@ def draw(path: Path, kind: type[Effect]) -> None:
     matplotlib.use('Agg')
     from matplotlib import pyplot
 
-    view = look(kind)
+    view, kind = look(effect), type(effect)
     figure, axes = pyplot.subplots(
         1, 3, figsize=(13.5, 4.3), layout='constrained', width_ratios=(1, 1, 1.15)
     )

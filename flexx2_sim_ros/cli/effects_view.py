@@ -20,7 +20,7 @@ class EffectView:
     Attributes
     ----------
     kind : type of Effect
-        The effect, at its typical strength.
+        The effect.
     scene : Room
         The scene, from the start of a moving camera.
     clean : numpy.ndarray
@@ -58,9 +58,9 @@ class EffectView:
         return with_it, without
 
 
-def look(kind: type[Effect]) -> EffectView:
-    """Simulate the scene with an effect at its typical strength, and without it."""
-    scene = room()
+def look(effect: Effect) -> EffectView:
+    """Simulate the scene with an effect and without it."""
+    scene, kind = room(), type(effect)
     spec = kind.picture
     last = (_FRAMES - 1) / 30 if spec.seconds is None else spec.seconds
     seconds = np.linspace(0, last, _FRAMES)
@@ -72,7 +72,7 @@ def look(kind: type[Effect]) -> EffectView:
     matrix = camera.intrinsics.matrix
     frame, rest = (
         Camera(spec.usecase, effects=effects, seed=1).capture(clean, matrix, seconds, shade)
-        for effects in ({kind.name: None}, ())
+        for effects in ((effect,), ())
     )
     surface = analyse(scene.depth.astype(np.float32), camera.intrinsics, camera.sensor)
     return EffectView(

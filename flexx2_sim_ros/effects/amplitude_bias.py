@@ -6,7 +6,10 @@ from typing import ClassVar
 
 from flexx2_sim_ros.effects.effect import Effect, parameter
 from flexx2_sim_ros.effects.hypothesis import Hypothesis, StandIn, Term
+from flexx2_sim_ros.effects.light import log_amplitude
 from flexx2_sim_ros.effects.offset import Offset, SIMULATED_BIAS
+from flexx2_sim_ros.effects.rays import add_along_ray
+from flexx2_sim_ros.effects.tables import Curve, curve
 from flexx2_sim_ros.formulas.fastmath import log_from_zero
 from flexx2_sim_ros.formulas.scalars import f32, least, most
 from flexx2_sim_ros.physics.compiled import compiled, loop
@@ -68,6 +71,14 @@ class AmplitudeBias(Effect):
     knee: float = parameter(1.0, 1e-3, 100.0, '1/m^2', 'amplitude above which there is no bias')
     span: float = parameter(3.0, 0.1, 10.0, '', 'constant bias from this many factors of e on')
 
+    curve: Curve | None = curve(
+        'ln of the amplitude, 1/m^2',
+        'm',
+        -0.5,
+        0.5,
+        'added to the range along the ray, in place of the hinge',
+    )
+
     def constants(self) -> dict[str, float]:
         """Return intercept and slope, metres, the knee's logarithm, and the span."""
         return {
@@ -79,6 +90,9 @@ class AmplitudeBias(Effect):
 
     def apply(self, state: FrameState) -> None:
         """Add the clipped hinge in the logarithm of the amplitude."""
+        if self.curve is not None:
+            add_along_ray(state, self.strength, self.curve.at(log_amplitude(state.signal)))
+            return
         shift = np.empty_like(state.depth)
         _biases(state.signal, *self.rounded, shift)
         state.add_shift(shift)

@@ -7,6 +7,7 @@ from typing import Any, ClassVar
 
 from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis
 from flexx2_sim_ros.effects.picture import Picture
+from flexx2_sim_ros.effects.tables import Table
 from flexx2_sim_ros.errors import InputError, shown, unquoted
 from flexx2_sim_ros.physics.frame_state import FrameState, Stage
 import numpy as np
@@ -75,9 +76,10 @@ class Effect:
     """
     Base of all effects.
 
-    A subclass is a frozen dataclass whose fields are made by `parameter`, with the class
-    attributes below and `apply`. It says all that there is to say about the effect: files, node
-    parameters, documentation, pictures, the diagnosis and the benchmark follow from it.
+    A subclass is a frozen dataclass whose fields are made by `parameter`, `tables.curve` or
+    `tables.pixel_map`, with the class attributes below and `apply`. It says all that there is to
+    say about the effect: files, node parameters, documentation, pictures, the diagnosis and the
+    benchmark follow from it.
 
     Attributes
     ----------
@@ -191,6 +193,9 @@ class Effect:
         for item in self.parameters():
             value = item.checked(getattr(self, item.name), f'{self.name}.{item.name}')
             object.__setattr__(self, item.name, value)
+        for name, table in self.tables().items():
+            one = table.checked(getattr(self, name), f'{self.name}.{name}')
+            object.__setattr__(self, name, one)
 
     @classmethod
     def parameters(cls) -> list[Parameter]:
@@ -205,12 +210,34 @@ class Effect:
                 f.metadata['high'],
             )
             for f in fields(cls)
+            if 'table' not in f.metadata
         ]
+
+    @classmethod
+    def tables(cls) -> dict[str, Table]:
+        """Return the curves and maps that the effect can have, by name."""
+        return {f.name: f.metadata['table'] for f in fields(cls) if 'table' in f.metadata}
+
+    @property
+    def forms(self) -> dict[str, Any]:
+        """Return the curves and maps that this effect has, by name."""
+        own = {name: getattr(self, name) for name in self.tables()}
+        return {name: one for name, one in own.items() if one is not None}
+
+    @property
+    def has_kernel(self) -> bool:
+        """Return whether the kernels of `flexx2_sim_ros.batch` can compute it as it is."""
+        return self.batched is not None and not self.forms
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """Return all that `from_mapping` needs to make the effect again: numbers, curves, maps."""
+        return {**{p.name: getattr(self, p.name) for p in self.parameters()}, **self.forms}
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, Any] | None) -> 'Effect':
         """
-        Build from names and numbers, as in a YAML file.
+        Build from names and numbers, curves or maps, as in a YAML file.
 
         Raises
         ------
@@ -221,7 +248,7 @@ class Effect:
         values = {} if values is None else values
         if not isinstance(values, Mapping):
             raise InputError(f'{cls.name}: must be a table of parameters, got {shown(values)}')
-        known = [item.name for item in cls.parameters()]
+        known = [*(item.name for item in cls.parameters()), *cls.tables()]
         for name in values:
             if name not in known:
                 raise InputError(

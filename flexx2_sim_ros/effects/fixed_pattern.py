@@ -7,6 +7,8 @@ from typing import ClassVar
 from flexx2_sim_ros.effects.effect import Effect, parameter
 from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis
 from flexx2_sim_ros.effects.picture import Picture
+from flexx2_sim_ros.effects.tables import pixel_map, PixelMap
+from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.formulas.scalars import f32, f64, i32, least, most, root, where
 from flexx2_sim_ros.physics.compiled import compiled, loop
 from flexx2_sim_ros.physics.frame_state import FrameState, Stage
@@ -91,8 +93,21 @@ class FixedPattern(Effect):
 
     rms: float = parameter(0.0015, 0.0, 0.1, 'm', 'root mean square over the pixels')
 
+    pattern: PixelMap | None = pixel_map(
+        'm', -0.2, 0.2, 'added to the depth of each pixel, in place of a random pattern'
+    )
+
     def apply(self, state: FrameState) -> None:
-        """Add the camera's pattern, made once from its key."""
+        """Add the camera's pattern: the map, or one made once from its key."""
+        if self.pattern is not None:
+            values = self.pattern.values
+            if values.shape != state.depth.shape:
+                raise InputError(
+                    f'{self.name}.pattern: must have the size of the image, '
+                    f'{state.depth.shape}, got {values.shape}'
+                )
+            state.add_shift(np.float32(self.strength) * values)
+            return
         pattern = state.memory.kept.get(self.name)
         if pattern is None or pattern.shape != state.depth.shape:
             pattern = _grain(state.key.tobytes(), state.depth.shape)

@@ -6,7 +6,8 @@ from typing import ClassVar
 
 from flexx2_sim_ros.effects.effect import Effect, parameter
 from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis
-from flexx2_sim_ros.effects.losing import lose, survival
+from flexx2_sim_ros.effects.losing import kept_by, lose, survival
+from flexx2_sim_ros.effects.tables import Curve, curve
 from flexx2_sim_ros.formulas.fastmath import arccos, log_from_zero
 from flexx2_sim_ros.physics.compiled import compiled, loop
 from flexx2_sim_ros.physics.frame_state import FrameState, Stage
@@ -63,6 +64,14 @@ class GrazingDropout(Effect):
     width_deg: float = parameter(3.0, 0.2, 20.0, 'deg', 'width of the logistic function')
     distance: float = parameter(1.0, 0.0, 10.0, '', 'logit added per factor e of distance')
 
+    curve: Curve | None = curve(
+        'incidence, degrees',
+        '',
+        0.0,
+        1.0,
+        'probability that a pixel is invalid, in place of the logistic function',
+    )
+
     def constants(self) -> dict[str, float]:
         """Return half and width in radians, the part of distance, and strength."""
         return {
@@ -74,6 +83,10 @@ class GrazingDropout(Effect):
 
     def apply(self, state: FrameState) -> None:
         """Lose pixels by a logistic in incidence and in the logarithm of the distance."""
+        if self.curve is not None:
+            lost = self.curve.at(np.degrees(np.arccos(np.clip(state.cosine, 0, 1))))
+            lose(state, kept_by(lost, self.strength), self.stream)
+            return
         survives = np.empty_like(state.depth)
         _survives(state.cosine, state.depth, *self.rounded, survives)
         lose(state, survives, self.stream)

@@ -23,6 +23,11 @@ def survival(logit: float, strength: float) -> float:
     return power(_ONE + exp(logit), -strength)
 
 
+def kept_by(lost: np.ndarray, strength: float) -> np.ndarray:
+    """Return the chance to stay valid, float32, where ``lost`` is that to be lost: (1 - p)^s."""
+    return np.asarray((1 - lost) ** np.float32(strength), np.float32)
+
+
 def lose(state: FrameState, survives: np.ndarray, stream: int) -> np.ndarray:
     """
     Lose pixels, in ``state.measured``.

@@ -6,7 +6,9 @@ from typing import ClassVar
 
 from flexx2_sim_ros.effects.effect import Effect, parameter
 from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis
-from flexx2_sim_ros.effects.losing import lose, survival
+from flexx2_sim_ros.effects.light import log_amplitude
+from flexx2_sim_ros.effects.losing import kept_by, lose, survival
+from flexx2_sim_ros.effects.tables import Curve, curve
 from flexx2_sim_ros.formulas.fastmath import log_from_zero
 from flexx2_sim_ros.physics.compiled import compiled, loop
 from flexx2_sim_ros.physics.frame_state import FrameState, Stage
@@ -51,12 +53,24 @@ class LowSignalDropout(Effect):
     half: float = parameter(0.012, 1e-5, 10.0, '1/m^2', 'amplitude at which half are invalid')
     slope: float = parameter(3.0, 0.1, 20.0, '', 'slope of the logistic function, per factor e')
 
+    curve: Curve | None = curve(
+        'ln of the amplitude, 1/m^2',
+        '',
+        0.0,
+        1.0,
+        'probability that a pixel is invalid, in place of the logistic function',
+    )
+
     def constants(self) -> dict[str, float]:
         """Return the logarithm of the amplitude at which half are lost, slope and strength."""
         return {'log_half': math.log(self.half), 'slope': self.slope, 'strength': self.strength}
 
     def apply(self, state: FrameState) -> None:
         """Lose pixels by a logistic in the logarithm of the amplitude, falling."""
+        if self.curve is not None:
+            lost = self.curve.at(log_amplitude(state.signal))
+            lose(state, kept_by(lost, self.strength), self.stream)
+            return
         survives = np.empty_like(state.depth)
         _survives(state.signal, *self.rounded, survives)
         lose(state, survives, self.stream)

@@ -5,6 +5,8 @@ from typing import ClassVar
 
 from flexx2_sim_ros.effects.effect import Effect, parameter
 from flexx2_sim_ros.effects.hypothesis import Hypothesis, Term
+from flexx2_sim_ros.effects.rays import add_along_ray, ranges
+from flexx2_sim_ros.effects.tables import Curve, curve
 from flexx2_sim_ros.physics.frame_state import FrameState, Stage
 
 # Metres that the diagnosis simulates. They are of the order of sigma_z of all shipped profiles:
@@ -38,6 +40,9 @@ class Offset(Effect):
     batched: ClassVar[tuple[str, ...] | None] = ()
 
     bias: float = parameter(0.005, -0.2, 0.2, 'm', 'added to every depth')
+    curve: Curve | None = curve(
+        'range, m', 'm', -0.5, 0.5, 'added to the range along the ray, in place of bias'
+    )
 
     def constants(self) -> dict[str, float]:
         """Return the shift of every pixel, metres; there is no other formula."""
@@ -45,4 +50,7 @@ class Offset(Effect):
 
     def apply(self, state: FrameState) -> None:
         """Add the bias."""
+        if self.curve is not None:
+            add_along_ray(state, self.strength, self.curve.at(ranges(state)))
+            return
         state.add_shift(*self.rounded)

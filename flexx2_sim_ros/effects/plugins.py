@@ -20,6 +20,7 @@ from flexx2_sim_ros.effects.effect import CHANNELS, COVARIATES, Effect, NUISANCE
 from flexx2_sim_ros.effects.hypothesis import Hypothesis
 from flexx2_sim_ros.effects.picture import Picture
 from flexx2_sim_ros.effects.ray import AlongRay
+from flexx2_sim_ros.effects.tables import Table
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.physics.frame_state import FrameState, Memory, Stage
 from flexx2_sim_ros.physics.surface import analyse
@@ -165,6 +166,8 @@ def _are_some(value: Any, known: Collection[str]) -> bool:
 
 def _check_parameters(kind: type[Effect]) -> None:
     for one in fields(kind):
+        if isinstance(one.metadata.get('table'), Table):
+            continue
         bounds = [one.default, *(one.metadata.get(key) for key in ('low', 'high'))]
         if not all(isinstance(x, int | float) and math.isfinite(x) for x in bounds):
             raise InputError(f'{one.name:.80}: must be made by parameter(...) of numbers')

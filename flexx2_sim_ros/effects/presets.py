@@ -4,6 +4,7 @@ from textwrap import fill
 
 from flexx2_sim_ros.effects.effect import Effect, Parameter
 from flexx2_sim_ros.effects.registry import effects_yaml, registry
+from flexx2_sim_ros.effects.tables import Table
 
 _WIDTH = 95
 
@@ -56,6 +57,15 @@ _NUISANCES = {
 }
 
 
+def _form(name: str, table: Table) -> str:
+    unit = f' {table.unit}' if table.unit else ''
+    over = f' over {table.over}' if table.over else ' of the image, (H, W)'
+    return (
+        f'`{name}` (a {table.kind}{over}; values {table.low:g} to {table.high:g}{unit}): '
+        f'{table.text}.'
+    )
+
+
 def bounds(item: Parameter) -> str:
     """Return a parameter's range for people."""
     return f'{item.low:g} to {item.high:g}'
@@ -76,6 +86,16 @@ def markdown() -> str:
             '● is in `config/effects/typical.yaml`; ↻ depends on earlier frames; ∿ needs '
             'the modulation frequencies, which a profile may leave out. Values without a '
             'public source are marked as assumed.',
+            _WIDTH,
+        ).splitlines(),
+        '',
+        *fill(
+            'A file of effects may give some effects a curve or a map in the place of their '
+            'formula: `curve: {knots: [...], values: [...]}`, linear between the knots and '
+            'constant beyond them, repeated with `period` if that is given; `pattern: '
+            'NAME.npz`, a file beside it with one (H, W) array `map`. `strength` multiplies '
+            'shifts; of a probability p to be invalid it makes 1 - (1 - p)^strength. In a batch '
+            'such an effect runs on the CPU.',
             _WIDTH,
         ).splitlines(),
         '',
@@ -105,4 +125,6 @@ def markdown() -> str:
             if item.name != 'strength'
         ]
         lines.append('')
+        for name, table in kind.tables().items():
+            lines += [*fill(_form(name, table), _WIDTH).splitlines(), '']
     return '\n'.join(lines[:-1]) + '\n'

@@ -5,9 +5,11 @@ from typing import ClassVar
 
 from flexx2_sim_ros.effects.effect import parameter
 from flexx2_sim_ros.effects.hypothesis import Hypothesis
+from flexx2_sim_ros.effects.tables import Table
 from flexx2_sim_ros.effects.wiggling import harmonics, Wiggling
 from flexx2_sim_ros.physics.compiled import compiled, loop
 from flexx2_sim_ros.physics.frame_state import FrameState, SPEED_OF_LIGHT
+from flexx2_sim_ros.physics.geometry import ray_length
 from flexx2_sim_ros.physics.philox import FAST
 import numpy as np
 
@@ -32,6 +34,11 @@ class AlongRay(Wiggling):
     bias: float = parameter(0.0, -0.5, 0.5, 'm', 'added to the distance along the ray')
     a4: float = parameter(0.0, -0.1, 0.1, 'm', 'sine, four periods per c/2f')
 
+    @classmethod
+    def tables(cls) -> dict[str, Table]:
+        """Return none: a diagnosis compares with numbers alone."""
+        return {}
+
     def constants(self) -> dict[str, float]:
         """Return the offset and the coefficients of the harmonics, metres."""
         return {'bias': self.strength * self.bias, **super().constants()}
@@ -55,10 +62,3 @@ def _add_along_ray(depth, length, turns, bias, a1, b1, a2, b2, a3, b3, a4, b4, s
             phase = turns * (depth[y, x] + shift[y, x]) * length[y, x]
             added = bias + _harmonics(phase, a1, b1, a2, b2, a3, b3, a4, b4)
             shift[y, x] += added / length[y, x]
-
-
-def ray_length(K: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:  # noqa: N803
-    """Return (H, W) float32 how much longer each pixel's ray is than its depth, 1 or more."""
-    v, u = np.mgrid[: shape[0], : shape[1]]
-    x, y = (u - K[0, 2]) / K[0, 0], (v - K[1, 2]) / K[1, 1]
-    return np.sqrt(x * x + y * y + 1).astype(np.float32)

@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
 from importlib import import_module
+import math
 from pathlib import Path
 import pkgutil
 from types import MappingProxyType
@@ -14,6 +15,7 @@ from flexx2_sim_ros.effects.effect import Effect
 from flexx2_sim_ros.effects.patch import ResidualPatch
 from flexx2_sim_ros.effects.plugins import plug_ins
 from flexx2_sim_ros.effects.ray import AlongRay
+from flexx2_sim_ros.effects.tables import Curve, PixelMap, read_map, write_map
 from flexx2_sim_ros.errors import InputError, shown, shown_path, unquoted
 from flexx2_sim_ros.paths import config_dir
 import yaml
@@ -133,13 +135,29 @@ def load_effects(path: str | Path) -> tuple[Effect, ...]:
         raise InputError(
             f'{shown_path(path)}: effects: must be a table of parameters by effect, got none'
         )
-    table = content['effects']
-    return parse_effects({} if table is None else table, f'{shown_path(path)}: effects')
+    table, where = content['effects'], f'{shown_path(path)}: effects'
+    return parse_effects({} if table is None else _with_maps(table, path.parent, where), where)
+
+
+def _with_maps(table: Any, folder: Path, where: str) -> Any:
+    # A table of a file with the maps that it names; anything else that is wrong stays.
+    if not isinstance(table, Mapping):
+        return table
+    out = dict(table)
+    for name, kind in loadable().items():
+        values = out.get(name)
+        for key, one in kind.tables().items():
+            if one.kind == 'map' and isinstance(values, Mapping) and values.get(key) is not None:
+                read = read_map(folder, values[key], f'{where}: {name}.{key}')
+                out[name] = {**out[name], key: read}
+    return out
 
 
 def save_effects(path: str | Path, effects: Sequence[Effect], comment: str = '') -> None:
     """
     Write a set of effects as a file that `load_effects` reads; whole or not at all.
+
+    A map is written beside it, as ``<effect>.npz``.
 
     Parameters
     ----------
@@ -151,6 +169,10 @@ def save_effects(path: str | Path, effects: Sequence[Effect], comment: str = '')
         Put above it, a ``#`` before each line.
 
     """
+    for effect in effects:
+        for one in effect.forms.values():
+            if isinstance(one, PixelMap):
+                write_map(Path(path).parent / _map_file(effect), one)
     write_text(path, effects_yaml(effects, comment))
 
 
@@ -165,4 +187,18 @@ def effects_yaml(effects: Sequence[Effect], comment: str = '') -> str:
             number = yaml.safe_dump([getattr(effect, item.name)]).removeprefix('- ').strip()
             unit = f'{item.unit}, ' if item.unit else ''
             lines.append(f'    {item.name}: {number}  # {unit}{item.text}')
+        lines += [_table_yaml(effect, name, one) for name, one in effect.forms.items()]
     return '\n'.join(lines) + '\n'
+
+
+def _map_file(effect: Effect) -> str:
+    return f'{effect.name}.npz'
+
+
+def _table_yaml(effect: Effect, name: str, one: Curve | PixelMap) -> str:
+    table = effect.tables()[name]
+    if isinstance(one, PixelMap):
+        return f'    {name}: {_map_file(effect)}  # {table.unit}, {table.text}'
+    unit = f', {table.unit}' if table.unit else ''
+    text = yaml.safe_dump(one.plain(), default_flow_style=True, sort_keys=False, width=math.inf)
+    return f'    # {table.text}{unit}; over {table.over}\n    {name}: {text.strip()}'

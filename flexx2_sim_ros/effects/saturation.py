@@ -6,7 +6,9 @@ from typing import ClassVar
 
 from flexx2_sim_ros.effects.effect import Effect, parameter
 from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis
-from flexx2_sim_ros.effects.losing import lose, survival
+from flexx2_sim_ros.effects.light import log_amplitude
+from flexx2_sim_ros.effects.losing import kept_by, lose, survival
+from flexx2_sim_ros.effects.tables import Curve, curve
 from flexx2_sim_ros.formulas.fastmath import arccos, exp, log, log_from_zero
 from flexx2_sim_ros.formulas.scalars import f32
 from flexx2_sim_ros.physics.compiled import compiled, loop
@@ -64,6 +66,14 @@ class Saturation(Effect):
     )
     lobe_deg: float = parameter(4.0, 0.2, 45.0, 'deg', 'width of the specular lobe')
 
+    curve: Curve | None = curve(
+        'ln of the amplitude, 1/m^2',
+        '',
+        0.0,
+        1.0,
+        'probability that a pixel is invalid, in place of the logistic function and gloss',
+    )
+
     def constants(self) -> dict[str, float]:
         """Return gloss and lobe (radians), then the logistic's half, slope and strength."""
         return {
@@ -76,8 +86,11 @@ class Saturation(Effect):
 
     def apply(self, state: FrameState) -> None:
         """Lose pixels by a logistic in the logarithm of the amplitude, rising."""
-        gain, survives = np.empty_like(state.depth), np.empty_like(state.depth)
-        _survives(state.signal, state.cosine, *self.rounded, gain, survives)
+        gain, survives = np.ones_like(state.depth), np.empty_like(state.depth)
+        if self.curve is not None:
+            survives = kept_by(self.curve.at(log_amplitude(state.signal)), self.strength)
+        else:
+            _survives(state.signal, state.cosine, *self.rounded, gain, survives)
         lost = lose(state, survives, self.stream)
         state.saturated = lost & np.isfinite(state.depth)
         if state.saturated.any():

@@ -7,6 +7,8 @@ from flexx2_sim_ros.effects.effect import Effect, parameter
 from flexx2_sim_ros.effects.hypothesis import Hypothesis, StandIn, Term
 from flexx2_sim_ros.effects.offset import Offset, SIMULATED_BIAS
 from flexx2_sim_ros.effects.picture import Picture
+from flexx2_sim_ros.effects.rays import add_along_ray
+from flexx2_sim_ros.effects.tables import Curve, curve
 from flexx2_sim_ros.formulas import on_images
 from flexx2_sim_ros.formulas.fastmath import exp
 from flexx2_sim_ros.physics.frame_state import FrameState, Stage
@@ -62,6 +64,14 @@ class WarmUpDrift(Effect):
     tau: float = parameter(900.0, 1.0, 36000.0, 's', 'time constant')
     uptime: float = parameter(0.0, 0.0, 1e6, 's', 'time since power-on at the first frame')
 
+    curve: Curve | None = curve(
+        'time since power-on, s',
+        'm',
+        -0.5,
+        0.5,
+        'added to the range along the ray, in place of bias and tau',
+    )
+
     def constants(self) -> dict[str, float]:
         """Return the shift at power-on, metres, the time constant and the time before."""
         return {'bias': self.strength * self.bias, 'tau': self.tau, 'uptime': self.uptime}
@@ -69,4 +79,7 @@ class WarmUpDrift(Effect):
     def apply(self, state: FrameState) -> None:
         """Add the bias of this moment."""
         seconds = np.float32((state.stamp - state.memory.first_stamp) * 1e-9)
+        if self.curve is not None:
+            add_along_ray(state, self.strength, self.curve.at(seconds + self.uptime))
+            return
         state.add_shift(on_images(drift)(seconds, *self.rounded))

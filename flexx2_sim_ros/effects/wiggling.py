@@ -6,6 +6,8 @@ from typing import ClassVar
 from flexx2_sim_ros.effects.effect import Effect, parameter
 from flexx2_sim_ros.effects.hypothesis import Hypothesis, Term
 from flexx2_sim_ros.effects.picture import Picture
+from flexx2_sim_ros.effects.rays import add_along_ray, ranges
+from flexx2_sim_ros.effects.tables import Curve, curve
 from flexx2_sim_ros.formulas.phases import direction
 from flexx2_sim_ros.formulas.scalars import f32
 from flexx2_sim_ros.physics.compiled import compiled, loop
@@ -103,6 +105,10 @@ class Wiggling(Effect):
     a4: float = parameter(0.0042, -0.1, 0.1, 'm', 'sine, four periods per c/2f')
     b4: float = parameter(0.0, -0.1, 0.1, 'm', 'cosine, four periods per c/2f')
 
+    curve: Curve | None = curve(
+        'range, m', 'm', -0.2, 0.2, 'added to the range along the ray, in place of the harmonics'
+    )
+
     def constants(self) -> dict[str, float]:
         """Return the coefficients of the harmonics, metres."""
         names = ('a1', 'b1', 'a2', 'b2', 'a3', 'b3', 'a4', 'b4')
@@ -110,6 +116,9 @@ class Wiggling(Effect):
 
     def apply(self, state: FrameState) -> None:
         """Add the harmonics of what has been mixed so far, at every modulation frequency."""
+        if self.curve is not None:
+            add_along_ray(state, self.strength, self.curve.at(ranges(state)))
+            return
         for frequency, shift in zip(state.mode.modulation_hz, state.shifts, strict=True):
             turns = np.float32(2.0 * frequency / SPEED_OF_LIGHT)
             _add_harmonics(state.depth, turns, *self.rounded, shift)

@@ -9,6 +9,7 @@ from typing import Any
 from flexx2_sim_ros import __version__
 from flexx2_sim_ros.atomic import check_outputs
 from flexx2_sim_ros.camera import Profile
+from flexx2_sim_ros.effects.tables import plain
 from flexx2_sim_ros.errors import InputError, unquoted
 from flexx2_sim_ros.gap.calibration.features import FEATURES
 from flexx2_sim_ros.gap.calibration.inference import THRESHOLDS
@@ -192,8 +193,8 @@ def _table(
         'schema': SCHEMA,
         'holds': holds,
         'reasons': reasons,
-        'effects': request.effects,
-        'known': request.known,
+        'effects': {name: plain(values) for name, values in request.effects.items()},
+        'known': {name: plain(values) for name, values in request.known.items()},
         'measures': measures,
         'recordings': rows,
     }

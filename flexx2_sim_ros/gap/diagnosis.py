@@ -11,6 +11,7 @@ from flexx2_sim_ros import __version__
 from flexx2_sim_ros.atomic import check_outputs
 from flexx2_sim_ros.camera import Profile
 from flexx2_sim_ros.effects import Effect, of_role, registry
+from flexx2_sim_ros.effects.tables import plain
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap.data.campaign import Found
 from flexx2_sim_ros.gap.data.given import given_effects, Table
@@ -109,7 +110,7 @@ def diagnose(
         'usecase': found[0].mode.name,
         'seed': seed,
         'pose_prior': list(pose_prior),
-        'known': known,
+        'known': {name: plain(values) for name, values in known.items()},
     }
     table['not_considered'] = _not_considered(
         without, known, no_phases, bool(model.own.posed.any())

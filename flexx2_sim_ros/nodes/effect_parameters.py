@@ -19,9 +19,11 @@ _CHANGED = '*'
 @dataclass(frozen=True)
 class _Source:
     # The content of a file: the value of every effect.* parameter (strength 0 for effects that it
-    # does not name), and the effects without parameters, which are on only with the file.
+    # does not name), the curves and maps of effects, and the effects without parameters. Only
+    # the file sets the last two.
     name: str
     numbers: Mapping[str, float]
+    forms: Mapping[str, Mapping[str, Any]]
     others: tuple[Effect, ...]
 
 
@@ -76,7 +78,7 @@ class EffectParameters:
         for name, value in start.numbers.items():
             self._declare(name, value)
         node.set_parameters([Parameter(FILE, value=self._text(self._source, self._numbers()))])
-        self.chosen = (*self._build(self._numbers()), *self._source.others)
+        self.chosen = self._build(self._numbers(), self._source)
 
     def expand(self, parameters: Sequence[Parameter]) -> list[Parameter]:
         """Return the parameters to set: whole numbers as floats, and all numbers of a file."""
@@ -140,7 +142,7 @@ class EffectParameters:
         source = self._source
         if FILE in values and isinstance(self._next, _Source):
             source = self._next
-        return (*self._build({**self._numbers(), **changed}), *source.others)
+        return self._build({**self._numbers(), **changed}, source)
 
     def _text(self, source: _Source, numbers: Mapping[str, Any]) -> str:
         return source.name + ('' if numbers == source.numbers else _CHANGED)
@@ -172,16 +174,18 @@ class EffectParameters:
             ),
         )
 
-    def _build(self, numbers: Mapping[str, float]) -> list[Effect]:
-        return [
+    def _build(self, numbers: Mapping[str, float], source: _Source) -> tuple[Effect, ...]:
+        own = (
             kind(
                 **{
                     item.name: numbers[f'effect.{kind.name}.{item.name}']
                     for item in kind.parameters()
-                }
+                },
+                **source.forms.get(kind.name, {}),
             )
             for kind in registry().values()
-        ]
+        )
+        return (*own, *source.others)
 
 
 def _read(name: str) -> _Source:
@@ -197,5 +201,8 @@ def _read(name: str) -> _Source:
             value = getattr(loaded[kind.name], item.name) if kind.name in loaded else off
             numbers[f'effect.{kind.name}.{item.name}'] = float(value)
     return _Source(
-        name, numbers, tuple(effect for effect in effects if effect.name not in registry())
+        name,
+        numbers,
+        {name: effect.forms for name, effect in loaded.items()},
+        tuple(effect for effect in effects if effect.name not in registry()),
     )

@@ -245,3 +245,10 @@ def points(depth: np.ndarray, rays: np.ndarray) -> np.ndarray:
     out[..., 1] = rays[1] * depth
     out[..., 2] = depth
     return out
+
+
+def ray_length(K: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:  # noqa: N803
+    """Return (H, W) float32 how much longer each pixel's ray is than its depth, 1 or more."""
+    v, u = np.mgrid[: shape[0], : shape[1]]
+    x, y = (u - K[0, 2]) / K[0, 0], (v - K[1, 2]) / K[1, 1]
+    return np.sqrt(x * x + y * y + 1).astype(np.float32)

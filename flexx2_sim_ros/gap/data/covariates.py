@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from functools import lru_cache
 import math
 
-from flexx2_sim_ros.effects.ray import ray_length
 from flexx2_sim_ros.gap.calibration.data import BINNING
 from flexx2_sim_ros.gap.data.axes import AXES, Axes, ENDLESS, TILE_COLUMNS, TILE_ROWS
 from flexx2_sim_ros.gap.data.pixel_kernels import (
@@ -18,6 +17,7 @@ from flexx2_sim_ros.gap.data.pixel_kernels import (
 )
 from flexx2_sim_ros.gap.data.unknown import away, judged
 from flexx2_sim_ros.physics.axial import model_sigma, scale_by_surface
+from flexx2_sim_ros.physics.geometry import ray_length
 from flexx2_sim_ros.physics.surface import analyse, Surface
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from flexx2_sim_ros.profiles.modes import Mode

@@ -7,7 +7,7 @@ from typing import Any
 from flexx2_sim_ros.effects import ageing, Effect, loadable, parse_effects
 from flexx2_sim_ros.errors import InputError
 
-Table = Mapping[str, Mapping[str, float]]
+Table = Mapping[str, Mapping[str, Any]]
 
 
 def given_effects(known: Table, uptime: float | None = None) -> tuple[Effect, ...]:

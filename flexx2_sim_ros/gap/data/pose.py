@@ -4,9 +4,9 @@ import math
 
 from flexx2_sim_ros.camera import Camera, Intrinsics, Mode, Profile
 from flexx2_sim_ros.effects.pose_error import PoseError
-from flexx2_sim_ros.effects.ray import ray_length
 from flexx2_sim_ros.gap.calibration.data import REGISTRATION
 from flexx2_sim_ros.physics.frame_state import FrameState, Memory, SPEED_OF_LIGHT
+from flexx2_sim_ros.physics.geometry import ray_length
 from flexx2_sim_ros.physics.surface import tangents
 from flexx2_sim_ros.profiles.sensor import Sensor
 from flexx2_sim_ros.recording.folders import BAG_FILES

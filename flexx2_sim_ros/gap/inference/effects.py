@@ -1,6 +1,7 @@
 """The effects of a fit, with the parameters that it found."""
 
 from collections.abc import Iterable
+from typing import Any
 
 from flexx2_sim_ros.effects import Effect, registry
 from flexx2_sim_ros.gap.data.pose import NAMES
@@ -54,11 +55,6 @@ def _effect(model: Model, fit: Fit, candidate: Candidate, values: tuple[float, .
     return kind.from_mapping(table)
 
 
-def parameters_of(effect: Effect) -> dict[str, float]:
-    """Return the parameters of an effect by name."""
-    return {p.name: float(getattr(effect, p.name)) for p in effect.parameters()}
-
-
-def table_of(effects: Iterable[Effect]) -> dict[str, dict[str, float]]:
-    """Return the parameters by effect, as `parse_effects` reads them."""
-    return {effect.name: parameters_of(effect) for effect in effects}
+def table_of(effects: Iterable[Effect]) -> dict[str, dict[str, Any]]:
+    """Return the settings by effect, as `parse_effects` reads them."""
+    return {effect.name: effect.settings for effect in effects}

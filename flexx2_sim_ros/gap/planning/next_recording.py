@@ -14,7 +14,6 @@ from flexx2_sim_ros.gap.data.registration import RecordingData
 from flexx2_sim_ros.gap.features.catalogue import Candidate, catalogue, Column, nuisances, Term
 from flexx2_sim_ros.gap.features.evidence import gather
 from flexx2_sim_ros.gap.features.simulation import simulate
-from flexx2_sim_ros.gap.inference.effects import parameters_of
 from flexx2_sim_ros.gap.inference.fitting import fit
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.planning.scenes import render, Scene, standard_scenes
@@ -135,7 +134,7 @@ def explanations(before: Diagnosed) -> dict[str, Table]:
         kept = {k: v for k, v in chosen.items() if k not in row['instead_of']}
         sets.append({**kept, row['name']: row['parameters']})
     sets += [
-        {**chosen, row['name']: parameters_of(registry()[row['name']]())}
+        {**chosen, row['name']: registry()[row['name']]().settings}
         for row in table['not_decidable']
     ]
     sets.append({})

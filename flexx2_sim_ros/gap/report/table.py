@@ -12,7 +12,7 @@ from flexx2_sim_ros.gap.features.evidence import Evidence
 from flexx2_sim_ros.gap.features.features import ENOUGH
 from flexx2_sim_ros.gap.features.physical import UNITS
 from flexx2_sim_ros.gap.inference.decide import Alternative, Decision
-from flexx2_sim_ros.gap.inference.effects import fitted_effects, parameters_of
+from flexx2_sim_ros.gap.inference.effects import fitted_effects
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.inference.uncertainty import ratio_interval
 from flexx2_sim_ros.gap.inference.where import places, unexplained
@@ -78,7 +78,7 @@ def _effect_rows(decision: Decision, effects: list[Effect]) -> list[dict[str, An
     return [
         {
             'name': effect.name,
-            'parameters': parameters_of(effect),
+            'parameters': effect.settings,
             'share': fraction,
             'interval': interval,
             'confidence': confidence,
@@ -93,7 +93,7 @@ def _alternative(model: Model, one: Alternative) -> dict[str, Any]:
     effect = fitted_effects(model, one.fit)[-1]
     return {
         'name': effect.name,
-        'parameters': parameters_of(effect),
+        'parameters': effect.settings,
         'share': one.share,
         'interval': one.interval,
         'confidence': one.confidence,

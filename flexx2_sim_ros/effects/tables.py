@@ -1,0 +1,280 @@
+"""What an effect may take beyond numbers: a curve over a covariate, a map of the image."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+import zipfile
+
+from flexx2_sim_ros.atomic import whole
+from flexx2_sim_ros.errors import InputError, shown, shown_path
+import numpy as np
+
+MOST_KNOTS = 400
+MOST_SIDE = 2048  # pixels of a map
+_MAP = 'map'
+_MOST_BYTES = 4 * MOST_SIDE**2 + 4096
+
+
+@dataclass(frozen=True)
+class Curve:
+    """
+    A function of one covariate: linear between knots, constant beyond them.
+
+    Attributes
+    ----------
+    knots, values : tuple of float
+        The same number of each; knots rise.
+    period : float or None
+        With which the curve repeats; None: it does not.
+
+    """
+
+    knots: tuple[float, ...]
+    values: tuple[float, ...]
+    period: float | None = None
+
+    def at(self, x: Any) -> np.ndarray:
+        """Return the curve at some places, float32 of the same shape; NaN where they are NaN."""
+        y = np.interp(np.asarray(x, np.float64), self.knots, self.values, period=self.period)
+        return np.asarray(y, np.float32)
+
+    def plain(self) -> dict[str, Any]:
+        """Return the curve as lists, as in a YAML or JSON file."""
+        lists = {'knots': list(self.knots), 'values': list(self.values)}
+        return lists if self.period is None else {**lists, 'period': self.period}
+
+
+class PixelMap:
+    """
+    One number for each pixel.
+
+    Parameters
+    ----------
+    values : numpy.ndarray
+        (H, W), finite; copied to float32 that cannot be changed.
+
+    """
+
+    def __init__(self, values: np.ndarray) -> None:
+        """Keep a copy."""
+        self.values = np.array(values, np.float32, order='C')
+        self.values.setflags(write=False)
+
+    def __eq__(self, other: object) -> bool:
+        """Compare shape and numbers."""
+        return isinstance(other, PixelMap) and np.array_equal(self.values, other.values)
+
+    def __hash__(self) -> int:
+        """Return a hash of the numbers."""
+        return hash(self.values.tobytes())
+
+    def plain(self) -> list[list[float]]:
+        """Return the rows as lists, as in a JSON file."""
+        rows: list[list[float]] = self.values.tolist()
+        return rows
+
+
+@dataclass(frozen=True)
+class Table:
+    """
+    A curve or map that an effect can have in the place of its formula.
+
+    Attributes
+    ----------
+    kind : str
+        ``curve`` or ``map``.
+    text : str
+        What it is, for people.
+    over : str
+        What a curve is over, with its unit; empty for a map.
+    unit : str
+        Of the values; empty for a plain number.
+    low, high : float
+        Bounds of the values.
+
+    """
+
+    kind: str
+    text: str
+    over: str
+    unit: str
+    low: float
+    high: float
+
+    def checked(self, value: Any, where: str) -> Curve | PixelMap | None:
+        """
+        Return a value as a curve or map; None stays None.
+
+        Raises
+        ------
+        InputError
+            When it is neither, or its numbers are out of bounds; names ``where``.
+
+        """
+        if value is None:
+            return None
+        return self._map(value, where) if self.kind == _MAP else self._curve(value, where)
+
+    def _curve(self, value: Any, where: str) -> Curve:
+        table = value.plain() if isinstance(value, Curve) else value
+        if not isinstance(table, Mapping) or not {'knots', 'values'} <= set(table) <= {
+            'knots',
+            'values',
+            'period',
+        }:
+            raise InputError(
+                f'{where}: must be a table of knots, values and, if it repeats, period, got '
+                f'{shown(value)}'
+            )
+        knots = _numbers(table['knots'], f'{where}.knots')
+        values = _numbers(table['values'], f'{where}.values')
+        if any(b <= a for a, b in zip(knots, knots[1:], strict=False)):
+            raise InputError(f'{where}.knots: must rise from one to the next')
+        if len(values) != len(knots):
+            raise InputError(
+                f'{where}.values: must be as many as knots, {len(knots)}, got {len(values)}'
+            )
+        self._within(np.array(values), f'{where}.values')
+        period = table.get('period')
+        if period is not None and not (_is_number(period) and period > knots[-1] - knots[0]):
+            raise InputError(
+                f'{where}.period: must be a number above {knots[-1] - knots[0]:g}, the range of '
+                f'the knots, got {shown(period)}'
+            )
+        return Curve(knots, values, None if period is None else float(period))
+
+    def _map(self, value: Any, where: str) -> PixelMap:
+        array = value.values if isinstance(value, PixelMap) else value
+        if isinstance(array, list):
+            array = _from_rows(array)
+        if not (
+            isinstance(array, np.ndarray)
+            and array.dtype.kind == 'f'
+            and array.ndim == 2
+            and 0 < min(array.shape) <= max(array.shape) <= MOST_SIDE
+        ):
+            got = (
+                f'{array.dtype} of shape {array.shape}'
+                if isinstance(array, np.ndarray)
+                else shown(value)
+            )
+            raise InputError(
+                f'{where}: must be an (H, W) array of floating-point numbers with sides up to '
+                f'{MOST_SIDE}, or in a file the name of an .npz file beside it, got {got}'
+            )
+        self._within(array, where)
+        return value if isinstance(value, PixelMap) else PixelMap(array)
+
+    def _within(self, values: np.ndarray, where: str) -> None:
+        wrong = values[~((values >= self.low) & (values <= self.high))]
+        if wrong.size:
+            unit = f' {self.unit}' if self.unit else ''
+            raise InputError(
+                f'{where}: must be numbers from {self.low:g} to {self.high:g}{unit}, got '
+                f'{wrong.flat[0]:g}'
+            )
+
+
+def curve(over: str, unit: str, low: float, high: float, text: str) -> Any:
+    """Declare a curve of an effect: a dataclass field that is None unless it is given."""
+    table = Table('curve', text, over, unit, low, high)
+    return field(default=None, kw_only=True, metadata={'table': table})
+
+
+def pixel_map(unit: str, low: float, high: float, text: str) -> Any:
+    """Declare a map of an effect: a dataclass field that is None unless it is given."""
+    table = Table(_MAP, text, '', unit, low, high)
+    return field(default=None, kw_only=True, metadata={'table': table})
+
+
+def read_map(folder: Path, name: Any, where: str) -> np.ndarray:
+    """
+    Read a map from a file beside a file of effects.
+
+    Parameters
+    ----------
+    folder : pathlib.Path
+        Of the file of effects.
+    name : str
+        The file's name, without a folder.
+    where : str
+        What the map is called in errors.
+
+    Returns
+    -------
+    numpy.ndarray
+        (H, W); nothing of it is checked yet.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be read, is too large, or has anything but one array ``map`` in it.
+
+    """
+    if not isinstance(name, str) or Path(name).name != name or not name.endswith('.npz'):
+        raise InputError(
+            f'{where}: must be the name of an .npz file beside this file, got {shown(name)}'
+        )
+    path = folder / name
+    try:
+        if not path.is_file():
+            raise InputError(f'{where}: {shown_path(path)}: there is no such file')
+        with zipfile.ZipFile(path) as archive:
+            parts = archive.infolist()
+            if [one.filename for one in parts] != [f'{_MAP}.npy']:
+                raise InputError(f'{where}: {shown_path(path)}: must have one array, map')
+            if parts[0].file_size > _MOST_BYTES:
+                raise InputError(
+                    f'{where}: {shown_path(path)}: must be at most {_MOST_BYTES} bytes, got '
+                    f'{parts[0].file_size}'
+                )
+        with np.load(path, allow_pickle=False) as arrays:
+            return np.asarray(arrays[_MAP])
+    except (OSError, ValueError, zipfile.BadZipFile, NotImplementedError, RuntimeError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f'{where}: {shown_path(path)}: cannot be read: {error}') from error
+
+
+def write_map(path: Path, one: PixelMap) -> None:
+    """Write a map as a file that `read_map` reads, whole or not at all."""
+    with whole(path) as part:
+        np.savez_compressed(part, map=one.values)
+
+
+def _numbers(value: Any, where: str) -> tuple[float, ...]:
+    if not isinstance(value, list | tuple) or not 0 < len(value) <= MOST_KNOTS:
+        raise InputError(
+            f'{where}: must be a list of 1 to {MOST_KNOTS} numbers, got '
+            f'{f"{len(value)} of them" if isinstance(value, list | tuple) else shown(value)}'
+        )
+    for one in value:
+        if not _is_number(one):
+            raise InputError(f'{where}: must be finite numbers, got {shown(one)}')
+    return tuple(float(one) for one in value)
+
+
+def _from_rows(rows: list[Any]) -> Any:
+    # What is no (H, W) array stays, and is refused.
+    try:
+        return np.array(rows, np.float64)
+    except (ValueError, TypeError, OverflowError):
+        return rows
+
+
+def plain(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the settings of an effect as a JSON file holds them."""
+    return {
+        name: value.plain() if isinstance(value, Curve | PixelMap) else value
+        for name, value in settings.items()
+    }
+
+
+def _is_number(value: Any) -> bool:
+    kinds = int | float | np.integer | np.floating
+    return isinstance(value, kinds) and not isinstance(value, bool) and _in_reach(value)
+
+
+def _in_reach(value: Any) -> bool:
+    return -1e9 < value < 1e9  # never true of NaN
