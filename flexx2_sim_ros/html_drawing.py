@@ -8,7 +8,12 @@ from io import BytesIO
 from matplotlib.image import imsave
 import numpy as np
 
-# Classes of the page's style: real, simulated, simulated with the effects.
+# What `curves` needs in a page's style; the classes are real, simulated, simulated with effects.
+CURVE_STYLE = """
+.curve { fill: none; stroke-width: 2; } .grid { stroke: var(--line); }
+.real { stroke: var(--ink); } .simulated { stroke: var(--orange); stroke-dasharray: 5 3; }
+.effects { stroke: var(--blue); } svg text { fill: var(--ink); }
+"""
 _KINDS = ('real', 'simulated', 'effects')
 _BAR_WIDTH = 160
 _WIDTH, _HEIGHT, _LEFT, _BOTTOM = 440, 230, 52, 38
@@ -59,7 +64,7 @@ def curves(
     least: float,
 ) -> str:
     """
-    Return curves as an SVG figure.
+    Return curves as an SVG figure; the page needs `CURVE_STYLE`.
 
     Parameters
     ----------

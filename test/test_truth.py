@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-from flexx2_sim_ros.camera import flexx2
+from flexx2_sim_ros.camera import flexx2, Intrinsics
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap.data.axes import AXES, axes_of
 from flexx2_sim_ros.gap.data.campaign import check, Found, read
@@ -11,6 +11,7 @@ from flexx2_sim_ros.gap.data.covariates import look_at
 from flexx2_sim_ros.gap.data.planes import plane_shifts
 from flexx2_sim_ros.gap.data.prior import covariance_of, factor
 from flexx2_sim_ros.gap.data.unknown import fill
+from flexx2_sim_ros.physics.geometry import pixel_rays
 from flexx2_sim_ros.recording.convert import convert
 from flexx2_sim_ros.recording.opening import load_recording, open_recording
 from flexx2_sim_ros.recording.truth import accuracy_of, read_truth, Truth
@@ -148,12 +149,15 @@ def test_what_is_known_to_return_nothing_is_that() -> None:
     assert (beyond[:, 0] >= 45).all()
 
 
-def test_the_parameters_of_a_plane_move_it() -> None:
+@pytest.mark.parametrize('distortion', [(), (-0.2, 0.05, 0.001, -0.001)])
+def test_the_parameters_of_a_plane_move_it(distortion: tuple[float, ...]) -> None:
     """Assert them against the plane's equation: an offset, and turns about the mean point."""
     known, plane = np.ones(SHAPE, bool), np.ones(SHAPE, np.uint8)
-    shifts = plane_shifts(SLANTED, plane, K, 1, known)
-    rays = np.stack([U, V, np.ones_like(U)], -1) @ np.linalg.inv(K).T
-    points = (rays * SLANTED[..., None]).reshape(-1, 3)
+    lens = Intrinsics.from_matrix(K, SHAPE[1], SHAPE[0], distortion)
+    rays = np.stack([*pixel_rays(lens), np.ones(SHAPE)], axis=-1)
+    slanted = 1 / (rays @ np.array([0.1, 0.3, 0.8]))
+    shifts = plane_shifts(slanted, plane, lens, 1, known)
+    points = (rays * slanted[..., None]).reshape(-1, 3)
     centre = points.mean(axis=0)
     normal = np.linalg.solve(points.T @ points, points.sum(axis=0))
     normal /= np.linalg.norm(normal)
@@ -167,7 +171,7 @@ def test_the_parameters_of_a_plane_move_it() -> None:
             axis = (first, np.cross(normal, first))[i - 1]
             turned = normal + step * np.cross(axis, normal)
             there = turned @ centre / (rays @ turned)
-        assert (there - SLANTED) / step == pytest.approx(shifts[i], abs=5e-3), i
+        assert (there - slanted) / step == pytest.approx(shifts[i], abs=5e-3), i
 
 
 def test_the_prior_of_a_pose_and_planes() -> None:

@@ -254,6 +254,8 @@ def test_planes_settle_where_measurements_agree() -> None:
     assert moved.distances == pytest.approx(distances, abs=0.0005)
     assert np.abs(moved.normals @ moved.normals.T - np.eye(3)).max() < np.radians(0.1)
     assert np.linalg.eigvalsh(covariance).min() > 0
+    # The laser is the accuracy of a distance, however the planes may tilt.
+    assert moved.distance_deviations(covariance) == pytest.approx([0.001] * 3, rel=0.05)
     # Turned together by some degrees: only that is free, and it moves no right angle.
     assert (np.linalg.eigvalsh(covariance) > np.radians(1) ** 2).sum() == 3
 

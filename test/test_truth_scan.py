@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Any
 
+from browser import chromium
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.recording import open_recording
 from flexx2_sim_ros.truth import make_truth, Request
@@ -20,6 +21,7 @@ import trimesh
 import yaml
 
 SEED, WIDTH, HEIGHT, RECORDINGS = 2, 112, 86, 4
+PHONE = {'deviceScaleFactor': 1, 'mobile': True}
 SMALL = {'frames': 8, 'width': WIDTH, 'height': HEIGHT}
 
 
@@ -151,8 +153,17 @@ def test_a_campaign_is_written_with_what_is_known_of_it(
         with np.load(folder / 'in' / f'{i}.npz') as source:
             assert np.array_equal(recording.depth, source['depth'], equal_nan=True)
             assert np.array_equal(recording.stamp, source['stamp'])
-    html = (out / 'truth.html').read_text()
-    assert html.count('data:image/png') == 2 * RECORDINGS
+    with chromium(tmp_path) as page:
+        page.call('Emulation.setDeviceMetricsOverride', width=390, height=844, **PHONE)
+        page.open((out / 'truth.html').as_uri())
+        assert page.evaluate('[...document.images].every(one => one.naturalWidth)')
+        assert page.evaluate('document.images.length') == 2 * RECORDINGS
+        # It fits a phone, and a curve is a line.
+        assert page.evaluate('document.documentElement.scrollWidth') <= 390
+        curves = (
+            "[...document.querySelectorAll('polyline')].map(one => getComputedStyle(one).fill)"
+        )
+        assert page.evaluate(curves) == ['none'] * RECORDINGS
 
 
 def test_a_moving_camera_is_followed(tmp_path: Path, rough: np.random.Generator) -> None:

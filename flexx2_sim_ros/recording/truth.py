@@ -34,8 +34,7 @@ class Truth:
         (3 P, 3 P) float64 of the planes' parameters: an offset along the normal in metres and two
         tilts in radians for each.
     plane_names : tuple of str
-        Of the P planes; empty where they have none. Planes of different recordings with one name
-        are the same surface.
+        Of the P planes, for reports; empty where they have none.
 
     """
 

@@ -6,7 +6,7 @@ from html import escape
 from io import BytesIO
 from typing import Any
 
-from flexx2_sim_ros.html_drawing import curves, picture
+from flexx2_sim_ros.html_drawing import CURVE_STYLE, curves, picture
 from flexx2_sim_ros.html_page import html_page
 from flexx2_sim_ros.truth.registration import Registered
 from flexx2_sim_ros.truth.writing import Picture
@@ -15,13 +15,12 @@ import numpy as np
 
 _STYLE = """
 td, th { padding: .18rem .9rem .18rem 0; text-align: left; vertical-align: top; }
-th { color: #5a6b7b; }
+th, small, figcaption { color: var(--dim); } figcaption { font-size: .85rem; }
 .tag { display: inline-block; padding: 0 .6rem; border-radius: 1rem; color: #fff; }
 .used { background: #2e7d4f; } .doubtful { background: #b7791f; } .refused { background: #a8324a; }
 .row { display: flex; flex-wrap: wrap; gap: 1.2rem; }
-.row figure { margin: 0; max-width: 27.5rem; }
-figcaption, small { color: #5a6b7b; font-size: .85rem; }
-code { background: #f2f5f8; padding: 0 .25rem; }
+.row figure { max-width: 26.25rem; }
+td.words { min-width: 12rem; }
 """
 _LIMIT = 0.03  # metres, of the residual map's colours
 
@@ -78,7 +77,7 @@ def whole_page(table: Mapping[str, Any], about: str, parts: Sequence[str]) -> st
         *parts,
         f'<p><small>{escape(table["command"])}</small></p>',
     ]
-    return html_page('Ground truth', _STYLE, '\n'.join(body))
+    return html_page('Ground truth', _STYLE + CURVE_STYLE, '\n'.join(body))
 
 
 _STATES = 'used', 'doubtful', 'refused'
@@ -89,22 +88,27 @@ def _shared(table: dict[str, Any]) -> str:
     for effect, found in table['shared'].items():
         lines.append(
             f'<tr><td>{escape(effect)}</td><td>{escape(str(found["verdict"]))}</td>'
-            f'<td>{escape(_sizes(found))}</td><td>{escape(str(found.get("reason", "")))}</td></tr>'
+            f'<td class="words">{escape(_sizes(found))}</td>'
+            f'<td class="words">{escape(str(found.get("reason", "")))}</td></tr>'
         )
     return (
         '<h2>Errors that the recordings share</h2><p>Fitted together with the poses, so that the '
         'poses do not hide them. They are not part of clean_depth.</p>'
-        f'<table><tr><th>effect</th><th></th><th>size</th><th></th></tr>{"".join(lines)}</table>'
+        '<div class="scroll"><table><tr><th>effect</th><th>verdict</th><th>size</th><th></th></tr>'
+        f'{"".join(lines)}</table></div>'
     )
 
 
 def undecided(rows: Sequence[Mapping[str, str]]) -> str:
     """Return a table of what a ground truth cannot decide."""
     lines = ''.join(
-        f'<tr><td>{escape(row["effect"])}</td><td>{escape(row["reason"])}</td></tr>'
+        f'<tr><td>{escape(row["effect"])}</td><td class="words">{escape(row["reason"])}</td></tr>'
         for row in rows
     )
-    return f'<h2>What this ground truth cannot decide</h2><table>{lines}</table>'
+    return (
+        '<h2>What this ground truth cannot decide</h2><div class="scroll"><table>'
+        f'{lines}</table></div>'
+    )
 
 
 def _sizes(found: Mapping[str, Any]) -> str:
@@ -133,12 +137,13 @@ def recordings_table(rows: Sequence[Mapping[str, Any]]) -> str:
             f'<tr><td>{escape(row["name"])}</td><td><span class="tag {row["verdict"]}">'
             f'{row["verdict"]}</span></td><td>{row["motion"]}</td><td>{row["fitting"]:.0%}</td>'
             f'{sizes or "<td></td><td></td><td></td>"}'
-            f'<td><small>{escape("; ".join(row["reasons"]))}</small></td></tr>'
+            f'<td class="words"><small>{escape("; ".join(row["reasons"]))}</small></td></tr>'
         )
     return (
-        '<h2>Recordings</h2><table><tr><th></th><th></th><th></th><th>pixels that fit</th>'
-        '<th>pose, standard deviation</th><th>median residual</th><th>known</th><th></th></tr>'
-        f'{"".join(lines)}</table>'
+        '<h2>Recordings</h2><div class="scroll"><table><tr><th>file</th><th>verdict</th>'
+        '<th>camera</th><th>pixels that fit</th><th>pose, standard deviation</th>'
+        '<th>median residual</th><th>known</th><th></th></tr>'
+        f'{"".join(lines)}</table></div>'
     )
 
 
@@ -185,7 +190,7 @@ def figures(
     curve = ''
     if costs:
         steps = np.arange(len(costs), dtype=float)
-        curve = curves(steps, np.array([costs]), ['cost'], axis, cost, 0.02)
+        curve = curves(steps, np.array([costs]), [cost], axis, cost, 0.02)
     return (
         f'<h2>{name}</h2><div class="row">'
         f'<figure><img alt="edges of {name}" width="420" src="{overlay(shown)}"><figcaption>'

@@ -180,11 +180,12 @@ def _recordings(rows: Sequence[Mapping[str, Any]]) -> str:
             f'<tr><td>{escape(row["name"])}</td><td><span class="tag {row["verdict"]}">'
             f'{row["verdict"]}</span></td><td>{known}</td><td>'
             f'{"<br>".join(map(_plane, planes))}</td>'
-            f'<td><small>{escape("; ".join(row["reasons"]))}</small></td></tr>'
+            f'<td class="words"><small>{escape("; ".join(row["reasons"]))}</small></td></tr>'
         )
     return (
-        '<h2>Recordings</h2><table><tr><th></th><th></th><th>known</th><th>planes: distance, '
-        f'recording minus nominal</th><th></th></tr>{"".join(lines)}</table>'
+        '<h2>Recordings</h2><div class="scroll"><table><tr><th>file</th><th>verdict</th>'
+        '<th>known</th><th>planes: distance, and how much farther the recording shows them</th>'
+        f'<th></th></tr>{"".join(lines)}</table></div>'
     )
 
 

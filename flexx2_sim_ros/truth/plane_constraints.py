@@ -56,6 +56,25 @@ class Placed:
         pivots = self.pivots + (distances - (normals * self.pivots).sum(axis=1))[:, None] * normals
         return Placed(normals, distances, pivots)
 
+    def distance_deviations(self, covariance: np.ndarray) -> np.ndarray:
+        """
+        Return the (P,) standard deviations of `distances`, metres.
+
+        Parameters
+        ----------
+        covariance : numpy.ndarray
+            (3 P, 3 P) of the planes' parameters. A tilt turns a plane about its pivot and so
+            changes its distance.
+
+        """
+        out = np.empty(len(self.distances))
+        for k, (normal, pivot) in enumerate(zip(self.normals, self.pivots, strict=True)):
+            tilts = [np.cross(axis, normal) @ pivot for axis in plane_axes(normal)]
+            change = np.array([1.0, *tilts])
+            own = slice(3 * k, 3 * k + 3)
+            out[k] = np.sqrt(change @ covariance[own, own] @ change)
+        return out
+
 
 @dataclass(frozen=True)
 class Constraints:

@@ -114,12 +114,13 @@ class Judged:
         if self.planes is None:
             return []
         placed, spread = self.planes.placed, np.sqrt(np.diag(self.planes.covariance))
+        distances = placed.distance_deviations(self.planes.covariance)
         return [
             {
                 'name': surface.name,
                 'distance_m': round(float(placed.distances[k]), 5),
                 'normal': [round(float(value), 5) for value in placed.normals[k]],
-                'sigma_mm': round(float(spread[3 * k]) * 1e3, 2),
+                'sigma_mm': round(float(distances[k]) * 1e3, 2),
                 'sigma_deg': round(float(np.degrees(spread[3 * k + 1 : 3 * k + 3].max())), 3),
                 'residual_mm': round((surface.distance - float(placed.distances[k])) * 1e3, 2),
             }

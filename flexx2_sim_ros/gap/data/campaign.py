@@ -117,7 +117,7 @@ def _found(reader: RecordingReader, profile: Profile | None) -> Found:
         raise InputError(f'{path}: stamp: does not rise from frame to frame')
     height, width = reader.shape[1:]
     try:
-        Intrinsics.from_matrix(reader.K, width, height)
+        Intrinsics.from_matrix(reader.K, width, height, reader.distortion)
     except InputError as error:
         raise InputError(f'{path}: {error}') from error
     read_truth(path, reader.arrays, reader.shape)
@@ -173,7 +173,7 @@ def read(found: Found, profile: Profile | None, known: Table | None = None) -> R
         profile,
         tuple(notes),
         truth,
-        _plane_shifts(path, clean, truth, reader.K),
+        _plane_shifts(reader, clean, truth),
         given_effects(known or {}, uptime),
     )
 
@@ -280,21 +280,18 @@ def _filled(
     return clean, reflectivity
 
 
-def _plane_shifts(
-    path: Path,
-    clean: np.ndarray,
-    truth: Truth,
-    K: np.ndarray,  # noqa: N803
-) -> np.ndarray | None:
+def _plane_shifts(reader: RecordingReader, clean: np.ndarray, truth: Truth) -> np.ndarray | None:
     if truth.plane is None or truth.plane_covariance is None:
         return None
     if clean.ndim == 3:
         raise InputError(
-            f'{path}: plane: must come with the clean_depth (H, W) of a still scene, got '
+            f'{reader.path}: plane: must come with the clean_depth (H, W) of a still scene, got '
             f'one of shape {clean.shape}'
         )
     known = np.ones(clean.shape, bool) if truth.known is None else truth.known
-    return plane_shifts(clean, truth.plane, K, len(truth.plane_covariance) // 3, known)
+    height, width = clean.shape
+    lens = Intrinsics.from_matrix(reader.K, width, height, reader.distortion)
+    return plane_shifts(clean, truth.plane, lens, len(truth.plane_covariance) // 3, known)
 
 
 def _stack(key: str, parts: list[tuple[Recording, np.ndarray]]) -> np.ndarray | None:

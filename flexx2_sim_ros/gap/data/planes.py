@@ -1,7 +1,9 @@
 """Planes whose place is known within bounds only: how depth changes with their parameters."""
 
+from flexx2_sim_ros.camera import Intrinsics
 from flexx2_sim_ros.gap.calibration.data import GROUND_TRUTH
 from flexx2_sim_ros.gap.data.unknown import nearest
+from flexx2_sim_ros.physics.geometry import pixel_rays
 from flexx2_sim_ros.recording.truth import plane_axes
 import numpy as np
 
@@ -10,11 +12,7 @@ PLANE_STEPS = np.array(GROUND_TRUTH.plane_steps)
 
 
 def plane_shifts(
-    clean: np.ndarray,
-    plane: np.ndarray,
-    K: np.ndarray,  # noqa: N803
-    count: int,
-    known: np.ndarray,
+    clean: np.ndarray, plane: np.ndarray, lens: Intrinsics, count: int, known: np.ndarray
 ) -> np.ndarray:
     """
     Return what the parameters of planes change of depth.
@@ -31,8 +29,8 @@ def plane_shifts(
         (H, W) metres, NaN for no return; something that stands in where unknown.
     plane : numpy.ndarray
         (H, W) uint8: 0 for no plane, k for the k-th.
-    K : numpy.ndarray
-        (3, 3) camera matrix.
+    lens : Intrinsics
+        With its distortion.
     count : int
         How many planes there are.
     known : numpy.ndarray
@@ -45,9 +43,8 @@ def plane_shifts(
 
     """
     out = np.zeros((3 * count, *clean.shape), np.float32)
-    height, width = clean.shape
-    v, u = np.mgrid[:height, :width]
-    rays = np.stack([u, v, np.ones_like(u)], axis=-1) @ np.linalg.inv(K).T
+    rays = np.stack([*pixel_rays(lens), np.ones(clean.shape)], axis=-1)
+    clean = np.where(np.isfinite(rays).all(axis=-1), clean, np.float32(np.nan))
     wider = nearest(plane, known)
     for k in range(count):
         own = (plane == k + 1) & known & np.isfinite(clean)

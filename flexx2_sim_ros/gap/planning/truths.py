@@ -207,7 +207,7 @@ def _believed(
         return clean
     covariance, known = truth['plane_covariance'], truth['known']
     count = len(covariance) // 3
-    shifts = plane_shifts(clean, truth['plane'], lens.matrix, count, known)
+    shifts = plane_shifts(clean, truth['plane'], lens, count, known)
     if not kind.fitted:
         amounts = rng.standard_normal(len(covariance)) * np.sqrt(np.diag(covariance))
     else:

@@ -18,7 +18,7 @@ from flexx2_sim_ros.gap.report.words import (
     place,
     sentences,
 )
-from flexx2_sim_ros.html_drawing import bar
+from flexx2_sim_ros.html_drawing import bar, CURVE_STYLE
 from flexx2_sim_ros.html_page import html_page
 
 _STYLE = (
@@ -30,9 +30,6 @@ td.number { white-space: nowrap; }
 .partly, .not_decidable { background: #b7791f; } .unknown { background: #a8324a; }
 .row { display: flex; flex-wrap: wrap; gap: 1.2rem; }
 .row figure { max-width: 27.5rem; }
-.curve { fill: none; stroke-width: 2; } .grid { stroke: var(--line); }
-.real { stroke: var(--ink); } .simulated { stroke: var(--orange); stroke-dasharray: 5 3; }
-.effects { stroke: var(--blue); } svg text { fill: var(--ink); }
 """
 )
 _UNIT_NAMES = {
@@ -66,7 +63,7 @@ def page(
         f'{table["seconds"]:.0f} s with {table["peak_mb"]:.0f} MB. docs/diagnosis.md says how '
         'each number is computed.</p>'
     )
-    return html_page(f'Sim-to-real gap: {table["verdict"]}', _STYLE, '\n'.join(body))
+    return html_page(f'Sim-to-real gap: {table["verdict"]}', _STYLE + CURVE_STYLE, '\n'.join(body))
 
 
 def _numbers(*texts: str) -> str:
