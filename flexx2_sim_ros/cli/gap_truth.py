@@ -166,9 +166,7 @@ def _plane_maker(arguments: argparse.Namespace) -> _Maker:
     if arguments.lens_error is not None:
         raise InputError('--lens-error: must be given with --board only')
     request = PlaneRequest(
-        **_common(arguments),
-        planes=Path(arguments.planes),
-        room_error=arguments.room_error or 0.0,
+        **_common(arguments), planes=Path(arguments.planes), room_error=arguments.room_error or 0.0
     )
     return partial(make_plane_truth, request)
 
