@@ -19,6 +19,17 @@ from flexx2_sim_ros.errors import InputError, printable, shown
 from flexx2_sim_ros.profiles.files import find_profile
 from rich.console import Console
 
+# Options that say where the camera is.
+_PLACES = (
+    'pose',
+    'up',
+    'trajectory',
+    'odometry',
+    'tf',
+    'camera_in_body',
+    'clock_offset',
+    'relative',
+)
 _UPS = '+x', '-x', '+y', '-y', '+z', '-z'
 
 
@@ -44,6 +55,7 @@ def add_parser(commands: Any) -> None:
         'degrees: of the first frame; once for all recordings or once for each. Write '
         '--pose=-1,... where the first number is negative. Left out: found',
     )
+    _add_poses(parser)
     parser.add_argument(
         '--up',
         choices=_UPS,
@@ -99,6 +111,43 @@ def _add_rooms(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def _add_poses(parser: argparse.ArgumentParser) -> None:
+    told = parser.add_mutually_exclusive_group()
+    told.add_argument(
+        '--trajectory',
+        metavar='FILE',
+        help='rough poses with stamps, as of motion capture: text (lines t x y z qx qy qz qw, '
+        'TUM) or .csv with these columns; seconds, metres, in the room',
+    )
+    told.add_argument(
+        '--odometry',
+        metavar='TOPIC',
+        help='rough poses from the bags: nav_msgs/Odometry or geometry_msgs/PoseStamped',
+    )
+    told.add_argument(
+        '--tf',
+        metavar='PARENT,CHILD',
+        help="rough poses from the bags' TF: the room's frame and the body's",
+    )
+    parser.add_argument(
+        '--camera-in-body',
+        metavar='X,Y,Z,QX,QY,QZ,QW',
+        help='pose of the camera (optical frame) in the body that these poses are of (default: '
+        'they are those of the camera)',
+    )
+    parser.add_argument(
+        '--clock-offset',
+        type=number(-1e10, 1e10),
+        metavar='SECONDS',
+        help='stamps of the recording minus stamps of these poses (default 0)',
+    )
+    parser.add_argument(
+        '--relative',
+        action='store_true',
+        help="these poses are in a frame of their own, as odometry's: take their motions only",
+    )
+
+
 def run(arguments: argparse.Namespace) -> int:
     """Make ground truth with a progress bar, and print the verdicts."""
     make = _maker(arguments)
@@ -135,20 +184,57 @@ def _room_maker(arguments: argparse.Namespace) -> _Maker:
     request = Request(
         **_common(arguments),
         room=room,
-        poses=tuple(_pose(text) for text in arguments.pose),
+        poses=tuple(_pose('--pose', text) for text in arguments.pose),
+        told=_told(arguments),
         up=arguments.up or ('+y' if room.suffix.lower() == '.glb' else '+z'),
         room_error=0.003 if arguments.room_error is None else arguments.room_error,
     )
     return partial(make_truth, request)
 
 
+def _told(arguments: argparse.Namespace) -> Any:
+    from flexx2_sim_ros.truth import PoseSource
+
+    given = arguments.trajectory, arguments.odometry, arguments.tf
+    if not any(given):
+        for name in ('camera_in_body', 'clock_offset', 'relative'):
+            if getattr(arguments, name):
+                raise InputError(
+                    f'{_option(name)}: must be given with --trajectory, --odometry or --tf'
+                )
+        return None
+    if arguments.pose and not arguments.relative:
+        raise InputError(
+            '--pose: must be given with --relative where there is --trajectory, --odometry or --tf'
+        )
+    frames = tuple(name.strip('/ ') for name in (arguments.tf or '').split(',') if name)
+    if arguments.tf and len(frames) != 2:
+        raise InputError(f'--tf: must be two frames, PARENT,CHILD, got {shown(arguments.tf)}')
+    body = arguments.camera_in_body
+    return PoseSource(
+        Path(arguments.trajectory) if arguments.trajectory else None,
+        arguments.odometry or '',
+        frames,
+        _pose('--camera-in-body', body) if body else PoseSource.camera_in_body,
+        arguments.clock_offset or 0.0,
+        arguments.relative,
+    )
+
+
+def _check_unused(arguments: argparse.Namespace, names: tuple[str, ...]) -> None:
+    for name in names:
+        if getattr(arguments, name) not in (None, [], False):
+            raise InputError(f'{_option(name)}: must be given with --scan or --scene only')
+
+
+def _option(name: str) -> str:
+    return f'--{name.replace("_", "-")}'
+
+
 def _board_maker(arguments: argparse.Namespace) -> _Maker:
     from flexx2_sim_ros.truth import BoardRequest, make_board_truth
 
-    for name in ('pose', 'up', 'room_error'):
-        if getattr(arguments, name) not in (None, []):
-            option = f'--{name.replace("_", "-")}'
-            raise InputError(f'{option}: must be given with --scan or --scene only')
+    _check_unused(arguments, (*_PLACES, 'room_error'))
     request = BoardRequest(
         **_common(arguments),
         board=Path(arguments.board),
@@ -160,9 +246,7 @@ def _board_maker(arguments: argparse.Namespace) -> _Maker:
 def _plane_maker(arguments: argparse.Namespace) -> _Maker:
     from flexx2_sim_ros.truth import make_plane_truth, PlaneRequest
 
-    for name in ('pose', 'up'):
-        if getattr(arguments, name) not in (None, []):
-            raise InputError(f'--{name}: must be given with --scan or --scene only')
+    _check_unused(arguments, _PLACES)
     if arguments.lens_error is not None:
         raise InputError('--lens-error: must be given with --board only')
     request = PlaneRequest(
@@ -192,7 +276,7 @@ def _check_suffix(room: Path, scan: bool) -> None:
         raise InputError(f'{name}: must be one of {", ".join(wanted)}, got {shown(room.name)}')
 
 
-def _pose(text: str) -> tuple[float, ...]:
+def _pose(option: str, text: str) -> tuple[float, ...]:
     try:
         numbers = tuple(float(word) for word in text.split(','))
     except ValueError:
@@ -200,6 +284,7 @@ def _pose(text: str) -> tuple[float, ...]:
     good = len(numbers) == 7 and all(math.isfinite(n) and abs(n) < 1e6 for n in numbers)
     if not good or math.hypot(*numbers[3:]) < 1e-6:
         raise InputError(
-            f'--pose: must be x,y,z,qx,qy,qz,qw: three metres and a quaternion, got {shown(text)}'
+            f'{option}: must be x,y,z,qx,qy,qz,qw: three metres and a quaternion, got '
+            f'{shown(text)}'
         )
     return numbers

@@ -22,6 +22,7 @@ from flexx2_sim_ros.truth.run import (
     write_table,
 )
 from flexx2_sim_ros.truth.shared import estimate, Shared
+from flexx2_sim_ros.truth.trajectory import PoseSource, read_trajectory
 from flexx2_sim_ros.truth.verdict import judge, NEVER_DECIDED, Verdict
 from flexx2_sim_ros.truth.writing import Picture, write_recording, Writing
 import numpy as np
@@ -45,6 +46,8 @@ class Request(TruthRequest):
         Direction of the room that is up; see `search.UPS`.
     room_error : float
         Standard deviation of the room's surfaces along their normals, metres.
+    told : PoseSource or None
+        What says where the camera was: motion capture, odometry, TF.
 
     """
 
@@ -52,6 +55,7 @@ class Request(TruthRequest):
     poses: tuple[tuple[float, ...], ...] = ()
     up: str = '+z'
     room_error: float = 0.003
+    told: PoseSource | None = None
 
 
 def make_truth(request: Request, progress: Progress = no_progress) -> dict[str, Any]:
@@ -116,6 +120,8 @@ def _jobs(request: Request, sources: Sequence[Source]) -> list[Job]:
             f'--pose: must be given once or once for each of {len(sources)} recordings, got '
             f'{len(request.poses)}'
         )
+    if request.told is not None and request.told.file is not None:
+        read_trajectory(request.told.file)
     guesses: Sequence[tuple[float, ...] | None] = request.poses or [None]
     if len(guesses) == 1:
         guesses = list(guesses) * len(sources)
@@ -128,6 +134,7 @@ def _jobs(request: Request, sources: Sequence[Source]) -> list[Job]:
             request.motion,
             guess,
             request.up,
+            request.told,
         )
         for source, guess in zip(sources, guesses, strict=True)
     ]
@@ -135,7 +142,10 @@ def _jobs(request: Request, sources: Sequence[Source]) -> list[Job]:
 
 def _register(run: Run, jobs: Sequence[Job]) -> list[Registered]:
     digests = [
-        digest((job.path, job.room), (job.camera, job.motion, job.guess, job.up, job.profile))
+        digest(
+            (job.path, job.room, *([job.told.file] if job.told and job.told.file else [])),
+            (job.camera, job.motion, job.guess, job.up, job.profile, job.told),
+        )
         for job in jobs
     ]
     texts = run.each_once('registering', (0.05, 0.55), _register_one, jobs, digests)
@@ -226,6 +236,11 @@ def _row(
         fitting=round(verdict.fitting, 4),
         seconds=round(where.seconds, 2),
     )
+    if where.told is not None:
+        row |= {
+            'told_off_mm': round(where.told[0] * 1e3, 1),
+            'told_off_deg': round(where.told[1], 2),
+        }
     if writing is not None and picture is not None:
         row |= {
             'pose': [round(value, 6) for value in writing.pose],

@@ -1,5 +1,6 @@
 """Register one recording to a room: a pose for each of its frames, and views for the joint fit."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 import json
@@ -18,6 +19,7 @@ from flexx2_sim_ros.truth.observation import Footage, Observation, observe
 from flexx2_sim_ros.truth.poses import Pose
 from flexx2_sim_ros.truth.rooms import Room
 from flexx2_sim_ros.truth.search import find, Found, look_around, Panoramas
+from flexx2_sim_ros.truth.trajectory import camera_poses, PoseSource
 import numpy as np
 
 _KEY_FRAMES = 6  # of a moving recording, that take part in the joint fit
@@ -46,6 +48,8 @@ class Job:
         x, y, z (metres), qx, qy, qz, qw.
     up : str
         One of `search.UPS`.
+    told : PoseSource or None
+        What says where the camera was in each frame.
 
     """
 
@@ -56,6 +60,7 @@ class Job:
     motion: str
     guess: tuple[float, ...] | None
     up: str
+    told: PoseSource | None = None
 
 
 @dataclass(frozen=True)
@@ -77,6 +82,9 @@ class Registered:
     mirrored : float
         Cost of the best pose in the mirror image of the room; infinite where not tried.
     seconds : float
+    told : tuple of float or None
+        How far from the poses that were told it was found: medians, metres and degrees; None
+        where none were told in the room's frame.
 
     """
 
@@ -87,6 +95,7 @@ class Registered:
     moving: bool
     mirrored: float
     seconds: float
+    told: tuple[float, float] | None = None
 
     def to_json(self) -> str:
         """Return it as text."""
@@ -99,6 +108,7 @@ class Registered:
         for name in ('costs', 'history'):
             table[name] = tuple(table[name])
         table['poses'] = tuple(map(tuple, table['poses']))
+        table['told'] = table['told'] and tuple(table['told'])
         return cls(**table)
 
 
@@ -115,10 +125,10 @@ def register(job: Job) -> Registered:
     room = load_room(job.room)
     begin = time.perf_counter()
     footage = observe(open_recording(job.path, job.camera), job.profile, job.motion)
-    guess = None if job.guess is None else Pose.from_numbers(np.array(job.guess))
-    found, first, mirrored = _search(job, footage, guess)
+    told = _told(job, footage)
+    found, first, mirrored = _search(job, footage, _start(job, told))
     if footage.moving:
-        fits = _track(room, footage, found.fit.pose, first)
+        fits = _track(room, footage, found.fit.pose, first, told)
     else:
         fits = [(found.fit.pose, found.fit.cost)]
     return Registered(
@@ -129,7 +139,37 @@ def register(job: Job) -> Registered:
         footage.moving,
         mirrored,
         time.perf_counter() - begin,
+        None if job.told is None or job.told.relative else _distance(told, fits),
     )
+
+
+def _told(job: Job, footage: Footage) -> list[Pose | None]:
+    # Where the camera was said to be in each frame.
+    count = len(footage.reader.stamp)
+    if job.told is None:
+        return [None] * count
+    poses = camera_poses(job.told, job.path, footage.reader.stamp_ns)
+    return [Pose.from_numbers(one) if np.isfinite(one).all() else None for one in poses]
+
+
+def _start(job: Job, told: Sequence[Pose | None]) -> tuple[int, Pose] | None:
+    # The frame to begin with and its rough pose, if there is one.
+    if job.guess is not None:
+        return 0, Pose.from_numbers(np.array(job.guess))
+    if job.told is None or job.told.relative:
+        return None
+    return next((i, pose) for i, pose in enumerate(told) if pose is not None)
+
+
+def _distance(
+    told: Sequence[Pose | None], fits: Sequence[tuple[Pose, float]]
+) -> tuple[float, float]:
+    fitted = [pose for pose, _ in fits] if len(fits) == len(told) else [fits[0][0]] * len(told)
+    motions = np.array(
+        [one.motion_to(other) for one, other in zip(told, fitted, strict=True) if one is not None]
+    )
+    metres, radians = (np.median(np.linalg.norm(motions[:, i : i + 3], axis=1)) for i in (0, 3))
+    return float(metres), float(np.degrees(radians))
 
 
 @lru_cache(maxsize=1)
@@ -137,14 +177,16 @@ def _panoramas(path: Path) -> Panoramas:
     return look_around(load_room(path))
 
 
-def _search(job: Job, footage: Footage, guess: Pose | None) -> tuple[Found, int, float]:
+def _search(
+    job: Job, footage: Footage, start: tuple[int, Pose] | None
+) -> tuple[Found, int, float]:
     # The pose of the frame that is found best, its number, and what a mirrored room would cost.
     room, up = load_room(job.room), job.up
+    first, guess = start or (0, None)
     panoramas = _panoramas(job.room) if guess is None else None
     tried: list[tuple[Found, int]] = []
     count = len(footage.reader.stamp)
-    # With a guess, it is one of the first frame's pose.
-    for number in (0, count // 2, count - 1) if footage.moving and guess is None else (0,):
+    for number in (0, count // 2, count - 1) if footage.moving and guess is None else (first,):
         image = frame(footage, number) if footage.moving else footage.still
         tried.append((find(room, image, guess, panoramas, up), number))
         if tried[-1][0].fit.cost < 0.5 * min(tried[-1][0].rival, _LOST):
@@ -166,7 +208,9 @@ def frame(footage: Footage, number: int) -> Observation:
     raise IndexError(number)
 
 
-def _track(room: Room, footage: Footage, start: Pose, first: int) -> list[tuple[Pose, float]]:
+def _track(
+    room: Room, footage: Footage, start: Pose, first: int, told: Sequence[Pose | None]
+) -> list[tuple[Pose, float]]:
     # From the frame that was found, forwards to the end, then backwards to the beginning.
     images = list(footage.reader.frames('depth'))
     fits: dict[int, tuple[Pose, float]] = {}
@@ -174,7 +218,10 @@ def _track(room: Room, footage: Footage, start: Pose, first: int) -> list[tuple[
         sign = 1 if order.step > 0 else -1
         for number in order:
             pose = start if number == first else fits[number - sign][0]
-            if number - 2 * sign in fits and number != first:  # At the same velocity.
+            last, now = told[number - sign] if number != first else None, told[number]
+            if last is not None and now is not None:
+                pose = pose.moved(last.motion_to(now))
+            elif number - 2 * sign in fits and number != first:  # At the same velocity.
                 pose = pose.moved(fits[number - 2 * sign][0].motion_to(pose))
             fits[number] = follow(room, footage.observe(images[number]), pose)
     return [fits[number] for number in range(len(images))]

@@ -1,0 +1,312 @@
+"""Where a camera was, as motion capture, odometry or TF say: a start for finding its poses."""
+
+from collections.abc import Sequence
+import csv
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+from flexx2_sim_ros.config_file import is_regular_file
+from flexx2_sim_ros.errors import InputError, shown, shown_path
+from flexx2_sim_ros.recording import bag_messages
+from flexx2_sim_ros.recording.bag_files import Bag
+from flexx2_sim_ros.recording.folders import BAG_FILES, is_bag
+import numpy as np
+from scipy.spatial.transform import Rotation, Slerp
+
+ODOMETRY = 'nav_msgs/msg/Odometry'
+POSE = 'geometry_msgs/msg/PoseStamped'
+TF = 'tf2_msgs/msg/TFMessage'
+IDENTITY = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+_COLUMNS = 't', 'x', 'y', 'z', 'qx', 'qy', 'qz', 'qw'
+_TIMES = 't', 'time', 'stamp', 'timestamp'
+_LONGEST_GAP = 500_000_000  # nanoseconds between two poses, to interpolate between them
+_LARGEST = 200.0  # metres from the origin, as of a room; more are millimetres
+_MOST_BYTES = 1 << 30
+
+
+@dataclass(frozen=True)
+class PoseSource:
+    """
+    What says where the camera was; one of `file`, `topic` and `frames`.
+
+    Attributes
+    ----------
+    file : pathlib.Path or None
+        TUM text, or a CSV file; see `read_trajectory`.
+    topic : str
+        Of the bag: odometry or poses with stamps.
+    frames : tuple of str
+        Of the bag's TF: the room's frame and the body's; empty for none.
+    camera_in_body : tuple of float
+        Pose of the camera (optical frame) in the body that the poses are of: x, y, z (metres),
+        qx, qy, qz, qw.
+    clock_offset : float
+        Seconds: added to the stamps of the poses they are those of the recording.
+    relative : bool
+        Whether the poses are in a frame of their own: only motions count then.
+
+    """
+
+    file: Path | None = None
+    topic: str = ''
+    frames: tuple[str, ...] = ()
+    camera_in_body: tuple[float, ...] = IDENTITY
+    clock_offset: float = 0.0
+    relative: bool = False
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """
+    Poses with stamps.
+
+    Attributes
+    ----------
+    name : str
+        For messages.
+    stamp_ns : numpy.ndarray
+        (N,) int64, rising.
+    poses : numpy.ndarray
+        (N, 7) x, y, z in metres, qx, qy, qz, qw.
+    fixed : bool
+        Whether it is one pose for all times.
+
+    """
+
+    name: str
+    stamp_ns: np.ndarray
+    poses: np.ndarray
+    fixed: bool = False
+
+    def at(self, stamp_ns: np.ndarray) -> np.ndarray:
+        """
+        Return (T, 7) poses between those that there are, NaN far from any.
+
+        Parameters
+        ----------
+        stamp_ns : numpy.ndarray
+            (T,) int64.
+
+        """
+        if self.fixed:
+            return np.tile(self.poses[-1], (len(stamp_ns), 1))
+        after = np.clip(np.searchsorted(self.stamp_ns, stamp_ns), 1, len(self.stamp_ns) - 1)
+        before = after - 1
+        known = (stamp_ns >= self.stamp_ns[0]) & (stamp_ns <= self.stamp_ns[-1])
+        known &= self.stamp_ns[after] - self.stamp_ns[before] <= _LONGEST_GAP
+        out = np.full((len(stamp_ns), 7), np.nan)
+        if known.any():
+            # Seconds from the first pose: nanoseconds since 1970 are too large for float64.
+            times = (self.stamp_ns - self.stamp_ns[0]) / 1e9
+            wanted = (stamp_ns[known] - self.stamp_ns[0]) / 1e9
+            for axis in range(3):
+                out[known, axis] = np.interp(wanted, times, self.poses[:, axis])
+            turns = Slerp(times, Rotation.from_quat(self.poses[:, 3:]))
+            out[known, 3:] = turns(wanted).as_quat()
+        return out
+
+
+def camera_poses(source: PoseSource, path: Path, stamp_ns: np.ndarray) -> np.ndarray:
+    """
+    Return where the camera was in each frame of a recording.
+
+    Parameters
+    ----------
+    source : PoseSource
+        What says it.
+    path : pathlib.Path
+        The recording.
+    stamp_ns : numpy.ndarray
+        (T,) int64, of its frames.
+
+    Returns
+    -------
+    numpy.ndarray
+        (T, 7) as in `Trajectory`, NaN where nothing says it.
+
+    Raises
+    ------
+    InputError
+        When the poses cannot be read, or there is none at the time of any frame.
+
+    """
+    chain = _chain(source, path)
+    there = stamp_ns - round(source.clock_offset * 1e9)
+    poses = chain[0].at(there)
+    for link in chain[1:]:
+        poses = _compose(poses, link.at(there))
+    if not np.isfinite(poses).all(axis=1).any():
+        moving = next(one for one in chain if not one.fixed)
+        raise InputError(
+            f'{moving.name}: must have poses at the time of {shown_path(path)}, '
+            f'{there[0] / 1e9:.3f} to {there[-1] / 1e9:.3f} s, got poses from '
+            f'{moving.stamp_ns[0] / 1e9:.3f} to {moving.stamp_ns[-1] / 1e9:.3f} s; '
+            '--clock-offset adds to their stamps'
+        )
+    return _compose(poses, np.tile(source.camera_in_body, (len(poses), 1)))
+
+
+def _compose(outer: np.ndarray, inner: np.ndarray) -> np.ndarray:
+    out = np.full(outer.shape, np.nan)
+    good = np.isfinite(outer).all(axis=1) & np.isfinite(inner).all(axis=1)
+    if good.any():
+        turn = Rotation.from_quat(outer[good, 3:])
+        out[good, :3] = outer[good, :3] + turn.apply(inner[good, :3])
+        out[good, 3:] = (turn * Rotation.from_quat(inner[good, 3:])).as_quat()
+    return out
+
+
+def _chain(source: PoseSource, path: Path) -> list[Trajectory]:
+    if source.file is not None:
+        return [read_trajectory(source.file)]
+    if not (is_bag(path) or path.suffix in BAG_FILES):
+        option = '--odometry' if source.topic else '--tf'
+        raise InputError(f'{option}: must be given with bags only, got {shown_path(path)}')
+    if source.topic:
+        return [_of_topic(path, source.topic)]
+    return _of_frames(path, source.frames[0], source.frames[1])
+
+
+@lru_cache(maxsize=2)  # A worker process places many recordings along the same trajectory.
+def read_trajectory(path: Path) -> Trajectory:
+    """
+    Read poses with stamps from a text file.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        Each line ``t x y z qx qy qz qw`` (TUM; seconds, metres; ``#`` begins a comment), or
+        ``.csv`` with a first line that names these columns in any order, among others. Lines
+        without numbers in them are left out.
+
+    Returns
+    -------
+    Trajectory
+
+    Raises
+    ------
+    InputError
+        When there is no such file or it has no two poses.
+
+    """
+    name = f'--trajectory: {shown_path(path)}'
+    if not is_regular_file(path):
+        raise InputError(f'{name}: must be a text file, got no such file')
+    if path.stat().st_size > _MOST_BYTES:
+        raise InputError(f'{name}: must be at most 1 GiB, got {path.stat().st_size / 2**30:.1f}')
+    table = path.suffix.lower() == '.csv'
+    try:
+        columns = _columns(name, path) if table else tuple(range(8))
+        # Stamps as text: nanoseconds since 1970 are too many digits for a float.
+        with path.open(encoding='utf-8', errors='replace') as file:
+            lines = csv.reader(file) if table else (line.split() for line in file)
+            rows = [row for row in (_numbers(line, columns) for line in lines) if row]
+    except (OSError, csv.Error) as error:
+        raise InputError(f'{name}: cannot be read: {shown(str(error))}') from error
+    return _checked(name, [row[0] for row in rows], np.array([row[1] for row in rows]))
+
+
+def _columns(name: str, path: Path) -> tuple[int, ...]:
+    with path.open(encoding='utf-8-sig', errors='replace') as file:
+        head = [word.strip().lower() for word in next(csv.reader(file), [])]
+    time = next((word for word in _TIMES if word in head), '')
+    wanted = (time, *_COLUMNS[1:])
+    missing = [column for column in _COLUMNS if wanted[_COLUMNS.index(column)] not in head]
+    if missing:
+        raise InputError(
+            f'{name}: must have the columns {", ".join(_COLUMNS)} in its first line, got '
+            f'{shown(",".join(head))}'
+        )
+    return tuple(head.index(word) for word in wanted)
+
+
+def _numbers(row: Sequence[str], columns: tuple[int, ...]) -> tuple[int, list[float]] | None:
+    # Stamp in nanoseconds and a pose; None where the line is none.
+    try:
+        words = [row[column].strip() for column in columns]
+        whole, _, digits = words[0].partition('.')
+        exact = whole.isdigit() and (digits.isdigit() or not digits)
+        stamp = int(whole + f'{digits:0<9}'[:9]) if exact else round(float(words[0]) * 1e9)
+        pose = [float(word) for word in words[1:]]
+    except (ValueError, IndexError, OverflowError):
+        return None
+    return (stamp, pose) if abs(stamp) < 1 << 63 and np.isfinite(pose).all() else None
+
+
+def _checked(
+    name: str, stamps: Sequence[int], poses: np.ndarray, fixed: bool = False
+) -> Trajectory:
+    if len(stamps) < 1 + (not fixed):
+        raise InputError(f'{name}: must have two poses or more, got {len(stamps)}')
+    stamp, first = np.unique(np.array(stamps, np.int64), return_index=True)
+    poses = poses[first]
+    turned = np.linalg.norm(poses[:, 3:], axis=1)
+    if (turned < 1e-6).any():
+        raise InputError(f'{name}: must have quaternions qx, qy, qz, qw, got zeros')
+    far = float(np.abs(poses[:, :3]).max())
+    if far > _LARGEST:
+        raise InputError(
+            f'{name}: x, y, z: must be metres, at most {_LARGEST:g} from the origin, got {far:.4g}'
+        )
+    return Trajectory(name, stamp, poses, fixed)
+
+
+def _of_topic(path: Path, topic: str) -> Trajectory:
+    bag = Bag(path)
+    kind = bag.topics.get(topic)
+    if kind not in (ODOMETRY, POSE):
+        known = sorted(one for one, of in bag.topics.items() if of in (ODOMETRY, POSE))
+        raise InputError(
+            f'--odometry: must be a topic of odometry or poses with stamps in '
+            f'{shown_path(path)}, one of {shown(", ".join(known)) or "none"}, got {shown(topic)}'
+        )
+    stamps, poses = [], []
+    for _, _, _, data in bag.messages({topic}):
+        message = bag_messages.decode(kind, data, f'{shown_path(path)}: {topic}')
+        stamps.append(_stamp(message))
+        pose = message.pose.pose if kind == ODOMETRY else message.pose
+        poses.append(_seven(pose.position, pose.orientation))
+    return _checked(f'{shown_path(path)}: {topic}', stamps, np.array(poses))
+
+
+def _of_frames(path: Path, parent: str, child: str) -> list[Trajectory]:
+    # The transforms that lead from the parent to the child, each with poses of its own.
+    bag = Bag(path)
+    topics = {topic for topic, kind in bag.topics.items() if kind == TF}
+    parents: dict[str, str] = {}
+    found: dict[str, list[tuple[int, list[float]]]] = {}
+    fixed = set()
+    for topic, _, _, data in bag.messages(topics):
+        for one in bag_messages.decode(TF, data, f'{shown_path(path)}: {topic}').transforms:
+            name = one.child_frame_id.lstrip('/')
+            parents[name] = one.header.frame_id.lstrip('/')
+            place = one.transform
+            pose = _seven(place.translation, place.rotation)
+            found.setdefault(name, []).append((_stamp(one), pose))
+            if topic.endswith('tf_static'):
+                fixed.add(name)
+    chain: list[Trajectory] = []
+    name = child
+    while name != parent and name in parents and len(chain) <= len(parents):
+        stamps, poses = zip(*found[name], strict=True)
+        label = f'{shown_path(path)}: tf of {shown(name)}'
+        chain.append(_checked(label, stamps, np.array(poses), name in fixed))
+        name = parents[name]
+    if name != parent or not chain:
+        raise InputError(
+            f'--tf: must be two frames of {shown_path(path)}, the second under the first, got '
+            f'{shown(parent)},{shown(child)}; it has {shown(", ".join(sorted(parents))) or "none"}'
+        )
+    if all(one.fixed for one in chain):
+        raise InputError(f'--tf: must be two frames that move, got {shown(parent)},{shown(child)}')
+    return chain[::-1]
+
+
+def _stamp(message: Any) -> int:
+    return int(message.header.stamp.sec) * 1_000_000_000 + int(message.header.stamp.nanosec)
+
+
+def _seven(place: Any, turn: Any) -> list[float]:
+    return [place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w]

@@ -1,0 +1,239 @@
+"""Rough poses for ground truth from a scan: motion capture, odometry and TF, with errors."""
+
+from pathlib import Path
+from typing import Any
+
+from flexx2_sim_ros.cli.main import main
+from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.recording import open_recording
+from flexx2_sim_ros.truth.poses import Pose
+from flexx2_sim_ros.truth.trajectory import camera_poses, IDENTITY, PoseSource, read_trajectory
+from flexx2_sim_ros.validation.blind.meshes import write_mesh
+from flexx2_sim_ros.validation.blind.scanned import off, ScannedCamera
+from made_bags import Entry, header, image, info, make, SECOND, usecase, write
+import numpy as np
+import pytest
+import yaml
+
+WIDTH, HEIGHT, FRAMES = 112, 86, 8
+CLOCK = 1_700_000_000 * SECOND  # what motion capture calls the recording's time 0
+# The camera in the body that motion capture follows.
+MOUNT = Pose.from_numbers(np.array([0.08, -0.02, 0.05, 0.3, -0.5, 0.4, 0.7]))
+HEAD = 't,x,y,z,qx,qy,qz,qw'
+
+
+def text(numbers: Any) -> str:
+    """Return numbers of a pose as an option has them."""
+    return ','.join(map(repr, map(float, numbers)))
+
+
+@pytest.fixture(scope='module')
+def walk(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, ScannedCamera, np.ndarray]:
+    """Return a folder with `in/0.npz` and `room.ply`, the camera, and stamps in nanoseconds."""
+    folder = tmp_path_factory.mktemp('walk')
+    camera = ScannedCamera(2, {}, 1, FRAMES, WIDTH, HEIGHT, moving=True)
+    (folder / 'in').mkdir()
+    camera.record(folder / 'in')
+    write_mesh(camera.solids, folder / 'room.ply')
+    return folder, camera, open_recording(folder / 'in' / '0.npz').stamp_ns
+
+
+def bodies(camera: ScannedCamera, wrong: bool = True) -> list[Pose]:
+    """Return where the body was in each frame, 5 cm and 3 degrees wrong."""
+    poses = []
+    for pose in camera.poses(0):
+        R, t = off(pose, 0.05, 3.0, np.random.default_rng(3)) if wrong else pose
+        turn = R @ MOUNT.R.T
+        poses.append(Pose(turn, t - turn @ MOUNT.t))
+    return poses
+
+
+def errors(campaign: Path, camera: ScannedCamera) -> np.ndarray:
+    """Return each frame's median error of clean depth, metres."""
+    written = open_recording(campaign / '0.npz').load()
+    assert written.clean_depth is not None
+    told = camera.camera.scenes.clean(0)[0]
+    return np.asarray(np.nanmedian(np.abs(written.clean_depth - told), axis=(1, 2)))
+
+
+def truth(folder: Path, recording: Path, out: Path, *options: str) -> dict[str, Any]:
+    scan = str(folder / 'room.ply')
+    command = ['gap', 'truth', str(recording), '--scan', scan, '--out', str(out), '--jobs', '1']
+    assert main([*command, *options]) == 0
+    return dict(yaml.safe_load((out / 'truth.yaml').read_text()))
+
+
+def test_motion_capture_starts_a_walk_though_it_is_wrong(
+    tmp_path: Path, walk: tuple[Path, ScannedCamera, np.ndarray]
+) -> None:
+    """A marker 5 cm and 3 degrees off, and a clock that is 30 ms late besides."""
+    folder, camera, stamps = walk
+    lines = ['frame,qw,qx,qy,qz,x,y,z,time']
+    for i, (stamp, pose) in enumerate(zip(stamps, bodies(camera), strict=True)):
+        x, y, z, qx, qy, qz, qw = pose.numbers()
+        when = CLOCK + int(stamp) + SECOND * 3 // 100
+        lines.append(f'{i},{qw},{qx},{qy},{qz},{x},{y},{z},{when // SECOND}.{when % SECOND:09d}')
+    lines.insert(3, '7,,,,,,,,')  # the marker was hidden
+    # Before and after, so that the late clock has poses too.
+    for place, shift in ((1, -1), (len(lines) + 1, 1)):
+        words = lines[place if shift < 0 else place - 2].split(',')
+        lines.insert(place, ','.join([*words[:-1], f'{float(words[-1]) + 0.1 * shift:.6f}']))
+    path = tmp_path / 'vicon.csv'
+    path.write_text('\n'.join(lines))
+    options = ['--trajectory', str(path), f'--camera-in-body={text(MOUNT.numbers())}']
+    late = f'--clock-offset=-{CLOCK // SECOND}'
+    table = truth(folder, folder / 'in', tmp_path / 'out', *options, late)
+    assert errors(tmp_path / 'out', camera).max() < 0.01
+    row = table['recordings'][0]
+    assert 30 < row['told_off_mm'] < 80
+    assert 2 < row['told_off_deg'] < 4.5
+
+
+def transform(parent: str, child: str, stamp: int, pose: Pose) -> Any:
+    """Return one transform of TF."""
+    x, y, z, *turn = pose.numbers()
+    return make(
+        'geometry_msgs/msg/TransformStamped',
+        header(stamp, parent),
+        child,
+        make(
+            'geometry_msgs/msg/Transform',
+            make('geometry_msgs/msg/Vector3', x, y, z),
+            make('geometry_msgs/msg/Quaternion', *turn),
+        ),
+    )
+
+
+def odometry(stamp: int, pose: Pose) -> Entry:
+    """Return odometry without its velocities and covariances."""
+    x, y, z, *turn = pose.numbers()
+    kind, zero = 'nav_msgs/msg/Odometry', make('geometry_msgs/msg/Vector3', 0.0, 0.0, 0.0)
+    place = make(
+        'geometry_msgs/msg/Pose',
+        make('geometry_msgs/msg/Point', x, y, z),
+        make('geometry_msgs/msg/Quaternion', *turn),
+    )
+    message = make(
+        kind,
+        header(stamp, 'odom'),
+        'base',
+        make('geometry_msgs/msg/PoseWithCovariance', place, np.zeros(36)),
+        make(
+            'geometry_msgs/msg/TwistWithCovariance',
+            make('geometry_msgs/msg/Twist', zero, zero),
+            np.zeros(36),
+        ),
+    )
+    return '/odom', kind, stamp, message
+
+
+@pytest.fixture(scope='module')
+def bag(
+    tmp_path_factory: pytest.TempPathFactory, walk: tuple[Path, ScannedCamera, np.ndarray]
+) -> Path:
+    """Return a bag of the walk with odometry and TF; odometry begins at its own origin."""
+    folder, camera, stamps = walk
+    recording = open_recording(folder / 'in' / '0.npz').load()
+    node = '/pmd_royale_ros_camera_node'
+    told = bodies(camera, wrong=False)
+    first = told[0]
+    kind = 'tf2_msgs/msg/TFMessage'
+    fixed = [transform('map', 'odom', 0, first), transform('base', 'optical', 0, MOUNT)]
+    entries = [
+        usecase(node, int(stamps[0]), 'Mode_9_30fps'),
+        ('/tf_static', kind, int(stamps[0]), make(kind, fixed)),
+    ]
+    for stamp, depth, pose in zip(map(int, stamps), recording.depth, told, strict=True):
+        # The frame of odometry is where the body was at first.
+        own = Pose(first.R.T @ pose.R, first.R.T @ (pose.t - first.t))
+        entries += [
+            image(f'{node}/depth_image_0', stamp, np.nan_to_num(depth)),
+            info(f'{node}/camera_info', stamp, depth.shape, recording.K, np.zeros(5)),
+            ('/tf', kind, stamp, make(kind, [transform('odom', 'base', stamp, own)])),
+            odometry(stamp, own),
+        ]
+    return write(tmp_path_factory.mktemp('bag') / '0', entries)
+
+
+def test_poses_come_from_odometry_and_from_transforms(
+    bag: Path, walk: tuple[Path, ScannedCamera, np.ndarray]
+) -> None:
+    _, camera, stamps = walk
+    tf = camera_poses(PoseSource(frames=('map', 'optical')), bag, stamps)
+    for numbers, pose in zip(tf, camera.poses(0), strict=True):
+        assert np.abs(Pose(*pose).motion_to(Pose.from_numbers(numbers))).max() < 1e-6
+    mount = tuple(MOUNT.numbers())
+    odom = camera_poses(PoseSource(topic='/odom', camera_in_body=mount), bag, stamps)
+    moved, there = (
+        Pose.from_numbers(poses[0]).motion_to(Pose.from_numbers(poses[-1])) for poses in (odom, tf)
+    )
+    assert moved == pytest.approx(there, abs=1e-6)
+    # Between two stamps it is between two poses; before the first there is none.
+    between = camera_poses(PoseSource(frames=('map', 'optical')), bag, stamps + 1_000_000)
+    assert np.isnan(between[-1]).all()
+    assert np.abs(between[:-1, :3] - tf[:-1, :3]).max() < 0.005
+
+
+def test_odometry_of_its_own_frame_gives_the_motion(
+    tmp_path: Path, bag: Path, walk: tuple[Path, ScannedCamera, np.ndarray]
+) -> None:
+    folder, camera, _ = walk
+    rough = Pose(*off(camera.poses(0)[0], 0.05, 3.0, np.random.default_rng(4)))
+    options = ['--odometry', '/odom', '--relative', f'--camera-in-body={text(MOUNT.numbers())}']
+    truth(folder, bag, tmp_path / 'out', *options, f'--pose={text(rough.numbers())}')
+    assert errors(tmp_path / 'out', camera).max() < 0.01
+
+
+@pytest.mark.parametrize(
+    ('content', 'words'),
+    [
+        (f'{HEAD}\n' + '0,1500,2,3,0,0,0,1\n1,1500,2,3,0,0,0,1', 'must be metres'),
+        ('t,x,y,z,roll,pitch,yaw\n0,1,2,3,0,0,0', 'must have the columns t, x, y, z, qx'),
+        (f'{HEAD}\n0,1,2,3,0,0,0,1', 'must have two poses or more, got 1'),
+        (f'{HEAD}\n0,1,2,3,0,0,0,0\n1,1,2,3,0,0,0,0', 'must have quaternions'),
+        (f'{HEAD}\n9,1,2,3,0,0,0,1\n9.1,1,2,3,0,0,0,1', 'must have poses at the time of'),
+    ],
+)
+def test_a_trajectory_that_cannot_be_is_one_sentence(
+    tmp_path: Path, walk: tuple[Path, ScannedCamera, np.ndarray], content: str, words: str
+) -> None:
+    path = tmp_path / 'mocap.csv'
+    path.write_text(content)
+    with pytest.raises(InputError, match=words):
+        camera_poses(PoseSource(file=path), walk[0] / 'in' / '0.npz', walk[2])
+
+
+def test_lines_of_tum_are_read(tmp_path: Path) -> None:
+    path = tmp_path / 'poses.txt'
+    path.write_text(
+        '# time x y z qx qy qz qw\n1795123456.123456789 1 2 3 0 0 0 1\n\n1e1 4 5 6 0 0 0 2'
+    )
+    found = read_trajectory(path)
+    assert found.stamp_ns.tolist() == [10 * SECOND, 1795123456123456789]
+    assert found.poses[1].tolist() == [1, 2, 3, *IDENTITY[3:]]
+
+
+@pytest.mark.parametrize(
+    ('options', 'words'),
+    [
+        (('--odometry', '/no'), "one of '/odom', got '/no'"),
+        (('--tf', 'map,nowhere'), 'must be two frames'),
+        (('--tf', 'map'), 'must be two frames, PARENT,CHILD'),
+        (('--relative',), 'must be given with --trajectory'),
+        (('--tf', 'map,optical', '--pose=0,0,0,0,0,0,1'), 'must be given with --relative'),
+    ],
+)
+def test_a_bag_without_these_poses_is_one_sentence(
+    tmp_path: Path,
+    bag: Path,
+    walk: tuple[Path, ScannedCamera, np.ndarray],
+    options: tuple[str, ...],
+    words: str,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    out = tmp_path / 'out'
+    scan = str(walk[0] / 'room.ply')
+    command = ['gap', 'truth', str(bag), '--scan', scan, '--out', str(out), '--jobs', '1']
+    assert main([*command, *options]) == 2
+    assert words in ' '.join(capsys.readouterr().err.split())
+    assert not out.exists()
