@@ -9,13 +9,14 @@ from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.effects import load_effects, parse_effects, save_effects
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap import check, diagnose
-from flexx2_sim_ros.gap.check import judged, measured
+from flexx2_sim_ros.gap.check import judged
+from flexx2_sim_ros.gap.features.physical import UNITS
+from flexx2_sim_ros.gap.inference.improvement import measured
 import numpy as np
 import pytest
 from test_gap_truth import LEFT_OUT, SMALL, WITHOUT
 
 FEW = {**SMALL, 'recordings': 3}
-UNITS = ('wasserstein_mm', 'invalid_rate', 'kl_nats', 'correlation')
 
 
 @pytest.fixture(scope='module')
@@ -62,7 +63,7 @@ def test_a_right_diagnosis_holds(
             assert low <= one[part] <= high
         assert [len(row[name]) for row in table['recordings']] == [3, 3, 3]
     page = (tmp_path / 'check.html').read_text()
-    assert page.count('<svg') == 5 + 3 * 5
+    assert page.count('<svg') == 9 + 3 * 3
     assert 'nan' not in page.split('</style>')[1]
 
 

@@ -12,6 +12,7 @@ from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.effects import load_effects
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap import diagnose, measure
+from flexx2_sim_ros.gap.features.physical import UNITS
 from flexx2_sim_ros.gap.report.words import headline
 import numpy as np
 import pytest
@@ -51,7 +52,7 @@ def test_finds_an_effect_and_writes_what_it_found(
     assert 'temporal filter' in capsys.readouterr().err
     table = json.loads((out / 'diagnosis.json').read_text())
     assert list(table) == KEYS
-    assert table['schema'] == 1
+    assert table['schema'] == 2
     assert table['verdict'] == 'identified'
     (effect,) = table['effects']
     assert effect['name'] == 'temporal_filter'
@@ -60,10 +61,14 @@ def test_finds_an_effect_and_writes_what_it_found(
     assert low <= effect['share'] <= high
     assert effect['confidence'] > 0.9
     gap = table['gap']
-    assert max(gap['null'], gap['after']) < gap['before']
-    assert gap['shrink'] > 0.5
-    for unit in ('wasserstein_mm', 'invalid_rate', 'kl_nats', 'correlation'):
-        assert set(gap[unit]) == {'before', 'after', 'null', 'shrink', 'interval'}
+    for name in ('distance', 'loss', 'wasserstein_mm', 'lag'):
+        assert max(gap[name]['null'], gap[name]['after']) < gap[name]['before']
+    assert gap['measured_by'] == 'distance'
+    assert gap['shrink'] == gap['distance']['shrink'] > 0.9
+    assert gap['interval'][0] <= gap['shrink'] <= gap['interval'][1]
+    assert gap['worse'] == []
+    for unit in UNITS:
+        assert gap[unit]['change'] == pytest.approx(gap[unit]['after'] - gap[unit]['before'])
     assert {
         'covariate',
         'low',

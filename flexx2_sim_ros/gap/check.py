@@ -11,9 +11,7 @@ from flexx2_sim_ros.atomic import check_outputs
 from flexx2_sim_ros.camera import Profile
 from flexx2_sim_ros.effects.tables import plain
 from flexx2_sim_ros.errors import InputError, unquoted
-from flexx2_sim_ros.gap.calibration.features import FEATURES
 from flexx2_sim_ros.gap.calibration.inference import THRESHOLDS
-from flexx2_sim_ros.gap.data.axes import AXES
 from flexx2_sim_ros.gap.data.campaign import Found, read
 from flexx2_sim_ros.gap.data.given import given_effects, Table, together
 from flexx2_sim_ros.gap.features.before_after import before_after
@@ -22,8 +20,8 @@ from flexx2_sim_ros.gap.features.evidence import Evidence
 from flexx2_sim_ros.gap.features.physical import UNITS
 from flexx2_sim_ros.gap.inference.effects import table_of
 from flexx2_sim_ros.gap.inference.fitting import Fit, fit
+from flexx2_sim_ros.gap.inference.improvement import measured, tolerances
 from flexx2_sim_ros.gap.inference.model import Model
-from flexx2_sim_ros.gap.inference.uncertainty import mean_interval, ratio_interval
 from flexx2_sim_ros.gap.report.check_page import FILES, write_check
 from flexx2_sim_ros.gap.report.reading import Diagnosed, read_diagnosis
 from flexx2_sim_ros.gap.work import find, Progress, stepper, summarise_all
@@ -166,7 +164,7 @@ def _compare(request: _Request, used: Used, mapped: Map) -> _Values:
     )
     values = {'loss': _losses(model, base, with_effects)}
     values.update({unit: np.array([one[unit] for one in physical]) for unit in UNITS})
-    return _Values(values, {name: _tolerance(name, model) for name in values})
+    return _Values(values, {'loss': THRESHOLDS.gain, **tolerances(model)})
 
 
 def _table(
@@ -198,50 +196,6 @@ def _table(
         'measures': measures,
         'recordings': rows,
     }
-
-
-def measured(values: np.ndarray, tolerance: float) -> dict[str, Any]:
-    """
-    Summarise one measure of all recordings.
-
-    Parameters
-    ----------
-    values : numpy.ndarray
-        (R, 3) before, after, and of two simulations.
-    tolerance : float
-        A smaller change of the mean does not matter.
-
-    Returns
-    -------
-    dict
-        Means ``before``, ``after``, ``null`` and ``change`` (after less before), each with a 90 %
-        interval over recordings (None with one recording); ``shrink``, the fraction of the gap
-        that goes away; ``tolerance``; ``better`` and ``worse``: whether the change is significant
-        and matters.
-
-    """
-    columns = {
-        'before': values[:, 0],
-        'after': values[:, 1],
-        'null': values[:, 2],
-        'change': values[:, 1] - values[:, 0],
-    }
-    out: dict[str, Any] = {}
-    for name, column in columns.items():
-        out[name] = float(column.mean())
-        interval = mean_interval(column)
-        if interval is not None and name != 'change':
-            interval[0] = max(interval[0], 0.0)  # No measure is negative.
-        out[f'{name}_interval'] = interval
-    top, bottom = values[:, 0] - values[:, 1], values[:, 0] - values[:, 2]
-    gap = bottom.sum() > 0
-    out['shrink'] = float(np.clip(top.sum() / bottom.sum(), -1, 1)) if gap else 0.0
-    out['shrink_interval'] = ratio_interval(top, bottom) if gap and len(values) > 2 else None
-    low, high = out['change_interval'] or [out['change']] * 2
-    out['tolerance'] = tolerance
-    out['better'] = bool(high < 0 and out['change'] < -tolerance)
-    out['worse'] = bool(low > 0 and out['change'] > tolerance)
-    return out
 
 
 def judged(measures: Mapping[str, Mapping[str, Any]]) -> tuple[bool, list[str]]:
@@ -326,18 +280,3 @@ def _losses(model: Model, base: Fit, with_effects: Fit) -> np.ndarray:
     return np.stack(
         [*(one.loss + one.pose_loss / count for one in (base, with_effects)), null], axis=1
     )
-
-
-def _tolerance(name: str, model: Model) -> float:
-    # What the diagnosis does not call a finding either; a bias of so many sigma in millimetres,
-    # and as the divergence of two normal distributions.
-    bias = FEATURES.tolerances['bias']
-    everywhere = AXES['all'].start
-    sigma = np.nanmean([one.sigma[everywhere] for one in model.evidence])
-    return {
-        'loss': THRESHOLDS.gain,
-        'wasserstein_mm': 1000 * bias * float(np.nan_to_num(sigma)),
-        'invalid_rate': FEATURES.tolerances['invalid'],
-        'kl_nats': bias**2 / 2,
-        'correlation': FEATURES.tolerances['neighbour'],
-    }[name]

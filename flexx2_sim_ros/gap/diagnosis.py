@@ -10,7 +10,7 @@ from typing import Any
 from flexx2_sim_ros import __version__
 from flexx2_sim_ros.atomic import check_outputs
 from flexx2_sim_ros.camera import Profile
-from flexx2_sim_ros.effects import Effect, of_role, registry
+from flexx2_sim_ros.effects import of_role, registry
 from flexx2_sim_ros.effects.tables import plain
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap.data.campaign import Found
@@ -18,7 +18,7 @@ from flexx2_sim_ros.gap.data.given import given_effects, Table
 from flexx2_sim_ros.gap.features.catalogue import Candidate, catalogue
 from flexx2_sim_ros.gap.features.confirm import Outcome
 from flexx2_sim_ros.gap.inference.decide import decide, Decision
-from flexx2_sim_ros.gap.inference.effects import fitted_effects, table_of
+from flexx2_sim_ros.gap.inference.effects import fitted_effects, held_out_effects, table_of
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.inference.patch import fit_patch
 from flexx2_sim_ros.gap.report.table import diagnosis_table
@@ -103,7 +103,7 @@ def diagnose(
         decision = _decide(model, candidates, progress)
         effects = fitted_effects(model, decision.accepted)
         step = stepper(progress, 'simulating the outcome', 0.83, 0.15, len(used))
-        confirmed = _confirm(model, decision, effects, used, profile, seed, known, mapped, step)
+        confirmed = _confirm(model, decision, used, profile, seed, known, mapped, step)
     progress('writing', 0.98)
     table = diagnosis_table(model, decision, effects, confirmed, used, [*left_out, *unusable])
     table['settings'] = {
@@ -155,7 +155,6 @@ def _decide(model: Model, candidates: list[Candidate], progress: Progress) -> De
 def _confirm(
     model: Model,
     decision: Decision,
-    effects: list[Effect],
     used: list[Found],
     profile: Profile | None,
     seed: int,
@@ -163,13 +162,16 @@ def _confirm(
     mapped: Map,
     step: Callable[[], None],
 ) -> list[Outcome]:
-    # Simulates each recording at the pose that was found, with the effects of the camera.
+    # Simulates each recording at the pose that was found, with the effects of the camera as they
+    # were fitted without that recording.
     motions = model.own.found(decision.accepted.nuisances)
-    of_camera = table_of(one for one in effects if one.role != 'pose')
-    jobs = [(file, tuple(motion)) for file, motion in zip(used, motions, strict=True)]
-    return mapped(
-        bind(simulate_set, profile=profile, seed=seed, effects=of_camera, known=known), jobs, step
-    )
+    jobs = [
+        (file, tuple(motion), table_of(one for one in effects if one.role != 'pose'))
+        for file, motion, effects in zip(
+            used, motions, held_out_effects(model, decision.accepted), strict=True
+        )
+    ]
+    return mapped(bind(simulate_set, profile=profile, seed=seed, known=known), jobs, step)
 
 
 def _not_considered(

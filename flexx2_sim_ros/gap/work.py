@@ -155,12 +155,11 @@ def summarise_all(
 
 
 def simulate_set(
-    job: tuple[Found, tuple[float, ...]],
+    job: tuple[Found, tuple[float, ...], dict[str, Any]],
     profile: Profile | None,
-    effects: dict[str, Any],
     seed: int,
     known: Table | None = None,
 ) -> Outcome:
-    """Return a recording against the simulation with a set of effects."""
-    found, motion = job
+    """Return a recording against the simulation with effects, at the pose that was found."""
+    found, motion, effects = job
     return confirm(read(found, profile, known), np.array(motion), effects, seed)

@@ -6,7 +6,7 @@ from typing import Any
 from flexx2_sim_ros.gap.calibration.features import SIMULATION
 from flexx2_sim_ros.gap.data.registration import RecordingData
 from flexx2_sim_ros.gap.features.features import features, lattice_spectrum
-from flexx2_sim_ros.gap.features.physical import distances, histogram, Measures
+from flexx2_sim_ros.gap.features.physical import distances, histogram, Measures, UNITS
 from flexx2_sim_ros.gap.features.pixel_groups import GroupSums, PixelGroups
 from flexx2_sim_ros.gap.features.row_sums import EXPECT
 from flexx2_sim_ros.gap.features.simulation import PlacedScene, with_uptime
@@ -23,7 +23,7 @@ class Outcome:
     ----------
     name : str
     physical : dict
-        For each of `measures.UNITS`: before, after, null.
+        For each of `physical.UNITS`: before, after, and the difference of two simulations.
     seen : numpy.ndarray
         (3, SIZE) float32 features of the recording, and simulated without and with the effects.
     counts : numpy.ndarray
@@ -83,11 +83,14 @@ def confirm(
         np.mean([features(sums, spectrum)[0] for sums, *_ in some], axis=0)
         for some in (before, after)
     ]
-    physical = {}
-    gaps = [distances(real_measures, some[0][1]) for some in (before, after)]
-    null = distances(before[1][1], before[0][1])
-    for unit in null:
-        physical[unit] = [gaps[0][unit], gaps[1][unit], null[unit]]
+    gaps = [
+        [distances(real_measures, simulated) for _, simulated, _ in some]
+        for some in (before, after)
+    ]
+    gaps.append([distances(before[1][1], before[0][1])])
+    physical = {
+        unit: [float(np.mean([one[unit] for one in some])) for some in gaps] for unit in UNITS
+    }
     return Outcome(
         recording.name,
         physical,

@@ -18,7 +18,6 @@ from flexx2_sim_ros.gap.features.features import (
     static_grain,
 )
 from flexx2_sim_ros.gap.features.grain import fingerprint
-from flexx2_sim_ros.gap.features.physical import histogram, Measures
 from flexx2_sim_ros.gap.features.row_sums import EXPECT, INVERSE, VALID
 from flexx2_sim_ros.gap.features.simulation import (
     definitions,
@@ -80,7 +79,6 @@ class Evidence:
         (H, W) float16 static pattern in sigma, of the recording and of a simulated one.
     fingerprint : numpy.ndarray
         (N,) float16 the first frame's noise; see `grain.fingerprint`.
-    measures, base_measures : Measures
     sigma, counts : numpy.ndarray
         (BINS,) mean sigma_z, metres; pixels looked at.
     frames, moving : int, bool
@@ -116,8 +114,6 @@ class Evidence:
     grain: np.ndarray
     null_grain: np.ndarray
     fingerprint: np.ndarray
-    measures: Measures
-    base_measures: list[Measures]
     sigma: np.ndarray
     counts: np.ndarray
     frames: int
@@ -130,11 +126,10 @@ class Evidence:
 
 @dataclass(frozen=True)
 class _Base:
-    # Simulations without effects: depth of the last one, sums, measures, the mean spectrum of
-    # depths; (S, SIZE) features, and (SIZE,) their variance from one simulation to another.
+    # Simulations without effects: depth of the last one, sums, the mean spectrum of depths;
+    # (S, SIZE) features, and (SIZE,) their variance from one simulation to another.
     depth: np.ndarray
     sums: list[Sums]
-    measures: list[Measures]
     spectrum: np.ndarray
     features: np.ndarray
     noise: np.ndarray
@@ -195,8 +190,6 @@ def gather(
         grain=static_grain(sums).astype(np.float16),
         null_grain=static_grain(base.sums[0]).astype(np.float16),
         fingerprint=fingerprint(recording.depth, scene.covariates),
-        measures=histogram(recording.depth, scene.covariates, sums),
-        base_measures=base.measures,
         sigma=_mean_sigma(sums),
         counts=sums.bins[:, EXPECT].astype(np.float32),
         frames=len(recording.depth),
@@ -209,16 +202,15 @@ def gather(
 
 
 def _simulate_base(scene: PlacedScene, seed: int) -> _Base:
-    sums, measures = [], []
+    sums = []
     for k in range(SIMULATION.null_seeds):
         depth = scene.simulate((), seed * 1000 + k)
         sums.append(scene.sums(depth))
-        measures.append(histogram(depth, scene.covariates, sums[-1]))
     spectrum = np.mean([lattice_spectrum(one) for one in sums], axis=0)
     pairs = [features(one, spectrum) for one in sums]
     values = np.array([one for one, _ in pairs])
     analytic = np.mean([variance for _, variance in pairs], axis=0)
-    return _Base(depth, sums, measures, spectrum, values, _pooled_variance(values, analytic))
+    return _Base(depth, sums, spectrum, values, _pooled_variance(values, analytic))
 
 
 def _simulate_changes(

@@ -1,18 +1,43 @@
 """The gap in physical units."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from flexx2_sim_ros.gap.calibration.features import MEASURES
+from flexx2_sim_ros.gap.calibration.features import FEATURES, MEASURES
 from flexx2_sim_ros.gap.data.axes import AXES
 from flexx2_sim_ros.gap.data.covariates import PixelCovariates
-from flexx2_sim_ros.gap.features.row_sums import EXPECT, N2, N_NEIGHBOUR, NEIGHBOUR, SQUARE2, VALID
+from flexx2_sim_ros.gap.features.features import likeness
+from flexx2_sim_ros.gap.features.row_sums import (
+    EXPECT,
+    N1,
+    N2,
+    N_NEIGHBOUR,
+    NEIGHBOUR,
+    SQUARE1,
+    SQUARE2,
+    VALID,
+)
 from flexx2_sim_ros.gap.features.sums import Sums
 import numpy as np
 
 _REGIONS = AXES['region'].bins
 _BIN_MM, _HALF, _NORMAL = MEASURES.bin_mm, MEASURES.half, MEASURES.normal
-UNITS = ('wasserstein_mm', 'invalid_rate', 'kl_nats', 'correlation')
+_SIGMAS = FEATURES.gross
+UNITS = (
+    'wasserstein_mm',
+    'wasserstein_sigma',
+    'edge_sigma',
+    'invalid_rate',
+    'log_variance',
+    'correlation',
+    'lag',
+    'kl_nats',
+)
+# The two measures that the distance of two recordings is made of; see `distance`.
+COUNTED = {
+    'wasserstein_sigma': FEATURES.tolerances['bias'],
+    'invalid_rate': FEATURES.tolerances['invalid'],
+}
 
 
 @dataclass(frozen=True)
@@ -25,18 +50,25 @@ class Measures:
     millimetres : numpy.ndarray
         (regions, bins) histogram of depth errors.
     normal : numpy.ndarray
-        (bins,) histogram of errors in sigma.
+        (regions, bins) histogram of errors in sigma_z, clipped at 6.
+    edges : numpy.ndarray
+        (bins,) the same of pixels at jumps and sharp bends, in the whole image.
     invalid : numpy.ndarray
-        (2, B) pixels and lost pixels a bin of distance, amplitude and incidence.
-    correlation : float
-        Of neighbours' noise.
+        (2, B) pixels, and invalid pixels, in each bin of distance, amplitude and incidence.
+    noise : numpy.ndarray
+        (2, B) pairs of frames, and the log temporal variance, in sigma_z squared, likewise.
+    correlation, lag : float
+        Correlation of the noise with that of the next pixel, and of the frame before.
 
     """
 
     millimetres: np.ndarray
     normal: np.ndarray
+    edges: np.ndarray
     invalid: np.ndarray
+    noise: np.ndarray
     correlation: float
+    lag: float
 
 
 def histogram(depth: np.ndarray, scenes: Sequence[PixelCovariates], sums: Sums) -> Measures:
@@ -45,7 +77,8 @@ def histogram(depth: np.ndarray, scenes: Sequence[PixelCovariates], sums: Sums) 
     v, u = np.mgrid[:height, :width]
     regions = (v * 3 // height) * 4 + u * 4 // width
     size = 2 * _HALF + 1
-    counts, normal = np.zeros(_REGIONS * size), np.zeros(_NORMAL)
+    counts = np.zeros(_REGIONS * size)
+    normal, edges = np.zeros(_REGIONS * _NORMAL), np.zeros(_NORMAL)
     for t in range(0, len(depth), MEASURES.every):
         scene = scenes[t] if len(scenes) > 1 else scenes[0]
         with np.errstate(invalid='ignore'):
@@ -54,22 +87,34 @@ def histogram(depth: np.ndarray, scenes: Sequence[PixelCovariates], sums: Sums) 
         place = np.clip(np.rint(error * (1000 / _BIN_MM)), -_HALF, _HALF).astype(int) + _HALF
         region = regions[inner]
         counts += np.bincount(region * size + place, minlength=len(counts))
-        e = np.clip(error / scene.sigma[inner], -5.999, 5.999)
-        normal += np.bincount(((e + 6) * (_NORMAL / 12)).astype(int), minlength=_NORMAL)
+        e = np.clip(error / scene.sigma[inner], -_SIGMAS + 1e-3, _SIGMAS - 1e-3)
+        bins = ((e + _SIGMAS) * (_NORMAL / (2 * _SIGMAS))).astype(int)
+        normal += np.bincount(region * _NORMAL + bins, minlength=len(normal))
+        edges += np.bincount(bins[~scene.inside[inner]], minlength=_NORMAL)
     s = sums.bins.T
-    names = ('distance', 'log_amplitude', 'incidence', 'edge', 'beyond')
-    chosen = np.concatenate(
-        [np.arange(AXES[n].start, AXES[n].start + AXES[n].bins) for n in names]
-    )
-    i = AXES['all'].start
     with np.errstate(invalid='ignore', divide='ignore'):
-        correlation = float(s[NEIGHBOUR, i] / s[N_NEIGHBOUR, i] / (s[SQUARE2, i] / s[N2, i]))
+        square = s[SQUARE2] / s[N2]
+        variance = np.log(square / 2)
+        lag = np.log(s[SQUARE1] / s[N1] / square)
+        correlation = s[NEIGHBOUR] / s[N_NEIGHBOUR] / square
+    everywhere = AXES['all'].start
     return Measures(
         counts.reshape(_REGIONS, size),
-        normal,
-        np.array([s[EXPECT][chosen], s[EXPECT][chosen] - s[VALID][chosen]]),
-        correlation if np.isfinite(correlation) else 0.0,
+        normal.reshape(_REGIONS, _NORMAL),
+        edges,
+        np.array([s[EXPECT][_SEEN], s[EXPECT][_SEEN] - s[VALID][_SEEN]]),
+        np.array([s[N2][_SURFACES], variance[_SURFACES]]),
+        float(np.nan_to_num(correlation[everywhere], posinf=0.0, neginf=0.0)),
+        float(np.nan_to_num(likeness(lag[everywhere]))),
     )
+
+
+def _bins_of(*names: str) -> np.ndarray:
+    return np.concatenate([np.arange(AXES[n].start, AXES[n].start + AXES[n].bins) for n in names])
+
+
+_SURFACES = _bins_of('distance', 'log_amplitude', 'incidence')
+_SEEN = np.concatenate([_SURFACES, _bins_of('edge', 'beyond')])
 
 
 def distances(real: Measures, other: Measures) -> dict[str, float]:
@@ -79,36 +124,74 @@ def distances(real: Measures, other: Measures) -> dict[str, float]:
     Returns
     -------
     dict
-        ``wasserstein_mm``: Wasserstein-1 distance of the depth errors a region, mean over regions;
-        ``invalid_rate``: mean absolute difference of the rate of invalid pixels over bins of
-        distance, amplitude, incidence, edges and beyond range; ``kl_nats``: Kullback-Leibler
-        divergence of the normalised errors from those simulated; ``correlation``: absolute
-        difference of neighbouring pixels' correlation.
+        For each of `UNITS`. ``wasserstein_mm``, ``wasserstein_sigma``: Wasserstein-1 distance of
+        the depth errors in each of 12 regions of the image, in millimetres, and in sigma_z
+        (errors are clipped at 6 sigma_z), mean over regions; ``edge_sigma``: the same at jumps
+        and sharp bends; ``invalid_rate``: mean absolute difference of the fraction of invalid
+        pixels over bins of distance, amplitude, incidence, edges and beyond range;
+        ``log_variance``: mean absolute difference of the log temporal variance over bins of
+        distance, amplitude and incidence; ``correlation``, ``lag``: absolute difference of the
+        correlation with the next pixel, and with the frame before; ``kl_nats``:
+        Kullback-Leibler divergence of the real normalised errors from the simulated ones.
 
     """
-    total, weight = 0.0, 0.0
-    for one, two in zip(real.millimetres, other.millimetres, strict=True):
-        if one.sum() > MEASURES.fewest and two.sum() > MEASURES.fewest:
-            gap = np.abs(np.cumsum(one / one.sum() - two / two.sum())).sum() * _BIN_MM
-            total += gap * one.sum()
-            weight += one.sum()
-    seen, lost = real.invalid
-    seen2, lost2 = other.invalid
-    good = (seen > MEASURES.fewest) & (seen2 > MEASURES.fewest)
-    invalid = (
-        float(
-            np.average(
-                np.abs(lost[good] / seen[good] - lost2[good] / seen2[good]), weights=seen[good]
-            )
-        )
-        if good.any()
-        else 0.0
-    )
-    p, q = real.normal + 0.5, other.normal + 0.5
-    p, q = p / p.sum(), q / q.sum()
+    edges = [one[None] for one in (real.edges, other.edges)]
     return {
-        'wasserstein_mm': total / weight if weight else 0.0,
-        'invalid_rate': invalid,
-        'kl_nats': float((p * np.log(p / q)).sum()),
+        'wasserstein_mm': _wasserstein(real.millimetres, other.millimetres) * _BIN_MM,
+        'wasserstein_sigma': _wasserstein(real.normal, other.normal) * (2 * _SIGMAS / _NORMAL),
+        'edge_sigma': _wasserstein(*edges) * (2 * _SIGMAS / _NORMAL),
+        'invalid_rate': _difference_of_rates(real.invalid, other.invalid),
+        'log_variance': _difference_of_noise(real.noise, other.noise),
         'correlation': abs(real.correlation - other.correlation),
+        'lag': abs(real.lag - other.lag),
+        'kl_nats': _divergence(real.normal.sum(axis=0), other.normal.sum(axis=0)),
     }
+
+
+def distance(apart: Mapping[str, float]) -> float:
+    """
+    Return how far two recordings are apart as one number.
+
+    It is the Wasserstein distance in units of 0.1 sigma_z plus the difference of the fraction of
+    invalid pixels in units of 0.8 %, the diagnosis' tolerances. Below 1 a difference does not
+    matter.
+
+    Parameters
+    ----------
+    apart : mapping
+        As from `distances`.
+
+    """
+    return sum(apart[unit] / tolerance for unit, tolerance in COUNTED.items())
+
+
+def _wasserstein(real: np.ndarray, other: np.ndarray) -> float:
+    # In bins, of (regions, bins) histograms; mean over regions by their number of pixels.
+    total, weight = 0.0, 0.0
+    for one, two in zip(real, other, strict=True):
+        if one.sum() > MEASURES.fewest and two.sum() > MEASURES.fewest:
+            total += np.abs(np.cumsum(one / one.sum() - two / two.sum())).sum() * one.sum()
+            weight += one.sum()
+    return float(total / weight) if weight else 0.0
+
+
+def _difference_of_rates(real: np.ndarray, other: np.ndarray) -> float:
+    good = (real[0] > MEASURES.fewest) & (other[0] > MEASURES.fewest)
+    if not good.any():
+        return 0.0
+    rates = [one[1][good] / one[0][good] for one in (real, other)]
+    return float(np.average(np.abs(rates[0] - rates[1]), weights=real[0][good]))
+
+
+def _difference_of_noise(real: np.ndarray, other: np.ndarray) -> float:
+    good = (real[0] > MEASURES.fewest) & (other[0] > MEASURES.fewest)
+    good &= np.isfinite(real[1]) & np.isfinite(other[1])
+    if not good.any():
+        return 0.0
+    return float(np.average(np.abs(real[1][good] - other[1][good]), weights=real[0][good]))
+
+
+def _divergence(real: np.ndarray, other: np.ndarray) -> float:
+    p, q = real + 0.5, other + 0.5
+    p, q = p / p.sum(), q / q.sum()
+    return float((p * np.log(p / q)).sum())

@@ -30,9 +30,35 @@ def fitted_effects(model: Model, fit: Fit) -> list[Effect]:
         effect.
 
     """
+    return _effects(model, fit, fit.values)
+
+
+def held_out_effects(model: Model, fit: Fit) -> list[list[Effect]]:
+    """
+    Return the effects of a fit for each recording, as fitted without that recording.
+
+    Parameters
+    ----------
+    model : Model
+        The recordings.
+    fit : Fit
+        Its candidates and their values.
+
+    Returns
+    -------
+    list of list of Effect
+        As from `fitted_effects`, one for each recording. A single recording cannot be left out:
+        its effects are those that were fitted to it.
+
+    """
+    values = fit.left_out if len(fit.left_out) > 1 else fit.values[None]
+    return [_effects(model, fit, row) for row in values]
+
+
+def _effects(model: Model, fit: Fit, all_values: np.ndarray) -> list[Effect]:
     out, start = [], 0
     for candidate in fit.candidates:
-        values = fit.values[start : start + len(candidate.terms)]
+        values = all_values[start : start + len(candidate.terms)]
         start += len(candidate.terms)
         out.append(_effect(model, fit, candidate, tuple(float(v) for v in values)))
     return out

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 from flexx2_sim_ros.atomic import output_folder, whole_files
 from flexx2_sim_ros.gap.report.style import STYLE
-from flexx2_sim_ros.gap.report.words import percent
+from flexx2_sim_ros.gap.report.words import MEASURES, percent
 from flexx2_sim_ros.html_drawing import bar
 from flexx2_sim_ros.html_page import html_page
 
@@ -21,14 +21,8 @@ td + td, .recordings td { white-space: nowrap; }
 .bar { width: 8rem; } .recordings .bar { width: 6rem; }
 """
 )
-# Name, unit and factor to it.
-_MEASURES = {
-    'loss': ('loss per recording', '', 1.0),
-    'wasserstein_mm': ('distance of depth errors', 'mm', 1.0),
-    'invalid_rate': ('invalid pixels', '%', 100.0),
-    'kl_nats': ('normalised errors', 'nats', 1.0),
-    'correlation': ('correlation of neighbours', '', 1.0),
-}
+_MEASURES = {'loss': ('loss per recording', '', 1.0), **MEASURES}
+_OF_EACH = 'loss', 'wasserstein_mm', 'invalid_rate'  # shown for each recording
 
 
 class Line(NamedTuple):
@@ -155,16 +149,19 @@ def page(table: dict[str, Any]) -> str:
 def _recordings(used: list[dict[str, Any]]) -> str:
     head = ''.join(
         f'<th>{escape(name)}{f", {unit}" if unit else ""}</th>'
-        for name, unit, _ in _MEASURES.values()
+        for name, unit, _ in (_MEASURES[key] for key in _OF_EACH)
     )
     rows = []
     for row in used:
         cells = ''.join(
-            f'<td>{row[key][0] * factor:.3g} to {row[key][1] * factor:.3g}{bar(*row[key])}</td>'
-            for key, (_, _, factor) in _MEASURES.items()
+            f'<td>{_span(row[key], _MEASURES[key][2])}{bar(*row[key])}</td>' for key in _OF_EACH
         )
         rows.append(f'<tr><td>{escape(row["name"])}</td>{cells}</tr>')
     return (
         '<h2>Each recording, before to after</h2><div class="scroll"><table class="recordings">'
         f'<tr><th>file</th>{head}</tr>{"".join(rows)}</table></div>'
     )
+
+
+def _span(values: list[float], factor: float) -> str:
+    return f'{values[0] * factor:.3g} to {values[1] * factor:.3g}'

@@ -5,7 +5,6 @@ from html import escape
 from typing import Any
 
 from flexx2_sim_ros.gap.features.confirm import Outcome
-from flexx2_sim_ros.gap.features.physical import UNITS
 from flexx2_sim_ros.gap.inference.decide import Decision
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.report.charts import charts, maps
@@ -13,6 +12,7 @@ from flexx2_sim_ros.gap.report.style import STYLE
 from flexx2_sim_ros.gap.report.words import (
     accuracy,
     headline,
+    MEASURES,
     not_considered,
     percent,
     place,
@@ -32,12 +32,6 @@ td.number { white-space: nowrap; }
 .row figure { max-width: 27.5rem; }
 """
 )
-_UNIT_NAMES = {
-    'wasserstein_mm': ('distance of depth errors (Wasserstein-1)', 'mm', 1.0),
-    'invalid_rate': ('difference in invalid pixels', '%', 100.0),
-    'kl_nats': ('divergence of normalised errors', 'nats', 1.0),
-    'correlation': ("difference in neighbours' correlation", '', 1.0),
-}
 
 
 def page(
@@ -95,8 +89,7 @@ def _effects(table: dict[str, Any]) -> str:
 
 def _shrinkage(table: dict[str, Any]) -> str:
     rows = []
-    for unit in UNITS:
-        name, symbol, factor = _UNIT_NAMES[unit]
+    for unit, (name, symbol, factor) in MEASURES.items():
         gap = table['gap'][unit]
         first, last, least = (gap[k] * factor for k in ('before', 'after', 'null'))
         rows.append(
@@ -109,7 +102,8 @@ def _shrinkage(table: dict[str, Any]) -> str:
         '<h2>How large the gap is</h2><div class="scroll"><table><tr><th></th>'
         f'<th>as simulated</th><th>{after}</th><th>two simulations</th><th></th></tr>'
         f'{"".join(rows)}</table></div><p><small>Difference between the recordings and their '
-        'simulation. Bars: gray as simulated, blue after. The mark, and the column "two '
+        'simulation, mean over recordings; each was simulated with the effects as fitted '
+        'to the others. Bars: gray as simulated, blue after. The mark, and the column "two '
         'simulations", is the difference between two runs of the simulator: a perfect '
         'simulation would still show it.</small></p>'
     )

@@ -10,7 +10,7 @@ from flexx2_sim_ros.effects import Effect, load_effects
 from flexx2_sim_ros.errors import InputError, shown, shown_path
 from flexx2_sim_ros.gap.data.given import given_effects, Table
 
-_SCHEMA = 1
+_SCHEMAS = 1, 2  # the keys that are read are the same
 _LARGEST = 50_000_000  # bytes of a diagnosis.json
 _POSE_PRIOR = 0.010, 0.5
 
@@ -85,9 +85,9 @@ def read_diagnosis(folder: Path) -> Diagnosed:
     """
     path = folder / 'diagnosis.json'
     table = _read_json(path)
-    if not isinstance(table, dict) or table.get('schema') != _SCHEMA:
+    if not isinstance(table, dict) or table.get('schema') not in _SCHEMAS:
         got = table.get('schema') if isinstance(table, dict) else table
-        raise InputError(f'{shown_path(path)}: schema: must be {_SCHEMA}, got {shown(got)}')
+        raise InputError(f'{shown_path(path)}: schema: must be 1 or 2, got {shown(got)}')
     rows = table.get('recordings')
     if not isinstance(rows, list) or not all(
         isinstance(row, dict) and isinstance(row.get('name'), str) for row in rows

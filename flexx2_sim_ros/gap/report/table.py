@@ -10,15 +10,17 @@ from flexx2_sim_ros.gap.data.prior import POSE
 from flexx2_sim_ros.gap.features.confirm import Outcome
 from flexx2_sim_ros.gap.features.evidence import Evidence
 from flexx2_sim_ros.gap.features.features import ENOUGH
-from flexx2_sim_ros.gap.features.physical import UNITS
+from flexx2_sim_ros.gap.features.physical import COUNTED, distance, UNITS
 from flexx2_sim_ros.gap.inference.decide import Alternative, Decision
 from flexx2_sim_ros.gap.inference.effects import fitted_effects
+from flexx2_sim_ros.gap.inference.improvement import measured, tolerances
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.inference.uncertainty import ratio_interval
 from flexx2_sim_ros.gap.inference.where import places, unexplained
 import numpy as np
 
-SCHEMA = 1
+SCHEMA = 2
+_NOTHING = 0.005  # a smaller fraction of the gap is written as 0 %
 
 
 def diagnosis_table(
@@ -75,7 +77,7 @@ def diagnosis_table(
 
 
 def _effect_rows(decision: Decision, effects: list[Effect]) -> list[dict[str, Any]]:
-    return [
+    rows = [
         {
             'name': effect.name,
             'parameters': effect.settings,
@@ -87,6 +89,8 @@ def _effect_rows(decision: Decision, effects: list[Effect]) -> list[dict[str, An
             effects, decision.shares, decision.intervals, decision.confidences, strict=False
         )
     ]
+    # A pose error may be certain and yet take nothing off the gap: it is not the first cause.
+    return sorted(rows, key=lambda row: row['share'] < _NOTHING)
 
 
 def _alternative(model: Model, one: Alternative) -> dict[str, Any]:
@@ -167,46 +171,53 @@ def _same_noise(model: Model, index: int) -> list[str]:
 
 
 def _gap(model: Model, decision: Decision, confirmed: list[Outcome]) -> dict[str, Any]:
-    explained, base, accepted = decision.explains_gap, decision.base, decision.accepted
-    count = len(base.loss)
-    held_out = count > 1
-    poses = (base.pose_loss - accepted.pose_held_out) / count
-    null = model.null_loss.sum(axis=1) + THRESHOLDS.floor
-    # What a perfect simulation, and what these effects, take off each recording's loss.
-    possible = base.loss - null + poses
-    taken = base.loss - (accepted.held_out if held_out else accepted.loss) + poses
-    before = float(base.loss.sum() + base.pose_loss)
+    held_out = len(confirmed) > 1
+    limits = tolerances(model)
+    units = {
+        unit: measured(np.array([one.physical[unit] for one in confirmed]), limits[unit])
+        for unit in UNITS
+    }
+    loss = _loss(model, decision, held_out)
+    apart = np.array(
+        [
+            [distance({unit: one.physical[unit][k] for unit in COUNTED}) for k in range(3)]
+            for one in confirmed
+        ]
+    )
+    whole = measured(apart, 1.0)
+    # Some differences, such as depth in steps of half a millimetre, show in the features only.
+    shown = whole['before'] - whole['null'] >= 1.0
+    headline = whole if shown else loss
     out: dict[str, Any] = {
-        'before': before,
-        'after': before - float(taken.sum()),
-        'null': before - float(possible.sum()),
-        'shrink': (
-            float(np.clip(taken.sum() / max(possible.sum(), 1e-9), 0, 1)) if explained else 0.0
-        ),
-        'interval': ratio_interval(taken, possible) if explained else [0.0, 0.0],
+        'shrink': headline['shrink'] if decision.explains_gap else 0.0,
+        'interval': headline['shrink_interval'] if held_out else None,
+        'measured_by': 'distance' if shown else 'loss',
         'held_out': held_out,
+        'worse': [unit for unit in UNITS if units[unit]['worse']],
+        'distance': whole,
+        'loss': loss,
+        **units,
     }
     if not held_out:
         out['note'] = (
             'one recording only: nothing was left out to check on, so shrink is that '
             'of the data the effects were fitted to'
         )
-        out['interval'] = None
-    for unit in UNITS:
-        values = np.array([one.physical[unit] for one in confirmed])
-        out[unit] = _physical_gap(values, held_out)
     return out
 
 
-def _physical_gap(values: np.ndarray, held_out: bool) -> dict[str, Any]:
-    # values: (R, 3) without effects, with effects, and between two runs of the simulation.
-    before, after, null = (float(v) for v in values.mean(axis=0))
-    shrink = float(np.clip((before - after) / (before - null), -1, 1)) if before > null else 0.0
-    taken, possible = values[:, 0] - values[:, 1], values[:, 0] - values[:, 2]
+def _loss(model: Model, decision: Decision, held_out: bool) -> dict[str, Any]:
+    # What a perfect simulation, and what these effects, take off each recording's loss.
+    explained, base, accepted = decision.explains_gap, decision.base, decision.accepted
+    poses = (base.pose_loss - accepted.pose_held_out) / len(base.loss)
+    possible = base.loss - (model.null_loss.sum(axis=1) + THRESHOLDS.floor) + poses
+    taken = base.loss - (accepted.held_out if held_out else accepted.loss) + poses
+    before = float(base.loss.sum() + base.pose_loss)
+    shrink = float(np.clip(taken.sum() / max(possible.sum(), 1e-9), 0, 1))
     return {
         'before': before,
-        'after': after,
-        'null': null,
-        'shrink': shrink,
-        'interval': ratio_interval(taken, possible) if held_out else None,
+        'after': before - float(taken.sum()),
+        'null': before - float(possible.sum()),
+        'shrink': shrink if explained else 0.0,
+        'shrink_interval': ratio_interval(taken, possible) if explained else [0.0, 0.0],
     }

@@ -31,6 +31,18 @@ _CHANNELS = {
     'repeat': 'fixed-pattern noise that is the same in all recordings',
 }
 
+# Names of the physical measures, for people: name, unit and factor to it.
+MEASURES = {
+    'wasserstein_mm': ('depth errors (Wasserstein-1)', 'mm', 1.0),
+    'wasserstein_sigma': ('depth errors in sigma_z', '', 1.0),
+    'edge_sigma': ('depth errors at edges in sigma_z', '', 1.0),
+    'invalid_rate': ('invalid pixels', '%', 100.0),
+    'log_variance': ('noise (log variance)', '', 1.0),
+    'correlation': ('correlation of neighbours', '', 1.0),
+    'lag': ('correlation with the frame before', '', 1.0),
+    'kl_nats': ('divergence of normalised errors', 'nats', 1.0),
+}
+
 
 def _names(rows: list[dict[str, Any]]) -> str:
     return _list([row['name'] for row in rows])
@@ -66,19 +78,12 @@ def headline(table: dict[str, Any]) -> str:
                 f'Nearest explanations: {_names(table["alternatives"])}.'
             )
         return 'There is a gap, and no effect of the catalogue explains it.'
-    held = (
-        'of the gap on recordings that were not used for the fit'
-        if gap['held_out']
-        else 'of the gap on the one recording it was fitted to'
-    )
-    if rows[0]['name'] == of_role('pose').name and gap['shrink'] < 0.05:
-        return 'The poses of the cameras are wrong: correct them first.' + (
-            ' Another cause remains.' if table['verdict'] == 'partly' else ''
-        )
     rest = ' Another cause remains.' if table['verdict'] == 'partly' else ''
+    if rows[0]['name'] == of_role('pose').name and gap['shrink'] < 0.05:
+        return f'The poses of the cameras are wrong: correct them first.{rest}'
     return (
         f'The gap is due to {_names(rows)}: adding {"it" if len(rows) == 1 else "them"} '
-        f'to the simulation removes {percent(gap["shrink"])} {held}.{rest}'
+        f'to the simulation removes {percent(gap["shrink"])} of the gap.{rest}'
     )
 
 
@@ -86,18 +91,13 @@ def sentences(table: dict[str, Any]) -> list[str]:
     """Return the details after the headline, a line each."""
     out = []
     gap = table['gap']
-    if table['effects'] and gap['interval'] is not None:
-        out.append(
-            f'90 % interval of this reduction: {percent(gap["interval"][0])} to '
-            f'{percent(gap["interval"][1])} of the gap.'
-        )
+    if table['effects']:
+        out += reduction(gap)
     if any(row['name'] == of_role('pose').name for row in table['effects']):
         out.append(
             'The gap is measured with the fitted pose of each recording; the list of recordings '
             'says how far this is from the given pose.'
         )
-    if 'note' in gap:
-        out.append(gap['note'][0].upper() + gap['note'][1:] + '.')
     if table['effects']:
         out += [
             f'Alternative explanation: {_names([other])}'
@@ -116,6 +116,38 @@ def sentences(table: dict[str, Any]) -> list[str]:
     out += not_decidable(table) + ground_truth(table)
     if table['where'] and table['verdict'] != 'none':
         out.append(f'The gap is largest here: {place(table["where"][0])}.')
+    return out
+
+
+def reduction(gap: dict[str, Any]) -> list[str]:
+    """Return how much of the gap the effects remove: in physical units, how sure, what worsens."""
+    out = []
+    depth, invalid = gap['wasserstein_mm'], gap['invalid_rate']
+    parts = [
+        f'depth errors from {depth["before"]:.2g} to {depth["after"]:.2g} mm '
+        f'({depth["null"]:.2g} mm between two simulations)'
+    ]
+    if max(invalid['before'], invalid['after']) > invalid['tolerance']:
+        parts.append(
+            f'invalid pixels from {100 * invalid["before"]:.2g} to {100 * invalid["after"]:.2g} %'
+        )
+    out.append(f'Difference between recordings and simulation: {", ".join(parts)}.')
+    if gap['interval'] is not None:
+        low, high = gap['interval']
+        out.append(
+            'Each recording was compared with effects that were fitted to the others. '
+            f'90 % interval of the reduction: {percent(low)} to {percent(high)} of the gap.'
+        )
+    if 'note' in gap:
+        out.append(gap['note'][0].upper() + gap['note'][1:] + '.')
+    if gap['measured_by'] == 'loss':
+        out.append(
+            'The gap is below the tolerance in depth and invalid pixels; it shows in the '
+            "diagnosis' features only, and its reduction is that of their loss."
+        )
+    if gap['worse']:
+        names = ', '.join(MEASURES[unit][0] for unit in gap['worse'])
+        out.append(f'The effects make this worse: {names}.')
     return out
 
 

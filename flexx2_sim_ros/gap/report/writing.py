@@ -11,7 +11,7 @@ from flexx2_sim_ros.gap.features.confirm import Outcome
 from flexx2_sim_ros.gap.inference.decide import Decision
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.report.page import page
-from flexx2_sim_ros.gap.report.words import percent
+from flexx2_sim_ros.gap.report.words import percent, reduction
 
 FILES = ('diagnosis.json', 'effects.yaml', 'report.html')
 
@@ -61,12 +61,8 @@ def _comment(table: dict[str, Any]) -> str:
             f'Bias, noise and loss binned over {table["patch"]["covariate"]}; takes '
             f'{percent(table["patch"]["shrink"])} of the gap in these off'
         )
-    gap = table['gap']
     lines = [f'flexx2 gap diagnose: {table["verdict"]}: {names}']
-    if gap['held_out'] and table['effects']:
-        low, high = gap['interval']
-        lines.append(
-            f'takes {percent(gap["shrink"])} of the gap off recordings it was not fitted to '
-            f'(90 % interval {percent(low)} to {percent(high)})'
-        )
+    if table['effects']:
+        gap = table['gap']
+        lines += [f'removes {percent(gap["shrink"])} of the gap', *reduction(gap)]
     return '\n'.join(lines)
