@@ -120,7 +120,7 @@ def test_an_older_diagnosis_knows_its_recordings_by_name(
     [
         ('{', 'cannot be read'),
         ('[]', 'schema: must be 1'),
-        ('{"schema": 2}', 'schema: must be 1, got 2'),
+        ('{"schema": 3}', 'schema: must be 1 or 2, got 3'),
         ('{"schema": 1}', 'recordings: must be a list'),
         ('{"schema": 1, "recordings": [], "settings": {"pose_prior": [0]}}', 'pose_prior'),
         ('{"schema": 1, "recordings": [], "settings": {"known": {"x": {}}}}', 'known: x: must be'),
