@@ -3,6 +3,7 @@
 from types import FunctionType, GenericAlias
 from typing import Any
 
+from flexx2_sim_ros.batch.arrays import at
 from flexx2_sim_ros.formulas import Backend
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,7 @@ _TYPES: dict[Any, Any] = {
     np.float32: wp.float32,
     np.float64: wp.float64,
     np.ndarray: wp.vec3f,  # e.g. one number for each modulation frequency
+    NDArray[np.float32]: wp.array(dtype=wp.float32),
     NDArray[np.int64]: wp.array(dtype=wp.int64),
 }
 
@@ -53,6 +55,7 @@ _NAMES: dict[str, Any] = {
     'i32': wp.int32,
     'u32': wp.uint32,
     'u64': wp.uint64,
+    'at': at,
     'bits_of': _bits_of,
     'float_of': _float_of,
 }

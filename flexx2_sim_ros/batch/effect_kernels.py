@@ -26,8 +26,7 @@ _FLT_MAX = wp.constant(wp.float32(3.4028235e38))
 
 _measured = compiled(pixel_formulas.measured)
 _kept_within = compiled(pixel_formulas.kept_within)
-_is_alike = compiled(spatial_filter.is_alike)
-_smoothed = compiled(spatial_filter.smoothed)
+_mixed_with_alike = compiled(spatial_filter.mixed_with_alike)
 _filtered = compiled(temporal_filter.filtered)
 _stored = compiled(quantisation.stored)
 
@@ -112,21 +111,12 @@ def filter_neighbours(
     end = wp.min(x + chunk, lens.width)
     while x < end:
         pixel = frame + y * lens.width + x
-        here = at(seen.measured, pixel)
-        out = wp.float32(here)
+        out = at(seen.measured, pixel)
         if e.spatial_filter_strength > 0.0:
             limit = e.spatial_filter_gate * at(seen.sigma, pixel)
-            total = wp.float32(0.0)
-            count = wp.float32(0.0)
-            for k in range(9):
-                yy = y + k // 3 - 1
-                xx = x + k % 3 - 1
-                if yy >= 0 and yy < lens.height and xx >= 0 and xx < lens.width:
-                    difference = at(seen.measured, frame + yy * lens.width + xx) - here
-                    if _is_alike(difference, limit):
-                        total += difference
-                        count += 1.0
-            out = _smoothed(here, total, count, e.spatial_filter_mix)
+            out = _mixed_with_alike(
+                seen.measured, frame, lens.height, lens.width, y, x, limit, e.spatial_filter_mix
+            )
         put(seen.filtered, pixel, out)
         x += 1
 

@@ -10,9 +10,7 @@ import warp as wp
 wp.set_module_options(OPTIONS)
 
 _STREAM = wp.constant(wp.uint32(fixed_pattern.FixedPattern.stream))
-_AROUND = wp.constant(fixed_pattern.AROUND)
 
-_mirrored = compiled(fixed_pattern.mirrored)
 _less_mean = compiled(fixed_pattern.less_mean)
 _to_unit_variance = compiled(fixed_pattern.to_unit_variance)
 
@@ -34,15 +32,8 @@ def less_its_mean(white: wp.array(dtype=wp.float32), lens: Lens, out: wp.array(d
     """Write a pixel's noise less the mean over the 5 x 5 pixels around."""
     n, y, x = wp.tid()
     frame = n * lens.height * lens.width
-    smallest = wp.min(lens.height, lens.width)
-    total = wp.float32(0.0)
-    around = 2 * _AROUND + 1
-    for k in range(around):
-        row = frame + _mirrored(y + k - _AROUND, lens.height, smallest) * lens.width
-        for j in range(around):
-            total += at(white, row + _mirrored(x + j - _AROUND, lens.width, smallest))
     pixel = frame + y * lens.width + x
-    put(out, pixel, _less_mean(at(white, pixel), total))
+    put(out, pixel, _less_mean(white, frame, lens.height, lens.width, y, x))
 
 
 @wp.kernel

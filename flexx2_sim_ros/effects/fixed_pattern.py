@@ -9,11 +9,12 @@ from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis
 from flexx2_sim_ros.effects.picture import Picture
 from flexx2_sim_ros.effects.tables import pixel_map, PixelMap
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.formulas.scalars import f32, f64, i32, least, most, root, where
+from flexx2_sim_ros.formulas.scalars import at, f32, f64, i32, least, most, root, where
 from flexx2_sim_ros.physics.compiled import compiled, loop
 from flexx2_sim_ros.physics.frame_state import FrameState, Stage
 from flexx2_sim_ros.physics.philox import fill_normals
 import numpy as np
+from numpy.typing import NDArray
 
 AROUND = 2  # The mean that is taken off is over 5 x 5 pixels.
 _PIXELS_AROUND = f32((2 * AROUND + 1) ** 2)
@@ -38,9 +39,29 @@ def mirrored(i: int, size: int, smallest: int) -> int:
     return where(smallest > AROUND, beyond, inside)
 
 
-def less_mean(here: float, total: float) -> float:
-    """Return a pixel's noise less the mean over the pixels around, whose sum is given."""
-    return here - total / _PIXELS_AROUND
+def less_mean(
+    white: NDArray[np.float32], first: int, height: int, width: int, y: int, x: int
+) -> float:
+    """
+    Return a pixel's noise less the mean over the 5 x 5 pixels around it.
+
+    Parameters
+    ----------
+    white : numpy.ndarray
+        Flat images.
+    first, height, width : int
+        The image's first element, and its size.
+    y, x : int
+        The pixel.
+
+    """
+    smallest = least(height, width)
+    total = f32(0.0)
+    for k in range(y - AROUND, y + AROUND + 1):
+        row = first + mirrored(k, height, smallest) * width
+        for j in range(x - AROUND, x + AROUND + 1):
+            total += at(white, row + mirrored(j, width, smallest))
+    return at(white, first + y * width + x) - total / _PIXELS_AROUND
 
 
 def to_unit_variance(total: np.float64, squares: np.float64, pixels: np.float64) -> np.float64:
@@ -61,7 +82,6 @@ def to_unit_variance(total: np.float64, squares: np.float64, pixels: np.float64)
     return where(varies, _ONE / root(where(varies, variance, _ONE)), _ONE)
 
 
-_mirrored = compiled(mirrored)
 _less_mean = compiled(less_mean)
 
 
@@ -97,6 +117,10 @@ class FixedPattern(Effect):
         'm', -0.2, 0.2, 'added to the depth of each pixel, in place of a random pattern'
     )
 
+    def constants(self) -> dict[str, float]:
+        """Return the root mean square over the pixels, metres."""
+        return {'rms': self.strength * self.rms}
+
     def apply(self, state: FrameState) -> None:
         """Add the camera's pattern: the map, or one made once from its key."""
         if self.pattern is not None:
@@ -112,18 +136,16 @@ class FixedPattern(Effect):
         if pattern is None or pattern.shape != state.depth.shape:
             pattern = _grain(state.key.tobytes(), state.depth.shape)
             state.memory.kept[self.name] = pattern
-        state.add_shift(np.float32(self.strength * self.rms) * pattern)
+        state.add_shift(self.rounded[0] * pattern)
 
 
 @lru_cache(maxsize=8)  # Environments of one camera share it.
 def _grain(key: bytes, shape: tuple[int, ...]) -> np.ndarray:
     # White noise less its mean over 5 x 5 pixels, scaled to unit variance.
-    white = np.empty(shape, np.float32)
+    grain = np.empty(shape, np.float32)
+    white = np.empty(grain.size, np.float32)
     zero = np.uint32(0)
-    fill_normals(
-        np.frombuffer(key, np.uint32).copy(), zero, zero, FixedPattern.stream, white.ravel()
-    )
-    grain = np.empty_like(white)
+    fill_normals(np.frombuffer(key, np.uint32).copy(), zero, zero, FixedPattern.stream, white)
     _less_its_mean(white, grain)
     wide = grain.astype(np.float64)
     scale = to_unit_variance(wide.sum(), np.square(wide).sum(), np.float64(wide.size))
@@ -132,14 +154,7 @@ def _grain(key: bytes, shape: tuple[int, ...]) -> np.ndarray:
 
 @loop()
 def _less_its_mean(white, grain):
-    height, width = white.shape
-    smallest = min(height, width)
-    around = 2 * AROUND + 1
+    height, width = grain.shape
     for y in range(height):
         for x in range(width):
-            total = np.float32(0.0)
-            for k in range(around):
-                row = _mirrored(y + k - AROUND, height, smallest)
-                for j in range(around):
-                    total += white[row, _mirrored(x + j - AROUND, width, smallest)]
-            grain[y, x] = _less_mean(white[y, x], total)
+            grain[y, x] = _less_mean(white, 0, height, width, y, x)

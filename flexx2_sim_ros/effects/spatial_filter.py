@@ -6,24 +6,56 @@ from typing import ClassVar
 from flexx2_sim_ros.effects.effect import Effect, parameter
 from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis
 from flexx2_sim_ros.effects.picture import Picture
-from flexx2_sim_ros.formulas.scalars import f32, most, size, where
+from flexx2_sim_ros.formulas.scalars import at, f32, most, size, where
 from flexx2_sim_ros.physics.compiled import compiled, loop
 from flexx2_sim_ros.physics.frame_state import FrameState, Stage
 from flexx2_sim_ros.physics.philox import FAST
 import numpy as np
+from numpy.typing import NDArray
 
 _ZERO = f32(0.0)
 _ONE = f32(1.0)
 
 
-def is_alike(difference: float, limit: float) -> bool:
-    """Say whether a neighbour at this difference of depth takes part; never true of NaN."""
-    return size(difference) <= limit
+def mixed_with_alike(
+    depth: NDArray[np.float32],
+    first: int,
+    height: int,
+    width: int,
+    y: int,
+    x: int,
+    limit: float,
+    mix: float,
+) -> float:
+    """
+    Return a pixel's depth mixed with the mean of those of the 3 x 3 pixels that are alike.
 
+    Parameters
+    ----------
+    depth : numpy.ndarray
+        Flat images, metres, NaN where invalid.
+    first, height, width : int
+        The image's first element, and its size.
+    y, x : int
+        The pixel.
+    limit : float
+        Pixels whose depths differ by at most this are alike, metres.
+    mix : float
+        Weight of the mean, 0..1.
 
-def smoothed(here: float, differences: float, count: float, mix: float) -> float:
-    """Return a depth mixed with the mean over ``count`` neighbours that are alike."""
-    return where(count > _ZERO, here + mix * differences / most(count, _ONE), here)
+    """
+    here = at(depth, first + y * width + x)
+    total = f32(0.0)
+    count = f32(0.0)
+    for k in range(9):
+        yy = y + k // 3 - 1
+        xx = x + k % 3 - 1
+        if yy >= 0 and yy < height and xx >= 0 and xx < width:
+            difference = at(depth, first + yy * width + xx) - here
+            if size(difference) <= limit:  # never true of NaN
+                total += difference
+                count += _ONE
+    return where(count > _ZERO, here + mix * total / most(count, _ONE), here)
 
 
 @dataclass(frozen=True)
@@ -55,27 +87,17 @@ class SpatialFilter(Effect):
     def apply(self, state: FrameState) -> None:
         """Mix every pixel with those neighbours that are alike."""
         out = np.empty_like(state.measured)
-        _gated_mean(state.measured, state.sigma, *self.rounded, out)
+        _filter(state.measured.ravel(), state.sigma, *self.rounded, out)
         state.measured = out
 
 
-_is_alike = compiled(is_alike)
-_smoothed = compiled(smoothed)
+_mixed_with_alike = compiled(mixed_with_alike)
 
 
 @loop(error_model='numpy', fastmath=FAST)
-def _gated_mean(depth, sigma, gate, mix, out):
-    height, width = depth.shape
+def _filter(depth, sigma, gate, mix, out):
+    height, width = out.shape
     for y in range(height):
         for x in range(width):
-            here = depth[y, x]
             limit = gate * sigma[y, x]
-            total = np.float32(0.0)
-            count = np.float32(0.0)
-            for yy in range(max(y - 1, 0), min(y + 2, height)):
-                for xx in range(max(x - 1, 0), min(x + 2, width)):
-                    difference = depth[yy, xx] - here
-                    if _is_alike(difference, limit):
-                        total += difference
-                        count += np.float32(1.0)
-            out[y, x] = _smoothed(here, total, count, mix)
+            out[y, x] = _mixed_with_alike(depth, 0, height, width, y, x, limit, mix)

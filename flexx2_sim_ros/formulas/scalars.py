@@ -26,6 +26,11 @@ u32: Any = np.uint32
 u64: Any = np.uint64
 
 
+def at(image: Any, i: Any) -> Any:
+    """Return element ``i``, counted from 0, of a flat array."""
+    return image[i]
+
+
 def bits_of(x: Any) -> Any:
     """Return the bits of float32 as int32."""
     return np.asarray(x, np.float32).view(np.int32)[()]

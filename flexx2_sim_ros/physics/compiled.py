@@ -22,6 +22,11 @@ def _both(first, second):  # type: ignore[no-untyped-def]
 
 
 @njit(inline='always')
+def _at(image, i):  # type: ignore[no-untyped-def]
+    return image[i]
+
+
+@njit(inline='always')
 def _bits_of(x):  # type: ignore[no-untyped-def]
     return np.float32(x).view(np.int32)
 
@@ -46,6 +51,7 @@ _NAMES: dict[str, Any] = {
     'i32': np.int32,
     'u32': np.uint32,
     'u64': np.uint64,
+    'at': _at,
     'bits_of': _bits_of,
     'float_of': _float_of,
 }
