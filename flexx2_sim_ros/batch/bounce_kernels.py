@@ -258,7 +258,7 @@ def add_bounce(
     if bounce.places[first + n] < 0:
         return
     light = lights[first + n]
-    factor = effects[first + n].multipath_strength * effects[first + n].multipath_gain
+    factor = effects[first + n].multipath_gain
     columns = (lens.width + _RECEIVER - 1) / _RECEIVER
     rows = bounce.receiver_count / columns
     row, down = _receiver_before(y, rows)

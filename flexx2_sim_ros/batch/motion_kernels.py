@@ -102,8 +102,7 @@ def shift_phases(
     seconds = seconds_between(kept, e, first + n)
     if seconds <= 0.0:
         return
-    acquisition = e.motion_artefact_strength * e.motion_artefact_stretch * light.acquisition
-    acquisition = acquisition / seconds
+    acquisition = e.motion_artefact_stretch * light.acquisition / seconds
     taps = wp.float32(_TAPS * light.frequencies)
     row = (n * lens.height + y) * lens.width
     i = padded(lens, n, y, 0)

@@ -226,7 +226,7 @@ def add_scattered(
     light = lights[first + n]
     if scatter.kinds[first + n] < 0 or f >= light.frequencies:
         return
-    share = effects[first + n].stray_light_strength * effects[first + n].stray_light_share
+    share = effects[first + n].stray_light_share
     wave_number = TURN * light.turns[f]
     weight = light.weights[f]
     other_part = scatter.envs * lens.height * lens.width

@@ -93,7 +93,7 @@ def shift_alike(
         same += _drift(elapsed, e.warm_up_drift_bias, e.warm_up_drift_tau, e.warm_up_drift_uptime)
     own_row = ((first + n) * lens.height + y) * lens.width
     row = (n * lens.height + y) * lens.width
-    spread = e.fixed_pattern_strength * e.fixed_pattern_rms
+    spread = e.fixed_pattern_rms
     begin = c * chunk
     end = wp.min(begin + chunk, lens.width)
     f = wp.int32(0)

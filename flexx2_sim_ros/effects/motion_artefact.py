@@ -155,6 +155,10 @@ class MotionArtefact(Effect):
         'when in that time the stamp is: 0 before the first raw frame, 1 after the last',
     )
 
+    def constants(self) -> dict[str, float]:
+        """Return the factor on the raw frames' duration, and when in it the stamp is."""
+        return {'stretch': self.strength * self.stretch, 'stamp_at': self.stamp_at}
+
     def apply(self, state: FrameState) -> None:
         """Take each frequency's four taps at their own moments."""
         before: Any = state.memory.kept.get(self.name)
@@ -173,7 +177,7 @@ class MotionArtefact(Effect):
             return
         brighter = np.ascontiguousarray(np.broadcast_to(before[2] / rho, shown))
         interval = (state.stamp - before[0]) * 1e-9
-        duration = self.strength * self.stretch * state.acquisition_seconds
+        duration = self.constants()['stretch'] * state.acquisition_seconds
         taps = TAPS * len(state.shifts)
         moments = on_images(tap_moment)(np.arange(taps), taps, duration / interval, self.stamp_at)
         # Another surface comes into view at an unknown moment between two frames: a random one.

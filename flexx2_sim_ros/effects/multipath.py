@@ -55,6 +55,10 @@ class Multipath(Effect):
 
     gain: float = parameter(1.0, 0.0, 5.0, '', 'factor on the physical strength of the bounce')
 
+    def constants(self) -> dict[str, float]:
+        """Return the factor on the physical strength of the bounce."""
+        return {'gain': self.strength * self.gain}
+
     def apply(self, state: FrameState) -> None:
         """Add the indirect light's phasor; kept while the scene stands still."""
         scene = (state.depth, state.reflectivity)
@@ -74,7 +78,7 @@ class Multipath(Effect):
                 _depths_of_ranges(state.intrinsics),
             )
             state.memory.kept[self.name] = kept
-        factor = np.float32(self.strength * self.gain)
+        (factor,) = self.rounded
         brighter = np.zeros_like(state.amplitude)
         for k, weight, shift, indirect in zip(
             state.wave_numbers, state.weights, state.shifts, kept[2], strict=True

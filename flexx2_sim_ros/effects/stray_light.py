@@ -70,9 +70,13 @@ class StrayLight(Effect):
     )
     width: float = parameter(0.15, 0.02, 1.0, '', 'half-value radius, fraction of the image width')
 
+    def constants(self) -> dict[str, float]:
+        """Return the fraction of the light that is scattered."""
+        return {'share': self.strength * self.share}
+
     def apply(self, state: FrameState) -> None:
         """Add the scattered phasor."""
-        share = np.float32(self.strength * self.share)
+        (share,) = self.rounded
         amplitude = np.zeros_like(state.amplitude)
         for k, weight, shift in zip(state.wave_numbers, state.weights, state.shifts, strict=True):
             direction = phases(state, k, shift)
