@@ -87,7 +87,8 @@ def walk(
         yaw = math.pi * back + generator.uniform(-0.15, 0.15)
         walks.append(_walk_alone(walker, place, yaw, speed, frames, interval))
     qpos, position, turn, heights = zip(*walks, strict=True)
-    return Walk(*(np.stack(one, axis=1) for one in (qpos, position, turn)), np.stack(heights))
+    qpos, position, turn = (np.stack(one, axis=1) for one in (qpos, position, turn))
+    return Walk(qpos, position, turn, np.stack(heights))
 
 
 @dataclass(frozen=True)

@@ -183,7 +183,8 @@ class Camera:
             self._run_stages(views, out)
         else:
             self._run_base_model(views, out)
-        return Frame(*out, views.matrices_given.astype(np.float64))
+        depth, sigma, amplitude, confidence = out
+        return Frame(depth, sigma, amplitude, confidence, views.matrices_given.astype(np.float64))
 
     def reset(self, mask: Any = None) -> None:
         """
