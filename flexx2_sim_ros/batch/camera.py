@@ -7,7 +7,7 @@ from typing import Any
 from flexx2_sim_ros.batch import kernels
 from flexx2_sim_ros.batch.arguments import device_named, environments, mask_of, one_for_each, seeds
 from flexx2_sim_ros.batch.effect_tables import each_environment, noise_row
-from flexx2_sim_ros.batch.exchange import checked, from_warp, stream_of, to_warp
+from flexx2_sim_ros.batch.exchange import checked, from_warp, is_contiguous, stream_of, to_warp
 from flexx2_sim_ros.batch.host import HostCameras, put, without_kernel
 from flexx2_sim_ros.batch.images import Images, Rows
 from flexx2_sim_ros.batch.stages import BatchStages
@@ -209,7 +209,10 @@ class BatchCamera:
         if self._stages is not None or self._host is not None:
             with stream_of(kind, self.device), wp.ScopedDevice(self.device):
                 mask = to_warp(
-                    kind, env_mask, wp.empty(self.num_envs, dtype=wp.bool, device=place)
+                    kind,
+                    env_mask,
+                    wp.bool,
+                    lambda: wp.empty(self.num_envs, dtype=wp.bool, device=place),
                 )
                 if self._host is not None:
                     self._host.forget(mask.numpy())
@@ -256,19 +259,21 @@ class BatchCamera:
                     f'{name}: must be {type(depth).__name__}, as depth is, got '
                     f'{type(more).__name__}'
                 )
-        if out is not None:
-            target = to_warp(kind, out, images.staging)
-            if kind == 'jax' or target is images.staging:
-                raise InputError('out: must be contiguous and writable, got an array that is not')
-        else:
+        if out is None:
             target = wp.empty_like(images.out) if kind == 'jax' else images.out
+        elif kind == 'jax' or not is_contiguous(kind, out):
+            raise InputError('out: must be contiguous and writable, got an array that is not')
+        else:
+            target = to_warp(kind, out, wp.float32, lambda: images.staging)
         with stream_of(kind, self.device), wp.ScopedDevice(self.device):
             self._look(
                 images,
-                to_warp(kind, depth, images.staging).flatten(),
+                to_warp(kind, depth, wp.float32, lambda: images.staging).flatten(),
                 None
                 if reflectivity is None
-                else to_warp(kind, reflectivity, images.more_staging).flatten(),
+                else to_warp(
+                    kind, reflectivity, wp.float32, lambda: images.more_staging
+                ).flatten(),
                 target.flatten(),
             )
         return out if out is not None else from_warp(kind, target)

@@ -1,6 +1,6 @@
 """Arrays of NumPy, torch, JAX and Warp as Warp arrays and back, without a copy."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 import sys
 from typing import Any
@@ -85,7 +85,16 @@ def _device_of(kind: str, value: Any) -> Any:
     return wp.device_from_jax(value.device) if kind == 'jax' else value.device
 
 
-def to_warp(kind: str, value: Any, staging: wp.array) -> wp.array:
+def is_contiguous(kind: str, value: Any) -> bool:
+    """Say whether Warp can use an array of this kind without a copy."""
+    if kind == 'numpy':
+        return bool(value.flags.c_contiguous and value.flags.aligned)
+    if kind == 'torch':
+        return bool(value.is_contiguous())
+    return kind == 'jax' or bool(value.is_contiguous)
+
+
+def to_warp(kind: str, value: Any, dtype: Any, staging: Callable[[], wp.array]) -> wp.array:
     """
     Return an array as a contiguous Warp array: its own memory, or, if need be, a copy.
 
@@ -94,30 +103,32 @@ def to_warp(kind: str, value: Any, staging: wp.array) -> wp.array:
     kind : str
         As `kind_of`.
     value : array
-        Of the shape and dtype of ``staging`` and on its device.
-    staging : warp.array
-        Where an array that is not contiguous is copied to.
+        On Warp's device, see `checked`.
+    dtype : type
+        Warp's, of ``value``.
+    staging : callable
+        Returns the memory that an array that is not contiguous is copied to: of the same shape,
+        dtype and device.
 
     Returns
     -------
     warp.array
 
     """
+    if is_contiguous(kind, value):
+        if kind == 'numpy':
+            return wp.array(value, dtype=dtype, device='cpu', copy=False)
+        if kind == 'torch':
+            return wp.from_torch(value.detach(), dtype=dtype)
+        return wp.from_jax(value, dtype=dtype) if kind == 'jax' else value
+    copy = staging()
     if kind == 'numpy':
-        if value.flags.c_contiguous and value.flags.aligned:
-            return wp.array(value, dtype=staging.dtype, device='cpu', copy=False)
-        np.copyto(staging.numpy(), value)
+        np.copyto(copy.numpy(), value)
     elif kind == 'torch':
-        if value.is_contiguous():
-            return wp.from_torch(value.detach(), dtype=staging.dtype)
-        wp.to_torch(staging).copy_(value.detach())
-    elif kind == 'jax':
-        return wp.from_jax(value, dtype=staging.dtype)
+        wp.to_torch(copy).copy_(value.detach())
     else:
-        if value.is_contiguous:
-            return value
-        wp.copy(staging, value)
-    return staging
+        wp.copy(copy, value)
+    return copy
 
 
 def from_warp(kind: str, array: wp.array) -> Any:
