@@ -7,6 +7,7 @@ The measurements of `_LONG` run when they are named; ``torture`` is all of them.
 import sys
 
 from bench import (
+    agreement,
     arrival,
     batch,
     characterize,
@@ -31,6 +32,7 @@ _ALL = {
     'effects': effects.run,
     'exposure': exposure.run,
     'batch': batch.run,
+    'agreement': agreement.run,
     'closed_loop': closed_loop.run,
     'characterize': characterize.run,
     'gap': gap.run,

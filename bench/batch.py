@@ -1,7 +1,10 @@
 """The cost of many cameras at once: on one core, and on a GPU where there is one."""
 
 from collections.abc import Callable
+from functools import partial
 from itertools import count
+from pathlib import Path
+import resource
 import time
 from typing import Any
 
@@ -14,16 +17,21 @@ import numpy as np
 import warp as wp
 
 _MODE = 'Mode_9_30fps'
-_LARGE = ('time_offset', 'multipath', 'stray_light')  # effects on light of other pixels or times
+_EVERYTHING = 'all effects'
+# Alone: a simple effect, and those on light of other pixels or times.
+_ALONE = ('offset', 'time_offset', 'multipath', 'stray_light')
+_KEEPING = (*_ALONE[1:], 'motion_artefact', 'temporal_filter', 'fixed_pattern')
+_KEPT_ENVS = 256
 _PERIOD = 33_333_333
 _ON_GPU = (64, 1024, 8192)
 _WANTED_SHARE = 0.25
 
 
 def run(rounds: int = 20) -> None:
-    """Print milliseconds, frames a second and ratios."""
+    """Print milliseconds, frames a second, ratios, and memory."""
     wp.config.log_level = wp.LOG_WARNING
     _cpu(64, rounds)
+    _memory()
     if wp.is_cuda_available():
         _gpu(rounds)
     else:
@@ -33,30 +41,25 @@ def run(rounds: int = 20) -> None:
 def _cpu(num_envs: int, rounds: int) -> None:
     scenes = np.stack([room(8 + i % 9) for i in range(num_envs)])
     matrix = flexx2().intrinsics.matrix
-    single = Camera(_MODE, seed=1)
-    batch = BatchCamera(num_envs, _MODE, device='cpu')
-    offset = BatchCamera(num_envs, _MODE, effects={'offset': None}, device='cpu')
-    everything = BatchCamera(num_envs, _MODE, effects=dict.fromkeys(BATCHED), device='cpu')
     moving = [scenes, scenes - np.float32(0.01)]
-    large = {
-        name: BatchCamera(num_envs, _MODE, effects={name: None}, device='cpu') for name in _LARGE
+    sets: dict[str, dict[str, Any]] = {
+        'no effects': {},
+        **{name: {name: None} for name in _ALONE},
+        _EVERYTHING: dict.fromkeys(BATCHED),
     }
-    small = {name: Camera(_MODE, effects={name: None}, seed=1) for name in _LARGE}
+    ticks, turns = count(), count()
 
     def one_by_one(camera: Camera) -> None:
-        for i in range(num_envs):
-            camera.capture(moving[next(turns) % 2][i], matrix, next(ticks) * _PERIOD)
+        now = moving[next(turns) % 2]
+        for scene in now:
+            camera.capture(scene, matrix, next(ticks) * _PERIOD)
 
-    ticks, turns = count(), count()
-    functions: dict[str, Callable[[], object]] = {
-        'one': lambda: [single.capture(scene, matrix, next(ticks)) for scene in scenes],
-        'batch': lambda: batch(scenes),
-        'offset': lambda: offset(scenes),
-        'everything': lambda: everything(scenes),
-    }
-    for name in _LARGE:
-        functions[f'{name}, one'] = lambda name=name: one_by_one(small[name])  # type: ignore
-        functions[f'{name}, batch'] = lambda name=name: large[name](  # type: ignore
+    functions: dict[str, Callable[[], object]] = {}
+    for name, effects in sets.items():
+        alone = Camera(_MODE, effects=effects, seed=1)
+        batch = BatchCamera(num_envs, _MODE, effects=effects, device='cpu')
+        functions[f'{name}, one'] = partial(one_by_one, alone)
+        functions[f'{name}, batch'] = lambda batch=batch: batch(  # type: ignore[misc]
             moving[next(turns) % 2]
         )
     torch = _torch()
@@ -66,22 +69,48 @@ def _cpu(num_envs: int, rounds: int) -> None:
         functions['torch'] = lambda: plain_torch(torch, given, matrix)
     with one_core():
         times = side_by_side(functions, rounds, time.process_time)
-    heading = f'{num_envs} frames of 224 x 172, one core, medians of CPU time'
-    print(f'{heading:58s} ms / frame  / one at a time')
-    for name, text in (
-        ('one', 'one at a time, NumPy and numba (Camera)'),
-        ('batch', 'at once (BatchCamera)'),
-        ('offset', 'at once, one effect on (offset)'),
-        ('everything', f'at once, {len(BATCHED)} effects on'),
-        ('torch', 'plain torch: sigma(z, theta), pixels shifted row by row'),
-    ):
-        if name in times:
-            print(f'{text:58s} {times[name] / num_envs:10.2f} {times[name] / times["one"]:16.2f}')
-    for name in _LARGE:
-        at_once, alone = times[f'{name}, batch'], times[f'{name}, one']
-        text = f'at once, {name}, in scenes that move'
-        print(f'{text:58s} {at_once / num_envs:10.2f} {at_once / alone:16.2f}')
-    print('wanted: at once at most 1 x one at a time, each with the same effects')
+    print(
+        f'{num_envs} frames of 224 x 172 in scenes that move, one core, medians of CPU time in '
+        'milliseconds a frame'
+    )
+    print(f'{"effects":16s} Camera  BatchCamera  / Camera')
+    for name in sets:
+        one, many = (times[f'{name}, {how}'] / num_envs for how in ('one', 'batch'))
+        note = '' if many <= one else '  TOO SLOW'
+        print(f'{name:16s} {one:6.2f} {many:12.2f} {many / one:9.2f}{note}')
+    if torch:
+        plain = times['torch'] / num_envs
+        share = times['no effects, batch'] / num_envs / plain
+        print(
+            f'plain torch (sigma, pixels shifted row by row): {plain:.2f}; without effects '
+            f'BatchCamera / plain torch: {share:.2f}'
+        )
+    print('wanted: / Camera at most 1')
+
+
+def _memory() -> None:
+    # What is kept of an environment: of the process, all cameras kept, beyond an effect that keeps
+    # nothing.
+    clean = np.repeat(room()[None], _KEPT_ENVS, axis=0)
+    shades = np.full_like(clean, 0.5)
+    cameras, taken = [], {}
+    for name in (_EVERYTHING, 'offset', *_KEEPING, 'time_offset, reflectivity'):
+        # The first one compiles.
+        effects = BATCHED if name == _EVERYTHING else (name.split(',')[0],)
+        before = _resident()
+        camera = BatchCamera(_KEPT_ENVS, _MODE, effects=dict.fromkeys(effects), device='cpu')
+        camera(clean, shades if ',' in name else None)
+        cameras.append(camera)
+        taken[name] = (_resident() - before) / _KEPT_ENVS
+    print(f'\nmemory of the process, MB for each of {_KEPT_ENVS} environments beyond offset')
+    for name in (*_KEEPING, 'time_offset, reflectivity'):
+        print(f'{name:26s} {taken[name] - taken["offset"]:6.2f}')
+
+
+def _resident() -> float:
+    # MB.
+    pages = int(Path('/proc/self/statm').read_text().split()[1])
+    return pages * resource.getpagesize() / 1e6
 
 
 def _gpu(rounds: int) -> None:

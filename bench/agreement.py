@@ -1,0 +1,61 @@
+"""How far the frames of `BatchCamera` are from those of `Camera`, on the CPU."""
+
+from typing import Any
+
+from bench.scenes import room
+from flexx2_sim_ros.batch import BatchCamera
+from flexx2_sim_ros.camera import Camera, flexx2
+from flexx2_sim_ros.effects import registry
+import numpy as np
+import warp as wp
+
+_EFFECT_MODES = ('Mode_5_30fps', 'Mode_9_30fps', 'Mode_9_5fps')
+_FRAMES = 3
+_ROUNDING = 1e-6  # metres; float32 at a few metres
+_DECISION = 5e-4  # metres; beyond it an edge moved or a value was rounded the other way
+
+
+def run() -> None:
+    """Print the largest differences, and how many pixels differ by more than rounding."""
+    wp.config.log_level = wp.LOG_WARNING
+    names = list(registry())
+    print(
+        f'{"effects":20s}   pixels   largest difference (mm)   beyond {_ROUNDING * 1e3:g} mm   '
+        f'beyond {_DECISION * 1e3:g} mm or validity differs'
+    )
+    _print('none', flexx2().names, {}, 12)
+    for name in names:
+        _print(name, _EFFECT_MODES, {name: None}, 1)
+    _print('all', _EFFECT_MODES, dict.fromkeys(names), 1)
+
+
+def _print(title: str, modes: tuple[str, ...], effects: dict[str, Any], repeats: int) -> None:
+    differences = np.concatenate(
+        [_differences(modes, effects, seed).ravel() for seed in range(repeats)]
+    )
+    decided = differences > _DECISION  # or infinite
+    print(
+        f'{title:20s} {differences.size:8d} {1e3 * differences[~decided].max():25.4f} '
+        f'{int((differences > _ROUNDING).sum()):17d} {int(decided.sum()):14d}',
+        flush=True,
+    )
+
+
+def _differences(modes: tuple[str, ...], effects: dict[str, Any], seed: int) -> np.ndarray:
+    # (frames, modes, H, W) metres, infinite where only one of the two is valid.
+    count, matrix = len(modes), flexx2().intrinsics.matrix
+    scenes = np.stack([room(8 + (seed + i) % 9) for i in range(count)])
+    shades = np.random.default_rng(seed).uniform(0, 1, scenes.shape).astype(np.float32)
+    shades[:, 60:90] *= 0.02  # a dark stripe
+    batch = BatchCamera(count, modes, effects=effects, seed=seed, device='cpu')
+    cameras = [Camera(mode, effects=effects, seed=seed + i) for i, mode in enumerate(modes)]
+    out = []
+    for frame in range(_FRAMES):
+        clean = scenes - np.float32(0.02 * frame)
+        seen = batch(clean, shades)
+        for i, camera in enumerate(cameras):
+            stamp = frame * round(1e9 / camera.mode.rate_hz)
+            alone = camera.capture(clean[i], matrix, stamp, shades[i]).depth
+            apart = np.abs(np.nan_to_num(seen[i] - alone))
+            out.append(np.where(np.isnan(seen[i]) == np.isnan(alone), apart, np.inf))
+    return np.stack(out)
