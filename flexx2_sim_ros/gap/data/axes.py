@@ -20,13 +20,13 @@ class Axis:
     ----------
     name, unit : str
     edges : tuple of float
-        Between bins, one fewer than bins. Empty where the bins are classes, and in `AXES` where
+        Limits between bins, one fewer than bins. Empty if the bins are classes, and in `AXES` if
         the edges depend on the camera.
     bins : int
     start : int
         Index of its first bin among the bins of all axes.
     full : bool
-        Whether all channels are measured along it. Otherwise bias and invalid pixels only.
+        Whether all channels are measured along it; otherwise only bias and invalid pixels.
 
     """
 
@@ -72,7 +72,7 @@ def _axes(distances: tuple[float, ...], fine: tuple[float, ...]) -> Axes:
 
 # The names and the numbers of bins are the same for all cameras.
 AXES = _axes((), ())
-# Every pixel with a distance is in a bin of each of these.
+# Axes that sort all pixels with a distance, also those at edges and out of range.
 ENDLESS = (
     'all',
     'distance',

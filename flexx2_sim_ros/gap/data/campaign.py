@@ -1,4 +1,4 @@
-"""A folder of recordings: found, checked, brought into the form the diagnosis works on."""
+"""Find the recordings of a campaign, check them and read them for the diagnosis."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -29,7 +29,7 @@ class Found:
     path : pathlib.Path
     mode : Mode
     notes : tuple of str
-        What is not quite right about it.
+        Irregularities of the recording, for people.
 
     """
 
@@ -39,7 +39,7 @@ class Found:
 
 
 def check(path: Path, profile: Profile | None) -> Found | str:
-    """Return a recording that may be used, or why it may not."""
+    """Return the recording if it can be used, otherwise the reason why it cannot."""
     try:
         return _found(open_recording(path, profile=profile), profile)
     except InputError as error:
@@ -126,7 +126,7 @@ def _found(reader: RecordingReader, profile: Profile | None) -> Found:
 
 def read(found: Found, profile: Profile | None, known: Table | None = None) -> RecordingData:
     """
-    Read what the diagnosis needs of a recording: long ones only in part.
+    Read what the diagnosis needs of a recording. Long recordings are read in part.
 
     Parameters
     ----------
@@ -179,7 +179,7 @@ def read(found: Found, profile: Profile | None, known: Table | None = None) -> R
 
 
 def _of_frames(truth: Truth, chosen: np.ndarray) -> Truth:
-    # Of these frames only; a mask that masks nothing is none.
+    # Keep the chosen frames. A mask without unknown pixels is dropped.
     known, sigma = (
         one if one is None or one.ndim < 3 else one[chosen]
         for one in (truth.known, truth.clean_sigma)
@@ -188,7 +188,8 @@ def _of_frames(truth: Truth, chosen: np.ndarray) -> Truth:
 
 
 def _still(truth: Truth) -> Truth:
-    # Of a scene that stands still: known in all frames, as inaccurate as in the worst.
+    # One image for a still scene: a pixel is known if all frames know it, and its sigma is the
+    # largest of all frames.
     known, sigma = truth.known, truth.clean_sigma
     return replace(
         truth,
@@ -203,7 +204,7 @@ def _depths(
     known: np.ndarray | None,
     notes: list[str],
 ) -> tuple[np.ndarray, np.ndarray]:
-    # Measured and clean depth in metres, NaN for what is no distance or unknown.
+    # Measured and clean depth in metres, NaN where a pixel has no distance or is unknown.
     path, mode = found.path, found.mode
     depth = np.concatenate([part.depth[i] for part, i in parts])
     clean = _stack('clean_depth', parts)
@@ -242,7 +243,7 @@ def _reflectivity(
     clean: np.ndarray,
     notes: list[str],
 ) -> np.ndarray | None:
-    # As given, else from the amplitude; 0 where neither says.
+    # The given reflectivity, otherwise the one that the amplitude implies; 0 where unknown.
     path, shape = found.path, clean.shape[-2:]
     reflectivity = _stack('reflectivity', parts)
     if reflectivity is not None:
@@ -268,7 +269,7 @@ def _reflectivity(
 def _filled(
     found: Found, clean: np.ndarray, reflectivity: np.ndarray | None, known: np.ndarray | None
 ) -> tuple[np.ndarray, np.ndarray | None]:
-    # With something in place of what is unknown, to simulate.
+    # Fill unknown pixels: the simulation needs depth everywhere.
     if known is None:
         return clean, reflectivity
     clean = fill(clean, known, found.mode.sensor)
@@ -321,7 +322,8 @@ def _uptime(reader: RecordingReader, chosen: np.ndarray) -> float | None:
 def _in_metres(
     path: Path, depth: np.ndarray, clean: np.ndarray, mode: Mode, notes: list[str]
 ) -> tuple[np.ndarray, np.ndarray]:
-    # Millimetres are known by the other's metres, or by all of it lying far beyond the range.
+    # Depths are in millimetres if they are about a thousand times the other ones, or if both lie
+    # far beyond the range.
     with np.errstate(invalid='ignore', divide='ignore'):
         ratio = depth / clean
     middle = {'depth': _median(depth), 'clean_depth': _median(clean)}
@@ -357,8 +359,8 @@ def _from_amplitude(
     found: Found,
     notes: list[str],
 ) -> np.ndarray | None:
-    # What the surface's reflectivity must be, if full scale (of 8 or 16 bits) is a white pixel of
-    # the camera's own gray image. May exceed 1: the unit is the camera's.
+    # Reflectivity of the surface, if full scale (8 or 16 bits) is a white pixel of the camera's
+    # gray image. It may exceed 1, because the amplitude has the camera's own unit.
     path, sensor = found.path, found.mode.sensor
     if amplitude.dtype.kind in 'iu':
         full = 255.0 if amplitude.dtype.itemsize == 1 else 65535.0

@@ -33,8 +33,8 @@ class PixelCovariates:
     Attributes
     ----------
     runs : numpy.ndarray
-        (N, 3) int16, row by row: pixels of a row that are in the same bin, as first column, column
-        after the last, and bin among the bins of all axes.
+        (N, 3) int16, sorted by row. Each run is a stretch of a row in the same bin: first column,
+        column after the last, and index among the bins of all axes.
     first : numpy.ndarray
         (H + 1,) int32, index of the first run of each row.
     sigma : numpy.ndarray
@@ -44,9 +44,9 @@ class PixelCovariates:
     inside : numpy.ndarray
         (H, W) bool, surfaces away from jumps and sharp bends.
     ray : numpy.ndarray
-        (H, W) float32, length of each pixel's ray, as a multiple of its depth.
+        (H, W) float32, distance along the pixel's ray as a multiple of its depth.
     compared : numpy.ndarray
-        (H, W) bool, pixels that are compared: the ground truth is known there and around them.
+        (H, W) bool, pixels that are compared: ground truth is known at and around them.
 
     """
 
@@ -115,7 +115,7 @@ def look_at(
         if before is not None and interval > 0:
             same = np.abs(clean - before) < BINNING.same_surface * clean
             bins.put('speed', (clean - before) / np.float32(interval), inside & same)
-        # Where the mode should return nothing: there is no surface, or it is out of range.
+        # Pixels that should have no depth: there is no surface, or it is out of range.
         far = (clean > BINNING.beyond * mode.range_max) & (clean > 0)
         no_return = (far | ~(clean > 0)) & (edge < 0) & compared
         bins.put_classes('beyond', far.astype(np.int16), no_return)
@@ -157,7 +157,7 @@ class _Bins:
 def _compared(
     lens: Intrinsics, sensor: Sensor, border: int, known: np.ndarray | None
 ) -> np.ndarray:
-    # (H, W) bool, pixels whose ground truth is good enough for a comparison.
+    # (H, W) bool, pixels that may be compared: not at the border, not outside the lens, known.
     height, width = lens.height, lens.width
     compared = np.zeros((height, width), bool)
     compared[border : height - border, border : width - border] = True
@@ -177,7 +177,7 @@ def _edges_and_surfaces(
     mark_edges(surface.inverse_depth, surface.row_jumps, surface.column_jumps, edge, near)
     mark_creases(surface.inverse_depth, BINNING.crease, near)
     if known is not None:
-        # A jump beside unknown pixels may come from the values that were filled in there.
+        # A jump beside unknown pixels may be an artefact of the filled values.
         edge[~away(known, EDGE_REACH + 1)] = -1
     return edge, ~near
 

@@ -7,7 +7,16 @@ MOST_FRAMES, _SEGMENT = READING.most_frames, READING.segment
 
 
 def choose_frames(count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return which frames of a long recording are looked at, and which of these start afresh."""
+    """
+    Choose the frames of a recording that the diagnosis reads.
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        Indices of the chosen frames; and for each whether it starts a segment, so that it does not
+        follow the chosen frame before it.
+
+    """
     if count <= MOST_FRAMES:
         fresh = np.zeros(count, bool)
         fresh[:1] = True

@@ -1,4 +1,4 @@
-"""Effects taken as given: the base simulator has them, and the diagnosis looks for others."""
+"""Effects taken as given: the base simulator has them; the diagnosis looks for other effects."""
 
 from collections.abc import Mapping
 from dataclasses import replace

@@ -13,10 +13,10 @@ _CREASE_NEAR, _BEND = BINNING.near_crease, np.float32(BINNING.bend)
 @njit(cache=True)
 def put_in_bins(values, where, edges, start, out):
     """
-    Write the bin of each value, ``start`` plus the number of edges below it, where asked for.
+    Write the bin of each value: ``start`` plus the number of edges below it.
 
-    Same as `numpy.searchsorted`, NaN in the last bin. The search starts at the bin of the pixel
-    before, because neighbours are mostly in the same bin.
+    The result is that of `numpy.searchsorted`; NaN is in the last bin. Each search starts at the
+    bin of the previous pixel, because neighbours are mostly in the same bin.
 
     Parameters
     ----------
@@ -29,7 +29,7 @@ def put_in_bins(values, where, edges, start, out):
     start : int
         Index of the first bin.
     out : numpy.ndarray
-        (H, W) int16, changed where ``where`` holds.
+        (H, W) int16, written where ``where`` is True.
 
     """
     i = 0
@@ -47,7 +47,7 @@ def put_in_bins(values, where, edges, start, out):
 @njit(cache=True)
 def runs_of(bins):
     """
-    Return the runs of pixels in a row that are in the same bin.
+    Return runs: stretches of a row whose pixels are in the same bin.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Planes whose place is known within bounds only: how depth changes with their parameters."""
+"""How depth changes with the parameters of planes that are not known exactly."""
 
 from flexx2_sim_ros.camera import Intrinsics
 from flexx2_sim_ros.gap.calibration.data import GROUND_TRUTH
@@ -15,18 +15,18 @@ def plane_shifts(
     clean: np.ndarray, plane: np.ndarray, lens: Intrinsics, count: int, known: np.ndarray
 ) -> np.ndarray:
     """
-    Return what the parameters of planes change of depth.
+    Return the derivatives of depth with respect to the parameters of planes.
 
-    Each plane has three: an offset along its normal, in metres; the normal points away from the
-    camera, so that a positive one is farther; a turn about its first in-plane axis and one about
-    its second, in radians, right-handed. The axes go through the mean of the plane's points. The
-    first is the image's x axis projected onto the plane (the y axis, where the plane faces along
-    x); the second is normal x first.
+    Each plane has three parameters: an offset along its normal in metres, and right-handed turns
+    about its first and second in-plane axis in radians. The normal points away from the camera, so
+    a positive offset moves the plane away. The axes go through the mean of the plane's points. The
+    first axis is the image's x axis projected onto the plane (the y axis if the plane faces along
+    x). The second is the cross product of normal and first axis.
 
     Parameters
     ----------
     clean : numpy.ndarray
-        (H, W) metres, NaN for no return; something that stands in where unknown.
+        (H, W) metres, NaN for no return; unknown pixels are filled.
     plane : numpy.ndarray
         (H, W) uint8: 0 for no plane, k for the k-th.
     lens : Intrinsics
@@ -39,7 +39,7 @@ def plane_shifts(
     Returns
     -------
     numpy.ndarray
-        (3 P, H, W) float32, metres of depth a metre or radian, 0 outside of the plane.
+        (3 P, H, W) float32, metres of depth per metre or radian, 0 outside of the plane.
 
     """
     out = np.zeros((3 * count, *clean.shape), np.float32)

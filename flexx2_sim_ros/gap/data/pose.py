@@ -1,4 +1,4 @@
-"""Where a recording's camera really was: pose errors, found and taken off."""
+"""Errors of a recording's camera pose: how they change depth, and how they are fitted."""
 
 import math
 
@@ -68,7 +68,7 @@ def moved(
 
 def unknown_border(pose: np.ndarray, clean: np.ndarray, K: np.ndarray) -> int:  # noqa: N803
     """
-    Return how wide a border of a moved image is made up, pixels.
+    Return the width of the border of a moved image that the given pose did not show, pixels.
 
     Parameters
     ----------
@@ -103,12 +103,12 @@ def fit_plane_motion(
     profile: Profile,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """
-    Fit the small motion of camera and planes that explains residuals on surfaces, robustly.
+    Fit a small motion of camera and planes to residuals on surfaces, with an M-estimator.
 
     Parameters
     ----------
     residual : numpy.ndarray
-        (N, H, W) mean measured minus clean depth, metres, NaN where not to be used.
+        (N, H, W) mean measured minus clean depth, metres, NaN for pixels that are not used.
     clean, sigma : numpy.ndarray
         (N, H, W) the clean depth and the standard deviation of residuals, metres.
     K : numpy.ndarray
@@ -119,19 +119,18 @@ def fit_plane_motion(
     shifts : numpy.ndarray
         (n - 6, H, W), as from `planes.plane_shifts`.
     others : numpy.ndarray
-        (N, m, H, W) metres: what effects at their typical size would do, so that it is not taken
-        for a motion.
+        (N, m, H, W) metres: change of depth by effects at typical size. They are nuisance
+        parameters, so that an effect is not mistaken for a motion.
     before : numpy.ndarray
-        (n,) the motion that has been found already.
+        (n,) the motion that earlier rounds found.
     profile : Profile
         For its modulation frequencies and thresholds of depth jumps.
 
     Returns
     -------
     tuple of numpy.ndarray
-        (n,) motion, at most three standard deviations; (m,) how many times each of ``others``
-        there is; (n,) what of the motion, with that before, is beyond doubt: with a prior that
-        counts ten times as much.
+        (n,) motion, at most three standard deviations; (m,) amount of each of ``others``; (n,) the
+        whole motion, with that of earlier rounds, under a prior ten times as stiff.
 
     """
     number = len(spread)
@@ -143,7 +142,7 @@ def fit_plane_motion(
         return np.zeros(number), np.zeros(others.shape[1]), before
     rest = number + len(sizes)
     usual = np.concatenate([sizes, np.full(len(A) - rest, REGISTRATION.amounts)])
-    # In units of the priors' standard deviations, so that one ridge holds all of them.
+    # In units of the priors' standard deviations, so that one ridge fits all of them.
     A = np.concatenate([spread.T @ A[:number], A[number:] * usual[:, None]])  # noqa: N806
     ridge = REGISTRATION.ridge * len(b) * np.eye(len(A))
     motion, weight, normal = _reweighted_least_squares(A, b, ridge)
@@ -167,7 +166,7 @@ def _weighted_design(
     others: np.ndarray,
     profile: Profile,
 ) -> tuple[np.ndarray, np.ndarray]:
-    # (columns, pixels) design and (pixels,) residuals of every second pixel, in sigma.
+    # (columns, pixels) design matrix and (pixels,) residuals of every second pixel, in sigma.
     designs: list[np.ndarray] = []
     values: list[np.ndarray] = []
     for error, depth, noise, other in zip(residual, clean, sigma, others, strict=True):
@@ -197,7 +196,7 @@ def _reweighted_least_squares(
     b: np.ndarray,
     ridge: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    # Coefficients with a Cauchy loss that narrows; the last weights and normal matrix.
+    # Coefficients under a Cauchy loss whose scale shrinks; the last weights and normal matrix.
     coefficients = np.zeros(len(A))
     scale, shrink, last = REGISTRATION.scales
     for _ in range(REGISTRATION.iterations):
@@ -213,7 +212,8 @@ def _others(
     K: np.ndarray,  # noqa: N803
     modulation_hz: list[float],
 ) -> np.ndarray:
-    # Of every other row and column, as below.
+    # Nuisance columns of every second row and column: constant along the axis and the ray, log of
+    # distance, and the fourth harmonic of each modulation frequency.
     length, depth = ray_length(K, depth.shape)[::2, ::2], depth[::2, ::2]
     periods = [round(SPEED_OF_LIGHT / (8 * f), 4) for f in modulation_hz]
     turns = [2 * math.pi * depth * length / period for period in periods]
@@ -228,8 +228,8 @@ def _others(
 
 
 def _design(depth: np.ndarray, K: np.ndarray, sensor: Sensor) -> np.ndarray:  # noqa: N803
-    # (6, H, W) metres a metre and a degree: a plane n . X = 1 seen from t, turned by w, is at
-    # z - z n . t - z^2 w . (ray x n).
+    # (6, H, W) metres per metre and per degree. A plane n . X = 1, seen from a camera moved by t
+    # and turned by w, has the depth z - z n . t - z^2 w . (ray x n).
     inverse, across, down = tangents(depth, sensor)
     here, across, down = inverse[2:-2:2, 2:-2:2], across[::2, ::2], down[::2, ::2]
     height, width = depth.shape
@@ -244,7 +244,7 @@ def _design(depth: np.ndarray, K: np.ndarray, sensor: Sensor) -> np.ndarray:  # 
 
 
 def pose_effects(index: int, sign: int, size: float | None = None) -> tuple[PoseError]:
-    """Return the effect that moves the camera by one small step, or by a size of one's own."""
+    """Return the effect that moves the camera along one axis, by `size` or by one step."""
     values = np.zeros(6)
     values[index] = sign * (STEPS[index] if size is None else size)
     return (PoseError(1.0, *(float(v) for v in values)),)

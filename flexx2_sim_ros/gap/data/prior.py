@@ -1,4 +1,4 @@
-"""What is known beforehand of a recording's own errors: its pose and its planes."""
+"""The prior of a recording's own errors: errors of its pose and of its planes."""
 
 from flexx2_sim_ros.gap.calibration.data import GROUND_TRUTH
 from flexx2_sim_ros.recording.truth import Truth
@@ -9,18 +9,17 @@ POSE = 6
 
 def covariance_of(truth: Truth, usual: np.ndarray) -> np.ndarray | None:
     """
-    Return the covariance of a recording's own errors, if its ground truth says anything of it.
+    Return the prior covariance of a recording's own errors, if its ground truth gives one.
 
-    Planes are given in the camera's frame, so that an error of the pose is an error of the planes:
-    with planes and without a covariance of its own, the pose is taken for exact.
+    Planes are given in the camera's frame, so an error of the pose is an error of the planes. The
+    pose is therefore exact if the recording has planes and no covariance of the pose.
 
     Parameters
     ----------
     truth : Truth
         The recording's.
     usual : numpy.ndarray
-        (6,) standard deviations of a pose, metres and degrees: of one whose covariance is not
-        given.
+        (6,) standard deviations of a pose whose covariance is not given, metres and degrees.
 
     Returns
     -------
@@ -43,7 +42,7 @@ def covariance_of(truth: Truth, usual: np.ndarray) -> np.ndarray | None:
 
 
 def factor(covariance: np.ndarray) -> np.ndarray:
-    """Return F with F F' = covariance, (n, n); columns of fixed directions are zero."""
+    """Return F with F F' = covariance, (n, n). Columns of directions without variance are zero."""
     size = np.sqrt(np.maximum(np.diag(covariance), 0))
     size = np.where(size > 0, size, 1)
     values, vectors = np.linalg.eigh(covariance / np.outer(size, size))

@@ -1,4 +1,4 @@
-"""A recording, and where its camera must have been."""
+"""A recording, and the pose of its camera that explains it best."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ _LATE, _LATEST = REGISTRATION.late, REGISTRATION.latest
 @dataclass(frozen=True)
 class RecordingData:
     """
-    What is needed of a recording.
+    What the diagnosis needs of a recording.
 
     Attributes
     ----------
@@ -38,7 +38,7 @@ class RecordingData:
     stamp : numpy.ndarray
         (T,) int64 nanoseconds.
     fresh : numpy.ndarray
-        (T,) bool, frames that do not follow the one before.
+        (T,) bool, frames that do not directly follow the frame before them.
     uptime : float or None
         Seconds since power-on at the first of the frames.
     mode : Mode
@@ -46,9 +46,9 @@ class RecordingData:
     notes : tuple of str
         What was converted or assumed.
     truth : Truth
-        How well ``clean`` is known. Where it is not (``truth.known``), it only stands in.
+        How well ``clean`` is known. Where it is unknown (``truth.known``), it is filled.
     plane_shifts : numpy.ndarray or None
-        As from `planes.plane_shifts`, where there are planes.
+        As from `planes.plane_shifts`; None without planes.
     given : tuple of Effect
         Effects that the base simulator has, as from `given.given_effects`.
 
@@ -83,7 +83,7 @@ class RecordingData:
 @dataclass(frozen=True)
 class Placed:
     """
-    A recording's scene as its camera saw it from where it really was.
+    A recording's scene from the fitted pose of its camera.
 
     Attributes
     ----------
@@ -94,7 +94,7 @@ class Placed:
     known : numpy.ndarray or None
         (H, W) or (T, H, W) bool, where ``clean`` is known; None for everywhere.
     border : int
-        Pixels at the image's border that only stand in.
+        Width of the image's border that is filled because the given pose did not show it, pixels.
 
     """
 
@@ -106,15 +106,15 @@ class Placed:
 
 def place(recording: RecordingData, motion: np.ndarray) -> Placed:
     """
-    Return a recording's scene from another pose, its planes where they really are.
+    Return a recording's scene from another pose and with its planes moved.
 
     Parameters
     ----------
     recording : RecordingData
         The recording.
     motion : numpy.ndarray
-        (6 + 3 P,) metres and degrees by which its camera really was moved; metres and radians by
-        which its planes were.
+        (6 + 3 P,) by which the camera is moved, metres and degrees, and the planes, metres and
+        radians.
 
     """
     K, mode, pose = recording.K, recording.mode, motion[:POSE]  # noqa: N806
@@ -139,7 +139,7 @@ def _with_planes(recording: RecordingData, motion: np.ndarray) -> np.ndarray:
 def _known_from(
     known: np.ndarray | None, clean: np.ndarray, recording: RecordingData, pose: np.ndarray
 ) -> np.ndarray | None:
-    # A mask moves with the surfaces, as reflectivity does.
+    # The mask moves with the surfaces, like reflectivity.
     if known is None or not pose.any():
         return known
     mask = np.broadcast_to(known, clean.shape).astype(np.float32)
@@ -162,8 +162,8 @@ def register(recording: RecordingData, prior: np.ndarray) -> tuple[np.ndarray, n
     Returns
     -------
     tuple of numpy.ndarray
-        (6 + 3 P,) metres and degrees of the camera, metres and radians of the P planes; and what
-        of it is beyond doubt.
+        (6 + 3 P,) motion: metres and degrees of the camera, metres and radians of the P planes;
+        and the part of it that remains under a prior ten times as stiff.
 
     """
     still = recording.clean.ndim == 2
@@ -199,7 +199,7 @@ def register(recording: RecordingData, prior: np.ndarray) -> tuple[np.ndarray, n
             recording.mode,
             motion[:POSE],
         )
-        if not others:  # A small motion hardly changes them.
+        if not others:  # Computed once: a small motion hardly changes them.
             others, given = _typical_biases(recording, clean, reflectivity, chosen)
         late = [] if still else [_late(recording, chosen, lateness)]
         step, amounts, sure = fit_plane_motion(
@@ -226,8 +226,8 @@ def _residuals(
     motion: np.ndarray,
     given: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    # (N, H, W) each: measured less clean depth, NaN where not to be used; clean depth; sigma.
-    # What the given effects change, (N, H, W), is no error.
+    # (N, H, W) each: measured minus clean depth, NaN for pixels that are not used; clean depth;
+    # sigma. The change by the given effects, (N, H, W), is subtracted.
     still, count = clean.ndim == 2, len(recording.depth)
     known, accuracy = (
         one if one is None or one.ndim < 3 else one[list(chosen)]
@@ -260,7 +260,7 @@ def _residuals(
 
 
 def _shown(recording: RecordingData, chosen: Sequence[int], lateness: float) -> np.ndarray:
-    # (N, H, W) clean depth as it was so many seconds before the stamps.
+    # (N, H, W) clean depth `lateness` seconds before the stamps.
     out = []
     for t in chosen:
         moment = int(recording.stamp[t]) - round(lateness * 1e9)
@@ -279,7 +279,7 @@ def _shown(recording: RecordingData, chosen: Sequence[int], lateness: float) -> 
 
 
 def _late(recording: RecordingData, chosen: Sequence[int], lateness: float) -> np.ndarray:
-    # (N, H, W) metres, what being later by _LATE changes.
+    # (N, H, W) metres, change of depth by a time offset of _LATE.
     reach = _LATE / 2
     before, after = (_shown(recording, chosen, lateness + sign * reach) for sign in (1, -1))
     with np.errstate(invalid='ignore'):
@@ -293,7 +293,8 @@ def _typical_biases(
     reflectivity: np.ndarray | None,
     chosen: Sequence[int],
 ) -> tuple[list[np.ndarray], np.ndarray]:
-    # (N, H, W) metres each, without any noise of their own; and what the given effects change.
+    # (N, H, W) metres each: change of depth by effects at typical size, from common random
+    # numbers; and the change by the given effects.
     common = CommonRandomNumbers(
         base_camera(recording.mode, recording.profile, 0, recording.name),
         clean,
@@ -310,7 +311,7 @@ def _typical_biases(
 
 
 def _like_a_pose(modulation: bool) -> list[dict[str, dict[str, float]]]:
-    # What else shifts whole surfaces: by light first, then by geometry.
+    # Effects that also shift whole surfaces: effects on light first, then on geometry.
     kinds = sorted(registry().values(), key=lambda kind: -kind.stage)
     return [
         {kind.name: dict(values)}

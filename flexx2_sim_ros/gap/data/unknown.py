@@ -1,4 +1,4 @@
-"""Pixels whose ground truth is unknown: filled for simulation, never judged."""
+"""Pixels whose ground truth is unknown: filled for the simulation, never compared."""
 
 from flexx2_sim_ros.gap.calibration.data import GROUND_TRUTH
 from flexx2_sim_ros.physics.surface import NEAREST, PAD, tangents
@@ -9,7 +9,7 @@ from scipy import ndimage
 
 def fill(clean: np.ndarray, known: np.ndarray, sensor: Sensor) -> np.ndarray:
     """
-    Continue the nearest known surface, or no return, into the unknown.
+    Fill unknown pixels: continue the nearest known surface, or its absence.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ def fill(clean: np.ndarray, known: np.ndarray, sensor: Sensor) -> np.ndarray:
 
 
 def nearest(values: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """Return (..., H, W) values in which an unknown pixel has that of the nearest known one."""
+    """Return (..., H, W) values; an unknown pixel gets the value of the nearest known pixel."""
     if values.ndim == 3:
         masks = np.broadcast_to(known, values.shape)
         return np.stack([nearest(*one) for one in zip(values, masks, strict=True)])
@@ -57,7 +57,7 @@ def _fill(clean: np.ndarray, known: np.ndarray, sensor: Sensor) -> np.ndarray:
     inverse, across, down = tangents(seen, sensor)
     row, column = _nearest(known)
     v, u = np.mgrid[: clean.shape[0], : clean.shape[1]]
-    # Not farther: the slope at a border is known from a few pixels only.
+    # The slope is not continued farther, because it comes from a few pixels at the border.
     reach = GROUND_TRUTH.continued
     here = inverse[PAD:-PAD, PAD:-PAD][row, column]
     step_x, step_y = (np.clip(n, -reach, reach) for n in (u - column, v - row))
@@ -71,17 +71,17 @@ def _fill(clean: np.ndarray, known: np.ndarray, sensor: Sensor) -> np.ndarray:
 
 def judged(known: np.ndarray, near: int) -> np.ndarray:
     """
-    Return the pixels that may be compared: known, with nothing unknown where it matters.
+    Return the pixels that may be compared: known pixels that are far enough from unknown ones.
 
-    Around an unknown pixel its 8 neighbours are left out; around unknown areas 3 pixels wide or
-    more, in which an object could be, ``near`` pixels, as around depth jumps.
+    The 8 neighbours of each unknown pixel are left out. An unknown area that is at least 3 pixels
+    wide may hide an object with a depth jump, so ``near`` pixels around it are left out.
 
     Parameters
     ----------
     known : numpy.ndarray
         (H, W) bool.
     near : int
-        Pixels from a depth jump that are not looked at as surfaces.
+        Distance from a depth jump within which pixels do not count as surface, pixels.
 
     Returns
     -------
@@ -103,7 +103,7 @@ def judged(known: np.ndarray, near: int) -> np.ndarray:
 
 
 def away(known: np.ndarray, reach: int) -> np.ndarray:
-    """Return the (H, W) pixels that have nothing unknown within ``reach`` pixels."""
+    """Return the (H, W) pixels without an unknown pixel within ``reach`` pixels."""
     if known.all():
         return known
     square = np.ones((3, 3), bool)
