@@ -82,7 +82,9 @@ def _record(path: Path, board: Board, bias: float, rng: np.random.Generator) -> 
 
 def _diagnosis(folder: Path, lens_error: float) -> str:
     out = folder / str(lens_error)
-    request = BoardRequest((folder / 'in',), folder / 'target.yaml', out, lens_error=lens_error)
+    request = BoardRequest(
+        recordings=(folder / 'in',), board=folder / 'target.yaml', out=out, lens_error=lens_error
+    )
     residuals = [row['residual_mm'] for row in make_board_truth(request)['recordings']]
     found = diagnose(out)
     cells = [
