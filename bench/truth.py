@@ -4,13 +4,16 @@ How accurate ground truth from a scan is, and what it costs: ``python -m bench.t
 A blind camera records a furnished room. Each line: an effect, the median pose error of poses
 fitted alone and of poses fitted together with shared errors, and the part of the effect that the
 poses took away (1: all of it is hidden in the poses, 0: nothing), from starts 5 cm and 3 degrees
-off and from no pose at all.
+off and from no pose at all. Costs come first; ``--costs`` prints nothing else, and ``--meshes``
+prints time and memory of meshes of 0.2 to 5 million triangles.
 """
 
+import argparse
 from collections.abc import Callable
 from dataclasses import dataclass
+import multiprocessing
 from pathlib import Path
-import sys
+import resource
 import tempfile
 import time
 from typing import Any
@@ -37,6 +40,8 @@ EFFECTS: dict[str, dict[str, float]] = {
     'flying pixels': {'flying_pixels': 1.0},
     'wraps': {'range_wrap': 1.0},
 }
+# Metres: longest edges of meshes of about 0.2, 1 and 5 million triangles.
+LONGEST = 0.0735, 0.033, 0.0149
 _LOST = 0.3  # fraction of the pixels, for the line "30 % dropout"
 
 
@@ -137,20 +142,42 @@ def _drop(folder: Path, rng: np.random.Generator) -> None:
 
 
 def costs() -> None:
-    """Print what each part costs one core, for 224 x 172 pixels."""
+    """Print what each part costs one core, for 224 x 172 pixels and 200,000 triangles."""
     camera = ScannedCamera(1, {})
     with tempfile.TemporaryDirectory() as text:
         folder = Path(text)
         camera.record(folder)
-        for longest in (0.052, 0.017):
-            path = folder / f'{longest}.ply'
-            write_mesh(camera.solids, path, longest)
-            room, seconds = _timed(load_room, path)
-            count = room.triangles
-            print(f'{count:,} triangles: loaded and built in {seconds:.2f} s', end='')
-            print(f', {seconds / count * 1e6:.1f} us a triangle')
-            if longest > 0.02:
-                _still(folder, camera, path)
+        path = folder / 'room.ply'
+        write_mesh(camera.solids, path, LONGEST[0])
+        print(f'{load_room(path).triangles:,} triangles')
+        _still(folder, camera, path)
+
+
+def meshes() -> None:
+    """Print time and memory of loading meshes, each in a process of its own."""
+    print('| triangles | s | us a triangle | GB | kB a triangle |')
+    print('|---|---|---|---|---|')
+    spawn = multiprocessing.get_context('spawn')
+    solids = ScannedCamera(1, {}, recordings=1, frames=1).solids
+    with tempfile.TemporaryDirectory() as text:
+        for longest in LONGEST:
+            path = Path(text) / 'room.ply'
+            write_mesh(solids, path, longest)
+            with spawn.Pool(1) as pool:
+                count, seconds, taken = pool.apply(_load, (path,))
+            print(
+                f'| {count:,} | {seconds:.1f} | {seconds / count * 1e6:.1f} | {taken / 1e9:.2f} | '
+                f'{taken / count / 1e3:.2f} |',
+                flush=True,
+            )
+
+
+def _load(path: Path) -> tuple[int, float, int]:
+    # Triangles, seconds of a core, and bytes at the peak beyond what the imports take.
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    room, seconds = _timed(load_room, path)
+    taken = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before
+    return room.triangles, seconds, taken * 1024
 
 
 def _still(folder: Path, camera: ScannedCamera, path: Path) -> None:
@@ -180,7 +207,6 @@ def _timed(work: Callable[..., Any], *given: Any) -> tuple[Any, float]:
 
 def main(seeds: int) -> None:
     """Print the table."""
-    costs()
     print('effect, start: found | mm alone, joint | absorbed alone, joint | s | offset mm')
     for guessed in (True, False):
         for name, effects in {**EFFECTS, '30 % dropout': {}}.items():
@@ -195,4 +221,14 @@ def main(seeds: int) -> None:
 
 
 if __name__ == '__main__':
-    main(int(sys.argv[1]) if len(sys.argv) > 1 else 2)
+    parser = argparse.ArgumentParser(description='Measure ground truth from a scan.')
+    parser.add_argument('seeds', nargs='?', type=int, default=2, help='rooms')
+    parser.add_argument('--costs', action='store_true', help='print costs only')
+    parser.add_argument('--meshes', action='store_true', help='print costs of large meshes only')
+    given = parser.parse_args()
+    if given.meshes:
+        meshes()
+    else:
+        costs()
+        if not given.costs:
+            main(given.seeds)
