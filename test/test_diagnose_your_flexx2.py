@@ -1,0 +1,93 @@
+"""Every command of the page "Diagnose your Flexx2", in its order, on a stand-in of a camera."""
+
+import json
+from pathlib import Path
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+
+from bench.stand_in import DRIVER
+from flexx2_sim_ros.cli.main import main
+from flexx2_sim_ros.validation.blind.meshes import write_mesh
+from flexx2_sim_ros.validation.blind.scanned import ScannedCamera
+import numpy as np
+from programs import first_line
+import pytest
+
+pytestmark = pytest.mark.usefixtures('ros')
+
+ROOT = Path(__file__).parent.parent
+PAGE = (ROOT / 'docs' / 'diagnose_your_flexx2.md').read_text(encoding='utf-8')
+COMMANDS = [
+    line
+    for block in re.findall(r'```bash\n(.*?)```', PAGE, re.DOTALL)
+    for line in block.splitlines()
+]
+# Views of a folder that are recorded over topics, by the name of the bag; the other views are
+# written as bags that are equal (`python -m bench.gap_end_to_end` compares the two).
+PLACES = {'recordings/corner': range(4), 'fresh/window': range(4, 6)}
+
+
+@pytest.fixture(scope='module')
+def views(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Write what a camera with a temporal filter sees in six places, and the room's scan."""
+    folder = tmp_path_factory.mktemp('views')
+    camera = ScannedCamera(5, {'temporal_filter': 1.0}, 6, 8, width=112, height=86)
+    camera.record(folder)
+    for path in folder.glob('*.npz'):
+        with np.load(path, allow_pickle=False) as archive:
+            arrays = {key: archive[key] for key in ('depth', 'K', 'stamp', 'usecase')}
+            gray = np.clip(archive['amplitude'], 0, 255).astype(np.uint8)
+        np.savez(path, **arrays, amplitude=np.broadcast_to(gray, arrays['depth'].shape))
+    write_mesh(camera.solids, folder / 'room.ply')
+    return folder
+
+
+def record(words: list[str], views: Path, env: dict[str, str]) -> None:
+    """Run the command while the stand-in publishes one view; write the other bags."""
+    first, *others = PLACES[words[1]]
+    env = env | {'COLUMNS': '200'}  # so that no topic's name is folded
+    stand_in = [sys.executable, '-m', 'bench.stand_in', str(views / f'{first}.npz')]
+    with subprocess.Popen(stand_in, env=env) as driver:
+        flexx2 = [sys.executable, '-m', 'flexx2_sim_ros.cli.main']
+        done = subprocess.run(
+            [*flexx2, *words], env=env, capture_output=True, text=True, timeout=120, check=False
+        )
+        driver.terminate()
+    assert done.returncode == 0, done.stderr
+    for topic in ('depth_image_0', 'gray_image_0', 'camera_info'):
+        assert f'/{DRIVER}/{topic}' in done.stdout
+    assert '0 messages lost' in done.stdout
+    for number in others:
+        bag = Path(words[1]).with_name(f'view{number}')
+        assert main(['convert', str(views / f'{number}.npz'), str(bag), '--camera', DRIVER]) == 0
+
+
+def test_every_command_leads_to_the_next(
+    views: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, child_env: dict[str, str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(views / 'room.ply', tmp_path)
+    for command in COMMANDS:
+        program, *words = shlex.split(command)
+        if program == 'mkdir':
+            Path(*words).mkdir()
+        elif words[0] == 'record':
+            record(words, views, child_env)
+        elif program == 'flexx2':
+            # Two processes would take longer to start than they save.
+            alone = ['--jobs', '1'] if words[0] == 'gap' and words[1] != 'plan' else []
+            assert main([*words, *alone]) == 0, command
+        else:
+            assert words[:3] == ['run', 'flexx2_sim_ros', 'flexx2_camera']
+            node = [sys.executable, '-m', 'flexx2_sim_ros.nodes.flexx2_camera', *words[3:]]
+            assert '[INFO]' in first_line(node, tmp_path)
+    table = json.loads((tmp_path / 'diagnosis' / 'diagnosis.json').read_text())
+    assert [row['name'] for row in table['effects']] == ['temporal_filter']
+    assert json.loads((tmp_path / 'diagnosis' / 'check.json').read_text())['holds']
+    for page in ('plan/plan.html', 'campaign/truth.html', 'diagnosis/report.html'):
+        assert (tmp_path / page).is_file()
+    with np.load(tmp_path / 'simulated.npz', allow_pickle=False) as simulated:
+        assert 'temporal_filter' in str(simulated['effects'])
