@@ -90,13 +90,14 @@ def _diagnosis(folder: Path, lens_error: float) -> str:
     cells = [
         f'{min(residuals):.1f} to {max(residuals):.1f}',
         found['verdict'],
-        ', '.join(map(_named, found['effects'])),
+        ', '.join(map(named, found['effects'])),
         ', '.join(row['name'] for row in found['not_decidable']),
     ]
     return ' | '.join(cells)
 
 
-def _named(effect: dict[str, Any]) -> str:
+def named(effect: dict[str, Any]) -> str:
+    """Return an effect of a diagnosis and its parameters in words."""
     numbers = ', '.join(f'{name} {value:.3g}' for name, value in effect['parameters'].items())
     return f'{effect["name"]} ({numbers})'
 

@@ -4,7 +4,21 @@ from pathlib import Path
 import re
 from typing import Any
 
-from flexx2_sim_ros.camera import Camera, flexx2
+from bench.planes import (
+    corner,
+    describe,
+    FRAMES,
+    HEIGHT,
+    K,
+    LASER,
+    MODE,
+    NAMES,
+    record,
+    seen,
+    VIEWS,
+    WIDTH,
+)
+from flexx2_sim_ros.camera import Camera
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.effects import registry
 from flexx2_sim_ros.errors import InputError
@@ -18,92 +32,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 import yaml
 
-MODE = 'Mode_9_30fps'
-WIDTH, HEIGHT, FRAMES = 112, 86, 8
-K = flexx2().intrinsics.matrix.copy()
-K[:2] *= 0.5
-V, U = np.mgrid[:HEIGHT, :WIDTH]
-RAYS = np.stack([U, V, np.ones_like(U)], axis=-1) @ np.linalg.inv(K).T
-# Where the camera stands and looks: turn, tilt and roll in degrees; distances of left wall, right
-# wall and floor in metres.
-VIEWS = (
-    ((5, -22, 2), (0.9, 1.0, 0.6)),
-    ((-6, -30, -4), (1.1, 1.2, 0.7)),
-    ((12, -26, 5), (1.2, 1.5, 0.9)),
-    ((0, -35, 0), (1.6, 1.4, 1.0)),
-    ((-8, -24, 8), (0.7, 0.9, 0.5)),
-)
-NAMES = 'left', 'right', 'floor'
 KEPT = 'offset', 'wiggling', 'multipath', 'pose_error'
 # Few effects make a diagnosis short.
 WITHOUT = [name for name in registry() if name not in KEPT]
-LASER = 0.001  # metres
-
-
-def corner(turn: float, tilt: float, roll: float) -> np.ndarray:
-    """Return the (3, 3) normals of a room's corner that the camera looks into."""
-    half = np.sqrt(0.5)
-    normals = np.array([[-half, 0, half], [half, 0, half], [0, 1, 0]])
-    turned = Rotation.from_euler('yxz', [turn, -tilt, roll], degrees=True).as_matrix()
-    return np.asarray(normals @ turned.T)
-
-
-def seen(normals: np.ndarray, distances: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Return depth and which plane it is of, (H, W) each."""
-    along = RAYS @ normals.T
-    with np.errstate(divide='ignore'):
-        depth = np.where(along > 0, np.array(distances) / along, np.inf)
-    return depth.min(axis=-1).astype(np.float32), depth.argmin(axis=-1)
-
-
-def record(
-    folder: Path, offset: float = 0.0, views: Any = VIEWS, reflectivity: float = 0.6
-) -> Path:
-    """Write a recording of each view."""
-    folder.mkdir()
-    effects = (registry()['offset'].from_mapping({'bias': offset}),) if offset else ()
-    for i, (turns, distances) in enumerate(views):
-        clean, _ = seen(corner(*turns), distances)
-        camera = Camera(MODE, effects=effects, seed=i)
-        albedo = np.full_like(clean, reflectivity)
-        stamp = np.arange(FRAMES) / 30
-        depth = camera.capture(clean, K, stamp, albedo).depth
-        content = {'depth': depth, 'K': K, 'stamp': stamp, 'usecase': MODE}
-        np.savez(folder / f'corner{i}.npz', **content, reflectivity=albedo)
-    return folder
-
-
-def boxes(normals: np.ndarray, distances: Any) -> list[list[int]]:
-    """Return a part of each plane, as a person would draw it."""
-    _, which = seen(normals, distances)
-    out = []
-    for k in range(len(normals)):
-        v, u = (round(float(np.median(side[which == k]))) for side in (V, U))
-        out.append([u - 3, v - 3, u + 3, v + 3])
-    return out
-
-
-def describe(path: Path, taped: bool, square: bool = True, **changes: Any) -> Path:
-    """Write what people measured of all views; the laser is wrong by its standard deviation."""
-    rng = np.random.default_rng(3)
-    recordings = {}
-    for i, (turns, distances) in enumerate(VIEWS):
-        rows = {}
-        for name, box, distance in zip(
-            NAMES, boxes(corner(*turns), distances), distances, strict=True
-        ):
-            rows[name] = {'box': box}
-            if taped:
-                told = distance + LASER * rng.standard_normal()
-                rows[name]['distance'] = f'{told:.4f} +- {LASER}'
-        recordings[f'corner{i}'] = rows
-    planes: list[dict[str, Any]] = [{'name': name, 'flat': 0} for name in NAMES]
-    if square:
-        planes[0]['angles'] = {'right': '90 +- 0.2', 'floor': '90 +- 0.2'}
-        planes[1]['angles'] = {'floor': '90 +- 0.2'}
-    content = {'schema': 1, 'planes': planes, 'recordings': recordings, **changes}
-    path.write_text(yaml.safe_dump(content))
-    return path
 
 
 def make(recordings: Path, planes: Path, out: Path) -> dict[str, Any]:
@@ -123,7 +54,7 @@ def biased(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_measured_planes_decide_an_offset(biased: Path, tmp_path: Path) -> None:
-    table = make(biased, describe(tmp_path / 'planes.yaml', taped=True), tmp_path / 'out')
+    table = make(biased, describe(tmp_path / 'planes.yaml', taped=LASER), tmp_path / 'out')
     assert table['kind'] == 'planes'
     assert [row['verdict'] for row in table['recordings']] == ['used'] * len(VIEWS)
     assert 'offset' not in [row['effect'] for row in table['cannot_decide']]
@@ -137,7 +68,7 @@ def test_planes_without_a_distance_leave_the_offset_open(
     camera: str, tmp_path: Path, request: pytest.FixtureRequest
 ) -> None:
     folder = request.getfixturevalue(camera)
-    table = make(folder, describe(tmp_path / 'planes.yaml', taped=False), tmp_path / 'out')
+    table = make(folder, describe(tmp_path / 'planes.yaml', taped=None), tmp_path / 'out')
     assert {'offset', 'pose_error'} <= {row['effect'] for row in table['cannot_decide']}
     found = diagnose(tmp_path / 'out', without=WITHOUT)
     assert found['verdict'] == 'not_decidable'
@@ -146,14 +77,14 @@ def test_planes_without_a_distance_leave_the_offset_open(
 
 
 def test_measured_planes_of_a_right_camera_are_no_false_alarm(plain: Path, tmp_path: Path) -> None:
-    make(plain, describe(tmp_path / 'planes.yaml', taped=True), tmp_path / 'out')
+    make(plain, describe(tmp_path / 'planes.yaml', taped=LASER), tmp_path / 'out')
     found = diagnose(tmp_path / 'out', without=WITHOUT)
     assert found['verdict'] in ('none', 'not_decidable')
     assert found['effects'] == []
 
 
 def test_planes_are_labelled_and_lie_where_the_laser_says(biased: Path, tmp_path: Path) -> None:
-    make(biased, describe(tmp_path / 'planes.yaml', taped=True), tmp_path / 'out')
+    make(biased, describe(tmp_path / 'planes.yaml', taped=LASER), tmp_path / 'out')
     for i, (turns, distances) in enumerate(VIEWS):
         clean, which = seen(corner(*turns), distances)
         with np.load(tmp_path / 'out' / f'corner{i}.npz') as file:
@@ -210,7 +141,7 @@ def test_the_command_warns_of_a_frontal_wall(
 def test_planes_that_were_found_before_an_interruption_are_not_searched_again(
     plain: Path, tmp_path: Path
 ) -> None:
-    planes = describe(tmp_path / 'planes.yaml', taped=True)
+    planes = describe(tmp_path / 'planes.yaml', taped=LASER)
     out = tmp_path / 'out'
     request = PlaneRequest(recordings=(plain,), planes=planes, out=out)
 

@@ -1,0 +1,156 @@
+"""
+What planes that people measured tell of an offset: ``python -m bench.planes``.
+
+Five views of a simulated corner of 112 x 86 pixels. Each line: the camera's offset, what was
+measured of the planes, and the diagnosis with all effects: its verdict, the effects that it names
+with their parameters, and what it cannot decide.
+"""
+
+from pathlib import Path
+import tempfile
+from typing import Any
+
+from bench.board import named
+from flexx2_sim_ros.camera import Camera, flexx2
+from flexx2_sim_ros.effects import registry
+from flexx2_sim_ros.gap import diagnose
+from flexx2_sim_ros.truth import make_plane_truth, PlaneRequest
+import numpy as np
+from scipy.spatial.transform import Rotation
+import yaml
+
+MODE = 'Mode_9_30fps'
+WIDTH, HEIGHT, FRAMES = 112, 86, 8
+K = flexx2().intrinsics.matrix.copy()
+K[:2] *= 0.5
+V, U = np.mgrid[:HEIGHT, :WIDTH]
+RAYS = np.stack([U, V, np.ones_like(U)], axis=-1) @ np.linalg.inv(K).T
+# Where the camera stands and looks: turn, tilt and roll in degrees; distances of left wall, right
+# wall and floor in metres.
+VIEWS = (
+    ((5, -22, 2), (0.9, 1.0, 0.6)),
+    ((-6, -30, -4), (1.1, 1.2, 0.7)),
+    ((12, -26, 5), (1.2, 1.5, 0.9)),
+    ((0, -35, 0), (1.6, 1.4, 1.0)),
+    ((-8, -24, 8), (0.7, 0.9, 0.5)),
+)
+NAMES = 'left', 'right', 'floor'
+LASER, TAPE = 0.001, 0.003  # metres
+CASES: tuple[tuple[float, str, dict[str, Any]], ...] = (
+    (0.0, 'laser, right angles', {'taped': LASER}),
+    (0.008, 'laser, right angles', {'taped': LASER}),
+    (0.008, 'laser, right angles, flat to 0.5 mm', {'taped': LASER, 'flat': 0.0005}),
+    (0.008, 'tape, right angles', {'taped': TAPE}),
+    (0.008, 'right angles', {'taped': None}),
+)
+
+
+def corner(turn: float, tilt: float, roll: float) -> np.ndarray:
+    """Return the (3, 3) normals of a room's corner that the camera looks into."""
+    half = np.sqrt(0.5)
+    normals = np.array([[-half, 0, half], [half, 0, half], [0, 1, 0]])
+    turned = Rotation.from_euler('yxz', [turn, -tilt, roll], degrees=True).as_matrix()
+    return np.asarray(normals @ turned.T)
+
+
+def seen(normals: np.ndarray, distances: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Return depth and which plane it is of, (H, W) each."""
+    along = RAYS @ normals.T
+    with np.errstate(divide='ignore'):
+        depth = np.where(along > 0, np.array(distances) / along, np.inf)
+    return depth.min(axis=-1).astype(np.float32), depth.argmin(axis=-1)
+
+
+def record(
+    folder: Path, offset: float = 0.0, views: Any = VIEWS, reflectivity: float = 0.6
+) -> Path:
+    """Write a recording of each view."""
+    folder.mkdir()
+    effects = (registry()['offset'].from_mapping({'bias': offset}),) if offset else ()
+    for i, (turns, distances) in enumerate(views):
+        clean, _ = seen(corner(*turns), distances)
+        camera = Camera(MODE, effects=effects, seed=i)
+        albedo = np.full_like(clean, reflectivity)
+        stamp = np.arange(FRAMES) / 30
+        depth = camera.capture(clean, K, stamp, albedo).depth
+        content: dict[str, Any] = {'depth': depth, 'K': K, 'stamp': stamp, 'usecase': MODE}
+        np.savez(folder / f'corner{i}.npz', **content, reflectivity=albedo)
+    return folder
+
+
+def boxes(normals: np.ndarray, distances: Any) -> list[list[int]]:
+    """Return a part of each plane, as a person would draw it."""
+    _, which = seen(normals, distances)
+    out = []
+    for k in range(len(normals)):
+        v, u = (round(float(np.median(side[which == k]))) for side in (V, U))
+        out.append([u - 3, v - 3, u + 3, v + 3])
+    return out
+
+
+def describe(
+    path: Path, taped: float | None, square: bool = True, flat: float = 0.0, **changes: Any
+) -> Path:
+    """
+    Write what people measured of all views.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        The file to write.
+    taped : float or None
+        Standard deviation of the measured distances, metres, by which they are wrong; None: no
+        distance was measured.
+    square : bool
+        Whether angles were measured.
+    flat : float
+        Standard deviation of the surfaces, metres.
+    **changes
+        Of the file's content.
+
+    """
+    rng = np.random.default_rng(3)
+    recordings = {}
+    for i, (turns, distances) in enumerate(VIEWS):
+        rows: dict[str, dict[str, Any]] = {}
+        for name, box, distance in zip(
+            NAMES, boxes(corner(*turns), distances), distances, strict=True
+        ):
+            rows[name] = {'box': box}
+            if taped is not None:
+                told = distance + taped * rng.standard_normal()
+                rows[name]['distance'] = f'{told:.4f} +- {taped}'
+        recordings[f'corner{i}'] = rows
+    planes: list[dict[str, Any]] = [{'name': name, 'flat': flat} for name in NAMES]
+    if square:
+        planes[0]['angles'] = {'right': '90 +- 0.2', 'floor': '90 +- 0.2'}
+        planes[1]['angles'] = {'floor': '90 +- 0.2'}
+    content = {'schema': 1, 'planes': planes, 'recordings': recordings, **changes}
+    path.write_text(yaml.safe_dump(content))
+    return path
+
+
+def main() -> None:
+    """Print the table."""
+    print('| offset | measured | verdict | named | not decidable |\n|---|---|---|---|---|')
+    for offset, measured, given in CASES:
+        with tempfile.TemporaryDirectory() as text:
+            folder = Path(text)
+            record(folder / 'in', offset)
+            planes = describe(folder / 'planes.yaml', **given)
+            make_plane_truth(
+                PlaneRequest(recordings=(folder / 'in',), planes=planes, out=folder / 'out')
+            )
+            found = diagnose(folder / 'out')
+        cells = [
+            f'{offset * 1e3:g} mm',
+            measured,
+            found['verdict'],
+            ', '.join(map(named, found['effects'])),
+            ', '.join(row['name'] for row in found['not_decidable']),
+        ]
+        print(f'| {" | ".join(cells)} |', flush=True)
+
+
+if __name__ == '__main__':
+    main()
