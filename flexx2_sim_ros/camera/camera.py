@@ -103,7 +103,7 @@ class Camera:
         self._environments: tuple[int, ...] = ()
         self.effects = effects
         self._key = camera_key(self.seed, name)
-        self._coefficients = np.array([noise.a, noise.b, noise.c, noise.d, noise.n], np.float32)
+        self._coefficients = noise.coefficients
         self._cap = np.float32(noise.incidence_cap)
         self._edge_sigma = np.float32(pixel_sigma(noise.sigma_x))
         self._edge_limit = edge_limit(noise.sigma_x)

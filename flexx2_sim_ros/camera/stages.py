@@ -190,11 +190,10 @@ def _expect_noise(state: FrameState, edge_sigma: float) -> None:
     def make() -> np.ndarray:
         noise, surface = state.mode.noise, state.surface
         sigma = np.empty(state.depth.shape, np.float32)
-        coefficients = np.array([noise.a, noise.b, noise.c, noise.d, noise.n], np.float32)
         model_sigma(
             surface.inverse_depth,
             surface.cos_incidence,
-            coefficients,
+            noise.coefficients,
             np.float32(noise.incidence_cap),
             sigma,
         )

@@ -78,6 +78,11 @@ class NoiseModel:
     incidence_cap: float = math.radians(85.0)
     surfaces: SurfaceNoise | None = None
 
+    @property
+    def coefficients(self) -> np.ndarray:
+        """Return a, b, c, d and n, (5,) float32."""
+        return np.array([self.a, self.b, self.c, self.d, self.n], np.float32)
+
     def sigma_z(self, z: Any, theta: Any, reflectivity: Any = None) -> np.ndarray:
         """
         Evaluate the axial standard deviation.

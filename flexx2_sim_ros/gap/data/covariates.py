@@ -213,7 +213,7 @@ def _sigma(surface: Surface, reflectivity: np.ndarray | None, mode: Mode) -> np.
     model_sigma(
         surface.inverse_depth,
         surface.cos_incidence,
-        np.array([noise.a, noise.b, noise.c, noise.d, noise.n], np.float32),
+        noise.coefficients,
         np.float32(noise.incidence_cap),
         sigma,
     )
