@@ -12,8 +12,8 @@ from flexx2_sim_ros.batch.kernels import Lens, OPTIONS, padded, slopes
 from flexx2_sim_ros.batch.light_kernels import Phasors
 from flexx2_sim_ros.effects import interreflection
 from flexx2_sim_ros.effects.interreflection import PATCH_FIELDS, RECEIVER
-from flexx2_sim_ros.effects.multipath import depth_of_range
 from flexx2_sim_ros.formulas import phases
+from flexx2_sim_ros.formulas import surfaces as surface_formulas
 import warp as wp
 
 wp.set_module_options(OPTIONS)
@@ -28,7 +28,7 @@ _light_from = compiled(interreflection.light_from)
 _receiver_before = compiled(interreflection.receiver_before)
 _receiver_weights = compiled(interreflection.receiver_weights)
 _with_bounce = compiled(interreflection.with_bounce)
-_depth_of_range = compiled(depth_of_range)
+_ray_length = compiled(surface_formulas.ray_length)
 _direction = compiled(phases.direction)
 
 
@@ -49,12 +49,12 @@ class Bounce:
 
 
 @wp.kernel
-def begin(young: wp.array(dtype=wp.uint8), bounce: Bounce):
+def begin(is_first: wp.array(dtype=wp.uint8), bounce: Bounce):
     """Register a new frame; after a reset everything is computed again."""
     n = wp.tid()
     place = bounce.places[n]
     if place >= 0:
-        bounce.changed[place] = young[n]
+        bounce.changed[place] = is_first[n]
 
 
 @wp.func
@@ -290,7 +290,7 @@ def add_bounce(
                 mixed_around(bounce.wide, a + real, b + real, size, w),
                 mixed_around(bounce.wide, a + real + 2 * size, b + real + 2 * size, size, w),
                 wave_number,
-                _depth_of_range((wp.float32(x) - lens.cx) / lens.fx, ry),
+                _ray_length((wp.float32(x) - lens.cx) / lens.fx, ry),
             )
             put(phasors.shifts, shift + x, at(phasors.shifts, shift + x) + more)
             before = wp.where(f == 0, 0.0, at(phasors.total, pixel + x))

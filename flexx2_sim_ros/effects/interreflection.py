@@ -10,7 +10,7 @@ import math
 from flexx2_sim_ros.formulas import phases
 from flexx2_sim_ros.formulas.fastmath import arctan2
 from flexx2_sim_ros.formulas.scalars import f32, floor, i32, least, most, root, size, where
-from flexx2_sim_ros.formulas.surfaces import plane_normal
+from flexx2_sim_ros.formulas.surfaces import plane_normal, ray_length
 from flexx2_sim_ros.physics.compiled import compiled, loop
 from flexx2_sim_ros.physics.frame_state import FrameState
 from flexx2_sim_ros.physics.philox import FAST
@@ -66,7 +66,7 @@ def patch(
     nx, ny, nz = plane_normal(here, du, dv, u, v, fx, fy)
     norm = root(nx * nx + ny * ny + nz * nz)
     z = _ONE / here
-    ray = root(rx * rx + ry * ry + _ONE)
+    ray = ray_length(rx, ry)
     reach = z * ray
     cosine = most(here / (norm * ray), _LEAST_COSINE)
     area = pixels * z * z / (fx * fy * ray * cosine)
@@ -179,7 +179,7 @@ def receiver_weights(
 
 
 def with_bounce(
-    factor: float, real: float, imaginary: float, wave_number: float, along: float
+    factor: float, real: float, imaginary: float, wave_number: float, ray: float
 ) -> tuple[float, float]:
     """
     Return the shift, metres, by indirect light, and all light over the direct one.
@@ -192,13 +192,13 @@ def with_bounce(
         The indirect light over the direct one.
     wave_number : float
         Radians of phase a metre.
-    along : float
-        Depth over range of the pixel: the longer path is along the ray.
+    ray : float
+        Range over depth of the pixel: the longer path is along the ray.
 
     """
     both = _ONE + factor * real
     across = factor * imaginary
-    return arctan2(across, both) / wave_number * along, root(both * both + across * across)
+    return arctan2(across, both) / (wave_number * ray), root(both * both + across * across)
 
 
 _patch = compiled(patch)

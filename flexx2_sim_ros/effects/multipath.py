@@ -8,20 +8,11 @@ from flexx2_sim_ros.effects.effect import Effect, parameter
 from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis
 from flexx2_sim_ros.effects.interreflection import bounce, with_bounce
 from flexx2_sim_ros.effects.picture import Picture
-from flexx2_sim_ros.formulas.scalars import f32, root
 from flexx2_sim_ros.physics.compiled import compiled, loop
 from flexx2_sim_ros.physics.frame_state import FrameState, Stage
+from flexx2_sim_ros.physics.geometry import ray_length
 from flexx2_sim_ros.physics.philox import FAST
-from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 import numpy as np
-
-_ONE = f32(1.0)
-
-
-def depth_of_range(rx: float, ry: float) -> float:
-    """Return the depth of a point at range 1 on the ray (rx, ry, 1)."""
-    return _ONE / root(_ONE + rx * rx + ry * ry)
-
 
 _with_bounce = compiled(with_bounce)
 
@@ -75,7 +66,7 @@ class Multipath(Effect):
                 state.intrinsics,
                 [image.copy() for image in scene],
                 bounce(state),
-                _depths_of_ranges(state.intrinsics),
+                ray_length(state.intrinsics.matrix, state.depth.shape),
             )
             state.memory.kept[self.name] = kept
         (factor,) = self.rounded
@@ -89,20 +80,11 @@ class Multipath(Effect):
         state.amplitude = state.amplitude * brighter
 
 
-def _depths_of_ranges(camera: Intrinsics) -> np.ndarray:
-    x = (np.arange(camera.width) - camera.cx) / camera.fx
-    y = (np.arange(camera.height) - camera.cy) / camera.fy
-    cosine: Any = depth_of_range(x, y[:, None])  # type: ignore[arg-type]
-    return np.asarray(cosine, np.float32)
-
-
 @loop(error_model='numpy', fastmath=FAST)
-def _add_bounce(indirect, factor, wave_number, weight, depth_of_range, shift, brighter):
+def _add_bounce(indirect, factor, wave_number, weight, ray, shift, brighter):
     for y in range(shift.shape[0]):
         for x in range(shift.shape[1]):
             light = indirect[y, x]
-            more, gain = _with_bounce(
-                factor, light.real, light.imag, wave_number, depth_of_range[y, x]
-            )
+            more, gain = _with_bounce(factor, light.real, light.imag, wave_number, ray[y, x])
             shift[y, x] += more
             brighter[y, x] += weight * gain

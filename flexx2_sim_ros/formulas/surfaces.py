@@ -90,6 +90,11 @@ def plane_normal(
     return fx * du, fy * dv, here - u * du - v * dv
 
 
+def ray_length(rx: float, ry: float) -> float:
+    """Return the range of a point on the ray (rx, ry, 1) over its depth."""
+    return root(rx * rx + ry * ry + _ONE)
+
+
 def cos_incidence(
     here: float,
     du: float,

@@ -8,7 +8,7 @@ it falls into (in inverse depth, where planes are exact), never a mixture of two
 from functools import cached_property, lru_cache
 import math
 
-from flexx2_sim_ros.formulas import surfaces
+from flexx2_sim_ros.formulas import on_images, surfaces
 from flexx2_sim_ros.physics.compiled import compiled, loop
 from flexx2_sim_ros.physics.philox import FAST
 from flexx2_sim_ros.physics.surface import PAD, tangents
@@ -178,8 +178,8 @@ class Reprojection:
 
     @cached_property
     def _ray_length(self) -> np.ndarray:
-        rays = pixel_rays(self.source)
-        return np.sqrt(1.0 + (rays**2).sum(axis=0)).astype(np.float32)
+        length: np.ndarray = on_images(surfaces.ray_length)(*pixel_rays(self.source))
+        return length.astype(np.float32)
 
     def depth(self, image: np.ndarray) -> np.ndarray:
         """
@@ -249,6 +249,7 @@ def points(depth: np.ndarray, rays: np.ndarray) -> np.ndarray:
 
 def ray_length(K: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:  # noqa: N803
     """Return (H, W) float32 how much longer each pixel's ray is than its depth, 1 or more."""
-    v, u = np.mgrid[: shape[0], : shape[1]]
-    x, y = (u - K[0, 2]) / K[0, 0], (v - K[1, 2]) / K[1, 1]
-    return np.sqrt(x * x + y * y + 1).astype(np.float32)
+    x = (np.arange(shape[1]) - K[0, 2]) / K[0, 0]
+    y = (np.arange(shape[0])[:, None] - K[1, 2]) / K[1, 1]
+    length: np.ndarray = on_images(surfaces.ray_length)(x, y)
+    return length.astype(np.float32)
