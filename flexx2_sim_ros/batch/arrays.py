@@ -1,5 +1,5 @@
 """
-Element access for loops that a CPU compiler is to turn into vector instructions.
+Element access for loops that the CPU compiler turns into vector instructions.
 
 Warp's own ``a[i]`` takes negative indices and any stride, which keeps loops over it scalar on
 the CPU (eight times slower, measured). These take contiguous one-dimensional arrays and indices

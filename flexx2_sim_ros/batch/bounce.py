@@ -51,9 +51,9 @@ class IndirectLight:
         bounce.wide = zeros(images.count * bounce.fields * self._receivers[0] * images.width)
         wp.load_module(bounce_kernels, device=device)
 
-    def begin(self, young: wp.array) -> None:
-        """Register a new frame in all environments; ``young`` is (N,) uint8."""
-        launch(bounce_kernels.begin, young.size, young, self._bounce)
+    def begin(self, is_first: wp.array) -> None:
+        """Register a new frame in all environments; ``is_first`` is (N,) uint8."""
+        launch(bounce_kernels.begin, is_first.size, is_first, self._bounce)
 
     def add(
         self,

@@ -8,7 +8,7 @@ from flexx2_sim_ros.batch import kernels
 from flexx2_sim_ros.batch.arguments import device_named, environments, mask_of, one_for_each, seeds
 from flexx2_sim_ros.batch.effect_tables import each_environment, noise_row
 from flexx2_sim_ros.batch.exchange import checked, from_warp, is_contiguous, stream_of, to_warp
-from flexx2_sim_ros.batch.host import HostCameras, put, without_kernel
+from flexx2_sim_ros.batch.host import HostCameras, without_kernel, write_frames
 from flexx2_sim_ros.batch.images import Images, Rows
 from flexx2_sim_ros.batch.stages import BatchStages
 from flexx2_sim_ros.batch.surface_kernels import depends_on_surfaces
@@ -289,7 +289,7 @@ class BatchCamera:
         if len(frames) < self.num_envs:
             self._launch(images, depth, reflectivity, out)
             images.blank_outside(out)
-        put(frames, self._invalid, out)
+        write_frames(frames, self._invalid, out)
         wp.launch(kernels.tick, self.num_envs, [self._rows.periods, self.stamps])
 
     def _launch(

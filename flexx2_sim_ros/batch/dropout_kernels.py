@@ -8,7 +8,7 @@ from flexx2_sim_ros.batch.compiled import compiled
 from flexx2_sim_ros.batch.effect_formulas import draw_four
 from flexx2_sim_ros.batch.effect_tables import Effects
 from flexx2_sim_ros.batch.kernels import blocks_of, Lens, OPTIONS
-from flexx2_sim_ros.batch.memory_kernels import Seen
+from flexx2_sim_ros.batch.memory_kernels import PassImages
 from flexx2_sim_ros.effects import grazing_dropout, low_signal_dropout, saturation
 import warp as wp
 
@@ -54,7 +54,7 @@ def _darkness_strength(e: Effects) -> wp.float32:
 
 
 @wp.func
-def _chance_in_darkness(e: Effects, seen: Seen, i: wp.int32) -> wp.float32:
+def _chance_in_darkness(e: Effects, seen: PassImages, i: wp.int32) -> wp.float32:
     return _survives_darkness(
         log_from_zero(at(seen.amplitude, i)),
         e.low_signal_dropout_log_half,
@@ -69,7 +69,7 @@ def _grazing_strength(e: Effects) -> wp.float32:
 
 
 @wp.func
-def _chance_at_grazing(e: Effects, seen: Seen, i: wp.int32) -> wp.float32:
+def _chance_at_grazing(e: Effects, seen: PassImages, i: wp.int32) -> wp.float32:
     return _survives_grazing(
         arccos(at(seen.cosine, i)),
         at(seen.depth, i),
@@ -86,7 +86,7 @@ def _saturation_strength(e: Effects) -> wp.float32:
 
 
 @wp.func
-def _chance_in_light(e: Effects, seen: Seen, i: wp.int32) -> wp.float32:
+def _chance_in_light(e: Effects, seen: PassImages, i: wp.int32) -> wp.float32:
     incidence = arccos(at(seen.cosine, i))
     return _survives_light(
         log_from_zero(at(seen.amplitude, i)),
@@ -108,7 +108,7 @@ def _kernel(stream: Any, strength_of: Any, chance_of: Any) -> Any:
         effects: wp.array(dtype=Effects),
         keys: wp.array(dtype=wp.vec2ui),
         stamps: wp.array(dtype=wp.int64),
-        seen: Seen,
+        seen: PassImages,
         out: wp.array(dtype=wp.float32),
     ):
         n, y, c = wp.tid()

@@ -31,7 +31,7 @@ _folded = compiled(range_wrap.folded)
 
 @wp.struct
 class Surfaces:
-    """What the base model's first kernels made of the pass's depth images, and reflectivity."""
+    """Inverse depth and jumps of the environments of a pass, and their reflectivity."""
 
     p: wp.array(dtype=wp.float32)
     jumps: wp.array(dtype=wp.uint8)
@@ -109,7 +109,7 @@ def near_jump(surfaces: Surfaces, lens: Lens, n: wp.int32, y: wp.int32, x: wp.in
 def light_around(
     surfaces: Surfaces, lens: Lens, turns: wp.float32, n: wp.int32, y: wp.int32, x: wp.int32
 ) -> wp.vec3f:
-    """Return the sum of the light of the 3 x 3 pixels, as a phasor, and of how many it is."""
+    """Return the sum of the phasors of the 3 x 3 pixels, and how many have a return."""
     around = wp.vec3f()
     for k in range(9):
         yy = y + k // 3 - 1
@@ -175,7 +175,7 @@ def unwrapped(
     key: wp.vec2ui,
     here: wp.float32,
 ) -> wp.float32:
-    """Return the measured depth after unwrapping, which noise can lead astray."""
+    """Return the measured depth after unwrapping, which noise can make wrong."""
     spread = e.range_wrap_noise * sigma
     out = here
     if light.frequencies > 1 and any_apart(light, shifts, spread):

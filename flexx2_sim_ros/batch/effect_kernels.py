@@ -14,7 +14,7 @@ from flexx2_sim_ros.batch.effect_formulas import unwrapped, wrapped
 from flexx2_sim_ros.batch.effect_tables import Effects, Light
 from flexx2_sim_ros.batch.kernels import blocks_of, distance, Lens, Noise, OPTIONS, padded
 from flexx2_sim_ros.batch.light_kernels import Phasors
-from flexx2_sim_ros.batch.memory_kernels import Kept, Seen
+from flexx2_sim_ros.batch.memory_kernels import Kept, PassImages
 from flexx2_sim_ros.effects import quantisation, spatial_filter, temporal_filter
 from flexx2_sim_ros.formulas import pixels as pixel_formulas
 import warp as wp
@@ -35,7 +35,7 @@ _stored = compiled(quantisation.stored)
 def source_of(
     moved: wp.array(dtype=wp.uint16), lens: Lens, n: wp.int32, y: wp.int32, x: wp.int32
 ) -> wp.vec2i:
-    """Return row and column of the pixel whose surface this one sees, and forget it."""
+    """Return row and column of the pixel whose surface this one sees, and clear its entry."""
     out = wp.vec2i(y, x)
     pixel = (n * lens.height + y) * lens.width + x
     code = wp.int32(at_word(moved, pixel))
@@ -60,7 +60,7 @@ def measure(
     stamps: wp.array(dtype=wp.int64),
     moved: wp.array(dtype=wp.uint16),
     phasors: Phasors,
-    seen: Seen,
+    seen: PassImages,
 ):
     """Write measured depth, and what later kernels need to know of what is seen."""
     n, y, c = wp.tid()
@@ -101,7 +101,11 @@ def measure(
 
 @wp.kernel
 def filter_neighbours(
-    lens: Lens, first: wp.int32, chunk: wp.int32, effects: wp.array(dtype=Effects), seen: Seen
+    lens: Lens,
+    first: wp.int32,
+    chunk: wp.int32,
+    effects: wp.array(dtype=Effects),
+    seen: PassImages,
 ):
     """Mix every pixel with those neighbours that are alike: the effect spatial_filter."""
     n, y, c = wp.tid()
@@ -129,7 +133,7 @@ def filter_in_time(
     effects: wp.array(dtype=Effects),
     kept: Kept,
     filtered: wp.array(dtype=wp.float32),
-    seen: Seen,
+    seen: PassImages,
 ):
     """Mix every pixel of ``filtered`` with the frame before: the effect temporal_filter."""
     n, y, c = wp.tid()
@@ -141,7 +145,7 @@ def filter_in_time(
     begin = c * chunk
     end = wp.min(begin + chunk, lens.width)
     x = wp.int32(begin)
-    if kept.young[first + n] == wp.uint8(0):
+    if kept.is_first[first + n] == wp.uint8(0):
         while x < end:
             before = at(kept.measured, own + x)
             sigma = at(seen.sigma, here + x)

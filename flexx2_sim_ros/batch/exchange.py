@@ -35,7 +35,7 @@ def kind_of(name: str, value: Any) -> str:
 
 def checked(name: str, value: Any, shape: tuple[int | None, ...], dtype: type, device: Any) -> str:
     """
-    Look an array over.
+    Check the kind, shape, dtype and device of an array.
 
     Parameters
     ----------

@@ -64,10 +64,10 @@ class SceneGeometry:
         if self._steps:
             wp.load_module(geometry_kernels, device=device)
 
-    def begin(self, young: wp.array, stamps: wp.array, with_reflectivity: bool) -> None:
+    def begin(self, is_first: wp.array, stamps: wp.array, with_reflectivity: bool) -> None:
         """Register a new frame in all environments; see `FrameHistory.begin`."""
         if self._history is not None:
-            self._history.begin(young, stamps, with_reflectivity)
+            self._history.begin(is_first, stamps, with_reflectivity)
 
     def look(self, depth: wp.array, reflectivity: wp.array | None, first: int, count: int) -> Any:
         """

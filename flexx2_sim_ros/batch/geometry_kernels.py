@@ -63,7 +63,7 @@ def look_from(
     depth: wp.array(dtype=wp.float32),
     reflectivity: wp.array(dtype=wp.float32),
 ):
-    """Look from another pose."""
+    """Write what a camera at another pose sees: the effect pose_error."""
     n, y, x = wp.tid()
     pose = poses[first + n]
     pixel = y * lens.width + x
@@ -110,7 +110,12 @@ def look_up(
     depth: wp.array(dtype=wp.float32),
     reflectivity: wp.array(dtype=wp.float32),
 ):
-    """Look along other rays: of the view ``views[environment]``, or, where it is -1, the own."""
+    """
+    Write what is seen along other rays: the effect intrinsics_error.
+
+    ``views`` says for each environment which rays, -1 for its own. ``index``, ``du`` and ``dv``
+    are from `physics.geometry.Reprojection.lines`.
+    """
     n, y, x = wp.tid()
     pixel = y * lens.width + x
     view = views[first + n]

@@ -58,13 +58,13 @@ class FrameHistory:
         self._reflectivity = wp.zeros(0, dtype=wp.float32, device=device)
         wp.load_module(history_kernels, device=device)
 
-    def begin(self, young: wp.array, stamps: wp.array, with_reflectivity: bool) -> None:
+    def begin(self, is_first: wp.array, stamps: wp.array, with_reflectivity: bool) -> None:
         """
         Register a new frame in all environments.
 
         Parameters
         ----------
-        young : warp.array
+        is_first : warp.array
             (N,) uint8, 1 for the first frame after a reset.
         stamps : warp.array
             (N,) int64, nanoseconds.
@@ -76,7 +76,7 @@ class FrameHistory:
         if with_reflectivity and not history.reflectivity.size:
             history.reflectivity = wp.full_like(history.depth, 1.0)
             self._reflectivity = wp.full_like(self._depth, 1.0)
-        launch(history_kernels.find_moment, stamps.size, young, stamps, history)
+        launch(history_kernels.find_moment, stamps.size, is_first, stamps, history)
 
     def look_back(
         self, depth: wp.array, first_of_depth: int, surfaces: Any, first: int, count: int

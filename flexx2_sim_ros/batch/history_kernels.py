@@ -39,9 +39,9 @@ class History:
 
 @wp.kernel
 def find_moment(
-    young: wp.array(dtype=wp.uint8), stamps: wp.array(dtype=wp.int64), history: History
+    is_first: wp.array(dtype=wp.uint8), stamps: wp.array(dtype=wp.int64), history: History
 ):
-    """Find room for a new frame, and between which frames the moment is that it shows."""
+    """Keep the stamp of a new frame, and find the frames around the moment that it shows."""
     n = wp.tid()
     k = history.places[n]
     if k < 0:
@@ -49,7 +49,7 @@ def find_moment(
     stamp = stamps[n]
     slots = history.slots
     newest = history.newest[k]
-    count = wp.where(young[n] == _YES, 0, history.count[k])
+    count = wp.where(is_first[n] == _YES, 0, history.count[k])
     if count == 0 or history.stamps[k * slots + newest] != stamp:
         newest = (newest + 1) % slots
         count = wp.min(count + 1, slots)

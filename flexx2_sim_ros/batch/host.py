@@ -44,7 +44,7 @@ class HostCameras:
         name: str,
         profile: Profile,
     ) -> None:
-        """Make them, and say so."""
+        """Make the cameras, and log which effects have no kernel."""
         self._cameras = {
             i: Camera(modes[i].name, profile=profile, effects=own, seed=seeds[i], name=name)
             for i, own in effects.items()
@@ -125,7 +125,7 @@ class HostCameras:
         }
 
 
-def put(frames: Mapping[int, np.ndarray], invalid: float, out: wp.array) -> None:
+def write_frames(frames: Mapping[int, np.ndarray], invalid: float, out: wp.array) -> None:
     """Write frames of environments to (N * H * W,) float32 on any device."""
     for i, frame in frames.items():
         flat = np.where(np.isnan(frame), np.float32(invalid), frame).ravel()

@@ -24,7 +24,7 @@ def many_threads(device: Any) -> bool:
 @dataclass(frozen=True)
 class Rows:
     """
-    What is of each environment, (N,) arrays on the device.
+    The mode, key and stamp of each environment, (N,) arrays on the device.
 
     Attributes
     ----------
@@ -79,7 +79,7 @@ class Images:
     def __init__(
         self, num_envs: int, camera: Intrinsics, profile: Profile, invalid: float, device: Any
     ) -> None:
-        """Allocate it."""
+        """Allocate the memory."""
         self.height, self.width = camera.height, camera.width
         self._many_threads = many_threads(device)
         self.count = min(num_envs, AT_A_TIME['cuda' if device.is_cuda else 'cpu'])

@@ -342,7 +342,7 @@ def observe_moved(
     pixel_list: wp.array(dtype=wp.int32),
     out: wp.array(dtype=wp.float32),
 ):
-    """Write again the few pixels that see another surface, and forget that they do."""
+    """Write again the few pixels that see another surface, and clear their entries."""
     n, thread = wp.tid()
     noise = noises[first + n]
     pixels = lens.height * lens.width
@@ -376,6 +376,6 @@ def observe_moved(
 
 @wp.kernel
 def tick(periods: wp.array(dtype=wp.int64), stamps: wp.array(dtype=wp.int64)):
-    """Go on to the next frame."""
+    """Add each environment's period to its stamp."""
     n = wp.tid()
     stamps[n] = stamps[n] + periods[n]

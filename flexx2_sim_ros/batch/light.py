@@ -58,10 +58,10 @@ class PixelLight:
             self._scattered = ScatteredLight(widths, frequencies, images, device)
         wp.load_module(light_kernels, device=device)
 
-    def begin(self, young: wp.array) -> None:
-        """Register a new frame in all environments; ``young`` is (N,) uint8."""
+    def begin(self, is_first: wp.array) -> None:
+        """Register a new frame in all environments; ``is_first`` is (N,) uint8."""
         if self._indirect is not None:
-            self._indirect.begin(young)
+            self._indirect.begin(is_first)
 
     def find(
         self,

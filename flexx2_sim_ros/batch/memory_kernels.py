@@ -13,8 +13,8 @@ _NO = wp.constant(wp.uint8(0))
 class Kept:
     """What is kept of every environment between frames; arrays of unused effects are empty."""
 
-    fresh: wp.array(dtype=wp.uint8)  # 1: the next frame is the first one
-    young: wp.array(dtype=wp.uint8)  # 1: this is the first frame
+    was_reset: wp.array(dtype=wp.uint8)  # 1: the next frame is the first one
+    is_first: wp.array(dtype=wp.uint8)  # 1: this is the first frame
     started: wp.array(dtype=wp.int64)  # stamp of the first frame
     last: wp.array(dtype=wp.int64)  # stamp of this frame
     before: wp.array(dtype=wp.int64)  # stamp of the frame before
@@ -23,7 +23,7 @@ class Kept:
 
 
 @wp.struct
-class Seen:
+class PassImages:
     """Images of the pass between the kernels, flat, without borders."""
 
     facing: wp.array(dtype=wp.float32)  # cosine of incidence, before edges move
@@ -43,18 +43,18 @@ def begin(kept: Kept, stamps: wp.array(dtype=wp.int64)):
     """Register a new frame; a stamp earlier than the latest one starts the environment again."""
     n = wp.tid()
     stamp = stamps[n]
-    kept.young[n] = _NO
-    if kept.fresh[n] == _YES or stamp < kept.last[n]:
-        kept.young[n] = _YES
+    kept.is_first[n] = _NO
+    if kept.was_reset[n] == _YES or stamp < kept.last[n]:
+        kept.is_first[n] = _YES
         kept.started[n] = stamp
-    kept.fresh[n] = _NO
+    kept.was_reset[n] = _NO
     kept.before[n] = kept.last[n]
     kept.last[n] = stamp
 
 
 @wp.kernel
-def forget(mask: wp.array(dtype=wp.bool), fresh: wp.array(dtype=wp.uint8)):
+def forget(mask: wp.array(dtype=wp.bool), was_reset: wp.array(dtype=wp.uint8)):
     """Reset the chosen environments."""
     n = wp.tid()
     if mask[n]:
-        fresh[n] = _YES
+        was_reset[n] = _YES

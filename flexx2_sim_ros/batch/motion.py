@@ -21,7 +21,7 @@ class SceneMotion:
     """
 
     def __init__(self, num_envs: int, images: Images, device: Any) -> None:
-        """Allocate it."""
+        """Allocate the memory."""
         self._images = images
         pixels = images.height * images.width
 

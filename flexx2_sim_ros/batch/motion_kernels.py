@@ -38,7 +38,7 @@ class Motion:
 def seconds_between(kept: Kept, effects: Effects, n: wp.int32) -> wp.float32:
     """Return the time since the frame before; 0 without the effect and in the first frame."""
     seconds = wp.float32(kept.last[n] - kept.before[n]) * _PER_NANOSECOND
-    idle = effects.motion_artefact_strength <= 0.0 or kept.young[n] == wp.uint8(1)
+    idle = effects.motion_artefact_strength <= 0.0 or kept.is_first[n] == wp.uint8(1)
     return wp.where(idle, 0.0, seconds)
 
 

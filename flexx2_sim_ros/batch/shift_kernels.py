@@ -6,7 +6,7 @@ from flexx2_sim_ros.batch.effect_formulas import draw_four
 from flexx2_sim_ros.batch.effect_tables import Effects, Light
 from flexx2_sim_ros.batch.kernels import blocks_of, distance, Lens, OPTIONS, padded
 from flexx2_sim_ros.batch.light_kernels import Phasors
-from flexx2_sim_ros.batch.memory_kernels import Kept, Seen
+from flexx2_sim_ros.batch.memory_kernels import Kept, PassImages
 from flexx2_sim_ros.effects import (
     ambient_light,
     amplitude_bias,
@@ -131,7 +131,7 @@ def change_noise(
     chunk: wp.int32,
     effects: wp.array(dtype=Effects),
     phasors: Phasors,
-    seen: Seen,
+    seen: PassImages,
 ):
     """Change sigma_z: the effects excess_noise and ambient_light."""
     n, y, c = wp.tid()
@@ -157,7 +157,7 @@ def widen_tails(
     effects: wp.array(dtype=Effects),
     keys: wp.array(dtype=wp.vec2ui),
     stamps: wp.array(dtype=wp.int64),
-    seen: Seen,
+    seen: PassImages,
 ):
     """Change normals, ``chunk`` blocks of four a thread: the effect heavy_tails."""
     n, c = wp.tid()

@@ -89,8 +89,8 @@ class BatchStages:
 
     def _memory(self, num_envs: int, device: Any) -> Any:
         kept = memory_kernels.Kept()
-        kept.fresh = wp.ones(num_envs, dtype=wp.uint8, device=device)
-        kept.young = wp.zeros(num_envs, dtype=wp.uint8, device=device)
+        kept.was_reset = wp.ones(num_envs, dtype=wp.uint8, device=device)
+        kept.is_first = wp.zeros(num_envs, dtype=wp.uint8, device=device)
         kept.started, kept.last, kept.before = (
             wp.zeros(num_envs, dtype=wp.int64, device=device) for _ in range(3)
         )
@@ -102,7 +102,7 @@ class BatchStages:
         return kept
 
     def _images_between(self, device: Any) -> Any:
-        images, seen = self.images, memory_kernels.Seen()
+        images, seen = self.images, memory_kernels.PassImages()
         pixels = images.count * images.height * images.width
 
         def zeros(size: int, used: bool = True) -> wp.array:
@@ -125,14 +125,14 @@ class BatchStages:
 
     def forget(self, mask: wp.array) -> None:
         """Reset the environments that a (N,) bool array on the device chooses."""
-        launch(memory_kernels.forget, mask.size, mask, self._kept.fresh)
+        launch(memory_kernels.forget, mask.size, mask, self._kept.was_reset)
 
     def begin(self, with_reflectivity: bool) -> None:
         """Register a new frame in all environments, and whether it has reflectivity."""
         stamps = self._rows.stamps
         launch(memory_kernels.begin, stamps.size, self._kept, stamps)
-        self._geometry.begin(self._kept.young, stamps, with_reflectivity)
-        self._light.begin(self._kept.young)
+        self._geometry.begin(self._kept.is_first, stamps, with_reflectivity)
+        self._light.begin(self._kept.is_first)
 
     def observe(
         self, depth: wp.array, reflectivity: wp.array | None, first: int, count: int, out: wp.array

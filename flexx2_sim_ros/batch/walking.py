@@ -18,7 +18,7 @@ _TOP = 2.0  # metres, above all ground of the built-in scenes
 @dataclass(frozen=True)
 class Walk:
     """
-    What N robots did.
+    The paths of N robots.
 
     Attributes
     ----------
