@@ -16,6 +16,7 @@ from flexx2_sim_ros.gap.features.pixel_groups import (
 )
 from flexx2_sim_ros.gap.features.simulation import scenes_of
 from flexx2_sim_ros.gap.inference.cover import cover
+from flexx2_sim_ros.gap.inference.main_covariate import main_covariate
 from flexx2_sim_ros.gap.inference.where import cells
 import numpy as np
 import pytest
@@ -30,6 +31,7 @@ def made_up(count: int, noise: float) -> Any:
             counts=counts,
             sigma=np.full(len(counts), 0.002),
             name=f'{r}.npz',
+            uptime=None,
             axes=axes_of(flexx2()),
         )
         for r in range(count)
@@ -63,6 +65,57 @@ def test_a_gap_is_placed_along_the_covariate_that_shows_it_best() -> None:
     assert cell['size'] == pytest.approx(1.0)
     assert cells(made_up(6, 0.001), np.zeros((6, SIZE))) == []
     assert cells(made_up(6, 1.0), difference) == []  # lost in noise
+
+
+def bias_along(count: int, axis: str, places: dict[int, float]) -> np.ndarray:
+    """Return features of a bias in some bins of an axis, spread thin along all others."""
+    difference = np.zeros((count, SIZE))
+    for i, feature in enumerate(LAYOUT):
+        if feature.channel == 'bias' and feature.axis not in ('edge', 'structure'):
+            difference[:, i] = sum(places.values()) / AXES[axis].bins
+            if feature.axis == axis:
+                difference[:, i] = places.get(feature.place, 0.0)
+    return difference
+
+
+def test_the_first_row_is_the_covariate_that_the_gap_depends_on() -> None:
+    model = made_up(6, 0.001)
+    # Bins beside the largest difference belong to it, if they have its sign and half its size.
+    places = {3: 0.2, 4: 0.6, 5: 1.0, 8: -0.9}
+    difference = bias_along(6, 'log_amplitude', places)
+    one = main_covariate(model, difference, difference, False)
+    assert one is not None
+    assert (one.axis, one.first, one.last, one.channel) == ('log_amplitude', 4, 5, 'bias')
+    assert one.difference == pytest.approx(0.8)
+    assert one.size == pytest.approx(1.6)  # mm, at a sigma of 2 mm
+    assert main_covariate(model, 0 * difference, difference, False) is None
+    assert main_covariate(made_up(6, 1.0), 0.3 * difference, difference, False) is None  # noise
+    # The same everywhere.
+    difference = bias_along(6, 'all', {0: 0.5})
+    one = main_covariate(model, difference, difference, True)
+    assert one is not None
+    assert one.axis == 'all'
+
+
+def test_a_recording_is_named_only_if_nothing_else_singles_it_out() -> None:
+    model = made_up(6, 0.001)
+    size = np.array([0.0, 0.0, 3.0, 0.0, 0.0, 0.0])
+    difference = size[:, None] * bias_along(6, 'all', {0: 1.0})
+    for uptimes, expected in (
+        ([None] * 6, ('recording', 2)),
+        ([10.0, 60.0, 300.0, 900.0, 2400.0, 2400.0], ('recording', 2)),  # neither rises nor falls
+    ):
+        for one, uptime in zip(model.evidence, uptimes, strict=True):
+            one.uptime = uptime
+        found = main_covariate(model, difference, difference, True)
+        assert found is not None
+        assert (found.axis, found.first) == expected
+    # A drift: the first two intervals differ most.
+    size = np.array([6.0, 5.0, 2.0, 1.0, 0.0, 0.0])
+    difference = size[:, None] * bias_along(6, 'all', {0: 1.0})
+    found = main_covariate(model, difference, difference, True)
+    assert found is not None
+    assert (found.axis, found.first, found.last) == ('uptime', 0, 1)
 
 
 def made_up_groups(differs: np.ndarray, size: float = 0.5) -> PixelGroups:

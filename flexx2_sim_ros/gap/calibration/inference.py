@@ -124,6 +124,33 @@ class Where:
         'on the power of differences along a covariate: finer ones must do better',
         ASSUMED,
     )
+    main: Mapping[str, float] = table(
+        {
+            'all': 1.0,
+            'distance': 0.9,
+            'incidence': 0.9,
+            'radius': 0.9,
+            'log_amplitude': 0.9,
+            'concavity': 0.9,
+            'speed': 0.9,
+            'uptime': 0.9,
+            'edge': 0.9,
+            'region': 0.8,
+            'fine_distance': 0.8,
+            'recording': 0.5,
+        },
+        'factor',
+        'on the energy of a difference along a covariate, for the first row: finer covariates '
+        'must do better, and a recording is named only if nothing else comes near',
+        ASSUMED,
+    )
+    stretch: float = constant(
+        0.5, 'largest difference', 'bins beside it with this much are in the same row'
+    )
+    uptimes: tuple[float, ...] = constant(
+        (30.0, 120.0, 450.0, 1200.0), 's', 'limits of intervals of uptime', DEFINITION
+    )
+    fewest_uptimes: int = constant(3, '', 'intervals that show a drift')
     most_conditions: int = constant(3, '', 'covariates that select pixels')
     worth: Mapping[str, float] = table(
         {

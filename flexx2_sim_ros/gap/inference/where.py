@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from typing import Any
 
+from flexx2_sim_ros.gap.calibration.features import FEATURES
 from flexx2_sim_ros.gap.calibration.inference import WHERE
 from flexx2_sim_ros.gap.data.axes import AXES, Axes
 from flexx2_sim_ros.gap.features.features import (
@@ -14,6 +15,7 @@ from flexx2_sim_ros.gap.features.features import (
 )
 from flexx2_sim_ros.gap.features.pixel_groups import GROUP_CHANNELS, GROUP_TOLERANCE, PixelGroups
 from flexx2_sim_ros.gap.inference.cover import cover, WhereCondition
+from flexx2_sim_ros.gap.inference.main_covariate import main_covariate, MainCovariate
 from flexx2_sim_ros.gap.inference.model import Model
 import numpy as np
 from scipy import stats
@@ -65,10 +67,61 @@ def places(
     Returns
     -------
     list of dict
-        Conditions that select the pixels that differ, see `cover`, and the rows of `cells` that
+        First the covariate that the difference depends on most, see `main_covariate`. Then
+        conditions that select the pixels that differ, see `cover`, and the rows of `cells` that
         are not about surface pixels. All rows of `cells` where pixels are too few to be grouped.
 
     """
+    rows = _all_places(model, difference, shown, groups, exact, sigma_error)
+    main = main_covariate(model, difference, shown, exact)
+    if main is None:
+        return rows
+    first = _main_row(main, model)
+    same = ('covariate', 'low', 'high', 'detail', 'channel')
+    return [first, *(row for row in rows if any(row[key] != first[key] for key in same))]
+
+
+def _main_row(main: MainCovariate, model: Model) -> dict[str, Any]:
+    names, axes = [e.name for e in model.evidence], model.evidence[0].axes
+    unit = CHANNEL_UNITS[main.channel]
+    tolerance = FEATURES.tolerances[main.channel]
+    p = _tail(np.array([main.difference]), tolerance, np.array([main.noise**2]))
+    return {
+        **_interval(axes, names, main.axis, main.first, main.last),
+        'channel': main.channel,
+        'size': float(likeness(main.size)) if main.channel == 'lag' else main.size,
+        'unit_size': 'mm' if unit == 'sigma' else unit,
+        'q_value': float(p[0]),
+    }
+
+
+def _interval(
+    axes: Axes, names: Sequence[str], axis: str, first: int, last: int
+) -> dict[str, Any]:
+    if axis == 'uptime':
+        edges = (None, *WHERE.uptimes, None)
+        return {
+            'covariate': axis,
+            'low': edges[first],
+            'high': edges[last + 1],
+            'unit': 's',
+            'detail': '',
+        }
+    cell = _bounds(axes, axis, first, last)
+    if axis == 'recording':
+        cell.update(low=first, high=first, detail=names[first])
+    return cell
+
+
+def _all_places(
+    model: Model,
+    difference: np.ndarray,
+    shown: np.ndarray,
+    groups: Sequence[PixelGroups],
+    exact: bool,
+    sigma_error: float,
+) -> list[dict[str, Any]]:
+    # Rows of `cover` and `cells`, the largest difference first.
     binned = cells(model, difference, exact, shown)
     conditions = cover(groups, not exact, sigma_error)
     if not conditions:
@@ -87,9 +140,7 @@ def _rows(one: WhereCondition, names: list[str], axes: Axes) -> list[tuple[float
     ratio = np.abs(one.difference) / GROUP_TOLERANCE
     p = _tail(one.difference, GROUP_TOLERANCE, one.noise**2)
     out = []
-    cell = _bounds(axes, one.axis, one.first, one.last)
-    if one.axis == 'recording':
-        cell.update(low=one.first, high=one.first, detail=names[one.first])
+    cell = _interval(axes, names, one.axis, one.first, one.last)
     for k in np.flatnonzero(ratio >= min(1.0, float(ratio.max()))):
         size, unit = float(one.size[k]), CHANNEL_UNITS[GROUP_CHANNELS[k]]
         if unit == 'sigma':

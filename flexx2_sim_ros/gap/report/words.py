@@ -43,6 +43,21 @@ MEASURES = {
     'kl_nats': ('divergence of normalised errors', 'nats', 1.0),
 }
 
+# What shows a difference along each covariate alone.
+_NEXT_STEPS = {
+    'all': 'A flat wall, seen straight on, is enough to see it.',
+    'distance': 'To see it alone, move the camera towards a flat wall in small steps.',
+    'incidence': 'To see it alone, turn a flat board away from the camera in small steps.',
+    'amplitude': 'To see it alone, record a dark and a bright board at the same distance.',
+    'edge': 'To see it alone, record the edge of a box in front of a wall.',
+    'speed': 'To see it alone, move the camera towards a wall, then hold it still.',
+    'uptime': 'To see it alone, record a still scene from power-on for half an hour.',
+    'concavity': 'To see it alone, record the corner of two bright walls.',
+    'radius': 'To see it alone, record a flat wall that fills the image; check the camera matrix.',
+    'region': 'To see it alone, record a flat wall that fills the image; check the camera matrix.',
+    'recording': 'Look for what was different in this recording: lighting, poses, settings.',
+}
+
 
 def _names(rows: list[dict[str, Any]]) -> str:
     return _list([row['name'] for row in rows])
@@ -115,7 +130,8 @@ def sentences(table: dict[str, Any]) -> list[str]:
         )
     out += not_decidable(table) + ground_truth(table)
     if table['where'] and table['verdict'] != 'none':
-        out.append(f'The gap is largest here: {place(table["where"][0])}.')
+        first = table['where'][0]
+        out.append(f'The gap is largest here: {place(first)}. {_next_step(first)}'.strip())
     return out
 
 
@@ -149,6 +165,12 @@ def reduction(gap: dict[str, Any]) -> list[str]:
         names = ', '.join(MEASURES[unit][0] for unit in gap['worse'])
         out.append(f'The effects make this worse: {names}.')
     return out
+
+
+def _next_step(cell: dict[str, Any]) -> str:
+    # What to record to see a difference alone, in one sentence.
+    covariate = cell['covariate'].removeprefix('fine_')
+    return _NEXT_STEPS.get('region' if covariate.startswith('image') else covariate, '')
 
 
 def not_decidable(table: dict[str, Any]) -> list[str]:
@@ -209,7 +231,7 @@ def not_considered(table: dict[str, Any]) -> list[str]:
 def place(cell: dict[str, Any]) -> str:
     """Return where a cell is and what differs there."""
     low, high, unit = cell['low'], cell['high'], cell['unit']
-    where = cell['covariate'].replace('_', ' ')
+    where = cell['covariate'].removeprefix('fine_').replace('_', ' ')
     if where == 'structure':
         where = 'everywhere'
     if where == 'all':
@@ -223,11 +245,11 @@ def place(cell: dict[str, Any]) -> str:
     elif cell['detail']:
         where += f' ({cell["detail"]})'
     elif low is not None and high is not None:
-        where += f' {low:.3g} to {high:.3g} {unit}'
+        where += f' {_short(low)} to {_short(high)} {unit}'
     elif low is not None:
-        where += f' above {low:.3g} {unit}'
+        where += f' above {_short(low)} {unit}'
     elif high is not None:
-        where += f' below {high:.3g} {unit}'
+        where += f' below {_short(high)} {unit}'
     what = _CHANNELS[cell['channel']]
     size = (
         f'{cell["size"]:+.2f} mm'
@@ -237,3 +259,7 @@ def place(cell: dict[str, Any]) -> str:
         else f'{cell["size"]:+.2g}'
     )
     return f'{where.strip()}: {what} {size}'
+
+
+def _short(number: float) -> str:
+    return f'{number:.3g}' if abs(number) < 1000 else f'{number:.0f}'

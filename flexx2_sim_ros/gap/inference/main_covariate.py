@@ -1,0 +1,235 @@
+"""
+The covariate along which a difference varies most: what singles out the pixels that differ.
+
+The energy of a difference along a covariate is the sum over its bins of pixels times the squared
+mean difference of the bin, in tolerances, minus what noise adds. A covariate that the difference
+depends on has the largest energy, because its bins do not average the difference away.
+"""
+
+from dataclasses import dataclass
+
+from flexx2_sim_ros.gap.calibration.inference import WHERE
+from flexx2_sim_ros.gap.data.axes import AXES
+from flexx2_sim_ros.gap.features.features import CHANNEL_UNITS, LAYOUT, TOLERANCE
+from flexx2_sim_ros.gap.inference.model import Model
+import numpy as np
+
+_INDEX = {(f.channel, f.axis, f.place): i for i, f in enumerate(LAYOUT)}
+_CLASSES = ('region', 'recording')  # whose bins have no order
+_IN_METRES = tuple(name for name, unit in CHANNEL_UNITS.items() if unit == 'sigma')
+
+
+@dataclass(frozen=True)
+class MainCovariate:
+    """
+    Where a difference is largest along the covariate that it depends on most.
+
+    Attributes
+    ----------
+    axis : str
+        Of `AXES`, ``recording`` or ``uptime``.
+    first, last : int
+        Bins of it, inclusive: recordings, or intervals of `WHERE.uptimes`.
+    channel : str
+        In which the difference is largest.
+    difference : float
+        Mean over these bins, in the unit of the channel's tolerance.
+    noise : float
+        Its standard error, in the same unit.
+    size : float
+        What the real camera shows there beyond the plain simulation: mm or the channel's unit.
+
+    """
+
+    axis: str
+    first: int
+    last: int
+    channel: str
+    difference: float
+    noise: float
+    size: float
+
+
+@dataclass(frozen=True)
+class _Bins:
+    # One channel along one covariate: (B,) of each bin.
+    axis: str
+    channel: str
+    pixels: np.ndarray
+    mean: np.ndarray
+    variance: np.ndarray
+    shown: np.ndarray
+
+    @property
+    def energies(self) -> np.ndarray:
+        # Of a bin; noise may make it negative.
+        return self.pixels * (np.square(self.mean) - self.variance)
+
+
+def main_covariate(
+    model: Model, difference: np.ndarray, shown: np.ndarray, exact: bool
+) -> MainCovariate | None:
+    """
+    Find the covariate along which real and simulated depth differ most.
+
+    Parameters
+    ----------
+    model : Model
+        The recordings.
+    difference : numpy.ndarray
+        (R, SIZE) real minus simulated features, or the change by the effects if they explain it.
+    shown : numpy.ndarray
+        (R, SIZE) real minus simulated features, from which the size comes.
+    exact : bool
+        Whether the difference has no noise, as the change by effects.
+
+    Returns
+    -------
+    MainCovariate or None
+        None where nothing differs by more than the tolerance.
+
+    """
+    noise = np.zeros_like(difference) if exact else model.scale2 - np.square(TOLERANCE)
+    features = _Features(model, difference, shown, noise)
+    found = [
+        bins
+        for channel in CHANNEL_UNITS
+        for axis in WHERE.main
+        if (bins := features.along(channel, axis)) is not None
+    ]
+    best = max(found, key=_power, default=None)
+    if best is None or _power(best) <= 0:
+        return None
+    return _largest_stretch(best)
+
+
+def _power(bins: _Bins) -> float:
+    return WHERE.main[bins.axis] * float(bins.energies.sum())
+
+
+class _Features:
+    # Differences by recording and bin, as multiples of the tolerance.
+    def __init__(
+        self, model: Model, difference: np.ndarray, shown: np.ndarray, noise: np.ndarray
+    ) -> None:
+        self._good = model.good
+        self._noise = np.where(model.good, noise, 0) / np.square(TOLERANCE)
+        self._difference = np.where(model.good, difference, 0) / TOLERANCE
+        self._shown = np.where(model.good, shown, 0)
+        self._counts = np.array([e.counts for e in model.evidence], float)
+        sigma = np.nan_to_num([e.sigma for e in model.evidence], posinf=0.0)
+        self._sigma = sigma
+        self._usual_sigma = max(float(sigma[:, AXES['all'].start].mean()), 1e-9)
+        self._uptimes = _intervals_of([e.uptime for e in model.evidence])
+
+    def along(self, channel: str, axis: str) -> _Bins | None:
+        if axis in ('recording', 'uptime'):
+            return self._of_recordings(channel, axis)
+        places = range(AXES[axis].bins)
+        index = [_INDEX[channel, axis, i] for i in places if (channel, axis, i) in _INDEX]
+        if not index:
+            return None
+        start = AXES[axis].start
+        return self._pooled(axis, channel, index, slice(start, start + AXES[axis].bins))
+
+    def _of_recordings(self, channel: str, axis: str) -> _Bins | None:
+        groups = np.arange(len(self._good)) if axis == 'recording' else self._uptimes
+        # Warming up changes depth. Other channels differ between recordings for other reasons.
+        if groups is None or (axis == 'uptime' and channel not in _IN_METRES):
+            return None
+        if (channel, 'all', 0) not in _INDEX:
+            return None
+        one = AXES['all'].start
+        parts = [
+            self._pooled(axis, channel, [_INDEX[channel, 'all', 0]], slice(one, one + 1), some)
+            for some in (groups == g for g in range(groups.max() + 1))
+        ]
+        bins = _Bins(
+            axis,
+            channel,
+            *(
+                np.concatenate([getattr(p, name) for p in parts])
+                for name in ('pixels', 'mean', 'variance', 'shown')
+            ),
+        )
+        return bins if axis == 'recording' or _drifts(bins) else None
+
+    def _pooled(
+        self,
+        axis: str,
+        channel: str,
+        index: list[int],
+        bins: slice,
+        some: np.ndarray | slice = slice(None),
+    ) -> _Bins:
+        # Means over recordings, weighted by pixels. Depth is compared in metres, because sigma_z
+        # itself depends on the covariates.
+        weight = self._counts[some, bins] * self._good[some][:, index]
+        scale = np.ones_like(weight)
+        shown = self._shown[some][:, index]
+        if channel in _IN_METRES:
+            scale = self._sigma[some, bins] / self._usual_sigma
+            shown = 1000 * self._sigma[some, bins] * shown
+        pixels = weight.sum(axis=0)
+        total = np.maximum(pixels, 1)
+        return _Bins(
+            axis,
+            channel,
+            pixels,
+            (weight * scale * self._difference[some][:, index]).sum(axis=0) / total,
+            (np.square(weight * scale) * self._noise[some][:, index]).sum(axis=0) / total**2,
+            (weight * shown).sum(axis=0) / total,
+        )
+
+
+def _intervals_of(uptimes: list[float | None]) -> np.ndarray | None:
+    # The interval of `WHERE.uptimes` of each recording; None where one has no uptime.
+    known = [u for u in uptimes if u is not None]
+    if len(known) < len(uptimes):
+        return None
+    return np.searchsorted(np.array(WHERE.uptimes), known)
+
+
+def _drifts(bins: _Bins) -> bool:
+    # Whether a difference rises or falls with uptime over enough intervals. Over two intervals,
+    # any difference between recordings does.
+    means = bins.mean[bins.pixels > 0]
+    steps = np.diff(means)
+    return len(means) >= WHERE.fewest_uptimes and bool((steps >= 0).all() or (steps <= 0).all())
+
+
+def _largest_stretch(bins: _Bins) -> MainCovariate:
+    # The bins around the largest difference that have its sign and at least half of its size.
+    # Bins without pixels do not end the stretch. Sides and directions of edges are put together.
+    energies = np.where(bins.pixels > 0, bins.energies, -np.inf)
+    peak = int(np.argmax(energies))
+    alike = (bins.mean * np.sign(bins.mean[peak]) >= WHERE.stretch * abs(bins.mean[peak])) | (
+        bins.pixels == 0
+    )
+    first = last = peak
+    if bins.axis not in _CLASSES and bins.axis != 'edge':
+        while first > 0 and alike[first - 1]:
+            first -= 1
+        while last + 1 < len(alike) and alike[last + 1]:
+            last += 1
+        seen = first + np.flatnonzero(bins.pixels[first : last + 1] > 0)
+        first, last = int(seen[0]), int(seen[-1])
+    some = np.zeros(len(alike), bool)
+    some[first : last + 1] = True
+    if bins.axis == 'edge':
+        some = alike
+    weight = np.where(some, bins.pixels, 0) / max(float(bins.pixels[some].sum()), 1.0)
+    tolerance = float(TOLERANCE[_INDEX[bins.channel, _feature_axis(bins.axis), 0]])
+    return MainCovariate(
+        bins.axis,
+        first,
+        last,
+        bins.channel,
+        tolerance * float(weight @ bins.mean),
+        tolerance * float(np.sqrt(np.square(weight) @ bins.variance)),
+        float(weight @ bins.shown),
+    )
+
+
+def _feature_axis(axis: str) -> str:
+    return 'all' if axis in ('recording', 'uptime') else axis
