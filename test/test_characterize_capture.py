@@ -219,6 +219,8 @@ def test_the_plan_is_the_captures_campaign(capsys: pytest.CaptureFixture[str]) -
         'Mode_9_5fps_2.00m_0deg',
     ]
     assert '3 s or more give 10 frames' in printed
+    convert = 'flexx2 convert RECORDING FOLDER/Mode_9_5fps_1.00m_0deg.npz --usecase Mode_9_5fps'
+    assert convert in printed
 
 
 @pytest.mark.parametrize(

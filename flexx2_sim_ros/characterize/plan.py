@@ -22,8 +22,8 @@ For every set-up:
 1. Put the board's middle in the middle of the image, at the distance given, measured along the
    optical axis from the camera's front (to 1 cm).
 2. Turn it about the vertical by the angle given; 0 degrees faces the camera.
-3. Leave the room to itself, switch the mode, record, next mode. Each recording is a bag of the
-   name given, all in one folder:
+3. Leave the room to itself, switch the mode, record, next mode. Each recording has the name
+   given, all in one folder. With the driver of the Flexx2, pmd-royale-ros:
 
        ros2 param set {node} usecase {usecase}
        ros2 bag record -s mcap -o {name} \\
@@ -32,7 +32,10 @@ For every set-up:
          {node}/gray_image_0
 
    {seconds} s or more give {frames} frames. `{node}` is what pmd-royale-ros
-   calls itself; `ros2 node list` says what yours is called.
+   calls itself; `ros2 node list` says what yours is called. With another camera, record with its
+   own driver or SDK, and convert each recording:
+
+       flexx2 convert RECORDING FOLDER/{name}.npz --usecase {usecase}
 
 Then: `flexx2 characterize fit FOLDER`
 """
