@@ -1,10 +1,12 @@
 """Six walls with a known error: what is found, how large it is said to be, and in which units."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from flexx2_sim_ros.camera import Camera, flexx2
 from flexx2_sim_ros.gap import diagnose
+from flexx2_sim_ros.gap.data.campaign import check, Found, read
 from flexx2_sim_ros.gap.report.words import headline
 import numpy as np
 import pytest
@@ -171,6 +173,19 @@ def test_millimetres_are_converted_and_said(tmp_path: Path, keys: tuple[str, ...
         said = [note for note in row['notes'] if 'taken for millimetres' in note]
         assert len(said) == len(keys)
         assert all(f': {key}: ' in note for key, note in zip(keys, said, strict=True))
+
+
+def test_depth_outside_the_range_of_the_profile_is_said(tmp_path: Path) -> None:
+    far = write_walls(tmp_path) / 'wall5.npz'
+    camera = flexx2()
+    mode = replace(camera.mode(MODE), range_max=2.81)
+    # The noise of a wall at 2.8 m takes a part of its depths beyond 2.81 m.
+    for profile, wanted in ((camera, []), (replace(camera, modes=(mode,)), ['0.1 to 2.81 m'])):
+        found = check(far, profile)
+        assert isinstance(found, Found)
+        said = [note for note in read(found, profile).notes if 'is outside' in note]
+        assert len(said) == len(wanted)
+        assert all(text in note for text, note in zip(wanted, said, strict=True))
 
 
 def test_amplitudes_of_another_scale_and_no_stamps_are_said(tmp_path: Path) -> None:

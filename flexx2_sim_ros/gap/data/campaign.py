@@ -222,8 +222,15 @@ def _depths(
             clean = np.broadcast_to(clean, known.shape)
         clean = np.where(known, clean, np.float32(np.nan))
     depth, clean = _in_metres(path, depth, clean, mode, notes)
-    if not np.isfinite(depth).any():
+    valid = np.isfinite(depth)
+    if not valid.any():
         raise InputError(f'{path}: depth: all pixels of all frames are invalid')
+    outside = float(np.mean((depth < mode.range_min) | (depth > mode.range_max), where=valid))
+    if outside > READING.outside_range:
+        notes.append(
+            f'{path}: depth: {outside:.0%} of it is outside {mode.range_min:g} to '
+            f'{mode.range_max:g} m, range_m of {mode.name}: simulated depth ends there'
+        )
     in_range = (clean >= mode.range_min) & (clean <= mode.range_max)
     if not in_range.any():
         raise InputError(
@@ -231,7 +238,7 @@ def _depths(
             f'{mode.name}, {mode.range_min:g} to '
             f'{mode.range_max:g} m'
         )
-    if not (np.isfinite(depth) & in_range).any():
+    if not (valid & in_range).any():
         raise InputError(f'{path}: depth, clean_depth: no pixel is valid in both')
     return depth, clean
 
