@@ -8,10 +8,12 @@ from typing import Any
 from flexx2_sim_ros.atomic import check_outputs, output_folder, write_text
 from flexx2_sim_ros.cli.common import add_jobs, add_profile, add_seed, progress_bar
 from flexx2_sim_ros.errors import printable
+from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-_FILE = 'next.json'
+_FILE, _PAGE = 'next.json', 'next.html'
+_ROWS = 10
 
 
 def add_parser(commands: Any) -> None:
@@ -19,15 +21,41 @@ def add_parser(commands: Any) -> None:
     parser = commands.add_parser(
         'next',
         help='say which recording would settle what a diagnosis leaves open',
-        description='Simulate the explanations that DIAGNOSIS leaves open in scenes that are easy '
-        'to set up, and rank the scenes by how well a recording would tell the explanations '
-        'apart. Prints the ranking and writes next.json.',
-        epilog='example: flexx2 gap next diagnosis/',
+        description='Simulate the explanations that DIAGNOSIS leaves open in recordings that you '
+        'could make next, and rank these by how much they would tell. Prints the ranking, and '
+        f'writes {_FILE} and {_PAGE} with pictures of what each explanation would look like. See '
+        'docs/planning.md.',
+        epilog='example: flexx2 gap next diagnosis/ --campaign campaign/ --truth tape',
     )
     parser.add_argument(
         'diagnosis', metavar='DIAGNOSIS', help='folder that flexx2 gap diagnose has written'
     )
-    parser.add_argument('--out', metavar='DIR', help='folder for next.json (default: DIAGNOSIS)')
+    parser.add_argument('--out', metavar='DIR', help='folder for the results (default: DIAGNOSIS)')
+    parser.add_argument(
+        '--plan', metavar='FILE', help='what could be recorded (default: config/gap_plan.yaml)'
+    )
+    parser.add_argument(
+        '--truth',
+        action='append',
+        default=[],
+        metavar='KIND',
+        help='ground truth that you can make: exact, scan, planes, tape or laser (may be '
+        'repeated). Default: scan if the poses of the campaign come from a scan, tape and laser '
+        'if it has planes, otherwise exact',
+    )
+    parser.add_argument(
+        '--scene',
+        action='append',
+        default=[],
+        metavar='FILE',
+        help='a scene of your own to rank as well: an .npz file as for flexx2 simulate (may be '
+        'repeated)',
+    )
+    parser.add_argument(
+        '--campaign',
+        metavar='DIR',
+        help='the recordings that were diagnosed, to compare with repeating one of them',
+    )
     add_profile(parser)
     add_seed(parser)
     add_jobs(parser)
@@ -35,30 +63,57 @@ def add_parser(commands: Any) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Rank scenes with a progress bar, and print the ranking."""
+    """Rank recordings with a progress bar, print the ranking and write the page."""
+    # Imported here: matplotlib and the compiled camera take seconds to load.
+    from flexx2_sim_ros.gap.planning.next_page import HOW, page
     from flexx2_sim_ros.gap.planning.next_recording import suggest
+    from flexx2_sim_ros.gap.planning.plan import default_plan, read_plan
     from flexx2_sim_ros.profiles.files import find_profile
 
     console = Console(stderr=True, markup=False)
     out = Path(arguments.out or arguments.diagnosis)
-    check_outputs('--out', out, [_FILE])
+    check_outputs('--out', out, [_FILE, _PAGE])
+    profile = find_profile(arguments.profile)
     with progress_bar(console) as progress:
-        table = suggest(
+        found = suggest(
             arguments.diagnosis,
-            profile=find_profile(arguments.profile),
+            read_plan(Path(arguments.plan) if arguments.plan else default_plan()),
+            kinds=arguments.truth,
+            scenes=arguments.scene,
+            campaign=arguments.campaign,
+            profile=profile,
             seed=arguments.seed,
             jobs=arguments.jobs,
             progress=progress,
         )
-    write_text(output_folder(out) / _FILE, json.dumps(table, indent=2, allow_nan=False) + '\n')
-    shown = Table('bits', 'record', 'tells apart best')
-    for row in table['ranking']:
-        pair = ' against '.join(row['best_told_apart'])
-        shown.add_row(f'{row["bits"]:.2f}', printable(row['words']), printable(pair))
-    console.print(shown)
+    folder = output_folder(out)
+    write_text(folder / _FILE, json.dumps(found.table, indent=2, allow_nan=False) + '\n')
+    write_text(folder / _PAGE, page(found, profile.intrinsics))
+    console.print(_shown(found.table))
     console.print(
-        f'{table["most_bits"]:.2f} bits would decide between all {len(table["explanations"])} '
-        f'explanations. {out}: {_FILE}',
+        f'{found.table["most_bits"]:.2f} bit would decide between all '
+        f'{len(found.table["explanations"])} explanations. {HOW}\n{out}: {_FILE}, {_PAGE}',
         highlight=False,
     )
     return 0
+
+
+def _shown(table: dict[str, Any]) -> Table:
+    from flexx2_sim_ros.gap.planning.next_page import baselines, percent
+
+    shown = Table(box=SIMPLE_HEAD, pad_edge=False)
+    shown.add_column('record', no_wrap=True)
+    for head in ('truth', 'bit', 'correct', 'wrong', 'open', 'tells apart best'):
+        shown.add_column(head)
+
+    def add(name: str, truth: str, row: Any, apart: str) -> None:
+        shares = (percent(row[key]) for key in ('right', 'wrong', 'undecided'))
+        shown.add_row(name, truth, f'{row["bits"]:.2f}', *shares, apart)
+
+    for row in table['ranking'][:_ROWS]:
+        pair = ' against '.join(row['best_told_apart'])
+        add(printable(row['name']), row['truth'], row, printable(pair))
+    shown.add_section()
+    for words, row in baselines(table):
+        add(words, '', row, '')
+    return shown

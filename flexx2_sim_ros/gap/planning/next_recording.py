@@ -1,253 +1,277 @@
 """Which recording would settle what a diagnosis leaves open."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+import tempfile
 from typing import Any
 
 from flexx2_sim_ros import __version__
-from flexx2_sim_ros.camera import flexx2, Intrinsics, Profile
-from flexx2_sim_ros.effects import of_role, registry
+from flexx2_sim_ros.camera import flexx2, Profile
 from flexx2_sim_ros.errors import InputError, shown
-from flexx2_sim_ros.gap.data.given import given_effects
-from flexx2_sim_ros.gap.data.registration import RecordingData
-from flexx2_sim_ros.gap.features.catalogue import Candidate, catalogue, Column, nuisances, Term
-from flexx2_sim_ros.gap.features.evidence import gather
-from flexx2_sim_ros.gap.features.simulation import simulate
-from flexx2_sim_ros.gap.inference.fitting import fit
-from flexx2_sim_ros.gap.inference.model import Model
-from flexx2_sim_ros.gap.planning.scenes import render, Scene, standard_scenes
+from flexx2_sim_ros.gap.calibration.data import GROUND_TRUTH
+from flexx2_sim_ros.gap.calibration.inference import THRESHOLDS
+from flexx2_sim_ros.gap.data.campaign import check, Found
+from flexx2_sim_ros.gap.features.catalogue import catalogue, Column, nuisances
+from flexx2_sim_ros.gap.features.evidence import Evidence
+from flexx2_sim_ros.gap.planning.explanations import Effects, explanations, NONE
+from flexx2_sim_ros.gap.planning.information import (
+    entropy,
+    Outlook,
+    outlook,
+    true_columns,
+    with_true,
+)
+from flexx2_sim_ros.gap.planning.looks import look, View
+from flexx2_sim_ros.gap.planning.plan import Plan
+from flexx2_sim_ros.gap.planning.possible import (
+    kinds_named,
+    of_campaign,
+    of_plan,
+    of_scene,
+    Possible,
+    usual_kinds,
+)
 from flexx2_sim_ros.gap.report.reading import Diagnosed, read_diagnosis
+from flexx2_sim_ros.gap.work import find, summarise
 from flexx2_sim_ros.jobs import bind, workers
 import numpy as np
 
-Table = dict[str, dict[str, float]]
 SCHEMA = 1
-_FRAMES = 12
-_SCALE = 0.5  # of the image: separations are to be compared, not to be exact
-_NONE = 'none of them'
+_SHOWN = 3  # suggestions with pictures
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True)
+class Suggestions:
+    """
+    What to record next.
+
+    Attributes
+    ----------
+    table : dict
+        As ``next.json`` in ``docs/planning.md``.
+    views : list of View
+        Of the first suggestions.
+
+    """
+
+    table: dict[str, Any]
+    views: list[View]
 
 
 @dataclass(frozen=True)
 class _Setting:
-    # What all scenes are simulated with.
-    usecase: str
+    # What all recordings are simulated with.
     profile: Profile
-    known: Mapping[str, Mapping[str, float]]
+    known: Effects
     prior: tuple[float, ...]
     seed: int
+    standing: dict[str, Effects]
+    weights: tuple[float, ...]
+    needed: float
+
+    @property
+    def names(self) -> list[str | None]:
+        return [name if effects else None for name, effects in self.standing.items()]
 
 
 def suggest(
     diagnosis: str | Path,
+    plan: Plan,
     *,
+    kinds: Sequence[str] = (),
+    scenes: Sequence[str | Path] = (),
+    campaign: str | Path | None = None,
     profile: Profile | None = None,
     seed: int = 0,
     jobs: int = 1,
-    progress: Callable[[str, float], None] | None = None,
-) -> dict[str, Any]:
+    progress: Progress = lambda text, share: None,
+) -> Suggestions:
     """
-    Rank scenes by what a recording of them would tell about a diagnosis that is open.
+    Rank recordings by what they would tell about a diagnosis that leaves something open.
 
     Parameters
     ----------
     diagnosis : str or pathlib.Path
         A folder that `diagnose` has written.
+    plan : Plan
+        What could be recorded.
+    kinds : sequence of str
+        Kinds of ground truth that are at hand; those of the diagnosed recordings when left out.
+    scenes : sequence of str or pathlib.Path
+        ``.npz`` files of further scenes, with ``clean_depth`` and ``K``.
+    campaign : str or pathlib.Path, optional
+        The recordings that were diagnosed, to say what a repeat would tell.
     profile : Profile, optional
         The camera; the Flexx2 when left out.
     seed : int
         Of the simulations.
     jobs : int
         Processes.
-    progress : callable, optional
+    progress : callable
         Called with what is being done, and the fraction that is done.
-
-    Returns
-    -------
-    dict
-        As ``next.json`` in ``docs/diagnosis.md``.
 
     Raises
     ------
     InputError
-        When the diagnosis cannot be read or leaves nothing open.
+        When the diagnosis or a scene cannot be used, or nothing is open.
 
     """
     before = read_diagnosis(Path(diagnosis))
-    try:
-        standing = explanations(before)
-    except (KeyError, TypeError) as error:
-        raise InputError(
-            f'DIAGNOSIS: diagnosis.json: must be as flexx2 gap diagnose writes it, got no '
-            f'{shown(error.args[0])}'
-        ) from error
     camera = profile or flexx2()
-    usecase = before.table.get('settings', {}).get('usecase')
-    if not isinstance(usecase, str):
-        raise InputError(
-            f'DIAGNOSIS: settings: usecase: must be the mode, got {shown(usecase)}: diagnose again'
-        )
-    metres, degrees = before.pose_prior
-    prior = (metres,) * 3 + (degrees,) * 3
-    setting = _Setting(usecase, camera, before.known, prior, seed)
-    scenes = standard_scenes(camera, camera.mode(usecase).range_max)
+    setting = _setting(before, camera, seed)
+    chosen = kinds_named(kinds or usual_kinds(before.table))
+    plan = replace(plan, usecase=_usecase(before))
     done = 0
 
     def step() -> None:
         nonlocal done
         done += 1
-        if progress is not None:
-            progress('simulating scenes', done / len(scenes))
+        progress('simulating recordings', done / len(possible))
 
-    with workers(jobs, None) as mapped:
-        separations = mapped(bind(separation, setting=setting, standing=standing), scenes, step)
-    rows = [
-        _row(scene, found, list(standing))
-        for scene, found in zip(scenes, separations, strict=True)
+    with tempfile.TemporaryDirectory() as name, workers(jobs, None) as mapped:
+        folder = Path(name)
+        progress('rendering scenes', 0.0)
+        told = camera, setting.known, seed
+        possible = of_plan(folder, plan, chosen, *told)
+        for i, scene in enumerate(scenes):
+            written = folder / f'own_{i}.npz'
+            possible.append(of_scene(written, Path(scene), plan.usecase, *told))
+        if campaign is not None:
+            possible += of_campaign(find(campaign, camera, mapped)[0])
+        outlooks = mapped(bind(_look_out, setting=setting), possible, step)
+        pairs = [
+            (one, expected)
+            for one, expected in zip(possible, outlooks, strict=True)
+            if isinstance(expected, Outlook)
+        ]
+        if not any(not one.repeat for one, _ in pairs):
+            raise InputError(f'DIAGNOSIS: no recording of the plan can be used: {outlooks[0]}')
+        pairs.sort(key=lambda pair: -pair[1].bits)
+        progress('drawing', 1.0)
+        first = [one for one, _ in pairs if not one.repeat][:_SHOWN]
+        views = [look(one, setting.standing, *told) for one in first]
+    return Suggestions(_table(pairs, setting), views)
+
+
+def _setting(before: Diagnosed, camera: Profile, seed: int) -> _Setting:
+    metres, degrees = before.pose_prior
+    known = {name: dict(values) for name, values in before.known.items()}
+    standing = explanations(before)
+    return _Setting(
+        camera,
+        known,
+        (metres,) * 3 + (degrees,) * 3,
+        seed,
+        standing,
+        _weights(before, standing),
+        _needed(before),
+    )
+
+
+def _weights(before: Diagnosed, standing: dict[str, Effects]) -> tuple[float, ...]:
+    # Explanations are equally likely, but no effect at all is not where the diagnosis has found a
+    # gap: by the loss that it leaves.
+    gap = _gap(before)
+    left = max(gap['before'] - gap['null'], 0.0) if before.verdict != 'not_decidable' else 0.0
+    weights = np.array([np.exp(-left / 2) if name == NONE else 1.0 for name in standing])
+    return tuple(float(one) for one in weights / weights.sum())
+
+
+def _needed(before: Diagnosed) -> float:
+    # The loss by which the next diagnosis, of one recording more, must tell explanations apart.
+    gap, about = _gap(before), THRESHOLDS
+    count = sum(bool(row.get('used')) for row in before.table['recordings']) + 1
+    margin = GROUND_TRUTH.margin if before.table['not_decidable'] else 1.0
+    explained = max(gap['before'] - gap['after'], 0.0)
+    return margin * count * (about.gain + about.term_cost) + (1 - about.alternative) * explained
+
+
+def _gap(before: Diagnosed) -> dict[str, float]:
+    gap = before.table.get('gap', {})
+    try:
+        return {key: float(gap[key]) for key in ('before', 'after', 'null')}
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(
+            f'DIAGNOSIS: diagnosis.json: gap: must have before, after and null, got {shown(gap)}'
+        ) from error
+
+
+def _usecase(before: Diagnosed) -> str:
+    usecase = before.table.get('settings', {}).get('usecase')
+    if not isinstance(usecase, str):
+        raise InputError(
+            f'DIAGNOSIS: settings: usecase: must be the mode, got {shown(usecase)}: diagnose again'
+        )
+    return usecase
+
+
+def _look_out(possible: Possible, setting: _Setting) -> Outlook | str:
+    # What is expected of a recording, or why it cannot be used.
+    profile = setting.profile
+    found = check(possible.path, profile)
+    if not isinstance(found, Found):
+        return found
+    wrong = nuisances().columns
+    base = [c for c in catalogue((), bool(found.mode.modulation_hz))[0] if c.name in wrong]
+    of_camera = [
+        Column(name, {k: v for k, v in effects.items() if k not in possible.kind.never}, few=False)
+        for name, effects in setting.standing.items()
+        if effects
     ]
+    parts: list[Evidence] = []
+    for half, columns in enumerate((base + of_camera, of_camera)):
+        one = summarise(found, profile, columns, setting.seed + half, setting.prior, setting.known)
+        if isinstance(one, str):
+            return one
+        parts.append(one)
+    return outlook(
+        with_true(*parts),
+        base + of_camera + true_columns(of_camera),
+        setting.names,
+        np.array(setting.weights),
+        np.array(setting.prior),
+        possible.kind.fitted,
+        setting.needed,
+        setting.seed,
+    )
+
+
+def _table(pairs: Sequence[tuple[Possible, Outlook]], setting: _Setting) -> dict[str, Any]:
+    names = list(setting.standing)
+    rows = [
+        {
+            'name': one.name,
+            'truth': one.kind.name,
+            'words': one.words,
+            'bits': expected.bits,
+            'right': expected.right,
+            'wrong': expected.wrong,
+            'undecided': expected.undecided,
+            'best_told_apart': [names[i] for i in expected.told_apart],
+        }
+        for one, expected in pairs
+        if not one.repeat
+    ]
+    repeats = [expected for one, expected in pairs if one.repeat]
+    planned = [expected for one, expected in pairs if one.planned is not None]
+    baselines = {'random': _mean(planned)}
+    if repeats:
+        baselines['repeat'] = _mean(repeats)
     return {
         'schema': SCHEMA,
-        'explanations': standing,
-        'ranking': sorted(rows, key=lambda row: -row['bits']),
-        'most_bits': float(np.log2(len(standing))),
+        'explanations': setting.standing,
+        'probabilities': dict(zip(names, setting.weights, strict=True)),
+        'ranking': rows,
+        'baselines': baselines,
+        'most_bits': entropy(np.array(setting.weights)),
         'version': __version__,
     }
 
 
-def explanations(before: Diagnosed) -> dict[str, Table]:
-    """
-    Return the sets of effects that are still possible, by a name for people.
-
-    These are the effects that were chosen, each alternative in the place of what it replaces, each
-    effect that the ground truth could not decide, at its typical strength, and none of them.
-
-    Raises
-    ------
-    InputError
-        When there is nothing to decide.
-
-    """
-    table, pose = before.table, of_role('pose').name
-    chosen = {row['name']: row['parameters'] for row in table['effects']}
-    sets = [chosen]
-    for row in table['alternatives']:
-        kept = {k: v for k, v in chosen.items() if k not in row['instead_of']}
-        sets.append({**kept, row['name']: row['parameters']})
-    sets += [
-        {**chosen, row['name']: registry()[row['name']]().settings}
-        for row in table['not_decidable']
-    ]
-    sets.append({})
-    out: dict[str, Table] = {}
-    for one in sets:
-        effects = {name: dict(values) for name, values in one.items() if name != pose}
-        out.setdefault(' + '.join(effects).replace('_', ' ') or _NONE, effects)
-    if before.verdict == 'identified' and not (table['alternatives'] or table['not_decidable']):
-        raise InputError('DIAGNOSIS: must leave something open, got one explanation: check it')
-    if len(out) < 2:
-        raise InputError(
-            'DIAGNOSIS: must have alternatives or effects that are not decidable, got verdict '
-            f'{shown(before.verdict)} without any'
-        )
-    return out
-
-
-def separation(scene: Scene, setting: _Setting, standing: Mapping[str, Table]) -> np.ndarray:
-    """
-    Return how far explanations are apart in a recording of a scene.
-
-    Parameters
-    ----------
-    scene : Scene
-        What is recorded.
-    setting : _Setting
-        The camera and the diagnosis' settings.
-    standing : mapping
-        Effects by explanation.
-
-    Returns
-    -------
-    numpy.ndarray
-        (N, N) the diagnosis' loss of the difference of each pair, in which the pose, the
-        brightness, edges and sigma are fitted.
-
-    """
-    wanted = nuisances().columns
-    mode = setting.profile.mode(setting.usecase)
-    columns = [c for c in catalogue((), bool(mode.modulation_hz))[0] if c.name in wanted]
-    columns += [Column(name, table, few=False) for name, table in standing.items() if table]
-    prior = np.array(setting.prior)
-    model = Model(
-        [gather(_recording(scene, setting), columns, setting.seed, prior)], columns, prior
-    )
-    shifts = [
-        model.predict([_as_it_is(name)], np.ones((1, 1)))[0] if table else np.zeros((1, 1))
-        for name, table in standing.items()
-    ]
-    out = np.zeros((len(shifts), len(shifts)))
-    for i, one in enumerate(shifts):
-        for j, other in enumerate(shifts[:i]):
-            difference = np.broadcast_to(one - other, model.gap.shape)
-            out[i, j] = out[j, i] = fit(model.as_if(difference), []).inside
-    return out
-
-
-def information(separations: np.ndarray) -> float:
-    """
-    Return the bits that a recording tells about explanations that are equally likely before.
-
-    The lower bound of Kolchinsky and Tracey (Entropy 19, 361, 2017) for a mixture of normal
-    distributions with one covariance, whose squared distances the separations stand for.
-
-    Parameters
-    ----------
-    separations : numpy.ndarray
-        (N, N) from `separation`.
-
-    """
-    return float(-np.log2(np.exp(-separations / 8).mean(axis=1)).mean())
-
-
-def _as_it_is(name: str) -> Candidate:
-    return Candidate(name, '', (Term(name, ((1.0, name),), 1.0, 1.0),), lambda values: {})
-
-
-def _row(scene: Scene, separations: np.ndarray, names: list[str]) -> dict[str, Any]:
-    i, j = np.unravel_index(int(separations.argmax()), separations.shape)
+def _mean(outlooks: Sequence[Outlook]) -> dict[str, float]:
     return {
-        'scene': scene.name,
-        'words': scene.words,
-        'bits': information(separations),
-        'best_told_apart': sorted([names[i], names[j]]),
-        'separations': separations.tolist(),
+        key: float(np.mean([getattr(one, key) for one in outlooks]))
+        for key in ('bits', 'right', 'wrong', 'undecided')
     }
-
-
-def _recording(scene: Scene, setting: _Setting) -> RecordingData:
-    # As the base simulator would record it.
-    mode, lens = setting.profile.mode(setting.usecase), setting.profile.intrinsics
-    matrix = lens.matrix.copy()
-    matrix[:2] *= _SCALE
-    matrix[:2, 2] += (_SCALE - 1) / 2
-    small = Intrinsics.from_matrix(matrix, round(lens.width * _SCALE), round(lens.height * _SCALE))
-    small = replace(small, distortion=lens.distortion)
-    stamp = np.arange(_FRAMES) / mode.rate_hz
-    clean, reflectivity = render(scene, small, stamp)
-    fresh = np.zeros(_FRAMES, bool)
-    fresh[0] = True
-    recording = RecordingData(
-        scene.name,
-        np.broadcast_to(clean, (_FRAMES, *clean.shape[-2:])).copy(),
-        clean,
-        reflectivity,
-        matrix,
-        np.rint(stamp * 1e9).astype(np.int64),
-        fresh,
-        scene.uptime,
-        mode,
-        setting.profile,
-        given=given_effects(setting.known, scene.uptime),
-    )
-    # Another seed than those that it is compared with.
-    depth = simulate(recording, clean, reflectivity, (), setting.seed * 1000 + 900)
-    return replace(recording, depth=depth)

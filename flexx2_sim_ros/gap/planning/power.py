@@ -166,7 +166,7 @@ def _fraction(
     count = misses = 0
     for draw in range(draws):
         rng = np.random.default_rng([seed, draw])
-        gap = shift + _noise(model, rng) + _wrong_truth(model, kind, rng)
+        gap = shift + noise(model, rng) + wrong_truth(model, kind.fitted, rng)
         misses += not _named_first(model.as_if(gap), considered, effect)
         count += 1
         if misses > (1 - _WANTED) * draws:
@@ -187,8 +187,8 @@ def _shift(model: Model, effect: str, strength: float) -> np.ndarray:
     return np.array([e.columns[index] for e in model.evidence])
 
 
-def _noise(model: Model, rng: np.random.Generator) -> np.ndarray:
-    # (R, SIZE) of features: of a simulation drawn for each recording against the others.
+def noise(model: Model, rng: np.random.Generator) -> np.ndarray:
+    """Return (R, SIZE) noise of features: one simulation of each recording against the others."""
     out = []
     for one in model.evidence:
         k = int(rng.integers(len(one.nulls)))
@@ -196,13 +196,24 @@ def _noise(model: Model, rng: np.random.Generator) -> np.ndarray:
     return np.nan_to_num(np.array(out))
 
 
-def _wrong_truth(model: Model, kind: Kind, rng: np.random.Generator) -> np.ndarray:
-    # (R, SIZE) what errors of the ground truth change, linearly. Planes that are fitted to the
-    # recordings are where these have them.
+def wrong_truth(model: Model, fitted: bool, rng: np.random.Generator) -> np.ndarray:
+    """
+    Return (R, SIZE) what errors of the ground truth change, linearly.
+
+    Parameters
+    ----------
+    model : Model
+        The recordings.
+    fitted : bool
+        Whether planes are fitted to the recordings: these are where the recordings have them.
+    rng : numpy.random.Generator
+        Draws the errors.
+
+    """
     amounts = np.zeros((len(model.gap), model.own.count))
     for row, one in zip(amounts, model.evidence, strict=True):
         covariance = one.covariance
-        if covariance is None or kind.fitted:
+        if covariance is None or fitted:
             continue
         deviation = np.sqrt(np.diag(covariance)) * rng.standard_normal(len(covariance))
         row[:POSE] = deviation[:POSE] / STEPS

@@ -10,14 +10,14 @@ from dataclasses import dataclass
 from functools import cached_property
 import math
 
-from flexx2_sim_ros.camera import Intrinsics, Profile
+from flexx2_sim_ros.camera import Intrinsics
 from flexx2_sim_ros.physics.geometry import pixel_rays
 import numpy as np
 
 Vector = tuple[float, float, float]
-_WHITE, _DARK, _SKIN, _CARD = 0.85, 0.05, 0.5, 0.6  # reflectivities, assumed
+_WHITE = 0.85  # reflectivity, assumed
 _LARGE = 20.0  # metres, half the side of a wall that fills the image
-_WARM, _COLD = 1800.0, 5.0  # seconds since power-on
+_WARM = 1800.0  # seconds since power-on
 
 
 @dataclass(frozen=True)
@@ -75,74 +75,6 @@ class Scene:
     def moving(self) -> bool:
         """Return whether the image changes from frame to frame."""
         return bool(self.turn_rate) or any(any(panel.velocity) for panel in self.panels)
-
-
-def standard_scenes(profile: Profile, range_max: float) -> list[Scene]:
-    """
-    Return the scenes that a camera can record with a wall, a card, a box and a hand.
-
-    Parameters
-    ----------
-    profile : Profile
-        The camera, whose field of view decides how far aside things stand.
-    range_max : float
-        Metres; walls beyond are left out.
-
-    Returns
-    -------
-    list of Scene
-        At least one; names are unique.
-
-    """
-    lens = profile.intrinsics
-    half = lens.width / 2 / lens.fx  # half the width of the image at 1 m
-    walls = [d for d in (0.5, 1.0, 2.0, 3.0, 4.0) if d <= range_max] or [range_max / 2]
-    middle = min(1.0, range_max / 3)
-    scenes = [
-        Scene(f'wall_{d:g}m', f'a white wall at {d:g} m, seen straight on', (wall(d),))
-        for d in walls
-    ]
-    for d in (walls[0], walls[-2] if len(walls) > 1 else walls[-1]):
-        words = f'a white wall at {d:g} m, tilted by 40 degrees'
-        scenes.append(Scene(f'tilted_wall_{d:g}m', words, (wall(d, tilt=40.0),)))
-    scenes += [
-        Scene(
-            'corner',
-            f'the corner of two white walls, {1.5 * middle:g} m away',
-            (wall(1.5 * middle, tilt=45.0), wall(1.5 * middle, tilt=-45.0)),
-        ),
-        Scene(
-            'dark_card',
-            f'a black card at {middle:g} m before a white wall at {2 * middle:g} m',
-            (wall(2 * middle), card(middle, 0.0, 0.4 * half * middle, _DARK)),
-        ),
-    ]
-    for gap in (0.05, 0.3, 1.0):
-        words = f'the edge of a box at {middle:g} m, {100 * gap:g} cm before a white wall'
-        box = card(middle, -half * middle, half * middle, _CARD)
-        scenes.append(Scene(f'box_{100 * gap:g}cm', words, (wall(middle + gap), box)))
-    hand = card(0.6 * middle, -0.25 * half * middle, 0.08, _SKIN, velocity=(0.5, 0.0, 0.0))
-    before = f'before a white wall at {1.5 * middle:g} m'
-    scenes += [
-        Scene(
-            'moving_hand',
-            f'a hand that moves sideways at 0.5 m/s {before}',
-            (wall(1.5 * middle), hand),
-        ),
-        Scene(
-            'panning',
-            f'a box {before}, while the camera pans at 40 degrees per second',
-            (wall(1.5 * middle), card(0.8 * middle, 0.0, 0.15, _CARD)),
-            turn_rate=40.0,
-        ),
-        Scene(
-            'cold_start',
-            f'a white wall at {middle:g} m, seen straight on, directly after power-on',
-            (wall(middle),),
-            uptime=_COLD,
-        ),
-    ]
-    return scenes
 
 
 def wall(distance: float, tilt: float = 0.0, reflectivity: float = _WHITE) -> Panel:

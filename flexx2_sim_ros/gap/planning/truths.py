@@ -1,6 +1,6 @@
 """The planned recordings as a camera would deliver them, with each kind of ground truth."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -8,6 +8,7 @@ from typing import Any
 from flexx2_sim_ros.camera import Camera, Intrinsics, Profile
 from flexx2_sim_ros.effects import ageing, registry
 from flexx2_sim_ros.gap.calibration.data import GROUND_TRUTH
+from flexx2_sim_ros.gap.data.given import Table
 from flexx2_sim_ros.gap.data.planes import plane_shifts
 from flexx2_sim_ros.gap.data.pose import moved
 from flexx2_sim_ros.gap.planning.plan import Plan, PlannedRecording
@@ -46,6 +47,10 @@ class Kind:
     fitted: bool = False
     never: tuple[str, ...] = ()
 
+    def suits(self, planned: PlannedRecording) -> bool:
+        """Return whether a recording can have it: planes are known of still scenes only."""
+        return self.plane is None or not planned.scene.moving
+
 
 KINDS = (
     Kind('exact', 'clean depth without errors, as of a simulated camera or of motion capture'),
@@ -67,6 +72,13 @@ KINDS = (
         fitted=True,
     ),
 )
+# Of `flexx2 gap next`; not in the plan's table.
+LASER = Kind(
+    'laser',
+    'planes, measured with a laser distance meter (1 mm) and a set square (0.3 degrees)',
+    plane=(GROUND_TRUTH.laser, GROUND_TRUTH.square),
+)
+ALL_KINDS = (*KINDS, LASER)
 
 
 def write_campaign(
@@ -74,7 +86,7 @@ def write_campaign(
     plan: Plan,
     profile: Profile,
     kind: Kind,
-    effects: Mapping[str, Mapping[str, float]] | None = None,
+    effects: Table | None = None,
     seed: int = 0,
     wrong: bool = False,
 ) -> None:
@@ -100,54 +112,89 @@ def write_campaign(
 
     """
     for i, planned in enumerate(plan.recordings):
-        if kind.plane is not None and planned.scene.moving:
-            continue
-        content: dict[str, Any] = _recording(
-            plan, planned, profile, kind, effects or {}, [seed, i], wrong
-        )
-        np.savez(folder / f'{planned.name}.npz', **content)
+        if kind.suits(planned):
+            path = folder / f'{planned.name}.npz'
+            write_recording(path, plan, planned, profile, kind, effects, [seed, i], wrong)
 
 
-def _recording(
+def write_recording(
+    path: Path,
     plan: Plan,
     planned: PlannedRecording,
     profile: Profile,
     kind: Kind,
-    effects: Mapping[str, Mapping[str, float]],
-    seed: list[int],
-    wrong: bool,
-) -> dict[str, np.ndarray]:
+    effects: Table | None = None,
+    seed: Sequence[int] = (0,),
+    wrong: bool = False,
+) -> None:
+    """Write one recording of the plan; parameters as for `write_campaign`."""
     lens = smaller(profile.intrinsics, plan.scale)
     mode = profile.mode(plan.usecase)
     start = 100.0 + planned.scene.uptime
     stamp = start + np.rint(np.arange(plan.frames) * 1e9 / mode.rate_hz) / 1e9
     clean, reflectivity = render(planned.scene, lens, stamp)
     rng = np.random.default_rng(seed)
-    truth = _truth(planned, lens, stamp, clean, kind)
     real, shade = clean, reflectivity
     if wrong and kind.pose:
         step = np.array(GROUND_TRUTH.pose) * rng.standard_normal(6)
         real, moved_shade = moved(clean, reflectivity, lens.matrix, mode, step)
         shade = reflectivity if moved_shade is None else moved_shade
-    table: dict[str, Any] = {name: dict(values) for name, values in effects.items()}
+    table: dict[str, Any] = {name: dict(values) for name, values in (effects or {}).items()}
     for name in ageing(table):
         table[name]['uptime'] = planned.scene.uptime
     own = tuple(registry()[name].from_mapping(values) for name, values in table.items())
     device = Camera(plan.usecase, profile=profile, effects=own, seed=seed[0] + 77, name='real')
     depth = device.capture(real, lens.matrix, stamp, shade).depth
-    believed = _believed(clean, depth, truth, lens, kind, rng) if wrong else clean
-    if 'known' in truth:
-        believed = np.where(truth['known'], believed, np.float32(np.nan))
-    return {
+    content: dict[str, Any] = {
         'depth': depth.astype(np.float32),
-        'clean_depth': believed.astype(np.float32),
         'reflectivity': reflectivity,
         'K': lens.matrix,
         'stamp': stamp,
         'uptime': planned.scene.uptime + stamp - stamp[0],
         'usecase': np.array(plan.usecase),
-        **truth,
+        **ground_truth(planned, lens, stamp, depth, kind, rng if wrong else None),
     }
+    np.savez(path, **content)
+
+
+def ground_truth(
+    planned: PlannedRecording,
+    lens: Intrinsics,
+    stamp: np.ndarray,
+    depth: np.ndarray,
+    kind: Kind,
+    rng: np.random.Generator | None,
+) -> dict[str, np.ndarray]:
+    """
+    Return what is known of a recording's scene.
+
+    Parameters
+    ----------
+    planned : PlannedRecording
+        What was recorded.
+    lens : Intrinsics
+        Of the camera.
+    stamp : numpy.ndarray
+        (T,) seconds.
+    depth : numpy.ndarray
+        (T, H, W) as measured, metres, to which planes may be fitted.
+    kind : Kind
+        Of ground truth.
+    rng : numpy.random.Generator or None
+        Draws the errors of planes; without it the truth has none.
+
+    Returns
+    -------
+    dict
+        ``clean_depth`` and the keys that say how well it is known (docs/recordings.md).
+
+    """
+    clean, _ = render(planned.scene, lens, stamp)
+    truth = _truth(planned, lens, stamp, clean, kind)
+    believed = clean if rng is None else _believed(clean, depth, truth, lens, kind, rng)
+    if 'known' in truth:
+        believed = np.where(truth['known'], believed, np.float32(np.nan))
+    return {'clean_depth': believed.astype(np.float32), **truth}
 
 
 def smaller(lens: Intrinsics, scale: float) -> Intrinsics:

@@ -1,6 +1,6 @@
 """A campaign: recordings of a camera with effects, and what its user knows of the scenes."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -133,7 +133,9 @@ class BlindCamera:
         told = self._told[np.minimum((true * _CLASSES).astype(int), _CLASSES - 1)]
         return np.clip(true * told, 0.01, 1.0).astype(np.float32)
 
-    def record(self, folder: Path, observer: Observer | None = None) -> None:
+    def record(
+        self, folder: Path, observer: Observer | None = None, only: Sequence[int] | None = None
+    ) -> None:
         """
         Write the campaign, ``0.npz`` and so on, as recordings.
 
@@ -143,10 +145,12 @@ class BlindCamera:
             Must exist.
         observer : callable, optional
             Sees every frame, for what labels need beyond the recordings.
+        only : sequence of int, optional
+            Which recordings to write; all when left out.
 
         """
         key, scenes = self.case.scenes, self.scenes
-        for i in range(key.recordings):
+        for i in range(key.recordings) if only is None else only:
             clean, _ = scenes.clean(i)
             gray = []
             with RecordingWriter(folder / f'{i}.npz', key.frames, key.height, key.width) as file:

@@ -1,0 +1,168 @@
+"""
+What one more recording would tell: expected information and the expected decision.
+
+Each explanation in turn is taken for true. Its shift of the features, noise, and errors of the
+ground truth make a gap, with the same random numbers for all explanations. The loss of each
+explanation on this gap, with the recording's own errors fitted as in the diagnosis, says what
+would be believed after the recording.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from flexx2_sim_ros.gap.calibration.data import GROUND_TRUTH
+from flexx2_sim_ros.gap.features.catalogue import Candidate, Column, Term
+from flexx2_sim_ros.gap.features.evidence import Evidence
+from flexx2_sim_ros.gap.inference.fitting import fit
+from flexx2_sim_ros.gap.inference.model import Model
+from flexx2_sim_ros.gap.planning.power import noise, wrong_truth
+import numpy as np
+from scipy.special import log_softmax
+
+_DRAWS = 3
+_TRUE = 'true: '
+
+
+@dataclass(frozen=True)
+class Outlook:
+    """
+    What is expected of a recording.
+
+    Attributes
+    ----------
+    bits : float
+        Expected information about which explanation is true; see `information`.
+    right, wrong, undecided : float
+        Probabilities that it settles the question correctly, wrongly, or not at all; their sum
+        is 1.
+    told_apart : tuple of int
+        The two explanations that it tells apart best.
+
+    """
+
+    bits: float
+    right: float
+    wrong: float
+    undecided: float
+    told_apart: tuple[int, int]
+
+
+def with_true(fitted: Evidence, true: Evidence) -> Evidence:
+    """Return a summary with the columns of both, simulated with different random numbers."""
+    return replace(fitted, columns=np.concatenate([fitted.columns, true.columns]))
+
+
+def true_columns(columns: Sequence[Column]) -> list[Column]:
+    """Return the columns of explanations that are taken for true."""
+    return [replace(column, name=_TRUE + column.name) for column in columns]
+
+
+def outlook(
+    evidence: Evidence,
+    columns: Sequence[Column],
+    names: Sequence[str | None],
+    weights: np.ndarray,
+    prior: np.ndarray,
+    fitted: bool,
+    needed: float,
+    seed: int,
+) -> Outlook:
+    """
+    Return what is expected of a recording.
+
+    Parameters
+    ----------
+    evidence : Evidence
+        The recording, as from `with_true`.
+    columns : sequence of Column
+        Of the evidence: nuisances, explanations and, as from `true_columns`, explanations again.
+    names : sequence of str or None
+        (N,) the explanations' columns; None for no effect.
+    weights : numpy.ndarray
+        (N,) their probabilities before the recording.
+    prior : numpy.ndarray
+        (6,) standard deviations of pose errors, metres and degrees.
+    fitted : bool
+        Whether planes are fitted to the recording.
+    needed : float
+        By how much the loss of the next best explanation must be larger for a decision.
+    seed : int
+        Of the draws.
+
+    """
+    model = Model([evidence], columns, prior)
+    losses = np.array(
+        [
+            _losses(model, names, name, fitted, seed, draw)
+            for name in names
+            for draw in range(_DRAWS)
+        ]
+    ).reshape(len(names), _DRAWS, len(names))
+    order = np.sort(losses, axis=-1)
+    decided = order[..., 1] - order[..., 0] >= needed
+    best = losses.argmin(axis=-1) == np.arange(len(names))[:, None]
+    right = float(weights @ (decided & best).mean(axis=1))
+    settled = float(weights @ decided.mean(axis=1))
+    apart = losses.mean(axis=1)
+    apart = (apart - np.diag(apart)[:, None]) * np.outer(weights, weights)
+    i, j = np.unravel_index(int((apart + apart.T).argmax()), apart.shape)
+    return Outlook(
+        information(losses, weights),
+        right,
+        settled - right,
+        1 - settled,
+        (int(min(i, j)), int(max(i, j))),
+    )
+
+
+def entropy(weights: np.ndarray) -> float:
+    """Return the entropy of probabilities in bits."""
+    some = weights[weights > 0]
+    return float(-(some * np.log2(some)).sum())
+
+
+def information(losses: np.ndarray, weights: np.ndarray) -> float:
+    """
+    Return the bits that a recording is expected to tell about explanations.
+
+    The expected reduction of the entropy over explanations (Lindley, Ann. Math. Statist. 27, 986,
+    1956). exp(-loss / 2) stands for the likelihood. Because that is an approximation, the result
+    is the lower bound of Barber and Agakov (NIPS 2003), which holds for any: the entropy before
+    the recording plus the mean logarithm of what is believed of the true explanation after it.
+
+    Parameters
+    ----------
+    losses : numpy.ndarray
+        (N, draws, N) loss of each explanation (last axis) when another one is true (first axis).
+    weights : numpy.ndarray
+        (N,) probabilities of the explanations before the recording.
+
+    """
+    before = np.log(np.maximum(weights, np.finfo(float).tiny))
+    believed = log_softmax(before - losses / 2, axis=-1)
+    after = np.einsum('idi->id', believed).mean(axis=1) / np.log(2)
+    return max(entropy(weights) + float(weights @ after), 0.0)
+
+
+def _losses(
+    model: Model, names: Sequence[str | None], true: str | None, fitted: bool, seed: int, draw: int
+) -> list[float]:
+    # (N,) of each explanation when one is true.
+    rng = np.random.default_rng([seed, draw])
+    gap = noise(model, rng) + wrong_truth(model, fitted, rng)
+    if true is not None:
+        gap = gap + _shift(model, _TRUE + true)
+    seen = model.as_if(gap)
+    return [_loss(seen, name) for name in names]
+
+
+def _shift(model: Model, name: str) -> np.ndarray:
+    return model.evidence[0].columns[model.index[name]][None]
+
+
+def _loss(model: Model, name: str | None) -> float:
+    if name is None:
+        return fit(model, [], scales=GROUND_TRUTH.scales).inside
+    as_it_is = Term(name, ((1.0, name),), 1.0, 1.0)
+    one = Candidate(name, '', (as_it_is,), lambda values: {})
+    return fit(model, [one], np.ones(1), GROUND_TRUTH.scales).inside

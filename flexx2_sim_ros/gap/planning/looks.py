@@ -1,0 +1,95 @@
+"""What each explanation would look like in a recording."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from flexx2_sim_ros.camera import Profile
+from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.gap.data.campaign import check, Found, read
+from flexx2_sim_ros.gap.data.given import Table
+from flexx2_sim_ros.gap.features.simulation import simulate, with_uptime
+from flexx2_sim_ros.gap.planning.explanations import Effects
+from flexx2_sim_ros.gap.planning.possible import Possible
+import numpy as np
+
+
+@dataclass(frozen=True)
+class View:
+    """
+    What each explanation would look like in a recording.
+
+    Attributes
+    ----------
+    possible : Possible
+        The recording.
+    error : numpy.ndarray
+        (N, H, W) mean of depth less clean depth, metres; NaN where there is none or nothing known.
+    noise : numpy.ndarray
+        (N, H, W) standard deviation of that error from frame to frame, metres; likewise.
+    valid : numpy.ndarray
+        (N, H, W) fraction of the frames with a depth; NaN where nothing is known.
+
+    """
+
+    possible: Possible
+    error: np.ndarray
+    noise: np.ndarray
+    valid: np.ndarray
+
+
+def look(
+    possible: Possible,
+    explanations: Mapping[str, Effects],
+    profile: Profile,
+    known: Table,
+    seed: int,
+) -> View:
+    """
+    Simulate a recording with each explanation.
+
+    Parameters
+    ----------
+    possible : Possible
+        The recording.
+    explanations : mapping
+        Effects by explanation.
+    profile : Profile
+        The camera.
+    known : mapping
+        Effects that it has anyway.
+    seed : int
+        Of the noise.
+
+    """
+    found = check(possible.path, profile)
+    if not isinstance(found, Found):
+        raise InputError(found)
+    recording = read(found, profile, known)
+    images = []
+    for effects in explanations.values():
+        depth = simulate(
+            recording,
+            recording.clean,
+            recording.reflectivity,
+            with_uptime(effects, recording.uptime),
+            seed,
+        )
+        images.append(_images(depth - recording.clean, np.isfinite(depth), recording.truth.known))
+    error, noise, valid = (np.array(one) for one in zip(*images, strict=True))
+    return View(possible, error, noise, valid)
+
+
+def _images(
+    error: np.ndarray, seen: np.ndarray, known: np.ndarray | None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    # (H, W) mean and standard deviation of (T, H, W) errors over frames, and how often there is
+    # one; NaN where there is none or nothing is known.
+    if known is None:
+        known = np.ones(seen.shape, bool)
+    known = np.broadcast_to(known, seen.shape)
+    seen = seen & known
+    with np.errstate(invalid='ignore', divide='ignore'):
+        count = seen.sum(axis=0)
+        mean = np.where(seen, error, 0).sum(axis=0) / count
+        variance = np.where(seen, (error - mean) ** 2, 0).sum(axis=0) / count
+        return mean, np.sqrt(variance), count / known.sum(axis=0)

@@ -1,0 +1,171 @@
+"""Recordings that could be made next, simulated as the camera would make them."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from flexx2_sim_ros.camera import Camera, Profile
+from flexx2_sim_ros.errors import InputError, shown, shown_path
+from flexx2_sim_ros.gap.data.campaign import check, Found
+from flexx2_sim_ros.gap.data.given import given_effects, Table
+from flexx2_sim_ros.gap.planning.plan import Plan, PlannedRecording
+from flexx2_sim_ros.gap.planning.truths import ALL_KINDS, Kind, write_recording
+from flexx2_sim_ros.recording import load_scene
+import numpy as np
+
+_FRAMES = 12  # of a scene of the user's own that stands still
+_AS_TOLD = Kind('own', 'as the file says', fitted=True)  # Registration finds its errors.
+_REPLACED = 'depth', 'usecase', 'amplitude'  # keys of a scene's file
+
+
+@dataclass(frozen=True)
+class Possible:
+    """
+    A recording that could be made next.
+
+    Attributes
+    ----------
+    name, words : str
+        For tables; what to set up.
+    kind : Kind
+        Of ground truth.
+    path : pathlib.Path
+        A simulated recording of it, or one that exists.
+    planned : PlannedRecording or None
+        Where it comes from the plan.
+    repeat : bool
+        Whether it was recorded before.
+
+    """
+
+    name: str
+    words: str
+    kind: Kind
+    path: Path
+    planned: PlannedRecording | None = None
+    repeat: bool = False
+
+
+def usual_kinds(table: Mapping[str, Any]) -> list[str]:
+    """
+    Return the kinds of ground truth that whoever made a diagnosis can have.
+
+    Parameters
+    ----------
+    table : mapping
+        As ``diagnosis.json``.
+
+    """
+    truths = [row.get('truth') or {} for row in table['recordings'] if row.get('used')]
+    kinds = []
+    if any(one.get('planes') for one in truths):
+        kinds += ['tape', 'laser']
+    if any(one.get('pose') is not None and not one.get('planes') for one in truths):
+        kinds.append('scan')
+    return kinds or ['exact']
+
+
+def kinds_named(names: Sequence[str]) -> list[Kind]:
+    """
+    Return kinds of ground truth by their names, each once.
+
+    Raises
+    ------
+    InputError
+        For a name that is none.
+
+    """
+    by_name = {kind.name: kind for kind in ALL_KINDS}
+    for name in names:
+        if name not in by_name:
+            raise InputError(f'--truth: must be among {", ".join(by_name)}, got {shown(name)}')
+    return [by_name[name] for name in dict.fromkeys(names)]
+
+
+def of_plan(
+    folder: Path, plan: Plan, kinds: Sequence[Kind], profile: Profile, known: Table, seed: int
+) -> list[Possible]:
+    """
+    Write the plan's recordings with each kind of ground truth that suits them.
+
+    Parameters
+    ----------
+    folder : pathlib.Path
+        An existing folder.
+    plan : Plan
+        What could be recorded.
+    kinds : sequence of Kind
+        Of ground truth.
+    profile : Profile
+        The camera.
+    known : mapping
+        Effects that it has: parameters by name.
+    seed : int
+        Of its noise.
+
+    """
+    out = []
+    for kind in kinds:
+        for i, planned in enumerate(plan.recordings):
+            if kind.suits(planned):
+                path = folder / f'{planned.name}_{kind.name}.npz'
+                write_recording(path, plan, planned, profile, kind, known, [seed, i])
+                out.append(Possible(planned.name, planned.set_up, kind, path, planned))
+    return out
+
+
+def of_scene(
+    written: Path, scene_file: Path, usecase: str, profile: Profile, known: Table, seed: int
+) -> Possible:
+    """
+    Write a recording of a scene of the user's own.
+
+    Parameters
+    ----------
+    written : pathlib.Path
+        Where to.
+    scene_file : pathlib.Path
+        An ``.npz`` with ``clean_depth`` and ``K``.
+    usecase : str
+        The mode.
+    profile, known, seed
+        As for `of_plan`.
+
+    Raises
+    ------
+    InputError
+        When the scene cannot be used; the message names its file.
+
+    """
+    scene = load_scene(scene_file)
+    clean = scene.clean_depth
+    count = len(clean) if clean.ndim == 3 else _FRAMES
+    stamp = scene.stamp
+    if stamp is None or len(stamp) != count:
+        stamp = np.arange(count) / profile.mode(usecase).rate_hz
+    device = Camera(usecase, profile=profile, effects=given_effects(known), seed=seed)
+    depth = device.capture(clean, scene.K, stamp, scene.reflectivity).depth
+    arrays: dict[str, Any] = {
+        **{key: value for key, value in scene.extra.items() if key not in _REPLACED},
+        'clean_depth': clean,
+        'K': scene.K,
+        'stamp': stamp,
+        'depth': depth,
+        'usecase': np.array(usecase),
+    }
+    if scene.reflectivity is not None:
+        arrays['reflectivity'] = scene.reflectivity
+    np.savez(written, **arrays)
+    found = check(written, profile)
+    if not isinstance(found, Found):
+        raise InputError(found.replace(str(written), shown_path(scene_file)))
+    return Possible(scene_file.name, f'the scene of {shown_path(scene_file)}', _AS_TOLD, written)
+
+
+def of_campaign(found: Sequence[Found]) -> list[Possible]:
+    """Return recordings that exist, to be repeated."""
+    return [
+        Possible(one.path.name, 'recorded before', _AS_TOLD, one.path, repeat=True)
+        for one in found
+    ]
