@@ -110,24 +110,25 @@ def guesses(camera: ScannedCamera, seed: int) -> list[str]:
     return words
 
 
-def diagnosed(folder: Path, truth: str, told: Sequence[str]) -> dict[str, Any]:
+def diagnosed(folder: Path, truth: str, told: Sequence[str], room_error: float) -> dict[str, Any]:
     """Return what the diagnosis says with one kind of ground truth."""
     begin = time.perf_counter()
     campaign, verdicts = folder / truth, []
     if truth != 'exact':
-        words = ['--scan', folder / 'room.ply', '--out', campaign, '--jobs', 1, *told]
-        run('gap', 'truth', folder / 'bags', *words)
+        words = ['--scan', folder / 'room.ply', '--out', campaign, '--room-error', room_error]
+        run('gap', 'truth', folder / 'bags', *words, '--jobs', 1, *told)
         rows = yaml.safe_load((campaign / 'truth.yaml').read_text())['recordings']
         verdicts = [row['verdict'] for row in rows]
     out = folder / f'diagnosis_{truth}'
     run('gap', 'diagnose', campaign, '--out', out, '--jobs', 1)
     table = json.loads((out / 'diagnosis.json').read_text())
     return {
+        'truth': truth,
         'verdict': table['verdict'],
         'effects': [row['name'] for row in table['effects']],
         'alternatives': [row['name'] for row in table['alternatives']],
         'not_decidable': [row['name'] for row in table['not_decidable']],
-        'truth': verdicts,
+        'recordings': verdicts,
         'seconds': round(time.perf_counter() - begin, 1),
     }
 
@@ -138,40 +139,45 @@ def first(row: dict[str, Any]) -> str:
     return str(row['effects'][0] if named else row['verdict'])
 
 
-def right(name: str, row: dict[str, Any]) -> bool:
+def right(row: dict[str, Any]) -> bool:
     """Whether a diagnosis names the effect first, or nothing where there is none."""
-    if name == 'none':
+    if row['effect'] == 'none':
         return row['verdict'] in ('none', 'not_decidable')
-    return first(row) == name
+    return first(row) == row['effect']
 
 
-def table(entries: Sequence[dict[str, Any]]) -> str:
+def table(rows: Sequence[dict[str, Any]]) -> str:
     """Return the results as Markdown."""
+    cases = {(row['seed'], row['effect']): {} for row in rows}
+    for row in rows:
+        cases[row['seed'], row['effect']][row['truth']] = row
     lines = [
-        '| effect | seed | true depth | poses told wrongly | poses found |',
+        '| seed | effect | true depth | told wrong poses | told none |',
         '|---|---|---|---|---|',
     ]
-    for entry in sorted(entries, key=lambda e: (e['effect'], e['seed'])):
-        cells = []
-        for truth in TRUTHS:
-            row = entry[truth]
-            text = first(row)
-            if entry['effect'] in row['not_decidable']:
-                text += ', lists it as open'
-            cells.append(text)
-        lines.append(f'| {entry["effect"]} | {entry["seed"]} | ' + ' | '.join(cells) + ' |')
-    own = [e for e in entries if e['effect'] not in ('none', *OPEN)]
+    for (seed, effect), case in sorted(cases.items()):
+        cells = [_cell(case.get(truth)) for truth in TRUTHS]
+        lines.append(f'| {seed} | {effect} | {" | ".join(cells)} |')
     for truth in TRUTHS[1:]:
-        some = [e for e in own if right(e['effect'], e['exact'])]
-        good = sum(right(e['effect'], e[truth]) for e in some)
-        none = [e for e in entries if e['effect'] == 'none']
-        alarms = sum(not right('none', e[truth]) for e in none)
-        before = sum(not right('none', e['exact']) for e in none)
+        both = [case for case in cases.values() if 'exact' in case and truth in case]
+        some = [
+            case[truth]
+            for case in both
+            if right(case['exact']) and case[truth]['effect'] not in ('none', *OPEN)
+        ]
+        none = [case for case in both if case[truth]['effect'] == 'none']
+        alarms, before = (sum(not right(case[kind]) for case in none) for kind in (truth, 'exact'))
         lines.append(
-            f'\n{truth}: {good} of {len(some)} that are right with true depth; '
+            f'\n{truth}: {sum(map(right, some))} of {len(some)} that are right with true depth; '
             f'{alarms} false alarms in {len(none)} ({before} with true depth)'
         )
     return '\n'.join(lines)
+
+
+def _cell(row: dict[str, Any] | None) -> str:
+    if row is None:
+        return ''
+    return first(row) + (' (open)' if row['effect'] in row['not_decidable'] else '')
 
 
 def main() -> None:
@@ -179,39 +185,45 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--out', type=Path, required=True)
     parser.add_argument('--effects', default='none,all', help='names; all: the whole catalogue')
+    parser.add_argument('--truths', default=','.join(TRUTHS), help='kinds of ground truth')
     parser.add_argument('--seeds', default='101')
     parser.add_argument('--recordings', type=int, default=6)
     parser.add_argument('--frames', type=int, default=10)
+    parser.add_argument('--room-error', type=float, default=0.0005, help='metres, of the mesh')
     parser.add_argument('--over-topics', type=int, default=1, metavar='N')
     arguments = parser.parse_args()
     names: list[str] = []
     for name in arguments.effects.split(','):
         names += sorted(CATALOGUE) if name == 'all' else [name]
     journal = Journal(
-        arguments.out / 'results.jsonl', recordings=arguments.recordings, frames=arguments.frames
+        arguments.out / 'results.jsonl',
+        recordings=arguments.recordings,
+        frames=arguments.frames,
+        room_error=arguments.room_error,
     )
-    done = {(entry['effect'], entry['seed']) for entry in journal}
     for seed in map(int, arguments.seeds.split(',')):
         for name in dict.fromkeys(names):
-            if (name, seed) in done:
-                continue
-            with tempfile.TemporaryDirectory() as text:
-                folder = Path(text)
-                camera = make(folder, name, seed, arguments.recordings, arguments.frames)
-                if topics := len(journal) < arguments.over_topics:
-                    over_topics(folder)
-                entry: dict[str, Any] = {'effect': name, 'seed': seed, 'over_topics': topics}
-                for truth in TRUTHS:
-                    told = guesses(camera, seed) if truth == 'told' else []
-                    entry[truth] = diagnosed(folder, truth, told)
-                journal.add(entry)
-                print(
-                    name,
-                    seed,
-                    *(f'{truth}: {first(entry[truth])}' for truth in TRUTHS),
-                    flush=True,
-                )
+            _case(journal, arguments, name, seed)
     print(table(list(journal)))
+
+
+def _case(journal: Journal, arguments: argparse.Namespace, name: str, seed: int) -> None:
+    done = {(row['effect'], row['seed'], row['truth']) for row in journal}
+    left = [t for t in arguments.truths.split(',') if (name, seed, t) not in done]
+    if not left:
+        return
+    with tempfile.TemporaryDirectory() as text:
+        folder = Path(text)
+        camera = make(folder, name, seed, arguments.recordings, arguments.frames)
+        topics = len({(effect, at) for effect, at, _ in done}) < arguments.over_topics
+        if topics:
+            over_topics(folder)
+        for truth in left:
+            told = guesses(camera, seed) if truth == 'told' else []
+            row = diagnosed(folder, truth, told, arguments.room_error)
+            row |= {'effect': name, 'seed': seed, 'over_topics': topics}
+            journal.add(row)
+            print(name, seed, truth, first(row), flush=True)
 
 
 if __name__ == '__main__':
