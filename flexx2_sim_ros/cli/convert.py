@@ -66,6 +66,12 @@ def _add_given(parser: argparse.ArgumentParser) -> None:
         '(default: mask.png in a folder of images)',
     )
     parser.add_argument(
+        '--partial-truth',
+        action='store_true',
+        help='the ground truth of pixels whose clean_depth is NaN is unknown (default: nothing '
+        'is there)',
+    )
+    parser.add_argument(
         '--unit',
         type=number(0, 1000, above=True),
         metavar='METRES',
@@ -111,6 +117,7 @@ def run(arguments: argparse.Namespace) -> int:
         arguments.calibration,
         arguments.unit,
         _keys(arguments.key),
+        arguments.partial_truth,
     )
     console = Console(stderr=True, soft_wrap=True, highlight=False, markup=False)
     with Progress(

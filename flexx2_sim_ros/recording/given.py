@@ -31,6 +31,8 @@ class Given:
         Metres of a count of depth, for images and ``.npz`` files of other programs.
     keys : mapping of str to str
         Keys of the recording format, and what an ``.npz`` file of another program calls them.
+    partial_truth : bool
+        Whether the ground truth is unknown where `clean_depth` is NaN, and not "no return".
 
     """
 
@@ -40,6 +42,7 @@ class Given:
     calibration: Path | None = None
     unit: float | None = None
     keys: Mapping[str, str] = field(default_factory=dict)
+    partial_truth: bool = False
 
     @property
     def of_files(self) -> list[str]:
@@ -92,13 +95,13 @@ def complete(reader: RecordingReader, given: Given) -> RecordingReader:
     reader : RecordingReader
         The file.
     given : Given
-        Its mode, mask and rate are used.
+        Its mode, mask, rate and whether the ground truth is partial are used.
 
     Raises
     ------
     InputError
-        When the mask cannot be read or has another size, or the file has stamps and a rate is
-        given.
+        When the mask cannot be read or has another size, the file has stamps and a rate is given,
+        or its ground truth is partial and it has none.
 
     """
     arrays: dict[str, np.ndarray] = {}
@@ -106,6 +109,9 @@ def complete(reader: RecordingReader, given: Given) -> RecordingReader:
         arrays['usecase'] = np.array(given.usecase)
     if given.mask is not None:
         arrays['known'] = _read_mask(given.mask, reader.shape[1:])
+    if given.partial_truth:
+        known = _where_known(reader)
+        arrays['known'] = known & arrays['known'] if given.mask is not None else known
     if given.rate_hz is not None:
         if not reader.assumed_stamps:
             raise InputError(
@@ -113,6 +119,15 @@ def complete(reader: RecordingReader, given: Given) -> RecordingReader:
             )
         arrays['stamp'] = np.arange(len(reader.stamp)) / given.rate_hz
     return CompletedRecording(reader, arrays) if arrays else reader
+
+
+def _where_known(reader: RecordingReader) -> np.ndarray:
+    # (H, W) or (T, H, W) bool.
+    if 'clean_depth' in reader.layouts:
+        return np.array([np.isfinite(image) for image in reader.frames('clean_depth')])
+    if 'clean_depth' in reader.arrays:
+        return np.isfinite(reader.arrays['clean_depth'])
+    raise InputError(f'--partial-truth: must come with clean_depth, which {reader.path} lacks')
 
 
 def _read_mask(path: Path, size: tuple[int, int]) -> np.ndarray:
