@@ -2,12 +2,16 @@
 
 import json
 from pathlib import Path
+import re
 
 from flexx2_sim_ros.camera import Intrinsics
 from flexx2_sim_ros.characterize.measure import measure
 from flexx2_sim_ros.cli.main import main
+from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.physics.geometry import pixel_rays
 from flexx2_sim_ros.recording import load_recording, open_recording
+from flexx2_sim_ros.recording.convert import convert
+from flexx2_sim_ros.recording.given import Given
 from flexx2_sim_ros.truth.observation import observe
 import numpy as np
 from PIL import Image
@@ -16,6 +20,12 @@ from real_frames import DATA
 
 K = np.array([[9.6, 0.0, 3.5], [0.0, 9.6, 3.5], [0.0, 0.0, 1.0]])
 FRAMES = 20
+# The sensor's profile, as on the page about real cameras.
+(VL53L5CX,) = re.findall(
+    r'```yaml\n(.*?)```',
+    (Path(__file__).parent.parent / 'docs' / 'real_cameras.md').read_text(encoding='utf-8'),
+    re.DOTALL,
+)
 
 
 def wall(distance: float, angle_deg: float, K: np.ndarray = K, side: int = 8) -> np.ndarray:
@@ -99,6 +109,52 @@ def test_masked_pixels_are_left_out_of_a_measurement(tmp_path: Path) -> None:
     assert found.window[2] <= 40
     assert found.pixels.count <= known.sum()
     assert measure(tmp_path / 'in.npz').pixels.count > known.sum()
+
+
+def write_flight(path: Path, latency: float, seed: int, frames: int = 100) -> None:
+    """Write an archive of a sensor that flies to and fro before a panel; its images are late."""
+    rng = np.random.default_rng(seed)
+    phase = rng.uniform(0, 2 * np.pi, 3)
+    v, u = np.mgrid[:8, :8]
+    x, y = (u - K[0, 2]) / K[0, 0], (v - K[1, 2]) / K[1, 1]
+
+    def seen(time: float) -> np.ndarray:
+        distance = 1.3 + 0.9 * np.cos(0.9 * time + phase[0])
+        yaw, aside = 0.15 * np.sin(0.7 * time + phase[1]), 0.1 * np.sin(0.8 * time + phase[2])
+        depth = (aside * np.sin(yaw) + distance * np.cos(yaw)) / (x * np.sin(yaw) + np.cos(yaw))
+        on_panel = (np.abs(x * depth - aside) < 0.25) & (np.abs(y * depth) < 0.25)
+        return np.where(on_panel, depth, np.nan)
+
+    stamp = np.cumsum(rng.choice([1, 1, 1, 2], frames)) / 15
+    real = np.array([seen(time - latency) for time in stamp])
+    depth = real + (0.008 + 0.004 * real**2) * rng.standard_normal(real.shape)
+    clean = np.where(np.isfinite(depth), [seen(time) for time in stamp], np.nan)
+    np.savez(path, depth=depth, clean_depth=clean, K=K, stamp=stamp)
+
+
+@pytest.mark.parametrize('latency', [0.04, 0.1])
+def test_the_latency_of_a_sensor_of_64_pixels_is_found(tmp_path: Path, latency: float) -> None:
+    """Assert it where only a few pixels have ground truth, the others are unknown."""
+    profile = tmp_path / 'profile.yaml'
+    profile.write_text(VL53L5CX)
+    (tmp_path / 'flights').mkdir()
+    for seed in range(3):
+        write_flight(tmp_path / 'sdk.npz', latency, seed)
+        out = str(tmp_path / 'flights' / f'{seed}.npz')
+        given = ['--usecase', 'vl53l5cx', '--partial-truth']
+        assert main(['convert', str(tmp_path / 'sdk.npz'), out, *given]) == 0
+    words = [str(tmp_path / 'flights'), '--profile', str(profile), '--jobs', '1']
+    assert main(['gap', 'diagnose', *words, '--out', str(tmp_path / 'out')]) == 0
+    table = json.loads((tmp_path / 'out' / 'diagnosis.json').read_text())
+    assert all(row['truth']['unknown'] > 0.5 for row in table['recordings'])
+    assert [row['name'] for row in table['effects']] == ['time_offset']
+    assert table['effects'][0]['parameters']['latency'] == pytest.approx(latency, rel=0.2)
+
+
+def test_partial_truth_needs_ground_truth(tmp_path: Path) -> None:
+    np.savez(tmp_path / 'in.npz', depth=np.ones((3, 8, 8)), K=K)
+    with pytest.raises(InputError, match='must come with clean_depth'):
+        convert(tmp_path / 'in.npz', tmp_path / 'out.npz', given=Given(partial_truth=True))
 
 
 def test_flights_of_a_real_sensor_of_64_pixels(tmp_path: Path) -> None:

@@ -29,7 +29,7 @@ class TimeOffset(Effect):
     )
     keeps: ClassVar[bool] = True
     hypotheses: ClassVar[tuple[Hypothesis, ...]] = (
-        grid('latency', (-0.02, 0.01, 0.02, 0.04), -0.08, 0.12),
+        grid('latency', (-0.08, -0.02, 0.01, 0.02, 0.04, 0.08, 0.16), -0.1, 0.25),
     )
     needs_motion: ClassVar[bool] = True
     nuisances: ClassVar[tuple[str, ...]] = ('pose', 'edges')

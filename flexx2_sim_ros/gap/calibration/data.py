@@ -10,6 +10,8 @@ class Reading:
     """Which frames are read, and which units a file may have."""
 
     most_frames: int = constant(48, 'frames', 'a longer recording is read in segments')
+    most_small: int = constant(480, 'frames', 'the same for images of few pixels')
+    pixels: int = constant(400_000, 'px', 'up to so many in all, a recording is read whole')
     segment: int = constant(12, 'frames', 'length of a segment')
     chunk: int = constant(32, 'frames', 'read at a time', DEFINITION)
     brightest: float = constant(2.0, '', 'a larger reflectivity is in another unit')
@@ -29,7 +31,7 @@ class Registration:
     frames: int = constant(6, 'frames', 'of a moving scene that are compared')
     lead: int = constant(3, 'frames', 'left out at the start: the scene before is unknown')
     late: float = constant(0.03, 's', 'step of the time offset; large enough to be told from pose')
-    latest: float = constant(0.1, 's', 'largest time offset')
+    latest: float = constant(0.25, 's', 'largest time offset')
     outlier_sigmas: float = constant(8.0, 'sigma_z', 'a larger error, beyond outlier, is left out')
     outlier: float = constant(0.02, 'm', 'added to that')
     iterations: int = constant(8, '', 'of reweighted least squares')
@@ -65,6 +67,9 @@ class GroundTruth:
         (0.5, 2.0), 'of that at the border', 'limits of 1/depth of a continued surface'
     )
     narrow: int = constant(3, 'px', 'an unknown area at least this wide may hide an object')
+    whole_margins: int = constant(
+        56, 'px', 'images with a smaller side have smaller margins around the unknown'
+    )
     reach: float = constant(2.0, 'clean_sigma', 'a difference within is no gap')
     plane_steps: tuple[float, float, float] = constant(
         (0.002, 1.75e-3, 1.75e-3), 'm, rad', 'unit in which planes are fitted', DEFINITION

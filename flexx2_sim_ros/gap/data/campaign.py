@@ -145,7 +145,7 @@ def read(found: Found, profile: Profile | None, known: Table | None = None) -> R
     """
     path = found.path
     reader = open_recording(path, profile=profile)
-    chosen, fresh = choose_frames(len(reader.stamp))
+    chosen, fresh = choose_frames(*reader.shape)
     parts, start = [], 0
     for part in reader.chunks(READING.chunk):
         inside = chosen[(chosen >= start) & (chosen < start + len(part.stamp))] - start

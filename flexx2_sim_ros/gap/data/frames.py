@@ -6,9 +6,16 @@ import numpy as np
 MOST_FRAMES, _SEGMENT = READING.most_frames, READING.segment
 
 
-def choose_frames(count: int) -> tuple[np.ndarray, np.ndarray]:
+def choose_frames(count: int, height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
     """
     Choose the frames of a recording that the diagnosis reads.
+
+    Parameters
+    ----------
+    count : int
+        Frames of the recording.
+    height, width : int
+        Of its images. More frames are read of small images.
 
     Returns
     -------
@@ -17,7 +24,7 @@ def choose_frames(count: int) -> tuple[np.ndarray, np.ndarray]:
         follow the chosen frame before it.
 
     """
-    if count <= MOST_FRAMES:
+    if count <= max(MOST_FRAMES, min(READING.most_small, READING.pixels // (height * width))):
         fresh = np.zeros(count, bool)
         fresh[:1] = True
         return np.arange(count), fresh

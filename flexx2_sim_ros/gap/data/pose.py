@@ -5,6 +5,7 @@ import math
 from flexx2_sim_ros.camera import Camera, Intrinsics, Mode, Profile
 from flexx2_sim_ros.effects.pose_error import PoseError
 from flexx2_sim_ros.gap.calibration.data import REGISTRATION
+from flexx2_sim_ros.gap.data.unknown import margin
 from flexx2_sim_ros.physics.frame_state import FrameState, Memory, SPEED_OF_LIGHT
 from flexx2_sim_ros.physics.geometry import ray_length
 from flexx2_sim_ros.physics.surface import tangents
@@ -88,7 +89,7 @@ def unknown_border(pose: np.ndarray, clean: np.ndarray, K: np.ndarray) -> int:  
     step = np.abs(pose[:3]) / float(np.quantile(distance[::97], 0.02))
     focal = float(K[0, 0])
     shift = focal * (max(step[0], step[1]) + max(turn[0], turn[1])) + corner * (step[2] + turn[2])
-    return min(math.ceil(shift), min(clean.shape[-2:]) // 8) + 1
+    return min(math.ceil(shift), min(clean.shape[-2:]) // 8) + margin(1, clean.shape)
 
 
 def fit_plane_motion(

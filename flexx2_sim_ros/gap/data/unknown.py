@@ -74,7 +74,8 @@ def judged(known: np.ndarray, near: int) -> np.ndarray:
     Return the pixels that may be compared: known pixels that are far enough from unknown ones.
 
     The 8 neighbours of each unknown pixel are left out. An unknown area that is at least 3 pixels
-    wide may hide an object with a depth jump, so ``near`` pixels around it are left out.
+    wide may hide an object with a depth jump, so ``near`` pixels around it are left out. In images
+    of a few pixels these margins would leave nothing; they shrink with the image.
 
     Parameters
     ----------
@@ -91,20 +92,27 @@ def judged(known: np.ndarray, near: int) -> np.ndarray:
     """
     if known.all():
         return known
-    square = np.ones((3, 3), bool)
     unknown = ~known
     wide = ndimage.binary_opening(
         unknown, np.ones((GROUND_TRUTH.narrow, GROUND_TRUTH.narrow), bool)
     )
-    left_out = ndimage.binary_dilation(unknown, square)
-    if wide.any():
-        left_out |= ndimage.binary_dilation(wide, square, iterations=near)
-    return np.asarray(~left_out)
+    return np.asarray(
+        ~(_grown(unknown, margin(1, known.shape)) | _grown(wide, margin(near, known.shape)))
+    )
+
+
+def margin(pixels: int, shape: tuple[int, ...]) -> int:
+    """Return a margin of so many pixels, less of it in an image (..., H, W) of few pixels."""
+    return int(pixels * min(1.0, min(shape[-2:]) / GROUND_TRUTH.whole_margins))
+
+
+def _grown(mask: np.ndarray, reach: int) -> np.ndarray:
+    square = np.ones((3, 3), bool)
+    return ndimage.binary_dilation(mask, square, iterations=reach) if reach else mask
 
 
 def away(known: np.ndarray, reach: int) -> np.ndarray:
     """Return the (H, W) pixels without an unknown pixel within ``reach`` pixels."""
     if known.all():
         return known
-    square = np.ones((3, 3), bool)
-    return np.asarray(~ndimage.binary_dilation(~known, square, iterations=reach))
+    return np.asarray(~_grown(~known, reach))

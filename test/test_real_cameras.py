@@ -1,0 +1,73 @@
+"""The commands of the page on real cameras; skipped where their frames are not."""
+
+import json
+from pathlib import Path
+import re
+import shlex
+import subprocess
+import sys
+
+from flexx2_sim_ros.cli.main import main
+import pytest
+from real_frames import DATA
+
+PAGE = Path(__file__).parent.parent / 'docs' / 'real_cameras.md'
+
+
+def blocks(title: str, language: str) -> list[str]:
+    """Return the code of a section of the page."""
+    section = PAGE.read_text(encoding='utf-8').split(f'## {title}')[1].split('\n## ')[0]
+    return re.findall(rf'```{language}\n(.*?)```', section, re.DOTALL)
+
+
+def need(data: str) -> None:
+    """Skip the test where a file of frames is not there."""
+    if not (DATA / data).is_file():
+        pytest.skip(f'{DATA / data} is not there')
+
+
+def run_section(title: str) -> None:
+    """Run the commands of a section in the current folder."""
+    for command in ''.join(blocks(title, 'bash')).splitlines():
+        program, *words = shlex.split(command.replace('../shared/data', str(DATA)))
+        if program == 'mkdir':
+            Path(*words).mkdir()
+        else:
+            alone = ['--jobs', '1'] if words[0] == 'gap' else []
+            assert main([*words, *alone]) == 0, command
+
+
+def test_the_latency_of_a_drones_sensor_is_found(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    need('vl53l5cx_flights.npz')
+    monkeypatch.chdir(tmp_path)
+    (profile,) = blocks('VL53L5CX', 'yaml')
+    Path('vl53l5cx.yaml').write_text(profile)
+    run_section('VL53L5CX')
+    table = json.loads(Path('flights_diagnosis/diagnosis.json').read_text())
+    first = table['effects'][0]
+    assert first['name'] == 'time_offset'
+    # 80 to 115 ms by the smallest residual of each flight: the middle, to 20 %.
+    assert first['parameters']['latency'] == pytest.approx(0.0975, rel=0.2)
+
+
+def test_boards_seen_by_a_kinect_are_filtered_and_rounded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    need('kinect2_chessboard.npz')
+    monkeypatch.chdir(tmp_path)
+    (planes,) = blocks('Kinect v2', 'yaml')
+    Path('boards.yaml').write_text(planes)
+    (program,) = blocks('Kinect v2', 'python')
+    program = program.replace('../shared/data', str(DATA))
+    # Twice as few views as on the page, which take half the time.
+    program = program.replace('range(0, 102, 8)', 'range(0, 102, 16)')
+    subprocess.run([sys.executable, '-c', program], check=True)
+    run_section('Kinect v2')
+    table = json.loads(Path('boards_diagnosis/diagnosis.json').read_text())
+    effects = {row['name']: row['parameters'] for row in table['effects']}
+    assert table['verdict'] == 'partly'
+    assert effects['quantisation']['step'] == pytest.approx(0.001, rel=0.1)
+    # Nothing was measured of the boards.
+    assert 'offset' in {row['name'] for row in table['not_decidable']}
