@@ -3,6 +3,7 @@
 from flexx2_sim_ros.formulas import pixels, surfaces
 from flexx2_sim_ros.physics.compiled import compiled, loop
 from flexx2_sim_ros.physics.philox import FAST
+from flexx2_sim_ros.physics.surface import PAD
 from numba import njit
 import numpy as np
 
@@ -43,7 +44,7 @@ def model_sigma(p, cosine, coefficients, cap, out):
     a, b, c, d, n = coefficients
     for y in range(out.shape[0]):
         for x in range(out.shape[1]):
-            out[y, x] = _sigma_of_surface(p[y + 2, x + 2], cosine[y, x], a, b, c, d, n, cap)
+            out[y, x] = _sigma_of_surface(p[y + PAD, x + PAD], cosine[y, x], a, b, c, d, n, cap)
 
 
 @loop(error_model='numpy', fastmath=FAST)
@@ -69,7 +70,7 @@ def scale_by_surface(p, cosine, reflectivity, coefficients, sigma):
             sigma[y, x] *= _surface_factor(
                 reflectivity[y, x],
                 cosine[y, x],
-                p[y + 2, x + 2],
+                p[y + PAD, x + PAD],
                 white,
                 constant_share,
                 read_share,
@@ -115,18 +116,12 @@ def observe(
     """
     height, width = depth.shape
     uniform = reflectivity.size == 1
+    limits = range_min, range_max, zero_confidence
     for y in range(height):
         for x in range(width):
             rho = reflectivity[0, 0] if uniform else reflectivity[y, x]
             depth[y, x], sigma[y, x], amplitude[y, x], confidence[y, x] = _see(
-                p[y + 2, x + 2],
-                cosine[y, x],
-                model[y, x],
-                rho,
-                normals[y * width + x],
-                range_min,
-                range_max,
-                zero_confidence,
+                p[y + PAD, x + PAD], cosine[y, x], model[y, x], rho, normals[y * width + x], limits
             )
     # The few pixels that see something else, again.
     for pixel in range(source.size):
@@ -136,19 +131,14 @@ def observe(
             sy, sx = seen // width, seen % width
             rho = reflectivity[0, 0] if uniform else reflectivity[sy, sx]
             depth[y, x], sigma[y, x], amplitude[y, x], confidence[y, x] = _see(
-                p[sy + 2, sx + 2],
-                cosine[sy, sx],
-                model[sy, sx],
-                rho,
-                normals[pixel],
-                range_min,
-                range_max,
-                zero_confidence,
+                p[sy + PAD, sx + PAD], cosine[sy, sx], model[sy, sx], rho, normals[pixel], limits
             )
 
 
 @njit(inline='always')
-def _see(inverse, cosine, spread, rho, normal, range_min, range_max, zero_confidence):
+def _see(inverse, cosine, spread, rho, normal, limits):
+    # Depth, sigma, amplitude and confidence of what a pixel sees.
+    range_min, range_max, zero_confidence = limits
     z = _distance(inverse, _ZERO)
     value = z + spread * normal
     valid = _is_seen(z, value, range_min, range_max)
