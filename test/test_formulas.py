@@ -4,6 +4,12 @@ from pathlib import Path
 import subprocess
 import sys
 
+from flexx2_sim_ros.effects.between import frames_around
+from flexx2_sim_ros.effects.interreflection import receiver_weights
+from flexx2_sim_ros.formulas.scalars import f32
+import numpy as np
+import pytest
+
 _MODULES = {
     'shades.py': """
 from flexx2_sim_ros.formulas.scalars import f32
@@ -49,3 +55,36 @@ def test_a_loop_is_compiled_again_when_a_formula_that_it_calls_changes(tmp_path:
     assert printed(tmp_path) == '3.0 1'  # from the disk
     (tmp_path / 'shades.py').write_text(_MODULES['shades.py'].replace('f32(2.0)', 'f32(10.0)'))
     assert printed(tmp_path) == '15.0 0'
+
+
+@pytest.mark.parametrize(
+    ('moment', 'around'),
+    [
+        (5, (2, 2)),
+        (10, (2, 2)),
+        (15, (2, 3)),
+        (20, (2, 3)),
+        (25, (3, 0)),
+        (40, (0, 1)),
+        (99, (0, 1)),
+    ],
+)
+def test_frames_around_a_moment_in_slots_that_are_used_in_turn(
+    moment: int, around: tuple[int, int]
+) -> None:
+    stamps = np.array([0, 0, 0, 0, 30, 40, 10, 20])  # of two cameras with four slots each
+    assert frames_around(stamps, 4, 4, 2, 4, np.int64(moment)) == around
+    assert frames_around(stamps, 4, 4, 2, 1, np.int64(moment)) == (2, 2)
+
+
+def test_weights_of_receivers_around_a_pixel() -> None:
+    here, nothing, far = f32(0.5), f32(0.0), f32(0.1)
+    right, down = f32(0.25), f32(0.5)
+    alike = receiver_weights(here, right, down, here, here, here, here)
+    np.testing.assert_allclose(alike, (0.375, 0.125, 0.375, 0.125), atol=2e-3)
+    # A receiver on another surface has next to no weight, and one without a return none.
+    mixed = receiver_weights(here, right, down, here, far, nothing, here)
+    np.testing.assert_allclose(mixed, (0.75, 0.0, 0.0, 0.25), atol=2e-3)
+    assert mixed[2] == 0.0
+    assert sum(mixed) == pytest.approx(1.0, abs=1e-6)
+    assert receiver_weights(here, right, down, *[nothing] * 4) == (0.0,) * 4
