@@ -15,6 +15,7 @@ import tempfile
 from typing import Any
 
 from bench.gap_campaigns import write_campaign
+from flexx2_sim_ros.camera import Intrinsics
 from flexx2_sim_ros.gap import diagnose
 from flexx2_sim_ros.gap.data.planes import plane_shifts
 import numpy as np
@@ -90,7 +91,9 @@ def _as_planes(
     count = int(plane.max())
     std = np.tile([offset, np.radians(degrees), np.radians(degrees)], count)
     if not exact:
-        shifts = plane_shifts(clean, plane, content['K'], count, plane > 0)
+        height, width = clean.shape
+        lens = Intrinsics.from_matrix(content['K'], width, height)
+        shifts = plane_shifts(clean, plane, lens, count, plane > 0)
         clean = clean + np.tensordot(rng.standard_normal(3 * count) * std, shifts, axes=1)
     known = plane > 0
     return {
