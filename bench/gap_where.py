@@ -29,7 +29,7 @@ PHYSICS = {
     'motion_artefact': ('speed', 'edge'),
     'multipath': ('concavity', 'amplitude'),  # indirect light, relative to the direct light
     'offset': ('all',),
-    'range_wrap': ('distance',),
+    'range_wrap': ('distance', 'amplitude'),  # beyond the range, or where noise is large
     'spatial_filter': ('all', 'edge'),
     'stray_light': ('amplitude',),
     'temporal_filter': ('all', 'speed'),

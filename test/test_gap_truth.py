@@ -5,11 +5,13 @@ from pathlib import Path
 import shutil
 from typing import Any
 
+from bench import gap_truth
 from bench.gap_campaigns import write_campaign
 from bench.gap_truth import rewrite
 from flexx2_sim_ros.camera import Camera, flexx2
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.gap import diagnose
+from flexx2_sim_ros.gap.report.words import headline
 import numpy as np
 import pytest
 
@@ -97,6 +99,23 @@ def test_planes_fitted_to_the_frames_decide_nothing_that_moves_them(
     assert 'planes to 100 mm and 5 deg' in said
     page = (out / 'report.html').read_text()
     assert 'Not decidable with this ground truth' in page
+
+
+def test_no_effect_is_named_where_one_that_the_truth_hides_explains_as_much(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Assert it for a drift while planes are known to 5 mm, so that it could be an offset."""
+    monkeypatch.setattr(gap_truth, 'TAPE', 0.005)
+    campaign = tmp_path / 'campaign'
+    write_campaign(campaign, seed=SEED, effects={'warm_up_drift': {'strength': 2.0}}, **SMALL)
+    table = diagnose(with_truth(campaign, tmp_path / 'planes', 'constrained'), without=WITHOUT)
+    assert table['verdict'] == 'unknown'
+    assert table['effects'] == []
+    alternatives = {row['name'] for row in table['alternatives']}
+    hidden = {row['name'] for row in table['not_decidable']}
+    assert 'warm_up_drift' in alternatives - hidden
+    assert 'offset' in alternatives & hidden
+    assert 'not accurate enough to tell its cause' in headline(table)
 
 
 def write_walls(folder: Path, **truth: Any) -> Path:

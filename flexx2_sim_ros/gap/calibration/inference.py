@@ -136,13 +136,13 @@ class Where:
             'uptime': 0.9,
             'edge': 0.9,
             'region': 0.8,
-            'fine_distance': 0.8,
+            'fine_distance': 0.65,
             'recording': 0.5,
         },
         'factor',
         'on the energy of a difference along a covariate, for the first row: finer covariates '
         'must do better, and a recording is named only if nothing else comes near',
-        ASSUMED,
+        'python -m bench.gap_where --seeds 21,22; by hand',
     )
     stretch: float = constant(
         0.5, 'largest difference', 'bins beside it with this much are in the same row'

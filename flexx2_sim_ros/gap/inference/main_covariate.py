@@ -100,7 +100,16 @@ def main_covariate(
     best = max(found, key=_power, default=None)
     if best is None or _power(best) <= 0:
         return None
-    return _largest_stretch(best)
+    found_there = _largest_stretch(best)
+    everywhere = features.along(best.channel, 'all')
+    if everywhere is not None and _is_whole(found_there, best):
+        return _largest_stretch(everywhere)
+    return found_there
+
+
+def _is_whole(one: MainCovariate, bins: _Bins) -> bool:
+    # Whether the stretch has all pixels, so that the covariate does not single out any.
+    return bool(bins.pixels[one.first : one.last + 1].sum() >= bins.pixels.sum() > 0)
 
 
 def _power(bins: _Bins) -> float:
@@ -200,7 +209,7 @@ def _drifts(bins: _Bins) -> bool:
 
 def _largest_stretch(bins: _Bins) -> MainCovariate:
     # The bins around the largest difference that have its sign and at least half of its size.
-    # Bins without pixels do not end the stretch. Sides and directions of edges are put together.
+    # Bins without pixels do not end the stretch.
     energies = np.where(bins.pixels > 0, bins.energies, -np.inf)
     peak = int(np.argmax(energies))
     alike = (bins.mean * np.sign(bins.mean[peak]) >= WHERE.stretch * abs(bins.mean[peak])) | (
@@ -216,7 +225,7 @@ def _largest_stretch(bins: _Bins) -> MainCovariate:
         first, last = int(seen[0]), int(seen[-1])
     some = np.zeros(len(alike), bool)
     some[first : last + 1] = True
-    if bins.axis == 'edge':
+    if bins.axis == 'edge':  # Sides and directions of edges are put together.
         some = alike
     weight = np.where(some, bins.pixels, 0) / max(float(bins.pixels[some].sum()), 1.0)
     tolerance = float(TOLERANCE[_INDEX[bins.channel, _feature_axis(bins.axis), 0]])
