@@ -1,10 +1,10 @@
 """
-Which effects the ground truth leaves undecided: its own errors look the same.
+Which effects cannot be decided because errors of the ground truth look the same.
 
-The gap that an effect of typical strength would cause, without noise, is fitted with the errors
-that the ground truth may have. If too little is left to be a finding, but an exact ground truth
-would show it, the effect is not decidable. The same test with measurements that people can add
-says what would decide it.
+The gap that an effect of typical strength would cause, without noise, is fitted with the possible
+errors of the ground truth. The effect is not decidable if too little of the gap is left for a
+finding, while an exact ground truth would leave enough. The same test with additional measurements
+says which of them would decide it.
 """
 
 from collections.abc import Callable, Sequence
@@ -32,7 +32,7 @@ class Undecided:
     effect : str
         Its name.
     absorbed : float
-        Fraction of what it changes that errors of the ground truth take away.
+        Fraction of its change that errors of the ground truth can explain.
     settled_by : str
         What would decide it.
 
@@ -55,7 +55,8 @@ def undecided(
     Parameters
     ----------
     model : Model
-        The recordings. Where none of them says that its ground truth has errors, all is decidable.
+        The recordings. If none of them gives an accuracy of its ground truth, all effects are
+        decidable.
     candidates : sequence of Candidate
         The catalogue.
     thresholds : Thresholds
@@ -79,7 +80,7 @@ def undecided(
         tick()
         shift, least = _typical(model, candidate), _least(model, candidate, thresholds)
         if float(model.losses(shift).sum()) < least:
-            continue  # Nothing to be seen of it in these recordings.
+            continue  # These recordings would not show it in any case.
         left = _left(model.as_if(shift))
         if left >= least:
             continue
@@ -100,14 +101,14 @@ def _least(model: Model, candidate: Candidate, about: Thresholds) -> float:
 
 
 def _left(model: Model) -> float:
-    # Loss that the recordings' own errors do not take off: without the recording that shows the
-    # effect best, because a finding must hold on recordings that are left out of its fit.
+    # Loss that the recordings' own errors do not explain, without the recording that shows the
+    # effect best: a finding must hold on recordings that are left out of its fit.
     one = fit(model, [], scales=GROUND_TRUTH.scales)
     return one.inside - (float(one.loss.max()) if len(one.loss) > 1 else 0.0)
 
 
 def _typical(model: Model, candidate: Candidate) -> np.ndarray:
-    # (R, SIZE) what an effect of typical strength changes.
+    # (R, SIZE) change by the effect at typical strength.
     count = len(model.gap)
     if candidate.kind.role == 'pose':
         usual = {p.name: p.default for p in registry()[candidate.effect].parameters()}
@@ -158,14 +159,14 @@ def _settled_by(
 
 @dataclass(frozen=True)
 class _Measured:
-    # Standard deviations of what is measured besides; None where nothing is.
+    # Standard deviations of additional measurements; None if not measured.
     pose: np.ndarray | None = None
     offset: float | None = None
     tilt: float | None = None
 
 
 def _with(covariance: np.ndarray, measured: _Measured) -> np.ndarray:
-    # A covariance after these have been measured.
+    # The covariance after these measurements.
     size = len(covariance)
     seen = np.full(size, np.inf)
     if measured.pose is not None:

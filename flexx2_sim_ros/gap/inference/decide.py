@@ -23,7 +23,7 @@ import numpy as np
 @dataclass(frozen=True)
 class Alternative:
     """
-    An effect that does about as well in the place of a chosen one.
+    An effect that explains about as much in place of a selected one.
 
     Attributes
     ----------
@@ -63,14 +63,14 @@ class Decision:
         For each chosen effect: the fraction of the excess loss that it explains, the 90 %
         interval of that, and the confidence that it is needed and no rival fits better.
     alternatives : list of Alternative
-        What could not be told apart from the effects chosen, best first; with ``unknown``, what
-        came nearest.
+        Explanations that cannot be distinguished from the selected effects, best first; with
+        ``unknown``, the nearest explanations.
     considered : list of Choice
         The best variant of each single effect, best first.
     excess : float
-        Excess loss: that of the base simulator above noise alone.
+        Excess loss: loss of the base simulator minus that of noise alone.
     undecided : list of Undecided
-        Effects that the ground truth says nothing about. They are not chosen. If one of them
+        Effects that this ground truth cannot decide. They are not selected. If one of them
         explains about as much as the effects that were found, the verdict is ``unknown`` and
         ``alternatives`` has them all.
 
@@ -144,7 +144,7 @@ def decide(
     if open_ones and verdict in ('identified', 'partly'):
         more = [*singles, *(trials.single(candidate) for candidate in open_ones)]
         if _hidden_could_explain(trials, found, [*candidates, *open_ones], more, names, tick):
-            # What was found may only look like an effect that the ground truth hides.
+            # The recordings cannot tell the effects found from one that the ground truth hides.
             verdict, considered = 'unknown', best_of_each(more)
     if verdict == 'unknown':
         nearest, instead = considered[: thresholds.nearest], trials.base
@@ -173,8 +173,8 @@ def _hidden_could_explain(
     hidden: set[str],
     tick: Callable[[], None],
 ) -> bool:
-    # Whether an undecided effect explains about as much as those found: alone, or in a selection
-    # from the whole catalogue.
+    # Whether an undecided effect explains about as much as the effects found: alone, or as a part
+    # of a selection from the whole catalogue.
     enough = trials.thresholds.alternative * found.gain
     if any(
         one.gain >= enough and {c.effect for c in one.fit.candidates} & hidden for one in singles
@@ -185,7 +185,7 @@ def _hidden_could_explain(
 
 
 def _as_in_catalogue(trials: Trials, found: Choice) -> Choice:
-    # Effects recognised along the ray are given along the optical axis.
+    # Effects found along the ray are reported in the catalogue's form, along the optical axis.
     parts = found.fit.candidates
     if not any(c.given for c in parts):
         return found
@@ -193,7 +193,7 @@ def _as_in_catalogue(trials: Trials, found: Choice) -> Choice:
 
 
 def _equals(selection: Selection, about: Thresholds) -> list[Choice]:
-    # Rivals of the last effect that explain about as much and cannot be told from it.
+    # Rivals that explain about as much as the last effect and cannot be distinguished from it.
     added = selection.chosen.gain - selection.gained
     return [
         c
@@ -222,7 +222,8 @@ def _verdict(trials: Trials, chosen: Choice, excess: float) -> str:
     if not trials.counts(chosen, excess):
         return 'none' if excess < about.gap * count else 'unknown'
     much = left > about.gap * count
-    # A pose error common to all recordings hides in their own: it takes little off the features.
+    # The recordings' own pose errors absorb most of a pose error that all share, so it reduces the
+    # loss of the features little.
     posed = any(c.kind.role == 'pose' for c in chosen.fit.candidates)
     explained = trials.base.total - chosen.fit.total
     if much and explained < about.unknown * excess and not posed:

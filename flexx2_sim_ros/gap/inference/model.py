@@ -1,4 +1,4 @@
-"""The joint model of all recordings: effects that they share, a pose error of each one's own."""
+"""The joint model of all recordings: shared effects, and nuisance parameters of each recording."""
 
 from collections.abc import Sequence
 from copy import copy
@@ -40,7 +40,7 @@ class Model:
     Attributes
     ----------
     same_noise : list of int or None
-        For each recording another one that has the very same noise.
+        For each recording another recording with identical noise, if there is one.
     own : OwnErrors
         The recordings' nuisances and their prior.
 

@@ -91,16 +91,18 @@ class OwnErrors:
 
     def loss(self, amounts: np.ndarray, common_pose: bool, held_out: bool = False) -> float:
         """
-        Return what the errors cost; of poses without a covariance, the logarithm of their spread.
+        Return the penalty for the errors.
+
+        Poses without a covariance are penalised by the logarithm of their spread.
 
         Parameters
         ----------
         amounts : numpy.ndarray
             (R, N).
         common_pose : bool
-            Whether all recordings may have a pose error in common, which costs nothing.
+            Whether the recordings may share a pose error, which is not penalised.
         held_out : bool
-            Whether the common pose error is that of the other recordings.
+            Whether the shared pose error of each recording is estimated from the others.
 
         """
         q, about = self._off(amounts, common_pose), self._about

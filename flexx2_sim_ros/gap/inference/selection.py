@@ -1,9 +1,10 @@
 """
 Forward selection of effects by leave-one-out cross-validation.
 
-Effects are added one at a time, the one first that takes off most of the loss on recordings that
-it was not fitted to, and then removed where the others do without: stepwise selection, Hastie,
-Tibshirani and Friedman, The Elements of Statistical Learning, 2009, section 3.3.2.
+Effects are added one at a time. Each step adds the effect that reduces the loss on left-out
+recordings most. Then effects that the others make unnecessary are removed. This is stepwise
+selection: Hastie, Tibshirani and Friedman, The Elements of Statistical Learning, 2009, section
+3.3.2.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -20,14 +21,14 @@ import numpy as np
 @dataclass(frozen=True)
 class Choice:
     """
-    What one candidate set is worth.
+    A set of candidates and what it gains.
 
     Attributes
     ----------
     fit : Fit
-        The set, fitted.
+        The fit of the set.
     gain : float
-        Loss on held-out recordings that it takes off, less a cost for each of its parameters.
+        Reduction of the loss on left-out recordings, minus a cost for each parameter.
 
     """
 
@@ -45,7 +46,7 @@ class Selection:
     chosen : Choice
         The set.
     rivals : tuple of Choice
-        Sets with another effect in the place of the last one, best first.
+        Sets with another effect in place of the last one, best first.
     gained : float
         Gain without the last effect.
 
@@ -231,7 +232,8 @@ def _with_one_more(
 def _filters_with_noise(
     trials: Trials, candidates: Sequence[Candidate], chosen: Choice
 ) -> list[Choice]:
-    # A camera's noise is measured behind its filters: with a filter alone there is too little.
+    # The noise of the base simulator was measured behind the camera's filters. With a filter alone
+    # the simulated noise is too low, so filters are tried together with excess noise.
     taken = {c.effect for c in chosen.fit.candidates}
     noise = [c for c in candidates if c.kind.role == 'sigma']
     if not noise or any(one.effect in taken for one in noise):
@@ -247,8 +249,8 @@ def _filters_with_noise(
 def _without_stand_ins(
     trials: Trials, grown: Selection, considered: Sequence[Choice]
 ) -> Selection:
-    # Remove effects that the others do without: what was picked first may have stood in for what
-    # came later.
+    # Remove effects that the others make unnecessary: an effect that was selected early may only
+    # have imitated effects that were selected later.
     chosen = grown.chosen
     while len(chosen.fit.candidates) > 1:
         best = max(without_each(trials, chosen), key=_gain)
@@ -264,7 +266,7 @@ def _without_stand_ins(
 
 
 def without_each(trials: Trials, chosen: Choice) -> list[Choice]:
-    """Return a set's fits without each of its effects."""
+    """Return the fits of a set without each of its effects in turn."""
     parts = chosen.fit.candidates
     if len(parts) < 2:
         return [Choice(trials.base, 0.0)] * len(parts)
@@ -272,7 +274,8 @@ def without_each(trials: Trials, chosen: Choice) -> list[Choice]:
 
 
 def _oddity(one: Fit, about: Thresholds) -> float:
-    # An effect much weaker than usual is less likely than another one of usual strength.
+    # Penalty for effects far below typical strength, which are less likely than other effects at
+    # typical strength.
     cost, i = 0.0, 0
     for candidate in one.candidates:
         cost += candidate.kind.doubt
