@@ -23,6 +23,7 @@ from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.effects import registry
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap import diagnose
+from flexx2_sim_ros.gap.data.hidden import hidden_effects
 from flexx2_sim_ros.recording import open_recording
 from flexx2_sim_ros.truth import make_plane_truth, PlaneRequest
 from flexx2_sim_ros.truth.plane_constraints import Constraints, Placed, settle
@@ -81,6 +82,27 @@ def test_measured_planes_of_a_right_camera_are_no_false_alarm(plain: Path, tmp_p
     found = diagnose(tmp_path / 'out', without=WITHOUT)
     assert found['verdict'] in ('none', 'not_decidable')
     assert found['effects'] == []
+
+
+def test_what_the_ground_truth_hides_is_never_ruled_out(plain: Path, tmp_path: Path) -> None:
+    make(plain, describe(tmp_path / 'planes.yaml', taped=True), tmp_path / 'out')
+    file = tmp_path / 'out' / 'truth.yaml'
+    table = yaml.safe_load(file.read_text())
+    assert 0 < table['absorbed']['offset'] < 1
+    row = {'effect': 'wiggling', 'reason': 'why', 'absorbed': 0.95, 'settled_by': 'something'}
+    file.write_text(yaml.safe_dump({**table, 'cannot_decide': [*table['cannot_decide'], row]}))
+    found = diagnose(tmp_path / 'out', without=WITHOUT)
+    assert found['verdict'] == 'not_decidable'
+    expected = {'name': 'wiggling', 'absorbed': 0.95, 'settled_by': 'something'}
+    assert expected in found['not_decidable']
+    for wrong, words in (
+        ({**row, 'effect': 'no'}, "must be an effect, got 'no'"),
+        ({**row, 'absorbed': 2}, 'must be a fraction'),
+        (3, 'must be a list of mappings'),
+    ):
+        file.write_text(yaml.safe_dump({'schema': 1, 'cannot_decide': [wrong]}))
+        with pytest.raises(InputError, match=words):
+            hidden_effects(tmp_path / 'out')
 
 
 def test_planes_are_labelled_and_lie_where_the_laser_says(biased: Path, tmp_path: Path) -> None:

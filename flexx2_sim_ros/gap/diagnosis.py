@@ -15,8 +15,10 @@ from flexx2_sim_ros.effects.tables import plain
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap.data.campaign import Found
 from flexx2_sim_ros.gap.data.given import given_effects, Table
+from flexx2_sim_ros.gap.data.hidden import Hidden, hidden_effects
 from flexx2_sim_ros.gap.features.catalogue import Candidate, catalogue
 from flexx2_sim_ros.gap.features.confirm import Outcome
+from flexx2_sim_ros.gap.inference.decidable import Undecided
 from flexx2_sim_ros.gap.inference.decide import decide, Decision
 from flexx2_sim_ros.gap.inference.effects import fitted_effects, held_out_effects, table_of
 from flexx2_sim_ros.gap.inference.model import Model
@@ -93,14 +95,16 @@ def diagnose(
     with workers(jobs, scheduler) as mapped:
         found, left_out = find(campaign_dir, profile, mapped)
         no_phases = why_no_phases(found[0].mode)
-        columns, candidates = catalogue({*without, *known}, not no_phases)
+        left = {*without, *known}
+        columns, candidates = catalogue(left, not no_phases)
+        hidden = [one for one in hidden_effects(campaign_dir) if one.effect not in left]
         text = 'simulating what could explain the recordings'
         step = stepper(progress, text, 0.02, 0.7, len(found))
         used, evidence, unusable = summarise_all(
             campaign_dir, found, left_out, profile, columns, seed, prior, mapped, step, known
         )
         model = Model(evidence, columns, prior)
-        decision = _decide(model, candidates, progress)
+        decision = _decide(model, candidates, hidden, progress)
         effects = fitted_effects(model, decision.accepted)
         step = stepper(progress, 'simulating the outcome', 0.83, 0.15, len(used))
         confirmed = _confirm(model, decision, used, profile, seed, known, mapped, step)
@@ -113,7 +117,7 @@ def diagnose(
         'known': {name: plain(values) for name, values in known.items()},
     }
     table['not_considered'] = _not_considered(
-        without, known, no_phases, bool(model.own.posed.any())
+        without, known, no_phases, bool(model.own.posed.any()), hidden
     )
     table['seconds'] = round(time.monotonic() - began, 2)
     table['peak_mb'] = round(_peak_mb(min(jobs, len(found))), 1)
@@ -142,11 +146,21 @@ def _check(
         raise InputError(f'pose_prior: must be metres and degrees above 0, got {pose_prior!r}')
 
 
-def _decide(model: Model, candidates: list[Candidate], progress: Progress) -> Decision:
+def _decide(
+    model: Model, candidates: list[Candidate], hidden: list[Hidden], progress: Progress
+) -> Decision:
+    names = {one.effect for one in hidden if one.absorbed == 1}  # Nothing is left to find.
+    candidates = [one for one in candidates if one.effect not in names]
+    # An error of the pose is none of the camera: a verdict does not depend on it.
+    absorbed = [
+        Undecided(one.effect, one.absorbed, one.settled_by)
+        for one in hidden
+        if one.effect != of_role('pose').name
+    ]
     if not model.own.posed.any():
         candidates = [one for one in candidates if one.kind.role != 'pose']
     step = stepper(progress, 'comparing explanations', 0.72, 0.1, 4 * len(candidates))
-    decision = decide(model, candidates, step)
+    decision = decide(model, candidates, step, absorbed=absorbed)
     if not model.seen.any():
         return replace(decision, verdict='none')  # The table says `too_little`.
     return decision
@@ -175,14 +189,20 @@ def _confirm(
 
 
 def _not_considered(
-    without: Collection[str], known: Collection[str], no_phases: str, posed: bool
+    without: Collection[str],
+    known: Collection[str],
+    no_phases: str,
+    posed: bool,
+    hidden: Collection[Hidden],
 ) -> list[dict[str, str]]:
     # Effects of the registry that are not in the catalogue, and why.
     reasons = {
         name: no_phases for name, kind in registry().items() if kind.needs_modulation and no_phases
     }
+    pose = of_role('pose').name
+    reasons.update({one.effect: one.reason for one in hidden if one.effect == pose})
     if not posed:
-        reasons[of_role('pose').name] = 'the ground truth gives all poses as exact'
+        reasons[pose] = 'the ground truth gives all poses as exact'
     reasons.update(dict.fromkeys(without, 'left out as asked for'))
     reasons.update(dict.fromkeys(known, 'taken as given'))
     return [{'name': name, 'reason': reasons[name]} for name in registry() if name in reasons]

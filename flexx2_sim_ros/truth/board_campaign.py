@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from flexx2_sim_ros.errors import InputError, shown_path
+from flexx2_sim_ros.truth.absorbed import never_decided
 from flexx2_sim_ros.truth.board_placing import BoardJob, place_board, Placed
 from flexx2_sim_ros.truth.board_writing import BoardWriting, OnBoard, write_board
 from flexx2_sim_ros.truth.files import digest
@@ -22,7 +23,6 @@ from flexx2_sim_ros.truth.run import (
 )
 from flexx2_sim_ros.truth.shared import MOST_BIAS
 from flexx2_sim_ros.truth.target import read_target, Target
-from flexx2_sim_ros.truth.verdict import NEVER_DECIDED
 import numpy as np
 
 _MOST_METRES, _MOST_DEGREES = 0.01, 2.0  # standard deviation of the plane
@@ -93,7 +93,9 @@ def make_board_truth(request: BoardRequest, progress: Progress = no_progress) ->
         found = run.each('writing', (0.7, 0.95), write_board, list(writings.values()))
         boards: dict[int, OnBoard] = dict(zip(writings, found, strict=True))
         scale = _scale(found)
-        findings: dict[str, Any] = {'cannot_decide': list(NEVER_DECIDED)}
+        findings: dict[str, Any] = {
+            'cannot_decide': never_decided(any(one.moving for one in placed))
+        }
         if scale is not None:
             findings['depth_scale'] = round(scale, 5)
         return write_table(

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.truth.absorbed import absorbed, hidden_by_scan
 from flexx2_sim_ros.truth.files import digest
 from flexx2_sim_ros.truth.joint import Columns, solve, View
 from flexx2_sim_ros.truth.meshes import load_room
@@ -23,7 +24,7 @@ from flexx2_sim_ros.truth.run import (
 )
 from flexx2_sim_ros.truth.shared import estimate, Shared
 from flexx2_sim_ros.truth.trajectory import PoseSource, read_trajectory
-from flexx2_sim_ros.truth.verdict import judge, NEVER_DECIDED, Verdict
+from flexx2_sim_ros.truth.verdict import judge, Verdict
 from flexx2_sim_ros.truth.writing import Picture, write_recording, Writing
 import numpy as np
 
@@ -109,7 +110,11 @@ def make_truth(request: Request, progress: Progress = no_progress) -> dict[str, 
                     zip(sources, registered, verdicts, strict=True)
                 )
             ],
-            {'shared': shared.findings, 'cannot_decide': _cannot_decide(shared)},
+            {
+                'shared': shared.findings,
+                'cannot_decide': _cannot_decide(shared, registered),
+                'absorbed': absorbed('scan'),
+            },
             lambda table: page(table, registered, pictures),
         )
 
@@ -252,8 +257,8 @@ def _row(
     return row
 
 
-def _cannot_decide(shared: Shared) -> list[dict[str, str]]:
-    out = list(NEVER_DECIDED)
+def _cannot_decide(shared: Shared, registered: Sequence[Registered]) -> list[dict[str, Any]]:
+    out = hidden_by_scan(any(one.moving for one in registered))
     for effect, finding in shared.findings.items():
         if finding['verdict'] == 'confounded':
             remedy = (

@@ -99,7 +99,7 @@ def _shared(table: dict[str, Any]) -> str:
     )
 
 
-def undecided(rows: Sequence[Mapping[str, str]]) -> str:
+def undecided(rows: Sequence[Mapping[str, Any]]) -> str:
     """Return a table of what a ground truth cannot decide."""
     lines = ''.join(
         f'<tr><td>{escape(row["effect"])}</td><td class="words">{escape(row["reason"])}</td></tr>'

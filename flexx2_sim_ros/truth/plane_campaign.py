@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from flexx2_sim_ros.errors import InputError, shown_path
+from flexx2_sim_ros.truth.absorbed import absorbed
 from flexx2_sim_ros.truth.files import digest
 from flexx2_sim_ros.truth.page import figures, undecided, whole_page
 from flexx2_sim_ros.truth.plane_file import PlaneFile, read_planes
@@ -27,6 +28,8 @@ _POSE = {
     'effect': 'pose_error',
     'reason': "the planes are in the camera's frame, so that they move with it; motion capture "
     'would decide it',
+    'absorbed': 1.0,
+    'settled_by': 'motion capture',
 }
 
 
@@ -96,7 +99,10 @@ def make_plane_truth(request: PlaneRequest, progress: Progress = no_progress) ->
                 _row(source, one, pictures.get(i))
                 for i, (source, one) in enumerate(zip(sources, judged, strict=True))
             ],
-            {'cannot_decide': _cannot_decide(judged)},
+            {
+                'cannot_decide': _cannot_decide(judged),
+                'absorbed': absorbed('tape' if all(one.taped for one in judged) else 'planes'),
+            },
             lambda table: _page(table, pictures),
         )
 
@@ -132,11 +138,11 @@ def _row(source: Source, one: Judged, picture: Picture | None) -> dict[str, Any]
     return row
 
 
-def _cannot_decide(judged: Sequence[Judged]) -> list[dict[str, str]]:
+def _cannot_decide(judged: Sequence[Judged]) -> list[dict[str, Any]]:
     # What is certain beforehand; the diagnosis computes the rest for each recording.
     found = [one for one in judged if one.planes is not None]
     taped = any(one.taped for one in found)
-    out = [_POSE]
+    out: list[dict[str, Any]] = [_POSE]
     if not taped:
         out.append(
             {

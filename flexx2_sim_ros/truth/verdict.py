@@ -16,18 +16,6 @@ _FITTING = 0.8
 _RIVAL = 1.3  # times the cost of the best pose
 _MOST_METRES, _MOST_DEGREES = 0.01, 0.5  # standard deviation of a pose
 _OUTLYING, _OUTLYING_METRES = 3.0, 0.01  # times the usual median residual; metres
-# What no ground truth can decide that takes the poses from the recordings themselves.
-NEVER_DECIDED = (
-    {
-        'effect': 'pose_error',
-        'reason': 'the poses are fitted to these recordings; motion capture would decide it',
-    },
-    {
-        'effect': 'time_offset',
-        'reason': 'each frame is placed where it was taken, whatever its stamp says; motion '
-        'capture would decide it',
-    },
-)
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,8 @@ from flexx2_sim_ros.gap.inference.selection import (
 from flexx2_sim_ros.gap.inference.uncertainty import certainty, ratio_interval
 import numpy as np
 
+_EXPLAINED = 'identified', 'partly'
+
 
 @dataclass(frozen=True)
 class Alternative:
@@ -90,7 +92,7 @@ class Decision:
     @property
     def explains_gap(self) -> bool:
         """Whether the effects chosen explain the gap, or a part of it."""
-        return self.verdict in ('identified', 'partly')
+        return self.verdict in _EXPLAINED
 
     @property
     def accepted(self) -> Fit:
@@ -108,6 +110,7 @@ def decide(
     candidates: Sequence[Candidate],
     tick: Callable[[], None] = lambda: None,
     thresholds: Thresholds = THRESHOLDS,
+    absorbed: Sequence[Undecided] = (),
 ) -> Decision:
     """
     Explain the gap.
@@ -122,6 +125,9 @@ def decide(
         Called now and then.
     thresholds : Thresholds
         From when on an effect is a finding.
+    absorbed : sequence of Undecided
+        Effects that the ground truth hides because of how it was made: wholly, then they are no
+        candidates, or for the most part. Without a finding the verdict is ``not_decidable``.
 
     """
     hidden = undecided(model, candidates, thresholds, tick)
@@ -139,9 +145,10 @@ def decide(
     chosen = _as_in_catalogue(trials, found)
     without = without_each(trials, chosen)
     verdict = _verdict(trials, found, excess)
-    if verdict == 'none' and hidden:
+    if verdict == 'none' and (hidden or absorbed):
         verdict = 'not_decidable'
-    if open_ones and verdict in ('identified', 'partly'):
+    settled = {c.effect for c in chosen.fit.candidates} if verdict in _EXPLAINED else set()
+    if open_ones and verdict in _EXPLAINED:
         more = [*singles, *(trials.single(candidate) for candidate in open_ones)]
         if _hidden_could_explain(trials, found, [*candidates, *open_ones], more, names, tick):
             # The recordings cannot tell the effects found from one that the ground truth hides.
@@ -161,7 +168,7 @@ def decide(
         [_alternative(trials, excess, one.fit, instead) for one in nearest],
         considered,
         excess,
-        hidden,
+        [*(one for one in absorbed if one.effect not in settled | names), *hidden],
     )
 
 

@@ -1,0 +1,74 @@
+"""What the ground truth of a campaign hides, as its ``truth.yaml`` says."""
+
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from flexx2_sim_ros.config_file import is_regular_file, read_config
+from flexx2_sim_ros.effects import registry
+from flexx2_sim_ros.errors import InputError, shown, shown_path
+
+TRUTH_FILE = 'truth.yaml'
+
+
+class Hidden(NamedTuple):
+    """
+    An effect that ground truth hides by the way it was made.
+
+    Attributes
+    ----------
+    effect : str
+    absorbed : float
+        Fraction of the effect that is in `clean_depth` and so not in the difference to it.
+    settled_by : str
+        What would decide it.
+    reason : str
+
+    """
+
+    effect: str
+    absorbed: float
+    settled_by: str
+    reason: str
+
+
+def hidden_effects(folder: str | Path) -> list[Hidden]:
+    """
+    Return what `flexx2 gap truth` wrote down that its ground truth hides.
+
+    Rows without ``absorbed`` are left out: the diagnosis decides these from the accuracy of the
+    ground truth.
+
+    Parameters
+    ----------
+    folder : str or pathlib.Path
+        The campaign. Without ``truth.yaml`` nothing is hidden.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be read or does not say it as it should.
+
+    """
+    path = Path(folder) / TRUTH_FILE
+    if not is_regular_file(path):
+        return []
+    rows = read_config(path).get('cannot_decide', [])
+    if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
+        raise InputError(f'{shown_path(path)}: cannot_decide: must be a list of mappings')
+    return [_hidden(path, row) for row in rows if 'absorbed' in row]
+
+
+def _hidden(path: Path, row: dict[str, Any]) -> Hidden:
+    name, absorbed = row.get('effect'), row['absorbed']
+    if name not in registry():
+        raise InputError(f'{shown_path(path)}: effect: must be an effect, got {shown(name)}')
+    if (
+        isinstance(absorbed, bool)
+        or not isinstance(absorbed, int | float)
+        or not 0 <= absorbed <= 1
+    ):
+        raise InputError(
+            f'{shown_path(path)}: absorbed: must be a fraction, 0 to 1, got {shown(absorbed)}'
+        )
+    words = [str(row.get(key, '')) for key in ('settled_by', 'reason')]
+    return Hidden(str(name), float(absorbed), *words)
