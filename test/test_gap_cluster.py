@@ -14,7 +14,7 @@ import time
 from bench.gap_campaigns import write_campaign
 from flexx2_sim_ros import jobs
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.gap import diagnose
+from flexx2_sim_ros.gap import check, diagnose
 import pytest
 
 distributed = pytest.importorskip('distributed', reason='extra cluster is not installed')
@@ -116,7 +116,12 @@ def test_what_a_cluster_lacks_or_loses(
 
     # The workers know the campaign only by a path that this process's folder explains.
     monkeypatch.chdir(campaign.parent)
-    local = diagnose(campaign)
+    local = diagnose(campaign, out=tmp_path / 'diagnosis')
+    fresh = campaign.parent / 'fresh'
+    write_campaign(
+        fresh, seed=13, scale=0.25, recordings=2, frames=6, moving=0, effects={'excess_noise': {}}
+    )
+    checked = check(tmp_path / 'diagnosis', fresh)
     with scheduler(tmp_path) as (leader, address):
         with monkeypatch.context() as patch:
             patch.setattr(jobs, '_PATIENCE', 1)
@@ -127,6 +132,7 @@ def test_what_a_cluster_lacks_or_loses(
                 client.wait_for_workers(2, timeout=60)
             spread = diagnose(campaign.name, scheduler=address, progress=lose(doomed))
             assert lost[0] < 0.72  # while recordings were still being simulated
+            checked_there = check(tmp_path / 'diagnosis', fresh.name, scheduler=address)
             with pytest.raises(InputError, match='--scheduler: .* the connection was lost'):
                 diagnose(campaign.name, scheduler=address, progress=lose(leader), out='out')
             assert lost
@@ -135,6 +141,8 @@ def test_what_a_cluster_lacks_or_loses(
         for key in ('seconds', 'peak_mb'):
             del table[key]
     assert spread == local
+    del checked['seconds'], checked_there['seconds']
+    assert checked_there == checked
 
 
 @pytest.mark.parametrize(
