@@ -23,6 +23,7 @@ th, small { color: var(--dim); }
   gap: .8rem; margin: .8rem 0; }
 .views img { width: 100%; display: block; margin-bottom: .3rem; outline: 1px solid var(--line); }
 td:not(:first-child):not(:last-child) { white-space: nowrap; }
+.ranking { min-width: 44rem; }
 .baseline td { color: var(--dim); }
 pre { background: var(--faint); padding: .5rem .7rem; overflow-x: auto; }
 pre code { background: none; padding: 0; }
@@ -95,7 +96,7 @@ def _explanations(table: Mapping[str, Any]) -> str:
 
 
 def _told(name: str, value: Any) -> bool:
-    return isinstance(value, int | float) and (name, value) != ('strength', 1.0)
+    return isinstance(value, int | float) and value != 0 and (name, value) != ('strength', 1.0)
 
 
 def _ranking(table: Mapping[str, Any]) -> str:
@@ -108,7 +109,7 @@ def _ranking(table: Mapping[str, Any]) -> str:
     left = len(table['ranking']) - _MOST_ROWS
     more = f' {left} more are in next.json.' if left > 0 else ''
     return (
-        '<div class="scroll"><table><tr><th>record</th><th>information, bit</th>'
+        '<div class="scroll"><table class="ranking"><tr><th>record</th><th>information, bit</th>'
         '<th>settles it correctly</th><th>wrongly</th><th>not</th><th>tells apart best</th></tr>'
         f'{"".join(cells)}</table></div><p><small>{table["most_bits"]:.2f} bit would decide '
         'between all explanations. The other columns are the expected fractions for one '
