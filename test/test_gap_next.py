@@ -4,14 +4,17 @@ import json
 from pathlib import Path
 from typing import Any
 
+from bench.gap_next import as_room
 from flexx2_sim_ros.camera import flexx2
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap.planning.information import entropy, information
 from flexx2_sim_ros.gap.planning.next_recording import suggest
-from flexx2_sim_ros.gap.planning.plan import Plan, read_plan
+from flexx2_sim_ros.gap.planning.plan import default_plan, Plan, read_plan
 from flexx2_sim_ros.gap.planning.possible import usual_kinds
+from flexx2_sim_ros.gap.planning.scenes import render
 from flexx2_sim_ros.gap.planning.truths import KINDS, write_campaign
+from flexx2_sim_ros.validation.blind import SceneKey, SceneSet
 import numpy as np
 import pytest
 
@@ -142,6 +145,18 @@ def test_what_cannot_be_used_is_said_and_nothing_written(
         assert main(['gap', 'next', str(folder), '--jobs', '1', *words]) == 2
         assert says in capsys.readouterr().err.replace('\n', ' ')
     assert sorted(one.name for one in folder.iterdir()) == ['diagnosis.json', 'effects.yaml']
+
+
+def test_the_blind_camera_sees_the_set_ups_of_the_plan() -> None:
+    plan = read_plan(default_plan())
+    still = [one for one in plan.recordings if all(one.fixed)]
+    scenes = SceneSet(SceneKey(plan.usecase, 1, 0.0, 56, 43, len(still), 3))
+    scenes.scenes = tuple(as_room(one) for one in still)
+    for i, planned in enumerate(still):
+        seen, reflectivity = scenes.clean(i)
+        depth, shade = render(planned.scene, scenes.optics.intrinsics, scenes.times())
+        same = np.isclose(seen, depth, atol=1e-5, equal_nan=True) & (reflectivity == shade)
+        assert same.mean() > 0.98, planned.name  # A pixel on an edge may see either side.
 
 
 def test_information_is_between_nothing_and_all() -> None:
