@@ -15,8 +15,9 @@ from flexx2_sim_ros.cli.common import (
     read_known,
 )
 from flexx2_sim_ros.errors import printable
+from rich.box import SIMPLE_HEAD
 from rich.console import Console
-from rich.table import Table
+from rich.table import Column, Table
 
 
 def add_parser(commands: Any) -> None:
@@ -83,7 +84,16 @@ def _print(table: dict[str, Any], console: Console) -> None:
     from flexx2_sim_ros.gap.report.check_page import headline, lines, sentences
 
     console.print(printable(headline(table)), style='bold', highlight=False)
-    shown = Table('', 'before', 'after', 'two simulations', 'change', '')
+    shown = Table(
+        Column(overflow='fold'),
+        'before',
+        'after',
+        'two simulations',
+        'change',
+        '',
+        box=SIMPLE_HEAD,
+        padding=(0, 1, 0, 0),
+    )
     for line in lines(table):
         # A value above its interval, so that the table fits a terminal of 80 columns.
         shown.add_row(*(text.replace(' (', '\n(') for text in line))
