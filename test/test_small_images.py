@@ -2,7 +2,6 @@
 
 import json
 from pathlib import Path
-import re
 
 from flexx2_sim_ros.camera import Intrinsics
 from flexx2_sim_ros.characterize.measure import measure
@@ -20,12 +19,9 @@ from real_frames import DATA
 
 K = np.array([[9.6, 0.0, 3.5], [0.0, 9.6, 3.5], [0.0, 0.0, 1.0]])
 FRAMES = 20
-# The sensor's profile, as on the page about real cameras.
-(VL53L5CX,) = re.findall(
-    r'```yaml\n(.*?)```',
-    (Path(__file__).parent.parent / 'docs' / 'real_cameras.md').read_text(encoding='utf-8'),
-    re.DOTALL,
-)
+_PAGE = Path(__file__).parent.parent / 'docs' / 'real_cameras.md'
+# The sensor's profile: the first YAML on the page.
+VL53L5CX = _PAGE.read_text(encoding='utf-8').split('```yaml\n')[1].split('```')[0]
 
 
 def wall(distance: float, angle_deg: float, K: np.ndarray = K, side: int = 8) -> np.ndarray:
