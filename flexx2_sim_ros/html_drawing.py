@@ -62,6 +62,8 @@ def curves(
     x_label: str,
     y_label: str,
     least: float,
+    kinds: Sequence[str] = _KINDS,
+    band: np.ndarray | None = None,
 ) -> str:
     """
     Return curves as an SVG figure; the page needs `CURVE_STYLE`.
@@ -78,11 +80,16 @@ def curves(
         Of the axes.
     least : float
         Range of y at least, so that noise does not look like a finding.
+    kinds : sequence of str
+        Classes of the lines in the page's style.
+    band : numpy.ndarray, optional
+        (2, N) low and high end of an interval, of class ``band``.
 
     """
     seen = np.isfinite(lines).any(axis=0)
     x, lines = x[seen], lines[:, seen]
-    low, high = float(np.nanmin(lines)), float(np.nanmax(lines))
+    ends = lines if band is None else np.concatenate([lines, band[:, seen]])
+    low, high = float(np.nanmin(ends)), float(np.nanmax(ends))
     pad = max(0.08 * (high - low), (least - (high - low)) / 2)
     low, high = low - pad, high + pad
     left, right = float(x.min()), float(x.max())
@@ -104,14 +111,20 @@ def curves(
         f'text-anchor="middle">{tick:g}</text>'
         for tick in _ticks(left, right)
     ]
+    if band is not None:
+        low_end, high_end = (list(zip(x, one, strict=True)) for one in band[:, seen])
+        outline = ' '.join(
+            f'{at_x(a):.1f},{at_y(b):.1f}' for a, b in [*low_end, *reversed(high_end)]
+        )
+        parts.append(f'<polygon points="{outline}" class="band"/>')
     for i, line in enumerate(lines):
         points = ' '.join(
             f'{at_x(a):.1f},{at_y(b):.1f}' for a, b in zip(x, line, strict=True) if np.isfinite(b)
         )
-        parts.append(f'<polyline points="{points}" class="curve {_KINDS[i]}"/>')
+        parts.append(f'<polyline points="{points}" class="curve {kinds[i]}"/>')
         start = _LEFT + 4 + 125 * i
         parts.append(
-            f'<line x1="{start}" x2="{start + 18}" y1="10" y2="10" class="curve {_KINDS[i]}"/>'
+            f'<line x1="{start}" x2="{start + 18}" y1="10" y2="10" class="curve {kinds[i]}"/>'
             f'<text x="{start + 23}" y="14">{escape(names[i])}</text>'
         )
     parts.append(

@@ -13,8 +13,8 @@ PACKAGE = ROOT / NAME
 ROOMS = (
     'base', 'formulas', 'profiles', 'physics', 'effects', 'camera', 'messages', 'recording',
     'rendering', 'truth', 'characterize', 'robots', 'batch', 'gap.calibration', 'gap.data',
-    'gap.features', 'gap.inference', 'gap.report', 'gap', 'gap.planning', 'validation.blind',
-    'validation.benchmark', 'validation', 'view', 'nodes', 'cli',
+    'gap.features', 'gap.inference', 'gap.forms', 'gap.report', 'gap', 'gap.planning',
+    'validation.blind', 'validation.benchmark', 'validation', 'view', 'nodes', 'cli',
 )  # fmt: skip
 
 

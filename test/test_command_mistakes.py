@@ -23,6 +23,7 @@ NEEDS = {
     'record': ['out'],
     'convert': ['in.npz', 'out.npz'],
     'gap diagnose': ['campaign', '--out', 'out'],
+    'gap calibrate': ['diagnosis', 'campaign', '--out', 'out'],
     'gap check': ['diagnosis', 'fresh'],
     'gap next': ['diagnosis'],
     'gap truth': ['in.npz', '--scan', 'room.ply', '--out', 'out'],

@@ -4,7 +4,15 @@ from importlib import import_module
 from importlib.util import find_spec
 from typing import Any
 
-from flexx2_sim_ros.cli import gap_check, gap_diagnose, gap_next, gap_plan, gap_target, gap_truth
+from flexx2_sim_ros.cli import (
+    gap_calibrate,
+    gap_check,
+    gap_diagnose,
+    gap_next,
+    gap_plan,
+    gap_target,
+    gap_truth,
+)
 
 
 def add_parser(commands: Any) -> None:
@@ -20,6 +28,7 @@ def add_parser(commands: Any) -> None:
     gap_diagnose.add_parser(subcommands)
     gap_plan.add_parser(subcommands)
     gap_target.add_parser(subcommands)
+    gap_calibrate.add_parser(subcommands)
     gap_check.add_parser(subcommands)
     gap_next.add_parser(subcommands)
     gap_truth.add_parser(subcommands)

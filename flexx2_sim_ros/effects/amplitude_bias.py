@@ -9,7 +9,7 @@ from flexx2_sim_ros.effects.hypothesis import Hypothesis, StandIn, Term
 from flexx2_sim_ros.effects.light import log_amplitude
 from flexx2_sim_ros.effects.offset import Offset, SIMULATED_BIAS
 from flexx2_sim_ros.effects.rays import add_along_ray
-from flexx2_sim_ros.effects.tables import Curve, curve
+from flexx2_sim_ros.effects.tables import Curve, curve_over
 from flexx2_sim_ros.formulas.fastmath import log_from_zero
 from flexx2_sim_ros.formulas.scalars import f32, least, most
 from flexx2_sim_ros.physics.compiled import compiled, loop
@@ -71,7 +71,7 @@ class AmplitudeBias(Effect):
     knee: float = parameter(1.0, 1e-3, 100.0, '1/m^2', 'amplitude above which there is no bias')
     span: float = parameter(3.0, 0.1, 10.0, '', 'constant bias from this many factors of e on')
 
-    curve: Curve | None = curve(
+    curve: Curve | None = curve_over(
         'ln of the amplitude, 1/m^2',
         'm',
         -0.5,

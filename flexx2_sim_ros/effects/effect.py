@@ -76,7 +76,7 @@ class Effect:
     """
     Base of all effects.
 
-    A subclass is a frozen dataclass whose fields are made by `parameter`, `tables.curve` or
+    A subclass is a frozen dataclass whose fields are made by `parameter`, `tables.curve_over` or
     `tables.pixel_map`, with the class attributes below and `apply`. It says all that there is to
     say about the effect: files, node parameters, documentation, pictures, the diagnosis and the
     benchmark follow from it.

@@ -7,10 +7,11 @@ from typing import ClassVar
 from flexx2_sim_ros.effects.effect import Effect, parameter
 from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis
 from flexx2_sim_ros.effects.losing import kept_by, lose, survival
-from flexx2_sim_ros.effects.tables import Curve, curve
+from flexx2_sim_ros.effects.tables import Curve, curve_over
 from flexx2_sim_ros.formulas.fastmath import arccos, log_from_zero
 from flexx2_sim_ros.physics.compiled import compiled, loop
 from flexx2_sim_ros.physics.frame_state import FrameState, Stage
+from flexx2_sim_ros.physics.geometry import ray_length
 from flexx2_sim_ros.physics.philox import FAST
 import numpy as np
 
@@ -64,12 +65,19 @@ class GrazingDropout(Effect):
     width_deg: float = parameter(3.0, 0.2, 20.0, 'deg', 'width of the logistic function')
     distance: float = parameter(1.0, 0.0, 10.0, '', 'logit added per factor e of distance')
 
-    curve: Curve | None = curve(
+    curve: Curve | None = curve_over(
         'incidence, degrees',
         '',
         0.0,
         1.0,
         'probability that a pixel is invalid, in place of the logistic function',
+    )
+    slant: Curve | None = curve_over(
+        'ln of range times tan of incidence, m',
+        '',
+        0.0,
+        1.0,
+        'the same, of how much depth a pixel spans; in place of curve',
     )
 
     def constants(self) -> dict[str, float]:
@@ -83,13 +91,41 @@ class GrazingDropout(Effect):
 
     def apply(self, state: FrameState) -> None:
         """Lose pixels by a logistic in incidence and in the logarithm of the distance."""
-        if self.curve is not None:
-            lost = self.curve.at(np.degrees(np.arccos(np.clip(state.cosine, 0, 1))))
+        lost = self._table(state)
+        if lost is not None:
             lose(state, kept_by(lost, self.strength), self.stream)
             return
         survives = np.empty_like(state.depth)
         _survives(state.cosine, state.depth, *self.rounded, survives)
         lose(state, survives, self.stream)
+
+    def _table(self, state: FrameState) -> np.ndarray | None:
+        # (H, W) probability to be invalid, if there is a table of it.
+        if self.slant is not None:
+            length = ray_length(state.intrinsics.matrix, state.depth.shape)
+            return self.slant.at(log_slant(state.cosine, state.depth * length))
+        if self.curve is not None:
+            return self.curve.at(np.degrees(np.arccos(np.clip(state.cosine, 0, 1))))
+        return None
+
+
+def log_slant(cosine: np.ndarray, distance: np.ndarray) -> np.ndarray:
+    """
+    Return the logarithm of the depth that a pixel spans, for a pixel of one radian.
+
+    Parameters
+    ----------
+    cosine, distance : numpy.ndarray
+        (H, W) cosine of the incidence angle, and metres along the ray.
+
+    Returns
+    -------
+    numpy.ndarray
+        (H, W) ln(distance tan(incidence)), of metres.
+
+    """
+    cosine = np.clip(cosine, np.float32(1e-3), np.float32(1 - 1e-6))
+    return np.log(distance * np.sqrt(1 - cosine * cosine) / cosine)
 
 
 _arccos = compiled(arccos)

@@ -8,7 +8,7 @@ from flexx2_sim_ros.effects.effect import Effect, parameter
 from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis
 from flexx2_sim_ros.effects.light import log_amplitude
 from flexx2_sim_ros.effects.losing import kept_by, lose, survival
-from flexx2_sim_ros.effects.tables import Curve, curve
+from flexx2_sim_ros.effects.tables import Curve, curve_over
 from flexx2_sim_ros.formulas.fastmath import log_from_zero
 from flexx2_sim_ros.physics.compiled import compiled, loop
 from flexx2_sim_ros.physics.frame_state import FrameState, Stage
@@ -53,7 +53,7 @@ class LowSignalDropout(Effect):
     half: float = parameter(0.012, 1e-5, 10.0, '1/m^2', 'amplitude at which half are invalid')
     slope: float = parameter(3.0, 0.1, 20.0, '', 'slope of the logistic function, per factor e')
 
-    curve: Curve | None = curve(
+    curve: Curve | None = curve_over(
         'ln of the amplitude, 1/m^2',
         '',
         0.0,

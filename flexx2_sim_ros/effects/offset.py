@@ -6,7 +6,7 @@ from typing import ClassVar
 from flexx2_sim_ros.effects.effect import Effect, parameter
 from flexx2_sim_ros.effects.hypothesis import Hypothesis, Term
 from flexx2_sim_ros.effects.rays import add_along_ray, ranges
-from flexx2_sim_ros.effects.tables import Curve, curve
+from flexx2_sim_ros.effects.tables import Curve, curve_over
 from flexx2_sim_ros.physics.frame_state import FrameState, Stage
 
 # Metres that the diagnosis simulates. They are of the order of sigma_z of all shipped profiles:
@@ -40,7 +40,7 @@ class Offset(Effect):
     batched: ClassVar[tuple[str, ...] | None] = ()
 
     bias: float = parameter(0.005, -0.2, 0.2, 'm', 'added to every depth')
-    curve: Curve | None = curve(
+    curve: Curve | None = curve_over(
         'range, m', 'm', -0.5, 0.5, 'added to the range along the ray, in place of bias'
     )
 

@@ -8,7 +8,7 @@ from flexx2_sim_ros.effects.effect import Effect, parameter
 from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis
 from flexx2_sim_ros.effects.light import log_amplitude
 from flexx2_sim_ros.effects.losing import kept_by, lose, survival
-from flexx2_sim_ros.effects.tables import Curve, curve
+from flexx2_sim_ros.effects.tables import Curve, curve_over
 from flexx2_sim_ros.formulas.fastmath import arccos, exp, log, log_from_zero
 from flexx2_sim_ros.formulas.scalars import f32
 from flexx2_sim_ros.physics.compiled import compiled, loop
@@ -66,7 +66,7 @@ class Saturation(Effect):
     )
     lobe_deg: float = parameter(4.0, 0.2, 45.0, 'deg', 'width of the specular lobe')
 
-    curve: Curve | None = curve(
+    curve: Curve | None = curve_over(
         'ln of the amplitude, 1/m^2',
         '',
         0.0,

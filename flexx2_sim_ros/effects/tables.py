@@ -176,7 +176,7 @@ class Table:
             )
 
 
-def curve(over: str, unit: str, low: float, high: float, text: str) -> Any:
+def curve_over(over: str, unit: str, low: float, high: float, text: str) -> Any:
     """Declare a curve of an effect: a dataclass field that is None unless it is given."""
     table = Table('curve', text, over, unit, low, high)
     return field(default=None, kw_only=True, metadata={'table': table})

@@ -8,7 +8,7 @@ from flexx2_sim_ros.effects.hypothesis import Hypothesis, StandIn, Term
 from flexx2_sim_ros.effects.offset import Offset, SIMULATED_BIAS
 from flexx2_sim_ros.effects.picture import Picture
 from flexx2_sim_ros.effects.rays import add_along_ray
-from flexx2_sim_ros.effects.tables import Curve, curve
+from flexx2_sim_ros.effects.tables import Curve, curve_over
 from flexx2_sim_ros.formulas import on_images
 from flexx2_sim_ros.formulas.fastmath import exp
 from flexx2_sim_ros.physics.frame_state import FrameState, Stage
@@ -64,7 +64,7 @@ class WarmUpDrift(Effect):
     tau: float = parameter(900.0, 1.0, 36000.0, 's', 'time constant')
     uptime: float = parameter(0.0, 0.0, 1e6, 's', 'time since power-on at the first frame')
 
-    curve: Curve | None = curve(
+    curve: Curve | None = curve_over(
         'time since power-on, s',
         'm',
         -0.5,

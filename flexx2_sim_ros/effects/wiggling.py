@@ -7,7 +7,7 @@ from flexx2_sim_ros.effects.effect import Effect, parameter
 from flexx2_sim_ros.effects.hypothesis import Hypothesis, Term
 from flexx2_sim_ros.effects.picture import Picture
 from flexx2_sim_ros.effects.rays import add_along_ray, ranges
-from flexx2_sim_ros.effects.tables import Curve, curve
+from flexx2_sim_ros.effects.tables import Curve, curve_over
 from flexx2_sim_ros.formulas.phases import direction
 from flexx2_sim_ros.formulas.scalars import f32
 from flexx2_sim_ros.physics.compiled import compiled, loop
@@ -105,7 +105,7 @@ class Wiggling(Effect):
     a4: float = parameter(0.0042, -0.1, 0.1, 'm', 'sine, four periods per c/2f')
     b4: float = parameter(0.0, -0.1, 0.1, 'm', 'cosine, four periods per c/2f')
 
-    curve: Curve | None = curve(
+    curve: Curve | None = curve_over(
         'range, m', 'm', -0.2, 0.2, 'added to the range along the ray, in place of the harmonics'
     )
 

@@ -6,8 +6,9 @@ on recordings that were not used to decide. `check` says whether this holds on r
 diagnosis has never seen. `measure` says how much of a gap given effects take off.
 """
 
+from flexx2_sim_ros.gap.calibrate import calibrate
 from flexx2_sim_ros.gap.check import check
 from flexx2_sim_ros.gap.diagnosis import diagnose
 from flexx2_sim_ros.gap.measure import measure
 
-__all__ = ['check', 'diagnose', 'measure']
+__all__ = ['calibrate', 'check', 'diagnose', 'measure']

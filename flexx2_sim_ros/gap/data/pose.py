@@ -177,7 +177,7 @@ def _weighted_design(
             continue
         columns = np.concatenate(
             [
-                _design(depth, K, profile.sensor),
+                pose_columns(depth, K, profile.sensor),
                 shifts[:, ::2, ::2],
                 _others(depth, K, profile.modulation_hz),
                 other[:, ::2, ::2],
@@ -228,9 +228,27 @@ def _others(
     )
 
 
-def _design(depth: np.ndarray, K: np.ndarray, sensor: Sensor) -> np.ndarray:  # noqa: N803
-    # (6, H, W) metres per metre and per degree. A plane n . X = 1, seen from a camera moved by t
-    # and turned by w, has the depth z - z n . t - z^2 w . (ray x n).
+def pose_columns(depth: np.ndarray, K: np.ndarray, sensor: Sensor) -> np.ndarray:  # noqa: N803
+    """
+    Return how depth changes with a small motion of the camera.
+
+    Parameters
+    ----------
+    depth : numpy.ndarray
+        (H, W) float32 clean depth, metres.
+    K : numpy.ndarray
+        (3, 3) camera matrix.
+    sensor : Sensor
+        For its thresholds of depth jumps.
+
+    Returns
+    -------
+    numpy.ndarray
+        (6, ceil(H / 2), ceil(W / 2)) of every other row and column: metres per metre and per
+        degree. A plane n . X = 1, seen from a camera moved by t and turned by w, has the depth
+        z - z n . t - z^2 w . (ray x n).
+
+    """
     inverse, across, down = tangents(depth, sensor)
     here, across, down = inverse[2:-2:2, 2:-2:2], across[::2, ::2], down[::2, ::2]
     height, width = depth.shape

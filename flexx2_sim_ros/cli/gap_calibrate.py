@@ -1,0 +1,67 @@
+"""`flexx2 gap calibrate`: give diagnosed effects the form that recordings show."""
+
+import argparse
+from typing import Any
+
+from flexx2_sim_ros.cli.common import add_jobs, add_profile, add_scheduler, add_seed, progress_bar
+from flexx2_sim_ros.errors import printable
+from rich.console import Console
+
+
+def add_parser(commands: Any) -> None:
+    """Add the subcommand."""
+    parser = commands.add_parser(
+        'calibrate',
+        help='fit curves and maps of the diagnosed effects to recordings',
+        description='A diagnosis names effects in their typical form. This command fits the form '
+        'itself: a bias over range, amplitude or time, a probability of invalid pixels over '
+        'incidence or amplitude, a map of a fixed pattern. A form is taken only if it brings the '
+        'simulation nearer to recordings that it was not fitted to; otherwise the effect stays as '
+        'it was diagnosed. Writes effects.yaml (with maps as .npz files beside it), '
+        'calibration.json and calibration.html.',
+        epilog='example: flexx2 gap calibrate diagnosis/ recordings/ --out calibrated/',
+    )
+    parser.add_argument(
+        'diagnosis', metavar='DIAGNOSIS', help='folder that flexx2 gap diagnose has written'
+    )
+    parser.add_argument(
+        'campaign',
+        metavar='CAMPAIGN',
+        help='folder of recordings with clean_depth, three or more: those of the diagnosis or '
+        'others of the same camera',
+    )
+    parser.add_argument('--out', required=True, metavar='DIR', help='folder for the results')
+    add_profile(parser)
+    add_seed(parser)
+    add_jobs(parser)
+    add_scheduler(parser)
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Calibrate with a progress bar; print what was taken."""
+    from flexx2_sim_ros.gap import calibrate
+    from flexx2_sim_ros.gap.report.calibration_page import headline, sentences
+    from flexx2_sim_ros.profiles.files import find_profile
+
+    console = Console(stderr=True, markup=False)
+    with progress_bar(console) as progress:
+        table = calibrate(
+            arguments.diagnosis,
+            arguments.campaign,
+            profile=find_profile(arguments.profile),
+            seed=arguments.seed,
+            jobs=arguments.jobs,
+            out=arguments.out,
+            scheduler=arguments.scheduler,
+            progress=progress,
+        )
+    console.print(headline(table), style='bold', highlight=False)
+    for line in sentences(table):
+        console.print(printable(line), highlight=False)
+    console.print(
+        f'{arguments.out}: effects.yaml, calibration.json, calibration.html '
+        f'({table["seconds"]:.0f} s)',
+        highlight=False,
+    )
+    return 0

@@ -1,0 +1,54 @@
+"""Which forms of an effect are tried when it is calibrated, and when one is taken."""
+
+from dataclasses import dataclass
+
+from flexx2_sim_ros.gap.calibration.about import constant, DEFINITION
+
+
+@dataclass(frozen=True)
+class Forms:
+    """Resolution of curves and maps, and what flexibility costs."""
+
+    ridge: float = constant(1e4, '1/m^2', 'penalty on coefficients: they are about a centimetre')
+    bend: float = constant(1e7, '1/m^2', 'penalty on second differences of a spline')
+    range_knots: int = constant(300, '', 'of a curve over range', DEFINITION)
+    spline_knots: int = constant(60, '', 'coefficients of a spline over range')
+    frequencies_mhz: tuple[float, float] = constant(
+        (12.0, 130.0), 'MHz', 'modulation frequencies that are tried'
+    )
+    frequency_steps: int = constant(90, '', 'how many of them')
+    light: tuple[float, float, int] = constant(
+        (-7.0, 3.0, 15), 'ln 1/m^2', 'first and last knot over amplitude, and how many', DEFINITION
+    )
+    knees: tuple[float, float, int] = constant(
+        (0.01, 3.0, 9), '1/m^2', 'smallest and largest knee that is tried, and how many'
+    )
+    taus: tuple[float, float, int] = constant(
+        (60.0, 7200.0, 8), 's', 'shortest and longest time constant, and how many'
+    )
+    time_knots: int = constant(50, '', 'of a curve over uptime', DEFINITION)
+    iterations: int = constant(6, '', 'of reweighted least squares')
+    robust: float = constant(3.0, 'sigma', 'scale of the Cauchy loss')
+    incidence: tuple[float, float, int] = constant(
+        (0.0, 90.0, 46), 'deg', 'edges of bins of incidence', DEFINITION
+    )
+    slant: tuple[float, float, int] = constant(
+        (-4.0, 4.0, 41), 'ln m', 'edges of bins of range times tan of incidence', DEFINITION
+    )
+    amplitude: tuple[float, float, int] = constant(
+        (-7.0, 3.0, 51), 'ln 1/m^2', 'edges of bins of amplitude', DEFINITION
+    )
+    fewest: int = constant(3, 'recordings', 'with fewer nothing can be left out')
+    surer: float = constant(
+        1.0, 'standard errors', 'by which a more flexible form must be better, left out'
+    )
+    grain: float = constant(
+        0.002, 'm', "error of a pixel's ground truth, beside noise, when a map is made"
+    )
+    steps: int = constant(2, '', "of a recording's pose, when its effects change")
+    least: float = constant(0.01, 'sigma_z', 'a smaller gain in distance does not matter')
+    tile: int = constant(4, 'px', 'side of tiles whose errors are compared', DEFINITION)
+    clip: float = constant(20.0, 'sigma_z', 'largest error in that comparison', DEFINITION)
+
+
+FORMS = Forms()

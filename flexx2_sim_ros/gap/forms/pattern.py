@@ -1,0 +1,69 @@
+"""The map of a fixed pattern: the mean error of each pixel over all recordings."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from flexx2_sim_ros.gap.calibration.forms import FORMS
+from flexx2_sim_ros.gap.features.simulation import PlacedScene
+from flexx2_sim_ros.gap.forms.samples import frames_of, mean_error, shift_of
+import numpy as np
+
+
+@dataclass(frozen=True)
+class PixelErrors:
+    """
+    Errors of each pixel in one recording.
+
+    Attributes
+    ----------
+    sums, weights : numpy.ndarray
+        (H, W) float64: errors in metres times weights, and weights in 1/m^2.
+
+    """
+
+    sums: np.ndarray
+    weights: np.ndarray
+
+
+def pixel_errors(scene: PlacedScene, effects: dict[str, dict[str, float]]) -> PixelErrors:
+    """Return the errors of a recording's pixels that other effects do not explain."""
+    shifts = shift_of(scene, effects)
+    shape = shifts.shape[1:]
+    sums, weights = np.zeros(shape), np.zeros(shape)
+    for shift, t in zip(shifts, frames_of(scene.recording), strict=True):
+        cover = scene.covariates[int(t) if len(scene.covariates) > 1 else 0]
+        error, count = mean_error(scene, int(t))
+        error = error - shift
+        with np.errstate(invalid='ignore'):
+            good = cover.inside & (np.abs(error) < 6 * cover.sigma)
+        weight = np.where(good, 1 / (cover.sigma**2 / count + FORMS.grain**2), 0.0)
+        sums += weight * np.where(good, error, 0.0)
+        weights += weight
+    return PixelErrors(sums, weights)
+
+
+def map_of(errors: Sequence[PixelErrors]) -> np.ndarray:
+    """
+    Return the map that recordings have in common, shrunk where they know little of a pixel.
+
+    Parameters
+    ----------
+    errors : sequence of PixelErrors
+        Of two recordings or more.
+
+    Returns
+    -------
+    numpy.ndarray
+        (H, W) metres, 0 where nothing is known or nothing is in common.
+
+    """
+    sums = np.array([one.sums for one in errors])
+    weights = np.array([one.weights for one in errors])
+    # Products of two recordings' errors have the map's variance as their mean, whatever the
+    # noise is.
+    products = sums.sum(axis=0) ** 2 - (sums**2).sum(axis=0)
+    pairs = weights.sum(axis=0) ** 2 - (weights**2).sum(axis=0)
+    variance = products.sum() / pairs.sum() if pairs.any() else 0.0
+    if variance <= 0:
+        return np.zeros(sums.shape[1:])
+    return np.asarray(sums.sum(axis=0) / (weights.sum(axis=0) + 1 / variance))

@@ -1,0 +1,181 @@
+"""What the fit of a curve needs of one recording: errors on surfaces, and their covariates."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from flexx2_sim_ros.camera.common_random_numbers import CommonRandomNumbers
+from flexx2_sim_ros.effects.light import log_amplitude
+from flexx2_sim_ros.formulas import on_images
+from flexx2_sim_ros.formulas.surfaces import returned_light
+from flexx2_sim_ros.gap.calibration.data import REGISTRATION
+from flexx2_sim_ros.gap.calibration.features import FEATURES
+from flexx2_sim_ros.gap.data.given import together
+from flexx2_sim_ros.gap.data.pose import base_camera, pose_columns
+from flexx2_sim_ros.gap.data.registration import RecordingData
+from flexx2_sim_ros.gap.features.simulation import PlacedScene
+from flexx2_sim_ros.physics.frame_state import Stage
+from flexx2_sim_ros.physics.surface import analyse
+from flexx2_sim_ros.profiles.intrinsics import Intrinsics
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Samples:
+    """
+    Pixels of one recording on surfaces away from edges, every other row and column.
+
+    Attributes
+    ----------
+    motion : numpy.ndarray
+        (M,) pose and planes at which the errors were taken, as for `registration.place`.
+    error : numpy.ndarray
+        (N,) metres, measured less clean depth; of a still scene the mean over frames.
+    sigma : numpy.ndarray
+        (N,) metres, of the errors: noise, and the bias that does not matter.
+    own : numpy.ndarray
+        (M, N) metres for each unit of ``motion``.
+    spread : numpy.ndarray
+        (M, M) factor of the covariance of ``motion``, as from `prior.factor`.
+    length : numpy.ndarray
+        (N,) length of each pixel's ray, as a multiple of its depth.
+    distance : numpy.ndarray
+        (N,) metres along the ray.
+    light : numpy.ndarray
+        (N,) natural logarithm of the amplitude in 1/m^2.
+    uptime : numpy.ndarray
+        (N,) seconds since power-on; NaN if the recording does not say.
+    place : numpy.ndarray
+        (N,) index into the flat (F, H, W) images of `shift_of`.
+
+    """
+
+    motion: np.ndarray
+    error: np.ndarray
+    sigma: np.ndarray
+    own: np.ndarray
+    spread: np.ndarray
+    length: np.ndarray
+    distance: np.ndarray
+    light: np.ndarray
+    uptime: np.ndarray
+    place: np.ndarray
+
+
+def frames_of(recording: RecordingData) -> np.ndarray:
+    """Return which frames of a recording are looked at: one if its scene stands still."""
+    if recording.clean.ndim == 2:
+        return np.zeros(1, int)
+    count = len(recording.depth)
+    first = min(REGISTRATION.lead, count - 1)
+    return np.unique(np.rint(np.linspace(first, count - 1, REGISTRATION.frames)).astype(int))
+
+
+def shift_of(scene: PlacedScene, effects: Any) -> np.ndarray:
+    """
+    Return what effects change in the depth of a recording's frames.
+
+    Parameters
+    ----------
+    scene : PlacedScene
+        Of the recording; the effects that it takes as given are part of what changes.
+    effects : mapping
+        Settings by effect.
+
+    Returns
+    -------
+    numpy.ndarray
+        (F, H, W) metres for the frames of `frames_of`, 0 where it cannot be said.
+
+    """
+    recording, placed = scene.recording, scene.placed
+    frames = frames_of(recording)
+    some = slice(None) if placed.clean.ndim == 2 else frames
+    light = placed.reflectivity
+    if light is not None and light.ndim == 3:
+        light = light[some]
+    camera = base_camera(recording.mode, recording.profile, 0, recording.name)
+    clean = placed.clean if placed.clean.ndim == 2 else placed.clean[some]
+    common = CommonRandomNumbers(camera, clean, recording.K, recording.stamp[frames], light)
+    # Later stages add noise or lose pixels, but shift no surface.
+    every = [one for one in together(recording.given, effects) if one.stage < Stage.NOISE]
+    if not every:
+        return np.zeros((len(frames), *placed.clean.shape[-2:]), np.float32)
+    return np.nan_to_num(common.depth(every) - common.depth(()))
+
+
+def samples_of(scene: PlacedScene, motion: np.ndarray, spread: np.ndarray) -> Samples:
+    """Return the samples of a recording at a pose; ``spread`` as in `Samples`."""
+    recording, placed = scene.recording, scene.placed
+    parts = []
+    for i, t in enumerate(frames_of(recording)):
+        clean, light = (
+            one if one is None or one.ndim == 2 else one[t]
+            for one in (placed.clean, placed.reflectivity)
+        )
+        parts.append(_frame(scene, i, int(t), clean, light))
+    columns = [np.concatenate(part, axis=-1) for part in zip(*parts, strict=True)]
+    error, sigma, own, length, distance, light, uptime, place = columns
+    return Samples(
+        motion, error, sigma, own, spread, length, distance, light, uptime, place.astype(int)
+    )
+
+
+def _frame(
+    scene: PlacedScene, index: int, t: int, clean: np.ndarray, reflectivity: np.ndarray | None
+) -> Sequence[np.ndarray]:
+    # (N,) columns of one frame, `own` of shape (M, N).
+    recording = scene.recording
+    cover = scene.covariates[t if len(scene.covariates) > 1 else 0]
+    error, count = mean_error(scene, t)
+    noise = cover.sigma / np.sqrt(count)
+    sigma = np.hypot(noise, FEATURES.tolerances['bias'] * cover.sigma)
+    limit = REGISTRATION.outlier_sigmas * cover.sigma + REGISTRATION.outlier
+    own = pose_columns(clean, recording.K, recording.mode.sensor)
+    if recording.plane_shifts is not None:
+        own = np.concatenate([own, recording.plane_shifts[:, ::2, ::2]])
+    light = light_of(recording, clean, reflectivity)
+    with np.errstate(invalid='ignore'):
+        good = (cover.inside & np.isfinite(error) & (np.abs(error) < limit))[::2, ::2]
+    good &= np.isfinite(own).all(axis=0) & np.isfinite(light[::2, ::2])
+    seconds = (int(recording.stamp[t]) - int(recording.stamp[0])) * 1e-9
+    uptime = np.nan if recording.uptime is None else recording.uptime + seconds
+    images = error, sigma, own, cover.ray, clean * cover.ray, light
+    columns = [
+        (one if one.ndim == 3 else one[::2, ::2])[..., good].astype(np.float64) for one in images
+    ]
+    pixels = index * clean.size + np.arange(clean.size).reshape(clean.shape)[::2, ::2][good]
+    return [*columns, np.full(len(pixels), uptime), pixels]
+
+
+def mean_error(scene: PlacedScene, t: int) -> tuple[np.ndarray, np.ndarray]:
+    """
+    Return measured less clean depth of a frame, or the mean over all frames of a still scene.
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        (H, W) metres, NaN where fewer than half of the frames are valid; (H, W) how many are, at
+        least one.
+
+    """
+    depth, clean = scene.recording.depth, scene.placed.clean
+    if clean.ndim == 3:
+        return depth[t] - clean[t], np.ones(depth.shape[1:])
+    valid = np.isfinite(depth).sum(axis=0)
+    count = np.maximum(valid, 1)
+    mean = np.where(valid > 0.5 * len(depth), np.nansum(depth, axis=0) / count, np.nan)
+    return mean - clean, count
+
+
+def light_of(
+    recording: RecordingData, clean: np.ndarray, reflectivity: np.ndarray | None
+) -> np.ndarray:
+    """Return the natural logarithm of the amplitude that the simulator has, (H, W)."""
+    lens = Intrinsics.from_matrix(recording.K, clean.shape[1], clean.shape[0])
+    surface = analyse(np.ascontiguousarray(clean), lens, recording.mode.sensor)
+    albedo = np.float32(1) if reflectivity is None else np.clip(reflectivity, 0, 1)
+    with np.errstate(divide='ignore', invalid='ignore'):
+        inverse = (1 / clean).astype(np.float32)
+        light = on_images(returned_light)(albedo, surface.cos_incidence, inverse)
+    return log_amplitude(np.asarray(light))

@@ -1,0 +1,125 @@
+"""The work on single recordings, for processes of their own."""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+from flexx2_sim_ros.camera import Profile
+from flexx2_sim_ros.gap.calibration.forms import FORMS
+from flexx2_sim_ros.gap.data.campaign import Found, read
+from flexx2_sim_ros.gap.data.given import Table
+from flexx2_sim_ros.gap.data.prior import covariance_of, factor
+from flexx2_sim_ros.gap.data.registration import RecordingData, register
+from flexx2_sim_ros.gap.features.simulation import PlacedScene, with_uptime
+from flexx2_sim_ros.gap.forms.dropout import Counts, counts_of
+from flexx2_sim_ros.gap.forms.fitting import own_motion
+from flexx2_sim_ros.gap.forms.pattern import pixel_errors, PixelErrors
+from flexx2_sim_ros.gap.forms.samples import Samples, samples_of, shift_of
+from flexx2_sim_ros.gap.forms.tiles import distance
+import numpy as np
+
+Settings = dict[str, dict[str, Any]]
+
+
+@dataclass(frozen=True)
+class Looked:
+    """
+    What is needed of a recording.
+
+    Attributes
+    ----------
+    found : Found
+        Where it is.
+    samples : Samples
+        Errors on surfaces.
+    counts, typical_counts : Counts
+        Invalid pixels on surfaces, measured and simulated with the effects as diagnosed.
+    shifts : dict of str to numpy.ndarray
+        (N,) metres that each effect as diagnosed changes in the samples.
+    uptime : float or None
+        Seconds since power-on at the first frame.
+
+    """
+
+    found: Found
+    samples: Samples
+    counts: Counts
+    typical_counts: Counts
+    shifts: dict[str, np.ndarray]
+    uptime: float | None
+
+
+def look(
+    found: Found,
+    profile: Profile | None,
+    known: Table,
+    effects: Settings,
+    prior: tuple[float, ...],
+    seed: int,
+) -> Looked:
+    """Register a recording, and take samples, counts and what the diagnosed effects change."""
+    recording = read(found, profile, known)
+    motion, _ = register(recording, np.array(prior))
+    covariance = covariance_of(recording.truth, np.array(prior))
+    spread = np.diag(prior) if covariance is None else factor(covariance)
+    own = with_uptime(effects, recording.uptime)
+    motion, scene = _settled(recording, motion, spread, own)
+    samples = samples_of(scene, motion, spread)
+    given = _at_samples(scene, samples, {})
+    samples = replace(samples, error=samples.error - given)
+    shifts = {
+        name: _at_samples(scene, samples, {name: values}) - given for name, values in own.items()
+    }
+    simulated = replace(recording, depth=scene.simulate(own, seed))
+    return Looked(
+        found,
+        samples,
+        counts_of(scene),
+        counts_of(replace(scene, recording=simulated)),
+        shifts,
+        recording.uptime,
+    )
+
+
+def look_at_pixels(
+    job: tuple[Looked, Settings], profile: Profile | None, known: Table
+) -> PixelErrors:
+    """Return the errors of a recording's pixels that given settings of effects do not explain."""
+    looked, effects = job
+    scene = _placed(looked, effects, profile, known)
+    return pixel_errors(scene, with_uptime(effects, looked.uptime))
+
+
+def judge(job: tuple[Looked, Settings], profile: Profile | None, known: Table, seed: int) -> float:
+    """
+    Simulate a recording's scene with settings of effects; return how far the two are apart.
+
+    Each settings get the pose that suits them best.
+    """
+    looked, effects = job
+    scene = _placed(looked, effects, profile, known)
+    simulated = scene.simulate(with_uptime(effects, looked.uptime), seed)
+    return distance(scene, scene.recording.depth, simulated)
+
+
+def _placed(
+    looked: Looked, effects: Settings, profile: Profile | None, known: Table
+) -> PlacedScene:
+    recording = read(looked.found, profile, known)
+    own = with_uptime(effects, recording.uptime)
+    return _settled(recording, looked.samples.motion, looked.samples.spread, own)[1]
+
+
+def _settled(
+    recording: RecordingData, motion: np.ndarray, spread: np.ndarray, effects: Settings
+) -> tuple[np.ndarray, PlacedScene]:
+    # Where the camera was if it has these effects, by a few steps of Gauss and Newton.
+    scene = PlacedScene.at(recording, motion)
+    for _ in range(FORMS.steps):
+        samples = samples_of(scene, motion, spread)
+        motion = own_motion(samples, samples.error - _at_samples(scene, samples, effects))
+        scene = PlacedScene.at(recording, motion)
+    return motion, scene
+
+
+def _at_samples(scene: PlacedScene, samples: Samples, effects: Settings) -> np.ndarray:
+    return np.asarray(shift_of(scene, effects).ravel()[samples.place], np.float64)

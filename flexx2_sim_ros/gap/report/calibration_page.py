@@ -1,0 +1,175 @@
+"""The files of a calibration, written whole or not at all, and its page."""
+
+from collections.abc import Sequence
+from html import escape
+import json
+from pathlib import Path
+from typing import Any
+
+from flexx2_sim_ros.atomic import output_folder, whole_files
+from flexx2_sim_ros.effects import Effect, loadable, save_effects
+from flexx2_sim_ros.effects.tables import PixelMap
+from flexx2_sim_ros.gap.forms import dropout
+from flexx2_sim_ros.gap.forms.bias import covariate_of
+from flexx2_sim_ros.gap.forms.calibrating import Proposal, Verdict
+from flexx2_sim_ros.gap.forms.work import Looked
+from flexx2_sim_ros.html_drawing import curves, picture
+from flexx2_sim_ros.html_page import html_page
+import numpy as np
+
+FILES = ('effects.yaml', 'calibration.json', 'calibration.html')
+_STYLE = """
+td, th { padding: .18rem .9rem .18rem 0; text-align: left; vertical-align: top; }
+th, small, .dim, figcaption { color: var(--dim); } figcaption { font-size: .85rem; }
+.row { display: flex; flex-wrap: wrap; gap: 1.2rem; }
+.row figure { max-width: 27.5rem; }
+.curve { fill: none; stroke-width: 2; } .grid { stroke: var(--line); }
+.real { stroke: var(--ink); } .simulated { stroke: var(--orange); stroke-dasharray: 5 3; }
+.effects { stroke: var(--blue); } svg text { fill: var(--ink); }
+.band { fill: var(--blue); opacity: .18; }
+"""
+_POINTS = 60
+_NINETY = 1.645  # standard errors, two-sided
+
+
+def write_calibration(
+    folder: Path,
+    table: dict[str, Any],
+    effects: Sequence[Effect],
+    verdicts: Sequence[Verdict],
+    looked: Sequence[Looked],
+) -> None:
+    """
+    Write ``effects.yaml`` with its maps, ``calibration.json`` and ``calibration.html``.
+
+    Parameters
+    ----------
+    folder : pathlib.Path
+        Made if it is not there; files of the same names in it are replaced.
+    table : dict
+        What `flexx2_sim_ros.gap.calibrate` returns.
+    effects : sequence of Effect
+        Those of the diagnosis, with the forms that are taken.
+    verdicts : sequence of Verdict
+        For the page.
+    looked : sequence of Looked
+        The recordings.
+
+    """
+    with whole_files(output_folder(folder)) as part:
+        save_effects(part / FILES[0], effects, headline(table))
+        text = json.dumps(table, indent=2, allow_nan=False)
+        (part / FILES[1]).write_text(text + '\n', encoding='utf-8')
+        (part / FILES[2]).write_text(
+            page(table, verdicts, looked), encoding='utf-8', errors='backslashreplace'
+        )
+
+
+def headline(table: dict[str, Any]) -> str:
+    """Return the result in one sentence."""
+    taken = [row['name'].replace('_', ' ') for row in table['effects'] if row['taken']]
+    if not taken:
+        return 'No calibrated form is better on left-out recordings: all effects stay.'
+    return f'Calibrated: {", ".join(taken)}.'
+
+
+def sentences(table: dict[str, Any]) -> list[str]:
+    """Return what was tried for each effect, a line each."""
+    count = len(table['recordings'])
+    out = []
+    for row in table['effects']:
+        name = row['name'].replace('_', ' ')
+        change = f'{row["before"]:.3g} to {row["after"]:.3g}'
+        better = f'in {row["recordings_better"]} of {count} left-out recordings'
+        verb = 'replaces the diagnosed form' if row['taken'] else 'is not taken'
+        out.append(f'{name}: {row["form"]} {verb}: distance {change}, smaller {better}.')
+    out += [
+        f'{name.replace("_", " ")}: stays as it was diagnosed; it has no curve or map to fit.'
+        for name in table['unchanged']
+    ]
+    return out + [f'Left out: {row["reason"]}.' for row in table['left_out']]
+
+
+def page(table: dict[str, Any], verdicts: Sequence[Verdict], looked: Sequence[Looked]) -> str:
+    """Return the page as HTML, all text escaped and all pictures inside."""
+    rows = ''.join(
+        f'<tr><td>{escape(row["name"])}</td><td>{escape(row["form"])}</td>'
+        f'<td>{"taken" if row["taken"] else "not taken"}</td><td>{row["before"]:.3g}</td>'
+        f'<td>{row["after"]:.3g}</td><td>{row["recordings_better"]}</td></tr>'
+        for row in table['effects']
+    )
+    figures = ''.join(_figure(one.proposal, looked) for one in verdicts)
+    body = [
+        f'<h1>{escape(headline(table))}</h1>',
+        ''.join(f'<p>{escape(line)}</p>' for line in sentences(table)),
+        '<h2>Forms</h2><div class="scroll"><table><tr><th>effect</th><th>form</th><th></th>'
+        '<th>distance as diagnosed</th><th>calibrated</th><th>recordings nearer</th></tr>'
+        f'{rows}</table></div><p><small>Distance of a recording from its simulation: '
+        'Wasserstein-1 distance of depth errors in sigma_z, mean over small tiles, plus the '
+        'difference of the fraction of invalid pixels. Each recording is compared with the form '
+        'fitted to the others.</small></p>',
+        f'<h2>Curves and maps</h2><div class="row">{figures}</div><p><small>Bands: 90 % '
+        'intervals over recordings (jackknife). Dashed: as diagnosed.</small></p>',
+        f'<p class="dim">Made by flexx2_sim_ros {escape(table["version"])} in '
+        f'{table["seconds"]:.0f} s from {len(looked)} recordings. docs/diagnosis.md says how each '
+        'number is computed.</p>',
+    ]
+    return html_page('Calibration of effects', _STYLE, '\n'.join(body))
+
+
+def _figure(proposal: Proposal, looked: Sequence[Looked]) -> str:
+    pattern = proposal.together.get('pattern')
+    if isinstance(pattern, PixelMap):
+        limit = 1000 * float(np.quantile(np.abs(pattern.values), 0.98)) or 1.0
+        text = f'{proposal.effect}: blue {-limit:.2g} to red {limit:+.2g} mm'
+        return (
+            f'<figure><img alt="{escape(text)}" width="420" '
+            f'src="{picture(1000 * pattern.values, limit)}"><figcaption>{escape(text)}'
+            '</figcaption></figure>'
+        )
+    (field,) = (name for name in proposal.together if name != 'strength')
+    over = loadable()[proposal.effect].tables()[field].over
+    probability = proposal.effect in dropout.KINDS
+    x, typical = (
+        _typical_dropout(proposal.effect, field, looked)
+        if probability
+        else _typical_bias(proposal.effect, looked)
+    )
+    factor, unit = (100.0, 'invalid, %') if probability else (1000.0, 'along the ray, mm')
+    middle = proposal.together[field].at(x)
+    each = np.array([one[field].at(x) for one in proposal.without], np.float64)
+    count = len(each)
+    error = np.sqrt((count - 1) / count * ((each - each.mean(axis=0)) ** 2).sum(axis=0))
+    return curves(
+        x,
+        factor * np.array([typical, middle]),
+        ('as diagnosed', 'calibrated'),
+        over,
+        f'{proposal.effect}: {unit}',
+        0.5,
+        kinds=('simulated', 'effects'),
+        band=factor * np.array([middle - _NINETY * error, middle + _NINETY * error]),
+    )
+
+
+def _typical_bias(effect: str, looked: Sequence[Looked]) -> tuple[np.ndarray, np.ndarray]:
+    # Mean of what the diagnosed effect changes along the ray, in bins of its covariate.
+    values = np.concatenate([getattr(one.samples, covariate_of(effect)) for one in looked])
+    shift = np.concatenate([one.shifts[effect] * one.samples.length for one in looked])
+    edges = np.linspace(*np.quantile(values, (0.005, 0.995)), _POINTS + 1)
+    place = np.digitize(values, edges) - 1
+    inside = (place >= 0) & (place < _POINTS)
+    total = np.bincount(place[inside], shift[inside], minlength=_POINTS)
+    count = np.bincount(place[inside], minlength=_POINTS)
+    with np.errstate(invalid='ignore', divide='ignore'):
+        return (edges[1:] + edges[:-1]) / 2, total / count
+
+
+def _typical_dropout(
+    effect: str, field: str, looked: Sequence[Looked]
+) -> tuple[np.ndarray, np.ndarray]:
+    # Fraction of invalid pixels in the simulation with the diagnosed effects.
+    (over,) = (kind.over for kind in dropout.KINDS[effect] if kind.field == field)
+    fractions = dropout.together([one.typical_counts for one in looked]).fractions(over)
+    known = np.isfinite(fractions)
+    return dropout.middles(over)[known], fractions[known]

@@ -1,0 +1,118 @@
+"""Diagnosed effects get the form that recordings show, from files to files."""
+
+import json
+from pathlib import Path
+
+from bench.gap_campaigns import write_campaign
+from flexx2_sim_ros.cli.main import main
+from flexx2_sim_ros.effects import load_effects, parse_effects, save_effects
+from flexx2_sim_ros.effects.tables import Curve
+from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.gap import calibrate
+import numpy as np
+import pytest
+
+SMALL = {'recordings': 5, 'frames': 6, 'scale': 0.5, 'moving': 1}
+SHAPE = (86, 112)
+# A camera that differs from the effects' formulas: a wave of another length, columns, a table
+# with a ceiling.
+RANGES = np.linspace(0.0, 6.0, 121)
+WAVE = 0.008 * np.sin(2 * np.pi * RANGES / 1.7)
+COLUMNS = 0.003 * np.broadcast_to((-1.0) ** (np.arange(SHAPE[1]) // 2), SHAPE)
+CAMERA = {
+    'wiggling': {'curve': {'knots': RANGES.tolist(), 'values': WAVE.tolist()}},
+    'fixed_pattern': {'pattern': COLUMNS.copy()},
+    'grazing_dropout': {'curve': {'knots': [40.0, 60.0], 'values': [0.0, 0.5]}},
+}
+DIAGNOSED = {
+    'wiggling': {'a4': 0.004},
+    'fixed_pattern': {'rms': 0.002},
+    'grazing_dropout': {'half_deg': 64.0},
+    'quantisation': {'step': 0.001},
+}
+
+
+def write_diagnosis(folder: Path, effects: dict) -> Path:
+    """Write what `flexx2 gap calibrate` reads of a diagnosis."""
+    folder.mkdir(exist_ok=True)
+    table = {'schema': 1, 'verdict': 'identified', 'recordings': []}
+    (folder / 'diagnosis.json').write_text(json.dumps(table))
+    save_effects(folder / 'effects.yaml', parse_effects(effects))
+    return folder
+
+
+@pytest.fixture(scope='module')
+def campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Record rooms with a camera whose effects have forms of their own."""
+    folder = tmp_path_factory.mktemp('campaign') / 'recordings'
+    write_campaign(folder, seed=111, effects=CAMERA, **SMALL)
+    return folder
+
+
+def test_forms_are_found_and_taken(
+    campaign: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    diagnosis, out = write_diagnosis(tmp_path / 'diagnosis', DIAGNOSED), tmp_path / 'out'
+    command = ['gap', 'calibrate', str(diagnosis), str(campaign), '--out', str(out)]
+    assert main([*command, '--jobs', '1']) == 0
+    assert 'Calibrated: wiggling, fixed pattern, grazing dropout.' in capsys.readouterr().err
+    assert sorted(path.name for path in out.iterdir()) == [
+        'calibration.html',
+        'calibration.json',
+        'effects.yaml',
+        'fixed_pattern.npz',
+    ]
+    table = json.loads((out / 'calibration.json').read_text())
+    assert [row['name'] for row in table['effects']] == [
+        'wiggling',
+        'fixed_pattern',
+        'grazing_dropout',
+    ]
+    for row in table['effects']:
+        assert row['taken']
+        assert row['after'] < row['before']
+    assert table['unchanged'] == ['quantisation']
+    effects = {one.name: one for one in load_effects(out / 'effects.yaml')}
+    # A wave is known but for a constant, which a pose error looks like.
+    seen = (RANGES > 1.2) & (RANGES < 3.0)
+    missed = effects['wiggling'].curve.at(RANGES)[seen] - WAVE[seen]
+    assert missed.std() < 0.3 * WAVE[seen].std()
+    pattern = effects['fixed_pattern'].pattern.values
+    assert np.corrcoef(pattern.ravel(), COLUMNS.ravel())[0, 1] > 0.7
+    assert effects['quantisation'].step == 0.001
+    page = (out / 'calibration.html').read_text()
+    assert page.count('class="band"') == 2
+    assert page.count('<img') == 1
+    assert 'nan' not in page.split('</style>')[1].replace('base64', '').split('src="')[0]
+
+
+def test_a_form_that_is_no_better_is_not_taken(tmp_path: Path) -> None:
+    """Assert it of a camera that is as it was diagnosed."""
+    right = {'offset': {'bias': 0.01}, 'low_signal_dropout': {'half': 0.1}}
+    exact = {'pose': (0.0, 0.0), 'reflectivity': 0.0}
+    write_campaign(tmp_path / 'recordings', seed=112, effects=right, **SMALL, **exact)
+    diagnosis = write_diagnosis(tmp_path / 'diagnosis', right)
+    table = calibrate(diagnosis, tmp_path / 'recordings', out=tmp_path / 'out')
+    assert [row['taken'] for row in table['effects']] == [False, False]
+    assert load_effects(tmp_path / 'out' / 'effects.yaml') == parse_effects(right)
+
+
+def test_what_cannot_be_calibrated_is_named(campaign: Path, tmp_path: Path) -> None:
+    diagnosis = write_diagnosis(tmp_path / 'diagnosis', {'quantisation': {}})
+    with pytest.raises(InputError, match='must have an effect that can have a curve or map'):
+        calibrate(diagnosis, campaign)
+    diagnosis = write_diagnosis(tmp_path / 'other', {'offset': {}})
+    few = tmp_path / 'few'
+    few.mkdir()
+    for path in sorted(campaign.iterdir())[:2]:
+        (few / path.name).symlink_to(path)
+    with pytest.raises(InputError, match='at least 3 recordings.*got 2'):
+        calibrate(diagnosis, few)
+    with pytest.raises(InputError, match='DIAGNOSIS: must be a folder'):
+        calibrate(tmp_path / 'nowhere', campaign)
+
+
+def test_a_curve_repeats_with_its_period() -> None:
+    curve = Curve((0.0, 0.5), (0.0, 1.0), 1.0)
+    assert curve.at([0.25, 1.25, 0.75]).tolist() == [0.5, 0.5, 0.5]
+    assert Curve((0.0, 0.5), (0.0, 1.0)).at([-1.0, 0.25, 9.0]).tolist() == [0.0, 0.5, 1.0]
