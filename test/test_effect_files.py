@@ -1,6 +1,7 @@
 """Sets of effects in files and tables, right ones and wrong ones."""
 
 from collections.abc import Iterator
+import json
 import math
 from pathlib import Path
 from typing import Any
@@ -8,6 +9,7 @@ from typing import Any
 from flexx2_sim_ros.camera import Camera
 from flexx2_sim_ros.effects import Effect, load_effects, parse_effects, registry, save_effects
 from flexx2_sim_ros.effects.presets import markdown, preset_files
+from flexx2_sim_ros.effects.tables import plain
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.paths import config_dir
 from flexx2_sim_ros.physics.geometry import ray_length
@@ -135,7 +137,7 @@ CURVES = {
     'warm_up_drift': {'curve': {'knots': [0.0, 600.0], 'values': [0.02, 0.0]}},
     'fixed_pattern': {'pattern': np.linspace(-0.01, 0.01, SHADES.size).reshape(SHADES.shape)},
     'low_signal_dropout': {'curve': {'knots': [-4.0, -3.0], 'values': [0.9, 0.0]}},
-    'grazing_dropout': {'curve': {'knots': [10.0, 60.0], 'values': [0.0, 0.6]}},
+    'grazing_dropout': {'slant': {'knots': [-1.0, 1.0], 'values': [0.0, 0.6]}},
     'saturation': {'curve': {'knots': [-1.0, 0.0], 'values': [0.0, 0.7]}},
 }
 
@@ -150,7 +152,9 @@ def test_a_curve_or_map_takes_the_place_of_the_formula(name: str, tmp_path: Path
     assert same(seen, capture({name: CURVES[name]}, scenes(1), 0))
     for other in ((), (registry()[name](),)):
         assert not same(seen, capture(other, scenes(1), 0))
-    assert own[0].settings == registry()[name].from_mapping(own[0].settings).settings
+    # As in the JSON files of a diagnosis.
+    text = json.dumps({name: plain(own[0].settings)})
+    assert parse_effects(json.loads(text)) == own
 
 
 def test_curves_are_metres_along_the_ray_and_maps_metres_of_depth() -> None:

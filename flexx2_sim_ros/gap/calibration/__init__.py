@@ -2,6 +2,7 @@
 
 from flexx2_sim_ros.gap.calibration.data import BINNING, GROUND_TRUTH, READING, REGISTRATION
 from flexx2_sim_ros.gap.calibration.features import FEATURES, MEASURES, SIMULATION
+from flexx2_sim_ros.gap.calibration.forms import FORMS
 from flexx2_sim_ros.gap.calibration.inference import LOSS, THRESHOLDS, WHERE
 
 SECTIONS = (
@@ -15,4 +16,5 @@ SECTIONS = (
     LOSS,
     THRESHOLDS,
     WHERE,
+    FORMS,
 )

@@ -28,6 +28,7 @@ class Forms:
     )
     time_knots: int = constant(50, '', 'of a curve over uptime', DEFINITION)
     iterations: int = constant(6, '', 'of reweighted least squares')
+    free_knots: int = constant(40, '', 'of a bias over range and light that sets weights alone')
     robust: float = constant(3.0, 'sigma', 'scale of the Cauchy loss')
     incidence: tuple[float, float, int] = constant(
         (0.0, 90.0, 46), 'deg', 'edges of bins of incidence', DEFINITION
@@ -47,6 +48,10 @@ class Forms:
     )
     steps: int = constant(2, '', "of a recording's pose, when its effects change")
     least: float = constant(0.01, 'sigma_z', 'a smaller gain in distance does not matter')
+    unlikely: float = constant(1e-3, '', 'least probability of a table that is judged')
+    quantiles: tuple[float, float, int] = constant(
+        (0.02, 0.98, 33), '', 'first and last quantile of errors, and how many', DEFINITION
+    )
     tile: int = constant(4, 'px', 'side of tiles whose errors are compared', DEFINITION)
     clip: float = constant(20.0, 'sigma_z', 'largest error in that comparison', DEFINITION)
 

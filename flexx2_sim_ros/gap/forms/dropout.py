@@ -14,8 +14,6 @@ from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 import numpy as np
 from sklearn.isotonic import isotonic_regression
 
-_LEAST = 1e-3  # probability that a table gives at least to what it has not seen, when judged
-
 
 @dataclass(frozen=True)
 class Kind:
@@ -142,7 +140,9 @@ def best_kind(effect: str, counts: Sequence[Counts]) -> Kind:
         total = 0.0
         for i, one in enumerate(counts):
             rest = [*counts[:i], *counts[i + 1 :]]
-            p = np.clip(table_of(kind, rest).at(middles(kind.over)), _LEAST, 1 - _LEAST)
+            p = np.clip(
+                table_of(kind, rest).at(middles(kind.over)), FORMS.unlikely, 1 - FORMS.unlikely
+            )
             seen, lost = one.seen[kind.over], one.lost[kind.over]
             total -= float((lost * np.log(p) + (seen - lost) * np.log(1 - p)).sum() / seen.sum())
         return total

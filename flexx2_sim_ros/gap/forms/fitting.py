@@ -146,7 +146,7 @@ def _cauchy(residual: np.ndarray) -> np.ndarray:
 def _robust_weights(samples: Samples) -> np.ndarray:
     # With all that any form could explain taken off, so that no form sets the weights for others.
     flexible = [
-        hats(np.linspace(values.min(), values.max(), 40))(values) / samples.length
+        hats(np.linspace(values.min(), values.max(), FORMS.free_knots))(values) / samples.length
         for values in (samples.distance, samples.light)
         if len(values)
     ]

@@ -4,7 +4,7 @@ from flexx2_sim_ros.gap.calibration.forms import FORMS
 from flexx2_sim_ros.gap.features.simulation import PlacedScene
 import numpy as np
 
-_PLACES = np.linspace(0.02, 0.98, 33)
+_PLACES = np.linspace(*FORMS.quantiles)
 
 
 def distance(scene: PlacedScene, real: np.ndarray, simulated: np.ndarray) -> float:
