@@ -17,6 +17,7 @@ from flexx2_sim_ros.validation.benchmark import (
     score,
     TEST,
 )
+from flexx2_sim_ros.validation.benchmark.partition import COVARIATES
 from flexx2_sim_ros.validation.benchmark.realised import realised_gap
 from flexx2_sim_ros.validation.benchmark.report import (
     draw_confusion,
@@ -27,8 +28,7 @@ from flexx2_sim_ros.validation.benchmark.report import (
 from flexx2_sim_ros.validation.benchmark.scoring import answer_of, macro_f1, overlap, wilson
 from flexx2_sim_ros.validation.benchmark.sealing import open_seal, seal
 from flexx2_sim_ros.validation.benchmark.seeds import seed_range
-from flexx2_sim_ros.validation.benchmark.truth import affected, Cells, COVARIATES
-from flexx2_sim_ros.validation.blind import BlindCamera, Case, CATALOGUE, NOVEL, SceneKey, SceneSet
+from flexx2_sim_ros.validation.blind import BlindCamera, CATALOGUE, NOVEL
 import numpy as np
 import pytest
 from rich.console import Console
@@ -292,26 +292,24 @@ def test_the_report_shows_every_row(tmp_path: Path, design: list[Planned]) -> No
     assert all(len(row) == len(sheet.columns) for sheet in sheets(scores) for row in sheet.rows)
 
 
-# Three cells of four pixels known and one not; the second cell is half near, half far.
-CELLS = {
-    'count': np.array([100.0, 100.0, 200.0]),
-    'affected': np.array([True, True, False]),
-    'samples': np.zeros((3, 5, len(COVARIATES)), np.float32),
+# Pixels of which the first half is affected.
+PIXELS = {
+    'affected': np.repeat([True, False], 4),
+    'samples': np.zeros((8, len(COVARIATES)), np.float32),
 }
 for covariate, values in (
-    ('distance', [[0.5] * 4, [1.2, 1.2, 1.8, 1.8], [2.5] * 4]),
-    ('incidence', [[10.0] * 4, [40.0] * 4, [40.0] * 4]),
-    ('x', [[0.1] * 4, [0.4] * 4, [0.4] * 4]),
+    ('distance', [0.5, 0.5, 1.2, 1.8, 2.5, 2.5, 2.5, 2.5]),
+    ('incidence', [10.0, 10.0, *[40.0] * 6]),
+    ('x', [0.1, 0.1, *[0.4] * 6]),
 ):
-    CELLS['samples'][:, :4, COVARIATES.index(covariate)] = values
-CELLS['samples'][:, 4] = np.nan
+    PIXELS['samples'][:, COVARIATES.index(covariate)] = values
 
 
 def answer(
     group: str, effects: dict[str, float], diagnosis: dict[str, Any] | None, **more: Any
 ) -> Any:
     result = {'diagnosis': diagnosis, 'seconds': 1.0, **more}
-    return answer_of(small(group, effects, 1), result, {'offset': {'bias': 0.010}}, CELLS)
+    return answer_of(small(group, effects, 1), result, {'offset': {'bias': 0.010}}, PIXELS)
 
 
 @pytest.mark.parametrize(
@@ -383,12 +381,14 @@ def test_parameters_and_shrinkage() -> None:
         ([('something else', 0.0, 9.0, 'm')], 0.0),
     ],
 )
-def test_overlap(where: list[tuple[str, float, float, str]], wanted: float) -> None:
+def test_the_score_of_where_is_the_intersection_over_union_in_pixels(
+    where: list[tuple[str, float, float, str]], wanted: float
+) -> None:
     entries = [
         dict(zip(('covariate', 'low', 'high', 'unit'), entry, strict=True)) for entry in where
     ]
-    assert overlap(entries, CELLS) == pytest.approx(wanted)
-    assert math.isnan(overlap(entries, {**CELLS, 'affected': np.zeros(3, bool)}))
+    assert overlap(entries, PIXELS) == pytest.approx(wanted)
+    assert math.isnan(overlap(entries, {**PIXELS, 'affected': np.zeros(8, bool)}))
 
 
 def test_wilson_and_macro_f1() -> None:
@@ -429,27 +429,3 @@ def test_realised_shrinkage_is_measured_on_fresh_recordings(tmp_path: Path) -> N
     # What is below the tolerance is measured as the diagnosis does it.
     weak = replace(case, effects={})
     assert realised_gap(weak, right, tmp_path, measure)['shrink'] == 0.5
-
-
-def test_truth_finds_what_differs_and_nothing_else() -> None:
-    key = SceneKey(MODE, 7, 2.0, 112, 86, recordings=4, frames=10)
-    scenes = SceneSet(key)
-
-    def cells(effects: dict[str, float], seed: int) -> Cells:
-        camera = BlindCamera(Case(key, effects, seed), scenes)
-        found = Cells(scenes, camera.sigma_factor)
-        for recording in range(key.recordings):
-            for frame in camera.frames(recording):
-                found.watch(recording, frame)
-        return found
-
-    plain = cells({}, 1).sums
-    # Nuisances (another sigma, the pose) are no effect.
-    nothing = affected(cells({}, 2), plain)
-    assert len(nothing['count']) > 50
-    assert nothing['affected'].mean() < 0.03
-    assert affected(cells({'offset': 1.0}, 3), plain)['affected'].mean() > 0.97
-    full = affected(cells({'saturation': 1.0}, 4), plain)
-    distance = np.nanmean(full['samples'][..., COVARIATES.index('distance')], axis=1)
-    assert 0 < full['affected'].mean() < 0.4
-    assert np.median(distance[full['affected']]) < np.median(distance[~full['affected']])

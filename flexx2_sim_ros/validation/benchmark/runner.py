@@ -20,7 +20,7 @@ from flexx2_sim_ros.validation.benchmark.realised import realised_gap
 from flexx2_sim_ros.validation.benchmark.scoring import score, Scores
 from flexx2_sim_ros.validation.benchmark.sealing import seal, Sealed
 from flexx2_sim_ros.validation.benchmark.seeds import seed_range
-from flexx2_sim_ros.validation.benchmark.truth import affected, Cells, undisturbed
+from flexx2_sim_ros.validation.benchmark.truth import Comparison
 from flexx2_sim_ros.validation.blind import BlindCamera, SceneSet
 import numpy as np
 from rich.console import Console
@@ -184,16 +184,13 @@ def run_case(out: Path, name: str, label: dict[str, Any], diagnoser: str, measur
 
 def _make(out: Path, name: str, planned: Planned, folder: Path, cache: Path) -> None:
     case = planned.case
-    scenes = SceneSet(case.scenes, cache)
-    plain = BlindCamera(type(case)(case.scenes, {}, case.seed), scenes)
-    without = undisturbed(plain)
-    camera = BlindCamera(case, scenes)
-    cells = Cells(scenes, camera.sigma_factor)
-    camera.record(folder, cells.watch)
+    camera = BlindCamera(case, SceneSet(case.scenes, cache))
+    comparison = Comparison(camera)
+    camera.record(folder, comparison.watch)
     truth = out / 'sealed' / 'truth'
     output_folder(truth)
     with whole(truth / f'{name}.npz') as part:
-        np.savez_compressed(part, **affected(cells, without))  # type: ignore[arg-type]
+        np.savez_compressed(part, **comparison.affected())  # type: ignore[arg-type]
     _write(
         truth / f'{name}.json',
         {

@@ -11,8 +11,8 @@ from typing import Any
 from flexx2_sim_ros.effects import registry
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.validation.benchmark.design import Planned
+from flexx2_sim_ros.validation.benchmark.partition import COVARIATES
 from flexx2_sim_ros.validation.benchmark.sealing import COMMITMENT, open_seal
-from flexx2_sim_ros.validation.benchmark.truth import COVARIATES
 from flexx2_sim_ros.validation.blind import CATALOGUE
 import numpy as np
 
@@ -46,10 +46,10 @@ class Answer:
         Names in order of importance.
     seconds, peak_mb : float
     overlap : float
-        Intersection over union of the affected cells and those named, NaN where there is
-        nothing to find.
+        Intersection over union of the affected pixels and the named ones, NaN where no pixel is
+        affected.
     visible : bool
-        Whether the effect changes any cell by more than what matters.
+        Whether the effect changes any pixel's statistics by more than the tolerance.
     parameter_error : float
         Relative, of the first effect if it is right and comparable; NaN otherwise.
     predicted, low, high, realised : float
@@ -174,8 +174,8 @@ def score(out: Path, partly: bool = False) -> Scores:
         result = json.loads(file.read_text())
         truth = out / 'sealed' / 'truth'
         facts = json.loads((truth / f'{name}.json').read_text())
-        with np.load(truth / f'{name}.npz', allow_pickle=False) as cells:
-            answers.append(answer_of(planned, result, facts['parameters'], dict(cells)))
+        with np.load(truth / f'{name}.npz', allow_pickle=False) as pixels:
+            answers.append(answer_of(planned, result, facts['parameters'], dict(pixels)))
     if not answers:
         raise InputError(
             f'--out: must have at least one finished case to score, got none in {out}'
@@ -187,7 +187,7 @@ def answer_of(
     planned: Planned,
     result: dict[str, Any],
     parameters: dict[str, dict[str, float]],
-    cells: dict[str, np.ndarray],
+    pixels: dict[str, np.ndarray],
 ) -> Answer:
     """
     Put one result beside its label.
@@ -200,8 +200,8 @@ def answer_of(
         What the runner kept.
     parameters : dict
         The label's, by effect.
-    cells : dict of str to numpy.ndarray
-        From `truth.affected`.
+    pixels : dict of str to numpy.ndarray
+        From `truth.Comparison.affected`.
 
     Returns
     -------
@@ -225,8 +225,8 @@ def answer_of(
         tuple(effect['name'] for effect in diagnosis.get('alternatives') or []),
         float(result['seconds']),
         float(diagnosis.get('peak_mb') or math.nan),
-        overlap(diagnosis.get('where') or [], cells) if planned.effects else math.nan,
-        bool(planned.effects and cells['affected'].any()),
+        overlap(diagnosis.get('where') or [], pixels) if planned.effects else math.nan,
+        bool(planned.effects and pixels['affected'].any()),
         error,
         _number(gap.get('shrink')) if checked else math.nan,
         _number(interval[0]) if checked else math.nan,
@@ -252,43 +252,37 @@ def _parameter_error(effect: dict[str, Any], label: dict[str, float]) -> float:
     return abs(float(found) - true) / abs(true - neutral)
 
 
-def overlap(where: Iterable[dict[str, Any]], cells: dict[str, np.ndarray]) -> float:
+def overlap(where: Iterable[dict[str, Any]], pixels: dict[str, np.ndarray]) -> float:
     """
-    Return the intersection over union, in pixels, of affected cells and what was named.
+    Return the intersection over union of the affected pixels and the named ones.
 
     Parameters
     ----------
     where : iterable of dict
-        The diagnosis's list: ``covariate``, ``low``, ``high``, ``unit``. A pixel is named when
-        its covariate lies in the interval of any entry; a cell as far as its pixels are.
-        ``all`` names everything, ``image region row 1 of 3, column 2 of 4`` that region; other
-        covariates that pixels do not have are ignored.
-    cells : dict of str to numpy.ndarray
-        From `truth.affected`.
+        The diagnosis's list: ``covariate``, ``low``, ``high``, ``unit``. A pixel is named if its
+        covariate lies in the interval of any entry. ``all`` names everything, ``image region row
+        1 of 3, column 2 of 4`` that region; covariates that pixels do not have are ignored.
+    pixels : dict of str to numpy.ndarray
+        A uniform sample of the campaign's pixels, see `truth.Comparison.affected`.
 
     Returns
     -------
     float
-        NaN where no cell is affected.
+        NaN where no pixel is affected.
 
     """
-    affected = cells['affected']
+    affected, samples = pixels['affected'], pixels['samples']
     if not affected.any():
         return math.nan
-    samples = cells['samples']
-    named = np.zeros(samples.shape[:2], bool)
+    named = np.zeros(len(samples), bool)
     for entry in where:
-        inside = np.ones_like(named)
-        for covariate, low, high in _intervals(entry):
-            values = samples[..., COVARIATES.index(covariate)]
+        intervals = _intervals(entry)
+        inside = np.full(len(samples), bool(intervals) or entry['covariate'] == 'all')
+        for covariate, low, high in intervals:
+            values = samples[:, COVARIATES.index(covariate)]
             inside &= (values >= low) & (values <= high)
-        if entry['covariate'] == 'all' or _intervals(entry):
-            named |= inside
-    known = np.isfinite(samples[..., 0])
-    share = (named & known).sum(axis=1) / np.maximum(known.sum(axis=1), 1)
-    weight = cells['count']
-    both = (weight * share)[affected].sum()
-    return float(both / (weight[affected].sum() + (weight * share)[~affected].sum()))
+        named |= inside
+    return float((named & affected).sum() / (named | affected).sum())
 
 
 def _intervals(entry: dict[str, Any]) -> list[tuple[str, float, float]]:

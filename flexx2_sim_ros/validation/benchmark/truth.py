@@ -1,183 +1,123 @@
 """
-Where an effect really shows: the blind camera with it against the same camera without.
+Where an effect really acts: the blind camera with it against the same camera without.
 
-Pixels are grouped into cells by recording, distance, incidence, place in the picture, edge and
-reflectivity. A cell is affected when the mean, the spread, the share of invalid pixels or the
-correlations of its residuals differ by more than what matters. Means over thousands of samples
-leave no noise to speak of; the reference is the scene as the camera truly saw it, so nuisances do
-not count.
+Both cameras take the same frames with the same random numbers, so most of the noise cancels. In
+each cell of the scorer's partition (`partition.py`), statistics of their errors are compared. A
+cell is affected if one of them differs significantly and by more than its tolerance. The
+reference is the scene as the camera truly saw it: nuisances, such as errors of pose, do not
+count.
 """
 
+from collections.abc import Iterator
+from dataclasses import replace
 import math
 
-from flexx2_sim_ros.validation.blind.campaign import BlindCamera, Observer
+from flexx2_sim_ros.validation.benchmark.partition import partition_of
+from flexx2_sim_ros.validation.blind.campaign import BlindCamera
 from flexx2_sim_ros.validation.blind.frame import Frame
-from flexx2_sim_ros.validation.blind.scene_set import SceneSet
-from flexx2_sim_ros.validation.blind.views import View
 from numba import njit
 import numpy as np
 
-# What matters: mean, log variance, invalid share, gross share, correlation to the frame before
-# and to the pixel beside. The prototype's equivalence tolerances.
+# What matters, the definition that the diagnosis also has: a change of the mean (in sigma_z), of
+# the log variance, of the fractions of invalid pixels and of gross errors, and of the
+# correlations with the previous frame and with the next pixel of the row.
 TOLERANCE = np.array([0.10, 0.10, 0.008, 0.004, 0.04, 0.04])
-# Metres, degrees, shares (of the half-diagonal, the width, the height), 0..1, 1/m^2, 0 or 1,
-# seconds, metres per second, number.
-COVARIATES = (
-    'distance',
-    'incidence',
-    'radius',
-    'x',
-    'y',
-    'reflectivity',
-    'amplitude',
-    'edge',
-    'uptime',
-    'speed',
-    'recording',
-)
-TILES = 3, 4  # rows and columns
-_SHARES = 6, 4, TILES[0] * TILES[1], 2, 2  # distance, incidence, tile, edge, dark
-_PER_RECORDING = math.prod(_SHARES)
+_INVALID = 2
 _SUMS = 9
-_SAMPLES = 12  # pixels of a cell whose covariates are kept
-_CLIP = 6.0
-_SURE = 4.0  # standard deviations
-_ENOUGH = 1500  # samples for a cell to be scored
+_CLIP = 6.0  # sigma_z; larger errors are gross
+_FEWEST = 200  # valid errors of a cell, in both cameras, for their statistics to be compared
 
 
-class Cells:
+class Comparison:
     """
-    Sums over the cells of a campaign.
+    Compares a camera with the same camera without effects while it records.
 
     Parameters
     ----------
-    scenes : SceneSet
-    sigma_factor : float
-        The true noise over the paper's, known here and taken off.
-
-    Attributes
-    ----------
-    sums : numpy.ndarray
-        (cells, 9) float64.
-    samples : numpy.ndarray
-        (cells, 12, 11) float32: `COVARIATES` of some pixels of each cell, NaN for no more.
+    camera : BlindCamera
+        The camera of the case.
 
     """
 
-    def __init__(self, scenes: SceneSet, sigma_factor: float = 1.0) -> None:
-        """Start with nothing."""
-        self._scenes, self._factor = scenes, sigma_factor
-        cells = scenes.key.recordings * _PER_RECORDING
-        self.sums = np.zeros((cells, _SUMS))
-        self.samples = np.full((cells, _SAMPLES, len(COVARIATES)), np.nan, np.float32)
-        self._filled = np.zeros(cells, np.int64)
-        self._rng = np.random.default_rng(0)
-        self._before: np.ndarray | None = None
-        self._kept: tuple[object, np.ndarray] | None = None
+    def __init__(self, camera: BlindCamera) -> None:
+        """Set all sums to zero."""
+        self._scenes, self._factor = camera.scenes, camera.sigma_factor
+        self._plain = BlindCamera(replace(camera.case, effects={}), camera.scenes)
+        self._partition = partition_of(camera.scenes)
+        frames = camera.scenes.key.frames
+        # Frames, with and without effects, cells, sums.
+        self._sums = np.zeros((frames, 2, self._partition.count, _SUMS))
+        self._before = np.zeros((2, *camera.scenes.optics.shape), np.float32)
+        self._others: Iterator[Frame] = iter(())
 
     def watch(self, recording: int, frame: Frame) -> None:
-        """Take a frame in; an `Observer`."""
-        view = self._scenes.true_view(recording, frame.index)
-        if self._kept is None or self._kept[0] is not view:
-            self._kept = view, self._cell_of(recording, view)
-            self._keep_samples(recording, frame, view, self._kept[1])
+        """Add a frame of the camera; an `Observer`."""
         if frame.index == 0:
-            self._before = None
-        # Nothing measured, nothing there: not a sample.
-        with np.errstate(divide='ignore', invalid='ignore'):
-            residual = (frame.depth - view.depth) / (view.sigma * np.float32(self._factor))
-        residual = np.where(view.sigma > 0, residual, np.nan).astype(np.float32)
-        cells = self._kept[1]
-        _add(
-            residual,
-            residual if self._before is None else self._before,
-            self._before is not None,
-            cells,
-            self.sums,
-        )
-        self._before = residual
+            self._others = self._plain.frames(recording)
+            self._before[:] = np.nan
+        view = self._scenes.true_view(recording, frame.index)
+        cells = self._partition.cells[self._scenes.slot(recording, frame.index)]
+        sigma = np.where(view.sigma > 0, view.sigma * np.float32(self._factor), np.nan)
+        for i, one in enumerate((frame, next(self._others))):
+            errors = ((one.depth - view.depth) / sigma).astype(np.float32)
+            _add(errors, self._before[i], cells, self._sums[frame.index, i])
+            self._before[i] = errors
 
-    def _cell_of(self, recording: int, view: View) -> np.ndarray:
-        height, width = view.depth.shape
-        top = view.optics.mode.range_max
-        distance = np.clip(np.nan_to_num(view.depth) / min(top, 5.0) * 6, 0, 5.99).astype(int)
-        theta = np.degrees(np.arccos(np.clip(view.cosine, 0, 1)))
-        incidence = np.digitize(theta, (20, 45, 65))
-        y, x = np.mgrid[:height, :width]
-        tile = (y * TILES[0] // height) * TILES[1] + x * TILES[1] // width
-        edge, dark = view.near_edge.astype(int), (view.reflectivity < 0.2).astype(int)
-        cell = np.zeros((height, width), np.int64)
-        for index, count in zip((distance, incidence, tile, edge, dark), _SHARES, strict=True):
-            cell = cell * count + index
-        cell += recording * _PER_RECORDING
-        # What the mode does not measure is no place for the base model either; it is kept, for
-        # an effect may put something there.
-        return np.where(np.isfinite(view.depth), cell, -1)
+    def affected(self) -> dict[str, np.ndarray]:
+        """
+        Say which of the campaign's sampled pixels are affected.
 
-    def _keep_samples(self, recording: int, frame: Frame, view: View, cells: np.ndarray) -> None:
-        height, width = view.depth.shape
-        path = self._scenes.scenes[recording].path
-        # Some of each view, so that a moving camera's cells know more than the first of them.
-        most = 3 if path.moving else _SAMPLES
-        pixels = self._rng.permutation(np.flatnonzero(cells >= 0))
-        pixels = pixels[np.argsort(cells.ravel()[pixels], kind='stable')]
-        place = cells.ravel()[pixels]
-        rank = np.arange(len(place)) - np.searchsorted(place, place)
-        slot = self._filled[place] + rank
-        chosen = (rank < most) & (slot < _SAMPLES)
-        pixels, place, slot = pixels[chosen], place[chosen], slot[chosen]
-        y, x = pixels // width, pixels % width
-        across, down = x - (width - 1) / 2, y - (height - 1) / 2
-        theta = np.degrees(np.arccos(np.clip(view.cosine, 0, 1)))
-        values = (
-            view.depth.ravel()[pixels],
-            theta.ravel()[pixels],
-            np.hypot(across, down) / math.hypot(width / 2, height / 2),
-            (x + 0.5) / width,
-            (y + 0.5) / height,
-            view.reflectivity.ravel()[pixels],
-            view.amplitude.ravel()[pixels],
-            view.near_edge.ravel()[pixels],
-            frame.uptime,
-            math.hypot(*path.velocity),
-            recording,
-        )
-        for k, value in enumerate(values):
-            self.samples[place, slot, k] = value
-        np.maximum.at(self._filled, place, slot + 1)
+        Returns
+        -------
+        dict of str to numpy.ndarray
+            ``samples`` (S, 11), see `partition.COVARIATES`, and ``affected`` (S,) bool.
+
+        """
+        cells = affected_cells(self._sums)
+        return {
+            'samples': self._partition.samples,
+            'affected': cells[self._partition.sample_cells],
+        }
 
 
-@njit(cache=True)
-def _add(residual, before, has_before, cells, sums):
-    height, width = residual.shape
-    for y in range(height):
-        for x in range(width):
-            cell = cells[y, x]
-            if cell < 0:
-                continue
-            row = sums[cell]
-            row[0] += 1
-            raw = residual[y, x]
-            if math.isnan(raw):
-                continue
-            e = min(max(raw, -_CLIP), _CLIP)
-            row[1] += 1
-            row[2] += e
-            row[3] += e * e
-            if abs(raw) >= _CLIP:
-                row[4] += 1
-            if has_before and before[y, x] == before[y, x]:
-                row[5] += 1
-                row[6] += e * min(max(before[y, x], -_CLIP), _CLIP)
-            if x + 1 < width and cells[y, x + 1] == cell:
-                beside = residual[y, x + 1]
-                if beside == beside:
-                    row[7] += 1
-                    row[8] += e * min(max(beside, -_CLIP), _CLIP)
+def affected_cells(sums: np.ndarray) -> np.ndarray:
+    """
+    Say which cells differ by more than matters.
+
+    Parameters
+    ----------
+    sums : numpy.ndarray
+        (frames, 2, cells, 9) with and without effects.
+
+    Returns
+    -------
+    numpy.ndarray
+        (cells,) bool. Differences are shrunk towards their mean over all cells, as far as they
+        are uncertain (empirical Bayes [Efron and Morris 1975]); their standard errors are those
+        of the jackknife over frames [Efron and Stein 1981].
+
+    """
+    total, frames = sums.sum(axis=0), len(sums)
+    # With few valid errors, only the fraction of invalid pixels says something.
+    few = total[:, :, 1].min(axis=0) < _FEWEST
+    compared = ~few[:, None] | (np.arange(len(TOLERANCE)) == _INVALID)
+    difference = compared * _difference(total)
+    left_out = compared * [_difference(total - one) for one in sums]
+    variance = (frames - 1) * left_out.var(axis=0)
+    mean = difference.mean(axis=0)
+    # The median: cells with a few enormous errors do not decide for all.
+    between = np.maximum(difference.var(axis=0) - np.median(variance, axis=0), 0)
+    trust = between / np.maximum(between + variance, 1e-12)
+    return np.asarray((np.abs(mean + trust * (difference - mean)) > TOLERANCE).any(axis=1))
+
+
+def _difference(sums: np.ndarray) -> np.ndarray:
+    # (cells, 6) of the (2, cells, 9) sums with and without effects.
+    return np.nan_to_num(features(sums[0]) - features(sums[1]))
 
 
 def features(sums: np.ndarray) -> np.ndarray:
-    """Return (cells, 6): mean, log variance, invalid, gross, two correlations; NaN for none."""
+    """Return (cells, 6) statistics in the order of `TOLERANCE`; NaN where there are none."""
     with np.errstate(divide='ignore', invalid='ignore'):
         mean = sums[:, 2] / sums[:, 1]
         variance = np.maximum(sums[:, 3] / sums[:, 1] - mean**2, 1e-4)
@@ -196,78 +136,31 @@ def features(sums: np.ndarray) -> np.ndarray:
         )
 
 
-def affected(with_effect: Cells, without: np.ndarray) -> dict[str, np.ndarray]:
-    """
-    Compare.
-
-    Parameters
-    ----------
-    with_effect : Cells
-        Of the case's camera.
-    without : numpy.ndarray
-        (cells, 9) sums of the same scenes without any effect.
-
-    Returns
-    -------
-    dict of str to numpy.ndarray
-        Of the cells with enough samples: ``count``, ``affected`` (bool), ``difference`` (6) and
-        ``samples`` (12, 11), see `Cells`.
-
-    """
-    sums = with_effect.sums
-    enough = (sums[:, 0] >= _ENOUGH) & (without[:, 0] >= _ENOUGH)
-    one, other = features(sums[enough]), features(without[enough])
-    difference = one - other
-    # Valid in one and not in the other: the share says so, the rest says nothing.
-    difference = np.nan_to_num(difference)
-    fewest = np.minimum(sums[enough, 1], without[enough, 1])
-    count = sums[enough, 0]
-    samples = with_effect.samples[enough]
-    edge = samples[:, 0, COVARIATES.index('edge')]
-    limit = np.maximum(TOLERANCE, _SURE * _noise(other, fewest, edge))
-    few = fewest < _ENOUGH / 3
-    difference[few, 0:2] = 0
-    difference[few, 3:] = 0
-    return {
-        'count': count,
-        'affected': (np.abs(difference) > limit).any(axis=1),
-        'difference': difference.astype(np.float32),
-        'samples': samples,
-    }
-
-
-def _noise(values: np.ndarray, count: np.ndarray, edge: np.ndarray) -> np.ndarray:
-    # Standard deviation of the differences, (cells, 6), were there no effect.
-    # An edge moves as a whole: its pixels count for one in this many.
-    alone = np.sqrt(2 * (1 + 11 * edge) / np.maximum(count, 1))
-    deviation = np.sqrt(np.exp(values[:, 1]))
-    gross = np.sqrt(np.clip(values[:, 3] * (1 - values[:, 3]), 1e-6, 1))
-    return np.nan_to_num(
-        alone[:, None]
-        * np.stack(
-            [
-                deviation,
-                np.full(len(count), 1.5),
-                gross,
-                gross,
-                np.ones(len(count)),
-                np.ones(len(count)),
-            ],
-            axis=1,
-        ),
-        nan=1.0,
-    )
-
-
-def undisturbed(camera: BlindCamera) -> np.ndarray:
-    """Return the sums of a camera without effects, from the cache of its scenes."""
-
-    def make() -> dict[str, np.ndarray]:
-        cells = Cells(camera.scenes, camera.sigma_factor)
-        watch: Observer = cells.watch
-        for recording in range(camera.scenes.key.recordings):
-            for frame in camera.frames(recording):
-                watch(recording, frame)
-        return {'sums': cells.sums}
-
-    return camera.scenes.cached('undisturbed', make)['sums']
+@njit(cache=True)
+def _add(errors, before, cells, sums):
+    # Counts, sums and products of the errors of a frame, for each cell.
+    height, width = errors.shape
+    for y in range(height):
+        for x in range(width):
+            cell = cells[y, x]
+            if cell < 0:
+                continue
+            row = sums[cell]
+            row[0] += 1
+            raw = errors[y, x]
+            if math.isnan(raw):
+                continue
+            e = min(max(raw, -_CLIP), _CLIP)
+            row[1] += 1
+            row[2] += e
+            row[3] += e * e
+            if abs(raw) >= _CLIP:
+                row[4] += 1
+            if before[y, x] == before[y, x]:
+                row[5] += 1
+                row[6] += e * min(max(before[y, x], -_CLIP), _CLIP)
+            if x + 1 < width and cells[y, x + 1] == cell:
+                beside = errors[y, x + 1]
+                if beside == beside:
+                    row[7] += 1
+                    row[8] += e * min(max(beside, -_CLIP), _CLIP)

@@ -152,13 +152,14 @@ class SceneSet:
     def _distinct(self, recording: int) -> np.ndarray:
         return self.times() if self.scenes[recording].path.moving else self.times()[:1]
 
-    def _slot(self, recording: int, frame: int) -> int:
+    def slot(self, recording: int, frame: int) -> int:
+        """Return the index of a frame's view among the distinct views of all recordings."""
         start = sum(len(self._distinct(i)) for i in range(recording))
         return start + (frame if self.scenes[recording].path.moving else 0)
 
     def clean(self, recording: int) -> tuple[np.ndarray, np.ndarray]:
         """Return the user's depth and reflectivity, (H, W) each or (T, H, W) if it moves."""
-        start = self._slot(recording, 0)
+        start = self.slot(recording, 0)
         if not self.scenes[recording].path.moving:
             return self._nominal['depth'][start], self._nominal['reflectivity'][start]
         part = slice(start, start + self.key.frames)
@@ -166,7 +167,7 @@ class SceneSet:
 
     def true_view(self, recording: int, frame: int) -> View:
         """Return what the camera looks at, nuisance pose error included."""
-        slot = self._slot(recording, frame)
+        slot = self.slot(recording, frame)
         if slot not in self._views:
             scene, time = self.scenes[recording], float(self.times()[frame])
             R, origin = scene.path.pose(time)
