@@ -56,7 +56,7 @@ def test_every_folder_is_a_room() -> None:
     assert folders == set(ROOMS) - {'base'}
 
 
-def test_imports_go_down() -> None:
+def test_rooms_import_only_rooms_below_them() -> None:
     up = [
         f'{module} -> {target}'
         for module, path in MODULES.items()
@@ -66,7 +66,7 @@ def test_imports_go_down() -> None:
     assert not up
 
 
-def test_imports_go_in_no_circle() -> None:
+def test_imports_have_no_cycles() -> None:
     # A package's own __init__ imports what it offers, and nothing in the package imports it back.
     graph = {module: imports(path) - {module} for module, path in MODULES.items()}
     assert list(TopologicalSorter(graph).static_order())  # raises CycleError with the circle

@@ -38,7 +38,7 @@ def test_an_error_leaves_the_old_file(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize('mask', [0o022, 0o027, 0o077])
-def test_the_umask_decides_who_may_read(tmp_path: Path, mask: int) -> None:
+def test_written_files_follow_the_umask(tmp_path: Path, mask: int) -> None:
     """Assert the permissions of any other program's files."""
     before = os.umask(mask)
     try:
@@ -51,7 +51,7 @@ def test_the_umask_decides_who_may_read(tmp_path: Path, mask: int) -> None:
     assert (tmp_path / 'folder').stat().st_mode & 0o777 == 0o777 & ~mask
 
 
-def test_a_link_is_followed(tmp_path: Path) -> None:
+def test_a_write_through_a_link_replaces_its_target(tmp_path: Path) -> None:
     """Assert that the file a link points to is replaced, not the link."""
     (tmp_path / 'there').mkdir()
     link = tmp_path / 'link.txt'
@@ -61,7 +61,7 @@ def test_a_link_is_followed(tmp_path: Path) -> None:
     assert (tmp_path / 'there' / 'a.txt').read_text() == 'text'
 
 
-def test_files_move_together(tmp_path: Path) -> None:
+def test_files_of_one_write_appear_together(tmp_path: Path) -> None:
     """Assert that several files appear together, or none where one cannot."""
     with whole_files(tmp_path) as part:
         (part / 'a').write_text('a')
@@ -79,7 +79,7 @@ def test_files_move_together(tmp_path: Path) -> None:
     assert sorted(path.name for path in tmp_path.iterdir()) == ['a', 'b', 'd']
 
 
-def test_targets_that_cannot_be(tmp_path: Path) -> None:
+def test_impossible_targets_are_refused(tmp_path: Path) -> None:
     """Assert one sentence each, which names the path."""
     (tmp_path / 'file').touch()
     (tmp_path / 'loop').symlink_to(tmp_path / 'loop')

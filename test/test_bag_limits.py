@@ -75,9 +75,7 @@ def test_a_chunk_over_the_limit_is_refused(
 
 
 @pytest.mark.parametrize('compression', list(COMPRESSORS))
-def test_a_chunk_that_declares_too_little_is_read_no_further(
-    compression: str, tmp_path: Path
-) -> None:
+def test_decompression_stops_at_the_declared_size(compression: str, tmp_path: Path) -> None:
     path = bomb(tmp_path / 'lies.mcap', compression, bytes(64 * MB), 100)
     tracemalloc.start()
     with pytest.raises(InputError, match='lies.mcap: it contains no complete message'):
@@ -87,7 +85,7 @@ def test_a_chunk_that_declares_too_little_is_read_no_further(
     assert peak < 30 * MB
 
 
-def test_a_limit_that_is_no_number_is_named(
+def test_a_limit_that_is_not_a_number_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     bag = driver_bag(tmp_path / 'bag', depths(3, 8, 8), compression=CompressionMode.STORAGE)

@@ -49,7 +49,7 @@ def test_full_queue_refuses_and_keeps_the_order(storage: str, tmp_path: Path) ->
     assert [message.data[0] for message in Bag(tmp_path / 'bag').messages()] == [0, 1, 2, 3]
 
 
-def test_remarks_come_back_as_notes(tmp_path: Path) -> None:
+def test_warnings_of_the_writer_become_notes(tmp_path: Path) -> None:
     entries = camera_entries('left', depths(1, 5, 4), depths(1, 5, 4))
     with BagSink(BagWriter(tmp_path / 'bag'), 1 << 20) as sink:
         for topic, kind, received, message in entries:
@@ -115,7 +115,7 @@ def test_gaps(stamps: list[int], count: int, longest: float) -> None:
     assert gaps.returns == 0
 
 
-def test_stamps_that_go_back_are_no_gap() -> None:
+def test_stamps_that_go_back_are_not_counted_as_gaps() -> None:
     stamps = [i * STEP for i in range(60)] * 2 + [59 * STEP]
     assert find_gaps(stamps).count == 0
     assert find_gaps(stamps).returns == 2

@@ -204,7 +204,7 @@ def test_only_the_drivers_cloud(tmp_path: Path) -> None:
     assert same(recording.depth, depth)
 
 
-def test_a_cloud_that_does_not_fit_is_named(tmp_path: Path) -> None:
+def test_a_point_cloud_of_another_size_is_refused(tmp_path: Path) -> None:
     entries = [
         info(f'{DRIVER}/camera_info', 1, (172, 224)),
         driver_cloud(f'{DRIVER}/point_cloud_0', 1, depths(1, 172, 223)[0]),
@@ -262,7 +262,7 @@ def test_another_camera_by_its_topic(tmp_path: Path) -> None:
     np.testing.assert_array_equal(recording.depth, expected)
 
 
-def test_what_is_not_quite_right_is_said(tmp_path: Path) -> None:
+def test_doubtful_contents_are_reported(tmp_path: Path) -> None:
     depth, clean = depths(6, 5, 4, seed=1), depths(6, 5, 4, seed=2)
     entries = camera_entries('left', depth, clean)
     node = '/left/flexx2_camera'
@@ -310,7 +310,7 @@ def test_a_simulation_that_was_reset(tmp_path: Path) -> None:
     assert same(recording.clean_depth, clean)
 
 
-def test_chunks_are_the_whole_in_bounded_memory(tmp_path: Path) -> None:
+def test_chunks_add_up_to_the_recording_in_bounded_memory(tmp_path: Path) -> None:
     depth, clean = depths(400, 86, 112, seed=1), depths(400, 86, 112, seed=2)
     size = depth.nbytes
     np.savez(
@@ -399,7 +399,9 @@ def test_no_recording(name: str, content: Any, message: str, tmp_path: Path) -> 
         ({'amplitude': np.full((9, 7), 'x')}, 'amplitude: must be .*, got dtype'),
     ],
 )
-def test_npz_that_is_no_recording(changes: dict[str, Any], message: str, tmp_path: Path) -> None:
+def test_an_npz_file_without_depth_is_refused(
+    changes: dict[str, Any], message: str, tmp_path: Path
+) -> None:
     arrays = contents()['least'] | changes
     path = tmp_path / 'in.npz'
     np.savez(path, **{key: value for key, value in arrays.items() if value is not None})
@@ -416,7 +418,7 @@ def test_npz_that_is_no_recording(changes: dict[str, Any], message: str, tmp_pat
         ({'camera': '7'}, [], "as in front_left, got '7'"),
     ],
 )
-def test_what_no_bag_can_hold(
+def test_a_recording_that_a_bag_cannot_hold_is_refused(
     changes: dict[str, Any],
     options: list[str],
     message: str,

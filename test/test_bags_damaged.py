@@ -163,7 +163,7 @@ os._exit(9)
         ('WAL', '-wal', 'connection.execute("COMMIT")', 7),
     ],
 )  # and what was committed is there
-def test_writer_that_died(
+def test_a_bag_of_a_killed_writer_is_read(
     journal: str, suffix: str, end: str, frames: int, whole: dict[str, Path], tmp_path: Path
 ) -> None:
     path = tmp_path / 'bag.db3'

@@ -90,7 +90,9 @@ def test_a_cloud_whose_depth_is_outside_of_its_points(
     ],
     ids=['huge', 'deep', 'archive', 'text', 'one stamp', 'depth'],
 )
-def test_an_array_that_lies(tmp_path: Path, key: str, content: bytes, said: str) -> None:
+def test_an_array_longer_than_its_message_is_refused(
+    tmp_path: Path, key: str, content: bytes, said: str
+) -> None:
     arrays = {'depth': b'', 'K': npy(np.eye(3)), 'stamp': npy(np.arange(3.0)), key: content}
     bag = write_raw(
         tmp_path / 'bag', [(CARRIED, BYTES, encode_bytes(*item)) for item in arrays.items()]
@@ -109,7 +111,9 @@ def test_a_broken_image_of_another_topic_is_noted(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize('make', [os.mkfifo, os.mkdir])
-def test_what_is_no_file_is_named(tmp_path: Path, make: Callable[[Path], None]) -> None:
+def test_pipes_and_folders_in_place_of_files_are_refused(
+    tmp_path: Path, make: Callable[[Path], None]
+) -> None:
     make(tmp_path / 'a.mcap')
     with pytest.raises(InputError, match='a.mcap: must be a file, got something else'):
         load_recording(tmp_path)
@@ -153,7 +157,7 @@ def test_values_that_sqlite_does_not_check(
     assert any('cut off or damaged' in note for note in recording.notes)
 
 
-def test_cameras_that_would_be_one_file_are_named(tmp_path: Path) -> None:
+def test_two_cameras_of_one_file_name_are_refused(tmp_path: Path) -> None:
     entries = [
         entry
         for number, node in enumerate(('/front/left/flexx2_camera', '/front_left/flexx2_camera'))

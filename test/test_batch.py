@@ -30,7 +30,7 @@ MATRIX = flexx2().intrinsics.matrix
 
 @pytest.mark.parametrize('many', [False, True])
 @pytest.mark.parametrize('device', DEVICES)
-def test_every_pixel_is_the_single_cameras_in_every_mode(
+def test_batch_and_camera_agree_in_every_pixel_and_mode(
     device: str, many: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """
@@ -157,7 +157,7 @@ def arrays_of(library: str, values: np.ndarray) -> object:
 
 
 @pytest.mark.parametrize('library', ['numpy', 'warp', 'torch', 'jax'])
-def test_the_same_kind_comes_back_without_a_copy(library: str) -> None:
+def test_output_arrays_are_of_the_inputs_kind_and_reused(library: str) -> None:
     clean = scenes(3)
     wanted = BatchCamera(3, device='cpu')(clean).copy()
     camera = BatchCamera(3, device='cpu')
@@ -220,7 +220,7 @@ CLEAN = np.ones((2, 4, 5), np.float32)
         (wp.zeros((2, 4, 5), dtype=wp.vec3, device='cpu'), 'depth: must be .*, got .*vec'),
     ],
 )
-def test_depth_that_cannot_be_used(depth: object, said: str) -> None:
+def test_unusable_depth_is_refused(depth: object, said: str) -> None:
     with pytest.raises(InputError, match=said):
         BatchCamera(2, device='cpu')(depth)
 
@@ -241,12 +241,12 @@ def test_depth_that_cannot_be_used(depth: object, said: str) -> None:
         ({'invalid_value': 'inf'}, "invalid_value: must be nan or zero, got 'inf'"),
     ],
 )
-def test_cameras_that_cannot_be(changes: dict, said: str) -> None:
+def test_impossible_cameras_are_refused(changes: dict, said: str) -> None:
     with pytest.raises(InputError, match=said):
         BatchCamera(**{'num_envs': 2, 'device': 'cpu', **changes})
 
 
-def test_masks_and_outputs_that_cannot_be_used() -> None:
+def test_unusable_masks_and_outputs_are_refused() -> None:
     camera = BatchCamera(2, device='cpu')
     for mask in (np.ones(2), np.ones(3, bool), np.ones((2, 1), bool)):
         with pytest.raises(InputError, match=r'env_mask: must be bool of shape \(2,\), got'):
@@ -271,7 +271,7 @@ def test_arrays_on_another_device() -> None:
 
 
 @pytest.mark.skipif(not wp.is_cuda_available(), reason='no GPU')
-def test_a_captured_graph_goes_on_as_calls_do() -> None:
+def test_a_captured_graph_gives_the_frames_of_calls() -> None:
     clean = wp.array(scenes(4), device='cuda')
     one, other = (BatchCamera(4, device='cuda') for _ in range(2))
     seen, wanted = one(clean), other(clean)

@@ -64,7 +64,7 @@ def disagreement(device: str, effects: list, frames: int = 3) -> tuple[float, fl
 
 @pytest.mark.parametrize('device', DEVICES)
 @pytest.mark.parametrize('name', BATCHED)
-def test_every_effect_is_the_single_cameras(name: str, device: str) -> None:
+def test_batch_and_camera_agree_for_every_effect(name: str, device: str) -> None:
     """
     Assert 2e-5 m in all but one pixel of 10,000, where a decision flips.
 
@@ -78,7 +78,7 @@ def test_every_effect_is_the_single_cameras(name: str, device: str) -> None:
 
 
 @pytest.mark.parametrize('many', [False, True])
-def test_all_effects_together_are_the_single_cameras(
+def test_batch_and_camera_agree_for_all_effects_together(
     many: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Assert it in all but one pixel of 1,000: rounding to 4 mm after filters flips more often."""
@@ -115,7 +115,7 @@ def test_each_environment_has_its_own_effects() -> None:
     ids=['time_offset', 'stray_light', 'multipath'],
 )
 @pytest.mark.parametrize('many', [False, True])
-def test_light_and_time_of_each_environment(
+def test_each_environment_has_its_own_reflectivity_and_uptime(
     own: list, many: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Assert 2e-5 m in all but 1 of 10,000 pixels: where light nearly cancels, phases differ."""
@@ -126,7 +126,7 @@ def test_light_and_time_of_each_environment(
 
 
 @pytest.mark.parametrize('name', ['time_offset', 'multipath'])
-def test_what_is_kept_of_a_scene_follows_it(name: str) -> None:
+def test_cached_parts_of_a_scene_follow_the_scene(name: str) -> None:
     """A scene stands still, changes in one pixel, its reflectivity changes, its modes change."""
     scene, shades = film(2, 1)
     clean = scene[0, :, 20:90, 30:120].copy()
@@ -216,7 +216,9 @@ def test_every_effect_of_the_registry_has_a_kernel() -> None:
     assert own <= set(BATCHED)
 
 
-def test_effects_without_a_kernel_are_the_single_cameras(caplog: pytest.LogCaptureFixture) -> None:
+def test_batch_and_camera_agree_for_effects_without_a_kernel(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
     """Assert it to the bit beside an environment that kernels compute, and that it is said."""
     curve = {'knots': [0.5, 2.0], 'values': [0.01, 0.03]}
     patch = {'residual_patch': {'bias_0': 0.02}, 'offset': {'curve': curve}}
@@ -252,7 +254,7 @@ def test_an_environment_without_a_kernel_changes_between_frames() -> None:
     )
 
 
-def test_sets_of_effects_that_cannot_be_used() -> None:
+def test_unusable_sets_of_effects_are_refused() -> None:
     camera = BatchCamera(2, device='cpu')
     with pytest.raises(InputError, match='must be one set, or one for each of the 2 .*, got 3'):
         camera.set_effects([{}, {}, {}])
@@ -261,7 +263,7 @@ def test_sets_of_effects_that_cannot_be_used() -> None:
     BatchCamera(2, effects={'stray_light': {'strength': 0}}, device='cpu')  # off
 
 
-def test_effects_that_a_profile_is_not_enough_for() -> None:
+def test_effects_that_need_more_than_the_profile_are_refused() -> None:
     known = flexx2().mode('Mode_9_30fps')
     silent = Mode(**{**vars(known), 'name': 'silent', 'modulation_hz': ()})
     profile = Profile('other', flexx2().intrinsics, (known, silent))
@@ -283,7 +285,7 @@ def test_effects_that_a_profile_is_not_enough_for() -> None:
         BatchCamera(65, effects=many, device='cpu')(np.ones((65, 3, 3), np.float32))
 
 
-def test_reflectivity_and_masks_that_cannot_be_used() -> None:
+def test_unusable_reflectivity_and_masks_are_refused() -> None:
     camera = BatchCamera(2, effects={'offset': None}, device='cpu')
     clean = np.ones((2, 4, 5), np.float32)
     with pytest.raises(InputError, match=r'reflectivity: must have shape .*, got \(2, 4, 6\)'):

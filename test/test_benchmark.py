@@ -146,7 +146,7 @@ def run(out: Path, **options: Any) -> Any:
     )
 
 
-def test_seeds_never_meet() -> None:
+def test_development_and_test_seeds_do_not_overlap() -> None:
     with pytest.raises(InputError, match='seed index'):
         DEVELOPMENT.seed(1_000_000)
     with pytest.raises(InputError, match='seed index'):
@@ -160,7 +160,7 @@ def test_seeds_never_meet() -> None:
                     assert seed not in other
 
 
-def test_test_seeds_are_for_releases(tmp_path: Path) -> None:
+def test_test_seeds_need_a_release(tmp_path: Path) -> None:
     with pytest.raises(InputError, match='--release'):
         run(tmp_path / 'out', seed_set='test')
     assert not (tmp_path / 'out').exists()
@@ -176,7 +176,7 @@ def test_test_seeds_are_for_releases(tmp_path: Path) -> None:
         arguments.run(arguments)
 
 
-def test_the_full_design_is_the_one_asked_for() -> None:
+def test_the_full_design_has_all_groups_and_strengths() -> None:
     cases = make_design(DEVELOPMENT, quick=False)
     for usecase in ('Mode_5_30fps', 'Mode_9_30fps'):
         for strength in (0.25, 0.5, 1.0, 2.0):
@@ -229,14 +229,16 @@ def test_labels_are_sealed(tmp_path: Path, design: list[Planned]) -> None:
         open_seal(sealed, public)
 
 
-def test_nothing_done_cannot_be_scored(tmp_path: Path, design: list[Planned]) -> None:
+def test_a_run_without_finished_cases_cannot_be_scored(
+    tmp_path: Path, design: list[Planned]
+) -> None:
     (tmp_path / 'results').mkdir()
     seal(design, tmp_path / 'sealed', tmp_path, {})
     with pytest.raises(InputError, match='at least one finished case'):
         score(tmp_path, partly=True)
 
 
-def test_a_run_goes_on_where_it_stopped(tmp_path: Path, design: list[Planned]) -> None:
+def test_an_interrupted_run_resumes(tmp_path: Path, design: list[Planned]) -> None:
     assert run(tmp_path, limit=2) is None
     done = {path.name: path.stat().st_mtime_ns for path in (tmp_path / 'results').iterdir()}
     assert len(done) == len(CALLS) == 2
@@ -348,7 +350,7 @@ def test_answers_are_judged(
     assert found.missed == (bool(effects) and found.verdict == 'none')
 
 
-def test_both_of_a_pair() -> None:
+def test_both_effects_of_a_pair_have_to_be_named() -> None:
     effects = {'offset': 1.0, 'wiggling': 1.0}
     assert answer('pair', effects, said('identified', ('wiggling', 'offset'))).both
     assert not answer('pair', effects, said('identified', ('wiggling',), ('offset',))).both

@@ -102,7 +102,7 @@ def correlation(one: np.ndarray, other: np.ndarray, where: np.ndarray) -> float:
 
 
 @pytest.mark.parametrize('usecase', MODES)
-def test_without_effects_it_is_the_papers_camera(usecase: str) -> None:
+def test_without_effects_the_blind_camera_has_the_papers_noise(usecase: str) -> None:
     here = scenes(usecase)
     base = Camera(usecase, seed=8)
     for recording in (BOARD, FORWARD, CLOSE, FAR):
@@ -127,7 +127,7 @@ def test_without_effects_it_is_the_papers_camera(usecase: str) -> None:
 
 
 @pytest.mark.parametrize('usecase', MODES)
-def test_edges_jitter_as_the_papers(usecase: str) -> None:
+def test_edges_move_with_the_papers_sigma_x(usecase: str) -> None:
     here, seen = scenes(usecase), plain(CLOSE, usecase)
     clean, _ = here.clean(CLOSE)
     wanted = (
@@ -144,7 +144,7 @@ def test_edges_jitter_as_the_papers(usecase: str) -> None:
     assert gross[1] > 0.02
 
 
-def test_unwrapping_is_real_in_mode_9() -> None:
+def test_two_frequencies_are_unwrapped_in_mode_9() -> None:
     # Nothing but phases goes in; on surfaces near enough for both frequencies it never fails.
     seen = plain(CLOSE, MODES[1])
     # (Edges jump too, but by less than a wrap.)
@@ -166,7 +166,7 @@ def test_catalogue_is_complete_and_novel_effects_are_not_in_it() -> None:
 
 
 @pytest.mark.parametrize('usecase', MODES)
-def test_strength_zero_is_no_effect(usecase: str) -> None:
+def test_effects_of_strength_zero_change_nothing(usecase: str) -> None:
     for name in sorted(NAMES - {'saturation', 'grazing_dropout'}):
         here = scenes(usecase)
         cameras = [BlindCamera(Case(here.key, effects, 3), here) for effects in ({}, {name: 0.0})]
@@ -191,7 +191,7 @@ def test_novel_effects_change_something(name: str) -> None:
     assert max(changed) > 0.005
 
 
-def test_offset_and_drift_are_delays() -> None:
+def test_offset_and_drift_add_the_same_distance_everywhere() -> None:
     offset = Look({'offset': 1.0}, CLOSE)
     # 10 mm along the ray, a little less along the axis.
     assert 8e-3 < abs(offset.bias()) < 10.5e-3
@@ -213,7 +213,7 @@ def test_wiggling_goes_with_distance() -> None:
     assert np.nanstd(error - means[groups]) < 0.5 * np.std(means)
 
 
-def test_dark_is_measured_too_far_by_amplitude_bias() -> None:
+def test_amplitude_bias_moves_dark_surfaces_away() -> None:
     seen = Look({'amplitude_bias': 1.0}, BOARD)
     log = np.log(np.maximum(seen.amplitude, 1e-6))
     low, high = np.quantile(log[seen.flat], [0.1, 0.9])
@@ -244,13 +244,13 @@ def far_apart(look: Look) -> bool:
     return bool(np.nanquantile(look.clean, 0.95) - np.nanquantile(look.clean, 0.05) > 0.3)
 
 
-def test_multipath_lengthens_corners() -> None:
+def test_multipath_moves_concave_corners_away() -> None:
     corner, board = Look({'multipath': 1.0}, CORNER), Look({'multipath': 1.0}, CLOSE)
     assert corner.bias() > 4e-3
     assert corner.bias() > 3 * abs(board.bias())
 
 
-def test_stray_light_pulls_dark_to_bright() -> None:
+def test_stray_light_moves_dark_surfaces_to_bright_ones() -> None:
     seen = Look({'stray_light': 2.0}, CLOSE)
     shift = np.nanmedian((seen.error - plain(CLOSE).error)[0], axis=None)
     behind = seen.clean > np.nanquantile(seen.clean, 0.9) - 0.05
@@ -258,7 +258,7 @@ def test_stray_light_pulls_dark_to_bright() -> None:
     assert abs(shift) < 20e-3
 
 
-def test_range_wraps_show_far_things_near() -> None:
+def test_range_wrap_shows_far_surfaces_near() -> None:
     seen, usual = Look({'range_wrap': 1.0}, FAR), plain(FAR)
     back = ~seen.invalid & usual.invalid & (seen.sigma > 0)
     assert back.sum() > 1000
@@ -268,7 +268,7 @@ def test_range_wraps_show_far_things_near() -> None:
     assert np.median(jump) == pytest.approx(-2.498, abs=0.02)
 
 
-def test_gates_drop_what_they_should() -> None:
+def test_dropouts_lose_the_pixels_they_should() -> None:
     low = Look({'low_signal_dropout': 1.0}, BOARD)
     grazing = Look({'grazing_dropout': 1.0}, STAIRS)
     full = Look({'saturation': 1.0}, CLOSE)
@@ -286,7 +286,7 @@ def test_gates_drop_what_they_should() -> None:
         assert less == weak
 
 
-def test_filters_correlate() -> None:
+def test_filters_correlate_frames_and_neighbours() -> None:
     temporal, spatial = Look({'temporal_filter': 1.0}, CLOSE), Look({'spatial_filter': 1.0}, CLOSE)
     flat = plain(CLOSE).flat
     around = temporal.residual
@@ -299,7 +299,7 @@ def test_filters_correlate() -> None:
     assert abs(correlation(usual[..., 1:], usual[..., :-1], flat[..., 1:])) < 0.03
 
 
-def test_noise_grows() -> None:
+def test_noise_effects_increase_the_variance() -> None:
     assert Look({'excess_noise': 1.0}, CLOSE).spread() == pytest.approx(1.35, abs=0.05)
     ambient = Look({'ambient_light': 2.0}, BOARD)
     dark = ambient.amplitude < np.quantile(ambient.amplitude[ambient.flat], 0.1)
@@ -426,7 +426,7 @@ def imports_of(package: str) -> set[str]:
         ('effects', ('validation', 'gap')),
     ],
 )
-def test_the_blind_camera_and_the_diagnosis_do_not_know_each_other(
+def test_the_blind_camera_and_the_diagnosis_import_nothing_of_each_other(
     package: str, forbidden: tuple[str, ...]
 ) -> None:
     roots = {f'flexx2_sim_ros.{name}' for name in forbidden}

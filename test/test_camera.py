@@ -93,7 +93,7 @@ def test_edge_pixels_show_one_of_the_two_surfaces(usecase: str, edge: object) ->
 
 
 @pytest.mark.parametrize('turned', [False, True])
-def test_edges_move_alone_and_thin_things_as_a_whole(turned: bool) -> None:
+def test_edges_move_alone_and_thin_objects_as_a_whole(turned: bool) -> None:
     """Correlations beyond 6 standard errors of n samples: false failure 2e-9 each."""
     clean = np.full((60, 120), 2.0)
     clean[:, 20:24] = 1.0  # a pole
@@ -170,7 +170,7 @@ def test_stamps_in_nanoseconds_and_in_seconds() -> None:
 
 
 @pytest.mark.parametrize('usecase', ['Mode_5_30fps', 'Mode_9_30fps'])
-def test_the_range_holds_before_and_after_the_noise(usecase: str) -> None:
+def test_depth_outside_the_range_is_invalid_before_and_after_the_noise(usecase: str) -> None:
     mode = flexx2().mode(usecase)
     for limit, outside in ((mode.range_min, -1e-3), (mode.range_max, 1e-3)):
         frame = Camera(usecase).capture(np.full(SHAPE, limit + outside), K, 0)
@@ -185,7 +185,7 @@ def test_the_range_holds_before_and_after_the_noise(usecase: str) -> None:
         assert ((frame.confidence >= 0) & (frame.confidence <= 1)).all()
 
 
-def test_sigma_is_held_near_90_degrees() -> None:
+def test_sigma_stays_constant_near_90_degrees() -> None:
     target = board(0.3, 88)
     frame = Camera().capture(target.depth, K, 0)
     held = (target.incidence > math.radians(86)) & (target.depth < 0.3)
@@ -215,7 +215,7 @@ def test_sigma_is_held_near_90_degrees() -> None:
         1e300,
     ],
 )
-def test_what_is_no_distance_is_invalid(nothing: float) -> None:
+def test_depth_that_is_not_a_distance_is_invalid(nothing: float) -> None:
     clean = np.full(SHAPE, 1.0)
     clean[12, 16] = clean[3:5, 3:5] = nothing
     frame = Camera(seed=3).capture(clean, K, 0)
@@ -226,7 +226,7 @@ def test_what_is_no_distance_is_invalid(nothing: float) -> None:
     assert np.isfinite(frame.confidence).all()
 
 
-def test_any_real_array_is_read_and_none_is_written() -> None:
+def test_inputs_of_any_number_type_are_read_and_not_changed() -> None:
     clean = np.repeat([[2.0, 4.0], [3.0, 2.5]], 12, axis=1).repeat(9, axis=0)
     whole = np.rint(clean)
     shade = np.linspace(0, 1, clean.size).reshape(clean.shape)
@@ -265,7 +265,7 @@ def test_reflectivity_scales_the_amplitude_and_is_kept_between_0_and_1() -> None
     assert not unknown.any()
 
 
-def test_what_is_given_back_belongs_to_the_caller() -> None:
+def test_returned_frames_are_not_overwritten() -> None:
     clean, matrix = scene(), K.copy()
     frame = Camera().capture(clean, matrix, 0)
     before = frame.depth.copy()
@@ -371,7 +371,7 @@ def test_what_cannot_be_used_is_named(field: str, value: object) -> None:
         ('effects', ['blur']),
     ],
 )
-def test_a_camera_that_cannot_be_is_refused(field: str, value: object) -> None:
+def test_an_impossible_camera_is_refused(field: str, value: object) -> None:
     with pytest.raises(InputError, match=f'^{field}'):
         Camera(**{field: value})
 

@@ -164,7 +164,7 @@ def _first_frame_of(seen: streams.Stream, old: Mode, new: Mode) -> int | None:
     return switched
 
 
-def test_frames_are_the_librarys_to_the_last_bit() -> None:
+def test_the_node_publishes_the_librarys_frames_bit_for_bit() -> None:
     """Assert depth, noise, cloud and gray are the library's for seed, name and stamp."""
     with stream(DEPTH, INFO, CLOUD, GRAY, NOISE, seed=5, camera_name='left') as seen:
         stamp = START + 1
@@ -200,7 +200,7 @@ def test_frames_are_the_librarys_to_the_last_bit() -> None:
         assert all(header == headers[0] for header in headers)
 
 
-def test_noise_is_a_cameras_own_and_a_stamps_own() -> None:
+def test_cameras_and_stamps_have_independent_noise() -> None:
     """Assert two cameras differ, and that what was dropped before a frame does not matter."""
     stamps = input_stamps(49)
     shown = {}
@@ -303,7 +303,7 @@ def test_slow_input_is_passed_on_and_reported() -> None:
         assert len(seen.logged('Mode_5_60fps', '60 Hz', 'slower')) == 1
 
 
-def test_diagnostics_tell_what_happens() -> None:
+def test_diagnostics_count_frames_and_losses() -> None:
     """Assert mode, rates, counts, invalid share and latency."""
     with stream(DEPTH, usecase='Mode_9_10fps', serial='A-17') as seen:
         for stamp in input_stamps(121):

@@ -215,7 +215,7 @@ def test_bad_reflectivity_costs_no_depth(spoil: Spoil, parts: list[str]) -> None
         assert all(part in logged[0] for part in parts), logged[0]
 
 
-def test_messages_are_rate_limited_whatever_is_found() -> None:
+def test_warnings_are_rate_limited() -> None:
     """Assert a stream of images that are all broken in another way does not fill the log."""
     with stream() as seen:
         for index in range(1, 60):

@@ -115,7 +115,7 @@ def test_a_file_at_the_start_and_numbers_beside_it(tmp_path: Path) -> None:
             assert not conf[:, :40][lost].any()
 
 
-def test_what_a_diagnosis_adds_comes_and_goes_with_its_file(tmp_path: Path) -> None:
+def test_fitted_effects_come_and_go_with_their_file(tmp_path: Path) -> None:
     """Assert that a file's entries beyond the registry are used, though they are no parameters."""
     path = tmp_path / 'gap.yaml'
     path.write_text(
@@ -256,7 +256,7 @@ def test_a_bad_value_is_rejected_and_the_stream_goes_on(bad_file: Path) -> None:
             )
 
 
-def test_memory_ends_when_stamps_go_back_and_with_the_mode() -> None:
+def test_effects_forget_past_frames_when_stamps_go_back_or_the_mode_changes() -> None:
     """Assert frames continue what was before, and start afresh when they have to."""
     strengths = {f'effect.{name}.strength': 2.0 for name in KEEPS}
     effects = {name: {'strength': 2.0} for name in KEEPS}

@@ -32,7 +32,7 @@ from streams import (
 pytestmark = pytest.mark.usefixtures('ros')
 
 
-def test_nothing_there_is_invalid() -> None:
+def test_pixels_without_a_return_are_invalid() -> None:
     """Assert 0, NaN, infinities and negative depths come out as NaN."""
     nothing = [0.0, -0.0, np.nan, np.inf, -np.inf, -1.5, 1e-30, 3e38]
     scene = np.repeat(np.array([1.5, *nothing[:-1]], np.float32), 28)[None].repeat(172, axis=0)
@@ -199,7 +199,7 @@ def test_reflectivity_changes_the_gray_image_only() -> None:
             assert same(gray, gray_image(plain.amplitude, 1.0, WHITE)) != with_paint
 
 
-def test_camera_info_may_come_late_or_only_once() -> None:
+def test_a_late_or_single_camera_info_is_enough() -> None:
     """Assert an image waits for its info, and that one info is enough."""
     with stream(DEPTH) as seen:
         seen.publish(image=image_message(boards(), START))

@@ -91,7 +91,7 @@ def test_large_images_of_a_reliable_publisher_arrive(fed: Fed, publish: Any) -> 
     assert fed.quality('clean/depth_image')[0] == 'RELIABLE'
 
 
-def test_a_best_effort_publisher_is_heard_and_its_losses_are_told(fed: Fed, publish: Any) -> None:
+def test_losses_of_a_best_effort_publisher_are_reported(fed: Fed, publish: Any) -> None:
     """Assert small images arrive; large ones that are lost are counted and warned of."""
     small = publish(space(fed), '--best-effort', '--count', '30')
     fed.spin_until(lambda: small.poll() is not None, 'publisher')
@@ -157,7 +157,7 @@ def test_latched_camera_info_sent_before_the_node_starts(publish: Any) -> None:
         fed.close()
 
 
-def test_millimetres_are_told_within_a_second(fed: Fed, publish: Any) -> None:
+def test_depth_in_millimetres_is_reported_within_a_second(fed: Fed, publish: Any) -> None:
     """Assert the first report names the likely reason, and that nobody has to listen for it."""
     fed.ignore(f'{fed.name}/{DEPTH}')
     del fed._missed[DEPTH]
@@ -183,7 +183,7 @@ def feed(seen: Stream, value: float, start: int, count: int = 12) -> None:
         seen.show(image, start + index * SECOND // 60)
 
 
-def test_what_nothing_is_seen_of_is_told_until_it_is_seen_again() -> None:
+def test_missing_input_is_reported_until_it_arrives_again() -> None:
     """Assert a warning for what is likely wrong, a note for an empty view, and their ends."""
     with stream(DEPTH, usecase='Mode_5_60fps') as seen:
         feed(seen, 1500.0, START)
@@ -215,7 +215,7 @@ def test_the_rates_recover_at_once_after_a_jump_of_the_clock(jump: int) -> None:
         assert (report.level, report.message) == (DiagnosticStatus.OK, 'streaming')
 
 
-def test_reflectivity_of_other_stamps_is_told() -> None:
+def test_reflectivity_of_other_stamps_is_reported() -> None:
     """Assert reflectivity that never meets its image is counted and warned of."""
     with stream(DEPTH, usecase='Mode_5_60fps') as seen:
         image = np.full((172, 224), 1.5, np.float32)

@@ -79,7 +79,7 @@ def test_two_remapped_cameras_and_one_of_usual_names(tmp_path: Path) -> None:
         load_recording(bag)
 
 
-def test_which_of_two_images_is_depth_is_asked(tmp_path: Path) -> None:
+def test_two_candidates_for_depth_need_a_choice(tmp_path: Path) -> None:
     entries = renamed(CLOUDLESS) + renamed(CLOUDLESS + 1, '/front_left/filtered')
     bag = write(tmp_path / 'bag', entries)
     with pytest.raises(InputError, match='/front_left/flexx2.*/front_left/filtered.*--camera'):

@@ -114,7 +114,7 @@ CASES = [
 
 
 @pytest.mark.parametrize(('made', 'found', 'along'), CASES)
-def test_what_does_not_hold_is_found(
+def test_wrong_assumptions_are_found(
     tmp_path: Path, made: Any, found: str, along: tuple[str, ...]
 ) -> None:
     """
@@ -148,7 +148,7 @@ def test_what_does_not_hold_is_found(
     )
 
 
-def test_a_bias_within_the_tapes_is_not_called_one(tmp_path: Path) -> None:
+def test_a_bias_within_the_tapes_accuracy_is_not_reported(tmp_path: Path) -> None:
     for number, (distance, angle) in enumerate(PLACES):
         target = board(distance + 0.005, angle, size=SIZE)
         depth = target.depth + 0.003 * GENERATOR(number).standard_normal((FRAMES, *SIZE))

@@ -81,7 +81,7 @@ def test_from_a_capture_to_a_running_camera(
     )
 
 
-def test_a_capture_goes_on_where_it_was(tmp_path: Path, camera: Any) -> None:
+def test_an_interrupted_capture_resumes(tmp_path: Path, camera: Any) -> None:
     wanted = conditions(camera, ['Mode_5_30fps'], [0.5, 0.8], [0, 30])
     first = dict(capture(tmp_path, wanted, camera, frames=3))
     assert list(first.values()) == [True] * 4

@@ -133,7 +133,7 @@ def test_a_recording_that_breaks_off_amid_depth_is_left_out(tmp_path: Path) -> N
     assert str(whole[0]) in result.left_out[0]
 
 
-def test_nothing_that_can_be_used_is_said_with_every_reason(
+def test_without_usable_recordings_every_reason_is_listed(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / 'a.npz').write_bytes(b'no archive')
@@ -246,7 +246,7 @@ def test_a_modes_name_is_text_wherever_it_is_shown(tmp_path: Path) -> None:
     assert load_profile(out / 'profile.yaml').names == ['Mode_9_30fps']
 
 
-def test_bags_give_what_the_arrays_do(tmp_path: Path) -> None:
+def test_bags_and_arrays_give_the_same_result(tmp_path: Path) -> None:
     arrays, bags = tmp_path / 'arrays', tmp_path / 'bags'
     arrays.mkdir()
     bags.mkdir()
@@ -259,7 +259,7 @@ def test_bags_give_what_the_arrays_do(tmp_path: Path) -> None:
         assert same.measurement.condition == cell.measurement.condition
 
 
-def test_a_cut_off_bag_is_measured_as_far_as_it_goes_and_it_is_said(tmp_path: Path) -> None:
+def test_a_truncated_bag_is_measured_and_reported(tmp_path: Path) -> None:
     arrays, bags = tmp_path / 'arrays', tmp_path / 'bags'
     arrays.mkdir()
     bags.mkdir()
@@ -363,7 +363,7 @@ def test_another_camera_and_mode_make_a_profile(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize('blur', [0.0, 0.85])
-def test_single_frames_are_measured_in_space_and_it_is_said(blur: float, tmp_path: Path) -> None:
+def test_single_frames_are_measured_in_space_and_reported(blur: float, tmp_path: Path) -> None:
     """
     Assert sigma within 6 %, of independent pixels and of such that correlate by 0.7.
 
@@ -398,6 +398,6 @@ def test_a_box_says_where_the_board_is(tmp_path: Path) -> None:
         characterize(tmp_path, box=(2, 2, 90, 26))
 
 
-def test_the_matrix_is_the_tests_own() -> None:
+def test_the_recordings_of_these_tests_have_two_matrices() -> None:
     """Assert what the wrong ones are wrong about."""
     assert content()['K'][0, 0] == K[0, 0] != OTHER_K[0, 0]

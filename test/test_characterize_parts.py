@@ -84,7 +84,7 @@ def test_the_board_is_found_up_to_its_edges() -> None:
     assert np.array_equal(np.argwhere(boxed.region)[[0, -1]], [[60, 90], [109, 119]])
 
 
-def test_what_is_too_steep_is_left_out() -> None:
+def test_tiles_that_are_too_steep_are_left_out() -> None:
     target = board(0.5, 60)
     found = find_board(target.depth, 0.002, target.K)
     assert np.degrees(target.incidence[found.region]).max() < 70.1
@@ -92,7 +92,7 @@ def test_what_is_too_steep_is_left_out() -> None:
 
 
 @pytest.mark.parametrize('size', [(0, 0), (8, 8)])
-def test_a_board_that_fills_nothing_is_refused(size: tuple[int, int]) -> None:
+def test_a_board_outside_the_image_is_refused(size: tuple[int, int]) -> None:
     depth = np.full((172, 224), np.nan)
     depth[80 : 80 + size[0], 100 : 100 + size[1]] = 1.0
     with pytest.raises(InputError, match='must have at least 100'):
@@ -102,7 +102,7 @@ def test_a_board_that_fills_nothing_is_refused(size: tuple[int, int]) -> None:
         find_board(scattered, 0.001, K)
 
 
-def test_moments_are_numpys() -> None:
+def test_moments_agree_with_numpy() -> None:
     generator = np.random.default_rng(5)
     depth = (2 + 0.01 * generator.standard_normal((40, 6, 7))).astype(np.float32)
     depth[generator.random(depth.shape) < 0.1] = np.nan
@@ -129,7 +129,7 @@ def test_moments_are_numpys() -> None:
     assert np.isnan(found.down[-1]).all()
 
 
-def test_divergence_is_the_textbooks() -> None:
+def test_the_divergence_agrees_with_its_definition() -> None:
     """Assert the closed form, and 0 for equals."""
     grid = np.linspace(-30, 30, 200_001)
     measured, model = stats.norm(0.7, 1.3).pdf(grid), stats.norm(0, 2.0)
@@ -139,7 +139,7 @@ def test_divergence_is_the_textbooks() -> None:
 
 
 @pytest.mark.parametrize('frames', [2, 5, 300])
-def test_the_floor_is_what_a_perfect_model_has(frames: int) -> None:
+def test_the_finite_sample_bias_is_that_of_a_perfect_model(frames: int) -> None:
     """
     Assert its mean over 40,000 pixels, within 6 standard errors (false failures: 2e-9).
 
@@ -208,7 +208,7 @@ def test_invalid_pixels_at_an_edge_are_left_out() -> None:
     ('sigma', 'measured'),
     [(0.0, 0.289), (0.3, 0.416), (0.864, 0.911), (1.098, 1.135), (1.649, 1.674)],
 )
-def test_the_procedures_own_bias(sigma: float, measured: float) -> None:
+def test_the_bias_of_the_procedure_is_known(sigma: float, measured: float) -> None:
     """
     Assert what whole pixels add: 1/12 px^2, when the step is ten times the depth noise.
 
@@ -261,7 +261,7 @@ MODE_9 = flexx2().mode('Mode_9_30fps').noise
 DISTANCES, ANGLES = (0.5, 1.0, 2.0, 3.0, 5.0), (0.0, 20.0, 40.0, 60.0)
 
 
-def test_standard_errors_cover() -> None:
+def test_standard_errors_have_their_coverage() -> None:
     """
     Assert that 95 % intervals cover the truth about that often, recordings being 5 % off.
 
@@ -298,7 +298,7 @@ def test_n_is_swept_as_in_the_paper() -> None:
     assert not fit.notes
 
 
-def test_an_n_that_is_not_determined_is_said() -> None:
+def test_an_undetermined_n_is_reported() -> None:
     fit = fit_axial(synthetic(MODE_9, (0.9, 1.1, 1.3), ANGLES, np.random.default_rng(12), 0.3))
     assert fit.interval_n is not None
     assert fit.interval_n[1] - fit.interval_n[0] > 4
@@ -315,7 +315,7 @@ def test_an_n_that_is_not_determined_is_said() -> None:
         ((1.0, 2.0), ANGLES, 'c'),
     ],
 )
-def test_what_is_not_determined_is_held_and_said(
+def test_undetermined_coefficients_stay_fixed_and_are_reported(
     distances: tuple[float, ...], angles: tuple[float, ...], held: str
 ) -> None:
     fit = fit_axial(synthetic(MODE_9, distances, angles, np.random.default_rng(10)))
@@ -327,7 +327,7 @@ def test_what_is_not_determined_is_held_and_said(
     assert fit.model().sigma_z(z, theta) == pytest.approx(MODE_9.sigma_z(z, theta), rel=0.3)
 
 
-def test_noise_that_falls_with_the_angle_is_said() -> None:
+def test_noise_that_decreases_with_the_angle_is_reported() -> None:
     falling = NoiseModel(0.004, 0.0, 0.001, -0.00002, 2.7, 1.0)
     fit = fit_axial(synthetic(falling, DISTANCES, ANGLES, np.random.default_rng(11)))
     assert fit.coefficients['d'] == 0.0

@@ -44,7 +44,7 @@ def measured(views: list[View], tmp_path_factory: pytest.TempPathFactory) -> lis
     return results
 
 
-def test_kinect_every_view_is_measured_and_as_what_it_is(measured: list[Measurement]) -> None:
+def test_kinect_views_are_measured_with_their_own_conditions(measured: list[Measurement]) -> None:
     assert len(measured) == 102
     assert all(m.spatial for m in measured)
     assert 0.4 < min(m.distance for m in measured) < max(m.distance for m in measured) < 1.6
@@ -126,7 +126,7 @@ def step_between(depth: np.ndarray, inside: np.ndarray, white: np.ndarray) -> fl
     return float(fitted[3])
 
 
-def test_kinect_bias_holds_for_the_nominal_camera_alone(views: list[View]) -> None:
+def test_kinect_bias_is_reported_for_the_nominal_camera_only(views: list[View]) -> None:
     """
     Assert 15 to 21 mm at 0.5 to 0.8 m, falling beyond 1.3 m, with the nominal focal length.
 
@@ -141,7 +141,7 @@ def test_kinect_bias_holds_for_the_nominal_camera_alone(views: list[View]) -> No
     assert np.median(bias[distance > 1.3]) < near - 4
 
 
-def test_azure_loses_what_is_dark() -> None:
+def test_azure_loses_dark_pixels() -> None:
     with load('azurekinect_charuco_blackwall.npz') as data:
         counts = count_invalid(
             data['ir16'].astype(float), data['depth_mm'] > 0, np.array([0.0, 50, 100, 200])
@@ -150,7 +150,7 @@ def test_azure_loses_what_is_dark() -> None:
     assert counts.invalid / counts.pixels == known(np.array([0.99, 0.78, 0.25]))
 
 
-def test_azure_has_a_pattern_that_stays() -> None:
+def test_azure_has_fixed_pattern_noise() -> None:
     """Assert the pattern of two captures of one board, and how alike it makes them."""
     with load('azurekinect_charuco_blackwall.npz') as data:
         depth = np.where(

@@ -27,9 +27,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 
 
 @pytest.mark.parametrize('kind', KINDS)
-def test_a_flipped_bit_is_never_taken_for_a_value(
-    kind: str, whole: dict[str, Path], tmp_path: Path
-) -> None:
+def test_flipped_bits_are_detected(kind: str, whole: dict[str, Path], tmp_path: Path) -> None:
     source = load_recording(whole[kind])
     assert source.notes == ()
     target = tmp_path / whole[kind].name
@@ -90,7 +88,7 @@ def test_a_message_of_a_wrong_checksum_is_left_out(whole: dict[str, Path], tmp_p
     assert any('the checksums of 1 messages are wrong' in note for note in recording.notes)
 
 
-def test_a_message_that_was_removed_is_said(whole: dict[str, Path], tmp_path: Path) -> None:
+def test_a_removed_message_is_reported(whole: dict[str, Path], tmp_path: Path) -> None:
     path = Path(shutil.copyfile(whole['db3'], tmp_path / 'one.db3'))
     with sqlite3.connect(path) as connection:
         connection.execute('DELETE FROM messages WHERE id = (SELECT max(id) FROM messages)')
@@ -111,6 +109,6 @@ def test_an_array_is_read_to_its_checksum(whole: dict[str, Path], tmp_path: Path
 
 
 @pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
-def test_a_bag_without_checksums_is_said(storage: str, tmp_path: Path) -> None:
+def test_a_bag_without_checksums_is_reported(storage: str, tmp_path: Path) -> None:
     bag = driver_bag(tmp_path / 'bag', depths(2, 43, 56), storage)
     assert [note for note in load_recording(bag).notes if 'no checksums' in note]

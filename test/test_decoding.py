@@ -107,7 +107,7 @@ def test_round_trip(depth: np.ndarray, encoding: str, order: str, padding: int) 
     np.testing.assert_array_equal(decode_image(message, 'topic', ENCODINGS), depth)
 
 
-def test_doubles_beyond_float32_mean_nothing_there() -> None:
+def test_doubles_beyond_float32_are_invalid() -> None:
     """Assert they become infinite, silently."""
     data = np.array([[1e300, -1e300, 1.5]])
     message = SimpleNamespace(

@@ -63,7 +63,7 @@ def test_links_lead_somewhere(site: Path) -> None:
     assert not broken
 
 
-def test_the_reference_names_what_users_call(site: Path) -> None:
+def test_the_reference_documents_the_public_functions(site: Path) -> None:
     camera = Links(site / 'api' / 'flexx2_sim_ros.camera.html').places
     assert 'flexx2_sim_ros.camera.camera.Camera.capture' in camera
     diagnosis = Links(site / 'api' / 'flexx2_sim_ros.gap.html').places

@@ -259,7 +259,7 @@ def test_the_registry() -> None:
 
 @pytest.mark.parametrize('usecase', ['Mode_5_60fps', 'Mode_9_30fps'])
 @pytest.mark.parametrize('strength', [0.01, 1.0, 4.0])
-def test_everything_on_whatever_is_there(usecase: str, strength: float) -> None:
+def test_all_effects_together_accept_any_scene(usecase: str, strength: float) -> None:
     """Assert frames are whole: NaN where invalid, else within range; for any size and value."""
     mode = flexx2().mode(usecase)
     camera = Camera(usecase, effects={name: {'strength': strength} for name in NAMES}, seed=1)
@@ -317,7 +317,7 @@ def test_phases_of_unknown_frequency_are_refused() -> None:
 KEEPS = {name: {'strength': 2.0} for name, kind in registry().items() if kind.keeps}
 
 
-def test_what_is_kept_is_forgotten_for_whom_it_is_asked() -> None:
+def test_a_reset_forgets_the_chosen_environments_only() -> None:
     assert set(KEEPS) >= {
         'fixed_pattern',
         'temporal_filter',
@@ -356,7 +356,7 @@ def test_a_mask_that_does_not_fit_is_refused() -> None:
     camera.reset(np.array([True, False])[:, None])
 
 
-def test_an_earlier_stamp_or_other_environments_start_afresh() -> None:
+def test_effects_restart_after_an_earlier_stamp_or_another_batch_size() -> None:
     stamps = np.arange(3) * 20 * PERIOD
     first = capture(KEEPS, scenes(3), stamps)
     camera = Camera(effects=KEEPS, seed=3)

@@ -24,7 +24,7 @@ def change(path: Path, **changes: Any) -> None:
     np.savez(path, **{k: v for k, v in content.items() if v is not None})
 
 
-def test_bad_recordings_are_left_out_and_said(
+def test_bad_recordings_are_left_out_and_reported(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = tmp_path / 'campaign'
@@ -90,7 +90,7 @@ def test_nothing_usable_is_an_error_and_writes_nothing(
     assert not (tmp_path / 'out').exists()
 
 
-def test_a_place_that_cannot_be_written_to_is_said_before_the_work(
+def test_an_unwritable_output_is_refused_before_the_work(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     write_campaign(tmp_path / 'campaign', seed=1, recordings=1, **TINY)
@@ -114,7 +114,7 @@ def test_a_place_that_cannot_be_written_to_is_said_before_the_work(
     assert not list((tmp_path / 'taken' / 'effects.yaml').iterdir())
 
 
-def test_bags_give_what_the_arrays_do(tmp_path: Path) -> None:
+def test_bags_and_arrays_give_the_same_result(tmp_path: Path) -> None:
     arrays, bags = tmp_path / 'arrays', tmp_path / 'bags'
     write_campaign(arrays, seed=3, effects={'excess_noise': {'factor': 1.5}}, recordings=3, **TINY)
     bags.mkdir()
@@ -140,7 +140,7 @@ def test_a_bag_whose_mode_changes_is_left_out(tmp_path: Path) -> None:
     assert 'usecase: Mode_9_30fps from about frame 4 on' in reasons['changes']
 
 
-def test_a_recording_with_hardly_any_surface_spoils_nothing(tmp_path: Path) -> None:
+def test_a_recording_with_hardly_any_surface_is_harmless(tmp_path: Path) -> None:
     write_campaign(
         tmp_path, seed=3, effects={'excess_noise': {'factor': 1.6}}, recordings=4, **TINY
     )
@@ -162,7 +162,7 @@ def test_without_an_uptime_nothing_drifts() -> None:
     assert with_uptime(effects, 60.0)['warm_up_drift'] == {'bias': 0.01, 'uptime': 60.0}
 
 
-def test_what_the_command_is_told_is_heeded(tmp_path: Path) -> None:
+def test_options_of_the_command_are_respected(tmp_path: Path) -> None:
     folder, out = tmp_path / 'campaign', tmp_path / 'out'
     # Scattered poses, as in `test_scattered_poses_are_a_finding`; here they are what is usual.
     write_campaign(folder, seed=6, pose=(0.012, 0.7), scale=0.5, recordings=4, frames=8, moving=1)

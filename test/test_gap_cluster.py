@@ -148,7 +148,7 @@ def test_what_a_cluster_lacks_or_loses(
 @pytest.mark.parametrize(
     'address', ['', 'nonsense', 'no://such', 'tcp://127.0.0.1:99999999', 'tcp://127.0.0.1:9']
 )
-def test_no_scheduler_there_is_said(
+def test_a_missing_scheduler_is_reported(
     campaign: Path, monkeypatch: pytest.MonkeyPatch, address: str
 ) -> None:
     monkeypatch.setattr(jobs, '_CONNECT_SECONDS', 0.5)

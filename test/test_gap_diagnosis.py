@@ -190,7 +190,7 @@ def test_no_effect_is_none(tmp_path: Path) -> None:
     assert table['effects'] == table['alternatives'] == []
 
 
-def test_a_common_offset_is_not_lost_in_the_pose(tmp_path: Path) -> None:
+def test_a_common_offset_is_not_absorbed_by_the_poses(tmp_path: Path) -> None:
     write_campaign(tmp_path, seed=6, effects={'offset': {'bias': 0.01}}, **SMALL)
     table = diagnose(tmp_path)
     names = {row['name'] for row in table['effects']}
@@ -205,7 +205,7 @@ def test_scattered_poses_are_a_finding(tmp_path: Path) -> None:
     assert 'The poses of the cameras are wrong' in headline(table)
 
 
-def test_what_no_catalogue_has_is_unknown(tmp_path: Path) -> None:
+def test_an_effect_outside_the_catalogue_is_unknown(tmp_path: Path) -> None:
     write_campaign(tmp_path, seed=7, novel=NOVEL['row_noise'], **SMALL)
     table = diagnose(tmp_path, out=tmp_path / 'out')
     # Noise common to a row is no effect's doing, though some raise noise or tie neighbours.
@@ -233,7 +233,7 @@ def test_what_no_catalogue_has_is_unknown(tmp_path: Path) -> None:
     )
 
 
-def test_what_given_effects_take_off_is_measured(filtered: Path) -> None:
+def test_the_reduction_by_given_effects_is_measured(filtered: Path) -> None:
     none, right, wrong = (
         measure(filtered, effects)['shrink']
         for effects in (
@@ -296,7 +296,7 @@ def test_an_effect_left_out_is_not_named(filtered: Path) -> None:
     assert table['verdict'] in ('unknown', 'partly')
 
 
-def test_one_recording_has_nothing_held_out_and_says_so(tmp_path: Path) -> None:
+def test_one_recording_cannot_be_held_out_and_the_result_says_so(tmp_path: Path) -> None:
     write_campaign(
         tmp_path,
         seed=9,

@@ -78,7 +78,7 @@ def campaign(profile: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / 'recordings'
 
 
-def test_the_whole_road_with_a_camera_of_unknown_modulation(
+def test_a_camera_of_unknown_modulation_is_recorded_and_diagnosed(
     profile: Path, campaign: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (mode,) = yaml.safe_load(profile.read_text())['modes'].values()

@@ -60,7 +60,7 @@ def test_a_pose_error_is_found_to_a_fraction_of_a_millimetre() -> None:
     assert 0.001 < found[2] < 0.0035
 
 
-def test_what_is_late_is_not_taken_for_a_pose() -> None:
+def test_a_time_offset_is_not_taken_for_a_pose_error() -> None:
     # A camera that drives forwards at 0.6 m/s and shows what was 40 ms ago: 24 mm behind.
     K = np.array([[70.0, 0, 40], [0, 70, 30], [0, 0, 1]])  # noqa: N806
     room = make_room(np.random.default_rng(2))
@@ -109,7 +109,7 @@ def test_bins_of_distance_suit_the_cameras_range(
     assert axes['incidence'] == axes_of(flexx2())['incidence']
 
 
-def test_borders_and_bends_are_not_looked_at() -> None:
+def test_registration_ignores_borders_and_bends() -> None:
     K = np.array([[70.0, 0, 40], [0, 70, 30], [0, 0, 1]])  # noqa: N806
     floor = np.maximum(np.arange(60) - 40.0, 0)[:, None]
     clean = (1 / (0.5 + 0.02 * floor) + np.zeros(80)).astype(np.float32)
@@ -126,7 +126,7 @@ def test_borders_and_bends_are_not_looked_at() -> None:
     assert unknown_border(np.array([0, 0, 0, 0, 1.0, 0]), clean, K) == 3
 
 
-def test_intervals_cover_what_other_recordings_show() -> None:
+def test_intervals_cover_the_values_of_other_recordings() -> None:
     rng = np.random.default_rng(0)
 
     def draw() -> tuple[np.ndarray, np.ndarray]:
@@ -141,7 +141,7 @@ def test_intervals_cover_what_other_recordings_show() -> None:
     assert 0.85 < hits / 400 < 0.97
 
 
-def test_a_patch_shifts_scales_and_loses() -> None:
+def test_a_changed_patch_shows_in_bias_variance_and_invalid_pixels() -> None:
     values = {'edge_0': 1.5, 'bias_0': 0.02, 'scale_1': 2.0, 'loss_1': 0.25}
     clean = np.full((60, 80), 1.0, np.float32)
     clean[:, 40:] = 2.0
@@ -159,7 +159,7 @@ def test_a_patch_shifts_scales_and_loses() -> None:
     assert np.isnan(patched[far]).mean() == pytest.approx(0.25, abs=0.01)
 
 
-def test_what_is_only_compared_with_is_no_effect_of_the_catalogue() -> None:
+def test_helpers_of_the_diagnosis_are_not_in_the_catalogue() -> None:
     assert not {'along_ray', 'residual_patch'} & set(registry())
     # A delay along the ray is less along the axis, the more so the farther from it.
     K = np.array([[100.0, 0, 39.5], [0, 100.0, 29.5], [0, 0, 1]])  # noqa: N806

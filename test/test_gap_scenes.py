@@ -20,7 +20,7 @@ SCENES = {
 }
 
 
-def test_depth_is_what_the_words_say() -> None:
+def test_rendered_depth_agrees_with_the_scenes_description() -> None:
     lens = flexx2().intrinsics
     depth = {name: render(scene, lens, STAMP)[0] for name, scene in SCENES.items()}
     assert np.allclose(depth['wall'], 2.0)
@@ -39,7 +39,7 @@ def test_depth_is_what_the_words_say() -> None:
 
 
 @pytest.mark.parametrize('scene', SCENES.values(), ids=SCENES)
-def test_all_that_is_seen_reflects_light(scene: Scene) -> None:
+def test_every_visible_surface_has_a_reflectivity(scene: Scene) -> None:
     depth, reflectivity = render(scene, flexx2().intrinsics, STAMP)
     assert depth.shape == reflectivity.shape
     assert depth.ndim == (3 if scene.moving else 2)

@@ -151,7 +151,7 @@ def test_an_error_within_the_accuracy_of_the_truth_is_no_gap(tmp_path: Path) -> 
     assert table['recordings'][0]['truth']['sigma'] == pytest.approx(0.004)
 
 
-def test_a_pose_is_held_by_its_covariance(tmp_path: Path) -> None:
+def test_a_pose_stays_within_its_covariance(tmp_path: Path) -> None:
     """Assert that errors of the walls are taken for the pose as far as that may be wrong."""
     left_out = [*WITHOUT, 'pose_error']
     tight, loose = (

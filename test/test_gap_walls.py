@@ -82,7 +82,7 @@ def sizes(table: dict[str, Any], channel: str) -> list[tuple[float, str]]:
 
 
 @pytest.mark.parametrize('millimetres', [10, 8])
-def test_a_bias_is_said_in_millimetres(tmp_path: Path, millimetres: int) -> None:
+def test_a_bias_is_reported_in_millimetres(tmp_path: Path, millimetres: int) -> None:
     """Assert 10 %: sigma_z is 1.8 to 11 mm on these walls, so that it is no mean of sigmas."""
     ((size, unit),) = sizes(
         diagnose(write_walls(tmp_path, offset={'bias': millimetres / 1000})), 'bias'
@@ -91,7 +91,7 @@ def test_a_bias_is_said_in_millimetres(tmp_path: Path, millimetres: int) -> None
     assert size == pytest.approx(millimetres, rel=0.1)
 
 
-def test_a_bias_of_some_recordings_is_each_ones_own(tmp_path: Path) -> None:
+def test_a_bias_of_some_recordings_is_reported_for_each(tmp_path: Path) -> None:
     write_walls(tmp_path)
     wrong = {2: 0.010, 3: -0.008, 5: 0.016}
     for i, bias in wrong.items():
@@ -111,7 +111,7 @@ def test_a_bias_of_some_recordings_is_each_ones_own(tmp_path: Path) -> None:
         assert row['size'] == pytest.approx(left, rel=0.1)
 
 
-def test_a_correlation_is_said_as_one(tmp_path: Path) -> None:
+def test_a_correlation_is_reported_as_a_correlation(tmp_path: Path) -> None:
     """Assert what a recursive filter of 0.4 gives, over 60,000 pairs a wall."""
     table = diagnose(write_walls(tmp_path, temporal_filter={'share': 0.4}))
     ((size, unit),) = sizes(table, 'lag')
@@ -119,7 +119,7 @@ def test_a_correlation_is_said_as_one(tmp_path: Path) -> None:
     assert size == pytest.approx(0.4, abs=0.1)
 
 
-def test_a_loss_is_said_as_a_fraction(tmp_path: Path) -> None:
+def test_invalid_pixels_are_reported_as_a_fraction(tmp_path: Path) -> None:
     """Assert it of what is really lost, wall by wall."""
     write_walls(tmp_path, low_signal_dropout={'half': 0.2})
     lost = {}
@@ -139,7 +139,7 @@ def test_a_loss_is_said_as_a_fraction(tmp_path: Path) -> None:
         assert row['size'] == pytest.approx(np.mean(inside), rel=0.1, abs=0.01)
 
 
-def test_no_size_leaves_its_unit(tmp_path: Path) -> None:
+def test_sizes_stay_within_the_range_of_their_unit(tmp_path: Path) -> None:
     """Assert it where errors exceed what the noise is looked at in: 60 mm are 5 to 33 sigma."""
     table = diagnose(write_walls(tmp_path, offset={'bias': 0.06}))
     assert table['where']
@@ -163,7 +163,7 @@ def rewrite(folder: Path, **changes: Any) -> Path:
 
 
 @pytest.mark.parametrize('keys', [('depth',), ('clean_depth',), ('depth', 'clean_depth')])
-def test_millimetres_are_converted_and_said(tmp_path: Path, keys: tuple[str, ...]) -> None:
+def test_millimetres_are_converted_and_reported(tmp_path: Path, keys: tuple[str, ...]) -> None:
     write_walls(tmp_path, offset={'bias': 0.01})
     rewrite(tmp_path, **dict.fromkeys(keys, lambda metres: np.rint(1e6 * metres) / 1e3))
     table = diagnose(tmp_path)
@@ -188,7 +188,7 @@ def test_depth_outside_the_range_of_the_profile_is_said(tmp_path: Path) -> None:
         assert all(text in note for text, note in zip(wanted, said, strict=True))
 
 
-def test_amplitudes_of_another_scale_and_no_stamps_are_said(tmp_path: Path) -> None:
+def test_scaled_amplitudes_and_missing_stamps_are_reported(tmp_path: Path) -> None:
     """Assert that 0 to 1 is taken for that, and what can be no reflectivity is not used."""
     write_walls(tmp_path)
     rewrite(
@@ -207,7 +207,7 @@ def test_amplitudes_of_another_scale_and_no_stamps_are_said(tmp_path: Path) -> N
     assert sum('amplitude: not used' in note for note in notes) == 6
 
 
-def test_too_little_to_look_at_is_said(tmp_path: Path) -> None:
+def test_too_few_pixels_are_reported(tmp_path: Path) -> None:
     """Assert that 8 x 8 pixels are no proof that nothing is wrong."""
     small = np.array([[10.0, 0, 3.5], [0, 10.0, 3.5], [0, 0, 1]])
     for i, distance in enumerate((0.8, 1.4, 2.2)):

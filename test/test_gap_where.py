@@ -164,7 +164,7 @@ def test_conditions_single_out_the_pixels_that_differ() -> None:
     assert [c.bias for c in both] == pytest.approx([0.001, 0.0016])
 
 
-def test_spots_show_what_an_effect_changes_and_where() -> None:
+def test_groups_show_what_an_effect_changes_and_where() -> None:
     K = flexx2().intrinsics.matrix  # noqa: N806
     room = make_room(np.random.default_rng(2))
     clean, rho = look(room, K, (172, 224), optical(0.1, 0.35, 0.0), np.array([0.0, 0.1, 0.6]))

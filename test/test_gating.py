@@ -68,7 +68,7 @@ def test_every_rounding_of_a_stamp_gives_one_frame_a_slot() -> None:
                 assert abs(len(frames) - wanted) <= 1.5, (rate, input_hz, rounding)
 
 
-def test_slower_input_passes_whole() -> None:
+def test_slower_input_passes_completely() -> None:
     """Assert nothing is dropped up to the mode's rate."""
     for input_hz in (1, 7, 29.9, 30):
         stamps = clock(input_hz, 30, jitter=0.1 if input_hz < 29 else 0.0)

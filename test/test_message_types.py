@@ -14,7 +14,7 @@ pytest.importorskip('rclpy', reason='ROS 2 is not installed: no rclpy')
 TRAPS = 'trapped/msg/X', 'trap/X', 'venv/__main__/X', 'trapped.msg/X'
 
 
-def test_messages_are_found() -> None:
+def test_message_definitions_are_found() -> None:
     from flexx2_sim_ros.nodes.message_types import message_class
     from sensor_msgs.msg import Image
 
@@ -39,7 +39,7 @@ def test_messages_are_found() -> None:
         '\x1b[31m/msg/X',
     ],
 )
-def test_what_is_no_message_is_not_imported(kind: str) -> None:
+def test_modules_that_are_no_messages_are_not_imported(kind: str) -> None:
     from flexx2_sim_ros.nodes.message_types import message_class
 
     before = set(sys.modules)

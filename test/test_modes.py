@@ -125,7 +125,7 @@ def config(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     modes._camera_config.cache_clear()
 
 
-def test_a_good_configuration_is_used(config: Path) -> None:
+def test_a_valid_configuration_is_used(config: Path) -> None:
     text = (config / 'modes.yaml').read_text()
     (config / 'modes.yaml').write_text(text.replace('sigma_x: 0.864', 'sigma_x: 0.5'))
     assert flexx2().mode('Mode_5_30fps').noise.sigma_x == 0.5

@@ -148,7 +148,7 @@ def setups(tmp_path: Path) -> Iterator[dict[str, Any]]:
     }
 
 
-def test_a_dump_is_loaded_as_it_was(tmp_path: Path) -> None:
+def test_dumped_parameters_load_unchanged(tmp_path: Path) -> None:
     """Assert what `ros2 param dump` wrote gives the same camera, however it is loaded."""
     for values in setups(tmp_path):
         with stream(**values) as first:
@@ -300,7 +300,7 @@ def test_no_file_gives_a_traceback_at_the_start(
 
 
 @pytest.mark.parametrize('kind', [10, 255])
-def test_a_type_that_is_none_is_refused(seen: Stream, kind: int) -> None:
+def test_an_unknown_parameter_type_is_refused(seen: Stream, kind: int) -> None:
     """Assert the others of the request are set, and that both nodes go on."""
     bad = ParameterMessage(name='frame_id')
     bad.value.type = kind
@@ -318,7 +318,7 @@ def test_a_type_that_is_none_is_refused(seen: Stream, kind: int) -> None:
     assert seen.set(invalid_value='nan').successful
 
 
-def test_the_go1_goes_on_after_a_bad_request() -> None:
+def test_the_robot_node_survives_a_bad_request() -> None:
     with robot_node() as robot:
         robot.spin_until(robot.clients.services_are_ready, 'services')
         client = robot.node.create_client(

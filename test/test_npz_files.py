@@ -181,7 +181,7 @@ def little_memory() -> Iterator[None]:
         tracemalloc.stop()
 
 
-def test_what_decompresses_to_too_much_is_refused_unread(
+def test_a_decompression_bomb_is_refused_unread(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = pack(tmp_path / 'bomb.npz', more=member(np.zeros(40 << 20, np.uint8)))
@@ -204,7 +204,7 @@ def test_what_decompresses_to_too_much_is_refused_unread(
         load_recording(path)
 
 
-def test_an_archive_that_lies_about_its_sizes_is_read_no_further(tmp_path: Path) -> None:
+def test_an_archive_with_false_sizes_is_refused(tmp_path: Path) -> None:
     path = tmp_path / 'lies.npz'
     pack(path, more=member(np.zeros(0), '(41943040,)', '|u1') + bytes(40 << 20))
     claim(path, 'more', 200)

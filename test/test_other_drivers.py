@@ -56,7 +56,7 @@ def test_a_drivers_bag_becomes_a_recording(
     assert main(['convert', str(tmp_path / 'back'), str(tmp_path / 'second.npz')]) == 0
 
 
-def test_a_fisheye_is_refused_by_name(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_fisheye_lens_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     entries = [
         with_frame(entry, 'f', distortion_model='equidistant', d=np.full(4, 0.1))
         if entry[1] == INFO

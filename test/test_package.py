@@ -290,7 +290,7 @@ sys.exit(main())
         ('nodes.go1_cameras', (), 'mujoco'),
     ],
 )
-def test_only_what_needs_a_library_asks_for_it(
+def test_optional_libraries_are_imported_only_where_needed(
     tmp_path: Path, module: str, arguments: tuple[str, ...], missing: str
 ) -> None:
     if module.startswith('nodes'):

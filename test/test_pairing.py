@@ -53,7 +53,7 @@ def test_messages_of_one_stamp_are_matched_at_once(order: tuple[str, ...]) -> No
     ],
     ids=' '.join,
 )
-def test_reflectivity_is_waited_for_once_it_has_come(order: tuple[str, ...]) -> None:
+def test_images_wait_for_reflectivity_after_its_first_message(order: tuple[str, ...]) -> None:
     """Assert at most the first image goes without its reflectivity."""
     pairing = StampPairing()
     run(pairing, *(f'{name} 0' for name in order))
@@ -75,7 +75,7 @@ def test_an_image_waits_no_longer_than_for_the_next() -> None:
     assert run(pairing, 'image 6') == [(6, 'info 3', None)]
 
 
-def test_one_info_for_all() -> None:
+def test_one_camera_info_serves_all_images() -> None:
     """Assert a camera info that came once serves every image, and a new one replaces it."""
     pairing = StampPairing()
     assert run(pairing, 'info 0', 'image 10') == []
@@ -84,7 +84,7 @@ def test_one_info_for_all() -> None:
     assert run(pairing, 'info 5', 'image 100') == [(100, 'info 5', None)]
 
 
-def test_no_info_at_all() -> None:
+def test_without_camera_info_nothing_is_paired() -> None:
     """Assert images come out without, for the node to say so."""
     pairing = StampPairing()
     assert run(pairing, 'image 1', 'image 2', 'image 3') == [
@@ -157,7 +157,7 @@ def test_any_order_keeps_every_image(events: list[tuple[str, int]]) -> None:
         assert match.reflectivity is None or match.reflectivity[0] == match.stamp
 
 
-def test_what_is_paired_and_what_is_not_is_counted() -> None:
+def test_paired_and_unpaired_messages_are_counted() -> None:
     """Assert companions count once: as paired, or as dropped without an image."""
     pairing = StampPairing()
     for stamp in range(0, 100, 2):

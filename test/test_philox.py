@@ -92,7 +92,7 @@ def test_known_answers(counter: tuple, key: tuple, answer: tuple) -> None:
 
 @pytest.mark.parametrize('stamp_ns', [0, -1, 1_700_000_000_123_456_789, 2**63 - 1, -(2**63)])
 @pytest.mark.parametrize('size', [0, 1, 2, 3, 4, 5, 7, 1001, 172 * 224])
-def test_every_pixel_is_the_references(size: int, stamp_ns: int) -> None:
+def test_random_numbers_agree_with_the_reference_in_every_pixel(size: int, stamp_ns: int) -> None:
     for stream in (STREAM_AXIAL, STREAM_COLUMN_EDGES):
         drawn = normals(size, stamp_ns=stamp_ns, stream=stream)
         wanted = reference_normals(camera_key(5, 'left'), stamp_ns, stream, size)
@@ -148,13 +148,13 @@ def test_pixels_are_independent(lag: int) -> None:
         {'stream': STREAM_COLUMN_EDGES},
     ],
 )
-def test_fields_share_nothing(other: dict) -> None:
+def test_streams_of_random_numbers_are_independent(other: dict) -> None:
     one, two = normals(200_000), normals(200_000, **other)
     assert abs(np.mean(one * two)) < SIGMAS / math.sqrt(one.size)
     assert not np.array_equal(np.sort(one[:400]), np.sort(two[:400]))
 
 
-def test_stamps_are_told_apart_over_their_whole_range() -> None:
+def test_stamps_give_different_numbers_over_their_whole_range() -> None:
     stamps = [0, 1, -1, 2**32, 2**32 - 1, 2**32 + 1, -(2**32), 2**63 - 1, -(2**63)]
     assert len({stamp_words(stamp) for stamp in stamps}) == len(stamps)
     assert len({normals(4, stamp_ns=stamp).tobytes() for stamp in stamps}) == len(stamps)

@@ -39,7 +39,7 @@ def found(values: object, encoding: str = '32FC1') -> Finding | None:
         ([0.05, 9.0, 0.06, 9.1], '32FC1', 'too near or too far', ['0.05 to 9.1 m']),
     ],
 )
-def test_input_that_is_likely_wrong(
+def test_implausible_input_is_reported(
     values: list[float], encoding: str, kind: str, parts: list[str]
 ) -> None:
     """Assert the likely reason, and the values that it rests on."""
@@ -68,7 +68,7 @@ def test_wrong_byte_order() -> None:
         ([50.0], ['every pixel is 50 m', 'far plane']),
     ],
 )
-def test_a_camera_that_looks_at_nothing_is_no_error(values: list[float], parts: list[str]) -> None:
+def test_frames_without_any_return_are_no_error(values: list[float], parts: list[str]) -> None:
     """Assert what is seen is said, without calling it wrong."""
     finding = found(values)
     assert finding is not None

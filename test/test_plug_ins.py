@@ -254,7 +254,7 @@ def test_what_cannot_be_used_is_named_and_left_out(
     assert all(line.isprintable() and len(line) < 400 for line in lines)
 
 
-def test_the_command_line_goes_on_beside_them(bad_site: Path) -> None:
+def test_the_command_line_works_beside_broken_plug_ins(bad_site: Path) -> None:
     assert '[/dim] [bold' in command(bad_site, 'effects', '--sources').stdout
     done = command(bad_site, 'effects')
     assert done.returncode == 0
@@ -274,7 +274,7 @@ _LATE = """
 """
 
 
-def test_what_fails_later_is_named_once_and_off_from_then(
+def test_a_plug_in_that_fails_later_is_reported_once_and_switched_off(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     (tmp_path / 'late.py').write_text(_HEAD.replace("'good'", "'late'") + _LATE)

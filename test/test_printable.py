@@ -21,7 +21,7 @@ def is_safe(text: str) -> bool:
     return all(letter.isprintable() or letter in '\n\t' for letter in text)
 
 
-def test_text_that_is_harmless_stays() -> None:
+def test_printable_text_stays_unchanged() -> None:
     assert printable('σ = 1 °\n\tüé 深度') == 'σ = 1 °\n\tüé 深度'
     assert is_safe(printable(EVIL))
     assert is_safe(str(InputError(EVIL + '\udc80')))

@@ -31,7 +31,7 @@ def test_noise_is_that_of_the_model_when_images_are_lost(kept: int) -> None:
     assert len(capture.stamps) == 30
 
 
-def test_two_frames_say_nothing_of_the_noise() -> None:
+def test_two_frames_give_no_noise_ratio() -> None:
     capture = Capture()
     for i in range(2):
         capture.add(i, np.ones((4, 4), np.float32), np.ones((4, 4), np.float32), 0.001)

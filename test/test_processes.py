@@ -127,7 +127,9 @@ def listening() -> Iterator[Listener]:
 
 @pytest.mark.parametrize('number', SIGNALS)
 @pytest.mark.parametrize('executable', [CAMERA, GO1])
-def test_a_signal_while_starting(start: Any, executable: str, number: signal.Signals) -> None:
+def test_a_signal_while_starting_ends_the_process(
+    start: Any, executable: str, number: signal.Signals
+) -> None:
     """Assert a node that has hardly begun to start ends at once."""
     node = start(executable)
     deadline = time.monotonic() + PATIENCE

@@ -216,7 +216,7 @@ def test_names_that_differ_by_case_alone_are_refused(path: Path) -> None:
 
 
 @pytest.mark.parametrize('content', [b'', b'- 1', b'\xff\xfe', b'schema: [', b'!!python/object:x'])
-def test_what_is_no_profile_is_refused(path: Path, content: bytes) -> None:
+def test_a_file_that_is_not_a_profile_is_refused(path: Path, content: bytes) -> None:
     path.write_bytes(content)
     with pytest.raises(InputError, match=r'profile\.yaml'):
         load_profile(path)

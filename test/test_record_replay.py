@@ -145,7 +145,7 @@ def rows(text: str) -> dict[str, list[str]]:
 @pytest.mark.parametrize(
     ('storage', 'number'), [('mcap', signal.SIGINT), ('sqlite3', signal.SIGTERM)]
 )
-def test_everything_is_in_the_bag(
+def test_a_recording_has_all_topics_and_messages(
     storage: str, number: signal.Signals, source: Source, child_env: dict[str, str], tmp_path: Path
 ) -> None:
     bag = tmp_path / 'bag'
@@ -406,7 +406,9 @@ def test_losses_on_the_way_are_counted(tmp_path: Path) -> None:
     assert len(list(Bag(tmp_path / 'bag').messages({topic}))) == 201 - statistics.numbers.lost
 
 
-def test_record_by_itself(source: Source, child_env: dict[str, str], tmp_path: Path) -> None:
+def test_one_camera_is_recorded_for_some_time(
+    source: Source, child_env: dict[str, str], tmp_path: Path
+) -> None:
     bag = tmp_path / 'bag'
     with flexx2(
         child_env, 'record', bag, '--seconds', 0.2, '--cameras', source.cameras[0]
@@ -441,7 +443,7 @@ def test_nothing_to_record(child_env: dict[str, str], tmp_path: Path) -> None:
         (['replay', '{}', '--wait', '-1'], '--wait'),
     ],
 )
-def test_nonsense_ends_before_anything_starts(
+def test_bad_arguments_end_the_command_before_it_starts(
     words: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main([word.format(tmp_path) for word in words]) == 2
@@ -449,7 +451,7 @@ def test_nonsense_ends_before_anything_starts(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_replay_loops_until_it_is_told_to_stop(
+def test_replay_loops_until_it_is_stopped(
     source: Source, child_env: dict[str, str], tmp_path: Path
 ) -> None:
     bag = tmp_path / 'bag'

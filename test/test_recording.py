@@ -112,7 +112,7 @@ def test_frames_that_are_missing_or_do_not_fit_are_refused(tmp_path: Path) -> No
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_place_that_cannot_be_written(tmp_path: Path) -> None:
+def test_an_unwritable_path_is_refused(tmp_path: Path) -> None:
     """Assert the path is named, and nothing is left behind."""
     with pytest.raises(InputError, match='nowhere/r.npz: cannot be written'):
         RecordingWriter(tmp_path / 'nowhere' / 'r.npz', 1, 1, 1)
@@ -163,7 +163,7 @@ def test_wrong_contents_are_named(
     assert all(part in str(raised.value) for part in parts), str(raised.value)
 
 
-def test_what_is_no_archive(tmp_path: Path) -> None:
+def test_a_file_that_is_not_an_archive_is_refused(tmp_path: Path) -> None:
     """Assert the path and what it must be."""
     single, text = tmp_path / 'single.npy', tmp_path / 'text.npz'
     np.save(single, CLEAN)
@@ -173,7 +173,7 @@ def test_what_is_no_archive(tmp_path: Path) -> None:
             load_scene(path)
 
 
-def test_what_is_no_array_in_an_archive(tmp_path: Path) -> None:
+def test_a_member_that_is_not_an_array_is_refused(tmp_path: Path) -> None:
     """Assert members that are no arrays are refused by name, whatever they are for."""
     for name, content in (
         ('clean_depth.npy', b''),

@@ -110,7 +110,7 @@ def test_pixels_are_where_the_intrinsics_say_and_nothing_is_mirrored(see):
     np.testing.assert_array_equal(geom_id == model.geom('scene/wall').id, np.abs(depth - 3) < 1e-4)
 
 
-def test_nothing_and_the_far_plane_are_nan(see):
+def test_no_return_and_the_far_plane_are_nan(see):
     # Depth is along the axis: the wall's corners are farther than the far plane, but not in depth.
     _, depth, geom_id = see(
         """
@@ -125,7 +125,7 @@ def test_nothing_and_the_far_plane_are_nan(see):
     assert (geom_id[~middle] == -1).all()
 
 
-def test_the_near_plane_does_not_cut_what_the_camera_could_see(see):
+def test_the_near_plane_cuts_nothing_within_the_range(see):
     _, depth, _ = see('<geom type="box" size="50 500 500" pos="50.03 0 0"/>')
     np.testing.assert_allclose(depth, 0.03, atol=1e-5)
 
@@ -194,7 +194,7 @@ def test_the_backends_agree_on_the_lab(opengl):
         renderer.close()
 
 
-def test_both_cameras_have_something_to_look_at():
+def test_both_cameras_see_surfaces():
     model = build_model(intrinsics=FLEXX2)
     data = mujoco.MjData(model)
     stand(model, data)
@@ -227,7 +227,7 @@ def test_both_cameras_have_something_to_look_at():
     } <= seen
 
 
-def test_results_are_the_callers_to_keep(backend):
+def test_returned_images_are_not_overwritten(backend):
     model = build_model(intrinsics=FLEXX2)
     data = mujoco.MjData(model)
     stand(model, data)

@@ -27,7 +27,7 @@ def scene(moving: bool) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize('moving', [False, True])
-def test_frames_are_the_same_whatever_was_developed_from_them_before(moving: bool) -> None:
+def test_frames_do_not_depend_on_effects_simulated_before(moving: bool) -> None:
     clean, albedo = scene(moving)
     tables: list[dict[str, Any]] = [
         {},
@@ -55,7 +55,7 @@ def test_frames_are_the_same_whatever_was_developed_from_them_before(moving: boo
     )
 
 
-def test_another_geometry_is_not_taken_for_the_scene() -> None:
+def test_cached_simulations_belong_to_their_scene() -> None:
     clean, _ = scene(False)
     retakes = CommonRandomNumbers(Camera(seed=3), clean, K, STAMPS)
     plain = retakes.depth({})

@@ -59,7 +59,7 @@ def model(
     return build_model(str(path), 'corner', intrinsics=flexx2().intrinsics)
 
 
-def test_links_are_where_the_bodies_are(model: mujoco.MjModel) -> None:
+def test_links_of_the_description_are_at_the_models_bodies(model: mujoco.MjModel) -> None:
     random, data, robot = np.random.default_rng(3), mujoco.MjData(model), find_parts(model)
     links = links_of(model)
     for _ in range(5):
@@ -76,7 +76,7 @@ def test_links_are_where_the_bodies_are(model: mujoco.MjModel) -> None:
     assert {model.body(link.body).name for link in links if link.body >= 0} >= {'trunk'}
 
 
-def test_the_urdf_says_the_same(model: mujoco.MjModel) -> None:
+def test_the_urdf_agrees_with_the_model(model: mujoco.MjModel) -> None:
     links = links_of(model)
     robot = ElementTree.fromstring(urdf(model, links))
     names = [link.get('name') for link in robot.findall('link')]

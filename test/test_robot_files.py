@@ -124,7 +124,7 @@ def test_a_robot_that_is_fixed_does_not_move(tmp_path):
 
 
 @pytest.mark.parametrize(('name', 'radius'), [('go1', '0.02'), ('go2', '0.022')])
-def test_menagerie_is_taken_from_where_its_package_keeps_it(name, radius, tmp_path, monkeypatch):
+def test_menagerie_models_come_from_the_packages_folder(name, radius, tmp_path, monkeypatch):
     pytest.importorskip('mujoco_menagerie')
     folder, robot = tmp_path / f'unitree_{name}', load_robot(name)
     folder.mkdir()
@@ -138,7 +138,7 @@ def test_menagerie_is_taken_from_where_its_package_keeps_it(name, radius, tmp_pa
         build_model('menagerie', intrinsics=K, robot=robot)
 
 
-def test_menagerie_out_of_reach_is_said_plainly(tmp_path, monkeypatch):
+def test_an_unreachable_menagerie_is_reported(tmp_path, monkeypatch):
     pytest.importorskip('mujoco_menagerie')
     monkeypatch.delenv('MENAGERIE_ROOT', raising=False)
     monkeypatch.setenv('MENAGERIE_CACHE_DIR', str(tmp_path))
@@ -147,7 +147,7 @@ def test_menagerie_out_of_reach_is_said_plainly(tmp_path, monkeypatch):
         build_model('menagerie', intrinsics=K)
 
 
-def test_menagerie_without_its_package_is_said_plainly(monkeypatch):
+def test_a_missing_menagerie_package_is_reported(monkeypatch):
     monkeypatch.setitem(__import__('sys').modules, 'mujoco_menagerie', None)
     with pytest.raises(InputError, match='pip install mujoco-menagerie, or take builtin'):
         build_model('menagerie', intrinsics=K)

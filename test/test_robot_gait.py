@@ -114,7 +114,7 @@ def slips(poses, legs=GO1):
     return np.array(result)
 
 
-def test_angles_and_feet_are_each_others_inverse(legs):
+def test_joint_angles_and_foot_positions_are_inverse_functions(legs):
     random = np.random.default_rng(0)
     angles = random.uniform(legs.lower, legs.upper, (2000, 4, 3))
     points = feet(angles, legs)
@@ -138,7 +138,7 @@ def test_the_feet_are_those_of_the_model(robot):
         np.testing.assert_allclose(seen, feet(angles, legs), atol=1e-9)
 
 
-def test_a_foot_out_of_reach_is_pointed_at_within_the_limits(legs):
+def test_a_foot_out_of_reach_keeps_the_joints_within_their_limits(legs):
     points = (
         legs.hips
         + [0.1, 0.0, -1.0]
@@ -185,7 +185,7 @@ def test_no_standing_foot_slips_on_the_level(name, legs):
     assert (angles <= legs.upper + 1e-9).all()
 
 
-def test_it_is_a_trot():
+def test_diagonal_legs_move_together():
     poses, _ = walk([(4, (0.6, 0, 0))])
     standing = np.array([at.standing for at in poses])
     right_front, left_front, right_rear, left_rear = standing.T
@@ -215,7 +215,7 @@ def test_it_is_a_trot():
         ((0.3, 0.1, 0.7), (0.3, 0.1, 0.7)),
     ],
 )
-def test_it_goes_as_fast_as_it_is_told_up_to_the_limits(command, limit):
+def test_the_robot_walks_at_the_commanded_speed_up_to_its_limits(command, limit):
     _, states = walk([(4, command)])
     first, last = states[2 * RATE], states[-1]
     np.testing.assert_allclose(last.velocity, limit, atol=1e-9)
@@ -226,7 +226,7 @@ def test_it_goes_as_fast_as_it_is_told_up_to_the_limits(command, limit):
         )
 
 
-def test_it_stops_and_then_stands_under_its_hips():
+def test_after_stopping_the_feet_stand_under_the_hips():
     poses, states = walk([(2.13, (0.8, 0.2, 1.0)), (3, (0, 0, 0))])
     stop = round(2.13 * RATE)
     # Braking takes a fifth of a second, putting the feet back two steps more.
@@ -240,14 +240,14 @@ def test_it_stops_and_then_stands_under_its_hips():
     assert slips(poses).max() < 0.005
 
 
-def test_the_rate_does_not_matter():
+def test_the_gait_does_not_depend_on_the_time_step():
     commands = [(1, (0.5, 0.1, 0.3)), (1, (-0.3, 0, 0))]
     (slow, _), (fast, _) = walk(commands, rate=30), walk(commands, rate=120)
     np.testing.assert_allclose(slow[-1].position, fast[-1].position, atol=1e-9)
     np.testing.assert_allclose(slow[-1].angles, fast[-1].angles, atol=1e-6)
 
 
-def test_a_step_is_a_function():
+def test_a_step_has_no_side_effects():
     _, states = walk([(0.9, (0.5, 0.1, 0.3))])
     before = states[-1]
     kept = {field.name: np.copy(getattr(before, field.name)) for field in fields(before)}
@@ -280,7 +280,7 @@ def test_thirty_seconds_over_the_stairs(robot):
     assert world.pose.position[2] == pytest.approx(world.robot.legs.standing_height, abs=1e-6)
 
 
-def test_it_keeps_its_feet_out_of_rubble_and_turns_on_stairs():
+def test_feet_avoid_rubble_and_the_robot_turns_on_stairs():
     for scene, command in (('rubble', (0.4, 0.0, 0.1)), ('stairs', (0.3, 0.0, 0.4))):
         world = World(scene)
         deepest = 0.0

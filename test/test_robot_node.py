@@ -46,7 +46,7 @@ def exact(stamps, rate=RATE):
 
 
 @pytest.mark.parametrize('robot', ['go1', 'go2'])
-def test_standing_everything_has_one_time_and_nothing_moves(robot):
+def test_all_messages_of_a_standing_robot_have_one_stamp(robot):
     with robot_node(robot=robot) as seen:
         images = seen.hear('front_left/clean/depth_image', Image)
         infos = seen.hear('front_left/clean/camera_info', CameraInfo)
@@ -69,7 +69,7 @@ def test_standing_everything_has_one_time_and_nothing_moves(robot):
 
 
 @pytest.mark.parametrize('robot', ['go1', 'go2'])
-def test_it_walks_as_told_and_stops_by_itself(robot):
+def test_the_robot_follows_cmd_vel_and_stops_without_it(robot):
     with robot_node(robot=robot, motion='cmd_vel') as seen:
         drive = seen.to('cmd_vel', Twist)
         poses, states = seen.hear('odom', Odometry), seen.hear('joint_states', JointState)
@@ -127,7 +127,7 @@ def test_images_follow_the_walk():
         assert np.median(after[:60] - before[:60]) < -0.03
 
 
-def test_nonsense_on_cmd_vel_is_named_and_ignored():
+def test_invalid_cmd_vel_is_reported_and_ignored():
     with robot_node(motion='cmd_vel', scene='rubble') as seen:
         drive, poses = seen.to('cmd_vel', Twist), seen.hear('odom', Odometry)
         for bad in (twist(math.nan), twist(0.0, math.inf), twist(0.0, 0.0, -math.inf)):
@@ -173,7 +173,7 @@ def test_limits_pause_and_pace_change_while_it_runs():
         seen.more(poses, 2)
 
 
-def test_reset_puts_it_back_and_time_goes_on():
+def test_a_reset_moves_the_robot_back_and_time_goes_on():
     with robot_node(motion='cmd_vel') as seen:
         drive, poses = seen.to('cmd_vel', Twist), seen.hear('odom', Odometry)
         for _ in range(5):
@@ -189,7 +189,7 @@ def test_reset_puts_it_back_and_time_goes_on():
         assert exact([nanoseconds(message) for message in poses])
 
 
-def test_the_board_moves_when_its_parameters_do():
+def test_the_board_follows_its_parameters():
     with robot_node(scene='board', board_distance=1.5) as seen:
         images = seen.hear('front_left/clean/depth_image', Image)
         middle = (86, 112)
@@ -203,7 +203,7 @@ def test_the_board_moves_when_its_parameters_do():
 
 
 @pytest.mark.parametrize('robot', ['go1', 'go2'])
-def test_another_simulator_moves_it(robot):
+def test_another_simulator_moves_the_robot(robot):
     stamp = 1_700_000_000 * 10**9 + 123_456_789
     angles = np.tile([0.1, 1.0, -1.7], 4)
     with robot_node(robot=robot, motion='external') as seen:
@@ -275,7 +275,7 @@ def test_after_a_reset_of_the_other_simulator_a_pose_waits_for_new_joints():
         assert nanoseconds(images[2]) == 10**8
 
 
-def test_nonsense_from_another_simulator_is_named_and_ignored():
+def test_invalid_messages_of_another_simulator_are_reported_and_ignored():
     with robot_node(motion='external') as seen:
         poses, states = seen.to('odom', Odometry), seen.to('joint_states', JointState)
         images = seen.hear('front_left/clean/depth_image', Image)
@@ -309,13 +309,13 @@ def test_nonsense_from_another_simulator_is_named_and_ignored():
         (joints(0, (1.0, 1.0), ('x/FR_hip', 'fr_hip_joint')), 'the same joint'),
     ],
 )
-def test_joints_that_cannot_be_used_are_named(message, said):
+def test_unusable_joint_states_are_reported(message, said):
     with pytest.raises(InputError, match=said):
         robot_messages.decode_joints(message, 'joint_states')
 
 
 @pytest.mark.parametrize('quaternion', [(0, 0, 0, 0), (2, 0, 0, 0), (math.nan, 0, 0, 1)])
-def test_orientations_that_are_none_are_named(quaternion):
+def test_invalid_orientations_are_reported(quaternion):
     message = odometry(0, (0, 0, 0.3))
     turn = message.pose.pose.orientation
     turn.w, turn.x, turn.y, turn.z = map(float, quaternion)
@@ -323,7 +323,7 @@ def test_orientations_that_are_none_are_named(quaternion):
         robot_messages.decode_pose(message, 'odom')
 
 
-def test_frames_are_those_of_ros():
+def test_frames_follow_the_conventions_of_ros():
     left, right = load_mounts()
     found = {
         message.child_frame_id: message
@@ -421,7 +421,7 @@ BAD_STARTS = {
 
 
 @pytest.mark.parametrize('case', BAD_STARTS)
-def test_a_start_that_cannot_work_says_why(tmp_path, case):
+def test_an_impossible_start_gives_the_reason(tmp_path, case):
     values, said = BAD_STARTS[case]
     files = {}
     for name, value in values.items():
@@ -456,7 +456,7 @@ def test_the_process_ends_before_it_has_started_anything(child_env, tmp_path):
     assert done.stderr.count('\n') == 1
 
 
-def test_a_second_node_of_the_same_name_is_told(child_env):
+def test_a_second_node_of_the_same_name_is_reported(child_env):
     with robot_node() as seen:
         seen.hear('odom', Odometry)
         with subprocess.Popen(
@@ -485,7 +485,7 @@ def test_a_second_node_of_the_same_name_is_told(child_env):
 
 
 @pytest.mark.parametrize('robot', ['go1', 'go2'])
-def test_the_description_waits_for_whoever_comes_later(robot):
+def test_late_subscribers_get_the_description(robot):
     with robot_node(robot=robot) as seen:
         seen.more(seen.hear('odom', Odometry), 2)
         described = []
@@ -507,7 +507,7 @@ def test_the_description_waits_for_whoever_comes_later(robot):
         assert moving == set(JOINTS)
 
 
-def test_a_prefix_is_in_every_frame():
+def test_every_frame_has_the_prefix():
     with robot_node(frame_prefix='left/') as seen:
         images = seen.hear('front_left/clean/depth_image', Image)
         poses = seen.hear('odom', Odometry)

@@ -180,7 +180,7 @@ def test_a_board_that_cannot_be_placed_is_refused(scene, arguments, said):
         place_board(*standing(scene), *arguments)
 
 
-def test_what_is_left_out_of_the_pictures_is_never_in_them():
+def test_hidden_bodies_are_never_rendered():
     # With rays, everything: no pixel shows what is left out, in any pose of the walk.
     model, data = standing('lab')
     hidden = {name: unseen_geoms(model, model.cam(name).id, K) for name in CAMERAS}

@@ -37,7 +37,7 @@ def simulate(source: str, folder: Path, *options: str) -> dict[str, np.ndarray]:
         return {key: archive[key] for key in archive.files}
 
 
-def test_output_is_a_recording_of_the_librarys_frames(tmp_path: Path) -> None:
+def test_simulate_writes_the_librarys_frames(tmp_path: Path) -> None:
     """Assert keys, shapes, dtypes, the stamps, and every frame to the last bit."""
     out = simulate(
         save(tmp_path),
@@ -152,7 +152,7 @@ def test_defaults(tmp_path: Path) -> None:
     assert str(out['usecase']) == 'Mode_9_30fps'
 
 
-def test_a_scene_that_moves(tmp_path: Path) -> None:
+def test_a_moving_scene_is_simulated_frame_by_frame(tmp_path: Path) -> None:
     """Assert T frames in, T out, each of its own scene; stamps and reflectivity are kept."""
     scenes = np.stack([SCENE + 0.1 * step for step in range(35)])
     stamps = np.cumsum(np.linspace(0.01, 0.05, 35)) + 1000.0
@@ -180,7 +180,7 @@ def test_a_scene_that_moves(tmp_path: Path) -> None:
         assert len(fewer[key]) == 4
 
 
-def test_a_recording_is_a_scene(tmp_path: Path) -> None:
+def test_the_input_may_be_a_recording(tmp_path: Path) -> None:
     """Assert what was written can be simulated again, in another mode."""
     first = simulate(save(tmp_path), tmp_path, '--frames', '5')
     recording = (tmp_path / 'out.npz').rename(tmp_path / 'recording.npz')

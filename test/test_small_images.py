@@ -153,7 +153,7 @@ def test_partial_truth_needs_ground_truth(tmp_path: Path) -> None:
         convert(tmp_path / 'in.npz', tmp_path / 'out.npz', given=Given(partial_truth=True))
 
 
-def test_flights_of_a_real_sensor_of_64_pixels(tmp_path: Path) -> None:
+def test_recordings_of_a_real_sensor_of_64_pixels_are_read(tmp_path: Path) -> None:
     source = DATA / 'vl53l5cx_flights.npz'
     if not source.is_file():
         pytest.skip(f'{source} is not there')

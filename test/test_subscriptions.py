@@ -27,7 +27,7 @@ LATCHED, VOLATILE = DurabilityPolicy.TRANSIENT_LOCAL, DurabilityPolicy.VOLATILE
     ],
     ids=str,
 )
-def test_the_most_that_all_publishers_offer(
+def test_the_subscription_uses_the_best_quality_that_all_publishers_offer(
     offers: list[tuple[object, object]], expected: tuple[object, object]
 ) -> None:
     """Assert no publisher is shut out, and nothing that all offer is given away."""
@@ -63,7 +63,7 @@ def test_lost_messages_are_counted(numbers: list[int | None], lost: int) -> None
     assert counter.lost == lost
 
 
-def test_numbers_of_several_publishers_say_nothing() -> None:
+def test_losses_of_several_publishers_are_not_counted() -> None:
     """Assert interleaved publishers do not look like losses."""
     counter = LossCounter()
     for number in (1, 50, 2, 51):

@@ -128,7 +128,7 @@ SHAPES = {
 
 @pytest.mark.parametrize('shape', SHAPES)
 @pytest.mark.parametrize(('front', 'back'), [(0, 1), (1, 0), (3, 1), (2, 4), (4, 2), (5, 0)])
-def test_nothing_is_mixed_across_a_jump(shape: str, front: int, back: int) -> None:
+def test_slopes_are_not_computed_across_a_jump(shape: str, front: int, back: int) -> None:
     near, near_truth = tilted(SLOPES[front], 1.0)
     far, far_truth = tilted(SLOPES[back], 3.0)
     mask = SHAPES[shape]
@@ -189,7 +189,7 @@ def test_thin_strips(width: int, depths: tuple) -> None:
 
 @pytest.mark.parametrize(('one', 'two'), [(0, 1), (0, 3), (1, 4), (3, 4), (2, 5)])
 @pytest.mark.parametrize('fold', [np.fmin, np.fmax])
-def test_creases_are_no_jumps(one: int, two: int, fold: np.ufunc) -> None:
+def test_creases_are_not_taken_for_jumps(one: int, two: int, fold: np.ufunc) -> None:
     first, first_truth = tilted(SLOPES[one])
     second, second_truth = tilted(SLOPES[two])
     valid = np.isfinite(first) & np.isfinite(second) & (first < 7) & (second < 7)
@@ -230,7 +230,9 @@ def test_tiny_images(shape: tuple) -> None:
     st.floats(1.0, 1e4),
     st.floats(-1e4, 1e4),
 )
-def test_any_image_is_survived(depth: np.ndarray, focal: float, centre: float) -> None:
+def test_any_image_is_analysed_without_an_error(
+    depth: np.ndarray, focal: float, centre: float
+) -> None:
     height, width = depth.shape
     surface = look(depth, Intrinsics(width, height, focal, 2 * focal, centre, -centre))
     assert ((surface.cos_incidence >= 0) & (surface.cos_incidence <= 1)).all()

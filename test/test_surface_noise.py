@@ -128,7 +128,7 @@ def test_three_boards_give_the_dependence_back(tmp_path: Path) -> None:
     assert 'one white board' not in page
 
 
-def test_one_board_leaves_it_off_and_says_so(
+def test_one_board_leaves_the_dependence_off_and_reports_it(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     profile = tmp_path / 'camera.yaml'

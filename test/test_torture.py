@@ -6,7 +6,7 @@ from bench.journal import Journal
 from programs import measured
 
 
-def test_a_journal_goes_on_where_it_was_interrupted(tmp_path: Path) -> None:
+def test_an_interrupted_journal_resumes(tmp_path: Path) -> None:
     path = tmp_path / 'runs' / 'files.jsonl'
     Journal(path, seed=1).add({'index': 0})
     with path.open('a') as file:
@@ -23,7 +23,7 @@ def test_a_journal_of_other_settings_begins_anew(tmp_path: Path) -> None:
     assert len(Journal(path, seed=2)) == 0
 
 
-def test_two_cameras_lose_no_image_silently(child_env: dict[str, str], tmp_path: Path) -> None:
+def test_two_cameras_report_every_lost_image(child_env: dict[str, str], tmp_path: Path) -> None:
     """Assert every image is received or counted as lost, and published or counted as dropped."""
     result = measured(
         f'bench.soak.run(minutes=0.1, seed=5, out=Path({str(tmp_path)!r}))', child_env

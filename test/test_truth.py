@@ -48,7 +48,7 @@ def two_planes() -> dict[str, np.ndarray]:
     return {'plane': plane, 'plane_covariance': np.diag(std**2)}
 
 
-def test_a_recording_keeps_its_truth_through_a_bag(tmp_path: Path) -> None:
+def test_ground_truth_survives_a_bag(tmp_path: Path) -> None:
     known = U > 10
     truth = Truth(
         known,
@@ -97,7 +97,7 @@ def test_a_recording_keeps_its_truth_through_a_bag(tmp_path: Path) -> None:
         ),
     ],
 )
-def test_a_truth_that_cannot_be_is_refused(
+def test_impossible_ground_truth_is_refused(
     arrays: dict[str, Any], message: str, tmp_path: Path
 ) -> None:
     path = write(tmp_path / 'one.npz', **arrays)
@@ -115,7 +115,7 @@ def test_planes_of_a_scene_that_moves_are_refused(tmp_path: Path) -> None:
         read(Found(path, MODE, ()), None)
 
 
-def test_the_unknown_is_filled_and_never_judged(tmp_path: Path) -> None:
+def test_unknown_pixels_are_filled_and_not_compared(tmp_path: Path) -> None:
     known = np.ones(SHAPE, bool)
     known[10:30, 20:30] = False
     known[5, 50] = False
@@ -136,7 +136,7 @@ def test_the_unknown_is_filled_and_never_judged(tmp_path: Path) -> None:
         assert not ((scene.runs[:, 2] >= low) & (scene.runs[:, 2] < high)).any()
 
 
-def test_what_is_known_to_return_nothing_is_that() -> None:
+def test_known_pixels_without_a_return_stay_without() -> None:
     known = np.ones(SHAPE, bool)
     known[:, 30:40] = False
     clean = np.where(known & (U < 35), SLANTED, np.float32(np.nan))

@@ -159,7 +159,7 @@ def test_a_print_of_the_wrong_size_is_doubtful(
         (np.full((FRAMES, HEIGHT, WIDTH), 90, np.uint8), 'no tag of the board is found'),
     ],
 )
-def test_says_why_there_is_no_board(
+def test_a_missing_board_is_reported_with_the_reason(
     tmp_path: Path,
     board_yaml: Path,
     rng: np.random.Generator,
@@ -190,7 +190,7 @@ def test_says_why_there_is_no_board(
         ({'first_id': 48}, 'first_id: must be at most 44'),
     ],
 )
-def test_refuses_targets_that_cannot_be(
+def test_impossible_targets_are_refused(
     tmp_path: Path, changes: dict[str, Any], words: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     table = yaml.safe_load(target_of('A3').to_yaml())

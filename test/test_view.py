@@ -142,7 +142,7 @@ def test_images_have_the_colours_of_what_is_seen(scene: Scene) -> None:
     assert (index_of(seen['simulated'], known) >= 0).all()
 
 
-def test_numbers_are_the_streams(scene: Scene) -> None:
+def test_the_page_shows_the_numbers_of_the_stream(scene: Scene) -> None:
     page = scene.page
     for camera in CAMERAS:
         for name in ('clean_hz', 'hz', 'latency', 'drawn'):
@@ -278,7 +278,7 @@ def test_keys_drive_while_they_are_held(scene: Scene) -> None:
     user.spin_until(lambda: [scene.listening(camera) for camera in CAMERAS] == [2, 2], 'frames')
 
 
-def test_the_page_asks_nobody_else_and_has_no_errors(scene: Scene) -> None:
+def test_the_page_requests_nothing_from_elsewhere_and_has_no_errors(scene: Scene) -> None:
     page = scene.page
     blocked = page.evaluate(
         'new Promise((done) => { document.addEventListener("securitypolicyviolation",'

@@ -82,7 +82,7 @@ def test_nothing_is_served_without_the_token(view: View) -> None:
     run(work())
 
 
-def test_no_token_is_asked_for_when_told_so(ros: None, tmp_path: Path) -> None:
+def test_the_token_can_be_switched_off(ros: None, tmp_path: Path) -> None:
     view = View(tmp_path, '--host', '0.0.0.0', '--no-token', '--cmd-vel', '/view_no_token/cmd_vel')
     assert '?' not in view.url
     assert code_of(view.url) == 200

@@ -126,7 +126,7 @@ def test_a_slow_browser_gets_the_newest_frame_and_no_others(served: tuple[Server
     assert source.asked.count('leave') == 2
 
 
-def test_a_camera_that_goes_while_a_frame_waits_ends_no_page(
+def test_pages_survive_a_camera_that_ends_while_a_frame_waits(
     served: tuple[Server, Source],
 ) -> None:
     server, source = served
@@ -150,7 +150,7 @@ def test_a_camera_that_goes_while_a_frame_waits_ends_no_page(
     run(work())
 
 
-def test_status_and_wishes(served: tuple[Server, Source]) -> None:
+def test_pages_get_the_status_and_send_requests(served: tuple[Server, Source]) -> None:
     server, source = served
 
     async def work() -> None:
@@ -192,7 +192,7 @@ def test_status_and_wishes(served: tuple[Server, Source]) -> None:
         b'\xff\x00',
     ],
 )
-def test_nonsense_ends_the_connection_and_no_more(
+def test_invalid_messages_end_only_their_connection(
     served: tuple[Server, Source], caplog: pytest.LogCaptureFixture, message: str | bytes
 ) -> None:
     server, source = served
@@ -250,7 +250,7 @@ def test_broken_frames_end_the_connection_quietly(
     assert caplog.text.count('Traceback') == 0
 
 
-def test_a_page_that_answers_no_ping_is_gone(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_page_that_answers_no_ping_is_disconnected(monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert it of a browser whose machine or network is lost; the robot is then stopped."""
     monkeypatch.setattr(server_module, '_PING_SECONDS', 0.1)
     source = Source()
@@ -265,7 +265,7 @@ def test_a_page_that_answers_no_ping_is_gone(monkeypatch: pytest.MonkeyPatch) ->
         server.stop()
 
 
-def test_a_page_cannot_make_the_server_keep_things(
+def test_requests_of_a_page_do_not_fill_the_servers_memory(
     served: tuple[Server, Source], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     server, source = served
@@ -291,7 +291,7 @@ def test_a_page_cannot_make_the_server_keep_things(
     run(work())
 
 
-def test_a_page_is_told_whether_the_robot_obeys(served: tuple[Server, Source]) -> None:
+def test_a_page_learns_whether_the_robot_obeys(served: tuple[Server, Source]) -> None:
     async def work() -> None:
         client = await connect(served[0])
         assert await client.read_message() == '{}'
@@ -340,7 +340,9 @@ def test_a_page_from_elsewhere_is_refused(
         '192.168.1.7:{port}',
     ],
 )
-def test_this_machine_is_let_in_by_its_addresses(served: tuple[Server, Source], host: str) -> None:
+def test_requests_to_the_machines_own_addresses_are_accepted(
+    served: tuple[Server, Source], host: str
+) -> None:
     server, _ = served
     host = host.format(port=server.port)
 
@@ -428,7 +430,7 @@ def test_a_frame_as_bytes(with_clean: bool) -> None:
         (2.0, 1.3, 0.001, -0.002, 0.07, 2.4, 2.0, 0.37),
     ],
 )
-def test_the_cloud_takes_the_lens_off(
+def test_the_point_cloud_is_undistorted(
     served: tuple[Server, Source], tmp_path: Path, distortion: tuple[float, ...]
 ) -> None:
     camera = Intrinsics(56, 43, 52.6, 53.2, 27.1, 21.4, distortion)
@@ -446,7 +448,7 @@ def test_the_cloud_takes_the_lens_off(
     )
 
 
-def test_colours_tell_values_apart() -> None:
+def test_different_values_have_different_colours() -> None:
     weights = np.array([0.2126, 0.7152, 0.0722])
     depth, difference = (table().astype(float) for table in (depth_table, difference_table))
     assert depth.shape == difference.shape == (256, 3)
@@ -462,7 +464,7 @@ def test_colours_tell_values_apart() -> None:
     assert np.abs(depth - INVALID).sum(axis=1).min() > 40
 
 
-def test_a_port_that_is_taken_is_named_before_anything_starts(
+def test_a_port_in_use_is_reported_before_anything_starts(
     capsys: pytest.CaptureFixture[str], tmp_path: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv('TMPDIR', str(tmp_path))
@@ -493,7 +495,7 @@ def test_a_port_that_is_taken_is_named_before_anything_starts(
         ),
     ],
 )
-def test_an_address_that_is_none_is_named(
+def test_an_invalid_address_is_reported(
     capsys: pytest.CaptureFixture[str], options: list[str], said: str
 ) -> None:
     assert main(['view', '--no-browser', *options]) == 2

@@ -117,7 +117,7 @@ def user(ros: None) -> Iterator[Listener]:
     made.close()
 
 
-def test_nonsense_is_one_line_of_the_log_and_other_pages_drive_on(
+def test_invalid_messages_are_one_log_line_and_other_pages_drive_on(
     user: Listener, tmp_path: Path
 ) -> None:
     view = View(tmp_path, '--cmd-vel', '/view_nonsense/cmd_vel')

@@ -66,11 +66,11 @@ def test_what_is_required_fails_instead() -> None:
         ('another reason', wants.OTHER),
     ],
 )
-def test_reasons_have_names(reason: str, want: str) -> None:
+def test_reasons_of_skips_have_names(reason: str, want: str) -> None:
     assert wants.want_of(reason) == want
 
 
-def test_other_reasons_are_listed_as_they_are() -> None:
+def test_unknown_reasons_of_skips_are_listed_unchanged() -> None:
     assert wants.summary(['no GPU', 'odd', 'no GPU']) == [
         '   2  gpu: an NVIDIA GPU with its driver',
         '   1  odd',
