@@ -1,4 +1,4 @@
-"""Made-up campaigns to develop and test the diagnosis on: rooms of boxes, seen with errors."""
+"""Simulated campaigns for the development of the diagnosis: rooms of boxes, with wrong poses."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -10,6 +10,7 @@ from typing import Any
 from flexx2_sim_ros.camera import Camera, flexx2, Intrinsics
 from flexx2_sim_ros.effects import ageing, registry
 from flexx2_sim_ros.physics.geometry import pixel_rays
+from flexx2_sim_ros.profiles.modes import Profile
 import numpy as np
 
 
@@ -24,9 +25,9 @@ class Room:
         (N, 6) low and high corners, metres, world axes: x forward, y left, z up. The first one is
         the room itself, seen from inside.
     albedo : numpy.ndarray
-        (N, 2) of the two kinds of squares.
+        (N, 2) of the light and the dark squares.
     squares : numpy.ndarray
-        (N,) their size, metres.
+        (N,) their width, metres.
 
     """
 
@@ -65,7 +66,7 @@ def look(
     Parameters
     ----------
     room : Room
-        What to look at.
+        The scene.
     K : numpy.ndarray
         (3, 3) camera matrix.
     size : tuple of int
@@ -75,12 +76,12 @@ def look(
     position : numpy.ndarray
         (3,) of the camera, metres.
     distortion : tuple of float
-        Of its lens, plumb_bob.
+        Coefficients of the lens, plumb_bob.
 
     Returns
     -------
     tuple of numpy.ndarray
-        (H, W) float32 metres along the optical axis, and albedo.
+        (H, W) float32 each: metres along the optical axis, and albedo.
 
     """
     lens = replace(Intrinsics.from_matrix(K, size[1], size[0]), distortion=distortion)
@@ -129,43 +130,40 @@ def write_campaign(
     distortion: tuple[float, ...] = (0.0,) * 5,
 ) -> None:
     """
-    Write recordings of a camera with effects, and with errors in what is known about them.
+    Write recordings of a camera with effects; the user knows pose, noise and albedo inexactly.
 
     Parameters
     ----------
     folder : pathlib.Path
-        Where; made.
+        Folder of the recordings; created if it does not exist.
     effects : dict, optional
-        Of the real camera: parameters by effect.
+        Parameters of the real camera's effects, by name.
     seed : int
-        Of everything.
+        Seed of all random numbers.
     recordings, frames : int
-        How many.
+        Number of recordings, and of frames in each.
     usecase : str
-        Mode.
+        Name of the mode.
     pose : tuple of float
-        Standard deviation of each recording's pose error, metres and degrees an axis.
+        Standard deviation of each recording's pose error, metres and degrees along each axis.
     reflectivity, sigma : float
-        Relative standard deviation of the reflectivity's error, a recording, and of sigma's.
+        Relative standard deviation of the error of each recording's reflectivity, and of that of
+        sigma_z.
     scale : float
-        Of the image's size.
+        Factor on the width and height of the image.
     novel : callable, optional
-        Changes the measured depth (T, H, W), given the recording's table: an effect that no
-        catalogue has.
+        An effect outside the catalogue: changes the measured depth (T, H, W), given the arrays of
+        the recording.
     moving : int
-        How many of the recordings are seen by a camera that moves.
+        Number of recordings with a moving camera.
     distortion : tuple of float
-        Of the camera's lens, plumb_bob, which is known.
+        Coefficients of the camera's lens, plumb_bob; the user knows them.
 
     """
     folder.mkdir(parents=True, exist_ok=True)
     views = render_views(seed, recordings, frames, usecase, pose, scale, moving, distortion)
     rng = np.random.default_rng([seed, 1])
-    profile = flexx2()
-    mode = profile.mode(usecase)
-    factor = 1 + sigma * rng.standard_normal()
-    noise = replace(mode.noise, **{k: getattr(mode.noise, k) * factor for k in 'abcd'})
-    profile = replace(profile, modes=(replace(mode, noise=noise),))
+    profile = _with_noise(usecase, 1 + sigma * rng.standard_normal())
     for index, (content, true, albedo_true) in enumerate(views):
         stamps, uptime = content['stamp'], float(content['uptime'][0])
         table = {name: dict(values) for name, values in (effects or {}).items()}
@@ -183,6 +181,49 @@ def write_campaign(
         np.savez(folder / f'scene_{index:02d}.npz', depth=depth.astype(np.float32), **content)
 
 
+def _with_noise(usecase: str, factor: float) -> Profile:
+    # The Flexx2 in one mode, with sigma_z times a factor.
+    mode = flexx2().mode(usecase)
+    noise = replace(mode.noise, **{k: getattr(mode.noise, k) * factor for k in 'abcd'})
+    return replace(flexx2(), modes=(replace(mode, noise=noise),))
+
+
+@dataclass(frozen=True)
+class _CameraPath:
+    # Where a recording's camera is, and by how much the user is wrong about it.
+    start: np.ndarray  # metres
+    speed: np.ndarray  # metres per second
+    yaw: float  # radians
+    pitch: float
+    turning: float  # radians per second, about the vertical
+    shift: np.ndarray  # error of the pose, metres
+    turn: np.ndarray  # radians
+
+    @classmethod
+    def draw(
+        cls, rng: np.random.Generator, moving: bool, pose: tuple[float, float]
+    ) -> '_CameraPath':
+        speed, turning = np.zeros(3), 0.0
+        if moving:
+            speed = np.array(
+                [rng.uniform(0.2, 1.0) * rng.choice([-1, 1]), rng.uniform(-0.3, 0.3), 0.0]
+            )
+            turning = rng.uniform(-0.4, 0.4)
+        start = np.array([0.0, rng.uniform(-0.2, 0.2), rng.uniform(0.25, 0.9)])
+        yaw, pitch = rng.uniform(-0.3, 0.3), rng.uniform(-0.05, 0.5)
+        shift = rng.standard_normal(3) * pose[0]
+        turn = np.radians(rng.standard_normal(3) * pose[1])
+        return cls(start, speed, yaw, pitch, turning, shift, turn)
+
+    def poses(self, t: float) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
+        # Rotation and position at a time: those that the user believes, and the real ones.
+        rotation = optical(self.yaw + self.turning * t, self.pitch, 0.0)
+        position = self.start + self.speed * t
+        x, y, z = self.turn
+        small = np.array([[1, -z, y], [z, 1, -x], [-y, x, 1]])
+        return (rotation, position), (rotation @ small, position + rotation @ self.shift)
+
+
 @lru_cache(maxsize=8)
 def render_views(
     seed: int,
@@ -194,59 +235,40 @@ def render_views(
     moving: int,
     distortion: tuple[float, ...] = (0.0,) * 5,
 ) -> list[tuple[dict[str, Any], np.ndarray, np.ndarray]]:
-    """Render scenes as they are believed to be, and depth and albedo as they are."""
+    """Return each recording's arrays as the user has them, and the real depth and albedo."""
     rng = np.random.default_rng(seed)
     camera = flexx2().intrinsics
     size = (round(camera.height * scale), round(camera.width * scale))
     K = camera.matrix.copy()
     K[:2] *= scale
     K[:2, 2] += (scale - 1) / 2
+    rate = flexx2().mode(usecase).rate_hz
     views = []
     for index in range(recordings):
         room = make_room(rng)
-        stamps = (
-            100.0 * index + np.rint(np.arange(frames) * 1e9 / flexx2().mode(usecase).rate_hz) / 1e9
-        )
-        speed, turning = np.zeros(3), 0.0
-        if index >= recordings - moving:
-            speed = np.array(
-                [rng.uniform(0.2, 1.0) * rng.choice([-1, 1]), rng.uniform(-0.3, 0.3), 0.0]
-            )
-            turning = rng.uniform(-0.4, 0.4)
-        start = np.array([0.0, rng.uniform(-0.2, 0.2), rng.uniform(0.25, 0.9)])
-        yaw, pitch = rng.uniform(-0.3, 0.3), rng.uniform(-0.05, 0.5)
-        step, (x, y, z) = (
-            rng.standard_normal(3) * pose[0],
-            np.radians(rng.standard_normal(3) * pose[1]),
-        )
-        small = np.array([[1, -z, y], [z, 1, -x], [-y, x, 1]])
+        stamps = 100.0 * index + np.rint(np.arange(frames) * 1e9 / rate) / 1e9
+        path = _CameraPath.draw(rng, index >= recordings - moving, pose)
         images = []
-        for t in stamps - stamps[0] if speed.any() else [0.0]:
-            rotation = optical(yaw + turning * t, pitch, 0.0)
-            position = start + speed * t
+        for t in stamps - stamps[0] if path.speed.any() else [0.0]:
+            believed, real = path.poses(t)
             images.append(
                 (
-                    *look(room, K, size, rotation, position, distortion),
-                    *look(room, K, size, rotation @ small, position + rotation @ step, distortion),
+                    *look(room, K, size, *believed, distortion),
+                    *look(room, K, size, *real, distortion),
                 )
             )
         stacks = [
             np.stack(one) if len(images) > 1 else one[0] for one in zip(*images, strict=True)
         ]
         uptime = float(rng.choice([5.0, 60.0, 300.0, 900.0, 2400.0])) * rng.uniform(0.7, 1.3)
-        views.append(
-            (
-                {
-                    'clean_depth': stacks[0],
-                    'reflectivity': stacks[1],
-                    'K': K,
-                    'stamp': stamps,
-                    'uptime': uptime + stamps - stamps[0],
-                    'pose_error': np.array([*step, x, y, z]),
-                    'distortion': np.array(distortion),
-                },
-                stacks[2],
-                stacks[3],
-            )
-        )
+        content = {
+            'clean_depth': stacks[0],
+            'reflectivity': stacks[1],
+            'K': K,
+            'stamp': stamps,
+            'uptime': uptime + stamps - stamps[0],
+            'pose_error': np.array([*path.shift, *path.turn]),
+            'distortion': np.array(distortion),
+        }
+        views.append((content, stacks[2], stacks[3]))
     return views
