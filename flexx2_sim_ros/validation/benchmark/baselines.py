@@ -1,8 +1,8 @@
 """
-What simpler methods would have said.
+Answers of simpler methods, for comparison.
 
-All look at the same features as gap_method's first steps: residuals over the base model's sigma,
-by channel and covariate, against the plain simulation of the same scenes.
+All use the same features: errors divided by the sigma of the base model, by channel and bin of a
+covariate, minus those of a simulation of the same scenes without effects.
 """
 
 from collections.abc import Iterable, Iterator
@@ -31,17 +31,17 @@ _TOLERANCE = {
     'frames': 0.04,
     'beside': 0.04,
 }
-# The largest gaps, in tolerances, that cameras without any effect show when the pose is off by
-# 2 mm and 0.125 degrees: upper end of twelve development campaigns. Smaller ones are none.
+# The largest gaps, in tolerances, of cameras without effects whose pose is wrong by 2 mm and
+# 0.125 degrees: the maximum of twelve development campaigns. Smaller gaps mean `none`.
 _USUAL = np.array([20.0, 4.0, 1.0, 18.0, 2.0, 6.0])
-_USUAL_BIC = 110.0  # the same for the gain in BIC
-_USUAL_ACCURACY = 0.75  # ... and for a classifier's accuracy
+_USUAL_BIC = 110.0  # the same limit for the gain in BIC
+_USUAL_ACCURACY = 0.75  # the same limit for the accuracy of the classifier
 
 
 @dataclass(frozen=True)
 class _Scene:
-    # What a recording shows: clean depth and sigma (T or 1, H, W), which pixels are looked at
-    # (H W,), their covariates (N, axes).
+    # Ground truth of a recording: clean depth and sigma (T or 1, H, W), the pixels that are used
+    # (H W,), and their covariates (N, axes).
     clean: np.ndarray
     sigma: np.ndarray
     keep: np.ndarray
@@ -59,14 +59,14 @@ class _Sample:
 
 def all_baselines(folder: Path, seed: int) -> dict[str, str]:
     """
-    Let every baseline answer.
+    Return the answers of all baselines.
 
     Parameters
     ----------
     folder : pathlib.Path
         A campaign.
     seed : int
-        Of the random one, and of the simulations.
+        Seed of the random answer and of the simulations.
 
     Returns
     -------
@@ -177,7 +177,7 @@ def _edges(samples: list[_Sample]) -> list[np.ndarray]:
 
 
 def _places(scene: _Scene, edges: list[np.ndarray]) -> list[np.ndarray]:
-    # Which bin of each axis pixels lie in.
+    # The bins of the pixels along each axis.
     return [np.digitize(scene.covariates[:, k], cuts) for k, cuts in enumerate(edges)]
 
 
@@ -189,7 +189,7 @@ def _features(samples: list[_Sample], places: list[list[np.ndarray]]) -> np.ndar
         e, b = sample.residual, sample.beside
         valid, pair = np.isfinite(e), np.isfinite(e) & np.isfinite(b)
         late = valid[1:] & valid[:-1]
-        # Spread and correlations are those over time: a wrong pose has no part in them.
+        # Spread and correlations are over time, so an error of pose does not change them.
         mean_e, mean_b = (
             np.nan_to_num(image).sum(0) / np.maximum(np.isfinite(image).sum(0), 1)
             for image in (e, b)
@@ -224,7 +224,7 @@ def _features(samples: list[_Sample], places: list[list[np.ndarray]]) -> np.ndar
 
 
 def _largest(gap: np.ndarray) -> str:
-    # The channel with the largest gap, and along which axis it varies most.
+    # The channel with the largest gap, and the axis along which it varies most.
     size = np.abs(gap).max(axis=(1, 2)) / _USUAL
     channel = int(size.argmax())
     if size[channel] < 1:
@@ -233,18 +233,18 @@ def _largest(gap: np.ndarray) -> str:
 
 
 def _read(channel: str, axis: str) -> str:
-    # What a person would read off the largest gap alone.
+    # What a person would conclude from the largest gap alone.
     said = {reading: kind.name for kind in registry().values() for reading in kind.reads_as}
     return said.get((channel, axis), said[channel, ''])
 
 
 def _bic(gap: np.ndarray, templates: Iterable[tuple[str, np.ndarray]]) -> str:
-    # Each effect at its default size gives a direction; the best multiple of it, on all data.
+    # Fits a multiple of the change by each effect at its default parameters to all data.
     wanted = np.clip(gap, -30, 30).ravel()
     count = wanted.size
     scores = {'none': count * np.log((wanted**2).mean() + 1) - _USUAL_BIC}
     for name, template in templates:
-        if template @ template < 1:  # It does nothing in these scenes.
+        if template @ template < 1:  # It changes nothing in these scenes.
             continue
         size = float(template @ wanted) / float(template @ template)
         left = wanted - max(size, 0.0) * template
@@ -265,7 +265,8 @@ def _templates(
 
 
 def _classifier(real: list[_Sample], plain: list[_Sample], seed: int) -> str:
-    # A forest tells recordings from simulations; what it looks at most is the answer.
+    # A random forest distinguishes recordings from simulations; its most important features
+    # give the answer.
     from sklearn.ensemble import RandomForestClassifier
 
     rows, labels = [], []

@@ -70,12 +70,12 @@ class Planned:
 
     @property
     def strength(self) -> float:
-        """Return the strength all effects share, 0 for none."""
+        """Return the common strength of all effects, 0 for none."""
         return max(self.effects.values(), default=0.0)
 
     @property
     def case(self) -> Case:
-        """Return what the blind camera needs."""
+        """Return the case of the blind camera."""
         return Case(
             SceneKey(
                 self.usecase,
@@ -101,8 +101,8 @@ class Planned:
 
 
 class _Planner:
-    # Gives each case seeds: scenes in turn from the low indices of the range, cameras from the
-    # high ones, each its own.
+    # Gives each case its seeds: the scenes in turn from the low indices of the range, each camera
+    # one of the high indices.
     def __init__(self, seeds: SeedRange, scene_sets: int, **common: Any) -> None:
         self._seeds, self._scene_sets, self._common = seeds, scene_sets, common
         self._used = 0
@@ -111,7 +111,7 @@ class _Planner:
     def plan(self, group: str, usecase: str, effects: dict[str, float], **options: Any) -> Planned:
         turn = self._turns[usecase] = self._turns.get(usecase, -1) + 1
         self._used += 1
-        # Other pose errors are other renderings: they share fewer scenes.
+        # Other pose errors need other renderings: they share fewer scenes.
         usual = options.get('pose_mm', _USUAL_POSE_MM) == _USUAL_POSE_MM
         scene = turn % (self._scene_sets if usual else _UNUSUAL_SCENE_SETS)
         return Planned(

@@ -13,7 +13,7 @@ from flexx2_sim_ros.validation.benchmark.design import Planned
 from flexx2_sim_ros.validation.blind import BlindCamera, SceneSet
 import numpy as np
 
-_FRESH = 500  # added to the scene seed: other scenes of the same range
+_FRESH = 500  # added to the seed of the scenes, within the same range of seeds
 _FRAMES = 8
 _QUANTILES = np.linspace(0.005, 0.995, 199)
 _TILES = 4, 5  # rows and columns; the diagnosis has 3 and 4
@@ -29,7 +29,7 @@ def realised_gap(
     planned: Planned, diagnosis: dict[str, Any], cache: Path, measure: Callable[..., Any]
 ) -> dict[str, float]:
     """
-    Record the same camera in other scenes and simulate it as the diagnosis says.
+    Record the same camera in other scenes and simulate it with the diagnosed effects.
 
     The scorer knows what a user does not: where the camera is, the reflectivity, and how much
     noisier the camera is than the paper's.
@@ -39,9 +39,9 @@ def realised_gap(
     planned : Planned
         The case.
     diagnosis : dict
-        With effects.
+        A diagnosis with effects.
     cache : pathlib.Path
-        Of scenes.
+        Cache of scenes.
     measure : callable
         The diagnosis's own gap: ``measure(folder, effects, seed=0)`` returns a mapping with
         ``shrink``, the fraction of the loss that goes away with a table of effects. It is called
@@ -149,7 +149,7 @@ def _apart(
 
 
 def _since(effects: dict[str, Any], uptime: np.ndarray | None) -> dict[str, Any]:
-    # A camera that warms up counts from its own first frame: say how long it had been on.
+    # Effects of warming up need the uptime of the first frame.
     if uptime is None:
         return effects
     since = {'uptime': float(uptime.flat[0])}

@@ -1,4 +1,4 @@
-"""The benchmark's result: a table in the terminal, a page, a picture."""
+"""The results of the benchmark: tables in the terminal, a page, a picture."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -46,11 +46,11 @@ def write_page(scores: Scores, path: Path, command: str, picture: str) -> None:
     Parameters
     ----------
     scores : Scores
-        Of a finished run.
+        Scores of a finished run.
     path : pathlib.Path
         The page.
     command : str
-        What was run.
+        The command of the run.
     picture : str
         File name of the confusion picture, beside the page.
 
@@ -96,7 +96,7 @@ def draw_confusion(scores: Scores, path: Path) -> None:
     for answer in scores.answers:
         if answer.planned.group in ('single', 'none', 'novel'):
             said = 'error' if answer.verdict == 'error' else answer.first
-            # The answer may name what the catalogue here does not have; that is wrong as well.
+            # A name that is not in the catalogue is wrong as well.
             column = answers.index(said) if said in answers else len(answers) - 1
             counts[truths.index(next(iter(answer.planned.effects), NONE)), column] += 1
     rows = counts.sum(axis=1) > 0

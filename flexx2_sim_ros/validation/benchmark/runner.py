@@ -1,4 +1,4 @@
-"""Make each case's recordings, have them diagnosed, keep the answer; case by case."""
+"""Record each case, diagnose it and store the answer."""
 
 from collections.abc import Callable
 from concurrent.futures import as_completed
@@ -43,32 +43,32 @@ def run_benchmark(
     console: Console | None = None,
 ) -> Scores | None:
     """
-    Run what is left of a benchmark, and score it when nothing is left.
+    Run the cases of a benchmark that have no result yet; score it when all have one.
 
     Parameters
     ----------
     out : pathlib.Path
-        Results; ``out/sealed`` gets the labels, ``out/cache`` what scenes alone decide. A run
-        that was broken off goes on where it was.
+        Folder of the results; ``out/sealed`` has the labels, ``out/cache`` rendered scenes. An
+        interrupted run resumes.
     quick : bool
         A few small cases.
     seed_set : str
         ``dev`` or ``test``.
     release : bool
-        Needed for the test seeds.
+        Allows the test seeds.
     jobs : int
-        Processes.
+        Number of processes.
     diagnoser, measurer : str
         ``module:function`` of `diagnose` and `measure`.
     limit : int, optional
-        Stop after so many new cases.
+        Stop after this many new cases.
     console : rich.console.Console, optional
         For the progress bar.
 
     Returns
     -------
     Scores or None
-        None when cases are left.
+        None when cases are missing.
 
     Raises
     ------
@@ -142,18 +142,18 @@ def _run_call(call: tuple[Path, str, dict[str, Any], str, str]) -> bool:
 
 def run_case(out: Path, name: str, label: dict[str, Any], diagnoser: str, measurer: str) -> bool:
     """
-    Make, diagnose and keep one case.
+    Record and diagnose one case and store the answer.
 
-    The diagnosis sees a folder of recordings under a meaningless name, and nothing else.
+    The diagnosis gets a folder of recordings with an opaque name, and nothing else.
 
     Returns
     -------
     bool
-        Whether the diagnosis broke off with an error (which is kept, and counts as wrong).
+        Whether the diagnosis raised an error, which is stored and counts as wrong.
 
     """
     planned = Planned.from_json(label)
-    # The same in every run, unlike the salted name, and says nothing of the camera's own.
+    # The same in every run, unlike the salted name; it does not reveal the seed of the camera.
     seed = int(hashlib.sha256(f'diagnosis/{planned.seed}'.encode()).hexdigest()[:7], 16)
     cache = out / 'cache'
     result: dict[str, Any] = {'error': None, 'diagnosis': None, 'baselines': {}, 'realised': None}
@@ -166,7 +166,7 @@ def run_case(out: Path, name: str, label: dict[str, Any], diagnoser: str, measur
             result['diagnosis'] = _function(diagnoser)(
                 folder, without=planned.without, seed=seed, jobs=1
             )
-        except Exception:  # noqa: B902 - whatever goes wrong in there is its answer
+        except Exception:  # noqa: B902 - any error is the answer of the diagnosis
             result['error'] = traceback.format_exc(limit=20)
         result['seconds'] = time.perf_counter() - start
         if planned.baselines:
@@ -176,7 +176,7 @@ def run_case(out: Path, name: str, label: dict[str, Any], diagnoser: str, measur
             result['realised'] = realised_gap(
                 planned, result['diagnosis'], cache, _function(measurer)
             )
-        except Exception:  # noqa: B902 - effects that cannot be simulated are an answer as well
+        except Exception:  # noqa: B902 - effects that cannot be simulated are an answer, too
             result['error'] = traceback.format_exc(limit=20)
     _write(out / 'results' / f'{name}.json', result)
     return result['error'] is not None
@@ -201,7 +201,7 @@ def _make(out: Path, name: str, planned: Planned, folder: Path, cache: Path) -> 
 
 
 def _write(path: Path, value: dict[str, Any]) -> None:
-    # Whole or not at all: a file that exists is a case that is done.
+    # Written whole or not at all: an existing file is a finished case.
     write_text(path, json.dumps(value, default=float))
 
 

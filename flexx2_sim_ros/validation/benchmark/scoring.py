@@ -35,7 +35,7 @@ _UNITS = {'mm': 1e-3, 'rad': 180 / math.pi, 'min': 60.0}
 @dataclass(frozen=True)
 class Answer:
     """
-    One case and what was said about it.
+    A case and its answer.
 
     Attributes
     ----------
@@ -51,9 +51,9 @@ class Answer:
     visible : bool
         Whether the effect changes any pixel's statistics by more than the tolerance.
     parameter_error : float
-        Relative, of the first effect if it is right and comparable; NaN otherwise.
+        Relative error of the first effect if it is right and comparable; NaN otherwise.
     predicted, low, high, realised : float
-        Shrinkage, NaN where it was not checked.
+        Reduction of the gap; NaN where it was not measured.
     baselines : dict of str to str
 
     """
@@ -87,7 +87,7 @@ class Answer:
 
     @property
     def right(self) -> bool:
-        """Whether the first answer is right; `partly` is, where something is left to know."""
+        """Whether the first answer is right; `partly` is for effects outside the catalogue."""
         if self.planned.group == 'none':
             return self.verdict == NONE
         if self.planned.group in ('novel', 'left_out'):
@@ -96,7 +96,7 @@ class Answer:
 
     @property
     def contains(self) -> bool:
-        """Whether it is right, or gives a set with a true effect in it."""
+        """Whether it is right, or a true effect is among the effects and alternatives."""
         return self.right or bool(
             self.truth & {*self.effects, *self.alternatives} and self.verdict in _SAID
         )
@@ -108,7 +108,7 @@ class Answer:
 
     @property
     def wrong(self) -> bool:
-        """Whether it is neither right nor a set with the truth in it nor ``unknown``."""
+        """Whether it names effects but no true one, or misses a true one."""
         return not self.contains and self.verdict != UNKNOWN
 
     @property
@@ -120,13 +120,13 @@ class Answer:
 @dataclass(frozen=True)
 class Scores:
     """
-    All answers, with what the run was.
+    All answers of a run.
 
     Attributes
     ----------
     answers : tuple of Answer
     commitment : dict
-        What was published before the run.
+        The commitment that was written before the run.
 
     """
 
@@ -152,8 +152,8 @@ def score(out: Path, partly: bool = False) -> Scores:
     out : pathlib.Path
         As given to `run_benchmark`.
     partly : bool
-        Whether cases may be left; those that are done come in the sealed order, which is a random
-        one.
+        Whether cases may be missing. Finished cases are a random sample: the sealed order is
+        random.
 
     Returns
     -------
@@ -162,7 +162,7 @@ def score(out: Path, partly: bool = False) -> Scores:
     Raises
     ------
     InputError
-        When the labels are not the ones committed to, or no case is done.
+        When the labels differ from the commitment, or no case is finished.
 
     """
     sealed = open_seal(out / 'sealed', out)
@@ -190,16 +190,16 @@ def answer_of(
     pixels: dict[str, np.ndarray],
 ) -> Answer:
     """
-    Put one result beside its label.
+    Compare a result with its label.
 
     Parameters
     ----------
     planned : Planned
         The label.
     result : dict
-        What the runner kept.
+        The result of the runner.
     parameters : dict
-        The label's, by effect.
+        True parameters, by effect.
     pixels : dict of str to numpy.ndarray
         From `truth.Comparison.affected`.
 
@@ -286,7 +286,7 @@ def overlap(where: Iterable[dict[str, Any]], pixels: dict[str, np.ndarray]) -> f
 
 
 def _intervals(entry: dict[str, Any]) -> list[tuple[str, float, float]]:
-    # Covariate, low and high, in the units of `COVARIATES`; empty for what pixels do not have.
+    # Covariate, low and high, in the units of `COVARIATES`; empty for other covariates.
     region = _REGION.fullmatch(entry['covariate'])
     if region:
         row, rows, column, columns = map(int, region.groups())
@@ -321,7 +321,7 @@ def wilson(hits: int, count: int) -> tuple[float, float]:
 
 
 def share(answers: Sequence[Answer], of: Callable[[Answer], bool]) -> tuple[int, int]:
-    """Return how many, and of how many."""
+    """Return the number of answers for which this holds, and the number of answers."""
     return sum(of(answer) for answer in answers), len(answers)
 
 

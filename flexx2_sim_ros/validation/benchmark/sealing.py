@@ -1,9 +1,9 @@
 """
-Labels under seal.
+Sealed labels.
 
-Before anything runs, all labels are written to a folder of their own, with a salt, and their
-SHA-256 is published beside the results. Cases carry opaque ids in an order that the salt decides.
-Whoever scores shows that the labels are still the ones committed to.
+Before the run, all labels and a salt are written to a separate folder, and their SHA-256 is
+written beside the results. Cases have opaque names whose order depends on the salt. The scorer
+checks that the labels still have this SHA-256.
 """
 
 from dataclasses import dataclass
@@ -24,14 +24,14 @@ _LABELS = 'labels.json'
 @dataclass(frozen=True)
 class Sealed:
     """
-    The labels, opened.
+    The labels, read and checked.
 
     Attributes
     ----------
     cases : dict of str to Planned
-        By opaque id, in the order in which they run.
+        By opaque name, in the order in which they run.
     digest : str
-        SHA-256 of salt and labels, hexadecimal.
+        SHA-256 of salt and labels, as hexadecimal digits.
 
     """
 
@@ -41,7 +41,7 @@ class Sealed:
 
 def seal(design: list[Planned], sealed: Path, public: Path, facts: dict[str, Any]) -> Sealed:
     """
-    Write labels and commitment, or take up those of a run that was broken off.
+    Write labels and commitment, or read those of an interrupted run.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ def seal(design: list[Planned], sealed: Path, public: Path, facts: dict[str, Any
     sealed, public : pathlib.Path
         Folders for the labels and for the commitment.
     facts : dict
-        Goes into the commitment as it is: date, version, seed set.
+        Further entries of the commitment: date, version, seed set.
 
     Returns
     -------
@@ -59,7 +59,7 @@ def seal(design: list[Planned], sealed: Path, public: Path, facts: dict[str, Any
     Raises
     ------
     InputError
-        When the folders hold another design's labels.
+        When the folders contain the labels of another design.
 
     """
     if (sealed / _LABELS).is_file():
@@ -87,7 +87,7 @@ def seal(design: list[Planned], sealed: Path, public: Path, facts: dict[str, Any
             {'schema': 1, 'sha256': _digest(text), 'cases': len(design), **facts}, indent=1
         ),
     )
-    # Last: without the labels, a run broken off here starts anew.
+    # Last: a run that was interrupted before this line starts again.
     write_text(sealed / _LABELS, text)
     return open_seal(sealed, public)
 
@@ -99,7 +99,7 @@ def open_seal(sealed: Path, public: Path) -> Sealed:
     Raises
     ------
     InputError
-        When they cannot be read, or are not the ones committed to.
+        When they cannot be read, or their SHA-256 differs from the commitment.
 
     """
     try:

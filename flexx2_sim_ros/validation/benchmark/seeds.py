@@ -14,7 +14,7 @@ class SeedRange:
     ----------
     name : str
     block : int
-        Which million.
+        Index of the million.
 
     """
 
@@ -30,7 +30,7 @@ class SeedRange:
         Raises
         ------
         InputError
-            For an index outside 0 to 999,999, which would be another range's.
+            For an index outside 0 to 999,999.
 
         """
         if not 0 <= index < self._SIZE:
@@ -38,19 +38,19 @@ class SeedRange:
         return self.block * self._SIZE + index
 
     def __contains__(self, seed: int) -> bool:
-        """Say whether a seed is of this range."""
+        """Return whether a seed is in this range."""
         return seed // self._SIZE == self.block
 
 
 DEVELOPMENT = SeedRange('dev', 0)
-# A release takes the next million: what a look at the last one has taught is in the method since.
+# Each release uses the next million: the method was changed after the results of the last one.
 # Taken: 1 (commits e3bc15f and f962f02).
 TEST = SeedRange('test', 2)
 
 
 def seed_range(name: str, release: bool) -> SeedRange:
     """
-    Return a range by name; the test's only for a release.
+    Return a range by name; that of the test only for a release.
 
     Raises
     ------

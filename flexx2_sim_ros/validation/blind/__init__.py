@@ -1,9 +1,9 @@
 """
 A blind camera: raw correlation samples, effects on phasors and taps.
 
-It stands for a real camera when the diagnosis is put to the test, so it knows nothing of the
-catalogue's models and nothing of the diagnosis; with them it shares the modes, the intrinsics and
-the base model's sigma alone. What each effect does: ``docs/blind_camera.md``.
+It takes the place of a real camera in tests of the diagnosis. Therefore it uses neither the
+models of the catalogue nor the diagnosis. It shares with them only the modes, the intrinsics and
+the sigma of the base model. ``docs/blind_camera.md`` describes its effects.
 """
 
 from flexx2_sim_ros.validation.blind.campaign import BlindCamera, Case

@@ -1,9 +1,9 @@
 """
-Light that bounces once: from a lit patch to the surface a pixel sees, and back.
+Light that is reflected twice: by a lit patch, and by the surface that a pixel sees.
 
-The picture is cut into patches, each a small diffuse mirror of what the camera lights on it.
-What arrives at a coarser grid of receivers is summed patch by patch, with the true path length
-and without the patches that something hides, then carried to full resolution along surfaces.
+The image is divided into patches that reflect the camera's light diffusely. A coarser grid of
+receivers sums the light of all patches that are in sight, with the true path length. It is then
+interpolated to full resolution along surfaces.
 """
 
 import math
@@ -14,7 +14,7 @@ from numba import njit
 import numpy as np
 
 _PATCH, _RECEIVER = 10, 6  # pixels of the 224 x 172 image
-_CLOSEST = 0.05  # metres: nearer patches are part of the same surface
+_CLOSEST = 0.05  # metres; nearer patches belong to the same surface
 
 
 def bounced_light(view: View) -> np.ndarray:
@@ -24,7 +24,7 @@ def bounced_light(view: View) -> np.ndarray:
     Parameters
     ----------
     view : View
-        What the camera looks at.
+        The scene as the camera sees it.
 
     Returns
     -------
@@ -46,7 +46,7 @@ def bounced_light(view: View) -> np.ndarray:
 
 def irradiance(view: View) -> np.ndarray:
     """
-    Sum up what arrives at the receivers of a view by way of all patches.
+    Sum the light that all patches reflect to the receivers of a view.
 
     Returns
     -------
@@ -84,7 +84,7 @@ def _pixels(view: View, size: int) -> int:
 
 
 def _points(view: View, step: int) -> tuple[np.ndarray, ...]:
-    # World points (NaN for nothing), normals, reflectivity, range and range over depth of a
+    # World points (NaN for no return), normals, reflectivity, range and range over depth of a
     # grid of pixels.
     height, width = view.optics.shape
     index = np.arange(height * width).reshape(height, width)
@@ -129,8 +129,8 @@ def _gather(kinds, placement, lit, lit_normal, radiant, lit_range, hit, hit_norm
 def _carry(
     view: View, arriving: np.ndarray, points: np.ndarray, normals: np.ndarray, step: int
 ) -> np.ndarray:
-    # To full resolution: the receivers around a pixel, weighted by how well they lie in its
-    # surface; then on to the camera along the pixel's own path.
+    # Interpolates to full resolution between the receivers around a pixel. Receivers on the
+    # pixel's surface weigh more. Then the light follows the pixel's own path to the camera.
     K = view.optics.wavenumbers
     height, width = view.optics.shape
     depth, _, normal = cast_rays(view.solids, view.R, view.origin, view.rays)

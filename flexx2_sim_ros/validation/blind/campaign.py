@@ -1,4 +1,4 @@
-"""A campaign: recordings of a camera with effects, and what its user knows of the scenes."""
+"""A campaign: recordings of a camera with effects, and the ground truth that its user has."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -12,7 +12,7 @@ from flexx2_sim_ros.validation.blind.scene_set import SceneKey, SceneSet
 from flexx2_sim_ros.validation.blind.views import View
 import numpy as np
 
-# Called with each frame as it is taken: recording, frame, depth (H, W) with NaN.
+# Called with the index of the recording and each frame that is taken.
 Observer = Callable[[int, Frame], None]
 _CLASSES = 12
 _CAMERA_UNITS = 800.0  # gray values for an amplitude of 1 per square metre
@@ -21,17 +21,17 @@ _CAMERA_UNITS = 800.0  # gray values for an amplitude of 1 per square metre
 @dataclass(frozen=True)
 class Case:
     """
-    Everything that makes a campaign.
+    The definition of a campaign.
 
     Attributes
     ----------
     scenes : SceneKey
     effects : mapping of str to float
-        Strength by name; empty for a camera that is the paper's.
+        Strength by name; empty for the camera of the paper.
     seed : int
-        Of noise, effects and nuisances.
+        Seed of the noise, the effects and the nuisances.
     reflectivity_error, sigma_error : float
-        Standard deviation of the log of what the user is told wrongly.
+        Standard deviations of the logarithms of the errors in what the user knows.
 
     """
 
@@ -50,18 +50,18 @@ class BlindCamera:
     ----------
     case : Case
     scenes : SceneSet, optional
-        That of the case, to share it between cases.
+        The scenes of the case, if several cases share them.
 
     Attributes
     ----------
     effects : tuple of Effect
     sigma_factor : float
-        The true noise over the paper's.
+        True sigma_z divided by that of the paper.
 
     """
 
     def __init__(self, case: Case, scenes: SceneSet | None = None) -> None:
-        """Draw nuisances and what the effects are like in this camera."""
+        """Draw the nuisances and the parameters of the effects of this camera."""
         self.case = case
         self.scenes = scenes or SceneSet(case.scenes)
         rng = np.random.default_rng([case.seed, 2])
@@ -128,7 +128,7 @@ class BlindCamera:
         return light
 
     def known_reflectivity(self, recording: int) -> np.ndarray:
-        """Return what the user is told: each material wrong in its own way."""
+        """Return the reflectivity that the user knows, with an error for each material."""
         _, true = self.scenes.clean(recording)
         told = self._told[np.minimum((true * _CLASSES).astype(int), _CLASSES - 1)]
         return np.clip(true * told, 0.01, 1.0).astype(np.float32)
@@ -137,14 +137,14 @@ class BlindCamera:
         self, folder: Path, observer: Observer | None = None, only: Sequence[int] | None = None
     ) -> None:
         """
-        Write the campaign, ``0.npz`` and so on, as recordings.
+        Write the recordings of the campaign: ``0.npz``, ``1.npz`` and so on.
 
         Parameters
         ----------
         folder : pathlib.Path
             Must exist.
         observer : callable, optional
-            Sees every frame, for what labels need beyond the recordings.
+            Called with every frame, for labels that need more than the recordings.
         only : sequence of int, optional
             Which recordings to write; all when left out.
 

@@ -25,23 +25,23 @@ NOVEL = _by_name(novel)
 
 def make_effect(name: str, strength: float, rng: np.random.Generator, optics: Optics) -> Effect:
     """
-    Return an effect of either kind.
+    Create an effect of the catalogue or a novel one.
 
     Parameters
     ----------
     name : str
         A key of `CATALOGUE` or `NOVEL`.
     strength : float
-        1 is the usual size.
+        1 is typical.
     rng : numpy.random.Generator
-        What differs from camera to camera is drawn from it.
+        Draws what differs between cameras.
     optics : Optics
         The camera.
 
     Raises
     ------
     InputError
-        For a name that is neither's.
+        For an unknown name.
 
     """
     known = {**CATALOGUE, **NOVEL}

@@ -1,9 +1,9 @@
 """
-Edges that jitter as the base model defines it, written anew.
+Lateral noise of edges as the base model defines it, implemented independently.
 
-An edge is displaced by a Gaussian number of whole pixels, along the row where it runs more
-upright, along the column where it runs more level; all edges of a line that lie within eight
-pixels of the one before move together; pixels swept over take what the other side sees.
+An edge moves by a Gaussian number of whole pixels: a rather vertical one along the row, a rather
+horizontal one along the column. Edges of a row or column within eight pixels of the previous one
+move together. Pixels between the old and the new place get the depth of the other side.
 """
 
 import math
@@ -22,7 +22,7 @@ def edge_maps(row_jumps: np.ndarray, column_jumps: np.ndarray) -> tuple[np.ndarr
     Parameters
     ----------
     row_jumps, column_jumps : numpy.ndarray
-        (H, W) uint8, 1 where a jump lies towards the next pixel of the row, of the column.
+        (H, W) uint8, 1 where depth jumps to the next pixel of the row, of the column.
 
     Returns
     -------
@@ -35,7 +35,7 @@ def edge_maps(row_jumps: np.ndarray, column_jumps: np.ndarray) -> tuple[np.ndarr
 
 
 def _neighbours(flags: np.ndarray) -> np.ndarray:
-    # How many flags lie in the 9 x 9 window around each pixel.
+    # Number of flags in the 9 x 9 window around each pixel.
     size = 2 * _WINDOW + 1
     total = np.pad(flags.astype(np.int32), _WINDOW).cumsum(0).cumsum(1)
     total = np.pad(total, ((1, 0), (1, 0)))
@@ -60,19 +60,19 @@ def jitter_edges(
     rows, columns : numpy.ndarray
         (H, W) bool from `edge_maps`.
     spread : float
-        The mode's sigma_x, pixels; the rounding to whole pixels is allowed for.
+        sigma_x of the mode, pixels, including the rounding to whole pixels.
     scale : float
-        Factor on it.
+        Factor on ``spread``.
     rng : numpy.random.Generator
-        Draws one number for each line and edge.
+        Draws one number for each row or column and edge.
     tails : float
-        0 for Gaussian edges; towards 1 for ones that jump (Student's t of 3 degrees, scaled to
-        unit variance, in that share of the draws).
+        Fraction of the draws that are from Student's t with 3 degrees of freedom, scaled to
+        unit variance. 0 gives Gaussian edges.
 
     Returns
     -------
     numpy.ndarray
-        (H * W,) int32, where each pixel's light comes from.
+        (H * W,) int32, index of the pixel whose light each pixel gets.
 
     """
     source = np.arange(rows.size, dtype=np.int32)

@@ -1,4 +1,4 @@
-"""What the sensor adds: delays, waveforms, charge, noise of the taps."""
+"""Effects of the sensor: delays, waveforms, charge, noise of the taps."""
 
 import math
 
@@ -7,7 +7,7 @@ import numpy as np
 
 
 class Offset(Effect):
-    """The reference clock is late: all ranges change by the same."""
+    """A delay of the reference clock changes all ranges by the same distance."""
 
     name = 'offset'
 
@@ -23,20 +23,20 @@ class Offset(Effect):
 
 class Wiggling(Effect):
     """
-    The correlation is no sine: third and fifth harmonics, and unequal tap pairs.
+    The correlation has third and fifth harmonics, and the pairs of taps differ.
 
-    Four taps see the third and fifth harmonic as errors of four times the phase, and unequal
-    pairs as one of twice the phase.
+    With four taps, the third and fifth harmonics cause errors with four periods per period of
+    the phase; unequal pairs cause errors with two.
     """
 
     name = 'wiggling'
 
     def draw(self, rng: np.random.Generator) -> None:
-        """Draw waveform and pairs of each frequency."""
+        """Draw the waveform and the gains of the pairs for each frequency."""
         K = self.optics.wavenumbers
         weights = K**2 / (K**2).sum()
         size = 0.006 * self.strength / np.sqrt((weights**2).sum())
-        share = rng.uniform(0.3, 0.8, len(K))  # of the variance: the harmonics'
+        share = rng.uniform(0.3, 0.8, len(K))  # fraction of the variance that the harmonics cause
         error = size * K * math.sqrt(2)
         self._harmonics = (error * np.sqrt(share))[:, None] * np.array([[0.9, 0.43]])
         self._phases = rng.uniform(0, 2 * math.pi, (len(K), 2))
@@ -44,7 +44,7 @@ class Wiggling(Effect):
         self.parameters = {'rms': 0.006 * self.strength}
 
     def charge(self, frame: Frame) -> None:
-        """Bend the waveform."""
+        """Add harmonics and unequal gains to the taps."""
         taps = frame.taps
         for j in range(len(taps)):
             phasor = 0.5 * (taps[j, 0] - taps[j, 2] + 1j * (taps[j, 3] - taps[j, 1]))
@@ -60,7 +60,7 @@ class Wiggling(Effect):
 
 
 class WarmUpDrift(Effect):
-    """Laser driver and board warm up, one in minutes, the other in tens of them."""
+    """Laser driver (minutes) and board (tens of minutes) warm up."""
 
     name = 'warm_up_drift'
 
@@ -71,7 +71,7 @@ class WarmUpDrift(Effect):
         self.parameters = {'bias': self._bias, 'tau': 0.4 * self._fast + 0.6 * self._slow}
 
     def before(self, frame: Frame) -> None:
-        """Delay by how cold it still is."""
+        """Delay by an amount that decays with the uptime."""
         cold = 0.4 * math.exp(-frame.uptime / self._fast) + 0.6 * math.exp(
             -frame.uptime / self._slow
         )
@@ -99,12 +99,12 @@ class AmplitudeBias(Effect):
 
 
 class FixedPattern(Effect):
-    """Every pixel's clock arrives at its own time: drivers by column and row, and the pixel."""
+    """The clock arrives at each pixel with a delay of its column, its row and its own."""
 
     name = 'fixed_pattern'
 
     def draw(self, rng: np.random.Generator) -> None:
-        """Draw one sensor."""
+        """Draw the delays of one sensor."""
         height, width = self.optics.shape
         columns = np.cumsum(rng.standard_normal(width))
         columns -= np.convolve(np.pad(columns, 8, mode='edge'), np.ones(17) / 17, 'valid')
@@ -123,7 +123,7 @@ class FixedPattern(Effect):
 
 
 class ExcessNoise(Effect):
-    """Amplifiers noisier than the paper's camera's."""
+    """The amplifiers are noisier than in the camera of the paper."""
 
     name = 'excess_noise'
 
@@ -133,12 +133,12 @@ class ExcessNoise(Effect):
         self.parameters = {'factor': self._factor}
 
     def before(self, frame: Frame) -> None:
-        """Raise the taps' noise."""
+        """Increase the noise of the taps."""
         frame.noise_gain = frame.noise_gain * self._factor
 
 
 class AmbientLight(Effect):
-    """Sunlight on the surfaces adds shot noise, however far away they are."""
+    """Sunlight on the surfaces adds shot noise that does not depend on the distance."""
 
     name = 'ambient_light'
 
@@ -160,17 +160,17 @@ class AmbientLight(Effect):
 
 
 class HeavyTails(Effect):
-    """Now and then a packet of charge hits one tap."""
+    """A few random pixels get a packet of charge in one tap."""
 
     name = 'heavy_tails'
 
     def draw(self, rng: np.random.Generator) -> None:
-        """Set how often."""
+        """Set the fraction of pixels."""
         self._share = min(0.01 * self.strength, 0.2)
         self.parameters = {'share': self._share}
 
     def charge(self, frame: Frame) -> None:
-        """Hit."""
+        """Add the packets."""
         frequencies, _, height, width = frame.taps.shape
         hits = frame.dice.poisson(self._share * height * width)
         y, x = frame.dice.integers(height, size=hits), frame.dice.integers(width, size=hits)
@@ -185,10 +185,10 @@ class HeavyTails(Effect):
 
 
 class Saturation(Effect):
-    """A full well: near, white, or glossy and facing the camera."""
+    """The well is full: near, bright, or glossy surfaces that face the camera."""
 
     name = 'saturation'
-    _GLOSS, _LOBE = 2.0, 0.1  # mirror-like share; width in radians
+    _GLOSS, _LOBE = 2.0, 0.1  # fraction of specular reflection; its width in radians
 
     def draw(self, rng: np.random.Generator) -> None:
         """Draw each pixel's full well, 1/m^2."""
@@ -199,17 +199,17 @@ class Saturation(Effect):
         self.parameters = {'amplitude': self._well / 2}
 
     def before(self, frame: Frame) -> None:
-        """Add the mirror's share."""
+        """Add specular reflection."""
         theta = np.arccos(np.clip(frame.view.cosine, 0, 1))
         shine = 1 + self._GLOSS * np.exp(-((theta / self._LOBE) ** 2)) * (
             frame.view.reflectivity > 0.45
         )
         frame.light = frame.light * shine.astype(np.float32)
-        # The mirror's image of the emitter is speckled: more light, but no better a phase.
+        # Specular reflection shows speckles: more light, but the noise of the phase stays.
         frame.noise_gain = frame.noise_gain * shine / np.sqrt(0.5 + 0.5 * shine)
 
     def charge(self, frame: Frame) -> None:
-        """Clip, and flag what was clipped."""
+        """Clip the taps and flag the pixels that were clipped."""
         taps = frame.taps
         size = 0.5 * np.hypot(taps[:, 0] - taps[:, 2], taps[:, 3] - taps[:, 1])[:, None]
         fill = (size + taps) / self._wells

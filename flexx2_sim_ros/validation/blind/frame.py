@@ -1,4 +1,4 @@
-"""One frame through the camera: light, taps, phasors, range, depth; effects act in between."""
+"""One frame: light, taps, phasors, range, depth; effects act between these steps."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -13,18 +13,18 @@ import numpy as np
 @dataclass
 class Shot:
     """
-    What is about to be looked at; effects on geometry change it.
+    Where and when the camera takes a frame; geometric effects change it.
 
     Attributes
     ----------
     recording : int
-        Which of the campaign.
+        Index in the campaign.
     time : float
         Seconds since the recording began.
     twist : numpy.ndarray
         (6,) motion in the camera's own frame: three turns (radians), three shifts (metres).
     rays : numpy.ndarray or None
-        True rays, None for those the user believes in.
+        True rays; None for those of the intrinsics that the user knows.
 
     """
 
@@ -37,7 +37,7 @@ class Shot:
 @dataclass
 class Frame:
     """
-    A frame in the making. Arrays are (H, W) unless said otherwise.
+    A frame while it is computed. Arrays are (H, W) unless noted.
 
     Attributes
     ----------
@@ -45,35 +45,35 @@ class Frame:
     light : numpy.ndarray
         (J, H, W) complex64 phasors on the sensor.
     recording, index : int
-        Which recording, which of its frames.
+        Index of the recording, and of the frame in it.
     uptime : float
         Seconds since power-on.
     dice : numpy.random.Generator
-        For effects; the base noise has its own.
+        Random numbers of the effects; the base noise has its own.
     look_later : callable
-        Seconds to a `View` of the scene that much later.
+        Returns the `View` of the scene some seconds later.
     delay : numpy.ndarray or float
         Extra path of each pixel, metres of range.
     noise_gain : numpy.ndarray or float
-        Factor on the noise of the taps, of the surface that is seen.
+        Factor on the noise of the taps, for the surface that is seen.
     edge_scale, edge_tails : float
         See `jitter_edges`.
     source : numpy.ndarray
-        (H * W,) int32, where each pixel's light comes from.
+        (H * W,) int32, index of the pixel whose light each pixel gets.
     taps : numpy.ndarray
         (J, 4, H, W) float32.
     phasors : numpy.ndarray
-        (J, H, W) complex64, what the taps say.
+        (J, H, W) complex64, computed from the taps.
     reference : numpy.ndarray
-        Range near which the unwrapped one lies, metres.
+        Range, metres; the unwrapped one is the nearest to it.
     disagreement : numpy.ndarray
-        Radians between the frequencies.
+        Difference of the frequencies' phases, radians.
     depth : numpy.ndarray
         Metres, NaN where invalid.
     invalid : numpy.ndarray
-        bool, set by effects before there is a depth.
+        bool, set by effects before depth is computed.
     past_gate : numpy.ndarray
-        bool, pixels whose light is not recognised as coming from outside the mode's range.
+        bool, pixels outside the range of the mode that the camera does not recognise as such.
 
     """
 
@@ -104,20 +104,20 @@ class Frame:
         return self.view.optics
 
     def seen(self, image: np.ndarray) -> np.ndarray:
-        """Return an image of the scene as the pixels see it, edges displaced."""
+        """Return an image of the scene with its edges displaced as in this frame."""
         return image.reshape(-1)[self.source].reshape(image.shape)
 
 
 class Effect:
     """
-    Something a real camera does beyond the paper's model; by default it does nothing.
+    A deviation of a real camera from the model of the paper; this base class changes nothing.
 
     Parameters
     ----------
     strength : float
-        1 is the usual size.
+        1 is typical.
     rng : numpy.random.Generator
-        What differs from camera to camera is drawn from it.
+        Draws what differs between cameras.
     optics : Optics
         The camera.
 
@@ -126,66 +126,66 @@ class Effect:
     name : str
         Identifier.
     parameters : dict
-        What the label keeps: physical sizes by name.
+        Physical sizes by name, for the label.
 
     """
 
     name: ClassVar[str] = ''
 
     def __init__(self, strength: float, rng: np.random.Generator, optics: Optics) -> None:
-        """Keep the strength and draw the rest."""
+        """Set the strength and draw the parameters."""
         self.strength = strength
         self.optics = optics
         self.parameters: dict[str, float] = {}
         self.draw(rng)
 
     def draw(self, rng: np.random.Generator) -> None:
-        """Draw what differs from camera to camera."""
+        """Draw the parameters of this camera."""
 
     def start(self, recording: int) -> None:
-        """Forget the recording before."""
+        """Begin a recording: forget the previous one."""
 
     def aim(self, shot: Shot) -> None:
-        """Change where and when the camera looks."""
+        """Change where and when the camera takes a frame."""
 
     def scatter(self, view: View, light: np.ndarray) -> np.ndarray:
-        """Return the light that reaches the sensor; called once for a view."""
+        """Return the light that reaches the sensor; called once per view."""
         return light
 
     def before(self, frame: Frame) -> None:
-        """Act on light, delay, noise and edges of a frame."""
+        """Change light, delay, noise and edges of a frame."""
 
     def charge(self, frame: Frame) -> None:
-        """Act on the taps."""
+        """Change the taps."""
 
     def mix(self, frame: Frame) -> None:
-        """Act on the phasors."""
+        """Change the phasors."""
 
     def report(self, frame: Frame) -> None:
-        """Act on the depth."""
+        """Change the depth."""
 
 
 def take(
     frame: Frame, effects: Sequence[Effect], noise: np.random.Generator, sigma_factor: float = 1.0
 ) -> Frame:
     """
-    Take the frame.
+    Compute a frame.
 
     Parameters
     ----------
     frame : Frame
-        With view and light; the rest is filled in.
+        With view and light; the other fields are computed.
     effects : sequence of Effect
-        In the order in which they act.
+        In the order in which they are applied.
     noise : numpy.random.Generator
         Draws the base noise.
     sigma_factor : float
-        Of the base noise; 1 is the paper's.
+        Factor on the base noise; 1 is the noise of the paper.
 
     Returns
     -------
     Frame
-        The same one.
+        The same object.
 
     """
     view, optics = frame.view, frame.optics

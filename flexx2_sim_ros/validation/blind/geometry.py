@@ -1,4 +1,4 @@
-"""Where and when the camera looks: pose, intrinsics, latency, exposures one after the other."""
+"""Effects on geometry: pose, intrinsics, latency, motion between exposures."""
 
 from dataclasses import replace
 import math
@@ -7,12 +7,12 @@ from flexx2_sim_ros.validation.blind.frame import Effect, Frame, Shot
 from flexx2_sim_ros.validation.blind.views import pixel_rays
 import numpy as np
 
-_MANY = 256  # recordings for which something is drawn
+_MANY = 256  # recordings for which a motion is drawn
 _READOUT_S = 1e-3
 
 
 class PoseError(Effect):
-    """Each recording's camera stands a little elsewhere; the scene is rendered from there."""
+    """The camera of each recording has another pose than the user knows."""
 
     name = 'pose_error'
 
@@ -28,7 +28,7 @@ class PoseError(Effect):
 
 
 class IntrinsicsError(Effect):
-    """Rays with another focal length, centre and a radial distortion the user does not know."""
+    """Focal length, centre and radial distortion differ from those that the user knows."""
 
     name = 'intrinsics_error'
 
@@ -51,12 +51,12 @@ class IntrinsicsError(Effect):
         self.parameters = {'focal': focal, 'centre_px': pixels, 'k1': k1}
 
     def aim(self, shot: Shot) -> None:
-        """Look along the true rays."""
+        """Use the true rays."""
         shot.rays = self._rays
 
 
 class TimeOffset(Effect):
-    """The picture is older than its stamp says."""
+    """The image is older than its stamp says."""
 
     name = 'time_offset'
 
@@ -66,12 +66,12 @@ class TimeOffset(Effect):
         self.parameters = {'latency': self._latency}
 
     def aim(self, shot: Shot) -> None:
-        """Look at an earlier place of the path."""
+        """Take the frame earlier on the path."""
         shot.time -= self._latency
 
 
 class MotionArtefact(Effect):
-    """Raw exposures one after the other, each from where the camera is by then."""
+    """The camera moves between its raw exposures."""
 
     name = 'motion_artefact'
 
@@ -83,7 +83,7 @@ class MotionArtefact(Effect):
         self._still: tuple[np.ndarray, float] | None = None
 
     def charge(self, frame: Frame) -> None:
-        """Replace each tap's share of the light by that of its own moment."""
+        """Give each tap the light of its own time."""
         first = frame.look_later(0.0)
         if np.array_equal(first.origin, frame.look_later(self._gap).origin):
             return

@@ -1,4 +1,4 @@
-"""What happens to light before it reaches a pixel: footprints, bounces, scatter."""
+"""Effects on light before it reaches a pixel: footprints, multipath, stray light."""
 
 import math
 
@@ -7,11 +7,11 @@ from flexx2_sim_ros.validation.blind.frame import Effect
 from flexx2_sim_ros.validation.blind.views import cast_rays, phasors, View
 import numpy as np
 
-_SAMPLES = 4  # a side of the footprint
+_SAMPLES = 4  # samples along a side of the footprint
 
 
 class FlyingPixels(Effect):
-    """A pixel collects light from a footprint wider than itself, sampled 4 x 4 near edges."""
+    """A pixel collects light from an area wider than itself, sampled 4 x 4 near edges."""
 
     name = 'flying_pixels'
 
@@ -21,7 +21,7 @@ class FlyingPixels(Effect):
         self.parameters = {'width_px': self._width}
 
     def scatter(self, view: View, light: np.ndarray) -> np.ndarray:
-        """Add up the footprint's phasors instead of taking its middle."""
+        """Sum the phasors over the footprint instead of using its centre."""
         chosen = np.flatnonzero(view.near_edge)
         if not chosen.size:
             return light
@@ -42,7 +42,7 @@ class FlyingPixels(Effect):
                     K,
                 )
         out = light.copy()
-        # What other effects did to the middle ray, they do to the footprint.
+        # Changes by other effects to the central ray apply to the whole footprint.
         before = view.light.reshape(len(K), -1)[:, chosen]
         flat = out.reshape(len(K), -1)
         flat[:, chosen] += mean / _SAMPLES**2 - before
@@ -50,21 +50,21 @@ class FlyingPixels(Effect):
 
 
 class Multipath(Effect):
-    """Light that bounces once between surfaces before it comes back; see `bounce`."""
+    """Light that is reflected twice before it returns; see `bounce`."""
 
     name = 'multipath'
 
     def draw(self, rng: np.random.Generator) -> None:
-        """Keep the gain."""
+        """Set the gain."""
         self.parameters = {'gain': self.strength}
 
     def scatter(self, view: View, light: np.ndarray) -> np.ndarray:
-        """Add what comes by way of other patches."""
+        """Add the indirect light."""
         return light + np.complex64(self.strength) * bounced_light(view)
 
 
 class StrayLight(Effect):
-    """A lens that scatters a share of the light over the whole picture, most of it nearby."""
+    """The lens scatters a fraction of the light over the whole image, most of it nearby."""
 
     name = 'stray_light'
 
@@ -80,7 +80,7 @@ class StrayLight(Effect):
         self.parameters = {'share': self._share}
 
     def scatter(self, view: View, light: np.ndarray) -> np.ndarray:
-        """Convolve."""
+        """Convolve the light with the scatter function."""
         height, width = self.optics.shape
         spectrum = np.fft.fft2(light, s=(2 * height, 2 * width))
         spread = np.fft.ifft2(spectrum * self._spectrum)[:, :height, :width]
@@ -95,5 +95,5 @@ def footprint_slope(view: View) -> np.ndarray:
 
 
 def _focal(view: View) -> float:
-    """Return the focal length the Flexx2's 224 pixels would have, whatever the resolution."""
+    """Return the focal length in pixels of the full resolution (224 pixels wide)."""
     return view.optics.intrinsics.fx * 224 / view.optics.intrinsics.width

@@ -1,4 +1,4 @@
-"""The rooms as triangle meshes, as a scanner would deliver them."""
+"""The rooms as triangle meshes, as from a scanner."""
 
 from pathlib import Path
 
@@ -20,9 +20,9 @@ def write_mesh(solids: Solids, path: Path, longest: float | None = None) -> None
     solids : Solids
         The scene.
     path : pathlib.Path
-        Its suffix says the format.
+        File; its suffix gives the format.
     longest : float, optional
-        Greatest side of a triangle, metres, to make a mesh as fine as a scan.
+        Longest side of a triangle, metres, for a mesh as fine as a scan.
 
     """
     parts = []

@@ -1,4 +1,4 @@
-"""Effects outside the catalogue: a diagnosis must say that it does not know them."""
+"""Effects outside the catalogue: a diagnosis has to answer `unknown` or `partly`."""
 
 import math
 
@@ -37,7 +37,7 @@ class PixelDefects(Effect):
     name = 'pixel_defects'
 
     def draw(self, rng: np.random.Generator) -> None:
-        """Draw their places."""
+        """Draw the positions."""
         height, width = self.optics.shape
         count = max(1, round(60 * self.strength * height * width / 38528))
         y, x = np.mgrid[:height, :width]
@@ -59,7 +59,7 @@ class PixelDefects(Effect):
 
 
 class EdgeDelay(Effect):
-    """Light is late towards the rim of the picture: an emitter of many dots, a thick filter."""
+    """Delay that grows towards the image border: an emitter of many dots, a thick filter."""
 
     name = 'vignetting_delay'
 
@@ -78,25 +78,25 @@ class EdgeDelay(Effect):
 
 
 class Ghost(Effect):
-    """A mirror image of the scene about the picture's middle, from between lens and sensor."""
+    """A mirror image of the scene, by reflection between lens and sensor."""
 
     name = 'ghost'
 
     def draw(self, rng: np.random.Generator) -> None:
-        """Draw the ghost's place."""
+        """Draw the position of the ghost."""
         self._share = 0.02 * self.strength
         self._shift = tuple(int(v) for v in rng.integers(-6, 7, 2))
         self.parameters = {'share': self._share}
 
     def scatter(self, view: View, light: np.ndarray) -> np.ndarray:
-        """Add it, a little later than the picture."""
+        """Add the ghost, delayed against the image."""
         late = np.exp(1j * 0.02 * self.optics.wavenumbers)[:, None, None]
         ghost = np.roll(light[:, ::-1, ::-1], self._shift, axis=(1, 2))
         return (light + self._share * late * ghost).astype(np.complex64)
 
 
 class ClockJitter(Effect):
-    """The modulation's phase-locked loop settles anew for every frame."""
+    """The phase-locked loop of the modulation settles differently in every frame."""
 
     name = 'clock_jitter'
 
@@ -111,7 +111,7 @@ class ClockJitter(Effect):
 
 
 class Interference(Effect):
-    """Another camera's light beats with ours, in some frames, in stripes over the rows."""
+    """The light of another camera interferes in some frames, in stripes over the rows."""
 
     name = 'interference'
 
@@ -122,7 +122,7 @@ class Interference(Effect):
         self.parameters = {'amplitude': self._size}
 
     def before(self, frame: Frame) -> None:
-        """Add its phasor."""
+        """Add the phasor of the other camera."""
         if frame.dice.random() < 0.4:
             return
         height = self.optics.shape[0]
@@ -139,12 +139,12 @@ class Specks(Effect):
     name = 'specks'
 
     def draw(self, rng: np.random.Generator) -> None:
-        """Set how many."""
+        """Set the number of specks."""
         self._count = 25 * self.strength
         self.parameters = {'count': self._count}
 
     def before(self, frame: Frame) -> None:
-        """Put grains in front of some pixels."""
+        """Put a speck in front of some pixels."""
         height, width = self.optics.shape
         light = frame.light.copy()
         for _ in range(frame.dice.poisson(self._count)):
@@ -159,7 +159,7 @@ class Specks(Effect):
 
 
 class AdcSteps(Effect):
-    """Converters, one for every eight columns, with codes of uneven width."""
+    """Each eight columns share a converter whose codes have uneven widths."""
 
     name = 'adc_steps'
 
@@ -171,29 +171,29 @@ class AdcSteps(Effect):
         self.parameters = {'size': 0.012 * self.strength}
 
     def charge(self, frame: Frame) -> None:
-        """Add the saw tooth of uneven codes."""
+        """Add the sawtooth error of uneven codes."""
         code = frame.taps / np.float32(0.06) + self._phase
         frame.taps += np.float32(2 * self._size) * (code - np.floor(code) - np.float32(0.5))
 
 
 class Afterglow(Effect):
-    """Bright surfaces leave charge behind that fades over some frames."""
+    """Bright surfaces leave charge that decays over some frames."""
 
     name = 'afterglow'
 
     def draw(self, rng: np.random.Generator) -> None:
-        """Set the share left behind."""
+        """Set the fraction of charge that stays."""
         self._share = 0.2 * self.strength
         self._bright = 0.25 if len(self.optics.wavenumbers) == 1 else 0.06
         self._glow: np.ndarray | None = None
         self.parameters = {'share': self._share}
 
     def start(self, recording: int) -> None:
-        """Forget."""
+        """Forget the previous recording."""
         self._glow = None
 
     def before(self, frame: Frame) -> None:
-        """Add what is left of the frames before."""
+        """Add the charge that previous frames left."""
         size = np.abs(frame.view.light)
         bright = frame.view.light * np.maximum(1 - self._bright / np.maximum(size, 1e-9), 0)
         if self._glow is None:
@@ -203,7 +203,7 @@ class Afterglow(Effect):
 
 
 class GlassPane(Effect):
-    """A pane in front of a part of the picture: it glints, dims, and light in it is slow."""
+    """A glass pane covers a part of the image: it reflects, dims and delays light."""
 
     name = 'glass_pane'
 
@@ -213,7 +213,7 @@ class GlassPane(Effect):
         self.parameters = {'glint': 0.015 * self.strength}
 
     def scatter(self, view: View, light: np.ndarray) -> np.ndarray:
-        """Look through it."""
+        """Apply the pane."""
         height, width = self.optics.shape
         if self._edge is None:
             return light
@@ -230,14 +230,14 @@ class GlassPane(Effect):
         return np.where(inside, through, light).astype(np.complex64)
 
     def start(self, recording: int) -> None:
-        """Draw this recording's pane."""
+        """Take the pane of this recording."""
         rng = np.random.default_rng([self._rng_seed, recording])
         self._edge = rng.uniform(0.3, 0.7) if rng.random() < 0.7 else None
         self._right, self._distance = rng.random() < 0.5, rng.uniform(0.2, 0.5)
 
 
 class Subsurface(Effect):
-    """Some materials let light in before they send it back: wax, foam, skin."""
+    """Light travels inside some materials before it returns: wax, foam, skin."""
 
     name = 'subsurface'
 
@@ -247,14 +247,14 @@ class Subsurface(Effect):
         self.parameters = {'depth': 0.015 * self.strength}
 
     def scatter(self, view: View, light: np.ndarray) -> np.ndarray:
-        """Delay the light of these."""
+        """Delay the light of these materials."""
         material = np.minimum((view.reflectivity * 10).astype(int), 9)
         K = self.optics.wavenumbers[:, None, None]
         return (light * np.exp(1j * K * self._delays[material])).astype(np.complex64)
 
 
 class Haze(Effect):
-    """Fog between camera and scene: it takes light away and sends some back at once."""
+    """Fog between camera and scene absorbs light and reflects a part of it."""
 
     name = 'haze'
 
@@ -275,36 +275,36 @@ class Haze(Effect):
         self.parameters = {'extinction': self._density}
 
     def scatter(self, view: View, light: np.ndarray) -> np.ndarray:
-        """Dim what is far and add the fog in front of it."""
+        """Dim distant surfaces and add the light of the fog."""
         place = np.clip(np.searchsorted(self._ranges, view.path), 0, len(self._ranges) - 1)
         dim = np.exp(-2 * self._density * view.path)
         return (light * dim + self._sums[:, place]).astype(np.complex64)
 
 
 class RepeatedFrames(Effect):
-    """A frame that was not ready in time is sent as the one before."""
+    """A late frame is replaced by the previous one."""
 
     name = 'repeated_frames'
 
     def draw(self, rng: np.random.Generator) -> None:
-        """Set how often."""
+        """Set the probability."""
         self._share = min(0.3 * self.strength, 0.9)
         self._before: np.ndarray | None = None
         self.parameters = {'share': self._share}
 
     def start(self, recording: int) -> None:
-        """Forget."""
+        """Forget the previous recording."""
         self._before = None
 
     def report(self, frame: Frame) -> None:
-        """Repeat, or keep."""
+        """Repeat the previous frame, or keep this one."""
         if self._before is not None and frame.dice.random() < self._share:
             frame.depth = self._before.copy()
         self._before = frame.depth
 
 
 class BlockCompression(Effect):
-    """Depth sent through a codec that works on blocks of 8 x 8."""
+    """Depth is compressed in blocks of 8 x 8 pixels."""
 
     name = 'block_compression'
 
@@ -318,7 +318,7 @@ class BlockCompression(Effect):
         self.parameters = {'step': self._step}
 
     def report(self, frame: Frame) -> None:
-        """Transform, round, transform back; invalid pixels stay so."""
+        """Transform, round and transform back; invalid pixels stay invalid."""
         if not self._step:
             return
         height, width = (size // 8 * 8 for size in self.optics.shape)

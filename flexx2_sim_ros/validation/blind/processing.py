@@ -1,4 +1,4 @@
-"""What the camera's own processing does: wraps, filters, gates, storage, edges."""
+"""Effects of the camera's processing: edges, unwrapping, dropouts, filters, storage."""
 
 import math
 
@@ -9,33 +9,33 @@ import numpy as np
 
 
 class LateralNoise(Effect):
-    """Edges jump further than the paper's, now and then much further."""
+    """Edges move further than in the paper, sometimes much further."""
 
     name = 'lateral_noise'
 
     def draw(self, rng: np.random.Generator) -> None:
-        """Set scale and share of jumps."""
+        """Set the scale and the fraction of jumps."""
         self._scale, self._tails = 1 + 0.5 * self.strength, min(0.5 * self.strength, 1.0)
         self.parameters = {'factor': self._scale, 'tails': self._tails}
 
     def before(self, frame: Frame) -> None:
-        """Tell the edges."""
+        """Set the scale and the tails of the edges."""
         frame.edge_scale *= self._scale
         frame.edge_tails = max(frame.edge_tails, self._tails)
 
 
 class RangeWrap(Effect):
-    """The wraps are not known: light from beyond is believed, frequencies disagree."""
+    """Unwrapping fails: light from beyond the range is accepted, the frequencies disagree."""
 
     name = 'range_wrap'
 
     def draw(self, rng: np.random.Generator) -> None:
-        """Set how often one frequency wraps, and how much two disagree."""
+        """Set how often one frequency wraps, and how much two frequencies disagree."""
         self._share, self._apart = min(0.5 * self.strength, 1.0), 3.0 * self.strength
         self.parameters = {'share': self._share}
 
     def mix(self, frame: Frame) -> None:
-        """Forget which wrap it was."""
+        """Choose wrong wraps."""
         K = self.optics.wavenumbers
         if len(K) > 1:
             spread = frame.seen(frame.view.sigma * frame.view.ray_length) * math.sqrt((K**2).sum())
@@ -63,7 +63,7 @@ class LowSignalDropout(Effect):
         self.parameters = {'amplitude': self._threshold}
 
     def mix(self, frame: Frame) -> None:
-        """Compare."""
+        """Drop pixels below their threshold."""
         flicker = np.exp(0.1 * frame.dice.standard_normal(self.optics.shape))
         frame.invalid |= np.abs(frame.phasors[0]) < self._thresholds * flicker
 
@@ -74,35 +74,35 @@ class GrazingDropout(Effect):
     name = 'grazing_dropout'
 
     def draw(self, rng: np.random.Generator) -> None:
-        """Set the largest span, metres a pixel."""
+        """Set the largest span of depth, metres per pixel."""
         usual = 0.012 if len(self.optics.wavenumbers) == 1 else 0.03
         self._span = usual / max(self.strength, 1e-6)
         self.parameters = {'span': self._span}
 
     def mix(self, frame: Frame) -> None:
-        """Drop."""
+        """Drop pixels with a larger span."""
         span = frame.seen(footprint_slope(frame.view))
         flicker = np.exp(0.2 * frame.dice.standard_normal(span.shape))
         frame.invalid |= span * flicker > self._span
 
 
 class TemporalFilter(Effect):
-    """Phasors are averaged over frames, and the average is started anew when they jump."""
+    """Phasors are averaged over frames; the average restarts when they jump."""
 
     name = 'temporal_filter'
 
     def draw(self, rng: np.random.Generator) -> None:
-        """Set the share of the past."""
+        """Set the weight of past frames."""
         self._share = min(0.4 * self.strength, 0.9)
         self.parameters = {'share': self._share}
         self._past: np.ndarray | None = None
 
     def start(self, recording: int) -> None:
-        """Forget."""
+        """Forget the previous recording."""
         self._past = None
 
     def mix(self, frame: Frame) -> None:
-        """Average."""
+        """Average with past frames."""
         if self._past is not None:
             new, old = frame.phasors, self._past
             turn = np.abs(np.angle(new * np.conj(old)))
@@ -120,12 +120,12 @@ class SpatialFilter(Effect):
     name = 'spatial_filter'
 
     def draw(self, rng: np.random.Generator) -> None:
-        """Set its widths: pixels, metres."""
+        """Set the widths, pixels and metres."""
         self._width, self._gate = max(0.75 * math.sqrt(self.strength), 0.01), 0.06
         self.parameters = {'width_px': self._width}
 
     def mix(self, frame: Frame) -> None:
-        """Filter."""
+        """Smooth the phasors."""
         size = np.abs(frame.phasors)
         unit = frame.phasors / np.maximum(size, np.float32(1e-20))
         parts = np.concatenate([unit.real, unit.imag])
@@ -143,7 +143,7 @@ class SpatialFilter(Effect):
 @njit(cache=True, fastmath=True)
 def smooth(parts, width, gate, out):
     """
-    Average unit phasors of pixels near in place and phase.
+    Average unit phasors of pixels that are close in position and in phase.
 
     ``parts`` and ``out`` are (2 J, H, W) float32: real parts of the frequencies, then imaginary
     ones.
@@ -161,7 +161,7 @@ def smooth(parts, width, gate, out):
             for shift in range(-2, 3):
                 place = near[yy - y + 2, shift + 2]
                 for x in range(max(0, -shift), min(columns, columns - shift)):
-                    # The chord between unit phasors: the angle, for small ones.
+                    # The distance of unit phasors, which is their angle if it is small.
                     re = parts[0, yy, x + shift] - parts[0, y, x]
                     im = parts[half, yy, x + shift] - parts[half, y, x]
                     falls = np.float32(1) + (re * re + im * im) * steep
@@ -171,12 +171,12 @@ def smooth(parts, width, gate, out):
 
 
 class Quantisation(Effect):
-    """Fixed-point storage: of the phase in one kind of camera, of the depth in the other."""
+    """Fixed-point storage: some cameras round the phase, others the depth."""
 
     name = 'quantisation'
 
     def draw(self, rng: np.random.Generator) -> None:
-        """Draw the kind."""
+        """Draw whether phase or depth is rounded."""
         usual = 0.005 if len(self.optics.wavenumbers) == 1 else 0.01
         self._step = usual * self.strength
         self._of_phase = bool(rng.random() < 0.5)

@@ -25,7 +25,7 @@ _BOB_HZ = 2.3  # a walking robot's step
 @dataclass(frozen=True)
 class Path:
     """
-    Where the camera is, as a function of time.
+    The pose of the camera as a function of time.
 
     Attributes
     ----------
@@ -36,7 +36,7 @@ class Path:
     yaw_rate : float
         Radians per second.
     bob : float
-        Amplitude of the up and down of steps, metres; 0 stands still.
+        Amplitude of the vertical motion by steps, metres.
 
     """
 
@@ -50,7 +50,7 @@ class Path:
 
     @property
     def moving(self) -> bool:
-        """Whether the pose changes at all."""
+        """Whether the pose changes with time."""
         return bool(any(self.velocity) or self.yaw_rate or self.bob)
 
     def pose(self, time: float) -> tuple[np.ndarray, np.ndarray]:
@@ -71,7 +71,7 @@ class Scene:
     Attributes
     ----------
     kind : str
-        Which of `KINDS`.
+        One of `KINDS`.
     solids : Solids
     path : Path
 
@@ -91,16 +91,16 @@ def make_scene(kind: str, reach: float, rng: np.random.Generator) -> Scene:
     kind : str
         One of `KINDS`.
     reach : float
-        Depth up to which the camera measures, metres; sets the scene's size.
+        Longest range of the camera, metres; it determines the size of the scene.
     rng : numpy.random.Generator
-        Everything is drawn from it.
+        Draws the scene.
 
     Returns
     -------
     Scene
 
     """
-    # Beyond four metres the paper's sigma fills the picture with noise.
+    # Beyond four metres, sigma_z of the paper is too large for most effects to show.
     shapes, path = _MAKERS[kind](min(reach, 5.0), rng)
     return Scene(kind, pack(shapes), path)
 
@@ -134,7 +134,7 @@ def _room(
 def _poster(
     rng: np.random.Generator, x: float, y: float, z: float, size: float, yaw: float = 0.0
 ) -> Shape:
-    # Black and white on the wall, without a depth step to speak of.
+    # Black and white patches on the wall, with negligible steps of depth.
     return Shape(
         BOX,
         (x, y, z),
@@ -217,7 +217,7 @@ def _corner(reach: float, rng: np.random.Generator) -> tuple[list[Shape], Path]:
     yaw = math.pi / 4 + _between(rng, -0.2, 0.2)
     wall = apex * math.cos(yaw)
     room = _room(rng, wall, apex * math.sin(yaw), height, yaw)
-    # A turned room: the far wall and the right-hand one meet ahead of the camera.
+    # A rotated room: the far wall and the right wall meet in front of the camera.
     ball = _between(rng, 0.06, 0.1) * apex
     shapes = [
         room,
@@ -279,7 +279,7 @@ def _close(reach: float, rng: np.random.Generator) -> tuple[list[Shape], Path]:
 
 
 def _far(reach: float, rng: np.random.Generator) -> tuple[list[Shape], Path]:
-    # Ends beyond what the mode measures.
+    # The end is beyond the range of the mode.
     height, far = _between(rng, 0.7, 1.0), (3.4 if reach < 3 else 6.4) * _between(rng, 0.9, 1.1)
     shapes = [
         _room(rng, far, 0.35 * far, height),

@@ -31,7 +31,7 @@ def furnished_room(seed: int) -> Solids:
     Parameters
     ----------
     seed : int
-        Everything is drawn from it.
+        Seed of the room.
 
     """
     rng = np.random.default_rng([seed, 7])
@@ -53,7 +53,7 @@ def furnished_room(seed: int) -> Solids:
         angle = rng.uniform(0, 2 * math.pi)
         x = float(np.clip(1.3 * half[0] * math.cos(angle), -half[0] + 0.3, half[0] - 0.3))
         z = float(np.clip(1.3 * half[2] * math.sin(angle), -half[2] + 0.3, half[2] - 0.3))
-        # Half of it stands on the floor, the other half hangs on the walls.
+        # Half of the boxes stand on the floor, the other half hang on the walls.
         height = _FLOOR - float(size[1]) if number % 2 else float(rng.uniform(-1.1, 0.5))
         place = (x, height, z)
         extent = (float(size[0]), float(size[1]), float(size[2]))
@@ -70,7 +70,7 @@ class ScannedCamera:
     Parameters
     ----------
     seed : int
-        Of the room, the places and the noise.
+        Seed of the room, the poses and the noise.
     effects : mapping of str to float
         As in `Case`.
     recordings, frames, width, height
@@ -78,7 +78,7 @@ class ScannedCamera:
     usecase : str
         The mode.
     moving : bool
-        Whether every recording walks and turns.
+        Whether the camera walks and turns in every recording.
 
     Attributes
     ----------
@@ -99,7 +99,7 @@ class ScannedCamera:
         usecase: str = 'Mode_9_30fps',
         moving: bool = False,
     ) -> None:
-        """Place the camera; record nothing yet."""
+        """Draw the poses; record nothing yet."""
         self.solids = furnished_room(seed)
         rng = np.random.default_rng([seed, 8])
         key = SceneKey(usecase, seed, 0.0, width, height, recordings, frames)
@@ -124,8 +124,8 @@ class ScannedCamera:
         folder : pathlib.Path
             Must exist.
         told : bool
-            Whether they say the truth (`clean_depth`, `reflectivity`), which a real camera's do
-            not.
+            Whether the recordings contain ground truth (`clean_depth`, `reflectivity`), as those
+            of a real camera do not.
 
         """
         self.camera.record(folder)
@@ -153,7 +153,7 @@ def _path(rng: np.random.Generator, turn: float, moving: bool) -> Path:
 def off(
     pose: tuple[np.ndarray, np.ndarray], metres: float, degrees: float, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return a pose that is wrong by a distance and an angle in random directions."""
+    """Return a pose with an error of a given distance and angle in random directions."""
     shift, axis = rng.standard_normal((2, 3))
     R, place = pose
     pitch, yaw, roll = axis / np.linalg.norm(axis) * math.radians(degrees)

@@ -1,4 +1,4 @@
-"""What depends on scenes alone: eight scenes, their true and nominal views. Cached on disk."""
+"""Scenes and their true and nominal views, which do not depend on effects; cached on disk."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -13,7 +13,7 @@ from flexx2_sim_ros.validation.blind.shapes import rotation
 from flexx2_sim_ros.validation.blind.views import look, Optics, shared_optics, View
 import numpy as np
 
-# Change it whenever the same seed gives other scenes: old caches are then not used any more.
+# Change it whenever the same seed gives other scenes, so that old caches are not used.
 VERSION = 3
 _DEGREES_PER_MM = 0.125 / 2
 
@@ -21,7 +21,7 @@ _DEGREES_PER_MM = 0.125 / 2
 @dataclass(frozen=True)
 class SceneKey:
     """
-    What a set of scenes is made from.
+    The definition of a set of scenes.
 
     Attributes
     ----------
@@ -29,12 +29,12 @@ class SceneKey:
         The mode's name.
     seed : int
     pose_mm : float
-        Standard deviation of each recording's pose error: this many millimetres along each
-        axis and 0.125 degrees for every two of them about each.
+        Standard deviation of each recording's pose error along each axis, millimetres. The
+        standard deviation of the angle about each axis is 0.0625 degrees per millimetre.
     width, height : int
         Image size, pixels.
     recordings, frames : int
-        How many, and frames in each.
+        Number of recordings, and of frames in each.
 
     """
 
@@ -57,13 +57,13 @@ class SceneKey:
 
 class SceneSet:
     """
-    Eight scenes seen from where the camera is, and from where the user believes it is.
+    Scenes seen from the true poses of the camera and from those that the user knows.
 
     Parameters
     ----------
     key : SceneKey
     cache : pathlib.Path, optional
-        Folder for what is rendered; none: rendered anew.
+        Folder for rendered images. If it is left out, they are rendered each time.
 
     Attributes
     ----------
@@ -77,7 +77,7 @@ class SceneSet:
     """
 
     def __init__(self, key: SceneKey, cache: Path | None = None) -> None:
-        """Draw scenes and nuisances; render nothing yet."""
+        """Draw the scenes and nuisances; render nothing yet."""
         self.key = key
         self.optics: Optics = shared_optics(key.usecase, key.width, key.height)
         rng = np.random.default_rng([key.seed, 1])
@@ -95,7 +95,7 @@ class SceneSet:
         self._bounced: np.ndarray | None = None
 
     def times(self) -> np.ndarray:
-        """Return the (T,) frame times since a recording's begin, seconds."""
+        """Return the (T,) times of the frames since the start of a recording, seconds."""
         return np.arange(self.key.frames) / self.optics.mode.rate_hz
 
     def view(
@@ -109,7 +109,7 @@ class SceneSet:
 
     @cached_property
     def _nominal(self) -> dict[str, np.ndarray]:
-        # What the user believes does not depend on how wrong it is.
+        # The nominal views do not depend on the pose error.
         return self.cached('nominal', lambda: self._render(0.0), pose=False)
 
     @cached_property
@@ -131,9 +131,9 @@ class SceneSet:
         self, what: str, make: Callable[[], dict[str, np.ndarray]], *, pose: bool = True
     ) -> dict[str, np.ndarray]:
         """
-        Return arrays from the cache, made first if they are not in it.
+        Return arrays from the cache; compute them first if they are missing.
 
-        ``pose`` says whether they depend on the pose error.
+        ``pose``: whether they depend on the pose error.
         """
         if self._cache is None:
             return make()
@@ -144,7 +144,7 @@ class SceneSet:
                 return dict(archive)
         arrays = make()
         output_folder(self._cache)
-        # Two processes may make the same; the file appears whole or not at all.
+        # Two processes may compute the same file; it is written whole or not at all.
         with whole(path) as part:
             np.savez(part, **arrays)  # type: ignore[arg-type]
         return arrays
@@ -158,7 +158,7 @@ class SceneSet:
         return start + (frame if self.scenes[recording].path.moving else 0)
 
     def clean(self, recording: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return the user's depth and reflectivity, (H, W) each or (T, H, W) if it moves."""
+        """Return the user's depth and reflectivity, (H, W) or (T, H, W) of a moving camera."""
         start = self.slot(recording, 0)
         if not self.scenes[recording].path.moving:
             return self._nominal['depth'][start], self._nominal['reflectivity'][start]
@@ -166,13 +166,13 @@ class SceneSet:
         return self._nominal['depth'][part], self._nominal['reflectivity'][part]
 
     def true_view(self, recording: int, frame: int) -> View:
-        """Return what the camera looks at, nuisance pose error included."""
+        """Return the view of the camera at its true pose."""
         slot = self.slot(recording, frame)
         if slot not in self._views:
             scene, time = self.scenes[recording], float(self.times()[frame])
             R, origin = scene.path.pose(time)
             twist = self.twists[recording]
-            self._views.clear()  # One recording after the other, frame by frame.
+            self._views.clear()  # Frames are read in order: one view is enough.
             self._views[slot] = View(
                 self.optics,
                 self._true['depth'][slot],
@@ -186,7 +186,7 @@ class SceneSet:
         return self._views[slot]
 
     def prepare_bounces(self) -> None:
-        """Have the indirect light of all true views at hand: slow when it is not cached."""
+        """Compute the indirect light of all true views; slow unless it is cached."""
         self._bounced = self.cached(
             'bounce',
             lambda: {

@@ -1,5 +1,5 @@
 """
-The sensor: four correlation samples a pixel and frequency, and what is computed from them.
+The sensor: four correlation samples per pixel and frequency, and the range from them.
 
 Tap k of a frequency collects ``ambient + A cos(phase + k pi/2)``. Light travels along rays, so
 phases are those of the radial range r = z * ray length; the camera divides by the ray length
@@ -62,9 +62,9 @@ def expose(
     light : numpy.ndarray
         (J, N) complex64 phasors that reach the pixels.
     source : numpy.ndarray
-        (N,) int32, the pixel whose light each pixel gets.
+        (N,) int32, index of the pixel whose light each pixel gets.
     amplitude, phase_noise, path_noise : numpy.ndarray
-        (N,) float32 of the undisturbed scene; they set the noise.
+        (N,) float32 of the scene without effects; they determine the noise.
     noise_gain : numpy.ndarray
         (N,) float32 factor on the taps' noise.
     delay : numpy.ndarray
@@ -113,10 +113,9 @@ def unwrap(phasors, K, reference, disagreement, period, out):
     """
     Turn phases into range.
 
-    One frequency: the range nearest to ``reference`` among those the phase allows. Two: the
-    pair of wraps at which the frequencies agree best, then the mean weighted by wavenumber
-    squared, which is known up to their common period; that one is taken nearest to
-    ``reference``.
+    With one frequency, the result is the range nearest to ``reference`` among those that the
+    phase allows. With two, it is the pair of wraps at which the frequencies agree best, then the
+    mean weighted by the squared wavenumber, up to the common period nearest to ``reference``.
 
     Parameters
     ----------
@@ -127,7 +126,8 @@ def unwrap(phasors, K, reference, disagreement, period, out):
     reference : numpy.ndarray
         (N,) float32 metres.
     disagreement : numpy.ndarray
-        (N,) float32 radians between the frequencies, added for the choice of wraps alone.
+        (N,) float32, radians, added to the difference of the frequencies for the choice of wraps
+        only.
     period : float
         The range after which all phases repeat, metres.
     out : numpy.ndarray

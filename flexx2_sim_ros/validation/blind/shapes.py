@@ -1,8 +1,8 @@
 """
 Solid shapes with textures, and the rays that hit them.
 
-World frame: x right, y down, z forward, metres, as an upright camera sees it. Everything is
-analytic: any pose, any rays, no mesh and no interpolation.
+World frame: x right, y down, z forward, metres, as seen by an upright camera. Depth is analytic
+for any pose and any rays, without meshes or interpolation.
 """
 
 from collections.abc import Sequence
@@ -29,7 +29,8 @@ class Shape:
     centre : tuple of float
         World coordinates, metres.
     half : tuple of float
-        Half the extent along the shape's own axes, metres; a ball's radius comes first.
+        Half the extent along the axes of the shape, metres; the first value is the radius of a
+        ball.
     yaw, pitch : float
         Turn about the vertical, then about the shape's own x axis, radians.
     light, dark : float
@@ -37,7 +38,7 @@ class Shape:
     texture : int
         `PLAIN` (all `light`), `CHECKER`, `STRIPES` or `MOTTLE`.
     period : float
-        Of the texture, metres.
+        Period of the texture, metres.
 
     """
 
@@ -55,7 +56,7 @@ class Shape:
 @dataclass(frozen=True)
 class Solids:
     """
-    Shapes as arrays, which is what the compiled ray caster takes.
+    Shapes as arrays, for the compiled ray caster.
 
     Attributes
     ----------
@@ -117,7 +118,7 @@ def _local(o, placement):
 
 @njit(cache=True)
 def _hit(kind, half, ox, oy, oz, dx, dy, dz):
-    # Distance along the ray in units of its direction (inf for a miss) and which axis was hit.
+    # Distance along the ray in units of its direction (inf for a miss), and the axis of the face.
     if kind == BALL:
         a = dx * dx + dy * dy + dz * dz
         b = ox * dx + oy * dy + oz * dz
@@ -180,7 +181,7 @@ def cast(kinds, placement, looks, R, origin, rays, depth, reflectivity, normal):
     rays : numpy.ndarray
         (N, 2) x/z and y/z in the camera's optical frame.
     depth, reflectivity : numpy.ndarray
-        (N,) float32 outputs: metres along the optical axis, NaN for nothing; 0..1.
+        (N,) float32 outputs: metres along the optical axis, NaN for no return; 0 to 1.
     normal : numpy.ndarray
         (N, 3) float32 output in the world, towards the camera.
 
@@ -198,7 +199,7 @@ def cast(kinds, placement, looks, R, origin, rays, depth, reflectivity, normal):
         bx, by, bz = 0.0, 0.0, 0.0
         for s in range(count):
             p = placement[s]
-            if kinds[s] != ROOM:  # Does the ray come near at all?
+            if kinds[s] != ROOM:  # Skip shapes that are far from the ray.
                 cx, cy, cz = p[0] - origin[0], p[1] - origin[1], p[2] - origin[2]
                 dot = cx * wx + cy * wy + cz * wz
                 reach = p[3] * p[3]
@@ -241,7 +242,7 @@ def cast(kinds, placement, looks, R, origin, rays, depth, reflectivity, normal):
 
 @njit(cache=True)
 def in_sight(kinds, placement, one, other):
-    """Say whether nothing but the room lies between two world points."""
+    """Return whether no shape but the room is between two world points."""
     dx, dy, dz = other[0] - one[0], other[1] - one[1], other[2] - one[2]
     for s in range(len(kinds)):
         if kinds[s] == ROOM:

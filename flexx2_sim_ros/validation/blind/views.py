@@ -1,4 +1,4 @@
-"""What one frame looks at: analytic depth, reflectivity, amplitude, base noise and edges."""
+"""The view of one frame: analytic depth, reflectivity, amplitude, base noise and edges."""
 
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
@@ -15,13 +15,13 @@ import numpy as np
 @dataclass(frozen=True)
 class Optics:
     """
-    The real camera's geometry and mode.
+    Geometry and mode of the real camera.
 
     Attributes
     ----------
     mode : Mode
     intrinsics : Intrinsics
-        What the user believes: the K of the recordings.
+        Those that the user knows: the K of the recordings.
 
     """
 
@@ -81,8 +81,8 @@ def pixel_rays(intrinsics: Intrinsics, shift: tuple[float, float] = (0.0, 0.0)) 
     """
     Return x/z and y/z of every pixel, (H * W, 2) float64.
 
-    A point is seen where the pinhole sees it, moved outwards by ``1 + k1 r^2``. `shift` moves
-    all pixels by a part of a pixel.
+    Radial distortion moves a point outwards by ``1 + k1 r^2``. `shift` moves all pixels by a
+    fraction of a pixel.
     """
     v, u = np.mgrid[: intrinsics.height, : intrinsics.width].astype(np.float64)
     x = (u + shift[0] - intrinsics.cx) / intrinsics.fx
@@ -99,21 +99,21 @@ def pixel_rays(intrinsics: Intrinsics, shift: tuple[float, float] = (0.0, 0.0)) 
 @dataclass(frozen=True)
 class View:
     """
-    What the camera looks at in one frame.
+    The scene as the camera sees it in one frame.
 
     Attributes
     ----------
     optics : Optics
     depth : numpy.ndarray
-        (H, W) float32 metres along the optical axis, NaN where nothing is.
+        (H, W) float32 metres along the optical axis, NaN for no return.
     reflectivity : numpy.ndarray
         (H, W) float32.
     solids, R, origin
-        The scene and the true pose, for effects that follow light themselves.
+        The scene and the true pose, for effects that trace rays.
     rays : numpy.ndarray
         (H * W, 2) the true rays.
     irradiance : numpy.ndarray or None
-        Indirect light, where it has been computed before; see `bounce`.
+        Indirect light if it has been computed; see `bounce`.
 
     """
 
@@ -164,19 +164,19 @@ class View:
 
     @cached_property
     def sigma(self) -> np.ndarray:
-        """Return the base sigma_z, (H, W) float32 metres, 0 where nothing is."""
+        """Return the base sigma_z, (H, W) float32 metres, 0 for no return."""
         return np.nan_to_num(
             self.optics.mode.noise.sigma_z(self.depth, np.arccos(np.clip(self.cosine, 0, 1)))
         ).astype(np.float32)
 
     @cached_property
     def path(self) -> np.ndarray:
-        """Distance along the ray, (H, W) float32 metres, 0 where nothing is."""
+        """Distance along the ray, (H, W) float32 metres, 0 for no return."""
         return np.nan_to_num(self.depth * self.ray_length)
 
     @cached_property
     def amplitude(self) -> np.ndarray:
-        """Reflectivity * cos(incidence) / z^2, (H, W) float32 1/m^2, 0 where nothing is."""
+        """Reflectivity * cos(incidence) / z^2, (H, W) float32 1/m^2, 0 for no return."""
         with np.errstate(divide='ignore', invalid='ignore'):
             return np.nan_to_num(self.reflectivity * self.cosine / self.depth**2)
 
@@ -187,7 +187,7 @@ class View:
 
     @cached_property
     def light(self) -> np.ndarray:
-        """Phasors of the undisturbed scene, (J, H, W) complex64."""
+        """Phasors of the scene without effects, (J, H, W) complex64."""
         return phasors(self.amplitude, self.path, self.optics.wavenumbers)
 
 
@@ -234,7 +234,7 @@ def look(
     optics : Optics
         The camera.
     rays : numpy.ndarray, optional
-        The true rays where they are not those the user believes in.
+        The true rays, if they differ from those that the user knows.
 
     Returns
     -------
@@ -257,5 +257,5 @@ def look(
 
 @lru_cache(maxsize=8)
 def shared_optics(usecase: str, width: int, height: int) -> Optics:
-    """Return `Optics.of`, one for all recordings of a process."""
+    """Return `Optics.of`, computed once per process."""
     return Optics.of(usecase, width, height)
