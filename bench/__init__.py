@@ -1,1 +1,1 @@
-"""Measurements: ``python -m bench`` prints them all. Ratios are taken side by side in one run."""
+"""Measurements: ``python -m bench`` prints all of them. Both sides of a ratio run in turns."""

@@ -1,7 +1,7 @@
 """
 Print all measurements, or the named ones: ``python -m bench [NAME ...]``.
 
-The measurements of `_LONG` run when they are named; ``torture`` is all of them.
+The measurements of `_LONG` run only when they are named; ``torture`` means all of them.
 """
 
 import sys
@@ -43,7 +43,7 @@ _ALL = {
     'go1': go1.run,
     'view': view.run,
 }
-# Two hours together.
+# These take two hours together.
 _LONG = {
     'torture_node': torture_node.run,
     'torture_files': torture_files.run,
@@ -53,7 +53,7 @@ _LONG = {
 
 
 def main() -> int:
-    """Run what was asked for."""
+    """Run the named measurements."""
     names = sys.argv[1:] or list(_ALL)
     if 'torture' in names:
         names = [*(name for name in names if name != 'torture'), *_LONG]
@@ -61,7 +61,7 @@ def main() -> int:
     unknown = [name for name in names if name not in known]
     if unknown:
         print(
-            f'unknown: {", ".join(unknown)}; wanted any of {", ".join(known)}, torture',
+            f'NAME: must be of {", ".join(known)}, torture, got {", ".join(unknown)}',
             file=sys.stderr,
         )
         return 2

@@ -1,4 +1,4 @@
-"""Images of another simulator that reach a camera node, by size, quality of service, memory."""
+"""How many images of another simulator reach a camera node, by size and quality of service."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -19,7 +19,7 @@ _PUBLISHER = Path(__file__).with_name('plain_publisher.py')
 
 
 def run() -> None:
-    """Print how many images arrive of those that were sent."""
+    """Print how many of the sent images arrive."""
     os.environ.setdefault('ROS_DOMAIN_ID', str(50 + os.getpid() % 50))
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     pinned = [
@@ -51,7 +51,7 @@ def run() -> None:
 
 
 class _Camera:
-    # Counts what a camera node receives, by its diagnostics.
+    # Reads from its diagnostics how many images a camera node receives.
 
     def __init__(self, namespace: str) -> None:
         from diagnostic_msgs.msg import DiagnosticArray
@@ -81,7 +81,7 @@ class _Camera:
                 )
 
     def received(self) -> int:
-        """Return what the node has received, once two reports agree."""
+        """Return the number of received images when two reports agree."""
         self._reports, self._from = [], time.time()
         deadline = time.monotonic() + 60
         while self._reports[-2:-1] != self._reports[-1:] or not self._reports:
@@ -91,7 +91,7 @@ class _Camera:
         return self._reports[-1]
 
     def close(self) -> None:
-        """Leave the graph."""
+        """Destroy the node."""
         self._executor.shutdown()
         self._node.destroy_node()
         self._context.shutdown()
@@ -127,7 +127,7 @@ def _camera(namespace: str, *parameters: str) -> Iterator[_Camera]:
 def _measure(
     camera: _Camera, size: str, rate: int, reliable: bool, room: bool
 ) -> tuple[int, int, float]:
-    # Images received, images sent, seconds that the slowest took to be published.
+    # Images received, images sent, seconds that the slowest publish call took.
     environment = {
         name: value for name, value in os.environ.items() if name not in PROFILE_VARIABLES
     }

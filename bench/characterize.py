@@ -1,4 +1,4 @@
-"""The whole campaign of the paper, simulated and analysed: what comes out, time, memory."""
+"""The whole campaign of the paper, simulated and analysed: results, time and memory."""
 
 import os
 from pathlib import Path
@@ -22,7 +22,7 @@ _GIGABYTES = 6
 
 
 def run() -> None:
-    """Print everything."""
+    """Print results, time and memory."""
     with tempfile.TemporaryDirectory() as folder:
         free = shutil.disk_usage(folder).free / 1e9
         if free < 1.2 * _GIGABYTES:
@@ -122,9 +122,9 @@ def _linearity() -> None:
     profile = flexx2()
     wanted = conditions(profile, ['Mode_9_30fps'], [1.0, 2.0], [0, 45])
     counts, seconds = (75, 150, 300, 600), []
-    for frames in (75, *counts):  # once more, to compile
+    for frames in (75, *counts):  # run once before, to compile
         with tempfile.TemporaryDirectory() as folder:
-            # Rendering is the same whatever the frames: it is not counted.
+            # Rendering does not depend on the number of frames: it is not counted.
             tasks = capture(Path(folder), wanted, profile, frames=frames)
             next(tasks)
             start = time.process_time()

@@ -1,4 +1,4 @@
-"""The noise, re-measured by the paper's procedure: realised against modelled, cell by cell."""
+"""The simulated noise, measured by the procedure of the paper, against the model."""
 
 from pathlib import Path
 import sys
@@ -18,7 +18,7 @@ _FRAMES = 600
 
 
 def run() -> None:
-    """Print one table a measured mode."""
+    """Print a table for each measured mode."""
     for mode in flexx2().modes:
         if not mode.measured:
             continue

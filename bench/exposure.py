@@ -21,7 +21,7 @@ EXPOSURE_US = {
     'Mode_9_30fps': 350.0,
 }
 _PAIR = 'Mode_5_30fps', 'Mode_5_60fps'
-_NEAREST = 0.3  # metres: from here on a, b and c are fitted
+_NEAREST = 0.3  # metres; a, b and c are fitted to larger distances
 _POINTS = 200
 
 
@@ -41,10 +41,11 @@ def noise_by_exposure(usecase: str) -> dict[str, float]:
     """
     Return a mode's a, b, c, d, n and sigma_x, to the digits of the paper.
 
-    A measured mode keeps its own. The others start from the measured mode whose noise they take by
-    default: d goes as 1 / t, sigma_x as t to the power that the pair gives, and a, b and c are
-    fitted to the hypothesis by least squares of relative residuals. In Mode_9 the share of the
-    floor is that of Mode_5 at equal distance, hence equal amplitude; beyond 2.4 m that at 2.4 m.
+    A measured mode keeps its own values. The others start from the measured mode whose noise they
+    take by default: d is proportional to 1 / t, sigma_x to a power of t that the pair gives, and
+    a, b and c are fitted to the hypothesis by least squares of relative residuals. In Mode_9 the
+    fraction of the floor is that of Mode_5 at the same distance, hence the same amplitude; beyond
+    2.4 m it is that at 2.4 m.
     """
     mode = flexx2().mode(usecase)
     known, time = mode.noise, EXPOSURE_US[usecase]
@@ -71,7 +72,7 @@ def _pair() -> tuple[tuple[float, NoiseModel], tuple[float, NoiseModel]]:
 
 
 def _floor_share(z: np.ndarray, time: float) -> np.ndarray:
-    # Of Mode_5's variance at an exposure, by distance.
+    # The fraction of the floor in Mode_5's variance at an exposure, by distance.
     (slow, at_slow), (fast, at_fast) = _pair()
     calm, noisy = at_slow.sigma_z(z, 0.0) ** 2, at_fast.sigma_z(z, 0.0) ** 2
     read = (noisy - calm) / (fast**-2 - slow**-2)

@@ -1,4 +1,4 @@
-"""What a diagnosis costs, and how that grows with recordings and frames."""
+"""Time and memory of a diagnosis, by the number of recordings and frames."""
 
 from pathlib import Path
 import tempfile
@@ -13,7 +13,7 @@ _SIZES = ((4, 20), (8, 10), (8, 20), (8, 40), (16, 20))
 
 
 def run() -> None:
-    """Print everything."""
+    """Print time and memory."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         for recordings, frames in _SIZES:

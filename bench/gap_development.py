@@ -1,8 +1,8 @@
 """
-How often the diagnosis is right about the simulator's own effects.
+How often the diagnosis is right about the effects of the simulator.
 
-The effects here are those of the catalogue itself and made-up ones; only the errors of pose,
-reflectivity and sigma are foreign to it. Thresholds were chosen on seeds below 100.
+The effects are those of the catalogue and the ones of `bench.gap_novel`. Only the errors of pose,
+reflectivity and sigma are outside the catalogue. Thresholds were chosen on seeds below 100.
 
 python -m bench.gap_development --strength 1 --seeds 101 --scale 0.5
 """
@@ -19,7 +19,7 @@ from flexx2_sim_ros.gap import diagnose
 
 
 def main() -> None:
-    """Print one line a campaign, and the totals."""
+    """Print a line for each campaign, and the totals."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--effects', default='none,novel,all')
     parser.add_argument('--strength', type=float, default=1.0)

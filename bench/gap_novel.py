@@ -1,4 +1,4 @@
-"""Made-up effects that are in no catalogue: a diagnosis must say that it does not know them."""
+"""Effects outside the catalogue: a diagnosis has to answer `unknown` or `partly`."""
 
 from collections.abc import Callable
 from typing import Any
@@ -27,7 +27,7 @@ def _lost_rows(depth: np.ndarray, table: dict[str, Any]) -> np.ndarray:
 
 
 def _slant_bias(depth: np.ndarray, table: dict[str, Any]) -> np.ndarray:
-    # Slanted pixels are pulled towards the camera, found from the depth itself.
+    # Moves slanted pixels towards the camera; the slant is computed from the depth itself.
     clean = np.broadcast_to(table['clean_depth'], depth.shape)
     slope = np.abs(np.gradient(clean, axis=1)) + np.abs(np.gradient(clean, axis=2))
     return depth - np.clip(0.4 * slope, 0, 0.012)

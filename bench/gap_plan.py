@@ -1,9 +1,8 @@
 """
 What `flexx2 gap plan` predicts, against whole diagnoses of the same plan.
 
-Each case is an effect at a strength with a kind of ground truth, whose errors are drawn. A
-prediction is right if the diagnosis names the effect first where the table says that it would,
-and does not where it would not.
+Each case is an effect of some strength with one kind of ground truth, whose errors are drawn. A
+prediction is right if the diagnosis names the effect first exactly when the table predicts it.
 
 python -m bench.gap_plan --seed 101
 """
@@ -34,7 +33,7 @@ def predicted(table: dict[str, object], kind: str, effect: str, strength: float)
 
 
 def main() -> None:
-    """Print one line a case, and the totals."""
+    """Print a line for each case, and the totals."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--cases', default=CASES, help='kind:effect:strength, with commas')
     parser.add_argument('--seed', type=int, default=101)

@@ -1,5 +1,5 @@
 """
-What the diagnosis says with less ground truth: the same rooms, known whole, in part, or as planes.
+Diagnoses of the same rooms with exact ground truth, with a part of it, and with planes only.
 
 Each campaign is diagnosed with its exact clean depth, with about 30 % of it unknown (at all edges
 and in patches), with planes that a tape measure and a set square constrain, with planes fitted to
@@ -21,10 +21,10 @@ from flexx2_sim_ros.gap.data.planes import plane_shifts
 import numpy as np
 from scipy import ndimage
 
-_LEAST = 0.015  # of the image, that a plane must cover
+_LEAST = 0.015  # fraction of the image that a plane must cover
 _TRIES = 300
-TAPE, SQUARE = 0.003, 0.3  # metres, degrees: what people measure of a plane
-LOOSE = 0.1, 5.0  # where nothing was measured
+TAPE, SQUARE = 0.003, 0.3  # metres, degrees: accuracy of a plane measured by hand
+LOOSE = 0.1, 5.0  # without a measurement
 
 
 def hide(content: dict[str, np.ndarray], seed: int) -> dict[str, np.ndarray]:
@@ -46,24 +46,24 @@ def hide(content: dict[str, np.ndarray], seed: int) -> dict[str, np.ndarray]:
 
 
 def constrain(content: dict[str, np.ndarray], seed: int) -> dict[str, np.ndarray]:
-    """Return a recording whose planes lie where a tape measure and a set square say."""
+    """Return a recording with planes as measured by a tape measure and a set square."""
     return _as_planes(content, content['clean_depth'], 0.001, TAPE, SQUARE, seed, exact=False)
 
 
 def fit_planes(content: dict[str, np.ndarray], seed: int) -> dict[str, np.ndarray]:
-    """Return a recording with planes fitted to its own frames, and nothing else known of them."""
+    """Return a recording with planes that are only fitted to its own frames."""
     depth = np.nanmedian(content['depth'], axis=0)
     return _as_planes(content, depth, 0.012, *LOOSE, seed, exact=True)
 
 
 def fit_as_exact(content: dict[str, np.ndarray], seed: int) -> dict[str, np.ndarray]:
-    """Return the same as if the planes were exact."""
+    """Return a recording with planes fitted to its frames, declared exact."""
     out = fit_planes(content, seed)
     return {key: value for key, value in out.items() if not key.startswith('plane')}
 
 
 def exact(content: dict[str, np.ndarray], seed: int) -> dict[str, np.ndarray]:
-    """Return a recording as it is."""
+    """Return the recording unchanged."""
     return content
 
 
@@ -85,7 +85,7 @@ def _as_planes(
     seed: int,
     exact: bool,
 ) -> dict[str, np.ndarray]:
-    # Planes (p = a u + b v + c in inverse depth) where depth has them; the rest is unknown.
+    # Planes (p = a u + b v + c in inverse depth) that depth contains; other pixels are unknown.
     rng = np.random.default_rng(seed)
     plane, clean = find_planes(depth, tolerance, rng)
     count = int(plane.max())
@@ -118,7 +118,7 @@ def find_planes(
     tolerance : float
         Largest distance of a pixel from its plane, metres.
     rng : numpy.random.Generator
-        For the draws of pixels.
+        Draws the pixels.
 
     Returns
     -------
@@ -162,7 +162,7 @@ def _near(
 
 
 def rewrite(folder: Path, truth: str, seed: int = 0) -> None:
-    """Give all recordings of a campaign another kind of ground truth."""
+    """Replace the ground truth of all recordings of a campaign."""
     for i, path in enumerate(sorted(folder.glob('*.npz'))):
         with np.load(path) as archive:
             content = dict(archive)
@@ -170,7 +170,7 @@ def rewrite(folder: Path, truth: str, seed: int = 0) -> None:
 
 
 def verdict(table: dict[str, Any]) -> str:
-    """Return what a diagnosis says in one line."""
+    """Return the answer of a diagnosis in one line."""
     found = [f'{row["name"]} {row["share"]:.2f}' for row in table['effects']]
     ties = [row['name'] for row in table['alternatives']]
     open_ = [row['name'] for row in table.get('not_decidable', [])]
@@ -181,7 +181,7 @@ def verdict(table: dict[str, Any]) -> str:
 
 
 def main() -> None:
-    """Print one line for each effect, truth and seed."""
+    """Print a line for each effect, ground truth and seed."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--effects', default='none,offset,multipath,amplitude_bias')
     parser.add_argument('--truths', default=','.join(TRUTHS))

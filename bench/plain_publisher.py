@@ -1,7 +1,7 @@
 """
-Publish clean depth as another simulator does: rclpy alone, nothing of this package.
+Publish clean depth as another simulator does: with rclpy only, without this package.
 
-``python bench/plain_publisher.py NAMESPACE`` publishes a wall, as soon as somebody subscribes.
+``python bench/plain_publisher.py NAMESPACE`` publishes a wall as soon as there is a subscriber.
 """
 
 import argparse
@@ -16,7 +16,7 @@ from sensor_msgs.msg import CameraInfo, Image
 
 
 def main() -> None:
-    """Publish, then print how many images were sent and what the slowest took, as JSON."""
+    """Publish, then print the number of images and the slowest publish call, as JSON."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('namespace')
     parser.add_argument('--size', default='224x172', help='of the images, pixels')
@@ -44,7 +44,7 @@ def main() -> None:
     print('ready', flush=True)
     while not (images.get_subscription_count() and infos.get_subscription_count()):
         time.sleep(0.02)
-    time.sleep(1.0)  # The subscriber may change its mind about what it asks for.
+    time.sleep(1.0)  # The subscriber may change the quality of service that it requests.
     slowest, start = 0.0, time.perf_counter()
     for index in range(options.count):
         time.sleep(max(0.0, start + index / options.rate - time.perf_counter()))

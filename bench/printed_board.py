@@ -1,4 +1,4 @@
-"""A printed board before a camera, drawn by tracing many rays: shares no code with the package."""
+"""A printed board in front of a camera, ray traced; shares no code with the package."""
 
 import cv2
 import numpy as np
@@ -8,8 +8,8 @@ WIDTH, HEIGHT, FOCAL = 224, 172, 186.0
 K = np.array([[FOCAL, 0, 111.2], [0, FOCAL, 86.1], [0, 0, 1]])
 # Width and height of the sheet, side of a tag and gap between tags, metres.
 SHEETS = {'A3': (0.420, 0.297, 0.115, 0.025), 'A2': (0.594, 0.420, 0.165, 0.030)}
-_FINE = 2000  # pixels a metre of the drawing
-_RAYS = 8  # a pixel and axis
+_FINE = 2000  # pixels per metre of the drawing
+_RAYS = 8  # rays per pixel and axis
 _WALL = 0.4  # metres behind the board
 
 
@@ -37,7 +37,7 @@ class Board:
     tilt, turn : float
         Degrees about x and y.
     size : float
-        How much larger it was printed.
+        Factor by which the print is too large.
     name : str
         One of `SHEETS`.
 
@@ -46,7 +46,7 @@ class Board:
     def __init__(
         self, distance: float, tilt: float, turn: float, size: float = 1.0, name: str = 'A3'
     ) -> None:
-        """Place it."""
+        """Place the board."""
         self.R = Rotation.from_euler('zxy', [3, tilt, turn], degrees=True).as_matrix()
         self.t = np.array([0.03, -0.02, distance])
         self.size = size
@@ -96,7 +96,7 @@ def gray_of(light: np.ndarray, noise: float, rng: np.random.Generator) -> np.nda
 
 
 def _rays(lens: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    # Of pixels' centres, and what they change by to the next pixel across and down.
+    # Rays of the pixel centres, and their differences to the next column and row.
     v, u = np.mgrid[:HEIGHT, :WIDTH].astype(np.float64)
     return (
         _ray(lens, u, v),

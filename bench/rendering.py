@@ -1,4 +1,4 @@
-"""The cost of rendering the built-in scene, a camera."""
+"""The time of rendering the built-in scene, per camera."""
 
 from bench.timing import peak_megabytes, side_by_side
 from flexx2_sim_ros.camera import flexx2
@@ -10,7 +10,7 @@ import mujoco
 
 
 def run(rounds: int = 60) -> None:
-    """Print milliseconds a camera for every backend that works here."""
+    """Print milliseconds per camera for every backend that works on this machine."""
     intrinsics = flexx2().intrinsics
     model = build_model(intrinsics=intrinsics)
     data = mujoco.MjData(model)

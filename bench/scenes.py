@@ -1,4 +1,4 @@
-"""A cluttered room, computed: what the speed measurements look at."""
+"""A computed room with many edges, for measurements of speed."""
 
 from flexx2_sim_ros.profiles.modes import flexx2
 import numpy as np

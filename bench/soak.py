@@ -1,8 +1,8 @@
 """
-Two camera nodes for an hour, at 60 Hz each with four effects on: memory, and what is lost.
+Two camera nodes for an hour, at 60 Hz each with four effects: memory and losses.
 
 ``python -m bench.soak [MINUTES [SEED]]`` adds a line to ``build/torture/soak.jsonl`` every 30 s,
-so that a soak that was interrupted leaves what it had measured.
+so the results of an interrupted run are kept.
 """
 
 from collections.abc import Callable, Iterator
@@ -30,7 +30,7 @@ _SAMPLE_SECONDS = 30.0
 _WARM_UP_SECONDS = 300.0
 _PATIENCE = 90.0
 _SCENES = 16
-# What became of every image that a node received, by the names in its diagnostics.
+# The counters of received images, by their names in the diagnostics.
 _FATES = (
     'frames published',
     "inputs dropped (not due at the mode's rate)",
@@ -48,9 +48,9 @@ def run(minutes: float = 60.0, seed: int = 0, out: Path = FOLDER) -> Sample:
     Parameters
     ----------
     minutes : float
-        How long.
+        Duration.
     seed : int
-        Of the scene and of both cameras.
+        Seed of the scene and of both cameras.
     out : Path
         Folder for ``soak.jsonl``: a line for each sample, the last of them after the end.
 
@@ -126,7 +126,7 @@ class _Reports:
             self._spin_once(self._node, timeout_sec=min(left, 0.5))
 
     def settle(self) -> None:
-        # Two reports of each node that agree: it has taken all that was sent.
+        # When two reports of each node agree, it has received everything.
         end = time.monotonic() + _PATIENCE
         before: Any = None
         while time.monotonic() < end:
@@ -207,7 +207,7 @@ def _keep(path: Path, samples: list[Sample], sample: Sample) -> None:
 
 
 def _last(log: Path) -> dict[str, int]:
-    # The last whole line of counters that a child printed.
+    # The last complete line of counters that a child process printed.
     lines = [line for line in log.read_text().splitlines(True) if line.startswith('{')]
     whole = [line for line in lines if line.endswith('}\n')]
     return json.loads(whole[-1]) if whole else {}
@@ -300,10 +300,10 @@ def _publish(seed: int) -> None:
         scenes.append(image)
     while not (told or all(publisher.get_subscription_count() for publisher, _ in topics)):
         time.sleep(0.05)
-    time.sleep(2.0)  # The nodes may change their minds about what they ask for.
+    time.sleep(2.0)  # The nodes may change the quality of service that they request.
     sent, tick, begun = 0, 0, time.monotonic()
     while not told:
-        # A tick that was missed is left out, not made up for.
+        # A missed tick is skipped.
         tick = max(tick + 1, int((time.monotonic() - begun) * _RATE))
         time.sleep(max(0.0, begun + tick / _RATE - time.monotonic()))
         image = scenes[sent % _SCENES]
@@ -316,7 +316,7 @@ def _publish(seed: int) -> None:
         if sent % _RATE == 0:
             print(json.dumps(dict.fromkeys(_CAMERAS, sent)), flush=True)
     print(json.dumps(dict.fromkeys(_CAMERAS, sent)), flush=True)
-    time.sleep(5.0)  # For what is to be sent again.
+    time.sleep(5.0)  # Time to send lost messages again.
     rclpy.try_shutdown()
 
 

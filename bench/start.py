@@ -1,4 +1,4 @@
-"""From the start of a camera node's process to its first image, what it compiles being kept."""
+"""Time from the start of a camera node's process to its first image, with a filled cache."""
 
 import os
 import statistics
@@ -17,7 +17,7 @@ _WANTED = 3.0
 
 
 def run() -> None:
-    """Print how long each of five starts took; one before them fills the cache."""
+    """Print the time of each of five starts; a start before them fills the cache."""
     os.environ.setdefault('ROS_DOMAIN_ID', str(50 + os.getpid() % 50))
     import rclpy
     from sensor_msgs.msg import CameraInfo, Image

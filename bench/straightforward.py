@@ -1,4 +1,4 @@
-"""The noise as one writes it in an hour with NumPy: the yardstick for speed, not for truth."""
+"""A simple NumPy implementation of the noise, to compare speed only."""
 
 from flexx2_sim_ros.profiles.modes import Mode
 import numpy as np
@@ -10,7 +10,8 @@ def straightforward(
     """
     Add sigma_z(z, theta) after shifting every pixel by a Gaussian offset of its own.
 
-    Re-measured, its edges jitter too little and its slanted surfaces too much.
+    Measured by the procedure of the paper, its edges move too little and its slanted surfaces are
+    too noisy.
     """
     noise = mode.noise
     height, width = depth.shape

@@ -25,10 +25,10 @@ def side_by_side(
     clock: Callable[[], float] = time.perf_counter,
 ) -> dict[str, float]:
     """
-    Return the median milliseconds of each function, called in turns.
+    Return the median milliseconds of each function; they are called in turns.
 
-    Taking turns lets whatever else the machine does meet all of them alike. With
-    ``clock=time.process_time`` it counts only what they themselves compute.
+    Other load on the machine then affects all functions alike. With ``clock=time.process_time``
+    only their own CPU time counts.
     """
     for function in functions.values():
         function()
@@ -42,5 +42,5 @@ def side_by_side(
 
 
 def peak_megabytes() -> float:
-    """Return this process's largest resident memory so far."""
+    """Return the largest resident memory of this process so far, MB."""
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024

@@ -1,7 +1,7 @@
 """
 Damaged and hostile files through every command that reads them.
 
-``python -m bench.torture_files [FILES [SEED]]`` goes on where an earlier run of the seed ended.
+``python -m bench.torture_files [FILES [SEED]]`` resumes an earlier run with the same seed.
 """
 
 from collections import Counter
@@ -34,13 +34,13 @@ sys.path.insert(0, str(Path(__file__).parent.parent / 'test'))
 
 from made_bags import every_kind, unlike  # noqa: E402, I100
 
-# A command that computes for longer hangs; one that waits may be on a busy machine.
+# A command with more CPU time than this hangs. Waiting may be due to a busy machine.
 _HANG_SECONDS = 20
 _WAIT_SECONDS = 120
 _BAD = ('traceback', 'hang', 'wrong')
-# Small recordings are read fast, and damage hits their structure more often.
+# Small recordings are fast to read, and damage is more often in their structure.
 _FRAMES = 4
-# More than cores: a process waits for the disk, and for subscribers.
+# More processes than cores: they wait for the disk and for subscribers.
 _PROCESSES = 4
 _SAID = ('damaged', 'cut off', 'not whole')
 _HOSTILE_SHAPES = (
@@ -113,7 +113,7 @@ _DAMAGES: tuple[Callable[[bytearray, np.random.Generator], None], ...] = (
 
 
 def _hostile(path: Path, whole: Path, rng: np.random.Generator) -> None:
-    """Write an archive with one array of a shape, type and key that nobody writes."""
+    """Write an archive with one array of an unusual shape, type and key."""
     key = _HOSTILE_KEYS[int(rng.integers(len(_HOSTILE_KEYS)))]
     text = (
         f"{{'descr': {_HOSTILE_TYPES[int(rng.integers(len(_HOSTILE_TYPES)))]!r}, "
@@ -129,7 +129,7 @@ def _hostile(path: Path, whole: Path, rng: np.random.Generator) -> None:
 
 
 def _words(index: int, kind: str, path: Path, whole: Path, folder: Path) -> list[str]:
-    """Return the command that reads a file: every one, those that take seconds seldom."""
+    """Return a command that reads the file; slow commands are rare."""
     out = folder / 'out'
     if path.suffix == '.yaml':
         option = '--profile' if kind == 'profile' else '--effects'
@@ -146,7 +146,7 @@ def _words(index: int, kind: str, path: Path, whole: Path, folder: Path) -> list
 
 
 class _Hang(BaseException):
-    # No command may catch it.
+    # Commands must not catch this exception.
     pass
 
 
@@ -215,7 +215,7 @@ def _call(words: list[str]) -> tuple[str, str]:
             outcome = str(main(words))
     except _Hang:
         return 'hang', said.getvalue()
-    except BaseException:  # Whatever escapes a command is what is looked for.
+    except BaseException:  # Any exception that a command does not handle is a finding.
         return 'traceback', traceback.format_exc()
     finally:
         _limit(0, 0)
@@ -223,7 +223,7 @@ def _call(words: list[str]) -> tuple[str, str]:
 
 
 def _end_with(parent: int) -> None:
-    # Forked processes hold one another's pipes open: a pipe would not tell that the parent ended.
+    # Forked processes keep each other's pipes open, so a pipe does not show that the parent ended.
     def watch() -> None:
         while os.getppid() == parent:
             time.sleep(0.5)
@@ -252,23 +252,23 @@ def _warm(kinds: dict[str, Path]) -> None:
 
 def run(files: int = 10_000, seed: int = 0, out: Path = FOLDER) -> dict[str, Any]:
     """
-    Send damaged files through the commands, print what happened, and return it.
+    Run the commands on damaged files; print and return the outcomes.
 
     Parameters
     ----------
     files : int
-        How many.
+        Number of files.
     seed : int
-        Of the damage.
+        Seed of the damage.
     out : Path
         Folder for ``files.jsonl``, a line for each file; files that are in it are left out.
 
     Returns
     -------
     dict
-        Counts by outcome (exit codes, ``traceback``, ``hang``, ``wrong`` for other values without
-        a word), ``commands``, ``details`` of the bad ones, the longest time (``seconds``, and
-        ``computing`` of it) and the peak memory of a process.
+        Counts by outcome (exit codes, ``traceback``, ``hang``, ``wrong`` for changed values
+        without a message), ``commands``, ``details`` of the bad ones, the longest time
+        (``seconds``, and ``computing`` of it) and the peak memory of a process.
 
     """
     journal = Journal(out / 'files.jsonl', seed=seed)

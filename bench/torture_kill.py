@@ -1,7 +1,7 @@
 """
-Kill every writer and every command with children, at random moments; say what is left.
+Kill every command that writes files or starts processes at random moments; check the rest.
 
-``python -m bench.torture_kill [KILLS [SEED]]`` goes on where an earlier run of the seed ended.
+``python -m bench.torture_kill [KILLS [SEED]]`` resumes an earlier run with the same seed.
 """
 
 from collections import Counter
@@ -24,7 +24,7 @@ from flexx2_sim_ros.recording import open_recording
 import numpy as np
 
 _MARK = 'FLEXX2_TORTURE'
-_PATIENCE = 30.0  # seconds for children to end
+_PATIENCE = 30.0  # seconds until children have ended
 _SHARE_KILLED = 0.5  # the others get SIGINT or SIGTERM
 _WRONG = ('orphans', 'damaged', 'leftovers', 'loud')
 _QUIET = ('Traceback', 'Exception', 'Error', 'Warning')
@@ -42,7 +42,7 @@ def _whole_png(path: Path) -> None:
         raise ValueError(f'{path}: cut off')
 
 
-# Command, seconds it takes at least to have begun everything, and a check of each output.
+# Command, seconds until it has started everything, and a check of each output.
 _COMMANDS: dict[str, tuple[tuple[str, ...], float, dict[str, Check]]] = {
     'simulate': (
         ('simulate', 'campaign/a.npz', 'out.npz', '--frames', '4000'),
@@ -85,23 +85,23 @@ _COMMANDS: dict[str, tuple[tuple[str, ...], float, dict[str, Check]]] = {
 
 def run(kills: int = 240, seed: int = 0, out: Path = FOLDER) -> dict[str, Any]:
     """
-    Start commands in turn, end each at a random moment, half of them with kill -9; print a table.
+    Start commands, end each at a random moment, half of them with kill -9; print a table.
 
     Parameters
     ----------
     kills : int
-        How many.
+        Number of kills.
     seed : int
-        Decides moments and signals.
+        Seed of the moments and signals.
     out : Path
         Folder for ``kills.jsonl``, a line for each kill; kills that are in it are left out.
 
     Returns
     -------
     dict
-        ``kills`` in all; ``by_command`` and ``by_signal``; ``finished``, how many were done
-        before; and lists of words on what went wrong: ``orphans``, ``damaged``, ``leftovers``
-        (of SIGINT and SIGTERM), ``loud`` (wrong exit status or a traceback on these).
+        ``kills`` in total, ``by_command`` and ``by_signal``; ``finished``, the number of commands
+        that ended before the kill; and lists of failures: ``orphans``, ``damaged``, ``leftovers``
+        (after SIGINT and SIGTERM), ``loud`` (wrong exit status or a traceback after these).
 
     """
     journal = Journal(out / 'kills.jsonl', seed=seed)

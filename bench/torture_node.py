@@ -1,5 +1,5 @@
 """
-A camera node under hostile messages and parameter calls, in a process of its own.
+A camera node in a separate process that gets hostile messages and parameter calls.
 
 ``python -m bench.torture_node [MESSAGES [SEED]]``
 """
@@ -22,10 +22,10 @@ from flexx2_sim_ros.profiles.modes import flexx2
 import numpy as np
 
 _NODE = 'torture/flexx2_camera'
-# Requests under way at a time; an answer that takes longer than this is a frozen node.
+# Pending requests; and seconds after which a node without an answer counts as frozen.
 _WAITING = 8
 _ANSWER_SECONDS = 60.0
-# Memory is looked at so many times; that many of them are warm-up.
+# Number of memory samples; and number of those that are warm-up.
 _PARTS, _WARM_UP = 10, 2
 _ENCODINGS = ('32FC1', '64FC1', '16UC1', 'mono8', 'rgb8', '', 'x' * 300, '\x1b[31m', '32FC2')
 _SIZES = (0, 1, 2, 7, 172, 224, 4096, 2**16, 2**31, 2**32 - 1)
@@ -67,9 +67,9 @@ def run(messages: int = 100_000, seed: int = 0) -> dict[str, Any]:
     Parameters
     ----------
     messages : int
-        How many.
+        Number of messages.
     seed : int
-        Of what is sent.
+        Seed of the messages.
 
     Returns
     -------
@@ -113,13 +113,13 @@ def _node(folder: Path) -> Iterator[tuple[subprocess.Popen[bytes], Path]]:
         process.terminate()
         try:
             process.wait(30)
-        except subprocess.TimeoutExpired:  # It is frozen, which the result says.
+        except subprocess.TimeoutExpired:  # The node is frozen; the result says so.
             process.kill()
             process.wait()
 
 
 class _User:
-    # Who sends to the node and listens to it.
+    # Sends to the node and listens to it.
 
     def __init__(self, process: subprocess.Popen[bytes]) -> None:
         import rclpy
@@ -179,7 +179,7 @@ class _User:
         self.heard.clear()
 
     def all_answered(self, left: int) -> bool:
-        # Waits until at most so many requests are under way.
+        # Waits until at most this many requests are pending.
         self.spin_until(lambda: sum(not future.done() for future in self.waiting) <= left)
         self.answered += sum(future.done() for future in self.waiting)
         self.waiting = [future for future in self.waiting if not future.done()]
@@ -187,7 +187,7 @@ class _User:
 
     def still_publishes(self) -> bool:
         self.heard.clear()
-        # Stamps that were not sent before.
+        # Stamps that were not used before.
         stamps = iter(range(2 * 10**18, 3 * 10**18, 10**9))
 
         def came() -> bool:
@@ -209,7 +209,7 @@ def _torture(
     user = _User(process)
     try:
         start, sent, resident = time.monotonic(), 0, [resident_mb(process.pid)]
-        answers = any(user.ready() for _ in range(3))  # A busy machine starts slowly.
+        answers = any(user.ready() for _ in range(3))  # Starting takes long on a busy machine.
         while answers and sent < messages:
             user.send(sent, rng, str(folder))
             sent += 1

@@ -1,4 +1,4 @@
-"""The page: how soon the robot is stopped when a page that drives falls silent."""
+"""How soon the robot stops when the heartbeat of the page that drives it ends."""
 
 import asyncio
 from collections.abc import Iterator
@@ -27,7 +27,7 @@ _DRAWN_HZ = 60.0
 
 
 def run() -> None:
-    """Print the time from a page's last heartbeat to the zero Twist."""
+    """Print the time from the last heartbeat of a page to the zero Twist."""
     os.environ.setdefault('ROS_DOMAIN_ID', str(50 + os.getpid() % 50))
     print(
         f'flexx2 view --demo, {len(os.sched_getaffinity(0))} cores; a page holds a key for '
@@ -68,7 +68,7 @@ def _demo() -> Iterator[str]:
 
 @contextmanager
 def _other_pages(url: str, count: int) -> Iterator[Any]:
-    # A process of their own, as browsers are.
+    # A separate process, as browsers are.
     context = multiprocessing.get_context('spawn')
     frames = context.Value('q', 0)
     process = context.Process(target=_watch, args=(url, count, frames), daemon=True)
@@ -87,7 +87,7 @@ def _watch(url: str, count: int, frames: Any) -> None:
             if isinstance(message, bytes):
                 frames.value += 1
                 name = json.loads(message[4 : 4 + int.from_bytes(message[:4], 'little')])['camera']
-                # Drawn with the screen's next picture.
+                # Drawn with the next frame of the screen.
                 asyncio.get_running_loop().call_later(
                     1 / _DRAWN_HZ,
                     lambda name=name: socket.write_message(json.dumps({'drawn': name})),
@@ -165,7 +165,7 @@ async def _drive(
         early += sum(not moving for at, moving in heard if at < sent)
         stops = [at for at, moving in heard if not moving and at > sent]
         late.append(1e3 * (stops[-1] - sent) if stops else float('inf'))
-        # Not in step with the server's timers.
+        # Not synchronous with the timers of the server.
         await asyncio.sleep(float(generator.uniform(0.2, 0.5)))
     seconds = time.monotonic() - began
     hz = (frames.value - first) / seconds / max(1, pages - 1) / _CAMERAS
