@@ -30,8 +30,10 @@ __all__ = [
     'JOINTS',
     'JointState',
     'Odometry',
+    'RATE',
     'RobotUnderTest',
     'Twist',
+    'exact',
     'joints',
     'odometry',
     'place',
@@ -47,6 +49,13 @@ _numbers = itertools.count()
 _legs = load_robot().legs
 assert _legs is not None
 JOINTS = _legs.all_names
+RATE = 60  # hertz
+
+
+def exact(stamps: Sequence[int], rate: int = RATE) -> bool:
+    """Say whether stamps are those of ticks that follow each other."""
+    first = round(stamps[0] * rate / 1e9)
+    return stamps == [k * 10**9 // rate for k in range(first, first + len(stamps))]
 
 
 class RobotUnderTest(Listener):

@@ -21,9 +21,9 @@ from made_bags import (
 )
 import numpy as np
 import pytest
+from recorders import finish, flexx2
 import streams
 from streams import CameraInfo, Image, image_message, info_message
-from test_record_replay import finish, flexx2
 
 CLOUDLESS = depths(3, 5, 4, seed=1)
 

@@ -1,5 +1,6 @@
 """`/tf_static`, `/tf` and `/clock` beside the cameras: recorded by default, replayed alike."""
 
+from collections.abc import Iterator
 from pathlib import Path
 import signal
 
@@ -7,10 +8,10 @@ from flexx2_sim_ros.recording.bag_files import Bag
 from geometry_msgs.msg import TransformStamped
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from recorders import finish, flexx2, open_source, Source
 from rosbags.rosbag2 import Reader
 from rosgraph_msgs.msg import Clock
 import streams
-from test_record_replay import finish, flexx2, Source, source  # noqa: F401
 import yaml
 
 pytestmark = pytest.mark.usefixtures('ros')
@@ -19,6 +20,12 @@ LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 BEST_EFFORT = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
 # tf2_msgs is not among the packages that pip installs; the topic's name and QoS are what counts.
 KIND = TransformStamped
+
+
+@pytest.fixture
+def source() -> Iterator[Source]:
+    with open_source() as found:
+        yield found
 
 
 def test_frames_are_recorded_and_replayed_with_their_qos(

@@ -13,12 +13,10 @@ from urllib.request import Request, urlopen
 
 from browser import chromium
 from flexx2_sim_ros.camera import Intrinsics
-from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.physics.geometry import pixel_rays
 from flexx2_sim_ros.view import server as server_module
 from flexx2_sim_ros.view.access import Access
-from flexx2_sim_ros.view.colours import depth_table, difference_table, INVALID
-from flexx2_sim_ros.view.packing import pack, pack_depth, UNIT, ViewedFrame
+from flexx2_sim_ros.view.packing import pack, ViewedFrame
 from flexx2_sim_ros.view.server import bind, Server
 import numpy as np
 import pytest
@@ -383,44 +381,6 @@ def test_the_page_loads_nothing_from_elsewhere(served: tuple[Server, Source]) ->
     assert status_of(server.port, '/', Host='evil.example')[0] == 403
 
 
-def test_packing_keeps_what_is_valid() -> None:
-    depth = np.array([[np.nan, 0.0, -1.0, np.inf], [1e-5, 1.5, 7.0, 40.0]], np.float32)
-    packed = pack_depth(depth)
-    assert packed.dtype == np.dtype('<u2')
-    assert packed[0].tolist() == [0, 0, 0, 65535]
-    assert packed[1].tolist() == [1, round(1.5 / UNIT), round(7.0 / UNIT), 65535]
-    valid = np.random.default_rng(0).uniform(0.05, 16, (172, 224)).astype(np.float32)
-    np.testing.assert_allclose(pack_depth(valid) * UNIT, valid, atol=UNIT / 2 + 1e-5)
-
-
-@pytest.mark.parametrize('with_clean', [True, False])
-def test_a_frame_as_bytes(with_clean: bool) -> None:
-    simulated, clean = (np.full((3, 4), value, np.float32) for value in (1.25, 1.5))
-    message = pack(
-        'left', ViewedFrame(1, 1_500_000_000, simulated, clean if with_clean else None, CAMERA)
-    )
-    length = int.from_bytes(message[:4], 'little')
-    assert length % 4 == 0
-    head = json.loads(message[4 : 4 + length])
-    assert head == {
-        'camera': 'left',
-        'stamp': 1.5,
-        'unit': UNIT,
-        'width': 4,
-        'height': 3,
-        'fx': 3.0,
-        'fy': 3.0,
-        'cx': 1.5,
-        'cy': 1.0,
-        'distortion': [0.0] * 5,
-        'clean': with_clean,
-    }
-    images = np.frombuffer(message, '<u2', offset=4 + length).reshape(-1, 3, 4)
-    assert len(images) == 1 + with_clean
-    np.testing.assert_allclose(images[0] * UNIT, 1.25)
-    np.testing.assert_allclose(images[1:] * UNIT, 1.5)
-
-
 @pytest.mark.parametrize(
     'distortion',
     [
@@ -446,67 +406,3 @@ def test_the_point_cloud_is_undistorted(
     np.testing.assert_allclose(
         np.array(rays, float).reshape(2, 43, 56), pixel_rays(camera), atol=1e-6
     )
-
-
-def test_different_values_have_different_colours() -> None:
-    weights = np.array([0.2126, 0.7152, 0.0722])
-    depth, difference = (table().astype(float) for table in (depth_table, difference_table))
-    assert depth.shape == difference.shape == (256, 3)
-    # Depth gets lighter all the way, a difference to either side: told apart without hues too.
-    assert (np.diff(depth @ weights)[4:] > -0.5).all()
-    light = difference @ weights
-    assert light.argmin() in range(120, 137)
-    assert light[128] < 25
-    assert (light[[0, 255]] > 190).all()
-    # Orange is red over blue, blue the reverse; grey is invalid.
-    assert difference[64, 2] > difference[64, 0] + 100
-    assert difference[192, 0] > difference[192, 2] + 100
-    assert np.abs(depth - INVALID).sum(axis=1).min() > 40
-
-
-def test_a_port_in_use_is_reported_before_anything_starts(
-    capsys: pytest.CaptureFixture[str], tmp_path: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv('TMPDIR', str(tmp_path))
-    with socket.create_server(('127.0.0.1', 0)) as other:
-        port = other.getsockname()[1]
-        assert main(['view', '--demo', '--no-browser', '--port', str(port)]) == 2
-    said = capsys.readouterr()
-    assert said.out == ''
-    assert said.err == (
-        f'flexx2: error: --port: must be free, or 0 for any, got {port}, which is in use '
-        'on 127.0.0.1\n'
-    )
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize(
-    ('options', 'said'),
-    [
-        (['--port', '70000'], '--port: must be a whole number from 0 to 65535'),
-        (['--port', '-1'], '--port: must be a whole number from 0 to 65535'),
-        (
-            ['--host', '203.0.113.1', '--port', '0'],
-            "--host: must be an address of this machine, got '203.0.113.1'",
-        ),
-        (
-            ['--host', 'no.such.host.invalid'],
-            "--host: must be an address of this machine, got 'no.such.host.invalid'",
-        ),
-    ],
-)
-def test_an_invalid_address_is_reported(
-    capsys: pytest.CaptureFixture[str], options: list[str], said: str
-) -> None:
-    assert main(['view', '--no-browser', *options]) == 2
-    error = capsys.readouterr().err
-    assert said in error
-    assert error.count('\n') == 1
-
-
-def test_help_names_what_shows_the_cameras(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit, match='0'):
-        main(['--help'])
-    said = ' '.join(capsys.readouterr().out.split())
-    for word in ('view', 'RViz', 'flexx2.rviz', 'Foxglove', 'foxglove.json'):
-        assert word in said

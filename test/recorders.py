@@ -1,0 +1,154 @@
+"""Cameras whose topics are recorded, and the commands `flexx2 record` and `flexx2 replay`."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+import itertools
+from pathlib import Path
+import signal
+import subprocess
+import sys
+import time
+from typing import Any
+
+from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.recording import load_recording
+import numpy as np
+from rclpy.duration import Duration
+import streams
+from streams import CameraInfo, Image, image_message, info_message
+
+ROOT = Path(__file__).resolve().parents[1]
+
+PATIENCE = 60.0
+
+SECOND = 1_000_000_000
+
+STEP = SECOND // 60
+
+CAMERAS = ('left', 'right')
+
+_numbers = itertools.count()
+
+
+def until(condition: Callable[[], Any], what: str) -> None:
+    """Wait for what another process does."""
+    deadline = time.monotonic() + PATIENCE
+    while not condition():
+        assert time.monotonic() < deadline, f'{what}: did not come about within {PATIENCE} s'
+        time.sleep(0.01)
+
+
+@contextmanager
+def flexx2(child_env: dict[str, str], *words: object) -> Iterator[subprocess.Popen[str]]:
+    """Run the command as a process, which is over at the end of the block."""
+    with subprocess.Popen(
+        [sys.executable, '-m', 'flexx2_sim_ros.cli.main', *map(str, words)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=child_env | {'COLUMNS': '200'},
+    ) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+def finish(process: subprocess.Popen[str], number: signal.Signals | None = None) -> str:
+    """End a process, if it does not by itself, and return what it printed; all has to be well."""
+    if number is not None:
+        process.send_signal(number)
+    out, err = process.communicate(timeout=PATIENCE)
+    assert process.returncode == (0 if number is None else 128 + number), err
+    assert 'Traceback' not in err
+    return out
+
+
+class Source:
+    """What two cameras publish, frame by frame; every frame is another."""
+
+    def __init__(self, listener: streams.Listener, depth: int = 1000) -> None:
+        """Open the topics; names are this source's own."""
+        space = f'/source_{next(_numbers)}'
+        self.cameras = [f'{space}/{name}' for name in CAMERAS]
+        self.listener = listener
+        kinds = {
+            'clean/camera_info': CameraInfo,
+            'flexx2_camera/camera_info': CameraInfo,
+            'clean/depth_image': Image,
+            'clean/reflectivity': Image,
+            'flexx2_camera/depth_image_0': Image,
+        }
+        self.publishers = {
+            f'{camera}/{topic}': listener.node.create_publisher(kind, f'{camera}/{topic}', depth)
+            for camera in self.cameras
+            for topic, kind in kinds.items()
+        }
+        self.sent: dict[str, list[Any]] = {topic: [] for topic in self.publishers}
+
+    @property
+    def names(self) -> list[str]:
+        """Return the cameras' names."""
+        return [camera.strip('/') for camera in self.cameras]
+
+    def wait(self) -> None:
+        """Wait until every topic has a subscriber."""
+        self.listener.spin_until(
+            lambda: all(
+                publisher.get_subscription_count() for publisher in self.publishers.values()
+            ),
+            'subscribers',
+        )
+
+    def publish(self, count: int) -> None:
+        """Publish the next frames."""
+        first = len(next(iter(self.sent.values())))
+        for index in range(first, first + count):
+            rng = np.random.default_rng(index)
+            for topic, publisher in self.publishers.items():
+                stamp = SECOND + index * STEP
+                if topic.endswith('info'):
+                    message: Any = info_message(streams.FLEXX2, stamp)
+                else:
+                    pixels = rng.uniform(0.1, 7.0, (172, 224)).astype('f4')
+                    message = image_message(pixels, stamp)
+                publisher.publish(message)
+                self.sent[topic].append(message)
+
+    def settle(self) -> None:
+        """Wait until everything has reached its subscribers."""
+        for topic, publisher in self.publishers.items():
+            assert publisher.wait_for_all_acked(Duration(seconds=PATIENCE)), topic
+
+    def pixels(self, topic: str) -> np.ndarray:
+        """Return what was published, (T, H, W)."""
+        return np.stack([streams.array_of(message) for message in self.sent[topic]])
+
+
+def rows(text: str) -> dict[str, list[str]]:
+    """Return the report's cells by topic: messages, from, rate, MB, lost, gaps."""
+    return {
+        line.split()[0]: line.split()[1:] for line in text.splitlines() if line.startswith('/')
+    }
+
+
+@contextmanager
+def open_source() -> Iterator[Source]:
+    """Yield cameras that are there and have published nothing yet."""
+    listener = streams.Listener()
+    yield Source(listener)
+    listener.close()
+
+
+def whole(bag: Path, count: int) -> bool:
+    """Say whether a bag that is being written has so many frames, all else, and the mode."""
+    try:
+        recording = load_recording(bag)
+    except InputError:
+        return False
+    # The first note is that there is no metadata yet, the second that the file has no end.
+    return (
+        len(recording.depth) == count
+        and len(recording.notes) == 2
+        and (recording.usecase is not None)
+    )

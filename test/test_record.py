@@ -1,0 +1,227 @@
+"""`flexx2 record` as a process, over real DDS."""
+
+from collections.abc import Iterator
+from pathlib import Path
+import signal
+import subprocess
+import sys
+
+from flexx2_sim_ros.cli.main import main
+from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.recording import load_recording, recording_cameras
+from flexx2_sim_ros.recording.bag_files import Bag
+from flexx2_sim_ros.recording.bag_writer import BagWriter
+from flexx2_sim_ros.recording.sink import BagSink
+import numpy as np
+import pytest
+from recorders import finish, flexx2, open_source, PATIENCE, rows, SECOND, Source, STEP, until
+import streams
+from streams import image_message
+
+pytestmark = pytest.mark.usefixtures('ros')
+
+
+@pytest.fixture
+def source() -> Iterator[Source]:
+    with open_source() as found:
+        yield found
+
+
+@pytest.mark.parametrize(
+    ('storage', 'number'), [('mcap', signal.SIGINT), ('sqlite3', signal.SIGTERM)]
+)
+def test_a_recording_has_all_topics_and_messages(
+    storage: str, number: signal.Signals, source: Source, child_env: dict[str, str], tmp_path: Path
+) -> None:
+    bag = tmp_path / 'bag'
+    with flexx2(
+        child_env, 'record', bag, '--storage', storage, '--cameras', *source.cameras
+    ) as process:
+        source.wait()
+        source.publish(40)
+        source.settle()
+        text = finish(process, number)
+
+    report = rows(text)
+    assert '0 messages lost' in text
+    for topic in source.publishers:
+        messages, _, rate, _, lost, gaps = report[topic]
+        assert (messages, rate, lost, gaps) == ('40', '60.00', '0', '0')
+    whole = Bag(bag)
+    assert whole.notes == []
+    assert (bag / 'metadata.yaml').is_file()
+    assert recording_cameras(bag) == source.names
+    for camera, name in zip(source.cameras, source.names, strict=True):
+        recording = load_recording(bag, name)
+        np.testing.assert_array_equal(
+            recording.depth, source.pixels(f'{camera}/flexx2_camera/depth_image_0')
+        )
+        for values, topic in (
+            (recording.clean_depth, 'clean/depth_image'),
+            (recording.reflectivity, 'clean/reflectivity'),
+        ):
+            assert values is not None
+            np.testing.assert_array_equal(values, source.pixels(f'{camera}/{topic}'))
+        assert recording.stamp_ns.tolist() == [SECOND + index * STEP for index in range(40)]
+        np.testing.assert_array_equal(recording.K, streams.FLEXX2.matrix)
+        assert recording.notes == ()
+
+
+def test_a_full_disk_ends_the_recording(
+    source: Source, child_env: dict[str, str], tmp_path: Path
+) -> None:
+    bag = tmp_path / 'bag'
+    limited = (
+        'import resource, sys; resource.setrlimit(resource.RLIMIT_FSIZE, (3 << 20,) * 2); '
+        'from flexx2_sim_ros.cli.main import main; sys.exit(main())'
+    )
+    with subprocess.Popen(
+        [sys.executable, '-c', limited, 'record', bag, '--cameras', *source.cameras],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=child_env,
+    ) as process:
+        source.wait()
+        source.publish(10)
+        out, err = process.communicate(timeout=PATIENCE)
+    assert process.returncode == 2, err
+    assert f'{bag}: cannot be written: ' in err
+    assert 'Traceback' not in err
+    assert 'messages lost' in out
+    recording = load_recording(bag, source.names[0])
+    assert recording.notes
+    assert 1 <= len(recording.depth) < 10
+
+
+@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
+def test_killed_recorder_leaves_what_it_had(
+    storage: str, source: Source, child_env: dict[str, str], tmp_path: Path
+) -> None:
+    bag = tmp_path / 'bag'
+    name = source.names[0]
+
+    def frames() -> int:
+        try:
+            return len(load_recording(bag, name).depth)
+        except InputError:
+            return 0
+
+    with flexx2(
+        child_env, 'record', bag, '--storage', storage, '--cameras', *source.cameras
+    ) as process:
+        source.wait()
+        source.publish(20)
+        until(lambda: frames() == 20, 'frames on the disk')
+        source.publish(5)
+        process.kill()
+    recording = load_recording(bag, name)
+    count = len(recording.depth)
+    assert 20 <= count <= 25
+    assert recording.notes, 'it is said that the bag is not whole'
+    np.testing.assert_array_equal(
+        recording.depth, source.pixels(f'{source.cameras[0]}/flexx2_camera/depth_image_0')[:count]
+    )
+
+
+def test_losses_are_counted_in_the_table_and_in_the_bag(
+    source: Source, child_env: dict[str, str], tmp_path: Path
+) -> None:
+    bag = tmp_path / 'bag'
+    # Room for camera infos only: every image is refused.
+    with flexx2(child_env, 'record', bag, '--queue', 0.1, '--cameras', *source.cameras) as process:
+        source.wait()
+        source.publish(10)
+        source.settle()
+        text = finish(process, signal.SIGINT)
+    for topic, cells in rows(text).items():
+        if topic in source.publishers:
+            expected = ('10', '0') if topic.endswith('info') else ('0', '10')
+            assert (cells[0], cells[4]) == expected, topic
+    images = sum(not topic.endswith('info') for topic in source.publishers)
+    assert f'{10 * images} messages lost ({10 * images} because' in text
+    note = next(note for note in Bag(bag).notes if 'lost while it was recorded' in note)
+    assert f'10 of {source.cameras[0]}/clean/depth_image' in note
+
+
+def test_losses_on_the_way_are_counted(tmp_path: Path) -> None:
+    from flexx2_sim_ros.nodes.recorder import Recorder
+
+    listener = streams.Listener()
+    source = Source(listener, depth=5)
+    topic = f'{source.cameras[0]}/clean/depth_image'
+    with BagSink(BagWriter(tmp_path / 'bag'), 1 << 30) as sink:
+        # Another executor's node: it does not listen while this test does not want it to.
+        slow = streams.Listener()
+        recorder = Recorder(sink, source.cameras, [])
+        slow.add(recorder)
+        slow.spin_until(lambda: topic in recorder.topics, 'discovery')
+        publisher = source.publishers[topic]
+        slow.spin_until(publisher.get_subscription_count, 'subscription')
+
+        def send(count: int) -> None:
+            for _ in range(count):
+                number = len(source.sent[topic])
+                message = image_message(np.ones((2, 2), 'f4'), SECOND + number * STEP)
+                source.sent[topic].append(message)
+                publisher.publish(message)
+
+        send(1)
+        statistics = recorder.topics[topic]
+        slow.spin_until(lambda: statistics.messages == 1, 'first message')
+        send(200)  # more than anybody keeps
+        slow.spin_until(lambda: statistics.messages + statistics.numbers.lost == 201, 'the rest')
+        assert statistics.numbers.lost > 0
+        assert statistics.refused == 0
+        gaps = statistics.gaps()
+        assert gaps.count >= 1
+        assert gaps.longest > 2 / 60
+        recorder.destroy_node()
+        slow.close()
+    listener.close()
+    assert len(list(Bag(tmp_path / 'bag').messages({topic}))) == 201 - statistics.numbers.lost
+
+
+def test_one_camera_is_recorded_for_some_time(
+    source: Source, child_env: dict[str, str], tmp_path: Path
+) -> None:
+    bag = tmp_path / 'bag'
+    with flexx2(
+        child_env, 'record', bag, '--seconds', 0.2, '--cameras', source.cameras[0]
+    ) as process:
+        topic = f'{source.cameras[0]}/clean/depth_image'
+        source.listener.spin_until(source.publishers[topic].get_subscription_count, 'recorder')
+        source.publish(3)
+        text = finish(process)
+    assert f'{bag}: ' in text
+    assert len(list(Bag(bag).messages({topic}))) == 3
+
+
+def test_nothing_to_record(child_env: dict[str, str], tmp_path: Path) -> None:
+    with flexx2(
+        child_env, 'record', tmp_path / 'bag', '--wait', 0.2, '--cameras', 'nobody'
+    ) as process:
+        _, err = process.communicate(timeout=PATIENCE)
+    assert process.returncode == 2, err
+    assert f'{tmp_path / "bag"}: nothing was recorded' in err
+    assert 'Traceback' not in err
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ('words', 'message'),
+    [
+        (['record', '{}'], 'got one that exists'),
+        (['record', '{}/a', '--seconds', '-1'], '--seconds'),
+        (['record', '{}/a', '--queue', 'nan'], '--queue'),
+        (['replay', '{}/none'], 'got a path that does not exist'),
+        (['replay', '{}', '--rate', '0'], '--rate: must be'),
+        (['replay', '{}', '--wait', '-1'], '--wait'),
+    ],
+)
+def test_bad_arguments_end_the_command_before_it_starts(
+    words: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([word.format(tmp_path) for word in words]) == 2
+    assert message in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
