@@ -236,7 +236,7 @@ def _term(kind: type[Effect], term: declared.Term, columns: dict[str, Column]) -
 def _along_ray(
     axial: Candidate, one: declared.Hypothesis, columns: dict[str, Column]
 ) -> Candidate:
-    # The same along the ray; what has no such form stays.
+    # The same effects along the ray. Effects without such a form stay as they are.
     terms = []
     for term, given in zip(one.terms, axial.terms, strict=True):
         if not term.along_ray:

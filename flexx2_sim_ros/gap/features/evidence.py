@@ -34,7 +34,7 @@ _AT_EDGES, _AT_BENDS = (
     np.array([f.axis == axis for f in LAYOUT]) for axis in ('edge', 'concavity')
 )
 _GRAIN = next(i for i, f in enumerate(LAYOUT) if f.channel == 'static_grain')
-# How many frames a simulated effect takes.
+# How many frames are simulated with an effect.
 _FEWEST, _FEW, _ALL = range(3)
 
 
@@ -126,8 +126,8 @@ class Evidence:
 
 @dataclass(frozen=True)
 class _Base:
-    # Simulations without effects: depth of the last one, sums, the mean spectrum of depths;
-    # (S, SIZE) features, and (SIZE,) their variance from one simulation to another.
+    # S simulations without effects: depth of the last one, sums, mean spectrum of depths,
+    # (S, SIZE) features, and (SIZE,) variance of the features between simulations.
     depth: np.ndarray
     sums: list[Sums]
     spectrum: np.ndarray
@@ -137,8 +137,8 @@ class _Base:
 
 @dataclass(frozen=True)
 class _Changes:
-    # What effects, steps of the pose, shifts of edges either way (2, 2, SIZE) and steps of planes
-    # change.
+    # Changes of features by effects, by steps of the pose, by shifts of edges in both directions
+    # (2, 2, SIZE) and by steps of planes.
     columns: np.ndarray
     poses: np.ndarray
     edges: np.ndarray
@@ -229,10 +229,10 @@ def _simulate_changes(
             still = not all(one.needs_motion for one in definitions(column.effects))
             if _kind(column) == kind and (moving or still):
                 shifts[i] = part.shift(with_uptime(column.effects, recording.uptime))
-                if kind == _FEW:  # Grain is noise that is left, and the more so the fewer frames.
+                if kind == _FEW:  # Fewer frames leave more noise in the grain, so it is scaled.
                     less = base.features[0, _GRAIN] / max(part.base[_GRAIN], 1e-9)
                     shifts[i, _GRAIN] *= less if np.isfinite(less) else 0  # too few pixels
-    # The last part has the fewest frames, which a change of geometry takes.
+    # The last part has the fewest frames, which are enough for a change of geometry.
     poses, edges = _pose_changes(part, recording)
     return _Changes(shifts, poses, edges, part.plane_columns(recording.plane_shifts))
 
@@ -240,9 +240,10 @@ def _simulate_changes(
 def _pose_changes(
     part: PartialSimulation, recording: RecordingData
 ) -> tuple[np.ndarray, np.ndarray]:
-    # (6, SIZE) per step of the pose; (2, 2, SIZE) a pixel of pitch and of yaw, either way.
+    # (6, SIZE) change per step of the pose; (2, 2, SIZE) change by one pixel of pitch and of yaw,
+    # in both directions.
     steps = np.array([[part.shift(pose_effects(i, sign)) for sign in (1, -1)] for i in range(6)])
-    # By a whole pixel: nothing less moves an edge that lies between pixels.
+    # A whole pixel, because a smaller turn may leave an edge between the same two pixels.
     pixel = np.degrees(1 / np.array([recording.K[1, 1], recording.K[0, 0]]))
     edges = np.array(
         [[part.shift(pose_effects(3 + i, sign, pixel[i])) for sign in (1, -1)] for i in range(2)]
@@ -251,7 +252,7 @@ def _pose_changes(
 
 
 def _truth_spread(scene: PlacedScene, base: _Base, seed: int) -> np.ndarray:
-    # (SIZE,) what errors of the ground truth change.
+    # (SIZE,) change of features by errors of the ground truth of one standard deviation.
     wrong = [
         features(scene.sums(one), base.spectrum)[0] - base.features[-1]
         for one in _wrong_truth(base.depth, scene.recording.truth.clean_sigma, scene.moving, seed)
@@ -273,9 +274,10 @@ def _kind(column: Column) -> int:
 
 
 def _displaced(edges: np.ndarray) -> np.ndarray:
-    # Variance of features when each edge lies elsewhere by what no common motion takes off (warped
-    # clean depth has no parallax): from what a pixel of pitch and yaw either way, (2, 2, SIZE),
-    # changes. Near edges that nobody marked (sharp bends) only what is the same both ways.
+    # Variance of features if each edge is displaced by an amount that no common motion removes,
+    # because warped clean depth has no parallax. It follows from the change by one pixel of pitch
+    # and yaw in both directions, (2, 2, SIZE). At sharp bends, which are not marked as edges, only
+    # the part that is equal in both directions counts.
     scale = SIMULATION.edge_error**2
     whole = scale * np.square(edges).mean(axis=(0, 1))
     even = scale * np.square(edges.mean(axis=1)).mean(axis=0)
@@ -285,8 +287,9 @@ def _displaced(edges: np.ndarray) -> np.ndarray:
 def _wrong_truth(
     depth: np.ndarray, sigma: np.ndarray | None, moving: bool, seed: int
 ) -> list[np.ndarray]:
-    # Depth as measured where the truth is wrong by one standard deviation: all of it to one side,
-    # and each pixel by itself (of a scene that stands still, the same in all frames).
+    # Depth as it would be measured if the ground truth were wrong by one standard deviation: once
+    # all pixels in one direction, once each pixel independently (still scenes: the same in all
+    # frames).
     if sigma is None or not sigma.any():
         return []
     shape = depth.shape if moving else depth.shape[1:]
@@ -296,13 +299,13 @@ def _wrong_truth(
 
 def _mean_sigma(sums: Sums) -> np.ndarray:
     with np.errstate(invalid='ignore', divide='ignore'):
-        # Harmonic: a bias in metres is this times its mean in sigma.
+        # Harmonic mean: a bias in metres is this value times the mean bias in sigma.
         return (sums.bins[:, VALID] / sums.bins[:, INVERSE]).astype(np.float32)
 
 
 def _pooled_variance(nulls: np.ndarray, analytic: np.ndarray) -> np.ndarray:
-    # Few seeds say little about one feature, and much about how far all of its kind are from
-    # what independent pixels would give.
+    # A few seeds give a poor estimate of the variance of one feature. It is blended with the
+    # analytic variance for independent pixels.
     weight, least = SIMULATION.pooled
     found = nulls.var(axis=0, ddof=1)
     with np.errstate(invalid='ignore'):

@@ -180,7 +180,7 @@ def _structure(sums: Sums, lattice_base: np.ndarray | None) -> tuple[np.ndarray,
     if number > ENOUGH:
         out['static_grain'] = square / number
         out['static_rows'], out['static_columns'] = rows, columns
-        # All that single frames say of a filter in the camera.
+        # The only trace of a filter in the camera that single frames show.
         out['static_neighbour'] = product / max(out['static_grain'], 1e-9)
     if lattice_base is not None and sums.lattice is not None:
         spectrum = lattice_spectrum(sums)
@@ -216,6 +216,6 @@ def lattice_peak(
     both = np.log10((spectrum[:, low:high] + noise) / (base[:, low:high] + noise))
     excess = both[int(np.argmax(both.max(axis=1)))]
     best = int(np.argmax(excess))
-    # The longest step with about the same ratio: the shorter ones are its harmonics.
+    # The longest step with about the same ratio; shorter steps are its harmonics.
     best = int(np.argmax(excess > FEATURES.lattice_harmonic * excess[best]))
     return float(excess[best]), LATTICE_RANGE / (low + best)

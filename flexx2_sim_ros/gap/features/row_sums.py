@@ -196,7 +196,7 @@ def _sum_row(depth, surfaces, frames, frame_sums, pixel_sums, passing, y, sums, 
             frame_sums.squares[t] += square
             _sum_seconds(e, e2, mask, d2, inner, sums)
         if passing:
-            # An edge of the frame before is no noise of this one's surface.
+            # An edge in the previous frame does not count as noise of this frame's surface.
             for x in range(width):
                 e[x] = e[x] if mask[x] > zero else nan
 
@@ -226,7 +226,8 @@ def held(value, limit):
     return -limit if value < -limit else value
 
 
-# Inlined here: linked, they would be optimised otherwise when compiled than when cached.
+# These functions are inlined. Otherwise a fresh compilation and a cached one would be optimised
+# differently.
 @njit(inline='always')
 def _sum_errors(z, e, mask, sums):
     zero, one = np.float32(0), np.float32(1)
@@ -270,7 +271,7 @@ def _sum_mean(z, c, s, e, mask, total, number, sigmas):
 
 @njit(inline='always')
 def _sum_changes(e, before, mask, d, number, square, column, column_number):
-    # From frame to frame. Returns the row's pairs, sum and sum of squares.
+    # Changes between successive frames. Returns pairs, sum and sum of squares of the row.
     zero, one = np.float32(0), np.float32(1)
     n, total, squares = zero, zero, zero
     for x in range(e.size):
@@ -294,7 +295,7 @@ def _sum_changes(e, before, mask, d, number, square, column, column_number):
 
 @njit(inline='always')
 def _sum_seconds(e, before, mask, d, inner, sums):
-    # From frame to the next but one, which no filter over two frames makes less than it is.
+    # Changes over two frames: a filter over two frames does not reduce them.
     zero, one, nan = np.float32(0), np.float32(1), np.float32(np.nan)
     number, size, square, product, pairs = (
         sums[N2],

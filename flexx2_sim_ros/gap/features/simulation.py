@@ -1,4 +1,4 @@
-"""A recording's scene, simulated: the base camera, and effects with common random numbers."""
+"""Simulation of a recording's scene: without effects, and with effects (common random numbers)."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -26,9 +26,9 @@ class PlacedScene:
     recording : RecordingData
         The recording.
     placed : Placed
-        Clean depth and reflectivity as its camera really stood.
+        Clean depth and reflectivity from the fitted pose.
     covariates : list of PixelCovariates
-        One, or one a frame.
+        One for a still scene, otherwise one for each frame.
     warm : int
         How many frames after a gap are left out.
 
@@ -60,14 +60,14 @@ class PlacedScene:
 
 
 def scenes_of(recording: RecordingData, placed: Placed) -> list[PixelCovariates]:
-    """Return the covariates of each frame, or of the one there is."""
+    """Return the covariates of each frame; of the one image if the scene is still."""
     K, mode = recording.K, recording.mode  # noqa: N806
     clean, rho, known, border = placed.clean, placed.reflectivity, placed.known, placed.border
     if clean.ndim == 2:
         return [look_at(clean, None, 0.0, rho, K, mode, recording.axes, border, known)]
     out = []
     for t, image in enumerate(clean):
-        # The first of a segment has none before it.
+        # The first frame of a segment has no frame before it.
         before = None if recording.fresh[t] or t == 0 else clean[t - 1]
         interval = float(recording.stamp[t] - recording.stamp[t - 1]) * 1e-9
         albedo, mask = (one if one is None or one.ndim == 2 else one[t] for one in (rho, known))

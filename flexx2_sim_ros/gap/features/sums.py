@@ -152,7 +152,8 @@ def _depth_histogram(
 
 
 def _pairs(sums: FrameSums, frames: FrameTimes) -> np.ndarray:
-    # (7,) see `Sums`; (sum^2 - sum of squares) is twice the sum of products of pairs.
+    # (7,) see `Sums`. The square of a sum minus the sum of squares is twice the sum of products of
+    # pairs.
     (row, row_number), (column, column_number) = (
         image.astype(float).transpose(1, 0, 2) for image in (sums.rows, sums.columns)
     )

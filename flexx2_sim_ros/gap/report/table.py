@@ -166,7 +166,7 @@ def _same_noise(model: Model, index: int) -> list[str]:
     one, other_name = model.evidence[index].name, model.evidence[other].name
     return [
         f'{one}: has the very same noise as {other_name}, as simulations with the same seed '
-        'and stamps have; a pattern that stays is not looked for in what recordings share'
+        'and stamps have; fixed-pattern noise that all recordings share is not examined'
     ]
 
 
