@@ -83,13 +83,10 @@ def run(arguments: argparse.Namespace) -> int:
     console.width = max(console.width, 90)
     intrinsics = centred(profile.intrinsics)
     names = tuple(mount.name for mount in load_mounts())
-    options: dict[str, Any] = {
-        'profile': profile,
-        'seed': arguments.seed,
-        'K': intrinsics.matrix,
-        'device': arguments.device,
-    }
-    cameras = [BatchCamera(count, usecase, name=name, **options) for name in names]
+    options = {'profile': profile, 'seed': arguments.seed, 'device': arguments.device}
+    cameras = [
+        BatchCamera(count, usecase, name=name, K=intrinsics.matrix, **options) for name in names
+    ]
     device = cameras[0].device
     model = build_model(scene='stairs', intrinsics=intrinsics)
     with console.status(f'{min(count, _MOST_WALKS)} robots walk'):
@@ -117,12 +114,10 @@ def run(arguments: argparse.Namespace) -> int:
         'without noise': clean.heights().numpy() - truth,
         'with noise': noisy.heights().numpy() - truth,
     }
-    render_ms, noise_ms, grid_ms = timer.medians_ms()
     console.print(
         f'{count} robots with {len(names)} cameras, {arguments.frames} frames, '
         f'{cameras[0].usecases[0]}, on {device}, rendered by {renderer.backend}; '
-        f'{count * len(names)} images: rendered in {render_ms:.0f} ms, noise in '
-        f'{noise_ms:.0f} ms, two grids in {grid_ms:.0f} ms',
+        f'{count * len(names)} images: {timer.text()}',
         highlight=False,
     )
     console.print(_table(grids))
@@ -156,8 +151,10 @@ class _Timer:
         self._wait()
         self._clocks[-1].append(time.perf_counter())
 
-    def medians_ms(self) -> np.ndarray:
-        return 1e3 * np.median(np.diff(self._clocks[1:] or self._clocks), axis=0)
+    def text(self) -> str:
+        counted = self._clocks[1:] or self._clocks
+        render, noise, grids = 1e3 * np.median(np.diff(counted), axis=0)
+        return f'rendered in {render:.0f} ms, noise in {noise:.0f} ms, two grids in {grids:.0f} ms'
 
 
 def _table(grids: dict[str, np.ndarray]) -> Table:
