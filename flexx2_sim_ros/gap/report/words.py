@@ -254,7 +254,7 @@ def place(cell: dict[str, Any]) -> str:
     size = (
         f'{cell["size"]:+.2f} mm'
         if cell['unit_size'] == 'mm'
-        else f'{cell["size"]:+.1%}'
+        else f'{100 * cell["size"]:+.1f} %'
         if what.startswith('fraction')
         else f'{cell["size"]:+.2g}'
     )
