@@ -121,13 +121,13 @@ def diagnosed(folder: Path, truth: str, told: Sequence[str], room_error: float) 
         verdicts = [row['verdict'] for row in rows]
     out = folder / f'diagnosis_{truth}'
     run('gap', 'diagnose', campaign, '--out', out, '--jobs', 1)
-    table = json.loads((out / 'diagnosis.json').read_text())
+    said = json.loads((out / 'diagnosis.json').read_text())
     return {
         'truth': truth,
-        'verdict': table['verdict'],
-        'effects': [row['name'] for row in table['effects']],
-        'alternatives': [row['name'] for row in table['alternatives']],
-        'not_decidable': [row['name'] for row in table['not_decidable']],
+        'verdict': said['verdict'],
+        'effects': [row['name'] for row in said['effects']],
+        'alternatives': [row['name'] for row in said['alternatives']],
+        'not_decidable': [row['name'] for row in said['not_decidable']],
         'recordings': verdicts,
         'seconds': round(time.perf_counter() - begin, 1),
     }
@@ -148,9 +148,9 @@ def right(row: dict[str, Any]) -> bool:
 
 def table(rows: Sequence[dict[str, Any]]) -> str:
     """Return the results as Markdown."""
-    cases = {(row['seed'], row['effect']): {} for row in rows}
+    cases: dict[tuple[int, str], dict[str, dict[str, Any]]] = {}
     for row in rows:
-        cases[row['seed'], row['effect']][row['truth']] = row
+        cases.setdefault((row['seed'], row['effect']), {})[row['truth']] = row
     lines = [
         '| seed | effect | true depth | told wrong poses | told none |',
         '|---|---|---|---|---|',
