@@ -90,6 +90,22 @@ def test_poses_are_right_whatever_the_camera_does_wrong(
         assert offset['metres'] == pytest.approx(bias, abs=0.004)
 
 
+@pytest.mark.parametrize('factor', [1.0, 1.006])
+def test_a_scan_of_the_wrong_scale_is_told(
+    tmp_path: Path, plain: tuple[Path, ScannedCamera], rough: np.random.Generator, factor: float
+) -> None:
+    folder, camera = plain
+    mesh = trimesh.load_mesh(folder / 'room.ply', process=False)
+    scaled(mesh, factor).export(tmp_path / 'room.ply')
+    (tmp_path / 'in').symlink_to(folder / 'in')
+    found = joint(tmp_path, camera, rough)[0].findings
+    if factor == 1:
+        assert 'depth_scale' not in found
+    else:
+        # A prior of 0.5 % pulls it towards none.
+        assert found['depth_scale']['fraction'] == pytest.approx(1 / factor - 1, abs=0.002)
+
+
 def test_a_third_of_the_pixels_missing_changes_little(
     tmp_path: Path, plain: tuple[Path, ScannedCamera], rough: np.random.Generator
 ) -> None:

@@ -161,6 +161,9 @@ def run(arguments: argparse.Namespace) -> int:
         console.print(
             printable(f'cannot decide {row["effect"]}: {row["reason"]}'), highlight=False
         )
+    for name, found in table.get('shared', {}).items():
+        if found['verdict'] == 'found':
+            console.print(printable(f'{name}: {found["reason"]}'), highlight=False)
     console.print(f'{arguments.out}: truth.yaml, truth.html', highlight=False)
     return 0
 

@@ -261,10 +261,11 @@ def _cannot_decide(shared: Shared, registered: Sequence[Registered]) -> list[dic
     out = hidden_by_scan(any(one.moving for one in registered))
     for effect, finding in shared.findings.items():
         if finding['verdict'] == 'confounded':
-            remedy = (
-                'more recordings of tilted walls at several distances would decide it'
-                if effect == 'offset'
-                else 'a recording of a bright corner would decide it'
-            )
-            out.append({'effect': effect, 'reason': f'{finding["reason"]}; {remedy}'})
+            remedy = 'a recording of a bright corner'
+            if 'depth_scale' in shared.findings:
+                remedy = 'a scan of the right scale'
+            elif effect == 'offset':
+                remedy = 'more recordings of tilted walls at several distances'
+            reason = f'{finding["reason"]}; {remedy} would decide it'
+            out.append({'effect': effect, 'reason': reason})
     return out

@@ -26,6 +26,7 @@ import numpy as np
 # Standard deviations of the priors: bias and amplitudes in metres, gain of the bounce.
 _PRIOR = 0.02
 _PRIOR_GAIN = 1.0
+_PRIOR_SCALE = 0.005  # of a scan: photogrammetry without a measured length is worse
 _ROUNDS = 6
 _CONVERGED = 1e-6
 _POSE_PRIOR = 1.0  # 1/m2: keeps a pose that nothing holds from making the equations singular
@@ -70,12 +71,15 @@ class Columns:
         Of wiggling along the range, metres: a sine and a cosine each.
     bounce : bool
         A gain on the light that bounced once.
+    scale : bool
+        Of depth against the room, a fraction.
 
     """
 
     bias: bool = True
     periods: tuple[float, ...] = ()
     bounce: bool = True
+    scale: bool = False
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -83,12 +87,13 @@ class Columns:
         waves = [
             f'{part} {period:.3f} m' for period in self.periods for part in ('sine', 'cosine')
         ]
-        return (*['bias'] * self.bias, *waves, *['bounce'] * self.bounce)
+        return (*['bias'] * self.bias, *waves, *['scale'] * self.scale, *['bounce'] * self.bounce)
 
     @property
     def precision(self) -> np.ndarray:
         """Return the priors' inverse variances."""
-        deviations = [_PRIOR_GAIN if name == 'bounce' else _PRIOR for name in self.names]
+        own = {'bounce': _PRIOR_GAIN, 'scale': _PRIOR_SCALE}
+        deviations = [own.get(name, _PRIOR) for name in self.names]
         return np.array(deviations, float) ** -2.0
 
     def matrix(self, view: View, depth: np.ndarray) -> np.ndarray:
@@ -104,6 +109,8 @@ def error_columns(
     for period in columns.periods:
         turn = 2 * np.pi * depth * length / period
         parts += [np.sin(turn) / length, np.cos(turn) / length]
+    if columns.scale:
+        parts.append(depth)
     if columns.bounce:
         parts.append(bounce)
     return np.stack(parts, axis=-1) if parts else np.zeros((len(depth), 0))

@@ -118,6 +118,8 @@ def _sizes(found: Mapping[str, Any]) -> str:
             for wave in found['waves']
         )
     deviation = found['standard_deviation']
+    if 'fraction' in found:
+        return f'{found["fraction"]:+.2%}, standard deviation {deviation:.2%}'
     if 'metres' in found:
         return f'{found["metres"] * 1e3:+.2f} mm, standard deviation {deviation * 1e3:.2f} mm'
     return f'gain {found["gain"]:.2f}, standard deviation {deviation:.2f}'

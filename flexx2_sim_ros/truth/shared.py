@@ -29,7 +29,9 @@ MOST_BIAS = 0.08  # metres: calibrated cameras are off by less than 50 mm
 MOST_DEVIATION = 0.002  # metres, of the bias
 MOST_CONDITION = 300.0
 LEAST_RECORDINGS = 3
-_CLEAR = 3.0  # standard deviations of the bounce's gain
+_CLEAR = 3.0  # standard deviations of the bounce's gain, and of a scale
+_LIKE_SCALE = 2.0  # metres: a wave at least as long looks like a scale
+_LEAST_SCALE = 0.002  # a calibrated camera's scale is as right
 
 
 @dataclass(frozen=True)
@@ -43,7 +45,8 @@ class Shared:
         With the columns that are decidable.
     findings : dict of str to dict
         By effect (``offset``, ``wiggling``, ``multipath``): ``verdict`` (``identified`` or
-        ``confounded``), ``reason``, and the values with their standard deviations.
+        ``confounded``), ``reason``, and the values with their standard deviations. Besides
+        ``depth_scale`` (verdict ``found``), where depth and room differ in scale.
 
     """
 
@@ -88,7 +91,32 @@ def estimate(views: Sequence[View]) -> Shared:
         # best without it.
         columns = replace(columns, bias=not why, bounce=clear)
         solution = solve(solution.views, columns)
-    return Shared(solution, _findings(full, solution, why))
+    findings = _findings(full, solution, why)
+    scale = _scale(solution)
+    if scale:
+        findings['depth_scale'] = scale
+        findings['offset'] |= {'verdict': 'confounded', 'reason': 'depth and room differ in scale'}
+    return Shared(solution, findings)
+
+
+def _scale(solution: Solution) -> dict[str, object]:
+    # Reported, and not taken off: it may be the camera's, and then the diagnosis must see it.
+    if len(solution.left_out) < LEAST_RECORDINGS:
+        return {}
+    periods = tuple(one for one in solution.columns.periods if one < _LIKE_SCALE)
+    columns = replace(solution.columns, bias=True, periods=periods, scale=True)
+    trial = solve(solution.views, columns)
+    place = columns.names.index('scale')
+    size, deviation = float(trial.values[place]), float(trial.deviations[place])
+    if abs(size) < max(_CLEAR * deviation, _LEAST_SCALE):
+        return {}
+    return {
+        'verdict': 'found',
+        'fraction': size,
+        'standard_deviation': deviation,
+        'reason': f'measured depth grows by {size:+.2%} of distance against the room: compare a '
+        "length in the scan with a tape measure; the camera's frequency or lens can be wrong, too",
+    }
 
 
 def _clear(solution: Solution) -> bool:
