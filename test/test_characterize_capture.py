@@ -104,7 +104,7 @@ def test_an_interrupted_capture_resumes(tmp_path: Path, camera: Any) -> None:
     assert {path: path.read_bytes() for path in first} == kept
     assert {path.name for path in tmp_path.iterdir()} == {path.name for path in first}
     assert not any(dict(capture(tmp_path, wanted, camera, frames=3)).values())
-    assert len(characterize(tmp_path, workers=2).modes[0].cells) == 4
+    assert len(characterize(tmp_path).modes[0].cells) == 4
 
 
 def test_a_capture_replaces_what_another_one_recorded(tmp_path: Path, camera: Any) -> None:

@@ -13,7 +13,7 @@ def test_kinect_frames_saturate_and_are_filtered(tmp_path: Path) -> None:
     # The noise is measured on other views than those diagnosed.
     profile = kinect_campaign.profile(range(1, 102, 4))
     kinect_campaign.write_campaign(tmp_path, range(0, 102, 6))
-    table = diagnose(tmp_path, profile=profile, jobs=2)
+    table = diagnose(tmp_path, profile=profile, jobs=1)
     effects = {row['name']: row['parameters'] for row in table['effects']}
     # Far more is wrong with it than the catalogue knows: its noise is not the Flexx2's.
     assert table['verdict'] == 'partly'
