@@ -1,6 +1,6 @@
 """Calibrate the effects of a diagnosis: give them the form that the recordings show."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 import time
@@ -17,11 +17,10 @@ from flexx2_sim_ros.gap.forms.work import judge, look, look_at_pixels, Looked, S
 from flexx2_sim_ros.gap.inference.effects import table_of
 from flexx2_sim_ros.gap.report.calibration_page import FILES, write_calibration
 from flexx2_sim_ros.gap.report.reading import Diagnosed, read_diagnosis
-from flexx2_sim_ros.gap.work import find
+from flexx2_sim_ros.gap.work import find, Progress, stepper
 from flexx2_sim_ros.jobs import bind, workers
 import numpy as np
 
-Progress = Callable[[str, float], None]
 SCHEMA = 1
 
 
@@ -93,10 +92,10 @@ def calibrate(
         work = bind(
             look, effects=settings, prior=(metres,) * 3 + (degrees,) * 3, seed=seed, **fixed
         )
-        step = _stepper(progress, 'looking at the recordings', 0.05, 0.35, len(found))
+        step = stepper(progress, 'looking at the recordings', 0.05, 0.35, len(found))
         looked = mapped(work, found, step)
         rounds = (len(calibratable(settings)) + 1) * len(looked)
-        step = _stepper(progress, 'comparing forms on left-out recordings', 0.4, 0.55, rounds)
+        step = stepper(progress, 'comparing forms on left-out recordings', 0.4, 0.55, rounds)
 
         def judged(some: Sequence[tuple[Looked, Settings]]) -> np.ndarray:
             return np.array(mapped(bind(judge, seed=seed, **fixed), some, step))
@@ -157,16 +156,3 @@ def _table(
         'recordings': [one.found.path.name for one in looked],
         'left_out': [{'name': name, 'reason': reason} for name, reason in left_out],
     }
-
-
-def _stepper(
-    progress: Progress, text: str, start: float, weight: float, total: int
-) -> Callable[[], None]:
-    done = 0
-
-    def step() -> None:
-        nonlocal done
-        done += 1
-        progress(text, min(start + weight * done / max(total, 1), start + weight))
-
-    return step

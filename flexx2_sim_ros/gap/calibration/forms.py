@@ -11,6 +11,9 @@ class Forms:
 
     ridge: float = constant(1e4, '1/m^2', 'penalty on coefficients: they are about a centimetre')
     bend: float = constant(1e7, '1/m^2', 'penalty on second differences of a spline')
+    corner: float = constant(
+        1.3, 'range_max', 'longest range along the ray, in a corner of the image', DEFINITION
+    )
     range_knots: int = constant(300, '', 'of a curve over range', DEFINITION)
     spline_knots: int = constant(60, '', 'coefficients of a spline over range')
     frequencies_mhz: tuple[float, float] = constant(

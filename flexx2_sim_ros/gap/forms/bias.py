@@ -11,6 +11,8 @@ from flexx2_sim_ros.gap.forms.samples import Samples
 from flexx2_sim_ros.physics.frame_state import SPEED_OF_LIGHT
 import numpy as np
 
+Basis = Callable[[np.ndarray], np.ndarray]
+
 
 @dataclass(frozen=True)
 class Form:
@@ -29,17 +31,14 @@ class Form:
         Where its curve has knots.
     stiffness : float
         Penalty on second differences of the coefficients; 0: none.
-    period : float or None
-        Of its curve.
 
     """
 
     effect: str
     label: str
-    basis: Callable[[np.ndarray], np.ndarray]
+    basis: Basis
     knots: np.ndarray
     stiffness: float = 0.0
-    period: float | None = None
 
     @property
     def size(self) -> int:
@@ -62,13 +61,11 @@ class Form:
         """Return the curve of some coefficients, to the hundredth of a millimetre."""
         values = np.round(coefficients @ self.basis(self.knots), 5)
         return Curve(
-            tuple(float(x) for x in np.round(self.knots, 6)),
-            tuple(float(y) for y in values),
-            self.period,
+            tuple(float(x) for x in np.round(self.knots, 6)), tuple(float(y) for y in values)
         )
 
 
-def hats(knots: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+def hats(knots: np.ndarray) -> Basis:
     """Return a basis of functions that are 1 at a knot, 0 at the others, linear between."""
     units = np.eye(len(knots))
 
@@ -86,6 +83,8 @@ _OVER = {
     'warm_up_drift': 'uptime',
 }
 BIASES = tuple(_OVER)
+# Four taps alone see the fourth harmonic; unequal taps the second, too.
+_ORDERS = (4,), (2, 4), (1, 2, 3, 4)
 
 
 def covariate_of(effect: str) -> str:
@@ -109,7 +108,7 @@ def forms_of(effect: str, mode: Mode) -> list[list[Form]]:
 
 def _far(mode: Mode) -> float:
     # Metres along the ray in a corner of the image.
-    return 1.3 * mode.range_max
+    return FORMS.corner * mode.range_max
 
 
 def _offsets(mode: Mode) -> list[list[Form]]:
@@ -126,7 +125,7 @@ def _offsets(mode: Mode) -> list[list[Form]]:
     ]
 
 
-def harmonics(frequencies: tuple[float, ...], orders: tuple[int, ...]) -> Callable:  # type: ignore
+def harmonics(frequencies: tuple[float, ...], orders: tuple[int, ...]) -> Basis:
     """Return a basis of sines and cosines of multiples of the phases of modulation frequencies."""
     waves = [4 * np.pi * f * n / SPEED_OF_LIGHT for f in frequencies for n in orders]
 
@@ -138,30 +137,20 @@ def harmonics(frequencies: tuple[float, ...], orders: tuple[int, ...]) -> Callab
 
 def _wigglings(mode: Mode) -> list[list[Form]]:
     knots = np.linspace(0.0, _far(mode), FORMS.range_knots)
+
+    def wave(orders: tuple[int, ...], hertz: tuple[float, ...], whose: str) -> Form:
+        label = f'harmonics {", ".join(map(str, orders))} of {whose}'
+        return Form('wiggling', label, harmonics(hertz, orders), knots)
+
     own = tuple(mode.modulation_hz)
-    groups = []
-    for orders in ((4,), (2, 4), (1, 2, 3, 4)):
-        if own:
-            label = f"harmonics {', '.join(map(str, orders))} of the profile's frequencies"
-            basis = harmonics(own, orders)
-            groups.append([Form('wiggling', label, basis, knots)])
-    free = np.geomspace(*FORMS.frequencies_mhz, FORMS.frequency_steps) * 1e6
-    for count in (2, 4):
-        orders = (2, 4) if count == 2 else (1, 2, 3, 4)
-        groups.append(
-            [
-                Form(
-                    'wiggling',
-                    f'harmonics {", ".join(map(str, orders))} of {f / 1e6:.1f} MHz',
-                    harmonics((float(f),), orders),
-                    knots,
-                )
-                for f in free
-            ]
-        )
+    known = [wave(orders, own, "the profile's frequencies") for orders in _ORDERS if own]
+    tried = np.geomspace(*FORMS.frequencies_mhz, FORMS.frequency_steps)
+    free = [
+        [wave(orders, (float(1e6 * f),), f'{f:.1f} MHz') for f in tried] for orders in _ORDERS[1:]
+    ]
     spaced = np.linspace(0.0, _far(mode), FORMS.spline_knots)
     spline = Form('wiggling', 'spline over range', hats(spaced), spaced, FORMS.bend)
-    return sorted([*groups, [spline]], key=lambda group: group[0].size)
+    return sorted([*([one] for one in known), *free, [spline]], key=lambda group: group[0].size)
 
 
 def _amplitude_biases(mode: Mode) -> list[list[Form]]:

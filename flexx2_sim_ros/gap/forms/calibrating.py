@@ -7,9 +7,10 @@ from typing import Any
 from flexx2_sim_ros.effects.tables import Curve, PixelMap
 from flexx2_sim_ros.gap.calibration.forms import FORMS
 from flexx2_sim_ros.gap.forms import dropout
-from flexx2_sim_ros.gap.forms.bias import BIASES, forms_of
+from flexx2_sim_ros.gap.forms.bias import BIASES, Form, forms_of
 from flexx2_sim_ros.gap.forms.fitting import BiasFit, Fitted, is_surely_less
 from flexx2_sim_ros.gap.forms.pattern import map_of, PixelErrors
+from flexx2_sim_ros.gap.forms.samples import Samples
 from flexx2_sim_ros.gap.forms.work import Looked, Settings
 import numpy as np
 
@@ -123,7 +124,7 @@ def _biases(looked: Sequence[Looked], effects: Settings) -> dict[str, Proposal]:
         return {}
     mode = looked[0].found.mode
     fit = BiasFit([_less_others(one, names) for one in looked])
-    chosen: dict[str, Any] = {}
+    chosen: dict[str, Form] = {}
     for _ in range(1 if len(names) == 1 else 2):  # Again with the forms of the others.
         for name in names:
             others = [form for other, form in chosen.items() if other != name]
@@ -132,13 +133,13 @@ def _biases(looked: Sequence[Looked], effects: Settings) -> dict[str, Proposal]:
     return {name: _proposal(final, chosen[name]) for name in names}
 
 
-def _less_others(one: Looked, fitted: Sequence[str]) -> Any:
+def _less_others(one: Looked, fitted: Sequence[str]) -> Samples:
     # Samples without what other effects change, as far as they were diagnosed.
     others = [shift for name, shift in one.shifts.items() if name not in fitted]
     return replace(one.samples, error=one.samples.error - np.sum(others, axis=0))
 
 
-def _proposal(fitted: Fitted, form: Any) -> Proposal:
+def _proposal(fitted: Fitted, form: Form) -> Proposal:
     part = fitted.part(form)
     return Proposal(
         form.effect,
