@@ -117,7 +117,7 @@ def realised(folder: Path, effects: tuple[Effect, ...]) -> float:
             Camera(usecase, effects=table, seed=seed).capture(*inputs).depth
             for table, seed in (((), 1), ((), 2), (own, 1))
         )
-        clean = np.broadcast_to(recording.clean_depth, recording.depth.shape)
+        clean = np.broadcast_to(np.asarray(recording.clean_depth), recording.depth.shape)
         sigma = Camera(usecase).capture(*inputs).sigma
         rows.append(
             [

@@ -7,7 +7,7 @@ from flexx2_sim_ros.effects.grazing_dropout import log_slant
 from flexx2_sim_ros.effects.tables import Curve
 from flexx2_sim_ros.gap.calibration.forms import FORMS
 from flexx2_sim_ros.gap.features.simulation import PlacedScene
-from flexx2_sim_ros.gap.forms.samples import light_of
+from flexx2_sim_ros.gap.forms.samples import images_at, light_of
 from flexx2_sim_ros.physics.geometry import ray_length
 from flexx2_sim_ros.physics.surface import analyse
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
@@ -94,11 +94,8 @@ def counts_of(scene: PlacedScene) -> Counts:
 
 def _covariates(scene: PlacedScene, t: int) -> dict[str, np.ndarray]:
     # (H, W) each, as the effects have them.
-    recording, placed = scene.recording, scene.placed
-    clean, light = (
-        one if one is None or one.ndim == 2 else one[t]
-        for one in (placed.clean, placed.reflectivity)
-    )
+    recording = scene.recording
+    clean, light = images_at(scene.placed, t)
     lens = Intrinsics.from_matrix(recording.K, clean.shape[1], clean.shape[0])
     cosine = analyse(np.ascontiguousarray(clean), lens, recording.mode.sensor).cos_incidence
     return {

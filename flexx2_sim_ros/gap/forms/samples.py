@@ -12,7 +12,7 @@ from flexx2_sim_ros.gap.calibration.data import REGISTRATION
 from flexx2_sim_ros.gap.calibration.features import FEATURES
 from flexx2_sim_ros.gap.data.given import together
 from flexx2_sim_ros.gap.data.pose import base_camera, pose_columns
-from flexx2_sim_ros.gap.data.registration import RecordingData
+from flexx2_sim_ros.gap.data.registration import Placed, RecordingData
 from flexx2_sim_ros.gap.features.simulation import PlacedScene
 from flexx2_sim_ros.physics.frame_state import Stage
 from flexx2_sim_ros.physics.surface import analyse
@@ -71,6 +71,15 @@ def frames_of(recording: RecordingData) -> np.ndarray:
     return np.unique(np.rint(np.linspace(first, count - 1, REGISTRATION.frames)).astype(int))
 
 
+def images_at(placed: Placed, t: int) -> tuple[np.ndarray, np.ndarray | None]:
+    """Return clean depth, metres, and reflectivity of a frame, (H, W) each."""
+    clean, light = placed.clean, placed.reflectivity
+    return (
+        clean if clean.ndim == 2 else clean[t],
+        light if light is None or light.ndim == 2 else light[t],
+    )
+
+
 def shift_of(scene: PlacedScene, effects: Any) -> np.ndarray:
     """
     Return what effects change in the depth of a recording's frames.
@@ -106,13 +115,9 @@ def shift_of(scene: PlacedScene, effects: Any) -> np.ndarray:
 
 def samples_of(scene: PlacedScene, motion: np.ndarray, spread: np.ndarray) -> Samples:
     """Return the samples of a recording at a pose; ``spread`` as in `Samples`."""
-    recording, placed = scene.recording, scene.placed
-    parts = []
-    for i, t in enumerate(frames_of(recording)):
-        clean, light = (
-            one if one is None or one.ndim == 2 else one[t]
-            for one in (placed.clean, placed.reflectivity)
-        )
+    placed, parts = scene.placed, []
+    for i, t in enumerate(frames_of(scene.recording)):
+        clean, light = images_at(placed, int(t))
         parts.append(_frame(scene, i, int(t), clean, light))
     columns = [np.concatenate(part, axis=-1) for part in zip(*parts, strict=True)]
     error, sigma, own, length, distance, light, uptime, place = columns

@@ -156,7 +156,8 @@ def _typical_bias(effect: str, looked: Sequence[Looked]) -> tuple[np.ndarray, np
     # Mean of what the diagnosed effect changes along the ray, in bins of its covariate.
     values = np.concatenate([getattr(one.samples, covariate_of(effect)) for one in looked])
     shift = np.concatenate([one.shifts[effect] * one.samples.length for one in looked])
-    edges = np.linspace(*np.quantile(values, (0.005, 0.995)), _POINTS + 1)
+    low, high = np.quantile(values, (0.005, 0.995))
+    edges = np.linspace(low, high, _POINTS + 1)
     place = np.digitize(values, edges) - 1
     inside = (place >= 0) & (place < _POINTS)
     total = np.bincount(place[inside], shift[inside], minlength=_POINTS)
