@@ -20,6 +20,7 @@ import time
 from flexx2_sim_ros.atomic import scratch_folder
 from flexx2_sim_ros.camera import Camera
 from flexx2_sim_ros.effects import ageing, Effect, load_effects
+from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap import calibrate, diagnose
 from flexx2_sim_ros.recording import load_recording
 from flexx2_sim_ros.validation.benchmark.seeds import DEVELOPMENT
@@ -80,7 +81,7 @@ def _line(arguments: argparse.Namespace, seed: int, name: str, folder: Path) -> 
     before = realised(fresh, load_effects(diagnosis / 'effects.yaml'))
     try:
         rows = calibrate(diagnosis, campaign, jobs=arguments.jobs, out=calibrated)
-    except ValueError as error:
+    except InputError as error:
         return f'{head} {before:9.2f} {error}'
     after = realised(fresh, load_effects(calibrated / 'effects.yaml'))
     forms = '; '.join(

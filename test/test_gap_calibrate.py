@@ -4,11 +4,15 @@ import json
 from pathlib import Path
 
 from bench.gap_campaigns import write_campaign
+from flexx2_sim_ros.camera import flexx2
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.effects import load_effects, parse_effects, save_effects
 from flexx2_sim_ros.effects.tables import Curve
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap import calibrate
+from flexx2_sim_ros.gap.forms.bias import forms_of
+from flexx2_sim_ros.gap.forms.fitting import BiasFit, own_motion
+from flexx2_sim_ros.gap.forms.samples import Samples
 import numpy as np
 import pytest
 
@@ -110,6 +114,24 @@ def test_what_cannot_be_calibrated_is_named(campaign: Path, tmp_path: Path) -> N
         calibrate(diagnosis, few)
     with pytest.raises(InputError, match='DIAGNOSIS: must be a folder'):
         calibrate(tmp_path / 'nowhere', campaign)
+
+
+def test_a_recording_without_valid_pixels_stays_where_its_prior_is() -> None:
+    """Assert it of pose and forms: what the others say is not changed."""
+    nothing = np.zeros(0)
+    dark = Samples(
+        np.ones(6), nothing, nothing, np.zeros((6, 0)), np.eye(6), *[nothing] * 4,
+        np.zeros(0, int),
+    )  # fmt: skip
+    assert own_motion(dark, nothing) == pytest.approx(np.zeros(6))
+    ramp = np.linspace(1.0, 3.0, 50)
+    bright = Samples(
+        np.zeros(6), np.full(50, 0.01), np.full(50, 1e-3), np.zeros((6, 50)), np.eye(6),
+        np.ones(50), ramp, -ramp, ramp, np.arange(50),
+    )  # fmt: skip
+    form = forms_of('offset', flexx2().mode('Mode_9_30fps'))[0][0]
+    fitted = BiasFit([bright, dark, bright]).fit([form])
+    assert fitted.together == pytest.approx([0.01], rel=1e-2)
 
 
 def test_a_curve_repeats_with_its_period() -> None:

@@ -129,7 +129,7 @@ def _whitened(
     # the prior's weight.
     own = samples.spread.T @ samples.own / samples.sigma
     start = np.linalg.pinv(samples.spread) @ samples.motion
-    return own, error / samples.sigma, start, REGISTRATION.ridge * len(error)
+    return own, error / samples.sigma, start, REGISTRATION.ridge * max(len(error), 1)
 
 
 def _solve_own(
