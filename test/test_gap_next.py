@@ -43,13 +43,13 @@ def plan(tmp_path: Path) -> Plan:
 def write_diagnosis(folder: Path, **changed: Any) -> Path:
     """Write what a diagnosis with alternatives writes."""
     table = {
-        'schema': 1,
+        'schema': 2,
         'verdict': 'identified',
         'effects': [{'name': 'multipath', 'parameters': {'gain': 1.0}}],
         'alternatives': [],
         'not_decidable': [],
         'recordings': [],
-        'gap': {'before': 40.0, 'after': 20.0, 'null': 15.0},
+        'gap': {'loss': {'before': 40.0, 'after': 20.0, 'null': 15.0}},
         'settings': {'usecase': 'Mode_9_30fps', 'pose_prior': [0.01, 0.5], 'known': {}},
         **changed,
     }

@@ -191,8 +191,9 @@ def _needed(before: Diagnosed) -> float:
 def _gap(before: Diagnosed) -> dict[str, float]:
     gap = before.table.get('gap', {})
     try:
+        gap = gap.get('loss', gap)  # A diagnosis of schema 1 has it in the gap itself.
         return {key: float(gap[key]) for key in ('before', 'after', 'null')}
-    except (KeyError, TypeError, ValueError) as error:
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise InputError(
             f'DIAGNOSIS: diagnosis.json: gap: must have before, after and null, got {shown(gap)}'
         ) from error
