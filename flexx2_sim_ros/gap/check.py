@@ -55,33 +55,33 @@ def check(
     fresh : str or pathlib.Path
         A folder of recordings with ``clean_depth``, none of which was part of the diagnosis.
     profile : Profile, optional
-        The camera; the Flexx2 when left out.
+        The camera (default: the Flexx2).
     seed : int
-        Of the simulations.
+        Seed of the simulations.
     jobs : int
-        Processes.
+        Number of processes.
     out : str or pathlib.Path, optional
         Folder to write ``check.json`` and ``check.html`` to.
     pose_prior : tuple of float, optional
-        How wrong a recording's pose usually is, metres and degrees; as in the diagnosis when left
-        out.
+        Standard deviations of the pose error of a recording: metres and degrees (default: as in
+        the diagnosis).
     progress : callable, optional
-        Called with what is being done, and the fraction that is done.
+        Called with the name of the current step and the fraction of the work that is done.
     scheduler : str, optional
         Address of a Dask scheduler to work on.
     known : mapping, optional
-        Effects taken as given, parameters by name; those of the diagnosis when left out.
+        Effects taken as given, parameters by name (default: those of the diagnosis).
 
     Returns
     -------
     dict
-        As in ``docs/diagnosis.md``.
+        The table that ``docs/diagnosis.md`` describes.
 
     Raises
     ------
     InputError
-        When something given cannot be used or a recording was part of the diagnosis; nothing is
-        written then.
+        When an input cannot be used or a recording was part of the diagnosis; then nothing is
+        written.
 
     """
     began = time.monotonic()
@@ -126,7 +126,7 @@ def check(
 
 @dataclass(frozen=True)
 class _Request:
-    # What to check: the diagnosed and the given effects, the camera, seed and the pose prior.
+    # What to check: diagnosed effects, given effects, camera, seed and pose prior.
     effects: dict[str, dict[str, float]]
     known: dict[str, dict[str, float]]
     profile: Profile | None
@@ -137,7 +137,7 @@ class _Request:
 
 @dataclass(frozen=True)
 class _Values:
-    # (R, 3) before, after, null of each measure; and from which change on it matters.
+    # (R, 3) before, after and null of each measure, and the smallest change that matters.
     values: dict[str, np.ndarray]
     tolerances: dict[str, float]
 
@@ -200,10 +200,10 @@ def _table(
 
 def judged(measures: Mapping[str, Mapping[str, Any]]) -> tuple[bool, list[str]]:
     """
-    Return whether a diagnosis holds, and why not, in sentences.
+    Return whether a diagnosis holds, and sentences that say why not.
 
-    It holds where the mean loss shrinks by what the diagnosis calls a finding, and no physical
-    measure gets significantly worse.
+    It holds if the mean loss shrinks by the threshold at which the diagnosis names an effect, and
+    no physical measure gets significantly worse.
     """
     reasons = []
     loss = measures['loss']
@@ -224,7 +224,8 @@ def judged(measures: Mapping[str, Mapping[str, Any]]) -> tuple[bool, list[str]]:
 def _refuse_seen(
     before: Diagnosed, found: Sequence[Found], profile: Profile | None, mapped: Map
 ) -> None:
-    # By checksum; by name where the diagnosis has no checksums. The same name is no proof.
+    # Recordings are compared by checksum, because two recordings may have the same name. Names are
+    # compared only where the diagnosis has no checksums.
     sums = mapped(bind(_checksum, profile=profile), found, lambda: None)
     seen = []
     for file, checksum in zip(found, sums, strict=True):
@@ -244,7 +245,7 @@ def _refuse_seen(
 def _checksum(found: Found, profile: Profile | None) -> str:
     try:
         return read(found, profile).checksum
-    except InputError:  # `summarise` says why it cannot be used.
+    except InputError:  # `summarise` reports the error.
         return ''
 
 
@@ -267,14 +268,15 @@ def _columns(one: Found, table: dict[str, dict[str, float]]) -> list[Column]:
 
 
 def _fits(model: Model) -> tuple[Fit, Fit]:
-    # Without and with the effects, as they are.
+    # The fits without the effects, and with the effects at their given parameters.
     on = Term('on', ((1.0, _SET),), 1.0, 1.0)
     part = Candidate(_SET, '', (on,), lambda values: {})
     return fit(model, []), fit(model, [part], np.ones(1))
 
 
 def _losses(model: Model, base: Fit, with_effects: Fit) -> np.ndarray:
-    # (R, 3) before, after, null; poses and other nuisances are shared out evenly.
+    # (R, 3) before, after, null; the loss of poses and other nuisances is divided evenly among
+    # recordings.
     count = len(base.loss)
     null = model.null_loss.sum(axis=1) + THRESHOLDS.floor
     return np.stack(

@@ -1,4 +1,4 @@
-"""Diagnose a campaign: where the gap lies, what causes it, how far it shrinks."""
+"""Diagnose a campaign: where the gap lies, what causes it, and how far the effects reduce it."""
 
 from collections.abc import Callable, Collection
 from dataclasses import replace
@@ -52,19 +52,19 @@ def diagnose(
     campaign_dir : str or pathlib.Path
         A folder of recordings (``.npz`` or bags) with ``clean_depth``, one scene each.
     profile : Profile, optional
-        The camera; the Flexx2 when left out.
+        The camera (default: the Flexx2).
     without : collection of str
         Effects to leave out of the catalogue.
     seed : int
-        Of the simulations; the same input and seed give the same outcome.
+        Seed of the simulations; the same input and seed give the same result.
     jobs : int
-        Processes.
+        Number of processes.
     out : str or pathlib.Path, optional
         Folder to write ``diagnosis.json``, ``effects.yaml`` and ``report.html`` to.
     pose_prior : tuple of float
-        How wrong a recording's pose usually is: standard deviations in metres and degrees.
+        Standard deviations of the pose error of a recording: metres and degrees.
     progress : callable, optional
-        Called with what is being done, and the fraction that is done.
+        Called with the name of the current step and the fraction of the work that is done.
     scheduler : str, optional
         Address of a Dask scheduler to work on.
     known : mapping, optional
@@ -74,12 +74,12 @@ def diagnose(
     Returns
     -------
     dict
-        As in ``docs/diagnosis.md``.
+        The table that ``docs/diagnosis.md`` describes.
 
     Raises
     ------
     InputError
-        When no recording can be used or an argument is wrong; nothing is written then.
+        When no recording can be used or an argument is wrong; then nothing is written.
 
     """
     began = time.monotonic()
@@ -110,12 +110,7 @@ def diagnose(
         confirmed = _confirm(model, decision, used, profile, seed, known, mapped, step)
     progress('writing', 0.98)
     table = diagnosis_table(model, decision, effects, confirmed, used, [*left_out, *unusable])
-    table['settings'] = {
-        'usecase': found[0].mode.name,
-        'seed': seed,
-        'pose_prior': list(pose_prior),
-        'known': {name: plain(values) for name, values in known.items()},
-    }
+    table['settings'] = _settings(found[0].mode.name, seed, pose_prior, known)
     table['not_considered'] = _not_considered(
         without, known, no_phases, bool(model.own.posed.any()), hidden
     )
@@ -130,6 +125,17 @@ def diagnose(
         write(Path(out), table, effects, model, decision, confirmed)
     progress('done', 1.0)
     return table
+
+
+def _settings(
+    usecase: str, seed: int, pose_prior: tuple[float, float], known: Table
+) -> dict[str, Any]:
+    return {
+        'usecase': usecase,
+        'seed': seed,
+        'pose_prior': list(pose_prior),
+        'known': {name: plain(values) for name, values in known.items()},
+    }
 
 
 def _check(
@@ -149,9 +155,9 @@ def _check(
 def _decide(
     model: Model, candidates: list[Candidate], hidden: list[Hidden], progress: Progress
 ) -> Decision:
-    names = {one.effect for one in hidden if one.absorbed == 1}  # Nothing is left to find.
+    names = {one.effect for one in hidden if one.absorbed == 1}  # Fully hidden.
     candidates = [one for one in candidates if one.effect not in names]
-    # An error of the pose is none of the camera: a verdict does not depend on it.
+    # A pose error is not an effect of the camera, so the verdict does not depend on it.
     absorbed = [
         Undecided(one.effect, one.absorbed, one.settled_by)
         for one in hidden
@@ -176,8 +182,8 @@ def _confirm(
     mapped: Map,
     step: Callable[[], None],
 ) -> list[Outcome]:
-    # Simulates each recording at the pose that was found, with the effects of the camera as they
-    # were fitted without that recording.
+    # Simulates each recording at its fitted pose, with the camera's effects as fitted to the other
+    # recordings.
     motions = model.own.found(decision.accepted.nuisances)
     jobs = [
         (file, tuple(motion), table_of(one for one in effects if one.role != 'pose'))
@@ -209,7 +215,7 @@ def _not_considered(
 
 
 def _peak_mb(processes: int) -> float:
-    # Of the processes the largest is known; they are much alike.
+    # Only the largest child process is known; all need about the same memory.
     own = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     largest = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss
     return (own + processes * largest) / 1024

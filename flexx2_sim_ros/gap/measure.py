@@ -1,4 +1,4 @@
-"""How much of a gap given effects take off: nothing of them is fitted."""
+"""How much given effects reduce a gap; their parameters are not fitted."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -27,27 +27,28 @@ def measure(
     pose_prior: tuple[float, float] = (0.010, 0.5),
 ) -> dict[str, Any]:
     """
-    Measure a campaign's gap without and with effects.
+    Measure the gap of a campaign without and with effects.
 
     Parameters
     ----------
     campaign_dir : str or pathlib.Path
         A folder of recordings.
     effects : mapping
-        Parameters by effect, as they are.
+        Parameters by effect; they are used unchanged.
     seed : int
-        Of the simulations.
+        Seed of the simulations.
     profile : Profile, optional
-        The camera; the Flexx2 when left out.
+        The camera (default: the Flexx2).
     jobs : int
-        Processes.
+        Number of processes.
     pose_prior : tuple of float
-        How wrong a recording's pose usually is: standard deviations in metres and degrees.
+        Standard deviations of the pose error of a recording: metres and degrees.
 
     Returns
     -------
     dict
-        ``before``, ``after``, ``null`` and ``shrink``, as ``gap`` in ``docs/diagnosis.md``.
+        ``before``, ``after``, ``null`` and ``shrink`` of the loss, as ``gap.loss`` in
+        ``docs/diagnosis.md``.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The work on single recordings."""
+"""Find, summarise and simulate the recordings of a campaign, one job for each."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -27,13 +27,13 @@ def stepper(
     Parameters
     ----------
     progress : callable
-        Called with what is being done, and the fraction of the whole work that is done.
+        Called with the name of the current step and the fraction of the whole work that is done.
     text : str
-        What is being done.
+        Name of the step.
     start, weight : float
-        The fraction of the whole work that is done before, and the fraction that this is.
+        Fraction of the whole work that is done before this step, and fraction that this step is.
     total : int
-        How often the function will be called. More calls report no more progress.
+        How often the function will be called. Further calls report the same progress.
 
     """
     done = 0
@@ -57,9 +57,9 @@ def find(
     folder : str or pathlib.Path
         The campaign.
     profile : Profile, optional
-        The camera, the Flexx2 when left out.
+        The camera (default: the Flexx2).
     mapped : callable
-        As from `workers`: bags have to be read to know what is in them.
+        A map as from `workers`; it is used because each bag has to be read.
 
     """
     paths = find_recordings(folder)
@@ -74,7 +74,7 @@ def summarise(
     prior: tuple[float, ...],
     known: Table | None = None,
 ) -> Evidence | str:
-    """Return a recording's summary, or why there is none."""
+    """Return the summary of a recording, or the reason why it cannot be used."""
     try:
         recording = read(found, profile, known)
     except InputError as error:
@@ -109,15 +109,15 @@ def summarise_all(
     left_out : sequence of tuple of str
         Name of each recording that was left out before, and the reason; for errors.
     profile : Profile or None
-        The camera, the Flexx2 when None.
+        The camera (None: the Flexx2).
     columns : sequence of Column
-        What is simulated of each recording.
+        The simulations of each recording.
     seed : int
-        Of the simulations.
+        Seed of the simulations.
     prior : numpy.ndarray
-        (6,) standard deviations of a pose error, metres and degrees.
+        (6,) standard deviations of pose errors, metres and degrees.
     mapped : callable
-        As from `workers`.
+        A map as from `workers`.
     step : callable
         Called after each recording.
     known : mapping, optional
@@ -126,8 +126,8 @@ def summarise_all(
     Returns
     -------
     tuple of list
-        The recordings that can be used, their summaries, and the name of each other one with the
-        reason.
+        The recordings that can be used, their summaries, and name and reason of each other
+        recording.
 
     Raises
     ------
@@ -160,6 +160,6 @@ def simulate_set(
     seed: int,
     known: Table | None = None,
 ) -> Outcome:
-    """Return a recording against the simulation with effects, at the pose that was found."""
+    """Compare a recording with its simulation with effects, at the fitted pose."""
     found, motion, effects = job
     return confirm(read(found, profile, known), np.array(motion), effects, seed)

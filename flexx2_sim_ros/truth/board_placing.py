@@ -28,7 +28,7 @@ class BoardJob:
     path : pathlib.Path
     target : Target
     camera : str or None
-        Of a bag that has several.
+        Which camera of a bag that has several.
     profile : Profile or None
     motion : str
         ``auto``, ``still`` or ``moving``.

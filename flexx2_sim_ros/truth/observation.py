@@ -126,7 +126,7 @@ def observe(reader: RecordingReader, profile: Profile | None, motion: str = 'aut
     reader : RecordingReader
         Opened.
     profile : Profile or None
-        The camera, the Flexx2 if None.
+        The camera (None: the Flexx2).
     motion : str
         ``still``, ``moving``, or ``auto``: find out.
 

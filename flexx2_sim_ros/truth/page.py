@@ -34,7 +34,7 @@ def page(
     Parameters
     ----------
     table : dict
-        What ``truth.yaml`` says.
+        The content of ``truth.yaml``.
     registered : sequence of Registered
         By number of recording.
     pictures : mapping of int to Picture
@@ -61,7 +61,7 @@ def whole_page(table: Mapping[str, Any], about: str, parts: Sequence[str]) -> st
     Parameters
     ----------
     table : dict
-        What ``truth.yaml`` says.
+        The content of ``truth.yaml``.
     about : str
         What the truth was made from, as HTML.
     parts : sequence of str

@@ -60,17 +60,17 @@ def make_plane_truth(request: PlaneRequest, progress: Progress = no_progress) ->
     request : PlaneRequest
         What to make it from.
     progress : callable
-        Called with what is done and the fraction of all that is done.
+        Called with the name of the current step and the fraction of the work that is done.
 
     Returns
     -------
     dict
-        What ``truth.yaml`` says.
+        The content of ``truth.yaml``.
 
     Raises
     ------
     InputError
-        When something given cannot be used, or no recording shows the planes. Nothing is written
+        When an input cannot be used, or no recording shows the planes. Nothing is written
         then.
 
     """

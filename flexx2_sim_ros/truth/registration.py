@@ -40,7 +40,7 @@ class Job:
     ----------
     path, room : pathlib.Path
     camera : str or None
-        Of a bag that has several.
+        Which camera of a bag that has several.
     profile : Profile or None
     motion : str
         ``auto``, ``still`` or ``moving``.

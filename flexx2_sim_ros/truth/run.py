@@ -20,7 +20,7 @@ from flexx2_sim_ros.truth.files import (
     write_results,
 )
 
-# Called with what is done and the fraction of all that is done.
+# Called with the name of the current step and the fraction of the work that is done.
 Progress = Callable[[str, float], None]
 _Item = TypeVar('_Item')
 
@@ -41,13 +41,13 @@ class TruthRequest:
     out : pathlib.Path
         The campaign's folder.
     camera : str or None
-        Of bags that have several.
+        Which camera of bags that have several.
     profile : Profile or None
-        The camera, the Flexx2 if None.
+        The camera (None: the Flexx2).
     motion : str
         ``auto``, ``still`` or ``moving``.
     jobs : int
-        Processes.
+        Number of processes.
     scheduler : str or None
         Address of a Dask scheduler.
     command : str
@@ -220,7 +220,7 @@ def write_table(
     request : TruthRequest
         Of the run.
     kind : str
-        Of ground truth: ``scan``, ``board`` or ``planes``.
+        Kind of ground truth: ``scan``, ``board`` or ``planes``.
     about : dict
         What the ground truth was made from.
     rows : sequence of dict

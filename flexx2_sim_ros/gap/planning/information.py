@@ -87,7 +87,7 @@ def outlook(
     needed : float
         By how much the loss of the next best explanation must be larger for a decision.
     seed : int
-        Of the draws.
+        Seed of the draws.
 
     """
     model = Model([evidence], columns, prior)

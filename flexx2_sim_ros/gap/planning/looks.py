@@ -58,7 +58,7 @@ def look(
     known : mapping
         Effects that it has anyway.
     seed : int
-        Of the noise.
+        Seed of the noise.
 
     """
     found = check(possible.path, profile)

@@ -104,13 +104,13 @@ def suggest(
     campaign : str or pathlib.Path, optional
         The recordings that were diagnosed, to say what a repeat would tell.
     profile : Profile, optional
-        The camera; the Flexx2 when left out.
+        The camera (default: the Flexx2).
     seed : int
-        Of the simulations.
+        Seed of the simulations.
     jobs : int
-        Processes.
+        Number of processes.
     progress : callable
-        Called with what is being done, and the fraction that is done.
+        Called with the name of the current step and the fraction of the work that is done.
 
     Raises
     ------

@@ -29,7 +29,7 @@ class Possible:
     name, words : str
         For tables; what to set up.
     kind : Kind
-        Of ground truth.
+        The kind of ground truth.
     path : pathlib.Path
         A simulated recording of it, or one that exists.
     planned : PlannedRecording or None
@@ -96,7 +96,7 @@ def of_plan(
     plan : Plan
         What could be recorded.
     kinds : sequence of Kind
-        Of ground truth.
+        The kind of ground truth.
     profile : Profile
         The camera.
     known : mapping

@@ -114,9 +114,9 @@ def power(
     hidden : set of str
         As from `left_open`.
     kind : Kind
-        Of ground truth.
+        The kind of ground truth.
     seed : int
-        Of the draws.
+        Seed of the draws.
     draws : int
         How many at each strength.
 

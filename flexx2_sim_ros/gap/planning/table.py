@@ -46,13 +46,13 @@ class Request:
     out : pathlib.Path
         Folder for what is finished.
     seed : int
-        Of the simulations and draws.
+        Seed of the simulations and draws.
     draws : int
         How many at each strength.
     jobs : int
-        Processes.
+        Number of processes.
     kinds : tuple of Kind
-        Of ground truth.
+        The kind of ground truth.
 
     """
 
@@ -120,7 +120,7 @@ def compute(request: Request, command: str, progress: Progress) -> dict[str, Any
     command : str
         To note in the table.
     progress : callable
-        Called with what is being done, and the fraction that is done.
+        Called with the name of the current step and the fraction of the work that is done.
 
     Returns
     -------

@@ -102,7 +102,7 @@ def write_campaign(
     profile : Profile
         The camera.
     kind : Kind
-        Of ground truth.
+        The kind of ground truth.
     effects : mapping, optional
         Of the camera: parameters by effect.
     seed : int
@@ -179,7 +179,7 @@ def ground_truth(
     depth : numpy.ndarray
         (T, H, W) as measured, metres, to which planes may be fitted.
     kind : Kind
-        Of ground truth.
+        The kind of ground truth.
     rng : numpy.random.Generator or None
         Draws the errors of planes; without it the truth has none.
 

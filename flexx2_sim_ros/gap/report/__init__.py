@@ -1,1 +1,1 @@
-"""A diagnosis as files, a page and words."""
+"""The files, page and sentences that report a diagnosis."""

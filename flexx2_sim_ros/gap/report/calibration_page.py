@@ -1,4 +1,4 @@
-"""The files of a calibration, written whole or not at all, and its page."""
+"""Write the files of a calibration, whole or not at all, and its page."""
 
 from collections.abc import Sequence
 from html import escape
@@ -45,13 +45,13 @@ def write_calibration(
     Parameters
     ----------
     folder : pathlib.Path
-        Made if it is not there; files of the same names in it are replaced.
+        Created if it does not exist; files of the same names are replaced.
     table : dict
         What `flexx2_sim_ros.gap.calibrate` returns.
     effects : sequence of Effect
-        Those of the diagnosis, with the forms that are taken.
+        Effects of the diagnosis, with the forms that are taken.
     verdicts : sequence of Verdict
-        For the page.
+        The tried forms, for the page.
     looked : sequence of Looked
         The recordings.
 
@@ -74,7 +74,7 @@ def headline(table: dict[str, Any]) -> str:
 
 
 def sentences(table: dict[str, Any]) -> list[str]:
-    """Return what was tried for each effect, a line each."""
+    """Return one line for each effect: which form was tried, and the result."""
     count = len(table['recordings'])
     out = []
     for row in table['effects']:
@@ -153,7 +153,7 @@ def _figure(proposal: Proposal, looked: Sequence[Looked]) -> str:
 
 
 def _typical_bias(effect: str, looked: Sequence[Looked]) -> tuple[np.ndarray, np.ndarray]:
-    # Mean of what the diagnosed effect changes along the ray, in bins of its covariate.
+    # Mean change of the range by the diagnosed effect, in bins of its covariate.
     values = np.concatenate([getattr(one.samples, covariate_of(effect)) for one in looked])
     shift = np.concatenate([one.shifts[effect] * one.samples.length for one in looked])
     low, high = np.quantile(values, (0.005, 0.995))

@@ -1,4 +1,4 @@
-"""What a report draws of the outcome: maps of the image, and curves along covariates."""
+"""Figures of a report: maps of the image, and curves along covariates."""
 
 from collections.abc import Sequence
 from html import escape
@@ -32,23 +32,23 @@ _ALONG = (
     'edge',
 )
 _CHARTS, _OF_ONE_CHANNEL = 4, 2
-_FEWEST = 500  # pixels, for a point of a curve
-_LIMIT = 15  # of a map's colours, in units of the tolerance
-# Of an edge's 16 bins (direction, side, how near) the four that differ by more than direction.
+_FEWEST = 500  # least number of pixels for a point of a curve
+_LIMIT = 15  # end of the colour scale of a map, in units of the tolerance
+# The 16 edge bins (direction, side, distance) without their direction: four bins.
 _FROM_EDGE = {-2.0: 1, -1.0: 0, 1.0: 2, 2.0: 3}
 _FIRST = {(f.channel, f.axis): i for i, f in reversed(list(enumerate(LAYOUT)))}
 
 
 def maps(confirmed: Sequence[Outcome], explained: bool) -> str:
     """
-    Return maps of the mean depth error, and of what else differs most on the image, as HTML.
+    Return maps of the mean depth error, and of the channel that differs most otherwise, as HTML.
 
     Parameters
     ----------
     confirmed : sequence of Outcome
         The recordings.
     explained : bool
-        Whether effects were added, so that there is an image with them as well.
+        Whether the diagnosis has effects; if so, images with them are drawn, too.
 
     """
     pairs = [(1, 'before', 'real minus simulated')]
@@ -106,14 +106,14 @@ def _map(image: np.ndarray, limit: float, text: str, unit: str) -> str:
 
 def charts(confirmed: Sequence[Outcome], explained: bool, axes: Axes) -> str:
     """
-    Return real against simulated along the covariates that show the gap best, as HTML.
+    Return curves of real and simulated depth along the covariates that show the gap best, as HTML.
 
     Parameters
     ----------
     confirmed : sequence of Outcome
         The recordings.
     explained : bool
-        Whether effects were added, so that there is a curve with them as well.
+        Whether the diagnosis has effects; if so, curves with them are drawn, too.
     axes : dict of str to Axis
         The camera's.
 
@@ -174,7 +174,7 @@ def _lines(confirmed: Sequence[Outcome], channel: str, axis: Axis) -> np.ndarray
 
 
 def _importance(lines: np.ndarray, channel: str) -> float:
-    # RMS of what the simulation lacks, in units of the tolerance.
+    # RMS difference between recording and simulation, in units of the tolerance.
     difference = lines[0] - lines[1]
     good = np.isfinite(difference)
     if not good.any():

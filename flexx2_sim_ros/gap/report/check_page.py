@@ -1,4 +1,4 @@
-"""The files of a check, written whole or not at all, and its page."""
+"""Write the files of a check, whole or not at all, and its page."""
 
 from collections.abc import Iterator
 from html import escape
@@ -51,7 +51,7 @@ def write_check(folder: Path, table: dict[str, Any]) -> None:
     Parameters
     ----------
     folder : pathlib.Path
-        Made if it is not there; the two files in it are replaced.
+        Created if it does not exist; the two files in it are replaced.
     table : dict
         What `flexx2_sim_ros.gap.check` returns.
 
@@ -73,7 +73,7 @@ def headline(table: dict[str, Any]) -> str:
 
 
 def sentences(table: dict[str, Any]) -> list[str]:
-    """Return why a diagnosis does not hold, and notes on the recordings, a line each."""
+    """Return the reasons why a diagnosis does not hold, and notes on recordings, one line each."""
     rows = table['recordings']
     used = [row for row in rows if row['used']]
     out = list(table['reasons'])

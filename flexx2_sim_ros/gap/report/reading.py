@@ -1,4 +1,4 @@
-"""Read what a diagnosis has written."""
+"""Read the files of a diagnosis."""
 
 from dataclasses import dataclass
 import json
@@ -25,17 +25,17 @@ class Diagnosed:
     verdict : str
         As in ``diagnosis.json``.
     effects : tuple of Effect
-        Of ``effects.yaml``.
+        The effects of ``effects.yaml``.
     known : dict
         Effects that were taken as given: parameters by name.
     pose_prior : tuple of float
-        Metres and degrees.
+        Standard deviations of pose errors: metres and degrees.
     checksums : dict of str to str
         Names of the recordings that were used, by checksum.
     unsummed : frozenset of str
-        Names of recordings without a checksum, as older versions have written them.
+        Names of recordings without a checksum (diagnoses of older versions).
     table : dict
-        All of ``diagnosis.json``.
+        The whole content of ``diagnosis.json``.
 
     """
 
@@ -49,12 +49,12 @@ class Diagnosed:
 
     def effects_to_check(self) -> tuple[Effect, ...]:
         """
-        Return the effects that change images: all but an error of the poses.
+        Return the effects that change images: all except pose errors.
 
         Raises
         ------
         InputError
-            When there is none.
+            When there is no such effect.
 
         """
         effects = tuple(effect for effect in self.effects if effect.role != 'pose')
@@ -75,7 +75,7 @@ def read_diagnosis(folder: Path) -> Diagnosed:
     Parameters
     ----------
     folder : pathlib.Path
-        As `flexx2 gap diagnose` has written it.
+        A folder that `flexx2 gap diagnose` has written.
 
     Raises
     ------

@@ -41,19 +41,19 @@ def diagnosis_table(
     decision : Decision
         Which effects explain the gap.
     effects : list of Effect
-        Those effects with their parameters.
+        These effects with their parameters.
     confirmed : list of Outcome
-        One for each recording: its comparison with the simulation with these effects.
+        The comparison of each recording with its simulation with these effects.
     used : list of Found
-        The files of the recordings, in the order of the model.
+        The recordings, in the order of the model.
     left_out : list of tuple of str
         Name of each recording that was not used, and the reason.
 
     Returns
     -------
     dict
-        As in ``docs/diagnosis.md``, without ``not_considered``, ``patch``, ``version`` and what
-        the run took.
+        The table that ``docs/diagnosis.md`` describes, without ``not_considered``, ``patch``,
+        ``version``, ``seconds`` and ``peak_mb``.
 
     """
     residual = decision.accepted.residual(model)
@@ -89,7 +89,7 @@ def _effect_rows(decision: Decision, effects: list[Effect]) -> list[dict[str, An
             effects, decision.shares, decision.intervals, decision.confidences, strict=False
         )
     ]
-    # A pose error may be certain and yet take nothing off the gap: it is not the first cause.
+    # A pose error can be certain without reducing the gap; then it is not listed first.
     return sorted(rows, key=lambda row: row['share'] < _NOTHING)
 
 
@@ -207,7 +207,7 @@ def _gap(model: Model, decision: Decision, confirmed: list[Outcome]) -> dict[str
 
 
 def _loss(model: Model, decision: Decision, held_out: bool) -> dict[str, Any]:
-    # What a perfect simulation, and what these effects, take off each recording's loss.
+    # The reduction of the loss of each recording by a perfect simulation, and by these effects.
     explained, base, accepted = decision.explains_gap, decision.base, decision.accepted
     poses = (base.pose_loss - accepted.pose_held_out) / len(base.loss)
     possible = base.loss - (model.null_loss.sum(axis=1) + THRESHOLDS.floor) + poses

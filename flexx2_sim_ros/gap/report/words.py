@@ -1,4 +1,4 @@
-"""A diagnosis in words."""
+"""Sentences that describe a diagnosis."""
 
 from typing import Any
 
@@ -43,7 +43,7 @@ MEASURES = {
     'kl_nats': ('divergence of normalised errors', 'nats', 1.0),
 }
 
-# What shows a difference along each covariate alone.
+# What to record to see a difference along each covariate alone.
 _NEXT_STEPS = {
     'all': 'A flat wall, seen straight on, is enough to see it.',
     'distance': 'To see it alone, move the camera towards a flat wall in small steps.',
@@ -103,7 +103,7 @@ def headline(table: dict[str, Any]) -> str:
 
 
 def sentences(table: dict[str, Any]) -> list[str]:
-    """Return the details after the headline, a line each."""
+    """Return the details below the headline, one line each."""
     out = []
     gap = table['gap']
     if table['effects']:
@@ -136,7 +136,7 @@ def sentences(table: dict[str, Any]) -> list[str]:
 
 
 def reduction(gap: dict[str, Any]) -> list[str]:
-    """Return how much of the gap the effects remove: in physical units, how sure, what worsens."""
+    """Return sentences on the reduction of the gap in physical units, and on what gets worse."""
     out = []
     depth, invalid = gap['wasserstein_mm'], gap['invalid_rate']
     parts = [
@@ -174,7 +174,7 @@ def _next_step(cell: dict[str, Any]) -> str:
 
 
 def not_decidable(table: dict[str, Any]) -> list[str]:
-    """Return which effects the ground truth leaves open, a line for what would decide them."""
+    """Return the undecidable effects, one line for each measurement that would decide."""
     by: dict[str, list[str]] = {}
     for row in table['not_decidable']:
         by.setdefault(row['settled_by'], []).append(row['name'])
@@ -185,13 +185,13 @@ def not_decidable(table: dict[str, Any]) -> list[str]:
 
 
 def ground_truth(table: dict[str, Any]) -> list[str]:
-    """Return how accurate the ground truth is, in a line; none where it is taken for exact."""
+    """Return one line on the accuracy of the ground truth, or none if it is taken as exact."""
     said = accuracy([row['truth'] for row in table['recordings'] if row['used']])
     return [f'Accuracy of the ground truth: {said}.'] if said else []
 
 
 def accuracy(truths: list[dict[str, Any]]) -> str:
-    """Return how accurate the ground truth of recordings is; empty where it is taken for exact."""
+    """Return the accuracy of the ground truth as text; empty if it is taken as exact."""
 
     def span(key: str, factor: float) -> str:
         values = [factor * one[key] for one in truths if one[key] is not None]
@@ -211,7 +211,7 @@ def accuracy(truths: list[dict[str, Any]]) -> str:
 
 
 def remarks(table: dict[str, Any]) -> list[str]:
-    """Return notes on recordings and effects that were not considered, a line each."""
+    """Return notes on recordings and on effects that were not considered, one line each."""
     rows = table['recordings']
     return (
         not_considered(table)
@@ -221,7 +221,7 @@ def remarks(table: dict[str, Any]) -> list[str]:
 
 
 def not_considered(table: dict[str, Any]) -> list[str]:
-    """Return which effects were not considered, a line for each reason."""
+    """Return the effects that were not considered, one line for each reason."""
     reasons: dict[str, list[str]] = {}
     for row in table['not_considered']:
         reasons.setdefault(row['reason'], []).append(row['name'])
@@ -229,7 +229,7 @@ def not_considered(table: dict[str, Any]) -> list[str]:
 
 
 def place(cell: dict[str, Any]) -> str:
-    """Return where a cell is and what differs there."""
+    """Return the location of a group of pixels and what differs there, as text."""
     low, high, unit = cell['low'], cell['high'], cell['unit']
     where = cell['covariate'].removeprefix('fine_').replace('_', ' ')
     if where == 'structure':

@@ -1,4 +1,4 @@
-"""The files of a diagnosis, written whole or not at all."""
+"""Write the files of a diagnosis, whole or not at all."""
 
 from collections.abc import Sequence
 import json
@@ -30,13 +30,13 @@ def write(
     Parameters
     ----------
     folder : pathlib.Path
-        Made if it is not there; the three files in it are replaced.
+        Created if it does not exist; the three files in it are replaced.
     table : dict
         The diagnosis.
     effects : sequence of Effect
-        What explains the gap.
+        The effects that explain the gap.
     model, decision, confirmed
-        For the report.
+        Parts of the report.
 
     Raises
     ------
