@@ -1,1 +1,1 @@
-"""Scenes that can be recorded to learn more about a camera."""
+"""Plans of recordings: what to record, what it can find, and what to record next."""

@@ -1,4 +1,4 @@
-"""Small drawings of the set-ups: from above, and as the camera sees them."""
+"""Small drawings of the set-ups, from above and as the camera sees them."""
 
 import base64
 from io import BytesIO
@@ -23,14 +23,14 @@ def drawing(planned: PlannedRecording, lens: Intrinsics) -> bytes:
     Parameters
     ----------
     planned : PlannedRecording
-        What is recorded.
+        The recording.
     lens : Intrinsics
         The camera.
 
     Returns
     -------
     bytes
-        A PNG: left the set-up from above, right its depth.
+        A PNG with the set-up from above (left) and its depth (right).
 
     """
     small = smaller(lens, _SCALE)
@@ -60,11 +60,12 @@ def as_data_url(png: bytes) -> str:
 def _from_above(
     ax: Any, planned: PlannedRecording, depth: np.ndarray, shown: np.ndarray, lens: Intrinsics
 ) -> None:
-    # What the image's middle row hits, one line a panel; the camera at the origin looks up.
+    # Points that the middle row of the image hits, one line for each panel; the camera is at the
+    # origin and looks up.
     row = lens.height // 2
     z, panel = depth[row].astype(float), shown[row]
     x = (np.arange(lens.width) - lens.cx) / lens.fx * z
-    # Seen along a wall, the far end would leave nothing of the rest.
+    # For a view along a wall, a scale that includes its far end would be too small for the rest.
     z = np.where(z <= _FARTHEST * np.nanmedian(z), z, np.nan)
     x = np.where(np.isfinite(z), x, np.nan)
     top, half = float(np.nanmax(z)), float(np.nanmax(np.abs(x)))
@@ -76,7 +77,7 @@ def _from_above(
         if not own.any():
             continue
         moving = any(one.velocity)
-        # A gap where something nearer hides a part.
+        # The line has a gap where a nearer panel hides a part.
         ax.plot(
             np.where(own, x, np.nan),
             np.where(own, z, np.nan),

@@ -1,4 +1,4 @@
-"""The explanations that a diagnosis leaves standing."""
+"""The explanations that a diagnosis leaves open."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -13,16 +13,16 @@ Effects = dict[str, dict[str, Any]]
 
 def explanations(before: Diagnosed) -> dict[str, Effects]:
     """
-    Return the sets of effects that are still possible, by a name for people.
+    Return the sets of effects that are still possible, by readable names.
 
-    These are the effects that were chosen, each alternative in the place of what it replaces, each
-    effect that the ground truth could not decide, at its typical strength, and no effect at all.
-    Poses that are all wrong in the same way are an explanation without effects.
+    These are the chosen effects, each alternative (which replaces some of them), each effect that
+    the ground truth could not decide (at typical strength), and no effect. Pose errors count as no
+    effect.
 
     Raises
     ------
     InputError
-        When there is nothing to decide, or the diagnosis lacks a key.
+        When the diagnosis leaves nothing open, or lacks a key.
 
     """
     try:
@@ -35,7 +35,7 @@ def explanations(before: Diagnosed) -> dict[str, Effects]:
     pose, out = of_role('pose').name, dict[str, Effects]()
     for one in sets:
         effects = {name: dict(values) for name, values in one.items() if name != pose}
-        # Each recording's pose is fitted anyway, so a wrong one looks like no effect.
+        # The pose of each recording is fitted in any case, so a pose error looks like no effect.
         if effects not in out.values():
             out[' + '.join(one).replace('_', ' ') or NONE] = effects
     settled = not (before.table['alternatives'] or before.table['not_decidable'])

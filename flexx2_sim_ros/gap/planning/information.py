@@ -1,10 +1,10 @@
 """
-What one more recording would tell: expected information and the expected decision.
+The value of one more recording: expected information and expected decision.
 
-Each explanation in turn is taken for true. Its shift of the features, noise, and errors of the
-ground truth make a gap, with the same random numbers for all explanations. The loss of each
-explanation on this gap, with the recording's own errors fitted as in the diagnosis, says what
-would be believed after the recording.
+Each explanation in turn is assumed to be true. Its shift of the features, noise, and errors of the
+ground truth make a gap, with common random numbers for all explanations. The loss of each
+explanation on this gap, with the recording's own errors fitted as in the diagnosis, gives its
+probability after the recording.
 """
 
 from collections.abc import Sequence
@@ -26,17 +26,16 @@ _TRUE = 'true: '
 @dataclass(frozen=True)
 class Outlook:
     """
-    What is expected of a recording.
+    The expected value of a recording.
 
     Attributes
     ----------
     bits : float
-        Expected information about which explanation is true; see `information`.
+        Expected information about the true explanation; see `information`.
     right, wrong, undecided : float
-        Probabilities that it settles the question correctly, wrongly, or not at all; their sum
-        is 1.
+        Probabilities that it decides correctly, wrongly, or not at all; their sum is 1.
     told_apart : tuple of int
-        The two explanations that it tells apart best.
+        The two explanations that it distinguishes best.
 
     """
 
@@ -48,12 +47,12 @@ class Outlook:
 
 
 def with_true(fitted: Evidence, true: Evidence) -> Evidence:
-    """Return a summary with the columns of both, simulated with different random numbers."""
+    """Return a summary with the columns of both summaries, which have different random numbers."""
     return replace(fitted, columns=np.concatenate([fitted.columns, true.columns]))
 
 
 def true_columns(columns: Sequence[Column]) -> list[Column]:
-    """Return the columns of explanations that are taken for true."""
+    """Return the columns of explanations that are assumed to be true."""
     return [replace(column, name=_TRUE + column.name) for column in columns]
 
 
@@ -68,24 +67,24 @@ def outlook(
     seed: int,
 ) -> Outlook:
     """
-    Return what is expected of a recording.
+    Return the expected value of a recording.
 
     Parameters
     ----------
     evidence : Evidence
         The recording, as from `with_true`.
     columns : sequence of Column
-        Of the evidence: nuisances, explanations and, as from `true_columns`, explanations again.
+        Columns of the evidence: nuisances, explanations, and the explanations of `true_columns`.
     names : sequence of str or None
-        (N,) the explanations' columns; None for no effect.
+        (N,) column of each explanation; None for no effect.
     weights : numpy.ndarray
-        (N,) their probabilities before the recording.
+        (N,) probabilities of the explanations before the recording.
     prior : numpy.ndarray
         (6,) standard deviations of pose errors, metres and degrees.
     fitted : bool
         Whether planes are fitted to the recording.
     needed : float
-        By how much the loss of the next best explanation must be larger for a decision.
+        Difference of loss to the next best explanation that a decision needs.
     seed : int
         Seed of the draws.
 
@@ -123,7 +122,7 @@ def entropy(weights: np.ndarray) -> float:
 
 def information(losses: np.ndarray, weights: np.ndarray) -> float:
     """
-    Return the bits that a recording is expected to tell about explanations.
+    Return the expected information of a recording about explanations, in bits.
 
     The expected reduction of the entropy over explanations (Lindley, Ann. Math. Statist. 27, 986,
     1956). exp(-loss / 2) stands for the likelihood. Because that is an approximation, the result
@@ -147,7 +146,7 @@ def information(losses: np.ndarray, weights: np.ndarray) -> float:
 def _losses(
     model: Model, names: Sequence[str | None], true: str | None, fitted: bool, seed: int, draw: int
 ) -> list[float]:
-    # (N,) of each explanation when one is true.
+    # (N,) loss of each explanation when one of them is true.
     rng = np.random.default_rng([seed, draw])
     gap = noise(model, rng) + wrong_truth(model, fitted, rng)
     if true is not None:

@@ -1,4 +1,4 @@
-"""What each explanation would look like in a recording."""
+"""The images that each explanation predicts for a recording."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,18 +16,18 @@ import numpy as np
 @dataclass(frozen=True)
 class View:
     """
-    What each explanation would look like in a recording.
+    The images that each explanation predicts for a recording.
 
     Attributes
     ----------
     possible : Possible
         The recording.
     error : numpy.ndarray
-        (N, H, W) mean of depth less clean depth, metres; NaN where there is none or nothing known.
+        (N, H, W) mean of measured minus clean depth, metres; NaN where one of them is missing.
     noise : numpy.ndarray
-        (N, H, W) standard deviation of that error from frame to frame, metres; likewise.
+        (N, H, W) standard deviation of that error over frames, metres; NaN as in `error`.
     valid : numpy.ndarray
-        (N, H, W) fraction of the frames with a depth; NaN where nothing is known.
+        (N, H, W) fraction of frames with a depth; NaN where the ground truth is unknown.
 
     """
 
@@ -56,7 +56,7 @@ def look(
     profile : Profile
         The camera.
     known : mapping
-        Effects that it has anyway.
+        Effects that are taken as given.
     seed : int
         Seed of the noise.
 
@@ -82,8 +82,8 @@ def look(
 def _images(
     error: np.ndarray, seen: np.ndarray, known: np.ndarray | None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    # (H, W) mean and standard deviation of (T, H, W) errors over frames, and how often there is
-    # one; NaN where there is none or nothing is known.
+    # (H, W) mean and standard deviation of (T, H, W) errors over frames, and the fraction of
+    # frames with one; NaN where there is none or the ground truth is unknown.
     if known is None:
         known = np.ones(seen.shape, bool)
     known = np.broadcast_to(known, seen.shape)

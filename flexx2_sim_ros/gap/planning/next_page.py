@@ -1,4 +1,4 @@
-"""The page of suggestions: the ranking, and what each explanation would look like."""
+"""The page of suggestions: the ranking, and images for each explanation."""
 
 from collections.abc import Mapping
 from html import escape
@@ -29,8 +29,8 @@ pre { background: var(--faint); padding: .5rem .7rem; overflow-x: auto; }
 pre code { background: none; padding: 0; }
 """
 _MOST_ROWS = 20
-_TOP = 98.0  # percentile of what explanations change that gets the full colour
-_LOUD = 3.0  # medians of the noise that get the full colour
+_TOP = 98.0  # percentile of the changes at the end of the colour scale
+_LOUD = 3.0  # end of the colour scale of the noise, in medians
 _ALL_VALID = 0.999
 _BASELINES = {'repeat': 'mean of repeats', 'random': 'mean of the plan'}
 HOW = (
@@ -47,9 +47,9 @@ def page(found: Suggestions, lens: Intrinsics) -> str:
     Parameters
     ----------
     found : Suggestions
-        As from `suggest`.
+        The result of `suggest`.
     lens : Intrinsics
-        The camera's.
+        The intrinsics of the camera.
 
     """
     table = found.table
@@ -65,12 +65,12 @@ def page(found: Suggestions, lens: Intrinsics) -> str:
 
 
 def percent(share: float) -> str:
-    """Return a fraction as percent."""
+    """Return a fraction in percent, as text."""
     return f'{100 * share:.0f} %'
 
 
 def baselines(table: Mapping[str, Any]) -> list[tuple[str, Mapping[str, float]]]:
-    """Return the words and the expectations of what any suggestion must beat."""
+    """Return the baselines of the ranking: a description and the expected value of each."""
     return [
         (words, table['baselines'][k])
         for k, words in _BASELINES.items()

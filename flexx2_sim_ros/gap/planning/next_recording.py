@@ -1,4 +1,4 @@
-"""Which recording would settle what a diagnosis leaves open."""
+"""Rank recordings by how well they would decide what a diagnosis leaves open."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -38,7 +38,7 @@ from flexx2_sim_ros.jobs import bind, workers
 import numpy as np
 
 SCHEMA = 1
-_SHOWN = 3  # suggestions with pictures
+_SHOWN = 3  # number of suggestions with images
 Progress = Callable[[str, float], None]
 
 
@@ -50,9 +50,9 @@ class Suggestions:
     Attributes
     ----------
     table : dict
-        As ``next.json`` in ``docs/planning.md``.
+        The table ``next.json`` of ``docs/planning.md``.
     views : list of View
-        Of the first suggestions.
+        The images of the first suggestions.
 
     """
 
@@ -62,7 +62,7 @@ class Suggestions:
 
 @dataclass(frozen=True)
 class _Setting:
-    # What all recordings are simulated with.
+    # Settings of all simulations.
     profile: Profile
     known: Effects
     prior: tuple[float, ...]
@@ -89,7 +89,7 @@ def suggest(
     progress: Progress = lambda text, share: None,
 ) -> Suggestions:
     """
-    Rank recordings by what they would tell about a diagnosis that leaves something open.
+    Rank recordings by their expected information about the open explanations of a diagnosis.
 
     Parameters
     ----------
@@ -98,11 +98,11 @@ def suggest(
     plan : Plan
         What could be recorded.
     kinds : sequence of str
-        Kinds of ground truth that are at hand; those of the diagnosed recordings when left out.
+        Kinds of ground truth that the user can make (default: those of the diagnosed recordings).
     scenes : sequence of str or pathlib.Path
         ``.npz`` files of further scenes, with ``clean_depth`` and ``K``.
     campaign : str or pathlib.Path, optional
-        The recordings that were diagnosed, to say what a repeat would tell.
+        The recordings that were diagnosed, to compare with repeating them.
     profile : Profile, optional
         The camera (default: the Flexx2).
     seed : int
@@ -115,7 +115,7 @@ def suggest(
     Raises
     ------
     InputError
-        When the diagnosis or a scene cannot be used, or nothing is open.
+        When the diagnosis or a scene cannot be used, or the diagnosis leaves nothing open.
 
     """
     before = read_diagnosis(Path(diagnosis))
@@ -171,8 +171,8 @@ def _setting(before: Diagnosed, camera: Profile, seed: int) -> _Setting:
 
 
 def _weights(before: Diagnosed, standing: dict[str, Effects]) -> tuple[float, ...]:
-    # Explanations are equally likely, but no effect at all is not where the diagnosis has found a
-    # gap: by the loss that it leaves.
+    # Explanations are equally likely, except no effect where the diagnosis has found a gap: its
+    # probability falls with the loss that it leaves.
     gap = _gap(before)
     left = max(gap['before'] - gap['null'], 0.0) if before.verdict != 'not_decidable' else 0.0
     weights = np.array([np.exp(-left / 2) if name == NONE else 1.0 for name in standing])
@@ -180,7 +180,8 @@ def _weights(before: Diagnosed, standing: dict[str, Effects]) -> tuple[float, ..
 
 
 def _needed(before: Diagnosed) -> float:
-    # The loss by which the next diagnosis, of one recording more, must tell explanations apart.
+    # The difference of loss that the next diagnosis, with one more recording, needs for a
+    # decision.
     gap, about = _gap(before), THRESHOLDS
     count = sum(bool(row.get('used')) for row in before.table['recordings']) + 1
     margin = GROUND_TRUTH.margin if before.table['not_decidable'] else 1.0
@@ -209,7 +210,7 @@ def _usecase(before: Diagnosed) -> str:
 
 
 def _look_out(possible: Possible, setting: _Setting) -> Outlook | str:
-    # What is expected of a recording, or why it cannot be used.
+    # The expected value of a recording, or the reason why it cannot be used.
     profile = setting.profile
     found = check(possible.path, profile)
     if not isinstance(found, Found):

@@ -1,4 +1,4 @@
-"""The plan for people: a checklist in Markdown, and a page with drawings."""
+"""The readable plan: a checklist in Markdown, and a page with drawings."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -46,16 +46,16 @@ _TILT = (
 @dataclass(frozen=True)
 class Checklist:
     """
-    What the pages are made of.
+    The content of the checklist and of the page.
 
     Attributes
     ----------
     plan : Plan
-        What is recorded.
+        The recordings.
     profile : Profile
         The camera.
     table : dict
-        As from `table.compute`.
+        The result of `table.compute`.
     own : bool
         Whether the table was computed for this plan.
 
@@ -73,7 +73,7 @@ def record_command(planned: PlannedRecording) -> str:
 
 
 def truth_words(planned: PlannedRecording) -> str:
-    """Return what ground truth suits a recording, and what to measure for it."""
+    """Return which ground truth suits a recording, and what to measure for it, as text."""
     if planned.scene.turn_rate:
         return 'a scan of the room (the camera moves, so planes cannot be used)'
     if planned.scene.moving:
@@ -203,7 +203,7 @@ def _cell(found: Mapping[str, Any]) -> str:
 
 
 def _typical(effect: str) -> str:
-    # Its parameters at strength 1.
+    # The parameters of the effect at strength 1.
     kind = registry().get(effect)
     if kind is None:
         return ''
@@ -220,6 +220,6 @@ def _mark(cell: str) -> str:
 
 
 def _code(text: str) -> str:
-    # Text between backquotes as code.
+    # Shows text between backquotes as code.
     parts = escape(text).split('`')
     return ''.join(f'<code>{one}</code>' if i % 2 else one for i, one in enumerate(parts))

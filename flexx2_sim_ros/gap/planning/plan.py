@@ -14,7 +14,7 @@ from flexx2_sim_ros.paths import config_dir
 
 _NAME = re.compile(r'[A-Za-z0-9][A-Za-z0-9_-]{0,60}')
 _MOST_RECORDINGS = 60
-# Of the numbers of a wall and of a card: name and bounds.
+# Names and bounds of the numbers that describe a wall and a card.
 _WALL = (('distance', 0.05, 100.0), ('tilt', -85.0, 85.0), ('reflectivity', 0.01, 1.0))
 _CARD = (
     ('distance', 0.05, 100.0),
@@ -34,13 +34,13 @@ class PlannedRecording:
     Attributes
     ----------
     scene : Scene
-        What it shows; its name is that of the bag.
+        The scene; the bag has its name.
     title, set_up : str
-        A few words; what to do.
+        A few words, and what to do.
     seconds : float
-        How long to record.
+        Duration of the recording.
     effects : tuple of str
-        What it is for, by names of the registry.
+        Names of the effects that the recording shows.
 
     """
 
@@ -69,15 +69,15 @@ class Plan:
     Attributes
     ----------
     title : str
-        One line.
+        Title of the plan, one line.
     usecase : str
         The mode of all recordings.
     scale : float
         Size of the simulated image as a fraction of the camera's.
     frames : int
-        Simulated frames of a recording.
+        Number of simulated frames of a recording.
     recordings : tuple of PlannedRecording
-        At least two, in the order in which they are recorded.
+        At least two recordings, in the order of recording.
 
     """
 
@@ -105,7 +105,7 @@ def read_plan(path: Path) -> Plan:
     Raises
     ------
     InputError
-        When it is not a plan; the message names the file, the recording and the key.
+        When the file is not a plan; the message names the file, the recording and the key.
 
     """
     table = read_config(path)

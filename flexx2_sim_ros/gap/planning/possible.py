@@ -1,4 +1,4 @@
-"""Recordings that could be made next, simulated as the camera would make them."""
+"""Simulations of recordings that could be made next."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -27,15 +27,15 @@ class Possible:
     Attributes
     ----------
     name, words : str
-        For tables; what to set up.
+        Name for tables, and what to set up.
     kind : Kind
         The kind of ground truth.
     path : pathlib.Path
-        A simulated recording of it, or one that exists.
+        Its simulated recording, or an existing one.
     planned : PlannedRecording or None
-        Where it comes from the plan.
+        The planned recording, if it comes from the plan.
     repeat : bool
-        Whether it was recorded before.
+        Whether it repeats an existing recording.
 
     """
 
@@ -49,12 +49,12 @@ class Possible:
 
 def usual_kinds(table: Mapping[str, Any]) -> list[str]:
     """
-    Return the kinds of ground truth that whoever made a diagnosis can have.
+    Return the kinds of ground truth that the recordings of a diagnosis suggest.
 
     Parameters
     ----------
     table : mapping
-        As ``diagnosis.json``.
+        The content of ``diagnosis.json``.
 
     """
     truths = [row.get('truth') or {} for row in table['recordings'] if row.get('used')]
@@ -68,12 +68,12 @@ def usual_kinds(table: Mapping[str, Any]) -> list[str]:
 
 def kinds_named(names: Sequence[str]) -> list[Kind]:
     """
-    Return kinds of ground truth by their names, each once.
+    Return the kinds of ground truth with these names, without duplicates.
 
     Raises
     ------
     InputError
-        For a name that is none.
+        When a name is not that of a kind.
 
     """
     by_name = {kind.name: kind for kind in ALL_KINDS}
@@ -100,9 +100,9 @@ def of_plan(
     profile : Profile
         The camera.
     known : mapping
-        Effects that it has: parameters by name.
+        Effects of the camera: parameters by name.
     seed : int
-        Of its noise.
+        Seed of the noise.
 
     """
     out = []
@@ -119,12 +119,12 @@ def of_scene(
     written: Path, scene_file: Path, usecase: str, profile: Profile, known: Table, seed: int
 ) -> Possible:
     """
-    Write a recording of a scene of the user's own.
+    Write a simulated recording of a scene of the user.
 
     Parameters
     ----------
     written : pathlib.Path
-        Where to.
+        The file to write.
     scene_file : pathlib.Path
         An ``.npz`` with ``clean_depth`` and ``K``.
     usecase : str
@@ -164,7 +164,7 @@ def of_scene(
 
 
 def of_campaign(found: Sequence[Found]) -> list[Possible]:
-    """Return recordings that exist, to be repeated."""
+    """Return the existing recordings of a campaign, as recordings to repeat."""
     return [
         Possible(one.path.name, 'recorded before', _AS_TOLD, one.path, repeat=True)
         for one in found

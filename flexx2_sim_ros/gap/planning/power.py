@@ -1,5 +1,5 @@
 """
-How weak an effect may be and still be found: a power calculation from the shifts of features.
+Power calculation: the smallest strength at which the diagnosis finds an effect.
 
 An effect's shift of all features is simulated once at each strength. Noise of the features comes
 from the simulations without effects, errors of the ground truth from its covariance. The fit and
@@ -23,7 +23,7 @@ import numpy as np
 
 STRENGTHS = (0.1, 0.25, 0.5, 1.0, 2.0)
 _WANTED = 0.9
-_TYPICAL = 0.5  # strength at which it is looked what else would explain the gap
+_TYPICAL = 0.5  # strength at which rival explanations are selected
 _DRAWS = 6
 _RIVALS = 3
 
@@ -31,16 +31,16 @@ _RIVALS = 3
 @dataclass(frozen=True)
 class Power:
     """
-    What a plan can say of one effect, with one kind of ground truth.
+    How well a plan finds one effect, with one kind of ground truth.
 
     Attributes
     ----------
     effect : str
         Its name.
     found : dict of float to float
-        Fraction of the draws in which it is named first, by strength; those that were tried.
+        Fraction of draws in which the effect is named first, by strength; only tried strengths.
     undecided : bool
-        Whether the ground truth leaves it open at any strength.
+        Whether the ground truth cannot decide the effect at any strength.
 
     """
 
@@ -50,7 +50,7 @@ class Power:
 
     @property
     def smallest(self) -> float | None:
-        """Return the smallest strength from which on it is found with 90 %; None for none."""
+        """Return the strength from which on the effect is found in 90 % of draws, or None."""
         least = None
         for strength in sorted(self.found, reverse=True):
             if self.found[strength] < _WANTED:
@@ -61,7 +61,7 @@ class Power:
 
 def planned_columns(modulation: bool = True) -> list[Column]:
     """
-    Return the simulations of all effects at all strengths, besides those of the catalogue.
+    Return the simulations of all effects at all strengths, in addition to the catalogue.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ def power(
     draws: int = _DRAWS,
 ) -> Power:
     """
-    Find out how often an effect is named first.
+    Compute how often an effect is named first.
 
     Parameters
     ----------
@@ -112,13 +112,13 @@ def power(
     candidates : sequence of Candidate
         The catalogue.
     hidden : set of str
-        As from `left_open`.
+        The result of `left_open`.
     kind : Kind
         The kind of ground truth.
     seed : int
         Seed of the draws.
     draws : int
-        How many at each strength.
+        Number of draws at each strength.
 
     """
     if effect in hidden:
@@ -130,7 +130,8 @@ def power(
         return Power(effect, {}, True)
     considered = _considered(model, open_to, effect)
     found: dict[float, float] = {}
-    # From typical strengths outwards: where one is found, weaker ones matter, else stronger ones.
+    # Starts at typical strength: if the effect is found, weaker ones are tried, else stronger
+    # ones.
     middle = len(STRENGTHS) // 2
     for strengths, going_on in ((STRENGTHS[middle::-1], True), (STRENGTHS[middle + 1 :], False)):
         if not going_on and found[STRENGTHS[middle]] >= _WANTED:
@@ -143,7 +144,8 @@ def power(
 
 
 def _considered(model: Model, candidates: Sequence[Candidate], effect: str) -> list[Candidate]:
-    # The effect in its best variant, and those that explain its gap next best, without noise.
+    # The best variant of the effect, and the effects that explain its gap next best, without
+    # noise.
     trials = Trials(model.as_if(_shift(model, effect, _TYPICAL)))
     singles = best_of_each([trials.choice([one]) for one in candidates])
     best = [one.fit.candidates[0] for one in singles]
@@ -162,7 +164,7 @@ def _fraction(
 ) -> float:
     shift = _shift(model, effect, strength)
     if not _named_first(model.as_if(shift), considered, effect):
-        return 0.0  # Not even without noise.
+        return 0.0  # It is not found even without noise.
     count = misses = 0
     for draw in range(draws):
         rng = np.random.default_rng([seed, draw])
@@ -170,7 +172,7 @@ def _fraction(
         misses += not _named_first(model.as_if(gap), considered, effect)
         count += 1
         if misses > (1 - _WANTED) * draws:
-            break  # It cannot reach 90 % any more.
+            break  # It can no longer reach 90 %.
     return 1 - misses / count
 
 
@@ -182,13 +184,13 @@ def _named_first(model: Model, considered: Sequence[Candidate], effect: str) -> 
 
 
 def _shift(model: Model, effect: str, strength: float) -> np.ndarray:
-    # (R, SIZE) what the effect changes.
+    # (R, SIZE) shift of the features by the effect.
     index = model.index[column_name(effect, strength)]
     return np.array([e.columns[index] for e in model.evidence])
 
 
 def noise(model: Model, rng: np.random.Generator) -> np.ndarray:
-    """Return (R, SIZE) noise of features: one simulation of each recording against the others."""
+    """Return (R, SIZE) noise of features: one simulation of each recording minus the others."""
     out = []
     for one in model.evidence:
         k = int(rng.integers(len(one.nulls)))
@@ -198,7 +200,7 @@ def noise(model: Model, rng: np.random.Generator) -> np.ndarray:
 
 def wrong_truth(model: Model, fitted: bool, rng: np.random.Generator) -> np.ndarray:
     """
-    Return (R, SIZE) what errors of the ground truth change, linearly.
+    Return (R, SIZE) shift of the features by errors of the ground truth, linearised.
 
     Parameters
     ----------
@@ -207,7 +209,7 @@ def wrong_truth(model: Model, fitted: bool, rng: np.random.Generator) -> np.ndar
     fitted : bool
         Whether planes are fitted to the recordings: these are where the recordings have them.
     rng : numpy.random.Generator
-        Draws the errors.
+        Source of the random errors.
 
     """
     amounts = np.zeros((len(model.gap), model.own.count))

@@ -1,5 +1,5 @@
 """
-Scenes that anyone can record, as words and as exact depth.
+Scenes that are easy to record, as text and as exact depth.
 
 Each scene is a few flat panels in front of the camera. Depth and reflectivity are computed
 analytically, so a scene needs no mesh and no renderer.
@@ -53,13 +53,13 @@ class Scene:
     Attributes
     ----------
     name : str
-        For files and tables.
+        Name for files and tables.
     words : str
-        What to set up, as a part of a sentence: "a white wall at 3 m, seen straight on".
+        What to set up, as a noun phrase: "a white wall at 3 m, seen straight on".
     panels : tuple of Panel
-        What is in it.
+        The panels of the scene.
     turn_rate : float
-        How fast the camera pans to the right, degrees per second.
+        Rate at which the camera pans to the right, degrees per second.
     uptime : float
         Seconds since power-on at the first frame.
 
@@ -84,9 +84,9 @@ def wall(distance: float, tilt: float = 0.0, reflectivity: float = _WHITE) -> Pa
     Parameters
     ----------
     distance : float
-        Along the optical axis, metres.
+        Distance along the optical axis, metres.
     tilt : float
-        About the vertical, degrees; positive: the right side is farther.
+        Turn about the vertical, degrees; positive: the right side is farther.
     reflectivity : float
         0 to 1.
 
@@ -109,12 +109,12 @@ def render(
     scene: Scene, lens: Intrinsics, stamp: Sequence[float] | np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """
-    Return what a camera without any noise sees.
+    Return depth and reflectivity of a scene without noise.
 
     Parameters
     ----------
     scene : Scene
-        What it looks at.
+        The scene in view.
     lens : Intrinsics
         The camera.
     stamp : sequence of float
@@ -147,7 +147,7 @@ def render(
 
 
 def _at_time(panel: Panel, second: float, angle: float) -> np.ndarray:
-    # (3, 3) centre, across and along in the frame of a camera that has turned to the right.
+    # (3, 3) centre, across and along in the frame of a camera that was turned to the right.
     cosine, sine = math.cos(angle), math.sin(angle)
     turn = np.array([[cosine, 0, -sine], [0, 1, 0], [sine, 0, cosine]])
     centre = np.array(panel.centre) + second * np.array(panel.velocity)

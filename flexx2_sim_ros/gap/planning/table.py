@@ -1,4 +1,4 @@
-"""The table of what a plan can find: computed, stored and read."""
+"""Compute, store and read the table of what a plan can find."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -44,7 +44,7 @@ class Request:
     profile : Profile
         The camera.
     out : pathlib.Path
-        Folder for what is finished.
+        Folder for finished parts.
     seed : int
         Seed of the simulations and draws.
     draws : int
@@ -66,7 +66,7 @@ class Request:
 
     @property
     def key(self) -> str:
-        """Return a digest of all that the result depends on."""
+        """Return a digest of everything that the result depends on."""
         plan = self.plan
         scenes = [(s.panels, s.turn_rate, s.uptime) for s in (r.scene for r in plan.recordings)]
         simulated = plan.usecase, plan.scale, plan.frames, scenes
@@ -110,23 +110,22 @@ def compute(request: Request, command: str, progress: Progress) -> dict[str, Any
     """
     Compute what a plan can find.
 
-    What is finished of each kind of ground truth is kept in ``out``, so that an interrupted run
-    resumes.
+    Finished kinds of ground truth are stored in ``out``, so that an interrupted run resumes.
 
     Parameters
     ----------
     request : Request
         What to compute.
     command : str
-        To note in the table.
+        The command line, stored in the table.
     progress : callable
         Called with the name of the current step and the fraction of the work that is done.
 
     Returns
     -------
     dict
-        Plain values: ``effects`` holds, by effect and kind, the ``smallest`` strength (None for
-        none), the fraction ``found`` by strength, and whether the truth leaves it ``open``.
+        Plain values: ``effects`` has, by effect and kind, the ``smallest`` strength (or None), the
+        fraction ``found`` by strength, and whether the ground truth leaves the effect ``open``.
 
     """
     mode = request.profile.mode(request.plan.usecase)
@@ -170,7 +169,7 @@ def _of_kind(
     modulation: bool,
     progress: Progress,
 ) -> list[Power]:
-    # All effects with one kind of truth, those that are finished from their file.
+    # All effects with one kind of ground truth; finished ones are read from their file.
     file = request.out / f'computed_{kind.name}.json'
     done = _finished(file, request.key)
     todo = [name for name in names if name not in done]
@@ -200,7 +199,7 @@ def _of_kind(
 
 
 def _finished(file: Path, key: str) -> dict[str, Power]:
-    # What an interrupted run has left; nothing where it was asked for something else.
+    # Results of an interrupted run; empty if that run had another request.
     if not is_regular_file(file):
         return {}
     try:
@@ -216,14 +215,14 @@ def _finished(file: Path, key: str) -> dict[str, Power]:
             for row in table['effects']
         }
     except (ValueError, KeyError, TypeError, AttributeError):
-        return {}  # Not written by this; computed again.
+        return {}  # The file is not valid: compute again.
 
 
 def _simulate(
     request: Request, kind: Kind, mapped: Map, modulation: bool, progress: Progress
 ) -> tuple[list[Evidence], list[Column]]:
     # The recordings' summaries, with each effect at each strength. The latter are simulated with
-    # other random numbers than the catalogue, which would else fit their very noise.
+    # other random numbers than the catalogue; otherwise the fit would include their noise.
     known, _ = catalogue((), modulation)
     planned = planned_columns(modulation)
     prior = (PRIOR[0],) * 3 + (PRIOR[1],) * 3

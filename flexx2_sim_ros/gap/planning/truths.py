@@ -1,4 +1,4 @@
-"""The planned recordings as a camera would deliver them, with each kind of ground truth."""
+"""Simulate the planned recordings, with each kind of ground truth."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -16,8 +16,8 @@ from flexx2_sim_ros.gap.planning.scenes import render
 import numpy as np
 
 _SCAN_ERROR = 0.003  # metres: the default of `flexx2 gap truth --room-error`
-_LOOSE = 0.1, 5.0  # metres, degrees: planes of which nothing was measured
-_LEAST_PLANE = 0.01  # of the image, that a plane must cover
+_LOOSE = 0.1, 5.0  # metres, degrees: planes without measurements
+_LEAST_PLANE = 0.01  # fraction of the image that a plane must cover
 
 
 @dataclass(frozen=True)
@@ -28,15 +28,15 @@ class Kind:
     Attributes
     ----------
     name, words : str
-        For tables; what it is.
+        Name for tables, and description.
     pose : bool
-        Whether it knows the pose with the accuracy of a registration, and surfaces as a scan does.
+        Whether the pose is known from registration, and surfaces from a scan.
     plane : tuple of float or None
-        Standard deviations of planes, if it knows planes only: metres and radians.
+        Standard deviations of planes, if only planes are known: metres and radians.
     fitted : bool
         Whether the planes are fitted to the recording itself.
     never : tuple of str
-        Effects that it takes away by the way it is made.
+        Effects that this kind of ground truth always hides.
 
     """
 
@@ -48,7 +48,7 @@ class Kind:
     never: tuple[str, ...] = ()
 
     def suits(self, planned: PlannedRecording) -> bool:
-        """Return whether a recording can have it: planes are known of still scenes only."""
+        """Return whether a recording can have this ground truth; planes need a still scene."""
         return self.plane is None or not planned.scene.moving
 
 
@@ -72,7 +72,7 @@ KINDS = (
         fitted=True,
     ),
 )
-# Of `flexx2 gap next`; not in the plan's table.
+# Kinds of `flexx2 gap next` that the table of the plan does not have.
 LASER = Kind(
     'laser',
     'planes, measured with a laser distance meter (1 mm) and a set square (0.3 degrees)',
@@ -104,11 +104,11 @@ def write_campaign(
     kind : Kind
         The kind of ground truth.
     effects : mapping, optional
-        Of the camera: parameters by effect.
+        Effects of the camera: parameters by effect.
     seed : int
-        Of the camera's noise and of the errors of the truth.
+        Seed of the noise and of the errors of the ground truth.
     wrong : bool
-        Whether the truth has errors as large as it says.
+        Whether the ground truth has errors of its stated accuracy.
 
     """
     for i, planned in enumerate(plan.recordings):
@@ -166,14 +166,14 @@ def ground_truth(
     rng: np.random.Generator | None,
 ) -> dict[str, np.ndarray]:
     """
-    Return what is known of a recording's scene.
+    Return the ground truth of a recording.
 
     Parameters
     ----------
     planned : PlannedRecording
         What was recorded.
     lens : Intrinsics
-        Of the camera.
+        The lens of the camera.
     stamp : numpy.ndarray
         (T,) seconds.
     depth : numpy.ndarray
@@ -181,7 +181,7 @@ def ground_truth(
     kind : Kind
         The kind of ground truth.
     rng : numpy.random.Generator or None
-        Draws the errors of planes; without it the truth has none.
+        Draws the errors of planes; with None they have none.
 
     Returns
     -------
@@ -225,7 +225,7 @@ def _truth(
         deviation = np.array(GROUND_TRUTH.pose)
         deviation[3:] = np.radians(deviation[3:])
         truth = {'pose_covariance': np.diag(deviation**2), 'clean_sigma': np.array(_SCAN_ERROR)}
-        if not all(planned.fixed):  # A scan does not have what moves.
+        if not all(planned.fixed):  # A scan does not contain moving objects.
             shown = labels(planned, lens, stamp)
             moving = [k for k, fixed in enumerate(planned.fixed, 1) if not fixed]
             truth['known'] = ~np.isin(shown, moving)
@@ -249,7 +249,7 @@ def _believed(
     kind: Kind,
     rng: np.random.Generator,
 ) -> np.ndarray:
-    # Clean depth with the planes where somebody has measured them, or fitted them to depth.
+    # Clean depth with the planes at their measured positions, or fitted to depth.
     if kind.plane is None:
         return clean
     covariance, known = truth['plane_covariance'], truth['known']
@@ -259,7 +259,7 @@ def _believed(
         amounts = rng.standard_normal(len(covariance)) * np.sqrt(np.diag(covariance))
     else:
         median = np.median(depth, axis=0)  # NaN where a frame has no depth
-        # Gross errors are no points of a plane.
+        # Leaves out gross errors.
         good = known & (np.abs(median - clean) < 0.25)
         amounts = np.linalg.lstsq(shifts[:, good].T, (median - clean)[good], rcond=None)[0]
     return np.asarray(clean + np.tensordot(amounts, shifts, axes=1))
