@@ -1,4 +1,4 @@
-"""What each kind of ground truth hides of each effect, as `bench.absorbed` measured it."""
+"""The fraction of each effect that a kind of ground truth hides, from `bench.absorbed`."""
 
 from functools import lru_cache
 from typing import Any
@@ -7,10 +7,10 @@ from flexx2_sim_ros.config_file import read_config
 from flexx2_sim_ros.effects import registry
 from flexx2_sim_ros.paths import config_dir
 
-# From this fraction on, what is left of an effect of usual strength is less than a tenth of it.
+# From this fraction on, less than a tenth of an effect of typical strength remains visible.
 _HIDDEN = 0.9
 _CAPTURE = 'motion capture'
-# What follows from how ground truth is made, with the reason.
+# Effects that a kind of ground truth always hides, with the reason.
 _POSE = 'pose_error', 'the poses are fitted to these recordings'
 _TIME = 'time_offset', 'each frame is placed where it was taken, whatever its stamp says'
 _MOVING = 'time_offset', 'motion_artefact'
@@ -34,7 +34,7 @@ def absorbed(kind: str) -> dict[str, float]:
     Returns
     -------
     dict
-        Without effects that change mean depth by next to nothing.
+        Effects that hardly change mean depth are left out.
 
     """
     return {name: part for name, part in _table()[kind].items() if name in registry()}
@@ -42,12 +42,12 @@ def absorbed(kind: str) -> dict[str, float]:
 
 def never_decided(moving: bool) -> list[dict[str, Any]]:
     """
-    Return what no ground truth decides that takes its poses from the recordings themselves.
+    Return the effects that ground truth with poses from the recordings cannot decide.
 
     Parameters
     ----------
     moving : bool
-        Whether a recording of the campaign moves.
+        Whether the camera moves in a recording of the campaign.
 
     Returns
     -------
@@ -60,7 +60,7 @@ def never_decided(moving: bool) -> list[dict[str, Any]]:
 
 
 def hidden_by_scan(moving: bool) -> list[dict[str, Any]]:
-    """Return `never_decided`, and the effects that poses fitted to recordings take for theirs."""
+    """Return `never_decided`, and the effects that fitted poses absorb."""
     rows = never_decided(moving)
     known = [row['effect'] for row in rows]
     for effect, part in absorbed('scan').items():

@@ -7,7 +7,7 @@ from flexx2_sim_ros.truth.poses import Pose
 from flexx2_sim_ros.truth.rooms import Hits, Room
 import numpy as np
 
-# Residuals beyond it count as much as if they were as large: metres.
+# Larger residuals are truncated to this: metres.
 TRUNCATION = 0.1
 _NOISE = 2.0  # standard deviations of noise that do not count as a misfit
 _GRAZING = 0.25  # cosine of the incidence angle: 75 degrees
@@ -33,7 +33,7 @@ class Target:
     pixel : numpy.ndarray
         (N,) places in the flat image.
     tile : numpy.ndarray
-        (N,) number of the 8 x 8 block of the image: errors within one are not independent.
+        (N,) number of the 8 x 8 block of the image; errors within a block are not independent.
 
     """
 
@@ -86,7 +86,7 @@ def choose(observation: Observation, most: int, seed: int = 0) -> Target:
 
 def unwrapped(residual: np.ndarray, length: np.ndarray, wraps: tuple[float, ...]) -> np.ndarray:
     """
-    Take whole wraps off residuals.
+    Subtract whole wraps from residuals.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ def unwrapped(residual: np.ndarray, length: np.ndarray, wraps: tuple[float, ...]
     Returns
     -------
     numpy.ndarray
-        The residual that is left where one wrap explains nine tenths of it; else as it was.
+        The rest of the residual where one wrap explains nine tenths of it, else the residual.
 
     """
     out = residual.copy()
@@ -122,13 +122,13 @@ def jacobian(hits: Hits, rays: np.ndarray) -> np.ndarray:
 
 
 def facing(hits: Hits, target: Target) -> np.ndarray:
-    """Return (N,) bool: hits that are not seen at a grazing angle."""
+    """Return (N,) bool: hits that are not at a grazing angle."""
     with np.errstate(invalid='ignore'):
         return -hits.slant(target.rays) > _GRAZING * target.length
 
 
 def residuals(hits: Hits, target: Target) -> np.ndarray:
-    """Return (N,) measured minus expected depth, whole wraps taken off; NaN without a hit."""
+    """Return (N,) measured minus expected depth, without whole wraps; NaN without a hit."""
     return unwrapped(target.depth - hits.depth, target.length, target.wraps)
 
 
@@ -150,7 +150,7 @@ def robust_weights(residual: np.ndarray, variance: np.ndarray, widest: float) ->
     variance : numpy.ndarray
         (N,) square metres.
     widest : float
-        The scale at most, metres.
+        Largest scale, metres.
 
     """
     good = np.isfinite(residual)
@@ -170,7 +170,7 @@ def align(
     Parameters
     ----------
     room : Room
-        What is aligned to.
+        The room.
     target : Target
         The pixels.
     start : Pose
@@ -178,8 +178,8 @@ def align(
     steps : int
         At most.
     reach : float
-        Residuals beyond it count as if they were as large, metres: more finds the way from
-        farther off, less is more robust.
+        Larger residuals are truncated to this, metres. A large value converges from farther away,
+        a small one is more robust.
 
     Returns
     -------
@@ -195,7 +195,7 @@ def align(
         if use.sum() < 12:
             break
         J = jacobian(hits, target.rays)[use]
-        # What a mesh is wrong by, it is wrong by across its surface.
+        # The error of a mesh is perpendicular to its surface.
         variance = target.sigma[use] ** 2
         weight = robust_weights(residual[use], variance, reach)
         H = (J * weight[:, None]).T @ J
@@ -221,7 +221,7 @@ def align(
 
 
 def clamped(step: np.ndarray) -> np.ndarray:
-    """Return a (6,) step no longer than a Gauss-Newton step can be trusted for."""
+    """Return a (6,) step, limited to the size for which the linearisation holds."""
     long = np.linalg.norm(step[:3]) / _LONGEST_STEP
     wide = np.linalg.norm(step[3:]) / _WIDEST_STEP
     return step / max(long, wide, 1.0)

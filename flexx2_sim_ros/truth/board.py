@@ -1,4 +1,4 @@
-"""Find a printed target in a gray image, and look at it as at a room of one plane."""
+"""Find a printed target in a gray image, and use it as a room of one plane."""
 
 from collections.abc import Iterator
 from itertools import product
@@ -14,12 +14,12 @@ from scipy.ndimage import map_coordinates
 from scipy.spatial.transform import Rotation
 
 _BRIGHT, _DARK = 99.0, 1.0  # percentiles
-# Modules are a few pixels wide, and blurred: their edges do not count, and the image is enlarged.
-# Beyond 1.5 m tags are found by their contrast to what is within so many pixels.
+# Modules are only a few pixels wide and blurred, so the image is enlarged and edges are left out.
+# Beyond 1.5 m tags are found by their contrast to their surroundings of this many pixels.
 _EDGE_OF_MODULE = 0.3
 _NEAR_BY, _CONTRASTS = 12.0, 2.0
 _LOST = 1.5  # times the cost of the frame before
-_WORST_COST = 0.12  # as a fraction of white: whatever fits worse is not this board
+_WORST_COST = 0.12  # as a fraction of white: a fit with a larger cost is not this board
 _FIRST_BLUR = 0.5  # pixels
 _ROUGH_STEPS, _STEPS = 10, 25
 _TILT, _SAME = np.radians(15), np.radians(3)
@@ -28,7 +28,7 @@ _SMALL_TAG = 16  # pixels
 
 class BoardRoom:
     """
-    A board as a room: its plane inside its outline, and nothing known elsewhere.
+    A board as a room: its plane inside its outline; everything else is unknown.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ class BoardRoom:
     complete = False
 
     def __init__(self, target: Target) -> None:
-        """Remember its size."""
+        """Store the size of the board."""
         self._reach = np.array([target.width, target.height]) / 2
         self.bounds = np.array([[*-self._reach, 0.0], [*self._reach, 0.0]])
 
@@ -67,7 +67,7 @@ class BoardRoom:
 
 def find_tags(target: Target, image: np.ndarray) -> dict[int, np.ndarray]:
     """
-    Find a target's tags.
+    Find the tags of a target.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ def find_tags(target: Target, image: np.ndarray) -> dict[int, np.ndarray]:
     Returns
     -------
     dict of int to numpy.ndarray
-        By place on the board: (4, 2) corners, pixels.
+        (4, 2) corners in pixels, by the index of the tag on the board.
 
     """
     settings = cv2.aruco.DetectorParameters()
@@ -113,7 +113,7 @@ def _pictures(image: np.ndarray) -> Iterator[tuple[np.ndarray, int]]:
         return
     low, high = np.percentile(good, [_DARK, _BRIGHT])
     even = np.clip((np.nan_to_num(image, nan=high) - low) / max(high - low, 1e-12), 0, 1)
-    # What is saturated is bright.
+    # Saturated pixels are bright.
     filled = np.nan_to_num(image, nan=high).astype(np.float32)
     mean = cv2.GaussianBlur(filled, (0, 0), _NEAR_BY)
     variance = cv2.GaussianBlur(filled**2, (0, 0), _NEAR_BY) - mean**2
@@ -133,14 +133,14 @@ def poses_from(target: Target, tags: dict[int, np.ndarray], rays: np.ndarray) ->
     target : Target
         The board.
     tags : dict of int to numpy.ndarray
-        As `find_tags` returns.
+        The result of `find_tags`.
     rays : numpy.ndarray
-        (H, W, 2) of each pixel, lens distortion taken off.
+        (H, W, 2) x/z and y/z of each pixel, without lens distortion.
 
     Returns
     -------
     list of Pose
-        Up to two, the better one first: a plane that is far off can be mistaken for its mirror
+        Up to two poses, the better one first: a distant plane can be mistaken for its mirror
         image.
 
     """
@@ -185,12 +185,12 @@ def find_board(
     scale_error : float
         Standard deviation of the focal length, as a fraction.
     before : GrayFit, optional
-        Where it was a moment ago: tried first.
+        The fit of the frame before, which is tried first.
 
     Returns
     -------
     GrayFit or str
-        Why it is not found.
+        The fit, or the reason why the board is not found.
 
     """
     powers: tuple[float, ...] = POWERS
@@ -214,7 +214,7 @@ def find_board(
 
 
 def _refined(target: Target, gray: Gray, rough: GrayFit, scale_error: float) -> GrayFit | str:
-    # Again, with pixels chosen and the sheet painted from where it has been found.
+    # Second round, with pixels and sheet for the pose that was found.
     fit = align_gray(target, gray, rough.pose, rough.power, rough.blur, _STEPS)
     if fit is None or fit.pose.t[2] > 0:
         return 'too little of the board is in its gray image'
@@ -224,7 +224,7 @@ def _refined(target: Target, gray: Gray, rough: GrayFit, scale_error: float) -> 
 
 
 def _starts(starts: list[Pose], tags: dict[int, np.ndarray]) -> list[Pose]:
-    # Corners hardly show the tilt of a small board.
+    # Corners hardly determine the tilt of a small board.
     first, *others = starts
     side = np.median(
         [np.linalg.norm(quad - np.roll(quad, 1, axis=0), axis=1) for quad in tags.values()]
@@ -236,21 +236,21 @@ def _starts(starts: list[Pose], tags: dict[int, np.ndarray]) -> list[Pose]:
 
 
 def _tilted(pose: Pose, axis: int, angle: float) -> Pose:
-    # Turned about the board's middle.
+    # The pose is turned about the centre of the board.
     turn = Rotation.from_rotvec(np.eye(3)[axis] * angle).as_matrix()
     return Pose(turn @ pose.R, turn @ pose.t)
 
 
 def plane_covariance(pose: Pose, covariance: np.ndarray, middle: np.ndarray) -> np.ndarray:
     """
-    Return the covariance of the board's plane, as recordings write it down.
+    Return the covariance of the board's plane, as in the key ``plane_covariance``.
 
     Parameters
     ----------
     pose : Pose
-        The camera's in the board's frame.
+        Pose of the camera in the frame of the board.
     covariance : numpy.ndarray
-        (6, 6) of its motion.
+        (6, 6) covariance of its motion.
     middle : numpy.ndarray
         (3,) mean of the plane's known points, optical frame, metres.
 
@@ -263,7 +263,7 @@ def plane_covariance(pose: Pose, covariance: np.ndarray, middle: np.ndarray) -> 
     """
     normal = pose.R[2] * (1.0 if pose.R[2] @ middle >= 0 else -1.0)
     first, second = plane_axes(normal)
-    # A motion of the camera moves the board by the opposite.
+    # A motion of the camera moves the board in the opposite direction.
     change = np.zeros((3, 6))
     change[0] = -np.concatenate([normal, np.cross(middle, normal)])
     change[1, 3:], change[2, 3:] = -first, -second

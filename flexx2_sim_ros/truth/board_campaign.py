@@ -1,4 +1,4 @@
-"""From recordings of a printed board to a campaign with ground truth."""
+"""Make a campaign with ground truth from recordings of a printed board."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -27,16 +27,16 @@ import numpy as np
 
 _MOST_METRES, _MOST_DEGREES = 0.01, 2.0  # standard deviation of the plane
 _LEAST_FITTING = 0.5
-# Depth that grows with the board's distance by more than this share is no offset. Prints that were
+# A depth error that grows with distance by more than this fraction is no offset. Prints that were
 # scaled to fit the page are off by 3 to 6 %; a calibrated camera's scale is right to 0.5 %.
 _MOST_SCALE = 0.02
-_LEAST_SPREAD = 0.2  # metres between the nearest and the farthest board, to tell the two apart
+_LEAST_SPREAD = 0.2  # metres between the nearest and the farthest board that distinguish the two
 
 
 @dataclass(frozen=True, kw_only=True)
 class BoardRequest(TruthRequest):
     """
-    What to make ground truth from, and a printed board.
+    A request for ground truth from a printed board.
 
     The recordings have gray images; ``motion`` is that of the camera as seen from the board.
 
@@ -60,7 +60,7 @@ def make_board_truth(request: BoardRequest, progress: Progress = no_progress) ->
     Parameters
     ----------
     request : BoardRequest
-        What to make it from.
+        The recordings and the board.
     progress : callable
         Called with the name of the current step and the fraction of the work that is done.
 
@@ -179,7 +179,7 @@ def _doubts(board: OnBoard, scale: float | None) -> list[str]:
 
 
 def _scale(boards: Sequence[OnBoard]) -> float | None:
-    # How much of the difference between depth and board grows with distance.
+    # The fraction of distance by which the difference between depth and board grows.
     good = [board for board in boards if np.isfinite(board.difference)]
     distance = np.array([board.distance for board in good])
     if len(good) < 2 or np.ptp(distance) < _LEAST_SPREAD:

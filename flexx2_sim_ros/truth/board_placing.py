@@ -1,4 +1,4 @@
-"""Where the board is in each frame of a recording."""
+"""Find the board in each frame of a recording."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from flexx2_sim_ros.truth.observation import observe
 from flexx2_sim_ros.truth.target import Target
 import numpy as np
 
-_SATURATED = 0.002  # share of pixels at the largest gray value
+_SATURATED = 0.002  # fraction of pixels at the largest gray value
 
 
 @dataclass(frozen=True)
@@ -48,24 +48,24 @@ class BoardJob:
 @dataclass(frozen=True)
 class Placed:
     """
-    Where the board was.
+    The poses of the camera relative to the board in a recording.
 
     Attributes
     ----------
     moving : bool
     poses : tuple
-        The camera's in the board's frame, as `Pose.numbers`: one of a still recording, one a
-        frame of a moving one; None where the board is not found.
+        Poses of the camera in the frame of the board, as `Pose.numbers`: one for a still
+        recording, one for each frame of a moving one; None where the board is not found.
     covariances : tuple
-        (6, 6) nested tuples of their motions, or None.
+        (6, 6) covariances of their motions as nested tuples, or None.
     costs : tuple of float
-        How well gray values fit, of each frame that has a pose.
+        Cost of the fit to the gray values, for each frame with a pose.
     history : tuple of float
-        How the first alignment converged.
+        Costs during the first alignment.
     blur, contrast, power : float
-        As in `GrayFit`, medians.
+        Medians of these values of `GrayFit`.
     reason : str
-        Why it is not found; empty where it is found at least once.
+        Why the board is not found; empty if it is found in a frame.
 
     """
 
@@ -80,12 +80,12 @@ class Placed:
     reason: str
 
     def to_json(self) -> str:
-        """Return it as text."""
+        """Return the result as text."""
         return json.dumps(vars(self))
 
     @classmethod
     def from_json(cls, text: str) -> 'Placed':
-        """Return what `to_json` wrote."""
+        """Return the result from the text of `to_json`."""
         table: dict[str, Any] = json.loads(text)
         for name in ('poses', 'covariances', 'costs', 'history'):
             table[name] = tuple(table[name])
@@ -160,7 +160,7 @@ def gray_images(reader: RecordingReader, moving: bool) -> Iterator[np.ndarray]:
 
 
 def _unsaturated(image: np.ndarray, brightest: np.ndarray) -> np.ndarray:
-    # Many pixels at the largest value there is.
+    # Many pixels have the largest value of the image.
     with np.errstate(invalid='ignore'):
         full = brightest >= np.nanmax(brightest, initial=0)
     return np.where((full & (full.mean() > _SATURATED)) | ~np.isfinite(image), np.nan, image)

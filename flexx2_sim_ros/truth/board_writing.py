@@ -14,14 +14,14 @@ from flexx2_sim_ros.truth.poses import Pose
 from flexx2_sim_ros.truth.writing import Picture, picture_of, without_strangers, write_truth
 import numpy as np
 
-_FITS, _FITS_NOISE = 0.05, 3.0  # metres and standard deviations, as for a scan
-_ELSEWHERE = 0.5  # reflectivity where nothing is known
+_FITS, _FITS_NOISE = 0.05, 3.0  # metres and standard deviations of the residual, as for a scan
+_ELSEWHERE = 0.5  # reflectivity where it is unknown
 
 
 @dataclass(frozen=True)
 class BoardWriting:
     """
-    What to write of one recording.
+    A recording to write, and the board in it.
 
     Attributes
     ----------
@@ -40,14 +40,14 @@ class BoardWriting:
 @dataclass(frozen=True)
 class OnBoard:
     """
-    How a recording fits its board.
+    How well the depth of a recording agrees with the board.
 
     Attributes
     ----------
     picture : Picture
-        Of its first frame that shows the board.
+        Images of the first frame that shows the board.
     pose : tuple of float
-        The camera's in the board's frame then, see `Pose.numbers`.
+        Pose of the camera in the frame of the board in this frame, see `Pose.numbers`.
     distance : float
         Median clean depth, metres.
     difference : float
@@ -57,7 +57,7 @@ class OnBoard:
     deviation : tuple of float
         Standard deviation of the plane: metres along its normal, degrees about its worse axis.
     frames : int
-        That show the board.
+        Number of frames that show the board.
 
     """
 
@@ -81,7 +81,7 @@ class _Shown:
 
 def write_board(what: BoardWriting) -> OnBoard:
     """
-    Write a recording with `clean_depth` on its board; whole or not at all.
+    Write a recording with `clean_depth` on its board, whole or not at all.
 
     Raises
     ------
@@ -109,7 +109,7 @@ def write_board(what: BoardWriting) -> OnBoard:
         truths.append(without_strangers(clean, image))
         if shown is None:
             shown = _Shown(len(truths) - 1, image, clean, pose)
-    assert shown is not None  # a recording without any pose is refused before
+    assert shown is not None  # recordings without a pose were refused before
     covariances = [np.array(one) for one in placed.covariances if one is not None]
     covariance = np.mean(covariances, axis=0)
     plane = _plane_of(shown, truths[shown.number].known, covariance)
@@ -137,7 +137,7 @@ def _unknown(image: Observation) -> Clean:
 
 
 def _with_reflectivity(clean: Clean, what: BoardWriting, image: Observation, pose: Pose) -> Clean:
-    # Black is measured where gray values follow the light, but white is only known.
+    # The ratio of black to white is measured in the gray image; white itself comes from the file.
     target = what.job.target
     gray = Gray(np.ones(image.depth.shape), image.rays)
     white = white_fraction(target, gray, pose, what.placed.blur)

@@ -1,4 +1,4 @@
-"""From recordings and a room to a campaign with ground truth."""
+"""Make a campaign with ground truth from recordings and a room."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -28,14 +28,14 @@ from flexx2_sim_ros.truth.verdict import judge, Verdict
 from flexx2_sim_ros.truth.writing import Picture, write_recording, Writing
 import numpy as np
 
-# Cost of the best pose in the mirror image of the room, as a share of that in the room.
+# Cost of the best pose in the mirror image of the room, as a fraction of the cost in the room.
 _MIRRORED = 0.4
 
 
 @dataclass(frozen=True, kw_only=True)
 class Request(TruthRequest):
     """
-    What to make ground truth from, and a room.
+    A request for ground truth from a room.
 
     Attributes
     ----------
@@ -48,7 +48,7 @@ class Request(TruthRequest):
     room_error : float
         Standard deviation of the room's surfaces along their normals, metres.
     told : PoseSource or None
-        What says where the camera was: motion capture, odometry, TF.
+        Source of rough poses: motion capture, odometry or TF.
 
     """
 
@@ -66,7 +66,7 @@ def make_truth(request: Request, progress: Progress = no_progress) -> dict[str, 
     Parameters
     ----------
     request : Request
-        What to make it from.
+        The recordings and the room.
     progress : callable
         Called with the name of the current step and the fraction of the work that is done.
 
@@ -162,7 +162,7 @@ def _register_one(job: Job) -> str:
 
 
 def _fit(views: Sequence[View], registered: Sequence[Registered]) -> tuple[Shared, list[Verdict]]:
-    # Recordings that do not fit would spoil what all share: judged first, then left out.
+    # Recordings that do not fit would distort the shared errors, so they are left out first.
     alone = solve(views, Columns(False, (), False))
     verdicts = judge(registered, alone)
     good = [view for view in alone.views if verdicts[view.recording].state != 'refused']
@@ -190,7 +190,7 @@ def _check_room(
             f'{request.room}: must not be mirrored: the recordings fit its mirror image; negate '
             'one coordinate of the mesh'
         )
-    # A chance fit of one or two recordings does not make it the right room.
+    # One or two recordings may fit a wrong room by chance.
     if 2 * len(refused) > len(verdicts):
         usual = float(np.median([verdict.fitting for verdict in verdicts]))
         hint = '' if request.poses else ', or the wrong --up'

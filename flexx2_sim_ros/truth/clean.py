@@ -1,4 +1,4 @@
-"""Clean depth as a camera at a pose should measure it, and how well it is known."""
+"""Clean depth for a camera at a pose, and how accurately it is known."""
 
 from dataclasses import dataclass
 
@@ -8,10 +8,10 @@ from flexx2_sim_ros.truth.poses import Pose
 from flexx2_sim_ros.truth.rooms import Room
 import numpy as np
 
-_BORDER = 2  # pixels around a hole that may be it or not
-_STEP = 0.03  # of depth: a jump between neighbouring pixels
-# Something that the mesh lacks stands (or was) where at least 5 x 5 pixels differ by this much
-# and no whole number of wraps explains it.
+_BORDER = 2  # pixels around a hole that may belong to it
+_STEP = 0.03  # fraction of depth: a jump between neighbouring pixels
+# If at least 5 x 5 pixels differ by this much, and wraps do not explain it, an object was moved or
+# is missing in the mesh.
 _STRANGE, _STRANGE_NOISE, _PATCH = 0.15, 6.0, 2
 
 
@@ -23,15 +23,15 @@ class Clean:
     Attributes
     ----------
     depth : numpy.ndarray
-        (H, W) float32 metres along the optical axis, NaN for nothing.
+        (H, W) float32 metres along the optical axis, NaN where there is no return.
     incidence : numpy.ndarray
-        (H, W) float32 radians between ray and surface normal, NaN for nothing.
+        (H, W) float32 radians between ray and surface normal, NaN where there is no return.
     reflectivity : numpy.ndarray or None
         (H, W) float32, 0 to 1.
     known : numpy.ndarray
         (H, W) bool.
     sigma : numpy.ndarray
-        (H, W) float32 metres: what the room's own error is along the optical axis.
+        (H, W) float32 metres: standard deviation of the room's surface along the optical axis.
 
     """
 
@@ -49,7 +49,7 @@ def render(room: Room, pose: Pose, rays: np.ndarray, room_error: float) -> Clean
     Parameters
     ----------
     room : Room
-        What is seen.
+        The room in view.
     pose : Pose
         The camera's.
     rays : numpy.ndarray
@@ -98,7 +98,7 @@ def _steps(depth: np.ndarray) -> np.ndarray:
 
 
 def edges(clean: Clean) -> np.ndarray:
-    """Return (H, W) bool: where clean depth jumps, or ends."""
+    """Return (H, W) bool: pixels where clean depth jumps or ends."""
     ends = np.isfinite(clean.depth)
     out = _steps(clean.depth)
     out[1:] |= ends[1:] != ends[:-1]
@@ -107,13 +107,13 @@ def edges(clean: Clean) -> np.ndarray:
 
 
 def difference(clean: Clean, image: Observation) -> np.ndarray:
-    """Return (H, W) measured minus clean depth, metres, whole wraps taken off."""
+    """Return (H, W) measured minus clean depth, metres, without whole wraps."""
     raw = (image.depth - clean.depth).ravel()
     return unwrapped(raw, image.length.ravel(), image.wraps).reshape(clean.depth.shape)
 
 
 def strange(clean: Clean, image: Observation) -> np.ndarray:
-    """Return (H, W) bool: whole patches that are elsewhere than the room says."""
+    """Return (H, W) bool: whole patches whose depth contradicts the room."""
     with np.errstate(invalid='ignore'):
         far = np.abs(difference(clean, image)) > _STRANGE + _STRANGE_NOISE * image.sigma
     core = ~grow(~far, _PATCH)

@@ -1,4 +1,4 @@
-"""Which recordings ground truth is made for, and the files that it is written to."""
+"""The recordings of a run, and the files that it writes."""
 
 from collections.abc import Callable, Sequence
 import hashlib
@@ -12,7 +12,7 @@ from flexx2_sim_ros.recording.folders import BAG_FILES, find_recordings, is_bag
 import yaml
 
 FILES = 'truth.yaml', 'truth.html'
-CACHE = '.truth'  # folder of what an interrupted run has found
+CACHE = '.truth'  # folder for the results of an interrupted run
 _Job = TypeVar('_Job')
 
 
@@ -47,7 +47,7 @@ def check_files(out: Path, paths: Sequence[Path], camera: str | None) -> None:
     Raises
     ------
     InputError
-        When one of them cannot, before anything is computed.
+        When a file cannot be read or written; then nothing is computed.
 
     """
     atomic.check_outputs('--out', out, FILES)
@@ -65,7 +65,7 @@ def write_results(out: Path, table: dict[str, Any], html: str) -> None:
 
 
 def digest(paths: Sequence[Path], words: Sequence[Any]) -> str:
-    """Return a name for what is made of files, as they are now, and of other values."""
+    """Return a digest of files, in their present state, and of other values."""
     parts: list[Any] = [__version__, *words]
     for path in paths:
         files = sorted(path.iterdir()) if path.is_dir() else [path]
@@ -82,22 +82,23 @@ def remembered(
     tick: Callable[[], None],
 ) -> list[str]:
     """
-    Return the results of jobs; those that an earlier run has written down are read.
+    Return the results of jobs; results of an earlier run are read from files.
 
     Parameters
     ----------
     folder : pathlib.Path
-        Where results are written, each whole or not at all.
+        Folder for results; each is written whole or not at all.
     names : sequence of str
         The `digest` of each job.
     jobs : sequence of object
-        What `work` takes.
+        The arguments of `work`.
     work : callable
-        What makes a text of a job; a function of a module, for other processes.
+        Function that returns the result of a job as text; at module level, because other processes
+        call it.
     mapped : callable
-        As `jobs.workers` yields it.
+        A map as from `jobs.workers`.
     tick : callable
-        Called after each job that is done now, for progress.
+        Called after each job that is computed, for progress.
 
     """
     files = [folder / f'{name}.json' for name in names]

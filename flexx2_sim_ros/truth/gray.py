@@ -1,7 +1,8 @@
 """
 Align a printed target to a gray image.
 
-The sheet is painted, seen from a pose, blurred and lit. Pose, blur and light are fitted to the
+The image of the sheet is rendered from a pose, blurred and lit. Pose, blur and light are fitted to
+the
 gray values of all pixels inside it (Gauss-Newton, Huber loss). Blur moves the corners of dark
 squares inwards, so that a pose from corners is too far; a fit with a free blur is not.
 """
@@ -13,20 +14,21 @@ from flexx2_sim_ros.truth.poses import Pose
 from flexx2_sim_ros.truth.target import Target
 import numpy as np
 
-_FINER, _COARSER = 4, 2  # points a pixel and axis, of a small and of a large sheet
+_FINER, _COARSER = 4, 2  # points per pixel and axis, for a small and for a large sheet
 _LARGE = 6000  # pixels
-_MARGIN = 3  # pixels around the sheet that blur reaches
-_BLURS = 2.5  # standard deviations of blur from the sheet's edge: what lies there is not known
+_MARGIN = 3  # pixels around the sheet that blur affects
+# Width of the seam along the edge, where unknown surroundings blur in: standard deviations.
+_BLURS = 2.5
 _BESIDE = 100.0  # metres from the middle of the sheet
-_TILE = 4  # pixels whose errors count as one
+_TILE = 4  # side in pixels of a tile whose errors count as one
 _HUBER = 1.5  # times the scale
 _CONVERGED = 1e-5
 _LEAST_PIXELS = 150
 _BLUR_RANGE = np.log([0.15, 4.0])  # pixels
 _FIRST_CONTRAST = 0.1
-_COST_LIMIT = 0.15  # of white
+_COST_LIMIT = 0.15  # fraction of white
 _FITTED = 14  # pose 6, blur, contrast, light 6
-# How gray values follow the light: straight, or as a square root (the driver's 8-bit image).
+# Exponent of gray values over light: linear, or a square root (the driver's 8-bit image).
 POWERS = 1.0, 0.5
 
 
@@ -40,7 +42,7 @@ class Gray:
     image : numpy.ndarray
         (H, W) float64, any unit.
     rays : numpy.ndarray
-        (H, W, 2) x/z and y/z of each pixel, lens distortion taken off; NaN where there is none.
+        (H, W, 2) x/z and y/z of each pixel, without lens distortion; NaN for pixels without a ray.
 
     """
 
@@ -56,13 +58,13 @@ class GrayFit:
     Attributes
     ----------
     pose : Pose
-        Of the camera in the sheet's frame.
+        Pose of the camera in the sheet's frame.
     covariance : numpy.ndarray
-        (6, 6) of a motion of the camera, see `Pose.moved`; noise only.
+        (6, 6) covariance of a motion of the camera, see `Pose.moved`; from noise only.
     scale_shift : numpy.ndarray
-        (6,) motion of the camera for a focal length that is larger by 100 %, linearised.
+        (6,) motion of the camera per relative change of the focal length, linearised.
     blur : float
-        Standard deviation, pixels.
+        Standard deviation of the blur, pixels.
     contrast : float
         Reflectivity of black as a fraction of that of white.
     power : float
@@ -93,7 +95,7 @@ class _State:
 
 
 class _View:
-    """The part of an image around the sheet, and its points between pixels."""
+    """The part of an image around the sheet, and its subpixel points."""
 
     def __init__(self, target: Target, gray: Gray, pose: Pose) -> None:
         self.target = target
@@ -118,8 +120,8 @@ class _View:
         self.light = np.stack([np.ones(u.shape), u, v, u * u, u * v, v * v], axis=-1)
 
     def blurred(self, pose: Pose, log_blur: float) -> np.ndarray:
-        """Return the white fraction at all points between pixels."""
-        # Points without a ray see white, as those beside the sheet do.
+        """Return the white fraction at all subpixel points."""
+        # Points without a ray are white, like those beside the sheet.
         x, y = (np.nan_to_num(one, nan=_BESIDE) for one in _on_sheet(pose, self.fine))
         height, width = self.paint.shape
         seen = cv2.remap(
@@ -139,12 +141,12 @@ class _View:
         return np.asarray(small.mean(axis=(1, 3)), np.float64)
 
     def flow(self, pose: Pose) -> np.ndarray:
-        """Return (h, w, 2, 7): pixels that the sheet moves by, a motion of the camera and zoom."""
+        """Return (h, w, 2, 7): motion of the sheet in pixels, per camera motion and zoom."""
         normal = pose.R[2]
         point = np.concatenate([self.rays, np.ones((*self.rays.shape[:2], 1))], axis=-1)
         point *= (-pose.t[2] / (point @ normal))[..., None]
         depth = point[..., 2]
-        # Of points on the sheet in the camera's frame: -dt - w x point.
+        # Motion of points of the sheet in the camera's frame: -dt - w x point.
         moved = np.zeros((*depth.shape, 3, 6))
         moved[..., :3] = -np.eye(3)
         x, y, z = np.moveaxis(point, -1, 0)
@@ -164,7 +166,7 @@ def _around(places: np.ndarray, size: int) -> slice:
 
 
 def _finer(rays: np.ndarray, times: int) -> np.ndarray:
-    # Rays of points between pixels; straight on beyond the last ones.
+    # Rays of subpixel points, extrapolated beyond the outermost pixels.
     wide = np.pad(rays, ((1, 1), (1, 1), (0, 0)), mode='reflect', reflect_type='odd')
     height, width = rays.shape[:2]
     u, v = ((np.arange(n * times) + 0.5) / times + 0.5 for n in (width, height))
@@ -177,7 +179,7 @@ def _finer(rays: np.ndarray, times: int) -> np.ndarray:
 
 
 def _on_sheet(pose: Pose, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    # Where rays meet the sheet's plane, metres; NaN behind the camera.
+    # Points where rays meet the plane of the sheet, metres; NaN behind the camera.
     direction = rays @ pose.R[:, :2].T + pose.R[:, 2]
     with np.errstate(invalid='ignore', divide='ignore'):
         reach = -pose.t[2] / direction[..., 2]
@@ -200,22 +202,23 @@ def align_gray(
     Parameters
     ----------
     target : Target
-        What is on the sheet.
+        The target on the sheet.
     gray : Gray
         The image.
     start : Pose
-        Of the camera in the sheet's frame, so that the sheet's edges are within a few pixels.
+        Pose of the camera in the sheet's frame, accurate enough that edges are within a few
+        pixels.
     power : float
         One of `POWERS`.
     blur : float
-        Pixels, to start from.
+        Initial blur, pixels.
     steps : int
         At most.
 
     Returns
     -------
     GrayFit or None
-        None where too little of the sheet is in the image.
+        None if too little of the sheet is in the image.
 
     """
     view = _View(target, gray, start)
@@ -223,7 +226,7 @@ def align_gray(
         return None
     border = (1 + _BLURS * blur) * view.step * view.finer
     use = _inside(target, start, view.rays, border) & (np.nan_to_num(view.image) > 0)
-    # Next to pixels without a ray nothing is known of how the sheet moves.
+    # Next to pixels without a ray the motion of the sheet is unknown.
     use &= np.isfinite(view.flow(start)).all(axis=(2, 3))
     if use.sum() < _LEAST_PIXELS:
         return None
@@ -267,7 +270,7 @@ def _moved(state: _State, step: np.ndarray) -> _State:
 
 
 def _model(view: _View, state: _State, use: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    # What the pixels should be, (N,), and how that changes with all that is fitted, (N, 14).
+    # Expected gray values, (N,), and their derivatives by the fitted parameters, (N, 14).
     fine = view.blurred(state.pose, state.log_blur)
     white = view.pixels(fine)[use]
     slopes = np.stack([view.pixels(np.gradient(fine, axis=axis))[use] for axis in (1, 0)], axis=1)
@@ -278,7 +281,7 @@ def _model(view: _View, state: _State, use: np.ndarray) -> tuple[np.ndarray, np.
     J = np.empty((len(white), _FITTED))
     span = light * (1 - state.contrast)
     J[:, :6] = -span[:, None] * np.einsum('ni,nij->nj', slopes * view.finer, flow[..., :6])
-    # Blur spreads as heat does: more of it adds the Laplacian.
+    # Blur follows the heat equation: its derivative is the Laplacian.
     bend = view.pixels(cv2.Laplacian(fine, cv2.CV_32F))[use]
     J[:, 6] = span * bend * (np.exp(state.log_blur) * view.finer) ** 2
     J[:, 7] = light * (1 - white)
@@ -296,7 +299,8 @@ def _loss(residual: np.ndarray, limit: float) -> float:
 
 
 def _cost(level: np.ndarray, model: np.ndarray, power: float) -> float:
-    # Of gray values and with a fixed limit: costs of different poses and powers are compared.
+    # The cost uses gray values and a fixed limit, so that costs of different poses and powers are
+    # comparable.
     residual = level**power - np.clip(model, 0, None) ** power
     return float(np.sqrt(_loss(residual, _COST_LIMIT)))
 
@@ -304,8 +308,8 @@ def _cost(level: np.ndarray, model: np.ndarray, power: float) -> float:
 def _accuracy(
     view: _View, state: _State, use: np.ndarray, J: np.ndarray, residual: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    # Covariance of the motion that allows errors to be alike within tiles, and the motion that a
-    # wrong focal length makes.
+    # Covariance of the motion with errors that are correlated within tiles, and the motion that a
+    # wrong focal length causes.
     limit = _HUBER * _scale(residual)
     weight = limit / np.maximum(np.abs(residual), limit)
     inverse = np.linalg.pinv((J * weight[:, None]).T @ J, hermitian=True)
@@ -328,7 +332,7 @@ def _accuracy(
 
 
 def with_scale_error(fit: GrayFit, relative: float) -> GrayFit:
-    """Return a fit whose covariance counts an error of focal length or printed size."""
+    """Return a fit whose covariance includes an error of focal length or printed size."""
     shift = fit.scale_shift * relative
     return replace(fit, covariance=fit.covariance + np.outer(shift, shift))
 

@@ -1,8 +1,8 @@
 """
 Poses of many recordings and the errors that they share, estimated together.
 
-A pose fitted alone takes most of a bias and of wiggling for itself. Columns of the same camera are
-the same in all recordings, poses are not: with four recordings or more that tells them apart.
+A pose that is fitted alone absorbs most of a bias and of wiggling. The errors of a camera are the
+same in all recordings, the poses are not. Four recordings or more therefore distinguish them.
 """
 
 from collections.abc import Sequence
@@ -26,10 +26,10 @@ import numpy as np
 # Standard deviations of the priors: bias and amplitudes in metres, gain of the bounce.
 _PRIOR = 0.02
 _PRIOR_GAIN = 1.0
-_PRIOR_SCALE = 0.005  # of a scan: photogrammetry without a measured length is worse
+_PRIOR_SCALE = 0.005  # scale error of a scan; photogrammetry without a measured length is worse
 _ROUNDS = 6
 _CONVERGED = 1e-6
-_POSE_PRIOR = 1.0  # 1/m2: keeps a pose that nothing holds from making the equations singular
+_POSE_PRIOR = 1.0  # 1/m2: keeps the equations regular if the recording does not determine the pose
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class View:
         Its pixels.
     pose : Pose
     bounce : numpy.ndarray
-        (N,) metres that light which bounced once adds to each pixel's depth, by simulation.
+        (N,) simulated depth error of each pixel by light that bounced once, metres.
 
     """
 
@@ -66,13 +66,13 @@ class Columns:
     Attributes
     ----------
     bias : bool
-        A constant along the ray, metres.
+        Whether a constant along the ray (metres) is fitted.
     periods : tuple of float
-        Of wiggling along the range, metres: a sine and a cosine each.
+        Periods of wiggling along the range, metres; each has a sine and a cosine.
     bounce : bool
-        A gain on the light that bounced once.
+        Whether a gain of the light that bounced once is fitted.
     scale : bool
-        Of depth against the room, a fraction.
+        Whether a relative scale of depth against the room is fitted.
 
     """
 
@@ -104,7 +104,7 @@ class Columns:
 def error_columns(
     columns: Columns, depth: np.ndarray, length: np.ndarray, bounce: np.ndarray
 ) -> np.ndarray:
-    """Return (N, k) metres along the optical axis that each coefficient's unit adds."""
+    """Return (N, k) depth error per unit of each coefficient, metres along the optical axis."""
     parts = [1 / length] if columns.bias else []
     for period in columns.periods:
         turn = 2 * np.pi * depth * length / period
@@ -119,7 +119,7 @@ def error_columns(
 @dataclass(frozen=True)
 class Linear:
     """
-    A view's weighted linear equations: y = J motion + A coefficients.
+    The weighted linear equations of a view: y = J motion + A coefficients.
 
     Attributes
     ----------
@@ -128,7 +128,7 @@ class Linear:
     tile : numpy.ndarray
         (N,) see `Target`.
     bias : numpy.ndarray
-        (N,) what a bias of 1 m along the ray adds to depth.
+        (N,) depth error by a bias of 1 m along the ray.
 
     """
 
@@ -155,7 +155,7 @@ class Linear:
         return self.J.T @ (self.weight * self.y)
 
     def free(self, columns: np.ndarray) -> np.ndarray:
-        """Return (N, m) columns less what a motion of the camera explains of them."""
+        """Return (N, m) columns without the part that a motion of the camera explains."""
         return columns - self.J @ np.linalg.solve(
             self.H, (self.J * self.weight[:, None]).T @ columns
         )
@@ -164,7 +164,7 @@ class Linear:
 @dataclass(frozen=True)
 class Solution:
     """
-    What came out for all recordings.
+    The solution for all recordings.
 
     Attributes
     ----------
@@ -172,17 +172,17 @@ class Solution:
     values : numpy.ndarray
         (k,) coefficients.
     deviations : numpy.ndarray
-        (k,) standard deviations: the greater of that from the pixels and that from leaving out
-        one recording at a time.
+        (k,) standard deviations: the larger of the one from the pixels and the one from leaving
+        out one recording at a time.
     condition : float
         Condition number of the coefficients' equations, scaled to a unit diagonal.
     views : tuple of View
-        With their new poses.
+        The views with their new poses.
     covariances : tuple of numpy.ndarray
         (6, 6) each, of the views' motions (metres, radians).
     drags : tuple of numpy.ndarray
-        (6,) each: the motion that a bias of one prior standard deviation would feign where the
-        bias is not estimated.
+        (6,) each: the pose error that a bias of one prior standard deviation causes if the bias is
+        not estimated.
     left_out : numpy.ndarray
         (R, k) coefficients without each recording.
 
@@ -198,7 +198,7 @@ class Solution:
     left_out: np.ndarray
 
     def full_covariance(self, view: int) -> np.ndarray:
-        """Return (6, 6) of a view's pose, with the bias that may be there and is not estimated."""
+        """Return the (6, 6) covariance of a pose, including a bias that is not estimated."""
         drag = self.drags[view] * (not self.columns.bias)
         return self.covariances[view] + np.outer(drag, drag)
 
@@ -207,7 +207,7 @@ def linearise(
     view: View, columns: Columns, values: np.ndarray
 ) -> tuple[Linear, Target, np.ndarray]:
     """
-    Return a view's equations at its pose, weighted with the residuals that are left.
+    Return a view's equations at its pose, with robust weights of the residuals.
 
     Parameters
     ----------
@@ -216,7 +216,7 @@ def linearise(
     columns : Columns
         Which errors are shared.
     values : numpy.ndarray
-        (k,) coefficients so far.
+        (k,) present coefficients.
 
     Returns
     -------
@@ -255,11 +255,11 @@ def solve(views: Sequence[View], columns: Columns, rounds: int = _ROUNDS) -> Sol
     Parameters
     ----------
     views : sequence of View
-        With poses that are about right.
+        Views with approximately correct poses.
     columns : Columns
         Which errors are shared.
     rounds : int
-        Steps of Gauss-Newton at most.
+        Maximum number of Gauss-Newton steps.
 
     Returns
     -------
@@ -283,7 +283,7 @@ def solve(views: Sequence[View], columns: Columns, rounds: int = _ROUNDS) -> Sol
 
 
 def reduced(equations: Sequence[Linear], columns: Columns) -> tuple[np.ndarray, np.ndarray]:
-    """Return the coefficients' normal equations, poses eliminated (Schur complement)."""
+    """Return the normal equations of the coefficients, without poses (Schur complement)."""
     S, s = np.diag(columns.precision), np.zeros(len(columns.names))
     for one in equations:
         part, side = _share(one)

@@ -1,4 +1,4 @@
-"""Read a room from a file, and say in one sentence what is wrong with it."""
+"""Read a room from a file; errors say in one sentence what is wrong with it."""
 
 from functools import lru_cache
 from pathlib import Path
@@ -38,7 +38,7 @@ def load_room(path: Path) -> Room:
     Raises
     ------
     InputError
-        When there is no such file or it cannot be the mesh of a room in metres.
+        When the file does not exist or cannot be the mesh of a room in metres.
 
     """
     if path.suffix.lower() in SCENE_SUFFIXES:
@@ -93,7 +93,7 @@ def read_mesh(path: Path) -> MeshRoom:
 def _load(name: str, path: Path) -> trimesh.Trimesh:
     try:
         scene = trimesh.load_scene(path, process=False)
-    except Exception as error:  # Its readers let errors of all kinds out.
+    except Exception as error:  # The readers of trimesh raise errors of many types.
         reason = unquoted(str(error)) or type(error).__name__
         raise InputError(f'{name}: cannot be read as a mesh: {reason}') from error
     meshes = [one for one in scene.dump() if isinstance(one, trimesh.Trimesh) and len(one.faces)]
@@ -121,7 +121,7 @@ def _check_size(name: str, triangles: np.ndarray) -> None:
 
 
 def _luminance(mesh: trimesh.Trimesh, faces: np.ndarray) -> np.ndarray | None:
-    # (F, 3) at the corners of each triangle; None without colours.
+    # (F, 3) reflectivity at the corners of each triangle; None without colours.
     visual: Any = mesh.visual
     if visual.kind == 'texture':
         visual = visual.to_color()
@@ -139,7 +139,7 @@ def _gray(colours: np.ndarray) -> np.ndarray:
 
 
 def _at_border(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    # Triangles with a side that no other triangle has. Vertices at the same place count as one:
+    # Triangles with a side that no other triangle shares. Vertices at the same place count as one:
     # an .stl has three of its own for each triangle.
     _, same = np.unique(vertices, axis=0, return_inverse=True)
     corners = same.reshape(-1)[faces]

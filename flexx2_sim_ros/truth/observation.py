@@ -1,4 +1,4 @@
-"""What a recording shows: the median of a still one, frames of a moving one."""
+"""The images of a recording to register: the median of a still one, frames of a moving one."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -12,17 +12,19 @@ from flexx2_sim_ros.recording import RecordingReader
 from flexx2_sim_ros.recording.truth import read_truth
 import numpy as np
 
-_MOST_FRAMES = 40  # of a still recording: more do not make its median better than the mesh
+_MOST_FRAMES = (
+    40  # frames of a still recording; more would not make the median better than the mesh
+)
 _NEAREST = 0.02  # metres
-# A recording moves where more than this share of its blocks of pixels changes by more than this
+# A recording moves if more than this fraction of its blocks of pixels changes by more than this
 # many metres (and sigmas of a pixel), from its first to its middle or last frames. Warm-up changes
 # depth by less.
 _MOVED_SHARE, _MOVED, _TILE_NOISE = 0.1, 0.02, 1.5
 _TILE = 6
-# An edge: depth bends by more than this share of itself and this many sigmas of noise, which is
-# four of those of a second difference.
+# An edge: the second difference of depth exceeds this fraction of depth and this many sigmas of
+# noise, which is four sigmas of a second difference.
 _BEND, _BEND_NOISE = 0.02, 10.0
-_LONGEST_GAP = 1000.0  # seconds between two frames; more are two clocks
+_LONGEST_GAP = 1000.0  # seconds between two frames; more means two clocks
 
 
 @dataclass(frozen=True)
@@ -33,14 +35,14 @@ class Observation:
     Attributes
     ----------
     rays : numpy.ndarray
-        (H, W, 2) x/z and y/z of each pixel, lens distortion taken off; NaN where it cannot be,
-        and where a mask says that nothing is known.
+        (H, W, 2) x/z and y/z of each pixel, without lens distortion; NaN where the lens has no
+        inverse, and where a mask marks pixels as unknown.
     depth : numpy.ndarray
         (H, W) float64 metres along the optical axis, NaN where invalid.
     sigma : numpy.ndarray
         (H, W) float64 metres, standard deviation of `depth`.
     wraps : tuple of float
-        Metres: range is known up to multiples of each, most likely first.
+        Metres: range is ambiguous by multiples of each, most likely first.
 
     """
 
@@ -61,12 +63,12 @@ class Observation:
         return np.sqrt(1 + (self.rays**2).sum(axis=-1))
 
     def mirrored(self) -> 'Observation':
-        """Return what a camera would see in the mirror image of the room."""
+        """Return the view of a camera in the mirror image of the room."""
         return replace(self, rays=self.rays * (-1, 1))
 
 
 def grow(mask: np.ndarray, times: int = 1) -> np.ndarray:
-    """Return an (H, W) bool mask with the neighbours of its pixels, so many times."""
+    """Return an (H, W) bool mask, grown by this number of pixels."""
     for _ in range(times):
         wide = mask.copy()
         wide[1:] |= mask[:-1]
@@ -78,7 +80,7 @@ def grow(mask: np.ndarray, times: int = 1) -> np.ndarray:
 
 
 def _jumps(depth: np.ndarray, sigma: np.ndarray) -> np.ndarray:
-    # Where depth bends from pixel to pixel by more than noise and a steep surface make it.
+    # Pixels where depth bends more than noise and a steep surface explain.
     bend = np.zeros(depth.shape)
     with np.errstate(invalid='ignore'):
         for image, out in ((depth, bend), (depth.T, bend.T)):
@@ -94,7 +96,7 @@ class Footage:
     Attributes
     ----------
     reader : RecordingReader
-        Where its frames are.
+        Reader of the frames.
     still : Observation
         The median of a still recording, the first frame of a moving one.
     moving : bool
@@ -110,7 +112,7 @@ class Footage:
     mode: Mode | None
 
     def observe(self, depth: np.ndarray) -> Observation:
-        """Return one (H, W) frame of it."""
+        """Return the observation of one (H, W) frame."""
         good = np.where(depth > _NEAREST, depth, np.nan).astype(np.float64)
         return Observation(
             self.still.rays, good, _typical_sigma(good, self.mode), self.still.wraps
@@ -119,16 +121,16 @@ class Footage:
 
 def observe(reader: RecordingReader, profile: Profile | None, motion: str = 'auto') -> Footage:
     """
-    Look at a recording.
+    Prepare a recording for registration.
 
     Parameters
     ----------
     reader : RecordingReader
-        Opened.
+        The opened recording.
     profile : Profile or None
         The camera (None: the Flexx2).
     motion : str
-        ``still``, ``moving``, or ``auto``: find out.
+        ``still``, ``moving``, or ``auto`` (detect).
 
     Returns
     -------
@@ -176,7 +178,7 @@ def _rays(reader: RecordingReader) -> np.ndarray:
     rays = np.moveaxis(pixel_rays(camera), 0, -1)
     known = read_truth(reader.path, reader.arrays, reader.shape).known
     if known is not None and known.ndim == 2 and not _has_truth(reader):
-        rays[~known] = np.nan  # A mask of the user's, not what an earlier truth knew.
+        rays[~known] = np.nan  # A mask of the user, not of earlier ground truth.
     return rays
 
 
@@ -230,7 +232,7 @@ def _moved(frames: np.ndarray, mode: Mode | None) -> bool:
 
 
 def _tiles(image: np.ndarray) -> np.ndarray:
-    # Medians of blocks, NaN where most of one is: less noise than single pixels.
+    # Medians of blocks have less noise than pixels; NaN where most of a block is invalid.
     height, width = (side - side % _TILE for side in image.shape)
     if not height or not width:
         return image

@@ -1,4 +1,4 @@
-"""The page of a campaign: where each recording was placed, and how well that fits."""
+"""The page of a campaign: the pose of each recording, and how well it fits."""
 
 import base64
 from collections.abc import Mapping, Sequence
@@ -22,7 +22,7 @@ th, small, figcaption { color: var(--dim); } figcaption { font-size: .85rem; }
 .row figure { max-width: 26.25rem; }
 td.words { min-width: 12rem; }
 """
-_LIMIT = 0.03  # metres, of the residual map's colours
+_LIMIT = 0.03  # metres, end of the colour scale of the residual map
 
 
 def page(
@@ -36,9 +36,9 @@ def page(
     table : dict
         The content of ``truth.yaml``.
     registered : sequence of Registered
-        By number of recording.
+        Results, by number of the recording.
     pictures : mapping of int to Picture
-        Of the recordings that are not refused.
+        Images of the recordings that are not refused.
 
     """
     rows = table['recordings']
@@ -63,7 +63,7 @@ def whole_page(table: Mapping[str, Any], about: str, parts: Sequence[str]) -> st
     table : dict
         The content of ``truth.yaml``.
     about : str
-        What the truth was made from, as HTML.
+        The source of the ground truth, as HTML.
     parts : sequence of str
         HTML.
 
@@ -100,7 +100,7 @@ def _shared(table: dict[str, Any]) -> str:
 
 
 def undecided(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Return a table of what a ground truth cannot decide."""
+    """Return a table of the effects that the ground truth cannot decide."""
     lines = ''.join(
         f'<tr><td>{escape(row["effect"])}</td><td class="words">{escape(row["reason"])}</td></tr>'
         for row in rows
@@ -172,20 +172,20 @@ def figures(
     cost: str = '',
 ) -> str:
     """
-    Return what a page shows of one recording.
+    Return the figures of one recording.
 
     Parameters
     ----------
     name : str
-        Of the recording.
+        Name of the recording.
     shown : Picture
-        Its images.
+        The images of the recording.
     caption : str
-        Of the overlay.
+        Caption of the overlay.
     costs : sequence of float
-        How the alignment went; empty where there was none.
+        Costs of the alignment; empty if there was none.
     axis, cost : str
-        What `costs` is along and of.
+        Labels of the axes of `costs`.
 
     """
     name = escape(name)

@@ -1,4 +1,4 @@
-"""From recordings of a room's planes to a campaign with ground truth."""
+"""Make a campaign with ground truth from recordings of planes of a room."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -36,14 +36,14 @@ _POSE = {
 @dataclass(frozen=True, kw_only=True)
 class PlaneRequest(TruthRequest):
     """
-    What to make ground truth from, and planes; the camera stands still in each recording.
+    A request for ground truth from planes; the camera stands still in each recording.
 
     Attributes
     ----------
     planes : pathlib.Path
         ``planes.yaml``; see `read_planes`.
     room_error : float
-        Standard deviation of surfaces whose flatness the file does not say, metres.
+        Standard deviation of surfaces whose flatness is not in the file, metres.
 
     """
 
@@ -58,7 +58,7 @@ def make_plane_truth(request: PlaneRequest, progress: Progress = no_progress) ->
     Parameters
     ----------
     request : PlaneRequest
-        What to make it from.
+        The recordings and the planes.
     progress : callable
         Called with the name of the current step and the fraction of the work that is done.
 
@@ -139,7 +139,7 @@ def _row(source: Source, one: Judged, picture: Picture | None) -> dict[str, Any]
 
 
 def _cannot_decide(judged: Sequence[Judged]) -> list[dict[str, Any]]:
-    # What is certain beforehand; the diagnosis computes the rest for each recording.
+    # Effects that planes never decide; the diagnosis computes the others for each recording.
     found = [one for one in judged if one.planes is not None]
     taped = any(one.taped for one in found)
     out: list[dict[str, Any]] = [_POSE]

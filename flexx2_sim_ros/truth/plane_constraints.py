@@ -1,4 +1,4 @@
-"""Planes where a tape measure and a set square say, and how accurately those say it."""
+"""Move planes to measured distances and angles, with the covariance of the measurements."""
 
 from dataclasses import dataclass
 
@@ -6,11 +6,11 @@ from flexx2_sim_ros.recording.truth import plane_axes
 from flexx2_sim_ros.truth.plane_file import Angle, Measured
 import numpy as np
 
-# Standard deviations of a plane that nothing was measured of: metres, radians. Large, because a
-# plane that is fitted to the recording is wrong by what the camera does wrong.
+# Standard deviations of a plane without measurements: metres, radians. They are large, because a
+# plane that is fitted to the recording contains the errors of the camera.
 FREE_OFFSET, FREE_TILT = 0.1, np.radians(5.0)
-# A recording shows the tilt of a plane better than its distance: planes are moved to a measured
-# distance rather than turned to it.
+# A recording shows the tilt of a plane better than its distance, so planes are moved to a measured
+# distance, not turned.
 _FITTED_TILT = np.radians(0.3)
 _PARALLEL = np.radians(3.0)  # from 0 or 180 degrees
 _ITERATIONS = 8
@@ -29,7 +29,7 @@ class Placed:
     distances : numpy.ndarray
         (P,) metres from the optical centre, perpendicular.
     pivots : numpy.ndarray
-        (P, 3) metres: what tilts turn a plane about.
+        (P, 3) metres: points about which tilts turn the planes.
 
     """
 
@@ -44,7 +44,7 @@ class Placed:
         Parameters
         ----------
         change : numpy.ndarray
-            (3 P,) an offset in metres and two tilts in radians for each, as recordings have them.
+            (3 P,) an offset in metres and two tilts in radians for each plane, as in recordings.
 
         """
         normals, distances = self.normals.copy(), self.distances.copy()
@@ -79,18 +79,18 @@ class Placed:
 @dataclass(frozen=True)
 class Constraints:
     """
-    What was measured of the planes of one recording.
+    The measurements of the planes of one recording.
 
     Attributes
     ----------
     names : tuple of str
-        Of the P planes.
+        Names of the P planes.
     distances : tuple of Measured or None
-        Of each, metres from the origin.
+        Distance of each plane, metres from the origin.
     angles : tuple of Angle
-        Between them.
+        Angles between them.
     origin : tuple of float
-        Where distances are measured from, optical frame, metres.
+        Origin of the distances, optical frame, metres.
 
     """
 
@@ -101,7 +101,7 @@ class Constraints:
 
     def errors(self, placed: Placed) -> tuple[np.ndarray, list[str]]:
         """
-        Return how far planes are from what was measured.
+        Return the differences between planes and measurements.
 
         Parameters
         ----------
@@ -111,7 +111,7 @@ class Constraints:
         Returns
         -------
         tuple
-            (C,) errors in standard deviations; what each is of, in words.
+            (C,) differences in standard deviations, and the description of each.
 
         """
         errors, words = [], []
@@ -131,7 +131,7 @@ class Constraints:
         return np.array(errors), words
 
     def tape_errors(self, placed: Placed) -> np.ndarray:
-        """Return (P,) how much farther planes are than was measured, metres; NaN if it was not."""
+        """Return (P,) distance minus measured distance, metres; NaN if not measured."""
         told = np.array([np.nan if d is None else d.value for d in self.distances])
         return np.asarray(placed.distances - placed.normals @ np.array(self.origin) - told)
 
@@ -151,21 +151,22 @@ def _angle_errors(one: np.ndarray, other: np.ndarray, told: float) -> np.ndarray
 
 def settle(placed: Placed, constraints: Constraints) -> tuple[Placed, np.ndarray]:
     """
-    Move planes to where measurements say, by generalised least squares.
+    Move planes to the measurements, by generalised least squares.
 
     Parameters
     ----------
     placed : Placed
-        As fitted to the recording: where they roughly are.
+        The planes as fitted to the recording.
     constraints : Constraints
         What was measured.
 
     Returns
     -------
     tuple
-        The planes moved; (3 P, 3 P) covariance of their parameters, from the measurements alone:
-        what was not measured has `FREE_OFFSET` and `FREE_TILT`. Angles count where a distance was
-        measured besides: alone they make the diagnosis take an offset for wiggling.
+        The moved planes, and the (3 P, 3 P) covariance of their parameters. The covariance comes
+        from the measurements alone; parameters without a measurement have `FREE_OFFSET` and
+        `FREE_TILT`. Angles are used only if a distance was measured, too: with angles alone the
+        diagnosis takes an offset for wiggling.
 
     """
     count = len(placed.distances)
@@ -179,7 +180,7 @@ def settle(placed: Placed, constraints: Constraints) -> tuple[Placed, np.ndarray
     free = np.tile([FREE_OFFSET, FREE_TILT, FREE_TILT], count) ** -2.0
     if all(told is None for told in constraints.distances):
         return moved, np.diag(1 / free)
-    # Of parameters about where the planes are now.
+    # The parameters are relative to the present planes.
     slope = _slope(moved, np.zeros(len(stiff)), constraints)
     covariance = np.linalg.inv(np.diag(free) + slope.T @ slope)
     return moved, (covariance + covariance.T) / 2

@@ -1,4 +1,4 @@
-"""What people measured of a room's planes: `planes.yaml`."""
+"""Read `planes.yaml`: measurements of the planes of a room."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ _KEYS = {'schema', 'origin', 'planes', 'recordings'}
 _OF_PLANE = {'name', 'seed', 'box', 'distance', 'angles', 'flat'}
 _OF_RECORDING = {'seed', 'box', 'distance'}
 _MOST_PLANES, _LONGEST_NAME = 20, 60
-# What a measurement is worth that comes without its standard deviation: metres, degrees.
+# Standard deviation of a measurement that is given without one: metres, degrees.
 _TAPE, _SQUARE = 0.005, 0.5
 _NEAREST, _FARTHEST, _MOST_ERROR = 0.05, 20.0, 1.0  # metres
 _NUMBER = r'([+-]?\d*\.?\d+(?:[eE][+-]?\d+)?)'
@@ -33,13 +33,13 @@ class Measured:
 @dataclass(frozen=True)
 class PlaneHint:
     """
-    How to find a plane in a recording, and what was measured of it.
+    How to find a plane in a recording, and its measurements.
 
     Attributes
     ----------
     name : str
     box : tuple of float
-        Left, top, right and bottom pixel of a part of it; empty where it is found by its size.
+        Left, top, right and bottom pixel of a part of it; empty if it is found by its size.
     distance : Measured or None
         Perpendicular distance from the origin, metres.
     flat : float or None
@@ -61,7 +61,7 @@ class Angle:
     Attributes
     ----------
     first, second : str
-        Their names.
+        Names of the planes.
     degrees : Measured
 
     """
@@ -74,17 +74,17 @@ class Angle:
 @dataclass(frozen=True)
 class PlaneFile:
     """
-    What ``planes.yaml`` says.
+    The content of ``planes.yaml``.
 
     Attributes
     ----------
     planes : tuple of PlaneHint
     angles : tuple of Angle
     origin : tuple of float
-        Where distances are measured from: x, y, z in the optical frame, metres.
+        Origin of the distances: x, y, z in the optical frame, metres.
     changes : mapping of str to mapping
-        By name of recording, without its suffix, then by name of plane: what is different there;
-        None where it is not in view.
+        Differences in single recordings, by the name of the recording without suffix, then by the
+        name of the plane; None if it is not in view.
 
     """
 
@@ -112,7 +112,7 @@ def read_planes(path: Path) -> PlaneFile:
     Raises
     ------
     InputError
-        When it cannot be read, has an unknown key or plane, or a value that cannot be; the
+        When the file cannot be read, or has an unknown key or plane or an impossible value; the
         message names file and key.
 
     """
@@ -164,7 +164,7 @@ def _plane(field: str, row: Any) -> PlaneHint:
 
 
 def _hint(field: str, plane: PlaneHint, row: Mapping[str, Any]) -> PlaneHint:
-    # The plane as a mapping changes it.
+    # The plane with the changes of a mapping.
     seed, box = row.get('seed'), row.get('box')
     if seed is not None and box is not None:
         raise InputError(f'{field}: must have a seed or a box, got both')

@@ -11,12 +11,12 @@ from scipy import ndimage
 # A pixel lies on a plane within so many metres and standard deviations of depth. Multipath and
 # wiggling bend planes by some centimetres.
 _TOLERANCE, _NOISE = 0.02, 3.0
-_LEAST = 0.015  # fraction of the image that a plane covers
+_LEAST = 0.015  # least fraction of the image that a plane covers
 _GRAZING = 0.17  # cosine of incidence; 80 degrees
 # Random triples, of pixels at most so far apart, judged on so many pixels.
 _TRIES, _NEAR, _SAMPLE = 400, 24, 4000
 _STEPS = 6
-_HOLE = 25  # pixels: a hole of that many is noise, a larger one may be a thing
+_HOLE = 25  # pixels: smaller holes are noise, larger ones may be objects
 _BORDER = 2  # pixels
 _PATCH = 4  # pixels around a seed
 
@@ -30,7 +30,7 @@ class Surface:
     ----------
     name : str
     inverse : numpy.ndarray
-        (3,) inverse depth is its product with the ray (x/z, y/z, 1).
+        (3,) coefficients: inverse depth is the product with the ray (x/z, y/z, 1).
     mask : numpy.ndarray
         (H, W) bool: pixels on it, away from its borders.
 
@@ -53,19 +53,19 @@ class Surface:
 
 def find_planes(image: Observation, hints: Sequence[PlaneHint]) -> list[Surface]:
     """
-    Find planes: those with a box first, then the largest that are left.
+    Find planes: those with a box first, then the largest of the rest.
 
     Parameters
     ----------
     image : Observation
-        Where to look.
+        The image.
     hints : sequence of PlaneHint
-        What to look for.
+        The planes to find.
 
     Returns
     -------
     list of Surface
-        Those found, in the order of the hints.
+        The planes that were found, in the order of the hints.
 
     """
     free, search = image.smooth.copy(), _Search(image)
@@ -98,14 +98,14 @@ class _Search:
         self.tolerance = _TOLERANCE + _NOISE * image.sigma
 
     def near(self, inverse: np.ndarray) -> np.ndarray:
-        """Return (H, W) bool: measured to be on a plane that is not seen at a grazing angle."""
+        """Return (H, W) bool: pixels near the plane, except at grazing angles."""
         along = self.rays @ inverse
         cosine = along / np.linalg.norm(inverse) / self.image.length
         with np.errstate(divide='ignore', invalid='ignore'):
             return (np.abs(self.image.depth - 1 / along) < self.tolerance) & (cosine > _GRAZING)
 
     def plane(self, start: np.ndarray, free: np.ndarray, growing: bool) -> np.ndarray | None:
-        """Return the plane that most pixels of ``start`` are on; growing, fitted to all."""
+        """Return the plane with most pixels of ``start``, grown and fitted to its pixels."""
         places = np.argwhere(start)
         if len(places) < 3:
             return None
@@ -121,7 +121,7 @@ class _Search:
         return self._fitted(inverse, free & self.near(inverse))
 
     def _best(self, places: np.ndarray) -> np.ndarray | None:
-        # RANSAC. Triples are of pixels near to each other: more of them are on one plane.
+        # RANSAC with triples of neighbouring pixels, which are more often on one plane.
         rng = np.random.default_rng(0)
         first = places[rng.integers(len(places), size=_TRIES)]
         height, width = self.image.depth.shape
@@ -170,7 +170,7 @@ def _inside(box: tuple[float, ...], shape: tuple[int, ...]) -> np.ndarray:
 
 
 def _tidy(mask: np.ndarray) -> np.ndarray:
-    # Without single pixels that are missing, chance pixels elsewhere, and the border.
+    # Closes single missing pixels, and removes isolated pixels and the border.
     holes, count = ndimage.label(~mask)
     small = np.bincount(holes.ravel(), minlength=count + 1) <= _HOLE
     small[0] = False
@@ -182,7 +182,7 @@ def _tidy(mask: np.ndarray) -> np.ndarray:
 def _away_from_others(
     search: _Search, name: str, found: dict[str, tuple[np.ndarray, np.ndarray]]
 ) -> np.ndarray:
-    # Where two planes meet, a pixel may be on either.
+    # A pixel near the intersection of two planes may belong to either.
     inverse, mask = found[name]
     own = search.rays @ inverse
     for other, (theirs, _) in found.items():

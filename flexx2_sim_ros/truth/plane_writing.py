@@ -17,10 +17,10 @@ from flexx2_sim_ros.truth.plane_finding import find_planes, Surface
 from flexx2_sim_ros.truth.writing import Picture, picture_of, write_truth
 import numpy as np
 
-_LARGEST_DEPTH = 100.0  # metres; more are millimetres
-_MOST_TURN = 10.0  # degrees that what the camera does wrong turns a plane by
+_LARGEST_DEPTH = 100.0  # metres; larger values are millimetres
+_MOST_TURN = 10.0  # degrees by which errors of the camera turn a plane
 _CONTRADICTION = 5.0  # standard deviations
-# Metres that an offset and bounced light may make of a distance.
+# Metres by which an offset and bounced light may change a distance.
 _MOST_OFFSET = 0.1
 
 
@@ -34,16 +34,16 @@ class PlaneJob:
     path, target : pathlib.Path
         The recording, and the file to write.
     hints : tuple of PlaneHint
-        Its planes.
+        The planes in the recording.
     angles : tuple of Angle
-        Between planes, also some that it does not show.
+        Angles between planes, including planes that are not in view.
     origin : tuple of float
-        Where distances are measured from, optical frame, metres.
+        Origin of the distances, optical frame, metres.
     camera : str or None
     profile : Profile or None
     motion : str
     room_error : float
-        Standard deviation of surfaces whose flatness is not told, metres.
+        Standard deviation of surfaces whose flatness is not given, metres.
 
     """
 
@@ -66,11 +66,11 @@ class Nominal:
     Attributes
     ----------
     surfaces : tuple of Surface
-        As fitted to the recording.
+        The planes as fitted to the recording.
     placed : Placed
-        Where measurements say.
+        The planes moved to the measurements.
     covariance : numpy.ndarray
-        (3 P, 3 P), as recordings have it.
+        (3 P, 3 P) covariance, as in recordings.
 
     """
 
@@ -89,9 +89,9 @@ class Judged:
     state : str
         ``used``, ``doubtful`` or ``refused``.
     reasons : tuple of str
-        Why it is not simply used, and what is missing.
+        Why the recording is doubtful or refused, and notes on missing measurements.
     planes : Nominal or None
-        None where it is refused.
+        None if the recording is refused.
     taped : bool
         Whether a distance of one of them was measured.
 
@@ -110,7 +110,7 @@ class Judged:
         return float(np.degrees(np.arccos(np.clip(self.planes.placed.normals[0, 2], -1, 1))))
 
     def table(self) -> list[dict[str, Any]]:
-        """Return what ``truth.yaml`` says of the planes."""
+        """Return the planes for ``truth.yaml``."""
         if self.planes is None:
             return []
         placed, spread = self.planes.placed, np.sqrt(np.diag(self.planes.covariance))
@@ -171,7 +171,7 @@ def _unpacked(text: str, shape: tuple[int, int]) -> np.ndarray:
 
 def place_planes(job: PlaneJob) -> str:
     """
-    Find a recording's planes and move them to where measurements say.
+    Find the planes of a recording and move them to the measurements.
 
     Returns
     -------
@@ -239,7 +239,7 @@ def _fitted(surfaces: list[Surface], image: Observation) -> Placed:
 
 
 def _turned(surfaces: list[Surface], constraints: Constraints) -> str:
-    # An angle that the recording does not show at all.
+    # The angle contradicts the recording.
     normals = {surface.name: surface.normal for surface in surfaces}
     for angle in constraints.angles:
         seen = np.degrees(seen_angle(normals[angle.first], normals[angle.second]))
@@ -279,7 +279,7 @@ def _doubts(surfaces: list[Surface], constraints: Constraints) -> list[str]:
 
 def write_planes(item: tuple[PlaneJob, Judged]) -> Picture:
     """
-    Write a recording with `clean_depth` on its planes; whole or not at all.
+    Write a recording with `clean_depth` on its planes, whole or not at all.
 
     Raises
     ------
@@ -303,7 +303,7 @@ def write_planes(item: tuple[PlaneJob, Judged]) -> Picture:
 
 
 def _render(job: PlaneJob, planes: Nominal, image: Observation) -> tuple[Clean, np.ndarray]:
-    # Nothing is known off the planes.
+    # Pixels outside the planes are unknown.
     rays, shape = _rays(image), image.depth.shape
     depth, incidence = np.full(shape, np.nan, np.float32), np.full(shape, np.nan, np.float32)
     sigma, plane = np.zeros(shape, np.float32), np.zeros(shape, np.uint8)

@@ -1,4 +1,4 @@
-"""Where a camera is in a room: rigid poses and small motions of them."""
+"""Rigid poses of a camera in a room, and small motions."""
 
 from dataclasses import dataclass
 
@@ -29,7 +29,7 @@ class Pose:
         return Pose(self.R @ turn, self.t + self.R @ twist[:3])
 
     def motion_to(self, other: 'Pose') -> np.ndarray:
-        """Return the (6,) motion that leads from here to another pose; see `moved`."""
+        """Return the (6,) motion from this pose to another; see `moved`."""
         turn = Rotation.from_matrix(self.R.T @ other.R).as_rotvec()
         return np.concatenate([self.R.T @ (other.t - self.t), turn])
 
@@ -39,5 +39,5 @@ class Pose:
 
     @classmethod
     def from_numbers(cls, numbers: np.ndarray) -> 'Pose':
-        """Build from x, y, z (metres) and a quaternion qx, qy, qz, qw of any length but 0."""
+        """Return the pose of x, y, z (metres) and a quaternion qx, qy, qz, qw (not 0)."""
         return cls(Rotation.from_quat(numbers[3:]).as_matrix(), np.array(numbers[:3], float))

@@ -22,19 +22,19 @@ from flexx2_sim_ros.truth.search import find, Found, look_around, Panoramas
 from flexx2_sim_ros.truth.trajectory import camera_poses, PoseSource
 import numpy as np
 
-_KEY_FRAMES = 6  # of a moving recording, that take part in the joint fit
+_KEY_FRAMES = 6  # frames of a moving recording in the joint fit
 _PIXELS, _TRACKED = 5000, 2000
-# Cost above which a frame is searched anew around where the last one was.
+# Cost above which a frame is searched again around the previous pose.
 _LOST = 0.6
 # Cost above which the mirror image of the room is tried as well.
 _SUSPECT = 0.12
-_PLAIN = 0.5  # reflectivity where nothing is known
+_PLAIN = 0.5  # reflectivity where it is unknown
 
 
 @dataclass(frozen=True)
 class Job:
     """
-    What to register, and how; the same for all recordings but for `path` and `guess`.
+    A recording to register, and the settings; only `path` and `guess` differ between recordings.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class Job:
     up : str
         One of `search.UPS`.
     told : PoseSource or None
-        What says where the camera was in each frame.
+        Source of a rough pose for each frame.
 
     """
 
@@ -66,25 +66,25 @@ class Job:
 @dataclass(frozen=True)
 class Registered:
     """
-    Where a recording's camera was, each frame alone.
+    The poses of a recording, each frame fitted by itself.
 
     Attributes
     ----------
     poses : tuple of tuple of float
-        One for a still recording, one a frame for a moving one; see `Pose.numbers`.
+        One for a still recording, one for each frame of a moving one; see `Pose.numbers`.
     costs : tuple of float
-        Mean truncated residual of each.
+        Mean truncated residual of each pose.
     history : tuple of float
-        How the first frame converged.
+        Costs during the alignment of the first frame.
     rival : float
         Cost of the best other pose.
     moving : bool
     mirrored : float
-        Cost of the best pose in the mirror image of the room; infinite where not tried.
+        Cost of the best pose in the mirror image of the room; infinite if not tried.
     seconds : float
     told : tuple of float or None
-        How far from the poses that were told it was found: medians, metres and degrees; None
-        where none were told in the room's frame.
+        Median differences from the given rough poses, metres and degrees; None if none were given
+        in the room's frame.
 
     """
 
@@ -98,12 +98,12 @@ class Registered:
     told: tuple[float, float] | None = None
 
     def to_json(self) -> str:
-        """Return it as text."""
+        """Return the result as text."""
         return json.dumps(vars(self))
 
     @classmethod
     def from_json(cls, text: str) -> 'Registered':
-        """Return what `to_json` wrote."""
+        """Return the result from the text of `to_json`."""
         table: dict[str, Any] = json.loads(text)
         for name in ('costs', 'history'):
             table[name] = tuple(table[name])
@@ -144,7 +144,7 @@ def register(job: Job) -> Registered:
 
 
 def _told(job: Job, footage: Footage) -> list[Pose | None]:
-    # Where the camera was said to be in each frame.
+    # The given rough pose of each frame.
     count = len(footage.reader.stamp)
     if job.told is None:
         return [None] * count
@@ -153,7 +153,7 @@ def _told(job: Job, footage: Footage) -> list[Pose | None]:
 
 
 def _start(job: Job, told: Sequence[Pose | None]) -> tuple[int, Pose] | None:
-    # The frame to begin with and its rough pose, if there is one.
+    # The first frame to register, and its rough pose, if there is one.
     if job.guess is not None:
         return 0, Pose.from_numbers(np.array(job.guess))
     if job.told is None or job.told.relative:
@@ -180,7 +180,7 @@ def _panoramas(path: Path) -> Panoramas:
 def _search(
     job: Job, footage: Footage, start: tuple[int, Pose] | None
 ) -> tuple[Found, int, float]:
-    # The pose of the frame that is found best, its number, and what a mirrored room would cost.
+    # The best pose, the number of its frame, and the cost in a mirrored room.
     room, up = load_room(job.room), job.up
     first, guess = start or (0, None)
     panoramas = _panoramas(job.room) if guess is None else None
@@ -211,7 +211,7 @@ def frame(footage: Footage, number: int) -> Observation:
 def _track(
     room: Room, footage: Footage, start: Pose, first: int, told: Sequence[Pose | None]
 ) -> list[tuple[Pose, float]]:
-    # From the frame that was found, forwards to the end, then backwards to the beginning.
+    # Follows the camera from this frame forwards to the end, then backwards to the beginning.
     images = list(footage.reader.frames('depth'))
     fits: dict[int, tuple[Pose, float]] = {}
     for order in (range(first, len(images)), range(first - 1, -1, -1)):
@@ -221,14 +221,14 @@ def _track(
             last, now = told[number - sign] if number != first else None, told[number]
             if last is not None and now is not None:
                 pose = pose.moved(last.motion_to(now))
-            elif number - 2 * sign in fits and number != first:  # At the same velocity.
+            elif number - 2 * sign in fits and number != first:  # Assumes constant velocity.
                 pose = pose.moved(fits[number - 2 * sign][0].motion_to(pose))
             fits[number] = follow(room, footage.observe(images[number]), pose)
     return [fits[number] for number in range(len(images))]
 
 
 def follow(room: Room, image: Observation, start: Pose) -> tuple[Pose, float]:
-    """Return the pose of a frame and its cost, from where it is expected to be."""
+    """Return the pose of a frame and its cost, starting from the expected pose."""
     fit = align(room, choose(image, _TRACKED), start, 6)
     if fit.cost > _LOST:
         again = find(room, image, start, None, '+z').fit
@@ -239,12 +239,12 @@ def follow(room: Room, image: Observation, start: Pose) -> tuple[Pose, float]:
 
 def views_of(job: tuple[int, Job, Registered], bounce: bool = True) -> list[View]:
     """
-    Return a recording's part of the joint fit.
+    Return the views of a recording for the joint fit.
 
     Parameters
     ----------
     job : tuple
-        The recording's number, its job and where it was found.
+        The number of the recording, its job and its registration.
     bounce : bool
         Whether to simulate light that bounces once.
 
@@ -284,7 +284,7 @@ def bounced(
     mode: Mode,
     profile: Profile | None,
 ) -> np.ndarray:
-    """Return (H, W) metres that light which bounces once adds to depth, simulated; 0 for none."""
+    """Return the simulated (H, W) depth error by light that bounces once, metres; 0 for none."""
     clean = render(room, pose, image.rays, 0.0)
     reflectivity = clean.reflectivity
     if reflectivity is None:

@@ -15,18 +15,18 @@ import numpy as np
 @dataclass(frozen=True)
 class Hits:
     """
-    What rays meet first.
+    The first surfaces that rays hit.
 
     Attributes
     ----------
     depth : numpy.ndarray
-        (N,) float64 metres along the optical axis, NaN for nothing.
+        (N,) float64 metres along the optical axis, NaN without a hit.
     normal : numpy.ndarray
         (N, 3) float64 unit normals in the optical frame, towards the camera.
     reflectivity : numpy.ndarray or None
-        (N,) float32, 0 to 1; None where the room has no colours.
+        (N,) float32, 0 to 1; None if the room has no colours.
     border : numpy.ndarray
-        (N,) bool: hits a triangle at an open border of the mesh.
+        (N,) bool: the hit triangle is at an open border of the mesh.
 
     """
 
@@ -42,12 +42,12 @@ class Hits:
 
 class Room(Protocol):
     """
-    What a camera looks at.
+    A room in front of a camera.
 
     Attributes
     ----------
     complete : bool
-        Whether a ray that meets nothing proves that nothing is there. A scan has holes instead.
+        Whether a ray without a hit means that there is no surface. A scan may have a hole there.
     bounds : numpy.ndarray
         (2, 3) least and greatest coordinates, metres.
 
@@ -74,7 +74,7 @@ class Room(Protocol):
         """
 
     def distances(self, origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
-        """Return (N,) float32 metres along unit directions (N, 3), room frame, inf for nothing."""
+        """Return (N,) float32 metres along (N, 3) unit directions, room frame; inf: no hit."""
 
 
 class MeshRoom:
@@ -93,7 +93,7 @@ class MeshRoom:
     Attributes
     ----------
     triangles : int
-        How many.
+        Number of triangles.
 
     """
 
@@ -113,7 +113,7 @@ class MeshRoom:
         sides = triangles[:, 1:] - triangles[:, :1]
         normal = np.cross(sides[:, 0], sides[:, 1])
         normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-30)
-        # One row more, which index -1 (no hit) picks.
+        # The additional last row is for index -1 (no hit).
         self._normal = np.vstack([normal, np.zeros(3)])
         self._border = np.append(border, False)
         self._reflectivity = (

@@ -1,4 +1,4 @@
-"""What every run of `flexx2 gap truth` does: check the request, share the work out, resume."""
+"""Common parts of `flexx2 gap truth`: check the request, distribute the work, resume."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -32,7 +32,7 @@ def no_progress(text: str, fraction: float) -> None:
 @dataclass(frozen=True, kw_only=True)
 class TruthRequest:
     """
-    What every kind of ground truth needs.
+    The options that all kinds of ground truth share.
 
     Attributes
     ----------
@@ -51,7 +51,7 @@ class TruthRequest:
     scheduler : str or None
         Address of a Dask scheduler.
     command : str
-        How it was asked for, to be written down.
+        The command line, stored in ``truth.yaml``.
 
     """
 
@@ -73,9 +73,9 @@ class Source:
     Attributes
     ----------
     path : pathlib.Path
-        Where it is.
+        The recording.
     target : pathlib.Path
-        The file that it is written to with its ground truth.
+        The file to write, with ground truth.
 
     """
 
@@ -83,7 +83,7 @@ class Source:
     target: Path
 
     def row(self, verdict: str, reasons: Sequence[str], **more: Any) -> dict[str, Any]:
-        """Return what ``truth.yaml`` says of the recording."""
+        """Return the row of the recording in ``truth.yaml``."""
         return {
             'name': self.target.name,
             'source': str(self.path),
@@ -135,12 +135,12 @@ class Run:
         items: Sequence[_Item],
     ) -> list[Any]:
         """
-        Return what a function makes of items, in order.
+        Return the results of a function for items, in order.
 
         Parameters
         ----------
         text : str
-            What is done.
+            Name of the step.
         span : tuple of float
             Fractions of the whole run: at the start and at the end of this stage.
         work : callable
@@ -160,7 +160,7 @@ class Run:
         digests: Sequence[str],
     ) -> list[str]:
         """
-        Return texts that a function makes of items; those of an interrupted run are read.
+        Return the texts of a function for items; texts of an interrupted run are read from files.
 
         Parameters
         ----------
@@ -187,9 +187,9 @@ class Run:
 @contextmanager
 def running(request: TruthRequest, progress: Progress) -> Iterator[Run]:
     """
-    Yield a run; a folder that it made is removed again when the request turns out to be wrong.
+    Yield a run; if the request is wrong, a folder that the run has created is removed.
 
-    What a run has found stays in the folder when it is interrupted. It is removed when the run
+    Intermediate results stay in the folder if the run is interrupted, and are removed when it
     ends.
 
     """
@@ -213,20 +213,20 @@ def write_table(
     page: Callable[[dict[str, Any]], str],
 ) -> dict[str, Any]:
     """
-    Write ``truth.yaml`` and ``truth.html``, and return what the first one says.
+    Write ``truth.yaml`` and ``truth.html``, and return the content of the first one.
 
     Parameters
     ----------
     request : TruthRequest
-        Of the run.
+        The request of the run.
     kind : str
         Kind of ground truth: ``scan``, ``board`` or ``planes``.
     about : dict
-        What the ground truth was made from.
+        The source of the ground truth.
     rows : sequence of dict
-        See `Source.row`.
+        Rows as from `Source.row`.
     findings : dict
-        What holds for all recordings.
+        Results for all recordings together.
     page : callable
         Makes the HTML from the table.
 

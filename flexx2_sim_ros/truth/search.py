@@ -16,11 +16,11 @@ UPS = {
     for sign in '+-'
     for i, axis in enumerate('xyz')
 }
-_CELLS = 9, 12  # rows and columns of the thumbnail that is looked up
+_CELLS = 9, 12  # rows and columns of the thumbnail that is compared
 _PLACES = 500  # at most
 _SPACING = 0.4  # metres between places, at least
 _SKY = 30, 60  # elevation and azimuth of a panorama
-_NEAREST = 0.1  # metres from a surface that a camera is
+_NEAREST = 0.1  # least distance of a camera from a surface, metres
 _YAWS, _PITCHES, _ROLLS = 24, np.radians(np.arange(-75, 76, 15)), np.radians([-20, 0, 20])
 _TRUNCATION = 0.5  # metres
 _KEPT = 200  # candidates that are aligned
@@ -31,23 +31,23 @@ _SHAKE = 400, 8, 0.1  # pixels, steps, reach
 _SHIFT, _TURN = 0.15, math.radians(10)
 _AS_GOOD = 1.03  # times the least cost
 _FAR = 0.5, math.radians(30)  # from a rough pose, that it cannot have meant
-# Poses closer than this are the same one.
+# Poses closer than this count as equal.
 _SAME_PLACE, _SAME_TURN = 0.03, math.radians(1.5)
-# Poses farther apart than this contradict each other, those between are on their way.
+# Poses farther apart than this contradict each other; poses between the limits have not converged.
 _ELSEWHERE = 0.2, math.radians(10)
 
 
 @dataclass(frozen=True)
 class Found:
     """
-    The best pose, and how much better it is than another one.
+    The best pose, and the cost of its rival.
 
     Attributes
     ----------
     fit : Fit
-        The best.
+        The best fit.
     rival : float
-        Cost of the best pose elsewhere; infinite where there is none.
+        Cost of the best pose elsewhere; infinite if there is none.
 
     """
 
@@ -58,14 +58,14 @@ class Found:
 @dataclass(frozen=True)
 class Panoramas:
     """
-    Distances in all directions, from places all over a room.
+    Distances in all directions from places in a room.
 
     Attributes
     ----------
     places : numpy.ndarray
         (P, 3) metres.
     distance : numpy.ndarray
-        (P, elevation, azimuth) float32 metres, inf for nothing.
+        (P, elevation, azimuth) float32 metres, inf without a hit.
 
     """
 
@@ -104,13 +104,13 @@ def find(
     Parameters
     ----------
     room : Room
-        Where it is looked for.
+        The room.
     observation : Observation
         The image.
     guess : Pose or None
         A rough pose, within about 0.3 m and 20 degrees.
     panoramas : Panoramas or None
-        Of the room; needed without a guess.
+        Panoramas of the room; needed without a guess.
     up : str
         The direction of the room that is up, one of `UPS`; needed without a guess.
 
@@ -133,7 +133,7 @@ def find(
         fits = _distinct(sorted(fits, key=lambda fit: fit.cost), kept)
     fits[0] = _shaken(room, observation, fits[0])
     if guess is not None:
-        # Where what is seen does not hold the pose, the guess does.
+        # If the image does not determine the pose, the guess does.
         limit = _AS_GOOD * fits[0].cost
         fits.sort(key=lambda fit: (fit.cost > limit, _distance(fit.pose, guess)))
     rivals = [one.cost for one in fits[1:] if _differ(one.pose, fits[0].pose, *_ELSEWHERE)]
@@ -141,7 +141,7 @@ def find(
 
 
 def _shaken(room: Room, observation: Observation, best: Fit) -> Fit:
-    # From around the best pose again: it may have come to rest on the way.
+    # A second search around the best pose, which may be a local minimum.
     pixels, steps, reach = _SHAKE
     target = choose(observation, pixels)
     starts = [best.pose.moved(motion / 2) for motion in _around()]
@@ -158,7 +158,7 @@ def _distance(one: Pose, other: Pose) -> float:
 
 
 def _distinct(fits: list[Fit], most: int) -> list[Fit]:
-    # The first ones that are not the same pose.
+    # The first poses that differ from each other.
     out: list[Fit] = []
     for fit in fits:
         if all(_differ(fit.pose, other.pose) for other in out):
@@ -207,7 +207,7 @@ def _candidates(observation: Observation, panoramas: Panoramas, up: str) -> list
 
 
 def _thumbnail(observation: Observation) -> tuple[np.ndarray, np.ndarray]:
-    # (N, 3) unit rays and (N,) median ranges of the image's cells.
+    # (N, 3) unit rays and (N,) median ranges of the cells of the image.
     height, width = observation.depth.shape
     rays, ranges = [], []
     reach = observation.depth * observation.length
@@ -224,7 +224,7 @@ def _thumbnail(observation: Observation) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _orientations(up: np.ndarray) -> np.ndarray:
-    # (N, 3, 3) float32: yaw all around, pitch and roll of a camera that is held upright.
+    # (N, 3, 3) float32: all yaw angles, with pitch and roll of an upright camera.
     across = np.eye(3)[np.argmin(np.abs(up))]
     ahead = np.cross(up, across)
     base = np.stack([np.cross(ahead, up), -up, ahead], axis=1)  # right, down, forward

@@ -1,4 +1,4 @@
-"""Which errors the recordings share, and which of them these recordings can tell apart."""
+"""Estimate the errors that recordings share, and decide which of them can be distinguished."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -21,28 +21,28 @@ _PERIODS = np.geomspace(0.18, 3.75, 90)
 _FINER = np.linspace(0.96, 1.04, 17)
 _MOST_PERIODS = 4
 _SCAN_PIXELS = 1500
-# A wave is taken where it explains this many times what noise does (two coefficients, 90 periods
+# A wave is accepted if it explains this many times as much as noise (two coefficients, 90 periods
 # tried: by chance once in a million), and leaving out recordings changes it less than this share.
 _LEAST_GAIN, _STABLE = 40.0, 0.5
-# Refusals; python -m bench.truth shows what they let through.
+# Limits of refusals; python -m bench.truth shows which errors remain.
 MOST_BIAS = 0.08  # metres: calibrated cameras are off by less than 50 mm
 MOST_DEVIATION = 0.002  # metres, of the bias
 MOST_CONDITION = 300.0
 LEAST_RECORDINGS = 3
 _CLEAR = 3.0  # standard deviations of the bounce's gain, and of a scale
 _LIKE_SCALE = 2.0  # metres: a wave at least as long looks like a scale
-_LEAST_SCALE = 0.002  # a calibrated camera's scale is as right
+_LEAST_SCALE = 0.002  # scale error of a calibrated camera
 
 
 @dataclass(frozen=True)
 class Shared:
     """
-    The joint estimate and what can be said about each error.
+    The joint estimate, and a verdict on each error.
 
     Attributes
     ----------
     solution : Solution
-        With the columns that are decidable.
+        The solution with the decidable columns.
     findings : dict of str to dict
         By effect (``offset``, ``wiggling``, ``multipath``): ``verdict`` (``identified`` or
         ``confounded``), ``reason``, and the values with their standard deviations. Besides
@@ -56,12 +56,12 @@ class Shared:
 
 def estimate(views: Sequence[View]) -> Shared:
     """
-    Estimate poses and shared errors; refuse those that these recordings cannot tell apart.
+    Estimate poses and shared errors, without errors that these recordings cannot distinguish.
 
     Parameters
     ----------
     views : sequence of View
-        Of all recordings, with poses that are about right.
+        Views of all recordings, with approximately correct poses.
 
     Returns
     -------
@@ -87,8 +87,8 @@ def estimate(views: Sequence[View]) -> Shared:
     if clear and not why:
         why = _hidden_by_bounce(solution)
     if why or (columns.bounce and not clear):
-        # What cannot be told from the poses is not taken off; the other errors are those that fit
-        # best without it.
+        # Errors that cannot be distinguished from the poses are not subtracted; the others are
+        # fitted without them.
         columns = replace(columns, bias=not why, bounce=clear)
         solution = solve(solution.views, columns)
     findings = _findings(full, solution, why)
@@ -100,7 +100,8 @@ def estimate(views: Sequence[View]) -> Shared:
 
 
 def _scale(solution: Solution) -> dict[str, object]:
-    # Reported, and not taken off: it may be the camera's, and then the diagnosis must see it.
+    # The scale is reported but not subtracted: if it is an error of the camera, the diagnosis must
+    # see it.
     if len(solution.left_out) < LEAST_RECORDINGS:
         return {}
     periods = tuple(one for one in solution.columns.periods if one < _LIKE_SCALE)
@@ -125,7 +126,7 @@ def _clear(solution: Solution) -> bool:
 
 
 def refusal(solution: Solution) -> str:
-    """Return why an estimate of the bias cannot be trusted; empty where it can."""
+    """Return why an estimate of the bias cannot be trusted; empty if it can."""
     recordings = len(solution.left_out)
     if recordings < LEAST_RECORDINGS:
         return f'needs at least {LEAST_RECORDINGS} recordings, got {recordings}'
@@ -155,7 +156,7 @@ def _hidden_by_bounce(solution: Solution) -> str:
 
 
 def _best_period(solution: Solution) -> tuple[float, float]:
-    # The period that explains most of what is left, and how many times what noise would.
+    # The period that explains most of the residual, and the ratio to noise.
     scanned = [_Scan.of(view, solution) for view in solution.views]
     gains = _gains(scanned, solution.columns, _PERIODS)
     best = float(_PERIODS[int(gains.argmax())])
@@ -166,7 +167,7 @@ def _best_period(solution: Solution) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class _Scan:
-    # A view thinned out: its equations, and depth and ray length of the pixels in them.
+    # The equations of a view with fewer pixels, and depth and ray length of these pixels.
     equations: Linear
     view: View
     depth: np.ndarray
@@ -197,7 +198,7 @@ def _gains(scanned: Sequence[_Scan], columns: Columns, periods: np.ndarray) -> n
         cross += np.einsum('npc,nk->ckp', pairs, one.equations.A, optimize=True)
         own += np.einsum('npc,nqc->cpq', pairs, wave.reshape(-1, 2, count), optimize=True)
         side += (weighted.T @ one.equations.y).reshape(2, count).T
-    # Less what the columns that are there already explain.
+    # Without the part that existing columns explain.
     through = np.linalg.solve(np.broadcast_to(S, (count, k, k)), cross)
     left = own - cross.transpose(0, 2, 1) @ through
     rest = side - np.einsum('ckp,k->cp', through, s)
@@ -207,7 +208,7 @@ def _gains(scanned: Sequence[_Scan], columns: Columns, periods: np.ndarray) -> n
 
 
 def _noise(scanned: Sequence[_Scan], values: np.ndarray) -> float:
-    # What one coefficient explains of noise alone: residuals of one tile are not independent.
+    # Part of pure noise that one coefficient explains; residuals of one tile are not independent.
     total, squares = 0.0, 0.0
     for one in scanned:
         equations = one.equations

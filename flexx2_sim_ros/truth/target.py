@@ -16,8 +16,8 @@ from matplotlib.path import Path as Outline
 import numpy as np
 import yaml
 
-# Sheets of ISO 216, landscape; side of a tag and gap between two, metres. Tags as large as a white
-# border of 10 mm allows: the larger a tag, the farther away it is found.
+# ISO 216 sheets in landscape: side of a tag and gap between two, metres. Tags are as large as a
+# white border of 10 mm allows, because larger tags are found from farther away.
 SHEETS = {
     'A4': (0.297, 0.210, 0.080, 0.018),
     'A3': (0.420, 0.297, 0.115, 0.025),
@@ -26,7 +26,7 @@ SHEETS = {
 DICTIONARIES = (
     'DICT_4X4_50', 'DICT_5X5_50', 'DICT_6X6_50', 'DICT_APRILTAG_16h5', 'DICT_APRILTAG_36h11',
 )  # fmt: skip
-_LEAST_BORDER = 0.005  # metres of white around the tags: printers leave as much
+_LEAST_BORDER = 0.005  # metres of white around the tags; printers leave such a border
 _LEAST_GAP = 0.5  # of a module
 _INCH = 0.0254
 _RULERS = 0.2, 0.1  # metres, along and across
@@ -37,23 +37,23 @@ class Target:
     """
     A flat sheet with tags.
 
-    Its frame has the origin in the middle of the sheet, x to the right, y down and z into the
-    sheet, as somebody sees it who looks at the print.
+    The origin of its frame is the middle of the sheet. Seen from the front, x points right, y down
+    and z into the sheet.
 
     Attributes
     ----------
     dictionary : str
         One of `DICTIONARIES`, as OpenCV names them.
     columns, rows : int
-        Of tags. Their numbers rise from left to right, then downwards.
+        Numbers of columns and rows of tags. Tags are numbered from left to right, then downwards.
     first_id : int
         Number of the first tag.
     tag : float
         Side of a tag with its black border, metres.
     gap : float
-        White between two tags, metres.
+        White gap between two tags, metres.
     width, height : float
-        Of the flat area that belongs to the board's plane, metres.
+        Size of the flat area in the plane of the board, metres.
     white, black : float
         Reflectivity at the camera's wavelength, 0 to 1.
     flatness : float
@@ -77,7 +77,7 @@ class Target:
     scale_error: float = 0.001
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be printed or found."""
+        """Check that the target can be printed and found."""
         for name, low, high in _LIMITS:
             value = getattr(self, name)
             whole = name in _WHOLE
@@ -150,8 +150,8 @@ class Target:
         Returns
         -------
         numpy.ndarray
-            (H, W) float32: the white fraction of each pixel's area. The middle of the image is
-            that of the sheet.
+            (H, W) float32: the white fraction of each pixel's area. Image and sheet have the same
+            centre.
 
         """
         width, height = (max(round(side / step), 1) for side in (self.width, self.height))
@@ -166,7 +166,7 @@ class Target:
         return image
 
     def to_yaml(self) -> str:
-        """Return it as ``target.yaml``."""
+        """Return the text of ``target.yaml``."""
         return yaml.safe_dump({'schema': 1, 'target': asdict(self)}, sort_keys=False)
 
 
@@ -201,7 +201,7 @@ def target_of(sheet: str) -> Target:
     Raises
     ------
     InputError
-        When the sheet is none of `SHEETS`.
+        When the sheet is not in `SHEETS`.
 
     """
     if sheet not in SHEETS:
@@ -217,7 +217,7 @@ def read_target(path: Path) -> Target:
     Raises
     ------
     InputError
-        When the file cannot be read, or describes no target that can be found; the message names
+        When the file cannot be read, or describes a target that cannot be found; the message names
         file and field.
 
     """

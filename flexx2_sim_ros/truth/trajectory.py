@@ -1,4 +1,4 @@
-"""Where a camera was, as motion capture, odometry or TF say: a start for finding its poses."""
+"""Rough poses of a camera from motion capture, odometry or TF, as initial values."""
 
 from collections.abc import Sequence
 import csv
@@ -21,31 +21,31 @@ TF = 'tf2_msgs/msg/TFMessage'
 IDENTITY = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 _COLUMNS = 't', 'x', 'y', 'z', 'qx', 'qy', 'qz', 'qw'
 _TIMES = 't', 'time', 'stamp', 'timestamp'
-_LONGEST_GAP = 500_000_000  # nanoseconds between two poses, to interpolate between them
-_LARGEST = 200.0  # metres from the origin, as of a room; more are millimetres
+_LONGEST_GAP = 500_000_000  # longest time between two poses for interpolation, nanoseconds
+_LARGEST = 200.0  # metres from the origin; larger values are millimetres
 _MOST_BYTES = 1 << 30
 
 
 @dataclass(frozen=True)
 class PoseSource:
     """
-    What says where the camera was; one of `file`, `topic` and `frames`.
+    A source of rough poses; one of `file`, `topic` and `frames` is set.
 
     Attributes
     ----------
     file : pathlib.Path or None
         TUM text, or a CSV file; see `read_trajectory`.
     topic : str
-        Of the bag: odometry or poses with stamps.
+        Topic of the bag with odometry or stamped poses.
     frames : tuple of str
-        Of the bag's TF: the room's frame and the body's; empty for none.
+        Frames of the room and of the body in the TF of the bag; empty for none.
     camera_in_body : tuple of float
-        Pose of the camera (optical frame) in the body that the poses are of: x, y, z (metres),
-        qx, qy, qz, qw.
+        Pose of the camera (optical frame) in the frame of the tracked body: x, y, z (metres), qx,
+        qy, qz, qw.
     clock_offset : float
-        Seconds: added to the stamps of the poses they are those of the recording.
+        Stamps of the recording minus stamps of the poses, seconds.
     relative : bool
-        Whether the poses are in a frame of their own: only motions count then.
+        Whether the poses are in a frame of their own; then only motions are used.
 
     """
 
@@ -65,13 +65,13 @@ class Trajectory:
     Attributes
     ----------
     name : str
-        For messages.
+        Name for messages.
     stamp_ns : numpy.ndarray
         (N,) int64, rising.
     poses : numpy.ndarray
         (N, 7) x, y, z in metres, qx, qy, qz, qw.
     fixed : bool
-        Whether it is one pose for all times.
+        Whether one pose holds for all times.
 
     """
 
@@ -82,7 +82,7 @@ class Trajectory:
 
     def at(self, stamp_ns: np.ndarray) -> np.ndarray:
         """
-        Return (T, 7) poses between those that there are, NaN far from any.
+        Return (T, 7) interpolated poses, NaN where no pose is near in time.
 
         Parameters
         ----------
@@ -110,26 +110,26 @@ class Trajectory:
 
 def camera_poses(source: PoseSource, path: Path, stamp_ns: np.ndarray) -> np.ndarray:
     """
-    Return where the camera was in each frame of a recording.
+    Return a rough pose of the camera for each frame of a recording.
 
     Parameters
     ----------
     source : PoseSource
-        What says it.
+        The source of the poses.
     path : pathlib.Path
         The recording.
     stamp_ns : numpy.ndarray
-        (T,) int64, of its frames.
+        (T,) int64 stamps of the frames.
 
     Returns
     -------
     numpy.ndarray
-        (T, 7) as in `Trajectory`, NaN where nothing says it.
+        (T, 7) as in `Trajectory`, NaN where the source has no pose.
 
     Raises
     ------
     InputError
-        When the poses cannot be read, or there is none at the time of any frame.
+        When the poses cannot be read, or no frame has a pose.
 
     """
     chain = _chain(source, path)
@@ -188,7 +188,7 @@ def read_trajectory(path: Path) -> Trajectory:
     Raises
     ------
     InputError
-        When there is no such file or it has no two poses.
+        When the file does not exist or has fewer than two poses.
 
     """
     name = f'--trajectory: {shown_path(path)}'
@@ -223,7 +223,7 @@ def _columns(name: str, path: Path) -> tuple[int, ...]:
 
 
 def _numbers(row: Sequence[str], columns: tuple[int, ...]) -> tuple[int, list[float]] | None:
-    # Stamp in nanoseconds and a pose; None where the line is none.
+    # Stamp in nanoseconds and a pose; None if the line has none.
     try:
         words = [row[column].strip() for column in columns]
         whole, _, digits = words[0].partition('.')
@@ -272,7 +272,7 @@ def _of_topic(path: Path, topic: str) -> Trajectory:
 
 
 def _of_frames(path: Path, parent: str, child: str) -> list[Trajectory]:
-    # The transforms that lead from the parent to the child, each with poses of its own.
+    # The transforms from the parent to the child, each with its own poses.
     bag = Bag(path)
     topics = {topic for topic, kind in bag.topics.items() if kind == TF}
     parents: dict[str, str] = {}

@@ -1,4 +1,4 @@
-"""Whether a recording's pose can be trusted: used, doubtful or refused, and why."""
+"""Decide whether the pose of a recording can be trusted: used, doubtful or refused, and why."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from flexx2_sim_ros.truth.meshes import load_room
 from flexx2_sim_ros.truth.registration import Registered
 import numpy as np
 
-# A pixel fits where its residual is at most this many metres and standard deviations.
+# A pixel fits if its residual is at most this many metres and standard deviations.
 _FITS, _FITS_NOISE = 0.05, 3.0
 _LEAST_FITTING = 0.6
 _FITTING = 0.8
@@ -28,13 +28,13 @@ class Verdict:
     state : str
         ``used``, ``doubtful`` or ``refused``.
     reasons : tuple of str
-        Why it is not simply used.
+        Why it is doubtful or refused.
     fitting : float
         Fraction of its pixels that fit the room.
     residual : float
-        Median of what is left, without sign, metres.
+        Median of the absolute residual, metres.
     deviation : tuple of float
-        Standard deviation of the pose along and about its worst axis: metres, degrees.
+        Standard deviation of the pose along and about its least certain axis: metres, degrees.
 
     """
 
@@ -52,9 +52,9 @@ def judge(registered: Sequence[Registered], solution: Solution) -> list[Verdict]
     Parameters
     ----------
     registered : sequence of Registered
-        By number of recording.
+        Registrations, by number of the recording.
     solution : Solution
-        With views of all of them.
+        The solution, with views of all recordings.
 
     Returns
     -------

@@ -25,22 +25,22 @@ _REFINEMENTS = 4
 @dataclass(frozen=True)
 class Writing:
     """
-    What to write of one recording.
+    A recording to write, and its ground truth.
 
     Attributes
     ----------
     job : Job
     registered : Registered
     pose : tuple of float
-        Of a still recording, from the joint fit; see `Pose.numbers`.
+        Pose of a still recording from the joint fit; see `Pose.numbers`.
     columns : Columns
         The errors that all recordings share.
     values : tuple of float
-        Their coefficients.
+        Coefficients of these errors.
     covariance : numpy.ndarray
-        (6, 6) of the pose.
+        (6, 6) covariance of the pose.
     room_error : float
-        As for `render`.
+        Standard deviation of the room's surfaces along their normals, metres.
     target : pathlib.Path
         The file to write.
 
@@ -59,7 +59,7 @@ class Writing:
 @dataclass(frozen=True)
 class Picture:
     """
-    What the page shows of a recording: its first frame or median.
+    The images of a recording on the page: its first frame or median.
 
     Attributes
     ----------
@@ -82,7 +82,7 @@ class Picture:
 
 def write_recording(what: Writing) -> Picture:
     """
-    Write a recording with `clean_depth` and how well it is known; whole or not at all.
+    Write a recording with `clean_depth` and its accuracy, whole or not at all.
 
     Raises
     ------
@@ -118,7 +118,7 @@ def write_truth(
     accuracy: Mapping[str, np.ndarray],
 ) -> None:
     """
-    Write a recording with ground truth; whole or not at all.
+    Write a recording with ground truth, whole or not at all.
 
     Parameters
     ----------
@@ -127,11 +127,11 @@ def write_truth(
     target : pathlib.Path
         The file to write.
     truths : sequence of Clean
-        One for each frame if it moves, else one.
+        One for each frame if the camera moves, else one.
     moving : bool
         Whether the camera moved.
     accuracy : mapping of str to numpy.ndarray
-        Further keys that say how well the ground truth is known.
+        Further keys for the accuracy of the ground truth.
 
     Raises
     ------
@@ -152,7 +152,7 @@ def write_truth(
 
 
 def picture_of(truths: Sequence[Clean], first: Observation) -> Picture:
-    """Return what the page shows of a recording, of its first frame or median."""
+    """Return the images of a recording for the page: of its first frame or median."""
     residual = np.where(truths[0].known, difference(truths[0], first), np.nan)
     known = float(np.mean([truth.known.mean() for truth in truths]))
     return Picture(
@@ -163,7 +163,7 @@ def picture_of(truths: Sequence[Clean], first: Observation) -> Picture:
 def _of_frame(
     room: Room, what: Writing, footage: Footage, image: np.ndarray, number: int
 ) -> Clean:
-    # The pose again, without the errors that all recordings share.
+    # The pose is fitted again, with the shared errors subtracted.
     pose = Pose.from_numbers(np.array(what.registered.poses[number]))
     frame = footage.observe(image)
     if what.values:
@@ -180,7 +180,7 @@ def _of_frame(
 
 
 def without_strangers(clean: Clean, image: Observation) -> Clean:
-    """Return ground truth that is unknown where a whole patch is elsewhere than it says."""
+    """Return ground truth that is unknown in whole patches whose depth contradicts it."""
     known = clean.known & ~strange(clean, image)
     return Clean(clean.depth, clean.incidence, clean.reflectivity, known, clean.sigma)
 
