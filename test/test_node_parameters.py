@@ -1,22 +1,18 @@
-"""Parameters of a running node: set together, written down and loaded, misspelt, and hostile."""
+"""Parameters of a running node: set together, written down and loaded, and hostile."""
 
 from collections.abc import Iterator
-import os
 from pathlib import Path
-import subprocess
-import sys
 from typing import Any
 
 from flexx2_sim_ros.effects import parse_effects, save_effects
 from flexx2_sim_ros.profiles.modes import flexx2
+from hostile_files import hostile_texts
 import numpy as np
 import pytest
 from rcl_interfaces.msg import Parameter as ParameterMessage
-from rcl_interfaces.msg import ParameterType
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
-from rclpy.parameter_client import AsyncParameterClient
 from robots import robot_node
-from streams import DEPTH, Flexx2Camera, Parameter, Stream, stream
+from streams import DEPTH, Parameter, Stream, stream
 
 pytestmark = pytest.mark.usefixtures('ros')
 
@@ -203,56 +199,6 @@ def test_a_changed_number_marks_the_file(seen: Stream) -> None:
     assert not seen.set(effects='typica*').successful
 
 
-HOSTILE_FILES = {
-    'date': 'a: 2024-13-45',
-    'number': 'a: 0x_',
-    'digits': f'a: {"9" * 5000}',
-    'large': f'effects: {{offset: {{bias: 0x{"f" * 5000}}}}}',
-    'brackets': '[' * 3000,
-    'maps': '{a: ' * 3000,
-    'key': '? [1]\n: 2',
-    'tag': 'a: !!bool x',
-    'empty tag': 'a: !!int ""',
-    'time': 'a: !!timestamp x',
-    'surrogate': 'effects: {"\\ud800": 1}',
-    'escape': 'effects: {"\\e[31m": 1}',
-    'nul': '\0',
-    'long': 'x' * 300_000,
-    'names': f'effects: {{{"x" * 9000}: 1}}',
-    'text': f'effects: {"x" * 9000}',
-    'values': 'a: [' + '1, ' * 20_000 + ']',
-    'aliases': 'a: &a [x, x, x, x, x, x, x, x]\n'
-    + '\n'.join(
-        f'{chr(98 + i)}: &{chr(98 + i)} [{", ".join(["*" + chr(97 + i)] * 9)}]' for i in range(9)
-    ),
-}
-
-
-def hostile_texts(tmp_path: Path) -> Iterator[str]:
-    """Return values of `effects` that are no file of effects."""
-    for name, text in HOSTILE_FILES.items():
-        path = tmp_path / f'{name}.yaml'
-        path.write_text(text if text[0] in '[{x\0' else f'schema: 1\n{text}\n')
-        yield str(path)
-    pipe = tmp_path / 'pipe'
-    os.mkfifo(pipe)
-    yield from (
-        str(pipe),
-        '/dev/zero',
-        '/dev/tty',
-        str(tmp_path),
-        'x' * 300,
-        'x/' * 3000,
-        'a\x1b[31mb',
-        '~',
-        '.',
-        '..',
-        '*',
-        'x' * 100_000,
-        '\n',
-    )
-
-
 def test_no_file_stops_a_running_node(seen: Stream, tmp_path: Path) -> None:
     """Assert a short reason without terminal escapes, at once, whatever `effects` names."""
     for text in hostile_texts(tmp_path):
@@ -265,38 +211,6 @@ def test_no_file_stops_a_running_node(seen: Stream, tmp_path: Path) -> None:
         assert result.reason.isprintable()
         assert len(result.reason) < 1000
         assert seen.get('effects') == ''
-
-
-@pytest.mark.parametrize('name', ['effects', 'profile'])
-def test_no_file_gives_a_traceback_at_the_start(
-    name: str, tmp_path: Path, child_env: dict[str, str]
-) -> None:
-    """Assert one sentence and exit code 1."""
-    path = tmp_path / 'deep.yaml'
-    path.write_text('[' * 3000)
-    done = subprocess.run(
-        [
-            sys.executable,
-            '-m',
-            'flexx2_sim_ros.nodes.flexx2_camera',
-            '--ros-args',
-            '-p',
-            f'{name}:={path}',
-        ],
-        env=child_env,
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-    )
-    assert done.returncode == 1
-    assert done.stderr.startswith(f'error: {name}: ')
-    assert done.stderr.count('\n') == 1
-    for text in hostile_texts(tmp_path / 'more' if (tmp_path / 'more').mkdir() is None else path):
-        if name == 'effects' and text in ('*', 'a\x1b[31mb'):
-            continue
-        with pytest.raises(ValueError, match=f'^{name}: '):
-            Flexx2Camera(parameter_overrides=[Parameter(name, value=text)])
 
 
 @pytest.mark.parametrize('kind', [10, 255])
@@ -398,64 +312,3 @@ def test_an_error_in_a_service_is_logged_and_refused(
     assert len(result.reason) < 200
     seen.spin_until(lambda: seen.logged('service', 'set_parameters', 'MemoryError'))
     assert not [text for text in seen.logged('MemoryError') if '\x1b' in text]
-
-
-def test_misspelt_parameters_are_named() -> None:
-    """Assert both nodes warn of what they were given and do not have."""
-    with stream(usecas='Mode_5_60fps', **{'effect.ofset.bias': 0.1}) as camera:
-        camera.spin_until(lambda: camera.logged('usecas: ', 'did you mean usecase?'))
-        camera.spin_until(lambda: camera.logged('did you mean effect.offset.bias?'))
-        assert camera.get('usecase') == 'Mode_9_30fps'
-        assert len(camera.logged('no such parameter')) == 2
-    with robot_node(max_sped=0.1) as robot:
-        robot.spin_until(lambda: robot.logged('max_sped: ', 'did you mean max_speed?'))
-    with stream(usecase='Mode_5_60fps', **{'effect.offset.bias': 0.1}) as camera:
-        camera.next_diagnostics()
-        assert not camera.logged('no such parameter')
-
-
-def serial_of(listener: Stream, name: str) -> str:
-    client = AsyncParameterClient(listener.node, name)
-    listener.spin_until(client.services_are_ready, name)
-    value = listener.wait(client.get_parameters(['serial'])).values[0]
-    assert value.type == ParameterType.PARAMETER_STRING
-    return str(value.string_value)
-
-
-def test_a_serial_of_digits_stays_as_typed(
-    seen: Stream, tmp_path: Path, child_env: dict[str, str]
-) -> None:
-    """Assert the command line's text, and a word on what to write where it is lost."""
-    lost = tmp_path / 'lost.yaml'
-    lost.write_text('/**:\n  ros__parameters:\n    serial: 0123\n')
-    cases = {
-        '/typed': (['-p', 'serial:=0123'], '0123'),
-        '/lost': (['--params-file', str(lost)], '83'),
-    }
-    processes = {
-        space: subprocess.Popen(
-            [
-                sys.executable,
-                '-m',
-                'flexx2_sim_ros.nodes.flexx2_camera',
-                '--ros-args',
-                '-r',
-                f'__ns:={space}',
-                *arguments,
-            ],
-            env=child_env,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        for space, (arguments, _) in cases.items()
-    }
-    try:
-        for space, (_, serial) in cases.items():
-            assert serial_of(seen, f'{space}/flexx2_camera') == serial
-    finally:
-        said = {}
-        for space, process in processes.items():
-            process.terminate()
-            said[space] = process.communicate(timeout=60)[1]
-    assert "in quotes, e.g. serial: '0123'" in said['/lost']
-    assert 'quotes' not in said['/typed']

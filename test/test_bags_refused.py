@@ -1,0 +1,103 @@
+"""Files that are no recordings, recordings that no bag can hold, and targets that exist."""
+
+from pathlib import Path
+from typing import Any
+
+from flexx2_sim_ros.cli.main import main
+from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.recording import load_recording
+from made_bags import depths, driver_bag, MATRIX, SECOND
+import numpy as np
+import pytest
+
+LEAST = {'depth': depths(5, 9, 7), 'K': MATRIX, 'stamp': np.arange(5) / 3}
+
+
+@pytest.mark.parametrize(
+    ('name', 'content', 'message'),
+    [
+        ('nothing', None, 'got a path that does not exist'),
+        ('a.mcap', b'', 'no complete message'),
+        ('a.db3', b'', 'no complete message'),
+        ('a.mcap', b'text', 'no complete message'),
+        ('a.db3', b'text' * 500, 'no complete message'),
+        ('a.bag', b'#ROSBAG V2.0', 'indexed ROS 1 bag'),
+        ('folder', 'empty', 'no .mcap or .db3'),
+        ('a.npz', b'PK', 'cannot be read'),
+        ('b.npz', None, 'got no file'),
+    ],
+)
+def test_no_recording(name: str, content: Any, message: str, tmp_path: Path) -> None:
+    path = tmp_path / name
+    if content == 'empty':
+        path.mkdir()
+    elif content is not None:
+        path.write_bytes(content)
+    with pytest.raises(InputError, match=message) as caught:
+        load_recording(path)
+    assert str(path) in str(caught.value)
+    assert main(['convert', str(path), str(tmp_path / 'out.mcap')]) == 2
+
+
+@pytest.mark.parametrize(
+    ('changes', 'message'),
+    [
+        ({'depth': None}, 'depth: must be .*, got none; the file has K, stamp'),
+        ({'depth': np.zeros((9, 7), 'f4')}, r'depth: must have .*, got \(1, 9, 7\)'),
+        ({'depth': np.zeros((0, 9, 7), 'f4')}, 'depth: must .*, got '),
+        ({'depth': np.full((5, 9, 7), 'x')}, 'depth: must .*, got '),
+        ({'K': None}, 'K: must be .*, got none'),
+        ({'K': np.eye(4)}, 'K: must be .*, got shape'),
+        ({'stamp': np.arange(4.0)}, 'depth: must .*, got '),
+        ({'stamp': np.full(5, np.nan)}, 'stamp: must be'),
+        ({'stamp': np.full(5, 1e300)}, r'stamp: must be .*, got 1e\+300'),
+        ({'stamp_ns': np.arange(5) * SECOND}, 'stamp: must be stamp_ns in seconds'),
+        ({'stamp_ns': np.arange(5) / 2}, 'stamp_ns: must be .*, got dtype'),
+        ({'usecase': 5}, 'usecase: must be .*, got dtype'),
+        ({'clean_depth': np.zeros((9, 8))}, r'clean_depth: must have .*, got \(9, 8\)'),
+        ({'clean_depth': np.zeros((4, 9, 7))}, 'clean_depth: must have .*, got'),
+        ({'clean_depth': np.zeros((1, 5, 9, 7))}, 'clean_depth: must have .*, got'),
+        ({'amplitude': np.full((9, 7), 'x')}, 'amplitude: must be .*, got dtype'),
+    ],
+)
+def test_an_npz_file_without_depth_is_refused(
+    changes: dict[str, Any], message: str, tmp_path: Path
+) -> None:
+    arrays = LEAST | changes
+    path = tmp_path / 'in.npz'
+    np.savez(path, **{key: value for key, value in arrays.items() if value is not None})
+    with pytest.raises(InputError, match=message):
+        load_recording(path)
+
+
+@pytest.mark.parametrize(
+    ('changes', 'options', 'message'),
+    [
+        ({'stamp': np.arange(5) - 1.0}, [], 'range of messages, got -1 to 3 s'),
+        ({'stamp': np.arange(5) * 1e9}, [], 'range of messages, got 0 to 4e'),
+        ({}, ['--camera', 'front left'], '--camera'),
+        ({'camera': '7'}, [], "as in front_left, got '7'"),
+    ],
+)
+def test_a_recording_that_a_bag_cannot_hold_is_refused(
+    changes: dict[str, Any],
+    options: list[str],
+    message: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    np.savez(tmp_path / 'in.npz', **(LEAST | changes))
+    assert main(['convert', str(tmp_path / 'in.npz'), str(tmp_path / 'bag'), *options]) == 2
+    assert message in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ['in.npz']
+
+
+def test_bags_are_not_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    bag = driver_bag(tmp_path / 'bag', depths(2, 5, 4))
+    before = (bag / 'bag.mcap').read_bytes()
+    np.savez(tmp_path / 'in.npz', **LEAST)
+    assert main(['convert', str(tmp_path / 'in.npz'), str(bag)]) == 2
+    assert 'got one that exists' in capsys.readouterr().err
+    assert main(['convert', str(bag), str(bag)]) == 2
+    assert main(['convert', str(tmp_path / 'in.npz'), str(tmp_path / 'no' / 'folder')]) == 2
+    assert (bag / 'bag.mcap').read_bytes() == before

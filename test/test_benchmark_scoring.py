@@ -1,0 +1,121 @@
+"""How the benchmark scores a diagnosis, on answers made by hand."""
+
+import math
+from typing import Any
+
+from flexx2_sim_ros.validation.benchmark.partition import COVARIATES
+from flexx2_sim_ros.validation.benchmark.scoring import answer_of, macro_f1, overlap, wilson
+from made_answers import said, small
+import numpy as np
+import pytest
+
+# Pixels of which the first half is affected.
+PIXELS = {
+    'affected': np.repeat([True, False], 4),
+    'samples': np.zeros((8, len(COVARIATES)), np.float32),
+}
+
+
+for covariate, values in (
+    ('distance', [0.5, 0.5, 1.2, 1.8, 2.5, 2.5, 2.5, 2.5]),
+    ('incidence', [10.0, 10.0, *[40.0] * 6]),
+    ('x', [0.1, 0.1, *[0.4] * 6]),
+):
+    PIXELS['samples'][:, COVARIATES.index(covariate)] = values
+
+
+def answer(
+    group: str, effects: dict[str, float], diagnosis: dict[str, Any] | None, **more: Any
+) -> Any:
+    result = {'diagnosis': diagnosis, 'seconds': 1.0, **more}
+    return answer_of(small(group, effects, 1), result, {'offset': {'bias': 0.010}}, PIXELS)
+
+
+@pytest.mark.parametrize(
+    ('group', 'effects', 'diagnosis', 'right', 'contains', 'wrong'),
+    [
+        ('single', ['offset'], said('identified', ('offset',)), True, True, False),
+        ('single', ['offset'], said('partly', ('offset',)), True, True, False),
+        ('single', ['offset'], said('identified', ('wiggling',), ('offset',)), False, True, False),
+        ('single', ['offset'], said('identified', ('wiggling',)), False, False, True),
+        ('single', ['offset'], said('partly', ('wiggling',)), False, False, True),
+        ('single', ['offset'], said('unknown', (), ('wiggling',)), False, False, False),
+        ('single', ['offset'], said('none'), False, False, True),
+        ('single', ['offset'], None, False, False, True),
+        ('none', [], said('none'), True, True, False),
+        ('none', [], said('identified', ('offset',)), False, False, True),
+        ('none', [], said('unknown'), False, False, False),
+        ('novel', ['ghost'], said('unknown'), True, True, False),
+        ('novel', ['ghost'], said('partly', ('offset',)), True, True, False),
+        ('novel', ['ghost'], said('identified', ('offset',)), False, False, True),
+        ('left_out', ['offset'], said('unknown'), True, True, False),
+        ('left_out', ['offset'], said('none'), False, False, True),
+        ('pair', ['offset', 'wiggling'], said('identified', ('wiggling',)), True, True, False),
+        ('pair', ['offset', 'wiggling'], said('identified', ('saturation',)), False, False, True),
+    ],
+)
+def test_answers_are_judged(
+    group: str,
+    effects: list[str],
+    diagnosis: dict[str, Any] | None,
+    right: bool,
+    contains: bool,
+    wrong: bool,
+) -> None:
+    found = answer(group, dict.fromkeys(effects, 1.0), diagnosis)
+    assert (found.right, found.contains, found.wrong) == (right, contains, wrong)
+    assert found.missed == (bool(effects) and found.verdict == 'none')
+
+
+def test_both_effects_of_a_pair_have_to_be_named() -> None:
+    effects = {'offset': 1.0, 'wiggling': 1.0}
+    assert answer('pair', effects, said('identified', ('wiggling', 'offset'))).both
+    assert not answer('pair', effects, said('identified', ('wiggling',), ('offset',))).both
+
+
+def test_parameters_and_shrinkage() -> None:
+    found = answer(
+        'single', {'offset': 1.0}, said('identified', ('offset',)), realised={'shrink': 0.7}
+    )
+    assert found.parameter_error == pytest.approx(0.2)
+    assert (found.predicted, found.low, found.high, found.realised) == (0.6, 0.4, 0.8, 0.7)
+    missed = answer('single', {'offset': 1.0}, said('identified', ('wiggling',)))
+    assert math.isnan(missed.parameter_error)
+    assert math.isnan(missed.realised)
+
+
+@pytest.mark.parametrize(
+    ('where', 'wanted'),
+    [
+        ([], 0.0),
+        ([('distance', 0.0, 1.0, 'm')], 0.5),
+        ([('distance', 0.0, 2000.0, 'mm')], 1.0),
+        ([('distance', 0.0, 1.5, 'm')], 0.75),
+        ([('distance', 0.0, 1.0, 'm'), ('fine_distance', 1.0, None, 'm')], 0.5),
+        ([('all', None, None, '')], 0.5),
+        ([('image region row 1 of 3, column 1 of 4', None, None, '')], 0.5),
+        ([('image region row 2 of 3, column 1 of 4', None, None, '')], 0.0),
+        ([('theta', 0.0, 0.3, 'rad')], 0.5),
+        ([('incidence', 30.0, 50.0, 'deg')], 0.25),
+        ([('something else', 0.0, 9.0, 'm')], 0.0),
+    ],
+)
+def test_the_score_of_where_is_the_intersection_over_union_in_pixels(
+    where: list[tuple[str, float, float, str]], wanted: float
+) -> None:
+    entries = [
+        dict(zip(('covariate', 'low', 'high', 'unit'), entry, strict=True)) for entry in where
+    ]
+    assert overlap(entries, PIXELS) == pytest.approx(wanted)
+    assert math.isnan(overlap(entries, {**PIXELS, 'affected': np.zeros(8, bool)}))
+
+
+def test_wilson_and_macro_f1() -> None:
+    assert wilson(0, 0) == (0.0, 1.0)
+    low, high = wilson(95, 100)
+    assert (low, high) == pytest.approx((0.888, 0.978), abs=0.001)
+    assert wilson(0, 10)[0] == 0.0
+    assert wilson(10, 10)[1] == pytest.approx(1.0)
+    pairs = [('offset', 'offset'), ('wiggling', 'offset'), ('none', 'none'), ('ghost', 'wiggling')]
+    # offset: 1 of 1 + 2; wiggling: 0 of 1 + 1.
+    assert macro_f1(pairs) == pytest.approx((2 / 3 + 0) / 2)
