@@ -18,7 +18,7 @@ def draw(
     errors: dict[str, np.ndarray],
 ) -> None:
     """
-    Draw the robot that stands on most steps, and the errors of all.
+    Draw the robot that stands on most steps, and the errors of all robots.
 
     Parameters
     ----------

@@ -54,7 +54,7 @@ def _add_capture(steps: Any) -> None:
         'file for each mode, distance and angle (46 MB for 300 frames of 224 x 172). Resumes '
         'after an interruption.',
     )
-    parser.add_argument('folder', type=Path, metavar='FOLDER', help='for the recordings')
+    parser.add_argument('folder', type=Path, metavar='FOLDER', help='folder for the recordings')
     _add_conditions(parser)
     parser.add_argument(
         '--seed', type=whole_number(*SEEDS), default=0, help='seed of the noise (default 0)'
@@ -70,7 +70,7 @@ def _add_capture(steps: Any) -> None:
 
 
 def _add_conditions(parser: argparse.ArgumentParser) -> None:
-    # What is recorded: modes, poses and boards, and how many frames.
+    # Options for the recordings: modes, poses, boards and number of frames.
     parser.add_argument(
         '--usecase',
         action='append',
@@ -82,7 +82,7 @@ def _add_conditions(parser: argparse.ArgumentParser) -> None:
         type=number(0, 1e3, above=True),
         nargs='+',
         metavar='M',
-        help="of the board, metres (default: eight that suit each mode's range)",
+        help="distances of the board, metres (default: eight that suit each mode's range)",
     )
     parser.add_argument(
         '--angles',
@@ -90,7 +90,7 @@ def _add_conditions(parser: argparse.ArgumentParser) -> None:
         nargs='+',
         metavar='DEG',
         default=[0.0, 15.0, 30.0, 45.0, 60.0],
-        help='of the board, degrees (default: 0 15 30 45 60)',
+        help='angles of the board, degrees (default: 0 15 30 45 60)',
     )
     parser.add_argument(
         '--reflectivities',
@@ -120,9 +120,9 @@ def _add_fit(steps: Any) -> None:
         'MODE_DISTANCEm_ANGLEdeg are checked against their names; _PERCENTpct at the end is the '
         "board's reflectivity.",
     )
-    parser.add_argument('folder', type=Path, metavar='FOLDER', help='of recordings')
+    parser.add_argument('folder', type=Path, metavar='FOLDER', help='folder of recordings')
     parser.add_argument(
-        '--out', type=Path, metavar='DIR', help=f'where to write (default: FOLDER/{_OUT})'
+        '--out', type=Path, metavar='DIR', help=f'folder for the results (default: FOLDER/{_OUT})'
     )
     parser.add_argument(
         '--box',

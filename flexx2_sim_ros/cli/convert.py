@@ -9,6 +9,14 @@ from flexx2_sim_ros.errors import InputError, printable, shown
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
+_DESCRIPTION = """\
+Convert a recording to another format, without loss. A and B are .npz recordings
+or rosbag2 bags: a folder, or a single .mcap or .db3 file. A can also be a .bag
+file of ROS 1, a folder of 16-bit PNG files or one of them, or an .npz file of
+another program. Bags of pmd-royale-ros, pico_flexx_driver, realsense-ros and
+Azure Kinect work without options. A damaged bag is read up to the damage. From
+a bag with several cameras, B.npz becomes B_<camera>.npz for each camera.
+"""
 _EXAMPLES = """examples:
   flexx2 convert walk walk.npz --camera front_left
   flexx2 convert pico_flexx.bag wall.npz --usecase MODE_9_5FPS_2000
@@ -23,12 +31,7 @@ def add_parser(commands: Any) -> None:
     parser = commands.add_parser(
         'convert',
         help='convert bags, images and .npz of any depth camera to a recording',
-        description='Write a recording in another format, without loss. A and B are an .npz '
-        'recording, or a rosbag2 bag: a folder, or a single .mcap or .db3 file. A can also be a '
-        '.bag file of ROS 1, a folder of 16-bit PNG files or one of them, or an .npz file of '
-        'another program. Bags of pmd-royale-ros, pico_flexx_driver, realsense-ros and Azure '
-        'Kinect work without options; a damaged bag is read up to the damage. '
-        'From a bag with several cameras, B.npz becomes B_<camera>.npz for each.',
+        description=_DESCRIPTION,
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -68,28 +71,27 @@ def _add_given(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--partial-truth',
         action='store_true',
-        help='the ground truth of pixels whose clean_depth is NaN is unknown (default: nothing '
-        'is there)',
+        help='NaN in clean_depth means unknown ground truth (default: no return)',
     )
     parser.add_argument(
         '--unit',
         type=number(0, 1000, above=True),
         metavar='METRES',
-        help='for images and other .npz: metres of a count of depth (default 0.001; 1 for .npz '
-        'of floating-point numbers)',
+        help='for images and other .npz: metres per unit of depth (default 0.001; 1 for .npz of '
+        'floating-point numbers)',
     )
     parser.add_argument(
         '--rate',
         type=number(0, 1e6, above=True),
         metavar='HZ',
-        help='frames a second, if A has no stamps (default: that of the mode, or 30)',
+        help='frames per second, if A has no stamps (default: that of the mode, or 30)',
     )
     parser.add_argument(
         '--key',
         action='append',
         default=[],
         metavar='NAME=OTHER',
-        help='for other .npz: OTHER in A is NAME in a recording; can be repeated',
+        help='for other .npz: read the key NAME from OTHER in A; may be repeated',
     )
 
 

@@ -1,4 +1,4 @@
-"""The demo's picture: clean, simulated, difference, for every camera and mode."""
+"""The picture of the demo: clean and simulated depth and their difference, by camera and mode."""
 
 from collections.abc import Mapping
 from pathlib import Path

@@ -138,7 +138,7 @@ def run_show(arguments: argparse.Namespace) -> int:
 
 
 def _effect_of(file: str | None, name: str) -> Effect:
-    # As a file has it, or at its typical strength.
+    # The effect with the parameters of a file, or at its typical strength.
     if file is None:
         return registry()[name]()
     for effect in load_effects(file):

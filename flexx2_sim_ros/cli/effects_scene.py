@@ -90,5 +90,5 @@ def speed(seconds: np.ndarray) -> np.ndarray:
 
 
 def way(seconds: np.ndarray) -> np.ndarray:
-    """Return how far the moving camera has moved forward, metres."""
+    """Return the distance that the moving camera has moved forward, metres."""
     return 0.9 * 0.8 / (2 * math.pi) * (1 - np.cos(2 * math.pi * seconds / 0.8))

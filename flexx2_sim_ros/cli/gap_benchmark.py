@@ -54,7 +54,7 @@ def add_parser(commands: Any) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run the benchmark, print and write its results."""
+    """Run the benchmark; print and write its results."""
     # Imported here: scikit-learn, matplotlib and the compiled camera take seconds to load.
     from flexx2_sim_ros.validation.benchmark.report import draw_confusion, print_report, write_page
     from flexx2_sim_ros.validation.benchmark.runner import run_benchmark

@@ -1,4 +1,4 @@
-"""`flexx2 gap calibrate`: give diagnosed effects the form that recordings show."""
+"""`flexx2 gap calibrate`: fit curves and maps of the diagnosed effects to recordings."""
 
 import argparse
 from typing import Any
@@ -39,7 +39,7 @@ def add_parser(commands: Any) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Calibrate with a progress bar; print what was taken."""
+    """Calibrate with a progress bar, and print the forms that were taken."""
     from flexx2_sim_ros.gap import calibrate
     from flexx2_sim_ros.gap.report.calibration_page import headline, sentences
     from flexx2_sim_ros.profiles.files import find_profile

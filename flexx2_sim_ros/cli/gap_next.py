@@ -1,4 +1,4 @@
-"""`flexx2 gap next`: say which recording would settle what a diagnosis leaves open."""
+"""`flexx2 gap next`: rank recordings by how well they decide what a diagnosis leaves open."""
 
 import argparse
 import json

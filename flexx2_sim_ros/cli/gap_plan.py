@@ -1,4 +1,4 @@
-"""`flexx2 gap plan`: what to record, and what it will be able to find."""
+"""`flexx2 gap plan`: write what to record, and which effects these recordings can find."""
 
 import argparse
 from pathlib import Path

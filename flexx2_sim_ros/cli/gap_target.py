@@ -20,12 +20,12 @@ def add_parser(commands: Any) -> None:
         'whether the print is true to scale. See docs/truth.md.',
         epilog='example: flexx2 gap target --out target.pdf --size A3',
     )
-    parser.add_argument('--out', required=True, metavar='PDF')
+    parser.add_argument('--out', required=True, metavar='PDF', help='file to write')
     parser.add_argument(
         '--size',
         choices=SIZES,
         default='A3',
-        help='of the sheet (default A3: up to 2 m; A2 beyond)',
+        help='size of the sheet (default A3: found up to 2 m; A2 for more)',
     )
     parser.set_defaults(run=run)
 

@@ -39,21 +39,23 @@ def add_parser(commands: Any) -> None:
         'truth',
         help='make ground truth for recordings of a real camera',
         description='Register each RECORDING (.npz, a bag, or a folder of them) to a room, a '
-        'printed board or planes, and write it to DIR with clean_depth and how well it is known. '
+        'printed board or planes, and write it to DIR with clean_depth and its accuracy. '
         'Writes truth.yaml and truth.html as well. An interrupted run resumes. See docs/truth.md.',
         epilog='example: flexx2 gap truth bags/ --scan room.ply --out campaign/',
     )
-    parser.add_argument('recordings', nargs='+', metavar='RECORDING')
+    parser.add_argument(
+        'recordings', nargs='+', metavar='RECORDING', help='.npz file, bag, or folder of these'
+    )
     _add_rooms(parser)
-    parser.add_argument('--out', required=True, metavar='DIR')
+    parser.add_argument('--out', required=True, metavar='DIR', help='folder for the results')
     parser.add_argument(
         '--pose',
         action='append',
         default=[],
         metavar='X,Y,Z,QX,QY,QZ,QW',
-        help='rough pose of the camera in the room (optical frame; metres), within 0.3 m and 20 '
-        'degrees: of the first frame; once for all recordings or once for each. Write '
-        '--pose=-1,... where the first number is negative. Left out: found',
+        help='rough pose of the camera in the room in the first frame (optical frame, metres), '
+        'within 0.3 m and 20 degrees; once for all recordings or once for each (default: searched '
+        'in the whole room). If the first number is negative, write --pose=-1,...',
     )
     _add_poses(parser)
     parser.add_argument(
@@ -68,7 +70,7 @@ def add_parser(commands: Any) -> None:
         '--motion',
         choices=('auto', 'still', 'moving'),
         default='auto',
-        help='whether the camera moved (default: find out)',
+        help='whether the camera moved (default: auto, detected)',
     )
     parser.add_argument(
         '--room-error',
@@ -106,8 +108,7 @@ def _add_rooms(parser: argparse.ArgumentParser) -> None:
     room.add_argument(
         '--planes',
         metavar='FILE',
-        help='planes of the room and what a tape measure and a set square say of them '
-        '(planes.yaml)',
+        help='planes of the room, with distances and angles that were measured (planes.yaml)',
     )
 
 
@@ -132,8 +133,8 @@ def _add_poses(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--camera-in-body',
         metavar='X,Y,Z,QX,QY,QZ,QW',
-        help='pose of the camera (optical frame) in the body that these poses are of (default: '
-        'they are those of the camera)',
+        help='pose of the camera (optical frame) in the frame of the tracked body (default: the '
+        'poses are those of the camera)',
     )
     parser.add_argument(
         '--clock-offset',
@@ -144,7 +145,8 @@ def _add_poses(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--relative',
         action='store_true',
-        help="these poses are in a frame of their own, as odometry's: take their motions only",
+        help='use only the motions, because the poses are in another frame than the room, as '
+        'those of odometry',
     )
 
 

@@ -39,13 +39,13 @@ def add_parser(commands: Any) -> None:
     parser.add_argument(
         '--scene',
         default='lab',
-        help='of the demo: lab, stairs, corner, board, rubble, or an MJCF file '
+        help='scene of the demo: lab, stairs, corner, board, rubble, or an MJCF file '
         '(default %(default)s)',
     )
     parser.add_argument(
         '--renderer',
         default='auto',
-        help='of the demo: auto, egl, osmesa or ray (default %(default)s)',
+        help='renderer of the demo: auto, egl, osmesa or ray (default %(default)s)',
     )
     parser.add_argument(
         '--cameras',
