@@ -4,7 +4,8 @@ from dataclasses import dataclass
 import math
 
 from flexx2_sim_ros.characterize.analysis import Characterization
-from flexx2_sim_ros.characterize.measure import Measurement, only_valid
+from flexx2_sim_ros.characterize.measure import Measurement
+from flexx2_sim_ros.characterize.single_pass import only_valid
 from flexx2_sim_ros.recording import open_recording
 import numpy as np
 

@@ -1,29 +1,26 @@
-"""Measure one recording: find the board, go through the frames once, keep a small summary."""
+"""Measure one recording: noise, bias and edges of the board in it."""
 
 from dataclasses import dataclass
 import math
 from pathlib import Path
 
 from flexx2_sim_ros.characterize import board as boards
-from flexx2_sim_ros.characterize.amplitude import AmplitudeCounts, count_invalid
-from flexx2_sim_ros.characterize.board import Board, find_board
+from flexx2_sim_ros.characterize.amplitude import AmplitudeCounts
+from flexx2_sim_ros.characterize.board import Board
 from flexx2_sim_ros.characterize.conditions import Condition, parse_name
-from flexx2_sim_ros.characterize.lateral import Edge, edge_positions, find_edges, measure_edge
-from flexx2_sim_ros.characterize.moments import Accumulator, Moments
-from flexx2_sim_ros.characterize.pixels import FrameMeans, pixel_statistics, Pixels
+from flexx2_sim_ros.characterize.lateral import Edge
+from flexx2_sim_ros.characterize.moments import Moments
+from flexx2_sim_ros.characterize.pixels import pixel_statistics, Pixels
 from flexx2_sim_ros.characterize.plane import fit_plane, Plane
+from flexx2_sim_ros.characterize.single_pass import read_frames
 from flexx2_sim_ros.characterize.tiles import SPATIAL_SIDE, spatial_tiles, temporal_tiles, Tiles
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.profiles.modes import flexx2, Profile
 from flexx2_sim_ros.recording import open_recording, RecordingReader
-from flexx2_sim_ros.recording.truth import read_truth
 import numpy as np
 
-_CHUNK = 60
-_FIRST = 30  # frames that the board is looked for in
 _VALID_SHARE = 0.5  # of the frames: a pixel with fewer is left out
 _CUT_OFF = 5.0  # standard deviations: nearer to the range's end, noise is cut off
-_FAR = 100.0  # metres: no depth camera of this kind sees that far
 _TAPE = (0.05, 0.10)  # how far (metres, share) the board may be from where its name says
 _PROTRACTOR = 8.0  # degrees
 _WINDOW = (66 / 224, 51 / 172)  # of the image: the paper's 1,009,800 samples in 300 frames at 1 m
@@ -164,55 +161,14 @@ def _measure(
     frames, height, width = reader.shape
     if box is not None and not (0 <= box[0] < box[2] <= width and 0 <= box[1] < box[3] <= height):
         raise InputError(f'box: must be x0 y0 x1 y1 within {width} x {height}, got {box}')
-    x0, y0, x1, y1 = box or (0, 0, width, height)
-    window = slice(y0, y1), slice(x0, x1)
-    board: Board | None = None
-    known = read_truth(reader.path, reader.arrays, reader.shape).known
-    start = 0
-    for part in reader.chunks(_CHUNK):
-        depth = only_valid(part.depth)
-        if known is not None:
-            here = known if known.ndim == 2 else known[start : start + len(depth)]
-            depth = np.where(here, depth, np.float32(np.nan))
-            start += len(depth)
-        if board is None:
-            first, noise = _typical(depth[:_FIRST])
-            _check_units(first, far)
-            # One frame has no jumping edges yet.
-            margin = boards.SMALLEST_MARGIN if frames == 1 else None
-            board = find_board(first, noise, reader.K, box, margin, reader.distortion)
-            # The outline of valid pixels in one frame may be no more than where it was cropped.
-            sites = [
-                site
-                for site in find_edges(board, first, near, far)
-                if frames > 1 or site.method == 'gradient'
-            ]
-            plane = board.plane.depth(*np.indices(first.shape)[::-1])
-            # Far from any sight of the plane the sums are of no use, but must stay finite.
-            reference = np.where(np.isfinite(first), first, np.nan_to_num(plane, nan=0.0))
-            sums = Accumulator(reference)
-            means = FrameMeans(board.region, reference)
-            positions: list[list[np.ndarray]] = [[] for _ in sites]
-            counts: AmplitudeCounts | None = None
-            levels = np.zeros(first.shape)
-            clean = None if part.clean_depth is None else _image(part.clean_depth)
-        sums.add(depth)
-        means.add(depth)
-        for columns, site in zip(positions, sites, strict=True):
-            columns.append(edge_positions(depth, site))
-        if part.amplitude is not None:
-            amplitude = np.broadcast_to(np.asarray(part.amplitude, np.float64), depth.shape)
-            found = count_invalid(amplitude[:, *window], np.isfinite(depth[:, *window]))
-            counts = found if counts is None else counts + found
-            levels += amplitude.sum(axis=0) / frames
-    assert board is not None
-    moments = sums.moments()
-    board, usable = _settle(board, moments, near, far)
-    tiles = (
-        spatial_tiles(board, first, levels if counts is not None else None)
-        if frames == 1
-        else temporal_tiles(board, moments, levels if counts is not None else None, usable)
-    )
+    seen = read_frames(reader, box, near, far)
+    moments = seen.sums.moments()
+    board, usable = _settle(seen.board, moments, near, far)
+    levels = seen.levels if seen.counts is not None else None
+    if frames == 1:
+        tiles = spatial_tiles(board, seen.first, levels)
+    else:
+        tiles = temporal_tiles(board, moments, levels, usable)
     if not len(tiles):
         raise InputError(
             f'board: must be plain, and near enough for {SPATIAL_SIDE} x {SPATIAL_SIDE} valid '
@@ -222,11 +178,7 @@ def _measure(
     distance = float(board.plane.depth(u, v))
     angle = math.degrees(float(board.plane.incidence(u, v, reader.K)))
     _check_place(condition, distance, angle)
-    bias, bias_of = _bias(board, moments, usable, clean, condition, distance)
-    edges = (
-        measure_edge(np.concatenate(columns), site)
-        for columns, site in zip(positions, sites, strict=True)
-    )
+    bias, bias_of = _bias(board, moments, usable, seen.clean, condition, distance)
     return Measurement(
         reader.path,
         usecase,
@@ -242,10 +194,10 @@ def _measure(
         _window(board),
         bias,
         bias_of,
-        pixel_statistics(board, moments, usable, means),
+        pixel_statistics(board, moments, usable, seen.means),
         tiles,
-        tuple(edge for edge in edges if edge is not None),
-        counts,
+        seen.edges(),
+        seen.counts,
         tuple(reader.notes),
     )
 
@@ -266,42 +218,6 @@ def _range(profile: Profile, usecase: str) -> tuple[float, float]:
     return mode.range_min, mode.range_max
 
 
-def only_valid(depth: np.ndarray) -> np.ndarray:
-    """Return depth with NaN for whatever is no positive finite number."""
-    # Mostly there is none but NaN, which is found out faster than a copy is made.
-    if np.fmin.reduce(depth, axis=None) > 0 and np.fmax.reduce(depth, axis=None) < np.inf:
-        return depth
-    with np.errstate(invalid='ignore'):
-        return np.where((depth > 0) & (depth < np.inf), depth, np.float32(np.nan))
-
-
-def _typical(depth: np.ndarray) -> tuple[np.ndarray, float]:
-    """Return the median over frames (NaN where most are invalid) and its standard deviation."""
-    count = np.isfinite(depth).sum(axis=0)
-    if not count.any():
-        raise InputError('depth: must have a board in view, got only invalid pixels')
-    ordered = np.sort(depth, axis=0)  # NaN last
-    middle = np.take_along_axis(ordered, np.maximum(count - 1, 0)[None] // 2, axis=0)[0]
-    typical = np.where(2 * count >= len(depth), middle, np.nan).astype(np.float64)
-    if len(depth) > 1:
-        step = np.diff(depth[:, ::2, ::2], axis=0)
-        noise = 1.25 * np.sqrt(0.5 * np.nanmedian(step**2) / 0.455 / len(depth))
-    else:
-        # The median square of a standard normal is 0.455; a slope is the same everywhere.
-        step = np.diff(typical, axis=1)
-        noise = np.sqrt(0.5 * np.nanmedian((step - np.nanmedian(step)) ** 2) / 0.455)
-    return typical, float(np.nan_to_num(noise))
-
-
-def _check_units(typical: np.ndarray, far: float) -> None:
-    middle = float(np.nanmedian(typical))
-    if middle > min(_FAR, 3 * far):
-        raise InputError(
-            f'depth: must be metres{"" if math.isinf(far) else f" up to {far:g}"}, got a '
-            f'median of {middle:.4g}; are these millimetres?'
-        )
-
-
 def _check_place(condition: Condition | None, distance: float, angle: float) -> None:
     if condition is None:
         return
@@ -316,10 +232,6 @@ def _check_place(condition: Condition | None, distance: float, angle: float) -> 
             f'board: must be at {condition.angle_deg:g} degrees, as the name says, within '
             f'{_PROTRACTOR:g}, got {angle:.1f}'
         )
-
-
-def _image(clean: np.ndarray) -> np.ndarray:
-    return np.asarray(clean[0] if clean.ndim == 3 else clean, np.float64)
 
 
 def _settle(board: Board, moments: Moments, near: float, far: float) -> tuple[Board, np.ndarray]:

@@ -7,7 +7,7 @@ A recording is a NumPy archive (``.npz``) of plain arrays, never pickled:
 key             shape               dtype    meaning
 =============== =================== ======== ============================================
 ``depth``       (T, H, W)           float32  metres along the optical axis, NaN if invalid
-``clean_depth`` (H, W) or (T, H, W) float    what is really there, NaN for nothing
+``clean_depth`` (H, W) or (T, H, W) float    ground truth, NaN where there is no return
 ``K``           (3, 3)              float64  camera matrix, pixels
 ``stamp``       (T,)                float64  seconds
 ``stamp_ns``    (T,)                int64    nanoseconds, where ``stamp`` cannot hold them

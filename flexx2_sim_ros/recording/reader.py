@@ -38,7 +38,7 @@ class Recording:
     usecase : str or None
         The camera's mode, None where the file does not say.
     clean_depth : numpy.ndarray or None
-        (H, W) or (T, H, W), metres, NaN where nothing is: what is really there.
+        (H, W) or (T, H, W) ground truth, metres, NaN where there is no return.
     reflectivity : numpy.ndarray or None
         (H, W) or (T, H, W), 0 to 1.
     amplitude : numpy.ndarray or None

@@ -1,0 +1,212 @@
+"""Read the frames of a recording once: find the board, and sum up what its measurement needs."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+import math
+
+from flexx2_sim_ros.characterize import board as boards
+from flexx2_sim_ros.characterize.amplitude import AmplitudeCounts, count_invalid
+from flexx2_sim_ros.characterize.board import Board, find_board
+from flexx2_sim_ros.characterize.lateral import (
+    Edge,
+    edge_positions,
+    EdgeSite,
+    find_edges,
+    measure_edge,
+)
+from flexx2_sim_ros.characterize.moments import Accumulator
+from flexx2_sim_ros.characterize.pixels import FrameMeans
+from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.recording import Recording, RecordingReader
+from flexx2_sim_ros.recording.truth import read_truth
+import numpy as np
+
+_CHUNK = 60
+_FIRST = 30  # frames in which the board is searched
+_FAR = 100.0  # metres: no depth camera of this kind sees that far
+
+
+@dataclass
+class SinglePass:
+    """
+    Sums over the frames of a recording.
+
+    Attributes
+    ----------
+    board : Board
+        The board, found in the first frames.
+    first : numpy.ndarray
+        (H, W) median depth of these frames, metres; NaN where most are invalid.
+    sites : list of EdgeSite
+        Edges of the board.
+    sums : Accumulator
+        Sums of depth for each pixel.
+    means : FrameMeans
+        Mean error of each frame.
+    positions : list of list of numpy.ndarray
+        Positions of each edge, by chunks of frames.
+    clean : numpy.ndarray or None
+        (H, W) clean depth, metres.
+    levels : numpy.ndarray
+        (H, W) mean amplitude; 0 without amplitude images.
+    counts : AmplitudeCounts or None
+        Valid and invalid pixels by amplitude; None without amplitude images.
+
+    """
+
+    board: Board
+    first: np.ndarray
+    sites: list[EdgeSite]
+    sums: Accumulator
+    means: FrameMeans
+    positions: list[list[np.ndarray]]
+    clean: np.ndarray | None
+    levels: np.ndarray
+    counts: AmplitudeCounts | None = None
+
+    def add(self, depth: np.ndarray) -> None:
+        """Add (n, H, W) consecutive frames, metres, NaN where invalid."""
+        self.sums.add(depth)
+        self.means.add(depth)
+        for columns, site in zip(self.positions, self.sites, strict=True):
+            columns.append(edge_positions(depth, site))
+
+    def add_amplitude(
+        self, amplitude: np.ndarray, depth: np.ndarray, window: tuple[slice, slice], frames: int
+    ) -> None:
+        """Add (n, H, W) amplitudes of a recording with this number of frames."""
+        found = count_invalid(amplitude[:, *window], np.isfinite(depth[:, *window]))
+        self.counts = found if self.counts is None else self.counts + found
+        self.levels += amplitude.sum(axis=0) / frames
+
+    def edges(self) -> tuple[Edge, ...]:
+        """Return the lateral noise of each edge that can be measured."""
+        edges = (
+            measure_edge(np.concatenate(columns), site)
+            for columns, site in zip(self.positions, self.sites, strict=True)
+        )
+        return tuple(edge for edge in edges if edge is not None)
+
+
+def read_frames(
+    reader: RecordingReader, box: tuple[int, int, int, int] | None, near: float, far: float
+) -> SinglePass:
+    """
+    Read all frames of a recording once.
+
+    Parameters
+    ----------
+    reader : RecordingReader
+        The recording.
+    box : tuple of int or None
+        x0, y0, x1, y1 of the board; None: search it.
+    near, far : float
+        Range of the mode, metres.
+
+    Raises
+    ------
+    InputError
+        When there is no board, or depth is not in metres.
+
+    """
+    frames, height, width = reader.shape
+    x0, y0, x1, y1 = box or (0, 0, width, height)
+    window = slice(y0, y1), slice(x0, x1)
+    seen: SinglePass | None = None
+    for depth, part in _chunks(reader):
+        if seen is None:
+            seen = _start(reader, depth, part, box, near, far)
+        seen.add(depth)
+        if part.amplitude is not None:
+            amplitude = np.broadcast_to(np.asarray(part.amplitude, np.float64), depth.shape)
+            seen.add_amplitude(amplitude, depth, window, frames)
+    assert seen is not None
+    return seen
+
+
+def _chunks(reader: RecordingReader) -> Iterator[tuple[np.ndarray, Recording]]:
+    # Depth of each chunk, NaN where it is invalid or a mask excludes it, and the chunk.
+    known = read_truth(reader.path, reader.arrays, reader.shape).known
+    start = 0
+    for part in reader.chunks(_CHUNK):
+        depth = only_valid(part.depth)
+        if known is not None:
+            here = known if known.ndim == 2 else known[start : start + len(depth)]
+            depth = np.where(here, depth, np.float32(np.nan))
+            start += len(depth)
+        yield depth, part
+
+
+def _start(
+    reader: RecordingReader,
+    depth: np.ndarray,
+    part: Recording,
+    box: tuple[int, int, int, int] | None,
+    near: float,
+    far: float,
+) -> SinglePass:
+    frames = reader.shape[0]
+    first, noise = _typical(depth[:_FIRST])
+    _check_units(first, far)
+    # One frame has no jumping edges yet.
+    margin = boards.SMALLEST_MARGIN if frames == 1 else None
+    board = find_board(first, noise, reader.K, box, margin, reader.distortion)
+    # In a single frame, the outline of valid pixels may only be where the image was cropped.
+    sites = [
+        site
+        for site in find_edges(board, first, near, far)
+        if frames > 1 or site.method == 'gradient'
+    ]
+    plane = board.plane.depth(*np.indices(first.shape)[::-1])
+    # Sums far from the plane are not used, but must stay finite.
+    reference = np.where(np.isfinite(first), first, np.nan_to_num(plane, nan=0.0))
+    return SinglePass(
+        board,
+        first,
+        sites,
+        Accumulator(reference),
+        FrameMeans(board.region, reference),
+        [[] for _ in sites],
+        None if part.clean_depth is None else _image(part.clean_depth),
+        np.zeros(first.shape),
+    )
+
+
+def only_valid(depth: np.ndarray) -> np.ndarray:
+    """Return depth with NaN in place of all values that are not positive and finite."""
+    # Usually there are none besides NaN, and this test is faster than a copy.
+    if np.fmin.reduce(depth, axis=None) > 0 and np.fmax.reduce(depth, axis=None) < np.inf:
+        return depth
+    with np.errstate(invalid='ignore'):
+        return np.where((depth > 0) & (depth < np.inf), depth, np.float32(np.nan))
+
+
+def _typical(depth: np.ndarray) -> tuple[np.ndarray, float]:
+    """Return the median over frames (NaN where most are invalid) and its standard deviation."""
+    count = np.isfinite(depth).sum(axis=0)
+    if not count.any():
+        raise InputError('depth: must have a board in view, got only invalid pixels')
+    ordered = np.sort(depth, axis=0)  # NaN last
+    middle = np.take_along_axis(ordered, np.maximum(count - 1, 0)[None] // 2, axis=0)[0]
+    typical = np.where(2 * count >= len(depth), middle, np.nan).astype(np.float64)
+    if len(depth) > 1:
+        step = np.diff(depth[:, ::2, ::2], axis=0)
+        noise = 1.25 * np.sqrt(0.5 * np.nanmedian(step**2) / 0.455 / len(depth))
+    else:
+        # The median square of a standard normal is 0.455; a slope is the same everywhere.
+        step = np.diff(typical, axis=1)
+        noise = np.sqrt(0.5 * np.nanmedian((step - np.nanmedian(step)) ** 2) / 0.455)
+    return typical, float(np.nan_to_num(noise))
+
+
+def _check_units(typical: np.ndarray, far: float) -> None:
+    middle = float(np.nanmedian(typical))
+    if middle > min(_FAR, 3 * far):
+        raise InputError(
+            f'depth: must be metres{"" if math.isinf(far) else f" up to {far:g}"}, got a '
+            f'median of {middle:.4g}; are these millimetres?'
+        )
+
+
+def _image(clean: np.ndarray) -> np.ndarray:
+    return np.asarray(clean[0] if clean.ndim == 3 else clean, np.float64)
