@@ -29,16 +29,16 @@ _WINDOW = (66 / 224, 51 / 172)  # of the image: the paper's 1,009,800 samples in
 @dataclass(frozen=True)
 class Measurement:
     """
-    What one recording says.
+    The measurement of one recording.
 
     Attributes
     ----------
     path : pathlib.Path
         The recording.
     usecase : str
-        The mode: the recording's own, else that of its name, else ``unknown``.
+        The mode of the recording, else the mode in its name, else ``unknown``.
     condition : Condition or None
-        What the name states.
+        Mode, distance and angle in the name.
     frames : int
         Frames.
     size : tuple of int
@@ -46,30 +46,31 @@ class Measurement:
     K : numpy.ndarray
         (3, 3) camera matrix.
     distortion : tuple of float
-        Of the lens; zeros where the recording has none.
+        Distortion of the lens; zeros if the recording has none.
     rate_hz : float
-        Frames a second; NaN for a single frame.
+        Frames per second; NaN for a single frame.
     distance, angle_deg : float
-        Of the plane, at the region's pixel nearest to the optical axis.
+        Distance and angle of the plane, at the pixel of the region that is nearest to the optical
+        axis.
     plane : Plane
-        The board's.
+        The plane of the board.
     window : tuple of int
         x0, y0, x1, y1 of a rectangle about that pixel, on the board, no larger than the paper's
         region was at 1 m.
     bias : float
-        Measured less true depth, metres; NaN where the truth is not known.
+        Measured minus true depth, metres; NaN if the true depth is unknown.
     bias_of : str
-        What the truth is: ``clean depth``, ``tape`` or nothing.
+        Source of the true depth: ``clean depth``, ``tape`` or empty.
     pixels : Pixels
-        What its region's pixels are like.
+        Statistics of the pixels of the region.
     tiles : Tiles
         Noise in small tiles.
     edges : tuple of Edge
-        Lateral noise at each edge that was found.
+        Lateral noise of each edge that was found.
     amplitude : AmplitudeCounts or None
         Validity against amplitude.
     notes : tuple of str
-        What a person should know.
+        Notes for people.
 
     """
 
@@ -95,17 +96,17 @@ class Measurement:
 
     @property
     def spatial(self) -> bool:
-        """Whether noise is what one frame leaves of a plane, for want of more frames."""
+        """Whether noise is the deviation of a single frame from planes."""
         return self.frames == 1
 
     @property
     def reflectivity(self) -> float:
-        """Return the board's reflectivity, 0..1, by its name; 1 where that does not say."""
+        """Return the reflectivity of the board, 0 to 1, from the name; 1 if the name has none."""
         return 1.0 if self.condition is None else self.condition.reflectivity
 
     @property
     def label(self) -> tuple[float, float]:
-        """Return distance and angle by which a person knows the recording."""
+        """Return distance and angle for tables: those of the name, else rounded measured ones."""
         if self.condition is not None:
             return self.condition.distance, self.condition.angle_deg
         return round(self.distance, 2), round(self.angle_deg, 1)
@@ -125,11 +126,11 @@ def measure(
     path : pathlib.Path
         A recording (``.npz`` or bag).
     box : tuple of int, optional
-        x0, y0, x1, y1 of the region; found when left out.
+        x0, y0, x1, y1 of the region (default: detected).
     camera : str, optional
         Which camera of a bag that has several.
     profile : Profile, optional
-        The camera whose modes say range and rate; the Flexx2 when left out.
+        The camera, for range and rate of its modes (default: the Flexx2).
 
     Returns
     -------
@@ -138,7 +139,8 @@ def measure(
     Raises
     ------
     InputError
-        When it cannot be read or measured; the message names the file and what was expected.
+        When the recording cannot be read or measured; the message names the file and what was
+        expected.
 
     """
     profile = profile or flexx2()
