@@ -20,10 +20,12 @@ from typing import Any
 
 from flexx2_sim_ros.recording import open_recording
 from flexx2_sim_ros.truth.clean import render
+from flexx2_sim_ros.truth.gray_frames import gray_images
 from flexx2_sim_ros.truth.joint import Columns, Solution, solve, View
 from flexx2_sim_ros.truth.meshes import load_room
 from flexx2_sim_ros.truth.observation import observe
 from flexx2_sim_ros.truth.poses import Pose
+from flexx2_sim_ros.truth.reflectivity import find_scale, gray_samples, with_reflectivity
 from flexx2_sim_ros.truth.registration import follow, Job, register, views_of
 from flexx2_sim_ros.truth.search import find
 from flexx2_sim_ros.truth.shared import estimate
@@ -188,7 +190,14 @@ def _still(folder: Path, camera: ScannedCamera, path: Path) -> None:
         found, searched = _timed(find, room, footage.still, guess, None, '+z')
         _, rendered = _timed(render, room, found.fit.pose, footage.still.rays, 0.003)
     print(f'still recording: read {looked:.2f}, registered {searched:.2f}, ', end='')
-    print(f'rendered {rendered:.3f} s')
+    print(f'rendered {rendered:.3f} s, ', end='')
+    clean = render(room, found.fit.pose, footage.still.rays, 0.003)
+    rays, gray = footage.still.rays, next(gray_images(footage.reader, False))
+    sample = gray_samples(gray, clean, rays)
+    scale = find_scale([] if sample is None else [sample])
+    assert scale is not None
+    _, lit = _timed(with_reflectivity, clean, gray, rays, scale)
+    print(f'reflectivity {lit:.3f} s')
     image = next(iter(footage.reader.frames('depth')))
     times = []
     for _ in range(10):

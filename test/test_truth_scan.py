@@ -154,6 +154,7 @@ def test_a_campaign_is_written_with_what_is_known_of_it(
     hidden = {row['effect']: row.get('absorbed') for row in table['cannot_decide']}
     assert hidden['pose_error'] == 1.0
     assert 'time_offset' not in hidden  # Nothing moves.
+    assert table['reflectivity']['kind'] == 'relative'
     for i in range(RECORDINGS):
         recording = open_recording(out / f'{i}.npz').load()
         told = camera.camera.scenes.clean(i)[0]
@@ -165,6 +166,10 @@ def test_a_campaign_is_written_with_what_is_known_of_it(
         assert np.nanmedian(error) < 0.002
         assert np.nanpercentile(error, 95) < 0.02  # Beside the edges.
         assert recording.extra['clean_sigma'].shape == (HEIGHT, WIDTH)
+        assert recording.reflectivity is not None
+        ratio = (recording.reflectivity / camera.camera.scenes.clean(i)[1])[known]
+        assert 0.5 < np.nanmedian(ratio) < 2.0  # Relative: bright walls are taken for white.
+        assert np.nanpercentile(np.abs(ratio / np.nanmedian(ratio) - 1), 80) < 0.2
         covariance = recording.extra['pose_covariance']
         assert np.allclose(covariance, covariance.T)
         assert np.linalg.eigvalsh(covariance)[0] > 0
@@ -194,6 +199,8 @@ def test_a_moving_camera_is_followed(tmp_path: Path, rough: np.random.Generator)
     told = camera.camera.scenes.clean(0)[0]
     assert written.clean_depth is not None
     assert written.clean_depth.shape == told.shape
+    assert written.reflectivity is not None
+    assert written.reflectivity.shape == told.shape
     # Every frame: a camera that stood still would be off by 10 cm at the end.
     errors = np.nanmedian(np.abs(written.clean_depth - told), axis=(1, 2))
     assert errors.max() < 0.01

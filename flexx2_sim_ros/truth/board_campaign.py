@@ -105,6 +105,7 @@ def make_board_truth(request: BoardRequest, progress: Progress = no_progress) ->
                 'board': str(request.board),
                 'board_size_m': [target.width, target.height],
                 'lens_error': request.lens_error,
+                'reflectivity': {'kind': 'anchored', 'white': target.white},
             },
             [
                 _row(source, one, boards.get(i), scale)

@@ -1,21 +1,18 @@
 """Find the board in each frame of a recording."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 import json
 from pathlib import Path
 from typing import Any
 
 from flexx2_sim_ros.camera import Profile
-from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.recording import open_recording, RecordingReader
+from flexx2_sim_ros.recording import open_recording
 from flexx2_sim_ros.truth.board import find_board
 from flexx2_sim_ros.truth.gray import Gray, GrayFit
+from flexx2_sim_ros.truth.gray_frames import gray_images, has_gray, has_gray_frames
 from flexx2_sim_ros.truth.observation import observe
 from flexx2_sim_ros.truth.target import Target
 import numpy as np
-
-_SATURATED = 0.002  # fraction of pixels at the largest gray value
 
 
 @dataclass(frozen=True)
@@ -112,7 +109,7 @@ def place_board(job: BoardJob) -> str:
     moving, rays = footage.moving, footage.still.rays
     if not has_gray(reader):
         return _placed(moving, ['it has no gray image (amplitude)']).to_json()
-    if moving and 'amplitude' not in reader.layouts and reader.arrays['amplitude'].ndim < 3:
+    if moving and not has_gray_frames(reader):
         return _placed(moving, ['it has one gray image for all frames, but moves']).to_json()
     found: list[GrayFit | str] = []
     before = None
@@ -121,49 +118,6 @@ def place_board(job: BoardJob) -> str:
         found.append(fit)
         before = None if isinstance(fit, str) else fit
     return _placed(moving, found).to_json()
-
-
-def has_gray(reader: RecordingReader) -> bool:
-    """Return whether a recording has gray images."""
-    return 'amplitude' in reader.layouts or 'amplitude' in reader.arrays
-
-
-def gray_images(reader: RecordingReader, moving: bool) -> Iterator[np.ndarray]:
-    """
-    Iterate over gray images: the mean of a still recording, or all of a moving one.
-
-    Yields
-    ------
-    numpy.ndarray
-        (H, W) float64, NaN where saturated or not a number.
-
-    """
-    images: Any = reader.arrays.get('amplitude')
-    if images is None:
-        images = reader.frames('amplitude')
-    elif images.ndim == 2:
-        images = [images]
-    if moving:
-        for image in images:
-            yield _unsaturated(image.astype(np.float64), image)
-        return
-    total = top = None
-    count = 0
-    for image in images:
-        image = image.astype(np.float64)
-        total = image if total is None else total + image
-        top = image if top is None else np.maximum(top, image)
-        count += 1
-    if total is None or top is None:
-        raise InputError(f'{reader.path}: amplitude: must have an image, got none')
-    yield _unsaturated(total / count, top)
-
-
-def _unsaturated(image: np.ndarray, brightest: np.ndarray) -> np.ndarray:
-    # Many pixels have the largest value of the image.
-    with np.errstate(invalid='ignore'):
-        full = brightest >= np.nanmax(brightest, initial=0)
-    return np.where((full & (full.mean() > _SATURATED)) | ~np.isfinite(image), np.nan, image)
 
 
 def _placed(moving: bool, found: list[Any]) -> Placed:

@@ -6,9 +6,10 @@ from pathlib import Path
 
 from flexx2_sim_ros.recording import open_recording
 from flexx2_sim_ros.truth.board import BoardRoom, plane_covariance
-from flexx2_sim_ros.truth.board_placing import BoardJob, gray_images, Placed
+from flexx2_sim_ros.truth.board_placing import BoardJob, Placed
 from flexx2_sim_ros.truth.clean import Clean, difference, render
 from flexx2_sim_ros.truth.gray import Gray, white_fraction
+from flexx2_sim_ros.truth.gray_frames import gray_images
 from flexx2_sim_ros.truth.observation import Observation, observe
 from flexx2_sim_ros.truth.poses import Pose
 from flexx2_sim_ros.truth.writing import Picture, picture_of, without_strangers, write_truth

@@ -1,7 +1,7 @@
 """Make a campaign with ground truth from recordings and a room."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +11,7 @@ from flexx2_sim_ros.truth.files import digest
 from flexx2_sim_ros.truth.joint import Columns, solve, View
 from flexx2_sim_ros.truth.meshes import load_room
 from flexx2_sim_ros.truth.page import page
+from flexx2_sim_ros.truth.reflectivity import find_scale
 from flexx2_sim_ros.truth.registration import Job, register, Registered, views_of
 from flexx2_sim_ros.truth.run import (
     no_progress,
@@ -25,7 +26,7 @@ from flexx2_sim_ros.truth.run import (
 from flexx2_sim_ros.truth.shared import estimate, Shared
 from flexx2_sim_ros.truth.trajectory import PoseSource, read_trajectory
 from flexx2_sim_ros.truth.verdict import judge, Verdict
-from flexx2_sim_ros.truth.writing import Picture, write_recording, Writing
+from flexx2_sim_ros.truth.writing import Picture, read_light, write_recording, Writing
 import numpy as np
 
 # Cost of the best pose in the mirror image of the room, as a fraction of the cost in the room.
@@ -94,7 +95,10 @@ def make_truth(request: Request, progress: Progress = no_progress) -> dict[str, 
         shared, verdicts = _fit([view for part in parts for view in part], registered)
         _check_room(request, registered, verdicts)
         writings = _writings(request, jobs, sources, registered, shared, verdicts)
-        written = run.each('writing', (0.7, 0.95), write_recording, list(writings.values()))
+        lit = run.each('reading gray images', (0.65, 0.7), read_light, list(writings.values()))
+        scale = find_scale([one for part in lit for one in part])
+        whole = [replace(writing, scale=scale) for writing in writings.values()]
+        written = run.each('writing', (0.7, 0.95), write_recording, whole)
         pictures = dict(zip(writings, written, strict=True))
         return write_table(
             request,
@@ -111,6 +115,7 @@ def make_truth(request: Request, progress: Progress = no_progress) -> dict[str, 
                 )
             ],
             {
+                **({} if scale is None else {'reflectivity': scale.table()}),
                 'shared': shared.findings,
                 'cannot_decide': _cannot_decide(shared, registered),
                 'absorbed': absorbed('scan'),

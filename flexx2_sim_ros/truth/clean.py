@@ -32,6 +32,8 @@ class Clean:
         (H, W) bool.
     sigma : numpy.ndarray
         (H, W) float32 metres: standard deviation of the room's surface along the optical axis.
+    reflectivity_spread : numpy.ndarray or None
+        (H, W) float32, standard deviation of the logarithm of `reflectivity` over a surface.
 
     """
 
@@ -40,6 +42,7 @@ class Clean:
     reflectivity: np.ndarray | None
     known: np.ndarray
     sigma: np.ndarray
+    reflectivity_spread: np.ndarray | None = None
 
 
 def render(room: Room, pose: Pose, rays: np.ndarray, room_error: float) -> Clean:

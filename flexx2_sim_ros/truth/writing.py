@@ -1,7 +1,7 @@
 """Write a recording with its ground truth."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -9,10 +9,17 @@ from flexx2_sim_ros.recording import open_recording, RecordingReader, RecordingW
 from flexx2_sim_ros.recording.truth import KEYS
 from flexx2_sim_ros.truth.alignment import align, choose
 from flexx2_sim_ros.truth.clean import Clean, difference, edges, render, strange
+from flexx2_sim_ros.truth.gray_frames import gray_images, has_gray, has_gray_frames
 from flexx2_sim_ros.truth.joint import Columns, error_columns
 from flexx2_sim_ros.truth.meshes import load_room
 from flexx2_sim_ros.truth.observation import Footage, Observation, observe
 from flexx2_sim_ros.truth.poses import Pose
+from flexx2_sim_ros.truth.reflectivity import (
+    gray_samples,
+    GraySamples,
+    GrayScale,
+    with_reflectivity,
+)
 from flexx2_sim_ros.truth.registration import bounced, Job, Registered
 from flexx2_sim_ros.truth.rooms import Room
 import numpy as np
@@ -20,6 +27,7 @@ import numpy as np
 _WRITTEN = {'clean_depth', 'incidence', 'depth', *KEYS}
 _PIXELS = 2000
 _REFINEMENTS = 4
+_LIT_FRAMES = 6  # of a moving recording: enough to learn what gray values mean
 
 
 @dataclass(frozen=True)
@@ -43,6 +51,8 @@ class Writing:
         Standard deviation of the room's surfaces along their normals, metres.
     target : pathlib.Path
         The file to write.
+    scale : GrayScale or None
+        What gray values mean; None where they are not used.
 
     """
 
@@ -54,6 +64,7 @@ class Writing:
     covariance: np.ndarray
     room_error: float
     target: Path
+    scale: GrayScale | None = None
 
 
 @dataclass(frozen=True)
@@ -106,8 +117,51 @@ def write_recording(what: Writing) -> Picture:
             room, Pose.from_numbers(np.array(what.pose)), footage.still.rays, what.room_error
         )
         truths = [without_strangers(clean, footage.still)]
+    if what.scale is not None and _shows_light(reader, moving):
+        truths = [
+            with_reflectivity(truth, gray, footage.still.rays, what.scale)
+            for truth, gray in zip(truths, gray_images(reader, moving), strict=True)
+        ]
     write_truth(reader, what.target, truths, moving, {'pose_covariance': what.covariance})
     return picture_of(truths, footage.still)
+
+
+def read_light(what: Writing) -> list[GraySamples]:
+    """
+    Return what a recording shows of the light that surfaces send back, of some frames.
+
+    Empty where its reflectivity is known from the mesh or the recording, and where it has no gray
+    images.
+
+    Raises
+    ------
+    InputError
+        When the recording cannot be read.
+
+    """
+    room = load_room(what.job.room)
+    reader = open_recording(what.job.path, what.job.camera)
+    moving = what.registered.moving
+    if not _shows_light(reader, moving):
+        return []
+    footage = observe(reader, what.job.profile, 'moving' if moving else 'still')
+    rays = footage.still.rays
+    poses = what.registered.poses if moving else [what.pose]
+    every = max(len(poses) // _LIT_FRAMES, 1)
+    out = []
+    for number, gray in enumerate(gray_images(reader, moving)):
+        if number % every:
+            continue
+        clean = render(room, Pose.from_numbers(np.array(poses[number])), rays, what.room_error)
+        if clean.reflectivity is not None:
+            return []
+        out.append(gray_samples(gray, clean, rays))
+    return [one for one in out if one is not None]
+
+
+def _shows_light(reader: RecordingReader, moving: bool) -> bool:
+    known = 'reflectivity' in reader.layouts or 'reflectivity' in reader.arrays
+    return not known and has_gray(reader) and (not moving or has_gray_frames(reader))
 
 
 def write_truth(
@@ -142,9 +196,10 @@ def write_truth(
     with RecordingWriter(target, *reader.shape) as file:
         for image in reader.frames('depth'):
             file.add_depth(image[None])
-        for key, value in {**_arrays(truths, moving), **accuracy}.items():
+        arrays = _arrays(truths, moving)
+        for key, value in {**arrays, **accuracy}.items():
             file.add_array(key, value)
-        for key, value in _copied(reader, truths[0].reflectivity is not None):
+        for key, value in _copied(reader, 'reflectivity' in arrays):
             if isinstance(value, np.ndarray):
                 file.add_array(key, value)
             else:
@@ -182,7 +237,7 @@ def _of_frame(
 def without_strangers(clean: Clean, image: Observation) -> Clean:
     """Return ground truth that is unknown in whole patches whose depth contradicts it."""
     known = clean.known & ~strange(clean, image)
-    return Clean(clean.depth, clean.incidence, clean.reflectivity, known, clean.sigma)
+    return replace(clean, known=known)
 
 
 def _arrays(truths: Sequence[Clean], moving: bool) -> dict[str, np.ndarray]:
@@ -196,8 +251,9 @@ def _arrays(truths: Sequence[Clean], moving: bool) -> dict[str, np.ndarray]:
         'known': stack('known'),
         'clean_sigma': stack('sigma'),
     }
-    if truths[0].reflectivity is not None:
-        out['reflectivity'] = stack('reflectivity')
+    for name in ('reflectivity', 'reflectivity_spread'):
+        if all(getattr(truth, name) is not None for truth in truths):
+            out[name] = stack(name)
     return out
 
 

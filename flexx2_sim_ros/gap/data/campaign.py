@@ -13,6 +13,7 @@ from flexx2_sim_ros.gap.data.given import given_effects, Table
 from flexx2_sim_ros.gap.data.planes import plane_shifts
 from flexx2_sim_ros.gap.data.registration import RecordingData
 from flexx2_sim_ros.gap.data.unknown import fill, nearest
+from flexx2_sim_ros.physics.reflectance import falloff
 from flexx2_sim_ros.physics.surface import analyse
 from flexx2_sim_ros.recording import open_recording, Recording, RecordingReader
 from flexx2_sim_ros.recording.truth import read_truth, Truth
@@ -383,8 +384,8 @@ def _from_amplitude(
     out = []
     for one, depth in zip(images, depths, strict=True):
         lens = Intrinsics.from_matrix(K, depth.shape[1], depth.shape[0])
-        cosine = np.maximum(analyse(np.ascontiguousarray(depth), lens, sensor).cos_incidence, 0.05)
-        out.append(one * depth**2 / cosine)
+        surface = analyse(np.ascontiguousarray(depth), lens, sensor)
+        out.append(one * falloff(depth, surface.cos_incidence))
     reflectivity = np.nan_to_num(np.stack(out)) * scale
     some = reflectivity[reflectivity > 0]
     usual = _median(some)
