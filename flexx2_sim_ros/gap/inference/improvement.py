@@ -18,9 +18,10 @@ def tolerances(model: Model) -> dict[str, float]:
     of invalid pixels, 0.1 of log variance, 0.04 of a correlation.
     """
     table = FEATURES.tolerances
-    sigma = np.nanmean([one.sigma[AXES['all'].start] for one in model.evidence])
+    sigmas = np.array([one.sigma[AXES['all'].start] for one in model.evidence], float)
+    sigmas = sigmas[np.isfinite(sigmas)]  # A recording without surfaces has none.
     return {
-        'wasserstein_mm': 1000 * table['bias'] * float(np.nan_to_num(sigma)),
+        'wasserstein_mm': 1000 * table['bias'] * float(sigmas.mean() if len(sigmas) else 0.0),
         'wasserstein_sigma': table['bias'],
         'edge_sigma': table['bias'],
         'invalid_rate': table['invalid'],
@@ -47,8 +48,8 @@ def measured(values: np.ndarray, tolerance: float) -> dict[str, Any]:
     dict
         Means ``before``, ``after``, ``null`` and ``change`` (after less before), each with a 90 %
         interval over recordings (None with one recording); ``shrink``, the fraction of the gap
-        that goes away; ``tolerance``; ``better`` and ``worse``: whether the change is significant
-        and matters.
+        that goes away, and its interval (None with fewer than three recordings); ``tolerance``;
+        ``better`` and ``worse``: whether the change is significant and matters.
 
     """
     columns = {

@@ -89,7 +89,10 @@ def main_covariate(
         None where nothing differs by more than the tolerance.
 
     """
-    noise = np.zeros_like(difference) if exact else model.scale2 - np.square(TOLERANCE)
+    # `scale2` is float32: where a feature has no noise, rounding may leave less than 0.
+    noise = np.zeros_like(difference)
+    if not exact:
+        noise = np.maximum(model.scale2 - np.square(TOLERANCE), 0)
     features = _Features(model, difference, shown, noise)
     found = [
         bins
