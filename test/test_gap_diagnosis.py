@@ -1,8 +1,10 @@
 """The diagnosis on small campaigns of the simulator itself, from files to files."""
 
+from collections.abc import Iterator
 from html.parser import HTMLParser
 import json
 from pathlib import Path
+import re
 from typing import Any
 
 from bench.gap_campaigns import write_campaign
@@ -37,6 +39,26 @@ KEYS = [
 ]
 
 
+def keys(value: Any) -> Iterator[str]:
+    """Yield the keys of a table and of the tables in it, except names of effects."""
+    if isinstance(value, list):
+        for one in value:
+            yield from keys(one)
+    if isinstance(value, dict):
+        for key, one in value.items():
+            yield key.removesuffix('_interval')
+            if key not in ('parameters', 'known'):
+                yield from keys(one)
+
+
+def documented_keys() -> set[str]:
+    """Return the words in code format of the page's section on ``diagnosis.json``."""
+    page = Path(__file__).parent.parent / 'docs' / 'diagnosis.md'
+    section = page.read_text(encoding='utf-8').split('## diagnosis.json')[1].split('\n## ')[0]
+    spans = re.findall(r'`([\w\[\].]+)`', section)  # such as `schema` and `where[].low`
+    return {name for span in spans for name in re.findall(r'\w+', span)}
+
+
 @pytest.fixture(scope='module')
 def filtered(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp('campaign')
@@ -53,6 +75,7 @@ def test_finds_an_effect_and_writes_what_it_found(
     table = json.loads((out / 'diagnosis.json').read_text())
     assert list(table) == KEYS
     assert table['schema'] == 2
+    assert set(keys(table)) <= documented_keys()
     assert table['verdict'] == 'identified'
     (effect,) = table['effects']
     assert effect['name'] == 'temporal_filter'
@@ -203,6 +226,9 @@ def test_scattered_poses_are_a_finding(tmp_path: Path) -> None:
     table = diagnose(tmp_path)
     assert table['effects'][0]['name'] == 'pose_error'
     assert 'The poses of the cameras are wrong' in headline(table)
+    # No simulated effect removes it.
+    if len(table['effects']) == 1:
+        assert table['gap']['shrink'] == 0
 
 
 def test_an_effect_outside_the_catalogue_is_unknown(tmp_path: Path) -> None:
@@ -211,6 +237,8 @@ def test_an_effect_outside_the_catalogue_is_unknown(tmp_path: Path) -> None:
     # Noise common to a row is no effect's doing, though some raise noise or tie neighbours.
     assert table['verdict'] == 'unknown'
     assert table['effects'] == []
+    for one in (table['gap']['loss'], table['gap']['distance']):
+        assert one['after'] == one['before']
     assert {'neighbour', 'row_common'} & {row['structure'] for row in table['unexplained']}
     (patch,) = load_effects(tmp_path / 'out' / 'effects.yaml')
     assert patch.name == 'residual_patch'
@@ -306,10 +334,13 @@ def test_one_recording_cannot_be_held_out_and_the_result_says_so(tmp_path: Path)
         frames=6,
         moving=0,
     )
-    table = diagnose(tmp_path)
+    table = diagnose(tmp_path, out=tmp_path / 'out')
     assert table['gap']['held_out'] is False
     assert table['gap']['interval'] is None
     assert 'one recording' in table['gap']['note']
+    page = (tmp_path / 'out' / 'report.html').read_text()
+    assert 'fitted to the same recording' in page
+    assert 'fitted to the other' not in page
 
 
 @pytest.mark.parametrize(

@@ -68,7 +68,8 @@ def headline(table: dict[str, Any]) -> str:
     loss = table['measures']['loss']
     if table['holds']:
         remove = 'removes' if len(table['effects']) == 1 else 'remove'
-        return f'The diagnosis holds: {names} {remove} {percent(loss["shrink"])} of the gap.'
+        part = percent(loss['shrink'])
+        return f'The diagnosis holds: {names} {remove} {part} of the gap, measured by the loss.'
     return f'The diagnosis ({names}) does not hold on these recordings.'
 
 

@@ -11,6 +11,7 @@ from flexx2_sim_ros.gap.report.charts import charts, maps
 from flexx2_sim_ros.gap.report.style import STYLE
 from flexx2_sim_ros.gap.report.words import (
     accuracy,
+    camera_effects,
     headline,
     MEASURES,
     not_considered,
@@ -78,9 +79,10 @@ def _effects(table: dict[str, Any]) -> str:
         )
     return (
         '<h2>What causes the gap</h2><div class="scroll"><table><tr><th>effect</th>'
-        '<th>fraction of the gap</th><th>90 % interval</th><th>confidence</th>'
+        '<th>fraction of the loss</th><th>90 % interval</th><th>confidence</th>'
         f'<th>parameters</th></tr>{"".join(rows)}</table></div><p><small>The fraction is how much '
-        'of the gap goes away when this effect is added to the others. The confidence is the '
+        "of the loss of the diagnosis' features goes away when this effect is added to the "
+        'others: fractions need not add up to the reduction above. The confidence is the '
         'probability that the effect explains new recordings better than the next best '
         'explanation. effects.yaml has these effects, for <code>flexx2 simulate --effects</code> '
         'and the camera node.</small></p>'
@@ -97,15 +99,18 @@ def _shrinkage(table: dict[str, Any]) -> str:
             f'{_numbers(*(f"{one:.3g} {symbol}" for one in (first, last, least)))}'
             f'<td>{bar(first, last, least)}</td></tr>'
         )
-    after = 'with the effects' if table['effects'] else 'after (no effect added)'
+    after = 'with the effects' if camera_effects(table) else 'after (no effect added)'
+    fitted = ''
+    if camera_effects(table):
+        data = 'the other recordings' if table['gap']['held_out'] else 'the same recording'
+        fitted = f' The effects were fitted to {data}.'
     return (
         '<h2>How large the gap is</h2><div class="scroll"><table><tr><th></th>'
         f'<th>as simulated</th><th>{after}</th><th>two simulations</th><th></th></tr>'
         f'{"".join(rows)}</table></div><p><small>Difference between the recordings and their '
-        'simulation, mean over recordings; each was simulated with the effects as fitted '
-        'to the others. Bars: gray as simulated, blue after. The mark, and the column "two '
-        'simulations", is the difference between two runs of the simulator: a perfect '
-        'simulation would still show it.</small></p>'
+        f'simulation, mean over recordings.{fitted} Bars: gray as simulated, blue after. The '
+        'mark, and the column "two simulations", is the difference between two runs of the '
+        'simulator: a perfect simulation would still show it.</small></p>'
     )
 
 
@@ -122,7 +127,8 @@ def _where(table: dict[str, Any]) -> str:
     return (
         f'<h2>Where the gap lies</h2><div class="scroll"><table>{rows}</table></div>'
         '<p><small>Real minus simulated, mean over the pixels that differ. q is the expected '
-        f'fraction of false findings (Benjamini and Hochberg).{others}</small></p>'
+        'fraction of false findings (Benjamini and Hochberg); in the first row, the probability '
+        f'that noise alone exceeds the tolerance by so much.{others}</small></p>'
     )
 
 
@@ -147,7 +153,7 @@ def _considered(table: dict[str, Any], decision: Decision) -> str:
         )
     return (
         '<h2>Effects that were considered</h2><div class="scroll"><table><tr><th>effect</th>'
-        '<th>fraction of the gap that it explains alone</th><th></th></tr>'
+        '<th>fraction of the loss that it explains alone</th><th></th></tr>'
         f'{"".join(rows)}</table></div><p><small>The other effects explain even less.</small></p>'
         + ''.join(f'<p>{escape(line)}</p>' for line in not_considered(table))
     )

@@ -187,11 +187,14 @@ def _gap(model: Model, decision: Decision, confirmed: list[Outcome]) -> dict[str
     whole = measured(apart, 1.0)
     # Some differences, such as depth in steps of half a millimetre, show in the features only.
     shown = whole['before'] - whole['null'] >= 1.0
-    headline = whole if shown else loss
+    # An error of the poses is corrected and not simulated: if it is all, nothing is removed.
+    posed = [one.kind.role == 'pose' for one in decision.accepted.candidates]
+    by_distance = shown or (bool(posed) and all(posed))
+    headline = whole if by_distance else loss
     out: dict[str, Any] = {
-        'shrink': headline['shrink'] if decision.explains_gap else 0.0,
-        'interval': headline['shrink_interval'] if held_out else None,
-        'measured_by': 'distance' if shown else 'loss',
+        'shrink': headline['shrink'],
+        'interval': headline['shrink_interval'],
+        'measured_by': 'distance' if by_distance else 'loss',
         'held_out': held_out,
         'worse': [unit for unit in UNITS if units[unit]['worse']],
         'distance': whole,
@@ -208,16 +211,17 @@ def _gap(model: Model, decision: Decision, confirmed: list[Outcome]) -> dict[str
 
 def _loss(model: Model, decision: Decision, held_out: bool) -> dict[str, Any]:
     # The reduction of the loss of each recording by a perfect simulation, and by these effects.
-    explained, base, accepted = decision.explains_gap, decision.base, decision.accepted
+    base, accepted = decision.base, decision.accepted
     poses = (base.pose_loss - accepted.pose_held_out) / len(base.loss)
     possible = base.loss - (model.null_loss.sum(axis=1) + THRESHOLDS.floor) + poses
-    taken = base.loss - (accepted.held_out if held_out else accepted.loss) + poses
+    taken = np.zeros_like(possible)
+    if decision.explains_gap:
+        taken = base.loss - (accepted.held_out if held_out else accepted.loss) + poses
     before = float(base.loss.sum() + base.pose_loss)
-    shrink = float(np.clip(taken.sum() / max(possible.sum(), 1e-9), 0, 1))
     return {
         'before': before,
         'after': before - float(taken.sum()),
         'null': before - float(possible.sum()),
-        'shrink': shrink if explained else 0.0,
-        'shrink_interval': ratio_interval(taken, possible) if explained else [0.0, 0.0],
+        'shrink': float(np.clip(taken.sum() / max(possible.sum(), 1e-9), 0, 1)),
+        'shrink_interval': ratio_interval(taken, possible) if len(taken) > 2 else None,
     }

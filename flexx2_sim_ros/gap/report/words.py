@@ -73,6 +73,11 @@ def percent(fraction: float) -> str:
     return f'{100 * fraction:.0f} %'
 
 
+def camera_effects(table: dict[str, Any]) -> list[str]:
+    """Return the names of the effects that change images: all but an error of the poses."""
+    return [row['name'] for row in table['effects'] if row['name'] != of_role('pose').name]
+
+
 def headline(table: dict[str, Any]) -> str:
     """Return the verdict in one sentence."""
     gap, rows = table['gap'], table['effects']
@@ -94,19 +99,24 @@ def headline(table: dict[str, Any]) -> str:
             )
         return 'There is a gap, and no effect of the catalogue explains it.'
     rest = ' Another cause remains.' if table['verdict'] == 'partly' else ''
-    if rows[0]['name'] == of_role('pose').name and gap['shrink'] < 0.05:
+    if not camera_effects(table) or (
+        rows[0]['name'] == of_role('pose').name and gap['shrink'] < 0.05
+    ):
         return f'The poses of the cameras are wrong: correct them first.{rest}'
-    return (
-        f'The gap is due to {_names(rows)}: adding {"it" if len(rows) == 1 else "them"} '
-        f'to the simulation removes {percent(gap["shrink"])} of the gap.{rest}'
-    )
+    added = f'The gap is due to {_names(rows)}: adding {"it" if len(rows) == 1 else "them"}'
+    if gap['shrink'] < 0:
+        return (
+            f'{added} to the simulation explains other features, but the gap in depth and invalid '
+            f'pixels becomes {percent(-gap["shrink"])} larger.{rest}'
+        )
+    return f'{added} to the simulation removes {percent(gap["shrink"])} of the gap.{rest}'
 
 
 def sentences(table: dict[str, Any]) -> list[str]:
     """Return the details below the headline, one line each."""
     out = []
     gap = table['gap']
-    if table['effects']:
+    if camera_effects(table):
         out += reduction(gap)
     if any(row['name'] == of_role('pose').name for row in table['effects']):
         out.append(
@@ -148,18 +158,20 @@ def reduction(gap: dict[str, Any]) -> list[str]:
             f'invalid pixels from {100 * invalid["before"]:.2g} to {100 * invalid["after"]:.2g} %'
         )
     out.append(f'Difference between recordings and simulation: {", ".join(parts)}.')
-    if gap['interval'] is not None:
-        low, high = gap['interval']
+    if gap['held_out']:
+        sure = 'Two recordings are too few for an interval of the reduction.'
+        if gap['interval'] is not None:
+            low, high = map(percent, gap['interval'])
+            sure = f'90 % interval of the reduction: {low} to {high} of the gap.'
         out.append(
-            'Each recording was compared with effects that were fitted to the others. '
-            f'90 % interval of the reduction: {percent(low)} to {percent(high)} of the gap.'
+            f'Each recording was compared with effects that were fitted to the others. {sure}'
         )
     if 'note' in gap:
         out.append(gap['note'][0].upper() + gap['note'][1:] + '.')
     if gap['measured_by'] == 'loss':
         out.append(
-            'The gap is below the tolerance in depth and invalid pixels; it shows in the '
-            "diagnosis' features only, and its reduction is that of their loss."
+            'In depth and invalid pixels the gap is below the tolerance. The reduction is '
+            "therefore that of the loss of the diagnosis' features."
         )
     if gap['worse']:
         names = ', '.join(MEASURES[unit][0] for unit in gap['worse'])

@@ -11,7 +11,7 @@ from flexx2_sim_ros.gap.features.confirm import Outcome
 from flexx2_sim_ros.gap.inference.decide import Decision
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.report.page import page
-from flexx2_sim_ros.gap.report.words import percent, reduction
+from flexx2_sim_ros.gap.report.words import camera_effects, percent, reduction
 
 FILES = ('diagnosis.json', 'effects.yaml', 'report.html')
 
@@ -62,7 +62,7 @@ def _comment(table: dict[str, Any]) -> str:
             f'{percent(table["patch"]["shrink"])} of the gap in these off'
         )
     lines = [f'flexx2 gap diagnose: {table["verdict"]}: {names}']
-    if table['effects']:
+    if camera_effects(table):
         gap = table['gap']
         lines += [f'removes {percent(gap["shrink"])} of the gap', *reduction(gap)]
     return '\n'.join(lines)

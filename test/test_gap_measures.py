@@ -1,0 +1,85 @@
+"""The physical measures of the gap, on recordings that have little to measure."""
+
+from flexx2_sim_ros.camera import Camera, flexx2
+from flexx2_sim_ros.gap.data.registration import RecordingData
+from flexx2_sim_ros.gap.features.physical import distances, histogram, Measures, UNITS
+from flexx2_sim_ros.gap.features.simulation import PlacedScene
+from flexx2_sim_ros.gap.inference.improvement import measured
+from flexx2_sim_ros.gap.report.words import headline
+import numpy as np
+import pytest
+
+
+def recorded(height: int, width: int, frames: int) -> tuple[PlacedScene, np.ndarray, np.ndarray]:
+    """Return a scene with a wall 1 m in front of a camera, a recording and a simulation of it."""
+    K = np.array([[width, 0, width / 2], [0, width, height / 2], [0, 0, 1.0]])  # noqa: N806
+    clean = np.ones((height, width), np.float32)
+    stamps = np.arange(frames) * 33_000_000
+    depth, simulated = (Camera(seed=seed).capture(clean, K, stamps).depth for seed in (1, 2))
+    mode = flexx2().mode('Mode_9_30fps')
+    fresh = np.arange(frames) == 0
+    recording = RecordingData('', depth, clean, None, K, stamps, fresh, None, mode, None)
+    return PlacedScene.at(recording, np.zeros(6)), depth, simulated
+
+
+def seen(scene: PlacedScene, depth: np.ndarray) -> Measures:
+    return histogram(depth, scene.covariates, scene.sums(depth))
+
+
+def apart(scene: PlacedScene, real: np.ndarray, other: np.ndarray) -> dict[str, float]:
+    return distances(seen(scene, real), seen(scene, other))
+
+
+@pytest.mark.parametrize(('height', 'width', 'frames'), [(8, 8, 20), (8, 8, 1), (60, 80, 1)])
+def test_few_pixels_and_single_frames_give_numbers(height: int, width: int, frames: int) -> None:
+    scene, real, simulated = recorded(height, width, frames)
+    found = apart(scene, real, simulated)
+    assert tuple(found) == UNITS
+    assert np.isfinite(list(found.values())).all()
+    assert found['edge_sigma'] == 0.0  # There is no edge.
+    if frames == 1:
+        assert found['log_variance'] == found['lag'] == 0.0
+
+
+@pytest.mark.parametrize('columns', [20, 80])
+def test_regions_without_valid_pixels_are_not_compared(columns: int) -> None:
+    """Assert it for the first of four columns of regions, and for all of them."""
+    scene, real, simulated = recorded(60, 80, 8)
+    real[..., :columns] = np.nan
+    found = apart(scene, real, simulated)
+    assert np.isfinite(list(found.values())).all()
+    assert found['invalid_rate'] == pytest.approx(columns / 80, abs=0.05)
+    if columns == 80:
+        assert found['wasserstein_mm'] == found['edge_sigma'] == 0.0
+    else:
+        # The other regions, 400 pixels each, differ by noise alone.
+        assert found['wasserstein_sigma'] < 0.1
+
+
+def test_depth_without_noise_gives_numbers() -> None:
+    scene, real, simulated = recorded(60, 80, 8)
+    real[:] = real[0]
+    assert np.isfinite(list(apart(scene, real, simulated).values())).all()
+
+
+def test_two_recordings_have_no_interval_of_the_reduction() -> None:
+    values = np.array([[3.0, 1.0, 0.5], [4.0, 1.0, 0.5], [3.5, 1.2, 0.5]])
+    assert measured(values[:2], 1.0)['shrink_interval'] is None
+    low, high = measured(values, 1.0)['shrink_interval']
+    assert low < measured(values, 1.0)['shrink'] < high
+
+
+@pytest.mark.parametrize(
+    ('names', 'shrink', 'said'),
+    [
+        (['pose_error'], 0.9, 'The poses of the cameras are wrong: correct them first.'),
+        (['offset'], 0.9, 'removes 90 % of the gap'),
+        (['offset'], -0.2, 'the gap in depth and invalid pixels becomes 20 % larger'),
+    ],
+)
+def test_the_headline_promises_no_more_than_was_measured(
+    names: list[str], shrink: float, said: str
+) -> None:
+    rows = [{'name': name} for name in names]
+    table = {'verdict': 'identified', 'effects': rows, 'gap': {'shrink': shrink}}
+    assert said in headline(table)
