@@ -189,7 +189,8 @@ def test_odometry_of_its_own_frame_gives_the_motion(
     [
         (f'{HEAD}\n' + '0,1500,2,3,0,0,0,1\n1,1500,2,3,0,0,0,1', 'must be metres'),
         ('t,x,y,z,roll,pitch,yaw\n0,1,2,3,0,0,0', 'must have the columns t, x, y, z, qx'),
-        (f'{HEAD}\n0,1,2,3,0,0,0,1', 'must have two poses or more, got 1'),
+        (f'{HEAD}\n0,1,2,3,0,0,0,1', 'must have two poses or more, lines of t x y'),
+        (f'{HEAD}\n' + '1,1,2,3,0,0,0,1\n' * 2, 'must have poses at two times or more, got 1'),
         (f'{HEAD}\n0,1,2,3,0,0,0,0\n1,1,2,3,0,0,0,0', 'must have quaternions'),
         (f'{HEAD}\n9,1,2,3,0,0,0,1\n9.1,1,2,3,0,0,0,1', 'must have poses at the time of'),
     ],
@@ -218,6 +219,7 @@ def test_lines_of_tum_are_read(tmp_path: Path) -> None:
     [
         (('--odometry', '/no'), "one of '/odom', got '/no'"),
         (('--tf', 'map,nowhere'), 'must be two frames'),
+        (('--tf', 'world,optical'), "it has 'base, map, odom, optical'"),
         (('--tf', 'map'), 'must be two frames, PARENT,CHILD'),
         (('--relative',), 'must be given with --trajectory'),
         (('--tf', 'map,optical', '--pose=0,0,0,0,0,0,1'), 'must be given with --relative'),

@@ -143,7 +143,7 @@ def camera_poses(source: PoseSource, path: Path, stamp_ns: np.ndarray) -> np.nda
             f'{moving.name}: must have poses at the time of {shown_path(path)}, '
             f'{there[0] / 1e9:.3f} to {there[-1] / 1e9:.3f} s, got poses from '
             f'{moving.stamp_ns[0] / 1e9:.3f} to {moving.stamp_ns[-1] / 1e9:.3f} s; '
-            '--clock-offset adds to their stamps'
+            'stamps must be seconds; --clock-offset adds to those of the poses'
         )
     return _compose(poses, np.tile(source.camera_in_body, (len(poses), 1)))
 
@@ -205,6 +205,11 @@ def read_trajectory(path: Path) -> Trajectory:
             rows = [row for row in (_numbers(line, columns) for line in lines) if row]
     except (OSError, csv.Error) as error:
         raise InputError(f'{name}: cannot be read: {shown(str(error))}') from error
+    if len(rows) < 2:
+        raise InputError(
+            f'{name}: must have two poses or more, lines of {" ".join(_COLUMNS)} in seconds and '
+            f'metres, got {len(rows)}'
+        )
     return _checked(name, [row[0] for row in rows], np.array([row[1] for row in rows]))
 
 
@@ -238,9 +243,9 @@ def _numbers(row: Sequence[str], columns: tuple[int, ...]) -> tuple[int, list[fl
 def _checked(
     name: str, stamps: Sequence[int], poses: np.ndarray, fixed: bool = False
 ) -> Trajectory:
-    if len(stamps) < 1 + (not fixed):
-        raise InputError(f'{name}: must have two poses or more, got {len(stamps)}')
     stamp, first = np.unique(np.array(stamps, np.int64), return_index=True)
+    if len(stamp) < 1 + (not fixed):
+        raise InputError(f'{name}: must have poses at two times or more, got {len(stamp)}')
     poses = poses[first]
     turned = np.linalg.norm(poses[:, 3:], axis=1)
     if (turned < 1e-6).any():
@@ -257,10 +262,10 @@ def _of_topic(path: Path, topic: str) -> Trajectory:
     bag = Bag(path)
     kind = bag.topics.get(topic)
     if kind not in (ODOMETRY, POSE):
-        known = sorted(one for one, of in bag.topics.items() if of in (ODOMETRY, POSE))
+        known = [one for one, of in bag.topics.items() if of in (ODOMETRY, POSE)]
         raise InputError(
             f'--odometry: must be a topic of odometry or poses with stamps in '
-            f'{shown_path(path)}, one of {shown(", ".join(known)) or "none"}, got {shown(topic)}'
+            f'{shown_path(path)}, one of {_listed(known)}, got {shown(topic)}'
         )
     stamps, poses = [], []
     for _, _, _, data in bag.messages({topic}):
@@ -297,11 +302,15 @@ def _of_frames(path: Path, parent: str, child: str) -> list[Trajectory]:
     if name != parent or not chain:
         raise InputError(
             f'--tf: must be two frames of {shown_path(path)}, the second under the first, got '
-            f'{shown(parent)},{shown(child)}; it has {shown(", ".join(sorted(parents))) or "none"}'
+            f'{shown(parent)},{shown(child)}; it has {_listed([*parents, *parents.values()])}'
         )
     if all(one.fixed for one in chain):
         raise InputError(f'--tf: must be two frames that move, got {shown(parent)},{shown(child)}')
     return chain[::-1]
+
+
+def _listed(names: Sequence[str]) -> str:
+    return shown(', '.join(sorted(set(names)))) if names else 'none'
 
 
 def _stamp(message: Any) -> int:
