@@ -2,6 +2,7 @@
 
 from pathlib import Path
 import re
+import shutil
 from typing import Any
 
 from bench.planes import (
@@ -183,6 +184,29 @@ def test_planes_that_were_found_before_an_interruption_are_not_searched_again(
             for folder in (out, tmp_path / 'again')
         )
         assert np.array_equal(resumed.clean_depth, again.clean_depth, equal_nan=True)
+
+
+def test_no_ground_truth_of_an_earlier_run_stays_unnoticed(
+    plain: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    recordings, planes, out = (tmp_path / name for name in ('in', 'planes.yaml', 'out'))
+    recordings.mkdir()
+    for i in range(3):
+        shutil.copy(plain / f'corner{i}.npz', recordings)
+    content: dict[str, Any] = {'schema': 1, 'planes': [{'name': 'a'}]}
+    planes.write_text(yaml.safe_dump(content))
+    assert 'not_of_this_run' not in make(recordings, planes, out)
+    # One recording is refused now, another one was removed.
+    content['recordings'] = {'corner1': {'a': {'seed': [900, 900]}}}
+    planes.write_text(yaml.safe_dump(content))
+    (recordings / 'corner2.npz').unlink()
+    words = ['gap', 'truth', str(recordings), '--planes', str(planes), '--out', str(out)]
+    assert main([*words, '--jobs', '1']) == 0
+    assert 'corner2.npz: is in' in ' '.join(capsys.readouterr().err.split())
+    table = yaml.safe_load((out / 'truth.yaml').read_text())
+    assert [row['verdict'] for row in table['recordings']] == ['used', 'refused']
+    assert table['not_of_this_run'] == ['corner2.npz']
+    assert sorted(path.name for path in out.glob('*.npz')) == ['corner0.npz', 'corner2.npz']
 
 
 def test_planes_settle_where_measurements_agree() -> None:

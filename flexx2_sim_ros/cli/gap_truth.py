@@ -166,6 +166,14 @@ def run(arguments: argparse.Namespace) -> int:
     for name, found in table.get('shared', {}).items():
         if found['verdict'] == 'found':
             console.print(printable(f'{name}: {found["reason"]}'), highlight=False)
+    for name in table.get('not_of_this_run', []):
+        console.print(
+            printable(
+                f'{name}: is in {arguments.out}, but not of this run; a diagnosis reads it, so '
+                'remove it if you removed its recording'
+            ),
+            highlight=False,
+        )
     console.print(f'{arguments.out}: truth.yaml, truth.html', highlight=False)
     return 0
 

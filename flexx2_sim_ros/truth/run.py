@@ -11,6 +11,7 @@ from flexx2_sim_ros import __version__
 from flexx2_sim_ros.camera import Profile
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.jobs import Map, workers
+from flexx2_sim_ros.recording.folders import find_recordings
 from flexx2_sim_ros.truth.files import (
     CACHE,
     check_files,
@@ -230,7 +231,18 @@ def write_table(
     page : callable
         Makes the HTML from the table.
 
+    Notes
+    -----
+    A diagnosis reads all recordings of the folder. So ground truth that an earlier run has written
+    of a recording that is refused now is removed, and other recordings in the folder are listed as
+    ``not_of_this_run``.
+
     """
+    written = [row['name'] for row in rows if row['verdict'] != 'refused']
+    for row in rows:
+        if row['verdict'] == 'refused':
+            (request.out / row['name']).unlink(missing_ok=True)
+    others = [path.name for path in find_recordings(request.out) if path.name not in written]
     table = {
         'schema': 1,
         'kind': kind,
@@ -240,5 +252,7 @@ def write_table(
         'recordings': list(rows),
         **findings,
     }
+    if others:
+        table['not_of_this_run'] = others
     write_results(request.out, table, page(table))
     return table
