@@ -193,11 +193,13 @@ def test_no_ground_truth_of_an_earlier_run_stays_unnoticed(
     recordings.mkdir()
     for i in range(3):
         shutil.copy(plain / f'corner{i}.npz', recordings)
-    content: dict[str, Any] = {'schema': 1, 'planes': [{'name': 'a'}]}
+    content = yaml.safe_load(describe(planes, taped=LASER).read_text())
+    told = content['recordings']
+    content['recordings'] = {f'corner{i}': told[f'corner{i}'] for i in range(3)}
     planes.write_text(yaml.safe_dump(content))
     assert 'not_of_this_run' not in make(recordings, planes, out)
     # One recording is refused now, another one was removed.
-    content['recordings'] = {'corner1': {'a': {'seed': [900, 900]}}}
+    content['recordings'] = {'corner0': told['corner0'], 'corner1': {'left': {'seed': [900, 900]}}}
     planes.write_text(yaml.safe_dump(content))
     (recordings / 'corner2.npz').unlink()
     words = ['gap', 'truth', str(recordings), '--planes', str(planes), '--out', str(out)]
@@ -206,6 +208,7 @@ def test_no_ground_truth_of_an_earlier_run_stays_unnoticed(
     table = yaml.safe_load((out / 'truth.yaml').read_text())
     assert [row['verdict'] for row in table['recordings']] == ['used', 'refused']
     assert table['not_of_this_run'] == ['corner2.npz']
+    assert table['absorbed']['offset'] == 0  # The distances of all others were measured.
     assert sorted(path.name for path in out.glob('*.npz')) == ['corner0.npz', 'corner2.npz']
 
 

@@ -101,7 +101,9 @@ def make_plane_truth(request: PlaneRequest, progress: Progress = no_progress) ->
             ],
             {
                 'cannot_decide': _cannot_decide(judged),
-                'absorbed': absorbed('tape' if all(one.taped for one in judged) else 'planes'),
+                'absorbed': absorbed(
+                    'tape' if all(one.taped for _, one in good.values()) else 'planes'
+                ),
             },
             lambda table: _page(table, pictures),
         )
