@@ -94,10 +94,12 @@ def record(source: Path, bag: Path) -> None:
     program = [sys.executable, '-m']
     with subprocess.Popen([*program, 'bench.stand_in', str(source)]) as driver:
         words = ['record', str(bag), '--seconds', '2']
-        subprocess.run(
-            [*program, 'flexx2_sim_ros.cli.main', *words], check=True, capture_output=True
-        )
-        driver.wait()
+        try:
+            subprocess.run(
+                [*program, 'flexx2_sim_ros.cli.main', *words], check=True, capture_output=True
+            )
+        finally:
+            driver.terminate()  # It would wait for a subscriber for ever.
 
 
 def guesses(camera: ScannedCamera, seed: int) -> list[str]:

@@ -52,10 +52,17 @@ def record(words: list[str], views: Path, env: dict[str, str]) -> None:
     stand_in = [sys.executable, '-m', 'bench.stand_in', str(views / f'{first}.npz')]
     with subprocess.Popen(stand_in, env=env) as driver:
         flexx2 = [sys.executable, '-m', 'flexx2_sim_ros.cli.main']
-        done = subprocess.run(
-            [*flexx2, *words], env=env, capture_output=True, text=True, timeout=120, check=False
-        )
-        driver.terminate()
+        try:
+            done = subprocess.run(
+                [*flexx2, *words],
+                env=env,
+                capture_output=True,
+                text=True,
+                timeout=120,
+                check=False,
+            )
+        finally:
+            driver.terminate()  # It would wait for a subscriber for ever.
     assert done.returncode == 0, done.stderr
     for topic in ('depth_image_0', 'gray_image_0', 'camera_info'):
         assert f'/{DRIVER}/{topic}' in done.stdout

@@ -3,7 +3,7 @@
 from functools import lru_cache
 from typing import Any
 
-from flexx2_sim_ros.config_file import read_config
+from flexx2_sim_ros.config_file import read_section
 from flexx2_sim_ros.effects import registry
 from flexx2_sim_ros.paths import config_dir
 
@@ -18,7 +18,9 @@ _MOVING = 'time_offset', 'motion_artefact'
 
 @lru_cache(maxsize=1)
 def _table() -> dict[str, dict[str, float]]:
-    found: dict[str, dict[str, float]] = read_config(config_dir() / 'absorbed.yaml')['absorbed']
+    found: dict[str, dict[str, float]] = read_section(
+        config_dir() / 'absorbed.yaml', 'absorbed', dict
+    )
     return found
 
 
