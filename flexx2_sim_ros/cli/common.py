@@ -8,6 +8,7 @@ import sys
 from typing import Any
 
 from flexx2_sim_ros.cli.argument_types import MOST_JOBS, number, whole_number
+from flexx2_sim_ros.errors import printable
 from flexx2_sim_ros.processes import available_cores
 from flexx2_sim_ros.profiles.files import PROFILE_HELP
 from rich.console import Console
@@ -86,7 +87,7 @@ def read_known(path: str | None) -> dict[str, dict[str, Any]] | None:
 @contextmanager
 def progress_bar(console: Console) -> Iterator[Callable[[str, float], None]]:
     """
-    Show a progress bar while the block runs.
+    Show a progress bar on a terminal while the block runs.
 
     Yields
     ------
@@ -100,9 +101,13 @@ def progress_bar(console: Console) -> Iterator[Callable[[str, float], None]]:
         TimeElapsedColumn(),
         console=console,
         transient=True,
+        disable=not console.is_terminal,
     ) as progress:
-        task = progress.add_task('starting', total=1.0)
-        yield lambda text, done: progress.update(task, description=text, completed=done)
+        # The bar pulses until a part is done: how long the first one takes is not known.
+        task = progress.add_task('starting', total=None)
+        yield lambda text, done: progress.update(
+            task, description=printable(text), total=1.0 if done else None, completed=done
+        )
 
 
 def command_line(*words: str) -> str:

@@ -5,9 +5,9 @@ from pathlib import Path
 from typing import Any
 
 from flexx2_sim_ros.cli.argument_types import number
+from flexx2_sim_ros.cli.common import progress_bar
 from flexx2_sim_ros.errors import InputError, printable, shown
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 _DESCRIPTION = """\
 Convert a recording to another format, without loss. A and B are .npz recordings
@@ -122,23 +122,14 @@ def run(arguments: argparse.Namespace) -> int:
         arguments.partial_truth,
     )
     console = Console(stderr=True, soft_wrap=True, highlight=False, markup=False)
-    with Progress(
-        TextColumn('{task.description}', markup=False),
-        BarColumn(),
-        TimeElapsedColumn(),
-        console=console,
-        transient=True,
-        disable=not console.is_terminal,
-    ) as progress:
-        task = progress.add_task('starting', total=None)
-
-        def show(text: str, share: float) -> None:
-            # How long reading takes is not known: the bar pulses until images are written.
-            total = 1.0 if share else None
-            progress.update(task, description=printable(text), total=total, completed=share)
-
+    with progress_bar(console) as progress:
         written = convert(
-            arguments.source, arguments.target, arguments.camera, arguments.storage, given, show
+            arguments.source,
+            arguments.target,
+            arguments.camera,
+            arguments.storage,
+            given,
+            progress,
         )
     for reader, path in written:
         for note in dict.fromkeys(reader.notes):
