@@ -24,6 +24,7 @@ from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.task import Future
+from ros_images import array_of, image_message, info_message, nanoseconds
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2, PointField
 
@@ -72,76 +73,7 @@ OUTPUTS = {DEPTH: Image, INFO: CameraInfo, CLOUD: PointCloud2, GRAY: Image, NOIS
 
 # Conditions are met in milliseconds; this is for a machine that is busy with something else.
 _PATIENCE = 60.0
-_ENCODINGS = {
-    '32FC1': ('f4', 1.0),
-    '64FC1': ('f8', 1.0),
-    '16UC1': ('u2', 1000.0),
-    'mono8': ('u1', 1.0),
-}
 _numbers = itertools.count()
-
-
-def nanoseconds(message: Any) -> int:
-    """Return a stamped message's stamp."""
-    return message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
-
-
-def _stamp(message: Any, stamp: int, frame_id: str) -> Any:
-    message.header.frame_id = frame_id
-    message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, 1_000_000_000)
-    return message
-
-
-def image_message(
-    array: np.ndarray,
-    stamp: int = 0,
-    *,
-    encoding: str = '32FC1',
-    big_endian: bool = False,
-    padding: int = 0,
-    frame_id: str = 'optical',
-) -> Image:
-    """Encode an (H, W) image of metres; ``padding`` bytes of rubbish end each row."""
-    kind, scale = _ENCODINGS[encoding]
-    values = array if scale == 1.0 else np.rint(np.nan_to_num(array) * scale)
-    pixels = values.astype(np.dtype(('>' if big_endian else '<') + kind))
-    rows = (
-        np.ascontiguousarray(pixels)
-        .view(np.uint8)
-        .reshape(len(array), array.shape[1] * pixels.itemsize)
-    )
-    rows = np.pad(rows, ((0, 0), (0, padding)), constant_values=0xA5)
-    message = Image(
-        height=array.shape[0],
-        width=array.shape[1],
-        encoding=encoding,
-        is_bigendian=int(big_endian),
-        step=rows.shape[1],
-    )
-    message.data.frombytes(rows.tobytes())
-    return _stamp(message, stamp, frame_id)
-
-
-def info_message(camera: Intrinsics, stamp: int = 0, frame_id: str = 'optical') -> CameraInfo:
-    """Describe the camera that clean depth comes from."""
-    message = CameraInfo(
-        width=camera.width,
-        height=camera.height,
-        distortion_model='plumb_bob',
-        d=list(camera.distortion),
-        k=camera.matrix.ravel().tolist(),
-    )
-    return _stamp(message, stamp, frame_id)
-
-
-def array_of(message: Image) -> np.ndarray:
-    """Return a little-endian 32FC1 or mono8 image's pixels, checking its layout."""
-    kind, _ = _ENCODINGS[message.encoding]
-    dtype = np.dtype(f'<{kind}')
-    assert message.is_bigendian == 0
-    assert message.step == message.width * dtype.itemsize
-    assert len(message.data) == message.step * message.height
-    return np.frombuffer(message.data, dtype).reshape(message.height, message.width)
 
 
 class Listener:
