@@ -1,10 +1,12 @@
 """Sets of effects in files and tables, right ones and wrong ones."""
 
 from collections.abc import Iterator
+import io
 import json
 import math
 from pathlib import Path
 from typing import Any
+import zipfile
 
 from flexx2_sim_ros.camera import Camera
 from flexx2_sim_ros.effects import Effect, load_effects, parse_effects, registry, save_effects
@@ -239,7 +241,7 @@ def test_a_map_comes_from_one_array_beside_the_file(tmp_path: Path) -> None:
 
     for name in ('../pattern.npz', 'pattern.txt', 5, str(side)):
         assert 'must be the name of an .npz file beside this file' in refused(name)
-    assert 'there is no such file' in refused(side.name)
+    assert 'got no file' in refused(side.name)
     side.write_bytes(b'no archive')
     assert 'cannot be read' in refused(side.name)
     np.savez(side, map=np.array([{}], object))
@@ -248,6 +250,19 @@ def test_a_map_comes_from_one_array_beside_the_file(tmp_path: Path) -> None:
     assert 'must have one array, map' in refused(side.name)
     np.savez_compressed(side, map=np.zeros((4000, 4000)))
     assert 'must be at most' in refused(side.name)
+    np.savez_compressed(side, map=np.random.default_rng(0).normal(size=(50, 50)))
+    damaged = bytearray(side.read_bytes())
+    damaged[60:100] = b'\xff' * 40  # zlib refuses this; the checksum is not looked at.
+    side.write_bytes(damaged)
+    assert 'cannot be read' in refused(side.name)
+    # A header of 1.6 TB over no content.
+    head = io.BytesIO()
+    shape = {'descr': '<f4', 'fortran_order': False, 'shape': (200_000, 2_000_000)}
+    np.lib.format.write_array_header_1_0(head, shape)
+    with zipfile.ZipFile(side, 'w') as archive:
+        archive.writestr('map.npy', head.getvalue())
+    assert 'cannot be read' in refused(side.name)
+    assert len(refused('n' * 5000 + '.npz')) < 700
 
 
 def test_a_map_of_another_size_than_the_image_is_named() -> None:

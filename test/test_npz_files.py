@@ -15,9 +15,9 @@ import zipfile
 from flexx2_sim_ros.characterize.analysis import characterize
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.npz_arrays import LIMIT
 from flexx2_sim_ros.recording import load_recording
 from flexx2_sim_ros.recording.folders import find_recordings
-from flexx2_sim_ros.recording.npz_arrays import LIMIT
 import numpy as np
 import pytest
 from test_gap_walls import write_walls

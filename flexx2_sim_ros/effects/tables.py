@@ -4,16 +4,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
-import zipfile
 
 from flexx2_sim_ros.atomic import whole
 from flexx2_sim_ros.errors import InputError, shown, shown_path
+from flexx2_sim_ros.npz_arrays import open_npz
 import numpy as np
 
 MOST_KNOTS = 400
 MOST_SIDE = 2048  # pixels of a map
 _MAP = 'map'
-_MOST_BYTES = 4 * MOST_SIDE**2 + 4096
+_MOST_BYTES = 8 * MOST_SIDE**2
 
 
 @dataclass(frozen=True)
@@ -216,25 +216,18 @@ def read_map(folder: Path, name: Any, where: str) -> np.ndarray:
         raise InputError(
             f'{where}: must be the name of an .npz file beside this file, got {shown(name)}'
         )
-    path = folder / name
     try:
-        if not path.is_file():
-            raise InputError(f'{where}: {shown_path(path)}: there is no such file')
-        with zipfile.ZipFile(path) as archive:
-            parts = archive.infolist()
-            if [one.filename for one in parts] != [f'{_MAP}.npy']:
-                raise InputError(f'{where}: {shown_path(path)}: must have one array, map')
-            if parts[0].file_size > _MOST_BYTES:
+        with open_npz(folder / name) as archive:
+            if list(archive.headers) != [_MAP]:
+                raise InputError(f'{shown_path(name)}: must have one array, {_MAP}')
+            size = archive.headers[_MAP].size
+            if size > _MOST_BYTES:
                 raise InputError(
-                    f'{where}: {shown_path(path)}: must be at most {_MOST_BYTES} bytes, got '
-                    f'{parts[0].file_size}'
+                    f'{shown_path(name)}: must be at most {_MOST_BYTES} bytes, got {size}'
                 )
-        with np.load(path, allow_pickle=False) as arrays:
-            return np.asarray(arrays[_MAP])
-    except (OSError, ValueError, zipfile.BadZipFile, NotImplementedError, RuntimeError) as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError(f'{where}: {shown_path(path)}: cannot be read: {error}') from error
+            return archive.read(_MAP)
+    except InputError as error:
+        raise InputError(f'{where}: {error}') from error
 
 
 def write_map(path: Path, one: PixelMap) -> None:

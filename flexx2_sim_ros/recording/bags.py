@@ -8,10 +8,10 @@ from typing import Any
 
 from flexx2_sim_ros.errors import InputError, unquoted
 from flexx2_sim_ros.messages.decoding import decode_distortion, decode_image, image_pixels
+from flexx2_sim_ros.npz_arrays import decode_npy
 from flexx2_sim_ros.recording import bag_messages as messages
 from flexx2_sim_ros.recording.bag_cameras import choose_camera, DEPTH_ENCODINGS, EVENTS
 from flexx2_sim_ros.recording.bag_files import Bag
-from flexx2_sim_ros.recording.npz_arrays import decode_npy
 from flexx2_sim_ros.recording.reader import Content, Layout, RecordingReader, STACKS
 import numpy as np
 

@@ -14,7 +14,7 @@ from types import SimpleNamespace
 from typing import Any, BinaryIO
 
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.recording.limits import file_limit_bytes, limit_bytes
+from flexx2_sim_ros.limits import file_limit_bytes, limit_bytes
 from lz4.frame import LZ4FrameDecompressor  # type: ignore[import-untyped]
 from rosbags.rosbag2 import reader
 from rosbags.rosbag2.storage_mcap import decompress, DECOMPRESSORS

@@ -10,7 +10,7 @@ import zipfile
 
 from flexx2_sim_ros.atomic import checked_target, named, whole
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.recording.npz_arrays import open_npz
+from flexx2_sim_ros.npz_arrays import open_npz
 import numpy as np
 
 

@@ -4,8 +4,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.npz_arrays import open_npz
 from flexx2_sim_ros.profiles.modes import Profile
-from flexx2_sim_ros.recording.npz_arrays import open_npz
 from flexx2_sim_ros.recording.reader import Content, Layout, RecordingReader, STACKS
 import numpy as np
 

@@ -4,9 +4,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from flexx2_sim_ros.errors import InputError, shown, unquoted
+from flexx2_sim_ros.npz_arrays import open_npz
 from flexx2_sim_ros.recording.calibration import read_calibration
 from flexx2_sim_ros.recording.given import Given, MILLIMETRE
-from flexx2_sim_ros.recording.npz_arrays import open_npz
 from flexx2_sim_ros.recording.reader import Content, Layout, RecordingReader, STACKS
 import numpy as np
 

@@ -12,8 +12,8 @@ from typing import IO
 import zipfile
 import zlib
 
-from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.recording.limits import file_limit_bytes
+from flexx2_sim_ros.errors import InputError, shown_path
+from flexx2_sim_ros.limits import file_limit_bytes
 import numpy as np
 
 LIMIT = 'FLEXX2_NPZ_LIMIT_MB'
@@ -134,20 +134,21 @@ def open_npz(path: Path) -> Iterator[NpzFile]:
         for errors of reading inside the ``with`` block. The message names the file.
 
     """
+    name = shown_path(path)
     try:
         if not path.is_file():
-            raise InputError(f'{path}: must be an .npz archive, got no file')
+            raise InputError(f'{name}: must be an .npz archive, got no file')
         with zipfile.ZipFile(path) as archive:
             yield NpzFile(archive)
     except InputError:
         raise
     except _NoArrayError as error:
         raise InputError(
-            f'{path}: {_short(error)}: must be an array, got another kind of file'
+            f'{name}: {_short(error)}: must be an array, got another kind of file'
         ) from error
     except _UNREADABLE as error:
         raise InputError(
-            f'{path}: cannot be read as an .npz archive of plain arrays (damaged, '
+            f'{name}: cannot be read as an .npz archive of plain arrays (damaged, '
             f'cut off, or pickled): {_short(error)}'
         ) from error
 
@@ -185,8 +186,9 @@ def _check_sizes(archive: zipfile.ZipFile) -> None:
     most = file_limit_bytes(LIMIT, _LIMIT_MB, packed)
     if total > most:
         raise InputError(
-            f'{archive.filename}: must not decompress to more than {most / 2**20:.0f} MB, got '
-            f'{total / 2**20:.0f} MB; the environment variable {LIMIT} raises the limit'
+            f'{shown_path(str(archive.filename))}: must not decompress to more than '
+            f'{most / 2**20:.0f} MB, got {total / 2**20:.0f} MB; the environment variable {LIMIT} '
+            'raises the limit'
         )
     for info in archive.infolist():
         if not info.filename.endswith('.npy'):
