@@ -116,6 +116,16 @@ def test_what_cannot_be_calibrated_is_named(campaign: Path, tmp_path: Path) -> N
         calibrate(tmp_path / 'nowhere', campaign)
 
 
+def test_a_map_needs_images_of_one_size(campaign: Path, tmp_path: Path) -> None:
+    diagnosis = write_diagnosis(tmp_path / 'diagnosis', {'fixed_pattern': {}})
+    mixed = tmp_path / 'mixed'
+    write_campaign(mixed, seed=113, effects={}, **{**SMALL, 'recordings': 1, 'scale': 0.25})
+    for path in sorted(campaign.iterdir())[:2]:
+        (mixed / f'large_{path.name}').symlink_to(path)
+    with pytest.raises(InputError, match='images of one size, .* got 56 x 43 and 112 x 86'):
+        calibrate(diagnosis, mixed)
+
+
 def test_a_recording_without_valid_pixels_stays_where_its_prior_is() -> None:
     """Assert it of pose and forms: what the others say is not changed."""
     nothing = np.zeros(0)

@@ -12,7 +12,7 @@ from flexx2_sim_ros.camera import Profile
 from flexx2_sim_ros.effects import Effect
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap.calibration.forms import FORMS
-from flexx2_sim_ros.gap.forms.calibrating import calibratable, calibrate_effects, Verdict
+from flexx2_sim_ros.gap.forms.calibrating import calibratable, calibrate_effects, PATTERN, Verdict
 from flexx2_sim_ros.gap.forms.work import judge, look, look_at_pixels, Looked, Settings
 from flexx2_sim_ros.gap.inference.effects import table_of
 from flexx2_sim_ros.gap.report.calibration_page import FILES, write_calibration
@@ -94,6 +94,7 @@ def calibrate(
         )
         step = stepper(progress, 'looking at the recordings', 0.05, 0.35, len(found))
         looked = mapped(work, found, step)
+        _check_sizes(looked, settings)
         rounds = (len(calibratable(settings)) + 1) * len(looked)
         step = stepper(progress, 'comparing forms on left-out recordings', 0.4, 0.55, rounds)
 
@@ -123,6 +124,16 @@ def _to_calibrate(before: Diagnosed) -> tuple[Effect, ...]:
             f'DIAGNOSIS: must have an effect that can have a curve or map, got {names}'
         )
     return effects
+
+
+def _check_sizes(looked: Sequence[Looked], settings: Settings) -> None:
+    # A map has one number for each pixel.
+    sizes = sorted({one.shape for one in looked})
+    if PATTERN in settings and len(sizes) > 1:
+        raise InputError(
+            f'CAMPAIGN: must have images of one size, because {PATTERN} gets a map of the image, '
+            f'got {" and ".join(f"{width} x {height}" for height, width in sizes)}'
+        )
 
 
 def _calibrated(effects: Sequence[Effect], verdicts: Sequence[Verdict]) -> list[Effect]:

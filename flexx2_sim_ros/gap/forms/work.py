@@ -37,6 +37,8 @@ class Looked:
         (N,) metres that each effect as diagnosed changes in the samples.
     uptime : float or None
         Seconds since power-on at the first frame.
+    shape : tuple of int
+        Height and width of its images.
 
     """
 
@@ -46,6 +48,7 @@ class Looked:
     typical_counts: Counts
     shifts: dict[str, np.ndarray]
     uptime: float | None
+    shape: tuple[int, ...]
 
 
 def look(
@@ -77,6 +80,7 @@ def look(
         counts_of(replace(scene, recording=simulated)),
         shifts,
         recording.uptime,
+        recording.depth.shape[1:],
     )
 
 
