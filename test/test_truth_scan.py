@@ -5,14 +5,17 @@ from typing import Any
 
 from browser import chromium
 from flexx2_sim_ros.cli.main import main
+from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.recording import open_recording
 from flexx2_sim_ros.truth import make_truth, Request
+from flexx2_sim_ros.truth.campaign import check_room
 from flexx2_sim_ros.truth.clean import render
 from flexx2_sim_ros.truth.meshes import load_room
 from flexx2_sim_ros.truth.observation import observe
 from flexx2_sim_ros.truth.poses import Pose
-from flexx2_sim_ros.truth.registration import Job, register, views_of
+from flexx2_sim_ros.truth.registration import Job, register, Registered, views_of
 from flexx2_sim_ros.truth.shared import estimate, Shared
+from flexx2_sim_ros.truth.verdict import Verdict
 from flexx2_sim_ros.validation.blind.meshes import write_mesh
 from flexx2_sim_ros.validation.blind.scanned import off, ScannedCamera
 import numpy as np
@@ -340,6 +343,38 @@ def test_a_mesh_that_cannot_be_used_is_one_sentence(
     assert error.startswith('flexx2: error: ')
     assert words in error
     assert not out.exists()
+
+
+# What four recordings of one furnished room fit of another one, found without a pose; of 2 bare
+# walls and 4 other views of the right room; of the right room with one view of elsewhere.
+@pytest.mark.parametrize(
+    ('fitting', 'states', 'wrong'),
+    [
+        ((0.17, 0.67, 0.54, 0.82), 'refused doubtful refused used', True),
+        (
+            (0.5, 0.5, 0.97, 0.95, 0.96, 0.97),
+            'refused refused used doubtful doubtful doubtful',
+            False,
+        ),
+        ((0.97, 0.3), 'used refused', False),
+    ],
+)
+def test_one_recording_that_fits_by_chance_does_not_make_it_the_room(
+    tmp_path: Path, fitting: tuple[float, ...], states: str, wrong: bool
+) -> None:
+    request = Request(recordings=(), room=tmp_path / 'room.ply', out=tmp_path / 'out')
+    verdicts = [
+        Verdict(state, (), part, 0.01, (0.001, 0.1))
+        for state, part in zip(states.split(), fitting, strict=True)
+    ]
+    registered = [Registered(((0.0,) * 7,), (0.1,), (), 1.0, False, float('inf'), 1.0)] * len(
+        verdicts
+    )
+    if wrong:
+        with pytest.raises(InputError, match='must be the room of the recordings'):
+            check_room(request, registered, verdicts)
+    else:
+        check_room(request, registered, verdicts)
 
 
 @pytest.mark.parametrize(

@@ -25,7 +25,7 @@ from flexx2_sim_ros.truth.run import (
 )
 from flexx2_sim_ros.truth.shared import estimate, Shared
 from flexx2_sim_ros.truth.trajectory import PoseSource, read_trajectory
-from flexx2_sim_ros.truth.verdict import judge, Verdict
+from flexx2_sim_ros.truth.verdict import FITTING, judge, Verdict
 from flexx2_sim_ros.truth.writing import Picture, read_light, write_recording, Writing
 import numpy as np
 
@@ -93,7 +93,7 @@ def make_truth(request: Request, progress: Progress = no_progress) -> dict[str, 
         parts = run.each('simulating bounces', (0.55, 0.65), views_of, numbered)
         progress('fitting poses and shared errors', 0.65)
         shared, verdicts = _fit([view for part in parts for view in part], registered)
-        _check_room(request, registered, verdicts)
+        check_room(request, registered, verdicts)
         writings = _writings(request, jobs, sources, registered, shared, verdicts)
         lit = run.each('reading gray images', (0.65, 0.7), read_light, list(writings.values()))
         scale = find_scale([one for part in lit for one in part])
@@ -181,9 +181,27 @@ def _fit(views: Sequence[View], registered: Sequence[Registered]) -> tuple[Share
     ]
 
 
-def _check_room(
+def check_room(
     request: Request, registered: Sequence[Registered], verdicts: Sequence[Verdict]
 ) -> None:
+    """
+    Check that most recordings fit the room.
+
+    Parameters
+    ----------
+    request : Request
+        The request.
+    registered : sequence of Registered
+        Registrations, by number of the recording.
+    verdicts : sequence of Verdict
+        Verdicts, likewise.
+
+    Raises
+    ------
+    InputError
+        When it is another room, or the mirror image of the room.
+
+    """
     refused = [verdict for verdict in verdicts if verdict.state == 'refused']
     better = [one.mirrored < _MIRRORED * min(one.costs) for one in registered]
     used = sum(
@@ -195,9 +213,9 @@ def _check_room(
             f'{request.room}: must not be mirrored: the recordings fit its mirror image; negate '
             'one coordinate of the mesh'
         )
-    # One or two recordings may fit a wrong room by chance.
-    if 2 * len(refused) > len(verdicts):
-        usual = float(np.median([verdict.fitting for verdict in verdicts]))
+    # Some recordings may fit a wrong room by chance: rooms are boxes of about the same size.
+    usual = float(np.median([verdict.fitting for verdict in verdicts]))
+    if len(refused) > used and usual < FITTING:
         hint = '' if request.poses else ', or the wrong --up'
         raise InputError(
             f'{request.room}: must be the room of the recordings: only {usual:.0%} of the '

@@ -12,7 +12,7 @@ import numpy as np
 # A pixel fits if its residual is at most this many metres and standard deviations.
 _FITS, _FITS_NOISE = 0.05, 3.0
 _LEAST_FITTING = 0.6
-_FITTING = 0.8
+FITTING = 0.8
 _RIVAL = 1.3  # times the cost of the best pose
 _MOST_METRES, _MOST_DEGREES = 0.01, 0.5  # standard deviation of a pose
 _OUTLYING, _OUTLYING_METRES = 3.0, 0.01  # times the usual median residual; metres
@@ -68,7 +68,7 @@ def judge(registered: Sequence[Registered], solution: Solution) -> list[Verdict]
         refused, doubts = [], []
         if fitting < _LEAST_FITTING:
             refused.append(f'only {fitting:.0%} of its pixels fit the room')
-        elif fitting < _FITTING:
+        elif fitting < FITTING:
             doubts.append(f'only {fitting:.0%} of its pixels fit the room')
         if one.rival < _RIVAL * min(one.costs):
             doubts.append('another pose fits nearly as well')
