@@ -8,10 +8,14 @@ import subprocess
 from flexx2_sim_ros.camera import flexx2
 from flexx2_sim_ros.effects import registry
 from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.gap.features.catalogue import catalogue, nuisances
+from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.planning.plan import default_plan, Plan, read_plan
-from flexx2_sim_ros.gap.planning.power import power
-from flexx2_sim_ros.gap.planning.table import compute, read_table, Request, shipped_table
+from flexx2_sim_ros.gap.planning.power import planned_columns, power
+from flexx2_sim_ros.gap.planning.table import compute, PRIOR, read_table, Request, shipped_table
 from flexx2_sim_ros.gap.planning.truths import KINDS, smaller, write_campaign
+from flexx2_sim_ros.gap.work import find, summarise_all
+from flexx2_sim_ros.jobs import workers
 from flexx2_sim_ros.paths import executable
 from flexx2_sim_ros.recording.truth import read_truth
 import numpy as np
@@ -114,6 +118,34 @@ def test_truth_has_the_errors_that_it_admits(two: Path, tmp_path: Path) -> None:
         hidden = ~archive['known']
         assert 0 < hidden.mean() < 0.2
         assert np.isnan(archive['clean_depth'][hidden]).all()
+
+
+def test_an_effect_is_not_found_where_an_undecided_one_explains_as_much(
+    two: Path, tmp_path: Path
+) -> None:
+    folder, prior = tmp_path / 'campaign', np.repeat(PRIOR, 3)
+    folder.mkdir()
+    write_campaign(folder, read_plan(two), flexx2(), KINDS[0])
+    effects = {'offset', 'amplitude_bias', 'heavy_tails'}
+    known, candidates = catalogue((), True)
+    simulated = {*effects, *(name.split(':')[0] for name in nuisances().columns)}
+    columns = [one for one in known if simulated & set(one.effects)]
+    columns += [one for one in planned_columns() if 'offset' in one.effects]
+    with workers(1, None) as mapped:
+        found, left_out = find(folder, flexx2(), mapped)
+        _, evidence, _ = summarise_all(
+            folder, found, left_out, flexx2(), columns, 0, prior, mapped, lambda: None
+        )
+    model = Model(evidence, columns, prior)
+    candidates = [one for one in candidates if one.effect in effects]
+
+    def smallest(*hidden: str) -> float | None:
+        return power('offset', model, candidates, set(hidden), KINDS[0], 0, draws=2).smallest
+
+    assert smallest() == smallest('heavy_tails') == 0.5
+    # Two walls of one brightness each: both effects add about the same to each of them.
+    assert smallest('amplitude_bias') is None
+    assert smallest('offset') is None
 
 
 def test_an_interrupted_calculation_resumes(

@@ -1,6 +1,6 @@
 """Which effects explain the gap: selection, alternative explanations, the verdict."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Sequence, Set
 from dataclasses import dataclass
 
 from flexx2_sim_ros.gap.calibration.inference import THRESHOLDS, Thresholds
@@ -150,7 +150,7 @@ def decide(
     settled = {c.effect for c in chosen.fit.candidates} if verdict in _EXPLAINED else set()
     if open_ones and verdict in _EXPLAINED:
         more = [*singles, *(trials.single(candidate) for candidate in open_ones)]
-        if _hidden_could_explain(trials, found, [*candidates, *open_ones], more, names, tick):
+        if hidden_could_explain(trials, found, [*candidates, *open_ones], more, names, tick):
             # The recordings cannot tell the effects found from one that the ground truth hides.
             verdict, considered = 'unknown', best_of_each(more)
     if verdict == 'unknown':
@@ -172,16 +172,35 @@ def decide(
     )
 
 
-def _hidden_could_explain(
+def hidden_could_explain(
     trials: Trials,
     found: Choice,
     candidates: Sequence[Candidate],
     singles: Sequence[Choice],
-    hidden: set[str],
-    tick: Callable[[], None],
+    hidden: Set[str],
+    tick: Callable[[], None] = lambda: None,
 ) -> bool:
-    # Whether an undecided effect explains about as much as the effects found: alone, or as a part
-    # of a selection from the whole catalogue.
+    """
+    Return whether an undecided effect explains about as much as the effects found.
+
+    It may do so alone, or as a part of a selection from all candidates.
+
+    Parameters
+    ----------
+    trials : Trials
+        Of the recordings.
+    found : Choice
+        The effects found.
+    candidates : sequence of Candidate
+        All, those of undecided effects among them.
+    singles : sequence of Choice
+        Each candidate alone.
+    hidden : set of str
+        The undecided effects.
+    tick : callable
+        Called now and then.
+
+    """
     enough = trials.thresholds.alternative * found.gain
     if any(
         one.gain >= enough and {c.effect for c in one.fit.candidates} & hidden for one in singles

@@ -180,8 +180,9 @@ def _table_words(told: Checklist) -> str:
     return (
         'The smallest of the strengths '
         f'{", ".join(f"{one:g}" for one in table["strengths"])} from which on the effect is named '
-        'first in at least 90 % of the draws, if it is the only one. Strength 1 is typical. "-": '
-        'not even at the largest. "open": this ground truth cannot decide it. '
+        'first in at least 90 % of the draws, if it is the only one, and no undecided effect '
+        'explains the gap about as well. Strength 1 is typical. "-": not even at the largest. '
+        '"open": this ground truth leaves it undecided. '
         f'{whose}, by `{table["command"]}` on {table["date"]}: {table["draws"]} draws, '
         f'{simulation["frames"]} frames, image of {simulation["scale"]:g} times the size.'
     )

@@ -6,7 +6,7 @@ from the simulations without effects, errors of the ground truth from its covari
 the thresholds of the diagnosis then decide on many draws, without any further simulation.
 """
 
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from dataclasses import dataclass
 
 from flexx2_sim_ros.effects import registry
@@ -15,6 +15,7 @@ from flexx2_sim_ros.gap.data.pose import STEPS
 from flexx2_sim_ros.gap.data.prior import POSE
 from flexx2_sim_ros.gap.features.catalogue import Candidate, Column
 from flexx2_sim_ros.gap.inference.decidable import undecided
+from flexx2_sim_ros.gap.inference.decide import hidden_could_explain
 from flexx2_sim_ros.gap.inference.model import combine, Model
 from flexx2_sim_ros.gap.inference.own_errors import COMMON
 from flexx2_sim_ros.gap.inference.selection import best_of_each, Trials
@@ -38,7 +39,7 @@ class Power:
     effect : str
         Its name.
     found : dict of float to float
-        Fraction of draws in which the effect is named first, by strength; only tried strengths.
+        Fraction of draws in which the effect is found, by strength; only tried strengths.
     undecided : bool
         Whether the ground truth cannot decide the effect at any strength.
 
@@ -101,7 +102,10 @@ def power(
     draws: int = _DRAWS,
 ) -> Power:
     """
-    Compute how often an effect is named first.
+    Compute how often an effect is found.
+
+    It is found if the diagnosis names it first, and no effect that the ground truth leaves
+    undecided explains about as much.
 
     Parameters
     ----------
@@ -123,12 +127,13 @@ def power(
     """
     if effect in hidden:
         return Power(effect, {}, True)
-    open_to = [one for one in candidates if one.effect not in hidden]
+    # As in the diagnosis, what the truth takes away wholly explains nothing.
+    candidates = [one for one in candidates if one.effect not in kind.never]
     if not model.own.posed.any():
-        open_to = [one for one in open_to if one.kind.role != 'pose']
-    if not any(one.effect == effect for one in open_to):
+        candidates = [one for one in candidates if one.kind.role != 'pose']
+    if not any(one.effect == effect for one in candidates):
         return Power(effect, {}, True)
-    considered = _considered(model, open_to, effect)
+    considered = _considered(model, candidates, hidden, effect)
     found: dict[float, float] = {}
     # Starts at typical strength: if the effect is found, weaker ones are tried, else stronger
     # ones.
@@ -137,50 +142,71 @@ def power(
         if not going_on and found[STRENGTHS[middle]] >= _WANTED:
             break
         for strength in strengths:
-            found[strength] = _fraction(model, considered, effect, strength, kind, seed, draws)
+            shift = _shift(model, effect, strength)
+            found[strength] = _fraction(model, considered, effect, shift, kind, seed, draws)
             if (found[strength] >= _WANTED) != going_on:
                 break
     return Power(effect, found)
 
 
-def _considered(model: Model, candidates: Sequence[Candidate], effect: str) -> list[Candidate]:
+@dataclass(frozen=True)
+class _Considered:
+    # Candidates that are fitted: of effects that can be decided, and of those left undecided.
+    decidable: list[Candidate]
+    hidden: list[Candidate]
+
+
+def _considered(
+    model: Model, candidates: Sequence[Candidate], hidden: Set[str], effect: str
+) -> _Considered:
     # The best variant of the effect, and the effects that explain its gap next best, without
     # noise.
     trials = Trials(model.as_if(_shift(model, effect, _TYPICAL)))
     singles = best_of_each([trials.choice([one]) for one in candidates])
     best = [one.fit.candidates[0] for one in singles]
     own = [one for one in best if one.effect == effect]
-    return own + [one for one in best if one.effect != effect][:_RIVALS]
+    rivals = [one for one in best if one.effect != effect]
+    return _Considered(
+        own + [one for one in rivals if one.effect not in hidden][:_RIVALS],
+        [one for one in rivals if one.effect in hidden][:_RIVALS],
+    )
 
 
 def _fraction(
     model: Model,
-    considered: Sequence[Candidate],
+    considered: _Considered,
     effect: str,
-    strength: float,
+    shift: np.ndarray,
     kind: Kind,
     seed: int,
     draws: int,
 ) -> float:
-    shift = _shift(model, effect, strength)
-    if not _named_first(model.as_if(shift), considered, effect):
+    if not _is_found(model.as_if(shift), considered, effect):
         return 0.0  # It is not found even without noise.
     count = misses = 0
     for draw in range(draws):
         rng = np.random.default_rng([seed, draw])
         gap = shift + noise(model, rng) + wrong_truth(model, kind.fitted, rng)
-        misses += not _named_first(model.as_if(gap), considered, effect)
+        misses += not _is_found(model.as_if(gap), considered, effect)
         count += 1
         if misses > (1 - _WANTED) * draws:
             break  # It can no longer reach 90 %.
     return 1 - misses / count
 
 
-def _named_first(model: Model, considered: Sequence[Candidate], effect: str) -> bool:
+def _is_found(model: Model, considered: _Considered, effect: str) -> bool:
     trials = Trials(model)
-    first = max((trials.single(one) for one in considered), key=lambda one: one.gain)
-    counts = trials.counts(first, trials.excess(first))
-    return counts and first.fit.candidates[0].effect == effect
+    singles = [trials.single(one) for one in considered.decidable]
+    first = max(singles, key=lambda one: one.gain)
+    if first.fit.candidates[0].effect != effect or not trials.counts(first, trials.excess(first)):
+        return False
+    if not considered.hidden:
+        return True
+    # The diagnosis ends `unknown` where an undecided effect explains about as much.
+    everything = [*considered.decidable, *considered.hidden]
+    singles += [trials.single(one) for one in considered.hidden]
+    names = {one.effect for one in considered.hidden}
+    return not hidden_could_explain(trials, first, everything, singles, names)
 
 
 def _shift(model: Model, effect: str, strength: float) -> np.ndarray:
