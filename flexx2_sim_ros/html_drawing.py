@@ -122,11 +122,7 @@ def curves(
             f'{at_x(a):.1f},{at_y(b):.1f}' for a, b in zip(x, line, strict=True) if np.isfinite(b)
         )
         parts.append(f'<polyline points="{points}" class="curve {kinds[i]}"/>')
-        start = _LEFT + 4 + 125 * i
-        parts.append(
-            f'<line x1="{start}" x2="{start + 18}" y1="10" y2="10" class="curve {kinds[i]}"/>'
-            f'<text x="{start + 23}" y="14">{escape(names[i])}</text>'
-        )
+        parts.append(_legend_entry(_LEFT + 4 + 125 * i, names[i], kinds[i]))
     parts.append(
         f'<text x="{(_LEFT + _WIDTH) / 2}" y="{_HEIGHT - 4}" text-anchor="middle">'
         f'{escape(x_label)}</text>'
@@ -136,4 +132,11 @@ def curves(
         f'role="img" aria-label="{escape(y_label)} against {escape(x_label)}">'
         f'{"".join(parts)}</svg><figcaption>{escape(y_label)} against {escape(x_label)}'
         '</figcaption></figure>'
+    )
+
+
+def _legend_entry(left: int, name: str, kind: str) -> str:
+    return (
+        f'<line x1="{left}" x2="{left + 18}" y1="10" y2="10" class="curve {kind}"/>'
+        f'<text x="{left + 23}" y="14">{escape(name)}</text>'
     )
