@@ -248,6 +248,8 @@ def test_impossible_cameras_are_refused(changes: dict, said: str) -> None:
 
 def test_unusable_masks_and_outputs_are_refused() -> None:
     camera = BatchCamera(2, device='cpu')
+    read_only = np.zeros((2, 4, 5), np.float32)
+    read_only.flags.writeable = False
     for mask in (np.ones(2), np.ones(3, bool), np.ones((2, 1), bool)):
         with pytest.raises(InputError, match=r'env_mask: must be bool of shape \(2,\), got'):
             camera.set_usecase('Mode_5_30fps', mask)
@@ -255,9 +257,11 @@ def test_unusable_masks_and_outputs_are_refused() -> None:
         np.empty((2, 4, 6), np.float32),
         np.empty((2, 4, 10), np.float32)[:, :, ::2],
         wp.zeros((2, 4, 5), device='cpu'),
+        read_only,
     ):
         with pytest.raises(InputError, match='out: must'):
             camera(CLEAN, out=out)
+    assert not read_only.any()
     huge = np.broadcast_to(np.float32(1), (2, 40_000, 40_000))
     with pytest.raises(InputError, match='must have at most 2147483647'):
         camera(huge)

@@ -7,7 +7,14 @@ from typing import Any
 from flexx2_sim_ros.batch import kernels
 from flexx2_sim_ros.batch.arguments import device_named, environments, mask_of, one_for_each, seeds
 from flexx2_sim_ros.batch.effect_tables import each_environment, noise_row
-from flexx2_sim_ros.batch.exchange import checked, from_warp, is_contiguous, stream_of, to_warp
+from flexx2_sim_ros.batch.exchange import (
+    checked,
+    from_warp,
+    is_contiguous,
+    is_writable,
+    stream_of,
+    to_warp,
+)
 from flexx2_sim_ros.batch.host import HostCameras, without_kernel, write_frames
 from flexx2_sim_ros.batch.images import Images, Rows
 from flexx2_sim_ros.batch.stages import BatchStages
@@ -261,7 +268,7 @@ class BatchCamera:
                 )
         if out is None:
             target = wp.empty_like(images.out) if kind == 'jax' else images.out
-        elif kind == 'jax' or not is_contiguous(kind, out):
+        elif not is_contiguous(kind, out) or not is_writable(kind, out):
             raise InputError('out: must be contiguous and writable, got an array that is not')
         else:
             target = to_warp(kind, out, wp.float32, lambda: images.staging)

@@ -94,6 +94,11 @@ def is_contiguous(kind: str, value: Any) -> bool:
     return kind == 'jax' or bool(value.is_contiguous)
 
 
+def is_writable(kind: str, value: Any) -> bool:
+    """Say whether an array of this kind may be written to: not JAX's, nor read-only memory."""
+    return kind != 'jax' and (kind != 'numpy' or bool(value.flags.writeable))
+
+
 def to_warp(kind: str, value: Any, dtype: Any, staging: Callable[[], wp.array]) -> wp.array:
     """
     Return an array as a contiguous Warp array: its own memory, or, if need be, a copy.
