@@ -38,6 +38,7 @@ def made_up(count: int, noise: float) -> Any:
     ]
     return SimpleNamespace(
         good=np.ones(shape, bool),
+        gap=np.zeros(shape),
         evidence=evidence,
         scale2=np.broadcast_to(TOLERANCE**2 + noise**2, shape),
     )
@@ -83,6 +84,7 @@ def test_the_first_row_is_the_covariate_that_the_gap_depends_on() -> None:
     # Bins beside the largest difference belong to it, if they have its sign and half its size.
     places = {3: 0.2, 4: 0.6, 5: 1.0, 8: -0.9}
     difference = bias_along(6, 'log_amplitude', places)
+    model.gap = difference
     one = main_covariate(model, difference, difference, False)
     assert one is not None
     assert (one.axis, one.first, one.last, one.channel) == ('log_amplitude', 4, 5, 'bias')

@@ -304,10 +304,10 @@ def test_no_module_but_its_own_names_an_effect() -> None:
     Assert it of strings.
 
     Kernels of the batch are launched for the effects that they compute. Ground truth names the
-    effects that it fits or takes away. The blind camera is another camera, on purpose, and the
-    benchmark's plan names its cases.
+    effects that it fits or takes away, and free forms the effects that they belong to. The blind
+    camera is another camera, on purpose, and the benchmark's plan names its cases.
     """
-    apart = 'batch/', 'truth/', 'gap/planning/truths.py', 'validation/blind/'
+    apart = 'batch/', 'truth/', 'gap/forms/', 'gap/planning/truths.py', 'validation/blind/'
     apart += ('validation/benchmark/design.py',)
     # The offset of a plane is no effect.
     own = {'patch.py': 'residual_patch', 'ray.py': 'along_ray', 'words.py': 'offset'}
@@ -325,7 +325,7 @@ def test_no_module_but_its_own_names_an_effect() -> None:
 
 def test_effects_import_nothing_above_them() -> None:
     below = {'atomic', 'config_file', 'effects', 'errors', 'formulas', 'paths', 'physics'}
-    below |= {'profiles'}
+    below |= {'limits', 'npz_arrays', 'profiles'}
     for path in sorted((ROOT / 'flexx2_sim_ros' / 'effects').glob('*.py')):
         rooms = set(re.findall(r'(?:from|import) flexx2_sim_ros\.(\w+)', path.read_text()))
         assert rooms <= below, path.name

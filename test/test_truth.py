@@ -18,7 +18,7 @@ from flexx2_sim_ros.recording.truth import accuracy_of, read_truth, Truth
 import numpy as np
 import pytest
 
-SHAPE = 43, 56
+SHAPE = 56, 56
 K = flexx2().intrinsics.matrix.copy()
 K[:2] *= 0.25
 K[:2, 2] -= 0.375
@@ -79,7 +79,7 @@ def test_ground_truth_survives_a_bag(tmp_path: Path) -> None:
     ('arrays', 'message'),
     [
         ({'known': np.ones(SHAPE, np.uint8)}, 'known: must be bool'),
-        ({'known': np.ones((3, *SHAPE), bool)}, r'got bool of shape \(3, 43, 56\)'),
+        ({'known': np.ones((3, *SHAPE), bool)}, r'got bool of shape \(3, 56, 56\)'),
         ({'clean_sigma': np.array(-0.001)}, 'clean_sigma: must be 0 to 10 m, got -0.001'),
         ({'clean_sigma': np.full(SHAPE, np.nan)}, 'clean_sigma: must be 0 to 10 m, got nan'),
         ({'clean_sigma': np.array('1 mm')}, 'clean_sigma: must be metres'),

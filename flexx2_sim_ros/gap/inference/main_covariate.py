@@ -79,7 +79,7 @@ def main_covariate(
     difference : numpy.ndarray
         (R, SIZE) real minus simulated features, or the change by the effects if they explain it.
     shown : numpy.ndarray
-        (R, SIZE) real minus simulated features, from which the size comes.
+        (R, SIZE) real minus simulated features without nuisances, from which a size in mm comes.
     exact : bool
         Whether the difference has no noise, as the change by effects.
 
@@ -128,6 +128,9 @@ class _Features:
         self._noise = np.where(model.good, noise, 0) / np.square(TOLERANCE)
         self._difference = np.where(model.good, difference, 0) / TOLERANCE
         self._shown = np.where(model.good, shown, 0)
+        # Effects and brightness are linear in the fit. A fraction or a correlation is not, so it
+        # is taken as measured.
+        self._measured = np.where(model.good, model.gap, 0)
         self._counts = np.array([e.counts for e in model.evidence], float)
         sigma = np.nan_to_num([e.sigma for e in model.evidence], posinf=0.0)
         self._sigma = sigma
@@ -178,10 +181,10 @@ class _Features:
         # itself depends on the covariates.
         weight = self._counts[some, bins] * self._good[some][:, index]
         scale = np.ones_like(weight)
-        shown = self._shown[some][:, index]
+        shown = self._measured[some][:, index]
         if channel in _IN_METRES:
             scale = self._sigma[some, bins] / self._usual_sigma
-            shown = 1000 * self._sigma[some, bins] * shown
+            shown = 1000 * self._sigma[some, bins] * self._shown[some][:, index]
         pixels = weight.sum(axis=0)
         total = np.maximum(pixels, 1)
         return _Bins(
