@@ -7,7 +7,7 @@ import numpy as np
 _PLACES = np.linspace(*FORMS.quantiles)
 
 
-def distance(scene: PlacedScene, real: np.ndarray, simulated: np.ndarray) -> float:
+def tile_distance(scene: PlacedScene, real: np.ndarray, simulated: np.ndarray) -> float:
     """
     Compare two recordings of a scene.
 

@@ -14,7 +14,7 @@ from flexx2_sim_ros.gap.forms.dropout import Counts, counts_of
 from flexx2_sim_ros.gap.forms.fitting import own_motion
 from flexx2_sim_ros.gap.forms.pattern import pixel_errors, PixelErrors
 from flexx2_sim_ros.gap.forms.samples import Samples, samples_of, shift_of
-from flexx2_sim_ros.gap.forms.tiles import distance
+from flexx2_sim_ros.gap.forms.tiles import tile_distance
 import numpy as np
 
 Settings = dict[str, dict[str, Any]]
@@ -102,7 +102,7 @@ def judge(job: tuple[Looked, Settings], profile: Profile | None, known: Table, s
     looked, effects = job
     scene = _placed(looked, effects, profile, known)
     simulated = scene.simulate(with_uptime(effects, looked.uptime), seed)
-    return distance(scene, scene.recording.depth, simulated)
+    return tile_distance(scene, scene.recording.depth, simulated)
 
 
 def _placed(
