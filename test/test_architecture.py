@@ -11,7 +11,8 @@ PACKAGE = ROOT / NAME
 
 # From the lowest room to the highest; a room may import itself and the rooms before it.
 ROOMS = (
-    'base', 'formulas', 'profiles', 'physics', 'effects', 'camera', 'messages', 'recording',
+    'base', 'formulas', 'profiles', 'physics', 'effects', 'camera', 'export',
+    'messages', 'recording',
     'rendering', 'truth', 'characterize', 'robots', 'batch', 'gap.calibration', 'gap.data',
     'gap.features', 'gap.inference', 'gap.forms', 'gap.report', 'gap', 'gap.planning',
     'validation.blind', 'validation.benchmark', 'validation', 'view', 'nodes', 'cli',

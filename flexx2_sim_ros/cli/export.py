@@ -1,0 +1,190 @@
+"""`flexx2 export`: write a camera's noise as parameters of mappers and simulators."""
+
+import argparse
+import math
+from pathlib import Path
+from typing import Any
+
+from flexx2_sim_ros.atomic import checked_target, output_folder, whole_files, write_text
+from flexx2_sim_ros.cli.argument_types import number
+from flexx2_sim_ros.cli.common import add_profile, progress_bar
+from flexx2_sim_ros.effects import load_effects
+from flexx2_sim_ros.errors import InputError, printable, shown_path
+from flexx2_sim_ros.export import measure_noise, Noise, Parameters, Target, TARGETS
+from flexx2_sim_ros.export.noise import ANGLES
+from flexx2_sim_ros.profiles.files import find_profile
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+_ALL = 'all'
+_CELL = 0.05  # metres, the default of octomap_server and nvblox
+
+
+def add_parser(commands: Any) -> None:
+    """Add the subcommand."""
+    parser = commands.add_parser(
+        'export',
+        help="write a camera's noise for a mapper or another simulator",
+        description='Write the noise of a mode as parameters of a mapper or simulator: '
+        f'{", ".join(TARGETS)}. The parameters are fitted by least squares over the range of the '
+        'mode. The command prints the worst deviation of each fit, and what the target cannot '
+        'hold. Without TARGET it lists the targets.',
+        epilog='examples: flexx2 export elevation_mapping --usecase Mode_5_30fps, '
+        'flexx2 export all --effects diagnosis/effects.yaml --out exported/',
+    )
+    parser.add_argument(
+        'target',
+        metavar='TARGET',
+        nargs='?',
+        choices=(*TARGETS, _ALL),
+        help=f'what to write for; {_ALL}: a file for each, in a folder',
+    )
+    add_profile(parser)
+    parser.add_argument('--usecase', help='mode (default: that of flexx2 simulate)')
+    parser.add_argument(
+        '--effects',
+        metavar='FILE',
+        help='effects beyond the noise model, e.g. effects.yaml of a diagnosis; what they change '
+        'on a white wall is measured by simulation',
+    )
+    parser.add_argument(
+        '--distances',
+        metavar=('NEAR', 'FAR'),
+        nargs=2,
+        type=number(0, 1000),
+        help='distances to fit for, metres (default: the range of the mode); the fewer, the '
+        'better a target of one number fits',
+    )
+    parser.add_argument(
+        '--incidence',
+        metavar='DEG',
+        type=number(0, 80),
+        help='incidence angle to fit for (default: all of '
+        f'{", ".join(f"{angle:g}" for angle in ANGLES)})',
+    )
+    parser.add_argument(
+        '--cell',
+        metavar='METRES',
+        type=number(0.001, 10),
+        default=_CELL,
+        help=f"edge length of the map's cells (default {_CELL:g})",
+    )
+    parser.add_argument(
+        '--out', metavar='PATH', type=Path, help='file, or folder for all (default: by target)'
+    )
+    parser.add_argument('--force', action='store_true', help='write over what is there')
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Measure, write, and print what was fitted and what is lost."""
+    console = Console(markup=False, highlight=False)
+    if arguments.target is None:
+        console.print(_targets())
+        return 0
+    chosen = list(TARGETS.values())
+    if arguments.target != _ALL:
+        chosen = [TARGETS[arguments.target]]
+    out = _target_path(arguments, chosen)
+    profile = find_profile(arguments.profile)
+    effects = load_effects(arguments.effects) if arguments.effects else ()
+    angles = ANGLES if arguments.incidence is None else (arguments.incidence,)
+    with progress_bar(Console(stderr=True)) as report:
+        noise = measure_noise(
+            profile,
+            arguments.usecase or profile.default_usecase,
+            effects,
+            angles=angles,
+            distances=None if arguments.distances is None else tuple(arguments.distances),
+            progress=lambda done: report('measuring walls', done),
+        )
+    made = {target: target.write(noise, arguments.cell) for target in chosen}
+    _write(out, made, arguments.target == _ALL)
+    console.print(_fits(made))
+    _print_losses(console, made)
+    console.print(f'\n{shown_path(out)}: {_about(noise)}')
+    return 0
+
+
+def _target_path(arguments: argparse.Namespace, chosen: list[Target]) -> Path:
+    # Where to write. What is there is left alone without --force.
+    if arguments.target == _ALL:
+        if arguments.out is None:
+            raise InputError('--out: must be a folder for all targets, got none')
+        out = output_folder(arguments.out)
+        files = [out / target.file for target in chosen]
+    else:
+        out = checked_target(arguments.out or Path(chosen[0].file))
+        files = [out]
+    there = [file for file in files if file.exists()]
+    if there and not arguments.force:
+        raise InputError(
+            f'--out: must not be there already, or --force must be given, got '
+            f'{shown_path(there[0])}'
+        )
+    return out
+
+
+def _write(out: Path, made: dict[Target, Parameters], folder: bool) -> None:
+    if not folder:
+        for parameters in made.values():
+            write_text(out, parameters.text)
+        return
+    with whole_files(out) as part:
+        for target, parameters in made.items():
+            (part / target.file).write_text(parameters.text, encoding='utf-8')
+
+
+def _targets() -> Table:
+    table = Table(box=box.SIMPLE, title='Targets')
+    table.add_column('target', no_wrap=True)
+    for column in ('file', 'holds'):
+        table.add_column(column, overflow='fold')
+    for target in TARGETS.values():
+        table.add_row(target.name, target.file, target.holds)
+    return table
+
+
+def _fits(made: dict[Target, Parameters]) -> Table:
+    table = Table(
+        box=box.SIMPLE, title='What is written, as a ratio to the camera where it is worst'
+    )
+    table.add_column('target', no_wrap=True)
+    for column in ('parameter', 'form', 'ratio', 'at'):
+        table.add_column(column, overflow='fold')
+    for target, parameters in made.items():
+        for name, fit in parameters.fits:
+            table.add_row(target.name, name, fit.form, f'{fit.worst:.2f}', f'{fit.at:.2f} m')
+        if not parameters.fits:
+            table.add_row(target.name, '-', '-', '-', '-')
+    return table
+
+
+def _print_losses(console: Console, made: dict[Target, Parameters]) -> None:
+    # What all targets lose is said once.
+    every = [
+        sentence
+        for sentence in next(iter(made.values())).lost
+        if all(sentence in parameters.lost for parameters in made.values())
+    ]
+    if len(made) > 1:
+        console.print('None of them can hold:', style='bold')
+        for sentence in every:
+            console.print(f'  {sentence}')
+    for target, parameters in made.items():
+        own = [s for s in parameters.lost if len(made) == 1 or s not in every]
+        if own:
+            console.print(f'{target.name} cannot hold:', style='bold')
+        for sentence in own:
+            console.print(f'  {sentence}')
+
+
+def _about(noise: Noise) -> str:
+    near, far = noise.typical[[0, -1]]
+    ends = ' to '.join('?' if math.isnan(s) else f'{1e3 * s:.1f} mm' for s in (near, far))
+    effects = f', with {", ".join(noise.effects)}' if noise.effects else ''
+    return printable(
+        f'{noise.profile.model}, {noise.mode.name}{effects}: sigma_z {ends} at '
+        f'{noise.distance[0]:.2f} to {noise.distance[-1]:.2f} m'
+    )

@@ -1,0 +1,62 @@
+"""Gazebo: the noise of a depth camera in SDF is one Gaussian."""
+
+import math
+
+from flexx2_sim_ros.export.fits import fit_constant
+from flexx2_sim_ros.export.noise import Noise
+from flexx2_sim_ros.export.target import common_losses, header, Parameters, Target
+
+
+def write(noise: Noise, cell: float) -> Parameters:
+    """Write a sensor with the image, range, rate and lens of the camera, and constant noise."""
+    del cell
+    fit = fit_constant(noise.distance, noise.typical)
+    lens, mode = noise.profile.intrinsics, noise.mode
+    view = 2.0 * math.atan(lens.width / (2.0 * lens.fx))
+    comment = header(noise, '').replace('--', '- -')
+    text = f"""<?xml version="1.0"?>
+<!--{comment} -->
+<sdf version="1.10">
+  <model name="{_NAME}">
+    <link name="{_NAME}_link">
+      <sensor name="{_NAME}" type="depth_camera">
+        <update_rate>{mode.rate_hz:g}</update_rate>
+        <camera>
+          <horizontal_fov>{view:.6f}</horizontal_fov>
+          <image>
+            <width>{lens.width}</width>
+            <height>{lens.height}</height>
+            <format>R_FLOAT32</format>
+          </image>
+          <clip>
+            <near>{mode.range_min:g}</near>
+            <far>{mode.range_max:g}</far>
+          </clip>
+          <noise>
+            <type>gaussian</type>
+            <mean>{noise.mean_bias:.6f}</mean>
+            <stddev>{fit.values[0]:.6f}</stddev>
+          </noise>
+        </camera>
+      </sensor>
+    </link>
+  </model>
+</sdf>
+"""
+    lost = (
+        'sigma(z): Gazebo has one sigma at all distances',
+        'direction: Gazebo adds the noise to x, y and z of a point, not along its ray',
+        'bias: its mean only',
+        *common_losses(noise, bias=True),
+    )
+    return Parameters(text, (('stddev', fit),), lost)
+
+
+_NAME = 'flexx2'
+TARGET = Target(
+    'gazebo',
+    'flexx2.sdf',
+    'one sigma, mean bias, range, lens, rate',
+    'gazebosim/sdformat, August 2026: sdf/1.10/camera.sdf, noise.sdf; gz-sensors: depth shader',
+    write,
+)

@@ -1,0 +1,108 @@
+"""What a target of an export is."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from flexx2_sim_ros.export.fits import Fit
+from flexx2_sim_ros.export.noise import Noise
+import numpy as np
+
+_SEEN_LOSS = 0.005  # of the pixels
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """
+    A file for a target.
+
+    Attributes
+    ----------
+    text : str
+        The file's content.
+    fits : tuple of (str, Fit)
+        The target's name of each fitted parameter, and its fit.
+    lost : tuple of str
+        What the target cannot hold, one sentence each.
+
+    """
+
+    text: str
+    fits: tuple[tuple[str, Fit], ...]
+    lost: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Target:
+    """
+    A mapper or simulator that takes noise parameters.
+
+    Attributes
+    ----------
+    name : str
+        On the command line.
+    file : str
+        Name of the file, as the target calls such files.
+    holds : str
+        What its parameters can say, for people.
+    source : str
+        Where the format was read.
+    write : callable
+        Takes the noise and an edge length of the map's cells in metres.
+
+    """
+
+    name: str
+    file: str
+    holds: str
+    source: str
+    write: Callable[[Noise, float], Parameters]
+
+
+def header(noise: Noise, comment: str = '#') -> str:
+    """Return the lines at the top of a file: which camera, which effects."""
+    effects = ', '.join(noise.effects) or 'none'
+    angles = ', '.join(f'{angle:g}' for angle in noise.angles)
+    near, far = noise.distance[[0, -1]]
+    return '\n'.join(
+        f'{comment} {line}'.rstrip()
+        for line in (
+            f'{noise.profile.model}, {noise.mode.name}; effects: {effects}',
+            f'Least squares over {near:.2f} to {far:.2f} m at incidence angles of {angles} deg',
+        )
+    )
+
+
+def common_losses(noise: Noise, *, bias: bool = False, lateral: bool = False) -> tuple[str, ...]:
+    """
+    Return what no target, or hardly one, can hold.
+
+    Parameters
+    ----------
+    noise : Noise
+        What the camera has.
+    bias : bool
+        Whether the target holds the mean error.
+    lateral : bool
+        Whether the target holds sigma_x.
+
+    """
+    found = []
+    if len(noise.angles) > 1:
+        share = noise.sigma / noise.typical[:, None]
+        found.append(
+            f'incidence: sigma is {np.nanmin(share):.2f} to {np.nanmax(share):.2f} times what is '
+            'written'
+        )
+    largest = float(np.nanmax(np.abs(noise.bias)))
+    if largest > 0 and not bias:
+        found.append(f'bias: depth is up to {1e3 * largest:.1f} mm off on average')
+    if noise.mode.noise.sigma_x and not lateral:
+        found.append(f'lateral noise: edges move by {noise.mode.noise.sigma_x:.2f} px')
+    if noise.lost.max() > _SEEN_LOSS:
+        found.append(f'lost pixels: up to {noise.lost.max():.0%} are invalid or off by over 10 %')
+    if noise.effects:
+        found.append(
+            'edges, corners and motion: a wall does not show what effects do there; simulate the '
+            'camera for them'
+        )
+    return tuple(found)

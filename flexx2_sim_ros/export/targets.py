@@ -1,0 +1,33 @@
+"""The targets of `flexx2 export`, a file each."""
+
+from collections.abc import Mapping
+from types import MappingProxyType
+
+from flexx2_sim_ros.export import (
+    elevation_mapping,
+    elevation_mapping_cupy,
+    gazebo,
+    isaac_lab,
+    mujoco_playground,
+    nvblox,
+    octomap_server,
+    rtabmap,
+)
+from flexx2_sim_ros.export.target import Target
+
+TARGETS: Mapping[str, Target] = MappingProxyType(
+    {
+        target.name: target
+        for target in (
+            elevation_mapping.STRUCTURED_LIGHT,
+            elevation_mapping.PERFECT,
+            elevation_mapping_cupy.TARGET,
+            octomap_server.TARGET,
+            rtabmap.TARGET,
+            nvblox.TARGET,
+            gazebo.TARGET,
+            isaac_lab.TARGET,
+            mujoco_playground.TARGET,
+        )
+    }
+)

@@ -1,0 +1,149 @@
+"""The noise of a camera as parameters of mappers and simulators."""
+
+import ast
+import configparser
+import math
+from pathlib import Path
+from xml.etree import ElementTree
+
+from flexx2_sim_ros.cli.main import main
+from flexx2_sim_ros.effects import parse_effects
+from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.export import measure_noise, TARGETS
+from flexx2_sim_ros.export.fits import fit_constant, fit_power, fit_structured_light
+from flexx2_sim_ros.profiles.files import find_profile
+from flexx2_sim_ros.profiles.modes import flexx2
+import numpy as np
+import pytest
+import yaml
+
+CELL = 0.05
+
+
+def written(name: str, usecase: str = 'Mode_9_30fps') -> str:
+    return TARGETS[name].write(measure_noise(flexx2(), usecase), CELL).text
+
+
+@pytest.mark.parametrize('usecase', flexx2().names)
+def test_elevation_mapping_has_the_sigma_of_the_camera(usecase: str) -> None:
+    noise = measure_noise(flexx2(), usecase)
+    table = yaml.safe_load(written('elevation_mapping', usecase))['sensor_processor']
+    a, b, c, d, e = (table[f'normal_factor_{letter}'] for letter in 'abcde')
+    z = noise.distance
+    fitted = a + b * (z - c) ** 2 + d * z**e
+    assert np.allclose(fitted / noise.typical, 1.0, atol=0.02)
+    lens, mode = flexx2().intrinsics, flexx2().mode(usecase)
+    assert table['lateral_factor'] == pytest.approx(mode.noise.sigma_x / lens.fx, rel=1e-3)
+    assert table['cutoff_max_depth'] == mode.range_max
+    assert table['type'] == 'structured_light'
+
+
+def test_the_names_are_those_of_the_targets() -> None:
+    perfect = yaml.safe_load(written('elevation_mapping_perfect'))
+    assert perfect == {'sensor_processor': {'type': 'perfect'}}
+    cupy = yaml.safe_load(written('elevation_mapping_cupy'))
+    assert set(cupy) == {'sensor_noise_factor', 'min_valid_distance', 'max_ray_length'}
+    server = yaml.safe_load(written('octomap_server'))['octomap_server']['ros__parameters']
+    assert set(server) == {'resolution', 'sensor_model.max_range', 'sensor_model.hit'}
+    assert 0.5 < server['sensor_model.hit'] < 1
+    blocks = yaml.safe_load(written('nvblox'))['/**']['ros__parameters']
+    assert blocks['static_mapper']['projective_integrator_weighting_mode'] == 'inverse_square'
+    ini = configparser.ConfigParser(interpolation=None)
+    ini.read_string(written('rtabmap'))
+    assert float(ini['Core']['Grid\\RangeMax']) <= flexx2().mode('Mode_9_30fps').range_max
+
+
+def test_gazebo_reads_a_depth_camera() -> None:
+    sensor = ElementTree.fromstring(written('gazebo')).find('./model/link/sensor')
+    assert sensor is not None
+    assert sensor.get('type') == 'depth_camera'
+    values = {name: sensor.findtext(f'.//{name}') for name in ('width', 'height', 'near', 'far')}
+    assert values == {'width': '224', 'height': '172', 'near': '0.1', 'far': '7'}
+    assert float(sensor.findtext('.//stddev') or 0) > 0
+    lens = flexx2().intrinsics
+    view = 2 * math.atan(lens.width / 2 / lens.fx)
+    assert float(sensor.findtext('.//horizontal_fov') or 0) == pytest.approx(view, abs=1e-6)
+
+
+@pytest.mark.parametrize('name', ['isaac_lab', 'mujoco_playground'])
+def test_configurations_in_python_are_one_call(name: str) -> None:
+    *_, last = ast.parse(written(name)).body
+    assert isinstance(last, ast.Assign)
+    assert isinstance(last.value, ast.Call)
+
+
+def test_playground_has_the_spread_of_a_uniform_distribution() -> None:
+    noise = measure_noise(flexx2(), 'Mode_9_30fps')
+    sigma = fit_constant(noise.distance, noise.typical).values[0]
+    scale = float(written('mujoco_playground').split('depth=')[1].split(')')[0])
+    draws = np.random.default_rng(0).uniform(-scale, scale, 1_000_000)
+    assert draws.std() == pytest.approx(sigma, rel=0.01)  # 1 % is 22 standard errors
+
+
+def test_fits_find_what_they_are_given() -> None:
+    z = np.linspace(0.2, 4.0, 30)
+    fit = fit_power(z, 0.003 * z**2, 2, 'a z^2')
+    assert fit.values == pytest.approx((0.003,))
+    assert fit.worst == pytest.approx(1.0)
+    bowl = fit_structured_light(z, 0.002 + 0.003 * (z - 0.5) ** 2)
+    assert bowl.values[:3] == pytest.approx((0.002, 0.003, 0.5), rel=1e-3)
+    assert bowl.form == 'a + b (z - c)^2'
+    holes = fit_constant(z, np.where(z > 2, math.nan, 0.01))
+    assert holes.values == pytest.approx((0.01,))
+
+
+def test_a_simulated_wall_has_the_sigma_of_the_model() -> None:
+    # An offset leaves the noise as it is. 6,000 pixels a wall: a sigma is known to 0.9 %,
+    # and 36 of them differ by over 6 % with a probability below 1e-8.
+    effects = parse_effects({'offset': {'bias': 0.01}})
+    noise = measure_noise(flexx2(), 'Mode_9_30fps', effects, distances=(0.4, 2.0))
+    model = flexx2().mode('Mode_9_30fps').noise
+    for j, angle in enumerate(noise.angles):
+        expected = model.sigma_z(noise.distance, math.radians(angle))
+        assert np.allclose(noise.sigma[:, j] / expected, 1.0, atol=0.06 if angle < 60 else 0.1)
+    assert np.allclose(noise.bias[:, 0], 0.01, atol=1e-3)
+    text = TARGETS['gazebo'].write(noise, CELL).text
+    mean = float(ElementTree.fromstring(text).findtext('.//mean') or 0)
+    assert mean == pytest.approx(0.01, abs=1e-3)
+
+
+def test_lost_and_wrong_pixels_are_counted_apart() -> None:
+    effects = parse_effects({'range_wrap': {}})
+    noise = measure_noise(flexx2(), 'Mode_5_60fps', effects, angles=(0.0,))
+    seen = np.isfinite(noise.sigma)
+    assert np.nanmax(np.abs(noise.bias[seen])) < 0.1
+    lost = TARGETS['nvblox'].write(noise, CELL).lost
+    assert any('lateral' in sentence for sentence in lost)
+
+
+def test_other_cameras_are_exported(tmp_path: Path) -> None:
+    out = tmp_path / 'kinect.yaml'
+    assert main(['export', 'elevation_mapping', '--profile', 'kinect_v2', '--out', str(out)]) == 0
+    assert yaml.safe_load(out.read_text())['sensor_processor']['type'] == 'structured_light'
+    assert find_profile('kinect_v2').model in out.read_text()
+
+
+def test_all_targets_go_into_a_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(['export', 'all', '--out', str(tmp_path / 'out'), '--distances', '0.3', '3']) == 0
+    names = {path.name for path in (tmp_path / 'out').iterdir()}
+    assert names == {target.file for target in TARGETS.values()}
+    assert 'None of them can hold' in capsys.readouterr().out
+
+
+def test_a_file_is_written_over_only_by_force(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / 'flexx2.sdf'
+    out.write_text('mine')
+    assert main(['export', 'gazebo', '--out', str(out)]) == 2
+    assert out.read_text() == 'mine'
+    assert '--force' in capsys.readouterr().err
+    assert main(['export', 'gazebo', '--out', str(out), '--force']) == 0
+    assert out.read_text() != 'mine'
+
+
+def test_distances_outside_the_range_are_refused() -> None:
+    with pytest.raises(InputError, match='distances: must rise and be within'):
+        measure_noise(flexx2(), 'Mode_9_30fps', distances=(3.0, 1.0))
+    with pytest.raises(InputError, match='distances'):
+        measure_noise(flexx2(), 'Mode_9_30fps', distances=(0.3, 50.0))
