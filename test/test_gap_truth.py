@@ -151,6 +151,27 @@ def test_an_error_within_the_accuracy_of_the_truth_is_no_gap(tmp_path: Path) -> 
     assert table['recordings'][0]['truth']['sigma'] == pytest.approx(0.004)
 
 
+@pytest.mark.parametrize('strength', [0.0, 4.0])
+def test_an_effect_below_the_accuracy_of_the_truth_is_open_and_a_strong_one_is_found(
+    tmp_path: Path, strength: float
+) -> None:
+    """Assert it for wiggling, 4 mm at each frequency, and surfaces that are known to 3 mm."""
+    effects = {'wiggling': {'strength': strength}} if strength else None
+    write_campaign(tmp_path, seed=SEED, effects=effects, **SMALL)
+    for file in tmp_path.glob('*.npz'):
+        with np.load(file) as archive:
+            arrays = dict(archive)
+        np.savez(file, **arrays, clean_sigma=np.array(0.003))
+    table = diagnose(tmp_path, without=[*WITHOUT, 'pose_error'])
+    rows = {row['name']: row for row in table['not_decidable']}
+    if strength:
+        assert [row['name'] for row in table['effects']] == ['wiggling']
+        assert 'wiggling' not in rows
+    else:
+        assert table['verdict'] == 'not_decidable'
+        assert rows['wiggling']['settled_by'] == 'surfaces that are known more accurately'
+
+
 def test_a_pose_stays_within_its_covariance(tmp_path: Path) -> None:
     """Assert that errors of the walls are taken for the pose as far as that may be wrong."""
     left_out = [*WITHOUT, 'pose_error']

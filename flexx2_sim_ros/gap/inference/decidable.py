@@ -35,12 +35,16 @@ class Undecided:
         Fraction of its change that errors of the ground truth can explain.
     settled_by : str
         What would decide it.
+    confounded : bool
+        Whether errors of poses and planes look like the effect. Otherwise the accuracy of the
+        surfaces only covers an effect of typical strength, and a stronger one can be found.
 
     """
 
     effect: str
     absorbed: float
     settled_by: str
+    confounded: bool = True
 
 
 def undecided(
@@ -76,20 +80,31 @@ def undecided(
         return []
     exact = [None if c is None else np.zeros_like(c) for c in covariances]
     worst: dict[str, tuple[float, Candidate]] = {}
+    confounded = set()
     for candidate in candidates:
         tick()
         shift, least = _typical(model, candidate), _least(model, candidate, thresholds)
-        if float(model.losses(shift).sum()) < least:
+        known = model.as_if(shift, exact, exact=True)
+        if float(known.losses(shift).sum()) < least:
             continue  # These recordings would not show it in any case.
         left = _left(model.as_if(shift))
         if left >= least:
             continue
-        whole = _left(model.as_if(shift, exact, exact=True))
+        whole = _left(known)
         absorbed = float(np.clip(1 - left / max(whole, 1e-9), 0, 1))
-        if whole >= least and absorbed > worst.get(candidate.effect, (0.0,))[0]:
+        if whole < least:
+            continue
+        if _left(model.as_if(shift, exact=True)) < least:
+            confounded.add(candidate.effect)
+        if absorbed > worst.get(candidate.effect, (0.0,))[0]:
             worst[candidate.effect] = absorbed, candidate
     return [
-        Undecided(effect, absorbed, _settled_by(model, candidate, covariances, thresholds))
+        Undecided(
+            effect,
+            absorbed,
+            _settled_by(model, candidate, covariances, thresholds),
+            effect in confounded,
+        )
         for effect, (absorbed, candidate) in worst.items()
     ]
 
@@ -154,6 +169,8 @@ def _settled_by(
             better = [None if c is None else _with(c, measured) for c in covariances]
             if _left(model.as_if(shift, better)) >= least:
                 return words
+    if _left(model.as_if(shift, exact=True)) >= least:
+        return 'surfaces that are known more accurately'
     return 'a more accurate ground truth, such as a scan'
 
 

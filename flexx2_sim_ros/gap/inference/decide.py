@@ -72,9 +72,9 @@ class Decision:
     excess : float
         Excess loss: loss of the base simulator minus that of noise alone.
     undecided : list of Undecided
-        Effects that this ground truth cannot decide. They are not selected. If one of them
-        explains about as much as the effects that were found, the verdict is ``unknown`` and
-        ``alternatives`` has them all.
+        Effects that this ground truth cannot decide. Those that errors of poses and planes look
+        like are not selected; if one of them explains about as much as the effects that were
+        found, the verdict is ``unknown`` and ``alternatives`` has them all.
 
     """
 
@@ -130,7 +130,9 @@ def decide(
         candidates, or for the most part. Without a finding the verdict is ``not_decidable``.
 
     """
-    hidden = undecided(model, candidates, thresholds, tick)
+    not_seen = undecided(model, candidates, thresholds, tick)
+    hidden = [one for one in not_seen if one.confounded]
+    absorbed = [*absorbed, *(one for one in not_seen if not one.confounded)]
     names = {one.effect for one in hidden}
     open_ones = [one for one in candidates if one.effect in names]
     candidates = [one for one in candidates if one.effect not in names]

@@ -89,7 +89,7 @@ def column_name(effect: str, strength: float) -> str:
 
 def left_open(model: Model, candidates: Sequence[Candidate], kind: Kind) -> set[str]:
     """Return the effects that the ground truth leaves undecided."""
-    return {one.effect for one in undecided(model, candidates)} | set(kind.never)
+    return {one.effect for one in undecided(model, candidates) if one.confounded} | set(kind.never)
 
 
 def power(
