@@ -4,12 +4,13 @@ What each kind of ground truth takes away of each effect: ``python -m bench.abso
 The package's camera records a furnished room (six places where it stands still, two walks) and
 five corners, once without an effect and once with each effect at its usual strength, with the same
 noise. Ground truth is made of both, with ``flexx2 gap truth``: the room as a mesh and poses 5 cm
-and 3 degrees off (scan), three planes of each corner measured with a tape and a set square (tape),
-and the same planes without a distance (planes). What the effect changes of ``clean_depth`` is
-projected on what it changes of the mean measured depth of blocks of 6 x 6 pixels: 1 means that
-clean depth follows the effect and hides all of it, 0 that it does not. A dash: the effect changes
-mean depth by less than 0.3 mm. ``--write`` writes ``config/absorbed.yaml``;
-``--only`` measures the room or the corners only.
+and 3 degrees off (scan), the same of each recording alone, for the effects that only several
+recordings tell from their poses (single), three planes of each corner measured with a tape and a
+set square (tape), and the same planes without a distance (planes). What the effect changes of
+``clean_depth`` is projected on what it changes of the mean measured depth of blocks of 6 x 6
+pixels: 1 means that clean depth follows the effect and hides all of it, 0 that it does not. A
+dash: the effect changes mean depth by less than 0.3 mm. ``--write`` writes
+``config/absorbed.yaml``; ``--only`` measures the room or the corners only.
 """
 
 import argparse
@@ -33,6 +34,8 @@ import numpy as np
 import yaml
 
 UPTIME = 60.0  # seconds
+_SESSION = 3600.0  # seconds from the first recording of the room to the last
+_SINGLE = 'intrinsics_error', 'warm_up_drift'
 LEAST = 3e-4  # metres, root mean square of an effect that a fraction is given for
 _BLOCK = 6
 Effects = Mapping[str, Mapping[str, float]]
@@ -41,7 +44,7 @@ Effects = Mapping[str, Mapping[str, float]]
 class Room:
     """A furnished room as a mesh, seen from six places and on two walks."""
 
-    kinds = ('scan',)
+    kinds = 'scan', 'single'
 
     def __init__(self, folder: Path) -> None:
         """Write the mesh, and draw rough poses."""
@@ -59,13 +62,16 @@ class Room:
                 self.views.append(camera.camera.scenes.clean(i))
                 rough = Pose(*off(camera.poses(i)[0], 0.05, 3.0, rng))
                 self.poses.append(tuple(rough.numbers()))
+        self.uptimes = np.geomspace(UPTIME, UPTIME + _SESSION, len(self.views))
 
     def make(self, recordings: Path, kind: str, out: Path) -> None:
         """Write the campaign."""
-        paths = tuple(sorted(recordings.iterdir()))
-        make_truth(
-            Request(recordings=paths, room=self.mesh, out=out, poses=tuple(self.poses), jobs=1)
-        )
+        paths, poses = tuple(sorted(recordings.iterdir())), tuple(self.poses)
+        if kind == 'scan':
+            make_truth(Request(recordings=paths, room=self.mesh, out=out, poses=poses))
+            return
+        for path, pose in zip(paths, poses, strict=True):
+            make_truth(Request(recordings=(path,), room=self.mesh, out=out, poses=(pose,)))
 
 
 class Corners:
@@ -79,6 +85,7 @@ class Corners:
         for turns, distances in VIEWS:
             clean, _ = seen(corner(*turns), distances)
             self.views.append((clean, np.full_like(clean, 0.6)))
+        self.uptimes = np.full(len(self.views), UPTIME)
         for kind, taped in zip(self.kinds, (TAPE, None), strict=True):
             describe(folder / f'{kind}.yaml', taped=taped)
 
@@ -92,16 +99,16 @@ def record(folder: Path, scenes: Room | Corners, effects: Effects) -> list[np.nd
     """Write a recording of each view, and return the mean measured depth, (H, W) or (T, H, W)."""
     folder.mkdir()
     table: dict[str, Any] = {name: dict(values) for name, values in effects.items()}
-    for name in ageing(table):
-        table[name]['uptime'] = UPTIME
-    own = tuple(registry()[name].from_mapping(values) for name, values in table.items())
     means = []
     for i, (clean, reflectivity) in enumerate(scenes.views):
+        for name in ageing(table):
+            table[name]['uptime'] = float(scenes.uptimes[i])
+        own = tuple(registry()[name].from_mapping(values) for name, values in table.items())
         stamp = 100 + np.arange(FRAMES) / 30
         camera = Camera(MODE, effects=own, seed=i, name='real')
         depth = camera.capture(clean, K, stamp, reflectivity).depth
         content = {'depth': depth, 'K': K, 'stamp': stamp, 'usecase': MODE}
-        np.savez(folder / f'corner{i}.npz', **content, uptime=UPTIME + stamp - stamp[0])
+        np.savez(folder / f'corner{i}.npz', **content, uptime=scenes.uptimes[i] + stamp - stamp[0])
         means.append(depth if clean.ndim == 3 else np.median(depth, axis=0))
     return means
 
@@ -183,6 +190,8 @@ def _measure(folder: Path, scenes: Room | Corners, found: dict[str, dict[str, fl
         means = record(folder / f'{name}-{effect}', scenes, {effect: {}})
         changes = [one - other for one, other in zip(means, plain, strict=True)]
         for kind in scenes.kinds:
+            if kind == 'single' and effect not in _SINGLE:
+                continue
             out = folder / f'{kind}-{effect}'
             try:
                 scenes.make(folder / f'{name}-{effect}', kind, out)

@@ -39,8 +39,9 @@ TRUTHS = 'exact', 'told', 'found'
 # The poses are fitted to the recordings, so a scan cannot show these.
 OPEN = 'pose_error', 'time_offset'
 _METRES, _DEGREES = 0.05, 3.0
+_POWER_ON = 1.7e9  # seconds, the stamp at which the camera was switched on
 _MOVING = 'motion_artefact', 'time_offset'
-_KEPT = 'depth', 'K', 'stamp', 'usecase', 'uptime'
+_KEPT = 'depth', 'K', 'stamp', 'usecase'
 
 
 def make(folder: Path, name: str, seed: int, recordings: int, frames: int) -> ScannedCamera:
@@ -51,6 +52,8 @@ def make(folder: Path, name: str, seed: int, recordings: int, frames: int) -> Sc
     )
     (folder / 'exact').mkdir()
     (folder / 'bags').mkdir()
+    # One clock: the stamps say how long after one another the recordings were made.
+    camera.camera.stamps = _POWER_ON + camera.camera.scenes.uptimes
     camera.record(folder / 'exact', told=True)
     for path in sorted((folder / 'exact').glob('*.npz')):
         with np.load(path, allow_pickle=False) as archive:

@@ -84,6 +84,13 @@ def add_parser(commands: Any) -> None:
         metavar='FRACTION',
         help='standard deviation of the focal length, with --board (default 0.003)',
     )
+    parser.add_argument(
+        '--uptime',
+        type=number(0, 1e6),
+        metavar='SECONDS',
+        help='time from power-on to the first frame of the earliest recording; the others follow '
+        'from their stamps (default: counted from the earliest recording)',
+    )
     add_jobs(parser)
     add_scheduler(parser)
     parser.set_defaults(run=run)
@@ -277,6 +284,7 @@ def _common(arguments: argparse.Namespace) -> dict[str, Any]:
         'motion': arguments.motion,
         'jobs': arguments.jobs,
         'scheduler': arguments.scheduler,
+        'uptime': arguments.uptime,
         'command': command_line('gap', 'truth'),
     }
 

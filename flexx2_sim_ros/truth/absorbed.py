@@ -1,5 +1,6 @@
 """The fraction of each effect that a kind of ground truth hides, from `bench.absorbed`."""
 
+from collections.abc import Mapping
 from functools import lru_cache
 from typing import Any
 
@@ -31,7 +32,8 @@ def absorbed(kind: str) -> dict[str, float]:
     Parameters
     ----------
     kind : str
-        ``scan``; ``tape`` or ``planes`` (planes with and without measured distances).
+        ``scan``; ``single`` (a scan, recordings registered one by one); ``tape`` or ``planes``
+        (planes with and without measured distances).
 
     Returns
     -------
@@ -61,14 +63,27 @@ def never_decided(moving: bool) -> list[dict[str, Any]]:
     return [_row(effect, reason, 1.0) for effect, reason in rows]
 
 
-def hidden_by_scan(moving: bool) -> list[dict[str, Any]]:
-    """Return `never_decided`, and the effects that fitted poses absorb."""
+def hidden_by_scan(moving: bool, confounded: Mapping[str, str]) -> list[dict[str, Any]]:
+    """
+    Return `never_decided`, and the effects that fitted poses absorb.
+
+    Parameters
+    ----------
+    moving : bool
+        As in `never_decided`.
+    confounded : mapping of str to str
+        Shared errors that these recordings do not tell from their poses: the effect, and why. The
+        poses then take what they take in a single recording.
+
+    """
     rows = never_decided(moving)
     known = [row['effect'] for row in rows]
     for effect, part in absorbed('scan').items():
         if part >= _HIDDEN and effect not in known and (moving or effect not in _MOVING):
             reason = f'the poses take {part:.0%} of it for theirs'
             rows.append(_row(effect, reason, min(part, 0.99)))
+    single = absorbed('single')
+    rows += [_row(effect, why, min(single[effect], 0.99)) for effect, why in confounded.items()]
     return rows
 
 

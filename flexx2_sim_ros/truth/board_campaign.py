@@ -86,7 +86,7 @@ def make_board_truth(request: BoardRequest, progress: Progress = no_progress) ->
         if all(one.reason for one in placed):
             raise InputError(f'{shown_path(sources[0].path)}: {placed[0].reason}')
         writings = {
-            i: BoardWriting(jobs[i], one, sources[i].target)
+            i: BoardWriting(jobs[i], one, sources[i].target, sources[i].keys)
             for i, one in enumerate(placed)
             if not one.reason
         }

@@ -1,6 +1,7 @@
 """Write a recording with ground truth on a board."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from itertools import islice
 from pathlib import Path
 
@@ -30,12 +31,15 @@ class BoardWriting:
     placed : Placed
     target : pathlib.Path
         The file to write.
+    keys : mapping of str to numpy.ndarray
+        Further keys to write.
 
     """
 
     job: BoardJob
     placed: Placed
     target: Path
+    keys: Mapping[str, np.ndarray] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -121,7 +125,7 @@ def write_board(what: BoardWriting) -> OnBoard:
             'plane_covariance': plane,
             'plane_names': np.array(['board']),
         }
-    write_truth(reader, what.target, truths, moving, accuracy)
+    write_truth(reader, what.target, truths, moving, {**accuracy, **what.keys})
     gray = next(islice(gray_images(reader, moving), shown.number, None))
     picture = replace(
         picture_of([shown.clean], shown.image),

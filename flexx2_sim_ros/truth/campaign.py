@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+import math
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +32,8 @@ import numpy as np
 
 # Cost of the best pose in the mirror image of the room, as a fraction of the cost in the room.
 _MIRRORED = 0.4
+# Shared errors that the poses take where they are confounded; the poses' covariance omits this.
+_HIDDEN_UNLESS_FITTED = 'intrinsics_error', 'warm_up_drift'
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -145,6 +148,7 @@ def _jobs(request: Request, sources: Sequence[Source]) -> list[Job]:
             guess,
             request.up,
             request.told,
+            math.inf if source.uptime is None else float(source.uptime.mean()),
         )
         for source, guess in zip(sources, guesses, strict=True)
     ]
@@ -245,6 +249,7 @@ def _writings(
                 np.mean([solution.full_covariance(k) for k in mine], axis=0),
                 request.room_error,
                 source.target,
+                keys=source.keys,
             )
     return out
 
@@ -281,9 +286,14 @@ def _row(
 
 
 def _cannot_decide(shared: Shared, registered: Sequence[Registered]) -> list[dict[str, Any]]:
-    out = hidden_by_scan(any(one.moving for one in registered))
+    confounded = {
+        effect: str(finding['reason'])
+        for effect, finding in shared.findings.items()
+        if effect in _HIDDEN_UNLESS_FITTED and finding['verdict'] == 'confounded'
+    }
+    out = hidden_by_scan(any(one.moving for one in registered), confounded)
     for effect, finding in shared.findings.items():
-        if finding['verdict'] == 'confounded':
+        if effect not in confounded and finding['verdict'] == 'confounded':
             remedy = 'a recording of a bright corner'
             if 'depth_scale' in shared.findings:
                 remedy = 'a scan of the right scale'

@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 
 from flexx2_sim_ros import __version__, atomic
 from flexx2_sim_ros.jobs import Map
-from flexx2_sim_ros.recording import open_recording
+from flexx2_sim_ros.recording import open_recording, RecordingReader
 from flexx2_sim_ros.recording.folders import BAG_FILES, find_recordings, is_bag
 import yaml
 
@@ -40,9 +40,9 @@ def names_of(paths: Sequence[Path]) -> list[str]:
     return names
 
 
-def check_files(out: Path, paths: Sequence[Path], camera: str | None) -> None:
+def opened(out: Path, paths: Sequence[Path], camera: str | None) -> list[RecordingReader]:
     """
-    Check that recordings can be read and their ground truth can be written.
+    Open recordings, and check that their ground truth can be written.
 
     Raises
     ------
@@ -51,9 +51,11 @@ def check_files(out: Path, paths: Sequence[Path], camera: str | None) -> None:
 
     """
     atomic.check_outputs('--out', out, FILES)
+    readers = []
     for path, name in zip(paths, names_of(paths), strict=True):
-        open_recording(path, camera)
+        readers.append(open_recording(path, camera))
         atomic.check_distinct(path, out / name)
+    return readers
 
 
 def write_results(out: Path, table: dict[str, Any], html: str) -> None:

@@ -117,6 +117,13 @@ def _sizes(found: Mapping[str, Any]) -> str:
             f'{wave["amplitude"] * 1e3:.1f} mm every {wave["period"]:.3f} m'
             for wave in found['waves']
         )
+    if 'lens' in found:
+        return '; '.join(
+            f'{name} {part["value"]:+.4f}, standard deviation {part["standard_deviation"]:.4f}'
+            for name, part in found['lens'].items()
+        )
+    if 'standard_deviation' not in found:
+        return ''
     deviation = found['standard_deviation']
     if 'fraction' in found:
         return f'{found["fraction"]:+.2%}, standard deviation {deviation:.2%}'

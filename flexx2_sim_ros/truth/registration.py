@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 import json
+import math
 from pathlib import Path
 import time
 from typing import Any
@@ -50,6 +51,8 @@ class Job:
         One of `search.UPS`.
     told : PoseSource or None
         Source of a rough pose for each frame.
+    uptime : float
+        Seconds since the camera was switched on; infinite if unknown.
 
     """
 
@@ -61,6 +64,7 @@ class Job:
     guess: tuple[float, ...] | None
     up: str
     told: PoseSource | None = None
+    uptime: float = math.inf
 
 
 @dataclass(frozen=True)
@@ -272,7 +276,7 @@ def views_of(job: tuple[int, Job, Registered], bounce: bool = True) -> list[View
         if bounce and footage.mode is not None and footage.mode.modulation_hz:
             added = bounced(room, pose, image, footage.reader.K, footage.mode, how.profile)
             shape = added.ravel()[target.pixel]
-        out.append(View(recording, how.room, target, pose, shape))
+        out.append(View(recording, how.room, target, pose, shape, how.uptime))
     return out
 
 

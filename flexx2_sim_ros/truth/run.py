@@ -14,12 +14,14 @@ from flexx2_sim_ros.jobs import Map, workers
 from flexx2_sim_ros.recording.folders import find_recordings
 from flexx2_sim_ros.truth.files import (
     CACHE,
-    check_files,
     names_of,
+    opened,
     recordings_of,
     remembered,
     write_results,
 )
+from flexx2_sim_ros.truth.uptime import uptimes
+import numpy as np
 
 # Called with the name of the current step and the fraction of the work that is done.
 Progress = Callable[[str, float], None]
@@ -51,6 +53,8 @@ class TruthRequest:
         Number of processes.
     scheduler : str or None
         Address of a Dask scheduler.
+    uptime : float or None
+        Seconds from power-on to the first frame of the earliest recording (None: unknown).
     command : str
         The command line, stored in ``truth.yaml``.
 
@@ -63,6 +67,7 @@ class TruthRequest:
     motion: str = 'auto'
     jobs: int = 1
     scheduler: str | None = None
+    uptime: float | None = None
     command: str = ''
 
 
@@ -77,11 +82,19 @@ class Source:
         The recording.
     target : pathlib.Path
         The file to write, with ground truth.
+    uptime : numpy.ndarray or None
+        As in `uptime.uptimes`.
 
     """
 
     path: Path
     target: Path
+    uptime: np.ndarray | None = None
+
+    @property
+    def keys(self) -> dict[str, np.ndarray]:
+        """Return keys to write beside the ground truth."""
+        return {} if self.uptime is None else {'uptime': self.uptime}
 
     def row(self, verdict: str, reasons: Sequence[str], **more: Any) -> dict[str, Any]:
         """Return the row of the recording in ``truth.yaml``."""
@@ -105,9 +118,13 @@ def sources_of(request: TruthRequest) -> list[Source]:
 
     """
     paths = recordings_of(request.recordings)
-    check_files(request.out, paths, request.camera)
-    names = names_of(paths)
-    return [Source(path, request.out / name) for path, name in zip(paths, names, strict=True)]
+    readers = opened(request.out, paths, request.camera)
+    return [
+        Source(path, request.out / name, uptime)
+        for path, name, uptime in zip(
+            paths, names_of(paths), uptimes(readers, request.uptime), strict=True
+        )
+    ]
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ import math
 
 from flexx2_sim_ros.truth.joint import (
     Columns,
+    LENS,
     Linear,
     linearise,
     reduced,
@@ -32,6 +33,15 @@ LEAST_RECORDINGS = 3
 _CLEAR = 3.0  # standard deviations of the bounce's gain, and of a scale
 _LIKE_SCALE = 2.0  # metres: a wave at least as long looks like a scale
 _LEAST_SCALE = 0.002  # scale error of a calibrated camera
+# Errors of the lens of usual size, as in `joint.LENS`: the defaults of the effect, with 0.7 pixels
+# of 224 as a tangent. Smaller than a third of these, they are not corrected.
+_USUAL_LENS = {'focal': 0.005, 'cx': 0.0033, 'cy': 0.0033, 'k1': 0.01}
+_LEAST_LENS = 1 / 3
+_CLEAR_LENS = 4.0  # standard deviations
+_DRIFTS = 300.0, 900.0, 2700.0  # seconds, time constants as those of the effect
+_CLEAR_DRIFT = 5.0  # standard deviations, the largest of three tried
+_LEAST_DRIFT = 0.003  # metres: a third of the usual drift
+_LEAST_TIME = 300.0  # seconds between the first and the last recording
 
 
 @dataclass(frozen=True)
@@ -44,9 +54,11 @@ class Shared:
     solution : Solution
         The solution with the decidable columns.
     findings : dict of str to dict
-        By effect (``offset``, ``wiggling``, ``multipath``): ``verdict`` (``identified`` or
-        ``confounded``), ``reason``, and the values with their standard deviations. Besides
-        ``depth_scale`` (verdict ``found``), where depth and room differ in scale.
+        By effect (``offset``, ``wiggling``, ``multipath``, ``intrinsics_error``,
+        ``warm_up_drift``): ``verdict`` (``identified`` or ``confounded``), ``reason``, and the
+        values with their standard deviations. An effect is ``identified`` as well where it is
+        known to be absent. Besides ``depth_scale`` (verdict ``found``), where depth and room
+        differ in scale.
 
     """
 
@@ -69,20 +81,13 @@ def estimate(views: Sequence[View]) -> Shared:
 
     """
     bounce = any(view.bounce.any() for view in views)
-    columns = Columns(True, (), bounce)
-    solution = solve(views, columns)
-    for _ in range(_MOST_PERIODS):
-        period, gain = _best_period(solution)
-        if gain < _LEAST_GAIN:
-            break
-        trial = solve(solution.views, replace(columns, periods=(*columns.periods, period)))
-        place = 1 + 2 * len(columns.periods)
-        size = math.hypot(*trial.values[place : place + 2])
-        if math.hypot(*trial.deviations[place : place + 2]) > _STABLE * size:
-            break
-        columns, solution = trial.columns, trial
+    several = _recordings(views) >= LEAST_RECORDINGS
+    trial = _with_waves(solve(views, Columns(True, (), bounce, lens=several)))
+    findings: dict[str, dict[str, object]] = {}
+    trial, findings['warm_up_drift'] = _with_drift(trial)
+    solution, findings['intrinsics_error'] = _with_or_without_lens(trial)
     why = refusal(solution)
-    full = solution
+    full, columns = solution, solution.columns
     clear = columns.bounce and _clear(solution)
     if clear and not why:
         why = _hidden_by_bounce(solution)
@@ -91,12 +96,106 @@ def estimate(views: Sequence[View]) -> Shared:
         # fitted without them.
         columns = replace(columns, bias=not why, bounce=clear)
         solution = solve(solution.views, columns)
-    findings = _findings(full, solution, why)
+    findings = {**_findings(full, solution, why), **findings}
     scale = _scale(solution)
     if scale:
         findings['depth_scale'] = scale
         findings['offset'] |= {'verdict': 'confounded', 'reason': 'depth and room differ in scale'}
     return Shared(solution, findings)
+
+
+def _with_waves(solution: Solution) -> Solution:
+    # Waves are added one by one as long as each is clear.
+    for _ in range(_MOST_PERIODS):
+        period, gain = _best_period(solution)
+        if gain < _LEAST_GAIN:
+            break
+        columns = solution.columns
+        trial = solve(solution.views, replace(columns, periods=(*columns.periods, period)))
+        place = 1 + 2 * len(columns.periods)
+        size = math.hypot(*trial.values[place : place + 2])
+        if math.hypot(*trial.deviations[place : place + 2]) > _STABLE * size:
+            break
+        solution = trial
+    return solution
+
+
+def _recordings(views: Sequence[View]) -> int:
+    return len({view.recording for view in views})
+
+
+def _fitted(solution: Solution, name: str) -> tuple[float, float]:
+    # Value and standard deviation of a coefficient.
+    place = solution.columns.names.index(name)
+    return float(solution.values[place]), float(solution.deviations[place])
+
+
+def _with_or_without_lens(solution: Solution) -> tuple[Solution, dict[str, object]]:
+    # Errors of the lens stay where they are clear and large enough. Light that bounced bends
+    # floors and walls as a wrong lens does, and its shape is only simulated, so next to it nothing
+    # is said of the lens.
+    if not solution.columns.lens:
+        return solution, {'verdict': 'confounded', 'reason': _too_few(LEAST_RECORDINGS, solution)}
+    lens = {name: _fitted(solution, name) for name in LENS}
+    least = {name: usual * _LEAST_LENS for name, usual in _USUAL_LENS.items()}
+    loose = [name for name, (_, deviation) in lens.items() if deviation > least[name]]
+    why = f'the recordings cannot tell it from their poses ({", ".join(loose)})' if loose else ''
+    found = any(
+        abs(value) > max(_CLEAR_LENS * deviation, least[name])
+        for name, (value, deviation) in lens.items()
+    )
+    if solution.columns.bounce and _clear(solution):
+        found, why = False, 'bounced light looks like it'
+    finding: dict[str, object] = {
+        'verdict': 'confounded' if why and not found else 'identified',
+        'lens': {
+            name: {'value': value, 'standard_deviation': deviation}
+            for name, (value, deviation) in lens.items()
+        },
+    }
+    if found:
+        return solution, finding
+    if why:
+        finding['reason'] = why
+    return solve(solution.views, replace(solution.columns, lens=False)), finding
+
+
+def _with_drift(solution: Solution) -> tuple[Solution, dict[str, object]]:
+    # A bias that decays after power-on, if it is clear.
+    uptimes = np.array([view.uptime for view in solution.views])
+    if not np.isfinite(uptimes).all():
+        return solution, {
+            'verdict': 'confounded',
+            'reason': 'the stamps do not say when the recordings were made, one after another',
+        }
+    if np.ptp(uptimes) < _LEAST_TIME:
+        return solution, {'verdict': 'identified', 'reason': 'an offset: all is within minutes'}
+    if len(solution.left_out) <= LEAST_RECORDINGS:
+        return solution, {
+            'verdict': 'confounded',
+            'reason': _too_few(LEAST_RECORDINGS + 1, solution),
+        }
+    trials = [solve(solution.views, replace(solution.columns, drift=tau)) for tau in _DRIFTS]
+    clear = [abs(value) / spread for value, spread in (_fitted(one, 'drift') for one in trials)]
+    best = trials[int(np.argmax(clear))]
+    found = max(clear) > _CLEAR_DRIFT
+    value, deviation = _fitted(best, 'drift')
+    loose = not found and deviation > _LEAST_DRIFT
+    finding: dict[str, object] = {
+        'verdict': 'confounded' if loose else 'identified',
+        'metres': value,
+        'standard_deviation': deviation,
+        'tau': best.columns.drift,
+    }
+    if loose:
+        finding['reason'] = (
+            f'it is known to {deviation * 1e3:.1f} mm (must be {_LEAST_DRIFT * 1e3:.0f} mm)'
+        )
+    return best if found else solution, finding
+
+
+def _too_few(least: int, solution: Solution) -> str:
+    return f'needs at least {least} recordings, got {len(solution.left_out)}'
 
 
 def _scale(solution: Solution) -> dict[str, object]:
@@ -129,7 +228,7 @@ def refusal(solution: Solution) -> str:
     """Return why an estimate of the bias cannot be trusted; empty if it can."""
     recordings = len(solution.left_out)
     if recordings < LEAST_RECORDINGS:
-        return f'needs at least {LEAST_RECORDINGS} recordings, got {recordings}'
+        return _too_few(LEAST_RECORDINGS, solution)
     bias, deviation = float(solution.values[0]), float(solution.deviations[0])
     if solution.condition > MOST_CONDITION:
         return (

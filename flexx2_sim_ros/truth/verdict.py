@@ -91,9 +91,11 @@ def _numbers(recording: int, solution: Solution) -> tuple[float, float, tuple[fl
     views = [i for i, view in enumerate(solution.views) if view.recording == recording]
     for i in views:
         view = solution.views[i]
-        hits = load_room(view.room).cast(view.pose, view.target.rays)
+        columns, values = solution.columns, solution.values
+        rays = columns.true_rays(values, view.target.rays)
+        hits = load_room(view.room).cast(view.pose, rays)
         error = residuals(hits, view.target)
-        error -= solution.columns.matrix(view, hits.depth) @ solution.values
+        error -= columns.errors(values, hits, rays, view.bounce, view.uptime)
         with np.errstate(invalid='ignore'):
             fits.append(np.abs(error) < _FITS + _FITS_NOISE * view.target.sigma)
         left.append(np.abs(error[np.isfinite(error)]))

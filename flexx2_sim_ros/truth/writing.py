@@ -1,7 +1,7 @@
 """Write a recording with its ground truth."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence, Set
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +10,7 @@ from flexx2_sim_ros.recording.truth import KEYS
 from flexx2_sim_ros.truth.alignment import align, choose
 from flexx2_sim_ros.truth.clean import Clean, difference, edges, render, strange
 from flexx2_sim_ros.truth.gray_frames import gray_images, has_gray, has_gray_frames
-from flexx2_sim_ros.truth.joint import Columns, error_columns
+from flexx2_sim_ros.truth.joint import Columns
 from flexx2_sim_ros.truth.meshes import load_room
 from flexx2_sim_ros.truth.observation import Footage, Observation, observe
 from flexx2_sim_ros.truth.poses import Pose
@@ -53,6 +53,8 @@ class Writing:
         The file to write.
     scale : GrayScale or None
         What gray values mean; None where they are not used.
+    keys : mapping of str to numpy.ndarray
+        Further keys to write.
 
     """
 
@@ -65,6 +67,7 @@ class Writing:
     room_error: float
     target: Path
     scale: GrayScale | None = None
+    keys: Mapping[str, np.ndarray] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -117,12 +120,14 @@ def write_recording(what: Writing) -> Picture:
             room, Pose.from_numbers(np.array(what.pose)), footage.still.rays, what.room_error
         )
         truths = [without_strangers(clean, footage.still)]
-    if what.scale is not None and _shows_light(reader, moving):
+    if what.scale is not None and shows_light(reader, moving):
         truths = [
             with_reflectivity(truth, gray, footage.still.rays, what.scale)
             for truth, gray in zip(truths, gray_images(reader, moving), strict=True)
         ]
-    write_truth(reader, what.target, truths, moving, {'pose_covariance': what.covariance})
+    write_truth(
+        reader, what.target, truths, moving, {'pose_covariance': what.covariance, **what.keys}
+    )
     return picture_of(truths, footage.still)
 
 
@@ -142,7 +147,7 @@ def read_light(what: Writing) -> list[GraySamples]:
     room = load_room(what.job.room)
     reader = open_recording(what.job.path, what.job.camera)
     moving = what.registered.moving
-    if not _shows_light(reader, moving):
+    if not shows_light(reader, moving):
         return []
     footage = observe(reader, what.job.profile, 'moving' if moving else 'still')
     rays = footage.still.rays
@@ -159,7 +164,8 @@ def read_light(what: Writing) -> list[GraySamples]:
     return [one for one in out if one is not None]
 
 
-def _shows_light(reader: RecordingReader, moving: bool) -> bool:
+def shows_light(reader: RecordingReader, moving: bool) -> bool:
+    """Return whether the reflectivity of a recording is to be taken from its gray images."""
     known = 'reflectivity' in reader.layouts or 'reflectivity' in reader.arrays
     return not known and has_gray(reader) and (not moving or has_gray_frames(reader))
 
@@ -169,7 +175,7 @@ def write_truth(
     target: Path,
     truths: Sequence[Clean],
     moving: bool,
-    accuracy: Mapping[str, np.ndarray],
+    keys: Mapping[str, np.ndarray],
 ) -> None:
     """
     Write a recording with ground truth, whole or not at all.
@@ -184,8 +190,8 @@ def write_truth(
         One for each frame if the camera moves, else one.
     moving : bool
         Whether the camera moved.
-    accuracy : mapping of str to numpy.ndarray
-        Further keys for the accuracy of the ground truth.
+    keys : mapping of str to numpy.ndarray
+        Further keys: the accuracy of the ground truth, the time since power-on.
 
     Raises
     ------
@@ -196,10 +202,10 @@ def write_truth(
     with RecordingWriter(target, *reader.shape) as file:
         for image in reader.frames('depth'):
             file.add_depth(image[None])
-        arrays = _arrays(truths, moving)
-        for key, value in {**arrays, **accuracy}.items():
+        arrays = {**_arrays(truths, moving), **keys}
+        for key, value in arrays.items():
             file.add_array(key, value)
-        for key, value in _copied(reader, 'reflectivity' in arrays):
+        for key, value in _copied(reader, arrays.keys()):
             if isinstance(value, np.ndarray):
                 file.add_array(key, value)
             else:
@@ -225,9 +231,11 @@ def _of_frame(
         added = np.zeros(frame.depth.shape)
         if what.columns.bounce and footage.mode is not None:
             added = bounced(room, pose, frame, footage.reader.K, footage.mode, what.job.profile)
-        errors = error_columns(
-            what.columns, frame.depth.ravel(), frame.length.ravel(), added.ravel()
-        ) @ np.array(what.values)
+        values, rays = np.array(what.values), np.nan_to_num(frame.rays).reshape(-1, 2)
+        true = what.columns.true_rays(values, rays)
+        hits = room.cast(pose, true)
+        errors = what.columns.errors(values, hits, true, added.ravel(), what.job.uptime)
+        errors += hits.depth - room.cast(pose, rays).depth
         right = frame.depth - errors.reshape(frame.depth.shape)
         corrected = Observation(frame.rays, right, frame.sigma, frame.wraps)
         pose = align(room, choose(corrected, _PIXELS), pose, _REFINEMENTS).pose
@@ -257,9 +265,9 @@ def _arrays(truths: Sequence[Clean], moving: bool) -> dict[str, np.ndarray]:
     return out
 
 
-def _copied(reader: RecordingReader, has_reflectivity: bool) -> Iterator[tuple[str, Any]]:
+def _copied(reader: RecordingReader, written: Set[str]) -> Iterator[tuple[str, Any]]:
     # Everything else that the recording has, as arrays or as iterators over frames.
-    left = _WRITTEN | ({'reflectivity'} if has_reflectivity else set())
+    left = _WRITTEN | written
     yield 'K', reader.K
     yield 'stamp', reader.stamp
     yield 'stamp_ns', reader.stamp_ns

@@ -17,6 +17,7 @@ from flexx2_sim_ros.physics.reflectance import falloff
 from flexx2_sim_ros.physics.surface import analyse
 from flexx2_sim_ros.recording import open_recording, Recording, RecordingReader
 from flexx2_sim_ros.recording.truth import read_truth, Truth
+from flexx2_sim_ros.recording.uptime import uptime_of
 import numpy as np
 
 
@@ -311,20 +312,15 @@ def _stack(key: str, parts: list[tuple[Recording, np.ndarray]]) -> np.ndarray | 
 
 
 def _uptime(reader: RecordingReader, chosen: np.ndarray) -> float | None:
-    uptime = reader.arrays.get('uptime')
+    uptime = uptime_of(reader)
     if uptime is None:
         return None
-    if uptime.dtype.kind not in 'fiu' or uptime.shape not in ((), (len(reader.stamp),)):
-        raise InputError(
-            f'{reader.path}: uptime: must be seconds since power-on ({len(reader.stamp)},), '
-            f'got {uptime.dtype} of shape {uptime.shape}'
-        )
     if not ((uptime >= 0) & (uptime <= READING.longest_uptime)).all():
         raise InputError(
             f'{reader.path}: uptime: must be seconds since power-on, 0 to '
             f'{READING.longest_uptime:g}, got {uptime.min():g} to {uptime.max():g}'
         )
-    return float(uptime if uptime.ndim == 0 else uptime[chosen[0]])
+    return float(uptime[chosen[0]])
 
 
 def _in_metres(

@@ -147,9 +147,10 @@ _AFTERWARDS = (
     'flexx2 gap diagnose campaign/ --out diagnosis/',
 )
 _UPTIME = (
-    'A bag does not say when the camera was switched on. Add the key `uptime` to the recordings '
-    'of the cold start (seconds since power-on at the first frame, docs/recordings.md); without '
-    'it the diagnosis says nothing of warm_up_drift.'
+    'A bag does not say when the camera was switched on. `flexx2 gap truth` counts the time from '
+    'the earliest recording: begin with the cold start, and leave the camera on until the end. '
+    'With --uptime (seconds from power-on to the first frame) the size of a drift is that at '
+    'power-on.'
 )
 
 
