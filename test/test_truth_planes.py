@@ -14,6 +14,7 @@ from bench.planes import (
     LASER,
     MODE,
     NAMES,
+    RAYS,
     record,
     seen,
     VIEWS,
@@ -123,6 +124,30 @@ def test_planes_are_labelled_and_lie_where_the_laser_says(biased: Path, tmp_path
         assert abs(np.median((depth - clean)[known])) < 6 * LASER
 
 
+def test_reflectivity_of_planes_comes_from_gray_images(plain: Path, tmp_path: Path) -> None:
+    """Assert it for walls of 0.8 and 0.4 and a floor of 0.2 that the gray images show."""
+    painted, folder = np.array([0.8, 0.4, 0.2]), tmp_path / 'in'
+    folder.mkdir()
+    which_of = {}
+    for i, (turns, distances) in enumerate(VIEWS):
+        clean, which = seen(corner(*turns), distances)
+        along = np.take_along_axis(RAYS @ corner(*turns).T, which[..., None], axis=-1)[..., 0]
+        light = painted[which] * along / np.linalg.norm(RAYS, axis=-1) / clean**2
+        with np.load(plain / f'corner{i}.npz') as archive:
+            arrays = {name: archive[name] for name in archive if name != 'reflectivity'}
+        np.savez(folder / f'corner{i}.npz', **arrays, amplitude=(40 * light).astype(np.float32))
+        which_of[f'corner{i}.npz'] = which
+    table = make(folder, describe(tmp_path / 'planes.yaml', taped=LASER), tmp_path / 'out')
+    assert table['reflectivity']['gray'] == 'proportional to light'
+    for name, which in which_of.items():
+        recording = open_recording(tmp_path / 'out' / name).load()
+        assert recording.reflectivity is not None
+        known = recording.extra['known']
+        found = [np.median(recording.reflectivity[known & (which == k)]) for k in range(3)]
+        # The 95 % quantile of all pixels is the brightest wall.
+        assert found == pytest.approx(painted, rel=0.1)
+
+
 def test_the_largest_planes_are_found_without_a_hint(plain: Path, tmp_path: Path) -> None:
     planes = [{'name': name} for name in ('first', 'second', 'third', 'fourth')]
     path = tmp_path / 'planes.yaml'
@@ -176,7 +201,7 @@ def test_planes_that_were_found_before_an_interruption_are_not_searched_again(
         make_plane_truth(request, stop)
     seen: list[str] = []
     table = make_plane_truth(request, lambda text, fraction: seen.append(text))
-    assert set(seen) == {'writing'}
+    assert 'finding planes' not in seen
     assert table['recordings'] == make(plain, planes, tmp_path / 'again')['recordings']
     for i in range(len(VIEWS)):
         resumed, again = (

@@ -1,7 +1,7 @@
 """Make a campaign with ground truth from recordings of planes of a room."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,15 @@ from flexx2_sim_ros.truth.absorbed import absorbed
 from flexx2_sim_ros.truth.files import digest
 from flexx2_sim_ros.truth.page import figures, undecided, whole_page
 from flexx2_sim_ros.truth.plane_file import PlaneFile, read_planes
-from flexx2_sim_ros.truth.plane_writing import Judged, place_planes, PlaneJob, write_planes
+from flexx2_sim_ros.truth.plane_writing import (
+    Judged,
+    place_planes,
+    PlaneJob,
+    PlaneWriting,
+    read_plane_light,
+    write_planes,
+)
+from flexx2_sim_ros.truth.reflectivity import find_scale
 from flexx2_sim_ros.truth.run import (
     no_progress,
     Progress,
@@ -84,8 +92,15 @@ def make_plane_truth(request: PlaneRequest, progress: Progress = no_progress) ->
         refused = [one for one in judged if one.planes is None]
         if len(refused) == len(judged):
             raise InputError(f'{shown_path(sources[0].path)}: {refused[0].reasons[0]}')
-        good = {i: (jobs[i], one) for i, one in enumerate(judged) if one.planes is not None}
-        written = run.each('writing', (0.5, 0.95), write_planes, list(good.values()))
+        good = {
+            i: PlaneWriting(jobs[i], one.planes, sources[i].keys)
+            for i, one in enumerate(judged)
+            if one.planes is not None
+        }
+        lit = run.each('reading gray images', (0.5, 0.6), read_plane_light, list(good.values()))
+        scale = find_scale([one for part in lit for one in part])
+        whole = [replace(writing, scale=scale) for writing in good.values()]
+        written = run.each('writing', (0.6, 0.95), write_planes, whole)
         pictures = dict(zip(good, written, strict=True))
         return write_table(
             request,
@@ -100,10 +115,9 @@ def make_plane_truth(request: PlaneRequest, progress: Progress = no_progress) ->
                 for i, (source, one) in enumerate(zip(sources, judged, strict=True))
             ],
             {
+                **({} if scale is None else {'reflectivity': scale.table()}),
                 'cannot_decide': _cannot_decide(judged),
-                'absorbed': absorbed(
-                    'tape' if all(one.taped for _, one in good.values()) else 'planes'
-                ),
+                'absorbed': absorbed('tape' if all(judged[i].taped for i in good) else 'planes'),
             },
             lambda table: _page(table, pictures),
         )

@@ -1,20 +1,27 @@
 """Place the planes of one recording, and write it with ground truth on them."""
 
 from base64 import b64decode, b64encode
-from dataclasses import dataclass, fields
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
 import json
 from pathlib import Path
 from typing import Any
 
 from flexx2_sim_ros.camera import Profile
-from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.recording import open_recording
 from flexx2_sim_ros.truth.clean import Clean
+from flexx2_sim_ros.truth.gray_frames import gray_images
 from flexx2_sim_ros.truth.observation import Observation, observe
 from flexx2_sim_ros.truth.plane_constraints import Constraints, Placed, seen_angle, settle
 from flexx2_sim_ros.truth.plane_file import Angle, PlaneHint
 from flexx2_sim_ros.truth.plane_finding import find_planes, Surface
-from flexx2_sim_ros.truth.writing import Picture, picture_of, write_truth
+from flexx2_sim_ros.truth.reflectivity import (
+    gray_samples,
+    GraySamples,
+    GrayScale,
+    with_reflectivity,
+)
+from flexx2_sim_ros.truth.writing import Picture, picture_of, shows_light, write_truth
 import numpy as np
 
 _LARGEST_DEPTH = 100.0  # metres; larger values are millimetres
@@ -277,7 +284,48 @@ def _doubts(surfaces: list[Surface], constraints: Constraints) -> list[str]:
     return doubts
 
 
-def write_planes(item: tuple[PlaneJob, Judged]) -> Picture:
+@dataclass(frozen=True)
+class PlaneWriting:
+    """
+    A recording to write, and its planes.
+
+    Attributes
+    ----------
+    job : PlaneJob
+    planes : Nominal
+    keys : mapping of str to numpy.ndarray
+        Further keys to write.
+    scale : GrayScale or None
+        What gray values mean; None where they are not used.
+
+    """
+
+    job: PlaneJob
+    planes: Nominal
+    keys: Mapping[str, np.ndarray] = field(default_factory=dict)
+    scale: GrayScale | None = None
+
+
+def read_plane_light(what: PlaneWriting) -> list[GraySamples]:
+    """
+    Return what a recording shows of the light that its planes send back; see `writing.read_light`.
+
+    Raises
+    ------
+    InputError
+        When the recording cannot be read.
+
+    """
+    reader = open_recording(what.job.path, what.job.camera)
+    if not shows_light(reader, moving=False):
+        return []
+    image = observe(reader, what.job.profile, 'still').still
+    truth, _ = _render(what.job, what.planes, image)
+    samples = gray_samples(next(gray_images(reader, moving=False)), truth, image.rays)
+    return [] if samples is None else [samples]
+
+
+def write_planes(what: PlaneWriting) -> Picture:
     """
     Write a recording with `clean_depth` on its planes, whole or not at all.
 
@@ -287,18 +335,20 @@ def write_planes(item: tuple[PlaneJob, Judged]) -> Picture:
         When the recording cannot be read or the file cannot be written.
 
     """
-    job, judged = item
-    if judged.planes is None:
-        raise InputError(f'{job.path}: {judged.reasons[0]}')
+    job, planes = what.job, what.planes
     reader = open_recording(job.path, job.camera)
     image = observe(reader, job.profile, 'still').still
-    truth, plane = _render(job, judged.planes, image)
-    accuracy = {
+    truth, plane = _render(job, planes, image)
+    if what.scale is not None and shows_light(reader, moving=False):
+        gray = next(gray_images(reader, moving=False))
+        truth = with_reflectivity(truth, gray, image.rays, what.scale)
+    keys = {
         'plane': plane,
-        'plane_covariance': judged.planes.covariance,
-        'plane_names': np.array([surface.name for surface in judged.planes.surfaces]),
+        'plane_covariance': planes.covariance,
+        'plane_names': np.array([surface.name for surface in planes.surfaces]),
+        **what.keys,
     }
-    write_truth(reader, job.target, [truth], False, accuracy)
+    write_truth(reader, job.target, [truth], False, keys)
     return picture_of([truth], image)
 
 
