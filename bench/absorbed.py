@@ -10,11 +10,11 @@ set square (tape), and the same planes without a distance (planes). What the eff
 ``clean_depth`` is projected on what it changes of the mean measured depth of blocks of 6 x 6
 pixels: 1 means that clean depth follows the effect and hides all of it, 0 that it does not. A
 dash: the effect changes mean depth by less than 0.3 mm. ``--write`` writes
-``config/absorbed.yaml``; ``--only`` measures the room or the corners only.
+``config/absorbed.yaml``; ``--effects`` measures some effects, ``--only`` the room or the corners.
 """
 
 import argparse
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 import tempfile
 from typing import Any
@@ -155,18 +155,19 @@ def _blocks(images: np.ndarray) -> np.ndarray:
     return np.where(many, sums / np.maximum(counts, 1), np.nan)
 
 
-def main(only: str, write: bool) -> None:
+def main(only: str, effects: str, write: bool) -> None:
     """Print the table."""
+    names = effects.split(',') if effects else list(registry())
     found: dict[str, dict[str, float]] = {}
     kinds: dict[str, type[Room | Corners]] = {'room': Room, 'corners': Corners}
     with tempfile.TemporaryDirectory() as text:
         folder = Path(text)
         for name, scenes in kinds.items():
             if only in ('', name):
-                _measure(folder, scenes(folder), found)
+                _measure(folder, scenes(folder), names, found)
     print(f'| effect | {" | ".join(found)} |')
     print(f'|---{"|---" * len(found)}|')
-    for name in registry():
+    for name in names:
         cells = [part.get(name) for part in found.values()]
         words = ' | '.join('-' if cell is None else f'{cell:.2f}' for cell in cells)
         print(f'| {name} | {words} |')
@@ -174,11 +175,17 @@ def main(only: str, write: bool) -> None:
         path = config_dir() / 'absorbed.yaml'
         before = read_config(path)['absorbed'] if path.is_file() else {}
         head = '# Fraction of each effect that ground truth hides, by kind: '
-        body = yaml.safe_dump({'schema': 1, 'absorbed': {**before, **found}}, sort_keys=False)
+        for kind, parts in found.items():
+            kept = {} if not effects else before.get(kind, {})
+            merged = {name: part for name, part in kept.items() if name not in names} | parts
+            before[kind] = {name: merged[name] for name in registry() if name in merged}
+        body = yaml.safe_dump({'schema': 1, 'absorbed': before}, sort_keys=False)
         path.write_text(f'{head}python -m bench.absorbed --write\n{body}')
 
 
-def _measure(folder: Path, scenes: Room | Corners, found: dict[str, dict[str, float]]) -> None:
+def _measure(
+    folder: Path, scenes: Room | Corners, names: Sequence[str], found: dict[str, dict[str, float]]
+) -> None:
     name = type(scenes).__name__
     plain = record(folder / f'{name}-in', scenes, {})
     before = {}
@@ -186,7 +193,7 @@ def _measure(folder: Path, scenes: Room | Corners, found: dict[str, dict[str, fl
         found[kind] = {}
         scenes.make(folder / f'{name}-in', kind, folder / f'{kind}-out')
         before[kind] = clean_depths(folder / f'{kind}-out', len(scenes.views))
-    for effect in registry():
+    for effect in names:
         means = record(folder / f'{name}-{effect}', scenes, {effect: {}})
         changes = [one - other for one, other in zip(means, plain, strict=True)]
         for kind in scenes.kinds:
@@ -207,5 +214,6 @@ def _measure(folder: Path, scenes: Room | Corners, found: dict[str, dict[str, fl
 if __name__ == '__main__':
     parser = argparse.ArgumentParser(description='Measure what ground truth takes away.')
     parser.add_argument('--write', action='store_true', help='write config/absorbed.yaml')
+    parser.add_argument('--effects', default='', help='names (default: all)')
     parser.add_argument('--only', choices=('', 'room', 'corners'), default='', help='scenes')
     main(**vars(parser.parse_args()))

@@ -20,8 +20,9 @@ from typing import Any
 
 from flexx2_sim_ros.recording import open_recording
 from flexx2_sim_ros.truth.clean import render
+from flexx2_sim_ros.truth.columns import Columns
 from flexx2_sim_ros.truth.gray_frames import gray_images
-from flexx2_sim_ros.truth.joint import Columns, Solution, solve, View
+from flexx2_sim_ros.truth.joint import Solution, solve, View
 from flexx2_sim_ros.truth.meshes import load_room
 from flexx2_sim_ros.truth.observation import observe
 from flexx2_sim_ros.truth.poses import Pose

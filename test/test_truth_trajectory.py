@@ -1,5 +1,6 @@
 """Rough poses for ground truth from a scan: motion capture, odometry and TF, with errors."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -7,8 +8,14 @@ from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.recording import open_recording
 from flexx2_sim_ros.truth.poses import Pose
-from flexx2_sim_ros.truth.trajectory import camera_poses, IDENTITY, PoseSource, read_trajectory
-from flexx2_sim_ros.validation.blind.meshes import write_mesh
+from flexx2_sim_ros.truth.trajectory import (
+    camera_trajectory,
+    IDENTITY,
+    PoseSource,
+    read_trajectory,
+)
+from flexx2_sim_ros.validation.blind.meshes import mesh_pose, write_mesh
+from flexx2_sim_ros.validation.blind.rooms import Path as SceneWalk
 from flexx2_sim_ros.validation.blind.scanned import off, ScannedCamera
 from made_bags import Entry, header, image, info, make, SECOND, usecase, write
 import numpy as np
@@ -159,17 +166,17 @@ def test_poses_come_from_odometry_and_from_transforms(
     bag: Path, walk: tuple[Path, ScannedCamera, np.ndarray]
 ) -> None:
     _, camera, stamps = walk
-    tf = camera_poses(PoseSource(frames=('map', 'optical')), bag, stamps)
+    tf = camera_trajectory(PoseSource(frames=('map', 'optical')), bag).at(stamps)
     for numbers, pose in zip(tf, camera.poses(0), strict=True):
         assert np.abs(Pose(*pose).motion_to(Pose.from_numbers(numbers))).max() < 1e-6
     mount = tuple(MOUNT.numbers())
-    odom = camera_poses(PoseSource(topic='/odom', camera_in_body=mount), bag, stamps)
+    odom = camera_trajectory(PoseSource(topic='/odom', camera_in_body=mount), bag).at(stamps)
     moved, there = (
         Pose.from_numbers(poses[0]).motion_to(Pose.from_numbers(poses[-1])) for poses in (odom, tf)
     )
     assert moved == pytest.approx(there, abs=1e-6)
     # Between two stamps it is between two poses; before the first there is none.
-    between = camera_poses(PoseSource(frames=('map', 'optical')), bag, stamps + 1_000_000)
+    between = camera_trajectory(PoseSource(frames=('map', 'optical')), bag).at(stamps + 1_000_000)
     assert np.isnan(between[-1]).all()
     assert np.abs(between[:-1, :3] - tf[:-1, :3]).max() < 0.005
 
@@ -192,7 +199,6 @@ def test_odometry_of_its_own_frame_gives_the_motion(
         (f'{HEAD}\n0,1,2,3,0,0,0,1', 'must have two poses or more, lines of t x y'),
         (f'{HEAD}\n' + '1,1,2,3,0,0,0,1\n' * 2, 'must have poses at two times or more, got 1'),
         (f'{HEAD}\n0,1,2,3,0,0,0,0\n1,1,2,3,0,0,0,0', 'must have quaternions'),
-        (f'{HEAD}\n9,1,2,3,0,0,0,1\n9.1,1,2,3,0,0,0,1', 'must have poses at the time of'),
     ],
 )
 def test_a_trajectory_that_cannot_be_is_one_sentence(
@@ -201,7 +207,89 @@ def test_a_trajectory_that_cannot_be_is_one_sentence(
     path = tmp_path / 'mocap.csv'
     path.write_text(content)
     with pytest.raises(InputError, match=words):
-        camera_poses(PoseSource(file=path), walk[0] / 'in' / '0.npz', walk[2])
+        camera_trajectory(PoseSource(file=path), walk[0] / 'in' / '0.npz')
+
+
+def test_poses_of_another_time_are_one_sentence(
+    tmp_path: Path,
+    walk: tuple[Path, ScannedCamera, np.ndarray],
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    path, out = tmp_path / 'mocap.csv', tmp_path / 'out'
+    path.write_text(f'{HEAD}\n9,1,2,3,0,0,0,1\n9.1,1,2,3,0,0,0,1')
+    command = ['gap', 'truth', str(walk[0] / 'in'), '--scan', str(walk[0] / 'room.ply')]
+    options = ['--trajectory', str(path), '--clock-offset', '0', '--jobs', '1']
+    assert main([*command, '--out', str(out), *options]) == 2
+    assert 'must have poses at the time of' in ' '.join(capsys.readouterr().err.split())
+    assert not out.exists()
+
+
+SHIFT = 0.037  # seconds that the clock of motion capture is behind
+
+
+class Swaying(SceneWalk):
+    """A walk on which the camera turns to and fro without a period."""
+
+    def pose(self, time: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return the pose at a time in seconds."""
+        turn = 0.1 * np.sin(7 * time) + 0.06 * np.sin(17 * time + 1) + 0.05 * np.sin(11.3 * time)
+        R, place = super().pose(time)
+        return Pose(R, place).moved(np.array([0, 0, 0, 0.3 * turn, turn, 0])).R, place
+
+
+def stroll(folder: Path, effects: dict[str, float], kind: type[SceneWalk]) -> tuple[Any, Path]:
+    """Record a walk of 1.3 s, and write its poses at 100 Hz, 5 cm and 3 degrees wrong."""
+    camera = ScannedCamera(2, effects, 1, 40, WIDTH, HEIGHT, moving=True)
+    scenes = camera.camera.scenes
+    scenes.scenes = tuple(replace(scene, path=kind(**vars(scene.path))) for scene in scenes.scenes)
+    (folder / 'in').mkdir()
+    camera.record(folder / 'in')
+    write_mesh(camera.solids, folder / 'room.ply')
+    start = float(open_recording(folder / 'in' / '0.npz').stamp[0])
+    lines = [HEAD]
+    for time in np.arange(-0.5, 2.0, 0.01):
+        pose = mesh_pose(scenes.scenes[0].path.pose(float(time)))
+        R, t = off(pose, 0.05, 3.0, np.random.default_rng(3))
+        lines.append(f'{start + float(time) - SHIFT:.6f},{text(Pose(R, t).numbers())}')
+    (folder / 'mocap.csv').write_text('\n'.join(lines))
+    return camera, folder / 'mocap.csv'
+
+
+def open_effects(table: dict[str, Any]) -> list[str]:
+    return [row['effect'] for row in table['cannot_decide']]
+
+
+def test_the_offset_of_clocks_is_found_from_the_motion(tmp_path: Path) -> None:
+    camera, poses = stroll(tmp_path, {}, Swaying)
+    table = truth(tmp_path, tmp_path / 'in', tmp_path / 'out', '--trajectory', str(poses))
+    found = table['clock_offset']
+    assert found['verdict'] == 'found'
+    assert found['seconds'] == pytest.approx(SHIFT, abs=0.004)
+    assert found['standard_deviation'] < 0.004
+    assert 'latency' not in found
+    assert 'time_offset' in open_effects(table)  # A latency would be in it.
+    assert errors(tmp_path / 'out', camera).max() < 0.01
+
+
+def test_a_latency_stays_where_the_offset_of_the_clocks_is_told(tmp_path: Path) -> None:
+    """Assert that clean depth is that of the stamps, although the images are 50 ms older."""
+    camera, poses = stroll(tmp_path, {'time_offset': 1.0}, Swaying)
+    options = '--trajectory', str(poses), '--clock-offset', str(SHIFT)
+    table = truth(tmp_path, tmp_path / 'in', tmp_path / 'out', *options)
+    assert table['clock_offset']['latency'] == pytest.approx(0.05, abs=0.004)
+    assert 'time_offset' not in open_effects(table)
+    assert np.median(errors(tmp_path / 'out', camera)) < 0.004
+    written = open_recording(tmp_path / 'out' / '0.npz').load()
+    seen = written.extra['known'].any(axis=(1, 2))
+    assert seen[:30].all()
+    assert not seen[-1]  # Nothing shows where the camera was at its stamp.
+
+
+def test_an_even_motion_does_not_tell_the_offset(tmp_path: Path) -> None:
+    _, poses = stroll(tmp_path, {}, SceneWalk)
+    table = truth(tmp_path, tmp_path / 'in', tmp_path / 'out', '--trajectory', str(poses))
+    assert table['clock_offset']['verdict'] == 'not found'
+    assert 'time_offset' in open_effects(table)
 
 
 def test_lines_of_tum_are_read(tmp_path: Path) -> None:

@@ -145,9 +145,11 @@ def _add_poses(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         '--clock-offset',
-        type=number(-1e10, 1e10),
+        type=_seconds_or_auto,
         metavar='SECONDS',
-        help='stamps of the recording minus stamps of these poses (default 0)',
+        help='how far the clock of the recording is ahead of that of these poses; 0 for one '
+        'clock. What the motion shows beyond it is the latency of the images (default: auto, '
+        'found from the motion, latency included)',
     )
     parser.add_argument(
         '--relative',
@@ -155,6 +157,10 @@ def _add_poses(parser: argparse.ArgumentParser) -> None:
         help='use only the motions, because the poses are in another frame than the room, as '
         'those of odometry',
     )
+
+
+def _seconds_or_auto(text: str) -> float | None:
+    return None if text == 'auto' else number(-1e10, 1e10)(text)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -170,6 +176,9 @@ def run(arguments: argparse.Namespace) -> int:
         console.print(
             printable(f'cannot decide {row["effect"]}: {row["reason"]}'), highlight=False
         )
+    clock = table.get('clock_offset')
+    if clock is not None:
+        console.print(printable(_clock_words(clock)), highlight=False)
     for name, found in table.get('shared', {}).items():
         if found['verdict'] == 'found':
             console.print(printable(f'{name}: {found["reason"]}'), highlight=False)
@@ -183,6 +192,16 @@ def run(arguments: argparse.Namespace) -> int:
         )
     console.print(f'{arguments.out}: truth.yaml, truth.html', highlight=False)
     return 0
+
+
+def _clock_words(clock: dict[str, Any]) -> str:
+    if clock['verdict'] != 'found':
+        return f'clock offset: not found: {clock["reason"]}'
+    spread = clock['standard_deviation'] * 1e3
+    words = f'clock offset: {clock["seconds"]:.4f} s, standard deviation {spread:.1f} ms'
+    if 'latency' in clock:
+        words += f'; images are late by {clock["latency"] * 1e3:.1f} ms'
+    return words
 
 
 _Maker = Callable[[Callable[[str, float], None]], dict[str, Any]]
@@ -218,7 +237,7 @@ def _told(arguments: argparse.Namespace) -> Any:
     given = arguments.trajectory, arguments.odometry, arguments.tf
     if not any(given):
         for name in ('camera_in_body', 'clock_offset', 'relative'):
-            if getattr(arguments, name):
+            if getattr(arguments, name) not in (None, False):
                 raise InputError(
                     f'{_option(name)}: must be given with --trajectory, --odometry or --tf'
                 )
@@ -236,7 +255,7 @@ def _told(arguments: argparse.Namespace) -> Any:
         arguments.odometry or '',
         frames,
         _pose('--camera-in-body', body) if body else PoseSource.camera_in_body,
-        arguments.clock_offset or 0.0,
+        arguments.clock_offset,
         arguments.relative,
     )
 

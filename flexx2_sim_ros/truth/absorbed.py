@@ -11,6 +11,7 @@ from flexx2_sim_ros.paths import config_dir
 # From this fraction on, less than a tenth of an effect of typical strength remains visible.
 _HIDDEN = 0.9
 _CAPTURE = 'motion capture'
+_CLOCK = 'motion capture of a known clock (--clock-offset)'
 # Effects that a kind of ground truth always hides, with the reason.
 _POSE = 'pose_error', 'the poses are fitted to these recordings'
 _TIME = 'time_offset', 'each frame is placed where it was taken, whatever its stamp says'
@@ -44,7 +45,7 @@ def absorbed(kind: str) -> dict[str, float]:
     return {name: part for name, part in _table()[kind].items() if name in registry()}
 
 
-def never_decided(moving: bool) -> list[dict[str, Any]]:
+def never_decided(moving: bool, late: bool = False) -> list[dict[str, Any]]:
     """
     Return the effects that ground truth with poses from the recordings cannot decide.
 
@@ -52,6 +53,8 @@ def never_decided(moving: bool) -> list[dict[str, Any]]:
     ----------
     moving : bool
         Whether the camera moves in a recording of the campaign.
+    late : bool
+        Whether frames are placed where the camera was at their stamps, by a clock that is known.
 
     Returns
     -------
@@ -59,38 +62,41 @@ def never_decided(moving: bool) -> list[dict[str, Any]]:
         Rows of ``cannot_decide`` in ``truth.yaml``.
 
     """
-    rows = [_POSE, _TIME] if moving else [_POSE]
+    rows = [_POSE, _TIME] if moving and not late else [_POSE]
     return [_row(effect, reason, 1.0) for effect, reason in rows]
 
 
-def hidden_by_scan(moving: bool, confounded: Mapping[str, str]) -> list[dict[str, Any]]:
+def hidden_by_scan(
+    moving: bool, late: bool, confounded: Mapping[str, str]
+) -> list[dict[str, Any]]:
     """
     Return `never_decided`, and the effects that fitted poses absorb.
 
     Parameters
     ----------
-    moving : bool
+    moving, late : bool
         As in `never_decided`.
     confounded : mapping of str to str
         Shared errors that these recordings do not tell from their poses: the effect, and why. The
         poses then take what they take in a single recording.
 
     """
-    rows = never_decided(moving)
-    known = [row['effect'] for row in rows]
+    rows = never_decided(moving, late)
+    single = absorbed('single')
+    known = [*(row['effect'] for row in rows), *[_TIME[0]] * late, *single]
     for effect, part in absorbed('scan').items():
         if part >= _HIDDEN and effect not in known and (moving or effect not in _MOVING):
             reason = f'the poses take {part:.0%} of it for theirs'
             rows.append(_row(effect, reason, min(part, 0.99)))
-    single = absorbed('single')
     rows += [_row(effect, why, min(single[effect], 0.99)) for effect, why in confounded.items()]
     return rows
 
 
 def _row(effect: str, reason: str, part: float) -> dict[str, Any]:
+    remedy = _CLOCK if effect == _TIME[0] else _CAPTURE
     return {
         'effect': effect,
-        'reason': f'{reason}; {_CAPTURE} would decide it',
+        'reason': f'{reason}; {remedy} would decide it',
         'absorbed': part,
-        'settled_by': _CAPTURE,
+        'settled_by': remedy,
     }

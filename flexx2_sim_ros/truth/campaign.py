@@ -8,8 +8,10 @@ from typing import Any
 
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.truth.absorbed import absorbed, hidden_by_scan
+from flexx2_sim_ros.truth.clock import ClockOffset, common_offset
+from flexx2_sim_ros.truth.columns import Columns
 from flexx2_sim_ros.truth.files import digest
-from flexx2_sim_ros.truth.joint import Columns, solve, View
+from flexx2_sim_ros.truth.joint import solve, View
 from flexx2_sim_ros.truth.meshes import load_room
 from flexx2_sim_ros.truth.page import page
 from flexx2_sim_ros.truth.reflectivity import find_scale
@@ -32,6 +34,7 @@ import numpy as np
 
 # Cost of the best pose in the mirror image of the room, as a fraction of the cost in the room.
 _MIRRORED = 0.4
+_CLEAR_LATENCY = 3.0  # standard deviations
 # Shared errors that the poses take where they are confounded; the poses' covariance omits this.
 _HIDDEN_UNLESS_FITTED = 'intrinsics_error', 'warm_up_drift'
 
@@ -97,7 +100,10 @@ def make_truth(request: Request, progress: Progress = no_progress) -> dict[str, 
         progress('fitting poses and shared errors', 0.65)
         shared, verdicts = _fit([view for part in parts for view in part], registered)
         check_room(request, registered, verdicts)
+        clock = _clock(registered)
+        late = _latency(request, clock)
         writings = _writings(request, jobs, sources, registered, shared, verdicts)
+        writings = {i: replace(one, latency=late or 0.0) for i, one in writings.items()}
         lit = run.each('reading gray images', (0.65, 0.7), read_light, list(writings.values()))
         scale = find_scale([one for part in lit for one in part])
         whole = [replace(writing, scale=scale) for writing in writings.values()]
@@ -119,8 +125,9 @@ def make_truth(request: Request, progress: Progress = no_progress) -> dict[str, 
             ],
             {
                 **({} if scale is None else {'reflectivity': scale.table()}),
+                **({} if clock is None else {'clock_offset': _clock_table(clock, late)}),
                 'shared': shared.findings,
-                'cannot_decide': _cannot_decide(shared, registered),
+                'cannot_decide': _cannot_decide(shared, registered, late is not None),
                 'absorbed': absorbed('scan'),
             },
             lambda table: page(table, registered, pictures),
@@ -285,13 +292,41 @@ def _row(
     return row
 
 
-def _cannot_decide(shared: Shared, registered: Sequence[Registered]) -> list[dict[str, Any]]:
+def _clock(registered: Sequence[Registered]) -> ClockOffset | None:
+    offsets = [one.clock for one in registered if one.clock is not None]
+    return common_offset(offsets) if offsets else None
+
+
+def _latency(request: Request, clock: ClockOffset | None) -> float | None:
+    # How late images are. None where it is not known: the clocks' own offset was not given, or the
+    # whole offset was not found.
+    told = None if request.told is None else request.told.clock_offset
+    if clock is None or clock.reason or told is None:
+        return None
+    late = clock.seconds - told
+    return late if abs(late) > _CLEAR_LATENCY * clock.deviation else 0.0
+
+
+def _clock_table(clock: ClockOffset, late: float | None) -> dict[str, Any]:
+    if clock.reason:
+        return {'verdict': 'not found', 'reason': clock.reason}
+    table: dict[str, Any] = {
+        'verdict': 'found',
+        'seconds': round(clock.seconds, 6),
+        'standard_deviation': round(clock.deviation, 6),
+    }
+    return table if late is None else {**table, 'latency': round(late, 6)}
+
+
+def _cannot_decide(
+    shared: Shared, registered: Sequence[Registered], late: bool
+) -> list[dict[str, Any]]:
     confounded = {
         effect: str(finding['reason'])
         for effect, finding in shared.findings.items()
         if effect in _HIDDEN_UNLESS_FITTED and finding['verdict'] == 'confounded'
     }
-    out = hidden_by_scan(any(one.moving for one in registered), confounded)
+    out = hidden_by_scan(any(one.moving for one in registered), late, confounded)
     for effect, finding in shared.findings.items():
         if effect not in confounded and finding['verdict'] == 'confounded':
             remedy = 'a recording of a bright corner'

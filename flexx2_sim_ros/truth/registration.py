@@ -14,13 +14,19 @@ from flexx2_sim_ros.camera.common_random_numbers import CommonRandomNumbers
 from flexx2_sim_ros.recording import open_recording
 from flexx2_sim_ros.truth.alignment import align, choose
 from flexx2_sim_ros.truth.clean import render
+from flexx2_sim_ros.truth.clock import ClockOffset, find_offset
 from flexx2_sim_ros.truth.joint import View
 from flexx2_sim_ros.truth.meshes import load_room
 from flexx2_sim_ros.truth.observation import Footage, Observation, observe
 from flexx2_sim_ros.truth.poses import Pose
 from flexx2_sim_ros.truth.rooms import Room
 from flexx2_sim_ros.truth.search import find, Found, look_around, Panoramas
-from flexx2_sim_ros.truth.trajectory import camera_poses, PoseSource
+from flexx2_sim_ros.truth.trajectory import (
+    camera_trajectory,
+    CameraTrajectory,
+    PoseSource,
+    Trajectory,
+)
 import numpy as np
 
 _KEY_FRAMES = 6  # frames of a moving recording in the joint fit
@@ -89,6 +95,8 @@ class Registered:
     told : tuple of float or None
         Median differences from the given rough poses, metres and degrees; None if none were given
         in the room's frame.
+    clock : ClockOffset or None
+        Offset to the clock of the given poses; None without such poses, and for a still recording.
 
     """
 
@@ -100,10 +108,11 @@ class Registered:
     mirrored: float
     seconds: float
     told: tuple[float, float] | None = None
+    clock: ClockOffset | None = None
 
     def to_json(self) -> str:
         """Return the result as text."""
-        return json.dumps(vars(self))
+        return json.dumps({**vars(self), 'clock': self.clock and vars(self.clock)})
 
     @classmethod
     def from_json(cls, text: str) -> 'Registered':
@@ -113,6 +122,7 @@ class Registered:
             table[name] = tuple(table[name])
         table['poses'] = tuple(map(tuple, table['poses']))
         table['told'] = table['told'] and tuple(table['told'])
+        table['clock'] = table['clock'] and ClockOffset(**table['clock'])
         return cls(**table)
 
 
@@ -129,10 +139,18 @@ def register(job: Job) -> Registered:
     room = load_room(job.room)
     begin = time.perf_counter()
     footage = observe(open_recording(job.path, job.camera), job.profile, job.motion)
-    told = _told(job, footage)
+    source = None if job.told is None else camera_trajectory(job.told, job.path)
+    told = _told(job, footage, source)
     found, first, mirrored = _search(job, footage, _start(job, told))
+    clock = None
     if footage.moving:
         fits = _track(room, footage, found.fit.pose, first, told)
+        if job.told is not None and source is not None:
+            clock = _clock(job.told, source, footage.reader.stamp_ns, fits)
+            if not clock.reason:
+                told = _told(job, footage, source, clock.seconds)
+            elif not any(told):
+                raise source.no_overlap(footage.reader.stamp_ns)
     else:
         fits = [(found.fit.pose, found.fit.cost)]
     return Registered(
@@ -144,16 +162,39 @@ def register(job: Job) -> Registered:
         mirrored,
         time.perf_counter() - begin,
         None if job.told is None or job.told.relative else _distance(told, fits),
+        clock,
     )
 
 
-def _told(job: Job, footage: Footage) -> list[Pose | None]:
-    # The given rough pose of each frame.
-    count = len(footage.reader.stamp)
-    if job.told is None:
-        return [None] * count
-    poses = camera_poses(job.told, job.path, footage.reader.stamp_ns)
+def _told(
+    job: Job, footage: Footage, source: CameraTrajectory | None, found: float | None = None
+) -> list[Pose | None]:
+    # The given rough pose of each frame, with the offset of clocks that was found or given. A
+    # moving camera may find an offset later, so that all poses may be missing.
+    stamp_ns = footage.reader.stamp_ns
+    if job.told is None or source is None:
+        return [None] * len(stamp_ns)
+    offset = job.told.clock_offset if found is None else found
+    there = stamp_ns - round((offset or 0.0) * 1e9)
+    poses = source.at(there)
+    can_wait = footage.moving and job.told.clock_offset is None
+    if not can_wait and not np.isfinite(poses).all(axis=1).any():
+        raise source.no_overlap(there)
     return [Pose.from_numbers(one) if np.isfinite(one).all() else None for one in poses]
+
+
+def _clock(
+    told: PoseSource,
+    source: CameraTrajectory,
+    stamp_ns: np.ndarray,
+    fits: Sequence[tuple[Pose, float]],
+) -> ClockOffset:
+    numbers = np.array([pose.numbers() for pose, _ in fits])
+    lost = np.array([cost for _, cost in fits]) > _LOST
+    fitted = Trajectory('', stamp_ns[~lost], numbers[~lost])
+    if len(fitted.stamp_ns) < 2:
+        return ClockOffset(reason='the camera is lost in most frames')
+    return find_offset(stamp_ns, fitted.at, source.at, source.span_ns, told.clock_offset or 0.0)
 
 
 def _start(job: Job, told: Sequence[Pose | None]) -> tuple[int, Pose] | None:
@@ -162,7 +203,7 @@ def _start(job: Job, told: Sequence[Pose | None]) -> tuple[int, Pose] | None:
         return 0, Pose.from_numbers(np.array(job.guess))
     if job.told is None or job.told.relative:
         return None
-    return next((i, pose) for i, pose in enumerate(told) if pose is not None)
+    return next(((i, pose) for i, pose in enumerate(told) if pose is not None), None)
 
 
 def _distance(

@@ -4,9 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 import math
 
+from flexx2_sim_ros.truth.columns import Columns, LENS
 from flexx2_sim_ros.truth.joint import (
-    Columns,
-    LENS,
     Linear,
     linearise,
     reduced,
@@ -33,8 +32,8 @@ LEAST_RECORDINGS = 3
 _CLEAR = 3.0  # standard deviations of the bounce's gain, and of a scale
 _LIKE_SCALE = 2.0  # metres: a wave at least as long looks like a scale
 _LEAST_SCALE = 0.002  # scale error of a calibrated camera
-# Errors of the lens of usual size, as in `joint.LENS`: the defaults of the effect, with 0.7 pixels
-# of 224 as a tangent. Smaller than a third of these, they are not corrected.
+# Errors of the lens of usual size, as in `columns.LENS`: the defaults of the effect, with 0.7
+# pixels of 224 as a tangent. Smaller than a third of these, they are not corrected.
 _USUAL_LENS = {'focal': 0.005, 'cx': 0.0033, 'cy': 0.0033, 'k1': 0.01}
 _LEAST_LENS = 1 / 3
 _CLEAR_LENS = 4.0  # standard deviations

@@ -42,8 +42,8 @@ class PoseSource:
     camera_in_body : tuple of float
         Pose of the camera (optical frame) in the frame of the tracked body: x, y, z (metres), qx,
         qy, qz, qw.
-    clock_offset : float
-        Stamps of the recording minus stamps of the poses, seconds.
+    clock_offset : float or None
+        Stamps of the recording minus stamps of the poses, seconds; None: it is found.
     relative : bool
         Whether the poses are in a frame of their own; then only motions are used.
 
@@ -53,7 +53,7 @@ class PoseSource:
     topic: str = ''
     frames: tuple[str, ...] = ()
     camera_in_body: tuple[float, ...] = IDENTITY
-    clock_offset: float = 0.0
+    clock_offset: float | None = None
     relative: bool = False
 
 
@@ -108,9 +108,53 @@ class Trajectory:
         return out
 
 
-def camera_poses(source: PoseSource, path: Path, stamp_ns: np.ndarray) -> np.ndarray:
+@dataclass(frozen=True)
+class CameraTrajectory:
     """
-    Return a rough pose of the camera for each frame of a recording.
+    Rough poses of the camera, by stamps of their own clock.
+
+    Attributes
+    ----------
+    path : pathlib.Path
+        The recording that they are for.
+    chain : tuple of Trajectory
+        From the room to the body; poses of each in the frame of the one before.
+    camera_in_body : tuple of float
+        As in `PoseSource`.
+
+    """
+
+    path: Path
+    chain: tuple[Trajectory, ...]
+    camera_in_body: tuple[float, ...]
+
+    @property
+    def span_ns(self) -> tuple[int, int]:
+        """Return the first and the last stamp."""
+        moving = [one.stamp_ns for one in self.chain if not one.fixed]
+        return max(int(one[0]) for one in moving), min(int(one[-1]) for one in moving)
+
+    def at(self, stamp_ns: np.ndarray) -> np.ndarray:
+        """Return (T, 7) poses of the camera, NaN where there is none; as `Trajectory.at`."""
+        poses = self.chain[0].at(stamp_ns)
+        for link in self.chain[1:]:
+            poses = _compose(poses, link.at(stamp_ns))
+        return _compose(poses, np.tile(self.camera_in_body, (len(poses), 1)))
+
+    def no_overlap(self, stamp_ns: np.ndarray) -> InputError:
+        """Return the error that no pose is at these (T,) stamps."""
+        moving = next(one for one in self.chain if not one.fixed)
+        return InputError(
+            f'{moving.name}: must have poses at the time of {shown_path(self.path)}, '
+            f'{stamp_ns[0] / 1e9:.3f} to {stamp_ns[-1] / 1e9:.3f} s, got poses from '
+            f'{moving.stamp_ns[0] / 1e9:.3f} to {moving.stamp_ns[-1] / 1e9:.3f} s; '
+            'stamps must be seconds; --clock-offset adds to those of the poses'
+        )
+
+
+def camera_trajectory(source: PoseSource, path: Path) -> CameraTrajectory:
+    """
+    Read the rough poses of the camera during a recording.
 
     Parameters
     ----------
@@ -118,34 +162,18 @@ def camera_poses(source: PoseSource, path: Path, stamp_ns: np.ndarray) -> np.nda
         The source of the poses.
     path : pathlib.Path
         The recording.
-    stamp_ns : numpy.ndarray
-        (T,) int64 stamps of the frames.
 
     Returns
     -------
-    numpy.ndarray
-        (T, 7) as in `Trajectory`, NaN where the source has no pose.
+    CameraTrajectory
 
     Raises
     ------
     InputError
-        When the poses cannot be read, or no frame has a pose.
+        When the poses cannot be read.
 
     """
-    chain = _chain(source, path)
-    there = stamp_ns - round(source.clock_offset * 1e9)
-    poses = chain[0].at(there)
-    for link in chain[1:]:
-        poses = _compose(poses, link.at(there))
-    if not np.isfinite(poses).all(axis=1).any():
-        moving = next(one for one in chain if not one.fixed)
-        raise InputError(
-            f'{moving.name}: must have poses at the time of {shown_path(path)}, '
-            f'{there[0] / 1e9:.3f} to {there[-1] / 1e9:.3f} s, got poses from '
-            f'{moving.stamp_ns[0] / 1e9:.3f} to {moving.stamp_ns[-1] / 1e9:.3f} s; '
-            'stamps must be seconds; --clock-offset adds to those of the poses'
-        )
-    return _compose(poses, np.tile(source.camera_in_body, (len(poses), 1)))
+    return CameraTrajectory(path, tuple(_chain(source, path)), source.camera_in_body)
 
 
 def _compose(outer: np.ndarray, inner: np.ndarray) -> np.ndarray:

@@ -9,8 +9,8 @@ from flexx2_sim_ros.recording import open_recording, RecordingReader, RecordingW
 from flexx2_sim_ros.recording.truth import KEYS
 from flexx2_sim_ros.truth.alignment import align, choose
 from flexx2_sim_ros.truth.clean import Clean, difference, edges, render, strange
+from flexx2_sim_ros.truth.columns import Columns
 from flexx2_sim_ros.truth.gray_frames import gray_images, has_gray, has_gray_frames
-from flexx2_sim_ros.truth.joint import Columns
 from flexx2_sim_ros.truth.meshes import load_room
 from flexx2_sim_ros.truth.observation import Footage, Observation, observe
 from flexx2_sim_ros.truth.poses import Pose
@@ -22,6 +22,7 @@ from flexx2_sim_ros.truth.reflectivity import (
 )
 from flexx2_sim_ros.truth.registration import bounced, Job, Registered
 from flexx2_sim_ros.truth.rooms import Room
+from flexx2_sim_ros.truth.trajectory import Trajectory
 import numpy as np
 
 _WRITTEN = {'clean_depth', 'incidence', 'depth', *KEYS}
@@ -55,6 +56,8 @@ class Writing:
         What gray values mean; None where they are not used.
     keys : mapping of str to numpy.ndarray
         Further keys to write.
+    latency : float
+        How late images are by their stamps, seconds. Frames get the ground truth of their stamps.
 
     """
 
@@ -68,6 +71,7 @@ class Writing:
     target: Path
     scale: GrayScale | None = None
     keys: Mapping[str, np.ndarray] = field(default_factory=dict)
+    latency: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -109,12 +113,7 @@ def write_recording(what: Writing) -> Picture:
     moving = what.registered.moving
     footage = observe(reader, what.job.profile, 'moving' if moving else 'still')
     if moving:
-        truths = [
-            without_strangers(
-                _of_frame(room, what, footage, image, number), footage.observe(image)
-            )
-            for number, image in enumerate(reader.frames('depth'))
-        ]
+        truths = _of_frames(room, what, footage)
     else:
         clean = render(
             room, Pose.from_numbers(np.array(what.pose)), footage.still.rays, what.room_error
@@ -221,12 +220,31 @@ def picture_of(truths: Sequence[Clean], first: Observation) -> Picture:
     )
 
 
-def _of_frame(
-    room: Room, what: Writing, footage: Footage, image: np.ndarray, number: int
-) -> Clean:
+def _of_frames(room: Room, what: Writing, footage: Footage) -> list[Clean]:
+    # Of a moving camera. Where images are late, from where the camera was at the stamp: that is
+    # where later images were taken. The last frames have no later ones and are unknown.
+    frames = [footage.observe(image) for image in footage.reader.frames('depth')]
+    poses = [_pose_of(room, what, footage, frame, i) for i, frame in enumerate(frames)]
+    seen = [render(room, pose, footage.still.rays, what.room_error) for pose in poses]
+    truths = [without_strangers(*pair) for pair in zip(seen, frames, strict=True)]
+    if not what.latency:
+        return truths
+    stamp_ns = footage.reader.stamp_ns
+    path = Trajectory('', stamp_ns, np.array([pose.numbers() for pose in poses]))
+    out = []
+    for numbers, truth in zip(path.at(stamp_ns + round(what.latency * 1e9)), truths, strict=True):
+        if np.isfinite(numbers).all():
+            placed = Pose.from_numbers(numbers)
+            there = render(room, placed, footage.still.rays, what.room_error)
+            out.append(replace(there, known=there.known & truth.known))
+        else:
+            out.append(replace(truth, known=np.zeros_like(truth.known)))
+    return out
+
+
+def _pose_of(room: Room, what: Writing, footage: Footage, frame: Observation, number: int) -> Pose:
     # The pose is fitted again, with the shared errors subtracted.
     pose = Pose.from_numbers(np.array(what.registered.poses[number]))
-    frame = footage.observe(image)
     if what.values:
         added = np.zeros(frame.depth.shape)
         if what.columns.bounce and footage.mode is not None:
@@ -239,7 +257,7 @@ def _of_frame(
         right = frame.depth - errors.reshape(frame.depth.shape)
         corrected = Observation(frame.rays, right, frame.sigma, frame.wraps)
         pose = align(room, choose(corrected, _PIXELS), pose, _REFINEMENTS).pose
-    return render(room, pose, frame.rays, what.room_error)
+    return pose
 
 
 def without_strangers(clean: Clean, image: Observation) -> Clean:
