@@ -69,6 +69,13 @@ def test_two_recordings_have_no_interval_of_the_reduction() -> None:
     assert low < measured(values, 1.0)['shrink'] < high
 
 
+def test_the_interval_of_a_gap_that_grows_is_below_zero() -> None:
+    values = np.array([[3.0, 4.0, 0.5], [4.0, 5.2, 0.5], [3.5, 4.6, 0.5]])
+    one = measured(values, 1.0)
+    low, high = one['shrink_interval']
+    assert -1 < low < one['shrink'] < high < 0
+
+
 @pytest.mark.parametrize(
     ('names', 'shrink', 'said'),
     [

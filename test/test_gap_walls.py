@@ -8,6 +8,7 @@ from flexx2_sim_ros.camera import Camera, flexx2
 from flexx2_sim_ros.gap import diagnose
 from flexx2_sim_ros.gap.data.campaign import check, Found, read
 from flexx2_sim_ros.gap.report.words import headline
+from flexx2_sim_ros.gap.work import find
 import numpy as np
 import pytest
 
@@ -211,6 +212,19 @@ def test_scaled_amplitudes_and_missing_stamps_are_reported(tmp_path: Path) -> No
     rewrite(tmp_path, amplitude=lambda amplitude: 1e-6 * amplitude / amplitude.max())
     notes = [note for row in diagnose(tmp_path)['recordings'] for note in row['notes']]
     assert sum('amplitude: not used' in note for note in notes) == 6
+
+
+def test_all_recordings_of_a_campaign_have_one_scale_of_amplitude(tmp_path: Path) -> None:
+    """Assert that a dark scene, whose amplitudes are all below 1, is on the scale of the rest."""
+    for path, gray in zip(
+        sorted(write_walls(tmp_path).iterdir()), (0.8, 9, 9, 9, 9, 200), strict=True
+    ):
+        with np.load(path) as archive:
+            np.savez(path, **{**archive, 'amplitude': np.full(SHAPE, gray, np.float32)})
+    found, _ = find(tmp_path, None, lambda work, jobs, step: [work(job) for job in jobs])
+    notes = [note for one in found for note in read(one, None).notes if 'amplitude' in note]
+    assert len(notes) == 6
+    assert all('0 to 255' in note for note in notes)
 
 
 def test_too_few_pixels_are_reported(tmp_path: Path) -> None:

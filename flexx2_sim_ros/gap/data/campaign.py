@@ -32,12 +32,16 @@ class Found:
     mode : Mode
     notes : tuple of str
         Irregularities of the recording, for people.
+    brightest : float
+        Largest floating-point amplitude of the recording, or of the campaign after `of_one_mode`.
+        The scale of the amplitude follows from it. 0 where no scale has to be guessed.
 
     """
 
     path: Path
     mode: Mode
     notes: tuple[str, ...]
+    brightest: float = 0.0
 
 
 def check(path: Path, profile: Profile | None) -> Found | str:
@@ -66,7 +70,8 @@ def of_one_mode(
     Returns
     -------
     tuple
-        These recordings; names and reasons of those left out.
+        These recordings, with the campaign's largest amplitude; names and reasons of those left
+        out.
 
     Raises
     ------
@@ -90,7 +95,10 @@ def of_one_mode(
         for one in found
         if one.mode.name != usual
     ]
-    return [one for one in found if one.mode.name == usual], left_out
+    chosen = [one for one in found if one.mode.name == usual]
+    # One camera has one scale: a dark scene does not change it.
+    brightest = max(one.brightest for one in chosen)
+    return [replace(one, brightest=brightest) for one in chosen], left_out
 
 
 def nothing_left(folder: Path, left_out: list[tuple[str, str]]) -> InputError:
@@ -123,7 +131,23 @@ def _found(reader: RecordingReader, profile: Profile | None) -> Found:
     except InputError as error:
         raise InputError(f'{path}: {error}') from error
     read_truth(path, reader.arrays, reader.shape)
-    return Found(path, mode, tuple(reader.notes))
+    return Found(path, mode, tuple(reader.notes), _brightest(reader))
+
+
+def _brightest(reader: RecordingReader) -> float:
+    # Largest amplitude, 0 where none is used or its whole numbers give the scale.
+    if 'reflectivity' in reader.layouts or 'reflectivity' in reader.arrays:
+        return 0.0
+    whole = reader.arrays.get('amplitude')
+    if whole is not None:
+        return _largest(whole)
+    if 'amplitude' not in reader.layouts:
+        return 0.0
+    return max(map(_largest, reader.frames('amplitude')), default=0.0)
+
+
+def _largest(amplitude: np.ndarray) -> float:
+    return float(np.nanmax(amplitude, initial=0)) if amplitude.dtype.kind == 'f' else 0.0
 
 
 def read(found: Found, profile: Profile | None, known: Table | None = None) -> RecordingData:
@@ -369,9 +393,12 @@ def _from_amplitude(
     if amplitude.dtype.kind in 'iu':
         full = 255.0 if amplitude.dtype.itemsize == 1 else 65535.0
     else:
-        brightest = float(np.nanmax(amplitude, initial=0))
+        brightest = max(found.brightest, _largest(amplitude))
         full = next((scale for scale in (1.0, 255.0) if brightest <= scale), 65535.0)
-        notes.append(f'{path}: amplitude: up to {brightest:.4g}: taken for 0 to {full:g}')
+        notes.append(
+            f'{path}: amplitude: up to {brightest:.4g} in these recordings: taken for 0 to '
+            f'{full:g}'
+        )
     scale = np.float32(sensor.full_scale_amplitude / full)
     image = amplitude.astype(np.float32)
     image = np.nanmean(image, axis=0) if image.ndim == 3 and clean.ndim == 2 else image

@@ -8,6 +8,8 @@ from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.inference.uncertainty import mean_interval, ratio_interval
 import numpy as np
 
+_LEAST = -1.0  # shrink of a gap that becomes twice as large; larger ones are written the same
+
 
 def tolerances(model: Model) -> dict[str, float]:
     """
@@ -67,8 +69,10 @@ def measured(values: np.ndarray, tolerance: float) -> dict[str, Any]:
         out[f'{name}_interval'] = interval
     top, bottom = values[:, 0] - values[:, 1], values[:, 0] - values[:, 2]
     gap = bottom.sum() > 0
-    out['shrink'] = float(np.clip(top.sum() / bottom.sum(), -1, 1)) if gap else 0.0
-    out['shrink_interval'] = ratio_interval(top, bottom) if gap and len(values) > 2 else None
+    out['shrink'] = float(np.clip(top.sum() / bottom.sum(), _LEAST, 1)) if gap else 0.0
+    out['shrink_interval'] = (
+        ratio_interval(top, bottom, _LEAST) if gap and len(values) > 2 else None
+    )
     low, high = out['change_interval'] or [out['change']] * 2
     out['tolerance'] = tolerance
     out['better'] = bool(high < 0 and out['change'] < -tolerance)

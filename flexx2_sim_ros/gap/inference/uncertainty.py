@@ -34,9 +34,9 @@ def certainty(one: Fit, other: Fit) -> float:
     return float(stats.t.cdf(t, count - 1))
 
 
-def ratio_interval(top: np.ndarray, bottom: np.ndarray) -> list[float]:
+def ratio_interval(top: np.ndarray, bottom: np.ndarray, least: float = 0.0) -> list[float]:
     """
-    Return the 90 % interval of sum(top) / sum(bottom) in as many new recordings, within 0..1.
+    Return the 90 % interval of sum(top) / sum(bottom) in as many new recordings.
 
     The jackknife (Efron and Tibshirani, An Introduction to the Bootstrap, 1993, chapter 11) gives
     the ratio's standard error over sets of recordings; it counts twice, because both what is
@@ -46,16 +46,18 @@ def ratio_interval(top: np.ndarray, bottom: np.ndarray) -> list[float]:
     ----------
     top, bottom : numpy.ndarray
         (R,) one value a recording.
+    least : float
+        Smallest value that the ratio can have; 1 is the largest.
 
     """
     count = len(top)
     whole = top.sum() / max(bottom.sum(), 1e-9)
     if count < 3:
-        return [0.0, 1.0]
+        return [least, 1.0]
     rest = (top.sum() - top) / np.maximum(bottom.sum() - bottom, 1e-9)
     error = np.sqrt((count - 1) / count * np.square(rest - rest.mean()).sum())
     reach = float(stats.t.ppf(THRESHOLDS.quantile, count - 1)) * math.sqrt(2) * float(error)
-    return [float(np.clip(whole - reach, 0, 1)), float(np.clip(whole + reach, 0, 1))]
+    return [float(np.clip(end, least, 1)) for end in (whole - reach, whole + reach)]
 
 
 def mean_interval(values: np.ndarray) -> list[float] | None:

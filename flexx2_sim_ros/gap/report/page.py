@@ -118,8 +118,8 @@ def _where(table: dict[str, Any]) -> str:
     if not table['where']:
         return '<h2>Where the gap lies</h2><p>No region differs by more than the tolerance.</p>'
     rows = ''.join(
-        f'<tr><td>{escape(place(cell))}</td><td class="number"><small>q = '
-        f'{cell["q_value"]:.2g}</small></td></tr>'
+        f'<tr><td>{escape(place(cell))}</td><td class="number"><small>'
+        f'{escape(_probability(cell["q_value"]))}</small></td></tr>'
         for cell in table['where'][:12]
     )
     more = len(table['where']) - 12
@@ -130,6 +130,11 @@ def _where(table: dict[str, Any]) -> str:
         'fraction of false findings (Benjamini and Hochberg); in the first row, the probability '
         f'that noise alone exceeds the tolerance by so much.{others}</small></p>'
     )
+
+
+def _probability(q: float) -> str:
+    # A smaller one may be too small for a floating-point number.
+    return 'q < 1e-300' if q < 1e-300 else f'q = {q:.2g}'
 
 
 def _considered(table: dict[str, Any], decision: Decision) -> str:
