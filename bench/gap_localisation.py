@@ -2,19 +2,23 @@
 How well diagnoses locate the effects of the blind camera: the benchmark's score of `where`.
 
 Each effect of the catalogue is recorded by one camera with a development seed, in one set of
-scenes, and diagnosed.
+scenes, and diagnosed; the effect `none` is a camera without any. With `--poses`, the poses are
+wrong by so many mm, and by 0.0625 degrees for each.
 
 python -m bench.gap_localisation --strength 1 --width 112 --height 86
+python -m bench.gap_localisation --strength 0.5 --effects none,flying_pixels --poses 0,2,5
 """
 
 import argparse
 from dataclasses import replace
+import itertools
 import math
 from pathlib import Path
 import tempfile
 
 from flexx2_sim_ros.gap import diagnose
 from flexx2_sim_ros.validation.benchmark import DEVELOPMENT, make_design
+from flexx2_sim_ros.validation.benchmark.design import Planned
 from flexx2_sim_ros.validation.benchmark.scoring import overlap
 from flexx2_sim_ros.validation.benchmark.truth import Comparison
 from flexx2_sim_ros.validation.blind import BlindCamera, CATALOGUE, SceneSet
@@ -29,22 +33,21 @@ def main() -> None:
     parser.add_argument('--usecase', default='Mode_9_30fps')
     parser.add_argument('--width', type=int, default=112)
     parser.add_argument('--height', type=int, default=86)
+    parser.add_argument('--poses', default='2', help='standard deviations of pose errors, mm')
+    parser.add_argument('--scenes', default='0', help='sets of scenes, by index')
     parser.add_argument('--jobs', type=int, default=1)
     arguments = parser.parse_args()
     scores = []
     with tempfile.TemporaryDirectory() as cache:
-        for name in arguments.effects.split(','):
-            planned = next(
-                replace(
-                    case,
-                    scene_seed=DEVELOPMENT.seed(0),
-                    width=arguments.width,
-                    height=arguments.height,
-                )
-                for case in make_design(DEVELOPMENT, quick=False)
-                if case.group == 'single'
-                and case.usecase == arguments.usecase
-                and case.effects == {name: arguments.strength}
+        for name, pose, scenes in itertools.product(
+            arguments.effects.split(','), arguments.poses.split(','), arguments.scenes.split(',')
+        ):
+            planned = replace(
+                _usual(name, arguments.strength, arguments.usecase),
+                scene_seed=DEVELOPMENT.seed(int(scenes)),
+                pose_mm=float(pose),
+                width=arguments.width,
+                height=arguments.height,
             )
             camera = BlindCamera(planned.case, SceneSet(planned.case.scenes, Path(cache)))
             comparison = Comparison(camera)
@@ -55,12 +58,22 @@ def main() -> None:
             scores.append(overlap(table['where'], pixels))
             found = ', '.join(effect['name'] for effect in table['effects'])
             print(
-                f'{name:20s} {table["verdict"]:10s} {found:30s} '
+                f'{name:20s} {pose:>3s} mm  scenes {scenes:2s} {table["verdict"]:10s} {found:30s} '
                 f'affected {pixels["affected"].mean():4.0%}  IoU {scores[-1]:.2f}',
                 flush=True,
             )
     known = [score for score in scores if not math.isnan(score)]
     print(f'mean IoU {np.mean(known) if known else math.nan:.2f} of {len(known)}')
+
+
+def _usual(name: str, strength: float, usecase: str) -> Planned:
+    # The benchmark's first case with this effect alone, or with none.
+    effects = {} if name == 'none' else {name: strength}
+    return next(
+        case
+        for case in make_design(DEVELOPMENT, quick=False)
+        if case.group in ('single', 'none') and case.usecase == usecase and case.effects == effects
+    )
 
 
 if __name__ == '__main__':

@@ -13,7 +13,7 @@ import tempfile
 
 from bench.gap_campaigns import write_campaign
 from flexx2_sim_ros.gap import diagnose
-from flexx2_sim_ros.gap.report.words import place
+from flexx2_sim_ros.gap.report.places import place
 
 # Covariates on which the size of each effect depends, by its formula.
 PHYSICS = {

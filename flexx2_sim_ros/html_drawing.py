@@ -3,9 +3,9 @@
 import base64
 from collections.abc import Sequence
 from html import escape
-from io import BytesIO
 
-from matplotlib.image import imsave
+from flexx2_sim_ros.png import encode_png
+from matplotlib import colormaps
 import numpy as np
 
 # What `curves` needs in a page's style; the classes are real, simulated, simulated with effects.
@@ -15,20 +15,72 @@ CURVE_STYLE = """
 .effects { stroke: var(--blue); } svg text { fill: var(--ink); }
 """
 _KINDS = ('real', 'simulated', 'effects')
+_RED, _BLUE, _NOTHING = (178, 24, 43), (33, 102, 172), (205, 205, 205)
+_DEPTHS = 63  # colours of a scale of depth
+# Red, green and blue of marked pixels (Okabe and Ito's colours, which colour-blind people tell
+# apart).
+MARKS = ((213, 94, 0), (0, 158, 115), (0, 114, 178))
 _BAR_WIDTH = 160
 _WIDTH, _HEIGHT, _LEFT, _BOTTOM = 440, 230, 52, 38
 
 
-def picture(image: np.ndarray, limit: float) -> str:
-    """Return an (H, W) image as a data URL: blue to red within +-limit, gray for NaN."""
-    part = np.clip(np.nan_to_num(image / limit), -1, 1)[..., None]
-    red, blue = np.array([178, 24, 43]), np.array([33, 102, 172])
-    colour = np.where(part > 0, 255 + part * (red - 255), 255 - part * (blue - 255))
-    colour = np.where(np.isfinite(image)[..., None], colour, 205).astype(np.uint8)
-    colour = colour.repeat(4, axis=0).repeat(4, axis=1)
-    file = BytesIO()
-    imsave(file, colour, format='png')
-    return 'data:image/png;base64,' + base64.b64encode(file.getvalue()).decode()
+def picture(image: np.ndarray, limit: float, enlarged: int = 4, steps: int = 127) -> str:
+    """
+    Return an image as a data URL: blue to red within +-limit, gray for NaN.
+
+    Parameters
+    ----------
+    image : numpy.ndarray
+        (H, W).
+    limit : float
+        Larger values have the colour of this one.
+    enlarged : int
+        Width and height of a pixel of the image in the picture.
+    steps : int
+        Colours on either side of white, at most 127. Fewer make the picture smaller.
+
+    """
+    part = np.clip(np.nan_to_num(image / limit), -1, 1)
+    index = np.where(np.isfinite(image), np.rint(part * steps) + steps, 2 * steps + 1)
+    return _data_url(index.repeat(enlarged, axis=0).repeat(enlarged, axis=1), _blue_to_red(steps))
+
+
+def _blue_to_red(steps: int) -> np.ndarray:
+    # (2 steps + 2, 3): blue, white, red, and gray for nothing.
+    amount = np.linspace(0, 1, steps + 1)[:, None]
+    red, blue = (255 + amount * (np.array(end) - 255) for end in (_RED, _BLUE))
+    return np.concatenate([blue[::-1], red[1:], [_NOTHING]])
+
+
+def depth_picture(
+    depth: np.ndarray, low: float, high: float, marks: Sequence[np.ndarray] = ()
+) -> str:
+    """
+    Return depth as a data URL: dark blue (near) to yellow (far), gray for NaN.
+
+    Parameters
+    ----------
+    depth : numpy.ndarray
+        (H, W) metres.
+    low, high : float
+        Ends of the scale of colours, metres.
+    marks : sequence of numpy.ndarray
+        (H, W) bool, pixels to mark in `MARKS`; the first one lies on top. With marks, depth is
+        gray.
+
+    """
+    part = np.clip(np.nan_to_num((depth - low) / max(high - low, 1e-9)), 0, 1)
+    index = np.where(np.isfinite(depth), np.rint(part * (_DEPTHS - 1)), _DEPTHS)
+    scale = colormaps['gray' if len(marks) else 'viridis'](np.linspace(0.1, 1, _DEPTHS))[:, :3]
+    palette = np.concatenate([255 * scale, [_NOTHING], MARKS])
+    for i, mark in reversed(list(enumerate(marks))):
+        index[mark] = _DEPTHS + 1 + i
+    return _data_url(index, palette)
+
+
+def _data_url(index: np.ndarray, palette: np.ndarray) -> str:
+    file = encode_png(index.astype(np.uint8), palette)
+    return 'data:image/png;base64,' + base64.b64encode(file).decode()
 
 
 def bar(before: float, after: float, null: float) -> str:

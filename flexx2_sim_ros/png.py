@@ -1,7 +1,8 @@
-"""Read PNG files: gray images and masks, within a limit of size."""
+"""Read PNG files (gray images and masks, within a limit of size), and encode small pictures."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from io import BytesIO
 from pathlib import Path
 import warnings
 
@@ -80,6 +81,25 @@ def read_mask_png(path: Path) -> np.ndarray:
         _check_size(path, image)
         pixels = np.asarray(image if image.mode in _BITS else image.convert('RGB'))
         return np.asarray((pixels.reshape(*pixels.shape[:2], -1) > 0).any(axis=-1))
+
+
+def encode_png(index: np.ndarray, palette: np.ndarray) -> bytes:
+    """
+    Return a PNG with a palette.
+
+    Parameters
+    ----------
+    index : numpy.ndarray
+        (H, W) uint8, the colour of each pixel.
+    palette : numpy.ndarray
+        (N, 3) uint8 red, green and blue of at most 256 colours.
+
+    """
+    image = Image.fromarray(np.ascontiguousarray(index, np.uint8)).convert('P')
+    image.putpalette(palette.astype(np.uint8).tobytes())
+    file = BytesIO()
+    image.save(file, format='PNG', optimize=True)
+    return file.getvalue()
 
 
 def _checked(path: Path, image: Image.Image, bits: tuple[int, ...]) -> tuple[int, int]:

@@ -114,6 +114,7 @@ def test_finds_an_effect_and_writes_what_it_found(
     ]
     text = (out / 'report.html').read_text()
     check_page(text)
+    assert len(text) < 2e6
     # What a filter changes is drawn, not what it leaves alone.
     assert 'lag-1 correlation against' in text
 
@@ -155,6 +156,12 @@ def test_the_page_in_a_browser(tmp_path: Path) -> None:
             mobile=True,
         )
         assert browser.evaluate('document.documentElement.scrollWidth') == 390
+        browser.evaluate('document.querySelector("details").open = true')
+        widths = browser.evaluate(
+            '[...document.querySelectorAll(".frames img")].map((one) => one.clientWidth)'
+        )
+        assert len(widths) == 3 * 6
+        assert min(widths) > 150
         assert browser.evaluate(BARS_FIT)
 
 
@@ -173,7 +180,8 @@ def check_page(text: str) -> None:
     seen: list[str] = []
     Parser().feed(text)
     assert {'h1', 'svg', 'img', 'table'} <= set(seen)
-    assert 'nan' not in text.split('</style>')[1].replace('resonance', '')
+    words = re.sub(r'base64,[^"]*', '', text.split('</style>')[1])
+    assert 'nan' not in words.replace('resonance', '')
 
 
 @pytest.mark.parametrize(

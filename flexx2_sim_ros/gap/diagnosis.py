@@ -23,6 +23,7 @@ from flexx2_sim_ros.gap.inference.decide import decide, Decision
 from flexx2_sim_ros.gap.inference.effects import fitted_effects, held_out_effects, table_of
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.inference.patch import fit_patch
+from flexx2_sim_ros.gap.report.frames import MOST_FRAMES
 from flexx2_sim_ros.gap.report.table import diagnosis_table
 from flexx2_sim_ros.gap.report.writing import FILES, write
 from flexx2_sim_ros.gap.work import find, Progress, simulate_set, stepper, summarise_all
@@ -183,12 +184,13 @@ def _confirm(
     step: Callable[[], None],
 ) -> list[Outcome]:
     # Simulates each recording at its fitted pose, with the camera's effects as fitted to the other
-    # recordings.
+    # recordings. Frames are shown of those with the largest gap.
     motions = model.own.found(decision.accepted.nuisances)
+    largest = set(np.argsort(-decision.base.loss, kind='stable')[:MOST_FRAMES].tolist())
     jobs = [
-        (file, tuple(motion), table_of(one for one in effects if one.role != 'pose'))
-        for file, motion, effects in zip(
-            used, motions, held_out_effects(model, decision.accepted), strict=True
+        (file, tuple(motion), table_of(one for one in effects if one.role != 'pose'), i in largest)
+        for i, (file, motion, effects) in enumerate(
+            zip(used, motions, held_out_effects(model, decision.accepted), strict=True)
         )
     ]
     return mapped(bind(simulate_set, profile=profile, seed=seed, known=known), jobs, step)

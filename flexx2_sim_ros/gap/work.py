@@ -155,11 +155,11 @@ def summarise_all(
 
 
 def simulate_set(
-    job: tuple[Found, tuple[float, ...], dict[str, Any]],
+    job: tuple[Found, tuple[float, ...], dict[str, Any], bool],
     profile: Profile | None,
     seed: int,
     known: Table | None = None,
 ) -> Outcome:
-    """Compare a recording with its simulation with effects, at the fitted pose."""
-    found, motion, effects = job
-    return confirm(read(found, profile, known), np.array(motion), effects, seed)
+    """Compare a recording with its simulation with effects, at the fitted pose; see `confirm`."""
+    found, motion, effects, show = job
+    return confirm(read(found, profile, known), np.array(motion), effects, seed, show)

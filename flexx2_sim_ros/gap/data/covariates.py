@@ -58,6 +58,20 @@ class PixelCovariates:
     ray: np.ndarray
     compared: np.ndarray
 
+    def places(self, name: str) -> np.ndarray:
+        """Return the bin of each pixel along an axis, (H, W) int16 from 0, -1 for none."""
+        axis = AXES[name]
+        place = self.runs[:, 2] - axis.start
+        mine = (place >= 0) & (place < axis.bins)
+        rows = np.repeat(np.arange(len(self.first) - 1), np.diff(self.first))[mine]
+        start, end = self.runs[mine, :2].astype(int).T
+        length = end - start
+        before = np.cumsum(length) - length
+        columns = np.arange(length.sum()) + np.repeat(start - before, length)
+        out = np.full(self.clean.shape, -1, np.int16)
+        out[np.repeat(rows, length), columns] = np.repeat(place[mine], length)
+        return out
+
 
 def look_at(
     clean: np.ndarray,

@@ -1,7 +1,7 @@
 """A set of effects, really simulated: what is left of the gap then."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from flexx2_sim_ros.gap.calibration.features import SIMULATION
 from flexx2_sim_ros.gap.data.registration import RecordingData
@@ -10,6 +10,7 @@ from flexx2_sim_ros.gap.features.physical import distances, histogram, Measures,
 from flexx2_sim_ros.gap.features.pixel_groups import GroupSums, PixelGroups
 from flexx2_sim_ros.gap.features.row_sums import EXPECT
 from flexx2_sim_ros.gap.features.simulation import PlacedScene, with_uptime
+from flexx2_sim_ros.gap.features.single_frame import single_frame, SingleFrame
 from flexx2_sim_ros.gap.features.sums import Sums
 import numpy as np
 
@@ -32,6 +33,8 @@ class Outcome:
         (h, w) images for the report: mean error in sigma of real, before and after.
     groups : PixelGroups
         What differs in small groups of pixels.
+    frame : SingleFrame or None
+        A frame to show, if one was asked for.
 
     """
 
@@ -41,10 +44,19 @@ class Outcome:
     counts: np.ndarray
     maps: dict[str, np.ndarray]
     groups: PixelGroups
+    frame: SingleFrame | None
+
+
+class _Look(NamedTuple):
+    # A recording or a simulation of it, and one of its frames.
+    sums: Sums
+    measures: Measures
+    groups: np.ndarray
+    frame: np.ndarray
 
 
 def confirm(
-    recording: RecordingData, motion: np.ndarray, effects: dict[str, Any], seed: int
+    recording: RecordingData, motion: np.ndarray, effects: dict[str, Any], seed: int, show: bool
 ) -> Outcome:
     """
     Simulate a recording's scene with and without effects.
@@ -59,35 +71,37 @@ def confirm(
         Parameters by effect.
     seed : int
         Of the simulations.
+    show : bool
+        Whether the outcome has a frame to show.
 
     """
     scene = PlacedScene.at(recording, motion)
     placed, scenes = scene.placed, scene.covariates
     grouped = GroupSums(recording, placed.clean, placed.reflectivity, scenes)
 
-    def look(depth: np.ndarray) -> tuple[Sums, Measures, np.ndarray]:
-        sums = scene.sums(depth)
-        return sums, histogram(depth, scenes, sums), grouped.add(depth)
+    middle = len(recording.depth) // 2
 
-    def several(table: dict[str, Any]) -> list[tuple[Sums, Measures, np.ndarray]]:
+    def look(depth: np.ndarray) -> _Look:
+        sums = scene.sums(depth)
+        frame = depth[middle].copy()
+        return _Look(sums, histogram(depth, scenes, sums), grouped.add(depth), frame)
+
+    def several(table: dict[str, Any]) -> list[_Look]:
         own = with_uptime(table, recording.uptime)
         seeds = range(SIMULATION.confirm_seeds)
         return [look(scene.simulate(own, seed * 1000 + 500 + k)) for k in seeds]
 
-    real, real_measures, real_groups = look(recording.depth)
+    real = look(recording.depth)
     before = several({})
     after = several(effects) if effects else before
-    spectrum = np.mean([lattice_spectrum(sums) for sums, *_ in before], axis=0)
-    own, _ = features(real, spectrum)
+    spectrum = np.mean([lattice_spectrum(one.sums) for one in before], axis=0)
+    own, _ = features(real.sums, spectrum)
     means = [
-        np.mean([features(sums, spectrum)[0] for sums, *_ in some], axis=0)
+        np.mean([features(one.sums, spectrum)[0] for one in some], axis=0)
         for some in (before, after)
     ]
-    gaps = [
-        [distances(real_measures, simulated) for _, simulated, _ in some]
-        for some in (before, after)
-    ]
-    gaps.append([distances(before[1][1], before[0][1])])
+    gaps = [[distances(real.measures, one.measures) for one in some] for some in (before, after)]
+    gaps.append([distances(before[1].measures, before[0].measures)])
     physical = {
         unit: [float(np.mean([one[unit] for one in some])) for some in gaps] for unit in UNITS
     }
@@ -95,17 +109,20 @@ def confirm(
         recording.name,
         physical,
         np.array([own, *means], np.float32),
-        real.bins[:, EXPECT].astype(np.float32),
+        real.sums.bins[:, EXPECT].astype(np.float32),
         {
-            name: _map(sums)
-            for name, sums in (('real', real), ('before', before[0][0]), ('after', after[0][0]))
+            name: _map(one.sums)
+            for name, one in (('real', real), ('before', before[0]), ('after', after[0]))
         },
         grouped.groups(
-            real_groups,
-            [some[2] for some in before],
-            [some[2] for some in after],
+            real.groups,
+            [one.groups for one in before],
+            [one.groups for one in after],
             len(recording.depth),
         ),
+        single_frame(middle, [one.frame for one in (real, before[0], after[0])], scenes)
+        if show
+        else None,
     )
 
 

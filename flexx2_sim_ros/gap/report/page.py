@@ -8,6 +8,8 @@ from flexx2_sim_ros.gap.features.confirm import Outcome
 from flexx2_sim_ros.gap.inference.decide import Decision
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.report.charts import charts, maps
+from flexx2_sim_ros.gap.report.frames import frames, FRAMES_STYLE
+from flexx2_sim_ros.gap.report.places import place
 from flexx2_sim_ros.gap.report.style import STYLE
 from flexx2_sim_ros.gap.report.words import (
     accuracy,
@@ -16,7 +18,6 @@ from flexx2_sim_ros.gap.report.words import (
     MEASURES,
     not_considered,
     percent,
-    place,
     sentences,
 )
 from flexx2_sim_ros.html_drawing import bar, CURVE_STYLE
@@ -24,6 +25,7 @@ from flexx2_sim_ros.html_page import html_page
 
 _STYLE = (
     STYLE
+    + FRAMES_STYLE
     + """
 figcaption { font-size: .85rem; }
 td.number { white-space: nowrap; }
@@ -48,6 +50,7 @@ def page(
         _effects(table),
         _shrinkage(table),
         _where(table),
+        frames(table, confirmed, model.evidence[0].axes),
         maps(confirmed, bool(table['effects'])),
         charts(confirmed, bool(table['effects']), model.evidence[0].axes),
         _considered(table, decision),

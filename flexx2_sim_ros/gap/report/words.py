@@ -3,33 +3,7 @@
 from typing import Any
 
 from flexx2_sim_ros.effects import of_role
-
-# Names of the channels, for people.
-_CHANNELS = {
-    'bias': 'depth',
-    'invalid': 'fraction of invalid pixels',
-    'high': 'fraction of outliers behind',
-    'low': 'fraction of outliers in front',
-    'log_variance': 'noise (log variance)',
-    'kurtosis': 'kurtosis of the noise',
-    'lag': 'lag-1 correlation',
-    'neighbour': 'correlation of neighbouring pixels',
-    'trend': 'drift over a recording',
-    'frame_common': 'noise common to a frame',
-    'row_common': 'noise common to a row',
-    'column_common': 'noise common to a column',
-    'row_invalid': 'rows without any depth',
-    'static_grain': 'fixed-pattern noise',
-    'static_rows': 'fixed-pattern noise along rows',
-    'static_columns': 'fixed-pattern noise along columns',
-    'static_neighbour': 'correlation of neighbours in the fixed-pattern noise',
-    'frame_spread': 'change of noise from frame to frame',
-    'lattice_coarse': 'depth in steps of 6 to 20 mm',
-    'lattice_medium': 'depth in steps of 3 to 6 mm',
-    'lattice_small': 'depth in steps of 1.5 to 3 mm',
-    'lattice_fine': 'depth in steps of 0.6 to 1.5 mm',
-    'repeat': 'fixed-pattern noise that is the same in all recordings',
-}
+from flexx2_sim_ros.gap.report.places import CHANNELS, finding
 
 # Names of the physical measures, for people: name, unit and factor to it.
 MEASURES = {
@@ -41,21 +15,6 @@ MEASURES = {
     'correlation': ('correlation of neighbours', '', 1.0),
     'lag': ('correlation with the frame before', '', 1.0),
     'kl_nats': ('divergence of normalised errors', 'nats', 1.0),
-}
-
-# What to record to see a difference along each covariate alone.
-_NEXT_STEPS = {
-    'all': 'A flat wall, seen straight on, is enough to see it.',
-    'distance': 'To see it alone, move the camera towards a flat wall in small steps.',
-    'incidence': 'To see it alone, turn a flat board away from the camera in small steps.',
-    'amplitude': 'To see it alone, record a dark and a bright board at the same distance.',
-    'edge': 'To see it alone, record the edge of a box in front of a wall.',
-    'speed': 'To see it alone, move the camera towards a wall, then hold it still.',
-    'uptime': 'To see it alone, record a still scene from power-on for half an hour.',
-    'concavity': 'To see it alone, record the corner of two bright walls.',
-    'radius': 'To see it alone, record a flat wall that fills the image; check the camera matrix.',
-    'region': 'To see it alone, record a flat wall that fills the image; check the camera matrix.',
-    'recording': 'Look for what was different in this recording: lighting, poses, settings.',
 }
 
 
@@ -109,7 +68,19 @@ def headline(table: dict[str, Any]) -> str:
             f'{added} to the simulation explains other features, but the gap in depth and invalid '
             f'pixels becomes {percent(-gap["shrink"])} larger.{rest}'
         )
-    return f'{added} to the simulation removes {percent(gap["shrink"])} of the gap.{rest}'
+    removed = ': '.join(filter(None, [f'{percent(gap["shrink"])} of the gap', _changes(gap)]))
+    return f'{added} to the simulation removes {removed}.{rest}'
+
+
+def _changes(gap: dict[str, Any]) -> str:
+    # What is reduced, in physical units; empty where it is below the tolerance in these.
+    parts = []
+    for name, unit in (('depth errors', 'wasserstein_mm'), ('invalid pixels', 'invalid_rate')):
+        _, symbol, factor = MEASURES[unit]
+        before, after, null = (factor * gap[unit][key] for key in ('before', 'after', 'null'))
+        if before - null > factor * gap[unit]['tolerance']:
+            parts.append(f'{name} {before:.2g} -> {after:.2g} {symbol}')
+    return ', '.join(parts)
 
 
 def sentences(table: dict[str, Any]) -> list[str]:
@@ -130,7 +101,7 @@ def sentences(table: dict[str, Any]) -> list[str]:
             for other in table['alternatives']
         ]
     if table['verdict'] in ('unknown', 'partly') and table['unexplained']:
-        names = ', '.join(_CHANNELS[row['structure']] for row in table['unexplained'][:4])
+        names = ', '.join(CHANNELS[row['structure']] for row in table['unexplained'][:4])
         out.append(f'The remaining gap shows in: {names}.')
     if 'patch' in table:
         out.append(
@@ -140,8 +111,7 @@ def sentences(table: dict[str, Any]) -> list[str]:
         )
     out += not_decidable(table) + ground_truth(table)
     if table['where'] and table['verdict'] != 'none':
-        first = table['where'][0]
-        out.append(f'The gap is largest here: {place(first)}. {_next_step(first)}'.strip())
+        out.append(finding(table['where'][0]))
     return out
 
 
@@ -177,12 +147,6 @@ def reduction(gap: dict[str, Any]) -> list[str]:
         names = ', '.join(MEASURES[unit][0] for unit in gap['worse'])
         out.append(f'The effects make this worse: {names}.')
     return out
-
-
-def _next_step(cell: dict[str, Any]) -> str:
-    # What to record to see a difference alone, in one sentence.
-    covariate = cell['covariate'].removeprefix('fine_')
-    return _NEXT_STEPS.get('region' if covariate.startswith('image') else covariate, '')
 
 
 def not_decidable(table: dict[str, Any]) -> list[str]:
@@ -238,40 +202,3 @@ def not_considered(table: dict[str, Any]) -> list[str]:
     for row in table['not_considered']:
         reasons.setdefault(row['reason'], []).append(row['name'])
     return [f'Not considered: {_list(names)}: {reason}.' for reason, names in reasons.items()]
-
-
-def place(cell: dict[str, Any]) -> str:
-    """Return the location of a group of pixels and what differs there, as text."""
-    low, high, unit = cell['low'], cell['high'], cell['unit']
-    where = cell['covariate'].removeprefix('fine_').replace('_', ' ')
-    if where == 'structure':
-        where = 'everywhere'
-    if where == 'all':
-        where = 'on all surfaces'
-    if where == 'nothing there':
-        where = 'where there is no return'
-    if where == 'edge' and not cell['detail']:
-        where = 'at edges'
-    elif where == 'recording':
-        where = f'in recording {cell["detail"]}'
-    elif cell['detail']:
-        where += f' ({cell["detail"]})'
-    elif low is not None and high is not None:
-        where += f' {_short(low)} to {_short(high)} {unit}'
-    elif low is not None:
-        where += f' above {_short(low)} {unit}'
-    elif high is not None:
-        where += f' below {_short(high)} {unit}'
-    what = _CHANNELS[cell['channel']]
-    size = (
-        f'{cell["size"]:+.2f} mm'
-        if cell['unit_size'] == 'mm'
-        else f'{100 * cell["size"]:+.1f} %'
-        if what.startswith('fraction')
-        else f'{cell["size"]:+.2g}'
-    )
-    return f'{where.strip()}: {what} {size}'
-
-
-def _short(number: float) -> str:
-    return f'{number:.3g}' if abs(number) < 1000 else f'{number:.0f}'

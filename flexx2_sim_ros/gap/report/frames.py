@@ -1,0 +1,154 @@
+"""Single frames of recordings beside their simulations, as HTML."""
+
+from collections.abc import Sequence
+from html import escape
+from typing import Any
+
+from flexx2_sim_ros.gap.data.axes import Axes
+from flexx2_sim_ros.gap.features.confirm import Outcome
+from flexx2_sim_ros.gap.features.single_frame import SingleFrame
+from flexx2_sim_ros.gap.report.places import group
+from flexx2_sim_ros.html_drawing import depth_picture, MARKS, picture
+import numpy as np
+
+MOST_FRAMES = 6  # recordings that have a frame on the page; bounds its size
+_OPEN = 2  # of these, not folded
+_STEPS = 15  # colours on either side of white: noise in more of them makes a picture large
+_MOST_MARKED = 0.85  # fraction of the surfaces; a condition with more of them is everywhere
+
+FRAMES_STYLE = """
+.frames { display: grid; gap: .7rem; grid-auto-flow: column; grid-template-rows: auto auto;
+  grid-auto-columns: 1fr; max-width: 60rem; }
+.frames img { width: 100%; image-rendering: pixelated; }
+.mark { display: inline-block; width: .8rem; height: .8rem; margin: 0 .3rem 0 .8rem; }
+summary { cursor: pointer; margin: .8rem 0; }
+h3 { font-size: 1rem; margin: 1rem 0 .3rem; }
+@media (max-width: 40rem) { .frames { grid-auto-flow: row; grid-template-rows: none;
+  grid-template-columns: 1fr 1fr; } }
+"""
+
+
+def frames(table: dict[str, Any], confirmed: Sequence[Outcome], axes: Axes) -> str:
+    """
+    Return one frame of up to `MOST_FRAMES` recordings, real and simulated, as HTML.
+
+    Parameters
+    ----------
+    table : dict
+        The diagnosis.
+    confirmed : sequence of Outcome
+        The recordings; those with a frame are shown.
+    axes : dict of str to Axis
+        The camera's.
+
+    """
+    parts = [
+        _recording(table, one, one.frame, index, axes)
+        for index, one in enumerate(confirmed)
+        if one.frame is not None
+    ]
+    folded = ''
+    if len(parts) > _OPEN:
+        folded = (
+            f'<details><summary>{len(parts) - _OPEN} more recordings</summary>'
+            f'{"".join(parts[_OPEN:])}</details>'
+        )
+    rest = len(confirmed) - len(parts)
+    others = f' {rest} recordings with a smaller gap are not shown.' if rest else ''
+    return (
+        f'<h2>Single frames</h2>{"".join(parts[:_OPEN])}{folded}<p><small>The middle frame of '
+        'each recording, and the same frame as simulated at the fitted pose: differences of '
+        'single frames contain the noise of both. Gray: no depth. In the differences, blue is '
+        'nearer than simulated, red is farther, white is equal. Marked are the pixels of the '
+        f'first rows of the list above that hold for a part of the frame.{others}</small></p>'
+    )
+
+
+def _recording(
+    table: dict[str, Any], one: Outcome, frame: SingleFrame, index: int, axes: Axes
+) -> str:
+    real, before, after = frame.depth
+    low, high = (_quantile(frame.depth, share) for share in (0.01, 0.99))
+    limit = max(_quantile(np.abs(real - before), 0.95), 0.001)
+    marks = _marks(table['where'], frame, index, axes)
+    pictures = [
+        ('real', depth_picture(real, low, high)),
+        (
+            'marked pixels' if marks else 'no pixels are singled out',
+            depth_picture(real, low, high, [mask for _, mask in marks] or [real != real]),
+        ),
+        ('simulated', depth_picture(before, low, high)),
+        ('real minus simulated', picture(real - before, limit, 1, _STEPS)),
+    ]
+    first, last, _ = one.physical['wasserstein_mm']
+    errors = f'depth errors {first:.2g} mm'
+    if table['effects']:
+        pictures += [
+            ('simulated with the effects', depth_picture(after, low, high)),
+            ('real minus simulated with the effects', picture(real - after, limit, 1, _STEPS)),
+        ]
+        errors += f', with the effects {last:.2g} mm'
+    figures = ''.join(
+        f'<figure><img alt="{escape(text)}" src="{url}"><figcaption>{escape(text)}</figcaption>'
+        '</figure>'
+        for text, url in pictures
+    )
+    legend = ''.join(
+        f'<span class="mark" style="background: rgb{MARKS[i]}"></span>{escape(text)}'
+        for i, (text, _) in enumerate(marks)
+    )
+    return (
+        f'<h3>{escape(one.name)}, frame {frame.index}: {escape(errors)}</h3>'
+        f'<div class="frames">{figures}</div><p><small>Depth {low:.2f} m (dark) to {high:.2f} m '
+        f'(bright); differences up to {1000 * limit:.2g} mm.{legend}</small></p>'
+    )
+
+
+def _quantile(values: np.ndarray, share: float) -> float:
+    # Of the finite values, 0 where there are none.
+    finite = values[np.isfinite(values)]
+    return float(np.quantile(finite, share)) if finite.size else 0.0
+
+
+def _marks(
+    rows: Sequence[dict[str, Any]], frame: SingleFrame, index: int, axes: Axes
+) -> list[tuple[str, np.ndarray]]:
+    # Text and (h, w) mask of the first conditions that select a part of this frame's pixels.
+    out: dict[str, np.ndarray] = {}
+    surfaces = frame.places['all'] >= 0
+    for row in rows:
+        mask = _pixels(row, frame, index, axes)
+        if mask is None or not mask.any():
+            continue
+        if (mask & surfaces).sum() > _MOST_MARKED * max(surfaces.sum(), 1):
+            continue
+        out.setdefault(group(row), mask)
+        if len(out) == len(MARKS):
+            break
+    return list(out.items())
+
+
+def _pixels(row: dict[str, Any], frame: SingleFrame, index: int, axes: Axes) -> np.ndarray | None:
+    # (h, w) bool, the pixels of a row of `where`; None for a row that selects no pixels.
+    name, low, high = row['covariate'], row['low'], row['high']
+    if name == 'recording':
+        return frame.places['all'] >= 0 if low == index else None
+    if name.startswith('image region'):
+        words = name.replace(',', '').split()
+        place = (int(words[3]) - 1) * 4 + int(words[7]) - 1
+        return np.asarray(frame.places['region'] == place)
+    if name in ('nothing there', 'beyond the range'):
+        return np.asarray(frame.places['beyond'] == (name == 'beyond the range'))
+    if name == 'edge':
+        return np.asarray(frame.places['edge'] >= 0)
+    if name == 'amplitude':
+        name = 'log_amplitude'
+        low, high = (None if end is None else np.log(end) for end in (low, high))
+    if name not in axes or not axes[name].edges:
+        return None
+    # The ends are edges of bins, as they were written.
+    edges = np.array(axes[name].edges)
+    first = 0 if low is None else int(np.abs(edges - low).argmin()) + 1
+    last = axes[name].bins - 1 if high is None else int(np.abs(edges - high).argmin())
+    place = frame.places[name]
+    return np.asarray((place >= first) & (place <= last))

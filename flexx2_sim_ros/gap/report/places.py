@@ -1,0 +1,187 @@
+"""Where a gap lies, as text: rows of `where` of a diagnosis."""
+
+import math
+from typing import Any
+
+# Names of the channels, for people.
+CHANNELS = {
+    'bias': 'depth',
+    'invalid': 'fraction of invalid pixels',
+    'high': 'fraction of outliers behind',
+    'low': 'fraction of outliers in front',
+    'log_variance': 'noise (log variance)',
+    'kurtosis': 'kurtosis of the noise',
+    'lag': 'lag-1 correlation',
+    'neighbour': 'correlation of neighbouring pixels',
+    'trend': 'drift over a recording',
+    'frame_common': 'noise common to a frame',
+    'row_common': 'noise common to a row',
+    'column_common': 'noise common to a column',
+    'row_invalid': 'rows without any depth',
+    'static_grain': 'fixed-pattern noise',
+    'static_rows': 'fixed-pattern noise along rows',
+    'static_columns': 'fixed-pattern noise along columns',
+    'static_neighbour': 'correlation of neighbours in the fixed-pattern noise',
+    'frame_spread': 'change of noise from frame to frame',
+    'lattice_coarse': 'depth in steps of 6 to 20 mm',
+    'lattice_medium': 'depth in steps of 3 to 6 mm',
+    'lattice_small': 'depth in steps of 1.5 to 3 mm',
+    'lattice_fine': 'depth in steps of 0.6 to 1.5 mm',
+    'repeat': 'fixed-pattern noise that is the same in all recordings',
+}
+# What to record to see a difference along each covariate alone.
+_NEXT_STEPS = {
+    'all': 'A flat wall, seen straight on, is enough to see it.',
+    'distance': 'To see it alone, move the camera towards a flat wall in small steps.',
+    'incidence': 'To see it alone, turn a flat board away from the camera in small steps.',
+    'amplitude': 'To see it alone, record a dark and a bright board at the same distance.',
+    'edge': 'To see it alone, record the edge of a box in front of a wall.',
+    'speed': 'To see it alone, move the camera towards a wall, then hold it still.',
+    'uptime': 'To see it alone, record a still scene from power-on for half an hour.',
+    'concavity': 'To see it alone, record the corner of two bright walls.',
+    'radius': 'To see it alone, record a flat wall that fills the image; check the camera matrix.',
+    'region': 'To see it alone, record a flat wall that fills the image; check the camera matrix.',
+    'recording': 'Look for what was different in this recording: lighting, poses, settings.',
+}
+_WALL = 0.2  # reflectivity of the wall that an amplitude is compared with
+# Channels whose difference in a group of pixels makes a sentence: more and less of it.
+_MORE_OR_LESS = {
+    'kurtosis': ('have heavier tails of the noise', 'have lighter tails of the noise'),
+    'lag': (
+        'follow the frame before more closely: the correlation is {size:.2f} higher',
+        'follow the frame before less closely: the correlation is {size:.2f} lower',
+    ),
+    'neighbour': (
+        'have noise that is more alike in neighbouring pixels: the correlation is {size:.2f} '
+        'higher',
+        'have noise that is less alike in neighbouring pixels: the correlation is {size:.2f} '
+        'lower',
+    ),
+    'trend': (
+        'drift {size:.2g} mm away during a recording',
+        'drift {size:.2g} mm nearer during a recording',
+    ),
+    'bias': ('read {size:.2g} mm too far', 'read {size:.2g} mm too near'),
+    'invalid': (
+        'have no depth in {size:.2g} % more of their pixels',
+        'have no depth in {size:.2g} % fewer of their pixels',
+    ),
+    'high': (
+        'read far too far in {size:.2g} % more of their pixels',
+        'read far too far in {size:.2g} % fewer of their pixels',
+    ),
+    'low': (
+        'read far too near in {size:.2g} % more of their pixels',
+        'read far too near in {size:.2g} % fewer of their pixels',
+    ),
+}
+
+
+def finding(cell: dict[str, Any]) -> str:
+    """
+    Return a row of `where` as sentences: what differs from the simulation, and what to do next.
+
+    Parameters
+    ----------
+    cell : dict
+        A row of ``where`` of a diagnosis.
+
+    """
+    covariate = cell['covariate'].removeprefix('fine_')
+    step = _NEXT_STEPS.get('region' if covariate.startswith('image') else covariate, '')
+    said = _said(cell)
+    if said is None:
+        return f'The gap is largest here: {place(cell)}. {step}'.strip()
+    return f'The gap is largest here: {_subject(cell)} {said}. {step}'.strip()
+
+
+def _said(cell: dict[str, Any]) -> str | None:
+    # What a group of pixels does, as the rest of a sentence; None where only its name says it.
+    channel, size = cell['channel'], float(cell['size'])
+    if channel == 'log_variance':
+        return f'have {math.exp(size / 2):.2g} times the noise of the simulation'
+    if channel not in _MORE_OR_LESS:
+        return None
+    percent = CHANNELS[channel].startswith('fraction')
+    return _MORE_OR_LESS[channel][size < 0].format(size=abs(size) * (100 if percent else 1))
+
+
+def _subject(cell: dict[str, Any]) -> str:
+    # A group of pixels as the subject of a sentence, in plural.
+    name, low, high = cell['covariate'].removeprefix('fine_'), cell['low'], cell['high']
+    span = _span(low, high, cell['unit'])
+    if name == 'concavity' and (low or 0) > 0:
+        return 'concave corners'
+    if name == 'concavity' and high is not None and high < 0:
+        return 'convex edges of objects'
+    if name == 'speed':
+        toward = 'that come nearer' if (high or 1) <= 0 else 'that move away'
+        return f'surfaces {toward if low is None or high is None else "that move"} ({span})'
+    words = {
+        'all': 'all surfaces',
+        'edge': 'pixels at depth jumps',
+        'recording': f'surfaces in recording {cell["detail"]}',
+        'uptime': f'surfaces at a time since power-on {span}',
+        'distance': f'surfaces at a distance {span}',
+        'incidence': f'surfaces seen at an angle {span}',
+        'amplitude': f'surfaces as bright as {_as_bright(low, high)}',
+        'radius': f'pixels at a distance from the image centre {span}',
+        'nothing there': 'pixels without a return',
+        'beyond the range': 'surfaces beyond the range',
+    }
+    return words.get(name, f'pixels in {group(cell)}')
+
+
+def _as_bright(low: float | None, high: float | None) -> str:
+    # An amplitude, 1/m^2, as where a wall that is seen straight on has it.
+    near, far = (None if end is None else math.sqrt(_WALL / end) for end in (high, low))
+    return f'a wall of reflectivity {_WALL:g} at a distance {_span(near, far, "m")}'
+
+
+def _span(low: float | None, high: float | None, unit: str) -> str:
+    if low is not None and high is not None:
+        text = f'from {_short(low)} to {_short(high)} {unit}'
+    elif low is not None:
+        text = f'above {_short(low)} {unit}'
+    elif high is not None:
+        text = f'below {_short(high)} {unit}'
+    else:
+        text = ''
+    return text.strip()
+
+
+def group(cell: dict[str, Any]) -> str:
+    """Return the pixels of a row of `where` as text."""
+    name = cell['covariate'].removeprefix('fine_').replace('_', ' ')
+    fixed = {
+        'structure': 'everywhere',
+        'all': 'on all surfaces',
+        'nothing there': 'where there is no return',
+    }
+    if name in fixed:
+        return fixed[name]
+    if name == 'edge' and not cell['detail']:
+        return 'at edges'
+    if name == 'recording':
+        return f'in recording {cell["detail"]}'
+    if cell['detail']:
+        return f'{name} ({cell["detail"]})'
+    return f'{name} {_span(cell["low"], cell["high"], cell["unit"])}'.strip()
+
+
+def place(cell: dict[str, Any]) -> str:
+    """Return the pixels of a row of `where` and what differs there, as text."""
+    what, size = CHANNELS[cell['channel']], cell['size']
+    if cell['channel'] == 'log_variance':
+        return f'{group(cell)}: noise {math.exp(size / 2):.2g} times as large'
+    if cell['unit_size'] == 'mm':
+        text = f'{size:+.2f} mm'
+    elif what.startswith('fraction'):
+        text = f'{100 * size:+.1f} %'
+    else:
+        text = f'{size:+.2g}'
+    return f'{group(cell)}: {what} {text}'
+
+
+def _short(number: float) -> str:
+    return f'{number:.3g}' if abs(number) < 1000 else f'{number:.0f}'

@@ -1,0 +1,136 @@
+"""The report of a diagnosis: single frames with marked pixels, and where the gap lies as text."""
+
+import base64
+from io import BytesIO
+import re
+from types import SimpleNamespace
+from typing import Any
+
+from flexx2_sim_ros.camera import flexx2
+from flexx2_sim_ros.gap.data.axes import AXES, axes_of
+from flexx2_sim_ros.gap.data.covariates import look_at
+from flexx2_sim_ros.gap.features.single_frame import single_frame
+from flexx2_sim_ros.gap.report.frames import frames, MOST_FRAMES
+from flexx2_sim_ros.gap.report.places import finding
+from flexx2_sim_ros.html_drawing import MARKS
+import numpy as np
+from PIL import Image
+import pytest
+
+MODE = flexx2().mode('Mode_9_30fps')
+K = np.array([[200.0, 0, 39.5], [0, 200.0, 29.5], [0, 0, 1]])
+# A wall at 1 m on the left and at 2 m on the right.
+CLEAN = np.where(np.arange(80) < 40, 1.0, 2.0)[None].repeat(60, 0).astype(np.float32)
+DISTANCES = axes_of(flexx2())['distance'].edges
+FAR = min(edge for edge in DISTANCES if edge > 1.5)
+
+
+def row(covariate: str, channel: str = 'bias', **more: Any) -> dict[str, Any]:
+    return {
+        'covariate': covariate,
+        'low': None,
+        'high': None,
+        'unit': '',
+        'detail': '',
+        'channel': channel,
+        'size': 12.0,
+        'unit_size': 'mm',
+        'q_value': 0.0,
+        **more,
+    }
+
+
+def outcomes(count: int, depth: np.ndarray = CLEAN) -> list[Any]:
+    """Return what the page asks of the outcome of recordings that show a wall and another one."""
+    scene = look_at(CLEAN, None, 0.0, None, K, MODE, axes_of(flexx2()))
+    frame = single_frame(4, [depth, depth - 0.01, depth], [scene])
+    return [
+        SimpleNamespace(
+            name=f'<{i}>.npz', frame=frame, physical={'wasserstein_mm': [8.0, 2.0, 1.0]}
+        )
+        for i in range(count)
+    ]
+
+
+def pictures(page: str) -> list[np.ndarray]:
+    """Return all pictures of a page, (H, W, 3) uint8."""
+    return [
+        np.array(Image.open(BytesIO(base64.b64decode(code))).convert('RGB'))
+        for code in re.findall(r'base64,([^"]*)', page)
+    ]
+
+
+def page_of(count: int, *where: dict[str, Any]) -> str:
+    table = {'where': list(where), 'effects': [{'name': 'offset'}]}
+    return frames(table, outcomes(count), axes_of(flexx2()))
+
+
+def marked(image: np.ndarray, index: int) -> np.ndarray:
+    return np.asarray((image == MARKS[index]).all(axis=-1))
+
+
+def test_bins_of_pixels_are_those_of_their_covariates() -> None:
+    scene = look_at(CLEAN, None, 0.0, None, K, MODE, axes_of(flexx2()))
+    place = scene.places('distance')
+    assert np.array_equal(place >= 0, scene.inside)
+    assert np.array_equal(
+        place[scene.inside], np.searchsorted(np.array(DISTANCES), CLEAN[scene.inside])
+    )
+    for name in AXES:
+        assert scene.places(name).max() < AXES[name].bins
+
+
+def test_the_pixels_of_the_first_rows_are_marked() -> None:
+    page = page_of(1, row('all'), row('distance', low=FAR, unit='m'), row('edge'))
+    assert '&lt;0&gt;.npz, frame 4: depth errors 8 mm, with the effects 2 mm' in page
+    real, marks, simulated, before, after, rest = pictures(page)
+    assert real.shape == simulated.shape == (60, 80, 3)
+    # All surfaces are not marked: that says nothing of single pixels.
+    far, edges = marked(marks, 0), marked(marks, 1)
+    assert far[:, 50:].all()
+    assert not far[:, :40].any()
+    assert edges[:, 38:42].all()
+    assert edges.sum() == 60 * 6
+    # 1 cm too far: red. With the effects nothing is left.
+    assert (before[:, :, 0] > before[:, :, 2]).all()
+    assert np.array_equal(after, real)
+    assert (rest == 255).all()
+
+
+def test_a_recording_without_any_depth_is_drawn() -> None:
+    table = {'where': [], 'effects': []}
+    lost = np.full_like(CLEAN, np.nan)
+    page = frames(table, outcomes(1, lost), axes_of(flexx2()))
+    assert len(pictures(page)) == 4
+    assert 'nan' not in re.sub('base64,[^"]*', '', page)
+
+
+def test_the_size_of_the_page_does_not_grow_with_the_recordings() -> None:
+    some = outcomes(20)
+    for one in some[MOST_FRAMES:]:
+        one.frame = None
+    page = frames({'where': [], 'effects': []}, some, axes_of(flexx2()))
+    assert len(pictures(page)) == 4 * MOST_FRAMES
+    assert '14 recordings with a smaller gap are not shown' in page
+
+
+@pytest.mark.parametrize(
+    ('cell', 'said'),
+    [
+        (row('concavity', low=0.02), 'concave corners read 12 mm too far'),
+        (row('all', size=-3.0), 'all surfaces read 3 mm too near'),
+        (
+            row('distance', 'invalid', low=2.0, high=3.0, unit='m', size=0.46, unit_size=''),
+            'surfaces at a distance from 2 to 3 m have no depth in 46 % more of their pixels',
+        ),
+        (
+            row('amplitude', 'log_variance', high=0.05, unit='1/m^2', size=1.3863, unit_size='ln'),
+            'as bright as a wall of reflectivity 0.2 at a distance above 2 m have 2 times the '
+            'noise of the simulation',
+        ),
+        (row('recording', low=2, high=2, detail='a.npz'), 'surfaces in recording a.npz read'),
+        (row('structure', 'row_common', unit_size=''), 'everywhere: noise common to a row'),
+    ],
+)
+def test_the_first_row_is_a_sentence(cell: dict[str, Any], said: str) -> None:
+    assert said in finding(cell)
