@@ -2,7 +2,8 @@
 Whether the first row of `where` names the covariate that the physics of an effect depends on.
 
 Each campaign has one effect of the catalogue. Prints the first row, and whether its covariate is
-among those of `PHYSICS`.
+among those of `PHYSICS`. With `--without`, the catalogue of the diagnosis lacks the effect, so
+that the covariate has to follow from the recordings.
 
 python -m bench.gap_where --seeds 22
 """
@@ -44,6 +45,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--effects', default=','.join(PHYSICS))
     parser.add_argument('--seeds', default='22')
+    parser.add_argument('--without', action='store_true', help='take the true effect out')
     parser.add_argument('--jobs', type=int, default=1)
     arguments = parser.parse_args()
     right = total = 0
@@ -59,7 +61,8 @@ def main() -> None:
                     moving=2,
                     effects={name: {}},
                 )
-                table = diagnose(folder, jobs=arguments.jobs)
+                without = [name] if arguments.without else []
+                table = diagnose(folder, jobs=arguments.jobs, without=without)
             if not table['where']:
                 print(f'{seed:4d} {name:20s} {table["verdict"]}', flush=True)
                 continue

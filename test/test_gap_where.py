@@ -5,6 +5,7 @@ from typing import Any
 
 from bench.gap_campaigns import look, make_room, optical
 from flexx2_sim_ros.camera import Camera, flexx2
+from flexx2_sim_ros.effects import registry
 from flexx2_sim_ros.gap.data.axes import AXES, axes_of, ENDLESS
 from flexx2_sim_ros.gap.data.registration import Placed, RecordingData
 from flexx2_sim_ros.gap.features.features import LAYOUT, SIZE, TOLERANCE
@@ -97,6 +98,26 @@ def test_the_first_row_is_the_covariate_that_the_gap_depends_on() -> None:
     one = main_covariate(model, difference, difference, True)
     assert one is not None
     assert one.axis == 'all'
+
+
+def test_a_named_effect_says_which_of_two_like_covariates_is_meant() -> None:
+    """Assert it where dark surfaces are the distant ones, and only if the data allow it."""
+    model = made_up(6, 0.001)
+    near, dark = ({3: 1.0}, {3: 0.9})
+    difference = bias_along(6, 'distance', near)
+    for i, feature in enumerate(LAYOUT):
+        if (feature.channel, feature.axis) == ('bias', 'log_amplitude'):
+            difference[:, i] = dark.get(feature.place, 0.0)
+    known = registry()
+    for named, axis in (
+        ((), 'distance'),
+        ((known['amplitude_bias'],), 'log_amplitude'),
+        ((known['wiggling'],), 'distance'),
+        ((known['grazing_dropout'],), 'distance'),  # nothing differs along incidence alone
+    ):
+        one = main_covariate(model, difference, difference, True, named)
+        assert one is not None
+        assert one.axis == axis, named
 
 
 def test_a_recording_is_named_only_if_nothing_else_singles_it_out() -> None:

@@ -16,7 +16,7 @@ import numpy as np
 # standard deviation over frames, the fraction of gross outliers, correlation from frame to frame
 # and from pixel to pixel, where there is depth at all, amplitude, and what is seen at depth jumps.
 CHANNELS = ('bias', 'noise', 'outliers', 'frames', 'neighbours', 'validity', 'amplitude', 'edges')
-COVARIATES = ('distance', 'incidence', 'amplitude', 'image', 'edge', 'time', 'none')
+COVARIATES = ('distance', 'incidence', 'amplitude', 'concavity', 'image', 'edge', 'time', 'none')
 # What of a recording is known only roughly, and can hide an effect or look like it.
 NUISANCES = ('pose', 'reflectivity', 'sigma', 'edges', 'uptime')
 _OWN_STREAMS = 2**16  # those below are given by hand

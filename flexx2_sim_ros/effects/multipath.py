@@ -25,7 +25,7 @@ class Multipath(Effect):
     stage: ClassVar[Stage] = Stage.PHASOR
     order: ClassVar[int] = 1
     title: ClassVar[str] = 'light that is reflected twice: positive bias in concave corners'
-    covariate: ClassVar[str] = 'image'
+    covariate: ClassVar[str] = 'concavity'
     changes: ClassVar[tuple[str, ...]] = ('bias', 'amplitude')
     typical: ClassVar[bool] = True
     source: ClassVar[str] = (

@@ -4,10 +4,15 @@ The covariate along which a difference varies most: what singles out the pixels 
 The energy of a difference along a covariate is the sum over its bins of pixels times the squared
 mean difference of the bin, in tolerances, minus what noise adds. A covariate that the difference
 depends on has the largest energy, because its bins do not average the difference away.
+
+In few recordings, covariates are alike: the dark surfaces may be the distant ones. Where effects
+are named, the covariates that these depend on by their formulas therefore count more than others.
 """
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
+from flexx2_sim_ros.effects import Effect
 from flexx2_sim_ros.gap.calibration.inference import WHERE
 from flexx2_sim_ros.gap.data.axes import AXES
 from flexx2_sim_ros.gap.features.features import CHANNEL_UNITS, LAYOUT, TOLERANCE
@@ -16,6 +21,17 @@ import numpy as np
 
 _INDEX = {(f.channel, f.axis, f.place): i for i, f in enumerate(LAYOUT)}
 _CLASSES = ('region', 'recording')  # whose bins have no order
+# Covariates of effects, and the axes along which these show.
+_SHOWS_ALONG = {
+    'distance': ('distance', 'fine_distance'),
+    'incidence': ('incidence',),
+    'amplitude': ('log_amplitude',),
+    'concavity': ('concavity', 'log_amplitude'),  # indirect light shows where direct light is weak
+    'image': ('region', 'radius'),
+    'edge': ('edge',),
+    'time': ('uptime', 'speed', 'edge', 'all'),
+    'none': ('all',),
+}
 _IN_METRES = tuple(name for name, unit in CHANNEL_UNITS.items() if unit == 'sigma')
 
 
@@ -67,7 +83,11 @@ class _Bins:
 
 
 def main_covariate(
-    model: Model, difference: np.ndarray, shown: np.ndarray, exact: bool
+    model: Model,
+    difference: np.ndarray,
+    shown: np.ndarray,
+    exact: bool,
+    named: Collection[type[Effect]] = (),
 ) -> MainCovariate | None:
     """
     Find the covariate along which real and simulated depth differ most.
@@ -82,6 +102,8 @@ def main_covariate(
         (R, SIZE) real minus simulated features without nuisances, from which a size in mm comes.
     exact : bool
         Whether the difference has no noise, as the change by effects.
+    named : collection of type of Effect
+        The effects that explain the difference.
 
     Returns
     -------
@@ -100,9 +122,11 @@ def main_covariate(
         for axis in WHERE.main
         if (bins := features.along(channel, axis)) is not None
     ]
-    best = max(found, key=_power, default=None)
-    if best is None or _power(best) <= 0:
+    expected = {axis for one in named for axis in _SHOWS_ALONG[one.covariate]}
+    powers = [_power(bins, expected) for bins in found]
+    if max(powers, default=0.0) <= 0:
         return None
+    best = found[int(np.argmax(powers))]
     found_there = _largest_stretch(best)
     everywhere = features.along(best.channel, 'all')
     if everywhere is not None and _is_whole(found_there, best):
@@ -115,8 +139,9 @@ def _is_whole(one: MainCovariate, bins: _Bins) -> bool:
     return bool(bins.pixels[one.first : one.last + 1].sum() >= bins.pixels.sum() > 0)
 
 
-def _power(bins: _Bins) -> float:
-    return WHERE.main[bins.axis] * float(bins.energies.sum())
+def _power(bins: _Bins, expected: Collection[str]) -> float:
+    factor = 1.0 if not expected or bins.axis in expected else WHERE.unexpected
+    return factor * WHERE.main[bins.axis] * float(bins.energies.sum())
 
 
 class _Features:

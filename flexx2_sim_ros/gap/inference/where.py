@@ -1,8 +1,9 @@
 """Where the real camera and the simulation differ."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Any
 
+from flexx2_sim_ros.effects import Effect
 from flexx2_sim_ros.gap.calibration.features import FEATURES
 from flexx2_sim_ros.gap.calibration.inference import WHERE
 from flexx2_sim_ros.gap.data.axes import AXES, Axes
@@ -45,6 +46,7 @@ def places(
     groups: Sequence[PixelGroups],
     exact: bool,
     sigma_error: float,
+    named: Collection[type[Effect]],
 ) -> list[dict[str, Any]]:
     """
     List where real and simulated differ by more than what matters.
@@ -63,6 +65,8 @@ def places(
         Whether effects explain the difference. Then their change is listed, which has no noise.
     sigma_error : float
         Fraction by which sigma_z was found to be wrong.
+    named : collection of type of Effect
+        The effects that explain the difference or a part of it.
 
     Returns
     -------
@@ -73,7 +77,7 @@ def places(
 
     """
     rows = _all_places(model, difference, shown, groups, exact, sigma_error)
-    main = main_covariate(model, difference, shown, exact)
+    main = main_covariate(model, difference, shown, exact, named)
     if main is None:
         return rows
     first = _main_row(main, model)

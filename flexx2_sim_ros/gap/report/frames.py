@@ -135,8 +135,8 @@ def _pixels(row: dict[str, Any], frame: SingleFrame, index: int, axes: Axes) -> 
         return frame.places['all'] >= 0 if low == index else None
     if name.startswith('image region'):
         words = name.replace(',', '').split()
-        place = (int(words[3]) - 1) * 4 + int(words[7]) - 1
-        return np.asarray(frame.places['region'] == place)
+        region = (int(words[3]) - 1) * 4 + int(words[7]) - 1
+        return np.asarray(frame.places['region'] == region)
     if name in ('nothing there', 'beyond the range'):
         return np.asarray(frame.places['beyond'] == (name == 'beyond the range'))
     if name == 'edge':

@@ -120,6 +120,7 @@ def _where(
         [one.groups for one in confirmed],
         identified,
         decision.accepted.sigma,
+        [one.kind for one in decision.accepted.candidates] if decision.explains_gap else [],
     )
 
 
