@@ -125,9 +125,10 @@ def test_the_size_of_the_page_does_not_grow_with_the_recordings() -> None:
         ),
         (
             row('amplitude', 'log_variance', high=0.05, unit='1/m^2', size=1.3863, unit_size='ln'),
-            'as bright as a wall of reflectivity 0.2 at a distance above 2 m have 2 times the '
-            'noise of the simulation',
+            'surfaces darker than a wall of reflectivity 0.2 at 2 m have 2 times the noise of the '
+            'simulation',
         ),
+        (row('amplitude', low=0.05, unit='1/m^2'), 'brighter than a wall of reflectivity 0.2 at'),
         (row('recording', low=2, high=2, detail='a.npz'), 'surfaces in recording a.npz read'),
         (row('structure', 'row_common', unit_size=''), 'everywhere: noise common to a row'),
     ],

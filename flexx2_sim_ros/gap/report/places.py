@@ -124,7 +124,7 @@ def _subject(cell: dict[str, Any]) -> str:
         'uptime': f'surfaces at a time since power-on {span}',
         'distance': f'surfaces at a distance {span}',
         'incidence': f'surfaces seen at an angle {span}',
-        'amplitude': f'surfaces as bright as {_as_bright(low, high)}',
+        'amplitude': f'surfaces {_as_bright(low, high)}',
         'radius': f'pixels at a distance from the image centre {span}',
         'nothing there': 'pixels without a return',
         'beyond the range': 'surfaces beyond the range',
@@ -134,8 +134,13 @@ def _subject(cell: dict[str, Any]) -> str:
 
 def _as_bright(low: float | None, high: float | None) -> str:
     # An amplitude, 1/m^2, as where a wall that is seen straight on has it.
-    near, far = (None if end is None else math.sqrt(_WALL / end) for end in (high, low))
-    return f'a wall of reflectivity {_WALL:g} at a distance {_span(near, far, "m")}'
+    wall = f'a wall of reflectivity {_WALL:g} at'
+    near, far = (end and _short(math.sqrt(_WALL / end)) for end in (high, low))
+    if far is None:
+        return f'darker than {wall} {near} m'
+    if near is None:
+        return f'brighter than {wall} {far} m'
+    return f'as bright as {wall} {near} to {far} m'
 
 
 def _span(low: float | None, high: float | None, unit: str) -> str:
