@@ -314,3 +314,17 @@ def test_effects_need_to_know_the_frequencies(tmp_path: Path) -> None:
         assert 'modulation_hz' in refused.reason
         assert seen.show(scene(), START)
         assert load_effects('offset')[0].strength == 1.0
+
+
+def test_a_map_of_another_size_is_refused_at_the_start(tmp_path: Path) -> None:
+    """Assert it of the start and of a running node, which goes on."""
+    path = tmp_path / 'other.yaml'
+    save_effects(path, parse_effects({'fixed_pattern': {'pattern': np.zeros((86, 112))}}))
+    sentence = 'fixed_pattern.pattern: must be a map of 224 x 172 pixels.*got 112 x 86'
+    with pytest.raises(InputError, match=sentence), stream(DEPTH, effects=str(path)):
+        pass
+    with stream(DEPTH) as seen:
+        refused = seen.set(effects=str(path))
+        assert not refused.successful
+        assert '112 x 86' in refused.reason
+        assert seen.show(scene(), START)

@@ -1,13 +1,14 @@
 """What an effect is: a dataclass of parameters with one function."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields
 import hashlib
 from typing import Any, ClassVar
 
 from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis
 from flexx2_sim_ros.effects.picture import Picture
-from flexx2_sim_ros.effects.tables import Table
+from flexx2_sim_ros.effects.shapes import Shape
+from flexx2_sim_ros.effects.tables import PixelMap, Table
 from flexx2_sim_ros.errors import InputError, shown, unquoted
 from flexx2_sim_ros.physics.frame_state import FrameState, Stage
 import numpy as np
@@ -76,10 +77,10 @@ class Effect:
     """
     Base of all effects.
 
-    A subclass is a frozen dataclass whose fields are made by `parameter`, `tables.curve_over` or
-    `tables.pixel_map`, with the class attributes below and `apply`. It says all that there is to
-    say about the effect: files, node parameters, documentation, pictures, the diagnosis and the
-    benchmark follow from it.
+    A subclass is a frozen dataclass whose fields are made by `parameter`, `tables.curve_over`,
+    `tables.pixel_map` or `tables.optional_number`, with the class attributes below and `apply`.
+    It says all that there is to say about the effect: files, node parameters, documentation,
+    pictures, the diagnosis and the benchmark follow from it.
 
     Attributes
     ----------
@@ -116,6 +117,8 @@ class Effect:
         environment after the other.
     hypotheses : tuple of Hypothesis
         The variants in which a diagnosis looks for it.
+    shapes : tuple of Shape
+        The parameters that a calibration fits by simulation, from simple to flexible.
     nuisances : tuple of str
         What can hide it or look like it, out of `NUISANCES`.
     family : str
@@ -166,6 +169,7 @@ class Effect:
     hypotheses: ClassVar[tuple[Hypothesis, ...]] = (
         grid('strength', (0.5, 1.0, 2.0), 0.0, 4.0, few=False),
     )
+    shapes: ClassVar[tuple[Shape, ...]] = ()
     nuisances: ClassVar[tuple[str, ...]] = ()
     family: ClassVar[str] = ''
     smooth: ClassVar[bool] = False
@@ -215,12 +219,12 @@ class Effect:
 
     @classmethod
     def tables(cls) -> dict[str, Table]:
-        """Return the curves and maps that the effect can have, by name."""
+        """Return the curves, maps and numbers that the effect can have, by name."""
         return {f.name: f.metadata['table'] for f in fields(cls) if 'table' in f.metadata}
 
     @property
     def forms(self) -> dict[str, Any]:
-        """Return the curves and maps that this effect has, by name."""
+        """Return the curves, maps and numbers that this effect has, by name."""
         own = {name: getattr(self, name) for name in self.tables()}
         return {name: one for name, one in own.items() if one is not None}
 
@@ -280,3 +284,32 @@ def stream_of(name: str) -> int:
     """Return the number of an effect's random stream, the same everywhere and always."""
     digest = hashlib.blake2b(str(name).encode(), digest_size=4).digest()
     return _OWN_STREAMS + int.from_bytes(digest, 'little') % (2**32 - _OWN_STREAMS)
+
+
+def check_maps(effects: Iterable[Effect], width: int, height: int) -> None:
+    """
+    Check that the maps of effects have the size of a camera's images.
+
+    Parameters
+    ----------
+    effects : iterable of Effect
+        What is to be switched on; those of strength 0 may have any map.
+    width, height : int
+        Of the images, pixels.
+
+    Raises
+    ------
+    InputError
+        Names the effect and both sizes.
+
+    """
+    for effect in effects:
+        for name, one in effect.forms.items():
+            if not effect.strength or not isinstance(one, PixelMap):
+                continue
+            rows, columns = one.values.shape
+            if (columns, rows) != (width, height):
+                raise InputError(
+                    f'effects: {effect.name}.{name}: must be a map of {width} x {height} pixels, '
+                    f'the size of the images, got {columns} x {rows}'
+                )

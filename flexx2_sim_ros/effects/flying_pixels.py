@@ -5,11 +5,16 @@ from typing import ClassVar
 
 from flexx2_sim_ros.effects.effect import Effect, parameter
 from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis
-from flexx2_sim_ros.effects.phasors import phases, turn
+from flexx2_sim_ros.effects.phasors import frequency_factor, own_frequency, waves
 from flexx2_sim_ros.effects.picture import Picture
+from flexx2_sim_ros.effects.shapes import Free, MHZ, Shape
+from flexx2_sim_ros.effects.tables import optional_number
 from flexx2_sim_ros.physics.compiled import compiled, loop
 from flexx2_sim_ros.physics.frame_state import FrameState, Stage
 import numpy as np
+from scipy import ndimage
+
+_REACH = 3.0  # of a Gaussian footprint, standard deviations
 
 
 def footprint(own: float, total: float, count: float, share: float) -> float:
@@ -44,6 +49,19 @@ class FlyingPixels(Effect):
     typical: ClassVar[bool] = True
     source: ClassVar[str] = 'phasor mixing over the footprint; the fraction is assumed'
     hypotheses: ClassVar[tuple[Hypothesis, ...]] = (grid('share', (0.12, 0.3, 0.6), 0.0, 1.0),)
+    shapes: ClassVar[tuple[Shape, ...]] = (
+        Shape('3 x 3 pixels', (Free('share', 0.0, 1.0),)),
+        Shape(
+            'Gaussian footprint',
+            (Free('width', 0.25, 2.0, log=True),),
+            {'share': 1.0, 'frequency_factor': 1.0},
+        ),
+        Shape(
+            'Gaussian footprint at one frequency',
+            (Free('width', 0.25, 2.0, log=True), MHZ),
+            {'share': 1.0},
+        ),
+    )
     needs_modulation: ClassVar[bool] = True
     nuisances: ClassVar[tuple[str, ...]] = ('edges', 'pose')
     family: ClassVar[str] = 'kernel over neighbours'
@@ -58,6 +76,11 @@ class FlyingPixels(Effect):
         '',
         'fraction of the light that comes from the 3 x 3 pixels around, at strength 1',
     )
+    width: float | None = optional_number(
+        'px', 0.05, 10.0, 'standard deviation of a Gaussian footprint, in place of 3 x 3 pixels'
+    )
+    mhz: float | None = own_frequency()
+    frequency_factor: float | None = frequency_factor()
 
     def constants(self) -> dict[str, float]:
         """Return the fraction of the light that comes from around."""
@@ -66,20 +89,39 @@ class FlyingPixels(Effect):
     def apply(self, state: FrameState) -> None:
         """Mix the phasors of neighbours, next to depth jumps."""
         surface = state.surface
-        near = np.flatnonzero(_near_jumps(surface.row_jumps, surface.column_jumps))
+        mask = _near_jumps(surface.row_jumps, surface.column_jumps)
+        if self.width is not None:
+            reach = int(np.ceil(_REACH * self.width))
+            mask = ndimage.binary_dilation(mask, np.ones((3, 3)), max(reach - 1, 1))
+        near = np.flatnonzero(mask)
         near = near[np.isfinite(state.depth.reshape(-1)[near])]
         if not near.size:
             return
         amplitude = np.zeros(near.size, np.float32)
-        for k, weight, shift in zip(state.wave_numbers, state.weights, state.shifts, strict=True):
-            direction = phases(state, k, shift)
-            mixed = np.empty(near.size, np.complex64)
-            _mix_around(state.amplitude * direction, direction, near, *self.rounded, mixed)
-            turned = np.zeros(near.size, np.float32)
-            turn(direction.reshape(-1)[near], mixed, np.float32(k), turned)
-            shift.reshape(-1)[near] += turned
-            amplitude += np.float32(weight) * np.abs(mixed)
+        for wave in waves(state, self.mhz, self.frequency_factor):
+            direction = wave.directions()
+            mixed = self._mixed(state.amplitude * direction, direction, near)
+            wave.turn(direction.reshape(-1)[near], mixed, near)
+            amplitude += np.float32(wave.weight) * np.abs(mixed)
         state.amplitude.reshape(-1)[near] = amplitude
+
+    def _mixed(self, light: np.ndarray, direction: np.ndarray, near: np.ndarray) -> np.ndarray:
+        # (N,) complex64 light of some pixels.
+        (share,) = self.rounded
+        if self.width is None:
+            mixed = np.empty(near.size, np.complex64)
+            _mix_around(light, direction, near, share, mixed)
+            return mixed
+        there = (direction != 0).astype(np.float32)
+        real, imaginary, count = (
+            ndimage.gaussian_filter(
+                image, self.width, mode='constant', truncate=_REACH, output=np.float32
+            ).reshape(-1)[near]
+            for image in (light.real, light.imag, there)
+        )
+        around = (real + np.complex64(1j) * imaginary) / np.maximum(count, np.float32(1e-6))
+        own = light.reshape(-1)[near]
+        return np.asarray(own + share * (around - own), np.complex64)
 
 
 _footprint = compiled(footprint)

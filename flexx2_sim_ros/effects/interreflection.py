@@ -5,6 +5,7 @@ Formulas on single numbers first; the loops over images are this module's, and t
 `batch.bounce_kernels`.
 """
 
+from collections.abc import Sequence
 import math
 
 from flexx2_sim_ros.formulas import phases
@@ -208,7 +209,7 @@ _receiver_before = compiled(receiver_before)
 _receiver_weights = compiled(receiver_weights)
 
 
-def bounce(state: FrameState) -> list[np.ndarray]:
+def bounce(state: FrameState, wave_numbers: Sequence[float]) -> list[np.ndarray]:
     """
     Return the indirect light relative to the direct one.
 
@@ -219,6 +220,8 @@ def bounce(state: FrameState) -> list[np.ndarray]:
     ----------
     state : FrameState
         With surface and reflectivity.
+    wave_numbers : sequence of float
+        Radians of phase a metre, of each modulation frequency.
 
     Returns
     -------
@@ -236,7 +239,7 @@ def bounce(state: FrameState) -> list[np.ndarray]:
     senders = _patches(inverse, reflectivity, lens, *shares, SENDER)
     receivers = _patches(inverse, reflectivity, lens, *shares, RECEIVER)
     rows, columns = -(-height // RECEIVER), -(-width // RECEIVER)
-    turns = np.array([k / (4.0 * math.pi) for k in state.wave_numbers], np.float32)
+    turns = np.array([k / (4.0 * math.pi) for k in wave_numbers], np.float32)
     gamma = np.zeros((len(turns), rows * columns, 2), np.float32)
     _gather(senders, receivers, turns, gamma)
     out = np.empty((len(turns), height, width, 2), np.float32)

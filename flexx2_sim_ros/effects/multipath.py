@@ -7,7 +7,9 @@ from typing import Any, ClassVar
 from flexx2_sim_ros.effects.effect import Effect, parameter
 from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis
 from flexx2_sim_ros.effects.interreflection import bounce, with_bounce
+from flexx2_sim_ros.effects.phasors import own_frequency, waves
 from flexx2_sim_ros.effects.picture import Picture
+from flexx2_sim_ros.effects.shapes import Free, MHZ, Shape
 from flexx2_sim_ros.physics.compiled import compiled, loop
 from flexx2_sim_ros.physics.frame_state import FrameState, Stage
 from flexx2_sim_ros.physics.geometry import ray_length
@@ -15,6 +17,7 @@ from flexx2_sim_ros.physics.philox import FAST
 import numpy as np
 
 _with_bounce = compiled(with_bounce)
+_GAIN = Free('gain', 0.1, 5.0, log=True)
 
 
 @dataclass(frozen=True)
@@ -34,6 +37,10 @@ class Multipath(Effect):
     )
     keeps: ClassVar[bool] = True
     hypotheses: ClassVar[tuple[Hypothesis, ...]] = (grid('gain', (0.5, 1.0, 2.0), 0.0, 5.0),)
+    shapes: ClassVar[tuple[Shape, ...]] = (
+        Shape('gain', (_GAIN,)),
+        Shape('gain, one frequency', (_GAIN, MHZ)),
+    )
     smooth: ClassVar[bool] = True
     brightness: ClassVar[float] = 0.25
     like_a_pose: ClassVar[tuple[Mapping[str, float], ...]] = ({},)
@@ -45,6 +52,7 @@ class Multipath(Effect):
     batched: ClassVar[tuple[str, ...] | None] = ('bounce',)
 
     gain: float = parameter(1.0, 0.0, 5.0, '', 'factor on the physical strength of the bounce')
+    mhz: float | None = own_frequency()
 
     def constants(self) -> dict[str, float]:
         """Return the factor on the physical strength of the bounce."""
@@ -53,30 +61,32 @@ class Multipath(Effect):
     def apply(self, state: FrameState) -> None:
         """Add the indirect light's phasor; kept while the scene stands still."""
         scene = (state.depth, state.reflectivity)
+        known = state.intrinsics, self.mhz
+        parts = list(waves(state, self.mhz, None))
         kept: Any = state.memory.kept.get(self.name)
         if (
             kept is None
-            or kept[0] != state.intrinsics
+            or kept[0] != known
             or not all(
                 one.shape == other.shape and np.array_equal(one, other, equal_nan=True)
                 for one, other in zip(kept[1], scene, strict=True)
             )
         ):
             kept = (
-                state.intrinsics,
+                known,
                 [image.copy() for image in scene],
-                bounce(state),
+                bounce(state, [wave.number for wave in parts]),
                 ray_length(state.intrinsics.matrix, state.depth.shape),
             )
             state.memory.kept[self.name] = kept
         (factor,) = self.rounded
         brighter = np.zeros_like(state.amplitude)
-        for k, weight, shift, indirect in zip(
-            state.wave_numbers, state.weights, state.shifts, kept[2], strict=True
-        ):
-            _add_bounce(
-                indirect, factor, np.float32(k), np.float32(weight), kept[3], shift, brighter
-            )
+        for wave, indirect in zip(parts, kept[2], strict=True):
+            added = np.zeros_like(wave.shift)
+            number, weight = np.float32(wave.number), np.float32(wave.weight)
+            _add_bounce(indirect, factor, number, weight, kept[3], added, brighter)
+            for shift in wave.shifts:
+                shift += added
         state.amplitude = state.amplitude * brighter
 
 

@@ -7,7 +7,10 @@ from typing import ClassVar
 
 from flexx2_sim_ros.effects.effect import Effect, parameter
 from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis
+from flexx2_sim_ros.effects.phasors import own_frequency
 from flexx2_sim_ros.effects.picture import Picture
+from flexx2_sim_ros.effects.shapes import Free, MHZ, Shape
+from flexx2_sim_ros.effects.tables import optional_number
 from flexx2_sim_ros.formulas import on_images
 from flexx2_sim_ros.formulas.scalars import (
     both,
@@ -22,6 +25,7 @@ from flexx2_sim_ros.formulas.scalars import (
 )
 from flexx2_sim_ros.physics.compiled import compiled, loop
 from flexx2_sim_ros.physics.frame_state import FrameState, SPEED_OF_LIGHT, Stage
+from flexx2_sim_ros.physics.geometry import ray_length
 from flexx2_sim_ros.physics.philox import fill_normals, stamp_words
 import numpy as np
 
@@ -154,6 +158,10 @@ class RangeWrap(Effect):
     typical: ClassVar[bool] = True
     source: ClassVar[str] = 'c / 2f: 2.498 m at 60 MHz, 1.874 m at 80 MHz, 7.495 m at their beat'
     hypotheses: ClassVar[tuple[Hypothesis, ...]] = (grid('strength', (0.5, 1.0, 2.0), 0.0, 3.0),)
+    shapes: ClassVar[tuple[Shape, ...]] = (
+        Shape('noise and fraction', (Free('noise', 0.2, 10.0, log=True), Free('share', 0.0, 1.0))),
+        Shape('fraction, one frequency', (Free('share', 0.0, 1.0), MHZ)),
+    )
     needs_modulation: ClassVar[bool] = True
     nuisances: ClassVar[tuple[str, ...]] = ('sigma',)
     family: ClassVar[str] = 'wraps of the phase'
@@ -170,6 +178,10 @@ class RangeWrap(Effect):
         '',
         'fraction of returns from beyond the range that are not recognised, at strength 1',
     )
+    noise: float | None = optional_number(
+        '', 0.0, 50.0, 'factor on sigma_z where frequencies are compared, in place of the strength'
+    )
+    mhz: float | None = own_frequency()
 
     def constants(self) -> dict[str, float]:
         """Return the factor on sigma_z, and the fraction of wrapped returns."""
@@ -178,20 +190,32 @@ class RangeWrap(Effect):
     def apply(self, state: FrameState) -> None:
         """Take depth modulo the ambiguity; with several frequencies, unwrap wrongly first."""
         noise, share = self.rounded
+        if self.mhz is not None:
+            ray = ray_length(state.intrinsics.matrix, state.depth.shape).astype(np.float32)
+            self._fold(state, np.float32(SPEED_OF_LIGHT / (2e6 * self.mhz)), share, ray)
+            return
         if len(state.mode.modulation_hz) > 1:
-            self._unwrap_wrongly(state, noise)
-        ambiguity = np.float32(state.ambiguity)
+            self._unwrap_wrongly(state, noise if self.noise is None else np.float32(self.noise))
+        self._fold(state, np.float32(state.ambiguity), share, np.ones((1, 1), np.float32))
+
+    def _fold(
+        self, state: FrameState, ambiguity: np.float32, share: np.float32, ray: np.ndarray
+    ) -> None:
+        # Take depth times `ray` modulo the ambiguity.
         measured = state.measured
+        lengths = np.broadcast_to(ray, measured.shape)
         with np.errstate(invalid='ignore'):
             beyond = np.flatnonzero(
                 on_images(is_beyond)(
-                    measured, state.depth, ambiguity, np.float32(state.mode.range_max)
+                    measured * lengths, state.depth, ambiguity, np.float32(state.mode.range_max)
                 )
             )
         if beyond.size:
             chances = state.uniforms(self.share_stream).reshape(-1)[beyond]
-            measured.reshape(-1)[beyond] = on_images(folded)(
-                measured.reshape(-1)[beyond], ambiguity, chances, share
+            lengths = lengths.reshape(-1)[beyond]
+            values = measured.reshape(-1)[beyond] * lengths
+            measured.reshape(-1)[beyond] = (
+                on_images(folded)(values, ambiguity, chances, share) / lengths
             )
 
     def _unwrap_wrongly(self, state: FrameState, noise: np.float32) -> None:

@@ -15,7 +15,7 @@ from flexx2_sim_ros.effects.effect import Effect
 from flexx2_sim_ros.effects.patch import ResidualPatch
 from flexx2_sim_ros.effects.plugins import plug_ins
 from flexx2_sim_ros.effects.ray import AlongRay
-from flexx2_sim_ros.effects.tables import Curve, PixelMap, read_map, write_map
+from flexx2_sim_ros.effects.tables import Curve, Form, PixelMap, read_map, write_map
 from flexx2_sim_ros.errors import InputError, shown, shown_path, unquoted
 from flexx2_sim_ros.paths import config_dir
 import yaml
@@ -195,10 +195,13 @@ def _map_file(effect: Effect) -> str:
     return f'{effect.name}.npz'
 
 
-def _table_yaml(effect: Effect, name: str, one: Curve | PixelMap) -> str:
+def _table_yaml(effect: Effect, name: str, one: Form) -> str:
     table = effect.tables()[name]
     if isinstance(one, PixelMap):
         return f'    {name}: {_map_file(effect)}  # {table.unit}, {table.text}'
     unit = f', {table.unit}' if table.unit else ''
+    if not isinstance(one, Curve):
+        number = yaml.safe_dump([one]).removeprefix('- ').strip()
+        return f'    {name}: {number}  # {table.text}{unit}'
     text = yaml.safe_dump(one.plain(), default_flow_style=True, sort_keys=False, width=math.inf)
     return f'    # {table.text}{unit}; over {table.over}\n    {name}: {text.strip()}'

@@ -6,6 +6,8 @@ from typing import ClassVar
 from flexx2_sim_ros.effects.effect import Effect, parameter
 from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis
 from flexx2_sim_ros.effects.picture import Picture
+from flexx2_sim_ros.effects.shapes import Free, Shape
+from flexx2_sim_ros.effects.tables import optional_number
 from flexx2_sim_ros.formulas.scalars import at, f32, most, size, where
 from flexx2_sim_ros.physics.compiled import compiled, loop
 from flexx2_sim_ros.physics.frame_state import FrameState, Stage
@@ -15,6 +17,8 @@ from numpy.typing import NDArray
 
 _ZERO = f32(0.0)
 _ONE = f32(1.0)
+_GATE = Free('gate', 0.5, 20.0, log=True)
+_REACH = 2.5  # of a Gaussian mean, standard deviations
 
 
 def mixed_with_alike(
@@ -70,6 +74,10 @@ class SpatialFilter(Effect):
     changes: ClassVar[tuple[str, ...]] = ('noise', 'neighbours')
     source: ClassVar[str] = 'Kinect v2: correlation of neighbours 0.6 to 0.7'
     hypotheses: ClassVar[tuple[Hypothesis, ...]] = (grid('mix', (0.25, 0.5, 0.8, 1.0), 0.0, 1.0),)
+    shapes: ClassVar[tuple[Shape, ...]] = (
+        Shape('3 x 3 mean', (Free('mix', 0.0, 1.0), _GATE)),
+        Shape('Gaussian mean', (Free('width', 0.2, 3.0, log=True), _GATE), {'mix': 1.0}),
+    )
     filters: ClassVar[bool] = True
     nuisances: ClassVar[tuple[str, ...]] = ('sigma',)
     family: ClassVar[str] = 'filter over neighbours'
@@ -79,6 +87,9 @@ class SpatialFilter(Effect):
 
     mix: float = parameter(0.9, 0.0, 1.0, '', 'weight of the 3 x 3 mean, at strength 1')
     gate: float = parameter(4.0, 0.5, 20.0, '', 'only neighbours within this many sigma_z count')
+    width: float | None = optional_number(
+        'px', 0.05, 5.0, 'standard deviation of a Gaussian mean, in place of that of 3 x 3 pixels'
+    )
 
     def constants(self) -> dict[str, float]:
         """Return the gate, in sigma_z, and the weight of the mean."""
@@ -87,7 +98,13 @@ class SpatialFilter(Effect):
     def apply(self, state: FrameState) -> None:
         """Mix every pixel with those neighbours that are alike."""
         out = np.empty_like(state.measured)
-        _filter(state.measured.ravel(), state.sigma, *self.rounded, out)
+        if self.width is None:
+            _filter(state.measured.ravel(), state.sigma, *self.rounded, out)
+        else:
+            places = np.arange(-int(np.ceil(_REACH * self.width)), 0)
+            half = np.exp(-0.5 * (places / self.width) ** 2)
+            line = np.concatenate([half, [1.0], half[::-1]]).astype(np.float32)
+            _filter_widely(state.measured, state.sigma, line, *self.rounded, out)
         state.measured = out
 
 
@@ -101,3 +118,24 @@ def _filter(depth, sigma, gate, mix, out):
         for x in range(width):
             limit = gate * sigma[y, x]
             out[y, x] = _mixed_with_alike(depth, 0, height, width, y, x, limit, mix)
+
+
+@loop(error_model='numpy', fastmath=FAST)
+def _filter_widely(depth, sigma, line, gate, mix, out):
+    # Weights are products of `line`, from the farthest pixel before to the farthest after.
+    height, width = out.shape
+    reach = line.size // 2
+    for y in range(height):
+        for x in range(width):
+            here = depth[y, x]
+            limit = gate * sigma[y, x]
+            total = np.float32(0.0)
+            weights = np.float32(0.0)
+            for yy in range(max(y - reach, 0), min(y + reach + 1, height)):
+                for xx in range(max(x - reach, 0), min(x + reach + 1, width)):
+                    difference = depth[yy, xx] - here
+                    if abs(difference) <= limit:  # never true of NaN
+                        weight = line[yy - y + reach] * line[xx - x + reach]
+                        total += weight * difference
+                        weights += weight
+            out[y, x] = here + mix * total / weights if weights > 0 else here

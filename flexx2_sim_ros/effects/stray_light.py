@@ -7,12 +7,15 @@ from typing import ClassVar
 
 from flexx2_sim_ros.effects.effect import Effect, parameter
 from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis
-from flexx2_sim_ros.effects.phasors import phases, turn
+from flexx2_sim_ros.effects.phasors import frequency_factor, own_frequency, waves
 from flexx2_sim_ros.effects.picture import Picture
+from flexx2_sim_ros.effects.shapes import Free, MHZ, Shape
+from flexx2_sim_ros.effects.tables import optional_number
 from flexx2_sim_ros.formulas.scalars import f32, i32, least, most
 from flexx2_sim_ros.physics.compiled import compiled, loop
 from flexx2_sim_ros.physics.frame_state import FrameState, Stage
 import numpy as np
+from scipy import fft
 
 BLOCK = 4  # A wide kernel is applied to the image at a quarter of its resolution.
 _BLOCK_PIXELS = f32(BLOCK)
@@ -34,6 +37,9 @@ def mixed(first: float, second: float, share: float) -> float:
     return (_ONE - share) * first + share * second
 
 
+_SHARE = Free('share', 0.001, 0.2, log=True)
+_WIDTH = Free('width', 0.003, 0.5, log=True)
+_EXPONENT = Free('exponent', 1.05, 3.0)
 _block_before = compiled(block_before)
 _mixed = compiled(mixed)
 
@@ -55,6 +61,11 @@ class StrayLight(Effect):
     hypotheses: ClassVar[tuple[Hypothesis, ...]] = tuple(
         grid('share', (0.02,), 0.0, 0.15, f'width {width:g}', width=width) for width in (0.1, 0.25)
     )
+    shapes: ClassVar[tuple[Shape, ...]] = (
+        Shape('wide kernel', (_SHARE, Free('width', 0.02, 1.0, log=True))),
+        Shape('kernel of free width', (_SHARE, _WIDTH, _EXPONENT), {'frequency_factor': 1.0}),
+        Shape('kernel of free width at one frequency', (_SHARE, _WIDTH, _EXPONENT, MHZ)),
+    )
     smooth: ClassVar[bool] = True
     brightness: ClassVar[float] = 0.1
     like_a_pose: ClassVar[tuple[Mapping[str, float], ...]] = ({},)
@@ -68,7 +79,14 @@ class StrayLight(Effect):
     share: float = parameter(
         0.02, 0.0, 0.2, '', 'fraction of the light that is scattered, at strength 1'
     )
-    width: float = parameter(0.15, 0.02, 1.0, '', 'half-value radius, fraction of the image width')
+    width: float = parameter(
+        0.15, 0.002, 1.0, '', 'half-value radius, fraction of the image width'
+    )
+    exponent: float | None = optional_number(
+        '', 1.02, 6.0, 'of the kernel (1 + (r / w)^2)^-exponent at full resolution; without, 1.5'
+    )
+    mhz: float | None = own_frequency()
+    frequency_factor: float | None = frequency_factor()
 
     def constants(self) -> dict[str, float]:
         """Return the fraction of the light that is scattered."""
@@ -78,16 +96,19 @@ class StrayLight(Effect):
         """Add the scattered phasor."""
         (share,) = self.rounded
         amplitude = np.zeros_like(state.amplitude)
-        for k, weight, shift in zip(state.wave_numbers, state.weights, state.shifts, strict=True):
-            direction = phases(state, k, shift)
+        for wave in waves(state, self.mhz, self.frequency_factor):
+            direction = wave.directions()
             light = state.amplitude * direction
-            light += share * _scatter(light, self.width)
-            turn(direction.reshape(-1), light.reshape(-1), np.float32(k), shift.reshape(-1))
-            amplitude += np.float32(weight) * np.abs(light)
+            if self.exponent is None:
+                light += share * _scatter(light, self.width)
+            else:
+                light += share * _scatter_finely(light, self.width, self.exponent)
+            wave.turn(direction.reshape(-1), light.reshape(-1))
+            amplitude += np.float32(wave.weight) * np.abs(light)
         state.amplitude = np.where(np.isfinite(state.depth), amplitude, np.float32(0))
 
 
-def spread_of(rows: int, columns: int, radius: float) -> np.ndarray:
+def spread_of(rows: int, columns: int, radius: float, exponent: float = 1.5) -> np.ndarray:
     """
     Return how light spreads from one block to all others.
 
@@ -97,18 +118,20 @@ def spread_of(rows: int, columns: int, radius: float) -> np.ndarray:
         Blocks of the image.
     radius : float
         Where half of the peak is left, blocks.
+    exponent : float
+        Of the kernel.
 
     Returns
     -------
     numpy.ndarray
-        (2 * rows, 2 * columns) float64 of sum 1, (1 + r^2 / w^2)^(-3/2); rows and columns beyond
-        the middle are distances to the other side.
+        (2 * rows, 2 * columns) float64 of sum 1, (1 + r^2 / w^2)^-exponent; rows and columns
+        beyond the middle are distances to the other side.
 
     """
-    w2 = radius**2 / (2.0 ** (2.0 / 3.0) - 1.0)
+    w2 = radius**2 / (2.0 ** (1.0 / exponent) - 1.0)
     y = np.minimum(np.arange(2 * rows), 2 * rows - np.arange(2 * rows))
     x = np.minimum(np.arange(2 * columns), 2 * columns - np.arange(2 * columns))
-    kernel: np.ndarray = (1.0 + (y[:, None] ** 2 + x[None, :] ** 2) / w2) ** -1.5
+    kernel: np.ndarray = (1.0 + (y[:, None] ** 2 + x[None, :] ** 2) / w2) ** -exponent
     return kernel / kernel.sum()
 
 
@@ -127,9 +150,17 @@ def _scatter(image: np.ndarray, width: float) -> np.ndarray:
     return out
 
 
+def _scatter_finely(image: np.ndarray, width: float, exponent: float) -> np.ndarray:
+    # The same at full resolution, for kernels as narrow as a few pixels.
+    height, wide = image.shape
+    shape = 2 * height, 2 * wide
+    spectrum = fft.fft2(image, s=shape) * _spectrum(height, wide, width * wide, exponent)
+    return np.asarray(fft.ifft2(spectrum)[:height, :wide])
+
+
 @lru_cache(maxsize=16)
-def _spectrum(rows: int, columns: int, radius: float) -> np.ndarray:
-    return np.fft.fft2(spread_of(rows, columns, radius)).astype(np.complex64)
+def _spectrum(rows: int, columns: int, radius: float, exponent: float = 1.5) -> np.ndarray:
+    return np.fft.fft2(spread_of(rows, columns, radius, exponent)).astype(np.complex64)
 
 
 @loop()

@@ -1,4 +1,4 @@
-"""What an effect may take beyond numbers: a curve over a covariate, a map of the image."""
+"""What an effect may take beyond its parameters: a curve, a map, a number of another formula."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -12,7 +12,7 @@ import numpy as np
 
 MOST_KNOTS = 400
 MOST_SIDE = 2048  # pixels of a map
-_MAP = 'map'
+_MAP, _NUMBER = 'map', 'number'
 _MOST_BYTES = 8 * MOST_SIDE**2
 
 
@@ -75,19 +75,22 @@ class PixelMap:
         return rows
 
 
+Form = Curve | PixelMap | float
+
+
 @dataclass(frozen=True)
 class Table:
     """
-    A curve or map that an effect can have in the place of its formula.
+    A curve, map or number that changes the formula of an effect if it is given.
 
     Attributes
     ----------
     kind : str
-        ``curve`` or ``map``.
+        ``curve``, ``map`` or ``number``.
     text : str
         What it is, for people.
     over : str
-        What a curve is over, with its unit; empty for a map.
+        What a curve is over, with its unit; empty for a map or number.
     unit : str
         Of the values; empty for a plain number.
     low, high : float
@@ -102,18 +105,23 @@ class Table:
     low: float
     high: float
 
-    def checked(self, value: Any, where: str) -> Curve | PixelMap | None:
+    def checked(self, value: Any, where: str) -> 'Form | None':
         """
-        Return a value as a curve or map; None stays None.
+        Return a value as a curve, map or number; None stays None.
 
         Raises
         ------
         InputError
-            When it is neither, or its numbers are out of bounds; names ``where``.
+            When it is none of them, or its numbers are out of bounds; names ``where``.
 
         """
         if value is None:
             return None
+        if self.kind == _NUMBER:
+            if not _is_number(value):
+                raise InputError(f'{where}: must be a number, got {shown(value)}')
+            self._within(np.array([value]), where)
+            return float(value)
         return self._map(value, where) if self.kind == _MAP else self._curve(value, where)
 
     def _curve(self, value: Any, where: str) -> Curve:
@@ -185,6 +193,12 @@ def curve_over(over: str, unit: str, low: float, high: float, text: str) -> Any:
 def pixel_map(unit: str, low: float, high: float, text: str) -> Any:
     """Declare a map of an effect: a dataclass field that is None unless it is given."""
     table = Table(_MAP, text, '', unit, low, high)
+    return field(default=None, kw_only=True, metadata={'table': table})
+
+
+def optional_number(unit: str, low: float, high: float, text: str) -> Any:
+    """Declare a number of another formula: a dataclass field that is None unless it is given."""
+    table = Table(_NUMBER, text, '', unit, low, high)
     return field(default=None, kw_only=True, metadata={'table': table})
 
 

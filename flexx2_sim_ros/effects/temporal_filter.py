@@ -6,6 +6,8 @@ from typing import ClassVar
 from flexx2_sim_ros.effects.effect import Effect, parameter
 from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis
 from flexx2_sim_ros.effects.picture import Picture
+from flexx2_sim_ros.effects.shapes import Free, Shape
+from flexx2_sim_ros.effects.tables import optional_number
 from flexx2_sim_ros.formulas import on_images
 from flexx2_sim_ros.formulas.scalars import f32, size, where
 from flexx2_sim_ros.physics.frame_state import FrameState, Stage
@@ -16,8 +18,13 @@ _RESET_SIGMAS = f32(6.0)
 
 def filtered(depth: float, before: float, sigma: float, share: float) -> float:
     """Return a depth mixed with that of the frame before, unless they are 6 sigma apart."""
+    return filtered_within(depth, before, _RESET_SIGMAS * sigma, share)
+
+
+def filtered_within(depth: float, before: float, limit: float, share: float) -> float:
+    """Return a depth mixed with that of the frame before, unless they are ``limit`` apart."""
     change = before - depth
-    return where(size(change) < _RESET_SIGMAS * sigma, depth + share * change, depth)
+    return where(size(change) < limit, depth + share * change, depth)
 
 
 @dataclass(frozen=True)
@@ -37,6 +44,10 @@ class TemporalFilter(Effect):
     hypotheses: ClassVar[tuple[Hypothesis, ...]] = (
         grid('share', (0.2, 0.4, 0.6, 0.8), 0.0, 0.95, few=False),
     )
+    shapes: ClassVar[tuple[Shape, ...]] = (
+        Shape('weight', (Free('share', 0.0, 0.98),)),
+        Shape('weight and gate', (Free('share', 0.0, 0.98), Free('gate', 1.0, 100.0, log=True))),
+    )
     filters: ClassVar[bool] = True
     nuisances: ClassVar[tuple[str, ...]] = ('sigma',)
     family: ClassVar[str] = 'filter over frames'
@@ -46,6 +57,9 @@ class TemporalFilter(Effect):
     batched: ClassVar[tuple[str, ...] | None] = ('measured',)
 
     share: float = parameter(0.4, 0.0, 0.98, '', 'weight of the previous frame, at strength 1')
+    gate: float | None = optional_number(
+        'sigma_z', 0.1, 1000.0, 'a larger change from frame to frame is not filtered; without, 6'
+    )
 
     def constants(self) -> dict[str, float]:
         """Return the weight of the frame before."""
@@ -56,7 +70,12 @@ class TemporalFilter(Effect):
         before = state.memory.kept.get(self.name)
         if before is not None and before.shape == state.measured.shape:
             with np.errstate(invalid='ignore'):
-                state.measured = on_images(filtered)(
-                    state.measured, before, state.sigma, *self.rounded
-                )
+                if self.gate is None:
+                    state.measured = on_images(filtered)(
+                        state.measured, before, state.sigma, *self.rounded
+                    )
+                else:
+                    state.measured = on_images(filtered_within)(
+                        state.measured, before, np.float32(self.gate) * state.sigma, *self.rounded
+                    )
         state.memory.kept[self.name] = state.measured.copy()

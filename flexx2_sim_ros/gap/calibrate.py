@@ -1,7 +1,6 @@
 """Calibrate the effects of a diagnosis: give them the form that the recordings show."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 import time
 from typing import Any
@@ -9,17 +8,35 @@ from typing import Any
 from flexx2_sim_ros import __version__
 from flexx2_sim_ros.atomic import check_outputs
 from flexx2_sim_ros.camera import Profile
-from flexx2_sim_ros.effects import Effect
+from flexx2_sim_ros.effects import loadable, parse_effects
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap.calibration.forms import FORMS
-from flexx2_sim_ros.gap.forms.calibrating import calibratable, calibrate_effects, PATTERN, Verdict
-from flexx2_sim_ros.gap.forms.work import judge, look, look_at_pixels, Looked, Settings
+from flexx2_sim_ros.gap.data.campaign import Found
+from flexx2_sim_ros.gap.forms.calibrating import (
+    best_of,
+    calibrate_effects,
+    correct,
+    Explained,
+    PATTERN,
+    rounds,
+    totals,
+    Verdict,
+    Work,
+)
+from flexx2_sim_ros.gap.forms.empirical import NAME
+from flexx2_sim_ros.gap.forms.work import (
+    judge,
+    look,
+    look_at_pixels,
+    look_at_rest,
+    Looked,
+    Settings,
+)
 from flexx2_sim_ros.gap.inference.effects import table_of
 from flexx2_sim_ros.gap.report.calibration_page import FILES, write_calibration
 from flexx2_sim_ros.gap.report.reading import Diagnosed, read_diagnosis
 from flexx2_sim_ros.gap.work import find, Progress, stepper
 from flexx2_sim_ros.jobs import bind, workers
-import numpy as np
 
 SCHEMA = 1
 
@@ -76,54 +93,88 @@ def calibrate(
     if out is not None:
         check_outputs('--out', out, FILES)
     before = read_diagnosis(Path(diagnosis))
-    effects = _to_calibrate(before)
-    settings = table_of(effects)
+    explanations = _explanations(before)
     folder = Path(campaign_dir).absolute() if scheduler is not None else Path(campaign_dir)
     progress('looking for recordings', 0.0)
-    metres, degrees = before.pose_prior
-    fixed: dict[str, Any] = {'profile': profile, 'known': before.known}
+    prior = (before.pose_prior[0],) * 3 + (before.pose_prior[1],) * 3
+    fixed: dict[str, Any] = {'profile': profile, 'known': before.known, 'seed': seed}
     with workers(jobs, scheduler) as mapped:
         found, left_out = find(folder, profile, mapped)
-        if len(found) < FORMS.fewest:
-            raise InputError(
-                f'CAMPAIGN: must have at least {FORMS.fewest} recordings, so that one can be left '
-                f'out, got {len(found)}'
-            )
-        work = bind(
-            look, effects=settings, prior=(metres,) * 3 + (degrees,) * 3, seed=seed, **fixed
+        step = stepper(progress, 'looking at the recordings', 0.05, 0.15, len(found))
+        look_at = bind(look, prior=prior, **fixed)
+        looked, unusable = _usable(found, mapped(look_at, _with(found, explanations[0]), step))
+        left_out = [*left_out, *unusable]
+        _check_number(looked)
+        total = sum(rounds(settings) for settings in explanations) * len(looked)
+        step = stepper(progress, 'comparing forms on left-out recordings', 0.2, 0.75, total)
+
+        def again(some: Sequence[Looked], now: Sequence[Settings]) -> list[Looked]:
+            items = [(one.found, own) for one, own in zip(some, now, strict=True)]
+            return mapped(look_at, items, lambda: None)
+
+        work = Work(
+            lambda jobs, frames: mapped(bind(judge, frames=frames, **fixed), jobs, step),
+            lambda jobs: mapped(bind(look_at_pixels, **fixed), jobs, lambda: None),
+            lambda jobs: mapped(bind(look_at_rest, **fixed), jobs, lambda: None),
+            again,
         )
-        step = stepper(progress, 'looking at the recordings', 0.05, 0.35, len(found))
-        looked = mapped(work, found, step)
-        _check_sizes(looked, settings)
-        rounds = (len(calibratable(settings)) + 1) * len(looked)
-        step = stepper(progress, 'comparing forms on left-out recordings', 0.4, 0.55, rounds)
-
-        def judged(some: Sequence[tuple[Looked, Settings]]) -> np.ndarray:
-            return np.array(mapped(bind(judge, seed=seed, **fixed), some, step))
-
-        def pixels(some: Sequence[tuple[Looked, Settings]]) -> Any:
-            return mapped(bind(look_at_pixels, **fixed), some, lambda: None)
-
-        verdicts = calibrate_effects(looked, settings, judged, pixels)
-    calibrated = _calibrated(before.effects, verdicts)
-    table = _table(verdicts, looked, left_out, settings)
+        explained = []
+        for place, settings in enumerate(explanations):
+            if place:
+                looked = again(looked, [settings] * len(looked))
+            _check_sizes(looked, settings)
+            explained.append(calibrate_effects(looked, settings, work))
+        chosen = explained[best_of(explained)]
+        empirical = None if NAME in chosen.effects else correct(chosen, work)
+    effects = dict(chosen.effects)
+    if empirical is not None and empirical.taken:
+        effects[NAME] = empirical.proposal.together
+    posed = [one for one in before.effects if one.role == 'pose']
+    calibrated = [*posed, *parse_effects(effects)]
+    table = _table(explained, chosen, empirical, left_out)
     table['seconds'] = round(time.monotonic() - began, 2)
     table['version'] = __version__
     if out is not None:
         progress('writing', 0.97)
-        write_calibration(Path(out), table, calibrated, verdicts, looked)
+        write_calibration(Path(out), table, calibrated, chosen.verdicts, chosen.looked)
     progress('done', 1.0)
     return table
 
 
-def _to_calibrate(before: Diagnosed) -> tuple[Effect, ...]:
-    effects = before.effects_to_check()
-    if not calibratable(table_of(effects)):
-        names = ', '.join(effect.name for effect in effects)
+def _explanations(before: Diagnosed) -> list[Settings]:
+    # The effects of the diagnosis first; then the same with each alternative explanation.
+    named = before.effects_to_check()
+    out = [table_of(named)]
+    for row in before.alternatives():
+        kind = loadable()[row.effect.name]
+        if kind.role == 'pose' or len(out) > FORMS.others:
+            continue
+        rest = [one for one in named if one.name not in (*row.instead_of, kind.name, NAME)]
+        out.append(table_of([*rest, row.effect]))
+    return out
+
+
+def _with(found: Sequence[Found], settings: Settings) -> list[tuple[Found, Settings]]:
+    return [(one, settings) for one in found]
+
+
+def _usable(
+    found: Sequence[Found], outcomes: Sequence[Looked | str]
+) -> tuple[list[Looked], list[tuple[str, str]]]:
+    # Recordings, and name and reason of those that cannot be used.
+    pairs = list(zip(found, outcomes, strict=True))
+    return (
+        [one for _, one in pairs if isinstance(one, Looked)],
+        [(file.path.name, one) for file, one in pairs if isinstance(one, str)],
+    )
+
+
+def _check_number(looked: Sequence[Looked]) -> None:
+    if len(looked) < FORMS.fewest:
         raise InputError(
-            f'DIAGNOSIS: must have an effect that can have a curve or map, got {names}'
+            f'CAMPAIGN: must have at least {FORMS.fewest} recordings, so that one can be left '
+            f'out, got {len(looked)}'
         )
-    return effects
 
 
 def _check_sizes(looked: Sequence[Looked], settings: Settings) -> None:
@@ -136,34 +187,38 @@ def _check_sizes(looked: Sequence[Looked], settings: Settings) -> None:
         )
 
 
-def _calibrated(effects: Sequence[Effect], verdicts: Sequence[Verdict]) -> list[Effect]:
-    # As diagnosed, but for the forms that are taken.
-    forms = {one.proposal.effect: one.proposal.together for one in verdicts if one.taken}
-    return [replace(effect, **forms.get(effect.name, {})) for effect in effects]
-
-
 def _table(
-    verdicts: Sequence[Verdict],
-    looked: Sequence[Looked],
+    explained: Sequence[Explained],
+    chosen: Explained,
+    empirical: Verdict | None,
     left_out: Sequence[tuple[str, str]],
-    settings: Settings,
 ) -> dict[str, Any]:
-    rows: list[dict[str, Any]] = [
-        {
-            'name': one.proposal.effect,
-            'form': one.proposal.label,
-            'taken': one.taken,
-            'before': float(one.before.mean()),
-            'after': float(one.after.mean()),
-            'recordings_better': int((one.after < one.before).sum()),
-        }
-        for one in verdicts
-    ]
-    tried = {row['name'] for row in rows}
+    tried = {one.proposal.effect for one in chosen.verdicts}
     return {
         'schema': SCHEMA,
-        'effects': rows,
-        'unchanged': [name for name in settings if name not in tried],
-        'recordings': [one.found.path.name for one in looked],
+        'effects': [_row(one) for one in chosen.verdicts],
+        'unchanged': [name for name in chosen.effects if name not in tried],
+        'explanations': [
+            {
+                'effects': list(one.effects),
+                'distance': float(totals(one.apart).mean()),
+                'chosen': one is chosen,
+            }
+            for one in explained
+        ],
+        'empirical': None if empirical is None else _row(empirical),
+        'recordings': [one.found.path.name for one in chosen.looked],
         'left_out': [{'name': name, 'reason': reason} for name, reason in left_out],
+    }
+
+
+def _row(verdict: Verdict) -> dict[str, Any]:
+    return {
+        'name': verdict.proposal.effect,
+        'form': verdict.proposal.label,
+        'taken': verdict.taken,
+        'before': float(verdict.before.mean()),
+        'after': float(verdict.after.mean()),
+        'recordings_better': int((verdict.after < verdict.before).sum()),
+        'worse': list(verdict.worse),
     }

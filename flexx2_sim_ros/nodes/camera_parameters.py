@@ -5,6 +5,7 @@ from contextlib import contextmanager, suppress
 import math
 from typing import Any
 
+from flexx2_sim_ros.effects.effect import check_maps
 from flexx2_sim_ros.errors import InputError, shown
 from flexx2_sim_ros.nodes.effect_parameters import EffectParameters
 from flexx2_sim_ros.nodes.parameters import declare, declare_text
@@ -87,6 +88,7 @@ class CameraParameters:
         self._check('frame_id', self.frame_id)
         self._declare_formats()
         self.intrinsics = self._declare_intrinsics(profile.intrinsics)
+        check_maps(self.effects.chosen, self.intrinsics.width, self.intrinsics.height)
         for parameter in self._canonical([node.get_parameter(name) for name in _CHOICES]):
             self._check(parameter.name, parameter.value)
             node.set_parameters([parameter])
@@ -291,7 +293,9 @@ class CameraParameters:
                     f'{_EXPOSURE}: must be {shortest} to {longest} in {mode.name}, '
                     f'got {values[_EXPOSURE]}'
                 )
-            check_frequencies(self.effects.check(values), mode)
+            effects = self.effects.check(values)
+            check_frequencies(effects, mode)
+            check_maps(effects, self.intrinsics.width, self.intrinsics.height)
         except InputError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)

@@ -50,13 +50,17 @@ class Forms:
         0.002, 'm', "error of a pixel's ground truth, beside noise, when a map is made"
     )
     steps: int = constant(2, '', "of a recording's pose, when its effects change")
-    least: float = constant(0.01, 'sigma_z', 'a smaller gain in distance does not matter')
-    unlikely: float = constant(1e-3, '', 'least probability of a table that is judged')
-    quantiles: tuple[float, float, int] = constant(
-        (0.02, 0.98, 33), '', 'first and last quantile of errors, and how many', DEFINITION
+    least: float = constant(
+        0.05, 'tolerances', 'a smaller gain in distance does not matter; see `physical.distance`'
     )
-    tile: int = constant(4, 'px', 'side of tiles whose errors are compared', DEFINITION)
-    clip: float = constant(20.0, 'sigma_z', 'largest error in that comparison', DEFINITION)
+    coarse: int = constant(4, '', 'sets of parameters all over their bounds, for each parameter')
+    fine: int = constant(8, '', 'sets of parameters on the way downhill, for each parameter')
+    frames: int = constant(6, 'frames', 'of a recording that are simulated in a search')
+    simplex: float = constant(0.12, '', 'first step downhill, as a fraction of the bounds')
+    close: float = constant(0.005, '', 'the last step, likewise')
+    others: int = constant(2, '', 'alternative explanations that are calibrated, too')
+    known: int = constant(200, 'px', 'a bin of an empirical correction with fewer stays as it is')
+    unlikely: float = constant(1e-3, '', 'least probability of a table that is judged')
 
 
 FORMS = Forms()

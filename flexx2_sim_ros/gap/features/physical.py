@@ -1,7 +1,9 @@
 """The gap in physical units."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+import math
+from typing import Any
 
 from flexx2_sim_ros.gap.calibration.features import FEATURES, MEASURES
 from flexx2_sim_ros.gap.data.axes import AXES
@@ -50,7 +52,7 @@ class Measures:
     millimetres : numpy.ndarray
         (regions, bins) histogram of depth errors.
     normal : numpy.ndarray
-        (regions, bins) histogram of errors in sigma_z, clipped at 6.
+        (regions or tiles, bins) histogram of errors in sigma_z, clipped at 6.
     edges : numpy.ndarray
         (bins,) the same of pixels at jumps and sharp bends, in the whole image.
     invalid : numpy.ndarray
@@ -71,25 +73,49 @@ class Measures:
     lag: float
 
 
-def histogram(depth: np.ndarray, scenes: Sequence[PixelCovariates], sums: Sums) -> Measures:
-    """Count errors of a recording's frames (a third of them is enough)."""
+def fine_side(frames: int) -> int:
+    """Return the side of small tiles that have enough errors in so many frames, pixels."""
+    return max(MEASURES.tile, math.ceil(math.sqrt(2 * MEASURES.fewest / max(frames, 1))))
+
+
+def histogram(
+    depth: np.ndarray, scenes: Sequence[PixelCovariates], sums: Sums, side: int | None = None
+) -> Measures:
+    """
+    Count errors of a recording's frames.
+
+    Parameters
+    ----------
+    depth : numpy.ndarray
+        (T, H, W) metres, NaN where invalid.
+    scenes : sequence of PixelCovariates
+        One for a still scene, otherwise one for each frame.
+    sums : Sums
+        Of the same frames.
+    side : int, optional
+        Errors in sigma_z are counted in tiles of so many pixels a side, in all frames. Without, in
+        12 regions of the image, in a third of the frames: that is enough there.
+
+    """
     height, width = depth.shape[1:]
     v, u = np.mgrid[:height, :width]
     regions = (v * 3 // height) * 4 + u * 4 // width
+    columns = -(-width // (side or width))
+    tiles = regions if side is None else (v // side) * columns + u // side
+    count = _REGIONS if side is None else -(-height // side) * columns
     size = 2 * _HALF + 1
     counts = np.zeros(_REGIONS * size)
-    normal, edges = np.zeros(_REGIONS * _NORMAL), np.zeros(_NORMAL)
-    for t in range(0, len(depth), MEASURES.every):
+    normal, edges = np.zeros(count * _NORMAL), np.zeros(_NORMAL)
+    for t in range(0, len(depth), MEASURES.every if side is None else 1):
         scene = scenes[t] if len(scenes) > 1 else scenes[0]
         with np.errstate(invalid='ignore'):
             inner = np.isfinite(depth[t]) & np.isfinite(scene.clean)
         error = depth[t][inner] - scene.clean[inner]
         place = np.clip(np.rint(error * (1000 / _BIN_MM)), -_HALF, _HALF).astype(int) + _HALF
-        region = regions[inner]
-        counts += np.bincount(region * size + place, minlength=len(counts))
+        counts += np.bincount(regions[inner] * size + place, minlength=len(counts))
         e = np.clip(error / scene.sigma[inner], -_SIGMAS + 1e-3, _SIGMAS - 1e-3)
         bins = ((e + _SIGMAS) * (_NORMAL / (2 * _SIGMAS))).astype(int)
-        normal += np.bincount(region * _NORMAL + bins, minlength=len(normal))
+        normal += np.bincount(tiles[inner] * _NORMAL + bins, minlength=len(normal))
         edges += np.bincount(bins[~scene.inside[inner]], minlength=_NORMAL)
     s = sums.bins.T
     with np.errstate(invalid='ignore', divide='ignore'):
@@ -100,7 +126,7 @@ def histogram(depth: np.ndarray, scenes: Sequence[PixelCovariates], sums: Sums) 
     everywhere = AXES['all'].start
     return Measures(
         counts.reshape(_REGIONS, size),
-        normal.reshape(_REGIONS, _NORMAL),
+        normal.reshape(count, _NORMAL),
         edges,
         np.array([s[EXPECT][_SEEN], s[EXPECT][_SEEN] - s[VALID][_SEEN]]),
         np.array([s[N2][_SURFACES], variance[_SURFACES]]),
@@ -113,7 +139,9 @@ def _bins_of(*names: str) -> np.ndarray:
     return np.concatenate([np.arange(AXES[n].start, AXES[n].start + AXES[n].bins) for n in names])
 
 
-_SURFACES = _bins_of('distance', 'log_amplitude', 'incidence')
+# The covariates of `Measures.noise`, and of the first bins of `Measures.invalid`.
+SURFACES = 'distance', 'log_amplitude', 'incidence'
+_SURFACES = _bins_of(*SURFACES)
 _SEEN = np.concatenate([_SURFACES, _bins_of('edge', 'beyond')])
 
 
@@ -126,7 +154,8 @@ def distances(real: Measures, other: Measures) -> dict[str, float]:
     dict
         For each of `UNITS`. ``wasserstein_mm``, ``wasserstein_sigma``: Wasserstein-1 distance of
         the depth errors in each of 12 regions of the image, in millimetres, and in sigma_z
-        (errors are clipped at 6 sigma_z), mean over regions; ``edge_sigma``: the same at jumps
+        (errors are clipped at 6 sigma_z; in small tiles if the histograms are), mean over
+        regions; ``edge_sigma``: the same at jumps
         and sharp bends; ``invalid_rate``: mean absolute difference of the fraction of invalid
         pixels over bins of distance, amplitude, incidence, edges and beyond range;
         ``log_variance``: mean absolute difference of the log temporal variance over bins of
@@ -165,22 +194,56 @@ def distance(apart: Mapping[str, float]) -> float:
     return sum(apart[unit] / tolerance for unit, tolerance in COUNTED.items())
 
 
+def mismatch(real: Measures, other: Measures) -> float:
+    """
+    Return a squared counterpart of `distance`, to fit parameters by.
+
+    The Wasserstein distance of two samples of the same distribution is not zero, and hides small
+    shifts. The energy distance (Szekely and Rizzo 2013) has this floor as well, but a shift is
+    added to it.
+
+    Returns
+    -------
+    float
+        Energy distance of errors in sigma_z, mean over regions or tiles, in units of that of a
+        shift of two normal distributions by the tolerance; plus the mean squared difference of
+        the fraction of invalid pixels in squared tolerances.
+
+    """
+    shifted = COUNTED['wasserstein_sigma'] ** 2 / math.sqrt(math.pi)
+    energy = 2 * (2 * _SIGMAS / _NORMAL) * _over_regions(real.normal, other.normal, np.square)
+    rates = _over_bins(real.invalid, other.invalid, np.square)
+    return energy / shifted + rates / COUNTED['invalid_rate'] ** 2
+
+
 def _wasserstein(real: np.ndarray, other: np.ndarray) -> float:
-    # In bins, of (regions, bins) histograms; mean over regions by their number of pixels.
-    total, weight = 0.0, 0.0
-    for one, two in zip(real, other, strict=True):
-        if one.sum() > MEASURES.fewest and two.sum() > MEASURES.fewest:
-            total += np.abs(np.cumsum(one / one.sum() - two / two.sum())).sum() * one.sum()
-            weight += one.sum()
-    return float(total / weight) if weight else 0.0
+    # In bins, of (regions, bins) histograms.
+    return _over_regions(real, other, np.abs)
+
+
+def _over_regions(real: np.ndarray, other: np.ndarray, size: Callable[..., Any]) -> float:
+    # Sum over bins of a function of the difference of the distributions, mean over regions by
+    # their number of pixels.
+    pixels = real.sum(axis=1), other.sum(axis=1)
+    good = (pixels[0] > MEASURES.fewest) & (pixels[1] > MEASURES.fewest)
+    if not good.any():
+        return 0.0
+    one, two = (a[good] / n[good, None] for a, n in zip((real, other), pixels, strict=True))
+    apart = size(np.cumsum(one - two, axis=1)).sum(axis=1)
+    return float(np.average(apart, weights=pixels[0][good]))
 
 
 def _difference_of_rates(real: np.ndarray, other: np.ndarray) -> float:
+    return _over_bins(real, other, np.abs)
+
+
+def _over_bins(real: np.ndarray, other: np.ndarray, size: Callable[..., Any]) -> float:
+    # Mean over bins of a function of the difference of rates, by the number of pixels.
     good = (real[0] > MEASURES.fewest) & (other[0] > MEASURES.fewest)
     if not good.any():
         return 0.0
     rates = [one[1][good] / one[0][good] for one in (real, other)]
-    return float(np.average(np.abs(rates[0] - rates[1]), weights=real[0][good]))
+    return float(np.average(size(rates[0] - rates[1]), weights=real[0][good]))
 
 
 def _difference_of_noise(real: np.ndarray, other: np.ndarray) -> float:

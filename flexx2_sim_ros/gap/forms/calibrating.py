@@ -4,17 +4,32 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from flexx2_sim_ros.effects import registry
+from flexx2_sim_ros.effects.patch import COVARIATES
 from flexx2_sim_ros.effects.tables import Curve, PixelMap
+from flexx2_sim_ros.gap.calibration.features import FEATURES
 from flexx2_sim_ros.gap.calibration.forms import FORMS
+from flexx2_sim_ros.gap.features.physical import distance
 from flexx2_sim_ros.gap.forms import dropout
 from flexx2_sim_ros.gap.forms.bias import BIASES, Form, forms_of
+from flexx2_sim_ros.gap.forms.empirical import correction, NAME, Rest
 from flexx2_sim_ros.gap.forms.fitting import BiasFit, Fitted, is_surely_less
 from flexx2_sim_ros.gap.forms.pattern import map_of, PixelErrors
 from flexx2_sim_ros.gap.forms.samples import Samples
+from flexx2_sim_ros.gap.forms.search import evaluations, Numbers, search
 from flexx2_sim_ros.gap.forms.work import Looked, Settings
+from flexx2_sim_ros.gap.inference.improvement import measured
+from flexx2_sim_ros.physics.frame_state import Stage
 import numpy as np
 
 PATTERN = 'fixed_pattern'
+# Measures that the distance has no part of, with the change of each that matters.
+_OTHERS = {
+    'edge_sigma': FEATURES.tolerances['bias'],
+    'log_variance': FEATURES.tolerances['log_variance'],
+    'correlation': FEATURES.tolerances['neighbour'],
+    'lag': FEATURES.tolerances['lag'],
+}
 
 
 @dataclass(frozen=True)
@@ -49,8 +64,10 @@ class Verdict:
     proposal : Proposal
     before, after : numpy.ndarray
         (R,) how far each recording is from its simulation, with the effect as diagnosed and with
-        the form fitted without this recording.
+        the form fitted without this recording; see `physical.distance`.
     taken : bool
+    worse : tuple of str
+        Measures outside the distance that get significantly worse.
 
     """
 
@@ -58,20 +75,94 @@ class Verdict:
     before: np.ndarray
     after: np.ndarray
     taken: bool
+    worse: tuple[str, ...] = ()
 
 
-Judge = Callable[[list[tuple[Looked, Settings]]], np.ndarray]
-Pixels = Callable[[list[tuple[Looked, Settings]]], list[PixelErrors]]
+@dataclass(frozen=True)
+class Explained:
+    """
+    An explanation with the forms that were tried for its effects.
+
+    Attributes
+    ----------
+    looked : list of Looked
+        The recordings, looked at with these effects.
+    effects : dict
+        Settings by effect, with the forms that are taken.
+    verdicts : list of Verdict
+        One for each effect that can have a form, in the order of fitting.
+    now : list of dict
+        (R,) the settings, with each form fitted without the recording.
+    apart : numpy.ndarray
+        (R,) how far each recording is from its simulation with ``now``.
+
+    """
+
+    looked: list[Looked]
+    effects: Settings
+    verdicts: list[Verdict]
+    now: list[Settings]
+    apart: list[dict[str, float]]
+
+
+Jobs = Sequence[tuple[Looked, Sequence[Settings]]]
+
+
+@dataclass(frozen=True)
+class Work:
+    """
+    The work on recordings, each recording in a process of its own.
+
+    Attributes
+    ----------
+    judge : callable
+        `work.judge` of several jobs, with the number of frames.
+    pixels : callable
+        `work.look_at_pixels` of several jobs.
+    rests : callable
+        `work.look_at_rest` of several jobs.
+    again : callable
+        `work.look` of several recordings, each with settings of its own.
+
+    """
+
+    judge: Callable[[Jobs, int | None], list[list[dict[str, float]]]]
+    pixels: Callable[[list[tuple[Looked, Settings]]], list[PixelErrors]]
+    rests: Callable[[list[tuple[Looked, Settings]]], list[Rest]]
+    again: Callable[[Sequence[Looked], Sequence[Settings]], list[Looked]]
+
+    def apart(self, looked: Sequence[Looked], now: Sequence[Settings]) -> list[dict[str, float]]:
+        """Return `physical.distances` of each recording with settings of its own."""
+        jobs = [(one, [own]) for one, own in zip(looked, now, strict=True)]
+        return [several[0] for several in self.judge(jobs, None)]
 
 
 def calibratable(effects: Settings) -> list[str]:
     """Return which effects have a form, in the order in which they are fitted."""
-    return [name for name in (*BIASES, PATTERN, *dropout.KINDS) if name in effects]
+    shaped = [name for name, kind in registry().items() if kind.shapes and name in effects]
+    before = [name for name in shaped if registry()[name].stage <= Stage.PHASOR]
+    after = [name for name in shaped if name not in before]
+    others = [name for name in (*BIASES, PATTERN, *dropout.KINDS) if name in effects]
+    return [*before, *others, *after]
 
 
-def calibrate_effects(
-    looked: Sequence[Looked], effects: Settings, judge: Judge, pixels: Pixels
-) -> list[Verdict]:
+def rounds(effects: Settings) -> int:
+    """Return about how often each recording is judged."""
+    names = calibratable(effects)
+    return (
+        1
+        + len(COVARIATES)
+        + len(names)
+        + sum(evaluations(registry()[name].shapes) for name in names)
+    )
+
+
+def totals(apart: Sequence[dict[str, float]]) -> np.ndarray:
+    """Return (R,) `physical.distance` of several recordings."""
+    return np.array([distance(one) for one in apart])
+
+
+def calibrate_effects(looked: list[Looked], effects: Settings, work: Work) -> Explained:
     """
     Fit a form for each effect that can have one.
 
@@ -81,39 +172,100 @@ def calibrate_effects(
         The recordings, three or more.
     effects : dict
         Settings by effect, as diagnosed, without an error of the poses.
-    judge, pixels : callable
-        `work.judge` and `work.look_at_pixels` of several jobs.
+    work : Work
 
     Returns
     -------
-    list of Verdict
-        One for each effect that can have a form, in the order of fitting.
+    Explained
 
     """
     verdicts: list[Verdict] = []
+    together = dict(effects)
     now = [effects for _ in looked]
-    before = judge(list(zip(looked, now, strict=True)))
-    proposals = _biases(looked, effects)
+    before = work.apart(looked, now)
+    proposals: dict[str, Proposal] | None = None
     for name in calibratable(effects):
-        if name == PATTERN:
-            proposal = _pattern(looked, now, pixels)
+        if registry()[name].shapes:
+            proposal = _searched(name, looked, now, work)
+        elif name == PATTERN:
+            proposal = _pattern(looked, now, work)
         elif name in dropout.KINDS:
             proposal = _dropout(name, looked)
-        elif name in proposals:
-            proposal = proposals[name]
         else:
-            continue
+            if proposals is None:
+                if verdicts:  # What mixes light has other settings now.
+                    looked = work.again(looked, now)
+                proposals = _biases(looked, effects)
+            if name not in proposals:
+                continue
+            proposal = proposals[name]
         changed = [
             {**own, name: {**own[name], **form}}
             for own, form in zip(now, proposal.without, strict=True)
         ]
-        after = judge(list(zip(looked, changed, strict=True)))
-        gain = float((before - after).mean())
-        taken = gain > FORMS.least and is_surely_less(after, before)
-        verdicts.append(Verdict(proposal, before, after, taken))
-        if taken:
+        after = work.apart(looked, changed)
+        verdict = judged(proposal, before, after)
+        verdicts.append(verdict)
+        if verdict.taken:
             now, before = changed, after
-    return verdicts
+            together[name] = {**together[name], **proposal.together}
+    return Explained(looked, together, verdicts, now, before)
+
+
+def best_of(explained: Sequence[Explained]) -> int:
+    """Return which explanation is nearest; an alternative must surely be nearer than the first."""
+    chosen = 0
+    for place, one in enumerate(explained):
+        new, old = totals(one.apart), totals(explained[chosen].apart)
+        if float((old - new).mean()) > FORMS.least and is_surely_less(new, old):
+            chosen = place
+    return chosen
+
+
+def correct(explained: Explained, work: Work) -> Verdict:
+    """
+    Fit an empirical correction to what the effects leave.
+
+    Of the covariates that it can be over, the one with the nearest left-out recordings counts.
+    """
+    jobs = list(zip(explained.looked, explained.now, strict=True))
+    rests = work.rests(jobs)
+    verdicts = []
+    for covariate in COVARIATES:
+        without = tuple(correction(covariate, part) for part in _all_but_one(rests))
+        proposal = Proposal(NAME, covariate, correction(covariate, rests), without)
+        changed = [{**own, NAME: form} for own, form in zip(explained.now, without, strict=True)]
+        verdicts.append(judged(proposal, explained.apart, work.apart(explained.looked, changed)))
+    return min(verdicts, key=lambda verdict: float(verdict.after.mean()))
+
+
+def judged(
+    proposal: Proposal, before: Sequence[dict[str, float]], after: Sequence[dict[str, float]]
+) -> Verdict:
+    """Take a proposal if left-out recordings are nearer by more than the standard error."""
+    old, new = totals(before), totals(after)
+    taken = float((old - new).mean()) > FORMS.least and is_surely_less(new, old)
+    values = {
+        unit: np.array([[a[unit], b[unit], 0.0] for a, b in zip(before, after, strict=True)])
+        for unit in _OTHERS
+    }
+    worse = [unit for unit, limit in _OTHERS.items() if measured(values[unit], limit)['worse']]
+    return Verdict(proposal, old, new, taken, tuple(worse))
+
+
+def _searched(
+    name: str, looked: Sequence[Looked], now: Sequence[Settings], work: Work
+) -> Proposal:
+    def evaluate(sets: Sequence[Numbers]) -> np.ndarray:
+        jobs = [
+            (one, [{**own, name: {**own[name], **numbers}} for numbers in sets])
+            for one, own in zip(looked, now, strict=True)
+        ]
+        several = work.judge(jobs, FORMS.frames)
+        return np.array([[one['mismatch'] for one in part] for part in several]).T
+
+    found = search(registry()[name].shapes, now[0][name], evaluate)
+    return Proposal(name, found.shape.label, found.together, found.without)
 
 
 def _biases(looked: Sequence[Looked], effects: Settings) -> dict[str, Proposal]:
@@ -149,9 +301,9 @@ def _proposal(fitted: Fitted, form: Form) -> Proposal:
     )
 
 
-def _pattern(looked: Sequence[Looked], now: Sequence[Settings], pixels: Pixels) -> Proposal:
+def _pattern(looked: Sequence[Looked], now: Sequence[Settings], work: Work) -> Proposal:
     rest = [{k: v for k, v in own.items() if k != PATTERN} for own in now]
-    errors = pixels(list(zip(looked, rest, strict=True)))
+    errors = work.pixels(list(zip(looked, rest, strict=True)))
 
     def settings(some: Sequence[PixelErrors]) -> dict[str, Any]:
         return _strong(pattern=PixelMap(np.clip(np.round(map_of(some), 6), -0.2, 0.2)))

@@ -7,10 +7,8 @@ from flexx2_sim_ros.effects.grazing_dropout import log_slant
 from flexx2_sim_ros.effects.tables import Curve
 from flexx2_sim_ros.gap.calibration.forms import FORMS
 from flexx2_sim_ros.gap.features.simulation import PlacedScene
-from flexx2_sim_ros.gap.forms.samples import images_at, light_of
+from flexx2_sim_ros.gap.forms.samples import images_at, light_of, surface_of
 from flexx2_sim_ros.physics.geometry import ray_length
-from flexx2_sim_ros.physics.surface import analyse
-from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 import numpy as np
 from sklearn.isotonic import isotonic_regression
 
@@ -96,8 +94,7 @@ def _covariates(scene: PlacedScene, t: int) -> dict[str, np.ndarray]:
     # (H, W) each, as the effects have them.
     recording = scene.recording
     clean, light = images_at(scene.placed, t)
-    lens = Intrinsics.from_matrix(recording.K, clean.shape[1], clean.shape[0])
-    cosine = analyse(np.ascontiguousarray(clean), lens, recording.mode.sensor).cos_incidence
+    cosine = surface_of(recording, clean).cos_incidence
     return {
         'incidence': np.degrees(np.arccos(np.clip(cosine, 0, 1))),
         'slant': log_slant(cosine, clean * ray_length(recording.K, clean.shape)),

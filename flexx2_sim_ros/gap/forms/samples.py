@@ -15,7 +15,7 @@ from flexx2_sim_ros.gap.data.pose import base_camera, pose_columns
 from flexx2_sim_ros.gap.data.registration import Placed, RecordingData
 from flexx2_sim_ros.gap.features.simulation import PlacedScene
 from flexx2_sim_ros.physics.frame_state import Stage
-from flexx2_sim_ros.physics.surface import analyse
+from flexx2_sim_ros.physics.surface import analyse, Surface
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 import numpy as np
 
@@ -43,6 +43,8 @@ class Samples:
         (N,) metres along the ray.
     light : numpy.ndarray
         (N,) natural logarithm of the amplitude in 1/m^2.
+    incidence : numpy.ndarray
+        (N,) degrees.
     uptime : numpy.ndarray
         (N,) seconds since power-on; NaN if the recording does not say.
     place : numpy.ndarray
@@ -58,6 +60,7 @@ class Samples:
     length: np.ndarray
     distance: np.ndarray
     light: np.ndarray
+    incidence: np.ndarray
     uptime: np.ndarray
     place: np.ndarray
 
@@ -120,10 +123,8 @@ def samples_of(scene: PlacedScene, motion: np.ndarray, spread: np.ndarray) -> Sa
         clean, light = images_at(placed, int(t))
         parts.append(_frame(scene, i, int(t), clean, light))
     columns = [np.concatenate(part, axis=-1) for part in zip(*parts, strict=True)]
-    error, sigma, own, length, distance, light, uptime, place = columns
-    return Samples(
-        motion, error, sigma, own, spread, length, distance, light, uptime, place.astype(int)
-    )
+    error, sigma, own, *others, place = columns
+    return Samples(motion, error, sigma, own, spread, *others, place.astype(int))
 
 
 def _frame(
@@ -139,13 +140,13 @@ def _frame(
     own = pose_columns(clean, recording.K, recording.mode.sensor)
     if recording.plane_shifts is not None:
         own = np.concatenate([own, recording.plane_shifts[:, ::2, ::2]])
-    light = light_of(recording, clean, reflectivity)
+    light, incidence = light_of(recording, clean, reflectivity), incidence_of(recording, clean)
     with np.errstate(invalid='ignore'):
         good = (cover.inside & np.isfinite(error) & (np.abs(error) < limit))[::2, ::2]
     good &= np.isfinite(own).all(axis=0) & np.isfinite(light[::2, ::2])
     seconds = (int(recording.stamp[t]) - int(recording.stamp[0])) * 1e-9
     uptime = np.nan if recording.uptime is None else recording.uptime + seconds
-    images = error, sigma, own, cover.ray, clean * cover.ray, light
+    images = error, sigma, own, cover.ray, clean * cover.ray, light, incidence
     columns = [
         (one if one.ndim == 3 else one[::2, ::2])[..., good].astype(np.float64) for one in images
     ]
@@ -177,10 +178,21 @@ def light_of(
     recording: RecordingData, clean: np.ndarray, reflectivity: np.ndarray | None
 ) -> np.ndarray:
     """Return the natural logarithm of the amplitude that the simulator has, (H, W)."""
-    lens = Intrinsics.from_matrix(recording.K, clean.shape[1], clean.shape[0])
-    surface = analyse(np.ascontiguousarray(clean), lens, recording.mode.sensor)
+    surface = surface_of(recording, clean)
     albedo = np.float32(1) if reflectivity is None else np.clip(reflectivity, 0, 1)
     with np.errstate(divide='ignore', invalid='ignore'):
         inverse = (1 / clean).astype(np.float32)
         light = on_images(returned_light)(albedo, surface.cos_incidence, inverse)
     return log_amplitude(np.asarray(light))
+
+
+def incidence_of(recording: RecordingData, clean: np.ndarray) -> np.ndarray:
+    """Return the angle between ray and surface normal, (H, W) degrees."""
+    cosine = surface_of(recording, clean).cos_incidence
+    return np.degrees(np.arccos(np.clip(cosine, 0, 1)))
+
+
+def surface_of(recording: RecordingData, clean: np.ndarray) -> Surface:
+    """Return jumps and incidence of a clean image of a recording."""
+    lens = Intrinsics.from_matrix(recording.K, clean.shape[1], clean.shape[0])
+    return analyse(np.ascontiguousarray(clean), lens, recording.mode.sensor)

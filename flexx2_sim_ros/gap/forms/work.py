@@ -1,20 +1,29 @@
 """The work on single recordings, for processes of their own."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 from flexx2_sim_ros.camera import Profile
+from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap.calibration.forms import FORMS
 from flexx2_sim_ros.gap.data.campaign import Found, read
 from flexx2_sim_ros.gap.data.given import Table
 from flexx2_sim_ros.gap.data.prior import covariance_of, factor
 from flexx2_sim_ros.gap.data.registration import RecordingData, register
+from flexx2_sim_ros.gap.features.physical import (
+    distances,
+    fine_side,
+    histogram,
+    Measures,
+    mismatch,
+)
 from flexx2_sim_ros.gap.features.simulation import PlacedScene, with_uptime
 from flexx2_sim_ros.gap.forms.dropout import Counts, counts_of
+from flexx2_sim_ros.gap.forms.empirical import edges_of, Rest
 from flexx2_sim_ros.gap.forms.fitting import own_motion
 from flexx2_sim_ros.gap.forms.pattern import pixel_errors, PixelErrors
 from flexx2_sim_ros.gap.forms.samples import Samples, samples_of, shift_of
-from flexx2_sim_ros.gap.forms.tiles import tile_distance
 import numpy as np
 
 Settings = dict[str, dict[str, Any]]
@@ -52,15 +61,26 @@ class Looked:
 
 
 def look(
-    found: Found,
+    job: tuple[Found, Settings],
     profile: Profile | None,
     known: Table,
-    effects: Settings,
     prior: tuple[float, ...],
     seed: int,
-) -> Looked:
-    """Register a recording, and take samples, counts and what the diagnosed effects change."""
-    recording = read(found, profile, known)
+) -> Looked | str:
+    """
+    Register a recording, and take samples, counts and what its effects change.
+
+    Returns
+    -------
+    Looked or str
+        The reason if the recording cannot be used.
+
+    """
+    found, effects = job
+    try:
+        recording = read(found, profile, known)
+    except InputError as error:
+        return str(error)
     motion, _ = register(recording, np.array(prior))
     covariance = covariance_of(recording.truth, np.array(prior))
     spread = np.diag(prior) if covariance is None else factor(covariance)
@@ -85,24 +105,85 @@ def look(
 
 
 def look_at_pixels(
-    job: tuple[Looked, Settings], profile: Profile | None, known: Table
+    job: tuple[Looked, Settings], profile: Profile | None, known: Table, seed: int
 ) -> PixelErrors:
     """Return the errors of a recording's pixels that given settings of effects do not explain."""
+    del seed  # Nothing is simulated.
     looked, effects = job
     scene = _placed(looked, effects, profile, known)
     return pixel_errors(scene, with_uptime(effects, looked.uptime))
 
 
-def judge(job: tuple[Looked, Settings], profile: Profile | None, known: Table, seed: int) -> float:
-    """
-    Simulate a recording's scene with settings of effects; return how far the two are apart.
-
-    Each settings get the pose that suits them best.
-    """
+def look_at_rest(
+    job: tuple[Looked, Settings], profile: Profile | None, known: Table, seed: int
+) -> Rest:
+    """Return what given settings of effects leave in a recording."""
     looked, effects = job
     scene = _placed(looked, effects, profile, known)
-    simulated = scene.simulate(with_uptime(effects, looked.uptime), seed)
-    return tile_distance(scene, scene.recording.depth, simulated)
+    own = with_uptime(effects, looked.uptime)
+    samples = samples_of(scene, looked.samples.motion, looked.samples.spread)
+    samples = replace(samples, error=samples.error - _at_samples(scene, samples, own))
+    real, simulated = (
+        _measured(scene, depth) for depth in (scene.recording.depth, scene.simulate(own, seed))
+    )
+    return Rest(samples, edges_of(scene.recording.axes), real, simulated)
+
+
+def judge(
+    job: tuple[Looked, Sequence[Settings]],
+    profile: Profile | None,
+    known: Table,
+    seed: int,
+    frames: int | None = None,
+) -> list[dict[str, float]]:
+    """
+    Simulate a recording's scene with several settings of effects; return how far both are apart.
+
+    Each settings get the pose that suits them best, and the same random numbers. With ``frames``
+    only so many first frames are compared.
+
+    Returns
+    -------
+    list of dict
+        For each settings, `physical.distances` in small tiles, and ``mismatch``, which is
+        `physical.mismatch`.
+
+    """
+    looked, several = job
+    recording = first_frames(read(looked.found, profile, known), frames)
+    out = []
+    for effects in several:
+        own = with_uptime(effects, recording.uptime)
+        scene = _settled(recording, looked.samples.motion, looked.samples.spread, own)[1]
+        real, simulated = (
+            _measured(scene, depth) for depth in (recording.depth, scene.simulate(own, seed))
+        )
+        out.append({**distances(real, simulated), 'mismatch': mismatch(real, simulated)})
+    return out
+
+
+def first_frames(recording: RecordingData, count: int | None) -> RecordingData:
+    """Return the first frames of a recording, or all of it."""
+    if count is None or len(recording.depth) <= count:
+        return recording
+
+    def some(image: Any) -> Any:
+        return image[:count] if image is not None and image.ndim == 3 else image
+
+    known, sigma = some(recording.truth.known), some(recording.truth.clean_sigma)
+    return replace(
+        recording,
+        depth=recording.depth[:count],
+        clean=some(recording.clean),
+        reflectivity=some(recording.reflectivity),
+        stamp=recording.stamp[:count],
+        fresh=recording.fresh[:count],
+        truth=replace(recording.truth, known=known, clean_sigma=sigma),
+    )
+
+
+def _measured(scene: PlacedScene, depth: np.ndarray) -> Measures:
+    return histogram(depth, scene.covariates, scene.sums(depth), fine_side(len(depth)))
 
 
 def _placed(

@@ -127,6 +127,8 @@ def _figure(proposal: Proposal, looked: Sequence[Looked]) -> str:
             f'src="{picture(1000 * pattern.values, limit)}"><figcaption>{escape(text)}'
             '</figcaption></figure>'
         )
+    if proposal.label in {shape.label for shape in loadable()[proposal.effect].shapes}:
+        return _numbers(proposal)
     (field,) = (name for name in proposal.together if name != 'strength')
     over = loadable()[proposal.effect].tables()[field].over
     probability = proposal.effect in dropout.KINDS
@@ -138,8 +140,7 @@ def _figure(proposal: Proposal, looked: Sequence[Looked]) -> str:
     factor, unit = (100.0, 'invalid, %') if probability else (1000.0, 'along the ray, mm')
     middle = proposal.together[field].at(x)
     each = np.array([one[field].at(x) for one in proposal.without], np.float64)
-    count = len(each)
-    error = np.sqrt((count - 1) / count * ((each - each.mean(axis=0)) ** 2).sum(axis=0))
+    error = _error(each)
     return curves(
         x,
         factor * np.array([typical, middle]),
@@ -150,6 +151,27 @@ def _figure(proposal: Proposal, looked: Sequence[Looked]) -> str:
         kinds=('simulated', 'effects'),
         band=factor * np.array([middle - _NINETY * error, middle + _NINETY * error]),
     )
+
+
+def _numbers(proposal: Proposal) -> str:
+    # Each fitted parameter, with its standard error over recordings.
+    rows = ''.join(
+        f'<tr><td>{escape(name)}</td><td>{value:.4g}</td>'
+        f'<td>{_error(np.array([one[name] for one in proposal.without])):.2g}</td></tr>'
+        for name, value in proposal.together.items()
+        if name != 'strength'
+    )
+    return (
+        f'<figure><table><tr><th>{escape(proposal.effect)}</th><th>calibrated</th>'
+        f'<th>standard error</th></tr>{rows}</table><figcaption>{escape(proposal.label)}'
+        '</figcaption></figure>'
+    )
+
+
+def _error(each: np.ndarray) -> Any:
+    # Standard error over recordings, by the jackknife; (R, ...) fitted without each of them.
+    count = len(each)
+    return np.sqrt((count - 1) / count * ((each - each.mean(axis=0)) ** 2).sum(axis=0))
 
 
 def _typical_bias(effect: str, looked: Sequence[Looked]) -> tuple[np.ndarray, np.ndarray]:

@@ -6,13 +6,30 @@ import math
 from pathlib import Path
 from typing import Any
 
-from flexx2_sim_ros.effects import Effect, load_effects
+from flexx2_sim_ros.effects import Effect, load_effects, parse_effects
 from flexx2_sim_ros.errors import InputError, shown, shown_path
 from flexx2_sim_ros.gap.data.given import given_effects, Table
 
 _SCHEMAS = 1, 2  # the keys that are read are the same
 _LARGEST = 50_000_000  # bytes of a diagnosis.json
 _POSE_PRIOR = 0.010, 0.5
+
+
+@dataclass(frozen=True)
+class OtherExplanation:
+    """
+    An alternative explanation of a diagnosis.
+
+    Attributes
+    ----------
+    effect : Effect
+    instead_of : tuple of str
+        Effects of the diagnosis that it replaces; none if it is added.
+
+    """
+
+    effect: Effect
+    instead_of: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -66,6 +83,25 @@ class Diagnosed:
             )
             raise InputError(f'DIAGNOSIS: must have effects to check, got {why}')
         return effects
+
+    def alternatives(self) -> list[OtherExplanation]:
+        """
+        Return the alternative explanations, the likeliest first.
+
+        Raises
+        ------
+        InputError
+            When they are not what a diagnosis writes.
+
+        """
+        out = []
+        try:
+            for row in self.table.get('alternatives', []):
+                (effect,) = parse_effects({row['name']: row['parameters']}, 'alternatives')
+                out.append(OtherExplanation(effect, tuple(map(str, row['instead_of']))))
+        except (InputError, LookupError, TypeError, ValueError) as error:
+            raise InputError(f'DIAGNOSIS: diagnosis.json: {error}') from error
+        return out
 
 
 def read_diagnosis(folder: Path) -> Diagnosed:

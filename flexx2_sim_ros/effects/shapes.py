@@ -1,0 +1,50 @@
+"""Which parameters of an effect a calibration fits by simulation, as plain data."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True)
+class Free:
+    """
+    A parameter that is fitted.
+
+    Attributes
+    ----------
+    name : str
+        Of a parameter or optional number of the effect.
+    low, high : float
+        Bounds of the fit.
+    log : bool
+        Whether steps are factors and not differences.
+
+    """
+
+    name: str
+    low: float
+    high: float
+    log: bool = False
+
+
+@dataclass(frozen=True)
+class Shape:
+    """
+    Parameters that are fitted together; the strength is 1.
+
+    Attributes
+    ----------
+    label : str
+        For people.
+    free : tuple of Free
+        What is fitted.
+    fixed : mapping
+        Other parameters of the effect that this shape sets.
+
+    """
+
+    label: str
+    free: tuple[Free, ...]
+    fixed: Mapping[str, float] = field(default_factory=dict)
+
+
+MHZ = Free('mhz', 12.0, 130.0, log=True)
