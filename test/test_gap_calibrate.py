@@ -36,10 +36,19 @@ DIAGNOSED = {
 }
 
 
-def write_diagnosis(folder: Path, effects: dict) -> Path:
+def write_diagnosis(folder: Path, effects: dict, alternatives: dict | None = None) -> Path:
     """Write what `flexx2 gap calibrate` reads of a diagnosis."""
     folder.mkdir(exist_ok=True)
-    table = {'schema': 1, 'verdict': 'identified', 'recordings': []}
+    rows = [
+        {'name': name, 'parameters': values, 'instead_of': list(effects)}
+        for name, values in (alternatives or {}).items()
+    ]
+    table = {
+        'schema': 1,
+        'verdict': 'unknown' if rows else 'identified',
+        'recordings': [],
+        'alternatives': rows,
+    }
     (folder / 'diagnosis.json').write_text(json.dumps(table))
     save_effects(folder / 'effects.yaml', parse_effects(effects))
     return folder
@@ -121,6 +130,58 @@ def test_a_map_needs_images_of_one_size(campaign: Path, tmp_path: Path) -> None:
         (mixed / f'large_{path.name}').symlink_to(path)
     with pytest.raises(InputError, match='images of one size, .* got 56 x 43 and 112 x 86'):
         calibrate(diagnosis, mixed)
+
+
+TINY = {'recordings': 4, 'frames': 6, 'scale': 0.25, 'moving': 0}
+
+
+def test_parameters_are_found_by_simulation(tmp_path: Path) -> None:
+    """Assert it of a filter with another kernel than the diagnosed one."""
+    filtered = {'spatial_filter': {'width': 1.0, 'mix': 1.0, 'gate': 8.0}}
+    write_campaign(tmp_path / 'recordings', seed=114, effects=filtered, **TINY)
+    diagnosis = write_diagnosis(tmp_path / 'diagnosis', {'spatial_filter': {'mix': 0.4}})
+    table = calibrate(diagnosis, tmp_path / 'recordings', out=tmp_path / 'out')
+    (row,) = table['effects']
+    assert row['taken']
+    assert row['after'] < row['before']
+    assert table['gap']['shrink'] > 0.8
+    (effect,) = load_effects(tmp_path / 'out' / 'effects.yaml')
+    assert effect.width == pytest.approx(1.0, rel=0.3)
+
+
+def test_an_alternative_is_calibrated_where_the_diagnosis_leaves_one(tmp_path: Path) -> None:
+    """Assert the right one of two explanations is taken; a bad recording is named and left out."""
+    recordings = tmp_path / 'recordings'
+    camera = {'warm_up_drift': {'bias': 0.03, 'tau': 900.0}}
+    write_campaign(recordings, seed=115, effects=camera, pose=(0.0, 0.0), **TINY)
+    first = sorted(recordings.iterdir())[0]
+    with np.load(first) as archive:
+        arrays = {name: archive[name] for name in archive.files}
+    np.savez(recordings / 'bad.npz', **{**arrays, 'clean_depth': np.ones((5, 4), np.float32)})
+    diagnosis = write_diagnosis(
+        tmp_path / 'diagnosis', {'fixed_pattern': {'rms': 0.003}}, {'offset': {'bias': 0.01}}
+    )
+    table = calibrate(diagnosis, recordings, out=tmp_path / 'out')
+    assert [row['effects'] for row in table['explanations']] == [['fixed_pattern'], ['offset']]
+    assert [row['chosen'] for row in table['explanations']] == [False, True]
+    (left_out,) = table['left_out']
+    assert left_out['name'] == 'bad.npz'
+    assert 'clean_depth: must have the size' in left_out['reason']
+    assert 'offset' in {one.name for one in load_effects(tmp_path / 'out' / 'effects.yaml')}
+
+
+def test_a_rest_without_a_cause_is_carried_along_as_a_correction(tmp_path: Path) -> None:
+    """Assert it of a bias over amplitude, and that the file says what it is."""
+    camera = {'amplitude_bias': {'slope': -0.02}}
+    write_campaign(tmp_path / 'recordings', seed=116, effects=camera, pose=(0.0, 0.0), **TINY)
+    diagnosis = write_diagnosis(tmp_path / 'diagnosis', {'quantisation': {'step': 0.0005}})
+    table = calibrate(diagnosis, tmp_path / 'recordings', out=tmp_path / 'out')
+    assert table['empirical']['taken']
+    assert table['empirical']['form'] == 'log_amplitude'
+    assert table['empirical']['after'] < table['empirical']['before']
+    text = (tmp_path / 'out' / 'effects.yaml').read_text()
+    assert 'Empirical correction over log amplitude, without a cause' in text
+    assert 'its cause is not known' in (tmp_path / 'out' / 'calibration.html').read_text()
 
 
 def test_a_recording_without_valid_pixels_stays_where_its_prior_is() -> None:

@@ -1,6 +1,6 @@
 """A correction without a cause, for a gap that no effect explains; loadable, not listed."""
 
-from dataclasses import make_dataclass
+from dataclasses import make_dataclass, replace
 from typing import Any, ClassVar
 
 from flexx2_sim_ros.effects.effect import Effect, parameter
@@ -47,6 +47,13 @@ class _Patch(Effect):
             state.depth + np.minimum(scale, 1) * (state.measured - state.depth) + more + bias
         ).astype(np.float32)
         state.measured[state.uniforms(_STREAM_LOSS) <= loss] = np.nan
+
+    def bias_alone(self) -> 'Effect':
+        """Return the correction of the bias without those of noise and loss."""
+        neutral = {f'scale_{i}': 1.0 for i in range(SLOTS)} | {
+            f'loss_{i}': 0.0 for i in range(SLOTS)
+        }
+        return replace(self, **neutral)
 
     def _of(self, name: str) -> float:
         return float(getattr(self, name))

@@ -179,7 +179,11 @@ class RangeWrap(Effect):
         'fraction of returns from beyond the range that are not recognised, at strength 1',
     )
     noise: float | None = optional_number(
-        '', 0.0, 50.0, 'factor on sigma_z where frequencies are compared, in place of the strength'
+        '',
+        0.0,
+        50.0,
+        'factor on the noise along the ray where frequencies are compared, in place of the '
+        'strength; the fraction then holds for all wrong distances',
     )
     mhz: float | None = own_frequency()
 
@@ -190,20 +194,23 @@ class RangeWrap(Effect):
     def apply(self, state: FrameState) -> None:
         """Take depth modulo the ambiguity; with several frequencies, unwrap wrongly first."""
         noise, share = self.rounded
-        if self.mhz is not None:
+        ray = np.ones((1, 1), np.float32)
+        if self.noise is not None or self.mhz is not None:
             ray = ray_length(state.intrinsics.matrix, state.depth.shape).astype(np.float32)
-            self._fold(state, np.float32(SPEED_OF_LIGHT / (2e6 * self.mhz)), share, ray)
+        lengths = np.broadcast_to(ray, state.depth.shape)
+        if self.mhz is not None:
+            self._fold(state, np.float32(SPEED_OF_LIGHT / (2e6 * self.mhz)), share, lengths)
             return
         if len(state.mode.modulation_hz) > 1:
-            self._unwrap_wrongly(state, noise if self.noise is None else np.float32(self.noise))
-        self._fold(state, np.float32(state.ambiguity), share, np.ones((1, 1), np.float32))
+            factor = noise if self.noise is None else np.float32(self.noise)
+            self._unwrap_wrongly(state, factor, lengths)
+        self._fold(state, np.float32(state.ambiguity), share, lengths)
 
     def _fold(
-        self, state: FrameState, ambiguity: np.float32, share: np.float32, ray: np.ndarray
+        self, state: FrameState, ambiguity: np.float32, share: np.float32, lengths: np.ndarray
     ) -> None:
-        # Take depth times `ray` modulo the ambiguity.
+        # Take depth times `lengths` modulo the ambiguity.
         measured = state.measured
-        lengths = np.broadcast_to(ray, measured.shape)
         with np.errstate(invalid='ignore'):
             beyond = np.flatnonzero(
                 on_images(is_beyond)(
@@ -212,15 +219,15 @@ class RangeWrap(Effect):
             )
         if beyond.size:
             chances = state.uniforms(self.share_stream).reshape(-1)[beyond]
-            lengths = lengths.reshape(-1)[beyond]
-            values = measured.reshape(-1)[beyond] * lengths
+            ray = lengths.reshape(-1)[beyond]
+            values = measured.reshape(-1)[beyond] * ray
             measured.reshape(-1)[beyond] = (
-                on_images(folded)(values, ambiguity, chances, share) / lengths
+                on_images(folded)(values, ambiguity, chances, share) / ray
             )
 
-    def _unwrap_wrongly(self, state: FrameState, noise: np.float32) -> None:
+    def _unwrap_wrongly(self, state: FrameState, noise: np.float32, lengths: np.ndarray) -> None:
         # How far each frequency's distance is from their weighted mean: by unequal shifts, and by
-        # noise that falls as 1/f and leaves the mean's sigma as it is.
+        # noise that falls as 1/f and leaves the mean's sigma as it is. All times `lengths`.
         frequencies = state.mode.modulation_hz
         spreads = noise_shares(frequencies)
         pairs = [
@@ -228,8 +235,9 @@ class RangeWrap(Effect):
             for i in range(len(frequencies))
             for j in range(i)
         ]
-        sigma = noise * state.sigma.reshape(-1)
-        shifts = [shift.reshape(-1) for shift in state.shifts]
+        ray = lengths.reshape(-1)
+        sigma = noise * state.sigma.reshape(-1) * ray
+        shifts = [shift.reshape(-1) * ray for shift in state.shifts]
         # As long as no two of them are apart by half a step, all is well.
         risky = np.flatnonzero(
             np.any(
@@ -259,14 +267,20 @@ class RangeWrap(Effect):
             [on_images(is_apart)(errors[i], errors[j], _ZERO, step) for i, j, step in pairs],
             axis=0,
         )
+        pixels = risky[apart]
+        values = state.measured.reshape(-1)[pixels] * ray[pixels]
         _unwrap(
             errors[:, apart].T.copy(),
-            risky[apart],
+            np.arange(pixels.size),
             np.array(state.spans, np.float32),
             np.array(state.weights, np.float32),
             np.float32(state.ambiguity),
-            state.measured.reshape(-1),
+            values,
         )
+        if self.noise is not None:  # What is noticed is lost.
+            chances = state.uniforms(self.share_stream).reshape(-1)[pixels]
+            values[chances > self.rounded[1]] = np.nan
+        state.measured.reshape(-1)[pixels] = values / ray[pixels]
 
 
 def noise_shares(frequencies: Sequence[float]) -> np.ndarray:

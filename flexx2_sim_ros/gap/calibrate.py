@@ -12,6 +12,7 @@ from flexx2_sim_ros.effects import loadable, parse_effects
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap.calibration.forms import FORMS
 from flexx2_sim_ros.gap.data.campaign import Found
+from flexx2_sim_ros.gap.features.physical import COUNTED, distance
 from flexx2_sim_ros.gap.forms.calibrating import (
     best_of,
     calibrate_effects,
@@ -30,13 +31,16 @@ from flexx2_sim_ros.gap.forms.work import (
     look_at_pixels,
     look_at_rest,
     Looked,
+    outcome,
     Settings,
 )
 from flexx2_sim_ros.gap.inference.effects import table_of
+from flexx2_sim_ros.gap.inference.improvement import measured
 from flexx2_sim_ros.gap.report.calibration_page import FILES, write_calibration
 from flexx2_sim_ros.gap.report.reading import Diagnosed, read_diagnosis
 from flexx2_sim_ros.gap.work import find, Progress, stepper
 from flexx2_sim_ros.jobs import bind, workers
+import numpy as np
 
 SCHEMA = 1
 
@@ -126,12 +130,17 @@ def calibrate(
             explained.append(calibrate_effects(looked, settings, work))
         chosen = explained[best_of(explained)]
         empirical = None if NAME in chosen.effects else correct(chosen, work)
-    effects = dict(chosen.effects)
-    if empirical is not None and empirical.taken:
-        effects[NAME] = empirical.proposal.together
+        effects, now = dict(chosen.effects), chosen.now
+        if empirical is not None and empirical.taken:
+            form = empirical.proposal
+            effects[NAME] = form.together
+            now = [{**own, NAME: one} for own, one in zip(now, form.without, strict=True)]
+        jobs_of_all = list(zip(chosen.looked, now, strict=True))
+        outcomes = mapped(bind(outcome, **fixed), jobs_of_all, lambda: None)
     posed = [one for one in before.effects if one.role == 'pose']
     calibrated = [*posed, *parse_effects(effects)]
     table = _table(explained, chosen, empirical, left_out)
+    table['gap'] = _gap(outcomes)
     table['seconds'] = round(time.monotonic() - began, 2)
     table['version'] = __version__
     if out is not None:
@@ -209,6 +218,17 @@ def _table(
         'empirical': None if empirical is None else _row(empirical),
         'recordings': [one.found.path.name for one in chosen.looked],
         'left_out': [{'name': name, 'reason': reason} for name, reason in left_out],
+    }
+
+
+def _gap(outcomes: Sequence[dict[str, list[float]]]) -> dict[str, Any]:
+    # The reduction of the distance in recordings that the forms were not fitted to.
+    apart = [[distance({u: one[u][k] for u in COUNTED}) for k in range(3)] for one in outcomes]
+    whole = measured(np.array(apart), 1.0)
+    return {
+        'shrink': whole['shrink'],
+        'interval': whole['shrink_interval'],
+        **{name: whole[name] for name in ('before', 'after', 'null')},
     }
 
 

@@ -81,6 +81,9 @@ class Measures:
     normal: int = constant(60, 'bins', 'of errors from -6 to 6 sigma_z', DEFINITION)
     fewest: int = constant(50, 'px', 'a histogram or bin with fewer is left out')
     every: int = constant(3, 'frames', 'one of these is counted', DEFINITION)
+    bend: float = constant(
+        3.0, 'tolerances', 'gap beyond which a mismatch grows in proportion, not by its square'
+    )
     tile: int = constant(4, 'px', 'least side of small tiles', DEFINITION)
 
 

@@ -196,40 +196,47 @@ def distance(apart: Mapping[str, float]) -> float:
 
 def mismatch(real: Measures, other: Measures) -> float:
     """
-    Return a squared counterpart of `distance`, to fit parameters by.
+    Return a smooth counterpart of `distance`, to fit parameters by.
 
-    The Wasserstein distance of two samples of the same distribution is not zero, and hides small
-    shifts. The energy distance (Szekely and Rizzo 2013) has this floor as well, but a shift is
-    added to it.
+    The Wasserstein distance of two samples of one distribution is not zero and hides small
+    shifts. In the energy distance (Szekely and Rizzo 2013), the square of a small shift is added
+    to what noise leaves. Regions far apart count in proportion, and not by their square.
 
     Returns
     -------
     float
-        Energy distance of errors in sigma_z, mean over regions or tiles, in units of that of a
-        shift of two normal distributions by the tolerance; plus the mean squared difference of
-        the fraction of invalid pixels in squared tolerances.
+        Mean over regions or tiles of the energy distance of errors in sigma_z, plus mean over bins
+        of the squared difference of the fraction of invalid pixels; both in squared tolerances,
+        and both as a pseudo-Huber loss.
 
     """
     shifted = COUNTED['wasserstein_sigma'] ** 2 / math.sqrt(math.pi)
-    energy = 2 * (2 * _SIGMAS / _NORMAL) * _over_regions(real.normal, other.normal, np.square)
-    rates = _over_bins(real.invalid, other.invalid, np.square)
-    return energy / shifted + rates / COUNTED['invalid_rate'] ** 2
+    to_energy = 2 * (2 * _SIGMAS / _NORMAL) / shifted
+    return _over_regions(
+        real.normal, other.normal, lambda gaps: _huber(to_energy * (gaps**2).sum(axis=1))
+    ) + _over_bins(
+        real.invalid, other.invalid, lambda gaps: _huber((gaps / COUNTED['invalid_rate']) ** 2)
+    )
+
+
+def _huber(squares: np.ndarray) -> np.ndarray:
+    return np.sqrt(1 + squares / MEASURES.bend**2) - 1
 
 
 def _wasserstein(real: np.ndarray, other: np.ndarray) -> float:
     # In bins, of (regions, bins) histograms.
-    return _over_regions(real, other, np.abs)
+    return _over_regions(real, other, lambda gaps: np.abs(gaps).sum(axis=1))
 
 
 def _over_regions(real: np.ndarray, other: np.ndarray, size: Callable[..., Any]) -> float:
-    # Sum over bins of a function of the difference of the distributions, mean over regions by
+    # A function of the (regions, bins) differences of the distributions, mean over regions by
     # their number of pixels.
     pixels = real.sum(axis=1), other.sum(axis=1)
     good = (pixels[0] > MEASURES.fewest) & (pixels[1] > MEASURES.fewest)
     if not good.any():
         return 0.0
     one, two = (a[good] / n[good, None] for a, n in zip((real, other), pixels, strict=True))
-    apart = size(np.cumsum(one - two, axis=1)).sum(axis=1)
+    apart = size(np.cumsum(one - two, axis=1))
     return float(np.average(apart, weights=pixels[0][good]))
 
 

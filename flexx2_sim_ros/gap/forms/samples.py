@@ -6,6 +6,7 @@ from typing import Any
 
 from flexx2_sim_ros.camera.common_random_numbers import CommonRandomNumbers
 from flexx2_sim_ros.effects.light import log_amplitude
+from flexx2_sim_ros.effects.patch import ResidualPatch
 from flexx2_sim_ros.formulas import on_images
 from flexx2_sim_ros.formulas.surfaces import returned_light
 from flexx2_sim_ros.gap.calibration.data import REGISTRATION
@@ -109,8 +110,10 @@ def shift_of(scene: PlacedScene, effects: Any) -> np.ndarray:
     camera = base_camera(recording.mode, recording.profile, 0, recording.name)
     clean = placed.clean if placed.clean.ndim == 2 else placed.clean[some]
     common = CommonRandomNumbers(camera, clean, recording.K, recording.stamp[frames], light)
-    # Later stages add noise or lose pixels, but shift no surface.
-    every = [one for one in together(recording.given, effects) if one.stage < Stage.NOISE]
+    # Later stages add noise or lose pixels, but shift no surface; an empirical correction does.
+    all_on = together(recording.given, effects)
+    every = [one for one in all_on if one.stage < Stage.NOISE]
+    every += [one.bias_alone() for one in all_on if isinstance(one, ResidualPatch)]
     if not every:
         return np.zeros((len(frames), *placed.clean.shape[-2:]), np.float32)
     return np.nan_to_num(common.depth(every) - common.depth(()))

@@ -11,6 +11,7 @@ from flexx2_sim_ros.gap.data.campaign import Found, read
 from flexx2_sim_ros.gap.data.given import Table
 from flexx2_sim_ros.gap.data.prior import covariance_of, factor
 from flexx2_sim_ros.gap.data.registration import RecordingData, register
+from flexx2_sim_ros.gap.features.before_after import before_after
 from flexx2_sim_ros.gap.features.physical import (
     distances,
     fine_side,
@@ -160,6 +161,28 @@ def judge(
         )
         out.append({**distances(real, simulated), 'mismatch': mismatch(real, simulated)})
     return out
+
+
+def outcome(
+    job: tuple[Looked, Settings], profile: Profile | None, known: Table, seed: int
+) -> dict[str, list[float]]:
+    """
+    Compare a recording with its simulation without and with effects, as a diagnosis does.
+
+    Both are compared at the pose that suits the effects: without them, the pose would take a part
+    of what they explain.
+
+    Returns
+    -------
+    dict
+        As from `before_after`.
+
+    """
+    looked, effects = job
+    recording = read(looked.found, profile, known)
+    own = with_uptime(effects, recording.uptime)
+    motion, _ = _settled(recording, looked.samples.motion, looked.samples.spread, own)
+    return before_after(recording, (motion, motion), effects, seed)
 
 
 def first_frames(recording: RecordingData, count: int | None) -> RecordingData:

@@ -13,6 +13,7 @@ from flexx2_sim_ros.gap.forms import dropout
 from flexx2_sim_ros.gap.forms.bias import covariate_of
 from flexx2_sim_ros.gap.forms.calibrating import Proposal, Verdict
 from flexx2_sim_ros.gap.forms.work import Looked
+from flexx2_sim_ros.gap.report.words import percent
 from flexx2_sim_ros.html_drawing import curves, picture
 from flexx2_sim_ros.html_page import html_page
 import numpy as np
@@ -67,27 +68,64 @@ def write_calibration(
 
 def headline(table: dict[str, Any]) -> str:
     """Return the result in one sentence."""
-    taken = [row['name'].replace('_', ' ') for row in table['effects'] if row['taken']]
+    taken = [_words(row['name']) for row in table['effects'] if row['taken']]
     if not taken:
-        return 'No calibrated form is better on left-out recordings: all effects stay.'
-    return f'Calibrated: {", ".join(taken)}.'
+        text = 'No calibrated form is better on left-out recordings: all effects stay.'
+    else:
+        text = f'Calibrated: {", ".join(taken)}.'
+    if table['empirical'] and table['empirical']['taken']:
+        text += f' Empirical correction over {_words(table["empirical"]["form"])}, without a cause.'
+    return text
 
 
 def sentences(table: dict[str, Any]) -> list[str]:
     """Return one line for each effect: which form was tried, and the result."""
     count = len(table['recordings'])
-    out = []
+    out = _explanations(table)
     for row in table['effects']:
-        name = row['name'].replace('_', ' ')
-        change = f'{row["before"]:.3g} to {row["after"]:.3g}'
-        better = f'in {row["recordings_better"]} of {count} left-out recordings'
         verb = 'replaces the diagnosed form' if row['taken'] else 'is not taken'
-        out.append(f'{name}: {row["form"]} {verb}: distance {change}, smaller {better}.')
+        out.append(f'{_words(row["name"])}: {row["form"]} {verb}: {_change(row, count)}.')
     out += [
-        f'{name.replace("_", " ")}: stays as it was diagnosed; it has no curve or map to fit.'
+        f'{_words(name)}: stays as it was diagnosed; it has no form to fit.'
         for name in table['unchanged']
     ]
+    row = table['empirical']
+    if row:
+        verb = 'is added; its cause is not known' if row['taken'] else 'is not added'
+        out.append(
+            f'Empirical correction over {_words(row["form"])} {verb}: {_change(row, count)}.'
+        )
+    low, high = table['gap']['interval'] or [table['gap']['shrink']] * 2
+    out.append(
+        f'These effects take away {percent(table["gap"]["shrink"])} of the gap in left-out '
+        f'recordings (90 % interval {percent(low)} to {percent(high)}).'
+    )
     return out + [f'Left out: {row["reason"]}.' for row in table['left_out']]
+
+
+def _explanations(table: dict[str, Any]) -> list[str]:
+    # Says which explanation was calibrated if there are several.
+    rows = table['explanations']
+    if len(rows) < 2:
+        return []
+    names = [', '.join(map(_words, row['effects'])) for row in rows]
+    tried = '; '.join(
+        f'{name} ({row["distance"]:.3g})' for name, row in zip(names, rows, strict=True)
+    )
+    (chosen,) = (name for name, row in zip(names, rows, strict=True) if row['chosen'])
+    return [f'Explanations that were calibrated, with their distance: {tried}. Taken: {chosen}.']
+
+
+def _change(row: dict[str, Any], count: int) -> str:
+    worse = f'; worse: {", ".join(map(_words, row["worse"]))}' if row['worse'] else ''
+    return (
+        f'distance {row["before"]:.3g} to {row["after"]:.3g}, smaller in '
+        f'{row["recordings_better"]} of {count} left-out recordings{worse}'
+    )
+
+
+def _words(name: str) -> str:
+    return name.replace('_', ' ')
 
 
 def page(table: dict[str, Any], verdicts: Sequence[Verdict], looked: Sequence[Looked]) -> str:
@@ -105,9 +143,9 @@ def page(table: dict[str, Any], verdicts: Sequence[Verdict], looked: Sequence[Lo
         '<h2>Forms</h2><div class="scroll"><table><tr><th>effect</th><th>form</th><th></th>'
         '<th>distance as diagnosed</th><th>calibrated</th><th>recordings nearer</th></tr>'
         f'{rows}</table></div><p><small>Distance of a recording from its simulation: '
-        'Wasserstein-1 distance of depth errors in sigma_z, mean over small tiles, plus the '
-        'difference of the fraction of invalid pixels. Each recording is compared with the form '
-        'fitted to the others.</small></p>',
+        'Wasserstein-1 distance of depth errors in small tiles in units of 0.1 sigma_z, plus the '
+        'difference of the fraction of invalid pixels in units of 0.8 %. Each recording is '
+        'compared with the form fitted to the others.</small></p>',
         f'<h2>Curves and maps</h2><div class="row">{figures}</div><p><small>Bands: 90 % '
         'intervals over recordings (jackknife). Dashed: as diagnosed.</small></p>',
         f'<p class="dim">Made by flexx2_sim_ros {escape(table["version"])} in '
