@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from functools import lru_cache
 
-from flexx2_sim_ros.validation.blind import BlindCamera, Case, SceneKey, SceneSet
+from flexx2_sim_ros.validation.blind import BlindCamera, Case, Internals, SceneKey, SceneSet
 import numpy as np
 
 BOARD, FORWARD, CORNER, CLOSE, SIDEWAYS, STAIRS, FAR, TURNING = range(8)
@@ -23,11 +23,16 @@ class Look:
     """A camera's residuals on one recording, over the paper's sigma; (T, H, W)."""
 
     def __init__(
-        self, effects: Mapping[str, float], recording: int, usecase: str = MODES[0]
+        self,
+        effects: Mapping[str, float],
+        recording: int,
+        usecase: str = MODES[0],
+        inside: Internals | None = None,
     ) -> None:
         """Take the frames."""
         here = scenes(usecase)
-        camera = BlindCamera(Case(here.key, dict(effects), 3, sigma_error=0.0), here)
+        case = Case(here.key, dict(effects), 3, sigma_error=0.0, internals=inside or Internals())
+        camera = BlindCamera(case, here)
         views = [here.true_view(recording, i) for i in range(here.key.frames)]
         self.depth = np.stack([frame.depth for frame in camera.frames(recording)])
         self.clean = np.stack([view.depth for view in views])

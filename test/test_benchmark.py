@@ -25,7 +25,7 @@ from flexx2_sim_ros.validation.benchmark.report import (
 )
 from flexx2_sim_ros.validation.benchmark.sealing import open_seal, seal
 from flexx2_sim_ros.validation.benchmark.seeds import seed_range
-from flexx2_sim_ros.validation.blind import BlindCamera, CATALOGUE, NOVEL
+from flexx2_sim_ros.validation.blind import BlindCamera, CATALOGUE, Internals, NOVEL, VARIED
 from made_answers import MODE, said, small
 import numpy as np
 import pytest
@@ -135,6 +135,10 @@ def test_the_full_design_has_all_groups_and_strengths() -> None:
     assert {name for case in cases if case.group == 'novel' for name in case.effects} == set(NOVEL)
     pairs = [case for case in cases if case.group == 'pair']
     assert len(pairs) >= 20
+    inside = [case for case in cases if case.group == 'internals']
+    assert len(inside) == len(VARIED)
+    assert all(case.case.internals != Internals() for case in inside)
+    assert all(Planned.from_json(case.to_json()) == case for case in inside)
     assert all(len(case.effects) == 2 for case in pairs)
     assert {case.pose_mm for case in cases} == {0.0, 2.0, 5.0}
     assert all(

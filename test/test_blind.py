@@ -30,6 +30,7 @@ NAMES = {
     'stray_light',
     'range_wrap',
     'low_signal_dropout',
+    'random_dropout',
     'grazing_dropout',
     'saturation',
     'temporal_filter',

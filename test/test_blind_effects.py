@@ -1,5 +1,7 @@
 """Each effect of the blind camera shows as it should. All draws are seeded."""
 
+from typing import Any
+
 from blind_looks import (
     BOARD,
     CLOSE,
@@ -14,7 +16,8 @@ from blind_looks import (
     STAIRS,
     STILL,
 )
-from flexx2_sim_ros.validation.blind import BlindCamera, Case
+from flexx2_sim_ros.validation.blind import BlindCamera, Case, Internals
+from flexx2_sim_ros.validation.blind.sensor import LIGHT_SPEED
 import numpy as np
 import pytest
 
@@ -180,3 +183,49 @@ def test_pose_and_intrinsics_move_the_scene() -> None:
     assert np.nanstd(np.nanmean(seen.error, axis=0)[seen.flat[0]]) > 3 * np.nanstd(
         np.nanmean(plain(BOARD).error, axis=0)[seen.flat[0]]
     )
+
+
+def with_inside(effect: str, recording: int, **inside: Any) -> Look:
+    """Return what a camera with an effect sees that differs inside from its profile."""
+    return Look({effect: 1.0}, recording, inside=Internals(**inside))
+
+
+def test_an_axial_camera_adds_its_delay_to_depth() -> None:
+    radial, axial = (with_inside('offset', CLOSE, axial=flag) for flag in (False, True))
+    corner = np.zeros(radial.clean.shape, bool)
+    corner[:, :12, :12] = corner[:, -12:, -12:] = True
+    shares = [look.bias(corner) / look.bias(~corner) for look in (radial, axial)]
+    # In the corners a ray is a fifth longer than its depth.
+    assert shares[0] < 0.93
+    assert shares[1] == pytest.approx(1, abs=0.03)
+
+
+def test_one_frequency_folds_at_its_own_range() -> None:
+    seen = with_inside('range_wrap', FAR, mhz=60.24)
+    length = scenes(MODES[0]).optics.ray_length
+    jumps = ((seen.clean - seen.depth) * length)[seen.flat & ~seen.invalid]
+    folded = jumps[jumps > 1]
+    assert len(folded) > 100
+    times = folded / (LIGHT_SPEED / 2 / 60.24e6)
+    assert np.median(np.abs(times - np.rint(times))) < 0.02
+
+
+def test_a_mean_of_frames_forgets_older_ones() -> None:
+    def alike(look: Look, lag: int) -> float:
+        rest = look.residual - np.nanmean(look.residual, axis=0)
+        return correlation(rest[lag:], rest[:-lag], look.flat[lag:] & look.flat[:-lag])
+
+    mean = with_inside('temporal_filter', CLOSE, memory='mean', memory_frames=2)
+    # The mean over the eight frames of a scene is subtracted, so that frames without noise in
+    # common are alike by less than 0.
+    assert alike(mean, 1) > 0.25
+    assert alike(mean, 3) < 0
+
+
+def test_random_losses_depend_on_nothing() -> None:
+    seen = with_inside('random_dropout', CLOSE, lost=0.3)
+    dark = seen.amplitude < np.median(seen.amplitude[seen.flat])
+    for where in (dark, ~dark, seen.edge):
+        some = where & ~plain(CLOSE).invalid
+        # Of 20,000 pixels, a fraction is known to 0.3 %.
+        assert seen.invalid[some].mean() == pytest.approx(0.3, abs=0.03)

@@ -1,11 +1,11 @@
 """Which cases the benchmark has."""
 
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from flexx2_sim_ros.validation.benchmark.seeds import SeedRange
-from flexx2_sim_ros.validation.blind import Case, CATALOGUE, NOVEL, SceneKey
+from flexx2_sim_ros.validation.blind import Case, CATALOGUE, Internals, NOVEL, SceneKey, VARIED
 import numpy as np
 
 MODES = ('Mode_5_30fps', 'Mode_9_30fps')
@@ -36,7 +36,7 @@ class Planned:
     Attributes
     ----------
     group : str
-        ``single``, ``none``, ``pair``, ``novel`` or ``left_out``.
+        ``single``, ``none``, ``pair``, ``novel``, ``left_out`` or ``internals``.
     usecase : str
     effects : dict of str to float
         Strength by name.
@@ -51,6 +51,8 @@ class Planned:
         Whether the predicted shrinkage is checked on fresh recordings.
     baselines : bool
         Whether the baselines look at it too.
+    internals : dict
+        What differs inside the camera from its profile; see `Internals`.
 
     """
 
@@ -67,6 +69,7 @@ class Planned:
     frames: int = 20
     realise: bool = False
     baselines: bool = False
+    internals: dict[str, Any] = field(default_factory=dict)
 
     @property
     def strength(self) -> float:
@@ -88,6 +91,7 @@ class Planned:
             ),
             self.effects,
             self.seed,
+            internals=Internals(**self.internals),
         )
 
     def to_json(self) -> dict[str, Any]:
@@ -177,6 +181,8 @@ def _full(planner: _Planner, seed: int) -> Iterator[Planned]:
     for i in range(20):
         usecase = MODES[i % 2]
         yield plan('none', usecase, {}, pose_mm=5.0)
+    for i, (name, internals) in enumerate(VARIED):
+        yield plan('internals', MODES[i % 2], {name: 1.0}, internals=internals)
 
 
 def _quick(planner: _Planner) -> Iterator[Planned]:

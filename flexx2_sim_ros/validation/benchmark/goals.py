@@ -115,6 +115,13 @@ def _verdict_goals(usual: Scores, singles: Sequence[Answer]) -> list[_Goal]:
             lambda s: s >= 0.8,
         ),
         _Goal(
+            'cameras with unknown internals: correct',
+            '90 %',
+            usual.of('internals'),
+            right,
+            lambda s: s >= 0.9,
+        ),
+        _Goal(
             'two effects: one of them named first',
             '95 %',
             usual.of('pair'),

@@ -169,7 +169,8 @@ def _groups(scores: Scores) -> Sheet:
         for pose in poses
     ]
     rows += [
-        _row(group.replace('_', ' '), scores.of(group)) for group in ('novel', 'left_out', 'pair')
+        _row(group.replace('_', ' '), scores.of(group))
+        for group in ('novel', 'left_out', 'pair', 'internals')
     ]
     rows = [row for row in rows if row[1] != '-']
     f1 = macro_f1(f1_pairs(scores))

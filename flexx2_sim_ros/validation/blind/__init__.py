@@ -8,6 +8,16 @@ the sigma of the base model. ``docs/blind_camera.md`` describes its effects.
 
 from flexx2_sim_ros.validation.blind.campaign import BlindCamera, Case
 from flexx2_sim_ros.validation.blind.catalogue import CATALOGUE, NOVEL
+from flexx2_sim_ros.validation.blind.internals import Internals, VARIED
 from flexx2_sim_ros.validation.blind.scene_set import SceneKey, SceneSet
 
-__all__ = ['CATALOGUE', 'NOVEL', 'BlindCamera', 'Case', 'SceneKey', 'SceneSet']
+__all__ = [
+    'CATALOGUE',
+    'NOVEL',
+    'BlindCamera',
+    'VARIED',
+    'Case',
+    'Internals',
+    'SceneKey',
+    'SceneSet',
+]

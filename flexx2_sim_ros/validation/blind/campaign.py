@@ -8,6 +8,7 @@ from pathlib import Path
 from flexx2_sim_ros.recording import RecordingWriter
 from flexx2_sim_ros.validation.blind.catalogue import make_effect
 from flexx2_sim_ros.validation.blind.frame import Effect, Frame, Shot, take
+from flexx2_sim_ros.validation.blind.internals import Internals
 from flexx2_sim_ros.validation.blind.scene_set import SceneKey, SceneSet
 from flexx2_sim_ros.validation.blind.views import View
 import numpy as np
@@ -32,6 +33,8 @@ class Case:
         Seed of the noise, the effects and the nuisances.
     reflectivity_error, sigma_error : float
         Standard deviations of the logarithms of the errors in what the user knows.
+    internals : Internals
+        What differs inside the camera from its profile.
 
     """
 
@@ -40,6 +43,7 @@ class Case:
     seed: int = 0
     reflectivity_error: float = 0.2
     sigma_error: float = 0.05
+    internals: Internals = Internals()
 
 
 class BlindCamera:
@@ -63,7 +67,7 @@ class BlindCamera:
     def __init__(self, case: Case, scenes: SceneSet | None = None) -> None:
         """Draw the nuisances and the parameters of the effects of this camera."""
         self.case = case
-        self.scenes = scenes or SceneSet(case.scenes)
+        self.scenes = (scenes or SceneSet(case.scenes)).inside(case.internals)
         rng = np.random.default_rng([case.seed, 2])
         self.sigma_factor = float(np.exp(case.sigma_error * rng.standard_normal()))
         self._kept: View | None = None

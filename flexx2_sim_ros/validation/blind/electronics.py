@@ -18,7 +18,12 @@ class Offset(Effect):
 
     def before(self, frame: Frame) -> None:
         """Delay."""
-        frame.delay = frame.delay + self._delay
+        frame.delay = frame.delay + in_range(frame, self._delay)
+
+
+def in_range(frame: Frame, delay: np.ndarray | float) -> np.ndarray | float:
+    """Return a delay in metres of range; an axial camera has it in metres of depth."""
+    return delay * frame.view.ray_length if frame.optics.internals.axial else delay
 
 
 class Wiggling(Effect):
@@ -26,7 +31,8 @@ class Wiggling(Effect):
     The correlation has third and fifth harmonics, and the pairs of taps differ.
 
     With four taps, the third and fifth harmonics cause errors with four periods per period of
-    the phase; unequal pairs cause errors with two.
+    the phase; unequal pairs cause errors with two. With a period of its own, the error is a delay
+    with one and two waves in this period: light that is reflected inside the camera.
     """
 
     name = 'wiggling'
@@ -43,8 +49,20 @@ class Wiggling(Effect):
         self._pairs = 2 * error * np.sqrt(1 - share) * rng.choice((-1, 1), len(K))
         self.parameters = {'rms': 0.006 * self.strength}
 
+    def before(self, frame: Frame) -> None:
+        """Add the delay with a period of its own."""
+        period = self.optics.internals.wave_m
+        if period:
+            turns = 2 * math.pi * frame.view.path / period
+            one, other = self._phases[0]
+            wave = 0.9 * np.cos(turns + one) + 0.43 * np.cos(2 * turns + other)
+            delay = math.sqrt(2) * 0.006 * self.strength * wave
+            frame.delay = frame.delay + in_range(frame, delay)
+
     def charge(self, frame: Frame) -> None:
         """Add harmonics and unequal gains to the taps."""
+        if self.optics.internals.wave_m:
+            return
         taps = frame.taps
         for j in range(len(taps)):
             phasor = 0.5 * (taps[j, 0] - taps[j, 2] + 1j * (taps[j, 3] - taps[j, 1]))
@@ -75,14 +93,13 @@ class WarmUpDrift(Effect):
         cold = 0.4 * math.exp(-frame.uptime / self._fast) + 0.6 * math.exp(
             -frame.uptime / self._slow
         )
-        frame.delay = frame.delay + self._bias * cold
+        frame.delay = frame.delay + in_range(frame, self._bias * cold)
 
 
 class AmplitudeBias(Effect):
     """A tap that collects little charge transfers it late."""
 
     name = 'amplitude_bias'
-    _KNEE = 0.15  # 1/m^2
 
     def draw(self, rng: np.random.Generator) -> None:
         """Draw the lag of an empty tap."""
@@ -94,7 +111,7 @@ class AmplitudeBias(Effect):
         taps = frame.taps
         for j, K in enumerate(self.optics.wavenumbers):
             size = 0.5 * np.hypot(taps[j, 0] - taps[j, 2], taps[j, 3] - taps[j, 1])
-            lag = self._lag * K / (1 + np.maximum(size + taps[j], 0) / self._KNEE)
+            lag = self._lag * K / (1 + np.maximum(size + taps[j], 0) / self.optics.internals.knee)
             taps[j] += lag.astype(np.float32) * np.roll(taps[j], -1, axis=0)
 
 
@@ -192,7 +209,7 @@ class Saturation(Effect):
 
     def draw(self, rng: np.random.Generator) -> None:
         """Draw each pixel's full well, 1/m^2."""
-        self._well = 5.2 / max(self.strength, 1e-6)
+        self._well = 5.2 / max(self.strength, 1e-6) * self.optics.internals.light_scale
         self._wells = (self._well * np.exp(0.08 * rng.standard_normal(self.optics.shape))).astype(
             np.float32
         )

@@ -62,7 +62,7 @@ class TimeOffset(Effect):
 
     def draw(self, rng: np.random.Generator) -> None:
         """Set the latency."""
-        self._latency = 0.05 * self.strength
+        self._latency = self.optics.internals.latency_s * self.strength
         self.parameters = {'latency': self._latency}
 
     def aim(self, shot: Shot) -> None:

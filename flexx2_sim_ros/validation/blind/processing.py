@@ -58,7 +58,7 @@ class LowSignalDropout(Effect):
     def draw(self, rng: np.random.Generator) -> None:
         """Draw each pixel's threshold, 1/m^2."""
         usual = 0.04 if len(self.optics.wavenumbers) == 1 else 0.015
-        self._threshold = usual * self.strength
+        self._threshold = usual * self.strength * self.optics.internals.light_scale
         self._thresholds = self._threshold * np.exp(0.2 * rng.standard_normal(self.optics.shape))
         self.parameters = {'amplitude': self._threshold}
 
@@ -66,6 +66,21 @@ class LowSignalDropout(Effect):
         """Drop pixels below their threshold."""
         flicker = np.exp(0.1 * frame.dice.standard_normal(self.optics.shape))
         frame.invalid |= np.abs(frame.phasors[0]) < self._thresholds * flicker
+
+
+class RandomDropout(Effect):
+    """Pixels are dropped at random, whatever they see: lost packets, a busy processor."""
+
+    name = 'random_dropout'
+
+    def draw(self, rng: np.random.Generator) -> None:
+        """Set the fraction of the pixels."""
+        self._lost = min(self.optics.internals.lost * self.strength, 0.95)
+        self.parameters = {'share': self._lost}
+
+    def mix(self, frame: Frame) -> None:
+        """Drop pixels."""
+        frame.invalid |= frame.dice.random(self.optics.shape) < self._lost
 
 
 class GrazingDropout(Effect):
@@ -87,7 +102,12 @@ class GrazingDropout(Effect):
 
 
 class TemporalFilter(Effect):
-    """Phasors are averaged over frames; the average restarts when they jump."""
+    """
+    Phasors are averaged over frames; the average restarts when they jump.
+
+    A filter of second order is two of first order in a row. A mean has the last frames with equal
+    weights and does not restart.
+    """
 
     name = 'temporal_filter'
 
@@ -95,27 +115,39 @@ class TemporalFilter(Effect):
         """Set the weight of past frames."""
         self._share = min(0.4 * self.strength, 0.9)
         self.parameters = {'share': self._share}
-        self._past: np.ndarray | None = None
+        self._past: list[np.ndarray] = []
 
     def start(self, recording: int) -> None:
         """Forget the previous recording."""
-        self._past = None
+        self._past = []
 
     def mix(self, frame: Frame) -> None:
         """Average with past frames."""
-        if self._past is not None:
-            new, old = frame.phasors, self._past
-            turn = np.abs(np.angle(new * np.conj(old)))
-            total = math.sqrt((self.optics.wavenumbers**2).sum())
-            spread = frame.view.sigma * frame.view.ray_length * total
-            goes_on = (turn < np.clip(9 * spread, 0.02, 1.5)).all(axis=0)
-            share = np.where(goes_on, self._share, 0).astype(np.float32)
-            frame.phasors = share * old + (1 - share) * new
-        self._past = frame.phasors
+        inside = self.optics.internals
+        if inside.memory == 'mean':
+            self._past = [*self._past, frame.phasors][-inside.memory_frames :]
+            frame.phasors = np.mean(self._past, axis=0)
+            return
+        kept = []
+        for order in range(2 if inside.memory == 'second' else 1):
+            if self._past:
+                frame.phasors = self._averaged(frame, self._past[order])
+            kept.append(frame.phasors)
+        self._past = kept
+
+    def _averaged(self, frame: Frame, old: np.ndarray) -> np.ndarray:
+        # The phasors of the frame, averaged with those before; restarts where they jump.
+        new = frame.phasors
+        turn = np.abs(np.angle(new * np.conj(old)))
+        total = math.sqrt((self.optics.wavenumbers**2).sum())
+        spread = frame.view.sigma * frame.view.ray_length * total
+        goes_on = (turn < np.clip(9 * spread, 0.02, 1.5)).all(axis=0)
+        share = np.where(goes_on, self._share, 0).astype(np.float32)
+        return share * old + (1 - share) * new
 
 
 class SpatialFilter(Effect):
-    """A bilateral filter over phasors, five pixels wide."""
+    """A bilateral filter over phasors, five pixels wide; or a box, or a Gaussian, of any width."""
 
     name = 'spatial_filter'
 
@@ -129,6 +161,14 @@ class SpatialFilter(Effect):
         size = np.abs(frame.phasors)
         unit = frame.phasors / np.maximum(size, np.float32(1e-20))
         parts = np.concatenate([unit.real, unit.imag])
+        inside = self.optics.internals
+        if inside.window != 'alike':
+            # A fraction of the light, so that strength 0 changes nothing.
+            mixed = unit + min(self.strength, 1.0) * (
+                _windowed(unit, inside.window, inside.window_px) - unit
+            )
+            frame.phasors = mixed * (size / np.maximum(np.abs(mixed), np.float32(1e-20)))
+            return
         out = np.empty_like(parts)
         smooth(
             parts,
@@ -138,6 +178,24 @@ class SpatialFilter(Effect):
         )
         mean = out[: len(unit)] + 1j * out[len(unit) :]
         frame.phasors = mean * (size / np.maximum(np.abs(mean), np.float32(1e-20)))
+
+
+def _windowed(unit: np.ndarray, shape: str, width: int) -> np.ndarray:
+    # The (J, H, W) mean over a window around each pixel, edges repeated.
+    half = width // 2
+    places = np.arange(-half, half + 1)
+    line = np.exp(-0.5 * (places / (width / 5)) ** 2) if shape == 'gauss' else np.ones(width)
+    line /= line.sum()
+    for axis in (1, 2):
+        pad = [(0, 0), (0, 0), (0, 0)]
+        pad[axis] = (half, half)
+        wide = np.pad(unit, pad, mode='edge')
+        parts = (
+            np.complex64(weight) * np.take(wide, np.arange(unit.shape[axis]) + k, axis=axis)
+            for k, weight in enumerate(line)
+        )
+        unit = sum(parts, np.zeros_like(unit))
+    return unit
 
 
 @njit(cache=True, fastmath=True)

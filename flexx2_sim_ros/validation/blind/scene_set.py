@@ -1,6 +1,7 @@
 """Scenes and their true and nominal views, which do not depend on effects; cached on disk."""
 
 from collections.abc import Callable
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
 import math
@@ -8,6 +9,7 @@ from pathlib import Path
 
 from flexx2_sim_ros.atomic import output_folder, whole
 from flexx2_sim_ros.validation.blind.bounce import irradiance
+from flexx2_sim_ros.validation.blind.internals import Internals
 from flexx2_sim_ros.validation.blind.rooms import KINDS, make_scene, Scene
 from flexx2_sim_ros.validation.blind.shapes import rotation
 from flexx2_sim_ros.validation.blind.views import look, Optics, shared_optics, View
@@ -93,6 +95,16 @@ class SceneSet:
         self.uptimes = np.exp(rng.permutation(spread) + rng.uniform(-0.2, 0.2, key.recordings))
         self._cache = cache
         self._bounced: np.ndarray | None = None
+
+    def inside(self, internals: Internals) -> 'SceneSet':
+        """Return the same scenes, seen by a camera with these internals."""
+        if internals == self.optics.internals:
+            return self
+        other = copy(self)
+        other.optics = replace(self.optics, internals=internals)
+        other._bounced = None
+        other.__dict__.pop('_views', None)
+        return other
 
     def times(self) -> np.ndarray:
         """Return the (T,) times of the frames since the start of a recording, seconds."""
@@ -187,8 +199,9 @@ class SceneSet:
 
     def prepare_bounces(self) -> None:
         """Compute the indirect light of all true views; slow unless it is cached."""
+        mhz = self.optics.internals.mhz
         self._bounced = self.cached(
-            'bounce',
+            f'bounce{mhz:g}' if mhz else 'bounce',
             lambda: {
                 'irradiance': np.stack(
                     [

@@ -7,6 +7,7 @@ from flexx2_sim_ros.physics.surface import analyse, Surface
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from flexx2_sim_ros.profiles.modes import flexx2, Mode
 from flexx2_sim_ros.validation.blind.edges import edge_maps
+from flexx2_sim_ros.validation.blind.internals import Internals
 from flexx2_sim_ros.validation.blind.sensor import split_noise, wavenumbers
 from flexx2_sim_ros.validation.blind.shapes import cast, Solids
 import numpy as np
@@ -22,11 +23,14 @@ class Optics:
     mode : Mode
     intrinsics : Intrinsics
         Those that the user knows: the K of the recordings.
+    internals : Internals
+        What differs inside.
 
     """
 
     mode: Mode
     intrinsics: Intrinsics
+    internals: Internals = Internals()
 
     @classmethod
     def of(cls, usecase: str, width: int = 224, height: int = 172) -> 'Optics':
@@ -53,7 +57,9 @@ class Optics:
     @cached_property
     def wavenumbers(self) -> np.ndarray:
         """Phase per metre of range, (J,) float64, the highest frequency first."""
-        return np.sort(wavenumbers(self.mode.modulation_hz))[::-1].copy()
+        own = self.internals.mhz
+        hertz = (1e6 * own,) if own else self.mode.modulation_hz
+        return np.sort(wavenumbers(hertz))[::-1].copy()
 
     @cached_property
     def period(self) -> float:
