@@ -126,8 +126,20 @@ def samples_of(scene: PlacedScene, motion: np.ndarray, spread: np.ndarray) -> Sa
         clean, light = images_at(placed, int(t))
         parts.append(_frame(scene, i, int(t), clean, light))
     columns = [np.concatenate(part, axis=-1) for part in zip(*parts, strict=True)]
-    error, sigma, own, *others, place = columns
-    return Samples(motion, error, sigma, own, spread, *others, place.astype(int))
+    error, sigma, own, length, distance, light, incidence, uptime, place = columns
+    return Samples(
+        motion,
+        error,
+        sigma,
+        own,
+        spread,
+        length,
+        distance,
+        light,
+        incidence,
+        uptime,
+        place.astype(int),
+    )
 
 
 def _frame(

@@ -74,7 +74,9 @@ def headline(table: dict[str, Any]) -> str:
     else:
         text = f'Calibrated: {", ".join(taken)}.'
     if table['empirical'] and table['empirical']['taken']:
-        text += f' Empirical correction over {_words(table["empirical"]["form"])}, without a cause.'
+        text += (
+            f' Empirical correction over {_words(table["empirical"]["form"])}, without a cause.'
+        )
     return text
 
 
