@@ -216,6 +216,47 @@ def test_choosing_a_mode_sets_it_on_the_node(scene: Scene) -> None:
     page.until(f'{part("front_right", "usecase")}.value === "Mode_9_15fps"')
 
 
+def test_sliders_set_effects_on_the_node(scene: Scene) -> None:
+    page, client = scene.page, scene.clients['front_left']
+    slider = "document.querySelector('[data-camera=front_left] [data-effect=offset]')"
+    page.until(f'{slider} !== null')
+    page.evaluate(
+        f'(() => {{ {slider}.value = 1.5; {slider}.dispatchEvent(new Event("change")); }})()'
+    )
+    on = f'{part("front_left", "effects-on")}.textContent'
+    page.until(f'{on} === "on: offset"')
+    asked = ['effect.offset.strength']
+    strength = scene.user.wait(client.get_parameters(asked)).values[0]
+    assert parameter_value_to_python(strength) == 1.5
+    # What somebody else sets moves the slider, and the other camera has its own.
+    result = scene.user.wait(
+        client.set_parameters([Parameter('effect.offset.strength', value=0.0)])
+    )
+    assert result.results[0].successful
+    page.until(f'{on} === "all off" && {slider}.value === "0"')
+    assert page.evaluate(f'{part("front_right", "effects-on")}.textContent') == 'all off'
+
+
+def test_the_wipe_shows_clean_depth_to_the_left_of_its_line(scene: Scene) -> None:
+    move_slider(scene.page, 'depth-range', MOST)
+    move_slider(scene.page, 'wipe', 50)
+    scene.page.evaluate('new Promise(requestAnimationFrame)')
+    images(scene.page, 'front_left')  # waits for a frame that has its clean depth
+    seen = pixels(scene.page, 'front_left', 'simulated')
+    move_slider(scene.page, 'wipe', 0)
+    assert (seen[:, 112] == 255).all()
+    assert (index_of(seen[83:89, 106:112], depth_table()) == AT_THE_BOARD).all()
+
+
+def test_the_page_fits_a_phone(scene: Scene) -> None:
+    page = scene.page
+    size = {'deviceScaleFactor': 1, 'mobile': False}
+    page.call('Emulation.setDeviceMetricsOverride', width=390, height=844, **size)
+    widest = page.evaluate('document.documentElement.scrollWidth')
+    page.call('Emulation.setDeviceMetricsOverride', width=1280, height=800, **size)
+    assert widest <= 390
+
+
 def test_keys_drive_while_they_are_held(scene: Scene) -> None:
     page, user = scene.page, scene.user
     heard = user.listen('/cmd_vel', Twist)

@@ -54,6 +54,9 @@ class Source:
     def choose(self, camera: str, usecase: str) -> None:
         self.asked.append((camera, usecase))
 
+    def adjust(self, camera: str, effect: str, strength: float) -> None:
+        self.asked.append((camera, effect, strength))
+
     def complain(self, text: str) -> None:
         self.complaints.append(text)
 
@@ -157,6 +160,7 @@ def test_pages_get_the_status_and_send_requests(served: tuple[Server, Source]) -
         assert await client.read_message() == '{"cameras": []}'
         await client.write_message('{"drive": [0.5, 0, -1]}')
         await client.write_message('{"usecase": ["left", "Mode_5_60fps"]}')
+        await client.write_message('{"effect": ["left", "offset", 1.5]}')
         await until(lambda: ('left', 'Mode_5_60fps') in source.asked)
         client.close()
         await until(lambda: 'leave' in source.asked)
@@ -178,6 +182,8 @@ def test_pages_get_the_status_and_send_requests(served: tuple[Server, Source]) -
         f'{{"drive": [{10**400}, 0, 0]}}',
         '{"drive": {"x": 1}}',
         '{"usecase": "x"}',
+        '{"effect": ["left", "offset", "1"]}',
+        '{"effect": ["left", "offset", NaN]}',
         '{"usecase": ["left", "\\ud800"]}',
         '{"usecase": ["left", "\\u001b[2J"]}',
         f'{{"usecase": ["left", "{300 * "x"}"]}}',

@@ -58,7 +58,28 @@ class Choose:
     usecase: str
 
 
-def parse(message: str | bytes) -> Drawn | Drive | Choose:
+@dataclass(frozen=True)
+class Adjust:
+    """
+    A page requests the strength of an effect.
+
+    Attributes
+    ----------
+    camera : str
+        Its name.
+    effect : str
+        The effect, printable.
+    strength : float
+        Finite; the camera's node refuses what it cannot take.
+
+    """
+
+    camera: str
+    effect: str
+    strength: float
+
+
+def parse(message: str | bytes) -> Drawn | Drive | Choose | Adjust:
     """
     Decode a websocket's message.
 
@@ -78,6 +99,10 @@ def parse(message: str | bytes) -> Drawn | Drive | Choose:
                 usecase
             ):
                 return Choose(camera, usecase)
+            case {'effect': [str(camera), str(effect), strength]} if _is_name(camera) and _is_name(
+                effect
+            ):
+                return Adjust(camera, effect, _number(strength))
     # Raised for deep nesting, and for whole numbers too large for a float.
     except (ValueError, RecursionError, OverflowError):
         pass

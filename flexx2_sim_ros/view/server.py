@@ -18,7 +18,7 @@ from flexx2_sim_ros.errors import InputError, shown
 from flexx2_sim_ros.view.access import Access
 from flexx2_sim_ros.view.colours import depth_table, difference_table, INVALID
 from flexx2_sim_ros.view.packing import pack, ViewedFrame
-from flexx2_sim_ros.view.requests import Choose, Drawn, Drive, parse
+from flexx2_sim_ros.view.requests import Adjust, Choose, Drawn, Drive, parse
 from tornado.httpserver import HTTPServer
 from tornado.iostream import StreamClosedError
 from tornado.netutil import bind_sockets
@@ -66,6 +66,9 @@ class Source(Protocol):
 
     def choose(self, camera: str, usecase: str) -> None:
         """Request a mode of a camera; the answer is in the status."""
+
+    def adjust(self, camera: str, effect: str, strength: float) -> None:
+        """Request the strength of an effect of a camera; the answer is in the status."""
 
     def complain(self, text: str) -> None:
         """Log that a page has sent a wrong message."""
@@ -339,6 +342,8 @@ class Live(_Guarded, WebSocketHandler):
                     self.news.set()
             case Choose(camera, usecase):
                 source.choose(camera, usecase)
+            case Adjust(camera, effect, strength):
+                source.adjust(camera, effect, strength)
 
     async def _feed(self) -> None:
         source = self.server.source

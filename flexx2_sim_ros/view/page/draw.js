@@ -5,6 +5,7 @@ const pixel = ([r, g, b]) => (255 << 24 | b << 16 | g << 8 | r) >>> 0;
 export const depthColours = Uint32Array.from(DEPTH, pixel);
 const differenceColours = Uint32Array.from(DIFFERENCE, pixel);
 const invalid = pixel(INVALID);
+const line = pixel([255, 255, 255]);
 
 // A message of the server's, as packing.py describes it.
 export function unpack(buffer) {
@@ -27,12 +28,17 @@ function surface(canvas, width, height) {
   return canvas.surface;
 }
 
-export function drawDepth(canvas, frame, depth, most) {
+// `wiped` is the share of the image, from the left, that shows `under` instead, up to a line.
+export function drawDepth(canvas, frame, depth, most, under = null, wiped = 0) {
   const { image, words, context } = surface(canvas, frame.width, frame.height);
   const factor = 256 * frame.unit / most;
+  const column = under ? Math.round(wiped * frame.width) : 0;
   for (let i = 0; i < words.length; i++) {
-    const steps = depth ? depth[i] : 0;
+    const u = i % frame.width;
+    const shown = u < column ? under : depth;
+    const steps = shown ? shown[i] : 0;
     words[i] = steps ? depthColours[Math.min(255, steps * factor | 0)] : invalid;
+    if (column && u === column) words[i] = line;
   }
   context.putImageData(image, 0, 0);
 }

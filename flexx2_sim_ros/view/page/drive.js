@@ -40,9 +40,9 @@ export function driving(pad, speed, speedText, send) {
 
   addEventListener('keydown', (event) => {
     const key = ALIASES[event.code] ?? event.code;
-    // Of a control that has the focus, keys are its own.
     if (!(key in MOVES || key === STOP_KEY) || event.ctrlKey || event.altKey || event.metaKey) return;
-    if (event.target.closest('select, input')) return;
+    // Of a control that has the focus, keys are its own; but a slider does nothing on space.
+    if (event.target.closest(key === STOP_KEY ? 'select' : 'select, input')) return;
     event.preventDefault();
     // A key that repeats was pressed before: after a stop it does not drive again.
     if (!event.repeat) press(key);

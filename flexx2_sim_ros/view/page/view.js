@@ -2,12 +2,13 @@
 import { Cloud } from './cloud.js';
 import { drawBars, drawDepth, drawDifference, read, unpack } from './draw.js';
 import { driving } from './drive.js';
+import { Effects } from './effects.js';
 
 const RETRY_MS = 1000;
 const find = (id) => document.getElementById(id);
 const cameras = new Map();
 let socket = null;
-let depthMost = 4, differenceMost = 0.03;
+let depthMost = 4, differenceMost = 0.03, wiped = 0;
 let drawing = false;
 let obeyed = true;
 
@@ -31,13 +32,15 @@ class Camera {
       send({ usecase: [name, target.value] });
       target.blur();
     });
+    this.effects = new Effects(this.part, (effect, strength) => send({ effect: [name, effect, strength] }));
     for (const kind of ['clean', 'simulated', 'difference']) {
       const canvas = this.part[kind];
       canvas.addEventListener('pointermove', (event) => { this.pointer = { kind, x: event.offsetX, y: event.offsetY }; this.readOut(); });
       canvas.addEventListener('pointerleave', () => { this.pointer = null; this.readOut(); });
     }
     find('nothing')?.remove();
-    find('cameras').append(this.section);
+    const after = [...find('cameras').children].find((other) => other.dataset.camera > name);
+    find('cameras').insertBefore(this.section, after ?? null);
   }
 
   take(frame) {
@@ -51,7 +54,7 @@ class Camera {
     if (!this.dirty || !this.frame) return;
     this.dirty = false;
     drawDepth(this.part.clean, this.frame, this.frame.clean, depthMost);
-    drawDepth(this.part.simulated, this.frame, this.frame.simulated, depthMost);
+    drawDepth(this.part.simulated, this.frame, this.frame.simulated, depthMost, this.frame.clean, wiped);
     drawDifference(this.part.difference, this.frame, differenceMost);
     this.cloud.draw(this.frame, depthMost);
     this.readOut();
@@ -86,6 +89,7 @@ class Camera {
     this.section.classList.toggle('stale', status.stale);
     this.section.querySelector('h2').title = status.node;
     this.offer(status);
+    this.effects.tell(status.strengths ?? {});
     // An answer that was there before this page was to somebody else.
     const { number: latest = 0 } = status.answer;
     this.answer ??= latest;
@@ -167,6 +171,7 @@ function connect() {
 const drive = driving(find('pad'), find('speed'), find('speed-text'), (velocity) => send({ drive: velocity }));
 for (const [id, apply] of [
   ['depth-range', (value) => { depthMost = value; find('depth-most').textContent = `${value.toFixed(1)} m`; }],
+  ['wipe', (value) => { wiped = value / 100; }],
   ['difference-range', (value) => {
     differenceMost = value / 1000;
     find('difference-least').textContent = `−${value} mm`;

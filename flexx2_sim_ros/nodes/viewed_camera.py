@@ -1,0 +1,215 @@
+"""A camera that `flexx2 view` shows: its frames, rates, mode and effects."""
+
+from collections import deque
+from collections.abc import Callable
+import statistics
+import time
+from typing import Any
+
+from flexx2_sim_ros.effects import registry
+from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.messages.decoding import decode_camera_info, decode_image, stamp_nanoseconds
+from flexx2_sim_ros.nodes.gating import RateMeter
+from flexx2_sim_ros.physics.geometry import Reprojection
+from flexx2_sim_ros.profiles.intrinsics import Intrinsics
+from flexx2_sim_ros.recording.bag_cameras import CameraTopics
+from flexx2_sim_ros.view.packing import ViewedFrame
+import numpy as np
+from rcl_interfaces.msg import ParameterValue
+from rclpy.node import Node
+from rclpy.parameter import parameter_value_to_python
+from rclpy.parameter_client import AsyncParameterClient
+from rclpy.qos import qos_profile_sensor_data
+from sensor_msgs.msg import CameraInfo, Image
+
+_STALE_SECONDS = 1.0
+_KEPT = 30
+_ENCODINGS = ('32FC1', '64FC1', '16UC1')
+_EFFECT, _STRENGTH = 'effect.', '.strength'
+
+
+def strength_of(effect: str) -> str:
+    """Return the name of the parameter that holds the strength of an effect."""
+    return f'{_EFFECT}{effect}{_STRENGTH}'
+
+
+class ViewedCamera:
+    """The state of one camera, and its subscriptions while a page is open."""
+
+    def __init__(self, node: Node, topics: CameraTopics, show: Callable[[], None]) -> None:
+        """Make a client of the camera's parameters; `show` is called for each frame."""
+        self.topics = topics
+        self.client = AsyncParameterClient(node, topics.node)
+        self.usecase, self.usecases = '', list[str]()
+        self.strengths: dict[str, float] = {}
+        self.answer: dict[str, Any] = {}
+        self.answer_by: float | None = None
+        self.asked: Any = None
+        self.shot: ViewedFrame | None = None
+        self._node, self._show = node, show
+        self._radial = False
+        self._listening: list[Any] = []
+        self.forget()
+
+    def forget(self) -> None:
+        """Discard all measurements."""
+        self.clean_rate, self.rate = RateMeter(), RateMeter()
+        self._latencies: deque[int] = deque(maxlen=120)
+        self._clean: dict[int, tuple[int, Image]] = {}
+        self._last_clean = self._last = 0
+        self._problem = ''
+        self._info: CameraInfo | None = None
+        self._clean_info: CameraInfo | None = None
+        self._view: Reprojection | None = None
+
+    def listen(self, wanted: bool) -> None:
+        """Subscribe or unsubscribe."""
+        if wanted == bool(self._listening):
+            return
+        for subscription in self._listening:
+            self._node.destroy_subscription(subscription)
+        self._listening, self.shot = [], None
+        self.forget()
+        if wanted:
+            topics = self.topics
+            self._listening = [
+                self._node.create_subscription(kind, topic, callback, qos_profile_sensor_data)
+                for kind, topic, callback in (
+                    (CameraInfo, topics.info, self._on_info),
+                    (CameraInfo, topics.clean_info, self._on_clean_info),
+                    (Image, topics.clean, self._on_clean),
+                    (Image, topics.depth, self._on_depth),
+                )
+            ]
+
+    def ask(self) -> None:
+        """Ask the camera's node for its mode, until it has answered."""
+        if self.asked is None and self.client.services_are_ready():
+            self.asked = self.client.get_parameters(['usecase', 'available_usecases'])
+            self.asked.add_done_callback(self._on_modes)
+            # In its own request: the real driver does not have this parameter and would return no
+            # values.
+            self.client.get_parameters(['input_depth']).add_done_callback(self._on_input)
+            self.client.get_parameters(
+                [strength_of(effect) for effect in registry()]
+            ).add_done_callback(self._on_strengths)
+
+    def _on_modes(self, future: Any) -> None:
+        # Another node may have parameters of these names with other types.
+        values = [parameter_value_to_python(value) for value in future.result().values]
+        match values:
+            case [str(usecase), [str(), *_] as usecases] if usecase:
+                self.usecase, self.usecases = usecase, usecases
+
+    def _on_input(self, future: Any) -> None:
+        for value in future.result().values:
+            self.take_input(value)
+
+    def _on_strengths(self, future: Any) -> None:
+        for effect, value in zip(registry(), future.result().values, strict=False):
+            self.take_strength(strength_of(effect), value)
+
+    def take_strength(self, parameter: str, value: ParameterValue) -> None:
+        """Note the strength of an effect, if this is a parameter of one."""
+        effect = parameter.removeprefix(_EFFECT).removesuffix(_STRENGTH)
+        strength = parameter_value_to_python(value)
+        if (
+            parameter == strength_of(effect)
+            and effect in registry()
+            and isinstance(strength, float)
+        ):
+            self.strengths[effect] = strength
+
+    def take_input(self, value: ParameterValue) -> None:
+        """Set how clean depth is interpreted, from a value of the parameter ``input_depth``."""
+        self._radial = parameter_value_to_python(value) == 'radial'
+
+    def _on_info(self, message: CameraInfo) -> None:
+        self._info = message
+
+    def _on_clean_info(self, message: CameraInfo) -> None:
+        self._clean_info = message
+
+    def _on_clean(self, message: Image) -> None:
+        now = time.monotonic_ns()
+        self._last_clean = _meter(self.clean_rate, self._last_clean, now)
+        self._clean[stamp_nanoseconds(message.header.stamp)] = now, message
+        while len(self._clean) > _KEPT:
+            del self._clean[next(iter(self._clean))]
+
+    def _on_depth(self, message: Image) -> None:
+        now = time.monotonic_ns()
+        self._last = _meter(self.rate, self._last, now)
+        stamp = stamp_nanoseconds(message.header.stamp)
+        came, clean = self._clean.get(stamp, (now, None))
+        if clean is not None:
+            self._latencies.append(now - came)
+        try:
+            if self._info is None:
+                raise InputError(f'{self.topics.info}: must come with the depth images, got none')
+            camera = decode_camera_info(self._info, self.topics.info)
+            depth = decode_image(message, self.topics.depth, _ENCODINGS)
+            if depth.shape != (camera.height, camera.width):
+                raise InputError(f'{self.topics.info}: must have the size of the image')
+            sequence = 0 if self.shot is None else self.shot.sequence + 1
+            self.shot = ViewedFrame(sequence, stamp, depth, self._cleaned(clean, camera), camera)
+            self._problem = ''
+        except InputError as error:
+            self._problem = str(error)
+        self._show()
+
+    def _cleaned(self, message: Image | None, camera: Intrinsics) -> Any:
+        # Clean depth at the camera's pixels, along its optical axis.
+        if message is None or self._clean_info is None:
+            return None
+        source = decode_camera_info(self._clean_info, self.topics.clean_info)
+        image = decode_image(message, self.topics.clean, _ENCODINGS)
+        if image.shape != (source.height, source.width):
+            return None
+        if source == camera and not self._radial:
+            return image
+        view = self._view
+        if (
+            view is None
+            or (view.source, view.camera) != (source, camera)
+            or view.radial != self._radial
+        ):
+            view = self._view = Reprojection(camera, source, self._radial)
+        return np.where(view.outside, np.float32(0), view.depth(image))
+
+    def status(self) -> dict[str, Any]:
+        """Return the values that the page shows beside the images."""
+        age = (time.monotonic_ns() - self._last) / 1e9 if self._last else None
+        clean_age = (time.monotonic_ns() - self._last_clean) / 1e9
+        stale = age is None or age > _STALE_SECONDS
+        problem = self._problem
+        if age is None and self._listening:
+            problem = problem or f'nothing has come on {self.topics.depth}'
+        elif stale and age is not None:
+            problem = f'no image for {age:.0f} s'
+        return {
+            'name': self.topics.name,
+            'node': self.topics.node,
+            'usecase': self.usecase,
+            'usecases': self.usecases,
+            'strengths': self.strengths,
+            'clean_hz': round(self.clean_rate.hz if clean_age < _STALE_SECONDS else 0.0, 2),
+            'hz': round(0.0 if stale else self.rate.hz, 2),
+            'latency_ms': (
+                round(statistics.median(self._latencies) / 1e6, 2)
+                if self._latencies and not stale
+                else None
+            ),
+            'invalid': None if self.shot is None else round(self.shot.invalid_fraction, 4),
+            'stale': stale,
+            'problem': problem,
+            'answer': self.answer,
+        }
+
+
+def _meter(meter: RateMeter, last: int, now: int) -> int:
+    # After a pause, only messages since then count.
+    if now - last > _STALE_SECONDS * 1e9:
+        meter.clear()
+    meter.add(now)
+    return now
