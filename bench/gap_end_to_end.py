@@ -4,8 +4,10 @@ What ground truth from a scan costs the diagnosis: ``python -m bench.gap_end_to_
 A blind camera records one furnished room from several places, with one effect of strength 1 or
 none. Its recordings become bags as a real camera's: depth, gray image, camera info and mode,
 without the truth. `flexx2 gap truth` makes the ground truth from the room's mesh. It is told poses
-that are wrong by 5 cm and 3 degrees, or none. `flexx2 gap diagnose` then diagnoses each of the two
-campaigns, and the same recordings with the true clean depth. An interrupted run resumes.
+that are wrong by 5 cm and 3 degrees, or none. A late camera (`time_offset`) walks and turns to and
+fro, and the poses are a trajectory with its clock; give it ``--frames 40``. `flexx2 gap diagnose`
+then diagnoses each of the two campaigns, and the same recordings with the true clean depth. An
+interrupted run resumes.
 
 ``--over-topics N`` sends the recordings of the first N cameras over real topics (`bench.stand_in`
 and `flexx2 record`) and checks that the bags have the same frames as those that were written.
@@ -14,6 +16,7 @@ and `flexx2 record`) and checks that the bags have the same frames as those that
 import argparse
 from collections.abc import Sequence
 import contextlib
+from dataclasses import replace
 import io
 import json
 from pathlib import Path
@@ -30,7 +33,8 @@ from flexx2_sim_ros.cli.main import main as flexx2
 from flexx2_sim_ros.recording import load_recording
 from flexx2_sim_ros.truth.poses import Pose
 from flexx2_sim_ros.validation.blind import CATALOGUE
-from flexx2_sim_ros.validation.blind.meshes import write_mesh
+from flexx2_sim_ros.validation.blind.meshes import mesh_pose, write_mesh
+from flexx2_sim_ros.validation.blind.rooms import Path as Walk
 from flexx2_sim_ros.validation.blind.scanned import off, ScannedCamera
 import numpy as np
 import yaml
@@ -40,8 +44,27 @@ TRUTHS = 'exact', 'told', 'found'
 OPEN = 'pose_error', 'time_offset'
 _METRES, _DEGREES = 0.05, 3.0
 _POWER_ON = 1.7e9  # seconds, the stamp at which the camera was switched on
-_MOVING = 'motion_artefact', 'time_offset'
+_LATE = 'time_offset'
+_MOVING = 'motion_artefact', _LATE
 _KEPT = 'depth', 'K', 'stamp', 'usecase'
+
+
+class Swaying(Walk):
+    """A walk on which the camera turns to and fro without a period."""
+
+    def pose(self, time: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return the pose at a time in seconds."""
+        turn = 0.1 * np.sin(7 * time) + 0.06 * np.sin(17 * time + 1) + 0.05 * np.sin(11.3 * time)
+        pose = Pose(*super().pose(time)).moved(np.array([0, 0, 0, 0.3 * turn, turn, 0]))
+        return pose.R, pose.t
+
+
+def sway(camera: ScannedCamera) -> None:
+    """Let the camera sway on its walks."""
+    scenes = camera.camera.scenes
+    scenes.scenes = tuple(
+        replace(scene, path=Swaying(**vars(scene.path))) for scene in scenes.scenes
+    )
 
 
 def make(folder: Path, name: str, seed: int, recordings: int, frames: int) -> ScannedCamera:
@@ -50,6 +73,8 @@ def make(folder: Path, name: str, seed: int, recordings: int, frames: int) -> Sc
     camera = ScannedCamera(
         seed, effects, recordings, frames, width=112, height=86, moving=name in _MOVING
     )
+    if name == _LATE:
+        sway(camera)
     (folder / 'exact').mkdir()
     (folder / 'bags').mkdir()
     # One clock: the stamps say how long after one another the recordings were made.
@@ -113,6 +138,37 @@ def guesses(camera: ScannedCamera, seed: int) -> list[str]:
         pose = Pose(*off(camera.poses(i)[0], _METRES, _DEGREES, rng))
         words.append('--pose=' + ','.join(f'{number:.6f}' for number in pose.numbers()))
     return words
+
+
+def trajectory(path: Path, camera: ScannedCamera, seed: int, behind: float = 0.0) -> list[str]:
+    """
+    Write a trajectory with poses that are all wrong in the same way, at 100 Hz.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        The file to write, TUM.
+    camera : ScannedCamera
+    seed : int
+        Of the error.
+    behind : float
+        How far its clock is behind that of the recordings, seconds.
+
+    Returns
+    -------
+    list of str
+        Options of `flexx2 gap truth`.
+
+    """
+    lines, scenes = [], camera.camera.scenes
+    for scene, start in zip(scenes.scenes, camera.camera.stamps, strict=True):
+        for moment in np.arange(-0.5, scenes.times()[-1] + 0.5, 0.01):
+            pose = mesh_pose(scene.path.pose(float(moment)))
+            wrong = Pose(*off(pose, _METRES, _DEGREES, np.random.default_rng(seed)))
+            numbers = ' '.join(f'{number:.6f}' for number in wrong.numbers())
+            lines.append(f'{start + moment - behind:.6f} {numbers}')
+    path.write_text('\n'.join(lines))
+    return ['--trajectory', str(path)]
 
 
 def diagnosed(folder: Path, truth: str, told: Sequence[str], room_error: float) -> dict[str, Any]:
@@ -224,7 +280,11 @@ def _case(journal: Journal, arguments: argparse.Namespace, name: str, seed: int)
         if topics:
             over_topics(folder)
         for truth in left:
-            told = guesses(camera, seed) if truth == 'told' else []
+            told = []
+            if truth == 'told' and name == _LATE:
+                told = [*trajectory(folder / 'mocap.txt', camera, seed), '--clock-offset', '0']
+            elif truth == 'told':
+                told = guesses(camera, seed)
             row = diagnosed(folder, truth, told, arguments.room_error)
             row |= {'effect': name, 'seed': seed, 'over_topics': topics}
             journal.add(row)

@@ -1,9 +1,9 @@
 """Rough poses for ground truth from a scan: motion capture, odometry and TF, with errors."""
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from bench.gap_end_to_end import sway, trajectory
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.recording import open_recording
@@ -14,8 +14,7 @@ from flexx2_sim_ros.truth.trajectory import (
     PoseSource,
     read_trajectory,
 )
-from flexx2_sim_ros.validation.blind.meshes import mesh_pose, write_mesh
-from flexx2_sim_ros.validation.blind.rooms import Path as SceneWalk
+from flexx2_sim_ros.validation.blind.meshes import write_mesh
 from flexx2_sim_ros.validation.blind.scanned import off, ScannedCamera
 from made_bags import Entry, header, image, info, make, SECOND, usecase, write
 import numpy as np
@@ -227,32 +226,16 @@ def test_poses_of_another_time_are_one_sentence(
 SHIFT = 0.037  # seconds that the clock of motion capture is behind
 
 
-class Swaying(SceneWalk):
-    """A walk on which the camera turns to and fro without a period."""
-
-    def pose(self, time: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return the pose at a time in seconds."""
-        turn = 0.1 * np.sin(7 * time) + 0.06 * np.sin(17 * time + 1) + 0.05 * np.sin(11.3 * time)
-        R, place = super().pose(time)
-        return Pose(R, place).moved(np.array([0, 0, 0, 0.3 * turn, turn, 0])).R, place
-
-
-def stroll(folder: Path, effects: dict[str, float], kind: type[SceneWalk]) -> tuple[Any, Path]:
+def stroll(folder: Path, effects: dict[str, float], swaying: bool) -> tuple[ScannedCamera, Path]:
     """Record a walk of 1.3 s, and write its poses at 100 Hz, 5 cm and 3 degrees wrong."""
     camera = ScannedCamera(2, effects, 1, 40, WIDTH, HEIGHT, moving=True)
-    scenes = camera.camera.scenes
-    scenes.scenes = tuple(replace(scene, path=kind(**vars(scene.path))) for scene in scenes.scenes)
+    if swaying:
+        sway(camera)
     (folder / 'in').mkdir()
     camera.record(folder / 'in')
     write_mesh(camera.solids, folder / 'room.ply')
-    start = float(open_recording(folder / 'in' / '0.npz').stamp[0])
-    lines = [HEAD]
-    for time in np.arange(-0.5, 2.0, 0.01):
-        pose = mesh_pose(scenes.scenes[0].path.pose(float(time)))
-        R, t = off(pose, 0.05, 3.0, np.random.default_rng(3))
-        lines.append(f'{start + float(time) - SHIFT:.6f},{text(Pose(R, t).numbers())}')
-    (folder / 'mocap.csv').write_text('\n'.join(lines))
-    return camera, folder / 'mocap.csv'
+    trajectory(folder / 'mocap.txt', camera, 3, behind=SHIFT)
+    return camera, folder / 'mocap.txt'
 
 
 def open_effects(table: dict[str, Any]) -> list[str]:
@@ -260,7 +243,7 @@ def open_effects(table: dict[str, Any]) -> list[str]:
 
 
 def test_the_offset_of_clocks_is_found_from_the_motion(tmp_path: Path) -> None:
-    camera, poses = stroll(tmp_path, {}, Swaying)
+    camera, poses = stroll(tmp_path, {}, swaying=True)
     table = truth(tmp_path, tmp_path / 'in', tmp_path / 'out', '--trajectory', str(poses))
     found = table['clock_offset']
     assert found['verdict'] == 'found'
@@ -273,7 +256,7 @@ def test_the_offset_of_clocks_is_found_from_the_motion(tmp_path: Path) -> None:
 
 def test_a_latency_stays_where_the_offset_of_the_clocks_is_told(tmp_path: Path) -> None:
     """Assert that clean depth is that of the stamps, although the images are 50 ms older."""
-    camera, poses = stroll(tmp_path, {'time_offset': 1.0}, Swaying)
+    camera, poses = stroll(tmp_path, {'time_offset': 1.0}, swaying=True)
     options = '--trajectory', str(poses), '--clock-offset', str(SHIFT)
     table = truth(tmp_path, tmp_path / 'in', tmp_path / 'out', *options)
     assert table['clock_offset']['latency'] == pytest.approx(0.05, abs=0.004)
@@ -286,7 +269,7 @@ def test_a_latency_stays_where_the_offset_of_the_clocks_is_told(tmp_path: Path) 
 
 
 def test_an_even_motion_does_not_tell_the_offset(tmp_path: Path) -> None:
-    _, poses = stroll(tmp_path, {}, SceneWalk)
+    _, poses = stroll(tmp_path, {}, swaying=False)
     table = truth(tmp_path, tmp_path / 'in', tmp_path / 'out', '--trajectory', str(poses))
     assert table['clock_offset']['verdict'] == 'not found'
     assert 'time_offset' in open_effects(table)

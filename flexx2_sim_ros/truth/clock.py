@@ -78,12 +78,12 @@ def find_offset(
     speed = np.maximum(seen.std(axis=0), _LEAST_MOTION)
     # Seconds from the first frame: nanoseconds since 1970 are too large for float64.
     first, last = ((stamp - int(stamp_ns[0])) / 1e9 for stamp in span_ns)
-    grid_ns = span_ns[0] + np.arange(0, last - first, _STEP) * 1e9
-    given = _motions(told, grid_ns.astype(np.int64))
-    model = _Model(first + np.arange(len(given)) * _STEP, given, times, seen, speed)
     low, high = middle - _REACH, middle + _REACH
     if high < times[0] - last or low > times[-1] - first:
         low, high = times[0] - last, times[-1] - first
+    grid = np.arange(max(first, times[0] - high), min(last, times[-1] - low) + _STEP, _STEP)
+    given = _motions(told, int(stamp_ns[0]) + np.rint(grid * 1e9).astype(np.int64))
+    model = _Model(grid, given, times, seen, speed)
     tried = np.linspace(low, high, min(int((high - low) / _STEP) + 1, _MOST_STEPS))
     misfits = model.misfits(tried)
     if not np.isfinite(misfits).any():
