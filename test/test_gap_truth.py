@@ -14,6 +14,7 @@ from flexx2_sim_ros.gap import diagnose
 from flexx2_sim_ros.gap.report.words import headline
 import numpy as np
 import pytest
+import yaml
 
 SMALL: dict[str, Any] = {'scale': 0.5, 'recordings': 6, 'frames': 8, 'moving': 0}
 SEED = 101
@@ -162,8 +163,12 @@ def test_an_effect_below_the_accuracy_of_the_truth_is_open_and_a_strong_one_is_f
         with np.load(file) as archive:
             arrays = dict(archive)
         np.savez(file, **arrays, clean_sigma=np.array(0.003))
+    hidden = {'effect': 'stray_light', 'absorbed': 0.99, 'settled_by': 'motion capture'}
+    (tmp_path / 'truth.yaml').write_text(yaml.safe_dump({'schema': 1, 'cannot_decide': [hidden]}))
     table = diagnose(tmp_path, without=[*WITHOUT, 'pose_error'])
     rows = {row['name']: row for row in table['not_decidable']}
+    assert len(rows) == len(table['not_decidable'])
+    assert rows['stray_light']['settled_by'] == 'motion capture'
     if strength:
         assert [row['name'] for row in table['effects']] == ['wiggling']
         assert 'wiggling' not in rows

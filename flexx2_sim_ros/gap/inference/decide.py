@@ -132,7 +132,9 @@ def decide(
     """
     not_seen = undecided(model, candidates, thresholds, tick)
     hidden = [one for one in not_seen if one.confounded]
-    absorbed = [*absorbed, *(one for one in not_seen if not one.confounded)]
+    said = {one.effect for one in absorbed}
+    covered = [one for one in not_seen if not one.confounded and one.effect not in said]
+    absorbed = [*absorbed, *covered]
     names = {one.effect for one in hidden}
     open_ones = [one for one in candidates if one.effect in names]
     candidates = [one for one in candidates if one.effect not in names]
