@@ -25,7 +25,7 @@ NEEDS = {
     'gap diagnose': ['campaign', '--out', 'out'],
     'gap calibrate': ['diagnosis', 'campaign', '--out', 'out'],
     'gap check': ['diagnosis', 'fresh'],
-    'gap next': ['diagnosis'],
+    'gap next': ['diagnosis', 'campaign'],
     'gap truth': ['in.npz', '--scan', 'room.ply', '--out', 'out'],
 }
 NUMBERS = ['nan', 'inf', '-inf', '-1e30', '1e400', '', 'x', '\udcff', '9' * 5000]

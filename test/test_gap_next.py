@@ -1,19 +1,23 @@
 """Which recording would settle what a diagnosis leaves open."""
 
+from collections.abc import Sequence
+from dataclasses import replace
 import json
 from pathlib import Path
+import shutil
 from typing import Any
 
 from bench.gap_next import as_room
 from flexx2_sim_ros.camera import flexx2
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.gap import diagnose
 from flexx2_sim_ros.gap.planning.information import entropy, information
 from flexx2_sim_ros.gap.planning.next_recording import suggest
 from flexx2_sim_ros.gap.planning.plan import default_plan, Plan, read_plan
 from flexx2_sim_ros.gap.planning.possible import usual_kinds
 from flexx2_sim_ros.gap.planning.scenes import render
-from flexx2_sim_ros.gap.planning.truths import KINDS, write_campaign
+from flexx2_sim_ros.gap.planning.truths import Kind, KINDS, write_recording
 from flexx2_sim_ros.validation.blind import SceneKey, SceneSet
 import numpy as np
 import pytest
@@ -31,17 +35,41 @@ recordings:
   - {name: hand, title: Hand, set_up: A hand., seconds: 5, for: [motion_artefact],
      walls: [[2.0, -40, 0.8]], cards: [[0.8, 0, 0.15, 0.5, 0.5]]}
 """
-OFFSET = {'name': 'offset', 'parameters': {'bias': 0.005}, 'instead_of': ['multipath']}
+ALONE = ['--jobs', '1']
 
 
-@pytest.fixture
-def plan(tmp_path: Path) -> Plan:
-    (tmp_path / 'plan.yaml').write_text(PLAN)
-    return read_plan(tmp_path / 'plan.yaml')
+@pytest.fixture(scope='module')
+def plan(tmp_path_factory: pytest.TempPathFactory) -> Plan:
+    path = tmp_path_factory.mktemp('plan') / 'plan.yaml'
+    path.write_text(PLAN)
+    return read_plan(path)
+
+
+def record(folder: Path, plan: Plan, effects: Any, kind: Kind, names: Sequence[str]) -> Path:
+    """Write two recordings of each named set-up."""
+    folder.mkdir()
+    for again in range(2):
+        for i, planned in enumerate(plan.recordings):
+            if planned.name in names:
+                path = folder / f'{planned.name}{again}.npz'
+                write_recording(path, plan, planned, flexx2(), kind, effects, [again, i])
+    return folder
+
+
+@pytest.fixture(scope='module')
+def undecided(plan: Plan, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """Return a diagnosis that cannot tell wiggling from others, and its recordings."""
+    folder = tmp_path_factory.mktemp('undecided')
+    effects = {'wiggling': {'strength': 0.5}}
+    campaign = record(folder / 'campaign', plan, effects, KINDS[0], ['frontal', 'corner'])
+    table = diagnose(campaign, out=folder / 'diagnosis')
+    assert table['effects'][0]['name'] == 'wiggling'
+    assert table['alternatives']
+    return folder / 'diagnosis', campaign
 
 
 def write_diagnosis(folder: Path, **changed: Any) -> Path:
-    """Write what a diagnosis with alternatives writes."""
+    """Write the files of a diagnosis."""
     table = {
         'schema': 2,
         'verdict': 'identified',
@@ -49,7 +77,6 @@ def write_diagnosis(folder: Path, **changed: Any) -> Path:
         'alternatives': [],
         'not_decidable': [],
         'recordings': [],
-        'gap': {'loss': {'before': 40.0, 'after': 20.0, 'null': 15.0}},
         'settings': {'usecase': 'Mode_9_30fps', 'pose_prior': [0.01, 0.5], 'known': {}},
         **changed,
     }
@@ -59,59 +86,65 @@ def write_diagnosis(folder: Path, **changed: Any) -> Path:
     return folder
 
 
-def test_a_corner_tells_multipath_from_an_offset(
-    plan: Plan, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_the_suggestion_settles_what_was_open(
+    plan: Plan, undecided: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    folder = write_diagnosis(tmp_path / 'diagnosis', alternatives=[OFFSET])
-    campaign, out = tmp_path / 'campaign', tmp_path / 'out'
-    campaign.mkdir()
-    write_campaign(campaign, plan, flexx2(), KINDS[0])
-    (campaign / 'hand.npz').unlink()
-    own = tmp_path / 'own <b>.npz'
-    with np.load(campaign / 'frontal.npz') as archive:
+    diagnosis, campaign = undecided
+    out, own = tmp_path / 'out', tmp_path / 'own <b>.npz'
+    with np.load(campaign / 'frontal0.npz') as archive:
         np.savez(own, clean_depth=archive['clean_depth'], K=archive['K'])
-    words = ['gap', 'next', str(folder), '--out', str(out), '--jobs', '1']
+    (tmp_path / 'plan.yaml').write_text(PLAN)
+    words = ['gap', 'next', str(diagnosis), str(campaign), '--out', str(out), *ALONE]
     words += ['--plan', str(tmp_path / 'plan.yaml'), '--scene', str(own)]
-    assert main([*words, '--campaign', str(campaign)]) == 0
+    assert main(words) == 0
     table = json.loads((out / 'next.json').read_text())
-    assert list(table['explanations']) == ['multipath', 'offset', 'no effect']
+    assert list(table['explanations'])[0] == 'wiggling'
+    assert 'no effect' in table['explanations']
+    # A gap was found, so some effect is there.
+    assert table['probabilities']['no effect'] < 1e-3
+    assert table['probabilities']['wiggling'] == max(table['probabilities'].values())
     rows = {row['name']: row for row in table['ranking']}
     assert set(rows) == {'frontal', 'corner', 'hand', own.name}
-    # A frontal wall cannot show multipath: there is nothing that light bounces from, and an
-    # offset looks like a wrong pose.
-    assert next(iter(rows)) == 'corner'
-    bits = [row['bits'] for row in table['ranking']]
-    assert bits == sorted(bits, reverse=True)
-    assert rows['corner']['best_told_apart'] == ['multipath', 'offset']
-    assert rows['corner']['bits'] > 1.2 * rows['frontal']['bits']
-    assert (
-        max(bits) <= table['most_bits'] < np.log2(3)
-    )  # A gap was found, so some effect is there.
-    for row in [*rows.values(), *table['baselines'].values()]:
+    right = [row['right'] for row in table['ranking']]
+    assert right == sorted(right, reverse=True)
+    for row in [*rows.values(), *table['baselines'].values(), table['suggestion']]:
         assert row['right'] + row['wrong'] + row['undecided'] == pytest.approx(1)
-    assert set(table['baselines']) == {'random', 'repeat'}
+    # The frontal wall is one distance, which cannot show a wave along distance.
+    assert rows['frontal']['right'] < 0.2
+    assert rows['hand']['right'] > 0.8
+    assert table['suggestion']['right'] > table['baselines']['repeat']['right']
     page = (out / 'next.html').read_text()
     assert 'own &lt;b&gt;.npz' in page
     assert '<b>' not in page
-    assert page.index('corner') < page.index('frontal')
-    # Mean error and noise of each explanation; the set-up of those that the plan has.
-    assert page.count('alt="mean error with') == 3 * 3
-    assert 'set-up of corner' in page
-    assert 'corner' in capsys.readouterr().err
+    # Mean error of each explanation; the set-up of those that the plan has.
+    assert page.count('alt="mean error with') == 3 * len(table['explanations'])
+    assert 'set-up of hand' in page
+    assert 'Record hand' in ' '.join(capsys.readouterr().err.split())
+    # What it says comes true.
+    after = tmp_path / 'after'
+    names = [row['name'] for row in table['suggestion']['record']]
+    record(after, plan, {'wiggling': {'strength': 0.5}}, KINDS[0], names)
+    for path in campaign.glob('*.npz'):
+        shutil.copy(path, after / f'before_{path.name}')
+    settled = diagnose(after)
+    assert [row['name'] for row in settled['effects']] == ['wiggling']
+    assert not settled['alternatives']
 
 
 def test_a_laser_decides_what_fitted_planes_leave_open(plan: Plan, tmp_path: Path) -> None:
-    hidden = [{'name': 'offset', 'absorbed': 1.0, 'settled_by': 'a tape measure'}]
-    folder = write_diagnosis(
-        tmp_path / 'planes', verdict='not_decidable', effects=[], not_decidable=hidden
-    )
-    found = suggest(folder, plan, kinds=['planes', 'laser']).table
-    assert set(found['explanations']) == {'offset', 'no effect'}
-    assert found['most_bits'] == 1.0
+    planes = next(one for one in KINDS if one.name == 'planes')
+    plan = replace(plan, recordings=plan.recordings[:1])
+    campaign = record(tmp_path / 'campaign', plan, {}, planes, ['frontal'])
+    table = diagnose(campaign, out=tmp_path / 'diagnosis')
+    assert 'offset' in [row['name'] for row in table['not_decidable']]
+    kinds = ['planes', 'laser']
+    found = suggest(tmp_path / 'diagnosis', campaign, plan, kinds=kinds, jobs=2).table
+    assert {'offset', 'no effect'} < set(found['explanations'])
+    # Nothing in the recordings says which of them it is.
+    assert len(set(found['probabilities'].values())) == 1
     bits = {(row['name'], row['truth']): row['bits'] for row in found['ranking']}
-    assert set(bits) == {(n, k) for n in ('frontal', 'corner') for k in ('planes', 'laser')}
-    assert bits['frontal', 'planes'] < 0.1
-    assert bits['frontal', 'laser'] > 0.5
+    assert set(bits) == {('frontal', 'planes'), ('frontal', 'laser')}
+    assert bits['frontal', 'planes'] < 0.8 * bits['frontal', 'laser']
 
 
 def test_kinds_of_truth_follow_from_the_recordings() -> None:
@@ -125,26 +158,38 @@ def test_kinds_of_truth_follow_from_the_recordings() -> None:
 
 def test_a_diagnosis_that_leaves_nothing_open_is_refused(plan: Plan, tmp_path: Path) -> None:
     with pytest.raises(InputError, match='must leave something open'):
-        suggest(write_diagnosis(tmp_path / 'sure'), plan)
+        suggest(write_diagnosis(tmp_path / 'sure'), tmp_path, plan)
     nothing = {'verdict': 'none', 'effects': []}
     with pytest.raises(InputError, match='must have alternatives'):
-        suggest(write_diagnosis(tmp_path / 'none', **nothing), plan)
+        suggest(write_diagnosis(tmp_path / 'none', **nothing), tmp_path, plan)
 
 
 def test_what_cannot_be_used_is_said_and_nothing_written(
-    plan: Plan, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    undecided: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    folder = write_diagnosis(tmp_path / 'diagnosis', alternatives=[OFFSET])
-    own = tmp_path / 'own.npz'
+    diagnosis, campaign = undecided
+    files = sorted(one.name for one in diagnosis.iterdir())
+    own, other = tmp_path / 'own.npz', tmp_path / 'other'
     np.savez(own, clean_depth=np.ones((20, 30)))
-    for words, says in (
-        (['--scene', str(own)], 'K: must be in the file'),
-        (['--truth', 'guess'], '--truth: must be among exact, scan, tape, planes, laser'),
-        (['--campaign', str(tmp_path / 'nowhere')], 'nowhere'),
+    other.mkdir()
+    shutil.copy(campaign / 'corner0.npz', other)
+    for place, words, says in (
+        (campaign, ['--scene', str(own)], 'K: must be in the file'),
+        (
+            campaign,
+            ['--truth', 'guess'],
+            '--truth: must be among exact, scan, tape, planes, laser',
+        ),
+        (tmp_path / 'nowhere', [], 'nowhere'),
+        (
+            other,
+            [],
+            "CAMPAIGN: must have the recordings that were diagnosed, got no 'corner1.npz'",
+        ),
     ):
-        assert main(['gap', 'next', str(folder), '--jobs', '1', *words]) == 2
+        assert main(['gap', 'next', str(diagnosis), str(place), *ALONE, *words]) == 2
         assert says in capsys.readouterr().err.replace('\n', ' ')
-    assert sorted(one.name for one in folder.iterdir()) == ['diagnosis.json', 'effects.yaml']
+    assert sorted(one.name for one in diagnosis.iterdir()) == files
 
 
 def test_the_blind_camera_sees_the_set_ups_of_the_plan() -> None:

@@ -1,4 +1,4 @@
-"""`flexx2 gap next`: rank recordings by how well they decide what a diagnosis leaves open."""
+"""`flexx2 gap next`: rank recordings by how well they settle what a diagnosis leaves open."""
 
 import argparse
 import json
@@ -22,13 +22,17 @@ def add_parser(commands: Any) -> None:
         'next',
         help='say which recording would settle what a diagnosis leaves open',
         description='Simulate the explanations that DIAGNOSIS leaves open in recordings that you '
-        'could make next, and rank these by how much they would tell. Prints the ranking, and '
+        'could make next, and diagnose each together with the recordings of CAMPAIGN. The ranking '
+        'says how often that names the right cause. Prints the suggestion and the ranking, and '
         f'writes {_FILE} and {_PAGE} with pictures of what each explanation would look like. See '
         'docs/planning.md.',
-        epilog='example: flexx2 gap next diagnosis/ --campaign campaign/ --truth tape',
+        epilog='example: flexx2 gap next diagnosis/ campaign/ --truth tape',
     )
     parser.add_argument(
         'diagnosis', metavar='DIAGNOSIS', help='folder that flexx2 gap diagnose has written'
+    )
+    parser.add_argument(
+        'campaign', metavar='CAMPAIGN', help='folder of the recordings that were diagnosed'
     )
     parser.add_argument('--out', metavar='DIR', help='folder for the results (default: DIAGNOSIS)')
     parser.add_argument(
@@ -51,11 +55,6 @@ def add_parser(commands: Any) -> None:
         help='a scene of your own to rank as well: an .npz file as for flexx2 simulate (may be '
         'repeated)',
     )
-    parser.add_argument(
-        '--campaign',
-        metavar='DIR',
-        help='the recordings that were diagnosed, to compare with repeating one of them',
-    )
     add_profile(parser)
     add_seed(parser)
     add_jobs(parser)
@@ -65,7 +64,7 @@ def add_parser(commands: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Rank recordings with a progress bar, print the ranking and write the page."""
     # Imported here: matplotlib and the compiled camera take seconds to load.
-    from flexx2_sim_ros.gap.planning.next_page import HOW, page
+    from flexx2_sim_ros.gap.planning.next_page import page, suggested
     from flexx2_sim_ros.gap.planning.next_recording import suggest
     from flexx2_sim_ros.gap.planning.plan import default_plan, read_plan
     from flexx2_sim_ros.profiles.files import find_profile
@@ -77,10 +76,10 @@ def run(arguments: argparse.Namespace) -> int:
     with progress_bar(console) as progress:
         found = suggest(
             arguments.diagnosis,
+            arguments.campaign,
             read_plan(Path(arguments.plan) if arguments.plan else default_plan()),
             kinds=arguments.truth,
             scenes=arguments.scene,
-            campaign=arguments.campaign,
             profile=profile,
             seed=arguments.seed,
             jobs=arguments.jobs,
@@ -90,11 +89,8 @@ def run(arguments: argparse.Namespace) -> int:
     write_text(folder / _FILE, json.dumps(found.table, indent=2, allow_nan=False) + '\n')
     write_text(folder / _PAGE, page(found, profile.intrinsics))
     console.print(_shown(found.table))
-    console.print(
-        f'{found.table["most_bits"]:.2f} bit would decide between all '
-        f'{len(found.table["explanations"])} explanations. {HOW}\n{out}: {_FILE}, {_PAGE}',
-        highlight=False,
-    )
+    console.print(printable(suggested(found.table)), highlight=False)
+    console.print(f'{out}: {_FILE}, {_PAGE}', highlight=False)
     return 0
 
 
@@ -103,12 +99,12 @@ def _shown(table: dict[str, Any]) -> Table:
 
     shown = Table(box=SIMPLE_HEAD, pad_edge=False)
     shown.add_column('record', no_wrap=True)
-    for head in ('truth', 'bit', 'correct', 'wrong', 'open', 'tells apart best'):
+    for head in ('truth', 'correct', 'wrong', 'open', 'bit', 'tells apart best'):
         shown.add_column(head)
 
     def add(name: str, truth: str, row: Any, apart: str) -> None:
         shares = (percent(row[key]) for key in ('right', 'wrong', 'undecided'))
-        shown.add_row(name, truth, f'{row["bits"]:.2f}', *shares, apart)
+        shown.add_row(name, truth, *shares, f'{row["bits"]:.2f}', apart)
 
     for row in table['ranking'][:_ROWS]:
         pair = ' against '.join(row['best_told_apart'])

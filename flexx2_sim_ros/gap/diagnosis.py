@@ -18,8 +18,7 @@ from flexx2_sim_ros.gap.data.given import given_effects, Table
 from flexx2_sim_ros.gap.data.hidden import Hidden, hidden_effects
 from flexx2_sim_ros.gap.features.catalogue import Candidate, catalogue
 from flexx2_sim_ros.gap.features.confirm import Outcome
-from flexx2_sim_ros.gap.inference.decidable import Undecided
-from flexx2_sim_ros.gap.inference.decide import decide, Decision
+from flexx2_sim_ros.gap.inference.decide import decidable_candidates, decide, Decision
 from flexx2_sim_ros.gap.inference.effects import fitted_effects, held_out_effects, table_of
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.inference.patch import fit_patch
@@ -156,16 +155,7 @@ def _check(
 def _decide(
     model: Model, candidates: list[Candidate], hidden: list[Hidden], progress: Progress
 ) -> Decision:
-    names = {one.effect for one in hidden if one.absorbed == 1}  # Fully hidden.
-    candidates = [one for one in candidates if one.effect not in names]
-    # A pose error is not an effect of the camera, so the verdict does not depend on it.
-    absorbed = [
-        Undecided(one.effect, one.absorbed, one.settled_by)
-        for one in hidden
-        if one.effect != of_role('pose').name
-    ]
-    if not model.own.posed.any():
-        candidates = [one for one in candidates if one.kind.role != 'pose']
+    candidates, absorbed = decidable_candidates(model, candidates, hidden)
     step = stepper(progress, 'comparing explanations', 0.72, 0.1, 4 * len(candidates))
     decision = decide(model, candidates, step, absorbed=absorbed)
     if not model.seen.any():

@@ -3,7 +3,9 @@
 from collections.abc import Callable, Sequence, Set
 from dataclasses import dataclass
 
+from flexx2_sim_ros.effects import of_role
 from flexx2_sim_ros.gap.calibration.inference import THRESHOLDS, Thresholds
+from flexx2_sim_ros.gap.data.hidden import Hidden
 from flexx2_sim_ros.gap.features.catalogue import Candidate
 from flexx2_sim_ros.gap.inference.decidable import Undecided, undecided
 from flexx2_sim_ros.gap.inference.fitting import Fit
@@ -100,6 +102,13 @@ class Decision:
         return self.chosen if self.explains_gap else self.base
 
     @property
+    def settled(self) -> bool:
+        """Return whether it names one cause, or none, and leaves no alternative."""
+        if self.explains_gap:
+            return not self.alternatives
+        return self.verdict == 'none'
+
+    @property
     def finds_gap(self) -> bool:
         """Return whether there is a gap, explained or not."""
         return self.verdict not in ('none', 'not_decidable')
@@ -111,6 +120,7 @@ def decide(
     tick: Callable[[], None] = lambda: None,
     thresholds: Thresholds = THRESHOLDS,
     absorbed: Sequence[Undecided] = (),
+    not_seen: Sequence[Undecided] | None = None,
 ) -> Decision:
     """
     Explain the gap.
@@ -128,9 +138,12 @@ def decide(
     absorbed : sequence of Undecided
         Effects that the ground truth hides because of how it was made: wholly, then they are no
         candidates, or for the most part. Without a finding the verdict is ``not_decidable``.
+    not_seen : sequence of Undecided, optional
+        The result of `undecided`, which does not depend on the gap; computed when left out.
 
     """
-    not_seen = undecided(model, candidates, thresholds, tick)
+    if not_seen is None:
+        not_seen = undecided(model, candidates, thresholds, tick)
     hidden = [one for one in not_seen if one.confounded]
     said = {one.effect for one in absorbed}
     covered = [one for one in not_seen if not one.confounded and one.effect not in said]
@@ -174,6 +187,40 @@ def decide(
         excess,
         [*(one for one in absorbed if one.effect not in settled | names), *hidden],
     )
+
+
+def decidable_candidates(
+    model: Model, candidates: Sequence[Candidate], hidden: Sequence[Hidden]
+) -> tuple[list[Candidate], list[Undecided]]:
+    """
+    Return what a campaign can be explained with, and what its ground truth hides.
+
+    Parameters
+    ----------
+    model : Model
+        The recordings.
+    candidates : sequence of Candidate
+        The catalogue.
+    hidden : sequence of Hidden
+        What the campaign's ground truth hides by the way it was made.
+
+    Returns
+    -------
+    tuple of list
+        The candidates that are left, and ``absorbed`` for `decide`.
+
+    """
+    names = {one.effect for one in hidden if one.absorbed == 1}  # Fully hidden.
+    left = [one for one in candidates if one.effect not in names]
+    if not model.own.posed.any():
+        left = [one for one in left if one.kind.role != 'pose']
+    # A pose error is not an effect of the camera, so the verdict does not depend on it.
+    absorbed = [
+        Undecided(one.effect, one.absorbed, one.settled_by)
+        for one in hidden
+        if one.effect != of_role('pose').name
+    ]
+    return left, absorbed
 
 
 def hidden_could_explain(

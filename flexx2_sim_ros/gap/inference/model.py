@@ -253,6 +253,12 @@ class Model:
         own = np.sqrt(np.diag(one.covariance)[:POSE]) / STEPS
         return np.asarray(np.hypot(own, self.constants.pose_floor))
 
+    def with_gap(self, gap: np.ndarray) -> 'Model':
+        """Return the model of the same recordings with another gap, (R, SIZE)."""
+        other = copy(self)
+        other.gap = np.where(self.good, gap, 0).astype(np.float32)
+        return other
+
     def as_if(
         self,
         gap: np.ndarray,
@@ -260,7 +266,7 @@ class Model:
         exact: bool = False,
     ) -> 'Model':
         """
-        Return the model of recordings that have another gap.
+        Return the model of recordings with another gap that were not registered.
 
         Parameters
         ----------
@@ -272,8 +278,7 @@ class Model:
             Whether the depth of the ground truth is known without error.
 
         """
-        other = copy(self)
-        other.gap = np.where(self.good, gap, 0).astype(np.float32)
+        other = self.with_gap(gap)
         known = [e.covariance for e in self.evidence] if covariances is None else covariances
         other.own = OwnErrors(self.evidence, known, self.constants, registered=False)
         if exact:

@@ -1,62 +1,145 @@
-"""The explanations that a diagnosis leaves open."""
+"""The explanations that a diagnosis leaves open, and how likely each one is."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import Any
 
-from flexx2_sim_ros.effects import of_role, registry
+from flexx2_sim_ros.effects import Effect, of_role, registry
 from flexx2_sim_ros.errors import InputError, shown
+from flexx2_sim_ros.gap.inference.decide import Decision
+from flexx2_sim_ros.gap.inference.effects import fitted_effects
+from flexx2_sim_ros.gap.inference.fitting import Fit
+from flexx2_sim_ros.gap.inference.model import Model
+from flexx2_sim_ros.gap.inference.selection import Trials
 from flexx2_sim_ros.gap.report.reading import Diagnosed
+import numpy as np
 
 NONE = 'no effect'
+_NARROWLY = 6.0  # loss: an effect that gains so much less is e^3 times less likely
 Effects = dict[str, dict[str, Any]]
 
 
-def explanations(before: Diagnosed) -> dict[str, Effects]:
+@dataclass(frozen=True)
+class Explanation:
     """
-    Return the sets of effects that are still possible, by readable names.
+    What may be the cause of a gap.
 
-    These are the chosen effects, each alternative (which replaces some of them), each effect that
-    the ground truth could not decide (at typical strength), and no effect. Pose errors count as no
-    effect.
+    Attributes
+    ----------
+    name : str
+        For people.
+    effects : dict
+        Parameters by effect; empty if there is none.
+    gain : float
+        Reduction of the loss of the recordings, as in `Choice`.
+    fit : Fit
+        What it leaves of the gap is the residual of this fit.
+
+    """
+
+    name: str
+    effects: Effects
+    gain: float
+    fit: Fit
+
+    @property
+    def cause(self) -> str | None:
+        """Return the effect that a diagnosis should name first, None without effects."""
+        return next(iter(self.effects), None)
+
+
+def check_open(before: Diagnosed) -> None:
+    """
+    Check that a diagnosis leaves something open.
 
     Raises
     ------
     InputError
-        When the diagnosis leaves nothing open, or lacks a key.
+        When it does not, or lacks a key.
 
     """
     try:
-        sets = _sets(before.table)
-    except (KeyError, TypeError) as error:
+        alternatives, hidden = before.table['alternatives'], before.table['not_decidable']
+    except KeyError as error:
         raise InputError(
             f'DIAGNOSIS: diagnosis.json: must be as flexx2 gap diagnose writes it, got no '
             f'{shown(error.args[0])}'
         ) from error
-    pose, out = of_role('pose').name, dict[str, Effects]()
-    for one in sets:
-        effects = {name: dict(values) for name, values in one.items() if name != pose}
-        # The pose of each recording is fitted in any case, so a pose error looks like no effect.
-        if effects not in out.values():
-            out[' + '.join(one).replace('_', ' ') or NONE] = effects
-    settled = not (before.table['alternatives'] or before.table['not_decidable'])
-    if before.verdict == 'identified' and settled:
+    if before.verdict == 'identified' and not (alternatives or hidden):
         raise InputError('DIAGNOSIS: must leave something open, got one explanation: check it')
-    if len(out) < 2:
+    if not (before.table.get('effects') or alternatives or hidden):
         raise InputError(
             'DIAGNOSIS: must have alternatives or effects that are not decidable, got verdict '
             f'{shown(before.verdict)} without any'
         )
-    return out
 
 
-def _sets(table: Mapping[str, Any]) -> list[Effects]:
-    chosen = {row['name']: row['parameters'] for row in table['effects']}
-    sets = [chosen]
-    for row in table['alternatives']:
-        kept = {k: v for k, v in chosen.items() if k not in row['instead_of']}
-        sets.append({**kept, row['name']: row['parameters']})
-    sets += [
-        {**chosen, row['name']: registry()[row['name']]().settings}
-        for row in table['not_decidable']
+def explanations(model: Model, decision: Decision) -> list[Explanation]:
+    """
+    Return the sets of effects that are still possible.
+
+    These are the chosen effects, each alternative (which replaces some of them), each single
+    effect that was rejected narrowly, each effect that the ground truth cannot decide (at typical
+    strength), and no effect. Pose errors count as no effect.
+
+    Parameters
+    ----------
+    model : Model
+        The recordings.
+    decision : Decision
+        What the diagnosis says about them.
+
+    """
+    trials = Trials(model)
+    sets = [*_found(trials, decision), *_narrowly_rejected(model, decision)]
+    base, kept = decision.accepted, _table(fitted_effects(model, decision.accepted))
+    gain = _gain(trials, base)
+    for one in decision.undecided:
+        typical = {one.effect: registry()[one.effect]().settings}
+        sets.append((kept | typical, gain, base))
+    sets.append(({}, 0.0, decision.base))
+    pose, out = of_role('pose').name, dict[str, Explanation]()
+    for effects, gain, fit in sets:
+        # The pose of each recording is fitted in any case, so a pose error looks like no effect.
+        camera = {name: values for name, values in effects.items() if name != pose}
+        if not any(camera == one.effects for one in out.values()):
+            name = ' + '.join(camera).replace('_', ' ') or NONE
+            out.setdefault(name, Explanation(name, camera, gain, fit))
+    return list(out.values())
+
+
+def probabilities(standing: Iterable[Explanation]) -> np.ndarray:
+    """Return how likely each explanation is, (N,): proportional to exp(gain / 2)."""
+    gains = np.array([one.gain for one in standing])
+    weights = np.exp((gains - gains.max()) / 2)
+    return np.asarray(weights / weights.sum())
+
+
+def _found(trials: Trials, decision: Decision) -> list[tuple[Effects, float, Fit]]:
+    # The chosen effects and the alternatives.
+    fits = [decision.chosen] if decision.explains_gap else []
+    if decision.finds_gap:
+        fits += [one.fit for one in decision.alternatives]
+    return [(_table(fitted_effects(trials.model, fit)), _gain(trials, fit), fit) for fit in fits]
+
+
+def _narrowly_rejected(model: Model, decision: Decision) -> list[tuple[Effects, float, Fit]]:
+    # Single effects are compared with each other, not with a set of effects.
+    if not decision.finds_gap or len(decision.accepted.candidates) > 1:
+        return []
+    best = decision.considered[0].gain
+    known = {decision.accepted.candidates[0].effect} if decision.accepted.candidates else set()
+    known |= {one.fit.candidates[-1].effect for one in decision.alternatives}
+    return [
+        (_table(fitted_effects(model, one.fit)), one.gain, one.fit)
+        for one in decision.considered
+        if one.gain > max(best - _NARROWLY, 0) and one.fit.candidates[0].effect not in known
     ]
-    return [*sets, {}]
+
+
+def _gain(trials: Trials, fit: Fit) -> float:
+    return trials.choice(fit.candidates, fit.values).gain if fit.candidates else 0.0
+
+
+def _table(effects: Iterable[Effect]) -> Effects:
+    return {effect.name: dict(effect.settings) for effect in effects}

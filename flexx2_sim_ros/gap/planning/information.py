@@ -1,5 +1,5 @@
 """
-The value of one more recording: expected information and expected decision.
+The expected information of one more recording.
 
 Each explanation in turn is assumed to be true. Its shift of the features, noise, and errors of the
 ground truth make a gap, with common random numbers for all explanations. The loss of each
@@ -8,7 +8,8 @@ probability after the recording.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 from flexx2_sim_ros.gap.calibration.data import GROUND_TRUTH
 from flexx2_sim_ros.gap.features.catalogue import Candidate, Column, Term
@@ -23,26 +24,20 @@ _DRAWS = 3
 _TRUE = 'true: '
 
 
-@dataclass(frozen=True)
-class Outlook:
+class Outlook(NamedTuple):
     """
-    The expected value of a recording.
+    What a recording tells about explanations.
 
     Attributes
     ----------
     bits : float
         Expected information about the true explanation; see `information`.
-    right, wrong, undecided : float
-        Probabilities that it decides correctly, wrongly, or not at all; their sum is 1.
     told_apart : tuple of int
         The two explanations that it distinguishes best.
 
     """
 
     bits: float
-    right: float
-    wrong: float
-    undecided: float
     told_apart: tuple[int, int]
 
 
@@ -63,11 +58,10 @@ def outlook(
     weights: np.ndarray,
     prior: np.ndarray,
     fitted: bool,
-    needed: float,
     seed: int,
 ) -> Outlook:
     """
-    Return the expected value of a recording.
+    Return what a recording tells about explanations.
 
     Parameters
     ----------
@@ -83,8 +77,6 @@ def outlook(
         (6,) standard deviations of pose errors, metres and degrees.
     fitted : bool
         Whether planes are fitted to the recording.
-    needed : float
-        Difference of loss to the next best explanation that a decision needs.
     seed : int
         Seed of the draws.
 
@@ -97,21 +89,10 @@ def outlook(
             for draw in range(_DRAWS)
         ]
     ).reshape(len(names), _DRAWS, len(names))
-    order = np.sort(losses, axis=-1)
-    decided = order[..., 1] - order[..., 0] >= needed
-    best = losses.argmin(axis=-1) == np.arange(len(names))[:, None]
-    right = float(weights @ (decided & best).mean(axis=1))
-    settled = float(weights @ decided.mean(axis=1))
     apart = losses.mean(axis=1)
     apart = (apart - np.diag(apart)[:, None]) * np.outer(weights, weights)
     i, j = np.unravel_index(int((apart + apart.T).argmax()), apart.shape)
-    return Outlook(
-        information(losses, weights),
-        right,
-        settled - right,
-        1 - settled,
-        (int(min(i, j)), int(max(i, j))),
-    )
+    return Outlook(information(losses, weights), (int(min(i, j)), int(max(i, j))))
 
 
 def entropy(weights: np.ndarray) -> float:

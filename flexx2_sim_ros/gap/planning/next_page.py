@@ -33,11 +33,7 @@ _TOP = 98.0  # percentile of the changes at the end of the colour scale
 _LOUD = 3.0  # end of the colour scale of the noise, in medians
 _ALL_VALID = 0.999
 _BASELINES = {'repeat': 'mean of repeats', 'random': 'mean of the plan'}
-HOW = (
-    'Record the first suggestion twice, and set it up anew in between: an effect is only found if '
-    'it also shows in recordings that were left out of its fit. Add both to the campaign and '
-    'diagnose again.'
-)
+_FEW = 0.5  # expected fraction right from which on a suggestion is more likely right than not
 
 
 def page(found: Suggestions, lens: Intrinsics) -> str:
@@ -57,11 +53,32 @@ def page(found: Suggestions, lens: Intrinsics) -> str:
         '<h1>What to record next</h1>',
         '<p>The diagnosis leaves these explanations. A recording can tell them apart.</p>',
         _explanations(table),
-        f'<p>{escape(HOW)}</p><h2>Ranking</h2>',
+        f'<p>{escape(suggested(table))}</p><h2>Ranking</h2>',
         _ranking(table),
         *(_view(i, one, table['explanations'], lens) for i, one in enumerate(found.views)),
     ]
     return html_page('What to record next', _STYLE, '\n'.join(body))
+
+
+def suggested(table: Mapping[str, Any]) -> str:
+    """Return what to record next, how, and what to expect of it, in sentences."""
+    one = table['suggestion']
+    names = ' and '.join(f'{row["name"]} (truth: {row["truth"]})' for row in one['record'])
+    each = 'twice each' if len(one['record']) > 1 else 'twice'
+    expected = (
+        f'It is expected to settle the question correctly in {percent(one["right"])} of cases and '
+        f'wrongly in {percent(one["wrong"])}.'
+    )
+    if one['right'] < _FEW:
+        expected += (
+            ' So these recordings are not likely to be enough: a more accurate ground truth, more '
+            'frames, or more set-ups of the ranking may be needed.'
+        )
+    return (
+        f'Record {names} {each}, and set it up anew in between: an effect is only found if it '
+        'also shows in recordings that were left out of its fit. Add the recordings to the '
+        f'campaign and diagnose again. {expected}'
+    )
 
 
 def percent(share: float) -> str:
@@ -109,20 +126,22 @@ def _ranking(table: Mapping[str, Any]) -> str:
     left = len(table['ranking']) - _MOST_ROWS
     more = f' {left} more are in next.json.' if left > 0 else ''
     return (
-        '<div class="scroll"><table class="ranking"><tr><th>record</th><th>information, bit</th>'
-        '<th>settles it correctly</th><th>wrongly</th><th>not</th><th>tells apart best</th></tr>'
-        f'{"".join(cells)}</table></div><p><small>{table["most_bits"]:.2f} bit would decide '
-        'between all explanations. The other columns are the expected fractions for one '
-        f'recording, if the explanations are as likely as above.{more} Mean of repeats: of '
-        'repeating a recording that was diagnosed (with --campaign). Mean of the plan: of a '
-        'random recording of the plan.</small></p>'
+        '<div class="scroll"><table class="ranking"><tr><th>record twice</th>'
+        '<th>settles it correctly</th><th>wrongly</th><th>not</th><th>information, bit</th>'
+        '<th>tells apart best</th></tr>'
+        f'{"".join(cells)}</table></div><p><small>The fractions are those of simulated '
+        'diagnoses of all recordings together, if the explanations are as likely as above. They '
+        'do not know of causes that are not in that table. One recording tells so many bits; '
+        f'{table["most_bits"]:.2f} bit would decide between all explanations.{more} Mean of '
+        'repeats: of repeating a recording that was diagnosed. Mean of the plan: of a random '
+        'recording of the plan.</small></p>'
     )
 
 
 def _row(record: str, row: Mapping[str, Any], apart: str, kind: str = '') -> str:
     shares = ''.join(f'<td>{percent(row[key])}</td>' for key in ('right', 'wrong', 'undecided'))
     return (
-        f'<tr class="{kind}"><td>{escape(record)}</td><td>{row["bits"]:.2f}</td>{shares}'
+        f'<tr class="{kind}"><td>{escape(record)}</td>{shares}<td>{row["bits"]:.2f}</td>'
         f'<td>{escape(apart)}</td></tr>'
     )
 

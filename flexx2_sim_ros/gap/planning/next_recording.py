@@ -1,7 +1,8 @@
 """Rank recordings by how well they would decide what a diagnosis leaves open."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from itertools import combinations
 from pathlib import Path
 import tempfile
 from typing import Any
@@ -9,12 +10,15 @@ from typing import Any
 from flexx2_sim_ros import __version__
 from flexx2_sim_ros.camera import flexx2, Profile
 from flexx2_sim_ros.errors import InputError, shown
-from flexx2_sim_ros.gap.calibration.data import GROUND_TRUTH
-from flexx2_sim_ros.gap.calibration.inference import THRESHOLDS
 from flexx2_sim_ros.gap.data.campaign import check, Found
-from flexx2_sim_ros.gap.features.catalogue import catalogue, Column, nuisances
+from flexx2_sim_ros.gap.data.given import given_effects, Table
+from flexx2_sim_ros.gap.data.hidden import hidden_effects
+from flexx2_sim_ros.gap.features.catalogue import catalogue
 from flexx2_sim_ros.gap.features.evidence import Evidence
-from flexx2_sim_ros.gap.planning.explanations import Effects, explanations, NONE
+from flexx2_sim_ros.gap.inference.effects import table_of
+from flexx2_sim_ros.gap.inference.model import Model
+from flexx2_sim_ros.gap.planning.explanations import check_open, Effects
+from flexx2_sim_ros.gap.planning.forecast import expect, Expected, Known, Source, what_is_known
 from flexx2_sim_ros.gap.planning.information import (
     entropy,
     Outlook,
@@ -33,13 +37,14 @@ from flexx2_sim_ros.gap.planning.possible import (
     usual_kinds,
 )
 from flexx2_sim_ros.gap.report.reading import Diagnosed, read_diagnosis
-from flexx2_sim_ros.gap.work import find, summarise
-from flexx2_sim_ros.jobs import bind, workers
+from flexx2_sim_ros.gap.work import find, Progress, stepper, summarise, summarise_all
+from flexx2_sim_ros.jobs import bind, Map, workers
 import numpy as np
 
-SCHEMA = 1
+SCHEMA = 2
 _SHOWN = 3  # number of suggestions with images
-Progress = Callable[[str, float], None]
+_ENOUGH = 0.9  # expected fraction right from which on one set-up is enough
+_COMBINED = 4  # set-ups that are combined in pairs
 
 
 @dataclass(frozen=True)
@@ -62,47 +67,51 @@ class Suggestions:
 
 @dataclass(frozen=True)
 class _Setting:
-    # Settings of all simulations.
+    # Settings of all simulations, and what is known so far.
     profile: Profile
-    known: Effects
-    prior: tuple[float, ...]
-    seed: int
-    standing: dict[str, Effects]
-    weights: tuple[float, ...]
-    needed: float
+    given: Table
+    explanations: dict[str, Effects]
+    weights: np.ndarray
+    known: Known
 
-    @property
-    def names(self) -> list[str | None]:
-        return [name if effects else None for name, effects in self.standing.items()]
+
+@dataclass(frozen=True, eq=False)
+class _Row:
+    # A recording that could be made, what it tells, what is expected after it, and its two
+    # simulations.
+    possible: Possible
+    outlook: Outlook
+    expected: Expected
+    pair: tuple[Evidence, Evidence]
 
 
 def suggest(
     diagnosis: str | Path,
+    campaign: str | Path,
     plan: Plan,
     *,
     kinds: Sequence[str] = (),
     scenes: Sequence[str | Path] = (),
-    campaign: str | Path | None = None,
     profile: Profile | None = None,
     seed: int = 0,
     jobs: int = 1,
     progress: Progress = lambda text, share: None,
 ) -> Suggestions:
     """
-    Rank recordings by their expected information about the open explanations of a diagnosis.
+    Rank recordings by how well they are expected to settle what a diagnosis leaves open.
 
     Parameters
     ----------
     diagnosis : str or pathlib.Path
         A folder that `diagnose` has written.
+    campaign : str or pathlib.Path
+        The recordings that were diagnosed.
     plan : Plan
         What could be recorded.
     kinds : sequence of str
         Kinds of ground truth that the user can make (default: those of the diagnosed recordings).
     scenes : sequence of str or pathlib.Path
         ``.npz`` files of further scenes, with ``clean_depth`` and ``K``.
-    campaign : str or pathlib.Path, optional
-        The recordings that were diagnosed, to compare with repeating them.
     profile : Profile, optional
         The camera (default: the Flexx2).
     seed : int
@@ -115,89 +124,91 @@ def suggest(
     Raises
     ------
     InputError
-        When the diagnosis or a scene cannot be used, or the diagnosis leaves nothing open.
+        When the diagnosis, a recording or a scene cannot be used, or the diagnosis leaves nothing
+        open.
 
     """
     before = read_diagnosis(Path(diagnosis))
+    check_open(before)
     camera = profile or flexx2()
-    setting = _setting(before, camera, seed)
     chosen = kinds_named(kinds or usual_kinds(before.table))
     plan = replace(plan, usecase=_usecase(before))
-    done = 0
-
-    def step() -> None:
-        nonlocal done
-        done += 1
-        progress('simulating recordings', done / len(possible))
-
     with tempfile.TemporaryDirectory() as name, workers(jobs, None) as mapped:
         folder = Path(name)
-        progress('rendering scenes', 0.0)
-        told = camera, setting.known, seed
+        progress('reading the recordings', 0.0)
+        setting, repeated = _setting(before, campaign, camera, seed, mapped, progress)
+        told = camera, setting.given, seed
         possible = of_plan(folder, plan, chosen, *told)
         for i, scene in enumerate(scenes):
             written = folder / f'own_{i}.npz'
             possible.append(of_scene(written, Path(scene), plan.usecase, *told))
-        if campaign is not None:
-            possible += of_campaign(find(campaign, camera, mapped)[0])
-        outlooks = mapped(bind(_look_out, setting=setting), possible, step)
-        pairs = [
-            (one, expected)
-            for one, expected in zip(possible, outlooks, strict=True)
-            if isinstance(expected, Outlook)
-        ]
-        if not any(not one.repeat for one, _ in pairs):
-            raise InputError(f'DIAGNOSIS: no recording of the plan can be used: {outlooks[0]}')
-        pairs.sort(key=lambda pair: -pair[1].bits)
-        progress('drawing', 1.0)
-        first = [one for one, _ in pairs if not one.repeat][:_SHOWN]
-        views = [look(one, setting.standing, *told) for one in first]
-    return Suggestions(_table(pairs, setting), views)
+        possible += of_campaign(repeated)
+        step = stepper(progress, 'simulating recordings', 0.2, 0.6, len(possible))
+        outcomes = mapped(bind(_look_out, setting=setting), possible, step)
+        rows = [one for one in outcomes if isinstance(one, _Row)]
+        if not any(not one.possible.repeat for one in rows):
+            raise InputError(f'DIAGNOSIS: no recording of the plan can be used: {outcomes[0]}')
+        rows.sort(key=lambda row: (-row.expected.right, row.expected.wrong, -row.outlook.bits))
+        new = [row for row in rows if not row.possible.repeat]
+        best, expected = _suggestion(new, setting.known, mapped, progress)
+        first = [*best, *(row for row in new if row not in best)][:_SHOWN]
+        views = [look(row.possible, setting.explanations, *told) for row in first]
+    return Suggestions(_table(rows, best, expected, setting), views)
 
 
-def _setting(before: Diagnosed, camera: Profile, seed: int) -> _Setting:
+def _suggestion(
+    new: Sequence[_Row], known: Known, mapped: Map, progress: Progress
+) -> tuple[Sequence[_Row], Expected]:
+    # The first set-up if that is enough, otherwise the best pair of the first few.
+    sets: list[Sequence[_Row]] = [new[:1]]
+    if new[0].expected.right < _ENOUGH and len(new) > 1:
+        sets = list(combinations(new[:_COMBINED], 2))
+    step = stepper(progress, 'combining recordings', 0.8, 0.2, len(sets))
+    expected = mapped(bind(_together, known=known), sets, step)
+    best = max(range(len(sets)), key=lambda i: (expected[i].right, -expected[i].wrong))
+    return sets[best], expected[best]
+
+
+def _setting(
+    before: Diagnosed,
+    campaign: str | Path,
+    camera: Profile,
+    seed: int,
+    mapped: Map,
+    progress: Progress,
+) -> tuple[_Setting, list[Found]]:
+    # Diagnoses the campaign again, without writing anything: what fits leave of the gap is not in
+    # the files of a diagnosis.
+    given = table_of(given_effects(before.known))
+    found, left_out = find(campaign, camera, mapped)
+    _check_same(before, found)
+    without = {row['name'] for row in before.table.get('not_considered', [])}
+    modulation = bool(found[0].mode.modulation_hz)
+    columns, _ = catalogue(without, modulation)
     metres, degrees = before.pose_prior
-    known = {name: dict(values) for name, values in before.known.items()}
-    standing = explanations(before)
-    return _Setting(
-        camera,
-        known,
-        (metres,) * 3 + (degrees,) * 3,
-        seed,
-        standing,
-        _weights(before, standing),
-        _needed(before),
+    prior = (metres,) * 3 + (degrees,) * 3
+    text = 'simulating what could explain the recordings'
+    step = stepper(progress, text, 0.0, 0.2, len(found))
+    used, evidence, _ = summarise_all(
+        campaign, found, left_out, camera, columns, seed, np.array(prior), mapped, step, given
     )
+    model = Model(evidence, columns, np.array(prior))
+    hidden = [one for one in hidden_effects(campaign) if one.effect not in without]
+    source = Source(tuple(columns), frozenset(without), modulation, tuple(hidden), prior, seed)
+    standing, weights, known = what_is_known(model, source)
+    if len(standing) < 2:
+        raise InputError(f'DIAGNOSIS: must leave something open, got only {standing[0].name}')
+    effects = {one.name: one.effects for one in standing}
+    return _Setting(camera, given, effects, weights, known), used
 
 
-def _weights(before: Diagnosed, standing: dict[str, Effects]) -> tuple[float, ...]:
-    # Explanations are equally likely, except no effect where the diagnosis has found a gap: its
-    # probability falls with the loss that it leaves.
-    gap = _gap(before)
-    left = max(gap['before'] - gap['null'], 0.0) if before.verdict != 'not_decidable' else 0.0
-    weights = np.array([np.exp(-left / 2) if name == NONE else 1.0 for name in standing])
-    return tuple(float(one) for one in weights / weights.sum())
-
-
-def _needed(before: Diagnosed) -> float:
-    # The difference of loss that the next diagnosis, with one more recording, needs for a
-    # decision.
-    gap, about = _gap(before), THRESHOLDS
-    count = sum(bool(row.get('used')) for row in before.table['recordings']) + 1
-    margin = GROUND_TRUTH.margin if before.table['not_decidable'] else 1.0
-    explained = max(gap['before'] - gap['after'], 0.0)
-    return margin * count * (about.gain + about.term_cost) + (1 - about.alternative) * explained
-
-
-def _gap(before: Diagnosed) -> dict[str, float]:
-    gap = before.table.get('gap', {})
-    try:
-        gap = gap.get('loss', gap)  # A diagnosis of schema 1 has it in the gap itself.
-        return {key: float(gap[key]) for key in ('before', 'after', 'null')}
-    except (AttributeError, KeyError, TypeError, ValueError) as error:
+def _check_same(before: Diagnosed, found: Sequence[Found]) -> None:
+    diagnosed = {row['name'] for row in before.table['recordings'] if row.get('used')}
+    missing = sorted(diagnosed - {one.path.name for one in found})
+    if missing:
         raise InputError(
-            f'DIAGNOSIS: diagnosis.json: gap: must have before, after and null, got {shown(gap)}'
-        ) from error
+            f'CAMPAIGN: must have the recordings that were diagnosed, got no {shown(missing[0])}'
+        )
 
 
 def _usecase(before: Diagnosed) -> str:
@@ -209,71 +220,83 @@ def _usecase(before: Diagnosed) -> str:
     return usecase
 
 
-def _look_out(possible: Possible, setting: _Setting) -> Outlook | str:
+def _look_out(possible: Possible, setting: _Setting) -> _Row | str:
     # The expected value of a recording, or the reason why it cannot be used.
-    profile = setting.profile
+    profile, known, kind = setting.profile, setting.known, possible.kind
     found = check(possible.path, profile)
     if not isinstance(found, Found):
         return found
-    wrong = nuisances().columns
-    base = [c for c in catalogue((), bool(found.mode.modulation_hz))[0] if c.name in wrong]
-    of_camera = [
-        Column(name, {k: v for k, v in effects.items() if k not in possible.kind.never}, few=False)
-        for name, effects in setting.standing.items()
-        if effects
+    own = {name for name, effects in setting.explanations.items() if effects}
+    columns = [
+        # What the ground truth always hides shifts nothing.
+        replace(c, effects={k: v for k, v in c.effects.items() if k not in kind.never})
+        if c.name in own
+        else c
+        for c in known.columns
     ]
-    parts: list[Evidence] = []
-    for half, columns in enumerate((base + of_camera, of_camera)):
-        one = summarise(found, profile, columns, setting.seed + half, setting.prior, setting.known)
+    pair = []
+    for seed in (known.source.seed, known.source.seed + 1):
+        one = summarise(found, profile, columns, seed, known.source.prior, setting.given)
         if isinstance(one, str):
             return one
-        parts.append(one)
-    return outlook(
-        with_true(*parts),
-        base + of_camera + true_columns(of_camera),
-        setting.names,
-        np.array(setting.weights),
-        np.array(setting.prior),
-        possible.kind.fitted,
-        setting.needed,
-        setting.seed,
+        pair.append(one)
+    first, second = pair
+    told = [c for c in columns if c.name in own]
+    true = replace(second, columns=second.columns[-len(told) :])
+    tells = outlook(
+        with_true(first, true),
+        [*columns, *true_columns(told)],
+        [name if name in own else None for name in setting.explanations],
+        setting.weights,
+        np.array(known.source.prior),
+        kind.fitted,
+        known.source.seed,
     )
+    return _Row(possible, tells, expect(known, [(first, second)], kind.fitted), (first, second))
 
 
-def _table(pairs: Sequence[tuple[Possible, Outlook]], setting: _Setting) -> dict[str, Any]:
-    names = list(setting.standing)
-    rows = [
+def _together(rows: Sequence[_Row], known: Known) -> Expected:
+    # What is expected when these set-ups are recorded twice each.
+    fitted = any(row.possible.kind.fitted for row in rows)
+    return expect(known, [row.pair for row in rows], fitted)
+
+
+def _table(
+    rows: Sequence[_Row], first: Sequence[_Row], expected: Expected, setting: _Setting
+) -> dict[str, Any]:
+    names = list(setting.explanations)
+    ranking = [
         {
-            'name': one.name,
-            'truth': one.kind.name,
-            'words': one.words,
-            'bits': expected.bits,
-            'right': expected.right,
-            'wrong': expected.wrong,
-            'undecided': expected.undecided,
-            'best_told_apart': [names[i] for i in expected.told_apart],
+            'name': row.possible.name,
+            'truth': row.possible.kind.name,
+            'words': row.possible.words,
+            'bits': row.outlook.bits,
+            **asdict(row.expected),
+            'best_told_apart': [names[i] for i in row.outlook.told_apart],
         }
-        for one, expected in pairs
-        if not one.repeat
+        for row in rows
+        if not row.possible.repeat
     ]
-    repeats = [expected for one, expected in pairs if one.repeat]
-    planned = [expected for one, expected in pairs if one.planned is not None]
-    baselines = {'random': _mean(planned)}
-    if repeats:
-        baselines['repeat'] = _mean(repeats)
     return {
         'schema': SCHEMA,
-        'explanations': setting.standing,
-        'probabilities': dict(zip(names, setting.weights, strict=True)),
-        'ranking': rows,
-        'baselines': baselines,
-        'most_bits': entropy(np.array(setting.weights)),
+        'explanations': setting.explanations,
+        'probabilities': dict(zip(names, map(float, setting.weights), strict=True)),
+        'suggestion': {
+            'record': [
+                {'name': row.possible.name, 'truth': row.possible.kind.name} for row in first
+            ],
+            **asdict(expected),
+        },
+        'ranking': ranking,
+        'baselines': {
+            'random': _mean([row for row in rows if row.possible.planned is not None]),
+            'repeat': _mean([row for row in rows if row.possible.repeat]),
+        },
+        'most_bits': entropy(setting.weights),
         'version': __version__,
     }
 
 
-def _mean(outlooks: Sequence[Outlook]) -> dict[str, float]:
-    return {
-        key: float(np.mean([getattr(one, key) for one in outlooks]))
-        for key in ('bits', 'right', 'wrong', 'undecided')
-    }
+def _mean(rows: Sequence[_Row]) -> dict[str, float]:
+    every = [{'bits': row.outlook.bits, **asdict(row.expected)} for row in rows]
+    return {key: float(np.mean([one[key] for one in every])) for key in every[0]}
