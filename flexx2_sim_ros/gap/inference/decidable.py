@@ -109,6 +109,32 @@ def undecided(
     ]
 
 
+def unseen(
+    model: Model, candidates: Sequence[Candidate], thresholds: Thresholds = THRESHOLDS
+) -> list[str]:
+    """
+    List the effects that would not make a gap in these recordings.
+
+    At typical strength, without noise, each variant of such an effect leaves less loss than that
+    of a gap, after the recordings' own errors are fitted.
+
+    Parameters
+    ----------
+    model : Model
+        The recordings.
+    candidates : sequence of Candidate
+        The catalogue.
+    thresholds : Thresholds
+        From when on there is a gap.
+
+    """
+    least, most = thresholds.gap * len(model.gap), dict[str, float]()
+    for one in candidates:
+        changed = fit(model.as_if(_typical(model, one)), [], scales=GROUND_TRUTH.scales)
+        most[one.effect] = max(most.get(one.effect, 0.0), changed.inside)
+    return [effect for effect, loss in most.items() if loss < least]
+
+
 def _least(model: Model, candidate: Candidate, about: Thresholds) -> float:
     terms = len(candidate.terms) + about.pose_terms * (candidate.kind.role == 'pose')
     count = max(len(model.gap) - 1, 1)

@@ -1,11 +1,13 @@
 """The explanations that a diagnosis leaves open, and how likely each one is."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from flexx2_sim_ros.effects import Effect, of_role, registry
 from flexx2_sim_ros.errors import InputError, shown
+from flexx2_sim_ros.gap.features.catalogue import Candidate
+from flexx2_sim_ros.gap.inference.decidable import unseen
 from flexx2_sim_ros.gap.inference.decide import Decision
 from flexx2_sim_ros.gap.inference.effects import fitted_effects
 from flexx2_sim_ros.gap.inference.fitting import Fit
@@ -74,13 +76,16 @@ def check_open(before: Diagnosed) -> None:
         )
 
 
-def explanations(model: Model, decision: Decision) -> list[Explanation]:
+def explanations(
+    model: Model, decision: Decision, candidates: Sequence[Candidate]
+) -> list[Explanation]:
     """
     Return the sets of effects that are still possible.
 
     These are the chosen effects, each alternative (which replaces some of them), each single
     effect that was rejected narrowly, each effect that the ground truth cannot decide (at typical
-    strength), and no effect. Pose errors count as no effect.
+    strength), and no effect. If no gap was found, each effect that would not make one in these
+    recordings is possible, too. Pose errors count as no effect.
 
     Parameters
     ----------
@@ -88,15 +93,18 @@ def explanations(model: Model, decision: Decision) -> list[Explanation]:
         The recordings.
     decision : Decision
         What the diagnosis says about them.
+    candidates : sequence of Candidate
+        The catalogue.
 
     """
     trials = Trials(model)
     sets = [*_found(trials, decision), *_narrowly_rejected(model, decision)]
     base, kept = decision.accepted, _table(fitted_effects(model, decision.accepted))
     gain = _gain(trials, base)
-    for one in decision.undecided:
-        typical = {one.effect: registry()[one.effect]().settings}
-        sets.append((kept | typical, gain, base))
+    hidden = [one.effect for one in decision.undecided]
+    if not decision.finds_gap:
+        hidden += [name for name in unseen(model, candidates) if name not in hidden]
+    sets += [(kept | {name: registry()[name]().settings}, gain, base) for name in hidden]
     sets.append(({}, 0.0, decision.base))
     pose, out = of_role('pose').name, dict[str, Explanation]()
     for effects, gain, fit in sets:

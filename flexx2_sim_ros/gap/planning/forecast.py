@@ -24,7 +24,7 @@ import numpy as np
 
 _DRAWS = 2
 _COMPARED = 6  # effects that are compared with those still possible
-_LEAST = 0.05  # less likely explanations are not assumed to be true
+_LEAST = 0.05  # less likely explanations are not assumed to be true, if others are likely
 
 
 @dataclass(frozen=True)
@@ -154,7 +154,7 @@ def what_is_known(model: Model, source: Source) -> tuple[list[Explanation], np.n
     """
     candidates, absorbed = decidable_candidates(model, source.candidates(), source.hidden)
     decision = decide(model, candidates, absorbed=absorbed)
-    standing = explanations(model, decision)
+    standing = explanations(model, decision, candidates)
     weights = probabilities(standing)
     compared = _compared(candidates, standing, decision)
     needed = _columns(source.columns, compared)
@@ -197,14 +197,17 @@ def expect(known: Known, pairs: Sequence[tuple[Evidence, Evidence]], fitted: boo
     candidates, absorbed = decidable_candidates(model, known.candidates(), known.source.hidden)
     not_seen = undecided(model, candidates)
     right = wrong = total = 0.0
+    least = min(_LEAST, max(one.weight for one in known.assumed) / 2)
     for one in known.assumed:
-        if one.weight < _LEAST:
+        if one.weight < least:
             continue
         total += one.weight
         for draw in range(_DRAWS):
             rng = np.random.default_rng([known.source.seed, draw])
             gap = _gap(model, one, twins, fitted, rng)
-            decision = decide(model.with_gap(gap), candidates, absorbed=absorbed, not_seen=not_seen)
+            decision = decide(
+                model.with_gap(gap), candidates, absorbed=absorbed, not_seen=not_seen
+            )
             if decision.settled:
                 correct = _named(decision) == one.cause
                 right += one.weight / _DRAWS * correct
@@ -242,12 +245,15 @@ def _named(decision: Decision) -> str | None:
 def _compared(
     candidates: Sequence[Candidate], standing: Sequence[Explanation], decision: Decision
 ) -> list[Candidate]:
-    # The best variant of each effect that explains the gap best, and all of each other effect that
-    # is still possible.
-    best = [one.fit.candidates[0] for one in decision.considered[:_COMPARED]]
-    chosen = {(one.effect, one.label) for one in best}
-    effects = {name for one in standing for name in one.effects} - {one.effect for one in best}
-    return [c for c in candidates if (c.effect, c.label) in chosen or c.effect in effects]
+    # The best variant of each effect that explains the gap best. Of each other effect that is
+    # still possible the first variant, and the best one where the diagnosis has compared them.
+    best = [one.fit.candidates[0] for one in decision.considered]
+    possible = {name for one in standing for name in one.effects}
+    chosen = [one for i, one in enumerate(best) if i < _COMPARED or one.effect in possible]
+    others = possible - {one.effect for one in best[:_COMPARED]}
+    chosen += [next(one for one in candidates if one.effect == name) for name in others]
+    labels = {(one.effect, one.label) for one in chosen}
+    return [one for one in candidates if (one.effect, one.label) in labels]
 
 
 def _columns(columns: Sequence[Column], candidates: Sequence[Candidate]) -> list[Column]:
