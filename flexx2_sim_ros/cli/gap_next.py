@@ -24,8 +24,9 @@ def add_parser(commands: Any) -> None:
         description='Simulate the explanations that DIAGNOSIS leaves open in recordings that you '
         'could make next, and diagnose each together with the recordings of CAMPAIGN. The ranking '
         'says how often that names the right cause. Prints the suggestion and the ranking, and '
-        f'writes {_FILE} and {_PAGE} with pictures of what each explanation would look like. See '
-        'docs/planning.md.',
+        f'writes {_FILE} and {_PAGE} with pictures of what each explanation would look like. For '
+        'some causes no set-up of the plan is enough. How often a suggestion came true on a blind '
+        'camera is in docs/planning.md.',
         epilog='example: flexx2 gap next diagnosis/ campaign/ --truth tape',
     )
     parser.add_argument(
