@@ -50,6 +50,7 @@ ORDER = [
     'low_signal_dropout',
     'grazing_dropout',
     'saturation',
+    'random_dropout',
 ]
 
 
@@ -98,9 +99,11 @@ def channels(effects: Any) -> dict[str, np.ndarray]:
     scale = flexx2().mode('Mode_9_30fps').noise.sigma_z(clean, math.atan(0.25))[6:-6, calm]
     rest = error - np.nanmean(error, axis=0)
     known = np.nan_to_num(rest)
-    power = (known**2).mean()
+    power = np.nanmean(rest**2)
     means = np.nanmean(error, axis=0)
-    seen = np.nan_to_num(frame.depth[:, :, EDGE - AWAY : EDGE + AWAY], nan=9.0)
+    around = frame.depth[:, :, EDGE - AWAY : EDGE + AWAY]
+    # A lost pixel says nothing of where the edge is.
+    seen = np.where(np.isnan(around), np.nanmedian(around, axis=0), around)
     near = (seen < 1.2).sum(axis=2) - AWAY
     between = (seen > 1.05) & (seen < 1.3)
     return {

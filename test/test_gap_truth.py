@@ -30,6 +30,7 @@ WITHOUT = [
     'low_signal_dropout',
     'motion_artefact',
     'quantisation',
+    'random_dropout',
     'range_wrap',
     'saturation',
     'spatial_filter',

@@ -9,17 +9,19 @@ from flexx2_sim_ros.batch.effect_formulas import draw_four
 from flexx2_sim_ros.batch.effect_tables import Effects
 from flexx2_sim_ros.batch.kernels import blocks_of, Lens, OPTIONS
 from flexx2_sim_ros.batch.memory_kernels import PassImages
-from flexx2_sim_ros.effects import grazing_dropout, low_signal_dropout, saturation
+from flexx2_sim_ros.effects import grazing_dropout, low_signal_dropout, random_dropout, saturation
 import warp as wp
 
 wp.set_module_options(OPTIONS)
 
 _LOW_SIGNAL = wp.constant(wp.uint32(low_signal_dropout.LowSignalDropout.stream))
 _GRAZING = wp.constant(wp.uint32(grazing_dropout.GrazingDropout.stream))
+_RANDOM = wp.constant(wp.uint32(random_dropout.RandomDropout.stream))
 _SATURATION = wp.constant(wp.uint32(saturation.Saturation.stream))
 
 _survives_darkness = compiled(low_signal_dropout.survives_darkness)
 _survives_grazing = compiled(grazing_dropout.survives_grazing)
+_survives_chance = compiled(random_dropout.survives_chance)
 _specular_gain = compiled(saturation.specular_gain)
 _survives_light = compiled(saturation.survives_light)
 
@@ -81,6 +83,16 @@ def _chance_at_grazing(e: Effects, seen: PassImages, i: wp.int32) -> wp.float32:
 
 
 @wp.func
+def _random_strength(e: Effects) -> wp.float32:
+    return e.random_dropout_strength
+
+
+@wp.func
+def _chance_at_random(e: Effects, seen: PassImages, i: wp.int32) -> wp.float32:
+    return _survives_chance(e.random_dropout_share)
+
+
+@wp.func
 def _saturation_strength(e: Effects) -> wp.float32:
     return e.saturation_strength
 
@@ -131,4 +143,5 @@ def _kernel(stream: Any, strength_of: Any, chance_of: Any) -> Any:
 
 lose_dark = _kernel(_LOW_SIGNAL, _darkness_strength, _chance_in_darkness)
 lose_slanted = _kernel(_GRAZING, _grazing_strength, _chance_at_grazing)
+lose_at_random = _kernel(_RANDOM, _random_strength, _chance_at_random)
 lose_bright = _kernel(_SATURATION, _saturation_strength, _chance_in_light)

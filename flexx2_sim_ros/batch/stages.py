@@ -33,6 +33,7 @@ _LOSES = {
     'low_signal_dropout': dropout_kernels.lose_dark,
     'grazing_dropout': dropout_kernels.lose_slanted,
     'saturation': dropout_kernels.lose_bright,
+    'random_dropout': dropout_kernels.lose_at_random,
 }
 
 

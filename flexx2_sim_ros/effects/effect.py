@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, fields
 import hashlib
 from typing import Any, ClassVar
 
-from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis
+from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis, Searched
 from flexx2_sim_ros.effects.picture import Picture
 from flexx2_sim_ros.effects.shapes import Shape
 from flexx2_sim_ros.effects.tables import PixelMap, Table
@@ -119,6 +119,8 @@ class Effect:
         The variants in which a diagnosis looks for it.
     shapes : tuple of Shape
         The parameters that a calibration fits by simulation, from simple to flexible.
+    searched : Searched or None
+        What of it a diagnosis finds from the recordings first, and the variants that follow.
     nuisances : tuple of str
         What can hide it or look like it, out of `NUISANCES`.
     family : str
@@ -170,6 +172,7 @@ class Effect:
         grid('strength', (0.5, 1.0, 2.0), 0.0, 4.0, few=False),
     )
     shapes: ClassVar[tuple[Shape, ...]] = ()
+    searched: ClassVar[Searched | None] = None
     nuisances: ClassVar[tuple[str, ...]] = ()
     family: ClassVar[str] = ''
     smooth: ClassVar[bool] = False

@@ -48,7 +48,13 @@ class FlyingPixels(Effect):
     changes: ClassVar[tuple[str, ...]] = ('edges',)
     typical: ClassVar[bool] = True
     source: ClassVar[str] = 'phasor mixing over the footprint; the fraction is assumed'
-    hypotheses: ClassVar[tuple[Hypothesis, ...]] = (grid('share', (0.12, 0.3, 0.6), 0.0, 1.0),)
+    hypotheses: ClassVar[tuple[Hypothesis, ...]] = (
+        grid('share', (0.12, 0.3, 0.6), 0.0, 1.0),
+        *(
+            grid('share', (0.2, 0.6), 0.0, 1.0, f'at {mhz:g} MHz', mhz=mhz)
+            for mhz in (15.0, 32.0, 60.0, 100.0)
+        ),
+    )
     shapes: ClassVar[tuple[Shape, ...]] = (
         Shape('3 x 3 pixels', (Free('share', 0.0, 1.0),)),
         Shape(

@@ -1,7 +1,8 @@
 """What a diagnosis simulates of an effect, as plain data."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 
 @dataclass(frozen=True)
@@ -84,6 +85,29 @@ class Hypothesis:
     label: str
     terms: tuple[Term, ...]
     fixed: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Searched:
+    """
+    An internal of an effect that is found from the recordings before anything is simulated.
+
+    Attributes
+    ----------
+    internal : str
+        Which search finds it: a key of `flexx2_sim_ros.gap.features.search.SEARCHES`.
+    variants : callable
+        From what the search returns to the variants that are simulated, besides the effect's
+        ``hypotheses``. Without a finding there are none.
+    of : callable or None
+        From an effect to what the search would return for a camera that has it, empty for the
+        usual one. None if the fit of poses need not know it.
+
+    """
+
+    internal: str
+    variants: Callable[[tuple[float, ...]], tuple[Hypothesis, ...]]
+    of: Callable[[Any], tuple[float, ...]] | None = None
 
 
 def grid(

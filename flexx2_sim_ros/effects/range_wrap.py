@@ -6,7 +6,7 @@ import math
 from typing import ClassVar
 
 from flexx2_sim_ros.effects.effect import Effect, parameter
-from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis
+from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis, Searched
 from flexx2_sim_ros.effects.phasors import own_frequency
 from flexx2_sim_ros.effects.picture import Picture
 from flexx2_sim_ros.effects.shapes import Free, MHZ, Shape
@@ -162,6 +162,19 @@ class RangeWrap(Effect):
         Shape('noise and fraction', (Free('noise', 0.2, 10.0, log=True), Free('share', 0.0, 1.0))),
         Shape('fraction, one frequency', (Free('share', 0.0, 1.0), MHZ)),
     )
+    searched: ClassVar[Searched | None] = Searched(
+        'fold',
+        lambda found: (
+            grid(
+                'share',
+                (0.25, 0.5, 1.0),
+                0.0,
+                1.0,
+                f'every {found[0]:.3g} m',
+                mhz=SPEED_OF_LIGHT / (2e6 * found[0]),
+            ),
+        ),
+    )
     needs_modulation: ClassVar[bool] = True
     nuisances: ClassVar[tuple[str, ...]] = ('sigma',)
     family: ClassVar[str] = 'wraps of the phase'
@@ -199,7 +212,11 @@ class RangeWrap(Effect):
             ray = ray_length(state.intrinsics.matrix, state.depth.shape).astype(np.float32)
         lengths = np.broadcast_to(ray, state.depth.shape)
         if self.mhz is not None:
+            right = state.measured.copy()
             self._fold(state, np.float32(SPEED_OF_LIGHT / (2e6 * self.mhz)), share, lengths)
+            # Within the range of the mode, what is not folded is resolved.
+            kept = np.isnan(state.measured) & (state.depth <= np.float32(state.mode.range_max))
+            state.measured[kept] = right[kept]
             return
         if len(state.mode.modulation_hz) > 1:
             factor = noise if self.noise is None else np.float32(self.noise)

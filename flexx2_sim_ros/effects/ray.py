@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from flexx2_sim_ros.effects.effect import parameter
-from flexx2_sim_ros.effects.hypothesis import Hypothesis
+from flexx2_sim_ros.effects.hypothesis import Hypothesis, Searched
 from flexx2_sim_ros.effects.tables import Table
 from flexx2_sim_ros.effects.wiggling import harmonics, Wiggling
 from flexx2_sim_ros.physics.compiled import compiled, loop
@@ -28,6 +28,7 @@ class AlongRay(Wiggling):
     title: ClassVar[str] = 'offset and harmonics along the line of sight'
     source: ClassVar[str] = 'phase is measured along the ray'
     hypotheses: ClassVar[tuple[Hypothesis, ...]] = ()
+    searched: ClassVar[Searched | None] = None
     reads_as: ClassVar[tuple[tuple[str, str], ...]] = ()
     batched: ClassVar[tuple[str, ...] | None] = None
 

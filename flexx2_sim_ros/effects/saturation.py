@@ -5,7 +5,7 @@ import math
 from typing import ClassVar
 
 from flexx2_sim_ros.effects.effect import Effect, parameter
-from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis
+from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis, Searched
 from flexx2_sim_ros.effects.light import log_amplitude
 from flexx2_sim_ros.effects.losing import kept_by, lose, survival
 from flexx2_sim_ros.effects.tables import Curve, curve_over
@@ -50,6 +50,20 @@ class Saturation(Effect):
     hypotheses: ClassVar[tuple[Hypothesis, ...]] = tuple(
         grid('strength', (0.4, 1.6), 0.0, 4.0, f'half {half:g}', half=half)
         for half in (1.0, 2.0, 3.5, 6.0)
+    )
+    searched: ClassVar[Searched | None] = Searched(
+        'glare',
+        lambda found: (
+            grid(
+                'strength',
+                (0.4, 1.6),
+                0.0,
+                4.0,
+                f'half {found[0]:.2g}, slope {found[1]:g}',
+                half=found[0],
+                slope=found[1],
+            ),
+        ),
     )
     smooth: ClassVar[bool] = True
     brightness: ClassVar[float] = 0.8

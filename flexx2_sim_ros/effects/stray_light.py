@@ -58,8 +58,24 @@ class StrayLight(Effect):
     changes: ClassVar[tuple[str, ...]] = ('bias', 'amplitude')
     typical: ClassVar[bool] = True
     source: ClassVar[str] = 'Schaefer 2014: 0.5 to 5 % of the light'
-    hypotheses: ClassVar[tuple[Hypothesis, ...]] = tuple(
-        grid('share', (0.02,), 0.0, 0.15, f'width {width:g}', width=width) for width in (0.1, 0.25)
+    hypotheses: ClassVar[tuple[Hypothesis, ...]] = (
+        *(
+            grid('share', (0.02,), 0.0, 0.15, f'width {width:g}', width=width)
+            for width in (0.04, 0.1, 0.25, 1.0)
+        ),
+        *(
+            grid(
+                'share',
+                (0.02,),
+                0.0,
+                0.15,
+                f'width {width:g} at {mhz:g} MHz',
+                width=width,
+                mhz=mhz,
+            )
+            for width in (0.04, 0.1, 1.0)
+            for mhz in (32.0, 60.0)
+        ),
     )
     shapes: ClassVar[tuple[Shape, ...]] = (
         Shape('wide kernel', (_SHARE, Free('width', 0.02, 1.0, log=True))),

@@ -5,7 +5,7 @@ from typing import ClassVar
 
 from flexx2_sim_ros.effects.between import between, frames_around, is_late_nearer, share_of
 from flexx2_sim_ros.effects.effect import Effect, parameter
-from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis
+from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis, Searched
 from flexx2_sim_ros.effects.picture import Picture
 from flexx2_sim_ros.physics.frame_state import FrameState, Stage
 import numpy as np
@@ -31,6 +31,19 @@ class TimeOffset(Effect):
     hypotheses: ClassVar[tuple[Hypothesis, ...]] = (
         grid('latency', (-0.08, -0.02, 0.01, 0.02, 0.04, 0.08, 0.16), -0.1, 0.25),
     )
+    searched: ClassVar[Searched | None] = Searched(
+        'latency',
+        lambda found: (
+            grid(
+                'latency',
+                (0.8 * found[0], found[0], 1.2 * found[0]),
+                min(0.0, 1.5 * found[0]),
+                max(0.0, 1.5 * found[0]),
+                f'about {1e3 * found[0]:.0f} ms',
+            ),
+        ),
+        lambda effect: (effect.strength * effect.latency,),
+    )
     needs_motion: ClassVar[bool] = True
     nuisances: ClassVar[tuple[str, ...]] = ('pose', 'edges')
     family: ClassVar[str] = 'delay in time'
@@ -38,7 +51,7 @@ class TimeOffset(Effect):
     picture: ClassVar[Picture] = Picture('moving')
     batched: ClassVar[tuple[str, ...] | None] = ('history',)
 
-    latency: float = parameter(0.020, -0.1, 0.3, 's', 'age of the scene at the stamp')
+    latency: float = parameter(0.020, -0.5, 1.0, 's', 'age of the scene at the stamp')
 
     @property
     def delay(self) -> int:

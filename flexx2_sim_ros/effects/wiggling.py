@@ -4,10 +4,11 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from flexx2_sim_ros.effects.effect import Effect, parameter
-from flexx2_sim_ros.effects.hypothesis import Hypothesis, Term
+from flexx2_sim_ros.effects.hypothesis import Hypothesis, Searched, Term
 from flexx2_sim_ros.effects.picture import Picture
 from flexx2_sim_ros.effects.rays import add_along_ray, ranges
-from flexx2_sim_ros.effects.tables import Curve, curve_over
+from flexx2_sim_ros.effects.tables import Curve, curve_over, optional_number
+from flexx2_sim_ros.formulas import on_images
 from flexx2_sim_ros.formulas.phases import direction
 from flexx2_sim_ros.formulas.scalars import f32
 from flexx2_sim_ros.physics.compiled import compiled, loop
@@ -50,6 +51,28 @@ def harmonics(
     return a1 * s1 + b1 * c1 + a2 * s2 + b2 * c2 + a3 * s3 + b3 * c3 + a4 * s4 + b4 * c4
 
 
+def _second_period(mhz: float) -> float:
+    # Of the second harmonic, metres; and the other way round.
+    return SPEED_OF_LIGHT / (4e6 * mhz)
+
+
+def _with_period(period: float, *names: str) -> Hypothesis:
+    # Harmonics of the frequency whose second harmonic has this period, metres: unequal taps cause
+    # the second one, four taps the fourth.
+    fixed = {'a4': 0.0, 'mhz': _second_period(period)}
+    terms = (
+        Term(
+            name,
+            (0.004,),
+            -0.05,
+            0.05,
+            fixed={key: value for key, value in fixed.items() if key != name},
+        )
+        for name in names
+    )
+    return Hypothesis(f'period {period:.3g} m', tuple(terms), fixed)
+
+
 @dataclass(frozen=True)
 class Wiggling(Effect):
     """Harmonics of the modulation."""
@@ -88,6 +111,11 @@ class Wiggling(Effect):
             ('four harmonics', ('a1', 'b1', 'a2', 'b2', 'a3', 'b3', 'a4', 'b4')),
         )
     )
+    searched: ClassVar[Searched | None] = Searched(
+        'wave',
+        lambda found: (_with_period(found[0], 'a2', 'b2', 'a4', 'b4'),),
+        lambda effect: (_second_period(effect.mhz),) if effect.mhz else (),
+    )
     smooth: ClassVar[bool] = True
     needs_modulation: ClassVar[bool] = True
     nuisances: ClassVar[tuple[str, ...]] = ('pose',)
@@ -109,6 +137,10 @@ class Wiggling(Effect):
         'range, m', 'm', -0.2, 0.2, 'added to the range along the ray, in place of the harmonics'
     )
 
+    mhz: float | None = optional_number(
+        'MHz', 1.0, 500.0, 'modulation frequency of the range along the ray, in place of the mode'
+    )
+
     def constants(self) -> dict[str, float]:
         """Return the coefficients of the harmonics, metres."""
         names = ('a1', 'b1', 'a2', 'b2', 'a3', 'b3', 'a4', 'b4')
@@ -118,6 +150,10 @@ class Wiggling(Effect):
         """Add the harmonics of what has been mixed so far, at every modulation frequency."""
         if self.curve is not None:
             add_along_ray(state, self.strength, self.curve.at(ranges(state)))
+            return
+        if self.mhz is not None:
+            turns = np.float32(2e6 * self.mhz / SPEED_OF_LIGHT)
+            add_along_ray(state, 1.0, on_images(harmonics)(turns * ranges(state), *self.rounded))
             return
         for frequency, shift in zip(state.mode.modulation_hz, state.shifts, strict=True):
             turns = np.float32(2.0 * frequency / SPEED_OF_LIGHT)

@@ -18,6 +18,7 @@ from flexx2_sim_ros.gap.features.before_after import before_after
 from flexx2_sim_ros.gap.features.catalogue import Candidate, catalogue, Column, nuisances, Term
 from flexx2_sim_ros.gap.features.evidence import Evidence
 from flexx2_sim_ros.gap.features.physical import UNITS
+from flexx2_sim_ros.gap.features.search import inside_of
 from flexx2_sim_ros.gap.inference.effects import table_of
 from flexx2_sim_ros.gap.inference.fitting import Fit, fit
 from flexx2_sim_ros.gap.inference.improvement import measured, tolerances
@@ -109,7 +110,17 @@ def check(
         step = stepper(request.progress, 'simulating the recordings', 0.05, 0.6, len(found))
         prior = np.array(request.prior)
         files, evidence, unusable = summarise_all(
-            folder, found, left_out, profile, columns, seed, prior, mapped, step, request.known
+            folder,
+            found,
+            left_out,
+            profile,
+            columns,
+            seed,
+            prior,
+            mapped,
+            step,
+            request.known,
+            inside_of(effects),
         )
         used = list(zip(files, evidence, strict=True))
         left_out += unusable

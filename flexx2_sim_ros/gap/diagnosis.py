@@ -25,7 +25,14 @@ from flexx2_sim_ros.gap.inference.patch import fit_patch
 from flexx2_sim_ros.gap.report.frames import MOST_FRAMES
 from flexx2_sim_ros.gap.report.table import diagnosis_table
 from flexx2_sim_ros.gap.report.writing import FILES, write
-from flexx2_sim_ros.gap.work import find, Progress, simulate_set, stepper, summarise_all
+from flexx2_sim_ros.gap.work import (
+    find,
+    Progress,
+    search_inside,
+    simulate_set,
+    stepper,
+    summarise_all,
+)
 from flexx2_sim_ros.jobs import bind, Map, workers
 from flexx2_sim_ros.physics.frame_state import why_no_phases
 import numpy as np
@@ -96,12 +103,25 @@ def diagnose(
         found, left_out = find(campaign_dir, profile, mapped)
         no_phases = why_no_phases(found[0].mode)
         left = {*without, *known}
-        columns, candidates = catalogue(left, not no_phases)
+        text = 'looking into the camera'
+        step = stepper(progress, text, 0.01, 0.04, len(found))
+        inside = search_inside(found, profile, mapped, step, known)
+        columns, candidates = catalogue(left, not no_phases, inside)
         hidden = [one for one in hidden_effects(campaign_dir) if one.effect not in left]
         text = 'simulating what could explain the recordings'
-        step = stepper(progress, text, 0.02, 0.7, len(found))
+        step = stepper(progress, text, 0.05, 0.67, len(found))
         used, evidence, unusable = summarise_all(
-            campaign_dir, found, left_out, profile, columns, seed, prior, mapped, step, known
+            campaign_dir,
+            found,
+            left_out,
+            profile,
+            columns,
+            seed,
+            prior,
+            mapped,
+            step,
+            known,
+            inside,
         )
         model = Model(evidence, columns, prior)
         decision = _decide(model, candidates, hidden, progress)

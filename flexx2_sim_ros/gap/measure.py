@@ -9,6 +9,7 @@ from flexx2_sim_ros.effects import of_role, parse_effects
 from flexx2_sim_ros.gap.calibration.inference import THRESHOLDS
 from flexx2_sim_ros.gap.data.pose import NAMES, STEPS
 from flexx2_sim_ros.gap.features.catalogue import Candidate, catalogue, Column, nuisances, Term
+from flexx2_sim_ros.gap.features.search import inside_of
 from flexx2_sim_ros.gap.inference.effects import table_of
 from flexx2_sim_ros.gap.inference.fitting import fit
 from flexx2_sim_ros.gap.inference.model import Model
@@ -56,7 +57,8 @@ def measure(
         When no recording or effect can be used.
 
     """
-    table = table_of(parse_effects(effects))
+    parsed = parse_effects(effects)
+    table = table_of(parsed)
     prior = np.array([pose_prior[0]] * 3 + [pose_prior[1]] * 3)
     posed = table.pop(of_role('pose').name, None)
     with workers(jobs, None) as mapped:
@@ -69,7 +71,16 @@ def measure(
         if table:
             columns.append(Column('set', table, few=False))
         _, evidence, _ = summarise_all(
-            campaign_dir, found, left_out, profile, columns, seed, prior, mapped, lambda: None
+            campaign_dir,
+            found,
+            left_out,
+            profile,
+            columns,
+            seed,
+            prior,
+            mapped,
+            lambda: None,
+            inside=inside_of(parsed),
         )
     model = Model(evidence, columns, prior)
     base = fit(model, [])

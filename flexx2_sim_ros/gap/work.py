@@ -2,15 +2,19 @@
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from flexx2_sim_ros.camera import Profile
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap.data.campaign import check, Found, nothing_left, of_one_mode, read
+from flexx2_sim_ros.gap.data.clues import Clues, clues_of
 from flexx2_sim_ros.gap.data.given import Table
 from flexx2_sim_ros.gap.features.catalogue import Column
 from flexx2_sim_ros.gap.features.confirm import confirm, Outcome
 from flexx2_sim_ros.gap.features.evidence import Evidence, gather
+from flexx2_sim_ros.gap.features.search import Found as Inside
+from flexx2_sim_ros.gap.features.search import search
 from flexx2_sim_ros.jobs import bind, Map
 from flexx2_sim_ros.recording.folders import find_recordings
 import numpy as np
@@ -66,6 +70,43 @@ def find(
     return of_one_mode(folder, paths, mapped(bind(check, profile=profile), paths, lambda: None))
 
 
+def look(found: Found, profile: Profile | None, known: Table | None = None) -> Clues | None:
+    """Return what a recording shows of the inside of its camera; None if it cannot be used."""
+    try:
+        return clues_of(read(found, profile, known))
+    except InputError:
+        return None  # `summarise` says why.
+
+
+def search_inside(
+    found: Sequence[Found],
+    profile: Profile | None,
+    mapped: Map,
+    step: Callable[[], None],
+    known: Table | None = None,
+) -> Inside:
+    """
+    Find what is free inside the camera of a campaign; see `search.search`.
+
+    Parameters
+    ----------
+    found : sequence of Found
+        The recordings.
+    profile : Profile or None
+        The camera (None: the Flexx2).
+    mapped : callable
+        A map as from `workers`.
+    step : callable
+        Called after each recording.
+    known : mapping, optional
+        Effects that the base simulator has: parameters by name.
+
+    """
+    clues = mapped(bind(look, profile=profile, known=known), found, step)
+    some = [one for one in clues if one is not None]
+    return search(some, found[0].mode) if some else {}
+
+
 def summarise(
     found: Found,
     profile: Profile | None,
@@ -73,6 +114,7 @@ def summarise(
     seed: int,
     prior: tuple[float, ...],
     known: Table | None = None,
+    inside: Inside = MappingProxyType({}),
 ) -> Evidence | str:
     """Return the summary of a recording, or the reason why it cannot be used."""
     try:
@@ -80,7 +122,7 @@ def summarise(
     except InputError as error:
         return str(error)
     try:
-        return gather(recording, columns, seed, np.array(prior))
+        return gather(recording, columns, seed, np.array(prior), inside)
     except InputError as error:
         return f'{found.path}: {error}'
 
@@ -96,6 +138,7 @@ def summarise_all(
     mapped: Map,
     step: Callable[[], None],
     known: Table | None = None,
+    inside: Inside = MappingProxyType({}),
 ) -> tuple[list[Found], list[Evidence], list[tuple[str, str]]]:
     """
     Summarise all recordings of a campaign.
@@ -122,6 +165,8 @@ def summarise_all(
         Called after each recording.
     known : mapping, optional
         Effects that the base simulator has: parameters by name.
+    inside : mapping
+        What is known of the camera's inside, as from `search_inside`.
 
     Returns
     -------
@@ -137,7 +182,13 @@ def summarise_all(
     """
     outcomes = mapped(
         bind(
-            summarise, profile=profile, columns=columns, seed=seed, prior=tuple(prior), known=known
+            summarise,
+            profile=profile,
+            columns=columns,
+            seed=seed,
+            prior=tuple(prior),
+            known=known,
+            inside=dict(inside),
         ),
         found,
         step,

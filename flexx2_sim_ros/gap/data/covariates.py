@@ -208,14 +208,15 @@ def _sort_surfaces(
     bins.put('fine_distance', clean, inside & (clean < fine[-1] + fine[0]))
     bins.put('incidence', np.degrees(surface.incidence), inside)
     bins.put_places(inside)
-    bins.put('log_amplitude', _log_amplitude(surface, clean, reflectivity), inside)
+    bins.put('log_amplitude', log_amplitude(surface, clean, reflectivity), inside)
     bend = concavity(surface.inverse_depth, max(clean.shape[1] // BINNING.bend_step, 2))
     bins.put('concavity', bend, inside & np.isfinite(bend))
 
 
-def _log_amplitude(
+def log_amplitude(
     surface: Surface, clean: np.ndarray, reflectivity: np.ndarray | None
 ) -> np.ndarray:
+    """Return the logarithm of each pixel's amplitude in 1/m^2, (H, W)."""
     rho = np.float32(1) if reflectivity is None else reflectivity
     return np.asarray(np.log(rho * surface.cos_incidence / clean**2))
 
@@ -285,7 +286,7 @@ def sort_everywhere(
             'distance': clean,
             'fine_distance': clean,
             'incidence': incidence,
-            'log_amplitude': _log_amplitude(surface, clean, reflectivity),
+            'log_amplitude': log_amplitude(surface, clean, reflectivity),
         }
     places = _places(height, width)
     for out, name in zip(bins, ENDLESS, strict=True):

@@ -1,5 +1,6 @@
 """Errors of a recording's camera pose: how they change depth, and how they are fitted."""
 
+from collections.abc import Sequence
 import math
 
 from flexx2_sim_ros.camera import Camera, Intrinsics, Mode, Profile
@@ -102,6 +103,7 @@ def fit_plane_motion(
     others: np.ndarray,
     before: np.ndarray,
     profile: Profile,
+    waves: Sequence[float] = (),
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """
     Fit a small motion of camera and planes to residuals on surfaces, with an M-estimator.
@@ -126,6 +128,8 @@ def fit_plane_motion(
         (n,) the motion that earlier rounds found.
     profile : Profile
         For its modulation frequencies and thresholds of depth jumps.
+    waves : sequence of float
+        Periods along the ray of biases that the recordings have besides, metres.
 
     Returns
     -------
@@ -135,10 +139,11 @@ def fit_plane_motion(
 
     """
     number = len(spread)
-    sizes = np.array(
-        [*REGISTRATION.smooth, *[REGISTRATION.harmonic] * (2 * len(profile.modulation_hz))]
-    )
-    A, b = _weighted_design(residual, clean, sigma, K, shifts, others, profile)  # noqa: N806
+    fourths = [round(SPEED_OF_LIGHT / (8 * f), 4) for f in profile.modulation_hz]
+    periods = [*fourths, *waves]
+    sizes = np.array([*REGISTRATION.smooth, *[REGISTRATION.harmonic] * (2 * len(periods))])
+    design = _weighted_design(residual, clean, sigma, K, shifts, others, profile, periods)
+    A, b = design  # noqa: N806
     if not len(b):
         return np.zeros(number), np.zeros(others.shape[1]), before
     rest = number + len(sizes)
@@ -166,6 +171,7 @@ def _weighted_design(
     shifts: np.ndarray,
     others: np.ndarray,
     profile: Profile,
+    periods: Sequence[float],
 ) -> tuple[np.ndarray, np.ndarray]:
     # (columns, pixels) design matrix and (pixels,) residuals of every second pixel, in sigma.
     designs: list[np.ndarray] = []
@@ -179,7 +185,7 @@ def _weighted_design(
             [
                 pose_columns(depth, K, profile.sensor),
                 shifts[:, ::2, ::2],
-                _others(depth, K, profile.modulation_hz),
+                _others(depth, K, periods),
                 other[:, ::2, ::2],
             ]
         )
@@ -211,12 +217,11 @@ def _reweighted_least_squares(
 def _others(
     depth: np.ndarray,
     K: np.ndarray,  # noqa: N803
-    modulation_hz: list[float],
+    periods: Sequence[float],
 ) -> np.ndarray:
     # Nuisance columns of every second row and column: constant along the axis and the ray, log of
-    # distance, and the fourth harmonic of each modulation frequency.
+    # distance, and waves of some periods along the ray.
     length, depth = ray_length(K, depth.shape)[::2, ::2], depth[::2, ::2]
-    periods = [round(SPEED_OF_LIGHT / (8 * f), 4) for f in modulation_hz]
     turns = [2 * math.pi * depth * length / period for period in periods]
     return np.stack(
         [

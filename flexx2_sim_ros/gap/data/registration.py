@@ -147,7 +147,9 @@ def _known_from(
     return np.asarray(there) > 0.5
 
 
-def register(recording: RecordingData, prior: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def register(
+    recording: RecordingData, prior: np.ndarray, waves: Sequence[float] = (), latency: float = 0.0
+) -> tuple[np.ndarray, np.ndarray]:
     """
     Find the small motion of the camera, and of planes, that best explains a recording.
 
@@ -158,6 +160,11 @@ def register(recording: RecordingData, prior: np.ndarray) -> tuple[np.ndarray, n
     prior : numpy.ndarray
         (6,) standard deviations of a pose whose covariance the recording does not give, metres
         and degrees.
+    waves : sequence of float
+        Periods along the ray of biases that the recordings have, metres: a pose error is not to
+        take them up.
+    latency : float
+        Age of the images of a moving scene at their stamps to start from, seconds.
 
     Returns
     -------
@@ -185,11 +192,15 @@ def register(recording: RecordingData, prior: np.ndarray) -> tuple[np.ndarray, n
     whiten = np.linalg.pinv(spread)
     shifts = recording.plane_shifts
     shifts = np.zeros((0, *recording.clean.shape[-2:])) if shifts is None else shifts
-    motion, sure, lateness = np.zeros(len(spread)), np.zeros(len(spread)), 0.0
+    motion, sure, lateness = np.zeros(len(spread)), np.zeros(len(spread)), latency
     others: list[np.ndarray] = []
     given = np.zeros((len(chosen), 1, 1), np.float32)
     for _ in range(REGISTRATION.rounds):
-        shown = _with_planes(recording, motion) if still else _shown(recording, chosen, lateness)
+        shown = (
+            _with_planes(recording, motion)
+            if still
+            else frames_between(recording, chosen, lateness)
+        )
         clean, reflectivity = moved(
             shown,
             recording.reflectivity
@@ -201,7 +212,7 @@ def register(recording: RecordingData, prior: np.ndarray) -> tuple[np.ndarray, n
         )
         if not others:  # Computed once: a small motion hardly changes them.
             others, given = _typical_biases(recording, clean, reflectivity, chosen)
-        late = [] if still else [_late(recording, chosen, lateness)]
+        late = [] if still else [change_by_latency(recording, chosen, lateness)]
         step, amounts, sure = fit_plane_motion(
             *_residuals(recording, shown, clean, chosen, motion, given),
             recording.K,
@@ -210,11 +221,13 @@ def register(recording: RecordingData, prior: np.ndarray) -> tuple[np.ndarray, n
             np.stack([*others, *late], axis=1),
             motion,
             recording.profile or flexx2(),
+            waves,
         )
         bound = REGISTRATION.bound
         motion = spread @ np.clip(whiten @ (motion + step), -bound, bound)
         if late:
-            lateness = float(np.clip(lateness + _LATE * amounts[-1], -_LATEST, _LATEST))
+            reach = max(_LATEST, 1.5 * abs(latency))
+            lateness = float(np.clip(lateness + _LATE * amounts[-1], -reach, reach))
     return motion, sure
 
 
@@ -259,8 +272,8 @@ def _residuals(
     return np.array(errors), np.array(depths), np.array(sigmas)
 
 
-def _shown(recording: RecordingData, chosen: Sequence[int], lateness: float) -> np.ndarray:
-    # (N, H, W) clean depth `lateness` seconds before the stamps.
+def frames_between(recording: RecordingData, chosen: Sequence[int], lateness: float) -> np.ndarray:
+    """Return (N, H, W) clean depth of a moving scene, some seconds before the frames' stamps."""
     out = []
     for t in chosen:
         moment = int(recording.stamp[t]) - round(lateness * 1e9)
@@ -278,10 +291,14 @@ def _shown(recording: RecordingData, chosen: Sequence[int], lateness: float) -> 
     return np.array(out)
 
 
-def _late(recording: RecordingData, chosen: Sequence[int], lateness: float) -> np.ndarray:
-    # (N, H, W) metres, change of depth by a time offset of _LATE.
+def change_by_latency(
+    recording: RecordingData, chosen: Sequence[int], lateness: float
+) -> np.ndarray:
+    """Return (N, H, W) metres, the change of depth by a time offset of `REGISTRATION.late`."""
     reach = _LATE / 2
-    before, after = (_shown(recording, chosen, lateness + sign * reach) for sign in (1, -1))
+    before, after = (
+        frames_between(recording, chosen, lateness + sign * reach) for sign in (1, -1)
+    )
     with np.errstate(invalid='ignore'):
         change = before - after
         return np.where(np.abs(change) < REGISTRATION.same_surface * after, change, np.float32(0))

@@ -6,12 +6,14 @@ All of it follows from the effects' own hypotheses (`flexx2_sim_ros.effects.hypo
 
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import NamedTuple
 
 from flexx2_sim_ros.effects import Effect, of_role, registry
 from flexx2_sim_ros.effects import hypothesis as declared
 from flexx2_sim_ros.effects.ray import AlongRay
 from flexx2_sim_ros.effects.registry import loadable
+from flexx2_sim_ros.gap.features.search import Found
 
 Table = dict[str, dict[str, float]]
 
@@ -140,7 +142,7 @@ class Nuisances:
 
 
 def catalogue(
-    without: Collection[str] = (), modulation: bool = True
+    without: Collection[str] = (), modulation: bool = True, found: Found = MappingProxyType({})
 ) -> tuple[list[Column], list[Candidate]]:
     """
     Return what to simulate and what to explain a gap with.
@@ -152,6 +154,8 @@ def catalogue(
     modulation : bool
         Whether the modulation frequencies are known; if not, effects that need them are left
         out.
+    found : mapping
+        What is known of the camera's inside, as from `search.search`.
 
     """
     columns = {column.name: column for column in _nuisance_columns()}
@@ -159,7 +163,7 @@ def catalogue(
     for kind in registry().values():
         if kind.name in without:
             continue
-        for one in kind.hypotheses:
+        for one in (*kind.hypotheses, *_found_variants(kind, found)):
             candidate = Candidate(
                 kind.name,
                 one.label,
@@ -176,6 +180,13 @@ def catalogue(
         [c for c in columns.values() if not _needs_modulation(c.effects)],
         [c for c in candidates if not _needs_modulation([c.effect]) and c.given is None],
     )
+
+
+def _found_variants(kind: type[Effect], found: Found) -> tuple[declared.Hypothesis, ...]:
+    searched = kind.searched
+    if searched is None or searched.internal not in found:
+        return ()
+    return searched.variants(found[searched.internal])
 
 
 def _needs_modulation(names: Iterable[str]) -> bool:

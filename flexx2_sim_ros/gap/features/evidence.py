@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 
 from flexx2_sim_ros.gap.calibration.features import SIMULATION
 from flexx2_sim_ros.gap.data.axes import Axes
@@ -19,6 +20,7 @@ from flexx2_sim_ros.gap.features.features import (
 )
 from flexx2_sim_ros.gap.features.grain import fingerprint
 from flexx2_sim_ros.gap.features.row_sums import EXPECT, INVERSE, VALID
+from flexx2_sim_ros.gap.features.search import Found, of_registration
 from flexx2_sim_ros.gap.features.simulation import (
     definitions,
     few_frames,
@@ -146,7 +148,11 @@ class _Changes:
 
 
 def gather(
-    recording: RecordingData, columns: Sequence[Column], seed: int, prior: np.ndarray
+    recording: RecordingData,
+    columns: Sequence[Column],
+    seed: int,
+    prior: np.ndarray,
+    found: Found = MappingProxyType({}),
 ) -> Evidence:
     """
     Look at a recording and simulate everything that could explain it.
@@ -161,9 +167,11 @@ def gather(
         Of the simulations.
     prior : numpy.ndarray
         (6,) standard deviations of the pose error, metres and degrees.
+    found : mapping
+        What is known of the camera's inside, as from `search.search`.
 
     """
-    motion, sure = register(recording, prior)
+    motion, sure = register(recording, prior, *of_registration(found))
     scene = PlacedScene.at(recording, motion)
     sums = scene.sums(recording.depth)
     base = _simulate_base(scene, seed)

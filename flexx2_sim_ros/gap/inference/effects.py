@@ -76,8 +76,9 @@ def _effect(model: Model, fit: Fit, candidate: Candidate, values: tuple[float, .
         step = float(np.median([e.step for e in model.evidence]))
         if 0.5 < step / max(table[kind.lattice], 1e-6) < 2:
             table[kind.lattice] = step
-    bounds = {p.name: p for p in kind.parameters()}
-    table = {k: float(np.clip(v, bounds[k].low, bounds[k].high)) for k, v in table.items()}
+    limits = {p.name: (p.low, p.high) for p in kind.parameters()}
+    limits |= {name: (number.low, number.high) for name, number in kind.tables().items()}
+    table = {k: float(np.clip(v, *limits[k])) for k, v in table.items()}
     return kind.from_mapping(table)
 
 

@@ -1,0 +1,235 @@
+"""What a recording shows of the inside of its camera, before anything is simulated."""
+
+from dataclasses import dataclass
+
+from flexx2_sim_ros.gap.calibration.data import REGISTRATION
+from flexx2_sim_ros.gap.calibration.search import SEARCH
+from flexx2_sim_ros.gap.data.covariates import log_amplitude, look_at, PixelCovariates
+from flexx2_sim_ros.gap.data.pose import pose_columns
+from flexx2_sim_ros.gap.data.registration import change_by_latency, frames_between, RecordingData
+from flexx2_sim_ros.physics.surface import analyse
+from flexx2_sim_ros.profiles.intrinsics import Intrinsics
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Clues:
+    """
+    What one recording shows. Samples are pixels on surfaces, of the mean over a still scene.
+
+    Attributes
+    ----------
+    error : numpy.ndarray
+        (N,) metres, measured less clean depth.
+    sigma : numpy.ndarray
+        (N,) metres, of the errors.
+    own : numpy.ndarray
+        (N, M) metres: what a small motion of the camera, a line over range and a latency change.
+    length : numpy.ndarray
+        (N,) length of each pixel's ray, as a multiple of its depth.
+    distance : numpy.ndarray
+        (N,) metres along the ray.
+    light : numpy.ndarray
+        (2, B) expected and lost depths, by the logarithm of the amplitude; see `light_edges`.
+    folds : numpy.ndarray
+        (2, F) metres along the ray, true and measured, of pixels whose depth is too short by more
+        than a decimetre.
+    beyond : int
+        How many pixels have a depth that is too long by as much.
+    looked : int
+        How many valid depths were looked at for both.
+    late : numpy.ndarray
+        (L,) mean loss at each latency of `SEARCH.latencies`; empty for a still scene.
+
+    """
+
+    error: np.ndarray
+    sigma: np.ndarray
+    own: np.ndarray
+    length: np.ndarray
+    distance: np.ndarray
+    light: np.ndarray
+    folds: np.ndarray
+    beyond: int
+    looked: int
+    late: np.ndarray
+
+
+def light_edges() -> np.ndarray:
+    """Return the limits of the bins of `Clues.light`, ln of 1/m^2."""
+    low, high, step = SEARCH.light
+    return np.arange(low, high + step / 2, step)
+
+
+def latencies() -> np.ndarray:
+    """Return the latencies that are tried, seconds."""
+    low, high, step = SEARCH.latencies
+    return np.arange(round(low / step), round(high / step) + 1) * step
+
+
+def clues_of(recording: RecordingData) -> Clues:
+    """Return what a recording shows of the inside of its camera."""
+    frames = _frames(recording)
+    covers = [_cover(recording, t) for t in frames]
+    errors = [_error(recording, t) for t in frames]
+    samples = [
+        _samples(recording, t, error, cover, SEARCH.samples // len(frames))
+        for t, error, cover in zip(frames, errors, covers, strict=True)
+    ]
+    error, sigma, own, length, distance = (
+        np.concatenate(part) for part in zip(*samples, strict=True)
+    )
+    folds, beyond, looked = _folds(recording, frames, covers)
+    return Clues(
+        error,
+        sigma,
+        own,
+        length,
+        distance,
+        _light(recording, frames, covers),
+        folds,
+        beyond,
+        looked,
+        _late(recording, frames, covers),
+    )
+
+
+def _frames(recording: RecordingData) -> list[int]:
+    if recording.clean.ndim == 2:
+        return [0]
+    count = len(recording.depth)
+    first = min(REGISTRATION.lead, count - 1)
+    return sorted({round(x) for x in np.linspace(first, count - 1, REGISTRATION.frames)})
+
+
+def _image(images: np.ndarray | None, t: int) -> np.ndarray | None:
+    return images if images is None or images.ndim == 2 else images[t]
+
+
+def _clean(recording: RecordingData, t: int) -> np.ndarray:
+    return recording.clean if recording.clean.ndim == 2 else np.asarray(recording.clean[t])
+
+
+def _cover(recording: RecordingData, t: int) -> PixelCovariates:
+    known = _image(recording.truth.known, t)
+    clean, axes = _clean(recording, t), recording.axes
+    return look_at(clean, None, 0.0, None, recording.K, recording.mode, axes, known=known)
+
+
+def _error(recording: RecordingData, t: int) -> np.ndarray:
+    # (H, W) metres; of a still scene the mean over the frames, where most of them are valid.
+    clean = _clean(recording, t)
+    if recording.clean.ndim == 3:
+        return np.asarray(recording.depth[t] - clean)
+    valid = np.isfinite(recording.depth).sum(axis=0)
+    mean = np.nansum(recording.depth, axis=0) / np.maximum(valid, 1)
+    return np.asarray(np.where(valid > 0.5 * len(recording.depth), mean, np.nan) - clean)
+
+
+def _samples(
+    recording: RecordingData, t: int, error: np.ndarray, cover: PixelCovariates, most: int
+) -> tuple[np.ndarray, ...]:
+    # The first five fields of `Clues` of one frame.
+    clean = _clean(recording, t)
+    limit = REGISTRATION.outlier_sigmas * cover.sigma + SEARCH.largest_error
+    with np.errstate(invalid='ignore'):
+        good = cover.inside & (np.abs(error) < limit)
+    moves = pose_columns(clean, recording.K, recording.mode.sensor)
+    late = np.zeros_like(clean)
+    if recording.clean.ndim == 3:
+        late = change_by_latency(recording, [t], 0.0)[0]
+    whole = np.stack([1 / cover.ray, clean, late])[:, ::2, ::2]
+    own = np.concatenate([moves, whole])
+    good = good[::2, ::2] & np.isfinite(own).all(axis=0)
+    places = np.flatnonzero(good)
+    places = places[:: max(len(places) // most, 1)]
+    error, sigma, length, depth = (
+        one[::2, ::2].reshape(-1)[places].astype(float)
+        for one in (error, cover.sigma, cover.ray, clean)
+    )
+    return error, sigma, own.reshape(len(own), -1)[:, places].T, length, depth * length
+
+
+def _light(
+    recording: RecordingData, frames: list[int], covers: list[PixelCovariates]
+) -> np.ndarray:
+    edges, out = light_edges(), np.zeros((2, len(light_edges()) - 1))
+    for t, cover in zip(frames, covers, strict=True):
+        clean = _clean(recording, t)
+        lens = Intrinsics.from_matrix(recording.K, clean.shape[1], clean.shape[0])
+        surface = analyse(np.ascontiguousarray(clean), lens, recording.mode.sensor)
+        with np.errstate(divide='ignore', invalid='ignore'):
+            light = log_amplitude(surface, clean, _image(recording.reflectivity, t))
+        depth = recording.depth if recording.clean.ndim == 2 else recording.depth[t : t + 1]
+        lost = np.isnan(depth).mean(axis=0)
+        use = cover.inside & np.isfinite(light)
+        light = np.clip(light[use], edges[0], edges[-1] - 1e-6)
+        out += [np.histogram(light, edges, weights=w)[0] for w in (None, lost[use])]
+    return out
+
+
+def _folds(
+    recording: RecordingData, frames: list[int], covers: list[PixelCovariates]
+) -> tuple[np.ndarray, int, int]:
+    # `folds`, `beyond` and `looked`. Means over frames would mix whole and folded distances.
+    still = recording.clean.ndim == 2
+    some = range(min(SEARCH.fold_frames, len(recording.depth))) if still else frames
+    parts, beyond, looked = [], 0, 0
+    for i, t in enumerate(some):
+        clean, cover = _clean(recording, t), covers[0 if still else i]
+        with np.errstate(invalid='ignore'):
+            far = cover.compared & (clean > recording.mode.range_max)
+            gone = (clean - recording.depth[t]) * cover.ray
+            use = (cover.inside | far) & np.isfinite(gone)
+            least = np.maximum(REGISTRATION.outlier_sigmas * cover.sigma, SEARCH.least_fold)
+            short, long = use & (gone > least), use & (gone < -least)
+        true = (clean * cover.ray)[short]
+        parts.append(np.stack([true, true - gone[short]]))
+        beyond += int(long.sum())
+        looked += int(use.sum())
+    folds = np.concatenate(parts, axis=1)
+    return folds[:, :: max(folds.shape[1] // SEARCH.most_folds, 1)], beyond, looked
+
+
+def _late(
+    recording: RecordingData, frames: list[int], covers: list[PixelCovariates]
+) -> np.ndarray:
+    # Mean of min(e^2, limit) of errors in sigma, at each latency, small motions fitted.
+    if recording.clean.ndim == 2:
+        return np.zeros(0)
+    first, last = int(recording.stamp[0]), int(recording.stamp[-1])
+    columns = [
+        pose_columns(recording.clean[t], recording.K, recording.mode.sensor) for t in frames
+    ]
+    out = []
+    for latency in latencies():
+        moments = [int(recording.stamp[t]) - round(latency * 1e9) for t in frames]
+        inside = [i for i, m in enumerate(moments) if first <= m <= last]
+        out.append(np.nan)
+        if len(inside) < SEARCH.fewest_frames:
+            continue
+        chosen = [frames[i] for i in inside]
+        shown = frames_between(recording, chosen, float(latency))
+        designs, errors = [], []
+        for i, t, clean in zip(inside, chosen, shown, strict=True):
+            error = (recording.depth[t] - clean) / covers[i].sigma
+            good = (covers[i].inside & np.isfinite(error))[::2, ::2]
+            good &= np.isfinite(columns[i]).all(axis=0)
+            sigma = covers[i].sigma[::2, ::2][good]
+            designs.append(columns[i][:, good] / sigma)
+            errors.append(error[::2, ::2][good])
+        design, error = np.concatenate(designs, axis=1), np.concatenate(errors)
+        if len(error) >= SEARCH.fewest:
+            out[-1] = _loss(design[:, ::4], error[::4])
+    return np.array(out)
+
+
+def _loss(design: np.ndarray, error: np.ndarray) -> float:
+    # Mean Cauchy loss of errors in sigma, small motions fitted.
+    ridge = SEARCH.ridge * len(error) * np.diag(np.square(design).mean(axis=1) + 1e-12)
+    rest = error
+    for _ in range(SEARCH.steps):
+        weight = 1 / (1 + (rest / SEARCH.scale) ** 2)
+        normal = (design * weight) @ design.T + ridge
+        rest = error - np.linalg.solve(normal, (design * weight) @ error) @ design
+    return float(np.log1p((rest / SEARCH.scale) ** 2).mean())

@@ -1,0 +1,256 @@
+"""
+Find what is free inside a camera from its recordings, before anything is simulated.
+
+`SEARCHES` has one search for each internal that an effect declares (`Effect.searched`). What is
+found becomes variants of that effect, which the catalogue adds to its own.
+"""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+
+from flexx2_sim_ros.effects import Effect
+from flexx2_sim_ros.gap.calibration.search import SEARCH
+from flexx2_sim_ros.gap.data.clues import Clues, latencies, light_edges
+from flexx2_sim_ros.physics.frame_state import SPEED_OF_LIGHT
+from flexx2_sim_ros.profiles.modes import Mode
+import numpy as np
+
+Found = Mapping[str, tuple[float, ...]]
+# Reciprocal periods, 1/m, and weights of the waves that a harmonic is made of.
+_Mix = Sequence[tuple[float, float]]
+_USUAL = (4,), (1,), (1, 2), (1, 2, 3, 4)  # harmonics of the profile that the catalogue has
+
+
+def search(clues: Sequence[Clues], mode: Mode) -> Found:
+    """
+    Return what the recordings of one camera show of its inside.
+
+    Parameters
+    ----------
+    clues : sequence of Clues
+        One for each recording.
+    mode : Mode
+        The camera's, as in its profile.
+
+    Returns
+    -------
+    mapping of str to tuple of float
+        By internal, only those that stand out and are not in the profile.
+
+    """
+    found = {name: one(clues, mode) for name, one in SEARCHES.items()}
+    return {name: values for name, values in found.items() if values}
+
+
+def wave(clues: Sequence[Clues], mode: Mode) -> tuple[float, ...]:
+    """
+    Find the period of a bias over the range.
+
+    A sine and its second harmonic are fitted to the errors at every period, together with the
+    pose of each recording, a line over range and a latency (as for Lomb-Scargle periodograms).
+    The period is the one that explains most of the errors of recordings left out of the fit.
+
+    Returns
+    -------
+    tuple of float
+        The period, metres; empty if the harmonics of the profile explain about as much.
+
+    """
+    parts = [_Waves(one) for one in clues if len(one.error) >= SEARCH.fewest]
+    if len(parts) < 2:
+        return ()
+    low, high, step = SEARCH.waves
+    tried = np.arange(low, high, step)
+    own = [[(k, 1.0)] for k in tried]
+    best = float(tried[int(np.argmax([_explained(parts, one, (1, 2))[0] for one in own]))])
+    near = best + np.linspace(-step, step, 9)
+    explained = [_explained(parts, [(k, 1.0)], (1, 2))[0] for k in near]
+    best = float(near[int(np.argmax(explained))])
+    share, agree = _explained(parts, [(best, 1.0)], (1, 2))
+    squares = sum(f * f for f in mode.modulation_hz)
+    profile = [(2.0 * f / SPEED_OF_LIGHT, f * f / squares) for f in mode.modulation_hz]
+    known = [_explained(parts, profile, orders)[0] for orders in _USUAL if profile]
+    enough = max(SEARCH.wave_explains, SEARCH.wave_adds * max(known, default=0.0))
+    return (1.0 / best,) if share >= enough and agree >= SEARCH.wave_agrees else ()
+
+
+def inside_of(effects: Iterable[Effect]) -> Found:
+    """Return what `search` would find in a camera with these effects, as far as they say it."""
+    found = {
+        one.searched.internal: one.searched.of(one)
+        for one in effects
+        if one.searched is not None and one.searched.of is not None
+    }
+    return {name: values for name, values in found.items() if values}
+
+
+def of_registration(found: Found) -> tuple[tuple[float, ...], float]:
+    """Return what the fit of a pose needs to know: periods of biases, metres; latency, seconds."""
+    period, late = found.get('wave'), found.get('latency')
+    return (period[0], period[0] / 2) if period else (), late[0] if late else 0.0
+
+
+class _Waves:
+    # Errors of one recording and their nuisances, weighted, ready for waves of any period.
+    def __init__(self, clues: Clues) -> None:
+        own = clues.own / clues.sigma[:, None]
+        error = clues.error / clues.sigma
+        ridge = SEARCH.ridge * len(error) * np.diag(np.square(own).mean(axis=0) + 1e-12)
+        scale = np.maximum(1.5 * np.median(np.abs(error)), 0.3)
+        rest = error
+        for _ in range(SEARCH.steps):
+            weight = 1 / (1 + (rest / (3 * scale)) ** 2)
+            inverse = np.linalg.inv((own.T * weight) @ own + ridge)
+            rest = error - own @ (inverse @ ((own.T * weight) @ error))
+        self._weight, self._own, self._rest = weight, own, rest
+        self._project = inverse @ (own.T * weight)
+        self._clues = clues
+        self.power = float((weight * rest**2).sum())
+
+    def equations(self, mix: _Mix, orders: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
+        # Normal matrix and right side, the nuisances eliminated.
+        clues = self._clues
+        columns = [
+            sum(weight * g(2 * np.pi * n * k * clues.distance) for k, weight in mix)
+            for n in orders
+            for g in (np.sin, np.cos)
+        ]
+        design = np.stack(columns, axis=1) / (clues.length * clues.sigma)[:, None]
+        design = design - self._own @ (self._project @ design)
+        weighted = design.T * self._weight
+        return weighted @ design, weighted @ self._rest
+
+
+def _explained(parts: Sequence[_Waves], mix: _Mix, orders: tuple[int, ...]) -> tuple[float, float]:
+    # The fraction of the squared errors that is explained in recordings left out of the fit, and
+    # the fraction of the recordings in which it is above 0. Each recording counts alike.
+    both = [one.equations(mix, orders) for one in parts]
+    normal, right = (np.sum(part, axis=0) for part in zip(*both, strict=True))
+    ridge = 1e-4 * np.trace(normal) / len(normal) * np.eye(len(normal))
+    gains = []
+    for one, (matrix, side) in zip(parts, both, strict=True):
+        values = np.linalg.solve(normal - matrix + ridge, right - side)
+        gains.append((2 * values @ side - values @ matrix @ values) / max(one.power, 1e-9))
+    powers = np.array([one.power for one in parts])
+    return float(np.dot(gains, powers) / powers.sum()), float(np.mean(np.array(gains) > 0))
+
+
+def fold(clues: Sequence[Clues], mode: Mode) -> tuple[float, ...]:
+    """
+    Find the range after which distances repeat: the most frequent jump of depths that are short.
+
+    Returns
+    -------
+    tuple of float
+        Metres along the ray; empty if jumps do not have a length in common.
+
+    """
+    jumps, measured, beyond = _jumps(clues)
+    looked = sum(one.looked for one in clues)
+    if len(jumps) < max(SEARCH.fewest, SEARCH.fewest_folds * looked):
+        return ()
+    edges = np.arange(0.0, SEARCH.fold_longest, SEARCH.fold_bin)
+    counts = np.histogram(jumps, edges)[0]
+    smooth = np.convolve(counts, np.ones(5), 'same')
+    peak = float(edges[int(np.argmax(smooth))] + SEARCH.fold_bin / 2)
+    # The most frequent jump may be of two or three folds.
+    number, length = max(_folded(jumps, measured, peak / n) for n in (1, 2, 3))
+    return (length,) if number >= SEARCH.folds_alike * (len(jumps) + beyond) else ()
+
+
+def _folded(jumps: np.ndarray, measured: np.ndarray, length: float) -> tuple[int, float]:
+    # How many jumps are whole folds of about a length, and the length that fits them.
+    whole = np.zeros(len(jumps), bool)
+    for _ in range(3):
+        times = np.maximum(np.rint(jumps / length), 1)
+        # Folds leave the rest of the distance; other jumps leave any distance.
+        whole = np.abs(jumps - times * length) < SEARCH.fold_near * length
+        whole &= measured < (1 + SEARCH.fold_near) * length
+        if not whole.any():
+            break
+        length = float(np.median(jumps[whole] / times[whole]))
+    return int(whole.sum()), length
+
+
+def _jumps(clues: Sequence[Clues]) -> tuple[np.ndarray, np.ndarray, int]:
+    # (N,) metres by which depths are short, and (N,) what was measured; how many are long.
+    true, measured = np.concatenate([one.folds for one in clues], axis=1)
+    return true - measured, measured, sum(one.beyond for one in clues)
+
+
+def latency(clues: Sequence[Clues], mode: Mode) -> tuple[float, ...]:
+    """
+    Find how old the images of moving scenes are, by comparing them with earlier and later ones.
+
+    Returns
+    -------
+    tuple of float
+        Seconds; empty if the usual variants reach it.
+
+    """
+    losses = [one.late for one in clues if len(one.late) and np.isfinite(one.late).any()]
+    if not losses:
+        return ()
+    tried = latencies()
+    now = int(np.argmin(np.abs(tried)))
+    relative = np.array([one / one[now] for one in losses if np.isfinite(one[now])])
+    if not len(relative):
+        return ()
+    # A latency that only some recordings are long enough for is not compared.
+    mean = np.where(np.isfinite(relative).all(axis=0), relative.mean(axis=0), np.inf)
+    best = int(np.argmin(mean))
+    if mean[best] > 1 - SEARCH.latency_gains:
+        return ()
+    low, high = SEARCH.usual_latencies
+    value = _vertex(tried, mean, best)
+    return () if low <= value <= high else (value,)
+
+
+def _vertex(places: np.ndarray, values: np.ndarray, best: int) -> float:
+    # Of the parabola through the smallest value and its neighbours.
+    if best in (0, len(values) - 1) or not np.isfinite(values[best - 1 : best + 2]).all():
+        return float(places[best])
+    before, here, after = values[best - 1 : best + 2]
+    bend = before - 2 * here + after
+    shift = 0.5 * (before - after) / bend if bend > 0 else 0.0
+    return float(places[best] + shift * (places[best + 1] - places[best]))
+
+
+def darkness(clues: Sequence[Clues], mode: Mode) -> tuple[float, ...]:
+    """Find the amplitude below which depths are lost: amplitude in 1/m^2 and slope, or nothing."""
+    return _threshold(clues, -1.0)
+
+
+def glare(clues: Sequence[Clues], mode: Mode) -> tuple[float, ...]:
+    """Find the amplitude above which depths are lost: amplitude in 1/m^2 and slope, or nothing."""
+    return _threshold(clues, 1.0)
+
+
+def _threshold(clues: Sequence[Clues], sign: float) -> tuple[float, ...]:
+    expected, lost = np.sum([one.light for one in clues], axis=0)
+    edges = light_edges()
+    light = (edges[:-1] + edges[1:]) / 2
+    some = expected >= SEARCH.fewest
+    if some.sum() < 4:
+        return ()
+    weight = np.sqrt(expected[some])  # neither pixels nor bins alone
+    share, light = (lost / np.maximum(expected, 1))[some], light[some]
+    mean = np.average(share, weights=weight)
+    spread = float((weight * (share - mean) ** 2).sum())
+    low, high, count = SEARCH.halves
+    best: tuple[float, tuple[float, ...]] = (np.inf, ())
+    for half in np.geomspace(low, high, count):
+        for slope in SEARCH.slopes:
+            curve = 1 / (1 + np.exp(-np.clip(sign * slope * (light - np.log(half)), -50, 50)))
+            rest = float((weight * (share - curve) ** 2).sum())
+            best = min(best, (rest, (float(half), slope)))
+    return best[1] if best[0] < (1 - SEARCH.usual_share) * spread else ()
+
+
+# By the name that an effect's `Searched` gives.
+SEARCHES: dict[str, Callable[[Sequence[Clues], Mode], tuple[float, ...]]] = {
+    'wave': wave,
+    'fold': fold,
+    'latency': latency,
+    'darkness': darkness,
+    'glare': glare,
+}

@@ -1,0 +1,103 @@
+"""What is free inside a camera is found from its recordings, before anything is simulated."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from flexx2_sim_ros.effects import registry
+from flexx2_sim_ros.gap.data.campaign import read
+from flexx2_sim_ros.gap.data.clues import Clues, clues_of, light_edges
+from flexx2_sim_ros.gap.features.catalogue import catalogue
+from flexx2_sim_ros.gap.features.search import of_registration, search, SEARCHES
+from flexx2_sim_ros.gap.work import find
+from flexx2_sim_ros.jobs import workers
+from flexx2_sim_ros.validation.blind import BlindCamera, Case, Internals, SceneKey, SceneSet
+import numpy as np
+import pytest
+
+MODE = 'Mode_9_30fps'
+KEY = SceneKey(MODE, 31, 2.0, 80, 62, 8, 12)
+SCENES = SceneSet(KEY)
+
+
+def found_in(
+    folder: Path, effects: Mapping[str, float], inside: Mapping[str, Any]
+) -> tuple[dict[str, Any], list[Clues]]:
+    """Record a blind camera with wrong poses and search its recordings."""
+    BlindCamera(Case(KEY, effects, 31, internals=Internals(**inside)), SCENES).record(folder)
+    with workers(1, None) as mapped:
+        files, _ = find(folder, None, mapped)
+    clues = [clues_of(read(one, None)) for one in files]
+    return dict(search(clues, files[0].mode)), clues
+
+
+def test_nothing_is_found_in_a_camera_as_its_profile_says(tmp_path: Path) -> None:
+    found, _ = found_in(tmp_path, {}, {})
+    assert found == {}
+    assert of_registration(found) == ((), 0.0)
+
+
+@pytest.mark.parametrize('period', [0.35, 1.6])
+def test_the_period_of_a_bias_is_found_beside_pose_errors(period: float, tmp_path: Path) -> None:
+    found, _ = found_in(tmp_path, {'wiggling': 1.0}, {'wave_m': period})
+    assert set(found) == {'wave'}
+    assert found['wave'][0] == pytest.approx(period, rel=0.04)
+
+
+@pytest.mark.parametrize('mhz', [60.24, 31.0, 100.0])
+def test_the_range_after_which_distances_repeat_is_found(mhz: float, tmp_path: Path) -> None:
+    found, _ = found_in(tmp_path, {'range_wrap': 1.0}, {'mhz': mhz})
+    assert found['fold'][0] == pytest.approx(149.896 / mhz, rel=0.01)
+
+
+def test_a_latency_that_the_catalogue_does_not_reach_is_found(tmp_path: Path) -> None:
+    found, clues = found_in(tmp_path, {'time_offset': 1.0}, {'latency_s': 0.16})
+    assert found['latency'][0] == pytest.approx(0.16, abs=0.015)
+    # Scenes that stand still say nothing about it.
+    assert sum(len(one.late) > 0 for one in clues) == 3
+
+
+def test_the_amplitude_below_which_pixels_are_lost_is_found(tmp_path: Path) -> None:
+    found, clues = found_in(tmp_path, {'low_signal_dropout': 1.0}, {'light_scale': 8.0})
+    # In this mode the camera drops pixels below 0.015 / m^2.
+    assert found['darkness'][0] == pytest.approx(8 * 0.015, rel=0.5)
+    assert all(one.light.shape == (2, len(light_edges()) - 1) for one in clues)
+
+
+def test_what_is_found_becomes_variants_of_effects() -> None:
+    plain = {candidate.label for candidate in catalogue()[1]}
+    found = {'wave': (0.8,), 'fold': (2.49,), 'latency': (0.115,), 'darkness': (0.002, 3.0)}
+    columns, candidates = catalogue((), True, found)
+    new = [one for one in candidates if one.label not in plain]
+    assert {one.effect for one in new} == {
+        'wiggling',
+        'range_wrap',
+        'time_offset',
+        'low_signal_dropout',
+    }
+    names = {column.name for column in columns}
+    assert all(node[1] in names for one in new for term in one.terms for node in term.nodes)
+    for one in new:
+        table = one.build(tuple(term.nodes[0][0] for term in one.terms))
+        registry()[one.effect].from_mapping(table)
+
+
+def test_every_search_that_an_effect_declares_exists() -> None:
+    declared = {kind.searched.internal for kind in registry().values() if kind.searched}
+    assert declared == set(SEARCHES)
+
+
+def test_recordings_of_nothing_find_nothing() -> None:
+    empty = Clues(
+        error=np.zeros(0),
+        sigma=np.zeros(0),
+        own=np.zeros((0, 9)),
+        length=np.zeros(0),
+        distance=np.zeros(0),
+        light=np.zeros((2, len(light_edges()) - 1)),
+        folds=np.zeros((2, 0)),
+        beyond=0,
+        looked=0,
+        late=np.zeros(0),
+    )
+    assert search([empty, empty], SCENES.optics.mode) == {}
