@@ -47,6 +47,8 @@ class PixelCovariates:
         (H, W) float32, distance along the pixel's ray as a multiple of its depth.
     compared : numpy.ndarray
         (H, W) bool, pixels that are compared: ground truth is known at and around them.
+    at_jump : numpy.ndarray
+        (H, W) bool, compared pixels up to 3 px from a jump.
 
     """
 
@@ -57,6 +59,7 @@ class PixelCovariates:
     inside: np.ndarray
     ray: np.ndarray
     compared: np.ndarray
+    at_jump: np.ndarray
 
     def places(self, name: str) -> np.ndarray:
         """Return the bin of each pixel along an axis, (H, W) int16 from 0, -1 for none."""
@@ -125,7 +128,8 @@ def look_at(
         inside &= seen
         bins = _Bins(axes, (height, width))
         _sort_surfaces(bins, surface, clean, reflectivity, inside)
-        bins.put_classes('edge', edge, seen & (edge >= 0))
+        at_jump = seen & (edge >= 0)
+        bins.put_classes('edge', edge, at_jump)
         if before is not None and interval > 0:
             same = np.abs(clean - before) < BINNING.same_surface * clean
             bins.put('speed', (clean - before) / np.float32(interval), inside & same)
@@ -142,6 +146,7 @@ def look_at(
         inside,
         _rays(*(float(v) for v in K[:2].ravel()), height, width),
         compared,
+        at_jump,
     )
 
 

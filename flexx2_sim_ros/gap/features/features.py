@@ -44,6 +44,7 @@ STRUCTURE_UNITS = {
     **dict.fromkeys(('static_grain', 'static_rows', 'static_columns'), 'sigma^2'),
     'static_neighbour': 'correlation',
     'frame_spread': 'ln',
+    **dict.fromkeys(('jump_between', 'jump_switches'), 'fraction'),
     **dict.fromkeys(FEATURES.lattice_steps, 'log10'),
     'repeat': 'correlation',
 }
@@ -176,6 +177,11 @@ def _structure(sums: Sums, lattice_base: np.ndarray | None) -> tuple[np.ndarray,
     if sums.spread[2] > 3:
         average = sums.spread[0] / sums.spread[2]
         out['frame_spread'] = np.sqrt(max(sums.spread[1] / sums.spread[2] - average**2, 0))
+    valid, between, pairs, switches = sums.jumps
+    if valid > ENOUGH:
+        out['jump_between'] = between / valid
+    if pairs > ENOUGH:
+        out['jump_switches'] = switches / pairs
     number, square, rows, columns, product = grain_moments(static_grain(sums))
     if number > ENOUGH:
         out['static_grain'] = square / number

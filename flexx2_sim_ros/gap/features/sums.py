@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from flexx2_sim_ros.gap.data.axes import BINS
 from flexx2_sim_ros.gap.data.covariates import PixelCovariates
+from flexx2_sim_ros.gap.features.jumps import count_at_jumps
 from flexx2_sim_ros.gap.features.pixel_patterns import count_depths, LATTICE_BIN, LATTICE_RANGE
 from flexx2_sim_ros.gap.features.row_sums import (
     FrameSums,
@@ -41,6 +42,8 @@ class Sums:
     lattice : numpy.ndarray or None
         (2, N) histograms of depth and of distance along the ray. Steps of a phase are steps of
         that distance.
+    jumps : numpy.ndarray
+        (4,) float64 numbers of depths at jumps; see `jumps.count_at_jumps`.
 
     """
 
@@ -51,6 +54,7 @@ class Sums:
     mean: np.ndarray
     sigma: np.ndarray
     lattice: np.ndarray | None
+    jumps: np.ndarray
 
 
 def accumulate(
@@ -95,6 +99,7 @@ def accumulate(
         pixel_sums.mean,
         pixel_sums.sigma,
         _depth_histogram(depth, scenes, frames) if lattice else None,
+        _at_jumps(depth, scenes, frames),
     )
 
 
@@ -149,6 +154,18 @@ def _depth_histogram(
         scene = scenes[0 if len(scenes) == 1 else t]
         count_depths(depth[t], scene.inside, scene.ray, histogram)
     return histogram
+
+
+def _at_jumps(
+    depth: np.ndarray, scenes: Sequence[PixelCovariates], frames: FrameTimes
+) -> np.ndarray:
+    # (4,) see `Sums`. Edges of a moving scene change sides by themselves.
+    out, sides, still = np.zeros(4), np.zeros(depth.shape[1:], np.int8), len(scenes) == 1
+    for t in np.flatnonzero(frames.use).tolist():
+        scene = scenes[0] if still else scenes[t]
+        follows = still and t > 0 and bool(frames.use[t - 1]) and not frames.start[t]
+        count_at_jumps(depth[t], scene.clean, scene.sigma, scene.at_jump, follows, sides, out)
+    return out
 
 
 def _pairs(sums: FrameSums, frames: FrameTimes) -> np.ndarray:

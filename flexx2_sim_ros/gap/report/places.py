@@ -22,6 +22,8 @@ CHANNELS = {
     'static_rows': 'fixed-pattern noise along rows',
     'static_columns': 'fixed-pattern noise along columns',
     'static_neighbour': 'correlation of neighbours in the fixed-pattern noise',
+    'jump_between': 'fraction of depths between the surfaces at jumps',
+    'jump_switches': 'fraction of depths at jumps that switch to the other surface',
     'frame_spread': 'change of noise from frame to frame',
     'lattice_coarse': 'depth in steps of 6 to 20 mm',
     'lattice_medium': 'depth in steps of 3 to 6 mm',

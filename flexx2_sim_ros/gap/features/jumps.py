@@ -1,0 +1,62 @@
+"""Depths at jumps that a displaced edge cannot give: between the surfaces, and switching sides."""
+
+from flexx2_sim_ros.gap.calibration.features import FEATURES
+from flexx2_sim_ros.gap.data.pixel_kernels import EDGE_REACH
+from numba import njit
+import numpy as np
+
+# Compiled code takes constants from its module.
+_CLEAR = np.float32(FEATURES.gross)
+VALID, BETWEEN, PAIRS, SWITCHES = range(4)
+
+
+@njit(cache=True, nogil=True)
+def count_at_jumps(depth, clean, sigma, at_jump, follows, sides, out):
+    """
+    Count depths between the surfaces at a jump, and changes from one surface to the other.
+
+    The pixels around a jump are counted together, so that an edge that lies elsewhere by a part of
+    a pixel changes little.
+
+    Parameters
+    ----------
+    depth : numpy.ndarray
+        (H, W) float32 metres, NaN where invalid: one frame.
+    clean, sigma : numpy.ndarray
+        (H, W) float32 metres.
+    at_jump : numpy.ndarray
+        (H, W) bool, pixels to count.
+    follows : bool
+        Whether ``sides`` is of the frame before, with the same clean depth.
+    sides : numpy.ndarray
+        (H, W) int8, changed: 1 on the near surface, 2 on the far one, 0 unknown.
+    out : numpy.ndarray
+        (4,) float64, added to: valid depths, depths that no surface around has, pairs of
+        successive depths, and those of them that switch to the other surface.
+
+    """
+    height, width = depth.shape
+    for y in range(height):
+        for x in range(width):
+            z = depth[y, x]
+            if not at_jump[y, x] or z != z:
+                sides[y, x] = 0
+                continue
+            near, far, apart = np.float32(np.inf), np.float32(-np.inf), np.float32(np.inf)
+            for v in range(max(y - EDGE_REACH, 0), min(y + EDGE_REACH + 1, height)):
+                for u in range(max(x - EDGE_REACH, 0), min(x + EDGE_REACH + 1, width)):
+                    c = clean[v, u]
+                    if c == c:
+                        near, far = min(near, c), max(far, c)
+                        apart = min(apart, abs(z - c))
+            margin = _CLEAR * sigma[y, x]
+            out[VALID] += 1
+            if near < z < far and apart > margin:
+                out[BETWEEN] += 1
+            side = 0
+            if far - near > 2 * margin:
+                side = 1 if z - near < far - z else 2
+            if follows and side > 0 and sides[y, x] > 0:
+                out[PAIRS] += 1
+                out[SWITCHES] += side != sides[y, x]
+            sides[y, x] = side
