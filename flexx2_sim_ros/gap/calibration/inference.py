@@ -96,6 +96,12 @@ class Thresholds:
     most_alternatives: int = constant(5, '', 'that are listed')
     nearest: int = constant(3, '', 'that are listed if nothing explains the gap')
     quantile: float = constant(0.95, '', 'upper end of 90 % intervals', DEFINITION)
+    least_shrink: float = constant(
+        -1.0,
+        'fraction',
+        'a gap that more than doubles is written like one that doubles',
+        DEFINITION,
+    )
     least_error: float = constant(0.25, 'loss', 'of a mean difference of few recordings')
 
 

@@ -3,12 +3,11 @@
 from typing import Any
 
 from flexx2_sim_ros.gap.calibration.features import FEATURES
+from flexx2_sim_ros.gap.calibration.inference import THRESHOLDS
 from flexx2_sim_ros.gap.data.axes import AXES
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.inference.uncertainty import mean_interval, ratio_interval
 import numpy as np
-
-_LEAST = -1.0  # shrink of a gap that becomes twice as large; larger ones are written the same
 
 
 def tolerances(model: Model) -> dict[str, float]:
@@ -69,9 +68,11 @@ def measured(values: np.ndarray, tolerance: float) -> dict[str, Any]:
         out[f'{name}_interval'] = interval
     top, bottom = values[:, 0] - values[:, 1], values[:, 0] - values[:, 2]
     gap = bottom.sum() > 0
-    out['shrink'] = float(np.clip(top.sum() / bottom.sum(), _LEAST, 1)) if gap else 0.0
+    out['shrink'] = (
+        float(np.clip(top.sum() / bottom.sum(), THRESHOLDS.least_shrink, 1)) if gap else 0.0
+    )
     out['shrink_interval'] = (
-        ratio_interval(top, bottom, _LEAST) if gap and len(values) > 2 else None
+        ratio_interval(top, bottom, THRESHOLDS.least_shrink) if gap and len(values) > 2 else None
     )
     low, high = out['change_interval'] or [out['change']] * 2
     out['tolerance'] = tolerance
