@@ -30,6 +30,7 @@ KEYS = [
     'unexplained',
     'where',
     'gap',
+    'evidence',
     'recordings',
     'settings',
     'not_considered',

@@ -18,6 +18,7 @@ from flexx2_sim_ros.gap.inference.selection import (
     Trials,
     without_each,
 )
+from flexx2_sim_ros.gap.inference.support import Support, support_of
 from flexx2_sim_ros.gap.inference.uncertainty import certainty, ratio_interval
 import numpy as np
 
@@ -77,6 +78,8 @@ class Decision:
         Effects that this ground truth cannot decide. Those that errors of poses and planes look
         like are not selected; if one of them explains about as much as the effects that were
         found, the verdict is ``unknown`` and ``alternatives`` has them all.
+    support : Support
+        The evidence.
 
     """
 
@@ -90,6 +93,7 @@ class Decision:
     considered: list[Choice]
     excess: float
     undecided: list[Undecided]
+    support: Support
 
     @property
     def explains_gap(self) -> bool:
@@ -186,6 +190,7 @@ def decide(
         considered,
         excess,
         [*(one for one in absorbed if one.effect not in settled | names), *hidden],
+        support_of(trials, selection, without_each(trials, found), considered),
     )
 
 

@@ -8,11 +8,12 @@ import numpy as np
 from scipy import stats
 
 
-def certainty(one: Fit, other: Fit) -> float:
+def advantage(one: Fit, other: Fit) -> float:
     """
-    Return the confidence that one fit explains new recordings better than another one.
+    Return how clearly one fit explains new recordings better than another one.
 
-    A paired t-test on the losses of held-out recordings.
+    The mean difference of the losses of held-out recordings over its standard error, as in a
+    paired t-test.
 
     Parameters
     ----------
@@ -22,16 +23,28 @@ def certainty(one: Fit, other: Fit) -> float:
     Returns
     -------
     float
-        0..1; 0.5 for a single recording.
+        Student's t; 0 for a single recording.
 
     """
     count = len(one.held_out)
     difference = other.held_out - one.held_out + (other.pose_held_out - one.pose_held_out) / count
     if count < 2:
-        return 0.5
-    error = float(difference.std(ddof=1)) / np.sqrt(count) + THRESHOLDS.least_error
-    t = float(difference.mean()) / error
-    return float(stats.t.cdf(t, count - 1))
+        return 0.0
+    error = float(difference.std(ddof=1)) / math.sqrt(count) + THRESHOLDS.least_error
+    return float(difference.mean()) / error
+
+
+def certainty(one: Fit, other: Fit) -> float:
+    """
+    Return the probability of the t-test that `advantage` describes.
+
+    Returns
+    -------
+    float
+        0..1; 0.5 for a single recording.
+
+    """
+    return float(stats.t.cdf(advantage(one, other), max(len(one.held_out) - 1, 1)))
 
 
 def ratio_interval(top: np.ndarray, bottom: np.ndarray, least: float = 0.0) -> list[float]:

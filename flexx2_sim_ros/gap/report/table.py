@@ -72,6 +72,7 @@ def diagnosis_table(
         ),
         'where': _where(model, decision, residual, confirmed) if finds else [],
         'gap': _gap(model, decision, confirmed),
+        'evidence': decision.support.as_table(),
         'recordings': _recordings(model, decision, used, left_out),
     }
 
