@@ -69,6 +69,7 @@ setup(
     extras_require={
         'batch': ['warp-lang>=1.19'],
         'cluster': ['distributed>=2024.1'],
+        'cost': ['pyoctomap>=1.2.2'],
         'menagerie': ['mujoco-menagerie'],
         'ros': ['ros-jazzy-common-interfaces', 'ros-jazzy-rclpy[fastrtps]', 'tornado>=6.4'],
         'test': [
@@ -93,6 +94,7 @@ setup(
             'myst-parser',
             'opencv-python-headless>=4.7',
             'pydocstyle',
+            'pyoctomap>=1.2.2',
             'pypdfium2',
             'pytest',
             'pytest-xdist',

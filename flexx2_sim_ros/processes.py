@@ -102,6 +102,47 @@ def workers(count: int, one_thread: bool = False) -> Iterator[Submit]:
 
 
 @contextmanager
+def server(function: Callable[..., None], *arguments: Any) -> Iterator[connection.Connection]:
+    """
+    Run a function in a process that is killed at the end of the block, whatever it does then.
+
+    Parameters
+    ----------
+    function : callable
+        Of a module, called with its end of a pipe and the arguments.
+    *arguments
+        What the process gets; they must be picklable.
+
+    Yields
+    ------
+    multiprocessing.connection.Connection
+        This end of the pipe.
+
+    """
+    if sys.platform != 'win32':
+        _start_resource_tracker()
+    context = multiprocessing.get_context('spawn')
+    own, its = context.Pipe()
+    process = context.Process(target=_begin_server, args=(function, its, arguments), daemon=True)
+    with _signals_later():
+        process.start()
+    its.close()
+    try:
+        yield own
+    finally:
+        own.close()
+        process.kill()
+        process.join()
+
+
+def _begin_server(
+    function: Callable[..., None], its: connection.Connection, arguments: tuple[Any, ...]
+) -> None:
+    _begin_worker(True)
+    function(its, *arguments)
+
+
+@contextmanager
 def _signals_later() -> Iterator[None]:
     # Workers start inside this block with signals blocked until they can handle them.
     if sys.platform == 'win32':

@@ -13,8 +13,8 @@ PACKAGE = ROOT / NAME
 ROOMS = (
     'base', 'formulas', 'profiles', 'physics', 'effects', 'camera', 'export',
     'messages', 'recording',
-    'rendering', 'truth', 'characterize', 'robots', 'batch', 'gap.calibration', 'gap.data',
-    'gap.features', 'gap.inference', 'gap.forms', 'gap.report', 'gap', 'gap.planning',
+    'rendering', 'truth', 'characterize', 'robots', 'consumers', 'batch', 'gap.calibration',
+    'gap.data', 'gap.features', 'gap.inference', 'gap.forms', 'gap.report', 'gap', 'gap.planning',
     'validation.blind', 'validation.benchmark', 'validation', 'view', 'nodes', 'cli',
 )  # fmt: skip
 

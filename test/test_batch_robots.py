@@ -6,11 +6,12 @@ from types import SimpleNamespace
 
 from batches import scenes
 from flexx2_sim_ros.batch import noisy_depth
-from flexx2_sim_ros.batch.height_grid import AHEAD, HeightGrid, LEFT
+from flexx2_sim_ros.batch.height_grid import HeightGrid
 from flexx2_sim_ros.batch.rendering import open_batch_renderer
 from flexx2_sim_ros.batch.walking import walk
 from flexx2_sim_ros.camera import Camera, flexx2, Intrinsics
 from flexx2_sim_ros.cli.main import main
+from flexx2_sim_ros.consumers.height_grid import AHEAD, LEFT
 from flexx2_sim_ros.robots.model import build_model
 import numpy as np
 import pytest

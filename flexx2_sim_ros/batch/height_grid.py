@@ -4,12 +4,9 @@ from typing import Any
 
 from flexx2_sim_ros.batch import robot_kernels
 from flexx2_sim_ros.camera import Intrinsics
+from flexx2_sim_ros.consumers.height_grid import AHEAD, LEAST, LEFT, REACH
 import numpy as np
 import warp as wp
-
-# Of the paper's group's locomotion policies: metres ahead and to the left of the trunk.
-AHEAD = np.round(np.arange(-0.5, 0.51, 0.1), 3)
-LEFT = np.round(np.arange(-0.3, 0.31, 0.1), 3)
 
 
 class HeightGrid:
@@ -32,7 +29,12 @@ class HeightGrid:
     """
 
     def __init__(
-        self, num_envs: int, camera: Intrinsics, device: Any, reach: float = 0.025, least: int = 8
+        self,
+        num_envs: int,
+        camera: Intrinsics,
+        device: Any,
+        reach: float = REACH,
+        least: int = LEAST,
     ) -> None:
         """Start empty."""
         self._camera, self._reach, self._least = camera, reach, least

@@ -1,9 +1,14 @@
 """What `height_grid` and `rendering` do on the device, as Warp kernels."""
 
+from flexx2_sim_ros.batch.compiled import compiled
 from flexx2_sim_ros.batch.kernels import OPTIONS
+from flexx2_sim_ros.formulas import grid_cells
 import warp as wp
 
 wp.set_module_options(OPTIONS)
+
+_nearest_cell = compiled(grid_cells.nearest_cell)
+_from_cell = compiled(grid_cells.from_cell)
 
 
 @wp.kernel
@@ -28,13 +33,13 @@ def add_points(
         (wp.float32(u) - centre[0]) / focal[0], (wp.float32(v) - centre[1]) / focal[1], 1.0
     )
     point = position[n] + rotation[n] * (z * ray)
-    i = wp.int32(wp.rint((point[0] - first[0]) / pitch))
-    j = wp.int32(wp.rint((point[1] - first[1]) / pitch))
+    row = _nearest_cell(point[0], first[0], pitch)
+    column = _nearest_cell(point[1], first[1], pitch)
+    i, j = wp.int32(row), wp.int32(column)
     if i < 0 or j < 0 or i >= total.shape[1] or j >= total.shape[2]:
         return
     across = wp.max(
-        wp.abs(point[0] - first[0] - wp.float32(i) * pitch),
-        wp.abs(point[1] - first[1] - wp.float32(j) * pitch),
+        _from_cell(point[0], first[0], pitch, row), _from_cell(point[1], first[1], pitch, column)
     )
     if across <= reach:
         wp.atomic_add(total, n, i, j, point[2])

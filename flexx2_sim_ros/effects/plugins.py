@@ -5,14 +5,12 @@ A plug-in that cannot be used is named in one line and left out; all else goes o
 be kept from is ending or blocking the process from within its own code.
 """
 
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection
 from contextlib import suppress
 from dataclasses import fields, is_dataclass, replace
 from functools import wraps
-from importlib.metadata import distributions, EntryPoint
 import logging
 import math
-from pathlib import Path
 import re
 from typing import Any
 
@@ -21,6 +19,7 @@ from flexx2_sim_ros.effects.hypothesis import Hypothesis
 from flexx2_sim_ros.effects.picture import Picture
 from flexx2_sim_ros.effects.ray import AlongRay
 from flexx2_sim_ros.effects.tables import Table
+from flexx2_sim_ros.entry_points import entry_points
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.physics.frame_state import FrameState, Memory, Stage
 from flexx2_sim_ros.physics.surface import analyse
@@ -53,7 +52,7 @@ def plug_ins(taken: Collection[str]) -> list[type[Effect]]:
     """
     found: list[type[Effect]] = []
     names = set(taken)
-    points = list(_entry_points())
+    points = list(entry_points(GROUP, _leave_out))
     if points:
         # numba reads all entry points when it first compiles. A ruined one makes it raise once:
         # here, so that it is not taken for a fault of the first plug-in.
@@ -71,21 +70,6 @@ def plug_ins(taken: Collection[str]) -> list[type[Effect]]:
         found.append(kind)
         names.add(kind.name)
     return found
-
-
-def _entry_points() -> Iterator[EntryPoint]:
-    # One distribution after the other: a ruined one must not hide those of others.
-    seen = set()
-    for distribution in distributions():
-        try:
-            name = distribution.metadata['Name']
-            points = [point for point in distribution.entry_points if point.group == GROUP]
-        except Exception as error:
-            _leave_out(Path(str(getattr(distribution, '_path', distribution))).name, error)
-            continue
-        if name is None or name not in seen:
-            yield from points
-        seen.add(name)
 
 
 def _leave_out(name: str, error: BaseException) -> None:

@@ -1,0 +1,137 @@
+"""How far a simulation is from a recording, in the units of consumers, with intervals."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+_SETS = 2000  # of recordings, drawn with replacement
+_QUANTILES = 0.05, 0.95
+_FEWEST = 3  # recordings for an interval
+Interval = tuple[float, float] | None
+
+
+@dataclass(frozen=True)
+class Left:
+    """
+    What remains of a difference with some effects.
+
+    Attributes
+    ----------
+    value : float
+        Mean error of the consumer on the simulation with these effects.
+    difference : float
+        Mean absolute difference from the recordings.
+    share : float
+        Fraction of the difference without effects that these effects take away; negative where
+        they add to it.
+    interval : tuple of float or None
+        90 % interval of the share, a bootstrap over recordings; None for fewer than three.
+
+    """
+
+    value: float
+    difference: float
+    share: float
+    interval: Interval
+
+
+@dataclass(frozen=True)
+class Compared:
+    """
+    One measure of one consumer.
+
+    Attributes
+    ----------
+    recordings : int
+        How many show it.
+    real, simulated : float
+        Mean error of the consumer on the recordings and on their simulation without effects.
+    difference : float
+        Mean absolute difference of the two, recording by recording.
+    interval : tuple of float or None
+        90 % interval of the difference.
+    null : float
+        The same difference of two simulations without effects.
+    significant : bool
+        Whether the difference exceeds that of two simulations in 95 % of the sets of recordings.
+    left : dict of str to Left
+        What remains, by rendition.
+
+    """
+
+    recordings: int
+    real: float
+    simulated: float
+    difference: float
+    interval: Interval
+    null: float
+    significant: bool
+    left: dict[str, Left]
+
+
+def compare(
+    rows: Sequence[Mapping[str, Mapping[str, float]]],
+    measure: str,
+    renditions: Sequence[str],
+    names: tuple[str, str, str],
+) -> Compared | None:
+    """
+    Compare a consumer's errors on recordings with those on their simulations.
+
+    Parameters
+    ----------
+    rows : sequence of mapping
+        For each recording, by rendition: errors by name.
+    measure : str
+        Which error.
+    renditions : sequence of str
+        The simulations with effects.
+    names : tuple of str
+        The renditions that are the recording, its simulation, and a second simulation.
+
+    Returns
+    -------
+    Compared or None
+        None if no recording shows the measure in all renditions.
+
+    """
+    wanted = [*names, *renditions]
+    used = [row for row in rows if all(measure in row[name] for name in wanted)]
+    if not used:
+        return None
+    values = np.array([[row[name][measure] for name in wanted] for row in used])  # (R, renditions)
+    real, simulated = values[:, 0], values[:, 1]
+    apart = np.abs(values[:, 1:] - values[:, :1])  # from the recording
+    without, null = apart[:, 0], np.abs(values[:, 2] - simulated)
+    sets = np.random.default_rng(0).integers(len(used), size=(_SETS, len(used)))
+    enough = len(used) >= _FEWEST
+    excess = (without - null)[sets].mean(axis=1)
+    left = {}
+    for k, name in enumerate(renditions, start=2):
+        shares = _share(apart[:, k][sets].mean(axis=1), without[sets].mean(axis=1))
+        left[name] = Left(
+            float(values[:, k + 1].mean()),
+            float(apart[:, k].mean()),
+            float(_share(apart[:, k].mean(), without.mean())),
+            _interval(shares) if enough else None,
+        )
+    return Compared(
+        len(used),
+        float(real.mean()),
+        float(simulated.mean()),
+        float(without.mean()),
+        _interval(without[sets].mean(axis=1)) if enough else None,
+        float(null.mean()),
+        bool(np.quantile(excess, _QUANTILES[0]) > 0) if enough else bool(without.sum() > 0),
+        left,
+    )
+
+
+def _share(after: np.ndarray, before: np.ndarray) -> np.ndarray:
+    return np.where(before > 0, 1 - after / np.where(before > 0, before, 1), 0.0)
+
+
+def _interval(values: np.ndarray) -> tuple[float, float]:
+    low, high = np.quantile(values, _QUANTILES)
+    return float(low), float(high)

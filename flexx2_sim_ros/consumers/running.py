@@ -1,0 +1,186 @@
+"""Run a consumer in a process of its own, which may fail, hang or end without harm to the rest."""
+
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import redirect_stdout
+from dataclasses import dataclass, field
+import math
+from multiprocessing.connection import Connection
+import sys
+import time
+from typing import Any
+
+from flexx2_sim_ros.consumers.consumer import CameraView, Consumer
+from flexx2_sim_ros.consumers.loading import load, Source
+from flexx2_sim_ros.errors import InputError, shown, unquoted
+from flexx2_sim_ros.processes import server
+import numpy as np
+
+_START_SECONDS = 600.0  # to import libraries, on a busy machine
+_LARGEST_PICTURE = 200  # pixels
+
+
+@dataclass(frozen=True)
+class Views:
+    """
+    A recording as its consumers get it.
+
+    Attributes
+    ----------
+    name : str
+        The recording's.
+    true : tuple of CameraView
+        The true depth of the scene, one for each pose of the camera.
+    seen : dict of str to tuple of CameraView
+        By rendition, e.g. ``real``: its images from the same poses.
+
+    """
+
+    name: str
+    true: tuple[CameraView, ...]
+    seen: dict[str, tuple[CameraView, ...]]
+
+
+@dataclass
+class Result:
+    """
+    What a consumer made of recordings.
+
+    Attributes
+    ----------
+    label : str
+        Its name, as far as it is known.
+    title : str
+        The first line of its docstring.
+    measures : dict of str to str
+        Units by name of an error.
+    errors : list of dict
+        For each recording, by rendition: its errors by name.
+    pictures : list of dict
+        For each recording, by rendition: an (h, w) image of errors in metres, if it makes any.
+    fault : str
+        Why it was given up; empty if all went well. Then the rest is not to be used.
+    seconds : float
+        How long it took.
+
+    """
+
+    label: str
+    title: str = ''
+    measures: dict[str, str] = field(default_factory=dict)
+    errors: list[dict[str, dict[str, float]]] = field(default_factory=list)
+    pictures: list[dict[str, np.ndarray]] = field(default_factory=list)
+    fault: str = ''
+    seconds: float = 0.0
+
+
+class _FaultError(Exception):
+    """The consumer cannot be used; the message says why."""
+
+
+def run(
+    source: Source, recordings: Sequence[Views], limit: float, step: Callable[[], None]
+) -> Result:
+    """
+    Run a consumer on all recordings.
+
+    Parameters
+    ----------
+    source : Source
+        Where its class is.
+    recordings : sequence of Views
+        What it gets.
+    limit : float
+        Seconds that one recording may take.
+    step : callable
+        Called after each recording.
+
+    """
+    result, began = Result(source.label), time.monotonic()
+    try:
+        with server(_serve, source) as connection:
+            name, title, measures = _answer(connection, _START_SECONDS, 'loading')
+            result.label, result.title, result.measures = name, title, measures
+            for one in recordings:
+                connection.send(one)
+                errors, pictures = _answer(connection, limit, one.name)
+                _check(errors, measures, one.name)
+                result.errors.append(errors)
+                result.pictures.append(pictures)
+                step()
+    except _FaultError as error:
+        result.fault = str(error)
+    except OSError:  # The pipe is closed: the process has ended.
+        result.fault = 'ended its process'
+    result.seconds = round(time.monotonic() - began, 2)
+    return result
+
+
+def _answer(connection: Connection, limit: float, what: str) -> Any:
+    if not connection.poll(limit):
+        raise _FaultError(f'{what}: took longer than {limit:g} s')
+    try:
+        good, value = connection.recv()
+    except EOFError as error:
+        raise _FaultError(f'{what}: ended its process') from error
+    if not good:
+        raise _FaultError(f'{what}: {value}')
+    return value
+
+
+def _check(
+    errors: Mapping[str, Mapping[str, float]], measures: Mapping[str, str], recording: str
+) -> None:
+    for rendition, values in errors.items():
+        for key, value in values.items():
+            if key not in measures:
+                raise _FaultError(
+                    f'{recording}: errors: must be among {", ".join(measures)}, got {shown(key)}'
+                )
+            if not math.isfinite(value):
+                raise _FaultError(
+                    f'{recording}: {key} ({rendition}): must be a finite number, got {value}'
+                )
+
+
+def _serve(connection: Connection, source: Source) -> None:
+    # In the consumer's process: answers each recording with errors and pictures, until the end.
+    try:
+        with redirect_stdout(sys.stderr):  # Standard output is the command's.
+            consumer = load(source)
+            title = (type(consumer).__doc__ or '').strip().partition('\n')[0][:200]
+            connection.send((True, (consumer.name, title, dict(consumer.measures))))
+            while True:
+                views = connection.recv()
+                connection.send((True, judge(consumer, views)))
+    except EOFError:
+        return
+    except BaseException as error:  # noqa: B902 - also SystemExit of the consumer
+        connection.send((False, _said(error)))
+
+
+def _said(error: BaseException) -> str:
+    if isinstance(error, InputError):
+        return str(error)
+    return f'{type(error).__name__}: {unquoted(str(error))}'
+
+
+def judge(
+    consumer: Consumer, views: Views
+) -> tuple[dict[str, dict[str, float]], dict[str, np.ndarray]]:
+    """Return a consumer's errors and pictures of a recording, by rendition, in this process."""
+    true = [consumer.look(view) for view in views.true]
+    errors, pictures = {}, {}
+    draw = getattr(consumer, 'picture', None)
+    for rendition, seen in views.seen.items():
+        looks = [consumer.look(view) for view in seen]
+        rows = [consumer.errors(own, real) for own, real in zip(looks, true, strict=True)]
+        keys = {key for row in rows for key in row}
+        errors[rendition] = {
+            str(key): float(np.mean([row[key] for row in rows if key in row])) for key in keys
+        }
+        picture = None if draw is None else draw(looks[0], true[0])
+        if picture is not None:
+            pictures[rendition] = np.asarray(picture, np.float32)[
+                :_LARGEST_PICTURE, :_LARGEST_PICTURE
+            ]
+    return errors, pictures

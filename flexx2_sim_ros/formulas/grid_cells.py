@@ -1,0 +1,25 @@
+"""Which cell of a grid a place lies in, along one axis."""
+
+from flexx2_sim_ros.formulas.scalars import nearest, size
+
+
+def nearest_cell(x: float, first: float, pitch: float) -> float:
+    """
+    Return the index of the grid point nearest to a place, as a whole number.
+
+    Parameters
+    ----------
+    x : float
+        The place, metres.
+    first : float
+        Place of the grid point with index 0, metres.
+    pitch : float
+        Distance of the grid points, metres.
+
+    """
+    return nearest((x - first) / pitch)
+
+
+def from_cell(x: float, first: float, pitch: float, cell: float) -> float:
+    """Return the distance of a place from a grid point, metres."""
+    return size(x - first - cell * pitch)
