@@ -141,19 +141,26 @@ CURVES = {
     'low_signal_dropout': {'curve': {'knots': [-4.0, -3.0], 'values': [0.9, 0.0]}},
     'grazing_dropout': {'slant': {'knots': [-1.0, 1.0], 'values': [0.0, 0.6]}},
     'saturation': {'curve': {'knots': [-1.0, 0.0], 'values': [0.0, 0.7]}},
+    'flying_pixels': {'width': 1.0, 'mhz': 40.0},
+    'multipath': {'mhz': 40.0},
+    'stray_light': {'radius': 0.02, 'exponent': 1.2, 'frequency_factor': 0.5},
+    'range_wrap': {'noise': 20.0},
+    'temporal_filter': {'gate': 0.2},
+    'spatial_filter': {'width': 1.5},
 }
 
 
 @pytest.mark.parametrize('name', list(CURVES))
-def test_a_curve_or_map_takes_the_place_of_the_formula(name: str, tmp_path: Path) -> None:
+def test_a_curve_map_or_number_takes_the_place_of_the_formula(name: str, tmp_path: Path) -> None:
     own = parse_effects({name: CURVES[name]})
     path = tmp_path / 'calibrated.yaml'
     save_effects(path, own)
     assert load_effects(path) == own
-    seen = capture(path, scenes(1), 0)
-    assert same(seen, capture({name: CURVES[name]}, scenes(1), 0))
+    stamps = np.arange(2) / 30.0
+    seen = capture(path, scenes(2), stamps)
+    assert same(seen, capture({name: CURVES[name]}, scenes(2), stamps))
     for other in ((), (registry()[name](),)):
-        assert not same(seen, capture(other, scenes(1), 0))
+        assert not same(seen, capture(other, scenes(2), stamps))
     # As in the JSON files of a diagnosis.
     text = json.dumps({name: plain(own[0].settings)})
     assert parse_effects(json.loads(text)) == own

@@ -59,7 +59,7 @@ _NUISANCES = {
 
 def _form(name: str, table: Table) -> str:
     unit = f' {table.unit}' if table.unit else ''
-    over = f' over {table.over}' if table.over else ' of the image, (H, W)'
+    over = {'curve': f' over {table.over}', 'map': ' of the image, (H, W)'}.get(table.kind, '')
     return (
         f'`{name}` (a {table.kind}{over}; values {table.low:g} to {table.high:g}{unit}): '
         f'{table.text}.'

@@ -38,7 +38,7 @@ def mixed(first: float, second: float, share: float) -> float:
 
 
 _SHARE = Free('share', 0.001, 0.2, log=True)
-_WIDTH = Free('width', 0.003, 0.5, log=True)
+_RADIUS = Free('radius', 0.003, 0.5, log=True)
 _EXPONENT = Free('exponent', 1.05, 3.0)
 _block_before = compiled(block_before)
 _mixed = compiled(mixed)
@@ -79,8 +79,8 @@ class StrayLight(Effect):
     )
     shapes: ClassVar[tuple[Shape, ...]] = (
         Shape('wide kernel', (_SHARE, Free('width', 0.02, 1.0, log=True))),
-        Shape('kernel of free width', (_SHARE, _WIDTH, _EXPONENT), {'frequency_factor': 1.0}),
-        Shape('kernel of free width at one frequency', (_SHARE, _WIDTH, _EXPONENT, MHZ)),
+        Shape('kernel of free width', (_SHARE, _RADIUS, _EXPONENT), {'frequency_factor': 1.0}),
+        Shape('kernel of free width at one frequency', (_SHARE, _RADIUS, _EXPONENT, MHZ)),
     )
     smooth: ClassVar[bool] = True
     brightness: ClassVar[float] = 0.1
@@ -95,11 +95,16 @@ class StrayLight(Effect):
     share: float = parameter(
         0.02, 0.0, 0.2, '', 'fraction of the light that is scattered, at strength 1'
     )
-    width: float = parameter(
-        0.15, 0.002, 1.0, '', 'half-value radius, fraction of the image width'
+    width: float = parameter(0.15, 0.02, 1.0, '', 'half-value radius, fraction of the image width')
+    radius: float | None = optional_number(
+        '',
+        0.002,
+        1.0,
+        'half-value radius of a kernel at full resolution, fraction of the image width, in place '
+        'of width',
     )
     exponent: float | None = optional_number(
-        '', 1.02, 6.0, 'of the kernel (1 + (r / w)^2)^-exponent at full resolution; without, 1.5'
+        '', 1.02, 6.0, 'with radius: of the kernel (1 + (r / w)^2)^-exponent; without, 1.5'
     )
     mhz: float | None = own_frequency()
     frequency_factor: float | None = frequency_factor()
@@ -115,10 +120,10 @@ class StrayLight(Effect):
         for wave in waves(state, self.mhz, self.frequency_factor):
             direction = wave.directions()
             light = state.amplitude * direction
-            if self.exponent is None:
+            if self.radius is None:
                 light += share * _scatter(light, self.width)
             else:
-                light += share * _scatter_finely(light, self.width, self.exponent)
+                light += share * _scatter_finely(light, self.radius, self.exponent or 1.5)
             wave.turn(direction.reshape(-1), light.reshape(-1))
             amplitude += np.float32(wave.weight) * np.abs(light)
         state.amplitude = np.where(np.isfinite(state.depth), amplitude, np.float32(0))
