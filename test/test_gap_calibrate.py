@@ -172,11 +172,13 @@ def test_an_alternative_is_calibrated_where_the_diagnosis_leaves_one(tmp_path: P
 
 def test_a_rest_without_a_cause_is_carried_along_as_a_correction(tmp_path: Path) -> None:
     """Assert it of a bias over amplitude, and that the file says what it is."""
-    camera = {'amplitude_bias': {'slope': -0.02}}
-    write_campaign(tmp_path / 'recordings', seed=116, effects=camera, pose=(0.0, 0.0), **TINY)
+    waves = {'knots': [-3.0, -2.0, -1.0, 0.0, 1.0], 'values': [0.02, -0.02, 0.02, -0.02, 0.02]}
+    camera = {'amplitude_bias': {'curve': waves}}
+    size = {**TINY, 'recordings': 6, 'scale': 0.5}
+    write_campaign(tmp_path / 'recordings', seed=116, effects=camera, pose=(0.0, 0.0), **size)
     diagnosis = write_diagnosis(tmp_path / 'diagnosis', {'quantisation': {'step': 0.0005}})
     table = calibrate(diagnosis, tmp_path / 'recordings', out=tmp_path / 'out')
-    assert table['empirical']['taken']
+    assert table['empirical']['taken'], table['empirical']
     assert table['empirical']['form'] == 'log_amplitude'
     assert table['empirical']['after'] < table['empirical']['before']
     text = (tmp_path / 'out' / 'effects.yaml').read_text()

@@ -59,7 +59,9 @@ class Forms:
     simplex: float = constant(0.12, '', 'first step downhill, as a fraction of the bounds')
     close: float = constant(0.005, '', 'the last step, likewise')
     others: int = constant(2, '', 'alternative explanations that are calibrated, too')
-    known: int = constant(200, 'px', 'a bin of an empirical correction with fewer stays as it is')
+    known: int = constant(
+        50, 'samples', 'a bin of an empirical correction with fewer stays as it is'
+    )
     unlikely: float = constant(1e-3, '', 'least probability of a table that is judged')
 
 

@@ -173,6 +173,7 @@ def calibrate_effects(looked: list[Looked], effects: Settings, work: Work) -> Ex
     effects : dict
         Settings by effect, as diagnosed, without an error of the poses.
     work : Work
+        How the recordings are simulated.
 
     Returns
     -------
@@ -213,11 +214,17 @@ def calibrate_effects(looked: list[Looked], effects: Settings, work: Work) -> Ex
 
 
 def best_of(explained: Sequence[Explained]) -> int:
-    """Return which explanation is nearest; an alternative must surely be nearer than the first."""
+    """
+    Return which explanation is nearest: the first, or an alternative that surely is.
+
+    An alternative needs a form that left-out recordings pay for. Without one, its effects were
+    fitted to the recordings that it is compared on.
+    """
     chosen = 0
     for place, one in enumerate(explained):
+        held_out = any(verdict.taken for verdict in one.verdicts)
         new, old = totals(one.apart), totals(explained[chosen].apart)
-        if float((old - new).mean()) > FORMS.least and is_surely_less(new, old):
+        if held_out and float((old - new).mean()) > FORMS.least and is_surely_less(new, old):
             chosen = place
     return chosen
 

@@ -58,7 +58,7 @@ def correction(covariate: str, rests: Sequence[Rest]) -> dict[str, float]:
 
     """
     edges = rests[0].edges[covariate]
-    bias = BiasFit([one.samples for one in rests]).fit([binned(covariate, edges)]).together
+    bias = _bias(binned(covariate, edges), [one.samples for one in rests])
     place = [name for name in SURFACES for _ in range(AXES[name].bins)]
     mine = np.array([name == covariate for name in place])
     ratio = _mean([(one.real.noise, one.simulated.noise) for one in rests], mine)
@@ -74,6 +74,17 @@ def correction(covariate: str, rests: Sequence[Rest]) -> dict[str, float]:
         out[f'scale_{i}'] = float(np.clip(np.round(np.exp(ratio[i] / 2), 4), 0.1, 10))
         out[f'loss_{i}'] = float(np.round(more[i], 5))
     return out
+
+
+def _bias(form: 'Binned', samples: Sequence[Samples]) -> np.ndarray:
+    # (K,) metres. Poses look like a constant, so the mean over all samples is held at 0.
+    fitted = BiasFit(samples).fit([form]).together
+    count = sum(form.columns(one).sum(axis=1) for one in samples)
+    known = np.asarray(count) >= FORMS.known
+    if not known.any():
+        return np.zeros(len(fitted))
+    mean = np.average(fitted[known], weights=np.asarray(count)[known])
+    return np.where(known, fitted - mean, 0.0)
 
 
 def _mean(pairs: Sequence[tuple[np.ndarray, np.ndarray]], mine: np.ndarray) -> np.ndarray:
