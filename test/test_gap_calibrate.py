@@ -152,22 +152,27 @@ def test_parameters_are_found_by_simulation(tmp_path: Path) -> None:
 def test_an_alternative_is_calibrated_where_the_diagnosis_leaves_one(tmp_path: Path) -> None:
     """Assert the right one of two explanations is taken; a bad recording is named and left out."""
     recordings = tmp_path / 'recordings'
-    camera = {'warm_up_drift': {'bias': 0.03, 'tau': 900.0}}
-    write_campaign(recordings, seed=115, effects=camera, pose=(0.0, 0.0), **TINY)
+    filtered = {'spatial_filter': {'width': 1.0, 'mix': 1.0, 'gate': 8.0}}
+    write_campaign(recordings, seed=115, effects=filtered, **TINY)
     first = sorted(recordings.iterdir())[0]
     with np.load(first) as archive:
         arrays = {name: archive[name] for name in archive.files}
     np.savez(recordings / 'bad.npz', **{**arrays, 'clean_depth': np.ones((5, 4), np.float32)})
     diagnosis = write_diagnosis(
-        tmp_path / 'diagnosis', {'fixed_pattern': {'rms': 0.003}}, {'offset': {'bias': 0.01}}
+        tmp_path / 'diagnosis', {'quantisation': {'step': 0.001}}, {'spatial_filter': {'mix': 0.4}}
     )
     table = calibrate(diagnosis, recordings, out=tmp_path / 'out')
-    assert [row['effects'] for row in table['explanations']] == [['fixed_pattern'], ['offset']]
+    assert [row['effects'] for row in table['explanations']] == [
+        ['quantisation'],
+        ['spatial_filter'],
+    ]
     assert [row['chosen'] for row in table['explanations']] == [False, True]
     (left_out,) = table['left_out']
     assert left_out['name'] == 'bad.npz'
     assert 'clean_depth: must have the size' in left_out['reason']
-    assert 'offset' in {one.name for one in load_effects(tmp_path / 'out' / 'effects.yaml')}
+    names = {one.name for one in load_effects(tmp_path / 'out' / 'effects.yaml')}
+    assert 'spatial_filter' in names
+    assert 'quantisation' not in names
 
 
 def test_a_rest_without_a_cause_is_carried_along_as_a_correction(tmp_path: Path) -> None:
