@@ -56,7 +56,7 @@ setup(
     ],
     install_requires=[
         'matplotlib>=3.7',
-        'mujoco>=4.0',
+        'mujoco>=3.5',
         'numba>=0.59',
         'numpy>=1.26',
         'pillow>=10.0',

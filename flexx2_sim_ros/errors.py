@@ -8,7 +8,7 @@ _OPTIONAL = {
     'cv2': 'opencv-python-headless',
     'embreex': 'embreex',
     'matplotlib': 'matplotlib',
-    'mujoco': '"mujoco>=4.0"',
+    'mujoco': '"mujoco>=3.5"',
     'PIL': 'pillow',
     'rosbags': '"rosbags>=0.11"',
     'scipy': 'scipy',

@@ -7,7 +7,9 @@ import sys
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from flexx2_sim_ros.rendering.materials import load_materials, reflectivity_table
+from flexx2_sim_ros.rendering.model_cameras import VISIBLE_GROUPS
 from flexx2_sim_ros.rendering.renderer import open_renderer
+from flexx2_sim_ros.rendering.visibility import pixel_directions
 from flexx2_sim_ros.robots.model import build_model, stand
 from flexx2_sim_ros.robots.robot import CameraMount, load_mounts
 import mujoco
@@ -192,6 +194,36 @@ def test_the_backends_agree_on_the_lab(opengl):
             assert np.nanmean(difference < 3e-3) > 0.995
     for renderer in renderers:
         renderer.close()
+
+
+def test_rays_hit_what_single_rays_hit_from_near_a_stair():
+    # Before MuJoCo 4.0, mj_multiRay sees through stair_1 from here.
+    model = build_model(intrinsics=FLEXX2)
+    data = mujoco.MjData(model)
+    stand(model, data)
+    data.qpos[:2] = 0.9, -0.1
+    data.qpos[3], data.qpos[6] = np.cos(-0.7 / 2), np.sin(-0.7 / 2)
+    mujoco.mj_forward(model, data)
+    camera = model.camera('front_right').id
+    _, found = open_renderer(model, FLEXX2, 'ray').render(data, 'front_right')
+    rows, columns = np.mgrid[80:172:2, 0:224:2].reshape(2, -1)
+    directions = pixel_directions(FLEXX2)[rows, columns] @ data.cam_xmat[camera].reshape(3, 3).T
+    hit, single = np.zeros(1, np.int32), []
+    for direction in directions:
+        mujoco.mj_ray(model, data, data.cam_xpos[camera], direction, VISIBLE_GROUPS, 1, -1, hit)
+        single.append(int(hit[0]))
+    assert model.geom('scene/stair_1').id in single
+    np.testing.assert_array_equal(found[rows, columns], single)
+
+
+def test_a_part_that_does_not_collide_is_seen_beside_its_body(see):
+    model, _, geom_id = see("""
+        <geom name="wall" type="box" size="0.1 9 9" pos="6 0 0"/>
+        <body pos="3 -2.5 0"><geom size="0.1"/>
+          <geom name="sign" type="box" size="0.1 0.3 0.3" pos="0 2.5 0" contype="0"
+                conaffinity="0"/></body>
+        """)
+    assert geom_id[75, 100] == model.geom('scene/sign').id
 
 
 def test_both_cameras_see_surfaces():

@@ -1,8 +1,7 @@
 """Depth and geom ids by ray casting: exact, and without a graphics library."""
 
-from typing import Any
-
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
+from flexx2_sim_ros.rendering.culling import exact_for_rays
 from flexx2_sim_ros.rendering.model_cameras import clip_planes, ModelCameras, VISIBLE_GROUPS
 from flexx2_sim_ros.rendering.visibility import pixel_directions
 import mujoco
@@ -31,7 +30,7 @@ class RayCaster:
     ) -> None:
         """Compute the rays of the pixels."""
         self.reasons = reasons
-        self._cameras = ModelCameras(model, intrinsics)
+        self._cameras = ModelCameras(exact_for_rays(model), intrinsics)
         self._model = self._cameras.model
         self._shape = (intrinsics.height, intrinsics.width)
         rays = pixel_directions(intrinsics).reshape(-1, 3)
@@ -41,9 +40,6 @@ class RayCaster:
         self._world = np.empty_like(self._rays)
         self._distance = np.empty(length.size)
         self._geom_id = np.empty(length.size, np.int32)
-        # Older versions of MuJoCo have no argument for normals.
-        doc = mujoco.mj_multiRay.__doc__ or ''
-        self._extra: dict[str, Any] = {'normal': None} if 'normal' in doc else {}
 
     def render(self, data: mujoco.MjData, camera: str) -> tuple[np.ndarray, np.ndarray]:
         """Render one camera, see `DepthRenderer.render`."""
@@ -60,9 +56,9 @@ class RayCaster:
             bodyexclude=-1,
             geomid=self._geom_id,
             dist=self._distance,
+            normal=None,
             nray=self._geom_id.size,
             cutoff=far / self._cosine.min(),
-            **self._extra,
         )
         depth = (self._distance * self._cosine).astype(np.float32)
         missed = ~((depth > near) & (depth < far))

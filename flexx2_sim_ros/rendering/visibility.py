@@ -1,8 +1,7 @@
 """Find the robot's own shapes that its camera can never see; they need not be rendered."""
 
-import copy
-
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
+from flexx2_sim_ros.rendering.culling import exact_for_rays
 import mujoco
 import numpy as np
 
@@ -73,7 +72,7 @@ def _hit_by_rays(
     geoms: np.ndarray,
 ) -> np.ndarray:
     """Return (ngeom,) bool: those of `geoms` that a pixel's ray hits, without other geoms."""
-    only = copy.copy(model)
+    only = exact_for_rays(model)
     only.geom_group[:] = np.where(geoms, 0, 5)
     mujoco.mj_kinematics(model, data)
     mujoco.mj_camlight(model, data)

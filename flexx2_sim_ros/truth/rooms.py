@@ -5,6 +5,7 @@ from typing import Protocol
 
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
+from flexx2_sim_ros.rendering.culling import exact_for_rays
 from flexx2_sim_ros.rendering.materials import reflectivity_table
 from flexx2_sim_ros.rendering.model_cameras import VISIBLE_GROUPS
 from flexx2_sim_ros.truth.poses import Pose
@@ -163,7 +164,7 @@ class MujocoRoom:
 
     def __init__(self, model: mujoco.MjModel) -> None:
         """Place all geoms."""
-        self._model = model
+        self._model = exact_for_rays(model)
         self._data = mujoco.MjData(model)
         mujoco.mj_forward(model, self._data)
         self._reflectivity = reflectivity_table(model)
