@@ -18,6 +18,11 @@ WANTS = {
     'torch': ("'torch'", 'pip install torch'),
     'jax': ("'jax", 'pip install jax'),
     'mujoco_warp': ("'mujoco_warp'", 'pip install mujoco-warp'),
+    'matrix': (
+        'FLEXX2_MATRIX',
+        'make matrix, which installs simulators in environments of their own',
+    ),
+    'mjlab': ("'mjlab'", 'make matrix, or pip install mjlab'),
     'launch': ("'launch", 'a sourced ROS 2 Jazzy'),
 }
 OTHER = 'other'

@@ -25,6 +25,8 @@ class HeightGrid:
         Points no further from a grid point than this, ahead and to the left, count, metres.
     least : int
         Fewer points are none.
+    ahead, left : numpy.ndarray
+        (A,) and (L,) metres, evenly spaced by the same distance: the grid points.
 
     """
 
@@ -35,15 +37,20 @@ class HeightGrid:
         device: Any,
         reach: float = REACH,
         least: int = LEAST,
+        ahead: np.ndarray = AHEAD,
+        left: np.ndarray = LEFT,
     ) -> None:
         """Start empty."""
         self._camera, self._reach, self._least = camera, reach, least
+        self._first, self._spacing = wp.vec2f(ahead[0], left[0]), float(ahead[1] - ahead[0])
         self._total, self._count, self._heights = (
-            wp.zeros((num_envs, len(AHEAD), len(LEFT)), dtype=wp.float32, device=device)
+            wp.zeros((num_envs, len(ahead), len(left)), dtype=wp.float32, device=device)
             for _ in range(3)
         )
 
-    def add(self, depth: wp.array, position: np.ndarray, rotation: np.ndarray) -> None:
+    def add(
+        self, depth: wp.array, position: np.ndarray | wp.array, rotation: np.ndarray | wp.array
+    ) -> None:
         """
         Add the points of a depth image of every environment.
 
@@ -51,9 +58,10 @@ class HeightGrid:
         ----------
         depth : warp.array
             (N, H, W) float32, metres along the optical axis; NaN or 0 where invalid.
-        position, rotation : numpy.ndarray
+        position, rotation : numpy.ndarray or warp.array
             (N, 3) metres and (N, 3, 3): the optical frame (x right, y down, z ahead) in the
-            grid's frame (x ahead, y left, z up).
+            grid's frame (x ahead, y left, z up). Warp: (N,) ``vec3f`` and ``mat33f`` on the
+            device.
 
         """
         camera, device = self._camera, self._total.device
@@ -64,10 +72,10 @@ class HeightGrid:
                 depth,
                 wp.vec2f(camera.fx, camera.fy),
                 wp.vec2f(camera.cx, camera.cy),
-                wp.array(position, dtype=wp.vec3f, device=device),
-                wp.array(rotation, dtype=wp.mat33f, device=device),
-                wp.vec2f(AHEAD[0], LEFT[0]),
-                AHEAD[1] - AHEAD[0],
+                _on(device, position, wp.vec3f),
+                _on(device, rotation, wp.mat33f),
+                self._first,
+                self._spacing,
                 self._reach,
                 self._total,
                 self._count,
@@ -76,7 +84,7 @@ class HeightGrid:
         )
 
     def heights(self) -> wp.array:
-        """Return (N, 11, 7) float32 metres over `AHEAD` and `LEFT`, NaN without a measurement."""
+        """Return (N, A, L) float32 metres, NaN without a measurement."""
         wp.launch(
             robot_kernels.mean,
             self._total.shape,
@@ -89,3 +97,9 @@ class HeightGrid:
         """Start empty again."""
         self._total.zero_()
         self._count.zero_()
+
+
+def _on(device: Any, values: np.ndarray | wp.array, dtype: Any) -> wp.array:
+    if isinstance(values, np.ndarray):
+        return wp.array(values, dtype=dtype, device=device)
+    return values

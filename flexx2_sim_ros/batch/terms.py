@@ -10,9 +10,9 @@ def noisy_depth(base: type = object) -> type:
     """
     Make the class of an observation term.
 
-    Written from the documented call signature of Isaac Lab 2.3 and mjlab 1.6: the manager makes
-    ``func(cfg=term_cfg, env=env)``, calls it with ``(env, **params)`` and resets it with
-    ``reset(env_ids)``. Tested against a stand-in of that, not with the real ones.
+    Managers of Isaac Lab and mjlab make ``func(cfg=term_cfg, env=env)``, call it with
+    ``(env, **params)`` and reset it with ``reset(env_ids)``. ``examples/mjlab_go1.py`` is tested
+    in mjlab 1.6; Isaac Lab 2.3 is tested with a stand-in for its manager.
 
     Parameters
     ----------
