@@ -1,5 +1,5 @@
-# make demo | shell | test | lint | docs | bench | torture | release | clean. Needs python3 (3.11 or
-# 3.12) with venv, and make.
+# make demo | shell | test | matrix | lint | docs | bench | torture | release | clean. Needs python3
+# (3.11 or 3.12) with venv, and make.
 PYTHON ?= python3
 BIN := .venv/bin
 STAMP := .venv/.complete
@@ -7,7 +7,7 @@ STAMP := .venv/.complete
 # A sourced ROS must not put its own packages before those of .venv.
 unexport PYTHONPATH AMENT_PREFIX_PATH
 
-.PHONY: demo shell test lint docs bench torture release clean
+.PHONY: demo shell test matrix lint docs bench torture release clean
 
 demo: $(STAMP)
 	$(BIN)/flexx2 demo
@@ -21,6 +21,12 @@ shell: $(STAMP)
 # tests share is made once.
 test: lint
 	$(BIN)/python -m pytest -n 2 --dist loadfile
+
+# Clean environments in build/matrix, also beside mjlab, mujoco_playground and torch; needs uv.
+# FLEXX2_MATRIX is set for the tests that otherwise skip.
+matrix: $(STAMP)
+	FLEXX2_MATRIX=1 $(BIN)/python -m pytest -q test/test_matrix.py
+	@cat build/matrix/table.md
 
 # ament_pep257 treats properties as any other method: hence the empty list.
 lint: $(STAMP)
