@@ -26,6 +26,8 @@ NEEDS = {
     'gap calibrate': ['diagnosis', 'campaign', '--out', 'out'],
     'gap check': ['diagnosis', 'fresh'],
     'gap next': ['diagnosis', 'campaign'],
+    'gap cost': ['campaign', '--diagnosis', 'diagnosis', '--out', 'out'],
+    'gap next': ['diagnosis'],
     'gap truth': ['in.npz', '--scan', 'room.ply', '--out', 'out'],
 }
 NUMBERS = ['nan', 'inf', '-inf', '-1e30', '1e400', '', 'x', '\udcff', '9' * 5000]

@@ -7,6 +7,7 @@ from typing import Any
 from flexx2_sim_ros.cli import (
     gap_calibrate,
     gap_check,
+    gap_cost,
     gap_diagnose,
     gap_next,
     gap_plan,
@@ -30,6 +31,7 @@ def add_parser(commands: Any) -> None:
     gap_target.add_parser(subcommands)
     gap_calibrate.add_parser(subcommands)
     gap_check.add_parser(subcommands)
+    gap_cost.add_parser(subcommands)
     gap_next.add_parser(subcommands)
     gap_truth.add_parser(subcommands)
     if find_spec('flexx2_sim_ros.cli.gap_benchmark'):

@@ -3,12 +3,14 @@ Diagnose the gap between recordings of a real camera and the simulation of the s
 
 `diagnose` says where the two differ, which effects explain it, and how much of the gap goes away
 on recordings that were not used to decide. `check` says whether this holds on recordings that the
-diagnosis has never seen. `measure` says how much of a gap given effects take off.
+diagnosis has never seen. `cost` says what the gap means for what reads depth on a robot. `measure`
+says how much of a gap given effects take off.
 """
 
 from flexx2_sim_ros.gap.calibrate import calibrate
 from flexx2_sim_ros.gap.check import check
+from flexx2_sim_ros.gap.cost import cost
 from flexx2_sim_ros.gap.diagnosis import diagnose
 from flexx2_sim_ros.gap.measure import measure
 
-__all__ = ['calibrate', 'check', 'diagnose', 'measure']
+__all__ = ['calibrate', 'check', 'cost', 'diagnose', 'measure']

@@ -10,7 +10,7 @@ from typing import Any
 from flexx2_sim_ros import __version__
 from flexx2_sim_ros.atomic import check_outputs
 from flexx2_sim_ros.camera import Profile
-from flexx2_sim_ros.effects import of_role, registry
+from flexx2_sim_ros.effects import Effect, of_role, registry
 from flexx2_sim_ros.effects.tables import plain
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap.data.campaign import Found
@@ -126,10 +126,13 @@ def diagnose(
         model = Model(evidence, columns, prior)
         decision = _decide(model, candidates, hidden, progress)
         effects = fitted_effects(model, decision.accepted)
+        held_out = held_out_effects(model, decision.accepted)
         step = stepper(progress, 'simulating the outcome', 0.83, 0.15, len(used))
-        confirmed = _confirm(model, decision, used, profile, seed, known, mapped, step)
+        confirmed = _confirm(model, decision, held_out, used, profile, seed, known, mapped, step)
     progress('writing', 0.98)
     table = diagnosis_table(model, decision, effects, confirmed, used, [*left_out, *unusable])
+    for row, own in zip(table['recordings'], held_out, strict=False):  # Those used come first.
+        row['effects_without'] = table_of(own)
     table['settings'] = _settings(found[0].mode.name, seed, pose_prior, known)
     table['not_considered'] = _not_considered(
         without, known, no_phases, bool(model.own.posed.any()), hidden
@@ -186,6 +189,7 @@ def _decide(
 def _confirm(
     model: Model,
     decision: Decision,
+    held_out: list[list[Effect]],
     used: list[Found],
     profile: Profile | None,
     seed: int,
@@ -199,9 +203,7 @@ def _confirm(
     largest = set(np.argsort(-decision.base.loss, kind='stable')[:MOST_FRAMES].tolist())
     jobs = [
         (file, tuple(motion), table_of(one for one in effects if one.role != 'pose'), i in largest)
-        for i, (file, motion, effects) in enumerate(
-            zip(used, motions, held_out_effects(model, decision.accepted), strict=True)
-        )
+        for i, (file, motion, effects) in enumerate(zip(used, motions, held_out, strict=True))
     ]
     return mapped(bind(simulate_set, profile=profile, seed=seed, known=known), jobs, step)
 

@@ -86,7 +86,7 @@ def look(
     covariance = covariance_of(recording.truth, np.array(prior))
     spread = np.diag(prior) if covariance is None else factor(covariance)
     own = with_uptime(effects, recording.uptime)
-    motion, scene = _settled(recording, motion, spread, own)
+    motion, scene = settled(recording, motion, spread, own)
     samples = samples_of(scene, motion, spread)
     given = _at_samples(scene, samples, {})
     samples = replace(samples, error=samples.error - given)
@@ -155,7 +155,7 @@ def judge(
     out = []
     for effects in several:
         own = with_uptime(effects, recording.uptime)
-        scene = _settled(recording, looked.samples.motion, looked.samples.spread, own)[1]
+        scene = settled(recording, looked.samples.motion, looked.samples.spread, own)[1]
         real, simulated = (
             _measured(scene, depth) for depth in (recording.depth, scene.simulate(own, seed))
         )
@@ -181,7 +181,7 @@ def outcome(
     looked, effects = job
     recording = read(looked.found, profile, known)
     own = with_uptime(effects, recording.uptime)
-    motion, _ = _settled(recording, looked.samples.motion, looked.samples.spread, own)
+    motion, _ = settled(recording, looked.samples.motion, looked.samples.spread, own)
     return before_after(recording, (motion, motion), effects, seed)
 
 
@@ -214,13 +214,32 @@ def _placed(
 ) -> PlacedScene:
     recording = read(looked.found, profile, known)
     own = with_uptime(effects, recording.uptime)
-    return _settled(recording, looked.samples.motion, looked.samples.spread, own)[1]
+    return settled(recording, looked.samples.motion, looked.samples.spread, own)[1]
 
 
-def _settled(
+def settled(
     recording: RecordingData, motion: np.ndarray, spread: np.ndarray, effects: Settings
 ) -> tuple[np.ndarray, PlacedScene]:
-    # Where the camera was if it has these effects, by a few steps of Gauss and Newton.
+    """
+    Find where the camera was if it has these effects, by a few steps of Gauss and Newton.
+
+    Parameters
+    ----------
+    recording : RecordingData
+        The recording.
+    motion : numpy.ndarray
+        (6 + 3 P,) where to begin, as from `register`.
+    spread : numpy.ndarray
+        Standard deviations of the motion, as from `prior.factor`.
+    effects : dict
+        Parameters by effect.
+
+    Returns
+    -------
+    tuple
+        (6 + 3 P,) motion and the scene there.
+
+    """
     scene = PlacedScene.at(recording, motion)
     for _ in range(FORMS.steps):
         samples = samples_of(scene, motion, spread)

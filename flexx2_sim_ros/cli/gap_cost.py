@@ -1,0 +1,120 @@
+"""`flexx2 gap cost`: measure what a gap costs on a robot."""
+
+import argparse
+import json
+from typing import Any
+
+from flexx2_sim_ros.cli.argument_types import number
+from flexx2_sim_ros.cli.common import add_jobs, add_profile, add_seed, progress_bar
+from flexx2_sim_ros.errors import printable
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Column, Table
+
+_LIMIT = 120.0
+
+
+def add_parser(commands: Any) -> None:
+    """Add the subcommand."""
+    parser = commands.add_parser(
+        'cost',
+        help='measure what the gap costs in what reads depth on a robot',
+        description='Send the recordings in CAMPAIGN and their simulations (as simulated, with '
+        'each diagnosed effect, with all) through what reads depth on a robot: a height grid, an '
+        'elevation map, an occupancy map, the distance of obstacles, or your own. Writes '
+        'cost.json and cost.html.',
+        epilog='example: flexx2 gap cost recordings/ --diagnosis diagnosis/ --out cost/',
+    )
+    parser.add_argument(
+        'campaign', metavar='CAMPAIGN', help='folder of recordings with clean_depth'
+    )
+    parser.add_argument(
+        '--diagnosis',
+        required=True,
+        metavar='DIR',
+        help='folder that flexx2 gap diagnose or calibrate has written',
+    )
+    parser.add_argument('--out', required=True, metavar='DIR', help='folder for the results')
+    parser.add_argument(
+        '--consumer',
+        action='append',
+        default=[],
+        metavar='NAME',
+        help='what reads depth: a name, or a class in a Python file such as my.py:Grid; can be '
+        'given several times (default: all that are installed)',
+    )
+    parser.add_argument(
+        '--mounting',
+        nargs=2,
+        type=number(-1e3, 1e3),
+        metavar=('METRES', 'DEGREES'),
+        help='height of the camera above the ground and angle by which it looks down (default: '
+        'from the ground in the ground truth)',
+    )
+    parser.add_argument(
+        '--limit',
+        type=number(0, 1e6, above=True),
+        default=_LIMIT,
+        metavar='SECONDS',
+        help=f'how long a consumer may take for a recording (default {_LIMIT:g})',
+    )
+    parser.add_argument(
+        '--json', action='store_true', help='print cost.json to standard output, and no table'
+    )
+    add_profile(parser)
+    add_seed(parser)
+    add_jobs(parser)
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Measure with a progress bar; print the table or JSON."""
+    from flexx2_sim_ros.gap import cost
+    from flexx2_sim_ros.profiles.files import find_profile
+
+    console = Console(stderr=True, markup=False)
+    mounting = arguments.mounting
+    with progress_bar(console) as progress:
+        table = cost(
+            arguments.campaign,
+            arguments.diagnosis,
+            consumers=arguments.consumer,
+            profile=find_profile(arguments.profile),
+            seed=arguments.seed,
+            jobs=arguments.jobs,
+            out=arguments.out,
+            mounting=None if mounting is None else (mounting[0], mounting[1]),
+            limit=arguments.limit,
+            progress=progress,
+        )
+    if arguments.json:
+        print(json.dumps(table, indent=2, allow_nan=False))
+    else:
+        _print(table, console)
+        console.print(
+            f'{arguments.out}: cost.json, cost.html ({table["seconds"]:.0f} s)', highlight=False
+        )
+    return 0
+
+
+def _print(table: dict[str, Any], console: Console) -> None:
+    from flexx2_sim_ros.gap.report.cost_page import headline, lines, sentences, words
+
+    console.print(printable(headline(table)), style='bold', highlight=False)
+    shown = Table(
+        Column(overflow='fold'),
+        'recorded',
+        'simulated',
+        'all effects',
+        'taken away first',
+        box=SIMPLE_HEAD,
+        padding=(0, 1, 0, 0),
+    )
+    for consumer in table['consumers']:
+        shown.add_row(printable(words(consumer['name'])), style='bold')
+        for line, significant in lines(consumer):
+            texts = [printable(text).replace(' (', '\n(') for text in line]
+            shown.add_row(*texts, style='' if significant else 'dim')
+    console.print(shown)
+    for text in sentences(table):
+        console.print(printable(text), highlight=False)

@@ -1,0 +1,239 @@
+"""What a gap costs: the errors that it makes in what reads depth on a robot."""
+
+from collections.abc import Collection, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict
+import math
+from pathlib import Path
+import time
+from typing import Any
+
+from flexx2_sim_ros import __version__
+from flexx2_sim_ros.atomic import check_outputs
+from flexx2_sim_ros.camera import Profile
+from flexx2_sim_ros.consumers.comparison import compare
+from flexx2_sim_ros.consumers.loading import sources
+from flexx2_sim_ros.consumers.running import Result, run
+from flexx2_sim_ros.effects import parse_effects
+from flexx2_sim_ros.effects.tables import plain
+from flexx2_sim_ros.errors import InputError, shown, unquoted
+from flexx2_sim_ros.gap.data.campaign import nothing_left
+from flexx2_sim_ros.gap.inference.effects import table_of
+from flexx2_sim_ros.gap.renditions import AGAIN, ALL, Known, REAL, render, Rendered, SIMULATED
+from flexx2_sim_ros.gap.report.cost_page import FILES, write_cost
+from flexx2_sim_ros.gap.report.reading import Diagnosed, read_diagnosis
+from flexx2_sim_ros.gap.work import find, Progress, stepper
+from flexx2_sim_ros.jobs import bind, workers
+import numpy as np
+
+SCHEMA = 1
+LIMIT = 120.0  # seconds for a recording
+_HIGHEST, _STEEPEST = 10.0, 80.0  # of a camera: metres and degrees
+_NAMES = REAL, SIMULATED, AGAIN
+
+
+def cost(
+    campaign_dir: str | Path,
+    diagnosis: str | Path,
+    *,
+    consumers: Collection[str] = (),
+    profile: Profile | None = None,
+    seed: int = 0,
+    jobs: int = 1,
+    out: str | Path | None = None,
+    mounting: tuple[float, float] | None = None,
+    limit: float = LIMIT,
+    progress: Progress | None = None,
+) -> dict[str, Any]:
+    """
+    Measure what a gap costs, in the units of what reads depth on a robot.
+
+    Each consumer runs in a process of its own: a script that calls this needs
+    ``if __name__ == '__main__':``.
+
+    Parameters
+    ----------
+    campaign_dir : str or pathlib.Path
+        A folder of recordings with ``clean_depth``: those of the diagnosis, or others.
+    diagnosis : str or pathlib.Path
+        A folder that `diagnose` or `calibrate` has written.
+    consumers : collection of str
+        Names, or files and classes such as ``my.py:Grid`` (default: all that are installed).
+    profile : Profile, optional
+        The camera (default: the Flexx2).
+    seed : int
+        Of the simulations.
+    jobs : int
+        Processes.
+    out : str or pathlib.Path, optional
+        Folder to write ``cost.json`` and ``cost.html`` to.
+    mounting : tuple of float, optional
+        Height of the camera above the ground, metres, and angle by which it looks down, degrees
+        (default: the ground is found in the ground truth).
+    limit : float
+        Seconds that a consumer may take for a recording.
+    progress : callable, optional
+        Called with the name of the current step and the fraction of the work that is done.
+
+    Returns
+    -------
+    dict
+        The table that ``docs/cost.md`` describes.
+
+    Raises
+    ------
+    InputError
+        When an input cannot be used; then nothing is written.
+
+    """
+    began = time.monotonic()
+    progress = progress or (lambda text, fraction: None)
+    _check(seed, jobs, limit, mounting)
+    if out is not None:
+        check_outputs('--out', out, FILES)
+    damaged: list[str] = []
+    chosen = sources(consumers, lambda name, error: damaged.append(unquoted(name)))
+    known = known_of(read_diagnosis(Path(diagnosis)))
+    progress('looking for recordings', 0.0)
+    with workers(jobs, None) as mapped:
+        found, left_out = find(campaign_dir, profile, mapped)
+        work = bind(render, known=known, profile=profile, seed=seed, mounting=mounting)
+        step = stepper(progress, 'simulating the recordings', 0.02, 0.6, len(found))
+        rendered = mapped(work, found, step)
+    left_out += [
+        (file.path.name, one)
+        for file, one in zip(found, rendered, strict=True)
+        if isinstance(one, str)
+    ]
+    used = [one for one in rendered if isinstance(one, Rendered)]
+    if not used:
+        raise nothing_left(Path(campaign_dir), left_out)
+    step = stepper(progress, 'running the consumers', 0.62, 0.36, len(chosen) * len(used))
+    views = [one.views for one in used]
+    with ThreadPoolExecutor(jobs) as pool:  # Each thread waits for one consumer's process.
+        results = list(pool.map(lambda source: run(source, views, limit, step), chosen))
+    table = {
+        'schema': SCHEMA,
+        'effects': {name: plain(values) for name, values in known.effects.items()},
+        **compared(results, list(known.effects)),
+        'damaged_packages': damaged,
+        'recordings': [
+            {'name': one.views.name, 'used': True, 'reason': '', 'effects_from': one.effects_from}
+            for one in used
+        ]
+        + [{'name': name, 'used': False, 'reason': reason} for name, reason in left_out],
+        'settings': {
+            'seed': seed,
+            'mounting': None if mounting is None else list(mounting),
+            'limit': limit,
+        },
+        'seconds': round(time.monotonic() - began, 2),
+        'version': __version__,
+    }
+    if out is not None:
+        progress('writing', 0.99)
+        write_cost(Path(out), table, results)
+    progress('done', 1.0)
+    return table
+
+
+def compared(results: Sequence[Result], effects: Sequence[str]) -> dict[str, Any]:
+    """
+    Return the part of the table that compares what consumers made of recordings.
+
+    Parameters
+    ----------
+    results : sequence of Result
+        One for each consumer.
+    effects : sequence of str
+        Names of the renditions with one effect each.
+
+    Returns
+    -------
+    dict
+        ``consumers``, ``faults`` and ``ranking``, as in ``docs/cost.md``.
+
+    """
+    good = [one for one in results if not one.fault]
+    rows: list[dict[str, Any]] = [
+        {
+            'name': one.label,
+            'title': one.title,
+            'measures': _measures(one, effects),
+            'seconds': one.seconds,
+        }
+        for one in good
+    ]
+    shares = {
+        name: [
+            float(np.clip(measure['effects'][name]['share'], -1, 1))
+            for row in rows
+            for measure in row['measures']
+            if measure['significant']
+        ]
+        for name in effects
+    }
+    ranking = [
+        {'effect': name, 'share': float(np.mean(values)), 'measures': len(values)}
+        for name, values in shares.items()
+        if values
+    ]
+    return {
+        'consumers': rows,
+        'faults': [{'consumer': one.label, 'reason': one.fault} for one in results if one.fault],
+        'ranking': sorted(ranking, key=lambda row: -row['share']),
+    }
+
+
+def _measures(result: Result, effects: Sequence[str]) -> list[dict[str, Any]]:
+    rows = []
+    for name, unit in result.measures.items():
+        one = compare(result.errors, name, [*effects, ALL], _NAMES)
+        if one is not None:
+            row = {'name': name, 'unit': unit, **asdict(one)}
+            left = row.pop('left')
+            rows.append({**row, 'all_effects': left.pop(ALL), 'effects': left})
+    return rows
+
+
+def known_of(before: Diagnosed) -> Known:
+    """
+    Return what a diagnosis knows of its camera and its recordings.
+
+    Raises
+    ------
+    InputError
+        When it has no effects of the camera.
+
+    """
+    effects = before.effects_to_check()
+    table = table_of(effects)
+    metres, degrees = before.pose_prior
+    without = {}
+    if not any(effect.forms for effect in effects):  # Curves came later than the fit.
+        for row in before.table['recordings']:
+            own = row.get('effects_without')
+            if not isinstance(own, dict) or not isinstance(row.get('checksum'), str):
+                continue
+            own = table_of(one for one in parse_effects(own) if one.role != 'pose')
+            if own.keys() == table.keys():
+                without[row['checksum']] = own
+    return Known(
+        table, before.known, (metres,) * 3 + (degrees,) * 3, frozenset(before.checksums), without
+    )
+
+
+def _check(seed: int, jobs: int, limit: float, mounting: tuple[float, float] | None) -> None:
+    if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed < 10**9:
+        raise InputError(f'seed: must be a whole number from 0, got {shown(seed)}')
+    if isinstance(jobs, bool) or not isinstance(jobs, int) or jobs < 1:
+        raise InputError(f'jobs: must be a whole number from 1, got {shown(jobs)}')
+    if not 0 < limit < math.inf:
+        raise InputError(f'limit: must be seconds above 0, got {shown(limit)}')
+    if mounting is not None:
+        height, pitch = mounting
+        if not (0 < height < _HIGHEST and abs(pitch) <= _STEEPEST):
+            raise InputError(
+                f'mounting: must be metres above 0 and below {_HIGHEST:g}, and degrees from '
+                f'-{_STEEPEST:g} to {_STEEPEST:g}, got {shown(mounting)}'
+            )

@@ -1,0 +1,209 @@
+"""A recording for consumers of depth: measured, and as simulated without and with effects."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+from flexx2_sim_ros.camera import Intrinsics, Profile
+from flexx2_sim_ros.consumers.consumer import CameraView
+from flexx2_sim_ros.consumers.ground import best_centre, find_ground, mounted
+from flexx2_sim_ros.consumers.running import Views
+from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.gap.data.campaign import Found, read
+from flexx2_sim_ros.gap.data.given import Table
+from flexx2_sim_ros.gap.data.prior import covariance_of, factor
+from flexx2_sim_ros.gap.data.registration import RecordingData, register
+from flexx2_sim_ros.gap.features.simulation import PlacedScene, with_uptime
+from flexx2_sim_ros.gap.forms.work import Settings, settled
+from flexx2_sim_ros.recording import open_recording
+import numpy as np
+
+REAL, SIMULATED, AGAIN, ALL = 'real', 'simulated', 'again', 'all effects'
+# The last frames of a still recording, as many as `flexx2 batch` puts into a height grid; and
+# poses of a moving camera, whose recordings do not say how the camera moved: one frame each.
+_FRAMES, _POSES = 8, 4
+_SEED = 700  # apart from the seeds of the diagnosis
+
+
+@dataclass(frozen=True)
+class Known:
+    """
+    What a diagnosis knows of its camera and its recordings.
+
+    Attributes
+    ----------
+    effects : dict
+        The diagnosed effects: parameters by name.
+    given : dict
+        Effects taken as given: the simulation has them.
+    prior : tuple of float
+        Standard deviations of pose errors, metres and degrees, six in all.
+    fitted : frozenset of str
+        Checksums of the recordings that the effects were fitted to.
+    without : dict
+        By checksum: the effects as fitted without this recording.
+
+    """
+
+    effects: Settings
+    given: Table
+    prior: tuple[float, ...]
+    fitted: frozenset[str]
+    without: dict[str, Settings]
+
+
+@dataclass(frozen=True)
+class Rendered:
+    """
+    The renditions of a recording.
+
+    Attributes
+    ----------
+    views : Views
+        The renditions by name.
+    effects_from : str
+        ``other recordings`` if the effects were not fitted to this one, or ``this recording``.
+
+    """
+
+    views: Views
+    effects_from: str
+
+
+def render(
+    found: Found,
+    known: Known,
+    profile: Profile | None,
+    seed: int,
+    mounting: tuple[float, float] | None,
+) -> Rendered | str:
+    """
+    Simulate a recording without effects (twice), with each effect alone and with all of them.
+
+    Parameters
+    ----------
+    found : Found
+        The recording.
+    known : Known
+        The diagnosis.
+    profile : Profile or None
+        The camera; None: the Flexx2.
+    seed : int
+        Of the simulations, which have common random numbers.
+    mounting : tuple of float, optional
+        Height of the camera, metres, and angle by which it looks down, degrees; the ground is
+        found in the ground truth when left out.
+
+    Returns
+    -------
+    Rendered or str
+        The renditions, or the reason why the recording cannot be used.
+
+    """
+    try:
+        recording = read(found, profile, known.given)
+        motion, _ = register(recording, np.array(known.prior))
+        effects = known.without.get(recording.checksum, known.effects)
+        own = with_uptime(effects, recording.uptime)
+        scene = settled(recording, motion, _spread(recording, known.prior), own)[1]
+    except InputError as error:
+        return str(error)
+    distortion = open_recording(found.path, profile=profile).distortion
+    poses = list(poses_of(scene, distortion, mounting))
+    if not poses:
+        return (
+            f'{found.path}: clean_depth: must show the ground, a plane that faces up; got none '
+            '(--mounting gives the height and angle of the camera)'
+        )
+    first = seed * 1000 + _SEED
+    plain = scene.simulate({}, first)
+    # An effect that depends on an uptime that the recording does not have changes nothing.
+    alone = {
+        name: scene.simulate({name: own[name]}, first) if name in own else plain
+        for name in effects
+    }
+    seen = {
+        REAL: recording.depth,
+        SIMULATED: plain,
+        AGAIN: scene.simulate({}, first + 1),
+        **alone,
+        ALL: scene.simulate(own, first),
+    }
+    views = Views(
+        recording.name,
+        tuple(pose.view for pose in poses),
+        {name: tuple(pose.of(depth) for pose in poses) for name, depth in seen.items()},
+    )
+    fitted = recording.checksum in known.fitted - known.without.keys()
+    return Rendered(views, 'this recording' if fitted else 'other recordings')
+
+
+def _spread(recording: RecordingData, prior: tuple[float, ...]) -> np.ndarray:
+    covariance = covariance_of(recording.truth, np.array(prior))
+    return np.diag(prior) if covariance is None else factor(covariance)
+
+
+@dataclass(frozen=True)
+class Pose:
+    """
+    One pose of the camera.
+
+    Attributes
+    ----------
+    view : CameraView
+        The true depth from there.
+    frames : numpy.ndarray
+        Which frames of the recording come from there.
+    known : numpy.ndarray
+        (H, W) bool, where the truth is known.
+
+    """
+
+    view: CameraView
+    frames: np.ndarray
+    known: np.ndarray
+
+    def of(self, depth: np.ndarray) -> CameraView:
+        """Return what a consumer sees of a recording's depth: no pixel whose truth is unknown."""
+        shown = np.where(self.known, depth[self.frames], np.float32(np.nan))
+        return replace(self.view, depth=shown)
+
+
+def poses_of(
+    scene: PlacedScene, distortion: tuple[float, ...], mounting: tuple[float, float] | None
+) -> Iterator[Pose]:
+    """
+    Yield each pose of the camera whose ground is known.
+
+    Parameters
+    ----------
+    scene : PlacedScene
+        The recording with its scene.
+    distortion : tuple of float
+        Of the lens.
+    mounting : tuple of float or None
+        Height and angle of the camera, as for `render`.
+
+    """
+    clean, mask, mode = scene.placed.clean, scene.placed.known, scene.recording.mode
+    count = len(scene.recording.depth)
+    if scene.moving:
+        chosen = [np.array([t]) for t in np.linspace(0, count - 1, _POSES).round().astype(int)]
+    else:
+        chosen = [np.arange(max(count - _FRAMES, 0), count)]
+    height, width = clean.shape[-2:]
+    lens = Intrinsics.from_matrix(scene.recording.K, width, height, distortion)
+    for frames in chosen:
+        image = clean if clean.ndim == 2 else clean[frames[0]]
+        known = mask if mask is None or mask.ndim == 2 else mask[frames[0]]
+        known = np.ones(image.shape, bool) if known is None else known.copy()
+        edge = scene.placed.border
+        if edge:  # The given pose did not show it.
+            known[:edge], known[-edge:], known[:, :edge], known[:, -edge:] = (False,) * 4
+        inside = known & (image >= mode.range_min) & (image <= mode.range_max)
+        true = np.where(inside, image, np.float32(np.nan)).astype(np.float32)
+        standing = find_ground(true, lens, mode.sensor) if mounting is None else mounted(*mounting)
+        if standing is not None:
+            depth = np.broadcast_to(true, (len(frames), height, width))
+            view = CameraView(depth, lens, mode, standing.rotation, standing.position, None)
+            points = np.concatenate([view.points(t) for t in range(len(frames))])
+            yield Pose(replace(view, centre=best_centre(points)), frames, known)

@@ -1,0 +1,237 @@
+"""Write what a gap costs: ``cost.json``, a page, and sentences."""
+
+from collections.abc import Iterator, Sequence
+from html import escape
+import json
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from flexx2_sim_ros.atomic import output_folder, whole_files
+from flexx2_sim_ros.consumers.running import Result
+from flexx2_sim_ros.gap.report.style import STYLE
+from flexx2_sim_ros.gap.report.words import percent
+from flexx2_sim_ros.html_drawing import bar, picture
+from flexx2_sim_ros.html_page import html_page
+import numpy as np
+
+FILES = ('cost.json', 'cost.html')
+_STYLE = (
+    STYLE
+    + """
+td + td { white-space: nowrap; }
+.row { display: flex; flex-wrap: wrap; gap: 1.2rem; }
+.row img { image-rendering: pixelated; height: 11rem; width: auto; }
+.faint td { color: var(--dim); }
+"""
+)
+_PICTURES = {'real': 'recorded', 'simulated': 'as simulated', 'all effects': 'with all effects'}
+_LEAST_COLOUR = 0.02  # metres: smaller errors are drawn pale
+
+
+class Line(NamedTuple):
+    """
+    One measure as text, for a table.
+
+    Attributes
+    ----------
+    measure, real, simulated, with_all, first : str
+        Mean values, and how much of the difference the best effect takes away.
+
+    """
+
+    measure: str
+    real: str
+    simulated: str
+    with_all: str
+    first: str
+
+
+def write_cost(folder: Path, table: dict[str, Any], results: Sequence[Result]) -> None:
+    """
+    Write ``cost.json`` and ``cost.html``.
+
+    Parameters
+    ----------
+    folder : pathlib.Path
+        Created if it does not exist; the two files in it are replaced.
+    table : dict
+        What `flexx2_sim_ros.gap.cost` returns.
+    results : sequence of Result
+        What consumers made of the recordings, for the pictures.
+
+    """
+    with whole_files(output_folder(folder)) as part:
+        text = json.dumps(table, indent=2, allow_nan=False)
+        (part / FILES[0]).write_text(text + '\n', encoding='utf-8')
+        (part / FILES[1]).write_text(
+            page(table, results), encoding='utf-8', errors='backslashreplace'
+        )
+
+
+def words(name: str) -> str:
+    """Return a name without underscores."""
+    return name.replace('_', ' ')
+
+
+def headline(table: dict[str, Any]) -> str:
+    """Return the result in one sentence."""
+    if not table['consumers']:
+        return 'No consumer could be used.'
+    if not table['ranking']:
+        return 'No cost: the consumers make the same of the recordings and of their simulation.'
+    best = table['ranking'][0]
+    if best['share'] <= 0:
+        return 'The gap has a cost, and none of the effects takes it away.'
+    consumer, measure = _clearest(table, best['effect'])
+    one = measure['effects'][best['effect']]
+    return (
+        f'Modelling {words(best["effect"])} first takes away {_percent(one)} of the difference in '
+        f'{words(measure["name"])} ({words(consumer)}): {_value(measure, "real")} in the '
+        f'recordings, {_value(measure, "simulated")} as simulated.'
+    )
+
+
+def _clearest(table: dict[str, Any], effect: str) -> tuple[str, dict[str, Any]]:
+    # The measure of which the effect takes away most for sure.
+    rows = [
+        (consumer['name'], measure)
+        for consumer in table['consumers']
+        for measure in consumer['measures']
+        if measure['significant']
+    ]
+
+    def sure(row: tuple[str, dict[str, Any]]) -> float:
+        one = row[1]['effects'][effect]
+        return float(one['share'] if one['interval'] is None else one['interval'][0])
+
+    return max(rows, key=sure)
+
+
+def sentences(table: dict[str, Any]) -> list[str]:
+    """Return what else a person should know, one line each."""
+    used = [row for row in table['recordings'] if row['used']]
+    fitted = sum(row['effects_from'] == 'this recording' for row in used)
+    out = [
+        f'{words(row["effect"])}: takes away {percent(row["share"])} on average over '
+        f'{row["measures"]} measures that differ.'
+        for row in table['ranking']
+    ]
+    if len(used) < 3:
+        out.append('With fewer than three recordings there are no intervals.')
+    if fitted:
+        out.append(
+            f'The effects were fitted to {fitted} of these {len(used)} recordings as well, so the '
+            'fractions can be too large.'
+        )
+    out += [f'Given up: {row["consumer"]}: {row["reason"]}.' for row in table['faults']]
+    out += [f'Not read: installed package {name}.' for name in table['damaged_packages']]
+    return out + [f'Left out: {row["reason"]}.' for row in table['recordings'] if not row['used']]
+
+
+def lines(consumer: dict[str, Any]) -> Iterator[tuple[Line, bool]]:
+    """Yield each measure of a consumer as text, and whether it differs significantly."""
+    for one in consumer['measures']:
+        unit = f', {one["unit"]}' if one['unit'] else ''
+        name, best = max(one['effects'].items(), key=lambda item: item[1]['share'])
+        first = f'{words(name)} {_percent(best)}' if one['significant'] else 'no difference'
+        yield (
+            Line(
+                f'{words(one["name"])}{unit}',
+                f'{one["real"]:.3g}',
+                f'{one["simulated"]:.3g}',
+                f'{one["all_effects"]["value"]:.3g}',
+                first,
+            ),
+            one['significant'],
+        )
+
+
+def _value(measure: dict[str, Any], key: str) -> str:
+    return f'{measure[key]:.3g} {measure["unit"]}'.strip()
+
+
+def _percent(one: dict[str, Any]) -> str:
+    # Adding 0 makes -0 to 0.
+    share, *ends = (percent(round(x, 2) + 0.0) for x in (one['share'], *(one['interval'] or ())))
+    return f'{share} ({" to ".join(ends)})' if ends else share
+
+
+def page(table: dict[str, Any], results: Sequence[Result]) -> str:
+    """Return the page as HTML, all text escaped and all pictures inside."""
+    used = [row for row in table['recordings'] if row['used']]
+    by_name = {one.label: one for one in results}
+    body = [
+        f'<p><small>What the gap costs, on {len(used)} recordings</small></p>',
+        f'<h1>{escape(headline(table))}</h1>',
+        ''.join(f'<p>{escape(line)}</p>' for line in sentences(table)),
+        *(_consumer(one, by_name[one['name']]) for one in table['consumers']),
+        '<p><small>The recordings and their simulations go through the same program. Values are '
+        'means over recordings of its errors against the true depth. The difference is the mean '
+        'absolute difference between a recording and its simulation; "two simulations" is that '
+        'of two runs of the simulator, which a perfect simulation would still show. Fractions of '
+        'the difference are those that one effect alone takes away, with 90 % intervals '
+        '(bootstrap over recordings). Bars: gray without effects, blue with the effect; the mark '
+        'is the difference of two simulations.</small></p>',
+        f'<p class="dim">Made by flexx2_sim_ros {escape(table["version"])} in '
+        f'{table["seconds"]:.0f} s. docs/cost.md says how each number is computed.</p>',
+    ]
+    return html_page('What the gap costs', _STYLE, '\n'.join(body))
+
+
+def _consumer(one: dict[str, Any], result: Result) -> str:
+    rows = []
+    for measure in one['measures']:
+        unit = f', {measure["unit"]}' if measure['unit'] else ''
+        cells = [
+            f'{words(measure["name"])}{unit}',
+            *(f'{measure[key]:.3g}' for key in ('real', 'simulated', 'difference', 'null')),
+        ]
+        rows.append(_row(cells, measure, '', None))
+        if measure['significant']:
+            for name, left in (
+                *measure['effects'].items(),
+                ('all effects', measure['all_effects']),
+            ):
+                text = ['', '', f'{left["value"]:.3g}', f'{left["difference"]:.3g}', '']
+                rows.append(_row(text, measure, f'{words(name)}: {_percent(left)}', left))
+    return (
+        f'<h2>{escape(words(one["name"]))}</h2><p>{escape(one["title"])}</p>'
+        '<div class="scroll"><table><tr><th></th><th>recorded</th><th>simulated</th>'
+        '<th>difference</th><th>two simulations</th><th>taken away by</th><th></th></tr>'
+        f'{"".join(rows)}</table></div>{_pictures(result)}'
+    )
+
+
+def _row(
+    cells: Sequence[str], measure: dict[str, Any], text: str, left: dict[str, Any] | None
+) -> str:
+    kind = '' if measure['significant'] else ' class="faint"'
+    drawn = '' if left is None else bar(measure['difference'], left['difference'], measure['null'])
+    inside = ''.join(f'<td>{escape(cell)}</td>' for cell in (*cells, text))
+    return f'<tr{kind}>{inside}<td>{drawn}</td></tr>'
+
+
+def _pictures(result: Result) -> str:
+    # Of the recording whose simulation differs most from it.
+    def apart(one: dict[str, np.ndarray]) -> float:
+        if not one.keys() >= _PICTURES.keys():
+            return -1.0
+        return float(np.nan_to_num(np.abs(one['real'] - one['simulated'])).sum())
+
+    if not result.pictures or max(map(apart, result.pictures)) < 0:
+        return ''
+    images = max(result.pictures, key=apart)
+    shown = np.concatenate([images[name].ravel() for name in _PICTURES])
+    finite = np.abs(shown[np.isfinite(shown)])
+    limit = max(float(np.quantile(finite, 0.98)) if len(finite) else 0.0, _LEAST_COLOUR)
+    figures = ''.join(
+        # x ahead is up in the picture, y left is left.
+        f'<figure><img src="{picture(np.flip(images[name]), limit)}" alt="{text}">'
+        f'<figcaption>{text}</figcaption></figure>'
+        for name, text in _PICTURES.items()
+    )
+    return (
+        f'<div class="row">{figures}</div><p><small>Error of each height, red too high, blue too '
+        f'low, full colour at {1000 * limit:.0f} mm, gray without data; ahead is up. The '
+        'recording whose simulation differs most.</small></p>'
+    )

@@ -1,0 +1,272 @@
+"""What a gap costs in what reads depth on a robot, from files to files; and bad consumers."""
+
+import json
+from pathlib import Path
+import re
+import shlex
+
+from bench.gap_campaigns import write_campaign
+from flexx2_sim_ros.cli.main import main
+from flexx2_sim_ros.consumers.comparison import compare
+from flexx2_sim_ros.consumers.loading import load, sources
+from flexx2_sim_ros.effects import parse_effects, save_effects
+from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.gap import cost
+from flexx2_sim_ros.gap.data.campaign import check as check_recording
+from flexx2_sim_ros.gap.data.campaign import read
+from flexx2_sim_ros.recording import load_recording
+import numpy as np
+from plug_in_sites import on_path, write_metadata
+import pytest
+
+DOCS = Path(__file__).resolve().parents[1] / 'docs' / 'cost.md'
+EFFECTS = {'low_signal_dropout': {}, 'offset': {'bias': 0.05}}
+BAD = """
+import os
+import time
+
+
+class Good:
+    '''Counts depths.'''
+
+    name = 'good'
+    measures = {'missing': '%'}
+
+    def look(self, view):
+        print('a consumer may print')
+        return sum(len(view.points(t)) for t in range(len(view.depth)))
+
+    def errors(self, seen, true):
+        return {'missing': 100 * (1 - seen / true)}
+
+
+class Raises(Good):
+    name = 'raises'
+
+    def look(self, view):
+        raise RuntimeError('no \\x1b[31m map')
+
+
+class NotANumber(Good):
+    name = 'not_a_number'
+
+    def errors(self, seen, true):
+        return {'missing': float('nan')}
+
+
+class Slow(Good):
+    name = 'slow'
+
+    def look(self, view):
+        time.sleep(1000)
+
+
+class Ends(Good):
+    name = 'ends'
+
+    def look(self, view):
+        os._exit(3)
+
+
+class Nameless:
+    pass
+"""
+
+
+@pytest.fixture(scope='module')
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with recordings, a diagnosis, and consumers in files."""
+    folder = tmp_path_factory.mktemp('cost')
+    write_campaign(
+        folder / 'recordings',
+        seed=104,
+        effects=EFFECTS,
+        recordings=3,
+        frames=4,
+        scale=0.5,
+        moving=1,
+    )
+    write_diagnosis(folder / 'diagnosis', [])
+    code = re.search(r'```python\n(.*?)```', DOCS.read_text(), re.S)
+    assert code is not None
+    (folder / 'my.py').write_text(code[1])
+    (folder / 'bad.py').write_text(BAD)
+    return folder
+
+
+def write_diagnosis(folder: Path, rows: list[dict[str, object]]) -> None:
+    """Write the files that `read_diagnosis` reads."""
+    folder.mkdir()
+    save_effects(folder / 'effects.yaml', parse_effects(EFFECTS))
+    table = {
+        'schema': 2,
+        'verdict': 'identified',
+        'recordings': rows,
+        'settings': {'pose_prior': [0.002, 0.125], 'known': {}},
+    }
+    (folder / 'diagnosis.json').write_text(json.dumps(table))
+
+
+@pytest.mark.parametrize('number', [0, 1])
+def test_the_commands_of_the_documentation_run(
+    number: int, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip('pyoctomap')
+    monkeypatch.chdir(folder)
+    command = re.findall(r'```bash\n(.*?)\n```', DOCS.read_text(), re.S)[number]
+    assert main([*shlex.split(command)[1:], '--jobs', '1']) == 0
+    said = capsys.readouterr().err
+    assert 'takes away' in said
+    table = json.loads((folder / 'cost' / 'cost.json').read_text())
+    named = {row['name']: row for row in table['consumers']}
+    built_in = {'height_grid', 'elevation_map', 'occupancy_map', 'nearest_obstacle'}
+    assert set(named) == (built_in if number == 0 else {'highest', 'height_grid'})
+    assert table['faults'] == []
+    assert [row['effects_from'] for row in table['recordings']] == ['other recordings'] * 3
+    # The camera measures 5 cm too far: the ground seems low, and the offset explains it.
+    (height,) = (one for one in named['height_grid']['measures'] if one['name'] == 'height_error')
+    assert height['significant']
+    assert height['real'] > height['simulated']
+    assert height['effects']['offset']['share'] > 0.5
+    assert height['all_effects']['share'] > 0.5
+    assert height['effects']['low_signal_dropout']['share'] < 0.5
+    if number == 0:  # Two of the three recordings show the grid; all show the map.
+        one = named['elevation_map']['measures'][0]['effects']['offset']
+        low, high = one['interval']
+        assert low <= one['share'] <= high
+    page = (folder / 'cost' / 'cost.html').read_text()
+    assert 'Modelling' in page
+    assert page.count('data:image/png') >= 3  # recorded, as simulated, with all effects
+
+
+def test_a_consumer_that_fails_is_named_and_the_rest_goes_on(
+    folder: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    names = ['Raises', 'NotANumber', 'Slow', 'Ends', 'Good']
+    options = [f'--consumer={folder}/bad.py:{name}' for name in names]
+    command = ['gap', 'cost', str(folder / 'recordings'), '--diagnosis', str(folder / 'diagnosis')]
+    command += ['--out', str(tmp_path), '--json', '--limit', '5', '--jobs', '2', *options]
+    assert main(command) == 0
+    table = json.loads(capfd.readouterr().out)  # what a consumer prints is not in it
+    assert [row['name'] for row in table['consumers']] == ['good']
+    reasons = {row['consumer'].rpartition(':')[2]: row['reason'] for row in table['faults']}
+    assert 'RuntimeError: no \\x1b[31m map' in reasons['raises']
+    assert 'missing (real): must be a finite number, got nan' in reasons['not_a_number']
+    assert 'took longer than 5 s' in reasons['slow']
+    assert 'ended its process' in reasons['ends']
+
+
+@pytest.mark.parametrize(
+    ('name', 'said'), [('Nameless', 'name: must be an identifier'), ('Absent', 'must have Absent')]
+)
+def test_a_class_that_is_no_consumer_is_refused(folder: Path, name: str, said: str) -> None:
+    (source,) = sources([f'{folder}/bad.py:{name}'], lambda name, error: None)
+    with pytest.raises(InputError, match=said):
+        load(source)
+
+
+def test_effects_fitted_without_a_recording_are_used_for_it(folder: Path, tmp_path: Path) -> None:
+    # The effects of the diagnosis do nothing; those fitted without each recording are right.
+    rows: list[dict[str, object]] = []
+    for path in sorted((folder / 'recordings').iterdir()):
+        found = check_recording(path, None)
+        assert not isinstance(found, str)
+        rows.append(
+            {
+                'name': path.name,
+                'used': True,
+                'checksum': read(found, None).checksum,
+                'effects_without': EFFECTS,
+            }
+        )
+    del rows[2]['effects_without']
+    write_diagnosis(tmp_path / 'diagnosis', rows)
+    off = {name: {'strength': 0.0} for name in EFFECTS}
+    save_effects(tmp_path / 'diagnosis' / 'effects.yaml', parse_effects(off))
+    table = cost(folder / 'recordings', tmp_path / 'diagnosis', consumers=['height_grid'])
+    origin = [row['effects_from'] for row in table['recordings']]
+    assert origin == ['other recordings', 'other recordings', 'this recording']
+    (height,) = (one for one in table['consumers'][0]['measures'] if one['name'] == 'height_error')
+    assert 0.2 < height['effects']['offset']['share'] < 1
+
+
+def test_recordings_without_ground_need_the_mounting(folder: Path, tmp_path: Path) -> None:
+    one = load_recording(folder / 'recordings' / 'scene_00.npz')
+    shape = one.depth.shape[1:]
+    (tmp_path / 'walls').mkdir()
+    np.savez(
+        tmp_path / 'walls' / 'wall.npz',
+        depth=np.full((3, *shape), 1.52, np.float32),
+        clean_depth=np.full(shape, 1.5, np.float32),
+        K=one.K,
+        stamp=np.arange(3) / 30.0,
+        usecase='Mode_9_30fps',
+    )
+    arguments = tmp_path / 'walls', folder / 'diagnosis'
+    with pytest.raises(InputError, match='must show the ground'):
+        cost(*arguments, consumers=['nearest_obstacle'])
+    table = cost(*arguments, consumers=['nearest_obstacle'], mounting=(0.5, 0.0))
+    assert table['settings']['mounting'] == [0.5, 0.0]
+
+
+@pytest.mark.parametrize(
+    ('options', 'said'),
+    [
+        (['--consumer', 'radar'], 'consumer: must be'),
+        (['--consumer', 'none.py:Grid'], 'must be a Python file that exists'),
+        (['--mounting', '-1', '0'], 'mounting: must be metres above 0'),
+        (['--mounting', '1', '89'], 'degrees from -80 to 80'),
+    ],
+)
+def test_wrong_options_are_refused(
+    options: list[str], said: str, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = ['gap', 'cost', str(folder / 'recordings'), '--diagnosis', str(folder / 'diagnosis')]
+    assert main([*command, '--out', str(tmp_path / 'out'), *options]) == 2
+    assert said in capsys.readouterr().err
+    assert not (tmp_path / 'out').exists()
+
+
+def test_other_packages_offer_consumers(folder: Path, tmp_path: Path) -> None:
+    (tmp_path / 'their_map.py').write_text((folder / 'my.py').read_text())
+    group = 'flexx2_sim_ros.consumers'
+    write_metadata(tmp_path, 'their-map', group, highest='their_map:Grid')
+    write_metadata(tmp_path, 'broken-map', group, broken='not_there:Grid')
+    with on_path(tmp_path):
+        known = {one.label: one for one in sources([], lambda name, error: None)}
+        assert load(known['highest']).name == 'highest'
+        with pytest.raises(ModuleNotFoundError):
+            load(known['broken'])
+
+
+def test_shares_and_their_intervals() -> None:
+    rng = np.random.default_rng(0)
+    rows = []
+    for _ in range(20):
+        real = rng.uniform(8, 12)
+        rows.append(
+            {
+                'real': {'steps': real},
+                'simulated': {'steps': 0.0},
+                'again': {'steps': 0.1},
+                'a': {'steps': 0.7 * real},
+                'b': {'steps': -0.5 * real},
+            }
+        )
+    names = ('real', 'simulated', 'again')
+    one = compare(rows, 'steps', ['a', 'b'], names)
+    assert one is not None
+    assert one.significant
+    assert one.null == pytest.approx(0.1)
+    assert one.left['a'].share == pytest.approx(0.7)
+    assert one.left['b'].share == pytest.approx(-0.5)
+    assert one.left['a'].interval == pytest.approx((0.7, 0.7))
+    few = compare(rows[:2], 'steps', ['a'], names)
+    assert few is not None
+    assert few.interval is None
+    assert compare(rows, 'holes', ['a'], names) is None
+    # Nothing but noise is not significant.
+    same = [{**row, 'real': {'steps': 0.1 * (-1) ** k}} for k, row in enumerate(rows)]
+    noise = compare(same, 'steps', ['a'], names)
+    assert noise is not None
+    assert not noise.significant
