@@ -28,6 +28,7 @@ NEEDS = {
     'gap next': ['diagnosis', 'campaign'],
     'gap cost': ['campaign', '--diagnosis', 'diagnosis', '--out', 'out'],
     'gap next': ['diagnosis'],
+    'gap randomise': ['diagnosis', '--out', 'out.yaml'],
     'gap truth': ['in.npz', '--scan', 'room.ply', '--out', 'out'],
 }
 NUMBERS = ['nan', 'inf', '-inf', '-1e30', '1e400', '', 'x', '\udcff', '9' * 5000]

@@ -6,6 +6,7 @@ from typing import Any
 
 from flexx2_sim_ros.batch import kernels
 from flexx2_sim_ros.batch.arguments import device_named, environments, mask_of, one_for_each, seeds
+from flexx2_sim_ros.batch.drawn import DrawnCameras
 from flexx2_sim_ros.batch.effect_tables import each_environment, noise_row
 from flexx2_sim_ros.batch.exchange import (
     checked,
@@ -20,7 +21,7 @@ from flexx2_sim_ros.batch.images import Images, Rows
 from flexx2_sim_ros.batch.stages import BatchStages
 from flexx2_sim_ros.batch.surface_kernels import depends_on_surfaces
 from flexx2_sim_ros.camera import Intrinsics, Mode, Profile
-from flexx2_sim_ros.effects import Effect
+from flexx2_sim_ros.effects import Effect, Randomisation
 from flexx2_sim_ros.errors import InputError, shown
 from flexx2_sim_ros.physics.philox import camera_key
 from flexx2_sim_ros.profiles.modes import DEFAULT_USECASE, flexx2
@@ -68,6 +69,8 @@ class BatchCamera:
     stamps : warp.array
         (N,) int64 on the device, nanoseconds: of the next frame. Every frame adds the mode's
         period.
+    drawn : DrawnCameras or None
+        After `randomise`: the cameras of the environments.
 
     Raises
     ------
@@ -125,6 +128,7 @@ class BatchCamera:
         self._images: Images | None = None
         self._stages: BatchStages | None = None
         self._host: HostCameras | None = None
+        self.drawn: DrawnCameras | None = None
         self._modes: list[Mode] = [self.profile.modes[0]] * self.num_envs
         self._effects: list[tuple[Effect, ...]] = [()] * self.num_envs
         self._has_effects = False
@@ -185,7 +189,7 @@ class BatchCamera:
         read = each_environment(effects, self.num_envs)
         every = [read[i] if chosen[i] else own for i, own in enumerate(self._effects)]
         self._set(self._modes, every)
-        self._stages = None
+        self._stages = self.drawn = None
         on_host = {i: own for i, own in enumerate(every) if without_kernel(own)}
         self._host = (
             HostCameras(on_host, self._modes, self._seeds, self._name, self.profile)
@@ -193,9 +197,34 @@ class BatchCamera:
             else None
         )
 
+    def randomise(self, randomisation: Randomisation, seed: int = 0, pool: int = 4096) -> None:
+        """
+        Give each environment a camera drawn from distributions, and another one at each reset.
+
+        Parameters
+        ----------
+        randomisation : Randomisation
+            As `effects.load_randomisation` reads it.
+        seed : int
+            Of the draws.
+        pool : int
+            How many cameras are drawn now. A reset chooses among them, on the device.
+
+        Raises
+        ------
+        InputError
+            For effects that cannot be drawn again while the batch runs.
+
+        """
+        drawn = DrawnCameras(randomisation, self.num_envs, seed, pool, self.device)
+        self.set_effects(drawn.effects)
+        self.drawn = drawn
+
     def reset(self, env_mask: Any = None) -> None:
         """
         Forget what effects keep between frames; noise and stamps go on.
+
+        After `randomise`, these environments also get another camera.
 
         Parameters
         ----------
@@ -213,7 +242,7 @@ class BatchCamera:
         host = isinstance(env_mask, np.ndarray)
         place = wp.get_device('cpu') if host else self.device
         kind = checked('env_mask', env_mask, (self.num_envs,), np.bool_, place)
-        if self._stages is not None or self._host is not None:
+        if self._stages is not None or self._host is not None or self.drawn is not None:
             with stream_of(kind, self.device), wp.ScopedDevice(self.device):
                 mask = to_warp(
                     kind,
@@ -225,6 +254,9 @@ class BatchCamera:
                     self._host.forget(mask.numpy())
                 if self._stages is not None:
                     self._stages.forget(mask.to(self.device))
+                if self.drawn is not None:
+                    rows = None if self._stages is None else self._stages.effects
+                    self.drawn.draw(mask.to(self.device), rows)
             if host:
                 wp.synchronize_device(self.device)
 
@@ -328,6 +360,9 @@ class BatchCamera:
                 self._intrinsics(images.height, images.width),
             )
             self._stages.set_modes(self._modes)
+            if self.drawn is not None:
+                every = wp.ones(self.num_envs, dtype=wp.bool, device=self.device)
+                self.drawn.give(every, self._stages.effects)
         return self._stages
 
     def _set(self, modes: list[Mode], effects: list[tuple[Effect, ...]]) -> None:

@@ -55,6 +55,8 @@ class BatchStages:
     ----------
     images : Images
         As given.
+    effects : warp.array
+        (N,) `Effects` of all environments, on the device.
 
     """
 
@@ -71,7 +73,7 @@ class BatchStages:
         self._rows, self._profile = rows, profile
         num_envs, device = len(effects), rows.stamps.device
         self._names = {effect.name for own in effects for effect in own}
-        self._effects = wp.array(
+        self.effects = wp.array(
             np.array([effects_row(own) for own in effects]), dtype=Effects, device=device
         )
         self._lights = wp.empty(num_envs, dtype=Light, device=device)
@@ -164,7 +166,7 @@ class BatchStages:
         images.move_edges(first, count, self._rows)
         model = (self._rows.noise, seen.facing, seen.expected)
         launch(kernels.describe, grid, *images.surfaces, *part, *model)
-        self._light.find(surfaces, first, count, seen.facing, self._effects, self._lights)
+        self._light.find(surfaces, first, count, seen.facing, self.effects, self._lights)
         if self._surface_noise is not None and with_reflectivity:
             factors = (self._surface_noise, seen.facing, seen.expected)
             launch(scale_by_surface, grid, surfaces, *part, *factors)
@@ -173,10 +175,10 @@ class BatchStages:
         # What effects add to the light and the noise of each pixel's own surface.
         kept, seen, phasors = self._kept, self._seen, self._light.phasors
         grid, chunk = self.images.grid(count)
-        part = self.images.lens, first, chunk, self._effects
+        part = self.images.lens, first, chunk, self.effects
         if self._motion is not None:
             self._motion.shift_phases(
-                surfaces, first, count, self._effects, self._lights, self._rows.keys, kept, phasors
+                surfaces, first, count, self.effects, self._lights, self._rows.keys, kept, phasors
             )
         if 'wiggling' in self._names:
             launch(shift_kernels.wiggle, grid, surfaces.p, *part, self._lights, phasors)
@@ -192,7 +194,7 @@ class BatchStages:
         if 'heavy_tails' in self._names:
             blocks, chunk = images.block_grid(count)
             pixels = images.height * images.width
-            part = pixels, first, chunk, self._effects
+            part = pixels, first, chunk, self.effects
             launch(shift_kernels.widen_tails, blocks, *part, *random, seen)
         grid, chunk = images.grid(count)
         launch(
@@ -203,7 +205,7 @@ class BatchStages:
             first,
             chunk,
             rows.noise,
-            self._effects,
+            self.effects,
             self._lights,
             *random,
             images.moved,
@@ -217,15 +219,15 @@ class BatchStages:
         part = self.images.lens, first, chunk
         filtered = seen.measured
         if 'spatial_filter' in self._names:
-            launch(effect_kernels.filter_neighbours, grid, *part, self._effects, seen)
+            launch(effect_kernels.filter_neighbours, grid, *part, self.effects, seen)
             filtered = seen.filtered
         if 'temporal_filter' in self._names:
             images = self._kept, filtered, seen
-            launch(effect_kernels.filter_in_time, grid, *part, self._effects, *images)
-        launch(effect_kernels.finish, grid, *part, rows.noise, self._effects, filtered, out)
+            launch(effect_kernels.filter_in_time, grid, *part, self.effects, *images)
+        launch(effect_kernels.finish, grid, *part, rows.noise, self.effects, filtered, out)
         for name, lose in _LOSES.items():
             if name in self._names:
-                launch(lose, grid, *part, self._effects, rows.keys, rows.stamps, seen, out)
+                launch(lose, grid, *part, self.effects, rows.keys, rows.stamps, seen, out)
 
     def _make_grain(self, num_envs: int, pixels: int) -> None:
         images, grain = self.images, self._kept.grain

@@ -11,6 +11,7 @@ from flexx2_sim_ros.cli import (
     gap_diagnose,
     gap_next,
     gap_plan,
+    gap_randomise,
     gap_target,
     gap_truth,
 )
@@ -33,6 +34,7 @@ def add_parser(commands: Any) -> None:
     gap_check.add_parser(subcommands)
     gap_cost.add_parser(subcommands)
     gap_next.add_parser(subcommands)
+    gap_randomise.add_parser(subcommands)
     gap_truth.add_parser(subcommands)
     if find_spec('flexx2_sim_ros.cli.gap_benchmark'):
         import_module('flexx2_sim_ros.cli.gap_benchmark').add_parser(subcommands)

@@ -8,8 +8,8 @@ import zlib
 from flexx2_sim_ros.atomic import check_distinct, checked_target
 from flexx2_sim_ros.camera.camera import Camera
 from flexx2_sim_ros.cli.argument_types import MOST_FRAMES, SEEDS, whole_number
-from flexx2_sim_ros.cli.common import add_profile
-from flexx2_sim_ros.effects import ageing, Effect, load_effects
+from flexx2_sim_ros.cli.common import add_profile, MOST_SEED
+from flexx2_sim_ros.effects import ageing, Effect, load_effects, load_randomisation
 from flexx2_sim_ros.effects.registry import effects_yaml
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.profiles.files import find_profile
@@ -50,6 +50,13 @@ def add_parser(commands: Any) -> None:
         metavar='FILE',
         help='effects beyond the noise model: a YAML '
         'file, or the name of a preset, e.g. typical; see flexx2 effects',
+    )
+    parser.add_argument(
+        '--draw',
+        type=whole_number(0, MOST_SEED),
+        metavar='SEED',
+        help='draw a camera from the distributions of --effects, a file that flexx2 gap '
+        'randomise has written; the same as --effects FILE#SEED',
     )
     parser.add_argument(
         '--frames',
@@ -133,10 +140,18 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def _effects(path: str | None, draw: int | None) -> tuple[Effect, ...]:
+    if draw is None:
+        return load_effects(path) if path else ()
+    if not path:
+        raise InputError('--draw: must come with --effects, a file with distributions')
+    return load_randomisation(path).draw(1, draw)[0]
+
+
 def _make_camera(arguments: argparse.Namespace, scene: Scene) -> tuple[Camera, tuple[Effect, ...]]:
     profile = find_profile(arguments.profile)
     usecase = profile.default_usecase if arguments.usecase is None else arguments.usecase
-    effects = load_effects(arguments.effects) if arguments.effects else ()
+    effects = _effects(arguments.effects, arguments.draw)
     uptime = _uptime(scene, arguments.uptime, arguments.input)
     if uptime is not None:
         old = ageing(effect.name for effect in effects)

@@ -7,24 +7,31 @@ those in this package, and those of other packages through the entry point group
 """
 
 from flexx2_sim_ros.effects.effect import Effect, Parameter
+from flexx2_sim_ros.effects.randomisation import Distribution, Randomisation
 from flexx2_sim_ros.effects.registry import (
     ageing,
     load_effects,
+    load_randomisation,
     loadable,
     of_role,
     parse_effects,
     registry,
     save_effects,
+    save_randomisation,
 )
 
 __all__ = [
+    'Distribution',
     'Effect',
     'Parameter',
+    'Randomisation',
     'ageing',
     'load_effects',
+    'load_randomisation',
     'loadable',
     'of_role',
     'parse_effects',
     'registry',
     'save_effects',
+    'save_randomisation',
 ]

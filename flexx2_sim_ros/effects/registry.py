@@ -14,11 +14,14 @@ from flexx2_sim_ros.config_file import is_regular_file, read_config
 from flexx2_sim_ros.effects.effect import Effect
 from flexx2_sim_ros.effects.patch import ResidualPatch
 from flexx2_sim_ros.effects.plugins import plug_ins
+from flexx2_sim_ros.effects.randomisation import parse_randomisation, Randomisation
 from flexx2_sim_ros.effects.ray import AlongRay
 from flexx2_sim_ros.effects.tables import Curve, Form, PixelMap, read_map, write_map
 from flexx2_sim_ros.errors import InputError, shown, shown_path, unquoted
 from flexx2_sim_ros.paths import config_dir
 import yaml
+
+_LONGEST_SEED = 12  # digits
 
 
 @lru_cache(maxsize=1)
@@ -111,7 +114,8 @@ def load_effects(path: str | Path) -> tuple[Effect, ...]:
     path : str or pathlib.Path
         ``schema: 1`` and ``effects:``, a table of parameters by effect name. Or the name of a
         preset, a file in ``config/effects`` without its ending: ``typical``. Or the name of an
-        effect: that one, at its typical values.
+        effect: that one, at its typical values. Or a file with ``randomisation:`` and the seed of
+        a draw: ``randomisation.yaml#7``.
 
     Returns
     -------
@@ -130,13 +134,51 @@ def load_effects(path: str | Path) -> tuple[Effect, ...]:
         path = preset
     elif str(path) in registry() and not path.exists():
         return (registry()[str(path)](),)
+    name, mark, seed = str(path).rpartition('#')
+    if mark and seed.isdecimal() and len(seed) < _LONGEST_SEED and not path.exists():
+        return load_randomisation(name).draw(1, int(seed))[0]
     content = read_config(path)
+    if 'randomisation' in content:
+        raise InputError(
+            f'{shown_path(path)}: randomisation: must be drawn from: add # and a seed to the '
+            f'path, for example {unquoted(path.name)}#7'
+        )
     if 'effects' not in content:
         raise InputError(
             f'{shown_path(path)}: effects: must be a table of parameters by effect, got none'
         )
     table, where = content['effects'], f'{shown_path(path)}: effects'
     return parse_effects({} if table is None else _with_maps(table, path.parent, where), where)
+
+
+def load_randomisation(path: str | Path) -> Randomisation:
+    """
+    Read distributions of effects, as `flexx2 gap randomise` writes them.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        A YAML file with ``schema: 1`` and ``randomisation:``.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be read or something in it cannot be used.
+
+    """
+    content = read_config(Path(path))
+    where = f'{shown_path(path)}: randomisation'
+    if 'randomisation' not in content:
+        raise InputError(f'{where}: must be a table, got none')
+    return parse_randomisation(content['randomisation'], loadable(), where)
+
+
+def save_randomisation(path: str | Path, one: Randomisation, comment: str = '') -> None:
+    """Write distributions as a file that `load_randomisation` reads, with a comment above."""
+    lines = [f'# {line}'.rstrip() for line in comment.splitlines()]
+    table = {'schema': 1, 'randomisation': one.plain()}
+    text = yaml.safe_dump(table, sort_keys=False, default_flow_style=None, width=99)
+    write_text(path, '\n'.join([*lines, text]))
 
 
 def _with_maps(table: Any, folder: Path, where: str) -> Any:

@@ -1,0 +1,49 @@
+"""`flexx2 gap randomise`: distributions of effects for training."""
+
+import argparse
+from typing import Any
+
+from flexx2_sim_ros.errors import printable
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
+
+
+def add_parser(commands: Any) -> None:
+    """Add the subcommand."""
+    parser = commands.add_parser(
+        'randomise',
+        help='write distributions of the diagnosed effects, for training on many cameras',
+        description='Write what a diagnosis knows of its camera as distributions: named effects '
+        'with the uncertainty and the correlations of their parameters, effects that could not be '
+        'decided as in the catalogue, all others off. flexx2 simulate --draw, the node and '
+        'BatchCamera draw cameras from them.',
+        epilog='example: flexx2 gap randomise diagnosis/ --out randomisation.yaml',
+    )
+    parser.add_argument(
+        'diagnosis', metavar='DIAGNOSIS', help='folder that flexx2 gap diagnose has written'
+    )
+    parser.add_argument('--out', required=True, metavar='FILE', help='YAML file to write')
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Write the file and print its distributions."""
+    from flexx2_sim_ros.gap.randomise import comment, randomise
+
+    found = randomise(arguments.diagnosis, arguments.out)
+    console = Console(stderr=True, markup=False)
+    shown = Table('parameter', 'mean', 'spread', 'narrower by', box=SIMPLE_HEAD)
+    for one in found.randomisation.distributions:
+        factor = found.narrower.get(one.name)
+        shown.add_row(
+            one.name,
+            'uniform' if one.mean is None else f'{one.mean:.3g}',
+            f'{one.spread:.2g}',
+            '' if factor is None else f'{factor:.1f}',
+        )
+    console.print(shown)
+    for line in comment(found)[1:]:
+        console.print(printable(line), highlight=False)
+    console.print(str(arguments.out), highlight=False)
+    return 0

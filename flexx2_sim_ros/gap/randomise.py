@@ -1,0 +1,215 @@
+"""Randomise a simulation by what a diagnosis knows of its camera, and by what it does not know."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+import math
+from pathlib import Path
+
+from flexx2_sim_ros.atomic import checked_target
+from flexx2_sim_ros.effects import (
+    Distribution,
+    Effect,
+    parse_effects,
+    Randomisation,
+    registry,
+    save_randomisation,
+)
+from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.gap.calibration.inference import THRESHOLDS
+from flexx2_sim_ros.gap.report.reading import Diagnosed, read_diagnosis
+import numpy as np
+from scipy import stats
+
+_FEWEST = 3  # recordings for a jackknife
+_UNDECIDED = 0.5  # probability that a camera has an effect that the diagnosis could not decide
+_TWICE = 2.0  # times the typical value
+_SAME = 1e-9
+
+
+@dataclass(frozen=True)
+class Randomised:
+    """
+    Distributions, and how much narrower they are than those of the catalogue.
+
+    Attributes
+    ----------
+    randomisation : Randomisation
+    named, undecided : tuple of str
+        Effects with fitted parameters, and effects with the distributions of the catalogue.
+    narrower : dict of str to float
+        By parameter: standard deviation in the catalogue divided by the one here.
+
+    """
+
+    randomisation: Randomisation
+    named: tuple[str, ...]
+    undecided: tuple[str, ...]
+    narrower: dict[str, float]
+
+
+def randomise(diagnosis: str | Path, out: str | Path | None = None) -> Randomised:
+    """
+    Return distributions of the effects of a diagnosed camera.
+
+    Parameters
+    ----------
+    diagnosis : str or pathlib.Path
+        A folder that `diagnose` has written.
+    out : str or pathlib.Path, optional
+        File to write.
+
+    Raises
+    ------
+    InputError
+        When the diagnosis cannot be read or has nothing to randomise.
+
+    """
+    if out is not None:
+        checked_target(out)
+    before = read_diagnosis(Path(diagnosis))
+    named = tuple(effect for effect in before.effects if effect.role != 'pose')
+    for effect in named:
+        if effect.forms or effect.name not in registry():
+            raise InputError(
+                f'DIAGNOSIS: must have effects with parameters, got {effect.name} with a curve or '
+                'without a cause (use the folder of flexx2 gap diagnose)'
+            )
+    undecided = _undecided(before, {effect.name for effect in named})
+    if not named and not undecided:
+        raise InputError('DIAGNOSIS: must have effects to randomise, got none')
+    distributions, correlation = _fitted(named, _held_out(before, named))
+    prior = [one for effect in undecided if (one := catalogue_prior(type(effect)))]
+    size = len(distributions)
+    matrix = np.eye(size + len(prior))
+    matrix[:size, :size] = correlation
+    given = parse_effects(before.known)
+    chances = {effect.name: 1.0 for effect in (*given, *named)}
+    chances |= {effect.name: _UNDECIDED for effect in undecided}
+    by_name = {effect.name: effect for effect in (*given, *named, *undecided)}
+    randomisation = Randomisation(
+        tuple(by_name[name] for name in registry() if name in by_name),
+        chances,
+        (*distributions, *prior),
+        matrix,
+    )
+    found = Randomised(
+        randomisation,
+        tuple(effect.name for effect in named),
+        tuple(effect.name for effect in undecided),
+        _narrower(distributions),
+    )
+    if out is not None:
+        save_randomisation(out, randomisation, '\n'.join(comment(found)))
+    return found
+
+
+def catalogue_prior(kind: type[Effect], parameter: str = 'strength') -> Distribution | None:
+    """
+    Return how a parameter of an effect is drawn if nothing is known of the camera.
+
+    It is uniform from 0 to twice its typical value, with either sign if it can have either
+    (assumed). None for a parameter whose typical value is 0.
+    """
+    item = next(one for one in kind.parameters() if one.name == parameter)
+    most = _TWICE * abs(item.default)
+    if most == 0:
+        return None
+    return Distribution(
+        kind.name, parameter, max(-most if item.low < 0 else 0.0, item.low), min(most, item.high)
+    )
+
+
+def comment(found: Randomised) -> list[str]:
+    """Return what a file of distributions says of itself, one line each."""
+    lines = ['Distributions of the effects of a diagnosed camera, by flexx2 gap randomise.']
+    if found.named:
+        lines.append(f'Fitted to the recordings: {", ".join(found.named)}.')
+    if found.undecided:
+        lines.append(
+            f'Not decided by the recordings, drawn as in the catalogue: '
+            f'{", ".join(found.undecided)}.'
+        )
+    lines.append('Effects that are not here are off.')
+    if found.narrower:
+        lines.append(
+            f'The parameters that were fitted vary {overall(found.narrower):.1f} times less than '
+            'in the catalogue (geometric mean).'
+        )
+    return lines
+
+
+def overall(narrower: Mapping[str, float]) -> float:
+    """Return the geometric mean of factors."""
+    return math.exp(float(np.mean(np.log(list(narrower.values())))))
+
+
+def _undecided(before: Diagnosed, taken: set[str]) -> tuple[Effect, ...]:
+    rows = before.table.get('not_decidable', [])
+    names = {row.get('name') for row in rows if isinstance(row, dict)}
+    return tuple(
+        kind()
+        for name, kind in registry().items()
+        if name in names and name not in {*taken, *before.known} and kind.role != 'pose'
+    )
+
+
+def _held_out(before: Diagnosed, named: Sequence[Effect]) -> list[dict[str, Effect]]:
+    # The effects as fitted without each recording.
+    wanted = {effect.name for effect in named}
+    found = []
+    for row in before.table['recordings']:
+        own = row.get('effects_without')
+        if isinstance(own, dict):
+            effects = {effect.name: effect for effect in parse_effects(own)}
+            if effects.keys() >= wanted:
+                found.append(effects)
+    return found
+
+
+def _fitted(
+    named: Sequence[Effect], held_out: Sequence[Mapping[str, Effect]]
+) -> tuple[list[Distribution], np.ndarray]:
+    # Jackknife over recordings (Efron and Tibshirani 1993, chapter 11) of all parameters.
+    if named and len(held_out) < _FEWEST:
+        raise InputError(
+            f'DIAGNOSIS: must have been made with this version from at least {_FEWEST} '
+            f'recordings, got {len(held_out)} that were left out of the fit'
+        )
+    items = [
+        (effect, item)
+        for effect in named
+        for item in effect.parameters()
+        if np.ptp([getattr(one[effect.name], item.name) for one in held_out]) > _SAME
+    ]
+    if not items:
+        return [], np.eye(0)
+    values = np.array(
+        [[getattr(one[effect.name], item.name) for effect, item in items] for one in held_out]
+    )
+    count = len(values)
+    deviation = values - values.mean(axis=0)
+    covariance = (count - 1) / count * deviation.T @ deviation
+    # As wide as Student's t at the quantiles of the diagnosis' intervals.
+    wide = stats.t.ppf(THRESHOLDS.quantile, count - 1) / stats.norm.ppf(THRESHOLDS.quantile)
+    sd = np.sqrt(np.diag(covariance))
+    distributions = [
+        Distribution(
+            effect.name,
+            item.name,
+            item.low,
+            item.high,
+            getattr(effect, item.name),
+            float(wide * one),
+        )
+        for (effect, item), one in zip(items, sd, strict=True)
+    ]
+    return distributions, covariance / np.outer(sd, sd)
+
+
+def _narrower(distributions: Sequence[Distribution]) -> dict[str, float]:
+    out = {}
+    for one in distributions:
+        prior = catalogue_prior(registry()[one.effect], one.parameter)
+        if prior is not None:
+            out[one.name] = prior.spread / one.spread
+    return out

@@ -1,0 +1,236 @@
+"""Cameras drawn from what a diagnosis knows: the file, the draws, and those who draw."""
+
+import json
+from pathlib import Path
+import re
+import shlex
+from typing import Any
+
+from boards import K
+from flexx2_sim_ros.batch import BatchCamera
+from flexx2_sim_ros.camera import Camera
+from flexx2_sim_ros.cli.main import main
+from flexx2_sim_ros.effects import (
+    load_effects,
+    load_randomisation,
+    parse_effects,
+    save_effects,
+    save_randomisation,
+)
+from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.gap import randomise
+from flexx2_sim_ros.recording import load_recording
+import numpy as np
+import pytest
+from scipy import stats
+import yaml
+
+DOCS = Path(__file__).resolve().parents[1] / 'docs' / 'randomisation.md'
+CLEAN = np.linspace(1.0, 1.6, 48 * 64, dtype=np.float32).reshape(48, 64)
+DRAWN: dict[str, Any] = {
+    'effects': {
+        'offset': {'parameters': {'bias': {'mean': 0.01, 'sd': 0.002, 'low': -0.2, 'high': 0.2}}},
+        'heavy_tails': {'probability': 0.4, 'parameters': {'share': 0.02}},
+        'excess_noise': {
+            'parameters': {'factor': {'mean': 1.2, 'sd': 0.05, 'low': 0.5, 'high': 4.0}}
+        },
+        'low_signal_dropout': {'parameters': {'strength': {'low': 0.5, 'high': 1.5}}},
+    },
+    'correlations': [['excess_noise.factor', 'offset.bias', -0.8]],
+}
+
+
+def write(path: Path, table: Any) -> Path:
+    """Write a file of distributions."""
+    path.write_text(yaml.safe_dump({'schema': 1, 'randomisation': table}))
+    return path
+
+
+def test_draws_have_the_distributions_of_the_file(tmp_path: Path) -> None:
+    one = load_randomisation(write(tmp_path / 'r.yaml', DRAWN))
+    save_randomisation(tmp_path / 'again.yaml', one, 'a comment')
+    again = load_randomisation(tmp_path / 'again.yaml')
+    assert again.plain() == one.plain()
+    values, on = one.values(4000, seed=3)
+    names = [item.name for item in one.distributions]
+    bias, factor, strength = (
+        values[:, names.index(name)]
+        for name in ('offset.bias', 'excess_noise.factor', 'low_signal_dropout.strength')
+    )
+    # Six standard errors: false failures below 1e-8 each.
+    assert abs(bias.mean() - 0.01) < 6 * 0.002 / 4000**0.5
+    assert abs(bias.std() / 0.002 - 1) < 6 / 8000**0.5
+    assert abs(np.corrcoef(bias, factor)[0, 1] + 0.8) < 6 * 0.36 / 4000**0.5
+    assert 0.5 <= strength.min() < 0.51 < 1.49 < strength.max() <= 1.5
+    order = [effect.name for effect in one.effects]
+    assert abs(on[:, order.index('heavy_tails')].mean() - 0.4) < 6 * 0.49 / 4000**0.5
+    assert on[:, order.index('offset')].all()
+    np.testing.assert_array_equal(one.values(10, seed=3)[0], values[:10])
+
+
+@pytest.mark.parametrize(
+    ('table', 'said'),
+    [
+        ({'effects': {'radar': {}}}, 'radar: must be an effect'),
+        ({'effects': {'offset': {'probability': 2}}}, 'probability: must be a number from 0 to 1'),
+        ({'effects': {'offset': {'parameters': {'bias': {'low': 0}}}}}, 'must have low and high'),
+        (
+            {'effects': {'offset': {'parameters': {'bias': {'low': 0.1, 'high': 0.0}}}}},
+            'low: must be below high',
+        ),
+        (
+            {'effects': {'offset': {'parameters': {'bias': {'low': 0.0, 'high': 99.0}}}}},
+            'offset.bias: must be a number',
+        ),
+        ({'effects': {'offset': {'parameters': {'gain': 1}}}}, 'gain: must be one of'),
+        ({**DRAWN, 'correlations': [['a', 'b', 0.1]]}, 'correlations: must be two parameters'),
+        (
+            {**DRAWN, 'correlations': [['offset.bias', 'excess_noise.factor', 1.5]]},
+            'must be a number from -1 to 1',
+        ),
+        ({**DRAWN, 'correlation': []}, 'must be a table of effects and correlations'),
+    ],
+)
+def test_wrong_files_are_refused(table: Any, said: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=said):
+        load_randomisation(write(tmp_path / 'wrong.yaml', table))
+
+
+def test_a_file_of_distributions_needs_a_seed(tmp_path: Path) -> None:
+    path = write(tmp_path / 'r.yaml', DRAWN)
+    with pytest.raises(InputError, match=r'r.yaml#7'):
+        load_effects(path)
+    drawn = load_effects(f'{path}#7')
+    assert drawn == load_randomisation(path).draw(1, 7)[0] != load_effects(f'{path}#8')
+    # The node's parameter `effects` and `Camera` take the same text.
+    assert Camera(effects=f'{path}#7').effects == drawn
+
+
+def diagnosed(folder: Path, rows: int, effects: dict[str, Any]) -> Path:
+    """Write a diagnosis whose fits without each recording scatter."""
+    rng = np.random.default_rng(1)
+    recordings = []
+    for k in range(rows):
+        wrong = rng.standard_normal()
+        own = {
+            'offset': {'bias': 0.02 + 0.001 * wrong},
+            'excess_noise': {'factor': 1.5 - 0.01 * wrong + 0.003 * rng.standard_normal()},
+        }
+        recordings.append(
+            {'name': f'{k}.npz', 'used': True, 'checksum': str(k), 'effects_without': own}
+        )
+    folder.mkdir()
+    save_effects(folder / 'effects.yaml', parse_effects(effects))
+    table = {
+        'schema': 2,
+        'verdict': 'partly',
+        'recordings': recordings,
+        'not_decidable': [{'name': 'wiggling', 'absorbed': 0.9, 'settled_by': []}],
+        'settings': {'known': {'temporal_filter': {'share': 0.3}}},
+    }
+    (folder / 'diagnosis.json').write_text(json.dumps(table))
+    return folder
+
+
+FITTED = {'offset': {'bias': 0.02}, 'excess_noise': {'factor': 1.5}}
+
+
+def test_distributions_are_those_of_the_diagnosis(tmp_path: Path) -> None:
+    folder = diagnosed(tmp_path / 'diagnosis', 8, FITTED)
+    found = randomise(folder, tmp_path / 'r.yaml')
+    assert found.named == ('offset', 'excess_noise')
+    assert found.undecided == ('wiggling',)
+    one = load_randomisation(tmp_path / 'r.yaml')
+    assert one.probabilities == {
+        'offset': 1.0,
+        'wiggling': 0.5,
+        'excess_noise': 1.0,
+        'temporal_filter': 1.0,
+    }
+    by_name = {item.name: item for item in one.distributions}
+    assert set(by_name) == {'offset.bias', 'excess_noise.factor', 'wiggling.strength'}
+    # The jackknife's standard error, with the tails of Student's t for 8 recordings.
+    rows = json.loads((folder / 'diagnosis.json').read_text())['recordings']
+    biases = np.array([row['effects_without']['offset']['bias'] for row in rows])
+    error = np.sqrt(7 / 8 * ((biases - biases.mean()) ** 2).sum())
+    wide = stats.t.ppf(0.95, 7) / stats.norm.ppf(0.95)
+    assert by_name['offset.bias'].mean == 0.02
+    assert by_name['offset.bias'].sd == pytest.approx(wide * error)
+    i, j = (list(by_name).index(name) for name in ('offset.bias', 'excess_noise.factor'))
+    assert one.correlation[i, j] < -0.8
+    assert found.narrower['offset.bias'] > 1
+    (given,) = (effect for effect in one.effects if effect.name == 'temporal_filter')
+    assert given.settings['share'] == 0.3
+
+
+def test_the_documentation_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    text = DOCS.read_text()
+    monkeypatch.chdir(tmp_path)
+    diagnosed(tmp_path / 'diagnosis', 4, FITTED)
+    np.savez(tmp_path / 'scene.npz', clean_depth=CLEAN, K=K)
+    (block,) = re.findall(r'```bash\n(.*?)```', text, re.S)
+    first, second = block.strip().splitlines()
+    assert main(shlex.split(first)[1:]) == 0
+    simulate = [*shlex.split(second)[1:], '--frames', '2']
+    for seed, name in (('7', 'a'), ('7', 'b'), ('8', 'c')):
+        draw = [f'{name}.npz' if word == 'out.npz' else word for word in simulate]
+        draw[draw.index('--draw') + 1] = seed
+        assert main(draw) == 0
+    a, b, c = (load_recording(tmp_path / f'{name}.npz') for name in 'abc')
+    np.testing.assert_array_equal(a.depth, b.depth)
+    assert not np.array_equal(a.depth, c.depth, equal_nan=True)
+    assert str(a.extra['effects']) != str(c.extra['effects'])
+    assert main(['simulate', 'scene.npz', 'd.npz', '--draw', '7']) == 2  # without --effects
+    (code,) = re.findall(r'```python\n(.*?)```', text, re.S)
+    names: dict[str, Any] = {}
+    exec(code, names)  # noqa: S102 - the documentation's own
+    assert {effect.name for effect in names['effects']} >= {'offset', 'excess_noise'}
+    (file,) = re.findall(r'```yaml\n(.*?)```', text, re.S)
+    (tmp_path / 'own.yaml').write_text(file)
+    assert len(load_randomisation(tmp_path / 'own.yaml').distributions) == 2
+
+
+@pytest.mark.parametrize(
+    ('rows', 'effects', 'said'),
+    [
+        (2, FITTED, 'from at least 3 recordings'),
+        (8, {'offset': {'curve': {'knots': [1.0, 2.0], 'values': [0.0, 0.01]}}}, 'with a curve'),
+    ],
+)
+def test_diagnoses_that_cannot_be_randomised(
+    rows: int, effects: dict[str, Any], said: str, tmp_path: Path
+) -> None:
+    folder = diagnosed(tmp_path / 'diagnosis', rows, effects)
+    with pytest.raises(InputError, match=said):
+        randomise(folder, tmp_path / 'r.yaml')
+    assert not (tmp_path / 'r.yaml').exists()
+
+
+def test_each_environment_draws_a_camera_at_reset(tmp_path: Path) -> None:
+    one = load_randomisation(write(tmp_path / 'r.yaml', DRAWN))
+    cameras = BatchCamera(6, 'Mode_9_30fps', seed=5, K=K, device='cpu')
+    cameras.randomise(one, seed=2, pool=50)
+    assert cameras.drawn is not None
+
+    def look() -> tuple[np.ndarray, np.ndarray]:
+        stamps = cameras.stamps.numpy().copy()
+        seen = cameras(np.broadcast_to(CLEAN, (6, 48, 64)).copy()).copy()
+        chosen = cameras.drawn.drawn.numpy().copy()
+        for i, k in enumerate(chosen):
+            camera = Camera('Mode_9_30fps', effects=cameras.drawn.cameras[k], seed=5 + i, name='')
+            alone = camera.capture(CLEAN, K, stamps[i] * 1e-9).depth
+            np.testing.assert_allclose(seen[i], alone, atol=1e-5)
+        return chosen, seen
+
+    first, _ = look()
+    assert len(set(first)) > 1
+    mask = np.arange(6) < 3
+    cameras.reset(mask)
+    second, _ = look()
+    np.testing.assert_array_equal(second[3:], first[3:])
+    assert (second[:3] != first[:3]).any()
+    cameras.set_effects(())
+    assert cameras.drawn is None
+    late = load_randomisation(write(tmp_path / 'late.yaml', {'effects': {'time_offset': {}}}))
+    with pytest.raises(InputError, match='time_offset: cannot be drawn again'):
+        cameras.randomise(late)
