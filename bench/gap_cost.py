@@ -1,12 +1,12 @@
 """
 Does `flexx2 gap cost` rank two effects by cost as the camera that has them would.
 
-The blind camera of the benchmark has two effects, drawn at random with the seed. Its campaign is
-diagnosed, and the diagnosed effects are ranked by what they take away of the difference in the
-consumers. The true ranking takes the camera's own recordings in the place of simulations: with
-both effects, without any, and with each of the two alone, at exact poses. An effect that the
-diagnosis does not name takes away nothing. `--named` takes the two true effects at typical
-parameters instead of a diagnosis. Development seeds only.
+The blind camera of the benchmark has two effects, drawn at random with the seed from those that
+change depth on a still scene. Its campaign is diagnosed, and the diagnosed effects are ranked by
+what they take away of the difference in the consumers. The true ranking takes the camera's own
+recordings in the place of simulations: with both effects, without any, and with each of the two
+alone, at exact poses. An effect that the diagnosis does not name takes away nothing. `--named`
+takes the two true effects at typical parameters instead of a diagnosis. Development seeds only.
 
 python -m bench.gap_cost --seeds 1300,1301
 """
@@ -20,7 +20,7 @@ from typing import Any
 from flexx2_sim_ros.atomic import scratch_folder
 from flexx2_sim_ros.consumers.loading import load, sources
 from flexx2_sim_ros.consumers.running import judge, Result, Views
-from flexx2_sim_ros.effects import parse_effects
+from flexx2_sim_ros.effects import parse_effects, registry
 from flexx2_sim_ros.gap import diagnose
 from flexx2_sim_ros.gap.cost import compared, known_of
 from flexx2_sim_ros.gap.data.campaign import Found, read
@@ -38,8 +38,16 @@ from flexx2_sim_ros.validation.blind.scene_set import SceneKey
 import numpy as np
 
 _MODE = 'Mode_9_30fps'
-# An error of the poses and of the lens moves the whole scene: no effect on depth itself.
-_EFFECTS = [name for name in CATALOGUE if name not in ('pose_error', 'intrinsics_error')]
+# Effects that change depth on a still scene; others cost these consumers nothing.
+_SHOWN = {'bias', 'outliers', 'validity', 'edges'}
+_EFFECTS = [
+    name
+    for name, kind in registry().items()
+    if name in CATALOGUE
+    and _SHOWN & set(kind.changes)
+    and not kind.needs_motion
+    and name not in ('pose_error', 'intrinsics_error', 'time_offset')
+]
 _LEAST_APART = 0.1  # of the two true fractions, so that there is a ranking
 _NO_DISTORTION = (0.0,) * 5
 
@@ -63,7 +71,7 @@ def main() -> None:
         verdicts.append(agree)
         measures = _of_measures(true, found, names)
         print(
-            f'{seed} true: {_text(true)} | cost: {_text(found)} | '
+            f'{seed} {", ".join(names)} true: {_text(true)} | cost: {_text(found)} | '
             f'{ {True: "agrees", False: "differs", None: "no true ranking"}[agree] } | '
             f'measures {sum(measures)} of {len(measures)}',
             flush=True,

@@ -124,16 +124,15 @@ def test_the_commands_of_the_documentation_run(
     assert table['faults'] == []
     assert [row['effects_from'] for row in table['recordings']] == ['other recordings'] * 3
     # The camera measures 5 cm too far: the ground seems low, and the offset explains it.
-    (height,) = (one for one in named['height_grid']['measures'] if one['name'] == 'height_error')
+    name = 'elevation_map' if number == 0 else 'highest'
+    (height,) = (one for one in named[name]['measures'] if one['name'] == 'height_error')
     assert height['significant']
     assert height['real'] > height['simulated']
     assert height['effects']['offset']['share'] > 0.5
     assert height['all_effects']['share'] > 0.5
     assert height['effects']['low_signal_dropout']['share'] < 0.5
-    if number == 0:  # Two of the three recordings show the grid; all show the map.
-        one = named['elevation_map']['measures'][0]['effects']['offset']
-        low, high = one['interval']
-        assert low <= one['share'] <= high
+    low, high = height['effects']['offset']['interval']
+    assert low <= height['effects']['offset']['share'] <= high
     page = (folder / 'cost' / 'cost.html').read_text()
     assert 'Modelling' in page
     assert page.count('data:image/png') >= 3  # recorded, as simulated, with all effects
@@ -264,6 +263,7 @@ def test_shares_and_their_intervals() -> None:
     few = compare(rows[:2], 'steps', ['a'], names)
     assert few is not None
     assert few.interval is None
+    assert not few.significant
     assert compare(rows, 'holes', ['a'], names) is None
     # Nothing but noise is not significant.
     same = [{**row, 'real': {'steps': 0.1 * (-1) ** k}} for k, row in enumerate(rows)]

@@ -55,6 +55,7 @@ class Compared:
         The same difference of two simulations without effects.
     significant : bool
         Whether the difference exceeds that of two simulations in 95 % of the sets of recordings.
+        False with fewer than three recordings.
     left : dict of str to Left
         What remains, by rendition.
 
@@ -123,7 +124,7 @@ def compare(
         float(without.mean()),
         _interval(without[sets].mean(axis=1)) if enough else None,
         float(null.mean()),
-        bool(np.quantile(excess, _QUANTILES[0]) > 0) if enough else bool(without.sum() > 0),
+        enough and bool(np.quantile(excess, _QUANTILES[0]) > 0),
         left,
     )
 

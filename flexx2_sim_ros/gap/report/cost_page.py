@@ -78,7 +78,7 @@ def headline(table: dict[str, Any]) -> str:
     if not table['consumers']:
         return 'No consumer could be used.'
     if not table['ranking']:
-        return 'No cost: the consumers make the same of the recordings and of their simulation.'
+        return 'No cost that stands out: no measure differs more than two simulations do.'
     best = table['ranking'][0]
     if best['share'] <= 0:
         return 'The gap has a cost, and none of the effects takes it away.'
@@ -117,7 +117,7 @@ def sentences(table: dict[str, Any]) -> list[str]:
         for row in table['ranking']
     ]
     if len(used) < 3:
-        out.append('With fewer than three recordings there are no intervals.')
+        out.append('With fewer than three recordings nothing can be said to differ.')
     if fitted:
         out.append(
             f'The effects were fitted to {fitted} of these {len(used)} recordings as well, so the '
