@@ -149,6 +149,7 @@ def trajectory(path: Path, camera: ScannedCamera, seed: int, behind: float = 0.0
     path : pathlib.Path
         The file to write, TUM.
     camera : ScannedCamera
+        What to record.
     seed : int
         Of the error.
     behind : float

@@ -27,7 +27,6 @@ NEEDS = {
     'gap check': ['diagnosis', 'fresh'],
     'gap next': ['diagnosis', 'campaign'],
     'gap cost': ['campaign', '--diagnosis', 'diagnosis', '--out', 'out'],
-    'gap next': ['diagnosis'],
     'gap randomise': ['diagnosis', '--out', 'out.yaml'],
     'gap truth': ['in.npz', '--scan', 'room.ply', '--out', 'out'],
 }
