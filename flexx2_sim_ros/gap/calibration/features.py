@@ -30,7 +30,7 @@ class Features:
             'static_columns': 0.004,
             'static_neighbour': 0.04,
             'frame_spread': 0.04,
-            'jump_between': 0.005,
+            'jump_between': 0.02,
             'jump_switches': 0.01,
             'lattice_coarse': 0.5,
             'lattice_medium': 0.5,
