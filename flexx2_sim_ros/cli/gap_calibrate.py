@@ -12,12 +12,12 @@ def add_parser(commands: Any) -> None:
     """Add the subcommand."""
     parser = commands.add_parser(
         'calibrate',
-        help='fit curves and maps of the diagnosed effects to recordings',
+        help='fit curves, maps and parameters of the diagnosed effects to recordings',
         description='A diagnosis names effects in their typical form. This command fits the form '
         'itself: a bias over range, amplitude or time, a probability of invalid pixels over '
-        'incidence or amplitude, a map of a fixed pattern. A form is taken only if it brings the '
-        'simulation nearer to recordings that it was not fitted to; otherwise the effect stays as '
-        'it was diagnosed. Writes effects.yaml (with maps as .npz files beside it), '
+        'incidence or amplitude, a map of a fixed pattern, widths, gates and frequencies. A form '
+        'is taken only if it brings the simulation nearer to recordings that it was not fitted '
+        'to; otherwise the effect stays as it was diagnosed. Writes effects.yaml (with maps as .npz files beside it), '
         'calibration.json and calibration.html.',
         epilog='example: flexx2 gap calibrate diagnosis/ recordings/ --out calibrated/',
     )

@@ -57,7 +57,7 @@ def calibrate(
     scheduler: str | None = None,
 ) -> dict[str, Any]:
     """
-    Fit curves and maps of the diagnosed effects to recordings.
+    Fit curves, maps and parameters of the diagnosed effects to recordings.
 
     A form is taken only if it brings the simulation nearer to recordings that it was not fitted
     to. Otherwise the effect stays as it was diagnosed.
