@@ -17,8 +17,8 @@ def add_parser(commands: Any) -> None:
         'itself: a bias over range, amplitude or time, a probability of invalid pixels over '
         'incidence or amplitude, a map of a fixed pattern, widths, gates and frequencies. A form '
         'is taken only if it brings the simulation nearer to recordings that it was not fitted '
-        'to; otherwise the effect stays as it was diagnosed. Writes effects.yaml (with maps as .npz files beside it), '
-        'calibration.json and calibration.html.',
+        'to; otherwise the effect stays as it was diagnosed. Writes effects.yaml '
+        '(with maps as .npz files beside it), calibration.json and calibration.html.',
         epilog='example: flexx2 gap calibrate diagnosis/ recordings/ --out calibrated/',
     )
     parser.add_argument(
