@@ -53,18 +53,24 @@ class Loss:
 
 @dataclass(frozen=True)
 class Thresholds:
-    """From when on an effect is a finding. Losses and gains are per recording."""
+    """
+    How effects are selected. Losses and gains are per recording.
 
-    gap: float = constant(5.5, 'loss', 'excess loss of a gap', FIRST_RELEASE)
+    From when on there is a gap and effects are named: ``config/decisions.yaml``.
+    """
+
+    gap: float = constant(
+        5.5, 'loss', 'that an effect must cause to be called covered by the truth', FIRST_RELEASE
+    )
     floor: float = constant(
         4.0, 'loss', 'that errors of pose and reflectivity leave above noise', DEVELOPMENT
     )
-    gain: float = constant(1.0, 'loss', 'an effect that takes off this is found', DEVELOPMENT)
-    least_gain: float = constant(
-        0.5, 'loss', 'enough if recordings agree or the gap is beyond doubt', DEVELOPMENT
+    gain: float = constant(
+        1.0, 'loss', 'an effect that takes off this will be found: for plans', DEVELOPMENT
     )
-    agree: float = constant(0.97, 'confidence', 'recordings agree', DEVELOPMENT)
-    beyond_doubt: float = constant(2.0, 'gaps', 'a gap beyond doubt', DEVELOPMENT)
+    least_gain: float = constant(
+        0.5, 'loss', 'further effects are added to one that takes off this', DEVELOPMENT
+    )
     next_gain: float = constant(1.5, 'loss', 'the next effect must take off', DEVELOPMENT)
     next_fraction: float = constant(
         0.04, 'excess loss', 'as well; half of it below explained_little', DEVELOPMENT
@@ -91,10 +97,11 @@ class Thresholds:
         0.08, 'excess loss', 'effects that explain less are not named', DEVELOPMENT
     )
     partly: float = constant(0.5, 'excess loss', 'more left than this is partly explained')
-    alternative: float = constant(0.8, 'gain', 'a rival with this much is an alternative')
-    sure: float = constant(0.95, 'confidence', 'unless the chosen one is better for sure')
+    alternative: float = constant(
+        0.8, 'gain', 'an undecided effect with this much may be the cause as well'
+    )
+    most_t: float = constant(10.0, '', "larger values of Student's t say no more", DEFINITION)
     most_alternatives: int = constant(5, '', 'that are listed')
-    nearest: int = constant(3, '', 'that are listed if nothing explains the gap')
     quantile: float = constant(0.95, '', 'upper end of 90 % intervals', DEFINITION)
     least_shrink: float = constant(
         -1.0,

@@ -14,7 +14,6 @@ from flexx2_sim_ros.gap.calibration.inference import THRESHOLDS, Thresholds
 from flexx2_sim_ros.gap.features.catalogue import Candidate
 from flexx2_sim_ros.gap.inference.fitting import Fit, fit
 from flexx2_sim_ros.gap.inference.model import Model
-from flexx2_sim_ros.gap.inference.uncertainty import certainty
 import numpy as np
 
 
@@ -118,17 +117,6 @@ class Trials:
         """Return the excess loss: that of the base simulator above noise alone."""
         return max(self.base.inside - self.null - chosen.fit.pose_loss, 1e-9)
 
-    def counts(self, chosen: Choice, excess: float) -> bool:
-        """Return whether a set takes off enough to be a finding."""
-        about = self.thresholds
-        return chosen.gain >= about.gain * self.count or (
-            chosen.gain >= about.least_gain * self.count
-            and (
-                excess >= about.beyond_doubt * about.gap * self.count
-                or certainty(chosen.fit, self.base) >= about.agree
-            )
-        )
-
 
 def select(
     trials: Trials,
@@ -160,7 +148,7 @@ def select(
     else:
         first = Selection(considered[0] if considered else Choice(trials.base, 0.0))
         first = Selection(first.chosen, tuple(considered[1:]))
-    if not trials.counts(first.chosen, trials.excess(first.chosen)):
+    if first.chosen.gain < about.least_gain * trials.count:
         return first
     own = {one.fit.candidates[0]: one.fit.values for one in singles}
     fraction = about.next_to_scattered if scattered else about.next_fraction

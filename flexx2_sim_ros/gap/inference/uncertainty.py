@@ -34,19 +34,6 @@ def advantage(one: Fit, other: Fit) -> float:
     return float(difference.mean()) / error
 
 
-def certainty(one: Fit, other: Fit) -> float:
-    """
-    Return the probability of the t-test that `advantage` describes.
-
-    Returns
-    -------
-    float
-        0..1; 0.5 for a single recording.
-
-    """
-    return float(stats.t.cdf(advantage(one, other), max(len(one.held_out) - 1, 1)))
-
-
 def ratio_interval(top: np.ndarray, bottom: np.ndarray, least: float = 0.0) -> list[float]:
     """
     Return the 90 % interval of sum(top) / sum(bottom) in as many new recordings.

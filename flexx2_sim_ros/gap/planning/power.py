@@ -198,7 +198,8 @@ def _is_found(model: Model, considered: _Considered, effect: str) -> bool:
     trials = Trials(model)
     singles = [trials.single(one) for one in considered.decidable]
     first = max(singles, key=lambda one: one.gain)
-    if first.fit.candidates[0].effect != effect or not trials.counts(first, trials.excess(first)):
+    needed = trials.thresholds.gain * trials.count
+    if first.fit.candidates[0].effect != effect or first.gain < needed:
         return False
     if not considered.hidden:
         return True

@@ -86,9 +86,9 @@ def _effects(table: dict[str, Any]) -> str:
         f'<th>parameters</th></tr>{"".join(rows)}</table></div><p><small>The fraction is how much '
         "of the loss of the diagnosis' features goes away when this effect is added to the "
         'others: fractions need not add up to the reduction above. The confidence is the '
-        'probability that the effect explains new recordings better than the next best '
-        'explanation. effects.yaml has these effects, for <code>flexx2 simulate --effects</code> '
-        'and the camera node.</small></p>'
+        'probability that the effect is present, calibrated on simulated campaigns. effects.yaml '
+        'has these effects, for <code>flexx2 simulate --effects</code> and the camera node.'
+        '</small></p>'
     )
 
 
@@ -150,7 +150,7 @@ def _considered(table: dict[str, Any], decision: Decision) -> str:
         if name in taken:
             why = 'selected'
         elif name in ties and taken:
-            why = 'alternative explanation: cannot be distinguished from a selected effect'
+            why = 'alternative explanation: may be present instead of a selected effect'
         elif one.gain <= 0:
             why = 'explains nothing on recordings that were left out of the fit'
         else:

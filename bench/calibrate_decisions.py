@@ -1,0 +1,222 @@
+"""
+Calibrate the decisions of the diagnosis: ``config/decisions.yaml``.
+
+Draws campaigns (see `bench.decision_campaigns`), diagnoses each and writes one line of JSON for
+each; an interrupted run resumes. With ``--write``, fits the rule of the verdict to all lines and
+writes ``config/decisions.yaml`` and ``docs/decisions.png``. What is printed, and written as
+``checked``, was measured on campaigns that the rule was not fitted to: it is fitted to four
+fifths of the campaigns and checked on the last one, five times.
+
+python -m bench.calibrate_decisions --campaigns 300 --minutes 15
+python -m bench.calibrate_decisions --campaigns 300 --write
+"""
+
+import argparse
+from collections.abc import Callable, Mapping, Sequence
+import datetime
+from pathlib import Path
+import time
+from typing import Any
+
+from bench.decision_campaigns import DESIGN, INSIDE, MOST, plan, run, STRENGTHS
+from bench.decision_fit import (
+    before,
+    calibrate,
+    calibration_error,
+    Campaign,
+    campaign,
+    counted,
+    COVERED,
+    FALSE_ALARMS,
+    least_calibration_error,
+    WRONG,
+)
+from bench.journal import Journal
+from flexx2_sim_ros import __version__
+from flexx2_sim_ros.atomic import whole, write_text
+from flexx2_sim_ros.gap.calibration.decisions import Decisions, FILE
+from flexx2_sim_ros.paths import config_dir
+from flexx2_sim_ros.validation.benchmark.scoring import wilson
+import matplotlib as mpl
+from matplotlib.figure import Figure
+import numpy as np
+from rich.progress import track
+import yaml
+
+_PICTURE = config_dir().parent / 'docs' / 'decisions.png'
+_BINS = 10
+_FOLDS = 5
+# What the table says of each list of `counted`: in words, and the wanted range.
+_RATES: dict[str, tuple[str, float, float]] = {
+    'false_alarms': ('a gap without an effect', 0.0, FALSE_ALARMS),
+    'wrong': ('effects named, and no true one among them and the alternatives', 0.0, WRONG),
+    'covered': ('a true effect among named and alternatives', COVERED, 1.0),
+    'held': ('interval of the reduction holds', 0.85, 0.95),
+    'named': ('a true effect named first', 0.0, 1.0),
+}
+_CURVES: dict[str, tuple[str, Callable[[Campaign], float], tuple[float, ...]]] = {
+    'strength': (
+        '',
+        lambda one: max(one.planned['effects'].values(), default=0.0),
+        (0.1, 0.3, 0.7, 1.5, 3.1),
+    ),
+    'recordings': ('', lambda one: one.planned['recordings'], (2, 4, 6, 8, 13)),
+    'frames': ('', lambda one: one.planned['frames'], (1, 6, 12, 25)),
+    'width': ('px', lambda one: one.planned['width'], (64, 80, 112, 113)),
+    'pose error': ('mm', lambda one: one.planned['pose_mm'], (0, 2, 5, 11)),
+}
+
+
+def main() -> None:
+    """Diagnose campaigns, fit the rule, print how often it is right."""
+    parser = argparse.ArgumentParser(description=__doc__.partition('\n\n')[0])
+    parser.add_argument('--lines', type=Path, default=Path('build/decisions.jsonl'))
+    parser.add_argument('--campaigns', type=int, default=300)
+    parser.add_argument('--minutes', type=float, default=1e9, help='then stop; resumes later')
+    parser.add_argument('--write', action='store_true', help='the rule and its picture')
+    arguments = parser.parse_args()
+    if not 1 <= arguments.campaigns <= MOST:
+        parser.error(f'--campaigns: must be 1 to {MOST}, got {arguments.campaigns}')
+    design = {name: list(map(list, table.items())) for name, table in DESIGN.items()}
+    inside = {name: sorted(fields) for name, fields in INSIDE.items()}
+    journal = Journal(arguments.lines, design=design, strengths=list(STRENGTHS), inside=inside)
+    began = time.monotonic()
+    for index in track(range(len(journal), arguments.campaigns), 'diagnosing'):
+        if time.monotonic() - began > 60 * arguments.minutes:
+            break
+        journal.add(run(index))
+    lines = list(journal)[: arguments.campaigns]
+    report(lines, arguments.write)
+
+
+def report(lines: Sequence[Mapping[str, Any]], write: bool) -> None:
+    """Fit the rule to lines of a run, print how often it is right, and write it on demand."""
+    campaigns = [campaign(line) for line in lines]
+    folds = [campaigns[k::_FOLDS] for k in range(_FOLDS)]
+    rules = [
+        calibrate([one for j, fold in enumerate(folds) if j != k for one in fold])
+        for k in range(_FOLDS)
+    ]
+    checked = _counted(rules, folds)
+    seconds = sum(line['seconds'] for line in lines)
+    print(f'{len(lines)} campaigns, {seconds / 60:.0f} min of a core\n')
+    _print_rates(checked, before(campaigns))
+    error = calibration_error(checked['confidence'], _BINS)
+    chance = least_calibration_error(checked['confidence'], _BINS)
+    print(
+        f'\nexpected calibration error of {len(checked["confidence"])} confidences: {error:.3f}; '
+        f'of true probabilities, by chance: {chance:.3f}'
+    )
+    print(f'effects listed where there is a gap: {np.mean(checked["size"]):.1f}\n')
+    _print_curves(rules, folds)
+    if write:
+        rule = calibrate(campaigns)
+        write_text(config_dir() / FILE, _yaml(rule, lines, checked, error))
+        _draw(checked['confidence'])
+
+
+def _print_rates(checked: Mapping[str, Any], earlier: Mapping[str, Any]) -> None:
+    print('| | wanted | measured | 95 % interval | with the rule of the run |')
+    print('|---|---|---|---|---|')
+    for name, (words, low, high) in _RATES.items():
+        hits, count = sum(checked[name]), len(checked[name])
+        ends = ' to '.join(f'{100 * end:.0f}' for end in wilson(hits, count))
+        wanted = f'{100 * low:.0f} to {100 * high:.0f} %' if low or high < 1 else ''
+        now, then = (
+            f'{100 * sum(one) / max(len(one), 1):.1f} % of {len(one)}'
+            for one in (checked[name], earlier[name])
+        )
+        print(f'| {words} | {wanted} | {now} | {ends} % | {then} |')
+
+
+def _counted(
+    rules: Sequence[Decisions], folds: Sequence[Sequence[Campaign]]
+) -> dict[str, list[Any]]:
+    # Of each fold, by the rule that was fitted to the other folds.
+    parts = [counted(rule, fold) for rule, fold in zip(rules, folds, strict=True)]
+    return {name: [one for part in parts for one in part[name]] for name in parts[0]}
+
+
+def _print_curves(rules: Sequence[Decisions], folds: Sequence[Sequence[Campaign]]) -> None:
+    # The same rates by how the campaigns were recorded.
+    print('| | | false alarms | wrong | right first | calibration error |')
+    print('|---|---|---|---|---|---|')
+    for name, (unit, value, edges) in _CURVES.items():
+        for low, high in zip(edges[:-1], edges[1:], strict=True):
+            some = [[one for one in fold if low <= value(one) < high] for fold in folds]
+            both = _counted(rules, some)
+            cells = [
+                f'{sum(both[key])} of {len(both[key])}'
+                for key in ('false_alarms', 'wrong', 'named')
+            ]
+            error = calibration_error(both['confidence'], _BINS)
+            print(f'| {name} | {low:g} to {high:g} {unit} | {" | ".join(cells)} | {error:.2f} |')
+
+
+def _yaml(
+    rule: Decisions, lines: Sequence[Mapping[str, Any]], checked: Mapping[str, Any], error: float
+) -> str:
+    def logistic(name: str) -> dict[str, Any]:
+        model = getattr(rule, name)
+        return {
+            'threshold': getattr(rule, f'least_{name}'),
+            'constant': model.constant,
+            'weights': dict(model.weights),
+        }
+
+    rates = {
+        name: {
+            'rate': round(sum(checked[name]) / max(len(checked[name]), 1), 4),
+            'interval': [round(end, 4) for end in wilson(sum(checked[name]), len(checked[name]))],
+            'campaigns': len(checked[name]),
+        }
+        for name in _RATES
+    }
+    table = {
+        'schema': 1,
+        'command': f'python -m bench.calibrate_decisions --campaigns {len(lines)} --write',
+        'date': datetime.datetime.now(datetime.UTC).strftime('%Y-%m-%d'),
+        'version': __version__,
+        'code': sorted({line['code'] for line in lines}),
+        'campaigns': len(lines),
+        'seeds': [plan(0)[0].seed, plan(len(lines) - 1)[0].seed],
+        'gap': logistic('gap'),
+        'effect': logistic('effect'),
+        'alternative': {'threshold': rule.least_alternative},
+        'reduction': [
+            {'verdict': one.verdict, 'most': one.most, 'margin': one.margin}
+            for one in rule.margins
+        ],
+        'checked': {**rates, 'calibration_error': round(error, 4)},
+    }
+    head = (
+        '# The rule of the verdict: docs/diagnosis.md says what it means. Written by the command\n'
+        '# below; `checked` was measured on campaigns that the rule was not fitted to.\n'
+    )
+    return head + yaml.safe_dump(table, sort_keys=False)
+
+
+def _draw(pairs: Sequence[tuple[float, bool]]) -> None:
+    # The reliability diagram: how often effects with a confidence are present.
+    said, true = np.array(pairs, float).T
+    place = np.minimum((said * _BINS).astype(int), _BINS - 1)
+    with mpl.rc_context({'font.size': 9}):
+        figure = Figure(figsize=(4.6, 4.6), layout='constrained')
+        top, low = figure.subplots(2, 1, sharex=True, height_ratios=[3, 1])
+        top.plot([0, 1], [0, 1], color='0.6', lw=1)
+        for k in np.unique(place):
+            here = place == k
+            x, y = said[here].mean(), true[here].mean()
+            ends = wilson(int(true[here].sum()), int(here.sum()))
+            top.plot([x, x], ends, color='C0', lw=1.5)
+            top.plot(x, y, 'o', color='C0')
+        top.set(ylabel='fraction that is present', ylim=(0, 1.02), xlim=(0, 1))
+        top.set_title('Named effects of campaigns left out of the fit')
+        low.hist(said, bins=np.linspace(0, 1, _BINS + 1), color='C0')
+        low.set(xlabel='confidence', ylabel='effects')
+        with whole(_PICTURE) as part:
+            figure.savefig(part, dpi=130, format='png')
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,216 @@
+"""
+Simulated campaigns of which the decisions of the diagnosis are calibrated, one after the other.
+
+The camera is the blind camera of the benchmark, which shares no effect with the catalogue, or,
+in every fourth campaign, the package's own. Each campaign is drawn from the numbers of `DESIGN`
+and its index, diagnosed, and, where effects are named, checked on other scenes of the same
+camera. Development seeds only. The novel effects are those of `bench.gap_novel`, not the
+benchmark's.
+"""
+
+from collections.abc import Mapping, Sequence
+from functools import cache
+import math
+from pathlib import Path
+import subprocess
+import time
+from typing import Any
+
+from bench.gap_campaigns import write_campaign
+from bench.gap_novel import NOVEL
+from bench.gap_truth import rewrite
+from flexx2_sim_ros.atomic import scratch_folder
+from flexx2_sim_ros.gap import diagnose, measure
+from flexx2_sim_ros.validation.benchmark.design import MODES, Planned
+from flexx2_sim_ros.validation.benchmark.realised import realised_gap
+from flexx2_sim_ros.validation.benchmark.seeds import DEVELOPMENT
+from flexx2_sim_ros.validation.blind import BlindCamera
+from flexx2_sim_ros.validation.blind.catalogue import CATALOGUE
+import numpy as np
+
+# What is drawn, and how often.
+DESIGN: dict[str, dict[Any, float]] = {
+    'group': {'none': 0.26, 'single': 0.44, 'pair': 0.12, 'left_out': 0.08, 'novel': 0.10},
+    'camera': {'blind': 0.75, 'own': 0.25},
+    'usecase': dict.fromkeys(MODES, 0.5),
+    'recordings': {2: 0.03, 3: 0.12, 4: 0.17, 5: 0.15, 6: 0.2, 8: 0.28, 12: 0.05},
+    'frames': {1: 0.03, 3: 0.1, 6: 0.32, 12: 0.4, 24: 0.15},
+    'width': {64: 0.25, 80: 0.5, 112: 0.25},
+    'pose_mm': {0.0: 0.1, 1.0: 0.14, 2.0: 0.52, 5.0: 0.2, 10.0: 0.04},
+    'inside': {'as in the profile': 0.7, 'different': 0.3},  # of the blind camera: `INSIDE`
+    'truth': {'exact': 0.8, 'masked': 0.12, 'constrained': 0.08},  # constrained: own camera only
+}
+STRENGTHS = 0.1, 3.0  # log-uniform
+# What differs inside a camera with an effect: for each field of `Internals` the lowest and highest
+# value (log-uniform), or the values. For other effects: one modulation frequency.
+INSIDE: dict[str, dict[str, tuple[Any, ...]]] = {
+    'wiggling': {'wave_m': (0.25, 2.0)},
+    'offset': {'axial': (True,)},
+    'warm_up_drift': {'axial': (True,)},
+    'amplitude_bias': {'knee': (0.03, 1.0)},
+    'flying_pixels': {'footprint': ('round', 'gauss'), 'footprint_px': (1.2, 3.0)},
+    'stray_light': {'scatter': ('gauss', 'even'), 'scatter_px': (3.0, 12.0)},
+    'spatial_filter': {'window': ('box', 'gauss'), 'window_px': (3, 5, 7, 9)},
+    'temporal_filter': {'memory': ('second', 'mean'), 'memory_frames': (2, 3, 4, 5)},
+    'low_signal_dropout': {'light_scale': (0.2, 8.0)},
+    'saturation': {'light_scale': (0.2, 8.0)},
+    'time_offset': {'latency_s': (0.02, 0.2)},
+}
+_MHZ = {'mhz': (25.0, 105.0)}
+_FIRST = 100_000  # index of the first seed
+_SCENES, _STEP = 200_000, 1000  # likewise of the scenes; fresh ones lie between
+MOST = (1_000_000 - _SCENES) // _STEP
+_DEGREES_PER_MM = 0.0625
+
+
+def plan(index: int) -> tuple[Planned, dict[str, Any]]:
+    """
+    Draw a campaign.
+
+    Parameters
+    ----------
+    index : int
+        0 to `MOST` - 1.
+
+    Returns
+    -------
+    Planned
+        The case.
+    dict
+        What the case does not say: ``camera``, ``truth`` and ``novel``.
+
+    """
+    seed = DEVELOPMENT.seed(_FIRST + index)
+    rng = np.random.default_rng(seed)
+    drawn = {
+        name: list(table)[int(rng.choice(len(table), p=list(table.values())))]
+        for name, table in DESIGN.items()
+    }
+    group = drawn['group']
+    count = {'none': 0, 'novel': 0, 'pair': 2}.get(group, 1)
+    names = sorted(str(name) for name in rng.choice(sorted(CATALOGUE), count, replace=False))
+    low, high = map(math.log, STRENGTHS)
+    effects = {name: round(float(np.exp(rng.uniform(low, high))), 3) for name in names}
+    own = drawn['camera'] == 'own'
+    more = {
+        'camera': drawn['camera'],
+        'truth': 'exact' if drawn['truth'] == 'constrained' and not own else drawn['truth'],
+        'novel': str(rng.choice(sorted(NOVEL))) if group == 'novel' else '',
+    }
+    case = Planned(
+        group,
+        drawn['usecase'],
+        effects,
+        seed,
+        DEVELOPMENT.seed(_SCENES + _STEP * index),
+        drawn['pose_mm'],
+        tuple(names) if group == 'left_out' else (),
+        drawn['width'],
+        round(drawn['width'] * 172 / 224),
+        drawn['recordings'],
+        drawn['frames'],
+        internals={} if own or drawn['inside'] != 'different' else _inside(names, rng),
+    )
+    return case, more
+
+
+def _inside(names: Sequence[str], rng: np.random.Generator) -> dict[str, Any]:
+    # What differs inside the camera, for its first effect.
+    out = {}
+    for field, values in INSIDE.get(names[0] if names else '', _MHZ).items():
+        if all(isinstance(value, float) for value in values):
+            low, high = map(math.log, values)
+            out[field] = round(float(np.exp(rng.uniform(low, high))), 4)
+        else:
+            out[field] = values[int(rng.integers(len(values)))]
+    return out
+
+
+def run(index: int) -> dict[str, Any]:
+    """
+    Record and diagnose a campaign.
+
+    Returns
+    -------
+    dict
+        For a line of JSON: ``planned``, ``more`` (see `plan`), ``parameters`` (the true ones),
+        ``diagnosis`` (without what is drawn on its page), ``realised``, ``seconds`` and
+        ``code``.
+
+    """
+    case, more = plan(index)
+    began = time.process_time()
+    with scratch_folder() as folder:
+        campaign = folder / 'campaign'
+        campaign.mkdir()
+        parameters = _record(case, more, campaign)
+        table = diagnose(campaign, without=case.without, seed=index)
+        realised = None
+        if table['effects'] and more['camera'] == 'blind' and case.effects:
+            realised = realised_gap(case, table, folder / 'cache', measure)
+    kept = ('verdict', 'effects', 'alternatives', 'not_decidable', 'gap', 'evidence')
+    return {
+        'index': index,
+        'planned': case.to_json(),
+        'more': more,
+        'parameters': parameters,
+        'diagnosis': {key: table[key] for key in kept},
+        'realised': realised,
+        'seconds': round(time.process_time() - began, 2),
+        'code': code(),
+    }
+
+
+def _record(case: Planned, more: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    # Returns the true parameters of the effects.
+    if more['camera'] == 'own':
+        table = {name: {'strength': value} for name, value in case.effects.items()}
+        write_campaign(
+            folder,
+            effects=table,
+            seed=case.seed,
+            recordings=case.recordings,
+            frames=case.frames,
+            usecase=case.usecase,
+            pose=(case.pose_mm / 1000, case.pose_mm * _DEGREES_PER_MM),
+            scale=case.width / 224,
+            moving=0 if more['truth'] == 'constrained' else case.recordings * 3 // 8,
+        )
+        parameters: dict[str, Any] = table
+    else:
+        camera = BlindCamera(case.case)
+        camera.record(folder)
+        parameters = {one.name: one.parameters for one in camera.effects}
+    if more['novel']:
+        _change(folder, more['novel'], case.seed)
+    if more['truth'] != 'exact':
+        rewrite(folder, more['truth'], case.seed % 100_000)
+    return parameters
+
+
+def _change(folder: Path, novel: str, seed: int) -> None:
+    # Gives the recordings an effect outside the catalogue.
+    rng = np.random.default_rng([seed, 7])
+    for i, path in enumerate(sorted(folder.glob('*.npz'))):
+        with np.load(path) as archive:
+            content = dict(archive)
+        depth = NOVEL[novel](content['depth'], {**content, 'rng': rng, 'index': i})
+        np.savez(path, **{**content, 'depth': depth.astype(np.float32)})
+
+
+@cache
+def code() -> str:
+    """Return the hash of the committed files of the diagnosis, with ``+`` if some differ."""
+    folder = 'flexx2_sim_ros/gap'
+    return _git('rev-parse', f'HEAD:{folder}') + '+' * bool(_git('status', '-s', folder))
+
+
+def _git(*arguments: str) -> str:
+    done = subprocess.run(
+        ['git', *arguments],
+        cwd=Path(__file__).parent.parent,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    return done.stdout.strip()

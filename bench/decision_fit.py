@@ -1,0 +1,313 @@
+"""Fit the rule of the verdict to simulated campaigns, and count how often a rule is right."""
+
+from collections.abc import Mapping, Sequence, Set
+from dataclasses import dataclass, replace
+import math
+from typing import Any
+
+from flexx2_sim_ros.gap.calibration.decisions import Decisions, Logistic, Margin
+from flexx2_sim_ros.gap.inference.probability import (
+    effect_evidence,
+    gap_evidence,
+    judge,
+    leaves_gap,
+)
+from flexx2_sim_ros.gap.inference.support import Support, support_from
+import numpy as np
+from sklearn.linear_model import LogisticRegression
+from sklearn.model_selection import cross_val_predict, GroupKFold
+from sklearn.pipeline import make_pipeline
+from sklearn.preprocessing import StandardScaler
+
+FALSE_ALARMS = WRONG = 0.03
+COVERED = 0.9
+NAMING = 'identified', 'partly'
+_FOLDS = 10
+_POSE_IS_AN_EFFECT = 5.0  # mm; larger errors of the poses are to be named
+_MOST = (4, 100)  # recordings: few, many
+_FEWEST = 9  # campaigns of a group, for a quantile of 0.9
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """
+    A diagnosed campaign and what is true.
+
+    Attributes
+    ----------
+    planned, more : dict
+        How it was made, see `decision_campaigns.plan`.
+    support : Support
+        The evidence.
+    verdict : str
+        What the diagnosis said with the rule of then.
+    named : tuple of str
+        The effects it named.
+    alternatives : tuple of str
+        Likewise.
+    true : frozenset of str
+        Effects of the catalogue that are present.
+    present : bool
+        Whether there is any effect, of the catalogue or not.
+    findable : bool
+        Whether a true effect was in the catalogue of the diagnosis.
+    reduction : tuple of float or None
+        Predicted, lower end, upper end, and realised; None where it was not measured.
+
+    """
+
+    planned: Mapping[str, Any]
+    more: Mapping[str, Any]
+    support: Support
+    verdict: str
+    named: tuple[str, ...]
+    alternatives: tuple[str, ...]
+    true: frozenset[str]
+    present: bool
+    findable: bool
+    reduction: tuple[float, float, float, float] | None
+
+
+Judged = tuple[Campaign, Mapping[str, float]]  # and the probability of each effect
+
+
+def campaign(line: Mapping[str, Any]) -> Campaign:
+    """Read a line of `decision_campaigns.run`."""
+    planned, table = line['planned'], line['diagnosis']
+    true = set(planned['effects'])
+    if planned['pose_mm'] > _POSE_IS_AN_EFFECT:
+        true.add('pose_error')
+    reduction = None
+    if line['realised'] is not None:
+        gap = table['gap']
+        low, high = gap[gap['measured_by']]['shrink_interval'] or [gap['shrink']] * 2
+        reduction = gap['shrink'], low, high, line['realised']['shrink']
+    return Campaign(
+        planned,
+        line['more'],
+        support_from(table['evidence']),
+        table['verdict'],
+        tuple(row['name'] for row in table['effects']),
+        tuple(row['name'] for row in table['alternatives']),
+        frozenset(true),
+        bool(true or line['more']['novel']),
+        bool(true - set(planned['without'])),
+        reduction,
+    )
+
+
+def calibrate(campaigns: Sequence[Campaign]) -> Decisions:
+    """
+    Fit the rule.
+
+    Probabilities are logistic models. Their thresholds are set on predictions of
+    cross-validation: the smallest with which at most `FALSE_ALARMS` of the campaigns without an
+    effect have a gap, and at most `WRONG` of all others are named wrongly. Alternatives and
+    intervals are split-conformal (Angelopoulos and Bates, A gentle introduction to conformal
+    prediction, 2021): the quantile holds in `COVERED` of further campaigns of the same kind.
+    """
+    rows = [gap_evidence(one.support) for one in campaigns]
+    gap, gap_odds = _logistic(rows, [one.present for one in campaigns], range(len(rows)))
+    none = [p for p, one in zip(gap_odds, campaigns, strict=True) if not one.present]
+    pairs = [
+        (k, name, row)
+        for k, one in enumerate(campaigns)
+        for name, row in effect_evidence(one.support).items()
+    ]
+    effect, found = _logistic(
+        [row for _, _, row in pairs],
+        [name in campaigns[k].true for k, name, _ in pairs],
+        [k for k, _, _ in pairs],
+    )
+    of_campaign: list[dict[str, float]] = [{} for _ in campaigns]
+    for (k, name, _), p in zip(pairs, found, strict=True):
+        of_campaign[k][name] = p
+    rule = Decisions(gap, effect, _exceeded(none, FALSE_ALARMS), 0.0, 0.0, ())
+    gaps = [
+        (one, effects)
+        for one, p, effects in zip(campaigns, gap_odds, of_campaign, strict=True)
+        if p >= rule.least_gap
+    ]
+    count = sum(one.present for one in campaigns)
+    rule = replace(rule, least_alternative=_least_alternative(gaps))
+    return replace(
+        rule, least_effect=_least_effect(gaps, count, rule), margins=_margins(campaigns)
+    )
+
+
+def _logistic(
+    rows: Sequence[Mapping[str, float]], labels: Sequence[bool], groups: Sequence[int]
+) -> tuple[Logistic, np.ndarray]:
+    # The model, and the probability of each row by models of the other folds.
+    names = list(rows[0])
+    x = np.array([[row[name] for name in names] for row in rows])
+    y = np.array(labels)
+    model = make_pipeline(StandardScaler(), LogisticRegression())
+    left_out = cross_val_predict(
+        model, x, y, groups=groups, cv=GroupKFold(_FOLDS), method='predict_proba'
+    )[:, 1]
+    model.fit(x, y)
+    scaler, fitted = model[0], model[1]
+    weights = fitted.coef_[0] / scaler.scale_
+    constant = float(fitted.intercept_[0] - weights @ scaler.mean_)
+    return Logistic(constant, dict(zip(names, map(float, weights), strict=True))), left_out
+
+
+def _exceeded(values: Sequence[float], rate: float) -> float:
+    # The smallest value that at most this fraction of further values reaches.
+    ordered = np.sort(values)[::-1]
+    allowed = max(math.floor(rate * (len(ordered) + 1)), 1)
+    return float(np.nextafter(ordered[allowed - 1], 2.0))
+
+
+def _least_effect(gaps: Sequence[Judged], count: int, rule: Decisions) -> float:
+    # The probability from which on effects are named: at most `WRONG` of the campaigns with an
+    # effect, which are so many, are then named wrongly.
+    wrong = sorted(
+        (
+            max(effects[c.name] for c in one.support.chosen)
+            for one, effects in gaps
+            if _is_wrong(
+                one,
+                {c.name for c in one.support.chosen}
+                | {name for name, p in effects.items() if p >= rule.least_alternative},
+                leaves_gap(one.support, rule),
+            )
+        ),
+        reverse=True,
+    )
+    allowed = max(math.floor(WRONG * (count + 1)), 1)
+    return float(np.nextafter(wrong[allowed - 1], 2.0)) if len(wrong) >= allowed else 0.0
+
+
+def _is_wrong(one: Campaign, listed: Set[str], partly: bool) -> bool:
+    # Effects are named, and no true one is among them and the alternatives, as in the benchmark.
+    # Where the diagnosis has no true effect to choose from, `partly` is right.
+    return one.present and not listed & one.true and (one.findable or not partly)
+
+
+def first(one: Campaign, effects: Mapping[str, float]) -> str:
+    """Return the most probable one of the chosen effects."""
+    return max((c.name for c in one.support.chosen), key=lambda name: effects[name])
+
+
+def _least_alternative(gaps: Sequence[Judged]) -> float:
+    # The probability that a true effect reaches in `COVERED` of the campaigns with a gap.
+    reached = np.sort(
+        [
+            max((effects.get(name, 0.0) for name in one.true), default=0.0)
+            for one, effects in gaps
+            if one.findable
+        ]
+    )
+    at = math.floor((1 - COVERED) * (len(reached) + 1)) - 1
+    return float(reached[at]) if at >= 0 else 0.0
+
+
+def _margins(campaigns: Sequence[Campaign]) -> tuple[Margin, ...]:
+    # Conformalised quantile regression (Romano et al., 2019): by how much intervals must be
+    # widened so that they hold in `COVERED` of further campaigns.
+    out = []
+    for verdict in ('identified', 'partly'):
+        for few, most in zip((0, *_MOST), _MOST, strict=False):
+            some = [
+                max(one.reduction[1] - one.reduction[3], one.reduction[3] - one.reduction[2])
+                for one in campaigns
+                if one.reduction is not None
+                and one.verdict == verdict
+                and few < one.support.recordings <= most
+            ]
+            at = math.ceil(COVERED * (len(some) + 1)) - 1
+            if len(some) >= _FEWEST and at < len(some):
+                out.append(Margin(verdict, most, float(np.sort(some)[at])))
+    return tuple(out)
+
+
+def counted(rule: Decisions, campaigns: Sequence[Campaign]) -> dict[str, Any]:
+    """
+    Count how often a rule is right about campaigns it was not fitted to.
+
+    Returns
+    -------
+    dict
+        Lists: ``false_alarms``, ``wrong``, ``named`` (of campaigns with a findable effect),
+        ``covered`` (a true effect is named or an alternative), ``size`` (of that set) and
+        ``held`` (intervals of the reduction) of bool or int; ``confidence`` of (probability,
+        present) of each named effect.
+
+    """
+    out: dict[str, list[Any]] = {
+        name: []
+        for name in ('false_alarms', 'wrong', 'named', 'covered', 'size', 'held', 'confidence')
+    }
+    for one in campaigns:
+        said = judge(one.support, rule)
+        finds, names = said.verdict != 'none', said.verdict in NAMING
+        if not one.present:
+            out['false_alarms'].append(finds)
+        else:
+            listed = {*said.alternatives, *(c.name for c in one.support.chosen)}
+            out['wrong'].append(names and _is_wrong(one, listed, said.verdict == 'partly'))
+        if names:
+            out['confidence'] += [
+                (said.effects[c.name], c.name in one.true) for c in one.support.chosen
+            ]
+        if one.findable:
+            out['named'].append(names and first(one, said.effects) in one.true)
+            if finds:
+                listed = set(said.alternatives)
+                listed |= {c.name for c in one.support.chosen} if names else set()
+                out['covered'].append(bool(listed & one.true))
+                out['size'].append(len(listed))
+        if one.reduction is not None:
+            middle, low, high, real = one.reduction
+            wide = rule.widened((low, high), middle, one.verdict, one.support.recordings)
+            if wide is not None:
+                out['held'].append(wide[0] <= real <= wide[1])
+    return out
+
+
+def before(campaigns: Sequence[Campaign]) -> dict[str, Any]:
+    """Count the same of the rule with which the campaigns were diagnosed."""
+    out: dict[str, list[Any]] = {
+        name: [] for name in ('false_alarms', 'wrong', 'named', 'covered', 'size', 'held')
+    }
+    for one in campaigns:
+        finds = one.verdict not in ('none', 'not_decidable', 'too_little')
+        if not one.present:
+            out['false_alarms'].append(finds)
+        else:
+            listed = {*one.named, *one.alternatives}
+            wrong = bool(one.named) and _is_wrong(one, listed, one.verdict == 'partly')
+            out['wrong'].append(wrong)
+        if one.findable:
+            out['named'].append(bool(one.named) and one.named[0] in one.true)
+            if finds:
+                listed = {*one.named, *one.alternatives}
+                out['covered'].append(bool(listed & one.true))
+                out['size'].append(len(listed))
+        if one.reduction is not None:
+            _, low, high, real = one.reduction
+            out['held'].append(low <= real <= high)
+    return out
+
+
+def calibration_error(pairs: Sequence[tuple[float, bool]], bins: int = 10) -> float:
+    """Return the expected calibration error: bins of equal width, weighted by their number."""
+    if not pairs:
+        return math.nan
+    said, true = np.array(pairs, float).T
+    place = np.minimum((said * bins).astype(int), bins - 1)
+    gaps = [abs((said - true)[place == k].sum()) for k in range(bins)]
+    return float(sum(gaps) / len(said))
+
+
+def least_calibration_error(pairs: Sequence[tuple[float, bool]], bins: int = 10) -> float:
+    """Return the mean `calibration_error` of true probabilities, which chance alone causes."""
+    said = np.array([p for p, _ in pairs])
+    rng = np.random.default_rng(0)
+    draws = [
+        calibration_error(list(zip(said, rng.random(len(said)) < said, strict=True)), bins)
+        for _ in range(200)
+    ]
+    return float(np.mean(draws))

@@ -1,0 +1,132 @@
+"""
+Why the diagnosis misses effects: the pose, the form of the effect, or the decision.
+
+Takes the campaigns of `bench.calibrate_decisions` with one effect of the blind camera that the
+diagnosis does not name first, and diagnoses each again with help:
+
+decision  none is needed: the true effect has the largest probability, below the threshold
+pose      the same campaign with exact poses
+form      the same scenes and poses, with the effect in the form of the catalogue
+both      exact poses and the form of the catalogue
+
+The first of these that names the effect first is the reason. ``data``: none does, so that these
+recordings hardly show the effect, at this strength.
+
+python -m bench.gap_oracles --lines build/decisions.jsonl --strength 0.5
+"""
+
+import argparse
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from bench.decision_fit import campaign, first, NAMING
+from bench.journal import entries
+from flexx2_sim_ros.atomic import scratch_folder
+from flexx2_sim_ros.camera import Camera, flexx2
+from flexx2_sim_ros.effects import ageing, registry
+from flexx2_sim_ros.gap import diagnose
+from flexx2_sim_ros.gap.calibration.decisions import calibrated
+from flexx2_sim_ros.gap.inference.probability import judge
+from flexx2_sim_ros.validation.benchmark.design import Planned
+from flexx2_sim_ros.validation.blind import BlindCamera, SceneSet
+import numpy as np
+from rich.progress import track
+
+REASONS = 'decision', 'pose', 'form', 'both', 'data'
+
+
+def main() -> None:
+    """Print the reason for each effect that was missed, and how often each reason occurs."""
+    parser = argparse.ArgumentParser(description=__doc__.partition('\n\n')[0])
+    parser.add_argument('--lines', type=Path, default=Path('build/decisions.jsonl'))
+    parser.add_argument('--strength', type=float, default=0.5, help='smallest strength')
+    arguments = parser.parse_args()
+    some = [line for line in entries(arguments.lines) if _plain(line, arguments.strength)]
+    missed = [line for line in some if not _named(line)]
+    reasons = []
+    for line in track(missed, 'diagnosing'):
+        case = Planned.from_json(line['planned'])
+        ((name, strength),) = case.effects.items()
+        reasons.append(reason(line))
+        print(
+            f'{name:20s} {strength:5.2f} {case.recordings:2d} recordings {case.pose_mm:4.1f} mm '
+            f'{reasons[-1]}',
+            flush=True,
+        )
+    print(f'{len(missed)} of {len(some)} missed')
+    for name, count in Counter(reasons).most_common():
+        print(f'{name:10s} {count}')
+
+
+def _plain(line: Mapping[str, Any], least: float) -> bool:
+    more, inside = line['more'], line['planned'].get('internals')
+    return bool(
+        line['planned']['group'] == 'single'
+        and (more['camera'], more['truth']) == ('blind', 'exact')
+        and not inside
+        and min(line['planned']['effects'].values()) >= least
+    )
+
+
+def _named(line: Mapping[str, Any]) -> bool:
+    # With the present rule.
+    one = campaign(line)
+    said = judge(one.support, calibrated())
+    return said.verdict in NAMING and first(one, said.effects) in one.true
+
+
+def reason(line: Mapping[str, Any]) -> str:
+    """Return why the effect of a line of `decision_campaigns.run` was missed."""
+    one, case = campaign(line), Planned.from_json(line['planned'])
+    if first(one, judge(one.support, calibrated()).effects) in one.true:
+        return 'decision'
+    exact = replace(case, pose_mm=0.0)
+    for name, changed, own in (
+        ('pose', exact, False),
+        ('form', case, True),
+        ('both', exact, True),
+    ):
+        with scratch_folder() as folder:
+            (_as_in_catalogue if own else _blind)(changed, folder)
+            table = diagnose(folder, seed=line['index'])
+        if table['effects'] and table['effects'][0]['name'] in one.true:
+            return name
+    return 'data'
+
+
+def _blind(case: Planned, folder: Path) -> None:
+    BlindCamera(case.case).record(folder)
+
+
+def _as_in_catalogue(case: Planned, folder: Path) -> None:
+    # The recordings of the blind camera, with depth of the package's camera instead.
+    scenes = SceneSet(case.case.scenes)
+    camera = BlindCamera(case.case, scenes)
+    BlindCamera(replace(case.case, effects={}), scenes).record(folder)
+    mode = flexx2().mode(case.usecase)
+    noise = {name: getattr(mode.noise, name) * camera.sigma_factor for name in 'abcd'}
+    profile = replace(flexx2(), modes=(replace(mode, noise=replace(mode.noise, **noise)),))
+    for i, path in enumerate(sorted(folder.glob('*.npz'), key=lambda one: int(one.stem))):
+        with np.load(path) as archive:
+            content = dict(archive)
+        table: dict[str, Any] = {name: {'strength': s} for name, s in case.effects.items()}
+        for name in ageing(table):
+            table[name]['uptime'] = float(content['uptime'][0])
+        effects = tuple(registry()[name].from_mapping(values) for name, values in table.items())
+        frames = case.frames if scenes.scenes[i].path.moving else 1
+        views = [scenes.true_view(i, k) for k in range(frames)]
+        depth, albedo = (
+            np.stack([getattr(view, name) for view in views]) for name in ('depth', 'reflectivity')
+        )
+        if frames == 1:
+            depth, albedo = depth[0], albedo[0]
+        device = Camera(case.usecase, profile=profile, effects=effects, seed=case.seed)
+        seen = device.capture(depth, content['K'], content['stamp'], albedo).depth
+        np.savez(path, **{**content, 'depth': seen.astype(np.float32)})
+
+
+if __name__ == '__main__':
+    main()

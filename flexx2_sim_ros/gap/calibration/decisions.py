@@ -1,0 +1,168 @@
+"""
+What ``config/decisions.yaml`` says: probabilities, thresholds and margins of intervals.
+
+They were calibrated on simulated campaigns; the file names the command, the seeds and the rates
+of errors that it reached.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+import math
+from pathlib import Path
+from typing import Any
+
+from flexx2_sim_ros.config_file import read_config
+from flexx2_sim_ros.errors import InputError, shown, shown_path
+from flexx2_sim_ros.paths import config_dir
+
+FILE = 'decisions.yaml'
+
+
+@dataclass(frozen=True)
+class Logistic:
+    """
+    A logistic model: the log odds are a constant plus a weighted sum of the evidence.
+
+    Attributes
+    ----------
+    constant : float
+        Log odds without evidence.
+    weights : mapping of str to float
+        Log odds for each unit of the evidence, by its name.
+
+    """
+
+    constant: float
+    weights: Mapping[str, float]
+
+    def probability(self, evidence: Mapping[str, float]) -> float:
+        """Return the probability, 0..1, given the evidence by name."""
+        odds = self.constant + sum(w * evidence[name] for name, w in self.weights.items())
+        return 1 / (1 + math.exp(-min(max(odds, -500.0), 500.0)))
+
+
+@dataclass(frozen=True)
+class Margin:
+    """
+    By how much 90 % intervals of the reduction are widened in one group of campaigns.
+
+    Attributes
+    ----------
+    verdict : str
+        ``identified`` or ``partly``.
+    most : int
+        Largest number of recordings of the group.
+    margin : float
+        Added to each end; negative where the intervals were too wide.
+
+    """
+
+    verdict: str
+    most: int
+    margin: float
+
+
+@dataclass(frozen=True)
+class Decisions:
+    """
+    The calibrated rule of the verdict.
+
+    Attributes
+    ----------
+    gap, effect : Logistic
+        That there is a gap; that an effect is present.
+    least_gap, least_effect : float
+        Probability from which on there is a gap, and from which on effects are named.
+    least_alternative : float
+        Probability from which on an effect is listed as an alternative.
+    margins : tuple of Margin
+        In ascending order of ``most`` for each verdict.
+
+    """
+
+    gap: Logistic
+    effect: Logistic
+    least_gap: float
+    least_effect: float
+    least_alternative: float
+    margins: tuple[Margin, ...]
+
+    def widened(
+        self, interval: Sequence[float] | None, middle: float, verdict: str, recordings: int
+    ) -> list[float] | None:
+        """
+        Return a 90 % interval of the reduction of the gap on other scenes.
+
+        Parameters
+        ----------
+        interval : sequence of float or None
+            The interval over recordings; None with fewer than three recordings.
+        middle : float
+            The predicted reduction.
+        verdict : str
+            Of the diagnosis.
+        recordings : int
+            How many there are.
+
+        Returns
+        -------
+        list of float or None
+            Within -1 to 1; None where no group of campaigns was like this one.
+
+        """
+        for one in self.margins:
+            if one.verdict == verdict and recordings <= one.most:
+                low, high = interval or (middle, middle)
+                low, high = min(low - one.margin, middle), max(high + one.margin, middle)
+                return [max(low, -1.0), min(high, 1.0)]
+        return None
+
+
+@cache
+def calibrated() -> Decisions:
+    """Return the rule that the package comes with."""
+    return read_decisions(config_dir() / FILE)
+
+
+def read_decisions(path: Path) -> Decisions:
+    """
+    Return the rule of a file.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be read or a value is missing or wrong.
+
+    """
+    table = read_config(path)
+    try:
+        return Decisions(
+            _logistic(table, 'gap'),
+            _logistic(table, 'effect'),
+            _number(table['gap'], 'threshold'),
+            _number(table['effect'], 'threshold'),
+            _number(table['alternative'], 'threshold'),
+            tuple(
+                Margin(str(row['verdict']), int(row['most']), _number(row, 'margin'))
+                for row in table['reduction']
+            ),
+        )
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        raise InputError(
+            f'{shown_path(path)}: must be written by python -m bench.calibrate_decisions: '
+            f'{shown(error)}'
+        ) from error
+
+
+def _logistic(table: Mapping[str, Any], name: str) -> Logistic:
+    row = table[name]
+    weights = {str(key): float(value) for key, value in row['weights'].items()}
+    return Logistic(_number(row, 'constant'), weights)
+
+
+def _number(row: Mapping[str, Any], name: str) -> float:
+    value = float(row[name])
+    if not math.isfinite(value):
+        raise ValueError(f'{name}: must be finite, got {value}')
+    return value

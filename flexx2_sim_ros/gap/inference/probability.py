@@ -1,0 +1,150 @@
+"""
+How probable a gap and each effect are, given the evidence.
+
+Logistic models of the evidence, fitted to simulated campaigns by
+``python -m bench.calibrate_decisions``; ``config/decisions.yaml`` has their weights.
+"""
+
+from dataclasses import dataclass, replace
+
+from flexx2_sim_ros.effects import of_role
+from flexx2_sim_ros.gap.calibration.decisions import Decisions
+from flexx2_sim_ros.gap.calibration.inference import THRESHOLDS
+from flexx2_sim_ros.gap.inference.support import Support
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """
+    What the evidence says.
+
+    Attributes
+    ----------
+    verdict : str
+        ``none``, ``unknown``, ``partly`` or ``identified``.
+    gap : float
+        Probability that there is a gap.
+    effects : dict of str to float
+        Probability of each effect that was chosen or could be in place of the last chosen one.
+    alternatives : frozenset of str
+        Effects that are probable enough to be listed as alternatives.
+
+    """
+
+    verdict: str
+    gap: float
+    effects: dict[str, float]
+    alternatives: frozenset[str]
+
+
+def judge(support: Support, rule: Decisions) -> Judgement:
+    """
+    Judge the evidence of a campaign.
+
+    Parameters
+    ----------
+    support : Support
+        The evidence.
+    rule : Decisions
+        The calibrated rule.
+
+    """
+    gap = rule.gap.probability(gap_evidence(support))
+    effects = {
+        name: rule.effect.probability(row) for name, row in effect_evidence(support).items()
+    }
+    best = max((effects[one.name] for one in support.chosen), default=0.0)
+    if gap < rule.least_gap:
+        verdict = 'none'
+    elif best < rule.least_effect or _explain_little(support):
+        verdict = 'unknown'
+    else:
+        verdict = 'partly' if leaves_gap(support, rule) else 'identified'
+    probable = (name for name, one in effects.items() if one >= rule.least_alternative)
+    return Judgement(verdict, gap, effects, frozenset(probable))
+
+
+def _explain_little(support: Support) -> bool:
+    # A pose error is exempt: the recordings' own poses absorb most of it.
+    posed = of_role('pose').name in {one.name for one in support.chosen}
+    return not posed and support.left > (1 - THRESHOLDS.unknown) * support.excess
+
+
+def leaves_gap(support: Support, rule: Decisions) -> bool:
+    """Return whether the chosen effects leave most of the gap, and what is left is a gap."""
+    rest = replace(support, excess=support.left, gain=0.0, t=0.0)
+    return bool(
+        support.left > THRESHOLDS.partly * support.excess
+        and rule.gap.probability(gap_evidence(rest)) >= rule.least_gap
+    )
+
+
+def gap_evidence(support: Support) -> dict[str, float]:
+    """Return what tells a gap from none, by name."""
+    return {
+        'excess': float(np.arcsinh(support.excess)),
+        'gain': float(np.arcsinh(support.gain)),
+        't': _limited(support.t),
+        'scatter': support.scatter,
+        'ln_recordings': float(np.log(support.recordings)),
+    }
+
+
+def effect_evidence(support: Support) -> dict[str, dict[str, float]]:
+    """
+    Return what tells effects that are present from others.
+
+    Parameters
+    ----------
+    support : Support
+        The evidence of a campaign.
+
+    Returns
+    -------
+    dict of str to dict of str to float
+        For each chosen effect, and each one that could be in place of the last one: ``chosen``,
+        1 or 0; ``gain``, its gain; ``lead`` and ``lead_t``, by how much and how clearly it is
+        better than the best other explanation (negative: worse); ``left``, the fraction of the
+        excess loss that the chosen effects leave; ``scatter`` of the poses, and ``pose``, the
+        same for a pose error and 0 for other effects; ``ln_recordings``.
+
+    """
+    if not support.chosen:
+        return {}
+    common = {
+        'left': float(np.clip(support.left / max(support.excess, 1e-9), 0.0, 1.5)),
+        'scatter': support.scatter,
+        'ln_recordings': float(np.log(support.recordings)),
+    }
+    last = support.chosen[-1]
+    rivals = {one.name: one for one in support.rivals[::-1]}
+    out = {one.name: _row(1.0, one.gain, one.gain, one.t) for one in support.chosen[:-1]}
+    nearest = support.rivals[0].gain if support.rivals else 0.0
+    out[last.name] = _row(
+        1.0,
+        last.gain,
+        last.gain - max(nearest, 0.0),
+        min([last.t, *(one.t for one in support.rivals)]),
+    )
+    for name, one in rivals.items():
+        if name not in out:
+            out[name] = _row(0.0, one.gain, one.gain - last.gain, -one.t)
+    posed = of_role('pose').name
+    return {
+        name: {**row, **common, 'pose': support.scatter if name == posed else 0.0}
+        for name, row in out.items()
+    }
+
+
+def _row(chosen: float, gain: float, lead: float, t: float) -> dict[str, float]:
+    return {
+        'chosen': chosen,
+        'gain': float(np.arcsinh(gain)),
+        'lead': float(np.arcsinh(lead)),
+        'lead_t': _limited(t),
+    }
+
+
+def _limited(t: float) -> float:
+    return float(np.clip(t, -THRESHOLDS.most_t, THRESHOLDS.most_t))
