@@ -180,7 +180,7 @@ def _yaml(
         'code': sorted({line['code'] for line in lines}),
         'campaigns': len(lines),
         'seeds': [plan(0)[0].seed, plan(len(lines) - 1)[0].seed],
-        'gap': logistic('gap'),
+        'gap': {**logistic('gap'), 'agreement': rule.least_agreement},
         'effect': logistic('effect'),
         'alternative': {'threshold': rule.least_alternative},
         'reduction': [

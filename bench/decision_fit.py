@@ -7,6 +7,7 @@ from typing import Any
 
 from flexx2_sim_ros.gap.calibration.decisions import Decisions, Logistic, Margin
 from flexx2_sim_ros.gap.inference.probability import (
+    agreement,
     effect_evidence,
     gap_evidence,
     judge,
@@ -102,7 +103,7 @@ def calibrate(campaigns: Sequence[Campaign]) -> Decisions:
 
     Probabilities are logistic models. Their thresholds are set on predictions of
     cross-validation: the smallest with which at most `FALSE_ALARMS` of the campaigns without an
-    effect have a gap, and at most `WRONG` of all others are named wrongly. Alternatives and
+    effect have a gap, by probability or by agreement, and at most `WRONG` of all others are named wrongly. Alternatives and
     intervals are split-conformal (Angelopoulos and Bates, A gentle introduction to conformal
     prediction, 2021): the quantile holds in `COVERED` of further campaigns of the same kind.
     """
@@ -122,11 +123,13 @@ def calibrate(campaigns: Sequence[Campaign]) -> Decisions:
     of_campaign: list[dict[str, float]] = [{} for _ in campaigns]
     for (k, name, _), p in zip(pairs, found, strict=True):
         of_campaign[k][name] = p
-    rule = Decisions(gap, effect, _exceeded(none, FALSE_ALARMS), 0.0, 0.0, ())
+    agreed = [agreement(one.support) for one in campaigns if not one.present]
+    least = _exceeded(none, FALSE_ALARMS), _exceeded(agreed, FALSE_ALARMS)
+    rule = Decisions(gap, effect, least[0], 0.0, least[1], 0.0, ())
     gaps = [
         (one, effects)
         for one, p, effects in zip(campaigns, gap_odds, of_campaign, strict=True)
-        if p >= rule.least_gap
+        if p >= rule.least_gap or agreement(one.support) >= rule.least_agreement
     ]
     count = sum(one.present for one in campaigns)
     rule = replace(rule, least_alternative=_least_alternative(gaps))

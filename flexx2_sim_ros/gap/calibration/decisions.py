@@ -74,6 +74,8 @@ class Decisions:
         That there is a gap; that an effect is present.
     least_gap, least_effect : float
         Probability from which on there is a gap, and from which on effects are named.
+    least_agreement : float
+        `probability.agreement` from which on there is a gap as well.
     least_alternative : float
         Probability from which on an effect is listed as an alternative.
     margins : tuple of Margin
@@ -85,6 +87,7 @@ class Decisions:
     effect: Logistic
     least_gap: float
     least_effect: float
+    least_agreement: float
     least_alternative: float
     margins: tuple[Margin, ...]
 
@@ -142,6 +145,7 @@ def read_decisions(path: Path) -> Decisions:
             _logistic(table, 'effect'),
             _number(table['gap'], 'threshold'),
             _number(table['effect'], 'threshold'),
+            _number(table['gap'], 'agreement'),
             _number(table['alternative'], 'threshold'),
             tuple(
                 Margin(str(row['verdict']), int(row['most']), _number(row, 'margin'))

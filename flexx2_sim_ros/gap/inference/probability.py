@@ -55,7 +55,7 @@ def judge(support: Support, rule: Decisions) -> Judgement:
         name: rule.effect.probability(row) for name, row in effect_evidence(support).items()
     }
     best = max((effects[one.name] for one in support.chosen), default=0.0)
-    if gap < rule.least_gap:
+    if gap < rule.least_gap and agreement(support) < rule.least_agreement:
         verdict = 'none'
     elif best < rule.least_effect or _explain_little(support):
         verdict = 'unknown'
@@ -78,6 +78,15 @@ def leaves_gap(support: Support, rule: Decisions) -> bool:
         support.left > THRESHOLDS.partly * support.excess
         and rule.gap.probability(gap_evidence(rest)) >= rule.least_gap
     )
+
+
+def agreement(support: Support) -> float:
+    """
+    Return how much the recordings agree that the chosen effects improve the simulation.
+
+    It finds a gap that leaves no excess loss, because the recordings' own poses can take it over.
+    """
+    return float(np.arcsinh(max(support.gain, 0.0)) * max(_limited(support.t), 0.0))
 
 
 def gap_evidence(support: Support) -> dict[str, float]:
