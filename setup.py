@@ -4,12 +4,16 @@ import os
 from pathlib import Path
 import subprocess
 import sys
+from xml.etree import ElementTree
 
 from setuptools import find_packages, setup
 from setuptools.command.install import install
 
 NAME = 'flexx2_sim_ros'
 SHARE = Path('share') / NAME
+# Version, maintainer and licence are in package.xml alone.
+MANIFEST = ElementTree.parse('package.xml').getroot()
+MAINTAINER = MANIFEST.find('maintainer')
 
 shared_files: dict[str, list[str]] = {}
 for path in sorted([*Path('config').rglob('*'), *Path('launch').glob('*.launch.py')]):
@@ -39,13 +43,14 @@ class Install(install):
 
 setup(
     name=NAME,
-    version='0.1.0',
+    version=MANIFEST.findtext('version'),
     description='A simulated PMD Flexx2 time-of-flight camera for ROS 2, and tools for its noise',
     long_description=Path('README.md').read_text(encoding='utf-8'),
     long_description_content_type='text/markdown',
-    author='flexx2_sim_ros maintainers',
-    author_email='noreply@example.com',
-    license='Apache-2.0',
+    maintainer=MAINTAINER.text,
+    maintainer_email=MAINTAINER.get('email'),
+    url=MANIFEST.findtext('url'),
+    license=MANIFEST.findtext('license'),
     python_requires='>=3.11',
     packages=find_packages(include=[NAME, f'{NAME}.*']),
     package_data={NAME: ['py.typed'], f'{NAME}.view': ['page/*']},

@@ -1,3 +1,3 @@
 """A simulated PMD Flexx2 time-of-flight camera for ROS 2."""
 
-__version__ = '0.1.0'
+__version__ = '0.2.0'

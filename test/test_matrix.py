@@ -46,6 +46,8 @@ class Environment:
         Versions for which all of it has wheels.
     tests : tuple of str
         Test files that run in it.
+    command : tuple of str
+        What has to run in it, with arguments.
 
     """
 
@@ -55,13 +57,19 @@ class Environment:
     imports: tuple[str, ...]
     pythons: tuple[str, ...] = ('3.11', '3.12', '3.13')
     tests: tuple[str, ...] = ()
+    command: tuple[str, ...] = ()
 
 
 ENVIRONMENTS = (
     Environment('base', '', (), (CORE, 'flexx2_sim_ros.rendering.renderer', 'mujoco')),
     # ROS 2 Jazzy has wheels for these two.
     Environment(
-        'ros', '[ros]', (), ('flexx2_sim_ros.nodes.flexx2_camera', 'rclpy'), ('3.11', '3.12')
+        'ros',
+        '[ros]',
+        (),
+        ('flexx2_sim_ros.nodes.flexx2_camera', 'rclpy'),
+        ('3.11', '3.12'),
+        command=('flexx2', 'demo', '--seconds', '1', '--out', 'demo'),
     ),
     Environment(
         'mjlab',
@@ -105,19 +113,28 @@ def cpu_torch(python: str) -> tuple[list[str], bool]:
     return [f'torch=={wheels[-1].name.split("-")[1]}', '--find-links', str(folder)], True
 
 
+@pytest.fixture(scope='module')
+def wheel() -> Path:
+    """Build the source distribution and, from it, the wheel that users get."""
+    if shutil.which('uv') is None:
+        pytest.skip('needs uv: pip install uv')
+    shutil.rmtree(FOLDER / 'dist', ignore_errors=True)
+    run('uv', 'build', '--quiet', '--out-dir', FOLDER / 'dist', ROOT)
+    (path,) = (FOLDER / 'dist').glob('*.whl')
+    return path
+
+
 @pytest.mark.parametrize(
     ('environment', 'python'), CASES, ids=[f'{one.name}-{python}' for one, python in CASES]
 )
-def test_a_clean_environment(environment: Environment, python: str) -> None:
+def test_a_clean_environment(environment: Environment, python: str, wheel: Path) -> None:
     """Resolve; install, import and run the tests of this environment, where a CPU suffices."""
-    if shutil.which('uv') is None:
-        pytest.skip('needs uv: pip install uv')
     if subprocess.run(
         ['uv', 'python', 'find', python], capture_output=True, check=False
     ).returncode:
         pytest.skip(f'there is no Python {python} here: uv python install {python}')
     began = time.monotonic()
-    wanted = [f'flexx2_sim_ros{environment.extra} @ {ROOT.as_uri()}', *environment.others]
+    wanted = [f'flexx2_sim_ros{environment.extra} @ {wheel.as_uri()}', *environment.others]
     FOLDER.mkdir(parents=True, exist_ok=True)
     place = FOLDER / f'{environment.name}-{python}'
     requirements = FOLDER / f'{place.name}.in'
@@ -135,6 +152,10 @@ def test_a_clean_environment(environment: Environment, python: str) -> None:
         run(interpreter, '-c', f'import {", ".join(environment.imports)}', cwd=FOLDER)
         resolved = run('uv', 'pip', 'freeze', '--python', interpreter)
         result = 'imports'
+        if environment.command:
+            program, *arguments = environment.command
+            run(place / 'bin' / program, *arguments, cwd=place)
+            result = ' '.join(environment.command[:2])
         if tests:
             files = [ROOT / 'test' / name for name in tests]
             printed = run(interpreter, '-m', 'pytest', '-q', '-p', 'no:cacheprovider', *files)

@@ -23,6 +23,7 @@ WANTS = {
         'make matrix, which installs simulators in environments of their own',
     ),
     'mjlab': ("'mjlab'", 'make matrix, or pip install mjlab'),
+    'ament': ("'ament_", 'a sourced ROS 2 Jazzy with ament_flake8 and ament_pep257'),
     'launch': ("'launch", 'a sourced ROS 2 Jazzy'),
 }
 OTHER = 'other'
