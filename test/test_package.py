@@ -46,6 +46,7 @@ EXTRAS = {
     'distributed': 'distributed',
     'embreex': 'embreex',
     'mujoco_menagerie': 'mujoco-menagerie',
+    'pyoctomap': 'pyoctomap',
     'trimesh': 'trimesh',
     'warp': 'warp-lang',
     # rosbags brings its decompressors.
