@@ -10,9 +10,11 @@ from flexx2_sim_ros.effects import load_effects, parse_effects, save_effects
 from flexx2_sim_ros.effects.tables import Curve
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap import calibrate
+from flexx2_sim_ros.gap.data.campaign import check, Found, read
 from flexx2_sim_ros.gap.forms.bias import forms_of
 from flexx2_sim_ros.gap.forms.fitting import BiasFit, own_motion
 from flexx2_sim_ros.gap.forms.samples import Samples
+from flexx2_sim_ros.gap.forms.work import registered
 import numpy as np
 import pytest
 
@@ -133,6 +135,22 @@ def test_a_map_needs_images_of_one_size(campaign: Path, tmp_path: Path) -> None:
 
 
 TINY = {'recordings': 4, 'frames': 6, 'scale': 0.25, 'moving': 0}
+
+
+@pytest.mark.parametrize(
+    'effects',
+    [{'time_offset': {'latency': 0.16}}, {'wiggling': {'mhz': 100.0, 'a2': 0.012, 'a4': 0.0}}],
+)
+def test_the_pose_with_effects_is_the_true_one(effects: dict, tmp_path: Path) -> None:
+    """Assert it for late images and for a wave, of cameras whose given pose is exact."""
+    size = {**TINY, 'recordings': 2, 'moving': 2}
+    write_campaign(tmp_path, seed=120, effects=effects, pose=(0.0, 0.0), **size)
+    prior = np.array([0.005] * 3 + [0.3] * 3)
+    for path in sorted(tmp_path.iterdir()):
+        found = check(path, None)
+        assert isinstance(found, Found)
+        motion, _, _ = registered(read(found, None), prior, effects)
+        assert np.linalg.norm(motion / prior) < 2.5
 
 
 def test_parameters_are_found_by_simulation(tmp_path: Path) -> None:

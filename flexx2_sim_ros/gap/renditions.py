@@ -10,10 +10,8 @@ from flexx2_sim_ros.consumers.running import Views
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap.data.campaign import Found, read
 from flexx2_sim_ros.gap.data.given import Table
-from flexx2_sim_ros.gap.data.prior import covariance_of, factor
-from flexx2_sim_ros.gap.data.registration import RecordingData, register
 from flexx2_sim_ros.gap.features.simulation import PlacedScene, with_uptime
-from flexx2_sim_ros.gap.forms.work import Settings, settled
+from flexx2_sim_ros.gap.forms.work import registered, Settings
 from flexx2_sim_ros.recording import open_recording
 import numpy as np
 
@@ -101,10 +99,9 @@ def render(
     """
     try:
         recording = read(found, profile, known.given)
-        motion, _ = register(recording, np.array(known.prior))
         effects = known.without.get(recording.checksum, known.effects)
         own = with_uptime(effects, recording.uptime)
-        scene = settled(recording, motion, _spread(recording, known.prior), own)[1]
+        _, _, scene = registered(recording, np.array(known.prior), own)
     except InputError as error:
         return str(error)
     distortion = open_recording(found.path, profile=profile).distortion
@@ -135,11 +132,6 @@ def render(
     )
     fitted = recording.checksum in known.fitted - known.without.keys()
     return Rendered(views, 'this recording' if fitted else 'other recordings')
-
-
-def _spread(recording: RecordingData, prior: tuple[float, ...]) -> np.ndarray:
-    covariance = covariance_of(recording.truth, np.array(prior))
-    return np.diag(prior) if covariance is None else factor(covariance)
 
 
 @dataclass(frozen=True)

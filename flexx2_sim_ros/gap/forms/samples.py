@@ -103,20 +103,23 @@ def shift_of(scene: PlacedScene, effects: Any) -> np.ndarray:
     """
     recording, placed = scene.recording, scene.placed
     frames = frames_of(recording)
-    some = slice(None) if placed.clean.ndim == 2 else frames
-    light = placed.reflectivity
-    if light is not None and light.ndim == 3:
-        light = light[some]
-    camera = base_camera(recording.mode, recording.profile, 0, recording.name)
-    clean = placed.clean if placed.clean.ndim == 2 else placed.clean[some]
-    common = CommonRandomNumbers(camera, clean, recording.K, recording.stamp[frames], light)
     # Later stages add noise or lose pixels, but shift no surface; an empirical correction does.
     all_on = together(recording.given, effects)
     every = [one for one in all_on if one.stage < Stage.NOISE]
     every += [one.bias_alone() for one in all_on if isinstance(one, ResidualPatch)]
     if not every:
         return np.zeros((len(frames), *placed.clean.shape[-2:]), np.float32)
-    return np.nan_to_num(common.depth(every) - common.depth(()))
+    # What motion changes depends on the frames before, not only on those that are looked at.
+    history = scene.moving and any(one.needs_motion for one in every)
+    seen = np.arange(frames[-1] + 1) if history else frames
+    clean = placed.clean[seen] if scene.moving else placed.clean
+    light = placed.reflectivity
+    if light is not None and light.ndim == 3:
+        light = light[seen]
+    camera = base_camera(recording.mode, recording.profile, 0, recording.name)
+    common = CommonRandomNumbers(camera, clean, recording.K, recording.stamp[seen], light)
+    change = common.depth(every) - common.depth(())
+    return np.nan_to_num(change[frames] if history else change)
 
 
 def samples_of(scene: PlacedScene, motion: np.ndarray, spread: np.ndarray) -> Samples:

@@ -82,11 +82,8 @@ def look(
         recording = read(found, profile, known)
     except InputError as error:
         return str(error)
-    motion, _ = register(recording, np.array(prior))
-    covariance = covariance_of(recording.truth, np.array(prior))
-    spread = np.diag(prior) if covariance is None else factor(covariance)
     own = with_uptime(effects, recording.uptime)
-    motion, scene = settled(recording, motion, spread, own)
+    motion, spread, scene = registered(recording, np.array(prior), own)
     samples = samples_of(scene, motion, spread)
     given = _at_samples(scene, samples, {})
     samples = replace(samples, error=samples.error - given)
@@ -215,6 +212,36 @@ def _placed(
     recording = read(looked.found, profile, known)
     own = with_uptime(effects, recording.uptime)
     return settled(recording, looked.samples.motion, looked.samples.spread, own)[1]
+
+
+def registered(
+    recording: RecordingData, prior: np.ndarray, effects: Settings
+) -> tuple[np.ndarray, np.ndarray, PlacedScene]:
+    """
+    Find where the camera was if it has these effects, from the recording alone.
+
+    Parameters
+    ----------
+    recording : RecordingData
+        The recording.
+    prior : numpy.ndarray
+        (6,) standard deviations of a pose whose covariance the recording does not give, metres
+        and degrees.
+    effects : dict
+        Parameters by effect.
+
+    Returns
+    -------
+    tuple
+        (6 + 3 P,) motion, its standard deviations as from `prior.factor`, and the scene there.
+
+    """
+    # `settled` corrects what the effects did to this motion, so it need not know them.
+    begin, _ = register(recording, prior)
+    covariance = covariance_of(recording.truth, prior)
+    spread = np.diag(prior) if covariance is None else factor(covariance)
+    motion, scene = settled(recording, begin, spread, effects)
+    return motion, spread, scene
 
 
 def settled(
