@@ -12,9 +12,8 @@ from flexx2_sim_ros.gap.data.frames import choose_frames
 from flexx2_sim_ros.gap.data.given import given_effects, Table
 from flexx2_sim_ros.gap.data.planes import plane_shifts
 from flexx2_sim_ros.gap.data.registration import RecordingData
+from flexx2_sim_ros.gap.data.units import in_metres, largest, reflectivity_from
 from flexx2_sim_ros.gap.data.unknown import fill, nearest
-from flexx2_sim_ros.physics.reflectance import falloff
-from flexx2_sim_ros.physics.surface import analyse
 from flexx2_sim_ros.recording import open_recording, Recording, RecordingReader
 from flexx2_sim_ros.recording.truth import read_truth, Truth
 from flexx2_sim_ros.recording.uptime import uptime_of
@@ -140,14 +139,10 @@ def _brightest(reader: RecordingReader) -> float:
         return 0.0
     whole = reader.arrays.get('amplitude')
     if whole is not None:
-        return _largest(whole)
+        return largest(whole)
     if 'amplitude' not in reader.layouts:
         return 0.0
-    return max(map(_largest, reader.frames('amplitude')), default=0.0)
-
-
-def _largest(amplitude: np.ndarray) -> float:
-    return float(np.nanmax(amplitude, initial=0)) if amplitude.dtype.kind == 'f' else 0.0
+    return max(map(largest, reader.frames('amplitude')), default=0.0)
 
 
 def read(found: Found, profile: Profile | None, known: Table | None = None) -> RecordingData:
@@ -247,7 +242,7 @@ def _depths(
         if known.ndim > clean.ndim:
             clean = np.broadcast_to(clean, known.shape)
         clean = np.where(known, clean, np.float32(np.nan))
-    depth, clean = _in_metres(path, depth, clean, mode, notes)
+    depth, clean = in_metres(path, depth, clean, mode, notes)
     valid = np.isfinite(depth)
     if not valid.any():
         raise InputError(f'{path}: depth: all pixels of all frames are invalid')
@@ -287,7 +282,9 @@ def _reflectivity(
     else:
         amplitude = _stack('amplitude', parts)
         if amplitude is not None:
-            reflectivity = _from_amplitude(amplitude, clean, K, found, notes)
+            reflectivity = reflectivity_from(
+                amplitude, clean, K, found.mode, found.brightest, path, notes
+            )
     if reflectivity is None:
         return None
     if reflectivity.shape[-2:] != shape:
@@ -345,77 +342,3 @@ def _uptime(reader: RecordingReader, chosen: np.ndarray) -> float | None:
             f'{READING.longest_uptime:g}, got {uptime.min():g} to {uptime.max():g}'
         )
     return float(uptime[chosen[0]])
-
-
-def _in_metres(
-    path: Path, depth: np.ndarray, clean: np.ndarray, mode: Mode, notes: list[str]
-) -> tuple[np.ndarray, np.ndarray]:
-    # Depths are in millimetres if they are about a thousand times the other ones, or if both lie
-    # far beyond the range.
-    with np.errstate(invalid='ignore', divide='ignore'):
-        ratio = depth / clean
-    middle = {'depth': _median(depth), 'clean_depth': _median(clean)}
-    factor = _median(ratio)
-    wrong = (
-        ['depth']
-        if abs(np.log(factor / 1000)) < READING.near_1000
-        else ['clean_depth']
-        if abs(np.log(factor * 1000)) < READING.near_1000
-        else ['depth', 'clean_depth']
-        if middle['clean_depth'] > 100 * mode.range_max
-        else []
-    )
-    notes += [
-        f'{path}: {key}: its median is {middle[key]:.4g}: taken for millimetres' for key in wrong
-    ]
-    millimetre = np.float32(0.001)
-    return (
-        depth * millimetre if 'depth' in wrong else depth,
-        clean * millimetre if 'clean_depth' in wrong else clean,
-    )
-
-
-def _median(values: np.ndarray) -> float:
-    finite = values[np.isfinite(values)]
-    return float(np.median(finite[:: max(len(finite) // 100_000, 1)])) if len(finite) else 1.0
-
-
-def _from_amplitude(
-    amplitude: np.ndarray,
-    clean: np.ndarray,
-    K: np.ndarray,  # noqa: N803
-    found: Found,
-    notes: list[str],
-) -> np.ndarray | None:
-    # Reflectivity of the surface, if full scale (8 or 16 bits) is a white pixel of the camera's
-    # gray image. It may exceed 1, because the amplitude has the camera's own unit.
-    path, sensor = found.path, found.mode.sensor
-    if amplitude.dtype.kind in 'iu':
-        full = 255.0 if amplitude.dtype.itemsize == 1 else 65535.0
-    else:
-        brightest = max(found.brightest, _largest(amplitude))
-        full = next((scale for scale in (1.0, 255.0) if brightest <= scale), 65535.0)
-        notes.append(
-            f'{path}: amplitude: up to {brightest:.4g} in these recordings: taken for 0 to '
-            f'{full:g}'
-        )
-    scale = np.float32(sensor.full_scale_amplitude / full)
-    image = amplitude.astype(np.float32)
-    image = np.nanmean(image, axis=0) if image.ndim == 3 and clean.ndim == 2 else image
-    depths = clean if clean.ndim == 3 else clean[None]
-    images = image if image.ndim == 3 else np.broadcast_to(image, depths.shape)
-    out = []
-    for one, depth in zip(images, depths, strict=True):
-        lens = Intrinsics.from_matrix(K, depth.shape[1], depth.shape[0])
-        surface = analyse(np.ascontiguousarray(depth), lens, sensor)
-        out.append(one * falloff(depth, surface.cos_incidence))
-    reflectivity = np.nan_to_num(np.stack(out)) * scale
-    some = reflectivity[reflectivity > 0]
-    usual = _median(some)
-    if len(some) and not READING.reflectivities[0] < usual < READING.reflectivities[1]:
-        notes.append(
-            f'{path}: amplitude: not used: at this distance it means a reflectivity of '
-            f'{usual:.2g}, so it is on another scale; 8 or 16 bits or 0 to 1 are known'
-        )
-        return None
-    return np.clip(reflectivity, 0, 1e3).reshape(clean.shape)

@@ -1,0 +1,133 @@
+"""Units that a recording may have: millimetres, and scales of the amplitude."""
+
+from pathlib import Path
+
+from flexx2_sim_ros.camera import Intrinsics, Mode
+from flexx2_sim_ros.gap.calibration.data import READING
+from flexx2_sim_ros.physics.reflectance import falloff
+from flexx2_sim_ros.physics.surface import analyse
+import numpy as np
+
+
+def largest(amplitude: np.ndarray) -> float:
+    """Return the largest floating-point amplitude; 0 for whole numbers, which give the scale."""
+    return float(np.nanmax(amplitude, initial=0)) if amplitude.dtype.kind == 'f' else 0.0
+
+
+def in_metres(
+    path: Path, depth: np.ndarray, clean: np.ndarray, mode: Mode, notes: list[str]
+) -> tuple[np.ndarray, np.ndarray]:
+    """
+    Convert measured and clean depth to metres.
+
+    Depths are in millimetres if they are about a thousand times the other ones, or if both lie
+    far beyond the range.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        The recording's, for the notes.
+    depth, clean : numpy.ndarray
+        (T, H, W), and that or (H, W); float32 metres or millimetres, NaN where invalid.
+    mode : Mode
+        The camera's.
+    notes : list of str
+        What was converted is added.
+
+    """
+    with np.errstate(invalid='ignore', divide='ignore'):
+        ratio = depth / clean
+    middle = {'depth': _median(depth), 'clean_depth': _median(clean)}
+    factor = _median(ratio)
+    wrong = (
+        ['depth']
+        if abs(np.log(factor / 1000)) < READING.near_1000
+        else ['clean_depth']
+        if abs(np.log(factor * 1000)) < READING.near_1000
+        else ['depth', 'clean_depth']
+        if middle['clean_depth'] > 100 * mode.range_max
+        else []
+    )
+    notes += [
+        f'{path}: {key}: its median is {middle[key]:.4g}: taken for millimetres' for key in wrong
+    ]
+    millimetre = np.float32(0.001)
+    return (
+        depth * millimetre if 'depth' in wrong else depth,
+        clean * millimetre if 'clean_depth' in wrong else clean,
+    )
+
+
+def _median(values: np.ndarray) -> float:
+    finite = values[np.isfinite(values)]
+    return float(np.median(finite[:: max(len(finite) // 100_000, 1)])) if len(finite) else 1.0
+
+
+def reflectivity_from(
+    amplitude: np.ndarray,
+    clean: np.ndarray,
+    K: np.ndarray,  # noqa: N803
+    mode: Mode,
+    brightest: float,
+    path: Path,
+    notes: list[str],
+) -> np.ndarray | None:
+    """
+    Return the reflectivity that the amplitude implies.
+
+    Full scale (8 or 16 bits) is taken for a white pixel of the camera's gray image. The result may
+    exceed 1, because the amplitude has the camera's own unit.
+
+    Parameters
+    ----------
+    amplitude : numpy.ndarray
+        (H, W) or (T, H, W), whole numbers or floating point.
+    clean : numpy.ndarray
+        (H, W) or (T, H, W) float32 metres, NaN where unknown.
+    K : numpy.ndarray
+        (3, 3) camera matrix.
+    mode : Mode
+        The camera's.
+    brightest : float
+        Largest floating-point amplitude of the campaign.
+    path : pathlib.Path
+        The recording's, for the notes.
+    notes : list of str
+        What was assumed is added.
+
+    Returns
+    -------
+    numpy.ndarray or None
+        Like ``clean``, 0 where unknown; None if the amplitude is on an unknown scale.
+
+    """
+    sensor = mode.sensor
+    if amplitude.dtype.kind in 'iu':
+        full = 255.0 if amplitude.dtype.itemsize == 1 else 65535.0
+    else:
+        brightest = max(brightest, largest(amplitude))
+        full = next((scale for scale in (1.0, 255.0) if brightest <= scale), 65535.0)
+        notes.append(
+            f'{path}: amplitude: up to {brightest:.4g} in these recordings: taken for 0 to '
+            f'{full:g}'
+        )
+    scale = np.float32(sensor.full_scale_amplitude / full)
+    image = amplitude.astype(np.float32)
+    image = np.nanmean(image, axis=0) if image.ndim == 3 and clean.ndim == 2 else image
+    depths = clean if clean.ndim == 3 else clean[None]
+    images = image if image.ndim == 3 else np.broadcast_to(image, depths.shape)
+    out = []
+    for one, depth in zip(images, depths, strict=True):
+        lens = Intrinsics.from_matrix(K, depth.shape[1], depth.shape[0])
+        surface = analyse(np.ascontiguousarray(depth), lens, sensor)
+        out.append(one * falloff(depth, surface.cos_incidence))
+    reflectivity = np.nan_to_num(np.stack(out)) * scale
+    some = reflectivity[reflectivity > 0]
+    usual = _median(some)
+    if len(some) and not READING.reflectivities[0] < usual < READING.reflectivities[1]:
+        notes.append(
+            f'{path}: amplitude: not used: at this distance it means a reflectivity of '
+            f'{usual:.2g}, so it is on another scale; 8 or 16 bits or 0 to 1 are known'
+        )
+        return None
+    return np.clip(reflectivity, 0, 1e3).reshape(clean.shape)
