@@ -37,11 +37,20 @@ def test_more_evidence_makes_an_effect_more_probable() -> None:
     assert clear.effects['offset'] > 0.9 > 0.1 > clear.effects['wiggling']
 
 
+def test_a_gain_that_recordings_agree_on_is_a_gap_where_no_loss_is_in_excess() -> None:
+    """Assert it of walls, whose own poses and few features leave none."""
+    walls = replace(support(0.0, 2.3, 1.8, 9.8), left=-4.5)
+    assert judge(walls, calibrated()).verdict == 'identified'
+    for other in (replace(walls, t=2.0), replace(walls, gain=0.3), replace(walls, gain=-2.0)):
+        assert judge(other, calibrated()).verdict == 'none'
+
+
 def test_evidence_survives_a_file() -> None:
     one = support(4.0, 1.5, 0.5, 1.5)
     read = support_from(yaml.safe_load(yaml.safe_dump(one.as_table())))
     assert read == replace(one, rivals=read.rivals, considered=read.considered)
     assert [row.name for row in read.considered] == ['offset', 'wiggling']
+    assert [(row.name, row.gain) for row in read.rivals] == [('wiggling', 0.5)]
 
 
 def test_intervals_are_widened_by_the_margin_of_their_group() -> None:

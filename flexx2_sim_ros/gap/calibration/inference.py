@@ -60,7 +60,11 @@ class Thresholds:
     """
 
     gap: float = constant(
-        5.5, 'loss', 'that an effect must cause to be called covered by the truth', FIRST_RELEASE
+        5.5,
+        'excess loss',
+        'that an effect must cause, so that a plan of recordings does not call it unseen; the '
+        'verdict does not use it',
+        FIRST_RELEASE,
     )
     floor: float = constant(
         4.0, 'loss', 'that errors of pose and reflectivity leave above noise', DEVELOPMENT
