@@ -11,6 +11,8 @@ from bench.gap_truth import rewrite
 from flexx2_sim_ros.camera import Camera, flexx2
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.gap import diagnose
+from flexx2_sim_ros.gap.features.catalogue import catalogue
+from flexx2_sim_ros.gap.inference.decide import decidable_part
 from flexx2_sim_ros.gap.report.words import headline
 import numpy as np
 import pytest
@@ -118,6 +120,19 @@ def test_no_effect_is_named_where_one_that_the_truth_hides_explains_as_much(
     assert 'warm_up_drift' in alternatives - hidden
     assert 'offset' in alternatives & hidden
     assert 'not accurate enough to tell its cause' in headline(table)
+
+
+def test_a_constant_of_another_effect_is_not_fitted_where_an_offset_is_hidden() -> None:
+    for candidate in catalogue()[1]:
+        left = decidable_part(candidate, {'offset'})
+        if candidate.effect != 'amplitude_bias':
+            assert left is candidate
+            continue
+        assert [term.name for term in left.terms] == ['slope']
+        assert left.build((-0.01,)) == candidate.build((0.0, -0.01))
+        assert (left.given is None) == (candidate.given is None)
+        assert left.given is None or [term.name for term in left.given.terms] == ['slope']
+        assert decidable_part(candidate, {'wiggling'}) is candidate
 
 
 def write_walls(folder: Path, **truth: Any) -> Path:

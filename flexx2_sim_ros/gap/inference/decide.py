@@ -1,7 +1,7 @@
 """Which effects explain the gap: selection, alternative explanations, the verdict."""
 
 from collections.abc import Callable, Sequence, Set
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from flexx2_sim_ros.effects import of_role
 from flexx2_sim_ros.gap.calibration.decisions import calibrated, Decisions
@@ -158,7 +158,7 @@ def decide(
     absorbed = [*absorbed, *covered]
     names = {one.effect for one in hidden}
     open_ones = [one for one in candidates if one.effect in names]
-    candidates = [one for one in candidates if one.effect not in names]
+    candidates = [decidable_part(one, names) for one in candidates if one.effect not in names]
     trials = Trials(model, thresholds)
     singles = []
     for candidate in candidates:
@@ -202,6 +202,45 @@ def decide(
         [*(one for one in absorbed if one.effect not in settled | names), *hidden],
         support,
     )
+
+
+def decidable_part(candidate: Candidate, hidden: Set[str]) -> Candidate:
+    """
+    Return a candidate without the terms that change depth just like a hidden effect does.
+
+    The constant of an amplitude bias is such a term where an offset is hidden: the fit would use
+    it for whatever the ground truth leaves open.
+
+    Parameters
+    ----------
+    candidate : Candidate
+        The candidate, of an effect that is not hidden.
+    hidden : set of str
+        Effects that errors of poses and planes look like.
+
+    """
+    fixed = {
+        term.name
+        for one in candidate.kind.hypotheses
+        for term in one.terms
+        if term.stand_in and term.stand_in.decay is None and term.stand_in.effect in hidden
+    }
+    free = [term.name not in fixed for term in candidate.terms]
+    if all(free) or not any(free):
+        return candidate
+
+    def build(values: tuple[float, ...]) -> dict[str, float]:
+        left = iter(values)
+        return candidate.build(
+            tuple(
+                next(left) if one else term.neutral
+                for term, one in zip(candidate.terms, free, strict=True)
+            )
+        )
+
+    terms = tuple(term for term, one in zip(candidate.terms, free, strict=True) if one)
+    given = candidate.given and decidable_part(candidate.given, hidden)
+    return replace(candidate, terms=terms, build=build, given=given)
 
 
 def decidable_candidates(
