@@ -13,8 +13,11 @@ class Search:
 
     samples: int = constant(1500, 'px', 'of a recording, about')
     largest_error: float = constant(0.06, 'm', 'larger errors are not part of a bias')
-    ridge: float = constant(1e-4, 'fraction', 'of the power of a column: nuisances')
-    scale: float = constant(3.0, 'sigma_z', 'of the loss')
+    ridge: float = constant(
+        1e-4, 'fraction', 'of the power of a column, on fits of waves and nuisances'
+    )
+    scale: float = constant(3.0, 'spreads of errors, or sigma_z', 'of the loss')
+    least_scale: float = constant(0.3, 'sigma_z', 'least spread of errors, for waves')
     steps: int = constant(3, '', 'of reweighted least squares')
     fewest: int = constant(200, 'px', 'fewer say nothing')
     waves: tuple[float, float, float] = constant(

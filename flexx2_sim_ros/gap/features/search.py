@@ -95,10 +95,11 @@ class _Waves:
         own = clues.own / clues.sigma[:, None]
         error = clues.error / clues.sigma
         ridge = SEARCH.ridge * len(error) * np.diag(np.square(own).mean(axis=0) + 1e-12)
-        scale = np.maximum(1.5 * np.median(np.abs(error)), 0.3)
+        spread = 1.5 * np.median(np.abs(error))  # near a standard deviation
+        scale = SEARCH.scale * np.maximum(spread, SEARCH.least_scale)
         rest = error
         for _ in range(SEARCH.steps):
-            weight = 1 / (1 + (rest / (3 * scale)) ** 2)
+            weight = 1 / (1 + (rest / scale) ** 2)
             inverse = np.linalg.inv((own.T * weight) @ own + ridge)
             rest = error - own @ (inverse @ ((own.T * weight) @ error))
         self._weight, self._own, self._rest = weight, own, rest
@@ -125,7 +126,7 @@ def _explained(parts: Sequence[_Waves], mix: _Mix, orders: tuple[int, ...]) -> t
     # the fraction of the recordings in which it is above 0. Each recording counts alike.
     both = [one.equations(mix, orders) for one in parts]
     normal, right = (np.sum(part, axis=0) for part in zip(*both, strict=True))
-    ridge = 1e-4 * np.trace(normal) / len(normal) * np.eye(len(normal))
+    ridge = SEARCH.ridge * np.trace(normal) / len(normal) * np.eye(len(normal))
     gains = []
     for one, (matrix, side) in zip(parts, both, strict=True):
         values = np.linalg.solve(normal - matrix + ridge, right - side)
