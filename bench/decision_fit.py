@@ -103,9 +103,9 @@ def calibrate(campaigns: Sequence[Campaign]) -> Decisions:
 
     Probabilities are logistic models. Their thresholds are set on predictions of
     cross-validation: the smallest with which at most `FALSE_ALARMS` of the campaigns without an
-    effect have a gap, by probability or by agreement, and at most `WRONG` of all others are named wrongly. Alternatives and
-    intervals are split-conformal (Angelopoulos and Bates, A gentle introduction to conformal
-    prediction, 2021): the quantile holds in `COVERED` of further campaigns of the same kind.
+    effect have a gap, by probability or by agreement, and at most `WRONG` of all others are named
+    wrongly. Alternatives and intervals are split-conformal (Angelopoulos and Bates, A gentle
+    introduction to conformal prediction, 2021): the quantile holds in `COVERED` of further campaigns of the same kind.
     """
     rows = [gap_evidence(one.support) for one in campaigns]
     gap, gap_odds = _logistic(rows, [one.present for one in campaigns], range(len(rows)))

@@ -52,7 +52,7 @@ def test_an_edge_effect_shows_and_a_pose_error_does_not(
     """
     Assert that half of an effect changes its feature more than a pose error of 5 mm.
 
-    False failures: thousands of pixels at jumps, and each shift is asserted with a margin.
+    It cannot fail by chance: scene and noise have fixed seeds.
     """
     plain = at_jumps()[index]
     effect = at_jumps(**effects)[index] - plain
