@@ -53,7 +53,7 @@ def _blue_to_red(steps: int) -> np.ndarray:
 
 
 def depth_picture(
-    depth: np.ndarray, low: float, high: float, marks: Sequence[np.ndarray] = ()
+    depth: np.ndarray, low: float, high: float, marks: Sequence[np.ndarray] | None = None
 ) -> str:
     """
     Return depth as a data URL: dark blue (near) to yellow (far), gray for NaN.
@@ -64,16 +64,16 @@ def depth_picture(
         (H, W) metres.
     low, high : float
         Ends of the scale of colours, metres.
-    marks : sequence of numpy.ndarray
-        (H, W) bool, pixels to mark in `MARKS`; the first one lies on top. With marks, depth is
-        gray.
+    marks : sequence of numpy.ndarray, optional
+        (H, W) bool, pixels to mark in `MARKS`; the first one lies on top. If given, even empty,
+        depth is gray: black (near) to white (far).
 
     """
     part = np.clip(np.nan_to_num((depth - low) / max(high - low, 1e-9)), 0, 1)
     index = np.where(np.isfinite(depth), np.rint(part * (_DEPTHS - 1)), _DEPTHS)
-    scale = colormaps['gray' if len(marks) else 'viridis'](np.linspace(0.1, 1, _DEPTHS))[:, :3]
+    scale = colormaps['viridis' if marks is None else 'gray'](np.linspace(0.1, 1, _DEPTHS))[:, :3]
     palette = np.concatenate([255 * scale, [_NOTHING], MARKS])
-    for i, mark in reversed(list(enumerate(marks))):
+    for i, mark in reversed(list(enumerate(marks or ()))):
         index[mark] = _DEPTHS + 1 + i
     return _data_url(index, palette)
 

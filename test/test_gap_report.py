@@ -102,6 +102,8 @@ def test_a_recording_without_any_depth_is_drawn() -> None:
     lost = np.full_like(CLEAN, np.nan)
     page = frames(table, outcomes(1, lost), axes_of(flexx2()))
     assert len(pictures(page)) == 4
+    # Pixels without depth are not marked where no condition is.
+    assert not marked(pictures(page)[1], 0).any()
     assert 'nan' not in re.sub('base64,[^"]*', '', page)
 
 
@@ -129,6 +131,9 @@ def test_the_size_of_the_page_does_not_grow_with_the_recordings() -> None:
             'simulation',
         ),
         (row('amplitude', low=0.05, unit='1/m^2'), 'brighter than a wall of reflectivity 0.2 at'),
+        (row('speed', high=-0.8, unit='m/s'), 'surfaces that come nearer (below -0.8 m/s) read'),
+        (row('speed', low=0.03, high=0.4, unit='m/s'), 'surfaces that move away (from 0.03 to'),
+        (row('speed', low=-0.03, high=0.03, unit='m/s'), 'surfaces at a speed (from -0.03 to'),
         (row('recording', low=2, high=2, detail='a.npz'), 'surfaces in recording a.npz read'),
         (row('structure', 'row_common', unit_size=''), 'everywhere: noise common to a row'),
     ],

@@ -75,7 +75,7 @@ def _recording(
         ('real', depth_picture(real, low, high)),
         (
             'marked pixels' if marks else 'no pixels are singled out',
-            depth_picture(real, low, high, [mask for _, mask in marks] or [real != real]),
+            depth_picture(real, low, high, [mask for _, mask in marks]),
         ),
         ('simulated', depth_picture(before, low, high)),
         ('real minus simulated', picture(real - before, limit, 1, _STEPS)),

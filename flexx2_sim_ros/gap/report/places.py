@@ -117,8 +117,7 @@ def _subject(cell: dict[str, Any]) -> str:
     if name == 'concavity' and high is not None and high < 0:
         return 'convex edges of objects'
     if name == 'speed':
-        toward = 'that come nearer' if (high or 1) <= 0 else 'that move away'
-        return f'surfaces {toward if low is None or high is None else "that move"} ({span})'
+        return f'surfaces {_direction(low, high)} ({span})'
     words = {
         'all': 'all surfaces',
         'edge': 'pixels at depth jumps',
@@ -132,6 +131,15 @@ def _subject(cell: dict[str, Any]) -> str:
         'beyond the range': 'surfaces beyond the range',
     }
     return words.get(name, f'pixels in {group(cell)}')
+
+
+def _direction(low: float | None, high: float | None) -> str:
+    # Which way surfaces with these speeds along the optical axis move.
+    if high is not None and high <= 0:
+        return 'that come nearer'
+    if low is not None and low >= 0:
+        return 'that move away'
+    return 'at a speed'
 
 
 def _as_bright(low: float | None, high: float | None) -> str:
