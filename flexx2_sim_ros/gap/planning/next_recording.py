@@ -289,8 +289,12 @@ def _table(
         },
         'ranking': ranking,
         'baselines': {
-            'random': _mean([row for row in rows if row.possible.planned is not None]),
-            'repeat': _mean([row for row in rows if row.possible.repeat]),
+            name: _mean(some)
+            for name, some in (
+                ('random', [row for row in rows if row.possible.planned is not None]),
+                ('repeat', [row for row in rows if row.possible.repeat]),
+            )
+            if some
         },
         'most_bits': entropy(setting.weights),
         'version': __version__,

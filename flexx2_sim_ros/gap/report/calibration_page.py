@@ -14,7 +14,7 @@ from flexx2_sim_ros.gap.forms.bias import covariate_of
 from flexx2_sim_ros.gap.forms.calibrating import Proposal, Verdict
 from flexx2_sim_ros.gap.forms.work import Looked
 from flexx2_sim_ros.gap.report.words import percent
-from flexx2_sim_ros.html_drawing import curves, picture
+from flexx2_sim_ros.html_drawing import CURVE_STYLE, curves, picture
 from flexx2_sim_ros.html_page import html_page
 import numpy as np
 
@@ -24,9 +24,6 @@ td, th { padding: .18rem .9rem .18rem 0; text-align: left; vertical-align: top; 
 th, small, .dim, figcaption { color: var(--dim); } figcaption { font-size: .85rem; }
 .row { display: flex; flex-wrap: wrap; gap: 1.2rem; }
 .row figure { max-width: 27.5rem; }
-.curve { fill: none; stroke-width: 2; } .grid { stroke: var(--line); }
-.real { stroke: var(--ink); } .simulated { stroke: var(--orange); stroke-dasharray: 5 3; }
-.effects { stroke: var(--blue); } svg text { fill: var(--ink); }
 .band { fill: var(--blue); opacity: .18; }
 """
 _POINTS = 60
@@ -154,7 +151,7 @@ def page(table: dict[str, Any], verdicts: Sequence[Verdict], looked: Sequence[Lo
         f'{table["seconds"]:.0f} s from {len(looked)} recordings. docs/diagnosis.md says how each '
         'number is computed.</p>',
     ]
-    return html_page('Calibration of effects', _STYLE, '\n'.join(body))
+    return html_page('Calibration of effects', _STYLE + CURVE_STYLE, '\n'.join(body))
 
 
 def _figure(proposal: Proposal, looked: Sequence[Looked]) -> str:
