@@ -153,7 +153,11 @@ def test_a_laser_decides_what_fitted_planes_leave_open(plan: Plan, tmp_path: Pat
     assert bits['frontal', 'planes'] < 0.8 * bits['frontal', 'laser']
     # Where no recording of the plan can be used, a scene of one's own is still ranked.
     own = tmp_path / 'own.npz'
-    np.savez(own, clean_depth=np.full((43, 56), 1.5), K=flexx2().intrinsics.matrix / 4)
+    np.savez(
+        own,
+        clean_depth=np.full((43, 56), 1.5),
+        K=np.array([[52.0, 0, 28], [0, 52.0, 21], [0, 0, 1]]),
+    )
     alone = replace(plan, recordings=())
     found = suggest(tmp_path / 'diagnosis', campaign, alone, scenes=[own]).table
     assert [row['name'] for row in found['ranking']] == ['own.npz']
