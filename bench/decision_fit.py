@@ -103,9 +103,10 @@ def calibrate(campaigns: Sequence[Campaign]) -> Decisions:
 
     Probabilities are logistic models. Their thresholds are set on predictions of
     cross-validation: the smallest with which at most `FALSE_ALARMS` of the campaigns without an
-    effect have a gap, by probability or by agreement, and at most `WRONG` of all others are named
-    wrongly. Alternatives and intervals are split-conformal (Angelopoulos and Bates, A gentle
-    introduction to conformal prediction, 2021): the quantile holds in `COVERED` of further campaigns of the same kind.
+    effect have a gap by probability, at most as many by agreement, and at most `WRONG` of all
+    others are named wrongly. Alternatives and intervals are split-conformal (Angelopoulos and
+    Bates, A gentle introduction to conformal prediction, 2021): the quantile holds in `COVERED` of
+    further campaigns of the same kind.
     """
     rows = [gap_evidence(one.support) for one in campaigns]
     gap, gap_odds = _logistic(rows, [one.present for one in campaigns], range(len(rows)))
@@ -124,8 +125,15 @@ def calibrate(campaigns: Sequence[Campaign]) -> Decisions:
     for (k, name, _), p in zip(pairs, found, strict=True):
         of_campaign[k][name] = p
     agreed = [agreement(one.support) for one in campaigns if not one.present]
-    least = _exceeded(none, FALSE_ALARMS), _exceeded(agreed, FALSE_ALARMS)
-    rule = Decisions(gap, effect, least[0], 0.0, least[1], 0.0, ())
+    rule = Decisions(
+        gap,
+        effect,
+        least_gap=_exceeded(none, FALSE_ALARMS),
+        least_effect=0.0,
+        least_agreement=_exceeded(agreed, FALSE_ALARMS),
+        least_alternative=0.0,
+        margins=(),
+    )
     gaps = [
         (one, effects)
         for one, p, effects in zip(campaigns, gap_odds, of_campaign, strict=True)
