@@ -9,11 +9,14 @@ from bench.gap_campaigns import write_campaign
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.consumers.comparison import compare
 from flexx2_sim_ros.consumers.loading import load, sources
+from flexx2_sim_ros.consumers.running import Result
 from flexx2_sim_ros.effects import parse_effects, save_effects
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap import cost
+from flexx2_sim_ros.gap.cost import compared
 from flexx2_sim_ros.gap.data.campaign import check as check_recording
 from flexx2_sim_ros.gap.data.campaign import read
+from flexx2_sim_ros.gap.report.cost_page import headline, lines, page
 from flexx2_sim_ros.recording import load_recording
 import numpy as np
 from plug_in_sites import on_path, write_metadata
@@ -236,6 +239,31 @@ def test_other_packages_offer_consumers(folder: Path, tmp_path: Path) -> None:
         assert load(known['highest']).name == 'highest'
         with pytest.raises(ModuleNotFoundError):
             load(known['broken'])
+
+
+def test_a_consumer_that_is_named_twice_runs_once() -> None:
+    assert len(sources(['height_grid', 'height_grid'], lambda name, error: None)) == 1
+
+
+def test_one_recording_is_not_judged() -> None:
+    errors = {name: {'steps': 9.0} for name in ('real', 'simulated', 'again', 'a', 'all effects')}
+    errors['simulated'] = {'steps': 0.0}
+    # Two files may give their consumers the same name; only the first draws pictures.
+    image = np.zeros((2, 2), np.float32)
+    drawn = dict.fromkeys(('real', 'simulated', 'all effects'), image)
+    results = [Result('grid', '', {'steps': ''}, [errors], [own]) for own in (drawn, {})]
+    table = {
+        **compared(results, ['a']),
+        'recordings': [{'name': 'x', 'used': True, 'reason': '', 'effects_from': ''}],
+        'damaged_packages': [],
+        'version': '0',
+        'seconds': 1.0,
+    }
+    assert 'at least 3 recordings' in headline(table)
+    ((line, significant),) = lines(table['consumers'][0])
+    assert line.first == 'too few recordings'
+    assert not significant
+    assert page(table, results).count('data:image/png') == 3
 
 
 def test_shares_and_their_intervals() -> None:

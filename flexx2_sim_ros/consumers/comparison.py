@@ -7,7 +7,7 @@ import numpy as np
 
 _SETS = 2000  # of recordings, drawn with replacement
 _QUANTILES = 0.05, 0.95
-_FEWEST = 3  # recordings for an interval
+FEWEST = 3  # recordings for an interval
 Interval = tuple[float, float] | None
 
 
@@ -106,7 +106,7 @@ def compare(
     apart = np.abs(values[:, 1:] - values[:, :1])  # from the recording
     without, null = apart[:, 0], np.abs(values[:, 2] - simulated)
     sets = np.random.default_rng(0).integers(len(used), size=(_SETS, len(used)))
-    enough = len(used) >= _FEWEST
+    enough = len(used) >= FEWEST
     excess = (without - null)[sets].mean(axis=1)
     left = {}
     for k, name in enumerate(renditions, start=2):

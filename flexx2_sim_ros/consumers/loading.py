@@ -71,7 +71,7 @@ def sources(
     for point in entry_points(GROUP, leave_out):
         known.setdefault(point.name, _from_point(point))
     chosen = []
-    for text in wanted or known:
+    for text in dict.fromkeys(wanted) or known:  # A consumer that is named twice runs once.
         if '.py:' not in text and text not in known:
             raise InputError(
                 f'consumer: must be a file and class such as my.py:Grid, or one of '

@@ -179,7 +179,8 @@ def poses_of(
     clean, mask, mode = scene.placed.clean, scene.placed.known, scene.recording.mode
     count = len(scene.recording.depth)
     if scene.moving:
-        chosen = [np.array([t]) for t in np.linspace(0, count - 1, _POSES).round().astype(int)]
+        evenly = np.linspace(0, count - 1, min(count, _POSES)).round().astype(int)
+        chosen = [np.array([t]) for t in evenly]
     else:
         chosen = [np.arange(max(count - _FRAMES, 0), count)]
     height, width = clean.shape[-2:]

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from flexx2_sim_ros.atomic import output_folder, whole_files
+from flexx2_sim_ros.consumers.comparison import FEWEST
 from flexx2_sim_ros.consumers.running import Result
 from flexx2_sim_ros.gap.report.style import STYLE
 from flexx2_sim_ros.gap.report.words import percent
@@ -77,6 +78,8 @@ def headline(table: dict[str, Any]) -> str:
     """Return the result in one sentence."""
     if not table['consumers']:
         return 'No consumer could be used.'
+    if sum(row['used'] for row in table['recordings']) < FEWEST:
+        return f'The cost is not judged: this needs at least {FEWEST} recordings.'
     if not table['ranking']:
         return 'No cost that stands out: no measure differs more than two simulations do.'
     best = table['ranking'][0]
@@ -116,8 +119,6 @@ def sentences(table: dict[str, Any]) -> list[str]:
         f'{row["measures"]} measures that differ.'
         for row in table['ranking']
     ]
-    if len(used) < 3:
-        out.append('With fewer than three recordings nothing can be said to differ.')
     if fitted:
         out.append(
             f'The effects were fitted to {fitted} of these {len(used)} recordings as well, so the '
@@ -133,7 +134,9 @@ def lines(consumer: dict[str, Any]) -> Iterator[tuple[Line, bool]]:
     for one in consumer['measures']:
         unit = f', {one["unit"]}' if one['unit'] else ''
         name, best = max(one['effects'].items(), key=lambda item: item[1]['share'])
-        first = f'{words(name)} {_percent(best)}' if one['significant'] else 'no difference'
+        first = 'no difference' if one['recordings'] >= FEWEST else 'too few recordings'
+        if one['significant']:
+            first = f'{words(name)} {_percent(best)}'
         yield (
             Line(
                 f'{words(one["name"])}{unit}',
@@ -159,12 +162,12 @@ def _percent(one: dict[str, Any]) -> str:
 def page(table: dict[str, Any], results: Sequence[Result]) -> str:
     """Return the page as HTML, all text escaped and all pictures inside."""
     used = [row for row in table['recordings'] if row['used']]
-    by_name = {one.label: one for one in results}
+    good = [one for one in results if not one.fault]  # those of the table, in its order
     body = [
         f'<p><small>What the gap costs, on {len(used)} recordings</small></p>',
         f'<h1>{escape(headline(table))}</h1>',
         ''.join(f'<p>{escape(line)}</p>' for line in sentences(table)),
-        *(_consumer(one, by_name[one['name']]) for one in table['consumers']),
+        *(_consumer(*both) for both in zip(table['consumers'], good, strict=True)),
         '<p><small>The recordings and their simulations go through the same program. Values are '
         'means over recordings of its errors against the true depth. The difference is the mean '
         'absolute difference between a recording and its simulation; "two simulations" is that '
