@@ -13,6 +13,7 @@ from flexx2_sim_ros.errors import InputError, printable, shown_path
 from flexx2_sim_ros.export import measure_noise, Noise, Parameters, Target, TARGETS
 from flexx2_sim_ros.export.noise import ANGLES
 from flexx2_sim_ros.profiles.files import find_profile
+from flexx2_sim_ros.profiles.modes import Profile
 from rich import box
 from rich.console import Console
 from rich.table import Table
@@ -86,8 +87,8 @@ def run(arguments: argparse.Namespace) -> int:
     chosen = list(TARGETS.values())
     if arguments.target != _ALL:
         chosen = [TARGETS[arguments.target]]
-    out = _target_path(arguments, chosen)
     profile = find_profile(arguments.profile)
+    out = _target_path(arguments, chosen, profile)
     effects = load_effects(arguments.effects) if arguments.effects else ()
     angles = ANGLES if arguments.incidence is None else (arguments.incidence,)
     with progress_bar(Console(stderr=True)) as report:
@@ -100,22 +101,22 @@ def run(arguments: argparse.Namespace) -> int:
             progress=lambda done: report('measuring walls', done),
         )
     made = {target: target.write(noise, arguments.cell) for target in chosen}
-    _write(out, made, arguments.target == _ALL)
+    _write(out, made, profile, arguments.target == _ALL)
     console.print(_fits(made))
     _print_losses(console, made)
     console.print(f'\n{shown_path(out)}: {_about(noise)}')
     return 0
 
 
-def _target_path(arguments: argparse.Namespace, chosen: list[Target]) -> Path:
+def _target_path(arguments: argparse.Namespace, chosen: list[Target], profile: Profile) -> Path:
     # Where to write. What is there is left alone without --force.
     if arguments.target == _ALL:
         if arguments.out is None:
             raise InputError('--out: must be a folder for all targets, got none')
         out = output_folder(arguments.out)
-        files = [out / target.file for target in chosen]
+        files = [out / target.file_of(profile) for target in chosen]
     else:
-        out = checked_target(arguments.out or Path(chosen[0].file))
+        out = checked_target(arguments.out or Path(chosen[0].file_of(profile)))
         files = [out]
     there = [file for file in files if file.exists()]
     if there and not arguments.force:
@@ -126,14 +127,14 @@ def _target_path(arguments: argparse.Namespace, chosen: list[Target]) -> Path:
     return out
 
 
-def _write(out: Path, made: dict[Target, Parameters], folder: bool) -> None:
+def _write(out: Path, made: dict[Target, Parameters], profile: Profile, folder: bool) -> None:
     if not folder:
         for parameters in made.values():
             write_text(out, parameters.text)
         return
     with whole_files(out) as part:
         for target, parameters in made.items():
-            (part / target.file).write_text(parameters.text, encoding='utf-8')
+            (part / target.file_of(profile)).write_text(parameters.text, encoding='utf-8')
 
 
 def _targets() -> Table:

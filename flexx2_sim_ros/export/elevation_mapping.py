@@ -37,6 +37,6 @@ def write_perfect(noise: Noise, cell: float) -> Parameters:
 
 
 STRUCTURED_LIGHT = Target(
-    'elevation_mapping', 'flexx2.yaml', 'sigma(z), sigma_x, range', _SOURCE, write
+    'elevation_mapping', 'CAMERA.yaml', 'sigma(z), sigma_x, range', _SOURCE, write
 )
 PERFECT = Target('elevation_mapping_perfect', 'perfect.yaml', 'nothing', _SOURCE, write_perfect)

@@ -26,7 +26,7 @@ def write(noise: Noise, cell: float) -> Parameters:
 
 TARGET = Target(
     'elevation_mapping_cupy',
-    'flexx2_core_param.yaml',
+    'CAMERA_core_param.yaml',
     'sigma(z) as a z^2, range',
     'leggedrobotics/elevation_mapping_cupy, May 2025: config/core/core_param.yaml',
     write,

@@ -34,12 +34,21 @@ class Fit:
     at: float
 
 
-def fit_constant(distance: np.ndarray, sigma: np.ndarray) -> Fit:
-    """Fit one value; see `fit_power`."""
-    return fit_power(distance, sigma, 0, 'constant')
+def fit_constant(
+    distance: np.ndarray, sigma: np.ndarray, low: float = 0.0, high: float = math.inf
+) -> Fit:
+    """Fit one value from low to high; see `fit_power`."""
+    return fit_power(distance, sigma, 0, 'constant', low, high)
 
 
-def fit_power(distance: np.ndarray, sigma: np.ndarray, power: int, form: str) -> Fit:
+def fit_power(
+    distance: np.ndarray,
+    sigma: np.ndarray,
+    power: int,
+    form: str,
+    low: float = 0.0,
+    high: float = math.inf,
+) -> Fit:
     """
     Fit ``a z^power`` by least squares of the logarithm: a factor of 2 weighs the same everywhere.
 
@@ -51,10 +60,12 @@ def fit_power(distance: np.ndarray, sigma: np.ndarray, power: int, form: str) ->
         0 for a constant.
     form : str
         What to call it.
+    low, high : float
+        Bounds of a.
 
     """
     distance, sigma = _seen(distance, sigma)
-    value = float(np.exp(np.mean(np.log(sigma / distance**power))))
+    value = float(np.clip(np.exp(np.mean(np.log(sigma / distance**power))), low, high))
     return _rated(form, (value,), distance, sigma, value * distance**power)
 
 

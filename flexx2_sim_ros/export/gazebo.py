@@ -1,10 +1,11 @@
 """Gazebo: the noise of a depth camera in SDF is one Gaussian."""
 
 import math
+import re
 
 from flexx2_sim_ros.export.fits import fit_constant
 from flexx2_sim_ros.export.noise import Noise
-from flexx2_sim_ros.export.target import common_losses, header, Parameters, Target
+from flexx2_sim_ros.export.target import common_losses, header, identifier, Parameters, Target
 
 
 def write(noise: Noise, cell: float) -> Parameters:
@@ -13,13 +14,14 @@ def write(noise: Noise, cell: float) -> Parameters:
     fit = fit_constant(noise.distance, noise.typical)
     lens, mode = noise.profile.intrinsics, noise.mode
     view = 2.0 * math.atan(lens.width / (2.0 * lens.fx))
-    comment = header(noise, '').replace('--', '- -')
+    name = identifier(noise.profile)
+    comment = re.sub('-(?=-)', '- ', header(noise, ''))  # A comment must not have two in a row.
     text = f"""<?xml version="1.0"?>
 <!--{comment} -->
 <sdf version="1.10">
-  <model name="{_NAME}">
-    <link name="{_NAME}_link">
-      <sensor name="{_NAME}" type="depth_camera">
+  <model name="{name}">
+    <link name="{name}_link">
+      <sensor name="{name}" type="depth_camera">
         <update_rate>{mode.rate_hz:g}</update_rate>
         <camera>
           <horizontal_fov>{view:.6f}</horizontal_fov>
@@ -52,10 +54,9 @@ def write(noise: Noise, cell: float) -> Parameters:
     return Parameters(text, (('stddev', fit),), lost)
 
 
-_NAME = 'flexx2'
 TARGET = Target(
     'gazebo',
-    'flexx2.sdf',
+    'CAMERA.sdf',
     'one sigma, mean bias, range, lens, rate',
     'gazebosim/sdformat, August 2026: sdf/1.10/camera.sdf, noise.sdf; gz-sensors: depth shader',
     write,

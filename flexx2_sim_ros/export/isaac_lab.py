@@ -19,7 +19,7 @@ def write(noise: Noise, cell: float) -> Parameters:
     text = (
         f'{header(noise)}\n'
         'from isaaclab.utils.noise import GaussianNoiseCfg\n\n'
-        'FLEXX2_DEPTH_NOISE = GaussianNoiseCfg(\n'
+        'DEPTH_NOISE = GaussianNoiseCfg(\n'
         f'    mean={mean:.6f}, std={fit.values[0]:.6f}, operation={operation!r}\n'
         ')\n'
     )
@@ -34,7 +34,7 @@ def write(noise: Noise, cell: float) -> Parameters:
 
 TARGET = Target(
     'isaac_lab',
-    'flexx2_depth_noise.py',
+    'CAMERA_depth_noise.py',
     'one sigma and mean bias, or sigma as a z',
     'isaac-sim/IsaacLab v2.3.2: isaaclab.utils.noise.noise_cfg.GaussianNoiseCfg',
     write,

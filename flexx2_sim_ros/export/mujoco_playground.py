@@ -31,7 +31,7 @@ def write(noise: Noise, cell: float) -> Parameters:
 
 TARGET = Target(
     'mujoco_playground',
-    'flexx2_noise_config.py',
+    'CAMERA_noise_config.py',
     'one sigma',
     'google-deepmind/mujoco_playground, August 2026: locomotion/go1/joystick.py, noise_config',
     write,

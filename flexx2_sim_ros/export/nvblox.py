@@ -35,7 +35,7 @@ def write(noise: Noise, cell: float) -> Parameters:
 
 TARGET = Target(
     'nvblox',
-    'nvblox_flexx2.yaml',
+    'nvblox_CAMERA.yaml',
     'sigma(z) as a z, range',
     'NVIDIA-ISAAC-ROS/isaac_ros_nvblox, March 2026: config/nvblox/nvblox_base.yaml, '
     'mapper_initialization.cpp',

@@ -2,7 +2,7 @@
 
 from flexx2_sim_ros.export.fits import fit_constant, within
 from flexx2_sim_ros.export.noise import Noise
-from flexx2_sim_ros.export.target import common_losses, header, Parameters, Target
+from flexx2_sim_ros.export.target import common_losses, header, Parameters, reach, Target
 import numpy as np
 
 _LEAST, _MOST = 0.51, 0.97  # a hit below 0.5 would clear a cell; the server's own upper clamp
@@ -15,22 +15,19 @@ def write(noise: Noise, cell: float) -> Parameters:
     The probability is that of a point to lie at most half a cell from its surface, averaged over
     this range.
     """
-    typical = noise.typical
-    usable = np.isfinite(typical) & (typical <= cell / 2)
-    far = float(noise.distance[usable].max()) if usable.any() else noise.mode.range_max
-    near = np.isfinite(typical) & (noise.distance <= far)
-    right = within(typical[near], cell / 2)
-    fit = fit_constant(noise.distance[near], right)
-    whole = bool(usable[-1])
+    far, unusable = reach(noise, cell)
+    near = np.isfinite(noise.typical) & (noise.distance <= far)
+    right = within(noise.typical[near], cell / 2)
+    fit = fit_constant(noise.distance[near], right, _LEAST, _MOST)
     text = (
         f'{header(noise)}\n'
         'octomap_server:\n'
         '  ros__parameters:\n'
         f'    resolution: {cell:g}\n'
-        f'    sensor_model.max_range: {noise.mode.range_max if whole else far:.4g}\n'
-        f'    sensor_model.hit: {min(max(fit.values[0], _LEAST), _MOST):.3f}\n'
+        f'    sensor_model.max_range: {far:.4g}\n'
+        f'    sensor_model.hit: {fit.values[0]:.3f}\n'
     )
-    lost = ('sigma(z): one probability at all distances', *common_losses(noise))
+    lost = ('sigma(z): one probability at all distances', *unusable, *common_losses(noise))
     return Parameters(text, (('sensor_model.hit', fit),), lost)
 
 

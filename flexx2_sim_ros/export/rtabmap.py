@@ -1,17 +1,13 @@
 """rtabmap: it has no noise model, only ranges and a filter."""
 
 from flexx2_sim_ros.export.noise import Noise
-from flexx2_sim_ros.export.target import common_losses, header, Parameters, Target
-import numpy as np
+from flexx2_sim_ros.export.target import common_losses, header, Parameters, reach, Target
 
 
 def write(noise: Noise, cell: float) -> Parameters:
     """Write the range in which sigma is at most half a cell."""
-    typical = noise.typical
-    usable = np.isfinite(typical) & (typical <= cell / 2)
-    near, far = noise.mode.range_min, noise.mode.range_max
-    if usable.any() and not usable[-1]:
-        far = float(noise.distance[usable].max())
+    near = noise.mode.range_min
+    far, unusable = reach(noise, cell)
     lines = [header(noise, ';'), '[Core]', f'Grid\\CellSize = {cell:g}']
     for group in ('Grid\\Range', 'Icp\\Range'):
         lines += [f'{group}Min = {near:.4g}', f'{group}Max = {far:.4g}']
@@ -19,6 +15,7 @@ def write(noise: Noise, cell: float) -> Parameters:
         lines += [f'{group}\\MinDepth = {near:.4g}', f'{group}\\MaxDepth = {far:.4g}']
     lost = (
         'sigma(z): rtabmap has no noise model; points are cut off where sigma exceeds half a cell',
+        *unusable,
         *common_losses(noise),
     )
     return Parameters('\n'.join(lines) + '\n', (), lost)

@@ -2,9 +2,11 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+import re
 
 from flexx2_sim_ros.export.fits import Fit
 from flexx2_sim_ros.export.noise import Noise
+from flexx2_sim_ros.profiles.modes import Profile
 import numpy as np
 
 _SEEN_LOSS = 0.005  # of the pixels
@@ -41,7 +43,7 @@ class Target:
     name : str
         On the command line.
     file : str
-        Name of the file, as the target calls such files.
+        Name of the file, as the target calls such files; ``CAMERA`` stands for the camera's name.
     holds : str
         What its parameters can say, for people.
     source : str
@@ -56,6 +58,43 @@ class Target:
     holds: str
     source: str
     write: Callable[[Noise, float], Parameters]
+
+    def file_of(self, profile: Profile) -> str:
+        """Return the name of the file for a camera."""
+        return self.file.replace('CAMERA', identifier(profile))
+
+
+def identifier(profile: Profile) -> str:
+    """Return a camera's name in lower case, digits and underscores, e.g. ``kinect_v2``."""
+    return re.sub('[^a-z0-9]+', '_', profile.model.lower()).strip('_') or 'camera'
+
+
+def reach(noise: Noise, cell: float) -> tuple[float, tuple[str, ...]]:
+    """
+    Return up to which distance sigma is at most half a cell, and what to say if it never is.
+
+    Parameters
+    ----------
+    noise : Noise
+        The camera.
+    cell : float
+        Edge length of a cell, metres.
+
+    Returns
+    -------
+    tuple of float and tuple of str
+        Metres: the range of the mode if sigma is never at most half a cell, or is so to the end.
+
+    """
+    usable = noise.typical <= cell / 2  # False for NaN
+    if not usable.any():
+        return noise.mode.range_max, (
+            f'range: sigma exceeds half a cell of {cell:g} m at all distances, so that the range '
+            'of the mode is written; use larger cells',
+        )
+    if usable[-1]:
+        return noise.mode.range_max, ()
+    return float(noise.distance[usable].max()), ()
 
 
 def header(noise: Noise, comment: str = '#') -> str:
