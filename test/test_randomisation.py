@@ -84,6 +84,7 @@ def test_draws_have_the_distributions_of_the_file(tmp_path: Path) -> None:
         ),
         ({'effects': {'offset': {'parameters': {'gain': 1}}}}, 'gain: must be one of'),
         ({**DRAWN, 'correlations': [['a', 'b', 0.1]]}, 'correlations: must be two parameters'),
+        ({**DRAWN, 'correlations': [[['a'], 'b', 0.1]]}, 'correlations: must be two parameters'),
         (
             {**DRAWN, 'correlations': [['offset.bias', 'excess_noise.factor', 1.5]]},
             'must be a number from -1 to 1',

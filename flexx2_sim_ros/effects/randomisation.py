@@ -248,7 +248,7 @@ def _correlation(rows: Any, names: Sequence[str], where: str) -> np.ndarray:
     if not isinstance(rows, list):
         raise InputError(f'{where}: correlations: must be a list, got {shown(rows)}')
     for row in rows:
-        if not isinstance(row, list) or len(row) != 3 or not {*row[:2]} <= set(names):
+        if not isinstance(row, list) or len(row) != 3 or not all(one in names for one in row[:2]):
             raise InputError(
                 f'{where}: correlations: must be two parameters that are drawn and a number, got '
                 f'{shown(row)}'
