@@ -90,9 +90,7 @@ class ViewedCamera:
             # In its own request: the real driver does not have this parameter and would return no
             # values.
             self.client.get_parameters(['input_depth']).add_done_callback(self._on_input)
-            self.client.get_parameters(
-                [strength_of(effect) for effect in registry()]
-            ).add_done_callback(self._on_strengths)
+            self.client.list_parameters(['effect']).add_done_callback(self._on_listed)
 
     def _on_modes(self, future: Any) -> None:
         # Another node may have parameters of these names with other types.
@@ -105,9 +103,17 @@ class ViewedCamera:
         for value in future.result().values:
             self.take_input(value)
 
-    def _on_strengths(self, future: Any) -> None:
-        for effect, value in zip(registry(), future.result().values, strict=False):
-            self.take_strength(strength_of(effect), value)
+    def _on_listed(self, future: Any) -> None:
+        # Only effects that the node has: for a request with any other it returns no values.
+        there = set(future.result().result.names)
+        names = [name for effect in registry() if (name := strength_of(effect)) in there]
+
+        def take(values: Any) -> None:
+            for name, value in zip(names, values.result().values, strict=False):
+                self.take_strength(name, value)
+
+        if names:
+            self.client.get_parameters(names).add_done_callback(take)
 
     def take_strength(self, parameter: str, value: ParameterValue) -> None:
         """Note the strength of an effect, if this is a parameter of one."""

@@ -32,7 +32,9 @@ export class Effects {
     slider.dataset.effect = name;
     slider.setAttribute('aria-label', `strength of ${text.textContent}`);
     slider.addEventListener('input', () => { slider.held = true; output.textContent = Number(slider.value).toFixed(1); });
-    slider.addEventListener('pointerup', () => { slider.held = false; });
+    for (const end of ['pointerup', 'pointercancel']) {
+      slider.addEventListener(end, () => { slider.held = false; });
+    }
     slider.addEventListener('change', () => {
       slider.held = false;
       slider.busy = performance.now() + ANSWER_MS;  // The node's answer takes a moment.
