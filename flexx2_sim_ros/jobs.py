@@ -71,7 +71,8 @@ def _dask(address: str) -> Iterator[Map]:
         ) from error
     try:
         client = distributed.Client(address, timeout=_CONNECT_SECONDS, set_as_default=False)
-    except (OSError, ValueError, TypeError, OverflowError) as error:
+    # distributed asserts that its event loop runs, which may fail after a client that failed.
+    except (OSError, ValueError, TypeError, OverflowError, AssertionError) as error:
         raise InputError(
             f'--scheduler: must be the address of a running scheduler, got {address!r}: {error}'
         ) from error

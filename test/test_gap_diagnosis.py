@@ -48,7 +48,7 @@ def keys(value: Any) -> Iterator[str]:
     if isinstance(value, dict):
         for key, one in value.items():
             yield key.removesuffix('_interval')
-            if key not in ('parameters', 'known'):
+            if key not in ('parameters', 'known', 'effects_without'):
                 yield from keys(one)
 
 
