@@ -17,6 +17,7 @@ from flexx2_sim_ros.errors import InputError, shown, shown_path
 from flexx2_sim_ros.paths import config_dir
 
 FILE = 'decisions.yaml'
+_FEWEST = 2  # recordings of a campaign that the margins were calibrated on
 
 
 @dataclass(frozen=True)
@@ -111,9 +112,12 @@ class Decisions:
         Returns
         -------
         list of float or None
-            Within -1 to 1; None where no group of campaigns was like this one.
+            Within -1 to 1; None where no group of campaigns was like this one. One recording
+            cannot be left out, so that its reduction is no prediction.
 
         """
+        if recordings < _FEWEST:
+            return None
         for one in self.margins:
             if one.verdict == verdict and recordings <= one.most:
                 low, high = interval or (middle, middle)
