@@ -2,10 +2,10 @@
 Simulated campaigns of which the decisions of the diagnosis are calibrated, one after the other.
 
 The camera is the blind camera of the benchmark, which shares no effect with the catalogue, or,
-in every fourth campaign, the package's own. Each campaign is drawn from the numbers of `DESIGN`
-and its index, diagnosed, and, where effects are named, checked on other scenes of the same
-camera. Development seeds only. The novel effects are those of `bench.gap_novel`, not the
-benchmark's.
+in every fourth campaign, the package's own. Half of these show bare walls, with any of the shipped
+cameras. Each campaign is drawn from the numbers of `DESIGN` and its index, diagnosed, and, where
+effects are named, checked on other scenes of the same camera. Development seeds only. The novel
+effects are those of `bench.gap_novel`, not the benchmark's.
 """
 
 from collections.abc import Mapping, Sequence
@@ -19,6 +19,7 @@ from typing import Any
 from bench.gap_campaigns import write_campaign
 from bench.gap_novel import NOVEL
 from bench.gap_truth import rewrite
+from bench.wall_campaigns import profile_for, SHOWN, write_walls
 from flexx2_sim_ros.atomic import scratch_folder
 from flexx2_sim_ros.gap import diagnose, measure
 from flexx2_sim_ros.validation.benchmark.design import MODES, Planned
@@ -39,6 +40,7 @@ DESIGN: dict[str, dict[Any, float]] = {
     'pose_mm': {0.0: 0.1, 1.0: 0.14, 2.0: 0.52, 5.0: 0.2, 10.0: 0.04},
     'inside': {'as in the profile': 0.7, 'different': 0.3},  # of the blind camera: `INSIDE`
     'truth': {'exact': 0.8, 'masked': 0.12, 'constrained': 0.08},  # constrained: own camera only
+    'scene': {'room': 0.5, 'walls': 0.5},  # walls: own camera only
 }
 STRENGTHS = 0.1, 3.0  # log-uniform
 # What differs inside a camera with an effect: for each field of `Internals` the lowest and highest
@@ -77,7 +79,7 @@ def plan(index: int) -> tuple[Planned, dict[str, Any]]:
     Planned
         The case.
     dict
-        What the case does not say: ``camera``, ``truth`` and ``novel``.
+        What the case does not say: ``camera``, ``truth``, ``scene`` and ``novel``.
 
     """
     seed = DEVELOPMENT.seed(_FIRST + index)
@@ -88,13 +90,16 @@ def plan(index: int) -> tuple[Planned, dict[str, Any]]:
     }
     group = drawn['group']
     count = {'none': 0, 'novel': 0, 'pair': 2}.get(group, 1)
-    names = sorted(str(name) for name in rng.choice(sorted(CATALOGUE), count, replace=False))
+    own = drawn['camera'] == 'own'
+    walls = own and drawn['scene'] == 'walls'
+    known = SHOWN if walls else sorted(CATALOGUE)
+    names = sorted(str(name) for name in rng.choice(known, count, replace=False))
     low, high = map(math.log, STRENGTHS)
     effects = {name: round(float(np.exp(rng.uniform(low, high))), 3) for name in names}
-    own = drawn['camera'] == 'own'
     more = {
         'camera': drawn['camera'],
         'truth': 'exact' if drawn['truth'] == 'constrained' and not own else drawn['truth'],
+        'scene': 'walls' if walls else 'room',
         'novel': str(rng.choice(sorted(NOVEL))) if group == 'novel' else '',
     }
     case = Planned(
@@ -144,7 +149,8 @@ def run(index: int) -> dict[str, Any]:
         campaign = folder / 'campaign'
         campaign.mkdir()
         parameters = _record(case, more, campaign)
-        table = diagnose(campaign, without=case.without, seed=index)
+        profile = profile_for(case.seed, case.effects) if more['scene'] == 'walls' else None
+        table = diagnose(campaign, profile=profile, without=case.without, seed=index)
         realised = None
         if table['effects'] and more['camera'] == 'blind' and case.effects:
             realised = realised_gap(case, table, folder / 'cache', measure)
@@ -163,8 +169,21 @@ def run(index: int) -> dict[str, Any]:
 
 def _record(case: Planned, more: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     # Returns the true parameters of the effects.
-    if more['camera'] == 'own':
-        table = {name: {'strength': value} for name, value in case.effects.items()}
+    table = {name: {'strength': value} for name, value in case.effects.items()}
+    pose = case.pose_mm / 1000, case.pose_mm * _DEGREES_PER_MM
+    parameters: dict[str, Any] = table
+    if more['scene'] == 'walls':
+        write_walls(
+            folder,
+            profile=profile_for(case.seed, case.effects),
+            effects=table,
+            seed=case.seed,
+            recordings=case.recordings,
+            frames=case.frames,
+            width=case.width,
+            pose=pose,
+        )
+    elif more['camera'] == 'own':
         write_campaign(
             folder,
             effects=table,
@@ -172,11 +191,10 @@ def _record(case: Planned, more: Mapping[str, Any], folder: Path) -> dict[str, A
             recordings=case.recordings,
             frames=case.frames,
             usecase=case.usecase,
-            pose=(case.pose_mm / 1000, case.pose_mm * _DEGREES_PER_MM),
+            pose=pose,
             scale=case.width / 224,
             moving=0 if more['truth'] == 'constrained' else case.recordings * 3 // 8,
         )
-        parameters: dict[str, Any] = table
     else:
         camera = BlindCamera(case.case)
         camera.record(folder)
