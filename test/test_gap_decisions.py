@@ -22,7 +22,8 @@ def support(excess: float, gain: float, rival: float, t: float) -> Support:
     offset = EffectSupport('offset', gain, t)
     other = EffectSupport('wiggling', rival, t * (gain - rival) / max(gain, 0.1))
     left = max(excess - gain, 0.0)
-    return Support(6, excess, left, gain, t, 0.1, (offset,), (offset, other), (other,))
+    improved = (gain + 0.5,) * 6
+    return Support(6, excess, left, gain, t, 0.1, improved, (offset,), (offset, other), (other,))
 
 
 def test_more_evidence_makes_an_effect_more_probable() -> None:
@@ -37,12 +38,22 @@ def test_more_evidence_makes_an_effect_more_probable() -> None:
     assert clear.effects['offset'] > 0.9 > 0.1 > clear.effects['wiggling']
 
 
-def test_a_gain_that_recordings_agree_on_is_a_gap_where_no_loss_is_in_excess() -> None:
+def test_a_gain_in_all_recordings_is_a_gap_where_no_loss_is_in_excess() -> None:
     """Assert it of walls, whose own poses and few features leave none."""
-    walls = replace(support(0.0, 2.3, 1.8, 9.8), left=-4.5)
+    walls = replace(support(0.0, 4.0, 3.5, 4.0), left=-4.5, improved=(4.5,) * 6)
     assert judge(walls, calibrated()).verdict == 'identified'
-    for other in (replace(walls, t=2.0), replace(walls, gain=0.3), replace(walls, gain=-2.0)):
+    once = (27.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    for other in (replace(walls, improved=once), replace(walls, gain=-0.5, improved=(0.0,) * 6)):
         assert judge(other, calibrated()).verdict == 'none'
+
+
+def test_a_pose_error_needs_more_evidence() -> None:
+    rule = replace(calibrated(), least_gap=0.5, least_gap_of_poses=0.99)
+    some = support(4.0, 1.5, 0.5, 1.5)
+    posed = replace(some, chosen=(EffectSupport('pose_error', 1.5, 1.5),))
+    assert 0.5 < judge(some, rule).gap == judge(posed, rule).gap < 0.99
+    assert judge(some, rule).verdict != 'none'
+    assert judge(posed, rule).verdict == 'none'
 
 
 def test_evidence_survives_a_file() -> None:

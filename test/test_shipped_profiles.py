@@ -183,9 +183,7 @@ def test_an_offset_is_not_taken_for_a_pose_error(name: str, tmp_path: Path) -> N
             usecase=biased.usecase,
         )
     table = diagnose(tmp_path, profile=camera)
-    # Of the Azure Kinect's slanted walls the pose takes a part only. The rest is gross errors of
-    # more than 4 sigma_z, which no small offset predicts.
-    assert table['verdict'] == ('partly' if name == 'azure_kinect_nfov' else 'identified')
+    assert table['verdict'] == 'identified'
     (effect,) = table['effects']
     assert effect['name'] == 'offset'
     assert effect['parameters']['bias'] == pytest.approx(0.006, rel=0.1)

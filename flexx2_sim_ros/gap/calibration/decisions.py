@@ -73,10 +73,11 @@ class Decisions:
     ----------
     gap, effect : Logistic
         That there is a gap; that an effect is present.
-    least_gap, least_effect : float
-        Probability from which on there is a gap, and from which on effects are named.
-    least_agreement : float
-        `probability.agreement` from which on there is a gap as well.
+    least_gap, least_gap_of_poses : float
+        Probability from which on there is a gap; the second one where a pose error is among
+        the chosen effects.
+    least_effect : float
+        Probability from which on effects are named.
     least_alternative : float
         Probability from which on an effect is listed as an alternative.
     margins : tuple of Margin
@@ -87,8 +88,8 @@ class Decisions:
     gap: Logistic
     effect: Logistic
     least_gap: float
+    least_gap_of_poses: float
     least_effect: float
-    least_agreement: float
     least_alternative: float
     margins: tuple[Margin, ...]
 
@@ -148,8 +149,8 @@ def read_decisions(path: Path) -> Decisions:
             _logistic(table, 'gap'),
             _logistic(table, 'effect'),
             _number(table['gap'], 'threshold'),
+            _number(table['gap'], 'threshold_of_poses'),
             _number(table['effect'], 'threshold'),
-            _number(table['gap'], 'agreement'),
             _number(table['alternative'], 'threshold'),
             tuple(
                 Margin(str(row['verdict']), int(row['most']), _number(row, 'margin'))

@@ -11,7 +11,7 @@ from flexx2_sim_ros.gap.features.catalogue import Candidate
 from flexx2_sim_ros.gap.inference.decidable import Undecided, undecided
 from flexx2_sim_ros.gap.inference.fitting import Fit
 from flexx2_sim_ros.gap.inference.model import Model
-from flexx2_sim_ros.gap.inference.probability import judge, Judgement
+from flexx2_sim_ros.gap.inference.probability import EXPLAINED, judge, Judgement
 from flexx2_sim_ros.gap.inference.selection import (
     best_of_each,
     Choice,
@@ -22,8 +22,6 @@ from flexx2_sim_ros.gap.inference.selection import (
 from flexx2_sim_ros.gap.inference.support import Support, support_of
 from flexx2_sim_ros.gap.inference.uncertainty import ratio_interval
 import numpy as np
-
-_EXPLAINED = 'identified', 'partly'
 
 
 @dataclass(frozen=True)
@@ -99,7 +97,7 @@ class Decision:
     @property
     def explains_gap(self) -> bool:
         """Whether the effects chosen explain the gap, or a part of it."""
-        return self.verdict in _EXPLAINED
+        return self.verdict in EXPLAINED
 
     @property
     def accepted(self) -> Fit:
@@ -173,9 +171,9 @@ def decide(
     if verdict == 'none' and (hidden or absorbed):
         verdict = 'not_decidable'
     chosen = _as_in_catalogue(trials, found)
-    settled = {c.effect for c in chosen.fit.candidates} if verdict in _EXPLAINED else set()
+    settled = {c.effect for c in chosen.fit.candidates} if verdict in EXPLAINED else set()
     others = set(said.alternatives)
-    if open_ones and verdict in _EXPLAINED:
+    if open_ones and verdict in EXPLAINED:
         more = [*singles, *(trials.single(candidate) for candidate in open_ones)]
         if hidden_could_explain(trials, found, [*candidates, *open_ones], more, names, tick):
             # The recordings cannot tell the effects found from one that the ground truth hides.

@@ -13,6 +13,8 @@ from flexx2_sim_ros.gap.calibration.inference import THRESHOLDS
 from flexx2_sim_ros.gap.inference.support import Support
 import numpy as np
 
+EXPLAINED = 'identified', 'partly'  # the verdicts that name effects
+
 
 @dataclass(frozen=True)
 class Judgement:
@@ -55,7 +57,7 @@ def judge(support: Support, rule: Decisions) -> Judgement:
         name: rule.effect.probability(row) for name, row in effect_evidence(support).items()
     }
     best = max((effects[one.name] for one in support.chosen), default=0.0)
-    if gap < rule.least_gap and agreement(support) < rule.least_agreement:
+    if not has_gap(support, gap, rule):
         verdict = 'none'
     elif best < rule.least_effect or _explain_little(support):
         verdict = 'unknown'
@@ -65,28 +67,34 @@ def judge(support: Support, rule: Decisions) -> Judgement:
     return Judgement(verdict, gap, effects, frozenset(probable))
 
 
+def has_gap(support: Support, probability: float, rule: Decisions) -> bool:
+    """
+    Return whether a gap of this probability is one.
+
+    Where a pose error is among the chosen effects, the probability must be higher: recordings have
+    wrong poses of their own, and a few of them may agree by chance.
+    """
+    return probability >= (rule.least_gap_of_poses if is_posed(support) else rule.least_gap)
+
+
+def is_posed(support: Support) -> bool:
+    """Return whether a pose error is among the chosen effects."""
+    return of_role('pose').name in {one.name for one in support.chosen}
+
+
 def _explain_little(support: Support) -> bool:
     # A pose error is exempt: the recordings' own poses absorb most of it.
-    posed = of_role('pose').name in {one.name for one in support.chosen}
-    return not posed and support.left > (1 - THRESHOLDS.unknown) * support.excess
+    return not is_posed(support) and support.left > (1 - THRESHOLDS.unknown) * support.excess
 
 
 def leaves_gap(support: Support, rule: Decisions) -> bool:
     """Return whether the chosen effects leave most of the gap, and what is left is a gap."""
-    rest = replace(support, excess=support.left, gain=0.0, t=0.0)
+    nothing = (0.0,) * support.recordings
+    rest = replace(support, excess=support.left, gain=0.0, improved=nothing)
     return bool(
         support.left > THRESHOLDS.partly * support.excess
         and rule.gap.probability(gap_evidence(rest)) >= rule.least_gap
     )
-
-
-def agreement(support: Support) -> float:
-    """
-    Return how much the recordings agree that the chosen effects improve the simulation.
-
-    It finds a gap that leaves no excess loss, because the recordings' own poses can take it over.
-    """
-    return float(np.arcsinh(max(support.gain, 0.0)) * max(_limited(support.t), 0.0))
 
 
 def gap_evidence(support: Support) -> dict[str, float]:
@@ -94,7 +102,7 @@ def gap_evidence(support: Support) -> dict[str, float]:
     return {
         'excess': float(np.arcsinh(support.excess)),
         'gain': float(np.arcsinh(support.gain)),
-        't': _limited(support.t),
+        'least_gain': float(np.arcsinh(support.least_gain)),
         'scatter': support.scatter,
         'ln_recordings': float(np.log(support.recordings)),
     }
@@ -113,10 +121,12 @@ def effect_evidence(support: Support) -> dict[str, dict[str, float]]:
     -------
     dict of str to dict of str to float
         For each chosen effect, and each one that could be in place of the last one: ``chosen``,
-        1 or 0; ``gain``, its gain; ``lead`` and ``lead_t``, by how much and how clearly it is
-        better than the best other explanation (negative: worse); ``left``, the fraction of the
-        excess loss that the chosen effects leave; ``scatter`` of the poses, and ``pose``, the
-        same for a pose error and 0 for other effects; ``ln_recordings``.
+        1 or 0; ``gain``, its gain; ``fraction``, its gain as a fraction of the excess loss;
+        ``lead`` and ``lead_t``, by how much and how clearly it is better than the best other
+        explanation (negative: worse); ``lead_fraction``, the lead as a fraction of its gain;
+        ``left``, the fraction of the excess loss that the chosen effects leave; ``scatter`` of the
+        poses, and ``pose``, the same for a pose error and 0 for other effects;
+        ``ln_recordings``.
 
     """
     if not support.chosen:
@@ -126,19 +136,20 @@ def effect_evidence(support: Support) -> dict[str, dict[str, float]]:
         'scatter': support.scatter,
         'ln_recordings': float(np.log(support.recordings)),
     }
-    last = support.chosen[-1]
+    last, excess = support.chosen[-1], support.excess
     rivals = {one.name: one for one in support.rivals[::-1]}
-    out = {one.name: _row(1.0, one.gain, one.gain, one.t) for one in support.chosen[:-1]}
+    out = {one.name: _row(1.0, one.gain, one.gain, one.t, excess) for one in support.chosen[:-1]}
     nearest = support.rivals[0].gain if support.rivals else 0.0
     out[last.name] = _row(
         1.0,
         last.gain,
         last.gain - max(nearest, 0.0),
         min([last.t, *(one.t for one in support.rivals)]),
+        excess,
     )
     for name, one in rivals.items():
         if name not in out:
-            out[name] = _row(0.0, one.gain, one.gain - last.gain, -one.t)
+            out[name] = _row(0.0, one.gain, one.gain - last.gain, -one.t, excess)
     posed = of_role('pose').name
     return {
         name: {**row, **common, 'pose': support.scatter if name == posed else 0.0}
@@ -146,11 +157,14 @@ def effect_evidence(support: Support) -> dict[str, dict[str, float]]:
     }
 
 
-def _row(chosen: float, gain: float, lead: float, t: float) -> dict[str, float]:
+def _row(chosen: float, gain: float, lead: float, t: float, excess: float) -> dict[str, float]:
+    # Fractions of less than a loss of 1, or a gain of 0.5, say nothing.
     return {
         'chosen': chosen,
         'gain': float(np.arcsinh(gain)),
+        'fraction': float(np.clip(gain / max(excess, 1.0), 0.0, 1.5)),
         'lead': float(np.arcsinh(lead)),
+        'lead_fraction': float(np.clip(lead / max(abs(gain), 0.5), -2.0, 1.0)),
         'lead_t': _limited(t),
     }
 

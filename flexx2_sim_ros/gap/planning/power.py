@@ -3,13 +3,14 @@ Power calculation: the smallest strength at which the diagnosis finds an effect.
 
 An effect's shift of all features is simulated once at each strength. Noise of the features comes
 from the simulations without effects, errors of the ground truth from its covariance. The fit and
-the thresholds of the diagnosis then decide on many draws, without any further simulation.
+the calibrated rule of the verdict then decide on many draws, without any further simulation.
 """
 
 from collections.abc import Sequence, Set
 from dataclasses import dataclass
 
 from flexx2_sim_ros.effects import registry
+from flexx2_sim_ros.gap.calibration.decisions import calibrated
 from flexx2_sim_ros.gap.data.planes import PLANE_STEPS
 from flexx2_sim_ros.gap.data.pose import STEPS
 from flexx2_sim_ros.gap.data.prior import POSE
@@ -18,7 +19,15 @@ from flexx2_sim_ros.gap.inference.decidable import undecided
 from flexx2_sim_ros.gap.inference.decide import hidden_could_explain
 from flexx2_sim_ros.gap.inference.model import combine, Model
 from flexx2_sim_ros.gap.inference.own_errors import COMMON
-from flexx2_sim_ros.gap.inference.selection import best_of_each, Trials
+from flexx2_sim_ros.gap.inference.probability import EXPLAINED, judge
+from flexx2_sim_ros.gap.inference.selection import (
+    best_of_each,
+    Choice,
+    Selection,
+    Trials,
+    without_each,
+)
+from flexx2_sim_ros.gap.inference.support import support_of
 from flexx2_sim_ros.gap.planning.truths import Kind
 import numpy as np
 
@@ -181,8 +190,8 @@ def _fraction(
     seed: int,
     draws: int,
 ) -> float:
-    if not _is_found(model.as_if(shift), considered, effect):
-        return 0.0  # It is not found even without noise.
+    if _first_effect(_singles(Trials(model.as_if(shift)), considered)) != effect:
+        return 0.0  # It does not explain the gap best even without noise.
     count = misses = 0
     for draw in range(draws):
         rng = np.random.default_rng([seed, draw])
@@ -196,10 +205,13 @@ def _fraction(
 
 def _is_found(model: Model, considered: _Considered, effect: str) -> bool:
     trials = Trials(model)
-    singles = [trials.single(one) for one in considered.decidable]
-    first = max(singles, key=lambda one: one.gain)
-    needed = trials.thresholds.gain * trials.count
-    if first.fit.candidates[0].effect != effect or first.gain < needed:
+    singles = _singles(trials, considered)
+    if _first_effect(singles) != effect:
+        return False
+    first, *rivals = singles
+    selection = Selection(first, tuple(rivals))
+    support = support_of(trials, selection, without_each(trials, first), singles)
+    if judge(support, calibrated()).verdict not in EXPLAINED:
         return False
     if not considered.hidden:
         return True
@@ -208,6 +220,14 @@ def _is_found(model: Model, considered: _Considered, effect: str) -> bool:
     singles += [trials.single(one) for one in considered.hidden]
     names = {one.effect for one in considered.hidden}
     return not hidden_could_explain(trials, first, everything, singles, names)
+
+
+def _singles(trials: Trials, considered: _Considered) -> list[Choice]:
+    return best_of_each([trials.single(one) for one in considered.decidable])
+
+
+def _first_effect(singles: Sequence[Choice]) -> str:
+    return singles[0].fit.candidates[0].effect
 
 
 def _shift(model: Model, effect: str, strength: float) -> np.ndarray:
