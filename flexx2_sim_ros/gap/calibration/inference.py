@@ -70,7 +70,7 @@ class Thresholds:
         4.0, 'loss', 'that errors of pose and reflectivity leave above noise', DEVELOPMENT
     )
     gain: float = constant(
-        1.0, 'loss', 'an effect that takes off this will be found: for plans', DEVELOPMENT
+        1.0, 'loss', 'that counts where poses scatter, and as the tolerance of checks', DEVELOPMENT
     )
     least_gain: float = constant(
         0.5, 'loss', 'further effects are added to one that takes off this', DEVELOPMENT
