@@ -7,7 +7,7 @@ from typing import Any
 from flexx2_sim_ros.batch import kernels
 from flexx2_sim_ros.batch.arguments import device_named, environments, mask_of, one_for_each, seeds
 from flexx2_sim_ros.batch.drawn import DrawnCameras
-from flexx2_sim_ros.batch.effect_tables import each_environment, noise_row
+from flexx2_sim_ros.batch.effect_tables import each_environment
 from flexx2_sim_ros.batch.exchange import (
     checked,
     from_warp,
@@ -111,19 +111,7 @@ class BatchCamera:
         self._invalid = _INVALID[invalid_value]
         self._seeds, self._name = seeds(seed, self.num_envs), name
         keys = np.stack([camera_key(one, name) for one in self._seeds])
-        self._noise = np.zeros(self.num_envs, kernels.Noise.numpy_dtype())  # type: ignore
-        self._periods = np.zeros(self.num_envs, np.int64)
-        self._rows = Rows(
-            *(
-                wp.array(values, dtype=dtype, device=self.device)
-                for values, dtype in (
-                    (self._noise, kernels.Noise),
-                    (self._periods, wp.int64),
-                    (keys, wp.vec2ui),
-                    (self._periods, wp.int64),
-                )
-            )
-        )
+        self._rows = Rows.of(keys, self.device)
         self.stamps = self._rows.stamps
         self._images: Images | None = None
         self._stages: BatchStages | None = None
@@ -242,23 +230,23 @@ class BatchCamera:
         host = isinstance(env_mask, np.ndarray)
         place = wp.get_device('cpu') if host else self.device
         kind = checked('env_mask', env_mask, (self.num_envs,), np.bool_, place)
-        if self._stages is not None or self._host is not None or self.drawn is not None:
-            with stream_of(kind, self.device), wp.ScopedDevice(self.device):
-                mask = to_warp(
-                    kind,
-                    env_mask,
-                    wp.bool,
-                    lambda: wp.empty(self.num_envs, dtype=wp.bool, device=place),
-                )
-                if self._host is not None:
-                    self._host.forget(mask.numpy())
+        if self._stages is None and self._host is None and self.drawn is None:
+            return
+        with stream_of(kind, self.device), wp.ScopedDevice(self.device):
+            chosen = to_warp(
+                kind, env_mask, wp.bool, lambda: wp.empty(self.num_envs, wp.bool, place)
+            )
+            if self._host is not None:
+                self._host.forget(chosen.numpy())
+            mask = chosen.to(self.device)
+            if self._stages is not None:
+                self._stages.forget(mask)
+            if self.drawn is not None:
+                self.drawn.draw(mask)
                 if self._stages is not None:
-                    self._stages.forget(mask.to(self.device))
-                if self.drawn is not None:
-                    rows = None if self._stages is None else self._stages.effects
-                    self.drawn.draw(mask.to(self.device), rows)
-            if host:
-                wp.synchronize_device(self.device)
+                    self.drawn.give(mask, self._stages.effects)
+        if host:
+            wp.synchronize_device(self.device)
 
     def __call__(self, depth: Any, reflectivity: Any = None, *, out: Any = None) -> Any:
         """
@@ -366,18 +354,10 @@ class BatchCamera:
         return self._stages
 
     def _set(self, modes: list[Mode], effects: list[tuple[Effect, ...]]) -> None:
-        rows = {
-            (mode, own): noise_row(mode, own)
-            for mode, own in set(zip(modes, effects, strict=True))
-        }
-        for i, pair in enumerate(zip(modes, effects, strict=True)):
-            self._noise[i] = rows[pair]
-        self._periods[:] = [round(1e9 / mode.rate_hz) for mode in modes]
+        wp.synchronize_device(self.device)  # Frames may be in the making, on another stream.
+        self._rows.set_modes(modes, effects)
         self._modes, self._effects = modes, effects
         self._has_effects = any(own and not without_kernel(own) for own in effects)
-        wp.synchronize_device(self.device)  # Frames may be in the making, on another stream.
-        self._rows.noise.assign(self._noise)
-        self._rows.periods.assign(self._periods)
         if self._stages is not None:
             self._stages.set_modes(modes)
         if self._host is not None:
@@ -404,13 +384,4 @@ class BatchCamera:
     def _intrinsics(self, height: int, width: int) -> Intrinsics:
         if self._matrix is not None:
             return Intrinsics.from_matrix(self._matrix, width, height)
-        own = self.profile.intrinsics
-        across, down = width / own.width, height / own.height
-        return Intrinsics(
-            width,
-            height,
-            own.fx * across,
-            own.fy * down,
-            (own.cx + 0.5) * across - 0.5,
-            (own.cy + 0.5) * down - 0.5,
-        )
+        return self.profile.intrinsics.resized(width, height)

@@ -64,18 +64,12 @@ class DrawnCameras:
         )
         wp.load_module(drawn_kernels, device=device)
         with wp.ScopedDevice(device):
-            self.draw(wp.ones(num_envs, dtype=wp.bool, device=device), None)
+            self.draw(wp.ones(num_envs, dtype=wp.bool, device=device))
 
-    def draw(self, mask: wp.array, rows: wp.array | None) -> None:
-        """
-        Draw another camera for the environments that a (N,) bool array on the device chooses.
-
-        ``rows``, the effects of all environments on the device, get those of the cameras.
-        """
+    def draw(self, mask: wp.array) -> None:
+        """Draw another camera for environments; ``mask`` is (N,) bool on the device."""
         parts = self._pool, self._seed, self._counts, self.drawn
         launch(drawn_kernels.draw, mask.size, mask, *parts)
-        if rows is not None:
-            self.give(mask, rows)
 
     def give(self, mask: wp.array, rows: wp.array) -> None:
         """Write the effects of their cameras into the rows of the chosen environments."""

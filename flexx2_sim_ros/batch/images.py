@@ -1,12 +1,16 @@
 """The images of one frame in the making, on the device, and the launches that make it."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 from flexx2_sim_ros.batch import edge_kernels, kernels, region_kernels
-from flexx2_sim_ros.camera import Intrinsics
+from flexx2_sim_ros.batch.effect_tables import noise_row
+from flexx2_sim_ros.camera import Intrinsics, Mode
+from flexx2_sim_ros.effects import Effect
 from flexx2_sim_ros.profiles.modes import Profile
+import numpy as np
 import warp as wp
 
 # Environments whose images are made at a time, so that they stay in the cache (measured on the
@@ -43,6 +47,33 @@ class Rows:
     periods: wp.array
     keys: wp.array
     stamps: wp.array
+
+    @classmethod
+    def of(cls, keys: np.ndarray, device: Any) -> 'Rows':
+        """Return rows with the (N, 2) uint32 keys, at stamp 0; the modes have to be set."""
+        num_envs = len(keys)
+        return cls(
+            wp.zeros(num_envs, dtype=kernels.Noise, device=device),
+            wp.zeros(num_envs, dtype=wp.int64, device=device),
+            wp.array(keys, dtype=wp.vec2ui, device=device),
+            wp.zeros(num_envs, dtype=wp.int64, device=device),
+        )
+
+    def set_modes(self, modes: Sequence[Mode], effects: Sequence[tuple[Effect, ...]]) -> None:
+        """
+        Put the noise and the period of the mode of every environment on the device.
+
+        Raises
+        ------
+        InputError
+            For effects that need frequencies in a mode without.
+
+        """
+        pairs = list(zip(modes, effects, strict=True))
+        rows = {(mode, own): noise_row(mode, own) for mode, own in set(pairs)}
+        layout = kernels.Noise.numpy_dtype()  # type: ignore
+        self.noise.assign(np.array([rows[pair] for pair in pairs], layout))
+        self.periods.assign(np.array([round(1e9 / mode.rate_hz) for mode in modes]))
 
 
 class Images:

@@ -131,6 +131,18 @@ class Intrinsics:
             (height - 1) / 2,
         )
 
+    def resized(self, width: int, height: int) -> 'Intrinsics':
+        """Return a camera without distortion that has this field of view in another image size."""
+        across, down = width / self.width, height / self.height
+        return Intrinsics(
+            width,
+            height,
+            self.fx * across,
+            self.fy * down,
+            (self.cx + 0.5) * across - 0.5,
+            (self.cy + 0.5) * down - 0.5,
+        )
+
     @property
     def field_of_view_deg(self) -> tuple[float, float]:
         """Return the view angles of a symmetric camera of this size and these focal lengths."""
