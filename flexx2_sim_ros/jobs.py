@@ -71,7 +71,8 @@ def _dask(address: str) -> Iterator[Map]:
         ) from error
     try:
         client = distributed.Client(address, timeout=_CONNECT_SECONDS, set_as_default=False)
-    # distributed asserts that its event loop runs, which may fail after a client that failed.
+    # distributed's LoopRunner.start asserts that the event loop runs. The assertion can fail while
+    # an earlier client, which found no scheduler, still stops the loop that both share.
     except (OSError, ValueError, TypeError, OverflowError, AssertionError) as error:
         raise InputError(
             f'--scheduler: must be the address of a running scheduler, got {address!r}: {error}'
