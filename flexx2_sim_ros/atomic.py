@@ -17,7 +17,7 @@ import sqlite3
 import sys
 import tempfile
 
-from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.errors import InputError, shown_path
 from flexx2_sim_ros.signals import before_leaving
 
 if sys.platform != 'win32':  # On Windows, leftovers are not removed.
@@ -115,6 +115,33 @@ def checked_target(path: str | Path) -> Path:
         if not os.access(target.parent, os.W_OK | os.X_OK):
             raise InputError(f'{path}: cannot be written: the folder is read-only')
     return target
+
+
+def check_no_overwrite(option: str, files: Iterable[Path], force: bool) -> None:
+    """
+    Check that a command writes over no file of the user, unless it is forced to.
+
+    Parameters
+    ----------
+    option : str
+        The option that names the file, for errors.
+    files : iterable of pathlib.Path
+        What is to be written.
+    force : bool
+        Whether ``--force`` is given.
+
+    Raises
+    ------
+    InputError
+        When one of the files is there already.
+
+    """
+    there = [file for file in files if file.exists()]
+    if there and not force:
+        raise InputError(
+            f'{option}: must not be there already, or --force must be given, got '
+            f'{shown_path(there[0])}'
+        )
 
 
 def check_distinct(source: str | Path, target: str | Path) -> None:

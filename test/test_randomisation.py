@@ -165,6 +165,20 @@ def test_distributions_are_those_of_the_diagnosis(tmp_path: Path) -> None:
     assert given.settings['share'] == 0.3
 
 
+def test_a_file_is_written_over_only_by_force(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / 'mine.yaml'
+    out.write_text('mine')
+    folder = diagnosed(tmp_path / 'diagnosis', 3, {'offset': {'bias': 0.01}})
+    command = ['gap', 'randomise', str(folder), '--out', str(out)]
+    assert main(command) == 2
+    assert out.read_text() == 'mine'
+    assert '--force' in capsys.readouterr().err
+    assert main([*command, '--force']) == 0
+    assert out.read_text() != 'mine'
+
+
 def test_the_documentation_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     text = DOCS.read_text()
     monkeypatch.chdir(tmp_path)

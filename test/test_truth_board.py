@@ -211,6 +211,9 @@ def test_a_target_is_printed_true_to_scale(tmp_path: Path, size: str) -> None:
     points = [float(side) for side in box.groups()]
     assert np.array(points) * 0.0254 / 72 == pytest.approx(np.array(SHEETS[size][:2]), abs=1e-6)
     assert read_target(tmp_path / 'target.yaml') == target_of(size)
+    before = (tmp_path / 'target.yaml').read_bytes(), out.read_bytes()
+    assert main(['gap', 'target', '--out', str(out)]) == 2
+    assert before == ((tmp_path / 'target.yaml').read_bytes(), out.read_bytes())
 
 
 def test_the_pdf_shows_what_the_description_says() -> None:

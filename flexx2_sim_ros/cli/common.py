@@ -29,6 +29,11 @@ def add_seed(parser: argparse.ArgumentParser, most: int = MOST_SEED) -> None:
     )
 
 
+def add_force(parser: argparse.ArgumentParser) -> None:
+    """Add ``--force``; `atomic.check_new` looks at it."""
+    parser.add_argument('--force', action='store_true', help='write over what is there')
+
+
 def add_jobs(parser: argparse.ArgumentParser) -> None:
     """Add ``--jobs``, by default one process per core."""
     parser.add_argument(

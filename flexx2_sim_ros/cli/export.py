@@ -5,9 +5,15 @@ import math
 from pathlib import Path
 from typing import Any
 
-from flexx2_sim_ros.atomic import checked_target, output_folder, whole_files, write_text
+from flexx2_sim_ros.atomic import (
+    check_no_overwrite,
+    checked_target,
+    output_folder,
+    whole_files,
+    write_text,
+)
 from flexx2_sim_ros.cli.argument_types import number
-from flexx2_sim_ros.cli.common import add_profile, progress_bar
+from flexx2_sim_ros.cli.common import add_force, add_profile, progress_bar
 from flexx2_sim_ros.effects import load_effects
 from flexx2_sim_ros.errors import InputError, printable, shown_path
 from flexx2_sim_ros.export import measure_noise, Noise, Parameters, Target, TARGETS
@@ -74,7 +80,7 @@ def add_parser(commands: Any) -> None:
     parser.add_argument(
         '--out', metavar='PATH', type=Path, help='file, or folder for all (default: by target)'
     )
-    parser.add_argument('--force', action='store_true', help='write over what is there')
+    add_force(parser)
     parser.set_defaults(run=run)
 
 
@@ -118,12 +124,7 @@ def _target_path(arguments: argparse.Namespace, chosen: list[Target], profile: P
     else:
         out = checked_target(arguments.out or Path(chosen[0].file_of(profile)))
         files = [out]
-    there = [file for file in files if file.exists()]
-    if there and not arguments.force:
-        raise InputError(
-            f'--out: must not be there already, or --force must be given, got '
-            f'{shown_path(there[0])}'
-        )
+    check_no_overwrite('--out', files, arguments.force)
     return out
 
 

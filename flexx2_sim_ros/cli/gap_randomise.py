@@ -3,6 +3,8 @@
 import argparse
 from typing import Any
 
+from flexx2_sim_ros.atomic import check_no_overwrite, checked_target
+from flexx2_sim_ros.cli.common import add_force
 from flexx2_sim_ros.errors import printable
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
@@ -24,6 +26,7 @@ def add_parser(commands: Any) -> None:
         'diagnosis', metavar='DIAGNOSIS', help='folder that flexx2 gap diagnose has written'
     )
     parser.add_argument('--out', required=True, metavar='FILE', help='YAML file to write')
+    add_force(parser)
     parser.set_defaults(run=run)
 
 
@@ -31,6 +34,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Write the file and print its distributions."""
     from flexx2_sim_ros.gap.randomise import comment, randomise
 
+    check_no_overwrite('--out', [checked_target(arguments.out)], arguments.force)
     found = randomise(arguments.diagnosis, arguments.out)
     console = Console(stderr=True, markup=False)
     shown = Table('parameter', 'mean', 'spread', 'narrower by', box=SIMPLE_HEAD)

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from flexx2_sim_ros import atomic
+from flexx2_sim_ros.cli.common import add_force
 from flexx2_sim_ros.errors import InputError, shown_path
 
 SIZES = 'A4', 'A3', 'A2'
@@ -27,6 +28,7 @@ def add_parser(commands: Any) -> None:
         default='A3',
         help='size of the sheet (default A3: found up to 2 m; A2 for more)',
     )
+    add_force(parser)
     parser.set_defaults(run=run)
 
 
@@ -37,8 +39,10 @@ def run(arguments: argparse.Namespace) -> int:
     out = Path(arguments.out)
     if out.suffix.lower() != '.pdf':
         raise InputError(f'--out: must end with .pdf, got {shown_path(out)}')
-    target = target_of(arguments.size)
     description = out.with_suffix('.yaml')
+    files = [atomic.checked_target(file) for file in (out, description)]
+    atomic.check_no_overwrite('--out', files, arguments.force)
+    target = target_of(arguments.size)
     with atomic.whole(out) as part:
         part.write_bytes(draw_pdf(target))
     atomic.write_text(description, target.to_yaml())
