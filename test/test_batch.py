@@ -17,6 +17,7 @@ from flexx2_sim_ros.batch import (
     images,
     kernels,
     scatter_kernels,
+    timing_kernels,
 )
 from flexx2_sim_ros.camera import Camera, flexx2
 from flexx2_sim_ros.errors import InputError
@@ -289,7 +290,15 @@ def test_a_captured_graph_gives_the_frames_of_calls() -> None:
 
 @pytest.mark.parametrize(
     'module',
-    [kernels, edge_kernels, geometry_kernels, history_kernels, bounce_kernels, scatter_kernels],
+    [
+        kernels,
+        edge_kernels,
+        geometry_kernels,
+        history_kernels,
+        timing_kernels,
+        bounce_kernels,
+        scatter_kernels,
+    ],
 )
 def test_kernels_compile_for_cuda(module: object, tmp_path: Path) -> None:
     """Without a GPU this is all that can be said; effect_kernels takes 5 s and is left out."""
@@ -299,9 +308,11 @@ def test_kernels_compile_for_cuda(module: object, tmp_path: Path) -> None:
 
 def test_the_examples_run() -> None:
     page = (Path(__file__).resolve().parents[1] / 'docs' / 'batch.md').read_text(encoding='utf-8')
-    (program,) = re.findall(r'```python\n(.*?)```', page, re.DOTALL)
+    many, late = re.findall(r'```python\n(.*?)```', page, re.DOTALL)
     done: dict = {}
-    exec(compile(program, 'docs/batch.md', 'exec'), done)  # noqa: S102
+    exec(compile(many, 'docs/batch.md', 'exec'), done)  # noqa: S102
     assert np.isfinite(done['seen']).all()
     assert done['cameras'].usecases[:2] == ('Mode_9_20fps', 'Mode_5_30fps')
+    exec(compile(late, 'docs/batch.md', 'exec'), done)  # noqa: S102
+    assert (done['age'] // 1_000_000).tolist() == [40, 40, 60]
     assert doctest.testmod(sys.modules[BatchCamera.__module__]).attempted == 3

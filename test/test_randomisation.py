@@ -247,6 +247,8 @@ def test_each_environment_draws_a_camera_at_reset(tmp_path: Path) -> None:
     assert (second[:3] != first[:3]).any()
     cameras.set_effects(())
     assert cameras.drawn is None
-    late = load_randomisation(write(tmp_path / 'late.yaml', {'effects': {'time_offset': {}}}))
-    with pytest.raises(InputError, match='time_offset: cannot be drawn again'):
-        cameras.randomise(late)
+    wrong = load_randomisation(
+        write(tmp_path / 'lens.yaml', {'effects': {'intrinsics_error': {}}})
+    )
+    with pytest.raises(InputError, match='intrinsics_error: cannot be drawn again'):
+        cameras.randomise(wrong)

@@ -4,24 +4,18 @@ from collections.abc import Sequence
 import math
 from typing import Any
 
-from flexx2_sim_ros.batch import kernels
 from flexx2_sim_ros.batch.arguments import device_named, environments, mask_of, one_for_each, seeds
 from flexx2_sim_ros.batch.drawn import DrawnCameras
 from flexx2_sim_ros.batch.effect_tables import each_environment
-from flexx2_sim_ros.batch.exchange import (
-    checked,
-    from_warp,
-    is_contiguous,
-    is_writable,
-    stream_of,
-    to_warp,
-)
-from flexx2_sim_ros.batch.host import HostCameras, without_kernel, write_frames
-from flexx2_sim_ros.batch.images import Images, Rows
+from flexx2_sim_ros.batch.exchange import checked, checked_images, from_warp, stream_of, to_warp
+from flexx2_sim_ros.batch.host import changing, HostCameras, without_kernel, write_frames
+from flexx2_sim_ros.batch.images import Images, period_ns, Rows
 from flexx2_sim_ros.batch.stages import BatchStages
 from flexx2_sim_ros.batch.surface_kernels import depends_on_surfaces
+from flexx2_sim_ros.batch.timing import FrameTiming
 from flexx2_sim_ros.camera import Intrinsics, Mode, Profile
 from flexx2_sim_ros.effects import Effect, Randomisation
+from flexx2_sim_ros.effects.time_offset import time_offset_of
 from flexx2_sim_ros.errors import InputError, shown
 from flexx2_sim_ros.physics.philox import camera_key
 from flexx2_sim_ros.profiles.modes import DEFAULT_USECASE, flexx2
@@ -61,14 +55,21 @@ class BatchCamera:
         Warp's name, e.g. ``cpu`` or ``cuda:0``; a GPU if there is one when left out.
     invalid_value : str
         What invalid pixels are, ``nan`` or ``zero``.
+    step_s : float, optional
+        Seconds of simulated time between two calls. An environment takes a frame in the calls in
+        which its mode has one due; the others return the last image again. Without it, every
+        call is the next frame.
 
     Attributes
     ----------
     num_envs : int
     device : warp.Device
     stamps : warp.array
-        (N,) int64 on the device, nanoseconds: of the next frame. Every frame adds the mode's
-        period.
+        (N,) int64 on the device, nanoseconds: the time of the next call. Every call adds
+        ``step_s``, or without it the mode's period.
+    image_stamps : warp.array
+        (N,) int64 on the device, nanoseconds: of the images that the last call returned. They are
+        earlier than the call where an image is held or arrives late (`TimeOffset.delay`).
     drawn : DrawnCameras or None
         After `randomise`: the cameras of the environments.
 
@@ -98,6 +99,7 @@ class BatchCamera:
         K: Any = None,  # noqa: N803
         device: str | None = None,
         invalid_value: str = 'nan',
+        step_s: float | None = None,
     ) -> None:
         """Look the modes up and put them on the device."""
         self.num_envs = environments(num_envs)
@@ -113,6 +115,8 @@ class BatchCamera:
         keys = np.stack([camera_key(one, name) for one in self._seeds])
         self._rows = Rows.of(keys, self.device)
         self.stamps = self._rows.stamps
+        self._timing = FrameTiming(step_s, self._rows, self.device)
+        self.image_stamps = self._timing.image_stamps
         self._images: Images | None = None
         self._stages: BatchStages | None = None
         self._host: HostCameras | None = None
@@ -177,6 +181,9 @@ class BatchCamera:
         read = each_environment(effects, self.num_envs)
         every = [read[i] if chosen[i] else own for i, own in enumerate(self._effects)]
         self._set(self._modes, every)
+        self._rows.set_effects(every)
+        self._find_longest(every)
+        self._has_effects = any(changing(own) and not without_kernel(own) for own in every)
         self._stages = self.drawn = None
         on_host = {i: own for i, own in enumerate(every) if without_kernel(own)}
         self._host = (
@@ -207,12 +214,15 @@ class BatchCamera:
         drawn = DrawnCameras(randomisation, self.num_envs, seed, pool, self.device)
         self.set_effects(drawn.effects)
         self.drawn = drawn
+        self._find_longest(drawn.cameras)
+        drawn.give(wp.ones(self.num_envs, dtype=wp.bool, device=self.device), self._rows)
 
     def reset(self, env_mask: Any = None) -> None:
         """
         Forget what effects keep between frames; noise and stamps go on.
 
-        After `randomise`, these environments also get another camera.
+        The next call takes a frame and returns it, however late images arrive. After `randomise`,
+        these environments also get another camera.
 
         Parameters
         ----------
@@ -230,8 +240,6 @@ class BatchCamera:
         host = isinstance(env_mask, np.ndarray)
         place = wp.get_device('cpu') if host else self.device
         kind = checked('env_mask', env_mask, (self.num_envs,), np.bool_, place)
-        if self._stages is None and self._host is None and self.drawn is None:
-            return
         with stream_of(kind, self.device), wp.ScopedDevice(self.device):
             chosen = to_warp(
                 kind, env_mask, wp.bool, lambda: wp.empty(self.num_envs, wp.bool, place)
@@ -239,12 +247,12 @@ class BatchCamera:
             if self._host is not None:
                 self._host.forget(chosen.numpy())
             mask = chosen.to(self.device)
+            self._timing.forget(mask)
             if self._stages is not None:
                 self._stages.forget(mask)
             if self.drawn is not None:
                 self.drawn.draw(mask)
-                if self._stages is not None:
-                    self.drawn.give(mask, self._stages.effects)
+                self.drawn.give(mask, self._rows)
         if host:
             wp.synchronize_device(self.device)
 
@@ -268,7 +276,8 @@ class BatchCamera:
         array
             What ``depth`` is: (N, H, W) float32, metres along the optical axis, `invalid_value`
             where invalid. Without ``out`` it is the camera's own memory, written to again by the
-            next call (but not with JAX, whose arrays never change).
+            next call (but not with JAX, whose arrays never change). `image_stamps` says of when
+            each image is.
 
         Raises
         ------
@@ -276,20 +285,10 @@ class BatchCamera:
             For another kind, shape, dtype or device.
 
         """
-        kind = checked('depth', depth, (self.num_envs, None, None), np.float32, self.device)
+        kind = checked_images(self.num_envs, depth, reflectivity, out, self.device)
         images = self._images_for(int(depth.shape[1]), int(depth.shape[2]))
-        for name, more in (('reflectivity', reflectivity), ('out', out)):
-            if more is not None and kind != checked(
-                name, more, tuple(depth.shape), np.float32, self.device
-            ):
-                raise InputError(
-                    f'{name}: must be {type(depth).__name__}, as depth is, got '
-                    f'{type(more).__name__}'
-                )
         if out is None:
             target = wp.empty_like(images.out) if kind == 'jax' else images.out
-        elif not is_contiguous(kind, out) or not is_writable(kind, out):
-            raise InputError('out: must be contiguous and writable, got an array that is not')
         else:
             target = to_warp(kind, out, wp.float32, lambda: images.staging)
         with stream_of(kind, self.device), wp.ScopedDevice(self.device):
@@ -308,16 +307,19 @@ class BatchCamera:
     def _look(
         self, images: Images, depth: wp.array, reflectivity: wp.array | None, out: wp.array
     ) -> None:
+        self._timing.begin()
         frames: dict[int, np.ndarray] = {}
         if self._host is not None:  # first, since `out` may be the memory of `depth`
             shape = (images.height, images.width)
             matrix = self._intrinsics(*shape).matrix
-            frames = self._host.look(depth, reflectivity, self.stamps, matrix, shape)
-        if len(frames) < self.num_envs:
+            is_due = self._rows.is_due
+            frames = self._host.look(depth, reflectivity, self.stamps, matrix, shape, is_due)
+        if self._host is None or len(self._host) < self.num_envs:
             self._launch(images, depth, reflectivity, out)
             images.blank_outside(out)
         write_frames(frames, self._invalid, out)
-        wp.launch(kernels.tick, self.num_envs, [self._rows.periods, self.stamps])
+        self._timing.exchange(images, out)
+        self._timing.end()
 
     def _launch(
         self, images: Images, depth: wp.array, reflectivity: wp.array | None, out: wp.array
@@ -341,23 +343,26 @@ class BatchCamera:
     def _stages_for(self, images: Images) -> BatchStages:
         if self._stages is None or self._stages.images is not images:
             self._stages = BatchStages(
-                [() if without_kernel(own) else own for own in self._effects],
+                [() if without_kernel(own) else changing(own) for own in self._effects],
+                self._latest_ns,
                 self.profile,
                 images,
                 self._rows,
                 self._intrinsics(images.height, images.width),
             )
             self._stages.set_modes(self._modes)
-            if self.drawn is not None:
-                every = wp.ones(self.num_envs, dtype=wp.bool, device=self.device)
-                self.drawn.give(every, self._stages.effects)
         return self._stages
+
+    def _find_longest(self, cameras: Sequence[tuple[Effect, ...]]) -> None:
+        # Of all cameras that an environment may be.
+        offsets = {time_offset_of(own) for own in cameras}
+        self._latest_ns = max(offset.latency_ns for offset in offsets)
+        self._longest_ns = max(offset.delay_ns for offset in offsets)
 
     def _set(self, modes: list[Mode], effects: list[tuple[Effect, ...]]) -> None:
         wp.synchronize_device(self.device)  # Frames may be in the making, on another stream.
         self._rows.set_modes(modes, effects)
         self._modes, self._effects = modes, effects
-        self._has_effects = any(own and not without_kernel(own) for own in effects)
         if self._stages is not None:
             self._stages.set_modes(modes)
         if self._host is not None:
@@ -379,6 +384,8 @@ class BatchCamera:
                 self.device,
             )
             wp.synchronize_device(self.device)  # Frames may be made on another stream.
+        shortest = min(map(period_ns, self.profile.modes))
+        self._timing.keep(self._longest_ns, shortest, self._images)
         return self._images
 
     def _intrinsics(self, height: int, width: int) -> Intrinsics:

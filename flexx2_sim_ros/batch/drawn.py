@@ -5,14 +5,15 @@ from typing import Any
 
 from flexx2_sim_ros.batch import drawn_kernels
 from flexx2_sim_ros.batch.effect_tables import Effects, effects_row
-from flexx2_sim_ros.batch.images import launch
+from flexx2_sim_ros.batch.images import launch, Rows
 from flexx2_sim_ros.effects import Effect, Randomisation
+from flexx2_sim_ros.effects.time_offset import time_offset_of
 from flexx2_sim_ros.errors import InputError, shown
 import numpy as np
 import warp as wp
 
 # What an effect has these for is computed once, when the batch is set up.
-_ONCE = {'pose', 'view', 'history', 'edges'}
+_ONCE = {'pose', 'view', 'edges'}
 _MOST = 1_000_000
 
 
@@ -59,6 +60,11 @@ class DrawnCameras:
         self.cameras: list[tuple[Effect, ...]] = randomisation.draw(pool, seed)
         self._seed = seed % 2**30
         self._pool = _on_device(self.cameras, device)
+        offsets = [time_offset_of(own) for own in self.cameras]
+        self._latencies, self._delays = (
+            wp.array(values, dtype=wp.int64, device=device)
+            for values in ([o.latency_ns for o in offsets], [o.delay_ns for o in offsets])
+        )
         self._counts, self.drawn = (
             wp.zeros(num_envs, dtype=wp.int32, device=device) for _ in range(2)
         )
@@ -71,9 +77,11 @@ class DrawnCameras:
         parts = self._pool, self._seed, self._counts, self.drawn
         launch(drawn_kernels.draw, mask.size, mask, *parts)
 
-    def give(self, mask: wp.array, rows: wp.array) -> None:
+    def give(self, mask: wp.array, rows: Rows) -> None:
         """Write the effects of their cameras into the rows of the chosen environments."""
-        launch(drawn_kernels.take, mask.size, mask, self._pool, self.drawn, rows)
+        pool = self._pool, self.drawn, self._latencies, self._delays
+        own = rows.effects, rows.latencies, rows.delays
+        launch(drawn_kernels.take, mask.size, mask, *pool, *own)
 
 
 def _on_device(cameras: Sequence[Sequence[Effect]], device: Any) -> wp.array:

@@ -28,9 +28,16 @@ def take(
     mask: wp.array(dtype=wp.bool),
     pool: wp.array(dtype=Effects),
     drawn: wp.array(dtype=wp.int32),
-    rows: wp.array(dtype=Effects),
+    pool_latencies: wp.array(dtype=wp.int64),
+    pool_delays: wp.array(dtype=wp.int64),
+    effects: wp.array(dtype=Effects),
+    latencies: wp.array(dtype=wp.int64),
+    delays: wp.array(dtype=wp.int64),
 ):
-    """Give each chosen environment the effects of its camera."""
+    """Give each chosen environment the effects of its camera, and its `TimeOffset`."""
     i = wp.tid()
     if mask[i]:
-        rows[i] = pool[drawn[i]]
+        k = drawn[i]
+        effects[i] = pool[k]
+        latencies[i] = pool_latencies[k]
+        delays[i] = pool_delays[k]

@@ -138,7 +138,7 @@ def filter_in_time(
     """Mix every pixel of ``filtered`` with the frame before: the effect temporal_filter."""
     n, y, c = wp.tid()
     e = effects[first + n]
-    if e.temporal_filter_strength <= 0.0:
+    if e.temporal_filter_strength <= 0.0 or kept.is_due[first + n] == wp.uint8(0):
         return
     here = (n * lens.height + y) * lens.width
     own = ((first + n) * lens.height + y) * lens.width

@@ -77,6 +77,45 @@ def checked(name: str, value: Any, shape: tuple[int | None, ...], dtype: type, d
     return kind
 
 
+def checked_images(num_envs: int, depth: Any, reflectivity: Any, out: Any, device: Any) -> str:
+    """
+    Check the images that a batch of cameras is called with.
+
+    Parameters
+    ----------
+    num_envs : int
+        N.
+    depth : array
+        Of any of the four libraries; must be (N, H, W) float32.
+    reflectivity, out : array or None
+        Must be as ``depth``; ``out`` contiguous and writable.
+    device : warp.Device
+        Where they must be.
+
+    Returns
+    -------
+    str
+        The kind of all, as `kind_of`.
+
+    Raises
+    ------
+    InputError
+        For another kind, shape, dtype or device.
+
+    """
+    kind = checked('depth', depth, (num_envs, None, None), np.float32, device)
+    for name, more in (('reflectivity', reflectivity), ('out', out)):
+        if more is not None and kind != checked(
+            name, more, tuple(depth.shape), np.float32, device
+        ):
+            raise InputError(
+                f'{name}: must be {type(depth).__name__}, as depth is, got {type(more).__name__}'
+            )
+    if out is not None and not (is_contiguous(kind, out) and is_writable(kind, out)):
+        raise InputError('out: must be contiguous and writable, got an array that is not')
+    return kind
+
+
 def _device_of(kind: str, value: Any) -> Any:
     if kind == 'numpy':
         return wp.get_device('cpu')

@@ -6,7 +6,7 @@ from typing import Any
 from flexx2_sim_ros.batch import geometry_kernels
 from flexx2_sim_ros.batch.effect_formulas import Surfaces
 from flexx2_sim_ros.batch.history import each_with, FrameHistory
-from flexx2_sim_ros.batch.images import Images, launch
+from flexx2_sim_ros.batch.images import Images, launch, Rows
 from flexx2_sim_ros.camera import Intrinsics, Profile
 from flexx2_sim_ros.effects import Effect
 from flexx2_sim_ros.errors import InputError
@@ -25,23 +25,27 @@ class SceneGeometry:
     ----------
     effects : sequence of sequence of Effect
         Of every environment, those that are on.
+    latest_ns : int
+        The longest latency that an environment may have, nanoseconds.
     profile : Profile
     images : Images
+    rows : Rows
     camera : Intrinsics
         Of the depth images.
-    device : warp.Device
 
     """
 
     def __init__(
         self,
         effects: Sequence[Sequence[Effect]],
+        latest_ns: int,
         profile: Profile,
         images: Images,
+        rows: Rows,
         camera: Intrinsics,
-        device: Any,
     ) -> None:
         """Put the parameters on the device and allocate the images."""
+        device = rows.stamps.device
         self._images = images
         needs = {need for own in effects for effect in own for need in effect.batched or ()}
         size = images.count * images.height * images.width
@@ -58,16 +62,16 @@ class SceneGeometry:
             views = _views(effects, camera, device)
             self._steps.append((geometry_kernels.look_up, views, image(), image()))
         self._history = (
-            FrameHistory(effects, profile, images, device) if 'history' in needs else None
+            FrameHistory(effects, latest_ns, profile, images, rows) if 'history' in needs else None
         )
         self._nothing = wp.zeros(0, dtype=wp.float32, device=device)
         if self._steps:
             wp.load_module(geometry_kernels, device=device)
 
-    def begin(self, is_first: wp.array, stamps: wp.array, with_reflectivity: bool) -> None:
+    def begin(self, is_first: wp.array, with_reflectivity: bool) -> None:
         """Register a new frame in all environments; see `FrameHistory.begin`."""
         if self._history is not None:
-            self._history.begin(is_first, stamps, with_reflectivity)
+            self._history.begin(is_first, with_reflectivity)
 
     def look(self, depth: wp.array, reflectivity: wp.array | None, first: int, count: int) -> Any:
         """

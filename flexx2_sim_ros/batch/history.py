@@ -5,7 +5,7 @@ import math
 from typing import Any
 
 from flexx2_sim_ros.batch import history_kernels
-from flexx2_sim_ros.batch.images import Images, launch
+from flexx2_sim_ros.batch.images import Images, launch, Rows
 from flexx2_sim_ros.camera import Profile
 from flexx2_sim_ros.effects import Effect
 from flexx2_sim_ros.effects.time_offset import FRAMES_KEPT
@@ -15,59 +15,62 @@ import warp as wp
 
 class FrameHistory:
     """
-    Memory for earlier frames, as many as the longest delay needs in the fastest mode.
+    Memory for earlier frames, as many as the longest latency needs in the fastest mode.
 
     Parameters
     ----------
     effects : sequence of sequence of Effect
         Of every environment.
+    latest_ns : int
+        The longest latency that an environment may have.
     profile : Profile
         For the time between frames.
     images : Images
-    device : warp.Device
+    rows : Rows
 
     """
 
     def __init__(
-        self, effects: Sequence[Sequence[Effect]], profile: Profile, images: Images, device: Any
+        self,
+        effects: Sequence[Sequence[Effect]],
+        latest_ns: int,
+        profile: Profile,
+        images: Images,
+        rows: Rows,
     ) -> None:
         """Allocate it, but not for reflectivity, which may never be given."""
-        self._images = images
+        self._images, self._rows, device = images, rows, rows.stamps.device
         self._pixels = images.height * images.width
-        delays = [None if one is None else one.delay for one in each_with('history', effects)]
-        known = [delay for delay in delays if delay is not None]
+        chosen = [one is not None for one in each_with('history', effects)]
         interval = 1e9 / max(mode.rate_hz for mode in profile.modes)
-        slots = min(max(math.ceil(max(known) / interval) + 1, 2), FRAMES_KEPT)
-        self._frames = slots * len(known)
+        slots = min(max(math.ceil(latest_ns / interval) + 1, 2), FRAMES_KEPT)
+        self._frames = slots * sum(chosen)
 
         def array(values: Any, dtype: Any) -> wp.array:
             return wp.array(values, dtype=dtype, device=device)
 
         history = self._history = history_kernels.History()
-        history.places = array(places_of([delay is not None for delay in delays]), wp.int32)
-        history.delays = array(known, wp.int64)
+        history.places = array(places_of(chosen), wp.int32)
         history.slots = slots
         history.stamps = array(np.zeros(self._frames), wp.int64)
         for name in ('count', 'newest', 'early', 'late', 'nearer'):
-            setattr(history, name, array(np.zeros(len(known)), wp.int32))
+            setattr(history, name, array(np.zeros(sum(chosen)), wp.int32))
         for name in ('share', 'seconds'):
-            setattr(history, name, array(np.zeros(len(known)), wp.float32))
+            setattr(history, name, array(np.zeros(sum(chosen)), wp.float32))
         history.depth = wp.zeros(self._frames * self._pixels, dtype=wp.float32, device=device)
         history.reflectivity = wp.zeros(0, dtype=wp.float32, device=device)
         self._depth = wp.zeros(images.count * self._pixels, dtype=wp.float32, device=device)
         self._reflectivity = wp.zeros(0, dtype=wp.float32, device=device)
         wp.load_module(history_kernels, device=device)
 
-    def begin(self, is_first: wp.array, stamps: wp.array, with_reflectivity: bool) -> None:
+    def begin(self, is_first: wp.array, with_reflectivity: bool) -> None:
         """
-        Register a new frame in all environments.
+        Register a new frame in all environments that take one.
 
         Parameters
         ----------
         is_first : warp.array
             (N,) uint8, 1 for the first frame after a reset.
-        stamps : warp.array
-            (N,) int64, nanoseconds.
         with_reflectivity : bool
             Whether reflectivity is given.
 
@@ -76,7 +79,9 @@ class FrameHistory:
         if with_reflectivity and not history.reflectivity.size:
             history.reflectivity = wp.full_like(history.depth, 1.0)
             self._reflectivity = wp.full_like(self._depth, 1.0)
-        launch(history_kernels.find_moment, stamps.size, is_first, stamps, history)
+        rows = self._rows
+        arrays = rows.is_due, is_first, rows.latencies, rows.stamps
+        launch(history_kernels.find_moment, is_first.size, *arrays, history)
 
     def look_back(
         self, depth: wp.array, first_of_depth: int, surfaces: Any, first: int, count: int
@@ -112,6 +117,7 @@ class FrameHistory:
             self._images.lens,
             first,
             chunk,
+            self._rows.is_due,
             self._history,
             self._depth,
             self._reflectivity,

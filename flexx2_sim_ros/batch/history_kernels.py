@@ -11,6 +11,7 @@ wp.set_module_options(OPTIONS)
 
 _PER_NANOSECOND = wp.constant(wp.float32(1e-9))
 _YES = wp.constant(wp.uint8(1))
+_NO = wp.constant(wp.uint8(0))
 
 _frames_around = compiled(between.frames_around)
 _share_of = compiled(between.share_of)
@@ -23,7 +24,6 @@ class History:
     """The clean frames of environments with wrong stamps, each with ``slots`` frames in turn."""
 
     places: wp.array(dtype=wp.int32)  # of each environment in the arrays below; -1 for none
-    delays: wp.array(dtype=wp.int64)  # nanoseconds
     slots: wp.int32
     count: wp.array(dtype=wp.int32)  # of frames kept
     newest: wp.array(dtype=wp.int32)  # slot
@@ -39,12 +39,16 @@ class History:
 
 @wp.kernel
 def find_moment(
-    is_first: wp.array(dtype=wp.uint8), stamps: wp.array(dtype=wp.int64), history: History
+    is_due: wp.array(dtype=wp.uint8),
+    is_first: wp.array(dtype=wp.uint8),
+    latencies: wp.array(dtype=wp.int64),
+    stamps: wp.array(dtype=wp.int64),
+    history: History,
 ):
     """Keep the stamp of a new frame, and find the frames around the moment that it shows."""
     n = wp.tid()
     k = history.places[n]
-    if k < 0:
+    if k < 0 or is_due[n] == _NO:
         return
     stamp = stamps[n]
     slots = history.slots
@@ -56,7 +60,7 @@ def find_moment(
     history.stamps[k * slots + newest] = stamp
     history.newest[k] = newest
     history.count[k] = count
-    moment = stamp - history.delays[k]
+    moment = stamp - latencies[n]
     oldest = (newest + slots - count + 1) % slots
     early, late = _frames_around(history.stamps, k * slots, slots, oldest, count, moment)
     nearer = wp.int32(late)
@@ -84,13 +88,14 @@ def look_back(
     lens: Lens,
     first: wp.int32,
     chunk: wp.int32,
+    is_due: wp.array(dtype=wp.uint8),
     history: History,
     depth: wp.array(dtype=wp.float32),
     reflectivity: wp.array(dtype=wp.float32),
 ):
     """Keep the frame ``given``, and write what is seen at the moment to show."""
     n, y, c = wp.tid()
-    k = history.places[first + n]
+    k = wp.where(is_due[first + n] == _YES, history.places[first + n], -1)
     pixels = lens.height * lens.width
     x = c * chunk
     end = wp.min(x + chunk, lens.width)

@@ -6,6 +6,7 @@ from typing import Any
 
 from flexx2_sim_ros.camera import Camera, Mode, Profile
 from flexx2_sim_ros.effects import Effect
+from flexx2_sim_ros.effects.time_offset import TimeOffset
 import numpy as np
 import warp as wp
 
@@ -15,6 +16,13 @@ _log = logging.getLogger(__name__)
 def without_kernel(effects: Sequence[Effect]) -> list[str]:
     """Return the names of the effects that no kernel computes."""
     return [effect.name for effect in effects if not effect.has_kernel]
+
+
+def changing(effects: Sequence[Effect]) -> tuple[Effect, ...]:
+    """Return the effects but for a time_offset that leaves every frame as it is."""
+    return tuple(
+        one for one in effects if not (isinstance(one, TimeOffset) and not one.latency_ns)
+    )
 
 
 class HostCameras:
@@ -87,9 +95,10 @@ class HostCameras:
         stamps: wp.array,
         K: np.ndarray,  # noqa: N803
         shape: tuple[int, int],
+        is_due: wp.array,
     ) -> dict[int, np.ndarray]:
         """
-        Make the frames.
+        Make the frames of the environments that take one.
 
         Parameters
         ----------
@@ -101,6 +110,8 @@ class HostCameras:
             (3, 3) camera matrix.
         shape : tuple of int
             H and W.
+        is_due : warp.array
+            (N,) uint8, 1 where an environment takes a frame.
 
         Returns
         -------
@@ -109,7 +120,7 @@ class HostCameras:
 
         """
         pixels = shape[0] * shape[1]
-        moments = stamps.numpy()
+        moments, takes = stamps.numpy(), is_due.numpy()
 
         def image(of: Any, i: int) -> np.ndarray:
             return of[i * pixels : (i + 1) * pixels].numpy().reshape(shape)
@@ -122,6 +133,7 @@ class HostCameras:
                 None if reflectivity is None else image(reflectivity, i),
             ).depth
             for i, camera in self._cameras.items()
+            if takes[i]
         }
 
 

@@ -6,9 +6,11 @@ from functools import cached_property
 from typing import Any
 
 from flexx2_sim_ros.batch import edge_kernels, kernels, region_kernels
-from flexx2_sim_ros.batch.effect_tables import noise_row
+from flexx2_sim_ros.batch.effect_tables import Effects, effects_row, noise_row
+from flexx2_sim_ros.batch.host import without_kernel
 from flexx2_sim_ros.camera import Intrinsics, Mode
 from flexx2_sim_ros.effects import Effect
+from flexx2_sim_ros.effects.time_offset import time_offset_of
 from flexx2_sim_ros.profiles.modes import Profile
 import numpy as np
 import warp as wp
@@ -36,27 +38,44 @@ class Rows:
         `kernels.Noise`, of its mode.
     periods : warp.array
         int64, nanoseconds from frame to frame.
+    effects : warp.array
+        `Effects`.
+    latencies, delays : warp.array
+        int64, nanoseconds, of its `TimeOffset`.
     keys : warp.array
         vec2ui, of its random numbers.
     stamps : warp.array
         int64, nanoseconds.
+    is_due : warp.array
+        uint8, 1 where this call takes a frame.
 
     """
 
     noise: wp.array
     periods: wp.array
+    effects: wp.array
+    latencies: wp.array
+    delays: wp.array
     keys: wp.array
     stamps: wp.array
+    is_due: wp.array
 
     @classmethod
     def of(cls, keys: np.ndarray, device: Any) -> 'Rows':
-        """Return rows with the (N, 2) uint32 keys, at stamp 0; the modes have to be set."""
-        num_envs = len(keys)
+        """Return rows with the (N, 2) uint32 keys, at stamp 0; modes and effects are to be set."""
+
+        def zeros(dtype: Any) -> wp.array:
+            return wp.zeros(len(keys), dtype=dtype, device=device)
+
         return cls(
-            wp.zeros(num_envs, dtype=kernels.Noise, device=device),
-            wp.zeros(num_envs, dtype=wp.int64, device=device),
-            wp.array(keys, dtype=wp.vec2ui, device=device),
-            wp.zeros(num_envs, dtype=wp.int64, device=device),
+            noise=zeros(kernels.Noise),
+            periods=zeros(wp.int64),
+            effects=zeros(Effects),
+            latencies=zeros(wp.int64),
+            delays=zeros(wp.int64),
+            keys=wp.array(keys, dtype=wp.vec2ui, device=device),
+            stamps=zeros(wp.int64),
+            is_due=zeros(wp.uint8),
         )
 
     def set_modes(self, modes: Sequence[Mode], effects: Sequence[tuple[Effect, ...]]) -> None:
@@ -73,7 +92,20 @@ class Rows:
         rows = {(mode, own): noise_row(mode, own) for mode, own in set(pairs)}
         layout = kernels.Noise.numpy_dtype()  # type: ignore
         self.noise.assign(np.array([rows[pair] for pair in pairs], layout))
-        self.periods.assign(np.array([round(1e9 / mode.rate_hz) for mode in modes]))
+        self.periods.assign(np.array([period_ns(mode) for mode in modes]))
+
+    def set_effects(self, effects: Sequence[tuple[Effect, ...]]) -> None:
+        """Put the effects of every environment on the device; none where one has no kernel."""
+        offsets = [time_offset_of(own) for own in effects]
+        rows = {own: effects_row(() if without_kernel(own) else own) for own in set(effects)}
+        self.effects.assign(np.array([rows[own] for own in effects]))
+        self.latencies.assign(np.array([offset.latency_ns for offset in offsets]))
+        self.delays.assign(np.array([offset.delay_ns for offset in offsets]))
+
+
+def period_ns(mode: Mode) -> int:
+    """Return the time from frame to frame, nanoseconds."""
+    return round(1e9 / mode.rate_hz)
 
 
 class Images:

@@ -372,10 +372,3 @@ def observe_moved(
                 ),
             )
         entry += threads
-
-
-@wp.kernel
-def tick(periods: wp.array(dtype=wp.int64), stamps: wp.array(dtype=wp.int64)):
-    """Add each environment's period to its stamp."""
-    n = wp.tid()
-    stamps[n] = stamps[n] + periods[n]

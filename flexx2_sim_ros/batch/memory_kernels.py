@@ -13,6 +13,7 @@ _NO = wp.constant(wp.uint8(0))
 class Kept:
     """What is kept of every environment between frames; arrays of unused effects are empty."""
 
+    is_due: wp.array(dtype=wp.uint8)  # 0: no frame is taken now, and nothing is kept of it
     was_reset: wp.array(dtype=wp.uint8)  # 1: the next frame is the first one
     is_first: wp.array(dtype=wp.uint8)  # 1: this is the first frame
     started: wp.array(dtype=wp.int64)  # stamp of the first frame
@@ -44,6 +45,8 @@ def begin(kept: Kept, stamps: wp.array(dtype=wp.int64)):
     n = wp.tid()
     stamp = stamps[n]
     kept.is_first[n] = _NO
+    if kept.is_due[n] == _NO:
+        return
     if kept.was_reset[n] == _YES or stamp < kept.last[n]:
         kept.is_first[n] = _YES
         kept.started[n] = stamp

@@ -55,6 +55,8 @@ def find_motion(
 ):
     """Write how each pixel moves between two frames, and keep what it sees now."""
     n, y, c = wp.tid()
+    if kept.is_due[first + n] == wp.uint8(0):
+        return
     seconds = seconds_between(kept, effects[first + n], first + n)
     stamp = kept.last[first + n]
     row = (n * lens.height + y) * lens.width

@@ -11,7 +11,7 @@ from flexx2_sim_ros.batch import (
     memory_kernels,
     shift_kernels,
 )
-from flexx2_sim_ros.batch.effect_tables import Effects, effects_row, Light, light_row
+from flexx2_sim_ros.batch.effect_tables import Light, light_row
 from flexx2_sim_ros.batch.geometry import SceneGeometry
 from flexx2_sim_ros.batch.images import Images, launch, Rows
 from flexx2_sim_ros.batch.light import PixelLight
@@ -44,7 +44,9 @@ class BatchStages:
     Parameters
     ----------
     effects : sequence of sequence of Effect
-        Of every environment, those that are on.
+        Of every environment, those that are on and have a kernel.
+    latest_ns : int
+        The longest latency that an environment may have, nanoseconds.
     profile : Profile
     images : Images
     rows : Rows
@@ -55,14 +57,13 @@ class BatchStages:
     ----------
     images : Images
         As given.
-    effects : warp.array
-        (N,) `Effects` of all environments, on the device.
 
     """
 
     def __init__(
         self,
         effects: Sequence[Sequence[Effect]],
+        latest_ns: int,
         profile: Profile,
         images: Images,
         rows: Rows,
@@ -73,14 +74,11 @@ class BatchStages:
         self._rows, self._profile = rows, profile
         num_envs, device = len(effects), rows.stamps.device
         self._names = {effect.name for own in effects for effect in own}
-        self.effects = wp.array(
-            np.array([effects_row(own) for own in effects]), dtype=Effects, device=device
-        )
         self._lights = wp.empty(num_envs, dtype=Light, device=device)
         self._surface_noise: wp.array | None = None
         self._kept = self._memory(num_envs, device)
         self._seen = self._images_between(device)
-        self._geometry = SceneGeometry(effects, profile, images, camera, device)
+        self._geometry = SceneGeometry(effects, latest_ns, profile, images, rows, camera)
         self._light = PixelLight(effects, profile, images, device)
         self._motion = (
             SceneMotion(num_envs, images, device) if 'motion_artefact' in self._names else None
@@ -92,6 +90,7 @@ class BatchStages:
 
     def _memory(self, num_envs: int, device: Any) -> Any:
         kept = memory_kernels.Kept()
+        kept.is_due = self._rows.is_due
         kept.was_reset = wp.ones(num_envs, dtype=wp.uint8, device=device)
         kept.is_first = wp.zeros(num_envs, dtype=wp.uint8, device=device)
         kept.started, kept.last, kept.before = (
@@ -134,7 +133,7 @@ class BatchStages:
         """Register a new frame in all environments, and whether it has reflectivity."""
         stamps = self._rows.stamps
         launch(memory_kernels.begin, stamps.size, self._kept, stamps)
-        self._geometry.begin(self._kept.is_first, stamps, with_reflectivity)
+        self._geometry.begin(self._kept.is_first, with_reflectivity)
         self._light.begin(self._kept.is_first)
 
     def observe(
@@ -166,7 +165,7 @@ class BatchStages:
         images.move_edges(first, count, self._rows)
         model = (self._rows.noise, seen.facing, seen.expected)
         launch(kernels.describe, grid, *images.surfaces, *part, *model)
-        self._light.find(surfaces, first, count, seen.facing, self.effects, self._lights)
+        self._light.find(surfaces, first, count, seen.facing, self._rows.effects, self._lights)
         if self._surface_noise is not None and with_reflectivity:
             factors = (self._surface_noise, seen.facing, seen.expected)
             launch(scale_by_surface, grid, surfaces, *part, *factors)
@@ -175,10 +174,17 @@ class BatchStages:
         # What effects add to the light and the noise of each pixel's own surface.
         kept, seen, phasors = self._kept, self._seen, self._light.phasors
         grid, chunk = self.images.grid(count)
-        part = self.images.lens, first, chunk, self.effects
+        part = self.images.lens, first, chunk, self._rows.effects
         if self._motion is not None:
             self._motion.shift_phases(
-                surfaces, first, count, self.effects, self._lights, self._rows.keys, kept, phasors
+                surfaces,
+                first,
+                count,
+                self._rows.effects,
+                self._lights,
+                self._rows.keys,
+                kept,
+                phasors,
             )
         if 'wiggling' in self._names:
             launch(shift_kernels.wiggle, grid, surfaces.p, *part, self._lights, phasors)
@@ -194,7 +200,7 @@ class BatchStages:
         if 'heavy_tails' in self._names:
             blocks, chunk = images.block_grid(count)
             pixels = images.height * images.width
-            part = pixels, first, chunk, self.effects
+            part = pixels, first, chunk, self._rows.effects
             launch(shift_kernels.widen_tails, blocks, *part, *random, seen)
         grid, chunk = images.grid(count)
         launch(
@@ -205,7 +211,7 @@ class BatchStages:
             first,
             chunk,
             rows.noise,
-            self.effects,
+            self._rows.effects,
             self._lights,
             *random,
             images.moved,
@@ -219,15 +225,15 @@ class BatchStages:
         part = self.images.lens, first, chunk
         filtered = seen.measured
         if 'spatial_filter' in self._names:
-            launch(effect_kernels.filter_neighbours, grid, *part, self.effects, seen)
+            launch(effect_kernels.filter_neighbours, grid, *part, self._rows.effects, seen)
             filtered = seen.filtered
         if 'temporal_filter' in self._names:
             images = self._kept, filtered, seen
-            launch(effect_kernels.filter_in_time, grid, *part, self.effects, *images)
-        launch(effect_kernels.finish, grid, *part, rows.noise, self.effects, filtered, out)
+            launch(effect_kernels.filter_in_time, grid, *part, self._rows.effects, *images)
+        launch(effect_kernels.finish, grid, *part, rows.noise, self._rows.effects, filtered, out)
         for name, lose in _LOSES.items():
             if name in self._names:
-                launch(lose, grid, *part, self.effects, rows.keys, rows.stamps, seen, out)
+                launch(lose, grid, *part, self._rows.effects, rows.keys, rows.stamps, seen, out)
 
     def _make_grain(self, num_envs: int, pixels: int) -> None:
         images, grain = self.images, self._kept.grain

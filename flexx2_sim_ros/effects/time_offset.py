@@ -1,5 +1,6 @@
-"""Time offset: stamps that are wrong."""
+"""Time offset: stamps that are wrong, and images that arrive late."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -7,7 +8,7 @@ from flexx2_sim_ros.effects.between import between, frames_around, is_late_neare
 from flexx2_sim_ros.effects.effect import Effect, parameter
 from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis, Searched
 from flexx2_sim_ros.effects.picture import Picture
-from flexx2_sim_ros.physics.frame_state import FrameState, Stage
+from flexx2_sim_ros.physics.frame_state import EffectProtocol, FrameState, Stage
 import numpy as np
 
 FRAMES_KEPT = 128
@@ -15,7 +16,13 @@ FRAMES_KEPT = 128
 
 @dataclass(frozen=True)
 class TimeOffset(Effect):
-    """Stamps that are wrong."""
+    """
+    The age of an image: when the scene was seen, what the stamp says, when the image arrives.
+
+    ``latency`` is the time from the exposure to the stamp: it changes what a stamped image shows.
+    ``delay`` is the time from the stamp to the arrival: it changes nothing in the image. Who reads
+    the image sees the scene as it was ``latency + delay`` ago.
+    """
 
     name: ClassVar[str] = 'time_offset'
     stage: ClassVar[Stage] = Stage.GEOMETRY
@@ -52,11 +59,17 @@ class TimeOffset(Effect):
     batched: ClassVar[tuple[str, ...] | None] = ('history',)
 
     latency: float = parameter(0.020, -0.5, 1.0, 's', 'age of the scene at the stamp')
+    delay: float = parameter(0.0, 0.0, 1.0, 's', 'time from the stamp to the arrival of the image')
 
     @property
-    def delay(self) -> int:
+    def latency_ns(self) -> int:
         """Return by how much the scene is older than the stamp, nanoseconds."""
         return round(self.strength * self.latency * 1e9)
+
+    @property
+    def delay_ns(self) -> int:
+        """Return the time from the stamp to the arrival of the image, nanoseconds."""
+        return round(self.strength * self.delay * 1e9)
 
     def apply(self, state: FrameState) -> None:
         """Show the scene of an earlier moment, from the clean frames seen so far."""
@@ -67,7 +80,7 @@ class TimeOffset(Effect):
         if kept and kept[-1][0] == state.stamp:
             kept.pop()
         kept.append((state.stamp, state.depth.copy(), state.reflectivity.copy()))
-        moment = state.stamp - self.delay
+        moment = state.stamp - self.latency_ns
         while len(kept) > FRAMES_KEPT or (len(kept) > 2 and kept[1][0] <= moment):
             del kept[0]
         stamps = np.array([stamp for stamp, *_ in kept])
@@ -76,3 +89,9 @@ class TimeOffset(Effect):
         share = share_of(np.int64(moment - start), np.int64(end - start or 1))
         state.depth = between(depth, other, float(share), (end - start) * 1e-9)
         state.reflectivity = kept[late if is_late_nearer(share) else early][2]
+
+
+def time_offset_of(effects: Iterable[EffectProtocol]) -> TimeOffset:
+    """Return the `TimeOffset` among effects, or one that does nothing."""
+    found = (effect for effect in effects if isinstance(effect, TimeOffset))
+    return next(found, TimeOffset(latency=0.0))

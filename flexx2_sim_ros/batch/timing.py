@@ -1,0 +1,140 @@
+"""When each environment takes a frame, and when the frame arrives."""
+
+from typing import Any
+
+from flexx2_sim_ros.batch import timing_kernels
+from flexx2_sim_ros.batch.images import Images, launch, Rows
+from flexx2_sim_ros.errors import InputError, shown
+import warp as wp
+
+_LONGEST_STEP = 10.0  # seconds
+_MOST_KEPT = 2**31 - 1  # pixels
+
+
+class FrameTiming:
+    """
+    Frames at the rate of each mode, and a ring of the frames that are under way.
+
+    Parameters
+    ----------
+    step_s : float or None
+        Seconds between two calls; None: every call is the next frame.
+    rows : Rows
+    device : warp.Device
+
+    Attributes
+    ----------
+    image_stamps : warp.array
+        (N,) int64 nanoseconds on the device: of the frames that the last call returned.
+
+    Raises
+    ------
+    InputError
+        When ``step_s`` is no time.
+
+    """
+
+    def __init__(self, step_s: float | None, rows: Rows, device: Any) -> None:
+        """Start with a first frame in every environment; keep none."""
+        number = isinstance(step_s, int | float) and not isinstance(step_s, bool)
+        if step_s is not None and not (number and 1e-6 <= step_s <= _LONGEST_STEP):
+            raise InputError(
+                f'step_s: must be 1e-6 to {_LONGEST_STEP:g} seconds, got {shown(step_s)}'
+            )
+        self._rows = rows
+        num_envs = rows.stamps.size
+        timing = self._timing = timing_kernels.Timing()
+        timing.step = 0 if step_s is None else round(step_s * 1e9)
+        timing.slots = 0
+        timing.was_reset = wp.ones(num_envs, dtype=wp.uint8, device=device)
+        timing.last, timing.next_due, self.image_stamps = (
+            wp.zeros(num_envs, dtype=wp.int64, device=device) for _ in range(3)
+        )
+        timing.count, timing.newest, timing.arrived = (
+            wp.zeros(num_envs, dtype=wp.int32, device=device) for _ in range(3)
+        )
+        timing.taken = wp.zeros(0, dtype=wp.int64, device=device)
+        timing.frames = wp.zeros(0, dtype=wp.float32, device=device)
+        wp.load_module(timing_kernels, device=device)
+
+    def keep(self, longest_ns: int, shortest_ns: int, images: Images) -> None:
+        """
+        Allocate the ring, unless it has the right size; frames under way are then lost.
+
+        Parameters
+        ----------
+        longest_ns : int
+            The longest delay of an environment.
+        shortest_ns : int
+            The shortest period of a mode.
+        images : Images
+            Of the frames.
+
+        Raises
+        ------
+        InputError
+            When the frames of all environments are too many.
+
+        """
+        timing, num_envs = self._timing, self._rows.stamps.size
+        slots = frames_kept(longest_ns, shortest_ns, int(timing.step))
+        size = slots * num_envs * images.height * images.width
+        if size > _MOST_KEPT:
+            raise InputError(
+                f'time_offset.delay: must be so short that at most {_MOST_KEPT} pixels are kept, '
+                f'got {longest_ns / 1e9:g} s, for which {size} are'
+            )
+        if (slots, size) == (timing.slots, timing.frames.size):
+            return
+        device = self._rows.stamps.device
+        timing.slots = slots
+        timing.taken = wp.zeros(slots * num_envs, dtype=wp.int64, device=device)
+        timing.frames = wp.zeros(size, dtype=wp.float32, device=device)
+        timing.was_reset.fill_(1)
+
+    def begin(self) -> None:
+        """Begin a call: write which environments take a frame to ``rows.is_due``."""
+        rows = self._rows
+        arrays = rows.periods, rows.delays, rows.stamps, rows.is_due, self.image_stamps
+        launch(timing_kernels.begin, rows.stamps.size, self._timing, *arrays)
+
+    def exchange(self, images: Images, out: wp.array) -> None:
+        """Keep the frames in ``out``, (N * H * W,) float32, and write what has arrived there."""
+        if self._timing.slots:
+            grid, chunk = images.grid(self._rows.stamps.size)
+            size = images.height, images.width
+            launch(
+                timing_kernels.exchange, grid, *size, chunk, self._timing, self._rows.is_due, out
+            )
+
+    def end(self) -> None:
+        """Move the stamps to the next call."""
+        rows = self._rows
+        launch(timing_kernels.tick, rows.stamps.size, self._timing.step, rows.periods, rows.stamps)
+
+    def forget(self, mask: wp.array) -> None:
+        """Let environments begin with a first frame; ``mask`` is (N,) bool on the device."""
+        launch(timing_kernels.forget, mask.size, mask, self._timing.was_reset)
+
+
+def frames_kept(longest_ns: int, shortest_ns: int, step_ns: int) -> int:
+    """
+    Return how many frames an environment keeps; 0 if each is returned by the call that takes it.
+
+    Parameters
+    ----------
+    longest_ns : int
+        The longest delay.
+    shortest_ns : int
+        The shortest period of a mode.
+    step_ns : int
+        Between two calls; 0: every call is the next frame.
+
+    """
+    if not longest_ns and not step_ns:
+        return 0
+    # Frames are at least this far apart, but for one step, since they are taken at a call.
+    interval = max(shortest_ns, step_ns)
+    slack = step_ns if step_ns < shortest_ns else 0
+    under_way = (longest_ns + slack - 1) // interval + 1 if longest_ns else 0
+    return under_way + 1  # and the one that has arrived

@@ -1,0 +1,198 @@
+"""When the images of a batch are taken and when they arrive, in steps of an environment loop."""
+
+from pathlib import Path
+
+from batches import DEVICES, look, scenes
+from flexx2_sim_ros.batch import BatchCamera, images, timing
+from flexx2_sim_ros.camera import Camera, flexx2
+from flexx2_sim_ros.effects import load_randomisation
+from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.nodes.gating import FrameGate
+import numpy as np
+import pytest
+import warp as wp
+import yaml
+
+MATRIX = flexx2().intrinsics.matrix
+MS = 1_000_000
+
+
+def late(seconds: float) -> dict:
+    """Return the effects of a camera whose images are right but late."""
+    return {'time_offset': {'latency': 0.0, 'delay': seconds}}
+
+
+def expected(rate_hz: float, step_ns: int, delay_ns: int, count: int) -> list[int]:
+    """Return the stamp of the image at each step: the newest of those that the node would take."""
+    gate, taken, shown = FrameGate(rate_hz), [], []
+    for stamp in range(0, count * step_ns, step_ns):
+        if gate.accept(stamp):
+            taken.append(stamp)
+        # Steps and delays are whole nanoseconds.
+        arrived = [one for one in taken if one + delay_ns <= stamp + 1000]
+        shown.append(max(arrived, default=0))
+    return shown
+
+
+@pytest.mark.parametrize('device', DEVICES)
+@pytest.mark.parametrize('step_hz', [50, 60, 30, 24, 200, 7])
+def test_images_come_at_the_rate_of_the_mode_and_late(step_hz: int, device: str) -> None:
+    modes = [mode for mode in flexx2().modes for _ in range(4)]
+    steps = [0, 1, 2.5, 3] * len(flexx2().modes)
+    step_ns = round(1e9 / step_hz)
+    delays = [k * step_ns / 1e9 for k in steps]
+    cameras = BatchCamera(
+        len(modes),
+        [mode.name for mode in modes],
+        effects=[late(delay) for delay in delays],
+        step_s=1 / step_hz,
+        device=device,
+    )
+    clean = wp.full((len(modes), 1, 1), 1.5, dtype=wp.float32, device=device)
+    shown = []
+    for _ in range(90):
+        cameras(clean)
+        shown.append(cameras.image_stamps.numpy().copy())
+    for i, mode in enumerate(modes):
+        wanted = expected(mode.rate_hz, step_ns, round(delays[i] * 1e9), 90)
+        assert [int(row[i]) for row in shown] == wanted, (mode.name, steps[i])
+
+
+def moving(count: int, frames: int) -> np.ndarray:
+    """Return scenes that come nearer, (frames, count, 60, 80)."""
+    still = scenes(count)[:, 50:110, 60:140]
+    nearer = np.arange(frames, dtype=np.float32)[:, None, None, None] * np.float32(0.01)
+    return still - nearer
+
+
+KEEPING = {
+    'temporal_filter': {'share': 0.5},
+    'motion_artefact': None,
+    'warm_up_drift': None,
+    'multipath': None,
+    'time_offset': {'latency': 0.03, 'delay': 0.05},
+}
+CURVE = {'wiggling': {'curve': {'knots': [0.5, 2.0], 'values': [0.01, -0.01]}}}
+
+
+@pytest.mark.parametrize('device', DEVICES)
+@pytest.mark.parametrize('many', [False, True])
+def test_images_are_those_of_a_camera_that_takes_the_frames_that_are_due(
+    many: bool, device: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Steps without a frame change nothing that effects keep: a `Camera` never sees them."""
+    monkeypatch.setattr(images, 'many_threads', lambda _: many)
+    effects = [late(0.04), KEEPING, {**CURVE, **late(0.04)}]
+    cameras = BatchCamera(3, 'Mode_5_30fps', effects=effects, step_s=0.02, device=device, K=MATRIX)
+    alone = [Camera('Mode_5_30fps', seed=i, effects=own) for i, own in enumerate(effects)]
+    film = moving(3, 24)
+    gate = FrameGate(30.0)
+    taken: dict[int, list[np.ndarray]] = {}
+    for step, clean in enumerate(film):
+        if step == 13:
+            cameras.reset(np.ones(3, bool))
+            gate, taken = FrameGate(30.0), {}
+            for camera in alone:
+                camera.reset()
+        stamp = step * 20 * MS
+        if gate.accept(stamp):
+            taken[stamp] = [
+                camera.capture(clean[i], MATRIX, stamp).depth for i, camera in enumerate(alone)
+            ]
+        seen = look(device, cameras, clean)
+        for i, when in enumerate(cameras.image_stamps.numpy()):
+            close = np.isclose(seen[i], taken[int(when)][i], rtol=0, atol=2e-5, equal_nan=True)
+            assert close.mean() > 1 - 1e-3, (step, i)
+    assert stamp - when >= 40 * MS
+
+
+def test_a_reset_shows_the_new_scene_at_once_and_only_there() -> None:
+    cameras = BatchCamera(2, 'Mode_9_5fps', effects=late(0.06), step_s=0.02, device='cpu')
+    depth = np.full((2, 4, 5), 1.0, np.float32)
+    for _ in range(7):
+        cameras(depth)
+    cameras.reset(np.array([True, False]))
+    seen = cameras(depth + 1)
+    assert cameras.image_stamps.numpy().tolist() == [140 * MS, 0]
+    np.testing.assert_allclose(seen[0], 2.0, atol=0.1)
+    np.testing.assert_allclose(seen[1], 1.0, atol=0.1)
+    own = np.empty_like(depth)
+    cameras(depth + 1, out=own)
+    np.testing.assert_array_equal(own, seen)
+
+
+def test_without_steps_an_image_is_late_by_whole_frames() -> None:
+    usecases = ['Mode_9_30fps', 'Mode_9_10fps']
+    cameras = BatchCamera(2, usecases, effects=late(0.1), device='cpu')
+    for _ in range(9):
+        cameras(np.ones((2, 4, 5), np.float32))
+    period = round(1e9 / 30)
+    assert cameras.image_stamps.numpy().tolist() == [(8 - 3) * period, (8 - 1) * 100 * MS]
+
+
+def test_a_reset_draws_another_delay_and_latency(tmp_path: Path) -> None:
+    parameters = {'latency': {'low': 0.0, 'high': 0.1}, 'delay': {'low': 0.02, 'high': 0.06}}
+    path = tmp_path / 'late.yaml'
+    path.write_text(
+        yaml.safe_dump(
+            {
+                'schema': 1,
+                'randomisation': {
+                    'effects': {'time_offset': {'probability': 0.9, 'parameters': parameters}}
+                },
+            }
+        )
+    )
+    cameras = BatchCamera(8, 'Mode_5_60fps', step_s=0.02, device='cpu', K=MATRIX)
+    cameras.randomise(load_randomisation(path), seed=3, pool=64)
+    assert cameras.drawn is not None
+    film = moving(1, 22)
+    drawn = []
+    for step in range(22):
+        if step == 11:
+            cameras.reset()
+        if step in (0, 11):
+            chosen = [cameras.drawn.cameras[k] for k in cameras.drawn.drawn.numpy()]
+            alone = [Camera('Mode_5_60fps', seed=i, effects=own) for i, own in enumerate(chosen)]
+            delays = [own[0].delay if own else 0.0 for own in chosen]
+            taken = {}
+            drawn.append(delays)
+        taken[step * 20 * MS] = [
+            camera.capture(film[step, 0], MATRIX, step * 20 * MS).depth for camera in alone
+        ]
+        seen = cameras(np.repeat(film[step], 8, axis=0))
+        for i, when in enumerate(cameras.image_stamps.numpy().tolist()):
+            steps = int(np.ceil(delays[i] / 0.02 - 1e-4))
+            assert when == max(step - steps, 11 * (step >= 11)) * 20 * MS
+            close = np.isclose(seen[i], taken[when][i], rtol=0, atol=2e-5, equal_nan=True)
+            assert close.mean() > 1 - 1e-3
+    assert all(own != other for own, other in zip(*drawn, strict=True))
+    assert all(0.02 <= delay <= 0.06 for delay in drawn[0] if delay)
+
+
+def test_no_more_frames_are_kept_than_are_needed() -> None:
+    """The ring holds every frame that is under way, whatever the rates and delays are."""
+    generator = np.random.default_rng(5)
+    for _ in range(300):
+        rate, step_hz = generator.uniform(5, 60), generator.uniform(5, 200)
+        delay_ns, step_ns = int(generator.uniform(0, 2e8)), round(1e9 / step_hz)
+        kept = timing.frames_kept(delay_ns, round(1e9 / rate), step_ns)
+        gate, taken, most = FrameGate(rate), [], 0
+        for stamp in range(0, 60 * step_ns, step_ns):
+            if gate.accept(stamp):
+                taken.append(stamp)
+            most = max(most, sum(stamp - one < delay_ns for one in taken) + 1)
+        assert most <= kept <= most + 2
+    assert timing.frames_kept(0, 33, 0) == 0
+
+
+@pytest.mark.parametrize('step_s', [0, -0.02, float('nan'), '0.02', True, 11])
+def test_unusable_steps_are_refused(step_s: object) -> None:
+    with pytest.raises(InputError, match='step_s: must be 1e-6 to 10 seconds, got'):
+        BatchCamera(2, device='cpu', step_s=step_s)  # type: ignore[arg-type]
+
+
+def test_more_frames_than_can_be_kept_are_refused() -> None:
+    cameras = BatchCamera(2, 'Mode_5_60fps', effects=late(1.0), device='cpu')
+    with pytest.raises(InputError, match='time_offset.delay: must be so short'):
+        cameras(np.broadcast_to(np.float32(1), (2, 5000, 5000)))
