@@ -8,14 +8,14 @@ from flexx2_sim_ros.batch.arguments import device_named, environments, mask_of, 
 from flexx2_sim_ros.batch.drawn import DrawnCameras
 from flexx2_sim_ros.batch.effect_tables import each_environment
 from flexx2_sim_ros.batch.exchange import checked, checked_images, from_warp, stream_of, to_warp
-from flexx2_sim_ros.batch.host import changing, HostCameras, without_kernel, write_frames
+from flexx2_sim_ros.batch.host import HostCameras, without_kernel, write_frames
 from flexx2_sim_ros.batch.images import Images, period_ns, Rows
 from flexx2_sim_ros.batch.stages import BatchStages
 from flexx2_sim_ros.batch.surface_kernels import depends_on_surfaces
 from flexx2_sim_ros.batch.timing import FrameTiming
 from flexx2_sim_ros.camera import Intrinsics, Mode, Profile
 from flexx2_sim_ros.effects import Effect, Randomisation
-from flexx2_sim_ros.effects.time_offset import time_offset_of
+from flexx2_sim_ros.effects.time_offset import changing, time_offset_of
 from flexx2_sim_ros.errors import InputError, shown
 from flexx2_sim_ros.physics.philox import camera_key
 from flexx2_sim_ros.profiles.modes import DEFAULT_USECASE, flexx2

@@ -6,7 +6,6 @@ from typing import Any
 
 from flexx2_sim_ros.camera import Camera, Mode, Profile
 from flexx2_sim_ros.effects import Effect
-from flexx2_sim_ros.effects.time_offset import TimeOffset
 import numpy as np
 import warp as wp
 
@@ -16,13 +15,6 @@ _log = logging.getLogger(__name__)
 def without_kernel(effects: Sequence[Effect]) -> list[str]:
     """Return the names of the effects that no kernel computes."""
     return [effect.name for effect in effects if not effect.has_kernel]
-
-
-def changing(effects: Sequence[Effect]) -> tuple[Effect, ...]:
-    """Return the effects but for a time_offset that leaves every frame as it is."""
-    return tuple(
-        one for one in effects if not (isinstance(one, TimeOffset) and not one.latency_ns)
-    )
 
 
 class HostCameras:

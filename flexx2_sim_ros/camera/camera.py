@@ -6,6 +6,7 @@ from typing import Any
 from flexx2_sim_ros.camera.arguments import as_effects, as_views, Views
 from flexx2_sim_ros.camera.frame import Frame
 from flexx2_sim_ros.camera.stages import run_stages
+from flexx2_sim_ros.effects.time_offset import changing
 from flexx2_sim_ros.errors import InputError, shown
 from flexx2_sim_ros.formulas import on_images
 from flexx2_sim_ros.formulas.surfaces import usable_reflectivity
@@ -130,7 +131,7 @@ class Camera:
                     f'effects: must have {name} once, got it {names.count(name)} times'
                 )
         check_frequencies(chosen, self.mode)
-        self._effects = chosen
+        self._effects, self._changing = chosen, changing(chosen)
         for memory in self._memories.values():
             memory.keep_only(names)
 
@@ -179,7 +180,7 @@ class Camera:
         """
         views = as_views(clean_depth, K, stamp, reflectivity)
         out = [np.empty(views.clean.shape, np.float32) for _ in range(4)]
-        if self.effects:
+        if self._changing:
             self._run_stages(views, out)
         else:
             self._run_base_model(views, out)
@@ -245,7 +246,7 @@ class Camera:
                 on_images(usable_reflectivity)(views.reflectivity[index]),
                 self.exposure_share,
             )
-            finished = run_stages(state, self.effects, self.mode.noise.sigma_x)
+            finished = run_stages(state, self._changing, self.mode.noise.sigma_x)
             for array, image in zip(out, finished, strict=True):
                 array[index] = image
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from flexx2_sim_ros.effects.between import between, frames_around, is_late_nearer, share_of
 from flexx2_sim_ros.effects.effect import Effect, parameter
@@ -95,3 +95,8 @@ def time_offset_of(effects: Iterable[EffectProtocol]) -> TimeOffset:
     """Return the `TimeOffset` among effects, or one that does nothing."""
     found = (effect for effect in effects if isinstance(effect, TimeOffset))
     return next(found, TimeOffset(latency=0.0))
+
+
+def changing(effects: Iterable[EffectProtocol]) -> tuple[Any, ...]:
+    """Return the effects but for a `TimeOffset` that leaves every image as it is."""
+    return tuple(one for one in effects if not isinstance(one, TimeOffset) or one.latency_ns)

@@ -1,5 +1,7 @@
 """The camera node: takes clean depth, publishes what a Flexx2 would have seen."""
 
+from collections.abc import Callable
+from functools import partial
 import time
 from traceback import format_exception
 from typing import Any
@@ -8,6 +10,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from flexx2_sim_ros.camera.camera import Camera
 from flexx2_sim_ros.camera.compiling import compiling_said, warm_up
 from flexx2_sim_ros.camera.frame import Frame
+from flexx2_sim_ros.effects.time_offset import time_offset_of
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.messages.decoding import (
     check_stamp,
@@ -20,6 +23,7 @@ from flexx2_sim_ros.nodes.camera_outputs import CameraOutputs
 from flexx2_sim_ros.nodes.camera_parameters import CameraParameters
 from flexx2_sim_ros.nodes.gating import FrameGate
 from flexx2_sim_ros.nodes.input_watch import InputWatch, Remark
+from flexx2_sim_ros.nodes.late_frames import LateFrames
 from flexx2_sim_ros.nodes.pairing import Match, StampPairing
 from flexx2_sim_ros.nodes.parameters import declare
 from flexx2_sim_ros.nodes.report import Statistics
@@ -36,6 +40,7 @@ from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import CameraInfo, Image
+from std_msgs.msg import Header
 
 _DEPTH_ENCODINGS = ('32FC1', '64FC1', '16UC1')
 # Period of the check for publishers that are new or have changed.
@@ -89,6 +94,7 @@ class Flexx2Camera(SteadyNode):
 
     def _open_topics(self) -> None:
         self._outputs = CameraOutputs(self, self.settings, self._profile.sensor)
+        self._late = LateFrames(self)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         # The image is last: of messages that wait together, it is then handled after the others.
         self._inputs = {
@@ -206,15 +212,15 @@ class Flexx2Camera(SteadyNode):
     def _take(self, matches: list[Match]) -> None:
         for match in matches:
             start = time.perf_counter()
-            try:
-                published = self._process(match)
-            except Exception as error:  # A message must not end the node.
-                # After the node was told to stop, its publishers do not exist any more.
-                if self.context.ok():
-                    self._reject(error)
-            else:
-                if published:
-                    self._statistics.latencies.append(time.perf_counter() - start)
+            self._safely(partial(self._process, match, start))
+
+    def _safely(self, work: Callable[[], None]) -> None:
+        try:
+            work()
+        except Exception as error:  # A message must not end the node.
+            # After the node was told to stop, its publishers do not exist any more.
+            if self.context.ok():
+                self._reject(error)
 
     def _reject(self, error: Exception) -> None:
         self._statistics.rejected += 1
@@ -229,16 +235,17 @@ class Flexx2Camera(SteadyNode):
             log = logger.warning if isinstance(error, _NoCameraInfoError) else logger.error
             log(f'input rejected: {text}')
 
-    def _process(self, match: Match) -> bool:
+    def _process(self, match: Match, start: float) -> None:
         check_stamp(match.image.header.stamp, 'clean/depth_image')
         image = decode_image(match.image, 'clean/depth_image', _DEPTH_ENCODINGS)
         view = self._find_view(match, image)
         reflectivity = self._find_reflectivity(match, image.shape)
         if not self._due(match.stamp):
-            return False
+            return
         self._watch.look(image, match.image.encoding, self._camera.mode)
         head = messages.header(match.stamp, self.settings.frame_id or match.image.header.frame_id)
         self._place(head.frame_id)
+        frame = None
         if self._outputs.wanted:
             # Parameters of effects hold for the automatic or the longest exposure.
             self._camera.exposure_share = self.settings.exposure_share or 1.0
@@ -250,10 +257,21 @@ class Flexx2Camera(SteadyNode):
             )
             _make_invalid(frame, view.outside)
             self._statistics.invalid_fraction = float(np.isnan(frame.depth).mean())
+        delay = time_offset_of(self._camera.effects).delay_ns
+        publish = partial(self._publish, head, frame, start)
+        self._late.add(match.stamp, delay, partial(self._safely, publish))
+        if delay and self._late.other_clock:
+            self._say_once(
+                'effect.time_offset.delay: the stamps of clean/depth_image are not of the clock '
+                'of this node (see use_sim_time): the delay counts from the arrival of the image'
+            )
+
+    def _publish(self, head: Header, frame: Frame | None, start: float) -> None:
+        if frame is not None:
             self._outputs.publish_frame(head, frame)
         self._outputs.publish_info(head)
         self._statistics.published += 1
-        return True
+        self._statistics.latencies.append(time.perf_counter() - start)
 
     def _find_view(self, match: Match, image: np.ndarray) -> Reprojection:
         if match.info is None:
@@ -310,6 +328,7 @@ class Flexx2Camera(SteadyNode):
             return False
         if gate.restarts > restarts:
             self._camera.reset()
+            self._late.clear()
             if self._throttle.ready('stamps went back'):
                 self.get_logger().warning(
                     f'clean/depth_image: header.stamp went back to {stamp} ns: the camera '

@@ -1,0 +1,76 @@
+"""Frames that wait until they are as old as a camera's frames are when they arrive."""
+
+from collections import deque
+from collections.abc import Callable
+
+from rclpy.node import Node
+
+_SECOND = 1_000_000_000
+# Stamps that are farther than this from the node's clock are taken for those of another clock.
+_OTHER_CLOCK = 2 * _SECOND
+# More than 60 Hz need for the longest delay: the clock does not go on.
+_MOST = 128
+
+
+class LateFrames:
+    """
+    Publish each frame when the node's clock has reached its stamp plus a delay.
+
+    Frames stay in order. The node's clock is that of ``/clock`` with ``use_sim_time``. If the
+    stamps are those of another clock, a frame waits for the delay after it was made.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+        Has the clock and the timer.
+
+    """
+
+    def __init__(self, node: Node) -> None:
+        """Wait for frames."""
+        self._node = node
+        self._waiting: deque[tuple[int, Callable[[], None]]] = deque()
+        self._timer = node.create_timer(1.0, self._publish_due, autostart=False)
+        self.other_clock = False
+
+    def add(self, stamp: int, delay: int, publish: Callable[[], None]) -> None:
+        """
+        Publish a frame when it is due; at once if it is due already.
+
+        Parameters
+        ----------
+        stamp, delay : int
+            Nanoseconds.
+        publish : callable
+            Publishes the frame; must not raise.
+
+        """
+        if not (delay or self._waiting):
+            publish()
+            return
+        now = self._now()
+        self.other_clock = abs(now - stamp) > _OTHER_CLOCK
+        due = (now if self.other_clock else stamp) + delay
+        if self._waiting:
+            due = max(due, self._waiting[-1][0])
+        if len(self._waiting) == _MOST:
+            self._waiting.popleft()
+        self._waiting.append((due, publish))
+        self._publish_due()
+
+    def clear(self) -> None:
+        """Forget the frames that wait."""
+        self._waiting.clear()
+        self._timer.cancel()
+
+    def _publish_due(self) -> None:
+        now = self._now()
+        while self._waiting and self._waiting[0][0] <= now:
+            self._waiting.popleft()[1]()
+        self._timer.cancel()
+        if self._waiting:
+            self._timer.timer_period_ns = self._waiting[0][0] - now
+            self._timer.reset()
+
+    def _now(self) -> int:
+        return int(self._node.get_clock().now().nanoseconds)

@@ -1,0 +1,119 @@
+"""Images that arrive late, over real DDS: with true stamps, in the time of the node's clock."""
+
+import time
+from typing import Any
+
+from flexx2_sim_ros.nodes.messages import time_message
+import numpy as np
+import pytest
+from streams import (
+    array_of,
+    boards,
+    Clock,
+    DEPTH,
+    Image,
+    image_message,
+    INFO,
+    info_message,
+    library,
+    nanoseconds,
+    same,
+    SECOND,
+    START,
+    Stream,
+    stream,
+)
+
+MS = SECOND // 1000
+LATE = {'effect.time_offset.strength': 1.0, 'effect.time_offset.latency': 0.0}
+
+pytestmark = pytest.mark.usefixtures('ros')
+
+
+def hear_with_times(seen: Stream) -> list[tuple[Image, int]]:
+    """Listen to depth images; return the list of messages and when DDS received them."""
+    heard: list[tuple[Image, int]] = []
+
+    def take(message: Image, info: Any) -> None:
+        heard.append((message, info['received_timestamp']))
+
+    subscription = seen.node.create_subscription(Image, f'{seen.name}/{DEPTH}', take, 50)
+    seen.spin_until(subscription.get_publisher_count, 'publisher')
+    seen.spin_until(
+        lambda: (
+            seen.node.count_subscribers(f'{seen.name}/{DEPTH}') == 1
+            and seen.camera._outputs.wanted
+        ),
+        'subscription',
+    )
+    return heard
+
+
+def feed(seen: Stream, depth: np.ndarray, stamp: int) -> None:
+    """Send clean depth without waiting for the frame."""
+    seen.publish(image=image_message(depth, stamp), info=info_message(seen.source, stamp))
+
+
+def test_an_image_arrives_no_earlier_than_its_delay_and_keeps_its_stamp() -> None:
+    delays = 0.15, 0.02
+    with stream(usecase='Mode_5_60fps', **LATE) as seen:
+        heard = hear_with_times(seen)
+        stamps = []
+        for delay in delays:
+            assert seen.set(**{'effect.time_offset.delay': delay}).successful
+            for _ in range(3):
+                stamps.append(time.time_ns())
+                feed(seen, boards(), stamps[-1])
+                seen.spin_until(lambda: time.time_ns() > stamps[-1] + 30 * MS)
+        seen.spin_until(lambda: len(heard) == len(stamps), 'all images')
+        assert [nanoseconds(message) for message, _ in heard] == stamps
+        for (message, received), stamp in zip(heard, stamps, strict=True):
+            delay = delays[stamps.index(stamp) // 3]
+            assert received - stamp >= delay * 1e9
+            assert same(array_of(message), library(seen, boards(), stamp).depth)
+        assert not seen.logged('time_offset.delay')
+
+
+def test_in_simulated_time_an_image_arrives_at_its_stamp_plus_the_delay() -> None:
+    with stream(
+        DEPTH, INFO, use_sim_time=True, **LATE, **{'effect.time_offset.delay': 0.1}
+    ) as seen:
+        clocks = seen.node.create_publisher(Clock, '/clock', 10)
+
+        def set_clock(now: int) -> None:
+            clocks.publish(Clock(clock=time_message(now)))
+            seen.spin_until(lambda: seen.camera.get_clock().now().nanoseconds == now, 'clock')
+            for _ in range(3):  # The timers of the node run.
+                seen.spin_for_a_message()
+
+        seen.spin_until(clocks.get_subscription_count, 'clock of the node')
+        for k, stamp in enumerate((5 * SECOND, 5 * SECOND + 50 * MS)):
+            set_clock(stamp + 10 * MS)
+            feed(seen, boards(), stamp)
+            seen.spin_until(lambda k=k: seen.camera._statistics.received == k + 1, 'input')
+        set_clock(5 * SECOND + 99 * MS)
+        assert not seen.messages(DEPTH)
+        for k, stamp in enumerate((5 * SECOND, 5 * SECOND + 50 * MS)):
+            set_clock(stamp + 100 * MS)
+            seen.spin_until(lambda k=k: len(seen.messages(DEPTH)) == k + 1, 'image')
+            seen.spin_until(lambda k=k: len(seen.messages(INFO)) == k + 1, 'camera info')
+            assert nanoseconds(seen.messages(DEPTH)[k]) == stamp
+        # A simulation that starts again forgets the images that are under way.
+        feed(seen, boards(), 6 * SECOND)
+        feed(seen, boards(), 2 * SECOND)
+        seen.spin_until(lambda: seen.camera._statistics.received == 4, 'inputs')
+        set_clock(8 * SECOND)
+        seen.spin_until(lambda: len(seen.messages(DEPTH)) == 3, 'image')
+        assert nanoseconds(seen.messages(DEPTH)[2]) == 2 * SECOND
+
+
+def test_stamps_of_another_clock_are_said_and_the_image_still_waits() -> None:
+    with stream(**LATE, **{'effect.time_offset.delay': 0.1}) as seen:
+        heard = hear_with_times(seen)
+        for k in range(2):
+            before = time.time_ns()
+            feed(seen, boards(), START + k * SECOND)
+            seen.spin_until(lambda k=k: len(heard) == k + 1, 'image')
+            assert heard[k][1] - before >= 100 * MS
+        seen.spin_until(lambda: seen.logged('time_offset.delay', 'use_sim_time'), 'warning')
+        assert len(seen.logged('time_offset.delay')) == 1
