@@ -11,6 +11,7 @@ from flexx2_sim_ros.cli.argument_types import MOST_FRAMES, SEEDS, whole_number
 from flexx2_sim_ros.cli.common import add_profile, MOST_SEED
 from flexx2_sim_ros.effects import ageing, Effect, load_effects, load_randomisation
 from flexx2_sim_ros.effects.registry import effects_yaml
+from flexx2_sim_ros.effects.time_offset import time_offset_of
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.profiles.files import find_profile
 from flexx2_sim_ros.profiles.modes import DEFAULT_USECASE
@@ -121,6 +122,8 @@ def run(arguments: argparse.Namespace) -> int:
             invalid += int(np.isnan(frame.depth).sum())
         _write_scene(writer, scene, count, arguments.uptime)
         writer.add_array('stamp', stamps)
+        if delay := time_offset_of(effects).delay_ns:
+            writer.add_array('received', stamps + delay / 1e9)
         writer.add_array('usecase', camera.usecase)
         writer.add_array('seed', arguments.seed)
         if effects:
@@ -166,7 +169,7 @@ def _make_camera(arguments: argparse.Namespace, scene: Scene) -> tuple[Camera, t
 
 
 def _write_scene(writer: RecordingWriter, scene: Scene, count: int, uptime: float | None) -> None:
-    replaced = {'depth', 'usecase', 'seed', 'effects'}
+    replaced = {'depth', 'usecase', 'seed', 'effects', 'received'}
     if uptime is not None:
         replaced.add('uptime')
         writer.add_array('uptime', uptime)

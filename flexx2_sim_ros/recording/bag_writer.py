@@ -172,7 +172,8 @@ def write_bag(
     Write a recording as a bag on the topics of `flexx2_camera`.
 
     Images are stored as messages, and all other arrays on the topic ``/<camera>/recording``, so
-    that `open_recording` returns every key exactly. The bag gets its name when it is complete.
+    that `open_recording` returns every key exactly. A message has the time at which the frame was
+    received, if the recording has it, else its stamp. The bag gets its name when it is complete.
 
     Parameters
     ----------
@@ -199,12 +200,13 @@ def write_bag(
         raise InputError(
             f'--camera: must be letters, digits and _, as in front_left, got {shown(name)}'
         )
-    low, high = int(reader.stamp_ns.min()), int(reader.stamp_ns.max())
-    if low < 0 or high >= _LATEST:
-        raise InputError(
-            f'{reader.path}: stamp: must be 0 to 2147483648 s, the range of messages, got '
-            f'{low / 1e9:g} to {high / 1e9:g} s'
-        )
+    for key, times in (('stamp', reader.stamp_ns), ('received', _arrivals(reader))):
+        low, high = int(times.min()), int(times.max())
+        if low < 0 or high >= _LATEST:
+            raise InputError(
+                f'{reader.path}: {key}: must be 0 to 2147483648 s, the range of messages, got '
+                f'{low / 1e9:g} to {high / 1e9:g} s'
+            )
     check_new(path)
     single = path.suffix in SUFFIXES
     with whole(path) as part:
@@ -224,8 +226,9 @@ def write_bag(
 def _messages(
     reader: RecordingReader, where: CameraTopics
 ) -> Iterator[tuple[str, str, int, bytes]]:
-    stamps = reader.stamp_ns.tolist()
-    start = stamps[0]
+    # A bag is read in order of time: a time that goes back would reorder the frames.
+    times = np.maximum.accumulate(_arrivals(reader)).tolist()
+    start = times[0]
     for key, array in _carried(reader).items():
         yield where.carried, messages.BYTES, start, messages.encode_bytes(key, array)
     if reader.usecase is not None:
@@ -248,10 +251,7 @@ def _messages(
         if key in reader.layouts or key in reader.arrays
     }
     infos = [where.info, *([where.clean_info] if where.clean in images else [])]
-    time = start
-    for stamp in stamps:
-        # A bag is read in order of time: a time that goes back would reorder the frames.
-        time = max(time, stamp)
+    for stamp, time in zip(reader.stamp_ns.tolist(), times, strict=True):
         info = messages.encode_camera_info(
             stamp, frame_id, reader.shape[1:], reader.K, np.array(reader.distortion)
         )
@@ -259,6 +259,12 @@ def _messages(
             yield topic, messages.CAMERA_INFO, time, info
         for topic, source in images.items():
             yield topic, messages.IMAGE, time, messages.encode_image(stamp, frame_id, next(source))
+
+
+def _arrivals(reader: RecordingReader) -> np.ndarray:
+    # (T,) nanoseconds; where they are not known, a frame arrives at its stamp.
+    received = reader.received_ns
+    return reader.stamp_ns if received is None else received
 
 
 def _carried(reader: RecordingReader) -> dict[str, bytes]:

@@ -190,6 +190,7 @@ class BagRecording(RecordingReader):
         content.arrays['stamp'] = stamps / 1e9
         if (np.rint(content.arrays['stamp'] * 1e9).astype(np.int64) != stamps).any():
             content.arrays['stamp_ns'] = stamps
+        content.arrays['received'] = np.array(self._found[self._source].times, np.int64) / 1e9
         for time, info in self._infos[1:]:
             if not np.array_equal(info.k, first.k):
                 content.changes.append(
@@ -232,7 +233,7 @@ class BagRecording(RecordingReader):
         for key, array in self._carried.items():
             if array is not None:
                 # A bag that was cut off has fewer frames than stamps.
-                one_each = (key in ('stamp', 'stamp_ns') and array.ndim == 1) or (
+                one_each = (key in ('stamp', 'stamp_ns', 'received') and array.ndim == 1) or (
                     key in STACKS and array.ndim == 3
                 )
                 content.arrays[key] = array[:count] if one_each else array

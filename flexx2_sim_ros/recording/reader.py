@@ -187,6 +187,28 @@ class RecordingReader(ABC):
         """Return (T, H, W)."""
         return len(self.stamp), *self.layouts['depth'].shape
 
+    @property
+    def received_ns(self) -> np.ndarray | None:
+        """
+        Return when each frame arrived, (T,) int64 nanoseconds; None where the file does not say.
+
+        Raises
+        ------
+        InputError
+            When ``received`` is not (T,) finite seconds.
+
+        """
+        if 'received' not in self.arrays:
+            return None
+        wanted = f'seconds ({len(self.stamp)},), one for each frame, at most {_LONGEST:g}'
+        found = self._numbers('received', wanted)
+        if found.shape != self.stamp.shape or not (np.abs(found) <= _LONGEST).all():
+            raise InputError(
+                f'{self.path}: received: must be {wanted}, got {found.dtype} of shape '
+                f'{found.shape}'
+            )
+        return np.rint(found.astype(np.float64) * 1e9).astype(np.int64)
+
     def chunks(self, size: int = 64) -> Iterator[Recording]:
         """Iterate over consecutive parts of up to `size` frames."""
         images = {key: self.frames(key) for key in self.layouts}
