@@ -30,6 +30,7 @@ KEYS = [
     'unexplained',
     'where',
     'gap',
+    'age',
     'evidence',
     'recordings',
     'settings',

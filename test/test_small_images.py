@@ -2,10 +2,13 @@
 
 import json
 from pathlib import Path
+import re
 
 from flexx2_sim_ros.camera import Intrinsics
 from flexx2_sim_ros.characterize.measure import measure
 from flexx2_sim_ros.cli.main import main
+from flexx2_sim_ros.effects import load_effects, load_randomisation
+from flexx2_sim_ros.effects.time_offset import TimeOffset
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.physics.geometry import pixel_rays
 from flexx2_sim_ros.recording import load_recording, open_recording
@@ -125,11 +128,14 @@ def write_flight(path: Path, latency: float, seed: int, frames: int = 100) -> No
     real = np.array([seen(time - latency) for time in stamp])
     depth = real + (0.008 + 0.004 * real**2) * rng.standard_normal(real.shape)
     clean = np.where(np.isfinite(depth), [seen(time) for time in stamp], np.nan)
-    np.savez(path, depth=depth, clean_depth=clean, K=K, stamp=stamp)
+    received = stamp + rng.uniform(0.06, 0.08, frames)
+    np.savez(path, depth=depth, clean_depth=clean, K=K, stamp=stamp, received=received)
 
 
 @pytest.mark.parametrize('latency', [0.04, 0.1])
-def test_the_latency_of_a_sensor_of_64_pixels_is_found(tmp_path: Path, latency: float) -> None:
+def test_the_latency_of_a_sensor_of_64_pixels_is_found(
+    tmp_path: Path, latency: float, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Assert it where only a few pixels have ground truth, the others are unknown."""
     profile = tmp_path / 'profile.yaml'
     profile.write_text(VL53L5CX)
@@ -145,6 +151,20 @@ def test_the_latency_of_a_sensor_of_64_pixels_is_found(tmp_path: Path, latency: 
     assert all(row['truth']['unknown'] > 0.5 for row in table['recordings'])
     assert [row['name'] for row in table['effects']] == ['time_offset']
     assert table['effects'][0]['parameters']['latency'] == pytest.approx(latency, rel=0.2)
+    # What is written is the age of the images in all its parts, for every path that reads effects.
+    assert table['age']['latency'] == pytest.approx(latency, rel=0.2)
+    assert table['age']['delay']['median'] == pytest.approx(0.07, abs=0.003)
+    (late,) = load_effects(tmp_path / 'out' / 'effects.yaml')
+    assert isinstance(late, TimeOffset)
+    assert late.latency_ns == pytest.approx(1e9 * table['age']['latency'])
+    assert late.delay_ns == pytest.approx(1e9 * table['age']['delay']['median'], abs=1)
+    assert re.search('Images arrive (69|70|71) ms after their stamps', capsys.readouterr().err)
+    words = ['gap', 'randomise', str(tmp_path / 'out'), '--out', str(tmp_path / 'r.yaml')]
+    assert main(words) == 0
+    drawn = [own[0] for own in load_randomisation(tmp_path / 'r.yaml').draw(50, 1)]
+    assert np.mean([one.delay_ns for one in drawn]) == pytest.approx(0.07e9, rel=0.1)
+    assert np.std([one.delay_ns for one in drawn]) > 0
+    assert np.mean([one.latency_ns for one in drawn]) == pytest.approx(latency * 1e9, rel=0.3)
 
 
 def test_partial_truth_needs_ground_truth(tmp_path: Path) -> None:

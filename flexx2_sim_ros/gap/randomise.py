@@ -14,6 +14,7 @@ from flexx2_sim_ros.effects import (
     registry,
     save_randomisation,
 )
+from flexx2_sim_ros.effects.time_offset import TimeOffset
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap.calibration.inference import THRESHOLDS
 from flexx2_sim_ros.gap.report.reading import Diagnosed, read_diagnosis
@@ -28,6 +29,7 @@ _SAME = 1e-9
 # python -m bench.gap_randomise --recordings 5 --frames 8 --seeds 1400,...,1413: without it, 14 of
 # 23 truths are within 90 % of the draws.
 _SHARED = 0.1
+_WIDE = 2 * 1.645  # standard deviations from the 5 % to the 95 % quantile of a normal distribution
 
 
 @dataclass(frozen=True)
@@ -79,17 +81,27 @@ def randomise(diagnosis: str | Path, out: str | Path | None = None) -> Randomise
                 'without a cause (use the folder of flexx2 gap diagnose)'
             )
     undecided = _undecided(before, {effect.name for effect in named})
-    if not named and not undecided:
+    delay = _delay(before)
+    if not (named or undecided or delay):
         raise InputError('DIAGNOSIS: must have effects to randomise, got none')
     distributions, correlation = _fitted(named, _held_out(before, named))
-    prior = [one for effect in undecided if (one := catalogue_prior(type(effect)))]
+    # Strength would scale the delay, too, which is known.
+    free = {TimeOffset.name: 'latency'} if delay else {}
+    prior = [
+        one
+        for effect in undecided
+        if (one := catalogue_prior(type(effect), free.get(effect.name, 'strength')))
+    ]
+    prior += delay
     size = len(distributions)
     matrix = np.eye(size + len(prior))
     matrix[:size, :size] = correlation
     given = parse_effects(before.known)
     chances = {effect.name: 1.0 for effect in (*given, *named)}
     chances |= {effect.name: _UNDECIDED for effect in undecided}
-    by_name = {effect.name: effect for effect in (*given, *named, *undecided)}
+    late = [TimeOffset(latency=0.0)] if delay else []
+    chances |= {effect.name: 1.0 for effect in late}
+    by_name = {effect.name: effect for effect in (*late, *given, *named, *undecided)}
     randomisation = Randomisation(
         tuple(by_name[name] for name in registry() if name in by_name),
         chances,
@@ -155,6 +167,19 @@ def _undecided(before: Diagnosed, taken: set[str]) -> tuple[Effect, ...]:
         for name, kind in registry().items()
         if name in names and name not in {*taken, *before.known} and kind.role != 'pose'
     )
+
+
+def _delay(before: Diagnosed) -> list[Distribution]:
+    # How late images arrive, as the frames of the recordings did. An effect has it as it is.
+    age = before.table.get('age')
+    if not isinstance(age, dict) or not isinstance(age.get('delay'), dict):
+        return []
+    try:
+        median, low, high = (float(age['delay'][key]) for key in ('median', 'low', 'high'))
+        spread = max((high - low) / _WIDE, _SHARED * median)
+        return [Distribution(TimeOffset.name, 'delay', 0.0, 1.0, median, spread)] if median else []
+    except (InputError, LookupError, TypeError, ValueError) as error:
+        raise InputError(f'DIAGNOSIS: diagnosis.json: age: {error}') from error
 
 
 def _held_out(before: Diagnosed, named: Sequence[Effect]) -> list[dict[str, Effect]]:

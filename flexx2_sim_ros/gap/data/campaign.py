@@ -8,6 +8,7 @@ from pathlib import Path
 from flexx2_sim_ros.camera import flexx2, Intrinsics, Mode, Profile
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap.calibration.data import READING
+from flexx2_sim_ros.gap.data.arrival import Arrival, find_arrival
 from flexx2_sim_ros.gap.data.frames import choose_frames
 from flexx2_sim_ros.gap.data.given import given_effects, Table
 from flexx2_sim_ros.gap.data.planes import plane_shifts
@@ -34,6 +35,8 @@ class Found:
     brightest : float
         Largest floating-point amplitude of the recording, or of the campaign after `of_one_mode`.
         The scale of the amplitude follows from it. 0 where no scale has to be guessed.
+    arrival : Arrival or None
+        How late its frames arrived, where it says so.
 
     """
 
@@ -41,6 +44,7 @@ class Found:
     mode: Mode
     notes: tuple[str, ...]
     brightest: float = 0.0
+    arrival: Arrival | None = None
 
 
 def check(path: Path, profile: Profile | None) -> Found | str:
@@ -130,7 +134,7 @@ def _found(reader: RecordingReader, profile: Profile | None) -> Found:
     except InputError as error:
         raise InputError(f'{path}: {error}') from error
     read_truth(path, reader.arrays, reader.shape)
-    return Found(path, mode, tuple(reader.notes), _brightest(reader))
+    return Found(path, mode, tuple(reader.notes), _brightest(reader), find_arrival(reader))
 
 
 def _brightest(reader: RecordingReader) -> float:

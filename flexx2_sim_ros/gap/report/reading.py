@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from flexx2_sim_ros.effects import Effect, load_effects, parse_effects
+from flexx2_sim_ros.effects.time_offset import changing
 from flexx2_sim_ros.errors import InputError, shown, shown_path
 from flexx2_sim_ros.gap.data.given import given_effects, Table
 
@@ -42,7 +43,7 @@ class Diagnosed:
     verdict : str
         As in ``diagnosis.json``.
     effects : tuple of Effect
-        The effects of ``effects.yaml``.
+        The effects of ``effects.yaml`` that change images.
     known : dict
         Effects that were taken as given: parameters by name.
     pose_prior : tuple of float
@@ -140,7 +141,7 @@ def read_diagnosis(folder: Path) -> Diagnosed:
         raise InputError(f'{shown_path(path)}: settings: {error}') from error
     return Diagnosed(
         str(table.get('verdict', '')),
-        load_effects(folder / 'effects.yaml'),
+        changing(load_effects(folder / 'effects.yaml')),
         known,
         _pose_prior(path, settings.get('pose_prior', _POSE_PRIOR)),
         {str(row['checksum']): row['name'] for row in used if 'checksum' in row},

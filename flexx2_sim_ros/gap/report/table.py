@@ -18,6 +18,7 @@ from flexx2_sim_ros.gap.inference.improvement import measured, tolerances
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.inference.uncertainty import ratio_interval
 from flexx2_sim_ros.gap.inference.where import places, unexplained
+from flexx2_sim_ros.gap.report.age import age_table, with_delay
 import numpy as np
 
 SCHEMA = 2
@@ -57,12 +58,13 @@ def diagnosis_table(
         ``version``, ``seconds`` and ``peak_mb``.
 
     """
+    age = age_table(effects, used)
     residual = decision.accepted.residual(model)
     finds = decision.finds_gap
     return {
         'schema': SCHEMA,
         'verdict': decision.verdict if model.seen.any() else 'too_little',
-        'effects': _effect_rows(decision, effects),
+        'effects': _effect_rows(decision, with_delay(effects, age)),
         'alternatives': [_alternative(model, one) for one in decision.alternatives if finds],
         'not_decidable': [
             {'name': one.effect, 'absorbed': one.absorbed, 'settled_by': one.settled_by}
@@ -73,6 +75,7 @@ def diagnosis_table(
         ),
         'where': _where(model, decision, residual, confirmed) if finds else [],
         'gap': _gap(model, decision, confirmed),
+        'age': age,
         'evidence': decision.support.as_table(),
         'recordings': _recordings(model, decision, used, left_out),
     }
@@ -142,6 +145,7 @@ def _recordings(
                 'pose': [float(v) for v in motion[:POSE]],
                 'truth': asdict(one.accuracy),
                 'checksum': one.checksum,
+                'arrival': None if file.arrival is None else asdict(file.arrival),
                 'notes': [
                     *file.notes,
                     *one.notes,

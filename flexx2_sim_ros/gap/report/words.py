@@ -3,6 +3,7 @@
 from typing import Any
 
 from flexx2_sim_ros.effects import of_role
+from flexx2_sim_ros.gap.report.age import age_words
 from flexx2_sim_ros.gap.report.places import CHANNELS, finding
 
 # Names of the physical measures, for people: name, unit and factor to it.
@@ -109,7 +110,7 @@ def sentences(table: dict[str, Any]) -> list[str]:
             f'{table["patch"]["covariate"].replace("_", " ")}: it removes '
             f'{percent(table["patch"]["shrink"])} of the gap in bias, noise and invalid pixels.'
         )
-    out += not_decidable(table) + ground_truth(table)
+    out += not_decidable(table) + ground_truth(table) + age_words(table['age'])
     if table['where'] and table['verdict'] != 'none':
         out.append(finding(table['where'][0]))
     return out

@@ -10,6 +10,7 @@ from flexx2_sim_ros.effects import Effect, save_effects
 from flexx2_sim_ros.gap.features.confirm import Outcome
 from flexx2_sim_ros.gap.inference.decide import Decision
 from flexx2_sim_ros.gap.inference.model import Model
+from flexx2_sim_ros.gap.report.age import age_words, with_delay
 from flexx2_sim_ros.gap.report.page import page
 from flexx2_sim_ros.gap.report.words import camera_effects, percent, reduction
 
@@ -47,7 +48,7 @@ def write(
     with whole_files(output_folder(folder)) as part:
         text = json.dumps(table, indent=2, allow_nan=False)
         (part / FILES[0]).write_text(text + '\n', encoding='utf-8')
-        save_effects(part / FILES[1], effects, _comment(table))
+        save_effects(part / FILES[1], with_delay(effects, table['age']), _comment(table))
         (part / FILES[2]).write_text(
             page(table, model, decision, confirmed), encoding='utf-8', errors='backslashreplace'
         )
@@ -65,4 +66,4 @@ def _comment(table: dict[str, Any]) -> str:
     if camera_effects(table):
         gap = table['gap']
         lines += [f'removes {percent(gap["shrink"])} of the gap', *reduction(gap)]
-    return '\n'.join(lines)
+    return '\n'.join([*lines, *age_words(table['age'])])

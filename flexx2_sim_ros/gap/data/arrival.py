@@ -1,0 +1,41 @@
+"""How old images are when they arrive, by the times at which they were received."""
+
+from dataclasses import dataclass
+
+from flexx2_sim_ros.recording.reader import RecordingReader
+import numpy as np
+
+_LONGEST = 1.0  # seconds, the largest `TimeOffset.delay`
+_QUANTILES = 0.05, 0.5, 0.95
+
+
+@dataclass(frozen=True)
+class Arrival:
+    """
+    The time from the stamp of a frame to its arrival, over the frames of a recording.
+
+    Attributes
+    ----------
+    median, low, high : float
+        Seconds; 5 % of the frames are below ``low``, and 5 % above ``high``.
+
+    """
+
+    median: float
+    low: float
+    high: float
+
+
+def find_arrival(reader: RecordingReader) -> Arrival | None:
+    """
+    Return how late the frames of a recording arrived.
+
+    None where the recording does not say, or where the times are of another clock than the
+    stamps: the median is negative or above a second.
+    """
+    received = reader.received_ns
+    if received is None:
+        return None
+    late = (received - reader.stamp_ns) / 1e9
+    low, median, high = (float(value) for value in np.quantile(late, _QUANTILES))
+    return Arrival(median, low, high) if 0 <= median <= _LONGEST else None

@@ -1,0 +1,65 @@
+"""The age of images: what the stamps hide, and how late the images arrive after them."""
+
+from collections.abc import Sequence
+from dataclasses import asdict, replace
+from typing import Any
+
+from flexx2_sim_ros.effects import Effect
+from flexx2_sim_ros.effects.time_offset import time_offset_of, TimeOffset
+from flexx2_sim_ros.gap.data.campaign import Found
+import numpy as np
+
+
+def age_table(effects: Sequence[Effect], used: Sequence[Found]) -> dict[str, Any]:
+    """
+    Return the age of the images of a campaign, for ``diagnosis.json``.
+
+    Parameters
+    ----------
+    effects : sequence of Effect
+        The effects that explain the gap.
+    used : sequence of Found
+        The recordings.
+
+    Returns
+    -------
+    dict
+        ``latency``: seconds from the exposure to the stamp, as in `TimeOffset`; 0 if it explains
+        nothing. ``delay``: seconds from the stamp to the arrival, with ``median``, ``low`` and
+        ``high`` of the frames, each the median over recordings; None if no recording says so.
+
+    """
+    rows = [list(asdict(one.arrival).values()) for one in used if one.arrival is not None]
+    delay = None
+    if rows:
+        median, low, high = (float(value) for value in np.median(rows, axis=0))
+        delay = {'median': median, 'low': low, 'high': high}
+    return {'latency': time_offset_of(effects).latency_ns / 1e9, 'delay': delay}
+
+
+def with_delay(effects: Sequence[Effect], age: dict[str, Any]) -> list[Effect]:
+    """Return effects with the delay of the images; a `TimeOffset` is appended if there is none."""
+    if age['delay'] is None:
+        return list(effects)
+    found = time_offset_of(effects)
+    late = replace(found, delay=min(age['delay']['median'] / found.strength, 1.0))
+    out = [late if isinstance(effect, TimeOffset) else effect for effect in effects]
+    return out if late in out else [*out, late]
+
+
+def age_words(age: dict[str, Any]) -> list[str]:
+    """Return sentences on the age of the images; none if it is not known."""
+    late, delay = 1e3 * age['latency'], age['delay']
+    if delay is None:
+        return []
+    median, low, high = (1e3 * delay[key] for key in ('median', 'low', 'high'))
+    out = [
+        f'Images arrive {median:.0f} ms after their stamps ({low:.0f} to {high:.0f} ms in 90 % of '
+        'the frames).'
+    ]
+    if late:
+        out.append(
+            f'The stamps are {late:.0f} ms later than the scene, so a reader sees the scene as it '
+            f'was {median + late:.0f} ms ago.'
+        )
+    return out
