@@ -17,6 +17,7 @@ from flexx2_sim_ros.effects import (
     save_effects,
     save_randomisation,
 )
+from flexx2_sim_ros.effects.time_offset import time_offset_of
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap import randomise
 from flexx2_sim_ros.recording import load_recording
@@ -163,6 +164,38 @@ def test_distributions_are_those_of_the_diagnosis(tmp_path: Path) -> None:
     assert found.narrower['offset.bias'] > 1
     (given,) = (effect for effect in one.effects if effect.name == 'temporal_filter')
     assert given.settings['share'] == 0.3
+
+
+def with_age(folder: Path, age: Any, undecided: str = 'wiggling') -> Path:
+    """Add the age of images to a diagnosis, and what it could not decide."""
+    path = folder / 'diagnosis.json'
+    table = json.loads(path.read_text()) | {'age': age}
+    table['not_decidable'] = [{'name': undecided, 'absorbed': 0.9, 'settled_by': []}]
+    path.write_text(json.dumps(table))
+    return folder
+
+
+def test_cameras_are_as_late_as_the_frames_were(tmp_path: Path) -> None:
+    age = {'latency': 0.0, 'delay': {'median': 0.08, 'low': 0.06, 'high': 0.1}}
+    folder = with_age(diagnosed(tmp_path / 'diagnosis', 8, FITTED), age, 'time_offset')
+    found = randomise(folder).randomisation
+    late = [time_offset_of(own) for own in found.draw(2000, 1)]
+    delays = np.array([one.delay_ns for one in late]) / 1e9
+    # The standard error of a quantile is 0.6 ms: six of them.
+    assert np.quantile(delays, [0.05, 0.5, 0.95]) == pytest.approx([0.06, 0.08, 0.1], abs=0.004)
+    # The latency, which is not known, does not change the delay.
+    latencies = np.array([one.latency_ns for one in late]) / 1e9
+    assert np.abs(latencies).max() <= 0.04
+    assert latencies.std() > 0.02
+
+
+@pytest.mark.parametrize(
+    'age', [3, {}, {'delay': [1]}, {'delay': {'median': 0.1, 'low': 0.2, 'high': 0.3}}]
+)
+def test_an_age_that_no_diagnosis_writes_is_refused(age: Any, tmp_path: Path) -> None:
+    folder = with_age(diagnosed(tmp_path / 'diagnosis', 8, FITTED), age)
+    with pytest.raises(InputError, match='diagnosis.json: age'):
+        randomise(folder)
 
 
 def test_a_file_is_written_over_only_by_force(

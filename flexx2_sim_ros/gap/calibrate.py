@@ -36,6 +36,7 @@ from flexx2_sim_ros.gap.forms.work import (
 )
 from flexx2_sim_ros.gap.inference.effects import table_of
 from flexx2_sim_ros.gap.inference.improvement import measured
+from flexx2_sim_ros.gap.report.age import with_delay
 from flexx2_sim_ros.gap.report.calibration_page import FILES, write_calibration
 from flexx2_sim_ros.gap.report.reading import Diagnosed, read_diagnosis
 from flexx2_sim_ros.gap.work import find, Progress, stepper
@@ -138,7 +139,7 @@ def calibrate(
         jobs_of_all = list(zip(chosen.looked, now, strict=True))
         outcomes = mapped(bind(outcome, **fixed), jobs_of_all, lambda: None)
     posed = [one for one in before.effects if one.role == 'pose']
-    calibrated = [*posed, *parse_effects(effects)]
+    calibrated = with_delay([*posed, *parse_effects(effects)], before.arrival)
     table = _table(explained, chosen, empirical, left_out)
     table['gap'] = _gap(outcomes)
     table['seconds'] = round(time.monotonic() - began, 2)

@@ -17,6 +17,7 @@ from flexx2_sim_ros.effects import (
 from flexx2_sim_ros.effects.time_offset import TimeOffset
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap.calibration.inference import THRESHOLDS
+from flexx2_sim_ros.gap.data.arrival import Arrival
 from flexx2_sim_ros.gap.report.reading import Diagnosed, read_diagnosis
 import numpy as np
 from scipy import stats
@@ -81,25 +82,17 @@ def randomise(diagnosis: str | Path, out: str | Path | None = None) -> Randomise
                 'without a cause (use the folder of flexx2 gap diagnose)'
             )
     undecided = _undecided(before, {effect.name for effect in named})
-    delay = _delay(before)
-    if not (named or undecided or delay):
+    late = [] if before.arrival is None else [TimeOffset(latency=0.0)]
+    if not (named or undecided or late):
         raise InputError('DIAGNOSIS: must have effects to randomise, got none')
     distributions, correlation = _fitted(named, _held_out(before, named))
-    # Strength would scale the delay, too, which is known.
-    free = {TimeOffset.name: 'latency'} if delay else {}
-    prior = [
-        one
-        for effect in undecided
-        if (one := catalogue_prior(type(effect), free.get(effect.name, 'strength')))
-    ]
-    prior += delay
+    prior = _priors(undecided, before.arrival)
     size = len(distributions)
     matrix = np.eye(size + len(prior))
     matrix[:size, :size] = correlation
     given = parse_effects(before.known)
     chances = {effect.name: 1.0 for effect in (*given, *named)}
     chances |= {effect.name: _UNDECIDED for effect in undecided}
-    late = [TimeOffset(latency=0.0)] if delay else []
     chances |= {effect.name: 1.0 for effect in late}
     by_name = {effect.name: effect for effect in (*late, *given, *named, *undecided)}
     randomisation = Randomisation(
@@ -169,17 +162,20 @@ def _undecided(before: Diagnosed, taken: set[str]) -> tuple[Effect, ...]:
     )
 
 
-def _delay(before: Diagnosed) -> list[Distribution]:
-    # How late images arrive, as the frames of the recordings did. An effect has it as it is.
-    age = before.table.get('age')
-    if not isinstance(age, dict) or not isinstance(age.get('delay'), dict):
-        return []
-    try:
-        median, low, high = (float(age['delay'][key]) for key in ('median', 'low', 'high'))
-        spread = max((high - low) / _WIDE, _SHARED * median)
-        return [Distribution(TimeOffset.name, 'delay', 0.0, 1.0, median, spread)] if median else []
-    except (InputError, LookupError, TypeError, ValueError) as error:
-        raise InputError(f'DIAGNOSIS: diagnosis.json: age: {error}') from error
+def _priors(undecided: Sequence[Effect], arrival: Arrival | None) -> list[Distribution]:
+    # Strength would scale the delay of images, too, which is known.
+    free = {} if arrival is None else {TimeOffset.name: 'latency'}
+    parameters = [free.get(effect.name, 'strength') for effect in undecided]
+    found = [
+        catalogue_prior(type(effect), name)
+        for effect, name in zip(undecided, parameters, strict=True)
+    ]
+    out = [one for one in found if one is not None]
+    if arrival is not None and arrival.high:
+        # As late as the frames of the recordings were.
+        spread = max((arrival.high - arrival.low) / _WIDE, _SHARED * arrival.median)
+        out.append(Distribution(TimeOffset.name, 'delay', 0.0, 1.0, arrival.median, spread))
+    return out
 
 
 def _held_out(before: Diagnosed, named: Sequence[Effect]) -> list[dict[str, Effect]]:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from flexx2_sim_ros.recording.reader import RecordingReader
 import numpy as np
 
-_LONGEST = 1.0  # seconds, the largest `TimeOffset.delay`
+LONGEST = 1.0  # seconds, the largest `TimeOffset.delay`
 _QUANTILES = 0.05, 0.5, 0.95
 
 
@@ -38,4 +38,4 @@ def find_arrival(reader: RecordingReader) -> Arrival | None:
         return None
     late = (received - reader.stamp_ns) / 1e9
     low, median, high = (float(value) for value in np.quantile(late, _QUANTILES))
-    return Arrival(median, low, high) if 0 <= median <= _LONGEST else None
+    return Arrival(median, low, high) if 0 <= median <= LONGEST else None

@@ -1,13 +1,17 @@
 """The age of images: what the stamps hide, and how late the images arrive after them."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict, fields, replace
 from typing import Any
 
 from flexx2_sim_ros.effects import Effect
 from flexx2_sim_ros.effects.time_offset import time_offset_of, TimeOffset
+from flexx2_sim_ros.errors import InputError, shown
+from flexx2_sim_ros.gap.data.arrival import Arrival, LONGEST
 from flexx2_sim_ros.gap.data.campaign import Found
 import numpy as np
+
+_KEYS = tuple(field.name for field in fields(Arrival))
 
 
 def age_table(effects: Sequence[Effect], used: Sequence[Found]) -> dict[str, Any]:
@@ -25,24 +29,45 @@ def age_table(effects: Sequence[Effect], used: Sequence[Found]) -> dict[str, Any
     -------
     dict
         ``latency``: seconds from the exposure to the stamp, as in `TimeOffset`; 0 if it explains
-        nothing. ``delay``: seconds from the stamp to the arrival, with ``median``, ``low`` and
-        ``high`` of the frames, each the median over recordings; None if no recording says so.
+        nothing. ``delay``: an `Arrival`, each number the median over recordings; None if no
+        recording says so.
 
     """
     rows = [list(asdict(one.arrival).values()) for one in used if one.arrival is not None]
     delay = None
     if rows:
-        median, low, high = (float(value) for value in np.median(rows, axis=0))
-        delay = {'median': median, 'low': low, 'high': high}
+        delay = dict(
+            zip(_KEYS, np.clip(np.median(rows, axis=0), 0, LONGEST).tolist(), strict=True)
+        )
     return {'latency': time_offset_of(effects).latency_ns / 1e9, 'delay': delay}
 
 
-def with_delay(effects: Sequence[Effect], age: dict[str, Any]) -> list[Effect]:
+def arrival_of(age: Any) -> Arrival | None:
+    """
+    Return the delay of an `age_table`; None where it is not known.
+
+    Raises
+    ------
+    InputError
+        When it is not what a diagnosis writes.
+
+    """
+    try:
+        delay = None if age is None else age['delay']
+        found = None if delay is None else Arrival(*(float(delay[key]) for key in _KEYS))
+    except (LookupError, TypeError, ValueError) as error:
+        raise InputError(f'age: must have delay: {", ".join(_KEYS)}, got {shown(age)}') from error
+    if found is not None and not 0 <= found.low <= found.median <= found.high <= LONGEST:
+        raise InputError(f'age.delay: must rise from 0 to {LONGEST:g} s, got {shown(delay)}')
+    return found
+
+
+def with_delay(effects: Sequence[Effect], arrival: Arrival | None) -> list[Effect]:
     """Return effects with the delay of the images; a `TimeOffset` is appended if there is none."""
-    if age['delay'] is None:
+    if arrival is None:
         return list(effects)
     found = time_offset_of(effects)
-    late = replace(found, delay=min(age['delay']['median'] / found.strength, 1.0))
+    late = replace(found, delay=min(arrival.median / found.strength, LONGEST))
     out = [late if isinstance(effect, TimeOffset) else effect for effect in effects]
     return out if late in out else [*out, late]
 
@@ -52,7 +77,7 @@ def age_words(age: dict[str, Any]) -> list[str]:
     late, delay = 1e3 * age['latency'], age['delay']
     if delay is None:
         return []
-    median, low, high = (1e3 * delay[key] for key in ('median', 'low', 'high'))
+    median, low, high = (1e3 * delay[key] for key in _KEYS)
     out = [
         f'Images arrive {median:.0f} ms after their stamps ({low:.0f} to {high:.0f} ms in 90 % of '
         'the frames).'

@@ -9,7 +9,9 @@ from typing import Any
 from flexx2_sim_ros.effects import Effect, load_effects, parse_effects
 from flexx2_sim_ros.effects.time_offset import changing
 from flexx2_sim_ros.errors import InputError, shown, shown_path
+from flexx2_sim_ros.gap.data.arrival import Arrival
 from flexx2_sim_ros.gap.data.given import given_effects, Table
+from flexx2_sim_ros.gap.report.age import arrival_of
 
 _SCHEMAS = 1, 2  # the keys that are read are the same
 _LARGEST = 50_000_000  # bytes of a diagnosis.json
@@ -52,6 +54,8 @@ class Diagnosed:
         Names of the recordings that were used, by checksum.
     unsummed : frozenset of str
         Names of recordings without a checksum (diagnoses of older versions).
+    arrival : Arrival or None
+        How late images arrive; None where the diagnosis does not say.
     table : dict
         The whole content of ``diagnosis.json``.
 
@@ -63,6 +67,7 @@ class Diagnosed:
     pose_prior: tuple[float, float]
     checksums: dict[str, str]
     unsummed: frozenset[str]
+    arrival: Arrival | None
     table: dict[str, Any]
 
     def effects_to_check(self) -> tuple[Effect, ...]:
@@ -139,6 +144,10 @@ def read_diagnosis(folder: Path) -> Diagnosed:
         given_effects(known)
     except (InputError, AttributeError, TypeError, ValueError) as error:
         raise InputError(f'{shown_path(path)}: settings: {error}') from error
+    try:
+        arrival = arrival_of(table.get('age'))
+    except InputError as error:
+        raise InputError(f'{shown_path(path)}: {error}') from error
     return Diagnosed(
         str(table.get('verdict', '')),
         changing(load_effects(folder / 'effects.yaml')),
@@ -146,6 +155,7 @@ def read_diagnosis(folder: Path) -> Diagnosed:
         _pose_prior(path, settings.get('pose_prior', _POSE_PRIOR)),
         {str(row['checksum']): row['name'] for row in used if 'checksum' in row},
         frozenset(row['name'] for row in used if 'checksum' not in row),
+        arrival,
         table,
     )
 

@@ -18,7 +18,7 @@ from flexx2_sim_ros.gap.inference.improvement import measured, tolerances
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.inference.uncertainty import ratio_interval
 from flexx2_sim_ros.gap.inference.where import places, unexplained
-from flexx2_sim_ros.gap.report.age import age_table, with_delay
+from flexx2_sim_ros.gap.report.age import age_table, arrival_of, with_delay
 import numpy as np
 
 SCHEMA = 2
@@ -64,7 +64,7 @@ def diagnosis_table(
     return {
         'schema': SCHEMA,
         'verdict': decision.verdict if model.seen.any() else 'too_little',
-        'effects': _effect_rows(decision, with_delay(effects, age)),
+        'effects': _effect_rows(decision, with_delay(effects, arrival_of(age))),
         'alternatives': [_alternative(model, one) for one in decision.alternatives if finds],
         'not_decidable': [
             {'name': one.effect, 'absorbed': one.absorbed, 'settled_by': one.settled_by}

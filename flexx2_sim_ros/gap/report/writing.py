@@ -10,7 +10,7 @@ from flexx2_sim_ros.effects import Effect, save_effects
 from flexx2_sim_ros.gap.features.confirm import Outcome
 from flexx2_sim_ros.gap.inference.decide import Decision
 from flexx2_sim_ros.gap.inference.model import Model
-from flexx2_sim_ros.gap.report.age import age_words, with_delay
+from flexx2_sim_ros.gap.report.age import age_words, arrival_of, with_delay
 from flexx2_sim_ros.gap.report.page import page
 from flexx2_sim_ros.gap.report.words import camera_effects, percent, reduction
 
@@ -48,7 +48,8 @@ def write(
     with whole_files(output_folder(folder)) as part:
         text = json.dumps(table, indent=2, allow_nan=False)
         (part / FILES[0]).write_text(text + '\n', encoding='utf-8')
-        save_effects(part / FILES[1], with_delay(effects, table['age']), _comment(table))
+        late = with_delay(effects, arrival_of(table['age']))
+        save_effects(part / FILES[1], late, _comment(table))
         (part / FILES[2]).write_text(
             page(table, model, decision, confirmed), encoding='utf-8', errors='backslashreplace'
         )
