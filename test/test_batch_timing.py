@@ -75,6 +75,19 @@ KEEPING = {
 CURVE = {'wiggling': {'curve': {'knots': [0.5, 2.0], 'values': [0.01, -0.01]}}}
 
 
+def test_a_latency_reaches_back_over_frames_that_are_close() -> None:
+    """At 200 Hz, frames of 60 Hz are 15 or 20 ms apart: more of them are needed."""
+    own = {'time_offset': {'latency': 0.032}}
+    cameras = BatchCamera(1, 'Mode_5_60fps', effects=own, step_s=0.005, device='cpu', K=MATRIX)
+    alone, gate = Camera('Mode_5_60fps', effects=own), FrameGate(60.0)
+    for step, clean in enumerate(moving(1, 40)):
+        seen = cameras(clean)
+        if gate.accept(step * 5 * MS):
+            wanted = alone.capture(clean[0], MATRIX, step * 5 * MS).depth
+        close = np.isclose(seen[0], wanted, rtol=0, atol=2e-5, equal_nan=True)
+        assert close.mean() > 1 - 1e-3, step
+
+
 @pytest.mark.parametrize('device', DEVICES)
 @pytest.mark.parametrize('many', [False, True])
 def test_images_are_those_of_a_camera_that_takes_the_frames_that_are_due(

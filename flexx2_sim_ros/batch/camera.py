@@ -215,7 +215,8 @@ class BatchCamera:
         self.set_effects(drawn.effects)
         self.drawn = drawn
         self._find_longest(drawn.cameras)
-        drawn.give(wp.ones(self.num_envs, dtype=wp.bool, device=self.device), self._rows)
+        with wp.ScopedDevice(self.device):
+            drawn.give(wp.ones(self.num_envs, dtype=wp.bool), self._rows)
 
     def reset(self, env_mask: Any = None) -> None:
         """
@@ -344,7 +345,7 @@ class BatchCamera:
         if self._stages is None or self._stages.images is not images:
             self._stages = BatchStages(
                 [() if without_kernel(own) else changing(own) for own in self._effects],
-                self._latest_ns,
+                self._latest_ns + self._timing.step_ns,  # Frames come up to a step early.
                 self.profile,
                 images,
                 self._rows,

@@ -57,6 +57,11 @@ class FrameTiming:
         timing.frames = wp.zeros(0, dtype=wp.float32, device=device)
         wp.load_module(timing_kernels, device=device)
 
+    @property
+    def step_ns(self) -> int:
+        """Return the time between two calls; 0: every call is the next frame."""
+        return int(self._timing.step)
+
     def keep(self, longest_ns: int, shortest_ns: int, images: Images) -> None:
         """
         Allocate the ring, unless it has the right size; frames under way are then lost.
@@ -77,7 +82,7 @@ class FrameTiming:
 
         """
         timing, num_envs = self._timing, self._rows.stamps.size
-        slots = frames_kept(longest_ns, shortest_ns, int(timing.step))
+        slots = frames_kept(longest_ns, shortest_ns, self.step_ns)
         size = slots * num_envs * images.height * images.width
         if size > _MOST_KEPT:
             raise InputError(
