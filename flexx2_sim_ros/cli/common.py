@@ -30,7 +30,7 @@ def add_seed(parser: argparse.ArgumentParser, most: int = MOST_SEED) -> None:
 
 
 def add_force(parser: argparse.ArgumentParser) -> None:
-    """Add ``--force``; `atomic.check_new` looks at it."""
+    """Add ``--force``; `atomic.check_no_overwrite` looks at it."""
     parser.add_argument('--force', action='store_true', help='write over what is there')
 
 

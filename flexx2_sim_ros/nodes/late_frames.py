@@ -8,8 +8,9 @@ from rclpy.node import Node
 _SECOND = 1_000_000_000
 # Stamps that are farther than this from the node's clock are taken for those of another clock.
 _OTHER_CLOCK = 2 * _SECOND
-# More than 60 Hz need for the longest delay: the clock does not go on.
-_MOST = 128
+# Frames that may wait, so that memory is bounded while the clock stands still. 60 Hz for the
+# longest delay, 4 s, are 240.
+_MOST = 256
 
 
 class LateFrames:
@@ -17,12 +18,18 @@ class LateFrames:
     Publish each frame when the node's clock has reached its stamp plus a delay.
 
     Frames stay in order. The node's clock is that of ``/clock`` with ``use_sim_time``. If the
-    stamps are those of another clock, a frame waits for the delay after it was made.
+    stamps are those of another clock, a frame waits for the delay after it was made. While the
+    clock stands still, the oldest frames are dropped.
 
     Parameters
     ----------
     node : rclpy.node.Node
         Has the clock and the timer.
+
+    Attributes
+    ----------
+    other_clock : bool
+        Whether the stamp of the last frame was of another clock.
 
     """
 

@@ -83,8 +83,9 @@ def age_words(age: dict[str, Any]) -> list[str]:
         'the frames).'
     ]
     if late:
+        side = 'later' if late > 0 else 'earlier'
         out.append(
-            f'The stamps are {late:.0f} ms later than the scene, so a reader sees the scene as it '
-            f'was {median + late:.0f} ms ago.'
+            f'The stamps are {abs(late):.0f} ms {side} than the scene, '
+            f'so a reader sees the scene as it was {median + late:.0f} ms ago.'
         )
     return out
