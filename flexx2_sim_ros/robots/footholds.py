@@ -13,7 +13,7 @@ REACH = 0.2
 _TURN = np.arange(8) * np.pi / 4
 _RING = np.stack([np.cos(_TURN), np.sin(_TURN)], axis=1)
 # Displacements to try for an even foothold, the nearest first, metres.
-_ASIDE = np.array(
+ASIDE = np.array(
     sorted(
         (
             (x, y)
@@ -24,7 +24,7 @@ _ASIDE = np.array(
     )
 )
 # One metre of roughness costs as much as this many metres of displacement.
-_ROUGHNESS_COST = 10.0
+ROUGHNESS_COST = 10.0
 # Places where the way is checked, metres from the trunk's centre: a stride and braking distance.
 _AHEAD = np.linspace(0.2, 0.48, 6)
 _SIDES = np.array([-0.12, 0.0, 0.12])
@@ -124,10 +124,10 @@ def find_foothold(
 
     """
     best, best_cost = None, math.inf
-    for aside in _ASIDE:
+    for aside in ASIDE:
         point = place + turn @ aside
         height, rough = rest_height(point, top, ground, radius)
-        cost = math.hypot(*aside) + _ROUGHNESS_COST * rough
+        cost = math.hypot(*aside) + ROUGHNESS_COST * rough
         if not (abs(height - level) < REACH and cost < best_cost):
             continue
         candidate = np.append(point, height)

@@ -8,6 +8,7 @@ follow the ground under the four feet smoothly.
 
 from dataclasses import dataclass, replace
 import math
+from typing import Any
 
 from flexx2_sim_ros.rendering.ground import Ground
 from flexx2_sim_ros.robots.footholds import (
@@ -22,7 +23,7 @@ from flexx2_sim_ros.robots.kinematics import feet, joint_angles, LegGeometry, ro
 import numpy as np
 
 # Diagonal legs swing together: FR with RL, FL with RR.
-_OFFSET = np.array([0.0, 0.5, 0.5, 0.0])
+OFFSET = np.array([0.0, 0.5, 0.5, 0.0])
 _LARGEST_STEP = 1.0 / 120.0
 # The fraction of a foot's time in the air after which its foothold no longer changes, and the
 # smallest change, metres.
@@ -195,7 +196,8 @@ def step(
     target = _limited(np.asarray(command, float), gait)
     stopped = False
     if target[:2].any():
-        position, rpy = _trunk(state, _feet(state, gait, legs)[1], legs)
+        under = _feet(state, gait, legs)[1]
+        position, rpy = trunk_pose(state.position, state.yaw, under, legs)
         stopped = blocked(position, rotation(rpy), target[:2], legs.standing_height, ground)
         if stopped:
             target = np.array([0.0, 0.0, target[2]])
@@ -208,7 +210,7 @@ def step(
 def pose(state: GaitState, gait: Gait, legs: LegGeometry) -> Pose:
     """Return the trunk's pose and the joint angles of a state."""
     points, heights, swinging = _feet(state, gait, legs)
-    position, rpy = _trunk(state, heights, legs)
+    position, rpy = trunk_pose(state.position, state.yaw, heights, legs)
     wanted = (points - position) @ rotation(rpy)
     angles = joint_angles(wanted, legs)
     missed = np.linalg.norm(feet(angles, legs) - wanted, axis=1)
@@ -236,7 +238,7 @@ def _small_step(
     if not moving and home.all():
         # The feet land before the robot stands still; all four stand at the end of a half cycle.
         phase = state.phase if resting else min(phase, end)
-    before, now = (state.phase + _OFFSET) % 1.0, (phase + _OFFSET) % 1.0
+    before, now = (state.phase + OFFSET) % 1.0, (phase + OFFSET) % 1.0
     swings = []
     for leg in range(4):
         if now[leg] < gait.duty:
@@ -312,9 +314,25 @@ def _plan(state: GaitState, leg: int, ground: Ground, gait: Gait, legs: LegGeome
         else:
             found = foot, foot[2]
     landed, highest = found
+    return foot, landed, float(apex_height(highest, level, gait)), place
+
+
+def apex_height(highest: Any, level: Any, gait: Gait) -> Any:
+    """
+    Return how high a foot goes, metres.
+
+    Parameters
+    ----------
+    highest : float or numpy.ndarray
+        The height that it needs on its way.
+    level : float or numpy.ndarray
+        Mean height of the feet.
+    gait : Gait
+        Its clearance.
+
+    """
     # A leg can only fold so far: over the highest steps the clearance is smaller.
-    apex = min(highest + gait.lift, max(level + REACH, highest + gait.lift / 2))
-    return foot, landed, apex, place
+    return np.minimum(highest + gait.lift, np.maximum(level + REACH, highest + gait.lift / 2))
 
 
 def _replan(
@@ -342,7 +360,7 @@ def _feet(
     state: GaitState, gait: Gait, legs: LegGeometry
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the feet's middles (4, 3), the ground (4,) for each, and which are in the air."""
-    phase = (state.phase + _OFFSET) % 1.0
+    phase = (state.phase + OFFSET) % 1.0
     swinging = phase >= gait.duty
     along = np.where(swinging, (phase - gait.duty) / (1 - gait.duty), 1.0)
     lifted, landed, apex = state.lifted, state.landed, state.apex
@@ -359,18 +377,39 @@ def _feet(
     return np.where(swinging[:, None], points, landed), ground, swinging
 
 
-def _trunk(
-    state: GaitState, ground: np.ndarray, legs: LegGeometry
+def trunk_pose(
+    position: np.ndarray, yaw: float | np.ndarray, ground: np.ndarray, legs: LegGeometry
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the trunk's position (3,) and roll, pitch, yaw (3,) over the ground."""
+    """
+    Return the pose of the trunk over the ground under the feet.
+
+    Parameters
+    ----------
+    position : numpy.ndarray
+        (..., 2) of the trunk in the world, metres.
+    yaw : float or numpy.ndarray
+        (...) its heading, radians.
+    ground : numpy.ndarray
+        (..., 4) height of the ground under each foot, metres.
+    legs : LegGeometry
+        The robot's legs.
+
+    Returns
+    -------
+    position, rpy : numpy.ndarray
+        (..., 3) metres, and (..., 3) roll, pitch, yaw in radians.
+
+    """
     length = legs.hips[:2, 0].mean() - legs.hips[2:, 0].mean()
     width = np.abs(legs.neutral[:, 1]).mean() * 2
-    front, left = ground[:2].mean() - ground[2:].mean(), ground[1::2].mean() - ground[::2].mean()
+    front = ground[..., :2].mean(axis=-1) - ground[..., 2:].mean(axis=-1)
+    left = ground[..., 1::2].mean(axis=-1) - ground[..., ::2].mean(axis=-1)
     # The trunk tilts less than the ground; the legs compensate for the rest.
     pitch = np.clip(-0.8 * np.arctan2(front, length), -0.4, 0.4)
     roll = np.clip(0.5 * np.arctan2(left, width), -0.25, 0.25)
-    height = ground.mean() + legs.standing_height
-    return np.append(state.position, height), np.array([roll, pitch, state.yaw])
+    height = ground.mean(axis=-1) + legs.standing_height
+    place = np.concatenate([position, height[..., None]], axis=-1)
+    return place, np.stack([roll, pitch, np.broadcast_to(yaw, roll.shape)], axis=-1)
 
 
 def _smooth(x: np.ndarray) -> np.ndarray:

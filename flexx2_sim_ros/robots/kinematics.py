@@ -118,15 +118,15 @@ def joint_angles(points: np.ndarray, legs: LegGeometry) -> np.ndarray:
 
 def rotation(rpy: np.ndarray | tuple[float, float, float]) -> np.ndarray:
     """
-    Return the rotation matrix (3, 3) of roll, pitch and yaw.
+    Return the rotation matrices (..., 3, 3) of roll, pitch and yaw (..., 3).
 
     In radians, about the fixed x, y and z axes in this order, as in ROS.
     """
-    (sr, sp, sy), (cr, cp, cy) = np.sin(rpy), np.cos(rpy)
-    return np.array(
-        [
-            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-            [-sp, cp * sr, cp * cr],
-        ]
+    angles = np.moveaxis(np.asarray(rpy, float), -1, 0)
+    (sr, sp, sy), (cr, cp, cy) = np.sin(angles), np.cos(angles)
+    rows = (
+        (cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr),
+        (sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr),
+        (-sp, cp * sr, cp * cr),
     )
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
