@@ -13,9 +13,10 @@ PACKAGE = ROOT / NAME
 ROOMS = (
     'base', 'formulas', 'profiles', 'physics', 'effects', 'camera', 'export',
     'messages', 'recording',
-    'rendering', 'truth', 'characterize', 'robots', 'consumers', 'batch', 'gap.calibration',
-    'gap.data', 'gap.features', 'gap.inference', 'gap.forms', 'gap.report', 'gap', 'gap.planning',
-    'validation.blind', 'validation.benchmark', 'validation', 'view', 'nodes', 'cli',
+    'rendering', 'truth', 'characterize', 'robots', 'consumers', 'batch', 'walking',
+    'gap.calibration', 'gap.data', 'gap.features', 'gap.inference', 'gap.forms', 'gap.report',
+    'gap', 'gap.planning', 'validation.blind', 'validation.benchmark', 'validation', 'view',
+    'nodes', 'cli',
 )  # fmt: skip
 
 

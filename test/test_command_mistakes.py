@@ -28,6 +28,7 @@ NEEDS = {
     'gap next': ['diagnosis', 'campaign'],
     'gap cost': ['campaign', '--diagnosis', 'diagnosis', '--out', 'out'],
     'gap randomise': ['diagnosis', '--out', 'out.yaml'],
+    'gap walk': ['diagnosis', '--out', 'out'],
     'gap truth': ['in.npz', '--scan', 'room.ply', '--out', 'out'],
 }
 NUMBERS = ['nan', 'inf', '-inf', '-1e30', '1e400', '', 'x', '\udcff', '9' * 5000]

@@ -71,7 +71,7 @@ def run(arguments: argparse.Namespace) -> int:
     checked_target(arguments.out)
     profile = find_profile(arguments.profile)
     usecase = profile.mode(arguments.usecase or profile.default_usecase).name
-    wp = _warp()
+    wp = import_warp()
     from flexx2_sim_ros.batch import BatchCamera
     from flexx2_sim_ros.batch.height_grid import HeightGrid
     from flexx2_sim_ros.batch.rendering import open_batch_renderer
@@ -126,7 +126,8 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _warp() -> Any:
+def import_warp() -> Any:
+    """Import Warp quietly, or raise `InputError` that says how to install it."""
     try:
         import warp
     except ImportError as error:

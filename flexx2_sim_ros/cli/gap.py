@@ -14,6 +14,7 @@ from flexx2_sim_ros.cli import (
     gap_randomise,
     gap_target,
     gap_truth,
+    gap_walk,
 )
 
 
@@ -36,5 +37,6 @@ def add_parser(commands: Any) -> None:
     gap_next.add_parser(subcommands)
     gap_randomise.add_parser(subcommands)
     gap_truth.add_parser(subcommands)
+    gap_walk.add_parser(subcommands)
     if find_spec('flexx2_sim_ros.cli.gap_benchmark'):
         import_module('flexx2_sim_ros.cli.gap_benchmark').add_parser(subcommands)

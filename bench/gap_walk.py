@@ -1,0 +1,252 @@
+"""
+Does the simulation predict how often a robot fails with a real camera better after the diagnosis.
+
+The blind camera of the benchmark takes the place of the real one, with the effects that are
+named. Its campaign is diagnosed. Robots walk with its images, with perfect depth, with the noise
+model, and with the diagnosed effects added (`flexx2_sim_ros.gap.walk`). The figure has a curve for
+each. The
+prediction error is the mean difference of the failure rate from that of the hidden camera, over
+all terrains and step heights; its interval is that of 1000 bootstrap samples of walks. Development
+seeds only. Multipath takes too long to render for thousands of images, so it is refused.
+
+python -m bench.gap_walk --effects flying_pixels:2 --seed 1500 --out DIR
+
+``--undiagnosed`` compares the hidden camera with the noise model alone: does the effect matter.
+"""
+
+import argparse
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+import json
+from pathlib import Path
+
+from flexx2_sim_ros.atomic import output_folder, scratch_folder, write_text
+from flexx2_sim_ros.consumers.height_grid import LEAST
+from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.gap import diagnose
+from flexx2_sim_ros.gap.report.reading import read_diagnosis
+from flexx2_sim_ros.gap.walk import cameras_of, DIAGNOSED, NOISE, PERFECT
+from flexx2_sim_ros.jobs import workers
+from flexx2_sim_ros.profiles.modes import flexx2
+from flexx2_sim_ros.validation.benchmark.seeds import DEVELOPMENT
+from flexx2_sim_ros.validation.blind import BlindCamera, Case, SceneKey, SceneSet
+from flexx2_sim_ros.validation.blind.rooms import Path as Way
+from flexx2_sim_ros.validation.blind.rooms import Scene
+from flexx2_sim_ros.validation.blind.shapes import BOX, pack, Shape, Solids
+from flexx2_sim_ros.validation.blind.views import shared_optics
+from flexx2_sim_ros.walking import ExactCamera, SimulatedCamera
+from flexx2_sim_ros.walking.cameras import Views, WalkingCamera
+from flexx2_sim_ros.walking.figure import draw_walks
+from flexx2_sim_ros.walking.series import batches, Failures, rows, STEPS, walk_all
+from flexx2_sim_ros.walking.terrain import Terrain
+import numpy as np
+from scipy.spatial.transform import Rotation, Slerp
+
+HIDDEN = 'hidden camera'
+# Its frames are as far apart as the looks of a walk.
+_MODE = 'Mode_9_5fps'
+_WARM = 3600.0  # seconds since power-on
+# From x ahead, y left, z up to the blind camera's world: x right, y down, z forward.
+_AXES = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
+_SAMPLES = 1000
+
+
+@dataclass(frozen=True)
+class Followed(Way):
+    """
+    Poses at given times, and between them.
+
+    Attributes
+    ----------
+    times : numpy.ndarray
+        (L,) seconds.
+    rotations, positions : numpy.ndarray
+        (L, 3, 3) and (L, 3) metres.
+
+    """
+
+    times: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    rotations: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    positions: np.ndarray = field(default_factory=lambda: np.zeros(0))
+
+    @property
+    def moving(self) -> bool:
+        """Return True."""
+        return True
+
+    def pose(self, time: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return rotation and position; before the first and after the last time it stands."""
+        at = float(np.clip(time, self.times[0], self.times[-1]))
+        turn = Slerp(self.times, Rotation.from_matrix(self.rotations))([at]).as_matrix()[0]
+        place = [np.interp(at, self.times, axis) for axis in self.positions.T]
+        return turn, np.array(place)
+
+
+@dataclass(frozen=True)
+class HiddenCamera:
+    """
+    The blind camera on a walking robot.
+
+    Attributes
+    ----------
+    effects : mapping of str to float
+        Strength by name.
+    seed : int
+        Of the camera and its noise.
+
+    """
+
+    effects: Mapping[str, float]
+    seed: int
+
+    def __call__(self, views: Views) -> np.ndarray:
+        """Take the frames of each walk."""
+        cameras, looks, count, height, width = views.depth.shape
+        key = SceneKey(_MODE, self.seed, 0.0, width, height, cameras * count, looks)
+        scenes = SceneSet(replace(key, recordings=1))
+        solids = [solids_of(views.terrain, walk) for walk in range(count)]
+        scenes.key = key
+        scenes.scenes = tuple(
+            Scene('walk', solids[walk], _path(views, c, walk))
+            for c in range(cameras)
+            for walk in range(count)
+        )
+        scenes.twists = np.zeros((cameras * count, 6))
+        scenes.uptimes = np.full(cameras * count, _WARM)
+        camera = BlindCamera(Case(key, self.effects, self.seed), scenes)
+        # The effects are drawn; other walks have other noise.
+        noise = DEVELOPMENT.seed(self.seed + 1000 * (1 + views.first))
+        camera.case = replace(camera.case, seed=noise)
+        frames = [[frame.depth for frame in camera.frames(i)] for i in range(cameras * count)]
+        out = np.array(frames, np.float32).reshape(cameras, count, looks, height, width)
+        return np.ascontiguousarray(out.swapaxes(1, 2))
+
+
+def main() -> None:
+    """Print the failures of each camera and the errors of the predictions; draw the figure."""
+    parser = argparse.ArgumentParser(description=__doc__.partition('\n\n')[0])
+    parser.add_argument('--effects', required=True, help='name:strength, separated by commas')
+    parser.add_argument('--seed', type=int, default=1500)
+    parser.add_argument('--walks', type=int, default=200)
+    parser.add_argument('--steps', default=','.join(f'{one:g}' for one in STEPS))
+    parser.add_argument('--width', type=int, default=224, help='of the image')
+    parser.add_argument('--recordings', type=int, default=8)
+    parser.add_argument('--frames', type=int, default=16, help='of a recording')
+    parser.add_argument('--jobs', type=int, default=1)
+    parser.add_argument('--undiagnosed', action='store_true')
+    parser.add_argument('--out', type=Path, required=True)
+    arguments = parser.parse_args()
+    effects = {
+        name: float(strength or 1)
+        for name, _, strength in (one.partition(':') for one in arguments.effects.split(','))
+    }
+    if 'multipath' in effects:
+        raise InputError('--effects: must be without multipath')
+    seed = DEVELOPMENT.seed(arguments.seed)
+    size = arguments.width, round(arguments.width * 172 / 224)
+    cameras: dict[str, WalkingCamera] = {
+        PERFECT: ExactCamera(flexx2().mode(_MODE).range_max),
+        NOISE: SimulatedCamera(_MODE, seed=seed),
+        HIDDEN: HiddenCamera(effects, seed),
+    }
+    verdict = ''
+    if not arguments.undiagnosed:
+        key = SceneKey(_MODE, seed, 2.0, *size, arguments.recordings, arguments.frames)
+        verdict, cameras = _diagnosed(Case(key, effects, seed), cameras, arguments.jobs)
+    points = batches(arguments.walks, tuple(map(float, arguments.steps.split(','))))
+    lens = shared_optics(_MODE, *size).intrinsics
+    # Fewer pixels put fewer points into a cell.
+    least = max(1, round(LEAST * (arguments.width / flexx2().intrinsics.width) ** 2))
+    with workers(arguments.jobs, None) as mapped:
+        mode = flexx2().mode(_MODE)
+        found = walk_all(points, cameras, lens, mode, mapped, lambda: None, seed=seed, least=least)
+    _report(arguments, verdict, found)
+
+
+def _diagnosed(
+    case: Case, cameras: dict[str, WalkingCamera], jobs: int
+) -> tuple[str, dict[str, WalkingCamera]]:
+    with scratch_folder() as folder:
+        (folder / 'campaign').mkdir()
+        BlindCamera(case).record(folder / 'campaign')
+        table = diagnose(folder / 'campaign', out=folder / 'diagnosis', jobs=jobs)
+        named = ', '.join(row['name'] for row in table['effects'])
+        verdict = f'{table["verdict"]}: {named or "no effect"}'
+        try:
+            _, own = cameras_of(read_diagnosis(folder / 'diagnosis'), None, case.seed)
+        except InputError:  # Nothing is added to the noise model.
+            own = {DIAGNOSED: cameras[NOISE]}
+    return verdict, {**cameras, DIAGNOSED: own[DIAGNOSED]}
+
+
+def _report(arguments: argparse.Namespace, verdict: str, found: Failures) -> None:
+    table = rows(found)
+    for row in table:
+        low, high = row['interval']
+        print(
+            f'{row["terrain"]:7s} {100 * row["step"]:4.0f} cm {row["camera"]:22s} '
+            f'{100 * row["share"]:5.1f} % ({100 * low:.1f} to {100 * high:.1f}) '
+            f'{row["reasons"]}'
+        )
+    print(f'{arguments.effects}, seed {arguments.seed}, diagnosis: {verdict or "none"}')
+    errors = {}
+    for name in (PERFECT, NOISE, DIAGNOSED):
+        if name in next(iter(found.values())):
+            errors[name] = _error(found, name)
+            size, low, high = errors[name]
+            print(f'{name}: wrong by {size:.1f} points ({low:.1f} to {high:.1f})', flush=True)
+    folder = output_folder(arguments.out)
+    given = {'effects': arguments.effects, 'seed': arguments.seed, 'verdict': verdict}
+    text = json.dumps({**given, 'errors': errors, 'rows': table}, indent=2)
+    write_text(folder / 'walk.json', text + '\n')
+    title = f'hidden camera with {arguments.effects.replace(":", " x ")}; diagnosis: {verdict}'
+    draw_walks(folder / 'walk.png', table, title)
+
+
+def _error(found: Failures, name: str) -> tuple[float, float, float]:
+    # Mean absolute difference of the failure rate from the hidden camera's, percentage points,
+    # and its 90 % bootstrap interval over walks. A walk has the same terrain for all cameras.
+    real, own = (
+        np.array([failed[camera] >= 0 for failed in found.values()], float)
+        for camera in (HIDDEN, name)
+    )
+    apart = own - real
+    rng = np.random.default_rng(0)
+    samples = [
+        np.abs(apart[:, rng.integers(0, apart.shape[1], apart.shape[1])].mean(axis=1)).mean()
+        for _ in range(_SAMPLES)
+    ]
+    low, high = np.quantile(samples, (0.05, 0.95))
+    size = np.abs(apart.mean(axis=1)).mean()
+    return 100 * float(size), 100 * float(low), 100 * float(high)
+
+
+def solids_of(terrain: Terrain, walk: int) -> Solids:
+    """Return the terrain of one walk in the blind camera's world."""
+    shapes = []
+    for block, (along, across, up) in enumerate(terrain.half):
+        x, y = terrain.centre[walk, block]
+        centre = _AXES @ [x, y, terrain.top[walk, block] - up]
+        shapes.append(
+            Shape(
+                BOX,
+                (float(centre[0]), float(centre[1]), float(centre[2])),
+                (float(across), float(up), float(along)),
+                yaw=-float(terrain.yaw[walk, block]),
+                light=float(terrain.reflectivity[walk, block]),
+            )
+        )
+    return pack(shapes)
+
+
+def _path(views: Views, camera: int, walk: int) -> Followed:
+    return Followed(
+        (0.0, 0.0, 0.0),
+        times=views.times,
+        rotations=_AXES @ views.rotation[camera, :, walk],
+        positions=views.position[camera, :, walk] @ _AXES.T,
+    )
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,104 @@
+"""`flexx2 gap walk`: how often a walking robot fails with a diagnosed camera."""
+
+import argparse
+import json
+from typing import Any
+
+from flexx2_sim_ros.cli.argument_types import number, whole_number
+from flexx2_sim_ros.cli.common import add_jobs, add_profile, add_seed, progress_bar
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Column, Table
+
+
+def add_parser(commands: Any) -> None:
+    """Add the subcommand."""
+    parser = commands.add_parser(
+        'walk',
+        help='measure how often a walking robot fails with the diagnosed camera',
+        description='Let simulated robots walk over stairs, rubble and gaps with footholds chosen '
+        'on the height grid that their cameras see: with perfect depth, with the noise model, and '
+        'with the diagnosed effects added. Writes walk.json and the figure walk.png. Forces are '
+        'not simulated; docs/walking.md says when a walk fails. Needs pip install '
+        '"flexx2_sim_ros[batch]".',
+        epilog='example: flexx2 gap walk diagnosis/ --out walk/',
+    )
+    parser.add_argument(
+        'diagnosis',
+        metavar='DIAGNOSIS',
+        help='folder that flexx2 gap diagnose or calibrate has written',
+    )
+    parser.add_argument('--out', required=True, metavar='DIR', help='folder for the results')
+    parser.add_argument(
+        '--walks',
+        type=whole_number(1, 100_000),
+        default=200,
+        help='walks for each terrain and step height (default %(default)s)',
+    )
+    parser.add_argument(
+        '--steps',
+        nargs='+',
+        type=number(0, 0.5),
+        metavar='METRES',
+        help='step heights (default: 0.03, 0.06, ... 0.15)',
+    )
+    parser.add_argument(
+        '--robot', default='go1', metavar='NAME', help='go1, go2 or a YAML file (default go1)'
+    )
+    parser.add_argument(
+        '--json', action='store_true', help='print walk.json to standard output, and no table'
+    )
+    add_profile(parser)
+    add_seed(parser)
+    add_jobs(parser)
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Walk with a progress bar; print the table or JSON."""
+    from flexx2_sim_ros.cli.batch import import_warp
+    from flexx2_sim_ros.profiles.files import find_profile
+
+    import_warp()
+    from flexx2_sim_ros.gap.walk import walk
+
+    console = Console(stderr=True, markup=False)
+    with progress_bar(console) as progress:
+        table = walk(
+            arguments.diagnosis,
+            profile=find_profile(arguments.profile),
+            robot=arguments.robot,
+            walks=arguments.walks,
+            **({} if arguments.steps is None else {'steps': arguments.steps}),
+            seed=arguments.seed,
+            jobs=arguments.jobs,
+            out=arguments.out,
+            progress=progress,
+        )
+    if arguments.json:
+        print(json.dumps(table, indent=2, allow_nan=False))
+    else:
+        console.print(_table(table))
+        console.print(
+            f'{arguments.out}: walk.json, walk.png ({table["seconds"]:.0f} s)', highlight=False
+        )
+    return 0
+
+
+def _table(table: dict[str, Any]) -> Table:
+    cameras = list(dict.fromkeys(row['camera'] for row in table['rows']))
+    shown = Table(
+        'terrain',
+        Column('step', justify='right'),
+        *(Column(name, justify='right') for name in cameras),
+        title=f'walks that fail, of {table["settings"]["walks"]}, with 95 % interval',
+        box=SIMPLE_HEAD,
+    )
+    lines: dict[tuple[str, float], list[str]] = {}
+    for row in table['rows']:
+        low, high = row['interval']
+        text = f'{100 * row["share"]:.0f} % ({100 * low:.0f} to {100 * high:.0f})'
+        lines.setdefault((row['terrain'], row['step']), []).append(text)
+    for (terrain, step), texts in lines.items():
+        shown.add_row(terrain, f'{100 * step:g} cm', *texts)
+    return shown

@@ -1,0 +1,169 @@
+"""How often a walking robot fails with a diagnosed camera, by what is simulated of it."""
+
+from collections.abc import Mapping, Sequence
+import json
+from pathlib import Path
+import time
+from typing import Any
+
+from flexx2_sim_ros import __version__
+from flexx2_sim_ros.atomic import check_outputs, output_folder, write_text
+from flexx2_sim_ros.camera import flexx2, Profile
+from flexx2_sim_ros.effects.tables import plain
+from flexx2_sim_ros.errors import InputError, shown
+from flexx2_sim_ros.gap.data.given import given_effects, together
+from flexx2_sim_ros.gap.features.simulation import with_uptime
+from flexx2_sim_ros.gap.inference.effects import table_of
+from flexx2_sim_ros.gap.report.reading import Diagnosed, read_diagnosis
+from flexx2_sim_ros.gap.work import Progress, stepper
+from flexx2_sim_ros.jobs import workers
+from flexx2_sim_ros.physics.geometry import centred
+from flexx2_sim_ros.robots.robot import DEFAULT_ROBOT, load_robot
+from flexx2_sim_ros.walking import ExactCamera, SimulatedCamera
+from flexx2_sim_ros.walking.cameras import WalkingCamera
+from flexx2_sim_ros.walking.figure import draw_walks
+from flexx2_sim_ros.walking.series import batches, rows, STEPS, walk_all
+
+SCHEMA = 1
+FILES = 'walk.json', 'walk.png'
+WALKS = 200
+PERFECT, NOISE, DIAGNOSED = 'perfect depth', 'noise model', 'with diagnosed effects'
+_MOST_WALKS = 100_000
+_HIGHEST = 0.5  # the depth of the terrain's blocks, metres
+
+
+def walk(
+    diagnosis: str | Path,
+    *,
+    profile: Profile | None = None,
+    robot: str = DEFAULT_ROBOT,
+    walks: int = WALKS,
+    steps: Sequence[float] = STEPS,
+    seed: int = 0,
+    jobs: int = 1,
+    out: str | Path | None = None,
+    progress: Progress | None = None,
+) -> dict[str, Any]:
+    """
+    Let robots walk with perfect depth, with the noise model and with the diagnosed effects.
+
+    Parameters
+    ----------
+    diagnosis : str or pathlib.Path
+        A folder that `diagnose` or `calibrate` has written.
+    profile : Profile, optional
+        The camera (default: the Flexx2).
+    robot : str
+        One of `robots.robot.robot_names`, or the path of a robot's file.
+    walks : int
+        For each terrain and step height.
+    steps : sequence of float
+        Step heights, metres.
+    seed : int
+        Of the terrain and the noise.
+    jobs : int
+        Processes.
+    out : str or pathlib.Path, optional
+        Folder to write ``walk.json`` and ``walk.png`` to.
+    progress : callable, optional
+        Called with the name of the current step and the fraction of the work that is done.
+
+    Returns
+    -------
+    dict
+        The table that ``docs/walking.md`` describes.
+
+    Raises
+    ------
+    InputError
+        When an input cannot be used; then nothing is written.
+
+    """
+    began = time.monotonic()
+    progress = progress or (lambda text, fraction: None)
+    _check(robot, walks, steps, seed, jobs)
+    if out is not None:
+        check_outputs('--out', out, FILES)
+    before = read_diagnosis(Path(diagnosis))
+    usecase, cameras = cameras_of(before, profile, seed)
+    kind = profile or flexx2()
+    points = batches(walks, steps)
+    with workers(jobs, None) as mapped:
+        found = walk_all(
+            points,
+            cameras,
+            centred(kind.intrinsics),
+            kind.mode(usecase),
+            mapped,
+            stepper(progress, 'walking', 0.0, 0.99, len(points)),
+            seed=seed,
+            robot=robot,
+        )
+    table = {
+        'schema': SCHEMA,
+        'effects': {name: plain(values) for name, values in table_of(before.effects).items()},
+        'rows': rows(found),
+        'settings': {
+            'usecase': usecase,
+            'robot': load_robot(robot).name,
+            'walks': walks,
+            'steps': list(steps),
+            'seed': seed,
+        },
+        'seconds': round(time.monotonic() - began, 2),
+        'version': __version__,
+    }
+    if out is not None:
+        folder = output_folder(out)
+        write_text(folder / FILES[0], json.dumps(table, indent=2, allow_nan=False) + '\n')
+        draw_walks(
+            folder / FILES[1], table['rows'], f'{walks} walks for each point, 95 % intervals'
+        )
+    progress('done', 1.0)
+    return table
+
+
+def cameras_of(
+    before: Diagnosed, profile: Profile | None, seed: int
+) -> tuple[str, dict[str, WalkingCamera]]:
+    """
+    Return the mode of a diagnosis, and the cameras to walk with.
+
+    Effects that depend on the time since power-on are left out: the walks have none.
+
+    Raises
+    ------
+    InputError
+        When the diagnosis has no effects of the camera.
+
+    """
+    effects = before.effects_to_check()
+    kind = profile or flexx2()
+    settings = before.table.get('settings', {})
+    usecase = kind.mode(str(settings.get('usecase', kind.default_usecase))).name
+    given = given_effects(with_uptime(table_of(given_effects(before.known)), None))
+    added = with_uptime(table_of(effects), None)
+    tables: Mapping[str, Any] = {
+        NOISE: table_of(given),
+        DIAGNOSED: table_of(together(given, added)),
+    }
+    return usecase, {
+        PERFECT: ExactCamera(kind.mode(usecase).range_max),
+        **{name: SimulatedCamera(usecase, profile, table, seed) for name, table in tables.items()},
+    }
+
+
+def _check(robot: str, walks: int, steps: Sequence[float], seed: int, jobs: int) -> None:
+    for name, value, low, high in (
+        ('walks', walks, 1, _MOST_WALKS),
+        ('seed', seed, 0, 10**9),
+        ('jobs', jobs, 1, 10**4),
+    ):
+        if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
+            raise InputError(
+                f'{name}: must be a whole number from {low} to {high}, got {shown(value)}'
+            )
+    if not steps or not all(0 <= step <= _HIGHEST for step in steps):
+        raise InputError(f'steps: must be metres from 0 to {_HIGHEST:g}, got {shown(steps)}')
+    if load_robot(robot).legs is None:
+        raise InputError(f'robot: must have legs, got {shown(robot)}')

@@ -1,0 +1,102 @@
+"""Walks over all terrains and step heights: failures of each camera, with intervals."""
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from typing import Any
+
+from flexx2_sim_ros.jobs import Map
+from flexx2_sim_ros.profiles.intrinsics import Intrinsics
+from flexx2_sim_ros.profiles.modes import Mode
+from flexx2_sim_ros.walking.cameras import WalkingCamera
+from flexx2_sim_ros.walking.footsteps import REASONS
+from flexx2_sim_ros.walking.terrain import KINDS
+from flexx2_sim_ros.walking.walks import Point, walk
+import numpy as np
+from scipy.stats import binomtest
+import warp as wp
+
+# Rise of a stair, height of the highest rubble, or depth of a gap, metres. The gait reaches 0.2 m.
+STEPS = (0.03, 0.06, 0.09, 0.12, 0.15)
+_TOGETHER = 25  # walks in one batch, for their images to fit into 0.5 GB
+
+# By terrain and step height, by camera: (N,) as `walk` returns.
+Failures = dict[tuple[str, float], dict[str, np.ndarray]]
+
+
+def batches(walks: int, steps: Sequence[float] = STEPS) -> list[Point]:
+    """Return the walks of all terrains and step heights in batches."""
+    return [
+        Point(kind, step, first, min(_TOGETHER, walks - first))
+        for kind in KINDS
+        for step in steps
+        for first in range(0, walks, _TOGETHER)
+    ]
+
+
+def walk_all(
+    points: Sequence[Point],
+    cameras: Mapping[str, WalkingCamera],
+    lens: Intrinsics,
+    mode: Mode,
+    mapped: Map,
+    tick: Callable[[], None],
+    **options: Any,
+) -> Failures:
+    """
+    Walk all batches.
+
+    Parameters
+    ----------
+    points : sequence of Point
+        From `batches`.
+    cameras, lens, mode
+        As for `walk`.
+    mapped : callable
+        A map as from `jobs.workers`.
+    tick : callable
+        Called after each batch.
+    **options
+        ``seed``, ``robot`` and ``least`` of `walk`.
+
+    """
+    work = partial(_walk_quietly, cameras=dict(cameras), lens=lens, mode=mode, **options)
+    found: dict[tuple[str, float], list[dict[str, np.ndarray]]] = {}
+    for point, failed in zip(points, mapped(work, points, tick), strict=True):
+        found.setdefault((point.terrain, point.step), []).append(failed)
+    return {
+        key: {name: np.concatenate([part[name] for part in parts]) for name in cameras}
+        for key, parts in found.items()
+    }
+
+
+def _walk_quietly(point: Point, **options: Any) -> dict[str, np.ndarray]:
+    # Warp prints every kernel that it loads to standard output, in every process.
+    before, wp.config.log_level = wp.config.log_level, wp.LOG_WARNING
+    try:
+        return walk(point, **options)
+    finally:
+        wp.config.log_level = before
+
+
+def rows(failures: Failures) -> list[dict[str, Any]]:
+    """Return a row for each terrain, step height and camera, as `docs/walking.md` describes."""
+    out = []
+    for (terrain, step), cameras in failures.items():
+        for name, failed in cameras.items():
+            count, bad = len(failed), int((failed >= 0).sum())
+            interval = binomtest(bad, count).proportion_ci(method='wilson')
+            out.append(
+                {
+                    'terrain': terrain,
+                    'step': step,
+                    'camera': name,
+                    'walks': count,
+                    'failed': bad,
+                    'share': bad / count,
+                    'interval': [float(interval.low), float(interval.high)],
+                    'reasons': {
+                        reason: int((failed == k).sum()) for k, reason in enumerate(REASONS)
+                    },
+                }
+            )
+    return out

@@ -1,0 +1,177 @@
+"""Walks with footholds from what cameras see: which fail, and the command from files to files."""
+
+import json
+from pathlib import Path
+
+from bench.gap_walk import HiddenCamera
+from flexx2_sim_ros.cli.main import main
+from flexx2_sim_ros.effects import parse_effects, save_effects
+from flexx2_sim_ros.profiles.intrinsics import Intrinsics
+from flexx2_sim_ros.profiles.modes import flexx2
+from flexx2_sim_ros.robots.gait import Gait
+from flexx2_sim_ros.walking import ExactCamera, KINDS, Point, SimulatedCamera, walk
+from flexx2_sim_ros.walking.cameras import Views
+from flexx2_sim_ros.walking.footsteps import Feet, Footstep, land, Planned, REASONS
+from flexx2_sim_ros.walking.series import rows
+from flexx2_sim_ros.walking.terrain import Terrain
+import numpy as np
+import pytest
+
+NAME = 'Mode_9_5fps'
+MODE = flexx2().mode(NAME)
+# A quarter of the pixels, and a quarter of the points that a cell needs.
+LENS = Intrinsics.from_field_of_view(112, 86, 56.0, 44.0)
+SMALL = {'lens': LENS, 'mode': MODE, 'least': 2}
+EXACT = ExactCamera(MODE.range_max)
+STEP = Footstep(0, 0.0, 0.2, np.zeros(2))
+
+
+class Blind:
+    """A camera that sees nothing."""
+
+    def __call__(self, views: Views) -> np.ndarray:
+        """Return no depth."""
+        return np.full_like(views.depth, np.nan)
+
+
+def block(top: float, edge: float) -> Terrain:
+    """Return level ground with a block that begins at x = edge."""
+    half = np.array([[10.0, 10.0, 0.5], [1.0, 1.0, 0.5]])
+    centre = np.array([[[0.0, 0.0], [edge + 1.0, 0.0]]])
+    return Terrain(half, centre, np.zeros((1, 2)), np.array([[0.0, top]]), np.full((1, 2), 0.5))
+
+
+def landed(terrain: Terrain, x: float, height: float, apex: float = 0.3) -> str:
+    """Return why a foot (2 cm) that is put down at x, from x = -0.2, ends the walk."""
+    feet = Feet(np.full((1, 4, 2), [-0.2, 0.0]), np.zeros((1, 4)))
+    planned = Planned(np.array([[x, 0.0]]), np.array([height]), np.array([apex]), np.ones(1, bool))
+    _, (reason,) = land(planned, STEP, feet, terrain, Gait(), 0.02)
+    return '' if reason < 0 else REASONS[reason]
+
+
+@pytest.mark.parametrize('kind', KINDS)
+def test_no_walk_fails_on_level_ground(kind: str) -> None:
+    cameras = {'exact': EXACT, 'noise': SimulatedCamera(NAME)}
+    failed = walk(Point(kind, 0.0, 0, 4), cameras, **SMALL)
+    assert (failed['exact'] == -1).all()
+    assert (failed['noise'] == -1).all()
+
+
+def test_a_wrong_or_blind_camera_fails_where_perfect_depth_does_not() -> None:
+    cameras = {
+        'exact': EXACT,
+        'biased': SimulatedCamera(NAME, effects={'offset': {'bias': 0.1}}),
+        'blind': Blind(),
+    }
+    failed = walk(Point('stairs', 0.06, 0, 4), cameras, **SMALL)
+    assert (failed['exact'] == -1).all()
+    assert (failed['biased'] == REASONS.index('wrong height')).all()
+    assert (failed['blind'] == REASONS.index('no foothold')).all()
+    # Steps beyond the reach of the legs end every walk.
+    assert (walk(Point('stairs', 0.25, 0, 4), cameras, **SMALL)['exact'] >= 0).all()
+
+
+def test_walks_do_not_depend_on_their_batch() -> None:
+    cameras = {'noise': SimulatedCamera(NAME)}
+    whole = walk(Point('rubble', 0.09, 0, 4), cameras, **SMALL)['noise']
+    part = walk(Point('rubble', 0.09, 2, 2), cameras, **SMALL)['noise']
+    np.testing.assert_array_equal(whole[2:], part)
+
+
+def test_a_foot_is_judged_by_what_it_touches() -> None:
+    assert landed(block(0.1, 0.1), 0.05, 0.0) == ''
+    assert landed(block(0.1, 0.0), 0.05, 0.1) == ''
+    assert landed(block(0.1, 0.0), 0.05, 0.06) == 'wrong height'
+    assert landed(block(0.1, 0.0), 0.05, 0.1, apex=0.09) == 'stumbles'
+    # On the edge of the block, with most of the foot over the edge.
+    assert landed(block(0.1, 0.0), -0.017, 0.09) == 'slips'
+    # Beside the block: the foot rests on its edge.
+    assert landed(block(0.1, 0.0), -0.017, 0.0) == 'wrong height'
+
+
+def test_images_show_the_terrain_and_the_hidden_camera_sees_the_same() -> None:
+    seen = {}
+
+    def look(views: Views) -> np.ndarray:
+        seen['views'], seen['hidden'] = views, HiddenCamera({}, 1500)(views)
+        return views.depth
+
+    walk(Point('rubble', 0.12, 3, 2), {'look': look}, **SMALL)
+    views = seen['views']
+    v, u = np.mgrid[: LENS.height, : LENS.width]
+    rays = np.stack([(u - LENS.cx) / LENS.fx, (v - LENS.cy) / LENS.fy, np.ones(u.shape)], axis=-1)
+    camera, last = 1, -1
+    for number in range(2):
+        index = camera, last, number
+        points = views.position[index] + (rays * views.depth[index][..., None]) @ (
+            views.rotation[index].T
+        )
+        near = points[np.isfinite(points[..., 2]) & (views.depth[index] < 2)]
+        ground = views.terrain.heights(np.broadcast_to(near[:, :2], (2, len(near), 2)))[number]
+        # Points on the sides of blocks are below their tops.
+        assert (near[:, 2] < ground + 1e-4).mean() > 0.98
+        assert (np.abs(near[:, 2] - ground) < 1e-4).mean() > 0.8
+        error = seen['hidden'][index] - views.depth[index]
+        close = views.depth[index] < 1
+        assert np.isfinite(error[close]).mean() > 0.99
+        assert np.median(np.abs(error[close])) < 0.005
+
+
+def test_intervals_shrink_with_more_walks() -> None:
+    def width(count: int) -> float:
+        failed = np.where(np.arange(count) % 4 == 0, 0, -1)
+        ((row),) = rows({('stairs', 0.1): {'one': failed}})
+        low, high = row['interval']
+        assert low < row['share'] == 0.25 < high
+        assert row['reasons']['no foothold'] == row['failed'] == count // 4
+        return float(high - low)
+
+    assert width(200) < width(40) < 0.3
+
+
+def write_diagnosis(folder: Path, effects: dict[str, dict[str, float]]) -> None:
+    """Write the files that `read_diagnosis` reads."""
+    folder.mkdir()
+    save_effects(folder / 'effects.yaml', parse_effects(effects))
+    table = {
+        'schema': 2,
+        'verdict': 'identified',
+        'recordings': [],
+        'settings': {'usecase': NAME, 'known': {'heavy_tails': {}}},
+    }
+    (folder / 'diagnosis.json').write_text(json.dumps(table))
+
+
+def test_the_command_writes_the_figure(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    write_diagnosis(tmp_path / 'diagnosis', {'offset': {'bias': 0.1}})
+    command = ['gap', 'walk', str(tmp_path / 'diagnosis'), '--out', str(tmp_path / 'out')]
+    command += ['--walks', '2', '--steps', '0.06', '--jobs', '1', '--json']
+    assert main(command) == 0
+    table = json.loads(capfd.readouterr().out)
+    assert (tmp_path / 'out' / 'walk.png').read_bytes()[:8] == b'\x89PNG\r\n\x1a\n'
+    assert json.loads((tmp_path / 'out' / 'walk.json').read_text()) == table
+    failed = {(row['terrain'], row['camera']): row['failed'] for row in table['rows']}
+    assert failed['stairs', 'perfect depth'] == failed['stairs', 'noise model'] == 0
+    assert failed['stairs', 'with diagnosed effects'] == 2
+    assert len(failed) == 9
+
+
+@pytest.mark.parametrize(
+    ('options', 'said'),
+    [
+        (['--robot', 'nobody'], 'robot: must be go1, go2'),
+        (['--steps', '0.7'], 'steps: must be a number from 0 to 0.5'),
+    ],
+)
+def test_wrong_options_are_refused(
+    options: list[str], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_diagnosis(tmp_path / 'diagnosis', {'offset': {'bias': 0.1}})
+    command = ['gap', 'walk', str(tmp_path / 'diagnosis'), '--out', str(tmp_path / 'out')]
+    try:
+        status = main([*command, *options])
+    except SystemExit as ended:
+        status = ended.code
+    assert status == 2
+    assert said in capsys.readouterr().err
+    assert not (tmp_path / 'out').exists()
