@@ -4,10 +4,10 @@ Does the simulation predict how often a robot fails with a real camera better af
 The blind camera of the benchmark takes the place of the real one, with the effects that are
 named. Its campaign is diagnosed. Robots walk with its images, with perfect depth, with the noise
 model, and with the diagnosed effects added (`flexx2_sim_ros.gap.walk`). The figure has a curve for
-each. The
-prediction error is the mean difference of the failure rate from that of the hidden camera, over
-all terrains and step heights; its interval is that of 1000 bootstrap samples of walks. Development
-seeds only. Multipath takes too long to render for thousands of images, so it is refused.
+each. The prediction error is the mean difference of the failure rate from the hidden camera's, over
+all terrains and step heights; its interval is that of 1000 bootstrap samples of walks. An
+interrupted run resumes. Development seeds only. Multipath is refused: it takes too long to render
+for thousands of images.
 
 python -m bench.gap_walk --effects flying_pixels:2 --seed 1500 --out DIR
 
@@ -16,10 +16,13 @@ python -m bench.gap_walk --effects flying_pixels:2 --seed 1500 --out DIR
 
 import argparse
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 import json
 from pathlib import Path
+from typing import Any
 
+from bench.journal import Journal
 from flexx2_sim_ros.atomic import output_folder, scratch_folder, write_text
 from flexx2_sim_ros.consumers.height_grid import LEAST
 from flexx2_sim_ros.errors import InputError
@@ -34,10 +37,10 @@ from flexx2_sim_ros.validation.blind.rooms import Path as Way
 from flexx2_sim_ros.validation.blind.rooms import Scene
 from flexx2_sim_ros.validation.blind.shapes import BOX, pack, Shape, Solids
 from flexx2_sim_ros.validation.blind.views import shared_optics
-from flexx2_sim_ros.walking import ExactCamera, SimulatedCamera
+from flexx2_sim_ros.walking import ExactCamera, Point, SimulatedCamera
 from flexx2_sim_ros.walking.cameras import Views, WalkingCamera
 from flexx2_sim_ros.walking.figure import draw_walks
-from flexx2_sim_ros.walking.series import batches, Failures, rows, STEPS, walk_all
+from flexx2_sim_ros.walking.series import batches, Failures, rows, STEPS, walk_quietly
 from flexx2_sim_ros.walking.terrain import Terrain
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
@@ -142,41 +145,71 @@ def main() -> None:
     }
     if 'multipath' in effects:
         raise InputError('--effects: must be without multipath')
-    seed = DEVELOPMENT.seed(arguments.seed)
+    seed, mode = DEVELOPMENT.seed(arguments.seed), flexx2().mode(_MODE)
     size = arguments.width, round(arguments.width * 172 / 224)
     cameras: dict[str, WalkingCamera] = {
-        PERFECT: ExactCamera(flexx2().mode(_MODE).range_max),
+        PERFECT: ExactCamera(mode.range_max),
         NOISE: SimulatedCamera(_MODE, seed=seed),
         HIDDEN: HiddenCamera(effects, seed),
     }
     verdict = ''
     if not arguments.undiagnosed:
         key = SceneKey(_MODE, seed, 2.0, *size, arguments.recordings, arguments.frames)
-        verdict, cameras = _diagnosed(Case(key, effects, seed), cameras, arguments.jobs)
+        case = Case(key, effects, seed)
+        verdict, cameras = _diagnosed(case, cameras, arguments.out / 'diagnosis', arguments.jobs)
     points = batches(arguments.walks, tuple(map(float, arguments.steps.split(','))))
     lens = shared_optics(_MODE, *size).intrinsics
     # Fewer pixels put fewer points into a cell.
     least = max(1, round(LEAST * (arguments.width / flexx2().intrinsics.width) ** 2))
+    options = {'seed': seed, 'least': least}
+    journal = Journal(
+        arguments.out / 'walks.jsonl',
+        effects=effects,
+        width=arguments.width,
+        cameras=list(cameras),
+        **options,
+    )
+    done = [_point(entry) for entry in journal]
+    left = [point for point in points if point not in done]
     with workers(arguments.jobs, None) as mapped:
-        mode = flexx2().mode(_MODE)
-        found = walk_all(points, cameras, lens, mode, mapped, lambda: None, seed=seed, least=least)
-    _report(arguments, verdict, found)
+        for first in range(0, len(left), arguments.jobs):
+            some = left[first : first + arguments.jobs]
+            work = partial(walk_quietly, cameras=cameras, lens=lens, mode=mode, **options)
+            for point, failed in zip(some, mapped(work, some, lambda: None), strict=True):
+                entry = {name: values.tolist() for name, values in failed.items()}
+                journal.add({**asdict(point), 'failed': entry})
+    _report(arguments, verdict, _gathered(points, journal))
+
+
+def _point(entry: dict[str, Any]) -> Point:
+    return Point(entry['terrain'], entry['step'], entry['first'], entry['count'])
+
+
+def _gathered(points: list[Point], journal: Journal) -> Failures:
+    found: Failures = {}
+    parts = {_point(entry): entry['failed'] for entry in journal}
+    for point in points:
+        own = found.setdefault((point.terrain, point.step), {})
+        for name, failed in parts[point].items():
+            own[name] = np.append(own.get(name, np.zeros(0, int)), failed)
+    return found
 
 
 def _diagnosed(
-    case: Case, cameras: dict[str, WalkingCamera], jobs: int
+    case: Case, cameras: dict[str, WalkingCamera], folder: Path, jobs: int
 ) -> tuple[str, dict[str, WalkingCamera]]:
-    with scratch_folder() as folder:
-        (folder / 'campaign').mkdir()
-        BlindCamera(case).record(folder / 'campaign')
-        table = diagnose(folder / 'campaign', out=folder / 'diagnosis', jobs=jobs)
-        named = ', '.join(row['name'] for row in table['effects'])
-        verdict = f'{table["verdict"]}: {named or "no effect"}'
-        try:
-            _, own = cameras_of(read_diagnosis(folder / 'diagnosis'), None, case.seed)
-        except InputError:  # Nothing is added to the noise model.
-            own = {DIAGNOSED: cameras[NOISE]}
-    return verdict, {**cameras, DIAGNOSED: own[DIAGNOSED]}
+    # The verdict, and the cameras with that of the diagnosis.
+    if not (folder / 'diagnosis.json').is_file():
+        with scratch_folder() as campaign:
+            BlindCamera(case).record(campaign)
+            diagnose(campaign, out=folder, jobs=jobs)
+    before = read_diagnosis(folder)
+    named = ', '.join(effect.name for effect in before.effects) or 'no effect'
+    try:
+        _, own = cameras_of(before, None, case.seed)
+    except InputError:  # Nothing is added to the noise model.
+        own = {DIAGNOSED: cameras[NOISE]}
+    return f'{before.verdict}: {named}', {**cameras, DIAGNOSED: own[DIAGNOSED]}
 
 
 def _report(arguments: argparse.Namespace, verdict: str, found: Failures) -> None:

@@ -99,7 +99,7 @@ def walk(
             seed=seed,
             robot=robot,
         )
-    table = {
+    table: dict[str, Any] = {
         'schema': SCHEMA,
         'effects': {name: plain(values) for name, values in table_of(before.effects).items()},
         'rows': rows(found),

@@ -59,7 +59,7 @@ def walk_all(
         ``seed``, ``robot`` and ``least`` of `walk`.
 
     """
-    work = partial(_walk_quietly, cameras=dict(cameras), lens=lens, mode=mode, **options)
+    work = partial(walk_quietly, cameras=dict(cameras), lens=lens, mode=mode, **options)
     found: dict[tuple[str, float], list[dict[str, np.ndarray]]] = {}
     for point, failed in zip(points, mapped(work, points, tick), strict=True):
         found.setdefault((point.terrain, point.step), []).append(failed)
@@ -69,8 +69,8 @@ def walk_all(
     }
 
 
-def _walk_quietly(point: Point, **options: Any) -> dict[str, np.ndarray]:
-    # Warp prints every kernel that it loads to standard output, in every process.
+def walk_quietly(point: Point, **options: Any) -> dict[str, np.ndarray]:
+    """Call `walk` without the lines that Warp prints to standard output for each kernel."""
     before, wp.config.log_level = wp.config.log_level, wp.LOG_WARNING
     try:
         return walk(point, **options)
