@@ -4,10 +4,12 @@ Does the simulation predict how often a robot fails with a real camera better af
 The blind camera of the benchmark takes the place of the real one, with the effects that are
 named. Its campaign is diagnosed. Robots walk with its images, with perfect depth, with the noise
 model, and with the diagnosed effects added (`flexx2_sim_ros.gap.walk`). The figure has a curve for
-each. The prediction error is the mean difference of the failure rate from the hidden camera's, over
-all terrains and step heights; its interval is that of 1000 bootstrap samples of walks. An
-interrupted run resumes. Development seeds only. Multipath is refused: it takes too long to render
-for thousands of images.
+each.
+
+The prediction error is the mean difference of the failure rate from the hidden camera's, over all
+terrains and step heights; its interval is that of 1000 bootstrap samples of walks. An interrupted
+run resumes. Development seeds only. Multipath is refused: it takes too long to render for
+thousands of images.
 
 python -m bench.gap_walk --effects flying_pixels:2 --seed 1500 --out DIR
 
@@ -51,6 +53,7 @@ _MODE = 'Mode_9_5fps'
 _WARM = 3600.0  # seconds since power-on
 # From x ahead, y left, z up to the blind camera's world: x right, y down, z forward.
 _AXES = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
+_BEFORE, _BETWEEN = 0.5, 0.01  # seconds: of the poses before the walk, and between two of them
 _SAMPLES = 1000
 
 
@@ -110,9 +113,7 @@ class HiddenCamera:
         solids = [solids_of(views.terrain, walk) for walk in range(count)]
         scenes.key = key
         scenes.scenes = tuple(
-            Scene('walk', solids[walk], _path(views, c, walk))
-            for c in range(cameras)
-            for walk in range(count)
+            Scene('walk', solids[i % count], path) for i, path in enumerate(_paths(views))
         )
         scenes.twists = np.zeros((cameras * count, 6))
         scenes.uptimes = np.full(cameras * count, _WARM)
@@ -272,13 +273,21 @@ def solids_of(terrain: Terrain, walk: int) -> Solids:
     return pack(shapes)
 
 
-def _path(views: Views, camera: int, walk: int) -> Followed:
-    return Followed(
-        (0.0, 0.0, 0.0),
-        times=views.times,
-        rotations=_AXES @ views.rotation[camera, :, walk],
-        positions=views.position[camera, :, walk] @ _AXES.T,
-    )
+def _paths(views: Views) -> list[Followed]:
+    # Of each camera on each robot.
+    times = np.arange(-_BEFORE, views.times[-1] + _BETWEEN, _BETWEEN)
+    positions, rotations = views.poses(times)
+    cameras, _, count = positions.shape[:3]
+    return [
+        Followed(
+            (0.0, 0.0, 0.0),
+            times=times,
+            rotations=_AXES @ rotations[c, :, walk],
+            positions=positions[c, :, walk] @ _AXES.T,
+        )
+        for c in range(cameras)
+        for walk in range(count)
+    ]
 
 
 if __name__ == '__main__':

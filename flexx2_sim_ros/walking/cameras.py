@@ -1,10 +1,12 @@
 """The cameras of many walks: exact depth, or a simulated camera."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 from flexx2_sim_ros.batch import BatchCamera
+from flexx2_sim_ros.effects import parse_effects
+from flexx2_sim_ros.effects.time_offset import TimeOffset
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from flexx2_sim_ros.profiles.modes import Profile
 from flexx2_sim_ros.walking.terrain import Terrain
@@ -20,9 +22,13 @@ class Views:
     ----------
     depth, reflectivity : numpy.ndarray
         (C, L, N, H, W) float32: exact depth, metres, NaN where there is no return; 0 to 1.
+    earlier : callable
+        Returns depth and reflectivity as they were some seconds before each look.
     position, rotation : numpy.ndarray
         (C, L, N, 3) metres and (C, L, N, 3, 3): the optical frame (x right, y down, z ahead) in
         the world (x ahead, y left, z up).
+    poses : callable
+        Returns positions and rotations at any times, an array of seconds since the walk began.
     times : numpy.ndarray
         (L,) seconds since the walk began.
     lens : Intrinsics
@@ -38,8 +44,10 @@ class Views:
 
     depth: np.ndarray
     reflectivity: np.ndarray
+    earlier: Callable[[float], tuple[np.ndarray, np.ndarray]]
     position: np.ndarray
     rotation: np.ndarray
+    poses: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
     times: np.ndarray
     lens: Intrinsics
     names: Sequence[str]
@@ -99,6 +107,13 @@ class SimulatedCamera:
     def __call__(self, views: Views) -> np.ndarray:
         """Simulate all walks in one batch."""
         count = views.depth.shape[2]
+        # Looks are too far apart to tell from them what the cameras had before them in between.
+        effects = parse_effects(self.effects)
+        late = sum(effect.delay for effect in effects if isinstance(effect, TimeOffset))
+        rest = {one.name: one.settings for one in effects if not isinstance(one, TimeOffset)}
+        depth, reflectivity = views.depth, views.reflectivity
+        if late:
+            depth, reflectivity = views.earlier(1e-9 * late)
         seeds = [self.seed + views.first + walk for walk in range(count)]
         out = np.empty_like(views.depth)
         for c, name in enumerate(views.names):
@@ -106,7 +121,7 @@ class SimulatedCamera:
                 count,
                 self.usecase,
                 profile=self.profile,
-                effects=dict(self.effects),
+                effects=rest,
                 seed=seeds,
                 name=name,
                 K=views.lens.matrix,
@@ -114,5 +129,5 @@ class SimulatedCamera:
             )
             for k, time in enumerate(views.times):
                 camera.stamps.fill_(round(1e9 * float(time)))
-                camera(views.depth[c, k], views.reflectivity[c, k], out=out[c, k])
+                camera(depth[c, k], reflectivity[c, k], out=out[c, k])
         return out

@@ -85,3 +85,47 @@ class TerrainRenderer:
     def close(self) -> None:
         """Release the graphics context; `look` cannot be called after it."""
         self._renderer.close()
+
+
+def render(
+    terrain: Terrain,
+    lens: Intrinsics,
+    mounts: Sequence[CameraMount],
+    position: np.ndarray,
+    rotation: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """
+    Render what the cameras of N walks see in L looks.
+
+    Parameters
+    ----------
+    terrain : Terrain
+        Of the walks.
+    lens : Intrinsics
+        Of each camera; the principal point in the middle, no distortion.
+    mounts : sequence of CameraMount
+        The C cameras on the trunk.
+    position, rotation : numpy.ndarray
+        (L, N, 3) and (L, N, 3, 3): the trunks.
+
+    Returns
+    -------
+    tuple of numpy.ndarray
+        (C, L, N, H, W) float32: depth, metres along the optical axis, NaN where there is no
+        return; and reflectivity.
+
+    """
+    looks, walks = position.shape[:2]
+    shape = (len(mounts), looks, walks, lens.height, lens.width)
+    depth, reflectivity = np.empty(shape, np.float32), np.empty(shape, np.float32)
+    renderer = TerrainRenderer(terrain.half, lens, mounts)
+    try:
+        for i in range(walks):
+            renderer.place(terrain, i)
+            for k in range(looks):
+                depth[:, k, i], reflectivity[:, k, i] = renderer.look(
+                    position[k, i], rotation[k, i]
+                )
+    finally:
+        renderer.close()
+    return depth, reflectivity

@@ -22,7 +22,7 @@ from flexx2_sim_ros.robots.parts import find_parts
 from flexx2_sim_ros.robots.robot import DEFAULT_ROBOT, load_robot, Robot
 from flexx2_sim_ros.walking.cameras import Views, WalkingCamera
 from flexx2_sim_ros.walking.footsteps import Feet, Footstep, footsteps, Grid, land, plan, roughness
-from flexx2_sim_ros.walking.rendering import TerrainRenderer
+from flexx2_sim_ros.walking.rendering import render
 from flexx2_sim_ros.walking.terrain import draw_terrain, Terrain
 import numpy as np
 import warp as wp
@@ -102,13 +102,10 @@ def walk(
         By camera: (N,) int, index in `REASONS` of why the walk failed, -1 where it did not.
 
     """
-    kind = load_robot(robot)
     legs, gait = _legs(robot), Gait()
     terrain = draw_terrain(point.terrain, point.step, seed, point.first, point.count)
     steps = footsteps(_SPEED, _FROM, _TO, gait, legs)
-    times = np.arange(0.0, (_TO - _SEEN_FROM) / _SPEED, _INTERVAL)
-    position, turn = _trunks(terrain, steps, times, gait, legs)
-    views = _views(point, terrain, position, turn, times, lens, kind)
+    views = _views(point, terrain, steps, lens, load_robot(robot), gait, legs)
     return {
         name: _walk(_usable(camera(views), views, mode), views, steps, gait, legs, least)
         for name, camera in cameras.items()
@@ -165,34 +162,32 @@ def _trunks(
 def _views(
     point: Point,
     terrain: Terrain,
-    position: np.ndarray,
-    turn: np.ndarray,
-    times: np.ndarray,
+    steps: Sequence[Footstep],
     lens: Intrinsics,
     robot: Robot,
+    gait: Gait,
+    legs: LegGeometry,
 ) -> Views:
-    renderer = TerrainRenderer(terrain.half, lens, robot.mounts)
-    shape = (len(robot.mounts), len(times), point.count, lens.height, lens.width)
-    depth, reflectivity = np.empty(shape, np.float32), np.empty(shape, np.float32)
-    try:
-        for i in range(point.count):
-            renderer.place(terrain, i)
-            for k in range(len(times)):
-                depth[:, k, i], reflectivity[:, k, i] = renderer.look(position[k, i], turn[k, i])
-    finally:
-        renderer.close()
+    times = np.arange(0.0, (_TO - _SEEN_FROM) / _SPEED, _INTERVAL)
+
     eyes = np.array([mount.position for mount in robot.mounts])
     axes = np.array([mount.rotation for mount in robot.mounts])
+
+    def trunks(moments: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        # Before the walk the robot stands.
+        return _trunks(terrain, steps, np.maximum(moments, 0.0), gait, legs)
+
+    def poses(moments: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        position, turn = trunks(moments)
+        shift = np.einsum('lnij,cj->clni', turn, eyes)
+        return position + shift, turn[None] @ axes[:, None, None]
+
+    def earlier(seconds: float) -> tuple[np.ndarray, np.ndarray]:
+        return render(terrain, lens, robot.mounts, *trunks(times - seconds))
+
+    names = tuple(mount.name for mount in robot.mounts)
     return Views(
-        depth,
-        reflectivity,
-        position + np.einsum('lnij,cj->clni', turn, eyes),
-        turn[None] @ axes[:, None, None],
-        times,
-        lens,
-        tuple(mount.name for mount in robot.mounts),
-        terrain,
-        point.first,
+        *earlier(0.0), earlier, *poses(times), poses, times, lens, names, terrain, point.first
     )
 
 
