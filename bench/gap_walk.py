@@ -48,8 +48,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 HIDDEN = 'hidden camera'
-# Its frames are as far apart as the looks of a walk.
-_MODE = 'Mode_9_5fps'
+_MODE = 'Mode_9_30fps'
 _WARM = 3600.0  # seconds since power-on
 # From x ahead, y left, z up to the blind camera's world: x right, y down, z forward.
 _AXES = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
@@ -83,9 +82,11 @@ class Followed(Way):
     def pose(self, time: float) -> tuple[np.ndarray, np.ndarray]:
         """Return rotation and position; before the first and after the last time it stands."""
         at = float(np.clip(time, self.times[0], self.times[-1]))
-        turn = Slerp(self.times, Rotation.from_matrix(self.rotations))([at]).as_matrix()[0]
-        place = [np.interp(at, self.times, axis) for axis in self.positions.T]
-        return turn, np.array(place)
+        k = min(int(np.searchsorted(self.times, at, 'right')), len(self.times) - 1)
+        near = slice(k - 1, k + 1)
+        turns = Slerp(self.times[near], Rotation.from_matrix(self.rotations[near]))
+        place = [np.interp(at, self.times[near], axis) for axis in self.positions[near].T]
+        return turns([at]).as_matrix()[0], np.array(place)
 
 
 @dataclass(frozen=True)
@@ -115,6 +116,7 @@ class HiddenCamera:
         scenes.scenes = tuple(
             Scene('walk', solids[i % count], path) for i, path in enumerate(_paths(views))
         )
+        scenes.times = lambda: views.times  # type: ignore[method-assign]
         scenes.twists = np.zeros((cameras * count, 6))
         scenes.uptimes = np.full(cameras * count, _WARM)
         camera = BlindCamera(Case(key, self.effects, self.seed), scenes)

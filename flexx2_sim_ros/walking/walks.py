@@ -28,7 +28,7 @@ import numpy as np
 import warp as wp
 
 _SPEED = 0.6  # m/s, below the largest of the gait (assumed)
-_INTERVAL = 0.2  # seconds between looks, as in `flexx2 batch`
+_INTERVAL = 0.4  # seconds between looks (assumed): each place is seen in three or four of them
 # Footholds between these places are chosen on the grid and judged, metres ahead of the start. The
 # first is where the standing robot begins to see the floor, the last is on the last tread.
 _FROM, _TO = 0.75, 2.0
