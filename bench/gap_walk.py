@@ -147,7 +147,7 @@ def main() -> None:
         for name, _, strength in (one.partition(':') for one in arguments.effects.split(','))
     }
     if 'multipath' in effects:
-        raise InputError('--effects: must be without multipath')
+        parser.error('--effects: must be without multipath')
     seed, mode = DEVELOPMENT.seed(arguments.seed), flexx2().mode(_MODE)
     size = arguments.width, round(arguments.width * 172 / 224)
     cameras: dict[str, WalkingCamera] = {

@@ -169,7 +169,6 @@ def _views(
     legs: LegGeometry,
 ) -> Views:
     times = np.arange(0.0, (_TO - _SEEN_FROM) / _SPEED, _INTERVAL)
-
     eyes = np.array([mount.position for mount in robot.mounts])
     axes = np.array([mount.rotation for mount in robot.mounts])
 
