@@ -2,8 +2,10 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+import logging
 from typing import Any
 
+from flexx2_sim_ros.batch.host import HostCameras
 from flexx2_sim_ros.jobs import Map
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from flexx2_sim_ros.profiles.modes import Mode
@@ -70,12 +72,16 @@ def walk_all(
 
 
 def walk_quietly(point: Point, **options: Any) -> dict[str, np.ndarray]:
-    """Call `walk` without the lines that Warp prints to standard output for each kernel."""
-    before, wp.config.log_level = wp.config.log_level, wp.LOG_WARNING
+    """Call `walk` without what Warp and `BatchCamera` report about kernels in every batch."""
+    host = logging.getLogger(HostCameras.__module__)
+    before = wp.config.log_level, host.level
+    wp.config.log_level = wp.LOG_WARNING
+    host.setLevel(logging.ERROR)
     try:
         return walk(point, **options)
     finally:
-        wp.config.log_level = before
+        wp.config.log_level = before[0]
+        host.setLevel(before[1])
 
 
 def rows(failures: Failures) -> list[dict[str, Any]]:
