@@ -8,8 +8,8 @@ each.
 
 The prediction error is the mean difference of the failure rate from the hidden camera's, over all
 terrains and step heights; its interval is that of 1000 bootstrap samples of walks. An interrupted
-run resumes. Development seeds only. Multipath is refused: it takes too long to render for
-thousands of images.
+run resumes, and the report has all walks of the folder. Development seeds only. Multipath is
+refused: it takes too long to render for thousands of images.
 
 python -m bench.gap_walk --effects flying_pixels:2 --seed 1500 --out DIR
 
@@ -39,7 +39,7 @@ from flexx2_sim_ros.validation.blind.rooms import Path as Way
 from flexx2_sim_ros.validation.blind.rooms import Scene
 from flexx2_sim_ros.validation.blind.shapes import BOX, pack, Shape, Solids
 from flexx2_sim_ros.validation.blind.views import shared_optics
-from flexx2_sim_ros.walking import ExactCamera, Point, SimulatedCamera
+from flexx2_sim_ros.walking import ExactCamera, KINDS, Point, SimulatedCamera
 from flexx2_sim_ros.walking.cameras import Views, WalkingCamera
 from flexx2_sim_ros.walking.figure import draw_walks
 from flexx2_sim_ros.walking.series import batches, Failures, rows, STEPS, walk_quietly
@@ -181,17 +181,19 @@ def main() -> None:
             for point, failed in zip(some, mapped(work, some, lambda: None), strict=True):
                 entry = {name: values.tolist() for name, values in failed.items()}
                 journal.add({**asdict(point), 'failed': entry})
-    _report(arguments, verdict, _gathered(points, journal))
+    _report(arguments, verdict, _gathered(journal))
 
 
 def _point(entry: dict[str, Any]) -> Point:
     return Point(entry['terrain'], entry['step'], entry['first'], entry['count'])
 
 
-def _gathered(points: list[Point], journal: Journal) -> Failures:
-    found: Failures = {}
+def _gathered(journal: Journal) -> Failures:
+    # All walks of the folder, by terrain and step height.
     parts = {_point(entry): entry['failed'] for entry in journal}
-    for point in points:
+    found: Failures = {}
+    order = list(KINDS)
+    for point in sorted(parts, key=lambda one: (order.index(one.terrain), one.step, one.first)):
         own = found.setdefault((point.terrain, point.step), {})
         for name, failed in parts[point].items():
             own[name] = np.append(own.get(name, np.zeros(0, int)), failed)
@@ -242,18 +244,15 @@ def _report(arguments: argparse.Namespace, verdict: str, found: Failures) -> Non
 def _error(found: Failures, name: str) -> tuple[float, float, float]:
     # Mean absolute difference of the failure rate from the hidden camera's, percentage points,
     # and its 90 % bootstrap interval over walks. A walk has the same terrain for all cameras.
-    real, own = (
-        np.array([failed[camera] >= 0 for failed in found.values()], float)
-        for camera in (HIDDEN, name)
-    )
-    apart = own - real
+    apart = [
+        (failed[name] >= 0).astype(float) - (failed[HIDDEN] >= 0) for failed in found.values()
+    ]
     rng = np.random.default_rng(0)
     samples = [
-        np.abs(apart[:, rng.integers(0, apart.shape[1], apart.shape[1])].mean(axis=1)).mean()
-        for _ in range(_SAMPLES)
+        np.mean([abs(rng.choice(one, len(one)).mean()) for one in apart]) for _ in range(_SAMPLES)
     ]
     low, high = np.quantile(samples, (0.05, 0.95))
-    size = np.abs(apart.mean(axis=1)).mean()
+    size = np.mean([abs(one.mean()) for one in apart])
     return 100 * float(size), 100 * float(low), 100 * float(high)
 
 
