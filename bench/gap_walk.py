@@ -237,7 +237,8 @@ def _report(arguments: argparse.Namespace, verdict: str, found: Failures) -> Non
     given = {'effects': arguments.effects, 'seed': arguments.seed, 'verdict': verdict}
     text = json.dumps({**given, 'errors': errors, 'rows': table}, indent=2)
     write_text(folder / 'walk.json', text + '\n')
-    title = f'hidden camera with {arguments.effects.replace(":", " x ")}; diagnosis: {verdict}'
+    hidden = arguments.effects.replace(':', ' x ').replace(',', ', ')
+    title = f'hidden camera with {hidden}; diagnosis: {verdict}'
     draw_walks(folder / 'walk.png', table, title)
 
 
