@@ -9,6 +9,7 @@ import sys
 from bench import (
     agreement,
     arrival,
+    bags,
     batch,
     characterize,
     closed_loop,
@@ -42,6 +43,7 @@ _ALL = {
     'input': arrival.run,
     'go1': go1.run,
     'view': view.run,
+    'bags': bags.run,
 }
 # These take two hours together.
 _LONG = {

@@ -12,8 +12,10 @@ from flexx2_sim_ros.recording import load_recording, recording_cameras
 from flexx2_sim_ros.recording.bag_files import Bag
 from flexx2_sim_ros.recording.bag_writer import BagWriter
 from flexx2_sim_ros.recording.sink import BagSink
+from mcap.reader import make_reader
 import numpy as np
 import pytest
+from rclpy.serialization import deserialize_message
 from recorders import finish, flexx2, open_source, PATIENCE, rows, SECOND, Source, STEP, until
 import streams
 from streams import image_message
@@ -47,6 +49,8 @@ def test_a_recording_has_all_topics_and_messages(
     for topic in source.publishers:
         messages, _, rate, _, lost, gaps = report[topic]
         assert (messages, rate, lost, gaps) == ('40', '60.00', '0', '0')
+    if storage == 'mcap':
+        check_compressed(bag / 'bag.mcap', source)
     whole = Bag(bag)
     assert whole.notes == []
     assert (bag / 'metadata.yaml').is_file()
@@ -65,6 +69,21 @@ def test_a_recording_has_all_topics_and_messages(
         assert recording.stamp_ns.tolist() == [SECOND + index * STEP for index in range(40)]
         np.testing.assert_array_equal(recording.K, streams.FLEXX2.matrix)
         assert recording.notes == ()
+
+
+def check_compressed(path: Path, source: Source) -> None:
+    """Read a file with the library of its format, which decompresses chunks and checks them."""
+    with path.open('rb') as file:
+        reader = make_reader(file, validate_crcs=True)
+        summary = reader.get_summary()
+        assert summary is not None
+        assert {chunk.compression for chunk in summary.chunk_indexes} == {'zstd'}
+        read: dict[str, list[bytes]] = {topic: [] for topic in source.publishers}
+        for _, channel, message in reader.iter_messages(list(read)):
+            read[channel.topic].append(message.data)
+    for topic, sent in source.sent.items():
+        kind = type(sent[0])
+        assert [deserialize_message(data, kind) for data in read[topic]] == sent, topic
 
 
 def test_a_full_disk_ends_the_recording(
@@ -214,6 +233,10 @@ def test_nothing_to_record(child_env: dict[str, str], tmp_path: Path) -> None:
         (['record', '{}'], 'got one that exists'),
         (['record', '{}/a', '--seconds', '-1'], '--seconds'),
         (['record', '{}/a', '--queue', 'nan'], '--queue'),
+        (
+            ['record', '{}/a', '--storage', 'sqlite3', '--compression', 'zstd'],
+            '--compression: must be none with --storage sqlite3, got zstd',
+        ),
         (['replay', '{}/none'], 'got a path that does not exist'),
         (['replay', '{}', '--rate', '0'], '--rate: must be'),
         (['replay', '{}', '--wait', '-1'], '--wait'),

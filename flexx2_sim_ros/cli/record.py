@@ -57,6 +57,11 @@ def add_parser(commands: Any) -> None:
         help='format of the bag (default %(default)s)',
     )
     parser.add_argument(
+        '--compression',
+        choices=('zstd', 'none'),
+        help='of MCAP bags, without loss (default zstd; none for sqlite3)',
+    )
+    parser.add_argument(
         '--cameras',
         nargs='+',
         default=[],
@@ -86,7 +91,8 @@ def run(arguments: argparse.Namespace) -> int:
     from flexx2_sim_ros.recording.bag_writer import BagWriter
     from flexx2_sim_ros.recording.sink import BagSink
 
-    writer = BagWriter(path, arguments.storage)
+    usual = 'zstd' if arguments.storage == 'mcap' else 'none'
+    writer = BagWriter(path, arguments.storage, arguments.compression or usual)
     check_folder(path)
     with ros() as stopped:
         from flexx2_sim_ros.nodes.recorder import Recorder

@@ -24,7 +24,7 @@ from rosbags.interfaces import (
     QosReliability,
     QosTime,
 )
-from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2.errors import WriterError
 from rosbags.rosbag2.storage_mcap import McapWriter
 from rosbags.rosbag2.storage_sqlite3 import Sqlite3Writer
@@ -68,6 +68,8 @@ class BagWriter:
         The folder to make; the name must be free.
     storage : str
         ``mcap`` or ``sqlite3``.
+    compression : str
+        ``none``, or ``zstd`` for the chunks of MCAP files.
 
     Attributes
     ----------
@@ -80,18 +82,24 @@ class BagWriter:
     Raises
     ------
     InputError
-        When the name is taken or the folder cannot be made.
+        When the name is taken, the folder cannot be made, or the storage has no compression.
 
     """
 
-    def __init__(self, path: str | Path, storage: str = 'mcap') -> None:
+    def __init__(self, path: str | Path, storage: str = 'mcap', compression: str = 'none') -> None:
         """Check the path; the folder is made later."""
+        if compression != 'none' and storage != 'mcap':
+            raise InputError(
+                f'--compression: must be none with --storage {storage}, got {compression}'
+            )
         check_new(Path(path))
         self.path = Path(path)
         with named(path):
             self._writer = CheckedWriter(
                 self.path, version=_JAZZY, storage_plugin=STORAGES[storage]
             )
+        if compression == 'zstd':
+            self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
         self.offers: dict[str, list[Qos]] = {}
         self._connections: dict[str, Connection] = {}
 

@@ -7,10 +7,12 @@ such fields, so a table beside the messages holds one for each. Other programs i
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 import os
 from pathlib import Path
 import sqlite3
 import struct
+import sys
 from typing import BinaryIO, NamedTuple
 from zlib import crc32
 
@@ -19,6 +21,13 @@ from rosbags.rosbag2 import CompressionMode, StoragePlugin, Writer
 from rosbags.rosbag2.storage_mcap import McapWriter
 from rosbags.rosbag2.storage_sqlite3 import Sqlite3Writer
 
+if sys.version_info >= (3, 14):
+    from compression import zstd
+else:
+    from backports import zstd
+
+# Level 3, zstd's default, takes 1.6 times as long for 2 % less (`python -m bench bags`).
+ZSTD_LEVEL = 1
 # Operation codes of the MCAP records that matter here.
 _FOOTER, _MESSAGE, _CHUNK, _DATA_END = 0x02, 0x05, 0x06, 0x0F
 _MAGIC_SIZE = 8
@@ -74,6 +83,11 @@ class Row(NamedTuple):
 
 class _Mcap(McapWriter):
     """Fills in the checksums of chunks and of the summary."""
+
+    def __init__(self, path: Path, compression: CompressionMode) -> None:
+        super().__init__(path, compression)
+        if compression is CompressionMode.STORAGE:
+            self.compressor = partial(zstd.compress, level=ZSTD_LEVEL)
 
     def close_chunk(self) -> None:
         """Write the chunk, and its checksum into the field that was left empty."""

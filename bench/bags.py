@@ -1,0 +1,138 @@
+"""Size and time of recorded depth: zstd in MCAP bags, beside other ways to compress it."""
+
+from collections.abc import Callable, Iterable, Mapping
+from functools import partial
+import io
+from pathlib import Path
+import tempfile
+import time
+
+from bench.timing import side_by_side
+from flexx2_sim_ros.camera import Camera, flexx2
+from flexx2_sim_ros.recording import bag_messages as messages
+from flexx2_sim_ros.recording.bag_cameras import topics_of
+from flexx2_sim_ros.recording.bag_writer import BagWriter
+from flexx2_sim_ros.recording.checksums import zstd, ZSTD_LEVEL
+from flexx2_sim_ros.rendering.renderer import open_renderer
+from flexx2_sim_ros.robots.model import build_model, stand
+import lz4.frame  # type: ignore[import-untyped]
+import mujoco
+import numpy as np
+from PIL import Image
+
+_CAMERA, _USECASE, _RATE_HZ = 'front_left', 'Mode_5_60fps', 60
+_SPEED = 0.5  # m/s
+_CHUNK = 1 << 20  # bytes, as rosbags closes chunks
+_LEVELS = (1, 3, 9)
+_LOSSY = 'compressedDepth'
+# The defaults of compressed_depth_image_transport: png_level, depth_max (metres) and
+# depth_quantization.
+_PNG_LEVEL, _DEPTH_MAX, _QUANTIZATION = 9, 10.0, 100.0
+
+
+def run(frames: int = 60, rounds: int = 5) -> None:
+    """Print sizes and times by kind of image, and those of whole bags."""
+    images = _walk(frames)
+    print(
+        f'{frames} frames of {_CAMERA} of a Go1 that moves at {_SPEED} m/s through the lab, '
+        f'{_USECASE}; CPU time of this thread'
+    )
+    for kind, stack in images.items():
+        _print_image(kind, stack, rounds)
+    _print_bags(images, rounds)
+
+
+def _walk(frames: int) -> dict[str, np.ndarray]:
+    intrinsics = flexx2().intrinsics
+    model = build_model(intrinsics=intrinsics)
+    data = mujoco.MjData(model)
+    stand(model, data)
+    renderer = open_renderer(model, intrinsics, 'auto')
+    pairs = []
+    for _ in range(frames):
+        mujoco.mj_forward(model, data)
+        pairs.append(tuple(np.array(image) for image in renderer.render(data, _CAMERA)))
+        data.qpos[0] += _SPEED / _RATE_HZ
+    renderer.close()
+    clean, reflectivity = (
+        np.stack(stack).astype(np.float32) for stack in zip(*pairs, strict=True)
+    )
+    stamps = np.arange(frames) / _RATE_HZ
+    camera = Camera(_USECASE, seed=1, name=_CAMERA)
+    simulated = camera.capture(clean, intrinsics.matrix, stamp=stamps, reflectivity=reflectivity)
+    return {'simulated': simulated.depth, 'clean': clean, 'reflectivity': reflectivity}
+
+
+def _print_image(kind: str, stack: np.ndarray, rounds: int) -> None:
+    data = stack.tobytes()
+    chunks = [data[at : at + _CHUNK] for at in range(0, len(data), _CHUNK)]
+    ways = {f'zstd {level}': partial(zstd.compress, level=level) for level in _LEVELS}
+    ways['lz4'] = lz4.frame.compress
+    sizes = {name: sum(len(way(chunk)) for chunk in chunks) for name, way in ways.items()}
+    times = side_by_side(
+        {name: partial(_each, way, chunks) for name, way in ways.items()},
+        rounds,
+        time.process_time,
+    )
+    if kind != 'reflectivity':
+        started = time.process_time()
+        sizes[_LOSSY] = sum(len(_compressed_depth(image)) for image in stack)
+        times[_LOSSY] = 1e3 * (time.process_time() - started)
+    print(f'\n{kind}: {len(data) / len(stack) / 1e3:.0f} kB a frame')
+    for name, size in sizes.items():
+        print(
+            f'  {name:20s} {len(data) / size:6.2f} times smaller, '
+            f'{times[name] / len(stack):6.3f} ms a frame'
+        )
+
+
+def _each(function: Callable[[bytes], object], items: Iterable[bytes]) -> None:
+    for item in items:
+        function(item)
+
+
+def _compressed_depth(depth: np.ndarray) -> bytes:
+    # As compressed_depth_image_transport does: steps of the inverse depth.
+    slope = _QUANTIZATION * (_QUANTIZATION + 1)
+    with np.errstate(divide='ignore', invalid='ignore'):
+        steps = slope / depth + (1 - slope / _DEPTH_MAX)
+    steps = np.where((depth > 0) & (depth < _DEPTH_MAX), steps, 0)
+    buffer = io.BytesIO()
+    Image.fromarray(steps.astype(np.uint16)).save(buffer, 'png', compress_level=_PNG_LEVEL)
+    return buffer.getvalue()
+
+
+def _print_bags(images: Mapping[str, np.ndarray], rounds: int) -> None:
+    where = topics_of(_CAMERA)
+    topics = dict(zip(images, (where.depth, where.clean, where.reflectivity), strict=True))
+    frames = len(images['clean'])
+    encoded = [
+        (topics[kind], stamp, messages.encode_image(stamp, _CAMERA, stack[number]))
+        for number in range(frames)
+        for kind, stack in images.items()
+        for stamp in [number * 10**9 // _RATE_HZ]
+    ]
+    with tempfile.TemporaryDirectory() as folder:
+        sizes = {}
+
+        def write(storage: str, compression: str) -> None:
+            path = Path(folder) / f'{storage}_{compression}_{len(list(Path(folder).iterdir()))}'
+            with BagWriter(path, storage, compression) as writer:
+                for topic, stamp, data in encoded:
+                    writer.write(topic, messages.IMAGE, stamp, data)
+            sizes[f'{storage}, {compression}'] = sum(
+                file.stat().st_size for file in path.iterdir()
+            )
+
+        ways = [('mcap', 'none'), ('mcap', 'zstd'), ('sqlite3', 'none')]
+        times = side_by_side(
+            {', '.join(way): partial(write, *way) for way in ways}, rounds, time.process_time
+        )
+    print(f'\nbags of all three, zstd at level {ZSTD_LEVEL}')
+    for name, size in sizes.items():
+        ratio = sizes['mcap, none'] / size
+        relative = times[name] / times['mcap, none']
+        print(
+            f'  {name:20s} {size / frames / 1e3:6.0f} kB a frame, {ratio:5.2f} times smaller, '
+            f'{times[name] / frames:6.3f} ms a frame ({relative:.2f} x)'
+        )
