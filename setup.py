@@ -91,6 +91,7 @@ setup(
             'flake8-docstrings',
             'flake8-import-order',
             'flake8-quotes',
+            'foxglove-sdk>=0.30',
             'furo',
             'hypothesis',
             'mcap',

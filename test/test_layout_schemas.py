@@ -1,0 +1,147 @@
+"""The layouts for RViz and Foxglove have only settings that these programs know."""
+
+from copy import deepcopy
+import dataclasses
+import json
+import re
+import types
+import typing
+from typing import Any
+
+from flexx2_sim_ros.paths import config_dir
+import pytest
+from rviz_properties import DISPLAY, DISPLAYS, GLOBAL, PANELS, problems, TOOLS, VIEWS
+import yaml
+
+RVIZ = yaml.safe_load((config_dir() / 'flexx2.rviz').read_text())
+FOXGLOVE = json.loads((config_dir() / 'foxglove.json').read_text())
+# The panels of Foxglove as layouts of its app name them, and the classes of its SDK.
+CONFIGS = {
+    '3D': 'ThreeDeeConfig',
+    'Image': 'ImageConfig',
+    'Teleop': 'TeleopConfig',
+    'Plot': 'PlotConfig',
+    'DiagnosticSummary': 'DiagnosticsSummaryConfig',
+}
+
+
+def rviz_problems(layout: Any) -> list[str]:
+    """Return what RViz would ignore."""
+    manager = layout['Visualization Manager']
+    found = problems(GLOBAL, manager['Global Options'], 'Global Options')
+    for parts, kinds in (
+        (manager['Displays'], {name: DISPLAY | kind for name, kind in DISPLAYS.items()}),
+        (layout['Panels'], {n: {'Class': str, 'Name': str} | kind for n, kind in PANELS.items()}),
+        ([manager['Views']['Current']], VIEWS),
+        (manager['Tools'], {name: {'Class': str} for name in TOOLS}),
+    ):
+        for part in parts:
+            kind = kinds.get(part['Class'])
+            if kind is None:
+                found.append(f'there is no class {part["Class"]}')
+            else:
+                found += problems(kind, part, part.get('Name', part['Class']))
+    return found
+
+
+def foxglove_problems(layout: Any) -> list[str]:
+    """Return what Foxglove would ignore, by the classes of its SDK."""
+    layouts = pytest.importorskip('foxglove.layouts')
+    found = []
+    for panel, config in layout['configById'].items():
+        name = panel.partition('!')[0]
+        if name == 'Parameters':  # The SDK leaves its settings open.
+            continue
+        own = {key: value for key, value in config.items() if key != 'foxglovePanelTitle'}
+        found += unlike(getattr(layouts, CONFIGS[name]), own, panel)
+    return found
+
+
+def unlike(kind: Any, value: Any, where: str) -> list[str]:
+    """Return what a value of JSON has that a type of the SDK does not."""
+    origin, parts = typing.get_origin(kind), typing.get_args(kind)
+    if origin in (typing.Union, types.UnionType):
+        wrong = [unlike(part, value, where) for part in parts if part is not type(None)]
+        return min(wrong, key=len)
+    if origin is typing.Literal:
+        return [] if value in parts else [f'{where}: must be one of {parts}, got {value!r}']
+    if dataclasses.is_dataclass(kind):
+        return unlike_class(kind, value, where)
+    if origin is tuple and isinstance(value, list) and len(value) == len(parts):
+        pairs = enumerate(zip(parts, value, strict=True))
+        return [line for at, (part, one) in pairs for line in unlike(part, one, f'{where}[{at}]')]
+    if origin is list and isinstance(value, list):
+        return [line for one in value for line in unlike(parts[0], one, f'{where}[]')]
+    if origin is dict and isinstance(value, dict):
+        return [line for key, one in value.items() for line in unlike(parts[1], one, key)]
+    wanted = (int, float) if kind is float else origin or kind
+    right = isinstance(value, wanted) and (kind is bool or not isinstance(value, bool))
+    return [] if right else [f'{where}: must be {kind}, got {value!r}']
+
+
+def unlike_class(kind: Any, value: Any, where: str) -> list[str]:
+    """Return what an object of JSON has that a class of the SDK does not."""
+    if not isinstance(value, dict):
+        return [f'{where}: must be an object, got {value!r}']
+    hints = typing.get_type_hints(kind)
+    names = {re.sub('_(.)', lambda found: found[1].upper(), name): name for name in hints}
+    found = []
+    for key, one in value.items():
+        if key in names:
+            found += unlike(hints[names[key]], one, f'{where}.{key}')
+        else:
+            found.append(f'{where}: {kind.__name__} has no {key}')
+    return found
+
+
+def test_rviz_knows_every_property() -> None:
+    assert rviz_problems(RVIZ) == []
+
+
+@pytest.mark.parametrize(
+    ('path', 'value'),
+    [
+        (('Displays', 0, 'Cell size'), 1),
+        (('Displays', 0, 'Plane'), 'ZX'),
+        (('Displays', 4, 'Topic', 'Reliability Policy'), 'Best effort'),
+        (('Displays', 4, 'Autocompute Value Bounds'), False),
+        (('Displays', 6, 'Max Value'), 'far'),
+        (('Displays', 6, 'Class'), 'rviz/Image'),
+        (('Views', 'Current', 'Focal Point', 'x'), 1),
+    ],
+)
+def test_mistakes_in_an_rviz_layout_are_found(path: tuple[Any, ...], value: Any) -> None:
+    layout = deepcopy(RVIZ)
+    *parents, name = path
+    part = layout['Visualization Manager']
+    for parent in parents:
+        part = part[parent]
+    part[name] = value
+    assert len(rviz_problems(layout)) == 1
+
+
+def test_foxglove_knows_every_setting() -> None:
+    assert foxglove_problems(FOXGLOVE) == []
+
+
+@pytest.mark.parametrize(
+    ('path', 'value'),
+    [
+        (('3D!robot', 'followMode'), 'pose'),
+        (('3D!robot', 'scene', 'transforms', 'axisScale'), 0.4),
+        (('3D!robot', 'cameraState', 'target'), [0, 0]),
+        (('3D!robot', 'topics', '/odom', 'visible'), 'yes'),
+        (('Image!clean_left', 'imageMode', 'topic'), '/depth'),
+        (('Image!clean_left', 'imageMode', 'colorMap'), 'viridis'),
+        (('Teleop!drive', 'upButton', 'value'), True),
+        (('Plot!joints', 'paths', 0, 'timestampMethod'), 'header'),
+    ],
+)
+def test_mistakes_in_a_foxglove_layout_are_found(path: tuple[Any, ...], value: Any) -> None:
+    layout = deepcopy(FOXGLOVE)
+    *parents, name = path
+    part = layout['configById']
+    for parent in parents:
+        part = part[parent]
+    part[name] = value
+    assert len(foxglove_problems(layout)) == 1
