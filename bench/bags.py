@@ -13,6 +13,7 @@ from flexx2_sim_ros.recording import bag_messages as messages
 from flexx2_sim_ros.recording.bag_cameras import topics_of
 from flexx2_sim_ros.recording.bag_writer import BagWriter
 from flexx2_sim_ros.recording.checksums import zstd, ZSTD_LEVEL
+from flexx2_sim_ros.rendering.materials import reflectivity_table
 from flexx2_sim_ros.rendering.renderer import open_renderer
 from flexx2_sim_ros.robots.model import build_model, stand
 import lz4.frame  # type: ignore[import-untyped]
@@ -47,16 +48,16 @@ def _walk(frames: int) -> dict[str, np.ndarray]:
     model = build_model(intrinsics=intrinsics)
     data = mujoco.MjData(model)
     stand(model, data)
-    renderer = open_renderer(model, intrinsics, 'auto')
-    pairs = []
+    renderer, table = open_renderer(model, intrinsics, 'auto'), reflectivity_table(model)
+    depths, reflectivities = [], []
     for _ in range(frames):
         mujoco.mj_forward(model, data)
-        pairs.append(tuple(np.array(image) for image in renderer.render(data, _CAMERA)))
+        depth, geom_id = renderer.render(data, _CAMERA)
+        depths.append(depth.copy())
+        reflectivities.append(table[geom_id])
         data.qpos[0] += _SPEED / _RATE_HZ
     renderer.close()
-    clean, reflectivity = (
-        np.stack(stack).astype(np.float32) for stack in zip(*pairs, strict=True)
-    )
+    clean, reflectivity = np.stack(depths), np.stack(reflectivities)
     stamps = np.arange(frames) / _RATE_HZ
     camera = Camera(_USECASE, seed=1, name=_CAMERA)
     simulated = camera.capture(clean, intrinsics.matrix, stamp=stamps, reflectivity=reflectivity)

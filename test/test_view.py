@@ -151,8 +151,8 @@ def test_the_page_shows_the_numbers_of_the_stream(scene: Scene) -> None:
             page.until(f'parseFloat({part(camera, name)}.textContent) > 0')
         assert 0 <= float(page.evaluate(f'parseFloat({part(camera, "invalid")}.textContent)')) < 90
         assert page.evaluate(f'{part(camera, "problem")}.textContent') == ''
-        assert page.evaluate(f'{part(camera, "usecase")}.value') == scene.usecase(camera)
-        assert page.evaluate(f'{part(camera, "usecase")}.options.length') == 9
+        assert page.evaluate(f'{part(camera, "choice")}.value') == scene.usecase(camera)
+        assert page.evaluate(f'{part(camera, "choice")}.options.length') == 9
 
 
 def test_pointing_at_a_pixel_reads_it_and_dragging_turns_the_cloud(scene: Scene) -> None:
@@ -188,7 +188,7 @@ def test_choosing_a_mode_sets_it_on_the_node(scene: Scene) -> None:
 
     def choose(usecase: str) -> None:
         page.evaluate(
-            f'(() => {{ const select = {part("front_left", "usecase")};'
+            f'(() => {{ const select = {part("front_left", "choice")};'
             f'select.value = "{usecase}"; select.dispatchEvent(new Event("change"));'
             '})()'
         )
@@ -201,7 +201,7 @@ def test_choosing_a_mode_sets_it_on_the_node(scene: Scene) -> None:
     # What the node refuses is shown with its reason, and the selector says what is.
     # In one script: the page drops options that the node does not have.
     page.evaluate(
-        f'(() => {{ const select = {part("front_left", "usecase")};'
+        f'(() => {{ const select = {part("front_left", "choice")};'
         'select.add(new Option("Mode_9_31fps")); select.value = "Mode_9_31fps";'
         'select.dispatchEvent(new Event("change")); })()'
     )
@@ -209,13 +209,13 @@ def test_choosing_a_mode_sets_it_on_the_node(scene: Scene) -> None:
     said = page.evaluate(f'{answer}.textContent')
     assert 'Mode_9_31fps' in said
     assert 'Mode_9_30fps' in said
-    page.until(f'{part("front_left", "usecase")}.value === "Mode_5_60fps"')
+    page.until(f'{part("front_left", "choice")}.value === "Mode_5_60fps"')
     assert scene.usecase('front_left') == 'Mode_5_60fps'
     # What somebody else sets is shown as well.
     client = scene.clients['front_right']
     result = scene.user.wait(client.set_parameters([Parameter('usecase', value='Mode_9_15fps')]))
     assert result.results[0].successful
-    page.until(f'{part("front_right", "usecase")}.value === "Mode_9_15fps"')
+    page.until(f'{part("front_right", "choice")}.value === "Mode_9_15fps"')
 
 
 def test_sliders_set_effects_on_the_node(scene: Scene) -> None:

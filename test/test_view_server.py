@@ -1,28 +1,24 @@
-"""The page's server without ROS: who is let in, what a slow browser gets, what is refused."""
+"""The page on live cameras without ROS: what browsers get, what they may send."""
 
 import asyncio
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from itertools import count
 import json
-from pathlib import Path
 import socket
 from typing import Any
-from urllib.error import HTTPError
-from urllib.request import Request, urlopen
 
-from browser import chromium
 from flexx2_sim_ros.camera import Intrinsics
-from flexx2_sim_ros.physics.geometry import pixel_rays
 from flexx2_sim_ros.view import server as server_module
+from flexx2_sim_ros.view import web
 from flexx2_sim_ros.view.access import Access
-from flexx2_sim_ros.view.packing import pack, ViewedFrame
-from flexx2_sim_ros.view.server import bind, Server
+from flexx2_sim_ros.view.packing import ViewedFrame
+from flexx2_sim_ros.view.server import Server
+from flexx2_sim_ros.view.web import bind
 import numpy as np
 import pytest
 from tornado.httpclient import HTTPClientError
-import views
-from views import run
+from views import connect_to, run, serve_source, Source
 
 CAMERA = Intrinsics(4, 3, 3.0, 3.0, 1.5, 1.0)
 
@@ -32,55 +28,15 @@ def shot(number: int, metres: float = 1.5) -> ViewedFrame:
     return ViewedFrame(number, number * 10**9, depth, depth, CAMERA)
 
 
-class Source:
-    """Something to show, which writes down what it is asked for."""
-
-    def __init__(self) -> None:
-        self.shots: dict[str, ViewedFrame] = {}
-        self.status = '{}'
-        self.asked: list[Any] = []
-        self.complaints: list[str] = []
-
-    def watch(self, watched: bool) -> None:
-        self.asked.append(('watch', watched))
-
-    def drive(self, page: object, velocity: tuple[float, float, float]) -> bool:
-        self.asked.append(('drive', velocity))
-        return velocity[0] >= 0
-
-    def leave(self, page: object) -> None:
-        self.asked.append('leave')
-
-    def choose(self, camera: str, usecase: str) -> None:
-        self.asked.append((camera, usecase))
-
-    def adjust(self, camera: str, effect: str, strength: float) -> None:
-        self.asked.append((camera, effect, strength))
-
-    def complain(self, text: str) -> None:
-        self.complaints.append(text)
-
-
 @pytest.fixture
 def served() -> Iterator[tuple[Server, Source]]:
-    source = Source()
-    server = Server(bind('127.0.0.1', 0), Access('127.0.0.1'), source)
-    server.start()
-    yield server, source
-    server.stop()
+    with serve_source() as pair:
+        yield pair
 
 
 async def until(condition: Callable[[], Any]) -> None:
     while not condition():
         await asyncio.sleep(0.005)
-
-
-def connect(server: Server, origin: str = '', host: str = '') -> Any:
-    """Return a future of a websocket, as a page from an origin opens it."""
-    address = f'http://127.0.0.1:{server.port}'
-    return views.connect(
-        address, Origin=origin or address, Host=host or f'127.0.0.1:{server.port}'
-    )
 
 
 async def frame(client: Any) -> dict[str, Any]:
@@ -94,7 +50,7 @@ def test_a_slow_browser_gets_the_newest_frame_and_no_others(served: tuple[Server
     server, source = served
 
     async def work() -> None:
-        slow, fast = await connect(server), await connect(server)
+        slow, fast = await connect_to(server), await connect_to(server)
         seen = []
         for number in range(1, 31):
             source.shots = {'left': shot(number), 'right': shot(number + 100)}
@@ -133,7 +89,7 @@ def test_pages_survive_a_camera_that_ends_while_a_frame_waits(
     server, source = served
 
     async def work() -> None:
-        client = await connect(server)
+        client = await connect_to(server)
         assert await client.read_message() == '{}'
         frames = {'left': shot(1)}
         # Every third look finds the frames gone: the one that is to send them.
@@ -156,7 +112,7 @@ def test_pages_get_the_status_and_send_requests(served: tuple[Server, Source]) -
 
     async def work() -> None:
         source.status = '{"cameras": []}'
-        client = await connect(server)
+        client = await connect_to(server)
         assert await client.read_message() == '{"cameras": []}'
         await client.write_message('{"drive": [0.5, 0, -1]}')
         await client.write_message('{"usecase": ["left", "Mode_5_60fps"]}')
@@ -202,7 +158,7 @@ def test_invalid_messages_end_only_their_connection(
     server, source = served
 
     async def work() -> None:
-        client = await connect(server)
+        client = await connect_to(server)
         await client.write_message(message, binary=isinstance(message, bytes))
         while await client.read_message() is not None:
             pass
@@ -210,7 +166,7 @@ def test_invalid_messages_end_only_their_connection(
         # The next one is served as if nothing had been.
         source.shots = {'left': shot(7)}
         server.wake()
-        assert (await frame(await connect(server)))['stamp'] == 7
+        assert (await frame(await connect_to(server)))['stamp'] == 7
 
     run(work())
     assert not [entry for entry in source.asked if entry[0] in ('drive', 'left')]
@@ -256,7 +212,7 @@ def test_broken_frames_end_the_connection_quietly(
 
 def test_a_page_that_answers_no_ping_is_disconnected(monkeypatch: pytest.MonkeyPatch) -> None:
     """Assert it of a browser whose machine or network is lost; the robot is then stopped."""
-    monkeypatch.setattr(server_module, '_PING_SECONDS', 0.1)
+    monkeypatch.setattr(web, '_PING_SECONDS', 0.1)
     source = Source()
     server = Server(bind('127.0.0.1', 0), Access('127.0.0.1'), source)
     server.start()
@@ -277,27 +233,27 @@ def test_requests_of_a_page_do_not_fill_the_servers_memory(
     source.shots = {'left': shot(1)}
 
     async def work() -> None:
-        client = await connect(server)
+        client = await connect_to(server)
         for number in range(1000):
             await client.write_message(json.dumps({'drawn': f'camera_{number}'}))
         await client.write_message('{"drive": [1, 0, 0]}')
         await until(lambda: ('drive', (1.0, 0.0, 0.0)) in source.asked)
         (live,) = server._clients
         assert live._undrawn == {'left': 1}
-        other = await connect(server)
+        other = await connect_to(server)
         with pytest.raises(HTTPClientError) as error:
-            await connect(server)
+            await connect_to(server)
         assert error.value.code == 503
         other.close()
         await until(lambda: 'leave' in source.asked)
-        (await connect(server)).close()
+        (await connect_to(server)).close()
 
     run(work())
 
 
 def test_a_page_learns_whether_the_robot_obeys(served: tuple[Server, Source]) -> None:
     async def work() -> None:
-        client = await connect(served[0])
+        client = await connect_to(served[0])
         assert await client.read_message() == '{}'
         for forward in (1, -1, -1):
             await client.write_message(json.dumps({'drive': [forward, 0, 0]}))
@@ -306,109 +262,3 @@ def test_a_page_learns_whether_the_robot_obeys(served: tuple[Server, Source]) ->
         assert json.loads(await client.read_message()) == {'obeyed': True}
 
     run(work())
-
-
-@pytest.mark.parametrize(
-    ('origin', 'host'),
-    [
-        ('http://evil.example', ''),
-        ('https://127.0.0.1', ''),
-        ('http://localhost:3000', ''),
-        ('null', ''),
-        ('http://evil.example', 'evil.example'),
-        ('http://evil.example:{port}', 'evil.example:{port}'),
-        ('http://127.0.0.1.evil.example:{port}', '127.0.0.1.evil.example:{port}'),
-    ],
-)
-def test_a_page_from_elsewhere_is_refused(
-    served: tuple[Server, Source], origin: str, host: str
-) -> None:
-    server, source = served
-
-    async def work() -> None:
-        with pytest.raises(HTTPClientError) as error:
-            await connect(server, origin.format(port=server.port), host.format(port=server.port))
-        assert error.value.code == 403
-
-    run(work())
-    assert source.asked == []
-
-
-@pytest.mark.parametrize(
-    'host',
-    [
-        'localhost:{port}',
-        '127.0.0.1:{port}',
-        '[::1]:{port}',
-        'localhost:9000',
-        '192.168.1.7:{port}',
-    ],
-)
-def test_requests_to_the_machines_own_addresses_are_accepted(
-    served: tuple[Server, Source], host: str
-) -> None:
-    server, _ = served
-    host = host.format(port=server.port)
-
-    async def work() -> None:
-        (await connect(server, f'http://{host}', host)).close()
-
-    run(work())
-
-
-def status_of(port: int, path: str, **headers: str) -> tuple[int, Any]:
-    try:
-        with urlopen(Request(f'http://127.0.0.1:{port}{path}', headers=headers)) as answer:
-            return answer.status, answer.headers
-    except HTTPError as error:
-        return error.code, error.headers
-
-
-def test_the_page_loads_nothing_from_elsewhere(served: tuple[Server, Source]) -> None:
-    server, _ = served
-    for path in (
-        '/',
-        '/view.js',
-        '/draw.js',
-        '/cloud.js',
-        '/rays.js',
-        '/drive.js',
-        '/colours.js',
-        '/style.css',
-        '/icon.svg',
-    ):
-        code, headers = status_of(server.port, path)
-        assert code == 200
-        assert "default-src 'none'" in headers['Content-Security-Policy']
-        assert 'http' not in headers['Content-Security-Policy']
-        assert headers['X-Content-Type-Options'] == 'nosniff'
-    for path in ('/nothing', '/../setup.py', '/index.html/..', '/live'):
-        assert status_of(server.port, path)[0] in (400, 404)
-    assert status_of(server.port, '/', Host='evil.example')[0] == 403
-
-
-@pytest.mark.parametrize(
-    'distortion',
-    [
-        (0.0,) * 5,
-        (-0.25, 0.05, 0.001, -0.002, 0.0),
-        (2.0, 0.0, 0.0, 0.0, 0.0),  # The corners cannot be inverted.
-        (2.0, 1.3, 0.001, -0.002, 0.07, 2.4, 2.0, 0.37),
-    ],
-)
-def test_the_point_cloud_is_undistorted(
-    served: tuple[Server, Source], tmp_path: Path, distortion: tuple[float, ...]
-) -> None:
-    camera = Intrinsics(56, 43, 52.6, 53.2, 27.1, 21.4, distortion)
-    message = pack('left', ViewedFrame(1, 0, np.ones((43, 56), np.float32), None, camera))
-    head = message[4 : 4 + int.from_bytes(message[:4], 'little')].decode()
-    with chromium(tmp_path) as page:
-        page.open(f'http://127.0.0.1:{served[0].port}/')
-        rays = page.evaluate(
-            f'import("/rays.js").then(({{ Rays }}) => {{'
-            f'const {{ x, y }} = new Rays().of({head});'
-            'return [x, y].map((part) => Array.from(part, String)); })'
-        )
-    np.testing.assert_allclose(
-        np.array(rays, float).reshape(2, 43, 56), pixel_rays(camera), atol=1e-6
-    )

@@ -24,7 +24,7 @@ def run_where_no_browser_is(**env: str) -> 'subprocess.CompletedProcess[str]':
             '2',
             '-p',
             'no:cacheprovider',
-            'test/test_view_server.py',
+            'test/test_view_web.py',
             '-k',
             'point_cloud_is_undistorted',
         ],

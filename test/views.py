@@ -1,7 +1,8 @@
-"""`flexx2 view` as a process, and pages without a browser."""
+"""`flexx2 view` as a process, its server with a made-up source, and pages without a browser."""
 
 import asyncio
-from collections.abc import Coroutine
+from collections.abc import Coroutine, Iterator
+from contextlib import contextmanager
 import os
 from pathlib import Path
 import select
@@ -11,6 +12,10 @@ import sys
 from typing import Any
 from urllib.parse import urlsplit
 
+from flexx2_sim_ros.view.access import Access
+from flexx2_sim_ros.view.packing import ViewedFrame
+from flexx2_sim_ros.view.server import Server
+from flexx2_sim_ros.view.web import bind
 from tornado.httpclient import HTTPRequest
 from tornado.websocket import websocket_connect
 
@@ -88,3 +93,50 @@ def run(work: Coroutine[Any, Any, None]) -> None:
         await asyncio.wait_for(work, PATIENCE)
 
     asyncio.run(bounded())
+
+
+class Source:
+    """Something to show, which writes down what it is asked for."""
+
+    def __init__(self) -> None:
+        self.shots: dict[str, ViewedFrame] = {}
+        self.status = '{}'
+        self.asked: list[Any] = []
+        self.complaints: list[str] = []
+
+    def watch(self, watched: bool) -> None:
+        self.asked.append(('watch', watched))
+
+    def drive(self, page: object, velocity: tuple[float, float, float]) -> bool:
+        self.asked.append(('drive', velocity))
+        return velocity[0] >= 0
+
+    def leave(self, page: object) -> None:
+        self.asked.append('leave')
+
+    def choose(self, camera: str, usecase: str) -> None:
+        self.asked.append((camera, usecase))
+
+    def adjust(self, camera: str, effect: str, strength: float) -> None:
+        self.asked.append((camera, effect, strength))
+
+    def complain(self, text: str) -> None:
+        self.complaints.append(text)
+
+
+@contextmanager
+def serve_source() -> Iterator[tuple[Server, Source]]:
+    """Serve the page with a source."""
+    source = Source()
+    server = Server(bind('127.0.0.1', 0), Access('127.0.0.1'), source)
+    server.start()
+    try:
+        yield server, source
+    finally:
+        server.stop()
+
+
+def connect_to(server: Server, origin: str = '', host: str = '') -> Any:
+    """Return a future of a websocket, as a page from an origin opens it."""
+    address = f'http://127.0.0.1:{server.port}'
+    return connect(address, Origin=origin or address, Host=host or f'127.0.0.1:{server.port}')

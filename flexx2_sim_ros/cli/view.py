@@ -1,4 +1,4 @@
-"""`flexx2 view`: show the cameras live in a browser."""
+"""`flexx2 view`: show live cameras, recordings or a diagnosis in a browser."""
 
 import argparse
 from collections.abc import Callable, Iterator
@@ -8,6 +8,7 @@ import importlib.util
 import os
 from pathlib import Path
 import shutil
+import signal
 import socket
 import sys
 import tempfile
@@ -16,6 +17,7 @@ import webbrowser
 
 from flexx2_sim_ros.cli.argument_types import whole_number
 from flexx2_sim_ros.cli.children import camera_command, check, nodes
+from flexx2_sim_ros.cli.common import add_profile
 from flexx2_sim_ros.cli.ros import ros
 from flexx2_sim_ros.errors import InputError
 
@@ -27,12 +29,23 @@ def add_parser(commands: Any) -> None:
     """Add the subcommand."""
     parser = commands.add_parser(
         'view',
-        help='show all cameras in a browser, switch modes, drive the robot',
-        description='Serve a page that shows clean and simulated depth, their difference and the '
-        'point cloud of all cameras while they stream. On the page you switch modes and drive '
-        'the robot with W A S D. Needs ROS 2.',
-        epilog='example: flexx2 view --demo',
+        help='show live cameras, recordings or a diagnosis in a browser; drive the robot',
+        description='Serve a page that shows depth, what it is compared with, their difference '
+        'and the point cloud of all cameras. Without PATH it shows the cameras that stream now '
+        '(needs ROS 2): on the page you switch modes and drive the robot with W A S D. PATH is a '
+        'recording (.npz or bag) or a folder of recordings: their depth is compared with the '
+        'ground truth and with a simulation at it. If PATH is a folder that flexx2 gap diagnose '
+        'has written, CAMPAIGN is the folder of its recordings: their depth is also compared '
+        'with a simulation with the diagnosed effects.',
+        epilog='examples: flexx2 view --demo; flexx2 view walk; flexx2 view diagnosis recordings',
     )
+    parser.add_argument(
+        'path', nargs='?', type=Path, metavar='PATH', help='recording, folder or diagnosis'
+    )
+    parser.add_argument(
+        'campaign', nargs='?', type=Path, metavar='CAMPAIGN', help='recordings of the diagnosis'
+    )
+    add_profile(parser)
     parser.add_argument(
         '--demo', action='store_true', help='also start a Go1 with two camera nodes'
     )
@@ -52,7 +65,7 @@ def add_parser(commands: Any) -> None:
         nargs='+',
         default=[],
         metavar='NAME',
-        help='show only these (namespaces or nodes)',
+        help='show only these (namespaces or nodes; in bags: names of cameras)',
     )
     parser.add_argument(
         '--cmd-vel',
@@ -70,7 +83,8 @@ def add_parser(commands: Any) -> None:
     parser.add_argument(
         '--no-token',
         action='store_true',
-        help='do not ask for a token: everybody who reaches the address can drive the robot',
+        help='do not ask for a token: everybody who reaches the address can open the page and '
+        'drive the robot',
     )
     parser.add_argument(
         '--port',
@@ -86,21 +100,44 @@ def add_parser(commands: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Serve until told to stop."""
+    if arguments.path is not None and arguments.demo:
+        raise InputError('--demo: must be left out with PATH, got both')
     if importlib.util.find_spec('tornado') is None:
         raise InputError(
             'tornado is not installed: pip install "flexx2_sim_ros[view]", or '
             'apt install python3-tornado'
         )
     from flexx2_sim_ros.view.access import Access, is_loopback, new_token
-    from flexx2_sim_ros.view.server import bind, Server
+    from flexx2_sim_ros.view.web import bind
 
     # The port is bound first: if that fails, nothing is started.
     sockets = bind(arguments.host, arguments.port)
     is_open = is_loopback(arguments.host) or arguments.no_token
     access = Access(arguments.host, '' if is_open else new_token())
+    if arguments.path is not None:
+        return _show_files(arguments, sockets, access)
+    return _show_live(arguments, sockets, access)
+
+
+def _show_files(arguments: argparse.Namespace, sockets: list[socket.socket], access: Any) -> int:
+    from flexx2_sim_ros.cli.view_files import open_files
+    from flexx2_sim_ros.view.playback import PlaybackServer
+
+    recordings, headline = open_files(
+        arguments.path, arguments.campaign, arguments.cameras, arguments.profile
+    )
+    server = PlaybackServer(sockets, access, recordings, headline)
+    server.start()
+    _say_where(access, server.port, not arguments.no_browser, 'see these recordings')
+    while True:  # Ctrl-C and SIGTERM end the process.
+        signal.pause()
+
+
+def _show_live(arguments: argparse.Namespace, sockets: list[socket.socket], access: Any) -> int:
     with ExitStack() as stack:
         stopped = stack.enter_context(ros())
         from flexx2_sim_ros.nodes.viewer import Viewer
+        from flexx2_sim_ros.view.server import Server
         from rclpy.exceptions import InvalidTopicNameException
 
         try:
@@ -113,7 +150,7 @@ def run(arguments: argparse.Namespace) -> int:
         server.start()
         stack.callback(server.stop)
         look_after = stack.enter_context(_demo(arguments))
-        _say_where(access, server.port, not arguments.no_browser)
+        _say_where(access, server.port, not arguments.no_browser, 'drive the robot')
         _spin(viewer, stopped, look_after)
     return stopped.status
 
@@ -146,7 +183,7 @@ def _demo(arguments: argparse.Namespace) -> Iterator[Callable[[], None]]:
     shutil.rmtree(folder)
 
 
-def _say_where(access: Any, port: int, with_browser: bool) -> None:
+def _say_where(access: Any, port: int, with_browser: bool, others_can: str) -> None:
     from flexx2_sim_ros.view.access import address, is_loopback
 
     everywhere = access.host in _EVERYWHERE
@@ -160,8 +197,7 @@ def _say_where(access: Any, port: int, with_browser: bool) -> None:
     if not is_loopback(access.host):
         who = 'has this address' if access.token else 'reaches this machine'
         print(
-            f'warning: --host {access.host}: everybody who {who} can drive the robot',
-            file=sys.stderr,
+            f'warning: --host {access.host}: everybody who {who} can {others_can}', file=sys.stderr
         )
     # Without a display, a text browser would open in this terminal.
     has_screen = (

@@ -1,38 +1,27 @@
 """
-The server of the page: its files, and a websocket for each browser.
+The page on live cameras: a websocket for each browser.
 
 A browser gets a camera's newest frame when at most one earlier frame is not drawn yet. A slow
-browser or a hidden tab gets fewer frames and does not delay the others. Access is controlled in
-`flexx2_sim_ros.view.access`.
+browser or a hidden tab gets fewer frames and does not delay the others.
 """
 
 import asyncio
-import errno
-from importlib import resources
 import json
 import socket
-import threading
 from typing import Any, Protocol
 
-from flexx2_sim_ros.errors import InputError, shown
+from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.view.access import Access
-from flexx2_sim_ros.view.colours import depth_table, difference_table, INVALID
 from flexx2_sim_ros.view.packing import pack, ViewedFrame
 from flexx2_sim_ros.view.requests import Adjust, Choose, Drawn, Drive, parse
-from tornado.httpserver import HTTPServer
+from flexx2_sim_ros.view.web import Guarded, WebServer
 from tornado.iostream import StreamClosedError
-from tornado.netutil import bind_sockets
-from tornado.web import Application, HTTPError, RequestHandler
+from tornado.web import HTTPError
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
-_TYPES = {'html': 'text/html', 'css': 'text/css', 'js': 'text/javascript', 'svg': 'image/svg+xml'}
 # Frames of a camera in transit: one that is being drawn, and one that arrives meanwhile.
 _AHEAD = 2
-_LONGEST_MESSAGE = 4096
 _MOST_PAGES = 100
-# A page that has not answered a ping before the next one is closed.
-_PING_SECONDS = 10.0
-_STOP_SECONDS = 3.0
 
 
 class Source(Protocol):
@@ -74,51 +63,20 @@ class Source(Protocol):
         """Log that a page has sent a wrong message."""
 
 
-def bind(host: str, port: int) -> list[socket.socket]:
+class Server(WebServer):
     """
-    Bind the port, before anything else is started.
-
-    Raises
-    ------
-    InputError
-        When the port is in use, or the address does not exist here.
-
-    """
-    if not 0 <= port <= 65535:
-        raise InputError(f'--port: must be 0 to 65535, got {port}')
-    try:
-        return bind_sockets(port, host)
-    except OSError as error:
-        if error.errno == errno.EADDRINUSE:
-            raise InputError(
-                f'--port: must be free, or 0 for any, got {port}, which is in use on {host}'
-            ) from error
-        if error.errno in (errno.EACCES, errno.EPERM):
-            raise InputError(
-                f'--port: must be 1024 or more for this user, or 0 for any, got {port}'
-            ) from error
-        raise InputError(
-            f'--host: must be an address of this machine, got {shown(host)}: '
-            f'{error.strerror or error}'
-        ) from error
-
-
-class Server:
-    """
-    Serve the page from a separate thread.
+    Serve the page with live cameras.
 
     Parameters
     ----------
-    sockets : list of socket.socket
-        From `bind`.
-    access : Access
-        Who may connect.
+    sockets, access
+        As for `WebServer`.
     source : Source
         What the page shows.
 
     Attributes
     ----------
-    access, source
+    source : Source
         As given.
     turn : asyncio.Lock
         Held while a frame is sent.
@@ -126,44 +84,29 @@ class Server:
     """
 
     def __init__(self, sockets: list[socket.socket], access: Access, source: Source) -> None:
-        """Read the files of the page."""
-        self.access, self.source = access, source
+        """Start without browsers."""
+        super().__init__(sockets, access, None)
+        self.source = source
         self.turn = asyncio.Lock()
-        self._sockets = sockets
         self._clients: set[Live] = set()
         self._packed: dict[str, tuple[ViewedFrame, bytes]] = {}
         self._awake = False
-        self._ready = threading.Event()
-        self._loop: asyncio.AbstractEventLoop | None = None
-        self._end: asyncio.Event
-        self._thread = threading.Thread(target=lambda: asyncio.run(self._serve()), daemon=True)
-        self._files = {'colours.js': _colours()}
-        for path in resources.files('flexx2_sim_ros.view').joinpath('page').iterdir():
-            if path.name.rpartition('.')[2] in _TYPES:
-                self._files[path.name] = path.read_bytes()
-
-    @property
-    def port(self) -> int:
-        """Return the port; for 0, the one that the system chose."""
-        return int(self._sockets[0].getsockname()[1])
-
-    def start(self) -> None:
-        """Start to answer requests."""
-        self._thread.start()
-        self._ready.wait()
 
     def wake(self) -> None:
         """Send what is new in the source. May be called from any thread."""
         # At most one call waits in the loop.
-        if self._loop is not None and not self._awake:
+        if self.loop is not None and not self._awake:
             self._awake = True
-            self._loop.call_soon_threadsafe(self._wake_all)
+            self.loop.call_soon_threadsafe(self._wake_all)
 
-    def stop(self) -> None:
-        """Close all connections and end the thread."""
-        if self._loop is not None:
-            self._loop.call_soon_threadsafe(self._end.set)
-            self._thread.join(_STOP_SECONDS)
+    def routes(self) -> list[Any]:
+        """Return the route of websockets."""
+        return [('/live', Live, {'server': self})]
+
+    def closing(self) -> None:
+        """Close all websockets."""
+        for client in tuple(self._clients):
+            client.close(1001, 'the server ends')
 
     def enter(self, client: 'Live') -> None:
         """Add a browser."""
@@ -191,95 +134,13 @@ class Server:
         """Return whether the limit of browsers is reached."""
         return len(self._clients) >= _MOST_PAGES
 
-    async def _serve(self) -> None:
-        self._loop, self._end = asyncio.get_running_loop(), asyncio.Event()
-        routes: list[Any] = [
-            (
-                '/' if name == 'index.html' else f'/{name}',
-                File,
-                {'server': self, 'name': name, 'body': body},
-            )
-            for name, body in self._files.items()
-        ]
-        application = Application(
-            [*routes, ('/live', Live, {'server': self})],
-            default_handler_class=File,
-            default_handler_args={'server': self, 'name': '', 'body': b''},
-            log_function=lambda _: None,
-            websocket_max_message_size=_LONGEST_MESSAGE,
-            websocket_ping_interval=_PING_SECONDS,
-        )
-        server = HTTPServer(application, max_body_size=0)
-        server.add_sockets(self._sockets)
-        self._ready.set()
-        await self._end.wait()
-        server.stop()
-        for client in tuple(self._clients):
-            client.close(1001, 'the server ends')
-        await server.close_all_connections()
-
     def _wake_all(self) -> None:
         self._awake = False
         for client in self._clients:
             client.news.set()
 
 
-class _Guarded(RequestHandler):
-    # Settings of both the page and the websocket.
-
-    def initialize(self, server: Server, **given: Any) -> None:
-        self.server, self.given = server, given
-
-    def prepare(self) -> None:
-        access, cookie = self.server.access, f'flexx2_view_{self.server.port}'
-        if not access.is_own(self.request.host):
-            raise HTTPError(403, reason='Host is not this machine')
-        if access.token and access.admits(self.get_query_argument('token', '')):
-            self.set_cookie(cookie, access.token, httponly=True, samesite='Strict')
-        elif not access.admits(self.get_cookie(cookie)):
-            raise HTTPError(
-                403,
-                reason='open the address that flexx2 view has printed: its '
-                'token is missing or wrong',
-            )
-
-    def write_error(self, status_code: int, **_: Any) -> None:
-        self.set_header('Content-Type', 'text/plain; charset=utf-8')
-        self.finish(f'{status_code}: {self._reason}\n')
-
-
-class File(_Guarded):
-    """A file of the page."""
-
-    def set_default_headers(self) -> None:
-        """Forbid the page to load from other hosts, and other pages to embed it."""
-        self.set_header(
-            'Content-Security-Policy',
-            (
-                "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; "
-                "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
-            ),
-        )
-        for name, value in (
-            ('Cache-Control', 'no-store'),
-            ('Referrer-Policy', 'no-referrer'),
-            ('Cross-Origin-Resource-Policy', 'same-origin'),
-            ('X-Content-Type-Options', 'nosniff'),
-        ):
-            self.set_header(name, value)
-        self.clear_header('Server')
-
-    def get(self) -> None:
-        """Answer with the file."""
-        name = self.given['name']
-        if not name:
-            raise HTTPError(404)
-        kind = _TYPES[name.rpartition('.')[2]]
-        self.set_header('Content-Type', f'{kind}; charset=utf-8')
-        self.finish(self.given['body'])
-
-
-class Live(_Guarded, WebSocketHandler):
+class Live(Guarded, WebSocketHandler):
     """
     A browser.
 
@@ -383,14 +244,3 @@ class Live(_Guarded, WebSocketHandler):
             sent = self.write_message(self.server.packed(name, shot), binary=True)
         # Waits until the bytes are sent, so that they do not pile up.
         await sent
-
-
-def _colours() -> bytes:
-    tables = {
-        'DEPTH': depth_table().tolist(),
-        'DIFFERENCE': difference_table().tolist(),
-        'INVALID': INVALID,
-    }
-    return '\n'.join(
-        f'export const {name} = {json.dumps(value)};' for name, value in tables.items()
-    ).encode()

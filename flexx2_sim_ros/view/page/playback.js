@@ -1,0 +1,218 @@
+// Recordings: a column for each camera, a slider over time, and what depth is compared with.
+import { unpack } from './draw.js';
+import { find, Panel } from './panel.js';
+
+const PERCENT = 100, MILLIMETRES = 1000, RETRY_MS = 1000;
+
+class Recorded extends Panel {
+  constructor(recording, camera, { name, usecase, stamps, references, notes }) {
+    super(name);
+    this.address = { recording, camera };
+    this.stamps = stamps;
+    this.wanted = null;
+    this.busy = false;
+    this.part.numbers.hidden = true;
+    this.part['recorded-numbers'].hidden = false;
+    this.part.answer.hidden = true;
+    this.part.mode.textContent = usecase || 'unknown';
+    this.part.notes.textContent = notes.join('; ');
+    this.part['choice-name'].textContent = 'compare with';
+    this.part.choice.setAttribute('aria-label', 'compare with');
+    this.part.choice.replaceChildren(...references.map(([key, text]) => new Option(text, key)));
+    this.part.choice.disabled = !references.length;
+    this.part.choice.addEventListener('change', () => { this.show(this.number); });
+    find('cameras').append(this.section);
+  }
+
+  // The newest request counts; one at a time is sent.
+  show(number) {
+    this.number = number;
+    this.wanted = number;
+    if (!this.busy) this.load();
+  }
+
+  async load() {
+    this.busy = true;
+    while (this.wanted !== null) {
+      const number = this.wanted;
+      const { value, selectedOptions } = this.part.choice;
+      this.wanted = null;
+      try {
+        const answer = await fetch(`frame?${new URLSearchParams({ ...this.address, number, reference: value })}`);
+        connected(true);
+        if (answer.ok) this.accept(number, unpack(await answer.arrayBuffer()), selectedOptions[0]?.text);
+        else this.part['recorded-problem'].textContent = await answer.text();
+      } catch {
+        connected(false);
+        clearTimeout(this.retry);
+        this.retry = setTimeout(() => this.show(this.number), RETRY_MS);
+      }
+    }
+    this.busy = false;
+  }
+
+  accept(number, frame, reference) {
+    this.part['recorded-problem'].textContent = '';
+    this.label('recorded depth', reference ?? 'no reference');
+    this.part['difference-name'].textContent = `recorded − ${short(reference)}`;
+    this.part['cloud-name'].textContent = 'recorded points';
+    this.part.number.textContent = `${number + 1} / ${this.stamps.length}`;
+    this.part.time.textContent = `${this.stamps[number].toFixed(3)} s`;
+    this.part['recorded-invalid'].textContent = `${(PERCENT * invalid(frame)).toFixed(1)} %`;
+    this.part.offset.textContent = medianDifference(frame);
+    this.take(frame);
+  }
+
+  remove() {
+    clearTimeout(this.retry);
+    super.remove();
+  }
+
+  // The frame at a time, in seconds.
+  at(time) {
+    return Math.max(0, after(this.stamps, time) - 1);
+  }
+}
+
+const short = (reference) => (reference ?? 'reference').replace(' depth', '').replace(/^simulated with.*/, 'diagnosed');
+
+function connected(is) {
+  const state = find('connection');
+  state.textContent = is ? 'recording' : 'connection lost';
+  state.className = is ? '' : 'off';
+  document.body.classList.toggle('lost', !is);
+}
+
+// How many stamps are at a time or before it.
+function after(stamps, time) {
+  let low = 0, high = stamps.length;
+  while (low < high) {
+    const middle = (low + high) >> 1;
+    if (stamps[middle] <= time) low = middle + 1;
+    else high = middle;
+  }
+  return low;
+}
+
+function invalid({ simulated }) {
+  let count = 0;
+  for (const steps of simulated) count += !steps;
+  return count / simulated.length;
+}
+
+function medianDifference({ simulated, clean, unit }) {
+  const differences = new Int32Array(simulated.length);
+  let count = 0;
+  for (let i = 0; clean && i < clean.length; i++) {
+    if (simulated[i] && clean[i]) differences[count++] = simulated[i] - clean[i];
+  }
+  if (!count) return '–';
+  const median = MILLIMETRES * unit * differences.subarray(0, count).sort()[count >> 1];
+  return `${median < 0 ? '−' : '+'}${Math.abs(median).toFixed(1)} mm`;
+}
+
+// The columns, the slider and the keys.
+class Player {
+  constructor(recordings) {
+    this.recordings = recordings;
+    this.panels = [];
+    this.number = 0;
+    this.playing = null;
+    this.slider = find('time-slider');
+    this.button = find('play');
+    this.slider.addEventListener('input', () => { this.pause(); this.go(Number(this.slider.value)); });
+    this.button.addEventListener('click', () => this.toggle());
+    find('earlier').addEventListener('click', () => this.step(-1));
+    find('later').addEventListener('click', () => this.step(1));
+    find('rate').addEventListener('change', () => { if (this.playing) this.play(); });
+    addEventListener('keydown', (event) => this.key(event));
+    document.addEventListener('visibilitychange', () => { if (document.hidden) this.pause(); });
+    const choice = find('recording');
+    choice.replaceChildren(...recordings.map(({ name }, at) => new Option(name, at)));
+    choice.addEventListener('change', () => this.open(Number(choice.value)));
+    find('recording-label').hidden = recordings.length < 2;
+  }
+
+  open(at) {
+    this.pause();
+    for (const panel of this.panels) panel.remove();
+    this.panels = this.recordings[at].cameras.map((camera, number) => new Recorded(at, number, camera));
+    this.stamps = this.panels[0].stamps;
+    this.slider.max = this.stamps.length - 1;
+    this.go(0);
+  }
+
+  // Show a frame of the first camera, and what the others have recorded at its time.
+  go(number) {
+    this.number = Math.max(0, Math.min(this.stamps.length - 1, number));
+    const time = this.stamps[this.number];
+    const text = `frame ${this.number + 1} of ${this.stamps.length}, ${time.toFixed(2)} s`;
+    this.slider.value = this.number;
+    this.slider.setAttribute('aria-valuetext', text);
+    find('time-text').textContent = text;
+    for (const [at, panel] of this.panels.entries()) panel.show(at ? panel.at(time) : this.number);
+  }
+
+  step(count) {
+    this.pause();
+    this.go(this.number + count);
+  }
+
+  toggle() {
+    if (this.playing) this.pause();
+    else this.play();
+  }
+
+  play() {
+    if (this.number === this.stamps.length - 1) this.go(0);
+    const playing = { since: performance.now(), from: this.stamps[this.number], rate: Number(find('rate').value) };
+    this.playing = playing;
+    this.tell('pause');
+    const tick = () => {
+      if (this.playing !== playing) return;
+      const time = playing.from + playing.rate * (performance.now() - playing.since) / 1000;
+      const number = after(this.stamps, time) - 1;
+      if (number > this.number) this.go(number);
+      if (this.number === this.stamps.length - 1) this.pause();
+      else requestAnimationFrame(tick);
+    };
+    requestAnimationFrame(tick);
+  }
+
+  pause() {
+    this.playing = null;
+    this.tell('play');
+  }
+
+  tell(action) {
+    this.button.dataset.action = action;
+    this.button.setAttribute('aria-label', action);
+  }
+
+  key(event) {
+    if (event.ctrlKey || event.altKey || event.metaKey) return;
+    // Of a control that has the focus, keys are its own; but a slider does nothing on space.
+    if (event.target.closest(event.code === 'Space' ? 'select, button, summary' : 'select, input')) return;
+    const actions = {
+      Space: () => this.toggle(),
+      ArrowLeft: () => this.step(-1),
+      ArrowRight: () => this.step(1),
+      Home: () => this.step(-this.stamps.length),
+      End: () => this.step(this.stamps.length),
+    };
+    if (!(event.code in actions)) return;
+    event.preventDefault();
+    actions[event.code]();
+  }
+}
+
+export function playback({ headline, recordings }) {
+  find('time').hidden = false;
+  find('nothing').remove();
+  find('headline').textContent = headline;
+  find('about').hidden = !headline && recordings.length < 2;
+  find('wipe-name').textContent = 'wipe';
+  find('wipe').setAttribute('aria-label', 'wipe from recorded depth to what it is compared with');
+  find('difference-scale-name').textContent = 'difference';
+  new Player(recordings).open(0);
+}

@@ -1,0 +1,116 @@
+"""
+The page on recordings: it asks for one frame after the other.
+
+The server keeps nothing about its pages: a request names recording, camera, frame and reference.
+"""
+
+import asyncio
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+import socket
+from typing import Any
+
+from flexx2_sim_ros.errors import InputError, printable
+from flexx2_sim_ros.view.access import Access
+from flexx2_sim_ros.view.packing import pack, ViewedFrame
+from flexx2_sim_ros.view.recorded import RecordedCamera, REFERENCES
+from flexx2_sim_ros.view.web import File, WebServer
+from tornado.web import HTTPError
+
+# Requests that wait for the only thread that reads files. A page has one for each camera.
+_MOST_WAITING = 100
+
+
+class PlaybackServer(WebServer):
+    """
+    Serve the page with recordings.
+
+    Parameters
+    ----------
+    sockets, access
+        As for `WebServer`.
+    recordings : mapping of str to sequence of RecordedCamera
+        The cameras of each recording, by its name.
+    headline : str
+        What the page says of all of them.
+
+    Attributes
+    ----------
+    recordings : list
+        The cameras of each recording, in order.
+    waiting : int
+        Requests for frames that are not answered yet.
+
+    """
+
+    def __init__(
+        self,
+        sockets: list[socket.socket],
+        access: Access,
+        recordings: Mapping[str, Sequence[RecordedCamera]],
+        headline: str = '',
+    ) -> None:
+        """Describe the recordings for the page."""
+        table = {
+            'headline': headline,
+            'recordings': [
+                {'name': printable(name), 'cameras': [camera.describe() for camera in cameras]}
+                for name, cameras in recordings.items()
+            ],
+        }
+        super().__init__(sockets, access, table)
+        self.recordings = list(recordings.values())
+        self.waiting = 0
+        self._worker = ThreadPoolExecutor(1)
+
+    def routes(self) -> list[Any]:
+        """Return the route of frames."""
+        return [('/frame', FrameRequest, {'server': self})]
+
+    def closing(self) -> None:
+        """Drop the requests that wait."""
+        self._worker.shutdown(wait=False, cancel_futures=True)
+
+    async def work(self, task: Callable[[], bytes]) -> bytes:
+        """Run a task in the thread that reads files; one at a time."""
+        if self.waiting >= _MOST_WAITING:
+            raise HTTPError(503, reason='too many requests for frames')
+        self.waiting += 1
+        try:
+            return await asyncio.get_running_loop().run_in_executor(self._worker, task)
+        finally:
+            self.waiting -= 1
+
+
+class FrameRequest(File):
+    """A frame of a camera of a recording, and what it is compared with."""
+
+    async def get(self) -> None:  # type: ignore[override]
+        """Answer with the bytes of `packing`, or with the reason why not."""
+        server: PlaybackServer = self.server
+        cameras = server.recordings[self._number('recording', len(server.recordings))]
+        camera = cameras[self._number('camera', len(cameras))]
+        number = self._number('number', camera.count)
+        reference = self.get_query_argument('reference', '')
+        if reference not in ('', *REFERENCES):
+            raise HTTPError(400, reason='reference: must be one that the page offers')
+        try:
+            body = await server.work(lambda: _packed(camera, number, reference))
+        except InputError as error:
+            self.set_status(500)
+            self.set_header('Content-Type', 'text/plain; charset=utf-8')
+            self.finish(printable(str(error)))
+            return
+        self.set_header('Content-Type', 'application/octet-stream')
+        self.finish(body)
+
+    def _number(self, name: str, below: int) -> int:
+        text = self.get_query_argument(name, '')
+        if not (text.isascii() and text.isdigit() and len(text) < 10 and int(text) < below):
+            raise HTTPError(400, reason=f'{name}: must be 0 to {below - 1}')
+        return int(text)
+
+
+def _packed(camera: RecordedCamera, number: int, reference: str) -> bytes:
+    frame: ViewedFrame = camera.frame(number, reference)
+    return pack(camera.name, frame)

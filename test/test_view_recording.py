@@ -1,0 +1,393 @@
+"""`flexx2 view` on recordings and diagnoses: real files, a real process, a real browser."""
+
+from collections.abc import Iterator
+import json
+from pathlib import Path
+import signal
+from typing import Any
+from urllib.error import HTTPError
+from urllib.parse import urlencode
+from urllib.request import urlopen
+
+from browser import Browser, chromium
+from flexx2_sim_ros.camera import Camera
+from flexx2_sim_ros.cli.main import main
+from flexx2_sim_ros.cli.view_files import open_files
+from flexx2_sim_ros.effects import parse_effects, save_effects
+from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.recording import load_recording, open_recording
+from flexx2_sim_ros.view.access import Access
+from flexx2_sim_ros.view.packing import UNIT
+from flexx2_sim_ros.view.playback import PlaybackServer
+from flexx2_sim_ros.view.recorded import FrameReader, RecordedCamera
+from flexx2_sim_ros.view.web import bind
+from made_bags import camera_entries, depths, write
+import numpy as np
+import pytest
+from views import View
+
+USECASE, COUNT, SIZE = 'Mode_5_30fps', 12, (43, 56)
+K = np.array([[52.0, 0, 27.5], [0, 52.0, 21.0], [0, 0, 1]])
+# Its parameters are sure to be seen: each frame takes most of the ones before it.
+EFFECTS = {'temporal_filter': {}, 'offset': {}}
+
+
+def save_walk(path: Path, **more: Any) -> dict[str, np.ndarray]:
+    """Write a recording of a camera that comes nearer to a wall, with ground truth."""
+    stamp = 100 + np.arange(COUNT) / 30
+    clean = np.broadcast_to(np.linspace(2, 1, COUNT)[:, None, None], (COUNT, *SIZE)).astype('f4')
+    depth = Camera(USECASE, seed=1).capture(clean, K, stamp).depth
+    depth[:, :4] = np.nan
+    arrays = {'depth': depth, 'clean_depth': clean, 'K': K, 'stamp': stamp} | more
+    np.savez(path, **{'usecase': np.array(USECASE)} | arrays)
+    return arrays
+
+
+def save_diagnosis(folder: Path, **more: Any) -> Path:
+    """Write what a diagnosis writes, as far as the page reads it."""
+    folder.mkdir()
+    table = {'schema': 2, 'verdict': 'none', 'gap': {}, 'effects': [], 'recordings': []} | more
+    (folder / 'diagnosis.json').write_text(json.dumps(table))
+    save_effects(folder / 'effects.yaml', parse_effects(EFFECTS))
+    return folder
+
+
+def packed_parts(body: bytes) -> tuple[dict[str, Any], list[np.ndarray]]:
+    """Return the head and the images, metres, of a frame."""
+    length = int.from_bytes(body[:4], 'little')
+    head = json.loads(body[4 : 4 + length])
+    images = np.frombuffer(body[4 + length :], '<u2').reshape(-1, head['height'], head['width'])
+    return head, list(images * UNIT)
+
+
+@pytest.fixture
+def walk(tmp_path: Path) -> dict[str, np.ndarray]:
+    return save_walk(tmp_path / 'walk.npz')
+
+
+def test_frames_come_in_any_order_and_few_stay_in_memory(
+    tmp_path: Path, walk: dict[str, np.ndarray]
+) -> None:
+    reader = open_recording(tmp_path / 'walk.npz')
+    frames = FrameReader(reader, 3 * 2 * 4 * SIZE[0] * SIZE[1])
+    for number in (0, 1, 2, 1, 9, 8, 3, 11, 0):
+        images = frames.at(number)
+        np.testing.assert_array_equal(images['depth'], walk['depth'][number])
+        np.testing.assert_array_equal(images['clean_depth'], walk['clean_depth'][number])
+        assert len(frames._kept) <= 3
+
+
+def test_a_simulation_is_that_of_the_whole_sequence(
+    tmp_path: Path, walk: dict[str, np.ndarray]
+) -> None:
+    effects = parse_effects(EFFECTS)
+    recorded = RecordedCamera(open_recording(tmp_path / 'walk.npz'), None, effects, 1 << 20)
+    assert recorded.references == ['clean', 'simulated', 'effects']
+    nanoseconds = np.rint(walk['stamp'] * 1e9).astype(np.int64)
+    for key, chosen in (('simulated', ()), ('effects', effects)):
+        camera = Camera(USECASE, effects=chosen, name='flexx2 view')
+        whole = camera.capture(walk['clean_depth'], K, nanoseconds).depth
+        for number in (0, 1, 2, 7, 8, 3):
+            compared = recorded.frame(number, key).clean
+            assert compared is not None
+            np.testing.assert_array_equal(compared, whole[number])
+    # The recording's own noise is another one.
+    assert not np.allclose(
+        recorded.frame(3, 'simulated').clean, walk['depth'][3], atol=1e-6, equal_nan=True
+    )
+
+
+def test_unknown_pixels_are_compared_with_nothing(tmp_path: Path) -> None:
+    known = np.ones(SIZE, bool)
+    known[:, :20] = False
+    save_walk(tmp_path / 'walk.npz', known=known)
+    recorded = RecordedCamera(open_recording(tmp_path / 'walk.npz'), None, None, 1 << 20)
+    for key in recorded.references:
+        compared = recorded.frame(2, key).clean
+        assert compared is not None
+        assert np.isnan(compared[:, :16]).all()
+        assert np.isfinite(compared[:, 24:]).all()
+
+
+@pytest.mark.parametrize(
+    ('more', 'references', 'note'),
+    [
+        ({'usecase': np.array('Mode_X')}, ['clean'], 'no simulated depth: usecase: must be'),
+        ({'clean_depth': np.float32(1)}, [], 'no clean_depth'),
+    ],
+)
+def test_notes_say_what_depth_cannot_be_compared_with(
+    tmp_path: Path, more: dict[str, Any], references: list[str], note: str
+) -> None:
+    arrays = save_walk(tmp_path / 'walk.npz', **more)
+    if not references:
+        np.savez(tmp_path / 'walk.npz', depth=arrays['depth'], K=K, stamp=arrays['stamp'])
+    recorded = RecordedCamera(open_recording(tmp_path / 'walk.npz'), None, None, 1 << 20)
+    assert recorded.references == references
+    assert any(note in text for text in recorded.describe()['notes'])
+    assert recorded.frame(0, 'simulated').clean is None
+
+
+@pytest.fixture
+def bag(tmp_path: Path) -> Iterator[tuple[str, Path]]:
+    """Serve a bag of two cameras; yield the address of its frames."""
+    entries = [
+        entry
+        for seed, name in enumerate(('left', 'right'))
+        for entry in camera_entries(name, depths(5, 8, 9, seed), depths(5, 8, 9, seed + 2))
+    ]
+    path = write(tmp_path / 'bag', sorted(entries, key=lambda entry: entry[2]))
+    recordings, headline = open_files(path, None, [], '')
+    server = PlaybackServer(bind('127.0.0.1', 0), Access('127.0.0.1'), recordings, headline)
+    server.start()
+    try:
+        yield f'http://127.0.0.1:{server.port}/frame', path
+    finally:
+        server.stop()
+
+
+def get(url: str, **query: object) -> tuple[int, bytes]:
+    try:
+        with urlopen(f'{url}?{urlencode(query)}') as answer:
+            return answer.status, answer.read()
+    except HTTPError as error:
+        return error.code, error.read()
+
+
+def test_each_camera_of_a_bag_is_served(bag: tuple[str, Path]) -> None:
+    url, path = bag
+    for number, name in enumerate(('left', 'right')):
+        recording = load_recording(path, name)
+        for frame in (4, 0):
+            code, body = get(url, recording=0, camera=number, number=frame, reference='clean')
+            head, images = packed_parts(body)
+            assert (code, head['camera']) == (200, name)
+            assert recording.clean_depth is not None
+            for image, wanted in zip(
+                images, (recording.depth[frame], recording.clean_depth[frame]), strict=True
+            ):
+                np.testing.assert_allclose(image, wanted, atol=UNIT)
+
+
+@pytest.mark.parametrize(
+    'query',
+    [
+        {},
+        {'recording': 0, 'camera': 0},
+        {'recording': 1, 'camera': 0, 'number': 0},
+        {'recording': 0, 'camera': 2, 'number': 0},
+        {'recording': 0, 'camera': 0, 'number': 5},
+        {'recording': 0, 'camera': 0, 'number': -1},
+        {'recording': 0, 'camera': 0, 'number': '1e1'},
+        {'recording': 0, 'camera': 0, 'number': '٣'},
+        {'recording': 0, 'camera': 0, 'number': 5000 * '1'},
+        {'recording': 0, 'camera': 0, 'number': 0, 'reference': '../x'},
+    ],
+)
+def test_wrong_requests_are_refused(bag: tuple[str, Path], query: dict[str, object]) -> None:
+    code, body = get(bag[0], **query)
+    assert code == 400
+    assert body.count(b'\n') == 1
+    assert get(bag[0], recording=0, camera=0, number=0)[0] == 200
+
+
+def test_a_file_that_breaks_while_it_is_shown_is_reported(bag: tuple[str, Path]) -> None:
+    url, path = bag
+    (file,) = path.glob('*.mcap')
+    content = file.read_bytes()
+    file.write_bytes(b'')
+    code, body = get(url, recording=0, camera=0, number=3)
+    assert code == 500
+    assert str(path) in body.decode()
+    assert b'\n' not in body
+    file.write_bytes(content)
+    assert get(url, recording=0, camera=0, number=3)[0] == 200
+
+
+@pytest.mark.parametrize(
+    ('words', 'said'),
+    [
+        (['{}/none.npz'], 'none.npz: must be an .npz archive, got no file'),
+        (['{}/broken.npz'], 'broken.npz: '),
+        (['{}/none'], 'none: must be'),
+        (['{}/walk.npz', '{}/walk.npz'], 'PATH: must be a diagnosis if there is a CAMPAIGN'),
+        (['{}/diagnosis'], 'CAMPAIGN: must be the folder of the recordings'),
+        (['{}/odd', '{}/walk.npz'], 'diagnosis.json: must be what flexx2 gap diagnose writes'),
+        (['{}/walk.npz', '--demo'], '--demo: must be left out with PATH'),
+        (['{}/broken'], 'one.npz: '),
+        (['{}/walk.npz', '--profile', 'no_camera'], 'no_camera: must be one of'),
+    ],
+)
+def test_what_cannot_be_shown_ends_with_one_sentence(
+    tmp_path: Path,
+    walk: dict[str, np.ndarray],
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    words: list[str],
+    said: str,
+) -> None:
+    # Or a page that is served by mistake would be served for ever.
+    monkeypatch.setattr(signal, 'pause', lambda: pytest.fail('it is shown'))
+    whole = (tmp_path / 'walk.npz').read_bytes()
+    (tmp_path / 'broken.npz').write_bytes(whole[: len(whole) // 2])
+    (tmp_path / 'broken').mkdir()
+    (tmp_path / 'broken' / 'one.npz').write_bytes(whole[:2000])
+    save_diagnosis(tmp_path / 'diagnosis')
+    save_diagnosis(tmp_path / 'odd', verdict='gap', effects=[{}])
+    paths = [word.format(tmp_path) for word in words]
+    assert main(['view', '--no-browser', '--port', '0', *paths]) == 2
+    error = capsys.readouterr().err
+    assert said in error
+    assert error.count('\n') == 1
+
+
+def test_a_broken_recording_of_a_folder_is_left_out(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / 'folder').mkdir()
+    save_walk(tmp_path / 'folder' / 'walk.npz')
+    (tmp_path / 'folder' / 'broken.npz').write_bytes(b'PK')
+    recordings, _ = open_files(tmp_path / 'folder', None, [], '')
+    assert list(recordings) == ['walk.npz']
+    assert 'left out: ' in capsys.readouterr().err
+    with pytest.raises(InputError, match='broken.npz'):
+        open_files(tmp_path / 'folder' / 'broken.npz', None, [], '')
+
+
+def test_a_diagnosis_adds_its_effects_and_its_verdict(tmp_path: Path) -> None:
+    (tmp_path / 'campaign').mkdir()
+    save_walk(tmp_path / 'campaign' / 'walk.npz')
+    diagnosis = save_diagnosis(tmp_path / 'diagnosis')
+    recordings, verdict = open_files(diagnosis, tmp_path / 'campaign', [], '')
+    (recorded,) = recordings['walk.npz']
+    assert verdict.startswith('No gap above the tolerance')
+    assert recorded.references == ['clean', 'simulated', 'effects']
+    images = [recorded.frame(0, key).clean for key in ('simulated', 'effects')]
+    # The same noise, and the offset of the diagnosis.
+    bias = parse_effects(EFFECTS)[0].bias
+    np.testing.assert_allclose(images[1] - images[0], bias, atol=2e-4)
+
+
+NUMBER = "document.querySelector('[data-part=number]').textContent"
+
+
+@pytest.fixture(scope='module')
+def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+    """Open a folder with two recordings."""
+    folder = tmp_path_factory.mktemp('view')
+    (folder / 'campaign').mkdir()
+    save_walk(folder / 'campaign' / 'a.npz')
+    save_walk(folder / 'campaign' / 'b.npz')
+    with chromium(tmp_path_factory.mktemp('browser')) as browser:
+        view = View(folder, str(folder / 'campaign'))
+        try:
+            size = {'width': 1280, 'height': 800, 'deviceScaleFactor': 1, 'mobile': False}
+            browser.call('Emulation.setDeviceMetricsOverride', **size)
+            browser.open(view.url)
+            browser.until(f'{NUMBER} === "1 / {COUNT}"')
+            yield browser
+            assert browser.said('Runtime.exceptionThrown') == []
+            assert browser.said('Log.entryAdded') == []
+            assert view.end() == 130
+            assert view.errors == ''
+        finally:
+            if view.process.poll() is None:
+                view.process.kill()
+
+
+def press(page: Browser, code: str, key: str = '') -> None:
+    page.evaluate('document.activeElement.blur()')
+    page.key('keyDown', code, key or code)
+    page.key('keyUp', code, key or code)
+
+
+def test_keys_move_and_play_a_recording(page: Browser) -> None:
+    for code, number in (
+        ('End', COUNT),
+        ('ArrowLeft', COUNT - 1),
+        ('Home', 1),
+        ('ArrowRight', 2),
+        ('ArrowRight', 3),
+    ):
+        press(page, code)
+        page.until(f'{NUMBER} === "{number} / {COUNT}"')
+    assert page.evaluate('document.getElementById("time-slider").value') == '2'
+    action = 'document.getElementById("play").dataset.action'
+    press(page, 'Space', ' ')
+    assert page.evaluate(action) == 'pause'
+    # It ends at the last frame, and begins again from the first.
+    page.until(f'{action} === "play"')
+    page.until(f'{NUMBER} === "{COUNT} / {COUNT}"')
+    press(page, 'Space', ' ')
+    press(page, 'Space', ' ')
+    assert page.evaluate(action) == 'play'
+    assert page.evaluate('Number(document.getElementById("time-slider").value)') < COUNT - 1
+
+
+def test_every_control_is_reached_with_tab_and_shows_it(page: Browser) -> None:
+    page.evaluate('document.activeElement.blur(); window.scrollTo(0, 0)')
+    reached = []
+    for _ in range(12):
+        page.call(
+            'Input.dispatchKeyEvent',
+            type='keyDown',
+            code='Tab',
+            key='Tab',
+            windowsVirtualKeyCode=9,
+        )
+        name, style = page.evaluate(
+            '(() => { const on = document.activeElement;'
+            'return [on.id || on.dataset.part || "", getComputedStyle(on).outlineStyle]; })()'
+        )
+        reached.append(name)
+        assert not name or style == 'solid', name
+    wanted = ['depth-range', 'difference-range', 'wipe', 'recording', 'choice']
+    wanted += ['earlier', 'play', 'later', 'time-slider', 'rate']
+    start = reached.index('depth-range')
+    assert reached[start : start + len(wanted)] == wanted
+
+
+def test_depth_is_compared_with_what_is_chosen(page: Browser) -> None:
+    choice = "document.querySelector('[data-part=choice]')"
+    offset = "document.querySelector('[data-part=offset]').textContent"
+    names = page.evaluate(f'[...{choice}.options].map((option) => option.value)')
+    assert names == ['clean', 'simulated']
+
+    def choose(name: str) -> float:
+        page.evaluate(
+            f'(() => {{ {choice}.value = "{name}"; {choice}.dispatchEvent(new Event("change"));'
+            f'document.querySelector("[data-part=offset]").textContent = ""; }})()'
+        )
+        page.until(offset)
+        return float(page.evaluate(offset).removesuffix(' mm').replace('−', '-'))
+
+    press(page, 'Home')
+    page.until(f'{NUMBER} === "1 / {COUNT}"')
+    # At 2 m sigma_z is 7 mm at most: the median of 2000 pixels is off by 1 mm with less than 1e-6.
+    assert abs(choose('clean')) < 1.5
+    assert abs(choose('simulated')) < 1.5
+
+
+def test_another_recording_starts_at_its_first_frame(page: Browser) -> None:
+    press(page, 'End')
+    page.until(f'{NUMBER} === "{COUNT} / {COUNT}"')
+    page.evaluate(
+        '(() => { const choice = document.getElementById("recording"); choice.value = 1;'
+        'choice.dispatchEvent(new Event("change")); })()'
+    )
+    page.until(f'{NUMBER} === "1 / {COUNT}"')
+    assert page.evaluate('[...document.querySelectorAll("h2")].map((one) => one.textContent)') == [
+        'b'
+    ]
+
+
+def test_the_page_of_recordings_fits_a_phone(page: Browser) -> None:
+    size = {'deviceScaleFactor': 1, 'mobile': False}
+    page.call('Emulation.setDeviceMetricsOverride', width=390, height=844, **size)
+    widest, bottom = page.evaluate(
+        '[document.documentElement.scrollWidth,'
+        ' document.getElementById("play").getBoundingClientRect().bottom]'
+    )
+    page.call('Emulation.setDeviceMetricsOverride', width=1280, height=800, **size)
+    assert widest <= 390
+    assert bottom <= 844

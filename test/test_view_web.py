@@ -1,0 +1,135 @@
+"""The web server of the page, without ROS: who may open it, and its files."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+from urllib.error import HTTPError
+from urllib.request import Request, urlopen
+
+from browser import chromium
+from flexx2_sim_ros.camera import Intrinsics
+from flexx2_sim_ros.physics.geometry import pixel_rays
+from flexx2_sim_ros.view.packing import pack, ViewedFrame
+from flexx2_sim_ros.view.server import Server
+import numpy as np
+import pytest
+from tornado.httpclient import HTTPClientError
+from views import connect_to, run, serve_source, Source
+
+
+@pytest.fixture
+def served() -> Iterator[tuple[Server, Source]]:
+    with serve_source() as pair:
+        yield pair
+
+
+@pytest.mark.parametrize(
+    ('origin', 'host'),
+    [
+        ('http://evil.example', ''),
+        ('https://127.0.0.1', ''),
+        ('http://localhost:3000', ''),
+        ('null', ''),
+        ('http://evil.example', 'evil.example'),
+        ('http://evil.example:{port}', 'evil.example:{port}'),
+        ('http://127.0.0.1.evil.example:{port}', '127.0.0.1.evil.example:{port}'),
+    ],
+)
+def test_a_page_from_elsewhere_is_refused(
+    served: tuple[Server, Source], origin: str, host: str
+) -> None:
+    server, source = served
+
+    async def work() -> None:
+        with pytest.raises(HTTPClientError) as error:
+            await connect_to(
+                server, origin.format(port=server.port), host.format(port=server.port)
+            )
+        assert error.value.code == 403
+
+    run(work())
+    assert source.asked == []
+
+
+@pytest.mark.parametrize(
+    'host',
+    [
+        'localhost:{port}',
+        '127.0.0.1:{port}',
+        '[::1]:{port}',
+        'localhost:9000',
+        '192.168.1.7:{port}',
+    ],
+)
+def test_requests_to_the_machines_own_addresses_are_accepted(
+    served: tuple[Server, Source], host: str
+) -> None:
+    server, _ = served
+    host = host.format(port=server.port)
+
+    async def work() -> None:
+        (await connect_to(server, f'http://{host}', host)).close()
+
+    run(work())
+
+
+def status_of(port: int, path: str, **headers: str) -> tuple[int, Any]:
+    try:
+        with urlopen(Request(f'http://127.0.0.1:{port}{path}', headers=headers)) as answer:
+            return answer.status, answer.headers
+    except HTTPError as error:
+        return error.code, error.headers
+
+
+def test_the_page_loads_nothing_from_elsewhere(served: tuple[Server, Source]) -> None:
+    server, _ = served
+    for path in (
+        '/',
+        '/view.js',
+        '/live.js',
+        '/panel.js',
+        '/playback.js',
+        '/recorded.js',
+        '/draw.js',
+        '/cloud.js',
+        '/rays.js',
+        '/drive.js',
+        '/colours.js',
+        '/style.css',
+        '/icon.svg',
+    ):
+        code, headers = status_of(server.port, path)
+        assert code == 200
+        assert "default-src 'none'" in headers['Content-Security-Policy']
+        assert 'http' not in headers['Content-Security-Policy']
+        assert headers['X-Content-Type-Options'] == 'nosniff'
+    for path in ('/nothing', '/../setup.py', '/index.html/..', '/live'):
+        assert status_of(server.port, path)[0] in (400, 404)
+    assert status_of(server.port, '/', Host='evil.example')[0] == 403
+
+
+@pytest.mark.parametrize(
+    'distortion',
+    [
+        (0.0,) * 5,
+        (-0.25, 0.05, 0.001, -0.002, 0.0),
+        (2.0, 0.0, 0.0, 0.0, 0.0),  # The corners cannot be inverted.
+        (2.0, 1.3, 0.001, -0.002, 0.07, 2.4, 2.0, 0.37),
+    ],
+)
+def test_the_point_cloud_is_undistorted(
+    served: tuple[Server, Source], tmp_path: Path, distortion: tuple[float, ...]
+) -> None:
+    camera = Intrinsics(56, 43, 52.6, 53.2, 27.1, 21.4, distortion)
+    message = pack('left', ViewedFrame(1, 0, np.ones((43, 56), np.float32), None, camera))
+    head = message[4 : 4 + int.from_bytes(message[:4], 'little')].decode()
+    with chromium(tmp_path) as page:
+        page.open(f'http://127.0.0.1:{served[0].port}/')
+        rays = page.evaluate(
+            f'import("/rays.js").then(({{ Rays }}) => {{'
+            f'const {{ x, y }} = new Rays().of({head});'
+            'return [x, y].map((part) => Array.from(part, String)); })'
+        )
+    np.testing.assert_allclose(
+        np.array(rays, float).reshape(2, 43, 56), pixel_rays(camera), atol=1e-6
+    )
