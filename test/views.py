@@ -59,9 +59,13 @@ class View:
                 text=True,
             )
         assert self.process.stdout is not None
-        assert select.select([self.process.stdout], [], [], PATIENCE)[0], self.errors
-        line = self.process.stdout.readline()
-        assert line.endswith(' (Ctrl-C ends it)\n'), (line, self.errors)
+        try:
+            assert select.select([self.process.stdout], [], [], PATIENCE)[0], self.errors
+            line = self.process.stdout.readline()
+            assert line.endswith(' (Ctrl-C ends it)\n'), (line, self.errors)
+        except BaseException:
+            self.process.kill()
+            raise
         self.url = line.split()[0]
 
     @property

@@ -16,6 +16,11 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
+_DESCRIPTION = (
+    'Record clean and simulated depth, reflectivity, gray images, camera infos '
+    'and modes of all cameras, simulated or real, with /tf, /tf_static and /clock, into a '
+    'rosbag2 bag, until Ctrl-C. Lost messages are counted and shown. Needs ROS 2.'
+)
 _SHOW_SECONDS = 0.25
 _DRAIN_SECONDS = 2.0
 _IDLE = 5
@@ -26,9 +31,7 @@ def add_parser(commands: Any) -> None:
     parser = commands.add_parser(
         'record',
         help='record all cameras into a bag',
-        description='Record clean and simulated depth, reflectivity, gray images, camera infos '
-        'and modes of all cameras, simulated or real, with /tf, /tf_static and /clock, into a '
-        'rosbag2 bag, until Ctrl-C. Lost messages are counted and shown. Needs ROS 2.',
+        description=_DESCRIPTION,
         epilog='example: flexx2 record walk --seconds 10',
     )
     parser.add_argument(

@@ -73,6 +73,11 @@ def add_parser(commands: Any) -> None:
         metavar='TOPIC',
         help='topic for driving (default %(default)s)',
     )
+    _add_serving(parser)
+    parser.set_defaults(run=run)
+
+
+def _add_serving(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--host',
         default='127.0.0.1',
@@ -95,7 +100,6 @@ def add_parser(commands: Any) -> None:
     parser.add_argument(
         '--no-browser', action='store_true', help='print the address without opening a browser'
     )
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:

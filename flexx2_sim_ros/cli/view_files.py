@@ -61,22 +61,7 @@ def open_files(
         raise InputError(
             f'PATH: must be a diagnosis if there is a CAMPAIGN, got {shown_path(path)}'
         )
-    single = not path.is_dir() or is_bag(path)
-    paths = [path] if single else find_recordings(path)
-    camera = find_profile(profile)
-    most = _MOST_BYTES // len(paths)
-    found: dict[str, list[RecordedCamera]] = {}
-    problems = []
-    for one in paths:
-        try:
-            found[one.name] = _open(one, cameras, camera, effects, most)
-        except InputError as error:
-            problems.append(printable(str(error)))
-    if not found:
-        raise InputError(problems[0])
-    console = Console(stderr=True, soft_wrap=True, highlight=False, markup=False)
-    for problem in problems:
-        console.print(f'left out: {problem}', style='yellow')
+    found = _open_all(path, cameras, find_profile(profile), effects)
     return found, verdict
 
 
@@ -95,6 +80,27 @@ def _read_diagnosis(folder: Path) -> tuple[tuple[Effect, ...], str]:
         ) from error
     # Errors of poses belong to their recordings.
     return tuple(effect for effect in diagnosis.effects if effect.role != 'pose'), verdict
+
+
+def _open_all(
+    path: Path, cameras: Sequence[str], profile: Profile, effects: Sequence[Effect] | None
+) -> dict[str, list[RecordedCamera]]:
+    single = not path.is_dir() or is_bag(path)
+    paths = [path] if single else find_recordings(path)
+    most = _MOST_BYTES // len(paths)
+    found: dict[str, list[RecordedCamera]] = {}
+    problems = []
+    for one in paths:
+        try:
+            found[one.name] = _open(one, cameras, profile, effects, most)
+        except InputError as error:
+            problems.append(printable(str(error)))
+    if not found:
+        raise InputError(problems[0])
+    console = Console(stderr=True, soft_wrap=True, highlight=False, markup=False)
+    for problem in problems:
+        console.print(f'left out: {problem}', style='yellow')
+    return found
 
 
 def _open(
