@@ -1,4 +1,4 @@
-"""`flexx2 view` on recordings and diagnoses: real files, a real process, a real browser."""
+"""What `flexx2 view` serves of recordings and diagnoses: real files, real requests."""
 
 from collections.abc import Iterator
 import json
@@ -9,7 +9,6 @@ from urllib.error import HTTPError
 from urllib.parse import urlencode
 from urllib.request import urlopen
 
-from browser import Browser, chromium
 from flexx2_sim_ros.camera import Camera
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.cli.view_files import open_files
@@ -24,23 +23,10 @@ from flexx2_sim_ros.view.web import bind
 from made_bags import camera_entries, depths, write
 import numpy as np
 import pytest
-from views import View
+from views import K, save_walk, SIZE, USECASE
 
-USECASE, COUNT, SIZE = 'Mode_5_30fps', 12, (43, 56)
-K = np.array([[52.0, 0, 27.5], [0, 52.0, 21.0], [0, 0, 1]])
 # Its parameters are sure to be seen: each frame takes most of the ones before it.
 EFFECTS = {'temporal_filter': {}, 'offset': {}}
-
-
-def save_walk(path: Path, **more: Any) -> dict[str, np.ndarray]:
-    """Write a recording of a camera that comes nearer to a wall, with ground truth."""
-    stamp = 100 + np.arange(COUNT) / 30
-    clean = np.broadcast_to(np.linspace(2, 1, COUNT)[:, None, None], (COUNT, *SIZE)).astype('f4')
-    depth = Camera(USECASE, seed=1).capture(clean, K, stamp).depth
-    depth[:, :4] = np.nan
-    arrays = {'depth': depth, 'clean_depth': clean, 'K': K, 'stamp': stamp} | more
-    np.savez(path, **{'usecase': np.array(USECASE)} | arrays)
-    return arrays
 
 
 def save_diagnosis(folder: Path, **more: Any) -> Path:
@@ -266,128 +252,3 @@ def test_a_diagnosis_adds_its_effects_and_its_verdict(tmp_path: Path) -> None:
     # The same noise, and the offset of the diagnosis.
     bias = parse_effects(EFFECTS)[0].bias
     np.testing.assert_allclose(images[1] - images[0], bias, atol=2e-4)
-
-
-NUMBER = "document.querySelector('[data-part=number]').textContent"
-
-
-@pytest.fixture(scope='module')
-def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
-    """Open a folder with two recordings."""
-    folder = tmp_path_factory.mktemp('view')
-    (folder / 'campaign').mkdir()
-    save_walk(folder / 'campaign' / 'a.npz')
-    save_walk(folder / 'campaign' / 'b.npz')
-    with chromium(tmp_path_factory.mktemp('browser')) as browser:
-        view = View(folder, str(folder / 'campaign'))
-        try:
-            size = {'width': 1280, 'height': 800, 'deviceScaleFactor': 1, 'mobile': False}
-            browser.call('Emulation.setDeviceMetricsOverride', **size)
-            browser.open(view.url)
-            browser.until(f'{NUMBER} === "1 / {COUNT}"')
-            yield browser
-            assert browser.said('Runtime.exceptionThrown') == []
-            assert browser.said('Log.entryAdded') == []
-            assert view.end() == 130
-            assert view.errors == ''
-        finally:
-            if view.process.poll() is None:
-                view.process.kill()
-
-
-def press(page: Browser, code: str, key: str = '') -> None:
-    page.evaluate('document.activeElement.blur()')
-    page.key('keyDown', code, key or code)
-    page.key('keyUp', code, key or code)
-
-
-def test_keys_move_and_play_a_recording(page: Browser) -> None:
-    for code, number in (
-        ('End', COUNT),
-        ('ArrowLeft', COUNT - 1),
-        ('Home', 1),
-        ('ArrowRight', 2),
-        ('ArrowRight', 3),
-    ):
-        press(page, code)
-        page.until(f'{NUMBER} === "{number} / {COUNT}"')
-    assert page.evaluate('document.getElementById("time-slider").value') == '2'
-    action = 'document.getElementById("play").dataset.action'
-    press(page, 'Space', ' ')
-    assert page.evaluate(action) == 'pause'
-    # It ends at the last frame, and begins again from the first.
-    page.until(f'{action} === "play"')
-    page.until(f'{NUMBER} === "{COUNT} / {COUNT}"')
-    press(page, 'Space', ' ')
-    press(page, 'Space', ' ')
-    assert page.evaluate(action) == 'play'
-    assert page.evaluate('Number(document.getElementById("time-slider").value)') < COUNT - 1
-
-
-def test_every_control_is_reached_with_tab_and_shows_it(page: Browser) -> None:
-    page.evaluate('document.activeElement.blur(); window.scrollTo(0, 0)')
-    reached = []
-    for _ in range(12):
-        page.call(
-            'Input.dispatchKeyEvent',
-            type='keyDown',
-            code='Tab',
-            key='Tab',
-            windowsVirtualKeyCode=9,
-        )
-        name, style = page.evaluate(
-            '(() => { const on = document.activeElement;'
-            'return [on.id || on.dataset.part || "", getComputedStyle(on).outlineStyle]; })()'
-        )
-        reached.append(name)
-        assert not name or style == 'solid', name
-    wanted = ['depth-range', 'difference-range', 'wipe', 'recording', 'choice']
-    wanted += ['earlier', 'play', 'later', 'time-slider', 'rate']
-    start = reached.index('depth-range')
-    assert reached[start : start + len(wanted)] == wanted
-
-
-def test_depth_is_compared_with_what_is_chosen(page: Browser) -> None:
-    choice = "document.querySelector('[data-part=choice]')"
-    offset = "document.querySelector('[data-part=offset]').textContent"
-    names = page.evaluate(f'[...{choice}.options].map((option) => option.value)')
-    assert names == ['clean', 'simulated']
-
-    def choose(name: str) -> float:
-        page.evaluate(
-            f'(() => {{ {choice}.value = "{name}"; {choice}.dispatchEvent(new Event("change"));'
-            f'document.querySelector("[data-part=offset]").textContent = ""; }})()'
-        )
-        page.until(offset)
-        return float(page.evaluate(offset).removesuffix(' mm').replace('−', '-'))
-
-    press(page, 'Home')
-    page.until(f'{NUMBER} === "1 / {COUNT}"')
-    # At 2 m sigma_z is 7 mm at most: the median of 2000 pixels is off by 1 mm with less than 1e-6.
-    assert abs(choose('clean')) < 1.5
-    assert abs(choose('simulated')) < 1.5
-
-
-def test_another_recording_starts_at_its_first_frame(page: Browser) -> None:
-    press(page, 'End')
-    page.until(f'{NUMBER} === "{COUNT} / {COUNT}"')
-    page.evaluate(
-        '(() => { const choice = document.getElementById("recording"); choice.value = 1;'
-        'choice.dispatchEvent(new Event("change")); })()'
-    )
-    page.until(f'{NUMBER} === "1 / {COUNT}"')
-    assert page.evaluate('[...document.querySelectorAll("h2")].map((one) => one.textContent)') == [
-        'b'
-    ]
-
-
-def test_the_page_of_recordings_fits_a_phone(page: Browser) -> None:
-    size = {'deviceScaleFactor': 1, 'mobile': False}
-    page.call('Emulation.setDeviceMetricsOverride', width=390, height=844, **size)
-    widest, bottom = page.evaluate(
-        '[document.documentElement.scrollWidth,'
-        ' document.getElementById("play").getBoundingClientRect().bottom]'
-    )
-    page.call('Emulation.setDeviceMetricsOverride', width=1280, height=800, **size)
-    assert widest <= 390
-    assert bottom <= 844

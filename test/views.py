@@ -12,14 +12,19 @@ import sys
 from typing import Any
 from urllib.parse import urlsplit
 
+from flexx2_sim_ros.camera import Camera
 from flexx2_sim_ros.view.access import Access
 from flexx2_sim_ros.view.packing import ViewedFrame
 from flexx2_sim_ros.view.server import Server
 from flexx2_sim_ros.view.web import bind
+import numpy as np
 from tornado.httpclient import HTTPRequest
 from tornado.websocket import websocket_connect
 
 PATIENCE = 60.0
+# Of the recording that `save_walk` writes.
+USECASE, COUNT, SIZE = 'Mode_5_30fps', 12, (43, 56)
+K = np.array([[52.0, 0, 27.5], [0, 52.0, 21.0], [0, 0, 1]])
 
 
 class View:
@@ -144,3 +149,14 @@ def connect_to(server: Server, origin: str = '', host: str = '') -> Any:
     """Return a future of a websocket, as a page from an origin opens it."""
     address = f'http://127.0.0.1:{server.port}'
     return connect(address, Origin=origin or address, Host=host or f'127.0.0.1:{server.port}')
+
+
+def save_walk(path: Path, **more: Any) -> dict[str, np.ndarray]:
+    """Write a recording of a camera that comes nearer to a wall, with ground truth."""
+    stamp = 100 + np.arange(COUNT) / 30
+    clean = np.broadcast_to(np.linspace(2, 1, COUNT)[:, None, None], (COUNT, *SIZE)).astype('f4')
+    depth = Camera(USECASE, seed=1).capture(clean, K, stamp).depth
+    depth[:, :4] = np.nan
+    arrays = {'depth': depth, 'clean_depth': clean, 'K': K, 'stamp': stamp} | more
+    np.savez(path, **{'usecase': np.array(USECASE)} | arrays)
+    return arrays

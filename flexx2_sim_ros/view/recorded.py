@@ -159,6 +159,7 @@ class RecordedCamera:
         return {
             'name': self.name,
             'usecase': self._reader.usecase or '',
+            'start': float(self._reader.stamp[0]),
             'stamps': np.round(seconds, 4).tolist(),
             'references': [[key, REFERENCES[key]] for key in self.references],
             'notes': self.notes,

@@ -2,12 +2,13 @@
 import { unpack } from './draw.js';
 import { find, Panel } from './panel.js';
 
-const PERCENT = 100, MILLIMETRES = 1000, RETRY_MS = 1000;
+const PERCENT = 100, MILLIMETRES = 1000, RETRY_MS = 1000, SAME_SECONDS = 0.0005;
 
 class Recorded extends Panel {
-  constructor(recording, camera, { name, usecase, stamps, references, notes }) {
+  constructor(recording, camera, { name, usecase, start, stamps, references, notes }) {
     super(name);
     this.address = { recording, camera };
+    this.start = start;
     this.stamps = stamps;
     this.wanted = null;
     this.busy = false;
@@ -68,9 +69,9 @@ class Recorded extends Panel {
     super.remove();
   }
 
-  // The frame at a time, in seconds.
-  at(time) {
-    return Math.max(0, after(this.stamps, time) - 1);
+  // The latest frame at a stamp, in seconds.
+  at(stamp) {
+    return Math.max(0, after(this.stamps, stamp - this.start + SAME_SECONDS) - 1);
   }
 }
 
@@ -150,7 +151,7 @@ class Player {
     this.slider.value = this.number;
     this.slider.setAttribute('aria-valuetext', text);
     find('time-text').textContent = text;
-    for (const [at, panel] of this.panels.entries()) panel.show(at ? panel.at(time) : this.number);
+    for (const [at, panel] of this.panels.entries()) panel.show(at ? panel.at(this.panels[0].start + time) : this.number);
   }
 
   step(count) {

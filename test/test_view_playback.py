@@ -1,0 +1,153 @@
+"""The page on recordings: a real process, a real browser."""
+
+from collections.abc import Iterator
+
+from browser import Browser, chromium
+from made_bags import camera_entries, depths, SECOND, write
+import pytest
+from views import COUNT, save_walk, View
+
+NUMBER = "document.querySelector('[data-part=number]').textContent"
+
+
+@pytest.fixture(scope='module')
+def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+    """Open a folder with two recordings, and a bag whose second camera starts two frames later."""
+    folder = tmp_path_factory.mktemp('view')
+    (folder / 'campaign').mkdir()
+    save_walk(folder / 'campaign' / 'a.npz')
+    save_walk(folder / 'campaign' / 'b.npz')
+    entries = [
+        entry
+        for name, start in (('left', SECOND), ('right', SECOND + 2 * (SECOND // 60)))
+        for entry in camera_entries(name, depths(6, 8, 9), depths(6, 8, 9), start)
+    ]
+    write(folder / 'campaign' / 'c', sorted(entries, key=lambda entry: entry[2]))
+    with chromium(tmp_path_factory.mktemp('browser')) as browser:
+        view = View(folder, str(folder / 'campaign'))
+        try:
+            size = {'width': 1280, 'height': 800, 'deviceScaleFactor': 1, 'mobile': False}
+            browser.call('Emulation.setDeviceMetricsOverride', **size)
+            browser.open(view.url)
+            browser.until(f'{NUMBER} === "1 / {COUNT}"')
+            yield browser
+            assert browser.said('Runtime.exceptionThrown') == []
+            assert browser.said('Log.entryAdded') == []
+            assert view.end() == 130
+            assert view.errors == ''
+        finally:
+            if view.process.poll() is None:
+                view.process.kill()
+
+
+def press(page: Browser, code: str, key: str = '') -> None:
+    page.evaluate('document.activeElement.blur()')
+    page.key('keyDown', code, key or code)
+    page.key('keyUp', code, key or code)
+
+
+def test_keys_move_and_play_a_recording(page: Browser) -> None:
+    for code, number in (
+        ('End', COUNT),
+        ('ArrowLeft', COUNT - 1),
+        ('Home', 1),
+        ('ArrowRight', 2),
+        ('ArrowRight', 3),
+    ):
+        press(page, code)
+        page.until(f'{NUMBER} === "{number} / {COUNT}"')
+    assert page.evaluate('document.getElementById("time-slider").value') == '2'
+    action = 'document.getElementById("play").dataset.action'
+    press(page, 'Space', ' ')
+    assert page.evaluate(action) == 'pause'
+    # It ends at the last frame, and begins again from the first.
+    page.until(f'{action} === "play"')
+    page.until(f'{NUMBER} === "{COUNT} / {COUNT}"')
+    press(page, 'Space', ' ')
+    press(page, 'Space', ' ')
+    assert page.evaluate(action) == 'play'
+    assert page.evaluate('Number(document.getElementById("time-slider").value)') < COUNT - 1
+
+
+def test_every_control_is_reached_with_tab_and_shows_it(page: Browser) -> None:
+    page.evaluate('document.activeElement.blur(); window.scrollTo(0, 0)')
+    reached = []
+    for _ in range(12):
+        page.call(
+            'Input.dispatchKeyEvent',
+            type='keyDown',
+            code='Tab',
+            key='Tab',
+            windowsVirtualKeyCode=9,
+        )
+        name, style = page.evaluate(
+            '(() => { const on = document.activeElement;'
+            'return [on.id || on.dataset.part || "", getComputedStyle(on).outlineStyle]; })()'
+        )
+        reached.append(name)
+        assert not name or style == 'solid', name
+    wanted = ['depth-range', 'difference-range', 'wipe', 'recording', 'choice']
+    wanted += ['earlier', 'play', 'later', 'time-slider', 'rate']
+    start = reached.index('depth-range')
+    assert reached[start : start + len(wanted)] == wanted
+
+
+def test_depth_is_compared_with_what_is_chosen(page: Browser) -> None:
+    choice = "document.querySelector('[data-part=choice]')"
+    offset = "document.querySelector('[data-part=offset]').textContent"
+    names = page.evaluate(f'[...{choice}.options].map((option) => option.value)')
+    assert names == ['clean', 'simulated']
+
+    def choose(name: str) -> float:
+        page.evaluate(
+            f'(() => {{ {choice}.value = "{name}"; {choice}.dispatchEvent(new Event("change"));'
+            f'document.querySelector("[data-part=offset]").textContent = ""; }})()'
+        )
+        page.until(offset)
+        return float(page.evaluate(offset).removesuffix(' mm').replace('−', '-'))
+
+    press(page, 'Home')
+    page.until(f'{NUMBER} === "1 / {COUNT}"')
+    # At 2 m sigma_z is 7 mm at most: the median of 2000 pixels is off by 1 mm with less than 1e-6.
+    assert abs(choose('clean')) < 1.5
+    assert abs(choose('simulated')) < 1.5
+
+
+def choose_recording(page: Browser, at: int) -> None:
+    page.evaluate(
+        f'(() => {{ const choice = document.getElementById("recording"); choice.value = {at};'
+        'choice.dispatchEvent(new Event("change")); })()'
+    )
+
+
+def test_another_recording_starts_at_its_first_frame(page: Browser) -> None:
+    press(page, 'End')
+    page.until(f'{NUMBER} === "{COUNT} / {COUNT}"')
+    choose_recording(page, 1)
+    page.until(f'{NUMBER} === "1 / {COUNT}"')
+    assert page.evaluate('[...document.querySelectorAll("h2")].map((one) => one.textContent)') == [
+        'b'
+    ]
+
+
+def test_cameras_of_a_bag_are_shown_at_the_same_time(page: Browser) -> None:
+    choose_recording(page, 2)
+    numbers = '[...document.querySelectorAll("[data-part=number]")].map((one) => one.textContent)'
+    page.until(f'{numbers}.join() === "1 / 6,1 / 6"')
+    for _ in range(4):
+        press(page, 'ArrowRight')
+    page.until(f'{numbers}.join() === "5 / 6,3 / 6"')
+    choose_recording(page, 0)
+    page.until(f'{NUMBER} === "1 / {COUNT}"')
+
+
+def test_the_page_of_recordings_fits_a_phone(page: Browser) -> None:
+    size = {'deviceScaleFactor': 1, 'mobile': False}
+    page.call('Emulation.setDeviceMetricsOverride', width=390, height=844, **size)
+    widest, bottom = page.evaluate(
+        '[document.documentElement.scrollWidth,'
+        ' document.getElementById("play").getBoundingClientRect().bottom]'
+    )
+    page.call('Emulation.setDeviceMetricsOverride', width=1280, height=800, **size)
+    assert widest <= 390
+    assert bottom <= 844
