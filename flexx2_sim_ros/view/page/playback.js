@@ -208,6 +208,7 @@ class Player {
 }
 
 export function playback({ headline, recordings }) {
+  document.body.classList.add('recorded');
   find('time').hidden = false;
   find('nothing').remove();
   find('headline').textContent = headline;
