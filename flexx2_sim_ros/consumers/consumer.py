@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, Protocol
 
 from flexx2_sim_ros.formulas import on_images, surfaces
@@ -50,10 +51,10 @@ class CameraView:
         """
         Return (H, W, 3) from the camera to the points at depth 1 m, ground frame, metres.
 
-        NaN where the distortion of the lens cannot be inverted.
+        NaN where the distortion of the lens cannot be inverted. Frames of one pose share the
+        array, so it is read-only.
         """
-        across, down = pixel_rays(self.lens)
-        return np.stack([across, down, np.ones_like(across)], axis=-1) @ self.rotation.T
+        return _directions(self.lens, tuple(map(tuple, self.rotation.tolist())))
 
     def points(self, frame: int) -> np.ndarray:
         """Return (N, 3) float64 points of the valid pixels of a frame, ground frame, metres."""
@@ -74,6 +75,14 @@ class CameraView:
         noise = self.mode.noise
         values = (noise.a, noise.b, noise.c, noise.d, noise.n, noise.incidence_cap)
         return np.asarray(_model_sigma(depth, _STRAIGHT_ON, *map(np.float32, values)))
+
+
+@lru_cache(maxsize=8)  # All renditions and frames of a recording have the same few poses.
+def _directions(lens: Intrinsics, rotation: tuple[tuple[float, ...], ...]) -> np.ndarray:
+    across, down = pixel_rays(lens)
+    rays = np.stack([across, down, np.ones_like(across)], axis=-1) @ np.array(rotation).T
+    rays.flags.writeable = False
+    return rays
 
 
 class Consumer(Protocol):
