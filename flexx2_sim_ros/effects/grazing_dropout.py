@@ -5,8 +5,8 @@ import math
 from typing import ClassVar
 
 from flexx2_sim_ros.effects.effect import Effect, parameter
-from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis
-from flexx2_sim_ros.effects.losing import kept_by, lose, survival
+from flexx2_sim_ros.effects.hypothesis import Hypothesis
+from flexx2_sim_ros.effects.losing import kept_by, lose, lost_by, survival
 from flexx2_sim_ros.effects.tables import Curve, curve_over
 from flexx2_sim_ros.formulas.fastmath import arccos, log_from_zero
 from flexx2_sim_ros.physics.compiled import compiled, loop
@@ -51,8 +51,7 @@ class GrazingDropout(Effect):
     typical: ClassVar[bool] = True
     source: ClassVar[str] = 'pico driver: noise threshold 0.07 m; the shape is assumed'
     hypotheses: ClassVar[tuple[Hypothesis, ...]] = tuple(
-        grid('strength', (0.4, 1.6), 0.0, 4.0, f'half {half:g}', half_deg=half)
-        for half in (64.0, 70.0, 76.0, 82.0)
+        lost_by(f'half {half:g}', half_deg=half) for half in (64.0, 70.0, 76.0, 82.0)
     )
     smooth: ClassVar[bool] = True
     nuisances: ClassVar[tuple[str, ...]] = ('pose',)

@@ -1,5 +1,6 @@
-"""Lose pixels at random, by a logistic."""
+"""Lose pixels at random, by a logistic, and what a diagnosis simulates of that."""
 
+from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis
 from flexx2_sim_ros.formulas.fastmath import exp, power
 from flexx2_sim_ros.formulas.scalars import f32
 from flexx2_sim_ros.physics.frame_state import FrameState
@@ -50,3 +51,19 @@ def lose(state: FrameState, survives: np.ndarray, stream: int) -> np.ndarray:
     lost: np.ndarray = state.uniforms(stream) > survives
     state.measured[lost] = np.nan
     return lost
+
+
+def lost_by(label: str, **threshold: float) -> Hypothesis:
+    """Return a variant of a threshold beyond which pixels are lost; its strength is fitted."""
+    return grid('strength', (0.4, 1.6), 0.0, 4.0, label, **threshold)
+
+
+def lost_beyond(*amplitudes: float) -> tuple[Hypothesis, ...]:
+    """Return a variant for each amplitude at which half of the pixels are lost."""
+    return tuple(lost_by(f'half {half:g}', half=half) for half in amplitudes)
+
+
+def lost_as_found(found: tuple[float, ...]) -> tuple[Hypothesis, ...]:
+    """Return the variant with the amplitude and the slope that a search has found."""
+    half, slope = found
+    return (lost_by(f'half {half:.2g}, slope {slope:g}', half=half, slope=slope),)

@@ -5,9 +5,9 @@ import math
 from typing import ClassVar
 
 from flexx2_sim_ros.effects.effect import Effect, parameter
-from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis, Searched
+from flexx2_sim_ros.effects.hypothesis import Hypothesis, Searched
 from flexx2_sim_ros.effects.light import log_amplitude
-from flexx2_sim_ros.effects.losing import kept_by, lose, survival
+from flexx2_sim_ros.effects.losing import kept_by, lose, lost_as_found, lost_beyond, survival
 from flexx2_sim_ros.effects.tables import Curve, curve_over
 from flexx2_sim_ros.formulas.fastmath import log_from_zero
 from flexx2_sim_ros.physics.compiled import compiled, loop
@@ -38,24 +38,8 @@ class LowSignalDropout(Effect):
         'Kinect v2: 99.8 % invalid below IR 50, 9 % at 400-800, < 1 % above '
         '2000; the level here is assumed'
     )
-    hypotheses: ClassVar[tuple[Hypothesis, ...]] = tuple(
-        grid('strength', (0.4, 1.6), 0.0, 4.0, f'half {half:g}', half=half)
-        for half in (0.004, 0.012, 0.036, 0.11)
-    )
-    searched: ClassVar[Searched | None] = Searched(
-        'darkness',
-        lambda found: (
-            grid(
-                'strength',
-                (0.4, 1.6),
-                0.0,
-                4.0,
-                f'half {found[0]:.2g}, slope {found[1]:g}',
-                half=found[0],
-                slope=found[1],
-            ),
-        ),
-    )
+    hypotheses: ClassVar[tuple[Hypothesis, ...]] = lost_beyond(0.004, 0.012, 0.036, 0.11)
+    searched: ClassVar[Searched | None] = Searched('darkness', lost_as_found)
     smooth: ClassVar[bool] = True
     brightness: ClassVar[float] = 0.5
     nuisances: ClassVar[tuple[str, ...]] = ('reflectivity',)

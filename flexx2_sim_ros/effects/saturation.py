@@ -5,9 +5,9 @@ import math
 from typing import ClassVar
 
 from flexx2_sim_ros.effects.effect import Effect, parameter
-from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis, Searched
+from flexx2_sim_ros.effects.hypothesis import Hypothesis, Searched
 from flexx2_sim_ros.effects.light import log_amplitude
-from flexx2_sim_ros.effects.losing import kept_by, lose, survival
+from flexx2_sim_ros.effects.losing import kept_by, lose, lost_as_found, lost_beyond, survival
 from flexx2_sim_ros.effects.tables import Curve, curve_over
 from flexx2_sim_ros.formulas.fastmath import arccos, exp, log, log_from_zero
 from flexx2_sim_ros.formulas.scalars import f32
@@ -47,24 +47,8 @@ class Saturation(Effect):
         'Kinect v2: 97 % invalid at the top of the IR scale, 44 % of a white '
         "board at 0.5-0.6 m; the paper's anomaly at 0 degrees"
     )
-    hypotheses: ClassVar[tuple[Hypothesis, ...]] = tuple(
-        grid('strength', (0.4, 1.6), 0.0, 4.0, f'half {half:g}', half=half)
-        for half in (1.0, 2.0, 3.5, 6.0)
-    )
-    searched: ClassVar[Searched | None] = Searched(
-        'glare',
-        lambda found: (
-            grid(
-                'strength',
-                (0.4, 1.6),
-                0.0,
-                4.0,
-                f'half {found[0]:.2g}, slope {found[1]:g}',
-                half=found[0],
-                slope=found[1],
-            ),
-        ),
-    )
+    hypotheses: ClassVar[tuple[Hypothesis, ...]] = lost_beyond(1.0, 2.0, 3.5, 6.0)
+    searched: ClassVar[Searched | None] = Searched('glare', lost_as_found)
     smooth: ClassVar[bool] = True
     brightness: ClassVar[float] = 0.8
     nuisances: ClassVar[tuple[str, ...]] = ('reflectivity',)
