@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from flexx2_sim_ros.physics.nearest import nearest_pixels
 from flexx2_sim_ros.physics.reflectance import falloff
 from flexx2_sim_ros.truth.clean import Clean
 import numpy as np
@@ -255,12 +256,10 @@ def with_reflectivity(clean: Clean, gray: np.ndarray, rays: np.ndarray, scale: G
     noise = 1.4826 / np.sqrt(2) * _medians(*_neighbours(value, label, usable), names)[place]
     value = np.where(usable & (spread > _TEXTURE * noise), value, middle)
     # Elsewhere the nearest pixel that has one.
-    near = ndimage.distance_transform_edt(
-        ~np.isin(label, names), return_distances=False, return_indices=True
-    )
+    near = nearest_pixels(np.isin(label, names))
     something = np.isfinite(clean.depth)
     found, spreads = (
-        np.where(something, image[tuple(near)], np.nan).astype(np.float32)
+        np.where(something, image[near], np.nan).astype(np.float32)
         for image in (np.minimum(np.exp(value), 1), spread)
     )
     return replace(clean, reflectivity=found, reflectivity_spread=spreads)

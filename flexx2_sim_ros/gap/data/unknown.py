@@ -1,6 +1,7 @@
 """Pixels whose ground truth is unknown: filled for the simulation, never compared."""
 
 from flexx2_sim_ros.gap.calibration.data import GROUND_TRUTH
+from flexx2_sim_ros.physics.nearest import nearest_pixels
 from flexx2_sim_ros.physics.surface import NEAREST, PAD, tangents
 from flexx2_sim_ros.profiles.sensor import Sensor
 import numpy as np
@@ -39,15 +40,7 @@ def nearest(values: np.ndarray, known: np.ndarray) -> np.ndarray:
         return np.stack([nearest(*one) for one in zip(values, masks, strict=True)])
     if known.all() or not known.any():
         return values
-    return np.asarray(values[_nearest(known)])
-
-
-def _nearest(known: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    # Row and column of the nearest known pixel, (H, W) each.
-    row, column = ndimage.distance_transform_edt(
-        ~known, return_distances=False, return_indices=True
-    )
-    return row, column
+    return np.asarray(values[nearest_pixels(known)])
 
 
 def _fill(clean: np.ndarray, known: np.ndarray, sensor: Sensor) -> np.ndarray:
@@ -55,7 +48,7 @@ def _fill(clean: np.ndarray, known: np.ndarray, sensor: Sensor) -> np.ndarray:
         return clean
     seen = np.where(known, clean, np.float32(np.nan))
     inverse, across, down = tangents(seen, sensor)
-    row, column = _nearest(known)
+    row, column = nearest_pixels(known)
     v, u = np.mgrid[: clean.shape[0], : clean.shape[1]]
     # The slope is not continued farther, because it comes from a few pixels at the border.
     reach = GROUND_TRUTH.continued
