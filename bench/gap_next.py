@@ -31,7 +31,7 @@ from flexx2_sim_ros.gap.planning.next_recording import suggest
 from flexx2_sim_ros.gap.planning.plan import default_plan, Plan, PlannedRecording, read_plan
 from flexx2_sim_ros.gap.planning.scenes import Panel
 from flexx2_sim_ros.gap.planning.truths import ALL_KINDS, ground_truth, Kind
-from flexx2_sim_ros.gap.work import find, summarise_all
+from flexx2_sim_ros.gap.work import find, Simulations, summarise_all
 from flexx2_sim_ros.jobs import workers
 from flexx2_sim_ros.validation.blind import BlindCamera, Case, SceneKey, SceneSet
 from flexx2_sim_ros.validation.blind.rooms import Path as Way
@@ -225,10 +225,8 @@ class Campaign:
             folder = Path(name)
             record(folder)
             found, left_out = find(folder, None, mapped)
-            return summarise_all(
-                *(folder, found, left_out, None, self.columns, 0, np.array(_PRIOR), mapped),
-                lambda: None,
-            )[1]
+            simulations = Simulations(None, self.columns, 0, _PRIOR)
+            return summarise_all(folder, found, left_out, simulations, mapped)[1]
 
 
 def _record(recorder: Recorder, name: str | int, folder: Path) -> None:

@@ -15,7 +15,7 @@ from flexx2_sim_ros.gap.planning.plan import default_plan, Plan, read_plan
 from flexx2_sim_ros.gap.planning.power import planned_columns, power
 from flexx2_sim_ros.gap.planning.table import compute, PRIOR, read_table, Request, shipped_table
 from flexx2_sim_ros.gap.planning.truths import KINDS, smaller, write_campaign
-from flexx2_sim_ros.gap.work import find, summarise_all
+from flexx2_sim_ros.gap.work import find, Simulations, summarise_all
 from flexx2_sim_ros.jobs import workers
 from flexx2_sim_ros.paths import executable
 from flexx2_sim_ros.recording.truth import read_truth
@@ -140,9 +140,8 @@ def test_an_effect_is_not_found_where_an_undecided_one_explains_as_much(
     columns += [one for one in planned_columns() if 'offset' in one.effects]
     with workers(1, None) as mapped:
         found, left_out = find(folder, flexx2(), mapped)
-        _, evidence, _ = summarise_all(
-            folder, found, left_out, flexx2(), columns, 0, prior, mapped, lambda: None
-        )
+        simulations = Simulations(flexx2(), columns, 0, tuple(prior))
+        _, evidence, _ = summarise_all(folder, found, left_out, simulations, mapped)
     model = Model(evidence, columns, prior)
     candidates = [one for one in candidates if one.effect in effects]
 

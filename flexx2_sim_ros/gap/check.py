@@ -25,7 +25,7 @@ from flexx2_sim_ros.gap.inference.improvement import measured, tolerances
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.report.check_page import FILES, write_check
 from flexx2_sim_ros.gap.report.reading import Diagnosed, read_diagnosis
-from flexx2_sim_ros.gap.work import find, Progress, stepper, summarise_all
+from flexx2_sim_ros.gap.work import find, Progress, Simulations, stepper, summarise_all
 from flexx2_sim_ros.jobs import bind, Map, workers
 import numpy as np
 
@@ -108,19 +108,11 @@ def check(
         _refuse_seen(before, found, profile, mapped)
         columns = _columns(found[0], request.effects)
         step = stepper(request.progress, 'simulating the recordings', 0.05, 0.6, len(found))
-        prior = np.array(request.prior)
+        simulations = Simulations(
+            profile, columns, seed, request.prior, request.known, inside_of(effects)
+        )
         files, evidence, unusable = summarise_all(
-            folder,
-            found,
-            left_out,
-            profile,
-            columns,
-            seed,
-            prior,
-            mapped,
-            step,
-            request.known,
-            inside_of(effects),
+            folder, found, left_out, simulations, mapped, step
         )
         used = list(zip(files, evidence, strict=True))
         left_out += unusable

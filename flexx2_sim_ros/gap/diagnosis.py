@@ -30,6 +30,7 @@ from flexx2_sim_ros.gap.work import (
     Progress,
     search_inside,
     simulate_set,
+    Simulations,
     stepper,
     summarise_all,
 )
@@ -110,18 +111,9 @@ def diagnose(
         hidden = [one for one in hidden_effects(campaign_dir) if one.effect not in left]
         text = 'simulating what could explain the recordings'
         step = stepper(progress, text, 0.05, 0.67, len(found))
+        simulations = Simulations(profile, columns, seed, tuple(prior), known, inside)
         used, evidence, unusable = summarise_all(
-            campaign_dir,
-            found,
-            left_out,
-            profile,
-            columns,
-            seed,
-            prior,
-            mapped,
-            step,
-            known,
-            inside,
+            campaign_dir, found, left_out, simulations, mapped, step
         )
         model = Model(evidence, columns, prior)
         decision = _decide(model, candidates, hidden, progress)

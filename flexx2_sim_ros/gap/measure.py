@@ -13,7 +13,7 @@ from flexx2_sim_ros.gap.features.search import inside_of
 from flexx2_sim_ros.gap.inference.effects import table_of
 from flexx2_sim_ros.gap.inference.fitting import fit
 from flexx2_sim_ros.gap.inference.model import Model
-from flexx2_sim_ros.gap.work import find, summarise_all
+from flexx2_sim_ros.gap.work import find, Simulations, summarise_all
 from flexx2_sim_ros.jobs import workers
 import numpy as np
 
@@ -70,18 +70,9 @@ def measure(
         ]
         if table:
             columns.append(Column('set', table, few=False))
-        _, evidence, _ = summarise_all(
-            campaign_dir,
-            found,
-            left_out,
-            profile,
-            columns,
-            seed,
-            prior,
-            mapped,
-            lambda: None,
-            inside=inside_of(parsed),
-        )
+        inside = inside_of(parsed)
+        simulations = Simulations(profile, columns, seed, tuple(prior), inside=inside)
+        _, evidence, _ = summarise_all(campaign_dir, found, left_out, simulations, mapped)
     model = Model(evidence, columns, prior)
     base = fit(model, [])
     on = Term('on', ((1.0, 'set'),), 1.0, 1.0)

@@ -1,8 +1,8 @@
 """Find, summarise and simulate the recordings of a campaign, one job for each."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 from flexx2_sim_ros.camera import Profile
@@ -20,6 +20,36 @@ from flexx2_sim_ros.recording.folders import find_recordings
 import numpy as np
 
 Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True)
+class Simulations:
+    """
+    How recordings are simulated, for their summaries.
+
+    Attributes
+    ----------
+    profile : Profile or None
+        The camera; None: the Flexx2.
+    columns : sequence of Column
+        The simulations of each recording.
+    seed : int
+        Seed of the simulations.
+    prior : tuple of float
+        Six standard deviations of pose errors, metres and degrees.
+    known : mapping, optional
+        Effects that the base simulator has: parameters by name.
+    inside : mapping
+        What is known of the camera's inside, as from `search_inside`.
+
+    """
+
+    profile: Profile | None
+    columns: Sequence[Column]
+    seed: int
+    prior: tuple[float, ...]
+    known: Table | None = None
+    inside: Inside = field(default_factory=dict)
 
 
 def stepper(
@@ -107,22 +137,15 @@ def search_inside(
     return search(some, found[0].mode) if some else {}
 
 
-def summarise(
-    found: Found,
-    profile: Profile | None,
-    columns: Sequence[Column],
-    seed: int,
-    prior: tuple[float, ...],
-    known: Table | None = None,
-    inside: Inside = MappingProxyType({}),
-) -> Evidence | str:
+def summarise(found: Found, simulations: Simulations) -> Evidence | str:
     """Return the summary of a recording, or the reason why it cannot be used."""
+    one = simulations
     try:
-        recording = read(found, profile, known)
+        recording = read(found, one.profile, one.known)
     except InputError as error:
         return str(error)
     try:
-        return gather(recording, columns, seed, np.array(prior), inside)
+        return gather(recording, one.columns, one.seed, np.array(one.prior), one.inside)
     except InputError as error:
         return f'{found.path}: {error}'
 
@@ -131,14 +154,9 @@ def summarise_all(
     folder: str | Path,
     found: Sequence[Found],
     left_out: Sequence[tuple[str, str]],
-    profile: Profile | None,
-    columns: Sequence[Column],
-    seed: int,
-    prior: np.ndarray,
+    simulations: Simulations,
     mapped: Map,
-    step: Callable[[], None],
-    known: Table | None = None,
-    inside: Inside = MappingProxyType({}),
+    step: Callable[[], None] = lambda: None,
 ) -> tuple[list[Found], list[Evidence], list[tuple[str, str]]]:
     """
     Summarise all recordings of a campaign.
@@ -151,22 +169,12 @@ def summarise_all(
         Its recordings.
     left_out : sequence of tuple of str
         Name of each recording that was left out before, and the reason; for errors.
-    profile : Profile or None
-        The camera (None: the Flexx2).
-    columns : sequence of Column
-        The simulations of each recording.
-    seed : int
-        Seed of the simulations.
-    prior : numpy.ndarray
-        (6,) standard deviations of pose errors, metres and degrees.
+    simulations : Simulations
+        How they are simulated.
     mapped : callable
         A map as from `workers`.
     step : callable
         Called after each recording.
-    known : mapping, optional
-        Effects that the base simulator has: parameters by name.
-    inside : mapping
-        What is known of the camera's inside, as from `search_inside`.
 
     Returns
     -------
@@ -180,19 +188,7 @@ def summarise_all(
         When no recording can be used.
 
     """
-    outcomes = mapped(
-        bind(
-            summarise,
-            profile=profile,
-            columns=columns,
-            seed=seed,
-            prior=tuple(prior),
-            known=known,
-            inside=dict(inside),
-        ),
-        found,
-        step,
-    )
+    outcomes = mapped(bind(summarise, simulations=simulations), found, step)
     used, evidence, unusable = [], [], []
     for file, one in zip(found, outcomes, strict=True):
         if isinstance(one, Evidence):

@@ -37,7 +37,7 @@ from flexx2_sim_ros.gap.planning.possible import (
     usual_kinds,
 )
 from flexx2_sim_ros.gap.report.reading import Diagnosed, read_diagnosis
-from flexx2_sim_ros.gap.work import find, Progress, stepper, summarise, summarise_all
+from flexx2_sim_ros.gap.work import find, Progress, Simulations, stepper, summarise, summarise_all
 from flexx2_sim_ros.jobs import bind, Map, workers
 import numpy as np
 
@@ -189,9 +189,8 @@ def _setting(
     prior = (metres,) * 3 + (degrees,) * 3
     text = 'simulating what could explain the recordings'
     step = stepper(progress, text, 0.0, 0.2, len(found))
-    used, evidence, _ = summarise_all(
-        campaign, found, left_out, camera, columns, seed, np.array(prior), mapped, step, given
-    )
+    simulations = Simulations(camera, columns, seed, prior, given)
+    used, evidence, _ = summarise_all(campaign, found, left_out, simulations, mapped, step)
     model = Model(evidence, columns, np.array(prior))
     hidden = [one for one in hidden_effects(campaign) if one.effect not in without]
     source = Source(tuple(columns), frozenset(without), modulation, tuple(hidden), prior, seed)
@@ -236,7 +235,8 @@ def _look_out(possible: Possible, setting: _Setting) -> _Row | str:
     ]
     pair = []
     for seed in (known.source.seed, known.source.seed + 1):
-        one = summarise(found, profile, columns, seed, known.source.prior, setting.given)
+        simulations = Simulations(profile, columns, seed, known.source.prior, setting.given)
+        one = summarise(found, simulations)
         if isinstance(one, str):
             return one
         pair.append(one)

@@ -20,7 +20,7 @@ from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.planning.plan import Plan
 from flexx2_sim_ros.gap.planning.power import left_open, planned_columns, Power, power, STRENGTHS
 from flexx2_sim_ros.gap.planning.truths import Kind, KINDS, write_campaign
-from flexx2_sim_ros.gap.work import find, summarise
+from flexx2_sim_ros.gap.work import find, Simulations, summarise
 from flexx2_sim_ros.jobs import bind, Map, workers
 from flexx2_sim_ros.paths import config_dir
 from flexx2_sim_ros.physics.frame_state import why_no_phases
@@ -233,13 +233,8 @@ def _simulate(
         found, _ = find(folder, request.profile, mapped)
         for half, columns in enumerate((known, planned)):
             progress('simulating', 0.25 * half)
-            job = bind(
-                summarise,
-                profile=request.profile,
-                columns=columns,
-                seed=request.seed + half,
-                prior=prior,
-            )
+            simulations = Simulations(request.profile, columns, request.seed + half, prior)
+            job = bind(summarise, simulations=simulations)
             outcomes.append(mapped(job, found, lambda: None))
     # Too little of a scene may be within the mode's range.
     evidence = [
