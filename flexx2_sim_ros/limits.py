@@ -1,9 +1,10 @@
-"""How much a file may expand to in memory when it is decompressed."""
+"""Limits: memory that a file may expand to when it is decompressed, and time of a consumer."""
 
 import os
 
 from flexx2_sim_ros.errors import InputError, shown
 
+CONSUMER_SECONDS = 120.0  # that a consumer may take for a recording, unless the user says more
 _EXPANSION = 20  # times the size of a file; noisy depth compresses by a factor of 2
 
 

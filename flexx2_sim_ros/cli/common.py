@@ -1,8 +1,9 @@
 """What several commands share: options, a progress bar, the command as it was typed."""
 
 import argparse
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+import json
 import shlex
 import sys
 from typing import Any
@@ -42,6 +43,49 @@ def add_jobs(parser: argparse.ArgumentParser) -> None:
         default=available_cores(),
         help='number of processes (default: one per core)',
     )
+
+
+def add_simulation(parser: argparse.ArgumentParser) -> None:
+    """Add ``--profile``, ``--seed`` and ``--jobs`` of a command that simulates recordings."""
+    add_profile(parser)
+    add_seed(parser)
+    add_jobs(parser)
+
+
+def add_diagnosis(parser: argparse.ArgumentParser) -> None:
+    """Add the folder of a diagnosis."""
+    parser.add_argument(
+        'diagnosis', metavar='DIAGNOSIS', help='folder that flexx2 gap diagnose has written'
+    )
+
+
+def add_out(parser: argparse.ArgumentParser, default: str = '') -> None:
+    """Add ``--out``, a folder; `default` says where results go without it."""
+    text = 'folder for the results'
+    parser.add_argument(
+        '--out',
+        required=not default,
+        metavar='DIR',
+        help=f'{text} (default: {default})' if default else text,
+    )
+
+
+def add_json(parser: argparse.ArgumentParser, name: str) -> None:
+    """Add ``--json``; `print_json` prints the file of this name."""
+    parser.add_argument(
+        '--json', action='store_true', help=f'print {name} to standard output, and no table'
+    )
+
+
+def print_json(table: dict[str, Any]) -> None:
+    """Print a table as JSON to standard output."""
+    print(json.dumps(table, indent=2, allow_nan=False))
+
+
+def print_lines(console: Console, lines: Iterable[str]) -> None:
+    """Print lines whose text may come from files."""
+    for line in lines:
+        console.print(printable(line), highlight=False)
 
 
 def add_scheduler(parser: argparse.ArgumentParser) -> None:

@@ -3,8 +3,14 @@
 import argparse
 from typing import Any
 
-from flexx2_sim_ros.cli.common import add_jobs, add_profile, add_scheduler, add_seed, progress_bar
-from flexx2_sim_ros.errors import printable
+from flexx2_sim_ros.cli.common import (
+    add_diagnosis,
+    add_out,
+    add_scheduler,
+    add_simulation,
+    print_lines,
+    progress_bar,
+)
 from rich.console import Console
 
 
@@ -21,19 +27,15 @@ def add_parser(commands: Any) -> None:
         '(with maps as .npz files beside it), calibration.json and calibration.html.',
         epilog='example: flexx2 gap calibrate diagnosis/ recordings/ --out calibrated/',
     )
-    parser.add_argument(
-        'diagnosis', metavar='DIAGNOSIS', help='folder that flexx2 gap diagnose has written'
-    )
+    add_diagnosis(parser)
     parser.add_argument(
         'campaign',
         metavar='CAMPAIGN',
         help='folder of recordings with clean_depth, three or more: those of the diagnosis or '
         'others of the same camera',
     )
-    parser.add_argument('--out', required=True, metavar='DIR', help='folder for the results')
-    add_profile(parser)
-    add_seed(parser)
-    add_jobs(parser)
+    add_out(parser)
+    add_simulation(parser)
     add_scheduler(parser)
     parser.set_defaults(run=run)
 
@@ -57,8 +59,7 @@ def run(arguments: argparse.Namespace) -> int:
             progress=progress,
         )
     console.print(headline(table), style='bold', highlight=False)
-    for line in sentences(table):
-        console.print(printable(line), highlight=False)
+    print_lines(console, sentences(table))
     console.print(
         f'{arguments.out}: effects.yaml, calibration.json, calibration.html '
         f'({table["seconds"]:.0f} s)',

@@ -1,16 +1,18 @@
 """`flexx2 gap check`: check a diagnosis on recordings that it has never seen."""
 
 import argparse
-import json
 from typing import Any
 
 from flexx2_sim_ros.cli.common import (
-    add_jobs,
+    add_diagnosis,
+    add_json,
     add_known,
+    add_out,
     add_pose_prior,
-    add_profile,
     add_scheduler,
-    add_seed,
+    add_simulation,
+    print_json,
+    print_lines,
     progress_bar,
     read_known,
 )
@@ -32,20 +34,14 @@ def add_parser(commands: Any) -> None:
         'cannot be used. Recordings that were part of the diagnosis are refused.',
         epilog='example: flexx2 gap check diagnosis/ fresh/ --out checked/',
     )
-    parser.add_argument(
-        'diagnosis', metavar='DIAGNOSIS', help='folder that flexx2 gap diagnose has written'
-    )
+    add_diagnosis(parser)
     parser.add_argument(
         'fresh', metavar='FRESH', help='folder of recordings with clean_depth (.npz or bags)'
     )
-    parser.add_argument('--out', metavar='DIR', help='folder for the results (default: DIAGNOSIS)')
-    parser.add_argument(
-        '--json', action='store_true', help='print check.json to standard output, and no table'
-    )
+    add_out(parser, 'DIAGNOSIS')
+    add_json(parser, 'check.json')
     add_known(parser, 'as in the diagnosis')
-    add_profile(parser)
-    add_seed(parser)
-    add_jobs(parser)
+    add_simulation(parser)
     add_scheduler(parser)
     add_pose_prior(parser, None, 'as in the diagnosis')
     parser.set_defaults(run=run)
@@ -73,7 +69,7 @@ def run(arguments: argparse.Namespace) -> int:
             progress=progress,
         )
     if arguments.json:
-        print(json.dumps(table, indent=2, allow_nan=False))
+        print_json(table)
     else:
         _print(table, console)
         console.print(f'{out}: check.json, check.html ({table["seconds"]:.0f} s)', highlight=False)
@@ -98,5 +94,4 @@ def _print(table: dict[str, Any], console: Console) -> None:
         # A value above its interval, so that the table fits a terminal of 80 columns.
         shown.add_row(*(text.replace(' (', '\n(') for text in line))
     console.print(shown)
-    for text in sentences(table):
-        console.print(printable(text), highlight=False)
+    print_lines(console, sentences(table))

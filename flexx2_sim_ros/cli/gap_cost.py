@@ -1,17 +1,22 @@
 """`flexx2 gap cost`: measure what a gap costs on a robot."""
 
 import argparse
-import json
 from typing import Any
 
 from flexx2_sim_ros.cli.argument_types import number
-from flexx2_sim_ros.cli.common import add_jobs, add_profile, add_seed, progress_bar
+from flexx2_sim_ros.cli.common import (
+    add_json,
+    add_out,
+    add_simulation,
+    print_json,
+    print_lines,
+    progress_bar,
+)
 from flexx2_sim_ros.errors import printable
+from flexx2_sim_ros.limits import CONSUMER_SECONDS
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Column, Table
-
-_LIMIT = 120.0
 
 
 def add_parser(commands: Any) -> None:
@@ -34,7 +39,7 @@ def add_parser(commands: Any) -> None:
         metavar='DIR',
         help='folder that flexx2 gap diagnose or calibrate has written',
     )
-    parser.add_argument('--out', required=True, metavar='DIR', help='folder for the results')
+    add_out(parser)
     parser.add_argument(
         '--consumer',
         action='append',
@@ -54,16 +59,12 @@ def add_parser(commands: Any) -> None:
     parser.add_argument(
         '--limit',
         type=number(0, 1e6, above=True),
-        default=_LIMIT,
+        default=CONSUMER_SECONDS,
         metavar='SECONDS',
-        help=f'how long a consumer may take for a recording (default {_LIMIT:g})',
+        help=f'how long a consumer may take for a recording (default {CONSUMER_SECONDS:g})',
     )
-    parser.add_argument(
-        '--json', action='store_true', help='print cost.json to standard output, and no table'
-    )
-    add_profile(parser)
-    add_seed(parser)
-    add_jobs(parser)
+    add_json(parser, 'cost.json')
+    add_simulation(parser)
     parser.set_defaults(run=run)
 
 
@@ -88,7 +89,7 @@ def run(arguments: argparse.Namespace) -> int:
             progress=progress,
         )
     if arguments.json:
-        print(json.dumps(table, indent=2, allow_nan=False))
+        print_json(table)
     else:
         _print(table, console)
         console.print(
@@ -98,7 +99,8 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _print(table: dict[str, Any], console: Console) -> None:
-    from flexx2_sim_ros.gap.report.cost_page import headline, lines, sentences, words
+    from flexx2_sim_ros.gap.report.cost_page import headline, lines, sentences
+    from flexx2_sim_ros.gap.report.text import spaced
 
     console.print(printable(headline(table)), style='bold', highlight=False)
     shown = Table(
@@ -111,10 +113,9 @@ def _print(table: dict[str, Any], console: Console) -> None:
         padding=(0, 1, 0, 0),
     )
     for consumer in table['consumers']:
-        shown.add_row(printable(words(consumer['name'])), style='bold')
+        shown.add_row(printable(spaced(consumer['name'])), style='bold')
         for line, significant in lines(consumer):
             texts = [printable(text).replace(' (', '\n(') for text in line]
             shown.add_row(*texts, style='' if significant else 'dim')
     console.print(shown)
-    for text in sentences(table):
-        console.print(printable(text), highlight=False)
+    print_lines(console, sentences(table))

@@ -4,16 +4,15 @@ import argparse
 from typing import Any
 
 from flexx2_sim_ros.cli.common import (
-    add_jobs,
     add_known,
+    add_out,
     add_pose_prior,
-    add_profile,
     add_scheduler,
-    add_seed,
+    add_simulation,
+    print_lines,
     progress_bar,
     read_known,
 )
-from flexx2_sim_ros.errors import printable
 from rich.console import Console
 
 
@@ -32,8 +31,7 @@ def add_parser(commands: Any) -> None:
         epilog='example: flexx2 gap diagnose recordings --out diagnosis --pose-prior 0.005 0.25',
     )
     parser.add_argument('campaign', metavar='CAMPAIGN', help='folder of recordings')
-    parser.add_argument('--out', required=True, metavar='DIR', help='folder for the results')
-    add_profile(parser)
+    add_out(parser)
     parser.add_argument(
         '--without',
         action='append',
@@ -41,8 +39,7 @@ def add_parser(commands: Any) -> None:
         metavar='NAME',
         help='do not consider this effect (may be repeated)',
     )
-    add_seed(parser)
-    add_jobs(parser)
+    add_simulation(parser)
     add_scheduler(parser)
     add_pose_prior(parser, (0.010, 0.5), '0.01 0.5')
     add_known(parser)
@@ -70,8 +67,7 @@ def run(arguments: argparse.Namespace) -> int:
             progress=progress,
         )
     console.print(headline(table), style='bold', highlight=False)
-    for line in sentences(table) + remarks(table):
-        console.print(printable(line), highlight=False)
+    print_lines(console, sentences(table) + remarks(table))
     console.print(
         f'{arguments.out}: diagnosis.json, effects.yaml, report.html ({table["seconds"]:.0f} s)',
         highlight=False,

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from flexx2_sim_ros.atomic import check_outputs, output_folder, write_text
-from flexx2_sim_ros.cli.common import add_jobs, add_profile, add_seed, progress_bar
+from flexx2_sim_ros.cli.common import add_diagnosis, add_out, add_simulation, progress_bar
 from flexx2_sim_ros.errors import printable
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
@@ -29,13 +29,11 @@ def add_parser(commands: Any) -> None:
         'camera is in docs/planning.md.',
         epilog='example: flexx2 gap next diagnosis/ campaign/ --truth tape',
     )
-    parser.add_argument(
-        'diagnosis', metavar='DIAGNOSIS', help='folder that flexx2 gap diagnose has written'
-    )
+    add_diagnosis(parser)
     parser.add_argument(
         'campaign', metavar='CAMPAIGN', help='folder of the recordings that were diagnosed'
     )
-    parser.add_argument('--out', metavar='DIR', help='folder for the results (default: DIAGNOSIS)')
+    add_out(parser, 'DIAGNOSIS')
     parser.add_argument(
         '--plan', metavar='FILE', help='what could be recorded (default: config/gap_plan.yaml)'
     )
@@ -56,9 +54,7 @@ def add_parser(commands: Any) -> None:
         help='a scene of your own to rank as well: an .npz file as for flexx2 simulate (may be '
         'repeated)',
     )
-    add_profile(parser)
-    add_seed(parser)
-    add_jobs(parser)
+    add_simulation(parser)
     parser.set_defaults(run=run)
 
 
@@ -96,7 +92,8 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _shown(table: dict[str, Any]) -> Table:
-    from flexx2_sim_ros.gap.planning.next_page import baselines, percent
+    from flexx2_sim_ros.gap.planning.next_page import baselines
+    from flexx2_sim_ros.gap.report.text import percent
 
     shown = Table(box=SIMPLE_HEAD, pad_edge=False)
     shown.add_column('record', no_wrap=True)

@@ -4,8 +4,7 @@ import argparse
 from typing import Any
 
 from flexx2_sim_ros.atomic import check_no_overwrite, checked_target
-from flexx2_sim_ros.cli.common import add_force
-from flexx2_sim_ros.errors import printable
+from flexx2_sim_ros.cli.common import add_diagnosis, add_force, print_lines
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
@@ -22,9 +21,7 @@ def add_parser(commands: Any) -> None:
         'BatchCamera draw cameras from them.',
         epilog='example: flexx2 gap randomise diagnosis/ --out randomisation.yaml',
     )
-    parser.add_argument(
-        'diagnosis', metavar='DIAGNOSIS', help='folder that flexx2 gap diagnose has written'
-    )
+    add_diagnosis(parser)
     parser.add_argument('--out', required=True, metavar='FILE', help='YAML file to write')
     add_force(parser)
     parser.set_defaults(run=run)
@@ -47,7 +44,6 @@ def run(arguments: argparse.Namespace) -> int:
             '' if factor is None else f'{factor:.1f}',
         )
     console.print(shown)
-    for line in comment(found)[1:]:
-        console.print(printable(line), highlight=False)
+    print_lines(console, comment(found)[1:])
     console.print(str(arguments.out), highlight=False)
     return 0

@@ -10,6 +10,7 @@ from typing import Any
 from flexx2_sim_ros.cli.argument_types import number
 from flexx2_sim_ros.cli.common import (
     add_jobs,
+    add_out,
     add_profile,
     add_scheduler,
     command_line,
@@ -47,7 +48,7 @@ def add_parser(commands: Any) -> None:
         'recordings', nargs='+', metavar='RECORDING', help='.npz file, bag, or folder of these'
     )
     _add_rooms(parser)
-    parser.add_argument('--out', required=True, metavar='DIR', help='folder for the results')
+    add_out(parser)
     parser.add_argument(
         '--pose',
         action='append',

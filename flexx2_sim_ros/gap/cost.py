@@ -24,10 +24,10 @@ from flexx2_sim_ros.gap.report.cost_page import FILES, write_cost
 from flexx2_sim_ros.gap.report.reading import Diagnosed, read_diagnosis
 from flexx2_sim_ros.gap.work import find, Progress, stepper
 from flexx2_sim_ros.jobs import bind, workers
+from flexx2_sim_ros.limits import CONSUMER_SECONDS
 import numpy as np
 
 SCHEMA = 1
-LIMIT = 120.0  # seconds for a recording
 _HIGHEST, _STEEPEST = 10.0, 80.0  # of a camera: metres and degrees
 _NAMES = REAL, SIMULATED, AGAIN
 
@@ -42,7 +42,7 @@ def cost(
     jobs: int = 1,
     out: str | Path | None = None,
     mounting: tuple[float, float] | None = None,
-    limit: float = LIMIT,
+    limit: float = CONSUMER_SECONDS,
     progress: Progress | None = None,
 ) -> dict[str, Any]:
     """

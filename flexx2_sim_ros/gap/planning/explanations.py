@@ -14,6 +14,7 @@ from flexx2_sim_ros.gap.inference.fitting import Fit
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.inference.selection import Trials
 from flexx2_sim_ros.gap.report.reading import Diagnosed
+from flexx2_sim_ros.gap.report.text import spaced
 import numpy as np
 
 NONE = 'no effect'
@@ -111,7 +112,7 @@ def explanations(
         # The pose of each recording is fitted in any case, so a pose error looks like no effect.
         camera = {name: values for name, values in effects.items() if name != pose}
         if not any(camera == one.effects for one in out.values()):
-            name = ' + '.join(camera).replace('_', ' ') or NONE
+            name = ' + '.join(map(spaced, camera)) or NONE
             out.setdefault(name, Explanation(name, camera, gain, fit))
     return list(out.values())
 

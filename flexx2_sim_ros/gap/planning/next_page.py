@@ -9,6 +9,7 @@ from flexx2_sim_ros.gap.planning.drawing import as_data_url, drawing
 from flexx2_sim_ros.gap.planning.looks import View
 from flexx2_sim_ros.gap.planning.next_recording import Suggestions
 from flexx2_sim_ros.gap.planning.page import record_command
+from flexx2_sim_ros.gap.report.text import percent
 from flexx2_sim_ros.html_drawing import picture
 from flexx2_sim_ros.html_page import html_page
 import numpy as np
@@ -79,11 +80,6 @@ def suggested(table: Mapping[str, Any]) -> str:
         'also shows in recordings that were left out of its fit. Add the recordings to the '
         f'campaign and diagnose again. {expected}'
     )
-
-
-def percent(share: float) -> str:
-    """Return a fraction in percent, as text."""
-    return f'{100 * share:.0f} %'
 
 
 def baselines(table: Mapping[str, Any]) -> list[tuple[str, Mapping[str, float]]]:

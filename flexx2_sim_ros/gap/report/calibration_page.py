@@ -13,7 +13,7 @@ from flexx2_sim_ros.gap.forms import dropout
 from flexx2_sim_ros.gap.forms.bias import covariate_of
 from flexx2_sim_ros.gap.forms.calibrating import Proposal, Verdict
 from flexx2_sim_ros.gap.forms.work import Looked
-from flexx2_sim_ros.gap.report.words import percent
+from flexx2_sim_ros.gap.report.text import percent, spaced
 from flexx2_sim_ros.html_drawing import CURVE_STYLE, curves, picture
 from flexx2_sim_ros.html_page import html_page
 import numpy as np
@@ -65,14 +65,14 @@ def write_calibration(
 
 def headline(table: dict[str, Any]) -> str:
     """Return the result in one sentence."""
-    taken = [_words(row['name']) for row in table['effects'] if row['taken']]
+    taken = [spaced(row['name']) for row in table['effects'] if row['taken']]
     if not taken:
         text = 'No calibrated form is better on left-out recordings: all effects stay.'
     else:
         text = f'Calibrated: {", ".join(taken)}.'
     if table['empirical'] and table['empirical']['taken']:
         text += (
-            f' Empirical correction over {_words(table["empirical"]["form"])}, without a cause.'
+            f' Empirical correction over {spaced(table["empirical"]["form"])}, without a cause.'
         )
     return text
 
@@ -83,16 +83,16 @@ def sentences(table: dict[str, Any]) -> list[str]:
     out = _explanations(table)
     for row in table['effects']:
         verb = 'replaces the diagnosed form' if row['taken'] else 'is not taken'
-        out.append(f'{_words(row["name"])}: {row["form"]} {verb}: {_change(row, count)}.')
+        out.append(f'{spaced(row["name"])}: {row["form"]} {verb}: {_change(row, count)}.')
     out += [
-        f'{_words(name)}: stays as it was diagnosed; it has no form to fit.'
+        f'{spaced(name)}: stays as it was diagnosed; it has no form to fit.'
         for name in table['unchanged']
     ]
     row = table['empirical']
     if row:
         verb = 'is added; its cause is not known' if row['taken'] else 'is not added'
         out.append(
-            f'Empirical correction over {_words(row["form"])} {verb}: {_change(row, count)}.'
+            f'Empirical correction over {spaced(row["form"])} {verb}: {_change(row, count)}.'
         )
     low, high = table['gap']['interval'] or [table['gap']['shrink']] * 2
     out.append(
@@ -107,7 +107,7 @@ def _explanations(table: dict[str, Any]) -> list[str]:
     rows = table['explanations']
     if len(rows) < 2:
         return []
-    names = [', '.join(map(_words, row['effects'])) for row in rows]
+    names = [', '.join(map(spaced, row['effects'])) for row in rows]
     tried = '; '.join(
         f'{name} ({row["distance"]:.3g})' for name, row in zip(names, rows, strict=True)
     )
@@ -116,15 +116,11 @@ def _explanations(table: dict[str, Any]) -> list[str]:
 
 
 def _change(row: dict[str, Any], count: int) -> str:
-    worse = f'; worse: {", ".join(map(_words, row["worse"]))}' if row['worse'] else ''
+    worse = f'; worse: {", ".join(map(spaced, row["worse"]))}' if row['worse'] else ''
     return (
         f'distance {row["before"]:.3g} to {row["after"]:.3g}, smaller in '
         f'{row["recordings_better"]} of {count} left-out recordings{worse}'
     )
-
-
-def _words(name: str) -> str:
-    return name.replace('_', ' ')
 
 
 def page(table: dict[str, Any], verdicts: Sequence[Verdict], looked: Sequence[Looked]) -> str:

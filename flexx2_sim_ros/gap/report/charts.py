@@ -7,6 +7,7 @@ from flexx2_sim_ros.gap.calibration.features import FEATURES
 from flexx2_sim_ros.gap.data.axes import AXES, Axes, Axis, TILE_COLUMNS, TILE_ROWS
 from flexx2_sim_ros.gap.features.confirm import Outcome
 from flexx2_sim_ros.gap.features.features import LAYOUT, likeness
+from flexx2_sim_ros.gap.report.text import spaced
 from flexx2_sim_ros.html_drawing import curves, picture
 import numpy as np
 
@@ -139,7 +140,7 @@ def charts(confirmed: Sequence[Outcome], explained: bool, axes: Axes) -> str:
         title = (
             'pixels from a depth jump (negative: near side)'
             if name == 'edge'
-            else axis.name.replace('_', ' ') + unit
+            else spaced(axis.name) + unit
         )
         figures.append(
             curves(

@@ -8,7 +8,8 @@ from typing import Any, NamedTuple
 
 from flexx2_sim_ros.atomic import output_folder, whole_files
 from flexx2_sim_ros.gap.report.style import STYLE
-from flexx2_sim_ros.gap.report.words import MEASURES, percent
+from flexx2_sim_ros.gap.report.text import percent, spaced
+from flexx2_sim_ros.gap.report.words import MEASURES
 from flexx2_sim_ros.html_drawing import bar
 from flexx2_sim_ros.html_page import html_page
 
@@ -64,7 +65,7 @@ def write_check(folder: Path, table: dict[str, Any]) -> None:
 
 def headline(table: dict[str, Any]) -> str:
     """Return the result in one sentence."""
-    names = ' and '.join(name.replace('_', ' ') for name in table['effects'])
+    names = ' and '.join(spaced(name) for name in table['effects'])
     loss = table['measures']['loss']
     if table['holds']:
         remove = 'removes' if len(table['effects']) == 1 else 'remove'
@@ -86,7 +87,7 @@ def sentences(table: dict[str, Any]) -> list[str]:
             'much. More recordings would make it narrower.'
         )
     if table['known']:
-        out.append(f'Taken as given: {", ".join(table["known"]).replace("_", " ")}.')
+        out.append(f'Taken as given: {", ".join(map(spaced, table["known"]))}.')
     out += [f'Left out: {row["reason"]}.' for row in rows if not row['used']]
     return out + [f'Note: {note}.' for row in used for note in row['notes']]
 

@@ -10,7 +10,7 @@ from flexx2_sim_ros.atomic import output_folder, whole_files
 from flexx2_sim_ros.consumers.comparison import FEWEST
 from flexx2_sim_ros.consumers.running import Result
 from flexx2_sim_ros.gap.report.style import STYLE
-from flexx2_sim_ros.gap.report.words import percent
+from flexx2_sim_ros.gap.report.text import percent, spaced
 from flexx2_sim_ros.html_drawing import bar, picture
 from flexx2_sim_ros.html_page import html_page
 import numpy as np
@@ -69,11 +69,6 @@ def write_cost(folder: Path, table: dict[str, Any], results: Sequence[Result]) -
         )
 
 
-def words(name: str) -> str:
-    """Return a name without underscores."""
-    return name.replace('_', ' ')
-
-
 def headline(table: dict[str, Any]) -> str:
     """Return the result in one sentence."""
     if not table['consumers']:
@@ -88,8 +83,8 @@ def headline(table: dict[str, Any]) -> str:
     consumer, measure = _clearest(table, best['effect'])
     one = measure['effects'][best['effect']]
     return (
-        f'Modelling {words(best["effect"])} first takes away {_percent(one)} of the difference in '
-        f'{words(measure["name"])} ({words(consumer)}): {_value(measure, "real")} in the '
+        f'Modelling {spaced(best["effect"])} first takes away {_percent(one)} of the difference '
+        f'in {spaced(measure["name"])} ({spaced(consumer)}): {_value(measure, "real")} in the '
         f'recordings, {_value(measure, "simulated")} as simulated.'
     )
 
@@ -115,7 +110,7 @@ def sentences(table: dict[str, Any]) -> list[str]:
     used = [row for row in table['recordings'] if row['used']]
     fitted = sum(row['effects_from'] == 'this recording' for row in used)
     out = [
-        f'{words(row["effect"])}: takes away {percent(row["share"])} on average over '
+        f'{spaced(row["effect"])}: takes away {percent(row["share"])} on average over '
         f'{row["measures"]} measures that differ.'
         for row in table['ranking']
     ]
@@ -136,10 +131,10 @@ def lines(consumer: dict[str, Any]) -> Iterator[tuple[Line, bool]]:
         name, best = max(one['effects'].items(), key=lambda item: item[1]['share'])
         first = 'no difference' if one['recordings'] >= FEWEST else 'too few recordings'
         if one['significant']:
-            first = f'{words(name)} {_percent(best)}'
+            first = f'{spaced(name)} {_percent(best)}'
         yield (
             Line(
-                f'{words(one["name"])}{unit}',
+                f'{spaced(one["name"])}{unit}',
                 f'{one["real"]:.3g}',
                 f'{one["simulated"]:.3g}',
                 f'{one["all_effects"]["value"]:.3g}',
@@ -186,7 +181,7 @@ def _consumer(one: dict[str, Any], result: Result) -> str:
     for measure in one['measures']:
         unit = f', {measure["unit"]}' if measure['unit'] else ''
         cells = [
-            f'{words(measure["name"])}{unit}',
+            f'{spaced(measure["name"])}{unit}',
             *(f'{measure[key]:.3g}' for key in ('real', 'simulated', 'difference', 'null')),
         ]
         rows.append(_row(cells, measure, '', None))
@@ -196,9 +191,9 @@ def _consumer(one: dict[str, Any], result: Result) -> str:
                 ('all effects', measure['all_effects']),
             ):
                 text = ['', '', f'{left["value"]:.3g}', f'{left["difference"]:.3g}', '']
-                rows.append(_row(text, measure, f'{words(name)}: {_percent(left)}', left))
+                rows.append(_row(text, measure, f'{spaced(name)}: {_percent(left)}', left))
     return (
-        f'<h2>{escape(words(one["name"]))}</h2><p>{escape(one["title"])}</p>'
+        f'<h2>{escape(spaced(one["name"]))}</h2><p>{escape(one["title"])}</p>'
         '<div class="scroll"><table><tr><th></th><th>recorded</th><th>simulated</th>'
         '<th>difference</th><th>two simulations</th><th>taken away by</th><th></th></tr>'
         f'{"".join(rows)}</table></div>{_pictures(result)}'

@@ -11,13 +11,13 @@ from flexx2_sim_ros.gap.report.charts import charts, maps
 from flexx2_sim_ros.gap.report.frames import frames, FRAMES_STYLE
 from flexx2_sim_ros.gap.report.places import place
 from flexx2_sim_ros.gap.report.style import STYLE
+from flexx2_sim_ros.gap.report.text import percent, spaced
 from flexx2_sim_ros.gap.report.words import (
     accuracy,
     camera_effects,
     headline,
     MEASURES,
     not_considered,
-    percent,
     sentences,
 )
 from flexx2_sim_ros.html_drawing import bar, CURVE_STYLE
@@ -43,7 +43,7 @@ def page(
     """Return the page as HTML, all text escaped and all pictures inside."""
     body = [
         f'<p><span class="tag {escape(table["verdict"])}">'
-        f'{escape(table["verdict"].replace("_", " "))}</span> '
+        f'{escape(spaced(table["verdict"]))}</span> '
         f'<small>from {sum(r["used"] for r in table["recordings"])} recordings</small></p>',
         f'<h1>{escape(headline(table))}</h1>',
         ''.join(f'<p>{escape(line)}</p>' for line in sentences(table)),
@@ -77,7 +77,7 @@ def _effects(table: dict[str, Any]) -> str:
         low, high = map(percent, row['interval'])
         numbers = percent(row['share']), f'{low} to {high}', percent(row['confidence'])
         rows.append(
-            f'<tr><td><b>{escape(row["name"].replace("_", " "))}</b></td>'
+            f'<tr><td><b>{escape(spaced(row["name"]))}</b></td>'
             f'{_numbers(*numbers)}<td>{escape(values)}</td></tr>'
         )
     return (
@@ -156,7 +156,7 @@ def _considered(table: dict[str, Any], decision: Decision) -> str:
         else:
             why = 'explains less' if taken else 'explains too little'
         rows.append(
-            f'<tr><td>{escape(name.replace("_", " "))}</td><td>{percent(min(fraction, 1))}</td>'
+            f'<tr><td>{escape(spaced(name))}</td><td>{percent(min(fraction, 1))}</td>'
             f'<td>{escape(why)}</td></tr>'
         )
     return (

@@ -3,6 +3,8 @@
 import math
 from typing import Any
 
+from flexx2_sim_ros.gap.report.text import spaced
+
 # Names of the channels, for people.
 CHANNELS = {
     'bias': 'depth',
@@ -167,7 +169,7 @@ def _span(low: float | None, high: float | None, unit: str) -> str:
 
 def group(cell: dict[str, Any]) -> str:
     """Return the pixels of a row of `where` as text."""
-    name = cell['covariate'].removeprefix('fine_').replace('_', ' ')
+    name = spaced(cell['covariate'].removeprefix('fine_'))
     fixed = {
         'structure': 'everywhere',
         'all': 'on all surfaces',

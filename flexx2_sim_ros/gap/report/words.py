@@ -5,6 +5,7 @@ from typing import Any
 from flexx2_sim_ros.effects import of_role
 from flexx2_sim_ros.gap.report.age import age_words
 from flexx2_sim_ros.gap.report.places import CHANNELS, finding
+from flexx2_sim_ros.gap.report.text import percent, spaced
 
 # Names of the physical measures, for people: name, unit and factor to it.
 MEASURES = {
@@ -24,13 +25,8 @@ def _names(rows: list[dict[str, Any]]) -> str:
 
 
 def _list(names: list[str]) -> str:
-    names = [name.replace('_', ' ') for name in names]
+    names = list(map(spaced, names))
     return ' and '.join(filter(None, [', '.join(names[:-1]), names[-1]])) if names else ''
-
-
-def percent(fraction: float) -> str:
-    """Return a fraction in percent, as text."""
-    return f'{100 * fraction:.0f} %'
 
 
 def camera_effects(table: dict[str, Any]) -> list[str]:
@@ -107,7 +103,7 @@ def sentences(table: dict[str, Any]) -> list[str]:
     if 'patch' in table:
         out.append(
             f'effects.yaml has a correction without a cause, over '
-            f'{table["patch"]["covariate"].replace("_", " ")}: it removes '
+            f'{spaced(table["patch"]["covariate"])}: it removes '
             f'{percent(table["patch"]["shrink"])} of the gap in bias, noise and invalid pixels.'
         )
     out += not_decidable(table) + ground_truth(table) + age_words(table['age'])

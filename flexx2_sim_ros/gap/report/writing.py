@@ -12,7 +12,8 @@ from flexx2_sim_ros.gap.inference.decide import Decision
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.report.age import age_words, arrival_of, with_delay
 from flexx2_sim_ros.gap.report.page import page
-from flexx2_sim_ros.gap.report.words import camera_effects, percent, reduction
+from flexx2_sim_ros.gap.report.text import percent
+from flexx2_sim_ros.gap.report.words import camera_effects, reduction
 
 FILES = ('diagnosis.json', 'effects.yaml', 'report.html')
 
