@@ -123,6 +123,7 @@ def test_an_older_diagnosis_knows_its_recordings_by_name(
         ('{"schema": 3}', 'schema: must be 1 or 2, got 3'),
         ('{"schema": 1}', 'recordings: must be a list'),
         ('{"schema": 1, "recordings": [], "settings": {"pose_prior": [0]}}', 'pose_prior'),
+        ('{"schema": 1, "recordings": [], "settings": {"full_scale": -1}}', 'full_scale'),
         ('{"schema": 1, "recordings": [], "settings": {"known": {"x": {}}}}', 'known: x: must be'),
         ('{"schema": 1, "recordings": [], "verdict": "none"}', 'effects to check, got none'),
     ],

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from flexx2_sim_ros.camera import Camera, flexx2
+from flexx2_sim_ros.gap import check as check_diagnosis
 from flexx2_sim_ros.gap import diagnose
 from flexx2_sim_ros.gap.data.campaign import check, Found, read
 from flexx2_sim_ros.gap.report.words import headline
@@ -230,6 +231,20 @@ def test_all_recordings_of_a_campaign_have_one_scale_of_amplitude(tmp_path: Path
     notes = [note for one in found for note in read(one, None).notes if 'amplitude' in note]
     assert len(notes) == 6
     assert all('0 to 255' in note for note in notes)
+
+
+def test_a_check_takes_the_scale_of_amplitude_from_its_diagnosis(tmp_path: Path) -> None:
+    """Assert that fresh recordings, all darker than 1, are on the scale of the diagnosis."""
+    seen = write_walls(tmp_path / 'seen', offset={'bias': 0.01})
+    rewrite(seen, amplitude=lambda clean: (50 / clean**2).astype(np.float32))
+    settings = diagnose(seen, out=tmp_path / 'out')['settings']
+    assert settings['full_scale'] == 255
+    fresh = write_walls(tmp_path / 'fresh', same=True, offset={'bias': 0.01})
+    rewrite(fresh, amplitude=lambda clean: (0.5 / clean**2).astype(np.float32))
+    table = check_diagnosis(tmp_path / 'out', fresh)
+    notes = [note for row in table['recordings'] for note in row['notes'] if 'amplitude' in note]
+    assert len(notes) == 6
+    assert all('taken for 0 to 255' in note for note in notes)
 
 
 def test_too_few_pixels_are_reported(tmp_path: Path) -> None:

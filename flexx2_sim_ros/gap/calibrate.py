@@ -104,7 +104,7 @@ def calibrate(
     prior = (before.pose_prior[0],) * 3 + (before.pose_prior[1],) * 3
     fixed: dict[str, Any] = {'profile': profile, 'known': before.known, 'seed': seed}
     with workers(jobs, scheduler) as mapped:
-        found, left_out = find(folder, profile, mapped)
+        found, left_out = find(folder, profile, mapped, before.full_scale)
         step = stepper(progress, 'looking at the recordings', 0.05, 0.15, len(found))
         look_at = bind(look, prior=prior, **fixed)
         looked, unusable = _usable(found, mapped(look_at, _with(found, explanations[0]), step))

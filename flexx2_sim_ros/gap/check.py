@@ -104,7 +104,7 @@ def check(
     request.progress('looking for recordings', 0.0)
     folder = Path(fresh).absolute() if scheduler is not None else Path(fresh)
     with workers(jobs, scheduler) as mapped:
-        found, left_out = find(folder, profile, mapped)
+        found, left_out = find(folder, profile, mapped, before.full_scale)
         _refuse_seen(before, found, profile, mapped)
         columns = _columns(found[0], request.effects)
         step = stepper(request.progress, 'simulating the recordings', 0.05, 0.6, len(found))

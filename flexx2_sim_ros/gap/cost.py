@@ -93,10 +93,11 @@ def cost(
         check_outputs('--out', out, FILES)
     damaged: list[str] = []
     chosen = sources(consumers, lambda name, error: damaged.append(unquoted(name)))
-    known = known_of(read_diagnosis(Path(diagnosis)))
+    before = read_diagnosis(Path(diagnosis))
+    known = known_of(before)
     progress('looking for recordings', 0.0)
     with workers(jobs, None) as mapped:
-        found, left_out = find(campaign_dir, profile, mapped)
+        found, left_out = find(campaign_dir, profile, mapped, before.full_scale)
         work = bind(render, known=known, profile=profile, seed=seed, mounting=mounting)
         step = stepper(progress, 'simulating the recordings', 0.02, 0.6, len(found))
         rendered = mapped(work, found, step)

@@ -125,7 +125,7 @@ def diagnose(
     table = diagnosis_table(model, decision, effects, confirmed, used, [*left_out, *unusable])
     for row, own in zip(table['recordings'], held_out, strict=False):  # Those used come first.
         row['effects_without'] = table_of(own)
-    table['settings'] = _settings(found[0].mode.name, seed, pose_prior, known)
+    table['settings'] = _settings(found[0], seed, pose_prior, known)
     table['not_considered'] = _not_considered(
         without, known, no_phases, bool(model.own.posed.any()), hidden
     )
@@ -143,10 +143,11 @@ def diagnose(
 
 
 def _settings(
-    usecase: str, seed: int, pose_prior: tuple[float, float], known: Table
+    found: Found, seed: int, pose_prior: tuple[float, float], known: Table
 ) -> dict[str, Any]:
     return {
-        'usecase': usecase,
+        'usecase': found.mode.name,
+        'full_scale': found.full_scale,
         'seed': seed,
         'pose_prior': list(pose_prior),
         'known': {name: plain(values) for name, values in known.items()},

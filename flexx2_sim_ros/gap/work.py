@@ -81,7 +81,7 @@ def stepper(
 
 
 def find(
-    folder: str | Path, profile: Profile | None, mapped: Map
+    folder: str | Path, profile: Profile | None, mapped: Map, full_scale: float | None = None
 ) -> tuple[list[Found], list[tuple[str, str]]]:
     """
     Find a campaign's recordings; see `of_one_mode`.
@@ -94,10 +94,14 @@ def find(
         The camera (default: the Flexx2).
     mapped : callable
         A map as from `workers`; it is used because each bag has to be read.
+    full_scale : float, optional
+        Full scale of a floating-point amplitude, as an earlier diagnosis took it (default:
+        guessed).
 
     """
     paths = find_recordings(folder)
-    return of_one_mode(folder, paths, mapped(bind(check, profile=profile), paths, lambda: None))
+    checked = mapped(bind(check, profile=profile), paths, lambda: None)
+    return of_one_mode(folder, paths, checked, full_scale)
 
 
 def look(found: Found, profile: Profile | None, known: Table | None = None) -> Clues | None:

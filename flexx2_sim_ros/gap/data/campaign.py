@@ -13,7 +13,7 @@ from flexx2_sim_ros.gap.data.frames import choose_frames
 from flexx2_sim_ros.gap.data.given import given_effects, Table
 from flexx2_sim_ros.gap.data.planes import plane_shifts
 from flexx2_sim_ros.gap.data.registration import RecordingData
-from flexx2_sim_ros.gap.data.units import in_metres, largest, reflectivity_from
+from flexx2_sim_ros.gap.data.units import guessed_scale, in_metres, largest, reflectivity_from
 from flexx2_sim_ros.gap.data.unknown import fill, nearest
 from flexx2_sim_ros.recording import open_recording, Recording, RecordingReader
 from flexx2_sim_ros.recording.truth import read_truth, Truth
@@ -33,8 +33,10 @@ class Found:
     notes : tuple of str
         Irregularities of the recording, for people.
     brightest : float
-        Largest floating-point amplitude of the recording, or of the campaign after `of_one_mode`.
-        The scale of the amplitude follows from it. 0 where no scale has to be guessed.
+        Largest floating-point amplitude of the recording; 0 where no scale has to be guessed.
+    full_scale : float or None
+        The floating-point amplitude that is the camera's full scale; None: guessed from the
+        recording alone, if at all.
     arrival : Arrival or None
         How late its frames arrived, where it says so.
 
@@ -44,6 +46,7 @@ class Found:
     mode: Mode
     notes: tuple[str, ...]
     brightest: float = 0.0
+    full_scale: float | None = None
     arrival: Arrival | None = None
 
 
@@ -56,7 +59,10 @@ def check(path: Path, profile: Profile | None) -> Found | str:
 
 
 def of_one_mode(
-    folder: str | Path, paths: Sequence[Path], checked: Sequence[Found | str]
+    folder: str | Path,
+    paths: Sequence[Path],
+    checked: Sequence[Found | str],
+    full_scale: float | None = None,
 ) -> tuple[list[Found], list[tuple[str, str]]]:
     """
     Choose the recordings of the mode that most of them have.
@@ -69,12 +75,13 @@ def of_one_mode(
         What is in it.
     checked : sequence of Found or str
         What `check` says of each.
+    full_scale : float, optional
+        Full scale of a floating-point amplitude (default: guessed from all these recordings).
 
     Returns
     -------
     tuple
-        These recordings, with the campaign's largest amplitude; names and reasons of those left
-        out.
+        These recordings, with their full scale; names and reasons of those left out.
 
     Raises
     ------
@@ -101,7 +108,9 @@ def of_one_mode(
     chosen = [one for one in found if one.mode.name == usual]
     # One camera has one scale: a dark scene does not change it.
     brightest = max(one.brightest for one in chosen)
-    return [replace(one, brightest=brightest) for one in chosen], left_out
+    if full_scale is None and brightest:
+        full_scale = guessed_scale(brightest)
+    return [replace(one, full_scale=full_scale) for one in chosen], left_out
 
 
 def nothing_left(folder: Path, left_out: list[tuple[str, str]]) -> InputError:
@@ -287,7 +296,7 @@ def _reflectivity(
         amplitude = _stack('amplitude', parts)
         if amplitude is not None:
             reflectivity = reflectivity_from(
-                amplitude, clean, K, found.mode, found.brightest, path, notes
+                amplitude, clean, K, found.mode, found.full_scale, path, notes
             )
     if reflectivity is None:
         return None

@@ -14,6 +14,11 @@ def largest(amplitude: np.ndarray) -> float:
     return float(np.nanmax(amplitude, initial=0)) if amplitude.dtype.kind == 'f' else 0.0
 
 
+def guessed_scale(brightest: float) -> float:
+    """Return the full scale of floating-point amplitudes that go up to a value."""
+    return next((scale for scale in (1.0, 255.0) if brightest <= scale), 65535.0)
+
+
 def in_metres(
     path: Path, depth: np.ndarray, clean: np.ndarray, mode: Mode, notes: list[str]
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -68,7 +73,7 @@ def reflectivity_from(
     clean: np.ndarray,
     K: np.ndarray,  # noqa: N803
     mode: Mode,
-    brightest: float,
+    full_scale: float | None,
     path: Path,
     notes: list[str],
 ) -> np.ndarray | None:
@@ -88,8 +93,9 @@ def reflectivity_from(
         (3, 3) camera matrix.
     mode : Mode
         The camera's.
-    brightest : float
-        Largest floating-point amplitude of the campaign.
+    full_scale : float or None
+        The floating-point amplitude that is the camera's full scale; None: guessed from these
+        values.
     path : pathlib.Path
         The recording's, for the notes.
     notes : list of str
@@ -105,12 +111,9 @@ def reflectivity_from(
     if amplitude.dtype.kind in 'iu':
         full = 255.0 if amplitude.dtype.itemsize == 1 else 65535.0
     else:
-        brightest = max(brightest, largest(amplitude))
-        full = next((scale for scale in (1.0, 255.0) if brightest <= scale), 65535.0)
-        notes.append(
-            f'{path}: amplitude: up to {brightest:.4g} in these recordings: taken for 0 to '
-            f'{full:g}'
-        )
+        brightest = largest(amplitude)
+        full = guessed_scale(brightest) if full_scale is None else full_scale
+        notes.append(f'{path}: amplitude: up to {brightest:.4g}: taken for 0 to {full:g}')
     scale = np.float32(sensor.full_scale_amplitude / full)
     image = amplitude.astype(np.float32)
     image = np.nanmean(image, axis=0) if image.ndim == 3 and clean.ndim == 2 else image

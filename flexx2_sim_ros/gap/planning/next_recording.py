@@ -180,7 +180,7 @@ def _setting(
     # Diagnoses the campaign again, without writing anything: what fits leave of the gap is not in
     # the files of a diagnosis.
     given = table_of(given_effects(before.known))
-    found, left_out = find(campaign, camera, mapped)
+    found, left_out = find(campaign, camera, mapped, before.full_scale)
     _check_same(before, found)
     without = {row['name'] for row in before.table.get('not_considered', [])}
     modulation = bool(found[0].mode.modulation_hz)

@@ -50,6 +50,8 @@ class Diagnosed:
         Effects that were taken as given: parameters by name.
     pose_prior : tuple of float
         Standard deviations of pose errors: metres and degrees.
+    full_scale : float or None
+        The floating-point amplitude that was taken for the camera's full scale, if any.
     checksums : dict of str to str
         Names of the recordings that were used, by checksum.
     unsummed : frozenset of str
@@ -65,6 +67,7 @@ class Diagnosed:
     effects: tuple[Effect, ...]
     known: Table
     pose_prior: tuple[float, float]
+    full_scale: float | None
     checksums: dict[str, str]
     unsummed: frozenset[str]
     arrival: Arrival | None
@@ -153,6 +156,7 @@ def read_diagnosis(folder: Path) -> Diagnosed:
         changing(load_effects(folder / 'effects.yaml')),
         known,
         _pose_prior(path, settings.get('pose_prior', _POSE_PRIOR)),
+        _full_scale(path, settings.get('full_scale')),
         {str(row['checksum']): row['name'] for row in used if 'checksum' in row},
         frozenset(row['name'] for row in used if 'checksum' not in row),
         arrival,
@@ -186,3 +190,14 @@ def _pose_prior(path: Path, value: Any) -> tuple[float, float]:
             f'{shown(value)}'
         )
     return float(value[0]), float(value[1])
+
+
+def _full_scale(path: Path, value: Any) -> float | None:
+    if value is None:
+        return None
+    if type(value) not in (int, float) or not 0 < value < math.inf:
+        raise InputError(
+            f'{shown_path(path)}: settings: full_scale: must be a number above 0 or null, got '
+            f'{shown(value)}'
+        )
+    return float(value)
