@@ -6,11 +6,12 @@ import re
 import shlex
 
 from bench.gap_campaigns import write_campaign
+from browser import chromium
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.consumers.comparison import compare
 from flexx2_sim_ros.consumers.loading import load, sources
 from flexx2_sim_ros.consumers.running import Result
-from flexx2_sim_ros.effects import parse_effects, save_effects
+from flexx2_sim_ros.effects import parse_effects, registry, save_effects
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap import cost
 from flexx2_sim_ros.gap.cost import compared
@@ -139,6 +140,38 @@ def test_the_commands_of_the_documentation_run(
     page = (folder / 'cost' / 'cost.html').read_text()
     assert 'Modelling' in page
     assert page.count('data:image/png') >= 3  # recorded, as simulated, with all effects
+
+
+def test_the_report_of_a_diagnosis_has_the_cost(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Assert that it is the one that `flexx2 gap cost` measures, and that a browser shows it."""
+    others = [word for name in registry() if name not in EFFECTS for word in ('--without', name)]
+    command = ['gap', 'diagnose', str(folder / 'recordings'), '--out', str(tmp_path / 'out')]
+    assert main([*command, '--cost', '--jobs', '1', *others]) == 0
+    assert 'Modelling offset first takes away' in capsys.readouterr().err.replace('\n', ' ')
+    table = json.loads((tmp_path / 'out' / 'diagnosis.json').read_text())['cost']
+    again = json.loads(json.dumps(cost(folder / 'recordings', tmp_path / 'out')))
+    assert table['ranking'] == again['ranking']
+    assert [row['effect'] for row in table['ranking']][0] == 'offset'
+    assert [one['measures'] for one in table['consumers']] == [
+        one['measures'] for one in again['consumers']
+    ]
+    with chromium(tmp_path) as browser:
+        browser.open((tmp_path / 'out' / 'report.html').as_uri())
+        shown = browser.evaluate('document.body.innerText')
+        assert browser.said('Log.entryAdded') == []
+    assert 'What the gap costs a robot' in shown
+    assert headline(table) in shown
+
+
+def test_a_diagnosis_without_effects_says_why_it_has_no_cost(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    others = [word for name in registry() for word in ('--without', name)]
+    command = ['gap', 'diagnose', str(folder / 'recordings'), '--out', str(tmp_path / 'out')]
+    assert main([*command, '--cost', '--jobs', '1', *others]) == 0
+    assert 'No cost: no effect that changes images is named.' in capsys.readouterr().err
 
 
 def test_a_consumer_that_fails_is_named_and_the_rest_goes_on(

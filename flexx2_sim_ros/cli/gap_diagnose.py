@@ -43,12 +43,19 @@ def add_parser(commands: Any) -> None:
     add_scheduler(parser)
     add_pose_prior(parser, (0.010, 0.5), '0.01 0.5')
     add_known(parser)
+    parser.add_argument(
+        '--cost',
+        action='store_true',
+        help='measure what the gap costs a robot as well, as flexx2 gap cost does; the report '
+        'gets a section about it',
+    )
     parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Diagnose with a progress bar, and print a short result."""
     from flexx2_sim_ros.gap import diagnose
+    from flexx2_sim_ros.gap.report.cost_page import in_short as cost_in_short
     from flexx2_sim_ros.gap.report.words import headline, remarks, sentences
     from flexx2_sim_ros.profiles.files import find_profile
 
@@ -64,10 +71,13 @@ def run(arguments: argparse.Namespace) -> int:
             pose_prior=tuple(arguments.pose_prior),
             scheduler=arguments.scheduler,
             known=read_known(arguments.known),
+            cost=arguments.cost,
             progress=progress,
         )
     console.print(headline(table), style='bold', highlight=False)
     print_lines(console, sentences(table) + remarks(table))
+    if arguments.cost:
+        print_lines(console, [cost_in_short(table['cost'])])
     console.print(
         f'{arguments.out}: diagnosis.json, effects.yaml, report.html ({table["seconds"]:.0f} s)',
         highlight=False,

@@ -2,7 +2,7 @@
 
 from collections.abc import Collection, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 import math
 from pathlib import Path
 import time
@@ -12,18 +12,18 @@ from flexx2_sim_ros import __version__
 from flexx2_sim_ros.atomic import check_outputs
 from flexx2_sim_ros.camera import Profile
 from flexx2_sim_ros.consumers.comparison import compare
-from flexx2_sim_ros.consumers.loading import sources
+from flexx2_sim_ros.consumers.loading import Source, sources
 from flexx2_sim_ros.consumers.running import Result, run
 from flexx2_sim_ros.effects import parse_effects
 from flexx2_sim_ros.effects.tables import plain
 from flexx2_sim_ros.errors import InputError, shown, unquoted
-from flexx2_sim_ros.gap.data.campaign import nothing_left
+from flexx2_sim_ros.gap.data.campaign import Found, nothing_left
 from flexx2_sim_ros.gap.inference.effects import table_of
 from flexx2_sim_ros.gap.renditions import AGAIN, ALL, Known, REAL, render, Rendered, SIMULATED
 from flexx2_sim_ros.gap.report.cost_page import FILES, write_cost
 from flexx2_sim_ros.gap.report.reading import Diagnosed, read_diagnosis
 from flexx2_sim_ros.gap.work import find, Progress, stepper
-from flexx2_sim_ros.jobs import bind, workers
+from flexx2_sim_ros.jobs import bind, Map, workers
 from flexx2_sim_ros.limits import CONSUMER_SECONDS
 import numpy as np
 
@@ -91,51 +91,146 @@ def cost(
     _check(seed, jobs, limit, mounting)
     if out is not None:
         check_outputs('--out', out, FILES)
-    damaged: list[str] = []
-    chosen = sources(consumers, lambda name, error: damaged.append(unquoted(name)))
+    request = CostRequest.of(consumers, profile, seed, jobs, mounting, limit)
     before = read_diagnosis(Path(diagnosis))
     known = known_of(before)
     progress('looking for recordings', 0.0)
     with workers(jobs, None) as mapped:
         found, left_out = find(campaign_dir, profile, mapped, before.full_scale)
-        work = bind(render, known=known, profile=profile, seed=seed, mounting=mounting)
-        step = stepper(progress, 'simulating the recordings', 0.02, 0.6, len(found))
-        rendered = mapped(work, found, step)
-    left_out += [
+        table, results = measure_cost(
+            request, known, campaign_dir, found, left_out, mapped, progress
+        )
+    table['seconds'] = round(time.monotonic() - began, 2)
+    table['version'] = __version__
+    if out is not None:
+        progress('writing', 0.99)
+        write_cost(Path(out), table, results)
+    progress('done', 1.0)
+    return table
+
+
+@dataclass(frozen=True)
+class CostRequest:
+    """
+    How a cost is measured.
+
+    Attributes
+    ----------
+    consumers : tuple of Source
+        Where the consumers are.
+    damaged : tuple of str
+        Installed packages that cannot be read.
+    profile : Profile or None
+        The camera; None: the Flexx2.
+    seed, jobs, mounting, limit
+        As for `cost`.
+
+    """
+
+    consumers: tuple[Source, ...]
+    damaged: tuple[str, ...]
+    profile: Profile | None
+    seed: int
+    jobs: int
+    mounting: tuple[float, float] | None
+    limit: float
+
+    @classmethod
+    def of(
+        cls,
+        consumers: Collection[str],
+        profile: Profile | None,
+        seed: int,
+        jobs: int,
+        mounting: tuple[float, float] | None = None,
+        limit: float = CONSUMER_SECONDS,
+    ) -> 'CostRequest':
+        """Find the consumers."""
+        damaged: list[str] = []
+        chosen = sources(consumers, lambda name, error: damaged.append(unquoted(name)))
+        return cls(tuple(chosen), tuple(damaged), profile, seed, jobs, mounting, limit)
+
+
+def measure_cost(
+    request: CostRequest,
+    known: Known,
+    campaign: str | Path,
+    found: Sequence[Found],
+    left_out: Sequence[tuple[str, str]],
+    mapped: Map,
+    progress: Progress,
+) -> tuple[dict[str, Any], list[Result]]:
+    """
+    Run the consumers on recordings and on their simulations, and compare.
+
+    Parameters
+    ----------
+    request : CostRequest
+        How.
+    known : Known
+        The diagnosis.
+    campaign : str or pathlib.Path
+        The campaign, for errors.
+    found : sequence of Found
+        Its recordings.
+    left_out : sequence of tuple of str
+        Name of each recording that was left out before, and the reason.
+    mapped : callable
+        A map as from `workers`.
+    progress : callable
+        As for `cost`.
+
+    Returns
+    -------
+    tuple
+        The table of ``docs/cost.md`` without ``seconds`` and ``version``, and what the consumers
+        made of the recordings.
+
+    Raises
+    ------
+    InputError
+        When no recording can be used.
+
+    """
+    work = bind(
+        render, known=known, profile=request.profile, seed=request.seed, mounting=request.mounting
+    )
+    step = stepper(progress, 'simulating the recordings', 0.02, 0.6, len(found))
+    rendered = mapped(work, found, step)
+    unusable = [
         (file.path.name, one)
         for file, one in zip(found, rendered, strict=True)
         if isinstance(one, str)
     ]
     used = [one for one in rendered if isinstance(one, Rendered)]
     if not used:
-        raise nothing_left(Path(campaign_dir), left_out)
+        raise nothing_left(Path(campaign), [*left_out, *unusable])
+    chosen = request.consumers
     step = stepper(progress, 'running the consumers', 0.62, 0.36, len(chosen) * len(used))
     views = [one.views for one in used]
-    with ThreadPoolExecutor(jobs) as pool:  # Each thread waits for one consumer's process.
-        results = list(pool.map(lambda source: run(source, views, limit, step), chosen))
+    with ThreadPoolExecutor(request.jobs) as pool:  # Each thread waits for one process.
+        results = list(pool.map(lambda source: run(source, views, request.limit, step), chosen))
+    rows: list[dict[str, Any]] = [
+        {'name': one.views.name, 'used': True, 'reason': '', 'effects_from': one.effects_from}
+        for one in used
+    ]
+    rows += [
+        {'name': name, 'used': False, 'reason': reason} for name, reason in [*left_out, *unusable]
+    ]
+    mounting = request.mounting
     table = {
         'schema': SCHEMA,
         'effects': {name: plain(values) for name, values in known.effects.items()},
         **compared(results, list(known.effects)),
-        'damaged_packages': damaged,
-        'recordings': [
-            {'name': one.views.name, 'used': True, 'reason': '', 'effects_from': one.effects_from}
-            for one in used
-        ]
-        + [{'name': name, 'used': False, 'reason': reason} for name, reason in left_out],
+        'damaged_packages': list(request.damaged),
+        'recordings': rows,
         'settings': {
-            'seed': seed,
+            'seed': request.seed,
             'mounting': None if mounting is None else list(mounting),
-            'limit': limit,
+            'limit': request.limit,
         },
-        'seconds': round(time.monotonic() - began, 2),
-        'version': __version__,
     }
-    if out is not None:
-        progress('writing', 0.99)
-        write_cost(Path(out), table, results)
-    progress('done', 1.0)
-    return table
+    return table, results
 
 
 def compared(results: Sequence[Result], effects: Sequence[str]) -> dict[str, Any]:

@@ -1,6 +1,6 @@
 """Diagnose a campaign: where the gap lies, what causes it, and how far the effects reduce it."""
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from pathlib import Path
 import resource
@@ -13,6 +13,7 @@ from flexx2_sim_ros.camera import Profile
 from flexx2_sim_ros.effects import Effect, of_role, registry
 from flexx2_sim_ros.effects.tables import plain
 from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.gap.cost import CostRequest, known_of, measure_cost
 from flexx2_sim_ros.gap.data.campaign import Found
 from flexx2_sim_ros.gap.data.given import given_effects, Table
 from flexx2_sim_ros.gap.data.hidden import Hidden, hidden_effects
@@ -23,10 +24,12 @@ from flexx2_sim_ros.gap.inference.effects import fitted_effects, held_out_effect
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.inference.patch import fit_patch
 from flexx2_sim_ros.gap.report.frames import MOST_FRAMES
+from flexx2_sim_ros.gap.report.reading import Diagnosed
 from flexx2_sim_ros.gap.report.table import diagnosis_table
 from flexx2_sim_ros.gap.report.writing import FILES, write
 from flexx2_sim_ros.gap.work import (
     find,
+    portion,
     Progress,
     search_inside,
     simulate_set,
@@ -37,6 +40,8 @@ from flexx2_sim_ros.gap.work import (
 from flexx2_sim_ros.jobs import bind, Map, workers
 from flexx2_sim_ros.physics.frame_state import why_no_phases
 import numpy as np
+
+_BEFORE_COST = 0.6  # fraction of the work, on the progress bar
 
 
 def diagnose(
@@ -51,6 +56,7 @@ def diagnose(
     progress: Progress | None = None,
     scheduler: str | None = None,
     known: Table | None = None,
+    cost: bool = False,
 ) -> dict[str, Any]:
     """
     Diagnose the gap between recordings and the simulation of their scenes.
@@ -78,6 +84,9 @@ def diagnose(
     known : mapping, optional
         Effects taken as given, parameters by name: the base simulator has them, and the diagnosis
         looks for others.
+    cost : bool
+        Whether to measure what the gap costs as well, as `flexx2_sim_ros.gap.cost` does with all
+        installed consumers. A script that asks for this needs ``if __name__ == '__main__':``.
 
     Returns
     -------
@@ -93,7 +102,9 @@ def diagnose(
     began = time.monotonic()
     _check(without, seed, jobs, pose_prior)
     known = table_of(given_effects(known or {}))
-    progress = progress or (lambda text, fraction: None)
+    whole = progress or (lambda text, fraction: None)
+    progress = portion(whole, 0.0, _BEFORE_COST) if cost else whole
+    request = CostRequest.of((), profile, seed, jobs) if cost else None
     if out is not None:
         check_outputs('--out', out, FILES)
     if scheduler is not None:
@@ -121,24 +132,28 @@ def diagnose(
         held_out = held_out_effects(model, decision.accepted)
         step = stepper(progress, 'simulating the outcome', 0.83, 0.15, len(used))
         confirmed = _confirm(model, decision, held_out, used, profile, seed, known, mapped, step)
-    progress('writing', 0.98)
-    table = diagnosis_table(model, decision, effects, confirmed, used, [*left_out, *unusable])
-    for row, own in zip(table['recordings'], held_out, strict=False):  # Those used come first.
-        row['effects_without'] = table_of(own)
-    table['settings'] = _settings(found[0], seed, pose_prior, known)
-    table['not_considered'] = _not_considered(
-        without, known, no_phases, bool(model.own.posed.any()), hidden
-    )
+        table = diagnosis_table(model, decision, effects, confirmed, used, [*left_out, *unusable])
+        for row, own in zip(table['recordings'], held_out, strict=False):  # Those used are first.
+            row['effects_without'] = table_of(own)
+        table['settings'] = _settings(found[0], seed, pose_prior, known)
+        table['not_considered'] = _not_considered(
+            without, known, no_phases, bool(model.own.posed.any()), hidden
+        )
+        if decision.verdict == 'unknown':
+            patch, covariate, shrink = fit_patch(model, decision.base.residual(model))
+            effects = [patch]
+            held = len(evidence) > 1
+            table['patch'] = {'covariate': covariate, 'shrink': shrink, 'held_out': held}
+        if request is not None:
+            later = portion(whole, _BEFORE_COST, 0.98 - _BEFORE_COST)
+            table['cost'] = _cost(request, table, effects, campaign_dir, used, mapped, later)
+    whole('writing', 0.98)
     table['seconds'] = round(time.monotonic() - began, 2)
     table['peak_mb'] = round(_peak_mb(min(jobs, len(found))), 1)
     table['version'] = __version__
-    if decision.verdict == 'unknown':
-        patch, covariate, shrink = fit_patch(model, decision.base.residual(model))
-        effects = [patch]
-        table['patch'] = {'covariate': covariate, 'shrink': shrink, 'held_out': len(evidence) > 1}
     if out is not None:
         write(Path(out), table, effects, model, decision, confirmed)
-    progress('done', 1.0)
+    whole('done', 1.0)
     return table
 
 
@@ -199,6 +214,35 @@ def _confirm(
         for i, (file, motion, effects) in enumerate(zip(used, motions, held_out, strict=True))
     ]
     return mapped(bind(simulate_set, profile=profile, seed=seed, known=known), jobs, step)
+
+
+def _cost(
+    request: CostRequest,
+    table: dict[str, Any],
+    effects: Sequence[Effect],
+    campaign: str | Path,
+    used: Sequence[Found],
+    mapped: Map,
+    progress: Progress,
+) -> dict[str, Any]:
+    # The table of `gap.cost`, or the reason why there is none.
+    if all(one.role == 'pose' for one in effects):
+        return {'reason': 'no effect that changes images is named'}
+    settings, rows = table['settings'], table['recordings']
+    before = Diagnosed(
+        table['verdict'],
+        tuple(effects),
+        settings['known'],
+        tuple(settings['pose_prior']),
+        settings['full_scale'],
+        {row['checksum']: row['name'] for row in rows if row['used']},
+        frozenset(),
+        table,
+    )
+    try:
+        return measure_cost(request, known_of(before), campaign, used, (), mapped, progress)[0]
+    except InputError as error:
+        return {'reason': str(error)}
 
 
 def _not_considered(

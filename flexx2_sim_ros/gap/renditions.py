@@ -109,7 +109,7 @@ def render(
     if not poses:
         return (
             f'{found.path}: clean_depth: must show the ground, a plane that faces up; got none '
-            '(--mounting gives the height and angle of the camera)'
+            '(flexx2 gap cost --mounting gives the height and angle of the camera)'
         )
     first = seed * 1000 + _SEED
     plain = scene.simulate({}, first)

@@ -80,6 +80,11 @@ def stepper(
     return step
 
 
+def portion(progress: Progress, start: float, weight: float) -> Progress:
+    """Return the progress of a part of some work; `start` and `weight` as for `stepper`."""
+    return lambda text, fraction: progress(text, start + weight * fraction)
+
+
 def find(
     folder: str | Path, profile: Profile | None, mapped: Map, full_scale: float | None = None
 ) -> tuple[list[Found], list[tuple[str, str]]]:

@@ -82,10 +82,11 @@ def headline(table: dict[str, Any]) -> str:
         return 'The gap has a cost, and none of the effects takes it away.'
     consumer, measure = _clearest(table, best['effect'])
     one = measure['effects'][best['effect']]
+    where = f'{spaced(measure["name"])} ({spaced(consumer)})'
+    apart = f'{measure["difference"]:.3g} {measure["unit"]}'.strip()
     return (
         f'Modelling {spaced(best["effect"])} first takes away {_percent(one)} of the difference '
-        f'in {spaced(measure["name"])} ({spaced(consumer)}): {_value(measure, "real")} in the '
-        f'recordings, {_value(measure, "simulated")} as simulated.'
+        f'in {where}. A recording and its simulation differ by {apart} in this, on average.'
     )
 
 
@@ -110,7 +111,7 @@ def sentences(table: dict[str, Any]) -> list[str]:
     used = [row for row in table['recordings'] if row['used']]
     fitted = sum(row['effects_from'] == 'this recording' for row in used)
     out = [
-        f'{spaced(row["effect"])}: takes away {percent(row["share"])} on average over '
+        f'{spaced(row["effect"])}: {_moved(row["share"])} the difference, on average over '
         f'{row["measures"]} measures that differ.'
         for row in table['ranking']
     ]
@@ -124,6 +125,10 @@ def sentences(table: dict[str, Any]) -> list[str]:
     return out + [f'Left out: {row["reason"]}.' for row in table['recordings'] if not row['used']]
 
 
+def _moved(share: float) -> str:
+    return f'takes away {percent(share)} of' if share >= 0 else f'adds {percent(-share)} to'
+
+
 def lines(consumer: dict[str, Any]) -> Iterator[tuple[Line, bool]]:
     """Yield each measure of a consumer as text, and whether it differs significantly."""
     for one in consumer['measures']:
@@ -131,7 +136,7 @@ def lines(consumer: dict[str, Any]) -> Iterator[tuple[Line, bool]]:
         name, best = max(one['effects'].items(), key=lambda item: item[1]['share'])
         first = 'no difference' if one['recordings'] >= FEWEST else 'too few recordings'
         if one['significant']:
-            first = f'{spaced(name)} {_percent(best)}'
+            first = f'{spaced(name)} {_percent(best)}' if best['share'] > 0 else 'no effect alone'
         yield (
             Line(
                 f'{spaced(one["name"])}{unit}',
@@ -144,14 +149,51 @@ def lines(consumer: dict[str, Any]) -> Iterator[tuple[Line, bool]]:
         )
 
 
-def _value(measure: dict[str, Any], key: str) -> str:
-    return f'{measure[key]:.3g} {measure["unit"]}'.strip()
-
-
 def _percent(one: dict[str, Any]) -> str:
     # Adding 0 makes -0 to 0.
     share, *ends = (percent(round(x, 2) + 0.0) for x in (one['share'], *(one['interval'] or ())))
     return f'{share} ({" to ".join(ends)})' if ends else share
+
+
+def in_short(table: dict[str, Any]) -> str:
+    """Return the cost that a diagnosis has measured, or why it has none, in one sentence."""
+    return f'No cost: {table["reason"]}.' if 'reason' in table else headline(table)
+
+
+def section(table: dict[str, Any]) -> str:
+    """
+    Return the cost as a section of the report of a diagnosis.
+
+    Parameters
+    ----------
+    table : dict
+        What `flexx2_sim_ros.gap.measure_cost` returns, or a ``reason`` why there is none.
+
+    """
+    title = '<h2>What the gap costs a robot</h2>'
+    if 'reason' in table:
+        return f'{title}<p>{escape(in_short(table))}</p>'
+    rows = []
+    for consumer in table['consumers']:
+        texts = [line for line, significant in lines(consumer) if significant]
+        if texts:
+            rows.append(f'<tr><th colspan="5">{escape(spaced(consumer["name"]))}</th></tr>')
+        rows += [
+            f'<tr>{"".join(f"<td>{escape(text)}</td>" for text in line)}</tr>' for line in texts
+        ]
+    shown = (
+        '<div class="scroll"><table class="cost"><tr><th>mean error of</th><th>recorded</th>'
+        '<th>as simulated</th><th>with all effects</th><th>taken away first</th></tr>'
+        f'{"".join(rows)}</table></div><p><small>Errors of what reads depth on a robot, against '
+        'the true depth: on the recordings, and on their simulation. Only those that differ more '
+        'than two simulations do. The last column is how much of the difference the best effect '
+        'alone takes away, with a 90 % interval. docs/cost.md says more.</small></p>'
+    )
+    return (
+        f'{title}<p><b>{escape(in_short(table))}</b></p>'
+        + ''.join(f'<p>{escape(line)}</p>' for line in sentences(table))
+        + (shown if rows else '')
+    )
 
 
 def page(table: dict[str, Any], results: Sequence[Result]) -> str:

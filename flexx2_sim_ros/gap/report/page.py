@@ -8,6 +8,7 @@ from flexx2_sim_ros.gap.features.confirm import Outcome
 from flexx2_sim_ros.gap.inference.decide import Decision
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.report.charts import charts, maps
+from flexx2_sim_ros.gap.report.cost_page import section
 from flexx2_sim_ros.gap.report.frames import frames, FRAMES_STYLE
 from flexx2_sim_ros.gap.report.places import place
 from flexx2_sim_ros.gap.report.style import STYLE
@@ -49,6 +50,7 @@ def page(
         ''.join(f'<p>{escape(line)}</p>' for line in sentences(table)),
         _effects(table),
         _shrinkage(table),
+        section(table['cost']) if 'cost' in table else '',
         _where(table),
         frames(table, confirmed, model.evidence[0].axes),
         maps(confirmed, bool(table['effects'])),
