@@ -166,10 +166,11 @@ def test_the_report_of_a_diagnosis_has_the_cost(
 
 
 def test_a_diagnosis_without_effects_says_why_it_has_no_cost(
-    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    write_campaign(tmp_path / 'same', seed=104, recordings=2, frames=4, scale=0.5)
     others = [word for name in registry() for word in ('--without', name)]
-    command = ['gap', 'diagnose', str(folder / 'recordings'), '--out', str(tmp_path / 'out')]
+    command = ['gap', 'diagnose', str(tmp_path / 'same'), '--out', str(tmp_path / 'out')]
     assert main([*command, '--cost', '--jobs', '1', *others]) == 0
     assert 'No cost: no effect that changes images is named.' in capsys.readouterr().err
 
@@ -299,6 +300,23 @@ def test_one_recording_is_not_judged() -> None:
     assert page(table, results).count('data:image/png') == 3
 
 
+def test_the_ranking_is_not_lowered_by_noise() -> None:
+    """Assert it for an effect that changes most of a measure whose noise is as large."""
+    rng = np.random.default_rng(0)
+    errors = []
+    for _ in range(40):
+        noise = rng.normal(0, 1)  # of all simulations
+        row = {'real': 2 + rng.normal(0, 1), 'again': rng.normal(0, 1), 'simulated': noise}
+        row |= {'large': noise + 1.6, 'small': noise + 0.4, 'all effects': noise + 2}
+        errors.append({name: {'steps': value} for name, value in row.items()})
+    table = compared([Result('grid', '', {'steps': ''}, errors)], ['small', 'large'])
+    large, small = table['ranking']
+    assert (large['effect'], small['effect']) == ('large', 'small')
+    assert large['part'] == pytest.approx(0.8)
+    assert small['part'] == pytest.approx(0.2)
+    assert large['share'] < large['part']
+
+
 def test_shares_and_their_intervals() -> None:
     rng = np.random.default_rng(0)
     rows = []
@@ -311,23 +329,26 @@ def test_shares_and_their_intervals() -> None:
                 'again': {'steps': 0.1},
                 'a': {'steps': 0.7 * real},
                 'b': {'steps': -0.5 * real},
+                'all': {'steps': 0.5 * real},
             }
         )
     names = ('real', 'simulated', 'again')
-    one = compare(rows, 'steps', ['a', 'b'], names)
+    one = compare(rows, 'steps', ['a', 'b', 'all'], names, 'all')
     assert one is not None
     assert one.significant
     assert one.null == pytest.approx(0.1)
     assert one.left['a'].share == pytest.approx(0.7)
     assert one.left['b'].share == pytest.approx(-0.5)
     assert one.left['a'].interval == pytest.approx((0.7, 0.7))
-    few = compare(rows[:2], 'steps', ['a'], names)
+    # Both move by 0.5 together: a alone by 0.7, b by 0.5 the other way.
+    assert [one.left[name].part for name in ('a', 'b', 'all')] == pytest.approx([0.6, -1.0, 1.0])
+    few = compare(rows[:2], 'steps', ['a'], names, 'a')
     assert few is not None
     assert few.interval is None
     assert not few.significant
-    assert compare(rows, 'holes', ['a'], names) is None
+    assert compare(rows, 'holes', ['a'], names, 'a') is None
     # Nothing but noise is not significant.
     same = [{**row, 'real': {'steps': 0.1 * (-1) ** k}} for k, row in enumerate(rows)]
-    noise = compare(same, 'steps', ['a'], names)
+    noise = compare(same, 'steps', ['a'], names, 'a')
     assert noise is not None
     assert not noise.significant

@@ -27,6 +27,9 @@ class Left:
         they add to it.
     interval : tuple of float or None
         90 % interval of the share, a bootstrap over recordings; None for fewer than three.
+    part : float
+        Fraction of what all effects together change that these change as well; negative where
+        they change the opposite. Simulations have the same noise, so noise does not lower it.
 
     """
 
@@ -34,6 +37,7 @@ class Left:
     difference: float
     share: float
     interval: Interval
+    part: float
 
 
 @dataclass(frozen=True)
@@ -76,6 +80,7 @@ def compare(
     measure: str,
     renditions: Sequence[str],
     names: tuple[str, str, str],
+    whole: str,
 ) -> Compared | None:
     """
     Compare a consumer's errors on recordings with those on their simulations.
@@ -90,6 +95,8 @@ def compare(
         The simulations with effects.
     names : tuple of str
         The renditions that are the recording, its simulation, and a second simulation.
+    whole : str
+        The rendition with all effects, one of `renditions`.
 
     Returns
     -------
@@ -109,6 +116,7 @@ def compare(
     enough = len(used) >= FEWEST
     excess = (without - null)[sets].mean(axis=1)
     left = {}
+    every = np.abs(values - values[:, [wanted.index(whole)]]).mean(axis=0)
     for k, name in enumerate(renditions, start=2):
         shares = _share(apart[:, k][sets].mean(axis=1), without[sets].mean(axis=1))
         left[name] = Left(
@@ -116,6 +124,7 @@ def compare(
             float(apart[:, k].mean()),
             float(_share(apart[:, k].mean(), without.mean())),
             _interval(shares) if enough else None,
+            float(_share(every[k + 1], every[1])),
         )
     return Compared(
         len(used),

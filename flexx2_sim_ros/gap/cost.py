@@ -30,6 +30,7 @@ import numpy as np
 SCHEMA = 1
 _HIGHEST, _STEEPEST = 10.0, 80.0  # of a camera: metres and degrees
 _NAMES = REAL, SIMULATED, AGAIN
+_RANKED = 'part', 'share'
 
 
 def cost(
@@ -260,31 +261,31 @@ def compared(results: Sequence[Result], effects: Sequence[str]) -> dict[str, Any
         }
         for one in good
     ]
-    shares = {
-        name: [
-            float(np.clip(measure['effects'][name]['share'], -1, 1))
-            for row in rows
-            for measure in row['measures']
-            if measure['significant']
-        ]
-        for name in effects
-    }
+    differ = [one for row in rows for one in row['measures'] if one['significant']]
     ranking = [
-        {'effect': name, 'share': float(np.mean(values)), 'measures': len(values)}
-        for name, values in shares.items()
-        if values
+        {
+            'effect': name,
+            **{key: _mean([one['effects'][name][key] for one in differ]) for key in _RANKED},
+            'measures': len(differ),
+        }
+        for name in effects
+        if differ
     ]
     return {
         'consumers': rows,
         'faults': [{'consumer': one.label, 'reason': one.fault} for one in results if one.fault],
-        'ranking': sorted(ranking, key=lambda row: -row['share']),
+        'ranking': sorted(ranking, key=lambda row: -row['part']),
     }
+
+
+def _mean(fractions: Sequence[float]) -> float:
+    return float(np.clip(fractions, -1, 1).mean())
 
 
 def _measures(result: Result, effects: Sequence[str]) -> list[dict[str, Any]]:
     rows = []
     for name, unit in result.measures.items():
-        one = compare(result.errors, name, [*effects, ALL], _NAMES)
+        one = compare(result.errors, name, [*effects, ALL], _NAMES, ALL)
         if one is not None:
             row = {'name': name, 'unit': unit, **asdict(one)}
             left = row.pop('left')

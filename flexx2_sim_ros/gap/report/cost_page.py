@@ -79,7 +79,10 @@ def headline(table: dict[str, Any]) -> str:
         return 'No cost that stands out: no measure differs more than two simulations do.'
     best = table['ranking'][0]
     if best['share'] <= 0:
-        return 'The gap has a cost, and none of the effects takes it away.'
+        return (
+            f'Of the effects, {spaced(best["effect"])} changes most, but as it was fitted it does '
+            'not take the cost of the gap away.'
+        )
     consumer, measure = _clearest(table, best['effect'])
     one = measure['effects'][best['effect']]
     where = f'{spaced(measure["name"])} ({spaced(consumer)})'
@@ -111,8 +114,8 @@ def sentences(table: dict[str, Any]) -> list[str]:
     used = [row for row in table['recordings'] if row['used']]
     fitted = sum(row['effects_from'] == 'this recording' for row in used)
     out = [
-        f'{spaced(row["effect"])}: {_moved(row["share"])} the difference, on average over '
-        f'{row["measures"]} measures that differ.'
+        f'{spaced(row["effect"])}: {percent(row["part"])} of what all effects change; '
+        f'{_moved(row["share"])} the difference (means over {row["measures"]} measures).'
         for row in table['ranking']
     ]
     if fitted:
