@@ -1,6 +1,6 @@
 """Lose pixels at random, by a logistic, and what a diagnosis simulates of that."""
 
-from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis
+from flexx2_sim_ros.effects.hypothesis import Hypothesis, Term
 from flexx2_sim_ros.formulas.fastmath import exp, power
 from flexx2_sim_ros.formulas.scalars import f32
 from flexx2_sim_ros.physics.frame_state import FrameState
@@ -55,7 +55,7 @@ def lose(state: FrameState, survives: np.ndarray, stream: int) -> np.ndarray:
 
 def lost_by(label: str, **threshold: float) -> Hypothesis:
     """Return a variant of a threshold beyond which pixels are lost; its strength is fitted."""
-    return grid('strength', (0.4, 1.6), 0.0, 4.0, label, **threshold)
+    return Hypothesis(label, (Term('strength', (0.4, 1.6), 0.0, 4.0, fixed=threshold),), threshold)
 
 
 def lost_beyond(*amplitudes: float) -> tuple[Hypothesis, ...]:
