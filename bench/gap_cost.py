@@ -3,12 +3,19 @@ Does `flexx2 gap cost` rank two effects by cost as the camera that has them woul
 
 The blind camera of the benchmark has two effects, drawn at random with the seed from those that
 change depth on a still scene. Its campaign is diagnosed, and the diagnosed effects are ranked by
-what they take away of the difference in the consumers. The true ranking takes the camera's own
-recordings in the place of simulations: with both effects, without any, and with each of the two
-alone, at exact poses. An effect that the diagnosis does not name takes away nothing. `--named`
-takes the two true effects at typical parameters instead of a diagnosis. Development seeds only.
+what each changes in the consumers. The true ranking takes the camera's own recordings in the place
+of simulations: with both effects, without any, and with each of the two alone, at exact poses and
+with the same noise. There is none where the consumers do not differ more than by noise. A ranking
+agrees if the effect that truly costs more changes more than the other, and more than nothing. An
+effect that the diagnosis does not name changes nothing.
 
-python -m bench.gap_cost --seeds 1300,1301
+`perfect` takes a perfect simulation of the camera, whose noise differs from that of the
+recordings: what it misses is a fault of the ranking alone. `by share` orders the diagnosed effects
+by the fraction of the difference between recordings and simulation that each takes away.
+
+Development seeds only. Results are kept in a file; a seed that is in it is not run again.
+
+python -m bench.gap_cost --first 1300 --campaigns 40
 """
 
 import argparse
@@ -17,18 +24,19 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from bench.journal import Journal
 from flexx2_sim_ros.atomic import scratch_folder
 from flexx2_sim_ros.consumers.loading import load, sources
 from flexx2_sim_ros.consumers.running import judge, Result, Views
-from flexx2_sim_ros.effects import parse_effects, registry
+from flexx2_sim_ros.effects import registry
 from flexx2_sim_ros.gap import diagnose
 from flexx2_sim_ros.gap.cost import compared, known_of
 from flexx2_sim_ros.gap.data.campaign import Found, read
 from flexx2_sim_ros.gap.data.prior import POSE
 from flexx2_sim_ros.gap.features.simulation import PlacedScene
-from flexx2_sim_ros.gap.inference.effects import table_of
 from flexx2_sim_ros.gap.renditions import AGAIN, ALL, Known, poses_of, REAL, render, SIMULATED
 from flexx2_sim_ros.gap.report.reading import read_diagnosis
+from flexx2_sim_ros.gap.report.words import camera_effects
 from flexx2_sim_ros.profiles.modes import flexx2
 from flexx2_sim_ros.validation.benchmark.seeds import DEVELOPMENT
 from flexx2_sim_ros.validation.blind import BlindCamera, SceneSet
@@ -36,6 +44,9 @@ from flexx2_sim_ros.validation.blind.campaign import Case
 from flexx2_sim_ros.validation.blind.catalogue import CATALOGUE
 from flexx2_sim_ros.validation.blind.scene_set import SceneKey
 import numpy as np
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
 
 _MODE = 'Mode_9_30fps'
 # Effects that change depth on a still scene; others cost these consumers nothing.
@@ -50,81 +61,77 @@ _EFFECTS = [
 ]
 _LEAST_APART = 0.1  # of the two true fractions, so that there is a ranking
 _NO_DISTORTION = (0.0,) * 5
+_SETUP = 'width', 'recordings', 'frames', 'consumers'
+OTHER = 'other noise'  # a rendition: with both effects, and other noise than `ALL`
+TRUE, PERFECT, DIAGNOSED, BY_SHARE = 'true', 'perfect', 'diagnosed', 'by share'
+_WAYS = DIAGNOSED, BY_SHARE, PERFECT
+_BOTH, _MORE, _OTHER = 'both effects named', 'only the costlier named', 'the costlier not named'
 
 
 def main() -> None:
     """Print a line for each campaign, and how often the rankings agree."""
     parser = argparse.ArgumentParser(description=__doc__.partition('\n\n')[0])
-    parser.add_argument('--seeds', default='1300')
+    parser.add_argument('--first', type=int, default=1300, help='first development seed')
+    parser.add_argument('--campaigns', type=int, default=1)
     parser.add_argument('--width', type=int, default=112, help='of the image; 224 is the camera')
-    parser.add_argument('--recordings', type=int, default=6)
+    parser.add_argument('--recordings', type=int, default=8)
     parser.add_argument('--frames', type=int, default=8)
     parser.add_argument('--consumers', default='', help='names, separated by commas')
-    parser.add_argument('--named', action='store_true', help='the two true effects, typical')
+    parser.add_argument('--out', type=Path, default=Path('build/gap_cost.jsonl'))
     arguments = parser.parse_args()
-    verdicts = []
-    for seed in map(int, arguments.seeds.split(',')):
-        names = sorted(np.random.default_rng(seed).choice(_EFFECTS, 2, replace=False).tolist())
-        with scratch_folder() as folder:
-            true, found = _rankings(arguments, DEVELOPMENT.seed(seed), names, folder)
-        agree = _agree(true, found, names)
-        verdicts.append(agree)
-        measures = _of_measures(true, found, names)
-        print(
-            f'{seed} {", ".join(names)} true: {_text(true)} | cost: {_text(found)} | '
-            f'{ {True: "agrees", False: "differs", None: "no true ranking"}[agree] } | '
-            f'measures {sum(measures)} of {len(measures)}',
-            flush=True,
-        )
-    counted = [one for one in verdicts if one is not None]
-    print(f'{sum(counted)} of {len(counted)} rankings agree')
+    setup = {name: getattr(arguments, name) for name in _SETUP}
+    journal = Journal(arguments.out, **setup)
+    done = {entry['seed']: entry for entry in journal}
+    seeds = range(arguments.first, arguments.first + arguments.campaigns)
+    for seed in seeds:
+        if seed not in done:
+            done[seed] = _campaign(arguments, DEVELOPMENT.seed(seed))
+            journal.add(done[seed])
+        print(_line(done[seed]), flush=True)
+    Console(markup=False).print(_summary([done[seed] for seed in seeds]))
 
 
-def _rankings(
-    arguments: argparse.Namespace, seed: int, names: list[str], folder: Path
-) -> tuple[dict[str, Any], dict[str, Any]]:
+def _campaign(arguments: argparse.Namespace, seed: int) -> dict[str, Any]:
+    names = sorted(np.random.default_rng(seed).choice(_EFFECTS, 2, replace=False).tolist())
     height = round(arguments.width * 172 / 224)
     key = SceneKey(
         _MODE, seed, 2.0, arguments.width, height, arguments.recordings, arguments.frames
     )
     case = Case(key, dict.fromkeys(names, 1.0), seed)
-    true = _true_views(case, names, folder)
-    (folder / 'campaign').mkdir()
-    BlindCamera(case).record(folder / 'campaign')
-    known = _known(arguments.named, names, folder)
-    files = [
-        Found(path, flexx2().mode(_MODE), ())
-        for path in sorted((folder / 'campaign').glob('*.npz'))
-    ]
+    with scratch_folder() as folder:
+        campaign = folder / 'campaign'
+        campaign.mkdir()
+        BlindCamera(case).record(campaign)
+        diagnosed = diagnose(campaign, out=folder / 'diagnosis')
+        named = camera_effects(diagnosed)
+        wanted = [one for one in arguments.consumers.split(',') if one]
+        errors = {TRUE: _errors(wanted, _true_views(case, names, folder))}
+        if named:
+            known = known_of(read_diagnosis(folder / 'diagnosis'))
+            errors[DIAGNOSED] = _errors(wanted, _views(campaign, known))
+    rows = {row['name']: row['parameters'] for row in diagnosed['effects']}
+    return {
+        'seed': seed,
+        'effects': names,
+        'named': {name: rows[name] for name in named},
+        'errors': errors,
+    }
+
+
+def _views(campaign: Path, known: Known) -> list[Views]:
+    files = [Found(path, flexx2().mode(_MODE), ()) for path in sorted(campaign.glob('*.npz'))]
     rendered = [render(file, known, None, 0, None) for file in files]
-    found = [one.views for one in rendered if not isinstance(one, str)]
-    wanted = [one for one in arguments.consumers.split(',') if one]
-    return _compared(wanted, true, names, found, list(known.effects))
+    return [one.views for one in rendered if not isinstance(one, str)]
 
 
-def _known(named: bool, names: Sequence[str], folder: Path) -> Known:
-    if named:
-        effects = table_of(parse_effects(dict.fromkeys(names)))
-        return Known(effects, {}, (0.01,) * 3 + (0.5,) * 3, frozenset(), {})
-    diagnose(folder / 'campaign', out=folder / 'diagnosis')
-    return known_of(read_diagnosis(folder / 'diagnosis'))
-
-
-def _compared(
-    consumers: Sequence[str],
-    true: Sequence[Views],
-    names: Sequence[str],
-    found: Sequence[Views],
-    effects: Sequence[str],
-) -> tuple[dict[str, Any], dict[str, Any]]:
+def _errors(consumers: Sequence[str], recordings: Sequence[Views]) -> list[dict[str, Any]]:
     # In this process: a process for each consumer takes seconds to start.
-    first, second = [], []
+    out = []
     for source in sources(consumers, _complain):
         consumer = load(source)
-        for results, views in ((first, true), (second, found)):
-            errors = [judge(consumer, one)[0] for one in views]
-            results.append(Result(consumer.name, '', dict(consumer.measures), errors))
-    return compared(first, names), compared(second, effects)
+        errors = [judge(consumer, one)[0] for one in recordings]
+        out.append({'label': consumer.name, 'measures': dict(consumer.measures), 'errors': errors})
+    return out
 
 
 def _complain(name: str, error: BaseException) -> None:
@@ -136,13 +143,13 @@ def _true_views(case: Case, names: Sequence[str], folder: Path) -> list[Views]:
     case = replace(case, scenes=replace(case.scenes, pose_mm=0.0))
     scenes = SceneSet(case.scenes)
     whole = BlindCamera(case, scenes).effects
-    kept = {REAL: whole, SIMULATED: (), AGAIN: (), ALL: whole}
+    kept = {REAL: whole, OTHER: whole, SIMULATED: (), AGAIN: (), ALL: whole}
     kept |= {name: tuple(one for one in whole if one.name == name) for name in names}
     found: dict[str, list[Any]] = {}
     for name, effects in kept.items():
         camera = BlindCamera(case, scenes)
         camera.effects = effects
-        if name == AGAIN:
+        if name in (OTHER, AGAIN):
             camera.case = replace(case, seed=case.seed + 500_000)
         part = folder / name.replace(' ', '_')
         part.mkdir()
@@ -161,40 +168,65 @@ def _true_views(case: Case, names: Sequence[str], folder: Path) -> list[Views]:
     return out
 
 
-def _shares(table: dict[str, Any], names: Sequence[str]) -> list[float]:
-    share = {row['effect']: row['share'] for row in table['ranking']}
-    return [share.get(name, 0.0) for name in names]
+def _ranking(entry: dict[str, Any], way: str) -> dict[str, float]:
+    # What each effect changes, on average, of what all effects change.
+    own = way in (DIAGNOSED, BY_SHARE)
+    results = []
+    for one in entry['errors'].get(DIAGNOSED if own else TRUE, []):
+        rows = one['errors']
+        if way == PERFECT:
+            rows = [{**row, REAL: row[OTHER]} for row in rows]
+        results.append(Result(one['label'], '', one['measures'], rows))
+    ranking = compared(results, list(entry['named'] if own else entry['effects']))['ranking']
+    return {row['effect']: row['share' if way == BY_SHARE else 'part'] for row in ranking}
 
 
-def _agree(true: dict[str, Any], found: dict[str, Any], names: Sequence[str]) -> bool | None:
-    real, own = (_shares(one, names) for one in (true, found))
-    if abs(real[0] - real[1]) < _LEAST_APART:
-        return None
-    return (real[0] - real[1]) * (own[0] - own[1]) > 0
+def _parts(entry: dict[str, Any], way: str) -> list[float]:
+    # Of the two effects, the one that truly costs more first.
+    share = _ranking(entry, way)
+    return [share.get(name, 0.0) for name in _by_true_cost(entry)]
 
 
-def _of_measures(true: dict[str, Any], found: dict[str, Any], names: Sequence[str]) -> list[bool]:
-    # The same for each measure that differs significantly in the truth.
-    own = {
-        (consumer['name'], one['name']): one['effects']
-        for consumer in found['consumers']
-        for one in consumer['measures']
-    }
-    out = []
-    for consumer in true['consumers']:
-        for one in consumer['measures']:
-            real = [one['effects'][name]['share'] for name in names]
-            if not one['significant'] or abs(real[0] - real[1]) < _LEAST_APART:
-                continue
-            rows = own.get((consumer['name'], one['name']), {})
-            mine = [rows[name]['share'] if name in rows else 0.0 for name in names]
-            out.append((real[0] - real[1]) * (mine[0] - mine[1]) > 0)
-    return out
+def _by_true_cost(entry: dict[str, Any]) -> list[str]:
+    share = _ranking(entry, TRUE)
+    return sorted(entry['effects'], key=lambda name: -share.get(name, 0.0))
 
 
-def _text(table: dict[str, Any]) -> str:
-    rows = [f'{row["effect"]} {row["share"]:.2f}' for row in table['ranking']]
-    return ', '.join(rows) or 'no cost'
+def _has_ranking(entry: dict[str, Any]) -> bool:
+    more, less = _parts(entry, TRUE)
+    return more - less >= _LEAST_APART
+
+
+def _agrees(entry: dict[str, Any], way: str) -> bool:
+    more, less = _parts(entry, way)
+    return more > max(less, 0.0)
+
+
+def _line(entry: dict[str, Any]) -> str:
+    named = ', '.join(entry['named']) or 'none'
+    parts = [f'{entry["seed"]} {", ".join(_by_true_cost(entry))}; named: {named}']
+    ranked = _has_ranking(entry)
+    for way in (TRUE, *_WAYS):
+        more, less = _parts(entry, way)
+        agrees = (
+            '' if way == TRUE or not ranked else ' agrees' if _agrees(entry, way) else ' differs'
+        )
+        parts.append(f'{way} {more:.2f} {less:.2f}{agrees}')
+    return '; '.join(parts)
+
+
+def _summary(entries: Sequence[dict[str, Any]]) -> Table:
+    # How often rankings agree, by what the diagnosis has named.
+    ranked = [one for one in entries if _has_ranking(one)]
+    groups: dict[str, list[dict[str, Any]]] = {'all': ranked, _BOTH: [], _MORE: [], _OTHER: []}
+    for one in ranked:
+        more, less = (name in one['named'] for name in _by_true_cost(one))
+        groups[_BOTH if more and less else _MORE if more else _OTHER].append(one)
+    shown = Table('campaigns with a true ranking', 'how many', *_WAYS, box=SIMPLE_HEAD)
+    for name, group in groups.items():
+        agree = (str(sum(_agrees(one, way) for one in group)) for way in _WAYS)
+        shown.add_row(name, str(len(group)), *agree)
+    return shown
 
 
 if __name__ == '__main__':
