@@ -7,13 +7,7 @@ from typing import Any
 
 from flexx2_sim_ros.formulas import on_images
 from flexx2_sim_ros.formulas.surfaces import returned_light
-from flexx2_sim_ros.physics.axial import (
-    add_noise,
-    blank_invalid,
-    blank_outside,
-    model_sigma,
-    scale_by_surface,
-)
+from flexx2_sim_ros.physics.axial import add_noise, blank_invalid, blank_outside, sigma_image
 from flexx2_sim_ros.physics.frame_state import Common, EffectProtocol, FrameState, once, Stage
 from flexx2_sim_ros.physics.lateral import (
     displaced_sources,
@@ -188,24 +182,8 @@ def _own(common: Common | None, image: np.ndarray) -> np.ndarray:
 
 def _expect_noise(state: FrameState, edge_sigma: float) -> None:
     def make() -> np.ndarray:
-        noise, surface = state.mode.noise, state.surface
-        sigma = np.empty(state.depth.shape, np.float32)
-        model_sigma(
-            surface.inverse_depth,
-            surface.cos_incidence,
-            noise.coefficients,
-            np.float32(noise.incidence_cap),
-            sigma,
-        )
-        if noise.surfaces is not None and state.reflectivity.size > 1:
-            scale_by_surface(
-                surface.inverse_depth,
-                surface.cos_incidence,
-                np.ascontiguousarray(state.reflectivity),
-                noise.surfaces.coefficients,
-                sigma,
-            )
-        return sigma
+        own = state.reflectivity if state.reflectivity.size > 1 else None
+        return sigma_image(state.surface, state.mode.noise, own)
 
     common = state.common
     state.sigma = _own(common, once(_scene(common), 'sigma', make))

@@ -3,7 +3,8 @@
 from flexx2_sim_ros.formulas import pixels, surfaces
 from flexx2_sim_ros.physics.compiled import compiled, loop
 from flexx2_sim_ros.physics.philox import FAST
-from flexx2_sim_ros.physics.surface import PAD
+from flexx2_sim_ros.physics.surface import PAD, Surface
+from flexx2_sim_ros.profiles.modes import NoiseModel
 from numba import njit
 import numpy as np
 
@@ -75,6 +76,36 @@ def scale_by_surface(p, cosine, reflectivity, coefficients, sigma):
                 constant_share,
                 read_share,
             )
+
+
+def sigma_image(
+    surface: Surface, noise: NoiseModel, reflectivity: np.ndarray | None = None
+) -> np.ndarray:
+    """
+    Return sigma_z of the base model at every pixel of a surface.
+
+    Parameters
+    ----------
+    surface : Surface
+        What the camera looks at.
+    noise : NoiseModel
+        That of the mode.
+    reflectivity : numpy.ndarray, optional
+        (H, W) in 0..1. Without it, all surfaces have the noise of the white board.
+
+    Returns
+    -------
+    numpy.ndarray
+        (H, W) float32, metres; 0 without a return.
+
+    """
+    p, cosine = surface.inverse_depth, surface.cos_incidence
+    sigma = np.empty(cosine.shape, np.float32)
+    model_sigma(p, cosine, noise.coefficients, np.float32(noise.incidence_cap), sigma)
+    if noise.surfaces is not None and reflectivity is not None:
+        rho = np.ascontiguousarray(reflectivity, np.float32)
+        scale_by_surface(p, cosine, rho, noise.surfaces.coefficients, sigma)
+    return sigma
 
 
 @loop(error_model='numpy', fastmath=FAST)

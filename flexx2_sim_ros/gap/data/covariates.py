@@ -16,7 +16,7 @@ from flexx2_sim_ros.gap.data.pixel_kernels import (
     runs_of,
 )
 from flexx2_sim_ros.gap.data.unknown import away, judged
-from flexx2_sim_ros.physics.axial import model_sigma, scale_by_surface
+from flexx2_sim_ros.physics.axial import sigma_image
 from flexx2_sim_ros.physics.geometry import ray_length
 from flexx2_sim_ros.physics.surface import analyse, Surface
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
@@ -141,7 +141,7 @@ def look_at(
     return PixelCovariates(
         runs,
         first,
-        _sigma(surface, reflectivity, mode),
+        sigma_image(surface, mode.noise, reflectivity),
         np.where(seen, clean, np.float32(np.nan)),
         inside,
         _rays(*(float(v) for v in K[:2].ravel()), height, width),
@@ -224,28 +224,6 @@ def log_amplitude(
     """Return the logarithm of each pixel's amplitude in 1/m^2, (H, W)."""
     rho = np.float32(1) if reflectivity is None else reflectivity
     return np.asarray(np.log(rho * surface.cos_incidence / clean**2))
-
-
-def _sigma(surface: Surface, reflectivity: np.ndarray | None, mode: Mode) -> np.ndarray:
-    # (H, W) float32 metres: sigma_z of the base model.
-    noise = mode.noise
-    sigma = np.empty(surface.cos_incidence.shape, np.float32)
-    model_sigma(
-        surface.inverse_depth,
-        surface.cos_incidence,
-        noise.coefficients,
-        np.float32(noise.incidence_cap),
-        sigma,
-    )
-    if noise.surfaces is not None and reflectivity is not None:
-        scale_by_surface(
-            surface.inverse_depth,
-            surface.cos_incidence,
-            np.ascontiguousarray(reflectivity, np.float32),
-            noise.surfaces.coefficients,
-            sigma,
-        )
-    return sigma
 
 
 def sort_everywhere(

@@ -41,6 +41,27 @@ def covariance_of(truth: Truth, usual: np.ndarray) -> np.ndarray | None:
     return out
 
 
+def spread_of(truth: Truth, usual: np.ndarray) -> np.ndarray:
+    """
+    Return the prior of a recording's own errors as standard deviations in independent directions.
+
+    Parameters
+    ----------
+    truth : Truth
+        The recording's.
+    usual : numpy.ndarray
+        (6,) as for `covariance_of`.
+
+    Returns
+    -------
+    numpy.ndarray
+        (6 + 3 P, 6 + 3 P) as from `factor`.
+
+    """
+    covariance = covariance_of(truth, usual)
+    return np.diag(usual) if covariance is None else factor(covariance)
+
+
 def factor(covariance: np.ndarray) -> np.ndarray:
     """Return F with F F' = covariance, (n, n). Columns of directions without variance are zero."""
     size = np.sqrt(np.maximum(np.diag(covariance), 0))

@@ -12,7 +12,7 @@ from flexx2_sim_ros.gap.calibration.data import REGISTRATION
 from flexx2_sim_ros.gap.data.axes import Axes, axes_of
 from flexx2_sim_ros.gap.data.covariates import look_at
 from flexx2_sim_ros.gap.data.pose import base_camera, fit_plane_motion, moved, unknown_border
-from flexx2_sim_ros.gap.data.prior import covariance_of, factor, POSE
+from flexx2_sim_ros.gap.data.prior import POSE, spread_of
 from flexx2_sim_ros.recording.truth import Truth
 import numpy as np
 
@@ -187,8 +187,7 @@ def register(
             }
         )
     )
-    covariance = covariance_of(recording.truth, prior)
-    spread = np.diag(prior) if covariance is None else factor(covariance)
+    spread = spread_of(recording.truth, prior)
     whiten = np.linalg.pinv(spread)
     shifts = recording.plane_shifts
     shifts = np.zeros((0, *recording.clean.shape[-2:])) if shifts is None else shifts

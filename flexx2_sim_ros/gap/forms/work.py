@@ -9,7 +9,7 @@ from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap.calibration.forms import FORMS
 from flexx2_sim_ros.gap.data.campaign import Found, read
 from flexx2_sim_ros.gap.data.given import Table
-from flexx2_sim_ros.gap.data.prior import covariance_of, factor
+from flexx2_sim_ros.gap.data.prior import spread_of
 from flexx2_sim_ros.gap.data.registration import RecordingData, register
 from flexx2_sim_ros.gap.features.before_after import before_after
 from flexx2_sim_ros.gap.features.physical import (
@@ -238,8 +238,7 @@ def registered(
     """
     # `settled` corrects what the effects did to this motion, so it need not know them.
     begin, _ = register(recording, prior)
-    covariance = covariance_of(recording.truth, prior)
-    spread = np.diag(prior) if covariance is None else factor(covariance)
+    spread = spread_of(recording.truth, prior)
     motion, scene = settled(recording, begin, spread, effects)
     return motion, spread, scene
 
