@@ -57,6 +57,25 @@ def test_a_loop_is_compiled_again_when_a_formula_that_it_calls_changes(tmp_path:
     assert printed(tmp_path) == '15.0 0'
 
 
+# The compiled loop is larger than a file may be.
+_SMALL_FILES = """
+import resource
+resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
+"""
+
+
+def test_a_loop_that_cannot_be_kept_runs_all_the_same(tmp_path: Path) -> None:
+    for name, text in _MODULES.items():
+        (tmp_path / name).write_text(text)
+    images = tmp_path / 'images.py'
+    images.write_text(_SMALL_FILES + _MODULES['images.py'])
+    for _ in range(2):
+        assert printed(tmp_path) == '3.0 0'
+    assert not list(tmp_path.rglob('*.nbc'))
+    images.write_text(_MODULES['images.py'])
+    assert [printed(tmp_path) for _ in range(2)] == ['3.0 0', '3.0 1']
+
+
 @pytest.mark.parametrize(
     ('moment', 'around'),
     [

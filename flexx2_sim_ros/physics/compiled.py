@@ -1,6 +1,7 @@
 """Formulas, and loops over images that use them, compiled for the CPU."""
 
 from collections.abc import Callable
+from contextlib import suppress
 import hashlib
 import math
 from types import CodeType, FunctionType
@@ -8,6 +9,7 @@ from typing import Any
 
 from flexx2_sim_ros.formulas import Backend
 from numba import njit
+from numba.core.caching import FunctionCache
 import numpy as np
 
 
@@ -60,12 +62,22 @@ _NAMES: dict[str, Any] = {
 compiled = Backend(_NAMES, lambda value: value, njit(inline='always'))
 
 
+class _Cache(FunctionCache):
+    """What numba keeps of a loop on disk, where it can be written."""
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        # A full disk stops no camera: the next process compiles again.
+        with suppress(OSError):
+            super().save_overload(sig, data)  # type: ignore[no-untyped-call]
+
+
 def loop(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     """
     Compile a loop over images, to be kept on disk until its code or that of a formula changes.
 
     numba itself compares the file of the loop alone. So the name under which it keeps the loop
-    gets a digest of all that the loop calls.
+    gets a digest of all that the loop calls. A loop that cannot be kept is compiled in each
+    process.
 
     Parameters
     ----------
@@ -81,7 +93,10 @@ def loop(**options: Any) -> Callable[[Callable[..., Any]], Any]:
 
     def compile_loop(function: Callable[..., Any]) -> Any:
         function.__qualname__ += f'_{digest_of(function)}'
-        return njit(cache=True, **options)(function)
+        compiled_loop = njit(**options)(function)
+        with suppress(RuntimeError):  # No folder can be written.
+            compiled_loop._cache = _Cache(function)  # type: ignore[no-untyped-call]
+        return compiled_loop
 
     return compile_loop
 
