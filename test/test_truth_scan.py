@@ -1,44 +1,30 @@
 """Ground truth from a scan: real files of a blind camera, in a room that is known as a mesh."""
 
 from pathlib import Path
-from typing import Any
 
 from browser import chromium
 from flexx2_sim_ros.cli.main import main
-from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.recording import open_recording
 from flexx2_sim_ros.truth import make_truth, Request
-from flexx2_sim_ros.truth.campaign import check_room
 from flexx2_sim_ros.truth.clean import render
 from flexx2_sim_ros.truth.meshes import load_room
 from flexx2_sim_ros.truth.observation import observe
 from flexx2_sim_ros.truth.poses import Pose
-from flexx2_sim_ros.truth.registration import Job, register, Registered, views_of
+from flexx2_sim_ros.truth.registration import Job, register, views_of
 from flexx2_sim_ros.truth.shared import estimate, Shared
-from flexx2_sim_ros.truth.verdict import Verdict
-from flexx2_sim_ros.validation.blind.meshes import write_mesh
 from flexx2_sim_ros.validation.blind.scanned import off, ScannedCamera
 import numpy as np
 import pytest
+from scans import HEIGHT, record, RECORDINGS, scaled, WIDTH
 import trimesh
 import yaml
 
-SEED, WIDTH, HEIGHT, RECORDINGS = 2, 112, 86, 4
 PHONE = {'deviceScaleFactor': 1, 'mobile': True}
-SMALL = {'frames': 8, 'width': WIDTH, 'height': HEIGHT}
 
 
 @pytest.fixture(scope='module')
 def rough() -> np.random.Generator:
     return np.random.default_rng(5)
-
-
-def record(folder: Path, effects: dict[str, float], **changes: Any) -> ScannedCamera:
-    camera = ScannedCamera(SEED, effects, **{'recordings': RECORDINGS, **SMALL, **changes})
-    (folder / 'in').mkdir(parents=True)
-    camera.record(folder / 'in')
-    write_mesh(camera.solids, folder / 'room.ply')
-    return camera
 
 
 @pytest.fixture(scope='module')
@@ -248,38 +234,6 @@ def test_an_interrupted_run_goes_on_where_it_was(
     ]
 
 
-def test_nothing_is_known_where_the_mesh_has_a_hole(
-    tmp_path: Path, plain: tuple[Path, ScannedCamera]
-) -> None:
-    folder, camera = plain
-    pose = Pose(*camera.poses(0)[0])
-    rays = observe(open_recording(folder / 'in' / '0.npz'), None).still.rays
-    whole = render(load_room(folder / 'room.ply'), pose, rays, 0.003)
-    write_mesh(camera.solids, tmp_path / 'fine.ply', 0.2)
-    mesh = trimesh.load_mesh(tmp_path / 'fine.ply', process=False)
-    # What the middle of the image shows is cut out.
-    ahead = pose.t + pose.R[:, 2] * whole.depth[HEIGHT // 2, WIDTH // 2]
-    far = np.linalg.norm(mesh.triangles_center - ahead, axis=1) > 0.4
-    trimesh.Trimesh(mesh.vertices, mesh.faces[far], process=False).export(tmp_path / 'hole.ply')
-    holed = render(load_room(tmp_path / 'hole.ply'), pose, rays, 0.003)
-    gone = ~np.isfinite(holed.depth)
-    assert gone[HEIGHT // 2, WIDTH // 2]
-    assert not holed.known[gone].any()
-    assert holed.known[~gone].mean() > 0.8
-    assert whole.known.all()
-
-
-def test_colours_of_the_mesh_become_reflectivity(tmp_path: Path) -> None:
-    box = trimesh.creation.box((4, 4, 4))
-    box.visual.face_colors = [128, 128, 128, 255]
-    for name in ('room.ply', 'room.glb'):
-        box.export(tmp_path / name)
-        hits = load_room(tmp_path / name).cast(Pose(np.eye(3), np.zeros(3)), np.zeros((1, 2)))
-        assert hits.depth[0] == pytest.approx(2.0, abs=1e-6)
-        assert hits.reflectivity is not None
-        assert hits.reflectivity[0] == pytest.approx(128 / 255, abs=0.01)
-
-
 def test_a_mujoco_scene_is_a_room_too(tmp_path: Path, plain: tuple[Path, ScannedCamera]) -> None:
     geoms = '<geom type="box" size="2 2.5 .1" pos="0 0 {}"/>'.format
     walls = ''.join(
@@ -315,106 +269,3 @@ def test_a_mujoco_scene_is_a_room_too(tmp_path: Path, plain: tuple[Path, Scanned
     assert written.clean_depth is not None
     error = np.abs(written.clean_depth - clean.depth)
     assert np.nanmedian(error) < 0.001
-
-
-def scaled(mesh: trimesh.Trimesh, factor: float) -> trimesh.Trimesh:
-    mesh.apply_scale(factor)
-    return mesh
-
-
-def mirrored(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
-    return trimesh.Trimesh(mesh.vertices * (-1, 1, 1), mesh.faces, process=False)
-
-
-BAD_ROOMS = {
-    'millimetres': (lambda mesh: scaled(mesh, 1000.0), 'looks like millimetres'),
-    'no faces': (lambda mesh: trimesh.PointCloud(mesh.vertices), 'no faces'),
-    'another room': (lambda mesh: trimesh.creation.icosphere(radius=3.0), 'must be the room of'),
-    'mirrored': (mirrored, 'must not be mirrored'),
-}
-
-
-@pytest.mark.parametrize('kind', BAD_ROOMS)
-def test_a_mesh_that_cannot_be_used_is_one_sentence(
-    tmp_path: Path,
-    plain: tuple[Path, ScannedCamera],
-    capsys: pytest.CaptureFixture[str],
-    kind: str,
-) -> None:
-    folder, _ = plain
-    change, words = BAD_ROOMS[kind]
-    change(trimesh.load_mesh(folder / 'room.ply', process=False)).export(tmp_path / 'bad.ply')
-    out = tmp_path / 'out'
-    files = [str(folder / 'in' / f'{i}.npz') for i in range(3)]
-    scan = ['--scan', str(tmp_path / 'bad.ply'), '--out', str(out), '--jobs', '1']
-    assert main(['gap', 'truth', *files, *scan]) == 2
-    error = capsys.readouterr().err.strip().splitlines()[-1]
-    assert error.startswith('flexx2: error: ')
-    assert words in error
-    assert not out.exists()
-
-
-# What four recordings of one furnished room fit of another one, found without a pose; of 2 bare
-# walls and 4 other views of the right room; of the right room with one view of elsewhere.
-@pytest.mark.parametrize(
-    ('fitting', 'states', 'wrong'),
-    [
-        ((0.17, 0.67, 0.54, 0.82), 'refused doubtful refused used', True),
-        (
-            (0.5, 0.5, 0.97, 0.95, 0.96, 0.97),
-            'refused refused used doubtful doubtful doubtful',
-            False,
-        ),
-        ((0.97, 0.3), 'used refused', False),
-    ],
-)
-def test_one_recording_that_fits_by_chance_does_not_make_it_the_room(
-    tmp_path: Path, fitting: tuple[float, ...], states: str, wrong: bool
-) -> None:
-    request = Request(recordings=(), room=tmp_path / 'room.ply', out=tmp_path / 'out')
-    verdicts = [
-        Verdict(state, (), part, 0.01, (0.001, 0.1))
-        for state, part in zip(states.split(), fitting, strict=True)
-    ]
-    registered = [Registered(((0.0,) * 7,), (0.1,), (), 1.0, False, float('inf'), 1.0)] * len(
-        verdicts
-    )
-    if wrong:
-        with pytest.raises(InputError, match='must be the room of the recordings'):
-            check_room(request, registered, verdicts)
-    else:
-        check_room(request, registered, verdicts)
-
-
-@pytest.mark.parametrize(
-    ('change', 'words'),
-    [
-        ({'stamp': np.array([0, 1, 2, 3, 5e8, 5e8 + 1, 5e8 + 2, 5e8 + 3])}, 'of one clock'),
-        ({'stamp': np.array([0, 1, 2, 2, 4, 5, 6, 7.0])}, 'must rise'),
-        ({'depth': np.full((8, HEIGHT, WIDTH), np.nan, np.float32)}, 'all pixels'),
-        ({'distortion': np.zeros(9)}, 'distortion: must be'),
-    ],
-)
-def test_a_recording_that_cannot_be_used_is_one_sentence(
-    tmp_path: Path,
-    plain: tuple[Path, ScannedCamera],
-    capsys: pytest.CaptureFixture[str],
-    change: dict[str, np.ndarray],
-    words: str,
-) -> None:
-    folder, _ = plain
-    with np.load(folder / 'in' / '0.npz') as archive:
-        arrays = {**archive, **change}
-    np.savez(tmp_path / 'bad.npz', **arrays)
-    out = tmp_path / 'out'
-    room = ['--scan', str(folder / 'room.ply'), '--out', str(out), '--jobs', '1']
-    assert main(['gap', 'truth', str(tmp_path / 'bad.npz'), *room]) == 2
-    assert words in capsys.readouterr().err
-    assert not out.exists()
-
-
-@pytest.mark.parametrize('pose', ['1,2,3', '0,0,0,0,0,0,0', 'a,b,c,d,e,f,g', 'nan,0,0,0,0,0,1'])
-def test_a_pose_that_is_none_is_refused(pose: str, capsys: pytest.CaptureFixture[str]) -> None:
-    words = ['gap', 'truth', 'x.npz', '--scan', 'room.ply', '--out', 'out', f'--pose={pose}']
-    assert main(words) == 2
-    assert '--pose: must be' in capsys.readouterr().err
