@@ -133,28 +133,35 @@ def odometry(stamp: int, pose: Pose) -> Entry:
     return '/odom', kind, stamp, message
 
 
+def driver_messages(walk: tuple[Path, ScannedCamera, np.ndarray]) -> list[Entry]:
+    """Return what the driver publishes during the walk."""
+    folder, _, stamps = walk
+    recording = open_recording(folder / 'in' / '0.npz').load()
+    node = '/pmd_royale_ros_camera_node'
+    entries = [usecase(node, int(stamps[0]), 'Mode_9_30fps')]
+    for stamp, depth in zip(map(int, stamps), recording.depth, strict=True):
+        entries += [
+            image(f'{node}/depth_image_0', stamp, np.nan_to_num(depth)),
+            info(f'{node}/camera_info', stamp, depth.shape, recording.K, np.zeros(5)),
+        ]
+    return entries
+
+
 @pytest.fixture(scope='module')
 def bag(
     tmp_path_factory: pytest.TempPathFactory, walk: tuple[Path, ScannedCamera, np.ndarray]
 ) -> Path:
     """Return a bag of the walk with odometry and TF; odometry begins at its own origin."""
-    folder, camera, stamps = walk
-    recording = open_recording(folder / 'in' / '0.npz').load()
-    node = '/pmd_royale_ros_camera_node'
+    _, camera, stamps = walk
     told = bodies(camera, wrong=False)
     first = told[0]
     kind = 'tf2_msgs/msg/TFMessage'
     fixed = [transform('map', 'odom', 0, first), transform('base', 'optical', 0, MOUNT)]
-    entries = [
-        usecase(node, int(stamps[0]), 'Mode_9_30fps'),
-        ('/tf_static', kind, int(stamps[0]), make(kind, fixed)),
-    ]
-    for stamp, depth, pose in zip(map(int, stamps), recording.depth, told, strict=True):
+    entries = [*driver_messages(walk), ('/tf_static', kind, int(stamps[0]), make(kind, fixed))]
+    for stamp, pose in zip(map(int, stamps), told, strict=True):
         # The frame of odometry is where the body was at first.
         own = Pose(first.R.T @ pose.R, first.R.T @ (pose.t - first.t))
         entries += [
-            image(f'{node}/depth_image_0', stamp, np.nan_to_num(depth)),
-            info(f'{node}/camera_info', stamp, depth.shape, recording.K, np.zeros(5)),
             ('/tf', kind, stamp, make(kind, [transform('odom', 'base', stamp, own)])),
             odometry(stamp, own),
         ]
@@ -178,6 +185,21 @@ def test_poses_come_from_odometry_and_from_transforms(
     between = camera_trajectory(PoseSource(frames=('map', 'optical')), bag).at(stamps + 1_000_000)
     assert np.isnan(between[-1]).all()
     assert np.abs(between[:-1, :3] - tf[:-1, :3]).max() < 0.005
+
+
+def test_a_camera_whose_transforms_are_all_static_starts_there(
+    tmp_path: Path, walk: tuple[Path, ScannedCamera, np.ndarray]
+) -> None:
+    """Assert that a tripod's pose on /tf_static is enough, although the camera moves a little."""
+    folder, camera, stamps = walk
+    rough = Pose(*off(camera.poses(0)[0], 0.05, 3.0, np.random.default_rng(4)))
+    kind = 'tf2_msgs/msg/TFMessage'
+    fixed = make(kind, [transform('map', 'optical', 0, rough)])
+    entries = [*driver_messages(walk), ('/tf_static', kind, int(stamps[0]), fixed)]
+    bag = write(tmp_path / '0', entries)
+    table = truth(folder, bag, tmp_path / 'out', '--tf', 'map,optical')
+    assert table['clock_offset']['reason'] == 'the given poses do not move'
+    assert errors(tmp_path / 'out', camera).max() < 0.01
 
 
 def test_odometry_of_its_own_frame_gives_the_motion(

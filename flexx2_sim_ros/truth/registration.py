@@ -189,6 +189,8 @@ def _clock(
     stamp_ns: np.ndarray,
     fits: Sequence[tuple[Pose, float]],
 ) -> ClockOffset:
+    if source.fixed:
+        return ClockOffset(reason='the given poses do not move')
     numbers = np.array([pose.numbers() for pose, _ in fits])
     lost = np.array([cost for _, cost in fits]) > _LOST
     fitted = Trajectory('', stamp_ns[~lost], numbers[~lost])

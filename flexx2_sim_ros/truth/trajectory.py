@@ -129,8 +129,13 @@ class CameraTrajectory:
     camera_in_body: tuple[float, ...]
 
     @property
+    def fixed(self) -> bool:
+        """Return whether one pose holds for all times."""
+        return all(one.fixed for one in self.chain)
+
+    @property
     def span_ns(self) -> tuple[int, int]:
-        """Return the first and the last stamp."""
+        """Return the first and the last stamp; not for poses that are fixed."""
         moving = [one.stamp_ns for one in self.chain if not one.fixed]
         return max(int(one[0]) for one in moving), min(int(one[-1]) for one in moving)
 
@@ -332,8 +337,6 @@ def _of_frames(path: Path, parent: str, child: str) -> list[Trajectory]:
             f'--tf: must be two frames of {shown_path(path)}, the second under the first, got '
             f'{shown(parent)},{shown(child)}; it has {_listed([*parents, *parents.values()])}'
         )
-    if all(one.fixed for one in chain):
-        raise InputError(f'--tf: must be two frames that move, got {shown(parent)},{shown(child)}')
     return chain[::-1]
 
 
