@@ -245,6 +245,33 @@ def test_poses_of_another_time_are_one_sentence(
     assert not out.exists()
 
 
+def test_a_recording_outside_the_trajectory_is_refused_and_the_others_go_on(
+    tmp_path: Path, walk: tuple[Path, ScannedCamera, np.ndarray]
+) -> None:
+    folder, camera, stamps = walk
+    source = folder / 'in' / '0.npz'
+    with np.load(source) as archive:
+        arrays = dict(archive)
+    (tmp_path / 'in').mkdir()
+    for name, later in (('0', 0.0), ('1', 100.0), ('2', 0.0)):
+        np.savez(tmp_path / 'in' / f'{name}.npz', **{**arrays, 'stamp': stamps / 1e9 + later})
+    lines = [HEAD]
+    for stamp, pose in zip(stamps / 1e9, bodies(camera), strict=True):
+        lines.append(f'{stamp:.9f},{text(pose.numbers())}')
+    (tmp_path / 'mocap.csv').write_text('\n'.join(lines))
+    options = ['--trajectory', str(tmp_path / 'mocap.csv'), '--clock-offset', '0']
+    mount = f'--camera-in-body={text(MOUNT.numbers())}'
+    table = truth(folder, tmp_path / 'in', tmp_path / 'out', *options, mount)
+    rows = table['recordings']
+    assert [row['name'] for row in rows] == ['0.npz', '1.npz', '2.npz']
+    assert [row['verdict'] for row in rows] == ['used', 'refused', 'used']
+    assert 'must have poses at the time of' in rows[1]['reasons'][0]
+    assert errors(tmp_path / 'out', camera).max() < 0.01
+    assert not (tmp_path / 'out' / '1.npz').exists()
+    assert (tmp_path / 'out' / '2.npz').exists()
+    assert 'must have poses at the time of' in (tmp_path / 'out' / 'truth.html').read_text()
+
+
 SHIFT = 0.037  # seconds that the clock of motion capture is behind
 
 

@@ -14,7 +14,7 @@ from flexx2_sim_ros.truth.files import digest
 from flexx2_sim_ros.truth.joint import solve, View
 from flexx2_sim_ros.truth.meshes import load_room
 from flexx2_sim_ros.truth.page import page
-from flexx2_sim_ros.truth.reflectivity import find_scale
+from flexx2_sim_ros.truth.reflectivity import find_scale, GrayScale
 from flexx2_sim_ros.truth.registration import Job, register, Registered, views_of
 from flexx2_sim_ros.truth.run import (
     no_progress,
@@ -35,6 +35,7 @@ import numpy as np
 # Cost of the best pose in the mirror image of the room, as a fraction of the cost in the room.
 _MIRRORED = 0.4
 _CLEAR_LATENCY = 3.0  # standard deviations
+_REFUSED = 'refused: '  # begins the text of a recording that cannot be registered
 # Shared errors that the poses take where they are confounded; the poses' covariance omits this.
 _HIDDEN_UNLESS_FITTED = 'intrinsics_error', 'warm_up_drift'
 
@@ -94,21 +95,21 @@ def make_truth(request: Request, progress: Progress = no_progress) -> dict[str, 
     progress('loading the room', 0.0)
     room = load_room(request.room)
     with running(request, progress) as run:
-        registered = _register(run, jobs)
-        numbered = [(i, *pair) for i, pair in enumerate(zip(jobs, registered, strict=True))]
+        placed, refused = _register(run, sources, jobs)
+        registered = [one.where for one in placed]
+        numbered = [(i, one.job, one.where) for i, one in enumerate(placed)]
         parts = run.each('simulating bounces', (0.55, 0.65), views_of, numbered)
         progress('fitting poses and shared errors', 0.65)
         shared, verdicts = _fit([view for part in parts for view in part], registered)
         check_room(request, registered, verdicts)
         clock = _clock(registered)
         late = _latency(request, clock)
-        writings = _writings(request, jobs, sources, registered, shared, verdicts)
-        writings = {i: replace(one, latency=late or 0.0) for i, one in writings.items()}
-        lit = run.each('reading gray images', (0.65, 0.7), read_light, list(writings.values()))
-        scale = find_scale([one for part in lit for one in part])
-        whole = [replace(writing, scale=scale) for writing in writings.values()]
-        written = run.each('writing', (0.7, 0.95), write_recording, whole)
-        pictures = dict(zip(writings, written, strict=True))
+        writings = _writings(request, placed, shared, verdicts, late or 0.0)
+        pictures, scale = _write(run, writings)
+        rows = refused | {
+            one.number: _row(one, verdicts[i], writings.get(i), pictures.get(i))
+            for i, one in enumerate(placed)
+        }
         return write_table(
             request,
             'scan',
@@ -117,12 +118,7 @@ def make_truth(request: Request, progress: Progress = no_progress) -> dict[str, 
                 'room_size_m': [round(float(size), 3) for size in np.ptp(room.bounds, axis=0)],
                 'room_error_mm': request.room_error * 1e3,
             },
-            [
-                _row(source, where, verdict, writings.get(i), pictures.get(i))
-                for i, (source, where, verdict) in enumerate(
-                    zip(sources, registered, verdicts, strict=True)
-                )
-            ],
+            [rows[number] for number in range(len(sources))],
             {
                 **({} if scale is None else {'reflectivity': scale.table()}),
                 **({} if clock is None else {'clock_offset': _clock_table(clock, late)}),
@@ -130,8 +126,21 @@ def make_truth(request: Request, progress: Progress = no_progress) -> dict[str, 
                 'cannot_decide': _cannot_decide(shared, registered, late is not None),
                 'absorbed': absorbed('scan'),
             },
-            lambda table: page(table, registered, pictures),
+            lambda table: page(
+                table,
+                {one.number: one.where for one in placed},
+                {placed[i].number: picture for i, picture in pictures.items()},
+            ),
         )
+
+
+@dataclass(frozen=True)
+class _Placed:
+    # A recording that was registered, and its number among all that were given.
+    number: int
+    source: Source
+    job: Job
+    where: Registered
 
 
 def _jobs(request: Request, sources: Sequence[Source]) -> list[Job]:
@@ -161,7 +170,10 @@ def _jobs(request: Request, sources: Sequence[Source]) -> list[Job]:
     ]
 
 
-def _register(run: Run, jobs: Sequence[Job]) -> list[Registered]:
+def _register(
+    run: Run, sources: Sequence[Source], jobs: Sequence[Job]
+) -> tuple[list[_Placed], dict[int, dict[str, Any]]]:
+    # The recordings that can be registered, and the rows of the others by number.
     digests = [
         digest(
             (job.path, job.room, *([job.told.file] if job.told and job.told.file else [])),
@@ -170,11 +182,23 @@ def _register(run: Run, jobs: Sequence[Job]) -> list[Registered]:
         for job in jobs
     ]
     texts = run.each_once('registering', (0.05, 0.55), _register_one, jobs, digests)
-    return [Registered.from_json(text) for text in texts]
+    placed, refused = [], {}
+    for i, (source, job, text) in enumerate(zip(sources, jobs, texts, strict=True)):
+        if text.startswith(_REFUSED):
+            reason = text.removeprefix(_REFUSED)
+            refused[i] = source.row('refused', [reason], motion='unknown', frames=0, fitting=0.0)
+        else:
+            placed.append(_Placed(i, source, job, Registered.from_json(text)))
+    if not placed:
+        raise InputError(refused[0]['reasons'][0])
+    return placed, refused
 
 
 def _register_one(job: Job) -> str:
-    return register(job).to_json()
+    try:
+        return register(job).to_json()
+    except InputError as error:
+        return f'{_REFUSED}{error}'
 
 
 def _fit(views: Sequence[View], registered: Sequence[Registered]) -> tuple[Shared, list[Verdict]]:
@@ -236,39 +260,44 @@ def check_room(
 
 def _writings(
     request: Request,
-    jobs: Sequence[Job],
-    sources: Sequence[Source],
-    registered: Sequence[Registered],
+    placed: Sequence[_Placed],
     shared: Shared,
     verdicts: Sequence[Verdict],
+    latency: float,
 ) -> dict[int, Writing]:
     solution = shared.solution
     out = {}
-    for i, source in enumerate(sources):
+    for i, one in enumerate(placed):
         mine = [k for k, view in enumerate(solution.views) if view.recording == i]
         if verdicts[i].state != 'refused' and mine:
             out[i] = Writing(
-                jobs[i],
-                registered[i],
+                one.job,
+                one.where,
                 tuple(solution.views[mine[0]].pose.numbers()),
                 solution.columns,
                 tuple(map(float, solution.values)),
                 np.mean([solution.full_covariance(k) for k in mine], axis=0),
                 request.room_error,
-                source.target,
-                keys=source.keys,
+                one.source.target,
+                keys=one.source.keys,
+                latency=latency,
             )
     return out
 
 
+def _write(run: Run, writings: dict[int, Writing]) -> tuple[dict[int, Picture], GrayScale | None]:
+    lit = run.each('reading gray images', (0.65, 0.7), read_light, list(writings.values()))
+    scale = find_scale([one for part in lit for one in part])
+    whole = [replace(writing, scale=scale) for writing in writings.values()]
+    written = run.each('writing', (0.7, 0.95), write_recording, whole)
+    return dict(zip(writings, written, strict=True)), scale
+
+
 def _row(
-    source: Source,
-    where: Registered,
-    verdict: Verdict,
-    writing: Writing | None,
-    picture: Picture | None,
+    placed: _Placed, verdict: Verdict, writing: Writing | None, picture: Picture | None
 ) -> dict[str, Any]:
-    row = source.row(
+    where = placed.where
+    row = placed.source.row(
         verdict.state,
         verdict.reasons,
         motion='moving' if where.moving else 'still',

@@ -26,7 +26,7 @@ _LIMIT = 0.03  # metres, end of the colour scale of the residual map
 
 
 def page(
-    table: dict[str, Any], registered: Sequence[Registered], pictures: Mapping[int, Picture]
+    table: dict[str, Any], registered: Mapping[int, Registered], pictures: Mapping[int, Picture]
 ) -> str:
     """
     Return the page as HTML, all text escaped and all pictures inside.
@@ -35,7 +35,7 @@ def page(
     ----------
     table : dict
         The content of ``truth.yaml``.
-    registered : sequence of Registered
+    registered : mapping of int to Registered
         Results, by number of the recording.
     pictures : mapping of int to Picture
         Images of the recordings that are not refused.
