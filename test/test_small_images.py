@@ -3,6 +3,7 @@
 import json
 from pathlib import Path
 import re
+from typing import Any
 
 from flexx2_sim_ros.camera import Intrinsics
 from flexx2_sim_ros.characterize.measure import measure
@@ -10,6 +11,7 @@ from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.effects import load_effects, load_randomisation
 from flexx2_sim_ros.effects.time_offset import TimeOffset
 from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.gap.inference.effects import agreed_step
 from flexx2_sim_ros.physics.geometry import pixel_rays
 from flexx2_sim_ros.recording import load_recording, open_recording
 from flexx2_sim_ros.recording.convert import convert
@@ -132,22 +134,27 @@ def write_flight(path: Path, latency: float, seed: int, frames: int = 100) -> No
     np.savez(path, depth=depth, clean_depth=clean, K=K, stamp=stamp, received=received)
 
 
+def diagnosed(folder: Path, latency: float) -> dict[str, Any]:
+    """Return the diagnosis of three flights."""
+    profile = folder / 'profile.yaml'
+    profile.write_text(VL53L5CX)
+    (folder / 'flights').mkdir()
+    for seed in range(3):
+        write_flight(folder / 'sdk.npz', latency, seed)
+        out = str(folder / 'flights' / f'{seed}.npz')
+        given = ['--usecase', 'vl53l5cx', '--partial-truth']
+        assert main(['convert', str(folder / 'sdk.npz'), out, *given]) == 0
+    words = [str(folder / 'flights'), '--profile', str(profile), '--jobs', '1']
+    assert main(['gap', 'diagnose', *words, '--out', str(folder / 'out')]) == 0
+    return dict(json.loads((folder / 'out' / 'diagnosis.json').read_text()))
+
+
 @pytest.mark.parametrize('latency', [0.04, 0.1])
 def test_the_latency_of_a_sensor_of_64_pixels_is_found(
     tmp_path: Path, latency: float, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Assert it where only a few pixels have ground truth, the others are unknown."""
-    profile = tmp_path / 'profile.yaml'
-    profile.write_text(VL53L5CX)
-    (tmp_path / 'flights').mkdir()
-    for seed in range(3):
-        write_flight(tmp_path / 'sdk.npz', latency, seed)
-        out = str(tmp_path / 'flights' / f'{seed}.npz')
-        given = ['--usecase', 'vl53l5cx', '--partial-truth']
-        assert main(['convert', str(tmp_path / 'sdk.npz'), out, *given]) == 0
-    words = [str(tmp_path / 'flights'), '--profile', str(profile), '--jobs', '1']
-    assert main(['gap', 'diagnose', *words, '--out', str(tmp_path / 'out')]) == 0
-    table = json.loads((tmp_path / 'out' / 'diagnosis.json').read_text())
+    table = diagnosed(tmp_path, latency)
     assert all(row['truth']['unknown'] > 0.5 for row in table['recordings'])
     assert [row['name'] for row in table['effects']] == ['time_offset']
     assert table['effects'][0]['parameters']['latency'] == pytest.approx(latency, rel=0.2)
@@ -165,6 +172,14 @@ def test_the_latency_of_a_sensor_of_64_pixels_is_found(
     assert np.mean([one.delay_ns for one in drawn]) == pytest.approx(0.07e9, rel=0.1)
     assert np.std([one.delay_ns for one in drawn]) > 0
     assert np.mean([one.latency_ns for one in drawn]) == pytest.approx(latency * 1e9, rel=0.3)
+
+
+def test_the_step_is_that_of_the_depths_where_recordings_agree() -> None:
+    """Assert it with steps of whole millimetres, found in three flights, and what a fit gave."""
+    assert agreed_step(np.array([0.0010004, 0.001014, 0.001001]), 0.0057) == 0.001001
+    assert agreed_step(np.array([0.0007, 0.0011, 0.0019]), 0.0057) == 0.0057
+    assert agreed_step(np.array([0.001]), 0.0057) == 0.0057
+    assert agreed_step(np.array([0.005]), 0.0057) == 0.005
 
 
 def test_partial_truth_needs_ground_truth(tmp_path: Path) -> None:

@@ -65,6 +65,9 @@ class Features:
     )
     lattice_noise: float = constant(3e-4, '', 'added to a spectrum before its logarithm')
     lattice_harmonic: float = constant(0.8, '', 'a longer step with this much of the peak wins')
+    lattice_agreement: float = constant(
+        0.02, 'fraction of a step', 'steps of two recordings within it agree'
+    )
     same_noise: float = constant(
         0.5,
         'correlation',

@@ -4,6 +4,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from flexx2_sim_ros.effects import Effect, registry
+from flexx2_sim_ros.gap.calibration.features import FEATURES
 from flexx2_sim_ros.gap.data.pose import NAMES
 from flexx2_sim_ros.gap.data.prior import POSE
 from flexx2_sim_ros.gap.features.catalogue import Candidate
@@ -72,14 +73,31 @@ def _effect(model: Model, fit: Fit, candidate: Candidate, values: tuple[float, .
     else:
         table = dict(candidate.build(values))
     if kind.lattice:
-        # The histogram of depths gives the step more exactly than the fit, if both agree.
-        step = float(np.median([e.step for e in model.evidence]))
-        if 0.5 < step / max(table[kind.lattice], 1e-6) < 2:
-            table[kind.lattice] = step
+        steps = np.array([e.step for e in model.evidence])
+        table[kind.lattice] = agreed_step(steps, table[kind.lattice])
     limits = {p.name: (p.low, p.high) for p in kind.parameters()}
     limits |= {name: (number.low, number.high) for name, number in kind.tables().items()}
     table = {k: float(np.clip(v, *limits[k])) for k, v in table.items()}
     return kind.from_mapping(table)
+
+
+def agreed_step(steps: np.ndarray, fitted: float) -> float:
+    """
+    Return the step between depths: that of histograms if they agree with each other or the fit.
+
+    Parameters
+    ----------
+    steps : numpy.ndarray
+        (R,) metres, from the histogram of each recording's depths.
+    fitted : float
+        Metres, less exact.
+
+    """
+    step = float(np.median(steps))
+    agree = np.abs(steps / step - 1) < FEATURES.lattice_agreement
+    if (len(steps) > 1 and agree.mean() > 0.5) or 0.5 < step / max(fitted, 1e-6) < 2:
+        return step
+    return fitted
 
 
 def table_of(effects: Iterable[Effect]) -> dict[str, dict[str, Any]]:
