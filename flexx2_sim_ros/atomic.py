@@ -109,11 +109,14 @@ def checked_target(path: str | Path) -> Path:
             Path(path).stat()  # Complains about loops and long names.
         target = Path(os.path.realpath(path))
         if target.is_dir():
-            raise InputError(f'{path}: cannot be written: must be a file, got a folder')
+            raise InputError(
+                f'{shown_path(path)}: cannot be written: must be a file, got a folder'
+            )
         if not target.parent.is_dir():
-            raise InputError(f'{path}: cannot be written: there is no folder {target.parent}')
+            there = shown_path(target.parent)
+            raise InputError(f'{shown_path(path)}: cannot be written: there is no folder {there}')
         if not os.access(target.parent, os.W_OK | os.X_OK):
-            raise InputError(f'{path}: cannot be written: the folder is read-only')
+            raise InputError(f'{shown_path(path)}: cannot be written: the folder is read-only')
     return target
 
 
@@ -159,9 +162,11 @@ def check_folder(path: str | Path) -> None:
             path.stat()  # Complains about loops, long names and files on the way.
         there = next(above for above in (path, *path.absolute().parents) if above.exists())
         if not there.is_dir():
-            raise InputError(f'{path}: cannot be written: must be a folder, got a file')
+            raise InputError(
+                f'{shown_path(path)}: cannot be written: must be a folder, got a file'
+            )
         if not os.access(there, os.W_OK | os.X_OK):
-            raise InputError(f'{path}: cannot be written: the folder is read-only')
+            raise InputError(f'{shown_path(path)}: cannot be written: the folder is read-only')
 
 
 def check_outputs(option: str, folder: str | Path, names: Iterable[str]) -> None:
@@ -214,7 +219,7 @@ def named(path: str | Path) -> Iterator[None]:
     try:
         yield
     except (OSError, sqlite3.Error) as error:
-        raise InputError(f'{path}: {reason(error)}') from error
+        raise InputError(f'{shown_path(path)}: {reason(error)}') from error
 
 
 def reason(error: OSError | sqlite3.Error) -> str:

@@ -15,6 +15,7 @@ _MOST_NODES = 10_000
 _MOST_LEVELS = 30
 _MOST_TEXT = 10_000
 _LOADER = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
+_KINDS: dict[type, str] = {dict: 'a table', list: 'a list'}
 
 
 def is_regular_file(path: Path) -> bool:
@@ -144,7 +145,7 @@ def read_section(path: Path, section: str, kind: type) -> Any:
     found = read_config(path).get(section)
     if not (isinstance(found, kind) and found):
         raise InputError(
-            f'{shown_path(path)}: {section}: must be a {kind.__name__} that is not empty, got '
+            f'{shown_path(path)}: {section}: must be {_KINDS[kind]} that is not empty, got '
             f'{shown(found)}'
         )
     return found

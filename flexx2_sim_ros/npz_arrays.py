@@ -137,7 +137,8 @@ def open_npz(path: Path) -> Iterator[NpzFile]:
     name = shown_path(path)
     try:
         if not path.is_file():
-            raise InputError(f'{name}: must be an .npz archive, got no file')
+            got = 'a folder' if path.is_dir() else 'no file'
+            raise InputError(f'{name}: must be an .npz archive, got {got}')
         with zipfile.ZipFile(path) as archive:
             yield NpzFile(archive)
     except InputError:

@@ -177,6 +177,71 @@ def test_the_output_is_the_input(
     assert Path('in.npz').read_bytes() == before
 
 
+@pytest.mark.parametrize(
+    ('words', 'sentence'),
+    [
+        (['gap', 'nosuch'], 'COMMAND: must be one of diagnose, plan, target, calibrate, check, c'),
+        (['export', 'nosuch'], "isaac_lab, mujoco_playground, all, got 'nosuch' (see flexx2 exp"),
+        (['simulate', 'dir', 'out.npz'], 'dir: must be an .npz archive, got a folder'),
+        (['simulate', 'nan.npz', 'out.npz'], 'nan.npz: stamp: must be finite, got NaN or infin'),
+        (['simulate', 'in.npz', 'out.npz', '--effects', 'x'], 'x: must be a file, a preset such'),
+        (['simulate', 'in.npz', 'out.npz', '--effects', 'n' * 256], 'must be a file, a preset'),
+        (
+            ['simulate', 'in.npz', 'out.npz', '--effects', 'typical#3'],
+            'typical: randomisation: must be in a file of flexx2 gap randomise, got no such file',
+        ),
+        (
+            ['gap', 'diagnose', 'campaign/a.npz', '--out', 'out'],
+            'campaign/a.npz: must be a folder with recordings (.npz or bags), got a file',
+        ),
+        (
+            ['gap', 'truth', 'campaign', '--board', 'list.yaml', '--out', 'out'],
+            'list.yaml: target: must be a table that is not empty, got None',
+        ),
+        (
+            ['gap', 'truth', 'campaign', '--scene', 'empty.xml', '--out', 'out', '--jobs', '1'],
+            '--scene: empty.xml: must have visible geoms, got none',
+        ),
+        (
+            ['gap', 'truth', 'campaign', '--scene', 'cut.xml', '--out', 'out', '--jobs', '1'],
+            '--scene: cut.xml does not compile: XML parse error',
+        ),
+    ],
+)
+def test_what_was_given_is_named(
+    folder: Path, capsys: pytest.CaptureFixture[str], words: list[str], sentence: str
+) -> None:
+    np.savez('nan.npz', clean_depth=np.ones((2, 4, 4)), K=K, stamp=[0.0, np.nan])
+    Path('list.yaml').write_text('schema: 1\nplanes: []\n')
+    Path('empty.xml').write_text('<mujoco/>')
+    Path('cut.xml').write_text('<mujoco')
+    assert sentence in refused(words, capsys)
+
+
+def test_a_long_name_is_not_repeated(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert len(refused(['simulate', 'in.npz', 'n' * 4000], capsys)) < 250
+
+
+def test_a_scene_in_millimetres_is_noticed(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    np.savez('mm.npz', clean_depth=np.full((43, 56), 1500, np.uint16), K=K)
+    assert main(['simulate', 'mm.npz', 'out.npz', '--frames', '1']) == 0
+    said = ' '.join(capsys.readouterr().err.split())
+    assert 'clean_depth: must be metres, from 0.1 to 7 in this mode, got a median of 1500' in said
+
+
+def test_each_command_has_an_example_and_its_help_fits_80_columns(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv('COLUMNS', '80')
+    for name, parser in parsers(commands.make_parser()):
+        text = parser.format_help()
+        assert f'flexx2 {name}' in text.partition('example')[2].replace('\n', ' '), name
+        # Above the first empty line is the usage: argparse does not break alternatives in it.
+        assert max(map(len, text.partition('\n\n')[2].splitlines())) <= 80, name
+
+
 # Calls commands one after the other where no file may grow beyond 4 KB; prints how each ended.
 SMALL_FILES = """
 import contextlib, io, json, resource, sys

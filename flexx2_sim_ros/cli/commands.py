@@ -1,6 +1,7 @@
 """The subcommands of `flexx2`."""
 
 import argparse
+import re
 from typing import NoReturn
 
 from flexx2_sim_ros import __version__
@@ -19,14 +20,22 @@ from flexx2_sim_ros.cli import (
     simulate,
     view,
 )
-from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.errors import InputError, unquoted
+
+# What argparse says of a word that is none of several; Python 3.12 and later leave out quotes.
+_CHOICE = re.compile(r'(.*): invalid choice: (.*) \(choose from (.*)\)', re.DOTALL)
+_QUOTE = "'"
 
 
 class _Parser(argparse.ArgumentParser):
     # Prints errors in one sentence, like the commands.
 
     def error(self, message: str) -> NoReturn:
-        raise InputError(f'{message.removeprefix("argument ")} (see {self.prog} --help)')
+        said = message.removeprefix('argument ')
+        if choice := _CHOICE.fullmatch(said):
+            name, value, known = choice.groups()
+            said = f'{name}: must be one of {known.replace(_QUOTE, "")}, got {unquoted(value)}'
+        raise InputError(f'{said} (see {self.prog} --help)')
 
 
 def make_parser() -> argparse.ArgumentParser:

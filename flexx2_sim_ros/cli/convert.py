@@ -22,7 +22,7 @@ _EXAMPLES = """examples:
   flexx2 convert pico_flexx.bag wall.npz --usecase MODE_9_5FPS_2000
   flexx2 convert realsense_bag wall.npz --usecase depth
   flexx2 convert images/ wall.npz --usecase NFOV_UNBINNED --rate 15
-  flexx2 convert frame.png frame.npz --calibration ost.yaml --unit 0.0002 --mask known.png
+  flexx2 convert frame.png frame.npz --unit 0.0002 --mask known.png
   flexx2 convert sdk.npz wall.npz --key depth=depth_mm --key amplitude=ir16"""
 
 

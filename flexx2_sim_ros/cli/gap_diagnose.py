@@ -28,7 +28,7 @@ def add_parser(commands: Any) -> None:
         'CAMPAIGN is a folder of recordings (.npz or bags) with their ground truth, '
         'clean_depth; each shows one scene. DIR gets report.html, diagnosis.json '
         '(docs/diagnosis.md) and effects.yaml (for flexx2 simulate --effects and the node).',
-        epilog='example: flexx2 gap diagnose recordings --out diagnosis --pose-prior 0.005 0.25',
+        epilog='example: flexx2 gap diagnose recordings --out diagnosis',
     )
     parser.add_argument('campaign', metavar='CAMPAIGN', help='folder of recordings')
     add_out(parser)

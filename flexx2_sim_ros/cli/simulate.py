@@ -134,6 +134,15 @@ def run(arguments: argparse.Namespace) -> int:
         f'{invalid / (count * height * width):.1%} invalid',
         highlight=False,
     )
+    if invalid == count * height * width:
+        mode, depth = camera.mode, scene.clean_depth
+        middle = np.median(depth[np.isfinite(depth)]) if np.isfinite(depth).any() else np.nan
+        console.print(
+            f'clean_depth: must be metres, from {mode.range_min:g} to {mode.range_max:g} in this '
+            f'mode, got a median of {middle:.4g}',
+            style='yellow',
+            highlight=False,
+        )
     if not camera.mode.measured:
         console.print(
             f'{camera.usecase} was not measured: its noise is {camera.mode.noise_words}',

@@ -4,6 +4,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
 from importlib import import_module
 import math
+import os
 from pathlib import Path
 import pkgutil
 from types import MappingProxyType
@@ -137,6 +138,11 @@ def load_effects(path: str | Path) -> tuple[Effect, ...]:
     name, mark, seed = str(path).rpartition('#')
     if mark and seed.isdecimal() and len(seed) < _LONGEST_SEED and not path.exists():
         return load_randomisation(name).draw(1, int(seed))[0]
+    if not os.path.lexists(path):  # Path.exists raises an error for a name that is too long.
+        raise InputError(
+            f'{shown_path(path)}: must be a file, a preset such as typical, or the name of an '
+            'effect (see flexx2 effects), got none of them'
+        )
     content = read_config(path)
     if 'randomisation' in content:
         raise InputError(
@@ -166,8 +172,10 @@ def load_randomisation(path: str | Path) -> Randomisation:
         When the file cannot be read or something in it cannot be used.
 
     """
-    content = read_config(Path(path))
     where = f'{shown_path(path)}: randomisation'
+    if not is_regular_file(Path(path)):
+        raise InputError(f'{where}: must be in a file of flexx2 gap randomise, got no such file')
+    content = read_config(Path(path))
     if 'randomisation' not in content:
         raise InputError(f'{where}: must be a table, got none')
     return parse_randomisation(content['randomisation'], loadable(), where)

@@ -37,7 +37,7 @@ COEFFICIENTS = ('a', 'b', 'c', 'd', 'n', 'sigma_x')
 BUILT_IN = 'flexx2'
 # Of the option and the parameter `profile`.
 PROFILE_HELP = (
-    'another camera than the Flexx2: a shipped name (see flexx2 modes --profile) or the path of a '
+    'another camera than the Flexx2: a shipped name (see flexx2 modes --help) or the path of a '
     'profile, as flexx2 characterize fit writes it'
 )
 _TOP = ('schema', 'model', 'intrinsics', 'modes', 'provenance')

@@ -32,8 +32,9 @@ def find_recordings(folder: str | Path) -> list[Path]:
     folder = Path(folder)
     try:
         if not folder.is_dir():
+            got = 'a file' if folder.exists() else 'none'
             raise InputError(
-                f'{folder}: must be a folder with recordings (.npz or bags), got none'
+                f'{folder}: must be a folder with recordings (.npz or bags), got {got}'
             )
         found = sorted(
             path

@@ -85,8 +85,10 @@ def load_scene(path: str | Path) -> Scene:
             f'{reflectivity.shape}'
         )
     stamp = _numbers(path, arrays, 'stamp') if 'stamp' in arrays else None
-    if stamp is not None and (stamp.ndim != 1 or not np.isfinite(stamp).all()):
-        raise InputError(f'{path}: stamp: must be finite seconds of shape (T,), got {stamp.shape}')
+    if stamp is not None and stamp.ndim != 1:
+        raise InputError(f'{path}: stamp: must be seconds of shape (T,), got {stamp.shape}')
+    if stamp is not None and not np.isfinite(stamp).all():
+        raise InputError(f'{path}: stamp: must be finite, got NaN or infinity')
     known = {'clean_depth', 'K', 'reflectivity', 'stamp'}
     return Scene(
         clean,

@@ -77,7 +77,8 @@ def read_model(parameter: str, value: str, path: Path, names: tuple[str, ...]) -
             _free_urdf(spec)
         spec.compile()
     except (ValueError, mujoco.FatalError) as error:
-        raise InputError(f'{parameter}: {path} does not compile: {error}') from error
+        cause = ' '.join(str(error).split())
+        raise InputError(f'{parameter}: {path} does not compile: {cause}') from error
     return spec
 
 

@@ -7,7 +7,7 @@ from typing import Any
 from flexx2_sim_ros.config_file import is_regular_file
 from flexx2_sim_ros.errors import InputError, shown_path, unquoted
 from flexx2_sim_ros.rendering.scenes import read_model
-from flexx2_sim_ros.truth.rooms import MeshRoom, MujocoRoom, Room
+from flexx2_sim_ros.truth.rooms import MeshRoom, MujocoRoom, Room, visible_geoms
 import numpy as np
 import trimesh
 
@@ -44,7 +44,10 @@ def load_room(path: Path) -> Room:
     if path.suffix.lower() in SCENE_SUFFIXES:
         if not is_regular_file(path):
             raise InputError(f'--scene: {shown_path(path)}: must be a file, got none')
-        return MujocoRoom(read_model('--scene', str(path), path, ()).compile())
+        model = read_model('--scene', str(path), path, ()).compile()
+        if not visible_geoms(model).any():
+            raise InputError(f'--scene: {shown_path(path)}: must have visible geoms, got none')
+        return MujocoRoom(model)
     return read_mesh(path)
 
 

@@ -149,6 +149,11 @@ class MeshRoom:
         return self._scene.run(starts, directions, output=True)
 
 
+def visible_geoms(model: mujoco.MjModel) -> np.ndarray:
+    """Return (G,) bool, the geoms that a camera sees."""
+    return np.asarray(VISIBLE_GROUPS[np.clip(model.geom_group, 0, 5)] > 0)
+
+
 class MujocoRoom:
     """
     A MuJoCo model at rest, its visible geoms (groups 0 to 2).
@@ -168,7 +173,7 @@ class MujocoRoom:
         self._data = mujoco.MjData(model)
         mujoco.mj_forward(model, self._data)
         self._reflectivity = reflectivity_table(model)
-        seen = VISIBLE_GROUPS[np.clip(model.geom_group, 0, 5)] > 0
+        seen = visible_geoms(model)
         solid = seen & (model.geom_type != int(mujoco.mjtGeom.mjGEOM_PLANE))
         chosen = solid if solid.any() else seen
         place, reach = self._data.geom_xpos[chosen], model.geom_rbound[chosen, None]
