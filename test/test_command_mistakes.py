@@ -190,6 +190,8 @@ def test_the_output_is_the_input(
             ['simulate', 'in.npz', 'out.npz', '--effects', 'typical#3'],
             'typical: randomisation: must be in a file of flexx2 gap randomise, got no such file',
         ),
+        (['convert', '/dev/null', 'out'], '.bag file), got something else'),
+        (['convert', 'file', 'out'], 'or the folder of a bag, got a file without an ending'),
         (
             ['gap', 'diagnose', 'campaign/a.npz', '--out', 'out'],
             'campaign/a.npz: must be a folder with recordings (.npz or bags), got a file',

@@ -51,9 +51,8 @@ def add_parser(commands: Any) -> None:
     )
     parser.add_argument(
         '--scene',
-        default='lab',
         help='scene of the demo: lab, stairs, corner, board, rubble, or an MJCF file '
-        '(default %(default)s)',
+        '(default lab)',
     )
     parser.add_argument(
         '--renderer',
@@ -111,6 +110,8 @@ def run(arguments: argparse.Namespace) -> int:
             'tornado is not installed: pip install "flexx2_sim_ros[view]", or '
             'apt install python3-tornado'
         )
+    if arguments.scene and not arguments.demo:
+        raise InputError('--scene: must be given with --demo only')
     from flexx2_sim_ros.view.access import Access, is_loopback, new_token
     from flexx2_sim_ros.view.web import bind
 
@@ -172,7 +173,7 @@ def _demo(arguments: argparse.Namespace) -> Iterator[Callable[[], None]]:
             '-p',
             'motion:=cmd_vel',
             '-p',
-            f'scene:={arguments.scene}',
+            f'scene:={arguments.scene or "lab"}',
             '-p',
             f'renderer:={arguments.renderer}',
             '-r',

@@ -116,13 +116,13 @@ class Bag:
             if self.path.suffix not in _REMAINS:
                 raise InputError(
                     f'{self.path}: must be a .mcap, .db3 or .bag file or the folder of a bag, got '
-                    f'a {unquoted(self.path.suffix) or "nameless"} file'
+                    f'a file {unquoted(self.path.suffix) or "without an ending"}'
                 )
             return [self._open_file(self.path, check_file(self.path))]
         if not self.path.is_dir():
+            got = 'something else' if self.path.exists() else 'a path that does not exist'
             raise InputError(
-                f'{self.path}: must be a bag (a folder, or a .mcap, .db3 or .bag file), got '
-                'a path that does not exist'
+                f'{self.path}: must be a bag (a folder, or a .mcap, .db3 or .bag file), got {got}'
             )
         files = sorted(
             (file for file in self.path.iterdir() if file.suffix in _REMAINS), key=_natural
