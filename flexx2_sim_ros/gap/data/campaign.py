@@ -143,7 +143,7 @@ def _found(reader: RecordingReader, profile: Profile | None) -> Found:
     except InputError as error:
         raise InputError(f'{path}: {error}') from error
     read_truth(path, reader.arrays, reader.shape)
-    return Found(path, mode, tuple(reader.notes), _brightest(reader), find_arrival(reader))
+    return Found(path, mode, tuple(reader.notes), _brightest(reader), arrival=find_arrival(reader))
 
 
 def _brightest(reader: RecordingReader) -> float:
