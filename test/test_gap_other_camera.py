@@ -49,8 +49,8 @@ def profile(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope='module')
 def campaign(profile: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Simulate six walls with that profile and an offset."""
-    return write_campaign(profile, tmp_path_factory.mktemp('campaign'), 0.005)
+    """Simulate six walls with that profile and an offset of 1 cm."""
+    return write_campaign(profile, tmp_path_factory.mktemp('campaign'), 0.01)
 
 
 def write_campaign(profile: Path, folder: Path, bias: float) -> Path:
@@ -83,9 +83,8 @@ def write_campaign(profile: Path, folder: Path, bias: float) -> Path:
 
 
 def test_a_camera_of_unknown_modulation_is_recorded_and_diagnosed(
-    profile: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    profile: Path, campaign: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    campaign = write_campaign(profile, tmp_path, 0.01)
     (mode,) = yaml.safe_load(profile.read_text())['modes'].values()
     assert mode['modulation_hz'] is None
     out = tmp_path / 'out'
@@ -146,7 +145,18 @@ def test_only_effects_on_phases_need_the_modulation(profile: Path) -> None:
 
 
 def test_given_effects_are_measured_on_such_a_camera(profile: Path, campaign: Path) -> None:
+    """Assert it on walls, where a pose error of 1 cm looks like the offset."""
     camera = load_profile(profile)
-    assert measure(campaign, {'offset': {'bias': 0.005}}, profile=camera)['shrink'] > 0.9
+    assert measure(campaign, {'offset': {'bias': 0.01}}, profile=camera)['shrink'] > 0.9
+    worse = measure(campaign, {'offset': {'bias': -0.01}}, profile=camera)
+    assert worse['after'] > worse['before']
     with pytest.raises(InputError, match='wiggling: .*modulation frequencies'):
         measure(campaign, {'wiggling': {}}, profile=camera)
+
+
+def test_without_a_gap_there_is_no_reduction(profile: Path, tmp_path: Path) -> None:
+    """Assert it for an offset of 2.5 mm, which poses take over completely."""
+    campaign = write_campaign(profile, tmp_path, 0.0025)
+    found = measure(campaign, {'offset': {'bias': 0.0025}}, profile=load_profile(profile))
+    assert found['shrink'] is None
+    assert found['after'] < found['before'] < found['null']

@@ -15,22 +15,17 @@ from flexx2_sim_ros.gap.calibration.inference import THRESHOLDS
 from flexx2_sim_ros.gap.data.campaign import Found, read
 from flexx2_sim_ros.gap.data.given import given_effects, Table, together
 from flexx2_sim_ros.gap.features.before_after import before_after
-from flexx2_sim_ros.gap.features.catalogue import Candidate, catalogue, Column, nuisances, Term
-from flexx2_sim_ros.gap.features.evidence import Evidence
 from flexx2_sim_ros.gap.features.physical import UNITS
-from flexx2_sim_ros.gap.features.search import inside_of
+from flexx2_sim_ros.gap.given_effects import fit_without_and_with, Fitted
 from flexx2_sim_ros.gap.inference.effects import table_of
-from flexx2_sim_ros.gap.inference.fitting import Fit, fit
 from flexx2_sim_ros.gap.inference.improvement import measured, tolerances
-from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.report.check_page import FILES, write_check
 from flexx2_sim_ros.gap.report.reading import Diagnosed, read_diagnosis
-from flexx2_sim_ros.gap.work import find, Progress, Simulations, stepper, summarise_all
+from flexx2_sim_ros.gap.work import find, Progress, stepper
 from flexx2_sim_ros.jobs import bind, Map, workers
 import numpy as np
 
 SCHEMA = 1
-_SET = 'set'
 
 
 def check(
@@ -98,7 +93,6 @@ def check(
         {name: dict(values) for name, values in given.items()},
         profile,
         seed,
-        (metres,) * 3 + (degrees,) * 3,
         progress or (lambda text, fraction: None),
     )
     request.progress('looking for recordings', 0.0)
@@ -106,18 +100,20 @@ def check(
     with workers(jobs, scheduler) as mapped:
         found, left_out = find(folder, profile, mapped, before.full_scale)
         _refuse_seen(before, found, profile, mapped)
-        columns = _columns(found[0], request.effects)
-        step = stepper(request.progress, 'simulating the recordings', 0.05, 0.6, len(found))
-        simulations = Simulations(
-            profile, columns, seed, request.prior, request.known, inside_of(effects)
+        fitted = fit_without_and_with(
+            folder,
+            found,
+            left_out,
+            effects,
+            profile=profile,
+            seed=seed,
+            prior=np.array([metres] * 3 + [degrees] * 3),
+            mapped=mapped,
+            step=stepper(request.progress, 'simulating the recordings', 0.05, 0.6, 2 * len(found)),
+            known=request.known,
         )
-        files, evidence, unusable = summarise_all(
-            folder, found, left_out, simulations, mapped, step
-        )
-        used = list(zip(files, evidence, strict=True))
-        left_out += unusable
-        values = _compare(request, used, mapped)
-    table = _table(request, used, left_out, values)
+        values = _compare(request, fitted, mapped)
+    table = _table(request, fitted, left_out, values)
     table['seconds'] = round(time.monotonic() - began, 2)
     table['version'] = __version__
     if out is not None:
@@ -129,12 +125,11 @@ def check(
 
 @dataclass(frozen=True)
 class _Request:
-    # What to check: diagnosed effects, given effects, camera, seed and pose prior.
+    # What to check: diagnosed effects, given effects, camera and seed.
     effects: dict[str, dict[str, float]]
     known: dict[str, dict[str, float]]
     profile: Profile | None
     seed: int
-    prior: tuple[float, ...]
     progress: Progress
 
 
@@ -145,14 +140,7 @@ class _Values:
     tolerances: dict[str, float]
 
 
-Used = list[tuple[Found, Evidence]]
-
-
-def _compare(request: _Request, used: Used, mapped: Map) -> _Values:
-    evidence = [one for _, one in used]
-    model = Model(evidence, _columns(used[0][0], request.effects), np.array(request.prior))
-    base, with_effects = _fits(model)
-    motions = [model.own.found(one.nuisances) for one in (base, with_effects)]
+def _compare(request: _Request, fitted: Fitted, mapped: Map) -> _Values:
     work = bind(
         _physical,
         profile=request.profile,
@@ -162,16 +150,19 @@ def _compare(request: _Request, used: Used, mapped: Map) -> _Values:
     )
     physical = mapped(
         work,
-        [(file, tuple(m), tuple(n)) for (file, _), m, n in zip(used, *motions, strict=True)],
-        stepper(request.progress, 'measuring in physical units', 0.65, 0.33, len(used)),
+        [
+            (file, *(tuple(motion) for motion in both))
+            for file, both in zip(fitted.found, fitted.motions(), strict=True)
+        ],
+        stepper(request.progress, 'measuring in physical units', 0.65, 0.33, len(fitted.found)),
     )
-    values = {'loss': _losses(model, base, with_effects)}
+    values = {'loss': fitted.losses()}
     values.update({unit: np.array([one[unit] for one in physical]) for unit in UNITS})
-    return _Values(values, {'loss': THRESHOLDS.gain, **tolerances(model)})
+    return _Values(values, {'loss': THRESHOLDS.gain, **tolerances(fitted.models[1])})
 
 
 def _table(
-    request: _Request, used: Used, left_out: list[tuple[str, str]], found: _Values
+    request: _Request, fitted: Fitted, left_out: list[tuple[str, str]], found: _Values
 ) -> dict[str, Any]:
     measures = {
         name: measured(values, found.tolerances[name]) for name, values in found.values.items()
@@ -187,9 +178,12 @@ def _table(
             'notes': [*file.notes, *one.notes],
             **{name: [float(v) for v in values[i]] for name, values in found.values.items()},
         }
-        for i, (file, one) in enumerate(used)
+        for i, (file, one) in enumerate(zip(fitted.found, fitted.evidence, strict=True))
     ]
-    rows += [{'name': name, 'used': False, 'reason': reason} for name, reason in left_out]
+    rows += [
+        {'name': name, 'used': False, 'reason': reason}
+        for name, reason in (*left_out, *fitted.unusable)
+    ]
     return {
         'schema': SCHEMA,
         'holds': holds,
@@ -262,26 +256,3 @@ def _physical(
     found, without, with_effects = job
     recording = read(found, profile, known)
     return before_after(recording, (np.array(without), np.array(with_effects)), effects, seed)
-
-
-def _columns(one: Found, table: dict[str, dict[str, float]]) -> list[Column]:
-    wanted = nuisances().columns
-    columns = catalogue((), bool(one.mode.modulation_hz))[0]
-    return [*(c for c in columns if c.name in wanted), Column(_SET, table, few=False)]
-
-
-def _fits(model: Model) -> tuple[Fit, Fit]:
-    # The fits without the effects, and with the effects at their given parameters.
-    on = Term('on', ((1.0, _SET),), 1.0, 1.0)
-    part = Candidate(_SET, '', (on,), lambda values: {})
-    return fit(model, []), fit(model, [part], np.ones(1))
-
-
-def _losses(model: Model, base: Fit, with_effects: Fit) -> np.ndarray:
-    # (R, 3) before, after, null; the loss of poses and other nuisances is divided evenly among
-    # recordings.
-    count = len(base.loss)
-    null = model.null_loss.sum(axis=1) + THRESHOLDS.floor
-    return np.stack(
-        [*(one.loss + one.pose_loss / count for one in (base, with_effects)), null], axis=1
-    )

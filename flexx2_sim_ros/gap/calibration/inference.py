@@ -62,8 +62,8 @@ class Thresholds:
     gap: float = constant(
         5.5,
         'excess loss',
-        'that an effect must cause, so that a plan of recordings does not call it unseen; the '
-        'verdict does not use it',
+        'that an effect must cause, so that a plan of recordings does not call it unseen; below '
+        'it there is no gap whose reduction `measure` could give; the verdict does not use it',
         FIRST_RELEASE,
     )
     floor: float = constant(

@@ -27,7 +27,7 @@ _CLIP = 6.0
 
 def realised_gap(
     planned: Planned, diagnosis: dict[str, Any], cache: Path, measure: Callable[..., Any]
-) -> dict[str, float]:
+) -> dict[str, float | None]:
     """
     Record the same camera in other scenes and simulate it with the diagnosed effects.
 
@@ -44,14 +44,14 @@ def realised_gap(
         Cache of scenes.
     measure : callable
         The diagnosis's own gap: ``measure(folder, effects, seed=0)`` returns a mapping with
-        ``shrink``, the fraction of the loss that goes away with a table of effects. It is called
-        where the gap does not show in depth and invalid pixels, as with steps of half a
-        millimetre.
+        ``shrink``, the fraction of the loss that goes away with a table of effects, or None if
+        there is no gap. It is called where the gap does not show in depth and invalid pixels, as
+        with steps of half a millimetre.
 
     Returns
     -------
     dict of str to float
-        ``shrink``, the fraction of the distance that goes away; ``before``, ``after`` and
+        ``shrink``, the fraction of the distance that goes away, or None; ``before``, ``after`` and
         ``null`` of it; ``before_mm``, ``after_mm`` and ``null_mm``, the Wasserstein-1 distance of
         depth errors. All are computed here, without code of the diagnosis.
 
@@ -70,7 +70,7 @@ def realised_gap(
             shrink = (before[0] - after[0]) / (before[0] - null[0])
         else:
             shrink = measure(folder, effects, seed=0)['shrink']
-    out = {'shrink': float(shrink)}
+    out: dict[str, float | None] = {'shrink': None if shrink is None else float(shrink)}
     for name, (apart, millimetres) in (('before', before), ('after', after), ('null', null)):
         out |= {name: float(apart), f'{name}_mm': float(millimetres)}
     return out
