@@ -139,10 +139,14 @@ TINY = {'recordings': 4, 'frames': 6, 'scale': 0.25, 'moving': 0}
 
 @pytest.mark.parametrize(
     'effects',
-    [{'time_offset': {'latency': 0.16}}, {'wiggling': {'mhz': 100.0, 'a2': 0.012, 'a4': 0.0}}],
+    [
+        {'time_offset': {'latency': 0.16}},
+        {'wiggling': {'mhz': 100.0, 'a2': 0.012, 'a4': 0.0}},
+        {'temporal_filter': {'share': 0.8}},
+    ],
 )
 def test_the_pose_with_effects_is_the_true_one(effects: dict, tmp_path: Path) -> None:
-    """Assert it for late images and for a wave, of cameras whose given pose is exact."""
+    """Assert it for late images, a wave and a filter, of cameras whose given pose is exact."""
     size = {**TINY, 'recordings': 2, 'moving': 2}
     write_campaign(tmp_path, seed=120, effects=effects, pose=(0.0, 0.0), **size)
     prior = np.array([0.005] * 3 + [0.3] * 3)

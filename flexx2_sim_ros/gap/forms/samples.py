@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from flexx2_sim_ros.camera.common_random_numbers import CommonRandomNumbers
+from flexx2_sim_ros.effects import Effect
 from flexx2_sim_ros.effects.light import log_amplitude
 from flexx2_sim_ros.effects.patch import ResidualPatch
 from flexx2_sim_ros.formulas import on_images
@@ -103,14 +104,15 @@ def shift_of(scene: PlacedScene, effects: Any) -> np.ndarray:
     """
     recording, placed = scene.recording, scene.placed
     frames = frames_of(recording)
-    # Later stages add noise or lose pixels, but shift no surface; an empirical correction does.
+    # Later stages add noise or lose pixels, but shift no surface. An empirical correction does,
+    # and so does a filter over frames while the camera moves.
     all_on = together(recording.given, effects)
-    every = [one for one in all_on if one.stage < Stage.NOISE]
+    every = [one for one in all_on if one.stage < Stage.NOISE or (scene.moving and _lags(one))]
     every += [one.bias_alone() for one in all_on if isinstance(one, ResidualPatch)]
     if not every:
         return np.zeros((len(frames), *placed.clean.shape[-2:]), np.float32)
     # What motion changes depends on the frames before, not only on those that are looked at.
-    history = scene.moving and any(one.needs_motion for one in every)
+    history = scene.moving and any(one.needs_motion or _lags(one) for one in every)
     seen = np.arange(frames[-1] + 1) if history else frames
     clean = placed.clean[seen] if scene.moving else placed.clean
     light = placed.reflectivity
@@ -120,6 +122,10 @@ def shift_of(scene: PlacedScene, effects: Any) -> np.ndarray:
     common = CommonRandomNumbers(camera, clean, recording.K, recording.stamp[seen], light)
     change = common.depth(every) - common.depth(())
     return np.nan_to_num(change[frames] if history else change)
+
+
+def _lags(effect: Effect) -> bool:
+    return effect.filters and effect.keeps
 
 
 def samples_of(scene: PlacedScene, motion: np.ndarray, spread: np.ndarray) -> Samples:
