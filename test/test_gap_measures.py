@@ -3,17 +3,19 @@
 from flexx2_sim_ros.camera import Camera, flexx2
 from flexx2_sim_ros.gap.data.registration import RecordingData
 from flexx2_sim_ros.gap.features.physical import distances, histogram, Measures, UNITS
-from flexx2_sim_ros.gap.features.simulation import PlacedScene
+from flexx2_sim_ros.gap.features.simulation import counts_edges, PlacedScene
 from flexx2_sim_ros.gap.inference.improvement import measured
 from flexx2_sim_ros.gap.report.words import headline
 import numpy as np
 import pytest
 
 
-def recorded(height: int, width: int, frames: int) -> tuple[PlacedScene, np.ndarray, np.ndarray]:
-    """Return a scene with a wall 1 m in front of a camera, a recording and a simulation of it."""
+def recorded(
+    height: int, width: int, frames: int, clean: np.ndarray | None = None
+) -> tuple[PlacedScene, np.ndarray, np.ndarray]:
+    """Return a scene, by default a wall 1 m ahead, a recording and a simulation of it."""
     K = np.array([[width, 0, width / 2], [0, width, height / 2], [0, 0, 1.0]])  # noqa: N806
-    clean = np.ones((height, width), np.float32)
+    clean = np.ones((height, width), np.float32) if clean is None else clean
     stamps = np.arange(frames) * 33_000_000
     depth, simulated = (Camera(seed=seed).capture(clean, K, stamps).depth for seed in (1, 2))
     mode = flexx2().mode('Mode_9_30fps')
@@ -54,6 +56,30 @@ def test_regions_without_valid_pixels_are_not_compared(columns: int) -> None:
     else:
         # The other regions, 400 pixels each, differ by noise alone.
         assert found['wasserstein_sigma'] < 0.1
+
+
+def test_errors_at_edges_are_left_out_where_no_effect_is_known_to_cause_them() -> None:
+    """Assert it for a box whose depth is wrong by 1 cm, at its edges alone."""
+    clean = np.ones((60, 80), np.float32)
+    clean[20:40, 30:50] = 0.8
+    scene, real, simulated = recorded(60, 80, 8, clean)
+    there = ~scene.covariates[0].inside
+    real[:, there] = simulated[:, there] + 0.01
+    whole, surfaces = (
+        distances(
+            *(
+                histogram(depth, scene.covariates, scene.sums(depth), at_edges=at_edges)
+                for depth in (real, simulated)
+            )
+        )
+        for at_edges in (True, False)
+    )
+    assert surfaces['edge_sigma'] == whole['edge_sigma'] > 1
+    assert whole['wasserstein_sigma'] > 2 * surfaces['wasserstein_sigma']
+    assert surfaces['wasserstein_sigma'] < 0.1
+    assert counts_edges({})
+    assert counts_edges({'flying_pixels': {}, 'offset': {}})
+    assert not counts_edges({'offset': {}})
 
 
 def test_depth_without_noise_gives_numbers() -> None:

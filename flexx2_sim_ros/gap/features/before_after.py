@@ -5,7 +5,7 @@ from typing import Any
 from flexx2_sim_ros.gap.calibration.features import SIMULATION
 from flexx2_sim_ros.gap.data.registration import RecordingData
 from flexx2_sim_ros.gap.features.physical import distances, histogram, UNITS
-from flexx2_sim_ros.gap.features.simulation import PlacedScene, with_uptime
+from flexx2_sim_ros.gap.features.simulation import counts_edges, PlacedScene, with_uptime
 import numpy as np
 
 
@@ -33,7 +33,8 @@ def before_after(
     Returns
     -------
     dict
-        For each of `physical.UNITS`: before, after, and the difference of two simulations.
+        For each of `physical.UNITS`: before, after, and the difference of two simulations with
+        the effects.
 
     """
     seeds = [seed * 1000 + 500 + k for k in range(SIMULATION.confirm_seeds)]
@@ -43,7 +44,8 @@ def before_after(
         scene = PlacedScene.at(recording, motion)
 
         def look(depth: np.ndarray, scene: PlacedScene = scene) -> Any:
-            return histogram(depth, scene.covariates, scene.sums(depth))
+            sums = scene.sums(depth)
+            return histogram(depth, scene.covariates, sums, at_edges=counts_edges(effects))
 
         real = look(recording.depth)
         own = with_uptime(table, recording.uptime)

@@ -9,7 +9,7 @@ from flexx2_sim_ros.gap.features.features import features, lattice_spectrum
 from flexx2_sim_ros.gap.features.physical import distances, histogram, Measures, UNITS
 from flexx2_sim_ros.gap.features.pixel_groups import GroupSums, PixelGroups
 from flexx2_sim_ros.gap.features.row_sums import EXPECT
-from flexx2_sim_ros.gap.features.simulation import PlacedScene, with_uptime
+from flexx2_sim_ros.gap.features.simulation import counts_edges, PlacedScene, with_uptime
 from flexx2_sim_ros.gap.features.single_frame import single_frame, SingleFrame
 from flexx2_sim_ros.gap.features.sums import Sums
 import numpy as np
@@ -24,7 +24,8 @@ class Outcome:
     ----------
     name : str
     physical : dict
-        For each of `physical.UNITS`: before, after, and the difference of two simulations.
+        For each of `physical.UNITS`: before, after, and the difference of two simulations with
+        the effects.
     seen : numpy.ndarray
         (3, SIZE) float32 features of the recording, and simulated without and with the effects.
     counts : numpy.ndarray
@@ -80,11 +81,13 @@ def confirm(
     grouped = GroupSums(recording, placed.clean, placed.reflectivity, scenes)
 
     middle = len(recording.depth) // 2
+    at_edges = counts_edges(effects)
 
     def look(depth: np.ndarray) -> _Look:
         sums = scene.sums(depth)
         frame = depth[middle].copy()
-        return _Look(sums, histogram(depth, scenes, sums), grouped.add(depth), frame)
+        measures = histogram(depth, scenes, sums, at_edges=at_edges)
+        return _Look(sums, measures, grouped.add(depth), frame)
 
     def several(table: dict[str, Any]) -> list[_Look]:
         own = with_uptime(table, recording.uptime)
@@ -101,7 +104,8 @@ def confirm(
         for some in (before, after)
     ]
     gaps = [[distances(real.measures, one.measures) for one in some] for some in (before, after)]
-    gaps.append([distances(before[1].measures, before[0].measures)])
+    # Simulated with the effects: effects that add noise put two simulations farther apart, too.
+    gaps.append([distances(after[1].measures, after[0].measures)])
     physical = {
         unit: [float(np.mean([one[unit] for one in some])) for some in gaps] for unit in UNITS
     }

@@ -79,7 +79,11 @@ def fine_side(frames: int) -> int:
 
 
 def histogram(
-    depth: np.ndarray, scenes: Sequence[PixelCovariates], sums: Sums, side: int | None = None
+    depth: np.ndarray,
+    scenes: Sequence[PixelCovariates],
+    sums: Sums,
+    side: int | None = None,
+    at_edges: bool = True,
 ) -> Measures:
     """
     Count errors of a recording's frames.
@@ -95,6 +99,9 @@ def histogram(
     side : int, optional
         Errors in sigma_z are counted in tiles of so many pixels a side, in all frames. Without, in
         12 regions of the image, in a third of the frames: that is enough there.
+    at_edges : bool
+        Whether errors at jumps and sharp bends are counted in the regions or tiles as well. A
+        fitted pose puts jumps a part of a pixel aside, and that error is not the camera's.
 
     """
     height, width = depth.shape[1:]
@@ -112,11 +119,13 @@ def histogram(
             inner = np.isfinite(depth[t]) & np.isfinite(scene.clean)
         error = depth[t][inner] - scene.clean[inner]
         place = np.clip(np.rint(error * (1000 / _BIN_MM)), -_HALF, _HALF).astype(int) + _HALF
-        counts += np.bincount(regions[inner] * size + place, minlength=len(counts))
         e = np.clip(error / scene.sigma[inner], -_SIGMAS + 1e-3, _SIGMAS - 1e-3)
         bins = ((e + _SIGMAS) * (_NORMAL / (2 * _SIGMAS))).astype(int)
-        normal += np.bincount(tiles[inner] * _NORMAL + bins, minlength=len(normal))
-        edges += np.bincount(bins[~scene.inside[inner]], minlength=_NORMAL)
+        surface = scene.inside[inner]
+        edges += np.bincount(bins[~surface], minlength=_NORMAL)
+        some = surface | at_edges
+        counts += np.bincount((regions[inner] * size + place)[some], minlength=len(counts))
+        normal += np.bincount((tiles[inner] * _NORMAL + bins)[some], minlength=len(normal))
     s = sums.bins.T
     with np.errstate(invalid='ignore', divide='ignore'):
         square = s[SQUARE2] / s[N2]

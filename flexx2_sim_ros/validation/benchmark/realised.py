@@ -26,7 +26,12 @@ _CLIP = 6.0
 
 
 def realised_gap(
-    planned: Planned, diagnosis: dict[str, Any], cache: Path, measure: Callable[..., Any]
+    planned: Planned,
+    diagnosis: dict[str, Any],
+    cache: Path,
+    measure: Callable[..., Any],
+    *,
+    same_scenes: bool = False,
 ) -> dict[str, float | None]:
     """
     Record the same camera in other scenes and simulate it with the diagnosed effects.
@@ -47,6 +52,8 @@ def realised_gap(
         ``shrink``, the fraction of the loss that goes away with a table of effects, or None if
         there is no gap. It is called where the gap does not show in depth and invalid pixels, as
         with steps of half a millimetre.
+    same_scenes : bool
+        Record the scenes of the case again instead, to see how far the scenes matter.
 
     Returns
     -------
@@ -58,14 +65,14 @@ def realised_gap(
     """
     effects = {effect['name']: effect['parameters'] for effect in diagnosis['effects']}
     case = planned.case
-    key = replace(case.scenes, seed=case.scenes.seed + _FRESH, frames=_FRAMES, pose_mm=0.0)
+    seed = case.scenes.seed + (0 if same_scenes else _FRESH)
+    key = replace(case.scenes, seed=seed, frames=_FRAMES, pose_mm=0.0)
     scenes = SceneSet(key, cache)
     camera = BlindCamera(replace(case, scenes=key, reflectivity_error=0.0), scenes)
     profile = _noisier(key.usecase, camera.sigma_factor)
     with scratch_folder() as folder:
         camera.record(folder)
-        rows = [_distances(path, effects, profile) for path in sorted(folder.iterdir())]
-        null, before, after = np.nanmean(rows, axis=0)
+        null, before, after = distances(folder, effects, profile)
         if before[0] - null[0] >= _LEAST:
             shrink = (before[0] - after[0]) / (before[0] - null[0])
         else:
@@ -76,6 +83,31 @@ def realised_gap(
     return out
 
 
+def distances(folder: Path, effects: dict[str, Any], profile: Profile) -> np.ndarray:
+    """
+    Compare recordings whose poses are exact with simulations without and with effects.
+
+    Parameters
+    ----------
+    folder : pathlib.Path
+        The recordings.
+    effects : dict
+        Parameters by effect.
+    profile : Profile
+        The camera without the effects.
+
+    Returns
+    -------
+    numpy.ndarray
+        (3, 2): of two simulations with the effects, of recordings and simulations without, and
+        with them; as the distance of ``docs/diagnosis.md``, and in millimetres. Means over the
+        recordings.
+
+    """
+    rows = [_distances(path, effects, profile) for path in sorted(folder.iterdir())]
+    return np.asarray(np.nanmean(rows, axis=0))
+
+
 def _noisier(usecase: str, factor: float) -> Profile:
     mode = flexx2().mode(usecase)
     noise = replace(mode.noise, **{name: getattr(mode.noise, name) * factor for name in 'abcd'})
@@ -83,27 +115,24 @@ def _noisier(usecase: str, factor: float) -> Profile:
 
 
 def _distances(path: Path, effects: dict[str, Any], profile: Profile) -> np.ndarray:
-    # (3, 2): of the plain simulation from itself, of the recording from it, and of the recording
-    # from the simulation with effects; as the distance, and in millimetres.
+    # (3, 2) of one recording. The first is what the right effects would leave: effects that add
+    # noise put two simulations farther apart, too.
     recording = load_recording(path)
     inputs = recording.clean_depth, recording.K, recording.stamp_ns, recording.reflectivity
     uptime = recording.extra.get('uptime')
-    tables = (), (), _since(effects, uptime)
-    plain, again, better = (
+    own = _since(effects, uptime)
+    tables = (), own, own
+    plain, better, again = (
         Camera(recording.usecase or '', profile=profile, effects=table, seed=seed).capture(*inputs)
-        for table, seed in zip(tables, (1, 2, 1), strict=True)
+        for table, seed in zip(tables, (1, 1, 2), strict=True)
     )
     seen = [
         _tiles(depth, recording, plain.sigma)
-        for depth in (recording.depth, plain.depth, again.depth, better.depth)
+        for depth in (recording.depth, plain.depth, better.depth, again.depth)
     ]
-    real, *simulated = seen
+    real, without, with_effects, once_more = seen
     return np.array(
-        [
-            _apart(simulated[0], simulated[1]),
-            _apart(real, simulated[0]),
-            _apart(real, simulated[2]),
-        ]
+        [_apart(with_effects, once_more), _apart(real, without), _apart(real, with_effects)]
     )
 
 

@@ -1,0 +1,39 @@
+"""What a diagnosis says that it takes away is what goes away."""
+
+from pathlib import Path
+
+from bench.gap_campaigns import write_campaign
+from flexx2_sim_ros.camera import flexx2
+from flexx2_sim_ros.gap import diagnose
+from flexx2_sim_ros.validation.benchmark.realised import distances
+import pytest
+
+# Cameras of the simulator's own, of which the user knows everything but the effect.
+EXACT = {
+    'recordings': 4,
+    'frames': 10,
+    'scale': 0.5,
+    'moving': 0,
+    'pose': (0.0, 0.0),
+    'reflectivity': 0.0,
+    'sigma': 0.0,
+}
+
+
+@pytest.mark.parametrize(
+    'effects',
+    [{'random_dropout': {}}, {'ambient_light': {'strength': 2.0}}, {'offset': {'bias': 0.01}}],
+    ids=lambda effects: next(iter(effects)),
+)
+def test_the_predicted_reduction_happens_in_other_rooms(effects: dict, tmp_path: Path) -> None:
+    """Assert it for lost pixels, noise and bias, with a measure that is not the diagnosis'."""
+    write_campaign(tmp_path / 'campaign', seed=131, effects=effects, **EXACT)
+    write_campaign(tmp_path / 'fresh', seed=132, effects=effects, **EXACT)
+    table = diagnose(tmp_path / 'campaign')
+    found = {row['name']: row['parameters'] for row in table['effects']}
+    assert list(found) == list(effects)
+    assert table['gap']['measured_by'] == 'distance'
+    null, before, after = distances(tmp_path / 'fresh', found, flexx2())[:, 0]
+    realised = (before - after) / (before - null)
+    assert realised > 0.9
+    assert table['gap']['shrink'] == pytest.approx(realised, abs=0.03)
