@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from flexx2_sim_ros.camera import Profile
-from flexx2_sim_ros.effects import Effect, of_role
+from flexx2_sim_ros.effects import ageing, Effect, of_role
 from flexx2_sim_ros.gap.calibration.inference import THRESHOLDS
 from flexx2_sim_ros.gap.data.campaign import Found
 from flexx2_sim_ros.gap.data.given import given_effects, Table, together
@@ -38,7 +38,7 @@ class Fitted:
     evidence : list of Evidence
         Their summaries, the poses fitted with the effects.
     models : tuple of Model
-        Of the fit without and of that with the effects.
+        Of the fit without the effects, and of that with them.
     fits : tuple of Fit
         Likewise.
 
@@ -148,12 +148,14 @@ def fit_without_and_with(
 
 
 def _shift_surfaces(table: Table) -> Table:
-    # Those effects that shift whole surfaces, as a pose error does.
+    # Those effects that shift whole surfaces, as a pose error does. What depends on the time since
+    # power-on is none of them: a recording that does not say its own would get another one's.
     kinds = zip(table.items(), definitions(table), strict=True)
+    old = ageing(table)
     return {
         name: values
         for (name, values), kind in kinds
-        if 'bias' in kind.changes and not kind.repeats
+        if 'bias' in kind.changes and not kind.repeats and name not in old
     }
 
 
