@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 from flexx2_sim_ros.gap.calibration.features import SIMULATION
 from flexx2_sim_ros.gap.data.registration import RecordingData
 from flexx2_sim_ros.gap.features.features import features, lattice_spectrum
-from flexx2_sim_ros.gap.features.physical import distances, histogram, Measures, UNITS
+from flexx2_sim_ros.gap.features.physical import distance, distances, histogram, Measures, UNITS
 from flexx2_sim_ros.gap.features.pixel_groups import GroupSums, PixelGroups
 from flexx2_sim_ros.gap.features.row_sums import EXPECT
 from flexx2_sim_ros.gap.features.simulation import counts_edges, PlacedScene, with_uptime
@@ -26,6 +26,9 @@ class Outcome:
     physical : dict
         For each of `physical.UNITS`: before, after, and the difference of two simulations with
         the effects.
+    gap : float
+        `physical.distance` of the recording and the simulation without effects, less that of two
+        simulations; in all of the image, jumps included.
     seen : numpy.ndarray
         (3, SIZE) float32 features of the recording, and simulated without and with the effects.
     counts : numpy.ndarray
@@ -41,6 +44,7 @@ class Outcome:
 
     name: str
     physical: dict[str, list[float]]
+    gap: float
     seen: np.ndarray
     counts: np.ndarray
     maps: dict[str, np.ndarray]
@@ -52,6 +56,7 @@ class _Look(NamedTuple):
     # A recording or a simulation of it, and one of its frames.
     sums: Sums
     measures: Measures
+    everywhere: Measures
     groups: np.ndarray
     frame: np.ndarray
 
@@ -87,7 +92,8 @@ def confirm(
         sums = scene.sums(depth)
         frame = depth[middle].copy()
         measures = histogram(depth, scenes, sums, at_edges=at_edges)
-        return _Look(sums, measures, grouped.add(depth), frame)
+        everywhere = measures if at_edges else histogram(depth, scenes, sums)
+        return _Look(sums, measures, everywhere, grouped.add(depth), frame)
 
     def several(table: dict[str, Any]) -> list[_Look]:
         own = with_uptime(table, recording.uptime)
@@ -109,9 +115,12 @@ def confirm(
     physical = {
         unit: [float(np.mean([one[unit] for one in some])) for some in gaps] for unit in UNITS
     }
+    gap = np.mean([distance(distances(real.everywhere, one.everywhere)) for one in before])
+    least = distance(distances(after[1].everywhere, after[0].everywhere))
     return Outcome(
         recording.name,
         physical,
+        float(gap) - least,
         np.array([own, *means], np.float32),
         real.sums.bins[:, EXPECT].astype(np.float32),
         {

@@ -193,10 +193,10 @@ def _gap(model: Model, decision: Decision, confirmed: list[Outcome]) -> dict[str
     )
     whole = measured(apart, 1.0)
     # Some differences, such as depth in steps of half a millimetre, show in the features only.
-    shown = whole['before'] - whole['null'] >= 1.0
+    shown = np.mean([one.gap for one in confirmed]) >= 1.0
     # An error of the poses is corrected and not simulated: if it is all, nothing is removed.
     posed = [one.kind.role == 'pose' for one in decision.accepted.candidates]
-    by_distance = shown or (bool(posed) and all(posed))
+    by_distance = bool(shown) or (bool(posed) and all(posed))
     headline = whole if by_distance else loss
     out: dict[str, Any] = {
         'shrink': headline['shrink'],
