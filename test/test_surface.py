@@ -2,7 +2,8 @@
 
 import math
 
-from flexx2_sim_ros.camera import flexx2, Intrinsics
+from flexx2_sim_ros.camera import depth_from_z_buffer, flexx2, Intrinsics, ray_length
+from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.physics.surface import analyse, Surface
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -239,3 +240,42 @@ def test_any_image_is_analysed_without_an_error(
     assert np.isfinite(surface.inverse_depth).all()
     assert max(surface.row_jumps.max(), surface.column_jumps.max()) <= 1
     assert not (surface.row_jumps[:, -1].any() | surface.column_jumps[-1].any())
+
+
+@pytest.mark.parametrize(('near', 'far'), [(0.01, 50.0), (0.1, 5.0), (0.02, 1000.0)])
+def test_a_z_buffer_becomes_depth(near: float, far: float) -> None:
+    z = np.linspace(near, min(far, 7.0), 20, dtype=np.float32).reshape(4, 5)
+    # What OpenGL writes for a surface at depth z, in single precision.
+    x = (far + near - 2 * far * near / z.astype(float)) / (far - near)
+    buffer = ((x + 1) / 2).clip(0, 1).astype(np.float32)
+    buffer[0, -1] = 1.0
+    depth = depth_from_z_buffer(buffer, near, far)
+    assert depth.dtype == np.float32
+    assert np.isnan(depth[0, -1])
+    step = 2.0**-24 * z**2 / near * (1 + near / far)  # half of what the buffer can tell apart
+    off = np.abs(depth - z)[np.isfinite(depth)]
+    assert (off <= 1.1 * step[np.isfinite(depth)] + 1e-6).all()
+
+
+@pytest.mark.parametrize(
+    ('buffer', 'near', 'far', 'said'),
+    [
+        ([[0.5]], 1.0, 1.0, 'near, far: must be 0 < near < far'),
+        ([[0.5]], 0.0, 1.0, 'near, far: must be 0 < near < far'),
+        ([[0.5]], 0.1, np.inf, 'near, far: must be 0 < near < far'),
+        ([[1.5]], 0.1, 10.0, 'buffer: must be a z-buffer'),
+        ([[-0.1]], 0.1, 10.0, 'buffer: must be a z-buffer'),
+        ([[np.nan]], 0.1, 10.0, 'buffer: must be a z-buffer'),
+    ],
+)
+def test_a_z_buffer_is_refused(buffer: list, near: float, far: float, said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        depth_from_z_buffer(buffer, near, far)
+
+
+@pytest.mark.parametrize('camera', CAMERAS)
+def test_a_range_becomes_depth(camera: Intrinsics) -> None:
+    v, u = np.mgrid[: camera.height, : camera.width]
+    point = np.stack([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones(u.shape)])
+    ranges = np.linalg.norm(1.5 * point, axis=0)
+    np.testing.assert_allclose(ranges / ray_length(camera.matrix, u.shape), 1.5, rtol=1e-6)

@@ -7,7 +7,9 @@ it falls into (in inverse depth, where planes are exact), never a mixture of two
 
 from functools import cached_property, lru_cache
 import math
+from typing import Any
 
+from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.formulas import on_images, surfaces
 from flexx2_sim_ros.physics.compiled import compiled, loop
 from flexx2_sim_ros.physics.philox import FAST
@@ -248,8 +250,65 @@ def points(depth: np.ndarray, rays: np.ndarray) -> np.ndarray:
 
 
 def ray_length(K: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:  # noqa: N803
-    """Return (H, W) float32 how much longer each pixel's ray is than its depth, 1 or more."""
+    """
+    Return how many times longer each pixel's ray is than its depth.
+
+    A simulator's distance along the ray ("range", "distance to camera"), divided by it, is the
+    depth along the optical axis.
+
+    Parameters
+    ----------
+    K : numpy.ndarray
+        (3, 3) camera matrix, pixels; pixel centres have whole-number coordinates.
+    shape : tuple of int
+        (H, W) of the image.
+
+    Returns
+    -------
+    numpy.ndarray
+        (H, W) float32, 1 on the optical axis and more elsewhere.
+
+    """
     x = (np.arange(shape[1]) - K[0, 2]) / K[0, 0]
     y = (np.arange(shape[0])[:, None] - K[1, 2]) / K[1, 1]
     length: np.ndarray = on_images(surfaces.ray_length)(x, y)
     return length.astype(np.float32)
+
+
+def check_clipping_planes(near: float, far: float) -> None:
+    """Refuse distances (metres) that no renderer draws between."""
+    if not 0 < near < far < math.inf:
+        raise InputError(f'near, far: must be 0 < near < far in metres, got {near}, {far}')
+
+
+def depth_from_z_buffer(buffer: Any, near: float, far: float) -> np.ndarray:
+    """
+    Return the depth that a z-buffer of OpenGL or Vulkan stands for.
+
+    Such a buffer is 0 at the near plane, 1 at the far plane and linear in 1 / depth between them.
+
+    Parameters
+    ----------
+    buffer : array_like
+        (..., H, W) values of a perspective camera's z-buffer, 0 to 1.
+    near, far : float
+        Distances of the clipping planes that the image was drawn with, metres.
+
+    Returns
+    -------
+    numpy.ndarray
+        (..., H, W) float32, metres along the optical axis; NaN at the far plane, where nothing
+        was drawn.
+
+    Raises
+    ------
+    InputError
+        When the planes are not ``0 < near < far`` or a value is not 0 to 1.
+
+    """
+    check_clipping_planes(near, far)
+    nearness = 1.0 - np.asarray(buffer, np.float64)
+    if not ((nearness >= 0) & (nearness <= 1)).all():
+        raise InputError('buffer: must be a z-buffer with values 0 to 1')
+    depth = near * far / (near + nearness * (far - near))
+    return np.where(nearness > 0, depth, np.nan).astype(np.float32)

@@ -1,9 +1,9 @@
 """Add pinhole cameras to a MuJoCo model."""
 
-import math
 from typing import Any
 
 from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.physics.geometry import check_clipping_planes
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from flexx2_sim_ros.rendering.scenes import load_scene, PREFIX
 import mujoco
@@ -14,8 +14,7 @@ NEAR, FAR = 0.02, 20.0  # clipping planes, metres
 
 def check_view(intrinsics: Intrinsics, near: float, far: float) -> None:
     """Refuse clipping planes and intrinsics that the renderer cannot draw."""
-    if not 0 < near < far < math.inf:
-        raise InputError(f'near, far: must be 0 < near < far in metres, got {near}, {far}')
+    check_clipping_planes(near, far)
     centre = ((intrinsics.width - 1) / 2, (intrinsics.height - 1) / 2)
     if (intrinsics.cx, intrinsics.cy) != centre or any(intrinsics.distortion):
         raise InputError(
