@@ -72,7 +72,7 @@ setup(
         'scipy>=1.11',
     ],
     extras_require={
-        'batch': ['warp-lang>=1.19'],
+        'batch': ['warp-lang>=1.17'],
         'cluster': ['distributed>=2024.1'],
         'cost': ['pyoctomap>=1.2.2'],
         'menagerie': ['mujoco-menagerie'],
@@ -110,7 +110,7 @@ setup(
             'trimesh>=4.5',
             'twine',
             'types-PyYAML',
-            'warp-lang>=1.19',
+            'warp-lang>=1.17',
         ],
         'truth': ['embreex>=2.17', 'opencv-python-headless>=4.7', 'trimesh>=4.5'],
         'view': ['tornado>=6.4'],

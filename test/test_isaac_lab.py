@@ -1,0 +1,147 @@
+"""
+The observation term against the released source of Isaac Lab, which has to be installed.
+
+Isaac Lab itself needs a GPU. Its source is read: the calls that its managers make are bound to the
+term's signatures, and its base class of terms and its checks are compiled from it and run.
+"""
+
+import abc
+import ast
+from collections.abc import Callable, Sequence
+import copy
+import importlib.util
+import inspect
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+from flexx2_sim_ros.batch import noisy_depth
+import numpy as np
+import pytest
+
+FOUND = importlib.util.find_spec('isaaclab')
+if FOUND is None or FOUND.origin is None:
+    pytest.skip("could not import 'isaaclab'", allow_module_level=True)
+INSTALLED = Path(FOUND.origin).parent
+# Isaac Lab 2.3 has its packages in a folder `source`.
+ROOT = next(one for one in (INSTALLED / 'source/isaaclab/isaaclab', INSTALLED) if one.is_dir())
+CLEAN = np.full((2, 24, 32, 1), 1.2, np.float32)
+CAMERA = {'usecase': 'Mode_5_30fps', 'K': [[30.0, 0, 15.5], [0, 30.0, 11.5], [0, 0, 1]]}
+
+
+def parsed(path: str) -> list[ast.AST]:
+    """Return all nodes of a file of Isaac Lab."""
+    return list(ast.walk(ast.parse((ROOT / path).read_text())))
+
+
+def calls(path: str, function: str) -> list[ast.Call]:
+    """Return the calls of a function that a file makes, by the function's text."""
+    return [
+        node
+        for node in parsed(path)
+        if isinstance(node, ast.Call) and ast.unparse(node.func) == function
+    ]
+
+
+class TermCfg(SimpleNamespace):
+    """A configuration of a term: what it calls, and with what parameters."""
+
+
+def compiled(*names: str) -> dict[str, Any]:
+    """Compile classes and functions of Isaac Lab's managers alone, without its other modules."""
+    wanted = [
+        node
+        for node in ast.parse((ROOT / 'managers/manager_base.py').read_text()).body
+        if isinstance(node, ast.ClassDef | ast.FunctionDef) and node.name in names
+    ]
+    future = ast.parse('from __future__ import annotations').body
+    module = ast.fix_missing_locations(ast.Module([*future, *wanted], type_ignores=[]))
+    space: dict[str, Any] = {
+        'ABC': abc.ABC,
+        'Any': Any,
+        'Callable': Callable,
+        'ManagerTermBaseCfg': TermCfg,
+        'Sequence': Sequence,
+        'copy': copy,
+        'inspect': inspect,
+    }
+    exec(compile(module, 'manager_base.py', 'exec'), space)  # noqa: S102 (the released source)
+    return space
+
+
+SPACE = compiled('ManagerTermBase', '_populate_term_defaults')
+TERM = noisy_depth(SPACE['ManagerTermBase'])
+
+
+def params(**more: Any) -> dict[str, Any]:
+    """Return the parameters of a term."""
+    return {'depth': lambda env: env.image, **more}
+
+
+@pytest.mark.parametrize('given', [params(camera=CAMERA), params()], ids=['camera', 'no camera'])
+def test_the_term_is_made_called_and_reset(given: dict[str, Any]) -> None:
+    cfg, env = TermCfg(func=TERM, params=given), SimpleNamespace(num_envs=2, device='cpu')
+    env.image = CLEAN
+    if '_populate_term_defaults' in SPACE:  # of Isaac Lab 3, before it makes the term
+        SPACE['_populate_term_defaults'](TERM, cfg.params)
+    term = TERM(cfg=cfg, env=env)
+    assert isinstance(term, SPACE['ManagerTermBase'])
+    assert term.num_envs == 2
+    seen = term(env, **cfg.params)
+    assert seen.shape == CLEAN.shape
+    assert 1.1 < np.median(seen) < 1.3
+    for chosen in (None, [1], slice(None)):
+        term.reset(env_ids=chosen)
+
+
+def test_managers_make_the_term_as_we_expect() -> None:
+    (made,) = calls('managers/manager_base.py', 'term_cfg.func')
+    assert not made.args
+    inspect.signature(TERM).bind(**{keyword.arg: None for keyword in made.keywords})
+
+
+def test_managers_call_the_term_as_we_expect() -> None:
+    made = calls('managers/observation_manager.py', 'term_cfg.func')
+    signature = inspect.signature(TERM.__call__)
+    plain = [call for call in made if all(keyword.arg is None for keyword in call.keywords)]
+    assert plain
+    for call in plain:
+        assert [ast.unparse(one) for one in call.args] == ['self._env']
+        assert [ast.unparse(one.value) for one in call.keywords] == ['term_cfg.params']
+        signature.bind(None, None, **params(camera=CAMERA))
+    # Other calls ask for `inspect` or, of terms that have it, for `out`.
+    others = {word.arg for call in made if call not in plain for word in call.keywords}
+    assert others - {None} <= {'inspect', 'out'}
+    assert 'out' not in signature.parameters
+
+
+def test_managers_reset_the_term_as_we_expect() -> None:
+    made = calls('managers/observation_manager.py', 'term_cfg.func.reset')
+    assert made
+    for call in made:
+        assert not call.args
+        inspect.signature(TERM.reset).bind(None, **{word.arg: None for word in call.keywords})
+
+
+def test_cameras_give_what_the_documentation_says() -> None:
+    """`distance_to_image_plane` is planar; Isaac Lab 3 wraps it, and `.torch` is the tensor."""
+    nodes = parsed('sensors/camera/camera_data.py')
+    (kind,) = {
+        ast.unparse(node.returns if isinstance(node, ast.FunctionDef) else node.annotation)
+        for node in nodes
+        if (isinstance(node, ast.FunctionDef) and node.name == 'output')
+        or (isinstance(node, ast.AnnAssign) and ast.unparse(node.target) == 'output')
+    }
+    wrapped = 'ProxyArray' in kind
+    assert wrapped or 'torch.Tensor' in kind
+    if wrapped:
+        properties = {
+            node.name
+            for node in parsed('utils/warp/proxy_array.py')
+            if isinstance(node, ast.FunctionDef)
+            and 'property' in map(ast.unparse, node.decorator_list)
+        }
+        assert 'torch' in properties
+    text = (ROOT / 'sensors/camera/camera.py').read_text()
+    assert '"distance_to_image_plane"``: An image containing distances' in text
+    assert "from camera plane along camera's z-axis" in text
