@@ -1,0 +1,183 @@
+"""Messages as other simulators send them, through a node started with the documented remaps."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+import re
+import shlex
+import subprocess
+import sys
+import time
+from typing import Any
+
+from flexx2_sim_ros.camera import flexx2
+from made_bags import image, info, write
+import numpy as np
+import pytest
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rosbags.rosbag2 import Reader
+from simulators import assert_noise_is_sigma
+from streams import array_of, CameraInfo, Image, Listener, nanoseconds
+
+pytestmark = pytest.mark.usefixtures('ros')
+PAGE = Path(__file__).resolve().parents[1] / 'docs' / 'simulators.md'
+LENS, USECASE, RATE, COUNT = flexx2().intrinsics, 'Mode_5_30fps', 30, 8
+AGAIN_SECONDS = 0.3  # a new best-effort publisher loses its first messages
+
+
+@dataclass(frozen=True)
+class Simulator:
+    """
+    How a simulator publishes depth.
+
+    Attributes
+    ----------
+    depth, info : str
+        Topics.
+    frame : str
+        The ``frame_id``.
+    encoding : str
+        Of the depth image.
+    nothing : float
+        Depth of pixels without a surface, in the image's unit.
+    best_effort : bool
+        Whether lost messages are not sent again.
+    stamped : bool
+        Whether camera infos have the stamps of their images; the first stamp otherwise.
+
+    """
+
+    depth: str
+    info: str
+    frame: str
+    encoding: str = '32FC1'
+    nothing: float = np.inf
+    best_effort: bool = False
+    stamped: bool = True
+
+
+SIMULATORS = {
+    'gazebo': Simulator(
+        '/rgbd_camera/depth_image', '/rgbd_camera/camera_info', 'go2/base/rgbd_camera'
+    ),
+    'isaac_sim': Simulator('/depth', '/camera_info', 'sim_camera', best_effort=True),
+    'webots': Simulator(
+        '/robot/range_finder', '/robot/range_finder/camera_info', 'range_finder', stamped=False
+    ),
+    'realsense': Simulator(
+        '/camera/depth/image_rect_raw',
+        '/camera/depth/camera_info',
+        'camera_depth_optical_frame',
+        encoding='16UC1',
+        nothing=0.0,
+        best_effort=True,
+    ),
+}
+
+
+def scene() -> np.ndarray:
+    """Return (H, W) metres: a tilted board before nothing."""
+    depth = np.full((LENS.height, LENS.width), np.nan, np.float32)
+    u = np.arange(LENS.width)
+    depth[20:150] = 1.5 / (1 + 0.2 * (u - LENS.cx) / LENS.fx)
+    depth[:, 190:] = np.nan
+    return depth
+
+
+def bag(path: Path, simulator: Simulator) -> Path:
+    """Write what the simulator publishes from its start on."""
+    pixels = scene()
+    if simulator.encoding == '16UC1':
+        pixels = np.rint(1000 * pixels)
+    pixels = np.where(np.isnan(pixels), simulator.nothing, pixels)
+    pixels = pixels.astype('<u2' if simulator.encoding == '16UC1' else '<f4')
+    entries = []
+    for index in range(COUNT):
+        stamp = index * 1_000_000_000 // RATE
+        given = stamp if simulator.stamped else 0
+        entries.append(info(simulator.info, given, pixels.shape, LENS.matrix, np.zeros(5)))
+        entries.append(image(simulator.depth, stamp, pixels, simulator.encoding))
+        for _, _, _, message in entries[-2:]:
+            message.header.frame_id = simulator.frame
+    return write(path, entries)
+
+
+def documented(simulator: Simulator) -> list[str]:
+    """Return the arguments of the command on the page that remaps to the simulator's topics."""
+    commands = re.findall(
+        r'^ros2 run flexx2_sim_ros flexx2_camera ((?:.*\\\n)*.*)$', PAGE.read_text(), re.M
+    )
+    (found,) = [one for one in commands if f':={simulator.depth} ' in f'{one} ']
+    return shlex.split(found.replace('\\\n', ' '))
+
+
+@contextmanager
+def node(child_env: dict[str, str], *words: str) -> Iterator[None]:
+    """Run the camera node as a process."""
+    command = [sys.executable, '-m', 'flexx2_sim_ros.nodes.flexx2_camera', *words]
+    with subprocess.Popen(command, env=child_env) as process:
+        try:
+            yield
+        finally:
+            process.terminate()
+
+
+def publish_all(listener: Listener, path: Path, simulator: Simulator, heard: list[Any]) -> None:
+    """
+    Publish the bag byte by byte; each image again until the node has answered it.
+
+    Where a camera info has another stamp than its image, the image before may still wait for one.
+    """
+    behind = 0 if simulator.stamped else 1
+    reliability = (
+        ReliabilityPolicy.BEST_EFFORT if simulator.best_effort else ReliabilityPolicy.RELIABLE
+    )
+    qos = QoSProfile(depth=10, reliability=reliability)
+    publishers = {
+        topic: listener.node.create_publisher(kind, topic, qos)
+        for topic, kind in ((simulator.info, CameraInfo), (simulator.depth, Image))
+    }
+    for topic, publisher in publishers.items():
+        listener.spin_until(publisher.get_subscription_count, f'the node at {topic}')
+    with Reader(path) as reader:
+        messages = [(connection.topic, bytes(data)) for connection, _, data in reader.messages()]
+    for index in range(COUNT):
+        due = 0.0
+
+        def answered(index: int = index) -> bool:
+            nonlocal due
+            if time.monotonic() >= due:
+                for topic, data in messages[2 * index : 2 * index + 2]:
+                    publishers[topic].publish(data)
+                due = time.monotonic() + AGAIN_SECONDS
+            return len({nanoseconds(message) for message in heard}) > index - behind
+
+        listener.spin_until(answered, f'image {index}')
+    listener.spin_until(lambda: len({nanoseconds(one) for one in heard}) == COUNT, 'all images')
+
+
+@pytest.mark.parametrize('name', SIMULATORS)
+def test_a_simulators_messages_become_frames(
+    name: str, child_env: dict[str, str], tmp_path: Path
+) -> None:
+    simulator = SIMULATORS[name]
+    path = bag(tmp_path / 'bag', simulator)
+    space = f'/as_{name}'
+    words = [*documented(simulator), '-r', f'__ns:={space}', '-p', f'usecase:={USECASE}']
+    listener = Listener()
+    with node(child_env, *words):
+        heard = listener.listen(f'{space}/flexx2_camera/depth_image_0', Image)
+        publish_all(listener, path, simulator, heard)
+    listener.close()
+    frames = {nanoseconds(message): message for message in heard}
+    assert sorted(frames) == [index * 1_000_000_000 // RATE for index in range(COUNT)]
+    assert {message.header.frame_id for message in heard} == {simulator.frame}
+    noisy = np.stack([array_of(frames[stamp]) for stamp in sorted(frames)])
+    clean = scene()
+    assert np.isnan(noisy[:, :15]).all()
+    assert np.isnan(noisy[:, :, 200:]).all()
+    assert np.isfinite(noisy[:, 30:140, 20:180]).all()
+    there = np.broadcast_to(clean, noisy.shape)
+    assert np.nanmedian((noisy - there)[:, 30:140, 20:180]) == pytest.approx(0, abs=5e-4)
+    assert_noise_is_sigma(there, noisy, LENS, USECASE)
