@@ -237,6 +237,7 @@ def _cost(
         settings['full_scale'],
         {row['checksum']: row['name'] for row in rows if row['used']},
         frozenset(),
+        None,
         table,
     )
     try:
