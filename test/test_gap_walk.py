@@ -1,5 +1,6 @@
 """Walks with footholds from what cameras see: which fail, and the command from files to files."""
 
+from dataclasses import replace
 import json
 from pathlib import Path
 
@@ -76,6 +77,24 @@ def test_walks_do_not_depend_on_their_batch() -> None:
     whole = walk(Point('rubble', 0.09, 0, 4), cameras, **SMALL)['noise']
     part = walk(Point('rubble', 0.09, 2, 2), cameras, **SMALL)['noise']
     np.testing.assert_array_equal(whole[2:], part)
+
+
+def test_a_camera_with_latency_sees_from_where_it_was() -> None:
+    seen = {}
+
+    def look(views: Views) -> np.ndarray:
+        depth, reflectivity = views.earlier(0.2)
+        past = replace(views, depth=depth, reflectivity=reflectivity)
+        seen['past'], seen['now'] = SimulatedCamera(NAME)(past), SimulatedCamera(NAME)(views)
+        for part in ('latency', 'delay'):
+            offset = {'latency': 0.0, 'delay': 0.0, part: 0.2}
+            seen[part] = SimulatedCamera(NAME, effects={'time_offset': offset})(views)
+        return views.depth
+
+    walk(Point('stairs', 0.06, 0, 1), {'look': look}, **SMALL)
+    np.testing.assert_array_equal(seen['latency'], seen['past'])
+    np.testing.assert_array_equal(seen['delay'], seen['now'])
+    assert not np.array_equal(seen['past'], seen['now'], equal_nan=True)
 
 
 def test_a_foot_is_judged_by_what_it_touches() -> None:

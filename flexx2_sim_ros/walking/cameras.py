@@ -6,7 +6,7 @@ from typing import Any, Protocol
 
 from flexx2_sim_ros.batch import BatchCamera
 from flexx2_sim_ros.effects import parse_effects
-from flexx2_sim_ros.effects.time_offset import TimeOffset
+from flexx2_sim_ros.effects.time_offset import time_offset_of
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from flexx2_sim_ros.profiles.modes import Profile
 from flexx2_sim_ros.walking.terrain import Terrain
@@ -86,6 +86,8 @@ class SimulatedCamera:
     """
     The simulated camera, with effects.
 
+    The images are those of their stamps: ``delay`` of `TimeOffset` is left out.
+
     Attributes
     ----------
     usecase : str
@@ -109,11 +111,11 @@ class SimulatedCamera:
         count = views.depth.shape[2]
         # Looks are too far apart to tell from them what the cameras had before them in between.
         effects = parse_effects(self.effects)
-        late = sum(effect.delay for effect in effects if isinstance(effect, TimeOffset))
-        rest = {one.name: one.settings for one in effects if not isinstance(one, TimeOffset)}
+        offset = time_offset_of(effects)
+        rest = {one.name: one.settings for one in effects if one.name != offset.name}
         depth, reflectivity = views.depth, views.reflectivity
-        if late:
-            depth, reflectivity = views.earlier(1e-9 * late)
+        if offset.latency_ns:
+            depth, reflectivity = views.earlier(1e-9 * offset.latency_ns)
         seeds = [self.seed + views.first + walk for walk in range(count)]
         out = np.empty_like(views.depth)
         for c, name in enumerate(views.names):
