@@ -9,7 +9,7 @@ from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.effects import parse_effects, save_effects
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from flexx2_sim_ros.profiles.modes import flexx2
-from flexx2_sim_ros.robots.gait import Gait
+from flexx2_sim_ros.robots.trot import Gait
 from flexx2_sim_ros.walking import ExactCamera, KINDS, Point, SimulatedCamera, walk
 from flexx2_sim_ros.walking.cameras import Views
 from flexx2_sim_ros.walking.footsteps import Feet, Footstep, land, Planned, REASONS

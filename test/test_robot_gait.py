@@ -6,12 +6,12 @@ import operator
 
 from flexx2_sim_ros.profiles.modes import flexx2
 from flexx2_sim_ros.rendering.ground import SceneGround
-from flexx2_sim_ros.robots import gait as trot
-from flexx2_sim_ros.robots.gait import Gait, pose, start, step
+from flexx2_sim_ros.robots.gait import pose, start, step
 from flexx2_sim_ros.robots.kinematics import feet, joint_angles, rotation
 from flexx2_sim_ros.robots.model import build_model, stand
 from flexx2_sim_ros.robots.parts import find_parts
 from flexx2_sim_ros.robots.robot import load_robot
+from flexx2_sim_ros.robots.trot import Gait
 import mujoco
 import numpy as np
 import pytest
@@ -315,4 +315,4 @@ def test_a_start_without_ground_keeps_its_height():
     state = step(state, np.array([0.5, 0, 0]), 1.0, nowhere, GAIT, GO1)
     assert state.blocked
     assert pose(state, GAIT, GO1).position[2] == pytest.approx(0.7)
-    assert trot.step(state, np.zeros(3), 0.0, nowhere, GAIT, GO1).phase == state.phase
+    assert step(state, np.zeros(3), 0.0, nowhere, GAIT, GO1).phase == state.phase

@@ -11,11 +11,12 @@ from flexx2_sim_ros.rendering.materials import load_materials
 from flexx2_sim_ros.rendering.renderer import open_renderer
 from flexx2_sim_ros.rendering.scenes import place_board, SCENES
 from flexx2_sim_ros.rendering.visibility import unseen_geoms
-from flexx2_sim_ros.robots.gait import Gait, pose, start, step
+from flexx2_sim_ros.robots.gait import pose, start, step
 from flexx2_sim_ros.robots.kinematics import rotation
 from flexx2_sim_ros.robots.model import build_model, stand
 from flexx2_sim_ros.robots.parts import find_parts
 from flexx2_sim_ros.robots.robot import CameraMount, load_mounts
+from flexx2_sim_ros.robots.trot import Gait
 import mujoco
 import numpy as np
 import pytest

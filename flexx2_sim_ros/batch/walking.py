@@ -9,6 +9,7 @@ from flexx2_sim_ros.robots import gait
 from flexx2_sim_ros.robots.kinematics import rotation
 from flexx2_sim_ros.robots.parts import find_parts, RobotParts
 from flexx2_sim_ros.robots.robot import Robot
+from flexx2_sim_ros.robots.trot import Gait
 import mujoco
 import numpy as np
 
@@ -106,7 +107,7 @@ def _walk_alone(
 ) -> tuple[np.ndarray, ...]:
     # The fields of `Walk`, of one robot.
     model, data, parts, ground = walker.model, walker.data, walker.parts, walker.ground
-    legs, how = parts.legs, gait.Gait()
+    legs, how = parts.legs, Gait()
     assert legs is not None
     state = gait.start(place, yaw, _TOP, ground, legs)
     command = np.array([speed, 0.0, 0.0])

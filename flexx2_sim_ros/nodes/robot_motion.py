@@ -15,6 +15,7 @@ from flexx2_sim_ros.robots.kinematics import rotation
 from flexx2_sim_ros.robots.model import stand
 from flexx2_sim_ros.robots.parts import find_parts, plain_name
 from flexx2_sim_ros.robots.robot import Robot
+from flexx2_sim_ros.robots.trot import Gait
 from geometry_msgs.msg import Twist
 import mujoco
 from nav_msgs.msg import Odometry
@@ -70,7 +71,7 @@ class Walking:
         The robot in its scene.
     robot : Robot
         Which robot it is.
-    how : gait.Gait
+    how : Gait
         Limits and timing; may be replaced while it walks.
 
     Raises
@@ -81,7 +82,7 @@ class Walking:
     """
 
     def __init__(
-        self, node: Node, model: mujoco.MjModel, data: mujoco.MjData, robot: Robot, how: gait.Gait
+        self, node: Node, model: mujoco.MjModel, data: mujoco.MjData, robot: Robot, how: Gait
     ) -> None:
         """Stand, and listen."""
         self._robot, self._parts = robot, find_parts(model, robot)

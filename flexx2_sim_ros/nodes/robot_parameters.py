@@ -10,9 +10,9 @@ from flexx2_sim_ros.nodes.parameters import declare
 from flexx2_sim_ros.profiles.files import PROFILE_HELP
 from flexx2_sim_ros.rendering.renderer import BACKENDS
 from flexx2_sim_ros.rendering.scenes import BOARD_DISTANCES, LARGEST_BOARD_ANGLE, SCENES
-from flexx2_sim_ros.robots.gait import Gait
 from flexx2_sim_ros.robots.model import MODELS
 from flexx2_sim_ros.robots.robot import CameraMount, DEFAULT_ROBOT, load_robot, robot_names
+from flexx2_sim_ros.robots.trot import Gait
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter

@@ -8,22 +8,13 @@ follow the ground under the four feet smoothly.
 
 from dataclasses import dataclass, replace
 import math
-from typing import Any
 
 from flexx2_sim_ros.rendering.ground import Ground
-from flexx2_sim_ros.robots.footholds import (
-    blocked,
-    EVEN,
-    find_foothold,
-    REACH,
-    rest_height,
-    way_height,
-)
+from flexx2_sim_ros.robots.footholds import blocked, EVEN, find_foothold, rest_height, way_height
 from flexx2_sim_ros.robots.kinematics import feet, joint_angles, LegGeometry, rotation
+from flexx2_sim_ros.robots.trot import apex_height, Gait, OFFSET, trunk_pose
 import numpy as np
 
-# Diagonal legs swing together: FR with RL, FL with RR.
-OFFSET = np.array([0.0, 0.5, 0.5, 0.0])
 _LARGEST_STEP = 1.0 / 120.0
 # The fraction of a foot's time in the air after which its foothold no longer changes, and the
 # smallest change, metres.
@@ -37,40 +28,6 @@ _SLIP = 0.002
 # Of one foot: where it left the ground (3,), where it comes down (3,), the height of its way, and
 # where it was wanted (2,).
 _Swing = tuple[np.ndarray, np.ndarray, float, np.ndarray]
-
-
-@dataclass(frozen=True)
-class Gait:
-    """
-    Limits and timing of the trot.
-
-    Attributes
-    ----------
-    max_speed : float
-        In any direction, m/s.
-    max_turn : float
-        About the vertical, rad/s.
-    period : float
-        Of one cycle, seconds.
-    duty : float
-        The fraction of a cycle that a foot stands; above 0.5, so that at times all four stand.
-    lift : float
-        Clearance of a foot above what it passes, metres.
-    acceleration, braking : float
-        m/s^2.
-    turn_acceleration : float
-        rad/s^2.
-
-    """
-
-    max_speed: float = 0.8
-    max_turn: float = 1.5
-    period: float = 0.44
-    duty: float = 0.56
-    lift: float = 0.05
-    acceleration: float = 2.0
-    braking: float = 4.0
-    turn_acceleration: float = 8.0
 
 
 @dataclass(frozen=True)
@@ -317,24 +274,6 @@ def _plan(state: GaitState, leg: int, ground: Ground, gait: Gait, legs: LegGeome
     return foot, landed, float(apex_height(highest, level, gait)), place
 
 
-def apex_height(highest: Any, level: Any, gait: Gait) -> Any:
-    """
-    Return how high a foot goes, metres.
-
-    Parameters
-    ----------
-    highest : float or numpy.ndarray
-        The height that it needs on its way.
-    level : float or numpy.ndarray
-        Mean height of the feet.
-    gait : Gait
-        Its clearance.
-
-    """
-    # A leg can only fold so far: over the highest steps the clearance is smaller.
-    return np.minimum(highest + gait.lift, np.maximum(level + REACH, highest + gait.lift / 2))
-
-
 def _replan(
     state: GaitState, leg: int, seconds: float, ground: Ground, gait: Gait, legs: LegGeometry
 ) -> _Swing:
@@ -375,41 +314,6 @@ def _feet(
     eased = along**2 * (3 - 2 * along)
     ground = lifted[:, 2] + eased * (landed[:, 2] - lifted[:, 2]) - legs.foot_radius
     return np.where(swinging[:, None], points, landed), ground, swinging
-
-
-def trunk_pose(
-    position: np.ndarray, yaw: float | np.ndarray, ground: np.ndarray, legs: LegGeometry
-) -> tuple[np.ndarray, np.ndarray]:
-    """
-    Return the pose of the trunk over the ground under the feet.
-
-    Parameters
-    ----------
-    position : numpy.ndarray
-        (..., 2) of the trunk in the world, metres.
-    yaw : float or numpy.ndarray
-        (...) its heading, radians.
-    ground : numpy.ndarray
-        (..., 4) height of the ground under each foot, metres.
-    legs : LegGeometry
-        The robot's legs.
-
-    Returns
-    -------
-    position, rpy : numpy.ndarray
-        (..., 3) metres, and (..., 3) roll, pitch, yaw in radians.
-
-    """
-    length = legs.hips[:2, 0].mean() - legs.hips[2:, 0].mean()
-    width = np.abs(legs.neutral[:, 1]).mean() * 2
-    front = ground[..., :2].mean(axis=-1) - ground[..., 2:].mean(axis=-1)
-    left = ground[..., 1::2].mean(axis=-1) - ground[..., ::2].mean(axis=-1)
-    # The trunk tilts less than the ground; the legs compensate for the rest.
-    pitch = np.clip(-0.8 * np.arctan2(front, length), -0.4, 0.4)
-    roll = np.clip(0.5 * np.arctan2(left, width), -0.25, 0.25)
-    height = ground.mean(axis=-1) + legs.standing_height
-    place = np.concatenate([position, height[..., None]], axis=-1)
-    return place, np.stack([roll, pitch, np.broadcast_to(yaw, roll.shape)], axis=-1)
 
 
 def _smooth(x: np.ndarray) -> np.ndarray:

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 
 from flexx2_sim_ros.robots.footholds import ASIDE, REACH, ROUGHNESS_COST
-from flexx2_sim_ros.robots.gait import apex_height, Gait, OFFSET
 from flexx2_sim_ros.robots.kinematics import LegGeometry
+from flexx2_sim_ros.robots.trot import apex_height, Gait, OFFSET
 from flexx2_sim_ros.walking.terrain import Terrain
 import numpy as np
 

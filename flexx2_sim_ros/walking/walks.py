@@ -15,11 +15,11 @@ from flexx2_sim_ros.formulas import on_images, surfaces
 from flexx2_sim_ros.physics.geometry import pixel_rays
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from flexx2_sim_ros.profiles.modes import flexx2, Mode
-from flexx2_sim_ros.robots.gait import Gait, trunk_pose
 from flexx2_sim_ros.robots.kinematics import LegGeometry, rotation
 from flexx2_sim_ros.robots.model import build_model
 from flexx2_sim_ros.robots.parts import find_parts
 from flexx2_sim_ros.robots.robot import DEFAULT_ROBOT, load_robot, Robot
+from flexx2_sim_ros.robots.trot import Gait, trunk_pose
 from flexx2_sim_ros.walking.cameras import Views, WalkingCamera
 from flexx2_sim_ros.walking.footsteps import Feet, Footstep, footsteps, Grid, land, plan, roughness
 from flexx2_sim_ros.walking.rendering import render
