@@ -43,6 +43,8 @@ class Simulator:
         Depth of pixels without a surface, in the image's unit.
     best_effort : bool
         Whether lost messages are not sent again.
+    stamped : bool
+        Whether camera infos have the stamps of their images; the first stamp otherwise.
 
     """
 
@@ -52,6 +54,7 @@ class Simulator:
     encoding: str = '32FC1'
     nothing: float = np.inf
     best_effort: bool = False
+    stamped: bool = True
 
 
 SIMULATORS = {
@@ -59,6 +62,9 @@ SIMULATORS = {
         '/rgbd_camera/depth_image', '/rgbd_camera/camera_info', 'go2/base/rgbd_camera'
     ),
     'isaac_sim': Simulator('/depth', '/camera_info', 'sim_camera', best_effort=True),
+    'webots': Simulator(
+        '/robot/range_finder', '/robot/range_finder/camera_info', 'range_finder', stamped=False
+    ),
     'realsense': Simulator(
         '/camera/depth/image_rect_raw',
         '/camera/depth/camera_info',
@@ -89,7 +95,11 @@ def bag(path: Path, simulator: Simulator) -> Path:
     entries = []
     for index in range(COUNT):
         stamp = index * 1_000_000_000 // RATE
-        entries.append(info(simulator.info, stamp, pixels.shape, LENS.matrix, np.zeros(5)))
+        given = stamp if simulator.stamped else 0
+        topic, kind, _, message = info(
+            simulator.info, given, pixels.shape, LENS.matrix, np.zeros(5)
+        )
+        entries.append((topic, kind, stamp, message))
         entries.append(image(simulator.depth, stamp, pixels, simulator.encoding))
         for _, _, _, message in entries[-2:]:
             message.header.frame_id = simulator.frame

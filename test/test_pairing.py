@@ -84,6 +84,15 @@ def test_one_camera_info_serves_all_images() -> None:
     assert run(pairing, 'info 5', 'image 100') == [(100, 'info 5', None)]
 
 
+@pytest.mark.parametrize('order', ['info 0, image', 'image, info 0'])
+def test_camera_infos_that_keep_the_first_stamp_delay_no_image(order: str) -> None:
+    """Assert every image comes out before the next one is sent, as a simulation in steps needs."""
+    pairing = StampPairing()
+    for stamp in range(20):
+        events = order.replace('image', f'image {stamp}').split(', ')
+        assert run(pairing, *events) == [(stamp, 'info 0', None)]
+
+
 def test_without_camera_info_nothing_is_paired() -> None:
     """Assert images come out without, for the node to say so."""
     pairing = StampPairing()

@@ -35,7 +35,8 @@ class StampPairing:
 
     Messages of one stamp arrive on their topics in any order. An image waits for a companion only
     if the image before had one, and at most until the next image. So a companion that is no
-    longer published does not stop the stream, and a latched camera info delays one frame once.
+    longer published does not stop the stream, and a latched camera info delays one frame once. A
+    camera info that comes again with the same stamp delays none.
     When stamps go back (a simulation was reset), messages from before are not paired with
     messages from after, except for the last camera info.
 
@@ -89,6 +90,7 @@ class StampPairing:
         if kept and stamp < next(reversed(kept)):
             self._forget(name)
             self._gone_back.add(name)
+        repeated = stamp in kept
         kept[stamp] = message
         kept.move_to_end(stamp)
         self._unused[name].add(stamp)
@@ -96,9 +98,12 @@ class StampPairing:
             dropped, _ = kept.popitem(last=False)
             self._drop(name, {dropped})
         pending = None if self._pending is None else self._pending[0]
-        if stamp in (pending, self._released):
+        if stamp == pending or (stamp == self._released and not repeated):
             self._expected[name] = True
-        if pending is not None and stamp == pending and not self._missing(pending):
+        elif repeated and name == 'info':
+            # Camera infos that keep one stamp are those of all images.
+            self._expected[name] = False
+        if pending is not None and not self._missing(pending):
             return [self._release()]
         return []
 
