@@ -190,6 +190,10 @@ def test_the_output_is_the_input(
             ['simulate', 'in.npz', 'out.npz', '--effects', 'typical#3'],
             'typical: randomisation: must be in a file of flexx2 gap randomise, got no such file',
         ),
+        (
+            ['convert', 'campaign/a.npz', 'out.npz', '--camera', 'x'],
+            "--camera: must be left out where neither A nor B is a bag, got 'x'",
+        ),
         (['convert', '/dev/null', 'out'], '.bag file), got something else'),
         (['convert', 'file', 'out'], 'or the folder of a bag, got a file without an ending'),
         (

@@ -7,7 +7,7 @@ import itertools
 from pathlib import Path
 
 from flexx2_sim_ros.atomic import check_distinct
-from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.errors import InputError, shown
 from flexx2_sim_ros.recording.bag_writer import write_bag
 from flexx2_sim_ros.recording.given import complete, Given
 from flexx2_sim_ros.recording.images import has_images, ImageRecording, mask_beside
@@ -44,7 +44,7 @@ def convert(
         bag. From a bag with several cameras, if none is chosen, ``out.npz`` becomes
         ``out_<camera>.npz`` for each.
     camera : str, optional
-        Which camera of the bag; for an ``.npz`` source, its name in the bag.
+        Which camera of the bag; for a source that is none, its name in the bag.
     storage : str
         ``mcap`` or ``sqlite3``, where the target is a folder.
     given : Given
@@ -72,6 +72,10 @@ def convert(
         )
     images = has_images(source)
     cameras = [] if images else recording_cameras(source)
+    if camera is not None and target.suffix == '.npz' and (images or source.suffix == '.npz'):
+        raise InputError(
+            f'--camera: must be left out where neither A nor B is a bag, got {shown(camera)}'
+        )
     if camera is None and len(cameras) > 1 and target.suffix == '.npz':
         paths = _path_by_camera(target, cameras)
         return [
