@@ -6,6 +6,7 @@ from typing import Any
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.effects import parse_effects, save_effects
 from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.gap.data.campaign import check, Found
 from flexx2_sim_ros.recording import open_recording
 from flexx2_sim_ros.recording.bag_files import Bag
 from flexx2_sim_ros.recording.bag_messages import header_stamp
@@ -60,6 +61,24 @@ def test_a_real_bag_says_when_its_images_were_received(tmp_path: Path) -> None:
         assert reader.received_ns is not None
         ages = (reader.received_ns - reader.stamp_ns) / MS
         assert ages == pytest.approx([50, 51, 52], abs=1e-3)
+
+
+@pytest.mark.parametrize('difference', [-0.3, 1.7e9])
+def test_times_of_another_clock_are_noted_and_not_used(difference: float, tmp_path: Path) -> None:
+    stamp, flat = np.arange(4.0), np.full((4, 20, 30), 1.5, np.float32)
+    arrays = {'depth': flat, 'clean_depth': flat, 'K': MATRIX, 'stamp': stamp}
+    path = tmp_path / 'in.npz'
+    np.savez(path, usecase='Mode_9_5fps', received=stamp + difference, **arrays)
+    found = check(path, None)
+    assert isinstance(found, Found)
+    assert found.arrival is None
+    assert any('received: not used: its clock is not that of stamp' in one for one in found.notes)
+    np.savez(path, usecase='Mode_9_5fps', received=stamp + 0.05, **arrays)
+    found = check(path, None)
+    assert isinstance(found, Found)
+    assert found.arrival is not None
+    assert found.arrival.median == pytest.approx(0.05)
+    assert not found.notes
 
 
 @pytest.mark.parametrize(

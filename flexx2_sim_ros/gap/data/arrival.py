@@ -26,16 +26,33 @@ class Arrival:
     high: float
 
 
-def find_arrival(reader: RecordingReader) -> Arrival | None:
+def find_arrival(reader: RecordingReader, notes: list[str]) -> Arrival | None:
     """
     Return how late the frames of a recording arrived.
 
-    None where the recording does not say, or where the times are of another clock than the
-    stamps: the median is negative or above a second.
+    Parameters
+    ----------
+    reader : RecordingReader
+        The recording.
+    notes : list of str
+        Gets a note where the times are of another clock than the stamps.
+
+    Returns
+    -------
+    Arrival or None
+        None where the recording does not say, or where the times are of another clock: the median
+        is negative or above a second.
+
     """
     received = reader.received_ns
     if received is None:
         return None
     late = (received - reader.stamp_ns) / 1e9
     low, median, high = (float(value) for value in np.quantile(late, _QUANTILES))
-    return Arrival(median, low, high) if 0 <= median <= LONGEST else None
+    if 0 <= median <= LONGEST:
+        return Arrival(median, low, high)
+    notes.append(
+        'received: not used: its clock is not that of stamp, the median difference is '
+        f'{median:.3g} s'
+    )
+    return None

@@ -143,7 +143,9 @@ def _found(reader: RecordingReader, profile: Profile | None) -> Found:
     except InputError as error:
         raise InputError(f'{path}: {error}') from error
     read_truth(path, reader.arrays, reader.shape)
-    return Found(path, mode, tuple(reader.notes), _brightest(reader), arrival=find_arrival(reader))
+    notes = list(reader.notes)
+    arrival = find_arrival(reader, notes)
+    return Found(path, mode, tuple(notes), _brightest(reader), arrival=arrival)
 
 
 def _brightest(reader: RecordingReader) -> float:
