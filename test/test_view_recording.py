@@ -114,6 +114,16 @@ def test_notes_say_what_depth_cannot_be_compared_with(
     assert recorded.frame(0, 'simulated').clean is None
 
 
+@pytest.mark.parametrize('key', ['depth', 'clean_depth'])
+def test_a_recording_in_millimetres_is_noted(tmp_path: Path, key: str) -> None:
+    arrays = save_walk(tmp_path / 'walk.npz')
+    save_walk(tmp_path / 'walk.npz', **{key: 1000 * arrays[key]})
+    recorded = RecordedCamera(open_recording(tmp_path / 'walk.npz'), None, None, 1 << 20)
+    assert recorded.notes == [
+        f'{key}: must be metres, got a median of 2000 (flexx2 convert --unit)'
+    ]
+
+
 @pytest.fixture
 def bag(tmp_path: Path) -> Iterator[tuple[str, Path]]:
     """Serve a bag of two cameras; yield the address of its frames."""

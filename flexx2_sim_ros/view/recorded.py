@@ -24,6 +24,7 @@ REFERENCES = {
 _STACKS = ('depth', 'clean_depth', 'reflectivity')
 # Frames before a chosen one that are simulated too, for effects that remember them.
 _WARM_UP = 10
+_TOO_FAR = 100.0  # metres, for any depth camera; images in millimetres are beyond it
 
 Images = Mapping[str, np.ndarray]
 
@@ -114,7 +115,8 @@ class RecordedCamera:
     Raises
     ------
     InputError
-        When the recording has no usable camera matrix, or a key of its ground truth is wrong.
+        When the recording has no usable camera matrix, a key of its ground truth is wrong, or its
+        first frame cannot be read.
 
     """
 
@@ -146,6 +148,7 @@ class RecordedCamera:
                 self._simulate(EFFECTS, effects, profile)
         else:
             self.notes.append('no clean_depth: depth is compared with nothing')
+        self._note_units()
 
     @property
     def count(self) -> int:
@@ -191,6 +194,19 @@ class RecordedCamera:
         return ViewedFrame(
             number, int(self._reader.stamp_ns[number]), images['depth'], compared, self._intrinsics
         )
+
+    def _note_units(self) -> None:
+        # Reads the first frames without keeping the file open, as a folder may have many.
+        reader = self._reader
+        for key in ('depth', 'clean_depth'):
+            image = reader.arrays.get(key)
+            if key in reader.layouts:
+                image = next(reader.frames(key), None)
+            seen = [] if image is None else image[np.isfinite(image) & (image > 0)]
+            if len(seen) and (middle := float(np.median(seen))) > _TOO_FAR:
+                self.notes.append(
+                    f'{key}: must be metres, got a median of {middle:.4g} (flexx2 convert --unit)'
+                )
 
     def _clean(self, number: int) -> np.ndarray:
         clean = self._image('clean_depth', number)
