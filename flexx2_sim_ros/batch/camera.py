@@ -115,6 +115,7 @@ class BatchCamera:
         keys = np.stack([camera_key(one, name) for one in self._seeds])
         self._rows = Rows.of(keys, self.device)
         self.stamps = self._rows.stamps
+        self._shortest_ns = min(map(period_ns, self.profile.modes))
         self._timing = FrameTiming(step_s, self._rows, self.device)
         self.image_stamps = self._timing.image_stamps
         self._images: Images | None = None
@@ -385,8 +386,7 @@ class BatchCamera:
                 self.device,
             )
             wp.synchronize_device(self.device)  # Frames may be made on another stream.
-        shortest = min(map(period_ns, self.profile.modes))
-        self._timing.keep(self._longest_ns, shortest, self._images)
+        self._timing.keep(self._longest_ns, self._shortest_ns, self._images)
         return self._images
 
     def _intrinsics(self, height: int, width: int) -> Intrinsics:
