@@ -1,11 +1,10 @@
 """`flexx2 gap walk`: how often a walking robot fails with a diagnosed camera."""
 
 import argparse
-import json
 from typing import Any
 
 from flexx2_sim_ros.cli.argument_types import number, whole_number
-from flexx2_sim_ros.cli.common import add_jobs, add_profile, add_seed, progress_bar
+from flexx2_sim_ros.cli.common import add_json, add_out, add_simulation, print_json, progress_bar
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Column, Table
@@ -28,7 +27,7 @@ def add_parser(commands: Any) -> None:
         metavar='DIAGNOSIS',
         help='folder that flexx2 gap diagnose or calibrate has written',
     )
-    parser.add_argument('--out', required=True, metavar='DIR', help='folder for the results')
+    add_out(parser)
     parser.add_argument(
         '--walks',
         type=whole_number(1, 100_000),
@@ -45,12 +44,8 @@ def add_parser(commands: Any) -> None:
     parser.add_argument(
         '--robot', default='go1', metavar='NAME', help='go1, go2 or a YAML file (default go1)'
     )
-    parser.add_argument(
-        '--json', action='store_true', help='print walk.json to standard output, and no table'
-    )
-    add_profile(parser)
-    add_seed(parser)
-    add_jobs(parser)
+    add_json(parser, 'walk.json')
+    add_simulation(parser)
     parser.set_defaults(run=run)
 
 
@@ -76,7 +71,7 @@ def run(arguments: argparse.Namespace) -> int:
             progress=progress,
         )
     if arguments.json:
-        print(json.dumps(table, indent=2, allow_nan=False))
+        print_json(table)
     else:
         console.print(_table(table))
         console.print(
