@@ -27,7 +27,7 @@ def test_a_port_in_use_is_reported_before_anything_starts(
     ('options', 'said'),
     [
         (['--port', '70000'], '--port: must be a whole number from 0 to 65535'),
-        (['--scene', 'lab'], '--scene: must be given with --demo only'),
+        (['--scene', 'lab'], '--scene: must be left out without --demo, got'),
         (['--port', '-1'], '--port: must be a whole number from 0 to 65535'),
         (
             ['--host', '203.0.113.1', '--port', '0'],

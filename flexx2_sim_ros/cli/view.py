@@ -19,7 +19,7 @@ from flexx2_sim_ros.cli.argument_types import whole_number
 from flexx2_sim_ros.cli.children import camera_command, check, nodes
 from flexx2_sim_ros.cli.common import add_profile
 from flexx2_sim_ros.cli.ros import ros
-from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.errors import InputError, shown
 
 _CAMERAS = ('front_left', 'front_right')
 _EVERYWHERE = ('0.0.0.0', '::', '')
@@ -111,7 +111,7 @@ def run(arguments: argparse.Namespace) -> int:
             'apt install python3-tornado'
         )
     if arguments.scene and not arguments.demo:
-        raise InputError('--scene: must be given with --demo only')
+        raise InputError(f'--scene: must be left out without --demo, got {shown(arguments.scene)}')
     from flexx2_sim_ros.view.access import Access, is_loopback, new_token
     from flexx2_sim_ros.view.web import bind
 
