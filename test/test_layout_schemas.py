@@ -94,6 +94,16 @@ def unlike_class(kind: Any, value: Any, where: str) -> list[str]:
     return found
 
 
+def changed(layout: Any, path: tuple[Any, ...], value: Any) -> Any:
+    """Return a copy of a layout with another value at a path."""
+    part = copy = deepcopy(layout)
+    *parents, name = path
+    for parent in parents:
+        part = part[parent]
+    part[name] = value
+    return copy
+
+
 def test_rviz_knows_every_property() -> None:
     assert rviz_problems(RVIZ) == []
 
@@ -111,13 +121,7 @@ def test_rviz_knows_every_property() -> None:
     ],
 )
 def test_mistakes_in_an_rviz_layout_are_found(path: tuple[Any, ...], value: Any) -> None:
-    layout = deepcopy(RVIZ)
-    *parents, name = path
-    part = layout['Visualization Manager']
-    for parent in parents:
-        part = part[parent]
-    part[name] = value
-    assert len(rviz_problems(layout)) == 1
+    assert len(rviz_problems(changed(RVIZ, ('Visualization Manager', *path), value))) == 1
 
 
 def test_foxglove_knows_every_setting() -> None:
@@ -138,10 +142,4 @@ def test_foxglove_knows_every_setting() -> None:
     ],
 )
 def test_mistakes_in_a_foxglove_layout_are_found(path: tuple[Any, ...], value: Any) -> None:
-    layout = deepcopy(FOXGLOVE)
-    *parents, name = path
-    part = layout['configById']
-    for parent in parents:
-        part = part[parent]
-    part[name] = value
-    assert len(foxglove_problems(layout)) == 1
+    assert len(foxglove_problems(changed(FOXGLOVE, ('configById', *path), value))) == 1
