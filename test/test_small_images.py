@@ -174,6 +174,13 @@ def test_the_latency_of_a_sensor_of_64_pixels_is_found(
     assert np.mean([one.latency_ns for one in drawn]) == pytest.approx(latency * 1e9, rel=0.3)
 
 
+def test_late_images_are_no_effect_where_there_is_no_gap(tmp_path: Path) -> None:
+    table = diagnosed(tmp_path, 0.0)
+    assert table['verdict'] == 'none'
+    assert table['effects'] == []
+    assert table['age']['delay']['median'] == pytest.approx(0.07, abs=0.003)
+
+
 def test_the_step_is_that_of_the_depths_where_recordings_agree() -> None:
     """Assert it with steps of whole millimetres, found in three flights, and what a fit gave."""
     assert agreed_step(np.array([0.0010004, 0.001014, 0.001001]), 0.0057) == 0.001001

@@ -1,9 +1,11 @@
 """The contents of ``diagnosis.json``."""
 
+from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
 from flexx2_sim_ros.effects import Effect
+from flexx2_sim_ros.effects.time_offset import changing
 from flexx2_sim_ros.gap.calibration.decisions import calibrated
 from flexx2_sim_ros.gap.calibration.inference import THRESHOLDS
 from flexx2_sim_ros.gap.data.campaign import Found
@@ -64,7 +66,8 @@ def diagnosis_table(
     return {
         'schema': SCHEMA,
         'verdict': decision.verdict if model.seen.any() else 'too_little',
-        'effects': _effect_rows(decision, with_delay(effects, arrival_of(age))),
+        # A delay alone explains nothing: it is not listed as an effect.
+        'effects': _effect_rows(decision, changing(with_delay(effects, arrival_of(age)))),
         'alternatives': [_alternative(model, one) for one in decision.alternatives if finds],
         'not_decidable': [
             {'name': one.effect, 'absorbed': one.absorbed, 'settled_by': one.settled_by}
@@ -81,7 +84,7 @@ def diagnosis_table(
     }
 
 
-def _effect_rows(decision: Decision, effects: list[Effect]) -> list[dict[str, Any]]:
+def _effect_rows(decision: Decision, effects: Sequence[Effect]) -> list[dict[str, Any]]:
     rows = [
         {
             'name': effect.name,
