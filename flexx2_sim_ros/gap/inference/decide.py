@@ -67,7 +67,7 @@ class Decision:
         For each chosen effect: the fraction of the excess loss that it explains, the 90 %
         interval of that, and the probability that it is present.
     alternatives : list of Alternative
-        Other effects that may be present, best first. In 9 of 10 campaigns they and the chosen
+        Other effects that may be present, best first. In 19 of 20 campaigns they and the chosen
         effects together contain a true one.
     considered : list of Choice
         The best variant of each single effect, best first.
