@@ -24,7 +24,7 @@ from flexx2_sim_ros.gap.inference.effects import fitted_effects, held_out_effect
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.inference.patch import fit_patch
 from flexx2_sim_ros.gap.report.frames import MOST_FRAMES
-from flexx2_sim_ros.gap.report.reading import Diagnosed
+from flexx2_sim_ros.gap.report.reading import diagnosed
 from flexx2_sim_ros.gap.report.table import diagnosis_table
 from flexx2_sim_ros.gap.report.writing import FILES, write
 from flexx2_sim_ros.gap.work import (
@@ -164,7 +164,7 @@ def _settings(
         'usecase': found.mode.name,
         'full_scale': found.full_scale,
         'seed': seed,
-        'pose_prior': list(pose_prior),
+        'pose_prior': [float(one) for one in pose_prior],
         'known': {name: plain(values) for name, values in known.items()},
     }
 
@@ -228,20 +228,9 @@ def _cost(
     # The table of `gap.cost`, or the reason why there is none.
     if all(one.role == 'pose' for one in effects):
         return {'reason': 'no effect that changes images is named'}
-    settings, rows = table['settings'], table['recordings']
-    before = Diagnosed(
-        table['verdict'],
-        tuple(effects),
-        settings['known'],
-        tuple(settings['pose_prior']),
-        settings['full_scale'],
-        {row['checksum']: row['name'] for row in rows if row['used']},
-        frozenset(),
-        None,
-        table,
-    )
+    known = known_of(diagnosed(table, effects))
     try:
-        return measure_cost(request, known_of(before), campaign, used, (), mapped, progress)[0]
+        return measure_cost(request, known, campaign, used, (), mapped, progress)[0]
     except InputError as error:
         return {'reason': str(error)}
 

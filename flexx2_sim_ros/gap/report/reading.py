@@ -1,5 +1,6 @@
 """Read the files of a diagnosis."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 import json
 import math
@@ -130,37 +131,57 @@ def read_diagnosis(folder: Path) -> Diagnosed:
     """
     path = folder / 'diagnosis.json'
     table = _read_json(path)
+    effects = load_effects(folder / 'effects.yaml')
+    try:
+        return diagnosed(table, effects)
+    except InputError as error:
+        raise InputError(f'{shown_path(path)}: {error}') from error
+
+
+def diagnosed(table: Any, effects: Iterable[Effect]) -> Diagnosed:
+    """
+    Return what a diagnosis found.
+
+    Parameters
+    ----------
+    table : dict
+        The content of ``diagnosis.json``.
+    effects : iterable of Effect
+        Those of ``effects.yaml``.
+
+    Raises
+    ------
+    InputError
+        When the table is not what a diagnosis writes.
+
+    """
     if not isinstance(table, dict) or table.get('schema') not in _SCHEMAS:
         got = table.get('schema') if isinstance(table, dict) else table
-        raise InputError(f'{shown_path(path)}: schema: must be 1 or 2, got {shown(got)}')
+        raise InputError(f'schema: must be 1 or 2, got {shown(got)}')
     rows = table.get('recordings')
     if not isinstance(rows, list) or not all(
         isinstance(row, dict) and isinstance(row.get('name'), str) for row in rows
     ):
-        raise InputError(f'{shown_path(path)}: recordings: must be a list of tables with a name')
+        raise InputError('recordings: must be a list of tables with a name')
     used = [row for row in rows if row.get('used')]
     settings = table.get('settings', {})
     if not isinstance(settings, dict):
-        raise InputError(f'{shown_path(path)}: settings: must be a table, got {shown(settings)}')
+        raise InputError(f'settings: must be a table, got {shown(settings)}')
     known = settings.get('known', {})
     try:
         given_effects(known)
     except (InputError, AttributeError, TypeError, ValueError) as error:
-        raise InputError(f'{shown_path(path)}: settings: {error}') from error
-    try:
-        arrival = arrival_of(table.get('age'))
-    except InputError as error:
-        raise InputError(f'{shown_path(path)}: {error}') from error
+        raise InputError(f'settings: {error}') from error
     return Diagnosed(
-        str(table.get('verdict', '')),
-        changing(load_effects(folder / 'effects.yaml')),
-        known,
-        _pose_prior(path, settings.get('pose_prior', _POSE_PRIOR)),
-        _full_scale(path, settings.get('full_scale')),
-        {str(row['checksum']): row['name'] for row in used if 'checksum' in row},
-        frozenset(row['name'] for row in used if 'checksum' not in row),
-        arrival,
-        table,
+        verdict=str(table.get('verdict', '')),
+        effects=changing(effects),
+        known=known,
+        pose_prior=_pose_prior(settings.get('pose_prior', _POSE_PRIOR)),
+        full_scale=_full_scale(settings.get('full_scale')),
+        checksums={str(row['checksum']): row['name'] for row in used if 'checksum' in row},
+        unsummed=frozenset(row['name'] for row in used if 'checksum' not in row),
+        arrival=arrival_of(table.get('age')),
+        table=table,
     )
 
 
@@ -178,7 +199,7 @@ def _read_json(path: Path) -> Any:
         raise InputError(f'{shown_path(path)}: cannot be read: {shown(str(error))}') from error
 
 
-def _pose_prior(path: Path, value: Any) -> tuple[float, float]:
+def _pose_prior(value: Any) -> tuple[float, float]:
     good = (
         isinstance(value, list | tuple)
         and len(value) == 2
@@ -186,18 +207,16 @@ def _pose_prior(path: Path, value: Any) -> tuple[float, float]:
     )
     if not good:
         raise InputError(
-            f'{shown_path(path)}: settings: pose_prior: must be metres and degrees above 0, got '
-            f'{shown(value)}'
+            f'settings: pose_prior: must be metres and degrees above 0, got {shown(value)}'
         )
     return float(value[0]), float(value[1])
 
 
-def _full_scale(path: Path, value: Any) -> float | None:
+def _full_scale(value: Any) -> float | None:
     if value is None:
         return None
     if type(value) not in (int, float) or not 0 < value < math.inf:
         raise InputError(
-            f'{shown_path(path)}: settings: full_scale: must be a number above 0 or null, got '
-            f'{shown(value)}'
+            f'settings: full_scale: must be a number above 0 or null, got {shown(value)}'
         )
     return float(value)
