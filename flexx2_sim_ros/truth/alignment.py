@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 from flexx2_sim_ros.truth.observation import Observation
 from flexx2_sim_ros.truth.poses import Pose
+from flexx2_sim_ros.truth.robust import robust_sigma
 from flexx2_sim_ros.truth.rooms import Hits, Room
 import numpy as np
 
@@ -156,8 +157,7 @@ def robust_weights(residual: np.ndarray, variance: np.ndarray, widest: float) ->
     good = np.isfinite(residual)
     if not good.any():
         return np.zeros(len(residual))
-    spread = 1.4826 * float(np.median(np.abs(residual[good])))
-    scale2 = np.clip(_CAUCHY * spread, _LEAST_SCALE, widest) ** 2 + variance
+    scale2 = np.clip(_CAUCHY * robust_sigma(residual), _LEAST_SCALE, widest) ** 2 + variance
     return np.where(good, 1 / (scale2 + np.nan_to_num(residual) ** 2), 0.0)
 
 

@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 import math
 
+from flexx2_sim_ros.truth.robust import robust_sigma
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -150,8 +151,8 @@ class _Model:
     def deviation(self, offset: float) -> float:
         # From the slopes of the motions and what is left. Windows overlap, so that not every frame
         # counts.
-        left = np.abs(self.at(offset) - self.seen)
-        noise = np.maximum(1.4826 * np.nanmedian(left, axis=0), _LEAST_NOISE)
+        left = self.at(offset) - self.seen
+        noise = np.maximum(robust_sigma(left, axis=0), _LEAST_NOISE)
         slope = (self.at(offset + _STEP) - self.at(offset - _STEP)) / (2 * _STEP)
         information = float(np.nansum((slope / noise) ** 2))
         windows = max(_WINDOW * (len(self.times) - 1) / max(np.ptp(self.times), 1e-9), 1.0)

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import cv2
 from flexx2_sim_ros.truth.poses import Pose
+from flexx2_sim_ros.truth.robust import robust_sigma
 from flexx2_sim_ros.truth.target import Target
 import numpy as np
 
@@ -290,7 +291,7 @@ def _model(view: _View, state: _State, use: np.ndarray) -> tuple[np.ndarray, np.
 
 
 def _scale(residual: np.ndarray) -> float:
-    return max(1.4826 * float(np.median(np.abs(residual))), 1e-4)
+    return max(float(robust_sigma(residual)), 1e-4)
 
 
 def _loss(residual: np.ndarray, limit: float) -> float:

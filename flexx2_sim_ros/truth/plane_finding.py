@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from flexx2_sim_ros.truth.observation import grow, Observation
 from flexx2_sim_ros.truth.plane_file import PlaneHint
+from flexx2_sim_ros.truth.robust import robust_sigma
 import numpy as np
 from scipy import ndimage
 
@@ -151,7 +152,7 @@ class _Search:
         for _ in range(3):
             clean = 1 / np.maximum(rays @ inverse, 1e-3)
             error = depth - clean
-            scale = max(1.4826 * float(np.median(np.abs(error))), 1e-4)
+            scale = max(float(robust_sigma(error)), 1e-4)
             weight = 1 / (1 + (error / (2 * scale)) ** 2)
             design = -rays * clean[:, None] ** 2
             step = np.linalg.lstsq(

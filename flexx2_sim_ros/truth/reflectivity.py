@@ -13,6 +13,7 @@ from typing import Any
 from flexx2_sim_ros.physics.nearest import nearest_pixels
 from flexx2_sim_ros.physics.reflectance import falloff
 from flexx2_sim_ros.truth.clean import Clean
+from flexx2_sim_ros.truth.robust import PER_MEDIAN
 import numpy as np
 from scipy import ndimage
 
@@ -252,8 +253,8 @@ def with_reflectivity(clean: Clean, gray: np.ndarray, rays: np.ndarray, scale: G
     names = np.unique(label[usable])
     place = np.searchsorted(names, np.where(np.isin(label, names), label, names[0]))
     middle = _medians(value, label, usable, names)[place]
-    spread = 1.4826 * _medians(np.abs(value - middle), label, usable, names)[place]
-    noise = 1.4826 / np.sqrt(2) * _medians(*_neighbours(value, label, usable), names)[place]
+    spread = PER_MEDIAN * _medians(np.abs(value - middle), label, usable, names)[place]
+    noise = PER_MEDIAN / np.sqrt(2) * _medians(*_neighbours(value, label, usable), names)[place]
     value = np.where(usable & (spread > _TEXTURE * noise), value, middle)
     # Elsewhere the nearest pixel that has one.
     near = nearest_pixels(np.isin(label, names))
