@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+from bench.wall_campaigns import wall
 from flexx2_sim_ros.camera import Camera
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.effects import registry
@@ -19,19 +20,13 @@ K = np.array([[70.0, 0.0, 31.5], [0.0, 70.0, 23.5], [0.0, 0.0, 1.0]])
 PHASE = {'flying_pixels', 'multipath', 'stray_light', 'motion_artefact', 'wiggling', 'range_wrap'}
 
 
-def wall(distance: float, angle_deg: float) -> np.ndarray:
-    """Return (H, W) metres of a wall turned about the vertical."""
-    u = np.mgrid[: SIZE[0], : SIZE[1]][1]
-    return distance / (1 - np.tan(np.radians(angle_deg)) * (u - K[0, 2]) / K[0, 0])
-
-
 @pytest.fixture(scope='module')
 def profile(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Record boards with a camera of one's own, and fit its profile."""
     folder = tmp_path_factory.mktemp('boards')
     rng = np.random.default_rng(5)
     for i, (distance, angle) in enumerate(((0.6, 5), (0.9, 40), (1.3, 10), (1.8, 45), (2.2, 20))):
-        clean = wall(distance, angle)
+        clean = wall(distance, angle, K, SIZE)
         depth = clean + (0.001 + 0.001 * clean**2) * rng.standard_normal((30, *SIZE))
         np.savez(
             folder / f'board{i}.npz',
@@ -61,7 +56,7 @@ def write_campaign(profile: Path, folder: Path, bias: float) -> Path:
         ((0.7, 10), (0.9, 30), (1.1, 0), (1.4, 40), (1.6, 20), (1.8, 5))
     ):
         scene = folder / f'scene{i}'
-        np.savez(scene, clean_depth=wall(distance, angle), K=K)
+        np.savez(scene, clean_depth=wall(distance, angle, K, SIZE), K=K)
         (folder / 'recordings').mkdir(exist_ok=True)
         assert (
             main(
@@ -120,7 +115,7 @@ def test_a_camera_of_unknown_modulation_is_recorded_and_diagnosed(
 def test_only_effects_on_phases_need_the_modulation(profile: Path) -> None:
     camera = load_profile(profile)
     assert {name for name, kind in registry().items() if kind.needs_modulation} == PHASE
-    clean, stamps = wall(1.0, 30).astype(np.float32), np.arange(3) * 66_000_000
+    clean, stamps = wall(1.0, 30, K, SIZE), np.arange(3) * 66_000_000
     plain = Camera('stereo', profile=camera).capture(clean, K, stamps).depth
     for name in registry():
 

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.exposure import noise_by_exposure
+from bench.wall_campaigns import wall
 from flexx2_sim_ros.batch import BatchCamera
 from flexx2_sim_ros.camera import Camera, flexx2
 from flexx2_sim_ros.cli.main import main
@@ -31,19 +32,13 @@ BOARDS = ((0.6, 5), (0.9, 40), (1.3, 10), (1.8, 45), (2.2, 20), (2.6, 0))
 FACTOR = 1.5
 
 
-def wall(distance: float, angle_deg: float) -> np.ndarray:
-    """Return (H, W) metres of a wall turned about the vertical."""
-    u = np.mgrid[: SIZE[0], : SIZE[1]][1]
-    return distance / (1 - np.tan(np.radians(angle_deg)) * (u - K[0, 2]) / K[0, 0])
-
-
 def record(folder: Path, name: str, frames: int, *more: str) -> Path:
     """Simulate walls with a shipped profile, by the command line."""
     recordings = folder / 'recordings'
     recordings.mkdir()
     for i, (distance, angle) in enumerate(BOARDS):
         scene = folder / f'scene{i}.npz'
-        np.savez(scene, clean_depth=wall(distance, angle), K=K)
+        np.savez(scene, clean_depth=wall(distance, angle, K, SIZE), K=K)
         out = str(recordings / f'wall{i}.npz')
         call = ['simulate', str(scene), out, '--profile', name, '--frames', str(frames), *more]
         assert main(call) == 0
@@ -95,7 +90,7 @@ def test_a_profile_says_where_its_noise_comes_from(
     assert main(['modes', '--profile', name]) == 0
     said = capsys.readouterr().out
     assert ('itself' if mode.measured else f'{source.replace("_", " ")}*') in said
-    np.savez(tmp_path / 'scene.npz', clean_depth=wall(1.0, 0), K=K)
+    np.savez(tmp_path / 'scene.npz', clean_depth=wall(1.0, 0, K, SIZE), K=K)
     out = str(tmp_path / 'out.npz')
     assert main(['simulate', str(tmp_path / 'scene.npz'), out, '--profile', name]) == 0
     assert ('was not measured' in capsys.readouterr().err) != mode.measured
@@ -110,7 +105,7 @@ def test_stereo_noise_is_the_disparity_noise() -> None:
 
 def test_effects_on_phases_do_not_apply_to_a_stereo_camera() -> None:
     camera = find_profile('realsense_d435')
-    clean, stamps = wall(1.0, 30).astype(np.float32), np.arange(3) * 33_000_000
+    clean, stamps = wall(1.0, 30, K, SIZE), np.arange(3) * 33_000_000
     for name, kind in registry().items():
 
         def shot(name: str = name) -> Any:
@@ -170,7 +165,7 @@ def test_an_offset_is_not_taken_for_a_pose_error(name: str, tmp_path: Path) -> N
     """
     camera, stamps = find_profile(name), np.arange(10) / 30
     for i, (distance, angle) in enumerate(BOARDS):
-        clean = wall(distance, angle).astype(np.float32)
+        clean = wall(distance, angle, K, SIZE)
         biased = Camera(
             camera.default_usecase, profile=camera, seed=i, effects={'offset': {'bias': 0.006}}
         )

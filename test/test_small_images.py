@@ -5,6 +5,7 @@ from pathlib import Path
 import re
 from typing import Any
 
+from bench.wall_campaigns import wall
 from flexx2_sim_ros.camera import Intrinsics
 from flexx2_sim_ros.characterize.measure import measure
 from flexx2_sim_ros.cli.main import main
@@ -23,16 +24,11 @@ import pytest
 from real_frames import DATA
 
 K = np.array([[9.6, 0.0, 3.5], [0.0, 9.6, 3.5], [0.0, 0.0, 1.0]])
+SIZE = 8, 8
 FRAMES = 20
 _PAGE = Path(__file__).parent.parent / 'docs' / 'real_cameras.md'
 # The sensor's profile: the first YAML on the page.
 VL53L5CX = _PAGE.read_text(encoding='utf-8').split('```yaml\n')[1].split('```')[0]
-
-
-def wall(distance: float, angle_deg: float, K: np.ndarray = K, side: int = 8) -> np.ndarray:
-    """Return (side, side) metres of a wall turned about the vertical."""
-    u = np.mgrid[:side, :side][1]
-    return distance / (1 - np.tan(np.radians(angle_deg)) * (u - K[0, 2]) / K[0, 0])
 
 
 def record(folder: Path, walls: list[tuple[float, float]], frames: int, bias: float) -> None:
@@ -40,7 +36,7 @@ def record(folder: Path, walls: list[tuple[float, float]], frames: int, bias: fl
     rng = np.random.default_rng(3)
     folder.mkdir()
     for i, (distance, angle) in enumerate(walls):
-        clean = wall(distance, angle)
+        clean = wall(distance, angle, K, SIZE)
         noise = (0.002 + 0.002 * clean**2) * rng.standard_normal((frames, 8, 8))
         sdk = folder.parent / 'sdk.npz'
         np.savez(
@@ -96,7 +92,7 @@ def test_single_frames_of_64_pixels(tmp_path: Path, capsys: pytest.CaptureFixtur
 def test_masked_pixels_are_left_out_of_a_measurement(tmp_path: Path) -> None:
     matrix, side = np.array([[60.0, 0, 29.5], [0, 60.0, 29.5], [0, 0, 1]]), 60
     rng = np.random.default_rng(0)
-    depth = wall(1.0, 10, matrix, side) + 0.003 * rng.standard_normal((12, side, side))
+    depth = wall(1.0, 10, matrix, (side, side)) + 0.003 * rng.standard_normal((12, side, side))
     known = np.ones((side, side), bool)
     known[:, 40:] = False
     depth[:, :, 40:] += 0.004 * (rng.random((side, 20)) > 0.5)
@@ -215,8 +211,12 @@ def test_masked_pixels_get_no_ground_truth(tmp_path: Path) -> None:
     known = np.ones((8, 8), bool)
     known[:, :3] = False
     lens = np.array([0.5, 0.3, 0.0, 0.0, 0.02, 0.6, 0.4, 0.08])
-    arrays = {'depth': np.stack([wall(1.0, 5)] * 3).astype(np.float32), 'K': K, 'distortion': lens}
-    for name, extra in (('masked', {}), ('with truth', {'clean_depth': wall(1.0, 5)})):
+    arrays = {
+        'depth': np.stack([wall(1.0, 5, K, SIZE)] * 3).astype(np.float32),
+        'K': K,
+        'distortion': lens,
+    }
+    for name, extra in (('masked', {}), ('with truth', {'clean_depth': wall(1.0, 5, K, SIZE)})):
         path = tmp_path / f'{name}.npz'
         np.savez(path, **arrays, known=known, **extra)
         rays = observe(open_recording(path), None).still.rays
