@@ -102,11 +102,12 @@ def _rows(arguments: argparse.Namespace, seed: int, name: str) -> list[dict[str,
             return [row]
         effects = load_effects(folder / 'calibrated' / 'effects.yaml')
         named = [{'name': one.name, 'parameters': one.settings} for one in effects]
+        gap = better['gap']
         other = {
             'kind': 'calibrated',
             'named': [one['name'] for one in named],
-            'interval': better['gap']['interval'],
-            'predicted': better['gap']['shrink'],
+            'interval': gap['interval'] or (gap['shrink'],) * 2,
+            'predicted': gap['shrink'],
             'measured_by': 'distance',
             'worse': sorted({unit for one in better['effects'] for unit in one['worse']}),
         }

@@ -57,10 +57,11 @@ def realised_gap(
 
     Returns
     -------
-    dict of str to float
-        ``shrink``, the fraction of the distance that goes away, or None; ``before``, ``after`` and
-        ``null`` of it; ``before_mm``, ``after_mm`` and ``null_mm``, the Wasserstein-1 distance of
-        depth errors. All are computed here, without code of the diagnosis.
+    dict of str to float or None
+        ``shrink``, the fraction of the distance that goes away, or None if there is no gap;
+        ``before``, ``after`` and ``null`` of it; ``before_mm``, ``after_mm`` and ``null_mm``, the
+        Wasserstein-1 distance of depth errors. All but a ``shrink`` from ``measure`` are computed
+        here, without code of the diagnosis.
 
     """
     effects = {effect['name']: effect['parameters'] for effect in diagnosis['effects']}

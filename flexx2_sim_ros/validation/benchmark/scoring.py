@@ -53,7 +53,7 @@ class Answer:
     parameter_error : float
         Relative error of the first effect if it is right and comparable; NaN otherwise.
     predicted, low, high, realised : float
-        Reduction of the gap; NaN where it was not measured.
+        Reduction of the gap; NaN where it was not measured, or where there is no gap.
     baselines : dict of str to str
 
     """
