@@ -7,7 +7,7 @@ import time
 from typing import Any
 
 from flexx2_sim_ros import __version__
-from flexx2_sim_ros.atomic import check_outputs, output_folder, write_text
+from flexx2_sim_ros.atomic import check_outputs, output_folder, whole_files
 from flexx2_sim_ros.camera import flexx2, Profile
 from flexx2_sim_ros.effects.tables import plain
 from flexx2_sim_ros.errors import InputError, shown
@@ -114,11 +114,12 @@ def walk(
         'version': __version__,
     }
     if out is not None:
-        folder = output_folder(out)
-        write_text(folder / FILES[0], json.dumps(table, indent=2, allow_nan=False) + '\n')
-        draw_walks(
-            folder / FILES[1], table['rows'], f'{walks} walks for each point, 95 % intervals'
-        )
+        with whole_files(output_folder(out)) as part:
+            text = json.dumps(table, indent=2, allow_nan=False)
+            (part / FILES[0]).write_text(text + '\n', encoding='utf-8')
+            draw_walks(
+                part / FILES[1], table['rows'], f'{walks} walks for each point, 95 % intervals'
+            )
     progress('done', 1.0)
     return table
 
