@@ -82,10 +82,11 @@ def campaign(line: Mapping[str, Any]) -> Campaign:
     if planned['pose_mm'] > _POSE_IS_AN_EFFECT:
         true.add('pose_error')
     reduction = None
-    if line['realised'] is not None:
+    realised = line['realised']
+    if realised is not None and realised['shrink'] is not None:
         gap = table['gap']
         low, high = gap[gap['measured_by']]['shrink_interval'] or [gap['shrink']] * 2
-        reduction = gap['shrink'], low, high, line['realised']['shrink']
+        reduction = gap['shrink'], low, high, realised['shrink']
     return Campaign(
         planned,
         line['more'],
