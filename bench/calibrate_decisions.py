@@ -187,7 +187,12 @@ def _yaml(
         'code': sorted({line['code'] for line in lines}),
         'campaigns': len(lines),
         'seeds': [plan(0)[0].seed, plan(len(lines) - 1)[0].seed],
-        'gap': {**logistic('gap'), 'threshold_of_poses': rule.least_gap_of_poses},
+        'gap': {
+            **logistic('gap'),
+            'threshold_of_poses': rule.least_gap_of_poses,
+            'agreement': rule.least_agreement,
+            'excess': rule.least_excess,
+        },
         'effect': logistic('effect'),
         'alternative': {'threshold': rule.least_alternative},
         'reduction': [

@@ -7,6 +7,7 @@ from typing import Any
 
 from flexx2_sim_ros.gap.calibration.decisions import Decisions, Logistic, Margin
 from flexx2_sim_ros.gap.inference.probability import (
+    agreement,
     effect_evidence,
     EXPLAINED,
     gap_evidence,
@@ -107,9 +108,10 @@ def calibrate(campaigns: Sequence[Campaign]) -> Decisions:
 
     Probabilities are logistic models. Their thresholds are set on predictions of
     cross-validation: the smallest with which at most `FALSE_ALARMS` of the campaigns without an
-    effect have a gap, and at most `WRONG` of all others are named wrongly. Alternatives and
-    intervals are split-conformal (Angelopoulos and Bates, A gentle introduction to conformal
-    prediction, 2021): the quantile holds in `COVERED` or `HELD` of further ones.
+    effect have a gap by probability, none of these by agreement or excess loss, and at most
+    `WRONG` of all others are named wrongly. Alternatives and intervals are split-conformal
+    (Angelopoulos and Bates, A gentle introduction to conformal prediction, 2021): the quantile
+    holds in `COVERED` or `HELD` of further ones.
     """
     rows = [gap_evidence(one.support) for one in campaigns]
     gap, gap_odds = _logistic(rows, [one.present for one in campaigns], range(len(rows)))
@@ -126,10 +128,13 @@ def calibrate(campaigns: Sequence[Campaign]) -> Decisions:
     of_campaign: list[dict[str, float]] = [{} for _ in campaigns]
     for (k, name, _), p in zip(pairs, found, strict=True):
         of_campaign[k][name] = p
+    none = [one.support for one in campaigns if not one.present]
     rule = Decisions(
         gap,
         effect,
         *_least_gaps(campaigns, gap_odds),
+        least_agreement=float(np.nextafter(max(map(agreement, none)), np.inf)),
+        least_excess=float(np.nextafter(max(one.excess for one in none), np.inf)),
         least_effect=0.0,
         least_alternative=0.0,
         margins=(),

@@ -50,6 +50,9 @@ ELSEWHERE = {
     'ros2 launch flexx2_sim_ros go1.launch.py rviz:=true': 'test_drop_in.py',
     'ros2 launch flexx2_sim_ros flexx2_driver.launch.py': 'test_drop_in.py',
     'flexx2 view --demo': 'test_view.py',
+    'flexx2 view out.npz': 'test_view_recording.py',
+    'flexx2 view recordings': 'test_view_recording.py',
+    'flexx2 view diagnosis recordings': 'test_view_recording.py',
     'mkdir recordings': 'test_gap_diagnosis.py',
     'flexx2 simulate scene.npz recordings/one.npz --frames 20 --effects temporal_filter': (
         'test_gap_diagnosis.py'

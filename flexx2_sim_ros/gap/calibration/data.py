@@ -21,6 +21,15 @@ class Reading:
     reflectivities: tuple[float, float] = constant(
         (1e-3, 100.0), '', 'median reflectivity that an amplitude image may mean'
     )
+    longest_delay: float = constant(
+        1.0,
+        's',
+        'frames that arrive later have another clock; largest `TimeOffset.delay`',
+        DEFINITION,
+    )
+    arrivals: tuple[float, float, float] = constant(
+        (0.05, 0.5, 0.95), '', 'quantiles of the delay that are told', DEFINITION
+    )
 
 
 @dataclass(frozen=True)

@@ -2,11 +2,9 @@
 
 from dataclasses import dataclass
 
+from flexx2_sim_ros.gap.calibration.data import READING
 from flexx2_sim_ros.recording.reader import RecordingReader
 import numpy as np
-
-LONGEST = 1.0  # seconds, the largest `TimeOffset.delay`
-_QUANTILES = 0.05, 0.5, 0.95
 
 
 @dataclass(frozen=True)
@@ -48,8 +46,8 @@ def find_arrival(reader: RecordingReader, notes: list[str]) -> Arrival | None:
     if received is None:
         return None
     late = (received - reader.stamp_ns) / 1e9
-    low, median, high = (float(value) for value in np.quantile(late, _QUANTILES))
-    if 0 <= median <= LONGEST:
+    low, median, high = (float(value) for value in np.quantile(late, READING.arrivals))
+    if 0 <= median <= READING.longest_delay:
         return Arrival(median, low, high)
     notes.append(
         'received: not used: its clock is not that of stamp, the median difference is '

@@ -72,9 +72,22 @@ def has_gap(support: Support, probability: float, rule: Decisions) -> bool:
     Return whether a gap of this probability is one.
 
     Where a pose error is among the chosen effects, the probability must be higher: recordings have
-    wrong poses of their own, and a few of them may agree by chance.
+    wrong poses of their own, and a few of them may agree by chance. A large excess loss is a gap
+    even if no effect explains it.
     """
-    return probability >= (rule.least_gap_of_poses if is_posed(support) else rule.least_gap)
+    least = rule.least_gap_of_poses if is_posed(support) else rule.least_gap
+    clear = support.excess >= rule.least_excess or agreement(support) >= rule.least_agreement
+    return clear or probability >= least
+
+
+def agreement(support: Support) -> float:
+    """
+    Return how much the recordings agree that the chosen effects improve the simulation.
+
+    It finds a gap that leaves no excess loss, because the recordings' own poses can take it over,
+    such as at bare walls.
+    """
+    return float(np.arcsinh(max(support.gain, 0.0)) * max(_limited(support.t), 0.0))
 
 
 def is_posed(support: Support) -> bool:

@@ -7,7 +7,8 @@ from typing import Any
 from flexx2_sim_ros.effects import Effect
 from flexx2_sim_ros.effects.time_offset import time_offset_of, TimeOffset
 from flexx2_sim_ros.errors import InputError, shown
-from flexx2_sim_ros.gap.data.arrival import Arrival, LONGEST
+from flexx2_sim_ros.gap.calibration.data import READING
+from flexx2_sim_ros.gap.data.arrival import Arrival
 from flexx2_sim_ros.gap.data.campaign import Found
 import numpy as np
 
@@ -37,7 +38,11 @@ def age_table(effects: Sequence[Effect], used: Sequence[Found]) -> dict[str, Any
     delay = None
     if rows:
         delay = dict(
-            zip(_KEYS, np.clip(np.median(rows, axis=0), 0, LONGEST).tolist(), strict=True)
+            zip(
+                _KEYS,
+                np.clip(np.median(rows, axis=0), 0, READING.longest_delay).tolist(),
+                strict=True,
+            )
         )
     return {'latency': time_offset_of(effects).latency_ns / 1e9, 'delay': delay}
 
@@ -57,8 +62,9 @@ def arrival_of(age: Any) -> Arrival | None:
         found = None if delay is None else Arrival(*(float(delay[key]) for key in _KEYS))
     except (LookupError, TypeError, ValueError) as error:
         raise InputError(f'age: must have delay: {", ".join(_KEYS)}, got {shown(age)}') from error
-    if found is not None and not 0 <= found.low <= found.median <= found.high <= LONGEST:
-        raise InputError(f'age.delay: must rise from 0 to {LONGEST:g} s, got {shown(delay)}')
+    most = READING.longest_delay
+    if found is not None and not 0 <= found.low <= found.median <= found.high <= most:
+        raise InputError(f'age.delay: must rise from 0 to {most:g} s, got {shown(delay)}')
     return found
 
 
@@ -67,7 +73,9 @@ def with_delay(effects: Sequence[Effect], arrival: Arrival | None) -> list[Effec
     if arrival is None:
         return list(effects)
     found = time_offset_of(effects)
-    late = replace(found, delay=min(arrival.median / found.strength, LONGEST))
+    if not found.strength:
+        return list(effects)
+    late = replace(found, delay=min(arrival.median / found.strength, READING.longest_delay))
     out = [late if isinstance(effect, TimeOffset) else effect for effect in effects]
     return out if late in out else [*out, late]
 
