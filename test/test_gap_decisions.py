@@ -47,7 +47,7 @@ def test_a_gain_in_all_recordings_is_a_gap_where_no_loss_is_in_excess() -> None:
         assert judge(other, calibrated()).verdict == 'none'
 
 
-def test_a_pose_error_needs_more_evidence() -> None:
+def test_a_pose_error_has_a_threshold_of_its_own() -> None:
     rule = replace(calibrated(), least_gap=0.5, least_gap_of_poses=0.99)
     some = support(4.0, 1.5, 0.5, 1.5)
     posed = replace(some, chosen=(EffectSupport('pose_error', 1.5, 1.5),))

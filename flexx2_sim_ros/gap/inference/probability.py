@@ -71,9 +71,9 @@ def has_gap(support: Support, probability: float, rule: Decisions) -> bool:
     """
     Return whether a gap of this probability is one.
 
-    Where a pose error is among the chosen effects, the probability must be higher: recordings have
-    wrong poses of their own, and a few of them may agree by chance. A large excess loss is a gap
-    even if no effect explains it.
+    Campaigns with a pose error among the chosen effects have a threshold of their own: recordings
+    have wrong poses, and a few of these may agree by chance. A large excess loss is a gap even if
+    no effect explains it.
     """
     least = rule.least_gap_of_poses if is_posed(support) else rule.least_gap
     clear = support.excess >= rule.least_excess or agreement(support) >= rule.least_agreement
