@@ -21,21 +21,18 @@ import time
 from typing import Any
 
 from bench.decision_campaigns import DESIGN, INSIDE, MOST, plan, run, STRENGTHS
-from bench.decision_fit import (
-    before,
-    calibrate,
-    calibration_error,
-    Campaign,
-    campaign,
-    counted,
-    COVERED,
-    least_calibration_error,
-)
+from bench.decision_fit import before, calibrate, Campaign, campaign, counted, COVERED
 from bench.journal import Journal
 from flexx2_sim_ros import __version__
 from flexx2_sim_ros.atomic import whole, write_text
 from flexx2_sim_ros.gap.calibration.decisions import Decisions, FILE
 from flexx2_sim_ros.paths import config_dir
+from flexx2_sim_ros.validation.benchmark.reliability import (
+    BINS,
+    bins,
+    calibration_error,
+    least_calibration_error,
+)
 from flexx2_sim_ros.validation.benchmark.scoring import wilson
 import matplotlib as mpl
 from matplotlib.figure import Figure
@@ -44,7 +41,6 @@ from rich.progress import track
 import yaml
 
 _PICTURE = config_dir().parent / 'docs' / 'decisions.png'
-_BINS = 10
 _MOST_ERRORS = 0.03
 _FOLDS = 5
 _AT_ONCE = 8  # campaigns of a process before the time is looked at
@@ -108,8 +104,8 @@ def report(lines: Sequence[Mapping[str, Any]], write: bool) -> None:
     seconds = sum(line['seconds'] for line in lines)
     print(f'{len(lines)} campaigns, {seconds / 60:.0f} min of a core\n')
     _print_rates(checked, before(campaigns))
-    error = calibration_error(checked['confidence'], _BINS)
-    chance = least_calibration_error(checked['confidence'], _BINS)
+    error = calibration_error(checked['confidence'])
+    chance = least_calibration_error(checked['confidence'])
     print(
         f'\nexpected calibration error of {len(checked["confidence"])} confidences: {error:.3f}; '
         f'of true probabilities, by chance: {chance:.3f}'
@@ -156,7 +152,7 @@ def _print_curves(rules: Sequence[Decisions], folds: Sequence[Sequence[Campaign]
                 f'{sum(both[key])} of {len(both[key])}'
                 for key in ('false_alarms', 'wrong', 'named')
             ]
-            error = calibration_error(both['confidence'], _BINS)
+            error = calibration_error(both['confidence'])
             print(f'| {name} | {low:g} to {high:g} {unit} | {" | ".join(cells)} | {error:.2f} |')
 
 
@@ -210,21 +206,18 @@ def _yaml(
 
 def _draw(pairs: Sequence[tuple[float, bool]]) -> None:
     # The reliability diagram: how often effects with a confidence are present.
-    said, true = np.array(pairs, float).T
-    place = np.minimum((said * _BINS).astype(int), _BINS - 1)
     with mpl.rc_context({'font.size': 9}):
         figure = Figure(figsize=(4.6, 4.6), layout='constrained')
         top, low = figure.subplots(2, 1, sharex=True, height_ratios=[3, 1])
         top.plot([0, 1], [0, 1], color='0.6', lw=1)
-        for k in np.unique(place):
-            here = place == k
-            x, y = said[here].mean(), true[here].mean()
-            ends = wilson(int(true[here].sum()), int(here.sum()))
+        for _, _, some in bins(pairs):
+            x, y = np.mean(some, axis=0)
+            ends = wilson(sum(true for _, true in some), len(some))
             top.plot([x, x], ends, color='C0', lw=1.5)
             top.plot(x, y, 'o', color='C0')
         top.set(ylabel='fraction that is present', ylim=(0, 1.02), xlim=(0, 1))
         top.set_title('Named effects of campaigns left out of the fit')
-        low.hist(said, bins=np.linspace(0, 1, _BINS + 1), color='C0')
+        low.hist([said for said, _ in pairs], bins=BINS, range=(0, 1), color='C0')
         low.set(xlabel='confidence', ylabel='effects')
         with whole(_PICTURE) as part:
             figure.savefig(part, dpi=130, format='png')

@@ -324,24 +324,3 @@ def before(campaigns: Sequence[Campaign]) -> dict[str, Any]:
             _, low, high, real = one.reduction
             out['held'].append(low <= real <= high)
     return out
-
-
-def calibration_error(pairs: Sequence[tuple[float, bool]], bins: int = 10) -> float:
-    """Return the expected calibration error: bins of equal width, weighted by their number."""
-    if not pairs:
-        return math.nan
-    said, true = np.array(pairs, float).T
-    place = np.minimum((said * bins).astype(int), bins - 1)
-    gaps = [abs((said - true)[place == k].sum()) for k in range(bins)]
-    return float(sum(gaps) / len(said))
-
-
-def least_calibration_error(pairs: Sequence[tuple[float, bool]], bins: int = 10) -> float:
-    """Return the mean `calibration_error` of true probabilities, which chance alone causes."""
-    said = np.array([p for p, _ in pairs])
-    rng = np.random.default_rng(0)
-    draws = [
-        calibration_error(list(zip(said, rng.random(len(said)) < said, strict=True)), bins)
-        for _ in range(200)
-    ]
-    return float(np.mean(draws))

@@ -2,8 +2,8 @@
 Whether the first row of `where` names the covariate that the physics of an effect depends on.
 
 Each campaign has one effect of the catalogue. Prints the first row, and whether its covariate is
-among those of `PHYSICS`. With `--without`, the catalogue of the diagnosis lacks the effect, so
-that the covariate has to follow from the recordings.
+among those of the benchmark's table. With `--without`, the catalogue of the diagnosis lacks the
+effect, so that the covariate has to follow from the recordings.
 
 python -m bench.gap_where --seeds 22
 """
@@ -15,35 +15,13 @@ import tempfile
 from bench.gap_campaigns import write_campaign
 from flexx2_sim_ros.gap import diagnose
 from flexx2_sim_ros.gap.report.places import place
-
-# Covariates on which the size of each effect depends, by its formula.
-PHYSICS = {
-    'ambient_light': ('amplitude', 'distance'),  # light that competes with the signal
-    'amplitude_bias': ('amplitude',),
-    'excess_noise': ('all',),
-    'flying_pixels': ('edge',),
-    'grazing_dropout': ('incidence',),
-    'heavy_tails': ('all',),
-    'intrinsics_error': ('image region', 'radius'),
-    'lateral_noise': ('edge',),
-    'low_signal_dropout': ('amplitude',),
-    'motion_artefact': ('speed', 'edge'),
-    'multipath': ('concavity', 'amplitude'),  # indirect light, relative to the direct light
-    'offset': ('all',),
-    'range_wrap': ('distance', 'amplitude'),  # beyond the range, or where noise is large
-    'spatial_filter': ('all', 'edge'),
-    'stray_light': ('amplitude',),
-    'temporal_filter': ('all', 'speed'),
-    'time_offset': ('speed', 'edge'),
-    'warm_up_drift': ('uptime',),
-    'wiggling': ('distance',),
-}
+from flexx2_sim_ros.validation.benchmark.physics import DEPENDS_ON, is_physical
 
 
 def main() -> None:
     """Print one line for each campaign, and the total."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument('--effects', default=','.join(PHYSICS))
+    parser.add_argument('--effects', default=','.join(DEPENDS_ON))
     parser.add_argument('--seeds', default='22')
     parser.add_argument('--without', action='store_true', help='take the true effect out')
     parser.add_argument('--jobs', type=int, default=1)
@@ -67,8 +45,7 @@ def main() -> None:
                 print(f'{seed:4d} {name:20s} {table["verdict"]}', flush=True)
                 continue
             first = table['where'][0]
-            covariate = first['covariate'].removeprefix('fine_')
-            good = any(covariate.startswith(one) for one in PHYSICS[name])
+            good = is_physical(first['covariate'], [name])
             right += good
             total += 1
             print(

@@ -208,7 +208,9 @@ def test_the_diagnosis_sees_recordings_and_nothing_else(
         assert tmp_path not in folder.parents
     for path in (tmp_path / 'results').iterdir():
         result = json.loads(path.read_text())
-        assert set(result) == {'error', 'diagnosis', 'baselines', 'realised', 'seconds'}
+        assert set(result) == {
+            'error', 'diagnosis', 'baselines', 'realised', 'seconds', 'cpu_seconds',
+        }  # fmt: skip
         # What it broke off with is kept, and does not end the run.
         assert (result['diagnosis'] is None) == (result['error'] is not None)
 

@@ -3,8 +3,17 @@
 import math
 from typing import Any
 
+from flexx2_sim_ros.validation.benchmark.goals import reach
 from flexx2_sim_ros.validation.benchmark.partition import COVARIATES
-from flexx2_sim_ros.validation.benchmark.scoring import answer_of, macro_f1, overlap, wilson
+from flexx2_sim_ros.validation.benchmark.physics import DEPENDS_ON
+from flexx2_sim_ros.validation.benchmark.scoring import (
+    answer_of,
+    macro_f1,
+    overlap,
+    Scores,
+    wilson,
+)
+from flexx2_sim_ros.validation.blind import CATALOGUE
 from made_answers import said, small
 import numpy as np
 import pytest
@@ -108,6 +117,66 @@ def test_the_score_of_where_is_the_intersection_over_union_in_pixels(
     ]
     assert overlap(entries, PIXELS) == pytest.approx(wanted)
     assert math.isnan(overlap(entries, {**PIXELS, 'affected': np.zeros(8, bool)}))
+
+
+@pytest.mark.parametrize(
+    ('effects', 'places', 'right'),
+    [
+        (['saturation'], ['amplitude', 'recording'], True),
+        (['saturation'], ['recording', 'amplitude'], False),
+        (['wiggling'], ['fine_distance'], True),
+        (['intrinsics_error'], ['image region row 1 of 3, column 2 of 4'], True),
+        (['offset', 'warm_up_drift'], ['uptime'], True),
+        (['offset'], [], False),
+    ],
+)
+def test_the_first_row_of_where_has_to_name_what_an_effect_depends_on(
+    effects: list[str], places: list[str], right: bool
+) -> None:
+    where = [{'covariate': name, 'low': None, 'high': None, 'unit': ''} for name in places]
+    found = answer('single', dict.fromkeys(effects, 1.0), said('unknown', where=where))
+    assert found.right_place == right
+
+
+def test_the_scorer_knows_what_every_effect_depends_on() -> None:
+    assert set(DEPENDS_ON) == set(CATALOGUE)
+
+
+def rows_of(*answers: Any) -> dict[str, tuple[str, ...]]:
+    """Return the table of goals by its first column."""
+    return {row[0]: row[1:] for row in reach(Scores(answers, {})).rows}
+
+
+def test_goals_on_the_realised_reduction_and_its_prediction() -> None:
+    def realised(shrink: float, before: float = 5.0) -> Any:
+        found = {'shrink': shrink, 'before': before, 'null': 1.0}
+        return answer('single', {'offset': 1.0}, said('identified', ('offset',)), realised=found)
+
+    # 0.6 [0.4, 0.8] is predicted. The last gap is too small for the independent measure.
+    rows = rows_of(realised(0.9), realised(0.7), realised(-0.1), realised(0.6, before=1.5))
+    median = 'realised reduction of the gap, strength 1, independent measure: median'
+    assert rows[median] == ('>= 0.85', '0.70 (3)', 'NO')
+    assert rows['... the smallest'] == ('>= 0', '-0.10 (3)', 'NO')
+    error = 'predicted less realised reduction: mean absolute value'
+    assert rows[error] == ('<= 0.06', '0.28 (4)', 'NO')
+    coverage = rows['predicted reduction: empirical coverage of 90 % intervals']
+    assert coverage[1].startswith('50 %')
+
+
+def test_goals_without_cases_are_left_open() -> None:
+    rows = rows_of(answer('none', {}, said('none')))
+    assert rows['two effects: both named'] == ('>= 85 %', '-', '-')
+    assert rows['no effect, poses wrong by 2 mm: false alarms'][2] == 'yes'
+    assert rows['expected calibration error of `confidence`, all cases'][2] == '-'
+
+
+def test_confidences_of_absent_effects_are_a_calibration_error() -> None:
+    # Made diagnoses have a confidence of 0.9 in each effect that they name.
+    right = answer('single', {'offset': 1.0}, said('identified', ('offset',)))
+    wrong = answer('single', {'offset': 1.0}, said('identified', ('wiggling',)))
+    row = 'expected calibration error of `confidence`, all cases'
+    assert rows_of(*9 * [right], wrong)[row] == ('<= 0.05', '0.000 (10)', 'yes')
+    assert rows_of(right, wrong)[row] == ('<= 0.05', '0.400 (2)', 'NO')
 
 
 def test_wilson_and_macro_f1() -> None:

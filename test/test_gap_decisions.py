@@ -5,13 +5,14 @@ from pathlib import Path
 from typing import Any
 
 from bench.decision_campaigns import plan
-from bench.decision_fit import calibrate, calibration_error, Campaign, counted
+from bench.decision_fit import calibrate, Campaign, counted
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap.calibration.decisions import calibrated, FILE, Margin, read_decisions
 from flexx2_sim_ros.gap.inference.probability import judge
 from flexx2_sim_ros.gap.inference.support import EffectSupport, Support, support_from
 from flexx2_sim_ros.paths import config_dir
 from flexx2_sim_ros.validation.benchmark import DEVELOPMENT
+from flexx2_sim_ros.validation.benchmark.reliability import calibration_error
 import numpy as np
 import pytest
 import yaml

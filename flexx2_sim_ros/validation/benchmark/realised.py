@@ -1,6 +1,6 @@
 """How much of the gap a diagnosis really closes, in scenes nobody has seen."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -74,14 +74,20 @@ def realised_gap(
     with scratch_folder() as folder:
         camera.record(folder)
         null, before, after = distances(folder, effects, profile)
-        if before[0] - null[0] >= _LEAST:
+        out: dict[str, float | None] = {}
+        for name, (apart, millimetres) in (('before', before), ('after', after), ('null', null)):
+            out |= {name: float(apart), f'{name}_mm': float(millimetres)}
+        if is_independent(out):
             shrink = (before[0] - after[0]) / (before[0] - null[0])
         else:
             shrink = measure(folder, effects, seed=0)['shrink']
-    out: dict[str, float | None] = {'shrink': None if shrink is None else float(shrink)}
-    for name, (apart, millimetres) in (('before', before), ('after', after), ('null', null)):
-        out |= {name: float(apart), f'{name}_mm': float(millimetres)}
-    return out
+    return {'shrink': None if shrink is None else float(shrink), **out}
+
+
+def is_independent(realised: Mapping[str, float | None]) -> bool:
+    """Return whether `realised_gap` measured a reduction without code of the diagnosis."""
+    before, null = realised.get('before'), realised.get('null')
+    return before is not None and null is not None and before - null >= _LEAST
 
 
 def distances(folder: Path, effects: dict[str, Any], profile: Profile) -> np.ndarray:

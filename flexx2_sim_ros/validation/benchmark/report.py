@@ -5,6 +5,12 @@ from pathlib import Path
 
 from flexx2_sim_ros.atomic import whole, write_text
 from flexx2_sim_ros.validation.benchmark.design import STRENGTHS
+from flexx2_sim_ros.validation.benchmark.details import (
+    first_places,
+    reduction_summary,
+    reductions,
+    reliability,
+)
 from flexx2_sim_ros.validation.benchmark.goals import reach
 from flexx2_sim_ros.validation.benchmark.scoring import (
     Answer,
@@ -15,7 +21,7 @@ from flexx2_sim_ros.validation.benchmark.scoring import (
     share,
     UNKNOWN,
 )
-from flexx2_sim_ros.validation.benchmark.sheets import mean, percent, Sheet
+from flexx2_sim_ros.validation.benchmark.sheets import mean, most_common, percent, Sheet
 from flexx2_sim_ros.validation.blind import CATALOGUE, NOVEL
 import numpy as np
 from rich import box
@@ -25,11 +31,21 @@ from rich.table import Table
 
 def sheets(scores: Scores) -> list[Sheet]:
     """Return all tables of a run."""
-    return [reach(scores), _groups(scores), _effects(scores), _baselines(scores)]
+    return [
+        reach(scores),
+        _groups(scores),
+        _effects(scores),
+        reduction_summary(scores),
+        reductions(scores),
+        first_places(scores),
+        reliability(scores),
+        _baselines(scores),
+    ]
 
 
 def print_report(scores: Scores, console: Console) -> None:
     """Print the tables."""
+    console.print(_cases(scores))
     for sheet in sheets(scores):
         table = Table(title=sheet.title, box=box.SIMPLE_HEAD, title_justify='left')
         for place, name in enumerate(sheet.columns):
@@ -206,9 +222,8 @@ def _effects(scores: Scores) -> Sheet:
             cells.append(f'{hits}/{count}' if count else '-')
         hits, count = share([a for a in mine if a.planned.group == 'left_out'], lambda a: a.right)
         others = [a.first for a in mine if a.planned.group != 'left_out' and not a.right]
-        common = max(set(others), key=others.count) if others else ''
         if mine:
-            rows.append((name, *cells, f'{hits}/{count}' if count else '-', common))
+            rows.append((name, *cells, f'{hits}/{count}' if count else '-', most_common(others)))
     return Sheet(
         'By effect: correct answers (novel effects: unknown or partly)',
         (

@@ -161,7 +161,7 @@ def run_case(out: Path, name: str, label: dict[str, Any], diagnoser: str, measur
         folder = scratch / f'campaign-{name}'
         folder.mkdir()
         _make(out, name, planned, folder, cache)
-        start = time.perf_counter()
+        start, cpu = time.perf_counter(), time.process_time()
         try:
             result['diagnosis'] = _function(diagnoser)(
                 folder, without=planned.without, seed=seed, jobs=1
@@ -169,6 +169,7 @@ def run_case(out: Path, name: str, label: dict[str, Any], diagnoser: str, measur
         except Exception:  # noqa: B902 - any error is the answer of the diagnosis
             result['error'] = traceback.format_exc(limit=20)
         result['seconds'] = time.perf_counter() - start
+        result['cpu_seconds'] = time.process_time() - cpu
         if planned.baselines:
             result['baselines'] = all_baselines(folder, seed)
     if planned.realise and result['diagnosis'] and result['diagnosis'].get('effects'):
@@ -202,7 +203,7 @@ def _make(out: Path, name: str, planned: Planned, folder: Path, cache: Path) -> 
 
 def _write(path: Path, value: dict[str, Any]) -> None:
     # Written whole or not at all: an existing file is a finished case.
-    write_text(path, json.dumps(value, default=float))
+    write_text(path, json.dumps(value, default=lambda one: one.tolist()))  # NumPy's values
 
 
 def _function(reference: str) -> Callable[..., Any]:

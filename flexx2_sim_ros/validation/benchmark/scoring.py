@@ -12,6 +12,8 @@ from flexx2_sim_ros.effects import registry
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.validation.benchmark.design import Planned
 from flexx2_sim_ros.validation.benchmark.partition import COVARIATES
+from flexx2_sim_ros.validation.benchmark.physics import is_physical
+from flexx2_sim_ros.validation.benchmark.realised import is_independent
 from flexx2_sim_ros.validation.benchmark.sealing import COMMITMENT, open_seal
 from flexx2_sim_ros.validation.blind import CATALOGUE
 import numpy as np
@@ -44,7 +46,12 @@ class Answer:
         As in the diagnosis, or ``error``.
     effects, alternatives : tuple of str
         Names in order of importance.
-    seconds, peak_mb : float
+    confidences : tuple of float
+        Of the effects: the probability that each is present; NaN where the diagnosis gives none.
+    seconds, cpu_seconds, peak_mb : float
+        Of the diagnosis: elapsed time, computing time, memory.
+    place : str
+        Covariate of the first row of ``where``, empty where there is no row.
     overlap : float
         Intersection over union of the affected pixels and the named ones, NaN where no pixel is
         affected.
@@ -54,6 +61,8 @@ class Answer:
         Relative error of the first effect if it is right and comparable; NaN otherwise.
     predicted, low, high, realised : float
         Reduction of the gap; NaN where it was not measured, or where there is no gap.
+    independent : bool
+        Whether the realised reduction was measured without code of the diagnosis.
     baselines : dict of str to str
 
     """
@@ -62,8 +71,11 @@ class Answer:
     verdict: str
     effects: tuple[str, ...]
     alternatives: tuple[str, ...]
+    confidences: tuple[float, ...]
     seconds: float
+    cpu_seconds: float
     peak_mb: float
+    place: str
     overlap: float
     visible: bool
     parameter_error: float
@@ -71,6 +83,7 @@ class Answer:
     low: float
     high: float
     realised: float
+    independent: bool
     baselines: dict[str, str]
 
     @property
@@ -102,6 +115,11 @@ class Answer:
         )
 
     @property
+    def covers(self) -> bool:
+        """Whether a true effect is among the effects and alternatives, whatever the verdict."""
+        return bool(self.truth & {*self.effects, *self.alternatives})
+
+    @property
     def both(self) -> bool:
         """Whether all true effects are among those identified."""
         return self.verdict in _SAID and self.truth <= set(self.effects)
@@ -110,6 +128,11 @@ class Answer:
     def wrong(self) -> bool:
         """Whether it names effects but no true one, or misses a true one."""
         return not self.contains and self.verdict != UNKNOWN
+
+    @property
+    def right_place(self) -> bool:
+        """Whether a true effect depends on the covariate of the first row of ``where``."""
+        return bool(self.place) and is_physical(self.place, self.truth)
 
     @property
     def missed(self) -> bool:
@@ -214,6 +237,7 @@ def answer_of(
     gap = diagnosis.get('gap') or {}
     realised = result.get('realised') or {}
     interval = gap.get('interval') or (math.nan, math.nan)
+    where = diagnosis.get('where') or []
     error = math.nan
     if effects and names[0] in planned.effects:
         error = _parameter_error(effects[0], parameters.get(names[0], {}))
@@ -223,15 +247,19 @@ def answer_of(
         str(diagnosis['verdict']),
         names,
         tuple(effect['name'] for effect in diagnosis.get('alternatives') or []),
+        tuple(_number(effect.get('confidence')) for effect in effects),
         float(result['seconds']),
+        _number(result.get('cpu_seconds')),
         float(diagnosis.get('peak_mb') or math.nan),
-        overlap(diagnosis.get('where') or [], pixels) if planned.effects else math.nan,
+        str(where[0]['covariate']) if where else '',
+        overlap(where, pixels) if planned.effects else math.nan,
         bool(planned.effects and pixels['affected'].any()),
         error,
         _number(gap.get('shrink')) if checked else math.nan,
         _number(interval[0]) if checked else math.nan,
         _number(interval[1]) if checked else math.nan,
         _number(realised.get('shrink')),
+        is_independent(realised),
         result.get('baselines') or {},
     )
 
@@ -245,7 +273,7 @@ def _parameter_error(effect: dict[str, Any], label: dict[str, float]) -> float:
     kind = registry().get(effect['name'])
     compared = kind.compared if kind else ''
     found, true = (effect.get('parameters') or {}).get(compared), label.get(compared)
-    if found is None or not true:
+    if not isinstance(found, int | float) or not true:  # Calibrated forms may have tables.
         return math.nan
     # A factor of 1 is no effect.
     neutral = 1.0 if compared == 'factor' else 0.0

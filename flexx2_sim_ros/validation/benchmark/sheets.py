@@ -25,7 +25,17 @@ def percent(hits: int, count: int) -> str:
     return f'{100 * hits / count:.0f} % [{100 * low:.0f}-{100 * high:.0f}] of {count}'
 
 
+def known(values: Sequence[float]) -> list[float]:
+    """Return the values that are not NaN."""
+    return [value for value in values if not math.isnan(value)]
+
+
 def mean(values: Sequence[float], form: str = '.2f') -> str:
     """Return the mean of the values that are not NaN, and their count, as text."""
-    known = [value for value in values if not math.isnan(value)]
-    return f'{np.mean(known):{form}} ({len(known)})' if known else '-'
+    some = known(values)
+    return f'{np.mean(some):{form}} ({len(some)})' if some else '-'
+
+
+def most_common(words: Sequence[str]) -> str:
+    """Return the word that occurs most often, the first of several; empty for none."""
+    return max(words, key=words.count) if words else ''
