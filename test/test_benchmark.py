@@ -1,6 +1,7 @@
 """The benchmark harness: seeds, seals, scores and resumption, on answers made by hand."""
 
 import argparse
+from collections import Counter
 from dataclasses import replace
 import json
 from pathlib import Path
@@ -147,6 +148,28 @@ def test_the_full_design_has_all_groups_and_strengths() -> None:
     )
     assert len({case.seed for case in cases}) == len(cases)
     assert len({case.scene_seed for case in cases}) <= 16
+
+
+def test_each_half_of_the_design_has_half_of_each_group() -> None:
+    cases = make_design(DEVELOPMENT, quick=False)
+    kinds = [
+        Counter((case.group, case.pose_mm, case.strength) for case in cases if case.half == half)
+        for half in (0, 1)
+    ]
+    assert kinds[0].keys() == kinds[1].keys()
+    for kind, count in kinds[0].items():
+        assert abs(count - kinds[1][kind]) <= 2, kind
+    # The first half alone shows each effect at each of the strengths that goals are set for.
+    for strength in (0.5, 1.0):
+        singles = [c for c in cases if c.group == 'single' and c.half == 0 and c.pose_mm == 2.0]
+        some = Counter(name for c in singles for name, x in c.effects.items() if x == strength)
+        assert some == dict.fromkeys(CATALOGUE, 2)
+
+
+def test_the_first_half_runs_first(tmp_path: Path, design: list[Planned]) -> None:
+    later = [replace(case, half=1) for case in design[::2]]
+    sealed = seal([*later, *design[1::2]], tmp_path / 'sealed', tmp_path, {})
+    assert [case.half for case in sealed.cases.values()] == [0, 0, 0, 1, 1, 1]
 
 
 def test_labels_are_sealed(tmp_path: Path, design: list[Planned]) -> None:

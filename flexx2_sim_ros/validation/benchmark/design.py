@@ -53,6 +53,9 @@ class Planned:
         Whether the baselines look at it too.
     internals : dict
         What differs inside the camera from its profile; see `Internals`.
+    half : int
+        0 or 1: all cases of the first half run before those of the second. Each half has about
+        half of each group, so that a run that stops in between has all of them.
 
     """
 
@@ -70,6 +73,7 @@ class Planned:
     realise: bool = False
     baselines: bool = False
     internals: dict[str, Any] = field(default_factory=dict)
+    half: int = 0
 
     @property
     def strength(self) -> float:
@@ -154,8 +158,9 @@ def _full(planner: _Planner, seed: int) -> Iterator[Planned]:
     rng = np.random.default_rng(seed)
     plan = planner.plan
     names = sorted(CATALOGUE)
-    for usecase in MODES:
-        for name in names:
+    for m, usecase in enumerate(MODES):
+        for place, name in enumerate(names):
+            turn = (m + place) % 2
             for strength, repeats in STRENGTHS.items():
                 for repeat in range(repeats):
                     yield plan(
@@ -163,26 +168,28 @@ def _full(planner: _Planner, seed: int) -> Iterator[Planned]:
                         usecase,
                         {name: strength},
                         realise=strength in (0.5, 1.0) and not repeat,
-                        baselines=strength == 1.0 and not repeat,
+                        baselines=strength == 1.0 and not repeat and not turn,
+                        half=repeat if repeats > 1 else turn,
                     )
-            yield plan('left_out', usecase, {name: 1.0}, without=(name,))
+            yield plan('left_out', usecase, {name: 1.0}, without=(name,), half=turn)
         for i in range(_NONE):
-            yield plan('none', usecase, {}, baselines=i < 10)
+            yield plan('none', usecase, {}, baselines=i < 5, half=i % 2)
         for i in range(_PAIRS):
             one, other = (str(name) for name in rng.choice(names, 2, replace=False))
-            yield plan('pair', usecase, {one: 1.0, other: 1.0}, realise=i < 8)
-        for name in sorted(NOVEL):
+            yield plan('pair', usecase, {one: 1.0, other: 1.0}, realise=i < 8, half=i % 2)
+        for place, name in enumerate(sorted(NOVEL)):
             for repeat in range(_NOVEL_REPEATS):
-                yield plan('novel', usecase, {name: 1.0}, baselines=not repeat)
+                looked = not repeat and not (m + place) % 2
+                yield plan('novel', usecase, {name: 1.0}, baselines=looked, half=repeat)
     for place, name in enumerate(names):
-        for pose_mm in (0.0, 5.0):
-            usecase = MODES[(place + (pose_mm > 0)) % 2]
-            yield plan('single', usecase, {name: 1.0}, pose_mm=pose_mm)
+        for k, pose_mm in enumerate((0.0, 5.0)):
+            usecase = MODES[(place + k) % 2]
+            half = (place // 2 + k) % 2
+            yield plan('single', usecase, {name: 1.0}, pose_mm=pose_mm, half=half)
     for i in range(20):
-        usecase = MODES[i % 2]
-        yield plan('none', usecase, {}, pose_mm=5.0)
+        yield plan('none', MODES[i % 2], {}, pose_mm=5.0, half=i // 10)
     for i, (name, internals) in enumerate(VARIED):
-        yield plan('internals', MODES[i % 2], {name: 1.0}, internals=internals)
+        yield plan('internals', MODES[i % 2], {name: 1.0}, internals=internals, half=i // 2 % 2)
 
 
 def _quick(planner: _Planner) -> Iterator[Planned]:

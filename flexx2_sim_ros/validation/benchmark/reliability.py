@@ -22,7 +22,7 @@ def bins(pairs: Pairs) -> list[tuple[float, float, Pairs]]:
 
     """
     places = [min(int(said * BINS), BINS - 1) for said, _ in pairs]
-    out = []
+    out: list[tuple[float, float, Pairs]] = []
     for k in range(BINS):
         some = [pair for pair, place in zip(pairs, places, strict=True) if place == k]
         if some:

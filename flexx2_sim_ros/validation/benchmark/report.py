@@ -99,7 +99,10 @@ def _cases(scores: Scores) -> str:
     done, planned = len(scores.answers), scores.commitment['cases']
     if done == planned:
         return f'{done} cases'
-    return f'the first {done} of {planned} cases (in the sealed, random order)'
+    return (
+        f'the first {done} of {planned} cases (in the sealed order, which is random within each '
+        'half of the design)'
+    )
 
 
 def draw_confusion(scores: Scores, path: Path) -> None:

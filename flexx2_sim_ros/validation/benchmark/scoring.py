@@ -175,8 +175,8 @@ def score(out: Path, partly: bool = False) -> Scores:
     out : pathlib.Path
         As given to `run_benchmark`.
     partly : bool
-        Whether cases may be missing. Finished cases are a random sample: the sealed order is
-        random.
+        Whether cases may be missing. Finished cases are a random sample of the first half of the
+        design, or this half and a random sample of the second.
 
     Returns
     -------

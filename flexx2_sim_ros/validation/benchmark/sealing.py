@@ -2,8 +2,8 @@
 Sealed labels.
 
 Before the run, all labels and a salt are written to a separate folder, and their SHA-256 is
-written beside the results. Cases have opaque names whose order depends on the salt. The scorer
-checks that the labels still have this SHA-256.
+written beside the results. Cases have opaque names whose order, within each half of the design,
+depends on the salt. The scorer checks that the labels still have this SHA-256.
 """
 
 from dataclasses import dataclass
@@ -29,7 +29,7 @@ class Sealed:
     Attributes
     ----------
     cases : dict of str to Planned
-        By opaque name, in the order in which they run.
+        By opaque name, in the order in which they run: random within each half of the design.
     digest : str
         SHA-256 of salt and labels, as hexadecimal digits.
 
@@ -114,9 +114,8 @@ def open_seal(sealed: Path, public: Path) -> Sealed:
             f'{sealed / _LABELS}: SHA-256 is {digest}, the commitment says '
             f'{commitment.get("sha256")}: these are not the labels of this run'
         )
-    return Sealed(
-        {name: Planned.from_json(case) for name, case in labels['cases'].items()}, digest
-    )
+    cases = {name: Planned.from_json(case) for name, case in labels['cases'].items()}
+    return Sealed(dict(sorted(cases.items(), key=lambda item: (item[1].half, item[0]))), digest)
 
 
 def _digest(text: str) -> str:
