@@ -1,8 +1,9 @@
 """
 Why the diagnosis misses effects: the pose, the form of the effect, or the decision.
 
-Takes the campaigns of `bench.calibrate_decisions` with one effect of the blind camera that the
-diagnosis does not name first, and diagnoses each again with help:
+Takes the campaigns of `bench.calibrate_decisions`, or the finished cases of a benchmark's run,
+with one effect of the blind camera that the diagnosis does not name first, and diagnoses each
+again with help:
 
 decision  none is needed: the true effect has the largest probability, below the threshold
 pose      the same campaign with exact poses
@@ -13,12 +14,16 @@ The first of these that names the effect first is the reason. ``data``: none doe
 recordings hardly show the effect, at this strength.
 
 python -m bench.gap_oracles --lines build/decisions.jsonl --strength 0.5
+python -m bench.gap_oracles --run benchmark_output --strength 0.5
+
+A run is opened only after it was scored: the labels are read.
 """
 
 import argparse
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import replace
+import json
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +36,7 @@ from flexx2_sim_ros.gap import diagnose
 from flexx2_sim_ros.gap.calibration.decisions import calibrated
 from flexx2_sim_ros.gap.inference.probability import judge
 from flexx2_sim_ros.validation.benchmark.design import Planned
+from flexx2_sim_ros.validation.benchmark.sealing import open_seal
 from flexx2_sim_ros.validation.blind import BlindCamera, SceneSet
 import numpy as np
 from rich.progress import track
@@ -42,9 +48,13 @@ def main() -> None:
     """Print the reason for each effect that was missed, and how often each reason occurs."""
     parser = argparse.ArgumentParser(description=__doc__.partition('\n\n')[0])
     parser.add_argument('--lines', type=Path, default=Path('build/decisions.jsonl'))
+    parser.add_argument(
+        '--run', type=Path, help='--out of `flexx2 gap benchmark`, in place of lines'
+    )
     parser.add_argument('--strength', type=float, default=0.5, help='smallest strength')
     arguments = parser.parse_args()
-    some = [line for line in entries(arguments.lines) if _plain(line, arguments.strength)]
+    lines = run_lines(arguments.run) if arguments.run else entries(arguments.lines)
+    some = [line for line in lines if _plain(line, arguments.strength)]
     missed = [line for line in some if not _named(line)]
     reasons = []
     for line in track(missed, 'diagnosing'):
@@ -58,7 +68,27 @@ def main() -> None:
         )
     print(f'{len(missed)} of {len(some)} missed')
     for name, count in Counter(reasons).most_common():
-        print(f'{name:10s} {count}')
+        print(f'{name:10s} {count:3d} {100 * count / len(some):5.1f} % of all')
+
+
+def run_lines(out: Path) -> list[dict[str, Any]]:
+    """Return the diagnosed cases of a run of the benchmark as lines of `decision_campaigns`."""
+    lines = []
+    for name, planned in open_seal(out / 'sealed', out).cases.items():
+        file = out / 'results' / f'{name}.json'
+        diagnosis = json.loads(file.read_text())['diagnosis'] if file.is_file() else None
+        if diagnosis:
+            more = {'camera': 'blind', 'truth': 'exact', 'novel': ''}
+            lines.append(
+                {
+                    'index': planned.seed,
+                    'planned': planned.to_json(),
+                    'more': more,
+                    'diagnosis': diagnosis,
+                    'realised': None,
+                }
+            )
+    return lines
 
 
 def _plain(line: Mapping[str, Any], least: float) -> bool:
