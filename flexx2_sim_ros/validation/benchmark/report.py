@@ -30,8 +30,8 @@ from rich.table import Table
 
 
 def sheets(scores: Scores) -> list[Sheet]:
-    """Return all tables of a run."""
-    return [
+    """Return the tables of a run that have rows."""
+    all_sheets = [
         reach(scores),
         _groups(scores),
         _effects(scores),
@@ -41,6 +41,7 @@ def sheets(scores: Scores) -> list[Sheet]:
         reliability(scores),
         _baselines(scores),
     ]
+    return [sheet for sheet in all_sheets if sheet.rows]
 
 
 def print_report(scores: Scores, console: Console) -> None:
@@ -49,7 +50,7 @@ def print_report(scores: Scores, console: Console) -> None:
     for sheet in sheets(scores):
         table = Table(title=sheet.title, box=box.SIMPLE_HEAD, title_justify='left')
         for place, name in enumerate(sheet.columns):
-            table.add_column(name, justify='right' if place else 'left', no_wrap=not place)
+            table.add_column(name, justify='right' if place else 'left')
         for row in sheet.rows:
             table.add_row(*row)
         console.print(table)
@@ -242,7 +243,7 @@ def _effects(scores: Scores) -> Sheet:
 def _baselines(scores: Scores) -> Sheet:
     looked = [a for a in scores.answers if a.baselines]
     rows = []
-    for name in ('this diagnosis', *(looked[0].baselines if looked else ())):
+    for name in ('this diagnosis', *looked[0].baselines) if looked else ():
         pairs = []
         for answer in looked:
             said = answer.first if name == 'this diagnosis' else answer.baselines[name]
