@@ -27,14 +27,14 @@ import json
 from pathlib import Path
 from typing import Any
 
-from bench.decision_fit import campaign, first, NAMING
+from bench.decision_fit import campaign, first
 from bench.journal import entries
 from flexx2_sim_ros.atomic import scratch_folder
 from flexx2_sim_ros.camera import Camera, flexx2
 from flexx2_sim_ros.effects import ageing, registry
 from flexx2_sim_ros.gap import diagnose
 from flexx2_sim_ros.gap.calibration.decisions import calibrated
-from flexx2_sim_ros.gap.inference.probability import judge
+from flexx2_sim_ros.gap.inference.probability import EXPLAINED, judge
 from flexx2_sim_ros.validation.benchmark.design import Planned
 from flexx2_sim_ros.validation.benchmark.sealing import open_seal
 from flexx2_sim_ros.validation.blind import BlindCamera, SceneSet
@@ -105,7 +105,7 @@ def _named(line: Mapping[str, Any]) -> bool:
     # With the present rule.
     one = campaign(line)
     said = judge(one.support, calibrated())
-    return said.verdict in NAMING and first(one, said.effects) in one.true
+    return said.verdict in EXPLAINED and first(one, said.effects) in one.true
 
 
 def reason(line: Mapping[str, Any]) -> str:
