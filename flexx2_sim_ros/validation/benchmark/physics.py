@@ -44,5 +44,5 @@ def covariate_of(place: str) -> str:
 
 
 def is_physical(place: str, effects: Iterable[str]) -> bool:
-    """Return whether one of these effects of the catalogue depends on the covariate of a row."""
-    return any(covariate_of(place) in DEPENDS_ON[name] for name in effects)
+    """Return whether one of these effects depends on the covariate of a row."""
+    return any(covariate_of(place) in DEPENDS_ON.get(name, ()) for name in effects)
