@@ -56,14 +56,14 @@ class BiasFit:
     def __init__(self, samples: Sequence[Samples]) -> None:
         """Find weights of the samples with the most flexible form."""
         self.samples = list(samples)
-        self._weights = [_robust_weights(one) for one in self.samples]
+        self._parts = [_WithoutOwn(one, _robust_weights(one)) for one in self.samples]
 
     def fit(self, forms: Sequence[Form]) -> Fitted:
         """Fit forms to all recordings, and to all but one."""
         penalty = _blocks([form.penalty() for form in forms])
         parts = [
-            _reduced(one, weight, [form.columns(one) for form in forms])
-            for one, weight in zip(self.samples, self._weights, strict=True)
+            part.equations([form.columns(one) for form in forms])
+            for one, part in zip(self.samples, self._parts, strict=True)
         ]
         S, s = (sum(part[i] for part in parts) for i in (0, 1))  # noqa: N806
         without = np.array([np.linalg.solve(S - a + penalty, s - b) for a, b, *_ in parts])
@@ -164,20 +164,31 @@ def _robust_weights(samples: Samples) -> np.ndarray:
     return weight
 
 
-def _reduced(
-    samples: Samples, weight: np.ndarray, columns: Sequence[np.ndarray]
-) -> tuple[np.ndarray, np.ndarray, float, int]:
-    # Normal equations of the coefficients with the recording's own motion eliminated: matrix,
-    # right side, constant of the loss, and samples.
-    own, target, start, ridge = _whitened(samples, samples.error)
-    shared = np.concatenate(columns) / samples.sigma
-    oo = (own * weight) @ own.T + ridge * np.eye(len(own))
-    ow, sw = own * weight, shared * weight
-    so, ss = sw @ own.T, sw @ shared.T
-    bo, bs = ow @ target - ridge * start, sw @ target
-    solved = np.linalg.solve(oo, np.column_stack([so.T, bo]))
-    constant = float((weight * target) @ target + ridge * start @ start - bo @ solved[:, -1])
-    return ss - so @ solved[:, :-1], bs - so @ solved[:, -1], constant, max(len(target), 1)
+class _WithoutOwn:
+    # A recording's part of normal equations, with its own motion eliminated.
+
+    def __init__(self, samples: Samples, weight: np.ndarray) -> None:
+        self._own, target, start, ridge = _whitened(samples, samples.error)
+        self._sigma, self._weight, self._target = samples.sigma, weight, target
+        own = self._own * weight
+        self._normal = own @ self._own.T + ridge * np.eye(len(own))
+        self._right = own @ target - ridge * start
+        self._constant = float((weight * target) @ target + ridge * start @ start)
+
+    def equations(
+        self, columns: Sequence[np.ndarray]
+    ) -> tuple[np.ndarray, np.ndarray, float, int]:
+        # Of the coefficients of columns: matrix, right side, constant of the loss, and samples.
+        shared = np.concatenate(columns) / self._sigma
+        weighted = shared * self._weight
+        mixed = weighted @ self._own.T
+        solved = np.linalg.solve(self._normal, np.column_stack([mixed.T, self._right]))
+        return (
+            weighted @ shared.T - mixed @ solved[:, :-1],
+            weighted @ self._target - mixed @ solved[:, -1],
+            self._constant - float(self._right @ solved[:, -1]),
+            max(len(self._target), 1),
+        )
 
 
 def _blocks(parts: Sequence[np.ndarray]) -> np.ndarray:
