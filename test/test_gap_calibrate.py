@@ -9,12 +9,16 @@ from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.effects import load_effects, parse_effects, save_effects
 from flexx2_sim_ros.effects.tables import Curve
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.gap import calibrate
+from flexx2_sim_ros.gap import calibrate, diagnose, measure, randomise
 from flexx2_sim_ros.gap.data.campaign import check, Found, read
 from flexx2_sim_ros.gap.forms.bias import forms_of
 from flexx2_sim_ros.gap.forms.fitting import BiasFit, own_motion
 from flexx2_sim_ros.gap.forms.samples import Samples
 from flexx2_sim_ros.gap.forms.work import registered
+from flexx2_sim_ros.validation.benchmark import DEVELOPMENT
+from flexx2_sim_ros.validation.benchmark.design import Planned
+from flexx2_sim_ros.validation.benchmark.realised import realised_gap
+from flexx2_sim_ros.validation.blind import BlindCamera
 import numpy as np
 import pytest
 
@@ -99,6 +103,52 @@ def test_forms_are_found_and_taken(
     assert page.count('class="band"') == 2
     assert page.count('<img') == 1
     assert 'nan' not in page.split('</style>')[1].replace('base64', '').split('src="')[0]
+
+
+def test_a_diagnosis_has_the_form_of_the_camera(tmp_path: Path) -> None:
+    """Assert that its effects take most of the gap to a camera of another kind in new scenes."""
+    size = {'recordings': 4, 'frames': 8, 'width': 80, 'height': 61}
+    mode, seeds = 'Mode_9_30fps', (DEVELOPMENT.seed(1001), DEVELOPMENT.seed(1))
+    planned = Planned('single', mode, {'wiggling': 1.0}, *seeds, pose_mm=2.0, **size)
+    recordings, out, cache = (tmp_path / name for name in ('recordings', 'out', 'cache'))
+    recordings.mkdir()
+    BlindCamera(planned.case).record(recordings)
+    table = diagnose(recordings, out=out)
+    plain = diagnose(recordings, out=tmp_path / 'plain', calibrate=False)
+    (row,) = table['calibration']['effects']
+    assert row['taken']
+    assert row['typical'] == plain['effects'][0]['parameters']
+    assert plain['calibration'] is None
+    assert table['calibration']['typical_gap']['shrink'] == plain['gap']['shrink']
+    # What is decided is the same.
+    for key in ('verdict', 'alternatives', 'where', 'unexplained', 'evidence'):
+        assert table[key] == plain[key]
+    for one, other in zip(table['effects'], plain['effects'], strict=True):
+        assert {**one, 'parameters': {}} == {**other, 'parameters': {}}
+    # effects.yaml has what the table has, and works in new scenes.
+    effects = load_effects(out / 'effects.yaml')
+    assert effects == parse_effects({one['name']: one['parameters'] for one in table['effects']})
+    realised = [realised_gap(planned, one, cache, measure)['shrink'] for one in (table, plain)]
+    assert realised[0] > max(0.7, realised[1])
+    assert table['gap']['shrink'] > 0.7
+    assert 'Calibrated: wiggling' in (out / 'report.html').read_text()
+    # Later steps read it.
+    assert randomise(out).named == ('wiggling',)
+
+
+def test_a_diagnosis_carries_a_map(campaign: Path, tmp_path: Path) -> None:
+    """Assert it of the file beside effects.yaml, and of the table, which JSON can hold."""
+    out = tmp_path / 'out'
+    table = diagnose(campaign, out=out)
+    forms = {row['name']: row['taken'] for row in table['calibration']['effects']}
+    assert forms['fixed_pattern']
+    json.dumps(table, allow_nan=False)
+    found = {one['name']: one['parameters'] for one in table['effects']}
+    effects = {one.name: one for one in load_effects(out / 'effects.yaml')}
+    assert effects['fixed_pattern'].pattern.values.tolist() == found['fixed_pattern']['pattern']
+    written = json.loads((out / 'diagnosis.json').read_text())
+    (row,) = (one for one in written['effects'] if one['name'] == 'fixed_pattern')
+    assert row['parameters']['pattern'] == 'fixed_pattern.npz'
 
 
 def test_a_form_that_is_no_better_is_not_taken(tmp_path: Path) -> None:

@@ -27,7 +27,8 @@ def add_parser(commands: Any) -> None:
         'alternative explanation is an effect that explains the recordings equally well. '
         'CAMPAIGN is a folder of recordings (.npz or bags) with their ground truth, '
         'clean_depth; each shows one scene. DIR gets report.html, diagnosis.json '
-        '(docs/diagnosis.md) and effects.yaml (for flexx2 simulate --effects and the node).',
+        '(docs/diagnosis.md) and effects.yaml (for flexx2 simulate --effects and the node), with '
+        'curves, tables and maps as the recordings show them.',
         epilog='example: flexx2 gap diagnose recordings --out diagnosis',
     )
     parser.add_argument('campaign', metavar='CAMPAIGN', help='folder of recordings')
@@ -43,6 +44,12 @@ def add_parser(commands: Any) -> None:
     add_scheduler(parser)
     add_pose_prior(parser, (0.010, 0.5), '0.01 0.5')
     add_known(parser)
+    parser.add_argument(
+        '--no-calibrate',
+        dest='calibrate',
+        action='store_false',
+        help='keep the form of the catalogue: fit no curves, tables and maps to the recordings',
+    )
     parser.add_argument(
         '--cost',
         action='store_true',
@@ -72,6 +79,7 @@ def run(arguments: argparse.Namespace) -> int:
             scheduler=arguments.scheduler,
             known=read_known(arguments.known),
             cost=arguments.cost,
+            calibrate=arguments.calibrate,
             progress=progress,
         )
     console.print(headline(table), style='bold', highlight=False)

@@ -222,7 +222,7 @@ def save_effects(path: str | Path, effects: Sequence[Effect], comment: str = '')
     for effect in effects:
         for one in effect.forms.values():
             if isinstance(one, PixelMap):
-                write_map(Path(path).parent / _map_file(effect), one)
+                write_map(Path(path).parent / map_file(effect), one)
     write_text(path, effects_yaml(effects, comment))
 
 
@@ -241,14 +241,15 @@ def effects_yaml(effects: Sequence[Effect], comment: str = '') -> str:
     return '\n'.join(lines) + '\n'
 
 
-def _map_file(effect: Effect) -> str:
+def map_file(effect: Effect) -> str:
+    """Return the name of the file of an effect's map."""
     return f'{effect.name}.npz'
 
 
 def _table_yaml(effect: Effect, name: str, one: Form) -> str:
     table = effect.tables()[name]
     if isinstance(one, PixelMap):
-        return f'    {name}: {_map_file(effect)}  # {table.unit}, {table.text}'
+        return f'    {name}: {map_file(effect)}  # {table.unit}, {table.text}'
     unit = f', {table.unit}' if table.unit else ''
     if not isinstance(one, Curve):
         number = yaml.safe_dump([one]).removeprefix('- ').strip()

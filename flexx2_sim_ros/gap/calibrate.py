@@ -22,25 +22,17 @@ from flexx2_sim_ros.gap.forms.calibrating import (
     rounds,
     totals,
     Verdict,
-    Work,
 )
 from flexx2_sim_ros.gap.forms.empirical import NAME
-from flexx2_sim_ros.gap.forms.work import (
-    judge,
-    look,
-    look_at_pixels,
-    look_at_rest,
-    Looked,
-    outcome,
-    Settings,
-)
+from flexx2_sim_ros.gap.forms.named import Simulator
+from flexx2_sim_ros.gap.forms.work import Looked, outcome, Settings
 from flexx2_sim_ros.gap.inference.effects import table_of
 from flexx2_sim_ros.gap.inference.improvement import measured
 from flexx2_sim_ros.gap.report.age import with_delay
 from flexx2_sim_ros.gap.report.calibration_page import FILES, write_calibration
 from flexx2_sim_ros.gap.report.reading import Diagnosed, read_diagnosis
 from flexx2_sim_ros.gap.work import find, Progress, stepper
-from flexx2_sim_ros.jobs import bind, workers
+from flexx2_sim_ros.jobs import workers
 import numpy as np
 
 SCHEMA = 1
@@ -102,31 +94,21 @@ def calibrate(
     folder = Path(campaign_dir).absolute() if scheduler is not None else Path(campaign_dir)
     progress('looking for recordings', 0.0)
     prior = (before.pose_prior[0],) * 3 + (before.pose_prior[1],) * 3
-    fixed: dict[str, Any] = {'profile': profile, 'known': before.known, 'seed': seed}
     with workers(jobs, scheduler) as mapped:
+        simulator = Simulator(mapped, profile, before.known, seed, prior)
         found, left_out = find(folder, profile, mapped, before.full_scale)
         step = stepper(progress, 'looking at the recordings', 0.05, 0.15, len(found))
-        look_at = bind(look, prior=prior, **fixed)
-        looked, unusable = _usable(found, mapped(look_at, _with(found, explanations[0]), step))
+        items = [(one, explanations[0], None) for one in found]
+        looked, unusable = _usable(found, simulator.look(items, step))
         left_out = [*left_out, *unusable]
         _check_number(looked)
         total = sum(rounds(settings) for settings in explanations) * len(looked)
         step = stepper(progress, 'comparing forms on left-out recordings', 0.2, 0.75, total)
-
-        def again(some: Sequence[Looked], now: Sequence[Settings]) -> list[Looked]:
-            items = [(one.found, own) for one, own in zip(some, now, strict=True)]
-            return mapped(look_at, items, lambda: None)
-
-        work = Work(
-            lambda jobs, frames: mapped(bind(judge, frames=frames, **fixed), jobs, step),
-            lambda jobs: mapped(bind(look_at_pixels, **fixed), jobs, lambda: None),
-            lambda jobs: mapped(bind(look_at_rest, **fixed), jobs, lambda: None),
-            again,
-        )
+        work = simulator.work(step)
         explained = []
         for place, settings in enumerate(explanations):
             if place:
-                looked = again(looked, [settings] * len(looked))
+                looked = work.again(looked, [settings] * len(looked))
             _check_sizes(looked, settings)
             explained.append(calibrate_effects(looked, settings, work))
         chosen = explained[best_of(explained)]
@@ -137,7 +119,7 @@ def calibrate(
             effects[NAME] = form.together
             now = [{**own, NAME: one} for own, one in zip(now, form.without, strict=True)]
         jobs_of_all = list(zip(chosen.looked, now, strict=True))
-        outcomes = mapped(bind(outcome, **fixed), jobs_of_all, lambda: None)
+        outcomes = simulator.run(outcome, jobs_of_all, lambda: None)
     posed = [one for one in before.effects if one.role == 'pose']
     calibrated = with_delay([*posed, *parse_effects(effects)], before.arrival)
     table = _table(explained, chosen, empirical, left_out)
@@ -162,10 +144,6 @@ def _explanations(before: Diagnosed) -> list[Settings]:
         rest = [one for one in named if one.name not in (*row.instead_of, kind.name, NAME)]
         out.append(table_of([*rest, row.effect]))
     return out
-
-
-def _with(found: Sequence[Found], settings: Settings) -> list[tuple[Found, Settings]]:
-    return [(one, settings) for one in found]
 
 
 def _usable(
@@ -206,7 +184,7 @@ def _table(
     tried = {one.proposal.effect for one in chosen.verdicts}
     return {
         'schema': SCHEMA,
-        'effects': [_row(one) for one in chosen.verdicts],
+        'effects': [one.as_table() for one in chosen.verdicts],
         'unchanged': [name for name in chosen.effects if name not in tried],
         'explanations': [
             {
@@ -216,7 +194,7 @@ def _table(
             }
             for one in explained
         ],
-        'empirical': None if empirical is None else _row(empirical),
+        'empirical': None if empirical is None else empirical.as_table(),
         'recordings': [one.found.path.name for one in chosen.looked],
         'left_out': [{'name': name, 'reason': reason} for name, reason in left_out],
     }
@@ -230,16 +208,4 @@ def _gap(outcomes: Sequence[dict[str, list[float]]]) -> dict[str, Any]:
         'shrink': whole['shrink'],
         'interval': whole['shrink_interval'],
         **{name: whole[name] for name in ('before', 'after', 'null')},
-    }
-
-
-def _row(verdict: Verdict) -> dict[str, Any]:
-    return {
-        'name': verdict.proposal.effect,
-        'form': verdict.proposal.label,
-        'taken': verdict.taken,
-        'before': float(verdict.before.mean()),
-        'after': float(verdict.after.mean()),
-        'recordings_better': int((verdict.after < verdict.before).sum()),
-        'worse': list(verdict.worse),
     }

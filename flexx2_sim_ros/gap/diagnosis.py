@@ -19,13 +19,14 @@ from flexx2_sim_ros.gap.data.given import given_effects, Table
 from flexx2_sim_ros.gap.data.hidden import Hidden, hidden_effects
 from flexx2_sim_ros.gap.features.catalogue import Candidate, catalogue
 from flexx2_sim_ros.gap.features.confirm import Outcome
+from flexx2_sim_ros.gap.forms.named import calibrate_named, rounds_of_named, Simulator
 from flexx2_sim_ros.gap.inference.decide import decidable_candidates, decide, Decision
 from flexx2_sim_ros.gap.inference.effects import fitted_effects, held_out_effects, table_of
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.inference.patch import fit_patch
 from flexx2_sim_ros.gap.report.frames import MOST_FRAMES
 from flexx2_sim_ros.gap.report.reading import diagnosed
-from flexx2_sim_ros.gap.report.table import diagnosis_table
+from flexx2_sim_ros.gap.report.table import calibrated_table, diagnosis_table
 from flexx2_sim_ros.gap.report.writing import FILES, write
 from flexx2_sim_ros.gap.work import (
     find,
@@ -37,7 +38,7 @@ from flexx2_sim_ros.gap.work import (
     stepper,
     summarise_all,
 )
-from flexx2_sim_ros.jobs import bind, Map, workers
+from flexx2_sim_ros.jobs import Map, workers
 from flexx2_sim_ros.physics.frame_state import why_no_phases
 import numpy as np
 
@@ -57,6 +58,7 @@ def diagnose(
     scheduler: str | None = None,
     known: Table | None = None,
     cost: bool = False,
+    calibrate: bool = True,
 ) -> dict[str, Any]:
     """
     Diagnose the gap between recordings and the simulation of their scenes.
@@ -87,6 +89,9 @@ def diagnose(
     cost : bool
         Whether to measure what the gap costs as well, as `flexx2_sim_ros.gap.cost` does with all
         installed consumers. A script that asks for this needs ``if __name__ == '__main__':``.
+    calibrate : bool
+        Whether curves, tables and maps of the named effects are fitted, those that need no search
+        by simulation. `flexx2_sim_ros.gap.calibrate` fits the others.
 
     Returns
     -------
@@ -121,7 +126,7 @@ def diagnose(
         columns, candidates = catalogue(left, not no_phases, inside)
         hidden = [one for one in hidden_effects(campaign_dir) if one.effect not in left]
         text = 'simulating what could explain the recordings'
-        step = stepper(progress, text, 0.05, 0.67, len(found))
+        step = stepper(progress, text, 0.05, 0.5, len(found))
         simulations = Simulations(profile, columns, seed, tuple(prior), known, inside)
         used, evidence, unusable = summarise_all(
             campaign_dir, found, left_out, simulations, mapped, step
@@ -130,9 +135,21 @@ def diagnose(
         decision = _decide(model, candidates, hidden, progress)
         effects = fitted_effects(model, decision.accepted)
         held_out = held_out_effects(model, decision.accepted)
-        step = stepper(progress, 'simulating the outcome', 0.83, 0.15, len(used))
-        confirmed = _confirm(model, decision, held_out, used, profile, seed, known, mapped, step)
+        simulator = Simulator(mapped, profile, known, seed, tuple(prior))
+        step = stepper(progress, 'simulating the outcome', 0.65, 0.13, len(used))
+        confirmed = _confirm(model, decision, held_out, used, simulator, step)
         table = diagnosis_table(model, decision, effects, confirmed, used, [*left_out, *unusable])
+        forms = None
+        if calibrate:
+            motions = model.own.found(decision.accepted.nuisances)
+            total = rounds_of_named(effects) * len(used)
+            step = stepper(progress, 'fitting curves and maps', 0.78, 0.2, total)
+            forms = calibrate_named(used, motions, effects, held_out, simulator, step)
+        if forms is not None:
+            effects = forms.effects(effects)
+            if forms.taken:
+                confirmed, motions = forms.confirmed(simulator, _shown(decision), step)
+            table = calibrated_table(table, model, decision, forms, confirmed, motions)
         for row, own in zip(table['recordings'], held_out, strict=False):  # Those used are first.
             row['effects_without'] = table_of(own)
         table['settings'] = _settings(found[0], seed, pose_prior, known)
@@ -152,7 +169,7 @@ def diagnose(
     table['peak_mb'] = round(_peak_mb(min(jobs, len(found))), 1)
     table['version'] = __version__
     if out is not None:
-        write(Path(out), table, effects, model, decision, confirmed)
+        write(Path(out), table, effects, model, decision, confirmed, forms)
     whole('done', 1.0)
     return table
 
@@ -187,7 +204,7 @@ def _decide(
     model: Model, candidates: list[Candidate], hidden: list[Hidden], progress: Progress
 ) -> Decision:
     candidates, absorbed = decidable_candidates(model, candidates, hidden)
-    step = stepper(progress, 'comparing explanations', 0.72, 0.1, 4 * len(candidates))
+    step = stepper(progress, 'comparing explanations', 0.55, 0.1, 4 * len(candidates))
     decision = decide(model, candidates, step, absorbed=absorbed)
     if not model.seen.any():
         return replace(decision, verdict='none')  # The table says `too_little`.
@@ -199,21 +216,26 @@ def _confirm(
     decision: Decision,
     held_out: list[list[Effect]],
     used: list[Found],
-    profile: Profile | None,
-    seed: int,
-    known: Table,
-    mapped: Map,
+    simulator: Simulator,
     step: Callable[[], None],
 ) -> list[Outcome]:
     # Simulates each recording at its fitted pose, with the camera's effects as fitted to the other
-    # recordings. Frames are shown of those with the largest gap.
+    # recordings.
     motions = model.own.found(decision.accepted.nuisances)
-    largest = set(np.argsort(-decision.base.loss, kind='stable')[:MOST_FRAMES].tolist())
     jobs = [
-        (file, tuple(motion), table_of(one for one in effects if one.role != 'pose'), i in largest)
-        for i, (file, motion, effects) in enumerate(zip(used, motions, held_out, strict=True))
+        (file, tuple(motion), table_of(one for one in effects if one.role != 'pose'), show)
+        for file, motion, effects, show in zip(
+            used, motions, held_out, _shown(decision), strict=True
+        )
     ]
-    return mapped(bind(simulate_set, profile=profile, seed=seed, known=known), jobs, step)
+    return simulator.run(simulate_set, jobs, step)
+
+
+def _shown(decision: Decision) -> list[bool]:
+    # Frames are shown of the recordings with the largest gap.
+    loss = decision.base.loss
+    largest = set(np.argsort(-loss, kind='stable')[:MOST_FRAMES].tolist())
+    return [i in largest for i in range(len(loss))]
 
 
 def _cost(

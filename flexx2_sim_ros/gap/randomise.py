@@ -74,7 +74,7 @@ def randomise(diagnosis: str | Path, out: str | Path | None = None) -> Randomise
     if out is not None:
         checked_target(out)
     before = read_diagnosis(Path(diagnosis))
-    named = tuple(effect for effect in before.effects if effect.role != 'pose')
+    named = tuple(effect for effect in before.typical_effects() if effect.role != 'pose')
     for effect in named:
         if effect.forms or effect.name not in registry():
             raise InputError(

@@ -46,6 +46,9 @@ class Forms:
     surer: float = constant(
         1.0, 'standard errors', 'by which a more flexible form must be better, left out'
     )
+    samples: int = constant(
+        56, 'pixels', 'of each row and column that a bias is fitted to', DEFINITION
+    )
     grain: float = constant(
         0.002, 'm', "error of a pixel's ground truth, beside noise, when a map is made"
     )

@@ -77,6 +77,18 @@ class Verdict:
     taken: bool
     worse: tuple[str, ...] = ()
 
+    def as_table(self) -> dict[str, Any]:
+        """Return it for a JSON file."""
+        return {
+            'name': self.proposal.effect,
+            'form': self.proposal.label,
+            'taken': self.taken,
+            'before': float(self.before.mean()),
+            'after': float(self.after.mean()),
+            'recordings_better': int((self.after < self.before).sum()),
+            'worse': list(self.worse),
+        }
+
 
 @dataclass(frozen=True)
 class Explained:
@@ -146,6 +158,11 @@ def calibratable(effects: Settings) -> list[str]:
     return [*before, *others, *after]
 
 
+def quickly_calibratable(effects: Settings) -> list[str]:
+    """Return which effects have a form that is fitted without a search by simulation."""
+    return [name for name in calibratable(effects) if not registry()[name].shapes]
+
+
 def rounds(effects: Settings) -> int:
     """Return about how often each recording is judged."""
     names = calibratable(effects)
@@ -162,18 +179,28 @@ def totals(apart: Sequence[dict[str, float]]) -> np.ndarray:
     return np.array([distance(one) for one in apart])
 
 
-def calibrate_effects(looked: list[Looked], effects: Settings, work: Work) -> Explained:
+def calibrate_effects(
+    looked: list[Looked],
+    effects: Settings,
+    work: Work,
+    without: Sequence[Settings] | None = None,
+    names: Sequence[str] | None = None,
+) -> Explained:
     """
     Fit a form for each effect that can have one.
 
     Parameters
     ----------
     looked : sequence of Looked
-        The recordings, three or more.
+        The recordings, three or more, looked at with the effects as diagnosed.
     effects : dict
         Settings by effect, as diagnosed, without an error of the poses.
     work : Work
         How the recordings are simulated.
+    without : sequence of dict, optional
+        ``effects`` as diagnosed without each recording (default: as diagnosed with all).
+    names : sequence of str, optional
+        The effects to fit (default: all that are `calibratable`).
 
     Returns
     -------
@@ -182,10 +209,11 @@ def calibrate_effects(looked: list[Looked], effects: Settings, work: Work) -> Ex
     """
     verdicts: list[Verdict] = []
     together = dict(effects)
-    now = [effects for _ in looked]
-    before = work.apart(looked, now)
+    now = list(without or [effects] * len(looked))
+    fitted = calibratable(effects) if names is None else names
+    before = [one.apart for one in looked]
     proposals: dict[str, Proposal] | None = None
-    for name in calibratable(effects):
+    for name in fitted:
         if registry()[name].shapes:
             proposal = _searched(name, looked, now, work)
         elif name == PATTERN:
@@ -196,7 +224,7 @@ def calibrate_effects(looked: list[Looked], effects: Settings, work: Work) -> Ex
             if proposals is None:
                 if verdicts:  # What mixes light has other settings now.
                     looked = work.again(looked, now)
-                proposals = _biases(looked, effects)
+                proposals = _biases(looked, fitted)
             if name not in proposals:
                 continue
             proposal = proposals[name]
@@ -275,7 +303,7 @@ def _searched(
     return Proposal(name, found.shape.label, found.together, found.without)
 
 
-def _biases(looked: Sequence[Looked], effects: Settings) -> dict[str, Proposal]:
+def _biases(looked: Sequence[Looked], effects: Sequence[str]) -> dict[str, Proposal]:
     names = [name for name in BIASES if name in effects]
     if any(one.uptime is None for one in looked):
         names = [name for name in names if name != 'warm_up_drift']

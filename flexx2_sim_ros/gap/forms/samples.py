@@ -12,6 +12,7 @@ from flexx2_sim_ros.formulas import on_images
 from flexx2_sim_ros.formulas.surfaces import returned_light
 from flexx2_sim_ros.gap.calibration.data import REGISTRATION
 from flexx2_sim_ros.gap.calibration.features import FEATURES
+from flexx2_sim_ros.gap.calibration.forms import FORMS
 from flexx2_sim_ros.gap.data.given import together
 from flexx2_sim_ros.gap.data.pose import base_camera, pose_columns
 from flexx2_sim_ros.gap.data.registration import Placed, RecordingData
@@ -25,7 +26,7 @@ import numpy as np
 @dataclass(frozen=True)
 class Samples:
     """
-    Pixels of one recording on surfaces away from edges, every other row and column.
+    Pixels of one recording on surfaces away from edges, some of its rows and columns.
 
     Attributes
     ----------
@@ -161,21 +162,31 @@ def _frame(
     noise = cover.sigma / np.sqrt(count)
     sigma = np.hypot(noise, FEATURES.tolerances['bias'] * cover.sigma)
     limit = REGISTRATION.outlier_sigmas * cover.sigma + REGISTRATION.outlier
+    some = _some(clean.shape)
     own = pose_columns(clean, recording.K, recording.mode.sensor)
     if recording.plane_shifts is not None:
         own = np.concatenate([own, recording.plane_shifts[:, ::2, ::2]])
+    own = own[:, :: some // 2, :: some // 2]
     light, incidence = light_of(recording, clean, reflectivity), incidence_of(recording, clean)
     with np.errstate(invalid='ignore'):
-        good = (cover.inside & np.isfinite(error) & (np.abs(error) < limit))[::2, ::2]
-    good &= np.isfinite(own).all(axis=0) & np.isfinite(light[::2, ::2])
+        good = (cover.inside & np.isfinite(error) & (np.abs(error) < limit))[::some, ::some]
+    good &= np.isfinite(own).all(axis=0) & np.isfinite(light[::some, ::some])
     seconds = (int(recording.stamp[t]) - int(recording.stamp[0])) * 1e-9
     uptime = np.nan if recording.uptime is None else recording.uptime + seconds
     images = error, sigma, own, cover.ray, clean * cover.ray, light, incidence
     columns = [
-        (one if one.ndim == 3 else one[::2, ::2])[..., good].astype(np.float64) for one in images
+        (one if one.ndim == 3 else one[::some, ::some])[..., good].astype(np.float64)
+        for one in images
     ]
-    pixels = index * clean.size + np.arange(clean.size).reshape(clean.shape)[::2, ::2][good]
+    place = np.arange(clean.size).reshape(clean.shape)[::some, ::some][good]
+    pixels = index * clean.size + place
     return [*columns, np.full(len(pixels), uptime), pixels]
+
+
+def _some(shape: tuple[int, ...]) -> int:
+    # One of so many rows and columns: an even number, so that about as many pixels of a large
+    # image are taken as of a small one.
+    return 2 * max(round(max(shape) / FORMS.samples / 2), 1)
 
 
 def mean_error(scene: PlacedScene, t: int) -> tuple[np.ndarray, np.ndarray]:

@@ -12,6 +12,7 @@ from flexx2_sim_ros.gap.data.given import Table
 from flexx2_sim_ros.gap.data.prior import spread_of
 from flexx2_sim_ros.gap.data.registration import RecordingData, register
 from flexx2_sim_ros.gap.features.before_after import before_after
+from flexx2_sim_ros.gap.features.confirm import confirm, Outcome
 from flexx2_sim_ros.gap.features.physical import (
     distances,
     fine_side,
@@ -49,6 +50,8 @@ class Looked:
         Seconds since power-on at the first frame.
     shape : tuple of int
         Height and width of its images.
+    apart : dict
+        How far it is from its simulation with the effects as diagnosed; see `judge`.
 
     """
 
@@ -59,10 +62,11 @@ class Looked:
     shifts: dict[str, np.ndarray]
     uptime: float | None
     shape: tuple[int, ...]
+    apart: dict[str, float]
 
 
 def look(
-    job: tuple[Found, Settings],
+    job: tuple[Found, Settings, np.ndarray | None],
     profile: Profile | None,
     known: Table,
     prior: tuple[float, ...],
@@ -71,19 +75,21 @@ def look(
     """
     Register a recording, and take samples, counts and what its effects change.
 
+    With a motion, the recording is registered already, about there.
+
     Returns
     -------
     Looked or str
         The reason if the recording cannot be used.
 
     """
-    found, effects = job
+    found, effects, begin = job
     try:
         recording = read(found, profile, known)
     except InputError as error:
         return str(error)
     own = with_uptime(effects, recording.uptime)
-    motion, spread, scene = registered(recording, np.array(prior), own)
+    motion, spread, scene = registered(recording, np.array(prior), own, begin)
     samples = samples_of(scene, motion, spread)
     given = _at_samples(scene, samples, {})
     samples = replace(samples, error=samples.error - given)
@@ -99,6 +105,7 @@ def look(
         shifts,
         recording.uptime,
         recording.depth.shape[1:],
+        _apart(scene, simulated.depth),
     )
 
 
@@ -153,10 +160,7 @@ def judge(
     for effects in several:
         own = with_uptime(effects, recording.uptime)
         scene = settled(recording, looked.samples.motion, looked.samples.spread, own)[1]
-        real, simulated = (
-            _measured(scene, depth) for depth in (recording.depth, scene.simulate(own, seed))
-        )
-        out.append({**distances(real, simulated), 'mismatch': mismatch(real, simulated)})
+        out.append(_apart(scene, scene.simulate(own, seed)))
     return out
 
 
@@ -182,6 +186,25 @@ def outcome(
     return before_after(recording, (motion, motion), effects, seed)
 
 
+def confirm_settled(
+    job: tuple[Looked, Settings, bool], profile: Profile | None, known: Table, seed: int
+) -> tuple[Outcome, np.ndarray]:
+    """
+    Compare a recording with its simulation, at the pose that suits the effects; see `confirm`.
+
+    Returns
+    -------
+    tuple
+        What is left of the gap, and (6 + 3 P,) this pose and the planes.
+
+    """
+    looked, effects, show = job
+    recording = read(looked.found, profile, known)
+    own = with_uptime(effects, recording.uptime)
+    motion, _ = settled(recording, looked.samples.motion, looked.samples.spread, own)
+    return confirm(recording, motion, effects, seed, show), motion
+
+
 def first_frames(recording: RecordingData, count: int | None) -> RecordingData:
     """Return the first frames of a recording, or all of it."""
     if count is None or len(recording.depth) <= count:
@@ -202,6 +225,11 @@ def first_frames(recording: RecordingData, count: int | None) -> RecordingData:
     )
 
 
+def _apart(scene: PlacedScene, depth: np.ndarray) -> dict[str, float]:
+    real, simulated = (_measured(scene, one) for one in (scene.recording.depth, depth))
+    return {**distances(real, simulated), 'mismatch': mismatch(real, simulated)}
+
+
 def _measured(scene: PlacedScene, depth: np.ndarray) -> Measures:
     return histogram(depth, scene.covariates, scene.sums(depth), fine_side(len(depth)))
 
@@ -215,7 +243,7 @@ def _placed(
 
 
 def registered(
-    recording: RecordingData, prior: np.ndarray, effects: Settings
+    recording: RecordingData, prior: np.ndarray, effects: Settings, begin: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray, PlacedScene]:
     """
     Find where the camera was if it has these effects, from the recording alone.
@@ -229,6 +257,8 @@ def registered(
         and degrees.
     effects : dict
         Parameters by effect.
+    begin : numpy.ndarray, optional
+        (6 + 3 P,) a motion that was found already.
 
     Returns
     -------
@@ -237,7 +267,8 @@ def registered(
 
     """
     # `settled` corrects what the effects did to this motion, so it need not know them.
-    begin, _ = register(recording, prior)
+    if begin is None:
+        begin, _ = register(recording, prior)
     spread = spread_of(recording.truth, prior)
     motion, scene = settled(recording, begin, spread, effects)
     return motion, spread, scene

@@ -24,8 +24,8 @@ td, th { padding: .18rem .9rem .18rem 0; text-align: left; vertical-align: top; 
 th, small, .dim, figcaption { color: var(--dim); } figcaption { font-size: .85rem; }
 .row { display: flex; flex-wrap: wrap; gap: 1.2rem; }
 .row figure { max-width: 27.5rem; }
-.band { fill: var(--blue); opacity: .18; }
 """
+BAND_STYLE = '.band { fill: var(--blue); opacity: .18; }'
 _POINTS = 60
 _NINETY = 1.645  # standard errors, two-sided
 
@@ -131,7 +131,6 @@ def page(table: dict[str, Any], verdicts: Sequence[Verdict], looked: Sequence[Lo
         f'<td>{row["after"]:.3g}</td><td>{row["recordings_better"]}</td></tr>'
         for row in table['effects']
     )
-    figures = ''.join(_figure(one.proposal, looked) for one in verdicts)
     body = [
         f'<h1>{escape(headline(table))}</h1>',
         ''.join(f'<p>{escape(line)}</p>' for line in sentences(table)),
@@ -141,13 +140,19 @@ def page(table: dict[str, Any], verdicts: Sequence[Verdict], looked: Sequence[Lo
         'Wasserstein-1 distance of depth errors in small tiles in units of 0.1 sigma_z, plus the '
         'difference of the fraction of invalid pixels in units of 0.8 %. Each recording is '
         'compared with the form fitted to the others.</small></p>',
-        f'<h2>Curves and maps</h2><div class="row">{figures}</div><p><small>Bands: 90 % '
-        'intervals over recordings (jackknife). Dashed: as diagnosed.</small></p>',
+        f'<h2>Curves and maps</h2><div class="row">{figures(verdicts, looked)}</div>'
+        '<p><small>Bands: 90 % intervals over recordings (jackknife). Dashed: as diagnosed.'
+        '</small></p>',
         f'<p class="dim">Made by flexx2_sim_ros {escape(table["version"])} in '
         f'{table["seconds"]:.0f} s from {len(looked)} recordings. docs/diagnosis.md says how each '
         'number is computed.</p>',
     ]
-    return html_page('Calibration of effects', _STYLE + CURVE_STYLE, '\n'.join(body))
+    return html_page('Calibration of effects', _STYLE + CURVE_STYLE + BAND_STYLE, '\n'.join(body))
+
+
+def figures(verdicts: Sequence[Verdict], looked: Sequence[Looked]) -> str:
+    """Return curves, maps and numbers of forms as HTML; the page needs `BAND_STYLE`."""
+    return ''.join(_figure(one.proposal, looked) for one in verdicts)
 
 
 def _figure(proposal: Proposal, looked: Sequence[Looked]) -> str:

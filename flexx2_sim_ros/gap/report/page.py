@@ -1,12 +1,14 @@
 """The report of a diagnosis: one HTML page that needs no other file."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from html import escape
 from typing import Any
 
 from flexx2_sim_ros.gap.features.confirm import Outcome
+from flexx2_sim_ros.gap.forms.named import Calibrated
 from flexx2_sim_ros.gap.inference.decide import Decision
 from flexx2_sim_ros.gap.inference.model import Model
+from flexx2_sim_ros.gap.report.calibration_page import BAND_STYLE, figures
 from flexx2_sim_ros.gap.report.charts import charts, maps
 from flexx2_sim_ros.gap.report.cost_page import section
 from flexx2_sim_ros.gap.report.frames import frames, FRAMES_STYLE
@@ -15,6 +17,7 @@ from flexx2_sim_ros.gap.report.style import STYLE
 from flexx2_sim_ros.gap.report.text import percent, spaced
 from flexx2_sim_ros.gap.report.words import (
     accuracy,
+    calibrations,
     camera_effects,
     headline,
     MEASURES,
@@ -39,7 +42,11 @@ td.number { white-space: nowrap; }
 
 
 def page(
-    table: dict[str, Any], model: Model, decision: Decision, confirmed: Sequence[Outcome]
+    table: dict[str, Any],
+    model: Model,
+    decision: Decision,
+    confirmed: Sequence[Outcome],
+    calibrated: Calibrated | None,
 ) -> str:
     """Return the page as HTML, all text escaped and all pictures inside."""
     body = [
@@ -49,6 +56,7 @@ def page(
         f'<h1>{escape(headline(table))}</h1>',
         ''.join(f'<p>{escape(line)}</p>' for line in sentences(table)),
         _effects(table),
+        _forms(calibrated),
         _shrinkage(table),
         section(table['cost']) if 'cost' in table else '',
         _where(table),
@@ -63,7 +71,9 @@ def page(
         f'{table["seconds"]:.0f} s with {table["peak_mb"]:.0f} MB. docs/diagnosis.md says how '
         'each number is computed.</p>'
     )
-    return html_page(f'Sim-to-real gap: {table["verdict"]}', _STYLE + CURVE_STYLE, '\n'.join(body))
+    return html_page(
+        f'Sim-to-real gap: {table["verdict"]}', _STYLE + CURVE_STYLE + BAND_STYLE, '\n'.join(body)
+    )
 
 
 def _numbers(*texts: str) -> str:
@@ -74,8 +84,11 @@ def _effects(table: dict[str, Any]) -> str:
     if not table['effects']:
         return ''
     rows = []
+    forms = {row['name']: row['form'] for row in calibrations(table) if row['taken']}
     for row in table['effects']:
-        values = ', '.join(f'{name} {value:.4g}' for name, value in row['parameters'].items())
+        values = forms.get(row['name']) or ', '.join(
+            f'{name} {value:.4g}' for name, value in row['parameters'].items()
+        )
         low, high = map(percent, row['interval'])
         numbers = percent(row['share']), f'{low} to {high}', percent(row['confidence'])
         rows.append(
@@ -87,10 +100,26 @@ def _effects(table: dict[str, Any]) -> str:
         '<th>fraction of the loss</th><th>90 % interval</th><th>confidence</th>'
         f'<th>parameters</th></tr>{"".join(rows)}</table></div><p><small>The fraction is how much '
         "of the loss of the diagnosis' features goes away when this effect is added to the "
-        'others: fractions need not add up to the reduction above. The confidence is the '
+        f'others{_in_typical_form(forms)}: fractions need not add up to the reduction above. The '
+        'confidence is the '
         'probability that the effect is present, calibrated on simulated campaigns. effects.yaml '
         'has these effects, for <code>flexx2 simulate --effects</code> and the camera node.'
         '</small></p>'
+    )
+
+
+def _in_typical_form(forms: Collection[str]) -> str:
+    return ', all in the form of the catalogue' if forms else ''
+
+
+def _forms(calibrated: Calibrated | None) -> str:
+    taken = [one for one in calibrated.explained.verdicts if one.taken] if calibrated else []
+    if calibrated is None or not taken:
+        return ''
+    return (
+        f'<h2>Curves and maps</h2><div class="row">{figures(taken, calibrated.explained.looked)}'
+        '</div><p><small>What was fitted to the recordings. Bands: 90 % intervals over recordings '
+        '(jackknife). Dashed: in the form of the catalogue.</small></p>'
     )
 
 

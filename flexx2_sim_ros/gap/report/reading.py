@@ -94,6 +94,24 @@ class Diagnosed:
             raise InputError(f'DIAGNOSIS: must have effects to check, got {why}')
         return effects
 
+    def typical_effects(self) -> tuple[Effect, ...]:
+        """
+        Return `effects` in the form of the catalogue, those that the diagnosis calibrated as well.
+
+        Raises
+        ------
+        InputError
+            When the calibration is not what a diagnosis writes.
+
+        """
+        try:
+            rows = (self.table.get('calibration') or {}).get('effects', [])
+            typical = parse_effects({row['name']: row['typical'] for row in rows}, 'calibration')
+        except (AttributeError, LookupError, TypeError, ValueError) as error:
+            raise InputError(f'DIAGNOSIS: diagnosis.json: calibration: {error}') from error
+        by_name = {one.name: one for one in typical}
+        return tuple(by_name.get(one.name, one) for one in self.effects)
+
     def alternatives(self) -> list[OtherExplanation]:
         """
         Return the alternative explanations, the likeliest first.

@@ -4,7 +4,8 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
-from flexx2_sim_ros.effects import Effect
+from flexx2_sim_ros.effects import Effect, parse_effects
+from flexx2_sim_ros.effects.tables import plain
 from flexx2_sim_ros.effects.time_offset import changing
 from flexx2_sim_ros.gap.calibration.decisions import calibrated
 from flexx2_sim_ros.gap.calibration.inference import THRESHOLDS
@@ -14,6 +15,7 @@ from flexx2_sim_ros.gap.features.confirm import Outcome
 from flexx2_sim_ros.gap.features.evidence import Evidence
 from flexx2_sim_ros.gap.features.features import ENOUGH
 from flexx2_sim_ros.gap.features.physical import COUNTED, distance, UNITS
+from flexx2_sim_ros.gap.forms.named import Calibrated
 from flexx2_sim_ros.gap.inference.decide import Alternative, Decision
 from flexx2_sim_ros.gap.inference.effects import fitted_effects
 from flexx2_sim_ros.gap.inference.improvement import measured, tolerances
@@ -57,7 +59,7 @@ def diagnosis_table(
     -------
     dict
         The table that ``docs/diagnosis.md`` describes, without ``not_considered``, ``patch``,
-        ``version``, ``seconds`` and ``peak_mb``.
+        ``version``, ``seconds`` and ``peak_mb``. No effect is calibrated.
 
     """
     age = age_table(effects, used)
@@ -78,10 +80,57 @@ def diagnosis_table(
         ),
         'where': _where(model, decision, residual, confirmed) if finds else [],
         'gap': _gap(model, decision, confirmed),
+        'calibration': None,
         'age': age,
         'evidence': decision.support.as_table(),
         'recordings': _recordings(model, decision, used, left_out),
     }
+
+
+def calibrated_table(
+    table: dict[str, Any],
+    model: Model,
+    decision: Decision,
+    calibrated: Calibrated,
+    confirmed: list[Outcome],
+    motions: Sequence[np.ndarray],
+) -> dict[str, Any]:
+    """
+    Return a diagnosis with the forms of effects that are taken, and the gap that they leave.
+
+    What was decided, and where the gap lies, stays.
+
+    Parameters
+    ----------
+    table : dict
+        As from `diagnosis_table`.
+    model, decision
+        As for `diagnosis_table`.
+    calibrated : Calibrated
+        The forms that were tried.
+    confirmed : list of Outcome
+        The comparison of each recording with its simulation with the forms that are taken.
+    motions : sequence of numpy.ndarray
+        (6 + 3 P,) where the camera of each recording was then.
+
+    """
+    forms = {one.name: plain(one.settings) for one in parse_effects(calibrated.explained.effects)}
+    verdicts = [
+        {**one.as_table(), 'typical': plain(calibrated.typical[one.proposal.effect])}
+        for one in calibrated.explained.verdicts
+    ]
+    before = {key: table['gap'][key] for key in ('shrink', 'interval', 'measured_by')}
+    out = {**table, 'calibration': {'effects': verdicts, 'typical_gap': before}}
+    if not calibrated.taken:
+        return out
+    out['effects'] = [
+        {**row, 'parameters': forms.get(row['name'], row['parameters'])}
+        for row in table['effects']
+    ]
+    out['gap'] = _gap(model, decision, confirmed)
+    for row, motion in zip(out['recordings'], motions, strict=False):  # Those used are first.
+        row['pose'] = [float(v) for v in motion[:POSE]]
+    return out
 
 
 def _effect_rows(decision: Decision, effects: Sequence[Effect]) -> list[dict[str, Any]]:

@@ -34,6 +34,16 @@ def camera_effects(table: dict[str, Any]) -> list[str]:
     return [row['name'] for row in table['effects'] if row['name'] != of_role('pose').name]
 
 
+def calibrations(table: dict[str, Any]) -> list[dict[str, Any]]:
+    """Return the forms that were tried; none if nothing was calibrated."""
+    rows: list[dict[str, Any]] = (table['calibration'] or {}).get('effects', [])
+    return rows
+
+
+def _taken(table: dict[str, Any]) -> list[dict[str, Any]]:
+    return [row for row in calibrations(table) if row['taken']]
+
+
 def headline(table: dict[str, Any]) -> str:
     """Return the verdict in one sentence."""
     gap, rows = table['gap'], table['effects']
@@ -54,7 +64,11 @@ def headline(table: dict[str, Any]) -> str:
                 f'Nearest explanations: {_names(table["alternatives"])}.'
             )
         return 'There is a gap, and no effect of the catalogue explains it.'
-    rest = ' Another cause remains.' if table['verdict'] == 'partly' else ''
+    rest = ''
+    if table['verdict'] == 'partly':
+        # What a typical form leaves may be the form's own fault.
+        sure = 'may remain' if _taken(table) else 'remains'
+        rest = f' Another cause {sure}.'
     if not camera_effects(table) or (
         rows[0]['name'] == of_role('pose').name and gap['shrink'] < 0.05
     ):
@@ -85,7 +99,7 @@ def sentences(table: dict[str, Any]) -> list[str]:
     out = []
     gap = table['gap']
     if camera_effects(table):
-        out += reduction(gap)
+        out += reduction(gap) + _calibrated(table)
     if any(row['name'] == of_role('pose').name for row in table['effects']):
         out.append(
             'The gap is measured with the fitted pose of each recording; the list of recordings '
@@ -99,7 +113,10 @@ def sentences(table: dict[str, Any]) -> list[str]:
         ]
     if table['verdict'] in ('unknown', 'partly') and table['unexplained']:
         names = ', '.join(CHANNELS[row['structure']] for row in table['unexplained'][:4])
-        out.append(f'The remaining gap shows in: {names}.')
+        rest = 'The remaining gap'
+        if _taken(table):
+            rest = 'What effects in the form of the catalogue leave of the gap'
+        out.append(f'{rest} shows in: {names}.')
     if 'patch' in table:
         out.append(
             f'effects.yaml has a correction without a cause, over '
@@ -110,6 +127,19 @@ def sentences(table: dict[str, Any]) -> list[str]:
     if table['where'] and table['verdict'] != 'none':
         out.append(finding(table['where'][0]))
     return out
+
+
+def _calibrated(table: dict[str, Any]) -> list[str]:
+    # Which effects have another form than that of the catalogue.
+    taken = _taken(table)
+    if not taken:
+        return []
+    forms = '; '.join(f'{spaced(row["name"])}: {row["form"]}' for row in taken)
+    removed = percent(table['calibration']['typical_gap']['shrink'])
+    return [
+        f'Calibrated: {forms}. In the form of the catalogue, the effects would remove {removed} '
+        'of the gap.'
+    ]
 
 
 def reduction(gap: dict[str, Any]) -> list[str]:

@@ -7,7 +7,10 @@ from typing import Any
 
 from flexx2_sim_ros.atomic import output_folder, whole_files
 from flexx2_sim_ros.effects import Effect, save_effects
+from flexx2_sim_ros.effects.registry import map_file
+from flexx2_sim_ros.effects.tables import PixelMap
 from flexx2_sim_ros.gap.features.confirm import Outcome
+from flexx2_sim_ros.gap.forms.named import Calibrated
 from flexx2_sim_ros.gap.inference.decide import Decision
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.report.age import age_words, arrival_of, with_delay
@@ -25,19 +28,22 @@ def write(
     model: Model,
     decision: Decision,
     confirmed: Sequence[Outcome],
+    calibrated: Calibrated | None,
 ) -> None:
     """
     Write ``diagnosis.json``, ``effects.yaml`` and ``report.html``.
 
+    Maps are in files beside these, as `save_effects` names them.
+
     Parameters
     ----------
     folder : pathlib.Path
-        Created if it does not exist; the three files in it are replaced.
+        Created if it does not exist; the files in it are replaced.
     table : dict
         The diagnosis.
     effects : sequence of Effect
         The effects that explain the gap.
-    model, decision, confirmed
+    model, decision, confirmed, calibrated
         Parts of the report.
 
     Raises
@@ -47,13 +53,31 @@ def write(
 
     """
     with whole_files(output_folder(folder)) as part:
-        text = json.dumps(table, indent=2, allow_nan=False)
+        text = json.dumps(_with_files(table, effects), indent=2, allow_nan=False)
         (part / FILES[0]).write_text(text + '\n', encoding='utf-8')
         late = with_delay(effects, arrival_of(table['age']))
         save_effects(part / FILES[1], late, _comment(table))
         (part / FILES[2]).write_text(
-            page(table, model, decision, confirmed), encoding='utf-8', errors='backslashreplace'
+            page(table, model, decision, confirmed, calibrated),
+            encoding='utf-8',
+            errors='backslashreplace',
         )
+
+
+def _with_files(table: dict[str, Any], effects: Sequence[Effect]) -> dict[str, Any]:
+    # Names of files instead of maps.
+    files = {
+        effect.name: dict.fromkeys(
+            (name for name, one in effect.forms.items() if isinstance(one, PixelMap)),
+            map_file(effect),
+        )
+        for effect in effects
+    }
+    rows = [
+        {**row, 'parameters': {**row['parameters'], **files.get(row['name'], {})}}
+        for row in table['effects']
+    ]
+    return {**table, 'effects': rows}
 
 
 def _comment(table: dict[str, Any]) -> str:

@@ -1,0 +1,202 @@
+"""Give the effects that a diagnosis names the forms that its recordings show."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from flexx2_sim_ros.camera import Profile
+from flexx2_sim_ros.effects import Effect, parse_effects
+from flexx2_sim_ros.gap.calibration.forms import FORMS
+from flexx2_sim_ros.gap.data.campaign import Found
+from flexx2_sim_ros.gap.data.given import Table
+from flexx2_sim_ros.gap.features.confirm import Outcome
+from flexx2_sim_ros.gap.forms.calibrating import (
+    calibrate_effects,
+    Explained,
+    Jobs,
+    PATTERN,
+    quickly_calibratable,
+    Work,
+)
+from flexx2_sim_ros.gap.forms.work import (
+    confirm_settled,
+    judge,
+    look,
+    look_at_pixels,
+    look_at_rest,
+    Looked,
+    Settings,
+)
+from flexx2_sim_ros.gap.inference.effects import table_of
+from flexx2_sim_ros.jobs import bind, Map
+import numpy as np
+
+Step = Callable[[], None]
+
+
+@dataclass(frozen=True)
+class Simulator:
+    """
+    How recordings are read and simulated, and by whom.
+
+    Attributes
+    ----------
+    mapped : callable
+        A map as from `jobs.workers`.
+    profile : Profile or None
+        The camera; None: the Flexx2.
+    known : mapping
+        Effects that the base simulator has: parameters by name.
+    seed : int
+        Of the simulations.
+    prior : tuple of float
+        Six standard deviations of pose errors, metres and degrees.
+
+    """
+
+    mapped: Map
+    profile: Profile | None
+    known: Table
+    seed: int
+    prior: tuple[float, ...]
+
+    def look(
+        self, items: Sequence[tuple[Found, Settings, np.ndarray | None]], step: Step
+    ) -> list[Looked | str]:
+        """Return `work.look` of several recordings."""
+        return self.run(look, items, step, prior=self.prior)
+
+    def work(self, step: Step) -> Work:
+        """Return the work on recordings, with a function to call after each one is judged."""
+
+        def judge_all(jobs: Jobs, frames: int | None) -> list[list[dict[str, float]]]:
+            return self.run(judge, jobs, step, frames=frames)
+
+        def again(some: Sequence[Looked], now: Sequence[Settings]) -> list[Looked]:
+            items = [(one.found, own, None) for one, own in zip(some, now, strict=True)]
+            return [one for one in self.look(items, _nothing) if isinstance(one, Looked)]
+
+        return Work(
+            judge_all,
+            lambda jobs: self.run(look_at_pixels, jobs, _nothing),
+            lambda jobs: self.run(look_at_rest, jobs, _nothing),
+            again,
+        )
+
+    def run(self, function: Any, items: Sequence[Any], step: Step, **more: Any) -> list[Any]:
+        """Return a function of `work` of several recordings."""
+        fixed = {'profile': self.profile, 'known': self.known, 'seed': self.seed}
+        return self.mapped(bind(function, **fixed, **more), items, step)
+
+
+@dataclass(frozen=True)
+class Calibrated:
+    """
+    Named effects with their forms, and what is left of the gap with them.
+
+    Attributes
+    ----------
+    explained : Explained
+        The forms that were tried.
+    typical : dict
+        Settings by effect in the form of the catalogue.
+
+    """
+
+    explained: Explained
+    typical: Settings
+
+    @property
+    def taken(self) -> bool:
+        """Return whether a form was taken."""
+        return any(one.taken for one in self.explained.verdicts)
+
+    def effects(self, named: Sequence[Effect]) -> list[Effect]:
+        """Return the named effects with the forms that are taken, in the same order."""
+        forms = {one.name: one for one in parse_effects(self.explained.effects)}
+        return [forms.get(one.name, one) for one in named]
+
+    def confirmed(
+        self, simulator: Simulator, shown: Sequence[bool], step: Step
+    ) -> tuple[list[Outcome], list[np.ndarray]]:
+        """
+        Simulate each recording with forms that were not fitted to it.
+
+        Parameters
+        ----------
+        simulator : Simulator
+        shown : sequence of bool
+            Which recordings have a frame to show.
+        step : callable
+            Called after each recording.
+
+        Returns
+        -------
+        tuple of list
+            What is left of the gap of each recording, and (6 + 3 P,) where its camera and its
+            planes are with these effects, as for `registration.place`.
+
+        """
+        jobs = list(zip(self.explained.looked, self.explained.now, shown, strict=True))
+        both = simulator.run(confirm_settled, jobs, step)
+        return [one for one, _ in both], [motion for _, motion in both]
+
+
+def calibrate_named(
+    used: Sequence[Found],
+    motions: Sequence[np.ndarray],
+    named: Sequence[Effect],
+    held_out: Sequence[Sequence[Effect]],
+    simulator: Simulator,
+    step: Step,
+) -> Calibrated | None:
+    """
+    Fit those forms of named effects that need no search by simulation.
+
+    Parameters
+    ----------
+    used : sequence of Found
+        The recordings.
+    motions : sequence of numpy.ndarray
+        (6 + 3 P,) where each one's camera and planes are as far as is known, as for
+        `registration.place`.
+    named : sequence of Effect
+        As fitted to all recordings.
+    held_out : sequence of sequence of Effect
+        As fitted without each recording.
+    simulator : Simulator
+        How the recordings are simulated.
+    step : callable
+        Called after each recording.
+
+    Returns
+    -------
+    Calibrated or None
+        None where no effect has such a form, or where too few recordings can be left out.
+
+    """
+    effects = _of_camera(named)
+    names = quickly_calibratable(effects)
+    if len(used) < FORMS.fewest or not names:
+        return None
+    without = [_of_camera(own) for own in held_out]
+    items = list(zip(used, without, motions, strict=True))
+    looked = [one for one in simulator.look(items, step) if isinstance(one, Looked)]
+    if len({one.shape for one in looked}) > 1:  # A map has one number for each pixel.
+        names = [name for name in names if name != PATTERN]
+    work = simulator.work(step)
+    return Calibrated(calibrate_effects(looked, effects, work, without, names), effects)
+
+
+def rounds_of_named(named: Sequence[Effect]) -> int:
+    """Return how often `calibrate_named` calls its step for each recording."""
+    return 2 + len(quickly_calibratable(_of_camera(named)))
+
+
+def _of_camera(effects: Sequence[Effect]) -> Settings:
+    # An error of the poses is not simulated.
+    return table_of(one for one in effects if one.role != 'pose')
+
+
+def _nothing() -> None:
+    pass
