@@ -9,6 +9,9 @@ fifths of the campaigns and checked on the last one, five times.
 
 python -m bench.calibrate_decisions --campaigns 300 --minutes 15 --jobs 2
 python -m bench.calibrate_decisions --campaigns 300 --write
+
+With ``--forms``, campaigns that were diagnosed before a diagnosis fitted forms are diagnosed again
+if their reduction would be another one. Their lines are in a second file, and replace the first.
 """
 
 import argparse
@@ -20,7 +23,7 @@ from pathlib import Path
 import time
 from typing import Any
 
-from bench.decision_campaigns import DESIGN, INSIDE, MOST, plan, run, STRENGTHS
+from bench.decision_campaigns import changed_by_forms, DESIGN, INSIDE, MOST, plan, run, STRENGTHS
 from bench.decision_fit import before, calibrate, Campaign, campaign, counted, COVERED
 from bench.journal import Journal
 from flexx2_sim_ros import __version__
@@ -72,24 +75,35 @@ def main() -> None:
     parser.add_argument('--campaigns', type=int, default=300)
     parser.add_argument('--minutes', type=float, default=1e9, help='then stop; resumes later')
     parser.add_argument('--jobs', type=int, default=1, help='processes')
+    parser.add_argument('--forms', action='store_true', help='diagnose again where forms matter')
     parser.add_argument('--write', action='store_true', help='the rule and its picture')
     arguments = parser.parse_args()
     if not 1 <= arguments.campaigns <= MOST:
         parser.error(f'--campaigns: must be 1 to {MOST}, got {arguments.campaigns}')
     design = {name: list(map(list, table.items())) for name, table in DESIGN.items()}
     inside = {name: sorted(fields) for name, fields in INSIDE.items()}
-    journal = Journal(arguments.lines, design=design, strengths=list(STRENGTHS), inside=inside)
-    began = time.monotonic()
-    left = range(len(journal), arguments.campaigns)
-    with ProcessPoolExecutor(arguments.jobs, get_context('spawn')) as pool:
-        for start in track(left[:: _AT_ONCE * arguments.jobs], 'diagnosing'):
-            if time.monotonic() - began > 60 * arguments.minutes:
-                break
-            end = min(start + _AT_ONCE * arguments.jobs, arguments.campaigns)
-            for line in pool.map(run, range(start, end)):
-                journal.add(line)
+    settings = {'design': design, 'strengths': list(STRENGTHS), 'inside': inside}
+    journal = Journal(arguments.lines, **settings)
+    ends = time.monotonic() + 60 * arguments.minutes
+    _diagnose(journal, range(len(journal), arguments.campaigns), arguments.jobs, ends)
     lines = list(journal)[: arguments.campaigns]
+    if arguments.forms:
+        again = Journal(arguments.lines.with_suffix('.forms.jsonl'), **settings)
+        wanted = [line['index'] for line in lines if changed_by_forms(line)]
+        _diagnose(again, wanted[len(again) :], arguments.jobs, ends)
+        newer = {line['index']: line for line in again}
+        lines = [newer.get(line['index'], line) for line in lines]
     report(lines, arguments.write)
+
+
+def _diagnose(journal: Journal, left: Sequence[int], jobs: int, ends: float) -> None:
+    # Adds a line for each index, until the time is over.
+    with ProcessPoolExecutor(jobs, get_context('spawn')) as pool:
+        for start in track(range(0, len(left), _AT_ONCE * jobs), 'diagnosing'):
+            if time.monotonic() > ends:
+                break
+            for line in pool.map(run, left[start : start + _AT_ONCE * jobs]):
+                journal.add(line)
 
 
 def report(lines: Sequence[Mapping[str, Any]], write: bool) -> None:

@@ -22,6 +22,8 @@ from bench.gap_truth import rewrite
 from bench.wall_campaigns import profile_for, SHOWN, write_walls
 from flexx2_sim_ros.atomic import scratch_folder
 from flexx2_sim_ros.gap import diagnose, measure
+from flexx2_sim_ros.gap.calibration.forms import FORMS
+from flexx2_sim_ros.gap.forms.calibrating import quickly_calibratable
 from flexx2_sim_ros.validation.benchmark.design import MODES, Planned
 from flexx2_sim_ros.validation.benchmark.realised import realised_gap
 from flexx2_sim_ros.validation.benchmark.seeds import DEVELOPMENT
@@ -154,7 +156,15 @@ def run(index: int) -> dict[str, Any]:
         realised = None
         if table['effects'] and more['camera'] == 'blind' and case.effects:
             realised = realised_gap(case, table, folder / 'cache', measure)
-    kept = ('verdict', 'effects', 'alternatives', 'not_decidable', 'gap', 'evidence')
+    kept = (
+        'verdict',
+        'effects',
+        'alternatives',
+        'not_decidable',
+        'gap',
+        'calibration',
+        'evidence',
+    )
     return {
         'index': index,
         'planned': case.to_json(),
@@ -165,6 +175,20 @@ def run(index: int) -> dict[str, Any]:
         'seconds': round(time.process_time() - began, 2),
         'code': code(),
     }
+
+
+def changed_by_forms(line: Mapping[str, Any]) -> bool:
+    """
+    Say whether a line is of a diagnosis that fitted no forms, and would have another reduction.
+
+    The verdict of the line, and all else that it says, stays.
+    """
+    table = line['diagnosis']
+    if 'calibration' in table or line['realised'] is None:
+        return False
+    names = {row['name']: row['parameters'] for row in table['effects']}
+    enough = line['planned']['recordings'] >= FORMS.fewest
+    return enough and bool(quickly_calibratable(names))
 
 
 def _record(case: Planned, more: Mapping[str, Any], folder: Path) -> dict[str, Any]:
