@@ -125,6 +125,7 @@ class Calibrated:
         Parameters
         ----------
         simulator : Simulator
+            How the recordings are simulated.
         shown : sequence of bool
             Which recordings have a frame to show.
         step : callable
