@@ -118,7 +118,8 @@ class Effect:
     hypotheses : tuple of Hypothesis
         The variants in which a diagnosis looks for it.
     shapes : tuple of Shape
-        The parameters that a calibration fits by simulation, from simple to flexible.
+        The parameters that a calibration fits, from simple to flexible: those of effects on
+        geometry together with the poses, the others by simulation.
     searched : Searched or None
         What of it a diagnosis finds from the recordings first, and the variants that follow.
     nuisances : tuple of str

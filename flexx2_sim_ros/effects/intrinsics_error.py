@@ -7,6 +7,7 @@ from typing import ClassVar
 from flexx2_sim_ros.effects.effect import Effect, parameter
 from flexx2_sim_ros.effects.hypothesis import Hypothesis, Term
 from flexx2_sim_ros.effects.picture import Picture
+from flexx2_sim_ros.effects.shapes import Free, Shape
 from flexx2_sim_ros.physics.frame_state import FrameState, Stage
 from flexx2_sim_ros.physics.geometry import Reprojection
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
@@ -55,6 +56,17 @@ class IntrinsicsError(Effect):
             ('distortion', ('k1',)),
             ('all', tuple(_TYPICAL)),
         )
+    )
+    shapes: ClassVar[tuple[Shape, ...]] = (
+        Shape(
+            'focal length, centre and distortion',
+            (
+                Free('focal', -0.1, 0.1),
+                Free('cx', -20.0, 20.0),
+                Free('cy', -20.0, 20.0),
+                Free('k1', -0.3, 0.3),
+            ),
+        ),
     )
     smooth: ClassVar[bool] = True
     like_a_pose: ClassVar[tuple[Mapping[str, float], ...]] = tuple(

@@ -1,4 +1,4 @@
-"""Which parameters of an effect a calibration fits by simulation, as plain data."""
+"""Which parameters of an effect a calibration fits, as plain data."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field

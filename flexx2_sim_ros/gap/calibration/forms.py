@@ -53,6 +53,12 @@ class Forms:
         0.002, 'm', "error of a pixel's ground truth, beside noise, when a map is made"
     )
     steps: int = constant(2, '', "of a recording's pose, when its effects change")
+    slope: float = constant(
+        0.004,
+        '',
+        'step of a parameter on geometry for its slope, as a fraction of half its bounds',
+    )
+    rounds: int = constant(4, '', 'of parameters on geometry and poses')
     least: float = constant(
         0.05, 'tolerances', 'a smaller gain in distance does not matter; see `physical.distance`'
     )

@@ -14,6 +14,7 @@ from flexx2_sim_ros.gap.forms import dropout
 from flexx2_sim_ros.gap.forms.bias import BIASES, Form, forms_of
 from flexx2_sim_ros.gap.forms.empirical import correction, NAME, Rest
 from flexx2_sim_ros.gap.forms.fitting import BiasFit, Fitted, is_surely_less
+from flexx2_sim_ros.gap.forms.geometry import is_fitted_with_poses, next_values, shape_of
 from flexx2_sim_ros.gap.forms.pattern import map_of, PixelErrors
 from flexx2_sim_ros.gap.forms.samples import Samples
 from flexx2_sim_ros.gap.forms.search import evaluations, Numbers, search
@@ -160,7 +161,11 @@ def calibratable(effects: Settings) -> list[str]:
 
 def quickly_calibratable(effects: Settings) -> list[str]:
     """Return which effects have a form that is fitted without a search by simulation."""
-    return [name for name in calibratable(effects) if not registry()[name].shapes]
+    return [
+        name
+        for name in calibratable(effects)
+        if is_fitted_with_poses(name) or not registry()[name].shapes
+    ]
 
 
 def rounds(effects: Settings) -> int:
@@ -170,7 +175,11 @@ def rounds(effects: Settings) -> int:
         1
         + len(COVARIATES)
         + len(names)
-        + sum(evaluations(registry()[name].shapes) for name in names)
+        + sum(
+            evaluations(registry()[name].shapes)
+            for name in names
+            if not is_fitted_with_poses(name)
+        )
     )
 
 
@@ -214,7 +223,9 @@ def calibrate_effects(
     before = [one.apart for one in looked]
     proposals: dict[str, Proposal] | None = None
     for name in fitted:
-        if registry()[name].shapes:
+        if is_fitted_with_poses(name):
+            proposal = _geometry(name, looked, now, work)
+        elif registry()[name].shapes:
             proposal = _searched(name, looked, now, work)
         elif name == PATTERN:
             proposal = _pattern(looked, now, work)
@@ -286,6 +297,22 @@ def judged(
     }
     worse = [unit for unit, limit in _OTHERS.items() if measured(values[unit], limit)['worse']]
     return Verdict(proposal, old, new, taken, tuple(worse))
+
+
+def _geometry(
+    name: str, looked: Sequence[Looked], now: Sequence[Settings], work: Work
+) -> Proposal:
+    # No form of a geometric effect comes before, so all recordings have the same settings.
+    there = looked
+    settings = dict(now[0])
+    for round_ in range(FORMS.rounds):
+        if round_:
+            there = work.again(there, [settings] * len(there))
+        together, without = next_values(
+            name, [_less_others(one, ()) for one in there], settings[name]
+        )
+        settings[name] = {**settings[name], **together}
+    return Proposal(name, shape_of(name).label, together, without)
 
 
 def _searched(

@@ -1,7 +1,8 @@
 """Fit forms of a bias to all recordings together with the pose of each, and leave one out."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from copy import copy
+from dataclasses import dataclass, replace
 
 from flexx2_sim_ros.gap.calibration.data import REGISTRATION
 from flexx2_sim_ros.gap.calibration.forms import FORMS
@@ -56,22 +57,71 @@ class BiasFit:
     def __init__(self, samples: Sequence[Samples]) -> None:
         """Find weights of the samples with the most flexible form."""
         self.samples = list(samples)
-        self._parts = [_WithoutOwn(one, _robust_weights(one)) for one in self.samples]
+        self._weights = [_robust_weights(one) for one in self.samples]
+        self._eliminate_motions()
+
+    def _eliminate_motions(self) -> None:
+        both = zip(self.samples, self._weights, strict=True)
+        self._parts = [_WithoutOwn(one, weight) for one, weight in both]
 
     def fit(self, forms: Sequence[Form]) -> Fitted:
         """Fit forms to all recordings, and to all but one."""
-        penalty = _blocks([form.penalty() for form in forms])
-        parts = [
-            part.equations([form.columns(one) for form in forms])
-            for one, part in zip(self.samples, self._parts, strict=True)
-        ]
+        columns = [np.concatenate([form.columns(one) for form in forms]) for one in self.samples]
+        return Fitted(tuple(forms), *self.solve(columns, _blocks([f.penalty() for f in forms])))
+
+    def solve(
+        self, columns: Sequence[np.ndarray], penalty: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """
+        Fit shared coefficients to all recordings, and to all but one.
+
+        Parameters
+        ----------
+        columns : sequence of numpy.ndarray
+            (K, N) metres of depth for a coefficient of 1 each, for each recording.
+        penalty : numpy.ndarray
+            (K, K) on the coefficients.
+
+        Returns
+        -------
+        tuple of numpy.ndarray
+            (K,), (R, K) and (R,): `Fitted.together`, `Fitted.without` and `Fitted.losses`.
+
+        """
+        parts = [part.equations(own) for own, part in zip(columns, self._parts, strict=True)]
         S, s = (sum(part[i] for part in parts) for i in (0, 1))  # noqa: N806
         without = np.array([np.linalg.solve(S - a + penalty, s - b) for a, b, *_ in parts])
         losses = [
             (c - 2 * theta @ b + theta @ a @ theta) / n
             for (a, b, c, n), theta in zip(parts, without, strict=True)
         ]
-        return Fitted(tuple(forms), np.linalg.solve(S + penalty, s), without, np.array(losses))
+        return np.linalg.solve(S + penalty, s), without, np.array(losses)
+
+    def with_usual_poses(self, columns: Sequence[np.ndarray], penalty: np.ndarray) -> 'BiasFit':
+        """
+        Return the same with priors of the poses as wide as the fitted poses are.
+
+        A wider prior lets the poses take up what a wrong lens does. It never becomes wider.
+
+        Parameters
+        ----------
+        columns, penalty
+            As for `solve`, of what is fitted at the same time.
+
+        """
+        out = copy(self)
+        for _ in range(FORMS.iterations):  # Expectation and maximisation.
+            shared = out.solve(columns, penalty)[0]
+            squares = np.concatenate(
+                [
+                    _own_squares(one, weight, shared @ own)
+                    for one, weight, own in zip(out.samples, self._weights, columns, strict=True)
+                ]
+            )
+            factor = min(float(np.sqrt(squares.mean())), 1.0) if len(squares) else 1.0
+            out.samples = [replace(one, spread=factor * one.spread) for one in out.samples]
+            out._eliminate_motions()
+        return out
 
     def best(self, groups: Sequence[Sequence[Form]], others: Sequence[Form] = ()) -> Fitted:
         """
@@ -139,6 +189,17 @@ def _solve_own(
     return np.linalg.solve(normal, (own * weight) @ target - ridge * start)
 
 
+def _own_squares(samples: Samples, weight: np.ndarray, shared: np.ndarray) -> np.ndarray:
+    # Expected squares of a recording's motion, in variances of its prior, where that has any.
+    own, target, start, ridge = _whitened(samples, samples.error - shared)
+    step = _solve_own(own, target, weight, start, ridge)
+    normal = (own * weight) @ own.T + ridge * np.eye(len(own))
+    # The ridge weighs the prior against errors that are alike in neighbouring pixels, so it also
+    # scales the variance of what is fitted.
+    squares = (start + step) ** 2 + ridge * np.diag(np.linalg.inv(normal))
+    return np.asarray(squares[samples.spread.any(axis=0)])
+
+
 def _cauchy(residual: np.ndarray) -> np.ndarray:
     return 1 / (1 + (residual / FORMS.robust) ** 2)
 
@@ -154,9 +215,12 @@ def _robust_weights(samples: Samples) -> np.ndarray:
     if not flexible:
         return np.ones(0)
     free = np.concatenate(flexible) / samples.sigma
-    A = np.concatenate([own, free])  # noqa: N806
-    prior = np.concatenate([np.full(len(own), ridge), np.full(len(free), FORMS.ridge)])
-    centre = np.concatenate([ridge * start, np.zeros(len(free))])
+    lens = [slopes / samples.sigma for slopes in samples.slopes.values()]
+    A = np.concatenate([own, free, *lens])  # noqa: N806
+    prior = np.full(len(A), 1.0)
+    prior[: len(own)], prior[len(own) : len(own) + len(free)] = ridge, FORMS.ridge
+    centre = np.zeros(len(A))
+    centre[: len(own)] = ridge * start
     weight = np.ones(len(target))
     for _ in range(FORMS.iterations):
         normal = (A * weight) @ A.T + np.diag(prior)
@@ -175,11 +239,9 @@ class _WithoutOwn:
         self._right = own @ target - ridge * start
         self._constant = float((weight * target) @ target + ridge * start @ start)
 
-    def equations(
-        self, columns: Sequence[np.ndarray]
-    ) -> tuple[np.ndarray, np.ndarray, float, int]:
+    def equations(self, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray, float, int]:
         # Of the coefficients of columns: matrix, right side, constant of the loss, and samples.
-        shared = np.concatenate(columns) / self._sigma
+        shared = columns / self._sigma
         weighted = shared * self._weight
         mixed = weighted @ self._own.T
         solved = np.linalg.solve(self._normal, np.column_stack([mixed.T, self._right]))

@@ -1,7 +1,7 @@
 """What the fit of a curve needs of one recording: errors on surfaces, and their covariates."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from flexx2_sim_ros.camera.common_random_numbers import CommonRandomNumbers
@@ -52,6 +52,9 @@ class Samples:
         (N,) seconds since power-on; NaN if the recording does not say.
     place : numpy.ndarray
         (N,) index into the flat (F, H, W) images of `shift_of`.
+    slopes : dict of str to numpy.ndarray
+        By effect on geometry: (K, N) metres for a change of each of its parameters by half of
+        its bounds, as from `geometry.slopes_of`.
 
     """
 
@@ -66,6 +69,7 @@ class Samples:
     incidence: np.ndarray
     uptime: np.ndarray
     place: np.ndarray
+    slopes: dict[str, np.ndarray] = field(default_factory=dict)
 
 
 def frames_of(recording: RecordingData) -> np.ndarray:

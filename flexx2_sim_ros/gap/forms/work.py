@@ -24,6 +24,7 @@ from flexx2_sim_ros.gap.features.simulation import PlacedScene, with_uptime
 from flexx2_sim_ros.gap.forms.dropout import Counts, counts_of
 from flexx2_sim_ros.gap.forms.empirical import edges_of, Rest
 from flexx2_sim_ros.gap.forms.fitting import own_motion
+from flexx2_sim_ros.gap.forms.geometry import slopes_of
 from flexx2_sim_ros.gap.forms.pattern import pixel_errors, PixelErrors
 from flexx2_sim_ros.gap.forms.samples import Samples, samples_of, shift_of
 import numpy as np
@@ -92,7 +93,9 @@ def look(
     motion, spread, scene = registered(recording, np.array(prior), own, begin)
     samples = samples_of(scene, motion, spread)
     given = _at_samples(scene, samples, {})
-    samples = replace(samples, error=samples.error - given)
+    samples = replace(
+        samples, error=samples.error - given, slopes=slopes_of(scene, samples.place, own)
+    )
     shifts = {
         name: _at_samples(scene, samples, {name: values}) - given for name, values in own.items()
     }

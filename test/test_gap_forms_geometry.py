@@ -1,0 +1,69 @@
+"""Parameters of the lens are fitted together with the poses that would hide them."""
+
+from pathlib import Path
+
+from bench.gap_campaigns import write_campaign
+from flexx2_sim_ros.effects import load_effects
+from flexx2_sim_ros.gap import calibrate
+from flexx2_sim_ros.gap.forms.fitting import BiasFit
+from flexx2_sim_ros.gap.forms.samples import Samples
+import numpy as np
+import pytest
+from test_gap_calibrate import write_diagnosis
+
+LENS = {'focal': 0.01, 'cx': 0.5, 'cy': -0.4, 'k1': 0.03}
+COUNT = 400
+
+
+def test_a_wrong_lens_is_found_although_the_poses_are_wrong(tmp_path: Path) -> None:
+    """Assert it from a diagnosis that has only a part of it."""
+    recordings = tmp_path / 'recordings'
+    size = {'recordings': 6, 'frames': 6, 'scale': 0.25, 'moving': 0}
+    write_campaign(recordings, seed=131, effects={'intrinsics_error': LENS}, **size)
+    part = {'focal': 0.006, 'cx': 0.2, 'cy': -0.2, 'k1': 0.02}
+    diagnosis = write_diagnosis(tmp_path / 'diagnosis', {'intrinsics_error': part})
+    table = calibrate(diagnosis, recordings, out=tmp_path / 'out')
+    (row,) = table['effects']
+    assert row['form'] == 'focal length, centre and distortion'
+    assert row['taken']
+    assert row['after'] < row['before']
+    effects = load_effects(tmp_path / 'out' / 'effects.yaml')
+    (effect,) = (one for one in effects if one.name == 'intrinsics_error')
+    assert effect.focal == pytest.approx(LENS['focal'], abs=0.004)
+    assert effect.k1 == pytest.approx(LENS['k1'], abs=0.004)
+    assert (
+        'focal length, centre and distortion'
+        in (tmp_path / 'out' / 'calibration.html').read_text()
+    )
+
+
+def make_samples(rng: np.random.Generator, moved: float, prior: float) -> Samples:
+    """Return samples of a recording whose camera was moved by so many metres along its axis."""
+    x, noise = np.linspace(-1, 1, COUNT), rng.standard_normal(COUNT) * 1e-4
+    own = np.zeros((6, COUNT))
+    own[0] = 1.0
+    # A lens that changes depth nearly as the motion does.
+    slopes = {'intrinsics_error': (1.0 + 0.05 * x)[None]}
+    length = np.ones(COUNT)
+    spread = np.diag([prior, 0.0, 0.0, 0.0, 0.0, 0.0])
+    return Samples(
+        np.zeros(6), moved + 0.02 * slopes['intrinsics_error'][0] + noise,
+        np.full(COUNT, 1e-3), own, spread, length, 2 + x, x, x, x, np.arange(COUNT), slopes,
+    )  # fmt: skip
+
+
+def test_the_prior_of_the_poses_becomes_as_wide_as_they_are() -> None:
+    """Assert it of poses that are wrong by far less than was allowed for."""
+    rng = np.random.default_rng(7)
+    moved = 0.001 * np.array([1.0, -1.0, 0.8, -0.8, 1.2, -1.2])
+    samples = [make_samples(rng, float(one), 0.05) for one in moved]
+    columns, penalty = [one.slopes['intrinsics_error'] for one in samples], np.eye(1)
+    fit = BiasFit(samples)
+    narrow = fit.with_usual_poses(columns, penalty)
+    assert 0.0005 < narrow.samples[0].spread[0, 0] < 0.01
+    assert samples[0].spread[0, 0] == 0.05
+    error = abs(narrow.solve(columns, penalty)[0] - 0.02)
+    assert error < 0.002
+    # Poses that are as wrong as was allowed for keep their prior.
+    wide = BiasFit([make_samples(rng, float(one), 0.0002) for one in moved])
+    assert wide.with_usual_poses(columns, penalty).samples[0].spread[0, 0] == 0.0002
