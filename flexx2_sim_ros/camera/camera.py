@@ -17,12 +17,7 @@ from flexx2_sim_ros.physics.frame_state import (
     FrameState,
     Memory,
 )
-from flexx2_sim_ros.physics.lateral import (
-    displaced_sources,
-    edge_limit,
-    pixel_sigma,
-    upright_edges,
-)
+from flexx2_sim_ros.physics.lateral import displaced_pixels, edge_limit, pixel_sigma, upright_edges
 from flexx2_sim_ros.physics.philox import camera_key, fill_normals, stamp_words, STREAM_AXIAL
 from flexx2_sim_ros.physics.surface import analyse, Surface
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
@@ -258,13 +253,9 @@ class Camera:
         model_sigma(
             surface.inverse_depth, surface.cos_incidence, self._coefficients, self._cap, sigma
         )
-        rows = np.empty((height, width), np.uint8)
-        columns = np.empty((height, width), np.uint8)
-        edges = upright_edges(surface.row_jumps, surface.column_jumps, rows, columns)
-        if not edges or not self._edge_sigma:
-            rows = columns = np.zeros((0, 0), np.uint8)
+        row_edges, column_edges = upright_edges(surface.row_jumps, surface.column_jumps)
         outside = self.mode.sensor.outside(camera)
-        return _Prepared(scene, matrix, surface, sigma, rows, columns, outside)
+        return _Prepared(scene, matrix, surface, sigma, row_edges, column_edges, outside)
 
     def _expose(
         self,
@@ -277,23 +268,20 @@ class Camera:
         confidence: np.ndarray,
     ) -> None:
         low, high = stamp_words(stamp)
-        pixels = depth.size
-        normals = np.empty(pixels, np.float32)
+        normals = np.empty(depth.size, np.float32)
         fill_normals(self._key, low, high, STREAM_AXIAL, normals)
-        source = np.empty(pixels if prepared.rows.size else 0, np.int32)
-        if source.size:
-            displaced_sources(
-                prepared.rows,
-                prepared.columns,
-                self._neighbourhood,
-                self._edge_sigma,
-                self._edge_limit,
-                self._key,
-                low,
-                high,
-                _GAUSSIAN,
-                source,
-            )
+        moved, origin = displaced_pixels(
+            prepared.row_edges,
+            prepared.column_edges,
+            *depth.shape,
+            self._neighbourhood,
+            self._edge_sigma,
+            self._edge_limit,
+            self._key,
+            low,
+            high,
+            _GAUSSIAN,
+        )
         model, reflectivity = prepared.sigma, np.ascontiguousarray(albedo)
         surfaces = self.mode.noise.surfaces
         if surfaces is not None and reflectivity.size > 1:
@@ -310,7 +298,8 @@ class Camera:
             prepared.surface.cos_incidence,
             model,
             reflectivity,
-            source,
+            moved,
+            origin,
             normals,
             np.float32(self.mode.range_min),
             np.float32(self.mode.range_max),
@@ -329,8 +318,8 @@ class _Prepared:
     matrix: np.ndarray
     surface: Surface
     sigma: np.ndarray
-    rows: np.ndarray
-    columns: np.ndarray
+    row_edges: np.ndarray
+    column_edges: np.ndarray
     outside: np.ndarray | None
 
     def holds(self, scene: np.ndarray, matrix: np.ndarray) -> bool:

@@ -9,12 +9,7 @@ from flexx2_sim_ros.formulas import on_images
 from flexx2_sim_ros.formulas.surfaces import returned_light
 from flexx2_sim_ros.physics.axial import add_noise, blank_invalid, blank_outside, sigma_image
 from flexx2_sim_ros.physics.frame_state import Common, EffectProtocol, FrameState, once, Stage
-from flexx2_sim_ros.physics.lateral import (
-    displaced_sources,
-    edge_limit,
-    pixel_sigma,
-    upright_edges,
-)
+from flexx2_sim_ros.physics.lateral import displaced_pixels, edge_limit, pixel_sigma, upright_edges
 from flexx2_sim_ros.physics.philox import fill_normals, stamp_words, STREAM_AXIAL
 from flexx2_sim_ros.physics.surface import analyse, PAD, Surface
 import numpy as np
@@ -217,31 +212,23 @@ def _moved(state: FrameState) -> tuple[np.ndarray, np.ndarray]:
     surface = state.surface
     common = state.common
 
-    def make() -> tuple[np.ndarray, np.ndarray, int]:
-        rows, columns = np.empty_like(surface.row_jumps), np.empty_like(surface.row_jumps)
-        return rows, columns, upright_edges(surface.row_jumps, surface.column_jumps, rows, columns)
-
-    rows, columns, edges = once(_scene(common), 'edges', make)
-    if not edges or state.edge_sigma <= 0:
-        return _NOWHERE, _NOWHERE
-    sigma = pixel_sigma(state.edge_sigma)
-    limit = edge_limit(state.edge_sigma, state.edge_laplace)
-    source = np.empty(state.depth.size, np.int32)
-    low, high = stamp_words(state.stamp)
-    displaced_sources(
-        rows,
-        columns,
-        state.mode.sensor.neighbourhood_px,
-        np.float32(sigma),
-        limit,
-        state.key,
-        low,
-        high,
-        np.float32(state.edge_laplace),
-        source,
+    row_edges, column_edges = once(
+        _scene(common), 'edges', lambda: upright_edges(surface.row_jumps, surface.column_jumps)
     )
-    moved = np.flatnonzero(source != np.arange(source.size, dtype=np.int32))
-    return moved, source[moved]
+    if state.edge_sigma <= 0:
+        return _NOWHERE, _NOWHERE
+    moved, origin = displaced_pixels(
+        row_edges,
+        column_edges,
+        *state.depth.shape,
+        state.mode.sensor.neighbourhood_px,
+        np.float32(pixel_sigma(state.edge_sigma)),
+        edge_limit(state.edge_sigma, state.edge_laplace),
+        state.key,
+        *stamp_words(state.stamp),
+        np.float32(state.edge_laplace),
+    )
+    return moved, origin
 
 
 def _measure(state: FrameState, wraps: bool) -> None:

@@ -114,7 +114,8 @@ def observe(
     cosine,
     model,
     reflectivity,
-    source,
+    moved,
+    origin,
     normals,
     range_min,
     range_max,
@@ -133,8 +134,8 @@ def observe(
         Padded inverse depth, cosine of incidence and sigma_z of the surface, as above.
     reflectivity : numpy.ndarray
         (H, W) float32 in 0..1, or (1, 1) for one value everywhere.
-    source : numpy.ndarray
-        (H * W,) int32, where each pixel's value comes from; empty: from itself.
+    moved, origin : numpy.ndarray
+        (M,) int32 flat pixel indices: pixels that show another one's surface, and that pixel.
     normals : numpy.ndarray
         (H * W,) float32 standard normals.
     range_min, range_max : float
@@ -155,15 +156,14 @@ def observe(
                 p[y + PAD, x + PAD], cosine[y, x], model[y, x], rho, normals[y * width + x], limits
             )
     # The few pixels that see something else, again.
-    for pixel in range(source.size):
-        seen = source[pixel]
-        if seen != pixel:
-            y, x = pixel // width, pixel % width
-            sy, sx = seen // width, seen % width
-            rho = reflectivity[0, 0] if uniform else reflectivity[sy, sx]
-            depth[y, x], sigma[y, x], amplitude[y, x], confidence[y, x] = _see(
-                p[sy + PAD, sx + PAD], cosine[sy, sx], model[sy, sx], rho, normals[pixel], limits
-            )
+    for i in range(moved.size):
+        pixel, seen = moved[i], origin[i]
+        y, x = pixel // width, pixel % width
+        sy, sx = seen // width, seen % width
+        rho = reflectivity[0, 0] if uniform else reflectivity[sy, sx]
+        depth[y, x], sigma[y, x], amplitude[y, x], confidence[y, x] = _see(
+            p[sy + PAD, sx + PAD], cosine[sy, sx], model[sy, sx], rho, normals[pixel], limits
+        )
 
 
 @njit(inline='always')

@@ -47,62 +47,103 @@ def edge_limit(sigma_x: float, laplace: float = 0.0) -> int:
 
 
 @loop()
-def upright_edges(row_jumps, column_jumps, rows, columns):
+def upright_edges(row_jumps, column_jumps):
     """
     Sort jumps into edges that move along the row and edges that move along the column.
 
-    ``rows`` and ``columns`` (uint8, like the inputs) receive the row jumps of edges that run
-    nearer to vertical (or exactly diagonal) and the column jumps of the others. Returns how many
-    there are.
+    Parameters
+    ----------
+    row_jumps, column_jumps : numpy.ndarray
+        (H, W) uint8, as in `Surface`.
+
+    Returns
+    -------
+    row_edges, column_edges : numpy.ndarray
+        int32, flat pixel indices, rising: the row jumps of edges that run nearer to vertical (or
+        exactly diagonal), and the column jumps of the others.
+
     """
     height, width = row_jumps.shape
-    count = 0
-    for y in range(height):
+    row_edges = np.empty(height * width, np.int32)
+    column_edges = np.empty(height * width, np.int32)
+    row_count = 0
+    column_count = 0
+    # Jumps in the window's rows, by column; beyond the image there are none.
+    across = np.zeros(width + 2 * WINDOW, np.int32)
+    down = np.zeros(width + 2 * WINDOW, np.int32)
+    for y in range(-WINDOW, height):
+        entering = y + WINDOW
+        if entering < height:
+            for x in range(width):
+                across[x + WINDOW] += row_jumps[entering, x]
+                down[x + WINDOW] += column_jumps[entering, x]
+        leaving = y - WINDOW - 1
+        if leaving >= 0:
+            for x in range(width):
+                across[x + WINDOW] -= row_jumps[leaving, x]
+                down[x + WINDOW] -= column_jumps[leaving, x]
+        if y < 0:
+            continue
         for x in range(width):
-            rows[y, x] = 0
-            columns[y, x] = 0
             if row_jumps[y, x] == 0 and column_jumps[y, x] == 0:
                 continue
-            across = 0
-            down = 0
-            for yy in range(max(y - WINDOW, 0), min(y + WINDOW + 1, height)):
-                for xx in range(max(x - WINDOW, 0), min(x + WINDOW + 1, width)):
-                    across += row_jumps[yy, xx]
-                    down += column_jumps[yy, xx]
-            if _is_upright(across, down):
-                rows[y, x] = row_jumps[y, x]
-                count += row_jumps[y, x]
+            jumps_across = 0
+            jumps_down = 0
+            for i in range(x, x + 2 * WINDOW + 1):
+                jumps_across += across[i]
+                jumps_down += down[i]
+            if _is_upright(jumps_across, jumps_down):
+                row_edges[row_count] = y * width + x
+                row_count += row_jumps[y, x]
             else:
-                columns[y, x] = column_jumps[y, x]
-                count += column_jumps[y, x]
-    return count
+                column_edges[column_count] = y * width + x
+                column_count += column_jumps[y, x]
+    return row_edges[:row_count].copy(), column_edges[:column_count].copy()
 
 
 @njit(inline='always')
-def _displace(source, distance, along, shift, last, first, pitch):
+def _displace(moves, along, shift, last, first, pitch):
     # One edge, between positions `along` and `along + 1` of a line of `last + 1` pixels. Pixels
-    # are addressed as first + position * pitch. The nearest displaced edge wins.
+    # are addressed as first + position * pitch. The nearest displaced edge wins. Returns how many
+    # pixels have moved.
+    distance, moved, source, count = moves
     for step in range(1, abs(shift) + 1):
         position = _passed_pixel(along, step, shift)
         if position < 0 or position > last:
             break
         pixel = first + position * pitch
         if step < distance[pixel]:
+            if distance[pixel] == _NEVER:
+                moved[count] = pixel
+                count += 1
             distance[pixel] = step
             source[pixel] = first + _source_of(position, shift, last) * pitch
+    return count
 
 
 @loop()
-def displaced_sources(
-    rows, columns, neighbourhood, sigma, limit, key, stamp_low, stamp_high, laplace, source
+def displaced_pixels(
+    row_edges,
+    column_edges,
+    height,
+    width,
+    neighbourhood,
+    sigma,
+    limit,
+    key,
+    stamp_low,
+    stamp_high,
+    laplace,
 ):
     """
-    Say where each pixel's value comes from once the edges have moved.
+    Say which pixels show another one's surface once the edges have moved.
 
     Parameters
     ----------
-    rows, columns : numpy.ndarray
-        (H, W) uint8 from `upright_edges`.
+    row_edges, column_edges : numpy.ndarray
+        int32 flat pixel indices from `upright_edges`.
+    height, width : int
+        Of the image, pixels.
     neighbourhood : int
         Edges of one line no further apart than this move together.
     sigma : float
@@ -113,35 +154,35 @@ def displaced_sources(
         The counter-based generator's key and stamp.
     laplace : float
         Fraction of edges that move by a Laplacian of the same standard deviation.
-    source : numpy.ndarray
-        (H * W,) int32, receives flat pixel indices: the pixel's own, or another surface's.
+
+    Returns
+    -------
+    moved, origin : numpy.ndarray
+        int32 flat pixel indices: pixels, each once, and the pixel whose value each one takes.
 
     """
-    height, width = rows.shape
     distance = np.full(height * width, _NEVER, np.uint8)
-    for pixel in range(height * width):
-        source[pixel] = pixel
-    for y in range(height):
-        last_edge = -1 - neighbourhood
-        shift = 0
-        for x in range(width - 1):
-            if rows[y, x]:
-                if _is_apart(x, last_edge, neighbourhood):
-                    draw = edge_draw(
-                        key, y * width + x, STREAM_ROW_EDGES, stamp_low, stamp_high, laplace
-                    )
-                    shift = _pixels_moved(draw, sigma, limit)
-                last_edge = x
-                _displace(source, distance, x, shift, width - 1, y * width, 1)
-    for x in range(width):
-        last_edge = -1 - neighbourhood
-        shift = 0
-        for y in range(height - 1):
-            if columns[y, x]:
-                if _is_apart(y, last_edge, neighbourhood):
-                    draw = edge_draw(
-                        key, y * width + x, STREAM_COLUMN_EDGES, stamp_low, stamp_high, laplace
-                    )
-                    shift = _pixels_moved(draw, sigma, limit)
-                last_edge = y
-                _displace(source, distance, y, shift, height - 1, x, width)
+    moved = np.empty(height * width, np.int32)
+    source = np.empty(height * width, np.int32)
+    count = 0
+    line, last_edge, shift = -1, 0, 0
+    for edge in row_edges:
+        y, x = edge // width, edge % width
+        if y != line or _is_apart(x, last_edge, neighbourhood):
+            draw = edge_draw(key, edge, STREAM_ROW_EDGES, stamp_low, stamp_high, laplace)
+            shift = _pixels_moved(draw, sigma, limit)
+        line, last_edge = y, x
+        moves = distance, moved, source, count
+        count = _displace(moves, x, shift, width - 1, y * width, 1)
+    last_edges = np.full(width, -1 - neighbourhood, np.int32)
+    shifts = np.zeros(width, np.int32)
+    for edge in column_edges:
+        y, x = edge // width, edge % width
+        if _is_apart(y, last_edges[x], neighbourhood):
+            draw = edge_draw(key, edge, STREAM_COLUMN_EDGES, stamp_low, stamp_high, laplace)
+            shifts[x] = _pixels_moved(draw, sigma, limit)
+        last_edges[x] = y
+        moves = distance, moved, source, count
+        count = _displace(moves, y, shifts[x], height - 1, x, width)
+    moved = moved[:count].copy()
+    return moved, source[moved]
