@@ -56,6 +56,8 @@ def as_images(name: str, value: Any) -> np.ndarray:
     array = as_array(name, value)
     if array.ndim < 2 or 0 in array.shape[-2:]:
         raise InputError(f'{name}: must have shape (..., H, W), not empty, got {array.shape}')
+    if array.dtype == np.float32:
+        return array
     # Values that float32 cannot hold become infinite: no return.
     with np.errstate(over='ignore'):
         return array.astype(np.float32, copy=False)
@@ -130,10 +132,15 @@ def as_views(clean_depth: Any, matrix: Any, stamp: Any, reflectivity: Any) -> Vi
             f'reflectivity {albedo.shape[:-2]}'
         ) from error
     return Views(
-        np.broadcast_to(clean, leading + clean.shape[-2:]),
-        np.broadcast_to(matrices, leading + (3, 3)),
-        np.broadcast_to(stamps, leading),
-        np.broadcast_to(albedo, leading + albedo.shape[-2:]),
+        _broadcast(clean, leading + clean.shape[-2:]),
+        _broadcast(matrices, leading + (3, 3)),
+        _broadcast(stamps, leading),
+        _broadcast(albedo, leading + albedo.shape[-2:]),
         matrices,
         stamps.ndim > 0,
     )
+
+
+def _broadcast(array: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    # np.broadcast_to takes longer than all the rest of `as_views`.
+    return array if array.shape == shape else np.broadcast_to(array, shape)

@@ -1,6 +1,8 @@
 """The camera: clean depth in, what a Flexx2 would have seen out."""
 
 from dataclasses import dataclass
+from functools import lru_cache
+from itertools import product
 from typing import Any
 
 from flexx2_sim_ros.camera.arguments import as_effects, as_views, Views
@@ -212,7 +214,7 @@ class Camera:
 
     def _run_base_model(self, views: Views, out: list[np.ndarray]) -> None:
         prepared: _Prepared | None = None
-        for index in np.ndindex(views.stamps.shape):
+        for index in product(*map(range, views.stamps.shape)):
             scene, matrix = views.clean[index], views.matrices[index]
             # A scene broadcast over many stamps is analysed once.
             if prepared is None or not prepared.holds(scene, matrix):
@@ -247,7 +249,7 @@ class Camera:
 
     def _prepare(self, scene: np.ndarray, matrix: np.ndarray) -> '_Prepared':
         height, width = scene.shape
-        camera = Intrinsics.from_matrix(matrix, width, height)
+        camera = _intrinsics(np.asarray(matrix, np.float64).tobytes(), width, height)
         surface = analyse(np.ascontiguousarray(scene), camera, self.mode.sensor)
         sigma = np.empty((height, width), np.float32)
         model_sigma(
@@ -324,6 +326,12 @@ class _Prepared:
 
     def holds(self, scene: np.ndarray, matrix: np.ndarray) -> bool:
         return _same_memory(scene, self.scene) and _same_memory(matrix, self.matrix)
+
+
+@lru_cache(maxsize=16)
+def _intrinsics(matrix: bytes, width: int, height: int) -> Intrinsics:
+    # Of a float64 matrix; most frames have that of the frame before.
+    return Intrinsics.from_matrix(np.frombuffer(matrix), width, height)
 
 
 def _blank(images: list[np.ndarray], where: np.ndarray) -> None:

@@ -89,8 +89,8 @@ def analyse(depth: np.ndarray, intrinsics: Intrinsics, sensor: Sensor) -> Surfac
     cosine = np.empty((height, width), np.float32)
     find_incidence(
         inverse,
-        jump_share,
-        steep_share,
+        row_jumps,
+        column_jumps,
         np.float32(intrinsics.fx),
         np.float32(intrinsics.fy),
         np.float32(intrinsics.cx),
@@ -137,21 +137,40 @@ def slope(p2, p1, p0, n1, n2, jump_share, steep_share):
 
 
 @loop(error_model='numpy', fastmath=FAST)
-def find_incidence(p, jump_share, steep_share, fx, fy, cx, cy, out):
-    """Write the cosine of the incidence angle of every pixel."""
+def find_incidence(p, row_jumps, column_jumps, fx, fy, cx, cy, out):
+    """Write the cosine of the incidence angle of every pixel, with the jumps of `find_jumps`."""
     height, width = out.shape
+    # Whether a jump lies before each pixel of a row, and after the last one: surfaces end at the
+    # image's border.
+    across = np.ones(width + 1, np.uint8)
+    border = np.ones(width, np.uint8)
     for y in range(height):
         j = y + PAD
+        across[1:width] = row_jumps[y, : width - 1]
+        above = column_jumps[y - 1] if y > 0 else border
+        below = column_jumps[y] if y < height - 1 else border
         v = np.float32(y) - cy
         ry = v / fy
         for x in range(width):
             i = x + PAD
             here = p[j, i]
-            du = slope(
-                p[j, i - 2], p[j, i - 1], here, p[j, i + 1], p[j, i + 2], jump_share, steep_share
+            du = _slope_between(
+                p[j, i - 2],
+                p[j, i - 1],
+                here,
+                p[j, i + 1],
+                p[j, i + 2],
+                across[x] != 0,
+                across[x + 1] != 0,
             )
-            dv = slope(
-                p[j - 2, i], p[j - 1, i], here, p[j + 1, i], p[j + 2, i], jump_share, steep_share
+            dv = _slope_between(
+                p[j - 2, i],
+                p[j - 1, i],
+                here,
+                p[j + 1, i],
+                p[j + 2, i],
+                above[x] != 0,
+                below[x] != 0,
             )
             u = np.float32(x) - cx
             out[y, x] = _cos_incidence(here, du, dv, u, v, u / fx, ry, fx, fy)
