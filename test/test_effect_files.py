@@ -166,6 +166,13 @@ def test_a_curve_map_or_number_takes_the_place_of_the_formula(name: str, tmp_pat
     assert parse_effects(json.loads(text)) == own
 
 
+@pytest.mark.filterwarnings('error')
+def test_pixels_without_a_return_cause_no_warning() -> None:
+    for table in (*({name: value} for name, value in CURVES.items()), {'wiggling': {'mhz': 40.0}}):
+        frame = capture(table, scenes(2), np.arange(2) / 30.0)
+        assert np.isnan(frame.depth).any()
+
+
 def test_curves_are_metres_along_the_ray_and_maps_metres_of_depth() -> None:
     clean = np.linspace(1.0, 1.4, 32) * np.ones((24, 1))
     length = ray_length(SMALL, clean.shape)

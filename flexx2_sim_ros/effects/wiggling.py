@@ -8,7 +8,6 @@ from flexx2_sim_ros.effects.hypothesis import Hypothesis, Searched, Term
 from flexx2_sim_ros.effects.picture import Picture
 from flexx2_sim_ros.effects.rays import add_along_ray, ranges
 from flexx2_sim_ros.effects.tables import Curve, curve_over, optional_number
-from flexx2_sim_ros.formulas import on_images
 from flexx2_sim_ros.formulas.phases import direction
 from flexx2_sim_ros.formulas.scalars import f32
 from flexx2_sim_ros.physics.compiled import compiled, loop
@@ -153,7 +152,10 @@ class Wiggling(Effect):
             return
         if self.mhz is not None:
             turns = np.float32(2e6 * self.mhz / SPEED_OF_LIGHT)
-            add_along_ray(state, 1.0, on_images(harmonics)(turns * ranges(state), *self.rounded))
+            length = ranges(state)
+            shift = np.zeros_like(length)
+            _add_harmonics(length, turns, *self.rounded, shift)
+            add_along_ray(state, 1.0, shift)
             return
         for frequency, shift in zip(state.mode.modulation_hz, state.shifts, strict=True):
             turns = np.float32(2.0 * frequency / SPEED_OF_LIGHT)
@@ -165,7 +167,7 @@ _harmonics = compiled(harmonics)
 
 @loop(error_model='numpy', fastmath=FAST)
 def _add_harmonics(depth, turns, a1, b1, a2, b2, a3, b3, a4, b4, shift):
-    # turns: of phase a metre of depth.
+    # turns: of phase a metre of depth, or of range.
     for y in range(depth.shape[0]):
         for x in range(depth.shape[1]):
             phase = turns * (depth[y, x] + shift[y, x])
