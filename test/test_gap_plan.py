@@ -9,7 +9,8 @@ import subprocess
 from flexx2_sim_ros.camera import flexx2
 from flexx2_sim_ros.effects import registry
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.gap.features.catalogue import catalogue, nuisances
+from flexx2_sim_ros.gap.features.catalogue import Candidate, catalogue, Column, nuisances
+from flexx2_sim_ros.gap.features.evidence import Evidence
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.planning.plan import default_plan, Plan, read_plan
 from flexx2_sim_ros.gap.planning.power import planned_columns, power
@@ -32,6 +33,7 @@ recordings:
   - {name: far, title: Far, set_up: A hand., seconds: 5, for: [multipath],
      walls: [[2.0, -40, 0.8]], cards: [[0.8, 0, 0.15, 0.5, 0.5]]}
 """
+EFFECTS = {'offset', 'amplitude_bias', 'heavy_tails', 'fixed_pattern'}
 
 
 @pytest.fixture
@@ -121,29 +123,38 @@ def test_truth_has_the_errors_that_it_admits(two: Path, tmp_path: Path) -> None:
         assert np.isnan(archive['clean_depth'][hidden]).all()
 
 
-def test_an_effect_is_not_found_where_an_undecided_one_explains_as_much(
-    two: Path, tmp_path: Path
-) -> None:
-    folder, prior = tmp_path / 'campaign', np.repeat(PRIOR, 3)
-    folder.mkdir()
-    plan = read_plan(two)
+@pytest.fixture(scope='module')
+def thrice(tmp_path_factory: pytest.TempPathFactory) -> tuple[list[Evidence], list[Column]]:
+    """Return three recordings of each set-up: far_0, far_1, far_2, near_0, near_1, near_2."""
+    folder, prior = tmp_path_factory.mktemp('campaign'), np.repeat(PRIOR, 3)
+    (folder / 'two.yaml').write_text(TWO)
+    plan = read_plan(folder / 'two.yaml')
     again = [
         replace(one, scene=replace(one.scene, name=f'{one.name}_{k}'))
         for k in range(3)
         for one in plan.recordings
     ]
     write_campaign(folder, replace(plan, recordings=tuple(again)), flexx2(), KINDS[0])
-    effects = {'offset', 'amplitude_bias', 'heavy_tails'}
-    known, candidates = catalogue((), True)
-    simulated = {*effects, *(name.split(':')[0] for name in nuisances().columns)}
+    known, _ = catalogue((), True)
+    simulated = {*EFFECTS, *(name.split(':')[0] for name in nuisances().columns)}
     columns = [one for one in known if simulated & set(one.effects)]
-    columns += [one for one in planned_columns() if 'offset' in one.effects]
+    columns += [one for one in planned_columns() if {'offset', 'fixed_pattern'} & set(one.effects)]
     with workers(1, None) as mapped:
         found, left_out = find(folder, flexx2(), mapped)
         simulations = Simulations(flexx2(), columns, 0, tuple(prior))
         _, evidence, _ = summarise_all(folder, found, left_out, simulations, mapped)
-    model = Model(evidence, columns, prior)
-    candidates = [one for one in candidates if one.effect in effects]
+    return evidence, columns
+
+
+def candidates_of(effects: set[str]) -> list[Candidate]:
+    return [one for one in catalogue((), True)[1] if one.effect in effects]
+
+
+def test_an_effect_is_not_found_where_an_undecided_one_explains_as_much(
+    thrice: tuple[list[Evidence], list[Column]],
+) -> None:
+    model = Model(*thrice, np.repeat(PRIOR, 3))
+    candidates = candidates_of(EFFECTS - {'fixed_pattern'})
 
     def smallest(*hidden: str) -> float | None:
         return power('offset', model, candidates, set(hidden), KINDS[0], 0, draws=2).smallest
@@ -152,6 +163,16 @@ def test_an_effect_is_not_found_where_an_undecided_one_explains_as_much(
     # Two walls of one brightness each: both effects add about the same to each of them.
     assert smallest('amplitude_bias') is None
     assert smallest('offset') is None
+
+
+def test_a_pattern_is_found_by_what_the_recordings_have_in_common(
+    thrice: tuple[list[Evidence], list[Column]],
+) -> None:
+    evidence, columns = thrice
+    # At most of these walls the noise of the single recording hides the pattern.
+    model = Model(evidence[::2], columns, np.repeat(PRIOR, 3))
+    found = power('fixed_pattern', model, candidates_of(EFFECTS), set(), KINDS[0], 0, draws=2)
+    assert found.smallest == 1.0
 
 
 def test_an_interrupted_calculation_resumes(

@@ -104,8 +104,8 @@ class Model:
         for name in ('scale2', 'gap', 'weights', '_pose_columns', '_plane_columns', '_edges'):
             setattr(self, name, getattr(self, name).astype(np.float32))
         wrong = nuisances()
-        self._more = self._column(wrong.more) / np.float32(wrong.more_by)
-        self._less = self._column(wrong.less) / np.float32(wrong.less_by)
+        self._more = self.column(wrong.more) / np.float32(wrong.more_by)
+        self._less = self.column(wrong.less) / np.float32(wrong.less_by)
         self.null_loss = self._null_loss()
 
     @property
@@ -134,7 +134,12 @@ class Model:
                 out[r] += np.log1p(np.nan_to_num(gap) ** 2 / self.scale2[r]) / len(one.nulls)
         return out * self.weights
 
-    def _column(self, name: str | Decaying) -> np.ndarray:
+    def column(self, name: str | Decaying) -> np.ndarray:
+        """
+        Return by how much a simulation with an effect differs from those without, (R, SIZE).
+
+        The columns of `Evidence` lack how much recordings have a fixed pattern in common.
+        """
         if isinstance(name, str):
             return self._columns[:, self.index[name]]
         left = [
@@ -152,7 +157,7 @@ class Model:
             points = sorted(
                 [
                     (term.neutral, np.zeros_like(self.gap)),
-                    *((v, self._column(c)) for v, c in term.nodes),
+                    *((v, self.column(c)) for v, c in term.nodes),
                 ],
                 key=lambda x: x[0],
             )

@@ -192,7 +192,6 @@ def expect(known: Known, pairs: Sequence[tuple[Evidence, Evidence]], fitted: boo
 
     """
     new = [one for pair in pairs for one in pair]
-    twins = [one for pair in pairs for one in pair[::-1]]
     model = Model([*known.evidence, *new], known.columns, np.array(known.source.prior))
     candidates, absorbed = decidable_candidates(model, known.candidates(), known.source.hidden)
     not_seen = undecided(model, candidates)
@@ -204,7 +203,7 @@ def expect(known: Known, pairs: Sequence[tuple[Evidence, Evidence]], fitted: boo
         total += one.weight
         for draw in range(_DRAWS):
             rng = np.random.default_rng([known.source.seed, draw])
-            gap = _gap(model, one, twins, fitted, rng)
+            gap = _gap(model, one, len(new), fitted, rng)
             decision = decide(
                 model.with_gap(gap), candidates, absorbed=absorbed, not_seen=not_seen
             )
@@ -217,23 +216,21 @@ def expect(known: Known, pairs: Sequence[tuple[Evidence, Evidence]], fitted: boo
 
 
 def _gap(
-    model: Model,
-    assumed: Assumed,
-    twins: Sequence[Evidence],
-    fitted: bool,
-    rng: np.random.Generator,
+    model: Model, assumed: Assumed, count: int, fitted: bool, rng: np.random.Generator
 ) -> np.ndarray:
-    # (R, SIZE) gap of all recordings if an explanation is true. What it shifts comes from the
-    # other simulation of the set-up, so that its noise is not that of the fit.
-    first = len(model.gap) - len(twins)
+    # (R, SIZE) gap of all recordings, the last ``count`` of which are new, if an explanation is
+    # true.
+    first = len(model.gap) - count
     gap = noise(model, rng)
-    chosen = rng.integers(len(assumed.rest), size=len(twins))
+    chosen = rng.integers(len(assumed.rest), size=count)
     rest = assumed.rest[chosen] * np.sqrt(model.scale2[first:])
     gap[first:] = np.where(np.isfinite(rest), rest, gap[first:])
     gap[first:] += wrong_truth(model, fitted, rng)[first:]
     if assumed.column is not None:
-        index = model.index[assumed.column]
-        gap[first:] += np.array([twin.columns[index] for twin in twins])
+        # Each set-up was simulated twice. The shift comes from the other simulation, so that its
+        # noise is not that of the fit.
+        pairs = model.column(assumed.column)[first:].reshape(-1, 2, SIZE)
+        gap[first:] += pairs[:, ::-1].reshape(count, SIZE)
     gap[:first] = model.gap[:first]
     return gap
 

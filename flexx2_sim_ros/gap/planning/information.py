@@ -131,13 +131,9 @@ def _losses(
     rng = np.random.default_rng([seed, draw])
     gap = noise(model, rng) + wrong_truth(model, fitted, rng)
     if true is not None:
-        gap = gap + _shift(model, _TRUE + true)
+        gap = gap + model.column(_TRUE + true)
     seen = model.as_if(gap)
     return [_loss(seen, name) for name in names]
-
-
-def _shift(model: Model, name: str) -> np.ndarray:
-    return model.evidence[0].columns[model.index[name]][None]
 
 
 def _loss(model: Model, name: str | None) -> float:

@@ -151,7 +151,7 @@ def power(
         if not going_on and found[STRENGTHS[middle]] >= _WANTED:
             break
         for strength in strengths:
-            shift = _shift(model, effect, strength)
+            shift = model.column(column_name(effect, strength))
             found[strength] = _fraction(model, considered, effect, shift, kind, seed, draws)
             if (found[strength] >= _WANTED) != going_on:
                 break
@@ -170,7 +170,7 @@ def _considered(
 ) -> _Considered:
     # The best variant of the effect, and the effects that explain its gap next best, without
     # noise.
-    trials = Trials(model.as_if(_shift(model, effect, _TYPICAL)))
+    trials = Trials(model.as_if(model.column(column_name(effect, _TYPICAL))))
     singles = best_of_each([trials.choice([one]) for one in candidates])
     best = [one.fit.candidates[0] for one in singles]
     own = [one for one in best if one.effect == effect]
@@ -228,12 +228,6 @@ def _singles(trials: Trials, considered: _Considered) -> list[Choice]:
 
 def _first_effect(singles: Sequence[Choice]) -> str:
     return singles[0].fit.candidates[0].effect
-
-
-def _shift(model: Model, effect: str, strength: float) -> np.ndarray:
-    # (R, SIZE) shift of the features by the effect.
-    index = model.index[column_name(effect, strength)]
-    return np.array([e.columns[index] for e in model.evidence])
 
 
 def noise(model: Model, rng: np.random.Generator) -> np.ndarray:

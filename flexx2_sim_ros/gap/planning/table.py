@@ -14,6 +14,7 @@ from flexx2_sim_ros.camera import Profile
 from flexx2_sim_ros.config_file import is_regular_file, read_config
 from flexx2_sim_ros.effects import registry
 from flexx2_sim_ros.errors import InputError, shown_path
+from flexx2_sim_ros.gap.calibration.decisions import calibrated
 from flexx2_sim_ros.gap.features.catalogue import catalogue, Column
 from flexx2_sim_ros.gap.features.evidence import Evidence
 from flexx2_sim_ros.gap.inference.model import Model
@@ -70,7 +71,7 @@ class Request:
         plan = self.plan
         scenes = [(s.panels, s.turn_rate, s.uptime) for s in (r.scene for r in plan.recordings)]
         simulated = plan.usecase, plan.scale, plan.frames, scenes
-        told = repr((simulated, self.profile, self.seed, self.draws, __version__))
+        told = repr((simulated, self.profile, self.seed, self.draws, calibrated(), __version__))
         return sha256(told.encode()).hexdigest()[:16]
 
 
