@@ -274,6 +274,22 @@ def test_returned_images_are_not_overwritten(backend):
     renderer.close()
 
 
+def test_a_renderer_that_was_never_closed_leaves_a_new_one_alone(opengl):
+    model = build_model(intrinsics=FLEXX2)
+    data = mujoco.MjData(model)
+    stand(model, data)
+    empty = mujoco.MjModel.from_xml_string('<mujoco/>')
+    renderer = open_renderer(model, FLEXX2, opengl)
+    expected, ids = renderer.render(data, 'front_left')
+    dropped = open_renderer(empty, ODD, opengl)
+    renderer = open_renderer(model, FLEXX2, opengl)
+    del dropped
+    depth, seen = renderer.render(data, 'front_left')
+    renderer.close()
+    np.testing.assert_array_equal(depth, expected)
+    np.testing.assert_array_equal(seen, ids)
+
+
 def test_a_camera_that_cannot_be_rendered_is_named(backend):
     model = build_model(intrinsics=FLEXX2)
     data = mujoco.MjData(model)

@@ -6,6 +6,7 @@ import importlib
 import os
 import sys
 from typing import Any
+from weakref import finalize
 
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from flexx2_sim_ros.rendering.model_cameras import clip_planes, ModelCameras, VISIBLE_GROUPS
@@ -60,6 +61,10 @@ class OpenGlRenderer:
         except BaseException:
             self._gl.free()
             raise
+        # Also of a renderer that is dropped without being closed. At the end of the process the
+        # driver may be gone before.
+        self._release = finalize(self, _release, self._gl, self._context)
+        self._release.atexit = False
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._context)
         self._context.readDepthMap = mujoco.mjtDepthMap.mjDEPTH_ZEROFAR
         self._scene = mujoco.MjvScene(self._model, maxgeom=max(model.ngeom, 1))
@@ -121,11 +126,16 @@ class OpenGlRenderer:
 
     def close(self) -> None:
         """Release the graphics context."""
-        if self._gl is not None:
-            self._gl.make_current()
-            self._context.free()
-            self._gl.free()
-            self._gl = None
+        self._release()
+        self._gl = None
+
+
+def _release(gl: Any, context: mujoco.MjrContext) -> None:
+    # MuJoCo frees buffers by their numbers in the context that is current, which may be another
+    # renderer's with buffers of the same numbers.
+    gl.make_current()
+    context.free()
+    gl.free()
 
 
 @contextmanager
