@@ -6,8 +6,8 @@ import math
 from flexx2_sim_ros.characterize.board import Board, MARGIN_SHARE, SMALLEST_MARGIN
 from flexx2_sim_ros.characterize.divergence import kl_floor
 from flexx2_sim_ros.characterize.plane import straighten
+from flexx2_sim_ros.physics.compiled import loop
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
-from numba import njit
 import numpy as np
 
 _FEWEST_ROWS = 12
@@ -221,7 +221,7 @@ def edge_positions(depth: np.ndarray, site: EdgeSite) -> np.ndarray:
     return out
 
 
-@njit(cache=True)
+@loop()
 def _steepest(depth, rows, first, last, out):
     for t in range(depth.shape[0]):
         for i in range(rows.size):
@@ -240,7 +240,7 @@ def _steepest(depth, rows, first, last, out):
                 before = x
 
 
-@njit(cache=True)
+@loop()
 def _outline(depth, rows, first, last, right, out):
     # The end that the fewest pixels contradict: invalid ones on the board, valid ones beyond.
     for t in range(depth.shape[0]):

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from numba import njit
+from flexx2_sim_ros.physics.compiled import loop
 import numpy as np
 
 _FIELDS = (
@@ -126,7 +126,7 @@ def _covariance(
     return np.where(count > 1, (product - own * other / count) / (count - 1), np.nan)
 
 
-@njit(cache=True, error_model='numpy')
+@loop(error_model='numpy')
 def _add(depth, reference, last, sums):
     # Row by row, so that a row's sums stay in the fastest memory over all frames. `sums` is
     # (H, fields, W); an invalid pixel is nothing in every sum.

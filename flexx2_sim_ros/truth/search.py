@@ -3,11 +3,11 @@
 from dataclasses import dataclass
 import math
 
+from flexx2_sim_ros.physics.compiled import loop
 from flexx2_sim_ros.truth.alignment import align, choose, Fit
 from flexx2_sim_ros.truth.observation import Observation
 from flexx2_sim_ros.truth.poses import Pose
 from flexx2_sim_ros.truth.rooms import Room
-from numba import njit
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -237,7 +237,7 @@ def _orientations(up: np.ndarray) -> np.ndarray:
     return np.array(turns, np.float32)
 
 
-@njit(cache=True, fastmath=True)
+@loop(fastmath=True)
 def _score(distance, turns, rays, ranges, truncation, out):
     # Mean truncated difference of ranges, for each place and orientation.
     rows, columns = distance.shape[1:]

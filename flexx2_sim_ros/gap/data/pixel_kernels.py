@@ -1,6 +1,7 @@
 """Compiled loops that sort the pixels of a clean frame into bins."""
 
 from flexx2_sim_ros.gap.calibration.data import BINNING
+from flexx2_sim_ros.physics.compiled import loop
 from flexx2_sim_ros.physics.surface import PAD
 from numba import njit
 import numpy as np
@@ -10,7 +11,7 @@ EDGE_REACH, NEAR = BINNING.edge_reach, BINNING.near_jump
 _CREASE_NEAR, _BEND = BINNING.near_crease, np.float32(BINNING.bend)
 
 
-@njit(cache=True)
+@loop()
 def put_in_bins(values, where, edges, start, out):
     """
     Write the bin of each value: ``start`` plus the number of edges below it.
@@ -44,7 +45,7 @@ def put_in_bins(values, where, edges, start, out):
                 out[y, x] = start + i
 
 
-@njit(cache=True)
+@loop()
 def runs_of(bins):
     """
     Return runs: stretches of a row whose pixels are in the same bin.
@@ -77,7 +78,7 @@ def runs_of(bins):
     return out[:count].copy(), first
 
 
-@njit(cache=True)
+@loop()
 def mark_edges(p, row_jumps, column_jumps, edge, near):
     """
     Mark the pixels at depth jumps.
@@ -120,7 +121,7 @@ def mark_edges(p, row_jumps, column_jumps, edge, near):
                         near[yy, xx] = True
 
 
-@njit(cache=True)
+@loop()
 def mark_creases(p, fraction, near):
     """
     Mark the pixels near sharp bends of a surface.
@@ -162,7 +163,7 @@ def _mark(edge, y, x, direction, far, k, inverse):
         edge[y, x] = (direction * 2 + (1 if far else 0)) * 2 + (0 if k == 0 else 1)
 
 
-@njit(cache=True)
+@loop()
 def concavity(p, step):
     """
     Return how far a pixel lies behind the mean of its neighbours, as a fraction of its distance.

@@ -2,7 +2,7 @@
 
 from flexx2_sim_ros.gap.calibration.features import FEATURES
 from flexx2_sim_ros.gap.data.pixel_kernels import EDGE_REACH
-from numba import njit
+from flexx2_sim_ros.physics.compiled import loop
 import numpy as np
 
 # Compiled code takes constants from its module.
@@ -10,7 +10,7 @@ _CLEAR = np.float32(FEATURES.gross)
 VALID, BETWEEN, PAIRS, SWITCHES = range(4)
 
 
-@njit(cache=True, nogil=True)
+@loop(nogil=True)
 def count_at_jumps(depth, clean, sigma, at_jump, follows, sides, out):
     """
     Count depths between the surfaces at a jump, and changes from one surface to the other.

@@ -2,6 +2,7 @@
 
 from flexx2_sim_ros.gap.calibration.features import FEATURES
 from flexx2_sim_ros.gap.features.row_sums import CLIP, held
+from flexx2_sim_ros.physics.compiled import loop
 from numba import njit
 import numpy as np
 
@@ -14,7 +15,7 @@ GROUP_FRAMES, GROUP_NEIGHBOURS, GROUP_METRES, GROUP_WIDTH = 6, 12, 18, 20
 _JUMP = np.float32(FEATURES.jump)
 
 
-@njit(cache=True, nogil=True)
+@loop(nogil=True)
 def count_depths(depth, inside, ray, histogram):
     """Count how often which depth occurs on surfaces, and which distance along the ray."""
     for y in range(depth.shape[0]):
@@ -29,7 +30,7 @@ def count_depths(depth, inside, ray, histogram):
                     histogram[1, j] += 1
 
 
-@njit(cache=True, error_model='numpy', nogil=True)
+@loop(error_model='numpy', nogil=True)
 def less_around(total, sigma, count, least):
     """Return total / sigma less its mean over 5 x 5 pixels, NaN where 12 or fewer count."""
     height, width = total.shape
@@ -56,7 +57,7 @@ def less_around(total, sigma, count, least):
     return out
 
 
-@njit(cache=True, error_model='numpy', nogil=True)
+@loop(error_model='numpy', nogil=True)
 def grain_moments(grain):
     """
     Return what grain, clipped at 3 sigma, says.
@@ -90,7 +91,7 @@ def grain_moments(grain):
     return number, square, rows / max(row_pairs, 1.0), columns, product / products
 
 
-@njit(cache=True, error_model='numpy', nogil=True)
+@loop(error_model='numpy', nogil=True)
 def add_errors(depth, clean, sigma, cells, out):
     """
     Add up errors in sigma by the cell that each pixel belongs to (-1 for none).

@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 from flexx2_sim_ros.gap.calibration.features import FEATURES
+from flexx2_sim_ros.physics.compiled import loop
 from flexx2_sim_ros.physics.philox import FAST
 from numba import njit
 import numpy as np
@@ -118,7 +119,7 @@ class PixelSums(NamedTuple):
     errors: np.ndarray
 
 
-@njit(cache=True, error_model='numpy', nogil=True, fastmath=FAST)
+@loop(error_model='numpy', nogil=True, fastmath=FAST)
 def gather_rows(depth, surfaces, frames, frame_sums, pixel_sums, passing, step):
     """
     Add all frames of one clean image to the sums.
