@@ -78,3 +78,8 @@ def test_the_drawing_shows_every_room() -> None:
     text = (ROOT / 'ARCHITECTURE.md').read_text()
     drawn = set(re.findall(r'^\| `([\w/]+)/`', text, re.M))
     assert drawn == {name.replace('.', '/') for name in ROOMS} - {'base', 'validation', 'gap'}
+
+
+def test_only_loop_keeps_what_is_compiled() -> None:
+    """Assert nothing stops where the cache of numba cannot be written; see `physics.compiled`."""
+    assert [name for name, path in MODULES.items() if 'cache=True' in path.read_text()] == []

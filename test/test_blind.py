@@ -248,6 +248,7 @@ def test_the_blind_camera_shares_only_geometry_and_the_papers_sigma() -> None:
         'flexx2_sim_ros.profiles.modes',
         'flexx2_sim_ros.profiles.intrinsics',
         'flexx2_sim_ros.physics.surface',
+        'flexx2_sim_ros.physics.compiled',  # keeps compiled loops on disk
         'flexx2_sim_ros.errors',
         'flexx2_sim_ros.atomic',
         'flexx2_sim_ros.recording',

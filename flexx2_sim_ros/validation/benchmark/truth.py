@@ -12,10 +12,10 @@ from collections.abc import Iterator
 from dataclasses import replace
 import math
 
+from flexx2_sim_ros.physics.compiled import loop
 from flexx2_sim_ros.validation.benchmark.partition import partition_of
 from flexx2_sim_ros.validation.blind.campaign import BlindCamera
 from flexx2_sim_ros.validation.blind.frame import Frame
-from numba import njit
 import numpy as np
 
 # What matters, the definition that the diagnosis also has: a change of the mean (in sigma_z), of
@@ -136,7 +136,7 @@ def features(sums: np.ndarray) -> np.ndarray:
         )
 
 
-@njit(cache=True)
+@loop()
 def _add(errors, before, cells, sums):
     # Counts, sums and products of the errors of a frame, for each cell.
     height, width = errors.shape

@@ -8,9 +8,9 @@ interpolated to full resolution along surfaces.
 
 import math
 
+from flexx2_sim_ros.physics.compiled import loop
 from flexx2_sim_ros.validation.blind.shapes import in_sight
 from flexx2_sim_ros.validation.blind.views import cast_rays, phasors, View
-from numba import njit
 import numpy as np
 
 _PATCH, _RECEIVER = 10, 6  # pixels of the 224 x 172 image
@@ -102,7 +102,7 @@ def _points(view: View, step: int) -> tuple[np.ndarray, ...]:
     )
 
 
-@njit(cache=True)
+@loop()
 def _gather(kinds, placement, lit, lit_normal, radiant, lit_range, hit, hit_normal, K, out):
     for i in range(len(hit)):
         if math.isnan(hit[i, 0]):
@@ -151,7 +151,7 @@ def _carry(
     return np.nan_to_num(out.reshape(-1, height, width)) * half
 
 
-@njit(cache=True)
+@loop()
 def _spread(arriving, points, normals, place, normal, width, step, out):
     rows, columns = points.shape[0], points.shape[1]
     for i in range(len(place)):

@@ -8,7 +8,7 @@ move together. Pixels between the old and the new place get the depth of the oth
 
 import math
 
-from numba import njit
+from flexx2_sim_ros.physics.compiled import loop
 import numpy as np
 
 _TOGETHER = 8
@@ -89,7 +89,7 @@ def jitter_edges(
     return source
 
 
-@njit(cache=True)
+@loop()
 def _sweep(flags, turned, shifts, reach, source):
     height, width = flags.shape
     lines, length = (width, height) if turned else (height, width)

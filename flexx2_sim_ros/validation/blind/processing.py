@@ -2,9 +2,9 @@
 
 import math
 
+from flexx2_sim_ros.physics.compiled import loop
 from flexx2_sim_ros.validation.blind.frame import Effect, Frame
 from flexx2_sim_ros.validation.blind.lens import footprint_slope
-from numba import njit
 import numpy as np
 
 
@@ -198,7 +198,7 @@ def _windowed(unit: np.ndarray, shape: str, width: int) -> np.ndarray:
     return unit
 
 
-@njit(cache=True, fastmath=True)
+@loop(fastmath=True)
 def smooth(parts, width, gate, out):
     """
     Average unit phasors of pixels that are close in position and in phase.

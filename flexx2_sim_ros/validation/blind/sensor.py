@@ -8,7 +8,7 @@ to report z.
 
 import math
 
-from numba import njit
+from flexx2_sim_ros.physics.compiled import loop
 import numpy as np
 
 LIGHT_SPEED = 299_792_458.0
@@ -50,7 +50,7 @@ def split_noise(
     return phase.astype(np.float32), path.astype(np.float32)
 
 
-@njit(cache=True)
+@loop()
 def expose(
     light, source, amplitude, phase_noise, path_noise, noise_gain, delay, K, normals, jitter, taps
 ):
@@ -108,7 +108,7 @@ def demodulate(taps: np.ndarray) -> np.ndarray:
     return out
 
 
-@njit(cache=True)
+@loop()
 def unwrap(phasors, K, reference, disagreement, period, out):
     """
     Turn phases into range.

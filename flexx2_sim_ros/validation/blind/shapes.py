@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 import math
 
-from numba import njit
+from flexx2_sim_ros.physics.compiled import loop
 import numpy as np
 
 BOX, ROOM, BALL = 0, 1, 2
@@ -104,7 +104,7 @@ def pack(shapes: Sequence[Shape]) -> Solids:
     )
 
 
-@njit(cache=True)
+@loop()
 def _local(o, placement):
     # A world point in the shape's own axes.
     x, y, z = o[0] - placement[0], o[1] - placement[1], o[2] - placement[2]
@@ -116,7 +116,7 @@ def _local(o, placement):
     )
 
 
-@njit(cache=True)
+@loop()
 def _hit(kind, half, ox, oy, oz, dx, dy, dz):
     # Distance along the ray in units of its direction (inf for a miss), and the axis of the face.
     if kind == BALL:
@@ -149,7 +149,7 @@ def _hit(kind, half, ox, oy, oz, dx, dy, dz):
     return (enter, first) if enter > _NEAR else (math.inf, 0)
 
 
-@njit(cache=True)
+@loop()
 def _reflectivity(kind, axis, x, y, z, looks):
     light, dark, texture, period = looks[0], looks[1], looks[2], looks[3]
     if kind == ROOM and axis == 1:
@@ -165,7 +165,7 @@ def _reflectivity(kind, axis, x, y, z, looks):
     return light
 
 
-@njit(cache=True)
+@loop()
 def cast(kinds, placement, looks, R, origin, rays, depth, reflectivity, normal):
     """
     Follow rays to the first surface.
@@ -240,7 +240,7 @@ def cast(kinds, placement, looks, R, origin, rays, depth, reflectivity, normal):
         normal[i, 2] = r[6] * nx + r[7] * ny + r[8] * nz
 
 
-@njit(cache=True)
+@loop()
 def in_sight(kinds, placement, one, other):
     """Return whether no shape but the room is between two world points."""
     dx, dy, dz = other[0] - one[0], other[1] - one[1], other[2] - one[2]
