@@ -12,6 +12,7 @@ class Recorded extends Panel {
     this.stamps = stamps;
     this.wanted = null;
     this.busy = false;
+    this.differences = new Int32Array(0);
     this.part.numbers.hidden = true;
     this.part['recorded-numbers'].hidden = false;
     this.part.answer.hidden = true;
@@ -60,7 +61,8 @@ class Recorded extends Panel {
     this.part.number.textContent = `${number + 1} / ${this.stamps.length}`;
     this.part.time.textContent = `${this.stamps[number].toFixed(3)} s`;
     this.part['recorded-invalid'].textContent = `${(PERCENT * invalid(frame)).toFixed(1)} %`;
-    this.part.offset.textContent = medianDifference(frame);
+    if (this.differences.length < frame.simulated.length) this.differences = new Int32Array(frame.simulated.length);
+    this.part.offset.textContent = medianDifference(frame, this.differences);
     this.take(frame);
   }
 
@@ -101,8 +103,8 @@ function invalid({ simulated }) {
   return count / simulated.length;
 }
 
-function medianDifference({ simulated, clean, unit }) {
-  const differences = new Int32Array(simulated.length);
+// Of the pixels that both images have. `differences` has room for all of them.
+function medianDifference({ simulated, clean, unit }, differences) {
   let count = 0;
   for (let i = 0; clean && i < clean.length; i++) {
     if (simulated[i] && clean[i]) differences[count++] = simulated[i] - clean[i];
