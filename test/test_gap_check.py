@@ -11,7 +11,10 @@ from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap import check, diagnose
 from flexx2_sim_ros.gap.check import judged
 from flexx2_sim_ros.gap.features.physical import UNITS
+from flexx2_sim_ros.gap.given_effects import fit_without_and_with
 from flexx2_sim_ros.gap.inference.improvement import measured
+from flexx2_sim_ros.gap.work import find
+from flexx2_sim_ros.jobs import workers
 import numpy as np
 import pytest
 from test_gap_truth import LEFT_OUT, SMALL, WITHOUT
@@ -171,6 +174,27 @@ def test_a_pose_error_cannot_be_given(tmp_path: Path) -> None:
     write_campaign(tmp_path, seed=101, **{**SMALL, 'recordings': 1})
     with pytest.raises(InputError, match='known: must be effects of the camera, got pose_error'):
         diagnose(tmp_path, known={'pose_error': {}}, without=WITHOUT)
+
+
+@pytest.mark.parametrize(('effect', 'steps'), [('heavy_tails', 3), ('offset', 6)])
+def test_progress_ends_at_1_also_where_poses_are_fitted_once(
+    fresh: Path, effect: str, steps: int
+) -> None:
+    shares: list[float] = []
+    with workers(1, None) as mapped:
+        found, left_out = find(fresh, None, mapped)
+        fit_without_and_with(
+            fresh,
+            found,
+            left_out,
+            parse_effects({effect: {}}),
+            profile=None,
+            seed=0,
+            prior=np.repeat([0.01, 0.5], 3),
+            mapped=mapped,
+            progress=lambda text, share: shares.append(share),
+        )
+    np.testing.assert_allclose(shares, np.arange(1, steps + 1) / steps)
 
 
 def test_only_a_change_that_is_significant_and_matters_counts() -> None:

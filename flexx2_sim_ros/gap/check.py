@@ -21,7 +21,7 @@ from flexx2_sim_ros.gap.inference.effects import table_of
 from flexx2_sim_ros.gap.inference.improvement import measured, tolerances
 from flexx2_sim_ros.gap.report.check_page import FILES, write_check
 from flexx2_sim_ros.gap.report.reading import Diagnosed, read_diagnosis
-from flexx2_sim_ros.gap.work import find, Progress, stepper
+from flexx2_sim_ros.gap.work import find, portion, Progress, stepper
 from flexx2_sim_ros.jobs import bind, Map, workers
 import numpy as np
 
@@ -109,7 +109,7 @@ def check(
             seed=seed,
             prior=np.array([metres] * 3 + [degrees] * 3),
             mapped=mapped,
-            step=stepper(request.progress, 'simulating the recordings', 0.05, 0.6, 2 * len(found)),
+            progress=portion(request.progress, 0.05, 0.6),
             known=request.known,
         )
         values = _compare(request, fitted, mapped)

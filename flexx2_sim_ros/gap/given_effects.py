@@ -1,6 +1,6 @@
 """Recordings fitted without and with given effects, whose parameters are not fitted."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,7 +17,7 @@ from flexx2_sim_ros.gap.features.simulation import definitions
 from flexx2_sim_ros.gap.inference.effects import table_of
 from flexx2_sim_ros.gap.inference.fitting import Fit, fit
 from flexx2_sim_ros.gap.inference.model import Model
-from flexx2_sim_ros.gap.work import Simulations, summarise_all
+from flexx2_sim_ros.gap.work import Progress, Simulations, stepper, summarise_all
 from flexx2_sim_ros.jobs import Map
 import numpy as np
 
@@ -80,7 +80,7 @@ def fit_without_and_with(
     seed: int,
     prior: np.ndarray,
     mapped: Map,
-    step: Callable[[], None],
+    progress: Progress,
     known: Table | None = None,
 ) -> Fitted:
     """
@@ -109,8 +109,8 @@ def fit_without_and_with(
         (6,) standard deviations of pose errors, metres and degrees.
     mapped : callable
         A map as from `workers`.
-    step : callable
-        Called after each recording: once, or twice where the poses are fitted twice.
+    progress : callable
+        Called with the name of the current step and the fraction of this work that is done.
     known : mapping, optional
         Effects that the base simulator has: parameters by name.
 
@@ -126,6 +126,9 @@ def fit_without_and_with(
     rest = {name: values for name, values in table.items() if name not in shifting}
     columns = _nuisance_columns(found[0])
     more = [*columns, Column(_SET, rest, few=False)] if rest else columns
+
+    rounds = 2 if shifting else 1
+    step = stepper(progress, 'simulating the recordings', 0.0, 1.0, rounds * len(found))
 
     def summaries(
         some: Sequence[Found], what: list[Column], given: Table

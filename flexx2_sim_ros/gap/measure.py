@@ -65,7 +65,7 @@ def measure(
             seed=seed,
             prior=prior,
             mapped=mapped,
-            step=lambda: None,
+            progress=lambda text, fraction: None,
         )
     before, after, null = (float(one) for one in fitted.losses().sum(axis=0))
     excess = before - null
