@@ -78,7 +78,7 @@ def _line(arguments: argparse.Namespace, seed: int, name: str, folder: Path) -> 
     other = replace(key, seed=seed + _FRESH, pose_mm=0.0, recordings=5, frames=8)
     BlindCamera(replace(case, scenes=other), _scenes(other, arguments)).record(fresh)
     began = time.perf_counter()
-    table = diagnose(campaign, jobs=arguments.jobs, out=diagnosis)
+    table = diagnose(campaign, jobs=arguments.jobs, out=diagnosis, calibrate=False)
     named = [row['name'] for row in table['effects']]
     head = f'{seed:4d} {name:22s} {",".join(named) or table["verdict"]:30s}'
     if not table['alternatives'] and not set(named) - {'pose_error'}:

@@ -50,7 +50,7 @@ def keys(value: Any) -> Iterator[str]:
     if isinstance(value, dict):
         for key, one in value.items():
             yield key.removesuffix('_interval')
-            if key not in ('parameters', 'typical', 'known', 'effects_without'):
+            if key not in ('parameters', 'typical', 'known', 'effects_without', 'forms_without'):
                 yield from keys(one)
 
 

@@ -1,6 +1,6 @@
 """What a gap costs: the errors that it makes in what reads depth on a robot."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 import math
@@ -14,7 +14,7 @@ from flexx2_sim_ros.camera import Profile
 from flexx2_sim_ros.consumers.comparison import compare
 from flexx2_sim_ros.consumers.loading import Source, sources
 from flexx2_sim_ros.consumers.running import Result, run
-from flexx2_sim_ros.effects import parse_effects
+from flexx2_sim_ros.effects import Effect, parse_effects
 from flexx2_sim_ros.effects.tables import plain
 from flexx2_sim_ros.errors import InputError, shown, unquoted
 from flexx2_sim_ros.gap.data.campaign import Found, nothing_left
@@ -307,17 +307,21 @@ def known_of(before: Diagnosed) -> Known:
     table = table_of(effects)
     metres, degrees = before.pose_prior
     without = {}
-    if not any(effect.forms for effect in effects):  # Curves came later than the fit.
-        for row in before.table['recordings']:
-            own = row.get('effects_without')
-            if not isinstance(own, dict) or not isinstance(row.get('checksum'), str):
-                continue
-            own = table_of(one for one in parse_effects(own) if one.role != 'pose')
-            if own.keys() == table.keys():
-                without[row['checksum']] = own
+    for row in before.table['recordings']:
+        own, forms = row.get('effects_without'), row.get('forms_without', {})
+        parts = isinstance(own, dict) and isinstance(forms, dict)
+        if not parts or not isinstance(row.get('checksum'), str):
+            continue
+        left = [one for one in parse_effects({**own, **forms}) if one.role != 'pose']
+        if _forms(left) == _forms(effects):  # Maps, and later calibrations, have none.
+            without[row['checksum']] = table_of(left)
     return Known(
         table, before.known, (metres,) * 3 + (degrees,) * 3, frozenset(before.checksums), without
     )
+
+
+def _forms(effects: Iterable[Effect]) -> dict[str, set[str]]:
+    return {effect.name: set(effect.forms) for effect in effects}
 
 
 def _check(seed: int, jobs: int, limit: float, mounting: tuple[float, float] | None) -> None:

@@ -8,6 +8,8 @@ from flexx2_sim_ros.gap.features.simulation import PlacedScene
 from flexx2_sim_ros.gap.forms.samples import frames_of, mean_error, shift_of
 import numpy as np
 
+_SEED = 0  # the same for all, so that maps without one recording have what is unknown in common
+
 
 @dataclass(frozen=True)
 class PixelErrors:
@@ -44,7 +46,10 @@ def pixel_errors(scene: PlacedScene, effects: dict[str, dict[str, float]]) -> Pi
 
 def map_of(errors: Sequence[PixelErrors]) -> np.ndarray:
     """
-    Return the map that recordings have in common, shrunk where they know little of a pixel.
+    Return a map as recordings have it in common, drawn at random where they know little of it.
+
+    It is one of those that agree with the recordings. Their mean would be too smooth: a pixel of
+    which nothing is known has a fixed error as well.
 
     Parameters
     ----------
@@ -54,7 +59,7 @@ def map_of(errors: Sequence[PixelErrors]) -> np.ndarray:
     Returns
     -------
     numpy.ndarray
-        (H, W) metres, 0 where nothing is known or nothing is in common.
+        (H, W) metres, 0 if nothing is in common.
 
     """
     sums = np.array([one.sums for one in errors])
@@ -66,4 +71,6 @@ def map_of(errors: Sequence[PixelErrors]) -> np.ndarray:
     variance = products.sum() / pairs.sum() if pairs.any() else 0.0
     if variance <= 0:
         return np.zeros(sums.shape[1:])
-    return np.asarray(sums.sum(axis=0) / (weights.sum(axis=0) + 1 / variance))
+    known = weights.sum(axis=0) + 1 / variance
+    unknown = np.random.default_rng(_SEED).standard_normal(known.shape) / np.sqrt(known)
+    return np.asarray(sums.sum(axis=0) / known + unknown)

@@ -15,6 +15,7 @@ from flexx2_sim_ros.gap.features.confirm import Outcome
 from flexx2_sim_ros.gap.features.evidence import Evidence
 from flexx2_sim_ros.gap.features.features import ENOUGH
 from flexx2_sim_ros.gap.features.physical import COUNTED, distance, UNITS
+from flexx2_sim_ros.gap.forms.calibrating import PATTERN
 from flexx2_sim_ros.gap.forms.named import Calibrated
 from flexx2_sim_ros.gap.inference.decide import Alternative, Decision
 from flexx2_sim_ros.gap.inference.effects import fitted_effects
@@ -127,9 +128,12 @@ def calibrated_table(
         {**row, 'parameters': forms.get(row['name'], row['parameters'])}
         for row in table['effects']
     ]
-    out['gap'] = _gap(model, decision, confirmed)
-    for row, motion in zip(out['recordings'], motions, strict=False):  # Those used are first.
+    out['gap'] = _gap(model, decision, confirmed, formed=True)
+    taken = [row['name'] for row in verdicts if row['taken'] and row['name'] != PATTERN]
+    parts = zip(out['recordings'], motions, calibrated.explained.now, strict=False)
+    for row, motion, own in parts:  # Those used are first.
         row['pose'] = [float(v) for v in motion[:POSE]]
+        row['forms_without'] = {name: plain(own[name]) for name in taken}
     return out
 
 
@@ -229,7 +233,9 @@ def _same_noise(model: Model, index: int) -> list[str]:
     ]
 
 
-def _gap(model: Model, decision: Decision, confirmed: list[Outcome]) -> dict[str, Any]:
+def _gap(
+    model: Model, decision: Decision, confirmed: list[Outcome], formed: bool = False
+) -> dict[str, Any]:
     held_out = len(confirmed) > 1
     limits = tolerances(model)
     units = {
@@ -248,7 +254,8 @@ def _gap(model: Model, decision: Decision, confirmed: list[Outcome]) -> dict[str
     shown = np.mean([one.gap for one in confirmed]) >= 1.0
     # An error of the poses is corrected and not simulated: if it is all, nothing is removed.
     posed = [one.kind.role == 'pose' for one in decision.accepted.candidates]
-    by_distance = bool(shown) or (bool(posed) and all(posed))
+    # The loss is that of the form of the catalogue.
+    by_distance = bool(shown) or (bool(posed) and all(posed)) or formed
     headline = whole if by_distance else loss
     out: dict[str, Any] = {
         'shrink': headline['shrink'],
