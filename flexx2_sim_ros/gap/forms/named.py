@@ -183,6 +183,8 @@ def calibrate_named(
     without = [_of_camera(own) for own in held_out]
     items = list(zip(used, without, motions, strict=True))
     looked = [one for one in simulator.look(items, step) if isinstance(one, Looked)]
+    if len(looked) < len(used):  # A file was removed meanwhile.
+        return None
     if len({one.shape for one in looked}) > 1:  # A map has one number for each pixel.
         names = [name for name in names if name != PATTERN]
     work = simulator.work(step)
