@@ -302,7 +302,8 @@ def judged(
 def _geometry(
     name: str, looked: Sequence[Looked], now: Sequence[Settings], work: Work
 ) -> Proposal:
-    # No form of a geometric effect comes before, so all recordings have the same settings.
+    # During a diagnosis, recordings start from settings of their own; after the first round, all
+    # have the same ones.
     there = looked
     settings = dict(now[0])
     for round_ in range(FORMS.rounds):
