@@ -3,9 +3,10 @@
 from pathlib import Path
 
 from bench.gap_campaigns import write_campaign
-from flexx2_sim_ros.effects import load_effects
+from flexx2_sim_ros.effects import load_effects, parse_effects
 from flexx2_sim_ros.gap import calibrate
 from flexx2_sim_ros.gap.forms.fitting import BiasFit
+from flexx2_sim_ros.gap.forms.named import calibrate_named, Simulator
 from flexx2_sim_ros.gap.forms.samples import Samples
 import numpy as np
 import pytest
@@ -67,3 +68,11 @@ def test_the_prior_of_the_poses_becomes_as_wide_as_they_are() -> None:
     # Poses that are as wrong as was allowed for keep their prior.
     wide = BiasFit([make_samples(rng, float(one), 0.0002) for one in moved])
     assert wide.with_usual_poses(columns, penalty).samples[0].spread[0, 0] == 0.0002
+
+
+def test_a_lens_with_a_pose_error_besides_stays_as_it_was_diagnosed() -> None:
+    """Assert it of a diagnosis: the pose error makes up for a part of the lens."""
+    named = parse_effects({'pose_error': {'x': 0.002}, 'intrinsics_error': LENS})
+    simulator = Simulator(lambda *_: [], None, {}, 0, (0.01,) * 3 + (0.5,) * 3)
+    nothing = [np.zeros(6)] * 3
+    assert calibrate_named([None] * 3, nothing, named, [named] * 3, simulator, print) is None

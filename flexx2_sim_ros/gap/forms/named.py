@@ -18,6 +18,7 @@ from flexx2_sim_ros.gap.forms.calibrating import (
     quickly_calibratable,
     Work,
 )
+from flexx2_sim_ros.gap.forms.geometry import is_fitted_with_poses
 from flexx2_sim_ros.gap.forms.work import (
     confirm_settled,
     judge,
@@ -178,6 +179,9 @@ def calibrate_named(
     """
     effects = _of_camera(named)
     names = quickly_calibratable(effects)
+    if any(one.role == 'pose' for one in named):
+        # The pose error makes up for a part of the lens, and would not suit another one.
+        names = [name for name in names if not is_fitted_with_poses(name)]
     if len(used) < FORMS.fewest or not names:
         return None
     without = [_of_camera(own) for own in held_out]
