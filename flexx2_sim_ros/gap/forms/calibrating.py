@@ -171,16 +171,9 @@ def quickly_calibratable(effects: Settings) -> list[str]:
 def rounds(effects: Settings) -> int:
     """Return about how often each recording is judged."""
     names = calibratable(effects)
-    return (
-        1
-        + len(COVARIATES)
-        + len(names)
-        + sum(
-            evaluations(registry()[name].shapes)
-            for name in names
-            if not is_fitted_with_poses(name)
-        )
-    )
+    searched = [one for one in names if one not in quickly_calibratable(effects)]
+    tried = sum(evaluations(registry()[name].shapes) for name in searched)
+    return 1 + len(COVARIATES) + len(names) + tried
 
 
 def totals(apart: Sequence[dict[str, float]]) -> np.ndarray:
