@@ -29,15 +29,22 @@ BAD = """
 import os
 import time
 
+import numpy as np
+
+
+class Text(str):
+    pass
+
 
 class Good:
     '''Counts depths.'''
 
-    name = 'good'
-    measures = {'missing': '%'}
+    name = Text('good')
+    measures = {Text('missing'): Text('%')}
 
     def look(self, view):
         print('a consumer may print')
+        os.write(1, b'and so may a library in C')
         return sum(len(view.points(t)) for t in range(len(view.depth)))
 
     def errors(self, seen, true):
@@ -56,6 +63,20 @@ class NotANumber(Good):
 
     def errors(self, seen, true):
         return {'missing': float('nan')}
+
+
+class Huge(Good):
+    name = 'huge'
+
+    def errors(self, seen, true):
+        return {'missing': 1e308}
+
+
+class NoPicture(Good):
+    name = 'no_picture'
+
+    def picture(self, seen, true):
+        return np.zeros((0, 5))
 
 
 class Slow(Good):
@@ -178,7 +199,7 @@ def test_a_diagnosis_without_effects_says_why_it_has_no_cost(
 def test_a_consumer_that_fails_is_named_and_the_rest_goes_on(
     folder: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    names = ['Raises', 'NotANumber', 'Slow', 'Ends', 'Good']
+    names = ['Raises', 'NotANumber', 'Huge', 'NoPicture', 'Slow', 'Ends', 'Good']
     options = [f'--consumer={folder}/bad.py:{name}' for name in names]
     command = ['gap', 'cost', str(folder / 'recordings'), '--diagnosis', str(folder / 'diagnosis')]
     command += ['--out', str(tmp_path), '--json', '--limit', '5', '--jobs', '2', *options]
@@ -187,7 +208,10 @@ def test_a_consumer_that_fails_is_named_and_the_rest_goes_on(
     assert [row['name'] for row in table['consumers']] == ['good']
     reasons = {row['consumer'].rpartition(':')[2]: row['reason'] for row in table['faults']}
     assert 'RuntimeError: no \\x1b[31m map' in reasons['raises']
-    assert 'missing (real): must be a finite number, got nan' in reasons['not_a_number']
+    finite = 'missing (real): must be a finite number below 1e+100, got'
+    assert f'{finite} nan' in reasons['not_a_number']
+    assert f'{finite} 1e+308' in reasons['huge']
+    assert 'picture: must be (h, w)' in reasons['no_picture']
     assert 'took longer than 5 s' in reasons['slow']
     assert 'ended its process' in reasons['ends']
 

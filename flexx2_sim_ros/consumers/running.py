@@ -1,11 +1,9 @@
 """Run a consumer in a process of its own, which may fail, hang or end without harm to the rest."""
 
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import redirect_stdout
 from dataclasses import dataclass, field
-import math
 from multiprocessing.connection import Connection
-import sys
+import os
 import time
 from typing import Any
 
@@ -17,6 +15,7 @@ import numpy as np
 
 _START_SECONDS = 600.0  # to import libraries, on a busy machine
 _LARGEST_PICTURE = 200  # pixels
+_LARGEST_ERROR = 1e100  # Sums of larger ones overflow.
 
 
 @dataclass(frozen=True)
@@ -104,6 +103,7 @@ def run(
                 connection.send(one)
                 errors, pictures = _answer(connection, limit, one.name)
                 _check(errors, measures, one.name)
+                _check_pictures(pictures, one.name)
                 result.errors.append(errors)
                 result.pictures.append(pictures)
                 step()
@@ -136,22 +136,34 @@ def _check(
                 raise _FaultError(
                     f'{recording}: errors: must be among {", ".join(measures)}, got {shown(key)}'
                 )
-            if not math.isfinite(value):
+            if not abs(value) < _LARGEST_ERROR:
                 raise _FaultError(
-                    f'{recording}: {key} ({rendition}): must be a finite number, got {value}'
+                    f'{recording}: {key} ({rendition}): must be a finite number below '
+                    f'{_LARGEST_ERROR:g}, got {value}'
                 )
+
+
+def _check_pictures(pictures: Mapping[str, np.ndarray], recording: str) -> None:
+    shapes = [image.shape for image in pictures.values()]
+    if any(len(shape) != 2 or 0 in shape or shape != shapes[0] for shape in shapes):
+        raise _FaultError(
+            f'{recording}: picture: must be (h, w) of one size for all images of a recording, got '
+            f'{shown(sorted(set(shapes)))}'
+        )
 
 
 def _serve(connection: Connection, source: Source) -> None:
     # In the consumer's process: answers each recording with errors and pictures, until the end.
     try:
-        with redirect_stdout(sys.stderr):  # Standard output is the command's.
-            consumer = load(source)
-            title = (type(consumer).__doc__ or '').strip().partition('\n')[0][:200]
-            connection.send((True, (consumer.name, title, dict(consumer.measures))))
-            while True:
-                views = connection.recv()
-                connection.send((True, judge(consumer, views)))
+        os.dup2(2, 1)  # Standard output is the command's; this holds for libraries in C as well.
+        consumer = load(source)
+        title = (type(consumer).__doc__ or '').strip().partition('\n')[0][:200]
+        # Plain text: the command cannot unpickle classes of the consumer's module.
+        units = {str.__str__(key): str.__str__(unit) for key, unit in consumer.measures.items()}
+        connection.send((True, (str.__str__(consumer.name), title, units)))
+        while True:
+            views = connection.recv()
+            connection.send((True, judge(consumer, views)))
     except EOFError:
         return
     except BaseException as error:  # noqa: B902 - also SystemExit of the consumer
