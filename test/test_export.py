@@ -5,6 +5,7 @@ import configparser
 from dataclasses import replace
 import math
 from pathlib import Path
+import re
 from xml.etree import ElementTree
 
 from flexx2_sim_ros.cli.main import main
@@ -121,6 +122,18 @@ def test_lost_and_wrong_pixels_are_counted_apart() -> None:
     for target in TARGETS.values():
         lost = target.write(noise, CELL).lost
         assert any('lost pixels: up to 100%' in sentence for sentence in lost)
+
+
+def test_the_age_of_images_and_what_a_mean_bias_leaves_are_lost() -> None:
+    effects = parse_effects({'time_offset': {'latency': 0.05, 'delay': 0.06}, 'wiggling': {}})
+    noise = measure_noise(flexx2(), 'Mode_9_30fps', effects, angles=(0.0,))
+    for name in ('gazebo', 'nvblox'):
+        lost = ' '.join(TARGETS[name].write(noise, CELL).lost)
+        assert 'age: an image shows the scene 110 ms before it arrives' in lost
+        assert ('beside the mean' in lost) == (name == 'gazebo')
+        assert re.search(r'bias: depth is up to \d+\.\d mm off', lost)
+    plain = TARGETS['gazebo'].write(measure_noise(flexx2(), 'Mode_9_30fps'), CELL).lost
+    assert not any('bias' in sentence or 'age' in sentence for sentence in plain)
 
 
 def test_other_cameras_are_exported(tmp_path: Path) -> None:

@@ -48,7 +48,6 @@ def write(noise: Noise, cell: float) -> Parameters:
     lost = (
         'sigma(z): Gazebo has one sigma at all distances',
         'direction: Gazebo adds the noise to x, y and z of a point, not along its ray',
-        'bias: its mean only',
         *common_losses(noise, bias=True),
     )
     return Parameters(text, (('stddev', fit),), lost)

@@ -6,6 +6,7 @@ import math
 
 from flexx2_sim_ros.camera.camera import Camera
 from flexx2_sim_ros.effects import Effect
+from flexx2_sim_ros.effects.time_offset import time_offset_of
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.physics.geometry import pixel_rays
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
@@ -45,6 +46,8 @@ class Noise:
     lost : numpy.ndarray
         (N, A) fraction of pixels that are invalid or grossly wrong: by over a tenth of the
         distance and over 5 sigma_z. They are not part of sigma and bias.
+    age : float
+        Seconds from the exposure to the arrival of an image, by `time_offset`.
 
     """
 
@@ -56,6 +59,7 @@ class Noise:
     sigma: np.ndarray
     bias: np.ndarray
     lost: np.ndarray
+    age: float
 
     @property
     def typical(self) -> np.ndarray:
@@ -133,7 +137,9 @@ def measure_noise(
             f'{np.max(lost):.0%} invalid pixels in {mode.name}'
         )
     names = tuple(effect.name for effect in effects if effect.strength)
-    return Noise(profile, mode, names, tuple(angles), distance, sigma, bias, lost)
+    offset = time_offset_of(effects)
+    age = 1e-9 * (offset.latency_ns + offset.delay_ns)
+    return Noise(profile, mode, names, tuple(angles), distance, sigma, bias, lost, age)
 
 
 def _distances(mode: Mode, steepest: float, asked: tuple[float, float] | None) -> np.ndarray:

@@ -10,6 +10,7 @@ from flexx2_sim_ros.profiles.modes import Profile
 import numpy as np
 
 _SEEN_LOSS = 0.005  # of the pixels
+_SEEN_BIAS = 5e-5  # metres: rounded to 0.1 mm
 
 
 @dataclass(frozen=True)
@@ -120,7 +121,7 @@ def common_losses(noise: Noise, *, bias: bool = False, lateral: bool = False) ->
     noise : Noise
         What the camera has.
     bias : bool
-        Whether the target holds the mean error.
+        Whether the target holds the mean error over all distances.
     lateral : bool
         Whether the target holds sigma_x.
 
@@ -132,13 +133,17 @@ def common_losses(noise: Noise, *, bias: bool = False, lateral: bool = False) ->
             f'incidence: sigma is {np.nanmin(share):.2f} to {np.nanmax(share):.2f} times what is '
             'written'
         )
-    largest = float(np.nanmax(np.abs(noise.bias)))
-    if largest > 0 and not bias:
-        found.append(f'bias: depth is up to {1e3 * largest:.1f} mm off on average')
+    left = noise.bias - noise.mean_bias if bias else noise.bias
+    largest = float(np.nanmax(np.abs(left)))
+    if largest > _SEEN_BIAS:
+        beside = ', beside the mean that is written' if bias else ' on average'
+        found.append(f'bias: depth is up to {1e3 * largest:.1f} mm off{beside}')
     if noise.mode.noise.sigma_x and not lateral:
         found.append(f'lateral noise: edges move by {noise.mode.noise.sigma_x:.2f} px')
     if noise.lost.max() > _SEEN_LOSS:
         found.append(f'lost pixels: up to {noise.lost.max():.0%} are invalid or off by over 10 %')
+    if noise.age:
+        found.append(f'age: an image shows the scene {1e3 * noise.age:.0f} ms before it arrives')
     if noise.effects:
         found.append(
             'edges, corners and motion: a wall does not show what effects do there; simulate the '
