@@ -7,7 +7,9 @@ what each changes in the consumers. The true ranking takes the camera's own reco
 of simulations: with both effects, without any, and with each of the two alone, at exact poses and
 with the same noise. There is none where the consumers do not differ more than by noise. A ranking
 agrees if the effect that truly costs more changes more than the other, and more than nothing. An
-effect that the diagnosis does not name changes nothing.
+effect that the diagnosis does not name changes nothing. A ranking orders two effects if one
+changes more than the other, and more than nothing, each in 95 % of the bootstrap sets of
+recordings. All others are ties; true rankings can be ties as well.
 
 `perfect` takes a perfect simulation of the camera, whose noise differs from that of the
 recordings: what it misses is a fault of the ranking alone. `by share` orders the diagnosed effects
@@ -65,6 +67,7 @@ _SETUP = 'width', 'recordings', 'frames', 'consumers'
 OTHER = 'other noise'  # a rendition: with both effects, and other noise than `ALL`
 TRUE, PERFECT, DIAGNOSED, BY_SHARE = 'true', 'perfect', 'diagnosed', 'by share'
 _WAYS = DIAGNOSED, BY_SHARE, PERFECT
+_ALL, _CERTAIN = 'all', 'the true ranking is no tie'
 _BOTH, _MORE, _OTHER = 'both effects named', 'only the costlier named', 'the costlier not named'
 
 
@@ -168,8 +171,8 @@ def _true_views(case: Case, names: Sequence[str], folder: Path) -> list[Views]:
     return out
 
 
-def _ranking(entry: dict[str, Any], way: str) -> dict[str, float]:
-    # What each effect changes, on average, of what all effects change.
+def _ranking(entry: dict[str, Any], way: str) -> list[dict[str, Any]]:
+    # The rows of the table of `flexx2 gap cost` of the two effects, without others.
     own = way in (DIAGNOSED, BY_SHARE)
     results = []
     for one in entry['errors'].get(DIAGNOSED if own else TRUE, []):
@@ -178,18 +181,19 @@ def _ranking(entry: dict[str, Any], way: str) -> dict[str, float]:
             rows = [{**row, REAL: row[OTHER]} for row in rows]
         results.append(Result(one['label'], '', one['measures'], rows))
     ranking = compared(results, list(entry['named'] if own else entry['effects']))['ranking']
-    return {row['effect']: row['share' if way == BY_SHARE else 'part'] for row in ranking}
+    return [row for row in ranking if row['effect'] in entry['effects']]
 
 
 def _parts(entry: dict[str, Any], way: str) -> list[float]:
-    # Of the two effects, the one that truly costs more first.
-    share = _ranking(entry, way)
-    return [share.get(name, 0.0) for name in _by_true_cost(entry)]
+    # What each effect changes of what all effects change; the one that truly costs more first.
+    key = 'share' if way == BY_SHARE else 'part'
+    found = {row['effect']: row[key] for row in _ranking(entry, way)}
+    return [found.get(name, 0.0) for name in _by_true_cost(entry)]
 
 
 def _by_true_cost(entry: dict[str, Any]) -> list[str]:
-    share = _ranking(entry, TRUE)
-    return sorted(entry['effects'], key=lambda name: -share.get(name, 0.0))
+    ranked = [row['effect'] for row in _ranking(entry, TRUE)]
+    return ranked or list(entry['effects'])
 
 
 def _has_ranking(entry: dict[str, Any]) -> bool:
@@ -202,31 +206,55 @@ def _agrees(entry: dict[str, Any], way: str) -> bool:
     return more > max(less, 0.0)
 
 
+def _orders(entry: dict[str, Any], way: str) -> bool:
+    # Whether it is no tie. An effect that is not named changes nothing.
+    rows = _ranking(entry, way)
+    return (
+        bool(rows)
+        and rows[0]['interval'][0] > 0
+        and all(row['effect'] in rows[0]['ahead_of'] for row in rows[1:])
+    )
+
+
 def _line(entry: dict[str, Any]) -> str:
     named = ', '.join(entry['named']) or 'none'
     parts = [f'{entry["seed"]} {", ".join(_by_true_cost(entry))}; named: {named}']
     ranked = _has_ranking(entry)
     for way in (TRUE, *_WAYS):
         more, less = _parts(entry, way)
-        agrees = (
+        said = (
             '' if way == TRUE or not ranked else ' agrees' if _agrees(entry, way) else ' differs'
         )
-        parts.append(f'{way} {more:.2f} {less:.2f}{agrees}')
+        tie = '' if way == BY_SHARE or _orders(entry, way) else ' (tie)'
+        parts.append(f'{way} {more:.2f} {less:.2f}{said}{tie}')
     return '; '.join(parts)
 
 
 def _summary(entries: Sequence[dict[str, Any]]) -> Table:
-    # How often rankings agree, by what the diagnosis has named.
+    # How often rankings agree, by what the diagnosis has named, and of those that are no ties.
     ranked = [one for one in entries if _has_ranking(one)]
-    groups: dict[str, list[dict[str, Any]]] = {'all': ranked, _BOTH: [], _MORE: [], _OTHER: []}
+    certain = [one for one in ranked if _orders(one, TRUE)]
+    groups: dict[str, list[dict[str, Any]]] = {_ALL: ranked, _CERTAIN: certain}
+    groups |= {_BOTH: [], _MORE: [], _OTHER: []}
     for one in ranked:
         more, less = (name in one['named'] for name in _by_true_cost(one))
         groups[_BOTH if more and less else _MORE if more else _OTHER].append(one)
-    shown = Table('campaigns with a true ranking', 'how many', *_WAYS, box=SIMPLE_HEAD)
+    shown = Table(
+        box=SIMPLE_HEAD, title='Rankings that agree, and of those that order the effects'
+    )
+    for column in ('campaigns with a true ranking', 'how many', *_WAYS):
+        shown.add_column(column)
     for name, group in groups.items():
-        agree = (str(sum(_agrees(one, way) for one in group)) for way in _WAYS)
-        shown.add_row(name, str(len(group)), *agree)
+        shown.add_row(name, str(len(group)), *(_counts(group, way) for way in _WAYS))
     return shown
+
+
+def _counts(group: Sequence[dict[str, Any]], way: str) -> str:
+    agree = str(sum(_agrees(one, way) for one in group))
+    if way == BY_SHARE:
+        return agree
+    ordered = [one for one in group if _orders(one, way)]
+    return f'{agree}; {sum(_agrees(one, way) for one in ordered)} of {len(ordered)}'
 
 
 if __name__ == '__main__':

@@ -17,7 +17,7 @@ from flexx2_sim_ros.gap import cost
 from flexx2_sim_ros.gap.cost import compared
 from flexx2_sim_ros.gap.data.campaign import check as check_recording
 from flexx2_sim_ros.gap.data.campaign import read
-from flexx2_sim_ros.gap.report.cost_page import headline, lines, page
+from flexx2_sim_ros.gap.report.cost_page import headline, lines, page, sentences
 from flexx2_sim_ros.recording import load_recording
 import numpy as np
 from plug_in_sites import on_path, write_metadata
@@ -339,6 +339,33 @@ def test_the_ranking_is_not_lowered_by_noise() -> None:
     assert large['part'] == pytest.approx(0.8)
     assert small['part'] == pytest.approx(0.2)
     assert large['share'] < large['part']
+    # All recordings agree on the order.
+    assert (large['ahead_of'], small['ahead_of']) == (['small'], [])
+    assert large['interval'] == pytest.approx([0.8, 0.8])
+
+
+def test_effects_that_recordings_cannot_order_are_said() -> None:
+    # Five recordings show one effect, three the other; both together change as much everywhere.
+    errors = []
+    for k in range(8):
+        row = {'real': 10.0, 'simulated': 0.0, 'again': 0.1, 'all effects': 10.0}
+        row |= {'first': 9.0 * (k < 5), 'second': 9.0 * (k >= 5), 'weak': 1.5}
+        errors.append({name: {'steps': value} for name, value in row.items()})
+    results = [Result('grid', '', {'steps': ''}, errors)]
+    table = {
+        **compared(results, ['weak', 'second', 'first']),
+        'recordings': [{'used': True, 'effects_from': ''}] * 8,
+        'damaged_packages': [],
+    }
+    first, second, weak = table['ranking']
+    assert (first['effect'], second['effect'], weak['effect']) == ('first', 'second', 'weak')
+    assert first['ahead_of'] == ['weak']
+    assert second['ahead_of'] == []
+    assert 'Modelling first takes away' in headline(table)
+    assert headline(table).endswith('These recordings cannot order first and second.')
+    assert 'These recordings cannot order second and weak.' in sentences(table)
+    clear = compared(results, ['weak', 'first'])['ranking']
+    assert 'cannot order' not in headline({**table, 'ranking': clear})
 
 
 def test_shares_and_their_intervals() -> None:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 _SETS = 2000  # of recordings, drawn with replacement
-_QUANTILES = 0.05, 0.95
+QUANTILES = 0.05, 0.95  # of intervals
 FEWEST = 3  # recordings for an interval
 Interval = tuple[float, float] | None
 
@@ -105,7 +105,7 @@ def compare(
 
     """
     wanted = [*names, *renditions]
-    used = [row for row in rows if all(measure in row[name] for name in wanted)]
+    used = [row for row in rows if _shows(row, measure, wanted)]
     if not used:
         return None
     values = np.array([[row[name][measure] for name in wanted] for row in used])  # (R, renditions)
@@ -133,9 +133,54 @@ def compare(
         float(without.mean()),
         _interval(without[sets].mean(axis=1)) if enough else None,
         float(null.mean()),
-        enough and bool(np.quantile(excess, _QUANTILES[0]) > 0),
+        enough and bool(np.quantile(excess, QUANTILES[0]) > 0),
         left,
     )
+
+
+def parts(
+    rows: Sequence[Mapping[str, Mapping[str, float]]],
+    measure: str,
+    effects: Sequence[str],
+    names: tuple[str, str, str],
+    whole: str,
+) -> np.ndarray:
+    """
+    Return what effects change of a measure, for many bootstrap sets of the recordings.
+
+    The sets are the same for all measures of the same recordings, so the parts of a set can be
+    averaged over measures and compared between effects.
+
+    Parameters
+    ----------
+    rows, measure, names, whole
+        As for `compare`.
+    effects : sequence of str
+        Renditions with one effect each.
+
+    Returns
+    -------
+    numpy.ndarray
+        (S, E) float64 `Left.part` of each effect in each set, limited to -1 to 1.
+
+    """
+    wanted = [names[1], whole, *effects]
+    used = np.array([_shows(row, measure, [*names, *wanted]) for row in rows])
+    values = np.array(
+        [
+            [row[name][measure] for name in wanted] if shown else [0.0] * len(wanted)
+            for row, shown in zip(rows, used, strict=True)
+        ]
+    )
+    apart = np.abs(values - values[:, [1]])  # from the simulation with all effects
+    even = np.full(len(rows), 1 / len(rows))
+    sets = np.random.default_rng(0).multinomial(len(rows), even, size=_SETS)
+    left = sets @ apart
+    return np.clip(_share(left[:, 2:], left[:, :1]), -1, 1)
+
+
+def _shows(row: Mapping[str, Mapping[str, float]], measure: str, wanted: Sequence[str]) -> bool:
+    return all(measure in row[name] for name in wanted)
 
 
 def _share(after: np.ndarray, before: np.ndarray) -> np.ndarray:
@@ -143,5 +188,5 @@ def _share(after: np.ndarray, before: np.ndarray) -> np.ndarray:
 
 
 def _interval(values: np.ndarray) -> tuple[float, float]:
-    low, high = np.quantile(values, _QUANTILES)
+    low, high = np.quantile(values, QUANTILES)
     return float(low), float(high)

@@ -11,7 +11,7 @@ from typing import Any
 from flexx2_sim_ros import __version__
 from flexx2_sim_ros.atomic import check_outputs
 from flexx2_sim_ros.camera import Profile
-from flexx2_sim_ros.consumers.comparison import compare
+from flexx2_sim_ros.consumers.comparison import compare, parts, QUANTILES
 from flexx2_sim_ros.consumers.loading import Source, sources
 from flexx2_sim_ros.consumers.running import Result, run
 from flexx2_sim_ros.effects import Effect, parse_effects
@@ -261,21 +261,43 @@ def compared(results: Sequence[Result], effects: Sequence[str]) -> dict[str, Any
         }
         for one in good
     ]
-    differ = [one for row in rows for one in row['measures'] if one['significant']]
-    ranking = [
-        {
-            'effect': name,
-            **{key: _mean([one['effects'][name][key] for one in differ]) for key in _RANKED},
-            'measures': len(differ),
-        }
-        for name in effects
-        if differ
-    ]
     return {
         'consumers': rows,
         'faults': [{'consumer': one.label, 'reason': one.fault} for one in results if one.fault],
-        'ranking': sorted(ranking, key=lambda row: -row['part']),
+        'ranking': _ranking(good, rows, effects),
     }
+
+
+def _ranking(
+    good: Sequence[Result], rows: Sequence[dict[str, Any]], effects: Sequence[str]
+) -> list[dict[str, Any]]:
+    differ = [
+        (result, one)
+        for result, row in zip(good, rows, strict=True)
+        for one in row['measures']
+        if one['significant']
+    ]
+    if not differ:
+        return []
+    drawn = [parts(result.errors, one['name'], effects, _NAMES, ALL) for result, one in differ]
+    mean = np.mean(drawn, axis=0)  # (sets of recordings, effects)
+    ranking = []
+    for k, name in enumerate(effects):
+        low, high = np.quantile(mean[:, k], QUANTILES)
+        lead = np.quantile(mean[:, [k]] - mean, QUANTILES[0], axis=0)
+        own = [one['effects'][name] for _, one in differ]
+        ranking.append(
+            {
+                'effect': name,
+                **{key: _mean([one[key] for one in own]) for key in _RANKED},
+                'interval': [float(low), float(high)],
+                'ahead_of': [
+                    other for other, least in zip(effects, lead, strict=True) if least > 0
+                ],
+                'measures': len(differ),
+            }
+        )
+    return sorted(ranking, key=lambda row: -row['part'])
 
 
 def _mean(fractions: Sequence[float]) -> float:

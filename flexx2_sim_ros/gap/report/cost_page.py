@@ -10,7 +10,7 @@ from flexx2_sim_ros.atomic import output_folder, whole_files
 from flexx2_sim_ros.consumers.comparison import FEWEST
 from flexx2_sim_ros.consumers.running import Result
 from flexx2_sim_ros.gap.report.style import STYLE
-from flexx2_sim_ros.gap.report.text import percent, spaced
+from flexx2_sim_ros.gap.report.text import listed, percent, spaced
 from flexx2_sim_ros.html_drawing import bar, picture
 from flexx2_sim_ros.html_page import html_page
 import numpy as np
@@ -78,19 +78,33 @@ def headline(table: dict[str, Any]) -> str:
     if not table['ranking']:
         return 'No cost that stands out: no measure differs more than two simulations do.'
     best = table['ranking'][0]
+    tied = _tied(table, 0)
+    undecided = f' {_undecided([best["effect"], *tied])}' if tied else ''
     if best['share'] <= 0:
         return (
             f'Of the effects, {spaced(best["effect"])} changes most, but as it was fitted it does '
-            'not take the cost of the gap away.'
+            f'not take the cost of the gap away.{undecided}'
         )
     consumer, measure = _clearest(table, best['effect'])
     one = measure['effects'][best['effect']]
     where = f'{spaced(measure["name"])} ({spaced(consumer)})'
     apart = f'{measure["difference"]:.3g} {measure["unit"]}'.strip()
+    first = '' if tied else ' first'
     return (
-        f'Modelling {spaced(best["effect"])} first takes away {_percent(one)} of the difference '
+        f'Modelling {spaced(best["effect"])}{first} takes away {_percent(one)} of the difference '
         f'in {where}. A recording and its simulation differ by {apart} in this, on average.'
+        f'{undecided}'
     )
+
+
+def _tied(table: dict[str, Any], place: int) -> list[str]:
+    # Effects behind a place of the ranking that may as well be ahead of it.
+    own, *later = table['ranking'][place:]
+    return [row['effect'] for row in later if row['effect'] not in own['ahead_of']]
+
+
+def _undecided(names: Sequence[str]) -> str:
+    return f'These recordings cannot order {listed(names)}.'
 
 
 def _clearest(table: dict[str, Any], effect: str) -> tuple[str, dict[str, Any]]:
@@ -114,10 +128,13 @@ def sentences(table: dict[str, Any]) -> list[str]:
     used = [row for row in table['recordings'] if row['used']]
     fitted = sum(row['effects_from'] == 'this recording' for row in used)
     out = [
-        f'{spaced(row["effect"])}: {percent(row["part"])} of what all effects change; '
+        f'{spaced(row["effect"])}: {_percent(row, "part")} of what all effects change; '
         f'{_moved(row["share"])} the difference (means over {row["measures"]} measures).'
         for row in table['ranking']
     ]
+    for place, row in enumerate(table['ranking'][1:], start=1):  # the first: in the headline
+        tied = _tied(table, place)
+        out += [_undecided([row['effect'], *tied])] if tied else []
     if fitted:
         out.append(
             f'The effects were fitted to {fitted} of these {len(used)} recordings as well, so the '
@@ -152,9 +169,9 @@ def lines(consumer: dict[str, Any]) -> Iterator[tuple[Line, bool]]:
         )
 
 
-def _percent(one: dict[str, Any]) -> str:
+def _percent(one: dict[str, Any], key: str = 'share') -> str:
     # Adding 0 makes -0 to 0.
-    share, *ends = (percent(round(x, 2) + 0.0) for x in (one['share'], *(one['interval'] or ())))
+    share, *ends = (percent(round(x, 2) + 0.0) for x in (one[key], *(one['interval'] or ())))
     return f'{share} ({" to ".join(ends)})' if ends else share
 
 

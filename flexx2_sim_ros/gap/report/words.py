@@ -5,7 +5,7 @@ from typing import Any
 from flexx2_sim_ros.effects import of_role
 from flexx2_sim_ros.gap.report.age import age_words
 from flexx2_sim_ros.gap.report.places import CHANNELS, finding
-from flexx2_sim_ros.gap.report.text import percent, spaced
+from flexx2_sim_ros.gap.report.text import listed, percent, spaced
 
 # Names of the physical measures, for people: name, unit and factor to it.
 MEASURES = {
@@ -21,12 +21,7 @@ MEASURES = {
 
 
 def _names(rows: list[dict[str, Any]]) -> str:
-    return _list([row['name'] for row in rows])
-
-
-def _list(names: list[str]) -> str:
-    names = list(map(spaced, names))
-    return ' and '.join(filter(None, [', '.join(names[:-1]), names[-1]])) if names else ''
+    return listed([row['name'] for row in rows])
 
 
 def camera_effects(table: dict[str, Any]) -> list[str]:
@@ -108,7 +103,7 @@ def sentences(table: dict[str, Any]) -> list[str]:
     if table['effects']:
         out += [
             f'Alternative explanation: {_names([other])}'
-            + (f' instead of {_list(other["instead_of"])}.' if len(table['effects']) > 1 else '.')
+            + (f' instead of {listed(other["instead_of"])}.' if len(table['effects']) > 1 else '.')
             for other in table['alternatives']
         ]
     if table['verdict'] in ('unknown', 'partly') and table['unexplained']:
@@ -182,7 +177,7 @@ def not_decidable(table: dict[str, Any]) -> list[str]:
     for row in table['not_decidable']:
         by.setdefault(row['settled_by'], []).append(row['name'])
     return [
-        f'Not decidable with this ground truth: {_list(names)}. This would decide: {what}.'
+        f'Not decidable with this ground truth: {listed(names)}. This would decide: {what}.'
         for what, names in by.items()
     ]
 
@@ -228,4 +223,4 @@ def not_considered(table: dict[str, Any]) -> list[str]:
     reasons: dict[str, list[str]] = {}
     for row in table['not_considered']:
         reasons.setdefault(row['reason'], []).append(row['name'])
-    return [f'Not considered: {_list(names)}: {reason}.' for reason, names in reasons.items()]
+    return [f'Not considered: {listed(names)}: {reason}.' for reason, names in reasons.items()]
