@@ -21,6 +21,9 @@ _EVERYTHING = 'all effects'
 # Alone: a simple effect, and those on light of other pixels or times.
 _ALONE = ('offset', 'time_offset', 'multipath', 'stray_light')
 _KEEPING = (*_ALONE[1:], 'motion_artefact', 'temporal_filter', 'fixed_pattern')
+# A loop at 50 Hz, whose images arrive after 60 ms: every call computes a frame.
+_LATE = 'step_s, delay'
+_STEP_S, _DELAYED = 1 / 50, {'time_offset': {'latency': 0.0, 'delay': 0.06}}
 _KEPT_ENVS = 256
 _PERIOD = 33_333_333
 _ON_GPU = (64, 1024, 8192)
@@ -44,6 +47,7 @@ def _cpu(num_envs: int, rounds: int) -> None:
     moving = [scenes, scenes - np.float32(0.01)]
     sets: dict[str, dict[str, Any]] = {
         'no effects': {},
+        _LATE: _DELAYED,
         **{name: {name: None} for name in _ALONE},
         _EVERYTHING: dict.fromkeys(BATCHED),
     }
@@ -57,7 +61,8 @@ def _cpu(num_envs: int, rounds: int) -> None:
     functions: dict[str, Callable[[], object]] = {}
     for name, effects in sets.items():
         alone = Camera(_MODE, effects=effects, seed=1)
-        batch = BatchCamera(num_envs, _MODE, effects=effects, device='cpu')
+        step_s = _STEP_S if name == _LATE else None
+        batch = BatchCamera(num_envs, _MODE, effects=effects, step_s=step_s, device='cpu')
         functions[f'{name}, one'] = partial(one_by_one, alone)
         functions[f'{name}, batch'] = lambda batch=batch: batch(  # type: ignore[misc]
             moving[next(turns) % 2]
