@@ -17,7 +17,7 @@ from flexx2_sim_ros.gap import cost
 from flexx2_sim_ros.gap.cost import compared
 from flexx2_sim_ros.gap.data.campaign import check as check_recording
 from flexx2_sim_ros.gap.data.campaign import read
-from flexx2_sim_ros.gap.report.cost_page import headline, lines, page, sentences
+from flexx2_sim_ros.gap.report.cost_page import headline, lines, NOTHING_SEEN, page, sentences
 from flexx2_sim_ros.recording import load_recording
 import numpy as np
 from plug_in_sites import on_path, write_metadata
@@ -254,17 +254,19 @@ def test_recordings_without_ground_need_the_mounting(folder: Path, tmp_path: Pat
     one = load_recording(folder / 'recordings' / 'scene_00.npz')
     shape = one.depth.shape[1:]
     (tmp_path / 'walls').mkdir()
-    np.savez(
-        tmp_path / 'walls' / 'wall.npz',
-        depth=np.full((3, *shape), 1.52, np.float32),
-        clean_depth=np.full(shape, 1.5, np.float32),
-        K=one.K,
-        stamp=np.arange(3) / 30.0,
-        usecase='Mode_9_30fps',
-    )
+    for name in ('near', 'far'):
+        np.savez(
+            tmp_path / 'walls' / f'{name}.npz',
+            depth=np.full((3, *shape), 1.52, np.float32),
+            clean_depth=np.full(shape, 1.5, np.float32),
+            K=one.K,
+            stamp=np.arange(3) / 30.0,
+            usecase='Mode_9_30fps',
+        )
     arguments = tmp_path / 'walls', folder / 'diagnosis'
-    with pytest.raises(InputError, match='must show the ground'):
+    with pytest.raises(InputError, match='must show the ground') as refused:
         cost(*arguments, consumers=['nearest_obstacle'])
+    assert str(refused.value).endswith('(the same for 1 more)')
     table = cost(*arguments, consumers=['nearest_obstacle'], mounting=(0.5, 0.0))
     assert table['settings']['mounting'] == [0.5, 0.0]
 
@@ -310,7 +312,11 @@ def test_one_recording_is_not_judged() -> None:
     image = np.zeros((2, 2), np.float32)
     drawn = dict.fromkeys(('real', 'simulated', 'all effects'), image)
     results = [Result('grid', '', {'steps': ''}, [errors], [own]) for own in (drawn, {})]
+    # Its recordings show nothing that it measures.
+    nothing = dict.fromkeys(errors, dict[str, float]())
+    results.append(Result('edges', '', {'edge': 'mm'}, [nothing], [drawn]))
     table = {
+        'effects': {},
         **compared(results, ['a']),
         'recordings': [{'name': 'x', 'used': True, 'reason': '', 'effects_from': ''}],
         'damaged_packages': [],
@@ -321,7 +327,9 @@ def test_one_recording_is_not_judged() -> None:
     ((line, significant),) = lines(table['consumers'][0])
     assert line.first == 'too few recordings'
     assert not significant
-    assert page(table, results).count('data:image/png') == 3
+    text = page(table, results)
+    assert text.count('data:image/png') == 3
+    assert text.count(NOTHING_SEEN) == 1
 
 
 def test_the_ranking_is_not_lowered_by_noise() -> None:
@@ -353,6 +361,7 @@ def test_effects_that_recordings_cannot_order_are_said() -> None:
         errors.append({name: {'steps': value} for name, value in row.items()})
     results = [Result('grid', '', {'steps': ''}, errors)]
     table = {
+        'effects': {},
         **compared(results, ['weak', 'second', 'first']),
         'recordings': [{'used': True, 'effects_from': ''}] * 8,
         'damaged_packages': [],
@@ -364,6 +373,8 @@ def test_effects_that_recordings_cannot_order_are_said() -> None:
     assert 'Modelling first takes away' in headline(table)
     assert headline(table).endswith('These recordings cannot order first and second.')
     assert 'These recordings cannot order second and weak.' in sentences(table)
+    late = {**table, 'effects': {'time_offset': {'strength': 1.0, 'delay': 0.071}}}
+    assert any('delay of the images, 71 ms, is not in the cost' in one for one in sentences(late))
     clear = compared(results, ['weak', 'first'])['ranking']
     assert 'cannot order' not in headline({**table, 'ranking': clear})
 

@@ -99,7 +99,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _print(table: dict[str, Any], console: Console) -> None:
-    from flexx2_sim_ros.gap.report.cost_page import headline, lines, sentences
+    from flexx2_sim_ros.gap.report.cost_page import headline, lines, NOTHING_SEEN, sentences
     from flexx2_sim_ros.gap.report.text import spaced
 
     console.print(printable(headline(table)), style='bold', highlight=False)
@@ -117,5 +117,7 @@ def _print(table: dict[str, Any], console: Console) -> None:
         for line, significant in lines(consumer):
             texts = [printable(text).replace(' (', '\n(') for text in line]
             shown.add_row(*texts, style='' if significant else 'dim')
+        if not consumer['measures']:
+            shown.add_row(NOTHING_SEEN, style='dim')
     console.print(shown)
     print_lines(console, sentences(table))

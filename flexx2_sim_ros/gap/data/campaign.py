@@ -114,10 +114,15 @@ def of_one_mode(
 
 
 def nothing_left(folder: Path, left_out: list[tuple[str, str]]) -> InputError:
-    """Return the error that says why no recording can be used."""
-    return InputError(
-        f'{folder}: no recording can be used: ' + '; '.join(reason for _, reason in left_out)
+    """Return the error that says why no recording can be used, each reason once."""
+    alike: dict[str, list[str]] = {}
+    for name, reason in left_out:
+        alike.setdefault(reason.replace(name, ''), []).append(reason)
+    reasons = (
+        first + (f' (the same for {len(others)} more)' if others else '')
+        for first, *others in alike.values()
     )
+    return InputError(f'{folder}: no recording can be used: ' + '; '.join(reasons))
 
 
 def _found(reader: RecordingReader, profile: Profile | None) -> Found:

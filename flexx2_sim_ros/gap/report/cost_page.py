@@ -26,6 +26,7 @@ td + td { white-space: nowrap; }
 """
 )
 _PICTURES = {'real': 'recorded', 'simulated': 'as simulated', 'all effects': 'with all effects'}
+NOTHING_SEEN = 'No recording shows what it measures.'
 _LEAST_COLOUR = 0.02  # metres: smaller errors are drawn pale
 
 
@@ -82,8 +83,8 @@ def headline(table: dict[str, Any]) -> str:
     undecided = f' {_undecided([best["effect"], *tied])}' if tied else ''
     if best['share'] <= 0:
         return (
-            f'Of the effects, {spaced(best["effect"])} changes most, but as it was fitted it does '
-            f'not take the cost of the gap away.{undecided}'
+            f'Of the effects, {spaced(best["effect"])} changes most on average, but as it was '
+            f'fitted it does not take the cost of the gap away.{undecided}'
         )
     consumer, measure = _clearest(table, best['effect'])
     one = measure['effects'][best['effect']]
@@ -135,6 +136,13 @@ def sentences(table: dict[str, Any]) -> list[str]:
     for place, row in enumerate(table['ranking'][1:], start=1):  # the first: in the headline
         tied = _tied(table, place)
         out += [_undecided([row['effect'], *tied])] if tied else []
+    offset = table['effects'].get('time_offset', {})
+    delay = offset.get('strength', 0.0) * offset.get('delay', 0.0)
+    if delay:
+        out.append(
+            f'The delay of the images, {1e3 * delay:.0f} ms, is not in the cost: each image is '
+            'compared with the scene at its stamp.'
+        )
     if fitted:
         out.append(
             f'The effects were fitted to {fitted} of these {len(used)} recordings as well, so the '
@@ -239,6 +247,9 @@ def page(table: dict[str, Any], results: Sequence[Result]) -> str:
 
 
 def _consumer(one: dict[str, Any], result: Result) -> str:
+    title = f'<h2>{escape(spaced(one["name"]))}</h2><p>{escape(one["title"])}</p>'
+    if not one['measures']:
+        return f'{title}<p class="dim">{NOTHING_SEEN}</p>'
     rows = []
     for measure in one['measures']:
         unit = f', {measure["unit"]}' if measure['unit'] else ''
@@ -255,8 +266,7 @@ def _consumer(one: dict[str, Any], result: Result) -> str:
                 text = ['', '', f'{left["value"]:.3g}', f'{left["difference"]:.3g}', '']
                 rows.append(_row(text, measure, f'{spaced(name)}: {_percent(left)}', left))
     return (
-        f'<h2>{escape(spaced(one["name"]))}</h2><p>{escape(one["title"])}</p>'
-        '<div class="scroll"><table><tr><th></th><th>recorded</th><th>simulated</th>'
+        f'{title}<div class="scroll"><table><tr><th></th><th>recorded</th><th>simulated</th>'
         '<th>difference</th><th>two simulations</th><th>taken away by</th><th></th></tr>'
         f'{"".join(rows)}</table></div>{_pictures(result)}'
     )
