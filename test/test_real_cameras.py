@@ -71,3 +71,11 @@ def test_boards_seen_by_a_kinect_are_filtered_and_rounded(
     assert effects['quantisation']['step'] == pytest.approx(0.001, rel=0.1)
     # Nothing was measured of the boards.
     assert 'offset' in {row['name'] for row in table['not_decidable']}
+    (board,) = blocks('What the gap of the Kinect', 'python')
+    Path('board.py').write_text(board)
+    run_section('What the gap of the Kinect')
+    table = json.loads(Path('boards_cost/cost.json').read_text())
+    assert table['ranking'][0]['effect'] == 'amplitude_bias'
+    (distance, _) = table['consumers'][0]['measures']
+    # Dark squares measure farther than white ones.
+    assert distance['effects']['amplitude_bias']['share'] > 0.2
