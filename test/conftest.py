@@ -3,6 +3,7 @@
 from collections.abc import Generator, Iterator
 import os
 from pathlib import Path
+import re
 import socket
 import sys
 from typing import Any
@@ -69,9 +70,16 @@ def pytest_runtest_makereport() -> Generator[None, Any, Any]:
 
 
 @pytest.hookimpl(wrapper=True)
-def pytest_make_collect_report() -> Generator[None, Any, Any]:
-    """Fail instead of skipping a whole file."""
-    return _require((yield))
+def pytest_make_collect_report(collector: pytest.Collector) -> Generator[None, Any, Any]:
+    """Skip a file that imports a library of an extra which is not installed."""
+    report = yield
+    missing = report.failed and re.search(
+        rf"No module named '({'|'.join(wants.OF_EXTRAS)})'", str(report.longrepr)
+    )
+    if missing:
+        report.outcome = 'skipped'
+        report.longrepr = (str(collector.path), 1, f"could not import '{missing[1]}'")
+    return _require(report)
 
 
 def pytest_terminal_summary(terminalreporter: Any) -> None:

@@ -75,3 +75,20 @@ def test_unknown_reasons_of_skips_are_listed_unchanged() -> None:
         '   2  gpu: an NVIDIA GPU with its driver',
         '   1  odd',
     ]
+
+
+def test_a_file_whose_library_is_not_installed_is_skipped() -> None:
+    program = """
+import sys, pytest
+class Missing:
+    def find_spec(self, name, path=None, target=None):
+        if name == 'cv2':
+            raise ModuleNotFoundError("No module named 'cv2'", name=name)
+sys.meta_path.insert(0, Missing())
+sys.exit(pytest.main(['-q', '-p', 'no:cacheprovider', 'test/test_truth_board.py']))
+"""
+    done = subprocess.run(
+        [sys.executable, '-c', program], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == pytest.ExitCode.NO_TESTS_COLLECTED, done.stdout + done.stderr
+    assert re.search(r"^ +1  truth: pip install '\.\[truth\]'$", done.stdout, re.M)

@@ -12,7 +12,9 @@ WANTS = {
     'opengl': ('no OpenGL', 'apt install libegl1 libgl1-mesa-dri, or libosmesa6'),
     'ros': ('rclpy', "pip install '.[ros]', or a sourced ROS 2 Jazzy"),
     'gpu': ('no GPU', 'an NVIDIA GPU with its driver'),
-    'warp': ('warp-lang', "pip install '.[batch]'"),
+    'warp': ("warp-lang|'warp'", "pip install '.[batch]'"),
+    'truth': ("'(cv2|trimesh)'", "pip install '.[truth]'"),
+    'tools': ("'(build|mcap|sphinx|twine)'", "pip install '.[test]'"),
     'cluster': ('extra cluster', "pip install '.[cluster]'"),
     'menagerie': ("'mujoco_menagerie'", "pip install '.[menagerie]'"),
     'torch': ("'torch'", 'pip install torch'),
@@ -33,6 +35,9 @@ WANTS = {
     'launch': ("'launch", 'a sourced ROS 2 Jazzy'),
 }
 OTHER = 'other'
+# What whole test files import. These files are skipped where it is not installed, as in a ROS
+# workspace, where rosdep and pip install what the nodes, bags and tests need and no more.
+OF_EXTRAS = ('cv2', 'mcap', 'trimesh', 'warp')
 
 
 def want_of(reason: str) -> str:
