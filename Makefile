@@ -48,6 +48,8 @@ release: $(STAMP)
 	rm -rf dist
 	$(BIN)/python -m build --no-isolation
 	$(BIN)/twine check --strict dist/*
+	@! grep -q 'FILL IN' package.xml || \
+		echo 'Before you upload these: fill in the maintainer and the repository in package.xml.'
 
 # Two hours: hostile messages and files, kills, a soak. See CONTRIBUTING.md.
 torture: $(STAMP)
