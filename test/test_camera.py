@@ -253,6 +253,30 @@ def test_inputs_of_any_number_type_are_read_and_not_changed() -> None:
                 assert getattr(frame, field).dtype == np.float32
 
 
+@pytest.mark.parametrize('kind', ['u2', 'i4'])
+def test_whole_millimetres_are_refused(kind: str) -> None:
+    clean = np.full(SHAPE, 1500, kind)
+    clean[:8] = 0
+    clean[8:12] = np.iinfo('u2').max if kind == 'u2' else -1
+    with pytest.raises(InputError, match='^clean_depth: must be metres.*millimetres'):
+        Camera().capture(clean, K, 0)
+
+
+def test_masked_pixels_have_no_depth() -> None:
+    hidden = np.zeros(SHAPE, bool)
+    hidden[5:9, 5:9] = True
+    for kind in ('f4', 'u1'):
+        clean = np.full(SHAPE, 2, kind)
+        frame = Camera(seed=1).capture(np.ma.masked_array(clean, hidden), K, 0)
+        wanted = Camera(seed=1).capture(np.where(hidden, np.nan, clean), K, 0)
+        np.testing.assert_array_equal(frame.depth, wanted.depth)
+
+
+def test_a_channel_axis_is_refused() -> None:
+    with pytest.raises(InputError, match='^clean_depth: must have shape .* channel axis'):
+        Camera().capture(scene()[..., None], K, 0)
+
+
 def test_reflectivity_scales_the_amplitude_and_is_kept_between_0_and_1() -> None:
     full, half, none, bright, unknown = (
         Camera().capture(scene(), K, 0, np.full(SHAPE, value)).amplitude

@@ -11,6 +11,9 @@ from flexx2_sim_ros.errors import InputError, shown
 from flexx2_sim_ros.physics.frame_state import EffectProtocol
 import numpy as np
 
+# Whole numbers with at least this median are millimetres: 100 m is too far for a depth camera.
+_MILLIMETRES = 100
+
 
 def as_effects(effects: Any) -> tuple[EffectProtocol, ...]:
     """
@@ -52,15 +55,40 @@ def as_array(name: str, value: Any) -> np.ndarray:
 
 
 def as_images(name: str, value: Any) -> np.ndarray:
-    """Return an argument as (..., H, W) float32; raise `InputError` if it has no images."""
+    """
+    Return an argument as (..., H, W) float32; masked values become NaN.
+
+    Raises
+    ------
+    InputError
+        If it has no images, or images with a channel axis.
+
+    """
     array = as_array(name, value)
     if array.ndim < 2 or 0 in array.shape[-2:]:
         raise InputError(f'{name}: must have shape (..., H, W), not empty, got {array.shape}')
-    if array.dtype == np.float32:
-        return array
-    # Values that float32 cannot hold become infinite: no return.
-    with np.errstate(over='ignore'):
-        return array.astype(np.float32, copy=False)
+    if array.ndim > 2 and array.shape[-1] == 1 < array.shape[-2]:
+        raise InputError(
+            f'{name}: must have shape (..., H, W), without a channel axis, got {array.shape}'
+        )
+    if array.dtype != np.float32:
+        # Values that float32 cannot hold become infinite: no return.
+        with np.errstate(over='ignore'):
+            array = array.astype(np.float32)
+    if isinstance(value, np.ma.MaskedArray):
+        return np.where(np.ma.getmaskarray(value), np.float32(np.nan), array)
+    return array
+
+
+def as_clean_depth(value: Any) -> np.ndarray:
+    """Return clean depth as `as_images` does; raise `InputError` for whole millimetres, too."""
+    images = as_images('clean_depth', value)
+    kind = np.asarray(value).dtype
+    if kind.kind in 'iu' and _middle(images) >= _MILLIMETRES:
+        raise InputError(
+            f'clean_depth: must be metres, got {kind} that looks like millimetres: divide by 1000'
+        )
+    return images
 
 
 def as_nanoseconds(stamp: Any) -> np.ndarray:
@@ -107,7 +135,7 @@ class Views:
 
 def as_views(clean_depth: Any, matrix: Any, stamp: Any, reflectivity: Any) -> Views:
     """Return the arguments of `Camera.capture`; raise `InputError` if they cannot be used."""
-    clean = as_images('clean_depth', clean_depth)
+    clean = as_clean_depth(clean_depth)
     matrices = as_array('K', matrix)
     if matrices.ndim < 2 or matrices.shape[-2:] != (3, 3):
         raise InputError(f'K: must have shape (..., 3, 3), got {matrices.shape}')
@@ -144,3 +172,9 @@ def as_views(clean_depth: Any, matrix: Any, stamp: Any, reflectivity: Any) -> Vi
 def _broadcast(array: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     # np.broadcast_to takes longer than all the rest of `as_views`.
     return array if array.shape == shape else np.broadcast_to(array, shape)
+
+
+def _middle(depth: np.ndarray) -> float:
+    # The median depth; 0 means none.
+    positive = depth[depth > 0]
+    return float(np.median(positive)) if positive.size else 0.0

@@ -154,8 +154,8 @@ class Camera:
         Parameters
         ----------
         clean_depth : array_like
-            (..., H, W), metres along the optical axis, any real dtype. NaN, infinities, zero and
-            negative values mean no return.
+            (..., H, W), metres along the optical axis, any real dtype. NaN, infinities, zero,
+            negative and masked values mean no return.
         K : array_like
             (..., 3, 3) camera matrix of ``clean_depth``, pixels.
         stamp : array_like
@@ -172,7 +172,8 @@ class Camera:
         Raises
         ------
         InputError
-            For wrong shapes, dtypes or a matrix that is no camera's.
+            For wrong shapes, dtypes, whole numbers that look like millimetres, or a matrix that
+            is no camera's.
 
         """
         views = as_views(clean_depth, K, stamp, reflectivity)
