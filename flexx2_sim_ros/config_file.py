@@ -48,7 +48,8 @@ def read_config(path: Path) -> dict[str, Any]:
     """
     content = read_mapping(path)
     if content.get('schema') != 1:
-        raise InputError(f'{shown_path(path)}: schema: must be a mapping with schema 1')
+        got = shown(content['schema']) if 'schema' in content else 'none'
+        raise InputError(f'{shown_path(path)}: schema: must be 1 (a line "schema: 1"), got {got}')
     return content
 
 
@@ -69,6 +70,8 @@ def read_mapping(path: Path) -> dict[str, Any]:
         content = yaml.load(text, Loader=_LOADER)  # noqa: S506
     except InputError as error:
         raise InputError(f'{name}: {error}') from error
+    except FileNotFoundError as error:
+        raise InputError(f'{name}: must be a YAML file, got no file') from error
     except Exception as error:  # PyYAML lets errors of all kinds out, e.g. of `!!bool x`.
         raise InputError(f'{name}: cannot be read as YAML: {_reason(error)}') from error
     if not isinstance(content, dict):

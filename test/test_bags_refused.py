@@ -22,7 +22,7 @@ LEAST = {'depth': depths(5, 9, 7), 'K': MATRIX, 'stamp': np.arange(5) / 3}
         ('a.mcap', b'text', 'no complete message'),
         ('a.db3', b'text' * 500, 'no complete message'),
         ('a.bag', b'#ROSBAG V2.0', 'indexed ROS 1 bag'),
-        ('folder', 'empty', 'no .mcap or .db3'),
+        ('folder', 'empty', r'folder: must have a \.mcap or \.db3 file, got none$'),
         ('a.npz', b'PK', 'cannot be read'),
         ('b.npz', None, 'got no file'),
     ],

@@ -117,6 +117,16 @@ def test_a_ruined_file_is_named(text: str, tmp_path: Path) -> None:
         load_effects(tmp_path / 'missing.yaml')
 
 
+@pytest.mark.parametrize(
+    ('line', 'got'), [('', 'none'), ('schema: 2\n', '2'), ("schema: '1'\n", "'1'")]
+)
+def test_a_file_of_another_schema_says_what_it_has(line: str, got: str, tmp_path: Path) -> None:
+    path = tmp_path / 'other.yaml'
+    path.write_text(f'{line}effects: {{}}\n')
+    with pytest.raises(InputError, match=rf'schema: must be 1 .*, got {got}$'):
+        load_effects(path)
+
+
 @pytest.mark.parametrize('effects', [5, [5], ['offset'], None, [registry()['offset']]])
 def test_what_is_no_effect_is_refused(effects: Any) -> None:
     with pytest.raises(InputError, match='^effects: must be'):

@@ -132,6 +132,8 @@ class Bag:
                 raise InputError(f'{file}: must be a file, got something else')
         checks = {file: check_file(file) for file in files}
         if not (self.path / 'metadata.yaml').is_file():
+            if not files:
+                raise InputError(f'{self.path}: must have a .mcap or .db3 file, got none')
             self.notes.append(f'{self.path}: was not closed: it has no metadata.yaml')
         elif not any(check.problem for check in checks.values()):
             try:
@@ -144,7 +146,7 @@ class Bag:
                 self.notes.append(f'{self.path}: not whole: {error}')
         if not files:
             raise InputError(
-                '; '.join([f'{self.path}: no .mcap or .db3 file in this folder', *self.notes])
+                '; '.join([f'{self.path}: must have a .mcap or .db3 file, got none', *self.notes])
             )
         return [self._open_file(file, check) for file, check in checks.items()]
 
