@@ -192,6 +192,22 @@ def test_bad_input(kind: str, spoil: Spoil, parts: list[str]) -> None:
         assert seen.camera._statistics.published == frames + 1
 
 
+def test_another_error_after_a_missing_camera_info() -> None:
+    """Assert each is logged with its reason: the first as a warning, the second as an error."""
+    with stream(DEPTH) as seen:
+        for index in range(2):  # The second image ends the wait of the first for its camera info.
+            seen.publish(image=image_message(WALL, (1 + index) * SECOND))
+        seen.spin_until(lambda: seen.logged('clean/camera_info: must come with every image'))
+        messages = _three(5 * SECOND)
+        messages['image'] = image_message(WALL, 5 * SECOND, encoding='mono8')
+        seen.publish(**messages)
+        seen.spin_until(
+            lambda: seen.logged("encoding: must be 32FC1 or 64FC1 or 16UC1, got 'mono8'")
+        )
+        assert not seen.logged('internal error')
+        assert seen.send(**_three(6 * SECOND))
+
+
 @pytest.mark.parametrize(
     ('spoil', 'parts'),
     [

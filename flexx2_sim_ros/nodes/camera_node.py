@@ -230,10 +230,12 @@ class Flexx2Camera(SteadyNode):
         self._statistics.last_error = text
         # Throttle by field: the value may differ in each message.
         if self._throttle.ready(text.partition(': must')[0]):
-            # At the start, an image often arrives before the first camera info.
-            logger = self.get_logger()
-            log = logger.warning if isinstance(error, _NoCameraInfoError) else logger.error
-            log(f'input rejected: {text}')
+            # rclpy allows only one severity for each line of code that logs.
+            if isinstance(error, _NoCameraInfoError):
+                # At the start, an image often arrives before the first camera info.
+                self.get_logger().warning(f'input rejected: {text}')
+            else:
+                self.get_logger().error(f'input rejected: {text}')
 
     def _process(self, match: Match, start: float) -> None:
         check_stamp(match.image.header.stamp, 'clean/depth_image')
