@@ -6,7 +6,7 @@ from typing import Any
 import zipfile
 
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.recording import load_scene, RecordingWriter
+from flexx2_sim_ros.recording import load_recording, load_scene, RecordingWriter
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
@@ -244,3 +244,16 @@ def test_damaged_bytes(
     else:
         assert scene.clean_depth.ndim in (2, 3)
         assert scene.K.shape == (3, 3)
+
+
+@pytest.mark.parametrize('kind', ['u2', '>i4'])
+def test_whole_numbers_are_millimetres(tmp_path: Path, kind: str) -> None:
+    depth = np.full((2, 9, 10), 1500, kind)
+    depth[:, :3] = 0
+    path = tmp_path / 'of_an_sdk.npz'
+    np.savez(path, depth=depth, K=np.array([[9.0, 0, 4.5], [0, 9.0, 4], [0, 0, 1]]))
+    recording = load_recording(path)
+    assert recording.depth.dtype == np.float32
+    np.testing.assert_allclose(recording.depth[:, 3:], 1.5, rtol=1e-6)
+    assert np.isnan(recording.depth[:, :3]).all()
+    assert any('taken for millimetres' in note for note in recording.notes)

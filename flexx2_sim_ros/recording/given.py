@@ -51,6 +51,30 @@ class Given:
         return [name for name, value in values.items() if value]
 
 
+def in_metres(depth: np.ndarray, unit: float | None = None) -> np.ndarray:
+    """
+    Return depth as a recording has it.
+
+    Parameters
+    ----------
+    depth : numpy.ndarray
+        Counts of any real dtype; 0, negative and not finite values are invalid.
+    unit : float, optional
+        Metres of a count; left out, whole numbers are millimetres, and others metres.
+
+    Returns
+    -------
+    numpy.ndarray
+        float32 metres, NaN where invalid.
+
+    """
+    if unit is None:
+        unit = MILLIMETRE if depth.dtype.kind in 'iu' else 1.0
+    with np.errstate(invalid='ignore', over='ignore'):
+        metres = depth.astype(np.float32) * np.float32(unit)
+        return np.where((metres > 0) & (metres < np.inf), metres, np.float32(np.nan))
+
+
 class CompletedRecording(RecordingReader):
     """
     A recording with more or other arrays than its file has.

@@ -6,6 +6,7 @@ from pathlib import Path
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.npz_arrays import open_npz
 from flexx2_sim_ros.profiles.modes import Profile
+from flexx2_sim_ros.recording.given import in_metres
 from flexx2_sim_ros.recording.reader import Content, Layout, RecordingReader, STACKS
 import numpy as np
 
@@ -31,6 +32,7 @@ class NpzRecording(RecordingReader):
         # Stacks whose frames are not contiguous.
         self._loaded: dict[str, np.ndarray] = {}
         self._shapes: dict[str, tuple[int, ...]] = {}
+        self._whole = False  # Whether depth is whole millimetres in the file.
         content = self._read(path)
         if 'depth' not in content.layouts or 0 in self._shapes['depth']:
             raise InputError(
@@ -40,7 +42,9 @@ class NpzRecording(RecordingReader):
         content.frames = self._shapes['depth'][0]
         depth = content.layouts['depth']
         if depth.dtype != np.float32:
-            content.notes.append(f'{path}: depth: {depth.dtype} is rounded to float32')
+            self._whole = depth.dtype.kind in 'iu'
+            how = 'taken for millimetres, 0 for invalid' if self._whole else 'rounded to float32'
+            content.notes.append(f'{path}: depth: {depth.dtype} is {how}')
             content.layouts['depth'] = Layout(np.dtype(np.float32), depth.shape)
         super().__init__(path, None, content, profile)
         for key, shape in self._shapes.items():
@@ -77,13 +81,19 @@ class NpzRecording(RecordingReader):
 
     def frames(self, key: str) -> Iterator[np.ndarray]:
         """Iterate over the images of a stack; see `RecordingReader.frames`."""
-        layout = self.layouts[key]
+        dtype = self.layouts[key].dtype
+        for image in self._stored(key):
+            if key == 'depth' and self._whole:
+                yield in_metres(image)
+            else:
+                yield image.astype(dtype, copy=False)
+
+    def _stored(self, key: str) -> Iterator[np.ndarray]:
         if key in self._loaded:
-            yield from self._loaded[key].astype(layout.dtype)
+            yield from self._loaded[key]
             return
         with open_npz(self.path) as archive:
             header = archive.headers.get(key)
             if header is None or header.shape != self._shapes[key]:
                 raise InputError(f'{self.path}: {key}: has changed since the file was opened')
-            for image in archive.images(key):
-                yield image.astype(layout.dtype, copy=False)
+            yield from archive.images(key)

@@ -6,7 +6,7 @@ from pathlib import Path
 from flexx2_sim_ros.errors import InputError, shown, unquoted
 from flexx2_sim_ros.npz_arrays import open_npz
 from flexx2_sim_ros.recording.calibration import read_calibration
-from flexx2_sim_ros.recording.given import Given, MILLIMETRE
+from flexx2_sim_ros.recording.given import Given, in_metres
 from flexx2_sim_ros.recording.reader import Content, Layout, RecordingReader, STACKS
 import numpy as np
 
@@ -80,9 +80,4 @@ def _metres(path: Path, arrays: dict[str, np.ndarray], unit: float | None) -> np
             f'{path}: depth: must be numbers (H, W) or (T, H, W), got {found.dtype} of shape '
             f'{found.shape}'
         )
-    stack = found if found.ndim == 3 else found[None]
-    if unit is None:
-        unit = MILLIMETRE if stack.dtype.kind in 'iu' else 1.0
-    with np.errstate(invalid='ignore', over='ignore'):
-        depth = stack.astype(np.float32) * np.float32(unit)
-        return np.where((depth > 0) & (depth < np.inf), depth, np.float32(np.nan))
+    return in_metres(found if found.ndim == 3 else found[None], unit)
