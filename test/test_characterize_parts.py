@@ -10,6 +10,7 @@ from flexx2_sim_ros.characterize.axial import EXPONENTS, fit_axial, NAMES
 from flexx2_sim_ros.characterize.board import find_board
 from flexx2_sim_ros.characterize.conditions import Condition, parse_name
 from flexx2_sim_ros.characterize.divergence import gaussian_kl, kl_floor, mean_kl
+from flexx2_sim_ros.characterize.histogram import bin_edges, storage_step
 from flexx2_sim_ros.characterize.lateral import (
     edge_positions,
     edge_sigma,
@@ -390,3 +391,18 @@ def test_recordings_are_files_and_bags(tmp_path: Path) -> None:
     ]
     with pytest.raises(InputError, match='must be a folder'):
         find_recordings(tmp_path / 'b.npz')
+
+
+def test_a_histogram_of_stored_millimetres_has_no_empty_bins() -> None:
+    noise = np.random.default_rng(0).normal(0.0, 0.003, 40_000)
+    stored = np.round(1.2 + noise, 3).astype(np.float32)
+    step = storage_step(stored)
+    assert step == pytest.approx(0.001, rel=1e-3)
+    counts, edges = np.histogram(stored - 1.2, bin_edges(0.003, step))
+    density = counts / counts.sum() / np.diff(edges)
+    wanted = stats.norm.pdf((edges[1:] + edges[:-1]) / 2, scale=0.003)
+    # 10 % of the peak are 10 standard errors of a bin, and more elsewhere: never by chance.
+    assert np.abs(density - wanted).max() < 0.1 * wanted.max()
+    fine = bin_edges(0.003, storage_step(1.2 + noise))
+    assert len(fine) == 101
+    assert fine[-1] == pytest.approx(0.015)

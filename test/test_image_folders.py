@@ -155,7 +155,10 @@ def test_bad_folders_are_refused_in_one_sentence(
         (['--key', 'amplitude=d'], 'depth: must be in the file'),
         (['--key', 'depth=d'], 'K: must be a camera matrix'),
         (['--key', 'depth=text'], 'depth: must be numbers'),
-        (['--key', 'depth=d', '--calibration', 'none.yaml'], 'none.yaml: must be a YAML file, got no file'),
+        (
+            ['--key', 'depth=d', '--calibration', 'none.yaml'],
+            'none.yaml: must be a YAML file, got no file',
+        ),
     ],
 )
 def test_bad_archives_are_refused_in_one_sentence(

@@ -100,8 +100,8 @@ def _mode(mode: ModeResult, camera: Profile, notes: list[str]) -> Mode | None:
     sigma_x = mode.sigma_x
     if math.isnan(sigma_x):
         notes.append(
-            f'{mode.usecase}: sigma_x: not measured, no upright edge of the board was '
-            'seen; the profile has 0'
+            f'{mode.usecase}: sigma_x: not measured, because no upright edge of the '
+            'board was seen, or none moved from frame to frame; the profile has 0'
         )
         sigma_x = 0.0
     noise = NoiseModel(

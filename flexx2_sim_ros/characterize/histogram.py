@@ -6,6 +6,7 @@ import math
 from flexx2_sim_ros.characterize.analysis import Characterization
 from flexx2_sim_ros.characterize.measure import Measurement
 from flexx2_sim_ros.characterize.single_pass import only_valid
+from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.recording import open_recording
 import numpy as np
 
@@ -66,9 +67,48 @@ def noise_histogram(result: Characterization, camera: str | None = None) -> Hist
     plane = measurement.plane.depth(u, v)
     theta = measurement.plane.incidence(u, v, measurement.K)
     sigma = math.sqrt(float(np.mean(mode.axial.model().sigma_z(plane, theta) ** 2)))
-    edges = np.linspace(-_REACH, _REACH, _BINS + 1) * max(sigma, 1e-6)
-    counts = np.zeros(_BINS, np.int64)
+    edges: np.ndarray | None = None
+    counts = np.zeros(0, np.int64)
     for part in open_recording(measurement.path, camera).chunks(_CHUNK):
-        error = only_valid(part.depth)[:, y0:y1, x0:x1] - plane
+        depth = only_valid(part.depth)[:, y0:y1, x0:x1]
+        if edges is None:
+            edges = bin_edges(max(sigma, 1e-6), storage_step(depth))
+            counts = np.zeros(len(edges) - 1, np.int64)
+        error = depth - plane
         counts += np.histogram(error[np.isfinite(error)], edges)[0]
+    if edges is None:
+        raise InputError(f'{measurement.path}: depth: must have frames, got none')
     return Histogram(measurement, edges, counts, sigma)
+
+
+def storage_step(depth: np.ndarray) -> float:
+    """
+    Return the step in which depth is stored, metres; 0 for less than two values.
+
+    Parameters
+    ----------
+    depth : numpy.ndarray
+        Metres, any shape; NaN where invalid.
+
+    """
+    steps = np.diff(np.unique(depth[np.isfinite(depth)]))
+    return float(np.median(steps)) if steps.size else 0.0
+
+
+def bin_edges(sigma: float, step: float) -> np.ndarray:
+    """
+    Return the bounds of bins around 0, metres.
+
+    Parameters
+    ----------
+    sigma : float
+        Standard deviation of the noise, metres.
+    step : float
+        In which depth is stored. Bins that are narrower would be empty in part: where 100 bins
+        would be, they are one step wide, with 0 in the middle of a bin.
+
+    """
+    if step <= 2 * _REACH * sigma / _BINS:
+        return np.linspace(-_REACH, _REACH, _BINS + 1) * sigma
+    beside = max(1, math.ceil(_REACH * sigma / step))
+    return (np.arange(2 * beside + 2) - beside - 0.5) * step
