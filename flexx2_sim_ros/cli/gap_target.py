@@ -18,7 +18,7 @@ def add_parser(commands: Any) -> None:
         help='draw a target to print, for ground truth from gray images',
         description='Write a PDF to print at 100 % on a sheet of the given size, and beside it a '
         '.yaml that describes it for flexx2 gap truth --board. Two rulers on the sheet show '
-        'whether the print is true to scale. See docs/truth.md.',
+        'whether the print is true to scale. See docs/truth_board.md.',
         epilog='example: flexx2 gap target --out target.pdf --size A3',
     )
     parser.add_argument('--out', required=True, metavar='PDF', help='file to write')
