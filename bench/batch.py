@@ -1,8 +1,11 @@
-"""The cost of many cameras at once: on one core, and on a GPU where there is one."""
+"""The cost of many cameras at once: on one core, on all, and on a GPU where there is one."""
 
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from itertools import count
+from operator import call
+import os
 from pathlib import Path
 import resource
 import time
@@ -34,6 +37,7 @@ def run(rounds: int = 20) -> None:
     """Print milliseconds, frames a second, ratios, and memory."""
     wp.config.log_level = wp.LOG_WARNING
     _cpu(64, rounds)
+    _threads(64, rounds)
     _memory()
     if wp.is_cuda_available():
         _gpu(rounds)
@@ -91,6 +95,33 @@ def _cpu(num_envs: int, rounds: int) -> None:
             f'BatchCamera / plain torch: {share:.2f}'
         )
     print('wanted: / Camera at most 1')
+
+
+def _threads(num_envs: int, rounds: int) -> None:
+    # The environments divided among threads, each with a camera of its own.
+    scenes = np.stack([room(8 + i % 9) for i in range(num_envs)])
+    cores = len(os.sched_getaffinity(0))
+    functions: dict[str, Callable[[], object]] = {}
+    with ThreadPoolExecutor(cores) as pool:
+        for number in sorted({1, 2, cores}):
+            parts = np.array_split(scenes, number)
+            cameras = [BatchCamera(len(part), _MODE, device='cpu') for part in parts]
+            functions[str(number)] = partial(_call_all, pool, cameras, parts)
+        elapsed = side_by_side(functions, rounds)
+        used = side_by_side(functions, rounds, time.process_time)
+    print(f'\n{num_envs} frames without effects, {cores} cores, medians')
+    print('threads  ms a frame  / 1 thread  CPU ms a frame')
+    for name, milliseconds in elapsed.items():
+        print(
+            f'{name:>7s} {milliseconds / num_envs:11.2f} {milliseconds / elapsed["1"]:11.2f} '
+            f'{used[name] / num_envs:15.2f}'
+        )
+
+
+def _call_all(
+    pool: ThreadPoolExecutor, cameras: list[BatchCamera], parts: list[np.ndarray]
+) -> None:
+    list(pool.map(call, cameras, parts))
 
 
 def _memory() -> None:
