@@ -212,8 +212,8 @@ def _yaml(
         'checked': {**rates, 'calibration_error': round(error, 4)},
     }
     head = (
-        '# The rule of the verdict: docs/diagnosis.md says what it means. Written by the command\n'
-        '# below; `checked` was measured on campaigns that the rule was not fitted to.\n'
+        '# The rule of the verdict (docs/diagnosis_evidence.md), written by the command below;\n'
+        '# `checked` was measured on campaigns that the rule was not fitted to.\n'
     )
     return head + yaml.safe_dump(table, sort_keys=False)
 

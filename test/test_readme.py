@@ -22,6 +22,7 @@ README = ''.join(
         'docs/characterize.md',
         'docs/command_line.md',
         'docs/diagnosis.md',
+        'docs/diagnosis_evidence.md',
         'docs/install.md',
         'docs/nodes.md',
         'docs/recordings.md',
