@@ -1,5 +1,6 @@
 """Folders as people have them: bags, damaged files, wrong keys, hardly any surface."""
 
+from dataclasses import replace
 import json
 from pathlib import Path
 from typing import Any
@@ -8,7 +9,9 @@ from bench.gap_campaigns import write_campaign
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap import diagnose
+from flexx2_sim_ros.gap.data.campaign import check, Found
 from flexx2_sim_ros.gap.features.simulation import with_uptime
+from flexx2_sim_ros.profiles.modes import flexx2
 from flexx2_sim_ros.recording.convert import convert
 from made_bags import camera_entries, depths, SECOND, usecase, write
 import numpy as np
@@ -22,6 +25,19 @@ def change(path: Path, **changes: Any) -> None:
     with np.load(path) as archive:
         content = {**archive, **changes}
     np.savez(path, **{k: v for k, v in content.items() if v is not None})
+
+
+def test_a_recording_without_a_mode_has_that_of_a_profile_of_one_mode(tmp_path: Path) -> None:
+    path = tmp_path / 'of_another_driver.npz'
+    wall = np.full((48, 64), 1.5, np.float32)
+    matrix = np.array([[60.0, 0, 31.5], [0, 60.0, 23.5], [0, 0, 1]])
+    np.savez(path, depth=np.stack([wall] * 3), clean_depth=wall, K=matrix)
+    assert '--usecase MODE' in str(check(path, None))
+    alone = replace(flexx2(), modes=flexx2().modes[:1])
+    found = check(path, alone)
+    assert isinstance(found, Found)
+    assert found.mode == alone.modes[0]
+    assert any('usecase: not in the file' in note for note in found.notes)
 
 
 def test_bad_recordings_are_left_out_and_reported(

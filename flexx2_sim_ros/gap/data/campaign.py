@@ -134,12 +134,7 @@ def _found(reader: RecordingReader, profile: Profile | None) -> Found:
             f'{path}: clean_depth: must be the ground truth in metres, (H, W) or (T, H, W), '
             'got none'
         )
-    if reader.usecase is None:
-        raise InputError(f'{path}: usecase: must be the mode, got none')
-    try:
-        mode = (profile or flexx2()).mode(reader.usecase)
-    except InputError as error:
-        raise InputError(f'{path}: {error}') from error
+    mode, notes = _mode(reader, profile or flexx2())
     if (np.diff(reader.stamp_ns) <= 0).any():
         raise InputError(f'{path}: stamp: does not rise from frame to frame')
     height, width = reader.shape[1:]
@@ -148,9 +143,25 @@ def _found(reader: RecordingReader, profile: Profile | None) -> Found:
     except InputError as error:
         raise InputError(f'{path}: {error}') from error
     read_truth(path, reader.arrays, reader.shape)
-    notes = list(reader.notes)
+    notes += reader.notes
     arrival = find_arrival(reader, notes)
     return Found(path, mode, tuple(notes), _brightest(reader), arrival=arrival)
+
+
+def _mode(reader: RecordingReader, profile: Profile) -> tuple[Mode, list[str]]:
+    # The mode, and what is to be said about it.
+    if reader.usecase is None and len(profile.modes) == 1:
+        mode = profile.modes[0]
+        return mode, [f'{reader.path}: usecase: not in the file: taken for {mode.name}']
+    if reader.usecase is None:
+        raise InputError(
+            f'{reader.path}: usecase: must be the mode, got none '
+            '(flexx2 convert --usecase MODE adds it)'
+        )
+    try:
+        return profile.mode(reader.usecase), []
+    except InputError as error:
+        raise InputError(f'{reader.path}: {error}') from error
 
 
 def _brightest(reader: RecordingReader) -> float:
