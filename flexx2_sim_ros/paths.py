@@ -1,6 +1,7 @@
 """Find the package's data files and executables, in a checkout and in every install."""
 
 from functools import lru_cache
+import os
 from pathlib import Path
 import sys
 
@@ -54,17 +55,20 @@ def executable(name: str) -> Path:
     -------
     pathlib.Path
         In ``lib/flexx2_sim_ros`` under the prefix, where ``colcon build`` puts it, else in
-        ``bin/`` beside this Python, where ``pip install`` does.
+        ``bin/`` beside this Python, where ``pip install`` does, else in a workspace that was
+        sourced: ``colcon test`` runs the sources, and not what was built from them.
 
     Raises
     ------
     InputError
-        When it is in neither.
+        When it is in none of them.
 
     """
     package = Path(__file__).resolve().parent
     candidates = [up / 'lib' / 'flexx2_sim_ros' / name for up in package.parents]
     candidates.append(Path(sys.executable).parent / name)
+    sourced = os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)
+    candidates += [Path(prefix, 'lib/flexx2_sim_ros', name) for prefix in sourced if prefix]
     for candidate in candidates:
         if candidate.is_file():
             return candidate
