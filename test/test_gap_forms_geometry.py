@@ -17,12 +17,13 @@ COUNT = 400
 
 
 def test_a_wrong_lens_is_found_although_the_poses_are_wrong(tmp_path: Path) -> None:
-    """Assert it from a diagnosis that has only a part of it."""
+    """Assert it from a diagnosis that has only a part of it, and a pose error instead."""
     recordings = tmp_path / 'recordings'
     size = {'recordings': 6, 'frames': 6, 'scale': 0.25, 'moving': 0}
     write_campaign(recordings, seed=131, effects={'intrinsics_error': LENS}, **size)
     part = {'focal': 0.006, 'cx': 0.2, 'cy': -0.2, 'k1': 0.02}
-    diagnosis = write_diagnosis(tmp_path / 'diagnosis', {'intrinsics_error': part})
+    named = {'pose_error': {'x': 0.002}, 'intrinsics_error': part}
+    diagnosis = write_diagnosis(tmp_path / 'diagnosis', named)
     table = calibrate(diagnosis, recordings, out=tmp_path / 'out')
     (row,) = table['effects']
     assert row['form'] == 'focal length, centre and distortion'
@@ -30,6 +31,8 @@ def test_a_wrong_lens_is_found_although_the_poses_are_wrong(tmp_path: Path) -> N
     assert row['after'] < row['before']
     effects = load_effects(tmp_path / 'out' / 'effects.yaml')
     (effect,) = (one for one in effects if one.name == 'intrinsics_error')
+    assert table['dropped'] == ['pose_error']
+    assert 'pose_error' not in [one.name for one in effects]
     assert effect.focal == pytest.approx(LENS['focal'], abs=0.004)
     assert effect.k1 == pytest.approx(LENS['k1'], abs=0.004)
     assert (

@@ -88,6 +88,10 @@ def sentences(table: dict[str, Any]) -> list[str]:
         f'{spaced(name)}: stays as it was diagnosed; it has no form to fit.'
         for name in table['unchanged']
     ]
+    out += [
+        f'{spaced(name)}: left out; it made up for what the diagnosed lens did not explain.'
+        for name in table['dropped']
+    ]
     row = table['empirical']
     if row:
         verb = 'is added; its cause is not known' if row['taken'] else 'is not added'
