@@ -41,6 +41,16 @@ def test_a_wrong_lens_is_found_although_the_poses_are_wrong(tmp_path: Path) -> N
     )
 
 
+def test_a_lens_at_its_bounds_is_fitted_on(tmp_path: Path) -> None:
+    """Assert that a diagnosed lens at the end of what is allowed raises nothing."""
+    recordings = tmp_path / 'recordings'
+    size = {'recordings': 3, 'frames': 2, 'scale': 0.15, 'moving': 0}
+    write_campaign(recordings, seed=132, effects={'intrinsics_error': LENS}, **size)
+    named = {'intrinsics_error': {**LENS, 'cy': -20.0}}
+    diagnosis = write_diagnosis(tmp_path / 'diagnosis', named)
+    assert calibrate(diagnosis, recordings)['effects'][0]['name'] == 'intrinsics_error'
+
+
 def make_samples(rng: np.random.Generator, moved: float, prior: float) -> Samples:
     """Return samples of a recording whose camera was moved by so many metres along its axis."""
     x, noise = np.linspace(-1, 1, COUNT), rng.standard_normal(COUNT) * 1e-4

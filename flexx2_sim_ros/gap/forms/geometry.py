@@ -103,9 +103,10 @@ def _values(effect: str, settings: Mapping[str, Any]) -> np.ndarray:
 def _slope(
     scene: PlacedScene, place: np.ndarray, effect: str, values: Mapping[str, Any], free: Free
 ) -> np.ndarray:
-    # By a central difference about what the effect is now.
+    # By a central difference about what the effect is now, within the bounds.
     step = FORMS.slope * _half(free)
     now = _values(effect, values)[shape_of(effect).free.index(free)]
+    now = np.clip(now, free.low + step, free.high - step)
     low, high = (
         shift_of(scene, {effect: {**values, free.name: float(value)}})
         for value in (now - step, now + step)
