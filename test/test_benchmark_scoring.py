@@ -1,11 +1,13 @@
 """How the benchmark scores a diagnosis, on answers made by hand."""
 
+from io import StringIO
 import math
 from typing import Any
 
 from flexx2_sim_ros.validation.benchmark.goals import reach
 from flexx2_sim_ros.validation.benchmark.partition import COVARIATES
 from flexx2_sim_ros.validation.benchmark.physics import DEPENDS_ON
+from flexx2_sim_ros.validation.benchmark.report import print_report
 from flexx2_sim_ros.validation.benchmark.scoring import (
     answer_of,
     macro_f1,
@@ -17,6 +19,7 @@ from flexx2_sim_ros.validation.blind import CATALOGUE
 from made_answers import said, small
 import numpy as np
 import pytest
+from rich.console import Console
 
 # Pixels of which the first half is affected.
 PIXELS = {
@@ -155,12 +158,12 @@ def test_goals_on_the_realised_reduction_and_its_prediction() -> None:
     # 0.6 [0.4, 0.8] is predicted. The last gap is too small for the independent measure.
     rows = rows_of(realised(0.9), realised(0.7), realised(-0.1), realised(0.6, before=1.5))
     median = 'realised reduction of the gap, strength 1, independent measure: median'
-    assert rows[median] == ('>= 0.85', '0.70 (3)', 'NO')
-    assert rows['... the smallest'] == ('>= 0', '-0.10 (3)', 'NO')
+    assert rows[median] == ('>= 0.85', '0.700 (3)', 'NO')
+    assert rows['... the smallest'] == ('>= 0', '-0.100 (3)', 'NO')
     error = 'predicted less realised reduction: mean absolute value'
-    assert rows[error] == ('<= 0.06', '0.28 (4)', 'NO')
+    assert rows[error] == ('<= 0.06', '0.275 (4)', 'NO')
     coverage = rows['predicted reduction: empirical coverage of 90 % intervals']
-    assert coverage[1].startswith('50 %')
+    assert coverage[1].startswith('50.0 %')
 
 
 def test_goals_without_cases_are_left_open() -> None:
@@ -177,6 +180,28 @@ def test_confidences_of_absent_effects_are_a_calibration_error() -> None:
     row = 'expected calibration error of `confidence`, all cases'
     assert rows_of(*9 * [right], wrong)[row] == ('<= 0.05', '0.000 (10)', 'yes')
     assert rows_of(right, wrong)[row] == ('<= 0.05', '0.400 (2)', 'NO')
+
+
+def test_tables_lose_nothing_in_80_columns() -> None:
+    answers = []
+    for name in CATALOGUE:
+        planned = small('single', {name: 1.0}, 1, realise=True, baselines=True)
+        result = {
+            'diagnosis': said('partly', (name,)),
+            'seconds': 1.0,
+            'cpu_seconds': 0.9,
+            'realised': {'shrink': 0.7, 'before': 5.0, 'null': 1.0},
+            'baselines': {'in-sample BIC': 'offset'},
+        }
+        answers.append(answer_of(planned, result, {}, PIXELS))
+    file = StringIO()
+    scores = Scores(tuple(answers), {'cases': len(answers)})
+    print_report(scores, Console(file=file, width=80, markup=False))
+    text = file.getvalue()
+    assert max(map(len, text.splitlines())) <= 80
+    assert '…' not in text
+    for name in CATALOGUE:
+        assert f' {name} ' in text
 
 
 def test_wilson_and_macro_f1() -> None:

@@ -18,31 +18,30 @@ _STRENGTHS = 1.0, 0.5  # of which fresh scenes are recorded, and places are coun
 
 
 def reductions(scores: Scores) -> Sheet:
-    """Return how much of the gap really goes away in fresh scenes, by effect."""
+    """Return how much of the gap really goes away in fresh scenes, by effect and strength."""
     rows = []
     for name in DEPENDS_ON:
-        cells: list[str] = []
         for strength in _STRENGTHS:
             planned = [a for a in _cases(scores, name, strength) if a.planned.realise]
             some = [a for a in planned if not math.isnan(a.realised)]
-            cells += [
-                ', '.join(f'{a.realised:.2f}{"" if a.independent else " *"}' for a in some),
-                ', '.join(f'{a.predicted:.2f} [{a.low:.2f}-{a.high:.2f}]' for a in some),
-                f'{len(planned) - len(some)}' if planned else '',
-            ]
-        if any(cells):
-            rows.append((name, *cells))
+            held, count = share(some, lambda a: a.interval_holds)
+            if planned:
+                rows.append(
+                    (
+                        name,
+                        f'{strength:g}',
+                        ', '.join(
+                            f'{a.realised:.2f}{"" if a.independent else " *"}' for a in some
+                        ),
+                        ', '.join(f'{a.predicted:.2f}' for a in some),
+                        f'{held}/{count}' if count else '-',
+                        f'{len(planned) - count}',
+                    )
+                )
     return Sheet(
         'Realised reduction of the gap in fresh scenes, by effect (*: the gap is below the '
         "tolerance in depth and invalid pixels; by the diagnosis's own measure)",
-        (
-            'effect',
-            *(
-                f'strength {strength:g}: {what}'
-                for strength in _STRENGTHS
-                for what in ('realised', 'predicted', 'no effect named')
-            ),
-        ),
+        ('effect', 'strength', 'realised', 'predicted', 'interval holds', 'not measured'),
         rows,
     )
 
@@ -112,26 +111,26 @@ def reduction_summary(scores: Scores) -> Sheet:
     for name, answers in groups.items():
         some = [a for a in answers if not math.isnan(a.realised)]
         mine = [a.realised for a in some if a.independent]
-        errors = known([abs(a.predicted - a.realised) for a in some])
+        errors = known([a.prediction_error for a in some])
         if some:
             rows.append(
                 (
                     name,
-                    f'{len(some)} ({len(mine)})',
+                    f'{len(some)}, {len(some) - len(mine)}',
                     f'{np.median(mine):.2f}' if mine else '-',
                     f'{min(mine):.2f}' if mine else '-',
                     f'{np.mean(errors):.2f}, {np.median(errors):.2f}' if errors else '-',
-                    percent(*share(some, lambda a: a.low <= a.realised <= a.high)),
+                    percent(*share(some, lambda a: a.interval_holds)),
                 )
             )
     return Sheet(
-        'Realised and predicted reduction',
+        'Realised and predicted reduction (*: see the next table; not in median and smallest)',
         (
             'cases',
-            'measured (independently)',
+            'measured, of these *',
             'realised: median',
             'smallest',
-            'absolute error of the prediction: mean, median',
+            'error of predicted: mean, median',
             'interval holds',
         ),
         rows,

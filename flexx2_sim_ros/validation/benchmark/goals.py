@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 import math
+from typing import Any
 
 from flexx2_sim_ros.validation.benchmark.reliability import calibration_error, Pairs
 from flexx2_sim_ros.validation.benchmark.scoring import Answer, NONE, Scores, share
@@ -26,25 +27,24 @@ class _Goal:
     def row(self) -> tuple[str, ...]:
         found, total = share(self.answers, self.counts)
         reached = None if not total else self.reached(found / total)
-        return self.what, self.wanted, percent(found, total), _yes(reached)
+        return self.what, self.wanted, percent(found, total, '.1f'), _yes(reached)
 
 
 @dataclass(frozen=True)
 class _Number:
-    # A goal on a statistic of `values` that are not NaN.
+    # A goal on a statistic of `values`, none of which is NaN.
     what: str
     wanted: str
-    values: Sequence[float]
-    statistic: Callable[[Sequence[float]], float]
+    values: Sequence[Any]
+    statistic: Callable[[Sequence[Any]], float]
     reached: Callable[[float], bool]
-    form: str = '.2f'
+    form: str = '.3f'
 
     def row(self) -> tuple[str, ...]:
-        some = known(self.values)
-        if not some:
+        if not self.values:
             return self.what, self.wanted, '-', _yes(None)
-        value = float(self.statistic(some))
-        shown = f'{value:{self.form}} ({len(some)})'
+        value = float(self.statistic(self.values))
+        shown = f'{value:{self.form}} ({len(self.values)})'
         return self.what, self.wanted, shown, _yes(self.reached(value))
 
 
@@ -145,7 +145,7 @@ def _place_goals(scores: Scores) -> list[_Goal | _Number]:
         _Number(
             'localisation of single effects: mean IoU',
             '>= 0.6',
-            [a.overlap for a in singles],
+            known([a.overlap for a in singles]),
             np.mean,
             _least(0.6),
         ),
@@ -154,9 +154,7 @@ def _place_goals(scores: Scores) -> list[_Goal | _Number]:
 
 def _reduction_goals(scores: Scores) -> list[_Goal | _Number]:
     full = [a.realised for a in _singles(scores, 1.0) if a.independent]
-    checked = [
-        a for a in scores.answers if not math.isnan(a.realised) and not math.isnan(a.predicted)
-    ]
+    checked = [a for a in scores.answers if not math.isnan(a.prediction_error)]
     return [
         _Number(
             'realised reduction of the gap, strength 1, independent measure: median',
@@ -169,7 +167,7 @@ def _reduction_goals(scores: Scores) -> list[_Goal | _Number]:
         _Number(
             'predicted less realised reduction: mean absolute value',
             '<= 0.06',
-            [abs(a.predicted - a.realised) for a in checked],
+            [a.prediction_error for a in checked],
             np.mean,
             _most(0.06),
         ),
@@ -177,7 +175,7 @@ def _reduction_goals(scores: Scores) -> list[_Goal | _Number]:
             'predicted reduction: empirical coverage of 90 % intervals',
             '85-95 %',
             checked,
-            lambda a: a.low <= a.realised <= a.high,
+            lambda a: a.interval_holds,
             lambda s: 0.85 <= s <= 0.95,
         ),
     ]
@@ -185,16 +183,14 @@ def _reduction_goals(scores: Scores) -> list[_Goal | _Number]:
 
 def _confidence_goals(scores: Scores) -> list[_Goal | _Number]:
     said = confidences(scores.answers)
-    error = calibration_error(said)
     reported = [a for a in _singles(scores, 1.0, 0.5) if a.verdict not in (NONE, 'error')]
     return [
         _Number(
             'expected calibration error of `confidence`, all cases',
             '<= 0.05',
-            [error] * len(said),
-            np.mean,
+            said,
+            calibration_error,
             _most(0.05),
-            '.3f',
         ),
         _Goal(
             'single effects with a reported gap: the true one is named or an alternative',
@@ -207,7 +203,7 @@ def _confidence_goals(scores: Scores) -> list[_Goal | _Number]:
 
 
 def _cost_goals(answers: Sequence[Answer]) -> list[_Number]:
-    cpu, elapsed = [a.cpu_seconds for a in answers], [a.seconds for a in answers]
+    cpu, elapsed = known([a.cpu_seconds for a in answers]), [a.seconds for a in answers]
     quick = f'<= {_MOST_SECONDS:.0f} s'
     return [
         _Number(
@@ -230,7 +226,7 @@ def _cost_goals(answers: Sequence[Answer]) -> list[_Number]:
         _Number(
             'memory of the process, largest, MB',
             '< 1 GB',
-            [a.peak_mb for a in answers],
+            known([a.peak_mb for a in answers]),
             max,
             lambda value: value < _MOST_MB,
             '.0f',

@@ -1,6 +1,5 @@
 """The results of the benchmark: tables in the terminal, a page, a picture."""
 
-from collections.abc import Sequence
 from pathlib import Path
 
 from flexx2_sim_ros.atomic import whole, write_text
@@ -28,12 +27,16 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
+_LONGEST_NAME = 32  # characters
+_BY_EFFECT = 'single', 'novel', 'left_out'
+
 
 def sheets(scores: Scores) -> list[Sheet]:
     """Return the tables of a run that have rows."""
     all_sheets = [
         reach(scores),
         _groups(scores),
+        _places(scores),
         _effects(scores),
         reduction_summary(scores),
         reductions(scores),
@@ -48,9 +51,18 @@ def print_report(scores: Scores, console: Console) -> None:
     """Print the tables."""
     console.print(_cases(scores))
     for sheet in sheets(scores):
-        table = Table(title=sheet.title, box=box.SIMPLE_HEAD, title_justify='left')
-        for place, name in enumerate(sheet.columns):
-            table.add_column(name, justify='right' if place else 'left')
+        table = Table(
+            title=sheet.title,
+            title_justify='left',
+            box=box.SIMPLE_HEAD,
+            collapse_padding=True,
+            pad_edge=False,
+        )
+        # In a narrow terminal, names stay on one line and the other columns wrap.
+        named = max(len(row[0]) for row in sheet.rows) <= _LONGEST_NAME
+        table.add_column(sheet.columns[0], no_wrap=named)
+        for name in sheet.columns[1:]:
+            table.add_column(name, justify='right', overflow='fold')
         for row in sheet.rows:
             table.add_row(*row)
         console.print(table)
@@ -150,63 +162,66 @@ def draw_confusion(scores: Scores, path: Path) -> None:
     pyplot.close(figure)
 
 
-def _row(name: str, answers: Sequence[Answer]) -> tuple[str, ...]:
-    return (
-        name,
-        percent(*share(answers, lambda a: a.right)),
-        *(
-            f'{share(answers, of)[0]}'
-            for of in (
+def _grouped(scores: Scores) -> list[tuple[str, list[Answer]]]:
+    # Names of kinds of cases, and the answers to these; without kinds that do not occur.
+    modes = sorted({a.planned.usecase for a in scores.answers})
+    poses = sorted({a.planned.pose_mm for a in scores.answers})
+    groups = [
+        (f'single, strength {strength:g}', scores.of('single', strength=strength, pose_mm=2.0))
+        for strength in STRENGTHS
+    ]
+    groups += [
+        (f'strength 1, {usecase}', scores.of('single', strength=1.0, pose_mm=2.0, usecase=usecase))
+        for usecase in modes
+    ]
+    groups += [
+        (f'{group}, pose error {pose:g} mm', scores.of(group, strength=strength, pose_mm=pose))
+        for group, strength in (('single', 1.0), ('none', 0.0))
+        for pose in poses
+    ]
+    groups += [
+        (group.replace('_', ' '), scores.of(group))
+        for group in ('novel', 'left_out', 'pair', 'internals')
+    ]
+    return [(name, answers) for name, answers in groups if answers]
+
+
+def _groups(scores: Scores) -> Sheet:
+    rows = []
+    for name, answers in _grouped(scores):
+        counts = (
+            share(answers, counts)[0]
+            for counts in (
                 lambda a: a.contains and not a.right,
                 lambda a: a.verdict == UNKNOWN,
                 lambda a: a.wrong,
                 lambda a: a.missed,
-                lambda a: not a.visible,
             )
-        ),
-        mean([a.overlap for a in answers]),
-        mean([a.parameter_error for a in answers]),
-    )
-
-
-def _groups(scores: Scores) -> Sheet:
-    modes = sorted({a.planned.usecase for a in scores.answers})
-    poses = sorted({a.planned.pose_mm for a in scores.answers})
-    rows = [
-        _row(f'single, strength {strength:g}', scores.of('single', strength=strength, pose_mm=2.0))
-        for strength in STRENGTHS
-    ]
-    rows += [
-        _row(
-            f'single, strength 1, {usecase}',
-            scores.of('single', strength=1.0, pose_mm=2.0, usecase=usecase),
         )
-        for usecase in modes
-    ]
-    rows += [
-        _row(f'{group}, pose error {pose:g} mm', scores.of(group, strength=strength, pose_mm=pose))
-        for group, strength in (('single', 1.0), ('none', 0.0))
-        for pose in poses
-    ]
-    rows += [
-        _row(group.replace('_', ' '), scores.of(group))
-        for group in ('novel', 'left_out', 'pair', 'internals')
-    ]
-    rows = [row for row in rows if row[1] != '-']
+        rows.append((name, percent(*share(answers, lambda a: a.right)), *map(str, counts)))
     f1 = macro_f1(f1_pairs(scores))
     return Sheet(
         f'By strength and kind (macro-F1, with novel effects as negatives: {f1:.2f})',
+        ('cases', 'correct', 'named later', 'unknown', 'wrong', 'of these missed'),
+        rows,
+    )
+
+
+def _places(scores: Scores) -> Sheet:
+    rows = [
         (
-            'cases',
-            'correct',
-            'named, but not first',
-            'unknown',
-            'wrong',
-            'of which missed',
-            'not detectable',
-            'IoU',
-            'parameter error',
-        ),
+            name,
+            f'{share(answers, lambda a: not a.visible)[0]}',
+            mean([a.overlap for a in answers]),
+            mean([a.parameter_error for a in answers]),
+        )
+        for name, answers in _grouped(scores)
+        if any(a.planned.effects for a in answers)
+    ]
+    return Sheet(
+        'Localisation and parameters, by strength and kind (not detectable: no pixel changes by '
+        'more than the tolerance)',
+        ('cases', 'not detectable', 'IoU', 'relative error of parameters'),
         rows,
     )
 
@@ -214,7 +229,11 @@ def _groups(scores: Scores) -> Sheet:
 def _effects(scores: Scores) -> Sheet:
     rows = []
     for name in [*sorted(CATALOGUE), *sorted(NOVEL)]:
-        mine = [a for a in scores.answers if list(a.planned.effects) == [name]]
+        mine = [
+            a
+            for a in scores.answers
+            if list(a.planned.effects) == [name] and a.planned.group in _BY_EFFECT
+        ]
         cells = []
         for strength in STRENGTHS:
             some = [

@@ -135,6 +135,16 @@ class Answer:
         return bool(self.place) and is_physical(self.place, self.truth)
 
     @property
+    def prediction_error(self) -> float:
+        """Return how far the predicted reduction is from the realised one; NaN without both."""
+        return abs(self.predicted - self.realised)
+
+    @property
+    def interval_holds(self) -> bool:
+        """Whether the realised reduction lies in the interval of the prediction."""
+        return self.low <= self.realised <= self.high
+
+    @property
     def missed(self) -> bool:
         """Whether there was an effect and the answer was ``none``."""
         return bool(self.truth) and self.verdict == NONE

@@ -17,12 +17,12 @@ class Sheet:
     rows: Sequence[tuple[str, ...]]
 
 
-def percent(hits: int, count: int) -> str:
-    """Return a rate with its 95 % interval and the count, as text."""
+def percent(hits: int, count: int, form: str = '.0f') -> str:
+    """Return a rate (in this form) with its 95 % interval and the count, as text."""
     if not count:
         return '-'
     low, high = wilson(hits, count)
-    return f'{100 * hits / count:.0f} % [{100 * low:.0f}-{100 * high:.0f}] of {count}'
+    return f'{100 * hits / count:{form}} % [{100 * low:.0f}-{100 * high:.0f}] of {count}'
 
 
 def known(values: Sequence[float]) -> list[float]:
