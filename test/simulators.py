@@ -10,9 +10,24 @@ NORMAL_MEDIAN = 0.6745  # of the size of normal numbers of sigma 1
 LEAST = 6000  # pixels: their median size has a standard error of 1.5 % or less
 
 
-def exact_room(lens: Intrinsics = LENS) -> np.ndarray:
-    """Return (H, W) the exact depth of the room of the examples, metres; NaN for nothing."""
-    v, u = np.mgrid[: lens.height, : lens.width]
+def exact_room(lens: Intrinsics = LENS, off_centre: np.ndarray | float = 0.0) -> np.ndarray:
+    """
+    Return the exact depth of the room of the examples.
+
+    Parameters
+    ----------
+    lens : Intrinsics
+        Of the image.
+    off_centre : numpy.ndarray or float
+        (2, H, W) how far each ray passes below and to the right of its pixel's centre, pixels.
+
+    Returns
+    -------
+    numpy.ndarray
+        (H, W) float64 metres along the optical axis, NaN for nothing.
+
+    """
+    v, u = np.mgrid[: lens.height, : lens.width] + off_centre
     # The camera looks along +x with z up: rays whose part along x is 1 have depths as lengths.
     rays = np.stack([np.ones(u.shape), (lens.cx - u) / lens.fx, (lens.cy - v) / lens.fy], axis=-1)
     depth = np.full(u.shape, np.inf)
