@@ -99,20 +99,11 @@ def put(value: Any, *keys: str) -> Callable[[dict[str, Any]], None]:
 
 MODE = ('modes', 'Narrow')
 BAD = [
-    *((missing(key), key) for key in ('model', 'intrinsics', 'modes', 'provenance')),
+    *((missing(key), key) for key in ('model', 'intrinsics', 'modes')),
     *((missing('intrinsics', key), f'intrinsics.{key}') for key in ('width', 'fy', 'distortion')),
     *(
         (missing(*MODE, key), f'modes.Narrow.{key}')
-        for key in (
-            'rate_hz',
-            'range_m',
-            'modulation_hz',
-            'raw_frames',
-            'exposure_us',
-            'noise',
-            'standard_errors',
-            'measured',
-        )
+        for key in ('rate_hz', 'range_m', 'modulation_hz', 'raw_frames', 'exposure_us', 'noise')
     ),
     *(
         (missing(*MODE, 'noise', key), f'modes.Narrow.noise.{key}')
@@ -129,6 +120,7 @@ BAD = [
     (put({}, 'modes'), 'modes'),
     (put([1], 'modes'), 'modes'),
     (put('text', 'provenance'), 'provenance'),
+    (put('text', *MODE, 'measured'), 'modes.Narrow.measured'),
     (put(0, 'intrinsics', 'width'), 'intrinsics.width'),
     (put(64.5, 'intrinsics', 'width'), 'intrinsics.width'),
     (put(True, 'intrinsics', 'height'), 'intrinsics.height'),
@@ -196,6 +188,39 @@ def test_a_bad_field_is_refused_by_name(
         load_profile(path)
     assert str(error.value).startswith(f'{path}: {named}')
     assert 'must be' in str(error.value)
+
+
+def test_what_the_simulation_does_not_need_may_be_left_out(path: Path) -> None:
+    table = yaml.safe_load(path.read_text(encoding='utf-8'))
+    del table['provenance'], table['sensor']
+    for mode in table['modes'].values():
+        del mode['standard_errors'], mode['measured'], mode['noise_from']
+    path.write_text(yaml.safe_dump(table), encoding='utf-8')
+    content = read_profile(path)
+    assert content.profile.modes == tuple(
+        replace(mode, noise_from='not_stated') for mode in OTHER.modes
+    )
+    assert set(content.standard_errors['Narrow'].values()) == {None}
+    assert content.measured == {'Narrow': {}, 'Wide.1+': {}}
+    assert content.provenance == {}
+
+
+def test_all_missing_fields_are_named_at_once(path: Path) -> None:
+    table = yaml.safe_load(path.read_text(encoding='utf-8'))
+    for key in ('rate_hz', 'raw_frames', 'noise'):
+        del table['modes']['Narrow'][key]
+    path.write_text(yaml.safe_dump(table), encoding='utf-8')
+    with pytest.raises(
+        InputError, match=r'Narrow\.rate_hz \(and also raw_frames, noise\): must be'
+    ):
+        load_profile(path)
+
+
+def test_a_number_that_yaml_takes_for_a_text_is_explained(path: Path) -> None:
+    text = path.read_text(encoding='utf-8').replace('100000000.0', '100e6')
+    path.write_text(text, encoding='utf-8')
+    with pytest.raises(InputError, match=r'100e6 for a text; write 100000000\.0$'):
+        load_profile(path)
 
 
 @pytest.mark.parametrize('name', ['', ' ', '9fps', 'a b', 'ä', 'x' * 65, '../m', 'm:=1'])

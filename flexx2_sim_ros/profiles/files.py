@@ -40,18 +40,10 @@ PROFILE_HELP = (
     'another camera than the Flexx2: a shipped name (see flexx2 modes --help) or the path of a '
     'profile, as flexx2 characterize fit writes it'
 )
-_TOP = ('schema', 'model', 'intrinsics', 'modes', 'provenance')
+_TOP = ('schema', 'model', 'intrinsics', 'modes')
 _INTRINSICS = ('width', 'height', 'fx', 'fy', 'cx', 'cy', 'distortion')
-MODE_FIELDS = (
-    'rate_hz',
-    'range_m',
-    'modulation_hz',
-    'raw_frames',
-    'exposure_us',
-    'noise',
-    'standard_errors',
-    'measured',
-)
+MODE_FIELDS = ('rate_hz', 'range_m', 'modulation_hz', 'raw_frames', 'exposure_us', 'noise')
+_OPTIONAL_MODE_FIELDS = ('standard_errors', 'noise_from', 'measured', 'surfaces')
 SURFACE_SHARES = ('constant_share', 'read_share')
 _SURFACES = ('white', *SURFACE_SHARES, 'standard_errors')
 _NAME = re.compile(r'[A-Za-z][A-Za-z0-9_.+-]{0,63}')
@@ -161,7 +153,7 @@ def load_profile(path: str | Path) -> Profile:
 def read_profile(path: str | Path) -> ProfileFile:
     """Read a camera profile and all that its file says; otherwise as `load_profile`."""
     path = Path(path)
-    top = Section(f'{shown_path(path)}: ', '', read_config(path), _TOP, ('sensor',))
+    top = Section(f'{shown_path(path)}: ', '', read_config(path), _TOP, ('sensor', 'provenance'))
     view = top.section('intrinsics', _INTRINSICS)
     width, height = (view.whole(name, 1, _LARGEST['pixels']) for name in ('width', 'height'))
     fx, fy = (view.number(name, 1e-3, _LARGEST['focal']) for name in ('fx', 'fy'))
@@ -185,13 +177,14 @@ def read_profile(path: str | Path) -> ProfileFile:
         raise top.wrong('modes', 'names that differ by more than their case')
     errors, measured, all_modes = {}, {}, []
     for name in modes:
-        row = top.section('modes', None).section(name, MODE_FIELDS, ('noise_from', 'surfaces'))
+        row = top.section('modes', None).section(name, MODE_FIELDS, _OPTIONAL_MODE_FIELDS)
         surfaces, surface_errors = _read_surfaces(row)
         all_modes.append(_read_mode(name, row, sensor, cap, surfaces))
-        errors[name] = row.section('standard_errors', COEFFICIENTS).errors() | surface_errors
-        measured[name] = row.mapping('measured')
+        errors[name] = _read_standard_errors(row) | surface_errors
+        measured[name] = row.mapping('measured') if row.has('measured') else {}
     profile = Profile(top.text('model'), camera, tuple(all_modes))
-    return ProfileFile(profile, errors, measured, top.mapping('provenance'))
+    provenance = top.mapping('provenance') if top.has('provenance') else {}
+    return ProfileFile(profile, errors, measured, provenance)
 
 
 def save_profile(path: str | Path, content: ProfileFile) -> None:
@@ -264,6 +257,12 @@ def _mode_row(mode: Mode, content: ProfileFile) -> dict[str, Any]:
             'standard_errors': {name: errors.get(name) for name in SURFACE_SHARES}
         }
     return row
+
+
+def _read_standard_errors(mode: 'Section') -> dict[str, float | None]:
+    if not mode.has('standard_errors'):
+        return dict.fromkeys(COEFFICIENTS)
+    return mode.section('standard_errors', COEFFICIENTS).errors()
 
 
 def _read_surfaces(mode: 'Section') -> tuple[SurfaceNoise | None, dict[str, float | None]]:

@@ -1,10 +1,13 @@
 """Read a profile's file field by field; what cannot be used is refused by file and field."""
 
 import math
+import re
 from typing import Any
 
 from flexx2_sim_ros.errors import InputError, shown, unquoted
 from flexx2_sim_ros.profiles.sensor import MOST_CORNERS
+
+_EXPONENT = re.compile(r'[-+]?\d+\.?\d*[eE][-+]?\d+')
 
 
 class Section:
@@ -23,12 +26,12 @@ class Section:
             raise InputError(f'{self.label}: must be a mapping of fields, got {shown(content)}')
         if fields is None:
             return
-        for missing in fields:
-            if missing not in content:
-                raise InputError(
-                    f'{self._of(missing)}: must be in the file, which must have '
-                    f'{", ".join(fields)}; got none'
-                )
+        missing = [name for name in fields if name not in content]
+        if missing:
+            more = f' (and also {", ".join(missing[1:])})' if missing[1:] else ''
+            raise InputError(
+                f'{self._of(missing[0])}{more}: must be in the file, got a file without'
+            )
         for extra in content:
             if extra not in (*fields, *optional):
                 raise InputError(
@@ -44,8 +47,9 @@ class Section:
         return f'{self._file}{self._name}{"." if self._name else ""}{unquoted(name)}'
 
     def wrong(self, name: str, required: str) -> InputError:
+        value = self._content[name]
         return InputError(
-            f'{self._of(name)}: must be {required}, got {shown(self._content[name])}'
+            f'{self._of(name)}: must be {required}, got {shown(value)}{_hint_on_exponents(value)}'
         )
 
     def has(self, name: str) -> bool:
@@ -135,3 +139,11 @@ class Section:
 def is_number(value: Any) -> bool:
     """Say whether a value is a finite number."""
     return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < math.inf
+
+
+def _hint_on_exponents(value: Any) -> str:
+    # YAML 1.1 reads a number as text if it has an exponent without a point or without a sign.
+    for item in value if isinstance(value, list) else [value]:
+        if isinstance(item, str) and _EXPONENT.fullmatch(item) and len(item) < 20:
+            return f'. YAML takes {item} for a text; write {float(item)}'
+    return ''
