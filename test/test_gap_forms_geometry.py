@@ -5,9 +5,12 @@ from pathlib import Path
 from bench.gap_campaigns import write_campaign
 from flexx2_sim_ros.effects import load_effects, parse_effects
 from flexx2_sim_ros.gap import calibrate
+from flexx2_sim_ros.gap.forms.calibrating import Proposal, Verdict
 from flexx2_sim_ros.gap.forms.fitting import BiasFit
+from flexx2_sim_ros.gap.forms.geometry import shape_of
 from flexx2_sim_ros.gap.forms.named import calibrate_named, Simulator
 from flexx2_sim_ros.gap.forms.samples import Samples
+from flexx2_sim_ros.gap.report.calibration_page import figures
 import numpy as np
 import pytest
 from test_gap_calibrate import write_diagnosis
@@ -89,3 +92,10 @@ def test_a_lens_with_a_pose_error_besides_stays_as_it_was_diagnosed() -> None:
     simulator = Simulator(lambda *_: [], None, {}, 0, (0.01,) * 3 + (0.5,) * 3)
     nothing = [np.zeros(6)] * 3
     assert calibrate_named([None] * 3, nothing, named, [named] * 3, simulator, print) is None
+
+
+def test_a_table_of_fitted_numbers_has_the_title_that_its_page_gives_it() -> None:
+    lens = Proposal('intrinsics_error', shape_of('intrinsics_error').label, LENS, (LENS,) * 3)
+    shown = figures([Verdict(lens, np.ones(3), np.zeros(3), True)], [], ('typical', 'as fitted'))
+    assert '<th>as fitted</th>' in shown
+    assert '<td>cx</td><td>0.5</td><td>0</td>' in shown

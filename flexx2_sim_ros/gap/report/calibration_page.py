@@ -135,6 +135,7 @@ def page(table: dict[str, Any], verdicts: Sequence[Verdict], looked: Sequence[Lo
         f'<td>{row["after"]:.3g}</td><td>{row["recordings_better"]}</td></tr>'
         for row in table['effects']
     )
+    drawn = figures(verdicts, looked, ('as diagnosed', 'calibrated'))
     body = [
         f'<h1>{escape(headline(table))}</h1>',
         ''.join(f'<p>{escape(line)}</p>' for line in sentences(table)),
@@ -144,7 +145,7 @@ def page(table: dict[str, Any], verdicts: Sequence[Verdict], looked: Sequence[Lo
         'Wasserstein-1 distance of depth errors in small tiles in units of 0.1 sigma_z, plus the '
         'difference of the fraction of invalid pixels in units of 0.8 %. Each recording is '
         'compared with the form fitted to the others.</small></p>',
-        f'<h2>Curves and maps</h2><div class="row">{figures(verdicts, looked)}</div>'
+        f'<h2>Curves and maps</h2><div class="row">{drawn}</div>'
         '<p><small>Bands: 90 % intervals over recordings (jackknife). Dashed: as diagnosed.'
         '</small></p>',
         f'<p class="dim">Made by flexx2_sim_ros {escape(table["version"])} in '
@@ -154,12 +155,24 @@ def page(table: dict[str, Any], verdicts: Sequence[Verdict], looked: Sequence[Lo
     return html_page('Calibration of effects', _STYLE + CURVE_STYLE + BAND_STYLE, '\n'.join(body))
 
 
-def figures(verdicts: Sequence[Verdict], looked: Sequence[Looked]) -> str:
-    """Return curves, maps and numbers of forms as HTML; the page needs `BAND_STYLE`."""
-    return ''.join(_figure(one.proposal, looked) for one in verdicts)
+def figures(verdicts: Sequence[Verdict], looked: Sequence[Looked], names: tuple[str, str]) -> str:
+    """
+    Return curves, maps and numbers of forms as HTML; the page needs `BAND_STYLE`.
+
+    Parameters
+    ----------
+    verdicts : sequence of Verdict
+        The forms.
+    looked : sequence of Looked
+        The recordings.
+    names : tuple of str
+        What to call an effect without the form, and with it.
+
+    """
+    return ''.join(_figure(one.proposal, looked, names) for one in verdicts)
 
 
-def _figure(proposal: Proposal, looked: Sequence[Looked]) -> str:
+def _figure(proposal: Proposal, looked: Sequence[Looked], names: tuple[str, str]) -> str:
     pattern = proposal.together.get('pattern')
     if isinstance(pattern, PixelMap):
         limit = 1000 * float(np.quantile(np.abs(pattern.values), 0.98)) or 1.0
@@ -170,7 +183,7 @@ def _figure(proposal: Proposal, looked: Sequence[Looked]) -> str:
             '</figcaption></figure>'
         )
     if proposal.label in {shape.label for shape in loadable()[proposal.effect].shapes}:
-        return _numbers(proposal)
+        return _numbers(proposal, names[1])
     (field,) = (name for name in proposal.together if name != 'strength')
     over = loadable()[proposal.effect].tables()[field].over
     probability = proposal.effect in dropout.KINDS
@@ -186,7 +199,7 @@ def _figure(proposal: Proposal, looked: Sequence[Looked]) -> str:
     return curves(
         x,
         factor * np.array([typical, middle]),
-        ('as diagnosed', 'calibrated'),
+        names,
         over,
         f'{proposal.effect}: {unit}',
         0.5,
@@ -195,7 +208,7 @@ def _figure(proposal: Proposal, looked: Sequence[Looked]) -> str:
     )
 
 
-def _numbers(proposal: Proposal) -> str:
+def _numbers(proposal: Proposal, title: str) -> str:
     # Each fitted parameter, with its standard error over recordings.
     rows = ''.join(
         f'<tr><td>{escape(name)}</td><td>{value:.4g}</td>'
@@ -204,7 +217,7 @@ def _numbers(proposal: Proposal) -> str:
         if name != 'strength'
     )
     return (
-        f'<figure><table><tr><th>{escape(proposal.effect)}</th><th>calibrated</th>'
+        f'<figure><table><tr><th>{escape(proposal.effect)}</th><th>{escape(title)}</th>'
         f'<th>standard error</th></tr>{rows}</table><figcaption>{escape(proposal.label)}'
         '</figcaption></figure>'
     )

@@ -116,9 +116,10 @@ def _forms(calibrated: Calibrated | None) -> str:
     taken = [one for one in calibrated.explained.verdicts if one.taken] if calibrated else []
     if calibrated is None or not taken:
         return ''
+    drawn = figures(taken, calibrated.explained.looked, ('form of the catalogue', 'as fitted'))
     return (
-        f'<h2>Curves and maps</h2><div class="row">{figures(taken, calibrated.explained.looked)}'
-        '</div><p><small>What was fitted to the recordings. Bands: 90 % intervals over recordings '
+        f'<h2>Curves and maps</h2><div class="row">{drawn}</div>'
+        '<p><small>What was fitted to the recordings. Bands: 90 % intervals over recordings '
         '(jackknife). Dashed: in the form of the catalogue.</small></p>'
     )
 
