@@ -11,6 +11,7 @@ import zipfile
 from flexx2_sim_ros.camera import Camera
 from flexx2_sim_ros.effects import Effect, load_effects, parse_effects, registry, save_effects
 from flexx2_sim_ros.effects.presets import markdown, preset_files
+from flexx2_sim_ros.effects.registry import for_reports
 from flexx2_sim_ros.effects.tables import plain
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.paths import config_dir
@@ -295,3 +296,13 @@ def test_a_map_of_another_size_than_the_image_is_named() -> None:
         InputError, match=r'fixed_pattern\.pattern: must have the size.*\(24, 32\)'
     ):
         capture(effects, scenes(1), 0)
+
+
+def test_a_report_names_the_file_of_a_map(tmp_path: Path) -> None:
+    curve = {'knots': [0.0, 1.0], 'values': [0.0, 0.01]}
+    camera = {'fixed_pattern': {'pattern': np.full((3, 4), 0.01)}, 'offset': {'curve': curve}}
+    effects = parse_effects(camera)
+    save_effects(tmp_path / 'effects.yaml', effects)
+    told = json.loads(json.dumps(for_reports({one.name: one.settings for one in effects})))
+    assert (tmp_path / told['fixed_pattern']['pattern']).is_file()
+    assert told['offset']['curve'] == curve

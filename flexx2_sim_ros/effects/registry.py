@@ -17,7 +17,7 @@ from flexx2_sim_ros.effects.patch import ResidualPatch
 from flexx2_sim_ros.effects.plugins import plug_ins
 from flexx2_sim_ros.effects.randomisation import parse_randomisation, Randomisation
 from flexx2_sim_ros.effects.ray import AlongRay
-from flexx2_sim_ros.effects.tables import Curve, Form, PixelMap, read_map, write_map
+from flexx2_sim_ros.effects.tables import Curve, Form, PixelMap, plain, read_map, write_map
 from flexx2_sim_ros.errors import InputError, shown, shown_path, unquoted
 from flexx2_sim_ros.paths import config_dir
 import yaml
@@ -222,7 +222,7 @@ def save_effects(path: str | Path, effects: Sequence[Effect], comment: str = '')
     for effect in effects:
         for one in effect.forms.values():
             if isinstance(one, PixelMap):
-                write_map(Path(path).parent / map_file(effect), one)
+                write_map(Path(path).parent / map_file(effect.name), one)
     write_text(path, effects_yaml(effects, comment))
 
 
@@ -241,15 +241,28 @@ def effects_yaml(effects: Sequence[Effect], comment: str = '') -> str:
     return '\n'.join(lines) + '\n'
 
 
-def map_file(effect: Effect) -> str:
+def map_file(effect: str) -> str:
     """Return the name of the file of an effect's map."""
-    return f'{effect.name}.npz'
+    return f'{effect}.npz'
+
+
+def for_reports(effects: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
+    """Return settings by effect for a JSON file: a map as the name of its file, not its pixels."""
+    return {
+        name: plain(
+            {
+                key: map_file(name) if isinstance(value, PixelMap) else value
+                for key, value in settings.items()
+            }
+        )
+        for name, settings in effects.items()
+    }
 
 
 def _table_yaml(effect: Effect, name: str, one: Form) -> str:
     table = effect.tables()[name]
     if isinstance(one, PixelMap):
-        return f'    {name}: {map_file(effect)}  # {table.unit}, {table.text}'
+        return f'    {name}: {map_file(effect.name)}  # {table.unit}, {table.text}'
     unit = f', {table.unit}' if table.unit else ''
     if not isinstance(one, Curve):
         number = yaml.safe_dump([one]).removeprefix('- ').strip()

@@ -9,6 +9,7 @@ from typing import Any
 from flexx2_sim_ros import __version__
 from flexx2_sim_ros.atomic import check_outputs
 from flexx2_sim_ros.camera import Profile
+from flexx2_sim_ros.effects.registry import for_reports
 from flexx2_sim_ros.effects.tables import plain
 from flexx2_sim_ros.errors import InputError, unquoted
 from flexx2_sim_ros.gap.calibration.inference import THRESHOLDS
@@ -188,7 +189,7 @@ def _table(
         'schema': SCHEMA,
         'holds': holds,
         'reasons': reasons,
-        'effects': {name: plain(values) for name, values in request.effects.items()},
+        'effects': for_reports(request.effects),
         'known': {name: plain(values) for name, values in request.known.items()},
         'measures': measures,
         'recordings': rows,

@@ -15,7 +15,7 @@ from flexx2_sim_ros.consumers.comparison import compare, parts, QUANTILES
 from flexx2_sim_ros.consumers.loading import Source, sources
 from flexx2_sim_ros.consumers.running import Result, run
 from flexx2_sim_ros.effects import Effect, parse_effects
-from flexx2_sim_ros.effects.tables import plain
+from flexx2_sim_ros.effects.registry import for_reports
 from flexx2_sim_ros.errors import InputError, shown, unquoted
 from flexx2_sim_ros.gap.data.campaign import Found, nothing_left
 from flexx2_sim_ros.gap.inference.effects import table_of
@@ -221,7 +221,7 @@ def measure_cost(
     mounting = request.mounting
     table = {
         'schema': SCHEMA,
-        'effects': {name: plain(values) for name, values in known.effects.items()},
+        'effects': for_reports(known.effects),
         **compared(results, list(known.effects)),
         'damaged_packages': list(request.damaged),
         'recordings': rows,

@@ -9,7 +9,7 @@ from typing import Any
 from flexx2_sim_ros import __version__
 from flexx2_sim_ros.atomic import check_outputs, output_folder, whole_files
 from flexx2_sim_ros.camera import flexx2, Profile
-from flexx2_sim_ros.effects.tables import plain
+from flexx2_sim_ros.effects.registry import for_reports
 from flexx2_sim_ros.errors import InputError, shown
 from flexx2_sim_ros.gap.data.given import given_effects, together
 from flexx2_sim_ros.gap.features.simulation import with_uptime
@@ -101,7 +101,7 @@ def walk(
         )
     table: dict[str, Any] = {
         'schema': SCHEMA,
-        'effects': {name: plain(values) for name, values in table_of(before.effects).items()},
+        'effects': for_reports(table_of(before.effects)),
         'rows': rows(found),
         'settings': {
             'usecase': usecase,

@@ -69,7 +69,7 @@ def _with_files(table: dict[str, Any], effects: Sequence[Effect]) -> dict[str, A
     files = {
         effect.name: dict.fromkeys(
             (name for name, one in effect.forms.items() if isinstance(one, PixelMap)),
-            map_file(effect),
+            map_file(effect.name),
         )
         for effect in effects
     }
