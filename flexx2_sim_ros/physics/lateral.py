@@ -102,11 +102,11 @@ def upright_edges(row_jumps, column_jumps):
 
 
 @njit(inline='always')
-def _displace(moves, along, shift, last, first, pitch):
+def _displace(arrays, count, along, shift, last, first, pitch):
     # One edge, between positions `along` and `along + 1` of a line of `last + 1` pixels. Pixels
-    # are addressed as first + position * pitch. The nearest displaced edge wins. Returns how many
-    # pixels have moved.
-    distance, moved, source, count = moves
+    # are addressed as first + position * pitch. The nearest displaced edge wins. `count` pixels
+    # have moved before; returns how many have moved after.
+    distance, moved, source = arrays
     for step in range(1, abs(shift) + 1):
         position = _passed_pixel(along, step, shift)
         if position < 0 or position > last:
@@ -164,25 +164,25 @@ def displaced_pixels(
     distance = np.full(height * width, _NEVER, np.uint8)
     moved = np.empty(height * width, np.int32)
     source = np.empty(height * width, np.int32)
+    arrays = distance, moved, source
     count = 0
-    line, last_edge, shift = -1, 0, 0
+    last_y, last_x, shift = -1, 0, 0
     for edge in row_edges:
         y, x = edge // width, edge % width
-        if y != line or _is_apart(x, last_edge, neighbourhood):
+        if y != last_y or _is_apart(x, last_x, neighbourhood):
             draw = edge_draw(key, edge, STREAM_ROW_EDGES, stamp_low, stamp_high, laplace)
             shift = _pixels_moved(draw, sigma, limit)
-        line, last_edge = y, x
-        moves = distance, moved, source, count
-        count = _displace(moves, x, shift, width - 1, y * width, 1)
-    last_edges = np.full(width, -1 - neighbourhood, np.int32)
+        last_y, last_x = y, x
+        count = _displace(arrays, count, x, shift, width - 1, y * width, 1)
+    # The same for each column.
+    last_ys = np.full(width, -1 - neighbourhood, np.int32)
     shifts = np.zeros(width, np.int32)
     for edge in column_edges:
         y, x = edge // width, edge % width
-        if _is_apart(y, last_edges[x], neighbourhood):
+        if _is_apart(y, last_ys[x], neighbourhood):
             draw = edge_draw(key, edge, STREAM_COLUMN_EDGES, stamp_low, stamp_high, laplace)
             shifts[x] = _pixels_moved(draw, sigma, limit)
-        last_edges[x] = y
-        moves = distance, moved, source, count
-        count = _displace(moves, y, shifts[x], height - 1, x, width)
+        last_ys[x] = y
+        count = _displace(arrays, count, y, shifts[x], height - 1, x, width)
     moved = moved[:count].copy()
     return moved, source[moved]
