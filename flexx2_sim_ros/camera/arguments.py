@@ -84,9 +84,10 @@ def as_clean_depth(value: Any) -> np.ndarray:
     """Return clean depth as `as_images` does; raise `InputError` for whole millimetres, too."""
     images = as_images('clean_depth', value)
     kind = np.asarray(value).dtype
-    if kind.kind in 'iu' and _middle(images) >= _MILLIMETRES:
+    if kind.kind in 'iu' and (median := _median(images)) >= _MILLIMETRES:
         raise InputError(
-            f'clean_depth: must be metres, got {kind} that looks like millimetres: divide by 1000'
+            f'clean_depth: must be metres, got {kind} with a median of {median:.0f}, which looks '
+            'like millimetres: divide by 1000'
         )
     return images
 
@@ -174,7 +175,7 @@ def _broadcast(array: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     return array if array.shape == shape else np.broadcast_to(array, shape)
 
 
-def _middle(depth: np.ndarray) -> float:
-    # The median depth; 0 means none.
+def _median(depth: np.ndarray) -> float:
+    # Of the pixels with depth; 0 if there are none.
     positive = depth[depth > 0]
     return float(np.median(positive)) if positive.size else 0.0
