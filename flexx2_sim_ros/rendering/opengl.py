@@ -61,8 +61,8 @@ class OpenGlRenderer:
         except BaseException:
             self._gl.free()
             raise
-        # Also of a renderer that is dropped without being closed. At the end of the process the
-        # driver may be gone before.
+        # A renderer that is dropped without `close` releases its context as well, but not at the
+        # end of the process: the driver may be gone by then.
         self._release = finalize(self, _release, self._gl, self._context)
         self._release.atexit = False
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._context)

@@ -71,10 +71,9 @@ def open_renderer(
 
     Parts of the robot that a camera can never see (`unseen_geoms`) are not rendered for it. An
     OpenGL renderer belongs to the thread that opened it and should be closed there; one that is
-    dropped is closed. OpenGL draws
-    round shapes with facets (``visual/quality`` in the model), so their depth is off by up to
-    0.6 % of their radius; the ray caster is exact. Where an object is nearer than the near plane,
-    OpenGL sees through it, and the ray caster has no return.
+    dropped is closed. OpenGL draws round shapes with facets (``visual/quality`` in the model), so
+    their depth is off by up to 0.6 % of their radius; the ray caster is exact. Where an object is
+    nearer than the near plane, OpenGL sees through it, and the ray caster has no return.
 
     Parameters
     ----------
