@@ -222,7 +222,7 @@ def same(a: np.ndarray | None, b: np.ndarray | None) -> bool:
 
 def every_kind(folder: Path, count: int = COUNT) -> dict[str, Path]:
     """Write the same recording as bags and archives of every kind."""
-    paths = {kind: folder / f'one.{kind}' for kind in ('mcap', 'db3', 'folder')}
+    paths = {'mcap': folder / 'one.mcap', 'db3': folder / 'one.db3', 'folder': folder / 'one'}
     paths |= {kind: folder / f'{kind}.npz' for kind in ('stored', 'deflated')}
     depth = depths(count, 43, 56)
     gray = np.random.default_rng(3).integers(0, 255, depth.shape, np.uint8)

@@ -92,6 +92,23 @@ def test_a_recording_that_a_bag_cannot_hold_is_refused(
     assert [path.name for path in tmp_path.iterdir()] == ['in.npz']
 
 
+@pytest.mark.parametrize('name', ['out.txt', 'out.bag', 'out.NPZ', 'out.hdf5'])
+def test_a_bag_is_no_folder_with_the_name_of_a_file(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    np.savez(tmp_path / 'in.npz', **LEAST)
+    assert main(['convert', str(tmp_path / 'in.npz'), str(tmp_path / name)]) == 2
+    assert f'{name}: must be an .npz, .mcap or .db3 file, or a folder' in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ['in.npz']
+
+
+def test_a_folder_may_have_a_point_in_its_name(tmp_path: Path) -> None:
+    np.savez(tmp_path / 'in.npz', **LEAST)
+    for name in ('wall_1.5m', 'walk_2026.01.31'):
+        assert main(['convert', str(tmp_path / 'in.npz'), str(tmp_path / name)]) == 0
+        assert (tmp_path / name / 'metadata.yaml').is_file()
+
+
 def test_bags_are_not_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     bag = driver_bag(tmp_path / 'bag', depths(2, 5, 4))
     before = (bag / 'bag.mcap').read_bytes()

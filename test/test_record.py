@@ -231,6 +231,7 @@ def test_nothing_to_record(child_env: dict[str, str], tmp_path: Path) -> None:
     ('words', 'message'),
     [
         (['record', '{}'], 'got one that exists'),
+        (['record', '{}/a.npz'], "a folder whose name has no ending, got '.npz'"),
         (['record', '{}/a', '--seconds', '-1'], '--seconds'),
         (['record', '{}/a', '--queue', 'nan'], '--queue'),
         (

@@ -36,7 +36,11 @@ def add_parser(commands: Any) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument('source', metavar='A', help='recording to read')
-    parser.add_argument('target', metavar='B', help='recording to write')
+    parser.add_argument(
+        'target',
+        metavar='B',
+        help='recording to write: a name that ends in .npz, .mcap or .db3, or a new folder',
+    )
     parser.add_argument(
         '--camera',
         help='from a bag: which camera, by its name or by the topic of '

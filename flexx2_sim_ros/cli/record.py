@@ -39,7 +39,7 @@ def add_parser(commands: Any) -> None:
         nargs='?',
         type=Path,
         metavar='BAG',
-        help='new folder (default: flexx2_ and the time)',
+        help='new folder, without an ending (default: flexx2_ and the time)',
     )
     parser.add_argument(
         '--seconds',
@@ -91,10 +91,11 @@ def add_parser(commands: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Record until told to stop."""
     path = arguments.bag or Path(datetime.now().strftime('flexx2_%Y%m%d_%H%M%S'))
-    from flexx2_sim_ros.recording.bag_writer import BagWriter
+    from flexx2_sim_ros.recording.bag_writer import BagWriter, check_bag_name
     from flexx2_sim_ros.recording.sink import BagSink
 
     usual = 'zstd' if arguments.storage == 'mcap' else 'none'
+    check_bag_name(path)
     writer = BagWriter(path, arguments.storage, arguments.compression or usual)
     check_folder(path)
     with ros() as stopped:

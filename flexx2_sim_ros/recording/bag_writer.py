@@ -9,7 +9,7 @@ from types import TracebackType
 from typing import Literal
 
 from flexx2_sim_ros.atomic import named, whole
-from flexx2_sim_ros.errors import InputError, shown
+from flexx2_sim_ros.errors import InputError, shown, shown_path
 from flexx2_sim_ros.recording import bag_messages as messages
 from flexx2_sim_ros.recording.bag_cameras import CameraTopics, EVENTS, topics_of
 from flexx2_sim_ros.recording.checksums import CheckedWriter
@@ -166,6 +166,31 @@ def check_new(path: Path) -> None:
         path.lstat()
         raise InputError(
             f'{path}: must be a new name, got one that exists: bags are not overwritten'
+        )
+
+
+def check_bag_name(path: Path, others: str = '') -> None:
+    """
+    Check the name of a bag's folder.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        The folder.
+    others : str
+        What else the name could be, for the error.
+
+    Raises
+    ------
+    InputError
+        When it ends like the name of a file: a folder ``walk.npz`` could not be read.
+
+    """
+    # `wall_1.5m` and `walk_2026.01.31` are folders.
+    if path.suffix[1:2].isalpha():
+        raise InputError(
+            f'{shown_path(path)}: must be {others}a folder whose name has no ending, got '
+            f'{shown(path.suffix)}'
         )
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from flexx2_sim_ros.atomic import check_distinct
 from flexx2_sim_ros.errors import InputError, shown
-from flexx2_sim_ros.recording.bag_writer import write_bag
+from flexx2_sim_ros.recording.bag_writer import check_bag_name, SUFFIXES, write_bag
 from flexx2_sim_ros.recording.given import complete, Given
 from flexx2_sim_ros.recording.images import has_images, ImageRecording, mask_beside
 from flexx2_sim_ros.recording.npz import RecordingWriter
@@ -65,11 +65,8 @@ def convert(
     """
     source, target = Path(source), Path(target)
     check_distinct(source, target)
-    if target.suffix in ('.bag', '.png'):
-        raise InputError(
-            f'{target}: must be an .npz, .mcap or .db3 file or a folder, got a {target.suffix} '
-            'file: bags of ROS 1 and images are only read'
-        )
+    if target.suffix not in ('.npz', *SUFFIXES):
+        check_bag_name(target, 'an .npz, .mcap or .db3 file, or ')
     images = has_images(source)
     cameras = [] if images else recording_cameras(source)
     if camera is not None and target.suffix == '.npz' and (images or source.suffix == '.npz'):
