@@ -231,10 +231,14 @@ def test_a_long_name_is_not_repeated(folder: Path, capsys: pytest.CaptureFixture
 def test_a_scene_in_millimetres_is_noticed(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    np.savez('mm.npz', clean_depth=np.full((43, 56), 1500, np.uint16), K=K)
+    np.savez('mm.npz', clean_depth=np.full((43, 56), 1500.0, np.float32), K=K)
     assert main(['simulate', 'mm.npz', 'out.npz', '--frames', '1']) == 0
     said = ' '.join(capsys.readouterr().err.split())
     assert 'clean_depth: must be metres, from 0.1 to 7 in this mode, got a median of 1500' in said
+    np.savez('mm.npz', clean_depth=np.full((43, 56), 1500, np.uint16), K=K)
+    assert main(['simulate', 'mm.npz', 'whole.npz', '--frames', '1']) == 2
+    assert 'clean_depth: must be metres, got uint16' in ' '.join(capsys.readouterr().err.split())
+    assert not Path('whole.npz').exists()
 
 
 def test_each_command_has_an_example_and_its_help_fits_80_columns(

@@ -13,6 +13,7 @@ import numpy as np
 
 # Whole numbers with at least this median are millimetres: 100 m is too far for a depth camera.
 _MILLIMETRES = 100
+_CHANNEL = 16  # rows and columns: (H, W, 1), and not as many images one pixel wide
 
 
 def as_effects(effects: Any) -> tuple[EffectProtocol, ...]:
@@ -67,7 +68,8 @@ def as_images(name: str, value: Any) -> np.ndarray:
     array = as_array(name, value)
     if array.ndim < 2 or 0 in array.shape[-2:]:
         raise InputError(f'{name}: must have shape (..., H, W), not empty, got {array.shape}')
-    if array.ndim > 2 and array.shape[-1] == 1 < array.shape[-2]:
+    # A few images one pixel wide are possible, many high ones are not.
+    if array.ndim > 2 and array.shape[-1] == 1 and min(array.shape[-3:-1]) >= _CHANNEL:
         raise InputError(
             f'{name}: must have shape (..., H, W), without a channel axis, got {array.shape}'
         )

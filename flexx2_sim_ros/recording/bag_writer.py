@@ -188,9 +188,10 @@ def check_bag_name(path: Path, others: str = '') -> None:
     """
     # `wall_1.5m` and `walk_2026.01.31` are folders.
     if path.suffix[1:2].isalpha():
+        unwritten = ': bags of ROS 1 are only read' if path.suffix.lower() == '.bag' else ''
         raise InputError(
             f'{shown_path(path)}: must be {others}a folder whose name has no ending, got '
-            f'{shown(path.suffix)}'
+            f'{shown(path.suffix)}{unwritten}'
         )
 
 

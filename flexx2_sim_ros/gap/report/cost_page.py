@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 from flexx2_sim_ros.atomic import output_folder, whole_files
 from flexx2_sim_ros.consumers.comparison import FEWEST
 from flexx2_sim_ros.consumers.running import Result
+from flexx2_sim_ros.effects.time_offset import TimeOffset
 from flexx2_sim_ros.gap.report.style import STYLE
 from flexx2_sim_ros.gap.report.text import listed, percent, spaced
 from flexx2_sim_ros.html_drawing import bar, picture
@@ -136,7 +137,7 @@ def sentences(table: dict[str, Any]) -> list[str]:
     for place, row in enumerate(table['ranking'][1:], start=1):  # the first: in the headline
         tied = _tied(table, place)
         out += [_undecided([row['effect'], *tied])] if tied else []
-    offset = table['effects'].get('time_offset', {})
+    offset = table['effects'].get(TimeOffset.name, {})
     delay = offset.get('strength', 0.0) * offset.get('delay', 0.0)
     if delay:
         out.append(
