@@ -49,10 +49,11 @@ def page(
     calibrated: Calibrated | None,
 ) -> str:
     """Return the page as HTML, all text escaped and all pictures inside."""
+    used = sum(row['used'] for row in table['recordings'])
     body = [
         f'<p><span class="tag {escape(table["verdict"])}">'
         f'{escape(spaced(table["verdict"]))}</span> '
-        f'<small>from {sum(r["used"] for r in table["recordings"])} recordings</small></p>',
+        f'<small>from {used} recording{"s" * (used != 1)}</small></p>',
         f'<h1>{escape(headline(table))}</h1>',
         ''.join(f'<p>{escape(line)}</p>' for line in sentences(table)),
         _effects(table),

@@ -269,8 +269,8 @@ def _gap(
     }
     if not held_out:
         out['note'] = (
-            'one recording only: nothing was left out to check on, so shrink is that '
-            'of the data the effects were fitted to'
+            'one recording only: the reduction is measured on the recording that the effects '
+            'were fitted to'
         )
     return out
 
