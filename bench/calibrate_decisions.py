@@ -52,6 +52,7 @@ _RATES: dict[str, tuple[str, float, float]] = {
     'false_alarms': ('a gap without an effect', 0.0, _MOST_ERRORS),
     'wrong': ('effects named, and no true one among them and the alternatives', 0.0, _MOST_ERRORS),
     'covered': ('a true effect among named and alternatives', COVERED, 1.0),
+    'unexplained': ('an effect that the diagnosis does not know: unknown or partly', 0.0, 1.0),
     'held': ('interval of the reduction holds', 0.85, 0.95),
     'named': ('a true effect named first', 0.0, 1.0),
 }

@@ -30,6 +30,8 @@ COVERED = 0.95  # named effects and alternatives; with fewer, causes are named w
 _FOLDS = 10
 _POSE_IS_AN_EFFECT = 5.0  # mm; larger errors of the poses are to be named
 _MOST = (4, 100)  # recordings: few, many
+_UNEXPLAINED = 'unknown', 'partly'  # right where the diagnosis does not know the effect
+_COUNTED = 'false_alarms', 'wrong', 'named', 'covered', 'size', 'unexplained', 'held'
 _FEWEST = 9  # campaigns of a group, for a quantile of 0.9
 
 
@@ -108,7 +110,7 @@ def calibrate(campaigns: Sequence[Campaign]) -> Decisions:
 
     Probabilities are logistic models. Their thresholds are set on predictions of
     cross-validation: the smallest with which at most `FALSE_ALARMS` of the campaigns without an
-    effect have a gap by probability, none of these by agreement or excess loss, and at most
+    effect have a gap, by probability or excess loss, none of these by agreement, and at most
     `WRONG` of all others are named wrongly. Alternatives and intervals are split-conformal
     (Angelopoulos and Bates, A gentle introduction to conformal prediction, 2021): the quantile
     holds in `COVERED` or `HELD` of further ones.
@@ -134,7 +136,6 @@ def calibrate(campaigns: Sequence[Campaign]) -> Decisions:
         effect,
         *_least_gaps(campaigns, gap_odds),
         least_agreement=float(np.nextafter(max(map(agreement, none)), np.inf)),
-        least_excess=float(np.nextafter(max(one.excess for one in none), np.inf)),
         least_effect=0.0,
         least_alternative=0.0,
         margins=(),
@@ -146,9 +147,8 @@ def calibrate(campaigns: Sequence[Campaign]) -> Decisions:
     ]
     count = sum(one.present for one in campaigns)
     rule = replace(rule, least_alternative=_least_alternative(gaps))
-    return replace(
-        rule, least_effect=_least_effect(gaps, count, rule), margins=_margins(campaigns)
-    )
+    rule = replace(rule, least_effect=_least_effect(gaps, count, rule))
+    return replace(rule, margins=_margins(campaigns, rule))
 
 
 def _logistic(
@@ -169,29 +169,32 @@ def _logistic(
     return Logistic(constant, dict(zip(names, map(float, weights), strict=True))), left_out
 
 
-def _least_gaps(campaigns: Sequence[Campaign], odds: np.ndarray) -> tuple[float, float]:
-    # The probabilities from which on there is a gap: without a pose error among the chosen
-    # effects, and with one. Of all pairs with which at most `FALSE_ALARMS` of the campaigns
-    # without an effect have a gap, the one with which most of those with an effect have one.
+def _least_gaps(campaigns: Sequence[Campaign], odds: np.ndarray) -> tuple[float, float, float]:
+    # The probabilities from which on there is a gap, without a pose error among the chosen
+    # effects and with one, and the excess loss. Of all such rules with which at most
+    # `FALSE_ALARMS` of the campaigns without an effect have a gap, the one with which most of
+    # those with an effect have one.
     present = np.array([one.present for one in campaigns])
     posed = np.array([is_posed(one.support) for one in campaigns])
-    groups = ~posed, posed
-    none = [np.sort(odds[group & ~present])[::-1] for group in groups]
+    excess = np.array([one.support.excess for one in campaigns])
     allowed = max(math.floor(FALSE_ALARMS * ((~present).sum() + 1)), 1) - 1
-    pairs = [(_above(none[0], k), _above(none[1], allowed - k)) for k in range(allowed + 1)]
+    rules = []
+    for large in range(allowed + 1):
+        least = _above(np.sort(excess[~present])[::-1], large)
+        rest = ~present & (excess < least)
+        free, pose = (np.sort(odds[rest & group])[::-1] for group in (~posed, posed))
+        left = allowed - int((~present & (excess >= least)).sum())
+        rules += [(_above(free, k), _above(pose, left - k), least) for k in range(left + 1)]
     found = [
-        sum(
-            (odds[group & present] >= least).sum()
-            for group, least in zip(groups, one, strict=True)
-        )
-        for one in pairs
+        (present & ((odds >= np.where(posed, pose, free)) | (excess >= least))).sum()
+        for free, pose, least in rules
     ]
-    return pairs[int(np.argmax(found))]
+    return rules[int(np.argmax(found))]
 
 
 def _above(ordered: np.ndarray, count: int) -> float:
     # The smallest value that at most so many of these reach.
-    return float(np.nextafter(ordered[count], 2.0)) if count < len(ordered) else 0.0
+    return float(np.nextafter(ordered[count], np.inf)) if count < len(ordered) else 0.0
 
 
 def _least_effect(gaps: Sequence[Judged], count: int, rule: Decisions) -> float:
@@ -238,17 +241,18 @@ def _least_alternative(gaps: Sequence[Judged]) -> float:
     return float(reached[at]) if at >= 0 else 0.0
 
 
-def _margins(campaigns: Sequence[Campaign]) -> tuple[Margin, ...]:
+def _margins(campaigns: Sequence[Campaign], rule: Decisions) -> tuple[Margin, ...]:
     # Conformalised quantile regression (Romano et al., 2019): by how much intervals must be
     # widened so that they hold in `HELD` of further campaigns.
+    verdicts = [judge(one.support, rule).verdict for one in campaigns]
     out = []
     for verdict in EXPLAINED:
         for few, most in zip((0, *_MOST), _MOST, strict=False):
             some = [
                 max(one.reduction[1] - one.reduction[3], one.reduction[3] - one.reduction[2])
-                for one in campaigns
+                for one, said in zip(campaigns, verdicts, strict=True)
                 if one.reduction is not None
-                and one.verdict == verdict
+                and said == verdict
                 and few < one.support.recordings <= most
             ]
             at = math.ceil(HELD * (len(some) + 1)) - 1
@@ -265,15 +269,13 @@ def counted(rule: Decisions, campaigns: Sequence[Campaign]) -> dict[str, Any]:
     -------
     dict
         Lists: ``false_alarms``, ``wrong``, ``named`` (of campaigns with a findable effect),
-        ``covered`` (a true effect is named or an alternative), ``size`` (of that set) and
-        ``held`` (intervals of the reduction) of bool or int; ``confidence`` of (probability,
-        present) of each named effect.
+        ``covered`` (a true effect is named or an alternative), ``size`` (of that set),
+        ``unexplained`` (of campaigns whose effect the diagnosis does not know: the verdict is
+        ``unknown`` or ``partly``) and ``held`` (intervals of the reduction) of bool or int;
+        ``confidence`` of (probability, present) of each named effect.
 
     """
-    out: dict[str, list[Any]] = {
-        name: []
-        for name in ('false_alarms', 'wrong', 'named', 'covered', 'size', 'held', 'confidence')
-    }
+    out: dict[str, list[Any]] = {name: [] for name in (*_COUNTED, 'confidence')}
     for one in campaigns:
         said = judge(one.support, rule)
         finds, names = said.verdict != 'none', said.verdict in EXPLAINED
@@ -282,6 +284,8 @@ def counted(rule: Decisions, campaigns: Sequence[Campaign]) -> dict[str, Any]:
         else:
             listed = {*said.alternatives, *(c.name for c in one.support.chosen)}
             out['wrong'].append(names and _is_wrong(one, listed, said.verdict == 'partly'))
+            if not one.findable:
+                out['unexplained'].append(said.verdict in _UNEXPLAINED)
         if names:
             out['confidence'] += [
                 (said.effects[c.name], c.name in one.true) for c in one.support.chosen
@@ -295,7 +299,7 @@ def counted(rule: Decisions, campaigns: Sequence[Campaign]) -> dict[str, Any]:
                 out['size'].append(len(listed))
         if one.reduction is not None:
             middle, low, high, real = one.reduction
-            wide = rule.widened((low, high), middle, one.verdict, one.support.recordings)
+            wide = rule.widened((low, high), middle, said.verdict, one.support.recordings)
             if wide is not None:
                 out['held'].append(wide[0] <= real <= wide[1])
     return out
@@ -303,9 +307,7 @@ def counted(rule: Decisions, campaigns: Sequence[Campaign]) -> dict[str, Any]:
 
 def before(campaigns: Sequence[Campaign]) -> dict[str, Any]:
     """Count the same of the rule with which the campaigns were diagnosed."""
-    out: dict[str, list[Any]] = {
-        name: [] for name in ('false_alarms', 'wrong', 'named', 'covered', 'size', 'held')
-    }
+    out: dict[str, list[Any]] = {name: [] for name in _COUNTED}
     for one in campaigns:
         finds = one.verdict not in ('none', 'not_decidable', 'too_little')
         if not one.present:
@@ -314,6 +316,8 @@ def before(campaigns: Sequence[Campaign]) -> dict[str, Any]:
             listed = {*one.named, *one.alternatives}
             wrong = bool(one.named) and _is_wrong(one, listed, one.verdict == 'partly')
             out['wrong'].append(wrong)
+            if not one.findable:
+                out['unexplained'].append(one.verdict in _UNEXPLAINED)
         if one.findable:
             out['named'].append(bool(one.named) and one.named[0] in one.true)
             if finds:

@@ -57,6 +57,19 @@ def test_a_pose_error_has_a_threshold_of_its_own() -> None:
     assert judge(posed, rule).verdict == 'none'
 
 
+def test_a_large_gap_that_nothing_explains_is_unknown() -> None:
+    rule = replace(calibrated(), least_gap=0.99, least_excess=10.0)
+    assert judge(support(9.9, 0.1, 0.0, 0.5), rule).verdict == 'none'
+    assert judge(support(10.1, 0.1, 0.0, 0.5), rule).verdict == 'unknown'
+
+
+def test_effects_that_leave_a_large_gap_explain_it_partly() -> None:
+    rule = replace(calibrated(), least_gap=0.99, least_excess=10.0)
+    clear = support(30.0, 12.0, 1.0, 8.0)
+    assert judge(replace(clear, left=18.0), rule).verdict == 'partly'
+    assert judge(replace(clear, left=9.9), rule).verdict == 'identified'
+
+
 def test_evidence_survives_a_file() -> None:
     one = support(4.0, 1.5, 0.5, 1.5)
     read = support_from(yaml.safe_load(yaml.safe_dump(one.as_table())))
@@ -106,14 +119,15 @@ def made(rng: np.random.Generator, count: int) -> list[Campaign]:
 
 
 def test_the_rule_keeps_its_error_rates_on_further_campaigns() -> None:
-    # The threshold of a gap is the 12th largest of 400 values: the rate on further campaigns is
-    # a beta variate of mean 0.03; above 0.09 with a probability below 1e-6 (binomial, 11 of 400
-    # at 0.09: 2e-7). The set of alternatives: 31 of 319 below, 0.25 likewise.
+    # 9 of about 400 campaigns without an effect are false alarms of the rule, which is one of at
+    # most 55. The rate on further campaigns is above 0.1 with a probability below 1e-6 (binomial,
+    # 9 of 400 at 0.1: 1.1e-9, for each rule). The set of alternatives: 31 of 319 below, 0.25
+    # likewise.
     rng = np.random.default_rng(4)
     rule = calibrate(made(rng, 800))
     out = counted(rule, made(rng, 4000))
     rates = {name: np.mean(out[name]) for name in ('false_alarms', 'wrong', 'covered', 'named')}
-    assert rates['false_alarms'] < 0.09
+    assert rates['false_alarms'] < 0.1
     assert rates['wrong'] < 0.09
     assert rates['covered'] > 0.75
     assert rates['named'] > 0.4

@@ -76,8 +76,8 @@ class Decisions:
     least_gap, least_gap_of_poses : float
         Probability from which on there is a gap; the second one where a pose error is among
         the chosen effects.
-    least_agreement, least_excess : float
-        `probability.agreement` and excess loss from which on there is a gap as well.
+    least_excess, least_agreement : float
+        Excess loss and `probability.agreement` from which on there is a gap as well.
     least_effect : float
         Probability from which on effects are named.
     least_alternative : float
@@ -91,8 +91,8 @@ class Decisions:
     effect: Logistic
     least_gap: float
     least_gap_of_poses: float
-    least_agreement: float
     least_excess: float
+    least_agreement: float
     least_effect: float
     least_alternative: float
     margins: tuple[Margin, ...]
@@ -154,8 +154,8 @@ def read_decisions(path: Path) -> Decisions:
             _logistic(table, 'effect'),
             _number(table['gap'], 'threshold'),
             _number(table['gap'], 'threshold_of_poses'),
-            _number(table['gap'], 'agreement'),
             _number(table['gap'], 'excess'),
+            _number(table['gap'], 'agreement'),
             _number(table['effect'], 'threshold'),
             _number(table['alternative'], 'threshold'),
             tuple(

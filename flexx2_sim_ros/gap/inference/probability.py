@@ -103,10 +103,9 @@ def _explain_little(support: Support) -> bool:
 def leaves_gap(support: Support, rule: Decisions) -> bool:
     """Return whether the chosen effects leave most of the gap, and what is left is a gap."""
     nothing = (0.0,) * support.recordings
-    rest = replace(support, excess=support.left, gain=0.0, improved=nothing)
-    return bool(
-        support.left > THRESHOLDS.partly * support.excess
-        and rule.gap.probability(gap_evidence(rest)) >= rule.least_gap
+    rest = replace(support, excess=support.left, gain=0.0, improved=nothing, chosen=())
+    return support.left > THRESHOLDS.partly * support.excess and has_gap(
+        rest, rule.gap.probability(gap_evidence(rest)), rule
     )
 
 
