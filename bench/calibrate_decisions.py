@@ -201,8 +201,9 @@ def _yaml(
         'gap': {
             **logistic('gap'),
             'threshold_of_poses': rule.least_gap_of_poses,
-            'agreement': rule.least_agreement,
             'excess': rule.least_excess,
+            'agreement': rule.least_agreement,
+            'scatter': rule.least_scatter,
         },
         'effect': logistic('effect'),
         'alternative': {'threshold': rule.least_alternative},

@@ -71,13 +71,21 @@ def has_gap(support: Support, probability: float, rule: Decisions) -> bool:
     """
     Return whether a gap of this probability is one.
 
-    Campaigns with a pose error among the chosen effects have a threshold of their own: recordings
-    have wrong poses, and a few of these may agree by chance. A large excess loss is a gap even if
-    no effect explains it.
+    A large excess loss is a gap even if no effect explains it. So are poses that scatter too much,
+    although they leave little loss: each recording's own pose takes its error over.
     """
+    return (
+        support.scatter >= rule.least_scatter
+        or agreement(support) >= rule.least_agreement
+        or _loses(support, probability, rule)
+    )
+
+
+def _loses(support: Support, probability: float, rule: Decisions) -> bool:
+    # Campaigns with a pose error among the chosen effects have a threshold of their own: all
+    # recordings have wrong poses, and a few of these may agree by chance.
     least = rule.least_gap_of_poses if is_posed(support) else rule.least_gap
-    clear = support.excess >= rule.least_excess or agreement(support) >= rule.least_agreement
-    return clear or probability >= least
+    return support.excess >= rule.least_excess or probability >= least
 
 
 def agreement(support: Support) -> float:
@@ -104,7 +112,7 @@ def leaves_gap(support: Support, rule: Decisions) -> bool:
     """Return whether the chosen effects leave most of the gap, and what is left is a gap."""
     nothing = (0.0,) * support.recordings
     rest = replace(support, excess=support.left, gain=0.0, improved=nothing, chosen=())
-    return support.left > THRESHOLDS.partly * support.excess and has_gap(
+    return support.left > THRESHOLDS.partly * support.excess and _loses(
         rest, rule.gap.probability(gap_evidence(rest)), rule
     )
 
