@@ -1,5 +1,5 @@
 """
-How well diagnoses locate the effects of the blind camera: the benchmark's score of `where`.
+How well diagnoses locate the effects of the blind camera: the benchmark's scores of `where`.
 
 Each effect of the catalogue is recorded by one camera with a development seed, in one set of
 scenes, and diagnosed; the effect `none` is a camera without any. With `--poses`, the poses are
@@ -17,8 +17,10 @@ from pathlib import Path
 import tempfile
 
 from flexx2_sim_ros.gap import diagnose
+from flexx2_sim_ros.gap.report.places import place
 from flexx2_sim_ros.validation.benchmark import DEVELOPMENT, make_design
 from flexx2_sim_ros.validation.benchmark.design import Planned
+from flexx2_sim_ros.validation.benchmark.physics import DEPENDS_ON, is_physical
 from flexx2_sim_ros.validation.benchmark.scoring import overlap
 from flexx2_sim_ros.validation.benchmark.truth import Comparison
 from flexx2_sim_ros.validation.blind import BlindCamera, CATALOGUE, SceneSet
@@ -37,7 +39,7 @@ def main() -> None:
     parser.add_argument('--scenes', default='0', help='sets of scenes, by index')
     parser.add_argument('--jobs', type=int, default=1)
     arguments = parser.parse_args()
-    scores = []
+    scores, firsts = [], []
     with tempfile.TemporaryDirectory() as cache:
         for name, pose, scenes in itertools.product(
             arguments.effects.split(','), arguments.poses.split(','), arguments.scenes.split(',')
@@ -56,14 +58,18 @@ def main() -> None:
                 table = diagnose(folder, seed=planned.seed, jobs=arguments.jobs)
             pixels = comparison.affected()
             scores.append(overlap(table['where'], pixels))
+            if name in DEPENDS_ON and table['where']:
+                firsts.append(is_physical(table['where'][0]['covariate'], [name]))
             found = ', '.join(effect['name'] for effect in table['effects'])
             print(
                 f'{name:20s} {pose:>3s} mm  scenes {scenes:2s} {table["verdict"]:10s} {found:30s} '
-                f'affected {pixels["affected"].mean():4.0%}  IoU {scores[-1]:.2f}',
+                f'affected {pixels["affected"].mean():4.0%}  IoU {scores[-1]:.2f}  '
+                f'{place(table["where"][0]) if table["where"] else ""}',
                 flush=True,
             )
     known = [score for score in scores if not math.isnan(score)]
     print(f'mean IoU {np.mean(known) if known else math.nan:.2f} of {len(known)}')
+    print(f'first rows: {sum(firsts)} of {len(firsts)} name what the effect depends on')
 
 
 def _usual(name: str, strength: float, usecase: str) -> Planned:

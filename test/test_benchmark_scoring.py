@@ -130,6 +130,8 @@ def test_the_score_of_where_is_the_intersection_over_union_in_pixels(
         (['wiggling'], ['fine_distance'], True),
         (['intrinsics_error'], ['image region row 1 of 3, column 2 of 4'], True),
         (['offset', 'warm_up_drift'], ['uptime'], True),
+        (['quantisation'], ['structure', 'distance'], True),
+        (['wiggling'], ['structure'], False),
         (['offset'], [], False),
     ],
 )

@@ -6,9 +6,12 @@ from typing import Any
 from bench.gap_campaigns import look, make_room, optical
 from flexx2_sim_ros.camera import Camera, flexx2
 from flexx2_sim_ros.effects import registry
+from flexx2_sim_ros.gap.calibration.inference import WHERE
 from flexx2_sim_ros.gap.data.axes import AXES, axes_of, ENDLESS
+from flexx2_sim_ros.gap.data.covariates import look_at
 from flexx2_sim_ros.gap.data.registration import Placed, RecordingData
-from flexx2_sim_ros.gap.features.features import LAYOUT, SIZE, TOLERANCE
+from flexx2_sim_ros.gap.features.changes import count_changes
+from flexx2_sim_ros.gap.features.features import Feature, LAYOUT, SIZE, TOLERANCE
 from flexx2_sim_ros.gap.features.pixel_groups import (
     GROUP_CHANNELS,
     GROUP_TOLERANCE,
@@ -18,7 +21,9 @@ from flexx2_sim_ros.gap.features.pixel_groups import (
 from flexx2_sim_ros.gap.features.simulation import scenes_of
 from flexx2_sim_ros.gap.inference.cover import cover
 from flexx2_sim_ros.gap.inference.main_covariate import main_covariate
+from flexx2_sim_ros.gap.inference.told import told, uncertainty_coefficient
 from flexx2_sim_ros.gap.inference.where import cells
+from flexx2_sim_ros.gap.report.places import finding
 import numpy as np
 import pytest
 
@@ -118,6 +123,47 @@ def test_a_named_effect_says_which_of_two_like_covariates_is_meant() -> None:
         one = main_covariate(model, difference, difference, True, named)
         assert one is not None
         assert one.axis == axis, named
+
+
+def test_few_pixels_with_large_changes_do_not_hide_what_a_lens_does() -> None:
+    """Assert that the covariate which tells most about a pixel is first, and only if named."""
+    model = made_up(6, 0.001)
+    difference = bias_along(6, 'region', {2: 1.0, 9: -1.0})
+    for i, feature in enumerate(LAYOUT):
+        if (feature.channel, feature.axis) == ('bias', 'edge'):
+            difference[:, i] = 20.0
+    lens = (registry()['intrinsics_error'],)
+    for named, tells, axis in (
+        (lens, {'region': 0.2, 'edge': 0.03, 'incidence': 0.4}, 'region'),
+        ((), {}, 'edge'),
+        (lens, {'region': 0.02, 'edge': 0.3}, 'edge'),  # a change that is at edges after all
+        (lens, {}, 'edge'),
+    ):
+        one = main_covariate(model, difference, difference, True, named, tells)
+        assert one is not None
+        assert one.axis == axis, tells
+
+
+def test_what_acts_on_all_pixels_alike_is_said_of_whole_images() -> None:
+    model = made_up(6, 0.001)
+    difference = bias_along(6, 'fine_distance', {20: 1.0})
+    grain = LAYOUT.index(Feature('static_grain', 'structure', 0))
+    difference[:, grain] = 0.1
+    model.gap = difference
+    pattern = (registry()['fixed_pattern'],)
+    nothing = {'fine_distance': 0.004, 'region': 0.001}
+    one = main_covariate(model, difference, difference, True, pattern, nothing)
+    assert one is not None
+    assert (one.axis, one.channel, one.size) == ('structure', 'static_grain', pytest.approx(0.1))
+    row = {
+        'covariate': 'structure',
+        'channel': 'static_grain',
+        'size': 0.1,
+        'unit_size': 'sigma^2',
+        **dict.fromkeys(('low', 'high')),
+        **dict.fromkeys(('unit', 'detail'), ''),
+    }
+    assert finding(row).startswith('The gap is alike everywhere: fixed-pattern noise +0.1. ')
 
 
 def test_a_recording_is_named_only_if_nothing_else_singles_it_out() -> None:
@@ -225,3 +271,47 @@ def test_groups_show_what_an_effect_changes_and_where() -> None:
     assert found[0].axis == 'incidence'
     assert found[0].difference[lost] > 0.1
     assert cover([sums.groups(before, [before], [before], 12)], True) == []
+
+
+@pytest.mark.parametrize(
+    ('effect', 'axis'),
+    [
+        ({'offset': {'bias': 0.01}}, ''),
+        ({'fixed_pattern': {}}, ''),
+        ({'quantisation': {}}, ''),
+        ({'excess_noise': {}}, ''),
+        ({'random_dropout': {}}, ''),
+        ({'grazing_dropout': {'half_deg': 60.0}}, 'incidence'),
+        ({'lateral_noise': {}}, 'edge'),
+    ],
+)
+def test_a_covariate_tells_what_an_effect_changes_or_none_does(
+    effect: dict[str, Any], axis: str
+) -> None:
+    K = flexx2().intrinsics.matrix  # noqa: N806
+    room = make_room(np.random.default_rng(2))
+    clean, rho = look(room, K, (172, 224), optical(0.1, 0.35, 0.0), np.array([0.0, 0.1, 0.6]))
+    stamps = np.arange(4) * 33_000_000
+    plain, real = (
+        Camera(effects=effects, seed=1).capture(clean, K, stamps, rho).depth
+        for effects in ({}, effect)
+    )
+    mode, axes = flexx2().mode('Mode_9_30fps'), axes_of(flexx2())
+    scene = look_at(clean, None, 0.0, rho, K, mode, axes)
+    counts = count_changes(plain, real, [scene])
+    tells = told([counts])
+    if axis:
+        assert max(tells, key=lambda name: tells[name]) == axis
+        assert tells[axis] > WHERE.tells
+    else:
+        assert max(tells.values()) < WHERE.tells / 2
+    assert told([count_changes(plain, plain, [scene])]) == {}
+
+
+def test_an_uncertainty_coefficient_is_a_fraction_of_the_entropy() -> None:
+    assert uncertainty_coefficient(np.full((3, 4), 100.0)) == pytest.approx(0)
+    assert uncertainty_coefficient(np.zeros((3, 4))) == 0
+    entropy = np.log(3)
+    assert uncertainty_coefficient(np.diag(np.full(3, 100.0))) == pytest.approx(
+        entropy / (entropy + WHERE.least_entropy)
+    )

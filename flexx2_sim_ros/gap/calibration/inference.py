@@ -167,6 +167,16 @@ class Where:
         'on the energy along covariates that no named effect depends on by its formula',
         'python -m bench.gap_where --seeds 21,22,23; by hand: 0 names the same, 0.5 has 8 misses',
     )
+    tells: float = constant(
+        0.1,
+        'fraction of the entropy',
+        'of what effects change at a pixel, that a covariate takes away; below, they act '
+        'everywhere alike',
+        'python -m bench.gap_localisation; by hand: 0.02 to 0.15 name the same',
+    )
+    least_entropy: float = constant(
+        0.1, 'nats', 'added to an entropy that is divided by: what is rare says little'
+    )
     stretch: float = constant(
         0.5, 'largest difference', 'bins beside it with this much are in the same row'
     )

@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 
 from flexx2_sim_ros.gap.calibration.features import SIMULATION
 from flexx2_sim_ros.gap.data.registration import RecordingData
+from flexx2_sim_ros.gap.features.changes import count_changes
 from flexx2_sim_ros.gap.features.features import features, lattice_spectrum
 from flexx2_sim_ros.gap.features.physical import distance, distances, histogram, Measures, UNITS
 from flexx2_sim_ros.gap.features.pixel_groups import GroupSums, PixelGroups
@@ -37,6 +38,8 @@ class Outcome:
         (h, w) images for the report: mean error in sigma of real, before and after.
     groups : PixelGroups
         What differs in small groups of pixels.
+    changes : numpy.ndarray
+        (2, BINS, CLASSES) what the effects change at single pixels, see `count_changes`.
     frame : SingleFrame or None
         A frame to show, if one was asked for.
 
@@ -49,16 +52,17 @@ class Outcome:
     counts: np.ndarray
     maps: dict[str, np.ndarray]
     groups: PixelGroups
+    changes: np.ndarray
     frame: SingleFrame | None
 
 
 class _Look(NamedTuple):
-    # A recording or a simulation of it, and one of its frames.
+    # A recording or a simulation of it.
     sums: Sums
     measures: Measures
     everywhere: Measures
     groups: np.ndarray
-    frame: np.ndarray
+    depth: np.ndarray
 
 
 def confirm(
@@ -90,10 +94,9 @@ def confirm(
 
     def look(depth: np.ndarray) -> _Look:
         sums = scene.sums(depth)
-        frame = depth[middle].copy()
         measures = histogram(depth, scenes, sums, at_edges=at_edges)
         everywhere = measures if at_edges else histogram(depth, scenes, sums)
-        return _Look(sums, measures, everywhere, grouped.add(depth), frame)
+        return _Look(sums, measures, everywhere, grouped.add(depth), depth)
 
     def several(table: dict[str, Any]) -> list[_Look]:
         own = with_uptime(table, recording.uptime)
@@ -133,7 +136,8 @@ def confirm(
             [one.groups for one in after],
             len(recording.depth),
         ),
-        single_frame(middle, [one.frame for one in (real, before[0], after[0])], scenes)
+        count_changes(before[0].depth, after[0].depth, scenes),
+        single_frame(middle, [one.depth[middle] for one in (real, before[0], after[0])], scenes)
         if show
         else None,
     )

@@ -7,15 +7,18 @@ depends on has the largest energy, because its bins do not average the differenc
 
 In few recordings, covariates are alike: the dark surfaces may be the distant ones. Where effects
 are named, the covariates that these depend on by their formulas therefore count more than others.
+What the named effects change at single pixels is known from simulation. If no covariate tells
+anything about it, the effects act on all pixels alike.
 """
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 
 from flexx2_sim_ros.effects import Effect
 from flexx2_sim_ros.gap.calibration.inference import WHERE
 from flexx2_sim_ros.gap.data.axes import AXES
-from flexx2_sim_ros.gap.features.features import CHANNEL_UNITS, LAYOUT, TOLERANCE
+from flexx2_sim_ros.gap.features.features import CHANNEL_UNITS, LAYOUT, STRUCTURE_UNITS, TOLERANCE
 from flexx2_sim_ros.gap.inference.model import Model
 import numpy as np
 
@@ -43,7 +46,7 @@ class MainCovariate:
     Attributes
     ----------
     axis : str
-        Of `AXES`, ``recording`` or ``uptime``.
+        Of `AXES`, ``recording``, ``uptime``, or ``structure`` for what whole images show.
     first, last : int
         Bins of it, inclusive: recordings, or intervals of `WHERE.uptimes`.
     channel : str
@@ -88,6 +91,7 @@ def main_covariate(
     shown: np.ndarray,
     exact: bool,
     named: Collection[type[Effect]] = (),
+    tells: Mapping[str, float] = MappingProxyType({}),
 ) -> MainCovariate | None:
     """
     Find the covariate along which real and simulated depth differ most.
@@ -104,6 +108,9 @@ def main_covariate(
         Whether the difference has no noise, as the change by effects.
     named : collection of type of Effect
         The effects that explain the difference.
+    tells : mapping of str to float
+        By axis, how much it tells about what these effects change at a pixel, see `told`. Empty
+        where that is not known.
 
     Returns
     -------
@@ -127,10 +134,15 @@ def main_covariate(
     if max(powers, default=0.0) <= 0:
         return None
     best = found[int(np.argmax(powers))]
+    if tells and best.axis != 'all':
+        if max(tells.values()) < WHERE.tells:
+            return _largest_stretch(features.of_whole_images())
+        if best.axis not in expected:
+            best = _most_telling(found, powers, expected, tells)
     found_there = _largest_stretch(best)
-    everywhere = features.along(best.channel, 'all')
-    if everywhere is not None and _is_whole(found_there, best):
-        return _largest_stretch(everywhere)
+    whole = features.along(best.channel, 'all')
+    if whole is not None and _is_whole(found_there, best):
+        return _largest_stretch(whole)
     return found_there
 
 
@@ -140,8 +152,24 @@ def _is_whole(one: MainCovariate, bins: _Bins) -> bool:
 
 
 def _power(bins: _Bins, expected: Collection[str]) -> float:
-    factor = 1.0 if not expected or bins.axis in expected else WHERE.unexpected
-    return factor * WHERE.main[bins.axis] * float(bins.energies.sum())
+    return _factor(bins.axis, expected) * float(bins.energies.sum())
+
+
+def _factor(axis: str, expected: Collection[str]) -> float:
+    return WHERE.main[axis] * (1.0 if not expected or axis in expected else WHERE.unexpected)
+
+
+def _most_telling(
+    found: list[_Bins], powers: list[float], expected: Collection[str], tells: Mapping[str, float]
+) -> _Bins:
+    # Few pixels with large changes, as at edges, have most of the energy whatever the effect
+    # depends on. So the covariate that tells most about a single pixel is taken.
+    some = [i for i, power in enumerate(powers) if power > 0]
+    best = max(
+        some,
+        key=lambda i: (_factor(found[i].axis, expected) * tells.get(found[i].axis, 0), powers[i]),
+    )
+    return found[best]
 
 
 class _Features:
@@ -165,12 +193,22 @@ class _Features:
     def along(self, channel: str, axis: str) -> _Bins | None:
         if axis in ('recording', 'uptime'):
             return self._of_recordings(channel, axis)
+        if axis == 'structure':
+            one = AXES['all'].start
+            return self._pooled(axis, channel, [_INDEX[channel, axis, 0]], slice(one, one + 1))
         places = range(AXES[axis].bins)
         index = [_INDEX[channel, axis, i] for i in places if (channel, axis, i) in _INDEX]
         if not index:
             return None
         start = AXES[axis].start
         return self._pooled(axis, channel, index, slice(start, start + AXES[axis].bins))
+
+    def of_whole_images(self) -> _Bins:
+        # What differs most among all that is measured without bins.
+        found = [self.along(channel, 'structure') for channel in STRUCTURE_UNITS]
+        found += [self.along(channel, 'all') for channel in CHANNEL_UNITS]
+        known = [bins for bins in found if bins is not None]
+        return max(known, key=lambda bins: float(bins.energies.sum()))
 
     def _of_recordings(self, channel: str, axis: str) -> _Bins | None:
         groups = np.arange(len(self._good)) if axis == 'recording' else self._uptimes

@@ -1,6 +1,6 @@
 """Where the real camera and the simulation differ."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 from flexx2_sim_ros.effects import Effect
@@ -44,6 +44,7 @@ def places(
     difference: np.ndarray,
     shown: np.ndarray,
     groups: Sequence[PixelGroups],
+    tells: Mapping[str, float],
     exact: bool,
     sigma_error: float,
     named: Collection[type[Effect]],
@@ -61,6 +62,8 @@ def places(
         (R, SIZE) real minus simulated features, from which the listed sizes come.
     groups : sequence of PixelGroups
         One for each recording, from the simulation with the effects found.
+    tells : mapping of str to float
+        How much each covariate tells about what these effects change, see `told`.
     exact : bool
         Whether effects explain the difference. Then their change is listed, which has no noise.
     sigma_error : float
@@ -77,7 +80,7 @@ def places(
 
     """
     rows = _all_places(model, difference, shown, groups, exact, sigma_error)
-    main = main_covariate(model, difference, shown, exact, named)
+    main = main_covariate(model, difference, shown, exact, named, tells)
     if main is None:
         return rows
     first = _main_row(main, model)
@@ -87,7 +90,7 @@ def places(
 
 def _main_row(main: MainCovariate, model: Model) -> dict[str, Any]:
     names, axes = [e.name for e in model.evidence], model.evidence[0].axes
-    unit = CHANNEL_UNITS[main.channel]
+    unit = {**CHANNEL_UNITS, **STRUCTURE_UNITS}[main.channel]
     tolerance = FEATURES.tolerances[main.channel]
     p = _tail(np.array([main.difference]), tolerance, np.array([main.noise**2]))
     return {

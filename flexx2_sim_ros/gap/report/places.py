@@ -36,6 +36,7 @@ CHANNELS = {
 # What to record to see a difference along each covariate alone.
 _NEXT_STEPS = {
     'all': 'A flat wall, seen straight on, is enough to see it.',
+    'structure': 'A flat wall, seen straight on, is enough to see it.',
     'distance': 'To see it alone, move the camera towards a flat wall in small steps.',
     'incidence': 'To see it alone, turn a flat board away from the camera in small steps.',
     'amplitude': 'To see it alone, record a dark and a bright board at the same distance.',
@@ -94,6 +95,8 @@ def finding(cell: dict[str, Any]) -> str:
     covariate = cell['covariate'].removeprefix('fine_')
     step = _NEXT_STEPS.get('region' if covariate.startswith('image') else covariate, '')
     said = _said(cell)
+    if covariate == 'structure':
+        return f'The gap is alike {place(cell)}. {step}'
     if said is None:
         return f'The gap is largest here: {place(cell)}. {step}'.strip()
     return f'The gap is largest here: {_subject(cell)} {said}. {step}'.strip()

@@ -40,6 +40,8 @@ def covariate_of(place: str) -> str:
     """Return the covariate that a row of ``where`` names, without the number of its bin."""
     if place.startswith('image region'):
         return 'image region'
+    if place == 'structure':  # measured on whole images, such as the step between depths
+        return 'all'
     return place.removeprefix('fine_')
 
 
