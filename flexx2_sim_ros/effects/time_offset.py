@@ -91,10 +91,13 @@ class TimeOffset(Effect):
         state.reflectivity = kept[late if is_late_nearer(share) else early][2]
 
 
+_NO_OFFSET = TimeOffset(latency=0.0)
+
+
 def time_offset_of(effects: Iterable[EffectProtocol]) -> TimeOffset:
     """Return the `TimeOffset` among effects, or one that does nothing."""
     found = (effect for effect in effects if isinstance(effect, TimeOffset))
-    return next(found, TimeOffset(latency=0.0))
+    return next(found, _NO_OFFSET)
 
 
 def changing(effects: Iterable[EffectProtocol]) -> tuple[Any, ...]:

@@ -244,7 +244,7 @@ class Flexx2Camera(SteadyNode):
         reflectivity = self._find_reflectivity(match, image.shape)
         if not self._due(match.stamp):
             return
-        self._watch.look(image, match.image.encoding, self._camera.mode)
+        self._watch.keep(image, match.image.encoding, self._camera.mode)
         head = messages.header(match.stamp, self.settings.frame_id or match.image.header.frame_id)
         self._place(head.frame_id)
         frame = None
@@ -258,7 +258,8 @@ class Flexx2Camera(SteadyNode):
                 None if reflectivity is None else view.reflectivity(reflectivity),
             )
             _make_invalid(frame, view.outside)
-            self._statistics.invalid_fraction = float(np.isnan(frame.depth).mean())
+            invalid = np.count_nonzero(np.isnan(frame.depth))
+            self._statistics.invalid_fraction = invalid / frame.depth.size
         delay = time_offset_of(self._camera.effects).delay_ns
         publish = partial(self._publish, head, frame, start)
         self._late.add(match.stamp, delay, partial(self._safely, publish))

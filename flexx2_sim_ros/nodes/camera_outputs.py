@@ -38,6 +38,8 @@ class CameraOutputs:
         self._node, self._settings = node, settings
         self._full_scale = sensor.full_scale_amplitude
         self._rays = pixel_rays(settings.intrinsics)
+        # The lens does not change while the node runs: only the header is set for each frame.
+        self._lens = messages.camera_info_message(Header(), settings.intrinsics)
         self._depth = self._publisher(Image, '~/depth_image_0')
         self._info = self._publisher(CameraInfo, '~/camera_info')
         self._cloud = self._publisher(PointCloud2, '~/point_cloud_0')
@@ -60,7 +62,8 @@ class CameraOutputs:
 
     def publish_info(self, head: Header) -> None:
         """Publish the camera info of a frame."""
-        self._info.publish(messages.camera_info_message(head, self._settings.intrinsics))
+        self._lens.header = head
+        self._info.publish(self._lens)
 
     def publish_frame(self, head: Header, frame: Frame) -> None:
         """Publish the images and the cloud that are wanted; changes invalid values in `frame`."""

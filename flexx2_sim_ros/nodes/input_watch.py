@@ -51,15 +51,14 @@ class InputWatch:
     def __init__(self, inputs: Mapping[str, Input], pairing: StampPairing) -> None:
         """Start without remarks."""
         self._inputs, self._pairing = inputs, pairing
-        self._suspect: tuple[np.ndarray, str, Mode] | None = None
+        self._image: tuple[np.ndarray, str, Mode] | None = None
         self._lost = dict.fromkeys(inputs, 0)
         self._lost_at = dict.fromkeys(inputs, float('-inf'))
         self._paired = (0, 0)
 
-    def look(self, depth: np.ndarray, encoding: str, mode: Mode) -> None:
-        """Check a decoded depth image (H, W) in metres; keep it if no pixel seems in range."""
-        fine = sees_something(depth, mode.range_min, mode.range_max)
-        self._suspect = None if fine else (depth, encoding, mode)
+    def keep(self, depth: np.ndarray, encoding: str, mode: Mode) -> None:
+        """Keep a decoded depth image (H, W) in metres; the next `remarks` checks the last one."""
+        self._image = depth, encoding, mode
 
     def remarks(self) -> list[Remark]:
         """Return the present remarks, the most important first."""
@@ -99,9 +98,11 @@ class InputWatch:
         return remarks
 
     def _invisible(self) -> list[Remark]:
-        if self._suspect is None:
+        if self._image is None:
             return []
-        depth, encoding, mode = self._suspect
+        depth, encoding, mode = self._image
+        if sees_something(depth, mode.range_min, mode.range_max):
+            return []
         finding = explain(depth, encoding, mode.range_min, mode.range_max)
         if finding is None:
             return []
