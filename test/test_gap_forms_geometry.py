@@ -11,22 +11,33 @@ from flexx2_sim_ros.gap.forms.geometry import shape_of
 from flexx2_sim_ros.gap.forms.named import calibrate_named, Simulator
 from flexx2_sim_ros.gap.forms.samples import Samples
 from flexx2_sim_ros.gap.report.calibration_page import figures
+from flexx2_sim_ros.gap.work import find
+from flexx2_sim_ros.jobs import workers
 import numpy as np
 import pytest
 from test_gap_calibrate import write_diagnosis
 
 LENS = {'focal': 0.01, 'cx': 0.5, 'cy': -0.4, 'k1': 0.03}
+# What a diagnosis may name: a part of the lens, and a pose error for the rest.
+PART = {'focal': 0.006, 'cx': 0.2, 'cy': -0.2, 'k1': 0.02}
+NAMED = {'pose_error': {'x': 0.002}, 'intrinsics_error': PART}
 COUNT = 400
 
 
-def test_a_wrong_lens_is_found_although_the_poses_are_wrong(tmp_path: Path) -> None:
-    """Assert it from a diagnosis that has only a part of it, and a pose error instead."""
-    recordings = tmp_path / 'recordings'
+@pytest.fixture(scope='module')
+def recordings(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Record rooms with a wrong lens, from poses that are wrong, too."""
+    folder = tmp_path_factory.mktemp('lens') / 'recordings'
     size = {'recordings': 6, 'frames': 6, 'scale': 0.25, 'moving': 0}
-    write_campaign(recordings, seed=131, effects={'intrinsics_error': LENS}, **size)
-    part = {'focal': 0.006, 'cx': 0.2, 'cy': -0.2, 'k1': 0.02}
-    named = {'pose_error': {'x': 0.002}, 'intrinsics_error': part}
-    diagnosis = write_diagnosis(tmp_path / 'diagnosis', named)
+    write_campaign(folder, seed=131, effects={'intrinsics_error': LENS}, **size)
+    return folder
+
+
+def test_a_wrong_lens_is_found_although_the_poses_are_wrong(
+    recordings: Path, tmp_path: Path
+) -> None:
+    """Assert it from a diagnosis that has only a part of it, and a pose error instead."""
+    diagnosis = write_diagnosis(tmp_path / 'diagnosis', NAMED)
     table = calibrate(diagnosis, recordings, out=tmp_path / 'out')
     (row,) = table['effects']
     assert row['form'] == 'focal length, centre and distortion'
@@ -86,12 +97,19 @@ def test_the_prior_of_the_poses_becomes_as_wide_as_they_are() -> None:
     assert wide.with_usual_poses(columns, penalty).samples[0].spread[0, 0] == 0.0002
 
 
-def test_a_lens_with_a_pose_error_besides_stays_as_it_was_diagnosed() -> None:
-    """Assert it of a diagnosis: the pose error makes up for a part of the lens."""
-    named = parse_effects({'pose_error': {'x': 0.002}, 'intrinsics_error': LENS})
-    simulator = Simulator(lambda *_: [], None, {}, 0, (0.01,) * 3 + (0.5,) * 3)
-    nothing = [np.zeros(6)] * 3
-    assert calibrate_named([None] * 3, nothing, named, [named] * 3, simulator, print) is None
+def test_a_diagnosis_leaves_a_pose_error_out_beside_a_fitted_lens(recordings: Path) -> None:
+    """Assert that only the fitted lens is left: the pose error made up for a part of it."""
+    named = parse_effects(NAMED)
+    with workers(1, None) as mapped:
+        simulator = Simulator(mapped, None, {}, 0, (0.01,) * 3 + (0.5,) * 3)
+        found, _ = find(recordings, None, mapped)
+        motions = [np.zeros(6)] * len(found)
+        forms = calibrate_named(found, motions, named, [named] * 6, simulator, lambda: None)
+    assert forms is not None
+    assert forms.taken
+    assert forms.dropped == ['pose_error']
+    (lens,) = forms.effects(named)
+    assert lens.focal == pytest.approx(LENS['focal'], abs=0.004)
 
 
 def test_a_table_of_fitted_numbers_has_the_title_that_its_page_gives_it() -> None:

@@ -24,7 +24,6 @@ from flexx2_sim_ros.gap.forms.calibrating import (
     Verdict,
 )
 from flexx2_sim_ros.gap.forms.empirical import NAME
-from flexx2_sim_ros.gap.forms.geometry import is_fitted_with_poses
 from flexx2_sim_ros.gap.forms.named import Simulator
 from flexx2_sim_ros.gap.forms.work import Looked, outcome, Settings
 from flexx2_sim_ros.gap.inference.effects import table_of
@@ -122,7 +121,7 @@ def calibrate(
         jobs_of_all = list(zip(chosen.looked, now, strict=True))
         outcomes = simulator.run(outcome, jobs_of_all, lambda: None)
     posed = [one for one in before.effects if one.role == 'pose']
-    dropped = posed if _fits_lens(chosen.verdicts) else []
+    dropped = posed if chosen.fits_lens else []
     kept = [] if dropped else posed
     calibrated = with_delay([*kept, *parse_effects(effects)], before.arrival)
     table = _table(explained, chosen, empirical, left_out)
@@ -135,11 +134,6 @@ def calibrate(
         write_calibration(Path(out), table, calibrated, chosen.verdicts, chosen.looked)
     progress('done', 1.0)
     return table
-
-
-def _fits_lens(verdicts: Sequence[Verdict]) -> bool:
-    # A pose error made up for a part of the diagnosed lens, and does not suit a fitted one.
-    return any(one.taken and is_fitted_with_poses(one.proposal.effect) for one in verdicts)
 
 
 def _explanations(before: Diagnosed) -> list[Settings]:

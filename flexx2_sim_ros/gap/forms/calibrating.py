@@ -117,6 +117,18 @@ class Explained:
     now: list[Settings]
     apart: list[dict[str, float]]
 
+    @property
+    def fits_lens(self) -> bool:
+        """
+        Return whether a fitted lens is taken.
+
+        A pose error that was diagnosed besides made up for a part of the diagnosed lens. It does
+        not suit the fitted one.
+        """
+        return any(
+            one.taken and is_fitted_with_poses(one.proposal.effect) for one in self.verdicts
+        )
+
 
 Jobs = Sequence[tuple[Looked, Sequence[Settings]]]
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from flexx2_sim_ros.camera import Profile
-from flexx2_sim_ros.effects import Effect, parse_effects
+from flexx2_sim_ros.effects import Effect, of_role, parse_effects
 from flexx2_sim_ros.gap.calibration.forms import FORMS
 from flexx2_sim_ros.gap.data.campaign import Found
 from flexx2_sim_ros.gap.data.given import Table
@@ -18,7 +18,6 @@ from flexx2_sim_ros.gap.forms.calibrating import (
     quickly_calibratable,
     Work,
 )
-from flexx2_sim_ros.gap.forms.geometry import is_fitted_with_poses
 from flexx2_sim_ros.gap.forms.work import (
     confirm_settled,
     judge,
@@ -112,10 +111,15 @@ class Calibrated:
         """Return whether a form was taken."""
         return any(one.taken for one in self.explained.verdicts)
 
+    @property
+    def dropped(self) -> list[str]:
+        """Return the names of effects that do not suit these forms: a pose error beside a lens."""
+        return [of_role('pose').name] if self.explained.fits_lens else []
+
     def effects(self, named: Sequence[Effect]) -> list[Effect]:
-        """Return the named effects with the forms that are taken, in the same order."""
+        """Return the other named effects with the forms that are taken, in the same order."""
         forms = {one.name: one for one in parse_effects(self.explained.effects)}
-        return [forms.get(one.name, one) for one in named]
+        return [forms.get(one.name, one) for one in named if one.name not in self.dropped]
 
     def confirmed(
         self, simulator: Simulator, shown: Sequence[bool], step: Step
@@ -179,9 +183,6 @@ def calibrate_named(
     """
     effects = _of_camera(named)
     names = quickly_calibratable(effects)
-    if any(one.role == 'pose' for one in named):
-        # The pose error makes up for a part of the lens, and would not suit another one.
-        names = [name for name in names if not is_fitted_with_poses(name)]
     if len(used) < FORMS.fewest or not names:
         return None
     without = [_of_camera(own) for own in held_out]

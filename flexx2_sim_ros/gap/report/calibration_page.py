@@ -14,6 +14,7 @@ from flexx2_sim_ros.gap.forms.bias import covariate_of
 from flexx2_sim_ros.gap.forms.calibrating import Proposal, Verdict
 from flexx2_sim_ros.gap.forms.work import Looked
 from flexx2_sim_ros.gap.report.text import percent, spaced
+from flexx2_sim_ros.gap.report.words import why_dropped
 from flexx2_sim_ros.html_drawing import CURVE_STYLE, curves, picture
 from flexx2_sim_ros.html_page import html_page
 import numpy as np
@@ -88,10 +89,7 @@ def sentences(table: dict[str, Any]) -> list[str]:
         f'{spaced(name)}: stays as it was diagnosed; it has no form to fit.'
         for name in table['unchanged']
     ]
-    out += [
-        f'{spaced(name)}: left out; it made up for what the diagnosed lens did not explain.'
-        for name in table['dropped']
-    ]
+    out += map(why_dropped, table['dropped'])
     row = table['empirical']
     if row:
         verb = 'is added; its cause is not known' if row['taken'] else 'is not added'

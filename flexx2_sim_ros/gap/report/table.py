@@ -122,12 +122,15 @@ def calibrated_table(
         for one in calibrated.explained.verdicts
     ]
     before = {key: table['gap'][key] for key in ('shrink', 'interval', 'measured_by')}
-    out = {**table, 'calibration': {'effects': verdicts, 'typical_gap': before}}
+    dropped = [row['name'] for row in table['effects'] if row['name'] in calibrated.dropped]
+    about = {'effects': verdicts, 'dropped': dropped, 'typical_gap': before}
+    out = {**table, 'calibration': about}
     if not calibrated.taken:
         return out
     out['effects'] = [
         {**row, 'parameters': forms.get(row['name'], row['parameters'])}
         for row in table['effects']
+        if row['name'] not in dropped
     ]
     out['gap'] = _gap(model, decision, confirmed, formed=True)
     taken = [row['name'] for row in verdicts if row['taken'] and row['name'] != PATTERN]

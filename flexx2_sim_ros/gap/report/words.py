@@ -133,8 +133,14 @@ def _calibrated(table: dict[str, Any]) -> list[str]:
     removed = percent(table['calibration']['typical_gap']['shrink'])
     return [
         f'Calibrated: {forms}. In the form of the catalogue, the effects would remove {removed} '
-        'of the gap.'
+        'of the gap.',
+        *map(why_dropped, table['calibration']['dropped']),
     ]
+
+
+def why_dropped(name: str) -> str:
+    """Return why a pose error is left out beside a fitted lens."""
+    return f'{spaced(name)}: left out; it made up for what the diagnosed lens did not explain.'
 
 
 def reduction(gap: dict[str, Any]) -> list[str]:
