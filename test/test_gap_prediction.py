@@ -4,7 +4,7 @@ from pathlib import Path
 
 from bench.gap_campaigns import write_campaign
 from flexx2_sim_ros.camera import flexx2
-from flexx2_sim_ros.gap import diagnose
+from flexx2_sim_ros.gap import diagnose, measure
 from flexx2_sim_ros.validation.benchmark.realised import distances
 import pytest
 
@@ -37,3 +37,18 @@ def test_the_predicted_reduction_happens_in_other_rooms(effects: dict, tmp_path:
     realised = (before - after) / (before - null)
     assert realised > 0.9
     assert table['gap']['shrink'] == pytest.approx(realised, abs=0.03)
+
+
+def test_the_prediction_for_a_gap_below_the_tolerance_happens_in_other_rooms(
+    tmp_path: Path,
+) -> None:
+    """Assert it for steps of depth, which the features show and the distance does not."""
+    effects = {'quantisation': {'step': 0.003}}
+    write_campaign(tmp_path / 'campaign', seed=131, effects=effects, **EXACT)
+    write_campaign(tmp_path / 'fresh', seed=132, effects=effects, **EXACT)
+    table = diagnose(tmp_path / 'campaign')
+    found = {row['name']: row['parameters'] for row in table['effects']}
+    assert list(found) == list(effects)
+    assert table['gap']['measured_by'] == 'loss'
+    realised = measure(tmp_path / 'fresh', found)['shrink']
+    assert table['gap']['shrink'] == pytest.approx(realised, abs=0.1)

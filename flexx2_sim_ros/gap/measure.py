@@ -7,9 +7,12 @@ from typing import Any
 from flexx2_sim_ros.camera import Profile
 from flexx2_sim_ros.effects import parse_effects
 from flexx2_sim_ros.gap.calibration.inference import THRESHOLDS
+from flexx2_sim_ros.gap.features.simulation import counts_edges
 from flexx2_sim_ros.gap.given_effects import fit_without_and_with
-from flexx2_sim_ros.gap.work import find
-from flexx2_sim_ros.jobs import workers
+from flexx2_sim_ros.gap.inference.effects import table_of
+from flexx2_sim_ros.gap.inference.improvement import simulated_losses
+from flexx2_sim_ros.gap.work import find, simulate_set
+from flexx2_sim_ros.jobs import bind, workers
 import numpy as np
 
 
@@ -54,20 +57,33 @@ def measure(
 
     """
     prior = np.array([pose_prior[0]] * 3 + [pose_prior[1]] * 3)
+    parsed = parse_effects(effects)
     with workers(jobs, None) as mapped:
         found, left_out = find(campaign_dir, profile, mapped)
         fitted = fit_without_and_with(
             campaign_dir,
             found,
             left_out,
-            parse_effects(effects),
+            parsed,
             profile=profile,
             seed=seed,
             prior=prior,
             mapped=mapped,
             progress=lambda text, fraction: None,
         )
-    before, after, null = (float(one) for one in fitted.losses().sum(axis=0))
+        motions = [after for _, after in fitted.motions()]
+        table = table_of(one for one in parsed if one.role != 'pose')
+        simulated = mapped(
+            bind(simulate_set, profile=profile, seed=seed),
+            [
+                (file, tuple(motion), table, False)
+                for file, motion in zip(fitted.found, motions, strict=True)
+            ],
+            lambda: None,
+        )
+    without, given = zip(fitted.models, fitted.fits, strict=True)
+    losses = simulated_losses(without, given, simulated, motions, counts_edges(table))
+    before, after, null = (float(one) for one in losses.sum(axis=0))
     excess = before - null
     # Poses can take over what effects would explain, as an offset in front of a wall.
     gap = excess >= THRESHOLDS.gap * len(fitted.found)

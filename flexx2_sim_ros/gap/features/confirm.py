@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 from flexx2_sim_ros.gap.calibration.features import SIMULATION
 from flexx2_sim_ros.gap.data.registration import RecordingData
 from flexx2_sim_ros.gap.features.changes import count_changes
-from flexx2_sim_ros.gap.features.features import features, lattice_spectrum
+from flexx2_sim_ros.gap.features.features import features, lattice_spectrum, static_grain
 from flexx2_sim_ros.gap.features.physical import distance, distances, histogram, Measures, UNITS
 from flexx2_sim_ros.gap.features.pixel_groups import GroupSums, PixelGroups
 from flexx2_sim_ros.gap.features.row_sums import EXPECT
@@ -32,6 +32,9 @@ class Outcome:
         simulations; in all of the image, jumps included.
     seen : numpy.ndarray
         (3, SIZE) float32 features of the recording, and simulated without and with the effects.
+    noise : numpy.ndarray
+        (SIZE,) float32 how noise alone sets a recording apart from the simulations with the
+        effects: from the difference of two of these.
     counts : numpy.ndarray
         (BINS,) float32 pixels looked at.
     maps : dict of str to numpy.ndarray
@@ -40,6 +43,8 @@ class Outcome:
         What differs in small groups of pixels.
     changes : numpy.ndarray
         (2, BINS, CLASSES) what the effects change at single pixels, see `count_changes`.
+    grain : numpy.ndarray
+        (h, w) float16 static pattern simulated with the effects, in sigma.
     frame : SingleFrame or None
         A frame to show, if one was asked for.
 
@@ -49,10 +54,12 @@ class Outcome:
     physical: dict[str, list[float]]
     gap: float
     seen: np.ndarray
+    noise: np.ndarray
     counts: np.ndarray
     maps: dict[str, np.ndarray]
     groups: PixelGroups
     changes: np.ndarray
+    grain: np.ndarray
     frame: SingleFrame | None
 
 
@@ -108,10 +115,9 @@ def confirm(
     after = several(effects) if effects else before
     spectrum = np.mean([lattice_spectrum(one.sums) for one in before], axis=0)
     own, _ = features(real.sums, spectrum)
-    means = [
-        np.mean([features(one.sums, spectrum)[0] for one in some], axis=0)
-        for some in (before, after)
-    ]
+    found = [[features(one.sums, spectrum)[0] for one in some] for some in (before, after)]
+    # A recording and the mean of n simulations differ by less than two simulations.
+    noise = (found[1][1] - found[1][0]) * np.sqrt((1 + 1 / len(after)) / 2)
     gaps = [[distances(real.measures, one.measures) for one in some] for some in (before, after)]
     # Simulated with the effects: effects that add noise put two simulations farther apart, too.
     gaps.append([distances(after[1].measures, after[0].measures)])
@@ -124,7 +130,8 @@ def confirm(
         recording.name,
         physical,
         float(gap) - least,
-        np.array([own, *means], np.float32),
+        np.array([own, *(np.mean(some, axis=0) for some in found)], np.float32),
+        noise.astype(np.float32),
         real.sums.bins[:, EXPECT].astype(np.float32),
         {
             name: _map(one.sums)
@@ -137,6 +144,7 @@ def confirm(
             len(recording.depth),
         ),
         count_changes(before[0].depth, after[0].depth, scenes),
+        static_grain(after[0].sums).astype(np.float16),
         single_frame(middle, [one.depth[middle] for one in (real, before[0], after[0])], scenes)
         if show
         else None,

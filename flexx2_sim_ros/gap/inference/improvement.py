@@ -1,13 +1,23 @@
 """How much the simulated effects improve each measure of the gap, and whether it matters."""
 
+from collections.abc import Sequence
 from typing import Any
 
 from flexx2_sim_ros.gap.calibration.features import FEATURES
 from flexx2_sim_ros.gap.calibration.inference import THRESHOLDS
 from flexx2_sim_ros.gap.data.axes import AXES
+from flexx2_sim_ros.gap.features.confirm import Outcome
+from flexx2_sim_ros.gap.features.features import LAYOUT
+from flexx2_sim_ros.gap.features.grain import repeats
+from flexx2_sim_ros.gap.inference.fitting import Fit, fit
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.inference.uncertainty import mean_interval, ratio_interval
 import numpy as np
+
+_REPEAT = next(i for i, one in enumerate(LAYOUT) if one.channel == 'repeat')
+_AT_EDGES = np.array(
+    [one.axis in ('edge', 'concavity') or one.channel.startswith('jump_') for one in LAYOUT]
+)
 
 
 def tolerances(model: Model) -> dict[str, float]:
@@ -31,6 +41,56 @@ def tolerances(model: Model) -> dict[str, float]:
         'lag': table['lag'],
         'kl_nats': table['bias'] ** 2 / 2,
     }
+
+
+def simulated_losses(
+    without: tuple[Model, Fit],
+    fitted: tuple[Model, Fit],
+    confirmed: Sequence[Outcome],
+    motions: Sequence[np.ndarray],
+    edges: bool,
+) -> np.ndarray:
+    """
+    Return the loss of each recording before and after effects are simulated, and of noise alone.
+
+    The fit of effects adds up their features and interpolates between strengths. Here the effects
+    are simulated as they are. Each recording has its part of the loss of poses and other
+    nuisances, which are fitted again.
+
+    Parameters
+    ----------
+    without : tuple
+        The recordings, and the fit without effects.
+    fitted : tuple
+        The same with the effects.
+    confirmed : sequence of Outcome
+        Each recording, simulated with the effects.
+    motions : sequence of numpy.ndarray
+        (6 + 3 P,) where its camera and its planes are then, as for `registration.place`.
+    edges : bool
+        Whether features at jumps and sharp bends count; see `counts_edges`.
+
+    Returns
+    -------
+    numpy.ndarray
+        (R, 3).
+
+    """
+    used = ~_AT_EDGES | edges
+    model, accepted = fitted
+    gap = np.array([one.seen[0] - one.seen[2] for one in confirmed])
+    alike = [repeats([one.grain for one in some]) for some in (model.evidence, confirmed)]
+    gap[:, _REPEAT] = alike[0] - alike[1]
+    left = model.with_gap(np.where(np.isfinite(gap), gap, accepted.residual(model)))
+    left.own = model.own.at(motions)
+    if any(one.kind.role == 'pose' for one in accepted.candidates):
+        left.own.centre = left.own.pose[left.own.posed].mean(axis=0)
+    after = fit(left, [])
+    noise = np.where(model.good, np.nan_to_num([one.noise for one in confirmed]), 0)
+    rests = [one.residual(of) for of, one in (without, (left, after))]
+    losses = [model.losses(np.where(used, one, 0)) for one in (*rests, noise)]
+    own = without[1].pose_loss, after.pose_loss, after.pose_loss
+    return np.stack(losses, axis=1) + np.array(own) / len(gap)
 
 
 def measured(values: np.ndarray, tolerance: float) -> dict[str, Any]:

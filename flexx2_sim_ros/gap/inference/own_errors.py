@@ -6,6 +6,7 @@ gives is held by that, the poses of the other recordings by the spread that they
 """
 
 from collections.abc import Sequence
+from copy import copy
 
 from flexx2_sim_ros.gap.calibration.data import GROUND_TRUTH
 from flexx2_sim_ros.gap.calibration.inference import Loss
@@ -88,6 +89,24 @@ class OwnErrors:
             np.concatenate([one, other[: 0 if p is None else len(p) - POSE]])
             for one, other, p in zip(pose, planes, self._precision, strict=True)
         ]
+
+    def at(self, motions: Sequence[np.ndarray]) -> 'OwnErrors':
+        """
+        Return the same errors of recordings that were moved there; the inverse of `found`.
+
+        Parameters
+        ----------
+        motions : sequence of numpy.ndarray
+            (6 + 3 P,) each recording's pose and planes in all.
+
+        """
+        other = copy(self)
+        other.pose = np.array([one[:POSE] for one in motions]) / STEPS
+        other.planes = np.zeros_like(self.planes)
+        for row, one in zip(other.planes, motions, strict=True):
+            planes = one[POSE:]
+            row[: len(planes)] = planes / np.resize(PLANE_STEPS, len(planes))
+        return other
 
     def loss(self, amounts: np.ndarray, common_pose: bool, held_out: bool = False) -> float:
         """

@@ -15,11 +15,12 @@ from flexx2_sim_ros.gap.features.confirm import Outcome
 from flexx2_sim_ros.gap.features.evidence import Evidence
 from flexx2_sim_ros.gap.features.features import ENOUGH
 from flexx2_sim_ros.gap.features.physical import COUNTED, distance, UNITS
+from flexx2_sim_ros.gap.features.simulation import counts_edges
 from flexx2_sim_ros.gap.forms.calibrating import PATTERN
 from flexx2_sim_ros.gap.forms.named import Calibrated
 from flexx2_sim_ros.gap.inference.decide import Alternative, Decision
 from flexx2_sim_ros.gap.inference.effects import fitted_effects
-from flexx2_sim_ros.gap.inference.improvement import measured, tolerances
+from flexx2_sim_ros.gap.inference.improvement import measured, simulated_losses, tolerances
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.inference.told import told
 from flexx2_sim_ros.gap.inference.uncertainty import ratio_interval
@@ -66,6 +67,7 @@ def diagnosis_table(
     """
     age = age_table(effects, used)
     residual = decision.accepted.residual(model)
+    motions = model.own.found(decision.accepted.nuisances)
     finds = decision.finds_gap
     return {
         'schema': SCHEMA,
@@ -81,7 +83,7 @@ def diagnosis_table(
             unexplained(model, residual, model.null_loss.sum(axis=0)) if finds else []
         ),
         'where': _where(model, decision, residual, confirmed) if finds else [],
-        'gap': _gap(model, decision, confirmed),
+        'gap': _gap(model, decision, confirmed, motions),
         'calibration': None,
         'age': age,
         'evidence': decision.support.as_table(),
@@ -132,7 +134,7 @@ def calibrated_table(
         for row in table['effects']
         if row['name'] not in dropped
     ]
-    out['gap'] = _gap(model, decision, confirmed, formed=True)
+    out['gap'] = _gap(model, decision, confirmed, motions)
     taken = [row['name'] for row in verdicts if row['taken'] and row['name'] != PATTERN]
     parts = zip(out['recordings'], motions, calibrated.explained.now, strict=False)
     for row, motion, own in parts:  # Those used are first.
@@ -239,7 +241,7 @@ def _same_noise(model: Model, index: int) -> list[str]:
 
 
 def _gap(
-    model: Model, decision: Decision, confirmed: list[Outcome], formed: bool = False
+    model: Model, decision: Decision, confirmed: list[Outcome], motions: Sequence[np.ndarray]
 ) -> dict[str, Any]:
     held_out = len(confirmed) > 1
     limits = tolerances(model)
@@ -247,7 +249,6 @@ def _gap(
         unit: measured(np.array([one.physical[unit] for one in confirmed]), limits[unit])
         for unit in UNITS
     }
-    loss = _loss(model, decision, held_out)
     apart = np.array(
         [
             [distance({unit: one.physical[unit][k] for unit in COUNTED}) for k in range(3)]
@@ -259,8 +260,8 @@ def _gap(
     shown = np.mean([one.gap for one in confirmed]) >= 1.0
     # An error of the poses is corrected and not simulated: if it is all, nothing is removed.
     posed = [one.kind.role == 'pose' for one in decision.accepted.candidates]
-    # The loss is that of the form of the catalogue.
-    by_distance = bool(shown) or (bool(posed) and all(posed)) or formed
+    by_distance = bool(shown) or (bool(posed) and all(posed))
+    loss = _loss(model, decision, confirmed, motions)
     headline = whole if by_distance else loss
     out: dict[str, Any] = {
         'shrink': headline['shrink'],
@@ -289,19 +290,26 @@ def _interval(decision: Decision, headline: dict[str, Any]) -> list[float] | Non
     return wide or over_recordings
 
 
-def _loss(model: Model, decision: Decision, held_out: bool) -> dict[str, Any]:
+def _loss(
+    model: Model, decision: Decision, confirmed: list[Outcome], motions: Sequence[np.ndarray]
+) -> dict[str, Any]:
     # The reduction of the loss of each recording by a perfect simulation, and by these effects.
-    base, accepted = decision.base, decision.accepted
-    poses = (base.pose_loss - accepted.pose_held_out) / len(base.loss)
-    possible = base.loss - (model.null_loss.sum(axis=1) + THRESHOLDS.floor) + poses
-    taken = np.zeros_like(possible)
-    if decision.explains_gap:
-        taken = base.loss - (accepted.held_out if held_out else accepted.loss) + poses
-    before = float(base.loss.sum() + base.pose_loss)
+    camera = [one.effect for one in decision.accepted.candidates if one.kind.role != 'pose']
+    before, after, noise = simulated_losses(
+        (model, decision.base),
+        (model, decision.accepted),
+        confirmed,
+        motions,
+        counts_edges(camera),
+    ).T
+    if not decision.explains_gap:
+        after = before
+    possible, taken = before - noise, before - after
+    least = THRESHOLDS.least_shrink
     return {
-        'before': before,
-        'after': before - float(taken.sum()),
-        'null': before - float(possible.sum()),
-        'shrink': float(np.clip(taken.sum() / max(possible.sum(), 1e-9), 0, 1)),
-        'shrink_interval': ratio_interval(taken, possible) if len(taken) > 2 else None,
+        'before': float(before.sum()),
+        'after': float(after.sum()),
+        'null': float(noise.sum()),
+        'shrink': float(np.clip(taken.sum() / max(possible.sum(), 1e-9), least, 1)),
+        'shrink_interval': ratio_interval(taken, possible, least) if len(taken) > 2 else None,
     }
