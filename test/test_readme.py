@@ -152,7 +152,11 @@ def test_command(command: str, tmp_path: Path) -> None:
                 assert [float(row[2]) for row in rows] == pytest.approx([1.0] * 3, abs=0.03)
 
 
-@pytest.mark.parametrize('program', blocks('python'))
+PROGRAMS = blocks('python')
+TESTS = [program for program in PROGRAMS if 'def test_' in program]
+
+
+@pytest.mark.parametrize('program', [program for program in PROGRAMS if program not in TESTS])
 def test_program(program: str, tmp_path: Path) -> None:
     done = subprocess.run(
         [sys.executable, '-c', program], capture_output=True, text=True, cwd=tmp_path, timeout=120
@@ -161,6 +165,21 @@ def test_program(program: str, tmp_path: Path) -> None:
     if 'print(' in program:
         measured, modelled = map(float, done.stdout.split())
         assert measured == pytest.approx(modelled, rel=0.01)
+
+
+@pytest.mark.parametrize('program', TESTS)
+def test_test(program: str, tmp_path: Path, child_env: dict[str, str]) -> None:
+    (tmp_path / 'test_camera.py').write_text(program, encoding='utf-8')
+    done = subprocess.run(
+        [*python('pytest'), '-q', '-p', 'no:cacheprovider', 'test_camera.py'],
+        env=child_env,
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        timeout=300,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert '1 passed' in done.stdout
 
 
 @pytest.mark.parametrize(
