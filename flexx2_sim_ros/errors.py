@@ -1,5 +1,6 @@
 """The error for wrong input, and functions that make text from outside safe to show."""
 
+from collections.abc import Iterable
 from os import PathLike
 from typing import Any
 
@@ -84,6 +85,30 @@ def unquoted(text: Any, most: int = 80) -> str:
 def shown_path(path: str | PathLike[str]) -> str:
     """Return a path as an error message shows it: as `unquoted`, longer."""
     return unquoted(str(path), 160)
+
+
+def each_once(said: Iterable[tuple[str, str]]) -> list[str]:
+    """
+    Return sentences about several files, each sentence once.
+
+    Parameters
+    ----------
+    said : iterable of (name, sentence)
+        Sentences that differ only in the name of their file count as the same.
+
+    Returns
+    -------
+    list of str
+        The first sentence of each kind, with how many more files it is true of.
+
+    """
+    alike: dict[str, list[str]] = {}
+    for name, sentence in said:
+        alike.setdefault(sentence.replace(name, ''), []).append(sentence)
+    return [
+        first + (f' (the same for {len(others)} more)' if others else '')
+        for first, *others in alike.values()
+    ]
 
 
 def missing_library(error: ModuleNotFoundError) -> InputError:

@@ -32,7 +32,9 @@ def test_a_recording_without_a_mode_has_that_of_a_profile_of_one_mode(tmp_path: 
     wall = np.full((48, 64), 1.5, np.float32)
     matrix = np.array([[60.0, 0, 31.5], [0, 60.0, 23.5], [0, 0, 1]])
     np.savez(path, depth=np.stack([wall] * 3), clean_depth=wall, K=matrix)
-    assert '--usecase MODE' in str(check(path, None))
+    refused = str(check(path, None))
+    assert 'a mode of the Flexx2 (--profile names another camera)' in refused
+    assert '--usecase MODE' in refused
     alone = replace(flexx2(), modes=flexx2().modes[:1])
     found = check(path, alone)
     assert isinstance(found, Found)

@@ -12,6 +12,7 @@ from flexx2_sim_ros.gap.data.covariates import look_at
 from flexx2_sim_ros.gap.features.single_frame import single_frame
 from flexx2_sim_ros.gap.report.frames import frames, MOST_FRAMES
 from flexx2_sim_ros.gap.report.places import finding
+from flexx2_sim_ros.gap.report.words import on_recordings
 from flexx2_sim_ros.html_drawing import MARKS
 import numpy as np
 from PIL import Image
@@ -114,6 +115,20 @@ def test_the_size_of_the_page_does_not_grow_with_the_recordings() -> None:
     page = frames({'where': [], 'effects': []}, some, axes_of(flexx2()))
     assert len(pictures(page)) == 4 * MOST_FRAMES
     assert '14 recordings with a smaller gap are not shown' in page
+
+
+def test_a_note_on_several_recordings_is_said_once() -> None:
+    rows = [
+        {'name': name, 'used': True, 'notes': [f'bags/{name}: usecase: not in the file', 'late']}
+        for name in ('one', 'two', 'three')
+    ]
+    rows += [{'name': name, 'used': False, 'reason': f'bags/{name}: cut off'} for name in 'xy']
+    assert on_recordings([*rows, {'name': 'four', 'used': True, 'notes': ['long']}]) == [
+        'Left out: bags/x: cut off (the same for 1 more).',
+        'Note: bags/one: usecase: not in the file (the same for 2 more).',
+        'Note: late (the same for 2 more).',
+        'Note: long.',
+    ]
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from flexx2_sim_ros.camera import flexx2, Intrinsics, Mode, Profile
-from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.errors import each_once, InputError, unquoted
 from flexx2_sim_ros.gap.calibration.data import READING
 from flexx2_sim_ros.gap.data.arrival import Arrival, find_arrival
 from flexx2_sim_ros.gap.data.frames import choose_frames
@@ -115,14 +115,7 @@ def of_one_mode(
 
 def nothing_left(folder: Path, left_out: list[tuple[str, str]]) -> InputError:
     """Return the error that says why no recording can be used, each reason once."""
-    alike: dict[str, list[str]] = {}
-    for name, reason in left_out:
-        alike.setdefault(reason.replace(name, ''), []).append(reason)
-    reasons = (
-        first + (f' (the same for {len(others)} more)' if others else '')
-        for first, *others in alike.values()
-    )
-    return InputError(f'{folder}: no recording can be used: ' + '; '.join(reasons))
+    return InputError(f'{folder}: no recording can be used: ' + '; '.join(each_once(left_out)))
 
 
 def _found(reader: RecordingReader, profile: Profile | None) -> Found:
@@ -155,8 +148,8 @@ def _mode(reader: RecordingReader, profile: Profile) -> tuple[Mode, list[str]]:
         return mode, [f'{reader.path}: usecase: not in the file: taken for {mode.name}']
     if reader.usecase is None:
         raise InputError(
-            f'{reader.path}: usecase: must be the mode, got none '
-            '(flexx2 convert --usecase MODE adds it)'
+            f'{reader.path}: usecase: must be a mode of the {unquoted(profile.model)} (--profile '
+            'names another camera), got none (flexx2 convert --usecase MODE adds it)'
         )
     try:
         return profile.mode(reader.usecase), []

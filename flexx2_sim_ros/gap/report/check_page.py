@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 from flexx2_sim_ros.atomic import output_folder, whole_files
 from flexx2_sim_ros.gap.report.style import STYLE
 from flexx2_sim_ros.gap.report.text import percent, spaced
-from flexx2_sim_ros.gap.report.words import MEASURES
+from flexx2_sim_ros.gap.report.words import MEASURES, on_recordings
 from flexx2_sim_ros.html_drawing import bar
 from flexx2_sim_ros.html_page import html_page
 
@@ -88,8 +88,7 @@ def sentences(table: dict[str, Any]) -> list[str]:
         )
     if table['known']:
         out.append(f'Taken as given: {", ".join(map(spaced, table["known"]))}.')
-    out += [f'Left out: {row["reason"]}.' for row in rows if not row['used']]
-    return out + [f'Note: {note}.' for row in used for note in row['notes']]
+    return out + on_recordings(rows)
 
 
 def lines(table: dict[str, Any]) -> Iterator[Line]:

@@ -3,6 +3,7 @@
 from typing import Any
 
 from flexx2_sim_ros.effects import of_role
+from flexx2_sim_ros.errors import each_once
 from flexx2_sim_ros.gap.report.age import age_words
 from flexx2_sim_ros.gap.report.places import CHANNELS, finding
 from flexx2_sim_ros.gap.report.text import listed, percent, spaced
@@ -216,12 +217,14 @@ def accuracy(truths: list[dict[str, Any]]) -> str:
 
 def remarks(table: dict[str, Any]) -> list[str]:
     """Return notes on recordings and on effects that were not considered, one line each."""
-    rows = table['recordings']
-    return (
-        not_considered(table)
-        + [f'Left out: {row["reason"]}.' for row in rows if not row['used']]
-        + [f'Note: {note}.' for row in rows if row['used'] for note in row['notes']]
-    )
+    return not_considered(table) + on_recordings(table['recordings'])
+
+
+def on_recordings(rows: list[dict[str, Any]]) -> list[str]:
+    """Return why recordings were left out, and notes on the others: each reason and note once."""
+    left_out = each_once((row['name'], row['reason']) for row in rows if not row['used'])
+    notes = each_once((row['name'], note) for row in rows if row['used'] for note in row['notes'])
+    return [f'Left out: {reason}.' for reason in left_out] + [f'Note: {note}.' for note in notes]
 
 
 def not_considered(table: dict[str, Any]) -> list[str]:
