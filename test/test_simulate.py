@@ -37,7 +37,9 @@ def simulate(source: str, folder: Path, *options: str) -> dict[str, np.ndarray]:
         return {key: archive[key] for key in archive.files}
 
 
-def test_simulate_writes_the_librarys_frames(tmp_path: Path) -> None:
+def test_simulate_writes_the_librarys_frames(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Assert keys, shapes, dtypes, the stamps, and every frame to the last bit."""
     out = simulate(
         save(tmp_path),
@@ -51,6 +53,8 @@ def test_simulate_writes_the_librarys_frames(tmp_path: Path) -> None:
         '--name',
         'left',
     )
+    said = ' '.join(capsys.readouterr().err.split())
+    assert '70 frames of 56 x 43, Flexx2, Mode_5_45fps, ' in said
     assert {'depth', 'clean_depth', 'K', 'stamp', 'usecase'} <= set(out)
     assert out['depth'].shape == (70, 43, 56)
     assert out['depth'].dtype == np.float32

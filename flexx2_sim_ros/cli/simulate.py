@@ -12,7 +12,7 @@ from flexx2_sim_ros.cli.common import add_profile, MOST_SEED
 from flexx2_sim_ros.effects import ageing, Effect, load_effects, load_randomisation
 from flexx2_sim_ros.effects.registry import effects_yaml
 from flexx2_sim_ros.effects.time_offset import time_offset_of
-from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.errors import InputError, printable
 from flexx2_sim_ros.profiles.files import find_profile
 from flexx2_sim_ros.profiles.modes import DEFAULT_USECASE
 from flexx2_sim_ros.recording import load_scene, RecordingWriter, Scene
@@ -130,7 +130,8 @@ def run(arguments: argparse.Namespace) -> int:
             writer.add_array('effects', effects_yaml(effects))
     height, width = scene.clean_depth.shape[-2:]
     console.print(
-        f'{arguments.output}: {count} frames of {width} x {height}, {camera.usecase}, '
+        f'{arguments.output}: {count} frames of {width} x {height}, '
+        f'{printable(camera.profile.model)}, {camera.usecase}, '
         f'{invalid / (count * height * width):.1%} invalid',
         highlight=False,
     )

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 from flexx2_sim_ros.atomic import output_folder, whole_files
 from flexx2_sim_ros.gap.report.style import STYLE
 from flexx2_sim_ros.gap.report.text import percent, spaced
-from flexx2_sim_ros.gap.report.words import MEASURES, on_recordings
+from flexx2_sim_ros.gap.report.words import difference, MEASURES, on_recordings
 from flexx2_sim_ros.html_drawing import bar
 from flexx2_sim_ros.html_page import html_page
 
@@ -75,10 +75,10 @@ def headline(table: dict[str, Any]) -> str:
 
 
 def sentences(table: dict[str, Any]) -> list[str]:
-    """Return the reasons why a diagnosis does not hold, and notes on recordings, one line each."""
+    """Return what is left, why a diagnosis does not hold, and notes, one line each."""
     rows = table['recordings']
     used = [row for row in rows if row['used']]
-    out = list(table['reasons'])
+    out = [difference(table['measures']), *table['reasons']]
     if len(used) == 1:
         out.append('With one recording there are no intervals: the result is a single value.')
     elif not table['measures']['loss']['better'] and not table['reasons']:

@@ -144,10 +144,9 @@ def why_dropped(name: str) -> str:
     return f'{spaced(name)}: left out; it made up for what the diagnosed lens did not explain.'
 
 
-def reduction(gap: dict[str, Any]) -> list[str]:
-    """Return sentences on the reduction of the gap in physical units, and on what gets worse."""
-    out = []
-    depth, invalid = gap['wasserstein_mm'], gap['invalid_rate']
+def difference(measures: dict[str, Any]) -> str:
+    """Return how far recordings and simulation are apart, in physical units, in one sentence."""
+    depth, invalid = measures['wasserstein_mm'], measures['invalid_rate']
     parts = [
         f'depth errors from {depth["before"]:.2g} to {depth["after"]:.2g} mm '
         f'({depth["null"]:.2g} mm between two simulations)'
@@ -156,7 +155,12 @@ def reduction(gap: dict[str, Any]) -> list[str]:
         parts.append(
             f'invalid pixels from {100 * invalid["before"]:.2g} to {100 * invalid["after"]:.2g} %'
         )
-    out.append(f'Difference between recordings and simulation: {", ".join(parts)}.')
+    return f'Difference between recordings and simulation: {", ".join(parts)}.'
+
+
+def reduction(gap: dict[str, Any]) -> list[str]:
+    """Return sentences on the reduction of the gap in physical units, and on what gets worse."""
+    out = [difference(gap)]
     if gap['held_out']:
         sure = 'Two recordings are too few for an interval of the reduction.'
         if gap['interval'] is not None:
