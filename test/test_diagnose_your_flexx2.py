@@ -9,6 +9,7 @@ import subprocess
 import sys
 
 from bench.stand_in import DRIVER
+from flexx2_sim_ros.cli.commands import make_parser
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.validation.blind.meshes import write_mesh
 from flexx2_sim_ros.validation.blind.scanned import ScannedCamera
@@ -20,11 +21,15 @@ pytestmark = pytest.mark.usefixtures('ros')
 
 ROOT = Path(__file__).parent.parent
 PAGE = (ROOT / 'docs' / 'diagnose_your_flexx2.md').read_text(encoding='utf-8')
-COMMANDS = [
-    line
-    for block in re.findall(r'```bash\n(.*?)```', PAGE, re.DOTALL)
-    for line in block.splitlines()
-]
+
+
+def lines(language: str) -> list[str]:
+    """Return the lines of the page's boxes in a language."""
+    boxes = re.findall(rf'```{language}\n(.*?)```', PAGE, re.DOTALL)
+    return [line for box in boxes for line in box.splitlines()]
+
+
+COMMANDS = lines('bash')
 # Views of a folder that are recorded over topics, by the name of the bag; the other views are
 # written as bags that are equal (`python -m bench.gap_end_to_end` compares the two).
 PLACES = {'recordings/corner': range(4), 'fresh/window': range(4, 6)}
@@ -98,3 +103,10 @@ def test_every_command_leads_to_the_next(
         assert (tmp_path / page).is_file()
     with np.load(tmp_path / 'simulated.npz', allow_pickle=False) as simulated:
         assert 'temporal_filter' in str(simulated['effects'])
+
+
+def test_the_commands_for_another_camera_exist() -> None:
+    parser = make_parser()
+    commands = [shlex.split(line)[1:] for line in lines('text') if line.startswith('flexx2 ')]
+    profiles = [parser.parse_args(words).profile for words in commands]
+    assert profiles == ['my_camera.yaml'] * 6
