@@ -18,6 +18,8 @@ from sensor_msgs.msg import Image
 # comparison.
 _LARGEST_SIGMA_FRACTION = 0.05
 _MOST_WAITING = 60  # images of a stamp whose partner may still come
+# Where fewer pixels than this keep their sigma_z, the mode has changed: edges are a small part.
+_SAME_MODE_FRACTION = 0.5
 
 
 @dataclass
@@ -73,14 +75,18 @@ class Capture:
                     del waiting[next(iter(waiting))]
             return
         depth, sigma = self._depths.pop(stamp), self._sigmas.pop(stamp)
-        if self._reference is None:
-            self._reference = depth.astype(np.float64)
+        same = np.isfinite(sigma) if self._sigma is None else sigma == self._sigma
+        if self._count and same.sum() < _SAME_MODE_FRACTION * np.isfinite(sigma).sum():
+            # The frames before were still of the mode before: they came after its change.
+            self._count, self._sum, self._squares = 0, 0.0, 0.0
+            same = np.isfinite(sigma)
+        if self._count == 0:
+            self._reference, self._steady = depth.astype(np.float64), same
         error = depth - self._reference
         self._count += 1
         self._sum = self._sum + error
         self._squares = self._squares + error**2
-        same = np.isfinite(sigma) if self._sigma is None else sigma == self._sigma
-        self._steady = same if self._steady is None else self._steady & same
+        self._steady = self._steady & same
         self._sigma = sigma
 
     @property
