@@ -393,3 +393,15 @@ def test_one_version_everywhere(workspace: Path) -> None:
     assert changes[0] == version
     assert __import__(NAME).__version__ == version
     assert yaml.safe_load((ROOT / 'CITATION.cff').read_text())['version'] == version
+
+
+def test_bloom_can_read_this_release() -> None:
+    pytest.importorskip('catkin_pkg')  # bloom reads with it
+    from catkin_pkg.changelog import get_changelog_from_path
+    from catkin_pkg.package import parse_package
+
+    warnings: list[str] = []
+    package = parse_package(ROOT / 'package.xml', warnings=warnings)
+    changes = get_changelog_from_path(str(ROOT), package.name)
+    assert not warnings
+    assert changes.get_content_of_version(package.version)
