@@ -21,7 +21,7 @@ _DEPTHS = 63  # colours of a scale of depth
 # apart).
 MARKS = ((213, 94, 0), (0, 158, 115), (0, 114, 178))
 _BAR_WIDTH = 160
-_WIDTH, _HEIGHT, _LEFT, _BOTTOM = 440, 230, 52, 38
+_WIDTH, _HEIGHT, _LEFT, _BOTTOM = 440, 230, 68, 38
 
 
 def picture(image: np.ndarray, limit: float, enlarged: int = 4, steps: int = 127) -> str:
@@ -83,19 +83,21 @@ def _data_url(index: np.ndarray, palette: np.ndarray) -> str:
     return 'data:image/png;base64,' + base64.b64encode(file).decode()
 
 
-def bar(before: float, after: float, null: float) -> str:
+def bar(before: float, after: float | None, null: float) -> str:
     """
-    Return a small SVG bar: before, after, and a mark at what two simulations differ by.
+    Return a small SVG bar: before, after if any, and a mark at what two simulations differ by.
 
     Its class is ``bar``: the style of the page gives its size.
     """
-    top = max(before, after, null, 1e-12) / _BAR_WIDTH
+    top = max(before, after or 0.0, null, 1e-12) / _BAR_WIDTH
+    second = ''
+    if after is not None:
+        second = f'<rect y="8" height="5" width="{after / top:.1f}" class="after"/>'
     return (
         f'<svg class="bar" viewBox="0 0 {_BAR_WIDTH} 16" preserveAspectRatio="none" role="img" '
         'aria-label="before and after">'
         f'<rect y="2" height="5" width="{before / top:.1f}" class="before"/>'
-        f'<rect y="8" height="5" width="{after / top:.1f}" class="after"/>'
-        f'<rect x="{max(null / top - 1, 0):.1f}" y="0" height="16" width="1.5" '
+        f'{second}<rect x="{max(null / top - 1, 0):.1f}" y="0" height="16" width="1.5" '
         'class="null"/></svg>'
     )
 
@@ -169,21 +171,27 @@ def curves(
             f'{at_x(a):.1f},{at_y(b):.1f}' for a, b in [*low_end, *reversed(high_end)]
         )
         parts.append(f'<polygon points="{outline}" class="band"/>')
+    legend = _LEFT + 4
     for i, line in enumerate(lines):
         points = ' '.join(
             f'{at_x(a):.1f},{at_y(b):.1f}' for a, b in zip(x, line, strict=True) if np.isfinite(b)
         )
         parts.append(f'<polyline points="{points}" class="curve {kinds[i]}"/>')
-        parts.append(_legend_entry(_LEFT + 4 + 125 * i, names[i], kinds[i]))
+        parts.append(_legend_entry(legend, names[i], kinds[i]))
+        legend += 42 + 7 * len(names[i])
     parts.append(
         f'<text x="{(_LEFT + _WIDTH) / 2}" y="{_HEIGHT - 4}" text-anchor="middle">'
         f'{escape(x_label)}</text>'
     )
+    middle = (24 + _HEIGHT - _BOTTOM) / 2
+    parts.append(
+        f'<text x="12" y="{middle}" text-anchor="middle" transform="rotate(-90 12 {middle})">'
+        f'{escape(y_label)}</text>'
+    )
     return (
         f'<figure><svg viewBox="0 0 {_WIDTH} {_HEIGHT}" width="{_WIDTH}" font-size="12" '
         f'role="img" aria-label="{escape(y_label)} against {escape(x_label)}">'
-        f'{"".join(parts)}</svg><figcaption>{escape(y_label)} against {escape(x_label)}'
-        '</figcaption></figure>'
+        f'{"".join(parts)}</svg></figure>'
     )
 
 

@@ -48,7 +48,7 @@ def test_a_right_diagnosis_holds(
     said = capsys.readouterr().err
     assert 'The diagnosis holds' in said
     assert 'nats' in said
-    assert 'Difference between recordings and simulation: depth errors from ' in said
+    assert 'The gap is the difference between recordings and simulation: depth errors ' in said
     assert sorted(path.name for path in tmp_path.iterdir()) == ['check.html', 'check.json']
     table = json.loads((tmp_path / 'check.json').read_text())
     assert table['holds']

@@ -119,7 +119,7 @@ def test_finds_an_effect_and_writes_what_it_found(
     check_page(text)
     assert len(text) < 2e6
     # What a filter changes is drawn, not what it leaves alone.
-    assert 'lag-1 correlation against' in text
+    assert 'correlation with frame before against' in text
 
 
 # Whether all bars of a page lie inside their pictures, and the pictures can be seen.
@@ -128,6 +128,22 @@ BARS_FIT = """[...document.querySelectorAll("svg.bar")].every((svg) => {
   return outer.width > 50 && [...svg.children].every((one) => {
     const inner = one.getBoundingClientRect();
     return inner.left >= outer.left - 1 && inner.right <= outer.right + 1;
+  });
+})"""
+
+# Whether each column of a table has a heading, except one of bars.
+COLUMNS_HAVE_HEADINGS = """[...document.querySelectorAll("table")].every((table) => {
+  const [heads, first] = table.rows;
+  return [...first.cells].every((cell, i) => cell.querySelector("svg.bar")
+    || heads.cells[i].matches("th") && heads.cells[i].textContent.trim() !== "");
+})"""
+# Whether all texts of the curves lie inside their pictures: labels of axes, ticks and lines.
+CURVES_FIT = """[...document.querySelectorAll("figure svg")].every((svg) => {
+  const outer = svg.getBoundingClientRect();
+  return [...svg.querySelectorAll("text")].every((one) => {
+    const inner = one.getBoundingClientRect();
+    return inner.left >= outer.left - 1 && inner.right <= outer.right + 1
+      && inner.top >= outer.top - 1 && inner.bottom <= outer.bottom + 1;
   });
 })"""
 
@@ -150,6 +166,8 @@ def test_the_page_in_a_browser(tmp_path: Path) -> None:
         assert browser.evaluate('document.querySelector("h1").textContent').startswith(
             'The gap is due to'
         )
+        assert browser.evaluate(COLUMNS_HAVE_HEADINGS)
+        assert browser.evaluate(CURVES_FIT)
         # On a phone tables scroll, the page does not, and no bar is cut off.
         browser.call(
             'Emulation.setDeviceMetricsOverride',

@@ -11,8 +11,9 @@ from flexx2_sim_ros.gap.data.axes import AXES, axes_of
 from flexx2_sim_ros.gap.data.covariates import look_at
 from flexx2_sim_ros.gap.features.single_frame import single_frame
 from flexx2_sim_ros.gap.report.frames import frames, MOST_FRAMES
-from flexx2_sim_ros.gap.report.places import finding
-from flexx2_sim_ros.gap.report.words import on_recordings
+from flexx2_sim_ros.gap.report.places import difference, finding
+from flexx2_sim_ros.gap.report.text import short
+from flexx2_sim_ros.gap.report.words import on_recordings, reduction
 from flexx2_sim_ros.html_drawing import MARKS
 import numpy as np
 from PIL import Image
@@ -155,3 +156,55 @@ def test_a_note_on_several_recordings_is_said_once() -> None:
 )
 def test_the_first_row_is_a_sentence(cell: dict[str, Any], said: str) -> None:
     assert said in finding(cell)
+
+
+def measured(before: float, after: float, null: float) -> dict[str, float]:
+    return {'before': before, 'after': after, 'null': null, 'tolerance': 0.008}
+
+
+@pytest.mark.parametrize(
+    ('interval', 'measured_by', 'said', 'unsaid'),
+    [
+        ([0.61, 0.98], 'distance', ['61 % to 98 %', '100 % would be'], 'larger'),
+        ([-0.5, 1.0], 'distance', ['-50 % to 100 %', 'make the gap larger'], 'too few'),
+        (None, 'distance', ['too few for an interval'], 'expect'),
+        ([0.61, 0.98], 'loss', ['improvement of the fit'], '100 % would be'),
+    ],
+)
+def test_the_reduction_is_explained(
+    interval: list[float] | None, measured_by: str, said: list[str], unsaid: str
+) -> None:
+    gap = {
+        'wasserstein_mm': measured(1230.0, 5.4, 1.7),
+        'invalid_rate': measured(1.0, 0.02, 0.001),
+        'held_out': True,
+        'interval': interval,
+        'measured_by': measured_by,
+        'worse': [],
+    }
+    text = ' '.join(reduction(gap))
+    assert 'depth errors 1230 mm, invalid pixels 100 %. With the effects it is: ' in text
+    assert 'depth errors 5.4 mm, invalid pixels 2 %.' in text
+    for words in said:
+        assert words in text
+    assert unsaid not in text
+
+
+@pytest.mark.parametrize(
+    ('channel', 'size', 'unit', 'said'),
+    [
+        ('bias', 12.3, 'mm', 'depth +12.30 mm'),
+        ('row_invalid', -0.012, 'fraction', 'rows without any depth -1.2 %'),
+        ('row_common', 0.31, 'fraction of variance', 'common to a row +0.31 of the variance'),
+        ('lag', 0.62, 'correlation', 'correlation with the frame before +0.62'),
+    ],
+)
+def test_a_difference_has_its_unit(channel: str, size: float, unit: str, said: str) -> None:
+    assert difference(row('all', channel, size=size, unit_size=unit)).endswith(said)
+
+
+@pytest.mark.parametrize(
+    ('number', 'text'), [(0.0123, '0.012'), (99.4, '99'), (99.7, '100'), (667.0, '667'), (0, '0')]
+)
+def test_short_numbers_have_no_exponent(number: float, text: str) -> None:
+    assert short(number) == text

@@ -13,14 +13,14 @@ import numpy as np
 
 # Label of each channel, and the factor to its unit.
 _LABELS = {
-    'bias': ('bias, sigma', 1.0),
-    'log_variance': ('noise, log variance', 1.0),
+    'bias': ('depth error, sigma_z', 1.0),
+    'log_variance': ('noise variance, ln', 1.0),
     'invalid': ('invalid pixels, %', 100.0),
     'high': ('outliers behind, %', 100.0),
     'low': ('outliers in front, %', 100.0),
-    'kurtosis': ('kurtosis of the noise', 1.0),
-    'lag': ('lag-1 correlation', 1.0),
-    'neighbour': ('correlation of neighbouring pixels', 1.0),
+    'kurtosis': ('tails of the noise (kurtosis)', 1.0),
+    'lag': ('correlation with frame before', 1.0),
+    'neighbour': ('correlation of neighbours', 1.0),
 }
 _ALONG = (
     'distance',
@@ -32,6 +32,14 @@ _ALONG = (
     'concavity',
     'edge',
 )
+# Labels of axes whose name and unit do not say what they are.
+_TITLES = {
+    'edge': 'pixels from a depth jump (negative: near side)',
+    'log_amplitude': 'ln amplitude (0: a white wall at 1 m)',
+    'radius': 'distance from the image centre / half-diagonal',
+    'concavity': 'concavity (positive: corners, negative: edges)',
+    'fine_distance': 'distance [m]',
+}
 _CHARTS, _OF_ONE_CHANNEL = 4, 2
 _FEWEST = 500  # least number of pixels for a point of a curve
 _LIMIT = 15  # end of the colour scale of a map, in units of the tolerance
@@ -72,7 +80,7 @@ def maps(confirmed: Sequence[Outcome], explained: bool) -> str:
         good = np.isfinite(difference)
         mean = np.where(good, difference, 0).sum(axis=0) / np.maximum(good.sum(axis=0), 1)
         mean[~good.any(axis=0)] = np.nan
-        figures.append(_map(mean, 1.5, f'{text}: mean depth error', 'sigma'))
+        figures.append(_map(mean, 1.5, f'{text}: mean depth error', 'sigma_z'))
     channel, size_there = max(
         (
             (name, _importance(_lines(confirmed, name, AXES['region']), name))
@@ -82,8 +90,14 @@ def maps(confirmed: Sequence[Outcome], explained: bool) -> str:
         key=lambda item: item[1],
     )
     if size_there > 1:
-        axis = AXES['tile' if (channel, 'tile') in _FIRST else 'region']
-        lines = _lines(confirmed, channel, axis)
+        axis, lines = AXES['region'], np.empty(0)
+        if (channel, 'tile') in _FIRST:
+            lines = _lines(confirmed, channel, AXES['tile'])
+        # Tiles of small images have too few pixels.
+        if np.isfinite(lines).any():
+            axis = AXES['tile']
+        else:
+            lines = _lines(confirmed, channel, axis)
         label, factor = _LABELS[channel]
         limit = _LIMIT * FEATURES.tolerances[channel] * factor
         for i, _, text in pairs:
@@ -137,11 +151,7 @@ def charts(confirmed: Sequence[Outcome], explained: bool, axes: Axes) -> str:
         label, factor = _LABELS[channel]
         axis = axes[name]
         unit = f' [{axis.unit}]' if axis.unit else ''
-        title = (
-            'pixels from a depth jump (negative: near side)'
-            if name == 'edge'
-            else spaced(axis.name) + unit
-        )
+        title = _TITLES.get(name, spaced(name) + unit)
         figures.append(
             curves(
                 _middles(axis),
@@ -152,7 +162,12 @@ def charts(confirmed: Sequence[Outcome], explained: bool, axes: Axes) -> str:
                 6 * FEATURES.tolerances[channel] * factor,
             )
         )
-    return f'<h2>Real against simulated</h2><div class="row">{"".join(figures)}</div>'
+    return (
+        f'<h2>Real against simulated</h2><div class="row">{"".join(figures)}</div><p><small>Mean '
+        'over the pixels of all recordings, for the curves that differ most. sigma_z is the noise '
+        'that the simulation gives a pixel. The noise variance is relative to it (ln 1 = 0: '
+        'equal).</small></p>'
+    )
 
 
 def _lines(confirmed: Sequence[Outcome], channel: str, axis: Axis) -> np.ndarray:

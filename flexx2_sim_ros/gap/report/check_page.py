@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from flexx2_sim_ros.atomic import output_folder, whole_files
-from flexx2_sim_ros.gap.report.style import STYLE
+from flexx2_sim_ros.gap.report.style import definitions, STYLE
 from flexx2_sim_ros.gap.report.text import percent, spaced
-from flexx2_sim_ros.gap.report.words import difference, MEASURES, on_recordings
+from flexx2_sim_ros.gap.report.words import difference, MEANINGS, MEASURES, on_recordings
 from flexx2_sim_ros.html_drawing import bar
 from flexx2_sim_ros.html_page import html_page
 
@@ -132,14 +132,22 @@ def page(table: dict[str, Any]) -> str:
         f'<h1>{escape(headline(table))}</h1>',
         ''.join(f'<p>{escape(line)}</p>' for line in sentences(table)),
         '<h2>The gap before and after the effects are simulated</h2><div class="scroll"><table>'
-        '<tr><th></th><th>before</th><th>after</th><th>two simulations</th><th>change</th>'
-        f'<th></th><th></th></tr>{"".join(rows)}</table></div><p><small>Means over recordings '
-        'with 90 % intervals; the distance of depth errors is the Wasserstein-1 distance. Bars: '
-        'gray before, blue after; the mark is the difference of two simulations,'
-        ' which a perfect simulation would still show. "Better" and "worse": the '
-        'interval of the change does not contain zero, and the change is larger than the '
-        'tolerance of the diagnosis.'
+        '<tr><th>difference in</th><th><span class="key gray"></span>before</th>'
+        '<th><span class="key blue"></span>after</th>'
+        '<th><span class="key line"></span>two simulations</th><th>change</th><th>result</th>'
+        f'<th></th></tr>{"".join(rows)}</table></div><p><small>How much recordings and simulation '
+        'differ, mean over recordings with 90 % intervals: smaller is better. Two simulations: '
+        'two runs of the simulator with other noise, as an exact simulation would differ, too. '
+        'Each row of bars has its own scale. "Better" and "worse": the interval of the change '
+        'does not contain zero, and the change is larger than the tolerance of the diagnosis.'
         '</small></p>',
+        definitions(
+            {
+                'loss per recording': 'weighted sum of the differences in all that the '
+                'diagnosis compares, in units of noise and tolerance',
+                **MEANINGS,
+            }
+        ),
         _recordings(used),
         f'<p class="dim">Made by flexx2_sim_ros {escape(table["version"])} in '
         f'{table["seconds"]:.0f} s. docs/diagnosis.md says how each number is computed.</p>',

@@ -8,6 +8,8 @@ from flexx2_sim_ros.gap.data.axes import Axes
 from flexx2_sim_ros.gap.features.confirm import Outcome
 from flexx2_sim_ros.gap.features.single_frame import SingleFrame
 from flexx2_sim_ros.gap.report.places import group
+from flexx2_sim_ros.gap.report.text import short
+from flexx2_sim_ros.gap.report.words import camera_effects
 from flexx2_sim_ros.html_drawing import depth_picture, MARKS, picture
 import numpy as np
 
@@ -21,7 +23,6 @@ FRAMES_STYLE = """
   grid-auto-columns: 1fr; max-width: 60rem; }
 .frames img { width: 100%; image-rendering: pixelated; }
 .mark { display: inline-block; width: .8rem; height: .8rem; margin: 0 .3rem 0 .8rem; }
-summary { cursor: pointer; margin: .8rem 0; }
 h3 { font-size: 1rem; margin: 1rem 0 .3rem; }
 @media (max-width: 40rem) { .frames { grid-auto-flow: row; grid-template-rows: none;
   grid-template-columns: 1fr 1fr; } }
@@ -60,7 +61,8 @@ def frames(table: dict[str, Any], confirmed: Sequence[Outcome], axes: Axes) -> s
         'each recording, and the same frame as simulated at the fitted pose: differences of '
         'single frames contain the noise of both. Gray: no depth. In the differences, blue is '
         'nearer than simulated, red is farther, white is equal. Marked are the pixels of the '
-        f'first rows of the list above that hold for a part of the frame.{others}</small></p>'
+        'first rows of "Where the gap lies", unless these are the whole frame.'
+        f'{others}</small></p>'
     )
 
 
@@ -81,13 +83,13 @@ def _recording(
         ('real minus simulated', picture(real - before, limit, 1, _STEPS)),
     ]
     first, last, _ = one.physical['wasserstein_mm']
-    errors = f'depth errors {first:.2g} mm'
-    if table['effects']:
+    errors = f'depth errors {short(first)} mm'
+    if camera_effects(table):
         pictures += [
             ('simulated with the effects', depth_picture(after, low, high)),
             ('real minus simulated with the effects', picture(real - after, limit, 1, _STEPS)),
         ]
-        errors += f', with the effects {last:.2g} mm'
+        errors += f', with the effects {short(last)} mm'
     figures = ''.join(
         f'<figure><img alt="{escape(text)}" src="{url}"><figcaption>{escape(text)}</figcaption>'
         '</figure>'
@@ -100,7 +102,7 @@ def _recording(
     return (
         f'<h3>{escape(one.name)}, frame {frame.index}: {escape(errors)}</h3>'
         f'<div class="frames">{figures}</div><p><small>Depth {low:.2f} m (dark) to {high:.2f} m '
-        f'(bright); differences up to {1000 * limit:.2g} mm.{legend}</small></p>'
+        f'(bright); differences: full colour at {short(1000 * limit)} mm.{legend}</small></p>'
     )
 
 

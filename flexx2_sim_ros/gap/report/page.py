@@ -12,14 +12,15 @@ from flexx2_sim_ros.gap.report.calibration_page import BAND_STYLE, figures
 from flexx2_sim_ros.gap.report.charts import charts, maps
 from flexx2_sim_ros.gap.report.cost_page import section
 from flexx2_sim_ros.gap.report.frames import frames, FRAMES_STYLE
-from flexx2_sim_ros.gap.report.places import place
-from flexx2_sim_ros.gap.report.style import STYLE
-from flexx2_sim_ros.gap.report.text import percent, spaced
+from flexx2_sim_ros.gap.report.places import difference, group
+from flexx2_sim_ros.gap.report.style import definitions, STYLE
+from flexx2_sim_ros.gap.report.text import percent, short, spaced
 from flexx2_sim_ros.gap.report.words import (
     accuracy,
     calibrations,
     camera_effects,
     headline,
+    MEANINGS,
     MEASURES,
     not_considered,
     sentences,
@@ -33,12 +34,22 @@ _STYLE = (
     + """
 figcaption { font-size: .85rem; }
 td.number { white-space: nowrap; }
+td.values { min-width: 13rem; }
 .none { background: #2e7d4f; } .identified { background: #1f6feb; }
 .partly, .not_decidable { background: #b7791f; } .unknown { background: #a8324a; }
 .row { display: flex; flex-wrap: wrap; gap: 1.2rem; }
 .row figure { max-width: 27.5rem; }
 """
 )
+_VERDICTS = {
+    'none': 'no gap',
+    'identified': 'cause identified',
+    'partly': 'partly explained',
+    'unknown': 'cause unknown',
+    'not_decidable': 'not decidable',
+    'too_little': 'too little data',
+}
+_DOUBTFUL = 0.05  # rows of `where` with a larger false discovery rate are marked
 
 
 def page(
@@ -52,7 +63,7 @@ def page(
     used = sum(row['used'] for row in table['recordings'])
     body = [
         f'<p><span class="tag {escape(table["verdict"])}">'
-        f'{escape(spaced(table["verdict"]))}</span> '
+        f'{escape(_VERDICTS[table["verdict"]])}</span> '
         f'<small>from {used} recording{"s" * (used != 1)}</small></p>',
         f'<h1>{escape(headline(table))}</h1>',
         ''.join(f'<p>{escape(line)}</p>' for line in sentences(table)),
@@ -62,8 +73,8 @@ def page(
         section(table['cost']) if 'cost' in table else '',
         _where(table),
         frames(table, confirmed, model.evidence[0].axes),
-        maps(confirmed, bool(table['effects'])),
-        charts(confirmed, bool(table['effects']), model.evidence[0].axes),
+        maps(confirmed, bool(camera_effects(table))),
+        charts(confirmed, bool(camera_effects(table)), model.evidence[0].axes),
         _considered(table, decision),
         _recordings(table),
     ]
@@ -91,21 +102,34 @@ def _effects(table: dict[str, Any]) -> str:
             f'{name} {value:.4g}' for name, value in row['parameters'].items()
         )
         low, high = map(percent, row['interval'])
-        numbers = percent(row['share']), f'{low} to {high}', percent(row['confidence'])
         rows.append(
             f'<tr><td><b>{escape(spaced(row["name"]))}</b></td>'
-            f'{_numbers(*numbers)}<td>{escape(values)}</td></tr>'
+            f'<td class="number">{percent(row["confidence"])}</td>'
+            f'<td class="number">{percent(row["share"])} <small>({low} to {high})</small></td>'
+            f'<td class="values">{escape(values)}</td></tr>'
         )
     return (
         '<h2>What causes the gap</h2><div class="scroll"><table><tr><th>effect</th>'
-        '<th>fraction of the loss</th><th>90 % interval</th><th>confidence</th>'
-        f'<th>parameters</th></tr>{"".join(rows)}</table></div><p><small>The fraction is how much '
-        "of the loss of the diagnosis' features goes away when this effect is added to the "
-        f'others{_in_typical_form(forms)}: fractions need not add up to the reduction above. The '
-        'confidence is the '
-        'probability that the effect is present, calibrated on simulated campaigns. effects.yaml '
-        'has these effects, for <code>flexx2 simulate --effects</code> and the camera node.'
-        '</small></p>'
+        '<th>probability</th><th>improves the fit by</th>'
+        f'<th>parameters</th></tr>{"".join(rows)}</table></div><p><small><b>Probability</b> that '
+        'the camera has the effect, calibrated on simulated campaigns. <b>Improves the fit '
+        'by</b>: how much of the misfit goes away when this effect is added to the others'
+        f'{_in_typical_form(forms)}, with its 90 % interval. {_unlike_the_headline(table)} '
+        '<code>flexx2 simulate --effects effects.yaml</code> and the camera node simulate these '
+        'effects; docs/effects.md explains their parameters.</small></p>'
+    )
+
+
+def _unlike_the_headline(table: dict[str, Any]) -> str:
+    # Why these percentages do not add up to that of the headline.
+    misfit = 'The misfit counts all that is compared: depth, invalid pixels, noise, correlations.'
+    if not camera_effects(table):
+        return f'{misfit} A pose error is removed by the fit of the poses first.'
+    if table['gap']['measured_by'] == 'loss':
+        return f'{misfit} The headline has the improvement by all effects together.'
+    return (
+        f'{misfit} The headline counts depth and invalid pixels only, so these percentages do not '
+        'add up to it.'
     )
 
 
@@ -126,51 +150,60 @@ def _forms(calibrated: Calibrated | None) -> str:
 
 
 def _shrinkage(table: dict[str, Any]) -> str:
+    added = bool(camera_effects(table))
     rows = []
     for unit, (name, symbol, factor) in MEASURES.items():
         gap = table['gap'][unit]
-        first, last, least = (gap[k] * factor for k in ('before', 'after', 'null'))
+        before, after, null = (gap[k] * factor for k in ('before', 'after', 'null'))
+        shown = [before, after, null] if added else [before, null]
         rows.append(
             f'<tr><td>{escape(name)}</td>'
-            f'{_numbers(*(f"{one:.3g} {symbol}" for one in (first, last, least)))}'
-            f'<td>{bar(first, last, least)}</td></tr>'
+            f'{_numbers(*(f"{short(one, 3)} {symbol}" for one in shown))}'
+            f'<td>{bar(before, after if added else None, null)}</td></tr>'
         )
-    after = 'with the effects' if camera_effects(table) else 'after (no effect added)'
-    fitted = ''
-    if camera_effects(table):
+    heads, fitted = '', ''
+    if added:
+        heads = '<th><span class="key blue"></span>with the effects</th>'
         data = 'the other recordings' if table['gap']['held_out'] else 'the same recording'
         fitted = f' The effects were fitted to {data}.'
     return (
-        '<h2>How large the gap is</h2><div class="scroll"><table><tr><th></th>'
-        f'<th>as simulated</th><th>{after}</th><th>two simulations</th><th></th></tr>'
-        f'{"".join(rows)}</table></div><p><small>Difference between the recordings and their '
-        f'simulation, mean over recordings.{fitted} Bars: gray as simulated, blue after. The '
-        'mark, and the column "two simulations", is the difference between two runs of the '
-        'simulator: a perfect simulation would still show it.</small></p>'
+        '<h2>How large the gap is</h2><div class="scroll"><table><tr><th>difference in</th>'
+        f'<th><span class="key gray"></span>as simulated</th>{heads}'
+        '<th><span class="key line"></span>two simulations</th><th></th></tr>'
+        f'{"".join(rows)}</table></div><p><small>How much recordings and simulation differ, mean '
+        f'over recordings: smaller is better.{fitted} Two simulations: two runs of the simulator '
+        'with other noise, as an exact simulation would differ, too. Each row of '
+        'bars has its own scale.'
+        f'</small></p>{definitions(MEANINGS)}'
     )
 
 
 def _where(table: dict[str, Any]) -> str:
     if not table['where']:
         return '<h2>Where the gap lies</h2><p>No region differs by more than the tolerance.</p>'
+    listed = table['where'][:12]
     rows = ''.join(
-        f'<tr><td>{escape(place(cell))}</td><td class="number"><small>'
-        f'{escape(_probability(cell["q_value"]))}</small></td></tr>'
-        for cell in table['where'][:12]
+        f'<tr><td>{escape(group(cell))}</td><td>{escape(difference(cell))}'
+        f'{_doubt(cell["q_value"])}</td></tr>'
+        for cell in listed
     )
+    doubts = ''
+    if any(cell['q_value'] > _DOUBTFUL for cell in listed):
+        doubts = (
+            f' May be chance: the false discovery rate q is above {_DOUBTFUL:g} (Benjamini and '
+            'Hochberg).'
+        )
     more = len(table['where']) - 12
-    others = f' diagnosis.json has {more} more.' if more > 0 else ''
+    others = f' diagnosis.json has {more} more rows.' if more > 0 else ''
     return (
-        f'<h2>Where the gap lies</h2><div class="scroll"><table>{rows}</table></div>'
-        '<p><small>Real minus simulated, mean over the pixels that differ. q is the expected '
-        'fraction of false findings (Benjamini and Hochberg); in the first row, the probability '
-        f'that noise alone exceeds the tolerance by so much.{others}</small></p>'
+        '<h2>Where the gap lies</h2><div class="scroll"><table><tr><th>pixels</th>'
+        f'<th>real minus simulated</th></tr>{rows}</table></div>'
+        f'<p><small>Mean over the pixels that differ.{doubts}{others}</small></p>'
     )
 
 
-def _probability(q: float) -> str:
-    # A smaller one may be too small for a floating-point number.
-    return 'q < 1e-300' if q < 1e-300 else f'q = {q:.2g}'
+def _doubt(q: float) -> str:
+    return f' <small>may be chance: q = {q:.2g}</small>' if q > _DOUBTFUL else ''
 
 
 def _considered(table: dict[str, Any], decision: Decision) -> str:
@@ -185,18 +218,18 @@ def _considered(table: dict[str, Any], decision: Decision) -> str:
         elif name in ties and taken:
             why = 'alternative explanation: may be present instead of a selected effect'
         elif one.gain <= 0:
-            why = 'explains nothing on recordings that were left out of the fit'
+            why = 'no better on recordings that were left out of the fit'
         else:
-            why = 'explains less' if taken else 'explains too little'
+            why = 'improves the fit less' if taken else 'improves the fit too little'
         rows.append(
             f'<tr><td>{escape(spaced(name))}</td><td>{percent(min(fraction, 1))}</td>'
             f'<td>{escape(why)}</td></tr>'
         )
     return (
         '<h2>Effects that were considered</h2><div class="scroll"><table><tr><th>effect</th>'
-        '<th>fraction of the loss that it explains alone</th><th></th></tr>'
-        f'{"".join(rows)}</table></div><p><small>The other effects explain even less.</small></p>'
-        + ''.join(f'<p>{escape(line)}</p>' for line in not_considered(table))
+        '<th>alone, improves the fit by</th><th>result</th></tr>'
+        f'{"".join(rows)}</table></div><p><small>The other effects improve the fit even less.'
+        '</small></p>' + ''.join(f'<p>{escape(line)}</p>' for line in not_considered(table))
     )
 
 
@@ -224,6 +257,7 @@ def _recordings(table: dict[str, Any]) -> str:
                 f'<td>{escape(row["reason"])}</td></tr>'
             )
     return (
-        '<h2>Recordings</h2><div class="scroll"><table><tr><th>file</th><th></th><th>fitted pose '
-        f'error (right, down, forward; pitch, yaw, roll)</th></tr>{"".join(rows)}</table></div>'
+        '<h2>Recordings</h2><div class="scroll"><table><tr><th>file</th><th>frames, camera</th>'
+        '<th>fitted pose minus given pose: right, down, forward; pitch, yaw, roll</th></tr>'
+        f'{"".join(rows)}</table></div>'
     )

@@ -3,7 +3,7 @@
 import math
 from typing import Any
 
-from flexx2_sim_ros.gap.report.text import spaced
+from flexx2_sim_ros.gap.report.text import short, spaced
 
 # Names of the channels, for people.
 CHANNELS = {
@@ -11,9 +11,9 @@ CHANNELS = {
     'invalid': 'fraction of invalid pixels',
     'high': 'fraction of outliers behind',
     'low': 'fraction of outliers in front',
-    'log_variance': 'noise (log variance)',
-    'kurtosis': 'kurtosis of the noise',
-    'lag': 'lag-1 correlation',
+    'log_variance': 'noise',
+    'kurtosis': 'tails of the noise (kurtosis)',
+    'lag': 'correlation with the frame before',
     'neighbour': 'correlation of neighbouring pixels',
     'trend': 'drift over a recording',
     'frame_common': 'noise common to a frame',
@@ -48,36 +48,36 @@ _NEXT_STEPS = {
     'region': 'To see it alone, record a flat wall that fills the image; check the camera matrix.',
     'recording': 'Look for what was different in this recording: lighting, poses, settings.',
 }
+# Units of a difference that is written as it is in the table.
+_UNITS = {'fraction of variance': ' of the variance', 'sigma^2': ' sigma_z^2'}
 _WALL = 0.2  # reflectivity of the wall that an amplitude is compared with
 # Channels whose difference in a group of pixels makes a sentence: more and less of it.
 _MORE_OR_LESS = {
     'kurtosis': ('have heavier tails of the noise', 'have lighter tails of the noise'),
     'lag': (
-        'follow the frame before more closely: the correlation is {size:.2f} higher',
-        'follow the frame before less closely: the correlation is {size:.2f} lower',
+        'follow the frame before more closely: the correlation is {size} higher',
+        'follow the frame before less closely: the correlation is {size} lower',
     ),
     'neighbour': (
-        'have noise that is more alike in neighbouring pixels: the correlation is {size:.2f} '
-        'higher',
-        'have noise that is less alike in neighbouring pixels: the correlation is {size:.2f} '
-        'lower',
+        'have noise that is more alike in neighbouring pixels: the correlation is {size} higher',
+        'have noise that is less alike in neighbouring pixels: the correlation is {size} lower',
     ),
     'trend': (
-        'drift {size:.2g} mm away during a recording',
-        'drift {size:.2g} mm nearer during a recording',
+        'drift {size} mm away during a recording',
+        'drift {size} mm nearer during a recording',
     ),
-    'bias': ('read {size:.2g} mm too far', 'read {size:.2g} mm too near'),
+    'bias': ('read {size} mm too far', 'read {size} mm too near'),
     'invalid': (
-        'have no depth in {size:.2g} % more of their pixels',
-        'have no depth in {size:.2g} % fewer of their pixels',
+        'have no depth in {size} % more of their pixels',
+        'have no depth in {size} % fewer of their pixels',
     ),
     'high': (
-        'read far too far in {size:.2g} % more of their pixels',
-        'read far too far in {size:.2g} % fewer of their pixels',
+        'read far too far in {size} % more of their pixels',
+        'read far too far in {size} % fewer of their pixels',
     ),
     'low': (
-        'read far too near in {size:.2g} % more of their pixels',
-        'read far too near in {size:.2g} % fewer of their pixels',
+        'read far too near in {size} % more of their pixels',
+        'read far too near in {size} % fewer of their pixels',
     ),
 }
 
@@ -96,10 +96,10 @@ def finding(cell: dict[str, Any]) -> str:
     step = _NEXT_STEPS.get('region' if covariate.startswith('image') else covariate, '')
     said = _said(cell)
     if covariate == 'structure':
-        return f'The gap is alike {place(cell)}. {step}'
+        return f'The gap is alike {group(cell)}: {difference(cell)}. {step}'
     if said is None:
-        return f'The gap is largest here: {place(cell)}. {step}'.strip()
-    return f'The gap is largest here: {_subject(cell)} {said}. {step}'.strip()
+        return f'The gap is largest here: {group(cell)}: {difference(cell)}. {step}'.strip()
+    return f'The gap is largest here: {group(cell)} {said}. {step}'.strip()
 
 
 def _said(cell: dict[str, Any]) -> str | None:
@@ -110,11 +110,11 @@ def _said(cell: dict[str, Any]) -> str | None:
     if channel not in _MORE_OR_LESS:
         return None
     percent = CHANNELS[channel].startswith('fraction')
-    return _MORE_OR_LESS[channel][size < 0].format(size=abs(size) * (100 if percent else 1))
+    return _MORE_OR_LESS[channel][size < 0].format(size=short(abs(size) * (100 if percent else 1)))
 
 
-def _subject(cell: dict[str, Any]) -> str:
-    # A group of pixels as the subject of a sentence, in plural.
+def group(cell: dict[str, Any]) -> str:
+    """Return the pixels of a row of `where` as text, in plural."""
     name, low, high = cell['covariate'].removeprefix('fine_'), cell['low'], cell['high']
     span = _span(low, high, cell['unit'])
     if name == 'concavity' and (low or 0) > 0:
@@ -124,18 +124,22 @@ def _subject(cell: dict[str, Any]) -> str:
     if name == 'speed':
         return f'surfaces {_direction(low, high)} ({span})'
     words = {
+        'structure': 'everywhere',
         'all': 'all surfaces',
-        'edge': 'pixels at depth jumps',
+        'edge': 'pixels at depth jumps' + (f' ({cell["detail"]})' if cell['detail'] else ''),
         'recording': f'surfaces in recording {cell["detail"]}',
         'uptime': f'surfaces at a time since power-on {span}',
         'distance': f'surfaces at a distance {span}',
         'incidence': f'surfaces seen at an angle {span}',
         'amplitude': f'surfaces {_as_bright(low, high)}',
-        'radius': f'pixels at a distance from the image centre {span}',
+        'radius': f'pixels at a distance from the image centre {span} of the half-diagonal',
         'nothing there': 'pixels without a return',
         'beyond the range': 'surfaces beyond the range',
     }
-    return words.get(name, f'pixels in {group(cell)}')
+    if name in words:
+        return words[name]
+    detail = f'({cell["detail"]})' if cell['detail'] else span
+    return f'pixels in {spaced(name)} {detail}'.strip()
 
 
 def _direction(low: float | None, high: float | None) -> str:
@@ -150,7 +154,7 @@ def _direction(low: float | None, high: float | None) -> str:
 def _as_bright(low: float | None, high: float | None) -> str:
     # An amplitude, 1/m^2, as where a wall that is seen straight on has it.
     wall = f'a wall of reflectivity {_WALL:g} at'
-    near, far = (end and _short(math.sqrt(_WALL / end)) for end in (high, low))
+    near, far = (end and short(math.sqrt(_WALL / end), 3) for end in (high, low))
     if far is None:
         return f'darker than {wall} {near} m'
     if near is None:
@@ -160,48 +164,25 @@ def _as_bright(low: float | None, high: float | None) -> str:
 
 def _span(low: float | None, high: float | None, unit: str) -> str:
     if low is not None and high is not None:
-        text = f'from {_short(low)} to {_short(high)} {unit}'
+        text = f'from {short(low, 3)} to {short(high, 3)} {unit}'
     elif low is not None:
-        text = f'above {_short(low)} {unit}'
+        text = f'above {short(low, 3)} {unit}'
     elif high is not None:
-        text = f'below {_short(high)} {unit}'
+        text = f'below {short(high, 3)} {unit}'
     else:
         text = ''
     return text.strip()
 
 
-def group(cell: dict[str, Any]) -> str:
-    """Return the pixels of a row of `where` as text."""
-    name = spaced(cell['covariate'].removeprefix('fine_'))
-    fixed = {
-        'structure': 'everywhere',
-        'all': 'on all surfaces',
-        'nothing there': 'where there is no return',
-    }
-    if name in fixed:
-        return fixed[name]
-    if name == 'edge' and not cell['detail']:
-        return 'at edges'
-    if name == 'recording':
-        return f'in recording {cell["detail"]}'
-    if cell['detail']:
-        return f'{name} ({cell["detail"]})'
-    return f'{name} {_span(cell["low"], cell["high"], cell["unit"])}'.strip()
-
-
-def place(cell: dict[str, Any]) -> str:
-    """Return the pixels of a row of `where` and what differs there, as text."""
+def difference(cell: dict[str, Any]) -> str:
+    """Return what differs in a row of `where`, real minus simulated, as text."""
     what, size = CHANNELS[cell['channel']], cell['size']
     if cell['channel'] == 'log_variance':
-        return f'{group(cell)}: noise {math.exp(size / 2):.2g} times as large'
+        return f'noise {short(math.exp(size / 2))} times as large'
     if cell['unit_size'] == 'mm':
         text = f'{size:+.2f} mm'
-    elif what.startswith('fraction'):
+    elif cell['unit_size'] == 'fraction':
         text = f'{100 * size:+.1f} %'
     else:
-        text = f'{size:+.2g}'
-    return f'{group(cell)}: {what} {text}'
-
-
-def _short(number: float) -> str:
-    return f'{number:.3g}' if abs(number) < 1000 else f'{number:.0f}'
+        text = f'{size:+.2g}{_UNITS.get(cell["unit_size"], "")}'
+    return f'{what} {text}'

@@ -6,18 +6,40 @@ from flexx2_sim_ros.effects import of_role
 from flexx2_sim_ros.errors import each_once
 from flexx2_sim_ros.gap.report.age import age_words
 from flexx2_sim_ros.gap.report.places import CHANNELS, finding
-from flexx2_sim_ros.gap.report.text import listed, percent, spaced
+from flexx2_sim_ros.gap.report.text import listed, percent, short, spaced
 
 # Names of the physical measures, for people: name, unit and factor to it.
 MEASURES = {
-    'wasserstein_mm': ('depth errors (Wasserstein-1)', 'mm', 1.0),
-    'wasserstein_sigma': ('depth errors in sigma_z', '', 1.0),
-    'edge_sigma': ('depth errors at edges in sigma_z', '', 1.0),
+    'wasserstein_mm': ('depth errors', 'mm', 1.0),
+    'wasserstein_sigma': ('depth errors / noise', '', 1.0),
+    'edge_sigma': ('depth errors / noise at edges', '', 1.0),
     'invalid_rate': ('invalid pixels', '%', 100.0),
-    'log_variance': ('noise (log variance)', '', 1.0),
+    'log_variance': ('noise variance (ln)', '', 1.0),
     'correlation': ('correlation of neighbours', '', 1.0),
-    'lag': ('correlation with the frame before', '', 1.0),
-    'kl_nats': ('divergence of normalised errors', 'nats', 1.0),
+    'lag': ('correlation with frame before', '', 1.0),
+    'kl_nats': ('shape of the errors (KL)', 'nats', 1.0),
+}
+# What they mean, for a reader who sees them for the first time.
+MEANINGS = {
+    MEASURES['wasserstein_mm'][
+        0
+    ]: 'how far depth errors must be moved to get from one distribution to the '
+    'other, on average (Wasserstein distance), in 12 regions of the image',
+    MEASURES['wasserstein_sigma'][
+        0
+    ]: 'the same, with each error divided by the noise that the simulation '
+    'gives its pixel (sigma_z)',
+    MEASURES['edge_sigma'][0]: 'the same, at depth jumps and sharp bends only',
+    MEASURES['invalid_rate'][0]: 'difference of the fraction of pixels without depth',
+    MEASURES['log_variance'][
+        0
+    ]: 'difference of the logarithm of the variance over time: 0.1 is 10 % more or less variance',
+    MEASURES['correlation'][0]: 'difference of the correlation of the noise with the next pixel',
+    MEASURES['lag'][0]: 'difference of the correlation of the noise with the frame before (lag 1)',
+    MEASURES['kl_nats'][
+        0
+    ]: 'Kullback-Leibler divergence of the distributions of errors / noise: 0 is the '
+    'same distribution',
 }
 
 
@@ -86,7 +108,7 @@ def _changes(gap: dict[str, Any]) -> str:
         _, symbol, factor = MEASURES[unit]
         before, after, null = (factor * gap[unit][key] for key in ('before', 'after', 'null'))
         if before - null > factor * gap[unit]['tolerance']:
-            parts.append(f'{name} {before:.2g} -> {after:.2g} {symbol}')
+            parts.append(f'{name} {short(before)} -> {short(after)} {symbol}')
     return ', '.join(parts)
 
 
@@ -109,15 +131,13 @@ def sentences(table: dict[str, Any]) -> list[str]:
         ]
     if table['verdict'] in ('unknown', 'partly') and table['unexplained']:
         names = ', '.join(CHANNELS[row['structure']] for row in table['unexplained'][:4])
-        rest = 'The remaining gap'
-        if _taken(table):
-            rest = 'What effects in the form of the catalogue leave of the gap'
-        out.append(f'{rest} shows in: {names}.')
+        rest = 'Before curves and tables were fitted, the' if _taken(table) else 'The'
+        out.append(f'{rest} remaining gap shows in: {names}.')
     if 'patch' in table:
         out.append(
             f'effects.yaml has a correction without a cause, over '
             f'{spaced(table["patch"]["covariate"])}: it removes '
-            f'{percent(table["patch"]["shrink"])} of the gap in bias, noise and invalid pixels.'
+            f'{percent(table["patch"]["shrink"])} of the gap in depth, noise and invalid pixels.'
         )
     out += not_decidable(table) + ground_truth(table) + age_words(table['age'])
     if table['where'] and table['verdict'] != 'none':
@@ -133,8 +153,8 @@ def _calibrated(table: dict[str, Any]) -> list[str]:
     forms = '; '.join(f'{spaced(row["name"])}: {row["form"]}' for row in taken)
     removed = percent(table['calibration']['typical_gap']['shrink'])
     return [
-        f'Calibrated: {forms}. In the form of the catalogue, the effects would remove {removed} '
-        'of the gap.',
+        f'Calibrated: {forms}: fitted to these recordings. In the form of the catalogue, the '
+        f'effects would remove {removed} of the gap.',
         *map(why_dropped, table['calibration']['dropped']),
     ]
 
@@ -144,42 +164,69 @@ def why_dropped(name: str) -> str:
     return f'{spaced(name)}: left out; it made up for what the diagnosed lens did not explain.'
 
 
-def difference(measures: dict[str, Any]) -> str:
-    """Return how far recordings and simulation are apart, in physical units, in one sentence."""
-    depth, invalid = measures['wasserstein_mm'], measures['invalid_rate']
-    parts = [
-        f'depth errors from {depth["before"]:.2g} to {depth["after"]:.2g} mm '
-        f'({depth["null"]:.2g} mm between two simulations)'
-    ]
-    if max(invalid['before'], invalid['after']) > invalid['tolerance']:
-        parts.append(
-            f'invalid pixels from {100 * invalid["before"]:.2g} to {100 * invalid["after"]:.2g} %'
-        )
-    return f'Difference between recordings and simulation: {", ".join(parts)}.'
-
-
 def reduction(gap: dict[str, Any]) -> list[str]:
     """Return sentences on the reduction of the gap in physical units, and on what gets worse."""
-    out = [difference(gap)]
+    out = [difference(gap), _percentage(gap)]
     if gap['held_out']:
-        sure = 'Two recordings are too few for an interval of the reduction.'
-        if gap['interval'] is not None:
-            low, high = map(percent, gap['interval'])
-            sure = f'90 % interval of the reduction: {low} to {high} of the gap.'
         out.append(
-            f'Each recording was compared with effects that were fitted to the others. {sure}'
+            'Each recording was compared with effects that were fitted to the others. '
+            f'{_elsewhere(gap["interval"])}'
         )
     if 'note' in gap:
         out.append(gap['note'][0].upper() + gap['note'][1:] + '.')
-    if gap['measured_by'] == 'loss':
-        out.append(
-            'In depth and invalid pixels the gap is below the tolerance. The reduction is '
-            "therefore that of the loss of the diagnosis' features."
-        )
     if gap['worse']:
         names = ', '.join(MEASURES[unit][0] for unit in gap['worse'])
         out.append(f'The effects make this worse: {names}.')
     return out
+
+
+def difference(gap: dict[str, Any]) -> str:
+    """Return how far recordings and simulation are apart, in physical units, in one sentence."""
+    invalid = gap['invalid_rate']
+    units = ['wasserstein_mm']
+    if max(invalid['before'], invalid['after']) > invalid['tolerance']:
+        units.append('invalid_rate')
+    before, after, null = (
+        ', '.join(_in_unit(unit, gap[unit][key]) for unit in units)
+        for key in ('before', 'after', 'null')
+    )
+    return (
+        f'The gap is the difference between recordings and simulation: {before}. With the effects '
+        f'it is: {after}. Two runs of the simulator differ by: {null}.'
+    )
+
+
+def _percentage(gap: dict[str, Any]) -> str:
+    # What the reduction in percent counts.
+    if gap['measured_by'] == 'loss':
+        return (
+            'In depth and invalid pixels the gap is below the tolerance. The percentage is '
+            'therefore the improvement of the fit: in all that is compared, such as noise and '
+            'correlations.'
+        )
+    return (
+        'The percentage counts depth errors in units of the noise, and invalid pixels. 100 % '
+        'would be as close as two runs of the simulator.'
+    )
+
+
+def _in_unit(measure: str, value: float) -> str:
+    name, symbol, factor = MEASURES[measure]
+    return f'{name} {short(factor * value)} {symbol}'
+
+
+def _elsewhere(interval: list[float] | None) -> str:
+    # The reduction to expect on other scenes.
+    if interval is None:
+        return 'Two recordings are too few for an interval of the reduction.'
+    low, high = map(percent, interval)
+    text = f'On other scenes, expect a reduction of {low} to {high} (90 % interval).'
+    if interval[0] < 0:
+        text += (
+            ' Below 0 %, the effects make the gap larger: these recordings do not rule that out. '
+            'More recordings make the interval narrower.'
+        )
+    return text
 
 
 def not_decidable(table: dict[str, Any]) -> list[str]:
