@@ -49,7 +49,12 @@ _NEXT_STEPS = {
     'recording': 'Look for what was different in this recording: lighting, poses, settings.',
 }
 # Units of a difference that is written as it is in the table.
-_UNITS = {'fraction of variance': ' of the variance', 'sigma^2': ' sigma_z^2'}
+_UNITS = {
+    'fraction of variance': ' of the variance',
+    'sigma^2': ' sigma_z^2',
+    'ln': ' (ln)',
+    'log10': ' (log10 of its power)',
+}
 _WALL = 0.2  # reflectivity of the wall that an amplitude is compared with
 # Channels whose difference in a group of pixels makes a sentence: more and less of it.
 _MORE_OR_LESS = {

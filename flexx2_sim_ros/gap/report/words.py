@@ -150,10 +150,10 @@ def _calibrated(table: dict[str, Any]) -> list[str]:
     taken = _taken(table)
     if not taken:
         return []
-    forms = '; '.join(f'{spaced(row["name"])}: {row["form"]}' for row in taken)
+    forms = ', '.join(f'{spaced(row["name"])} ({row["form"]})' for row in taken)
     removed = percent(table['calibration']['typical_gap']['shrink'])
     return [
-        f'Calibrated: {forms}: fitted to these recordings. In the form of the catalogue, the '
+        f'Calibrated: {forms}, fitted to these recordings. In the form of the catalogue, the '
         f'effects would remove {removed} of the gap.',
         *map(why_dropped, table['calibration']['dropped']),
     ]
