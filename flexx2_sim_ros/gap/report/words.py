@@ -131,8 +131,10 @@ def sentences(table: dict[str, Any]) -> list[str]:
         ]
     if table['verdict'] in ('unknown', 'partly') and table['unexplained']:
         names = ', '.join(CHANNELS[row['structure']] for row in table['unexplained'][:4])
-        rest = 'Before curves and tables were fitted, the' if _taken(table) else 'The'
-        out.append(f'{rest} remaining gap shows in: {names}.')
+        rest = 'The gap' if table['verdict'] == 'unknown' else 'The remaining gap'
+        if _taken(table):
+            rest = 'Before curves and tables were fitted, the remaining gap'
+        out.append(f'{rest} shows in: {names}.')
     if 'patch' in table:
         out.append(
             f'effects.yaml has a correction without a cause, over '
