@@ -1,7 +1,7 @@
 """Pictures inside a page: SVG curves and bars, PNG maps."""
 
 import base64
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from html import escape
 
 from flexx2_sim_ros.png import encode_png
@@ -154,17 +154,7 @@ def curves(
     def at_y(value: float) -> float:
         return _HEIGHT - _BOTTOM - (value - low) / (high - low) * (_HEIGHT - _BOTTOM - 24)
 
-    parts = [
-        f'<line x1="{_LEFT}" x2="{_WIDTH - 10}" y1="{at_y(tick):.1f}" '
-        f'y2="{at_y(tick):.1f}" class="grid"/><text x="{_LEFT - 6}" '
-        f'y="{at_y(tick) + 4:.1f}" text-anchor="end">{tick:g}</text>'
-        for tick in _ticks(low, high)
-    ]
-    parts += [
-        f'<text x="{at_x(tick):.1f}" y="{_HEIGHT - _BOTTOM + 16}" '
-        f'text-anchor="middle">{tick:g}</text>'
-        for tick in _ticks(left, right)
-    ]
+    parts = _axes(at_x, at_y, (left, right), (low, high), x_label, y_label)
     if band is not None:
         low_end, high_end = (list(zip(x, one, strict=True)) for one in band[:, seen])
         outline = ' '.join(
@@ -179,20 +169,41 @@ def curves(
         parts.append(f'<polyline points="{points}" class="curve {kinds[i]}"/>')
         parts.append(_legend_entry(legend, names[i], kinds[i]))
         legend += 42 + 7 * len(names[i])
-    parts.append(
-        f'<text x="{(_LEFT + _WIDTH) / 2}" y="{_HEIGHT - 4}" text-anchor="middle">'
-        f'{escape(x_label)}</text>'
-    )
-    middle = (24 + _HEIGHT - _BOTTOM) / 2
-    parts.append(
-        f'<text x="12" y="{middle}" text-anchor="middle" transform="rotate(-90 12 {middle})">'
-        f'{escape(y_label)}</text>'
-    )
     return (
         f'<figure><svg viewBox="0 0 {_WIDTH} {_HEIGHT}" width="{_WIDTH}" font-size="12" '
         f'role="img" aria-label="{escape(y_label)} against {escape(x_label)}">'
         f'{"".join(parts)}</svg></figure>'
     )
+
+
+def _axes(
+    at_x: Callable[[float], float],
+    at_y: Callable[[float], float],
+    along_x: tuple[float, float],
+    along_y: tuple[float, float],
+    x_label: str,
+    y_label: str,
+) -> list[str]:
+    # Lines of the grid, ticks and labels of both axes, as SVG.
+    middle = (24 + _HEIGHT - _BOTTOM) / 2
+    grid = [
+        f'<line x1="{_LEFT}" x2="{_WIDTH - 10}" y1="{at_y(tick):.1f}" '
+        f'y2="{at_y(tick):.1f}" class="grid"/><text x="{_LEFT - 6}" '
+        f'y="{at_y(tick) + 4:.1f}" text-anchor="end">{tick:g}</text>'
+        for tick in _ticks(*along_y)
+    ]
+    ticks = [
+        f'<text x="{at_x(tick):.1f}" y="{_HEIGHT - _BOTTOM + 16}" '
+        f'text-anchor="middle">{tick:g}</text>'
+        for tick in _ticks(*along_x)
+    ]
+    labels = [
+        f'<text x="{(_LEFT + _WIDTH) / 2}" y="{_HEIGHT - 4}" text-anchor="middle">'
+        f'{escape(x_label)}</text>',
+        f'<text x="12" y="{middle}" text-anchor="middle" transform="rotate(-90 12 {middle})">'
+        f'{escape(y_label)}</text>',
+    ]
+    return grid + ticks + labels
 
 
 def _legend_entry(left: int, name: str, kind: str) -> str:
