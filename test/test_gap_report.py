@@ -100,7 +100,7 @@ def test_the_pixels_of_the_first_rows_are_marked() -> None:
 
 
 def test_a_recording_without_any_depth_is_drawn() -> None:
-    table = {'where': [], 'effects': []}
+    table: dict[str, Any] = {'where': [], 'effects': []}
     lost = np.full_like(CLEAN, np.nan)
     page = frames(table, outcomes(1, lost), axes_of(flexx2()))
     assert len(pictures(page)) == 4
