@@ -66,7 +66,7 @@ def _measure(processes: dict[str, subprocess.Popen[bytes]]) -> None:
             cpu = (cpu_seconds(process.pid) - before[name]) / elapsed
             print(
                 f'{name:6s} {len(traffic.stamps[name])} of {_RATE * _SECONDS} frames, '
-                f'{gaps} gaps, {cpu:.0%} of a core, '
+                f'{gaps} gaps, {cpu:.1%} of a core, '
                 f'peak memory {resident_megabytes(process.pid):.0f} MB'
             )
         latency = 1e3 * np.array(traffic.latencies)
@@ -77,7 +77,7 @@ def _measure(processes: dict[str, subprocess.Popen[bytes]]) -> None:
                 for text, q in (('median', 50), ('p90', 90), ('p99', 99), ('max', 100))
             )
         )
-        print(f'(this publisher and receiver: {own / elapsed:.0%} of a core)')
+        print(f'(this publisher and receiver: {own / elapsed:.1%} of a core)')
         print('wanted: no gaps, p99 below 10 ms')
     finally:
         rclpy.shutdown()
