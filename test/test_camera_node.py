@@ -10,6 +10,8 @@ from flexx2_sim_ros.physics.geometry import pixel_rays
 from flexx2_sim_ros.profiles.modes import flexx2
 import numpy as np
 import pytest
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from sensor_msgs.msg import Image
 import streams
 from streams import (
     array_of,
@@ -390,3 +392,13 @@ def test_parameters_of_the_driver() -> None:
             assert seen.set(usecase=usecase).successful
         seen.spin_until(lambda: len(seen.logged('usecase is now')) == 3)
         assert len(seen.logged('Mode_5_15fps', 'was not measured', 'Mode_5_30fps')) == 1
+
+
+def test_each_subscription_of_another_quality_of_service_is_a_warning() -> None:
+    lasting = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    with stream(DEPTH) as seen:
+        for topic in (GRAY, NOISE):
+            seen.node.create_subscription(
+                Image, f'{seen.name}/{topic}', lambda message: None, lasting
+            )
+            seen.spin_until(lambda topic=topic: seen.logged(topic, 'incompatible QoS'), topic)

@@ -21,6 +21,7 @@ from flexx2_sim_ros.messages.decoding import (
 from flexx2_sim_ros.nodes import messages
 from flexx2_sim_ros.nodes.camera_outputs import CameraOutputs
 from flexx2_sim_ros.nodes.camera_parameters import CameraParameters
+from flexx2_sim_ros.nodes.event_group import EventGroup
 from flexx2_sim_ros.nodes.gating import FrameGate
 from flexx2_sim_ros.nodes.input_watch import InputWatch, Remark
 from flexx2_sim_ros.nodes.late_frames import LateFrames
@@ -95,7 +96,9 @@ class Flexx2Camera(SteadyNode):
     def _open_topics(self) -> None:
         self._outputs = CameraOutputs(self, self.settings, self._profile.sensor)
         self._late = LateFrames(self)
-        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        self._diagnostics = self.create_publisher(
+            DiagnosticArray, '/diagnostics', 10, callback_group=EventGroup()
+        )
         # The image is last: of messages that wait together, it is then handled after the others.
         self._inputs = {
             topic: Input(self, kind, topic, callback)

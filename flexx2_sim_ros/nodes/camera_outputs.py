@@ -6,6 +6,7 @@ from flexx2_sim_ros.camera.frame import Frame
 from flexx2_sim_ros.camera.gray import gray_image
 from flexx2_sim_ros.nodes import messages
 from flexx2_sim_ros.nodes.camera_parameters import CameraParameters
+from flexx2_sim_ros.nodes.event_group import EventGroup
 from flexx2_sim_ros.physics.geometry import pixel_rays, points
 from flexx2_sim_ros.profiles.sensor import Sensor
 import numpy as np
@@ -40,6 +41,7 @@ class CameraOutputs:
         self._rays = pixel_rays(settings.intrinsics)
         # The lens does not change while the node runs: only the header is set for each frame.
         self._lens = messages.camera_info_message(Header(), settings.intrinsics)
+        self._events = EventGroup()
         self._depth = self._publisher(Image, '~/depth_image_0')
         self._info = self._publisher(CameraInfo, '~/camera_info')
         self._cloud = self._publisher(PointCloud2, '~/point_cloud_0')
@@ -52,6 +54,7 @@ class CameraOutputs:
             topic,
             # A new profile for each topic: rclpy writes the topic's override into it.
             QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE),
+            callback_group=self._events,
             qos_overriding_options=QoSOverridingOptions.with_default_policies(),
         )
 
