@@ -146,6 +146,10 @@ def test_a_note_on_several_recordings_is_said_once() -> None:
             'surfaces darker than a wall of reflectivity 0.2 at 2 m have 2 times the noise of the '
             'simulation',
         ),
+        (
+            row('all', 'log_variance', size=2 * np.log(250.0), unit_size='ln'),
+            'all surfaces have 250 times the noise of the simulation',
+        ),
         (row('amplitude', low=0.05, unit='1/m^2'), 'brighter than a wall of reflectivity 0.2 at'),
         (row('speed', high=-0.8, unit='m/s'), 'surfaces that come nearer (below -0.8 m/s) read'),
         (row('speed', low=0.03, high=0.4, unit='m/s'), 'surfaces that move away (from 0.03 to'),
@@ -204,7 +208,16 @@ def test_a_difference_has_its_unit(channel: str, size: float, unit: str, said: s
 
 
 @pytest.mark.parametrize(
-    ('number', 'text'), [(0.0123, '0.012'), (99.4, '99'), (99.7, '100'), (667.0, '667'), (0, '0')]
+    ('number', 'text'),
+    [
+        (0.0123, '0.012'),
+        (99.4, '99'),
+        (99.7, '100'),
+        (-667.0, '-667'),
+        (0, '0'),
+        (2.76e-5, '0.000028'),
+        (-1e-9, '0'),
+    ],
 )
 def test_short_numbers_have_no_exponent(number: float, text: str) -> None:
     assert short(number) == text

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 from flexx2_sim_ros.atomic import output_folder, whole_files
 from flexx2_sim_ros.gap.report.style import definitions, STYLE
-from flexx2_sim_ros.gap.report.text import percent, spaced
+from flexx2_sim_ros.gap.report.text import percent, short, spaced
 from flexx2_sim_ros.gap.report.words import difference, MEANINGS, MEASURES, on_recordings
 from flexx2_sim_ros.html_drawing import bar
 from flexx2_sim_ros.html_page import html_page
@@ -103,13 +103,16 @@ def lines(table: dict[str, Any]) -> Iterator[Line]:
 
 
 def _text(one: dict[str, Any], part: str, unit: str, factor: float) -> str:
-    sign = '+' if part == 'change' else ''
-    value = f'{one[part] * factor:{sign}.3g} {unit}'.strip()
+    def number(value: float) -> str:
+        sign = '+' if part == 'change' and value >= 0 else ''
+        return sign + short(value * factor, 3)
+
+    text = f'{number(one[part])} {unit}'.strip()
     interval = one[f'{part}_interval']
     if interval is not None and part != 'null':
-        low, high = (f'{end * factor:{sign}.3g}' for end in interval)
-        value += f' ({low} to {high})'
-    return value
+        low, high = map(number, interval)
+        text += f' ({low} to {high})'
+    return text
 
 
 def page(table: dict[str, Any]) -> str:
@@ -125,10 +128,11 @@ def page(table: dict[str, Any]) -> str:
         )
         rows.append(f'<tr>{cells}<td>{bar(one["before"], one["after"], one["null"])}</td></tr>')
     used = [row for row in table['recordings'] if row['used']]
+    count = f'{len(used)} recording{"s" * (len(used) != 1)}'
     tag, word = ('holds', 'holds') if table['holds'] else ('fails', 'does not hold')
     body = [
-        f'<p><span class="tag {tag}">{word}</span> <small>on {len(used)} recordings that the '
-        'diagnosis has not seen</small></p>',
+        f'<p><span class="tag {tag}">{word}</span> <small>on {count} that the diagnosis has '
+        'not seen</small></p>',
         f'<h1>{escape(headline(table))}</h1>',
         ''.join(f'<p>{escape(line)}</p>' for line in sentences(table)),
         '<h2>The gap before and after the effects are simulated</h2><div class="scroll"><table>'
@@ -173,4 +177,4 @@ def _recordings(used: list[dict[str, Any]]) -> str:
 
 
 def _span(values: list[float], factor: float) -> str:
-    return f'{values[0] * factor:.3g} to {values[1] * factor:.3g}'
+    return f'{short(values[0] * factor, 3)} to {short(values[1] * factor, 3)}'

@@ -111,7 +111,7 @@ def _said(cell: dict[str, Any]) -> str | None:
     # What a group of pixels does, as the rest of a sentence; None where only its name says it.
     channel, size = cell['channel'], float(cell['size'])
     if channel == 'log_variance':
-        return f'have {math.exp(size / 2):.2g} times the noise of the simulation'
+        return f'have {short(math.exp(size / 2))} times the noise of the simulation'
     if channel not in _MORE_OR_LESS:
         return None
     percent = CHANNELS[channel].startswith('fraction')

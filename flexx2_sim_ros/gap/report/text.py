@@ -15,9 +15,15 @@ def listed(names: Sequence[str]) -> str:
 
 
 def short(number: float, digits: int = 2) -> str:
-    """Return a number with a few digits, or rounded to whole numbers; never with an exponent."""
+    """
+    Return a number with a few digits, never with an exponent.
+
+    Large numbers are rounded to whole ones, very small numbers to six decimals.
+    """
     text = f'{number:.{digits}g}'
-    return f'{number:.0f}' if 'e+' in text else text
+    if 'e' not in text:
+        return text
+    return f'{number:.0f}' if abs(number) >= 1 else f'{number:z.6f}'.rstrip('0').rstrip('.')
 
 
 def percent(fraction: float) -> str:
