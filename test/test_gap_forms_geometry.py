@@ -115,5 +115,5 @@ def test_a_diagnosis_leaves_a_pose_error_out_beside_a_fitted_lens(recordings: Pa
 def test_a_table_of_fitted_numbers_has_the_title_that_its_page_gives_it() -> None:
     lens = Proposal('intrinsics_error', shape_of('intrinsics_error').label, LENS, (LENS,) * 3)
     shown = figures([Verdict(lens, np.ones(3), np.zeros(3), True)], [], ('typical', 'as fitted'))
-    assert '<th>as fitted</th>' in shown
+    assert '<th>intrinsics error</th><th>as fitted</th>' in shown
     assert '<td>cx</td><td>0.5</td><td>0</td>' in shown

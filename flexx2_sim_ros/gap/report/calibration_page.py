@@ -174,7 +174,7 @@ def _figure(proposal: Proposal, looked: Sequence[Looked], names: tuple[str, str]
     pattern = proposal.together.get('pattern')
     if isinstance(pattern, PixelMap):
         limit = 1000 * float(np.quantile(np.abs(pattern.values), 0.98)) or 1.0
-        text = f'{proposal.effect}: blue {-limit:.2g} to red {limit:+.2g} mm'
+        text = f'{spaced(proposal.effect)}: blue {-limit:.2g} to red {limit:+.2g} mm'
         return (
             f'<figure><img alt="{escape(text)}" width="420" '
             f'src="{picture(1000 * pattern.values, limit)}"><figcaption>{escape(text)}'
@@ -199,7 +199,7 @@ def _figure(proposal: Proposal, looked: Sequence[Looked], names: tuple[str, str]
         factor * np.array([typical, middle]),
         names,
         over,
-        f'{proposal.effect}: {unit}',
+        f'{spaced(proposal.effect)}: {unit}',
         0.5,
         kinds=('simulated', 'effects'),
         band=factor * np.array([middle - _NINETY * error, middle + _NINETY * error]),
@@ -215,7 +215,7 @@ def _numbers(proposal: Proposal, title: str) -> str:
         if name != 'strength'
     )
     return (
-        f'<figure><table><tr><th>{escape(proposal.effect)}</th><th>{escape(title)}</th>'
+        f'<figure><table><tr><th>{escape(spaced(proposal.effect))}</th><th>{escape(title)}</th>'
         f'<th>standard error</th></tr>{rows}</table><figcaption>{escape(proposal.label)}'
         '</figcaption></figure>'
     )
