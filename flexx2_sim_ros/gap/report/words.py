@@ -20,27 +20,21 @@ MEASURES = {
     'kl_nats': ('shape of the errors (KL)', 'nats', 1.0),
 }
 # What they mean, for a reader who sees them for the first time.
-MEANINGS = {
-    MEASURES['wasserstein_mm'][
-        0
-    ]: 'how far depth errors must be moved to get from one distribution to the '
+_MEANINGS = {
+    'wasserstein_mm': 'how far depth errors must be moved to get from one distribution to the '
     'other, on average (Wasserstein distance), in 12 regions of the image',
-    MEASURES['wasserstein_sigma'][
-        0
-    ]: 'the same, with each error divided by the noise that the simulation '
+    'wasserstein_sigma': 'the same, with each error divided by the noise that the simulation '
     'gives its pixel (sigma_z)',
-    MEASURES['edge_sigma'][0]: 'the same, at depth jumps and sharp bends only',
-    MEASURES['invalid_rate'][0]: 'difference of the fraction of pixels without depth',
-    MEASURES['log_variance'][
-        0
-    ]: 'difference of the logarithm of the variance over time: 0.1 is 10 % more or less variance',
-    MEASURES['correlation'][0]: 'difference of the correlation of the noise with the next pixel',
-    MEASURES['lag'][0]: 'difference of the correlation of the noise with the frame before (lag 1)',
-    MEASURES['kl_nats'][
-        0
-    ]: 'Kullback-Leibler divergence of the distributions of errors / noise: 0 is the '
+    'edge_sigma': 'the same, at depth jumps and sharp bends only',
+    'invalid_rate': 'difference of the fraction of pixels without depth',
+    'log_variance': 'difference of the logarithm of the variance over time: 0.1 is 10 % more or '
+    'less variance',
+    'correlation': 'difference of the correlation of the noise with the next pixel',
+    'lag': 'difference of the correlation of the noise with the frame before (lag 1)',
+    'kl_nats': 'Kullback-Leibler divergence of the distributions of errors / noise: 0 is the '
     'same distribution',
 }
+MEANINGS = {MEASURES[key][0]: meaning for key, meaning in _MEANINGS.items()}
 
 
 def _names(rows: list[dict[str, Any]]) -> str:
