@@ -177,7 +177,7 @@ def test_the_page_in_a_browser(tmp_path: Path) -> None:
             mobile=True,
         )
         assert browser.evaluate('document.documentElement.scrollWidth') == 390
-        browser.evaluate('document.querySelector("details").open = true')
+        browser.evaluate('[...document.querySelectorAll("details")].map((one) => one.open = true)')
         widths = browser.evaluate(
             '[...document.querySelectorAll(".frames img")].map((one) => one.clientWidth)'
         )

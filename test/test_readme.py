@@ -168,7 +168,7 @@ def test_program(program: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize('program', TESTS)
-def test_test(program: str, tmp_path: Path, child_env: dict[str, str]) -> None:
+def test_example_of_a_test(program: str, tmp_path: Path, child_env: dict[str, str]) -> None:
     (tmp_path / 'test_camera.py').write_text(program, encoding='utf-8')
     done = subprocess.run(
         [*python('pytest'), '-q', '-p', 'no:cacheprovider', 'test_camera.py'],
