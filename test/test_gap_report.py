@@ -13,7 +13,7 @@ from flexx2_sim_ros.gap.features.single_frame import single_frame
 from flexx2_sim_ros.gap.report.frames import frames, MOST_FRAMES
 from flexx2_sim_ros.gap.report.places import difference, finding
 from flexx2_sim_ros.gap.report.text import short
-from flexx2_sim_ros.gap.report.words import on_recordings, reduction
+from flexx2_sim_ros.gap.report.words import blames_poses, on_recordings, reduction
 from flexx2_sim_ros.html_drawing import MARKS
 import numpy as np
 from PIL import Image
@@ -221,3 +221,19 @@ def test_a_difference_has_its_unit(channel: str, size: float, unit: str, said: s
 )
 def test_short_numbers_have_no_exponent(number: float, text: str) -> None:
     assert short(number) == text
+
+
+@pytest.mark.parametrize(
+    ('names', 'shrink', 'blamed'),
+    [
+        (['pose_error'], 0.0, True),
+        (['pose_error', 'offset'], 0.04, True),
+        (['pose_error', 'offset'], 0.4, False),
+        (['offset', 'pose_error'], 0.04, False),
+    ],
+)
+def test_poses_are_blamed_where_other_effects_do_little(
+    names: list[str], shrink: float, blamed: bool
+) -> None:
+    effects = [{'name': name} for name in names]
+    assert blames_poses({'effects': effects, 'gap': {'shrink': shrink}}) == blamed

@@ -17,6 +17,7 @@ from flexx2_sim_ros.gap.report.style import definitions, STYLE
 from flexx2_sim_ros.gap.report.text import percent, short, spaced
 from flexx2_sim_ros.gap.report.words import (
     accuracy,
+    blames_poses,
     calibrations,
     camera_effects,
     headline,
@@ -123,7 +124,7 @@ def _effects(table: dict[str, Any]) -> str:
 def _unlike_the_headline(table: dict[str, Any]) -> str:
     # Why these percentages do not add up to that of the headline.
     misfit = 'The misfit counts all that is compared: depth, invalid pixels, noise, correlations.'
-    if not camera_effects(table):
+    if blames_poses(table):
         return f'{misfit} A pose error is removed by the fit of the poses first.'
     if table['gap']['measured_by'] == 'loss':
         return f'{misfit} The headline has the improvement by all effects together.'

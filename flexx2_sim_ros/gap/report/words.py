@@ -46,6 +46,14 @@ def camera_effects(table: dict[str, Any]) -> list[str]:
     return [row['name'] for row in table['effects'] if row['name'] != of_role('pose').name]
 
 
+def blames_poses(table: dict[str, Any]) -> bool:
+    """Return whether the named effects are an error of the poses, and others that do little."""
+    if not camera_effects(table):
+        return True
+    first = table['effects'][0]['name']
+    return bool(first == of_role('pose').name and table['gap']['shrink'] < 0.05)
+
+
 def calibrations(table: dict[str, Any]) -> list[dict[str, Any]]:
     """Return the forms that were tried; none if nothing was calibrated."""
     rows: list[dict[str, Any]] = (table['calibration'] or {}).get('effects', [])
@@ -81,9 +89,7 @@ def headline(table: dict[str, Any]) -> str:
         # What a typical form leaves may be the form's own fault.
         sure = 'may remain' if _taken(table) else 'remains'
         rest = f' Another cause {sure}.'
-    if not camera_effects(table) or (
-        rows[0]['name'] == of_role('pose').name and gap['shrink'] < 0.05
-    ):
+    if blames_poses(table):
         return f'The poses of the cameras are wrong: correct them first.{rest}'
     added = f'The gap is due to {_names(rows)}: adding {"it" if len(rows) == 1 else "them"}'
     if gap['shrink'] < 0:
