@@ -253,7 +253,7 @@ def accuracy(truths: list[dict[str, Any]]) -> str:
 
     def span(key: str, factor: float) -> str:
         values = [factor * one[key] for one in truths if one[key] is not None]
-        low, high = f'{min(values):.3g}', f'{max(values):.3g}'
+        low, high = short(min(values), 3), short(max(values), 3)
         return low if low == high else f'{low} to {high}'
 
     parts = []
