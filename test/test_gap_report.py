@@ -115,7 +115,7 @@ def test_the_size_of_the_page_does_not_grow_with_the_recordings() -> None:
         one.frame = None
     page = frames({'where': [], 'effects': []}, some, axes_of(flexx2()))
     assert len(pictures(page)) == 4 * MOST_FRAMES
-    assert '14 recordings with a smaller gap are not shown' in page
+    assert 'Recordings with a smaller gap are not shown: 14.' in page
 
 
 def test_a_note_on_several_recordings_is_said_once() -> None:

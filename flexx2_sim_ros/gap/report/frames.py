@@ -49,13 +49,14 @@ def frames(table: dict[str, Any], confirmed: Sequence[Outcome], axes: Axes) -> s
         if one.frame is not None
     ]
     folded = ''
-    if len(parts) > _OPEN:
+    more = len(parts) - _OPEN
+    if more > 0:
         folded = (
-            f'<details><summary>{len(parts) - _OPEN} more recordings</summary>'
+            f'<details><summary>{more} more recording{"s" * (more != 1)}</summary>'
             f'{"".join(parts[_OPEN:])}</details>'
         )
     rest = len(confirmed) - len(parts)
-    others = f' {rest} recordings with a smaller gap are not shown.' if rest else ''
+    others = f' Recordings with a smaller gap are not shown: {rest}.' if rest else ''
     return (
         f'<h2>Single frames</h2>{"".join(parts[:_OPEN])}{folded}<p><small>The middle frame of '
         'each recording, and the same frame as simulated at the fitted pose: differences of '
