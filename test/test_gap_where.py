@@ -163,7 +163,17 @@ def test_what_acts_on_all_pixels_alike_is_said_of_whole_images() -> None:
         **dict.fromkeys(('low', 'high')),
         **dict.fromkeys(('unit', 'detail'), ''),
     }
-    assert finding(row).startswith('The gap is alike everywhere: fixed-pattern noise +0.1. ')
+    said = 'The gap is alike everywhere: fixed-pattern noise +0.1 sigma_z^2. '
+    assert finding(row).startswith(said)
+
+
+def test_a_difference_that_whole_images_do_not_show_is_said_of_its_covariate() -> None:
+    model = made_up(6, 0.001)
+    difference = bias_along(6, 'region', {2: 1.0, 9: -1.0})  # 0 in the mean of an image
+    offset = (registry()['offset'],)
+    one = main_covariate(model, difference, difference, True, offset, {'region': 0.02})
+    assert one is not None
+    assert (one.axis, one.difference) == ('region', pytest.approx(1.0))
 
 
 def test_a_recording_is_named_only_if_nothing_else_singles_it_out() -> None:

@@ -136,8 +136,10 @@ def main_covariate(
     best = found[int(np.argmax(powers))]
     if tells and best.axis != 'all':
         if max(tells.values()) < WHERE.tells:
-            return _largest_stretch(features.of_whole_images())
-        if best.axis not in expected:
+            images = features.of_whole_images()
+            if images is not None:
+                return _largest_stretch(images)
+        elif best.axis not in expected:
             best = _most_telling(found, powers, expected, tells)
     found_there = _largest_stretch(best)
     whole = features.along(best.channel, 'all')
@@ -203,12 +205,12 @@ class _Features:
         start = AXES[axis].start
         return self._pooled(axis, channel, index, slice(start, start + AXES[axis].bins))
 
-    def of_whole_images(self) -> _Bins:
-        # What differs most among all that is measured without bins.
+    def of_whole_images(self) -> _Bins | None:
+        # What differs most among all that is measured without bins; None where nothing does.
         found = [self.along(channel, 'structure') for channel in STRUCTURE_UNITS]
         found += [self.along(channel, 'all') for channel in CHANNEL_UNITS]
-        known = [bins for bins in found if bins is not None]
-        return max(known, key=lambda bins: float(bins.energies.sum()))
+        known = [bins for bins in found if bins is not None and bins.energies.sum() > 0]
+        return max(known, key=lambda bins: float(bins.energies.sum()), default=None)
 
     def _of_recordings(self, channel: str, axis: str) -> _Bins | None:
         groups = np.arange(len(self._good)) if axis == 'recording' else self._uptimes
