@@ -3,10 +3,13 @@
 import ast
 from dataclasses import fields
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 from flexx2_sim_ros import gap
 from flexx2_sim_ros.gap.calibration import SECTIONS
 from flexx2_sim_ros.gap.calibration.about import ASSUMED, DEFINITION
+from flexx2_sim_ros.gap.calibration.inference import LOSS
 from flexx2_sim_ros.gap.inference.normal_equations import (
     cauchy_weights,
     eliminate_nuisances,
@@ -14,6 +17,7 @@ from flexx2_sim_ros.gap.inference.normal_equations import (
     normal_equations,
     solve,
 )
+from flexx2_sim_ros.gap.inference.own_errors import OwnErrors
 import numpy as np
 import pytest
 
@@ -78,6 +82,35 @@ def test_outliers_hardly_count_in_reweighted_least_squares() -> None:
         estimate = estimate + solve(normal[0], right[0])
     # Standard error of 800 values: 0.0035; outliers alone would shift the mean by 9.6.
     assert estimate[0] == pytest.approx(2.0, abs=0.05)
+
+
+def test_a_pose_error_does_not_count_against_a_pose_that_is_exact() -> None:
+    moved, still = np.array([0.01, 0, 0, 0, 0, 0]), np.zeros(6)
+    poses = moved, still, moved
+    evidence: list[Any] = [SimpleNamespace(pose=pose, planes=()) for pose in poses]
+    exact = np.zeros((6, 6))
+    own = OwnErrors(evidence, [None, exact, None], LOSS)
+    amounts = np.zeros((3, own.count))
+    assert own.loss(amounts, common_pose=False) > 1
+    own.centre = own.pose[own.posed].mean(axis=0)
+    assert own.loss(amounts, common_pose=False) == 0
+    _, pull = own.prior(amounts, common_pose=False)
+    assert pull == pytest.approx(0)
+
+
+def test_poses_are_where_they_were_found() -> None:
+    rng = np.random.default_rng(0)
+    evidence: list[Any] = [
+        SimpleNamespace(pose=rng.normal(size=6), planes=rng.normal(size=planes))
+        for planes in (0, 3, 6)
+    ]
+    covariances = [None, np.eye(9), np.eye(12)]
+    own = OwnErrors(evidence, covariances, LOSS)
+    motions = own.found(rng.normal(size=(3, own.count)))
+    assert [len(one) for one in motions] == [6, 9, 12]
+    again = own.at(motions).found(np.zeros((3, own.count)))
+    for one, other in zip(motions, again, strict=True):
+        assert one == pytest.approx(other)
 
 
 def test_every_constant_says_its_meaning_and_source() -> None:

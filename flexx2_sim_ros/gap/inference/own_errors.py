@@ -45,7 +45,7 @@ class OwnErrors:
     posed : numpy.ndarray
         (R,) bool, whether a recording's pose may be wrong.
     centre : numpy.ndarray or None
-        (6,) about which the poses lie, in steps, if that is known.
+        (6,) about which those poses lie that may be wrong, in steps, if that is known.
 
     """
 
@@ -178,8 +178,8 @@ class OwnErrors:
         # (R, 6) how far the poses are from where they are believed to lie.
         q = self.pose + amounts[:, :POSE]
         if self.centre is not None:
-            return np.asarray(q - self.centre)
-        if common_pose and self.posed.any():
+            q[self.posed] -= self.centre
+        elif common_pose and self.posed.any():
             q[self.posed] -= q[self.posed].mean(axis=0)
         return np.asarray(q)
 
