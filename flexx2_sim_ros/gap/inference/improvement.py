@@ -49,6 +49,7 @@ def simulated_losses(
     confirmed: Sequence[Outcome],
     motions: Sequence[np.ndarray],
     edges: bool,
+    common_pose: bool = False,
 ) -> np.ndarray:
     """
     Return the loss of each recording before and after effects are simulated, and of noise alone.
@@ -69,6 +70,8 @@ def simulated_losses(
         (6 + 3 P,) where its camera and its planes are then, as for `registration.place`.
     edges : bool
         Whether features at jumps and sharp bends count; see `counts_edges`.
+    common_pose : bool
+        Whether a pose error is among the effects: what the poses have in common is no loss.
 
     Returns
     -------
@@ -83,7 +86,7 @@ def simulated_losses(
     gap[:, _REPEAT] = alike[0] - alike[1]
     left = model.with_gap(np.where(np.isfinite(gap), gap, accepted.residual(model)))
     left.own = model.own.at(motions)
-    if any(one.kind.role == 'pose' for one in accepted.candidates):
+    if common_pose:
         left.own.centre = left.own.pose[left.own.posed].mean(axis=0)
     after = fit(left, [])
     noise = np.where(model.good, np.nan_to_num([one.noise for one in confirmed]), 0)

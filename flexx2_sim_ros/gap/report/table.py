@@ -1,6 +1,6 @@
 """The contents of ``diagnosis.json``."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -134,7 +134,7 @@ def calibrated_table(
         for row in table['effects']
         if row['name'] not in dropped
     ]
-    out['gap'] = _gap(model, decision, confirmed, motions)
+    out['gap'] = _gap(model, decision, confirmed, motions, dropped)
     taken = [row['name'] for row in verdicts if row['taken'] and row['name'] != PATTERN]
     parts = zip(out['recordings'], motions, calibrated.explained.now, strict=False)
     for row, motion, own in parts:  # Those used are first.
@@ -241,7 +241,11 @@ def _same_noise(model: Model, index: int) -> list[str]:
 
 
 def _gap(
-    model: Model, decision: Decision, confirmed: list[Outcome], motions: Sequence[np.ndarray]
+    model: Model,
+    decision: Decision,
+    confirmed: list[Outcome],
+    motions: Sequence[np.ndarray],
+    dropped: Collection[str] = (),
 ) -> dict[str, Any]:
     held_out = len(confirmed) > 1
     limits = tolerances(model)
@@ -261,7 +265,7 @@ def _gap(
     # An error of the poses is corrected and not simulated: if it is all, nothing is removed.
     posed = [one.kind.role == 'pose' for one in decision.accepted.candidates]
     by_distance = bool(shown) or (bool(posed) and all(posed))
-    loss = _loss(model, decision, confirmed, motions)
+    loss = _loss(model, decision, confirmed, motions, dropped)
     headline = whole if by_distance else loss
     out: dict[str, Any] = {
         'shrink': headline['shrink'],
@@ -291,16 +295,22 @@ def _interval(decision: Decision, headline: dict[str, Any]) -> list[float] | Non
 
 
 def _loss(
-    model: Model, decision: Decision, confirmed: list[Outcome], motions: Sequence[np.ndarray]
+    model: Model,
+    decision: Decision,
+    confirmed: list[Outcome],
+    motions: Sequence[np.ndarray],
+    dropped: Collection[str],
 ) -> dict[str, Any]:
     # The reduction of the loss of each recording by a perfect simulation, and by these effects.
-    camera = [one.effect for one in decision.accepted.candidates if one.kind.role != 'pose']
+    kinds = {one.effect: one.kind for one in decision.accepted.candidates}
+    camera = [name for name, kind in kinds.items() if kind.role != 'pose']
     before, after, noise = simulated_losses(
         (model, decision.base),
         (model, decision.accepted),
         confirmed,
         motions,
         counts_edges(camera),
+        any(kind.role == 'pose' for name, kind in kinds.items() if name not in dropped),
     ).T
     if not decision.explains_gap:
         after = before
