@@ -33,8 +33,8 @@ class Outcome:
     seen : numpy.ndarray
         (3, SIZE) float32 features of the recording, and simulated without and with the effects.
     noise : numpy.ndarray
-        (SIZE,) float32 how noise alone sets a recording apart from the simulations with the
-        effects: from the difference of two of these.
+        (SIZE,) float32 difference that noise alone makes between a recording and the mean of the
+        simulations with the effects, estimated from the difference of two of these.
     counts : numpy.ndarray
         (BINS,) float32 pixels looked at.
     maps : dict of str to numpy.ndarray

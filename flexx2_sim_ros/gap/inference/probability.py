@@ -69,21 +69,22 @@ def judge(support: Support, rule: Decisions) -> Judgement:
 
 def has_gap(support: Support, probability: float, rule: Decisions) -> bool:
     """
-    Return whether a gap of this probability is one.
+    Return whether the evidence is enough to report a gap, given the gap's probability.
 
-    A large excess loss is a gap even if no effect explains it. So are poses that scatter too much,
-    although they leave little loss: each recording's own pose takes its error over.
+    A large excess loss is reported even if no effect explains it. So are poses that scatter too
+    much, although they leave little loss: the pose that is fitted to each recording takes over
+    the error of the given one.
     """
     return (
         support.scatter >= rule.least_scatter
         or agreement(support) >= rule.least_agreement
-        or _loses(support, probability, rule)
+        or _loss_shows_gap(support, probability, rule)
     )
 
 
-def _loses(support: Support, probability: float, rule: Decisions) -> bool:
-    # Campaigns with a pose error among the chosen effects have a threshold of their own: all
-    # recordings have wrong poses, and a few of these may agree by chance.
+def _loss_shows_gap(support: Support, probability: float, rule: Decisions) -> bool:
+    # Campaigns with a pose error among the chosen effects have a threshold of their own: poses
+    # are never exact, and a few of them may agree by chance.
     least = rule.least_gap_of_poses if is_posed(support) else rule.least_gap
     return support.excess >= rule.least_excess or probability >= least
 
@@ -112,9 +113,9 @@ def leaves_gap(support: Support, rule: Decisions) -> bool:
     """Return whether the chosen effects leave most of the gap, and what is left is a gap."""
     nothing = (0.0,) * support.recordings
     rest = replace(support, excess=support.left, gain=0.0, improved=nothing, chosen=())
-    return support.left > THRESHOLDS.partly * support.excess and _loses(
-        rest, rule.gap.probability(gap_evidence(rest)), rule
-    )
+    probability = rule.gap.probability(gap_evidence(rest))
+    most = support.left > THRESHOLDS.partly * support.excess
+    return most and _loss_shows_gap(rest, probability, rule)
 
 
 def gap_evidence(support: Support) -> dict[str, float]:
