@@ -1,5 +1,6 @@
 """A set of effects, really simulated: what is left of the gap then."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -118,18 +119,10 @@ def confirm(
     found = [[features(one.sums, spectrum)[0] for one in some] for some in (before, after)]
     # A recording and the mean of n simulations differ by less than two simulations.
     noise = (found[1][1] - found[1][0]) * np.sqrt((1 + 1 / len(after)) / 2)
-    gaps = [[distances(real.measures, one.measures) for one in some] for some in (before, after)]
-    # Simulated with the effects: effects that add noise put two simulations farther apart, too.
-    gaps.append([distances(after[1].measures, after[0].measures)])
-    physical = {
-        unit: [float(np.mean([one[unit] for one in some])) for some in gaps] for unit in UNITS
-    }
-    gap = np.mean([distance(distances(real.everywhere, one.everywhere)) for one in before])
-    least = distance(distances(after[1].everywhere, after[0].everywhere))
     return Outcome(
         recording.name,
-        physical,
-        float(gap) - least,
+        _physical(real, before, after),
+        _gap(real, before, after),
         np.array([own, *(np.mean(some, axis=0) for some in found)], np.float32),
         noise.astype(np.float32),
         real.sums.bins[:, EXPECT].astype(np.float32),
@@ -149,6 +142,20 @@ def confirm(
         if show
         else None,
     )
+
+
+def _physical(
+    real: _Look, before: Sequence[_Look], after: Sequence[_Look]
+) -> dict[str, list[float]]:
+    gaps = [[distances(real.measures, one.measures) for one in some] for some in (before, after)]
+    # Simulated with the effects: effects that add noise put two simulations farther apart, too.
+    gaps.append([distances(after[1].measures, after[0].measures)])
+    return {unit: [float(np.mean([one[unit] for one in some])) for some in gaps] for unit in UNITS}
+
+
+def _gap(real: _Look, before: Sequence[_Look], after: Sequence[_Look]) -> float:
+    gap = np.mean([distance(distances(real.everywhere, one.everywhere)) for one in before])
+    return float(gap) - distance(distances(after[1].everywhere, after[0].everywhere))
 
 
 def _map(sums: Sums) -> np.ndarray:
