@@ -203,7 +203,6 @@ def _yaml(
             'threshold_of_poses': rule.least_gap_of_poses,
             'excess': rule.least_excess,
             'agreement': rule.least_agreement,
-            'scatter': rule.least_scatter,
         },
         'effect': logistic('effect'),
         'alternative': {'threshold': rule.least_alternative},

@@ -110,8 +110,8 @@ def calibrate(campaigns: Sequence[Campaign]) -> Decisions:
 
     Probabilities are logistic models. Their thresholds are set on predictions of
     cross-validation: the smallest with which at most `FALSE_ALARMS` of the campaigns without an
-    effect have a gap, by probability or excess loss, none of these by agreement or scatter, and
-    at most `WRONG` of all others are named wrongly. Alternatives and intervals are split-conformal
+    effect have a gap, by probability or excess loss, none of these by agreement, and at most
+    `WRONG` of all others are named wrongly. Alternatives and intervals are split-conformal
     (Angelopoulos and Bates, A gentle introduction to conformal prediction, 2021): the quantile
     holds in `COVERED` or `HELD` of further ones.
     """
@@ -136,7 +136,6 @@ def calibrate(campaigns: Sequence[Campaign]) -> Decisions:
         effect,
         *_least_gaps(campaigns, gap_odds),
         least_agreement=float(np.nextafter(max(map(agreement, none)), np.inf)),
-        least_scatter=float(np.nextafter(max(one.scatter for one in none), np.inf)),
         least_effect=0.0,
         least_alternative=0.0,
         margins=(),

@@ -70,11 +70,14 @@ def test_effects_that_leave_a_large_gap_explain_it_partly() -> None:
     assert judge(replace(clear, left=9.9), rule).verdict == 'identified'
 
 
-def test_poses_that_scatter_are_a_gap_although_no_loss_is_left() -> None:
-    rule = replace(calibrated(), least_gap_of_poses=0.99, least_scatter=0.4)
-    one = replace(support(4.0, 1.5, 0.5, 1.5), chosen=(EffectSupport('pose_error', 1.5, 1.5),))
-    assert judge(replace(one, scatter=0.39), rule).verdict == 'none'
-    assert judge(replace(one, scatter=0.6), rule).verdict == 'identified'
+def test_a_pose_error_with_scattered_poses_is_a_gap_although_no_loss_is_left() -> None:
+    rule = replace(calibrated(), least_gap=0.99, least_gap_of_poses=0.99)
+    one = support(4.0, 1.5, 0.5, 1.5)
+    posed = replace(one, chosen=(EffectSupport('pose_error', 1.5, 1.5),))
+    assert judge(replace(posed, scatter=0.47), rule).verdict == 'none'
+    assert judge(replace(posed, scatter=0.6), rule).verdict == 'identified'
+    # As wrong as expected: an exact prior of the poses alone is no gap.
+    assert judge(replace(one, scatter=0.47), rule).verdict == 'none'
 
 
 def test_evidence_survives_a_file() -> None:

@@ -260,6 +260,12 @@ def test_scattered_poses_are_a_finding(tmp_path: Path) -> None:
         assert table['gap']['shrink'] == 0
 
 
+def test_poses_as_wrong_as_stated_are_no_gap(tmp_path: Path) -> None:
+    write_campaign(tmp_path, seed=301, scale=0.4, recordings=6, frames=8, pose=(0.005, 0.3))
+    table = diagnose(tmp_path, pose_prior=(0.005, 0.3))
+    assert table['verdict'] == 'none'
+
+
 def test_an_effect_outside_the_catalogue_is_unknown(tmp_path: Path) -> None:
     write_campaign(tmp_path, seed=7, novel=NOVEL['row_noise'], **SMALL)
     table = diagnose(tmp_path, out=tmp_path / 'out')

@@ -76,9 +76,8 @@ class Decisions:
     least_gap, least_gap_of_poses : float
         Probability from which on there is a gap; the second one where a pose error is among
         the chosen effects.
-    least_excess, least_agreement, least_scatter : float
-        Excess loss, `probability.agreement` and scatter of the poses from which on there is a gap
-        as well.
+    least_excess, least_agreement : float
+        Excess loss and `probability.agreement` from which on there is a gap as well.
     least_effect : float
         Probability from which on effects are named.
     least_alternative : float
@@ -94,7 +93,6 @@ class Decisions:
     least_gap_of_poses: float
     least_excess: float
     least_agreement: float
-    least_scatter: float
     least_effect: float
     least_alternative: float
     margins: tuple[Margin, ...]
@@ -158,7 +156,6 @@ def read_decisions(path: Path) -> Decisions:
             _number(table['gap'], 'threshold_of_poses'),
             _number(table['gap'], 'excess'),
             _number(table['gap'], 'agreement'),
-            _number(table['gap'], 'scatter'),
             _number(table['effect'], 'threshold'),
             _number(table['alternative'], 'threshold'),
             tuple(

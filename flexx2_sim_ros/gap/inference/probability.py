@@ -71,12 +71,13 @@ def has_gap(support: Support, probability: float, rule: Decisions) -> bool:
     """
     Return whether the evidence is enough to report a gap, given the gap's probability.
 
-    A large excess loss is reported even if no effect explains it. So are poses that scatter too
-    much, although they leave little loss: the pose that is fitted to each recording takes over
-    the error of the given one.
+    A large excess loss is reported even if no effect explains it. So is a pose error that makes
+    the poses scatter, although it leaves little loss: the pose that is fitted to each recording
+    takes it over.
     """
+    scattered = is_posed(support) and support.scatter > THRESHOLDS.scattered
     return (
-        support.scatter >= rule.least_scatter
+        scattered
         or agreement(support) >= rule.least_agreement
         or _loss_shows_gap(support, probability, rule)
     )
