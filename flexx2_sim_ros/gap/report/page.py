@@ -191,8 +191,9 @@ def _where(table: dict[str, Any]) -> str:
     doubts = ''
     if any(cell['q_value'] > _DOUBTFUL for cell in listed):
         doubts = (
-            f' May be chance: the false discovery rate q is above {_DOUBTFUL:g} (Benjamini and '
-            'Hochberg).'
+            f' May be chance: q is above {_DOUBTFUL:g}. It is the probability that noise alone '
+            'differs so much in the first row, and the false discovery rate (Benjamini and '
+            'Hochberg) in the others.'
         )
     more = len(table['where']) - 12
     others = f' diagnosis.json has {more} more rows.' if more > 0 else ''
