@@ -17,7 +17,7 @@ from pathlib import Path
 import tempfile
 
 from flexx2_sim_ros.gap import diagnose
-from flexx2_sim_ros.gap.report.places import place
+from flexx2_sim_ros.gap.report.places import difference, group
 from flexx2_sim_ros.validation.benchmark import DEVELOPMENT, make_design
 from flexx2_sim_ros.validation.benchmark.design import Planned
 from flexx2_sim_ros.validation.benchmark.physics import DEPENDS_ON, is_physical
@@ -61,10 +61,11 @@ def main() -> None:
             if name in DEPENDS_ON and table['where']:
                 firsts.append(is_physical(table['where'][0]['covariate'], [name]))
             found = ', '.join(effect['name'] for effect in table['effects'])
+            first = table['where'][0] if table['where'] else None
             print(
                 f'{name:20s} {pose:>3s} mm  scenes {scenes:2s} {table["verdict"]:10s} {found:30s} '
                 f'affected {pixels["affected"].mean():4.0%}  IoU {scores[-1]:.2f}  '
-                f'{place(table["where"][0]) if table["where"] else ""}',
+                f'{f"{group(first)}: {difference(first)}" if first else ""}',
                 flush=True,
             )
     known = [score for score in scores if not math.isnan(score)]

@@ -14,7 +14,7 @@ import tempfile
 
 from bench.gap_campaigns import write_campaign
 from flexx2_sim_ros.gap import diagnose
-from flexx2_sim_ros.gap.report.places import place
+from flexx2_sim_ros.gap.report.places import difference, group
 from flexx2_sim_ros.validation.benchmark.physics import DEPENDS_ON, is_physical
 
 
@@ -50,7 +50,7 @@ def main() -> None:
             total += 1
             print(
                 f'{seed:4d} {name:20s} {table["verdict"]:10s} {"right" if good else "WRONG"} '
-                f'{place(first)}',
+                f'{group(first)}: {difference(first)}',
                 flush=True,
             )
     print(f'{right} of {total} right')
