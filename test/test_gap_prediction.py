@@ -1,6 +1,7 @@
 """What a diagnosis says that it takes away is what goes away."""
 
 from pathlib import Path
+from typing import Any
 
 from bench.gap_campaigns import write_campaign
 from flexx2_sim_ros.camera import flexx2
@@ -20,6 +21,16 @@ EXACT = {
 }
 
 
+def diagnosed(folder: Path, effects: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Record rooms, and others as ``fresh``; return the diagnosis and the effects it found."""
+    write_campaign(folder / 'campaign', seed=131, effects=effects, **EXACT)
+    write_campaign(folder / 'fresh', seed=132, effects=effects, **EXACT)
+    table = diagnose(folder / 'campaign')
+    found = {row['name']: row['parameters'] for row in table['effects']}
+    assert list(found) == list(effects)
+    return table, found
+
+
 @pytest.mark.parametrize(
     'effects',
     [{'random_dropout': {}}, {'ambient_light': {'strength': 2.0}}, {'offset': {'bias': 0.01}}],
@@ -27,11 +38,7 @@ EXACT = {
 )
 def test_the_predicted_reduction_happens_in_other_rooms(effects: dict, tmp_path: Path) -> None:
     """Assert it for lost pixels, noise and bias, with a measure that is not the diagnosis'."""
-    write_campaign(tmp_path / 'campaign', seed=131, effects=effects, **EXACT)
-    write_campaign(tmp_path / 'fresh', seed=132, effects=effects, **EXACT)
-    table = diagnose(tmp_path / 'campaign')
-    found = {row['name']: row['parameters'] for row in table['effects']}
-    assert list(found) == list(effects)
+    table, found = diagnosed(tmp_path, effects)
     assert table['gap']['measured_by'] == 'distance'
     null, before, after = distances(tmp_path / 'fresh', found, flexx2())[:, 0]
     realised = (before - after) / (before - null)
@@ -44,11 +51,7 @@ def test_the_prediction_for_a_gap_below_the_tolerance_happens_in_other_rooms(
 ) -> None:
     """Assert it for steps of depth, which the features show and the distance does not."""
     effects = {'quantisation': {'step': 0.003}}
-    write_campaign(tmp_path / 'campaign', seed=131, effects=effects, **EXACT)
-    write_campaign(tmp_path / 'fresh', seed=132, effects=effects, **EXACT)
-    table = diagnose(tmp_path / 'campaign')
-    found = {row['name']: row['parameters'] for row in table['effects']}
-    assert list(found) == list(effects)
+    table, found = diagnosed(tmp_path, effects)
     assert table['gap']['measured_by'] == 'loss'
     realised = measure(tmp_path / 'fresh', found)['shrink']
     assert table['gap']['shrink'] == pytest.approx(realised, abs=0.1)

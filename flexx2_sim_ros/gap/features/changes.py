@@ -59,7 +59,7 @@ def _sorted_pixels(scene: PixelCovariates) -> tuple[np.ndarray, np.ndarray]:
 
 def _classes(before: np.ndarray, after: np.ndarray, sigma: np.ndarray) -> list[np.ndarray]:
     # (H W,) class of each pixel in metres and in sigma_z, -1 where neither has a depth.
-    with np.errstate(invalid='ignore', divide='ignore'):
+    with np.errstate(invalid='ignore', divide='ignore', over='ignore'):
         had, has = (np.isfinite(depth) & (depth > 0) for depth in (before, after))
         shift = np.where(had & has, after - before, 0)
         out = []
