@@ -58,7 +58,7 @@ class Forms:
         '',
         'step of a parameter on geometry for its slope, as a fraction of half its bounds',
     )
-    rounds: int = constant(4, '', 'of parameters on geometry and poses')
+    rounds: int = constant(4, '', 'of parameters on geometry and poses, at most')
     least: float = constant(
         0.05, 'tolerances', 'a smaller gain in distance does not matter; see `physical.distance`'
     )

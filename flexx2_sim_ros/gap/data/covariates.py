@@ -14,6 +14,7 @@ from flexx2_sim_ros.gap.data.pixel_kernels import (
     NEAR,
     put_in_bins,
     runs_of,
+    surfaces_at,
 )
 from flexx2_sim_ros.gap.data.unknown import away, judged
 from flexx2_sim_ros.physics.axial import sigma_image
@@ -49,6 +50,9 @@ class PixelCovariates:
         (H, W) bool, pixels that are compared: ground truth is known at and around them.
     at_jump : numpy.ndarray
         (H, W) bool, compared pixels up to 3 px from a jump.
+    ends : numpy.ndarray
+        (2, H, W) float32 metres, how near and how far the surfaces around these pixels are; NaN
+        elsewhere.
 
     """
 
@@ -60,6 +64,7 @@ class PixelCovariates:
     ray: np.ndarray
     compared: np.ndarray
     at_jump: np.ndarray
+    ends: np.ndarray
 
     def places(self, name: str) -> np.ndarray:
         """Return the bin of each pixel along an axis, (H, W) int16 from 0, -1 for none."""
@@ -137,16 +142,18 @@ def look_at(
         far = (clean > BINNING.beyond * mode.range_max) & (clean > 0)
         no_return = (far | ~(clean > 0)) & (edge < 0) & compared
         bins.put_classes('beyond', far.astype(np.int16), no_return)
+        compared_depth = np.where(seen, clean, np.float32(np.nan))
     runs, first = runs_of(bins.values)
     return PixelCovariates(
         runs,
         first,
         sigma_image(surface, mode.noise, reflectivity),
-        np.where(seen, clean, np.float32(np.nan)),
+        compared_depth,
         inside,
         _rays(*(float(v) for v in K[:2].ravel()), height, width),
         compared,
         at_jump,
+        surfaces_at(compared_depth, at_jump),
     )
 
 

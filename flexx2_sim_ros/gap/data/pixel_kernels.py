@@ -46,6 +46,41 @@ def put_in_bins(values, where, edges, start, out):
 
 
 @loop()
+def surfaces_at(clean, where):
+    """
+    Return how near and how far the surfaces around pixels are.
+
+    Parameters
+    ----------
+    clean : numpy.ndarray
+        (H, W) float32 metres, NaN where there is no surface.
+    where : numpy.ndarray
+        (H, W) bool, pixels that are asked for.
+
+    Returns
+    -------
+    numpy.ndarray
+        (2, H, W) float32 metres, the smallest and the largest depth up to `EDGE_REACH` pixels
+        away; NaN elsewhere.
+
+    """
+    height, width = clean.shape
+    out = np.full((2, height, width), np.float32(np.nan))
+    for y in range(height):
+        for x in range(width):
+            if not where[y, x]:
+                continue
+            near, far = np.float32(np.inf), np.float32(-np.inf)
+            for v in range(max(y - EDGE_REACH, 0), min(y + EDGE_REACH + 1, height)):
+                for u in range(max(x - EDGE_REACH, 0), min(x + EDGE_REACH + 1, width)):
+                    c = clean[v, u]
+                    if c == c:
+                        near, far = min(near, c), max(far, c)
+            out[0, y, x], out[1, y, x] = near, far
+    return out
+
+
+@loop()
 def runs_of(bins):
     """
     Return runs: stretches of a row whose pixels are in the same bin.

@@ -3,6 +3,7 @@
 from flexx2_sim_ros.gap.calibration.features import FEATURES
 from flexx2_sim_ros.gap.data.pixel_kernels import EDGE_REACH
 from flexx2_sim_ros.physics.compiled import loop
+from numba import njit
 import numpy as np
 
 # Compiled code takes constants from its module.
@@ -11,7 +12,7 @@ VALID, BETWEEN, PAIRS, SWITCHES = range(4)
 
 
 @loop(nogil=True)
-def count_at_jumps(depth, clean, sigma, at_jump, follows, sides, out):
+def count_at_jumps(depth, clean, sigma, ends, follows, sides, out):
     """
     Count depths between the surfaces at a jump, and changes from one surface to the other.
 
@@ -24,8 +25,9 @@ def count_at_jumps(depth, clean, sigma, at_jump, follows, sides, out):
         (H, W) float32 metres, NaN where invalid: one frame.
     clean, sigma : numpy.ndarray
         (H, W) float32 metres.
-    at_jump : numpy.ndarray
-        (H, W) bool, pixels to count.
+    ends : numpy.ndarray
+        (2, H, W) float32 metres, how near and how far the surfaces around a pixel are; NaN for
+        pixels that do not count.
     follows : bool
         Whether ``sides`` is of the frame before, with the same clean depth.
     sides : numpy.ndarray
@@ -38,20 +40,13 @@ def count_at_jumps(depth, clean, sigma, at_jump, follows, sides, out):
     height, width = depth.shape
     for y in range(height):
         for x in range(width):
-            z = depth[y, x]
-            if not at_jump[y, x] or z != z:
+            z, near, far = depth[y, x], ends[0, y, x], ends[1, y, x]
+            if z != z or near != near:
                 sides[y, x] = 0
                 continue
-            near, far, apart = np.float32(np.inf), np.float32(-np.inf), np.float32(np.inf)
-            for v in range(max(y - EDGE_REACH, 0), min(y + EDGE_REACH + 1, height)):
-                for u in range(max(x - EDGE_REACH, 0), min(x + EDGE_REACH + 1, width)):
-                    c = clean[v, u]
-                    if c == c:
-                        near, far = min(near, c), max(far, c)
-                        apart = min(apart, abs(z - c))
             margin = _CLEAR * sigma[y, x]
             out[VALID] += 1
-            if near < z < far and apart > margin:
+            if z - near > margin and far - z > margin and _is_apart(z, clean, y, x, margin):
                 out[BETWEEN] += 1
             side = 0
             if far - near > 2 * margin:
@@ -60,3 +55,14 @@ def count_at_jumps(depth, clean, sigma, at_jump, follows, sides, out):
                 out[PAIRS] += 1
                 out[SWITCHES] += side != sides[y, x]
             sides[y, x] = side
+
+
+@njit(inline='always')
+def _is_apart(z, clean, y, x, margin):
+    # Whether no surface around a pixel is nearer to a depth than a margin.
+    height, width = clean.shape
+    for v in range(max(y - EDGE_REACH, 0), min(y + EDGE_REACH + 1, height)):
+        for u in range(max(x - EDGE_REACH, 0), min(x + EDGE_REACH + 1, width)):
+            if abs(z - clean[v, u]) <= margin:  # False for NaN.
+                return False
+    return True

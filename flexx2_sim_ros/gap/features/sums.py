@@ -164,7 +164,7 @@ def _at_jumps(
     for t in np.flatnonzero(frames.use).tolist():
         scene = scenes[0] if still else scenes[t]
         follows = still and t > 0 and bool(frames.use[t - 1]) and not frames.start[t]
-        count_at_jumps(depth[t], scene.clean, scene.sigma, scene.at_jump, follows, sides, out)
+        count_at_jumps(depth[t], scene.clean, scene.sigma, scene.ends, follows, sides, out)
     return out
 
 

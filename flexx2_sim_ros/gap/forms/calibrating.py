@@ -14,7 +14,12 @@ from flexx2_sim_ros.gap.forms import dropout
 from flexx2_sim_ros.gap.forms.bias import BIASES, Form, forms_of
 from flexx2_sim_ros.gap.forms.empirical import correction, NAME, Rest
 from flexx2_sim_ros.gap.forms.fitting import BiasFit, Fitted, is_surely_less
-from flexx2_sim_ros.gap.forms.geometry import is_fitted_with_poses, next_values, shape_of
+from flexx2_sim_ros.gap.forms.geometry import (
+    is_fitted_with_poses,
+    is_settled,
+    next_values,
+    shape_of,
+)
 from flexx2_sim_ros.gap.forms.pattern import map_of, PixelErrors
 from flexx2_sim_ros.gap.forms.samples import Samples
 from flexx2_sim_ros.gap.forms.search import evaluations, Numbers, search
@@ -317,7 +322,9 @@ def _geometry(
         together, without = next_values(
             name, [_less_others(one, ()) for one in there], settings[name]
         )
-        settings[name] = {**settings[name], **together}
+        last, settings[name] = settings[name], {**settings[name], **together}
+        if is_settled(name, last, settings[name]):
+            break
     return Proposal(name, shape_of(name).label, together, without)
 
 

@@ -95,6 +95,13 @@ def next_values(
     return numbers(step), tuple(map(numbers, steps))
 
 
+def is_settled(effect: str, last: Mapping[str, Any], now: Mapping[str, Any]) -> bool:
+    """Return whether a step changed each parameter of an effect by so little that it is found."""
+    changes = np.abs(_values(effect, now) - _values(effect, last))
+    limits = [FORMS.close * (one.high - one.low) for one in shape_of(effect).free]
+    return bool((changes < limits).all())
+
+
 def _values(effect: str, settings: Mapping[str, Any]) -> np.ndarray:
     (whole,) = parse_effects({effect: settings})
     return np.array([getattr(whole, one.name) for one in shape_of(effect).free])

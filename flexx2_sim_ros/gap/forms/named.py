@@ -73,7 +73,9 @@ class Simulator:
             return self.run(judge, jobs, step, frames=frames)
 
         def again(some: Sequence[Looked], now: Sequence[Settings]) -> list[Looked]:
-            items = [(one.found, own, None) for one, own in zip(some, now, strict=True)]
+            items = [
+                (one.found, own, one.samples.motion) for one, own in zip(some, now, strict=True)
+            ]
             return [one for one in self.look(items, _nothing) if isinstance(one, Looked)]
 
         return Work(
