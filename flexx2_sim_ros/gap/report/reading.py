@@ -12,6 +12,7 @@ from flexx2_sim_ros.effects.time_offset import changing
 from flexx2_sim_ros.errors import InputError, shown, shown_path
 from flexx2_sim_ros.gap.data.arrival import Arrival
 from flexx2_sim_ros.gap.data.given import given_effects, Table
+from flexx2_sim_ros.gap.inference.probability import EXPLAINED
 from flexx2_sim_ros.gap.report.age import arrival_of
 
 _SCHEMAS = 1, 2  # the keys that are read are the same
@@ -88,7 +89,7 @@ class Diagnosed:
         if not effects:
             why = (
                 'only an error of the poses, which belongs to its recordings'
-                if self.effects
+                if self.verdict in EXPLAINED
                 else f'none: its verdict is {shown(self.verdict)}'
             )
             raise InputError(f'DIAGNOSIS: must have effects to check, got {why}')

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from flexx2_sim_ros.atomic import output_folder, whole_files
-from flexx2_sim_ros.effects import Effect, save_effects
+from flexx2_sim_ros.effects import Effect, of_role, save_effects
 from flexx2_sim_ros.effects.registry import map_file
 from flexx2_sim_ros.effects.tables import PixelMap
 from flexx2_sim_ros.gap.features.confirm import Outcome
@@ -33,7 +33,9 @@ def write(
     """
     Write ``diagnosis.json``, ``effects.yaml`` and ``report.html``.
 
-    Maps are in files beside these, as `save_effects` names them.
+    Maps are in files beside these, as `save_effects` names them. ``effects.yaml`` has the effects
+    of the camera: a pose error that was found belongs to these recordings, and is different in
+    others.
 
     Parameters
     ----------
@@ -55,7 +57,8 @@ def write(
     with whole_files(output_folder(folder)) as part:
         text = json.dumps(_with_files(table, effects), indent=2, allow_nan=False)
         (part / FILES[0]).write_text(text + '\n', encoding='utf-8')
-        late = with_delay(effects, arrival_of(table['age']))
+        camera = [one for one in effects if one.role != 'pose']
+        late = with_delay(camera, arrival_of(table['age']))
         save_effects(part / FILES[1], late, _comment(table))
         (part / FILES[2]).write_text(
             page(table, model, decision, confirmed, calibrated),
@@ -92,4 +95,8 @@ def _comment(table: dict[str, Any]) -> str:
     if camera_effects(table):
         gap = table['gap']
         lines += [f'removes {percent(gap["shrink"])} of the gap', *reduction(gap)]
+    if any(row['name'] == of_role('pose').name for row in table['effects']):
+        lines.append(
+            'pose_error is not in here: it is no effect of the camera. Correct the poses.'
+        )
     return '\n'.join([*lines, *age_words(table['age'])])

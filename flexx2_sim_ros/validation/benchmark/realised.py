@@ -13,6 +13,7 @@ from flexx2_sim_ros.validation.benchmark.design import Planned
 from flexx2_sim_ros.validation.blind import BlindCamera, SceneSet
 import numpy as np
 
+_NOT_OF_CAMERA = {'pose_error'}
 _FRESH = 500  # added to the seed of the scenes, within the same range of seeds
 _FRAMES = 8
 _QUANTILES = np.linspace(0.005, 0.995, 199)
@@ -64,7 +65,11 @@ def realised_gap(
         here, without code of the diagnosis.
 
     """
-    effects = {effect['name']: effect['parameters'] for effect in diagnosis['effects']}
+    effects = {
+        effect['name']: effect['parameters']
+        for effect in diagnosis['effects']
+        if effect['name'] not in _NOT_OF_CAMERA  # ``effects.yaml`` does not have them either
+    }
     case = planned.case
     seed = case.scenes.seed + (0 if same_scenes else _FRESH)
     key = replace(case.scenes, seed=seed, frames=_FRAMES, pose_mm=0.0)
