@@ -26,7 +26,7 @@ from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.inference.patch import fit_patch
 from flexx2_sim_ros.gap.report.frames import MOST_FRAMES
 from flexx2_sim_ros.gap.report.reading import diagnosed
-from flexx2_sim_ros.gap.report.table import calibrated_table, diagnosis_table
+from flexx2_sim_ros.gap.report.table import calibrated_table, diagnosis_table, verdict_of
 from flexx2_sim_ros.gap.report.writing import FILES, write
 from flexx2_sim_ros.gap.work import (
     find,
@@ -150,6 +150,7 @@ def diagnose(
             if forms.taken:
                 confirmed, motions = forms.confirmed(simulator, _shown(decision), step)
             table = calibrated_table(table, model, decision, forms, confirmed, motions)
+        table['verdict'] = verdict_of(table)
         for row, own in zip(table['recordings'], held_out, strict=False):  # Those used are first.
             row['effects_without'] = table_of(own)
         table['settings'] = _settings(found[0], seed, pose_prior, known)

@@ -101,6 +101,7 @@ class Thresholds:
         0.08, 'excess loss', 'effects that explain less are not named', DEVELOPMENT
     )
     partly: float = constant(0.5, 'excess loss', 'more left than this is partly explained')
+    likely: float = constant(0.5, '', 'a less probable effect explains a gap partly', DEFINITION)
     alternative: float = constant(
         0.8, 'gain', 'an undecided effect with this much may be the cause as well'
     )

@@ -4,6 +4,7 @@ from typing import Any
 
 from flexx2_sim_ros.effects import of_role
 from flexx2_sim_ros.errors import each_once
+from flexx2_sim_ros.gap.calibration.inference import THRESHOLDS
 from flexx2_sim_ros.gap.report.age import age_words
 from flexx2_sim_ros.gap.report.places import CHANNELS, finding
 from flexx2_sim_ros.gap.report.text import listed, percent, short, spaced
@@ -91,7 +92,11 @@ def headline(table: dict[str, Any]) -> str:
         rest = f' Another cause {sure}.'
     if blames_poses(table):
         return f'The poses of the cameras are wrong: correct them first.{rest}'
-    added = f'The gap is due to {_names(rows)}: adding {"it" if len(rows) == 1 else "them"}'
+    likely = max(row['confidence'] for row in rows) >= THRESHOLDS.likely
+    added = (
+        f'The gap {"is" if likely else "may be"} due to {_names(rows)}: adding '
+        f'{"it" if len(rows) == 1 else "them"}'
+    )
     if gap['shrink'] < 0:
         return (
             f'{added} to the simulation explains other features, but the gap in depth and invalid '
