@@ -202,6 +202,7 @@ def _yaml(
             **logistic('gap'),
             'threshold_of_poses': rule.least_gap_of_poses,
             'excess': rule.least_excess,
+            'excess_per_scatter': rule.least_excess_per_scatter,
             'agreement': rule.least_agreement,
         },
         'effect': logistic('effect'),

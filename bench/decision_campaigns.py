@@ -45,6 +45,20 @@ DESIGN: dict[str, dict[Any, float]] = {
     'scene': {'room': 0.5, 'walls': 0.5},  # walls: own camera only
 }
 STRENGTHS = 0.1, 3.0  # log-uniform
+# Campaigns of the benchmark's size, from index `SMALL` on: what the errors of poses leave grows
+# with the number of pixels and frames.
+LARGE: dict[str, dict[Any, float]] = {
+    **DESIGN,
+    'group': {'none': 0.36, 'single': 0.38, 'pair': 0.08, 'left_out': 0.1, 'novel': 0.08},
+    'camera': {'blind': 1.0},
+    'recordings': {8: 1.0},
+    'frames': {20: 1.0},
+    'width': {224: 1.0},
+    'pose_mm': {0.0: 0.1, 2.0: 0.45, 5.0: 0.45},
+    'truth': {'exact': 1.0},
+    'scene': {'room': 1.0},
+}
+LARGE_STRENGTHS = 0.25, 2.0
 # What differs inside a camera with an effect: for each field of `Internals` the lowest and highest
 # value (log-uniform), or the values. For other effects: one modulation frequency.
 INSIDE: dict[str, dict[str, tuple[Any, ...]]] = {
@@ -63,7 +77,9 @@ INSIDE: dict[str, dict[str, tuple[Any, ...]]] = {
 _MHZ = {'mhz': (25.0, 105.0)}
 _FIRST = 100_000  # index of the first seed
 _SCENES, _STEP = 200_000, 1000  # likewise of the scenes; fresh ones lie between
-MOST = (1_000_000 - _SCENES) // _STEP
+SMALL = (1_000_000 - _SCENES) // _STEP
+_BETWEEN = 250  # scenes of large campaigns
+MOST = 2 * SMALL
 _DEGREES_PER_MM = 0.0625
 
 
@@ -86,9 +102,10 @@ def plan(index: int) -> tuple[Planned, dict[str, Any]]:
     """
     seed = DEVELOPMENT.seed(_FIRST + index)
     rng = np.random.default_rng(seed)
+    large = index >= SMALL
     drawn = {
         name: list(table)[int(rng.choice(len(table), p=list(table.values())))]
-        for name, table in DESIGN.items()
+        for name, table in (LARGE if large else DESIGN).items()
     }
     group = drawn['group']
     count = {'none': 0, 'novel': 0, 'pair': 2}.get(group, 1)
@@ -96,7 +113,7 @@ def plan(index: int) -> tuple[Planned, dict[str, Any]]:
     walls = own and drawn['scene'] == 'walls'
     known = SHOWN if walls else sorted(CATALOGUE)
     names = sorted(str(name) for name in rng.choice(known, count, replace=False))
-    low, high = map(math.log, STRENGTHS)
+    low, high = map(math.log, LARGE_STRENGTHS if large else STRENGTHS)
     effects = {name: round(float(np.exp(rng.uniform(low, high))), 3) for name in names}
     more = {
         'camera': drawn['camera'],
@@ -109,7 +126,7 @@ def plan(index: int) -> tuple[Planned, dict[str, Any]]:
         drawn['usecase'],
         effects,
         seed,
-        DEVELOPMENT.seed(_SCENES + _STEP * index),
+        DEVELOPMENT.seed(_SCENES + _STEP * (index % SMALL) + _BETWEEN * large),
         drawn['pose_mm'],
         tuple(names) if group == 'left_out' else (),
         drawn['width'],

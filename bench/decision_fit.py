@@ -18,16 +18,19 @@ from flexx2_sim_ros.gap.inference.probability import (
 )
 from flexx2_sim_ros.gap.inference.support import Support, support_from
 import numpy as np
-from sklearn.linear_model import LogisticRegression
+from sklearn.linear_model import LogisticRegression, QuantileRegressor
 from sklearn.model_selection import cross_val_predict, GroupKFold
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
 WRONG = 0.03
 FALSE_ALARMS = 0.025  # below the 3 % that are wanted: three thresholds are chosen to find most
+FAR_ALARMS = 0.05  # of those whose poses are wrong by `_FAR` or more
+_FAR = 5.0  # mm
 HELD = 0.9  # intervals of the reduction
 COVERED = 0.95  # named effects and alternatives; with fewer, causes are named wrongly more often
 _FOLDS = 10
+_LARGE = 0.9  # quantile of the excess loss over the scatter of wrong poses
 _POSE_IS_AN_EFFECT = 5.0  # mm; larger errors of the poses are to be named
 _MOST = (4, 100)  # recordings: few, many
 _UNEXPLAINED = 'unknown', 'partly'  # right where the diagnosis does not know the effect
@@ -74,6 +77,11 @@ class Campaign:
     findable: bool
     reduction: tuple[float, float, float, float] | None
 
+    @property
+    def plain(self) -> bool:
+        """Whether the camera has no effect; its poses may be wrong by any amount."""
+        return bool(self.planned['group'] == 'none')
+
 
 Judged = tuple[Campaign, Mapping[str, float]]  # and the probability of each effect
 
@@ -110,8 +118,9 @@ def calibrate(campaigns: Sequence[Campaign]) -> Decisions:
 
     Probabilities are logistic models. Their thresholds are set on predictions of
     cross-validation: the smallest with which at most `FALSE_ALARMS` of the campaigns without an
-    effect have a gap, by probability or excess loss, none of these by agreement, and at most
-    `WRONG` of all others are named wrongly. Alternatives and intervals are split-conformal
+    effect have a gap, by probability or excess loss, `FAR_ALARMS` of those with poses wrong by
+    `_FAR`, none of these by agreement, and at most `WRONG` of all others are named wrongly.
+    Alternatives and intervals are split-conformal
     (Angelopoulos and Bates, A gentle introduction to conformal prediction, 2021): the quantile
     holds in `COVERED` or `HELD` of further ones.
     """
@@ -169,27 +178,40 @@ def _logistic(
     return Logistic(constant, dict(zip(names, map(float, weights), strict=True))), left_out
 
 
-def _least_gaps(campaigns: Sequence[Campaign], odds: np.ndarray) -> tuple[float, float, float]:
+def _least_gaps(
+    campaigns: Sequence[Campaign], odds: np.ndarray
+) -> tuple[float, float, float, float]:
     # The probabilities from which on there is a gap, without a pose error among the chosen
-    # effects and with one, and the excess loss. Of all such rules with which at most
-    # `FALSE_ALARMS` of the campaigns without an effect have a gap, the one with which most of
-    # those with an effect have one.
+    # effects and with one, and the excess loss, without scatter of the poses and for each unit of
+    # it. Of all such rules with which at most `FALSE_ALARMS` of the campaigns without an effect
+    # have a gap, the one with which most of those with an effect have one.
     present = np.array([one.present for one in campaigns])
+    far = ~present & np.array([one.planned.get('pose_mm', 0.0) >= _FAR for one in campaigns])
     posed = np.array([is_posed(one.support) for one in campaigns])
-    excess = np.array([one.support.excess for one in campaigns])
-    allowed = max(math.floor(FALSE_ALARMS * ((~present).sum() + 1)), 1) - 1
-    rules = []
+    losses = np.array([one.support.excess for one in campaigns])
+    scatter = np.array([one.support.scatter for one in campaigns])
+    allowed, allowed_far = _allowed(FALSE_ALARMS, ~present), _allowed(FAR_ALARMS, far)
+    plain = np.array([one.plain for one in campaigns])
+    line = QuantileRegressor(quantile=_LARGE, alpha=0.0)
+    slope = max(float(line.fit(scatter[plain, None], losses[plain]).coef_[0]), 0.0)
+    excess = losses - slope * scatter
+    best, most = (0.0, 0.0, 0.0, 0.0), -1
     for large in range(allowed + 1):
         least = _above(np.sort(excess[~present])[::-1], large)
         rest = ~present & (excess < least)
         free, pose = (np.sort(odds[rest & group])[::-1] for group in (~posed, posed))
         left = allowed - int((~present & (excess >= least)).sum())
-        rules += [(_above(free, k), _above(pose, left - k), least) for k in range(left + 1)]
-    found = [
-        (present & ((odds >= np.where(posed, pose, free)) | (excess >= least))).sum()
-        for free, pose, least in rules
-    ]
-    return rules[int(np.argmax(found))]
+        for k in range(left + 1):
+            ends = _above(free, k), _above(pose, left - k)
+            found = (odds >= np.where(posed, ends[1], ends[0])) | (excess >= least)
+            if (found & far).sum() <= allowed_far and (found & present).sum() > most:
+                best, most = (*ends, least, slope), int((found & present).sum())
+    return best
+
+
+def _allowed(rate: float, group: np.ndarray) -> int:
+    # How many alarms there may be in a group so that further ones have about this rate.
+    return max(math.floor(rate * (group.sum() + 1)), 1) - 1
 
 
 def _above(ordered: np.ndarray, count: int) -> float:

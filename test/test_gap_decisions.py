@@ -58,16 +58,31 @@ def test_a_pose_error_has_a_threshold_of_its_own() -> None:
 
 
 def test_a_large_gap_that_nothing_explains_is_unknown() -> None:
-    rule = replace(calibrated(), least_gap=0.99, least_excess=10.0)
+    rule = replace(calibrated(), least_gap=0.99, least_excess=10.0, least_excess_per_scatter=0.0)
     assert judge(support(9.9, 0.1, 0.0, 0.5), rule).verdict == 'none'
     assert judge(support(10.1, 0.1, 0.0, 0.5), rule).verdict == 'unknown'
 
 
 def test_effects_that_leave_a_large_gap_explain_it_partly() -> None:
-    rule = replace(calibrated(), least_gap=0.99, least_excess=10.0)
-    clear = support(30.0, 12.0, 1.0, 8.0)
-    assert judge(replace(clear, left=18.0), rule).verdict == 'partly'
+    rule = replace(calibrated(), least_gap=0.99, least_excess=10.0, least_excess_per_scatter=0.0)
+    clear = support(40.0, 28.0, 1.0, 10.0)
+    assert judge(replace(clear, left=22.0), rule).verdict == 'partly'
     assert judge(replace(clear, left=9.9), rule).verdict == 'identified'
+
+
+def test_effects_that_are_less_probable_than_not_explain_a_gap_partly() -> None:
+    rule = replace(calibrated(), least_gap=0.0, least_effect=0.0)
+    weak, clear = replace(support(5.0, 1.0, 0.9, 0.3), left=2.0), support(60.0, 50.0, 10.0, 8.0)
+    assert judge(weak, rule).effects['offset'] < 0.5 < judge(clear, rule).effects['offset']
+    assert judge(weak, rule).verdict == 'partly'
+    assert judge(clear, rule).verdict == 'identified'
+
+
+def test_wrong_poses_leave_a_loss_that_is_no_gap() -> None:
+    rule = replace(calibrated(), least_gap=0.999, least_excess=5.0, least_excess_per_scatter=20.0)
+    nothing = support(10.0, 0.1, 0.0, 0.5)
+    assert judge(replace(nothing, scatter=0.2), rule).verdict == 'unknown'
+    assert judge(replace(nothing, scatter=0.3), rule).verdict == 'none'
 
 
 def test_a_pose_error_with_scattered_poses_is_a_gap_although_no_loss_is_left() -> None:
@@ -123,7 +138,18 @@ def made(rng: np.random.Generator, count: int) -> list[Campaign]:
         evidence = support(excess, gain, rival, gain + float(rng.normal(0, 0.5)))
         true = frozenset({'offset'} if kind == 'offset' else ())
         out.append(
-            Campaign({}, {}, evidence, '', (), (), true, kind != 'none', kind == 'offset', None)
+            Campaign(
+                {'group': kind},
+                {},
+                evidence,
+                '',
+                (),
+                (),
+                true,
+                kind != 'none',
+                kind == 'offset',
+                None,
+            )
         )
     return out
 

@@ -252,9 +252,13 @@ def test_a_common_offset_is_not_absorbed_by_the_poses(tmp_path: Path) -> None:
 
 def test_scattered_poses_are_a_finding(tmp_path: Path) -> None:
     write_campaign(tmp_path, seed=6, pose=(0.012, 0.7), **SMALL)
-    table = diagnose(tmp_path)
+    table = diagnose(tmp_path, out=tmp_path / 'out')
     assert table['effects'][0]['name'] == 'pose_error'
     assert 'The poses of the cameras are wrong' in headline(table)
+    # In other scenes it would move the simulated camera to where the real one is not.
+    written = tmp_path / 'out' / 'effects.yaml'
+    assert 'pose_error' not in [one.name for one in load_effects(written)]
+    assert 'Correct the poses' in written.read_text()
     # No simulated effect removes it.
     if len(table['effects']) == 1:
         assert table['gap']['shrink'] == 0

@@ -12,8 +12,9 @@ from flexx2_sim_ros.gap.data.covariates import look_at
 from flexx2_sim_ros.gap.features.single_frame import single_frame
 from flexx2_sim_ros.gap.report.frames import frames, MOST_FRAMES
 from flexx2_sim_ros.gap.report.places import difference, finding
+from flexx2_sim_ros.gap.report.table import verdict_of
 from flexx2_sim_ros.gap.report.text import short
-from flexx2_sim_ros.gap.report.words import blames_poses, on_recordings, reduction
+from flexx2_sim_ros.gap.report.words import blames_poses, headline, on_recordings, reduction
 from flexx2_sim_ros.html_drawing import MARKS
 import numpy as np
 from PIL import Image
@@ -237,3 +238,36 @@ def test_poses_are_blamed_where_other_effects_do_little(
 ) -> None:
     effects = [{'name': name} for name in names]
     assert blames_poses({'effects': effects, 'gap': {'shrink': shrink}}) == blamed
+
+
+@pytest.mark.parametrize(
+    ('verdict', 'name', 'shrink', 'said'),
+    [
+        ('identified', 'offset', 0.9, 'identified'),
+        ('identified', 'offset', 0.4, 'partly'),
+        ('identified', 'pose_error', 0.0, 'identified'),
+        ('unknown', 'offset', 0.0, 'unknown'),
+    ],
+)
+def test_effects_that_close_less_than_half_of_the_gap_explain_it_partly(
+    verdict: str, name: str, shrink: float, said: str
+) -> None:
+    table = {'verdict': verdict, 'effects': [{'name': name}], 'gap': {'shrink': shrink}}
+    assert verdict_of(table) == said
+
+
+@pytest.mark.parametrize(('confidence', 'words'), [(0.8, 'is due to'), (0.3, 'may be due to')])
+def test_the_headline_says_how_sure_the_cause_is(confidence: float, words: str) -> None:
+    table = {
+        'verdict': 'partly',
+        'effects': [{'name': 'offset', 'confidence': confidence}],
+        'gap': {
+            'shrink': 0.6,
+            **{
+                unit: {'before': 5.0, 'after': 2.0, 'null': 1.0, 'tolerance': 1.0}
+                for unit in ('wasserstein_mm', 'invalid_rate')
+            },
+        },
+        'calibration': None,
+    }
+    assert headline(table).startswith(f'The gap {words} offset')

@@ -76,8 +76,9 @@ class Decisions:
     least_gap, least_gap_of_poses : float
         Probability from which on there is a gap; the second one where a pose error is among
         the chosen effects.
-    least_excess, least_agreement : float
-        Excess loss and `probability.agreement` from which on there is a gap as well.
+    least_excess, least_excess_per_scatter, least_agreement : float
+        Excess loss and `probability.agreement` from which on there is a gap as well. The wrong
+        poses of a campaign leave more loss the more they scatter: `excess_from`.
     least_effect : float
         Probability from which on effects are named.
     least_alternative : float
@@ -92,10 +93,15 @@ class Decisions:
     least_gap: float
     least_gap_of_poses: float
     least_excess: float
+    least_excess_per_scatter: float
     least_agreement: float
     least_effect: float
     least_alternative: float
     margins: tuple[Margin, ...]
+
+    def excess_from(self, scatter: float) -> float:
+        """Return the excess loss from which on there is a gap, given the scatter of the poses."""
+        return self.least_excess + self.least_excess_per_scatter * scatter
 
     def widened(
         self, interval: Sequence[float] | None, middle: float, verdict: str, recordings: int
@@ -155,6 +161,7 @@ def read_decisions(path: Path) -> Decisions:
             _number(table['gap'], 'threshold'),
             _number(table['gap'], 'threshold_of_poses'),
             _number(table['gap'], 'excess'),
+            _number(table['gap'], 'excess_per_scatter'),
             _number(table['gap'], 'agreement'),
             _number(table['effect'], 'threshold'),
             _number(table['alternative'], 'threshold'),

@@ -62,7 +62,8 @@ def judge(support: Support, rule: Decisions) -> Judgement:
     elif best < rule.least_effect or _explain_little(support):
         verdict = 'unknown'
     else:
-        verdict = 'partly' if leaves_gap(support, rule) else 'identified'
+        likely = best >= THRESHOLDS.likely
+        verdict = 'identified' if likely and not leaves_gap(support, rule) else 'partly'
     probable = (name for name, one in effects.items() if one >= rule.least_alternative)
     return Judgement(verdict, gap, effects, frozenset(probable))
 
@@ -87,7 +88,7 @@ def _loss_shows_gap(support: Support, probability: float, rule: Decisions) -> bo
     # Campaigns with a pose error among the chosen effects have a threshold of their own: poses
     # are never exact, and a few of them may agree by chance.
     least = rule.least_gap_of_poses if is_posed(support) else rule.least_gap
-    return support.excess >= rule.least_excess or probability >= least
+    return support.excess >= rule.excess_from(support.scatter) or probability >= least
 
 
 def agreement(support: Support) -> float:
