@@ -7,8 +7,8 @@ writes ``config/decisions.yaml`` and ``docs/decisions.png``. What is printed, an
 ``checked``, was measured on campaigns that the rule was not fitted to: it is fitted to four
 fifths of the campaigns and checked on the last one, five times.
 
-python -m bench.calibrate_decisions --campaigns 300 --minutes 15 --jobs 2
-python -m bench.calibrate_decisions --campaigns 300 --write
+python -m bench.calibrate_decisions --campaigns 1000 --minutes 15 --jobs 2
+python -m bench.calibrate_decisions --campaigns 1000 --write
 
 With ``--forms``, campaigns that were diagnosed before a diagnosis fitted forms are diagnosed again
 if their reduction would be another one. Their lines are in a second file, and replace the first.
@@ -23,7 +23,18 @@ from pathlib import Path
 import time
 from typing import Any
 
-from bench.decision_campaigns import changed_by_forms, DESIGN, INSIDE, MOST, plan, run, STRENGTHS
+from bench.decision_campaigns import (
+    changed_by_forms,
+    DESIGN,
+    INSIDE,
+    LARGE,
+    LARGE_STRENGTHS,
+    MOST,
+    plan,
+    run,
+    SMALL,
+    STRENGTHS,
+)
 from bench.decision_fit import before, calibrate, Campaign, campaign, counted, COVERED
 from bench.journal import Journal
 from flexx2_sim_ros import __version__
@@ -64,7 +75,7 @@ _CURVES: dict[str, tuple[str, Callable[[Campaign], float], tuple[float, ...]]] =
     ),
     'recordings': ('', lambda one: one.planned['recordings'], (2, 4, 6, 8, 13)),
     'frames': ('', lambda one: one.planned['frames'], (1, 6, 12, 25)),
-    'width': ('px', lambda one: one.planned['width'], (64, 80, 112, 113)),
+    'width': ('px', lambda one: one.planned['width'], (64, 80, 112, 224, 225)),
     'pose error': ('mm', lambda one: one.planned['pose_mm'], (0, 2, 5, 11)),
 }
 
@@ -73,7 +84,9 @@ def main() -> None:
     """Diagnose campaigns, fit the rule, print how often it is right."""
     parser = argparse.ArgumentParser(description=__doc__.partition('\n\n')[0])
     parser.add_argument('--lines', type=Path, default=Path('build/decisions.jsonl'))
-    parser.add_argument('--campaigns', type=int, default=300)
+    parser.add_argument(
+        '--campaigns', type=int, default=300, help=f'those above {SMALL} have images of full size'
+    )
     parser.add_argument('--minutes', type=float, default=1e9, help='then stop; resumes later')
     parser.add_argument('--jobs', type=int, default=1, help='processes')
     parser.add_argument('--forms', action='store_true', help='diagnose again where forms matter')
@@ -81,9 +94,18 @@ def main() -> None:
     arguments = parser.parse_args()
     if not 1 <= arguments.campaigns <= MOST:
         parser.error(f'--campaigns: must be 1 to {MOST}, got {arguments.campaigns}')
-    design = {name: list(map(list, table.items())) for name, table in DESIGN.items()}
+    design, large = (
+        {name: list(map(list, table.items())) for name, table in one.items()}
+        for one in (DESIGN, LARGE)
+    )
     inside = {name: sorted(fields) for name, fields in INSIDE.items()}
-    settings = {'design': design, 'strengths': list(STRENGTHS), 'inside': inside}
+    settings = {
+        'design': design,
+        'strengths': list(STRENGTHS),
+        'inside': inside,
+        'large': large,
+        'large_strengths': list(LARGE_STRENGTHS),
+    }
     journal = Journal(arguments.lines, **settings)
     ends = time.monotonic() + 60 * arguments.minutes
     _diagnose(journal, range(len(journal), arguments.campaigns), arguments.jobs, ends)

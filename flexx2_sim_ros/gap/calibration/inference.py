@@ -75,6 +75,9 @@ class Thresholds:
     least_gain: float = constant(
         0.5, 'loss', 'further effects are added to one that takes off this', DEVELOPMENT
     )
+    as_good: float = constant(
+        0.03, 'gain', 'less of it; the effect with fewer parameters is named', DEVELOPMENT
+    )
     next_gain: float = constant(1.5, 'loss', 'the next effect must take off', DEVELOPMENT)
     next_fraction: float = constant(
         0.04, 'excess loss', 'as well; half of it below explained_little', DEVELOPMENT

@@ -141,7 +141,7 @@ def select(
     """
     about, posed = trials.thresholds, [c for c in candidates if c.kind.role == 'pose']
     scattered = bool(posed) and trials.model.pose_scatter() > about.scattered
-    considered = best_of_each(singles)
+    considered = _simplest_first(best_of_each(singles), about)
     if scattered:
         pose = trials.choice(posed)
         first = Selection(Choice(pose.fit, max(pose.gain, about.gain * trials.count)))
@@ -164,6 +164,14 @@ def best_of_each(choices: Sequence[Choice], last: bool = False) -> list[Choice]:
         names = [c.effect for c in one.fit.candidates]
         best.setdefault(names[-1 if last else 0], one)
     return list(best.values())
+
+
+def _simplest_first(considered: Sequence[Choice], about: Thresholds) -> list[Choice]:
+    # The best first; of those that are as good, the one with the fewest parameters: a constant
+    # bias is an offset, although an amplitude bias has a constant, too.
+    good = [one for one in considered if one.gain >= (1 - about.as_good) * considered[0].gain > 0]
+    first = min(good, key=lambda one: len(one.fit.values), default=None)
+    return sorted(considered, key=lambda one: one is not first)
 
 
 def _gain(one: Choice) -> float:
