@@ -7,13 +7,12 @@ from typing import Any
 
 from flexx2_sim_ros.atomic import scratch_folder
 from flexx2_sim_ros.camera import Camera, flexx2, Profile
-from flexx2_sim_ros.effects import ageing
+from flexx2_sim_ros.effects import ageing, of_role
 from flexx2_sim_ros.recording import load_recording, Recording
 from flexx2_sim_ros.validation.benchmark.design import Planned
 from flexx2_sim_ros.validation.blind import BlindCamera, SceneSet
 import numpy as np
 
-_NOT_OF_CAMERA = {'pose_error'}
 _FRESH = 500  # added to the seed of the scenes, within the same range of seeds
 _FRAMES = 8
 _QUANTILES = np.linspace(0.005, 0.995, 199)
@@ -68,7 +67,7 @@ def realised_gap(
     effects = {
         effect['name']: effect['parameters']
         for effect in diagnosis['effects']
-        if effect['name'] not in _NOT_OF_CAMERA  # ``effects.yaml`` does not have them either
+        if effect['name'] != of_role('pose').name  # ``effects.yaml`` does not have it either
     }
     case = planned.case
     seed = case.scenes.seed + (0 if same_scenes else _FRESH)
