@@ -10,7 +10,6 @@ from typing import Any
 from flexx2_sim_ros.camera import Camera, flexx2, Intrinsics
 from flexx2_sim_ros.effects import ageing, registry
 from flexx2_sim_ros.physics.geometry import pixel_rays
-from flexx2_sim_ros.profiles.modes import Profile
 import numpy as np
 
 
@@ -163,7 +162,7 @@ def write_campaign(
     folder.mkdir(parents=True, exist_ok=True)
     views = render_views(seed, recordings, frames, usecase, pose, scale, moving, distortion)
     rng = np.random.default_rng([seed, 1])
-    profile = _with_noise(usecase, 1 + sigma * rng.standard_normal())
+    profile = flexx2().noisier(1 + sigma * rng.standard_normal())
     for index, (content, true, albedo_true) in enumerate(views):
         stamps, uptime = content['stamp'], float(content['uptime'][0])
         table = {name: dict(values) for name, values in (effects or {}).items()}
@@ -179,13 +178,6 @@ def write_campaign(
         if novel is not None:
             depth = novel(depth, {**content, 'rng': rng, 'index': index})
         np.savez(folder / f'scene_{index:02d}.npz', depth=depth.astype(np.float32), **content)
-
-
-def _with_noise(usecase: str, factor: float) -> Profile:
-    # The Flexx2 in one mode, with sigma_z times a factor.
-    mode = flexx2().mode(usecase)
-    noise = replace(mode.noise, **{k: getattr(mode.noise, k) * factor for k in 'abcd'})
-    return replace(flexx2(), modes=(replace(mode, noise=noise),))
 
 
 @dataclass(frozen=True)

@@ -136,9 +136,7 @@ def _as_in_catalogue(case: Planned, folder: Path) -> None:
     scenes = SceneSet(case.case.scenes)
     camera = BlindCamera(case.case, scenes)
     BlindCamera(replace(case.case, effects={}), scenes).record(folder)
-    mode = flexx2().mode(case.usecase)
-    noise = {name: getattr(mode.noise, name) * camera.sigma_factor for name in 'abcd'}
-    profile = replace(flexx2(), modes=(replace(mode, noise=replace(mode.noise, **noise)),))
+    profile = flexx2().noisier(camera.sigma_factor)
     for i, path in enumerate(sorted(folder.glob('*.npz'), key=lambda one: int(one.stem))):
         with np.load(path) as archive:
             content = dict(archive)

@@ -113,7 +113,7 @@ def test_the_interval_of_a_gap_that_grows_is_below_zero() -> None:
 def test_the_headline_promises_no_more_than_was_measured(
     names: list[str], shrink: float, said: str
 ) -> None:
-    rows = [{'name': name} for name in names]
+    rows = [{'name': name, 'confidence': 0.9} for name in names]
     depth = {'before': 8.4, 'after': 2.1, 'null': 0.5, 'tolerance': 0.2}
     invalid = {'before': 0.004, 'after': 0.002, 'null': 0.001, 'tolerance': 0.008}
     gap = {'shrink': shrink, 'wasserstein_mm': depth, 'invalid_rate': invalid}

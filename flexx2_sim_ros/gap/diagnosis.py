@@ -9,7 +9,7 @@ from typing import Any
 
 from flexx2_sim_ros import __version__
 from flexx2_sim_ros.atomic import check_outputs
-from flexx2_sim_ros.camera import Profile
+from flexx2_sim_ros.camera import flexx2, Profile
 from flexx2_sim_ros.effects import Effect, of_role, registry
 from flexx2_sim_ros.effects.tables import plain
 from flexx2_sim_ros.errors import InputError
@@ -135,16 +135,20 @@ def diagnose(
         decision = _decide(model, candidates, hidden, progress)
         effects = fitted_effects(model, decision.accepted)
         held_out = held_out_effects(model, decision.accepted)
-        simulator = Simulator(mapped, profile, known, seed, tuple(prior))
+        # Cameras of one kind differ in noise; what the fit finds of that is no gap to be closed.
+        factor = 1 + decision.accepted.sigma
+        as_noisy = [replace(one, mode=one.mode.noisier(factor)) for one in used]
+        noisy = (profile or flexx2()).noisier(factor)
+        simulator = Simulator(mapped, noisy, known, seed, tuple(prior))
         step = stepper(progress, 'simulating the outcome', 0.65, 0.13, len(used))
-        confirmed = _confirm(model, decision, held_out, used, simulator, step)
+        confirmed = _confirm(model, decision, held_out, as_noisy, simulator, step)
         table = diagnosis_table(model, decision, effects, confirmed, used, [*left_out, *unusable])
         forms = None
         if calibrate:
             motions = model.own.found(decision.accepted.nuisances)
             total = rounds_of_named(effects) * len(used)
             step = stepper(progress, 'fitting curves and maps', 0.78, 0.2, total)
-            forms = calibrate_named(used, motions, effects, held_out, simulator, step)
+            forms = calibrate_named(as_noisy, motions, effects, held_out, simulator, step)
         if forms is not None:
             effects = forms.effects(effects)
             if forms.taken:

@@ -1,7 +1,7 @@
 """The camera's modes (the driver's use cases) and the noise measured in them."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 import math
 from typing import Any
@@ -163,6 +163,11 @@ class Mode:
     sensor: Sensor = DEFAULT_SENSOR
     noise_from: str = 'measured'
 
+    def noisier(self, factor: float) -> 'Mode':
+        """Return the mode with sigma_z times a factor, as of another camera of the same kind."""
+        noise = {name: factor * getattr(self.noise, name) for name in 'abcd'}
+        return replace(self, noise=replace(self.noise, **noise))
+
     @property
     def measured(self) -> bool:
         """Whether the noise was measured in this very mode."""
@@ -202,6 +207,10 @@ class Profile:
     def modulation_hz(self) -> list[float]:
         """Return the modulation frequencies of all modes, rising."""
         return sorted({f for mode in self.modes for f in mode.modulation_hz})
+
+    def noisier(self, factor: float) -> 'Profile':
+        """Return the camera with sigma_z of all modes times a factor."""
+        return replace(self, modes=tuple(mode.noisier(factor) for mode in self.modes))
 
     @property
     def names(self) -> list[str]:

@@ -74,7 +74,7 @@ def realised_gap(
     key = replace(case.scenes, seed=seed, frames=_FRAMES, pose_mm=0.0)
     scenes = SceneSet(key, cache)
     camera = BlindCamera(replace(case, scenes=key, reflectivity_error=0.0), scenes)
-    profile = _noisier(key.usecase, camera.sigma_factor)
+    profile = flexx2().noisier(camera.sigma_factor)
     with scratch_folder() as folder:
         camera.record(folder)
         null, before, after = distances(folder, effects, profile)
@@ -117,12 +117,6 @@ def distances(folder: Path, effects: dict[str, Any], profile: Profile) -> np.nda
     """
     rows = [_distances(path, effects, profile) for path in sorted(folder.iterdir())]
     return np.asarray(np.nanmean(rows, axis=0))
-
-
-def _noisier(usecase: str, factor: float) -> Profile:
-    mode = flexx2().mode(usecase)
-    noise = replace(mode.noise, **{name: getattr(mode.noise, name) * factor for name in 'abcd'})
-    return replace(flexx2(), modes=(replace(mode, noise=noise),))
 
 
 def _distances(path: Path, effects: dict[str, Any], profile: Profile) -> np.ndarray:
