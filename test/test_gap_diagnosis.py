@@ -90,6 +90,7 @@ def test_finds_an_effect_and_writes_what_it_found(
     for name in ('distance', 'loss', 'wasserstein_mm', 'lag'):
         assert max(gap[name]['null'], gap[name]['after']) < gap[name]['before']
     assert gap['measured_by'] == 'distance'
+    assert 0.8 < gap['noise_factor'] < 1.2
     assert gap['shrink'] == gap['distance']['shrink'] > 0.9
     assert gap['interval'][0] <= gap['shrink'] <= gap['interval'][1]
     assert gap['worse'] == []

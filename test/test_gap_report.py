@@ -14,7 +14,13 @@ from flexx2_sim_ros.gap.report.frames import frames, MOST_FRAMES
 from flexx2_sim_ros.gap.report.places import difference, finding
 from flexx2_sim_ros.gap.report.table import verdict_of
 from flexx2_sim_ros.gap.report.text import short
-from flexx2_sim_ros.gap.report.words import blames_poses, headline, on_recordings, reduction
+from flexx2_sim_ros.gap.report.words import (
+    blames_poses,
+    headline,
+    on_recordings,
+    reduction,
+    sentences,
+)
 from flexx2_sim_ros.html_drawing import MARKS
 import numpy as np
 from PIL import Image
@@ -271,3 +277,34 @@ def test_the_headline_says_how_sure_the_cause_is(confidence: float, words: str) 
         'calibration': None,
     }
     assert headline(table).startswith(f'The gap {words} offset')
+
+
+@pytest.mark.parametrize(
+    ('factor', 'said'), [(1.01, ''), (1.05, '5 % above the model'), (0.96, '4 % below the model')]
+)
+def test_a_noise_level_of_its_own_is_said(factor: float, said: str) -> None:
+    size = {'before': 5.0, 'after': 2.0, 'null': 1.0, 'tolerance': 1.0}
+    table = {
+        'verdict': 'identified',
+        'effects': [{'name': 'offset', 'confidence': 0.9}],
+        'gap': {
+            'shrink': 0.6,
+            'interval': [0.4, 0.8],
+            'noise_factor': factor,
+            'measured_by': 'distance',
+            'held_out': False,
+            'worse': [],
+            'wasserstein_mm': size,
+            'invalid_rate': size,
+        },
+        'calibration': None,
+        'alternatives': [],
+        'unexplained': [],
+        'not_decidable': [],
+        'where': [],
+        'recordings': [],
+        'age': {'latency': 0.0, 'delay': None},
+    }
+    text = ' '.join(sentences(table))
+    assert said in text
+    assert ('noise of this camera' in text) == bool(said)

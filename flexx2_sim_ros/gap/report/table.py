@@ -287,6 +287,7 @@ def _gap(
         'interval': _interval(decision, headline),
         'measured_by': 'distance' if by_distance else 'loss',
         'held_out': held_out,
+        'noise_factor': 1 + decision.accepted.sigma,
         'worse': [unit for unit in UNITS if units[unit]['worse']],
         'distance': whole,
         'loss': loss,

@@ -36,6 +36,7 @@ _MEANINGS = {
     'same distribution',
 }
 MEANINGS = {MEASURES[key][0]: meaning for key, meaning in _MEANINGS.items()}
+_SAME_NOISE = 0.02  # of sigma_z
 
 
 def _names(rows: list[dict[str, Any]]) -> str:
@@ -122,7 +123,7 @@ def sentences(table: dict[str, Any]) -> list[str]:
     out = []
     gap = table['gap']
     if camera_effects(table):
-        out += reduction(gap) + _calibrated(table)
+        out += [*reduction(gap), *_noise_level(gap['noise_factor']), *_calibrated(table)]
     if any(row['name'] == of_role('pose').name for row in table['effects']):
         out.append(
             'The gap is measured with the fitted pose of each recording; the list of recordings '
@@ -201,6 +202,17 @@ def difference(gap: dict[str, Any]) -> str:
         f'The gap is the difference between recordings and simulation: {before}. With the effects '
         f'it is: {after}. Two runs of the simulator differ by: {null}.'
     )
+
+
+def _noise_level(factor: float) -> list[str]:
+    # Cameras of one kind differ by some percent.
+    more = factor - 1
+    if abs(more) < _SAME_NOISE:
+        return []
+    return [
+        f'The noise of this camera is {percent(abs(more))} {"above" if more > 0 else "below"} the '
+        "model's. It is so in these simulations, and not in effects.yaml."
+    ]
 
 
 def _percentage(gap: dict[str, Any]) -> str:
