@@ -30,7 +30,7 @@ _FAR = 5.0  # mm
 HELD = 0.9  # intervals of the reduction
 COVERED = 0.95  # named effects and alternatives; with fewer, causes are named wrongly more often
 _FOLDS = 10
-_LARGE = 0.9  # quantile of the excess loss over the scatter of wrong poses
+_QUANTILE = 0.9  # quantile of the excess loss over the scatter of wrong poses
 _POSE_IS_AN_EFFECT = 5.0  # mm; larger errors of the poses are to be named
 _MOST = (4, 100)  # recordings: few, many
 _UNEXPLAINED = 'unknown', 'partly'  # right where the diagnosis does not know the effect
@@ -192,7 +192,7 @@ def _least_gaps(
     scatter = np.array([one.support.scatter for one in campaigns])
     allowed, allowed_far = _allowed(FALSE_ALARMS, ~present), _allowed(FAR_ALARMS, far)
     plain = np.array([one.plain for one in campaigns])
-    line = QuantileRegressor(quantile=_LARGE, alpha=0.0)
+    line = QuantileRegressor(quantile=_QUANTILE, alpha=0.0)
     slope = max(float(line.fit(scatter[plain, None], losses[plain]).coef_[0]), 0.0)
     excess = losses - slope * scatter
     best, most = (0.0, 0.0, 0.0, 0.0), -1

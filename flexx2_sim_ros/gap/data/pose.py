@@ -209,7 +209,7 @@ def _reweighted_least_squares(
     for _ in range(REGISTRATION.iterations):
         weight = 1 / (1 + ((b - coefficients @ A) / scale) ** 2)
         root = np.sqrt(weight)
-        rooted = A * root  # BLAS needs half the time for a matrix times its own transpose.
+        rooted = A * root  # Times its own transpose, it is half the work.
         normal = rooted @ rooted.T
         coefficients = np.linalg.solve(normal + ridge, rooted @ (root * b))
         scale = max(shrink * scale, last)

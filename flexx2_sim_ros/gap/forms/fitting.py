@@ -224,7 +224,7 @@ def _robust_weights(samples: Samples) -> np.ndarray:
     weight = np.ones(len(target))
     for _ in range(FORMS.iterations):
         root = np.sqrt(weight)
-        rooted = A * root  # BLAS needs half the time for a matrix times its own transpose.
+        rooted = A * root  # Times its own transpose, it is half the work.
         normal = rooted @ rooted.T + np.diag(prior)
         weight = _cauchy(target - np.linalg.solve(normal, rooted @ (root * target) - centre) @ A)
     return weight

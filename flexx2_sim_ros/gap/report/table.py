@@ -99,11 +99,10 @@ def verdict_of(table: dict[str, Any]) -> str:
     poses is not simulated.
     """
     verdict = str(table['verdict'])
-    pose = of_role('pose').name
+    first = [row['name'] for row in table['effects'][:1]]
+    simulated = first not in ([], [of_role('pose').name])
     closes = table['gap']['shrink'] >= THRESHOLDS.partly
-    if verdict == 'identified' and not closes and table['effects'][0]['name'] != pose:
-        return 'partly'
-    return verdict
+    return 'partly' if verdict == 'identified' and simulated and not closes else verdict
 
 
 def calibrated_table(
