@@ -1,9 +1,11 @@
 """Parameters of the lens are fitted together with the poses that would hide them."""
 
 from pathlib import Path
+import shutil
 
 from bench.gap_campaigns import write_campaign
 from flexx2_sim_ros.effects import load_effects, parse_effects
+from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap import calibrate
 from flexx2_sim_ros.gap.forms.calibrating import Proposal, Verdict
 from flexx2_sim_ros.gap.forms.fitting import BiasFit
@@ -110,6 +112,22 @@ def test_a_diagnosis_leaves_a_pose_error_out_beside_a_fitted_lens(recordings: Pa
     assert forms.dropped == ['pose_error']
     (lens,) = forms.effects(named)
     assert lens.focal == pytest.approx(LENS['focal'], abs=0.004)
+
+
+def test_a_recording_that_is_gone_is_an_error_that_names_it(
+    recordings: Path, tmp_path: Path
+) -> None:
+    names = sorted(one.name for one in recordings.glob('*.npz'))[:2]
+    for name in names:
+        shutil.copy(recordings / name, tmp_path)
+    effects = {'intrinsics_error': PART}
+    with workers(1, None) as mapped:
+        simulator = Simulator(mapped, None, {}, 0, (0.01,) * 3 + (0.5,) * 3)
+        found, _ = find(tmp_path, None, mapped)
+        looked = simulator.look([(one, effects, None) for one in found], lambda: None)
+        (tmp_path / names[1]).unlink()
+        with pytest.raises(InputError, match=names[1]):
+            simulator.work(lambda: None).again(looked, [effects] * 2)
 
 
 def test_a_table_of_fitted_numbers_has_the_title_that_its_page_gives_it() -> None:

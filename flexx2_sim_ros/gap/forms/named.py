@@ -6,6 +6,7 @@ from typing import Any
 
 from flexx2_sim_ros.camera import Profile
 from flexx2_sim_ros.effects import Effect, of_role, parse_effects
+from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap.calibration.forms import FORMS
 from flexx2_sim_ros.gap.data.campaign import Found
 from flexx2_sim_ros.gap.data.given import Table
@@ -76,7 +77,11 @@ class Simulator:
             items = [
                 (one.found, own, one.samples.motion) for one, own in zip(some, now, strict=True)
             ]
-            return [one for one in self.look(items, _nothing) if isinstance(one, Looked)]
+            out = self.look(items, _nothing)
+            for one in out:
+                if isinstance(one, str):  # A file was removed or changed meanwhile.
+                    raise InputError(one)
+            return [one for one in out if isinstance(one, Looked)]
 
         return Work(
             judge_all,
