@@ -103,19 +103,25 @@ def test_the_interval_of_a_gap_that_grows_is_below_zero() -> None:
 
 
 @pytest.mark.parametrize(
-    ('names', 'shrink', 'said'),
+    ('names', 'shrink', 'by', 'said'),
     [
-        (['pose_error'], 0.9, 'The poses of the cameras are wrong: correct them first.'),
-        (['offset'], 0.9, 'removes 90 % of the gap: depth errors 8.4 -> 2.1 mm.'),
-        (['offset'], -0.2, 'the gap in depth and invalid pixels becomes 20 % larger'),
+        (
+            ['pose_error'],
+            0.9,
+            'distance',
+            'The poses of the cameras are wrong: correct them first.',
+        ),
+        (['offset'], 0.9, 'distance', 'removes 90 % of the gap: depth errors 8.4 -> 2.1 mm.'),
+        (['offset'], -0.2, 'distance', 'the gap in depth and invalid pixels becomes 20 % larger'),
+        (['offset'], -0.2, 'loss', 'makes the misfit 20 % larger'),
     ],
 )
 def test_the_headline_promises_no_more_than_was_measured(
-    names: list[str], shrink: float, said: str
+    names: list[str], shrink: float, by: str, said: str
 ) -> None:
     rows = [{'name': name, 'confidence': 0.9} for name in names]
     depth = {'before': 8.4, 'after': 2.1, 'null': 0.5, 'tolerance': 0.2}
     invalid = {'before': 0.004, 'after': 0.002, 'null': 0.001, 'tolerance': 0.008}
-    gap = {'shrink': shrink, 'wasserstein_mm': depth, 'invalid_rate': invalid}
+    gap = {'shrink': shrink, 'measured_by': by, 'wasserstein_mm': depth, 'invalid_rate': invalid}
     table = {'verdict': 'identified', 'effects': rows, 'gap': gap}
     assert said in headline(table)

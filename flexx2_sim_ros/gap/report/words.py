@@ -98,6 +98,10 @@ def headline(table: dict[str, Any]) -> str:
         f'The gap {"is" if likely else "may be"} due to {_names(rows)}: adding '
         f'{"it" if len(rows) == 1 else "them"}'
     )
+    if gap['shrink'] < 0 and gap['measured_by'] == 'loss':
+        return (
+            f'{added} to the simulation makes the misfit {percent(-gap["shrink"])} larger.{rest}'
+        )
     if gap['shrink'] < 0:
         return (
             f'{added} to the simulation explains other features, but the gap in depth and invalid '
