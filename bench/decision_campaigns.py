@@ -23,7 +23,7 @@ from bench.wall_campaigns import profile_for, SHOWN, write_walls
 from flexx2_sim_ros.atomic import scratch_folder
 from flexx2_sim_ros.gap import diagnose, measure
 from flexx2_sim_ros.gap.calibration.forms import FORMS
-from flexx2_sim_ros.gap.forms.calibrating import quickly_calibratable
+from flexx2_sim_ros.gap.forms.calibratable import quickly_calibratable
 from flexx2_sim_ros.validation.benchmark.design import MODES, Planned
 from flexx2_sim_ros.validation.benchmark.realised import realised_gap
 from flexx2_sim_ros.validation.benchmark.seeds import DEVELOPMENT

@@ -186,7 +186,7 @@ def _least_gaps(
     # it. Of all such rules with which at most `FALSE_ALARMS` of the campaigns without an effect
     # have a gap, the one with which most of those with an effect have one.
     present = np.array([one.present for one in campaigns])
-    far = ~present & np.array([one.planned.get('pose_mm', 0.0) >= _FAR for one in campaigns])
+    far = ~present & np.array([one.planned['pose_mm'] >= _FAR for one in campaigns])
     posed = np.array([is_posed(one.support) for one in campaigns])
     losses = np.array([one.support.excess for one in campaigns])
     scatter = np.array([one.support.scatter for one in campaigns])

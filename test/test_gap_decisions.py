@@ -139,7 +139,7 @@ def made(rng: np.random.Generator, count: int) -> list[Campaign]:
         true = frozenset({'offset'} if kind == 'offset' else ())
         out.append(
             Campaign(
-                {'group': kind},
+                {'group': kind, 'pose_mm': 0.0},
                 {},
                 evidence,
                 '',

@@ -13,13 +13,12 @@ from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap.calibration.forms import FORMS
 from flexx2_sim_ros.gap.data.campaign import Found
 from flexx2_sim_ros.gap.features.physical import COUNTED, distance
+from flexx2_sim_ros.gap.forms.calibratable import PATTERN, rounds
 from flexx2_sim_ros.gap.forms.calibrating import (
     best_of,
     calibrate_effects,
     correct,
     Explained,
-    PATTERN,
-    rounds,
     totals,
     Verdict,
 )

@@ -12,6 +12,7 @@ from flexx2_sim_ros.gap.calibration.forms import FORMS
 from flexx2_sim_ros.gap.features.physical import distance
 from flexx2_sim_ros.gap.forms import dropout
 from flexx2_sim_ros.gap.forms.bias import BIASES, Form, forms_of
+from flexx2_sim_ros.gap.forms.calibratable import calibratable, PATTERN
 from flexx2_sim_ros.gap.forms.empirical import correction, NAME, Rest
 from flexx2_sim_ros.gap.forms.fitting import BiasFit, Fitted, is_surely_less
 from flexx2_sim_ros.gap.forms.geometry import (
@@ -22,13 +23,11 @@ from flexx2_sim_ros.gap.forms.geometry import (
 )
 from flexx2_sim_ros.gap.forms.pattern import map_of, PixelErrors
 from flexx2_sim_ros.gap.forms.samples import Samples
-from flexx2_sim_ros.gap.forms.search import evaluations, Numbers, search
+from flexx2_sim_ros.gap.forms.search import Numbers, search
 from flexx2_sim_ros.gap.forms.work import Looked, Settings
 from flexx2_sim_ros.gap.inference.improvement import measured
-from flexx2_sim_ros.physics.frame_state import Stage
 import numpy as np
 
-PATTERN = 'fixed_pattern'
 # Measures that the distance has no part of, with the change of each that matters.
 _OTHERS = {
     'edge_sigma': FEATURES.tolerances['bias'],
@@ -165,32 +164,6 @@ class Work:
         """Return `physical.distances` of each recording with settings of its own."""
         jobs = [(one, [own]) for one, own in zip(looked, now, strict=True)]
         return [several[0] for several in self.judge(jobs, None)]
-
-
-def calibratable(effects: Settings) -> list[str]:
-    """Return which effects have a form, in the order in which they are fitted."""
-    shaped = [name for name, kind in registry().items() if kind.shapes and name in effects]
-    before = [name for name in shaped if registry()[name].stage <= Stage.PHASOR]
-    after = [name for name in shaped if name not in before]
-    others = [name for name in (*BIASES, PATTERN, *dropout.KINDS) if name in effects]
-    return [*before, *others, *after]
-
-
-def quickly_calibratable(effects: Settings) -> list[str]:
-    """Return which effects have a form that is fitted without a search by simulation."""
-    return [
-        name
-        for name in calibratable(effects)
-        if is_fitted_with_poses(name) or not registry()[name].shapes
-    ]
-
-
-def rounds(effects: Settings) -> int:
-    """Return about how often each recording is judged."""
-    names = calibratable(effects)
-    searched = [one for one in names if one not in quickly_calibratable(effects)]
-    tried = sum(evaluations(registry()[name].shapes) for name in searched)
-    return 1 + len(COVARIATES) + len(names) + tried
 
 
 def totals(apart: Sequence[dict[str, float]]) -> np.ndarray:

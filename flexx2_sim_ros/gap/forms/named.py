@@ -11,14 +11,8 @@ from flexx2_sim_ros.gap.calibration.forms import FORMS
 from flexx2_sim_ros.gap.data.campaign import Found
 from flexx2_sim_ros.gap.data.given import Table
 from flexx2_sim_ros.gap.features.confirm import Outcome
-from flexx2_sim_ros.gap.forms.calibrating import (
-    calibrate_effects,
-    Explained,
-    Jobs,
-    PATTERN,
-    quickly_calibratable,
-    Work,
-)
+from flexx2_sim_ros.gap.forms.calibratable import PATTERN, quickly_calibratable
+from flexx2_sim_ros.gap.forms.calibrating import calibrate_effects, Explained, Jobs, Work
 from flexx2_sim_ros.gap.forms.work import (
     confirm_settled,
     judge,
