@@ -356,3 +356,20 @@ def test_gray_and_confidence_follow_the_light() -> None:
     less = plain.confidence - noisy.confidence
     assert (less[valid] > 0).all()
     assert less[:, 120:][valid[:, 120:]].min() > 5 * less[:, :100][valid[:, :100]].max()
+
+
+@pytest.mark.parametrize(('x', 'y'), [(0.012, 0.0), (-0.012, 0.0), (0.0, 0.012), (0.0, -0.012)])
+def test_a_camera_that_moved_sideways_sees_outlines_move_with_the_surface_in_front(
+    x: float, y: float
+) -> None:
+    clean = np.full((172, 224), 3.0, np.float32)
+    clean[60:110, 80:150] = 0.6
+    moved = {'pose_error': {'x': x, 'y': y, 'z': 0, 'pitch_deg': 0, 'yaw_deg': 0, 'roll_deg': 0}}
+    before, after = (
+        Camera(effects=effects, seed=1).capture(clean, K, 0).depth for effects in ({}, moved)
+    )
+    for axis, focal, step in ((0, K[0, 0], x), (1, K[1, 1], y)):
+        first, last = (
+            np.flatnonzero((one < 1.8).sum(axis=axis) > 20)[[0, -1]] for one in (before, after)
+        )
+        assert last - first == pytest.approx([-focal * step / 0.6] * 2, abs=1.5)

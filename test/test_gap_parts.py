@@ -1,13 +1,13 @@
 """Parts of the diagnosis: pose, statistics, the patch, the page."""
 
-from bench.gap_campaigns import look, make_room, optical
+from bench.gap_campaigns import look, make_room, optical, Room
 from flexx2_sim_ros.camera import Camera, flexx2
 from flexx2_sim_ros.effects import parse_effects, registry
 from flexx2_sim_ros.effects.patch import ResidualPatch
 from flexx2_sim_ros.gap.data.axes import axes_of
 from flexx2_sim_ros.gap.data.covariates import look_at
 from flexx2_sim_ros.gap.data.pose import unknown_border
-from flexx2_sim_ros.gap.data.registration import RecordingData, register
+from flexx2_sim_ros.gap.data.registration import place, RecordingData, register
 from flexx2_sim_ros.gap.features.catalogue import catalogue
 from flexx2_sim_ros.gap.inference.uncertainty import ratio_interval
 from flexx2_sim_ros.profiles.files import find_profile
@@ -58,6 +58,26 @@ def test_a_pose_error_is_found_to_a_fraction_of_a_millimetre() -> None:
     assert found[1] == pytest.approx(-0.002, abs=0.0006)
     # Forwards, half of it may as well be the camera's own constant error: not taken off here.
     assert 0.001 < found[2] < 0.0035
+
+
+def test_outlines_show_a_motion_along_surfaces_that_face_the_camera() -> None:
+    # Without the outlines of the two boxes, such a motion changes no depth.
+    K = flexx2().intrinsics.matrix  # noqa: N806
+    far = [-1.0, -4.0, -4.0, 3.0, 4.0, 4.0]
+    boxes = [[0.8, 0.05, -0.2, 3.0, 0.4, 0.3], [1.4, -0.6, -0.3, 3.0, -0.1, 0.4]]
+    room = Room(np.array([far, *boxes]), np.full((3, 2), 0.5), np.ones(3))
+    rotation, step = optical(0.0, 0.0, 0.1), np.array([0.006, -0.008, 0.0])
+    clean, rho = look(room, K, (172, 224), rotation, np.zeros(3))
+    true, _ = look(room, K, (172, 224), rotation, rotation @ step)
+    stamps = np.arange(10) * 33_000_000
+    depth = Camera(seed=1).capture(true, K, stamps, rho).depth
+    mode, fresh = flexx2().mode('Mode_9_30fps'), np.arange(10) == 0
+    recording = RecordingData('', depth, clean, rho, K, stamps, fresh, None, mode, None)
+    found, _ = register(recording, PRIOR)
+    assert found[:2] == pytest.approx(step[:2], abs=0.001)
+    placed = place(recording, found)
+    # A pixel on an outline may be on either side.
+    assert (np.abs(placed.clean - true) > 0.1).sum() < 0.5 * (np.abs(clean - true) > 0.1).sum()
 
 
 def test_a_time_offset_is_not_taken_for_a_pose_error() -> None:

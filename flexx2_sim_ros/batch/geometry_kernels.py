@@ -14,10 +14,15 @@ wp.set_module_options(OPTIONS)
 
 _NAN = wp.constant(wp.float32(math.nan))
 _NEAREST = wp.constant(wp.float32(pose_error.NEAREST))
+_CLOSEST = wp.constant(wp.float32(pose_error.CLOSEST))
+_MOST_STEPS = wp.constant(pose_error.MOST_STEPS)
 
 _turned_ray = compiled(pose_error.turned_ray)
 _depth_ratio = compiled(pose_error.depth_ratio)
+_place_at = compiled(pose_error.place_at)
 _pixel_at = compiled(pose_error.pixel_at)
+_parallax = compiled(pose_error.parallax)
+_is_surface = compiled(pose_error.is_surface)
 _depth_of_plane = compiled(pose_error.depth_of_plane)
 _plane_normal = compiled(surface_formulas.plane_normal)
 _beside = compiled(surface_formulas.beside)
@@ -54,6 +59,42 @@ def show(
         )
 
 
+@wp.func
+def _in_front(
+    p: wp.array(dtype=wp.float32),
+    lens: Lens,
+    n: wp.int32,
+    dx: wp.float32,
+    dy: wp.float32,
+    dz: wp.float32,
+    step: wp.vec3f,
+    inverse: wp.float32,
+) -> wp.float32:
+    # As in `effects.pose_error`.
+    far = _depth_ratio(dz, step[2], inverse)
+    close = _depth_ratio(dz, step[2], _CLOSEST)
+    if inverse >= _CLOSEST or far < _NEAREST or close < _NEAREST:
+        return inverse
+    path = _parallax(
+        _place_at(dx, step[0], inverse, far, lens.fx, lens.cx),
+        _place_at(dy, step[1], inverse, far, lens.fy, lens.cy),
+        _place_at(dx, step[0], _CLOSEST, close, lens.fx, lens.cx),
+        _place_at(dy, step[1], _CLOSEST, close, lens.fy, lens.cy),
+    )
+    pixel = (_CLOSEST - inverse) / wp.max(path, 1.0)
+    k = wp.min(wp.int32(path + 0.5), _MOST_STEPS)
+    while k > 0:
+        there = inverse + wp.float32(k) * pixel
+        ratio = _depth_ratio(dz, step[2], there)
+        column = _pixel_at(_place_at(dx, step[0], there, ratio, lens.fx, lens.cx), lens.width - 1)
+        row = _pixel_at(_place_at(dy, step[1], there, ratio, lens.fy, lens.cy), lens.height - 1)
+        here = at(p, padded(lens, n, row, column))
+        if _is_surface(here, there, pixel):
+            return here
+        k -= 1
+    return inverse
+
+
 @wp.kernel
 def look_from(
     surfaces: Surfaces,
@@ -78,12 +119,15 @@ def look_from(
             (wp.float32(x) - lens.cx) / lens.fx,
             (wp.float32(y) - lens.cy) / lens.fy,
         )
-        far = _depth_ratio(dz, pose.step[2], inverse)
+        nearest = _in_front(surfaces.p, lens, n, dx, dy, dz, pose.step, inverse)
+        far = _depth_ratio(dz, pose.step[2], nearest)
         out = _NAN
         source = wp.int32(0)
         if far >= _NEAREST:
-            column = _pixel_at(dx, pose.step[0], inverse, far, lens.fx, lens.cx, lens.width - 1)
-            row = _pixel_at(dy, pose.step[1], inverse, far, lens.fy, lens.cy, lens.height - 1)
+            place_x = _place_at(dx, pose.step[0], nearest, far, lens.fx, lens.cx)
+            place_y = _place_at(dy, pose.step[1], nearest, far, lens.fy, lens.cy)
+            column = _pixel_at(place_x, lens.width - 1)
+            row = _pixel_at(place_y, lens.height - 1)
             source = row * lens.width + column
             i = padded(lens, n, row, column)
             here = at(surfaces.p, i)

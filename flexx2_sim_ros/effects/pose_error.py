@@ -8,14 +8,18 @@ from flexx2_sim_ros.effects.effect import Effect, parameter
 from flexx2_sim_ros.effects.hypothesis import Hypothesis
 from flexx2_sim_ros.effects.picture import Picture
 from flexx2_sim_ros.formulas import surfaces
-from flexx2_sim_ros.formulas.scalars import f32, floor, i32, least, most, where
+from flexx2_sim_ros.formulas.scalars import f32, floor, i32, least, most, size, where
 from flexx2_sim_ros.physics.compiled import compiled, loop
 from flexx2_sim_ros.physics.frame_state import FrameState, Stage
 from flexx2_sim_ros.physics.philox import FAST
 from flexx2_sim_ros.physics.surface import PAD, tangents
+from numba import njit
 import numpy as np
 
 NEAREST = f32(1e-3)  # depth of a point that the other camera can see, over its depth in this one
+# A surface may come in front of a pixel: one at most this near, 1/m, within so many pixels.
+CLOSEST = f32(10.0)
+MOST_STEPS = 16
 _ZERO = f32(0.0)
 _HALF = f32(0.5)
 _ONE = f32(1.0)
@@ -50,17 +54,11 @@ def depth_ratio(dz: float, step_z: float, inverse: float) -> float:
     return dz + step_z * inverse
 
 
-def pixel_at(
-    direction: float,
-    step: float,
-    inverse: float,
-    far: float,
-    focal: float,
-    centre: float,
-    last: int,
-) -> int:
+def place_at(
+    direction: float, step: float, inverse: float, far: float, focal: float, centre: float
+) -> float:
     """
-    Return the row or column, 0..last, in which the other camera sees a point.
+    Return the place along a row or column, in pixels, at which the other camera sees a point.
 
     Parameters
     ----------
@@ -74,12 +72,24 @@ def pixel_at(
         Its depth in the other camera over that in this one.
     focal, centre : float
         Focal length and principal point, pixels.
-    last : int
-        What lies outside the image goes on as at its border.
 
     """
-    place = focal * (direction + step * inverse) / far + centre
+    return focal * (direction + step * inverse) / far + centre
+
+
+def pixel_at(place: float, last: int) -> int:
+    """Return the row or column, 0..last; what lies outside the image goes on as at its border."""
     return i32(least(most(floor(place + _HALF), _ZERO), f32(last)))
+
+
+def parallax(first: float, second: float, other_first: float, other_second: float) -> float:
+    """Return how far apart two places in an image are, along the row or column, pixels."""
+    return most(size(other_first - first), size(other_second - second))
+
+
+def is_surface(here: float, inverse: float, step: float) -> bool:
+    """Say whether a surface is half a step of inverse depth from a point, or nearer to it."""
+    return size(here - inverse) <= _HALF * step
 
 
 def depth_of_plane(
@@ -101,7 +111,10 @@ def depth_of_plane(
 
 _turned_ray = compiled(turned_ray)
 _depth_ratio = compiled(depth_ratio)
+_place_at = compiled(place_at)
 _pixel_at = compiled(pixel_at)
+_parallax = compiled(parallax)
+_is_surface = compiled(is_surface)
 _depth_of_plane = compiled(depth_of_plane)
 _plane_normal = compiled(surfaces.plane_normal)
 
@@ -166,10 +179,37 @@ def rotation_of(turn: np.ndarray) -> np.ndarray:
     return np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * cross @ cross
 
 
+@njit(inline='always')
+def _in_front(p, dx, dy, dz, lens, step, inverse, height, width):
+    # The inverse depth of the nearest surface on a pixel's ray, else ``inverse``, the pixel's own
+    # one before. A ray is followed from near to far, one pixel of the old image at a time.
+    fx, fy, cx, cy = lens
+    far, close = _depth_ratio(dz, step[2], inverse), _depth_ratio(dz, step[2], CLOSEST)
+    if inverse >= CLOSEST or far < NEAREST or close < NEAREST:
+        return inverse
+    path = _parallax(
+        _place_at(dx, step[0], inverse, far, fx, cx),
+        _place_at(dy, step[1], inverse, far, fy, cy),
+        _place_at(dx, step[0], CLOSEST, close, fx, cx),
+        _place_at(dy, step[1], CLOSEST, close, fy, cy),
+    )
+    pixel = (CLOSEST - inverse) / most(path, _ONE)
+    for k in range(least(np.int32(path + _HALF), MOST_STEPS), 0, -1):
+        there = inverse + np.float32(k) * pixel
+        ratio = _depth_ratio(dz, step[2], there)
+        column = _pixel_at(_place_at(dx, step[0], there, ratio, fx, cx), np.int32(width - 1))
+        row = _pixel_at(_place_at(dy, step[1], there, ratio, fy, cy), np.int32(height - 1))
+        here = p[row + PAD, column + PAD]
+        if _is_surface(here, there, pixel):
+            return here
+    return inverse
+
+
 @loop(error_model='numpy', fastmath=FAST)
 def _look_from(p, across, down, lens, rotation, step, depth, index):
     # A point X of the moved camera is rotation X + step in the old one, where the plane seen by a
-    # pixel is n . X = 1. Which pixel that is, is found from the depth the ray had before.
+    # pixel is n . X = 1. Which pixel that is, is found from the depth the ray had before, or that
+    # of a surface that has come in front of it.
     height, width = depth.shape
     fx, fy, cx, cy = lens
     first, second, third = rotation
@@ -177,14 +217,17 @@ def _look_from(p, across, down, lens, rotation, step, depth, index):
         for x in range(width):
             ray_x, ray_y = (np.float32(x) - cx) / fx, (np.float32(y) - cy) / fy
             dx, dy, dz = _turned_ray(first, second, third, ray_x, ray_y)
-            inverse = p[y + PAD, x + PAD]
+            before = p[y + PAD, x + PAD]
+            inverse = _in_front(p, dx, dy, dz, lens, step, before, height, width)
             far = _depth_ratio(dz, step[2], inverse)
             index[y, x] = 0
             depth[y, x] = _NAN
             if far < NEAREST:
                 continue  # Behind the camera it was.
-            column = _pixel_at(dx, step[0], inverse, far, fx, cx, np.int32(width - 1))
-            row = _pixel_at(dy, step[1], inverse, far, fy, cy, np.int32(height - 1))
+            place_x = _place_at(dx, step[0], inverse, far, fx, cx)
+            place_y = _place_at(dy, step[1], inverse, far, fy, cy)
+            column = _pixel_at(place_x, np.int32(width - 1))
+            row = _pixel_at(place_y, np.int32(height - 1))
             index[y, x] = row * width + column
             here = p[row + PAD, column + PAD]
             if here > _ZERO:

@@ -49,13 +49,18 @@ class Registration:
     )
     ridge: float = constant(0.003, '', 'weight of the priors, as a fraction of the pixels')
     bound: float = constant(3.0, 'standard deviations', 'largest pose error')
-    sure: float = constant(10.0, '', 'stiffer prior for the part of a pose that is beyond doubt')
+    sure: float = constant(3.0, '', 'stiffer prior for the part of a pose that is beyond doubt')
     smooth: tuple[float, float, float] = constant(
         (0.01, 0.01, 0.002), 'm', 'size of a bias along the ray, the axis, with log distance'
     )
     harmonic: float = constant(0.004, 'm', 'size of the fourth harmonic of each frequency')
     same_surface: float = constant(0.1, 'fraction of depth', 'largest change by a time offset')
     amounts: float = constant(2.0, '', 'prior spread of how much there is of a typical effect')
+    jump_reach: int = constant(28, '', 'width over what is seen beside a jump', DEFINITION)
+    jump_side: int = constant(2, 'px', 'to rows beside it, which tell its direction', DEFINITION)
+    jump_sigmas: float = constant(8.0, 'sigma_z', 'a larger jump is seen in single pixels')
+    jump_error: float = constant(1.0, 'px', 'standard deviation of where one row shows a jump')
+    jump_growth: float = constant(0.5, 'px', 'by which all surfaces in front may look larger')
     steps: tuple[float, ...] = constant(
         (0.002, 0.002, 0.002, 0.1, 0.1, 0.2),
         'm, deg',

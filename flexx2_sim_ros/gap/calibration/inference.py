@@ -95,7 +95,7 @@ class Thresholds:
     )
     filter_gain: float = constant(2.0, '', 'factor on the gain for a filter with noise')
     scattered: float = constant(
-        0.48, 'usual spread', 'poses that scatter more are a finding', DEVELOPMENT
+        0.6, 'usual spread', 'poses that scatter more are a finding', DEVELOPMENT
     )
     next_to_scattered: float = constant(
         0.15, 'excess loss', 'next_fraction with scattered poses, which leave edges', DEVELOPMENT

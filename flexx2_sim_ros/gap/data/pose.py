@@ -1,6 +1,7 @@
 """Errors of a recording's camera pose: how they change depth, and how they are fitted."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 import math
 
 from flexx2_sim_ros.camera import Camera, Intrinsics, Mode, Profile
@@ -93,27 +94,57 @@ def unknown_border(pose: np.ndarray, clean: np.ndarray, K: np.ndarray) -> int:  
     return min(math.ceil(shift), min(clean.shape[-2:]) // 8) + margin(1, clean.shape)
 
 
+@dataclass(frozen=True)
+class Differences:
+    """
+    Where a frame differs from its clean depth.
+
+    Attributes
+    ----------
+    error : numpy.ndarray
+        (H, W) measured minus clean depth, metres, NaN for pixels that are not used.
+    clean, sigma : numpy.ndarray
+        (H, W) the clean depth and the standard deviation of errors, metres.
+    jump_slopes : numpy.ndarray
+        (6, N) pixels by which jumps are displaced; see `jump_shift.Jumps`.
+    jumps : numpy.ndarray
+        (N,) pixels by which the frame shows them displaced, NaN for those that are not used.
+    jump_others : numpy.ndarray
+        (m, N) pixels by which effects displace them.
+
+    """
+
+    error: np.ndarray
+    clean: np.ndarray
+    sigma: np.ndarray
+    jump_slopes: np.ndarray
+    jumps: np.ndarray
+    jump_others: np.ndarray
+
+
 def fit_plane_motion(
-    residual: np.ndarray,
-    clean: np.ndarray,
-    sigma: np.ndarray,
+    frames: Sequence[Differences],
+    others: np.ndarray,
     K: np.ndarray,  # noqa: N803
     spread: np.ndarray,
     shifts: np.ndarray,
-    others: np.ndarray,
     before: np.ndarray,
     profile: Profile,
     waves: Sequence[float] = (),
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """
-    Fit a small motion of camera and planes to residuals on surfaces, with an M-estimator.
+    Fit a small motion of camera and planes to errors on surfaces, with an M-estimator.
+
+    What surfaces leave open, such as a motion along surfaces that face the camera, the places of
+    depth jumps decide.
 
     Parameters
     ----------
-    residual : numpy.ndarray
-        (N, H, W) mean measured minus clean depth, metres, NaN for pixels that are not used.
-    clean, sigma : numpy.ndarray
-        (N, H, W) the clean depth and the standard deviation of residuals, metres.
+    frames : sequence of Differences
+        The frames.
+    others : numpy.ndarray
+        (N, m, H, W) metres: change of depth by effects at typical size. They are nuisance
+        parameters, so that an effect is not mistaken for a motion.
     K : numpy.ndarray
         (3, 3) camera matrix.
     spread : numpy.ndarray
@@ -121,9 +152,6 @@ def fit_plane_motion(
         three for each plane.
     shifts : numpy.ndarray
         (n - 6, H, W), as from `planes.plane_shifts`.
-    others : numpy.ndarray
-        (N, m, H, W) metres: change of depth by effects at typical size. They are nuisance
-        parameters, so that an effect is not mistaken for a motion.
     before : numpy.ndarray
         (n,) the motion that earlier rounds found.
     profile : Profile
@@ -135,19 +163,19 @@ def fit_plane_motion(
     -------
     tuple of numpy.ndarray
         (n,) motion, at most three standard deviations; (m,) amount of each of ``others``; (n,) the
-        whole motion, with that of earlier rounds, under a prior ten times as stiff.
+        whole motion, with that of earlier rounds, under a prior three times as stiff.
 
     """
     number = len(spread)
     fourths = [round(SPEED_OF_LIGHT / (8 * f), 4) for f in profile.modulation_hz]
     periods = [*fourths, *waves]
     sizes = np.array([*REGISTRATION.smooth, *[REGISTRATION.harmonic] * (2 * len(periods))])
-    design = _weighted_design(residual, clean, sigma, K, shifts, others, profile, periods)
-    A, b = design  # noqa: N806
+    A, b = _weighted_design(frames, others, K, shifts, profile, periods)  # noqa: N806
     if not len(b):
         return np.zeros(number), np.zeros(others.shape[1]), before
     rest = number + len(sizes)
-    usual = np.concatenate([sizes, np.full(len(A) - rest, REGISTRATION.amounts)])
+    amounts = np.full(others.shape[1], REGISTRATION.amounts)
+    usual = np.concatenate([sizes, amounts, [REGISTRATION.jump_growth]])
     # In units of the priors' standard deviations, so that one ridge fits all of them.
     A = np.concatenate([spread.T @ A[:number], A[number:] * usual[:, None]])  # noqa: N806
     ridge = REGISTRATION.ridge * len(b) * np.eye(len(A))
@@ -158,41 +186,46 @@ def fit_plane_motion(
     bound = REGISTRATION.bound
     return (
         spread @ np.clip(motion[:number], -bound, bound),
-        motion[rest:] * usual[len(sizes) :],
+        motion[rest:-1] * amounts,
         spread @ np.clip(sure[:number], -bound, bound),
     )
 
 
 def _weighted_design(
-    residual: np.ndarray,
-    clean: np.ndarray,
-    sigma: np.ndarray,
+    frames: Sequence[Differences],
+    others: np.ndarray,
     K: np.ndarray,  # noqa: N803
     shifts: np.ndarray,
-    others: np.ndarray,
     profile: Profile,
     periods: Sequence[float],
 ) -> tuple[np.ndarray, np.ndarray]:
-    # (columns, pixels) design matrix and (pixels,) residuals of every second pixel, in sigma.
+    # (columns, N) design matrix and (N,) residuals, in standard deviations: every second pixel,
+    # and all jumps. The last column is a growth of all surfaces that are in front.
     designs: list[np.ndarray] = []
     values: list[np.ndarray] = []
-    for error, depth, noise, other in zip(residual, clean, sigma, others, strict=True):
-        error, noise = error[::2, ::2], noise[::2, ::2]
+    for one, other in zip(frames, others, strict=True):
+        error, noise = one.error[::2, ::2], one.sigma[::2, ::2]
         good = np.isfinite(error)
-        if not good.any():
-            continue
+        biases = _others(one.clean, K, periods)
+        if good.any():
+            columns = np.concatenate(
+                [
+                    pose_columns(one.clean, K, profile.sensor),
+                    shifts[:, ::2, ::2],
+                    biases,
+                    other[:, ::2, ::2],
+                    np.zeros((1, *error.shape)),
+                ]
+            )
+            designs.append(columns[:, good] / noise[good])
+            values.append(error[good] / noise[good])
+        used = np.isfinite(one.jumps)
+        none = np.zeros((len(shifts) + len(biases), used.sum()))
         columns = np.concatenate(
-            [
-                pose_columns(depth, K, profile.sensor),
-                shifts[:, ::2, ::2],
-                _others(depth, K, periods),
-                other[:, ::2, ::2],
-            ]
+            [one.jump_slopes[:, used], none, one.jump_others[:, used], np.ones((1, used.sum()))]
         )
-        designs.append(columns[:, good] / noise[good])
-        values.append(error[good] / noise[good])
-    if not designs:
-        return np.empty((0, 0)), np.empty(0)
+        designs.append(columns / REGISTRATION.jump_error)
+        values.append(one.jumps[used] / REGISTRATION.jump_error)
     A, b = np.concatenate(designs, axis=1), np.concatenate(values)  # noqa: N806
     keep = np.isfinite(A).all(axis=0)
     return A[:, keep], b[keep]

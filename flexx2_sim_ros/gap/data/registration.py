@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from hashlib import sha256
+from typing import NamedTuple
 
 from flexx2_sim_ros.camera import flexx2, Mode, Profile
 from flexx2_sim_ros.camera.common_random_numbers import CommonRandomNumbers
@@ -11,7 +12,14 @@ from flexx2_sim_ros.effects.between import between
 from flexx2_sim_ros.gap.calibration.data import REGISTRATION
 from flexx2_sim_ros.gap.data.axes import Axes, axes_of
 from flexx2_sim_ros.gap.data.covariates import look_at
-from flexx2_sim_ros.gap.data.pose import base_camera, fit_plane_motion, moved, unknown_border
+from flexx2_sim_ros.gap.data.jump_shift import find_jumps
+from flexx2_sim_ros.gap.data.pose import (
+    base_camera,
+    Differences,
+    fit_plane_motion,
+    moved,
+    unknown_border,
+)
 from flexx2_sim_ros.gap.data.prior import POSE, spread_of
 from flexx2_sim_ros.recording.truth import Truth
 import numpy as np
@@ -170,7 +178,7 @@ def register(
     -------
     tuple of numpy.ndarray
         (6 + 3 P,) motion: metres and degrees of the camera, metres and radians of the P planes;
-        and the part of it that remains under a prior ten times as stiff.
+        and the part of it that remains under a prior three times as stiff.
 
     """
     still = recording.clean.ndim == 2
@@ -192,8 +200,7 @@ def register(
     shifts = recording.plane_shifts
     shifts = np.zeros((0, *recording.clean.shape[-2:])) if shifts is None else shifts
     motion, sure, lateness = np.zeros(len(spread)), np.zeros(len(spread)), latency
-    others: list[np.ndarray] = []
-    given = np.zeros((len(chosen), 1, 1), np.float32)
+    biases: _Biases | None = None
     for _ in range(REGISTRATION.rounds):
         shown = (
             _with_planes(recording, motion)
@@ -209,66 +216,83 @@ def register(
             recording.mode,
             motion[:POSE],
         )
-        if not others:  # Computed once: a small motion hardly changes them.
-            others, given = _typical_biases(recording, clean, reflectivity, chosen)
-        late = [] if still else [change_by_latency(recording, chosen, lateness)]
+        if biases is None:  # Computed once: a small motion hardly changes them.
+            biases = _typical_biases(recording, clean, reflectivity, chosen)
+        late = None if still else images_by_latency(recording, chosen, lateness)
         step, amounts, sure = fit_plane_motion(
-            *_residuals(recording, shown, clean, chosen, motion, given),
+            *_differences(recording, shown, clean, chosen, motion, biases, late),
             recording.K,
             spread,
             shifts,
-            np.stack([*others, *late], axis=1),
             motion,
             recording.profile or flexx2(),
             waves,
         )
         bound = REGISTRATION.bound
         motion = spread @ np.clip(whiten @ (motion + step), -bound, bound)
-        if late:
+        if late is not None:
             reach = max(_LATEST, 1.5 * abs(latency))
             lateness = float(np.clip(lateness + _LATE * amounts[-1], -reach, reach))
     return motion, sure
 
 
-def _residuals(
+class _Biases(NamedTuple):
+    # (N, H, W) metres each: simulated depth, with each effect that is like a pose error at typical
+    # size, from common random numbers; and the change by the given effects.
+    plain: np.ndarray
+    changed: list[np.ndarray]
+    given: np.ndarray
+
+
+def _differences(
     recording: RecordingData,
     shown: np.ndarray,
     clean: np.ndarray,
     chosen: Sequence[int],
     motion: np.ndarray,
-    given: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    # (N, H, W) each: measured minus clean depth, NaN for pixels that are not used; clean depth;
-    # sigma. The change by the given effects, (N, H, W), is subtracted.
-    still, count = clean.ndim == 2, len(recording.depth)
+    biases: _Biases,
+    late: tuple[np.ndarray, np.ndarray] | None,
+) -> tuple[list[Differences], np.ndarray]:
+    # Each frame with where it differs from its clean depth, and (N, m, H, W) metres by which
+    # depth changes with each bias and latency. The change by the given effects is subtracted.
+    still = clean.ndim == 2
     known, accuracy = (
         one if one is None or one.ndim < 3 else one[list(chosen)]
         for one in (recording.truth.known, recording.truth.clean_sigma)
     )
     known = _known_from(known, shown, recording, motion[:POSE])
-    errors, depths, sigmas = [], [], []
+    frames, others = [], []
     for i, t in enumerate(chosen):
         image = clean if still else clean[i]
         mask = known if known is None or known.ndim == 2 else known[i]
         scene = look_at(
             image, None, 0.0, None, recording.K, recording.mode, recording.axes, known=mask
         )
+        sigma = scene.sigma
+        if accuracy is not None:
+            sigma = np.hypot(sigma, accuracy[i] if accuracy.ndim == 3 else accuracy)
+        real = _mean_depth(recording.depth) if still else recording.depth[t]
         with np.errstate(invalid='ignore'):
-            if still:
-                valid = np.isfinite(recording.depth).sum(axis=0)
-                real = np.nansum(recording.depth, axis=0) / np.maximum(valid, 1)
-                real = np.where(valid > 0.5 * count, real, np.nan)
-            else:
-                real = recording.depth[t]
-            sigma = scene.sigma
-            if accuracy is not None:
-                sigma = np.hypot(sigma, accuracy[i] if accuracy.ndim == 3 else accuracy)
-            error = real - image - given[i]
+            error = real - image - biases.given[i]
             limit = REGISTRATION.outlier_sigmas * sigma + REGISTRATION.outlier
-            errors.append(np.where(scene.inside & (np.abs(error) < limit), error, np.nan))
-        depths.append(image)
-        sigmas.append(sigma)
-    return np.array(errors), np.array(depths), np.array(sigmas)
+            error = np.where(scene.inside & (np.abs(error) < limit), error, np.nan)
+        changes = [(biases.plain[i], one[i]) for one in biases.changed]
+        other = [np.nan_to_num(one - plain) for plain, one in changes]
+        if late is not None:
+            changes.append((late[1][i], late[0][i]))
+            other.append(_same_surface(*changes[-1]))
+        jumps = find_jumps(image, sigma, scene.compared, recording.K, recording.mode.sensor)
+        shifts = np.nan_to_num([jumps.shift(one) - jumps.shift(plain) for plain, one in changes])
+        frames.append(Differences(error, image, sigma, jumps.slopes, jumps.shift(real), shifts))
+        others.append(other)
+    return frames, np.array(others)
+
+
+def _mean_depth(depth: np.ndarray) -> np.ndarray:
+    # (H, W) mean of (T, H, W) frames, NaN where most of them have no depth.
+    valid = np.isfinite(depth).sum(axis=0)
+    mean = np.nansum(depth, axis=0) / np.maximum(valid, 1)
+    return np.where(valid > 0.5 * len(depth), mean, np.nan)
 
 
 def frames_between(recording: RecordingData, chosen: Sequence[int], lateness: float) -> np.ndarray:
@@ -290,17 +314,28 @@ def frames_between(recording: RecordingData, chosen: Sequence[int], lateness: fl
     return np.array(out)
 
 
+def images_by_latency(
+    recording: RecordingData, chosen: Sequence[int], lateness: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return clean depth, (N, H, W) metres each, half of `REGISTRATION.late` later and earlier."""
+    reach = _LATE / 2
+    late, early = (frames_between(recording, chosen, lateness + sign * reach) for sign in (1, -1))
+    return late, early
+
+
 def change_by_latency(
     recording: RecordingData, chosen: Sequence[int], lateness: float
 ) -> np.ndarray:
     """Return (N, H, W) metres, the change of depth by a time offset of `REGISTRATION.late`."""
-    reach = _LATE / 2
-    before, after = (
-        frames_between(recording, chosen, lateness + sign * reach) for sign in (1, -1)
-    )
+    late, early = images_by_latency(recording, chosen, lateness)
+    return _same_surface(early, late)
+
+
+def _same_surface(early: np.ndarray, late: np.ndarray) -> np.ndarray:
+    # Change of depth where both show the same surface, 0 elsewhere.
     with np.errstate(invalid='ignore'):
-        change = before - after
-        return np.where(np.abs(change) < REGISTRATION.same_surface * after, change, np.float32(0))
+        change = late - early
+        return np.where(np.abs(change) < REGISTRATION.same_surface * early, change, np.float32(0))
 
 
 def _typical_biases(
@@ -308,9 +343,7 @@ def _typical_biases(
     clean: np.ndarray,
     reflectivity: np.ndarray | None,
     chosen: Sequence[int],
-) -> tuple[list[np.ndarray], np.ndarray]:
-    # (N, H, W) metres each: change of depth by effects at typical size, from common random
-    # numbers; and the change by the given effects.
+) -> _Biases:
     common = CommonRandomNumbers(
         base_camera(recording.mode, recording.profile, 0, recording.name),
         clean,
@@ -318,12 +351,12 @@ def _typical_biases(
         recording.stamp[list(chosen)],
         reflectivity,
     )
-    base, *changed = (
+    plain, *changed = (
         common.depth(effects)
         for effects in ((), *_like_a_pose(bool(recording.mode.modulation_hz)))
     )
-    given = common.depth(recording.given) if recording.given else base
-    return [np.nan_to_num(one - base) for one in changed], np.nan_to_num(given - base)
+    given = common.depth(recording.given) if recording.given else plain
+    return _Biases(plain, changed, np.nan_to_num(given - plain))
 
 
 def _like_a_pose(modulation: bool) -> list[dict[str, dict[str, float]]]:

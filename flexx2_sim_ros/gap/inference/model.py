@@ -246,10 +246,9 @@ class Model:
 
     def pose_scatter(self) -> float:
         """Return the spread of the recordings' poses, as a fraction of the usual spread."""
-        still = np.array([not e.moving for e in self.evidence])
         usual = np.array([self._usual_pose(e) for e in self.evidence])
         pose = np.array([e.sure_pose for e in self.evidence]) / STEPS / usual
-        return float((pose[still] if still.sum() > 2 else pose).std(axis=0).mean())
+        return float(pose.std(axis=0).mean())
 
     def _usual_pose(self, one: Evidence) -> np.ndarray:
         # (6,) standard deviations of a recording's pose, in steps.

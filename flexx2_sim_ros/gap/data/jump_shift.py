@@ -1,0 +1,165 @@
+"""
+Depth jumps: how many pixels a recording shows them away from where its clean depth has them.
+
+A surface that faces the camera has the same depth after the camera was moved sideways. Only its
+outline moves.
+"""
+
+from dataclasses import dataclass
+import math
+
+from flexx2_sim_ros.gap.calibration.data import REGISTRATION
+from flexx2_sim_ros.physics.surface import analyse
+from flexx2_sim_ros.profiles.intrinsics import Intrinsics
+from flexx2_sim_ros.profiles.sensor import Sensor
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Jumps:
+    """
+    Depth jumps of a clean frame, each looked at along its row or column.
+
+    Attributes
+    ----------
+    across : numpy.ndarray
+        (N, 2 reach) int, flat indices of the pixels across each jump; the first half is on the
+        surface in front.
+    middle : numpy.ndarray
+        (N,) metres, between the depths on either side.
+    slopes : numpy.ndarray
+        (6, N) pixels by which the surface in front reaches farther, per metre and per degree of
+        motion of the camera, as in `pose.moved`.
+
+    """
+
+    across: np.ndarray
+    middle: np.ndarray
+    slopes: np.ndarray
+
+    def shift(self, depth: np.ndarray) -> np.ndarray:
+        """
+        Return by how many pixels the surface in front reaches farther than in the clean frame.
+
+        Parameters
+        ----------
+        depth : numpy.ndarray
+            (H, W) metres, NaN where invalid.
+
+        Returns
+        -------
+        numpy.ndarray
+            (N,), NaN where the pixels do not show one jump.
+
+        """
+        seen = depth.ravel()[self.across]
+        unknown = ~np.isfinite(seen)
+        with np.errstate(invalid='ignore'):
+            front, back = seen < self.middle[:, None], seen >= self.middle[:, None]
+        reach = self.across.shape[1] // 2
+        # An invalid pixel may lie on either side.
+        count = front.sum(axis=1) + 0.5 * unknown.sum(axis=1)
+        clear = front[:, 0] & back[:, -1] & (unknown.sum(axis=1) <= reach / 2)
+        return np.where(clear, count - reach, np.nan)
+
+
+def find_jumps(
+    clean: np.ndarray,
+    sigma: np.ndarray,
+    compared: np.ndarray,
+    K: np.ndarray,  # noqa: N803
+    sensor: Sensor,
+) -> Jumps:
+    """
+    Find the jumps of a clean frame that have one surface on each side.
+
+    Parameters
+    ----------
+    clean : numpy.ndarray
+        (H, W) float32 metres.
+    sigma : numpy.ndarray
+        (H, W) metres, standard deviation of a depth. A jump is larger than several of them.
+    compared : numpy.ndarray
+        (H, W) bool, where ``clean`` is known.
+    K : numpy.ndarray
+        (3, 3) camera matrix.
+    sensor : Sensor
+        For its thresholds of depth jumps.
+
+    """
+    height, width = clean.shape
+    lens = Intrinsics.from_matrix(K, width, height)
+    surface = analyse(np.ascontiguousarray(clean), lens, sensor)
+    usable = np.where(compared & (clean > 0), clean, np.float32(np.nan))
+    index = np.arange(clean.size).reshape(clean.shape)
+    reach = max(width // REGISTRATION.jump_reach, 2)
+    parts = []
+    for jumps, turn in ((surface.row_jumps, False), (surface.column_jumps, True)):
+        depth, noise, breaks, flat = (
+            one.T if turn else one for one in (usable, sigma, jumps, index)
+        )
+        for sign in (1, -1):
+            across, middle, tilt = _across(depth, noise, breaks, flat, sign, reach)
+            slopes = _slopes(usable, across, sign, tilt, turn, K)
+            parts.append((across, middle, slopes.T))
+    across, middle, slopes = (np.concatenate(one) for one in zip(*parts, strict=True))
+    return Jumps(across, middle, slopes.T)
+
+
+def _across(
+    clean: np.ndarray,
+    sigma: np.ndarray,
+    jumps: np.ndarray,
+    index: np.ndarray,
+    sign: int,
+    reach: int,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    # `across` and `middle` of the jumps between columns whose surface in front has the lower
+    # columns (sign 1) or the higher ones (-1); and by how many pixels it reaches farther in each
+    # next row.
+    side = REGISTRATION.jump_side
+    rows, columns = np.nonzero(jumps)
+    keep = (columns >= reach - 1) & (columns < clean.shape[1] - reach)
+    keep &= (rows >= side) & (rows < clean.shape[0] - side)
+    rows = rows[keep, None]
+    window = columns[keep, None] + np.arange(1 - reach, reach + 1)[::sign]
+    with np.errstate(invalid='ignore'):
+        seen = clean[rows, window]
+        near, far = seen[:, reach - 1], seen[:, reach]
+        middle = (near + far) / 2
+        front = seen < middle[:, None]
+        noise = np.maximum(
+            sigma[rows[:, 0], window[:, reach - 1]], sigma[rows[:, 0], window[:, reach]]
+        )
+        good = far - near > REGISTRATION.jump_sigmas * noise
+        good &= front[:, :reach].all(axis=1) & (seen[:, reach:] >= middle[:, None]).all(axis=1)
+        before, after = (
+            (clean[rows + step, window] < middle[:, None]).sum(axis=1) for step in (-side, side)
+        )
+    tilt = (after - before) / (2 * side)
+    good &= np.abs(tilt) <= 1  # Others are looked at in the other direction.
+    return index[rows, window][good], middle[good], tilt[good]
+
+
+def _slopes(
+    clean: np.ndarray,
+    across: np.ndarray,
+    sign: int,
+    tilt: np.ndarray,
+    turn: bool,
+    K: np.ndarray,  # noqa: N803
+) -> np.ndarray:
+    # (6, N) as in `Jumps`. A point X is at X - t - w x X, seen from a camera moved by t and turned
+    # by w.
+    v, u = np.unravel_index(across[:, across.shape[1] // 2 - 1], clean.shape)
+    z = clean[v, u]
+    x, y = (u - K[0, 2]) / K[0, 0], (v - K[1, 2]) / K[1, 1]
+    none, one = np.zeros_like(x), np.ones_like(x)
+    degree = math.radians(1)
+    du = K[0, 0] * np.stack(
+        [-one / z, none, x / z, degree * x * y, -degree * (one + x * x), degree * y]
+    )
+    dv = K[1, 1] * np.stack(
+        [none, -one / z, y / z, degree * (one + y * y), -degree * x * y, -degree * x]
+    )
+    return np.asarray(sign * dv - tilt * du if turn else sign * du - tilt * dv)
