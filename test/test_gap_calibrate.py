@@ -270,14 +270,14 @@ def test_a_rest_without_a_cause_is_carried_along_as_a_correction(tmp_path: Path)
     assert 'its cause is not known' in (tmp_path / 'out' / 'calibration.html').read_text()
 
 
-def test_a_recording_without_valid_pixels_stays_where_its_prior_is() -> None:
+def test_a_recording_without_valid_pixels_stays_where_it_was_registered() -> None:
     """Assert it of pose and forms: what the others say is not changed."""
     nothing = np.zeros(0)
     dark = Samples(
         np.ones(6), nothing, nothing, np.zeros((6, 0)), np.eye(6), *[nothing] * 5,
         np.zeros(0, int),
     )  # fmt: skip
-    assert own_motion(dark, nothing) == pytest.approx(np.zeros(6))
+    assert own_motion(dark, nothing, np.full(6, 0.5)) == pytest.approx(np.full(6, 0.5))
     ramp = np.linspace(1.0, 3.0, 50)
     bright = Samples(
         np.zeros(6), np.full(50, 0.01), np.full(50, 1e-3), np.zeros((6, 50)), np.eye(6),

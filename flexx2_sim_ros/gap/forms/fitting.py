@@ -152,7 +152,7 @@ def is_surely_less(one: np.ndarray, other: np.ndarray) -> bool:
     return bool(gain.mean() > FORMS.surer * error and gain.mean() > 0)
 
 
-def own_motion(samples: Samples, error: np.ndarray) -> np.ndarray:
+def own_motion(samples: Samples, error: np.ndarray, registered: np.ndarray) -> np.ndarray:
     """
     Return where a recording's camera and planes were if so much is left of the errors.
 
@@ -162,9 +162,13 @@ def own_motion(samples: Samples, error: np.ndarray) -> np.ndarray:
         The recording's.
     error : numpy.ndarray
         (N,) metres that no effect explains.
+    registered : numpy.ndarray
+        (6 + 3 P,) the motion as from `register`. What surfaces leave open stays as it is there:
+        outlines told it.
 
     """
-    own, target, start, ridge = _whitened(samples, error)
+    own, target, _, ridge = _whitened(samples, error)
+    start = np.linalg.pinv(samples.spread) @ (samples.motion - registered)
     weight = np.ones(len(error))
     for _ in range(FORMS.iterations):
         step = _solve_own(own, target, weight, start, ridge)

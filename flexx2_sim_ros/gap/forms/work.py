@@ -300,10 +300,11 @@ def settled(
         (6 + 3 P,) motion and the scene there.
 
     """
+    begin = motion
     scene = PlacedScene.at(recording, motion)
     for _ in range(FORMS.steps):
         samples = samples_of(scene, motion, spread)
-        motion = own_motion(samples, samples.error - _at_samples(scene, samples, effects))
+        motion = own_motion(samples, samples.error - _at_samples(scene, samples, effects), begin)
         scene = PlacedScene.at(recording, motion)
     return motion, scene
 
