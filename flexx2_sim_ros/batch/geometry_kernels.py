@@ -14,15 +14,15 @@ wp.set_module_options(OPTIONS)
 
 _NAN = wp.constant(wp.float32(math.nan))
 _NEAREST = wp.constant(wp.float32(pose_error.NEAREST))
-_CLOSEST = wp.constant(wp.float32(pose_error.CLOSEST))
-_MOST_STEPS = wp.constant(pose_error.MOST_STEPS)
+_MOST_STEPS = wp.constant(wp.float32(pose_error.MOST_STEPS))
 
 _turned_ray = compiled(pose_error.turned_ray)
 _depth_ratio = compiled(pose_error.depth_ratio)
 _place_at = compiled(pose_error.place_at)
 _pixel_at = compiled(pose_error.pixel_at)
 _parallax = compiled(pose_error.parallax)
-_is_surface = compiled(pose_error.is_surface)
+_closest_seen = compiled(pose_error.closest_seen)
+_is_near = compiled(pose_error.is_near)
 _depth_of_plane = compiled(pose_error.depth_of_plane)
 _plane_normal = compiled(surface_formulas.plane_normal)
 _beside = compiled(surface_formulas.beside)
@@ -60,6 +60,23 @@ def show(
 
 
 @wp.func
+def _shown_at(
+    p: wp.array(dtype=wp.float32),
+    lens: Lens,
+    n: wp.int32,
+    dx: wp.float32,
+    dy: wp.float32,
+    dz: wp.float32,
+    step: wp.vec3f,
+    inverse: wp.float32,
+) -> wp.float32:
+    ratio = _depth_ratio(dz, step[2], inverse)
+    column = _pixel_at(_place_at(dx, step[0], inverse, ratio, lens.fx, lens.cx), lens.width - 1)
+    row = _pixel_at(_place_at(dy, step[1], inverse, ratio, lens.fy, lens.cy), lens.height - 1)
+    return at(p, padded(lens, n, row, column))
+
+
+@wp.func
 def _in_front(
     p: wp.array(dtype=wp.float32),
     lens: Lens,
@@ -71,27 +88,33 @@ def _in_front(
     inverse: wp.float32,
 ) -> wp.float32:
     # As in `effects.pose_error`.
+    closest = _closest_seen(dz, step[2])
     far = _depth_ratio(dz, step[2], inverse)
-    close = _depth_ratio(dz, step[2], _CLOSEST)
-    if inverse >= _CLOSEST or far < _NEAREST or close < _NEAREST:
+    close = _depth_ratio(dz, step[2], closest)
+    if inverse >= closest or far < _NEAREST or close < _NEAREST:
         return inverse
     path = _parallax(
         _place_at(dx, step[0], inverse, far, lens.fx, lens.cx),
         _place_at(dy, step[1], inverse, far, lens.fy, lens.cy),
-        _place_at(dx, step[0], _CLOSEST, close, lens.fx, lens.cx),
-        _place_at(dy, step[1], _CLOSEST, close, lens.fy, lens.cy),
+        _place_at(dx, step[0], closest, close, lens.fx, lens.cx),
+        _place_at(dy, step[1], closest, close, lens.fy, lens.cy),
     )
-    pixel = (_CLOSEST - inverse) / wp.max(path, 1.0)
-    k = wp.min(wp.int32(path + 0.5), _MOST_STEPS)
+    pixel = (closest - inverse) / wp.max(path, 1.0)
+    steps = wp.int32(wp.min(path + 0.5, _MOST_STEPS))
+    free = wp.float32(inverse)
+    k = wp.int32(steps)
     while k > 0:
-        there = inverse + wp.float32(k) * pixel
-        ratio = _depth_ratio(dz, step[2], there)
-        column = _pixel_at(_place_at(dx, step[0], there, ratio, lens.fx, lens.cx), lens.width - 1)
-        row = _pixel_at(_place_at(dy, step[1], there, ratio, lens.fy, lens.cy), lens.height - 1)
-        here = at(p, padded(lens, n, row, column))
-        if _is_surface(here, there, pixel):
-            return here
+        there = wp.min(inverse + wp.float32(k) * pixel, closest)
+        here = _shown_at(p, lens, n, dx, dy, dz, step, there)
+        if _is_near(here, there, pixel):
+            again = _shown_at(p, lens, n, dx, dy, dz, step, here)
+            if _is_near(again, here, 0.5 * pixel):
+                return here
+        if here < there:
+            free = there
         k -= 1
+    if steps > 0 and _shown_at(p, lens, n, dx, dy, dz, step, inverse) > inverse + pixel:
+        return free
     return inverse
 
 

@@ -17,9 +17,11 @@ from numba import njit
 import numpy as np
 
 NEAREST = f32(1e-3)  # depth of a point that the other camera can see, over its depth in this one
-# A surface may come in front of a pixel: one at most this near, 1/m, within so many pixels.
+# Surfaces beyond 1 / CLOSEST metres, at most MOST_STEPS pixels away, can come in front of a pixel.
 CLOSEST = f32(10.0)
-MOST_STEPS = 16
+MOST_STEPS = 64
+_MOST_OF = f32(0.9)
+_TINY = f32(1e-9)
 _ZERO = f32(0.0)
 _HALF = f32(0.5)
 _ONE = f32(1.0)
@@ -87,9 +89,15 @@ def parallax(first: float, second: float, other_first: float, other_second: floa
     return most(size(other_first - first), size(other_second - second))
 
 
-def is_surface(here: float, inverse: float, step: float) -> bool:
-    """Say whether a surface is half a step of inverse depth from a point, or nearer to it."""
-    return size(here - inverse) <= _HALF * step
+def closest_seen(dz: float, step_z: float) -> float:
+    """Return the largest inverse depth, 1/m, at which both cameras see a point of a ray."""
+    behind = where(step_z < _ZERO, _MOST_OF * dz / most(-step_z, _TINY), CLOSEST)
+    return least(behind, CLOSEST)
+
+
+def is_near(here: float, inverse: float, within: float) -> bool:
+    """Say whether two inverse depths differ by at most ``within``."""
+    return size(here - inverse) <= within
 
 
 def depth_of_plane(
@@ -114,7 +122,8 @@ _depth_ratio = compiled(depth_ratio)
 _place_at = compiled(place_at)
 _pixel_at = compiled(pixel_at)
 _parallax = compiled(parallax)
-_is_surface = compiled(is_surface)
+_closest_seen = compiled(closest_seen)
+_is_near = compiled(is_near)
 _depth_of_plane = compiled(depth_of_plane)
 _plane_normal = compiled(surfaces.plane_normal)
 
@@ -180,28 +189,48 @@ def rotation_of(turn: np.ndarray) -> np.ndarray:
 
 
 @njit(inline='always')
-def _in_front(p, dx, dy, dz, lens, step, inverse, height, width):
-    # The inverse depth of the nearest surface on a pixel's ray, else ``inverse``, the pixel's own
-    # one before. A ray is followed from near to far, one pixel of the old image at a time.
+def _shown_at(p, dx, dy, dz, lens, step, inverse, height, width):
+    # The inverse depth of the surface that the old image shows where it sees a point of a ray.
     fx, fy, cx, cy = lens
-    far, close = _depth_ratio(dz, step[2], inverse), _depth_ratio(dz, step[2], CLOSEST)
-    if inverse >= CLOSEST or far < NEAREST or close < NEAREST:
+    ratio = _depth_ratio(dz, step[2], inverse)
+    column = _pixel_at(_place_at(dx, step[0], inverse, ratio, fx, cx), np.int32(width - 1))
+    row = _pixel_at(_place_at(dy, step[1], inverse, ratio, fy, cy), np.int32(height - 1))
+    return p[row + PAD, column + PAD]
+
+
+@njit(inline='always')
+def _in_front(p, dx, dy, dz, lens, step, inverse, height, width):
+    # The inverse depth of the point of a ray whose place in the old image shows what is seen: of
+    # the nearest surface that the ray meets, else ``inverse``, the pixel's own one before. A ray
+    # is followed from near to far, about one pixel of the old image at a time. A surface that was
+    # hidden there goes on from the last pixel that was not.
+    fx, fy, cx, cy = lens
+    closest = _closest_seen(dz, step[2])
+    far, close = _depth_ratio(dz, step[2], inverse), _depth_ratio(dz, step[2], closest)
+    if inverse >= closest or far < NEAREST or close < NEAREST:
         return inverse
     path = _parallax(
         _place_at(dx, step[0], inverse, far, fx, cx),
         _place_at(dy, step[1], inverse, far, fy, cy),
-        _place_at(dx, step[0], CLOSEST, close, fx, cx),
-        _place_at(dy, step[1], CLOSEST, close, fy, cy),
+        _place_at(dx, step[0], closest, close, fx, cx),
+        _place_at(dy, step[1], closest, close, fy, cy),
     )
-    pixel = (CLOSEST - inverse) / most(path, _ONE)
-    for k in range(least(np.int32(path + _HALF), MOST_STEPS), 0, -1):
-        there = inverse + np.float32(k) * pixel
-        ratio = _depth_ratio(dz, step[2], there)
-        column = _pixel_at(_place_at(dx, step[0], there, ratio, fx, cx), np.int32(width - 1))
-        row = _pixel_at(_place_at(dy, step[1], there, ratio, fy, cy), np.int32(height - 1))
-        here = p[row + PAD, column + PAD]
-        if _is_surface(here, there, pixel):
-            return here
+    pixel = (closest - inverse) / most(path, _ONE)
+    steps = np.int32(least(path + _HALF, np.float32(MOST_STEPS)))
+    free = inverse
+    for k in range(steps, 0, -1):
+        there = least(inverse + np.float32(k) * pixel, closest)
+        here = _shown_at(p, dx, dy, dz, lens, step, there, height, width)
+        if _is_near(here, there, pixel):
+            again = _shown_at(p, dx, dy, dz, lens, step, here, height, width)
+            if _is_near(again, here, _HALF * pixel):
+                return here
+        if here < there:
+            free = there
+    if steps > 0 and (
+        _shown_at(p, dx, dy, dz, lens, step, inverse, height, width) > inverse + pixel
+    ):
+        return free
     return inverse
 
 
