@@ -45,9 +45,12 @@ class Registration:
     outlier: float = constant(0.02, 'm', 'added to that')
     iterations: int = constant(8, '', 'of reweighted least squares')
     scales: tuple[float, float, float] = constant(
-        (3.0, 0.6, 0.5), 'sigma_z', 'of the loss: at first, factor for each iteration, at last'
+        (3.0, 0.6, 0.5),
+        'standard deviations',
+        'of the loss: at first, factor for each iteration, at last',
     )
-    ridge: float = constant(0.003, '', 'weight of the priors, as a fraction of the pixels')
+    ridge: float = constant(0.003, '', 'weight of the priors, as a fraction of pixels and jumps')
+    fewest: float = constant(16.0, '', 'one of so many pixels counts for it at least')
     bound: float = constant(3.0, 'standard deviations', 'largest pose error')
     sure: float = constant(3.0, '', 'stiffer prior for the part of a pose that is beyond doubt')
     smooth: tuple[float, float, float] = constant(
@@ -56,10 +59,12 @@ class Registration:
     harmonic: float = constant(0.004, 'm', 'size of the fourth harmonic of each frequency')
     same_surface: float = constant(0.1, 'fraction of depth', 'largest change by a time offset')
     amounts: float = constant(2.0, '', 'prior spread of how much there is of a typical effect')
-    jump_reach: int = constant(28, '', 'width over what is seen beside a jump', DEFINITION)
-    jump_side: int = constant(2, 'px', 'to rows beside it, which tell its direction', DEFINITION)
+    jump_reach: int = constant(28, '', 'image width over pixels on a side of a jump', DEFINITION)
+    jump_side: int = constant(2, 'px', 'to both rows that tell its direction', DEFINITION)
     jump_sigmas: float = constant(8.0, 'sigma_z', 'a larger jump is seen in single pixels')
-    jump_error: float = constant(1.0, 'px', 'standard deviation of where one row shows a jump')
+    jump_error: float = constant(
+        1.0, 'px', 'standard deviation of a jump in one row; neighbours round alike'
+    )
     jump_growth: float = constant(0.5, 'px', 'by which all surfaces in front may look larger')
     steps: tuple[float, ...] = constant(
         (0.002, 0.002, 0.002, 0.1, 0.1, 0.2),

@@ -23,8 +23,8 @@ class Jumps:
     Attributes
     ----------
     across : numpy.ndarray
-        (N, 2 reach) int, flat indices of the pixels across each jump; the first half is on the
-        surface in front.
+        (N, 2 reach) int, flat indices of the pixels across each jump, from front to back; the
+        first half is on the surface in front.
     middle : numpy.ndarray
         (N,) metres, between the depths on either side.
     slopes : numpy.ndarray
@@ -63,7 +63,7 @@ class Jumps:
         return np.where(clear, count - reach, np.nan)
 
 
-def find_jumps(
+def jumps_of(
     clean: np.ndarray,
     sigma: np.ndarray,
     compared: np.ndarray,
@@ -131,11 +131,14 @@ def _across(
         noise = np.maximum(
             sigma[rows[:, 0], window[:, reach - 1]], sigma[rows[:, 0], window[:, reach]]
         )
-        good = far - near > REGISTRATION.jump_sigmas * noise
+        # Larger than biases that surfaces may have: pixels count as near or far.
+        good = far - near > np.maximum(REGISTRATION.jump_sigmas * noise, 2 * REGISTRATION.outlier)
         good &= front[:, :reach].all(axis=1) & (seen[:, reach:] >= middle[:, None]).all(axis=1)
-        before, after = (
-            (clean[rows + step, window] < middle[:, None]).sum(axis=1) for step in (-side, side)
-        )
+        beside = [clean[rows + step, window] for step in (-side, side)]
+        # Both rows must show the jump: an outline may end there.
+        for one in beside:
+            good &= (one[:, 0] < middle) & (one[:, -1] >= middle) & np.isfinite(one).all(axis=1)
+        before, after = ((one < middle[:, None]).sum(axis=1) for one in beside)
     tilt = (after - before) / (2 * side)
     good &= np.abs(tilt) <= 1  # Others are looked at in the other direction.
     return index[rows, window][good], middle[good], tilt[good]

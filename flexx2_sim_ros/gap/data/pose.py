@@ -107,10 +107,10 @@ class Differences:
         (H, W) the clean depth and the standard deviation of errors, metres.
     jump_slopes : numpy.ndarray
         (6, N) pixels by which jumps are displaced; see `jump_shift.Jumps`.
-    jumps : numpy.ndarray
-        (N,) pixels by which the frame shows them displaced, NaN for those that are not used.
+    jump_shifts : numpy.ndarray
+        (N,) pixels by which the frame shows them displaced, NaN where it cannot be said.
     jump_others : numpy.ndarray
-        (m, N) pixels by which effects displace them.
+        (m, N) pixels by which effects displace them, 0 where it cannot be said.
 
     """
 
@@ -118,7 +118,7 @@ class Differences:
     clean: np.ndarray
     sigma: np.ndarray
     jump_slopes: np.ndarray
-    jumps: np.ndarray
+    jump_shifts: np.ndarray
     jump_others: np.ndarray
 
 
@@ -178,7 +178,9 @@ def fit_plane_motion(
     usual = np.concatenate([sizes, amounts, [REGISTRATION.jump_growth]])
     # In units of the priors' standard deviations, so that one ridge fits all of them.
     A = np.concatenate([spread.T @ A[:number], A[number:] * usual[:, None]])  # noqa: N806
-    ridge = REGISTRATION.ridge * len(b) * np.eye(len(A))
+    # Few pixels must not move a camera far.
+    fewest = sum(one.error.size for one in frames) / REGISTRATION.fewest
+    ridge = REGISTRATION.ridge * max(len(b), fewest) * np.eye(len(A))
     motion, weight, normal = _reweighted_least_squares(A, b, ridge)
     so_far, stiff = np.zeros(len(A)), REGISTRATION.sure * ridge
     so_far[:number] = np.linalg.pinv(spread) @ before
@@ -219,13 +221,13 @@ def _weighted_design(
             )
             designs.append(columns[:, good] / noise[good])
             values.append(error[good] / noise[good])
-        used = np.isfinite(one.jumps)
+        used = np.isfinite(one.jump_shifts)
         none = np.zeros((len(shifts) + len(biases), used.sum()))
         columns = np.concatenate(
             [one.jump_slopes[:, used], none, one.jump_others[:, used], np.ones((1, used.sum()))]
         )
         designs.append(columns / REGISTRATION.jump_error)
-        values.append(one.jumps[used] / REGISTRATION.jump_error)
+        values.append(one.jump_shifts[used] / REGISTRATION.jump_error)
     A, b = np.concatenate(designs, axis=1), np.concatenate(values)  # noqa: N806
     keep = np.isfinite(A).all(axis=0)
     return A[:, keep], b[keep]

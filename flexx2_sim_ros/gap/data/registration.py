@@ -12,7 +12,7 @@ from flexx2_sim_ros.effects.between import between
 from flexx2_sim_ros.gap.calibration.data import REGISTRATION
 from flexx2_sim_ros.gap.data.axes import Axes, axes_of
 from flexx2_sim_ros.gap.data.covariates import look_at
-from flexx2_sim_ros.gap.data.jump_shift import find_jumps
+from flexx2_sim_ros.gap.data.jump_shift import jumps_of
 from flexx2_sim_ros.gap.data.pose import (
     base_camera,
     Differences,
@@ -238,7 +238,7 @@ def register(
 
 class _Biases(NamedTuple):
     # (N, H, W) metres each: simulated depth, with each effect that is like a pose error at typical
-    # size, from common random numbers; and the change by the given effects.
+    # size, and with the given effects, from common random numbers.
     plain: np.ndarray
     changed: list[np.ndarray]
     given: np.ndarray
@@ -254,7 +254,7 @@ def _differences(
     late: tuple[np.ndarray, np.ndarray] | None,
 ) -> tuple[list[Differences], np.ndarray]:
     # Each frame with where it differs from its clean depth, and (N, m, H, W) metres by which
-    # depth changes with each bias and latency. The change by the given effects is subtracted.
+    # depth changes with each bias and latency. What the given effects change is subtracted.
     still = clean.ndim == 2
     known, accuracy = (
         one if one is None or one.ndim < 3 else one[list(chosen)]
@@ -273,17 +273,21 @@ def _differences(
             sigma = np.hypot(sigma, accuracy[i] if accuracy.ndim == 3 else accuracy)
         real = _mean_depth(recording.depth) if still else recording.depth[t]
         with np.errstate(invalid='ignore'):
-            error = real - image - biases.given[i]
+            error = real - image - np.nan_to_num(biases.given[i] - biases.plain[i])
             limit = REGISTRATION.outlier_sigmas * sigma + REGISTRATION.outlier
             error = np.where(scene.inside & (np.abs(error) < limit), error, np.nan)
         changes = [(biases.plain[i], one[i]) for one in biases.changed]
         other = [np.nan_to_num(one - plain) for plain, one in changes]
         if late is not None:
-            changes.append((late[1][i], late[0][i]))
-            other.append(_same_surface(*changes[-1]))
-        jumps = find_jumps(image, sigma, scene.compared, recording.K, recording.mode.sensor)
+            longer, shorter = late
+            changes.append((shorter[i], longer[i]))
+            other.append(_same_surface(shorter[i], longer[i]))
+        jumps = jumps_of(image, sigma, scene.compared, recording.K, recording.mode.sensor)
         shifts = np.nan_to_num([jumps.shift(one) - jumps.shift(plain) for plain, one in changes])
-        frames.append(Differences(error, image, sigma, jumps.slopes, jumps.shift(real), shifts))
+        by_given = jumps.shift(biases.given[i]) - jumps.shift(biases.plain[i])
+        frames.append(
+            Differences(error, image, sigma, jumps.slopes, jumps.shift(real) - by_given, shifts)
+        )
         others.append(other)
     return frames, np.array(others)
 
@@ -317,25 +321,27 @@ def frames_between(recording: RecordingData, chosen: Sequence[int], lateness: fl
 def images_by_latency(
     recording: RecordingData, chosen: Sequence[int], lateness: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return clean depth, (N, H, W) metres each, half of `REGISTRATION.late` later and earlier."""
+    """Return (N, H, W) clean depth twice: latency longer and shorter by half of its step."""
     reach = _LATE / 2
-    late, early = (frames_between(recording, chosen, lateness + sign * reach) for sign in (1, -1))
-    return late, early
+    longer, shorter = (
+        frames_between(recording, chosen, lateness + sign * reach) for sign in (1, -1)
+    )
+    return longer, shorter
 
 
 def change_by_latency(
     recording: RecordingData, chosen: Sequence[int], lateness: float
 ) -> np.ndarray:
     """Return (N, H, W) metres, the change of depth by a time offset of `REGISTRATION.late`."""
-    late, early = images_by_latency(recording, chosen, lateness)
-    return _same_surface(early, late)
+    longer, shorter = images_by_latency(recording, chosen, lateness)
+    return _same_surface(shorter, longer)
 
 
-def _same_surface(early: np.ndarray, late: np.ndarray) -> np.ndarray:
-    # Change of depth where both show the same surface, 0 elsewhere.
+def _same_surface(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    # Change of depth from one to the other where both show the same surface, 0 elsewhere.
     with np.errstate(invalid='ignore'):
-        change = late - early
-        return np.where(np.abs(change) < REGISTRATION.same_surface * early, change, np.float32(0))
+        change = other - one
+        return np.where(np.abs(change) < REGISTRATION.same_surface * one, change, np.float32(0))
 
 
 def _typical_biases(
@@ -356,7 +362,7 @@ def _typical_biases(
         for effects in ((), *_like_a_pose(bool(recording.mode.modulation_hz)))
     )
     given = common.depth(recording.given) if recording.given else plain
-    return _Biases(plain, changed, np.nan_to_num(given - plain))
+    return _Biases(plain, changed, given)
 
 
 def _like_a_pose(modulation: bool) -> list[dict[str, dict[str, float]]]:

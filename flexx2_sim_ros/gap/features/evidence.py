@@ -283,9 +283,9 @@ def _kind(column: Column) -> int:
 
 def _displaced(edges: np.ndarray) -> np.ndarray:
     # Variance of features if each edge is displaced by an amount that no common motion removes,
-    # because warped clean depth has no parallax. It follows from the change by one pixel of pitch
-    # and yaw in both directions, (2, 2, SIZE). At sharp bends, which are not marked as edges, only
-    # the part that is equal in both directions counts.
+    # because a clean image that was moved has edges at whole pixels. It follows from the change by
+    # one pixel of pitch and yaw in both directions, (2, 2, SIZE). At sharp bends, which are not
+    # marked as edges, only the part that is equal in both directions counts.
     scale = SIMULATION.edge_error**2
     whole = scale * np.square(edges).mean(axis=(0, 1))
     even = scale * np.square(edges.mean(axis=1)).mean(axis=0)
