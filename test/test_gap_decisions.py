@@ -89,10 +89,15 @@ def test_a_pose_error_with_scattered_poses_is_a_gap_although_no_loss_is_left() -
     rule = replace(calibrated(), least_gap=0.99, least_gap_of_poses=0.99)
     one = support(4.0, 1.5, 0.5, 1.5)
     posed = replace(one, chosen=(EffectSupport('pose_error', 1.5, 1.5),))
-    assert judge(replace(posed, scatter=0.47), rule).verdict == 'none'
-    assert judge(replace(posed, scatter=0.6), rule).verdict == 'identified'
+    assert judge(replace(posed, scatter=0.59), rule).verdict == 'none'
+    assert judge(replace(posed, scatter=0.61), rule).verdict == 'identified'
     # As wrong as expected: an exact prior of the poses alone is no gap.
-    assert judge(replace(one, scatter=0.47), rule).verdict == 'none'
+    considered = (*one.considered, EffectSupport('pose_error', 0.0, 0.0))
+    other = replace(one, considered=considered, scatter=0.61)
+    assert judge(other, rule).verdict == 'none'
+    # A pose error that may not be named is one that nothing explains.
+    left_out = replace(support(4.0, 0.1, 0.0, 0.5), scatter=0.61)
+    assert judge(left_out, rule).verdict == 'unknown'
 
 
 def test_evidence_survives_a_file() -> None:

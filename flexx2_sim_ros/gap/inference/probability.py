@@ -13,6 +13,7 @@ from flexx2_sim_ros.gap.calibration.inference import THRESHOLDS
 from flexx2_sim_ros.gap.inference.support import Support
 import numpy as np
 
+_POSE = of_role('pose').name
 EXPLAINED = 'identified', 'partly'  # the verdicts that name effects
 
 
@@ -72,13 +73,13 @@ def has_gap(support: Support, probability: float, rule: Decisions) -> bool:
     """
     Return whether the evidence is enough to report a gap, given the gap's probability.
 
-    A large excess loss is reported even if no effect explains it. So is a pose error that makes
-    the poses scatter, although it leaves little loss: the pose that is fitted to each recording
-    takes it over.
+    A large excess loss is reported even if no effect explains it. So are poses that scatter if a
+    pose error explains it best, or may not be named: it leaves little loss, because the pose that
+    is fitted to each recording takes it over.
     """
-    scattered = is_posed(support) and support.scatter > THRESHOLDS.scattered
+    named = is_posed(support) or _POSE not in {one.name for one in support.considered}
     return (
-        scattered
+        (named and support.scatter > THRESHOLDS.scattered)
         or agreement(support) >= rule.least_agreement
         or _loss_shows_gap(support, probability, rule)
     )
@@ -103,7 +104,7 @@ def agreement(support: Support) -> float:
 
 def is_posed(support: Support) -> bool:
     """Return whether a pose error is among the chosen effects."""
-    return of_role('pose').name in {one.name for one in support.chosen}
+    return _POSE in {one.name for one in support.chosen}
 
 
 def _explain_little(support: Support) -> bool:
@@ -173,9 +174,8 @@ def effect_evidence(support: Support) -> dict[str, dict[str, float]]:
     for name, one in rivals.items():
         if name not in out:
             out[name] = _row(0.0, one.gain, one.gain - last.gain, -one.t, excess)
-    posed = of_role('pose').name
     return {
-        name: {**row, **common, 'pose': support.scatter if name == posed else 0.0}
+        name: {**row, **common, 'pose': support.scatter if name == _POSE else 0.0}
         for name, row in out.items()
     }
 
