@@ -106,6 +106,20 @@ def test_recordings_of_the_diagnosis_are_refused(
     assert not out.exists()
 
 
+def test_a_camera_is_compared_at_the_noise_level_of_the_diagnosis(
+    diagnosis: Path, fresh: Path, tmp_path: Path
+) -> None:
+    shutil.copytree(diagnosis, tmp_path / 'noisy')
+    table = json.loads((diagnosis / 'diagnosis.json').read_text())
+    table['gap']['noise_factor'] = 1.5
+    (tmp_path / 'noisy' / 'diagnosis.json').write_text(json.dumps(table))
+    right, wrong = (
+        check(folder, fresh)['measures']['log_variance']
+        for folder in (diagnosis, tmp_path / 'noisy')
+    )
+    assert wrong['after'] > right['after'] + 0.5
+
+
 def test_an_older_diagnosis_knows_its_recordings_by_name(
     diagnosis: Path, fresh: Path, tmp_path: Path
 ) -> None:
@@ -129,6 +143,7 @@ def test_an_older_diagnosis_knows_its_recordings_by_name(
         ('{"schema": 1, "recordings": [], "settings": {"pose_prior": [0]}}', 'pose_prior'),
         ('{"schema": 1, "recordings": [], "settings": {"full_scale": -1}}', 'full_scale'),
         ('{"schema": 1, "recordings": [], "settings": {"known": {"x": {}}}}', 'known: x: must be'),
+        ('{"schema": 1, "recordings": [], "gap": {"noise_factor": 0}}', 'noise_factor: must be'),
         ('{"schema": 1, "recordings": [], "verdict": "none"}', 'effects to check, got none'),
     ],
 )

@@ -30,7 +30,7 @@ from flexx2_sim_ros.gap.inference.improvement import measured
 from flexx2_sim_ros.gap.report.age import with_delay
 from flexx2_sim_ros.gap.report.calibration_page import FILES, write_calibration
 from flexx2_sim_ros.gap.report.reading import Diagnosed, read_diagnosis
-from flexx2_sim_ros.gap.work import find, Progress, stepper
+from flexx2_sim_ros.gap.work import find, noisier, Progress, stepper
 from flexx2_sim_ros.jobs import workers
 import numpy as np
 
@@ -94,8 +94,9 @@ def calibrate(
     progress('looking for recordings', 0.0)
     prior = (before.pose_prior[0],) * 3 + (before.pose_prior[1],) * 3
     with workers(jobs, scheduler) as mapped:
-        simulator = Simulator(mapped, profile, before.known, seed, prior)
         found, left_out = find(folder, profile, mapped, before.full_scale)
+        found, noisy = noisier(found, profile, before.noise_factor)
+        simulator = Simulator(mapped, noisy, before.known, seed, prior)
         step = stepper(progress, 'looking at the recordings', 0.05, 0.15, len(found))
         items = [(one, explanations[0], None) for one in found]
         looked, unusable = _usable(found, simulator.look(items, step))

@@ -22,7 +22,7 @@ from flexx2_sim_ros.gap.inference.effects import table_of
 from flexx2_sim_ros.gap.inference.improvement import measured, tolerances
 from flexx2_sim_ros.gap.report.check_page import FILES, write_check
 from flexx2_sim_ros.gap.report.reading import Diagnosed, read_diagnosis
-from flexx2_sim_ros.gap.work import find, portion, Progress, stepper
+from flexx2_sim_ros.gap.work import find, noisier, portion, Progress, stepper
 from flexx2_sim_ros.jobs import bind, Map, workers
 import numpy as np
 
@@ -93,6 +93,7 @@ def check(
         table_of(effects),
         {name: dict(values) for name, values in given.items()},
         profile,
+        before.noise_factor,
         seed,
         progress or (lambda text, fraction: None),
     )
@@ -126,10 +127,11 @@ def check(
 
 @dataclass(frozen=True)
 class _Request:
-    # What to check: diagnosed effects, given effects, camera and seed.
+    # What to check: diagnosed effects, given effects, camera, its noise level and seed.
     effects: dict[str, dict[str, float]]
     known: dict[str, dict[str, float]]
     profile: Profile | None
+    noise_factor: float
     seed: int
     progress: Progress
 
@@ -142,20 +144,17 @@ class _Values:
 
 
 def _compare(request: _Request, fitted: Fitted, mapped: Map) -> _Values:
+    found, profile = noisier(fitted.found, request.profile, request.noise_factor)
     work = bind(
-        _physical,
-        profile=request.profile,
-        effects=request.effects,
-        seed=request.seed,
-        known=request.known,
+        _physical, profile=profile, effects=request.effects, seed=request.seed, known=request.known
     )
     physical = mapped(
         work,
         [
             (file, *(tuple(motion) for motion in both))
-            for file, both in zip(fitted.found, fitted.motions(), strict=True)
+            for file, both in zip(found, fitted.motions(), strict=True)
         ],
-        stepper(request.progress, 'measuring in physical units', 0.65, 0.33, len(fitted.found)),
+        stepper(request.progress, 'measuring in physical units', 0.65, 0.33, len(found)),
     )
     values = {'loss': fitted.losses()}
     values.update({unit: np.array([one[unit] for one in physical]) for unit in UNITS})

@@ -9,7 +9,7 @@ from typing import Any
 
 from flexx2_sim_ros import __version__
 from flexx2_sim_ros.atomic import check_outputs
-from flexx2_sim_ros.camera import flexx2, Profile
+from flexx2_sim_ros.camera import Profile
 from flexx2_sim_ros.effects import Effect, of_role, registry
 from flexx2_sim_ros.effects.tables import plain
 from flexx2_sim_ros.errors import InputError
@@ -30,6 +30,7 @@ from flexx2_sim_ros.gap.report.table import calibrated_table, diagnosis_table, v
 from flexx2_sim_ros.gap.report.writing import FILES, write
 from flexx2_sim_ros.gap.work import (
     find,
+    noisier,
     portion,
     Progress,
     search_inside,
@@ -135,10 +136,7 @@ def diagnose(
         decision = _decide(model, candidates, hidden, progress)
         effects = fitted_effects(model, decision.accepted)
         held_out = held_out_effects(model, decision.accepted)
-        # Cameras of one kind differ in noise; what the fit finds of that is no gap to be closed.
-        factor = 1 + decision.accepted.sigma
-        as_noisy = [replace(one, mode=one.mode.noisier(factor)) for one in used]
-        noisy = (profile or flexx2()).noisier(factor)
+        as_noisy, noisy = noisier(used, profile, 1 + decision.accepted.sigma)
         simulator = Simulator(mapped, noisy, known, seed, tuple(prior))
         step = stepper(progress, 'simulating the outcome', 0.65, 0.13, len(used))
         confirmed = _confirm(model, decision, held_out, as_noisy, simulator, step)

@@ -1,11 +1,11 @@
 """Find, summarise and simulate the recordings of a campaign, one job for each."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from flexx2_sim_ros.camera import Profile
+from flexx2_sim_ros.camera import flexx2, Profile
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap.data.campaign import check, Found, nothing_left, of_one_mode, read
 from flexx2_sim_ros.gap.data.clues import Clues, clues_of
@@ -107,6 +107,28 @@ def find(
     paths = find_recordings(folder)
     checked = mapped(bind(check, profile=profile), paths, lambda: None)
     return of_one_mode(folder, paths, checked, full_scale)
+
+
+def noisier(
+    found: Sequence[Found], profile: Profile | None, factor: float
+) -> tuple[list[Found], Profile]:
+    """
+    Return recordings and their camera with sigma_z times a factor.
+
+    Cameras of one kind differ in noise. What is known of that is no gap to be closed.
+
+    Parameters
+    ----------
+    found : sequence of Found
+        The recordings.
+    profile : Profile or None
+        The camera (None: the Flexx2).
+    factor : float
+        sigma_z of this camera over that of the profile.
+
+    """
+    as_noisy = [replace(one, mode=one.mode.noisier(factor)) for one in found]
+    return as_noisy, (profile or flexx2()).noisier(factor)
 
 
 def look(found: Found, profile: Profile | None, known: Table | None = None) -> Clues | None:

@@ -151,7 +151,7 @@ class Work:
     rests : callable
         `work.look_at_rest` of several jobs.
     again : callable
-        `work.look` of several recordings, each with settings of its own.
+        `work.look_again` of several recordings, each with settings of its own.
 
     """
 

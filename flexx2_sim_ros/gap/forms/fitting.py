@@ -164,7 +164,7 @@ def own_motion(samples: Samples, error: np.ndarray, registered: np.ndarray) -> n
         (N,) metres that no effect explains.
     registered : numpy.ndarray
         (6 + 3 P,) the motion as from `register`. What surfaces leave open stays as it is there:
-        outlines told it.
+        it comes from outlines.
 
     """
     own, target, _, ridge = _whitened(samples, error)

@@ -6,7 +6,6 @@ from typing import Any
 
 from flexx2_sim_ros.camera import Profile
 from flexx2_sim_ros.effects import Effect, of_role, parse_effects
-from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap.calibration.forms import FORMS
 from flexx2_sim_ros.gap.data.campaign import Found
 from flexx2_sim_ros.gap.data.given import Table
@@ -17,6 +16,7 @@ from flexx2_sim_ros.gap.forms.work import (
     confirm_settled,
     judge,
     look,
+    look_again,
     look_at_pixels,
     look_at_rest,
     Looked,
@@ -68,14 +68,7 @@ class Simulator:
             return self.run(judge, jobs, step, frames=frames)
 
         def again(some: Sequence[Looked], now: Sequence[Settings]) -> list[Looked]:
-            items = [
-                (one.found, own, one.samples.motion) for one, own in zip(some, now, strict=True)
-            ]
-            out = self.look(items, _nothing)
-            for one in out:
-                if isinstance(one, str):  # A file was removed or changed meanwhile.
-                    raise InputError(one)
-            return [one for one in out if isinstance(one, Looked)]
+            return self.run(look_again, list(zip(some, now, strict=True)), _nothing)
 
         return Work(
             judge_all,

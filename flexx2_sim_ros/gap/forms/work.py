@@ -41,6 +41,8 @@ class Looked:
     ----------
     found : Found
         Where it is.
+    registered : numpy.ndarray
+        (6 + 3 P,) its pose and planes before anything is known of its effects.
     samples : Samples
         Errors on surfaces.
     counts, typical_counts : Counts
@@ -57,6 +59,7 @@ class Looked:
     """
 
     found: Found
+    registered: np.ndarray
     samples: Samples
     counts: Counts
     typical_counts: Counts
@@ -90,18 +93,14 @@ def look(
     except InputError as error:
         return str(error)
     own = with_uptime(effects, recording.uptime)
+    if begin is None:
+        begin, _ = register(recording, np.array(prior))
     motion, spread, scene = registered(recording, np.array(prior), own, begin)
-    samples = samples_of(scene, motion, spread)
-    given = _at_samples(scene, samples, {})
-    samples = replace(
-        samples, error=samples.error - given, slopes=slopes_of(scene, samples.place, own)
-    )
-    shifts = {
-        name: _at_samples(scene, samples, {name: values}) - given for name, values in own.items()
-    }
+    samples, shifts = _samples(scene, motion, spread, own)
     simulated = replace(recording, depth=scene.simulate(own, seed))
     return Looked(
         found,
+        begin,
         samples,
         counts_of(scene),
         counts_of(replace(scene, recording=simulated)),
@@ -110,6 +109,19 @@ def look(
         recording.depth.shape[1:],
         _apart(scene, simulated.depth),
     )
+
+
+def look_again(
+    job: tuple[Looked, Settings], profile: Profile | None, known: Table, seed: int
+) -> Looked:
+    """Return a recording with samples and shifts as they are with other settings of effects."""
+    del seed  # Nothing is simulated.
+    looked, effects = job
+    recording = read(looked.found, profile, known)
+    own = with_uptime(effects, recording.uptime)
+    motion, scene = _settled(looked, recording, own)
+    samples, shifts = _samples(scene, motion, looked.samples.spread, own)
+    return replace(looked, samples=samples, shifts=shifts)
 
 
 def look_at_pixels(
@@ -162,7 +174,7 @@ def judge(
     out = []
     for effects in several:
         own = with_uptime(effects, recording.uptime)
-        scene = settled(recording, looked.samples.motion, looked.samples.spread, own)[1]
+        scene = _settled(looked, recording, own)[1]
         out.append(_apart(scene, scene.simulate(own, seed)))
     return out
 
@@ -185,7 +197,7 @@ def outcome(
     looked, effects = job
     recording = read(looked.found, profile, known)
     own = with_uptime(effects, recording.uptime)
-    motion, _ = settled(recording, looked.samples.motion, looked.samples.spread, own)
+    motion, _ = _settled(looked, recording, own)
     return before_after(recording, (motion, motion), effects, seed)
 
 
@@ -204,7 +216,7 @@ def confirm_settled(
     looked, effects, show = job
     recording = read(looked.found, profile, known)
     own = with_uptime(effects, recording.uptime)
-    motion, _ = settled(recording, looked.samples.motion, looked.samples.spread, own)
+    motion, _ = _settled(looked, recording, own)
     return confirm(recording, motion, effects, seed, show), motion
 
 
@@ -242,7 +254,7 @@ def _placed(
 ) -> PlacedScene:
     recording = read(looked.found, profile, known)
     own = with_uptime(effects, recording.uptime)
-    return settled(recording, looked.samples.motion, looked.samples.spread, own)[1]
+    return _settled(looked, recording, own)[1]
 
 
 def registered(
@@ -273,12 +285,23 @@ def registered(
     if begin is None:
         begin, _ = register(recording, prior)
     spread = spread_of(recording.truth, prior)
-    motion, scene = settled(recording, begin, spread, effects)
+    motion, scene = settled(recording, begin, begin, spread, effects)
     return motion, spread, scene
 
 
+def _settled(
+    looked: Looked, recording: RecordingData, effects: Settings
+) -> tuple[np.ndarray, PlacedScene]:
+    samples = looked.samples
+    return settled(recording, looked.registered, samples.motion, samples.spread, effects)
+
+
 def settled(
-    recording: RecordingData, motion: np.ndarray, spread: np.ndarray, effects: Settings
+    recording: RecordingData,
+    begin: np.ndarray,
+    motion: np.ndarray,
+    spread: np.ndarray,
+    effects: Settings,
 ) -> tuple[np.ndarray, PlacedScene]:
     """
     Find where the camera was if it has these effects, by a few steps of Gauss and Newton.
@@ -287,8 +310,10 @@ def settled(
     ----------
     recording : RecordingData
         The recording.
+    begin : numpy.ndarray
+        (6 + 3 P,) as from `register`. What surfaces leave open stays as it is there.
     motion : numpy.ndarray
-        (6 + 3 P,) where to begin, as from `register`.
+        (6 + 3 P,) the motion that is known so far.
     spread : numpy.ndarray
         Standard deviations of the motion, as from `prior.factor`.
     effects : dict
@@ -300,13 +325,26 @@ def settled(
         (6 + 3 P,) motion and the scene there.
 
     """
-    begin = motion
     scene = PlacedScene.at(recording, motion)
     for _ in range(FORMS.steps):
         samples = samples_of(scene, motion, spread)
         motion = own_motion(samples, samples.error - _at_samples(scene, samples, effects), begin)
         scene = PlacedScene.at(recording, motion)
     return motion, scene
+
+
+def _samples(
+    scene: PlacedScene, motion: np.ndarray, spread: np.ndarray, effects: Settings
+) -> tuple[Samples, dict[str, np.ndarray]]:
+    # The samples of a recording, less what given effects change there, and `Looked.shifts`.
+    samples = samples_of(scene, motion, spread)
+    given = _at_samples(scene, samples, {})
+    shifts = {
+        name: _at_samples(scene, samples, {name: values}) - given
+        for name, values in effects.items()
+    }
+    slopes = slopes_of(scene, samples.place, effects)
+    return replace(samples, error=samples.error - given, slopes=slopes), shifts
 
 
 def _at_samples(scene: PlacedScene, samples: Samples, effects: Settings) -> np.ndarray:

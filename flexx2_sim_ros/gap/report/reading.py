@@ -60,6 +60,8 @@ class Diagnosed:
         Names of recordings without a checksum (diagnoses of older versions).
     arrival : Arrival or None
         How late images arrive; None where the diagnosis does not say.
+    noise_factor : float
+        sigma_z of the camera over that of its profile.
     table : dict
         The whole content of ``diagnosis.json``.
 
@@ -73,6 +75,7 @@ class Diagnosed:
     checksums: dict[str, str]
     unsummed: frozenset[str]
     arrival: Arrival | None
+    noise_factor: float
     table: dict[str, Any]
 
     def effects_to_check(self) -> tuple[Effect, ...]:
@@ -200,6 +203,7 @@ def diagnosed(table: Any, effects: Iterable[Effect]) -> Diagnosed:
         checksums={str(row['checksum']): row['name'] for row in used if 'checksum' in row},
         unsummed=frozenset(row['name'] for row in used if 'checksum' not in row),
         arrival=arrival_of(table.get('age')),
+        noise_factor=_noise_factor(table.get('gap')),
         table=table,
     )
 
@@ -238,4 +242,12 @@ def _full_scale(value: Any) -> float | None:
         raise InputError(
             f'settings: full_scale: must be a number above 0 or null, got {shown(value)}'
         )
+    return float(value)
+
+
+def _noise_factor(gap: Any) -> float:
+    # Older versions did not write it.
+    value = gap.get('noise_factor', 1.0) if isinstance(gap, dict) else 1.0
+    if type(value) not in (int, float) or not 0 < value < math.inf:
+        raise InputError(f'gap: noise_factor: must be a number above 0, got {shown(value)}')
     return float(value)
