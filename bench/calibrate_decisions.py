@@ -85,8 +85,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition('\n\n')[0])
     parser.add_argument('--lines', type=Path, default=Path('build/decisions.jsonl'))
     parser.add_argument(
-        '--campaigns', type=int, default=300, help=f'those above {SMALL} have images of full size'
+        '--campaigns',
+        type=int,
+        default=300,
+        help=f'those from {SMALL} on have images of full size',
     )
+    parser.add_argument('--small', type=int, default=SMALL, help='most with smaller images')
     parser.add_argument('--minutes', type=float, default=1e9, help='then stop; resumes later')
     parser.add_argument('--jobs', type=int, default=1, help='processes')
     parser.add_argument('--forms', action='store_true', help='diagnose again where forms matter')
@@ -94,6 +98,8 @@ def main() -> None:
     arguments = parser.parse_args()
     if not 1 <= arguments.campaigns <= MOST:
         parser.error(f'--campaigns: must be 1 to {MOST}, got {arguments.campaigns}')
+    if not 1 <= arguments.small <= SMALL:
+        parser.error(f'--small: must be 1 to {SMALL}, got {arguments.small}')
     design, large = (
         {name: list(map(list, table.items())) for name, table in one.items()}
         for one in (DESIGN, LARGE)
@@ -105,18 +111,21 @@ def main() -> None:
         'inside': inside,
         'large': large,
         'large_strengths': list(LARGE_STRENGTHS),
+        'small': arguments.small,
     }
+    wanted = [i for i in range(arguments.campaigns) if i < arguments.small or i >= SMALL]
     journal = Journal(arguments.lines, **settings)
     ends = time.monotonic() + 60 * arguments.minutes
-    _diagnose(journal, range(len(journal), arguments.campaigns), arguments.jobs, ends)
-    lines = list(journal)[: arguments.campaigns]
+    _diagnose(journal, wanted[len(journal) :], arguments.jobs, ends)
+    lines = list(journal)[: len(wanted)]
     if arguments.forms:
         again = Journal(arguments.lines.with_suffix('.forms.jsonl'), **settings)
-        wanted = [line['index'] for line in lines if changed_by_forms(line)]
-        _diagnose(again, wanted[len(again) :], arguments.jobs, ends)
+        formed = [line['index'] for line in lines if changed_by_forms(line)]
+        _diagnose(again, formed[len(again) :], arguments.jobs, ends)
         newer = {line['index']: line for line in again}
         lines = [newer.get(line['index'], line) for line in lines]
-    report(lines, arguments.write)
+    small = f' --small {arguments.small}' if arguments.small < SMALL else ''
+    report(lines, arguments.write, f'--campaigns {arguments.campaigns}{small}')
 
 
 def _diagnose(journal: Journal, left: Sequence[int], jobs: int, ends: float) -> None:
@@ -129,8 +138,20 @@ def _diagnose(journal: Journal, left: Sequence[int], jobs: int, ends: float) -> 
                 journal.add(line)
 
 
-def report(lines: Sequence[Mapping[str, Any]], write: bool) -> None:
-    """Fit the rule to lines of a run, print how often it is right, and write it on demand."""
+def report(lines: Sequence[Mapping[str, Any]], write: bool, chosen: str) -> None:
+    """
+    Fit the rule to lines of a run, print how often it is right, and write it on demand.
+
+    Parameters
+    ----------
+    lines : sequence of mapping
+        Of the run.
+    write : bool
+        Whether to write the rule and its picture.
+    chosen : str
+        The arguments that chose the campaigns.
+
+    """
     campaigns = [campaign(line) for line in lines]
     folds = [campaigns[k::_FOLDS] for k in range(_FOLDS)]
     rules = [
@@ -151,7 +172,7 @@ def report(lines: Sequence[Mapping[str, Any]], write: bool) -> None:
     _print_curves(rules, folds)
     if write:
         rule = calibrate(campaigns)
-        write_text(config_dir() / FILE, _yaml(rule, lines, checked, error))
+        write_text(config_dir() / FILE, _yaml(rule, lines, checked, error, chosen))
         _draw(checked['confidence'])
 
 
@@ -194,7 +215,11 @@ def _print_curves(rules: Sequence[Decisions], folds: Sequence[Sequence[Campaign]
 
 
 def _yaml(
-    rule: Decisions, lines: Sequence[Mapping[str, Any]], checked: Mapping[str, Any], error: float
+    rule: Decisions,
+    lines: Sequence[Mapping[str, Any]],
+    checked: Mapping[str, Any],
+    error: float,
+    chosen: str,
 ) -> str:
     def logistic(name: str) -> dict[str, Any]:
         model = getattr(rule, name)
@@ -214,12 +239,12 @@ def _yaml(
     }
     table = {
         'schema': 1,
-        'command': f'python -m bench.calibrate_decisions --campaigns {len(lines)} --write',
+        'command': f'python -m bench.calibrate_decisions {chosen} --write',
         'date': datetime.datetime.now(datetime.UTC).strftime('%Y-%m-%d'),
         'version': __version__,
         'code': sorted({line['code'] for line in lines}),
         'campaigns': len(lines),
-        'seeds': [plan(0)[0].seed, plan(len(lines) - 1)[0].seed],
+        'seeds': [plan(line['index'])[0].seed for line in (lines[0], lines[-1])],
         'gap': {
             **logistic('gap'),
             'threshold_of_poses': rule.least_gap_of_poses,
