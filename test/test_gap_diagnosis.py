@@ -280,25 +280,32 @@ def test_an_effect_outside_the_catalogue_is_unknown(tmp_path: Path) -> None:
     for one in (table['gap']['loss'], table['gap']['distance']):
         assert one['after'] == one['before']
     assert {'neighbour', 'row_common'} & {row['structure'] for row in table['unexplained']}
-    (patch,) = load_effects(tmp_path / 'out' / 'effects.yaml')
-    assert patch.name == 'residual_patch'
-    assert 'WITHOUT A CAUSE' in (tmp_path / 'out' / 'effects.yaml').read_text()
-    assert 0 <= table['patch']['shrink'] <= 1
+    # No table over distance, incidence or amplitude makes up for it, and none is offered.
+    assert not table['patch']['offered']
+    assert load_effects(tmp_path / 'out' / 'effects.yaml') == ()
+    assert 'does not help' in (tmp_path / 'out' / 'effects.yaml').read_text()
+
+
+def test_a_correction_without_a_cause_is_offered_if_its_simulation_helps(tmp_path: Path) -> None:
+    lost = {'low_signal_dropout': {'strength': 2.0}}
+    write_campaign(tmp_path, effects=lost, seed=7, **SMALL)
+    left_out = 'low_signal_dropout', 'saturation', 'grazing_dropout', 'random_dropout'
+    out = tmp_path / 'out'
+    table = diagnose(tmp_path, out=out, without=left_out)
+    assert table['verdict'] == 'unknown'
+    patch = table['patch']
+    assert patch['offered']
+    assert patch['held_out']
+    assert patch['invalid_rate']['better']
+    assert patch['invalid_rate']['shrink'] > 0.2
+    assert patch['worse'] == []
+    (effect,) = load_effects(out / 'effects.yaml')
+    assert effect.name == 'residual_patch'
+    for text in ('WITHOUT A CAUSE', 'makes this significantly better: invalid pixels'):
+        assert text in (out / 'effects.yaml').read_text()
     scene = next(tmp_path.glob('*.npz'))
-    assert (
-        main(
-            [
-                'simulate',
-                str(scene),
-                str(tmp_path / 'again.npz'),
-                '--frames',
-                '4',
-                '--effects',
-                str(tmp_path / 'out' / 'effects.yaml'),
-            ]
-        )
-        == 0
-    )
+    again = [str(scene), str(tmp_path / 'again.npz'), '--frames', '4']
+    assert main(['simulate', *again, '--effects', str(out / 'effects.yaml')]) == 0
 
 
 def test_the_reduction_by_given_effects_is_measured(filtered: Path) -> None:

@@ -26,7 +26,12 @@ from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.inference.patch import fit_patch
 from flexx2_sim_ros.gap.report.frames import MOST_FRAMES
 from flexx2_sim_ros.gap.report.reading import diagnosed
-from flexx2_sim_ros.gap.report.table import calibrated_table, diagnosis_table, verdict_of
+from flexx2_sim_ros.gap.report.table import (
+    calibrated_table,
+    diagnosis_table,
+    patch_table,
+    verdict_of,
+)
 from flexx2_sim_ros.gap.report.writing import FILES, write
 from flexx2_sim_ros.gap.work import (
     find,
@@ -160,10 +165,12 @@ def diagnose(
             without, known, no_phases, bool(model.own.posed.any()), hidden
         )
         if decision.verdict == 'unknown':
-            patch, covariate, shrink = fit_patch(model, decision.base.residual(model))
-            effects = [patch]
-            held = len(evidence) > 1
-            table['patch'] = {'covariate': covariate, 'shrink': shrink, 'held_out': held}
+            step = stepper(progress, 'simulating the correction', 0.96, 0.02, len(used))
+            patch = fit_patch(model, decision.base.residual(model))
+            fitted = [[one] for one in patch.without]
+            patched = _confirm(model, decision, fitted, as_noisy, simulator, step)
+            table['patch'] = patch_table(patch, model, patched)
+            effects = [patch.effect] if table['patch']['offered'] else []
         if request is not None:
             later = portion(whole, _BEFORE_COST, 0.98 - _BEFORE_COST)
             table['cost'] = _cost(request, table, effects, campaign_dir, used, mapped, later)

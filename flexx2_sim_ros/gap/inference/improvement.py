@@ -9,6 +9,7 @@ from flexx2_sim_ros.gap.data.axes import AXES
 from flexx2_sim_ros.gap.features.confirm import Outcome
 from flexx2_sim_ros.gap.features.features import LAYOUT
 from flexx2_sim_ros.gap.features.grain import repeats
+from flexx2_sim_ros.gap.features.physical import COUNTED, distance, UNITS
 from flexx2_sim_ros.gap.inference.fitting import Fit, fit
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.inference.uncertainty import mean_interval, ratio_interval
@@ -41,6 +42,39 @@ def tolerances(model: Model) -> dict[str, float]:
         'lag': table['lag'],
         'kl_nats': table['bias'] ** 2 / 2,
     }
+
+
+def all_measured(model: Model, confirmed: Sequence[Outcome]) -> dict[str, Any]:
+    """
+    Summarise all measures of the gap, and the distance that is made of them.
+
+    Parameters
+    ----------
+    model : Model
+        The recordings.
+    confirmed : sequence of Outcome
+        Each recording, simulated with the effects.
+
+    Returns
+    -------
+    dict
+        ``worse``, the names of those that the effects make significantly worse; ``distance`` and
+        each of `physical.UNITS` as from `measured`.
+
+    """
+    limits = tolerances(model)
+    units = {
+        unit: measured(np.array([one.physical[unit] for one in confirmed]), limits[unit])
+        for unit in UNITS
+    }
+    apart = np.array(
+        [
+            [distance({unit: one.physical[unit][k] for unit in COUNTED}) for k in range(3)]
+            for one in confirmed
+        ]
+    )
+    worse = [unit for unit in UNITS if units[unit]['worse']]
+    return {'worse': worse, 'distance': measured(apart, 1.0), **units}
 
 
 def simulated_losses(

@@ -1,5 +1,6 @@
 """Fit a correction without a cause to what is left when no effect explains the gap."""
 
+from dataclasses import dataclass
 from typing import Any
 
 from flexx2_sim_ros.effects import Effect
@@ -13,7 +14,33 @@ import numpy as np
 _CHANNELS = ('bias', 'log_variance', 'invalid')
 
 
-def fit_patch(model: Model, residual: np.ndarray) -> tuple[Effect, str, float]:
+@dataclass(frozen=True)
+class Patch:
+    """
+    A correction without a cause.
+
+    Attributes
+    ----------
+    effect : Effect
+        As fitted to all recordings.
+    covariate : str
+        What its bins are over.
+    shrink : float
+        The fraction by which its table reduces the gap in bias, noise and invalid pixels of
+        recordings that it was not fitted to, over all three covariates; computed, not simulated.
+    without : list of Effect
+        For each recording, the correction as fitted without it. A single recording cannot be left
+        out.
+
+    """
+
+    effect: Effect
+    covariate: str
+    shrink: float
+    without: list[Effect]
+
+
+def fit_patch(model: Model, residual: np.ndarray) -> Patch:
     """
     Fit the patch over the one covariate with which it reduces the gap most.
 
@@ -24,20 +51,15 @@ def fit_patch(model: Model, residual: np.ndarray) -> tuple[Effect, str, float]:
     residual : numpy.ndarray
         (R, SIZE) real minus simulated features.
 
-    Returns
-    -------
-    tuple
-        The patch, its covariate, and the fraction by which it reduces the gap in bias, noise and
-        invalid pixels of recordings that it was not fitted to, over all three covariates.
-
     """
+    count = len(residual)
+    others = [np.arange(count) != r if count > 1 else slice(None) for r in range(count)]
     best, best_fraction = COVARIATES[0], -np.inf
     everywhere = [i for name in COVARIATES for channel in _CHANNELS for i in _index(channel, name)]
     for name in COVARIATES:
         index = np.concatenate([_index(channel, name) for channel in _CHANNELS])
         left = residual.copy()
-        for r in range(len(residual)):
-            rest = np.arange(len(residual)) != r if len(residual) > 1 else slice(None)
+        for r, rest in enumerate(others):
             left[r, index] -= _mean(model, residual, rest)[index]
         before, after = (
             model.losses(np.where(np.isin(np.arange(one.shape[1]), everywhere), one, 0)).sum()
@@ -46,7 +68,16 @@ def fit_patch(model: Model, residual: np.ndarray) -> tuple[Effect, str, float]:
         fraction = float((before - after) / max(before, THRESHOLDS.floor))
         if fraction > best_fraction:
             best, best_fraction = name, fraction
-    mean = _mean(model, residual, slice(None))
+    return Patch(
+        _effect(model, _mean(model, residual, slice(None)), best),
+        best,
+        float(np.clip(best_fraction, 0, 1)),
+        [_effect(model, _mean(model, residual, rest), best) for rest in others],
+    )
+
+
+def _effect(model: Model, mean: np.ndarray, best: str) -> Effect:
+    # The bins of the covariate, with the mean difference of the features in each.
     axis = model.evidence[0].axes[best]
     sigma = mean_sigma(model)[axis.start : axis.start + axis.bins]
     values = {'covariate_index': float(COVARIATES.index(best))}
@@ -56,7 +87,8 @@ def fit_patch(model: Model, residual: np.ndarray) -> tuple[Effect, str, float]:
         values[f'bias_{i}'] = float(np.clip(bias[i] * sigma[i], -1, 1))
         values[f'scale_{i}'] = float(np.clip(np.exp(variance[i] / 2), 0.1, 10))
         values[f'loss_{i}'] = float(np.clip(loss[i], 0, 1))
-    return ResidualPatch(**values), best, float(np.clip(best_fraction, 0, 1))
+    effect: Effect = ResidualPatch(**values)
+    return effect
 
 
 def _index(channel: str, axis: str) -> np.ndarray:

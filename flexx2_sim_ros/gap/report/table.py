@@ -14,14 +14,15 @@ from flexx2_sim_ros.gap.data.prior import POSE
 from flexx2_sim_ros.gap.features.confirm import Outcome
 from flexx2_sim_ros.gap.features.evidence import Evidence
 from flexx2_sim_ros.gap.features.features import ENOUGH
-from flexx2_sim_ros.gap.features.physical import COUNTED, distance, UNITS
+from flexx2_sim_ros.gap.features.physical import UNITS
 from flexx2_sim_ros.gap.features.simulation import counts_edges
 from flexx2_sim_ros.gap.forms.calibratable import PATTERN
 from flexx2_sim_ros.gap.forms.named import Calibrated
 from flexx2_sim_ros.gap.inference.decide import Alternative, Decision
 from flexx2_sim_ros.gap.inference.effects import fitted_effects
-from flexx2_sim_ros.gap.inference.improvement import measured, simulated_losses, tolerances
+from flexx2_sim_ros.gap.inference.improvement import all_measured, simulated_losses
 from flexx2_sim_ros.gap.inference.model import Model
+from flexx2_sim_ros.gap.inference.patch import Patch
 from flexx2_sim_ros.gap.inference.told import told
 from flexx2_sim_ros.gap.inference.uncertainty import ratio_interval
 from flexx2_sim_ros.gap.inference.where import places, unexplained
@@ -157,6 +158,33 @@ def calibrated_table(
     return out
 
 
+def patch_table(patch: Patch, model: Model, patched: list[Outcome]) -> dict[str, Any]:
+    """
+    Return what a correction without a cause does, and whether it is offered.
+
+    It is offered if it makes a measure significantly better, and the distance not worse.
+
+    Parameters
+    ----------
+    patch : Patch
+        The correction.
+    model : Model
+        The recordings.
+    patched : list of Outcome
+        The comparison of each recording with its simulation with the correction.
+
+    """
+    measures = all_measured(model, patched)
+    helps = any(measures[unit]['better'] for unit in UNITS)
+    return {
+        'covariate': patch.covariate,
+        'shrink': patch.shrink,
+        'offered': helps and not measures['distance']['worse'],
+        'held_out': len(patched) > 1,
+        **measures,
+    }
+
+
 def _effect_rows(decision: Decision, effects: Sequence[Effect]) -> list[dict[str, Any]]:
     rows = [
         {
@@ -262,35 +290,22 @@ def _gap(
     dropped: Collection[str] = (),
 ) -> dict[str, Any]:
     held_out = len(confirmed) > 1
-    limits = tolerances(model)
-    units = {
-        unit: measured(np.array([one.physical[unit] for one in confirmed]), limits[unit])
-        for unit in UNITS
-    }
-    apart = np.array(
-        [
-            [distance({unit: one.physical[unit][k] for unit in COUNTED}) for k in range(3)]
-            for one in confirmed
-        ]
-    )
-    whole = measured(apart, 1.0)
+    measures = all_measured(model, confirmed)
     # Some differences, such as depth in steps of half a millimetre, show in the features only.
     shown = np.mean([one.gap for one in confirmed]) >= 1.0
     # An error of the poses is corrected and not simulated: if it is all, nothing is removed.
     posed = [one.kind.role == 'pose' for one in decision.accepted.candidates]
     by_distance = bool(shown) or (bool(posed) and all(posed))
     loss = _loss(model, decision, confirmed, motions, dropped)
-    headline = whole if by_distance else loss
+    headline = measures['distance'] if by_distance else loss
     out: dict[str, Any] = {
         'shrink': headline['shrink'],
         'interval': _interval(decision, headline),
         'measured_by': 'distance' if by_distance else 'loss',
         'held_out': held_out,
         'noise_factor': 1 + decision.accepted.sigma,
-        'worse': [unit for unit in UNITS if units[unit]['worse']],
-        'distance': whole,
         'loss': loss,
-        **units,
+        **measures,
     }
     if not held_out:
         out['note'] = (

@@ -146,11 +146,7 @@ def sentences(table: dict[str, Any]) -> list[str]:
             rest = 'Before curves and tables were fitted, the remaining gap'
         out.append(f'{rest} shows in: {names}.')
     if 'patch' in table:
-        out.append(
-            f'effects.yaml has a correction without a cause, over '
-            f'{spaced(table["patch"]["covariate"])}: it removes '
-            f'{percent(table["patch"]["shrink"])} of the gap in depth, noise and invalid pixels.'
-        )
+        out += correction(table['patch'])
     out += not_decidable(table) + ground_truth(table) + age_words(table['age'])
     if table['where'] and table['verdict'] != 'none':
         out.append(finding(table['where'][0]))
@@ -192,7 +188,29 @@ def reduction(gap: dict[str, Any]) -> list[str]:
     return out
 
 
-def difference(gap: dict[str, Any]) -> str:
+def correction(patch: dict[str, Any]) -> list[str]:
+    """Return sentences on a correction without a cause: what it does when it is simulated."""
+    better, worse = (
+        listed([name for unit, (name, *_) in MEASURES.items() if patch[unit][key]])
+        for key in ('better', 'worse')
+    )
+    what = f'a correction without a cause: bias, noise and loss over {spaced(patch["covariate"])}'
+    out = [
+        f'effects.yaml has {what} (residual_patch).'
+        if patch['offered']
+        else f'effects.yaml is empty. This was tried and does not help: {what}.',
+        difference(patch, 'the correction'),
+        f'It makes {"this" if better else "nothing"} significantly better'
+        f'{": " if better else ""}{better}.',
+    ]
+    if worse:
+        out.append(f'It makes this worse: {worse}.')
+    if patch['held_out']:
+        out.append('Each recording was compared with a correction that was fitted to the others.')
+    return out
+
+
+def difference(gap: dict[str, Any], added: str = 'the effects') -> str:
     """Return how far recordings and simulation are apart, in physical units, in one sentence."""
     invalid = gap['invalid_rate']
     units = ['wasserstein_mm']
@@ -203,7 +221,7 @@ def difference(gap: dict[str, Any]) -> str:
         for key in ('before', 'after', 'null')
     )
     return (
-        f'The gap is the difference between recordings and simulation: {before}. With the effects '
+        f'The gap is the difference between recordings and simulation: {before}. With {added} '
         f'it is: {after}. Two runs of the simulator differ by: {null}.'
     )
 

@@ -16,7 +16,7 @@ from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.report.age import age_words, arrival_of, with_delay
 from flexx2_sim_ros.gap.report.page import page
 from flexx2_sim_ros.gap.report.text import percent
-from flexx2_sim_ros.gap.report.words import camera_effects, reduction
+from flexx2_sim_ros.gap.report.words import camera_effects, correction, reduction
 
 FILES = ('diagnosis.json', 'effects.yaml', 'report.html')
 
@@ -86,11 +86,9 @@ def _with_files(table: dict[str, Any], effects: Sequence[Effect]) -> dict[str, A
 def _comment(table: dict[str, Any]) -> str:
     names = ', '.join(row['name'] for row in table['effects']) or 'no effect'
     if 'patch' in table:
-        return (
-            'PATCH WITHOUT A CAUSE: flexx2 gap diagnose found a gap that no effect explains.\n'
-            f'Bias, noise and loss binned over {table["patch"]["covariate"]}; takes '
-            f'{percent(table["patch"]["shrink"])} of the gap in these off'
-        )
+        kind = 'PATCH WITHOUT A CAUSE' if table['patch']['offered'] else 'NO EFFECT'
+        cause = f'{kind}: flexx2 gap diagnose found a gap that no effect explains.'
+        return '\n'.join([cause, *correction(table['patch'])])
     lines = [f'flexx2 gap diagnose: {table["verdict"]}: {names}']
     if camera_effects(table):
         gap = table['gap']
