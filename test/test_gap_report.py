@@ -55,7 +55,10 @@ def outcomes(count: int, depth: np.ndarray = CLEAN) -> list[Any]:
     frame = single_frame(4, [depth, depth - 0.01, depth], [scene])
     return [
         SimpleNamespace(
-            name=f'<{i}>.npz', frame=frame, physical={'wasserstein_mm': [8.0, 2.0, 1.0]}
+            name=f'<{i}>.npz',
+            frame=frame,
+            physical={'wasserstein_mm': [8.0, 2.0, 1.0]},
+            gap=float(i),
         )
         for i in range(count)
     ]
@@ -117,12 +120,20 @@ def test_a_recording_without_any_depth_is_drawn() -> None:
 
 
 def test_the_size_of_the_page_does_not_grow_with_the_recordings() -> None:
-    some = outcomes(20)
+    some = outcomes(MOST_FRAMES + 4)
     for one in some[MOST_FRAMES:]:
         one.frame = None
     page = frames({'where': [], 'effects': []}, some, axes_of(flexx2()))
     assert len(pictures(page)) == 4 * MOST_FRAMES
-    assert 'Recordings with a smaller gap are not shown: 14.' in page
+    assert 'Recordings with a smaller gap are not shown: 4.' in page
+
+
+def test_the_recordings_with_the_largest_gap_come_first_and_open() -> None:
+    page = page_of(5)
+    names = re.findall(r'<h3>&lt;(\d)&gt;', page)
+    assert names == ['3', '4', '0', '1', '2']
+    assert page.index('<details>') > page.index('<h3>&lt;4')
+    assert page.index('<details>') < page.index('<h3>&lt;0')
 
 
 def test_a_note_on_several_recordings_is_said_once() -> None:

@@ -13,7 +13,7 @@ from flexx2_sim_ros.gap.report.words import camera_effects
 from flexx2_sim_ros.html_drawing import depth_picture, MARKS, picture
 import numpy as np
 
-MOST_FRAMES = 6  # recordings that have a frame on the page; bounds its size
+MOST_FRAMES = 16  # recordings that have a frame on the page; bounds its size
 _OPEN = 2  # of these, not folded
 _STEPS = 15  # colours on either side of white: noise in more of them makes a picture large
 _MOST_MARKED = 0.85  # fraction of the surfaces; a condition with more of them is everywhere
@@ -33,6 +33,8 @@ def frames(table: dict[str, Any], confirmed: Sequence[Outcome], axes: Axes) -> s
     """
     Return one frame of up to `MOST_FRAMES` recordings, real and simulated, as HTML.
 
+    The two with the largest gap come first; the others are folded.
+
     Parameters
     ----------
     table : dict
@@ -43,10 +45,12 @@ def frames(table: dict[str, Any], confirmed: Sequence[Outcome], axes: Axes) -> s
         The camera's.
 
     """
+    shown = [(index, one.frame) for index, one in enumerate(confirmed) if one.frame is not None]
+    gaps = sorted((-confirmed[index].gap, index) for index, _ in shown)
+    first = {index for _, index in gaps[:_OPEN]}
     parts = [
-        _recording(table, one, one.frame, index, axes)
-        for index, one in enumerate(confirmed)
-        if one.frame is not None
+        _recording(table, confirmed[index], frame, index, axes)
+        for index, frame in sorted(shown, key=lambda pair: pair[0] not in first)
     ]
     folded = ''
     more = len(parts) - _OPEN
