@@ -3,31 +3,33 @@ Why the diagnosis misses effects: the pose, the form of the effect, or the decis
 
 Takes the campaigns of `bench.calibrate_decisions`, or the finished cases of a benchmark's run,
 with one effect of the blind camera that the diagnosis does not name first, and diagnoses each
-again with help:
+again with help. ``--groups`` adds cameras with unknown internals, and pairs, of which both effects
+must be named:
 
 decision  none is needed: the true effect has the largest probability, below the threshold
 pose      the same campaign with exact poses
-form      the same scenes and poses, with the effect in the form of the catalogue
+form      the same scenes and poses, with the effects and internals that the catalogue knows
 both      exact poses and the form of the catalogue
 
-The first of these that names the effect first is the reason. ``data``: none does, so that these
+The first of these that gives the right answer is the reason. ``data``: none does, so that these
 recordings hardly show the effect, at this strength.
 
 python -m bench.gap_oracles --lines build/decisions.jsonl --strength 0.5
 python -m bench.gap_oracles --run benchmark_output --strength 0.5
+python -m bench.gap_oracles --run benchmark_output --groups internals,pair
 
 A run is opened only after it was scored: the labels are read.
 """
 
 import argparse
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 import json
 from pathlib import Path
 from typing import Any
 
-from bench.decision_fit import campaign, first
+from bench.decision_fit import Campaign, campaign
 from bench.journal import entries
 from flexx2_sim_ros.atomic import scratch_folder
 from flexx2_sim_ros.camera import Camera, flexx2
@@ -52,14 +54,16 @@ def main() -> None:
         '--run', type=Path, help='--out of `flexx2 gap benchmark`, in place of lines'
     )
     parser.add_argument('--strength', type=float, default=0.5, help='smallest strength')
+    parser.add_argument('--groups', default='single', help='among single, internals and pair')
     arguments = parser.parse_args()
     lines = run_lines(arguments.run) if arguments.run else entries(arguments.lines)
-    some = [line for line in lines if _plain(line, arguments.strength)]
+    groups = arguments.groups.split(',')
+    some = [line for line in lines if _asked(line, groups, arguments.strength)]
     missed = [line for line in some if not _named(line)]
     reasons = []
     for line in track(missed, 'diagnosing'):
         case = Planned.from_json(line['planned'])
-        ((name, strength),) = case.effects.items()
+        name, strength = ' + '.join(case.effects), min(case.effects.values())
         reasons.append(reason(line))
         print(
             f'{name:20s} {strength:5.2f} {case.recordings:2d} recordings {case.pose_mm:4.1f} mm '
@@ -91,12 +95,11 @@ def run_lines(out: Path) -> list[dict[str, Any]]:
     return lines
 
 
-def _plain(line: Mapping[str, Any], least: float) -> bool:
+def _asked(line: Mapping[str, Any], groups: Collection[str], least: float) -> bool:
     more, inside = line['more'], line['planned'].get('internals')
     return bool(
-        line['planned']['group'] == 'single'
+        ('internals' if inside else line['planned']['group']) in groups
         and (more['camera'], more['truth']) == ('blind', 'exact')
-        and not inside
         and min(line['planned']['effects'].values()) >= least
     )
 
@@ -105,13 +108,25 @@ def _named(line: Mapping[str, Any]) -> bool:
     # With the present rule.
     one = campaign(line)
     said = judge(one.support, calibrated())
-    return said.verdict in EXPLAINED and first(one, said.effects) in one.true
+    return said.verdict in EXPLAINED and _right(one, _chosen(one))
+
+
+def _chosen(one: Campaign) -> list[str]:
+    # The effects that were selected, most probable first.
+    likely = judge(one.support, calibrated()).effects
+    return sorted((row.name for row in one.support.chosen), key=lambda name: -likely[name])
+
+
+def _right(one: Campaign, names: Sequence[str]) -> bool:
+    if one.planned['group'] == 'pair':
+        return one.true <= set(names)
+    return bool(names) and names[0] in one.true
 
 
 def reason(line: Mapping[str, Any]) -> str:
-    """Return why the effect of a line of `decision_campaigns.run` was missed."""
+    """Return why the effects of a line of `decision_campaigns.run` were missed."""
     one, case = campaign(line), Planned.from_json(line['planned'])
-    if first(one, judge(one.support, calibrated()).effects) in one.true:
+    if _right(one, _chosen(one)):
         return 'decision'
     exact = replace(case, pose_mm=0.0)
     for name, changed, own in (
@@ -122,7 +137,7 @@ def reason(line: Mapping[str, Any]) -> str:
         with scratch_folder() as folder:
             (_as_in_catalogue if own else _blind)(changed, folder)
             table = diagnose(folder, seed=line['index'])
-        if table['effects'] and table['effects'][0]['name'] in one.true:
+        if _right(one, [row['name'] for row in table['effects']]):
             return name
     return 'data'
 
