@@ -11,6 +11,7 @@ from flexx2_sim_ros import __version__
 from flexx2_sim_ros.atomic import check_outputs
 from flexx2_sim_ros.camera import Profile
 from flexx2_sim_ros.effects import Effect, of_role, registry
+from flexx2_sim_ros.effects.patch import ResidualPatch
 from flexx2_sim_ros.effects.tables import plain
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap.cost import CostRequest, known_of, measure_cost
@@ -144,7 +145,8 @@ def diagnose(
         as_noisy, noisy = noisier(used, profile, 1 + decision.accepted.sigma)
         simulator = Simulator(mapped, noisy, known, seed, tuple(prior))
         step = stepper(progress, 'simulating the outcome', 0.65, 0.13, len(used))
-        confirmed = _confirm(model, decision, held_out, as_noisy, simulator, step)
+        shown = _shown(decision)
+        confirmed = _confirm(model, decision, held_out, as_noisy, shown, simulator, step)
         table = diagnosis_table(model, decision, effects, confirmed, used, [*left_out, *unusable])
         forms = None
         if calibrate:
@@ -155,7 +157,7 @@ def diagnose(
         if forms is not None:
             effects = forms.effects(effects)
             if forms.taken:
-                confirmed, motions = forms.confirmed(simulator, _shown(decision), step)
+                confirmed, motions = forms.confirmed(simulator, shown, step)
             table = calibrated_table(table, model, decision, forms, confirmed, motions)
         table['verdict'] = verdict_of(table)
         for row, own in zip(table['recordings'], held_out, strict=False):  # Those used are first.
@@ -164,11 +166,12 @@ def diagnose(
         table['not_considered'] = _not_considered(
             without, known, no_phases, bool(model.own.posed.any()), hidden
         )
-        if decision.verdict == 'unknown':
+        if decision.verdict == 'unknown' and ResidualPatch.name not in known:
             step = stepper(progress, 'simulating the correction', 0.96, 0.02, len(used))
             patch = fit_patch(model, decision.base.residual(model))
             fitted = [[one] for one in patch.without]
-            patched = _confirm(model, decision, fitted, as_noisy, simulator, step)
+            hidden_frames = [False] * len(used)
+            patched = _confirm(model, decision, fitted, as_noisy, hidden_frames, simulator, step)
             table['patch'] = patch_table(patch, model, patched)
             effects = [patch.effect] if table['patch']['offered'] else []
         if request is not None:
@@ -226,6 +229,7 @@ def _confirm(
     decision: Decision,
     held_out: list[list[Effect]],
     used: list[Found],
+    shown: list[bool],
     simulator: Simulator,
     step: Callable[[], None],
 ) -> list[Outcome]:
@@ -234,9 +238,7 @@ def _confirm(
     motions = model.own.found(decision.accepted.nuisances)
     jobs = [
         (file, tuple(motion), table_of(one for one in effects if one.role != 'pose'), show)
-        for file, motion, effects, show in zip(
-            used, motions, held_out, _shown(decision), strict=True
-        )
+        for file, motion, effects, show in zip(used, motions, held_out, shown, strict=True)
     ]
     return simulator.run(simulate_set, jobs, step)
 

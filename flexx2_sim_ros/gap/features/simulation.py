@@ -126,8 +126,9 @@ def counts_edges(effects: Any) -> bool:
     """
     Return whether errors at jumps and sharp bends count in the gap that effects are to remove.
 
-    They do where an effect changes edges, and where no effect is known. Any other effect leaves
-    the errors that a fitted pose has there, which would seem to be left of the gap.
+    They do where an effect changes edges, and where no effect is known or only a correction
+    without a cause. Any other effect leaves the errors that a fitted pose has there, which would
+    seem to be left of the gap.
     """
     return not effects or any('edges' in kind.changes for kind in definitions(effects))
 

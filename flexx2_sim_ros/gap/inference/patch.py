@@ -26,8 +26,9 @@ class Patch:
     covariate : str
         What its bins are over.
     shrink : float
-        The fraction by which its table reduces the gap in bias, noise and invalid pixels of
-        recordings that it was not fitted to, over all three covariates; computed, not simulated.
+        The fraction by which its table reduces the gap in bias, noise and invalid pixels over all
+        three covariates; computed, not simulated. Of several recordings, each takes the
+        correction that was fitted without it.
     without : list of Effect
         For each recording, the correction as fitted without it. A single recording cannot be left
         out.

@@ -46,12 +46,9 @@ def frames(table: dict[str, Any], confirmed: Sequence[Outcome], axes: Axes) -> s
 
     """
     shown = [(index, one.frame) for index, one in enumerate(confirmed) if one.frame is not None]
-    gaps = sorted((-confirmed[index].gap, index) for index, _ in shown)
-    first = {index for _, index in gaps[:_OPEN]}
-    parts = [
-        _recording(table, confirmed[index], frame, index, axes)
-        for index, frame in sorted(shown, key=lambda pair: pair[0] not in first)
-    ]
+    largest = [index for _, index in sorted((-confirmed[i].gap, i) for i, _ in shown)][:_OPEN]
+    shown.sort(key=lambda pair: largest.index(pair[0]) if pair[0] in largest else _OPEN)
+    parts = [_recording(table, confirmed[index], frame, index, axes) for index, frame in shown]
     folded = ''
     more = len(parts) - _OPEN
     if more > 0:
@@ -60,7 +57,7 @@ def frames(table: dict[str, Any], confirmed: Sequence[Outcome], axes: Axes) -> s
             f'{"".join(parts[_OPEN:])}</details>'
         )
     rest = len(confirmed) - len(parts)
-    others = f' Recordings with a smaller gap are not shown: {rest}.' if rest else ''
+    others = f' Recordings that are not shown: {rest}.' if rest else ''
     return (
         f'<h2>Single frames</h2>{"".join(parts[:_OPEN])}{folded}<p><small>The middle frame of '
         'each recording, and the same frame as simulated at the fitted pose: differences of '

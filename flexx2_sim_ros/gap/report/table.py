@@ -162,7 +162,7 @@ def patch_table(patch: Patch, model: Model, patched: list[Outcome]) -> dict[str,
     """
     Return what a correction without a cause does, and whether it is offered.
 
-    It is offered if it makes a measure significantly better, and the distance not worse.
+    It is offered if the mean distance gets smaller and a measure significantly better.
 
     Parameters
     ----------
@@ -179,7 +179,7 @@ def patch_table(patch: Patch, model: Model, patched: list[Outcome]) -> dict[str,
     return {
         'covariate': patch.covariate,
         'shrink': patch.shrink,
-        'offered': helps and not measures['distance']['worse'],
+        'offered': helps and measures['distance']['change'] < 0,
         'held_out': len(patched) > 1,
         **measures,
     }

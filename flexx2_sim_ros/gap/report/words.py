@@ -146,7 +146,7 @@ def sentences(table: dict[str, Any]) -> list[str]:
             rest = 'Before curves and tables were fitted, the remaining gap'
         out.append(f'{rest} shows in: {names}.')
     if 'patch' in table:
-        out += correction(table['patch'])
+        out += correction(table)
     out += not_decidable(table) + ground_truth(table) + age_words(table['age'])
     if table['where'] and table['verdict'] != 'none':
         out.append(finding(table['where'][0]))
@@ -188,26 +188,27 @@ def reduction(gap: dict[str, Any]) -> list[str]:
     return out
 
 
-def correction(patch: dict[str, Any]) -> list[str]:
+def correction(table: dict[str, Any]) -> list[str]:
     """Return sentences on a correction without a cause: what it does when it is simulated."""
+    patch = table['patch']
     better, worse = (
-        listed([name for unit, (name, *_) in MEASURES.items() if patch[unit][key]])
+        listed([name for unit, (name, *_) in MEASURES.items() if patch[unit][key]]) or 'nothing'
         for key in ('better', 'worse')
     )
-    what = f'a correction without a cause: bias, noise and loss over {spaced(patch["covariate"])}'
-    out = [
-        f'effects.yaml has {what} (residual_patch).'
+    what = f'correction of bias, noise and invalid pixels by {spaced(patch["covariate"])}'
+    return [
+        f'effects.yaml has a {what} instead (residual_patch). It is no cause, and may fail in '
+        'other scenes.'
         if patch['offered']
-        else f'effects.yaml is empty. This was tried and does not help: {what}.',
+        else f'A {what} was simulated and left out: it does not clearly bring the simulation '
+        'nearer to the recordings.',
         difference(patch, 'the correction'),
-        f'It makes {"this" if better else "nothing"} significantly better'
-        f'{": " if better else ""}{better}.',
+        f'The correction makes this better: {better}. It makes this worse: {worse}.',
+        'Each recording was compared with a correction that was fitted to the others.'
+        if patch['held_out']
+        else 'The correction was fitted to the one recording that it is compared with.',
+        *_noise_level(table['gap']['noise_factor']),
     ]
-    if worse:
-        out.append(f'It makes this worse: {worse}.')
-    if patch['held_out']:
-        out.append('Each recording was compared with a correction that was fitted to the others.')
-    return out
 
 
 def difference(gap: dict[str, Any], added: str = 'the effects') -> str:

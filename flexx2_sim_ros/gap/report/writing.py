@@ -86,9 +86,10 @@ def _with_files(table: dict[str, Any], effects: Sequence[Effect]) -> dict[str, A
 def _comment(table: dict[str, Any]) -> str:
     names = ', '.join(row['name'] for row in table['effects']) or 'no effect'
     if 'patch' in table:
-        kind = 'PATCH WITHOUT A CAUSE' if table['patch']['offered'] else 'NO EFFECT'
-        cause = f'{kind}: flexx2 gap diagnose found a gap that no effect explains.'
-        return '\n'.join([cause, *correction(table['patch'])])
+        cause = 'flexx2 gap diagnose: no effect of the catalogue explains the gap'
+        if table['patch']['offered']:
+            cause = f'PATCH WITHOUT A CAUSE: {cause}'
+        return '\n'.join([cause, *correction(table), *age_words(table['age'])])
     lines = [f'flexx2 gap diagnose: {table["verdict"]}: {names}']
     if camera_effects(table):
         gap = table['gap']
