@@ -5,10 +5,12 @@ A blind camera with one effect is diagnosed. Then it is recorded in other scenes
 with the effects that were found; `validation.benchmark.realised` measures the reduction with
 code of its own. The same is done in the scenes of the campaign, from exactly known poses: what is
 realised there differs from the prediction by the fitted poses and the measure, and the rest of
-the difference is one between scenes. `--calibrate` adds a row with the calibrated effects. Seeds
-are the benchmark's development seeds.
+the difference is one between scenes. `--calibrate` adds a row with the calibrated effects.
+`--novel` takes the effects that only the blind camera has: what is named can only imitate them.
+Seeds are the benchmark's development seeds.
 
 python -m bench.gap_realised --effects offset,multipath --pose 2 --seeds 1
+python -m bench.gap_realised --novel --seeds 1,2
 """
 
 import argparse
@@ -23,7 +25,7 @@ from flexx2_sim_ros.validation.benchmark import DEVELOPMENT
 from flexx2_sim_ros.validation.benchmark.design import Planned
 from flexx2_sim_ros.validation.benchmark.realised import realised_gap
 from flexx2_sim_ros.validation.blind import BlindCamera
-from flexx2_sim_ros.validation.blind.catalogue import CATALOGUE
+from flexx2_sim_ros.validation.blind.catalogue import CATALOGUE, NOVEL
 import numpy as np
 
 _MODE = 'Mode_9_30fps'
@@ -34,7 +36,9 @@ _CLOSE = 0.06
 def main() -> None:
     """Print a row or two for each campaign, and the errors of the prediction."""
     parser = argparse.ArgumentParser(description=__doc__.partition('\n\n')[0])
-    parser.add_argument('--effects', default=','.join(CATALOGUE))
+    which = parser.add_mutually_exclusive_group()
+    which.add_argument('--effects', default=','.join(CATALOGUE))
+    which.add_argument('--novel', action='store_true', help='effects outside the catalogue')
     parser.add_argument('--strength', type=float, default=1.0)
     parser.add_argument('--pose', type=float, default=2.0, help='error of the poses, mm')
     parser.add_argument('--seeds', default='1')
@@ -49,8 +53,9 @@ def main() -> None:
     )
     print('|---|---|---|---|---|---|---|---|---|---|')
     rows: list[dict[str, Any]] = []
+    names = list(NOVEL) if arguments.novel else arguments.effects.split(',')
     for seed in map(int, arguments.seeds.split(',')):
-        for name in arguments.effects.split(','):
+        for name in names:
             for row in _rows(arguments, seed, name):
                 rows.append(row)
                 print(_line(row), flush=True)

@@ -56,6 +56,16 @@ def blames_poses(table: dict[str, Any]) -> bool:
     return bool(first == of_role('pose').name and table['gap']['shrink'] < 0.05)
 
 
+def imitation(table: dict[str, Any]) -> list[str]:
+    """Return a warning where named effects may stand for a cause that is not in the catalogue."""
+    if table['verdict'] != 'partly' or not camera_effects(table):
+        return []
+    return [
+        'The named effects may only imitate a cause that is not in the catalogue. Then they do '
+        'not remove the gap in other scenes. Check them there: flexx2 gap check.'
+    ]
+
+
 def calibrations(table: dict[str, Any]) -> list[dict[str, Any]]:
     """Return the forms that were tried; none if nothing was calibrated."""
     rows: list[dict[str, Any]] = (table['calibration'] or {}).get('effects', [])
@@ -127,7 +137,12 @@ def sentences(table: dict[str, Any]) -> list[str]:
     out = []
     gap = table['gap']
     if camera_effects(table):
-        out += [*reduction(gap), *_noise_level(gap['noise_factor']), *_calibrated(table)]
+        out += [
+            *reduction(gap),
+            *imitation(table),
+            *_noise_level(gap['noise_factor']),
+            *_calibrated(table),
+        ]
     if any(row['name'] == of_role('pose').name for row in table['effects']):
         out.append(
             'The gap is measured with the fitted pose of each recording; the list of recordings '

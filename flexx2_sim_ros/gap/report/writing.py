@@ -16,7 +16,7 @@ from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.report.age import age_words, arrival_of, with_delay
 from flexx2_sim_ros.gap.report.page import page
 from flexx2_sim_ros.gap.report.text import percent
-from flexx2_sim_ros.gap.report.words import camera_effects, correction, reduction
+from flexx2_sim_ros.gap.report.words import camera_effects, correction, imitation, reduction
 
 FILES = ('diagnosis.json', 'effects.yaml', 'report.html')
 
@@ -93,7 +93,11 @@ def _comment(table: dict[str, Any]) -> str:
     lines = [f'flexx2 gap diagnose: {table["verdict"]}: {names}']
     if camera_effects(table):
         gap = table['gap']
-        lines += [f'removes {percent(gap["shrink"])} of the gap', *reduction(gap)]
+        lines += [
+            f'removes {percent(gap["shrink"])} of the gap',
+            *reduction(gap),
+            *imitation(table),
+        ]
     if any(row['name'] == of_role('pose').name for row in table['effects']):
         lines.append(
             'pose_error is not in here: it is no effect of the camera. Correct the poses.'
