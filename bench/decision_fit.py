@@ -31,7 +31,7 @@ HELD = 0.9  # intervals of the reduction
 COVERED = 0.95  # named effects and alternatives; with fewer, causes are named wrongly more often
 _FOLDS = 10
 _QUANTILE = 0.9  # quantile of the excess loss over the scatter of wrong poses
-_POSE_IS_AN_EFFECT = 5.0  # mm; larger errors of the poses are to be named
+POSE_IS_AN_EFFECT = 5.0  # mm; larger errors of the poses are to be named
 _MOST = (4, 100)  # recordings: few, many
 _UNEXPLAINED = 'unknown', 'partly'  # right where the diagnosis does not know the effect
 _COUNTED = 'false_alarms', 'wrong', 'named', 'covered', 'size', 'unexplained', 'held'
@@ -90,7 +90,7 @@ def campaign(line: Mapping[str, Any]) -> Campaign:
     """Read a line of `decision_campaigns.run`."""
     planned, table = line['planned'], line['diagnosis']
     true = set(planned['effects'])
-    if planned['pose_mm'] > _POSE_IS_AN_EFFECT:
+    if planned['pose_mm'] > POSE_IS_AN_EFFECT:
         true.add('pose_error')
     reduction = None
     realised = line['realised']
