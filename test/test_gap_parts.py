@@ -9,6 +9,7 @@ from flexx2_sim_ros.gap.data.covariates import look_at
 from flexx2_sim_ros.gap.data.pose import unknown_border
 from flexx2_sim_ros.gap.data.registration import place, RecordingData, register
 from flexx2_sim_ros.gap.features.catalogue import catalogue
+from flexx2_sim_ros.gap.features.simulation import counts_edges
 from flexx2_sim_ros.gap.inference.uncertainty import ratio_interval
 from flexx2_sim_ros.profiles.files import find_profile
 import numpy as np
@@ -159,6 +160,20 @@ def test_intervals_cover_the_values_of_other_recordings() -> None:
         top, bottom = draw()
         hits += low <= top.sum() / bottom.sum() <= high
     assert 0.85 < hits / 400 < 0.97
+
+
+@pytest.mark.parametrize(
+    ('effects', 'counts'),
+    [
+        ([], True),
+        (['offset'], False),
+        (['flying_pixels', 'offset'], True),
+        (['residual_patch'], True),  # no cause is known
+        (['offset', 'residual_patch'], False),
+    ],
+)
+def test_edges_count_unless_known_effects_leave_them(effects: list[str], counts: bool) -> None:
+    assert counts_edges(effects) == counts
 
 
 def test_a_changed_patch_shows_in_bias_variance_and_invalid_pixels() -> None:

@@ -24,8 +24,7 @@ class _Patch(Effect):
     order: ClassVar[int] = -10
     title: ClassVar[str] = 'PATCH WITHOUT A CAUSE: bias, noise and loss binned over one covariate'
     covariate: ClassVar[str] = 'none'
-    # As where no effect is known, what is left at edges counts.
-    changes: ClassVar[tuple[str, ...]] = ('edges',)
+    changes: ClassVar[tuple[str, ...]] = ()
     source: ClassVar[str] = 'fitted by flexx2 gap diagnose to what no effect explains'
 
     def apply(self, state: FrameState) -> None:

@@ -5,6 +5,7 @@ from typing import Any
 
 from flexx2_sim_ros.camera.common_random_numbers import CommonRandomNumbers
 from flexx2_sim_ros.effects import ageing, Effect, loadable
+from flexx2_sim_ros.effects.patch import ResidualPatch
 from flexx2_sim_ros.gap.calibration.features import FEATURES, SIMULATION
 from flexx2_sim_ros.gap.data.covariates import look_at, PixelCovariates
 from flexx2_sim_ros.gap.data.given import together
@@ -130,7 +131,8 @@ def counts_edges(effects: Any) -> bool:
     without a cause. Any other effect leaves the errors that a fitted pose has there, which would
     seem to be left of the gap.
     """
-    return not effects or any('edges' in kind.changes for kind in definitions(effects))
+    known = [kind for kind in definitions(effects) if kind.name != ResidualPatch.name]
+    return not known or any('edges' in kind.changes for kind in known)
 
 
 class PartialSimulation:
