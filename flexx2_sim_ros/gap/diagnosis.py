@@ -168,12 +168,7 @@ def diagnose(
         )
         if decision.verdict == 'unknown' and ResidualPatch.name not in known:
             step = stepper(progress, 'simulating the correction', 0.96, 0.02, len(used))
-            patch = fit_patch(model, decision.base.residual(model))
-            fitted = [[one] for one in patch.without]
-            hidden_frames = [False] * len(used)
-            patched = _confirm(model, decision, fitted, as_noisy, hidden_frames, simulator, step)
-            table['patch'] = patch_table(patch, model, patched)
-            effects = [patch.effect] if table['patch']['offered'] else []
+            effects, table['patch'] = _correction(model, decision, as_noisy, simulator, step)
         if request is not None:
             later = portion(whole, _BEFORE_COST, 0.98 - _BEFORE_COST)
             table['cost'] = _cost(request, table, effects, campaign_dir, used, mapped, later)
@@ -241,6 +236,21 @@ def _confirm(
         for file, motion, effects, show in zip(used, motions, held_out, shown, strict=True)
     ]
     return simulator.run(simulate_set, jobs, step)
+
+
+def _correction(
+    model: Model,
+    decision: Decision,
+    used: list[Found],
+    simulator: Simulator,
+    step: Callable[[], None],
+) -> tuple[list[Effect], dict[str, Any]]:
+    # The correction without a cause, or nothing if it does not help; and what it does.
+    patch = fit_patch(model, decision.base.residual(model))
+    fitted, shown = [[one] for one in patch.without], [False] * len(used)
+    patched = _confirm(model, decision, fitted, used, shown, simulator, step)
+    table = patch_table(patch, model, patched)
+    return [patch.effect] if table['offered'] else [], table
 
 
 def _shown(decision: Decision) -> list[bool]:
