@@ -9,7 +9,7 @@ written for each diagnosis; an interrupted run resumes. An effect's curves are f
 those of the next one begin. ``--picture`` draws the curves.
 
 python -m bench.gap_curves --seeds 900,901 --minutes 15
-python -m bench.gap_curves --seeds 900,901,902 --picture docs/curves.png
+python -m bench.gap_curves --seeds 900,901 --picture docs/curves.png
 """
 
 import argparse

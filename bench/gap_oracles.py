@@ -96,11 +96,12 @@ def run_lines(out: Path) -> list[dict[str, Any]]:
 
 
 def _asked(line: Mapping[str, Any], groups: Collection[str], least: float) -> bool:
-    more, inside = line['more'], line['planned'].get('internals')
+    more, planned = line['more'], line['planned']
+    inside = planned['group'] == 'single' and planned.get('internals')
     return bool(
-        ('internals' if inside else line['planned']['group']) in groups
+        ('internals' if inside else planned['group']) in groups
         and (more['camera'], more['truth']) == ('blind', 'exact')
-        and min(line['planned']['effects'].values()) >= least
+        and min(planned['effects'].values()) >= least
     )
 
 

@@ -128,6 +128,17 @@ def test_the_size_of_the_page_does_not_grow_with_the_recordings() -> None:
     assert 'Recordings that are not shown: 4.' in page
 
 
+def test_frames_of_pure_noise_leave_the_page_below_4_mb() -> None:
+    noise = np.random.default_rng(5).uniform(0.2, 7.0, (172, 224)).astype(np.float32)
+    camera = np.array([[210.6, 0, 111.5], [0, 212.9, 85.5], [0, 0, 1]])
+    scene = look_at(noise, None, 0.0, None, camera, MODE, axes_of(flexx2()))
+    some = outcomes(MOST_FRAMES)
+    for one in some:
+        one.frame = single_frame(4, [noise, noise[::-1], noise[:, ::-1]], [scene])
+    table = {'where': [], 'effects': [{'name': 'offset'}]}
+    assert len(frames(table, some, axes_of(flexx2()))) < 3.9e6
+
+
 def test_the_recordings_with_the_largest_gap_come_first_and_open() -> None:
     page = page_of(5)
     names = re.findall(r'<h3>&lt;(\d)&gt;', page)

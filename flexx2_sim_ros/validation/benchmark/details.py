@@ -10,7 +10,7 @@ from flexx2_sim_ros.validation.benchmark.reliability import (
     calibration_error,
     least_calibration_error,
 )
-from flexx2_sim_ros.validation.benchmark.scoring import Answer, Scores, share
+from flexx2_sim_ros.validation.benchmark.scoring import Answer, SAID, Scores, share
 from flexx2_sim_ros.validation.benchmark.sheets import known, most_common, percent, Sheet
 import numpy as np
 
@@ -102,10 +102,14 @@ def reliability(scores: Scores) -> Sheet:
 
 
 def reduction_summary(scores: Scores) -> Sheet:
-    """Return the realised reduction and the errors of the prediction, by kind of case."""
+    """Return the realised reduction and the errors of the prediction, by case and by verdict."""
     groups = {
         **{f'single, strength {s:g}': scores.of('single', strength=s) for s in _STRENGTHS},
         'pair': scores.of('pair'),
+        **{
+            f'verdict {name}': [one for one in scores.answers if one.verdict == name]
+            for name in SAID
+        },
     }
     rows = []
     for name, answers in groups.items():

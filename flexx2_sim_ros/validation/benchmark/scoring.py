@@ -19,7 +19,7 @@ from flexx2_sim_ros.validation.blind import CATALOGUE
 import numpy as np
 
 NONE, UNKNOWN = 'none', 'unknown'
-_SAID = ('identified', 'partly')
+SAID = ('identified', 'partly')
 _UNSURE = ('unknown', 'partly')
 # Other names for a covariate, and factors to the unit of `COVARIATES`.
 _ALIASES = {
@@ -96,7 +96,7 @@ class Answer:
         """Return the first effect, ``none`` or ``unknown``."""
         if self.verdict == NONE:
             return NONE
-        return self.effects[0] if self.verdict in _SAID and self.effects else UNKNOWN
+        return self.effects[0] if self.verdict in SAID and self.effects else UNKNOWN
 
     @property
     def right(self) -> bool:
@@ -111,7 +111,7 @@ class Answer:
     def contains(self) -> bool:
         """Whether it is right, or a true effect is among the effects and alternatives."""
         return self.right or bool(
-            self.truth & {*self.effects, *self.alternatives} and self.verdict in _SAID
+            self.truth & {*self.effects, *self.alternatives} and self.verdict in SAID
         )
 
     @property
@@ -122,7 +122,7 @@ class Answer:
     @property
     def both(self) -> bool:
         """Whether all true effects are among those identified."""
-        return self.verdict in _SAID and self.truth <= set(self.effects)
+        return self.verdict in SAID and self.truth <= set(self.effects)
 
     @property
     def wrong(self) -> bool:
