@@ -13,7 +13,7 @@ from flexx2_sim_ros.gap.features.single_frame import single_frame
 from flexx2_sim_ros.gap.report.frames import frames, MOST_FRAMES
 from flexx2_sim_ros.gap.report.places import difference, finding
 from flexx2_sim_ros.gap.report.table import verdict_of
-from flexx2_sim_ros.gap.report.text import short
+from flexx2_sim_ros.gap.report.text import percent, short
 from flexx2_sim_ros.gap.report.words import (
     blames_poses,
     headline,
@@ -145,6 +145,10 @@ def test_the_recordings_with_the_largest_gap_come_first_and_open() -> None:
     assert names == ['4', '3', '0', '1', '2']
     assert page.index('<details>') > page.index('<h3>&lt;4')
     assert page.index('<details>') < page.index('<h3>&lt;0')
+
+
+def test_a_reduction_of_less_than_half_a_percent_has_no_sign() -> None:
+    assert [percent(-0.004), percent(0.0), percent(-0.5)] == ['0 %', '0 %', '-50 %']
 
 
 def test_a_note_on_several_recordings_is_said_once() -> None:

@@ -28,4 +28,4 @@ def short(number: float, digits: int = 2) -> str:
 
 def percent(fraction: float) -> str:
     """Return a fraction in percent, as text."""
-    return f'{100 * fraction:.0f} %'
+    return f'{100 * fraction:z.0f} %'  # z: no minus before a zero
