@@ -9,7 +9,6 @@ from flexx2_sim_ros.physics.surface import PAD, tangents
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from flexx2_sim_ros.profiles.sensor import Sensor
 import numpy as np
-from sklearn.linear_model import RANSACRegressor
 
 # The ground's normal is at most so far from the image's upward direction, and to its side.
 _PITCH, _ROLL = math.radians(70), math.radians(20)
@@ -55,6 +54,9 @@ def fit_ground(points: np.ndarray) -> tuple[float, float, float] | None:
     some = points[:: max(len(points) // _SAMPLE, 1)]
     if len(some) < 10:
         return None
+    # Imported here: it takes a second, which other commands and workers need not wait for.
+    from sklearn.linear_model import RANSACRegressor
+
     search = RANSACRegressor(residual_threshold=_NEAR, random_state=0, max_trials=50)
     try:
         search.fit(some[:, :2], some[:, 2])

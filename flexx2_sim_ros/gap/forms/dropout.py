@@ -10,7 +10,6 @@ from flexx2_sim_ros.gap.features.simulation import PlacedScene
 from flexx2_sim_ros.gap.forms.samples import images_at, light_of, surface_of
 from flexx2_sim_ros.physics.geometry import ray_length
 import numpy as np
-from sklearn.isotonic import isotonic_regression
 
 
 @dataclass(frozen=True)
@@ -117,6 +116,9 @@ def table_of(kind: Kind, counts: Sequence[Counts]) -> Curve:
     known = seen > 0
     if not known.any():
         return Curve((0.0,), (0.0,))
+    # Imported here: it takes a second, which other commands and workers need not wait for.
+    from sklearn.isotonic import isotonic_regression
+
     values = isotonic_regression(
         every.fractions(kind.over)[known], sample_weight=seen[known], increasing=kind.rises
     )
