@@ -23,7 +23,7 @@ from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap import calibrate, diagnose, measure
 from flexx2_sim_ros.validation.benchmark import DEVELOPMENT
 from flexx2_sim_ros.validation.benchmark.design import Planned
-from flexx2_sim_ros.validation.benchmark.realised import realised_gap
+from flexx2_sim_ros.validation.benchmark.realised import FRESH, realised_gap
 from flexx2_sim_ros.validation.blind import BlindCamera
 from flexx2_sim_ros.validation.blind.catalogue import CATALOGUE, NOVEL
 import numpy as np
@@ -123,8 +123,7 @@ def _realised(case: Planned, table: dict[str, Any], cache: Path) -> dict[str, fl
     if not table['effects']:
         return {'realised': None, 'same_scenes': None}
     fresh, same = (
-        realised_gap(case, table, cache, measure, same_scenes=one)['shrink']
-        for one in (False, True)
+        realised_gap(case, table, cache, measure, offset=one)['shrink'] for one in (FRESH, 0)
     )
     return {'realised': fresh, 'same_scenes': same}
 

@@ -13,7 +13,7 @@ from flexx2_sim_ros.validation.benchmark.design import Planned
 from flexx2_sim_ros.validation.blind import BlindCamera, SceneSet
 import numpy as np
 
-_FRESH = 500  # added to the seed of the scenes, within the same range of seeds
+FRESH = 500  # added to the seed of the scenes, within the same range of seeds
 _FRAMES = 8
 _QUANTILES = np.linspace(0.005, 0.995, 199)
 _TILES = 4, 5  # rows and columns; the diagnosis has 3 and 4
@@ -31,7 +31,7 @@ def realised_gap(
     cache: Path,
     measure: Callable[..., Any],
     *,
-    same_scenes: bool = False,
+    offset: int = FRESH,
 ) -> dict[str, float | None]:
     """
     Record the same camera in other scenes and simulate it with the diagnosed effects.
@@ -52,8 +52,8 @@ def realised_gap(
         ``shrink``, the fraction of the loss that goes away with a table of effects, or None if
         there is no gap. It is called where the gap does not show in depth and invalid pixels, as
         with steps of half a millimetre.
-    same_scenes : bool
-        Record the scenes of the case again instead, to see how far the scenes matter.
+    offset : int
+        Added to the seed of the scenes. 0 records the scenes of the case again.
 
     Returns
     -------
@@ -70,7 +70,7 @@ def realised_gap(
         if effect['name'] != of_role('pose').name  # ``effects.yaml`` does not have it either
     }
     case = planned.case
-    seed = case.scenes.seed + (0 if same_scenes else _FRESH)
+    seed = case.scenes.seed + offset
     key = replace(case.scenes, seed=seed, frames=_FRAMES, pose_mm=0.0)
     scenes = SceneSet(key, cache)
     camera = BlindCamera(replace(case, scenes=key, reflectivity_error=0.0), scenes)
