@@ -18,6 +18,7 @@ from bench.gap_campaigns import write_campaign
 from flexx2_sim_ros.camera import Intrinsics
 from flexx2_sim_ros.gap import diagnose
 from flexx2_sim_ros.gap.data.planes import plane_shifts
+from flexx2_sim_ros.validation.blind.partial_truth import known_part
 import numpy as np
 from scipy import ndimage
 
@@ -30,18 +31,7 @@ LOOSE = 0.1, 5.0  # without a measurement
 def hide(content: dict[str, np.ndarray], seed: int) -> dict[str, np.ndarray]:
     """Return a recording with its edges and some patches unknown, about 30 % of the image."""
     clean = content['clean_depth']
-    frames = clean if clean.ndim == 3 else clean[None]
-    rng = np.random.default_rng(seed)
-    known = np.ones(frames.shape, bool)
-    for image, mask in zip(frames, known, strict=True):
-        inverse = np.nan_to_num(1 / image)
-        steps = np.hypot(*np.gradient(inverse))
-        mask &= ~ndimage.binary_dilation(steps > 0.1 * inverse, iterations=2)
-    height, width = frames.shape[1:]
-    while known.mean() > 0.7:
-        top, left = rng.integers(0, height), rng.integers(0, width)
-        known[:, top : top + height // 5, left : left + width // 5] = False
-    known = known.reshape(clean.shape)
+    known = known_part(clean, seed)
     return {**content, 'known': known, 'clean_depth': np.where(known, clean, np.float32(np.nan))}
 
 

@@ -140,6 +140,10 @@ def test_the_full_design_has_all_groups_and_strengths() -> None:
     assert len(inside) == len(VARIED)
     assert all(case.case.internals != Internals() for case in inside)
     assert all(Planned.from_json(case.to_json()) == case for case in inside)
+    hidden = [case for case in cases if case.hidden]
+    assert all(case.group == 'truth' for case in hidden)
+    assert {name for case in hidden for name in case.effects} == set(CATALOGUE)
+    assert sum(not case.effects for case in hidden) == 12
     assert all(len(case.effects) == 2 for case in pairs)
     assert {case.pose_mm for case in cases} == {0.0, 2.0, 5.0}
     assert all(

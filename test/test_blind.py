@@ -14,6 +14,7 @@ from flexx2_sim_ros.camera import Camera
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.recording import load_recording
 from flexx2_sim_ros.validation.blind import BlindCamera, Case, CATALOGUE, NOVEL, SceneKey, SceneSet
+from flexx2_sim_ros.validation.blind.partial_truth import hide_truth
 from flexx2_sim_ros.validation.blind.rooms import KINDS
 import numpy as np
 import pytest
@@ -153,6 +154,21 @@ def test_a_campaign_is_made_of_recordings(tmp_path: Path) -> None:
         assert recording.reflectivity is not None
         assert recording.extra['uptime'].shape == (8,)
         assert {'effects', 'seed', 'strength'}.isdisjoint(recording.extra)
+
+
+def test_a_part_of_the_ground_truth_can_be_hidden(tmp_path: Path) -> None:
+    key = SceneKey('Mode_9_30fps', 3, 0.0, 64, 49, 4, 3)
+    shown, hidden = tmp_path / 'shown', tmp_path / 'hidden'
+    for folder in (shown, hidden):
+        folder.mkdir()
+        BlindCamera(Case(key, {}, 5)).record(folder)
+    hide_truth(hidden, 5)
+    for path in sorted(shown.iterdir()):
+        before, after = (load_recording(folder / path.name) for folder in (shown, hidden))
+        assert np.array_equal(before.depth, after.depth, equal_nan=True)
+        known = np.isfinite(after.clean_depth)
+        assert 0.3 < known.mean() <= 0.7
+        assert np.array_equal(after.clean_depth[known], before.clean_depth[known])
 
 
 def test_nuisances_are_always_on() -> None:

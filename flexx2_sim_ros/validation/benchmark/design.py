@@ -12,6 +12,7 @@ MODES = ('Mode_5_30fps', 'Mode_9_30fps')
 # Strength: how many cases of each effect and mode.
 STRENGTHS = {0.25: 1, 0.5: 2, 1.0: 2, 2.0: 1}
 _NONE = 50  # for each mode
+_NONE_HIDDEN = 12  # with a part of the ground truth
 _PAIRS = 20
 _NOVEL_REPEATS = 2
 _SCENE_SETS = 16  # for each mode and pose error: what is rendered is shared
@@ -36,7 +37,7 @@ class Planned:
     Attributes
     ----------
     group : str
-        ``single``, ``none``, ``pair``, ``novel``, ``left_out`` or ``internals``.
+        ``single``, ``none``, ``pair``, ``novel``, ``left_out``, ``internals`` or ``truth``.
     usecase : str
     effects : dict of str to float
         Strength by name.
@@ -53,6 +54,8 @@ class Planned:
         Whether the baselines look at it too.
     internals : dict
         What differs inside the camera from its profile; see `Internals`.
+    hidden : bool
+        Whether about 30 % of the ground truth is unknown; see `hide_truth`.
     half : int
         0 or 1: all cases of the first half run before those of the second. Each half has about
         half of each group, so that a run that stops in between has all of them.
@@ -73,6 +76,7 @@ class Planned:
     realise: bool = False
     baselines: bool = False
     internals: dict[str, Any] = field(default_factory=dict)
+    hidden: bool = False
     half: int = 0
 
     @property
@@ -190,6 +194,10 @@ def _full(planner: _Planner, seed: int) -> Iterator[Planned]:
         yield plan('none', MODES[i % 2], {}, pose_mm=5.0, half=i // 10)
     for i, (name, internals) in enumerate(VARIED):
         yield plan('internals', MODES[i % 2], {name: 1.0}, internals=internals, half=i // 2 % 2)
+    for i, name in enumerate(names):
+        yield plan('truth', MODES[i % 2], {name: 1.0}, hidden=True, half=i // 2 % 2)
+    for i in range(_NONE_HIDDEN):
+        yield plan('truth', MODES[i % 2], {}, hidden=True, half=i // 2 % 2)
 
 
 def _quick(planner: _Planner) -> Iterator[Planned]:

@@ -183,6 +183,10 @@ def _grouped(scores: Scores) -> list[tuple[str, list[Answer]]]:
         (group.replace('_', ' '), scores.of(group))
         for group in ('novel', 'left_out', 'pair', 'internals')
     ]
+    groups += [
+        (f'30 % of the ground truth unknown, {name}', scores.of('truth', strength=strength))
+        for name, strength in (('single, strength 1', 1.0), ('none', 0.0))
+    ]
     return [(name, answers) for name, answers in groups if answers]
 
 

@@ -22,6 +22,7 @@ from flexx2_sim_ros.validation.benchmark.sealing import seal, Sealed
 from flexx2_sim_ros.validation.benchmark.seeds import seed_range
 from flexx2_sim_ros.validation.benchmark.truth import Comparison
 from flexx2_sim_ros.validation.blind import BlindCamera, SceneSet
+from flexx2_sim_ros.validation.blind.partial_truth import hide_truth
 import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
@@ -188,6 +189,8 @@ def _make(out: Path, name: str, planned: Planned, folder: Path, cache: Path) -> 
     camera = BlindCamera(case, SceneSet(case.scenes, cache))
     comparison = Comparison(camera)
     camera.record(folder, comparison.watch)
+    if planned.hidden:
+        hide_truth(folder, planned.seed)
     truth = out / 'sealed' / 'truth'
     output_folder(truth)
     with whole(truth / f'{name}.npz') as part:

@@ -101,7 +101,7 @@ class Answer:
     @property
     def right(self) -> bool:
         """Whether the first answer is right; `partly` is for effects outside the catalogue."""
-        if self.planned.group == 'none':
+        if not self.planned.effects:
             return self.verdict == NONE
         if self.planned.group in ('novel', 'left_out'):
             return self.verdict in _UNSURE
