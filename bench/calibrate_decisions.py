@@ -39,7 +39,7 @@ from bench.decision_fit import before, calibrate, Campaign, campaign, counted, C
 from bench.journal import Journal
 from flexx2_sim_ros import __version__
 from flexx2_sim_ros.atomic import whole, write_text
-from flexx2_sim_ros.gap.calibration.decisions import Decisions, FILE
+from flexx2_sim_ros.gap.calibration.decisions import Decisions, FILE, KEYS
 from flexx2_sim_ros.paths import config_dir
 from flexx2_sim_ros.validation.benchmark.reliability import (
     BINS,
@@ -221,13 +221,10 @@ def _yaml(
     error: float,
     chosen: str,
 ) -> str:
-    def logistic(name: str) -> dict[str, Any]:
+    def logistic(name: str, threshold: float) -> dict[str, Any]:
         model = getattr(rule, name)
-        return {
-            'threshold': getattr(rule, f'least_{name}'),
-            'constant': model.constant,
-            'weights': dict(model.weights),
-        }
+        weights = dict(model.weights)
+        return {'threshold': threshold, 'constant': model.constant, 'weights': weights}
 
     rates = {
         name: {
@@ -246,13 +243,10 @@ def _yaml(
         'campaigns': len(lines),
         'seeds': [plan(line['index'])[0].seed for line in (lines[0], lines[-1])],
         'gap': {
-            **logistic('gap'),
-            'threshold_of_poses': rule.least_gap_of_poses,
-            'excess': rule.least_excess,
-            'excess_per_scatter': rule.least_excess_per_scatter,
-            'agreement': rule.least_agreement,
+            **logistic('gap', rule.thresholds.probability),
+            **{key: getattr(rule.thresholds, name) for name, key in KEYS.items()},
         },
-        'effect': logistic('effect'),
+        'effect': logistic('effect', rule.least_effect),
         'alternative': {'threshold': rule.least_alternative},
         'reduction': [
             {'verdict': one.verdict, 'most': one.most, 'margin': one.margin}

@@ -5,7 +5,14 @@ from dataclasses import dataclass, replace
 import math
 from typing import Any
 
-from flexx2_sim_ros.gap.calibration.decisions import Decisions, Logistic, Margin
+from flexx2_sim_ros.gap.calibration.decisions import (
+    Decisions,
+    fewer_by,
+    GapThresholds,
+    Logistic,
+    Margin,
+    times_odds,
+)
 from flexx2_sim_ros.gap.inference.probability import (
     agreement,
     effect_evidence,
@@ -30,7 +37,7 @@ _FAR = 5.0  # mm
 HELD = 0.9  # intervals of the reduction
 COVERED = 0.95  # named effects and alternatives; with fewer, causes are named wrongly more often
 _FOLDS = 10
-_QUANTILE = 0.9  # quantile of the excess loss over the scatter of wrong poses
+_QUANTILE = 0.9  # over the scatter of wrong poses and the number of depths
 POSE_IS_AN_EFFECT = 5.0  # mm; larger errors of the poses are to be named
 _MOST = (4, 100)  # recordings: few, many
 _UNEXPLAINED = 'unknown', 'partly'  # right where the diagnosis does not know the effect
@@ -89,6 +96,7 @@ Judged = tuple[Campaign, Mapping[str, float]]  # and the probability of each eff
 def campaign(line: Mapping[str, Any]) -> Campaign:
     """Read a line of `decision_campaigns.run`."""
     planned, table = line['planned'], line['diagnosis']
+    depths = planned['width'] * planned['height'] * planned['frames']
     true = set(planned['effects'])
     if planned['pose_mm'] > POSE_IS_AN_EFFECT:
         true.add('pose_error')
@@ -101,7 +109,7 @@ def campaign(line: Mapping[str, Any]) -> Campaign:
     return Campaign(
         planned,
         line['more'],
-        support_from(table['evidence']),
+        support_from({'depths': depths, **table['evidence']}),  # Earlier lines lack them.
         table['verdict'],
         tuple(row['name'] for row in table['effects']),
         tuple(row['name'] for row in table['alternatives']),
@@ -139,12 +147,10 @@ def calibrate(campaigns: Sequence[Campaign]) -> Decisions:
     of_campaign: list[dict[str, float]] = [{} for _ in campaigns]
     for (k, name, _), p in zip(pairs, found, strict=True):
         of_campaign[k][name] = p
-    none = [one.support for one in campaigns if not one.present]
     rule = Decisions(
         gap,
         effect,
-        *_least_gaps(campaigns, gap_odds),
-        least_agreement=float(np.nextafter(max(map(agreement, none)), np.inf)),
+        _thresholds(campaigns, gap_odds),
         least_effect=0.0,
         least_alternative=0.0,
         margins=(),
@@ -178,24 +184,16 @@ def _logistic(
     return Logistic(constant, dict(zip(names, map(float, weights), strict=True))), left_out
 
 
-def _least_gaps(
-    campaigns: Sequence[Campaign], odds: np.ndarray
-) -> tuple[float, float, float, float]:
-    # The probabilities from which on there is a gap, without a pose error among the chosen
-    # effects and with one, and the excess loss, without scatter of the poses and for each unit of
-    # it. Of all such rules with which at most `FALSE_ALARMS` of the campaigns without an effect
-    # have a gap, the one with which most of those with an effect have one.
+def _thresholds(campaigns: Sequence[Campaign], odds: np.ndarray) -> GapThresholds:
+    # Of all thresholds with which at most `FALSE_ALARMS` of the campaigns without an effect have a
+    # gap, those with which most of the campaigns with an effect have one.
     present = np.array([one.present for one in campaigns])
     far = ~present & np.array([one.planned['pose_mm'] >= _FAR for one in campaigns])
     posed = np.array([is_posed(one.support) for one in campaigns])
-    losses = np.array([one.support.excess for one in campaigns])
-    scatter = np.array([one.support.scatter for one in campaigns])
+    slopes = _slopes(campaigns, odds)
+    odds, excess = _without_slopes(campaigns, odds, slopes)
     allowed, allowed_far = _allowed(FALSE_ALARMS, ~present), _allowed(FAR_ALARMS, far)
-    plain = np.array([one.plain for one in campaigns])
-    line = QuantileRegressor(quantile=_QUANTILE, alpha=0.0)
-    slope = max(float(line.fit(scatter[plain, None], losses[plain]).coef_[0]), 0.0)
-    excess = losses - slope * scatter
-    best, most = (0.0, 0.0, 0.0, 0.0), -1
+    best, most = slopes, -1
     for large in range(allowed + 1):
         least = _above(np.sort(excess[~present])[::-1], large)
         rest = ~present & (excess < least)
@@ -205,8 +203,59 @@ def _least_gaps(
             ends = _above(free, k), _above(pose, left - k)
             found = (odds >= np.where(posed, ends[1], ends[0])) | (excess >= least)
             if (found & far).sum() <= allowed_far and (found & present).sum() > most:
-                best, most = (*ends, least, slope), int((found & present).sum())
+                most = int((found & present).sum())
+                best = replace(
+                    slopes, probability=ends[0], probability_of_poses=ends[1], excess=least
+                )
     return best
+
+
+def _slopes(campaigns: Sequence[Campaign], odds: np.ndarray) -> GapThresholds:
+    # How the evidence of campaigns without an effect depends on the scatter of the poses and on
+    # how many depths there are; the other thresholds are 0, but no campaign without an effect
+    # reaches that of the agreement.
+    depths = [one.support.depths for one in campaigns]
+    none, plain, free = (
+        np.array(list(map(belongs, campaigns)))
+        for belongs in (
+            lambda one: not one.present,
+            lambda one: one.plain,
+            lambda one: not one.present and not is_posed(one.support),
+        )
+    )
+    fewer = np.array([fewer_by(one, max(depths)) for one in depths])
+    scatter, losses = (
+        np.array([getattr(one.support, name) for one in campaigns])
+        for name in ('scatter', 'excess')
+    )
+    line = QuantileRegressor(quantile=_QUANTILE, alpha=0.0)
+    by_scatter, by_fewer = line.fit(np.stack([scatter, fewer], 1)[plain], losses[plain]).coef_
+    logits = np.log(odds / (1 - odds))
+    of_odds = line.fit(fewer[free, None], logits[free]).coef_[0]
+    most = max(agreement(one.support) for one in np.array(campaigns, object)[none])
+    return GapThresholds(
+        probability=0.0,
+        probability_of_poses=0.0,
+        excess=0.0,
+        excess_per_scatter=max(float(by_scatter), 0.0),
+        agreement=float(np.nextafter(most, np.inf)),
+        most_depths=float(max(depths)),
+        odds_per_fewer=max(float(of_odds), 0.0),
+        excess_per_fewer=max(float(by_fewer), 0.0),
+    )
+
+
+def _without_slopes(
+    campaigns: Sequence[Campaign], odds: np.ndarray, slopes: GapThresholds
+) -> tuple[np.ndarray, np.ndarray]:
+    # The odds and excess losses that mean as much in a campaign with most depths.
+    fewer = [fewer_by(one.support.depths, slopes.most_depths) for one in campaigns]
+    excess = [
+        one.support.excess - slopes.excess_from(one.support.scatter, one.support.depths)
+        for one in campaigns
+    ]
+    lower = [math.exp(-slopes.odds_per_fewer * one) for one in fewer]
+    return np.array(list(map(times_odds, odds, lower))), np.array(excess)
 
 
 def _allowed(rate: float, group: np.ndarray) -> int:

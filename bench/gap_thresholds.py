@@ -25,7 +25,7 @@ from pathlib import Path
 from bench.decision_fit import Campaign, campaign, first
 from bench.gap_oracles import run_lines
 from bench.journal import entries
-from flexx2_sim_ros.gap.calibration.decisions import calibrated, Decisions
+from flexx2_sim_ros.gap.calibration.decisions import calibrated, Decisions, times_odds
 from flexx2_sim_ros.gap.inference.probability import EXPLAINED, judge
 from rich.console import Console
 from rich.table import Table
@@ -54,18 +54,17 @@ def main() -> None:
 
 def scaled(rule: Decisions, factor: float) -> Decisions:
     """Return a rule that asks for so many times the excess loss and the odds."""
-    return replace(
-        rule,
-        least_gap=_odds_times(rule.least_gap, factor),
-        least_gap_of_poses=_odds_times(rule.least_gap_of_poses, factor),
-        least_excess=rule.least_excess * factor,
-        least_excess_per_scatter=rule.least_excess_per_scatter * factor,
-        least_effect=_odds_times(rule.least_effect, factor),
+    least = rule.thresholds
+    scaled_least = replace(
+        least,
+        probability=times_odds(least.probability, factor),
+        probability_of_poses=times_odds(least.probability_of_poses, factor),
+        excess=least.excess * factor,
+        excess_per_scatter=least.excess_per_scatter * factor,
+        excess_per_fewer=least.excess_per_fewer * factor,
     )
-
-
-def _odds_times(probability: float, factor: float) -> float:
-    return factor * probability / (1 - probability + factor * probability)
+    named = times_odds(rule.least_effect, factor)
+    return replace(rule, thresholds=scaled_least, least_effect=named)
 
 
 def counts(campaigns: Sequence[Campaign], rule: Decisions) -> list[str]:

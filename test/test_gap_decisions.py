@@ -7,7 +7,13 @@ from typing import Any
 from bench.decision_campaigns import plan
 from bench.decision_fit import calibrate, Campaign, counted
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.gap.calibration.decisions import calibrated, FILE, Margin, read_decisions
+from flexx2_sim_ros.gap.calibration.decisions import (
+    calibrated,
+    Decisions,
+    FILE,
+    Margin,
+    read_decisions,
+)
 from flexx2_sim_ros.gap.inference.probability import judge
 from flexx2_sim_ros.gap.inference.support import EffectSupport, Support, support_from
 from flexx2_sim_ros.paths import config_dir
@@ -24,7 +30,14 @@ def support(excess: float, gain: float, rival: float, t: float) -> Support:
     other = EffectSupport('wiggling', rival, t * (gain - rival) / max(gain, 0.1))
     left = max(excess - gain, 0.0)
     improved = (gain + 0.5,) * 6
-    return Support(6, excess, left, gain, t, 0.1, improved, (offset,), (offset, other), (other,))
+    return Support(
+        6, 1e5, excess, left, gain, t, 0.1, improved, (offset,), (offset, other), (other,)
+    )
+
+
+def with_thresholds(**values: float) -> Decisions:
+    """Return the calibrated rule with some other thresholds of a gap."""
+    return replace(calibrated(), thresholds=replace(calibrated().thresholds, **values))
 
 
 def test_more_evidence_makes_an_effect_more_probable() -> None:
@@ -49,7 +62,9 @@ def test_a_gain_in_all_recordings_is_a_gap_where_no_loss_is_in_excess() -> None:
 
 
 def test_a_pose_error_has_a_threshold_of_its_own() -> None:
-    rule = replace(calibrated(), least_gap=0.5, least_gap_of_poses=0.99)
+    rule = with_thresholds(
+        probability=0.5, probability_of_poses=0.99, excess=10.0, odds_per_fewer=0.0
+    )
     some = support(4.0, 1.5, 0.5, 1.5)
     posed = replace(some, chosen=(EffectSupport('pose_error', 1.5, 1.5),))
     assert 0.5 < judge(some, rule).gap == judge(posed, rule).gap < 0.99
@@ -58,20 +73,36 @@ def test_a_pose_error_has_a_threshold_of_its_own() -> None:
 
 
 def test_a_large_gap_that_nothing_explains_is_unknown() -> None:
-    rule = replace(calibrated(), least_gap=0.99, least_excess=10.0, least_excess_per_scatter=0.0)
+    rule = with_thresholds(
+        probability=0.99, excess=10.0, excess_per_scatter=0.0, excess_per_fewer=0.0
+    )
     assert judge(support(9.9, 0.1, 0.0, 0.5), rule).verdict == 'none'
     assert judge(support(10.1, 0.1, 0.0, 0.5), rule).verdict == 'unknown'
 
 
+def test_the_same_loss_says_less_in_small_images() -> None:
+    rule = calibrated()
+    large = replace(support(3.5, 0.1, 0.0, 0.5), depths=rule.thresholds.most_depths)
+    assert judge(large, rule).verdict == 'unknown'
+    assert judge(replace(large, depths=large.depths / 50), rule).verdict == 'none'
+    # No campaign had more: the thresholds do not fall further.
+    for excess in (2.9, 3.5):
+        some = replace(large, excess=excess, left=excess)
+        more = replace(some, depths=100 * large.depths)
+        assert judge(more, rule).verdict == judge(some, rule).verdict
+
+
 def test_effects_that_leave_a_large_gap_explain_it_partly() -> None:
-    rule = replace(calibrated(), least_gap=0.99, least_excess=10.0, least_excess_per_scatter=0.0)
+    rule = with_thresholds(
+        probability=0.99, excess=10.0, excess_per_scatter=0.0, excess_per_fewer=0.0
+    )
     clear = support(40.0, 28.0, 1.0, 10.0)
     assert judge(replace(clear, left=22.0), rule).verdict == 'partly'
     assert judge(replace(clear, left=9.9), rule).verdict == 'identified'
 
 
 def test_effects_that_are_less_probable_than_not_explain_a_gap_partly() -> None:
-    rule = replace(calibrated(), least_gap=0.0, least_effect=0.0)
+    rule = replace(with_thresholds(probability=0.0), least_effect=0.0)
     weak, clear = replace(support(5.0, 1.0, 0.9, 0.3), left=2.0), support(60.0, 50.0, 10.0, 8.0)
     assert judge(weak, rule).effects['offset'] < 0.5 < judge(clear, rule).effects['offset']
     assert judge(weak, rule).verdict == 'partly'
@@ -79,14 +110,16 @@ def test_effects_that_are_less_probable_than_not_explain_a_gap_partly() -> None:
 
 
 def test_wrong_poses_leave_a_loss_that_is_no_gap() -> None:
-    rule = replace(calibrated(), least_gap=0.999, least_excess=5.0, least_excess_per_scatter=20.0)
+    rule = with_thresholds(
+        probability=0.999, excess=5.0, excess_per_scatter=20.0, excess_per_fewer=0.0
+    )
     nothing = support(10.0, 0.1, 0.0, 0.5)
     assert judge(replace(nothing, scatter=0.2), rule).verdict == 'unknown'
     assert judge(replace(nothing, scatter=0.3), rule).verdict == 'none'
 
 
 def test_a_pose_error_with_scattered_poses_is_a_gap_although_no_loss_is_left() -> None:
-    rule = replace(calibrated(), least_gap=0.99, least_gap_of_poses=0.99)
+    rule = with_thresholds(probability=0.99, probability_of_poses=0.99, excess=10.0)
     one = support(4.0, 1.5, 0.5, 1.5)
     posed = replace(one, chosen=(EffectSupport('pose_error', 1.5, 1.5),))
     assert judge(replace(posed, scatter=0.59), rule).verdict == 'none'

@@ -9,6 +9,7 @@ from typing import Any
 from flexx2_sim_ros.camera import flexx2
 from flexx2_sim_ros.gap.data.axes import AXES, axes_of
 from flexx2_sim_ros.gap.data.covariates import look_at
+from flexx2_sim_ros.gap.features.confirm import Apart
 from flexx2_sim_ros.gap.features.single_frame import single_frame
 from flexx2_sim_ros.gap.report.frames import frames, MOST_FRAMES
 from flexx2_sim_ros.gap.report.places import difference, finding
@@ -57,8 +58,7 @@ def outcomes(count: int, depth: np.ndarray = CLEAN) -> list[Any]:
         SimpleNamespace(
             name=f'<{i}>.npz',
             frame=frame,
-            physical={'wasserstein_mm': [8.0, 2.0, 1.0]},
-            gap=float(i),
+            apart=Apart({'wasserstein_mm': [8.0, 2.0, 1.0]}, float(i)),
         )
         for i in range(count)
     ]
@@ -273,19 +273,22 @@ def test_poses_are_blamed_where_other_effects_do_little(
 
 
 @pytest.mark.parametrize(
-    ('verdict', 'name', 'shrink', 'said'),
+    ('verdict', 'names', 'shrink', 'fitted', 'said'),
     [
-        ('identified', 'offset', 0.9, 'identified'),
-        ('identified', 'offset', 0.4, 'partly'),
-        ('identified', 'pose_error', 0.0, 'identified'),
-        ('unknown', 'offset', 0.0, 'unknown'),
+        ('identified', ['offset'], 0.9, 0.9, 'identified'),
+        ('identified', ['offset'], 0.4, 0.9, 'partly'),
+        ('identified', ['pose_error'], 0.0, 0.0, 'identified'),
+        ('identified', ['offset', 'pose_error'], 0.2, 0.9, 'identified'),
+        ('identified', ['offset', 'pose_error'], 0.2, 0.4, 'partly'),
+        ('unknown', ['offset'], 0.0, 0.0, 'unknown'),
     ],
 )
 def test_effects_that_close_less_than_half_of_the_gap_explain_it_partly(
-    verdict: str, name: str, shrink: float, said: str
+    verdict: str, names: list[str], shrink: float, fitted: float, said: str
 ) -> None:
-    table = {'verdict': verdict, 'effects': [{'name': name}], 'gap': {'shrink': shrink}}
-    assert verdict_of(table) == said
+    gap = {'shrink': shrink, 'at_fitted_poses': {'shrink': fitted}, 'measured_by': 'distance'}
+    effects = [{'name': name} for name in names]
+    assert verdict_of({'verdict': verdict, 'effects': effects, 'gap': gap}) == said
 
 
 @pytest.mark.parametrize(('confidence', 'words'), [(0.8, 'is due to'), (0.3, 'may be due to')])

@@ -18,11 +18,17 @@ from flexx2_sim_ros.gap.cost import CostRequest, known_of, measure_cost
 from flexx2_sim_ros.gap.data.campaign import Found
 from flexx2_sim_ros.gap.data.given import given_effects, Table
 from flexx2_sim_ros.gap.data.hidden import Hidden, hidden_effects
+from flexx2_sim_ros.gap.elsewhere import Elsewhere
 from flexx2_sim_ros.gap.features.catalogue import Candidate, catalogue
 from flexx2_sim_ros.gap.features.confirm import Outcome
 from flexx2_sim_ros.gap.forms.named import calibrate_named, rounds_of_named, Simulator
 from flexx2_sim_ros.gap.inference.decide import decidable_candidates, decide, Decision
-from flexx2_sim_ros.gap.inference.effects import fitted_effects, held_out_effects, table_of
+from flexx2_sim_ros.gap.inference.effects import (
+    fitted_effects,
+    held_out_effects,
+    of_camera,
+    table_of,
+)
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.inference.patch import fit_patch
 from flexx2_sim_ros.gap.report.frames import MOST_FRAMES
@@ -144,13 +150,15 @@ def diagnose(
         held_out = held_out_effects(model, decision.accepted)
         as_noisy, noisy = noisier(used, profile, 1 + decision.accepted.sigma)
         simulator = Simulator(mapped, noisy, known, seed, tuple(prior))
-        step = stepper(progress, 'simulating the outcome', 0.65, 0.13, len(used))
+        step = stepper(progress, 'simulating the outcome', 0.65, 0.13, 2 * len(used))
         shown = _shown(decision)
         confirmed = _confirm(model, decision, held_out, as_noisy, shown, simulator, step)
+        motions = model.own.found(decision.accepted.nuisances)
+        elsewhere = Elsewhere(model, as_noisy, _is_posed(effects), simulator)
+        confirmed = elsewhere.measured(confirmed, motions, map(of_camera, held_out), step)
         table = diagnosis_table(model, decision, effects, confirmed, used, [*left_out, *unusable])
         forms = None
         if calibrate:
-            motions = model.own.found(decision.accepted.nuisances)
             total = rounds_of_named(effects) * len(used)
             step = stepper(progress, 'fitting curves and maps', 0.78, 0.2, total)
             forms = calibrate_named(as_noisy, motions, effects, held_out, simulator, step)
@@ -158,6 +166,9 @@ def diagnose(
             effects = forms.effects(effects)
             if forms.taken:
                 confirmed, motions = forms.confirmed(simulator, shown, step)
+                elsewhere = replace(elsewhere, posed=_is_posed(effects))
+                now = forms.explained.now
+                confirmed = elsewhere.measured(confirmed, motions, now, step)
             table = calibrated_table(table, model, decision, forms, confirmed, motions)
         table['verdict'] = verdict_of(table)
         for row, own in zip(table['recordings'], held_out, strict=False):  # Those used are first.
@@ -180,6 +191,10 @@ def diagnose(
         write(Path(out), table, effects, model, decision, confirmed, forms)
     whole('done', 1.0)
     return table
+
+
+def _is_posed(effects: Sequence[Effect]) -> bool:
+    return any(one.role == 'pose' for one in effects)
 
 
 def _settings(
@@ -232,7 +247,7 @@ def _confirm(
     # recordings.
     motions = model.own.found(decision.accepted.nuisances)
     jobs = [
-        (file, tuple(motion), table_of(one for one in effects if one.role != 'pose'), show)
+        (file, tuple(motion), of_camera(effects), show)
         for file, motion, effects, show in zip(used, motions, held_out, shown, strict=True)
     ]
     return simulator.run(simulate_set, jobs, step)

@@ -11,7 +11,7 @@ from flexx2_sim_ros.gap.data.campaign import check, Found, nothing_left, of_one_
 from flexx2_sim_ros.gap.data.clues import Clues, clues_of
 from flexx2_sim_ros.gap.data.given import Table
 from flexx2_sim_ros.gap.features.catalogue import Column
-from flexx2_sim_ros.gap.features.confirm import confirm, Outcome
+from flexx2_sim_ros.gap.features.confirm import Apart, apart, confirm, Outcome
 from flexx2_sim_ros.gap.features.evidence import Evidence, gather
 from flexx2_sim_ros.gap.features.search import Found as Inside
 from flexx2_sim_ros.gap.features.search import search
@@ -241,3 +241,14 @@ def simulate_set(
     """Compare a recording with its simulation with effects, at the fitted pose; see `confirm`."""
     found, motion, effects, show = job
     return confirm(read(found, profile, known), np.array(motion), effects, seed, show)
+
+
+def measure_apart(
+    job: tuple[Found, tuple[float, ...], dict[str, Any]],
+    profile: Profile | None,
+    seed: int,
+    known: Table | None = None,
+) -> Apart:
+    """Return how far a recording is from its simulation with effects, at a pose; see `apart`."""
+    found, motion, effects = job
+    return apart(read(found, profile, known), np.array(motion), effects, seed)

@@ -17,6 +17,17 @@ from flexx2_sim_ros.errors import InputError, shown, shown_path
 from flexx2_sim_ros.paths import config_dir
 
 FILE = 'decisions.yaml'
+# Of the table `gap` of the file, by field of `GapThresholds`.
+KEYS = {
+    'probability': 'threshold',
+    'probability_of_poses': 'threshold_of_poses',
+    'excess': 'excess',
+    'excess_per_scatter': 'excess_per_scatter',
+    'agreement': 'agreement',
+    'most_depths': 'most_depths',
+    'odds_per_fewer': 'odds_per_fewer',
+    'excess_per_fewer': 'excess_per_fewer',
+}
 _FEWEST = 2  # recordings of a campaign that the margins were calibrated on
 
 
@@ -65,6 +76,68 @@ class Margin:
 
 
 @dataclass(frozen=True)
+class GapThresholds:
+    """
+    From which evidence on there is a gap.
+
+    Attributes
+    ----------
+    probability, probability_of_poses : float
+        That there is a gap; the second one where a pose error is among the chosen effects.
+    excess, excess_per_scatter : float
+        Excess loss. The wrong poses of a campaign leave more loss the more they scatter.
+    agreement : float
+        See `probability.agreement`.
+    most_depths : float
+        The thresholds above are those of campaigns with so many depths per recording, or more.
+    odds_per_fewer, excess_per_fewer : float
+        Fewer depths leave more loss by chance. For each factor e of depths that are fewer, by how
+        much the logarithm of the odds and the excess loss must be larger.
+
+    """
+
+    probability: float
+    probability_of_poses: float
+    excess: float
+    excess_per_scatter: float
+    agreement: float
+    most_depths: float
+    odds_per_fewer: float
+    excess_per_fewer: float
+
+    def excess_from(self, scatter: float, depths: float) -> float:
+        """
+        Return the excess loss from which on there is a gap.
+
+        Parameters
+        ----------
+        scatter : float
+            Of the poses.
+        depths : float
+            Per recording.
+
+        """
+        more = self.excess_per_fewer * fewer_by(depths, self.most_depths)
+        return self.excess + self.excess_per_scatter * scatter + more
+
+    def probability_from(self, posed: bool, depths: float) -> float:
+        """
+        Return the probability from which on there is a gap.
+
+        Parameters
+        ----------
+        posed : bool
+            Whether a pose error is among the chosen effects.
+        depths : float
+            Per recording.
+
+        """
+        least = self.probability_of_poses if posed else self.probability
+        more = self.odds_per_fewer * fewer_by(depths, self.most_depths)
+        return times_odds(least, math.exp(more))
+
+
+@dataclass(frozen=True)
 class Decisions:
     """
     The calibrated rule of the verdict.
@@ -73,12 +146,8 @@ class Decisions:
     ----------
     gap, effect : Logistic
         That there is a gap; that an effect is present.
-    least_gap, least_gap_of_poses : float
-        Probability from which on there is a gap; the second one where a pose error is among
-        the chosen effects.
-    least_excess, least_excess_per_scatter, least_agreement : float
-        Excess loss and `probability.agreement` from which on there is a gap as well. The wrong
-        poses of a campaign leave more loss the more they scatter: `excess_from`.
+    thresholds : GapThresholds
+        From which evidence on there is a gap.
     least_effect : float
         Probability from which on effects are named.
     least_alternative : float
@@ -90,18 +159,10 @@ class Decisions:
 
     gap: Logistic
     effect: Logistic
-    least_gap: float
-    least_gap_of_poses: float
-    least_excess: float
-    least_excess_per_scatter: float
-    least_agreement: float
+    thresholds: GapThresholds
     least_effect: float
     least_alternative: float
     margins: tuple[Margin, ...]
-
-    def excess_from(self, scatter: float) -> float:
-        """Return the excess loss from which on there is a gap, given the scatter of the poses."""
-        return self.least_excess + self.least_excess_per_scatter * scatter
 
     def widened(
         self, interval: Sequence[float] | None, middle: float, verdict: str, recordings: int
@@ -137,6 +198,16 @@ class Decisions:
         return None
 
 
+def fewer_by(depths: float, most: float) -> float:
+    """Return how many times a factor e fewer depths there are than so many, at least 0."""
+    return max(math.log(most / depths), 0.0)
+
+
+def times_odds(probability: float, factor: float) -> float:
+    """Return the probability whose odds are so many times as large."""
+    return factor * probability / (1 - probability + factor * probability)
+
+
 @cache
 def calibrated() -> Decisions:
     """Return the rule that the package comes with."""
@@ -158,11 +229,7 @@ def read_decisions(path: Path) -> Decisions:
         return Decisions(
             _logistic(table, 'gap'),
             _logistic(table, 'effect'),
-            _number(table['gap'], 'threshold'),
-            _number(table['gap'], 'threshold_of_poses'),
-            _number(table['gap'], 'excess'),
-            _number(table['gap'], 'excess_per_scatter'),
-            _number(table['gap'], 'agreement'),
+            GapThresholds(**{name: _number(table['gap'], key) for name, key in KEYS.items()}),
             _number(table['effect'], 'threshold'),
             _number(table['alternative'], 'threshold'),
             tuple(

@@ -1,6 +1,6 @@
 """A set of effects, really simulated: what is left of the gap then."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -17,6 +17,25 @@ from flexx2_sim_ros.gap.features.sums import Sums
 import numpy as np
 
 
+class Apart(NamedTuple):
+    """
+    How far a recording is from its simulations, in physical units.
+
+    Attributes
+    ----------
+    physical : dict
+        For each of `physical.UNITS`: before, after, and the difference of two simulations with
+        the effects.
+    gap : float
+        `physical.distance` of the recording and the simulation without effects, less that of two
+        simulations; in all of the image, jumps included.
+
+    """
+
+    physical: dict[str, list[float]]
+    gap: float
+
+
 @dataclass(frozen=True)
 class Outcome:
     """
@@ -25,12 +44,10 @@ class Outcome:
     Attributes
     ----------
     name : str
-    physical : dict
-        For each of `physical.UNITS`: before, after, and the difference of two simulations with
-        the effects.
-    gap : float
-        `physical.distance` of the recording and the simulation without effects, less that of two
-        simulations; in all of the image, jumps included.
+    apart : Apart
+        At the fitted pose.
+    elsewhere : Apart
+        At the pose that `OwnErrors.elsewhere` gives; the same if nothing else is known.
     seen : numpy.ndarray
         (3, SIZE) float32 features of the recording, and simulated without and with the effects.
     noise : numpy.ndarray
@@ -52,8 +69,8 @@ class Outcome:
     """
 
     name: str
-    physical: dict[str, list[float]]
-    gap: float
+    apart: Apart
+    elsewhere: Apart
     seen: np.ndarray
     noise: np.ndarray
     counts: np.ndarray
@@ -64,11 +81,15 @@ class Outcome:
     frame: SingleFrame | None
 
 
-class _Look(NamedTuple):
-    # A recording or a simulation of it.
+class _Seen(NamedTuple):
+    # A recording or a simulation of it. Measures: at jumps only if the effects change these.
     sums: Sums
     measures: Measures
     everywhere: Measures
+
+
+class _Look(NamedTuple):
+    seen: _Seen
     groups: np.ndarray
     depth: np.ndarray
 
@@ -96,38 +117,29 @@ def confirm(
     scene = PlacedScene.at(recording, motion)
     placed, scenes = scene.placed, scene.covariates
     grouped = GroupSums(recording, placed.clean, placed.reflectivity, scenes)
-
     middle = len(recording.depth) // 2
-    at_edges = counts_edges(effects)
 
     def look(depth: np.ndarray) -> _Look:
-        sums = scene.sums(depth)
-        measures = histogram(depth, scenes, sums, at_edges=at_edges)
-        everywhere = measures if at_edges else histogram(depth, scenes, sums)
-        return _Look(sums, measures, everywhere, grouped.add(depth), depth)
-
-    def several(table: dict[str, Any]) -> list[_Look]:
-        own = with_uptime(table, recording.uptime)
-        seeds = range(SIMULATION.confirm_seeds)
-        return [look(scene.simulate(own, seed * 1000 + 500 + k)) for k in seeds]
+        return _Look(_seen(scene, depth, effects), grouped.add(depth), depth)
 
     real = look(recording.depth)
-    before = several({})
-    after = several(effects) if effects else before
-    spectrum = np.mean([lattice_spectrum(one.sums) for one in before], axis=0)
-    own, _ = features(real.sums, spectrum)
-    found = [[features(one.sums, spectrum)[0] for one in some] for some in (before, after)]
+    before = [look(depth) for depth in _simulated(scene, {}, seed)]
+    after = [look(depth) for depth in _simulated(scene, effects, seed)] if effects else before
+    spectrum = np.mean([lattice_spectrum(one.seen.sums) for one in before], axis=0)
+    own, _ = features(real.seen.sums, spectrum)
+    found = [[features(one.seen.sums, spectrum)[0] for one in some] for some in (before, after)]
     # A recording and the mean of n simulations differ by less than two simulations.
     noise = (found[1][1] - found[1][0]) * np.sqrt((1 + 1 / len(after)) / 2)
+    far = _apart(real.seen, [one.seen for one in before], [one.seen for one in after])
     return Outcome(
         recording.name,
-        _physical(real, before, after),
-        _gap(real, before, after),
+        far,
+        far,
         np.array([own, *(np.mean(some, axis=0) for some in found)], np.float32),
         noise.astype(np.float32),
-        real.sums.bins[:, EXPECT].astype(np.float32),
+        real.seen.sums.bins[:, EXPECT].astype(np.float32),
         {
-            name: _map(one.sums)
+            name: _map(one.seen.sums)
             for name, one in (('real', real), ('before', before[0]), ('after', after[0]))
         },
         grouped.groups(
@@ -137,15 +149,49 @@ def confirm(
             len(recording.depth),
         ),
         count_changes(before[0].depth, after[0].depth, scenes),
-        static_grain(after[0].sums).astype(np.float16),
+        static_grain(after[0].seen.sums).astype(np.float16),
         single_frame(middle, [one.depth[middle] for one in (real, before[0], after[0])], scenes)
         if show
         else None,
     )
 
 
+def apart(
+    recording: RecordingData, motion: np.ndarray, effects: dict[str, Any], seed: int
+) -> Apart:
+    """
+    Return how far a recording is from its simulations at a pose; parameters as for `confirm`.
+
+    The random numbers are those of `confirm`.
+    """
+    scene = PlacedScene.at(recording, motion)
+    before, after = (
+        [_seen(scene, depth, effects) for depth in _simulated(scene, table, seed)]
+        for table in ({}, effects)
+    )
+    return _apart(_seen(scene, recording.depth, effects), before, after)
+
+
+def _simulated(scene: PlacedScene, table: dict[str, Any], seed: int) -> Iterator[np.ndarray]:
+    own = with_uptime(table, scene.recording.uptime)
+    for k in range(SIMULATION.confirm_seeds):
+        yield scene.simulate(own, seed * 1000 + 500 + k)
+
+
+def _seen(scene: PlacedScene, depth: np.ndarray, effects: dict[str, Any]) -> _Seen:
+    at_edges = counts_edges(effects)
+    sums = scene.sums(depth)
+    measures = histogram(depth, scene.covariates, sums, at_edges=at_edges)
+    everywhere = measures if at_edges else histogram(depth, scene.covariates, sums)
+    return _Seen(sums, measures, everywhere)
+
+
+def _apart(real: _Seen, before: Sequence[_Seen], after: Sequence[_Seen]) -> Apart:
+    return Apart(_physical(real, before, after), _gap(real, before, after))
+
+
 def _physical(
-    real: _Look, before: Sequence[_Look], after: Sequence[_Look]
+    real: _Seen, before: Sequence[_Seen], after: Sequence[_Seen]
 ) -> dict[str, list[float]]:
     gaps = [[distances(real.measures, one.measures) for one in some] for some in (before, after)]
     # Simulated with the effects: effects that add noise put two simulations farther apart, too.
@@ -153,7 +199,7 @@ def _physical(
     return {unit: [float(np.mean([one[unit] for one in some])) for some in gaps] for unit in UNITS}
 
 
-def _gap(real: _Look, before: Sequence[_Look], after: Sequence[_Look]) -> float:
+def _gap(real: _Seen, before: Sequence[_Seen], after: Sequence[_Seen]) -> float:
     gap = np.mean([distance(distances(real.everywhere, one.everywhere)) for one in before])
     return float(gap) - distance(distances(after[1].everywhere, after[0].everywhere))
 

@@ -22,7 +22,7 @@ from flexx2_sim_ros.gap.forms.work import (
     Looked,
     Settings,
 )
-from flexx2_sim_ros.gap.inference.effects import table_of
+from flexx2_sim_ros.gap.inference.effects import of_camera
 from flexx2_sim_ros.jobs import bind, Map
 import numpy as np
 
@@ -175,11 +175,11 @@ def calibrate_named(
         None where no effect has such a form, or where too few recordings can be left out.
 
     """
-    effects = _of_camera(named)
+    effects = of_camera(named)
     names = quickly_calibratable(effects)
     if len(used) < FORMS.fewest or not names:
         return None
-    without = [_of_camera(own) for own in held_out]
+    without = [of_camera(own) for own in held_out]
     items = list(zip(used, without, motions, strict=True))
     looked = [one for one in simulator.look(items, step) if isinstance(one, Looked)]
     if len(looked) < len(used):  # A file was removed meanwhile.
@@ -192,12 +192,7 @@ def calibrate_named(
 
 def rounds_of_named(named: Sequence[Effect]) -> int:
     """Return how often `calibrate_named` calls its step for each recording."""
-    return 2 + len(quickly_calibratable(_of_camera(named)))
-
-
-def _of_camera(effects: Sequence[Effect]) -> Settings:
-    # An error of the poses is not simulated.
-    return table_of(one for one in effects if one.role != 'pose')
+    return 2 + len(quickly_calibratable(of_camera(named)))
 
 
 def _nothing() -> None:

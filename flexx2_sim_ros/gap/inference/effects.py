@@ -103,3 +103,8 @@ def agreed_step(steps: np.ndarray, fitted: float) -> float:
 def table_of(effects: Iterable[Effect]) -> dict[str, dict[str, Any]]:
     """Return the settings by effect, as `parse_effects` reads them."""
     return {effect.name: effect.settings for effect in effects}
+
+
+def of_camera(effects: Iterable[Effect]) -> dict[str, dict[str, Any]]:
+    """Return the settings of those effects that are simulated: an error of the poses is not."""
+    return table_of(one for one in effects if one.role != 'pose')

@@ -6,7 +6,7 @@ from typing import Any
 from flexx2_sim_ros.gap.calibration.features import FEATURES
 from flexx2_sim_ros.gap.calibration.inference import THRESHOLDS
 from flexx2_sim_ros.gap.data.axes import AXES
-from flexx2_sim_ros.gap.features.confirm import Outcome
+from flexx2_sim_ros.gap.features.confirm import Apart, Outcome
 from flexx2_sim_ros.gap.features.features import LAYOUT
 from flexx2_sim_ros.gap.features.grain import repeats
 from flexx2_sim_ros.gap.features.physical import COUNTED, distance, UNITS
@@ -44,7 +44,7 @@ def tolerances(model: Model) -> dict[str, float]:
     }
 
 
-def all_measured(model: Model, confirmed: Sequence[Outcome]) -> dict[str, Any]:
+def all_measured(model: Model, apart: Sequence[Apart]) -> dict[str, Any]:
     """
     Summarise all measures of the gap, and the distance that is made of them.
 
@@ -52,8 +52,8 @@ def all_measured(model: Model, confirmed: Sequence[Outcome]) -> dict[str, Any]:
     ----------
     model : Model
         The recordings.
-    confirmed : sequence of Outcome
-        Each recording, simulated with the effects.
+    apart : sequence of Apart
+        How far each recording is from its simulations.
 
     Returns
     -------
@@ -64,17 +64,17 @@ def all_measured(model: Model, confirmed: Sequence[Outcome]) -> dict[str, Any]:
     """
     limits = tolerances(model)
     units = {
-        unit: measured(np.array([one.physical[unit] for one in confirmed]), limits[unit])
+        unit: measured(np.array([one.physical[unit] for one in apart]), limits[unit])
         for unit in UNITS
     }
-    apart = np.array(
+    far = np.array(
         [
             [distance({unit: one.physical[unit][k] for unit in COUNTED}) for k in range(3)]
-            for one in confirmed
+            for one in apart
         ]
     )
     worse = [unit for unit in UNITS if units[unit]['worse']]
-    return {'worse': worse, 'distance': measured(apart, 1.0), **units}
+    return {'worse': worse, 'distance': measured(far, 1.0), **units}
 
 
 def simulated_losses(

@@ -15,8 +15,10 @@ from flexx2_sim_ros.gap.data.pose import STEPS
 from flexx2_sim_ros.gap.data.prior import POSE
 from flexx2_sim_ros.gap.features.evidence import Evidence
 import numpy as np
+from scipy import stats
 
 COMMON = 11  # of every recording: pose (6), brightness, edges (4); planes come after them
+_SURE = 0.975  # quantile from which on poses have more in common than their scatter explains
 
 
 class OwnErrors:
@@ -89,6 +91,36 @@ class OwnErrors:
             np.concatenate([one, other[: 0 if p is None else len(p) - POSE]])
             for one, other, p in zip(pose, planes, self._precision, strict=True)
         ]
+
+    def elsewhere(self, motions: Sequence[np.ndarray], posed: bool) -> list[np.ndarray]:
+        """
+        Return the poses at which it shows what effects do in other scenes.
+
+        The pose of each recording is fitted. Poses can take over a part of what the recordings
+        have in common, such as a bias; then effects that only imitate the cause seem to fit. In
+        other scenes, poses do not err in the same direction. So what the fitted poses have in
+        common is taken off, as far as it is more than their scatter explains: their mean m with
+        the standard error e times 1 - (t e / m)^2 if that is positive, where t is the 97.5 %
+        quantile of Student's t (the garrote of Breiman, 1995), for each of the six motions. If a
+        pose error is among the effects, other poses are as wrong, and nothing simulates it: the
+        given ones are returned. A recording that says how exact its pose is keeps its own.
+
+        Parameters
+        ----------
+        motions : sequence of numpy.ndarray
+            (6 + 3 P,) where each recording's camera and planes are, as for `registration.place`.
+        posed : bool
+            Whether a pose error is among the effects.
+
+        """
+        out = [np.array(one) for one in motions]
+        free = [one for one, usual in zip(out, self._usual, strict=True) if usual]
+        common = np.zeros(POSE)
+        if len(free) > 1 and not posed:
+            common = common_motion(np.array([one[:POSE] for one in free]))
+        for one in free:
+            one[:POSE] -= one[:POSE] if posed else common
+        return out
 
     def at(self, motions: Sequence[np.ndarray]) -> 'OwnErrors':
         """
@@ -189,3 +221,25 @@ class OwnErrors:
         steps = np.concatenate([STEPS, np.resize(PLANE_STEPS, planes)])
         floor = np.concatenate([self._floor, np.full(planes, GROUND_TRUTH.plane_floor)])
         return np.linalg.inv(covariance / np.outer(steps, steps) + np.diag(floor**2))
+
+
+def common_motion(poses: np.ndarray) -> np.ndarray:
+    """
+    Return the mean of motions as far as it is more than their scatter explains.
+
+    Parameters
+    ----------
+    poses : numpy.ndarray
+        (R, 6) of at least two recordings.
+
+    Returns
+    -------
+    numpy.ndarray
+        (6,) between 0 and the mean; see `OwnErrors.elsewhere`.
+
+    """
+    count = len(poses)
+    mean, error = poses.mean(axis=0), poses.std(axis=0, ddof=1) / np.sqrt(count)
+    least = stats.t.ppf(_SURE, count - 1) * error
+    away = np.abs(mean) > least
+    return np.where(away, mean * (1 - np.square(least / np.where(away, mean, 1.0))), 0.0)

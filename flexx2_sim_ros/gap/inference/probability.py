@@ -80,7 +80,7 @@ def has_gap(support: Support, probability: float, rule: Decisions) -> bool:
     named = is_posed(support) or _POSE not in {one.name for one in support.considered}
     return (
         (named and support.scatter > THRESHOLDS.scattered)
-        or agreement(support) >= rule.least_agreement
+        or agreement(support) >= rule.thresholds.agreement
         or _loss_shows_gap(support, probability, rule)
     )
 
@@ -88,8 +88,9 @@ def has_gap(support: Support, probability: float, rule: Decisions) -> bool:
 def _loss_shows_gap(support: Support, probability: float, rule: Decisions) -> bool:
     # Campaigns with a pose error among the chosen effects have a threshold of their own: poses
     # are never exact, and a few of them may agree by chance.
-    least = rule.least_gap_of_poses if is_posed(support) else rule.least_gap
-    return support.excess >= rule.excess_from(support.scatter) or probability >= least
+    least, depths = rule.thresholds, support.depths
+    large = support.excess >= least.excess_from(support.scatter, depths)
+    return large or probability >= least.probability_from(is_posed(support), depths)
 
 
 def agreement(support: Support) -> float:

@@ -6,6 +6,7 @@ from typing import Any
 
 from flexx2_sim_ros.gap.inference.selection import Choice, Selection, Trials
 from flexx2_sim_ros.gap.inference.uncertainty import advantage, improvements
+import numpy as np
 
 
 @dataclass(frozen=True)
@@ -39,6 +40,8 @@ class Support:
     ----------
     recordings : int
         How many there are.
+    depths : float
+        Pixels of an image times frames, valid or not: per recording.
     excess, left : float
         Excess loss without effects, and with the chosen ones.
     gain, t : float
@@ -59,6 +62,7 @@ class Support:
     """
 
     recordings: int
+    depths: float
     excess: float
     left: float
     gain: float
@@ -85,7 +89,7 @@ class Support:
             ]
             for name in ('chosen', 'considered', 'rivals')
         }
-        numbers = ('excess', 'left', 'gain', 't', 'scatter')
+        numbers = ('depths', 'excess', 'left', 'gain', 't', 'scatter')
         return {
             'recordings': self.recordings,
             **{name: _rounded(getattr(self, name)) for name in numbers},
@@ -126,8 +130,10 @@ def support_of(
 
     """
     count, chosen = trials.count, selection.chosen
+    evidence = trials.model.evidence
     return Support(
         count,
+        float(np.mean([one.grain.size * one.frames for one in evidence])),
         trials.excess(chosen) / count,
         (float(chosen.fit.loss.sum()) - trials.null) / count,
         chosen.gain / count,

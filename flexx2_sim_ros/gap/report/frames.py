@@ -46,7 +46,9 @@ def frames(table: dict[str, Any], confirmed: Sequence[Outcome], axes: Axes) -> s
 
     """
     shown = [(index, one.frame) for index, one in enumerate(confirmed) if one.frame is not None]
-    largest = [index for _, index in sorted((-confirmed[i].gap, i) for i, _ in shown)][:_OPEN]
+    largest = [index for _, index in sorted((-confirmed[i].apart.gap, i) for i, _ in shown)][
+        :_OPEN
+    ]
     shown.sort(key=lambda pair: largest.index(pair[0]) if pair[0] in largest else _OPEN)
     parts = [_recording(table, confirmed[index], frame, index, axes) for index, frame in shown]
     folded = ''
@@ -84,7 +86,7 @@ def _recording(
         ('simulated', depth_picture(before, low, high)),
         ('real minus simulated', picture(real - before, limit, 1, _STEPS)),
     ]
-    first, last, _ = one.physical['wasserstein_mm']
+    first, last, _ = one.apart.physical['wasserstein_mm']
     errors = f'depth errors {short(first)} mm'
     if camera_effects(table):
         pictures += [

@@ -97,12 +97,14 @@ def verdict_of(table: dict[str, Any]) -> str:
     Return the verdict of a diagnosis after its effects were simulated.
 
     Effects of the camera that close less than half of the gap explain it partly. An error of the
-    poses is not simulated.
+    poses is not simulated: what the others do beside it shows at the fitted poses.
     """
-    verdict = str(table['verdict'])
-    first = [row['name'] for row in table['effects'][:1]]
-    simulated = first not in ([], [of_role('pose').name])
-    closes = table['gap']['shrink'] >= THRESHOLDS.partly
+    verdict, pose = str(table['verdict']), of_role('pose').name
+    names = [row['name'] for row in table['effects']]
+    simulated = names[:1] not in ([], [pose])
+    gap = table['gap']
+    posed = pose in names and gap['measured_by'] == 'distance'
+    closes = (gap['at_fitted_poses'] if posed else gap)['shrink'] >= THRESHOLDS.partly
     return 'partly' if verdict == 'identified' and simulated and not closes else verdict
 
 
@@ -174,7 +176,7 @@ def patch_table(patch: Patch, model: Model, patched: list[Outcome]) -> dict[str,
         The comparison of each recording with its simulation with the correction.
 
     """
-    measures = all_measured(model, patched)
+    measures = all_measured(model, [one.apart for one in patched])
     helps = any(measures[unit]['better'] for unit in UNITS)
     return {
         'covariate': patch.covariate,
@@ -290,9 +292,10 @@ def _gap(
     dropped: Collection[str] = (),
 ) -> dict[str, Any]:
     held_out = len(confirmed) > 1
-    measures = all_measured(model, confirmed)
+    measures = all_measured(model, [one.elsewhere for one in confirmed])
+    fitted = all_measured(model, [one.apart for one in confirmed])['distance']
     # Some differences, such as depth in steps of half a millimetre, show in the features only.
-    shown = np.mean([one.gap for one in confirmed]) >= 1.0
+    shown = np.mean([one.elsewhere.gap for one in confirmed]) >= 1.0
     # An error of the poses is corrected and not simulated: if it is all, nothing is removed.
     posed = [one.kind.role == 'pose' for one in decision.accepted.candidates]
     by_distance = bool(shown) or (bool(posed) and all(posed))
@@ -303,6 +306,7 @@ def _gap(
         'interval': _interval(decision, headline),
         'measured_by': 'distance' if by_distance else 'loss',
         'held_out': held_out,
+        'at_fitted_poses': {key: fitted[key] for key in ('shrink', 'before', 'after', 'null')},
         'noise_factor': 1 + decision.accepted.sigma,
         'loss': loss,
         **measures,

@@ -144,9 +144,11 @@ def sentences(table: dict[str, Any]) -> list[str]:
             *_calibrated(table),
         ]
     if any(row['name'] == of_role('pose').name for row in table['effects']):
+        fitted = percent(gap['at_fitted_poses']['shrink'])
         out.append(
-            'The gap is measured with the fitted pose of each recording; the list of recordings '
-            'says how far this is from the given pose.'
+            'The gap is measured at the given poses: in other scenes they are as wrong, and no '
+            'effect of the simulation corrects them. The list of recordings says how far the '
+            f'fitted poses are from them. At these, {fitted} of the gap is removed.'
         )
     if table['effects']:
         out += [
