@@ -10,8 +10,8 @@ fifths of the campaigns and checked on the last one, five times.
 python -m bench.calibrate_decisions --campaigns 1000 --minutes 15 --jobs 2
 python -m bench.calibrate_decisions --campaigns 1000 --write
 
-With ``--forms``, campaigns that were diagnosed before a diagnosis fitted forms are diagnosed again
-if their reduction would be another one. Their lines are in a second file, and replace the first.
+With ``--again``, campaigns of full size and those with a measured reduction are diagnosed again,
+after a change of the method. Their lines are in a second file, and replace the first.
 """
 
 import argparse
@@ -24,7 +24,7 @@ import time
 from typing import Any
 
 from bench.decision_campaigns import (
-    changed_by_forms,
+    counts_anew,
     DESIGN,
     INSIDE,
     LARGE,
@@ -93,7 +93,7 @@ def main() -> None:
     parser.add_argument('--small', type=int, default=SMALL, help='most with smaller images')
     parser.add_argument('--minutes', type=float, default=1e9, help='then stop; resumes later')
     parser.add_argument('--jobs', type=int, default=1, help='processes')
-    parser.add_argument('--forms', action='store_true', help='diagnose again where forms matter')
+    parser.add_argument('--again', action='store_true', help='after a change of the method')
     parser.add_argument('--write', action='store_true', help='the rule and its picture')
     arguments = parser.parse_args()
     if not 1 <= arguments.campaigns <= MOST:
@@ -118,14 +118,15 @@ def main() -> None:
     ends = time.monotonic() + 60 * arguments.minutes
     _diagnose(journal, wanted[len(journal) :], arguments.jobs, ends)
     lines = list(journal)[: len(wanted)]
-    if arguments.forms:
-        again = Journal(arguments.lines.with_suffix('.forms.jsonl'), **settings)
-        formed = [line['index'] for line in lines if changed_by_forms(line)]
-        _diagnose(again, formed[len(again) :], arguments.jobs, ends)
+    if arguments.again:
+        again = Journal(arguments.lines.with_suffix('.again.jsonl'), **settings)
+        anew = [line['index'] for line in lines if counts_anew(line)]
+        _diagnose(again, anew[len(again) :], arguments.jobs, ends)
         newer = {line['index']: line for line in again}
         lines = [newer.get(line['index'], line) for line in lines]
     small = f' --small {arguments.small}' if arguments.small < SMALL else ''
-    report(lines, arguments.write, f'--campaigns {arguments.campaigns}{small}')
+    chosen = f'--campaigns {arguments.campaigns}{small}{" --again" * arguments.again}'
+    report(lines, arguments.write, chosen)
 
 
 def _diagnose(journal: Journal, left: Sequence[int], jobs: int, ends: float) -> None:

@@ -22,8 +22,6 @@ from bench.gap_truth import rewrite
 from bench.wall_campaigns import profile_for, SHOWN, write_walls
 from flexx2_sim_ros.atomic import scratch_folder
 from flexx2_sim_ros.gap import diagnose, measure
-from flexx2_sim_ros.gap.calibration.forms import FORMS
-from flexx2_sim_ros.gap.forms.calibratable import quickly_calibratable
 from flexx2_sim_ros.validation.benchmark.design import MODES, Planned
 from flexx2_sim_ros.validation.benchmark.realised import realised_gap
 from flexx2_sim_ros.validation.benchmark.seeds import DEVELOPMENT
@@ -194,18 +192,15 @@ def run(index: int) -> dict[str, Any]:
     }
 
 
-def changed_by_forms(line: Mapping[str, Any]) -> bool:
+def counts_anew(line: Mapping[str, Any]) -> bool:
     """
-    Say whether a line is of a diagnosis that fitted no forms, and would have another reduction.
+    Say whether the campaign of a line should be diagnosed again when the method has changed.
 
-    The verdict of the line, and all else that it says, stays.
+    Those of full size, which resemble a user's most, and those whose reduction was measured: how
+    the gap is measured changes more often than the evidence of the verdict.
     """
-    table = line['diagnosis']
-    if 'calibration' in table or line['realised'] is None:
-        return False
-    names = {row['name']: row['parameters'] for row in table['effects']}
-    enough = line['planned']['recordings'] >= FORMS.fewest
-    return enough and bool(quickly_calibratable(names))
+    reduction = (line['realised'] or {}).get('shrink')
+    return line['index'] >= SMALL or reduction is not None
 
 
 def _record(case: Planned, more: Mapping[str, Any], folder: Path) -> dict[str, Any]:

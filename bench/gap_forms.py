@@ -28,8 +28,10 @@ from flexx2_sim_ros.recording import load_recording
 from flexx2_sim_ros.validation.benchmark.seeds import DEVELOPMENT
 from flexx2_sim_ros.validation.blind import BlindCamera, SceneSet
 from flexx2_sim_ros.validation.blind.campaign import Case
+from flexx2_sim_ros.validation.blind.internals import Internals
 from flexx2_sim_ros.validation.blind.scene_set import SceneKey
 import numpy as np
+import yaml
 
 EFFECTS = (
     'offset,warm_up_drift,wiggling,amplitude_bias,fixed_pattern,grazing_dropout,'
@@ -51,6 +53,9 @@ def main() -> None:
     parser.add_argument(
         '--mhz', type=float, help="the camera's one modulation frequency, unlike its profile"
     )
+    parser.add_argument(
+        '--internals', default='{}', help='of the camera, such as {memory: mean, memory_frames: 5}'
+    )
     parser.add_argument('--usecase', default='Mode_9_30fps')
     parser.add_argument('--cache', type=Path, help='folder for rendered scenes')
     parser.add_argument('--jobs', type=int, default=2)
@@ -68,7 +73,8 @@ def main() -> None:
 def _line(arguments: argparse.Namespace, seed: int, name: str, folder: Path) -> str:
     height = round(arguments.width * 172 / 224)
     key = SceneKey(arguments.usecase, seed, arguments.pose_mm, arguments.width, height, 8, 20)
-    case = Case(key, {name: arguments.strength}, seed)
+    internals = Internals(**yaml.safe_load(arguments.internals))
+    case = Case(key, {name: arguments.strength}, seed, internals=internals)
     campaign, fresh, diagnosis, calibrated = (
         folder / part for part in ('campaign', 'fresh', 'diagnosis', 'calibrated')
     )

@@ -143,7 +143,7 @@ def test_numbers_are_made_floats() -> None:
     assert isinstance(offset(), Effect)
 
 
-CURVES = {
+CURVES: dict[str, dict[str, Any]] = {
     'offset': {'curve': {'knots': [0.0, 4.0], 'values': [0.01, 0.03]}},
     'wiggling': {'curve': {'knots': [0, 0.5, 1.0], 'values': [0, 1e-5, 0.004], 'period': 2.5}},
     'amplitude_bias': {'curve': {'knots': [-4.0, 0.0], 'values': [-0.02, 0.0]}},

@@ -228,6 +228,19 @@ def test_parameters_are_found_by_simulation(tmp_path: Path) -> None:
     assert effect.width == pytest.approx(1.0, rel=0.3)
 
 
+def test_a_filter_over_frames_gets_its_own_kernel(tmp_path: Path) -> None:
+    """Assert that a mean of four frames is not taken for a recursive filter."""
+    filtered = {'temporal_filter': {'window': 4.0, 'gate': 100.0}}
+    write_campaign(tmp_path / 'recordings', seed=117, effects=filtered, **{**TINY, 'frames': 12})
+    diagnosis = write_diagnosis(tmp_path / 'diagnosis', {'temporal_filter': {'share': 0.6}})
+    table = calibrate(diagnosis, tmp_path / 'recordings', out=tmp_path / 'out')
+    (row,) = table['effects']
+    assert row['taken']
+    assert row['form'] == 'mean of frames'
+    (effect,) = load_effects(tmp_path / 'out' / 'effects.yaml')
+    assert effect.window == pytest.approx(4.0, abs=0.5)
+
+
 def test_an_alternative_is_calibrated_where_the_diagnosis_leaves_one(tmp_path: Path) -> None:
     """Assert the right one of two explanations is taken; a bad recording is named and left out."""
     recordings = tmp_path / 'recordings'

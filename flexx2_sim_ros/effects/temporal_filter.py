@@ -1,7 +1,9 @@
-"""Temporal filter: a recursive filter in the camera."""
+"""Temporal filter: a recursive filter, or a mean of frames, in the camera."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+import math
+from typing import Any, ClassVar
 
 from flexx2_sim_ros.effects.effect import Effect, parameter
 from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis
@@ -14,6 +16,8 @@ from flexx2_sim_ros.physics.frame_state import FrameState, Stage
 import numpy as np
 
 _RESET_SIGMAS = f32(6.0)
+_MOST_SHARE = 0.98
+_SHARE, _GATE = Free('share', 0.0, _MOST_SHARE), Free('gate', 1.0, 100.0, log=True)
 
 
 def filtered(depth: float, before: float, sigma: float, share: float) -> float:
@@ -45,8 +49,10 @@ class TemporalFilter(Effect):
         grid('share', (0.2, 0.4, 0.6, 0.8), 0.0, 0.95, few=False),
     )
     shapes: ClassVar[tuple[Shape, ...]] = (
-        Shape('weight', (Free('share', 0.0, 0.98),)),
-        Shape('weight and gate', (Free('share', 0.0, 0.98), Free('gate', 1.0, 100.0, log=True))),
+        Shape('weight', (_SHARE,)),
+        Shape('weight and gate', (_SHARE, _GATE)),
+        Shape('two filters in a row', (_SHARE, Free('second', 0.0, _MOST_SHARE), _GATE)),
+        Shape('mean of frames', (Free('window', 1.0, 8.0), _GATE)),
     )
     filters: ClassVar[bool] = True
     nuisances: ClassVar[tuple[str, ...]] = ('sigma',)
@@ -60,22 +66,51 @@ class TemporalFilter(Effect):
     gate: float | None = optional_number(
         'sigma_z', 0.1, 1000.0, 'a larger change from frame to frame is not filtered; without, 6'
     )
+    second: float | None = optional_number(
+        '', 0.0, _MOST_SHARE, 'weight of the previous frame in a second filter after the first'
+    )
+    window: float | None = optional_number(
+        'frames', 1.0, 16.0, 'mean of so many frames instead; the oldest counts as a fraction'
+    )
 
     def constants(self) -> dict[str, float]:
         """Return the weight of the frame before."""
-        return {'share': min(self.strength * self.share, 0.98)}
+        return {'share': min(self.strength * self.share, _MOST_SHARE)}
 
     def apply(self, state: FrameState) -> None:
-        """Mix every pixel with the frame before, unless it has changed too much."""
-        before = state.memory.kept.get(self.name)
-        if before is not None and before.shape == state.measured.shape:
-            with np.errstate(invalid='ignore'):
-                if self.gate is None:
-                    state.measured = on_images(filtered)(
-                        state.measured, before, state.sigma, *self.rounded
-                    )
-                else:
-                    state.measured = on_images(filtered_within)(
-                        state.measured, before, np.float32(self.gate) * state.sigma, *self.rounded
-                    )
-        state.memory.kept[self.name] = state.measured.copy()
+        """Mix every pixel with the frames before, unless it has changed too much."""
+        past: Any = state.memory.kept.get(self.name, [])
+        if past and past[0].shape != state.measured.shape:
+            past = []
+        with np.errstate(invalid='ignore'):
+            if self.window is None:
+                self._mix(state, past)
+            else:
+                self._average(state, past, self.window)
+
+    def _mix(self, state: FrameState, past: Sequence[np.ndarray]) -> None:
+        # Recursive; keeps the outcome of each filter.
+        kept = []
+        shares: list[tuple[Any, ...]] = [self.rounded]
+        if self.second is not None:
+            shares.append((f32(min(self.strength * self.second, _MOST_SHARE)),))
+        for place, share in enumerate(shares):
+            if past:
+                limit = state.sigma if self.gate is None else f32(self.gate) * state.sigma
+                mix = filtered if self.gate is None else filtered_within
+                state.measured = on_images(mix)(state.measured, past[place], limit, *share)
+            kept.append(state.measured.copy())
+        state.memory.kept[self.name] = kept
+
+    def _average(self, state: FrameState, past: Sequence[np.ndarray], window: float) -> None:
+        # Mean of this frame and those before that are near it; keeps frames as they came.
+        new = state.measured
+        limit = (_RESET_SIGMAS if self.gate is None else f32(self.gate)) * state.sigma
+        total, weights = new.copy(), np.ones_like(new)
+        for age, old in enumerate(past, start=1):
+            weight = f32(min(self.strength, 1.0) * min(max(window - age, 0.0), 1.0))
+            near = weight * (np.abs(old - new) < limit)
+            total += np.where(near > 0, near * old, f32(0))
+            weights += near
+        state.memory.kept[self.name] = [new.copy(), *past][: math.ceil(window) - 1]
+        state.measured = total / weights

@@ -25,6 +25,8 @@ import numpy as np
 _REGIONS = AXES['region'].bins
 _BIN_MM, _HALF, _NORMAL = MEASURES.bin_mm, MEASURES.half, MEASURES.normal
 _SIGMAS = FEATURES.gross
+_APART = 2, 3, 4  # frames
+_PAIRS = 100  # of depths of a pixel
 UNITS = (
     'wasserstein_mm',
     'wasserstein_sigma',
@@ -61,6 +63,8 @@ class Measures:
         (2, B) pairs of frames, and the log temporal variance, in sigma_z squared, likewise.
     correlation, lag : float
         Correlation of the noise with that of the next pixel, and of the frame before.
+    growth : numpy.ndarray
+        (3,) see `noise_growth`; counted in small tiles only, else 0.
 
     """
 
@@ -71,6 +75,7 @@ class Measures:
     noise: np.ndarray
     correlation: float
     lag: float
+    growth: np.ndarray
 
 
 def fine_side(frames: int) -> int:
@@ -141,7 +146,49 @@ def histogram(
         np.array([s[N2][_SURFACES], variance[_SURFACES]]),
         float(np.nan_to_num(correlation[everywhere], posinf=0.0, neginf=0.0)),
         float(np.nan_to_num(likeness(lag[everywhere]))),
+        np.zeros(len(_APART)) if side is None else noise_growth(depth, scenes),
     )
+
+
+def noise_growth(depth: np.ndarray, scenes: Sequence[PixelCovariates]) -> np.ndarray:
+    """
+    Return how noise differs between frames the farther these are apart.
+
+    It tells one filter over frames from another: without any, frames that follow each other
+    differ as much as others.
+
+    Parameters
+    ----------
+    depth : numpy.ndarray
+        (T, H, W) metres, NaN where invalid.
+    scenes : sequence of PixelCovariates
+        One for a still scene, otherwise one for each frame.
+
+    Returns
+    -------
+    numpy.ndarray
+        (3,) ln of the mean squared difference of the errors in sigma_z of a pixel, 2, 3 and 4
+        frames apart, over that of frames that follow each other; 0 with fewer than 6 frames or
+        too few pixels. On surfaces, without errors beyond 6 sigma_z.
+
+    """
+    if len(depth) < _APART[-1] + 2:
+        return np.zeros(len(_APART))
+    shown = [scenes[t] if len(scenes) > 1 else scenes[0] for t in range(len(depth))]
+    with np.errstate(invalid='ignore', divide='ignore'):
+        errors = np.array(
+            [(image - one.clean) / one.sigma for image, one in zip(depth, shown, strict=True)]
+        )
+        errors[~(np.abs(errors) < _SIGMAS)] = np.nan
+    errors[~np.array([one.inside for one in shown])] = np.nan
+    squares = []
+    for apart in (1, *_APART):
+        differences = errors[apart:] - errors[:-apart]
+        differences = differences[np.isfinite(differences)]
+        squares.append(np.square(differences).mean() if len(differences) > _PAIRS else np.nan)
+    with np.errstate(invalid='ignore', divide='ignore'):
+        growth = np.log(np.array(squares[1:]) / squares[0])
+    return np.where(np.isfinite(growth), growth, 0.0)
 
 
 def _bins_of(*names: str) -> np.ndarray:
@@ -215,16 +262,21 @@ def mismatch(real: Measures, other: Measures) -> float:
     -------
     float
         Mean over regions or tiles of the energy distance of errors in sigma_z, plus mean over bins
-        of the squared difference of the fraction of invalid pixels; both in squared tolerances,
-        and both as a pseudo-Huber loss.
+        of the squared difference of the fraction of invalid pixels, plus that of `noise_growth`;
+        all in squared tolerances, and as a pseudo-Huber loss.
 
     """
     shifted = COUNTED['wasserstein_sigma'] ** 2 / math.sqrt(math.pi)
     to_energy = 2 * (2 * _SIGMAS / _NORMAL) / shifted
-    return _over_regions(
-        real.normal, other.normal, lambda gaps: _huber(to_energy * (gaps**2).sum(axis=1))
-    ) + _over_bins(
-        real.invalid, other.invalid, lambda gaps: _huber((gaps / COUNTED['invalid_rate']) ** 2)
+    grown = (real.growth - other.growth) / FEATURES.tolerances['log_variance']
+    return (
+        _over_regions(
+            real.normal, other.normal, lambda gaps: _huber(to_energy * (gaps**2).sum(axis=1))
+        )
+        + _over_bins(
+            real.invalid, other.invalid, lambda gaps: _huber((gaps / COUNTED['invalid_rate']) ** 2)
+        )
+        + float(_huber(grown**2).mean())
     )
 
 
