@@ -265,6 +265,24 @@ def test_scattered_poses_are_a_finding(tmp_path: Path) -> None:
         assert table['gap']['shrink'] == 0
 
 
+def test_beside_wrong_poses_the_reduction_is_that_of_given_and_of_corrected_poses(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Assert it of lost pixels: they hardly matter beside poses that are wrong by 28 mm."""
+    effects = {'pose_error': {'x': 0.02, 'z': 0.02}, 'random_dropout': {}}
+    write_campaign(tmp_path / 'campaign', seed=31, effects=effects, **SMALL)
+    out = tmp_path / 'out'
+    assert main(['gap', 'diagnose', str(tmp_path / 'campaign'), '--out', str(out)]) == 0
+    table = json.loads((out / 'diagnosis.json').read_text())
+    assert {row['name'] for row in table['effects']} == {'pose_error', 'random_dropout'}
+    assert table['verdict'] == 'identified'
+    assert table['gap']['shrink'] < 0.3 < 0.8 < table['gap']['at_fitted_poses']['shrink']
+    printed = capsys.readouterr()
+    said = ' '.join((printed.out + printed.err).split())
+    assert 'adding random dropout to the simulation removes' in said
+    assert 'Once the poses are corrected' in said
+
+
 def test_poses_as_wrong_as_stated_are_no_gap(tmp_path: Path) -> None:
     write_campaign(tmp_path, seed=301, scale=0.4, recordings=6, frames=8, pose=(0.005, 0.3))
     table = diagnose(tmp_path, pose_prior=(0.005, 0.3))

@@ -269,7 +269,8 @@ def test_poses_are_blamed_where_other_effects_do_little(
     names: list[str], shrink: float, blamed: bool
 ) -> None:
     effects = [{'name': name} for name in names]
-    assert blames_poses({'effects': effects, 'gap': {'shrink': shrink}}) == blamed
+    gap = {'at_fitted_poses': {'shrink': shrink}}
+    assert blames_poses({'effects': effects, 'gap': gap}) == blamed
 
 
 @pytest.mark.parametrize(

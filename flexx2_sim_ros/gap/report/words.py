@@ -52,8 +52,9 @@ def blames_poses(table: dict[str, Any]) -> bool:
     """Return whether the named effects are an error of the poses, and others that do little."""
     if not camera_effects(table):
         return True
-    first = table['effects'][0]['name']
-    return bool(first == of_role('pose').name and table['gap']['shrink'] < 0.05)
+    if table['effects'][0]['name'] != of_role('pose').name:
+        return False
+    return bool(table['gap']['at_fitted_poses']['shrink'] < 0.05)
 
 
 def imitation(table: dict[str, Any]) -> list[str]:
@@ -104,10 +105,13 @@ def headline(table: dict[str, Any]) -> str:
     if blames_poses(table):
         return f'The poses of the cameras are wrong: correct them first.{rest}'
     likely = max(row['confidence'] for row in rows) >= THRESHOLDS.likely
-    added = (
-        f'The gap {"is" if likely else "may be"} due to {_names(rows)}: adding '
-        f'{"it" if len(rows) == 1 else "them"}'
-    )
+    simulated = camera_effects(table)
+    them = 'it' if len(rows) == 1 else 'them'
+    if len(simulated) < len(rows):
+        them = listed(simulated)
+        fitted = percent(gap['at_fitted_poses']['shrink'])
+        rest = f' Once the poses are corrected, {fitted} of what is left.{rest}'
+    added = f'The gap {"is" if likely else "may be"} due to {_names(rows)}: adding {them}'
     if gap['shrink'] < 0 and gap['measured_by'] == 'loss':
         return (
             f'{added} to the simulation makes the misfit {percent(-gap["shrink"])} larger.{rest}'
@@ -144,11 +148,10 @@ def sentences(table: dict[str, Any]) -> list[str]:
             *_calibrated(table),
         ]
     if any(row['name'] == of_role('pose').name for row in table['effects']):
-        fitted = percent(gap['at_fitted_poses']['shrink'])
         out.append(
             'The gap is measured at the given poses: in other scenes they are as wrong, and no '
             'effect of the simulation corrects them. The list of recordings says how far the '
-            f'fitted poses are from them. At these, {fitted} of the gap is removed.'
+            'fitted poses are from them.'
         )
     if table['effects']:
         out += [
