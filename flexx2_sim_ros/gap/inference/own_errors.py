@@ -18,7 +18,7 @@ import numpy as np
 from scipy import stats
 
 COMMON = 11  # of every recording: pose (6), brightness, edges (4); planes come after them
-_CHANCE = 0.05  # that scatter alone has a motion of a set of poses taken to be in common
+_SURE = 0.975  # quantile from which on poses have more in common than their scatter explains
 
 
 class OwnErrors:
@@ -100,11 +100,10 @@ class OwnErrors:
         have in common, such as a bias; then effects that only imitate the cause seem to fit. In
         other scenes, poses do not err in the same direction. So what the fitted poses have in
         common is taken off, as far as it is more than their scatter explains: their mean m with
-        the standard error e times 1 - (t e / m)^2 if that is positive, for each of the six motions
-        (the garrote of Breiman, 1995). t is the quantile of Student's t that scatter alone exceeds
-        in one of the six motions of one set of poses in 20 (Bonferroni). If a pose error is among
-        the effects, other poses are as wrong, and nothing simulates it: the given ones are
-        returned. A recording that says how exact its pose is keeps its own.
+        the standard error e times 1 - (t e / m)^2 if that is positive, where t is the 97.5 %
+        quantile of Student's t (the garrote of Breiman, 1995), for each of the six motions. If a
+        pose error is among the effects, other poses are as wrong, and nothing simulates it: the
+        given ones are returned. A recording that says how exact its pose is keeps its own.
 
         Parameters
         ----------
@@ -241,6 +240,6 @@ def common_motion(poses: np.ndarray) -> np.ndarray:
     """
     count = len(poses)
     mean, error = poses.mean(axis=0), poses.std(axis=0, ddof=1) / np.sqrt(count)
-    least = stats.t.ppf(1 - _CHANCE / (2 * POSE), count - 1) * error
+    least = stats.t.ppf(_SURE, count - 1) * error
     away = np.abs(mean) > least
     return np.where(away, mean * (1 - np.square(least / np.where(away, mean, 1.0))), 0.0)
