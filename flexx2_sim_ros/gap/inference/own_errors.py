@@ -18,7 +18,9 @@ import numpy as np
 from scipy import stats
 
 COMMON = 11  # of every recording: pose (6), brightness, edges (4); planes come after them
-_SURE = 0.975  # quantile from which on poses have more in common than their scatter explains
+# Quantile from which on poses have more in common than their scatter explains. 0.996 and 1 predict
+# the reduction less well: docs/diagnosis_evidence.md, python -m bench.calibrate_decisions --again.
+_SURE = 0.975
 
 
 class OwnErrors:
