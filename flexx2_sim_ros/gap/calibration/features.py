@@ -95,6 +95,10 @@ class Measures:
         3.0, 'tolerances', 'gap beyond which a mismatch grows in proportion, not by its square'
     )
     tile: int = constant(4, 'px', 'least side of small tiles', DEFINITION)
+    apart: tuple[int, ...] = constant(
+        (2, 3, 4), 'frames', 'between which the growth of noise is counted', DEFINITION
+    )
+    fewest_pairs: int = constant(100, 'depths', 'of a pixel in two frames: fewer are not counted')
 
 
 @dataclass(frozen=True)

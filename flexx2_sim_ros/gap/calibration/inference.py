@@ -97,6 +97,13 @@ class Thresholds:
     scattered: float = constant(
         0.6, 'usual spread', 'poses that scatter more are a finding', DEVELOPMENT
     )
+    common_pose: float = constant(
+        0.05,
+        'probability',
+        'that scatter alone has poses taken to have something in common: a bias that they took '
+        'over; docs/diagnosis_evidence.md, "What it predicts"',
+        DEVELOPMENT,
+    )
     next_to_scattered: float = constant(
         0.15, 'excess loss', 'next_fraction with scattered poses, which leave edges', DEVELOPMENT
     )

@@ -25,8 +25,6 @@ import numpy as np
 _REGIONS = AXES['region'].bins
 _BIN_MM, _HALF, _NORMAL = MEASURES.bin_mm, MEASURES.half, MEASURES.normal
 _SIGMAS = FEATURES.gross
-_APART = 2, 3, 4  # frames
-_PAIRS = 100  # of depths of a pixel
 UNITS = (
     'wasserstein_mm',
     'wasserstein_sigma',
@@ -146,7 +144,7 @@ def histogram(
         np.array([s[N2][_SURFACES], variance[_SURFACES]]),
         float(np.nan_to_num(correlation[everywhere], posinf=0.0, neginf=0.0)),
         float(np.nan_to_num(likeness(lag[everywhere]))),
-        np.zeros(len(_APART)) if side is None else noise_growth(depth, scenes),
+        np.zeros(len(MEASURES.apart)) if side is None else noise_growth(depth, scenes),
     )
 
 
@@ -172,8 +170,8 @@ def noise_growth(depth: np.ndarray, scenes: Sequence[PixelCovariates]) -> np.nda
         too few pixels. On surfaces, without errors beyond 6 sigma_z.
 
     """
-    if len(depth) < _APART[-1] + 2:
-        return np.zeros(len(_APART))
+    if len(depth) < MEASURES.apart[-1] + 2:
+        return np.zeros(len(MEASURES.apart))
     shown = [scenes[t] if len(scenes) > 1 else scenes[0] for t in range(len(depth))]
     with np.errstate(invalid='ignore', divide='ignore'):
         errors = np.array(
@@ -182,10 +180,12 @@ def noise_growth(depth: np.ndarray, scenes: Sequence[PixelCovariates]) -> np.nda
         errors[~(np.abs(errors) < _SIGMAS)] = np.nan
     errors[~np.array([one.inside for one in shown])] = np.nan
     squares = []
-    for apart in (1, *_APART):
+    for apart in (1, *MEASURES.apart):
         differences = errors[apart:] - errors[:-apart]
         differences = differences[np.isfinite(differences)]
-        squares.append(np.square(differences).mean() if len(differences) > _PAIRS else np.nan)
+        squares.append(
+            np.square(differences).mean() if len(differences) > MEASURES.fewest_pairs else np.nan
+        )
     with np.errstate(invalid='ignore', divide='ignore'):
         growth = np.log(np.array(squares[1:]) / squares[0])
     return np.where(np.isfinite(growth), growth, 0.0)

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from copy import copy
 
 from flexx2_sim_ros.gap.calibration.data import GROUND_TRUTH
-from flexx2_sim_ros.gap.calibration.inference import Loss
+from flexx2_sim_ros.gap.calibration.inference import Loss, THRESHOLDS
 from flexx2_sim_ros.gap.data.planes import PLANE_STEPS
 from flexx2_sim_ros.gap.data.pose import STEPS
 from flexx2_sim_ros.gap.data.prior import POSE
@@ -18,9 +18,6 @@ import numpy as np
 from scipy import stats
 
 COMMON = 11  # of every recording: pose (6), brightness, edges (4); planes come after them
-# Quantile from which on poses have more in common than their scatter explains. 0.996 and 1 predict
-# the reduction less well: docs/diagnosis_evidence.md, python -m bench.calibrate_decisions --again.
-_SURE = 0.975
 
 
 class OwnErrors:
@@ -102,10 +99,11 @@ class OwnErrors:
         have in common, such as a bias; then effects that only imitate the cause seem to fit. In
         other scenes, poses do not err in the same direction. So what the fitted poses have in
         common is taken off, as far as it is more than their scatter explains: their mean m with
-        the standard error e times 1 - (t e / m)^2 if that is positive, where t is the 97.5 %
-        quantile of Student's t (the garrote of Breiman, 1995), for each of the six motions. If a
-        pose error is among the effects, other poses are as wrong, and nothing simulates it: the
-        given ones are returned. A recording that says how exact its pose is keeps its own.
+        the standard error e times 1 - (t e / m)^2 if that is positive, for each of the six motions
+        (the garrote of Breiman, 1995). t is the quantile of Student's t that scatter alone exceeds
+        in one of the six motions of one set of poses in 20 (Bonferroni). If a pose error is among
+        the effects, other poses are as wrong, and nothing simulates it: the given ones are
+        returned. A recording that says how exact its pose is keeps its own.
 
         Parameters
         ----------
@@ -242,6 +240,6 @@ def common_motion(poses: np.ndarray) -> np.ndarray:
     """
     count = len(poses)
     mean, error = poses.mean(axis=0), poses.std(axis=0, ddof=1) / np.sqrt(count)
-    least = stats.t.ppf(_SURE, count - 1) * error
+    least = stats.t.ppf(1 - THRESHOLDS.common_pose / (2 * POSE), count - 1) * error
     away = np.abs(mean) > least
     return np.where(away, mean * (1 - np.square(least / np.where(away, mean, 1.0))), 0.0)
