@@ -110,7 +110,7 @@ def headline(table: dict[str, Any]) -> str:
     if len(simulated) < len(rows):
         them = listed(simulated)
         fitted = percent(gap['at_fitted_poses']['shrink'])
-        rest = f' Once the poses are corrected, {fitted} of what is left.{rest}'
+        rest = f' Once the poses are corrected, it removes {fitted} of what is left.{rest}'
     added = f'The gap {"is" if likely else "may be"} due to {_names(rows)}: adding {them}'
     if gap['shrink'] < 0 and gap['measured_by'] == 'loss':
         return (
