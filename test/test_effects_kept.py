@@ -84,3 +84,14 @@ def test_effects_can_be_changed_between_two_frames() -> None:
     with pytest.raises(InputError, match='^effects: must have offset once, got it 2 times'):
         camera.effects = parse_effects({'offset': None}) * 2
     assert camera.effects == ()
+
+
+def test_the_kernel_of_a_filter_can_be_changed_between_two_frames() -> None:
+    """Assert that none of the kernels stumbles over what another one has kept."""
+    camera, wall = Camera(profile=QUIET), np.ones((4, 4))
+    kernels = ({}, {'second': 0.5}, {'window': 3.0}, {'second': 0.5}, {'window': 1.0}, {})
+    for step, kernel in enumerate(kernels):
+        camera.effects = {'temporal_filter': kernel}
+        for k in range(3):
+            seen = camera.capture(wall, SMALL, step + k / 30)
+            np.testing.assert_allclose(seen.depth, 1.0, atol=1e-5)

@@ -95,7 +95,7 @@ class TemporalFilter(Effect):
         if self.second is not None:
             shares.append((f32(min(self.strength * self.second, _MOST_SHARE)),))
         for place, share in enumerate(shares):
-            if past:
+            if place < len(past):  # A second filter may be turned on while the camera runs.
                 limit = state.sigma if self.gate is None else f32(self.gate) * state.sigma
                 mix = filtered if self.gate is None else filtered_within
                 state.measured = on_images(mix)(state.measured, past[place], limit, *share)
