@@ -147,6 +147,27 @@ def test_only_visible_shapes_are_seen(see):
     assert set(geom_id[~left]) == {model.geom('scene/wall').id}
 
 
+@pytest.mark.parametrize('size', ['0 0.4 0.1', '0.4 0 0.1', '0 0 0.1', '0.4 3 0.1'])
+def test_a_plane_ends_where_its_size_says(see, size):
+    model, depth, geom_id = see(f"""
+        <geom name="path" type="plane" size="{size}" pos="2 0 -0.5"/>
+        <geom name="soil" type="box" size="60 60 0.5" pos="0 0 -1.5"/>
+        """)
+    x, y = (float(text) or np.inf for text in size.split()[:2])
+    right, down = rays()[..., 0], np.maximum(rays()[..., 1], 1e-9)
+    ahead = 0.5 / down
+    # Half a pixel at the edges is left to the backend.
+    margin = 2 * ahead / ODD.fy * np.maximum(1, ahead / 0.5)
+    beyond = np.maximum(np.abs(ahead - 2) - x, np.abs(right * ahead) - y)
+    seen = (rays()[..., 1] > 0.06) & (np.abs(beyond) > margin)
+    on, off = seen & (beyond < 0), seen & (beyond > 0)
+    assert on.any()
+    assert off.any() == (size != '0 0 0.1')
+    assert set(geom_id[on]) == {model.geom('scene/path').id}
+    np.testing.assert_allclose(depth[on], ahead[on], rtol=1e-3)
+    assert set(geom_id[off]) <= {model.geom('scene/soil').id}
+
+
 def test_hundreds_of_geoms_keep_their_ids(see):
     # 20 x 20 posts side by side, each 1 mm nearer than the one before.
     posts = ''.join(

@@ -110,6 +110,27 @@ def test_the_corner_is_of_two_bright_walls_at_a_right_angle():
     assert ahead == pytest.approx(1.6, abs=1e-3)
 
 
+@pytest.mark.parametrize('colour', ['', 'rgba="1 0 0 0"', 'material="clear"'])
+def test_the_robot_stands_and_walks_on_shapes_that_cannot_be_seen(colour, tmp_path):
+    path = tmp_path / 'scene.xml'
+    path.write_text(
+        '<mujoco><asset><material name="clear" rgba="1 1 1 0"/></asset><worldbody>'
+        '<geom type="plane" size="5 5 1" pos="0 0 0.1" contype="0" conaffinity="0"/>'
+        f'<geom name="floor" type="box" size="5 5 0.5" pos="0 0 -0.4" {colour}/>'
+        f'<geom type="box" size="0.1 5 1" pos="3 0 1" {colour}/></worldbody></mujoco>'
+    )
+    model, data = standing(str(path))
+    assert data.geom('FR_foot').xpos[2] == pytest.approx(0.12, abs=1e-6)
+    walked(model, data, (0.5, 0.0, 0.0), 1.0)
+    assert data.body('trunk').xpos[0] > 0.3
+    ground = SceneGround(model, data, find_parts(model).geoms)
+    assert ground.heights(np.zeros(2), 1.0) == pytest.approx(0.1)
+    assert ground.free(np.array([1.0, 0, 0.5]), np.array([1.0, 0, 0])) == pytest.approx(1.9)
+    # The model that is drawn keeps its colours.
+    assert model.geom('scene/floor').rgba[3] == ('rgba' not in colour)
+    assert model.mat('scene/clear').rgba[3] == 0
+
+
 def test_the_rubble_is_the_same_every_time():
     one, other = (build_model(scene='rubble', intrinsics=K) for _ in range(2))
     np.testing.assert_array_equal(one.geom_pos, other.geom_pos)

@@ -37,10 +37,12 @@ class SceneGround:
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, robot: np.ndarray) -> None:
         """Sort solid shapes of the scene from everything else."""
-        # Rays are filtered by group: a copy of the model gets groups of its own.
+        # Rays are filtered by group: a copy of the model gets groups of its own. They also pass
+        # through shapes that cannot be seen, which are often simpler ones to collide with.
         self._model = copy.copy(model)
         solid = (model.geom_contype | model.geom_conaffinity) != 0
         self._model.geom_group[:] = np.where(solid & ~robot, 0, 5)
+        self._model.geom_rgba[:, 3] = self._model.mat_rgba[:, 3] = 1.0
         self._data = data
         self._hit = np.zeros(1, np.int32)
 

@@ -49,8 +49,12 @@ class OpenGlRenderer:
         self._cameras = ModelCameras(model, intrinsics)
         self._model = self._cameras.model
         planes = self._model.geom_type == int(mujoco.mjtGeom.mjGEOM_PLANE)
+        # A plane may end in one direction and not in the other. The third size is that of squares.
         infinite = planes & (self._model.geom_size[:, :2].min(axis=1) <= 0)
-        self._model.geom_size[infinite] = _PLANE_SIZE
+        sizes = self._model.geom_size[infinite]
+        sizes[:, 2] = _PLANE_SIZE
+        sizes[sizes <= 0] = _PLANE_SIZE
+        self._model.geom_size[infinite] = sizes
         self._gl = _gl_context(backend, intrinsics.width, intrinsics.height)
         try:
             self._gl.make_current()
