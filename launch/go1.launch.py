@@ -1,14 +1,14 @@
-"""A Go1 or Go2 with its two cameras and, on request, RViz."""
+"""A Go1, a Go2 or another robot with its cameras and, on request, RViz."""
 
 from flexx2_sim_ros.paths import config_dir, executable
-from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument
+from flexx2_sim_ros.robots.robot import load_robot
+from launch import LaunchContext, LaunchDescription
+from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.conditions import IfCondition
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 PASSED_ON = ('robot', 'motion', 'scene', 'renderer')  # to go1_cameras
-CAMERAS = ('front_left', 'front_right')
 ARGUMENTS = {
     'robot': ('go1', 'The robot: go1, go2, or the path of a YAML file.'),
     'motion': ('cmd_vel', 'What moves the robot: stand, cmd_vel or external.'),
@@ -17,7 +17,7 @@ ARGUMENTS = {
         'The scene: lab, stairs, corner, board, rubble, or the path of an MJCF file.',
     ),
     'renderer': ('auto', 'How images are rendered: auto, egl, osmesa or ray.'),
-    'usecase': ('Mode_9_30fps', 'Mode of both cameras.'),
+    'usecase': ('Mode_9_30fps', 'Mode of all cameras.'),
     'rviz': ('false', 'Whether to start RViz: true or false.'),
 }
 
@@ -29,15 +29,6 @@ def generate_launch_description() -> LaunchDescription:
         output='screen',
         parameters=[{name: LaunchConfiguration(name) for name in PASSED_ON}],
     )
-    cameras = [
-        Node(
-            executable=str(executable('flexx2_camera')),
-            namespace=camera,
-            output='screen',
-            parameters=[{'usecase': LaunchConfiguration('usecase'), 'use_sim_time': True}],
-        )
-        for camera in CAMERAS
-    ]
     rviz = Node(
         package='rviz2',
         executable='rviz2',
@@ -50,4 +41,18 @@ def generate_launch_description() -> LaunchDescription:
         DeclareLaunchArgument(name, default_value=default, description=text)
         for name, (default, text) in ARGUMENTS.items()
     ]
-    return LaunchDescription([*arguments, robot, *cameras, rviz])
+    return LaunchDescription([*arguments, robot, OpaqueFunction(function=_cameras), rviz])
+
+
+def _cameras(context: LaunchContext) -> list[Node]:
+    # Which cameras there are is known when the argument `robot` is.
+    robot = load_robot(LaunchConfiguration('robot').perform(context))
+    return [
+        Node(
+            executable=str(executable('flexx2_camera')),
+            namespace=mount.name,
+            output='screen',
+            parameters=[{'usecase': LaunchConfiguration('usecase'), 'use_sim_time': True}],
+        )
+        for mount in robot.mounts
+    ]

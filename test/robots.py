@@ -61,12 +61,13 @@ def exact(stamps: Sequence[int], rate: int = RATE) -> bool:
 class RobotUnderTest(Listener):
     """The node under test in a namespace of its own, and a user of its topics."""
 
-    def __init__(self, **values: Any) -> None:
+    def __init__(self, *remappings: str, **values: Any) -> None:
         """Start the node; values are of its parameters."""
         super().__init__()
         self.space = f'/robot_{next(_numbers)}'
         self.robot = RobotCameras(
             namespace=self.space,
+            cli_args=['--ros-args', *(word for rule in remappings for word in ('-r', rule))],
             parameter_overrides=[
                 Parameter(name, value=value) for name, value in {**USUAL, **values}.items()
             ],
@@ -128,9 +129,9 @@ class RobotUnderTest(Listener):
 
 
 @contextmanager
-def robot_node(**values: Any) -> Iterator[RobotUnderTest]:
+def robot_node(*remappings: str, **values: Any) -> Iterator[RobotUnderTest]:
     """Return a `RobotUnderTest` that is closed at the end of the block."""
-    made = RobotUnderTest(**values)
+    made = RobotUnderTest(*remappings, **values)
     try:
         yield made
     finally:

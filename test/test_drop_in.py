@@ -203,6 +203,26 @@ def test_the_robots_launch_file(launch: Any) -> None:
         assert process.returncode == 0, output
 
 
+def test_the_robots_launch_file_starts_the_cameras_of_its_robot(
+    launch: Any, tmp_path: Path
+) -> None:
+    mine = (ROOT / 'config' / 'robots' / 'go1.yaml').read_text()
+    mine = mine.replace('../models', str(ROOT / 'config' / 'models'))
+    (tmp_path / 'mine.yaml').write_text(mine.replace('front_left', 'chin'))
+    with launch(
+        'go1.launch.py', f'robot:={tmp_path / "mine.yaml"}', 'renderer:=ray', 'motion:=stand'
+    ) as process:
+        user = Listener()
+        try:
+            heard = user.listen('/chin/flexx2_camera/depth_image_0', Image)
+            user.spin_until(lambda: heard, 'an image of the camera chin')
+        finally:
+            user.close()
+            process.send_signal(signal.SIGINT)
+        output = process.communicate(timeout=PATIENCE)[0]
+        assert process.returncode == 0, output
+
+
 def test_the_launch_files_are_documented() -> None:
     pages = (ROOT / 'docs' / 'driver.md').read_text() + (ROOT / 'docs' / 'nodes.md').read_text()
     for path in (ROOT / 'launch').glob('*.launch.py'):

@@ -40,6 +40,13 @@ URDF = (
 )
 
 
+def matrix(quaternion):
+    """Return the (9,) rotation of a quaternion."""
+    result = np.empty(9)
+    mujoco.mju_quat2Mat(result, quaternion)
+    return result
+
+
 @pytest.mark.parametrize(
     ('name', 'plain'),
     [
@@ -108,6 +115,43 @@ def test_the_twist_is_that_of_the_trunk(tmp_path):
         linear, angular = robot.twist(data, velocity)
         np.testing.assert_allclose(linear, [math.pi, 0, 0], atol=0.01)
         np.testing.assert_allclose(angular, [0, 0, math.pi], atol=1e-6)
+
+
+def test_joints_above_the_trunk_move_it(tmp_path):
+    path = tmp_path / 'robot.xml'
+    path.write_text("""
+        <mujoco><worldbody><body name="pelvis" pos="0 0 0.8"><freejoint/><geom size="0.1"/>
+          <body pos="0 0.02 0.1"><joint name="waist" axis="0 0 1"/><geom size="0.1"/>
+            <body name="trunk" pos="0.1 0 0.3" euler="10 0 20"><joint name="bow" axis="0 1 0"/>
+              <geom size="0.1"/></body></body>
+          <body pos="0 0 -0.1"><joint name="hip" axis="0 1 0"/><geom size="0.1" pos="0 0 -0.6"/>
+          </body></body></worldbody></mujoco>
+        """)
+    model = build_model(str(path), 'corner', intrinsics=K)
+    data, random = mujoco.MjData(model), np.random.default_rng(4)
+    robot = find_parts(model)
+    angles = random.uniform(-1, 1, 3)
+    for name, angle in zip(('waist', 'bow', 'hip'), angles, strict=True):
+        data.qpos[robot.joints[name]] = angle
+    for _ in range(3):
+        position, quaternion = random.uniform(-1, 1, 3), random.normal(size=4)
+        quaternion /= np.linalg.norm(quaternion)
+        robot.place(data, position, quaternion)
+        mujoco.mj_kinematics(model, data)
+        np.testing.assert_allclose(data.body('trunk').xpos, position, atol=1e-9)
+        np.testing.assert_allclose(data.body('trunk').xmat, matrix(quaternion), atol=1e-9)
+        kept = [data.qpos[robot.joints[name]] for name in ('waist', 'bow', 'hip')]
+        np.testing.assert_array_equal(kept, angles)
+    # The twist is how the pose changes when all joints move.
+    velocity, seconds = random.uniform(-1, 1, model.nv), 1e-6
+    turn = data.body('trunk').xmat.reshape(3, 3).copy()
+    linear, angular = robot.twist(data, velocity)
+    mujoco.mj_integratePos(model, data.qpos, velocity, seconds)
+    mujoco.mj_kinematics(model, data)
+    moved = (data.body('trunk').xpos - position) @ turn / seconds
+    change = turn.T @ (data.body('trunk').xmat.reshape(3, 3) - turn) / seconds
+    np.testing.assert_allclose(linear, moved, atol=1e-4)
+    np.testing.assert_allclose(angular, [change[2, 1], change[0, 2], change[1, 0]], atol=1e-4)
 
 
 def test_a_robot_that_is_fixed_does_not_move(tmp_path):

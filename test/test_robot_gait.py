@@ -308,6 +308,16 @@ def test_walls_and_drops_stop_it(scene, most):
         assert world.pose.position[0] < before
 
 
+@pytest.mark.parametrize('rate', [60, 7, 5, 3, 1, 0.4])
+def test_walls_stop_it_however_long_a_step_is(rate):
+    world = World('corner')
+    for _ in range(round(6 * rate)):
+        world.walk(np.array([0.8, 0.0, 0.0]), 1 / rate)
+        assert 0.0 <= world.pose.position[0] < 1.2
+    assert world.state.blocked
+    assert world.pose.position[0] > 0.8
+
+
 def test_a_start_without_ground_keeps_its_height():
     nowhere = Flat(np.nan)
     state = start(np.zeros(2), 0.0, 0.7, nowhere, GO1)

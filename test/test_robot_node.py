@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.robots.kinematics import feet, rotation
-from flexx2_sim_ros.robots.robot import load_mounts
+from flexx2_sim_ros.robots.robot import load_mounts, load_robot, robot_path
 import mujoco
 import numpy as np
 import pytest
@@ -31,6 +31,7 @@ from robots import (
 )
 from std_msgs.msg import String
 from streams import array_of, nanoseconds
+import yaml
 
 pytestmark = pytest.mark.usefixtures('ros')
 
@@ -102,6 +103,23 @@ def test_the_robot_follows_cmd_vel_and_stops_without_it(robot):
         )
 
 
+@pytest.mark.parametrize('rate', [0.8, 1.9])
+def test_a_command_moves_the_robot_at_a_low_rate(rate):
+    with robot_node(motion='cmd_vel', scene='rubble', rate=rate, real_time_factor=4.0) as seen:
+        drive, poses = seen.to('cmd_vel', Twist), seen.hear('odom', Odometry)
+        # One command moves it for half a second, less what it takes to speed up.
+        seen.more(poses, 1)
+        drive.publish(twist(0.4))
+        seen.spin_until(lambda: place(poses[-1])[0][0] > 0.1, 'walking')
+        seen.more(poses, 3)
+        assert place(poses[-1])[0][0] < 0.3
+        assert poses[-1].twist.twist == Twist()
+        for _ in range(10):
+            drive.publish(twist(0.4))
+            seen.more(poses, 1)
+        assert place(poses[-1])[0][0] > 0.5
+
+
 def test_images_follow_the_walk():
     with robot_node(motion='cmd_vel') as seen:
         drive = seen.to('cmd_vel', Twist)
@@ -160,6 +178,8 @@ def test_limits_pause_and_pace_change_while_it_runs():
             answer = seen.change(**{name: value})
             assert not answer.successful
             assert said in answer.reason
+        # A file of all parameters, as `ros2 param load` reads it, has these as well.
+        assert seen.change(board_distance=seen.robot.settings.number('board_distance')).successful
         seen.more(poses, 2)
 
 
@@ -190,6 +210,35 @@ def test_the_board_follows_its_parameters():
         assert array_of(images[-1])[middle] == pytest.approx(2.0, abs=0.01)
         assert array_of(images[-1])[86, 130] > 2.2
         assert not seen.change(board_distance=99.0).successful
+
+
+def test_the_board_stays_until_its_parameters_change_or_a_reset():
+    with robot_node(scene='board', motion='cmd_vel', rate=30.0) as seen:
+        drive = seen.to('cmd_vel', Twist)
+        images = seen.hear('front_left/clean/depth_image', Image)
+        poses = seen.hear('odom', Odometry)
+
+        def distance():
+            now = seen.robot._pacer.stamp  # Images with this stamp were sent before.
+            seen.spin_until(lambda: nanoseconds(images[-1]) > now, 'an image')
+            return array_of(images[-1])[86, 112]
+
+        for _ in range(8):
+            drive.publish(twist(turn=1.0))
+            seen.more(poses, 3)
+        assert seen.change(max_turn=0.0).successful
+        seen.spin_until(lambda: abs(poses[-1].twist.twist.angular.z) < 1e-6, 'a stop')
+        assert place(poses[-1])[1] > 0.2
+        turned = distance()
+        assert abs(turned - 1.0) > 0.02
+        # The value that the board has already is no change, as in a file of `ros2 param dump`.
+        for values in ({'max_speed': 0.5}, {'real_time_factor': 2.0}, {'board_distance': 1.0}):
+            assert seen.change(**values).successful
+            assert distance() == pytest.approx(turned, abs=2e-3)
+        assert seen.change(board_distance=1.2).successful
+        assert distance() == pytest.approx(1.2, abs=2e-3)
+        assert seen.reset().success
+        assert distance() == pytest.approx(1.2, abs=2e-3)
 
 
 def test_frames_follow_the_conventions_of_ros():
@@ -300,6 +349,20 @@ def test_an_impossible_start_gives_the_reason(tmp_path, case):
             files[name] = str(path)
     with pytest.raises(InputError, match=said):
         RobotUnderTest(**{**values, **files})
+
+
+@pytest.mark.parametrize('position', [[0.3, 0, 0.1], [0, 0, 1]])
+def test_a_robots_file_may_have_whole_numbers(position, tmp_path):
+    robot = load_robot()
+    found = yaml.safe_load(robot_path('go1').read_text())
+    found['models']['builtin'] = str(robot.builtin)
+    found['cameras'] = [{'name': 'eye', 'position': position, 'rpy_deg': [0, 20, 0]}]
+    path = tmp_path / 'own.yaml'
+    path.write_text(yaml.safe_dump(found))
+    with robot_node(robot=str(path)) as seen:
+        infos = seen.hear('eye/clean/camera_info', CameraInfo)
+        seen.more(infos, 1)
+        assert list(seen.robot.get_parameter('eye.position').value) == position
 
 
 def test_the_process_ends_before_it_has_started_anything(child_env, tmp_path):

@@ -4,6 +4,7 @@ import itertools
 import math
 
 from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.robots.parts import JointNames
 import numpy as np
 import pytest
 from robots import (
@@ -75,6 +76,28 @@ def test_another_simulator_moves_the_robot(robot):
         assert 'another simulator' in seen.change(real_time_factor=2.0).reason
 
 
+def test_joints_that_differ_only_in_their_prefix_are_different_joints(tmp_path):
+    arm = '<body name="{0}" pos="0 {1} 0.1"><joint name="{0}/elbow"/><geom size="0.1"/></body>'
+    path = tmp_path / 'robot.xml'
+    path.write_text(
+        '<mujoco><worldbody><body name="trunk"><freejoint/><geom size="0.1"/>'
+        f'{arm.format("left", 0.3)}{arm.format("right", -0.3)}'
+        '<body pos="0.3 0 0"><joint name="tail_joint"/><geom size="0.1"/></body>'
+        '</body></worldbody></mujoco>'
+    )
+    with robot_node(robot_model=str(path), motion='external') as seen:
+        states = seen.to('joint_states', JointState)
+        data = seen.robot._data
+        states.publish(joints(1, (0.1, 0.2, 0.3), ('right/elbow', 'left/elbow', 'x/tail')))
+        seen.spin_until(lambda: data.qpos[7:].any(), 'joints')
+        assert [
+            data.joint(name).qpos[0] for name in ('left/elbow', 'right/elbow', 'tail_joint')
+        ] == [0.2, 0.1, 0.3]
+        # A name that could be either joint's is neither's.
+        states.publish(joints(2, (0.5,), ('elbow',)))
+        seen.spin_until(lambda: seen.logged('the robot does not have: elbow'))
+
+
 def test_after_a_reset_of_the_other_simulator_a_pose_waits_for_new_joints():
     before, after = np.tile([0.1, 1.0, -1.7], 4), np.tile([0.2, 0.8, -1.5], 4)
     with robot_node(motion='external') as seen:
@@ -106,7 +129,7 @@ def test_invalid_messages_of_another_simulator_are_reported_and_ignored():
         some = ('FR_hip_joint', 'FR_tail_joint', 'arm')
         for stamp in (1, 2):
             states.publish(joints(stamp, (0.2, 0.1, 0.3), some))
-        seen.spin_until(lambda: seen.logged('no message named so far: fl_calf, fl_hip'))
+        seen.spin_until(lambda: seen.logged('no message named so far: FL_calf_joint, FL_hip'))
         states.publish(joints(3, (0.1, 0.2), ('FR_hip_joint', 'FR_0')))
         seen.spin_until(
             lambda: seen.logged(
@@ -121,7 +144,7 @@ def test_invalid_messages_of_another_simulator_are_reported_and_ignored():
         seen.spin_until(lambda: images, 'an image')
         assert nanoseconds(images[0]) == 2 * 10**9
         assert seen.robot._data.joint('FR_hip_joint').qpos[0] == 0.2
-        assert len(seen.logged('does not have: arm, fr_tail')) == 1
+        assert len(seen.logged('does not have: FR_tail_joint, arm')) == 1
         assert len(seen.logged('no message named')) == 1
 
 
@@ -135,7 +158,7 @@ def test_invalid_messages_of_another_simulator_are_reported_and_ignored():
 )
 def test_unusable_joint_states_are_reported(message, said):
     with pytest.raises(InputError, match=said):
-        robot_messages.decode_joints(message, 'joint_states')
+        robot_messages.decode_joints(message, 'joint_states', JointNames(JOINTS))
 
 
 @pytest.mark.parametrize('quaternion', [(0, 0, 0, 0), (2, 0, 0, 0), (math.nan, 0, 0, 1)])
@@ -172,6 +195,20 @@ def test_the_second_robot_follows_the_first_ones_clock():
                 lambda: any(nanoseconds(message) < 10**8 for message in poses[before:]),
                 'time from 0',
             )
+
+
+def test_robots_whose_clocks_have_other_names_have_a_time_each():
+    with (
+        robot_node('/clock:=/left/clock', rate=30.0) as left,
+        robot_node('/clock:=/right/clock', rate=60.0) as right,
+    ):
+        right.add(left.robot)
+        for seen, name, rate in ((left, '/left/clock', 30), (right, '/right/clock', 60)):
+            times, poses = right.listen(name, Clock), right.listen(f'{seen.space}/odom', Odometry)
+            right.spin_until(lambda times=times, poses=poses: times and len(poses) > 5, name)
+            assert exact([nanoseconds(message) for message in poses], rate)
+            assert not seen.logged('another robot publishes it')
+        assert right.change(real_time_factor=2.0).successful
 
 
 def test_a_robot_that_uses_sim_time_follows_any_clock():

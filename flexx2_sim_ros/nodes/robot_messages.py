@@ -9,7 +9,7 @@ import math
 
 from flexx2_sim_ros.errors import InputError, shown
 from flexx2_sim_ros.nodes import messages
-from flexx2_sim_ros.robots.parts import plain_name
+from flexx2_sim_ros.robots.parts import JointNames
 from geometry_msgs.msg import Point, Pose, Twist, Vector3
 from nav_msgs.msg import Odometry
 import numpy as np
@@ -50,9 +50,23 @@ def decode_pose(message: Odometry, field: str) -> tuple[np.ndarray, np.ndarray]:
     return position, quaternion / norm
 
 
-def decode_joints(message: JointState, field: str) -> dict[str, float]:
+def decode_joints(message: JointState, field: str, joints: JointNames) -> dict[str, float]:
     """
-    Return the joint positions of a message, radians, by `plain_name`.
+    Return the joint positions of a message, radians.
+
+    Parameters
+    ----------
+    message : JointState
+        Of any simulator.
+    field : str
+        What errors call it.
+    joints : JointNames
+        Of the robot.
+
+    Returns
+    -------
+    dict of str to float
+        By the robot's names; joints that it does not have by those of the message.
 
     Raises
     ------
@@ -68,17 +82,17 @@ def decode_joints(message: JointState, field: str) -> dict[str, float]:
     found: dict[str, float] = {}
     given: dict[str, str] = {}
     for name, position in zip(message.name, message.position, strict=True):
-        plain = plain_name(name)
-        if plain in found:
+        own = joints.find(name) or name
+        if own in found:
             raise InputError(
-                f'{field}: name: must have every joint once, got {shown(given[plain])} and '
+                f'{field}: name: must have every joint once, got {shown(given[own])} and '
                 f'{shown(name)}, which are the same joint'
             )
         if not math.isfinite(position):
             raise InputError(
                 f'{field}: position of {shown(name)}: must be a finite number, got {position}'
             )
-        found[plain], given[plain] = float(position), name
+        found[own], given[own] = float(position), name
     return found
 
 

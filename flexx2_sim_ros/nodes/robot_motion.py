@@ -13,7 +13,7 @@ from flexx2_sim_ros.rendering.ground import SceneGround
 from flexx2_sim_ros.robots import gait
 from flexx2_sim_ros.robots.kinematics import rotation
 from flexx2_sim_ros.robots.model import stand
-from flexx2_sim_ros.robots.parts import find_parts, plain_name
+from flexx2_sim_ros.robots.parts import find_parts, JointNames
 from flexx2_sim_ros.robots.robot import Robot
 from flexx2_sim_ros.robots.trot import Gait
 from geometry_msgs.msg import Twist
@@ -130,18 +130,24 @@ class Walking:
 
     def advance(self, stamp: int, seconds: float) -> None:
         """Walk for some time."""
-        # After a clock went back, the validity of the command is unknown.
-        if stamp > self._until or stamp < self._now:
-            self._command = np.zeros(3)
+        # A tick may be longer than a command is valid. After a clock went back, the validity of
+        # the command is unknown.
+        left = (self._until - stamp) * 1e-9 + seconds if stamp >= self._now else 0.0
+        valid = min(max(left, 0.0), seconds)
         self._now = stamp
-        self._state = gait.step(
-            self._state, self._command, seconds, self._ground, self.how, self._legs
-        )
+        if valid > 0:
+            self._walk(self._command, valid)
+        if valid < seconds:
+            self._command = np.zeros(3)
+            self._walk(self._command, seconds - valid)
+        self._pose()
+
+    def _walk(self, command: np.ndarray, seconds: float) -> None:
+        self._state = gait.step(self._state, command, seconds, self._ground, self.how, self._legs)
         if self._state.blocked and self._throttle.ready('blocked'):
             self._node.get_logger().warning(
                 'cmd_vel: an obstacle is in the way: the robot stands still'
             )
-        self._pose()
 
     def _pose(self) -> None:
         pose = gait.pose(self._state, self.how, self._legs)
@@ -198,9 +204,8 @@ class Mirroring:
                 'joint above the trunk of robot_model'
             )
         self._node, self._model, self._data, self._show = node, model, data, show
-        self._addresses = {
-            plain_name(name): address for name, address in self._parts.joints.items()
-        }
+        self._addresses = self._parts.joints
+        self._names = JointNames(self._addresses)
         self._gate = FrameGate(rate)
         self._throttle = Throttle()
         self._named: set[str] = set()
@@ -239,7 +244,7 @@ class Mirroring:
         return receive
 
     def _on_joints(self, message: JointState) -> None:
-        joints = decode_joints(message, 'joint_states')
+        joints = decode_joints(message, 'joint_states', self._names)
         self._name_once('does not have', sorted(joints.keys() - self._addresses.keys()))
         self._name_once(
             'has, and which no message named so far',

@@ -276,7 +276,9 @@ class RobotCameras(SteadyNode):
             self._started, self._pacer.lag = time.monotonic(), 0.0
         if isinstance(self._motion, Walking):
             self._motion.how = self.settings.gait()
-        self._place_board()
+        # The robot may have moved since, and other parameters must not move the board with it.
+        if self._board != self._wanted_board():
+            self._place_board()
 
     def _on_reset(self, _: Trigger.Request, answer: Trigger.Response) -> Trigger.Response:
         try:
@@ -284,19 +286,18 @@ class RobotCameras(SteadyNode):
         except InputError as error:
             answer.success, answer.message = False, str(error)
             return answer
+        self._place_board()
         np.copyto(self._before, self._data.qpos)
         answer.success, answer.message = True, 'the robot stands where it started; time goes on'
         return answer
 
+    def _wanted_board(self) -> tuple[float, float]:
+        return self.settings.number('board_distance'), self.settings.number('board_angle_deg')
+
     def _place_board(self) -> None:
+        self._board = self._wanted_board()
         if self.settings.scene == 'board':
-            place_board(
-                self._model,
-                self._data,
-                self.settings.board_camera,
-                self.settings.number('board_distance'),
-                self.settings.number('board_angle_deg'),
-            )
+            place_board(self._model, self._data, self.settings.board_camera, *self._board)
 
     def _watch_pace(self) -> None:
         passed = time.monotonic() - self._started

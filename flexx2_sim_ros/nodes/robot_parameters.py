@@ -131,8 +131,11 @@ class RobotParameters:
     def _validate(self, parameters: list[Parameter]) -> SetParametersResult:
         try:
             for parameter in parameters:
-                if parameter.name in _NUMBERS:
-                    _check_number(parameter.name, parameter.value)
+                if parameter.name not in _NUMBERS:
+                    continue
+                _check_number(parameter.name, parameter.value)
+                if parameter.value == self._node.get_parameter(parameter.name).value:
+                    continue  # A file of all parameters may be loaded, see `ros2 param dump`.
                 if parameter.name.startswith('board_') and self.scene != 'board':
                     raise InputError(
                         f'{parameter.name}: the scene must be board, got {shown(self.scene)}'
@@ -171,7 +174,8 @@ class RobotParameters:
             start = poses.get(name, CameraMount(name, (0.3, 0.0, 0.0), (0.0, 0.0, 0.0)))
             position = self._fixed(
                 f'{name}.position',
-                list(start.position),
+                # A file may have whole numbers; ROS takes a list of one type only.
+                [float(value) for value in start.position],
                 'Lens in the trunk frame (x forward, y left, z up), metres.',
             )
             rpy = self._fixed(

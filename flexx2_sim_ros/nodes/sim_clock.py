@@ -38,6 +38,8 @@ class SimClock:
     def __init__(self, node: Node, publish: bool, on_time: Callable[[int], None]) -> None:
         """Become the publisher of the clock, or follow it."""
         self._node = node
+        # After remapping: robots with a clock of their own each do not share a claim.
+        self._topic = node.resolve_topic_name(_TOPIC)
         self._on_time = on_time
         self._publisher: Any = None
         self._claim: Any = None
@@ -46,11 +48,11 @@ class SimClock:
         self.follows = bool(node.get_parameter('use_sim_time').value)
         if publish and not self.follows:
             try:
-                self._claim = take(node, _TOPIC)
+                self._claim = take(node, self._topic)
             except OSError:
                 self.follows = True
                 node.get_logger().warning(
-                    f'{_TOPIC}: another robot publishes it already; this one follows it '
+                    f'{self._topic}: another robot publishes it already; this one follows it '
                     '(use_sim_time:=true avoids this warning; publish_clock:=false keeps '
                     'a time of its own)'
                 )
@@ -77,18 +79,18 @@ class SimClock:
             mine = self._node.get_name(), self._node.get_namespace()
             others = [
                 info
-                for info in self._node.get_publishers_info_by_topic(_TOPIC)
+                for info in self._node.get_publishers_info_by_topic(self._topic)
                 if (info.node_name, info.node_namespace) != mine
             ]
         if not self._warned and silent:
             self._node.get_logger().warning(
-                f'{_TOPIC}: no message for {_SILENT_SECONDS:g} s: simulated time stands still'
+                f'{self._topic}: no message for {_SILENT_SECONDS:g} s: simulated time stands still'
             )
         if not self._warned and others:
             name = f'{others[0].node_namespace.rstrip("/")}/{others[0].node_name}'
             self._node.get_logger().error(
-                f'{_TOPIC}: {shown(name)} publishes it too, and time will jump: start this node '
-                'with use_sim_time:=true (it then follows) or publish_clock:=false'
+                f'{self._topic}: {shown(name)} publishes it too, and time will jump: start this '
+                'node with use_sim_time:=true (it then follows) or publish_clock:=false'
             )
         self._warned = bool(silent or others)
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from xml.etree import ElementTree
 
-from flexx2_sim_ros.robots.parts import find_parts
+from flexx2_sim_ros.robots.parts import body_name, find_parts, joint_name
 from flexx2_sim_ros.robots.robot import Robot
 import mujoco
 import numpy as np
@@ -42,7 +42,8 @@ class Link:
     Attributes
     ----------
     name, parent : str
-        Of this link and of the one it is attached to.
+        Of this link and of the one it is attached to. A link is named like its body, with a
+        number where another link has this name.
     joint : str
         The joint's name.
     kind : int
@@ -113,18 +114,27 @@ def links_of(model: mujoco.MjModel, robot: Robot | None = None) -> list[Link]:
             np.zeros(3),
         )
     ]
-    last = {trunk: links[0]}
+    last, taken = {trunk: links[0]}, {BASE, TRUNK}
     for body in range(trunk + 1, model.nbody):
         above = last.get(int(model.body_parentid[body]))
         if above is not None:
-            found = _links_of_body(model, body, above)
+            found = _links_of_body(model, body, above, taken)
             links += found
             last[body] = found[-1]
     return links
 
 
-def _links_of_body(model: mujoco.MjModel, body: int, above: Link) -> list[Link]:
-    name = model.body(body).name or f'body_{body}'
+def _unused(name: str, taken: set[str]) -> str:
+    """Return a name like this one that no link has yet, and note it as taken."""
+    found, number = name, 2
+    while found in taken:
+        found, number = f'{name}_{number}', number + 1
+    taken.add(found)
+    return found
+
+
+def _links_of_body(model: mujoco.MjModel, body: int, above: Link, taken: set[str]) -> list[Link]:
+    name = _unused(body_name(model, body), taken)
     position, quaternion = model.body_pos[body] + above.shift, model.body_quat[body]
     first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
     if count == 0:
@@ -147,7 +157,7 @@ def _links_of_body(model: mujoco.MjModel, body: int, above: Link) -> list[Link]:
     for joint in range(first, first + count):
         # In URDF a link's origin is at its joint; in MuJoCo it is the body's.
         place = position + _rotated(model.jnt_pos[joint] - anchor, quaternion)
-        joint_name = model.joint(joint).name or f'{name}_joint_{joint}'
+        moving = joint_name(model, joint)
         kind, axis = int(model.jnt_type[joint]), model.jnt_axis[joint]
         address = int(model.jnt_qposadr[joint])
         place, turn = _at_zero(kind, place, quaternion, axis, model.qpos0[address])
@@ -155,9 +165,9 @@ def _links_of_body(model: mujoco.MjModel, body: int, above: Link) -> list[Link]:
         is_last = joint == first + count - 1
         links.append(
             Link(
-                name if is_last else f'{name}_{joint_name}',
+                name if is_last else _unused(f'{name}_{moving}', taken),
                 parent,
-                joint_name,
+                moving,
                 kind,
                 place,
                 turn,

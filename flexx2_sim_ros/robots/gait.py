@@ -16,6 +16,9 @@ from flexx2_sim_ros.robots.trot import apex_height, Gait, OFFSET, trunk_pose
 import numpy as np
 
 _LARGEST_STEP = 1.0 / 120.0
+# A robot looks for obstacles this often, however long a time step is: in a second it walks into a
+# wall that it did not see at the start.
+_STEPS_PER_LOOK = 4
 # The fraction of a foot's time in the air after which its foothold no longer changes, and the
 # smallest change, metres.
 _CHANGEABLE = 0.7
@@ -150,18 +153,24 @@ def step(
 
     """
     count = max(1, math.ceil(seconds / _LARGEST_STEP - 1e-9))
-    target = _limited(np.asarray(command, float), gait)
-    stopped = False
-    if target[:2].any():
-        under = _feet(state, gait, legs)[1]
-        position, rpy = trunk_pose(state.position, state.yaw, under, legs)
-        stopped = blocked(position, rotation(rpy), target[:2], legs.standing_height, ground)
-        if stopped:
-            target = np.array([0.0, 0.0, target[2]])
-    state = replace(state, blocked=stopped)
-    for _ in range(count):
+    wanted = target = _limited(np.asarray(command, float), gait)
+    for k in range(count):
+        if k % _STEPS_PER_LOOK == 0:
+            stopped = _is_blocked(state, wanted, ground, gait, legs)
+            state = replace(state, blocked=stopped)
+            target = np.array([0.0, 0.0, wanted[2]]) if stopped else wanted
         state = _small_step(state, target, seconds / count, ground, gait, legs)
     return state
+
+
+def _is_blocked(
+    state: GaitState, target: np.ndarray, ground: Ground, gait: Gait, legs: LegGeometry
+) -> bool:
+    if not target[:2].any():
+        return False
+    under = _feet(state, gait, legs)[1]
+    position, rpy = trunk_pose(state.position, state.yaw, under, legs)
+    return blocked(position, rotation(rpy), target[:2], legs.standing_height, ground)
 
 
 def pose(state: GaitState, gait: Gait, legs: LegGeometry) -> Pose:

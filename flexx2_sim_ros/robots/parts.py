@@ -1,5 +1,7 @@
 """Find a robot's parts in a model: its joints, leg geometry and trunk."""
 
+from collections import Counter
+from collections.abc import Iterable
 from dataclasses import dataclass
 import re
 
@@ -19,16 +21,19 @@ class RobotParts:
 
     Attributes
     ----------
+    model : mujoco.MjModel
+        The model.
     trunk : int
         Id of the trunk's body.
     free : int
         Address in ``qpos`` of the joint that lets the robot move freely; -1 without one.
     free_velocity : int
         Address of the same joint in ``qvel``.
-    offset : tuple of numpy.ndarray
-        Position (3,) and quaternion (4,) of the trunk in the body that this joint moves.
+    offset : tuple of numpy.ndarray or None
+        Position (3,) and quaternion (4,) of the trunk in the body that this joint moves; None
+        where joints between them change it.
     joints : dict of str to int
-        Address in ``qpos`` of every hinge and slide, by the joint's name in the model.
+        Address in ``qpos`` of every hinge and slide, by its `joint_name`.
     velocities : numpy.ndarray
         (len(joints),) addresses of the same joints in ``qvel``.
     geoms : numpy.ndarray
@@ -40,10 +45,11 @@ class RobotParts:
 
     """
 
+    model: mujoco.MjModel
     trunk: int
     free: int
     free_velocity: int
-    offset: tuple[np.ndarray, np.ndarray]
+    offset: tuple[np.ndarray, np.ndarray] | None
     joints: dict[str, int]
     velocities: np.ndarray
     geoms: np.ndarray
@@ -51,11 +57,16 @@ class RobotParts:
     leg_addresses: np.ndarray
 
     def place(self, data: mujoco.MjData, position: np.ndarray, quaternion: np.ndarray) -> None:
-        """Put the trunk at a position (3,) with an orientation (4,) (w, x, y, z) of norm 1."""
+        """
+        Put the trunk at a position (3,) with an orientation (4,) (w, x, y, z) of norm 1.
+
+        All other joints keep their positions.
+        """
+        offset = self._offset_now(data) if self.offset is None else self.offset
         inverse, turn, moved = np.empty(4), np.empty(4), np.empty(3)
-        mujoco.mju_negQuat(inverse, self.offset[1])
+        mujoco.mju_negQuat(inverse, offset[1])
         mujoco.mju_mulQuat(turn, quaternion, inverse)
-        mujoco.mju_rotVecQuat(moved, self.offset[0], turn)
+        mujoco.mju_rotVecQuat(moved, offset[0], turn)
         data.qpos[self.free : self.free + 3] = position - moved
         data.qpos[self.free + 3 : self.free + 7] = turn
 
@@ -78,6 +89,8 @@ class RobotParts:
         """
         if self.free < 0:
             return np.zeros(3), np.zeros(3)
+        if self.offset is None:
+            return self._twist_with_joints(data, velocity)
         turned = np.empty(9)
         mujoco.mju_quat2Mat(turned, self.offset[1])
         angular = (
@@ -87,6 +100,33 @@ class RobotParts:
         arm = turned.reshape(3, 3).T @ self.offset[0]
         linear = velocity[self.free_velocity : self.free_velocity + 3] @ rotation
         return linear + np.cross(angular, arm), angular
+
+    def _offset_now(self, data: mujoco.MjData) -> tuple[np.ndarray, np.ndarray]:
+        # With the freely moving body at the origin, the trunk's pose is its pose in that body.
+        data.qpos[self.free : self.free + 7] = 0, 0, 0, 1, 0, 0, 0
+        mujoco.mj_kinematics(self.model, data)
+        return data.xpos[self.trunk].copy(), data.xquat[self.trunk].copy()
+
+    def _twist_with_joints(
+        self, data: mujoco.MjData, velocity: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        # The joints between move the trunk as well.
+        mujoco.mj_comPos(self.model, data)
+        linear, angular = np.empty((3, self.model.nv)), np.empty((3, self.model.nv))
+        mujoco.mj_jacBody(self.model, data, linear, angular, self.trunk)
+        rotation = data.xmat[self.trunk].reshape(3, 3)
+        return linear @ velocity @ rotation, angular @ velocity @ rotation
+
+
+def body_name(model: mujoco.MjModel, body: int) -> str:
+    """Return a body's name, which is of its number where the model gives none."""
+    return model.body(body).name or f'body_{body}'
+
+
+def joint_name(model: mujoco.MjModel, joint: int) -> str:
+    """Return a joint's name, which is of its body and number where the model gives none."""
+    body = int(model.jnt_bodyid[joint])
+    return model.joint(joint).name or f'{body_name(model, body)}_joint_{joint}'
 
 
 def plain_name(name: str) -> str:
@@ -98,6 +138,29 @@ def plain_name(name: str) -> str:
     plain = name.rsplit('/', 1)[-1].lower().removesuffix('_joint')
     match = re.fullmatch(r'(f|r)(r|l)_([012])', plain)
     return f'{plain[:3]}{_INDEX[match[3]]}' if match else plain
+
+
+class JointNames:
+    """
+    The joints of a robot, found by all their names.
+
+    Parameters
+    ----------
+    joints : iterable of str
+        The names in its model.
+
+    """
+
+    def __init__(self, joints: Iterable[str]) -> None:
+        """Note the joints, and which of their plain names are only one joint's."""
+        self._exact = frozenset(joints)
+        plain = {name: plain_name(name) for name in self._exact}
+        counts = Counter(plain.values())
+        self._alone = {short: name for name, short in plain.items() if counts[short] == 1}
+
+    def find(self, name: str) -> str | None:
+        """Return the joint of this name, or else the only one with its `plain_name`."""
+        return name if name in self._exact else self._alone.get(plain_name(name))
 
 
 def find_parts(model: mujoco.MjModel, robot: Robot | None = None) -> RobotParts:
@@ -126,10 +189,11 @@ def find_parts(model: mujoco.MjModel, robot: Robot | None = None) -> RobotParts:
         if kind == mujoco.mjtJoint.mjJNT_FREE and body == root:
             free, free_velocity = int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint])
         elif kind in _SLIDING and bodies[body]:
-            joints[model.joint(joint).name] = int(model.jnt_qposadr[joint])
+            joints[joint_name(model, joint)] = int(model.jnt_qposadr[joint])
             velocities.append(int(model.jnt_dofadr[joint]))
     legs, ids = _legs(model, int(trunk), robot.legs) or (None, np.empty((0, 3), int))
     return RobotParts(
+        model,
         int(trunk),
         free,
         free_velocity,
@@ -142,9 +206,11 @@ def find_parts(model: mujoco.MjModel, robot: Robot | None = None) -> RobotParts:
     )
 
 
-def _offset(model: mujoco.MjModel, trunk: int, root: int) -> tuple[np.ndarray, np.ndarray]:
+def _offset(model: mujoco.MjModel, trunk: int, root: int) -> tuple[np.ndarray, np.ndarray] | None:
     position, quaternion = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
     while trunk != root:
+        if model.body_jntnum[trunk]:
+            return None
         moved, turned = np.empty(3), np.empty(4)
         mujoco.mju_rotVecQuat(moved, position, model.body_quat[trunk])
         mujoco.mju_mulQuat(turned, model.body_quat[trunk], quaternion)
@@ -158,11 +224,12 @@ def _legs(
 ) -> tuple[LegGeometry, np.ndarray] | None:
     """Return the leg geometry and the ids (4, 3) of the joints; None without such legs."""
     own = model.body_rootid[model.jnt_bodyid] == model.body_rootid[trunk]
-    found = {plain_name(model.joint(joint).name): joint for joint in np.flatnonzero(own)}
-    wanted = [plain_name(name) for name in joints.all_names] if joints else []
-    if not joints or not found.keys() >= set(wanted):
+    ids_of = {joint_name(model, int(joint)): joint for joint in np.flatnonzero(own)}
+    names = JointNames(ids_of)
+    found = [names.find(name) for name in joints.all_names] if joints else []
+    if not joints or None in found:
         return None
-    ids = np.array([found[name] for name in wanted]).reshape(4, 3)
+    ids = np.array([ids_of[name] for name in found if name]).reshape(4, 3)
     bodies = model.jnt_bodyid[ids]
     above = np.column_stack([np.full(4, trunk), bodies[:, :2]])
     if (model.body_parentid[bodies] != above).any():
