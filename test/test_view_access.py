@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from pathlib import Path
+import socket
 from urllib.error import HTTPError
 from urllib.parse import urlsplit
 from urllib.request import Request, urlopen
@@ -82,13 +83,24 @@ def test_nothing_is_served_without_the_token(view: View) -> None:
     run(work())
 
 
-def test_the_token_can_be_switched_off(ros: None, tmp_path: Path) -> None:
-    view = View(tmp_path, '--host', '0.0.0.0', '--no-token', '--cmd-vel', '/view_no_token/cmd_vel')
+def has_ipv6() -> bool:
+    try:
+        socket.create_server(('::1', 0), family=socket.AF_INET6).close()
+    except OSError:
+        return False
+    return True
+
+
+@pytest.mark.parametrize('host', ['0.0.0.0', '::'])
+def test_the_token_can_be_switched_off(ros: None, tmp_path: Path, host: str) -> None:
+    if host == '::' and not has_ipv6():
+        pytest.skip('this machine has no IPv6')
+    view = View(tmp_path, '--host', host, '--no-token', '--cmd-vel', '/view_no_token/cmd_vel')
     assert '?' not in view.url
     assert code_of(view.url) == 200
     assert view.end() == 130
     assert view.errors == (
-        'warning: --host 0.0.0.0: everybody who reaches this machine can drive the robot\n'
+        f'warning: --host {host}: everybody who reaches this machine can drive the robot\n'
     )
 
 

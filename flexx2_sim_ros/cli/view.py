@@ -192,7 +192,9 @@ def _say_where(access: Any, port: int, with_browser: bool, others_can: str) -> N
     from flexx2_sim_ros.view.access import address, is_loopback
 
     everywhere = access.host in _EVERYWHERE
-    url = address('127.0.0.1' if everywhere else access.host, port, access.token)
+    # A socket of IPv6 does not take requests of IPv4.
+    here = '::1' if access.host == '::' else '127.0.0.1'
+    url = address(here if everywhere else access.host, port, access.token)
     print(f'{url} (Ctrl-C ends it)', flush=True)
     if everywhere:
         print(
@@ -213,12 +215,14 @@ def _say_where(access: Any, port: int, with_browser: bool, others_can: str) -> N
 
 
 def _spin(viewer: Any, stopped: Callable[[], bool], look_after: Callable[[], None]) -> None:
+    from flexx2_sim_ros.nodes.runtime import spin_some, Throttle
     from rclpy.executors import SingleThreadedExecutor
 
     executor = SingleThreadedExecutor()
     executor.add_node(viewer)
+    throttle = Throttle()
     while not stopped():
-        executor.spin_once(timeout_sec=0.1)
+        spin_some(executor, viewer, throttle, 0.1)
         if not stopped():
             look_after()
     executor.shutdown()

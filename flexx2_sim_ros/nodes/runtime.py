@@ -81,14 +81,25 @@ def _spin(executor: Any, node: Any) -> None:
         try:
             executor.spin()
         except Exception as error:
-            # Ctrl-C and SIGTERM; inside a callback they invalidate the context that it uses.
-            if not executor.context.ok():
-                raise
-            if throttle.ready(type(error).__name__):
-                node.get_logger().error(
-                    'internal error, please report it: '
-                    f'{unquoted("".join(format_exception(error)), 4000)}'
-                )
+            _survive(error, executor, node, throttle)
+
+
+def spin_some(executor: Any, node: Any, throttle: 'Throttle', seconds: float) -> None:
+    """Wait this long for a callback of a node and run it; its error does not end the node."""
+    try:
+        executor.spin_once(timeout_sec=seconds)
+    except Exception as error:
+        _survive(error, executor, node, throttle)
+
+
+def _survive(error: Exception, executor: Any, node: Any, throttle: 'Throttle') -> None:
+    # Ctrl-C and SIGTERM; inside a callback they invalidate the context that it uses.
+    if not executor.context.ok():
+        raise error
+    if throttle.ready(type(error).__name__):
+        node.get_logger().error(
+            f'internal error, please report it: {unquoted("".join(format_exception(error)), 4000)}'
+        )
 
 
 class Throttle:

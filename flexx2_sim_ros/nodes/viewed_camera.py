@@ -15,15 +15,15 @@ from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from flexx2_sim_ros.recording.bag_cameras import CameraTopics
 from flexx2_sim_ros.view.packing import ViewedFrame
 import numpy as np
-from rcl_interfaces.msg import ParameterValue
+from rcl_interfaces.msg import ParameterType, ParameterValue
 from rclpy.node import Node
-from rclpy.parameter import parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import CameraInfo, Image
 
 _STALE_SECONDS = 1.0
-_KEPT = 30
+# Clean images wait for those of the camera, which `time_offset` makes at most 4 s late.
+_KEPT_SECONDS, _KEPT_BYTES = 5.0, 64e6
 _ENCODINGS = ('32FC1', '64FC1', '16UC1')
 _EFFECT, _STRENGTH = 'effect.', '.strength'
 
@@ -93,11 +93,11 @@ class ViewedCamera:
             self.client.list_parameters(['effect']).add_done_callback(self._on_listed)
 
     def _on_modes(self, future: Any) -> None:
-        # Another node may have parameters of these names with other types.
-        values = [parameter_value_to_python(value) for value in future.result().values]
-        match values:
-            case [str(usecase), [str(), *_] as usecases] if usecase:
-                self.usecase, self.usecases = usecase, usecases
+        # Another node may have parameters of these names with other types; their texts are empty.
+        match future.result().values:
+            case [usecase, usecases] if usecase.string_value and usecases.string_array_value:
+                self.usecase = usecase.string_value
+                self.usecases = list(usecases.string_array_value)
 
     def _on_input(self, future: Any) -> None:
         for value in future.result().values:
@@ -118,17 +118,16 @@ class ViewedCamera:
     def take_strength(self, parameter: str, value: ParameterValue) -> None:
         """Note the strength of an effect, if this is a parameter of one."""
         effect = parameter.removeprefix(_EFFECT).removesuffix(_STRENGTH)
-        strength = parameter_value_to_python(value)
         if (
             parameter == strength_of(effect)
             and effect in registry()
-            and isinstance(strength, float)
+            and value.type == ParameterType.PARAMETER_DOUBLE
         ):
-            self.strengths[effect] = strength
+            self.strengths[effect] = value.double_value
 
     def take_input(self, value: ParameterValue) -> None:
         """Set how clean depth is interpreted, from a value of the parameter ``input_depth``."""
-        self._radial = parameter_value_to_python(value) == 'radial'
+        self._radial = value.string_value == 'radial'
 
     def _on_info(self, message: CameraInfo) -> None:
         self._info = message
@@ -140,11 +139,17 @@ class ViewedCamera:
         now = time.monotonic_ns()
         self._last_clean = _meter(self.clean_rate, self._last_clean, now)
         self._clean[stamp_nanoseconds(message.header.stamp)] = now, message
-        while len(self._clean) > _KEPT:
-            del self._clean[next(iter(self._clean))]
+        size = sum(len(image.data) for _, image in self._clean.values())
+        for stamp, (came, image) in list(self._clean.items()):
+            if size <= _KEPT_BYTES and now - came <= _KEPT_SECONDS * 1e9:
+                break
+            size -= len(image.data)
+            del self._clean[stamp]
 
     def _on_depth(self, message: Image) -> None:
         now = time.monotonic_ns()
+        if now - self._last > _STALE_SECONDS * 1e9:
+            self._latencies.clear()
         self._last = _meter(self.rate, self._last, now)
         stamp = stamp_nanoseconds(message.header.stamp)
         came, clean = self._clean.get(stamp, (now, None))
