@@ -15,6 +15,7 @@ from flexx2_sim_ros.recording.sink import BagSink
 from mcap.reader import make_reader
 import numpy as np
 import pytest
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import deserialize_message
 from recorders import finish, flexx2, open_source, PATIENCE, rows, SECOND, Source, STEP, until
 import streams
@@ -199,6 +200,33 @@ def test_losses_on_the_way_are_counted(tmp_path: Path) -> None:
         slow.close()
     listener.close()
     assert len(list(Bag(tmp_path / 'bag').messages({topic}))) == 201 - statistics.numbers.lost
+
+
+def test_a_camera_of_any_name_is_found_by_an_info_that_was_sent_once(
+    child_env: dict[str, str], tmp_path: Path
+) -> None:
+    bag, space = tmp_path / 'bag', '/latched_info/tof'
+    user = streams.Listener()
+    once = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    infos = user.node.create_publisher(streams.CameraInfo, f'{space}/camera_info', once)
+    images = user.node.create_publisher(streams.Image, f'{space}/image_raw', 10)
+    infos.publish(streams.info_message(streams.FLEXX2, SECOND))
+    frame = np.full((172, 224), 1.25, 'f4')
+    sent: list[int] = []
+    try:
+        with flexx2(child_env, 'record', bag, '--seconds', 0.5) as process:
+            # It ends half a second after the first message, or after 30 s without one.
+            while process.poll() is None:
+                sent.append(SECOND + len(sent) * STEP)
+                images.publish(image_message(frame, sent[-1]))
+                user.spin_for_a_message()
+            finish(process)
+    finally:
+        user.close()
+    recording = load_recording(bag)
+    assert set(recording.stamp_ns.tolist()) <= set(sent)
+    np.testing.assert_array_equal(recording.depth[0], frame)
+    np.testing.assert_array_equal(recording.K, streams.FLEXX2.matrix)
 
 
 def test_one_camera_is_recorded_for_some_time(

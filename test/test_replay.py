@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from recorders import finish, flexx2, open_source, PATIENCE, SECOND, Source, STEP, whole
 import streams
-from streams import CameraInfo, Clock, DEPTH, info_message, nanoseconds
+from streams import CameraInfo, Clock, DEPTH, Image, image_message, info_message, nanoseconds
 
 pytestmark = pytest.mark.usefixtures('ros')
 
@@ -144,6 +144,43 @@ def test_replay_loops_until_it_is_stopped(
     start = stamps.index(SECOND)
     expected = itertools.cycle(SECOND + index * STEP for index in range(5))
     assert stamps[start:] == list(itertools.islice(expected, len(stamps) - start))
+
+
+@pytest.mark.parametrize('odd', [CameraInfo, Image])
+def test_a_stamp_of_another_clock_does_not_stop_replay(
+    odd: type, source: Source, child_env: dict[str, str], tmp_path: Path
+) -> None:
+    """Assert it for a camera info that was sent once, and for an image before a clock ran."""
+    from rclpy.serialization import serialize_message
+
+    bag, start = tmp_path / 'bag', 1_700_000_000 * SECOND
+    name = f'/odd_{os.getpid()}_{odd.__name__}'
+    kinds = {'camera_info': CameraInfo, 'depth_image': Image}
+    wall = np.ones((43, 56), np.float32)
+    with BagWriter(bag) as writer:
+        for key, kind, stamps in (
+            ('camera_info', CameraInfo, [0 if odd is CameraInfo else start]),
+            ('depth_image', Image, [0 if odd is Image else start, start + STEP, start + 2 * STEP]),
+        ):
+            for index, stamp in enumerate(stamps):
+                message = (
+                    info_message(streams.FLEXX2, stamp)
+                    if kind is CameraInfo
+                    else image_message(wall, stamp)
+                )
+                received = start + index * STEP
+                writer.write(
+                    f'{name}/clean/{key}',
+                    f'sensor_msgs/msg/{kind.__name__}',
+                    received,
+                    bytes(serialize_message(message)),
+                )
+    with flexx2(child_env, 'replay', bag, '--wait', PATIENCE) as process:
+        heard = [
+            source.listener.listen(f'{name}/clean/{key}', kind) for key, kind in kinds.items()
+        ]
+        source.listener.spin_until(lambda: [len(one) for one in heard] == [1, 3], 'the whole bag')
+        finish(process)
 
 
 def test_replay_without_a_topic(tmp_path: Path) -> None:

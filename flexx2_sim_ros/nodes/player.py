@@ -25,8 +25,9 @@ _CLOCK = '/clock'
 _LEFT_OUT = {_CLOCK, EVENTS, '/rosout'}
 # Latched by definition, even if the bag gives another QoS.
 _LATCHED = {'/tf_static'}
-_TIMED = {messages.IMAGE, messages.CAMERA_INFO, messages.POINT_CLOUD}
+_TIMED = {messages.IMAGE, messages.POINT_CLOUD}
 _RESET_NANOSECONDS = 1_000_000_000
+_LEAP_NANOSECONDS = 10_000_000_000
 _NAP_SECONDS = 0.05
 # How far a subscriber may lag: a hundred messages, or a megabyte of large ones. Then the player
 # waits for it; for a subscriber that does not respond it waits only once. Fast DDS acknowledges
@@ -101,12 +102,14 @@ class Player(Node):
                 f'{bag.path}: topics: must match some of {", ".join(bag.topics)}, got none'
             )
         kinds = {bag.topics[topic] for topic in self._publishers_by_topic}
-        # Without stamps of a camera, the times at which messages were received are used.
-        self._timed = kinds & _TIMED
+        # A camera info that was sent once often has the stamp 0. Without stamps of a camera, the
+        # times at which messages were received are used.
+        self._timed = kinds & _TIMED or kinds & {messages.CAMERA_INFO}
         self._clock_topic = (
             self.create_publisher(Clock, _CLOCK, QoSProfile(depth=_DEPTH)) if clock else None
         )
         self._now: int | None = None
+        self._received = 0
         self._origin = 0
         self._started = 0.0
 
@@ -134,9 +137,9 @@ class Player(Node):
         for topic, kind, received, data in self._bag.messages(self._publishers_by_topic):
             if kind in self._timed:
                 with suppress(InputError):  # Messages of every type are sent.
-                    self._wait(messages.header_stamp(data, topic), rate, stop)
+                    self._wait(messages.header_stamp(data, topic), received, rate, stop)
             elif not self._timed:
-                self._wait(received, rate, stop)
+                self._wait(received, received, rate, stop)
             if stop():
                 return
             self._publish(topic, data)
@@ -166,14 +169,20 @@ class Player(Node):
             for publisher in self._publishers_by_topic.values()
         )
 
-    def _wait(self, stamp: int, rate: float, stop: Callable[[], bool]) -> None:
+    def _wait(self, stamp: int, received: int, rate: float, stop: Callable[[], bool]) -> None:
         # Time advances with the first message of a new stamp. A message of another topic with a
-        # slightly older stamp is sent at once. A stamp that goes far back is a reset simulation.
+        # slightly older stamp is sent at once. A stamp that goes far back is a reset simulation;
+        # one that leaps ahead is of another clock, such as after a stamp of 0.
         if self._now is not None and self._now - _RESET_NANOSECONDS < stamp <= self._now:
             return
-        if self._now is None or stamp < self._now:
+        waited = received - self._received
+        if (
+            self._now is None
+            or stamp < self._now
+            or stamp - self._now > max(waited, 0) + _LEAP_NANOSECONDS
+        ):
             self._origin, self._started = stamp, time.monotonic()
-        self._now = stamp
+        self._now, self._received = stamp, received
         due = self._started + (stamp - self._origin) / 1e9 / rate
         while (left := due - time.monotonic()) > 0 and not stop():
             time.sleep(min(left, _NAP_SECONDS))

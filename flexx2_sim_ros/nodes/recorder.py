@@ -22,7 +22,7 @@ from rcl_interfaces.srv import GetParameters
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.node import Node
-from rclpy.qos import qos_profile_sensor_data, QoSProfile, ReliabilityPolicy
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosbags.interfaces import (
     Qos,
     QosDurability,
@@ -170,11 +170,16 @@ class Recorder(Node):
         # One message shows whether a topic with an unknown name belongs to a camera.
         if topic in self._samples or topic in self._probes:
             return
+        offers = self._offers(topic)
+        if not offers:
+            return
+        # A camera info may have been sent once, before this node was there.
+        reliability, durability = matching(offers)
         self._probes[topic] = self.create_subscription(
             message_class(kind),
             topic,
             partial(self._on_probe, topic, kind),
-            qos_profile_sensor_data,
+            QoSProfile(depth=5, reliability=reliability, durability=durability),
             raw=True,
         )
 
@@ -184,6 +189,10 @@ class Recorder(Node):
         with suppress(InputError):
             self._samples[topic] = sample(kind, data, topic)
             self.destroy_subscription(self._probes[topic])
+
+    def _offers(self, topic: str) -> list[QoSProfile]:
+        # What the publishers offer; empty while other nodes only subscribe.
+        return [info.qos_profile for info in self.get_publishers_info_by_topic(topic)]
 
     def _publisher(self, topic: str) -> str:
         # The full name of the one node that publishes a topic, else an empty text.
@@ -206,9 +215,9 @@ class Recorder(Node):
         return not self._cameras or bool(self._cameras & {name.strip('/') for name in names})
 
     def _subscribe(self, topic: str, kind: str) -> None:
-        offers = [info.qos_profile for info in self.get_publishers_info_by_topic(topic)]
+        offers = self._offers(topic)
         if topic != EVENTS and not offers:
-            return  # Another node subscribes, but no node publishes yet.
+            return
         self.topics[topic] = TopicStatistics(kind)
         reliability, durability = matching(offers)
         quality = QoSProfile(depth=_DEPTH, reliability=reliability, durability=durability)
