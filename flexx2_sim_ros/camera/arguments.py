@@ -123,8 +123,9 @@ class Views:
         (..., H, W) float32, or (..., 1, 1) where none is given.
     matrices_given : numpy.ndarray
         The matrices with their own leading dimensions.
-    stamps_have_dimensions : bool
-        Whether stamps were given as more than one number.
+    environments : int
+        How many of the leading dimensions are environments: all, or all but the last, which is
+        time, if stamps were given with dimensions.
 
     """
 
@@ -133,7 +134,7 @@ class Views:
     stamps: np.ndarray
     reflectivity: np.ndarray
     matrices_given: np.ndarray
-    stamps_have_dimensions: bool
+    environments: int
 
 
 def as_views(clean_depth: Any, matrix: Any, stamp: Any, reflectivity: Any) -> Views:
@@ -168,7 +169,7 @@ def as_views(clean_depth: Any, matrix: Any, stamp: Any, reflectivity: Any) -> Vi
         _broadcast(stamps, leading),
         _broadcast(albedo, leading + albedo.shape[-2:]),
         matrices,
-        stamps.ndim > 0,
+        len(leading) - (stamps.ndim > 0),
     )
 
 

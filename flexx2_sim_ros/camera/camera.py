@@ -130,7 +130,8 @@ class Camera:
         check_frequencies(chosen, self.mode)
         self._effects, self._changing = chosen, changing(chosen)
         for memory in self._memories.values():
-            memory.keep_only(names)
+            # An effect that changes nothing now does not see the frames of this time.
+            memory.keep_only([effect.name for effect in self._changing])
 
     def capture(
         self,
@@ -177,6 +178,7 @@ class Camera:
 
         """
         views = as_views(clean_depth, K, stamp, reflectivity)
+        self._keep_environments(views)
         out = [np.empty(views.clean.shape, np.float32) for _ in range(4)]
         if self._changing:
             self._run_stages(views, out)
@@ -184,6 +186,19 @@ class Camera:
             self._run_base_model(views, out)
         depth, sigma, amplitude, confidence = out
         return Frame(depth, sigma, amplitude, confidence, views.matrices_given.astype(np.float64))
+
+    def skip(self, stamp: int) -> None:
+        """
+        Let a frame pass that nobody looks at: time goes on for effects that count it.
+
+        Parameters
+        ----------
+        stamp : int
+            The frame's time, nanoseconds.
+
+        """
+        for memory in self._memories.values() if self._environments else [self._memory(())]:
+            memory.begin(stamp)
 
     def reset(self, mask: Any = None) -> None:
         """
@@ -213,9 +228,21 @@ class Camera:
             if chosen[index]:
                 del self._memories[index]
 
+    def _keep_environments(self, views: Views) -> None:
+        # Memories are of the environments of the call before.
+        environments = views.stamps.shape[: views.environments]
+        if environments != self._environments:
+            self._memories.clear()
+            self._environments = environments
+
+    def _memory(self, index: tuple[int, ...]) -> Memory:
+        return self._memories.setdefault(index, Memory())
+
     def _run_base_model(self, views: Views, out: list[np.ndarray]) -> None:
         prepared: _Prepared | None = None
         for index in product(*map(range, views.stamps.shape)):
+            # Nothing is kept, but an effect that is turned on later may count the time.
+            self._memory(index[: views.environments]).begin(int(views.stamps[index]))
             scene, matrix = views.clean[index], views.matrices[index]
             # A scene broadcast over many stamps is analysed once.
             if prepared is None or not prepared.holds(scene, matrix):
@@ -227,19 +254,13 @@ class Camera:
 
     def _run_stages(self, views: Views, out: list[np.ndarray]) -> None:
         height, width = views.clean.shape[-2:]
-        times = views.stamps
-        # The last dimension is time if stamps have one; those before it are environments.
-        last = -1 if views.stamps_have_dimensions else times.ndim
-        if times.shape[:last] != self._environments:
-            self._memories.clear()
-            self._environments = times.shape[:last]
-        for index in np.ndindex(times.shape):
+        for index in np.ndindex(views.stamps.shape):
             state = FrameState(
                 self.mode,
                 Intrinsics.from_matrix(views.matrices[index], width, height),
-                int(times[index]),
+                int(views.stamps[index]),
                 self._key,
-                self._memories.setdefault(index[:last], Memory()),
+                self._memory(index[: views.environments]),
                 views.clean[index].copy(),
                 on_images(usable_reflectivity)(views.reflectivity[index]),
                 self.exposure_share,

@@ -31,3 +31,11 @@ class Frame:
     amplitude: np.ndarray
     confidence: np.ndarray
     K: np.ndarray  # noqa: N815
+
+    def make_invalid(self, where: np.ndarray) -> None:
+        """Make pixels (H, W) bool invalid, in place."""
+        if where.any():
+            self.depth[..., where] = np.nan
+            self.sigma[..., where] = np.nan
+            self.amplitude[..., where] = 0.0
+            self.confidence[..., where] = 0.0

@@ -79,17 +79,21 @@ class TemporalFilter(Effect):
 
     def apply(self, state: FrameState) -> None:
         """Mix every pixel with the frames before, unless it has changed too much."""
-        past: Any = state.memory.kept.get(self.name, [])
-        if past and past[0].shape != state.measured.shape:
-            past = []
+        kept: Any = state.memory.kept.get(self.name)
+        averages = self.window is not None
+        past: Sequence[np.ndarray] = ()
+        if kept is not None and kept[1] and kept[1][0].shape == state.measured.shape:
+            # Outcomes of filters are not frames: only the first of either is the frame before.
+            past = kept[1] if kept[0] == averages else kept[1][:1]
         with np.errstate(invalid='ignore'):
             if self.window is None:
-                self._mix(state, past)
+                keep = self._mix(state, past)
             else:
-                self._average(state, past, self.window)
+                keep = self._average(state, past, self.window)
+        state.memory.kept[self.name] = averages, keep
 
-    def _mix(self, state: FrameState, past: Sequence[np.ndarray]) -> None:
-        # Recursive; keeps the outcome of each filter.
+    def _mix(self, state: FrameState, past: Sequence[np.ndarray]) -> list[np.ndarray]:
+        # Recursive; returns the outcome of each filter.
         kept = []
         shares: list[tuple[Any, ...]] = [self.rounded]
         if self.second is not None:
@@ -100,10 +104,12 @@ class TemporalFilter(Effect):
                 mix = filtered if self.gate is None else filtered_within
                 state.measured = on_images(mix)(state.measured, past[place], limit, *share)
             kept.append(state.measured.copy())
-        state.memory.kept[self.name] = kept
+        return kept
 
-    def _average(self, state: FrameState, past: Sequence[np.ndarray], window: float) -> None:
-        # Mean of this frame and those before that are near it; keeps frames as they came.
+    def _average(
+        self, state: FrameState, past: Sequence[np.ndarray], window: float
+    ) -> list[np.ndarray]:
+        # Mean of this frame and those before that are near it; returns frames as they came.
         new = state.measured
         limit = (_RESET_SIGMAS if self.gate is None else f32(self.gate)) * state.sigma
         total, weights = new.copy(), np.ones_like(new)
@@ -112,5 +118,5 @@ class TemporalFilter(Effect):
             near = weight * (np.abs(old - new) < limit)
             total += np.where(near > 0, near * old, f32(0))
             weights += near
-        state.memory.kept[self.name] = [new.copy(), *past][: math.ceil(window) - 1]
         state.measured = total / weights
+        return [new.copy(), *past][: math.ceil(window) - 1]

@@ -260,9 +260,11 @@ class Flexx2Camera(SteadyNode):
                 match.stamp,
                 None if reflectivity is None else view.reflectivity(reflectivity),
             )
-            _make_invalid(frame, view.outside)
+            frame.make_invalid(view.outside)
             invalid = np.count_nonzero(np.isnan(frame.depth))
             self._statistics.invalid_fraction = invalid / frame.depth.size
+        else:
+            self._camera.skip(match.stamp)
         delay = time_offset_of(self._camera.effects).delay_ns
         publish = partial(self._publish, head, frame, start)
         self._late.add(match.stamp, delay, partial(self._safely, publish))
@@ -393,11 +395,3 @@ class Flexx2Camera(SteadyNode):
         super().destroy_node()
         if self._claim is not None:
             self._claim.close()
-
-
-def _make_invalid(frame: Frame, where: np.ndarray) -> None:
-    if where.any():
-        frame.depth[where] = np.nan
-        frame.sigma[where] = np.nan
-        frame.amplitude[where] = 0.0
-        frame.confidence[where] = 0.0
